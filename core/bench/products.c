@@ -43,7 +43,7 @@ static inputs random_inputs(int columns, int size) {
     return x;
 }
 
-/* The products of a step of so many people, each with the mirror image. */
+/* The products of a step of `people` people, each with their mirror image. */
 static void products(const bs_model *m, int people, const inputs *of, float *out) {
     const inputs features = of[0], hidden = of[1], hand_features = of[2], hand_hidden = of[3];
     const struct {

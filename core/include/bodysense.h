@@ -43,7 +43,7 @@ typedef enum bs_result {
     BS_COUNT_IMPOSSIBLE  /* fewer than one or more than BS_MOST_PEOPLE people, or unequal numbers of frames */
 } bs_result;
 
-/* What a result means and what to do about it, one line of English. Never NULL. */
+/* The meaning of a result and its fix, one line of English. Never NULL. */
 const char *bs_message(bs_result result);
 
 /* BS_VERSION of the library. */
@@ -157,7 +157,7 @@ typedef struct bs_estimate {
     double *rest_offset;   /* (T, 65, 3) m, the proportions in use */
 } bs_estimate;
 
-/* Bytes of scratch that a step of so many people needs. */
+/* Bytes of scratch that a step of `people` people needs. */
 size_t bs_scratch_size(const bs_model *model, int people);
 
 /* Complete the next frames of `people` people, each with the same number of frames.

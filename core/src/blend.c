@@ -1,11 +1,11 @@
 /* Blending a limb at a time: see blend.h. */
 #include "blend.h"
 
-/* A lost wrist or ankle goes on with its velocity, which fades in LEAVING s, and gives way to the prediction. Half of
- * the way is left after KEPT s; of an arm that was raised after KEPT_RAISED s. Chosen on validation people. */
+/* A lost wrist or ankle keeps its velocity, which fades in LEAVING s, and is blended into the prediction. Half of the
+ * distance remains after KEPT s, of a raised arm's after KEPT_RAISED s. Chosen on validation people. */
 static const float LEAVING = 0.08F, KEPT_LEG = 0.12F, KEPT_ARM = 0.35F, KEPT_RAISED = 3.0F;
 
-/* m/s: how much faster or slower than its goal a hand may be as it is found or lost. Feet swing too fast for it. */
+/* m/s: largest speed difference between a hand and its goal when it is found or lost. Feet swing too fast for it. */
 static const float STEEPEST_ARM = 3.0F;
 
 /* The group of each joint of the body. */
@@ -78,7 +78,7 @@ void ease_limb(limb_task *task, const tracked *t, const bs_settings *settings, i
     bool middle_found = begun && middle_seen && !l->middle_seen, middle_went = begun && !middle_seen && l->middle_seen;
     bool middle_breaks = middle_found || middle_went ||
                          (begun && !middle_seen && (found || (changed && l->lost < 0.0F)));
-    /* What held or pulled a joint that was guessed stays where it is measured. */
+    /* Offsets that held or pulled a predicted joint are kept when it is measured. */
     vec3 end_held = found ? into_heading(l->end_held, c, sine) : vec(0, 0, 0);
     vec3 middle_held = middle_found ? into_heading(l->middle_held, c, sine) : vec(0, 0, 0);
     float steepest = is_leg(limb) ? 0.0F : STEEPEST_ARM;

@@ -1,10 +1,10 @@
-/* The clock: intervals between frames, and where motion starts anew. */
+/* The clock: intervals between frames, and resets of motion. */
 #ifndef BODYSENSE_CLOCK_H
 #define BODYSENSE_CLOCK_H
 
 #include "internal.h"
 
-/* Seconds since the frame `before` (NaN if there was none), and whether motion starts anew at `time`. */
+/* Seconds since the frame `before` (NaN before the first), and whether motion is reset at `time`. */
 bs_result clock_interval(const bs_settings *settings, double time, double before, double *interval, bool *fresh);
 
 #endif

@@ -1,8 +1,8 @@
-/* Easing: an offset that starts where motion would jump and is exactly zero a set time later.
+/* Easing: an offset that prevents a jump and is exactly zero after a given time.
  *
- * What is output goes on, and its difference to the goal is taken away at a speed that rises, stays and falls: a quarter
- * faster at its fastest than on average, where a cubic polynomial is half as fast again (the idea: Bollo,
- * Inertialization, GDC 2018). Where the goal's own speed differs from the output's, the offset starts with that slope.
+ * The output continues, and its difference to the goal is removed at a speed that rises, is constant and falls: its
+ * maximum is 1.25 times its mean, and 1.5 times for a cubic polynomial (the idea: Bollo, Inertialization, GDC 2018).
+ * If the goal's own speed differs from the output's, the offset starts with that slope.
  */
 #ifndef BODYSENSE_EASE_H
 #define BODYSENSE_EASE_H
@@ -30,13 +30,13 @@ void ease_advance(ease *e, float interval);
 
 /* Ease a vector (m) toward its goal and return what to output.
  *
- * If its motion breaks, what is output goes on with its speed (m/s) for a frame, and the difference to the goal decays
- * over `span` seconds from then on, or longer if it would move faster than FASTEST. The second frame shows how fast the
- * goal moves; the output's speed comes to that along the span, if they differ by no more than `steepest` (m/s). */
+ * If its motion breaks, the output keeps its speed (m/s) for a frame, and the difference to the goal decays over `span`
+ * seconds from then on, or longer if it would move faster than FASTEST. The second frame gives the goal's speed; the
+ * output's speed approaches it along the span, if they differ by no more than `steepest` (m/s). */
 #define FASTEST 10.0F /* m/s */
 vec3 eased(ease *e, vec3 goal, vec3 output_before, vec3 speed, float interval, bool breaks, float span, float steepest);
 
-/* The same for a rotation, with its spin in rad/s. */
+/* Ease a rotation as `eased` does a vector, with its spin in rad/s. */
 mat3 eased_turn(ease *e, mat3 goal, mat3 output_before, vec3 spin, float interval, bool breaks, float span);
 
 #endif

@@ -1,28 +1,28 @@
-/* What the body's network reads, and where it works. */
+/* Inputs of the body's network, and its frame of reference. */
 #ifndef BODYSENSE_FEATURES_H
 #define BODYSENSE_FEATURES_H
 
 #include "model.h"
 
 #define READ_POINTS (PLACED_POINTS + 2) /* and the middle of each hand's knuckles */
-#define SPINNING 3                      /* head and wrists, of which the angular velocity is read */
+#define SPINNING 3                      /* head and wrists, whose angular velocity is an input */
 
-/* What the networks remember of one person; all of it floats. */
+/* Memory of the networks for one person; all of it floats. */
 typedef struct remembered {
     float begun;         /* 0 before the first frame, then 1 */
     float elapsed;       /* s since the networks' memories last advanced */
     float advances;      /* 1 if they advance in this frame */
     float cosine, sine;  /* of the heading in the frame before */
     vec3 wrist[2];       /* m, from base: of the body of the frame before */
-    vec3 place[READ_POINTS]; /* m, from base: where points were when memories last advanced */
-    vec3 axis[SPINNING][2];  /* likewise x and y axes of what spins, world */
+    vec3 place[READ_POINTS]; /* m, from base: points when memories last advanced */
+    vec3 axis[SPINNING][2];  /* likewise x and y axes of head and wrists, world */
     float had_place[READ_POINTS], had_axes[SPINNING]; /* 1 where these were tracked */
 } remembered;
 
-/* The networks' own memories are behind it: of the body's layers, of those asked in a mirror, of both hands. */
+/* The hidden states follow it: of the body's layers, of those for the mirror image, of both hands. */
 static inline float *hidden_of(float *memory) { return memory + sizeof(remembered) / sizeof(float); }
 
-/* What the features are made of. */
+/* Sources of the features. */
 typedef struct reading {
     float size;     /* the wearer's stature as a share of the reference's */
     float interval; /* s since memories last advanced */
@@ -34,10 +34,10 @@ typedef struct reading {
 /* The frame under the head of one person, from whatever is tracked. */
 head_frame find_frame(const tracked *seen, const remembered *last);
 
-/* How high the head of a skeleton rests above its soles, as a share of the reference's. */
+/* Height of a skeleton's head above its soles at rest, as a share of the reference's. */
 float stature(const vec3 rest_offset[BS_POINTS]);
 
-/* What is read of one person. */
+/* Return the sources of one person's features. */
 reading read_person(const tracked *seen, const remembered *last);
 
 /* Write features of a body, or of its mirror image at the plane x = 0 of the frame under the head. */

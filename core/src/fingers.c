@@ -74,7 +74,7 @@ static mat3 turned_onto(mat3 m, vec3 from, vec3 to) {
     return m;
 }
 
-/* Turn a joint so that it points at its measured child; less where both err as much as they are apart. */
+/* Turn a joint to point at its measured child; less if their errors are comparable to their distance. */
 static mat3 directed(const tracked *seen, int joint, int child, mat3 m) {
     if (!seen->has_position[joint] || !seen->has_position[child]) return m;
     const vec3 rest = seen->rest_offset[child], bone = rotate(m, rest);

@@ -1,6 +1,6 @@
-/* What the parts of a step share. The way of a frame:
+/* Types shared by the parts of a step. The steps of a frame:
  *
- *     clock, mounts, proportions (person.c) → what is tracked (tracked.c) → features (features.c) → network (network.c,
+ *     clock, mounts, proportions (person.c) → tracked points (tracked.c) → features (features.c) → network (network.c,
  *     matrix.c) → settling (settle.c) → measured points, limbs, feet (pose.c, limbs.c, feet.c) → fingers (fingers.c) →
  *     expected errors (errors.c) → local rotations
  */
@@ -15,8 +15,8 @@
 #include "skeleton.h"
 #include "vector.h"
 
-/* What is tracked of one person in one frame: joints in place of the trackers that they carry. Places count from
- * `base`, which is whole metres, so that they are as exact far from the world's origin as near it. */
+/* Tracked points of one person in one frame: joints in place of the trackers that they carry. Positions are relative to
+ * `base`, which is in whole metres, so that precision does not depend on the distance from the world's origin. */
 typedef struct tracked {
     double base[3];                 /* m, world */
     float interval;                 /* s since the frame before */
@@ -43,7 +43,7 @@ typedef struct head_frame {
     float cosine, sine; /* of the turn about +Y, world ← frame */
 } head_frame;
 
-/* What the network predicts of a body, in the world. */
+/* The network's prediction of a body, in the world. */
 typedef struct prediction {
     mat3 rotation[BODY_JOINTS];  /* world ← joint */
     vec3 head;                   /* m, from base: where the head is if it is not tracked */

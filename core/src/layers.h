@@ -67,7 +67,7 @@ void run_recurrent(const bs_model *model, const recurrent *layer, int columns, i
 void run_branch(const bs_model *model, const branch *b, int columns, inputs hidden, inputs features, float *out,
                 workspace w);
 
-/* Bytes of scratch that the finger network needs for so many people. */
+/* Bytes of scratch that the finger network needs for `people` people. */
 size_t finger_scratch(const bs_model *model, int people);
 
 #endif

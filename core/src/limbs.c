@@ -12,10 +12,10 @@ const limb_joints LIMB[LIMBS] = {
     {PELVIS, RIGHT_HIP, RIGHT_KNEE, RIGHT_ANKLE, {RIGHT_FOOT, -1, -1, -1, -1}},
 };
 
-/* Of a limb's length: share of the natural side in where a middle joint points that is not measured. It decides where
- * a limb is nearly straight. Chosen on validation people. */
+/* As a share of a limb's length: weight of the natural side in the direction of an unmeasured middle joint. It decides
+ * for nearly straight limbs. Chosen on validation people. */
 static const float BENT_ARM = 0.08F, BENT_LEG = 0.1F;
-static const float HINGE = 2.0F; /* how much more measured rotations of pelvis and foot tell of a knee than the network */
+static const float HINGE = 2.0F; /* weight of measured pelvis and foot for a knee, relative to the network */
 
 /* The direction in which a limb's middle joint never goes, turned with the limb from its predicted upper bone. */
 static vec3 unnatural_side(int limb, mat3 start, vec3 upper, vec3 direction) {
@@ -23,7 +23,7 @@ static vec3 unnatural_side(int limb, mat3 start, vec3 upper, vec3 direction) {
     return is_leg(limb) ? scale(turned.z, -1.0F) : turned.z;
 }
 
-/* What the rotations of a measured pelvis and ankle tell of the axis about which a knee bends, toward the left. */
+/* Hinge axis of a knee, toward the left, from the rotations of a measured pelvis and ankle. */
 static vec3 measured_hinge(const tracked *t, int limb) {
     vec3 axis = vec(0, 0, 0);
     if (!is_leg(limb) || !known_rotation(t, LIMB[limb].end) || !t->has_position[LIMB[limb].end]) return axis;
@@ -31,7 +31,7 @@ static vec3 measured_hinge(const tracked *t, int limb) {
     return known_rotation(t, PELVIS) ? add(axis, t->rotation[PELVIS].x) : axis;
 }
 
-/* Where the middle joint should be if it is not measured: as predicted, but on its natural side. */
+/* Position of an unmeasured middle joint: as predicted, but on its natural side. */
 static vec3 natural_middle(const tracked *t, int limb, const limb_task *task, mat3 start) {
     float whole = length(task->upper) + length(task->lower);
     vec3 direction = unit(task->end);

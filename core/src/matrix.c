@@ -90,7 +90,7 @@ static void plain_multiply(const matrix *m, int columns, const int16_t *value, c
 #include <cpuid.h>
 #include <immintrin.h>
 
-/* What the processor has and the system saves. `__builtin_cpu_supports` is always 0 where zig links. */
+/* Features that the processor has and the system saves. `__builtin_cpu_supports` is always 0 if zig links. */
 #define AVX_SAVED 0x06U    /* bits of XCR0 */
 #define AVX512_SAVED 0xE6U
 

@@ -84,7 +84,7 @@ static bool member(text object, const char *name, text *value) {
     }
 }
 
-/* Up to `most` whole numbers of a list; -1 if it is none, or longer. */
+/* Up to `most` whole numbers of a list; -1 if it is not such a list, or longer. */
 static int whole_numbers(text t, uint64_t *numbers, int most) {
     int count = 0;
     t.at = after_mark(t, '[');

@@ -70,7 +70,7 @@ static mat3 turned_joint(const bs_model *m, const float *own, const float *image
     return frame_of(vec(part[0], part[2], part[4]), vec(part[1], part[3], part[5]));
 }
 
-/* What the outputs for a body and for its mirror image mean together. */
+/* Combine the outputs for a body and for its mirror image. */
 static void predict(const bs_model *m, const reading *read, head_frame frame, const float *turned,
                     const float *judged, prediction *out) {
     const float *image = turned + grouped(TURNED), *image_judged = judged + grouped(JUDGED);

@@ -10,7 +10,7 @@ size_t network_memory(const bs_model *model);
 /* Fill `memory` with that of a person before the first frame. */
 void network_start(const bs_model *model, float *memory);
 
-/* Bytes of scratch that the functions below need for so many people. */
+/* Bytes of scratch that the functions below need for `people` people. */
 size_t network_scratch(const bs_model *model, int people);
 
 /* Predict a body each of `people` people.
@@ -38,7 +38,7 @@ void expected_errors(const bs_model *model, const tracked *seen, const predictio
                      const float finger_error[2 * HAND_POINTS], const float off[BS_POINTS],
                      float confidence[BS_POINTS], float bound[BS_POINTS]);
 
-/* A number that tells models apart: of a file's bytes. */
+/* A number that identifies a model: a hash of its file. */
 uint64_t model_fingerprint(const bs_model *model);
 
 #endif

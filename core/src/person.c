@@ -285,8 +285,8 @@ static void look_at_head(const bs_person *person, const tracked *seen, proportio
     if (own->contradicting > CONTRADICTED) own->released = 1;
 }
 
-/* Move the body in use toward the believed one, so slowly that nobody sees a still wearer grow, or soon to a height
- * that is known. */
+/* Move the body in use toward the believed one: slowly, so that a still wearer does not visibly grow, or quickly to a
+ * known height. */
 static void approach(const bs_person *person, double interval, proportions *own) {
     double now = rest_height(own->shown, HEAD_TOP), goal = rest_height(own->believed, HEAD_TOP);
     double most = interval * (own->speed > MOVES || knows_height(person, own) ? MOVING_GROWTH : STILL_GROWTH);
@@ -310,7 +310,7 @@ void proportions_step(const bs_model *model, const bs_person *person, const trac
             fit_body(model, person, own);
             own->due = 0.0;
         }
-        /* An unknown body begins as the first frame suggests, for nobody has seen it yet. */
+        /* An unknown body starts as the first frame suggests, because it was not output yet. */
         if (first && is_unknown(person)) memcpy(own->shown, own->believed, sizeof own->shown);
     }
     approach(person, interval, own);

@@ -4,7 +4,7 @@
 
 #include "internal.h"
 
-#define EVIDENCE 20 /* lengths that are looked at */
+#define EVIDENCE 20 /* measured lengths */
 #define BINS 480    /* of 5 mm: lengths up to 2.4 m */
 
 typedef struct proportions {
@@ -25,10 +25,10 @@ typedef struct proportions {
     float seconds[EVIDENCE][BINS]; /* s for which each length was in each bin */
 } proportions;
 
-/* BS_OK, or why nobody is like that. */
+/* BS_OK, or why no person can be like that. */
 bs_result check_person(const bs_person *person);
 
-/* What is known of a person before the first frame. */
+/* Set the proportions of a person before the first frame. */
 void proportions_start(const bs_person *person, proportions *own);
 
 /* Count the lengths of a frame, and move toward the likeliest body. */

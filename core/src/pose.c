@@ -31,7 +31,7 @@ static void rotation_goals(const tracked *t, const prediction *p, mat3 goal[BODY
         if (known_rotation(t, joint) || !t->has_position[joint] || !t->has_position[child]) continue;
         vec3 bone = rotate(goal[joint], t->rest_offset[child]);
         vec3 apart = sub(t->position[child], t->position[joint]);
-        /* Where points err as much as they are apart, their direction says little. */
+        /* The direction of two points is unreliable if their errors are comparable to their distance. */
         float doubt = 2.0F * (t->accuracy[joint] + t->accuracy[child]) + LEAST_DOUBT;
         float square = dot(bone, bone);
         goal[joint] = turned_onto(goal[joint], bone, mix(bone, apart, square / (square + doubt * doubt)));

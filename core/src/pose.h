@@ -7,7 +7,7 @@
 
 enum limb_name { LEFT_ARM, RIGHT_ARM, LEFT_LEG, RIGHT_LEG, LIMBS };
 
-/* What each limb remembers. Vectors are in the heading of the body, from the limb's start. */
+/* State of each limb. Vectors are in the heading of the body, from the limb's start. */
 typedef struct limb_state {
     ease end, middle;                   /* m, easing of wrist or ankle, elbow or knee */
     vec3 end_output, end_speed;         /* m, m/s: as output in the frame before, but for what follows */
@@ -30,7 +30,7 @@ typedef struct foot_state {
     float drop;     /* m: how far the foot is lowered onto the floor; below 0: raised */
 } foot_state;
 
-/* What is left of a change of the prediction at one joint, when sensors came or went. */
+/* Remainder of a change of the prediction at one joint, after sensors came or went. */
 typedef struct settling {
     vec3 off, speed; /* rad, rad/s, world */
     mat3 predicted;  /* world ← joint, in the frame before */

@@ -6,7 +6,7 @@
 
 #define MOST_LENGTHS 64 /* that a shape is fitted to */
 
-/* What is known of a body: a height (NaN: unknown) and distances between points of the T-pose. */
+/* Known measures of a body: a height (NaN: unknown) and distances between points of the T-pose. */
 typedef struct measurements {
     double height, height_deviation; /* m */
     int lengths;

@@ -97,7 +97,7 @@ static void choose_base(const bs_observation *observation, int t, double floor, 
     }
 }
 
-/* What is tracked in frame t. */
+/* Gather the tracked points of frame t. */
 static void gather(const bs_observation *observation, int t, const bs_state *state, tracked *seen) {
     memset(seen, 0, sizeof *seen);
     memcpy(seen->base, state->base, sizeof seen->base);

@@ -1,4 +1,4 @@
-/* What can be told from tracked points before a network is asked. */
+/* Inferences from tracked points that need no network. */
 #ifndef BODYSENSE_TRACKED_H
 #define BODYSENSE_TRACKED_H
 

@@ -1,6 +1,6 @@
-"""Primitives: the capsules and boxes that stand for a body's flesh, fitted to any skeleton of the default tree.
+"""Primitives: the capsules and boxes that represent a body's flesh, fitted to any skeleton of the default tree.
 
-Where two segments are nearest to each other.
+Also the nearest points of two segments.
 """
 
 from __future__ import annotations
@@ -34,13 +34,13 @@ class Primitives:
 
     @cached_property
     def attached(self) -> np.ndarray:
-        """(C + B, P) bool: point p carries primitive n, or hangs on the joint that does (the bone ends there)."""
+        """(C + B, P) bool: point p carries primitive n, or is a child of the joint that does (the bone ends there)."""
         points = np.arange(len(self.skeleton.points))
         return (self.joint[:, None] == points) | (self.joint[:, None] == np.array(self.skeleton.parents))
 
     @cached_property
     def bounding_radius(self) -> np.ndarray:
-        """(C + B,) m: the sphere about the middle of a primitive that holds all of it."""
+        """(C + B,) m: radius of the sphere about a primitive's middle that contains it."""
         capsule = np.linalg.norm(self.end - self.start, axis=-1) / 2 + self.radius
         return np.concatenate([capsule, np.linalg.norm(self.half_size, axis=-1)])
 
@@ -63,14 +63,14 @@ class PlacedPrimitives:
 
 @lru_cache(maxsize=64)
 def fit_primitives(skeleton: Skeleton) -> Primitives:
-    """The default body's primitives and nose, fitted to another skeleton with the same points and parents.
+    """Fit the default body's primitives and nose to another skeleton with the same points and parents.
 
     All sizes scale with the skeleton's height. Beyond that:
 
-    - what lies along a limb's bone stretches with it: a capsule that ends in a joint of the default body does so here;
-    - the trunk is fitted between hips and shoulders, and widened with them: skeletons agree on where those are, but
-      not on how deep in the body, or at what height, the joints of the spine lie;
-    - the head keeps its height below the crown: head joints lie anywhere between jaw and skull.
+    - positions along a limb's bone stretch with it: a capsule that ends in a joint of the default body does so here;
+    - the trunk is fitted between hips and shoulders, and widened with them: skeletons agree on these positions, but
+    not on the depth and height of the spine's joints;
+    - the head keeps its height below the crown: head joints may be anywhere between jaw and skull.
 
     Raises BodysenseError for a skeleton with other points or parents.
     """
@@ -95,7 +95,7 @@ def fit_primitives(skeleton: Skeleton) -> Primitives:
         center, half_size = scale * np.array(row["center"]), scale * np.array(row["half_size"])
         child, bone = _bone_toward(center, default.index(row["joint"]), default)
         old, new = scale * bone, skeleton.rest_offset[child]
-        along = np.arange(3) == np.argmax(np.abs(old))  # the axis of the box that lies along the bone
+        along = np.arange(3) == np.argmax(np.abs(old))  # the axis of the box along the bone
         share = np.where(along, np.clip(center / np.where(along, old, 1), 0, 1), 1)
         stretch = np.where(along, np.abs(new / np.where(along, old, 1)), 1)
         return center + share * (new - old), half_size * stretch
@@ -119,15 +119,15 @@ def fit_primitives(skeleton: Skeleton) -> Primitives:
 
 
 def _rest_position(skeleton: Skeleton) -> np.ndarray:
-    """(P, 3) m, where the points are in the rest pose, from the root."""
+    """Return the points (P, 3) m in the rest pose, from the root."""
     return skeleton.path[:, 1:] @ skeleton.rest_offset[1:]
 
 
 def _trunk_map(default: Skeleton, skeleton: Skeleton, scale: float) -> Callable[[np.ndarray, float], np.ndarray]:
-    """The map of rest positions (3,) that takes the default body's hips and shoulders to another skeleton's.
+    """Return the map of rest positions (3,) from the default body's hips and shoulders to another skeleton's.
 
-    Its second argument is the radius (m) of the ball about the point, which is to reach as far out, for the width of
-    hips and shoulders, as the default body's.
+    Its second argument is the radius (m) of the ball about the point, which reaches as far out as the default body's
+    relative to the width of hips and shoulders.
     """
 
     def middle_and_width(of: Skeleton) -> tuple[np.ndarray, np.ndarray]:
@@ -150,7 +150,7 @@ def _trunk_map(default: Skeleton, skeleton: Skeleton, scale: float) -> Callable[
 
 
 def _bone_toward(point: np.ndarray, joint: int, skeleton: Skeleton) -> tuple[int, np.ndarray]:
-    """Of the points that hang on a joint the one most nearly in the direction of `point` (3,), and its offset (3,)."""
+    """Return the child of a joint that is closest to the direction of `point` (3,), and its offset (3,)."""
     children = np.flatnonzero(np.array(skeleton.parents) == joint)
     bones = skeleton.rest_offset[children]
     best = int(np.argmax(bones @ point / np.linalg.norm(bones, axis=1)))
@@ -180,16 +180,16 @@ def _check_tree(skeleton: Skeleton, default: Skeleton) -> None:
 
 
 def _name(skeleton: Skeleton, point: int) -> str:
-    """The quoted name of a parent."""
+    """Return the quoted name of a parent."""
     return repr(skeleton.points[point]) if point >= 0 else "nothing"
 
 
 def place(primitives: Primitives, position: np.ndarray, rotation: np.ndarray) -> PlacedPrimitives:
-    """Put primitives where a body is.
+    """Place primitives on a posed body.
 
     Args:
         primitives: fitted to the body's skeleton.
-        position: (..., P, 3) m, of every point, as forward kinematics gives it.
+        position: (..., P, 3) m, of every point, from forward kinematics.
         rotation: (..., J, 4) wxyz, world ← joint.
 
     Returns:
@@ -217,9 +217,9 @@ TINY = 1e-30  # keeps divisions by zero finite
 def nearest_shares(
     uu: np.ndarray, vv: np.ndarray, uv: np.ndarray, uw: np.ndarray, vw: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """How far along each of two segments, 0 to 1, their nearest points lie (Ericson 2005, Collision Detection, 5.1.9).
+    """Return the shares, 0 to 1, of the nearest points along two segments (Ericson 2005, Collision Detection, 5.1.9).
 
-    Of segments p + s·u and q + t·v with w = p − q it takes inner products (...) alone, and returns s and t (...).
+    For segments p + s·u and q + t·v with w = p − q it takes only inner products (...), and returns s and t (...).
     """
     s = np.minimum(np.maximum((uv * vw - uw * vv) / np.maximum(uu * vv - uv * uv, TINY), 0.0), 1.0)
     t = np.minimum(np.maximum((uv * s + vw) / np.maximum(vv, TINY), 0.0), 1.0)

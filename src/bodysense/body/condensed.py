@@ -15,14 +15,14 @@ import numpy as np
 from bodysense.body.skeleton import Skeleton
 
 _CHAIN = 3  # joints of a terminal chain at most, a finger's: longer ones would pad all others
-_ENDS = 7  # what a chain leaves: its base point's move, the turn of the joint above, and 1 for the right side
+_ENDS = 7  # unknowns after elimination: its base point's move, the turn of the joint above, and 1 for the right side
 _ZERO_ONE = np.array([0.0, 1.0])
 _CROSS = ((0, 3, -2), (-3, 0, 1), (2, -1, 0))  # −[b]×: ±(1 + component); 0 is a zero
 
 
 @dataclass(frozen=True, eq=False)
 class CondensedSystem:
-    """Where everything stands in the equations of one skeleton: C chains, padded to one size, and the trunk.
+    """Layout of the equations of one skeleton: C chains, padded to one size, and the trunk.
 
     Rows are three a point (weighted), then three a joint for its spring. All their entries are gathered at once from
     the source [0, 1, bones, −bones, spring slopes, −slopes, point errors, spring errors].
@@ -31,9 +31,9 @@ class CondensedSystem:
     inner: int  # columns of a chain that are eliminated
     chain: np.ndarray  # (C, rows, inner + 7) into the source
     chain_row: np.ndarray  # (C, rows, 1) into [0, 1, weights]
-    chain_padding: np.ndarray  # (C, inner, inner) ones on the diagonal where a chain is padded
+    chain_padding: np.ndarray  # (C, inner, inner) ones on the diagonal of a chain's padding
     chain_lever: np.ndarray  # (C, inner, inner) squared levers on the diagonal
-    chain_block: tuple[np.ndarray, np.ndarray]  # joints (N,) and the places (N, 12) of their block and right side
+    chain_block: tuple[np.ndarray, np.ndarray]  # joints (N,) and the indices (N, 12) of their block and right side
     own: int  # rows of the trunk before those of the chains' ends
     trunk: np.ndarray  # (own + 7 C, n + 1) into the source
     trunk_row: np.ndarray  # (own + 7 C, 1) into [0, 1, weights]
@@ -92,7 +92,7 @@ class CondensedSystem:
 
 
 def condensed_system(skeleton: Skeleton, lever: np.ndarray) -> CondensedSystem:
-    """Split a skeleton into terminal chains and the trunk, and write down who stands where; lever (J,) m."""
+    """Split a skeleton into terminal chains and the trunk, and build the layout; lever (J,) m."""
     joints = len(skeleton.joints)
     place = _Places(skeleton)
     chains = _terminal_chains(skeleton)
@@ -151,7 +151,7 @@ def condensed_system(skeleton: Skeleton, lever: np.ndarray) -> CondensedSystem:
 def _trunk_rows(
     skeleton: Skeleton, place: _Places, joints: list[int], points: list[int], bases: list[int]
 ) -> tuple[int, np.ndarray, np.ndarray]:
-    """The trunk's own rows, how many, then `_ENDS` for every chain's base; all as places in the source and weights."""
+    """Return the number of the trunk's own rows, these and `_ENDS` for every chain's base, and indices of weights."""
     column = {joint: _three(1 + k) for k, joint in enumerate(joints)}
     own = 3 * (len(points) + len(joints))
     trunk = np.zeros((own + _ENDS * len(bases), 3 + 3 * len(joints) + 1), dtype=np.intp)
@@ -179,10 +179,10 @@ def _trunk_rows(
 
 
 def _terminal_chains(skeleton: Skeleton) -> list[list[int]]:
-    """Joints from where a limb no longer forks to its end, the last `_CHAIN` of them; never the root."""
+    """Return chains of joints from the last branch of a limb to its end, at most the last `_CHAIN`; never the root."""
     joints = len(skeleton.joints)
     children = [[c for c in range(1, joints) if skeleton.parents[c] == joint] for joint in range(joints)]
-    length = [0] * joints  # joints from here to the end; 0 where they fork, or are too many
+    length = [0] * joints  # joints from here to the end; 0 if they branch, or are too many
     for joint in reversed(range(1, joints)):
         below = [length[c] for c in children[joint]]
         if not below or (len(below) == 1 and 0 < below[0] < _CHAIN):
@@ -198,7 +198,7 @@ def _terminal_chains(skeleton: Skeleton) -> list[list[int]]:
 
 
 class _Places:
-    """Places of a skeleton's quantities in the source."""
+    """Indices of a skeleton's quantities in the source."""
 
     def __init__(self, skeleton: Skeleton) -> None:
         self.parents = skeleton.parents
@@ -211,7 +211,7 @@ class _Places:
         self._spring = self._error + 3 * points
 
     def lever_arm(self, point: int, joint: int) -> np.ndarray:
-        """(3, 3) derivative of a point by a joint's turn: −[b]×, or zeros."""
+        """Return the (3, 3) derivative of a point by a joint's turn: −[b]×, or zeros."""
         leaving = [int(k) for k in np.flatnonzero(self.path[point]) if self.parents[k] == joint]
         start = 2 + 3 * (leaving[0] - 1) if leaving else 0
 
@@ -221,7 +221,7 @@ class _Places:
         return np.array([[place(signed) for signed in row] for row in _CROSS])
 
     def slopes(self, joint: int) -> tuple[np.ndarray, np.ndarray]:
-        """(3, 3) derivatives of a joint's spring by its own turn and by its parent's, transposed back."""
+        """Return (3, 3) derivatives of a joint's spring by its own turn and by its parent's, transposed back."""
         own = self._slope + 9 * joint + np.arange(9).reshape(3, 3).T
         return own, own + 9 * self._joints
 
@@ -237,12 +237,12 @@ def _three(k: int) -> slice:
 
 
 def _block_places(start: int, width: int) -> np.ndarray:
-    """(12,) places of a 3×3 diagonal block and of the last column beside it, row by row, in a matrix of `width`."""
+    """Return (12,) indices of a 3×3 diagonal block and its last column, row by row, in a matrix of `width`."""
     columns = np.array([start, start + 1, start + 2, width - 1])
     return (width * (start + np.arange(3))[:, None] + columns).ravel()
 
 
 def _add(matrix: np.ndarray, places: tuple[np.ndarray, np.ndarray], block: np.ndarray) -> None:
-    """Add joints' (J, 12) blocks at their places in a matrix."""
+    """Add joints' (J, 12) blocks at their indices in a matrix."""
     joints, index = places
     matrix.reshape(-1)[index] += block.take(joints, axis=0)

@@ -1,4 +1,4 @@
-"""Flesh: the balls and links of which a body's skin is drawn, made of the primitives that stand for it elsewhere."""
+"""Flesh: the balls and links of a body's drawn skin, built from its primitives."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ class Flesh:
 
 @lru_cache(maxsize=64)
 def fit_flesh(skeleton: Skeleton) -> Flesh:
-    """The flesh of a skeleton of the default tree: its primitives, tapered along limbs and joined along the trunk.
+    """Build a skeleton's flesh: its primitives, tapered along limbs and joined along the trunk.
 
     Raises BodysenseError for a skeleton with other points or parents.
     """
@@ -86,7 +86,7 @@ def fit_flesh(skeleton: Skeleton) -> Flesh:
     for below, above in pairwise(_TRUNK):
         for low, high in zip(ends[below], ends[above], strict=True):
             join(low, high, below)
-    sides = {"right": 0, "left": 1}  # ends of the trunk's capsules, which lie from right to left
+    sides = {"right": 0, "left": 1}  # ends of the trunk's capsules, which run from right to left
     for side, end in sides.items():
         collar, hip = ends[f"{side}_collar"], ends[f"{side}_thigh_upper"][0]
         join(ends["neck"][0], collar[1], "collar")
@@ -109,7 +109,7 @@ def fit_flesh(skeleton: Skeleton) -> Flesh:
         for side in sides:
             parts = [ends[f"{side}_{part}"] for part in limb]
             for (_, end), (start, _) in pairwise(parts):
-                # One capsule of a limb ends as thick as the next begins, and where it does.
+                # Adjacent capsules of a limb share thickness and position where they meet.
                 radius[[end, start]] = radius[[end, start]].mean()
                 center[[end, start]] = (center + rest)[[end, start]].mean(axis=0) - rest[[end, start]]
     return Flesh(
@@ -122,19 +122,19 @@ def fit_flesh(skeleton: Skeleton) -> Flesh:
 
 
 def place_flesh(flesh: Flesh, pose: Pose) -> np.ndarray:
-    """(..., N, 3) m, world: the centres of the balls of posed bodies."""
+    """Return the centres (..., N, 3) m, world, of the balls of posed bodies."""
     position, rotation = forward_kinematics(pose)
     turn = quaternion_to_matrix(rotation)[..., flesh.joint, :, :]
     return position[..., flesh.joint, :] + np.einsum("...nij,nj->...ni", turn, flesh.center)
 
 
 def _color(name: str) -> int:
-    """What a part of the body wears."""
+    """Return the clothing colour of a part of the body."""
     return next((color for part, color in _CLOTHES.items() if part in name), SKIN)
 
 
 def _rods(primitives: Primitives, box: int) -> list[tuple[np.ndarray, np.ndarray, float]]:
-    """Capsules side by side along a box's longest axis, which fill it but for its edges."""
+    """Return parallel capsules along a box's longest axis, which fill it except for its edges."""
     half = primitives.half_size[box]
     thin, wide, long = np.argsort(half)
     radius = float(half[thin])

@@ -1,8 +1,8 @@
-"""Gaps in the turn of a joint, filled between what is known on both sides; a guess may say what happens inside.
+"""Gaps in a joint's rotation, filled from the known frames on both sides; a guess may describe the motion inside.
 
-Near the sides of a gap the turn from one to the other is right, and it errs the more the farther they are; a guess is
-as good everywhere. So a guess is first bent so that it begins and ends where the joint does, and then counts the more
-the farther the sides are. What is known is never changed.
+Near the sides of a gap interpolation is accurate, and its error grows with the distance from them; a guess is equally
+accurate everywhere. So a guess is first bent to begin and end at the known rotations, and its weight grows with the
+distance from the sides. Known frames are never changed.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ from bodysense.body.rotation import (
     slerp,
 )
 
-COASTING = 0.8  # s in which the speed beside a gap fades; gaps shorter than that are cubics. Validation people
-BRIEF = 0.25  # s: in a gap no longer than this, known on both sides, a guess tells nothing more
-SMOOTH = 0.07  # s, deviation of the bell that takes the tremble from the tracker's guess
+COASTING = 0.8  # s in which the speed at a gap's edge fades; shorter gaps are cubics. Chosen on validation people
+BRIEF = 0.25  # s: in a gap no longer than this, known on both sides, a guess adds nothing
+SMOOTH = 0.07  # s, deviation of the Gaussian that removes jitter from the tracker's guess
 
 
 def runs(present: np.ndarray) -> list[tuple[int, int]]:
-    """Where (T,) bool is true: the first frame of each run, and the one after its last."""
+    """Return the runs where (T,) bool is true: the first frame of each, and the one after its last."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], present, [False]]).astype(np.int8)))
     return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
 
@@ -38,15 +38,15 @@ def filled(
     trusted: float = 1.0,
     coasting: float = COASTING,
 ) -> np.ndarray:
-    """Rotations (T, 4) of one joint, filled where `missing` (T,).
+    """Return rotations (T, 4) of one joint, filled where `missing` (T,).
 
     Args:
-        rotation: (T, 4), anything where it is missing.
+        rotation: (T, 4), arbitrary where missing.
         missing: (T,) bool.
         seconds: between frames.
-        guess: (T, 4) of all frames; None turns the joint from one side of every gap to the other.
-        trusted: s away from known frames where the guess counts half.
-        coasting: s in which the speed beside a gap fades.
+        guess: (T, 4) of all frames; None interpolates from one side of every gap to the other.
+        trusted: s from known frames at which the guess has weight one half.
+        coasting: s in which the speed at a gap's edge fades.
     """
     result = np.array(rotation)
     for first, end in runs(missing):
@@ -66,9 +66,9 @@ def filled(
 
 
 def _turn(rotation: np.ndarray, missing: np.ndarray, first: int, end: int, fading: float) -> np.ndarray:
-    """Rotations (N, 4) from one side of a gap to the other; held where there is one side.
+    """Interpolate rotations (N, 4) from one side of a gap to the other; constant if only one side is known.
 
-    The speed on either side goes on and fades within `fading` frames; between, the turn is at constant speed. A gap
+    The speed on either side continues and fades within `fading` frames; in between, the speed is constant. A gap
     shorter than that is the cubic through the two known frames on either side.
     """
     frames, count = len(rotation), end - first
@@ -76,12 +76,12 @@ def _turn(rotation: np.ndarray, missing: np.ndarray, first: int, end: int, fadin
     whole = _difference(before, after)
     span = count + 1
     step, coasting = whole / span, min(fading, span)
-    led, left = np.zeros(3), np.zeros(3)  # how much faster than `step` the known frames on either side turn
+    led, left = np.zeros(3), np.zeros(3)  # excess speed over `step` of the known frames on either side
     if first > 1 and not missing[first - 2]:
         led = _difference(rotation[first - 2], before) - step
     if end < frames - 1 and not missing[end + 1]:
         left = _rate_at(whole, _difference(after, rotation[end + 1])) - step
-    # Speeds at the sides of which those to the frame beyond are chords.
+    # Speeds at the sides, whose chords are the speeds to the next frame outside.
     own, other = (1 + 1 / coasting) ** 2, (span + 1) / span**2 if coasting == span and first > 0 and end < frames else 0
     led, left = (own * led - other * left) / (own**2 - other**2), (own * left - other * led) / (own**2 - other**2)
     gone = np.arange(1.0, count + 1)[:, None]
@@ -91,18 +91,18 @@ def _turn(rotation: np.ndarray, missing: np.ndarray, first: int, end: int, fadin
 
 
 def _rate_at(turn: np.ndarray, speed: np.ndarray) -> np.ndarray:
-    """How fast a rotation vector (3,) changes if what it turns has an angular velocity (3,) in its own axes."""
+    """Return the rate of a rotation vector (3,) for an angular velocity (3,) in the rotated axes."""
     across = np.cross(turn, speed)
     return speed + across / 2 + np.cross(turn, across) / 12
 
 
 def _fading(share: np.ndarray) -> np.ndarray:
-    """From 1 at 0 to 0 at 1."""
+    """Return a weight that falls from 1 at 0 to 0 at 1."""
     return np.maximum(0.0, 1 - share) ** 2
 
 
 def _away(first: int, end: int, frames: int) -> np.ndarray:
-    """(N,) how many frames each of a gap is away from what is known: as a bridge between two sides, or from one."""
+    """Return the distance (N,) of a gap's frames from known ones, in frames: harmonic between two sides."""
     count = np.arange(1.0, end - first + 1)
     before = count if first > 0 else np.full(len(count), np.inf)
     after = count[::-1] if end < frames else np.full(len(count), np.inf)
@@ -110,9 +110,9 @@ def _away(first: int, end: int, frames: int) -> np.ndarray:
 
 
 def _bent(kept: np.ndarray, guess: np.ndarray, first: int, end: int, seconds: float) -> np.ndarray:
-    """The guess (N, 4), N ≥ 2, in a gap, turned so that it goes on from the frame before and leads to the frame after.
+    """Bend the guess (N, 4), N ≥ 2, in a gap so that it continues the frame before and leads to the frame after.
 
-    What it lacks on either side is added in full there and fades to the other side.
+    The difference at either side is added in full there and fades toward the other side.
     """
     inside = _smooth(guess, SMOOTH / seconds)
     lacking = np.zeros((2, 3))
@@ -125,7 +125,7 @@ def _bent(kept: np.ndarray, guess: np.ndarray, first: int, end: int, seconds: fl
 
 
 def _smooth(rotation: np.ndarray, frames: float) -> np.ndarray:
-    """Rotations (N, 4), each the mean of those around it by a bell of so many frames' deviation."""
+    """Average rotations (N, 4) over their neighbours by a Gaussian; `frames` is its standard deviation."""
     reach = int(np.ceil(3 * frames))
     flips = np.where((rotation[1:] * rotation[:-1]).sum(axis=1, keepdims=True) < 0, -1.0, 1.0)
     whole = np.concatenate([rotation[:1], rotation[1:] * np.cumprod(flips, axis=0)])
@@ -136,10 +136,10 @@ def _smooth(rotation: np.ndarray, frames: float) -> np.ndarray:
 
 
 def _beyond(pair: np.ndarray) -> np.ndarray:
-    """The rotation (4,) that follows two (2, 4) at the same speed."""
+    """Return the rotation (4,) that follows two (2, 4) at constant speed."""
     return np.asarray(quaternion_multiply(pair[1], quaternion_multiply(quaternion_conjugate(pair[0]), pair[1])))
 
 
 def _difference(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """The rotation vector (3,) from a to b."""
+    """Return the rotation vector (3,) from a to b."""
     return np.asarray(quaternion_log(quaternion_multiply(quaternion_conjugate(a), b)))

@@ -1,4 +1,4 @@
-"""A glove: markers on a hand; of the standard one nine, three of them on its back (two-hands, sections 2.1 and 2.2)."""
+"""A glove: markers on a hand; the standard one has nine, three of them on its back (two-hands, 2.1 and 2.2)."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from bodysense.body.rotation import Array, quaternion_multiply, quaternion_rotat
 from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.errors import BodysenseError
 
-# Of the standard set, in the order of the paper's release. The first three are on the back of the hand.
+# The standard set, in the order of the paper's release. The first three are on the back of the hand.
 MARKERS = standard_set().names
 ALIGNMENT = standard_set().on_hand
-_SIZE = 0.1953  # m, of the hand on which a set's metres are
+_SIZE = 0.1953  # m, size of the hand for a set's metres
 
 
 @dataclass(frozen=True, eq=False)
 class Glove:
-    """Where markers are worn: each at a point of the hand, `offset` from it in the frame of the joint that carries it.
+    """Positions of markers: each at a point of the hand, `offset` from it in the frame of the joint that carries it.
 
-    Offsets are those of a hand whose wrist is `size` m from the tip of its middle finger; on other hands they scale.
+    Offsets are for a hand of `size` m from wrist to tip of the middle finger; on other hands they scale.
     """
 
     markers: tuple[str, ...]
@@ -45,19 +45,19 @@ class Glove:
 
 @lru_cache(maxsize=1)
 def default_glove() -> Glove:
-    """The standard set on our hand.
+    """Return the standard set on our hand.
 
-    Markers on the back of the hand stand where the paper's release has them; those of fingers sit at fingertips and the
-    thumb's middle joint, to within the difference between two people's hands.
+    Markers on the back of the hand are as in the paper's release; those of fingers are at fingertips and the thumb's
+    middle joint, to within the difference between two people's hands.
     """
     hand = hand_skeleton(default_skeleton(), "left")
     return glove_of(standard_set(), hand)
 
 
 def glove_of(worn: GloveSet, hand: Skeleton, axes: np.ndarray | None = None) -> Glove:
-    """The markers of a set on a hand, where they sit if they sit as the set says.
+    """Place the markers of a set on a hand.
 
-    `axes` (15, 4) turn those of the hand's joints from the default hand's, at rest.
+    `axes` (15, 4) are the rest rotations of the joints' axes from the default hand's.
     """
     turns = np.asarray(joint_bases())
     if axes is not None:
@@ -76,15 +76,15 @@ def glove_of(worn: GloveSet, hand: Skeleton, axes: np.ndarray | None = None) -> 
 
 
 def hand_size(hand: Skeleton) -> float:
-    """Metres from the wrist to the tip of the middle finger, at rest."""
+    """Return metres from the wrist to the tip of the middle finger, at rest."""
     position = hand.path @ hand.rest_offset
     return float(np.linalg.norm(position[hand.index("middle_tip")]))
 
 
 def marker_positions(glove: Glove, pose: Pose, offset: Array | None = None) -> Array:
-    """Where the markers of a posed hand are, (..., M, 3) m; `offset` (..., M, 3) m, not to be scaled, for the glove's.
+    """Return markers (..., M, 3) m of a posed hand; `offset` (..., M, 3) m, unscaled, replaces the glove's.
 
-    Markers on the back of the hand stand about where the base of the finger is at rest: it does not move in the hand.
+    Markers on the back of the hand are near the bases of the fingers, which do not move in the hand.
     """
     hand = pose.skeleton
     position, world = forward_kinematics(pose)
@@ -95,7 +95,7 @@ def marker_positions(glove: Glove, pose: Pose, offset: Array | None = None) -> A
 
 
 def template(glove: Glove, hand: Skeleton) -> np.ndarray:
-    """Markers (M, 3) m on a flat hand whose wrist is the origin: what markers are registered to."""
+    """Return markers (M, 3) m on a flat hand whose wrist is the origin, as the template of registration."""
     rest = np.zeros((len(hand.joints), 4))
     rest[:, 0] = 1.0
     return np.asarray(marker_positions(glove, Pose(hand, np.zeros(3), rest)))
@@ -103,25 +103,25 @@ def template(glove: Glove, hand: Skeleton) -> np.ndarray:
 
 @lru_cache(maxsize=64)
 def glove_points(hand: str) -> tuple[str, ...]:
-    """Names of a hand's markers as points of an observation: 'left_glove_pinky_base' … for the hand 'left'."""
+    """Return names of a hand's markers as points of an observation: 'left_glove_pinky_base' … for the hand 'left'."""
     side_of(hand)
     return tuple(f"{hand}_glove_{marker}" for marker in MARKERS)
 
 
 @lru_cache(maxsize=4096)
 def standard_marker(point: str) -> tuple[str, str] | None:
-    """The same of the standard set alone."""
+    """Return hand and marker as `glove_marker`, for the standard set only."""
     found = glove_marker(point)
     return found if found and found[1] in MARKERS else None
 
 
 def glove_hands(points: Iterable[str]) -> tuple[str, ...]:
-    """The hands whose markers are among the points, in order of first mention."""
+    """Return the hands whose markers are among the points, in order of first mention."""
     return tuple(dict.fromkeys(found[0] for found in map(glove_marker, points) if found))
 
 
 def side_of(hand: str) -> Side:
-    """Whether a hand, 'left', 'right', 'left2' …, is a left or a right one."""
+    """Return whether a hand, 'left', 'right', 'left2' …, is a left or a right one."""
     for side in ("left", "right"):
         if hand.startswith(side):
             return side

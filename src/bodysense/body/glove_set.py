@@ -1,6 +1,6 @@
-"""Marker sets of gloves: which marker sits on which segment of which hand, and roughly where. A set is one small file.
+"""Marker sets of gloves: the segment and approximate position of each marker. A set is one small file.
 
-`glove_sets/` holds those of the package; anybody's own is a .toml or .json file of the same form (docs/gloves.md).
+`glove_sets/` holds the packaged ones; your own is a .toml or .json file of the same form (docs/gloves.md).
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ from bodysense.body.hand import FINGERS, HAND_JOINTS, Side
 from bodysense.errors import BodysenseError
 from bodysense.files import read_text
 
-STANDARD = "bodysense"  # the set that the networks know
-FEWEST = 4  # markers of a hand that a set has at least, one of them on the back of the hand
+STANDARD = "bodysense"  # the networks' set
+FEWEST = 4  # least number of a set's markers, one of them on the back of the hand
 HAND = "hand"  # the segment that the wrist carries
 _SIDES: tuple[Side, Side] = ("left", "right")
 _USUAL = {"left": "L", "right": "R"}
-_ACCURACY, _PLATE = 0.006, 0.03  # m: of a marker, and of one of a plate, of which nothing else is said
-_PLATE_AT, _RING = (0.06, 0.03, 0.0), 0.02  # m: its middle from the wrist, and its markers from there
+_ACCURACY, _PLATE = 0.006, 0.03  # m: default of a marker, and of one of a plate
+_PLATE_AT, _RING = (0.06, 0.03, 0.0), 0.02  # m: its middle from the wrist, and its markers' distance from there
 _ROW = {"label", "name", "is", "segment", "near", "along", "offset", "accuracy"}
 _PLATE_ROW = {"labels", "offset", "accuracy"}
 _SEGMENTS, _KNUCKLES = (HAND, *HAND_JOINTS[1:]), tuple(f"{finger}1" for finger in FINGERS)
@@ -35,36 +35,36 @@ _SEGMENTS, _KNUCKLES = (HAND, *HAND_JOINTS[1:]), tuple(f"{finger}1" for finger i
 
 @dataclass(frozen=True)
 class WornMarker:
-    """A marker of a set: where it sits on a hand of 19.5 cm."""
+    """A marker of a set: its position on a hand of 19.5 cm."""
 
     name: str  # of its point, '<hand>_glove_<name>'
     labels: Mapping[Side, str]  # in files
     segment: str  # the joint that carries it
-    near: str  # the point of the hand that it is measured from
+    near: str  # the point of the hand from which its offset is measured
     along: float  # from there, as a share of the segment
-    offset: tuple[float, float, float]  # m more: along the segment, out of its back, toward the thumb
+    offset: tuple[float, float, float]  # m: along the segment, out of its back, toward the thumb
     accuracy: tuple[float, float, float]  # m, standard deviations along the same axes
 
 
 @dataclass(frozen=True, eq=False)
 class GloveSet:
-    """The markers that a glove has."""
+    """The markers of a glove."""
 
     name: str
     markers: tuple[WornMarker, ...]
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of its markers."""
+        """The names of its markers."""
         return tuple(marker.name for marker in self.markers)
 
     @property
     def on_hand(self) -> tuple[int, ...]:
-        """Places of the markers that the back of the hand carries."""
+        """Indices of the markers on the back of the hand."""
         return tuple(place for place, marker in enumerate(self.markers) if marker.segment == "wrist")
 
     def points(self, labels: Iterable[str]) -> dict[str, str]:
-        """Our names '<hand>_glove_<name>' of those labels of a file that are of the set; 'Anna:' in front is off."""
+        """Return our names '<hand>_glove_<name>' of a file's labels in the set, ignoring a prefix such as 'Anna:'."""
         ours = {
             _plain(label): f"{side}_glove_{marker.name}"
             for marker in self.markers
@@ -75,7 +75,7 @@ class GloveSet:
 
 @lru_cache(maxsize=1)
 def packaged_sets() -> dict[str, GloveSet]:
-    """Those of the package by name, the standard one first."""
+    """Return the packaged sets by name, the standard one first."""
     folder = files("bodysense.body.glove_sets")
     names = sorted((entry.name for entry in folder.iterdir() if entry.name.endswith(".toml")), key=_standard_first)
     found: dict[str, GloveSet] = {}
@@ -86,12 +86,12 @@ def packaged_sets() -> dict[str, GloveSet]:
 
 
 def standard_set() -> GloveSet:
-    """The set that the networks know."""
+    """Return the networks' set."""
     return packaged_sets()[STANDARD]
 
 
 def read_set(place: str | Path) -> GloveSet:
-    """A set by its name in the package, or by its file, .toml or .json. Raises BodysenseError for what is neither."""
+    """Return a set by its packaged name, or from a file, .toml or .json. Raises BodysenseError for anything else."""
     if str(place) in packaged_sets():
         return packaged_sets()[str(place)]
     path = Path(place)
@@ -107,7 +107,7 @@ def read_set(place: str | Path) -> GloveSet:
 
 
 def parse_set(stored: Any, place: str, standard: GloveSet | None) -> GloveSet:
-    """A set as it is stored; markers that say what they are take their places from the `standard` one.
+    """Parse a stored set; markers with `is` take their positions from the `standard` one.
 
     `place` names the file in messages. Raises BodysenseError naming the row and the fix.
     """
@@ -175,7 +175,7 @@ def _marker(row: dict, sides: Mapping[str, str], standard: GloveSet | None, plac
 
 
 def _plate(row: dict, number: int, sides: Mapping[str, str], place: str) -> list[WornMarker]:
-    """The markers of a rigid plate: its shape is measured, where it sits is known roughly."""
+    """Return the markers of a rigid plate: its shape is measured, its position is approximate."""
     _check_keys(row, _PLATE_ROW, place)
     labels = row.get("labels")
     if not isinstance(labels, list) or len(labels) < 3:
@@ -184,14 +184,14 @@ def _plate(row: dict, number: int, sides: Mapping[str, str], place: str) -> list
     accuracy = _accuracy(row.get("accuracy", _PLATE), place)
     rows = []
     for k, label in enumerate(labels, start=1):
-        turn = 2 * pi * k / len(labels)  # in a ring, for whoever simulates it
+        turn = 2 * pi * k / len(labels)  # in a ring, for simulation
         at = offset[0] + _RING * cos(turn), offset[1], offset[2] + (1 + k / 10) * _RING * sin(turn)
         rows.append(WornMarker(f"plate{number}_{k}", _labels(label, sides, place), "wrist", "wrist", 0.0, at, accuracy))
     return rows
 
 
 def _labels(label: Any, sides: Mapping[str, str], place: str) -> dict[Side, str]:
-    """Of a marker, by the side: '*' stands for it, or a table has both."""
+    """Return a marker's labels by side: '*' is replaced by the side's letter, or a table has both."""
     if isinstance(label, dict) and label and set(label) <= set(_SIDES) and _texts(label.values()):
         return {side: label[side] for side in _SIDES if side in label}
     if isinstance(label, str) and _plain(label) and ("*" in label or len(sides) == 1):
@@ -237,19 +237,19 @@ def _texts(values: Iterable[Any]) -> bool:
 
 
 def _end(segment: str) -> str:
-    """The point at which a finger's segment ends."""
+    """Return the end point of a finger's segment."""
     finger, number = segment[:-1], segment[-1]
     return f"{finger}_tip" if number == "3" else f"{finger}{int(number) + 1}"
 
 
 def _name(label: Any) -> str:
-    """A name of a label without its side."""
+    """Return a name from a label without its side."""
     text = label.replace("*", " ") if isinstance(label, str) else next(iter(label.values()))
     return re.sub(r"[^a-z0-9]+", "_", text.lower()).strip("_") or "marker"
 
 
 def _plain(label: str) -> str:
-    """What counts of a label: 'Anna:L_IAS' → 'lias'."""
+    """Normalise a label: 'Anna:L_IAS' → 'lias'."""
     return re.sub(r"[^a-z0-9]", "", label.rpartition(":")[2].lower())
 
 

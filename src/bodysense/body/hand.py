@@ -64,18 +64,18 @@ def _freedoms() -> tuple[Freedom, ...]:
 
 
 FREEDOMS = _freedoms()
-# About the finger, degrees by which the hinges of its middle and last joint are tilted: flexed fingers point to one
-# spot at the base of the thumb. As in recorded hands (Microsoft Rocketbox), of which both avatars agree within 4°.
+# Degrees by which the hinges of the middle and last joint are tilted about the finger: flexed fingers point to one
+# spot at the base of the thumb. From recorded hands (Microsoft Rocketbox); both avatars agree within 4°.
 _TILT = {"index": (12.0, 12.0), "middle": (-4.0, -4.0), "ring": (-6.0, -6.0), "pinky": (-18.0, -22.0)}
-_THUMB_FLEXION = (0.43, 0.84, 0.33)  # axis of the thumb's flexion at rest, also as in recorded hands
-_THUMB_BONE = (0.70, -0.49, 0.52)  # about where the thumb points at rest
+_THUMB_FLEXION = (0.43, 0.84, 0.33)  # axis of the thumb's flexion at rest, also from recorded hands
+_THUMB_BONE = (0.70, -0.49, 0.52)  # approximate direction of the thumb at rest
 _COLUMN = {"flexion": 0, "abduction": 1, "twist": 2}
 
 
 def hand_skeleton(skeleton: Skeleton, side: Side) -> Skeleton:
-    """The hand of a body as a left hand: `HAND_JOINTS` and `FINGERTIPS`, the wrist at the origin.
+    """Return the hand of a body as a left hand: `HAND_JOINTS` and `FINGERTIPS`, the wrist at the origin.
 
-    Raises BodysenseError where the skeleton lacks a joint of it.
+    Raises BodysenseError if the skeleton lacks a joint of it.
     """
     points = _points_of(skeleton, side)
     names = [*HAND_JOINTS, *FINGERTIPS]
@@ -90,7 +90,7 @@ def hand_skeleton(skeleton: Skeleton, side: Side) -> Skeleton:
 
 
 def hand_pose(pose: Pose, side: Side) -> Pose:
-    """The hand of a posed body, as a left hand: its root is the wrist in the world, mirrored for a right hand."""
+    """Return the hand of a posed body, as a left hand: its root is the wrist in the world, mirrored if right."""
     points = _points_of(pose.skeleton, side)[: len(HAND_JOINTS)]
     position, world = forward_kinematics(pose)
     rotation = np.array(pose.rotation[..., points, :], dtype=float)
@@ -100,27 +100,27 @@ def hand_pose(pose: Pose, side: Side) -> Pose:
 
 
 def mirrored_vectors(vectors: np.ndarray, side: Side) -> np.ndarray:
-    """World vectors (..., 3) of a `side` hand as a left hand's, and back."""
+    """Convert world vectors (..., 3) of a `side` hand to a left hand's, and back."""
     return vectors * _flip(side)
 
 
 def mirrored_rotations(rotations: np.ndarray, side: Side) -> np.ndarray:
-    """Rotations (..., 4) of a `side` hand as a left hand's, and back: the axis is mirrored, the sense reversed."""
+    """Convert rotations (..., 4) of a `side` hand to a left hand's, and back: mirror the axis, reverse the sense."""
     return rotations * (np.array([1.0, 1, -1, -1]) if side == "right" else np.ones(4))
 
 
 def rotations_of(angles: Array) -> Array:
-    """Local rotations (..., 15, 4) of the finger joints from angles (..., 26), radians, in the order of `FREEDOMS`."""
+    """Return local rotations (..., 15, 4) of the finger joints from angles (..., 26), radians, in `FREEDOMS`' order."""
     place, sign = _places()
     basis = np.asarray(joint_bases())
-    euler = angles[..., place] * as_like(sign, angles)  # of an angle that a joint does not have, 0
+    euler = angles[..., place] * as_like(sign, angles)  # 0 for an angle that a joint does not have
     about = as_like(basis, angles)
     turned = euler_to_quaternion(euler, "ZYX")
     return quaternion_canonical(quaternion_multiply(quaternion_multiply(about, turned), quaternion_conjugate(about)))
 
 
 def angles_of(rotations: Array) -> Array:
-    """Angles (..., 26), radians, of local rotations (..., 15, 4); turns that a joint cannot make are left out."""
+    """Return angles (..., 26), radians, of local rotations (..., 15, 4); turns that a joint cannot make are dropped."""
     about = as_like(np.asarray(joint_bases()), rotations)
     turned = quaternion_multiply(quaternion_multiply(quaternion_conjugate(about), rotations), about)
     euler = quaternion_to_euler(turned, "ZYX")
@@ -130,13 +130,13 @@ def angles_of(rotations: Array) -> Array:
 
 
 def limits() -> tuple[np.ndarray, np.ndarray]:
-    """Smallest and largest angles (26,), (26,), radians."""
+    """Return smallest and largest angles (26,), (26,), radians."""
     return np.radians([row.low for row in FREEDOMS]), np.radians([row.high for row in FREEDOMS])
 
 
 @lru_cache(maxsize=1)
 def joint_bases() -> tuple[tuple[float, ...], ...]:
-    """Of every finger joint the turn (15, 4) from its own axes into the rest frame."""
+    """Return the rotations (15, 4) of finger joints from their own axes into the rest frame."""
     flexion = np.array(_THUMB_FLEXION) / np.linalg.norm(_THUMB_FLEXION)
     along = np.array(_THUMB_BONE) - np.dot(_THUMB_BONE, flexion) * flexion
     along /= np.linalg.norm(along)
@@ -151,13 +151,13 @@ def joint_bases() -> tuple[tuple[float, ...], ...]:
 
 @lru_cache(maxsize=1)
 def _where() -> tuple[list[int], list[int]]:
-    """Of every degree of freedom its joint among the 15 and its column: flexion, abduction, twist."""
+    """Return the joint (among 15) and the column of each degree of freedom: flexion, abduction, twist."""
     return [HAND_JOINTS.index(row.joint) - 1 for row in FREEDOMS], [_COLUMN[row.angle] for row in FREEDOMS]
 
 
 @lru_cache(maxsize=1)
 def _places() -> tuple[np.ndarray, np.ndarray]:
-    """(15, 3) which of the 26 angles each Euler angle is, and its sign, 0 where the joint has none."""
+    """Return (15, 3) indices of the Euler angles among the 26 angles, and their signs, 0 for missing ones."""
     place, sign = np.zeros((15, 3), dtype=np.int64), np.zeros((15, 3))
     for index, (joint, column) in enumerate(zip(*_where(), strict=True)):
         place[joint, column], sign[joint, column] = index, -1.0 if column == 0 else 1.0
@@ -171,7 +171,7 @@ def _points_of(skeleton: Skeleton, side: Side) -> np.ndarray:
 
 
 def _parent(name: str) -> str:
-    """The joint that a point of a finger hangs on, without its side."""
+    """Return the parent of a finger's point, without its side."""
     if name.endswith("_tip"):
         return f"{name.removesuffix('_tip')}3"
     return "wrist" if name.endswith("1") else f"{name[:-1]}{int(name[-1]) - 1}"
@@ -183,6 +183,6 @@ def _flip(side: Side) -> np.ndarray:
 
 @lru_cache(maxsize=4096)
 def glove_marker(point: str) -> tuple[str, str] | None:
-    """The hand and the marker, of any set, that a point's name says; None for a point that is no marker of a glove."""
+    """Return the hand and the marker, of any set, in a point's name; None if the point is not a marker of a glove."""
     hand, _, marker = point.partition("_glove_")
     return (hand, marker) if marker and hand.startswith(("left", "right")) else None

@@ -1,4 +1,4 @@
-"""The flesh of a hand: capsules along fingers and palm, and how deep hands and fingers stand in each other.
+"""The flesh of a hand: capsules along fingers and palm, and the overlap of hands and fingers.
 
 Radii are those of the body's primitives (capsules.py), which are fitted to the surface of the body model: a finger's
 segment is a capsule from joint to joint; the palm is one along each metacarpal, as thick as the base of its finger. On
@@ -26,8 +26,8 @@ from bodysense.body.skeleton import Skeleton, default_skeleton
 PALM = tuple(f"palm_{finger}" for finger in FINGERS[1:])
 SEGMENTS = HAND_JOINTS[1:]
 NAMES = (*SEGMENTS, *PALM)  # 15 capsules of fingers, each named after the joint that carries it, then four of the palm
-GIVE = 0.2  # of the sum of two radii: so deep flesh gives way where it touches
-_ROOT_OF_PALM = 0.25  # of a metacarpal's way from the wrist to the knuckle: there its capsule begins
+GIVE = 0.2  # of the sum of two radii: depth by which touching flesh gives way
+_ROOT_OF_PALM = 0.25  # start of a metacarpal's capsule, as a share of the distance from the wrist to the knuckle
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +43,7 @@ class HandCapsules:
 
 @lru_cache(maxsize=64)
 def hand_capsules(hand: Skeleton) -> HandCapsules:
-    """The capsules of a hand's skeleton (`hand.hand_skeleton`)."""
+    """Return the capsules of a hand's skeleton (`hand.hand_skeleton`)."""
     default = hand_skeleton(default_skeleton(), "left")
     scale = hand_size(hand) / hand_size(default)
     body = fit_primitives(default_skeleton())
@@ -52,7 +52,7 @@ def hand_capsules(hand: Skeleton) -> HandCapsules:
     start, end = [np.zeros(3)] * len(SEGMENTS), []
     for name, thickness in zip(SEGMENTS, radius, strict=True):
         bone = hand.rest_offset[hand.index(point_beyond(name))]
-        end.append(_shortened(bone, thickness) if name.endswith("3") else bone)  # fingertips lie on the skin
+        end.append(_shortened(bone, thickness) if name.endswith("3") else bone)  # fingertips are on the skin
     for name in PALM:
         base = f"{name.removeprefix('palm_')}1"
         knuckle, thickness = rest[hand.index(base)], radius[SEGMENTS.index(base)]
@@ -64,22 +64,22 @@ def hand_capsules(hand: Skeleton) -> HandCapsules:
 
 
 def point_beyond(joint: str) -> str:
-    """The joint or fingertip at the other end of a finger's segment."""
+    """Return the joint or fingertip at the other end of a finger's segment."""
     return f"{joint[:-1]}_tip" if joint.endswith("3") else f"{joint[:-1]}{int(joint[-1]) + 1}"
 
 
 @lru_cache(maxsize=1)
 def own_pairs() -> tuple[np.ndarray, np.ndarray]:
-    """Places in `NAMES` (M,), (M,) of the pairs of one hand's capsules that can meet."""
+    """Return indices in `NAMES` (M,), (M,) of the pairs of one hand's capsules that can meet."""
     pairs = [(a, b) for a, b in zip(*np.triu_indices(len(NAMES), k=1), strict=True) if not _joined(NAMES[a], NAMES[b])]
     first, second = np.array(pairs).T
     return first, second
 
 
 def own_depth(pose: Pose) -> np.ndarray:
-    """How deep the fingers of posed hands (...) stand in each other and in the palm: (..., M) m for `own_pairs`.
+    """Return the overlap of posed hands' (...) fingers with each other and the palm: (..., M) m for `own_pairs`.
 
-    Of capsules that do not touch it is negative: less than nothing by the gap.
+    It is negative for capsules that do not touch: minus the gap.
     """
     capsules, (first, second) = hand_capsules(pose.skeleton), own_pairs()
     start, along = placed_axes(pose)
@@ -88,9 +88,9 @@ def own_depth(pose: Pose) -> np.ndarray:
 
 
 def mutual_depth(left: Pose, right: Pose) -> np.ndarray:
-    """How deep two posed hands (...) stand in each other, signed as in `own_depth`: (..., C, C) m, left by right.
+    """Return the overlap of two posed hands (...), signed as in `own_depth`: (..., C, C) m, left by right.
 
-    `right` is the right hand as a left one, mirrored with all its world at x = 0 (hand.hand_pose).
+    `right` is the right hand as a left one, mirrored with its world at x = 0 (hand.hand_pose).
     """
     start, along = (part[..., :, None, :] for part in placed_axes(left))
     other, other_along = (part[..., None, :, :] * [-1.0, 1.0, 1.0] for part in placed_axes(right))
@@ -99,7 +99,7 @@ def mutual_depth(left: Pose, right: Pose) -> np.ndarray:
 
 
 def placed_axes(pose: Pose) -> tuple[np.ndarray, np.ndarray]:
-    """Where the capsules of posed hands begin (..., C, 3) m, and from there to their ends (..., C, 3) m."""
+    """Return the starts of posed hands' capsules (..., C, 3) m, and the vectors to their ends (..., C, 3) m."""
     capsules = hand_capsules(pose.skeleton)
     position, world = (np.asarray(part) for part in forward_kinematics(pose))
     turn = quaternion_to_matrix(world[..., capsules.joint, :])
@@ -108,12 +108,12 @@ def placed_axes(pose: Pose) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _shortened(bone: np.ndarray, length: float) -> np.ndarray:
-    """A bone (3,) m that ends earlier by `length`, but not before it begins."""
+    """Shorten a bone (3,) m by `length`, at most to zero."""
     return bone * max(0.0, 1 - length / np.linalg.norm(bone))
 
 
 def _distance(start: np.ndarray, along: np.ndarray, other: np.ndarray, other_along: np.ndarray) -> np.ndarray:
-    """Distance (...) of segments (..., 3) m."""
+    """Return the distance (...) of segments (..., 3) m."""
 
     def dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
         return np.einsum("...i,...i->...", a, b)

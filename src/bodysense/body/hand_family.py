@@ -1,11 +1,11 @@
-"""A family of hands: what differs between adults' hands and the gloves on them, as standard normal parameters.
+"""A family of hands: differences between adults' hands and gloves, as standard normal parameters.
 
-One vector of `COUNT` parameters makes a hand: its size, where its knuckles are, the lengths of its bones, where every
-finger points at rest, how its hinges are tilted, how its thumb is built, and where the markers of a glove sit. Zeros
-are the middle of the family. It is wide on purpose: rigs for animation, two recorded avatars and the template of the
-two-hands paper's glove differ more among each other than adults do, and all of them are within.
+One vector of `COUNT` parameters defines a hand: size, positions of knuckles, lengths of bones, directions of fingers
+at rest, tilt of hinges, build of the thumb, and positions of a glove's markers. Zeros are the middle of the family. It
+is wide on purpose: rigs for animation, two recorded avatars and the template of the two-hands paper's glove differ
+more from each other than adults do, and the family includes all of them.
 
-What a glove's markers look like: nine markers in a few shapes of the hand, to recognise a glove by.
+Also the appearance of a glove's markers: nine markers in a few shapes of the hand, to recognise a glove.
 """
 
 from __future__ import annotations
@@ -40,19 +40,19 @@ from bodysense.body.rotation import (
 from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.errors import BodysenseError
 
-FARTHEST = 2.5  # standard deviations: the largest parameter that is drawn
+FARTHEST = 2.5  # standard deviations: the largest drawn parameter
 _POINTS = (*HAND_JOINTS, *FINGERTIPS)
-# Where bones of the middle of the family lead, cm, on a hand of 19.5 cm: halfway between the default body's hand and
+# Directions of bones in the middle of the family, cm, on a hand of 19.5 cm: halfway between the default body's hand and
 # that of Buchholz, Armstrong and Goldstein (Anthropometric data for describing the kinematics of the human hand, 1992).
 _BASE = ((3.2, -0.9, 2.7), (9.8, -0.4, 2.45), (9.65, 0.0, 0.1), (9.05, 0.0, -2.0), (8.2, -0.5, -3.9))
 _LENGTH = ((3.3, 3.6, 2.9), (3.7, 2.6, 2.3), (4.3, 3.0, 2.4), (3.85, 2.8, 2.4), (3.05, 1.95, 1.95))
-_THUMB = ((0.64, -0.58, 0.50), (0.79, -0.49, 0.37), (0.86, -0.49, 0.14))  # where the thumb's bones point at rest
-# Where markers are, cm from the points that they belong to, in the axes of the hand at rest.
+_THUMB = ((0.64, -0.58, 0.50), (0.79, -0.49, 0.37), (0.86, -0.49, 0.14))  # directions of the thumb's bones at rest
+# Positions of markers, cm from their points, in the axes of the hand at rest.
 _WORN = {"pinky_base": (-0.7, 1.2, 0.3), "wrist": (0.0, 2.8, 0.0), "index_base": (-1.2, 2.0, 0.5)}
 
 
 class _Block(NamedTuple):
-    """Parameters of one kind: how many, and their standard deviation."""
+    """Parameters of one kind: number and standard deviation."""
 
     name: str
     length: int
@@ -67,21 +67,21 @@ _BLOCKS = (
     _Block("finger", 5, 0.05),  # log, of all bones of a finger
     _Block("length", 15, 0.09),  # log, of a bone
     _Block("tilt", 5, 7.0),  # degrees about the finger: its hinges
-    _Block("spread", 5, 4.0),  # degrees to the side: where the finger points at rest
+    _Block("spread", 5, 4.0),  # degrees to the side: direction of the finger at rest
     _Block("raise", 5, 4.0),  # degrees up
-    _Block("thumb", 3, 10.0),  # degrees: how the thumb as a whole is turned
-    _Block("thumb_bones", 6, 8.0),  # degrees: how its second and last bone are, from where they point otherwise
+    _Block("thumb", 3, 10.0),  # degrees: rotation of the whole thumb
+    _Block("thumb_bones", 6, 8.0),  # degrees: rotations of its second and last bone from their usual directions
     _Block("worn", 27, 0.35),  # cm, of every marker
-    _Block("along", 6, 0.35),  # cm toward the base: where on its segment a finger's marker sits
-    _Block("back", 9, 0.4),  # cm, of the markers on the back of the hand, beside
+    _Block("along", 6, 0.35),  # cm toward the base: position of a finger's marker on its segment
+    _Block("back", 9, 0.4),  # cm, additional, of the markers on the back of the hand
 )
 COUNT = sum(block.length for block in _BLOCKS)
-SHAPE = COUNT - 42  # the first of them: of the hand without a glove
+SHAPE = COUNT - 42  # the first of them, without those of the glove
 
 
 @dataclass(frozen=True, eq=False)
 class GlovedHand:
-    """A hand (a left one, the wrist at the origin), how its joints' axes are turned, and the glove on it."""
+    """A hand (a left one, the wrist at the origin), the rotation of its joints' axes, and its glove."""
 
     skeleton: Skeleton
     axes: np.ndarray = field(repr=False)  # (15, 4) wxyz, from the axes of `hand.joint_bases` to this hand's, at rest
@@ -97,24 +97,24 @@ class HandShapes(NamedTuple):
 
 
 def draw_parameters(rng: np.random.Generator) -> np.ndarray:
-    """(COUNT,) of somebody."""
+    """Draw parameters (COUNT,) of a random hand."""
     return np.clip(rng.standard_normal(COUNT), -FARTHEST, FARTHEST)
 
 
 def draw_hand(rng: np.random.Generator) -> GlovedHand:
-    """Somebody's hand."""
+    """Draw a random hand."""
     return hand_of(draw_parameters(rng))
 
 
 def plain_hand(skeleton: Skeleton) -> GlovedHand:
-    """A hand whose joints turn as the default hand's do and whose glove is the default one."""
+    """Return a hand with the default hand's axes and the default glove."""
     axes = np.zeros((len(HAND_JOINTS) - 1, 4))
     axes[:, 0] = 1.0
     return GlovedHand(skeleton, axes, default_glove())
 
 
 def body_with(skeleton: Skeleton, side: Side, hand: GlovedHand) -> Skeleton:
-    """A body with another hand on one side: the wrist stays, what hangs on it is the hand's."""
+    """Return a body with another hand on one side: the wrist is unchanged, its descendants are the hand's."""
     offset = np.array(skeleton.rest_offset)
     points = skeleton.indices([f"{side}_{name}" for name in _POINTS[1:]])
     offset[points] = mirrored_vectors(hand.skeleton.rest_offset[1:], side)
@@ -126,8 +126,8 @@ def hand_from_rows(
 ) -> GlovedHand:
     """A hand from its resting offsets (21, 3) m, the turns of its axes (15, 4) and offsets of markers (M, 3) m.
 
-    `sitting` has a row for every marker, its name, its point and the joint that carries it; none for the standard ones.
-    Raises BodysenseError for numbers of which no hand is made.
+    `sitting` has a row for every marker, its name, its point and the joint that carries it; empty for the standard set.
+    Raises BodysenseError for numbers that are not a hand's.
     """
     standard = default_glove()
     rows = [list(row) for row in sitting] or _sitting(standard)
@@ -148,13 +148,13 @@ def hand_from_rows(
 
 
 def rows_of(hand: GlovedHand) -> dict[str, np.ndarray]:
-    """The numbers that `hand_from_rows` makes the hand of."""
+    """Return the numbers from which `hand_from_rows` builds the hand."""
     worn = hand.glove.offset * (hand_size(hand.skeleton) / hand.glove.size)
     return {"points": hand.skeleton.rest_offset, "axes": hand.axes, "markers": worn}
 
 
 def sitting_of(hand: GlovedHand) -> list[list[str]]:
-    """Where its markers sit, as `hand_from_rows` takes it: none for the standard ones."""
+    """Return its markers as `hand_from_rows` takes them; empty for the standard ones."""
     return [] if hand.glove.markers == default_glove().markers else _sitting(hand.glove)
 
 
@@ -163,20 +163,20 @@ def _sitting(glove: Glove) -> list[list[str]]:
 
 
 def hand_of(parameters: np.ndarray) -> GlovedHand:
-    """The hand of parameters (COUNT,)."""
+    """Return the hand of parameters (COUNT,)."""
     shapes = shapes_of(parameters)
     return hand_from_rows(shapes.rest, shapes.axes, shapes.worn)
 
 
 def shapes_of(parameters: np.ndarray) -> HandShapes:
-    """The shapes of parameters (..., COUNT), many at once."""
+    """Return the shapes of parameters (..., COUNT), many at once."""
     part = _parts(parameters)
     rest, axes = bare_shapes_of(parameters)
     return HandShapes(rest, axes, 0.01 * np.exp(part["size"])[..., None] * _worn(part, axes[..., ::3, :]))
 
 
 def bare_shapes_of(parameters: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Resting offsets (..., 21, 3) m and axes (..., 15, 4) of parameters (..., SHAPE or more)."""
+    """Return resting offsets (..., 21, 3) m and axes (..., 15, 4) of parameters (..., SHAPE or more)."""
     part, batch = _parts(parameters), parameters.shape[:-1]
     size = np.exp(part["size"])[..., None]
     base = np.array(_BASE) + part["base"].reshape(*batch, 5, 3)
@@ -193,7 +193,7 @@ def bare_shapes_of(parameters: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def carried_over(pose: Pose, hand: GlovedHand) -> Pose:
-    """The motion of a hand with the default axes, on another one: its joints turn as far, about their own axes."""
+    """Transfer the motion of a hand with default axes to another one: joints turn equally, about their own axes."""
     rotation = np.array(pose.rotation, dtype=float)
     turned = quaternion_multiply(quaternion_multiply(hand.axes, rotation[..., 1:, :]), quaternion_conjugate(hand.axes))
     rotation[..., 1:, :] = quaternion_canonical(turned)
@@ -201,7 +201,7 @@ def carried_over(pose: Pose, hand: GlovedHand) -> Pose:
 
 
 def _parts(parameters: np.ndarray) -> dict[str, np.ndarray]:
-    """Of every block its values (..., n), angles in radians."""
+    """Return the values (..., n) of every block, angles in radians."""
     parts, start = {}, 0
     for block in _BLOCKS:
         parts[block.name] = block.deviation * parameters[..., start : start + block.length]
@@ -212,7 +212,7 @@ def _parts(parameters: np.ndarray) -> dict[str, np.ndarray]:
 
 
 def _turns(part: dict[str, np.ndarray]) -> np.ndarray:
-    """(..., 5, 4) how every finger as a whole is turned at rest."""
+    """Return (..., 5, 4) rotations of whole fingers at rest."""
     vector = np.stack([part["tilt"], part["spread"], part["raise"]], axis=-1)
     vector[..., 0, 1:] = 0.0  # the thumb has turns of its own
     about = np.asarray(quaternion_exp(vector * [1.0, 0.0, 0.0]))
@@ -223,7 +223,7 @@ def _turns(part: dict[str, np.ndarray]) -> np.ndarray:
 
 
 def _directions(part: dict[str, np.ndarray]) -> np.ndarray:
-    """(..., 5, 3, 3) where bones point, but for the turn of the whole finger."""
+    """Return (..., 5, 3, 3) directions of bones, before the rotation of the whole finger."""
     batch = part["size"].shape[:-1]
     directions = np.broadcast_to([1.0, 0.0, 0.0], (*batch, 5, 3, 3)).copy()
     bent = np.asarray(quaternion_exp(part["thumb_bones"].reshape(*batch, 2, 3)))
@@ -234,7 +234,7 @@ def _directions(part: dict[str, np.ndarray]) -> np.ndarray:
 
 
 def _worn(part: dict[str, np.ndarray], turn: np.ndarray) -> np.ndarray:
-    """(..., 9, 3) cm, offsets of markers in the axes of the hand at rest."""
+    """Return (..., 9, 3) cm, offsets of markers in the axes of the hand at rest."""
     batch = part["size"].shape[:-1]
     worn = part["worn"].reshape(*batch, len(MARKERS), 3).copy()
     for row, name in enumerate(MARKERS[:3]):
@@ -252,18 +252,18 @@ def _unit(vectors: np.ndarray) -> np.ndarray:
 
 @lru_cache(maxsize=1)
 def _rows() -> tuple[list[int], list[list[int]]]:
-    """Which points are the bases (5,) of fingers, and which end their bones (5, 3)."""
+    """Return indices of the bases (5,) of fingers, and of the ends of their bones (5, 3)."""
     bases = [_POINTS.index(f"{finger}1") for finger in FINGERS]
     ends = [[_POINTS.index(f"{finger}{k}") for k in ("2", "3", "_tip")] for finger in FINGERS]
     return bases, ends
 
 
-_CLOSED = ((0.0, 0.0), (0.25, 0.2), (0.5, 0.4), (0.8, 0.6))  # of their range, how far fingers and thumb are bent
+_CLOSED = ((0.0, 0.0), (0.25, 0.2), (0.5, 0.4), (0.8, 0.6))  # flexion of fingers and thumb, as a share of their range
 
 
 @lru_cache(maxsize=16)
 def hand_shapes(hand: Skeleton) -> np.ndarray:
-    """Markers (S, M, 3) m of a left hand whose wrist is the origin: flat, relaxed, half closed, nearly a fist."""
+    """Return markers (S, M, 3) m of a left hand, its wrist the origin: flat, relaxed, half closed, nearly a fist."""
     rotation = np.zeros((len(_CLOSED), len(hand.joints), 4))
     rotation[:, 0, 0] = 1.0
     for shape, (fingers, thumb) in zip(rotation, _CLOSED, strict=True):
@@ -275,9 +275,9 @@ def hand_shapes(hand: Skeleton) -> np.ndarray:
 
 @lru_cache(maxsize=16)
 def marker_ranges(hand: Skeleton) -> np.ndarray:
-    """(M, K, 3) m where the markers of a left hand may be, its wrist the origin: bent more or less, fingers not spread.
+    """Return (M, K, 3) m possible positions of a left hand's markers, its wrist the origin: any flexion, no spread.
 
-    A marker on the back of the hand stands in one place, K times.
+    A marker on the back of the hand has one position, repeated K times.
     """
     steps = np.linspace(0, 1, 8)
     base, middle = (grid.ravel()[:, None] for grid in np.meshgrid(-20 + 110 * steps, 100 * steps))
@@ -299,9 +299,9 @@ def marker_ranges(hand: Skeleton) -> np.ndarray:
 
 
 def unlikeness(shapes: np.ndarray, markers: np.ndarray) -> np.ndarray:
-    """How far (N,) m, root mean square, N gloves' markers (N, M, 3) m of left hands are from the shape most like them.
+    """Return the distance (N,) m, root mean square, of gloves' markers (N, M, 3) m from the most similar shape.
 
-    Markers are NaN where missing; without any it is infinite.
+    Markers are NaN where missing; if all are, the distance is infinite.
     """
     count = len(shapes)
     several, like = np.repeat(markers, count, axis=0), np.tile(shapes, (len(markers), 1, 1))

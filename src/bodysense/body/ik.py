@@ -1,4 +1,4 @@
-"""Inverse kinematics: the posed skeleton whose points lie nearest to target positions, bone lengths kept."""
+"""Inverse kinematics: the posed skeleton whose points are closest to target positions, at constant bone lengths."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ _MOST_DAMPING = 1e6
 
 @dataclass(frozen=True)
 class IkSettings:
-    """How inverse kinematics weighs and when it stops. Weights stand beside a point's weight of 1."""
+    """Weights and stopping criteria of inverse kinematics. Weights are relative to a point's weight of 1."""
 
     max_iterations: int = 20  # steps a frame, at most
-    tolerance: float = 3e-5  # m: stop when what a linear step neglects is less (root mean square of all points)
-    posture_weight: float = 1e-5  # pull of joints toward the relaxed posture, for what positions leave open
+    tolerance: float = 3e-5  # m: stop if the error of a linear step is less (root mean square of all points)
+    posture_weight: float = 1e-5  # pull toward the relaxed posture where positions leave freedom
     limits: bool = False  # keep joints within their anatomical ranges (posture.py)
-    limit_weight: float = 100.0  # how hard a joint is pushed back from beyond its range
-    damping: float = 1e-7  # Levenberg-Marquardt damping that a frame starts with
+    limit_weight: float = 100.0  # stiffness of a joint beyond its range
+    damping: float = 1e-7  # initial Levenberg-Marquardt damping of a frame
 
     def __post_init__(self) -> None:
         if self.max_iterations < 1:
@@ -41,11 +41,11 @@ class IkSettings:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class PosedBody:
-    """A posed body in the world, as inverse kinematics keeps it."""
+    """A posed body in the world, with the quantities of inverse kinematics."""
 
     root_position: np.ndarray  # (3,) m
     world_rotation: np.ndarray  # (J, 4) wxyz, world ← joint
-    world_matrix: np.ndarray  # (J, 3, 3) the same
+    world_matrix: np.ndarray  # (J, 3, 3) as matrices
     local_rotation: np.ndarray  # (J, 4) wxyz, w ≥ 0, parent ← joint
     bone: np.ndarray  # (P − 1, 3) m, from its parent to every point but the root
     position: np.ndarray  # (P, 3) m
@@ -53,13 +53,13 @@ class PosedBody:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class IkState:
-    """A solved frame: where the next frame starts, and what was reached."""
+    """A solved frame: the start of the next frame, and the result."""
 
     body: PosedBody
     cost: float  # m²: weighted sum of squared distances to the targets, and of turns from orientation targets
     iterations: int  # steps taken
-    converged: bool  # False where max_iterations ended the search
-    tension: np.ndarray  # (P − 1,) how hard the targets pull every bone outward, in points of weight 1 at its end
+    converged: bool  # False if max_iterations ended the search
+    tension: np.ndarray  # (P − 1,) outward pull of the targets on every bone, in points of weight 1 at its end
 
     @property
     def position(self) -> np.ndarray:
@@ -86,11 +86,11 @@ class InverseKinematics:
     """Gauss-Newton inverse kinematics of one skeleton; immutable, safe to share between threads.
 
     Minimises Σᵢ wᵢ |pᵢ − tᵢ|² over all points (world-space position errors, as UNOC does), plus optional orientation
-    targets and a tiny pull toward a relaxed posture. That pull settles what positions leave open, such as the twist
-    of upper arm and thigh: of all twists the one that lets elbow or knee bend the way they do.
+    targets and a tiny pull toward a relaxed posture. That pull determines what positions do not, such as the twist
+    of upper arm and thigh: the twist at which elbow or knee bends naturally is preferred.
 
     The unknowns are the root's position and one world rotation a joint, R ← exp(φ) R, which makes a point a plain sum
-    of bones and spares the products along chains; `condensed.py` solves for them.
+    of bones and avoids products along chains; `condensed.py` solves for them.
     """
 
     def __init__(self, skeleton: Skeleton, settings: IkSettings | None = None) -> None:
@@ -113,7 +113,7 @@ class InverseKinematics:
 
         anatomy = posture(skeleton)
         stiffness = np.sqrt(settings.posture_weight * anatomy.stiffness) * lever[:, None]
-        stiffness[0] = 0  # the root stands freely in the world
+        stiffness[0] = 0  # the root is free in the world
         self._stiffness = stiffness
         self._relaxed = 2 * _half_sine(anatomy.relaxed)
         bounds = np.stack([anatomy.low, anatomy.high])
@@ -131,11 +131,11 @@ class InverseKinematics:
         """Solve one frame.
 
         Args:
-            target: (P, 3) m, world: where each point of the skeleton should be; NaN where its weight is 0.
+            target: (P, 3) m, world: wanted position of each point of the skeleton; NaN where its weight is 0.
             weight: (P,) ≥ 0; 0 ignores a point. None: 1 for every point.
-            rotation_target: (J, 4) wxyz, world: how joints should be turned; NaN where the weight is 0.
+            rotation_target: (J, 4) wxyz, world: wanted rotations of joints; NaN where the weight is 0.
             rotation_weight: (J,) m²/rad² ≥ 0; (0.1 m)² pulls like a point of weight 1 at 0.1 m. None: 0.01 for all.
-            state: the frame before; None starts afresh.
+            state: the frame before; None resets.
 
         Returns:
             The pose (local rotations, w ≥ 0) and the state for the next frame.
@@ -149,22 +149,22 @@ class InverseKinematics:
             found = self._descend(problem, self._posed(*_aligned(self.skeleton, problem)))
         else:
             found = self._descend(problem, state.body, state.tension)
-            # A target that jumped can leave the body turned the wrong way: see whether a fresh start does better.
+            # A target that jumped can leave the body in a wrong minimum: check whether a fresh start is better.
             if found.cost > 4 * state.cost + 1e-4 * float(problem.weight.sum()):
                 fresh = self._descend(problem, self._posed(*_aligned(self.skeleton, problem)))
                 found = fresh if fresh.cost < found.cost else found
         return Pose(self.skeleton, found.body.root_position, found.body.local_rotation), found
 
     def at(self, root_position: np.ndarray, world_rotation: np.ndarray) -> IkState:
-        """The state of a body that stands there, root (3,) m and joints (J, 4) wxyz, from which a frame may start."""
+        """Return the state of a body at root (3,) m with joints (J, 4) wxyz, as the start of a frame."""
         body = self._posed(np.array(root_position, dtype=np.float64), np.array(world_rotation, dtype=np.float64))
         return IkState(body, np.inf, 0, True, np.zeros(len(self._bone_parent)))
 
     def _descend(self, problem: _Problem, body: PosedBody, tension: np.ndarray | None = None) -> IkState:
-        """Gauss-Newton from a start; a step that raises the cost is damped until it does not.
+        """Run Gauss-Newton from a start; a step that raises the cost is damped until it does not.
 
-        The tension of the frame before tells better than the new one's how the bones will be pulled when the step is
-        done: most of what pulls at its start is the motion since then.
+        The tension of the frame before predicts the pull after the step better than the new one's: most of the pull at
+        its start is the motion since then.
         """
         settings = self.settings
         damping, converged, iteration = settings.damping, False, 0
@@ -195,10 +195,10 @@ class InverseKinematics:
                     pull = self._pull(problem, body, trial)
                 continue
             swept = trial.bone - body.bone
-            # Stops that a step ran into pull from the next one on.
+            # Stops that a step hit take effect in the next one.
             settled = not settings.limits or trial_pull.total > 0.9 * pull.total
             body, pull, damping = trial, trial_pull, max(settings.damping, damping * 0.1)
-            # The linear step took bones for straight lines: how far short that left the points.
+            # The linear step treated bones as straight lines: compute the resulting shortfall of the points.
             bulge = np.einsum("ij,ij->i", swept, swept) * self._half_inverse_square
             short = self._path @ (bulge[:, None] * body.bone)
             neglected = (short * problem.root_weight).ravel()
@@ -219,9 +219,9 @@ class InverseKinematics:
         return PosedBody(root, rotation, matrix, local, bone, position)
 
     def _pull(self, problem: _Problem, body: PosedBody, ahead: PosedBody | None = None) -> _Pull:
-        """How far a body is from the targets, from the relaxed posture and beyond its limits.
+        """Compute the distance of a body from the targets, from the relaxed posture and beyond its limits.
 
-        Stops that the body `ahead` ran into hold this one too, short of them as it is.
+        Stops that the body `ahead` hit hold this one too, although it is short of them.
         """
         error = body.position - problem.target
         weighted = (error * problem.root_weight).ravel()
@@ -241,23 +241,23 @@ class InverseKinematics:
             held = (there != wall) | (beyond != 0)
             beyond = np.where(beyond != 0, beyond, local - wall)
             stop = self._stop * held
-            # Two springs on one joint pull as one that is as stiff as both, from the place between their rests.
+            # Two springs on one joint act as one with both stiffnesses, at the weighted mean of their rests.
             both = np.sqrt(stiffness**2 + stop**2)
             spring = (stiffness * spring + stop**2 * beyond) / np.maximum(both, 1e-12)
             stiffness = both
         return _Pull(error, spring, stiffness, away, cost, cost + energy)
 
     def _tension(self, body: PosedBody, force: np.ndarray) -> np.ndarray:
-        """(P − 1,) how hard forces (P, 3) on the points pull every bone outward; 0 where they push."""
+        """Return (P − 1,) the outward pull of forces (P, 3) on every bone; 0 if they push."""
         along = np.einsum("ij,ij->i", self._path_t @ force, body.bone)
         return np.maximum(along * self._minus_inverse_square, 0.0)
 
     def _curvature(self, body: PosedBody, tension: np.ndarray) -> np.ndarray:
-        """(J, 12) what tension adds to the joints' normal matrices and right sides, (3, 4) row by row.
+        """Return (J, 12) contributions of tension to the joints' normal matrices and right sides, (3, 4) row by row.
 
-        A bone that is pulled outward, its target beyond its length, resists turning more than the linear model says;
+        A bone that is pulled outward, its target beyond its length, resists turning more than in the linear model;
         without that second-order term Gauss-Newton overshoots on noisy targets. The opposite term, of pushed bones,
-        would spoil positive definiteness and is left out.
+        would break positive definiteness and is omitted.
         """
         taut = body.bone * tension[:, None]
         outer = (taut[:, :, None] * body.bone[:, None, :]).reshape(-1, 9)
@@ -266,7 +266,7 @@ class InverseKinematics:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class _Problem:
-    """The targets of one frame, what is not known replaced by zeros of weight 0."""
+    """The targets of one frame, with unknown ones replaced by zeros of weight 0."""
 
     target: np.ndarray  # (P, 3)
     weight: np.ndarray  # (P,)
@@ -277,10 +277,10 @@ class _Problem:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class _Pull:
-    """What pulls on a body."""
+    """Residuals and stiffness of a body."""
 
     error: np.ndarray  # (P, 3) m, points minus targets
-    spring: np.ndarray  # (J, 3) weighted distance of local rotations from where they should be
+    spring: np.ndarray  # (J, 3) weighted distance of local rotations from their rest
     stiffness: np.ndarray  # (J, 3) square roots of their weights
     away: np.ndarray  # (A, 4, 1) weighted rotations of joints from their orientation targets
     cost: float  # m²: of points and orientation targets
@@ -317,7 +317,7 @@ def _problem(
 def _known(
     name: str, target: np.ndarray, weight: np.ndarray | None, *, full: float, of: tuple[str, ...], width: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """A target (N, width) with zeros where its weight is 0, and its weights (N,)."""
+    """Return a target (N, width) with zeros where its weight is 0, and its weights (N,)."""
     target = np.asarray(target, dtype=np.float64)
     if target.shape != (len(of), width):
         raise BodysenseError(f"inverse kinematics: {name} has shape {target.shape}; it must be {(len(of), width)}")
@@ -346,16 +346,16 @@ def _known(
 
 
 def _aim(problem: _Problem, body: PosedBody, away: np.ndarray) -> np.ndarray:
-    """Normal matrices and right sides (A, 12) of the orientation targets, (3, 4) row by row.
+    """Return normal matrices and right sides (A, 12) of the orientation targets, (3, 4) row by row.
 
-    An error is twice the vector part of target⁻¹ · rotation, either sign of it: the angle, where it is small.
+    An error is twice the vector part of target⁻¹ · rotation, of either sign: the angle if it is small.
     """
     slope = body.world_matrix[problem.aimed] @ (away[:, :, 0] @ TANGENT).reshape(-1, 3, 3)
     return (slope @ np.concatenate((slope.mT, 2 * away[:, 1:]), axis=2)).reshape(-1, 12)
 
 
 def _turned(rotation: np.ndarray, turn: np.ndarray) -> np.ndarray:
-    """Rotations (J, 4) turned in the world by small rotation vectors (J, 3); Cayley's map, never half a turn."""
+    """Turn rotations (J, 4) in the world by small rotation vectors (J, 3); Cayley's map, never half a turn."""
     half = (turn @ _HALF_LEFT).reshape(-1, 4, 4)
     turned = rotation + (half @ rotation[:, :, None])[:, :, 0]
     turned /= np.sqrt(np.einsum("ij,ij->i", turned, turned))[:, None]
@@ -363,12 +363,12 @@ def _turned(rotation: np.ndarray, turn: np.ndarray) -> np.ndarray:
 
 
 def _half_sine(rotation_vector: np.ndarray) -> np.ndarray:
-    """The vector part of rotation vectors' quaternions: (J, 3) → (J, 3)."""
+    """Return the vector part of rotation vectors' quaternions: (J, 3) → (J, 3)."""
     return rotation_vector * np.sinc(np.linalg.norm(rotation_vector, axis=1, keepdims=True) / (2 * np.pi)) / 2
 
 
 def _aligned(skeleton: Skeleton, problem: _Problem) -> tuple[np.ndarray, np.ndarray]:
-    """Closed-form start: from the root down, every joint is turned so that its bones point at their targets."""
+    """Return a closed-form start: from the root down, every joint is turned to point its bones at their targets."""
     known = problem.weight > 0
     offset, parents = skeleton.rest_offset, np.array(skeleton.parents)
     joints = len(skeleton.joints)
@@ -389,7 +389,7 @@ def _aligned(skeleton: Skeleton, problem: _Problem) -> tuple[np.ndarray, np.ndar
             position[joint] = position[parent] + rotation[parent] @ offset[joint]
         children = np.flatnonzero((parents == joint) & known)
         if children.size:
-            # The parent's turn, as a weak second opinion, settles what too few bones leave open: the shortest arc.
+            # The parent's rotation, with a small weight, determines what too few bones do not: the shortest arc.
             here = problem.target[joint] if known[joint] else position[joint]
             scatter = (problem.target[children] - here).T @ offset[children]
             weak = 1e-3 * (offset[children] ** 2).sum() + 1e-9
@@ -398,6 +398,6 @@ def _aligned(skeleton: Skeleton, problem: _Problem) -> tuple[np.ndarray, np.ndar
 
 
 def _nearest_rotation(matrix: np.ndarray) -> np.ndarray:
-    """The rotation R that maximises tr(Rᵀ M): (3, 3) → (3, 3). Kabsch 1976."""
+    """Return the rotation R that maximises tr(Rᵀ M): (3, 3) → (3, 3). Kabsch 1976."""
     u, _, v = np.linalg.svd(matrix)
     return (u * [1, 1, np.sign(np.linalg.det(u @ v))]) @ v

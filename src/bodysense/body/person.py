@@ -1,4 +1,4 @@
-"""A person: the wearer's proportions, how well each is known, and how each tracker is worn."""
+"""A person: the wearer's proportions, their uncertainty, and the mounts of trackers."""
 
 from __future__ import annotations
 
@@ -25,29 +25,29 @@ if TYPE_CHECKING:
 
 FORMAT = "bodysense-person-1"
 SHORTEST, TALLEST = 1.0, 2.3  # m: heights of a person
-SOLE = 0.05  # m: a skeleton is at most so much lower than its person, for its lowest points lie above the sole
-SENSOR = "_imu"  # behind the joint that carries an inertial sensor
-CROWN, FLOOR = "crown", "floor"  # between which a height is, in a file
-TOLD = 0.001  # m: standard deviation of a length that somebody told
+SOLE = 0.05  # m: a skeleton may be this much lower than its person, because its lowest points are above the sole
+SENSOR = "_imu"  # suffix of a joint that carries an inertial sensor
+CROWN, FLOOR = "crown", "floor"  # ends of a height, in a file
+TOLD = 0.001  # m: standard deviation of a given length
 
 
 @dataclass(frozen=True, eq=False, init=False)
 class Person:
-    """What is known of the wearer.
+    """Known properties of the wearer.
 
-    `Person()` is the likeliest adult, `Person(height=1.8)` the likeliest of that height, `Person(skeleton)` somebody
-    whose proportions are told, `Person(lengths={…})` the likeliest with those lengths.
+    `Person()` is the likeliest adult, `Person(height=1.8)` the likeliest of that height, `Person(skeleton)` a person of
+    known proportions, `Person(lengths={…})` the likeliest with those lengths.
     """
 
     skeleton: Skeleton  # the best guess of the wearer's proportions
-    bone_deviation: np.ndarray = field(repr=False)  # (P,) m, standard deviation of every bone's length; 0: told
-    # T_joint_tracker by the joint that carries the tracker; of an inertial sensor, of which only its rotation is known,
+    bone_deviation: np.ndarray = field(repr=False)  # (P,) m, standard deviation of each bone's length; 0: exact
+    # T_joint_tracker by the joint that carries the tracker; for an inertial sensor, which has a known rotation only,
     # by the joint and `SENSOR`.
     mounts: Mapping[str, RigidTransform]
-    # What the guess rests on, and what a tracker adds its own measurements to while it runs.
+    # Evidence for the guess, to which a tracker adds its own measurements while it runs.
     height: Measured | None
     lengths: Mapping[tuple[str, str], Measured]
-    hands: Mapping[str, GlovedHand]  # 'left' and 'right', of which gloves were calibrated
+    hands: Mapping[str, GlovedHand]  # 'left' and 'right', if their gloves were calibrated
 
     def __init__(
         self,
@@ -59,18 +59,18 @@ class Person:
         lengths: Mapping[tuple[str, str], Measured | float] | None = None,
         hands: Mapping[str, GlovedHand] | None = None,
     ) -> None:
-        """Make a person from a skeleton that is told, or from a height, or from nothing.
+        """Make a person from a known skeleton, from a height or lengths, or without any of them.
 
         Args:
             skeleton: the wearer's proportions, if they are known.
-            height: stature in metres, from the floor to the crown, without shoes. A plain number is told, known to
-                1 mm; `Measured(1.75, 0.02)` is known to 2 cm.
+            height: stature in metres, from the floor to the crown, without shoes. A plain number is known to 1 mm;
+            `Measured(1.75, 0.02)` is known to 2 cm.
             lengths: distances between two points of the T-pose, by the points' names: `{("left_hip", "left_knee"):
                 0.43}`, metres, as for `height`.
             bone_deviation: standard deviation (P,), metres, of the length of every point's bone; 0 for all points
-                of a skeleton that is told.
-            hands: 'left' and 'right', as a calibration of their gloves found them; the skeleton gets them.
-            mounts: how trackers are worn, by the joint that carries each: T_joint_tracker.
+                of a known skeleton.
+            hands: 'left' and 'right', from a calibration of their gloves; the skeleton gets them.
+            mounts: T_joint_tracker of trackers, by the joint that carries each.
         """
         stature = None if height is None else _measured(height, "height")
         known = {pair: _measured(value, f"distance {'–'.join(pair)}") for pair, value in (lengths or {}).items()}
@@ -123,7 +123,7 @@ class Person:
 
     @classmethod
     def told(cls, skeleton: Skeleton) -> Person:
-        """Somebody whose proportions are known exactly."""
+        """Return a person whose proportions are known exactly."""
         return cls(skeleton)
 
     @classmethod
@@ -132,11 +132,11 @@ class Person:
         lengths: Mapping[tuple[str, str], Measured | float] | None = None,
         height: Measured | float | None = None,
     ) -> Person:
-        """The likeliest person given a few lengths and a stature, as the constructor takes them."""
+        """Return the likeliest person given a few lengths and a stature, as the constructor takes them."""
         return cls(height=height, lengths=lengths)
 
     def wearing(self, mounts: Mapping[str, RigidTransform]) -> Person:
-        """The same person with these mounts in place of those before; trackers that are not in it stay as worn."""
+        """Return this person with these mounts added; mounts of other joints are unchanged."""
         return Person(
             self.skeleton,
             height=self.height,
@@ -182,7 +182,7 @@ class Person:
 
     @classmethod
     def load(cls, path: str | Path) -> Person:
-        """Read a file that `save` wrote. Raises BodysenseError where it is none."""
+        """Read a file that `save` wrote. Raises BodysenseError for any other file."""
         try:
             text = Path(path).read_text(encoding="utf-8")
         except OSError as error:
@@ -230,7 +230,7 @@ class Person:
 
 
 def _measured(value: Measured | float, what: str) -> Measured:
-    """A length that is measured or told; a height must be a person's."""
+    """Return a length as measured; a height must be a person's."""
     length = value if isinstance(value, Measured) else Measured(value, TOLD)
     if what == "height" and not SHORTEST <= length.value <= TALLEST:
         raise BodysenseError(
@@ -240,9 +240,9 @@ def _measured(value: Measured | float, what: str) -> Measured:
 
 
 def _estimate(lengths: Mapping[tuple[str, str], Measured], height: Measured | None) -> tuple[ShapeEstimate, float]:
-    """The likeliest shape, and by how much its skeleton has to be scaled.
+    """Return the likeliest shape, and the scale for its skeleton.
 
-    Whoever is taller or shorter than the adults of the shape space has the proportions of its tallest or shortest.
+    A person taller or shorter than the adults of the shape space has the proportions of its tallest or shortest.
     """
     space = shape_space()
     if height is None:
@@ -261,7 +261,7 @@ def _scaled(estimate: ShapeEstimate, scale: float) -> Skeleton:
 
 
 def _hand_row(side: str, hand: GlovedHand) -> dict[str, Any]:
-    """A row of 'hands' of a person's file."""
+    """Return a row of 'hands' of a person's file."""
     from bodysense.body.hand_family import rows_of, sitting_of
 
     row: dict[str, Any] = {name: values.ravel().tolist() for name, values in rows_of(hand).items()}
@@ -275,7 +275,7 @@ def _one_row_a_line(table: Iterable[dict]) -> str:
 
 
 def _rows(stored: dict, table: str, columns: Mapping[str, int]) -> list[dict]:
-    """The rows of a table of a person's file, their columns checked: 0 for a text, else how many numbers."""
+    """Return the rows of a table of a person's file with checked columns: 0 for a text, else how many numbers."""
     rows = stored.get(table)
     if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
         raise BodysenseError(f"{table!r} must be a list of rows with {', '.join(columns)}")
@@ -293,7 +293,7 @@ def _rows(stored: dict, table: str, columns: Mapping[str, int]) -> list[dict]:
 
 
 def _hand_rows(stored: dict) -> list[dict]:
-    """Those of 'hands'; each says how many markers it has by where they sit, else they are nine."""
+    """Return the rows of 'hands'; `sitting` has the number of markers, otherwise nine."""
     found = []
     for row in _rows(stored, "hands", {"side": 0}):
         sitting = row.get("sitting", [])
@@ -314,7 +314,7 @@ def _is_name(value: Any, column: str, table: str) -> bool:
 
 
 def _are_numbers(value: Any, size: int) -> bool:
-    """Whether a value of JSON is a finite number (size 1) or a list of so many, none so large that floats have none."""
+    """Whether a value of JSON is a finite number (size 1) or a list of `size` such numbers, all plausible."""
     values = [value] if size == 1 else value
     return (
         isinstance(values, list)

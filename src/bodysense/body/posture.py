@@ -1,4 +1,4 @@
-"""Anatomical tables: how joints hang when relaxed, and how far they turn.
+"""Anatomical tables: relaxed pose and range of joints.
 
 A turn is a rotation vector (degrees in the tables, radians outside) in the joint's own rest frame, parent ← joint. In
 the T-pose of a left side, palm down, +x runs along the arm and the fingers, +y up, +z forward: elbows bend about −y,
@@ -16,10 +16,10 @@ from bodysense.body.skeleton import Skeleton
 
 @dataclass(frozen=True)
 class Posture:
-    """What anatomy says of every joint of a skeleton; joints that the tables do not name are free and hang at rest."""
+    """Anatomy of every joint of a skeleton; joints that the tables do not name are free and rest at zero."""
 
     relaxed: np.ndarray  # (J, 3) rad, rotation vector of the relaxed joint
-    stiffness: np.ndarray  # (J, 3) how strongly it holds to that, beside 1
+    stiffness: np.ndarray  # (J, 3) strength of its pull to the relaxed pose, relative to 1
     low: np.ndarray  # (J, 3) rad, smallest rotation vector component
     high: np.ndarray  # (J, 3) rad, largest
 
@@ -61,7 +61,7 @@ for _finger in ("index", "middle", "ring", "pinky"):
 
 
 def posture(skeleton: Skeleton) -> Posture:
-    """Relaxed posture, stiffness and ranges of a skeleton's joints, found by their names.
+    """Return relaxed posture, stiffness and ranges of a skeleton's joints, by their names.
 
     The ranges are those of adults in American Academy of Orthopaedic Surgeons, Joint Motion: Method of Measuring and
     Recording, 1965 (elbow 0-150°, pronation and supination 80°, wrist flexion 80° and extension 70°, radial 20° and

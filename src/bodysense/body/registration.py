@@ -1,4 +1,4 @@
-"""Where a hand is: the rigid motion that takes known points best onto markers (two-hands, 2.2, equations 1 and 2)."""
+"""Registration of a hand: the rigid motion from known points to markers (two-hands, 2.2, equations 1 and 2)."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ import numpy as np
 
 from bodysense.body.products import MATRIX
 
-# What the markers leave open, such as the turn about a line of two, is as in the rotation given before: it is pulled
-# toward that by this much, m². Three markers 3 cm apart pull with 1e-3 m².
+# Freedoms that the markers do not determine, such as the turn about a line of two, keep the rotation given before: this
+# weight, m², pulls toward it. Three markers 3 cm apart pull with 1e-3 m².
 _PULL = 1e-9
 _PULLED = _PULL * np.eye(3)
-FEW = 4  # hands, up to which numbers one by one are faster than arrays
+FEW = 4  # hands, up to which scalar code is faster than arrays
 
 
 def _quadratic() -> np.ndarray:
-    """(9, 16): of S = Σ template·markerᵀ, row by row, the matrix N whose quadratic form qᵀNq the rotation maximises.
+    """Return (9, 16): from S = Σ template·markerᵀ, row by row, the matrix N whose form qᵀNq the rotation maximises.
 
     Horn, Closed-form solution of absolute orientation using unit quaternions, 1987.
     """
@@ -43,15 +43,15 @@ def register(
     known: np.ndarray,
     last: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Rotations (H, 3, 3) and translations (H, 3) m with markers ≈ rotation · template + translation.
+    """Return rotations (H, 3, 3) and translations (H, 3) m with markers ≈ rotation · template + translation.
 
     The least squares over the known markers, always a proper rotation: Kabsch's problem, solved with quaternions.
-    Where two markers, one, or points of a line leave a turn open, it is the one nearest to `last`; where nothing is
-    known, all is as in `last`.
+    If two markers, one, or points of a line leave a turn undetermined, it is the one closest to `last`; without known
+    markers, the result is `last`.
 
     Args:
         template: (M, 3) or (H, M, 3) m, points on the hand.
-        markers: (H, M, 3) m; anything where not known.
+        markers: (H, M, 3) m; arbitrary where unknown.
         known: (H, M) bool.
         last: the rotations and translations before; by default the identity at the origin.
     """
@@ -59,19 +59,19 @@ def register(
     return fit(levers(template, known), seen, last)[1:]
 
 
-# Places in a matrix, row by row: its cofactors are one · other − third · fourth.
+# Indices in a matrix, row by row: its cofactors are one · other − third · fourth.
 _ONE, _OTHER = [4, 5, 3, 7, 8, 6, 1, 2, 0], [8, 6, 7, 2, 0, 1, 5, 3, 4]
 _THIRD, _FOURTH = [5, 3, 4, 8, 6, 7, 2, 0, 1], [7, 8, 6, 1, 2, 0, 4, 5, 3]
 
 
 def _cofactors(matrix: np.ndarray) -> np.ndarray:
-    """Of matrices, row by row (H, 9, N): (H, 9, N)."""
+    """Return cofactors of matrices, row by row: (H, 9, N) → (H, 9, N)."""
     one, other, third, fourth = (matrix.take(places, axis=1) for places in (_ONE, _OTHER, _THIRD, _FOURTH))
     return one * other - third * fourth
 
 
 def registered_threes(template: np.ndarray, markers: np.ndarray, members: np.ndarray) -> np.ndarray:
-    """Templates (H, M, 3) m, each moved onto markers (M, 3) m by three of them at a time, N times: (H, M, 3, N) m.
+    """Move templates (H, M, 3) m onto markers (M, 3) m by three of them at a time, N times: (H, M, 3, N) m.
 
     `members` (M, N) are 1 for the three, which are not on a line, and else 0. In closed form, in a fifth of the time
     that `register` takes: S has rank 2, so that its singular values s and t have the product |cofactors of S| and the
@@ -93,17 +93,17 @@ def registered_threes(template: np.ndarray, markers: np.ndarray, members: np.nda
 
 
 class Levers(NamedTuple):
-    """What registering needs of the template and of which markers are known."""
+    """Precomputed registration data of a template and a set of known markers."""
 
-    lever: np.ndarray  # (H, 4, M) of each marker, weighted: from the template's mean, m; and 1
+    lever: np.ndarray  # (H, 4, M) weighted, of each marker: from the template's mean, m; and 1
     base: np.ndarray  # (H, 1, 3) m, the template's mean
-    bases: list[list[float]]  # the same as numbers
-    loose: bool  # whether some hand has so few markers that they may leave a turn open
-    empty: np.ndarray | None  # (H,) bool, where nothing is known; None where something is in all
+    bases: list[list[float]]  # as numbers
+    loose: bool  # whether a hand has so few markers that a turn may be undetermined
+    empty: np.ndarray | None  # (H,) bool, hands without known markers; or None if all have some
 
 
 def levers(template: np.ndarray, known: np.ndarray) -> Levers:
-    """Of a template (M, 3) or (H, M, 3) m and known (H, M)."""
+    """Return the levers of a template (M, 3) or (H, M, 3) m and known (H, M)."""
     count = known.sum(axis=1)
     weight = (known / np.maximum(count, 1)[:, None])[:, None]
     base = weight @ template
@@ -114,8 +114,8 @@ def levers(template: np.ndarray, known: np.ndarray) -> Levers:
 def fit(
     levers: Levers, seen: np.ndarray, last: tuple[np.ndarray, np.ndarray] | None = None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """`register` with the rotations as quaternions (H, 4) wxyz before them; markers `seen` (H, M, 3) without NaN."""
-    drawn = levers.lever @ seen  # Σ lever is 0: the markers' mean need not be taken off
+    """Run `register`, and return quaternions (H, 4) wxyz first; markers `seen` (H, M, 3) have no NaN."""
+    drawn = levers.lever @ seen  # Σ lever is 0, so the markers' mean need not be subtracted
     hands, spread = len(drawn), drawn[:, :3]
     if levers.loose:
         spread += _PULLED if last is None else _PULL * last[0].swapaxes(1, 2)
@@ -133,9 +133,9 @@ def fit(
 
 
 def _turns(drawn: np.ndarray, bases: list[list[float]]) -> np.ndarray | None:
-    """(H, 16) the quaternions, matrices and translations of a few hands, number by number.
+    """Return (H, 16) quaternions, matrices and translations of a few hands, in scalar code.
 
-    None where one is not well determined.
+    Returns None if one is not well determined.
 
     Theobald, Rapid calculation of RMSDs using a quaternion-based characteristic polynomial, 2005: for a hand or two a
     fraction of the time that eigenvectors take.
@@ -191,7 +191,7 @@ def _turns(drawn: np.ndarray, bases: list[list[float]]) -> np.ndarray | None:
 def _minors(
     a: float, b: float, c: float, d: float, e: float, f: float, g: float, h: float, i: float, j: float
 ) -> tuple[float, ...]:
-    """The 2 × 2 minors of the upper two rows (columns 01, 02, 03, 12, 13, 23), then of the lower two."""
+    """Return the 2 × 2 minors of the upper two rows (columns 01, 02, 03, 12, 13, 23), then of the lower two."""
     return (
         *(a * e - b * b, a * f - c * b, a * g - d * b, b * f - c * e, b * g - d * e, c * g - d * f),
         *(c * g - f * d, c * i - h * d, c * j - i * d, f * i - h * g, f * j - i * g, h * j - i * i),
@@ -199,23 +199,23 @@ def _minors(
 
 
 def matrix_of(w: float, x: float, y: float, z: float) -> tuple[float, ...]:
-    """The matrix of a unit quaternion, row by row."""
+    """Return the matrix of a unit quaternion, row by row."""
     ww, xx, yy, zz, wx, wy, wz = w * w, x * x, y * y, z * z, 2 * w * x, 2 * w * y, 2 * w * z
     xy, yz, zx = 2 * x * y, 2 * y * z, 2 * z * x
     return ww + xx - yy - zz, xy - wz, zx + wy, xy + wz, ww - xx + yy - zz, yz - wx, zx - wy, yz + wx, ww - xx - yy + zz
 
 
 def to_matrix(quaternion: np.ndarray) -> np.ndarray:
-    """Unit quaternions (..., 4) to matrices (..., 3, 3), in few calls."""
+    """Convert unit quaternions (..., 4) to matrices (..., 3, 3), in few calls."""
     square = quaternion[..., :, None] * quaternion[..., None, :]
     return (square.reshape(*quaternion.shape[:-1], 16) @ MATRIX).reshape(*quaternion.shape[:-1], 3, 3)
 
 
 def moved(points: np.ndarray, rotation: np.ndarray, translation: np.ndarray) -> np.ndarray:
-    """Points (H, M, 3) of the hand into the world."""
+    """Transform points (H, M, 3) of the hand into the world."""
     return points @ rotation.swapaxes(1, 2) + translation[:, None]
 
 
 def brought_back(points: np.ndarray, rotation: np.ndarray, translation: np.ndarray) -> np.ndarray:
-    """Points (H, M, 3) of the world into the hand: the inverse of `moved`."""
+    """Transform points (H, M, 3) of the world into the hand: the inverse of `moved`."""
     return (points - translation[:, None]) @ rotation

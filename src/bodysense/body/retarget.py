@@ -1,4 +1,4 @@
-"""Retargeting: the same motion on a body of other proportions, its feet as high above the floor as they were."""
+"""Retargeting: a motion on a body of other proportions, with the feet's heights above the floor preserved."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ SOLE_POINTS = tuple(f"{side}_{name}" for side in ("left", "right") for name in (
 
 
 def retargeted(clip_pose: Pose, skeleton: Skeleton) -> Pose:
-    """The same motion on another skeleton of the same tree.
+    """Transfer a motion to another skeleton of the same tree.
 
-    Rotations are kept, the root's path is scaled with the length of the legs, and every frame is then moved
+    Rotations are unchanged, the root's path is scaled with the length of the legs, and every frame is then moved
     vertically, so that the lowest sole has its clearance (`sole_clearance`) at that scale.
 
     Args:
@@ -42,15 +42,15 @@ def retargeted(clip_pose: Pose, skeleton: Skeleton) -> Pose:
 
 
 def on_body(pose: Pose, skeleton: Skeleton) -> Pose:
-    """The same motion on another body of the same tree, its feet on the floor and its hands where they were.
+    """Transfer a motion to another body of the same tree, with feet on the floor and hands in place.
 
-    The world is scaled with the length of the legs. In it ankles and wrists (poses (..., T), NumPy) come to the places
-    that they had, as far as legs and arms reach, so that hands that met still meet; feet and hands keep their rotation.
+    The world is scaled with the length of the legs. In it ankles and wrists (poses (..., T), NumPy) keep their
+    positions as far as legs and arms reach, so that hands that met still meet; feet and hands keep their rotation.
     """
     scale = leg_length(skeleton) / leg_length(pose.skeleton)
     place = scale * forward_kinematics(pose)[0]
     moved = retargeted(pose, skeleton)
-    # An ankle is as high over the floor as its own foot is thick.
+    # The height of an ankle over the floor is its own foot's.
     thicker = _ankle_height(skeleton) - scale * _ankle_height(pose.skeleton)
     for part, rise in (("ankle", thicker), ("wrist", 0.0)):
         for end in (f"left_{part}", f"right_{part}"):
@@ -60,23 +60,23 @@ def on_body(pose: Pose, skeleton: Skeleton) -> Pose:
 
 
 def _ankle_height(skeleton: Skeleton) -> float:
-    """Height of the ankles over the floor in the rest pose, metres."""
+    """Return the height of the ankles over the floor in the rest pose, metres."""
     height = skeleton.rest_offset[0, 1] + (skeleton.path @ skeleton.rest_offset)[:, 1]
     return float(height[skeleton.indices(["left_ankle", "right_ankle"])].mean())
 
 
 def sole_clearance(position: Array, skeleton: Skeleton) -> Array:
-    """Height (...) m of the lowest sole above the floor y = 0, from points (..., P, 3) m of a body; below it negative.
+    """Return the height (...) m of the lowest sole above the floor y = 0, from points (..., P, 3) m; negative below it.
 
-    A sole is as high as the lowest of ankle, ball and toe tip, each measured from its height in the rest pose with the
-    soles on the floor.
+    A sole is the lowest of ankle, ball and toe tip, each measured from its height in the rest pose with the soles on
+    the floor.
     """
     xp = array_namespace(position)
     return xp.minimum(side_clearance(position, skeleton, "left"), side_clearance(position, skeleton, "right"))
 
 
 def side_clearance(position: Array, skeleton: Skeleton, side: str) -> Array:
-    """The same (...) of one foot, 'left' or 'right'."""
+    """Return `sole_clearance` (...) of one foot, 'left' or 'right'."""
     xp = array_namespace(position)
     soles = skeleton.indices([name for name in SOLE_POINTS if name.startswith(side)])
     resting = skeleton.rest_offset[0, 1] + (skeleton.path @ skeleton.rest_offset)[soles, 1]
@@ -85,6 +85,6 @@ def side_clearance(position: Array, skeleton: Skeleton, side: str) -> Array:
 
 
 def leg_length(skeleton: Skeleton) -> float:
-    """Length of thigh and shin, mean of the two sides, metres."""
+    """Return the length of thigh and shin, mean of the two sides, metres."""
     bones = skeleton.indices([f"{side}_{name}" for side in ("left", "right") for name in ("knee", "ankle")])
     return float(skeleton.bone_length[bones].sum() / 2)

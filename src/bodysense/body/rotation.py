@@ -74,7 +74,7 @@ def quaternion_conjugate(q: Array) -> Array:
 
 
 def quaternion_canonical(q: Array) -> Array:
-    """The same rotation with w ≥ 0."""
+    """Return the equal rotation with w ≥ 0."""
     xp = array_namespace(q)
     return xp.where(q[..., :1] < 0, -q, q)
 
@@ -98,7 +98,7 @@ def quaternion_to_matrix(q: Array) -> Array:
 
 
 def matrix_to_quaternion(m: Array) -> Array:
-    """(..., 3, 3) → (..., 4), w ≥ 0. Of Shepperd's four forms the best conditioned is taken at each element."""
+    """Convert (..., 3, 3) → (..., 4), w ≥ 0, by the best conditioned of Shepperd's four forms at each element."""
     xp = array_namespace(m)
     m00, m11, m22 = m[..., 0, 0], m[..., 1, 1], m[..., 2, 2]
     a, b, c = m[..., 2, 1] - m[..., 1, 2], m[..., 0, 2] - m[..., 2, 0], m[..., 1, 0] - m[..., 0, 1]

@@ -12,7 +12,7 @@ import numpy as np
 from bodysense.errors import BodysenseError
 
 FINGERS = ("index", "middle", "pinky", "ring", "thumb")
-# The 22 joints of SMPL without its hands, in its order, which all three-point methods are measured on.
+# The 22 joints of SMPL without its hands, in its order, which all three-point methods use for evaluation.
 # fmt: off
 BODY = (
     "pelvis", "left_hip", "right_hip", "spine1", "left_knee", "right_knee", "spine2", "left_ankle", "right_ankle",
@@ -20,7 +20,7 @@ BODY = (
     "right_shoulder", "left_elbow", "right_elbow", "left_wrist", "right_wrist",
 )
 # fmt: on
-# Of these the lower body as AGRoL (Du et al. 2023) counts it; hands are the wrists.
+# The lower body among them as in AGRoL (Du et al. 2023); hands are the wrists.
 LOWER_BODY = tuple(name for name in BODY if name.split("_")[-1] in ("pelvis", "hip", "knee", "ankle", "foot"))
 
 
@@ -86,7 +86,7 @@ class Skeleton:
 
     @cached_property
     def levels(self) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
-        """Joints by depth below the root: (their indices, the place of each one's parent in the level above)."""
+        """Joints by depth below the root: (their indices, the index of each one's parent in the level above)."""
         depth = [0] * len(self.joints)
         for joint in range(1, len(self.joints)):
             depth[joint] = depth[self.parents[joint]] + 1
@@ -101,7 +101,7 @@ class Skeleton:
 
     @cached_property
     def path(self) -> np.ndarray:
-        """(P, P) 0/1: path[i, k] is 1 where point k lies on the way from the root (excluded) to point i (included).
+        """(P, P) 0/1: path[i, k] is 1 if point k is on the path from the root (excluded) to point i (included).
 
         With bone vectors in the world, positions are `root + path @ bones`.
         """
@@ -114,7 +114,7 @@ class Skeleton:
 
     @cached_property
     def wrist_of(self) -> np.ndarray:
-        """(P,) index of the wrist that each point of a finger hangs on; -1 for every other point."""
+        """(P,) index of the wrist of each finger's point; -1 for every other point."""
         wrists = np.full(len(self.points), -1)
         for point, name in enumerate(self.points):
             side, _, part = name.partition("_")
@@ -146,20 +146,20 @@ class Skeleton:
         return length
 
     def with_offsets(self, rest_offset: np.ndarray) -> Skeleton:
-        """The same tree with other rest offsets (P, 3), metres."""
+        """Return the tree with other rest offsets (P, 3), metres."""
         offset = np.array(rest_offset, dtype=np.float64)
         if offset.shape != self.rest_offset.shape or not np.isfinite(offset).all():
-            return replace(self, rest_offset=offset)  # which says what is wrong
+            return replace(self, rest_offset=offset)  # raises the error
         offset.setflags(write=False)
         other = object.__new__(Skeleton)
-        other.__dict__.update(self.__dict__)  # and what was derived from the tree alone
+        other.__dict__.update(self.__dict__)  # values derived from the tree alone are shared
         other.__dict__.pop("height", None)
         other.__dict__.pop("bone_length", None)
         other.__dict__["rest_offset"] = offset
         return other
 
     def scaled(self, height: float) -> Skeleton:
-        """The same proportions at another rest-pose height (metres, joints and end sites)."""
+        """Scale the proportions to another rest-pose height (metres, joints and end sites)."""
         if not 0.3 <= height <= 3.0:
             raise BodysenseError(f"height {height:g} m is not a person's; give metres between 0.3 and 3.0")
         return self.with_offsets(self.rest_offset * (height / self.height))

@@ -1,4 +1,4 @@
-"""What estimators of points return, and what an estimator is; the tracker's own `Estimate` is in `observation.py`."""
+"""Interface of point estimators and their results; the tracker's own `Estimate` is in `observation.py`."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from bodysense.observation import Observation
 
 @dataclass(frozen=True, eq=False)
 class PointEstimate:
-    """Where every point of a body is, for every frame of an observation."""
+    """Positions of all points of a body, for every frame of an observation."""
 
     skeleton: Skeleton
     position: np.ndarray  # (..., T, P, 3) m, world: every point of the skeleton, before IK

@@ -90,8 +90,8 @@ def told_missing(
 def flat_lined(file: BvhLines, rig: SourceJoints) -> np.ndarray:
     """Return (T, J) bool: runs in which all numbers of a limb are constant while the trunk turns.
 
-    Lost limbs are often written with their last pose, or at zero. Descendants of such a joint that are equally still
-    are missing with it.
+    Lost limbs are often written with their last pose, or at zero. Equally still descendants of such a joint are
+    missing with it.
     """
     mask = np.zeros((len(file.lines), len(file.joints)), dtype=bool)
     still = np.stack([_still(file, joint) for joint in range(len(file.joints))], axis=1)

@@ -1,7 +1,7 @@
 """Open Sound Control 1.0: packets to messages and back.
 
-Packets come from strangers, so nothing that stands in one may raise, hang or grow: `read_packet` answers with the
-messages or with the reason why there are none. (The library python-osc, which the tests compare with, never returns
+Packets are untrusted, so no content may raise, hang or grow: `read_packet` returns the messages or the reason of a
+refusal. (The library python-osc, which the tests compare with, never returns
 from a bundle that announces a negative size.)
 """
 
@@ -31,14 +31,14 @@ _WORDS: dict[str, bool | float | None] = {"T": True, "F": False, "N": None, "I":
 
 @dataclass(frozen=True)
 class Message:
-    """An address and what is said to it."""
+    """An address and its arguments."""
 
     address: str
     arguments: tuple[Argument, ...]
 
 
 def read_packet(packet: bytes) -> tuple[Message, ...] | str:
-    """The messages of a packet in their order, bundles opened and their times left out; or why it is refused."""
+    """Return the messages of a packet in order, bundles flattened without their times; or the reason of a refusal."""
     if len(packet) > LARGEST:
         return f"{len(packet)} bytes are no datagram"
     try:
@@ -53,7 +53,7 @@ def read_packet(packet: bytes) -> tuple[Message, ...] | str:
 
 
 def message_bytes(address: str, tags: str, *values: Argument) -> bytes:
-    """One message; `tags` say the type of each value: i, h, f, d, s or b."""
+    """Return one message; `tags` are the types of the values: i, h, f, d, s or b."""
     parts = [_padded(address.encode()), _padded(f",{tags}".encode())]
     for tag, value in zip(tags, values, strict=True):
         if tag == "s":
@@ -67,7 +67,7 @@ def message_bytes(address: str, tags: str, *values: Argument) -> bytes:
 
 
 def bundled(messages: Sequence[bytes], largest: int = DATAGRAM) -> list[bytes]:
-    """Messages in bundles of at most `largest` bytes, in order; a message that is larger by itself stands alone."""
+    """Return messages in bundles of at most `largest` bytes, in order; a larger message is in a bundle of its own."""
     packets, parts, size = [], [_BUNDLE, _AT_ONCE], 16
     for message in messages:
         if size + 4 + len(message) > largest and len(parts) > 2:
@@ -81,9 +81,9 @@ def bundled(messages: Sequence[bytes], largest: int = DATAGRAM) -> list[bytes]:
 
 
 class PacketForm:
-    """Packets of which only single-precision numbers change: built once, filled for every frame.
+    """Packets in which only single-precision numbers change: built once, filled for every frame.
 
-    A message is its address, its types and the values that stay; types that are left over are `f`, to be filled.
+    A message is its address, its types and its constant values; the remaining types are `f` and filled later.
     """
 
     def __init__(self, messages: Sequence[tuple[str, str, tuple[Argument, ...]]], largest: int = DATAGRAM) -> None:
@@ -102,7 +102,7 @@ class PacketForm:
         self._places = np.array(places, dtype=np.intp)
 
     def filled(self, values: np.ndarray) -> list[bytes]:
-        """The packets with these numbers (N,), in the order of the messages."""
+        """Return the packets with these numbers (N,), in the order of the messages."""
         words = self._words.copy()
         words[self._places] = values.astype(">f4").view(">u4")
         data = words.tobytes()
@@ -110,11 +110,11 @@ class PacketForm:
 
 
 class _Malformed(Exception):
-    """Why a packet is refused."""
+    """The reason why a packet is refused."""
 
 
 def _elements(packet: bytes, depth: int) -> Iterator[bytes]:
-    """The messages, unread, of a packet that is one or a bundle of them."""
+    """Iterate over the messages, unparsed, of a packet that is one or a bundle of them."""
     if not packet.startswith(_BUNDLE):
         yield packet
         return
@@ -136,7 +136,7 @@ def _message(packet: bytes) -> Message:
     if not packet.startswith(b"/"):
         raise _Malformed("no address: a message begins with '/'")
     address, place = _string(packet, 0)
-    if place == len(packet):  # old senders leave the types out where there are none
+    if place == len(packet):  # old senders omit the types if there are no arguments
         return Message(address, ())
     tags, place = _string(packet, place)
     if not tags.startswith(",") or len(tags) > MOST_ARGUMENTS:
@@ -167,7 +167,7 @@ def _message(packet: bytes) -> Message:
 
 @lru_cache(maxsize=256)
 def _parts(tags: str) -> tuple[tuple[str, struct.Struct | None], ...]:
-    """Types one by one, but for numbers that follow one another, which are read at once."""
+    """Split types one by one; consecutive numbers are read at once."""
     found: list[tuple[str, struct.Struct | None]] = []
     for are_numbers, run in groupby(tags, _NUMBERS.__contains__):
         if are_numbers:
@@ -185,7 +185,7 @@ def _number(packet: bytes, place: int, form: str) -> int | float:
 
 
 def _string(packet: bytes, place: int) -> tuple[str, int]:
-    """A text and the place behind it."""
+    """Return a text and the position after it."""
     end = packet.find(b"\0", place)
     if end < 0:
         raise _Malformed("a text has no end")

@@ -32,7 +32,7 @@ _LATEST = 1e11  # s: Unix time is 1.7e9 s; in milliseconds it is refused
 
 
 class ProtocolError(BodysenseError):
-    """What a peer sent cannot be used; `code` is that of the closing WebSocket frame (RFC 6455, section 7.4)."""
+    """A message of a peer is unusable; `code` is that of the closing WebSocket frame (RFC 6455, section 7.4)."""
 
     def __init__(self, reason: str, code: int = 1007) -> None:
         super().__init__(reason)
@@ -41,7 +41,7 @@ class ProtocolError(BodysenseError):
 
 @dataclass(frozen=True, eq=False)
 class SignalFrame:
-    """What was tracked at one moment: N points, by their place in the hello, in the signal's own world."""
+    """One moment of tracking: N points, by index in the hello, in the signal's own world."""
 
     sequence: int
     time: float  # s
@@ -49,31 +49,31 @@ class SignalFrame:
     has: np.ndarray  # (N,) u8, HAS_POSITION | HAS_ROTATION
     position: np.ndarray  # (N, 3) f32 m
     rotation: np.ndarray  # (N, 4) f32 wxyz
-    # (N,) u16, `ACCURACY_UNIT`s: the expected error of a position; 0 where the device does not say. None: all 0.
+    # (N,) u16, `ACCURACY_UNIT`s: the expected error of a position; 0 if the device does not know. None: all 0.
     accuracy: np.ndarray | None = None
 
 
 @dataclass(frozen=True, eq=False)
 class PoseFrame:
-    """The body that answers a signal; as truth (what really was, in a replay) it ends after its rotations."""
+    """The body that answers a signal; as truth (the real motion, in a replay) it ends after its rotations."""
 
     sequence: int  # of the signal that is answered
     time: float  # s, of that signal
     root_position: np.ndarray  # (3,) m, world
     rotation: np.ndarray  # (J, 4) wxyz, parent ← joint
     expected_error: np.ndarray  # (P,) m
-    hidden: np.ndarray  # (P,) probability; 1 where it was not measured
+    hidden: np.ndarray  # (P,) probability; 1 if it was not measured
     contact: np.ndarray  # (4,) probability that left and right ankle, left and right ball of the foot rest on something
     microseconds: int = 0  # spent in the server
 
 
 def wire_accuracy(metres: np.ndarray) -> np.ndarray:
-    """Accuracies (N,) m as a signal frame has them; NaN becomes 0."""
+    """Convert accuracies (N,) m to those of a signal frame; NaN becomes 0."""
     return np.clip(np.rint(np.nan_to_num(metres, posinf=FARTHEST) / ACCURACY_UNIT), 0, 0xFFFF).astype("<u2")
 
 
 def write_signal(frame: SignalFrame, kind: int = SIGNAL) -> bytes:
-    """The bytes of a signal frame."""
+    """Return the bytes of a signal frame."""
     rows = np.zeros(len(frame.point), dtype=POINT)
     for name in ("point", "has", "position", "rotation"):
         rows[name] = getattr(frame, name)
@@ -88,10 +88,10 @@ def signal_time(data: bytes) -> float:
 
 
 def read_signal(data: bytes, points: int) -> SignalFrame:
-    """The frame of a binary message of a client that named so many `points`.
+    """Read the frame of a binary message of a client that named this number of `points`.
 
-    Raises ProtocolError for what is no frame, and for numbers that no tracker gives: not finite, farther than
-    `FARTHEST` from the origin, rotations that are not of unit length.
+    Raises ProtocolError for other bytes, and for implausible numbers: not finite, farther than `FARTHEST` from the
+    origin, rotations that are not of unit length.
     """
     count, sequence, time = _signal_head(data)
     rows = np.frombuffer(data, POINT, count, SIGNAL_HEAD.size)
@@ -122,15 +122,15 @@ def _signal_head(data: bytes) -> tuple[int, int, float]:
 
 
 def _check_points(frame: SignalFrame, points: int) -> None:
-    """Refuse points that the hello did not name and numbers that no tracker gives."""
-    point, has = frame.point.tobytes(), frame.has.tobytes()  # bytes are quicker to look at than small arrays
+    """Refuse points that the hello did not name and implausible numbers."""
+    point, has = frame.point.tobytes(), frame.has.tobytes()  # bytes are faster to check than small arrays
     if max(point) >= points:
         raise ProtocolError(f"a point with number {max(point)}; the hello named {points}")
     if max(has) > HAS_POSITION | HAS_ROTATION:
         raise ProtocolError(f"a point that has {max(has)}; 1 is a position, 2 a rotation, 3 both")
     if len(set(point)) < len(point):
         raise ProtocolError("a frame names a point twice; give each once")
-    # Comparisons with what is no number are false, and squares that overflow are of no unit length.
+    # NaN compares false, and squares that overflow are not of unit length.
     with np.errstate(all="ignore"):
         near = np.abs(frame.position) <= FARTHEST
         unit = np.abs(np.sqrt(np.square(frame.rotation).sum(axis=1)) - 1) < UNIT_TOLERANCE
@@ -142,7 +142,7 @@ def _check_points(frame: SignalFrame, points: int) -> None:
 
 @lru_cache(maxsize=256)
 def pose_layout(joints: int, points: int) -> np.dtype:
-    """The bytes of a pose frame of such a skeleton, without padding."""
+    """Return the layout of a pose frame of such a skeleton, without padding."""
     return np.dtype(
         [
             ("kind", "u1"),
@@ -161,7 +161,7 @@ def pose_layout(joints: int, points: int) -> np.dtype:
 
 
 def write_pose(frame: PoseFrame, microseconds: int = 0) -> bytes:
-    """The bytes of a pose frame that took the server so long."""
+    """Return the bytes of a pose frame and the server's time for it."""
     head = POSE_HEAD.pack(POSE, 0, len(frame.rotation), frame.sequence, frame.time)
     probability = (np.concatenate([frame.hidden, frame.contact]) * 255 + 0.5).astype(np.uint8)
     return b"".join(
@@ -177,13 +177,13 @@ def write_pose(frame: PoseFrame, microseconds: int = 0) -> bytes:
 
 
 def write_truth(frame: PoseFrame) -> bytes:
-    """The bytes of a truth frame: a pose frame that ends after its rotations."""
+    """Return the bytes of a truth frame: a pose frame that ends after its rotations."""
     head = POSE_HEAD.pack(TRUTH, 0, len(frame.rotation), frame.sequence, frame.time)
     return head + frame.root_position.astype("<f4").tobytes() + frame.rotation.astype("<f4").tobytes()
 
 
 def read_pose(data: bytes, points: int) -> PoseFrame:
-    """The frame of a pose or a truth of a skeleton with so many `points`, as a client reads it.
+    """Read the frame of a pose or a truth of a skeleton with this number of `points`, as a client does.
 
     Raises ProtocolError for other bytes.
     """

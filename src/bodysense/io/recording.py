@@ -1,6 +1,6 @@
 """Recordings: an Observation and its wearer's skeleton in one file, `.npz` or `.jsonl` (docs/recording.md).
 
-Recordings as lines of JSON: a header, then one line a frame (docs/recording.md).
+A `.jsonl` recording is a header, then one line a frame.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ SKELETON = ("joints", "end_sites", "parents", "rest_offset")
 
 
 def lines_of(version: str, seen: Observation, skeleton: Skeleton | None) -> list[str]:
-    """The lines of a recording; without a skeleton where nobody told the wearer's."""
+    """Return the lines of a recording; without a skeleton if the wearer's is unknown."""
     usual = [_first(values, mask) for values, mask in zip(seen.accuracy.T, seen.has_position.T, strict=True)]
     header: dict[str, Any] = {
         "format": version,
@@ -59,7 +59,7 @@ def lines_of(version: str, seen: Observation, skeleton: Skeleton | None) -> list
 
 
 def _first(accuracy: np.ndarray, mask: np.ndarray) -> float | None:
-    """The accuracy (T,) of a point when it is first tracked; None if it never is."""
+    """Return the accuracy (T,) of a point when it is first tracked; None if it never is."""
     return _rounded(accuracy[int(np.argmax(mask))]) if mask.any() else None
 
 
@@ -68,7 +68,7 @@ def _rounded(metres: float) -> float:
 
 
 def read_lines(path: Path, version: str) -> tuple[Observation, dict[str, Any]]:
-    """What a file tracked, its values unchecked, and the fields of the wearer's skeleton. Raises BodysenseError."""
+    """Read an observation, its values unchecked, and the fields of the wearer's skeleton. Raises BodysenseError."""
     lines = read_text(path).splitlines()
     rows = [_object(path, number, line) for number, line in enumerate(lines, start=1) if line.strip()]
     if not rows or rows[0].get("format") != version:
@@ -112,7 +112,7 @@ def read_lines(path: Path, version: str) -> tuple[Observation, dict[str, Any]]:
         points=tuple(points),
         position=values["position"],
         rotation=values["rotation"],
-        has_position=np.isfinite(values["position"][..., 0]),  # a point has all its numbers or none
+        has_position=np.isfinite(values["position"][..., 0]),  # a point's numbers are all there or all missing
         has_rotation=np.isfinite(values["rotation"][..., 0]),
         accuracy=accuracy,
         time=time,
@@ -135,7 +135,7 @@ def _object(path: Path, number: int, line: str) -> dict[str, Any]:
 
 
 def _accuracies(path: Path, where: str, row: dict[str, Any], place: dict[str, int]) -> dict[int, float]:
-    """Accuracies (m) in a header or a frame, by the place of their points."""
+    """Return accuracies (m) in a header or a frame, by the index of their points."""
     entries = row.get("accuracy", {})
     if not isinstance(entries, dict):
         raise BodysenseError(f"{path}: {where}: accuracy must be an object from point names to metres")
@@ -159,7 +159,7 @@ def _numbers(value: Any, count: int) -> bool:
         isinstance(value, list)
         and len(value) == count
         and all(isinstance(number, (int, float)) and not isinstance(number, bool) for number in value)
-        and all(abs(number) <= sys.float_info.max for number in value)  # NaN, infinity and endless integers are none
+        and all(abs(number) <= sys.float_info.max for number in value)  # refuse NaN, infinity and integers without end
     )
 
 
@@ -168,13 +168,13 @@ FORMAT = "bodysense recording 1"
 
 @dataclass(frozen=True)
 class Recording:
-    """What a device tracked, and on whom."""
+    """A tracked motion and its wearer."""
 
     observation: Observation
     skeleton: Skeleton
-    told: bool = True  # False: nobody said what the wearer's proportions are, and the skeleton is the default one
-    worn: GloveSet | None = None  # the marker set of its gloves; None: a packaged one, by the names of the points
-    hands_shown: bool = False  # True: of the hands nothing is known but what their gloves show
+    told: bool = True  # False: the wearer's proportions are unknown, and the skeleton is the default one
+    worn: GloveSet | None = None  # the marker set of its gloves; None: a packaged one, found by the points' names
+    hands_shown: bool = False  # True: the size of the hands is known only from their gloves
 
 
 def write_recording(path: str | Path, recording: Recording) -> None:
@@ -199,7 +199,7 @@ def read_recording(path: str | Path) -> Recording:
 
 
 def parse_recording(path: str | Path) -> Recording:
-    """Read a recording whose values nobody checked: they may be NaN, and times in any order. Raises BodysenseError."""
+    """Read a recording with unchecked values: they may be NaN, and times in any order. Raises BodysenseError."""
     path = Path(path)
     _check_ending(path)
     if not path.is_file():
@@ -210,14 +210,14 @@ def parse_recording(path: str | Path) -> Recording:
 
 
 def is_recording(path: str | Path) -> bool:
-    """Whether a file says of itself that it is a recording (an `.npz` may be a motion instead)."""
+    """Whether a file declares itself a recording (an `.npz` may be a motion instead)."""
     path = Path(path)
     if path.suffix == ".jsonl":
         return True
     try:
         with zipfile.ZipFile(path) as archive:
             return "has_position.npy" in archive.namelist()
-    except Exception:  # as a damaged file raises; reading it says what is wrong
+    except Exception:  # any error of a damaged file; reading it reports the reason
         return False
 
 
@@ -227,7 +227,7 @@ def _check_ending(path: Path) -> None:
 
 
 def _check(path: Path, recording: Recording) -> None:
-    """Raise BodysenseError, naming the file, for what is not one motion of points of the skeleton."""
+    """Raise BodysenseError, naming the file, unless the recording is one motion of points of the skeleton."""
     seen = recording.observation
     _check_shapes(path, seen)
     check_observation(seen, str(path))
@@ -238,7 +238,7 @@ def _check(path: Path, recording: Recording) -> None:
 
 
 def _check_shapes(path: Path, seen: Observation) -> None:
-    """Raise BodysenseError, naming the file, for arrays that are not those of one motion."""
+    """Raise BodysenseError, naming the file, unless the arrays are those of one motion."""
     if not len(seen.time) or not seen.points:
         raise BodysenseError(f"{path}: time and points must be lists of at least one value")
     check_shapes(seen, str(path))

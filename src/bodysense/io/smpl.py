@@ -1,8 +1,8 @@
-"""Results of SMPL, SMPL-H and SMPL-X as video tools write them, .npz or .npy: which way is up, where the floor is.
+"""Results of SMPL, SMPL-H and SMPL-X from video tools, .npz or .npy, with up axis and floor inferred.
 
-Read are whole poses (`poses`, `pose`, `smpl_poses` …: 22, 24, 52 or 55 joints) or parts (`global_orient` with
+Supported are whole poses (`poses`, `pose`, `smpl_poses` …: 22, 24, 52 or 55 joints) or parts (`global_orient` with
 `body_pose`, `left_hand_pose`, `right_hand_pose`), as axis-angle or matrices; `transl` or `trans`; `fps`. The body is
-the default one: `betas` name a shape of the model's, which is not here.
+the default one: `betas` need the body model, which is not included.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from bodysense.io.clip import Clip
 from bodysense.io.fingers import is_finger, with_fingers
 
 PICKLES = (".pkl", ".pickle", ".pt", ".pth", ".joblib")
-USUAL_RATE = 30.0  # Hz, of a file that does not say it
+USUAL_RATE = 30.0  # Hz, for files without a rate
 WHOLE = ("poses", "pose", "smpl_poses", "fullpose", "full_pose", "poses_body", "pose_world", "pose_aa")
 ORIENT = ("global_orient", "root_orient", "root_pose", "global_orient_world")
 BODY = ("body_pose", "pose_body")
@@ -35,9 +35,9 @@ HANDS = {"left": ("left_hand_pose", "lhand_pose"), "right": ("right_hand_pose", 
 PLACE = ("transl", "trans", "smpl_trans", "trans_world", "translation", "root_trans", "global_transl")
 RATE = ("fps", "mocap_framerate", "mocap_frame_rate", "frame_rate", "framerate")
 _AMASS = {156, 165}  # widths of `poses` that `io.amass` reads
-_UPRIGHT = 0.5  # cosine from which on a body stands along an axis on average
-_FLOOR = 0.1  # m: a floor that is nearer to 0 is 0
-_SQUARE = 0.05  # how far from a rotation a matrix may be
+_UPRIGHT = 0.5  # mean cosine above which a body stands along an axis
+_FLOOR = 0.1  # m: a floor closer to 0 is taken as 0
+_SQUARE = 0.05  # largest deviation of a matrix from a rotation
 _TURNS = {  # the file's axis that points up → the rotation (4,) that makes it +Y
     "+Y": [1.0, 0.0, 0.0, 0.0],
     "-Y": [0.0, 1.0, 0.0, 0.0],
@@ -49,7 +49,7 @@ _TURNS = {  # the file's axis that points up → the rotation (4,) that makes it
 
 
 def is_smpl(path: str | Path) -> bool:
-    """Whether a file is one of SMPL that is no motion of AMASS: an .npy, or an .npz with such arrays."""
+    """Whether a file is SMPL but not AMASS: an .npy, or an .npz with such arrays."""
     path = Path(path)
     if path.suffix.lower() == ".npy":
         return True
@@ -65,14 +65,14 @@ def is_smpl(path: str | Path) -> bool:
 
 
 _BONES = (("hip", "knee"), ("knee", "ankle"), ("shoulder", "elbow"), ("elbow", "wrist"))
-_RIGID = 0.05  # share by which a bone of joint places may stray, or differ from the other side's
+_RIGID = 0.05  # share by which a bone of joint positions may vary, or differ from the other side's
 
 
 def joint_places(path: str | Path) -> np.ndarray | None:
-    """Return the places (T, 22, 3) of joints if that is what an .npy or .npz file holds, in SMPL's order; else None.
+    """Return joint positions (T, 22, 3) in SMPL's order if an .npy or .npz file holds these; else None.
 
-    An array (T, joints, 3) may be of rotations (axis-angle) or of places. Places have limbs of constant lengths, the
-    same on both sides, with thighs about as long as shins; rotation vectors do not.
+    An array (T, joints, 3) may hold rotations (axis-angle) or positions. Positions have limbs of constant lengths,
+    equal on both sides, with thighs about as long as shins; rotation vectors do not.
     """
     path = Path(path)
     if not is_smpl(path):
@@ -80,7 +80,7 @@ def joint_places(path: str | Path) -> np.ndarray | None:
     try:
         arrays = {"poses": read_array(path)} if path.suffix.lower() == ".npy" else read_arrays(path, WHOLE)
     except BodysenseError:
-        return None  # reading it says what is wrong
+        return None  # reading it reports the error
     found = _first(arrays, WHOLE)
     if found is None or found[1].ndim != 3 or found[1].shape[1:] not in {(count, 3) for count in (22, 24, 52, 55)}:
         return None
@@ -107,9 +107,9 @@ def joint_places(path: str | Path) -> np.ndarray | None:
 
 
 def read_smpl(path: str | Path, rate: float | None = None) -> tuple[Clip, tuple[str, ...]]:
-    """The motion of a file in canonical form, and remarks; `rate` Hz where it does not say.
+    """Read the motion of a file in canonical form, and remarks; `rate` Hz is used if the file has no rate.
 
-    Raises BodysenseError, naming the file and the fix, for what is no such motion.
+    Raises BodysenseError, naming the file and the fix, if the file holds no such motion.
     """
     path = Path(path)
     arrays = {"poses": read_array(path)} if path.suffix.lower() == ".npy" else read_arrays(path, _keys())
@@ -150,7 +150,7 @@ def _first(arrays: Mapping[str, np.ndarray], names: tuple[str, ...]) -> tuple[st
 
 
 def _rotations(path: Path, arrays: Mapping[str, np.ndarray]) -> tuple[np.ndarray, list[int]]:
-    """Rotations (T, N, 4), and which of our joints they are of."""
+    """Return rotations (T, N, 4), and which of our joints they are of."""
     body = list(range(22))
     hands = list(range(22, 52))
     whole = _first(arrays, WHOLE)
@@ -170,7 +170,7 @@ def _rotations(path: Path, arrays: Mapping[str, np.ndarray]) -> tuple[np.ndarray
     for k, names in enumerate(HANDS.values()):
         hand = _first(arrays, names)
         if hand is not None and hand[1].size == len(parts[0]) * 45 * (3 if hand[1].shape[-2:] == (3, 3) else 1):
-            parts.append(_turns(path, *hand, counts=(15,)))  # others are coefficients of a basis that is not here
+            parts.append(_turns(path, *hand, counts=(15,)))  # other widths are of a basis that is not included
             rows = [*rows, *hands[15 * k : 15 * k + 15]]
     if len({len(part) for part in parts}) != 1:
         raise BodysenseError(f"{path}: parts of its poses have {', '.join(str(len(part)) for part in parts)} frames")
@@ -178,7 +178,7 @@ def _rotations(path: Path, arrays: Mapping[str, np.ndarray]) -> tuple[np.ndarray
 
 
 def _turns(path: Path, name: str, values: np.ndarray, counts: tuple[int, ...]) -> np.ndarray:
-    """Rotations (T, N, 4) from axis-angle (T, 3 N), (T, N, 3) or matrices (T, N, 3, 3)."""
+    """Return rotations (T, N, 4) from axis-angle (T, 3 N), (T, N, 3) or matrices (T, N, 3, 3)."""
     values = _numbers(path, name, values)
     shape = values.shape
     if shape[-2:] == (3, 3) and values.size in {len(values) * count * 9 for count in counts}:
@@ -213,14 +213,14 @@ def _numbers(path: Path, name: str, values: np.ndarray) -> np.ndarray:
 
 
 def _up(orient: np.ndarray) -> str | None:
-    """The axis of the file along which a body stands whose pelvis turns (T, 4); None for one that lies."""
+    """Return the file's axis along which a body with such pelvis rotations (T, 4) stands; None if it lies."""
     way = quaternion_rotate(orient, np.broadcast_to([0.0, 1.0, 0.0], (len(orient), 3))).mean(axis=0)
     axis = int(np.argmax(np.abs(way)))
     return ("+" if way[axis] > 0 else "-") + "XYZ"[axis] if abs(way[axis]) >= _UPRIGHT else None
 
 
 def _lifted(pose: Pose, is_placed: bool, remarks: list[str]) -> np.ndarray:
-    """(3,) or (T, 3) m by which a body has to be moved so that its feet stand on y = 0."""
+    """Return (3,) or (T, 3) m by which a body must move so that its feet stand on y = 0."""
     skeleton = pose.skeleton
     feet = skeleton.indices([f"{side}_{name}" for side in ("left", "right") for name in ("ankle", "foot", "toe")])
     usual = (skeleton.path @ skeleton.rest_offset)[feet, 1] + skeleton.rest_offset[0, 1]

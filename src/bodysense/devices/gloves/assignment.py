@@ -1,4 +1,4 @@
-"""Assignment: every row gets a column of its own, at the least cost in all."""
+"""Assignment: each row gets its own column at the least total cost."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ import numpy as np
 
 
 def assignment(cost: np.ndarray) -> np.ndarray:
-    """Columns (R,) of R rows, all different, whose costs (R, C), R ≤ C, sum to the least; −1 where a cost is infinite.
+    """Return columns (R,) of R rows, all different, with the least sum of costs (R, C), R ≤ C; −1 for an infinite cost.
 
-    Shortest augmenting paths (Jonker and Volgenant, 1987). As long as every row's cheapest column is its own, that is
-    the answer.
+    Shortest augmenting paths (Jonker and Volgenant, 1987). If the cheapest columns of all rows differ, they are the
+    answer.
     """
     rows = len(cost)
     if not rows:
@@ -17,13 +17,13 @@ def assignment(cost: np.ndarray) -> np.ndarray:
     nearest = cost.argmin(axis=1)
     if len(set(nearest.tolist())) < rows:
         finite = np.isfinite(cost)
-        far = 1.0 + 2 * (rows + 1) * np.abs(cost[finite]).max(initial=1.0)  # dearer than any way around it
+        far = 1.0 + 2 * (rows + 1) * np.abs(cost[finite]).max(initial=1.0)  # more than any detour
         nearest = _shortest_paths(np.where(finite, cost, far))
     return np.where(np.isfinite(cost[np.arange(rows), nearest]), nearest, -1)
 
 
 def assigned_or_none(cost: np.ndarray) -> np.ndarray:
-    """Columns (R,) of R rows as `assignment`, where a row may go without one, −1, at a cost of 1."""
+    """Return columns (R,) of R rows as `assignment`, but a row may stay unassigned, −1, at a cost of 1."""
     count = cost.shape[1]
     none = np.where(np.eye(len(cost), dtype=bool), 1.0, np.inf)
     chosen = assignment(np.concatenate([cost, none], axis=1))
@@ -31,7 +31,7 @@ def assigned_or_none(cost: np.ndarray) -> np.ndarray:
 
 
 def cost_of(cost: np.ndarray, chosen: np.ndarray) -> float:
-    """What such an assignment (R,) costs (R, C) in all; no column costs more than none."""
+    """Return the total cost of an assignment (R,) with costs (R, C); no column costs more than staying unassigned."""
     return float(np.where(chosen >= 0, np.minimum(cost[np.arange(len(cost)), chosen], 1.0), 1.0).sum())
 
 
@@ -55,7 +55,7 @@ def _shortest_paths(cost: np.ndarray) -> np.ndarray:
         passed = done & (row_at >= 0)
         of_row[row_at[passed]] += length - distance[passed]
         of_column[done] -= length - distance[done]
-        while column >= 0:  # turn the path around: each of its columns goes to the row before
+        while column >= 0:  # reverse the path: each of its columns goes to the row before
             previous = int(before[column])
             row_at[column] = row_at[previous] if previous >= 0 else row
             column = previous

@@ -1,10 +1,10 @@
 """A hand and its glove from a few seconds of markers: least squares with the family of hands as prior.
 
-Unknown are the parameters of the hand (`body.hand_family`) and where each marker of its set sits, common to all frames,
-and of every frame a pose (`hand_model`). Markers must be where they are seen, parameters are normal, and poses are
-likely ones, loosely: usual ones, then, of the standard markers, those that the joint network tells of the hand found so
-far, for how joints bend together says how long bones are. Gauss-Newton with Levenberg's damping; what belongs to one
-frame is eliminated (Schur).
+The unknowns are the parameters of the hand (`body.hand_family`) and the position of each marker of its set, common to
+all frames, and a pose of every frame (`hand_model`). Residuals are the distances of markers, normal parameters, and
+weak priors of poses: usual poses first; then, for the standard markers, the joint network's angles for the hand found
+so far, because coordinated joints reveal bone lengths. Gauss-Newton with Levenberg's damping; unknowns of single
+frames are eliminated (Schur).
 """
 
 from __future__ import annotations
@@ -34,18 +34,18 @@ from bodysense.devices.gloves.joints import JointReader
 from bodysense.devices.gloves.networks import HandNetwork, load_joint_network
 from bodysense.errors import BodysenseError
 
-FRAMES = 32  # that are looked at, as different as there are
-FEWEST = 6  # of them, with three quarters of the markers and the back of the hand
-_SEEN = 0.75  # of the markers, in a frame
-_MARKER = 0.0015  # m: standard deviation of a marker, from where the best hand of the family has it
-_STRAIGHT = 0.12  # rad, of the flexion of a finger where it reaches farthest, from 0; its base's, three times that
-_TOLD = 0.2  # rad: standard deviation of an angle from what the network tells
-_ROUNDS, _AGAIN = 2, 12  # how often the network is asked, and steps after each
-_FAMILY = 0.7  # how far the family is believed, which was made of few hands; its size is wholly
-_SIZES, _TRIED = (-1.0, 0.5, 2.0), 12  # standard deviations from which it starts, and steps of each
-_STEPS, _STEP = 30, 1e-4  # of the best one; of the numerical derivative, of a parameter or rad
-_SURE = 0.015  # m: markers whose place is known better say where a hand is before anything is known of it
-_FITS, _MIRRORED = 0.008, 0.6  # m: an error that a hand has at most; its share of that in a mirror
+FRAMES = 32  # frames in the fit, as different as possible
+FEWEST = 6  # usable frames, with three quarters of the markers and the back of the hand
+_SEEN = 0.75  # share of the markers in a usable frame
+_MARKER = 0.0015  # m: standard deviation of a marker from its position on the best hand of the family
+_STRAIGHT = 0.12  # rad, flexion from 0 of a finger where it reaches farthest; three times that at its base
+_TOLD = 0.2  # rad: standard deviation of an angle from the network's
+_ROUNDS, _AGAIN = 2, 12  # runs of the network, and steps after each
+_FAMILY = 0.7  # weight of the family's prior, which comes from few hands; the size has weight 1
+_SIZES, _TRIED = (-1.0, 0.5, 2.0), 12  # initial sizes in standard deviations, and steps of each
+_STEPS, _STEP = 30, 1e-4  # steps of the best one; step of the numerical derivative, of a parameter or rad
+_SURE = 0.015  # m: markers placed more accurately than this locate the hand at first
+_FITS, _MIRRORED = 0.008, 0.6  # m: largest error of a fitting hand; its share in a mirror
 _SIZE_PART = 0  # the parameter that is the hand's size
 
 
@@ -54,16 +54,16 @@ class HandFit:
     """A calibrated hand."""
 
     hand: GlovedHand
-    error: float  # m, root mean square of markers from where the hand has them
-    frames: int  # that were looked at
+    error: float  # m, root mean square distance of markers from their positions on the hand
+    frames: int  # in the fit
 
 
 def fit_hand(markers: np.ndarray, worn: GloveSet | None = None, network: HandNetwork | None = None) -> HandFit:
-    """The likeliest hand and glove of markers (T, M, 3) m, as of a left hand; NaN where missing.
+    """Return the likeliest hand and glove of markers (T, M, 3) m, as of a left hand; NaN where missing.
 
-    A flat hand and a fist, or any ten seconds of motion. `worn` is their set, the standard one if omitted; `network`
-    tells joints, of the standard markers alone, and without it postures are usual ones. Raises BodysenseError where too
-    few markers are seen at once.
+    Needs a flat hand and a fist, or any ten seconds of motion. `worn` is their set, the standard one if omitted;
+    `network` predicts joints from the standard markers; without it usual poses are assumed. Raises BodysenseError if
+    too few markers are seen at once.
     """
     problem = _CalibrationProblem(standard_set() if worn is None else worn, _different(markers, worn or standard_set()))
     begun = [problem.refined(*problem.start(size), _TRIED) for size in _SIZES]
@@ -77,12 +77,12 @@ def fit_hand(markers: np.ndarray, worn: GloveSet | None = None, network: HandNet
 
 
 def enough_frames(markers: np.ndarray, worn: GloveSet | None = None) -> bool:
-    """Whether `fit_hand` has enough of markers (T, M, 3) to look at."""
+    """Whether `fit_hand` can use enough frames of markers (T, M, 3)."""
     return len(_good(markers, worn or standard_set())) >= FEWEST
 
 
 def checked_fit(markers: np.ndarray, worn: GloveSet, name: str) -> HandFit:
-    """`fit_hand` of the hand `name`; raises BodysenseError, with the fix, where it finds no hand of this set."""
+    """Run `fit_hand` on the hand `name`; raises BodysenseError, with the fix, if no hand of this set fits."""
     try:
         found = fit_hand(markers, worn, load_joint_network())
     except np.linalg.LinAlgError:
@@ -102,11 +102,11 @@ def checked_fit(markers: np.ndarray, worn: GloveSet, name: str) -> HandFit:
 
 @dataclass(frozen=True, eq=False)
 class _CalibrationProblem:
-    """What is minimised: parameters are `SHAPE` numbers of the hand, then three of every marker."""
+    """The cost function: parameters are `SHAPE` numbers of the hand, then three of every marker."""
 
     worn: GloveSet
     seen: np.ndarray  # (K, M, 3) m, NaN where missing
-    told: np.ndarray | None = None  # (K, 26) rad, what a network tells of frames; NaN where it tells nothing
+    told: np.ndarray | None = None  # (K, 26) rad, angles predicted by a network; NaN where it has none
 
     @cached_property
     def known(self) -> np.ndarray:
@@ -115,12 +115,12 @@ class _CalibrationProblem:
 
     @cached_property
     def marked(self) -> MarkedHand:
-        """Which markers there are."""
+        """The markers on the hand."""
         return MarkedHand.of(glove_of(self.worn, hand_skeleton(default_skeleton(), "left")))
 
     @cached_property
     def _sitting(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Of every marker its carrier, the end of that bone, and what its set says: along, offset, accuracy."""
+        """Carrier of every marker, the end of that bone, and its position in the set: along, offset, accuracy."""
         rows, hand = self.worn.markers, hand_skeleton(default_skeleton(), "left")
         carrier = hand.indices([row.segment for row in rows])
         bone = np.array([hand.parents.index(k) for k in carrier])
@@ -128,7 +128,7 @@ class _CalibrationProblem:
         return carrier, bone, along, np.array([row.offset for row in rows]), np.array([row.accuracy for row in rows])
 
     def shapes(self, theta: np.ndarray) -> HandShapes:
-        """Hands and where their markers sit, of parameters (..., N)."""
+        """Return hands and their marker positions from parameters (..., N)."""
         rest, axes = bare_shapes_of(theta[..., :SHAPE])
         carrier, bone, along, offset, accuracy = self._sitting
         size = np.linalg.norm(rest[..., _MIDDLE, :].sum(axis=-2), axis=-1)[..., None, None] / _DEFAULT_SIZE
@@ -139,14 +139,14 @@ class _CalibrationProblem:
         return HandShapes(rest, axes, along[:, None] * rest[..., bone, :] + np.asarray(quaternion_rotate(turn, own)))
 
     def hand(self, theta: np.ndarray) -> GlovedHand:
-        """The hand of parameters (N,)."""
+        """Return the hand of parameters (N,)."""
         shapes = self.shapes(theta)
         hand = hand_skeleton(default_skeleton(), "left").with_offsets(shapes.rest)
         points, carriers = zip(*((row.near, row.segment) for row in self.worn.markers), strict=True)
         return GlovedHand(hand, shapes.axes, Glove(self.worn.names, points, carriers, shapes.worn, hand_size(hand)))
 
     def start(self, size: float) -> tuple[np.ndarray, np.ndarray]:
-        """Parameters (N,), and poses (K, 32): the hand is placed by what is sure of its back, else by its posture."""
+        """Return parameters (N,), and poses (K, 32), placed by accurate markers on the back, else by posture."""
         theta = np.zeros(SHAPE + 3 * len(self.worn.markers))
         theta[_SIZE_PART] = size
         sure = np.array([max(row.accuracy) <= _SURE for row in self.worn.markers])
@@ -169,7 +169,7 @@ class _CalibrationProblem:
         return self.marked.best(self.shapes(theta), poses, self.seen, self.known & by)
 
     def _plated(self, theta: np.ndarray, pose: np.ndarray, sure: np.ndarray) -> np.ndarray:
-        """Parameters with the markers that are not sure where the frames whose posture fits best have them."""
+        """Move inaccurate markers to their positions in the frames whose posture fits best; return parameters."""
         far = self.marked.markers(self.shapes(theta), pose) - np.nan_to_num(self.seen)
         use = self.known & sure
         cost = ((far**2).sum(axis=-1) * use).sum(axis=1) / np.maximum(use.sum(axis=1), 1)
@@ -186,7 +186,7 @@ class _CalibrationProblem:
 
     @cached_property
     def straight(self) -> np.ndarray:
-        """(K, 26) which angles are taken for 0, in standard deviations a radian: those of a finger that reaches far."""
+        """(K, 26) weights, in standard deviations a radian, of angles of straight fingers, which are taken as 0."""
         weight = np.zeros((len(self.seen), ANGLES))
         for number, tip in enumerate(self.marked.farthest):
             if tip is None or not self.known[:, tip].any():
@@ -199,14 +199,14 @@ class _CalibrationProblem:
 
     @cached_property
     def prior(self) -> np.ndarray:
-        """(N,) how many standard deviations one unit of a parameter is."""
+        """(N,) weights of the parameters' prior, in standard deviations a unit."""
         believed = np.full(SHAPE + 3 * len(self.worn.markers), 1.0)
         believed[:SHAPE] = _FAMILY
         believed[_SIZE_PART] = 1.0
         return believed
 
     def with_told(self, theta: np.ndarray, network: HandNetwork) -> _CalibrationProblem:
-        """The same with what a network tells of a hand of these parameters, where all its markers are seen."""
+        """Add a network's angles for a hand of these parameters, in frames with all markers."""
         whole, hand = self.known.all(axis=1), self.hand(theta)
         count, told = int(whole.sum()), np.full((len(self.seen), ANGLES), np.nan)
         if count:
@@ -216,7 +216,7 @@ class _CalibrationProblem:
         return replace(self, told=told)
 
     def residuals(self, theta: np.ndarray, pose: np.ndarray) -> np.ndarray:
-        """(..., K, R) of every frame, in standard deviations, without those of the parameters."""
+        """Return residuals (..., K, R) of every frame, in standard deviations, without those of the parameters."""
         far = self.marked.markers(self.shapes(theta), pose) - np.nan_to_num(self.seen)
         missed = np.where(self.known[..., None], far, 0.0) / _MARKER
         usual, angles = unusual(pose), pose[..., :ANGLES]
@@ -228,11 +228,11 @@ class _CalibrationProblem:
         return np.concatenate([missed.reshape(*missed.shape[:-2], -1), prior], axis=-1)
 
     def cost(self, theta: np.ndarray, pose: np.ndarray) -> float:
-        """Half of it is the negative logarithm of how likely these are."""
+        """Return the cost; half of it is the negative logarithm of the likelihood."""
         return float((self.residuals(theta, pose) ** 2).sum() + ((self.prior * theta) ** 2).sum())
 
     def refined(self, theta: np.ndarray, pose: np.ndarray, steps: int) -> tuple[np.ndarray, np.ndarray, float]:
-        """Parameters, poses and their cost after so many steps at most."""
+        """Return parameters, poses and their cost after at most `steps` steps."""
         cost, damping = self.cost(theta, pose), 1e-2
         for _ in range(steps):
             step = self._step(theta, pose, damping)
@@ -248,7 +248,7 @@ class _CalibrationProblem:
         return theta, pose, cost
 
     def _step(self, theta: np.ndarray, pose: np.ndarray, damping: float) -> tuple[np.ndarray, np.ndarray]:
-        """Changes of the parameters (N,) and of the poses (K, 32), the wrist's turn before its present one."""
+        """Return changes of the parameters (N,) and of the poses (K, 32), as `moved` takes them."""
         count = len(theta)
         now = self.residuals(theta, pose)
         other = self.residuals((theta + _STEP * np.eye(count))[:, None], pose)
@@ -259,7 +259,7 @@ class _CalibrationProblem:
         inner, across = drawn[..., :POSE], drawn[..., POSE:]
         inner += damping * inner * np.eye(POSE) + 1e-9 * np.eye(POSE)
         solved = np.linalg.solve(inner, across)
-        # Frames are summed by one large product, not by many small ones.
+        # One large product over all frames is faster than many small ones.
         every, left = common.reshape(-1, count), across[..., :-1].reshape(-1, count).T @ solved.reshape(-1, count + 1)
         outer = every.T @ every + np.diag(self.prior**2)
         outer += damping * outer * np.eye(count)
@@ -275,19 +275,19 @@ _MIDDLE = _HAND.indices(["middle1", "middle2", "middle3", "middle_tip"])
 
 
 def _back(worn: GloveSet) -> list[int]:
-    """Markers by which frames are laid on each other: those of the back of the hand, or all where these are few."""
+    """Return the markers that align frames: those of the back of the hand, or all if these are few."""
     return list(worn.on_hand if len(worn.on_hand) >= 3 else range(len(worn.markers)))
 
 
 def _good(markers: np.ndarray, worn: GloveSet) -> np.ndarray:
-    """The frames that show a hand well."""
+    """Return the frames that show a hand well."""
     known, back = ~np.isnan(markers[..., 0]), list(worn.on_hand)
     enough = known.sum(axis=1) >= np.ceil(_SEEN * len(worn.markers))
     return np.flatnonzero((known[:, back].sum(axis=1) >= min(3, len(back))) & enough)
 
 
 def _different(markers: np.ndarray, worn: GloveSet) -> np.ndarray:
-    """(K, M, 3) the frames that differ most in shape, among those that show enough."""
+    """Return the frames (K, M, 3) that differ most in shape, among those with enough markers."""
     good = _good(markers, worn)
     if len(good) < FEWEST:
         raise BodysenseError(
@@ -312,7 +312,7 @@ def _different(markers: np.ndarray, worn: GloveSet) -> np.ndarray:
 
 
 def _reach(markers: np.ndarray, marked: MarkedHand) -> np.ndarray:
-    """(K, 5) m, how far fingers' farthest markers are from the back of the hand; NaN where they are not seen."""
+    """Return the distance (K, 5) m of fingers' farthest markers from the back of the hand; NaN if not seen."""
     back = np.nanmean(np.where(marked.on_hand[:, None], markers, np.nan), axis=1)
     away = [np.full(len(markers), np.nan) if k is None else markers[:, k] - back for k in marked.farthest]
     return np.stack([np.linalg.norm(one, axis=-1) if one.ndim == 2 else one for one in away], axis=1)

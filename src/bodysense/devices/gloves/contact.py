@@ -1,10 +1,10 @@
-"""Hands that do not pass through each other or themselves, and fingertips that meet where their markers do.
+"""Hand contact: hands do not pass through each other or themselves, and fingertips meet if their markers do.
 
-What the networks say of a hand is moved as little as possible so that no two capsules (body/hand_capsules.py) stand in
-each other: fingers turn, within their limits, and hands that meet give way to each other alike. Where the markers of a
-thumb and a finger, or of fingertips of two hands, are seen as near as touching fingertips, the model's fingertips are
-brought as near; fingertips that touch stay so. Every frame starts from the correction of the one before, and no point
-is corrected faster than at a stated speed: a sudden collision takes a few frames to be resolved, and nothing jumps.
+The networks' hands are moved as little as possible so that no two capsules (body/hand_capsules.py) overlap: fingers
+turn within their limits, and colliding hands both give way. If the markers of a thumb and a finger, or of fingertips
+of two hands, are as close as touching fingertips, the model's fingertips are brought as close; touching fingertips
+stay in touch. Every frame starts from the correction of the frame before, and the correction has a maximum speed: a
+sudden collision takes a few frames to be resolved, and nothing jumps.
 """
 
 from __future__ import annotations
@@ -54,41 +54,41 @@ from bodysense.devices.gloves.meetings import HandFlesh, Meeting, Pairs, meet, p
 from bodysense.errors import BodysenseError
 
 _TIP_MARKERS = [MARKERS.index(f"{finger}_tip") for finger in FINGERS]
-_LONGEST_STEP, _SHORT_STEP = 0.3, 0.01  # rad of a linear step; a short one needs no other after it
+_LONGEST_STEP, _SHORT_STEP = 0.3, 0.01  # rad of a linear step; after a short one no other is needed
 _MOST_ROWS = 48  # of collisions at a time, the deepest
-_SOFT, _SOFT_PINCH = 1e-3, 1e-2  # how softly collisions and touches, and pinches are met, of 1 for a finger's own ease
-_UNSEEN = 2e-4  # m: a correction that takes no point so far is none
-_SLACK = 3e-4  # m: what is missed by less is left
+_SOFT, _SOFT_PINCH = 1e-3, 1e-2  # softness of collisions and touches, and of pinches, relative to a finger's own ease
+_UNSEEN = 2e-4  # m; smaller corrections are ignored
+_SLACK = 3e-4  # m; smaller residuals are ignored
 _ALIGNMENT = list(ALIGNMENT)
-# (48,) which marker is seen where a part of the change is weighed: those of five fingers, and the back of the hand.
+# (48,) the markers that weight each part of the change: those of five fingers, and the back of the hand.
 _WEIGHED = np.repeat([0, 1, 2, 3, 4, 5], [9, 9, 9, 9, 9, 3])
 
 
 @dataclass(frozen=True, eq=False)
 class ContactState:
-    """What the next frame starts from."""
+    """State for the next frame."""
 
     begun: bool = False  # whether there was a frame
-    change: np.ndarray | None = None  # (H, 48): correction of 45 angles, rad, and of the wrist, m; None: there is none
-    way: float = 0.0  # m: so far the farthest point goes by it, at most
+    change: np.ndarray | None = None  # (H, 48): correction of 45 angles, rad, and of the wrist, m; None: zero
+    way: float = 0.0  # m: upper bound of a point's displacement by it
 
 
 @dataclass(frozen=True, eq=False)
 class _Given:
-    """A frame before contact: what a change is made to."""
+    """A frame before contact, to which a change is applied."""
 
     root: np.ndarray  # (H, 3)
     wrist: np.ndarray  # (H, 3, 3)
     angles: np.ndarray  # (H, 15, 3) rad
-    rest: np.ndarray  # (H, 15, 4) what of the joints' rotations is none of their angles
+    rest: np.ndarray  # (H, 15, 4) the rest of the joints' rotations after their angles
     pinches: Pinches
 
 
 @dataclass(frozen=True, eq=False)
 class Contact:
-    """The contact of certain hands: their skeletons (body.hand.hand_skeleton), and which hand each is.
+    """The contact solver of some hands: their skeletons (body.hand.hand_skeleton), and sides.
 
-    Few hands: every two of them can meet. Raises BodysenseError where there are not as many sides as hands.
+    Suited to few hands: all pairs are tested. Raises BodysenseError unless there is one side for each hand.
     """
 
     hands: Sequence[Skeleton]
@@ -114,12 +114,12 @@ class Contact:
 
     @cached_property
     def _reach(self) -> np.ndarray:
-        """(H, 45, 5) m that each angle can carry each fingertip, a radian."""
+        """(H, 45, 5) m a radian: motion of each fingertip by each angle."""
         return self._lever[..., None] * np.eye(5).repeat(9, axis=0)
 
     @cached_property
     def _ease(self) -> np.ndarray:
-        """(H, 48) how easily each part changes where no marker is seen; 0 if it may not."""
+        """(H, 48) compliance of each part without seen markers; 0 if fixed."""
         shift = np.full((len(self.hands), PARTS - ANGLES), 1 / self.settings.hand_weight)
         return np.concatenate([FREE.ravel() / self._lever**2, shift], axis=1)
 
@@ -134,17 +134,17 @@ class Contact:
     def step(
         self, posed: HandPoses, markers: np.ndarray, known: np.ndarray, interval: float, state: ContactState
     ) -> tuple[HandPoses, ContactState]:
-        """The hands of the next frame, moved as little as contact asks for.
+        """Return the hands of the next frame with the least correction for contact.
 
         Args:
-            posed: what is known of them without regard to contact.
-            markers: (H, 9, 3) m in each hand's own mirrored world, seen or filled; NaN where there is none.
+            posed: the hands without contact.
+            markers: (H, 9, 3) m in each hand's own mirrored world, seen or filled; NaN if unknown.
             known: (H, 9) bool: markers that are seen.
             interval: seconds since the frame before.
             state: from `start` or the frame before.
 
         Returns:
-            The very same `posed` where nothing is to be moved, and the state for the next frame.
+            `posed` itself if nothing moves, and the state for the next frame.
         """
         pairs, pinching = self._flesh.pairs(posed.position), self._pinches(posed, markers, known)
         meeting = meet(self._flesh.axes(posed.position), pairs)
@@ -168,13 +168,13 @@ class Contact:
         return _moved(posed, limited, placed), ContactState(True, limited, way)
 
     def _collides(self, pairs: Pairs, meeting: Meeting) -> np.ndarray:
-        """(P,) whether pairs stand in each other so deep that something is done about it."""
+        """(P,) whether pairs overlap by more than the tolerance."""
         return meeting.squared < (pairs.reach - self.settings.tolerance - _SLACK) ** 2
 
     def _farthest(self, pairs: Pairs, meeting: Meeting) -> np.ndarray:
-        """How far (P,) m pairs may be from each other in a frame.
+        """Return the largest allowed distance (P,) m of pairs in a frame.
 
-        Fingertips that touch, or nearly, stay as near as they are; other pairs may be anywhere.
+        Fingertips that touch, or nearly, keep their distance; other pairs are free.
         """
         farthest, tips = np.full(len(pairs.reach), np.inf), pairs.tips
         distance, touch = np.sqrt(meeting.squared.take(tips)), pairs.reach.take(tips) / (1 - GIVE)
@@ -184,7 +184,7 @@ class Contact:
         return farthest
 
     def _pinches(self, posed: HandPoses, markers: np.ndarray, known: np.ndarray) -> Pinches:
-        """The fingertips whose markers are seen near each other, and that are farther apart than these."""
+        """Return fingertips whose markers are close to each other but which are farther apart than these."""
         flip, settings = self._flesh.flip[:, None], self.settings
         told = (markers.take(_TIP_MARKERS, axis=1) * flip).reshape(-1, 3)
         tips = (posed.position[:, -5:] * flip).reshape(-1, 3)
@@ -192,14 +192,14 @@ class Contact:
         return pinches(self._tips, told, tips, seen, settings.touching, settings.apart, settings.missed)
 
     def _given(self, posed: HandPoses, pinching: Pinches) -> _Given:
-        """A frame taken apart into what may change and what may not."""
+        """Split a frame into parts that may change and parts that are fixed."""
         local = posed.rotation[:, 1:]
         angles = angles_of_rotations(local)
         rest = product(rotations_of_angles(angles) * CONJUGATE, local)
         return _Given(posed.root, to_matrix(posed.rotation[:, 0]), angles, rest, pinching)
 
     def _freedom(self, given: _Given, known: np.ndarray) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray]]:
-        """How easily each part of a change (H · 48,) changes, and its bounds (H · 48,), (H · 48,)."""
+        """Return the compliance of each part of a change (H · 48,), and its bounds (H · 48,), (H · 48,)."""
         seen = np.empty((len(known), 6))
         seen[:, :5] = known.take(_TIP_MARKERS, axis=1)
         seen[:, 5] = np.logical_and.reduce(known.take(_ALIGNMENT, axis=1), axis=1)
@@ -210,7 +210,7 @@ class Contact:
         return ease.ravel(), (low.ravel(), high.ravel())
 
     def _placed(self, given: _Given, change: np.ndarray) -> PlacedFingers:
-        """Hands after a change (H, 48)."""
+        """Return hands after a change (H, 48)."""
         local = product(rotations_of_angles(_angles(given, change)), given.rest)
         return placed_fingers(self._chains, given.root + change[:, ANGLES:], given.wrist, local)
 
@@ -223,9 +223,9 @@ class Contact:
         rest: np.ndarray,
         meeting: Meeting | None,
     ) -> tuple[np.ndarray, PlacedFingers]:
-        """The change (H, 48) after which nothing collides, in linear steps from what rests of the last one.
+        """Return the change (H, 48) after which nothing collides, and the hands after it.
 
-        And the hands after it. `meeting` is how pairs meet where nothing rests.
+        Takes linear steps from the remaining correction of the last frame. `meeting` is known if nothing of it remains.
         """
         change, placed, freedom = rest, self._placed(given, rest), None
         for _ in range(self.settings.max_iterations):
@@ -256,13 +256,13 @@ class Contact:
         farthest: np.ndarray,
         meeting: Meeting,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Rows (K, H · 48), how much (K,) they are to grow, and how softly (K,).
+        """Return rows (K, H · 48), their demanded growth (K,), and its softness (K,).
 
-        First of collisions and of fingertips that are not to part, then of pinches, which are to be met exactly.
+        Collisions and fingertips that must stay in touch come first, then pinches, which are met exactly.
         """
         distance = np.sqrt(meeting.squared)
         gap = distance - pairs.reach
-        parting = distance > (pairs.reach + farthest) / 2  # of fingertips: nearer to parting than to colliding
+        parting = distance > (pairs.reach + farthest) / 2  # of fingertips: closer to parting than to colliding
         close = (gap < self.settings.nearby) & ~parting
         if np.count_nonzero(close) > _MOST_ROWS:
             close[np.argsort(np.where(close, gap, np.inf))[_MOST_ROWS:]] = False
@@ -285,19 +285,19 @@ class Contact:
         return growth_rows(placed, axes, self._flesh.flip, start, end, toward), demand, softness
 
     def _way(self, change: np.ndarray) -> float:
-        """m: so far the farthest point goes, at most, by a change (H, 48)."""
+        """Return an upper bound (m) of a point's displacement by a change (H, 48)."""
         turned = (np.abs(change[:, None, :ANGLES]) @ self._reach)[:, 0]
         shift = change[:, ANGLES:]
         return float((turned.max(axis=1) + np.sqrt((shift * shift).sum(axis=1))).max())
 
 
 def _angles(given: _Given, change: np.ndarray) -> np.ndarray:
-    """(H, 15, 3) rad, after a change (H, 48)."""
+    """Return angles (H, 15, 3) rad after a change (H, 48)."""
     return given.angles + change[:, :ANGLES].reshape(given.angles.shape)
 
 
 def _moved(posed: HandPoses, change: np.ndarray, placed: PlacedFingers) -> HandPoses:
-    """The hands after a change; what it does not touch stays as it is to the bit."""
+    """Return the hands after a change; untouched values are bit-identical."""
     touched = change != 0
     turned = touched[:, :ANGLES].reshape(-1, 5, 9).max(axis=-1)
     shifted = touched[:, ANGLES:].max(axis=-1, keepdims=True)

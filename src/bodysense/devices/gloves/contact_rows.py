@@ -1,4 +1,4 @@
-"""What `contact` solves: how points on hands move with a hand's change, which fingertips pinch, the least change."""
+"""The linear problem of `contact`: motion of points by a hand's change, pinching fingertips, and the least change."""
 
 from __future__ import annotations
 
@@ -21,18 +21,18 @@ from bodysense.errors import BodysenseError
 
 @dataclass(frozen=True)
 class ContactSettings:
-    """How hands are kept out of each other. Lengths in metres."""
+    """Settings of hand contact. Lengths in metres."""
 
-    tolerance: float = 5e-4  # penetration that is left alone
+    tolerance: float = 5e-4  # penetration that is ignored
     max_iterations: int = 3  # linear steps a frame, at most
-    touching: float = 0.020  # fingertip markers nearer than this: the fingertips are brought as near
-    apart: float = 0.030  # farther than this: they are left as they are; in between, partly
-    missed: float = 0.0015  # by less than this fingertips are not brought together
-    half_life: float = 0.05  # s in which half of a correction goes that is no longer needed
-    speed: float = 0.2  # m/s at which a point is corrected, at most: 3.3 mm a frame at 60 Hz
-    seen_weight: float = 4.0  # how much harder a finger moves whose marker is seen, and a hand whose back is
-    hand_weight: float = 10.0  # how much harder a whole hand moves than a finger
-    keeping: float = 0.005  # fingertips whose flesh is nearer than this are not taken apart
+    touching: float = 0.020  # fingertip markers closer than this: the fingertips are brought as close
+    apart: float = 0.030  # farther than this: they are unchanged; in between, partly
+    missed: float = 0.0015  # smaller distances of fingertips are ignored
+    half_life: float = 0.05  # s in which half of an unnecessary correction fades
+    speed: float = 0.2  # m/s, maximum speed of a correction: 3.3 mm a frame at 60 Hz
+    seen_weight: float = 4.0  # stiffness of a finger or hand with seen markers, relative to unseen ones
+    hand_weight: float = 10.0  # stiffness of a whole hand relative to a finger
+    keeping: float = 0.005  # fingertips closer than this stay in touch
     nearby: float = 0.005  # gaps narrower than this are kept while others are widened
 
     def __post_init__(self) -> None:
@@ -66,7 +66,7 @@ class Pinches(NamedTuple):
 
     first: np.ndarray  # (N,) number of a fingertip, hand · 5 + finger
     second: np.ndarray  # (N,)
-    offset: np.ndarray  # (N, 3) m world, from the first to the second as it is to be
+    offset: np.ndarray  # (N, 3) m world, wanted vector from the first to the second
 
 
 _NONE = Pinches(np.zeros(0, np.intp), np.zeros(0, np.intp), np.zeros((0, 3)))
@@ -80,7 +80,7 @@ def joined(one: Ends, other: Ends) -> Ends:
 def growth_rows(
     placed: PlacedFingers, axes: np.ndarray, flip: np.ndarray, start: Ends, end: Ends, toward: np.ndarray
 ) -> np.ndarray:
-    """By how much each part of a change takes ends from starts along `toward`: (K, H · 48).
+    """Return how much each part of a change moves ends away from starts along `toward`: (K, H · 48).
 
     Args:
         placed: H hands, each in its own mirrored world.
@@ -108,25 +108,25 @@ _YZX, _ZXY = [1, 2, 0], [2, 0, 1]
 
 
 def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """a × b (..., 3), without the overhead of numpy's."""
+    """Return a × b (..., 3), without the overhead of NumPy's."""
     one, other = a.take(_YZX, axis=-1) * b.take(_ZXY, axis=-1), a.take(_ZXY, axis=-1) * b.take(_YZX, axis=-1)
     return one - other
 
 
 @lru_cache(maxsize=8)
 def _moved_by(hands: int) -> np.ndarray:
-    """(H · C, H · 48): the parts of the change of all hands that move each capsule."""
+    """Return the parts of the change of all hands that move each capsule, (H · C, H · 48)."""
     return np.kron(np.eye(hands), _MOVED_BY)
 
 
 def tip_ends(tip: np.ndarray, place: np.ndarray) -> Ends:
-    """Fingertips (N,), number hand · 5 + finger, at `place` (N, 3) m, three times each, once an axis."""
+    """Return fingertips (N,), number hand · 5 + finger, at `place` (N, 3) m, three times each, once an axis."""
     capsule = tip // len(FINGERS) * COUNT + tip % len(FINGERS) * 3 + 2
     return Ends(capsule.repeat(3), place.repeat(3, axis=0))
 
 
 def tip_pairs(hands: int) -> list[tuple[int, int]]:
-    """Numbers of fingertips that can pinch: a thumb and its fingers, any two of two hands."""
+    """Return numbers of fingertips that can pinch: a thumb and its fingers, any two of two hands."""
     count = len(FINGERS)
     pairs = [(count * hand, count * hand + finger) for hand in range(hands) for finger in range(1, count)]
     for one, other in combinations(range(hands), 2):
@@ -143,16 +143,16 @@ def pinches(
     apart: float,
     missed: float,
 ) -> Pinches:
-    """The fingertips that stand farther apart than their markers say, which are near each other.
+    """Return fingertips that are farther apart than their markers, if these are close to each other.
 
     Args:
         pairs: numbers of fingertips (`tip_pairs`).
-        markers: (H · 5, 3) m, world; NaN where there is none.
+        markers: (H · 5, 3) m, world; NaN if unknown.
         tips: (H · 5, 3) m, world.
-        seen: (H · 5,) bool; a marker that is filled says nothing of touch.
-        touching: m between markers from which on fingertips are brought as near.
-        apart: m from which on they are left; in between they are brought nearer in part.
-        missed: m that is too little to be brought nearer.
+        seen: (H · 5,) bool; a filled marker is not evidence of touch.
+        touching: m between markers below which fingertips are brought as close.
+        apart: m beyond which they are unchanged; in between they are brought closer in part.
+        missed: m; smaller distances are ignored.
     """
     place, known = markers.tolist(), seen.tolist()
     near = [(a, b) for a, b in pairs if dist(place[a], place[b]) < apart and known[a] and known[b]]
@@ -168,9 +168,9 @@ def pinches(
     return Pinches(one[wide], other[wide], (present + share * (offset - present))[wide])
 
 
-_ROUNDS = 3  # of fixing what has reached a bound
+_ROUNDS = 3  # of fixing values at a bound
 _TRIES = 3  # block exchanges that may fail to improve before single ones
-_MOST_EXCHANGES = 60  # then what is found so far must do
+_MOST_EXCHANGES = 60  # then the best solution so far is returned
 
 
 def least_change(
@@ -181,13 +181,13 @@ def least_change(
     bounds: tuple[np.ndarray, np.ndarray],
     softness: np.ndarray,
 ) -> np.ndarray:
-    """The x (N,) that makes Σ x² / ease smallest with rows · x ≥ demand, or = demand where `exact`.
+    """Return the x (N,) that minimises Σ x² / ease with rows · x ≥ demand, or = demand where `exact`.
 
     Args:
         rows: (K, N).
         demand: (K,).
-        exact: (K,) bool.
-        ease: (N,) how easily each part changes; 0 if it may not.
+        ease: (N,) compliance of each part; 0 if fixed.
+        bounds: (N,), (N,) smallest and largest x, 0 between them; they take precedence over demands.
         bounds: (N,), (N,) smallest and largest x, 0 between them; they come before demands.
         softness: (K,) > 0: a demand is missed by softness times the force that it takes.
     """
@@ -208,7 +208,7 @@ def least_change(
 
 
 def forces(matrix: np.ndarray, demand: np.ndarray, exact: np.ndarray) -> np.ndarray:
-    """The f (K,) with matrix · f ≥ demand, f ≥ 0, one of both an equation; equations alone where `exact`.
+    """Return the f (K,) with matrix · f ≥ demand, f ≥ 0, one of both an equation; equations alone where `exact`.
 
     `matrix` (K, K) is symmetric and positive definite. Block principal pivoting (Júdice and Pires, 1994): it does not
     depend on the order of the demands.

@@ -1,8 +1,8 @@
-"""No jump where a marker is hidden or found again (two-hands, section 3.2.2, Figure 8): a wrapper of any filler.
+"""No jump if a marker is hidden or found again (two-hands, section 3.2.2, Figure 8): a wrapper of any filler.
 
-A hidden marker keeps the offset between where it was and where the filler would have had it; half of it fades in
-`FADING` s. The paper keeps all of it (`fading=None`). On hands like those that a network learned from an offset that
-fades in 1 s is a little better, on all others it is far worse.
+A hidden marker keeps its offset from the filler's prediction; half of it fades in `FADING` s. The paper keeps all of
+it (`fading=None`). On hands like the network's training hands an offset that fades in 1 s is slightly better, on all
+others it is far worse.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ FADING = 8.0  # s, half-life of an offset
 
 
 class ContinuousState(NamedTuple):
-    """What was measured and shown last, and how far markers are shown from where the filler or the cameras have them.
+    """Last measured and output markers, and the offsets of output markers from the filler's or the cameras'.
 
     Offsets turn with the hand.
     """
@@ -28,22 +28,19 @@ class ContinuousState(NamedTuple):
     measured: np.ndarray  # (H, 9, 3) m, NaN where it was missing
     shown: np.ndarray  # (H, 9, 3) m
     known: np.ndarray  # (H, 9) bool
-    never: np.ndarray | None  # (H,) bool, hands of which nothing has been known yet; None: of all something has
+    never: np.ndarray | None  # (H,) bool, hands that were never seen; None: all were seen
     offset: np.ndarray  # (H, 9, 3) m
-    closing: (
-        np.ndarray | None
-    )  # (H, 9, 1) m/s: speed at which the offsets of known markers shrink; None: there are none
+    closing: np.ndarray | None  # (H, 9, 1) m/s: speed at which the offsets of known markers shrink; None: no offsets
     away: bool  # whether any offset is not 0
 
 
 @dataclass(frozen=True)
 class Continuous:
-    """A filler without its jumps.
+    """A filler without jumps.
 
-    A marker that is hidden keeps the offset between where it was and where the filler would have had it then, half of
-    it after `fading` s, but no faster than `speed` (None: all of it, as in the paper); one that is found again keeps
-    the offset to where it was shown, which shrinks at `speed` m/s, faster only where that would take more than
-    `longest` s. A hand that has never been seen is shown where it is found.
+    A hidden marker keeps its offset from the filler's prediction; it halves in `fading` s, but no faster than `speed`
+    (None: all of it, as in the paper). A marker that is found again keeps the offset to its last output, which shrinks
+    at `speed` m/s, faster only if that would take more than `longest` s. An unseen hand is output where it is found.
     """
 
     filler: Filler
@@ -58,7 +55,7 @@ class Continuous:
         _check_fading(self.fading)
 
     def start(self, hands: int) -> ContinuousState:
-        """Nothing shown yet."""
+        """Return the initial state without any output."""
         shape = (hands, MARKER_COUNT, 3)
         nothing, none = np.full(shape, np.nan), np.zeros(shape[:2], dtype=bool)
         never = np.ones(hands, dtype=bool)
@@ -86,7 +83,7 @@ class Continuous:
     def _shrunk(
         self, known: np.ndarray, interval: float, state: ContinuousState
     ) -> tuple[np.ndarray, np.ndarray | None]:
-        """Offsets (H, 9, 3) m and closing speeds (H, 9, 1) m/s where the same markers are known as a frame ago."""
+        """Return offsets (H, 9, 3) m and closing speeds (H, 9, 1) m/s while the known markers are unchanged."""
         offset, closing = state.offset, state.closing
         if self.fading is not None:
             kept = np.where(known, 1.0, 0.5 ** (interval / self.fading))[..., None]
@@ -108,13 +105,13 @@ class Continuous:
         interval: float,
         state: ContinuousState,
     ) -> tuple[np.ndarray, np.ndarray | None]:
-        """Offsets (H, 9, 3) m and closing speeds (H, 9, 1) m/s where other markers are known than a frame ago."""
-        # The frame before with what is known in both: how far off the filler would have been.
+        """Return offsets (H, 9, 3) m and closing speeds (H, 9, 1) m/s after a change of the known markers."""
+        # The frame before, from markers known in both: the filler's error.
         common = (known & state.known)[..., None]
         before, was = self.filler.fill(np.where(common, state.measured, np.nan), 0.0, state.filler)
         axes = self.filler.axes(before, was)
         offset = _turned_back(axes, state.shown - before)
-        # The frame now with the same: where everything would have been shown had nothing come back.
+        # This frame from the same markers: the output if no marker had come back.
         fewer = np.where(common, markers, np.nan)
         expected, now = self.filler.fill(fewer, interval, state.filler)
         expected = expected + _turned(self.filler.axes(fewer, now), offset)
@@ -123,13 +120,13 @@ class Continuous:
         offset = np.where(fresh, 0.0, offset)
         length = _length(offset)
         closing = np.maximum(self.speed, length / self.longest)
-        if state.closing is not None:  # what was on its way keeps its speed
+        if state.closing is not None:  # offsets that already shrink keep their speed
             closing = np.where((known & state.known)[..., None], state.closing, closing)
         closing = closing * known[..., None]
         return offset, closing if (closing * length).any() else None
 
     def axes(self, markers: np.ndarray, state: ContinuousState) -> np.ndarray | None:
-        """Those of the filler."""
+        """Return the filler's axes."""
         return self.filler.axes(markers, state.filler)
 
 
@@ -139,7 +136,7 @@ def _length(vector: np.ndarray) -> np.ndarray:
 
 
 class RememberedState(NamedTuple):
-    """What was measured and filled last, and how far hidden markers are filled from where the filler has them."""
+    """Last measured and filled markers, and the offsets of hidden ones from the filler's."""
 
     filler: Any
     measured: np.ndarray  # (H, 9, 3) m, NaN where it was missing
@@ -150,11 +147,11 @@ class RememberedState(NamedTuple):
 
 @dataclass(frozen=True)
 class Remembered:
-    """A filler that remembers how wrong it was: nothing jumps where markers are hidden.
+    """A filler that remembers its errors: nothing jumps if markers are hidden.
 
-    Where one is, hidden markers keep the offset between where they were and where the filler would have had them then,
-    half of it after `fading` s (None: all of it). Markers that are found again are where they are found. What they tell
-    of others is believed, but for what undoes an offset.
+    Hidden markers keep their offsets from the filler's prediction; these halve in `fading` s (None: constant). Markers
+    that are found again are output where they are found. Their effect on other markers is kept, except if it undoes an
+    offset.
     """
 
     filler: Filler
@@ -164,7 +161,7 @@ class Remembered:
         _check_fading(self.fading)
 
     def start(self, hands: int) -> RememberedState:
-        """Nothing filled yet."""
+        """Return the initial state without any output."""
         nothing = np.full((hands, MARKER_COUNT, 3), np.nan)
         return RememberedState(self.filler.start(hands), nothing, nothing, ~missing(nothing), None)
 
@@ -189,7 +186,7 @@ class Remembered:
         interval: float,
         state: RememberedState,
     ) -> np.ndarray | None:
-        """Offsets (H, 9, 3) m where other markers are known than a frame ago."""
+        """Return offsets (H, 9, 3) m if known markers differ from the frame before."""
         offset = np.zeros(markers.shape) if state.offset is None else state.offset
         common = (known & state.known)[..., None]
         if any_of(lost := state.known & ~known):
@@ -207,7 +204,7 @@ class Remembered:
         return offset if offset.any() else None
 
     def axes(self, markers: np.ndarray, state: RememberedState) -> np.ndarray | None:
-        """Those of the filler."""
+        """Return the filler's axes."""
         return self.filler.axes(markers, state.filler)
 
 
@@ -217,7 +214,7 @@ def _check_fading(fading: float | None) -> None:
 
 
 def _turned(axes: np.ndarray | None, vectors: np.ndarray) -> np.ndarray:
-    """Vectors (H, 9, 3) of the hand's axes in the world's."""
+    """Rotate vectors (H, 9, 3) from the hand's axes to the world's."""
     return vectors if axes is None else vectors @ axes.swapaxes(1, 2)
 
 

@@ -1,9 +1,9 @@
-"""Gloves as a device: the markers of hands in, their wrists, finger joints and fingertips out, as observed points.
+"""Gloves as a device: markers of hands in; wrists, finger joints and fingertips out, as observed points.
 
-The solver (`hands.py`) fills hidden markers, rejects wrong ones and keeps hands from jumping. What it gives is
-observed like any other point, with the error that it expects: 1-2 mm where markers are seen, more the longer they are
-hidden. A hand whose markers have all been hidden for more than a moment, 0.1 s, is not observed, so that the tracker
-completes it. Where nothing but gloves is tracked a head is assumed (`standing_head`).
+The solver (`hands.py`) fills hidden markers, rejects wrong ones and keeps hands from jumping. Its output is observed
+like any other point, with its expected error: 1-2 mm if markers are seen, more the longer they are hidden. A hand
+whose markers have all been hidden for 0.1 s is not observed, so that the tracker completes it. If only gloves are
+tracked, a head is assumed (`standing_head`).
 """
 
 from __future__ import annotations
@@ -33,9 +33,9 @@ SIDES: tuple[Side, ...] = ("left", "right")
 
 @dataclass(frozen=True)
 class GloveSettings:
-    """When a hand is observed."""
+    """Settings of a glove device."""
 
-    lost: float = 0.05  # m of expected error of its wrist from which on a hand is not observed any more
+    lost: float = 0.05  # m; a hand with a larger expected error of its wrist is not observed
 
     def __post_init__(self) -> None:
         if not self.lost > 0:
@@ -43,11 +43,11 @@ class GloveSettings:
 
 
 class GloveState(NamedTuple):
-    """Everything that the next frame depends on."""
+    """State for the next frame."""
 
     hands: HandsState
     head: StandingHeadState
-    virtual: tuple[SolvedHand, ...] = ()  # of hands whose markers are not the standard ones
+    virtual: tuple[SolvedHand, ...] = ()  # of hands with other than the standard markers
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,8 +60,8 @@ class GloveDevice:
 
     hands: Hands
     settings: GloveSettings = GloveSettings()
-    wearer: StandingHead | None = None  # whose head is assumed where nothing but gloves is tracked; None: nobody's
-    virtual: VirtualMarkers = VirtualMarkers({})  # of hands whose markers are not the standard ones
+    wearer: StandingHead | None = None  # whose head is assumed if only gloves are tracked; None: no assumed head
+    virtual: VirtualMarkers = VirtualMarkers({})  # of hands with other than the standard markers
 
     def __post_init__(self) -> None:
         strange = [name for name in self.hands.hands if name not in SIDES]
@@ -70,7 +70,7 @@ class GloveDevice:
 
     @cached_property
     def points(self) -> tuple[str, ...]:
-        """The points that are observed: of every hand the wrist, 15 finger joints and five fingertips."""
+        """The observed points: of every hand the wrist, 15 finger joints and five fingertips."""
         return tuple(f"{side}_{name}" for side in self.hands.hands for name in (*HAND_JOINTS, *FINGERTIPS))
 
     def start(self) -> GloveState:
@@ -80,8 +80,9 @@ class GloveDevice:
     def step(self, observation: Observation, state: GloveState) -> tuple[Observation, GloveState]:
         """Replace the gloves' markers of T frames by points of the hands; one call equals T calls with one frame.
 
-        Other points stay as they are. A hand's own points, observed by something else as well, are the glove's where
-        it knows the hand. Raises BodysenseError for a point that is named twice and where time does not increase.
+        Other points are unchanged. If a hand's points are observed by another device as well, the glove's are used
+        whenever it tracks the hand. Raises BodysenseError for a point that is named twice and for time that does not
+        increase.
         """
         virtual = state.virtual
         if self.virtual.gloves:
@@ -107,7 +108,7 @@ class GloveDevice:
         return merged, GloveState(hands, head, virtual)
 
     def _with_head(self, observation: Observation, state: StandingHeadState) -> StandingHeadState:
-        """Fill in the assumed head, in place, where a hand is observed."""
+        """Fill in the assumed head, in place, if a hand is observed."""
         assert self.wearer is not None
         wrists = [observation.points.index(f"{side}_wrist") if side in self.hands.hands else -1 for side in SIDES]
         worn, head = np.array([place >= 0 for place in wrists]), observation.points.index("head")
@@ -129,12 +130,12 @@ def has_gloves(observation: Observation) -> bool:
 
 
 def has_standard_gloves(observation: Observation) -> bool:
-    """Whether no glove has other markers than the standard ones, of which the hand need not be known."""
+    """Whether all gloves have the standard markers, so that the hand need not be calibrated."""
     return all(found[1] in MARKERS for found in map(glove_marker, observation.points) if found)
 
 
 def gloved_sides(points: Iterable[str]) -> tuple[Side, ...]:
-    """The hands of a body whose markers are among the points. Raises BodysenseError where there is none."""
+    """Return the hands of a body whose markers are among the points. Raises BodysenseError without such markers."""
     found = glove_hands(points)
     sides: tuple[Side, ...] = tuple(side for side in SIDES if side in found)
     if not sides:
@@ -150,14 +151,14 @@ def glove_device(
     settings: HandsSettings = HandsSettings(),
     calibrated: Mapping[str, GlovedHand] | None = None,
 ) -> GloveDevice:
-    """Gloves of a wearer.
+    """Return the gloves of a wearer.
 
     Args:
         skeleton: the wearer's; its hands are the gloves'.
         sides: which hands wear one.
         models: the solver's networks; the packaged ones if omitted.
         settings: of the solver.
-        calibrated: hands as a calibration found them (`calibrated_hands`), by their sides.
+        calibrated: hands found by a calibration (`calibrated_hands`), by their sides.
     """
     worn = {side: plain_hand(hand_skeleton(skeleton, side_of(side))) for side in sides}
     worn |= {side: hand for side, hand in (calibrated or {}).items() if side in worn}
@@ -174,7 +175,7 @@ def glove_device(
 
 
 def check_calibrated(points: Iterable[str], sides: Iterable[Side], calibrated: Mapping[str, GlovedHand]) -> None:
-    """Refuse gloves of another marker set than the standard one on hands that were not calibrated with it."""
+    """Refuse gloves of another marker set than the standard one on hands without a calibration for it."""
     for side in sides:
         names = {found[1] for found in map(glove_marker, points) if found and found[0] == side}
         known = calibrated[side].glove.markers if side in calibrated else MARKERS
@@ -186,10 +187,10 @@ def check_calibrated(points: Iterable[str], sides: Iterable[Side], calibrated: M
 
 
 def calibrated_hands(observation: Observation, worn: GloveSet | None = None) -> dict[str, GlovedHand]:
-    """The hands of a body as their gloves show them; none of a hand that is not seen well enough (`fit_hand`).
+    """Calibrate the hands of a body from their gloves, except hands that are not seen well enough (`fit_hand`).
 
     `worn` is the gloves' marker set; if omitted, the packaged one whose names the points have. Raises BodysenseError
-    for a glove of another set that is not seen well enough, for nothing is known without it.
+    for a glove of another set that is not seen well enough, because it cannot be used without calibration.
     """
     found, worn = {}, set_of(observation.points) if worn is None else worn
     for side in gloved_sides(observation.points):
@@ -200,7 +201,7 @@ def calibrated_hands(observation: Observation, worn: GloveSet | None = None) -> 
 
 
 def set_of(points: Iterable[str]) -> GloveSet:
-    """The packaged set that gloves' points are named after. Raises BodysenseError where there is none."""
+    """Return the packaged set with the names of the gloves' points. Raises BodysenseError if no set matches."""
     names = {found[1] for found in map(glove_marker, points) if found}
     for one in packaged_sets().values():
         if names <= set(one.names):
@@ -210,7 +211,7 @@ def set_of(points: Iterable[str]) -> GloveSet:
 
 
 def markers_of(observation: Observation, side: Side, worn: GloveSet) -> np.ndarray:
-    """(T, M, 3) m, the markers of a hand as of a left one; NaN where hidden."""
+    """Return the markers (T, M, 3) m of a hand as a left one; NaN where hidden."""
     markers = np.full((len(observation), len(worn.names), 3), np.nan)
     for row, name in enumerate(worn.names):
         if (point := f"{side}_glove_{name}") in observation.points:
@@ -220,7 +221,7 @@ def markers_of(observation: Observation, side: Side, worn: GloveSet) -> np.ndarr
 
 
 def _widened(observation: Observation, points: tuple[str, ...]) -> Observation:
-    """A copy of an observation with more points behind its own, hidden."""
+    """Return a copy of an observation with more points after its own, hidden."""
     frames, more = len(observation), len(points) - len(observation.points)
 
     def wider(values: np.ndarray, filler: float | bool) -> np.ndarray:

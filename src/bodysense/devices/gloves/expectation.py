@@ -1,4 +1,4 @@
-"""How far off a hand is expected to be, by how long its markers have been hidden."""
+"""Expected errors of a hand, by the time for which its markers have been hidden."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from bodysense.body.hand import FINGERS, HAND_JOINTS
 from bodysense.devices.gloves.fingers import POINT_COUNT
 
 # Fitted to hands of `lab.synthesis.hands` whose markers are hidden at random for 0.05 to 3 s, one or several at once.
-SHOWN_ERROR, TIP_SHOWN_ERROR = 0.001, 0.002  # m, expected of a point whose markers are seen
-# m/√s: expected errors of hidden markers grow with the root of time, for a second, as long as others are seen.
-HIDDEN_ERROR, TIP_HIDDEN_ERROR = 0.017, 0.024  # where those markers are hidden that tell of the point
-OTHERS_ERROR = 0.014  # where all others are
-BACK_ERROR = 0.010  # where the three are that place the hand
-LOST_ERROR = 0.12  # where all are: hands that stay where they were are off by 3 to 6 cm after 0.1 s (docs/gloves.md)
+SHOWN_ERROR, TIP_SHOWN_ERROR = 0.001, 0.002  # m, expected of a point with seen markers
+# m/√s: expected errors of hidden markers grow with the root of time, for a second, while others are seen.
+HIDDEN_ERROR, TIP_HIDDEN_ERROR = 0.017, 0.024  # if the markers near the point are hidden
+OTHERS_ERROR = 0.014  # if all others are
+BACK_ERROR = 0.010  # if the three alignment markers are
+LOST_ERROR = 0.12  # if all are: hands that stay in place are off by 3 to 6 cm after 0.1 s (docs/gloves.md)
 LONGEST = 1.0  # s
 LARGEST_ERROR = 0.3  # m
 _TIPS = np.arange(POINT_COUNT) >= len(HAND_JOINTS)
@@ -25,14 +25,14 @@ _BACK = list(ALIGNMENT)
 
 
 class Influence(NamedTuple):
-    """What each marker tells of each point of a hand."""
+    """How much each marker tells about each point of the hand."""
 
-    share: np.ndarray  # (9, 21) of where the point is; of sum 1 for every point
-    growth: np.ndarray  # (9, 21) m/√s: what its being hidden adds to the point's expected error
+    share: np.ndarray  # (9, 21) of the point's position; sums to 1 for every point
+    growth: np.ndarray  # (9, 21) m/√s: contribution of a hidden marker to the point's expected error
 
 
 def expected_error(hidden: np.ndarray, influence: Influence) -> tuple[np.ndarray, np.ndarray]:
-    """Errors expected (…, 21) m where markers have been hidden for (…, 9) s, and how much is hidden (…, 21), 0 to 1."""
+    """Return expected errors (…, 21) m of markers hidden for (…, 9) s, and the hidden share (…, 21), 0 to 1."""
     error = np.sqrt(np.minimum(hidden, LONGEST)) @ influence.growth + _SHOWN
     back = np.minimum.reduce(hidden.take(_BACK, axis=-1), axis=-1, keepdims=True)
     if back.any():
@@ -43,14 +43,14 @@ def expected_error(hidden: np.ndarray, influence: Influence) -> tuple[np.ndarray
 
 
 def influence(glove: Glove) -> Influence:
-    """Of the markers of a glove."""
+    """Return the influence of a glove's markers."""
     share = _share(glove)
     hidden = np.where(_TIPS, TIP_HIDDEN_ERROR, HIDDEN_ERROR)
     return Influence(share, hidden * share + OTHERS_ERROR / len(share))
 
 
 def _share(glove: Glove) -> np.ndarray:
-    """(9, 21) as in `Influence`."""
+    """Return `Influence.share` (9, 21)."""
     points = ["wrist", *HAND_JOINTS[1:], *(f"{finger}_tip" for finger in FINGERS)]
     back = np.array([carrier == "wrist" for carrier in glove.carried_by], dtype=float)
     rows = np.tile(back / back.sum(), (len(points), 1))

@@ -1,7 +1,7 @@
-"""Hidden markers filled: every way has one signature, and they stack (two-hands, section 3.2; papers.md 4.5, 4.6).
+"""Fillers of hidden markers: all have one interface, and they stack (two-hands, section 3.2; papers.md 4.5, 4.6).
 
-A filler works in whatever frame its markers are given in. It gives back what it was given, and in place of NaN what
-it knows; NaN where it knows nothing. State is an argument. The paper's baselines are in `baselines`.
+A filler works in the frame of its markers. It returns its input with NaN replaced; NaN remains if the marker cannot be
+filled. State is an argument. The paper's baselines are in `baselines`.
 """
 
 from __future__ import annotations
@@ -23,33 +23,33 @@ MARKER_COUNT = 9
 
 
 class Filler(Protocol):
-    """A way to fill hidden markers."""
+    """A method that fills hidden markers."""
 
     def start(self, hands: int) -> Any:
-        """The state before the first frame, of this many hands."""
+        """Return the state before the first frame, of this many hands."""
         ...
 
     def fill(self, markers: np.ndarray, interval: float, state: Any) -> tuple[np.ndarray, Any]:
-        """Markers (H, 9, 3) m, NaN where missing, `interval` s after the last ones: filled, and the state after."""
+        """Fill markers (H, 9, 3) m, NaN where missing, `interval` s after the last ones; return them and the state."""
         ...
 
     def axes(self, markers: np.ndarray, state: Any) -> np.ndarray | None:
-        """(H, 3, 3) world ← axes that turn with the hand, of the frame just filled; None: the world's."""
+        """Return (H, 3, 3) world ← axes that turn with the hand, of the frame just filled; None: the world's."""
         ...
 
 
 def missing(markers: np.ndarray) -> np.ndarray:
-    """(H, 9) bool."""
+    """Return (H, 9) bool."""
     return np.isnan(markers[..., 0])
 
 
 def any_of(flags: np.ndarray) -> bool:
-    """`flags.any()` of a few, in a fifth of the time."""
+    """Return `flags.any()` of a small array, in a fifth of the time."""
     return b"\x01" in flags.tobytes()
 
 
 class NetworkState(NamedTuple):
-    """How the hand was registered when it last was, and whether that was in the last frame."""
+    """The last registration of the hand, and whether it is of the last frame."""
 
     rotation: np.ndarray  # (H, 3, 3)
     translation: np.ndarray  # (H, 3) m
@@ -57,20 +57,20 @@ class NetworkState(NamedTuple):
 
 
 class Masked(NamedTuple):
-    """What does not change while the same markers are known."""
+    """Values that are constant while the known markers are."""
 
     known: np.ndarray  # (H, 9, 1) bool
     levers: Levers
-    scale: np.ndarray  # (H, 9, 1) to the size that the network knows; 0 of what is hidden
+    scale: np.ndarray  # (H, 9, 1) to the network's hand size; 0 if hidden
     network: HandNetwork
 
 
 @dataclass(frozen=True, eq=False)
 class NetworkFiller:
-    """A network tells all markers of the registered hand from the known ones (4.6, section 3.2.2).
+    """A network that predicts all markers of the registered hand from the known ones (4.6, section 3.2.2).
 
-    `hands` are left-model hands, as many as there are in a batch, or one for all, and `gloves` what they wear, the
-    default one where none is given. Fills hands with at least `fewest` known markers.
+    `hands` are left-model hands, as many as in a batch, or one for all, and `gloves` their gloves, the default one if
+    omitted. Fills hands with at least `fewest` known markers.
     """
 
     model: HandNetwork
@@ -105,7 +105,7 @@ class NetworkFiller:
         return known_shapes(self.hands, self._gloves)
 
     def start(self, hands: int) -> NetworkState:
-        """Registered nowhere. Raises BodysenseError where there are other hands than told."""
+        """Return the state without registration. Raises BodysenseError for another number of hands than `hands`."""
         if len(self.hands) not in (1, hands):
             raise BodysenseError(f"network filler: made for {len(self.hands)} hands, started for {hands}; give either")
         return NetworkState(np.broadcast_to(np.eye(3), (hands, 3, 3)), np.zeros((hands, 3)), False)
@@ -128,7 +128,7 @@ class NetworkFiller:
     def _told(
         self, markers: np.ndarray, masked: Masked, last: tuple[np.ndarray, np.ndarray] | None
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Markers (H, 9, 3) m, those told where they are hidden, and how the hands are registered."""
+        """Return markers (H, 9, 3) m, predicted where hidden, and the registration of the hands."""
         seen = np.where(masked.known, markers, 0.0)
         _, rotation, translation = fit(masked.levers, seen, last)
         local = brought_back(seen, rotation, translation) * masked.scale
@@ -139,7 +139,7 @@ class NetworkFiller:
 
     @cached_property
     def _masked(self) -> Callable[[bytes], Masked]:
-        """Of the known markers (H, 9) bool, as bytes."""
+        """Cached values for the known markers (H, 9) bool, as bytes."""
 
         def masked(which: bytes) -> Masked:
             known = np.frombuffer(which, dtype=bool).reshape(-1, MARKER_COUNT)
@@ -150,7 +150,7 @@ class NetworkFiller:
 
     @cached_property
     def _told_again(self) -> Callable[[bytes, bytes], tuple[np.ndarray, np.ndarray, np.ndarray]]:
-        """`_told` of known and markers as bytes: where markers come and go the same frames are asked for again."""
+        """`_told` cached by known and markers as bytes: frames repeat when markers come and go."""
 
         def told(which: bytes, frame: bytes) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
             return self._told(np.frombuffer(frame).reshape(-1, MARKER_COUNT, 3), self._masked(which), None)
@@ -158,12 +158,12 @@ class NetworkFiller:
         return lru_cache(maxsize=4)(told)
 
     def axes(self, markers: np.ndarray, state: NetworkState) -> np.ndarray:
-        """Those of the registered hand."""
+        """Return the axes of the registered hand."""
         return state.rotation if state.fresh else register(self._template, markers, ~missing(markers), state[:2])[0]
 
 
 class ShapeState(NamedTuple):
-    """The last complete frame, the one in which the hand was last seen, and for how long it has not been."""
+    """The last complete frame, the last frame with a seen marker, and the time since then."""
 
     shape: np.ndarray  # (H, 9, 3) m
     lost: np.ndarray  # (H, 9, 3) m
@@ -172,10 +172,10 @@ class ShapeState(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class LastShape:
-    """The hand keeps its last shape, moved rigidly onto the markers that are known.
+    """The hand keeps its last shape, moved rigidly onto the known markers.
 
-    A hand of which nothing is known stays for `hold` s where it was, then relaxes to its `natural` shape (H, 9, 3) m
-    within `relaxing` s, the back of the hand in place. A hand that was never seen has that shape, at the origin.
+    A hand without any seen marker stays in place for `hold` s, then relaxes to its `natural` shape (H, 9, 3) m within
+    `relaxing` s, the back of the hand in place. A hand that was never seen has that shape, at the origin.
     """
 
     natural: np.ndarray
@@ -183,7 +183,7 @@ class LastShape:
     relaxing: float = 1.0
 
     def start(self, hands: int) -> ShapeState:
-        """The natural shape."""
+        """Return the natural shape as the state."""
         shape = np.array(np.broadcast_to(self.natural, (hands, MARKER_COUNT, 3)))
         return ShapeState(shape, shape, np.zeros(hands))
 
@@ -203,7 +203,7 @@ class LastShape:
         return filled, ShapeState(filled, np.where(unseen[:, None, None] > 0, lost, filled), unseen)
 
     def _relaxed(self, lost: np.ndarray, unseen: np.ndarray) -> np.ndarray:
-        """(H, 9, 3) m: between the shape that was lost and the natural one, as far as the time has come."""
+        """Return (H, 9, 3) m: interpolated between the lost shape and the natural one."""
         back = np.zeros(lost.shape[:2], dtype=bool)
         back[:, :3] = True  # the alignment markers
         natural = np.broadcast_to(self.natural, lost.shape)
@@ -212,17 +212,17 @@ class LastShape:
         return lost + (way * way * (3 - 2 * way))[:, None, None] * (rest - lost)
 
     def axes(self, markers: np.ndarray, state: ShapeState) -> None:
-        """The world's."""
+        """Return None: the world's axes."""
 
 
 @dataclass(frozen=True)
 class Stack:
-    """Fillers one after the other: each fills what those before it left missing."""
+    """Fillers in sequence: each fills markers that are still missing."""
 
     fillers: tuple[Filler, ...]
 
     def start(self, hands: int) -> tuple[Any, ...]:
-        """The state of every one."""
+        """Return the state of each filler."""
         return tuple(filler.start(hands) for filler in self.fillers)
 
     def fill(self, markers: np.ndarray, interval: float, state: tuple[Any, ...]) -> tuple[np.ndarray, tuple[Any, ...]]:
@@ -234,7 +234,7 @@ class Stack:
         return markers, tuple(after)
 
     def axes(self, markers: np.ndarray, state: tuple[Any, ...]) -> np.ndarray | None:
-        """Those of the first filler that has any."""
+        """Return the axes of the first filler that has any."""
         for filler, one in zip(self.fillers, state, strict=True):
             if (axes := filler.axes(markers, one)) is not None:
                 return axes

@@ -27,24 +27,24 @@ POINT_COUNT = 21  # of a hand: the wrist, 15 joints, 5 tips
 
 @dataclass(frozen=True, eq=False)
 class HandShape:
-    """What is constant of H hands in a batch: where bases are, how long bones, what must point at the markers.
+    """Constants of H hands in a batch: finger bases, bones, and points that must aim at the markers.
 
-    Bones are columns, as turned one joint after the other: the tip and what points, from joint 3; these, joint 3 and
-    what a marker in the middle of the finger is worn at, from joint 2; these, the base (0) and joint 2, from the base.
+    Bones are columns, as turned one joint after the other. From joint 3: the tip and the aiming point. From joint 2:
+    these, joint 3 and the carrier of a middle marker. From the base: these, the base (0) and joint 2.
     """
 
     base: np.ndarray = field(repr=False)  # (H, 5, 3, 1) m, of each finger, from the wrist
     last: np.ndarray = field(repr=False)  # (H, 5, 3, 2) m, from joint 3
     middle: np.ndarray = field(repr=False)  # (H, 5, 3, 4) m, from joint 2: thrice joint 3, and the middle marker
     first: np.ndarray = field(repr=False)  # (H, 5, 3, 1) m, from the base
-    markers: np.ndarray = field(repr=False)  # (6,) the marker that each finger's tip points at, and the thumb's middle
+    markers: np.ndarray = field(repr=False)  # (6,) the marker for each finger's tip, and the thumb's middle one
 
 
 def hand_shape(hands: Sequence[Skeleton], gloves: Sequence[Glove], aim: Aim = "marker") -> HandShape:
-    """The shape of hands, each of which wears a glove.
+    """Return the shape of hands with gloves.
 
-    What points at a fingertip's marker is where the glove wears it ('marker'), or the middle of the last segment
-    ('last segment'; two-hands, section 2.2).
+    The point that aims at a fingertip's marker is the marker's place on the glove ('marker'), or the middle of the last
+    segment ('last segment'; two-hands, section 2.2).
     """
     if aim not in ("marker", "last segment"):
         raise BodysenseError(f"gloves: aim {aim!r}; it is 'marker' or 'last segment'")
@@ -69,16 +69,16 @@ def hand_shape(hands: Sequence[Skeleton], gloves: Sequence[Glove], aim: Aim = "m
 
 _SIGNS = ((1, 1), (1, -1), (-1, 1), (-1, -1))
 # The waves of a joint: cosines, then sines, of half of z + s · y + t · x, its turns about its axes; from its flexion,
-# −z, abduction, y, and twist, x: (3, 8), and what to add (8,), for a sine is a cosine a quarter later.
+# −z, abduction, y, and twist, x: (3, 8), and phases (8,), because a sine is a cosine a quarter later.
 WAVES = np.array([[-1, s, t] for s, t in 2 * _SIGNS]).T / 2
 QUARTER = np.repeat([0.0, -np.pi / 2], 4)
-# (8, 4) of waves: the quaternion of Rz · Ry · Rx, whose products of three are sums of such.
+# (8, 4) from waves to the quaternion of Rz · Ry · Rx, whose products of three are sums of such.
 _EULER = np.array([[1, s, -t, s * t] for s, t in _SIGNS] + [[-s * t, t, s, 1] for s, t in _SIGNS]) / 4
 
 
 @lru_cache(maxsize=1)
 def _waves_of_freedoms() -> tuple[np.ndarray, np.ndarray]:
-    """The same of all joints (26, 120) from the 26 angles, and what to add (120,)."""
+    """Return waves of all joints (26, 120) from the 26 angles, and phases (120,)."""
     waves, column = np.zeros((len(FREEDOMS), 15, 8)), {"flexion": 0, "abduction": 1, "twist": 2}
     for row, freedom in enumerate(FREEDOMS):
         waves[row, HAND_JOINTS.index(freedom.joint) - 1] = WAVES[column[freedom.angle]]
@@ -86,7 +86,7 @@ def _waves_of_freedoms() -> tuple[np.ndarray, np.ndarray]:
 
 
 def turning(calibration: np.ndarray | None = None, axes: np.ndarray | None = None) -> np.ndarray:
-    """(15, 8, 4), or (H, 15, 8, 4) with a calibration or axes (H, 15, 4): from waves of angles to local rotations.
+    """Return (15, 8, 4), or (H, 15, 8, 4) with a calibration or axes (H, 15, 4): from waves to local rotations.
 
     A joint's rotation is about · Rz · Ry · Rx · about⁻¹ (`body.hand`), then · calibration: linear in the waves. `axes`
     turn the joints' own axes at rest.
@@ -99,14 +99,14 @@ def turning(calibration: np.ndarray | None = None, axes: np.ndarray | None = Non
 
 
 def local_rotations(angles: np.ndarray, turning: np.ndarray) -> np.ndarray:
-    """Local rotations (H, 15, 4) of finger joints, of either sign, from angles (H, 26) rad; `turning` as above."""
+    """Return local rotations (H, 15, 4) of finger joints, of either sign, from angles (H, 26) rad."""
     waves, quarter = _waves_of_freedoms()
     waves = np.cos(angles @ waves + quarter)
     return (waves.reshape(-1, 15, 1, 8) @ turning)[:, :, 0]
 
 
 def reached(local: np.ndarray, shape: HandShape) -> np.ndarray:
-    """Base (0), joints 2 and 3, tip, what points, and the middle marker, (H, 5, 3, 6) m from each finger's base."""
+    """Return base (0), joints 2 and 3, tip, aiming point, and middle marker, (H, 5, 3, 6) m from each finger's base."""
     turn = to_matrix(local).reshape(-1, 5, 3, 3, 3)
     ways = np.zeros((len(local), 5, 3, 6))
     ways[..., 3:5] = turn[:, :, 2] @ shape.last
@@ -119,9 +119,9 @@ def reached(local: np.ndarray, shape: HandShape) -> np.ndarray:
 def pointed(
     local: np.ndarray, markers: np.ndarray, shape: HandShape, restraint: float = 0.0
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Every finger turned at its base by the shortest arc to point at its marker (two-hands, section 2.2; 4.3).
+    """Turn every finger at its base by the shortest arc to point at its marker (two-hands, section 2.2; 4.3).
 
-    The thumb turns at its base to point at its middle marker, then at its second joint to point at that of its tip.
+    The thumb turns at its base to point at its middle marker, then at its second joint to point at its tip marker.
 
     Args:
         local: (H, 15, 4) rotations of finger joints, changed in place.
@@ -154,13 +154,13 @@ def pointed(
 def _pointed_few(
     local: np.ndarray, ways: np.ndarray, toward: np.ndarray, shape: HandShape, restraint: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The rest of `pointed`, number by number: for a hand or two a fraction of the time."""
+    """Run the rest of `pointed` on scalars, which is much faster for a hand or two."""
     points = []
     for hand, (fingers, aims, bases, turns) in enumerate(
         zip(ways.tolist(), toward.tolist(), shape.base[..., 0].tolist(), local.tolist(), strict=True)
     ):
         joints, tips = [0.0, 0.0, 0.0], []
-        # Of a finger joint 2 (j) and 3 (k), the tip (t), what points at the marker (p), and the middle marker (m).
+        # For each finger: joint 2 (j), joint 3 (k), the tip (t), the aiming point (p), and the middle marker (m).
         for finger, ((_, xj, xk, xt, xp, xm), (_, yj, yk, yt, yp, ym), (_, zj, zk, zt, zp, zm)) in enumerate(fingers):
             x, y, z = bases[finger]
             arc = _arc((xp, yp, zp) if finger else (xm, ym, zm), aims[finger or 5], restraint)
@@ -188,14 +188,14 @@ def _pointed_few(
 
 
 def in_order(ways: np.ndarray, shape: HandShape) -> np.ndarray:
-    """All points (H, 21, 3) m of hands in their axes, from the wrist, of those that are `reached` from the bases."""
+    """Return all points (H, 21, 3) m of hands in their axes, from the wrist, given those `reached` from the bases."""
     points = np.zeros((len(ways), POINT_COUNT * 3))
     points[:, 3:] = (ways[..., :4] + shape.base).reshape(-1, 60).take(_ORDER, axis=1)
     return points.reshape(-1, POINT_COUNT, 3)
 
 
 def _order() -> np.ndarray:
-    """(60,) where each coordinate of joints, then tips, lies among (finger, coordinate, column)."""
+    """Return (60,) indices of joints' coordinates, then tips', among (finger, coordinate, column)."""
     place = np.arange(60).reshape(5, 3, 4).transpose(0, 2, 1)  # finger, column, coordinate
     return np.concatenate([place[:, :3].reshape(-1), place[:, 3].reshape(-1)])
 
@@ -205,12 +205,12 @@ _HAMILTON = LEFT.reshape(4, 4, 4).swapaxes(1, 2).reshape(16, 4)  # (16, 4): a ·
 
 
 def product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Hamilton products (H, N, 4)."""
+    """Return Hamilton products (H, N, 4)."""
     return (a[..., :, None] * b[..., None, :]).reshape(*a.shape[:-1], 16) @ _HAMILTON
 
 
 def _dot_and_cross() -> np.ndarray:
-    """(9, 4): scalar and vector product from u ⊗ v, row by row."""
+    """Return (9, 4): scalar and vector product from u ⊗ v, row by row."""
     table = np.zeros((3, 3, 4))
     table[range(3), range(3), 0] = 1.0
     for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
@@ -223,13 +223,13 @@ _ONES = np.ones((4, 1))
 
 
 def shortest_arcs(u: np.ndarray, v: np.ndarray, restraint: float = 0.0) -> np.ndarray:
-    """`rotation.shortest_arc` of vectors (H, N, 3), m: (H, N, 4). Opposite ones are not turned.
+    """Return `rotation.shortest_arc` of vectors (H, N, 3), m: (H, N, 4). Opposite vectors are not turned.
 
-    A `restraint` holds large arcs back: at 4 those of 20° by 1 %, of 60° by a third, and toward 180° more and more, so
-    that the arc changes little where the vectors change little, also where they are nearly opposite.
+    A `restraint` reduces large arcs: at 4 those of 20° by 1 %, of 60° by a third, and more toward 180°, so that the
+    arc is continuous in the vectors, even for nearly opposite ones.
     """
     arc = (u[..., :, None] * v[..., None, :]).reshape(*u.shape[:-1], 9) @ _DOT_AND_CROSS
-    # |u|² |v|² = (u·v)² + |u×v|²; a little more, so that where both vanish nothing turns.
+    # |u|² |v|² = (u·v)² + |u×v|²; the small addition prevents a turn if both vanish.
     length = np.sqrt((arc * arc) @ _ONES) + 1e-15
     if restraint:
         back = length - arc[..., :1]
@@ -239,7 +239,7 @@ def shortest_arcs(u: np.ndarray, v: np.ndarray, restraint: float = 0.0) -> np.nd
 
 
 def _arc(u: Sequence[float], v: Sequence[float], restraint: float) -> tuple[float, float, float, float]:
-    """`shortest_arcs` of two vectors."""
+    """Return `shortest_arcs` of two vectors."""
     (ux, uy, uz), (vx, vy, vz) = u, v
     w, x, y, z = ux * vx + uy * vy + uz * vz, uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
     square = x * x + y * y + z * z
@@ -251,7 +251,7 @@ def _arc(u: Sequence[float], v: Sequence[float], restraint: float) -> tuple[floa
 
 
 def _times(a: Sequence[float], b: Sequence[float]) -> tuple[float, float, float, float]:
-    """Hamilton product."""
+    """Return a Hamilton product."""
     (w, x, y, z), (r, i, j, k) = a, b
     return (
         w * r - x * i - y * j - z * k,

@@ -1,4 +1,4 @@
-"""A hand as numbers: its shape, its glove and its pose in, its markers out, many at once; and what poses are likely.
+"""A hand as numbers: shape, glove and pose in, markers out, many at once; and a prior of poses.
 
 A pose is 32 numbers: 26 angles (`body.hand.FREEDOMS`), then the turn (rotation vector) and the place (m) of the wrist.
 """
@@ -20,15 +20,15 @@ from bodysense.body.rotation import matrix_to_quaternion, quaternion_conjugate, 
 
 ANGLES = len(FREEDOMS)
 POSE = ANGLES + 6
-_ANGLE = {"flexion": 2.5, "abduction": 0.3, "twist": 0.2}  # rad, from those of a relaxed hand
-_COUPLED, _BEYOND = 0.15, 0.05  # rad: of a last joint from two thirds of the middle one, and of what is beyond limits
+_ANGLE = {"flexion": 2.5, "abduction": 0.3, "twist": 0.2}  # rad, from a relaxed hand's
+_COUPLED, _BEYOND = 0.15, 0.05  # rad: last joint from two thirds of the middle one; excess beyond limits
 
 
-_BELIEVED = 0.5  # how far usual postures are believed: real hands have others, too
+_BELIEVED = 0.5  # weight of usual poses, because real hands have others, too
 
 
 class Place(NamedTuple):
-    """Where a marker is on a hand."""
+    """Position of a marker on a hand."""
 
     finger: int  # among `FINGERS`; -1: none
     point: int  # of the finger's four
@@ -37,13 +37,13 @@ class Place(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class MarkedHand:
-    """Which markers a hand has; `shapes` say where they sit."""
+    """The markers of a hand; `shapes` has their positions."""
 
     places: tuple[Place, ...]
 
     @classmethod
     def of(cls, glove: Glove) -> MarkedHand:
-        """That of a glove."""
+        """Return the markers of a glove."""
         return cls(tuple(_place(*row) for row in zip(glove.points, glove.carried_by, strict=True)))
 
     @cached_property
@@ -53,7 +53,7 @@ class MarkedHand:
 
     @cached_property
     def farthest(self) -> tuple[int | None, ...]:
-        """Of every finger the marker that is nearest to its tip, and None where it has none."""
+        """For each finger the marker closest to its tip, or None if it has no marker."""
         found: list[int | None] = []
         for finger in range(len(FINGERS)):
             own = [(p.carrier, p.point, k) for k, p in enumerate(self.places) if p.finger == finger and p.carrier >= 0]
@@ -61,7 +61,7 @@ class MarkedHand:
         return tuple(found)
 
     def markers(self, shapes: HandShapes, pose: np.ndarray) -> np.ndarray:
-        """(..., M, 3) m of hands (shapes …) with poses (..., 32)."""
+        """Return markers (..., M, 3) m of hands (shapes …) with poses (..., 32)."""
         turn = rotations_of(pose[..., :ANGLES])
         turn = quaternion_multiply(quaternion_multiply(shapes.axes, turn), quaternion_conjugate(shapes.axes))
         matrix = to_matrix(np.asarray(turn)).reshape(*turn.shape[:-2], 5, 3, 3, 3)
@@ -85,7 +85,7 @@ class MarkedHand:
         return local @ wrist.swapaxes(-1, -2) + pose[..., None, -3:]
 
     def placed(self, shapes: HandShapes, poses: np.ndarray, seen: np.ndarray, known: np.ndarray) -> np.ndarray:
-        """Poses (K, S, 32) with the wrists where the known (K, M) of markers (K, M, 3) put them."""
+        """Return poses (K, S, 32) with the wrists registered to the known (K, M) of markers (K, M, 3)."""
         local = poses.copy()
         local[..., -6:] = 0.0
         count, shown = poses.shape[1], np.where(known[..., None], seen, 0.0)
@@ -99,25 +99,25 @@ class MarkedHand:
         return local
 
     def best(self, shapes: HandShapes, poses: np.ndarray, seen: np.ndarray, known: np.ndarray) -> np.ndarray:
-        """(K, 32) of poses (K, S, 32) those that meet the known markers best."""
+        """Return of poses (K, S, 32) those (K, 32) closest to the known markers."""
         far = np.where(known[:, None, :, None], self.markers(shapes, poses) - seen[:, None], 0.0)
         return poses[np.arange(len(poses)), (far**2).sum(axis=(-1, -2)).argmin(axis=1)]
 
 
 def unlikely(pose: np.ndarray) -> np.ndarray:
-    """(..., R) how far poses are from likely ones, in standard deviations."""
+    """Return the distance (..., R) of poses from likely ones, in standard deviations."""
     return np.concatenate([hardly_possible(pose), unusual(pose)], axis=-1)
 
 
 def hardly_possible(pose: np.ndarray) -> np.ndarray:
-    """(..., R) how far poses are beyond what joints can do and from a relaxed hand, in standard deviations."""
+    """Return the distance (..., R) of poses from joint limits and from a relaxed hand, in standard deviations."""
     angles, (low, high) = pose[..., :ANGLES], limits()
     beyond = (np.maximum(angles - high, 0.0) + np.minimum(angles - low, 0.0)) / _BEYOND
     return np.concatenate([(angles - relaxed()) / _deviations(), beyond], axis=-1)
 
 
 def unusual(pose: np.ndarray) -> np.ndarray:
-    """(..., R) how far poses are from usual ones, whose joints bend together, in standard deviations."""
+    """Return the distance (..., R) of poses from usual ones with coordinated joints, in standard deviations."""
     angles, (middle, last) = pose[..., :ANGLES], _couples()
     coupled = (angles[..., last] - angles[..., middle] / 1.5) / _COUPLED
     usual, white = _usual()
@@ -125,7 +125,7 @@ def unusual(pose: np.ndarray) -> np.ndarray:
 
 
 def moved(pose: np.ndarray, change: np.ndarray) -> np.ndarray:
-    """Poses after a change, whose turn of the wrist comes before its present one."""
+    """Return poses after a change; its turn of the wrist is applied before the present one."""
     after = pose + change
     turn = quaternion_multiply(quaternion_exp(change[..., -6:-3]), quaternion_exp(pose[..., -6:-3]))
     after[..., -6:-3] = rotation_vectors(np.asarray(turn))
@@ -133,7 +133,7 @@ def moved(pose: np.ndarray, change: np.ndarray) -> np.ndarray:
 
 
 def rotation_vectors(turn: np.ndarray) -> np.ndarray:
-    """(..., 3) of quaternions (..., 4)."""
+    """Return rotation vectors (..., 3) of quaternions (..., 4)."""
     turn = turn * np.copysign(1.0, turn[..., :1])
     sine = np.linalg.norm(turn[..., 1:], axis=-1, keepdims=True)
     return turn[..., 1:] * np.where(sine > 1e-9, 2 * np.arctan2(sine, turn[..., :1]) / np.maximum(sine, 1e-12), 2.0)
@@ -141,7 +141,7 @@ def rotation_vectors(turn: np.ndarray) -> np.ndarray:
 
 @lru_cache(maxsize=1)
 def relaxed() -> np.ndarray:
-    """(26,) rad."""
+    """Return the angles (26,) rad of a relaxed hand."""
     flexion = {"1": 25.0, "2": 35.0, "3": 20.0}
     bent = {"thumb1": 5.0, "thumb2": 10.0, "thumb3": 15.0}
     rows = [bent.get(row.joint, flexion[row.joint[-1]]) if row.angle == "flexion" else 0.0 for row in FREEDOMS]
@@ -150,7 +150,7 @@ def relaxed() -> np.ndarray:
 
 @lru_cache(maxsize=1)
 def postures() -> np.ndarray:
-    """(5, 26) rad: a relaxed hand, a flat one, half closed and nearly closed ones."""
+    """Return (5, 26) rad: a relaxed hand, a flat one, half closed and nearly closed ones."""
     high = limits()[1]
     flexion = np.array([row.angle == "flexion" for row in FREEDOMS])
     thumb = np.array([row.joint.startswith("thumb") for row in FREEDOMS])
@@ -168,7 +168,7 @@ def _place(point: str, carrier: str) -> Place:
 
 @lru_cache(maxsize=1)
 def _usual() -> tuple[np.ndarray, np.ndarray]:
-    """The mean posture (26,) rad, and what takes differences from it to unit variance (26, 26)."""
+    """Return the mean pose (26,) rad, and the matrix (26, 26) that scales differences from it to unit variance."""
     with as_file(files("bodysense.devices.gloves").joinpath("postures.npy")) as path:
         stored = np.load(path, allow_pickle=False).astype(float)
     return stored[0], stored[1:]
@@ -176,7 +176,7 @@ def _usual() -> tuple[np.ndarray, np.ndarray]:
 
 @lru_cache(maxsize=1)
 def _deviations() -> np.ndarray:
-    """(26,) rad; the base of a thumb turns more to the side and about itself than those of fingers."""
+    """Return (26,) rad; the base of a thumb abducts and twists more than those of fingers."""
     return np.array(
         [_ANGLE[row.angle] * (2.0 if row.joint == "thumb1" and row.angle != "flexion" else 1.0) for row in FREEDOMS]
     )
@@ -184,13 +184,13 @@ def _deviations() -> np.ndarray:
 
 @lru_cache(maxsize=1)
 def _couples() -> tuple[list[int], list[int]]:
-    """Flexions of the fingers' middle and last joints among the angles."""
+    """Return the flexions of the fingers' middle and last joints among the angles."""
     where = {row.joint: place for place, row in enumerate(FREEDOMS) if row.angle == "flexion"}
     return [where[f"{finger}2"] for finger in FINGERS[1:]], [where[f"{finger}3"] for finger in FINGERS[1:]]
 
 
 @lru_cache(maxsize=1)
 def _chains() -> np.ndarray:
-    """(5, 4) points of fingers."""
+    """Return (5, 4) points of fingers."""
     first = [HAND_JOINTS.index(f"{finger}1") for finger in FINGERS]
     return np.array([[k, k + 1, k + 2, len(HAND_JOINTS) + row] for row, k in enumerate(first)])

@@ -1,21 +1,21 @@
 """Hands from gloves: markers, some of them hidden or wrong, become posed hands with all their joints.
 
-Every hand is handled as a left one, right hands mirrored at the door; all go through as one batch. A frame's way:
-wrong markers are left out (`rejection`), hidden ones filled without jumps (`fillers`, `continuity`), the hand is placed
-and its fingers posed (`joints`), it settles where some are found again (`settling`), and what stands in each other is
-moved apart (`contact`).
+Every hand is processed as a left one (right hands are mirrored first), all in one batch. The steps of a frame: wrong
+markers are dropped (`rejection`), hidden ones filled without jumps (`fillers`, `continuity`), the hand is placed and
+its fingers posed (`joints`), it settles if markers are found again (`settling`), and overlapping parts are moved
+apart (`contact`).
 
-What is not as it should be:
+Special cases:
 
-- All markers of a hand hidden: it stays for 0.5 s where it was, then relaxes within 1 s, its wrist in place
-  (`LastShape`), and its expected error grows. Found again it moves to its place at 24 cm/s, or within 0.5 s if that is
-  far (`settling`). A hand that was never seen is relaxed, at the origin.
+- All markers of a hand hidden: it stays in place for 0.5 s, then relaxes within 1 s, its wrist in place
+(`LastShape`), and its expected error grows. When found again, it moves there at 24 cm/s, or within 0.5 s if that is
+far (`settling`). A hand that was never seen is relaxed, at the origin.
 - Alignment markers hidden: the hand is placed by the filled ones. Fewer than three markers known: it keeps its last
-  shape, moved onto what is known.
-- Identifiers exchanged between markers are set right; of two in one place one is left out (`rejection`).
-- A marker that is not finite or `FARTHEST` from the origin counts as hidden, and so does one an observation lacks.
-- After more than `longest_gap` without a frame everything starts afresh. A point that is named twice and time that does
-  not increase (a stream of 0 Hz) are errors.
+shape, moved onto the known markers.
+- Exchanged identifiers of markers are corrected; of two markers in one place one is dropped (`rejection`).
+- A marker that is not finite, `FARTHEST` from the origin or missing in an observation counts as hidden.
+- After more than `longest_gap` without a frame everything is reset. A point that is named twice and time that does
+not increase (a stream of 0 Hz) are errors.
 """
 
 from __future__ import annotations
@@ -47,38 +47,38 @@ from bodysense.errors import BodysenseError
 from bodysense.io.fingers import relaxed_rotation
 from bodysense.observation import FARTHEST, Observation, check_order
 
-FIRST_INTERVAL = 1 / 60  # s: the time step of a frame that has none before it
-NEVER = 1e6  # s for which a marker that was never seen has been hidden
+FIRST_INTERVAL = 1 / 60  # s: the time step of the first frame
+NEVER = 1e6  # s: hidden time of a marker that was never seen
 _ONES = np.ones(3)
 
 
 @dataclass(frozen=True)
 class GloveModels:
-    """The networks that hands are completed with."""
+    """The networks that complete hands."""
 
     markers: HandNetwork
     joints: HandNetwork
 
 
 def load_glove_models() -> GloveModels:
-    """The packaged networks."""
+    """Load the packaged networks."""
     return GloveModels(load_marker_network(), load_joint_network())
 
 
 @dataclass(frozen=True)
 class HandsSettings:
-    """How markers become hands."""
+    """Settings of the hand solver."""
 
-    rejection: RejectionSettings | None = field(default_factory=RejectionSettings)  # None believes every marker
-    speed: float = 0.24  # m/s at which hands settle where markers are found again (`settling`); the paper: 0.25 (4.7)
+    rejection: RejectionSettings | None = field(default_factory=RejectionSettings)  # if None, every marker is accepted
+    speed: float = 0.24  # m/s at which hands settle if markers are found again (`settling`); the paper: 0.25 (4.7)
     unseen_speed: float = 0.12  # m/s, of points whose markers are not seen
     fading: float | None = FADING  # s, half-life of a hidden marker's offset (`continuity`); None keeps it
-    hold: float = 0.5  # s for which a hand of which nothing is seen stays as it was
+    hold: float = 0.5  # s for which a hand without seen markers stays in place
     relaxing: float = 1.0  # s within which it then relaxes
-    aim: Aim = "marker"  # what of a finger points at its marker
+    aim: Aim = "marker"  # point of a finger that aims at its marker
     restraint: float = 4.0  # of fingers' large turns to their markers (`fingers.shortest_arcs`); 0 turns all the way
-    contact: ContactSettings | None = field(default_factory=ContactSettings)  # None lets hands pass through each other
-    longest_gap: float = 1.0  # s without frames after which everything starts afresh
+    contact: ContactSettings | None = field(default_factory=ContactSettings)  # if None, contact is off
+    longest_gap: float = 1.0  # s without frames after which everything is reset
 
     def __post_init__(self) -> None:
         for name in ("speed", "unseen_speed", "relaxing", "longest_gap"):
@@ -90,14 +90,14 @@ class HandsSettings:
 
 
 class HandsState(NamedTuple):
-    """Everything that the next frame depends on."""
+    """State for the next frame."""
 
     time: float | None  # s, of the last frame
     rejection: RejectionState
     filler: Any
     contact: ContactState
-    hidden: np.ndarray  # (H, 9) s for which each marker has been
-    settling: SettlingState | None  # None before the first frame
+    hidden: np.ndarray  # (H, 9) s for which each marker has been hidden
+    settling: SettlingState | None  # before the first frame None
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +105,7 @@ class Hands:
     """Posed hands from the markers of gloves.
 
     `hands` names every hand ('left', 'right', 'left2' …) and gives its skeleton as a left hand (`hand_skeleton`).
-    `filler` replaces the way in which hidden markers are filled; `calibration` is found by `calibrated`.
+    `filler` replaces the default filler of hidden markers; `calibration` is found by `calibrated`.
     Raises BodysenseError for no hand, or a name that begins with neither 'left' nor 'right'.
     """
 
@@ -113,9 +113,9 @@ class Hands:
     models: GloveModels
     settings: HandsSettings = HandsSettings()
     glove: Glove = field(default_factory=default_glove)
-    gloves: Mapping[str, Glove] = field(default_factory=dict)  # of hands that do not wear `glove`
+    gloves: Mapping[str, Glove] = field(default_factory=dict)  # of hands without `glove`
     filler: Filler | None = None
-    calibration: np.ndarray | None = None  # (H, 15, 4)
+    calibration: np.ndarray | None = None  # (H, 15, 4) rotation of joints' axes from the default hand's
     axes: np.ndarray | None = None  # (H, 15, 4) by which joints' axes are turned from the default hand's
 
     def __post_init__(self) -> None:
@@ -126,7 +126,7 @@ class Hands:
 
     @cached_property
     def skeletons(self) -> dict[str, Skeleton]:
-        """What the estimate of every hand is of: its skeleton, mirrored back."""
+        """The skeleton of every hand's estimate, mirrored back."""
         return {
             name: hand.with_offsets(mirrored_vectors(hand.rest_offset, side_of(name)))
             for name, hand in self.hands.items()
@@ -144,7 +144,7 @@ class Hands:
 
     @cached_property
     def _gloves(self) -> tuple[Glove, ...]:
-        """Of every hand."""
+        """The glove of every hand."""
         return tuple(self.gloves.get(name, self.glove) for name in self.hands)
 
     @cached_property
@@ -182,14 +182,14 @@ class Hands:
         return influence(self.glove)
 
     def start(self) -> HandsState:
-        """Nothing seen yet."""
+        """Return the state before the first frame."""
         hidden, filler = np.full((len(self.hands), len(self.glove.markers)), NEVER), self._filler.start(len(self.hands))
         return HandsState(None, self._rejection.start(), filler, self._contact.start(), hidden, None)
 
     def step(self, observation: Observation, state: HandsState) -> tuple[dict[str, PointEstimate], HandsState]:
-        """Complete T frames, one after the other: an estimate of every hand on its skeleton, with its pose.
+        """Complete T frames in order: an estimate of every hand on its skeleton, with its pose.
 
-        Raises BodysenseError for a point that is named twice and for time that does not increase.
+        Raises BodysenseError for a point that is named twice and if time does not increase.
         """
         markers, _ = self._measured(observation)
         frames, hands = len(observation.time), len(self.hands)
@@ -218,9 +218,9 @@ class Hands:
         }, state
 
     def calibrated(self, observation: Observation) -> Hands:
-        """These hands with a calibration: the inverse of what is told of hands held flat, applied ever after (4.4).
+        """Return these hands with a calibration: the inverse of the prediction for flat hands (4.4).
 
-        Takes the frames in which all markers of all hands are seen. Raises BodysenseError where there is none.
+        Uses the frames with all markers of all hands. Raises BodysenseError if there are no such frames.
         """
         markers, known = self._measured(observation)
         whole = known.all(axis=(1, 2))
@@ -235,7 +235,7 @@ class Hands:
         return replace(self, calibration=np.asarray(quaternion_conjugate(told)))
 
     def complete(self, markers: np.ndarray, interval: float, state: HandsState) -> tuple[HandPoses, HandsState]:
-        """One frame of H left hands, each in its own mirrored world: markers (H, 9, 3) m, NaN where hidden."""
+        """Complete one frame of H left hands, each in its own mirrored world: markers (H, 9, 3) m, NaN where hidden."""
         rejection, checking = state.rejection, self.settings.rejection is not None
         if checking:
             markers, rejection = self._rejection.check(markers, interval, state.hidden, rejection)
@@ -254,7 +254,7 @@ class Hands:
     def _without(
         self, told: HandPoses, filled: np.ndarray, known: np.ndarray, interval: float, state: HandsState
     ) -> HandPoses:
-        """Where hands would be had no marker (H, 9, 3) m been found in this frame."""
+        """Return the hands without the markers (H, 9, 3) m that were found in this frame."""
         if state.settling is None or known.tobytes() == state.settling.known.tobytes():
             return told
         found = known & ~state.settling.known
@@ -266,7 +266,7 @@ class Hands:
         return self._reader.read(np.where(np.isnan(fewer), filled, fewer))
 
     def _continued(self, now: float, state: HandsState) -> tuple[float, HandsState]:
-        """The time step, and the state, fresh after a gap."""
+        """Return the time step, and the state, reset after a gap."""
         check_order(now, state.time, "gloves")
         if state.time is None:
             return FIRST_INTERVAL, state
@@ -275,20 +275,20 @@ class Hands:
         return now - state.time, state
 
     def _measured(self, observation: Observation) -> tuple[np.ndarray, np.ndarray]:
-        """Markers (T, H, 9, 3) m as of left hands, NaN where hidden, and where they are known (T, H, 9)."""
+        """Return markers (T, H, 9, 3) m as of left hands, NaN where hidden, and where they are known (T, H, 9)."""
         place, every = _where(observation.points, tuple(self.hands))
         known = observation.has_position.take(place, axis=-1)
         if not every:
             known = known & (place >= 0)
         markers = np.where(known[..., None], observation.position.take(place, axis=-2) * self._flip, np.nan)
-        near = (markers * markers) @ _ONES < FARTHEST**2  # false for what is no number
+        near = (markers * markers) @ _ONES < FARTHEST**2  # NaN compares false
         if near.tobytes() != known.tobytes():
             known, markers = near, np.where(near[..., None], markers, np.nan)
         return markers, known
 
 
 def natural_pose(hand: Skeleton) -> Pose:
-    """A relaxed left-model hand at the origin."""
+    """Return a relaxed left-model hand at the origin."""
     rotation = np.zeros((len(HAND_JOINTS), 4))
     rotation[0, 0] = 1.0
     rotation[1:] = [relaxed_rotation(f"left_{joint}") for joint in HAND_JOINTS[1:]]
@@ -296,13 +296,13 @@ def natural_pose(hand: Skeleton) -> Pose:
 
 
 def natural_markers(glove: Glove, hand: Skeleton) -> np.ndarray:
-    """Markers (9, 3) m on a relaxed left-model hand at the origin."""
+    """Return markers (9, 3) m on a relaxed left-model hand at the origin."""
     return np.asarray(marker_positions(glove, natural_pose(hand)))
 
 
 @lru_cache(maxsize=64)
 def _where(points: tuple[str, ...], hands: tuple[str, ...]) -> tuple[np.ndarray, bool]:
-    """Which points (H, 9) are the markers of hands, -1 where there is none, and whether all are there."""
+    """Return the indices of hands' markers among the points (H, 9), -1 if missing, and whether all are present."""
     if len(set(points)) != len(points):
         twice = next(point for point in points if points.count(point) > 1)
         raise BodysenseError(f"gloves: the point {twice!r} is named twice; names must differ")

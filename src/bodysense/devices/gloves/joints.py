@@ -1,7 +1,7 @@
-"""From nine markers of a hand to its pose: placed, angles told by a network, fingers turned to their markers.
+"""From nine markers of a hand to its pose: registration, angles from a network, fingers aimed at their markers.
 
-The hand is placed by its alignment markers (4.2), the joint network tells 26 angles from the markers in the hand's axes
-(4.8), a calibration corrects them (4.4), and every finger is turned at its base to point at its marker (4.3).
+The hand is placed by its alignment markers (4.2), the joint network predicts 26 angles from the markers in the hand's
+axes (4.8), a calibration corrects them (4.4), and every finger is turned at its base to its marker (4.3).
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class HandPoses(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class JointReader:
-    """Poses of H hands from all their markers.
+    """Poses of H hands from complete markers.
 
     Every hand wears one of `gloves`; its joints turn about the default hand's axes turned by `axes` (H, 15, 4), and
     `calibration` (H, 15, 4) follows every local rotation.
@@ -54,7 +54,7 @@ class JointReader:
 
     @cached_property
     def shape(self) -> HandShape:
-        """Of the hands."""
+        """The hands' constants."""
         return hand_shape(self.hands, self.gloves, self.aim)
 
     @cached_property
@@ -75,13 +75,13 @@ class JointReader:
 
     @cached_property
     def _levers(self) -> Levers:
-        """Of the hands by their alignment markers."""
+        """Registration of the hands by their alignment markers."""
         known = np.zeros((len(self.hands), len(self.gloves[0].markers)), dtype=bool)
         known[:, list(ALIGNMENT)] = True
         return levers(np.stack([template(*worn) for worn in zip(self.gloves, self.hands, strict=True)]), known)
 
     def read(self, markers: np.ndarray) -> HandPoses:
-        """Poses from markers (H, 9, 3) m, none missing."""
+        """Return poses from markers (H, 9, 3) m without missing ones."""
         quaternion, rotation, root = fit(self._levers, markers)
         own = brought_back(markers, rotation, root)
         local, points = pointed(self._local(own), own, self.shape, self.restraint)
@@ -91,17 +91,17 @@ class JointReader:
         return HandPoses(root, turned, moved(points, rotation, root))
 
     def angles(self, markers: np.ndarray) -> np.ndarray:
-        """Angles (H, 26) rad that the network tells of markers (H, 9, 3) m."""
+        """Return the network's angles (H, 26) rad for markers (H, 9, 3) m."""
         _, rotation, root = fit(self._levers, markers)
         return self._angles(brought_back(markers, rotation, root))
 
     def told(self, markers: np.ndarray) -> np.ndarray:
-        """Local rotations (H, 15, 4) that the network tells, before fingers are turned to their markers."""
+        """Return the network's local rotations (H, 15, 4), before fingers are aimed at their markers."""
         _, rotation, root = fit(self._levers, markers)
         return np.asarray(quaternion_canonical(self._local(brought_back(markers, rotation, root))))
 
     def _local(self, own: np.ndarray) -> np.ndarray:
-        """Local rotations (H, 15, 4) that the network tells of markers (H, 9, 3) m in the hands' axes, calibrated."""
+        """Return the network's local rotations (H, 15, 4) for markers (H, 9, 3) m in the hands' axes, calibrated."""
         return local_rotations(self._angles(own), self._turning)
 
     def _angles(self, own: np.ndarray) -> np.ndarray:

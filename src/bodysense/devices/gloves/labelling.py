@@ -1,10 +1,10 @@
-"""Labels for passive markers: which of the points that cameras see is which marker of which glove.
+"""Labels for passive markers: which of the cameras' points is which marker of which glove.
 
-Points have no names, come in any order, and some are none of ours. While a hand is followed, every marker is expected
-where its motion and its hand carry it, and where a hand can have it; points are assigned at the least cost in all.
-Where another assignment has long been the better hand, it is taken. A hand that is not followed is looked for: three
-points that form the triangle on the back of a hand say where it would be, and the one counts whose other markers are
-there too. This begins a recording, and mends it after occlusion.
+Points have no names, come in any order, and some belong to no glove. While a hand is followed, every marker is expected
+where its motion and its hand carry it, within the range of the hand's shape; points are assigned at the least total
+cost. An assignment that has long fitted a hand better replaces the current one. A hand that is not followed is
+searched: three points that form the triangle on the back of a hand propose it, and the one with matching other
+markers is taken. This starts a recording, and repairs it after occlusion.
 """
 
 from __future__ import annotations
@@ -30,36 +30,36 @@ from bodysense.observation import Observation, check_order
 _COUNT = len(MARKERS)
 _BACK = list(ALIGNMENT)
 _UNKNOWN = np.full((_COUNT, 3), np.nan)  # velocities of a hand that was just found
-_FIRMNESS = 8  # how much a marker on the back of the hand says of where the hand is, beside one of a finger
+_FIRMNESS = 8  # weight of a marker on the back of the hand in its registration, compared with one of a finger
 
 
 @dataclass(frozen=True)
 class LabellingSettings:
-    """How points become markers."""
+    """Settings of the labeller."""
 
-    near: float = 0.015  # m from where it is expected that a marker may be
-    acceleration: float = 40.0  # m/s² of a hand: what that adds to it in a frame
-    drift: float = 0.3  # m/s by which it grows while a marker is hidden
-    farthest: float = 0.05  # m that it grows to
-    shape: float = 0.035  # m from where a hand can have it that a marker of a finger may be
-    back: float = 0.02  # m, the same of one on the back of the hand or at the middle of the thumb
-    shape_share: float = 0.3  # how much that counts beside where a marker is expected
-    no_hand: float = 0.4  # mean of these distances, squared and as a share of what may be: more is no hand
-    better: float = 0.8  # of the cost of the labels that there are: another assignment with less is the better hand
-    patience: float = 0.1  # s for which it must be, and for which a hand with few markers is followed on
-    fewest: int = 6  # markers that a hand must show to be found
-    again: int = 5  # the same once the size of the hands is known
-    followed: int = 3  # markers that it must show to be followed on
-    stiffness: float = 0.008  # m by which sides of the triangle on the back of the hand may differ from the template's
-    sizes: tuple[float, float] = (0.8, 1.25)  # of the hand that is given, that are looked for
-    same_size: float = 0.05  # share by which sizes differ that are looked for once one hand is known
+    near: float = 0.015  # m, largest distance of a marker from its expected position
+    acceleration: float = 40.0  # m/s² of a hand: growth of that distance in a frame
+    drift: float = 0.3  # m/s, growth of that distance while a marker is hidden
+    farthest: float = 0.05  # m, upper bound of that distance
+    shape: float = 0.035  # m, largest distance of a finger's marker from the range of the hand's shape
+    back: float = 0.02  # m, the same limit for one on the back of the hand or at the middle of the thumb
+    shape_share: float = 0.3  # weight of that distance compared with the one from the expected position
+    no_hand: float = 0.4  # mean of these distances, squared and as a share of the limits, above which it is not a hand
+    better: float = 0.8  # of the cost of the current labels: below this another assignment is better
+    patience: float = 0.1  # s for which it must be better, and for which a hand with few markers is still followed
+    fewest: int = 6  # markers needed to find a hand
+    again: int = 5  # markers needed if the size of the hands is known
+    followed: int = 3  # markers needed to follow a hand
+    stiffness: float = 0.008  # m, largest difference between sides of the triangle on the back and the template's
+    sizes: tuple[float, float] = (0.8, 1.25)  # of the given hand: range of searched sizes
+    same_size: float = 0.05  # share: range of searched sizes once one hand is known
     proven: float = 0.2  # s of following after which the size of a hand is known
     margin: float = (
         0.5  # markers that another hand must cost more: points that are two hands nearly as well are neither
     )
-    worst: float = 0.12  # mean of the distances, squared and as a share of what may be, of a hand that is found
-    kept: float = 1.0  # markers that another hand must cost less than one that is followed
-    check: float = 0.1  # s after which hands that are followed are compared with others
+    worst: float = 0.12  # largest mean of the distances, squared and as a share of the limits, of a found hand
+    kept: float = 1.0  # in markers: by this much another hand must cost less than a followed one
+    check: float = 0.1  # s between comparisons of followed hands with others
     half_life: float = 0.008  # s in which the velocity of a marker adapts by half
 
     def __post_init__(self) -> None:
@@ -69,29 +69,29 @@ class LabellingSettings:
 
 
 class HandTrack(NamedTuple):
-    """One hand as it was last seen, in its own mirrored world."""
+    """One hand at its last sighting, in its own mirrored world."""
 
-    size: float  # as a factor of the hand that is given; 0 while the hand is not followed
-    place: np.ndarray  # (9, 3) m, where markers were seen or are thought to be
+    size: float  # as a factor of the given hand; 0 while the hand is not followed
+    place: np.ndarray  # (9, 3) m, seen or predicted positions of markers
     velocity: np.ndarray  # (9, 3) m/s
-    hidden: np.ndarray  # (9,) s for which each was not seen
-    weak: float  # s for which fewer than enough markers were seen, or they were no hand
+    hidden: np.ndarray  # (9,) s for which each was hidden
+    weak: float  # s with too few or badly fitting markers
     age: float = 0.0  # s for which it has been followed
-    usual: float = 0.0  # its size when it was followed for long; 0 if it never was
+    usual: float = 0.0  # its size after long following; 0 if never
 
 
 class LabelState(NamedTuple):
-    """Everything that the next frame depends on."""
+    """State for the next frame."""
 
     time: float | None
     hands: tuple[HandTrack, ...]
-    doubt: float  # s for which another assignment has been the better hand
-    checked: float  # s, when hands that are followed were last compared with others
+    doubt: float  # s for which another assignment has fitted better
+    checked: float  # s, time of the last comparison of followed hands with others
 
 
 @dataclass(frozen=True, eq=False)
 class Labeller:
-    """Finds the markers of gloves among unnamed points. `hands` gives every hand's skeleton as a left hand.
+    """Finder of gloves' markers among unnamed points. `hands` gives every hand's skeleton as a left hand.
 
     State is an argument, as for estimators: `step` takes the next frames.
     """
@@ -106,12 +106,12 @@ class Labeller:
 
     @cached_property
     def _ranges(self) -> list[np.ndarray]:
-        """Of every hand (9, K, 3) m where markers may be."""
+        """(9, K, 3) m for every hand: possible positions of markers."""
         return [marker_ranges(hand) for hand in self.hands.values()]
 
     @cached_property
     def _templates(self) -> list[np.ndarray]:
-        """Of every hand (9, 3) m."""
+        """(9, 3) m for every hand."""
         return [template(default_glove(), hand) for hand in self.hands.values()]
 
     @cached_property
@@ -120,11 +120,11 @@ class Labeller:
         return np.stack([mirrored_vectors(np.ones(3), side_of(hand)) for hand in self.hands])
 
     def start(self) -> LabelState:
-        """No hand is followed yet."""
+        """Return the state without any followed hand."""
         return LabelState(None, tuple(_nowhere() for _ in self.hands), 0.0, -np.inf)
 
     def step(self, observation: Observation, state: LabelState) -> tuple[Observation, LabelState]:
-        """Label T frames of points, whatever they are called: the markers of all gloves, by name.
+        """Label T frames of points, ignoring their names: return the markers of all gloves, by name.
 
         Raises BodysenseError when time does not increase.
         """
@@ -136,7 +136,7 @@ class Labeller:
         return points_alone(self.points, placed, observation.time), state
 
     def label(self, points: np.ndarray, now: float, state: LabelState) -> tuple[np.ndarray, LabelState]:
-        """Labels (N,) of the points (N, 3) m of one frame: places in `points`, −1 for what is no marker."""
+        """Return labels (N,) of the points (N, 3) m of one frame: indices in `points`, −1 for other points."""
         check_order(now, state.time, "labelling")
         interval = 0.0 if state.time is None else now - state.time
         expected = [_carried_on(hand, interval) for hand in state.hands]
@@ -145,7 +145,7 @@ class Labeller:
         for k, hand in enumerate(hands):
             if not hand.size:
                 labels[_of_hand(labels, k)] = -1
-        # A hand that was just found is looked for once more: how it moves is not known yet.
+        # Search a hand that was just found once more, because its motion is not known yet.
         doubtful = {
             k
             for k, (hand, before) in enumerate(zip(hands, state.hands, strict=True))
@@ -162,7 +162,7 @@ class Labeller:
     def _followed(
         self, points: np.ndarray, expected: list[HandTrack], interval: float, doubt: float
     ) -> tuple[np.ndarray, float]:
-        """Labels (N,) of points as markers of the hands that are followed, and for how long they have been doubtful."""
+        """Return labels (N,) of points as markers of the followed hands, and for how long they have been doubtful."""
         labels, settings = np.full(len(points), -1), self.settings
         rows = [k for k, hand in enumerate(expected) if hand.size]
         if not rows or not len(points):
@@ -174,8 +174,8 @@ class Labeller:
         near = settings.near + settings.acceleration * interval**2 / 2
         near = np.minimum(near + settings.drift * np.maximum(hidden - interval, 0), settings.farthest)
         apart = ((place[:, None] - points) ** 2).sum(axis=-1) / near[:, None] ** 2
-        # A marker is expected within some distance; a farther point costs more than none. One that was hidden is
-        # found again only where a hand can have it.
+        # A marker is expected within some distance; a farther point costs more than leaving it unassigned. A hidden
+        # marker must also fit the hand's shape to be found again.
         share, found_again = settings.shape_share, (hidden > 1.5 * interval)[:, None]
         possible = (apart < 1) & ((shape < 1) | ~found_again)
         chosen = assigned_or_none(np.where(possible, (1 - share) * apart + share * shape, np.inf))
@@ -190,7 +190,7 @@ class Labeller:
         return labels, doubt
 
     def _unlike(self, k: int, points: np.ndarray, hand: HandTrack) -> np.ndarray:
-        """(9, N) how far points are from where a hand, placed by its back, can have each marker: squared, 1 too far."""
+        """Return (9, N) distances of points from possible positions of each marker: squared, 1 is the limit."""
         known = np.ones((1, len(_BACK)), dtype=bool)
         rotation, translation = register(hand.size * self._templates[k][_BACK], hand.place[None, _BACK], known)[:2]
         local = (points * self._flips[k] - translation[0]) @ rotation[0] / hand.size
@@ -198,13 +198,13 @@ class Labeller:
 
     @cached_property
     def _allowed(self) -> np.ndarray:
-        """(9, 1) m²: how far, squared, markers may be from where a hand can have them."""
+        """(9, 1) m²: largest distance, squared, of markers from their possible positions."""
         allowed = np.full((_COUNT, 1), self.settings.shape**2)
         allowed[[*_BACK, MARKERS.index("thumb_middle")]] = self.settings.back**2
         return allowed
 
     def _taken(self, k: int, points: np.ndarray, labels: np.ndarray, expected: HandTrack, interval: float) -> HandTrack:
-        """A hand after its points were labelled; labels of points that cannot be its markers are taken back."""
+        """Return a hand after labelling its points; labels of impossible points are removed."""
         if not expected.size:
             return expected
         place, seen = self._seen(k, points, labels)
@@ -213,7 +213,7 @@ class Labeller:
             labels[labels == k * _COUNT + marker] = -1
         enough = seen.sum() >= self.settings.followed
         now = np.where(seen[:, None], place, expected.place)
-        if enough and not seen.all():  # the hidden ones follow what is seen
+        if enough and not seen.all():  # hidden markers follow the seen ones
             now = np.where(seen[:, None], place, _moved_along(expected.place, now, seen))
         hand = expected._replace(place=now)
         own = np.diagonal(self._unlike(k, now * self._flips[k], hand))
@@ -231,13 +231,13 @@ class Labeller:
         return HandTrack(expected.size, now, velocity, hidden, weak, age, usual)
 
     def _seen(self, k: int, points: np.ndarray, labels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Markers (9, 3) of a hand, in its mirrored world, and which are seen."""
+        """Return markers (9, 3) of a hand, in its mirrored world, and which are seen."""
         place, mine = np.full((_COUNT, 3), np.nan), _of_hand(labels, k)
         place[labels[mine] - k * _COUNT] = points[mine] * self._flips[k]
         return place, np.asarray(np.isfinite(place[:, 0]))
 
     def _stray(self, k: int, place: np.ndarray, seen: np.ndarray, size: float) -> list[int]:
-        """Markers on the back of the hand that are where they cannot be: those whose distances are most often wrong."""
+        """Return markers on the back of the hand in impossible positions: those with the most wrong distances."""
         wrong: dict[int, int] = dict.fromkeys(_BACK, 0)
         for one, other in ((_BACK[a], _BACK[b]) for a, b in SIDES):
             if seen[one] and seen[other]:
@@ -251,9 +251,9 @@ class Labeller:
     def _look_for(
         self, doubtful: set[int], asked: set[int], points: np.ndarray, labels: np.ndarray, hands: list[HandTrack]
     ) -> None:
-        """Label those hands that are `asked` for by their shape alone, the surest first, where it says something new.
+        """Label hands in `asked` by their shape alone, the surest first, if that changes the labels.
 
-        What is followed is one reading of its points among others, and gives way to another that is better. `labels`
+        A followed hand is one reading of its points among others, and is replaced by a better one. `labels`
         and `hands` are filled in place.
         """
         free = np.flatnonzero((labels < 0) | np.isin(labels // _COUNT, list(asked)))
@@ -274,12 +274,12 @@ class Labeller:
                 labels[sure.points] = k * _COUNT + np.flatnonzero(seen)
                 place = np.where(seen[:, None], (points * self._flips[k])[sure.chosen], sure.flat)
                 hidden = np.where(seen, 0.0, 1.0)
-                velocity = np.zeros((_COUNT, 3)) if mended else _UNKNOWN  # where it was says nothing of how it moves
+                velocity = np.zeros((_COUNT, 3)) if mended else _UNKNOWN  # its motion is unknown
                 hands[k] = HandTrack(sure.size, place, velocity, hidden, 0.0, known.age, known.usual)
             readings = [one for one in readings if one.hand != k and not len(np.intersect1d(one.points, sure.points))]
 
     def _held(self, k: int, points: np.ndarray, labels: np.ndarray, hand: HandTrack) -> FoundHand:
-        """A hand that is followed, as its labels say."""
+        """Return a followed hand as a reading, from its labels."""
         chosen, mine = np.full(_COUNT, -1), np.flatnonzero(_of_hand(labels, k))
         chosen[labels[mine] - k * _COUNT] = mine
         cost = cost_of(self._unlike(k, points, hand), chosen)
@@ -287,7 +287,7 @@ class Labeller:
         return FoundHand(k, cost, chosen, hand.size, hand.place)
 
     def _found(self, k: int, points: np.ndarray, free: np.ndarray, hands: list[HandTrack]) -> list[FoundHand]:
-        """Readings of those of the points (N, 3) m that are free; of the size of what is known of the hands."""
+        """Return readings of the free points among points (N, 3) m, at the known size of the hands if any."""
         settings = self.settings
         known = [hand.usual for hand in hands if hand.usual] or [hand.size for hand in hands if hand.size]
         sizes, fewest = settings.sizes, settings.fewest
@@ -310,7 +310,7 @@ class Labeller:
 
 
 def _with_velocity(hand: HandTrack, before: HandTrack, interval: float) -> HandTrack:
-    """A hand that was found: it has moved rigidly from where it was last, or stands if that is not known."""
+    """Return a found hand that has moved rigidly from its last position, or is at rest if that is unknown."""
     if not before.size or not interval:
         return hand._replace(velocity=np.zeros((_COUNT, 3)))
     seen = hand.hidden <= 0
@@ -318,7 +318,7 @@ def _with_velocity(hand: HandTrack, before: HandTrack, interval: float) -> HandT
 
 
 def _carried_on(hand: HandTrack, interval: float) -> HandTrack:
-    """Where a hand's markers are thought to be now: those that were seen move on, the others with their hand."""
+    """Predict a hand's markers for this frame: seen ones keep their velocity, others move with the hand."""
     if not hand.size or not interval:
         return hand
     seen = hand.hidden <= 0
@@ -328,14 +328,14 @@ def _carried_on(hand: HandTrack, interval: float) -> HandTrack:
 
 
 def _moved_along(before: np.ndarray, now: np.ndarray, seen: np.ndarray) -> np.ndarray:
-    """All markers (9, 3) moved as rigidly as those that are seen, above all as those on the back of the hand."""
+    """Move all markers (9, 3) rigidly with the seen ones, mainly those on the back of the hand."""
     rows = _BACK * _FIRMNESS + list(range(_COUNT))
     rotation, translation = register(before[rows], now[None, rows], seen[None, rows])[:2]
     return before @ rotation[0].T + translation[0]
 
 
 def _of_hand(labels: np.ndarray, k: int) -> np.ndarray:
-    """(N,) whether points are labelled as markers of a hand."""
+    """Return (N,) whether points are labelled as markers of a hand."""
     return (labels >= k * _COUNT) & (labels < (k + 1) * _COUNT)
 
 

@@ -1,4 +1,4 @@
-"""The two networks of gloves as files: one fills markers, one tells joint angles (two-hands, Tables 1 and 2)."""
+"""The two networks of gloves as files: one fills markers, one predicts joint angles (two-hands, Tables 1 and 2)."""
 
 from __future__ import annotations
 
@@ -32,11 +32,11 @@ class DenseLayers:
 
     @property
     def width(self) -> int:
-        """Of what is read."""
+        """Number of inputs."""
         return len(self.weights[0])
 
     def run(self, values: np.ndarray) -> np.ndarray:
-        """(H, width) → (H, outputs), single precision."""
+        """Map (H, width) to (H, outputs), single precision."""
         for weight, bias in zip(self.weights[:-1], self.biases[:-1], strict=True):
             values = values.dot(weight)
             values += bias
@@ -45,7 +45,7 @@ class DenseLayers:
 
 
 def read_dense(file: bytes) -> DenseLayers | None:
-    """The layers of an ONNX file that ends in Gemm, Relu, Gemm, …, Gemm; None for one that is not of that kind."""
+    """Return the layers of an ONNX file that ends in Gemm, Relu, Gemm, …, Gemm; None for any other file."""
     graph = next((value for number, value in _fields(file) if number == _GRAPH), b"")
     fields = list(_fields(graph))
     tensors = dict(_tensor(value) for number, value in fields if number == _TENSOR)
@@ -65,7 +65,7 @@ def read_dense(file: bytes) -> DenseLayers | None:
 
 
 def _node(message: bytes) -> tuple[str, list[str], list[str]]:
-    """Kind, names of inputs and of outputs."""
+    """Return kind, names of inputs and of outputs."""
     fields = list(_fields(message))
     kind = next(value.decode() for number, value in fields if number == _KIND)
     inputs, outputs = ([value.decode() for number, value in fields if number == which] for which in (_INPUT, _OUTPUT))
@@ -73,7 +73,7 @@ def _node(message: bytes) -> tuple[str, list[str], list[str]]:
 
 
 def _tensor(message: bytes) -> tuple[str, np.ndarray]:
-    """Name and values; empty where they are of another type or stored in another way."""
+    """Return name and values; empty if they are of another type or storage."""
     name, shape, kind, raw = "", [], 0, b""
     for number, value in _fields(message):
         if number == _NAME:
@@ -90,7 +90,7 @@ def _tensor(message: bytes) -> tuple[str, np.ndarray]:
 
 
 def _fields(message: bytes) -> Iterator[tuple[int, bytes]]:
-    """Number and value of every field of a protocol buffer; numbers as bytes, the least first."""
+    """Iterate over number and value of every field of a protocol buffer; numbers as little-endian bytes."""
     place = 0
     while place < len(message):
         key, place = _varint(message, place)
@@ -120,24 +120,24 @@ JOINT_FORMAT = "bodysense glove joints 2"
 MARKER_NETWORK = "glove_markers.onnx"
 JOINT_NETWORK = "glove_joints.onnx"
 _COMMAND = "bodysense train gloves"
-_ALIKE = 1e-4  # m, or share of a size, by which two hands differ that are the same one
+_ALIKE = 1e-4  # m, or share of a size; hands that differ less are equal
 
 
 class HandNetwork(Protocol):
-    """What answers for hands: markers (H, 27) and shapes (H, 87) in, markers (H, 27) or angles (H, 26) out."""
+    """A network for hands: markers (H, 27) and shapes (H, 87) in, markers (H, 27) or angles (H, 26) out."""
 
     def run(self, markers: np.ndarray, hand: np.ndarray) -> np.ndarray:
-        """Answer for H hands at the default size.
+        """Predict for H hands at the default size.
 
-        The marker network sees markers registered onto the template, 0 where hidden; the joint network all of them, in
-        the hand's axes by its alignment markers, from the wrist.
+        The marker network's input is markers registered onto the template, 0 where hidden; the joint network's is all
+        markers in the hand's axes by its alignment markers, from the wrist.
         """
         ...
 
 
 @dataclass(frozen=True, eq=False)
 class GloveNetwork:
-    """A network of gloves, and its layers if it is made of dense ones alone."""
+    """A network of gloves, and its layers if it has only dense ones."""
 
     network: Network
     layers: DenseLayers | None = None
@@ -158,9 +158,9 @@ class GloveNetwork:
 
 
 def for_hands(network: HandNetwork, hand: np.ndarray, known: np.ndarray | None = None) -> HandNetwork:
-    """The network for hands of these shapes (H, 87), or (1, 87) for all, and these known markers (H, 9), if given.
+    """Return the network for hands of these shapes (H, 87), or (1, 87) for all, and known markers (H, 9), if given.
 
-    What they add to the first of dense layers is added once. Such a network is still told them, and does not look.
+    Their contribution to the first dense layer is added once; `run` then ignores its own argument.
     """
     layers = network.layers if isinstance(network, GloveNetwork) else None
     if not isinstance(network, GloveNetwork) or layers is None:
@@ -176,17 +176,17 @@ def for_hands(network: HandNetwork, hand: np.ndarray, known: np.ndarray | None =
 
 
 def _told(hand: np.ndarray) -> np.ndarray:
-    """(H, 88) single precision: shapes (H, 87), and whether they are known."""
+    """Return (H, 88) single precision: shapes (H, 87), and whether they are known."""
     return np.concatenate([hand, hand.any(axis=1, keepdims=True)], axis=1, dtype=np.float32)
 
 
 def load_marker_network(path: str | Path | None = None) -> GloveNetwork:
-    """The network that fills markers: a path, or None for the packaged one. BodysenseError for a file not ours."""
+    """Load the network that fills markers: a path, or None for the packaged one. Raises BodysenseError for others."""
     return _load(path, NetworkFormat(MARKER_FORMAT, "glove marker network", _COMMAND, packaged=MARKER_NETWORK))
 
 
 def load_joint_network(path: str | Path | None = None) -> GloveNetwork:
-    """The network that tells joint angles: a path, or None for the packaged one. BodysenseError for a file not ours."""
+    """Load the network of joint angles: a path, or None for the packaged one. Raises BodysenseError for others."""
     return _load(path, NetworkFormat(JOINT_FORMAT, "glove joint network", _COMMAND, packaged=JOINT_NETWORK))
 
 
@@ -197,7 +197,7 @@ def _load(path: str | Path | None, format: NetworkFormat) -> GloveNetwork:
 
 
 def _agree(fast: GloveNetwork, slow: GloveNetwork) -> bool:
-    """Whether both answer the same, whatever the file is: of hands with all markers and with some hidden."""
+    """Whether both give equal results for hands with all markers and with some hidden."""
     rng = np.random.default_rng(0)
     markers, hand = rng.normal(scale=0.1, size=(8, 27)), rng.uniform(0.02, 0.1, size=(8, 87))
     markers.reshape(8, 9, 3)[rng.random((8, 9)) < 0.3] = 0.0
@@ -209,15 +209,15 @@ def _agree(fast: GloveNetwork, slow: GloveNetwork) -> bool:
 
 
 def size_ratios(hands: Sequence[Skeleton]) -> np.ndarray:
-    """(H,) how many times as long as the default hand each one is: networks see all hands at one size."""
+    """Return (H,) sizes relative to the default hand: networks see all hands at one size."""
     return np.array([hand_size(hand) for hand in hands]) / default_glove().size
 
 
 def known_shapes(hands: Sequence[Skeleton], gloves: Sequence[Glove]) -> np.ndarray:
-    """(H, 87) single precision: what networks know of each hand, resting offsets and template, at one size.
+    """Return (H, 87) single precision: each hand's resting offsets and template, at one size.
 
-    Zeros, nothing, of the default hand at another size than its own: it stands in for hands of which the size alone was
-    measured. At its own size it is the likeliest hand.
+    Zeros for the default hand at another size than its own: it represents hands of which only the size was measured.
+    At its own size it is the likeliest hand.
     """
     shapes = np.stack([_shape(*worn) for worn in zip(hands, gloves, strict=True)])
     resized = abs(size_ratios(hands) - 1) > _ALIKE

@@ -1,10 +1,10 @@
-"""Wrong markers found and left out: spikes, ghosts, swapped identifiers (two-hands, section 7.2, Figure 16b).
+"""Rejection of wrong markers: spikes, ghosts, swapped identifiers (two-hands, section 7.2, Figure 16b).
 
-A frame is expected to be the last one, moved on. Where every marker is near, nothing more is asked. Otherwise the hand
-may be anywhere, for it moves faster than its fingers do in it: the rigid motion on which most markers agree is found,
-once of a hand that keeps its shape, once of one whose fingers move on. Markers that are too far from both are judged:
-two whose places are exchanged are exchanged back; one that stays where it is for `patience` s is believed, unless
-another marker is there; others are left out. How far is too far grows with the time for which the marker was hidden.
+A frame is predicted from the last one. If every marker is close, nothing more is checked. Otherwise the hand may be
+anywhere, because it moves faster than its fingers do within it: the rigid motion that most markers agree on is found,
+once for a hand of constant shape, once for one whose fingers move on. Markers that are too far from both are judged:
+two with exchanged places are exchanged back; one that stays in place for `patience` s is accepted, unless another
+marker is there; others are dropped. The tolerance grows with the time for which the marker was hidden.
 """
 
 from __future__ import annotations
@@ -31,13 +31,13 @@ _TRIPLES = np.array([np.isin(range(9), three) for three in combinations(range(9)
 
 @dataclass(frozen=True)
 class RejectionSettings:
-    """What is too far from what is expected."""
+    """Limits of accepted markers."""
 
     tolerance: float = 0.005  # m
-    speed: float = 0.3  # m/s: by how much the tolerance grows with time
-    haste: float = 1.0  # of its last step in the hand: by how much the tolerance of a marker is larger
-    patience: float = 0.015  # s for which a marker stays where it was not expected until it is believed
-    slack: float = 0.02  # m: by how much more than the hand allows two markers may be apart
+    speed: float = 0.3  # m/s: growth of the tolerance with time
+    haste: float = 1.0  # of its last step in the hand: added to the tolerance of a marker
+    patience: float = 0.015  # s for which an unexpected marker must stay in place to be accepted
+    slack: float = 0.02  # m: excess over the hand's largest distance of two markers
 
     def __post_init__(self) -> None:
         for name in ("tolerance", "speed", "haste", "patience", "slack"):
@@ -46,40 +46,40 @@ class RejectionSettings:
 
 
 class RejectionState(NamedTuple):
-    """What the next frame is expected to be, and what was not believed in the last."""
+    """Prediction for the next frame, and the rejected markers of the last."""
 
     place: np.ndarray  # (H, 9, 3) m, NaN before the first frame
     before: np.ndarray  # (H, 9, 3) m, a frame earlier
     interval: float  # s between these two
     known: np.ndarray  # (H, 9) bool, in the last frame
     known_before: np.ndarray  # (H, 9) bool, in the one before
-    doubted: np.ndarray  # (H, 9, 3) m, from where it was expected; NaN where nothing was doubted
+    doubted: np.ndarray  # (H, 9, 3) m, from the expected position; NaN for accepted markers
     since: np.ndarray  # (H, 9) s for which it has been doubted
-    settled: tuple[bool, ...]  # (H) whether nothing was doubted
+    settled: tuple[bool, ...]  # (H) whether all markers were accepted
 
 
 @dataclass(frozen=True, eq=False)
 class Rejection:
-    """Leaves wrong markers of H left-model hands out."""
+    """Rejects wrong markers of H left-model hands."""
 
     hands: Sequence[Skeleton]
     glove: Glove
     settings: RejectionSettings = RejectionSettings()
 
     def start(self) -> RejectionState:
-        """Nothing expected."""
+        """Return the state without predictions."""
         shape = (len(self.hands), 9, 3)
         nothing, none = np.full(shape, np.nan), np.zeros(shape[:2])
         return RejectionState(nothing, nothing, 1.0, none > 0, none > 0, nothing, none, (False,) * len(self.hands))
 
     @cached_property
     def _farthest(self) -> np.ndarray:
-        """(H, 9, 9) m: how far two markers can be apart: along the bones between them."""
+        """(H, 9, 9) m: largest distance of two markers, along the bones between them."""
         return np.stack([_way(hand, self.glove) for hand in self.hands]) + self.settings.slack
 
     @cached_property
     def _nearest(self) -> np.ndarray:
-        """(H, 9, 9) m: how near two markers can be: 0, but for those on the back of the hand."""
+        """(H, 9, 9) m: least distance of two markers: 0, except on the back of the hand."""
         nearest = np.zeros((len(self.hands), 9, 9))
         for place, hand in enumerate(self.hands):
             back = template(self.glove, hand)[list(ALIGNMENT)]
@@ -90,18 +90,18 @@ class Rejection:
     def check(
         self, markers: np.ndarray, interval: float, hidden: np.ndarray, state: RejectionState
     ) -> tuple[np.ndarray, RejectionState]:
-        """Markers (H, 9, 3) m, NaN where hidden: NaN also where they are wrong, identifiers set right.
+        """Reject wrong markers of (H, 9, 3) m, NaN where hidden: they become NaN, exchanged identifiers are corrected.
 
-        `hidden` (H, 9) s says for how long each was by the last frame. The state says what is doubted; `remember` must
-        follow with what the frame was found to be.
+        `hidden` (H, 9) s is the hidden time of each by the last frame. The state has the doubts; `remember` must
+        follow with the completed frame.
         """
         expected = state.place + (state.place - state.before) * (interval / state.interval)
         limit = 0.577 * (self.settings.tolerance + self.settings.speed * interval)
-        far = np.abs(markers - expected) > limit  # of hidden markers the comparison is false
+        far = np.abs(markers - expected) > limit  # NaN compares false
         if not any_of(far) and False not in state.settled:
             return markers, state
         known = ~missing(markers)
-        # A marker that was filled in one of the last two frames has no velocity to go by.
+        # A marker that was filled in one of the last two frames has no reliable velocity.
         moving = np.where((state.known & state.known_before)[..., None], expected, np.nan)
         shapes = np.stack([state.place, moving], axis=1)
         markers, doubted, since = markers.copy(), np.full_like(state.doubted, np.nan), np.zeros_like(state.since)
@@ -116,7 +116,7 @@ class Rejection:
     def remember(
         self, markers: np.ndarray, known: np.ndarray, interval: float, state: RejectionState
     ) -> RejectionState:
-        """The state after a frame: all markers (H, 9, 3) m, measured where `known` (H, 9), else filled."""
+        """Return the state after a frame: all markers (H, 9, 3) m, measured where `known` (H, 9), else filled."""
         before = markers if isnan(state.place.item(0)) else state.place
         return RejectionState(markers, before, interval, known, state.known, state.doubted, state.since, state.settled)
 
@@ -130,7 +130,7 @@ class Rejection:
         interval: float,
         state: RejectionState,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """One hand of two expected shapes (2, 9, 3): its markers (9, 3), what is doubted (9, 3) and since when (9,)."""
+        """Judge one hand with two expected shapes (2, 9, 3): its markers (9, 3), doubts (9, 3) and their times (9,)."""
         settings = self.settings
         markers, since, wrong = np.where(known[:, None], markers, np.nan), np.zeros(9), np.zeros(9, dtype=bool)
         held = ~np.isnan(shapes[0, :, 0])
@@ -141,7 +141,7 @@ class Rejection:
             step = _length(shapes[1] - shapes[0])
             tolerance = tolerance + settings.haste * np.where(np.isnan(step), 0.0, step)
             outside = sure & ~(_length(markers - shapes) < tolerance).any(axis=0)
-            if 2 * outside.sum() <= sure.sum():  # else the hand is another than was expected
+            if 2 * outside.sum() <= sure.sum():  # otherwise the prediction of the hand is wrong
                 wrong = outside
         expected = np.where(np.isnan(shapes[1]), shapes[0], shapes[1])
         wrong = self._exchanged(markers, wrong, expected, tolerance)
@@ -159,12 +159,12 @@ class Rejection:
         return np.where(wrong[:, None], np.nan, markers), doubted, since
 
     def _violations(self, hand: int, markers: np.ndarray) -> np.ndarray:
-        """(9,) with how many others each marker is impossibly far apart, or impossibly near."""
+        """Return (9,) numbers of others that each marker is impossibly far from, or impossibly close to."""
         apart = _length(markers[:, None] - markers)
         return ((apart > self._farthest[hand]) | (apart < self._nearest[hand])).sum(axis=1)
 
     def _impossible(self, hand: int, markers: np.ndarray, expected: np.ndarray) -> np.ndarray:
-        """(9,) markers that no hand of this size can have: the worst is taken out until the rest is possible."""
+        """Return (9,) markers impossible for a hand of this size: the worst is removed until the rest is possible."""
         trial, wrong = markers.copy(), np.zeros(9, dtype=bool)
         while (count := self._violations(hand, trial)).any():
             worst = np.flatnonzero(count == count.max())
@@ -176,12 +176,12 @@ class Rejection:
     def _exchanged(
         self, markers: np.ndarray, wrong: np.ndarray, expected: np.ndarray, tolerance: np.ndarray
     ) -> np.ndarray:
-        """What is still wrong (9,) after wrong markers that lie in each other's places are exchanged, in place."""
+        """Exchange wrong markers that are in each other's places, in place; return those still wrong (9,)."""
         rows = np.flatnonzero(wrong)
         if len(rows) < 2:
             return wrong
         apart = _length(markers[rows][:, None] - expected[rows])  # measured × expected
-        origin = np.argmin(apart, axis=0)  # of every wrong marker the measurement nearest to its place
+        origin = np.argmin(apart, axis=0)  # for every wrong marker the measurement closest to its place
         fits = apart[origin, np.arange(len(rows))] < tolerance[rows]
         fits &= np.bincount(origin, minlength=len(rows))[origin] == 1
         found = markers[rows[origin[fits]]]
@@ -192,7 +192,7 @@ class Rejection:
 
 
 def _agreed(expected: np.ndarray, markers: np.ndarray, sure: np.ndarray, tolerance: np.ndarray) -> np.ndarray:
-    """Expected places (2, 9, 3), moved rigidly as most of the sure markers (9,) agree."""
+    """Move expected positions (2, 9, 3) rigidly as most of the sure markers (9,) agree."""
     lacking = np.isnan(expected[..., 0])
     origin = markers[sure.argmax()]  # small numbers are exact
     source = np.where(lacking[..., None], 0.0, expected - origin)
@@ -216,7 +216,7 @@ def _length(vectors: np.ndarray) -> np.ndarray:
 
 
 def _way(hand: Skeleton, glove: Glove) -> np.ndarray:
-    """(9, 9) m: the way along the bones between the points that carry two markers, and out to the markers."""
+    """Return (9, 9) m: the distance along the bones between the carriers of two markers, and out to the markers."""
     points = hand.indices(glove.points)
     joints = hand.indices(glove.carried_by)
     length = hand.bone_length

@@ -1,10 +1,10 @@
-"""No jump of a hand where markers are found again: it settles on what they say, no faster than its own motion allows.
+"""No jump of a hand if markers are found again: it settles on them, no faster than its own motion allows.
 
-Markers that settle one by one leave a hand no hand: one whose back is out of shape has no sure place, and a finger's
-joints can go twice as far as its tip. Poses settle in its place: first the back of the hand, its place and its turn,
-then every finger. Each goes as far as it may. No point is corrected faster than `speed`, and none goes farther in a
-frame than what was known before says that it moves, and `speed` beside: `unseen_speed` where its markers are not seen,
-because what is said of it then is less sure. A finger that would go farther even where it was is turned back.
+Blending markers one by one deforms the hand, so blend poses: first position and rotation of the back of the hand, then
+every finger. A deformed back has no reliable position, and a finger's joints can move twice as far as its tip. Each
+part moves as far as allowed. No point is corrected faster than `speed`, and none moves farther in a frame than its
+known motion plus `speed`: `unseen_speed` if its markers are not seen, because its position is less certain then. A
+finger that would still move too far is turned back.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from bodysense.body.registration import moved, to_matrix
 from bodysense.devices.gloves.fingers import POINT_COUNT, HandShape, in_order, product, reached, shortest_arcs
 from bodysense.devices.gloves.joints import HandPoses
 
-_OVER = 1e-4  # m: what is missed by less is left
-_NOWHERE = 1e-14  # m²: what goes less far stays where it is
+_OVER = 1e-4  # m; smaller residuals are ignored
+_NOWHERE = 1e-14  # m²; shorter motions are ignored
 _BACK = np.array([0, *(HAND_JOINTS.index(f"{finger}1") for finger in FINGERS)])  # points that the fingers do not move
 _FINGERS = np.array([[*range(3 * k + 1, 3 * k + 4), len(HAND_JOINTS) + k] for k in range(len(FINGERS))])  # (5, 4)
 _ALL = np.ones((1, 5))
@@ -32,10 +32,10 @@ _STAY = np.array([1.0, 0.0, 0.0, 0.0])
 
 
 class Away(NamedTuple):
-    """How far H hands are shown from where they are."""
+    """Offsets of H output hands from their solved poses."""
 
     root: np.ndarray  # (H, 3) m
-    turn: np.ndarray  # (H, 16, 4) wxyz, w ≥ 0: shown = turn · rotation, the wrist's in the world
+    turn: np.ndarray  # (H, 16, 4) wxyz, w ≥ 0: output = turn · rotation, the wrist's in the world
 
 
 class SettlingState(NamedTuple):
@@ -44,23 +44,23 @@ class SettlingState(NamedTuple):
     shown: np.ndarray  # (H, 21, 3) m
     told: np.ndarray  # (H, 21, 3) m
     known: np.ndarray  # (H, 9) bool
-    away: Away | None  # None: hands are shown where they are
-    speed: np.ndarray  # (H, 1) m/s at which they come at most
+    away: Away | None  # None: the output equals the solved poses
+    speed: np.ndarray  # (H, 1) m/s, maximum speed of the correction
 
 
 @dataclass(frozen=True, eq=False)
 class Settling:
-    """The way in which hands of a `shape` that wear a glove settle. Speeds in m/s."""
+    """Settles hands of a `shape` with a glove. Speeds in m/s."""
 
     shape: HandShape
     glove: Glove
     speed: float
     unseen_speed: float
-    longest: float = 0.5  # s: what is far comes faster, so that it takes no longer
+    longest: float = 0.5  # s: larger offsets close faster, so that they take no longer
 
     @cached_property
     def _needed(self) -> np.ndarray:
-        """(9, 21): 1 for markers that must be seen for a point's motion to be sure."""
+        """(9, 21): 1 for markers that must be seen for a reliable motion of a point."""
         needed = np.zeros((len(self.glove.markers), POINT_COUNT))
         for marker, joint in enumerate(self.glove.carried_by):
             if joint == "wrist":
@@ -77,11 +77,11 @@ class Settling:
     def step(
         self, told: HandPoses, without: HandPoses, known: np.ndarray, interval: float, state: SettlingState | None
     ) -> tuple[HandPoses, SettlingState]:
-        """The hands that are shown, the very same where none is away, and the state after them.
+        """Return the output hands, the same object without an offset, and the state after them.
 
         Args:
-            told: where hands are.
-            without: where they would be had nothing been found since the frame before; `told` itself if nothing was.
+            told: solved hands.
+            without: solved hands without the markers found since the frame before; `told` itself without such markers.
             known: (H, 9) bool.
             interval: seconds since the frame before.
             state: after the frame before; None before the first.
@@ -97,7 +97,7 @@ class Settling:
         reach = _length(without.position - state.told) + most * np.where(sure, 1.0, self.unseen_speed / self.speed)
 
         def short(begin: HandPoses, end: HandPoses, points: np.ndarray) -> np.ndarray:
-            """(H, …): so much of the way between them is left when one of the points (…, N) can go no farther."""
+            """Return (H, …): the share of the motion that remains when one of the points (…, N) reaches its limit."""
             step, way = begin.position - state.shown, end.position - begin.position
             step, way, far = (part.take(points, axis=1) for part in (step, way, reach))
             return 1 - _share(step, way, far, most).min(axis=-1)
@@ -117,13 +117,13 @@ class Settling:
 
 
 def between(shown: HandPoses, told: HandPoses) -> Away:
-    """Of hands that are shown but told elsewhere."""
+    """Return the offset of output hands from solved ones."""
     turn = product(shown.rotation, told.rotation * CONJUGATE)
     return Away(shown.root - told.root, turn * np.copysign(1.0, turn[..., :1]))
 
 
 def left(away: Away, back: np.ndarray, fingers: np.ndarray) -> Away:
-    """What is left of it: a share (H, 1) of the back of the hand's and shares (H, 5) of the fingers', or (1, …)."""
+    """Scale an offset by a share (H, 1) for the back of the hand and shares (H, 5) for the fingers, or (1, …)."""
     share = np.empty(away.turn.shape[:2])
     share[:, :1], share[:, 1:] = back, fingers.repeat(3, axis=1)
     vector = away.turn[..., 1:]
@@ -134,7 +134,7 @@ def left(away: Away, back: np.ndarray, fingers: np.ndarray) -> Away:
 
 
 def displaced(told: HandPoses, away: Away | None, shape: HandShape) -> HandPoses:
-    """Hands as they are shown: the very same where none is away."""
+    """Apply an offset to hands; the same object if there is no offset."""
     if away is None:
         return told
     root, rotation = told.root + away.root, product(away.turn, told.rotation)
@@ -143,7 +143,7 @@ def displaced(told: HandPoses, away: Away | None, shape: HandShape) -> HandPoses
 
 
 def carried(told: HandPoses, away: Away) -> HandPoses:
-    """Hands as they are shown but for their fingers, which are in the hand where they are told."""
+    """Apply an offset of the back of the hand; fingers keep their solved pose within the hand."""
     root, turn = told.root + away.root, away.turn[:, :1]
     rotation = told.rotation.copy()
     rotation[:, :1] = product(turn, rotation[:, :1])
@@ -152,9 +152,9 @@ def carried(told: HandPoses, away: Away) -> HandPoses:
 
 
 def _share(step: np.ndarray, way: np.ndarray, reach: np.ndarray, most: np.ndarray) -> np.ndarray:
-    """The largest share s ≤ 1 with |step + s · way| ≤ reach and |s · way| ≤ most, vectors (H, …, 3), m.
+    """Return the largest share s ≤ 1 with |step + s · way| ≤ reach and |s · way| ≤ most, vectors (H, …, 3), m.
 
-    Where no s has the first, that with the least |step + s · way|.
+    If no s meets the first, return the one with the least |step + s · way|.
     """
     squared, along = (way * way) @ _ONES, (step * way) @ _ONES
     over = (step * step) @ _ONES - reach * reach
@@ -165,9 +165,9 @@ def _share(step: np.ndarray, way: np.ndarray, reach: np.ndarray, most: np.ndarra
 
 
 def _back(shown: HandPoses, before: np.ndarray, reach: np.ndarray) -> np.ndarray | None:
-    """Arcs (H, 5, 4) about fingers' bases that take points back that go farther than they may; None: none does.
+    """Return arcs (H, 5, 4) about fingers' bases that bring points back within their limits; None: all are within.
 
-    Of every finger the point that goes too far by most.
+    Each finger is judged by the point with the largest excess.
     """
     way = shown.position - before
     length = _length(way)

@@ -1,7 +1,7 @@
-"""A head for hands that nothing else is tracked beside: that of somebody who stands where their hands are.
+"""An assumed head for hands that are tracked alone: the person is assumed to stand behind their hands.
 
-Hands alone hardly tell of a body. What is assumed is that it stands upright, faces where the hands point, square to the
-line between them, and is where both are within reach. The head's accuracy says that it is a guess.
+Hands alone say little about the body. It is assumed to stand upright, to face where the hands point, perpendicular to
+the line between them, with both within reach. The head's accuracy marks it as a guess.
 """
 
 from __future__ import annotations
@@ -17,27 +17,27 @@ from bodysense.body.skeleton import Skeleton
 
 ACCURACY = 0.3  # m
 _ARM = ("shoulder", "elbow", "wrist")
-_FINGERS = np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]])  # which way they point at rest, left and right
+_FINGERS = np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]])  # direction of fingers at rest, left and right
 
 
 @dataclass(frozen=True)
 class StandingHeadSettings:
-    """How a body follows its hands."""
+    """Settings of the assumed head."""
 
-    half_life: float = 0.7  # s in which half of the way to a new heading or place is made
-    ahead: float = 0.2  # of the body's height: how far before it hands are held
-    beside: float = 0.9  # share of that by which hands that hang are nearer
-    reach: float = 0.97  # of an arm's length: hands are not farther from their shoulder
-    across: float = 0.7  # how much the line between both hands says of the heading, beside where they point
-    longest_gap: float = 1.0  # s without hands after which everything starts afresh
+    half_life: float = 0.7  # s in which half of the change of heading or position is made
+    ahead: float = 0.2  # of the body's height: distance of the hands in front of it
+    beside: float = 0.9  # share of that distance by which hanging hands are closer
+    reach: float = 0.97  # of an arm's length: largest distance of hands from their shoulder
+    across: float = 0.7  # weight of the line between both hands for the heading; the fingers have 1
+    longest_gap: float = 1.0  # s without hands after which everything is reset
 
 
 @dataclass(frozen=True, eq=False)
 class StandingHeadState:
-    """Where the body stands; None until a hand was seen."""
+    """Position of the body; None until a hand was seen."""
 
     time: float | None = None
-    heading: np.ndarray | None = None  # (2,) unit, x and z of where it faces
+    heading: np.ndarray | None = None  # (2,) unit, x and z of its direction
     place: np.ndarray | None = None  # (3,) m, of the head
 
 
@@ -50,7 +50,7 @@ class StandingHead:
 
     @cached_property
     def _standing(self) -> tuple[float, np.ndarray, np.ndarray]:
-        """Of a body that stands and faces +Z: height of the head, shoulders (2, 3) from it, lengths of arms (2,), m."""
+        """A standing body that faces +Z: height of the head, shoulders (2, 3) from it, lengths of arms (2,), m."""
         points = np.asarray(forward_kinematics(standing_pose(self.skeleton))[0])
         chains = [self.skeleton.indices([f"{side}_{part}" for side in ("left", "right")]) for part in _ARM]
         shoulder, elbow, wrist = (points[chain] for chain in chains)
@@ -61,12 +61,12 @@ class StandingHead:
     def follow(
         self, wrist: np.ndarray, turn: np.ndarray, known: np.ndarray, now: float, state: StandingHeadState
     ) -> tuple[np.ndarray, np.ndarray, StandingHeadState]:
-        """Place (3,) m and rotation (4,) of the head in a frame with a hand at least, and the state after it.
+        """Return position (3,) m and rotation (4,) of the head in a frame with a hand, and the state after it.
 
         Args:
             wrist: (2, 3) m, left and right.
             turn: (2, 4) wxyz, world ← wrist.
-            known: (2,) which of both are observed.
+            known: (2,) which hands are observed.
             now: s.
             state: after the frame before.
         """
@@ -79,7 +79,7 @@ class StandingHead:
         height, shoulders, length = self._standing
         shoulders = quaternion_rotate(np.tile(yaw, (2, 1)), shoulders)
         middle = wrist[known].mean(axis=0)
-        # Hands that hang are beside the body.
+        # Hanging hands are at the body's sides.
         hanging = np.clip((height + shoulders[:, 1].mean() - middle[1]) / length.mean(), 0.0, 1.0)
         ahead = self.settings.ahead * self.skeleton.height * (1 - self.settings.beside * hanging**2)
         wanted = np.array([middle[0] - ahead * heading[0], height, middle[2] - ahead * heading[1]])
@@ -90,7 +90,7 @@ class StandingHead:
     def _heading(
         self, wrist: np.ndarray, turn: np.ndarray, known: np.ndarray, share: float, before: np.ndarray | None
     ) -> np.ndarray:
-        """(2,) where the body faces."""
+        """Return the body's heading (2,)."""
         wanted = quaternion_rotate(turn[known], _FINGERS[known])[:, [0, 2]].sum(axis=0)
         if known.all():
             across = (wrist[0] - wrist[1])[[0, 2]]
@@ -106,7 +106,7 @@ class StandingHead:
     def _within_reach(
         self, place: np.ndarray, shoulders: np.ndarray, length: np.ndarray, wrist: np.ndarray, known: np.ndarray
     ) -> np.ndarray:
-        """The nearest place of the head from which the hands are within reach, or as nearly as can be."""
+        """Return the closest position of the head with the hands within reach, as far as possible."""
         for _ in range(20):
             away = wrist - place - shoulders
             distance = np.linalg.norm(away, axis=1)
@@ -118,6 +118,6 @@ class StandingHead:
 
 
 def _yaw(heading: np.ndarray) -> np.ndarray:
-    """(4,) the turn about +Y that takes +Z to a heading (2,)."""
+    """Return the rotation (4,) about +Y from +Z to a heading (2,)."""
     half = np.arctan2(heading[0], heading[1]) / 2
     return np.array([np.cos(half), 0.0, np.sin(half), 0.0])

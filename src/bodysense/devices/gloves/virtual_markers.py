@@ -1,4 +1,4 @@
-"""Gloves of any marker set: the hand is solved from the markers there are, and shows where the standard ones would be.
+"""Gloves of any marker set: the hand is solved from its own markers and yields positions of the standard ones.
 
 The networks, the rejection of wrong markers and the continuity of hidden ones know the standard markers alone. A
 calibrated hand (`calibration`) knows where its own markers sit; every frame its pose is found by least squares, begun
@@ -22,30 +22,30 @@ from bodysense.body.hand_family import GlovedHand, HandShapes
 from bodysense.devices.gloves.hand_model import POSE, MarkedHand, moved, postures, unlikely
 from bodysense.observation import Observation, accuracy_like
 
-_MARKER = 0.002  # m: standard deviation of a marker from where the hand has it
-_WRONG = 0.015  # m: a marker that is so far from where the hand has it counts little, and tells nothing
-_FIRST, _NEXT = 30, 2  # steps of a hand that is found, and of one that is followed
+_MARKER = 0.002  # m: standard deviation of a marker from its position on the hand
+_WRONG = 0.015  # m: a marker this far from its position on the hand has little weight, and yields no output
+_FIRST, _NEXT = 30, 2  # steps for a new hand, and for a followed one
 _STEP = 1e-5  # of the numerical derivative, rad and m
-_FEWEST = 3  # markers of which a hand is solved
-_FORGOTTEN = 1.0  # s unseen after which a hand is found anew
+_FEWEST = 3  # markers needed to solve a hand
+_FORGOTTEN = 1.0  # s unseen after which a hand is found again from scratch
 
 
 class SolvedHand(NamedTuple):
-    """Where a hand was last."""
+    """The last pose of a hand."""
 
     pose: np.ndarray | None = None  # (32,); None: never seen
-    time: float = -np.inf  # s, when that was
+    time: float = -np.inf  # s, time of that pose
 
 
 @dataclass(frozen=True, eq=False)
 class VirtualGlove:
-    """Standard markers of one hand, a left one, by the markers that it wears."""
+    """Standard markers of one hand, a left one, from its own markers."""
 
     worn: GlovedHand  # calibrated, with its own markers
 
     @cached_property
     def standard(self) -> GlovedHand:
-        """The same hand as if it wore the standard markers."""
+        """The hand with the standard markers."""
         hand = self.worn.skeleton
         return GlovedHand(hand, self.worn.axes, glove_of(standard_set(), hand, self.worn.axes))
 
@@ -59,7 +59,7 @@ class VirtualGlove:
 
     @cached_property
     def _tellers(self) -> tuple[np.ndarray, np.ndarray]:
-        """Which own markers (9, M) tell of a standard one, and how many of them (9,) must be seen."""
+        """Own markers (9, M) that determine each standard one, and how many of them (9,) must be seen."""
         own, shown = self._own[0].places, self._shown[0].places
         tell, fewest = np.zeros((len(shown), len(own)), dtype=bool), np.ones(len(shown), dtype=int)
         for row, marker in enumerate(shown):
@@ -73,7 +73,7 @@ class VirtualGlove:
         return tell, fewest
 
     def step(self, seen: np.ndarray, now: float, state: SolvedHand) -> tuple[np.ndarray, SolvedHand]:
-        """Standard markers (9, 3) m, NaN where hidden, of own ones (M, 3) m, NaN where hidden, at `now` s."""
+        """Return standard markers (9, 3) m from own ones (M, 3) m at `now` s, both NaN where hidden."""
         known = ~np.isnan(seen[:, 0])
         hidden = np.full((len(MARKERS), 3), np.nan)
         if known.sum() < _FEWEST:
@@ -85,7 +85,7 @@ class VirtualGlove:
         return np.where(told[:, None], marked.markers(shapes, pose), hidden), SolvedHand(pose, now)
 
     def _solved(self, seen: np.ndarray, known: np.ndarray, last: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
-        """The pose (32,), and how far each marker (M,) is believed."""
+        """Return the pose (32,), and the weight of each marker (M,)."""
         marked, shapes = self._own
         tried = last[None] if last is not None else np.concatenate([postures(), np.zeros((len(postures()), 6))], axis=1)
         back = known & marked.on_hand
@@ -93,7 +93,7 @@ class VirtualGlove:
         target, use = np.where(known[:, None], seen, 0.0), known.astype(float)
         placed = marked.placed(shapes, tried[None], target[None], by[None])[0]
         if last is None:
-            if by is back:  # the wrist is known well
+            if by is back:  # the wrist is reliable
                 placed = marked.best(shapes, placed[None], target[None], known[None])
             begun = [self._refined(pose, target, use, _FIRST) for pose in placed]
             pose = min(begun, key=lambda one: float((self._off(one, target, use) ** 2).sum()))
@@ -103,19 +103,19 @@ class VirtualGlove:
         return pose, self._believed(pose, target, known)
 
     def _believed(self, pose: np.ndarray, target: np.ndarray, known: np.ndarray) -> np.ndarray:
-        """(M,) less of markers that are far from where the hand has them."""
+        """Return weights (M,), smaller for markers far from their positions on the hand."""
         marked, shapes = self._own
         far = np.linalg.norm(marked.markers(shapes, pose) - target, axis=-1)
         return known / (1 + (far / _WRONG) ** 4)
 
     def _off(self, pose: np.ndarray, target: np.ndarray, weight: np.ndarray) -> np.ndarray:
-        """(..., R) residuals of poses (..., 32), in standard deviations."""
+        """Return residuals (..., R) of poses (..., 32), in standard deviations."""
         marked, shapes = self._own
         missed = (marked.markers(shapes, pose) - target) * np.sqrt(weight)[:, None] / _MARKER
         return np.concatenate([missed.reshape(*missed.shape[:-2], -1), unlikely(pose)], axis=-1)
 
     def _refined(self, pose: np.ndarray, target: np.ndarray, weight: np.ndarray, steps: int) -> np.ndarray:
-        """A pose after so many steps of Gauss-Newton with Levenberg's damping."""
+        """Refine a pose by at most `steps` steps of Gauss-Newton with Levenberg's damping."""
         damping = 1e-3
         for _ in range(steps):
             off = self._off(np.concatenate([pose[None], moved(pose, _STEP * np.eye(POSE))]), target, weight)
@@ -145,13 +145,13 @@ class VirtualMarkers:
     gloves: Mapping[str, VirtualGlove]
 
     def start(self) -> tuple[SolvedHand, ...]:
-        """Nothing seen yet."""
+        """Return the state before the first frame."""
         return (SolvedHand(),) * len(self.gloves)
 
     def step(
         self, observation: Observation, state: tuple[SolvedHand, ...]
     ) -> tuple[Observation, tuple[SolvedHand, ...]]:
-        """T frames: the points '<hand>_glove_…' of these hands become the standard ones, others stay as they are."""
+        """Replace the points '<hand>_glove_…' of these hands by the standard ones in T frames; others are unchanged."""
         kept = [k for k, name in enumerate(observation.points) if name.partition("_glove_")[0] not in self.gloves]
         points = tuple(observation.points[k] for k in kept)
         columns = [np.asarray(observation.position, dtype=float)[:, kept]]
@@ -187,7 +187,7 @@ class VirtualMarkers:
 
 
 def is_standard(hand: GlovedHand) -> bool:
-    """Whether a hand wears the markers that the networks know."""
+    """Whether a hand wears the networks' markers."""
     return hand.glove.markers == MARKERS
 
 

@@ -1,6 +1,6 @@
-"""What a camera in the room sees of a person's arms: points into its axes and into its picture (PAHMT, section 4.2).
+"""A room camera's view of a person's arms: points in its axes and in its picture (PAHMT, section 4.2).
 
-Everything takes batches: a window of motion each, every one with a camera of its own.
+All functions take batches: one window of motion each, with a camera of its own.
 """
 
 from __future__ import annotations
@@ -16,21 +16,21 @@ from bodysense.body.rotation import cross, normalize
 from bodysense.devices.simulated.rays import segment_meets_capsule
 from bodysense.errors import BodysenseError
 
-VIEW_POINTS = ("shoulder", "elbow", "hip", *HAND_POINTS)  # of a side: all that key-points are made of
+VIEW_POINTS = ("shoulder", "elbow", "hip", *HAND_POINTS)  # of a side: the points of all key-points
 _SHOULDER, _ELBOW, _HIP, _WRIST = (VIEW_POINTS.index(name) for name in ("shoulder", "elbow", "hip", "wrist"))
-_NEAREST = 0.15  # m: what is nearer to the lens cannot be made out
-_MARGIN = 0.1  # of the picture's height: so far outside of it a pose detector still places a joint
-_SEEN = 0.6  # of a hand's points must be in the picture
+_NEAREST = 0.15  # m; closer points cannot be detected
+_MARGIN = 0.1  # of the picture's height: a pose detector still places a joint this far outside
+_SEEN = 0.6  # share of a hand's points that must be in the picture
 _TORSO_RADIUS = 0.11  # m, of a capsule from hips to shoulders that hides hands
 
 
 @dataclass(frozen=True)
 class CameraRange:
-    """Where cameras stand and how they look; each number is drawn evenly from its range."""
+    """Distribution of cameras; each number is drawn uniformly from its range."""
 
-    distance: tuple[float, float] = (0.8, 4.0)  # m, from between the shoulders; evenly in its logarithm
+    distance: tuple[float, float] = (0.8, 4.0)  # m, from between the shoulders; uniform in its logarithm
     height: tuple[float, float] = (-0.5, 0.5)  # m, over the shoulders
-    heading: tuple[float, float] = (-60.0, 60.0)  # degrees, from where the chest faces
+    heading: tuple[float, float] = (-60.0, 60.0)  # degrees, from the direction of the chest
     field_of_view: tuple[float, float] = (35.0, 75.0)  # degrees, over the picture's height
     aspect: tuple[float, float] = (0.56, 1.78)  # width / height
     aim: tuple[float, float] = (-0.25, 0.25)  # m off the middle of the trunk, across and up
@@ -51,7 +51,7 @@ FRONT = CameraRange((2.5, 2.5), (0.0, 0.0), (0.0, 0.0), (50.0, 50.0), (1.0, 1.0)
 
 @dataclass(frozen=True, eq=False)
 class Camera:
-    """A pinhole camera, or a batch of them. Its axes: x to the picture's right, y up, z away from what it sees."""
+    """A pinhole camera, or a batch of them. Its axes: x to the picture's right, y up, z away from the scene."""
 
     position: np.ndarray  # (..., 3) m, world
     axes: np.ndarray  # (..., 3, 3) world ← camera: its axes as columns
@@ -60,14 +60,14 @@ class Camera:
 
 
 def view_points(pose: Pose) -> np.ndarray:
-    """World positions (..., 2, 24, 3) m of `VIEW_POINTS`, left and right."""
+    """Return world positions (..., 2, 24, 3) m of `VIEW_POINTS`, left and right."""
     names = [f"{side}_{name}" for side in SIDES for name in VIEW_POINTS]
     position = np.asarray(forward_kinematics(pose)[0])[..., pose.skeleton.indices(names), :]
     return position.reshape(*position.shape[:-2], len(SIDES), len(VIEW_POINTS), 3)
 
 
 def sample_cameras(points: np.ndarray, rng: np.random.Generator, where: CameraRange = CameraRange()) -> Camera:
-    """A camera for each of N poses, points (N, 2, 24, 3) m: it stands around that person and looks at them."""
+    """Draw a camera for each of N poses, points (N, 2, 24, 3) m, around that person and aimed at them."""
     count = len(points)
 
     def drawn(name: str) -> np.ndarray:
@@ -96,10 +96,10 @@ def sample_cameras(points: np.ndarray, rng: np.random.Generator, where: CameraRa
 
 
 def view(points: np.ndarray, time: np.ndarray, camera: Camera) -> ArmKeypoints:
-    """What is seen without any error of points (..., T, 2, 24, 3) m of the world at `time` (T,) s, by cameras (...).
+    """Return error-free key-points of world points (..., T, 2, 24, 3) m at `time` (T,) s, from cameras (...).
 
-    An arm is found where its three joints are in the picture or little outside, a torso likewise by its shoulders; a
-    hand where most of its points are in the picture and the trunk does not hide its wrist.
+    An arm is found if its three joints are in the picture or slightly outside, a torso likewise by its shoulders; a
+    hand if most of its points are in the picture and the trunk does not hide its wrist.
     """
     local = (points - camera.position[..., None, None, None, :]) @ camera.axes[..., None, None, :, :]
     depth = -local[..., 2]
@@ -124,7 +124,7 @@ def view(points: np.ndarray, time: np.ndarray, camera: Camera) -> ArmKeypoints:
 
 
 def _behind_trunk(local: np.ndarray) -> np.ndarray:
-    """(..., 2) bool: which wrists the trunk hides, of points (..., 2, 24, 3) in the camera's axes."""
+    """Return (..., 2) bool: wrists hidden by the trunk, from points (..., 2, 24, 3) in the camera's axes."""
     wrist = np.moveaxis(local[..., _WRIST, :], -1, 0)
     top, low = (np.moveaxis(local[..., place, :].mean(axis=-2), -1, 0)[..., None] for place in (_SHOULDER, _HIP))
     shape = wrist.shape

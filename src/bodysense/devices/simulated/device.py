@@ -1,4 +1,4 @@
-"""Simulated devices, by name: what headsets, trackers and gloves would track of a motion."""
+"""Simulated devices, by name: tracking of a motion by headsets, trackers and gloves."""
 
 from __future__ import annotations
 
@@ -33,12 +33,12 @@ _GLOVE_NOISE = 0.0005  # m along each axis: markers of optical capture
 
 
 def simulate(clip: Clip, device: str, noise: int | None = None, worn: GloveSet | None = None) -> Observation:
-    """What a device tracks of a clip.
+    """Simulate the tracking of a clip by a device.
 
     Args:
         clip: the motion, on the skeleton of 65 points.
         device: one of `DEVICES`.
-        noise: random seed of errors as real devices have them; None tracks exactly.
+        noise: random seed of realistic errors; None tracks exactly.
         worn: marker set of the gloves; the standard one if omitted.
 
     Raises BodysenseError for an unknown device.

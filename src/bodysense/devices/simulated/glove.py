@@ -1,7 +1,7 @@
-"""What an optical capture finds of gloves with markers (two-hands, 2.1): seen or hidden, noisy, sometimes wrong.
+"""Optical capture of gloves with markers (two-hands, 2.1): seen or hidden, noisy, sometimes wrong.
 
-A marker is a light on the skin. It stands out of the flesh along the way that it faces, so that the finger or palm that
-carries it hides it from behind and from nowhere else.
+A marker is a light outside the skin, offset along its facing direction, so that its finger or palm hides it only from
+behind.
 """
 
 from __future__ import annotations
@@ -26,21 +26,21 @@ from bodysense.errors import BodysenseError
 from bodysense.observation import EXACT_ACCURACY, Observation, accuracy_like
 
 _HANDS: tuple[Side, Side] = ("left", "right")
-_TIP = np.array([0.6, 0.8, 0.0])  # a light on a fingertip faces away from the palm and ahead, in the joint's own axes
-_CLEAR = 0.002  # m that a light stands out of the flesh
-_HIGHEST = 0.06  # m: no flesh is thicker
+_TIP = np.array([0.6, 0.8, 0.0])  # a light on a fingertip faces away from the palm and forward, in the joint's own axes
+_CLEAR = 0.002  # m, distance of a light from the flesh
+_HIGHEST = 0.06  # m, more than the thickness of any flesh
 _MEAN_DISTANCE = (8 / np.pi) ** 0.5  # of normal noise in space, in deviations along one axis
 
 
 @dataclass(frozen=True)
 class GloveCapture:
-    """How gloves are captured. By default every marker is found where it is."""
+    """Settings of glove capture. By default every marker is found without error."""
 
-    cameras: CameraRing | None = None  # None: nothing hides a marker
+    cameras: CameraRing | None = None  # None: no marker is hidden
     noise: float = 0.0  # m, standard deviation along each axis
-    spikes: float = 0.0  # share of the samples that are wrong
+    spikes: float = 0.0  # share of wrong samples
     spike_size: float = 0.08  # m, mean distance of a wrong sample from the marker
-    losses: float = 0.0  # a minute and marker: short spans in which a marker is lost whatever the cameras see
+    losses: float = 0.0  # a minute and marker: short spans in which a visible marker is lost
     loss: float = 0.05  # s, their mean length
 
     def __post_init__(self) -> None:
@@ -59,10 +59,10 @@ def observe(
     rng: np.random.Generator | None = None,
     worn: GloveSet | None = None,
 ) -> Observation:
-    """The markers of both gloves of a person (T, …) at `time` (T,) s; the body hides what it stands before.
+    """Return the markers of both gloves of a person (T, …) at `time` (T,) s; the body hides markers behind it.
 
     Points are named 'left_glove_pinky_base' …, left before right, by the marker set `worn`, the standard one if
-    omitted. `rng` is needed for what is random. Raises BodysenseError for a skeleton without fingers, and where poses
+    omitted. `rng` is needed for random settings. Raises BodysenseError for a skeleton without fingers, and if poses
     and times differ in number.
     """
     return observe_hands({side: hand_pose(pose, side) for side in _HANDS}, time, capture, rng, pose, worn)
@@ -76,7 +76,7 @@ def observe_hands(
     body: Pose | None = None,
     worn: GloveSet | None = None,
 ) -> Observation:
-    """The same of hands (T, …) by name, 'left', 'right', 'left2' …, each a left hand in its own world (`body.hand`)."""
+    """Observe hands (T, …) by name, 'left', 'right', 'left2' …, each a left hand in its own world (`body.hand`)."""
     time = np.asarray(time, dtype=float)
     for name, pose in hands.items():
         if time.shape != pose.root_position.shape[:-1]:
@@ -119,10 +119,10 @@ def visible(
     others: Sequence[tuple[Pose, Side]] = (),
     gloves: Mapping[str, Glove] | None = None,
 ) -> np.ndarray:
-    """Which markers of hands (F, …) the cameras find: (F, 9 a hand) bool, in the order of `hands`.
+    """Return which markers of hands (F, …) the cameras find: (F, 9 a hand) bool, in the order of `hands`.
 
-    They wear the default glove, or `gloves`. The hands, `others` without gloves, and the body, if it is given, hide
-    what is behind them. The ring stands about the mean place of the hands.
+    They wear the default glove, or `gloves`. The hands, `others` without gloves, and the body, if given, hide
+    markers behind them. The ring is centred on the mean position of the hands.
     """
     lit = [_lights(pose, side_of(name), (gloves or {}).get(name, default_glove())) for name, pose in hands.items()]
     light, facing = (np.concatenate(parts, axis=1) for parts in zip(*lit, strict=True))
@@ -131,7 +131,7 @@ def visible(
 
 
 def _disturbed(position: np.ndarray, capture: GloveCapture, rng: np.random.Generator) -> np.ndarray:
-    """Positions (T, R, 3) with noise, some of them wrong."""
+    """Return positions (T, R, 3) with noise, some of them wrong."""
     position = position + capture.noise * rng.standard_normal(position.shape)
     wrong = rng.random(position.shape[:-1]) < capture.spikes
     way = rng.standard_normal(position.shape)
@@ -141,7 +141,7 @@ def _disturbed(position: np.ndarray, capture: GloveCapture, rng: np.random.Gener
 
 
 def _lost(time: np.ndarray, count: int, capture: GloveCapture, rng: np.random.Generator) -> np.ndarray:
-    """(T, R) bool: spans that are lost at random."""
+    """Return (T, R) bool: random losses."""
     lost = np.zeros((len(time), count), dtype=bool)
     for marker, spans in enumerate(rng.poisson(capture.losses * (time[-1] - time[0]) / 60, count)):
         begin = rng.uniform(time[0], time[-1], (spans, 1))
@@ -150,7 +150,7 @@ def _lost(time: np.ndarray, count: int, capture: GloveCapture, rng: np.random.Ge
 
 
 def _lights(pose: Pose, side: Side, glove: Glove) -> tuple[np.ndarray, np.ndarray]:
-    """Where the lights of a hand (F, …) are, and the ways that they face: (F, M, 3) m and unit, world."""
+    """Return positions of the lights of a hand (F, …), and their facing directions: (F, M, 3) m and unit, world."""
     offset, facing = _mounting(pose.skeleton, glove)
     position, world = forward_kinematics(pose)
     carrier = pose.skeleton.indices(glove.carried_by)
@@ -160,9 +160,9 @@ def _lights(pose: Pose, side: Side, glove: Glove) -> tuple[np.ndarray, np.ndarra
 
 @lru_cache(maxsize=64)
 def _mounting(hand: Skeleton, glove: Glove) -> tuple[np.ndarray, np.ndarray]:
-    """Of every marker its light, from the joint that carries it, and the way that it faces: (9, 3) m and unit.
+    """Return each marker's light, from the joint that carries it, and its facing direction: (9, 3) m and unit.
 
-    Lights are moved out of the flat hand's flesh the way they face.
+    Lights are moved out of the flat hand's flesh along that direction.
     """
     capsules = hand_capsules(hand)
     rest = hand.path @ hand.rest_offset
@@ -184,7 +184,7 @@ def _mounting(hand: Skeleton, glove: Glove) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _solids(hands: Sequence[tuple[Pose, Side]], body: Pose | None) -> PlacedPrimitives:
-    """What stands in the way: the flesh of hands, and of a body all but its hands."""
+    """Return occluders: the flesh of hands, and of a body except its hands."""
     start, end, radius = [], [], []
     for pose, side in hands:
         begins, bones = placed_axes(pose)
@@ -219,7 +219,7 @@ def _solids(hands: Sequence[tuple[Pose, Side]], body: Pose | None) -> PlacedPrim
 
 @lru_cache(maxsize=64)
 def _beside_hands(skeleton: Skeleton) -> tuple[np.ndarray, np.ndarray]:
-    """Places of the capsules, and of the boxes, of a body that belong to no hand."""
+    """Return indices of the capsules, and of the boxes, of a body outside its hands."""
     body = fit_primitives(skeleton)
     wrists = skeleton.indices(["left_wrist", "right_wrist"])
     hand = np.any(skeleton.path[body.joint][:, wrists] > 0, axis=1)

@@ -1,4 +1,4 @@
-"""What the cameras of a headset see of its wearer (Parger et al. 2021, UNOC, section 4.1).
+"""View of a headset's cameras of its wearer (Parger et al. 2021, UNOC, section 4.1).
 
 The paper does not publish its primitives, nor which of them a ray passes through. Here:
 
@@ -30,15 +30,15 @@ from bodysense.errors import BodysenseError
 from bodysense.observation import EXACT_ACCURACY, Observation, accuracy_like
 
 SIDES = ("left", "right")
-BODY_JOINTS = ("shoulder", "elbow", "hip", "knee")  # of either side: each seen or hidden by itself
+BODY_JOINTS = ("shoulder", "elbow", "hip", "knee")  # of either side: each seen or hidden on its own
 FOOT_POINTS = ("ankle", "foot", "toe")  # of either side: all seen if one is
-HEAD_POINTS = ("head", "head_top")  # they wear the camera: always known
+HEAD_POINTS = ("head", "head_top")  # carry the camera: always known
 _BLOCK = 384  # frames at a time, so that the arrays stay in the processor's cache
-_KEPT = 31 << 20  # bytes, just below the size from which glibc never keeps a block
+_KEPT = 31 << 20  # bytes, just below the size above which glibc never keeps a block
 
 
 class Reason(IntEnum):
-    """Why a point is not seen."""
+    """Reason why a point is not seen."""
 
     VISIBLE = 0
     OUT_OF_VIEW = 1
@@ -54,8 +54,8 @@ class HeadsetCamera:
     nose_distance: float = 0.04  # m, in front of the tip of the nose
     field_of_view: float = 200.0  # degrees, the full angle of a circular cone
     tilt: float = 15.0  # degrees, downward from where the head points
-    near: float = 0.12  # m: what is closer is not tracked
-    hand_visible_share: float = 0.65  # of a hand's primitives: with as many in sight all of the hand is seen
+    near: float = 0.12  # m; closer points are not tracked
+    hand_visible_share: float = 0.65  # of a hand's primitives: if this share is in sight all of the hand is seen
     hand_hides_itself: bool = False  # whether the primitives of a hand hide each other
     solid_scale: float = 1.0  # factor on the thickness of all primitives; 1 is the skin of the default body
 
@@ -72,19 +72,19 @@ class HeadsetCamera:
 
 @dataclass(frozen=True, eq=False)
 class Visibility:
-    """What a camera sees of every point of a skeleton."""
+    """Visibility of every point of a skeleton from a camera."""
 
     skeleton: Skeleton
     reason: np.ndarray  # (..., P) uint8, values of Reason
 
     @property
     def visible(self) -> np.ndarray:
-        """(..., P) bool: the point is known, being seen or, on the head, wearing the camera."""
+        """(..., P) bool: the point is known, because it is seen or carries the camera."""
         return self.reason == Reason.VISIBLE
 
 
 def see(pose: Pose, camera: HeadsetCamera = HeadsetCamera()) -> Visibility:
-    """Which points of a body, with any leading axes, its own headset sees, and why not the others (UNOC, section 4.1).
+    """Compute which points of a body, with any leading axes, its headset sees, and reasons for the others (UNOC, 4.1).
 
     A target is seen if it lies in the cone, not too close, and no primitive stands before it. A joint is seen if it is
     and so is one primitive attached to it; a foot's points are all seen if one is; a hand's if enough of its primitives
@@ -94,12 +94,12 @@ def see(pose: Pose, camera: HeadsetCamera = HeadsetCamera()) -> Visibility:
     """
     batch = pose.root_position.shape[:-1]
     rotation = pose.rotation.reshape(-1, *pose.rotation.shape[-2:])
-    # Where the body stands does not matter; about its root single precision is exact to a micrometre, and faster.
+    # The body's place does not matter; about its root single precision is exact to a micrometre, and faster.
     root = (pose.root_position * 0.0).reshape(-1, 3).astype(np.float32)
     frames = Pose(pose.skeleton, root, rotation.astype(np.float32))
-    # Freeing a large block makes glibc keep later ones for reuse; else every block of frames faults its pages in anew.
+    # Freeing a large block makes glibc keep later ones for reuse; otherwise every block faults its pages in again.
     np.empty(_KEPT, dtype=np.uint8)
-    # A block at a time from the angles to the answer, so that nothing leaves the processor's cache.
+    # One block at a time from angles to result, so that all data stay in the processor's cache.
     seen = [
         see_points(pose.skeleton, *forward_kinematics(frames[first : first + _BLOCK]), camera).reason
         for first in range(0, max(len(frames.rotation), 1), _BLOCK)
@@ -110,7 +110,7 @@ def see(pose: Pose, camera: HeadsetCamera = HeadsetCamera()) -> Visibility:
 def see_points(
     skeleton: Skeleton, position: np.ndarray, rotation: np.ndarray, camera: HeadsetCamera = HeadsetCamera()
 ) -> Visibility:
-    """`see`, from the `position` (..., P, 3) m and world `rotation` (..., J, 4) that forward kinematics gave."""
+    """Run `see` on `position` (..., P, 3) m and world `rotation` (..., J, 4) from forward kinematics."""
     primitives = _flesh(skeleton, camera.solid_scale)
     batch = position.shape[:-2]
     position = position.reshape(-1, *position.shape[-2:])
@@ -127,7 +127,7 @@ def see_points(
 
 @lru_cache(maxsize=64)
 def _flesh(skeleton: Skeleton, solid_scale: float) -> Primitives:
-    """The skeleton's primitives, thinner or thicker; who wraps whom is judged at their natural size."""
+    """Return the skeleton's primitives, scaled in thickness; wrapping is judged at their natural size."""
     natural = fit_primitives(skeleton)
     if solid_scale == 1:
         return natural
@@ -135,7 +135,7 @@ def _flesh(skeleton: Skeleton, solid_scale: float) -> Primitives:
 
 
 def observe(pose: Pose, time: np.ndarray, camera: HeadsetCamera = HeadsetCamera()) -> Observation:
-    """What a headset tracks of its wearer.
+    """Simulate the tracking of a wearer by their headset.
 
     Args:
         pose: (..., T) poses.
@@ -146,7 +146,7 @@ def observe(pose: Pose, time: np.ndarray, camera: HeadsetCamera = HeadsetCamera(
         All points of the skeleton, in the world: positions (..., T, P, 3) of those seen, NaN for the others; the head's
         position and rotation always, no other rotation ever.
 
-    Raises BodysenseError where `see` does, and where poses and times differ in number.
+    Raises BodysenseError as `see` does, and if poses and times differ in number.
     """
     time = np.asarray(time, dtype=np.float64)
     position, rotation = (np.asarray(part) for part in forward_kinematics(pose))
@@ -172,7 +172,7 @@ def observe(pose: Pose, time: np.ndarray, camera: HeadsetCamera = HeadsetCamera(
 def camera_pose(
     primitives: Primitives, position: np.ndarray, rotation: np.ndarray, camera: HeadsetCamera
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Centre (..., 3) m and unit axis (..., 3) of the camera in the world; arguments as for `see_points`."""
+    """Return centre (..., 3) m and unit axis (..., 3) of the camera in the world; arguments as for `see_points`."""
     head = primitives.skeleton.index("head")
     turn = rotation[..., head, :]
     tilt = np.radians(camera.tilt)
@@ -183,13 +183,13 @@ def camera_pose(
 
 @dataclass(frozen=True, eq=False)
 class _Rays:
-    """The R rays cast for a body, first to J joints, then to primitives, and how their answers combine."""
+    """The R rays of a body, first to J joints, then to primitives, and the data to combine their results."""
 
     joints: np.ndarray  # (J,) points with a ray
     primitives: np.ndarray  # (R - J,) primitives with a ray to their middle
     blocks: np.ndarray  # (R, N) bool: primitive n can hide the target of ray r
     attached: np.ndarray  # (R - J, J) 0/1: the primitive is attached to the joint
-    feet: tuple[np.ndarray, ...]  # a side: places among the joints
+    feet: tuple[np.ndarray, ...]  # indices among the joints, a side
     hands: tuple[np.ndarray, ...]  # a side: places among the primitives
     hand_points: tuple[np.ndarray, ...]  # a side: wrist, finger joints and tips
     inside: np.ndarray  # (P,) bool: points that are never seen
@@ -197,7 +197,7 @@ class _Rays:
 
 @lru_cache(maxsize=2)
 def _rays(hand_hides_itself: bool) -> _Rays:
-    """The rays of the default body's tree (see the module's text for what hides what)."""
+    """Return the rays of the default body's tree (the module's text defines what hides what)."""
     skeleton = default_skeleton()
     body = fit_primitives(skeleton)
     feet = [skeleton.indices([f"{side}_{name}" for name in FOOT_POINTS]) for side in SIDES]
@@ -227,7 +227,7 @@ def _rays(hand_hides_itself: bool) -> _Rays:
 
 
 def _holds_target(body: Primitives, joints: np.ndarray, primitives: np.ndarray) -> np.ndarray:
-    """(R, N) bool: the primitive holds the ray's target in the rest pose."""
+    """Return (R, N) bool: the primitive contains the ray's target in the rest pose."""
     position, rotation = forward_kinematics(rest_pose(body.skeleton))
     targets = np.concatenate([position[joints], place(body, position, rotation).middle[primitives]])
     around = place(body, position - targets[:, None], np.broadcast_to(rotation, (len(targets), *rotation.shape)))
@@ -240,10 +240,10 @@ def _holds_target(body: Primitives, joints: np.ndarray, primitives: np.ndarray) 
 
 
 def _see_block(primitives: Primitives, position: np.ndarray, rotation: np.ndarray, camera: HeadsetCamera) -> np.ndarray:
-    """Reasons (F, P) of a block of frames."""
+    """Return reasons (F, P) of a block of frames."""
     rays = _rays(camera.hand_hides_itself)
     origin, axis = camera_pose(primitives, position, rotation, camera)
-    # Near the camera single precision is exact to a micrometre, and twice as fast.
+    # Close to the camera single precision is exact to a micrometre, and twice as fast.
     position, axis = (position - origin[:, None]).astype(np.float32), axis.astype(np.float32)
     solids = place(primitives, position, rotation.astype(np.float32))
     target = np.concatenate([position[:, rays.joints], solids.middle[:, rays.primitives]], axis=1)
@@ -261,7 +261,7 @@ def _see_block(primitives: Primitives, position: np.ndarray, rotation: np.ndarra
 
 
 def _combine(rays: _Rays, answer: np.ndarray, camera: HeadsetCamera) -> np.ndarray:
-    """The reason of every point (F, P) from the reason of every ray (F, R)."""
+    """Return the reason of every point (F, P) from the reason of every ray (F, R)."""
     joint, primitive = answer[:, : len(rays.joints)].copy(), answer[:, len(rays.joints) :]
     no_flesh = (primitive == Reason.VISIBLE) @ rays.attached == 0
     joint[(joint == Reason.VISIBLE) & no_flesh] = Reason.OCCLUDED

@@ -1,4 +1,4 @@
-"""What inertial sensors strapped along bones feel: accelerations without gravity, smoothed as sensors smooth them."""
+"""Inertial sensors strapped along bones: accelerations without gravity, smoothed like real sensors'."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ import numpy as np
 from bodysense.observation import STRAPPED, STRAPPED_TOWARD
 
 ALONG = 0.8  # of the bone from its joint: above the ankle, the wrist, the knee
-SMOOTHING = 0.066  # s: an acceleration is that of twice this time before it, and uses nothing that comes after
+SMOOTHING = 0.066  # s: an acceleration is the mean over twice this time before it, without look-ahead
 
 
 def strapped_places(position: np.ndarray, points: Sequence[str], along: float | np.ndarray = ALONG) -> np.ndarray:
-    """Places (..., 12, 3) m of the sensors of `STRAPPED`, `along` their bones, of points (..., P, 3) m so named."""
+    """Return positions (..., 12, 3) m of the sensors of `STRAPPED`, `along` their bones, from points (..., P, 3) m."""
     begins = [points.index(name) for name in STRAPPED]
     ends = [points.index(end or name) for name, end in STRAPPED_TOWARD.items()]
     share = np.broadcast_to(np.asarray(along, dtype=float), len(begins))[:, None]
@@ -21,7 +21,7 @@ def strapped_places(position: np.ndarray, points: Sequence[str], along: float | 
 
 
 def accelerations(place: np.ndarray, interval: float) -> tuple[np.ndarray, np.ndarray]:
-    """Accelerations (T, N, 3) m/s² of places (T, N, 3) m every `interval` s, and from when they are known (T,) bool."""
+    """Return accelerations (T, N, 3) m/s² of positions (T, N, 3) m every `interval` s, and their mask (T,) bool."""
     lag = max(1, round(SMOOTHING / interval))
     felt, known = np.zeros(place.shape), np.arange(len(place)) >= 2 * lag
     if known.any():
@@ -30,9 +30,9 @@ def accelerations(place: np.ndarray, interval: float) -> tuple[np.ndarray, np.nd
 
 
 def felt_by(position: np.ndarray, points: Sequence[str], sensors: Sequence[str], time: np.ndarray) -> np.ndarray:
-    """Accelerations (..., T, N, 3) m/s² of `sensors`, of `STRAPPED`, on points (..., T, P, 3); NaN until known.
+    """Return accelerations (..., T, N, 3) m/s² of `sensors`, of `STRAPPED`, on points (..., T, P, 3); NaN until known.
 
-    Frames come at the median interval of `time` (T,).
+    The median interval of `time` (T,) is taken as the frame interval.
     """
     place = strapped_places(position, points)[..., [STRAPPED.index(name) for name in sensors], :]
     if len(time) < 2:

@@ -1,12 +1,12 @@
-"""Tracker noise: how headsets, controllers, cameras and IMUs err, as a disturbance of an observation.
+"""Tracker noise: errors of headsets, controllers, cameras and IMUs, as a disturbance of an observation.
 
 The model of a headset was fitted, band by band, to Quest 2 and Quest Pro against a robot arm's encoders, up to 0.5 m/s
-and 100 °/s. Its error is a drift that follows the way travelled, not time: first-order autoregressive over metres, with
-a deviation that grows with speed; beside it a slow drift at rest, a wobble at some 5 Hz in motion, and almost no white
-noise. Everything else here is an assumption: controllers and worn trackers err alike, more; joints that cameras see
-err by millimetres for a fraction of a second; IMUs lose their heading.
+and 100 °/s. Its error is a drift over the travelled distance, not over time: first-order autoregressive in metres, with
+a deviation that grows with speed; plus a slow drift at rest, a wobble at some 5 Hz in motion, and almost no white
+noise. Everything else here is an assumption: controllers and worn trackers have larger errors of the same kind;
+joints seen by cameras are off by millimetres for a fraction of a second; IMUs lose their heading.
 
-Tracking that fails for a while: spans in which a part of the body is lost whatever the camera sees.
+Tracking failures: spans in which a part of the body is lost although the camera sees it.
 """
 
 from __future__ import annotations
@@ -21,21 +21,21 @@ from bodysense.errors import BodysenseError
 from bodysense.observation import Observation
 
 MEAN_NORM = (8 / np.pi) ** 0.5  # mean length of a normal vector in space, in deviations along one axis
-_LATEST_STAMP = 0.3  # of the shortest interval: stamps jitter by no more, so that times increase
+_LATEST_STAMP = 0.3  # of the shortest interval: larger jitter of stamps is clipped, so that times increase
 
 
 @dataclass(frozen=True)
 class DriftModel:
     """Deviations along each axis, of a position (unit m, speed in m/s) or of a rotation (unit °, speed in °/s)."""
 
-    drift: float  # that follows the way travelled, where nothing moves
+    drift: float  # over the travelled distance, at rest
     drift_per_speed: float
-    rest: float  # that follows time
+    rest: float  # over time
     wobble_per_speed: float
     wobble_rate: float  # Hz
     white: float  # at rest
     white_moving: float
-    moving: float  # speed from which on something moves
+    moving: float  # speed above which a point moves
 
 
 POSITION = DriftModel(
@@ -58,27 +58,27 @@ ROTATION = DriftModel(
     white_moving=0.0025,
     moving=2.0,
 )
-_PATH = 0.30  # m of way over which a drift is forgotten
-_SMOOTH = 0.06  # s by which a drift that follows the way lags: it is smoothed over twice as long
+_PATH = 0.30  # m of travelled distance after which a drift is forgotten
+_SMOOTH = 0.06  # s by which a drift over distance lags: it is smoothed over twice as long
 _REST_TIME = 4.0  # s in which a drift at rest is forgotten
 _DAMPING = 0.9  # of a wobble
-_USUAL_SPEED = 0.5  # m/s at which the accuracy of a point is stated
+_USUAL_SPEED = 0.5  # m/s, speed for the stated accuracy of a point
 
 
 @dataclass(frozen=True)
 class NoiseSettings:
-    """What is disturbed, and how much. The head is a headset; what has a rotation only is an IMU."""
+    """Kinds and sizes of errors. The head is a headset; points with rotation only are IMUs."""
 
     headset: float = 1.0  # factor on the fitted model
     trackers: float = 2.5  # factor on it for controllers and worn trackers
-    cameras: bool = False  # all positions but the head's, and their rotations, are seen by cameras
+    cameras: bool = False  # all positions except the head's, and their rotations, are seen by cameras
     camera_position: tuple[float, float] = (0.003, 0.008)  # m in space; drawn for a session
     camera_rotation: tuple[float, float] = (2.0, 5.0)  # ° in space; drawn for a session
     camera_time: float = 0.3  # s in which an error of a camera is forgotten
     imu_heading: float = 3.0  # ° about the vertical
     imu_tilt: float = 0.7  # ° about the other axes
     imu_time: float = 60.0  # s in which an error of an IMU is forgotten
-    imu_acceleration: float = 0.15  # m/s² along each axis, white, and as much that stays for a session
+    imu_acceleration: float = 0.15  # m/s² along each axis, white, and as much that is constant in a session
     scale: float = 0.003  # deviation of the whole map's scale, drawn for a session
     stamp_jitter: float = 0.0004  # s
 
@@ -94,7 +94,7 @@ class NoiseSettings:
 def disturb(
     observation: Observation, rng: np.random.Generator, settings: NoiseSettings = NoiseSettings()
 ) -> Observation:
-    """An observation (..., T, P) as a real device gives it; every batch entry is a session with errors of its own.
+    """Add realistic errors to an observation (..., T, P); every batch entry is a session with errors of its own.
 
     Accuracies are those of the disturbed points. Points keep their errors while they are hidden. The times, which all
     sessions share, jitter too, and still increase.
@@ -141,34 +141,34 @@ def disturb(
 
 
 def _intervals(time: np.ndarray) -> np.ndarray:
-    """(T,) s before every frame; the first frame's is the second's."""
+    """Return the interval (T,) s before every frame; the first frame's is the second's."""
     if len(time) < 2:
         return np.full(len(time), 1 / 72)
     return np.concatenate([np.diff(time[:2]), np.diff(time)])
 
 
 def _moved(observation: Observation) -> tuple[np.ndarray, np.ndarray]:
-    """Metres and degrees (..., T, P) since the frame before; 0 where unknown, and in the first frame the second's."""
+    """Return metres and degrees (..., T, P) since the frame before; 0 if unknown; the first frame has the second's."""
     step = np.linalg.norm(np.diff(observation.position, axis=-3), axis=-1)
     turn = np.degrees(geodesic_angle(observation.rotation[..., 1:, :, :], observation.rotation[..., :-1, :, :]))
     return _from_the_first(step), _from_the_first(turn)
 
 
 def _from_the_first(step: np.ndarray) -> np.ndarray:
-    """(..., T, P) from differences (..., T − 1, P): the first one twice, NaN as 0."""
+    """Return (..., T, P) from differences (..., T − 1, P): the first one twice, NaN as 0."""
     first = step[..., :1, :] if step.shape[-2] else np.zeros((*step.shape[:-2], 1, step.shape[-1]))
     return np.nan_to_num(np.concatenate([first, step], axis=-2))
 
 
 def _session_start(position: np.ndarray) -> np.ndarray:
-    """(..., 1, 1, 3) m: the floor below the first known of positions (..., T, 3); the origin where none is known."""
+    """Return (..., 1, 1, 3) m: the floor below the first known of positions (..., T, 3); the origin if all are NaN."""
     first = np.isfinite(position).all(axis=-1).argmax(axis=-1)
     begun = np.take_along_axis(position, first[..., None, None], axis=-2)
     return (np.nan_to_num(begun) * np.array([1.0, 0.0, 1.0]))[..., None, :]
 
 
 def _drift(deviation: np.ndarray, time: float, interval: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """(..., T, P, 3): first-order drift of constant deviation (..., P, 3), forgotten in `time` s."""
+    """Return (..., T, P, 3): first-order drift of constant deviation (..., P, 3), forgotten in `time` s."""
     drift, frames = deviation * rng.standard_normal(deviation.shape), []
     for gap in interval:
         keep = np.exp(-gap / time)
@@ -185,7 +185,7 @@ def _fitted_errors(
     factor: np.ndarray,
     rng: np.random.Generator,
 ) -> np.ndarray:
-    """(..., T, P, 3): errors of the fitted model at speeds and ways (..., T, P), times `factor` (..., P)."""
+    """Return (..., T, P, 3): errors of the fitted model for speeds and distances (..., T, P), times `factor`."""
     speed, metres = np.moveaxis(speed, -2, 0)[..., None], np.moveaxis(metres, -2, 0)[..., None]
     drift_sigma = model.drift + model.drift_per_speed * speed
     white_sigma = np.where(speed > model.moving, model.white_moving, model.white)
@@ -208,7 +208,7 @@ def _fitted_errors(
 
 
 def _oscillator(rate: float, gap: float) -> tuple[float, float, float]:
-    """Weights of the last two values and of the noise, so that a wobble at `rate` Hz has a deviation of 1."""
+    """Return weights of the last two values and of the noise, for a wobble at `rate` Hz with a deviation of 1."""
     decay = np.exp(-_DAMPING * 2 * np.pi * rate * gap)
     last, lag = 2 * decay * np.cos(np.sqrt(1 - _DAMPING**2) * 2 * np.pi * rate * gap), -(decay**2)
     variance = (1 - lag) / ((1 + lag) * ((1 - lag) ** 2 - last**2))
@@ -219,7 +219,7 @@ SHORTEST, LONGEST = 0.2, 3.0  # s
 
 
 def hide(observation: Observation, hidden: np.ndarray) -> Observation:
-    """The observation without the points of the mask `hidden` (..., T, P); their values become NaN."""
+    """Hide the points of the mask `hidden` (..., T, P); their values become NaN."""
     felt = observation.acceleration
     return replace(
         observation,
@@ -239,7 +239,7 @@ def hide_hands(observation: Observation, per_minute: float, rng: np.random.Gener
         hand = [point for point, name in enumerate(observation.points) if _is_hand(name, side)]
         for _ in range(rng.poisson(per_minute * duration / 60)):
             begin = observation.time[0] + rng.uniform(0, duration)
-            # Short losses are commoner than long ones: log-uniform.
+            # Short losses are more common than long ones: log-uniform.
             end = begin + np.exp(rng.uniform(np.log(SHORTEST), np.log(LONGEST)))
             lost = (observation.time >= begin) & (observation.time < end)
             hidden[:, hand] |= lost[:, None]

@@ -1,8 +1,8 @@
-"""Sensor sets: which points of a body are tracked, the sets that are sold, and what they track of a motion.
+"""Sensor sets: the tracked points of a body, commercial sets, and their exact observation of a motion.
 
-A sensor sits on a joint and gives its position, its rotation or both. A sensor strapped to a bone is one on the joint
-at which the bone begins: the shin turns with the knee, the chest is `spine3`. One of rotation only is an inertial
-sensor and tells its acceleration too (`inertial`).
+A sensor is on a joint and gives its position, its rotation or both. A sensor strapped to a bone is one on the joint
+at the start of the bone: the shin turns with the knee, the chest is `spine3`. A sensor of rotation only is inertial
+and gives its acceleration too (`inertial`).
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ WRISTS = ("left_wrist", "right_wrist")
 
 @dataclass(frozen=True)
 class SensorSet:
-    """Points that are tracked in every frame; with `camera` also the positions that a headset's cameras see."""
+    """Points that are tracked in every frame; with `camera` also the positions seen by a headset's cameras."""
 
     position: tuple[str, ...]
     rotation: tuple[str, ...]
@@ -41,7 +41,7 @@ class SensorSet:
         return tuple(dict.fromkeys((*self.position, *self.rotation)))
 
     def with_sensor(self, name: str, kind: Kind = "position and rotation") -> SensorSet:
-        """The set with one sensor more."""
+        """Return the set with one more sensor."""
         return SensorSet(
             self.position if kind == "rotation" else (*self.position, name),
             self.rotation if kind == "position" else (*self.rotation, name),
@@ -50,7 +50,7 @@ class SensorSet:
 
 
 def _posed(*names: str) -> SensorSet:
-    """Position and rotation of some points."""
+    """Return a set with position and rotation of some points."""
     return SensorSet(names, names)
 
 
@@ -63,13 +63,13 @@ _SIX = (*_HANDS, "pelvis", *_pair("ankle"))
 SENSOR_SETS = {
     "head": _posed("head"),
     "three_point": _posed(*_HANDS),
-    # Two IMUs strapped above the ankles, as they are sold: they turn with the shins.
+    # Commercial sets of two IMUs strapped above the ankles turn with the shins.
     "three_point_imu_feet": SensorSet(_HANDS, (*_HANDS, *_pair("knee"))),
     "four_point": _posed(*_HANDS, "pelvis"),
     "six_point": _posed(*_SIX),
     "ten_point": _posed(*_SIX, "spine3", *_pair("elbow"), *_pair("knee")),
     "headset_camera": SensorSet(("head",), ("head",), camera=True),
-    # Beside the sets of the tables: IMUs in the shoes, and on shins and shoes.
+    # In addition to the sets of the tables: IMUs in the shoes, and on shins and shoes.
     "three_point_imu_shoes": SensorSet(_HANDS, (*_HANDS, *_pair("ankle"))),
     "three_point_imu_legs": SensorSet(_HANDS, (*_HANDS, *_pair("knee"), *_pair("ankle"))),
 }
@@ -85,12 +85,12 @@ TABLE_SETS = (
 
 
 def observe(pose: Pose, time: np.ndarray, sensors: SensorSet) -> Observation:
-    """What sensors track of a motion, without errors.
+    """Observe a motion with sensors, without errors.
 
     Args:
         pose: poses (..., T).
         time: (T,) s.
-        sensors: the set. Without a camera the observation has its points only, with one all points of the skeleton.
+        sensors: the set. Without a camera the observation has its points only, else all points of the skeleton.
 
     Raises BodysenseError for points that the skeleton does not have, and for rotations of end sites.
     """
@@ -147,7 +147,7 @@ def observe_points(
 
 @dataclass(frozen=True)
 class Edge:
-    """An edge of the lattice of sensor sets: a set, and the set with one sensor more."""
+    """An edge of the lattice of sensor sets: a set, and the set with one more sensor."""
 
     fewer: SensorSet
     more: SensorSet
@@ -155,7 +155,7 @@ class Edge:
     kind: Kind
 
 
-# Where the lattice has sensors beside the head; those of a side are sensors of their own.
+# Parts with sensors in the lattice, in addition to the head; left and right are separate sensors.
 LATTICE_PARTS = ("pelvis", "spine3", "knee", "elbow", "ankle", "hip", "shoulder")
 _WRISTS_SHARE, _BOTH_SIDES_SHARE, _MOST = 0.85, 0.8, 0.7
 _KIND_SHARES = (0.5, 0.25, 0.25)
@@ -205,7 +205,7 @@ def _lattice_joints() -> tuple[str, ...]:
 
 
 def strapped(observation: Observation, mounts: Mapping[str, RigidTransform]) -> Observation:
-    """What trackers give that are strapped beside their joints, by the joint that carries each: T_joint_tracker."""
+    """Simulate trackers strapped at an offset from their joints, by the joint that carries each: T_joint_tracker."""
     position, rotation = observation.position.copy(), observation.rotation.copy()
     for joint, mount in mounts.items():
         k = observation.points.index(joint)

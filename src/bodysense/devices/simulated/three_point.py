@@ -1,6 +1,6 @@
-"""What a headset and two hand-held controllers track: three points with their orientation (UNOC, section 5.2).
+"""Tracking by a headset and two hand-held controllers: three points with orientation (UNOC, section 5.2).
 
-Or the headset alone.
+Also the headset alone.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ POINTS = ("head", "left_wrist", "right_wrist")
 class ThreePoint:
     """A headset and two controllers, rigidly held.
 
-    A controller's frame is its wrist's, shifted and turned by a grip that never changes. The grip is the left hand's;
-    the right hand's is its mirror image. None by default: the points are then head and wrists themselves. Estimators
-    take them for wrists either way, so that a grip stands for a device whose offset was not taken out.
+    A controller's frame is its wrist's, shifted and turned by a constant grip. The grip is the left hand's; the right
+    hand's is its mirror image. Zero by default: the points are then head and wrists themselves. Estimators treat them
+    as wrists in both cases, so a grip represents a device with an uncorrected offset.
     """
 
     grip_position: tuple[float, float, float] = (0.0, 0.0, 0.0)  # m, of the controller in the left wrist's frame
     grip_rotation: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)  # wxyz, left wrist ← controller
-    hands: bool = True  # False: the headset alone; the hands are there as points, and hidden throughout
+    hands: bool = True  # False: the headset alone; the hands are points that are always hidden
 
     def __post_init__(self) -> None:
         length = float(np.linalg.norm(self.grip_rotation))
@@ -47,7 +47,7 @@ def observe(pose: Pose, time: np.ndarray, device: ThreePoint = ThreePoint()) -> 
     position, rotation = (values[..., places, :] for values in forward_kinematics(pose))
     shift, turn = np.array([np.zeros(3), device.grip_position, device.grip_position]), np.zeros((3, 4))
     turn[0, 0], turn[1:] = 1, device.grip_rotation
-    # In the mirror an offset changes its x, a turn the sense about every axis but x.
+    # Mirroring flips the x of an offset, and the sense of a rotation about every axis but x.
     shift[2] *= [-1, 1, 1]
     turn[2] *= [1, 1, -1, -1]
     seen = np.broadcast_to([True, device.hands, device.hands], position.shape[:-1])

@@ -1,12 +1,12 @@
-"""Arms and hands from key-points of a video by a network of windows: `bodysense_lab/pahmt/network.py`, ONNX Runtime.
+"""Arms and hands from key-points of a video by a window network: `bodysense_lab/pahmt/network.py`, ONNX Runtime.
 
-The network sees windows of 32 frames, a second. Windows follow each other by `stride` and overlap; what they say of a
-frame is blended, the middle of a window counting more than its ends. A frame is answered when a frame has come in that
-is `look_ahead` later: that is the delay of a live use, and with 0 each frame is answered at once, by one window that
-ends with it. One call with many frames equals many calls with one.
+The network takes windows of 32 frames, one second. Windows start every `stride` seconds and overlap; their predictions
+of a frame are blended, with more weight for the middle of a window than for its ends. A frame is output when a frame
+has arrived that is `look_ahead` later: this is the latency of live use, and with 0 each frame is output at once, from
+one window that ends with it. One call with many frames equals many calls with one.
 
-Frames may come at any rate; windows are interpolated at the network's. After `longest_gap` without a frame everything
-starts afresh.
+Frames may come at any rate; windows are resampled at the network's. After `longest_gap` without a frame everything
+is reset.
 
 Windows of key-points over time, from frames that came at any rate.
 """
@@ -34,7 +34,7 @@ from bodysense.observation import check_order
 
 @dataclass(frozen=True, eq=False)
 class ArmFrame:
-    """One frame that came in: its key-points, and what windows have said of it."""
+    """One input frame: its key-points, and the predictions of windows for it."""
 
     time: float
     values: dict[str, np.ndarray]  # by field of `ArmKeypoints`, without the time axis
@@ -43,9 +43,9 @@ class ArmFrame:
 
 
 def window_of(frames: Sequence[ArmFrame], time: np.ndarray) -> dict[str, np.ndarray]:
-    """Key-points at `time` (T,) s, (T, …) by field, between those of frames; before the first, as in the first.
+    """Interpolate key-points at `time` (T,) s, (T, …) by field, between frames; constant before the first.
 
-    What was found in both neighbours lies between them; otherwise it is as in the nearer one.
+    Values found in both neighbours are interpolated; others are the nearer one's.
     """
     place = np.interp(time, [frame.time for frame in frames], np.arange(len(frames)))
     before = np.minimum(np.floor(place + _SAME).astype(int), len(frames) - 1)
@@ -67,7 +67,7 @@ def window_of(frames: Sequence[ArmFrame], time: np.ndarray) -> dict[str, np.ndar
 
 
 def calmed(window: dict[str, np.ndarray], time: np.ndarray, calm: float) -> dict[str, np.ndarray]:
-    """A window, averaged over time by a Gaussian of standard deviation `calm` s: over what was found, where it was."""
+    """Smooth a window over time by a Gaussian of standard deviation `calm` s, over found values only."""
     near = np.exp(-0.5 * ((time[:, None] - time) / calm) ** 2)
     smooth = dict(window)
     for name in ("arm", "torso", "hand"):
@@ -84,17 +84,17 @@ def calmed(window: dict[str, np.ndarray], time: np.ndarray, calm: float) -> dict
 
 
 def _shaped_as(mask: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """A mask (T, …) with as many axes as its values."""
+    """Return a mask (T, …) with as many axes as its values."""
     return mask.reshape(*mask.shape, *[1] * (values.ndim - mask.ndim))
 
 
 def _shaped(values: np.ndarray, like: np.ndarray) -> np.ndarray:
-    """(T,) with as many axes as `like`."""
+    """Return (T,) values with as many axes as `like`."""
     return values.reshape(-1, *(1,) * (like.ndim - 1))
 
 
 def alike(q: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """Quaternions (..., 4) with the signs that lie nearer to others."""
+    """Return quaternions (..., 4) with the signs closer to others."""
     return np.where((q * other).sum(axis=-1, keepdims=True) < 0, -q, q)
 
 
@@ -106,9 +106,9 @@ NETWORK = NetworkFormat(
     fields=("joints", "frames", "rate", "validation"),
     packaged="arms.onnx",
 )
-UNSEEN_ERROR = 0.5  # m: of legs, which stand whatever the person does
-_ENDS = 0.1  # weight of a window's last frame beside its middle
-_SAME = 1e-6  # s, frames: what is nearer is the same
+UNSEEN_ERROR = 0.5  # m: of legs, which always stand
+_ENDS = 0.1  # weight of a window's last frame relative to its middle
+_SAME = 1e-6  # s, frames; smaller differences are equal
 _UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])
 
 
@@ -120,11 +120,11 @@ class ArmModel:
 
     @property
     def card(self) -> Mapping[str, Any]:
-        """What its file says of it."""
+        """The network file's metadata."""
         return self.network.card
 
     def rotations(self, window: dict[str, np.ndarray]) -> np.ndarray:
-        """Local rotations (T, 38, 4) of a window's key-points by field, (T, …), finite throughout."""
+        """Return local rotations (T, 38, 4) of a window's key-points by field, (T, …), finite throughout."""
         return self.network.run({name: value[None] for name, value in window.items()})["rotation"][0].astype(float)
 
 
@@ -138,12 +138,12 @@ def load_arms(path: str | Path | None = None) -> ArmModel:
 
 @dataclass(frozen=True)
 class ArmSettings:
-    """How windows follow each other."""
+    """Settings of the windows."""
 
-    look_ahead: float = 0.25  # s that an answer waits for frames to come; 0 answers at once
+    look_ahead: float = 0.25  # s to wait for later frames; 0 outputs at once
     stride: float = 0.1  # s from one window to the next
     calm: float = 0.03  # s: standard deviation by which a window's key-points are smoothed over time
-    longest_gap: float = 0.5  # s without frames after which everything starts afresh
+    longest_gap: float = 0.5  # s without frames after which everything is reset
 
     def __post_init__(self) -> None:
         if not 0 <= self.look_ahead <= 0.5:
@@ -156,10 +156,10 @@ class ArmSettings:
 
 @dataclass(frozen=True, eq=False)
 class ArmFrames:
-    """Frames that are answered; +y up, axes of the camera."""
+    """Completed frames; +y up, axes of the camera."""
 
     time: np.ndarray  # (T,) s
-    estimate: PointEstimate  # a body that stands, turned as the torso; arms and hands are the network's
+    estimate: PointEstimate  # a standing body, turned as the torso; arms and hands are the network's
 
     def __len__(self) -> int:
         return len(self.time)
@@ -167,10 +167,10 @@ class ArmFrames:
 
 @dataclass(frozen=True, eq=False)
 class ArmState:
-    """The last second of frames, and which of them wait for an answer."""
+    """The last second of frames, and how many of them wait for output."""
 
     frames: tuple[ArmFrame, ...] = ()
-    waiting: int = 0  # so many of the last frames
+    waiting: int = 0  # number of last frames that wait
     window: float = -np.inf  # s, the last frame of the last window
 
 
@@ -183,24 +183,24 @@ class Arms:
     settings: ArmSettings = field(default_factory=ArmSettings)
 
     def start(self) -> ArmState:
-        """Nothing seen yet."""
+        """Return the initial state."""
         return ArmState()
 
     def complete(self, keypoints: ArmKeypoints) -> ArmFrames:
-        """All frames at once: `step`, then `finish`."""
+        """Complete all frames at once: `step`, then `finish`."""
         answered, state = self._taken(keypoints, self.start())
         return self._answer([*answered, *self._flushed(state)])
 
     def step(self, keypoints: ArmKeypoints, state: ArmState) -> tuple[ArmFrames, ArmState]:
-        """Take in T ≥ 1 frames; the frames that can be answered now.
+        """Add T ≥ 1 frames; return the frames that are ready, and the state.
 
-        Raises BodysenseError for key-points that `check_keypoints` refuses, and where time does not increase.
+        Raises BodysenseError for key-points that `check_keypoints` refuses, and if time does not increase.
         """
         answered, state = self._taken(keypoints, state)
         return self._answer(answered), state
 
     def finish(self, state: ArmState) -> ArmFrames:
-        """The frames that still wait, at the end of a video."""
+        """Return the remaining frames at the end of a video."""
         return self._answer(self._flushed(state))
 
     def _taken(self, keypoints: ArmKeypoints, state: ArmState) -> tuple[list[ArmFrame], ArmState]:
@@ -234,7 +234,7 @@ class Arms:
         return list(_waiting(state))
 
     def _forgotten(self, state: ArmState) -> ArmState:
-        """Without frames that no window will see again; one from before stays, to interpolate from."""
+        """Drop frames that no window needs; one earlier frame is kept for interpolation."""
         first = 0
         while first + 1 < len(state.frames) - state.waiting and (
             state.frames[first + 1].time < state.frames[-1].time - self._span
@@ -243,7 +243,7 @@ class Arms:
         return replace(state, frames=state.frames[first:])
 
     def _windowed(self, state: ArmState) -> ArmState:
-        """What a window that ends with the last frame says is added to the frames that wait."""
+        """Add the prediction of a window that ends with the last frame to the waiting frames."""
         count, rate = int(self.model.card["frames"]), float(self.model.card["rate"])
         now = state.frames[-1].time
         time = now - np.arange(count - 1, -1, -1) / rate
@@ -264,13 +264,13 @@ class Arms:
 
     @cached_property
     def _standing(self) -> tuple[Pose, np.ndarray]:
-        """The standing body, and the turn (4,) from its torso's axes to its root's."""
+        """The standing body, and the rotation (4,) from its torso's axes to its root's."""
         pose = standing_pose(self.skeleton)
         return pose, np.asarray(quaternion_conjugate(body_torso(pose)))
 
     @cached_property
     def _kind(self) -> np.ndarray:
-        """(P,) for each point: 0 and 1 of the left and right arm, 2 and 3 of the hands' fingers, 4 of the rest."""
+        """(P,) for each point: 0 and 1 for the left and right arm, 2 and 3 for the hands' fingers, 4 for others."""
         arm = ("shoulder", "elbow", "wrist")
         kinds = []
         for point, name in enumerate(self.skeleton.points):
@@ -280,7 +280,7 @@ class Arms:
         return np.array(kinds)
 
     def _answer(self, frames: list[ArmFrame]) -> ArmFrames:
-        """Answered frames on the body."""
+        """Return completed frames on the body."""
         pose, from_torso = self._standing
         said = np.zeros((0, len(ARM_JOINTS), 4))
         if frames:
@@ -305,7 +305,7 @@ class Arms:
 
 
 def _frames(keypoints: ArmKeypoints) -> Iterator[ArmFrame]:
-    """Key-points frame by frame, finite throughout."""
+    """Iterate over key-points frame by frame, finite throughout."""
     shown = {"arm": "has_arm", "torso": "has_torso", "hand": "has_hand"}
     values = {name: np.nan_to_num(np.asarray(getattr(keypoints, name), dtype=np.float32)) for name in shown}
     values |= {mask: np.asarray(getattr(keypoints, mask), dtype=bool) for mask in shown.values()}

@@ -1,14 +1,14 @@
-"""How a camera is turned against gravity, from how the person stands: what stands upright is upright.
+"""Rotation of a camera against gravity, inferred from a standing person, who is upright.
 
-Two angles: by how much the camera looks down, its tilt, and by how much it is rolled about where it looks. Landmarks
-are turned upright before anything else is made of them, for networks of bodies know level cameras.
+There are two angles: tilt, by which the camera looks down, and roll about its view axis. Landmarks are made upright
+first, because networks of bodies are trained on level cameras.
 
-Arms along the lines on which they are seen: a picture tells directions across it well, and depth badly.
+Arms are aligned with their lines in the picture, which defines directions across it well, and depth badly.
 
-Where the bones of an arm point across the picture is measured. How far they point toward the camera is said by
-landmarks and by a network, both roughly, and how short a bone is seen bounds it: one that is seen in its whole length
-points neither to the camera nor away from it. How long it is seen to be says little where the legs are not seen, as the
-distance is hardly known then: there depth is the network's.
+The directions of an arm's bones across the picture are measured. Their depths are predicted by landmarks and by a
+network, both roughly, and bounded by the seen lengths: a bone seen in full length points neither to the camera nor
+away from it. Seen lengths say little if the legs are hidden, because the distance is uncertain then: depths are the
+network's in that case.
 """
 
 from __future__ import annotations
@@ -22,26 +22,26 @@ from bodysense.body.rotation import normalize
 from bodysense.devices.video.landmarks import BODY_LANDMARKS
 from bodysense.devices.video.person import VISIBLE, PersonLandmarks
 
-_STRAIGHT = np.radians(25.0)  # by how much the bones of a body that stands differ from its own upright
-_STEEPEST, _MOST_ROLLED = np.radians(35.0), np.radians(50.0)  # beyond it a body rather leans than the camera
+_STRAIGHT = np.radians(25.0)  # largest angle between the bones of a standing body and its own upright
+_STEEPEST, _MOST_ROLLED = np.radians(35.0), np.radians(50.0)  # beyond these angles the body leans, not the camera
 _LONGEST_MEAN = 10.0  # s
-_LONGEST_STEP = 0.1  # s for which a frame counts
-_SWAY = np.radians(3.0)  # people who stand lean so much to a side: a camera so little rolled is rather level
+_LONGEST_STEP = 0.1  # s, longest weight of a frame
+_SWAY = np.radians(3.0)  # usual lean of standing people; a camera with less roll is probably level
 _PARTS = ("shoulder", "hip", "knee", "ankle")
 _MARKS = np.array([[BODY_LANDMARKS.index(f"{side}_{part}") for side in SIDES] for part in _PARTS])
 
 
 @dataclass(frozen=True)
 class CameraLevel:
-    """Mean angles of bodies that stood, and for how long."""
+    """Mean angles of standing bodies, and their total time."""
 
     tilt: float = 0.0  # rad by which the camera looks down
-    roll: float = 0.0  # rad by which what is upright leans to the right in the picture
+    roll: float = 0.0  # rad by which upright things lean to the right in the picture
     stood: float = 0.0  # s
     time: float = -np.inf  # s, of the last frame that counted
 
     def step(self, person: PersonLandmarks) -> CameraLevel:
-        """The level after one more frame, as it was found."""
+        """Return the level after one more unprocessed frame."""
         up = _upright(person)
         if up is None:
             return self
@@ -58,24 +58,24 @@ class CameraLevel:
 
     @property
     def likely_roll(self) -> float:
-        """rad: the roll, less where it is no more than people sway."""
+        """rad: the roll, reduced if it is within people's sway."""
         return self.roll**3 / (self.roll**2 + _SWAY**2)
 
 
 def tilted(tilt: float) -> np.ndarray:
-    """(3, 3) room ← upright camera that looks down by `tilt` rad."""
+    """Return (3, 3) room ← upright camera that looks down by `tilt` rad."""
     cosine, sine = np.cos(tilt), np.sin(tilt)
     return np.array([[1.0, 0.0, 0.0], [0.0, cosine, sine], [0.0, -sine, cosine]])
 
 
 def rolled(roll: float) -> np.ndarray:
-    """(3, 3) upright camera ← camera in whose picture upright things lean to the right by `roll` rad."""
+    """Return (3, 3) upright camera ← camera in whose picture upright things lean to the right by `roll` rad."""
     cosine, sine = np.cos(roll), np.sin(roll)
     return np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
 
 
 def upright(person: PersonLandmarks, roll: float) -> PersonLandmarks:
-    """Landmarks as an upright camera in the same place sees them."""
+    """Return landmarks as seen by an upright camera in the same place."""
     turn = rolled(roll)
     flat = turn[:2, :2]
     return replace(
@@ -88,7 +88,7 @@ def upright(person: PersonLandmarks, roll: float) -> PersonLandmarks:
 
 
 def _upright(person: PersonLandmarks) -> np.ndarray | None:
-    """(3,) from feet to shoulders of one frame, in the camera's axes; None of a body that does not stand or walk."""
+    """Return (3,) from feet to shoulders of one frame, in the camera's axes; None unless the body stands or walks."""
     if not person.has_body[0] or person.visible[0, _MARKS].min() < VISIBLE:
         return None
     joints = person.world[0, _MARKS]  # (part, side, 3)
@@ -100,14 +100,14 @@ def _upright(person: PersonLandmarks) -> np.ndarray | None:
     return up if straight > np.cos(_STRAIGHT) and level else None
 
 
-# Fitted on rendered gestures and videos of training people. Depth is said by network and landmarks, each as much; of
-# upper arm and forearm, by how much nearer than true, and how wrong.
+# Fitted on rendered gestures and videos of training people. Depths of upper arm and forearm are predicted by the
+# mean of network and landmarks; bias toward the camera, and error.
 _NEARER, _SAID_ERROR = np.array([0.0, 0.1]), np.array([0.25, 0.2])
-_LENGTH_ERROR = (0.08, 0.28)  # of a length that is seen, as a share: where the whole body is, and only its upper half
-_WHOLE = (0.3, 0.8)  # share of the legs seen, below which the network alone says depth, and above which this does
-_SHARE = 0.5  # of this, beside the network's: chosen on videos of validation clips
+_LENGTH_ERROR = (0.08, 0.28)  # share of a seen length: with the whole body in view, and with its upper half only
+_WHOLE = (0.3, 0.8)  # seen share of the legs, below which depths are the network's, and above which these are used
+_SHARE = 0.5  # weight of this depth relative to the network's: chosen on videos of validation clips
 _DEPTHS = np.linspace(-0.98, 0.98, 50)
-_BLUNT = 0.13  # m: of a bone that is seen so short the picture tells its direction no better than the network
+_BLUNT = 0.13  # m: for bones seen shorter than this the picture is no better than the network
 
 
 def with_depths(
@@ -119,7 +119,7 @@ def with_depths(
     length: np.ndarray,
     whole: float,
 ) -> np.ndarray:
-    """Unit directions (2, 2, 3) of upper arm and forearm of both sides, as deep as they most likely are.
+    """Return unit directions (2, 2, 3) of upper arm and forearm of both sides, with the likeliest depths.
 
     Args:
         bones: (2, 2, 3) unit directions in the camera's axes, by the network.
@@ -128,7 +128,7 @@ def with_depths(
         focal: focal length in heights of the picture.
         shoulder: (2,) m from the camera, along its axis, to the shoulders.
         length: (2, 2) m, of the bones.
-        whole: 0 to 1, how much of the legs is seen, too: without them distances are less sure.
+        whole: 0 to 1, visibility of the legs: without them distances are less certain.
     """
     result, away = np.array(bones), np.array(shoulder)
     trust = float(np.interp(whole, _WHOLE, (0.0, _SHARE)))
@@ -153,10 +153,10 @@ def with_depths(
 
 
 def along_lines(bones: np.ndarray, places: np.ndarray, focal: float, distance: float) -> np.ndarray:
-    """Unit directions (..., 2, 3) of upper arm and forearm that are seen where the landmarks are.
+    """Align unit directions (..., 2, 3) of upper arm and forearm with the landmarks in the picture.
 
     Args:
-        bones: (..., 2, 3) unit directions in the camera's axes, of which the depth is kept.
+        bones: (..., 3) unit directions in the camera's axes, whose depths are kept.
         places: (..., 3, 2) shoulder, elbow and wrist in heights of the picture.
         focal: focal length in heights of the picture.
         distance: m from the camera to the body.
@@ -174,9 +174,9 @@ def along_lines(bones: np.ndarray, places: np.ndarray, focal: float, distance: f
 
 
 def _scale(seen: np.ndarray, middle: np.ndarray, depth: np.ndarray, focal: float) -> tuple[np.ndarray, np.ndarray]:
-    """(..., 1) how long a unit bone of a depth (..., 1) is across the picture, and (..., 2) how depth shifts it.
+    """Return the length (..., 1) of a unit bone of a depth (..., 1) across the picture, and its shift (..., 2).
 
-    It lies along a direction (..., 2) in the picture, around a place (..., 2).
+    The bone is along a direction (..., 2) in the picture, around a position (..., 2).
     """
     shift = middle * depth / focal
     along = (seen * shift).sum(axis=-1, keepdims=True)

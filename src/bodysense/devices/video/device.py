@@ -1,10 +1,10 @@
 """Video as a device: a person's landmarks in, points of their body in the room out.
 
-Head, shoulders and legs are laid along the landmarks with the wearer's own bones (`landmark_points`). Arms and hands
-are rotations by a network, arms along the lines on which they are seen (`camera_level`); where they are follows from
-these. What is not seen is not observed, so that the tracker completes it. The room's axes are the camera's, but for its
-tilt and roll, which are learned from how the person stands (`camera_level`); z is 0 where they begin, and the lowest
-point of their legs is on the floor.
+Head, shoulders and legs are placed along the landmarks with the wearer's own bones (`landmark_points`). Arms and hands
+are rotations by a network, with arms along their lines in the picture (`camera_level`); positions follow from these.
+Unseen parts are not observed, so that the tracker completes them. The room's axes are the camera's without its tilt
+and roll, which are learned from the standing person (`camera_level`); z is 0 at the start, and the lowest point of
+the legs is on the floor.
 """
 
 from __future__ import annotations
@@ -40,26 +40,26 @@ if TYPE_CHECKING:
     from bodysense.devices.video.arms import Arms
 
 _LEGS = tuple(f"{side}_{part}" for side in SIDES for part in ("knee", "ankle", "foot", "toe"))
-# What may be observed. Landmarks of hips are too rough: on rendered videos bodies are 1-2 cm nearer without them.
+# Points that may be observed. Landmarks of hips are too rough: without them errors are 1-2 cm smaller.
 POINTS = ("head", CHEST, *_LEGS, *ARM_JOINTS)
 _WITH_POSITION = ("head", "left_shoulder", "right_shoulder", *_LEGS)
-_UNSEEN_LEGS = 3.0  # times as far off a body is whose legs are not seen: it stands as high as if they were straight
+_UNSEEN_LEGS = 3.0  # factor of error if the legs are not seen: height is then that of straight legs
 _ARM_MARKS = np.array([[BODY_LANDMARKS.index(f"{side}_{part}") for part in ARM_POINTS] for side in SIDES])
 _LEG_MARKS = [BODY_LANDMARKS.index(f"{side}_{part}") for side in SIDES for part in ("knee", "ankle")]
 _SOLE = ("ankle", "foot", "toe")
-_FAR = 3.0  # m from the camera: where nobody has been seen yet
+_FAR = 3.0  # m from the camera, before a person has been seen
 _BONES = np.array([[ARM_JOINTS.index(f"{side}_{part}") for part in ("shoulder", "elbow")] for side in SIDES])
 
 
 @dataclass(frozen=True)
 class VideoSettings:
-    """How a video becomes observed points."""
+    """Settings of video tracking."""
 
-    look_ahead: float = 0.25  # s that a frame waits for frames to come; 0 gives each at once
-    calm: float = 0.05  # s: standard deviation of the smoothing of landmarks, over frames before and those ahead
-    arm_calm: float = 0.03  # s, of those of arms, which move faster
+    look_ahead: float = 0.25  # s to wait for later frames; 0 outputs each at once
+    calm: float = 0.05  # s: standard deviation of the smoothing of landmarks, over earlier and later frames
+    arm_calm: float = 0.03  # s, for arms, which move faster
     field_of_view: float = 60.0  # degrees over the longer side of the picture
-    tilt: float | None = None  # degrees by which the camera looks down; by how the person stands, where it is not given
+    tilt: float | None = None  # degrees by which the camera looks down; learned from the standing person if omitted
     roll: float | None = None  # degrees by which upright things lean to the right in the picture; likewise
     place_half_life: float = 0.1  # s in which half of a jump across the picture is closed
     depth_half_life: float = 0.3  # s, of a jump toward the camera or away from it
@@ -79,10 +79,10 @@ class VideoSettings:
 
 @dataclass(frozen=True, eq=False)
 class VideoFrames:
-    """T frames, with what they were made of."""
+    """T frames and their sources."""
 
     observation: Observation  # of `POINTS`, in the room
-    person: PersonLandmarks  # as they were found, but upright
+    person: PersonLandmarks  # unprocessed, but upright
     camera: Camera  # (T,) in the room
 
     @property
@@ -96,27 +96,27 @@ class VideoFrames:
 
 @dataclass(frozen=True, eq=False)
 class VideoState:
-    """Everything that the next frames depend on."""
+    """State for the next frames."""
 
     arms: Any  # the state of the network
-    place: np.ndarray  # (3,) m: where the pelvis was, in the upright camera's axes
+    place: np.ndarray  # (3,) m: last position of the pelvis, in the upright camera's axes
     velocity: np.ndarray  # (3,) m/s
-    root: np.ndarray  # (3,) m: where the pelvis was, in the room
+    root: np.ndarray  # (3,) m: last position of the pelvis, in the room
     level: CameraLevel = CameraLevel()
-    begun: tuple[float, float] | None = None  # s and m: when the person was first seen, and at which z of the room
+    begun: tuple[float, float] | None = None  # s and m: time of the first sighting, and the room's z then
     time: float = -np.inf  # s
     waiting: PersonLandmarks | None = (
         None  # the frames to come, after those before that they are smoothed with; upright
     )
     levels: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))  # rad, tilt and roll in each of them
-    done: int = 0  # how many are of before
+    done: int = 0  # number of earlier ones
 
 
 @dataclass(frozen=True)
 class VideoDevice:
     """A camera that watches a person of a `skeleton`, with a network of `arms`. Immutable; state is an argument.
 
-    A frame is given when one has come in that is `look_ahead` later; `finish` gives the last ones.
+    A frame is output when one has arrived that is `look_ahead` later; `finish` returns the last ones.
     """
 
     skeleton: Skeleton
@@ -130,11 +130,11 @@ class VideoDevice:
         return max(self.aspect, 1.0) / 2 / float(np.tan(np.radians(self.settings.field_of_view) / 2))
 
     def start(self) -> VideoState:
-        """The state before the first frame: nobody yet."""
+        """Return the state before the first frame, without a person."""
         return VideoState(self.arms.start(), np.array([0.0, 0.0, -_FAR]), np.zeros(3), self.skeleton.rest_offset[0])
 
     def step(self, person: PersonLandmarks, state: VideoState) -> tuple[VideoFrames, VideoState]:
-        """Take in the next T ≥ 1 frames: the frames that are ready by now, and the state after them."""
+        """Add the next T ≥ 1 frames; return the frames that are ready, and the state."""
         level, levels, frames = state.level, [], []
         for k in range(len(person)):
             level = level.step(person[k : k + 1])
@@ -147,7 +147,7 @@ class VideoDevice:
         return self._given(len(found), found.estimate.pose, replace(state, arms=arms))
 
     def _angles(self, level: CameraLevel) -> tuple[float, float]:
-        """rad: tilt and roll, as given or as learned."""
+        """Return tilt and roll (rad), as given or as learned."""
         tilt, roll = self.settings.tilt, self.settings.roll
         return (
             level.tilt if tilt is None else float(np.radians(tilt)),
@@ -155,12 +155,12 @@ class VideoDevice:
         )
 
     def finish(self, state: VideoState) -> VideoFrames:
-        """The frames that were still waited for."""
+        """Return the remaining frames."""
         count = 0 if state.waiting is None else len(state.waiting) - state.done
         return self._given(count, self.arms.finish(state.arms).estimate.pose if count else None, state)[0]
 
     def _given(self, count: int, arms: Pose | None, state: VideoState) -> tuple[VideoFrames, VideoState]:
-        """The next `count` frames that wait, with the network's arms."""
+        """Return the next `count` waiting frames, with the network's arms."""
         assert state.waiting is not None
         waiting, first = state.waiting, state.done
         person = waiting[first : first + count]
@@ -180,14 +180,14 @@ class VideoDevice:
             axes[k] = room @ rolled(roll)
             positions[k] = state.root - room @ state.place
         camera = Camera(positions, axes, np.full(count, self.focal), np.full(count, self.aspect))
-        # What is left of the frames before is what the next ones are smoothed with.
+        # Earlier frames within reach are kept for smoothing the next ones.
         past = waiting.time[: first + count]
         old = 0 if not len(past) else int((past < past[-1] - REACH * self.settings.calm).sum())
         frames = VideoFrames(seen, person, camera)
         return frames, replace(state, waiting=waiting[old:], levels=state.levels[old:], done=first + count - old)
 
     def _followed(self, laid: LaidPoints, person: PersonLandmarks, room: np.ndarray, state: VideoState) -> VideoState:
-        """The state after one frame with a body: where it is."""
+        """Return the state after one frame with a body, with its position."""
         time, place = float(person.time[0]), located(laid, person, self.skeleton, self.focal)
         if state.begun is None:
             state = replace(state, place=place, begun=(time, float((room @ place)[2])), time=time)
@@ -205,8 +205,8 @@ class VideoDevice:
     def _arms(
         self, laid: LaidPoints, arms: np.ndarray, person: PersonLandmarks, places: np.ndarray, state: VideoState
     ) -> np.ndarray:
-        """Turns (38, 4) in the camera's axes of arms with local rotations (38, 4), along the lines on which they are
-        seen at places (2, 3, 2). Hands stay turned as the network says.
+        """Return rotations (38, 4) in the camera's axes of arms with local rotations (38, 4), along their lines at
+        positions (2, 3, 2) in the picture. Hands keep the network's rotations.
         """
         chest = laid.rotation[self.skeleton.index(CHEST)]
         position, turned = map(np.asarray, forward_kinematics(self._arm_pose(chest, arms)))
@@ -232,7 +232,7 @@ class VideoDevice:
         room: np.ndarray,
         state: VideoState,
     ) -> None:
-        """Fill in one frame of an observation: what is seen of a body, with turns (38, 4) of arms."""
+        """Fill in one frame of an observation: the seen points of a body, with rotations (38, 4) of arms."""
         where, joints = self._places
         visible, turned, rotation = laid.visible[where].copy(), np.zeros(len(POINTS)), np.full((len(POINTS), 4), np.nan)
         turned[joints], rotation[joints] = laid.turned[where[joints]], laid.rotation[where[joints]]
@@ -254,7 +254,7 @@ class VideoDevice:
         seen.has_rotation[frame, known] = True
 
     def _arm_pose(self, chest: np.ndarray, arms: np.ndarray) -> Pose:
-        """Both arms on a chest that is turned so (4,), local rotations (38, 4)."""
+        """Return the pose of both arms on a chest of rotation (4,), local rotations (38, 4)."""
         rotation = np.zeros((len(self._arm_skeleton.joints), 4))
         rotation[0], rotation[1:] = chest, arms
         return Pose(self._arm_skeleton, np.zeros(3), rotation)
@@ -269,7 +269,7 @@ class VideoDevice:
 
     @cached_property
     def _places(self) -> tuple[np.ndarray, np.ndarray]:
-        """Where `POINTS` are in the skeleton, and which of them are joints."""
+        """Indices of `POINTS` in the skeleton, and which of them are joints."""
         where = self.skeleton.indices(POINTS)
         return where, np.flatnonzero(where < len(self.skeleton.joints))
 
@@ -280,12 +280,12 @@ class VideoDevice:
 
     @cached_property
     def _legs(self) -> np.ndarray:
-        """Where the legs are in `POINTS`."""
+        """Indices of the legs in `POINTS`."""
         return np.array([POINTS.index(name) for name in _LEGS])
 
 
 def _nothing(time: np.ndarray) -> Observation:
-    """Frames in which nothing is observed."""
+    """Return frames without any observed point."""
     shape = (len(time), len(POINTS))
     return Observation(
         points=POINTS,

@@ -1,6 +1,6 @@
 """A person's landmarks as points of a skeleton: landmarks give directions, the skeleton lengths.
 
-Landmarks come from a picture: their directions are good, their lengths are guesses. So every limb is laid along its
+Landmarks come from a picture: their directions are good, their lengths are guesses. So every limb is placed along its
 landmarks with the skeleton's own bones, from the pelvis outward.
 """
 
@@ -25,17 +25,17 @@ from bodysense.devices.video.person import VISIBLE, PersonLandmarks
 
 _MARK = {name: place for place, name in enumerate(BODY_LANDMARKS)}
 # Limbs from the trunk outward: start and end of each bone among the skeleton's points, and the landmarks along it.
-_PLACED_BY = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")  # landmarks that say where a body is
-_NEAR = 0.3  # m from the camera: nobody comes nearer
+_PLACED_BY = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")  # landmarks that define the body's position
+_NEAR = 0.3  # m from the camera, least distance of a person
 _ARM, _LEG = (("shoulder", "elbow"), ("elbow", "wrist")), (("hip", "knee"), ("knee", "ankle"), ("ankle", "toe"))
 
 
 @dataclass(frozen=True, eq=False)
 class LaidPoints:
-    """One frame. Lengths from the pelvis, axes those of the landmarks; NaN where nothing is said."""
+    """One frame. Lengths from the pelvis, axes those of the landmarks; NaN if unknown."""
 
     position: np.ndarray  # (P, 3) m: also of legs that are not seen, which stand straight
-    visible: np.ndarray  # (P,) probability that a point is seen; 0 where nothing is said of it
+    visible: np.ndarray  # (P,) probability that a point is seen; 0 if unknown
     rotation: np.ndarray  # (J, 4) wxyz, of pelvis, chest and head
     turned: np.ndarray  # (J,) probability that what the rotation is made of is seen
 

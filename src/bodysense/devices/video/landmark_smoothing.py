@@ -1,4 +1,4 @@
-"""One frame of landmarks, averaged with those around it."""
+"""One frame of landmarks, averaged with its neighbours."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ REACH = 3.0  # standard deviations of the smoothing
 
 
 def smoothed(person: PersonLandmarks, frame: int, calm: float, ahead: float) -> PersonLandmarks:
-    """One frame, averaged with those around it, up to `ahead` s later, by a Gaussian of standard deviation `calm` s.
+    """Average one frame with its neighbours, up to `ahead` s later, by a Gaussian of standard deviation `calm` s.
 
-    It has no body where there is none in reach.
+    It has no body if no frame in reach has one.
     """
     later = person.time - person.time[frame]
     near = np.exp(-0.5 * (later / calm) ** 2) * (np.abs(later) <= REACH * calm) * (later <= ahead + 1e-6)

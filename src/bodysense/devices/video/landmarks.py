@@ -1,6 +1,6 @@
-"""Landmarks of everybody in a picture, by MediaPipe's pose and hand landmarkers.
+"""Landmarks of all people in a picture, by MediaPipe's pose and hand landmarkers.
 
-Axes are the camera's, turned to ours: x to the picture's right, y up, z toward the camera. Places in a picture are
+Axes are the camera's, turned to ours: x to the picture's right, y up, z toward the camera. Positions in a picture are
 measured from its middle in heights of the picture, x to the right, y up. Left and right are the person's.
 """
 
@@ -48,10 +48,10 @@ class HandLandmarks:
 
 @dataclass(frozen=True)
 class LandmarkerSettings:
-    """What the landmarkers look for."""
+    """Settings of the landmarkers."""
 
-    people: int = 2  # so many at once; 1 is more than twice as fast, and may go over to who walks in front
-    body_confidence: float = 0.5  # from which a body counts as found
+    people: int = 2  # most people at once; 1 is more than twice as fast, but may switch to a person in front
+    body_confidence: float = 0.5  # least probability of a body
     hand_confidence: float = 0.4
 
     def __post_init__(self) -> None:
@@ -60,7 +60,7 @@ class LandmarkerSettings:
 
 
 class Landmarker:
-    """Both landmarkers, to be left when done. Pictures are to be given in order of time: they track from one to the
+    """Both landmarkers, a context manager. Pictures must be in order of time, because landmarkers track from one to the
     next.
     """
 
@@ -108,12 +108,12 @@ class Landmarker:
         self.close()
 
     def close(self) -> None:
-        """End both; their destructors may not run at the interpreter's end."""
+        """Close both; their destructors must not run at the interpreter's end."""
         self._pose.close()
         self._hand.close()
 
     def find(self, picture: Picture) -> tuple[Bodies, HandLandmarks]:
-        """Everybody in the next picture."""
+        """Find all people in the next picture."""
         first = self._moment < 0
         self._moment = max(round(1000 * picture.time), self._moment + 1)
         image = self._image.Image(image_format=self._image.ImageFormat.SRGB, data=np.ascontiguousarray(picture.pixels))
@@ -128,7 +128,7 @@ class Landmarker:
                 -1, len(BODY_LANDMARKS)
             ),
         )
-        # The label is of the hand as it is seen, in a picture that is no mirror's.
+        # MediaPipe's labels are right for pictures that are not mirrored.
         left = [side.score if side.category_name == "Left" else 1 - side.score for (side, *_) in hand.handedness]
         return bodies, HandLandmarks(
             _world(hand.hand_world_landmarks, 21), _places(hand.hand_landmarks, 21, aspect), np.array(left)

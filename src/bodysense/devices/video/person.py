@@ -1,6 +1,6 @@
-"""One person, chosen among those in the picture and kept, with the hands that are theirs.
+"""One person, chosen among those in the picture and followed, with their hands.
 
-Axes and places in the picture are those of `landmarks`.
+Axes and positions in the picture are those of `landmarks`.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ from bodysense.devices.video.sides import LastSides, exchange, is_turned_round, 
 from bodysense.errors import BodysenseError
 
 VISIBLE = 0.5  # probability from which a landmark counts as seen
-_LONGEST_AHEAD = 0.5  # s for which somebody unseen is thought to walk on
-_MEMORY = 0.3  # s over which their motion, size and colour are averaged
+_LONGEST_AHEAD = 0.5  # s for which an unseen person is assumed to walk on
+_MEMORY = 0.3  # s over which motion, size and colour are averaged
 _ARMS = np.array([[BODY_LANDMARKS.index(f"{side}_{point}") for point in ARM_POINTS] for side in SIDES])  # (2, 3)
 _WRISTS = _ARMS[:, -1]
 _SHOULDERS = _ARMS[:, 0]
 _HIPS = np.array([BODY_LANDMARKS.index(f"{side}_hip") for side in SIDES])
-# Where between shoulders and hips the colour of clothes is taken: shares across and down.
+# Positions between shoulders and hips where the colour of clothes is sampled: shares across and down.
 _PATCH = np.stack(np.meshgrid(np.linspace(0.25, 0.75, 5), np.linspace(0.15, 0.75, 6)), axis=-1).reshape(-1, 2)
 
 
@@ -52,13 +52,13 @@ class PersonLandmarks:
 
 @dataclass(frozen=True)
 class PersonSettings:
-    """How a person is kept. Lengths are in sizes of the person in the picture."""
+    """Settings of following a person. Lengths are in sizes of the person in the picture."""
 
-    farthest: float = 1.2  # unlikeness from which somebody is another person
-    number: int | None = None  # of who is followed, from 1, as people are numbered; None: the largest
-    speed: float = 2.0  # a second: how much farther off a person may be that was not seen
+    farthest: float = 1.2  # unlikeness above which it is another person
+    number: int | None = None  # of the followed person, from 1, in the numbering of people; None: the largest
+    speed: float = 2.0  # a second: growth of the search distance of an unseen person
     colour: float = 3.0  # unlikeness of black clothes and white ones
-    absence: float = 3.0  # unlikeness a second of who was not seen, beside who was
+    absence: float = 3.0  # unlikeness a second of unseen people
     patience: float = 3.0  # s without the person until another one is chosen
     hand_reach: float = 0.4  # from an arm's wrist to that of its hand
     wrong_side: float = 0.25  # unlikeness of a hand that is certainly the other side's
@@ -70,12 +70,12 @@ class PersonSettings:
 
 @dataclass(frozen=True, eq=False)
 class PersonTrack:
-    """What is remembered of somebody in the picture.
+    """Memory of one person in the picture.
 
     People are numbered from 1 in the order in which they are first seen, those of one picture from left to right.
     """
 
-    time: float  # s, when they were last seen
+    time: float  # s, last sighting
     place: np.ndarray  # (2,) middle of the trunk in the picture
     velocity: np.ndarray  # (2,) a second
     size: float  # in the picture
@@ -85,15 +85,15 @@ class PersonTrack:
 
 @dataclass(frozen=True, eq=False)
 class PersonState:
-    """The person, and everybody else: who is known to be another one is not taken for them."""
+    """The followed person, and all others, so that they are not confused."""
 
     person: PersonTrack | None = None
     others: tuple[PersonTrack, ...] = ()
     sides: LastSides | None = None
-    count: int = 0  # of people who have a number
+    count: int = 0  # number of people so far
 
     def seen_at(self, time: float) -> tuple[PersonTrack, ...]:
-        """Everybody who was seen at `time` s."""
+        """Return all people seen at `time` s."""
         everybody = self.others if self.person is None else (self.person, *self.others)
         return tuple(one for one in everybody if one.time == time)
 
@@ -105,11 +105,11 @@ def follow(
     state: PersonState,
     settings: PersonSettings = PersonSettings(),
 ) -> tuple[PersonLandmarks, PersonState]:
-    """The person's landmarks in the next picture, one frame, and what is remembered of them.
+    """Return the person's landmarks in the next picture, one frame, and the state.
 
-    At first, and again after `patience` seconds without them, the person is whoever is largest; where a number is asked
-    for, who has it, however long they are away. In between everybody is followed, by place, motion, size and colour of
-    clothes; the person may be nobody in the picture for a while.
+    At first, and again after `patience` seconds without them, the largest person is followed; with a requested number,
+    the person of that number, however long they are away. All people are followed by place, motion, size and colour of
+    clothes; the followed person may be absent from the picture for a while.
     """
     sides = state.sides
     chosen, state = _choose(picture, bodies, state, settings)
@@ -142,7 +142,7 @@ def follow(
 
 
 def _turned(bodies: Bodies, chosen: int) -> Bodies:
-    """The bodies, left and right of one exchanged."""
+    """Return the bodies with left and right of one exchanged."""
     values = [np.array(value) for value in (bodies.world, bodies.picture, bodies.visible)]
     world, picture, visible = exchange(*(value[chosen] for value in values))
     for value, one in zip(values, (world, picture, visible), strict=True):
@@ -151,13 +151,13 @@ def _turned(bodies: Bodies, chosen: int) -> Bodies:
 
 
 def joined_landmarks(parts: Sequence[PersonLandmarks]) -> PersonLandmarks:
-    """One after the other in time."""
+    """Concatenate landmarks in time."""
     names = [field.name for field in fields(PersonLandmarks)]
     return PersonLandmarks(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in names})
 
 
 def arm_keypoints(person: PersonLandmarks) -> ArmKeypoints:
-    """What the networks of arms and hands take. An arm is found where elbow and wrist are seen."""
+    """Return the input of the networks of arms and hands. An arm is found if elbow and wrist are seen."""
     arms = person.world[:, _ARMS]
     seen = person.has_body[:, None] & (person.visible[:, _ARMS].min(axis=-1) >= VISIBLE)
     return ArmKeypoints(
@@ -188,7 +188,7 @@ def _nobody(time: float) -> PersonLandmarks:
 def _choose(
     picture: Picture, bodies: Bodies, state: PersonState, settings: PersonSettings
 ) -> tuple[int | None, PersonState]:
-    """Who among the bodies is the person, and who is remembered then."""
+    """Return the index of the followed person's body, and the new state."""
     seen = _everybody(picture, bodies)
     known = [one for one in state.others if picture.time - one.time <= settings.patience]
     person = state.person
@@ -218,14 +218,14 @@ def _choose(
 
 
 def _first(seen: dict[int, PersonTrack], settings: PersonSettings) -> int | None:
-    """Who is to be followed, among those who are seen."""
+    """Return the person to follow, among those seen."""
     if settings.number is not None:
         return next((new for new, one in seen.items() if one.number == settings.number), None)
     return max(seen, key=lambda new: seen[new].size, default=None)
 
 
 def _everybody(picture: Picture, bodies: Bodies) -> list[PersonTrack]:
-    """Everybody in a picture."""
+    """Return all people in a picture."""
     trunk = bodies.picture[:, np.concatenate([_SHOULDERS, _HIPS])].reshape(-1, 2, 2, 2)  # body, shoulders and hips, …
     return [
         PersonTrack(picture.time, corners.mean(axis=(0, 1)), np.zeros(2), float(size), _colour(picture.pixels, corners))
@@ -234,18 +234,18 @@ def _everybody(picture: Picture, bodies: Bodies) -> list[PersonTrack]:
 
 
 def _unlike(one: PersonTrack, new: PersonTrack, settings: PersonSettings) -> float:
-    """How unlike somebody is who was known and who is seen now."""
+    """Return how unlike a known person and a seen one are."""
     gap = new.time - one.time
-    # Who is not seen walks on, or stays; who jumped comes down again.
+    # An unseen person walks on, or stays; one who jumped comes down again.
     ahead = one.velocity * min(gap, _LONGEST_AHEAD)
     away = min(float(np.linalg.norm(new.place - one.place - step)) for step in (ahead, 0.0 * ahead)) / one.size
-    # A little of it always counts, to tell apart who is equally within reach.
+    # A small share always counts, to distinguish people equally within reach.
     unlike = max(away - settings.speed * gap, 0.1 * away) + abs(np.log(new.size / one.size))
     return unlike + settings.colour * float(np.linalg.norm(new.colour - one.colour)) / np.sqrt(3)
 
 
 def _updated(one: PersonTrack, new: PersonTrack) -> PersonTrack:
-    """Who was known, as they are seen now; motion, size and colour are averaged."""
+    """Return a known person with a new sighting; motion, size and colour are averaged."""
     gap = new.time - one.time
     keep = np.exp(-gap / _MEMORY)
     return PersonTrack(
@@ -259,7 +259,7 @@ def _updated(one: PersonTrack, new: PersonTrack) -> PersonTrack:
 
 
 def _hands_of(chosen: int, bodies: Bodies, hands: HandLandmarks, settings: PersonSettings) -> list[int | None]:
-    """Which hand hangs on the left and on the right arm of a body: the likeliest pair of none, one or two hands."""
+    """Return the hands on the left and right arm of a body: the likeliest pair of at most two hands."""
     count = len(hands.left)
     if not count:
         return [None, None]
@@ -277,7 +277,7 @@ def _hands_of(chosen: int, bodies: Bodies, hands: HandLandmarks, settings: Perso
         left, right = pair
         if left is not None and right is not None and apart[left, right] < 0.15:
             return np.inf  # one hand, found twice
-        worst = settings.hand_reach + settings.wrong_side  # no hand is worse than any that is allowed
+        worst = settings.hand_reach + settings.wrong_side  # worse than any allowed hand
         return sum(worst if one is None else float(mine[side, one]) for side, one in enumerate(pair))
 
     options = [[None, *np.flatnonzero(row).tolist()] for row in allowed]
@@ -286,7 +286,7 @@ def _hands_of(chosen: int, bodies: Bodies, hands: HandLandmarks, settings: Perso
 
 
 def _size(places: np.ndarray) -> np.ndarray:
-    """(N,) how large bodies (N, 33, 2) are in the picture: the trunk's length, or from its width where it is bent."""
+    """Return (N,) sizes of bodies (N, 33, 2) in the picture: the trunk's length, or from its width if it is bent."""
     shoulders, hips = places[:, _SHOULDERS], places[:, _HIPS]
     length = np.linalg.norm(shoulders.mean(axis=1) - hips.mean(axis=1), axis=-1)
     width = np.linalg.norm(shoulders[:, 0] - shoulders[:, 1], axis=-1)
@@ -294,7 +294,7 @@ def _size(places: np.ndarray) -> np.ndarray:
 
 
 def _colour(pixels: np.ndarray, corners: np.ndarray) -> np.ndarray:
-    """(3,) the median colour, 0 to 1, between shoulders and hips, corners (2, 2, 2)."""
+    """Return the median colour (3,), 0 to 1, between shoulders and hips, corners (2, 2, 2)."""
     across, down = _PATCH.T[:, :, None]
     (left, right), (low_left, low_right) = corners
     places = (1 - down) * ((1 - across) * left + across * right) + down * ((1 - across) * low_left + across * low_right)

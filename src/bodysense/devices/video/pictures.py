@@ -1,4 +1,4 @@
-"""Pictures over time: of a video file, a webcam, or a folder of images, one after the other in bounded memory."""
+"""Pictures over time: of a video file, a webcam, or a folder of images, in order and in bounded memory."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ if TYPE_CHECKING:
     from av.video.frame import VideoFrame
     from av.video.stream import VideoStream
 
-LARGEST = 1280  # pixels of a picture's longer side; larger ones are made smaller
+LARGEST = 1280  # pixels of a picture's longer side; larger ones are scaled down
 IMAGES = (".jpg", ".jpeg", ".png", ".webp", ".bmp", ".tif", ".tiff")
 VIDEOS = (".mp4", ".m4v", ".mov", ".mkv", ".webm", ".avi", ".mpg", ".mpeg", ".ts", ".mts", ".wmv", ".3gp", ".ogv")
-_FASTEST = 250.0  # Hz: what a browser records says 1000, its clock's rate
-_SHORT = 0.5  # s: a file that ends so much sooner than it says is cut off
+_FASTEST = 250.0  # Hz: browsers write 1000, their clock's rate
+_SHORT = 0.5  # s: a file that ends this much before its stated length is cut off
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,11 +37,11 @@ class Picture:
 
 @dataclass(frozen=True, eq=False)
 class Video:
-    """A source of pictures. `pictures` can be gone through once; close it by leaving it."""
+    """A source of pictures, a context manager. `pictures` can be iterated once."""
 
     name: str
-    rate: float  # Hz, the mean where it varies
-    count: int | None  # how many pictures to expect; None where nobody knows
+    rate: float  # Hz, the mean if it varies
+    count: int | None  # expected number of pictures; None if unknown
     pictures: Iterator[Picture] = field(repr=False)
     close: Callable[[], None] = field(repr=False)
 
@@ -64,9 +64,9 @@ def is_video(source: str) -> bool:
 def open_video(source: str, rate: float = 30.0) -> Video:
     """Open a video file, a folder of images at `rate` Hz, or a webcam by its index ('0').
 
-    Times come from the container; rotation that it states, shapes of pixels and an image's orientation are applied.
-    Raises BodysenseError for what cannot be opened; going through the pictures of a damaged file raises
-    `VideoBrokenError` after the last one that could be read.
+    Times come from the container; its rotation, pixel shapes and an image's orientation are applied.
+    Raises BodysenseError if it cannot be opened; iterating over the pictures of a damaged file raises
+    `VideoBrokenError` after the last readable one.
     """
     path = Path(source)
     if source.isdecimal() and not path.exists():
@@ -82,7 +82,7 @@ def _open_file(path: Path) -> Video:
     av = _load("av")
     try:
         container = av.open(str(path))
-    except (OSError, ValueError) as error:  # every error of PyAV is one of them
+    except (OSError, ValueError) as error:  # all errors of PyAV are one of these
         raise BodysenseError(f"{path}: not a video that can be read ({_reason(error)}); is it whole?") from None
     stream = next(iter(container.streams.video), None)
     if stream is None or stream.codec_context is None or not stream.codec_context.width:
@@ -98,7 +98,7 @@ def _open_file(path: Path) -> Video:
 
 
 def _measured_rate(path: Path) -> float:
-    """Hz, the mean of the first pictures."""
+    """Return the mean rate (Hz) of the first pictures."""
     with _load("av").open(str(path)) as container:
         packets = islice(container.demux(container.streams.video[0]), 60)
         times = [float(packet.pts * packet.time_base) for packet in packets if packet.pts is not None]
@@ -107,7 +107,7 @@ def _measured_rate(path: Path) -> float:
 
 
 def _seconds(container: InputContainer, stream: VideoStream) -> float | None:
-    """How long the file says that it is."""
+    """Return the stated length of the file (s)."""
     if stream.duration and stream.time_base:
         return float(stream.duration * stream.time_base)
     return None if not container.duration else container.duration / 1e6
@@ -128,7 +128,7 @@ def _decoded(
         moment = frame.time if frame.time is not None else (first or 0.0) + last + 1 / rate
         first = moment if first is None else first
         if moment - first <= last:
-            continue  # a picture that comes twice
+            continue  # a repeated picture
         last = moment - first
         yield Picture(last, _upright(frame, stream))
     if first is None:
@@ -142,7 +142,7 @@ def _decoded(
 
 
 def _frames(container: InputContainer, stream: VideoStream) -> Iterator[VideoFrame | Exception]:
-    """The frames of a file; an error in place of what cannot be decoded, and as the last one where reading ends."""
+    """Iterate over the frames of a file; an error in place of a broken frame, and last if reading ends."""
     packets = container.demux(stream)
     while True:
         try:
@@ -159,7 +159,7 @@ def _frames(container: InputContainer, stream: VideoStream) -> Iterator[VideoFra
 
 
 def _upright(frame: VideoFrame, stream: VideoStream) -> np.ndarray:
-    """(H, W, 3) a frame as it is to be seen."""
+    """Return the pixels (H, W, 3) of a frame, rotated and scaled for display."""
     shape = stream.sample_aspect_ratio
     width, height = frame.width * float(shape or 1), float(frame.height)
     scale = min(1.0, LARGEST / max(width, height))
@@ -199,7 +199,7 @@ def _open_webcam(index: int) -> Video:
         camera = cv2.VideoCapture(index)
     if not camera.isOpened():
         raise BodysenseError(f"webcam {index}: there is none, or another program uses it; give another index or a file")
-    camera.set(cv2.CAP_PROP_BUFFERSIZE, 1)  # the newest picture, not one that waited
+    camera.set(cv2.CAP_PROP_BUFFERSIZE, 1)  # the newest picture, not a queued one
 
     def pictures() -> Iterator[Picture]:
         begun = clock.monotonic()
@@ -213,7 +213,7 @@ def _open_webcam(index: int) -> Video:
 
 
 def _natural(path: Path) -> list[tuple[str, int]]:
-    """Sorts frame2 before frame10."""
+    """Sort frame2 before frame10."""
     return [(text, int(number or 0)) for text, number in re.findall(r"(\D*)(\d*)", path.name)]
 
 

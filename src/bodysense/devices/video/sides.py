@@ -1,7 +1,7 @@
-"""Left and right of a body: where a pose landmarker suddenly takes somebody for their own back, it is put right.
+"""Left and right of a body: correction of a pose landmarker that suddenly mistakes front for back.
 
-It does so where it sees no face: left and right change places from one picture to the next, and depth is turned round.
-Nobody turns as fast; the labels of the hands tell who is right.
+This happens without a visible face: left and right are exchanged from one picture to the next, and depth is inverted.
+People cannot turn as fast; the labels of the hands decide.
 """
 
 from __future__ import annotations
@@ -16,15 +16,15 @@ _PARTS = ("shoulder", "elbow", "wrist", "hip")
 _SIDES = np.array([[BODY_LANDMARKS.index(f"{side}_{part}") for part in _PARTS] for side in ("left", "right")])
 _OTHER = {"left": "right", "right": "left"}
 _MIRROR = np.array([1.0, 1.0, -1.0])
-_NEAR = 0.5  # share of the way to the last places that is left when sides are exchanged
-_WIDE = 0.3  # of the body's size: shoulders that are seen so narrow turn
-_GAP = 0.3  # s after which last places say nothing
-_PATIENCE = 1.0  # s for which a body is kept from turning without a word of its hands
-_SURE = 0.5  # of the hands' labels, −2 to 2: from which they decide
+_NEAR = 0.5  # ratio of distances to the last positions, with and without exchange, below which sides are exchanged
+_WIDE = 0.3  # of the body's size: narrower shoulders are those of a turning body
+_GAP = 0.3  # s after which last positions are ignored
+_PATIENCE = 1.0  # s for which a body is kept from turning without labels of its hands
+_SURE = 0.5  # of the hands' labels, −2 to 2: least value that decides
 
 
 def _exchanged() -> np.ndarray:
-    """(33,) where each landmark's counterpart is."""
+    """Return the index (33,) of each landmark's counterpart."""
     names = (name.split("_", 1) for name in BODY_LANDMARKS)
     return np.array([BODY_LANDMARKS.index("_".join([_OTHER.get(side, side), *rest])) for side, *rest in names])
 
@@ -34,7 +34,7 @@ EXCHANGED = _exchanged()
 
 @dataclass(frozen=True, eq=False)
 class LastSides:
-    """A body whose shoulders were seen apart: its places (33, 2), when, and since when it is kept from turning."""
+    """A body with shoulders seen apart: its positions (33, 2), their time, and since when it is kept from turning."""
 
     time: float
     places: np.ndarray
@@ -42,12 +42,12 @@ class LastSides:
 
 
 def exchange(world: np.ndarray, places: np.ndarray, visible: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Landmarks (33, …) of a body with left and right exchanged, and its depth turned round."""
+    """Exchange left and right of a body's landmarks (33, …), and invert its depth."""
     return world[EXCHANGED] * _MIRROR, places[EXCHANGED], visible[EXCHANGED]
 
 
 def is_turned_round(time: float, places: np.ndarray, size: float, labels: float, last: LastSides | None) -> bool:
-    """Whether places (33, 2) have left and right exchanged, beside those of the picture before.
+    """Whether positions (33, 2) have left and right exchanged, compared with the picture before.
 
     `labels` sums over the hands at its wrists how much they are of those sides, from −1 to 1 each.
     """
@@ -61,7 +61,7 @@ def is_turned_round(time: float, places: np.ndarray, size: float, labels: float,
 
 
 def remembered(time: float, places: np.ndarray, size: float, is_kept: bool, last: LastSides | None) -> LastSides | None:
-    """What is remembered after a picture in which the body was put right, or was not."""
+    """Return the sides to remember after a picture; `is_kept` tells if the body was corrected."""
     if _width(places) < _WIDE * size:
         return last
     since = None if not is_kept else time if last is None or last.since is None else last.since
@@ -69,7 +69,7 @@ def remembered(time: float, places: np.ndarray, size: float, is_kept: bool, last
 
 
 def _width(places: np.ndarray) -> float:
-    """Across the picture, from one shoulder to the other."""
+    """Return the distance in the picture from one shoulder to the other."""
     return float(np.linalg.norm(places[_SIDES[0, 0]] - places[_SIDES[1, 0]]))
 
 

@@ -1,4 +1,4 @@
-"""Watching: pictures in, what a video shows of one person out, frame by frame."""
+"""Watching: pictures in, observations of one person out, frame by frame."""
 
 from __future__ import annotations
 
@@ -15,31 +15,31 @@ from bodysense.errors import BodysenseError
 
 @dataclass(frozen=True, eq=False)
 class Watched:
-    """Frames that became ready together; a picture came in between, or the end."""
+    """Frames that became ready together, after a picture or at the end."""
 
     frames: VideoFrames
     pictures: tuple[Picture, ...] = field(repr=False)  # one a frame
-    people: tuple[tuple[PersonTrack, ...], ...]  # everybody who was seen in each of them
+    people: tuple[tuple[PersonTrack, ...], ...]  # all people seen in each of them
     landmark_seconds: float  # that the landmarkers took for the newest picture
-    device_seconds: float  # that the rest took
+    device_seconds: float  # for the rest
 
 
 @dataclass
 class Seen:
-    """Counts of what was watched."""
+    """Counts of watched frames and people."""
 
     frames: int = 0
     bodies: int = 0  # frames in which the person was seen
     people: int = 0
 
     def add(self, done: Watched) -> None:
-        """Count more of it."""
+        """Add the counts of more frames."""
         self.frames += len(done.frames.person)
         self.bodies += int(done.frames.person.has_body.sum())
         self.people = max([self.people, *(one.number for seen in done.people for one in seen)])
 
     def check(self, name: str, number: int | None) -> None:
-        """Raise BodysenseError where nobody was seen in video `name`, or nobody of the `number` asked for."""
+        """Raise BodysenseError if no person was seen in video `name`, or not the person of the requested `number`."""
         if self.bodies:
             return
         if number is not None and self.people:
@@ -59,8 +59,8 @@ def watch(
 ) -> Iterator[Watched]:
     """Observe one person in pictures, in memory that does not grow with them.
 
-    `device_for` gives the device for pictures of a width / height. Where the video breaks, the frames that were still
-    waited for come first, then its `VideoBrokenError`.
+    `device_for` returns the device for pictures of a width / height. If the video breaks, the waiting frames come
+    first, then its `VideoBrokenError`.
     """
     source, broken = iter(pictures), None
     device, state, person_state = None, None, PersonState()

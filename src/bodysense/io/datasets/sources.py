@@ -37,9 +37,7 @@ class Source:
     category: str = ""
     skeleton: Skeleton | None = None  # of the body, if the file does not hold it
     member: str = ""  # of the zip file at `path`
-    rest: Literal["given", "found"] = (
-        "given"  # found: from the motion, if the file's rest pose is not a standing body (`stance`)
-    )
+    rest: Literal["given", "found"] = "given"  # found: from the motion, if the file's does not stand (`stance`)
 
     @property
     def file(self) -> MotionFile:

@@ -42,10 +42,7 @@ class SkinMesh:
 
 
 def skin_mesh(skeleton: Skeleton) -> SkinMesh:
-    """Build the hulls of the flesh's links.
-
-    Raises BodysenseError for a skeleton without the default's points and parents.
-    """
+    """Build the hulls of the flesh's links. Raises BodysenseError unless points and parents are the default's."""
     flesh = fit_flesh(skeleton)
     rest = skeleton.path @ skeleton.rest_offset
     center = (rest[flesh.joint] + flesh.center)[flesh.link]  # (L, 2, 3)

@@ -91,10 +91,7 @@ def read_parameters(path: Path, data: bytes) -> tuple[Parameters, int]:
 
 
 def from_dec(raw: np.ndarray) -> np.ndarray:
-    """Convert reals of DEC's processors, bytes (..., 4 N), to numbers (..., N).
-
-    Halves are swapped, and 2 is subtracted from the exponent.
-    """
+    """Convert reals of DEC's processors, bytes (..., 4 N), to numbers (..., N): swap halves, exponent minus 2."""
     words = np.ascontiguousarray(raw).view("<u2")
     swapped = np.stack([words[..., 1::2], words[..., 0::2]], axis=-1)
     return np.ascontiguousarray(swapped).view("<f4")[..., 0].astype(np.float64) / 4

@@ -1,8 +1,8 @@
-"""Gaps of optical markers, filled by the body that wears them.
+"""Gaps of optical markers, filled from the body that wears them.
 
-A marker moves with its segment. On each side of a gap its segment is the markers and joints around it, weighted by how
-rigidly they moved with it where it was seen; their rigid motion from there into the gap carries the marker. Both sides
-are blended, so that positions continue at both edges, and the speed that the segment does not have fades away.
+A marker moves with its segment. On each side of a gap, its segment is the markers and joints around it, weighted by how
+rigidly they moved with it while it was seen; their rigid motion into the gap carries the marker. Both sides are
+blended, so that positions are continuous at both edges. The velocity relative to the segment fades out.
 """
 
 from __future__ import annotations
@@ -13,13 +13,13 @@ import numpy as np
 
 from bodysense.body.gaps import runs
 
-COASTING = 0.3  # s in which the speed beside a gap that is not the segment's fades
+COASTING = 0.3  # s in which a marker's velocity relative to its segment fades out in a gap
 ALIKE = 0.06  # m; a marker that the body carries with a larger error is not worn on it
-_AHEAD = 0.5  # s over which it is tried how well the body carries a marker
-_TRIALS = 40  # frames in which that is tried
-_SAMPLES = 300  # frames from which it is learned how rigidly points move together
-_MARKER, _JOINT = 0.003, 0.02  # m: least errors of a marker and of an estimated joint, skin that moves included
-_ARM = 0.1  # m from a joint to the points that stand for its rotation
+_AHEAD = 0.5  # s over which the carrying error is measured
+_TRIALS = 40  # frames in which it is measured
+_SAMPLES = 300  # frames from which the rigidity between points is estimated
+_MARKER, _JOINT = 0.003, 0.02  # m: least errors of a marker and of an estimated joint, including skin motion
+_ARM = 0.1  # m from a joint to the points that represent its rotation
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +67,7 @@ def fill_markers(
 
 @dataclass(frozen=True, eq=False)
 class _Points:
-    """What a marker may move with: markers, joints, and three points beside every joint, which turn with it."""
+    """Points that may carry a marker: markers, joints, and three points around every joint that turn with it."""
 
     place: np.ndarray  # (T, N, 3) m, N = M + 4 J; NaN where missing
     error: np.ndarray  # (T, N) m
@@ -79,7 +79,7 @@ def _places(position: np.ndarray, joint: np.ndarray, rotation: np.ndarray) -> np
 
 
 def _spread(place: np.ndarray, marker: int, known: np.ndarray) -> np.ndarray:
-    """(N,) m: how far the distance between each point and a marker strays; infinite if they are never known together.
+    """Return how much the distance between each point and a marker varies, (N,) m; infinite if never seen together.
 
     Frames are those in which the marker is known.
     """
@@ -95,11 +95,11 @@ def _spread(place: np.ndarray, marker: int, known: np.ndarray) -> np.ndarray:
 
 
 def _is_worn(points: _Points, spread: np.ndarray, marker: int, known: np.ndarray, rate: float) -> bool:
-    """Whether the body carries a marker from one frame to another in which it is known."""
+    """Whether the body carries a marker from one frame to another in which it is seen."""
     ahead = max(1, round(_AHEAD * rate))
     after = known[np.isin(known + ahead, known)]
     if not after.size:
-        return True  # seen for too short a time to say otherwise
+        return True  # seen too briefly to decide
     some = after[np.unique(np.linspace(0, len(after) - 1, min(len(after), _TRIALS)).astype(int))]
     far = [
         np.linalg.norm(_carried(points, spread, marker, t, np.array([t + ahead]))[0] - points.place[t + ahead, marker])
@@ -109,7 +109,7 @@ def _is_worn(points: _Points, spread: np.ndarray, marker: int, known: np.ndarray
 
 
 def _bridged(points: _Points, spread: np.ndarray, marker: int, first: int, end: int, rate: float) -> np.ndarray:
-    """(N, 3) m: a marker in a gap, carried there from both sides, or from the only one."""
+    """Return a marker in a gap (N, 3) m, carried there from both sides, or from the only one."""
     frames, gap = len(points.place), np.arange(first, end)
     sides = []
     if first > 0:
@@ -121,7 +121,7 @@ def _bridged(points: _Points, spread: np.ndarray, marker: int, first: int, end: 
         way = _carried(points, spread, marker, edge, gap)
         beyond = edge + outward
         if 0 <= beyond < frames and np.isfinite(points.place[beyond, marker]).all():
-            # What the marker does beside the gap that its segment does not do.
+            # The marker's velocity relative to its segment at the edge of the gap.
             own = points.place[edge, marker] - _carried(points, spread, marker, beyond, np.array([edge]))[0]
             steps = np.abs(gap - edge)[:, None]
             way = way + own * steps * np.maximum(0.0, 1 - steps / (COASTING * rate)) ** 2
@@ -131,7 +131,7 @@ def _bridged(points: _Points, spread: np.ndarray, marker: int, first: int, end: 
 
 
 def _carried(points: _Points, spread: np.ndarray, marker: int, start: int, frames: np.ndarray) -> np.ndarray:
-    """(N, 3) m: where a marker goes from frame `start` to others if it moves as the points around it do."""
+    """Return (N, 3) m: a marker moved from frame `start` to others with the points around it."""
     place, error = points.place, np.maximum(points.error[frames], points.error[start])
     there = np.isfinite(place[frames]).all(axis=-1) & np.isfinite(place[start]).all(axis=-1)
     heavy = np.where(there, 1 / (spread**2 + error**2) ** 2, 0.0)

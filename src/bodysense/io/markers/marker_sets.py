@@ -1,4 +1,4 @@
-"""Marker sets: which labels a set has, and how points of the body follow from them. A set is one file in `sets/`."""
+"""Marker sets: the labels of a set, and recipes that compute points of the body. A set is one file in `sets/`."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from bodysense.body.skeleton import default_skeleton
 from bodysense.io.rigs import words
 from bodysense.io.rigs.names import joints_of
 
-FEWEST = 4  # points that a body of markers has at least
-JOINT_ACCURACY = 0.02  # m, of a marker that is named as a joint: its centre, or a spot on the skin near it
+FEWEST = 4  # fewest points of a body
+JOINT_ACCURACY = 0.02  # m, of a marker named as a joint: the joint's centre, or a spot on the skin near it
 _SIDES = {"left": ("L", "R"), "right": ("R", "L")}
 
 
@@ -25,24 +25,24 @@ class SegmentFrame:
     """Axes of a segment from two directions, each from the mean of some markers to the mean of others."""
 
     name: str
-    axes: tuple[tuple[str, tuple[str, ...], tuple[str, ...]], ...]  # the first is kept, the second made square to it
-    joint: str | None = None  # whose rotation it is
+    axes: tuple[tuple[str, tuple[str, ...], tuple[str, ...]], ...]  # the second is made orthogonal to the first
+    joint: str | None = None  # the joint that has this rotation
     pitch: float = 0.0  # degrees by which its forward axis points below a standing body's
     lift: float = 0.0  # degrees by which its outward axis points above
-    standing: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)  # m, usual places, for both angles
-    either_side_of: str | None = None  # the frame whose left tells on which side the marker of 'left' is worn
+    standing: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)  # m, usual positions
+    either_side_of: str | None = None  # the frame whose left axis decides the side of marker 'left'
 
 
 @dataclass(frozen=True)
 class Recipe:
-    """How a point follows from markers and from points before it."""
+    """How a point is computed from markers and earlier points."""
 
     name: str
     how: str  # mean, hip, hinge, shoulder: `centres`
     markers: tuple[str, ...]
     accuracy: float  # m
-    frames: tuple[str, ...] = ()  # the segment whose axes the offset is in; of a hinge, those beside it
-    offset: tuple[float, float, float] = (0.0, 0.0, 0.0)  # m: out (left, of the right side right), up, forward
+    frames: tuple[str, ...] = ()  # the segment whose axes the offset is in; for a hinge, its two neighbours
+    offset: tuple[float, float, float] = (0.0, 0.0, 0.0)  # m: out (left, on the right side right), up, forward
     depth: float = 0.0  # m from the skin to the centre
     bends: str = ""  # forward, backward: of a hinge
     side: float = 1.0  # -1 on the right
@@ -50,25 +50,25 @@ class Recipe:
 
 @dataclass(frozen=True)
 class MarkerSet:
-    """A marker set, its sides written out."""
+    """A marker set with both sides expanded."""
 
     name: str
-    labels: Mapping[str, str]  # as `plain` has them → the set's own
+    labels: Mapping[str, str]  # normalised by `plain` → the set's own
     frames: tuple[SegmentFrame, ...] = ()
     points: tuple[Recipe, ...] = ()
     spans: tuple[tuple[str, str, float], ...] = ()  # usual distances, m
     low: tuple[str, ...] = ()
     high: tuple[str, ...] = ()
-    floor: tuple[tuple[str, float], ...] = ()  # usual heights of a standing body's, m
+    floor: tuple[tuple[str, float], ...] = ()  # usual heights on a standing body, m
     bones: Mapping[str, str] = field(default_factory=dict)  # label → the joint whose rotation it has
 
 
 @dataclass(frozen=True)
 class Recognised:
-    """Which markers of a file are which of a set."""
+    """The markers of a file assigned to a set."""
 
     markers: MarkerSet
-    columns: Mapping[str, int]  # the set's label → the marker's place in the file
+    columns: Mapping[str, int]  # the set's label → the marker's index in the file
 
 
 @lru_cache(maxsize=1)
@@ -80,9 +80,9 @@ def marker_sets() -> tuple[MarkerSet, ...]:
 
 
 def recognised(names: Sequence[str], table: Mapping[str, str] | None = None) -> Recognised | None:
-    """The set that most points follow from, of the packaged ones and of markers that are named as joints; or None.
+    """Return the set that yields the most points, among packaged sets and markers named as joints; or None.
 
-    `table` names joints by hand, and goes before everything.
+    `table` names joints explicitly, and takes precedence.
     """
     if table:
         joints = {ours: k for k, name in enumerate(names) if (ours := table.get(name)) in default_skeleton().points}
@@ -104,12 +104,12 @@ def recognised(names: Sequence[str], table: Mapping[str, str] | None = None) -> 
 
 
 def _of_hand(name: str) -> bool:
-    """Whether a point is of a hand: a set of fingers has a wrist as well, and is no body."""
+    """Whether a point is of a hand: a set of fingers has a wrist as well, but is not a body."""
     return name.partition("_")[2].startswith(("wrist", *FINGERS))
 
 
 def follows(recipe: Recipe, markers: MarkerSet, found: Mapping[str, int]) -> bool:
-    """Whether a point can be made of the markers found: those it needs, or points that do."""
+    """Whether a point can be computed from the markers found, directly or through other points."""
     return all(
         name in found or any(other.name == name and follows(other, markers, found) for other in markers.points)
         for name in recipe.markers
@@ -117,19 +117,19 @@ def follows(recipe: Recipe, markers: MarkerSet, found: Mapping[str, int]) -> boo
 
 
 def nearest(names: Sequence[str]) -> str:
-    """What is to be said of labels that are no set: which set is nearest, and how many of its markers are there."""
+    """Describe unknown labels: which set is nearest, and how many of its markers are present."""
     counts = {one.name: len(_columns(one, names)) for one in marker_sets()}
     name = max(counts, key=lambda key: counts[key])
     return f"{counts[name]} of them are of {name}" if counts[name] else "none is of a marker set that is known"
 
 
 def plain(label: str) -> str:
-    """What counts of a label: 'Anna:L_IAS' → 'lias'."""
+    """Normalise a label: 'Anna:L_IAS' → 'lias'."""
     return re.sub(r"[^a-z0-9]", "", label.rpartition(":")[2].lower())
 
 
 def _columns(one: MarkerSet, names: Sequence[str]) -> dict[str, int]:
-    """The first marker of each label; what stands before a '_' may be the subject's name."""
+    """Return the first marker of each label; text before a '_' may be the subject's name."""
     found: dict[str, int] = {}
     for k, name in enumerate(names):
         tail = name.rpartition(":")[2]
@@ -148,7 +148,7 @@ _ON_MUSCLES = frozenset(("bicep", "biceps"))  # bones of rigs, but markers in th
 
 
 def _joints(names: Sequence[str]) -> dict[str, int]:
-    """Markers that are named as joints: 'LeftElbow', 'l_knee', 'RHJC', or as a program's skeleton has them."""
+    """Return markers named as joints: 'LeftElbow', 'l_knee', 'RHJC', or a program's name of the joint."""
     ours = joints_of([name for name in names if not _ON_MUSCLES & set(words.words(name))])
     return {ours[name]: k for k, name in enumerate(names) if name in ours}
 
@@ -169,7 +169,7 @@ def _named(points: tuple[str, ...]) -> MarkerSet:
 
 
 def _parsed(stored: dict[str, Any]) -> MarkerSet:
-    """A set's file, its sides written out; of a set of `landmarks`, its labels are names of those."""
+    """Parse a set's file and expand both sides; a set of `landmarks` uses labels as names of those."""
     named = stored["labels"]
     if "landmarks" in stored:
         folder = files("bodysense.io.markers.landmarks")
@@ -234,7 +234,7 @@ def _parsed(stored: dict[str, Any]) -> MarkerSet:
 
 
 def _of_its_labels(whole: MarkerSet) -> MarkerSet:
-    """A set of landmarks without what needs those that it does not have."""
+    """Drop everything that needs landmarks which the set does not have."""
     has = set(whole.labels.values())
     frames = tuple(
         frame for frame in whole.frames if has >= {name for _, start, end in frame.axes for name in (*start, *end)}
@@ -265,12 +265,12 @@ def _sides_of(name: str) -> tuple[str, ...]:
 
 
 def _both(name: str) -> tuple[str, ...]:
-    """A label of both sides; of the middle twice the same."""
+    """Return a label on both sides; twice the same label if it is in the middle."""
     return tuple(name.replace("*", own) for own, _ in _SIDES.values())
 
 
 def _label(name: str, side: str) -> str:
-    """A label, or a point, on a side; '~' is the other one."""
+    """Return a label, or a point, on a side; '~' is the other side."""
     if not side:
         return name
     if name.startswith("*_") and name[2:3].islower():

@@ -1,4 +1,4 @@
-"""Options of marker files: what a file does not say of itself, or says wrongly."""
+"""Options of marker files: facts that a file omits or has wrong."""
 
 from __future__ import annotations
 
@@ -14,22 +14,23 @@ from bodysense.io.rigs.options import ReadingOptions
 
 @dataclass(frozen=True)
 class MarkerOptions:
-    """What a marker file (.c3d, .csv, .trc, .tsv) does not say of itself, or says wrongly."""
+    """Facts that a marker file (.c3d, .csv, .trc, .tsv) omits or has wrong."""
 
     marker_set: str | None = None
-    """Of gloves: which marker sits on which segment, a .toml or .json file or a packaged set's name (docs/gloves.md);
-    by their labels if omitted."""
+    """Marker set of gloves (the segment of each marker): a .toml or .json file or a packaged set (docs/gloves.md);
+    inferred from the labels if omitted.
+    """
     names: Path | None = None
-    """Of a marker file: a table of its names and ours, .json or .csv (docs/markers.md)."""
+    """Table of a marker file's names and ours, .json or .csv (docs/markers.md)."""
     left_handed: bool = False
-    """Of a marker file: its axes are left-handed, as in Unity and Unreal."""
+    """The axes of a marker file are left-handed, as in Unity and Unreal."""
     rate: float | None = None
-    """Of a file that does not say it: frames a second."""
+    """Frames a second of a file that does not say it."""
     unlabelled: Literal["left", "right", "both"] | None = None
-    """Of a marker file: its points are not told apart (passive markers); these gloves are found among them."""
+    """The markers have no identities (passive markers); these gloves are found among them."""
 
     def form(self, reading: ReadingOptions) -> MarkerFormat:
-        """Return these options as the readers take them. Raises BodysenseError for values that marker files lack."""
+        """Return these options in the readers' format. Raises BodysenseError for values that marker files lack."""
         if reading.unit not in (None, *METRES) or reading.up not in (None, "y", "z"):
             raise BodysenseError(f"--unit {reading.unit} --up {reading.up}: marker files are in m, cm or mm, y or z up")
         if more := reading.for_motions():

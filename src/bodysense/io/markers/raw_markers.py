@@ -1,4 +1,4 @@
-"""Markers as a file or a stream has them, and the door: their names, unit and axes become ours."""
+"""Raw markers of a file or a stream, and their conversion to our names, unit and axes."""
 
 from __future__ import annotations
 
@@ -30,14 +30,14 @@ class Cells:
     """Cells of a text file in which the positions of markers are, for writing the file again."""
 
     delimiter: str
-    lines: tuple[int, ...]  # of every frame, its line in the file, from 1
-    columns: np.ndarray = field(repr=False)  # (M, 3) of x, y and z; -1: no marker (a bone, a rigid body)
+    lines: tuple[int, ...]  # the line of every frame in the file, from 1
+    columns: np.ndarray = field(repr=False)  # (M, 3) of x, y and z; -1: not a marker (a bone, a rigid body)
     valid: Mapping[int, int] = field(default_factory=dict)  # marker → the column of 1 and 0 that says if it is seen
 
 
 @dataclass(frozen=True, eq=False)
 class FileWorld:
-    """The transform between a file's unit and axes and our world, in which the floor under the body is y = 0."""
+    """The transform between a file's unit and axes and our world, where the floor under the body is y = 0."""
 
     axes: np.ndarray  # (3, 3) m per unit of the file: ours = file @ axes
     floor: float = 0.0  # m, the floor's height before it was moved to 0
@@ -54,31 +54,31 @@ class FileWorld:
 
 @dataclass(frozen=True, eq=False)
 class RawMarkers:
-    """Points as they were written: any names, unit and axes; NaN where missing."""
+    """Unconverted points: any names, unit and axes; NaN where missing."""
 
     names: tuple[str, ...]
     position: np.ndarray  # (T, M, 3)
     time: np.ndarray  # (T,) s
     frame_rate: float  # Hz
     unit: Unit = "m"
-    # (3, 3): our axes, rows, in the file's. None: it does not say, and +Y is up.
+    # (3, 3): our axes, rows, in the file's. None: unknown, and +Y is up.
     axes: np.ndarray | None = field(default=None, repr=False)
-    # (T, M, 4) wxyz, the file's world ← the marker, of what turns: rigid bodies and bones; NaN where unknown.
+    # (T, M, 4) wxyz, the file's world ← the marker, of rigid bodies and bones; NaN where unknown.
     rotation: np.ndarray | None = field(default=None, repr=False)
-    cells: Cells | None = field(default=None, repr=False)  # of a text file of markers
+    cells: Cells | None = field(default=None, repr=False)  # for text files of markers
 
 
 @dataclass(frozen=True)
 class MarkerFormat:
-    """What a file does not say of itself, or says wrongly. None takes the file's word: metres and +Y up for CSV."""
+    """Facts that a file omits or has wrong. None keeps the file's own; CSV is metres and +Y up."""
 
     names: Mapping[str, str] | None = None  # its markers' names → ours, 'left_glove_index_tip' …
     unit: Unit | None = None
     up: Up | None = None
     left_handed: bool = False  # axes as Unity's and Unreal's: the world is mirrored
-    rate: float | None = None  # Hz, of a file that does not say it
-    worn: GloveSet | None = None  # the marker set of the gloves; None: a packaged one, by its labels
-    floor: float | None = None  # m, its height in our world; None: it is looked for under a body's feet
+    rate: float | None = None  # Hz, for files without a rate
+    worn: GloveSet | None = None  # the marker set of the gloves; None: a packaged one, found by the labels
+    floor: float | None = None  # m, the floor's height in our world; None: inferred from the body's feet
 
     def __post_init__(self) -> None:
         if self.rate is not None and not 0 < self.rate < float("inf"):
@@ -86,9 +86,9 @@ class MarkerFormat:
 
 
 def read_names(path: str | Path) -> dict[str, str]:
-    """A table of names: JSON, {"LEHAR": "left_glove_pinky_base", "M7": "left_elbow", …}, or CSV, one pair a line.
+    """Read a table of names: JSON, {"LEHAR": "left_glove_pinky_base", "M7": "left_elbow", …}, or CSV, one pair a line.
 
-    Raises BodysenseError for what is no such table, for a name that is no marker's and for one that stands twice.
+    Raises BodysenseError for other content, for a name that is not a marker's and for a repeated name.
     """
     path = Path(path)
     text = read_text(path)
@@ -124,9 +124,9 @@ def glove_labels(raw: RawMarkers, form: MarkerFormat) -> frozenset[str]:
 
 
 def observed_markers(raw: RawMarkers, form: MarkerFormat, place: str) -> tuple[Observation, list[str]]:
-    """The markers that are known by name as an Observation, and what is to be said of the rest.
+    """Return the markers with a known name as an Observation, and remarks on the others.
 
-    `place` names the file in messages. Raises BodysenseError for names that stand twice and for a file without a glove.
+    `place` names the file in messages. Raises BodysenseError for repeated names and for a file without a glove.
     """
     ours = _our_names(raw, form, place)
     here = [k for k, name in enumerate(ours) if name is not None]
@@ -162,7 +162,7 @@ def world_of(raw: RawMarkers, form: MarkerFormat, floor: float = 0.0) -> FileWor
 
 
 def in_our_world(position: np.ndarray, raw: RawMarkers, form: MarkerFormat) -> np.ndarray:
-    """Positions (..., 3) of a file in our world: metres, +Y up, right-handed."""
+    """Return positions (..., 3) of a file in our world: metres, +Y up, right-handed."""
     unit = form.unit or raw.unit
     axes = AXES[form.up] if form.up is not None else AXES["y"] if raw.axes is None else raw.axes
     if form.left_handed:
@@ -175,7 +175,7 @@ AXES = {"y": np.eye(3), "z": np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])}
 
 
 def _our_names(raw: RawMarkers, form: MarkerFormat, place: str) -> list[str | None]:
-    """Our name of every marker of a file, None for what is none."""
+    """Return our name of every marker of a file, or None for markers that are not of a glove."""
     twice = [name for name in raw.names if raw.names.count(name) > 1]
     if twice:
         raise BodysenseError(f"{place}: the marker {twice[0]!r} stands twice; every marker has one name")
@@ -203,7 +203,7 @@ def _our_names(raw: RawMarkers, form: MarkerFormat, place: str) -> list[str | No
 
 
 def _named(names: Sequence[str], form: MarkerFormat) -> list[str | None]:
-    """Our name of every marker, or None: by the table that is given, by its own sense, or by its label in a set."""
+    """Return our name of every marker, or None: by the given table, by its own name, or by its label in a set."""
     table = form.names or {}
     known: dict[str, str] = {}
     if not table or form.worn is not None:
@@ -213,7 +213,7 @@ def _named(names: Sequence[str], form: MarkerFormat) -> list[str | None]:
 
 
 def _our_name(name: str, table: Mapping[str, str], worn: GloveSet | None) -> str | None:
-    """By the table or by its own sense; 'Subject:' in front is off. None for what is no marker of a glove."""
+    """Return our name of a marker by the table or by its own name, ignoring a 'Subject:' prefix; or None."""
     bare = name.rpartition(":")[2].strip()
     for candidate in (name, bare):
         if candidate in table:
@@ -227,6 +227,6 @@ def _our_name(name: str, table: Mapping[str, str], worn: GloveSet | None) -> str
 
 
 def listed(names: tuple[str, ...] | list[str]) -> str:
-    """Names in a sentence; of many the first."""
+    """Join names for a message; of many, the first ones."""
     shown = ", ".join(repr(name) for name in names[:_SHOWN])
     return shown if len(names) <= _SHOWN else f"{shown} and {len(names) - _SHOWN} more"

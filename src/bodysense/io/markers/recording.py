@@ -1,4 +1,4 @@
-"""What the markers of a file show: gloves, a body, or both, as an Observation."""
+"""Marker files as Observations: gloves, a body, or both."""
 
 from __future__ import annotations
 
@@ -29,19 +29,19 @@ from bodysense.observation import Observation, check_observation
 
 @dataclass(frozen=True, eq=False)
 class MarkerRecording:
-    """What the markers of a file show."""
+    """The content of a marker file."""
 
     observation: Observation  # (T, …) joints of a body, and points '<hand>_glove_<marker>'; world
     frame_rate: float  # Hz
-    sizes: dict[str, float]  # of every gloved hand that was seen well, as a factor of the default skeleton's
-    remarks: tuple[str, ...]  # what was recognised, is doubtful or was left out, a sentence each
-    raw: RawMarkers  # as the file has them
+    sizes: dict[str, float]  # of every hand seen well, as a factor of the default skeleton's
+    remarks: tuple[str, ...]  # one sentence each: what was recognised, is doubtful or was left out
+    raw: RawMarkers  # unconverted
     world: FileWorld  # between the file and our world
-    has_body: bool = False  # whose proportions can be inferred
+    has_body: bool = False  # whether its proportions can be inferred
 
 
 def read_markers(path: str | Path, form: MarkerFormat = MarkerFormat()) -> MarkerRecording:
-    """Read a marker file; names, unit and axes become ours, and it is checked that what they show can be.
+    """Read a marker file, convert names, unit and axes to ours, and check that it is plausible.
 
     Raises BodysenseError naming the file, what is wrong, and the fix.
     """
@@ -64,7 +64,7 @@ def read_markers(path: str | Path, form: MarkerFormat = MarkerFormat()) -> Marke
     check_observation(found.observation, str(path))
     if gloves is None:
         return MarkerRecording(found.observation, raw.frame_rate, {}, found.remarks, raw, found.world, has_body=True)
-    # The body tells more of unit, axes and floor than the gloves.
+    # The body determines unit, axes and floor better than the gloves.
     worn = found.world.to_ours(gloves.world.to_file(gloves.observation.position))
     both = _joined(found.observation, replace(gloves.observation, position=worn))
     remarks = (*found.remarks, *(remark for remark in gloves.remarks if not remark.startswith("left out")))
@@ -72,7 +72,7 @@ def read_markers(path: str | Path, form: MarkerFormat = MarkerFormat()) -> Marke
 
 
 def with_hands_of(skeleton: Skeleton, sizes: dict[str, float]) -> Skeleton:
-    """A body whose hands have the size that its gloves showed, the mean of those that were seen.
+    """Return a body whose hands have the mean size of its gloves.
 
     `sizes` are factors of the default skeleton's hand.
     """
@@ -84,7 +84,7 @@ def with_hands_of(skeleton: Skeleton, sizes: dict[str, float]) -> Skeleton:
 
 
 def _gloves(raw: RawMarkers, form: MarkerFormat, place: str) -> MarkerRecording:
-    """What the gloves of a file show."""
+    """Return the gloves of a file."""
     observation, remarks = observed_markers(raw, form, place)
     check_observation(observation, place, farthest=np.inf)  # a wrong unit has a better message below
     unit: Unit = form.unit or raw.unit
@@ -104,7 +104,7 @@ def _check_table(raw: RawMarkers, form: MarkerFormat, place: str) -> None:
 
 
 def _joined(body: Observation, gloves: Observation) -> Observation:
-    """The points of both."""
+    """Return the points of both."""
     names = ("position", "rotation", "has_position", "has_rotation", "accuracy")
     parts = {name: np.concatenate([getattr(body, name), getattr(gloves, name)], axis=1) for name in names}
     return Observation(points=(*body.points, *gloves.points), time=body.time, **parts)

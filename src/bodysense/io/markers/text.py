@@ -1,6 +1,6 @@
-"""What the text layouts share: numbers in columns, and frames as markers.
+"""Text formats of markers: helpers that all share, and CSV.
 
-Markers as CSV, in the layout of the paper's release (github.com/dariopavllo/robust-finger-tracking).
+CSV is in the layout of the paper's release (github.com/dariopavllo/robust-finger-tracking).
 
 The first line names the columns: `time`, then for every marker `NAME.pos.x`, `NAME.pos.y`, `NAME.pos.z` and
 `NAME.isValid`. A frame is a line; a missing marker has empty values, NaN, or 0 in `isValid`. Also read: `NAME.x`,
@@ -33,7 +33,7 @@ Rows = Sequence[tuple[int, list[str]]]  # the number of each line, from 1, and i
 
 
 def numbered(text: str, delimiter: str) -> list[tuple[int, list[str]]]:
-    """The lines of a text that are not blank, their cells without blanks and quotes around them."""
+    """Return the non-blank lines of a text, as cells without surrounding blanks and quotes."""
     return [
         (number, [cell.strip().strip('"') for cell in line.split(delimiter)])
         for number, line in enumerate(text.splitlines(), start=1)
@@ -44,9 +44,9 @@ def numbered(text: str, delimiter: str) -> list[tuple[int, list[str]]]:
 def numbers(
     path: Path, rows: Rows, width: int, columns: Sequence[int] | None = None, header: Sequence[str] = ()
 ) -> np.ndarray:
-    """(T, width) the first values of each row, or of them some columns alone; NaN for what is missing.
+    """Return the first values of each row (T, width), or only those of some columns; NaN where missing.
 
-    Also beyond the end of a row. A comma in a cell is a decimal one. `header` names the columns in messages.
+    Values beyond the end of a row are missing. A comma in a cell is a decimal one. `header` names columns in messages.
     """
     values = np.full((len(rows), width), np.nan)
     for t, (number, cells) in enumerate(rows):
@@ -65,7 +65,7 @@ def numbers(
 
 
 def whole(path: Path, text: str, name: str) -> int:
-    """A number of frames or markers that a header gives."""
+    """Return a number of frames or markers from a header."""
     try:
         count = int(float(text.replace(",", ".")))
     except (ValueError, OverflowError):
@@ -76,14 +76,14 @@ def whole(path: Path, text: str, name: str) -> int:
 
 
 def unit_of(path: Path, text: str) -> Unit:
-    """A unit that a header names."""
+    """Return a unit named in a header."""
     if text.lower() not in UNITS:
         raise BodysenseError(f"{path}: its unit is {text[:20]!r}; m, cm and mm are read: say it with --unit")
     return UNITS[text.lower()]
 
 
 def rate_of(path: Path, text: str, name: str, told: float | None = None) -> float:
-    """A rate in Hz that a header gives; `told` goes before it."""
+    """Return a rate in Hz from a header; `told` takes precedence."""
     try:
         rate = float(text.replace(",", ".")) if told is None else told
     except ValueError:
@@ -94,7 +94,7 @@ def rate_of(path: Path, text: str, name: str, told: float | None = None) -> floa
 
 
 def cells_of(rows: Rows, delimiter: str, before: int, count: int) -> Cells:
-    """Return the cells of `count` markers in order, behind `before` other columns."""
+    """Return the cells of `count` markers in order, after `before` other columns."""
     columns = before + np.arange(3 * count).reshape(count, 3)
     return Cells(delimiter, tuple(number for number, _ in rows), columns)
 
@@ -108,7 +108,7 @@ def markers_of(
     axes: np.ndarray | None = None,
     cells: Cells | None = None,
 ) -> RawMarkers:
-    """Markers (T, M, 3) at a constant rate; what is no sound number, or all zero, is missing."""
+    """Return markers (T, M, 3) at a constant rate; values that are all zero, not finite or too large are missing."""
     if not len(position) or not len(names):
         raise BodysenseError(f"{path}: {len(position)} frames of {len(names)} markers; export the trajectories again")
     missing = np.asarray(~sound(position).all(axis=-1) | ~position.any(axis=-1))
@@ -175,7 +175,7 @@ def write_csv(path: Path, observation: Observation) -> None:
 
 
 def _columns(path: Path, header: list[str]) -> tuple[list[str], np.ndarray, dict[int, int], int | None]:
-    """Markers' names, their columns (M, 3), those that say whether one is valid, and the column of times."""
+    """Return markers' names, their columns (M, 3), the columns of their validity, and the column of times."""
     twice = [name for name in header if name and header.count(name) > 1]
     if twice:
         raise BodysenseError(f"{path}: the column {twice[0]!r} stands twice; every marker has one name")

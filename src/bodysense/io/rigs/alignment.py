@@ -1,4 +1,4 @@
-"""Alignment: the rotations that take a source's rest bones to ours, joint by joint.
+"""Alignment: the rotations from a source's rest bones to ours, joint by joint.
 
 Source files have rest poses of their own. From the root outward, each joint of ours is given one constant
 rotation, which takes the source's rest bones to ours. It is its parent's unless the bone to its child then points away
@@ -7,11 +7,11 @@ bodies differ in shape); then the shortest arc onto the default's direction is a
 several children and are aligned with two directions (left to right and up; along the hand and across it). So a
 skeleton that already stands in a T-pose keeps its own bone directions, and its rotations pass through unchanged.
 
-The twist of arms and legs from how they bend: an elbow or a knee turns about one axis, which its motion shows.
+Twist of arms and legs from bending: an elbow or a knee turns about one axis, which its motion reveals.
 
-A rest pose whose bones all lie along one axis says where bones point, not how they are turned about themselves. In our
+A rest pose whose bones all lie along one axis defines the directions of bones, but not their twist. In our
 T-pose elbows bend about the vertical axis and knees about the transverse one; the turn about the bone that brings the
-axis found there is the twist that the rest pose leaves open.
+axis found there is the missing twist.
 """
 
 from __future__ import annotations
@@ -35,14 +35,14 @@ from bodysense.io.fingers import is_finger
 
 LIMB_TOLERANCE = np.deg2rad(15.0)
 OTHER_TOLERANCE = np.deg2rad(45.0)
-TWIST_UNKNOWN = np.deg2rad(135.0)  # a bone turned by more than this into the T-pose says nothing about its twist
+TWIST_UNKNOWN = np.deg2rad(135.0)  # a bone turned by more than this into the T-pose does not define its twist
 _LIMBS = ("hip", "knee", "shoulder", "elbow", "wrist", "index", "middle", "ring", "pinky")
 
-Vectors = dict[str, np.ndarray]  # of points of ours, by name: places, offsets (..., 3) m, or rotations (..., 4)
+Vectors = dict[str, np.ndarray]  # points of ours by name: positions, offsets (..., 3) m, or rotations (..., 4)
 
 
 def alignment(ours: Skeleton, place: Vectors, parents: Mapping[str, str]) -> tuple[Vectors, str | None]:
-    """For each matched joint the rotation (4,) that takes the source's rest bones to ours (see the module's text).
+    """Return for each matched joint the rotation (4,) from the source's rest bones to ours (see the module's text).
 
     Also the first limb joint, if any, whose bone turns so far that its twist remains unknown.
     """
@@ -64,7 +64,7 @@ def alignment(ours: Skeleton, place: Vectors, parents: Mapping[str, str]) -> tup
             bone = quaternion_rotate(turn, place[children[0]] - place[name])
             wanted = default_place[children[0]] - default_place[name]
             angle = angle_between(bone, wanted)
-            if is_limb and angle > TWIST_UNKNOWN and not is_finger(name):  # a finger's twist spoils no body
+            if is_limb and angle > TWIST_UNKNOWN and not is_finger(name):  # a finger's twist is harmless
                 unknown = unknown or name
             if angle > tolerance:
                 turn = quaternion_multiply(shortest_arc(bone, wanted), turn)
@@ -73,7 +73,7 @@ def alignment(ours: Skeleton, place: Vectors, parents: Mapping[str, str]) -> tup
 
 
 def turned_by_places(ours: Skeleton, place: Vectors, parents: Mapping[str, str]) -> Vectors:
-    """World rotations (T, 4) of joints of which only places (T, 3) are known: none is twisted more than it must be."""
+    """Return world rotations (T, 4) of joints with known positions (T, 3) only, with the least possible twist."""
     default_place = dict(zip(ours.points, ours.path @ ours.rest_offset, strict=True))
     world: Vectors = {}
     for name in (name for name in ours.joints if name in place):
@@ -92,7 +92,7 @@ def turned_by_places(ours: Skeleton, place: Vectors, parents: Mapping[str, str])
 
 
 def _two_directions(name: str, children: list[str], place: Vectors) -> list[tuple[str, str]]:
-    """Two pairs of points (from, to) that orient a joint with several children; empty where there are none."""
+    """Return two pairs of points (from, to) that orient a joint with several children, or an empty list."""
     side = name.partition("_")[0]
     if name.endswith("_wrist"):
         along = [f"{side}_{finger}1" for finger in ("middle", "index", "ring", "pinky") if f"{side}_{finger}1" in place]
@@ -104,7 +104,7 @@ def _two_directions(name: str, children: list[str], place: Vectors) -> list[tupl
 
 
 def _frame(pairs: list[tuple[str, str]], place: Vectors) -> np.ndarray | None:
-    """Orthonormal axes (..., 3, 3), as columns, from two directions; None where they are zero or parallel."""
+    """Return orthonormal axes (..., 3, 3), as columns, from two directions; None if they are zero or parallel."""
     first, second = (place[b] - place[a] for a, b in pairs)
     third = np.cross(first, second)
     size, across, area = (np.linalg.norm(vector, axis=-1, keepdims=True) for vector in (first, second, third))
@@ -115,11 +115,11 @@ def _frame(pairs: list[tuple[str, str]], place: Vectors) -> np.ndarray | None:
 
 
 def angle_between(u: np.ndarray, v: np.ndarray) -> float:
-    """Angle between two vectors, radians; 0 where one has no length."""
+    """Return the angle between two vectors, radians; 0 if one has zero length."""
     return float(np.arctan2(np.linalg.norm(np.cross(u, v)), u @ v))
 
 
-LEAST_BEND = np.deg2rad(15.0)  # a joint that never bends more shows no axis
+LEAST_BEND = np.deg2rad(15.0)  # a joint that never bends more reveals no axis
 _LEAST_AGREEMENT = 0.5  # mean resultant of the axes found: below it they do not agree
 
 # Limb, its joints, and the axis about which the second bends in the T-pose.
@@ -132,7 +132,7 @@ _HINGES = [
 def twisted_by_hinges(
     align: dict[str, np.ndarray], pose: Pose, standing: Pose, match: Mapping[str, int]
 ) -> dict[str, np.ndarray]:
-    """Alignments (4,) with upper arms and thighs, forearms and shins twisted so that they bend as ours do."""
+    """Twist the alignments (4,) of upper arms, thighs, forearms and shins so that they bend as ours do."""
     position, rotation = forward_kinematics(pose)
     rest = forward_kinematics(standing)[1]
     twisted = dict(align)
@@ -156,17 +156,17 @@ def twisted_by_hinges(
             if agreement > _LEAST_AGREEMENT:
                 axis = quaternion_rotate(back, bone[clear]).mean(axis=0)
                 axis /= max(float(np.linalg.norm(axis)), 1e-9)
-                # The joint's frame turns with its twist, so that what is seen in it turns the other way.
+                # The joint's frame turns with its twist, so a direction in it turns the opposite way.
                 twist = quaternion_exp(-angle * axis)
                 twisted[joint] = quaternion_multiply(twist, align[joint])
                 hand = third.endswith("_wrist") and joint == second
-                if hand and third.replace("wrist", "index1") not in match:  # its palm does not say how it is turned
+                if hand and third.replace("wrist", "index1") not in match:  # the palm would define it
                     twisted[third] = quaternion_multiply(twist, align[third])
     return twisted
 
 
 def _turn_about(bone: np.ndarray, start: np.ndarray, end: np.ndarray) -> tuple[float, float]:
-    """Mean angle (radians) about bones (N, 3) from a direction (3,) to others (N, 3), weighted by their length."""
+    """Return the mean angle (radians) about bones (N, 3) from a direction (3,) to others (N, 3), weighted by length."""
     along = bone / np.maximum(np.linalg.norm(bone, axis=-1, keepdims=True), 1e-12)
     flat = start - (along @ start)[:, None] * along
     sine = (np.cross(flat, end) * along).sum(-1)

@@ -1,6 +1,6 @@
-"""Limbs: pairs of chains that mirror each other, and where along them a leg or an arm bends.
+"""Limbs: pairs of mirrored chains, and the joints along them where a leg or an arm bends.
 
-Lengths are medians over frames, so that neither the rest pose nor a bone that stretches matters. Names only weigh in.
+Lengths are medians over frames, so neither the rest pose nor a stretching bone matters. Names only add evidence.
 """
 
 from __future__ import annotations
@@ -16,21 +16,21 @@ import numpy as np
 from bodysense.io.rigs import words
 from bodysense.io.rigs.figure import Figure
 
-ALIKE = 0.25  # by which share the bones of a left and a right limb may differ
-SHORTEST = 0.12  # of the longest way down from the root: what is shorter is no limb
-_BRANCHES = 12  # of a joint, the longest, that are looked at
-_FINGERS = 4  # chains that hang on one joint: that joint is the end of a limb
+ALIKE = 0.25  # share by which the bones of a left and a right limb may differ
+SHORTEST = 0.12  # of the longest path down from the root; shorter chains are not limbs
+_BRANCHES = 12  # longest branches of a joint that are searched
+_FINGERS = 4  # chains on one joint that mark it as the end of a limb
 _LONGEST_CHAIN = 18  # points of a limb
-_HINT, _CONTRADICTION, _HELPER = 1.5, 1.5, 4.0  # of names
+_HINT, _CONTRADICTION, _HELPER = 1.5, 1.5, 4.0  # evidence from names
 
 Kind = Literal["leg", "arm"]
-NARROWEST: dict[Kind, float] = {"leg": 0.08, "arm": 0.3}  # of a limb's length: how far apart both begin
+NARROWEST: dict[Kind, float] = {"leg": 0.08, "arm": 0.3}  # of a limb's length, between the first joints
 ROLES: dict[Kind, tuple[str, str, str]] = {"leg": ("hip", "knee", "ankle"), "arm": ("shoulder", "elbow", "wrist")}
 
 
 @dataclass(frozen=True, eq=False)
 class Tree:
-    """A figure in some of its frames, with what is measured of it."""
+    """A figure in some of its frames, with measured lengths."""
 
     figure: Figure
     place: np.ndarray  # (S, P, 3) file units
@@ -43,7 +43,7 @@ class Tree:
 
     @cached_property
     def reach(self) -> np.ndarray:
-        """(P,) longest way down from each point."""
+        """(P,) longest path down from each point."""
         reach = np.zeros(len(self.length))
         for point in range(len(reach) - 1, 0, -1):  # end sites come last and have no children
             if point >= len(self.figure.joints):
@@ -55,15 +55,15 @@ class Tree:
         return reach
 
     def distance(self, a: int, b: int) -> float:
-        """Median distance of two points."""
+        """Return the median distance of two points."""
         return float(np.median(np.linalg.norm(self.place[:, a] - self.place[:, b], axis=-1)))
 
     def way(self, start: int, chain: Sequence[int]) -> float:
-        """Length of a chain, from a point on which it hangs."""
+        """Return the length of a chain from the point that carries it."""
         return self.distance(start, chain[0]) + float(sum(self.length[k] for k in chain[1:]))
 
     def is_straight(self, a: int, b: int, c: int) -> bool:
-        """Whether three points that hang one on another stay in one line."""
+        """Whether three consecutive points of a chain stay in one line."""
         straight = np.linalg.norm(self.place[:, a] - self.place[:, c], axis=-1).min()
         return bool(straight > 0.97 * (self.length[b] + self.length[c]))
 
@@ -73,43 +73,43 @@ class Tree:
         return sum(self.reach[k] > 0 and not words.is_helper(names[k]) for k in children) >= _FINGERS
 
     def branches(self, point: int) -> list[int]:
-        """The longest branches below a point."""
+        """Return the longest branches below a point."""
         found = sorted(self.figure.children[point], key=lambda child: -(self.length[child] + self.reach[child]))
         return found[:_BRANCHES]
 
 
 @dataclass(frozen=True)
 class Limb:
-    """A pair of mirrored limbs: three joints of each, and the chains that they are of."""
+    """A pair of mirrored limbs: the three joints of each, and their chains."""
 
-    hub: int  # where both begin
+    hub: int  # the joint where both begin
     chains: tuple[tuple[int, ...], tuple[int, ...]]
-    picks: tuple[int, int, int]  # places in the chains of hip, knee, ankle or of shoulder, elbow, wrist
+    picks: tuple[int, int, int]  # indices in the chains of hip, knee, ankle or of shoulder, elbow, wrist
     lengths: tuple[float, float]  # of the two bones
     penalty: float
 
     @property
     def length(self) -> float:
-        """From the first joint to the third, straight."""
+        """Sum of the two bone lengths."""
         return sum(self.lengths)
 
     def joints(self, which: int) -> tuple[int, int, int]:
-        """The three joints of one of the two limbs."""
+        """Return the three joints of one of the two limbs."""
         first, second, third = self.picks
         chain = self.chains[which]
         return chain[first], chain[second], chain[third]
 
     def before(self, which: int) -> tuple[int, ...]:
-        """What lies between the hub and the first of the three."""
+        """Return the points between the hub and the first of the three joints."""
         return self.chains[which][: self.picks[0]]
 
     def after(self, which: int) -> tuple[int, ...]:
-        """What hangs on the last of the three, along the chain."""
+        """Return the points after the last of the three joints, along the chain."""
         return self.chains[which][self.picks[2] + 1 :]
 
 
 def pairs_of(tree: Tree) -> list[tuple[int, tuple[tuple[int, ...], tuple[int, ...]]]]:
-    """Every hub with two branches that mirror each other, and the chains down both."""
+    """Return every hub with two mirrored branches, and the chains down both."""
     least = SHORTEST * max(tree.reach[0], 1e-9)
     found = []
     for hub in range(len(tree.figure.joints)):
@@ -124,7 +124,7 @@ def pairs_of(tree: Tree) -> list[tuple[int, tuple[tuple[int, ...], tuple[int, ..
 
 
 def _mirrored(tree: Tree, hub: int, a: int, b: int) -> tuple[tuple[int, ...], tuple[int, ...]]:
-    """The longest chains down two branches whose bones are alike, pair by pair."""
+    """Return the longest chains down two branches whose bones are alike, pair by pair."""
     scale = tree.reach[hub]
     one: list[int] = []
     other: list[int] = []
@@ -132,7 +132,7 @@ def _mirrored(tree: Tree, hub: int, a: int, b: int) -> tuple[tuple[int, ...], tu
     while choices and len(one) < _LONGEST_CHAIN:
         above = (one[-1], other[-1]) if one else (hub, hub)
         fitting = _alike(tree, above, choices, scale)
-        if not fitting and one:  # one side may have a joint more that does not bend, a twist
+        if not fitting and one:  # one side may have an additional joint that does not bend, a twist
             more = [(c, y) for x, y in choices for c in tree.branches(x) if tree.is_straight(above[0], x, c)]
             more += [(x, d) for x, y in choices for d in tree.branches(y) if tree.is_straight(above[1], y, d)]
             fitting = _alike(tree, above, more, scale)
@@ -148,7 +148,7 @@ def _mirrored(tree: Tree, hub: int, a: int, b: int) -> tuple[tuple[int, ...], tu
 def _alike(
     tree: Tree, above: tuple[int, int], choices: list[tuple[int, int]], scale: float
 ) -> list[tuple[float, int, int]]:
-    """Of pairs of points those that are equally far from what they hang on, with how good a way on they are."""
+    """Return pairs of points at equal distances from their parents, each with a score for continuing the chain."""
     fitting = []
     for x, y in choices:
         p, q = tree.distance(above[0], x), tree.distance(above[1], y)
@@ -162,7 +162,7 @@ def _alike(
 
 
 def as_limb(tree: Tree, hub: int, chains: tuple[tuple[int, ...], tuple[int, ...]], kind: Kind) -> Limb | None:
-    """The three joints of a pair of chains that make it most a leg or an arm; None where there are no three."""
+    """Return the three joints of a pair of chains that fit a leg or an arm best; None if nothing fits."""
     joints = sum(1 for a, b in zip(*chains, strict=True) if max(a, b) < len(tree.figure.joints))
     last = next((k for k, (point, _) in enumerate(zip(*chains, strict=True)) if tree.parts(point)), len(chains[0]))
     straight = _Straight(tree, hub, chains)
@@ -207,7 +207,7 @@ def _fit(
     picks: tuple[int, int, int],
     kind: Kind,
 ) -> Limb | None:
-    """How well three places of a pair of chains are those of a limb."""
+    """Score three points of a pair of chains as the joints of a limb; None if they cannot be."""
     first, second, third = (k + 1 for k in picks)  # the tables begin with the hub
     upper, lower = straight.median(first, second), straight.median(second, third)
     longest = straight.way[-1]
@@ -228,7 +228,7 @@ def _fit(
             way = straight.way[b] - straight.way[a]
             penalty += 20 * max(0.0, 0.97 - straight.least(a, b) / max(way, 1e-9))
     penalty += _hints(tree, chains, picks, kind)
-    # Of joints in one place the last carries the whole turn: of hip and knee; ankle and wrist are the first.
+    # If joints coincide, the last hip or knee carries the whole rotation, but the first ankle or wrist does.
     penalty -= 1e-4 * (picks[0] + picks[1] - picks[2])
     return Limb(hub, chains, picks, (upper, lower), float(penalty))
 
@@ -236,7 +236,7 @@ def _fit(
 def _hints(
     tree: Tree, chains: tuple[tuple[int, ...], tuple[int, ...]], picks: tuple[int, int, int], kind: Kind
 ) -> float:
-    """What names say for (below zero) or against three joints."""
+    """Return the penalty of three joints from names; below zero if the names agree."""
     penalty = 0.0
     for role, pick in zip(ROLES[kind], picks, strict=True):
         for chain in chains:

@@ -1,4 +1,4 @@
-"""Names alone: which of our joints the joints of a list are that no tree connects, as markers named after joints."""
+"""Names alone: which of our joints are in a list without a tree, such as markers named after joints."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from bodysense.io.rigs.words import FINGERS, ORDINALS, PARTS, PHALANGES
 
 _MIDDLE = ("pelvis", "neck", "head", "head_top")
 _SPINE = ("spine1", "spine2", "spine3")
-_ENDS = {"head": ("head_top",), "foot": ("toe",)}  # what the ends of parts are
+_ENDS = {"head": ("head_top",), "foot": ("toe",)}  # the ends of parts
 _SIDED = ("collar", "shoulder", "elbow", "wrist", "hip", "knee", "ankle", "foot", "toe")
-_TRUNK = ("chest", "thorax", "upperchest")  # which of a body in parts is the upper end of the spine
+_TRUNK = ("chest", "thorax", "upperchest")  # the upper end of the spine, in a body divided into parts
 _LIMBS = ("arm", "leg")
-_LOW = "lowerback"  # which lies in the pelvis where there is a spine
-_SILENT = frozenset(("joint", "jnt", "jt", "center", "centre", "big", "bone", "c", "m"))  # words that say nothing
-_CARRIER = "hipjoint"  # the hip where nothing else is; else a joint between pelvis and hip
+_LOW = "lowerback"  # part of the pelvis if there is a spine
+_SILENT = frozenset(("joint", "jnt", "jt", "center", "centre", "big", "bone", "c", "m"))  # words without meaning
+_CARRIER = "hipjoint"  # the hip if nothing else is; otherwise a joint between pelvis and hip
 _TIP = 4
 
 
@@ -27,18 +27,18 @@ _TIP = 4
 class _Name:
     given: str
     side: str
-    word: str  # that says the part
+    word: str  # that names the part
     after: tuple[str, ...]  # words that follow it, numbers among them
     is_end: bool
 
     @property
     def means(self) -> tuple[str, ...]:
-        """What it may be, surest first."""
+        """Possible joints, most likely first."""
         return ("hip",) if self.word == _CARRIER else PARTS.get(self.word, ())
 
     @property
     def number(self) -> int:
-        """The number behind the part; -1 for none."""
+        """The number after the part; -1 without a number."""
         return next((int(word) for word in self.after if word.isdigit()), -1)
 
     @property
@@ -48,11 +48,11 @@ class _Name:
 
 
 def joints_of(names: Sequence[str]) -> dict[str, str]:
-    """Which of our joints the given ones are: {given name: ours}. Fingertips, head top and toe tips are our end sites.
+    """Return which of our joints the given ones are: {given name: ours}. Ends of limbs and head are our end sites.
 
-    A name counts if all of its words are known, or stand before those of most names (Bip01, b_). Left out are joints
-    that we lack (twist bones, eyes, more of the spine) and fingers of one joint. Of the spine of a whole body the first
-    joint, the middle and the last are ours.
+    A name counts if all of its words are known, or are a common prefix (Bip01, b_). Joints that we lack (twist bones,
+    eyes, more of the spine) and fingers of one joint are skipped. Of the spine of a whole body the first joint, the
+    middle and the last are ours.
     """
     read = _read(names)
     fingers = {name: finger for name in read if (finger := _finger_of(name, read))}
@@ -72,12 +72,12 @@ def joints_of(names: Sequence[str]) -> dict[str, str]:
 
 
 def joint_of(name: str) -> str | None:
-    """The joint that people mean by a name, whatever a file calls it: left_forearm; None for others and whole limbs."""
+    """Return the joint with a common name, independent of any file: left_forearm; None for others and whole limbs."""
     return None if words.part_word(name) in _LIMBS else joints_of([name]).get(name)
 
 
 def _spine(names: Sequence[_Name], is_whole: bool) -> dict[str, str]:
-    """Joints of the spine, ours → given, of names from below up."""
+    """Return joints of the spine, ours → given, from names in upward order."""
     if not is_whole or all(name.given in _SPINE for name in names):
         top = [name.given for name in names if name.word in _TRUNK]
         own = {name.given.lower(): name.given for name in names if name.given.lower() in _SPINE}
@@ -89,7 +89,7 @@ def _spine(names: Sequence[_Name], is_whole: bool) -> dict[str, str]:
 
 
 def _finger_of(name: _Name, names: Sequence[_Name]) -> tuple[str, int] | None:
-    """The finger and joint (4: the tip) that a name says."""
+    """Return the finger and joint (4: the tip) that a name means."""
     said = [PHALANGES[word] for word in name.after if word in PHALANGES]
     numbers = [word for word in name.after if word.isdigit()]
     part = PARTS.get(name.word, ("",))[0]
@@ -108,11 +108,11 @@ def _finger_of(name: _Name, names: Sequence[_Name]) -> tuple[str, int] | None:
 
 
 def _fingers(names: dict[_Name, tuple[str, int]]) -> dict[str, str]:
-    """Joints and tips of fingers, ours → given, of those that have two joints or more."""
+    """Return joints and tips of fingers, ours → given, of fingers with two joints or more."""
     found: dict[str, str] = {}
     rooted = {name.side for name, (finger, _) in names.items() if finger == "thumb" and name.says_palm}
     for name, (finger, joint) in names.items():
-        bends = finger == "thumb" and name.side in rooted and joint < _TIP  # as its metacarpal does
+        bends = finger == "thumb" and name.side in rooted and joint < _TIP  # a metacarpal counts as the first joint
         number = min(joint + 1, 3) if bends else joint
         if 1 <= number <= _TIP:
             found.setdefault(f"{name.side}_{finger}{'_tip' if number == _TIP else number}", name.given)
@@ -123,7 +123,7 @@ def _fingers(names: dict[_Name, tuple[str, int]]) -> dict[str, str]:
 
 
 def _read(names: Sequence[str]) -> list[_Name]:
-    """The names that say a part of a body and nothing else."""
+    """Parse the names that mean a part of a body and nothing else."""
     said = {name: words.words(name) for name in dict.fromkeys(names) if not words.is_helper(name)}
     before = {name: tuple(takewhile(lambda word: not words.is_known(word), own)) for name, own in said.items()}
     often = Counter(word for start in before.values() for word in set(start))

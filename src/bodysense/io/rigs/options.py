@@ -1,4 +1,4 @@
-"""What a user says of a motion file; what is left out is found in the file."""
+"""Reading options of a motion file; omitted ones are inferred from the file."""
 
 from __future__ import annotations
 
@@ -15,22 +15,24 @@ UpAxis = Literal["x", "y", "z", "-x", "-y", "-z"]
 
 @dataclass(frozen=True)
 class ReadingOptions:
-    """What a motion file does not say of itself, or says wrongly."""
+    """Facts that a motion file omits or has wrong."""
 
     unit: str | None = None
-    """length unit of the file: m, cm, mm, in, ft, or metres, as 0.056444; if omitted, what the file says, or what
-    makes the body of a motion as tall as a person."""
+    """length unit of the file: m, cm, mm, in, ft, or metres, as 0.056444; if omitted, the file's own, or the unit that
+    makes the body of a motion as tall as a person.
+    """
     up: UpAxis | None = None
-    """upward axis of the file; if omitted, what the file says, or the one along which the body stands."""
+    """upward axis of the file; if omitted, the file's own, or the one along which the body stands."""
     floor: float | None = None
-    """height of the floor in the file, metres along the upward axis; if omitted, where the feet of a motion stand, and
-    0 in a recording."""
+    """height of the floor in the file, metres along the upward axis; if omitted, the height of the feet in a motion,
+    and 0 in a recording.
+    """
     height: float | None = None
     """height of the body in metres, to which a motion is scaled; the file's, or inferred, if omitted."""
     joints: Path | None = None
-    """which joint of a motion is which: a JSON file, drafted by `bodysense data joints`; if omitted, recognised."""
+    """joint map of a motion: a JSON file, drafted by `bodysense data joints`; if omitted, joints are recognised."""
     figure: int | None = None
-    """which body of a motion of several, counted from 1."""
+    """number of the body in a motion of several, counted from 1."""
 
     def __post_init__(self) -> None:
         if self.unit is not None:
@@ -45,12 +47,12 @@ class ReadingOptions:
             raise BodysenseError(f"floor {self.floor:g} m; give the floor's height in metres")
 
     def for_motions(self) -> list[str]:
-        """Options given that only motions have."""
+        """Return the given options that only motions have."""
         return [f"--{name}" for name in ("joints", "figure") if getattr(self, name) is not None]
 
     @property
     def metres(self) -> float | None:
-        """Metres of one unit of the file; None where it is not told."""
+        """Metres of one unit of the file; None if unknown."""
         if self.unit is None:
             return None
         try:

@@ -1,6 +1,6 @@
-"""Rig: what was recognised of a figure, and the way between its world and ours, both ways.
+"""Rig: the recognised joints of a figure, and the transform between its world and ours.
 
-Families of rigs by the names that only they use: what a user is told, never what decides.
+Names also tell the family of a rig, which is printed for the user and decides nothing.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from bodysense.io.rigs.structure import WORST, find_body
 from bodysense.io.rigs.words import NAMESPACE
 from bodysense.io.rigs.world import FLOOR_TOLERANCE, TURNS, find_floor, find_unit, find_up, stature
 
-# The first family of which all names are there (lower case, no punctuation; '*' stands for any beginning).
+# The first family whose names are all present (lower case, no punctuation; '*' matches any beginning).
 _FAMILIES: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("Mixamo", ("*mixamorig",)),
     ("Reallusion (CC, iClone)", ("*ccbase",)),
@@ -67,7 +67,7 @@ _FAMILIES: tuple[tuple[str, tuple[str, ...]], ...] = (
 
 
 def family_of(names: Sequence[str]) -> str | None:
-    """The family of rigs that joints' names are of; None for none that is known."""
+    """Return the family of rigs with such joint names; None if unknown."""
     plain = {re.sub(r"[\W_]", "", NAMESPACE.sub("", name).lower()) for name in names}
     whole = {re.sub(r"[\W_]", "", name.lower()) for name in names}
     for family, needed in _FAMILIES:
@@ -82,28 +82,28 @@ def _has(word: str, plain: set[str], whole: set[str]) -> bool:
     return word in plain
 
 
-SAMPLE = 120  # frames, evenly spaced, that a rig is recognised by
+SAMPLE = 120  # frames, evenly spaced, that recognition uses
 _UNIT_NAMES = {"m": "metres", "cm": "centimetres", "mm": "millimetres", "in": "inches", "ft": "feet"}
 
 
 @dataclass(frozen=True, eq=False)
 class Rig:
-    """A recognised rig: which of its joints are ours, and how its world lies in ours.
+    """A recognised rig: its joints that are ours, and the transform of its world.
 
-    A place of the file is `turn` · place · `unit` + (0, `lift`, 0) in our world (metres, +Y up, floor at 0).
+    A position in the file is `turn` · position · `unit` + (0, `lift`, 0) in our world (metres, +Y up, floor at 0).
     """
 
     family: str  # 'Mixamo' …, or 'unnamed'
     joints: Mapping[str, str]  # our joint or end site → the figure's joint or end site
     unit: float  # metres of one file unit
-    unit_name: str  # 'centimetres' …; '' where the body was scaled to the usual height
+    unit_name: str  # 'centimetres' …; '' if the body was scaled to the usual height
     up: UpAxis  # of the file
-    lift: float  # m: what is added to heights, so that the floor is at 0
-    height: float  # m, sole to crown, about
+    lift: float  # m: added to heights, so that the floor is at 0
+    height: float  # m, sole to crown, approximate
     confidence: float  # 0 to 1
     frame_rate: float
     count: int  # joints of the figure
-    used: int  # of them, those that are ours
+    used: int  # of them, the joints that are ours
     notes: tuple[str, ...] = ()
     turn: np.ndarray = field(init=False, repr=False)  # (4,) our world ← the file's
 
@@ -112,7 +112,7 @@ class Rig:
 
     @property
     def hub(self) -> str:
-        """The figure's joint that carries the legs: the pelvis, or where it has none the lowest of the spine."""
+        """The figure's joint that carries the legs: the pelvis, or without one the lowest joint of the spine."""
         return self.joints.get("pelvis") or self.joints["spine1"]
 
     @property
@@ -122,18 +122,18 @@ class Rig:
 
     @property
     def lacking(self) -> list[str]:
-        """What is missing, without sides, each once."""
+        """Missing joints, without sides, each once."""
         return list(dict.fromkeys(name.removeprefix("left_").removeprefix("right_") for name in self.missing))
 
     @property
     def made_up(self) -> list[str]:
-        """What is done about large parts of a body that the figure lacks."""
+        """Remarks on how missing large parts of the body are filled in."""
         done = {"head": "its head is put over the shoulders", "legs": "its legs keep still", "arms": "its arms hang"}
         return [done[part] for part in parts_lacking(self.joints)]
 
     @property
     def has_fingers(self) -> bool:
-        """Whether it has joints of fingers."""
+        """Whether it has finger joints."""
         return any(name.endswith("2") and name[-2:] != "e2" for name in self.joints)
 
     @property
@@ -141,19 +141,19 @@ class Rig:
         return np.array([0.0, self.lift, 0.0])
 
     def to_world(self, place: np.ndarray) -> np.ndarray:
-        """Places (..., 3) of the file's world in ours, metres."""
+        """Return positions (..., 3) of the file's world in ours, metres."""
         return quaternion_rotate(self.turn, np.asarray(place, dtype=float) * self.unit) + self._raised
 
     def to_file(self, place: np.ndarray) -> np.ndarray:
-        """Places (..., 3) of our world in the file's, in its units."""
+        """Return positions (..., 3) of our world in the file's, in its units."""
         return quaternion_rotate(quaternion_conjugate(self.turn), np.asarray(place) - self._raised) / self.unit
 
     def turned_to_world(self, rotation: np.ndarray) -> np.ndarray:
-        """World rotations (..., 4) of the file in our world."""
+        """Return world rotations (..., 4) of the file in our world."""
         return quaternion_multiply(self.turn, rotation)
 
     def line(self) -> str:
-        """What was recognised, in one line."""
+        """Describe the rig in one line."""
         unit = self.unit_name or f"unknown unit, scaled to {self.height:.2f} m"
         floor = "floor at 0" if self.lift == 0 else f"floor at {-self.lift:.2f} m"
         up = {"y": "y up", "-y": "upside down (-y up)"}.get(self.up, f"{self.up} up")
@@ -167,9 +167,9 @@ class Rig:
 
 
 def recognise(figure: Figure, options: ReadingOptions = AS_FOUND) -> Rig:
-    """Recognise a figure: its joints, unit, upward axis and floor; what `options` say goes before what is found.
+    """Recognise a figure: its joints, unit, upward axis and floor; `options` take precedence over inference.
 
-    Raises BodysenseError, naming the file, where it is not a humanoid or the options do not fit it.
+    Raises BodysenseError, naming the file, if it is not a humanoid or the options do not fit it.
     """
     tree = Tree(figure, sampled(figure).world()[0])
     try:
@@ -212,7 +212,7 @@ def recognise(figure: Figure, options: ReadingOptions = AS_FOUND) -> Rig:
 
 
 def _way_on(figure: Figure, options: ReadingOptions) -> str:
-    """What to do about a body that is not recognised, whose joints nobody told."""
+    """Return the advice for an unrecognised body without a joint map."""
     if options.joints is not None:
         return ""
     return (
@@ -221,5 +221,5 @@ def _way_on(figure: Figure, options: ReadingOptions) -> str:
 
 
 def sampled(figure: Figure) -> Figure:
-    """Frames of a figure that it is recognised by."""
+    """Return the frames of a figure that recognition uses."""
     return figure.at(np.unique(np.linspace(0, len(figure) - 1, SAMPLE).astype(int)))

@@ -1,4 +1,4 @@
-"""A motion on the rig of a BVH file: its hierarchy, names, offsets, order of channels, unit and axes."""
+"""A motion on the rig of a BVH file: its hierarchy, names, offsets, channel order, unit and axes."""
 
 from __future__ import annotations
 
@@ -29,16 +29,16 @@ from bodysense.io.rigs.source_joints import joints_of_file
 def write_on_rig_of(path: Path, clip: Clip, source: Path, options: ReadingOptions = AS_FOUND) -> None:
     """Write a clip as BVH on the rig of another BVH file.
 
-    On a body of other proportions feet stand on the floor and hands are where they were, in a world scaled with the
-    legs (`on_body`). Joints of the rig that we do not have keep their usual turn and place. Raises BodysenseError where
-    the rig's file is none, or of no humanoid.
+    On a body of other proportions feet stay on the floor and hands keep their positions, in a world scaled with the
+    legs (`on_body`). Joints of the rig that we lack keep their mean rotation and position. Raises BodysenseError if the
+    rig's file is not a BVH file, or not a humanoid.
     """
     file = open_bvh(source)
     on_rig(file, read_rigged(file.mended.text(), source, options), clip).write(path)
 
 
 def on_rig(file: BvhLines, rigged: Rigged, clip: Clip) -> BvhLines:
-    """The clip as a file like `file`, of which `rigged` was read."""
+    """Return the clip as a file like `file`, from which `rigged` was read."""
     joints, body = joints_of_file(file, rigged), rigged.clip.pose.skeleton
     pose = clip.pose if np.allclose(clip.pose.skeleton.rest_offset, body.rest_offset) else on_body(clip.pose, body)
     anchor = next(name for name in ("pelvis", "left_hip") if name in joints.ours)
@@ -61,13 +61,13 @@ def on_rig(file: BvhLines, rigged: Rigged, clip: Clip) -> BvhLines:
 
 
 def _usual(rotation: np.ndarray) -> np.ndarray:
-    """The mean (J, 4) of rotations (T, J, 4)."""
+    """Return the mean (J, 4) of rotations (T, J, 4)."""
     sign = np.where((rotation * rotation[:1]).sum(axis=-1, keepdims=True) < 0, -1.0, 1.0)
     return np.asarray(normalize((sign * rotation).sum(axis=0)))
 
 
 def _carrier(file: BvhLines, chain: list[int]) -> int:
-    """The joint that carries the body through the world, of a joint and those above it."""
+    """Return the joint that moves the body through the world, among a joint and its ancestors."""
     moving = [joint for joint in chain if len(file.columns_of(joint, "position")) == 3]
     if not moving:
         raise BodysenseError(f"{file.path}: no position above {file.joints[chain[0]]!r}; take a rig that has one")
@@ -77,9 +77,9 @@ def _carrier(file: BvhLines, chain: list[int]) -> int:
 def _carried(
     rig: BvhLines, file: BvhLines, chain: list[int], target: np.ndarray, world: np.ndarray
 ) -> tuple[int, np.ndarray]:
-    """What carries the body in a rig, and the channels (T, 3) of its position that bring a joint to `target` (T, 3).
+    """Return the joint that moves a rig's body, and its position channels (T, 3) that bring a joint to `target` (T, 3).
 
-    `chain` are that joint and those above it; `file` has the motion but for these, `world` (T, J, 4) its rotations.
+    `chain` is that joint and its ancestors; `file` has the motion except these, `world` (T, J, 4) its rotations.
     """
     carrier = _carrier(rig, chain)
     own = chain.index(carrier)
@@ -91,32 +91,32 @@ def _carried(
         place = place - (step if file.parents[joint] < 0 else quaternion_rotate(world[:, file.parents[joint]], step))
     if file.parents[carrier] >= 0:
         place = quaternion_rotate(quaternion_conjugate(world[:, file.parents[carrier]]), place)
-    if carrier > 0 and not np.allclose(_offset(rig, carrier), _channels(rig, carrier)):  # what is added to its offset
+    if carrier > 0 and not np.allclose(_offset(rig, carrier), _channels(rig, carrier)):  # they add to the offset
         place = place - rig.offset[carrier]
     return carrier, np.asarray(place)
 
 
 def _offset(file: BvhLines, joint: int) -> np.ndarray:
-    """Place (T, 3) of a joint in its parent, file units."""
+    """Return the position (T, 3) of a joint in its parent, file units."""
     still = np.tile(file.offset[joint], (len(file.lines), 1))
     given = {joint: _channels(file, joint)} if file.columns_of(joint, "position") else {}
     return placed(given, file.offset).get(joint, still)
 
 
 def _channels(file: BvhLines, joint: int) -> np.ndarray:
-    """The position channels (T, 3) of a joint, its offset along axes that have none."""
+    """Return the position channels (T, 3) of a joint; its offset along axes without a channel."""
     given = np.tile(file.offset[joint], (len(file.lines), 1))
     given[:, _axes(file, joint)] = file.mended.values[:, file.columns_of(joint, "position")]
     return given
 
 
 def _axes(file: BvhLines, joint: int) -> list[int]:
-    """The axes of a joint's position channels, in their order."""
+    """Return the axes of a joint's position channels, in their order."""
     return ["XYZ".index(channel[0]) for channel in file.channels[joint] if channel.endswith("position")]
 
 
 def _frames(file: BvhLines, row: np.ndarray, count: int, interval: float) -> BvhLines:
-    """The file with `count` frames of one row (C,) of values."""
+    """Return the file with `count` frames of one row (C,) of values."""
     head = re.sub(rb"(Frames\s*:\s*)\d+", rb"\g<1>%d" % count, file.head, flags=re.IGNORECASE)
     head = re.sub(rb"(Frame\s+Time\s*:\s*)\S+", rb"\g<1>%.10g" % interval, head, flags=re.IGNORECASE)
     line = b" ".join(b"%.6f" % value for value in row) + b"\n"

@@ -1,8 +1,8 @@
-"""BVH files of any rig as clips in canonical form: parsed, recognised, brought to metres, +Y up and a floor at 0.
+"""BVH files of any rig as clips in canonical form: parsed, recognised, in metres, +Y up, floor at 0.
 
-Bodies: the figures of a file that are people, whether each has a root of its own or several hang on one.
+A file's bodies are its human figures, whether each has a root of its own or several share one.
 
-Flat trees: joints that all hang on one root, or on none, are hung on one another as a body's, by their names.
+Flat trees, in which all joints are children of one root or are roots, are rebuilt as a body's tree, by name.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ BONES = (("shoulder", "elbow"), ("elbow", "wrist"), ("hip", "knee"), ("knee", "a
 
 
 def hung(figures: list[Figure], options: ReadingOptions) -> list[Figure]:
-    """The figures of a file; of a flat tree a body, whose joints are where and turned as they were in the world."""
+    """Return the figures of a file; a flat tree becomes a body with unchanged joint positions and rotations."""
     names = [name for figure in figures for name in figure.joints]
     given = table_of(options.joints) if options.joints is not None else joints_of(names)
     ours = {of: name for name, of in given.items() if name in names}
@@ -70,12 +70,12 @@ def hung(figures: list[Figure], options: ReadingOptions) -> list[Figure]:
 
 
 def _is_trunk(name: str) -> bool:
-    """Whether a name is that of a joint between pelvis and head."""
+    """Whether a name means a joint between pelvis and head."""
     return bool(words.parts(name) & {"spine", "neck"}) and not words.side_of(name) and not words.is_end(name)
 
 
 def _in_world(figures: list[Figure], names: list[str]) -> dict[str, tuple[np.ndarray, np.ndarray, int]]:
-    """Of joints by name: places (T, 3) in the file's world, rotations (T, 4), and the node of the file."""
+    """Return positions (T, 3) and rotations (T, 4) in the file's world, and the file's nodes, of joints by name."""
     found = {}
     for figure in figures:
         if own := [k for k, name in enumerate(figure.joints) if name in names]:
@@ -85,7 +85,7 @@ def _in_world(figures: list[Figure], names: list[str]) -> dict[str, tuple[np.nda
 
 
 def _upward(trunk: list[str], ours: Mapping[str, str], joints: Mapping[str, tuple]) -> list[str]:
-    """All joints between pelvis and head, those that we have among them, from below up."""
+    """Return all joints between pelvis and head, including known ones, from bottom to top."""
     low, high = joints[ours["pelvis"]][0], (joints[ours["left_shoulder"]][0] + joints[ours["right_shoulder"]][0]) / 2
     up = high - low
     own = [ours[name] for name in ("spine1", "spine2", "spine3", "neck") if name in ours]
@@ -93,7 +93,7 @@ def _upward(trunk: list[str], ours: Mapping[str, str], joints: Mapping[str, tupl
 
 
 def _parents(ours: Mapping[str, str], trunk: list[str]) -> dict[str, str | None]:
-    """On which joint each hangs, by name, in an order in which parents come first."""
+    """Return the parent of each joint, by name, parents first."""
     body = default_skeleton()
     parents: dict[str, str | None] = {ours["pelvis"]: None}
     below = ours["pelvis"]
@@ -124,7 +124,7 @@ _DEEPEST = 3  # joints above several bodies
 
 
 def bodies_of(figures: list[Figure], options: ReadingOptions) -> list[Figure]:
-    """The figures that are people. One alone is given back untried, so that recognising it says what is wrong."""
+    """Return the human figures. One alone is returned unchecked, so that recognising it reports the error."""
     figures = hung(figures, options)
     if options.joints is not None and len(figures) == 1:
         return figures
@@ -136,7 +136,7 @@ def bodies_of(figures: list[Figure], options: ReadingOptions) -> list[Figure]:
 
 
 def _apart(figure: Figure, deepest: int) -> list[Figure]:
-    """The bodies that hang on one root; the figure itself where it does not hold two."""
+    """Return the bodies that share one root; the figure itself if it does not hold two."""
     branches = [child for child in figure.children[0] if _size(figure, child) >= _FEWEST]
     if len(branches) > 1:
         parts = [figure.below(child) for child in branches]
@@ -150,7 +150,7 @@ def _apart(figure: Figure, deepest: int) -> list[Figure]:
 
 
 def _size(figure: Figure, point: int) -> int:
-    """How many joints hang on a point, itself counted."""
+    """Return the number of joints below a point, including itself."""
     count, todo = 0, [point]
     while todo:
         here = todo.pop()
@@ -167,15 +167,15 @@ def _is_body(figure: Figure) -> bool:
     return True
 
 
-MOST_POINTS = 400  # of a figure, that are all kept; of a larger one only those that lie between a body's
+MOST_POINTS = 400  # points of a figure that are all kept; a larger one keeps only those between a body's
 PELVIS = "pelvis, made of the hips"
-OVER_HIPS = 0.1  # of a leg's length: how far a made pelvis is over the hips
+OVER_HIPS = 0.1  # of a leg's length: height of an added pelvis over the hips
 STRETCH = 1e-4  # m: bones that vary by less are rigid
 
 
 @dataclass(frozen=True, eq=False)
 class Rigged:
-    """A body of a BVH file: what the file says, what was recognised of it, and its motion in canonical form."""
+    """A body of a BVH file: the file's content, the recognised rig, and the motion in canonical form."""
 
     file: BvhFile
     figure: Figure  # of the body chosen, in file units
@@ -184,9 +184,9 @@ class Rigged:
 
 
 def read_rigged(data: bytes, path: Path, options: ReadingOptions = AS_FOUND, *, must_stand: bool = False) -> Rigged:
-    """Read a BVH file's bytes; `path` names it. `must_stand` refuses one whose rest pose and motion stand in no frame.
+    """Read a BVH file's bytes; `path` names it. `must_stand` refuses a body that stands in no frame.
 
-    Raises BodysenseError, naming the file and the fix, where it holds no body, or several and none was chosen.
+    Raises BodysenseError, naming the file and the fix, if it holds no body, or several without a choice.
     """
     file = parse_bvh(data, path)
     if must_stand and options.floor is None:  # a published set has its floor
@@ -202,12 +202,12 @@ def read_rigged(data: bytes, path: Path, options: ReadingOptions = AS_FOUND, *, 
 
 
 def figure_of_file(data: bytes, path: Path, options: ReadingOptions = AS_FOUND) -> Figure:
-    """The figure of a BVH file's bytes that is read, whether or not it is recognised. Raises as `read_rigged`."""
+    """Return the figure that is read from a BVH file's bytes, recognised or not. Raises as `read_rigged`."""
     return _chosen(parse_bvh(data, path), options)
 
 
 def _chosen(file: BvhFile, options: ReadingOptions) -> Figure:
-    """The body that the options choose."""
+    """Return the body that the options choose."""
     path, figures = file.path, bodies_of([file.figure(root) for root in file.roots], options)
     names = ", ".join(f"{rank} ({figure.joints[0]})" for rank, figure in enumerate(figures, start=1))
     if options.figure is None and len(figures) > 1:
@@ -218,7 +218,7 @@ def _chosen(file: BvhFile, options: ReadingOptions) -> Figure:
 
 
 def _clip(figure: Figure, rig: Rig, must_stand: bool) -> Clip:
-    """The motion of a recognised figure in canonical form."""
+    """Return the motion of a recognised figure in canonical form."""
     sites = [
         given for ours, given in rig.joints.items() if given in figure.end_sites and ours in default_skeleton().joints
     ]
@@ -241,7 +241,7 @@ def _clip(figure: Figure, rig: Rig, must_stand: bool) -> Clip:
 
 
 def _of_body(figure: Figure, rig: Rig) -> Figure:
-    """The figure below the joint that carries all that was recognised, without what does not matter."""
+    """Return the figure below the joint that carries all recognised joints; large figures keep only these."""
     index = {name: point for point, name in enumerate(figure.points)}
     needed = Counter(above for given in rig.joints.values() for above in figure.above(index[given]))
     shared = [point for point, count in needed.items() if count == len(rig.joints)]
@@ -253,7 +253,7 @@ def _of_body(figure: Figure, rig: Rig) -> Figure:
 
 
 def _placed(figure: Figure, rig: Rig) -> tuple[Clip, np.ndarray | None]:
-    """A figure as a clip in our world, and where its points are (T, P, 3) m if its bones are not rigid."""
+    """Return a figure as a clip in our world, and its points (T, P, 3) m if its bones are not rigid."""
     try:
         skeleton = Skeleton(figure.joints, figure.end_sites, figure.parents, figure.bone * rig.unit)
     except BodysenseError as error:
@@ -267,7 +267,7 @@ def _placed(figure: Figure, rig: Rig) -> tuple[Clip, np.ndarray | None]:
 
 
 def _with_pelvis(clip: Clip, place: np.ndarray | None, rig: Rig) -> tuple[Clip, np.ndarray | None]:
-    """A clip whose legs hang on the middle of its trunk, with a pelvis over the hips, which carries that as a joint."""
+    """Add a pelvis over the hips of a clip whose legs hang on the middle of its trunk, which becomes its child."""
     skeleton, pose = clip.pose.skeleton, clip.pose
     if skeleton.joints[0] != rig.hub:
         raise BodysenseError(f"{clip.name}: no joint is its pelvis; say which in a file, --joints")

@@ -1,9 +1,9 @@
-"""A rest pose from the motion itself, for files whose own rest pose is none that a body could stand in.
+"""A rest pose from the motion itself, for files whose own rest pose is not a standing body.
 
 Talking With Hands 16.2M is such a set: its hierarchy holds every bone in a frame of the rig's own, so that with all
-rotations zero the body is contorted. Where the joints are does not depend on the rest pose, but how much a limb or the
-head is twisted does. The frame that is nearest to a T-pose, or to standing with hanging arms (which differs from it by
-a turn in one plane), tells it as well as a person stands straight in it.
+rotations zero the body is contorted. Joint positions do not depend on the rest pose, but the twist of limbs and
+head does. It is taken from the frame closest to a T-pose, or to standing with hanging arms (a turn in one plane
+away); the result is as accurate as the person stands straight there.
 """
 
 from __future__ import annotations
@@ -17,29 +17,29 @@ from bodysense.body.pose import Pose, forward_kinematics, rest_pose
 from bodysense.body.rotation import matrix_to_quaternion, quaternion_conjugate, quaternion_multiply
 from bodysense.io.clip import Clip
 
-CANDIDATES = 2000  # frames that are looked at, evenly spaced
-UPRIGHT = np.deg2rad(30.0)  # of the best frame: in a torso more oblique than this nobody stands
-HANGING = np.deg2rad(10.0)  # by how much nearer than a T-pose hanging arms must be, to be preferred
-_EYES = ("b_l_eye", "b_r_eye")  # of the rigs of Meta's data sets: they say where a head looks
+CANDIDATES = 2000  # frames that are examined, evenly spaced
+UPRIGHT = np.deg2rad(30.0)  # rad; if the best frame's torso leans more than this, the body never stands
+HANGING = np.deg2rad(10.0)  # rad by which hanging arms must be closer than a T-pose to be preferred
+_EYES = ("b_l_eye", "b_r_eye")  # of the rigs of Meta's data sets; eyes define the direction of a head
 _UP = np.array([0.0, 1.0, 0.0])
 _LEG = (("hip", "knee"), ("knee", "ankle"))
 
-Places = dict[str, np.ndarray]  # of points of ours, and of the eyes, by name: (..., 3) m, world
+Places = dict[str, np.ndarray]  # points of ours, and the eyes, by name: (..., 3) m, world
 
 
 @dataclass(frozen=True, eq=False)
 class Stance:
     """A frame of a motion as a rest pose."""
 
-    rest: Pose | None  # no batch axes; None where the file's own rest pose is one that a body stands in
+    rest: Pose | None  # no batch axes; None if the file's own rest pose is a standing body
     torso: float  # radians from upright
 
 
 def standing_rest(clip: Clip, joints: Mapping[str, str]) -> Stance:
-    """A pose to hand to `canonical` as `rest`; `joints` are {name in the clip: ours}.
+    """Return a pose to pass to `canonical` as `rest`; `joints` are {name in the clip: ours}.
 
-    It is the frame in which the clip's body stands nearest to a T-pose or with hanging arms, its head turned straight
-    if the rig has eyes.
+    It is the frame in which the clip's body is closest to a T-pose or to standing with hanging arms, with its head
+    turned straight if the rig has eyes.
     """
     skeleton = clip.pose.skeleton
     index = {ours: skeleton.index(given) for given, ours in joints.items()}
@@ -62,7 +62,7 @@ def _places(pose: Pose, index: dict[str, int]) -> Places:
 
 
 def _over(place: Places) -> np.ndarray:
-    """Somewhere up the trunk, of a body without a neck: between the shoulders, on the spine, or over the legs."""
+    """Return a point up the trunk of a body without a neck: between the shoulders, on the spine, or over the legs."""
     if "left_shoulder" in place:
         return _middle(place, "shoulder")
     spine = [place[name] for name in ("spine3", "spine1") if name in place]
@@ -70,7 +70,7 @@ def _over(place: Places) -> np.ndarray:
 
 
 def _stands(place: Places) -> bool:
-    """Whether a rest pose, whichever way is up in it, is one of standing: legs down, arms not over the head, to 60°."""
+    """Whether a rest pose, whatever its up axis, is standing: legs down, arms not over the head, within 60°."""
     upper = "shoulder" if "left_shoulder" in place else "hip"
     across = _unit(place[f"left_{upper}"] - place[f"right_{upper}"])
     up = _unit(place["neck"] - (_middle(place, "hip") if "left_hip" in place else place["pelvis"]))
@@ -82,7 +82,7 @@ def _stands(place: Places) -> bool:
 
 
 def _bone(place: Places, side: str, start: str, end: str) -> list[np.ndarray]:
-    """From one joint to another, where the body has both."""
+    """Return the vector from one joint to another, if the body has both."""
     names = (f"{side}_{start}", f"{side}_{end}")
     return [place[names[1]] - place[names[0]]] if all(name in place for name in names) else []
 
@@ -92,7 +92,7 @@ def _middle(place: Places, part: str) -> np.ndarray:
 
 
 def _crookedness(place: Places) -> np.ndarray:
-    """How far (T,) a body is from standing straight: squared angles, summed."""
+    """Return the distance (T,) of a body from standing straight: squared angles, summed."""
     across = _across(place)
     angles = [
         _angle(place["neck"] - place["pelvis"], _UP),
@@ -112,7 +112,7 @@ def _crookedness(place: Places) -> np.ndarray:
 
 
 def _looking_ahead(pose: Pose, index: dict[str, int]) -> Pose:
-    """The pose with its head upright and its eyes level, in the direction of its hips; unchanged if it has no eyes."""
+    """Turn the head upright with level eyes, in the direction of the hips; the pose is unchanged if it has no eyes."""
     if not {"head", "head_top", *_EYES} <= index.keys():
         return pose
     position, world = forward_kinematics(pose)
@@ -128,13 +128,13 @@ def _looking_ahead(pose: Pose, index: dict[str, int]) -> Pose:
 
 
 def _across(place: Places) -> np.ndarray:
-    """From the right hip to the left one, or from shoulder to shoulder, level, of length one."""
+    """Return the horizontal unit vector from the right hip to the left one, or from shoulder to shoulder."""
     part = "hip" if "left_hip" in place else "shoulder"
     return _unit((place[f"left_{part}"] - place[f"right_{part}"]) * np.array([1.0, 0.0, 1.0]))
 
 
 def _axes(x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """A right-handed frame (3, 3), axes as columns: along `x`, then as near to `y` as can be."""
+    """Return a right-handed frame (3, 3), axes as columns: along `x`, then as close to `y` as possible."""
     x, z = _unit(x), _unit(np.cross(x, y))
     return np.stack([x, np.cross(z, x), z], axis=1)
 
@@ -144,5 +144,5 @@ def _unit(vector: np.ndarray) -> np.ndarray:
 
 
 def _angle(u: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """Angles (...) between vectors (..., 3), radians."""
+    """Return angles (...) between vectors (..., 3), radians."""
     return np.arctan2(np.linalg.norm(np.cross(u, v), axis=-1), np.sum(u * v, axis=-1))

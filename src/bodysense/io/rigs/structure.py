@@ -1,4 +1,4 @@
-"""Structure: which joints of a tree are a body's, by tree shape, symmetry, lengths and directions, then by names."""
+"""Structure: which joints of a tree form a body, by tree shape, symmetry, lengths and directions, then by names."""
 
 from __future__ import annotations
 
@@ -12,34 +12,34 @@ from bodysense.io.rigs.limbs import ROLES, Kind, Limb, Tree, as_limb, pairs_of
 from bodysense.io.rigs.trunk import Head, fingers_of, head_of, spine_of
 
 NO_BODY = "not a humanoid: two legs and two arms were not found"
-WORST = 16.0  # penalty of what is still taken for a body
-_CANDIDATES = 24  # legs and arms that are tried with each other
-_WITH_HEAD = 8  # of them, the best, that are searched for a head
+WORST = 16.0  # largest penalty of a body
+_CANDIDATES = 24  # legs and arms that are combined
+_WITH_HEAD = 8  # best combinations that are searched for a head
 _HEADLESS = 6.0
-HIGH_HUB = 0.3  # of the way to the shoulders: a joint that is so far from the hips is no pelvis
-_GUESS = 0.4  # of 6: feet that are not there and knees that are straight say no more of left and right
-_OF: dict[Kind, tuple[str, ...]] = {  # what there is of a limb
+HIGH_HUB = 0.3  # of the distance to the shoulders: a joint this far from the hips is not a pelvis
+_GUESS = 0.4  # of 6: below it, missing feet and straight knees do not decide left and right
+_OF: dict[Kind, tuple[str, ...]] = {  # points of a limb
     "leg": ("hip", "knee", "ankle", "foot", "toe"),
     "arm": ("collar", "shoulder", "elbow", "wrist", *words.FINGERS),
 }
-_ZERO = 0.01  # of a leg's length: what is nearer is in one place
+_ZERO = 0.01  # of a leg's length: closer points coincide
 
-# What is usual of a body, and how far the logarithm of it strays: legs over arms, trunk over legs.
+# Usual ratios of a body and the standard deviations of their logarithms: legs to arms, trunk to legs.
 _LEGS_OVER_ARMS, _TRUNK_OVER_LEGS = (1.5, 0.4), (0.58, 0.4)
 
 
 @dataclass(frozen=True)
 class Structure:
-    """The points of a figure that a body has: {ours: index in the figure}; and how little it is one."""
+    """The points of a figure that a body has: {ours: index in the figure}; `penalty`: how unlike a human body it is."""
 
     points: dict[str, int]
     penalty: float
-    sides: str  # what told left from right: 'names' or 'the feet'
+    sides: str  # evidence for left and right: 'names' or 'the feet'
     remarks: tuple[str, ...] = ()
 
 
 def find_body(tree: Tree) -> Structure:
-    """The body in a tree. Raises BodysenseError where there is none."""
+    """Return the body in a tree. Raises BodysenseError if there is no body."""
     pairs = pairs_of(tree)
     legs = [limb for hub, chains in pairs if (limb := as_limb(tree, hub, chains, "leg"))]
     arms = [limb for hub, chains in pairs if (limb := as_limb(tree, hub, chains, "arm"))]
@@ -57,7 +57,7 @@ def find_body(tree: Tree) -> Structure:
 
 
 def _half(tree: Tree, legs: list[Limb], arms: list[Limb]) -> Structure:
-    """The upper or the lower half of a body, which its names tell. Raises BodysenseError where they tell none."""
+    """Return the upper or lower half of a body, by names. Raises BodysenseError if names do not identify one."""
     names = tree.figure.points
     named: dict[Kind, list[Limb]] = {
         "leg": [one for one in legs if _says(tree, one, "leg")],
@@ -76,7 +76,7 @@ def _half(tree: Tree, legs: list[Limb], arms: list[Limb]) -> Structure:
 
 
 def _says(tree: Tree, limb: Limb, kind: Kind) -> bool:
-    """Whether the names of both limbs say that they are legs or arms, and which is left."""
+    """Whether the names of both limbs identify them as legs or arms, and left and right."""
     names = tree.figure.points
     said = all(
         role in words.parts(names[k]) for n in (0, 1) for role, k in zip(ROLES[kind], limb.joints(n), strict=True)
@@ -85,13 +85,13 @@ def _says(tree: Tree, limb: Limb, kind: Kind) -> bool:
 
 
 def _says_other(tree: Tree, limb: Limb, kind: Kind) -> bool:
-    """Whether the names of all joints of a limb say that it is something else."""
+    """Whether the names of all joints of a limb identify it as something else."""
     said = [(role, words.parts(tree.figure.points[k])) for role, k in zip(ROLES[kind], limb.joints(0), strict=True)]
     return all(parts and role not in parts for role, parts in said)
 
 
 def _other_end(tree: Tree, limb: Limb, part: str) -> int:
-    """The joint at the end of the trunk that has no limbs: the one named so, or the farthest that it can be."""
+    """Return the joint at the end of the trunk without limbs: the one named so, or the farthest possible."""
     figure = tree.figure
     own = {k for chain in limb.chains for k in chain}
     trunk = figure.above(limb.hub) if part == "pelvis" else [k for k in range(len(figure.joints)) if k not in own]
@@ -108,7 +108,7 @@ def _disjoint(leg: Limb, arm: Limb) -> bool:
 
 
 def _together(tree: Tree, leg: Limb, arm: Limb, longest: float) -> float:
-    """Penalty of legs and arms as those of one body."""
+    """Return the penalty of combining legs and arms in one body."""
     hips, shoulders = (_middle(tree, limb) for limb in (leg, arm))
     trunk = float(np.median(np.linalg.norm(shoulders - hips, axis=-1)))
     hip_width, shoulder_width = (tree.distance(limb.joints(0)[0], limb.joints(1)[0]) for limb in (leg, arm))
@@ -124,12 +124,12 @@ def _together(tree: Tree, leg: Limb, arm: Limb, longest: float) -> float:
 
 
 def _middle(tree: Tree, limb: Limb) -> np.ndarray:
-    """(S, 3) between the first joints of two limbs."""
+    """Return the midpoint (S, 3) of the first joints of two limbs."""
     return (tree.place[:, limb.joints(0)[0]] + tree.place[:, limb.joints(1)[0]]) / 2
 
 
 def _is_animal(tree: Tree, leg: Limb, arm: Limb, legs: list[Limb]) -> bool:
-    """Whether it stands on its arms, as its legs square to its trunk, or has more legs than two."""
+    """Whether it stands on its arms, with legs perpendicular to its trunk, or has more than two legs."""
     trunk = _middle(tree, arm) - _middle(tree, leg)
 
     def along(limb: Limb) -> np.ndarray:
@@ -153,7 +153,7 @@ def _cosine(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def _named(tree: Tree, leg: Limb, arm: Limb, penalty: float) -> Structure:
-    """The points of a body of these limbs."""
+    """Return the points of a body with these limbs."""
     figure = tree.figure
     left_leg, left_arm, sides, remarks = _left(tree, leg, arm)
     zero = _ZERO * leg.length
@@ -163,7 +163,7 @@ def _named(tree: Tree, leg: Limb, arm: Limb, penalty: float) -> Structure:
     trunk = np.linalg.norm(_middle(tree, arm) - hips, axis=-1)
     over_hips = np.median(np.linalg.norm(tree.place[:, pelvis] - hips, axis=-1))
     if arm.chains[0] != arm.chains[1] and over_hips > HIGH_HUB * np.median(trunk):
-        points = {}  # the legs hang on the middle of the trunk, as OpenNI has them
+        points = {}  # the legs hang on the middle of the trunk, as in OpenNI
         spine = [pelvis, *spine]
     head = head_of(tree, leg, arm) or Head(None, None, None, ())
     spine = [*spine, *head.spine]
@@ -201,7 +201,7 @@ def _named(tree: Tree, leg: Limb, arm: Limb, penalty: float) -> Structure:
 
 
 def _collar(tree: Tree, arm: Limb, which: int) -> int | None:
-    """The joint that carries a shoulder: one named so, or the first that is nearer to it than the elbow."""
+    """Return the joint that carries a shoulder: one named so, or the first that is closer to it than the elbow."""
     shoulder = arm.joints(which)[0]
     before = [k for k in arm.before(which) if k < len(tree.figure.joints)]
     named = [k for k in before if "collar" in words.parts(tree.figure.points[k])]
@@ -210,7 +210,7 @@ def _collar(tree: Tree, arm: Limb, which: int) -> int | None:
 
 
 def _foot(tree: Tree, ankle: int, after: tuple[int, ...], zero: float) -> dict[str, int]:
-    """Ball of the foot and tip of the toes."""
+    """Return the ball of the foot and the tip of the toes."""
     joints = len(tree.figure.joints)
     chain = [k for k in after if tree.distance(k, ankle) > zero]
     named = [
@@ -228,7 +228,7 @@ def _foot(tree: Tree, ankle: int, after: tuple[int, ...], zero: float) -> dict[s
 
 
 def _left(tree: Tree, leg: Limb, arm: Limb) -> tuple[int, int, str, tuple[str, ...]]:
-    """Which of the two legs and of the two arms is the left one, what told it, and what is odd about it."""
+    """Return the index of the left leg and of the left arm, the evidence, and remarks."""
     hips, shoulders = (tree.place[:, limb.joints(0)[0]] - tree.place[:, limb.joints(1)[0]] for limb in (leg, arm))
     crossed = float(_cosine(hips, shoulders).mean()) < 0
     named = [words.side(*([tree.figure.points[k] for k in chain] for chain in limb.chains)) for limb in (leg, arm)]
@@ -246,7 +246,7 @@ def _left(tree: Tree, leg: Limb, arm: Limb) -> tuple[int, int, str, tuple[str, .
 
 
 def _anatomical(tree: Tree, leg: Limb, arm: Limb) -> tuple[int, float]:
-    """1 where the first leg is the left one as feet and knees point forward, else -1; and how sure that is, 0 to 6."""
+    """Return 1 if the first leg is the left one by feet and knees, else -1; and the confidence, 0 to 6."""
     up = _middle(tree, arm) - _middle(tree, leg)
     across = tree.place[:, leg.joints(0)[0]] - tree.place[:, leg.joints(1)[0]]
     votes = np.zeros(len(up))
@@ -254,7 +254,7 @@ def _anatomical(tree: Tree, leg: Limb, arm: Limb) -> tuple[int, float]:
         hip, knee, ankle = (tree.place[:, k] for k in leg.joints(which))
         toes = [k for k in leg.after(which) if tree.distance(k, leg.joints(which)[2]) > 0.1 * leg.lengths[1]]
         shin = ankle - knee
-        if toes:  # feet point forward, square to the shin
+        if toes:  # feet point forward, perpendicular to the shin
             foot = tree.place[:, toes[-1]] - ankle
             votes += 2 * _turn(-shin, foot, across)
         bend = knee - (hip + ankle) / 2
@@ -265,5 +265,5 @@ def _anatomical(tree: Tree, leg: Limb, arm: Limb) -> tuple[int, float]:
 
 
 def _turn(up: np.ndarray, forward: np.ndarray, across: np.ndarray) -> np.ndarray:
-    """How much (S,) `across` points to the left of what faces `forward`: the cosine."""
+    """Return the cosine (S,) between `across` and the left of a body that faces `forward`."""
     return _cosine(np.cross(up, forward), across)

@@ -1,6 +1,6 @@
-"""The trunk: spine, pelvis, neck and head between the limbs that were found.
+"""The trunk: spine, pelvis, neck and head between the limbs; and the fingers.
 
-Fingers: which chains below a wrist are which, by their names, their numbers, or where they begin.
+Fingers are identified by their names, their numbers, or their positions on the hand.
 """
 
 from __future__ import annotations
@@ -13,25 +13,25 @@ from bodysense.io.rigs import words
 from bodysense.io.rigs.limbs import Limb, Tree
 from bodysense.io.rigs.words import FINGERS
 
-HEAD_HEIGHT = 0.40  # of the trunk's length: how far over the shoulders the joint of a head is
-_NECK_HEIGHT = 0.3  # what is lower is a neck where there is more above it
-_NAMED_NECK_HEIGHT = 0.36  # the same of what is named a neck
-_TOP_HEIGHT = 0.55  # a last joint that is higher is the top of the head
-_BESIDE = 0.35  # of the trunk's length: what is farther beside the middle is no head
+HEAD_HEIGHT = 0.40  # of the trunk's length: height of a head joint over the shoulders
+_NECK_HEIGHT = 0.3  # a lower joint is a neck if there is more above it
+_NAMED_NECK_HEIGHT = 0.36  # the limit for joints named as a neck
+_TOP_HEIGHT = 0.55  # a last joint above this is the top of the head
+_BESIDE = 0.35  # of the trunk's length; points farther from the middle are not a head
 
 
 @dataclass(frozen=True)
 class Head:
-    """What is over the shoulders."""
+    """The joints over the shoulders."""
 
-    head: int | None  # None where nothing is where a head is
+    head: int | None  # if a joint is at that height
     neck: int | None
     top: int | None
-    spine: tuple[int, ...]  # joints below the neck that the arms do not hang on
+    spine: tuple[int, ...]  # joints below the neck that do not carry the arms
 
 
 def head_of(tree: Tree, leg: Limb, arm: Limb) -> Head | None:
-    """The head of a body of these limbs; None where nothing is over its shoulders."""
+    """Return the head of a body with these limbs; None if nothing is over its shoulders."""
     figure = tree.figure
     hips, shoulders = ((tree.place[:, limb.joints(0)[0]] + tree.place[:, limb.joints(1)[0]]) / 2 for limb in (leg, arm))
     trunk = shoulders - hips
@@ -68,12 +68,12 @@ def head_of(tree: Tree, leg: Limb, arm: Limb) -> Head | None:
 
 
 def _below_few(tree: Tree, point: int, wanted: int) -> tuple[int, ...]:
-    """The wanted point, if it hangs below another."""
+    """Return the wanted point as a tuple if it is below another, else an empty tuple."""
     return (wanted,) if point in tree.figure.above(wanted) else ()
 
 
 def _upward(tree: Tree, start: int, height, beside) -> list[int]:
-    """From a joint up to a leaf, along what is named head or neck, else the middle and highest."""
+    """Return the chain from a joint up to a leaf, along head or neck by name, else the most central and highest."""
     chain = [start]
     while children := [k for k in tree.figure.children[chain[-1]] if not _is_aside(tree.figure.points[k])]:
         best = max(
@@ -90,12 +90,12 @@ def _upward(tree: Tree, start: int, height, beside) -> list[int]:
 
 
 def _is_aside(name: str) -> bool:
-    """Whether a name is that of a helper that is no part of a neck: NeckTwist02 is."""
+    """Whether a name means a helper outside the neck; NeckTwist02 is part of it."""
     return words.is_helper(name) and not words.parts(name) & {"neck"}
 
 
 def _split(tree: Tree, chain: list[int], height) -> Head | None:
-    """Spine, neck, head and its top of what leads up from the shoulders."""
+    """Split a chain above the shoulders into spine, neck, head and top of the head."""
     figure = tree.figure
     joints = [k for k in chain if k < len(figure.joints)]
     if not joints:
@@ -135,14 +135,14 @@ def _split(tree: Tree, chain: list[int], height) -> Head | None:
 
 
 def _on_neck(neck: int, tip: int, height: float, spine: tuple[int, ...]) -> Head:
-    """What a neck carries that no joint follows: nothing, a head or its top, by how high its tip is."""
+    """Classify the tip of a neck without further joints: nothing, a head or its top, by its height."""
     if tip == neck or height < _NECK_HEIGHT:
         return Head(None, neck, None, spine)
     return Head(None, neck, tip, spine) if height > _TOP_HEIGHT else Head(tip, neck, None, spine)
 
 
 def spine_of(tree: Tree, leg: Limb, arm: Limb, zero: float) -> tuple[list[int], int, int | None]:
-    """Joints of the spine from below, the pelvis, and a neck that the arms hang on, if they do."""
+    """Return the joints of the spine from below, the pelvis, and the neck if it carries the arms."""
     figure = tree.figure
     from_arms, from_legs = figure.above(arm.hub), figure.above(leg.hub)
     meet = next(k for k in from_arms if k in from_legs)
@@ -166,18 +166,18 @@ def spine_of(tree: Tree, leg: Limb, arm: Limb, zero: float) -> tuple[list[int], 
 
 
 def _is_near(tree: Tree, point: int, leg: Limb) -> bool:
-    """Whether a joint is where a pelvis can be: near the hips."""
+    """Whether a joint is close enough to the hips for a pelvis."""
     hips = (tree.place[:, leg.joints(0)[0]] + tree.place[:, leg.joints(1)[0]]) / 2
     return float(np.median(np.linalg.norm(tree.place[:, point] - hips, axis=-1))) < 0.45 * leg.length
 
 
-_METACARPAL = 0.75  # of the next bone: a first one that begins nearer to the wrist is inside the palm
-_MOST = 8  # chains that a hand may have
-_HELD = 2.0  # times as long as most chains below a wrist: something that the hand holds
+_METACARPAL = 0.75  # of the next bone: a first joint closer to the wrist is inside the palm
+_MOST = 8  # most chains of a hand
+_HELD = 2.0  # longer than most chains below a wrist by this factor: an object in the hand
 
 
 def fingers_of(tree: Tree, wrist: int) -> dict[str, int]:
-    """Joints and tips of the fingers below a wrist: 'index1', 'index2', 'index3', 'index_tip' …"""
+    """Return joints and tips of the fingers below a wrist: 'index1', 'index2', 'index3', 'index_tip' …"""
     if wrist >= len(tree.figure.joints):
         return {}
     found: dict[str, int] = {}
@@ -194,7 +194,7 @@ def fingers_of(tree: Tree, wrist: int) -> dict[str, int]:
 
 
 def _chains(tree: Tree, wrist: int) -> list[list[int]]:
-    """The branches below a wrist that do not part again, from the wrist on."""
+    """Return the branches below a wrist without further branching, from the wrist on."""
     figure = tree.figure
     leaves = []
     todo = [wrist]
@@ -217,7 +217,7 @@ def _chains(tree: Tree, wrist: int) -> list[list[int]]:
 
 
 def _which(tree: Tree, wrist: int, chains: list[list[int]]) -> dict[str, list[int]]:
-    """The finger that each chain is."""
+    """Return the chain of each finger."""
     names = tree.figure.points
     told: dict[str, list[int]] = {}
     for chain in chains:
@@ -250,9 +250,9 @@ def _which(tree: Tree, wrist: int, chains: list[list[int]]) -> dict[str, list[in
 
 
 def _without_metacarpal(tree: Tree, wrist: int, finger: str, chain: list[int], joints: list[int]) -> list[int]:
-    """The three joints that bend: without a bone inside the palm, named so or too near to the wrist."""
+    """Return the three bending joints: without a bone inside the palm, known by name or by distance to the wrist."""
     names = tree.figure.points
-    if len(joints) > 3 and len(chain) > len(joints):  # four that bend and a tip: the first is inside the palm
+    if len(joints) > 3 and len(chain) > len(joints):  # four joints and a tip: the first is inside the palm
         return joints[1:]
     if finger == "thumb" or len(joints) < 3:
         return joints

@@ -1,7 +1,7 @@
-"""What the name of a joint says: a side, the parts of a body it may be, a helper that is none.
+"""Words in joint names: a side, possible parts of the body, a helper that is not a body part.
 
-The one table of words: a tree of joints is recognised by its structure, in which these weigh in, and a list of names
-alone (`io.rigs.names`) by them.
+This table of words serves both ways of recognition: trees of joints, where names only add evidence to the structure,
+and lists of names alone (`io.rigs.names`).
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ _SPLIT = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+|[^\W\d_a-zA-Z]+")
 NAMESPACE = re.compile(r"^.*[:|]")  # mixamorig7:, Armature|
 _ACCENT = re.compile("[\u0300-\u036f]")
 
-# Words, and the parts of a body they may stand for: in names without a tree the first that no surer name has taken.
-# The better of two words for one part stands before the other; those of the spine go from below up.
+# Words, and the parts of a body they may mean. In names without a tree, the first that no better name has taken.
+# The better of two words for one part comes first; words of the spine go from bottom to top.
 PARTS: dict[str, tuple[str, ...]] = {
     **dict.fromkeys(("pelvis", "midhip", "hips", "cog", "下半身", "骨盆", "골반", "becken"), ("pelvis",)),
     "hip": ("pelvis", "hip"),
@@ -51,7 +51,7 @@ PARTS: dict[str, tuple[str, ...]] = {
     "finger": ("finger",),
 }
 FINGERS = ("thumb", "index", "middle", "ring", "pinky")
-# Which joint of a finger a word says: 0 is inside the palm, 4 the tip.
+# Joint of a finger that a word means: 0 is inside the palm, 4 the tip.
 PHALANGES = {
     **dict.fromkeys(("metacarpal", "mc"), 0),
     **dict.fromkeys(("proximal", "pp"), 1),
@@ -76,14 +76,14 @@ _LEFT = frozenset(
 _RIGHT = frozenset(
     ("r", "right", "rgt", "rt", "rechts", "der", "derecha", "droite", "dx", "destra", "右", "오른", "오른쪽")
 )
-_VERTEBRAE = frozenset(("l5", "l3", "t12", "t8"))  # names in full, of Xsens
+_VERTEBRAE = frozenset(("l5", "l3", "t12", "t8"))  # whole names in Xsens files
 _KNOWN = frozenset((*PARTS, *PHALANGES, *ORDINALS)) | _HELPERS | _ENDS | _ANIMALS | _LEFT | _RIGHT
 _LONGEST = max(map(len, _KNOWN))
 
 
 @lru_cache(maxsize=4096)
 def words(name: str) -> tuple[str, ...]:
-    """The words of a name, in lower case, as long as they are known: 'mixamorig:LeftUpLeg' is left, upleg."""
+    """Return the longest known words of a name, in lower case: 'mixamorig:LeftUpLeg' is left, upleg."""
     name = unicodedata.normalize("NFKD", NAMESPACE.sub("", name))
     name = unicodedata.normalize("NFC", _ACCENT.sub("", name))
     if name.lower() in _VERTEBRAE:
@@ -99,7 +99,7 @@ def words(name: str) -> tuple[str, ...]:
 
 
 def _parted(word: str) -> list[str]:
-    """The known words that a word is made of, if all of it is: 'lhip' is l, hip; 'handthumb' hand, thumb."""
+    """Split a word into known words, or return [] if impossible: 'lhip' is l, hip; 'handthumb' hand, thumb."""
     if not word or len(word) > 2 * _LONGEST:
         return []
     for cut in range(len(word), 0, -1):
@@ -114,7 +114,7 @@ def _parted(word: str) -> list[str]:
 
 @lru_cache(maxsize=4096)
 def parts(name: str) -> frozenset[str]:
-    """Parts of a body that a name may stand for; none where it says nothing."""
+    """Return the parts of a body that a name may mean; empty if it means nothing known."""
     if word := part_word(name):
         return frozenset(PARTS[word])
     joined = "".join(word for word in words(name) if not word.isdigit() and word not in _LEFT | _RIGHT)
@@ -125,7 +125,7 @@ def parts(name: str) -> frozenset[str]:
 
 
 def part_word(name: str) -> str:
-    """The word of a name that says which part it is: a finger's, or else the longest, of two the last; or ''."""
+    """Return the word of a name that means a part: a finger's, or else the longest, of two the last; or ''."""
     said = [word for word in words(name) if word in PARTS]
     fingers = [word for word in said if PARTS[word][0] in FINGERS] or [word for word in said if word == "finger"]
     return fingers[-1] if fingers else max(reversed(said), key=len, default="")
@@ -138,35 +138,35 @@ def _is_in(word: str, joined: str) -> bool:
 
 @lru_cache(maxsize=4096)
 def is_helper(name: str) -> bool:
-    """Whether a name is that of a twist bone, a face bone, a garment, a control: of no joint of the body."""
+    """Whether a name means a twist bone, a face bone, a garment or a control instead of a joint of the body."""
     return any(word.rstrip("s") in _HELPERS or word in _HELPERS for word in words(name))
 
 
 @lru_cache(maxsize=4096)
 def is_end(name: str) -> bool:
-    """Whether a name is that of the tip of something."""
+    """Whether a name means the tip of something."""
     return any(word in _ENDS for word in words(name))
 
 
 @lru_cache(maxsize=4096)
 def is_animal(name: str) -> bool:
-    """Whether a name is that of a part that people lack."""
+    """Whether a name means a part that people lack."""
     return any(word in _ANIMALS for word in words(name))
 
 
 def is_known(word: str) -> bool:
-    """Whether a word says anything."""
+    """Whether a word has a known meaning."""
     return word in _KNOWN
 
 
 def side_of(name: str) -> str:
-    """'left' or 'right', as a name says; '' where it says neither, or both."""
+    """Return 'left' or 'right' from a name; '' if it names neither, or both."""
     left, right = (bool(side & set(words(name))) for side in (_LEFT, _RIGHT))
     return "" if left == right else "left" if left else "right"
 
 
 def side(one: Sequence[str], other: Sequence[str]) -> int:
-    """1 where the first of two mirrored chains of names is the left one, -1 where it is the right one, 0: not told."""
+    """Return 1 if the first of two mirrored chains of names is left, -1 if it is right, 0 if unknown."""
     votes = 0
     for a, b in zip(one, other, strict=False):
         votes += _side(a, b)
@@ -174,7 +174,7 @@ def side(one: Sequence[str], other: Sequence[str]) -> int:
 
 
 def _side(a: str, b: str) -> int:
-    """The same of two names: by what of them differs, or by a word of each."""
+    """Return the sign of `side` for two names, by a word of each or by their first different letter."""
     if a == b:
         return 0
     x, y = words(a), words(b)

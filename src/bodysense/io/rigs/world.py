@@ -1,4 +1,4 @@
-"""Units, upward axis and floor of a body's world, from what gravity and a person's size leave in its motion."""
+"""Units, upward axis and floor of a body's world, inferred from gravity and a person's size."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from bodysense.io.rigs.options import UpAxis
 
 Places = Mapping[str, np.ndarray]  # (S, 3) of points of ours, by name
 
-PERSON = (1.3, 2.3)  # m: how tall a person is
-CHILD = 0.9  # m: in metres, centimetres or millimetres a smaller person is believed, too
-USUAL_HEIGHT = 1.70  # m: of a body whose unit is none of the known ones
-FLOOR_TOLERANCE = 0.10  # m: soles so near to zero are on the floor
+PERSON = (1.3, 2.3)  # m: height of a person
+CHILD = 0.9  # m: height of a smaller person, allowed in metres, centimetres or millimetres
+USUAL_HEIGHT = 1.70  # m: height given to a body of unknown unit
+FLOOR_TOLERANCE = 0.10  # m: soles this close to zero are on the floor
 KNOWN_UNITS = {
     "metres": 1.0,
     "centimetres": 0.01,
@@ -28,9 +28,9 @@ KNOWN_UNITS = {
 CMU_TENTH = ("units of 0.0056444 m", 0.0056444)
 
 _LEG = 0.496  # of a standing adult's height: hip to ankle
-_PELVIS = (0.15, 0.62)  # of a person's height: how high the pelvis of one who sits or stands is
-_SOLE = {"ankle": 0.08, "foot": 0.02, "toe": 0.0}  # of a leg's length: how far the sole lies below each
-_EXTENDED = 0.8  # of legs and trunk stretched out: a body so long stands or lies
+_PELVIS = (0.15, 0.62)  # of a person's height: range of the pelvis's height while sitting or standing
+_SOLE = {"ankle": 0.08, "foot": 0.02, "toe": 0.0}  # of a leg's length: height of each joint above the sole
+_EXTENDED = 0.8  # of legs and trunk stretched out: a body this long stands or lies
 _UPRIGHT, _CLEAR = 0.5, 0.7  # mean cosine between a body and an axis: enough to keep y, enough to take another
 
 _HALF = float(np.sqrt(0.5))
@@ -49,7 +49,7 @@ _AXES: dict[UpAxis, np.ndarray] = {
 
 
 def stature(tree: Tree, points: dict[str, int]) -> float:
-    """Height of a body, sole to crown, in file units, from the lengths of its legs and trunk, or arms and trunk."""
+    """Return the height of a body, sole to crown, in file units, from its legs and trunk, or arms and trunk."""
     body = default_skeleton()
     rest = body.path @ body.rest_offset
     usual = {name: rest[None, body.index(name)] for name in points if name in body.points}
@@ -58,7 +58,7 @@ def stature(tree: Tree, points: dict[str, int]) -> float:
 
 
 def _extent(place: Places) -> float:
-    """Length of a leg and the trunk, or where there are no legs of an arm and the trunk."""
+    """Return the length of a leg and the trunk, or without legs of an arm and the trunk."""
     limb = ("hip", "knee", "ankle") if "left_hip" in place else ("shoulder", "elbow", "wrist")
     bones = [
         float(np.median(np.linalg.norm(place[f"{side}_{a}"] - place[f"{side}_{b}"], axis=-1)))
@@ -69,22 +69,22 @@ def _extent(place: Places) -> float:
 
 
 def _upper(place: Places) -> np.ndarray:
-    """(S, 3) between the shoulders, or where there are none the pelvis."""
+    """Return the midpoint (S, 3) of the shoulders, or the pelvis of a body without shoulders."""
     return _between(place, "shoulder") if "left_shoulder" in place else place["pelvis"]
 
 
 def _lower(place: Places) -> np.ndarray:
-    """(S, 3) between the hips, or where there are none the pelvis; where there is nothing else above, the hips."""
+    """Return the midpoint (S, 3) of the hips, or the pelvis of a body without hips."""
     return _between(place, "hip") if "left_hip" in place else place["pelvis"]
 
 
 def _between(place: Places, part: str) -> np.ndarray:
-    """(S, 3) between left and right."""
+    """Return the midpoint (S, 3) of left and right."""
     return (place[f"left_{part}"] + place[f"right_{part}"]) / 2
 
 
 def find_unit(height: float, is_cmu: bool) -> tuple[str, float]:
-    """Name and metres of the unit in which a body measures `height`."""
+    """Return name and metres of the unit in which a body measures `height`."""
     low, high = PERSON
     for name, metres in [*KNOWN_UNITS.items(), *([CMU_TENTH] if is_cmu else [])]:
         if low <= height * metres <= high:
@@ -96,7 +96,7 @@ def find_unit(height: float, is_cmu: bool) -> tuple[str, float]:
 
 
 def find_up(tree: Tree, points: dict[str, int]) -> tuple[UpAxis, float]:
-    """The axis along which the body stands, and the mean cosine between both; y where it stands along none."""
+    """Return the axis along which the body stands, and the mean cosine between both; y if it stands along no axis."""
     place = {name: tree.place[:, point] for name, point in points.items()}
     trunk = _upper(place) - _lower(place)
     ways = trunk
@@ -114,9 +114,9 @@ def find_up(tree: Tree, points: dict[str, int]) -> tuple[UpAxis, float]:
 
 
 def find_floor(tree: Tree, points: dict[str, int], up: UpAxis) -> float:
-    """Height of the soles along the upward axis when they are lowest, file units.
+    """Return the lowest height of the soles along the upward axis, file units.
 
-    Without legs it is 0 where the pelvis is as high as one that stands or sits, else where it stands.
+    Without legs it is 0 if the pelvis is at the height of a standing or sitting one, else inferred from the pelvis.
     """
     if "left_hip" not in points:
         pelvis = float(np.median(quaternion_rotate(TURNS[up], tree.place[:, points["pelvis"]])[:, 1]))
