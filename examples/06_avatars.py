@@ -25,7 +25,7 @@ with (
     packets = vmc_packets(clip.pose[100], time=float(clip.time[100]))
     for packet in packets:
         sender.sendto(packet, avatar.getsockname())
-    received = [message for _ in packets for message in read_packet(avatar.recv(2048)) if not isinstance(message, str)]
+    received = [message for _ in packets for message in read_packet(avatar.recv(65536)) if not isinstance(message, str)]
 
 bones = {message.arguments[0]: message.arguments[1:] for message in received if message.address.endswith("Bone/Pos")}
 print(f"VMC: {len(bones)} bones in {len(packets)} packets; the hips are at {bones['Hips'][:3]}, in Unity's axes")

@@ -14,7 +14,7 @@ from bodysense.files import written_beside
 from bodysense.io.clip import Clip
 from bodysense.metrics import joint_error
 from bodysense.open import MotionSource
-from bodysense.pictures.sheet import INK, load_pyplot
+from bodysense_lab.chart import INK, load_pyplot
 from bodysense_lab.hmd_vae.system import complete
 from bodysense_lab.paper_options import PaperOptions
 
