@@ -1,8 +1,8 @@
-"""Motions with holes: what is there is observed, what is missing is completed, and the rest stays bit for bit.
+"""Motions with holes: known parts are observed, missing ones are completed, and the rest is bit-identical.
 
-Joints that are known, and whose place in the world is known, become exact points of an Observation; the one tracker
-completes the others. Its guess fills the gaps (`body.gaps`) in the turns of joints against their parents, so that bones
-keep their lengths.
+Joints with known rotation and position in the world become exact points of an Observation; the one tracker completes
+the others. Its prediction fills the gaps (`body.gaps`) in the joints' local rotations, so that bones keep their
+lengths.
 """
 
 from __future__ import annotations
@@ -34,24 +34,24 @@ from bodysense.io.rigs.source_joints import SourceJoints, joints_of_file, own_jo
 from bodysense.observation import CONTACT_POINTS, EXACT_ACCURACY, Observation
 
 Array = np.ndarray
-# s away from known frames where the tracker's guess counts as much as the turn between them: legs follow from the
-# rest of a body and its floor, arms little, hands least. Fitted on validation people of CMU and Rocketbox.
+# s from known frames at which the tracker's prediction and interpolation have equal weight: legs depend most on the
+# rest of the body and the floor, arms little, hands least. Fitted on validation people of CMU and Rocketbox.
 TRUSTED = {**dict.fromkeys(("hip", "knee", "ankle", "foot"), 0.3), "wrist": 4.0, "hand": 3.5, "body": 1.5}
-TRUNK, TRUSTED_WITHOUT = ("spine1", "spine2", "spine3"), 30.0  # s, of what hangs on a trunk that is missing, too
-FINGERS_COAST = 1.2  # s in which the speed of fingers beside a gap fades; they go on for longer than limbs
-SHORT = 0.3  # s: in shorter gaps a leg is moved for no floor; the turn between the sides is nearer to the truth
+TRUNK, TRUSTED_WITHOUT = ("spine1", "spine2", "spine3"), 30.0  # s, for joints on a trunk that is missing, too
+FINGERS_COAST = 1.2  # s in which the speed of fingers at a gap's edge fades; longer than for limbs
+SHORT = 0.3  # s: in shorter gaps a leg is not corrected for the floor, because interpolation is more accurate
 
 
 @dataclass(frozen=True, eq=False)
 class Holed:
-    """A motion of which something is missing."""
+    """A motion with missing parts."""
 
-    clip: Clip  # on our joints; anything where it is missing
+    clip: Clip  # on our joints; arbitrary where missing
     rig: SourceJoints  # its own joints
-    rotation: Array  # (T, J, 4) of these, parent ← joint; anything where it is missing
+    rotation: Array  # (T, J, 4) of these, parent ← joint; arbitrary where missing
     holes: Array  # (T, J) bool: missing in the source
-    missing: Array  # (T, J) bool: the same without joints on which the whole body hangs, turned over their gaps
-    file: BvhLines | None = None  # where it is from
+    missing: Array  # (T, J) bool: the holes that remain after interpolating joints that carry the whole body
+    file: BvhLines | None = None  # its source
 
     @property
     def is_whole(self) -> bool:
@@ -60,11 +60,11 @@ class Holed:
 
 
 def open_holed(source: Path | Clip, missing: Sequence[Missing], options: ReadingOptions = AS_FOUND) -> Holed:
-    """Open a BVH file or a clip with its holes: what is told to be missing, or has no number in the file.
+    """Open a BVH file or a clip with its holes: given missing joints, and values that are not numbers.
 
-    Where nothing is told, limbs are missing that are flat-lined in the file.
+    If no missing joints are given, limbs with constant values in the file are missing.
 
-    Raises BodysenseError for what is told wrongly, and where that is missing in all frames on which the body hangs.
+    Raises BodysenseError for invalid items, and if a joint that carries the whole body is missing in all frames.
     """
     if isinstance(source, Path):
         return _holed_file(source, missing, options)
@@ -91,13 +91,13 @@ def _holed_file(path: Path, missing: Sequence[Missing], options: ReadingOptions)
 
 
 def _read(file: BvhLines, options: ReadingOptions) -> tuple[Clip, SourceJoints]:
-    """The motion of a file on our joints, and its own joints."""
+    """Return the motion of a file on our joints, and its own joints."""
     rigged = read_rigged(file.mended.text(), file.path, options)
     return rigged.clip, joints_of_file(file, rigged)
 
 
 def _rooted(name: str, rig: SourceJoints, rotation: Array, holes: Array, seconds: float) -> tuple[Array, Array]:
-    """Rotations and holes after those were turned over their gaps on which the whole body hangs."""
+    """Interpolate the joints that carry the whole body over their gaps; return rotations and remaining holes."""
     rotation, holes = rotation.copy(), holes.copy()
     for joint in rig.trunk:
         if holes[:, joint].all():
@@ -111,7 +111,7 @@ def _rooted(name: str, rig: SourceJoints, rotation: Array, holes: Array, seconds
 
 
 def observed(holed: Holed) -> Observation:
-    """What is there, as exact points of our skeleton."""
+    """Return the known parts as exact points of our skeleton."""
     clip, skeleton = holed.clip, holed.clip.pose.skeleton
     position, rotation = (np.asarray(part) for part in forward_kinematics(clip.pose))
     has_position, turned = holed.rig.seen(~holed.missing)
@@ -130,10 +130,9 @@ def observed(holed: Holed) -> Observation:
 
 
 def filled(holed: Holed, estimate: Pose) -> Array:
-    """Local rotations (T, J, 4) of the motion's joints: as they were where they are known, else filled.
+    """Return local rotations (T, J, 4) of the motion's joints: unchanged if known, else filled.
 
-    `estimate` (T,) is the completed body on our joints. A joint that we do not have is turned from one side of the gap
-    to the other.
+    `estimate` (T,) is the completed body on our joints. A joint that we do not have is interpolated over the gap.
     """
     rig, missing, seconds = holed.rig, holed.missing, 1 / holed.clip.frame_rate
     guessed, local = rig.world(estimate), np.array(holed.rotation)
@@ -151,10 +150,10 @@ def filled(holed: Holed, estimate: Pose) -> Array:
 
 
 def on_feet(holed: Holed, rotation: Array, contact: Array, floor: float) -> Array:
-    """The filled motion (T, J, 4), legs that were filled bent so that feet stand still, and no sole too low.
+    """Bend the filled legs of a motion (T, J, 4) so that feet stand still and no sole is too low.
 
-    A foot stands where `contact` (T, 4), the probability that each of `CONTACT_POINTS` rests on something, says so. A
-    sole is no lower than it is where it is known; where that is in no frame it is over the floor, height `floor` m.
+    A foot stands if `contact` (T, 4), the probability that each of `CONTACT_POINTS` rests on something, is high. A
+    sole is no lower than in known frames; without any it is over the floor, height `floor` m.
     """
     rig, pose, skeleton = holed.rig, pose_of(holed, rotation), holed.clip.pose.skeleton
     bent = np.zeros_like(holed.missing)
@@ -181,7 +180,7 @@ def on_feet(holed: Holed, rotation: Array, contact: Array, floor: float) -> Arra
 
 
 def _turned_to(rig: SourceJoints, rotation: Array, wanted: Array, where: Array) -> Array:
-    """Local rotations (T, J, 4) that give joints their `wanted` rotations (T, J, 4) in the world `where` (T, J)."""
+    """Return local rotations (T, J, 4) that give joints `wanted` world rotations (T, J, 4) where `where` (T, J)."""
     local, world = np.array(rotation), np.zeros_like(rotation)
     for joint, parent in enumerate(rig.parents):
         own = local[:, joint]
@@ -194,12 +193,12 @@ def _turned_to(rig: SourceJoints, rotation: Array, wanted: Array, where: Array) 
 
 
 def _our_name(ours: Mapping[str, int], joint: int) -> str:
-    """Our name of a rig's joint; empty if it is none of ours."""
+    """Return our name of a rig's joint; empty if it is not one of ours."""
     return next((name for name, place in ours.items() if place == joint), "")
 
 
 def _trusted_after(ours: Mapping[str, int], joint: int, missing: Array) -> float:
-    """The time in `TRUSTED` of a joint; of one that we do not have, any."""
+    """Return the time in `TRUSTED` of a joint; for one that we do not have, the default."""
     name = _our_name(ours, joint)
     part = name.rpartition("_")[2]
     trunk = [ours[name] for name in TRUNK if name in ours]
@@ -209,7 +208,7 @@ def _trusted_after(ours: Mapping[str, int], joint: int, missing: Array) -> float
 
 
 def _long(gone: Array, fewest: float) -> Array:
-    """The runs of (T,) bool with at least so many frames."""
+    """Return the runs of (T,) bool with at least `fewest` frames."""
     result = np.zeros_like(gone)
     for first, end in gaps.runs(gone):
         result[first:end] = end - first >= fewest
@@ -217,7 +216,7 @@ def _long(gone: Array, fewest: float) -> Array:
 
 
 def with_parts(holed: Holed, estimate: Pose) -> Holed:
-    """The motion with the legs, arms or head that it lacks as the completed body (T,) has them."""
+    """Take missing legs, arms or head of the motion from the completed body (T,)."""
     clip, skeleton = holed.clip, holed.clip.pose.skeleton
     own = [skeleton.index(name) for name in part_joints(clip.lacks, skeleton.joints) if name not in holed.rig.ours]
     rotation = np.array(clip.pose.rotation)
@@ -227,7 +226,7 @@ def with_parts(holed: Holed, estimate: Pose) -> Holed:
 
 
 def pose_of(holed: Holed, rotation: Array) -> Pose:
-    """The filled motion (T, J, 4) on our joints."""
+    """Return the filled motion (T, J, 4) on our joints."""
     clip, rig = holed.clip, holed.rig
     skeleton = clip.pose.skeleton
     if holed.file is None:  # the motion is on our joints
@@ -240,6 +239,6 @@ def pose_of(holed: Holed, rotation: Array) -> Pose:
         parent = skeleton.parents[joint]
         if name in found:
             world[:, joint] = np.where(seen[:, [joint]], own[:, joint], found[name])
-        else:  # a joint that the motion does not have keeps its turn
+        else:  # a joint that the motion does not have keeps its rotation
             world[:, joint] = quaternion_multiply(world[:, parent], np.asarray(clip.pose.rotation)[:, joint])
     return Pose(skeleton, clip.pose.root_position, quaternion_canonical(local_rotation(skeleton, world)))

@@ -1,4 +1,4 @@
-"""Calibration: a second in a known pose tells a wearer's height, the reach of their arms, and how trackers are worn."""
+"""Calibration: a second in a known pose gives a wearer's height, their arms' reach, and the mounts of trackers."""
 
 from __future__ import annotations
 
@@ -17,26 +17,26 @@ from bodysense.errors import BodysenseError
 from bodysense.observation import Observation
 
 Stance = Literal["standing", "arms out"]
-WORN_AS_THEY_ARE = ("head", "left_wrist", "right_wrist")  # headset, controllers and hands give their joints already
+WORN_AS_THEY_ARE = ("head", "left_wrist", "right_wrist")  # headset, controllers and hands are at their joints already
 _SIDES = ("left", "right")
 CARRIERS = ("pelvis", "spine3", *(f"{side}_{part}" for part in ("ankle", "knee", "elbow") for side in _SIDES))
-_BESIDE = 0.35  # m: trackers sit nearer to their joints
-_STILL = 0.05  # m: whose head moves farther does not stand still
+_BESIDE = 0.35  # m: trackers are closer than this to their joints
+_STILL = 0.05  # m: a head that moves farther does not stand still
 _SHORT = 0.3  # s
 _HEAD_DEVIATION, _SPAN_DEVIATION = 0.02, 0.02  # m
 
 
 def calibrated(observation: Observation, person: Person, stance: Stance = "standing", floor: float = 0.0) -> Person:
-    """The person after standing upright and still for about a second, looking ahead.
+    """Return the person after standing upright and still for about a second, looking ahead.
 
     Args:
-        observation: what is tracked meanwhile, (T, P); the head always.
-        person: what is known before; a told height or skeleton stays.
+        observation: the tracking during this time, (T, P); the head always.
+        person: as known before; a known height or skeleton is unchanged.
         stance: 'standing', arms hanging, or 'arms out' to the sides, which also measures their reach.
         floor: m, its height.
 
-    A tracker that is not on head or wrists is taken to be strapped beside its joint, which is where the pose has it.
-    Raises BodysenseError for too short or too restless an observation, and where the head is not tracked.
+    A tracker that is not on head or wrists is assumed to be strapped next to its joint, as the pose places it.
+    Raises BodysenseError for too short or too restless an observation, and if the head is not tracked.
     """
     if "head" not in observation.points:
         raise BodysenseError("calibration: the head is not tracked; wear the headset, and stand upright and still")
@@ -74,10 +74,10 @@ def assigned(
     person: Person,
     stance: Stance = "standing",
 ) -> dict[str, str]:
-    """The joint, of `CARRIERS`, that each of `trackers` is strapped to, by where it is while the wearer stands.
+    """Return the joint, of `CARRIERS`, that each of `trackers` is strapped to, by its position while the wearer stands.
 
-    Together they are as near to their joints as can be; joints that other points of the observation do track are taken.
-    A tracker farther than 35 cm from every free joint is left out, and so are all where the head is not tracked.
+    Their total distance to their joints is the least possible; joints tracked by other points are excluded. A tracker
+    farther than 35 cm from every free joint is left out, and all are if the head is not tracked.
     """
     seen = [name for name in trackers if observation.has_position[:, observation.points.index(name)].any()]
     if "head" not in observation.points:
@@ -109,7 +109,7 @@ def assigned(
 
 
 def _stood(person: Person, head: np.ndarray, rotation: np.ndarray, stance: Stance) -> Pose:
-    """The pose of somebody who stands with the head at a place (3,), facing where it faces."""
+    """Return a standing pose with the head at a position (3,) and with its heading."""
     pose = standing_pose(person.skeleton) if stance == "standing" else rest_pose(person.skeleton)
     turn = rotation * np.array([1.0, 0.0, 1.0, 0.0])  # the twist about the vertical
     turn = turn / np.linalg.norm(turn)
@@ -120,7 +120,7 @@ def _stood(person: Person, head: np.ndarray, rotation: np.ndarray, stance: Stanc
 
 
 def _mounts(observation: Observation, stood: Pose) -> dict[str, RigidTransform]:
-    """T_joint_tracker of every tracker with a pose, from where its joint is while the wearer stands."""
+    """Return T_joint_tracker of every tracker with a pose, from its joint's position while the wearer stands."""
     position, rotation = forward_kinematics(stood)
     skeleton, mounts = stood.skeleton, {}
     for k, name in enumerate(observation.points):
@@ -135,7 +135,7 @@ def _mounts(observation: Observation, stood: Pose) -> dict[str, RigidTransform]:
 
 
 def _mean(rotation: np.ndarray) -> np.ndarray:
-    """The mean (4,) of rotations (N, 4) that differ little."""
+    """Return the mean (4,) of rotations (N, 4) that differ little."""
     same = rotation * np.sign((rotation * rotation[:1]).sum(axis=1, keepdims=True))
     mean = same.mean(axis=0)
     return mean / np.linalg.norm(mean)

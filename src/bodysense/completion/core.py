@@ -128,7 +128,7 @@ _FUNCTIONS: dict[str, tuple[Any, Sequence[Any]]] = {
 
 @lru_cache(maxsize=1)
 def library() -> ctypes.CDLL:
-    """The compiled core, loaded once. Raises BodysenseError if it was not built or is of another version."""
+    """Load the compiled core, once. Raises BodysenseError if it was not built or is of another version."""
     import sys
     from importlib.resources import as_file, files
 
@@ -153,24 +153,24 @@ def library() -> ctypes.CDLL:
 
 
 def message(result: int) -> str:
-    """What a result of the core means."""
+    """Return the meaning of a result of the core."""
     return library().bs_message(result).decode()
 
 
 def empty(size: int) -> np.ndarray:
-    """Bytes (size,) at an aligned address."""
+    """Return bytes (size,) at an aligned address."""
     memory = np.empty(size + ALIGNMENT, np.uint8)
     start = -address(memory) % ALIGNMENT
     return memory[start : start + size]
 
 
 def address(values: np.ndarray) -> int:
-    """Where an array begins."""
+    """Return the address of an array."""
     return values.__array_interface__["data"][0]
 
 
 def person_struct(person: Person) -> PersonStruct:
-    """A person as the core has it. Raises BodysenseError for more lengths than it takes."""
+    """Return a person as the core's struct. Raises BodysenseError for more lengths than it takes."""
     if len(person.lengths) > LENGTHS:
         raise BodysenseError(f"person: {len(person.lengths)} lengths are known; give at most {LENGTHS}")
     skeleton, height = person.skeleton, person.height
@@ -190,7 +190,7 @@ def person_struct(person: Person) -> PersonStruct:
 
 
 def believed_person(one: PersonStruct, person: Person) -> Person:
-    """A person as the core believes them to be, with what else is known of them."""
+    """Return a person with the core's current proportions and the other known properties of `person`."""
     offset = np.frombuffer(one.rest_offset).reshape(POINTS, 3)
     mounts = dict(person.mounts)
     for joint in mounts:

@@ -1,4 +1,4 @@
-"""Inertialisation: what is shown goes on from where it was, and the difference decays.
+"""Inertialisation: the output continues from its last pose, and the difference to the target decays.
 
 Where motion breaks (sensors came or went, a point was found again, the skeleton changed), the difference between what
 was shown and what is to be shown is kept as an offset and taken to zero by a critically damped spring (Bollo,
@@ -29,7 +29,7 @@ _NOTHING = 1e-7  # m, rad and per s: an offset below this is over
 
 @dataclass(frozen=True, eq=False)
 class Velocity:
-    """How fast a pose changes."""
+    """Rate of change of a pose."""
 
     root: np.ndarray  # (..., 3) m/s, world
     spin: np.ndarray  # (..., J, 3) rad/s, in the axes of the parent; the root's in the world's
@@ -37,7 +37,7 @@ class Velocity:
 
 @dataclass(frozen=True, eq=False)
 class Offset:
-    """How far what is shown is from its target, and how fast that changes."""
+    """Difference between output and target, and its rate of change."""
 
     root: np.ndarray  # (..., 3) m, world
     rotation: np.ndarray  # (..., J, 3) rad, rotation vector in the axes of the parent
@@ -46,7 +46,7 @@ class Offset:
 
 @dataclass(frozen=True)
 class Inertialiser:
-    """Shows poses without a jump. Immutable; state is an argument. Leading axes (...) are people, one frame each."""
+    """Outputs poses without a jump. Immutable; state is an argument. Leading axes (...) are people, one frame each."""
 
     half_life: float = 0.08  # s in which half of an offset at rest decays
 
@@ -71,10 +71,10 @@ class Inertialiser:
         velocity: Velocity | None = None,
         target_velocity: Velocity | None = None,
     ) -> Offset:
-        """The offset after a break: `apply` goes on from the pose that was shown before it.
+        """Return the offset after a break, with which `apply` continues from the pose that was output before it.
 
         Args:
-            shown: the pose (...) of the frame before, as it was shown.
+            shown: the pose (...) that was output in the frame before.
             target: the pose (...) that would be shown in that frame from now on, or in the first one after the break.
             offset: that of the frame before; goes on for people without a break.
             people: (...) bool, whose motion breaks; everybody's if omitted.
@@ -104,7 +104,7 @@ class Inertialiser:
         return Offset(root, rotation, Velocity(root_velocity, spin))
 
     def apply(self, target: Pose, interval: np.ndarray | float, offset: Offset) -> tuple[Pose, Offset]:
-        """The pose (...) that is shown in place of the target `interval` (...) s after the frame before.
+        """Return the pose (...) to output for the target `interval` (...) s after the frame before.
 
         Returns it and its offset. The target itself, to the bit, where nothing is left of an offset.
         """
@@ -124,7 +124,7 @@ class Inertialiser:
 def _decayed(
     offset: np.ndarray, velocity: np.ndarray, half_life: float, interval: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Offset and velocity (..., 3) `interval` s later; exactly zero where they are over."""
+    """Return offset and velocity (..., 3) `interval` s later; exactly zero once they are negligible."""
     offset, velocity = spring_step(offset, velocity, half_life, interval)
     over = (np.abs(offset).max(axis=-1, keepdims=True) < _NOTHING) & (
         np.abs(velocity).max(axis=-1, keepdims=True) < _NOTHING
@@ -133,7 +133,7 @@ def _decayed(
 
 
 def _rate_of_rotation_vector(vector: np.ndarray, spin: np.ndarray) -> np.ndarray:
-    """How fast a rotation vector (..., 3) changes where its rotation has angular velocity `spin` (..., 3) rad/s.
+    """Return the rate of a rotation vector (..., 3) whose rotation has angular velocity `spin` (..., 3) rad/s.
 
     The inverse of the left Jacobian of SO(3) (Solà et al., *A micro Lie theory*, eq. 146).
     """

@@ -1,4 +1,4 @@
-"""Joining: one answer from two, of which one knows only the past of a recording and one only its future.
+"""Joining of two estimates: one knows only the past of a recording, and one only its future.
 
 Each answer leaps when a point is seen again after it was hidden. The hidden frames before are turned so that they lead
 there. The mean of both answers' local rotations keeps bones.
@@ -24,17 +24,17 @@ from bodysense.body.skeleton import BODY, default_skeleton
 Array = np.ndarray
 LEAD = 0.25  # s before a point is seen again in which the guess turns toward it; 0.1 and 0.5 are within 1 %
 LEAD_PER_TURN = 0.5  # s more for each radian of the turn
-FASTEST_TURN = 9.0  # rad/s: a joint turns no faster where it is seen again
-# Of two equally sure answers, the share of the one to which time runs backward: the network learned from motion forward
-# in time, and errs by 18 % more backward (three points). How much surer answers count more, and over how many seconds
-# their expected errors are averaged. Chosen on 32 validation clips.
+FASTEST_TURN = 9.0  # rad/s: maximum speed of a joint when it is seen again
+# Share of the backward estimate if both are equally certain: the network learned from motion forward in time, and has
+# 18 % larger errors backward (three points). Weight of certainty, and the seconds over which expected errors are
+# averaged. Chosen on 32 validation clips.
 BACKWARD_SHARE, SURENESS, STEADY = 1 / 3, 2.0, 0.33
 _ARM, _LEG = ("collar", "shoulder", "elbow", "wrist"), ("hip", "knee", "ankle", "foot", "toe")
 
 
 @lru_cache(maxsize=1)
 def groups() -> dict[str, tuple[int, ...]]:
-    """Points of the body by what moves together: trunk, arms, legs, fingers of each hand."""
+    """Return the points of the body by groups that move together: trunk, arms, legs, fingers of each hand."""
     found: dict[str, list[int]] = {}
     for point, name in enumerate(default_skeleton().points):
         side, _, part = name.partition("_")
@@ -47,7 +47,7 @@ def groups() -> dict[str, tuple[int, ...]]:
 
 
 def turned_joints(group: str) -> list[int]:
-    """Joints that turn when points of a group are seen again: all of the body with the trunk, else the group's own."""
+    """Return joints that turn if points of a group are seen again: all of the body for the trunk, else its own."""
     count = len(default_skeleton().joints)
     if group == "trunk":
         return list(range(count))
@@ -55,7 +55,7 @@ def turned_joints(group: str) -> list[int]:
 
 
 def led(rotation: Array, head: Array, seen: Array, seconds: float) -> tuple[Array, Array]:
-    """An answer whose hidden frames lead to where points are seen again.
+    """Adjust the hidden frames of an estimate so that they lead to points that are seen again.
 
     Args:
         rotation: (T, J, 4) local rotations of an answer that runs forward in the order of its frames.
@@ -83,20 +83,20 @@ def led(rotation: Array, head: Array, seen: Array, seconds: float) -> tuple[Arra
 
 
 def _returns(seen: Array) -> Iterator[tuple[int, Array]]:
-    """Frames in which some of the points (T, N) are seen again, and which."""
+    """Iterate over frames in which some of the points (T, N) are seen again, with these points."""
     again = seen[1:] & ~seen[:-1]
     for frame in np.flatnonzero(again.any(axis=1)).tolist():
         yield frame + 1, np.flatnonzero(again[frame])
 
 
 def _hidden_before(seen: Array, frame: int, came: Array, most: int) -> int:
-    """For how many frames before `frame`, at most `most`, none of the points `came` was seen."""
+    """Return the number of frames before `frame`, at most `most`, in which all points `came` were hidden."""
     before = np.asarray(seen[max(frame - most, 0) : frame, came].any(axis=1))[::-1]
     return int(before.argmax()) if before.any() else len(before)
 
 
 def _leap(rotation: Array, frame: int, most: float) -> Array:
-    """Rotation vectors (J, 3) from where local rotations (≤ 4, J, 4) lead in frame `frame` to where they are in it.
+    """Return rotation vectors (J, 3) from the extrapolation of local rotations (≤ 4, J, 4) to those in `frame`.
 
     They lead there at the mean speed of before and after, at most `most` rad a frame.
     """
@@ -108,7 +108,7 @@ def _leap(rotation: Array, frame: int, most: float) -> Array:
 
 
 def future_share(past: Array, future: Array, seconds: float) -> Array:
-    """The share (T,) of the answer from the future in the mean, from the expected errors (T, P) m of both answers.
+    """Return the weight (T,) of the estimate from the future in the mean, from both expected errors (T, P) m.
 
     It changes slowly, and is one for all joints, so that what hangs together stays together.
     """
@@ -122,18 +122,18 @@ def future_share(past: Array, future: Array, seconds: float) -> Array:
 
 
 def _bell(frames: float) -> Array:
-    """Weights (N,), N odd, of a normal distribution with a deviation of so many frames."""
+    """Return weights (N,), N odd, of a Gaussian whose standard deviation is `frames`."""
     reach = int(np.ceil(3 * frames))
     weight = np.exp(-0.5 * (np.arange(-reach, reach + 1) / frames) ** 2)
     return weight / weight.sum()
 
 
 def mean_rotation(a: Array, b: Array, share: Array | float = 0.5) -> Array:
-    """Rotations (..., 4) between two: `share` of the second."""
+    """Return rotations (..., 4) between two: `share` of the second."""
     sign = np.where((a * b).sum(axis=-1, keepdims=True) < 0, -1.0, 1.0)
     return np.asarray(quaternion_canonical(normalize((1 - share) * a + share * sign * b)))
 
 
 def _differences(a: Array, b: Array) -> Array:
-    """Rotation vectors (..., 3) from a to b."""
+    """Return rotation vectors (..., 3) from a to b."""
     return np.asarray(quaternion_log(quaternion_multiply(quaternion_conjugate(a), b)))

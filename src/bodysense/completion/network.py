@@ -1,4 +1,4 @@
-"""The one loader of network files: an .onnx that says of itself what it is, run by ONNX Runtime on one thread.
+"""The one loader of network files: an .onnx with metadata of its kind, run by ONNX Runtime on one thread.
 
 A file's metadata is its card: `format` names what the network is, every other field is JSON. A graph carries its state
 through inputs `state_…` and outputs `next_…` of the same names; the card's `state` says what it starts with.
@@ -20,19 +20,19 @@ import numpy as np
 
 from bodysense.errors import BodysenseError, missing_package
 
-STATE, NEXT = "state_", "next_"  # how inputs and outputs begin that carry the state
+STATE, NEXT = "state_", "next_"  # prefixes of inputs and outputs that carry the state
 _TYPES = {"tensor(float)": np.float32, "tensor(bool)": np.bool_, "tensor(int64)": np.int64}
 
 
 @dataclass(frozen=True)
 class NetworkFormat:
-    """What kind of network a file must be."""
+    """The required kind of a network file."""
 
-    name: str  # what its card gives as `format`
-    kind: str  # what such a network is called in messages
-    command: str  # what writes such files
-    fields: tuple[str, ...] = ()  # what else its card must have
-    packaged: str | None = None  # the file in `bodysense/weights` that is opened where no path is given
+    name: str  # value of `format` in its card
+    kind: str  # name of such networks in messages
+    command: str  # command that writes such files
+    fields: tuple[str, ...] = ()  # other required entries of its card
+    packaged: str | None = None  # file in `bodysense/weights` that is opened by default
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,9 +46,9 @@ class Network:
 
     @classmethod
     def open(cls, path: str | Path | None, format: NetworkFormat, *, batch: int | None = None) -> Self:
-        """Open the file at a path, or the packaged one where there is none.
+        """Open the file at a path, or the packaged one if `path` is None.
 
-        With `batch` the session is for so many at a time, which is quicker, where the file leaves that open.
+        With `batch` the session has a fixed batch size, which is faster, if the file leaves it open.
 
         Raises BodysenseError for a file that is not there, is no ONNX model, or is not of the format.
         """
@@ -70,7 +70,7 @@ class Network:
             options.add_free_dimension_override_by_name("batch", batch)
         try:
             session = onnxruntime.InferenceSession(source.read_bytes(), options, providers=["CPUExecutionProvider"])
-        except Exception as error:  # ONNX Runtime raises classes of its own for every way a file can be wrong
+        except Exception as error:  # ONNX Runtime raises classes of its own for every kind of broken file
             reason = (str(error).splitlines() or [type(error).__name__])[0][:120]
             raise BodysenseError(f"{source}: not a readable ONNX model ({reason})") from None
         card = dict(session.get_modelmeta().custom_metadata_map)
@@ -92,12 +92,12 @@ class Network:
 
     @cached_property
     def inputs(self) -> tuple[str, ...]:
-        """What the graph reads. An input that a network does not need is not in its file."""
+        """Names of the graph's inputs. The file has only inputs that the network needs."""
         return tuple(value.name for value in self.session.get_inputs())
 
     @cached_property
     def outputs(self) -> tuple[str, ...]:
-        """What the graph gives."""
+        """Names of the graph's outputs."""
         return tuple(value.name for value in self.session.get_outputs())
 
     @cached_property
@@ -106,18 +106,18 @@ class Network:
         return not isinstance(self.session.get_inputs()[0].shape[0], int)
 
     def start(self, batch: int = 1) -> dict[str, np.ndarray]:
-        """The state (batch, …) before the first frame, by input."""
+        """Return the state (batch, …) before the first frame, by input."""
         return {name: np.repeat(values, batch, axis=0) for name, values in self._start.items()}
 
     def run(self, inputs: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-        """All outputs by name; inputs that the graph does not read are left out."""
+        """Return all outputs by name; inputs that the graph does not have are ignored."""
         feed = {name: inputs[name] for name in self.inputs if name in inputs}
         return dict(zip(self.outputs, self.session.run(self.outputs, feed), strict=True))
 
     def step(
         self, inputs: Mapping[str, np.ndarray], state: Mapping[str, np.ndarray]
     ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
-        """One step: the outputs that are no state, and the state after it."""
+        """Run one step; return the outputs without the state, and the state."""
         outputs = self.run({**inputs, **state})
         return outputs, {name: outputs.pop(NEXT + name.removeprefix(STATE)) for name in state}
 

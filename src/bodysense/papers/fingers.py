@@ -1,9 +1,9 @@
-"""Fingers for a motion that has none, by a network (UNOC, section 5.3); the body is left as it is.
+"""Fingers for a motion without any, by a network (UNOC, section 5.3); the body is unchanged.
 
-The network places finger joints and fingertips in their wrist's axes. They are smoothed by a critically damped filter,
-then every finger is turned from the wrist outward, each joint by the shortest arc that points its rigid bone from where
-the joint is at where the next one should be. That is exact where the positions are those of this hand, and gives no
-twist about a bone, which positions do not tell.
+The network predicts finger joints and fingertips in their wrist's axes. A critically damped filter smooths them.
+Then every finger is turned from the wrist outward, each joint by the shortest arc that points its rigid bone at the
+wanted position of the next one. That is exact if the positions are those of this hand, and gives no twist about a
+bone, which positions do not define.
 """
 
 from __future__ import annotations
@@ -29,12 +29,12 @@ from bodysense.io.clip import Clip
 from bodysense.observation import check_order
 from bodysense.papers.point_model import PointModel, PointRunner, PointState, load_point_model
 
-HALF_LIFE = 0.05  # s until the smoother has closed half of a jump
+HALF_LIFE = 0.05  # s in which the smoother closes half of a jump
 
 
 @dataclass(frozen=True, eq=False)
 class FingerState:
-    """What the network remembers, and how the smoothed fingers move."""
+    """State of the network, and motion of the smoothed fingers."""
 
     network: PointState
     time: float | None = None
@@ -44,7 +44,7 @@ class FingerState:
 
 @dataclass(frozen=True)
 class FingerSynthesis:
-    """Places the fingers of a skeleton from its body's motion. Immutable; state is an argument."""
+    """Fingers of a skeleton from its body's motion. Immutable; state is an argument."""
 
     skeleton: Skeleton
     model: PointModel
@@ -60,7 +60,7 @@ class FingerSynthesis:
 
     @cached_property
     def places(self) -> np.ndarray:
-        """(O,) the points that are placed."""
+        """(O,) the predicted points."""
         return self.skeleton.indices(self.model.places)
 
     def start(self) -> FingerState:
@@ -68,9 +68,9 @@ class FingerSynthesis:
         return FingerState(self._runner.start())
 
     def step(self, pose: Pose, time: np.ndarray, state: FingerState) -> tuple[np.ndarray, FingerState]:
-        """Offsets (T, O, 3) m of finger points from their wrist, in its axes, for a motion (T,) at `time` (T,) s.
+        """Return offsets (T, O, 3) m of finger points from their wrist, in its axes, for a motion at `time` (T,) s.
 
-        Of the motion only the body is read. One call with T frames equals T calls with one. Raises BodysenseError when
+        Only the body of the motion is read. One call with T frames equals T calls with one. Raises BodysenseError when
         time does not increase.
         """
         position, rotation = forward_kinematics(pose)
@@ -88,7 +88,7 @@ class FingerSynthesis:
         return np.stack(offsets), state
 
     def _smoothed(self, target: np.ndarray, time: float, state: FingerState) -> FingerState:
-        """Critically damped motion toward where the fingers should be."""
+        """Return the critically damped motion toward the wanted fingers."""
         if state.offset is None or state.velocity is None or state.time is None or self.half_life == 0:
             return replace(state, time=time, offset=target, velocity=np.zeros_like(target))
         away, velocity = spring_step(state.offset - target, state.velocity, self.half_life, time - state.time)
@@ -96,9 +96,9 @@ class FingerSynthesis:
 
 
 def finger_rotations(skeleton: Skeleton, offset: np.ndarray, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Finger joints (F,) and their local rotations (T, F, 4) that point a rigid hand's bones at `offset` (T, O, 3) m.
+    """Return finger joints (F,) and local rotations (T, F, 4) that point a rigid hand's bones at `offset` (T, O, 3) m.
 
-    `places` (O,) says which points the offsets, from their wrist in its axes, are of.
+    `places` (O,) are the points of the offsets, which are from their wrist in its axes.
     """
     wanted = dict(zip(places.tolist(), np.moveaxis(offset, -2, 0), strict=True))
     still = np.tile([1.0, 0.0, 0.0, 0.0], (len(offset), 1))
@@ -119,9 +119,9 @@ def finger_rotations(skeleton: Skeleton, offset: np.ndarray, places: np.ndarray)
 
 
 def synthesize(clip: Clip, model: PointModel | None = None, half_life: float = HALF_LIFE) -> Clip:
-    """The clip with fingers in place of its own, or of the relaxed ones it was given; its body is not touched.
+    """Replace a clip's fingers, its own or relaxed ones, by synthesised ones; its body is unchanged.
 
-    `model` None takes the packaged network. Raises BodysenseError where the clip lacks points of the default skeleton.
+    `model` None takes the packaged network. Raises BodysenseError if the clip lacks points of the default skeleton.
     """
     method = FingerSynthesis(clip.pose.skeleton, load_point_model("fingers") if model is None else model, half_life)
     offset, _ = method.step(clip.pose, clip.time, method.start())

@@ -1,7 +1,7 @@
 """HMD-VAE at run time: a body from a headset and two hands, several bodies for one signal, bodies from the prior.
 
-One exported network, ONNX Runtime on one thread. Frames may come at any rate: the last half second is kept, and what
-the network reads is interpolated from it at its own rate, backwards from now. It answers every frame.
+One exported network, ONNX Runtime on one thread. Frames may come at any rate: the last half second is kept, and the
+network's inputs are interpolated from it at its own rate, backward from now. It runs for every frame.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ NETWORK = NetworkFormat(
     fields=("reads", "frames", "latent", "rate", "expected_error"),
     packaged="body_vae.onnx",
 )
-FINGER_ERROR = 0.03  # m: of a relaxed finger about its wrist
+FINGER_ERROR = 0.03  # m: error of a relaxed finger relative to its wrist
 _EARLY = 1e-6  # s
 
 
@@ -46,23 +46,23 @@ class BodyVaeModel(Network):
 
     @property
     def frames(self) -> int:
-        """How many frames it reads."""
+        """Number of input frames."""
         return int(self.card["frames"])
 
     @property
     def latent(self) -> int:
-        """How many numbers make a body."""
+        """Length of the latent vector."""
         return int(self.card["latent"])
 
     @property
     def interval(self) -> float:
-        """s from one frame that it reads to the next."""
+        """Interval (s) between input frames."""
         return 1 / float(self.card["rate"])
 
     def body(
         self, position: np.ndarray, rotation: np.ndarray, trust: float, noise: np.ndarray, rest_offset: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Root position (3,) m and local rotations (22, 4), for world joints (T, P, 3) m and (T, P, 4).
+        """Return root position (3,) m and local rotations (22, 4), for world joints (T, P, 3) m and (T, P, 4).
 
         z has the mean `trust` · that of the posterior, and `noise` (d,) times a deviation between the posterior's
         (trust 1) and the prior's (trust 0). `rest_offset` (22, 3) m is the wearer's.
@@ -86,7 +86,7 @@ def load_body_vae(path: str | Path | None = None) -> BodyVaeModel:
 
 @dataclass(frozen=True, eq=False)
 class BodyVaeState:
-    """Head and wrists over the last half second, and where they were last."""
+    """Head and wrists over the last half second, and their last known values."""
 
     time: np.ndarray  # (N,) s
     position: np.ndarray  # (N, 3, 3) m, world
@@ -96,12 +96,12 @@ class BodyVaeState:
 
 @dataclass(frozen=True, eq=False)
 class BodyVaeEstimator:
-    """Whole body of a skeleton from `head`, `left_wrist` and `right_wrist`; its head is where the measured one is.
+    """Whole body of a skeleton from `head`, `left_wrist` and `right_wrist`; its head is at the measured position.
 
-    The paper's network takes hands for given. One that is lost stays where it was relative to the head; one that was
-    never seen hangs; a head that is lost stays where it was. What is no unit quaternion, no number or over 1 km
-    away counts as lost.
-    After half a second without frames the history begins anew. Fingers are relaxed.
+    The paper's network assumes tracked hands. A lost hand keeps its position relative to the head; a hand that was
+    never seen hangs; a lost head stays in place. Values that are not finite or over 1 km away, and rotations that are
+    not unit quaternions, count as lost.
+    After half a second without frames the history is reset. Fingers are relaxed.
     """
 
     skeleton: Skeleton
@@ -130,7 +130,7 @@ class BodyVaeEstimator:
 
     @cached_property
     def _expected_error(self) -> np.ndarray:
-        """(P,) m: the network's on validation people; what hangs on a joint has the joint's."""
+        """(P,) m: the network's on validation people; points outside the 22 joints have their parent's."""
         error = dict(zip(BODY, self.model.card["expected_error"], strict=True))
         values: list[float] = []
         for point, name in enumerate(self.skeleton.points):
@@ -141,7 +141,7 @@ class BodyVaeEstimator:
         return np.maximum(values, MEASURED_ERROR)
 
     def start(self) -> BodyVaeState:
-        """Nothing seen yet: a standing body that faces +Z."""
+        """Return the initial state: a standing body that faces +Z."""
         return BodyVaeState(np.zeros(0), np.zeros((0, 3, 3)), np.zeros((0, 3, 4)), HeadAndHands.standing(self.skeleton))
 
     def step(self, observation: Observation, state: BodyVaeState) -> tuple[PointEstimate, BodyVaeState]:
@@ -165,7 +165,7 @@ class BodyVaeEstimator:
         return PointEstimate(self.skeleton, placed, (~has_position).astype(float), error, pose), state
 
     def _turned(self, pose: Pose, rotation: np.ndarray, has_rotation: np.ndarray) -> Pose:
-        """The pose with head and wrists turned as they are measured; nothing of the 22 joints hangs on them."""
+        """Return the pose with measured rotations of head and wrists; no other of the 22 joints is below them."""
         world, places = np.asarray(forward_kinematics(pose)[1]), self._places
         above = world[:, [self.skeleton.parents[place] for place in places]]
         local = quaternion_multiply(quaternion_conjugate(above), rotation[:, places])
@@ -178,7 +178,7 @@ class BodyVaeEstimator:
         places, turns = last.world
         span = (self.model.frames - 1) * self.model.interval
         fresh = len(state.time) and time - state.time[-1] <= max(span, self.model.interval)
-        # One frame from before the window stays, to interpolate from.
+        # One frame before the window is kept for interpolation.
         first = max(0, int(np.searchsorted(state.time, time - span + _EARLY)) - 1) if fresh else len(state.time)
         return BodyVaeState(
             np.append(state.time[first:], time),
@@ -188,7 +188,7 @@ class BodyVaeEstimator:
         )
 
     def _window(self, state: BodyVaeState) -> tuple[np.ndarray, np.ndarray]:
-        """Positions (L, 3, 3) and rotations (L, 3, 4) at the network's rate; before the first frame stands that."""
+        """Return positions (L, 3, 3) and rotations (L, 3, 4) at the network's rate; constant before the first frame."""
         back = np.arange(self.model.frames - 1, -1, -1) * self.model.interval
         place = np.interp(state.time[-1] - back, state.time, np.arange(len(state.time)))
         before = np.floor(place + _EARLY).astype(int)
@@ -200,14 +200,14 @@ class BodyVaeEstimator:
 
 
 def sample_noise(model: BodyVaeModel, count: int, rng: np.random.Generator) -> np.ndarray:
-    """(N, d): of so many bodies, from N(0, I)."""
+    """Draw `count` latent vectors (N, d) from N(0, I)."""
     if count < 1:
         raise BodysenseError(f"{count} samples cannot be; give at least 1")
     return rng.standard_normal((count, model.latent))
 
 
 def sample_prior(skeleton: Skeleton, model: BodyVaeModel, count: int, rng: np.random.Generator) -> Pose:
-    """So many bodies (N, …) from the prior, nothing seen: they face +Z, the lowest point of each on the floor."""
+    """Draw `count` bodies (N, …) from the prior: they face +Z, the lowest point of each on the floor."""
     rest_offset = body_skeleton(skeleton).rest_offset
     position = np.zeros((model.frames, len(model.card["reads"]), 3))
     rotation = quaternion_identity(np.zeros((*position.shape[:-1], 4)))

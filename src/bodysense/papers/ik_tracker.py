@@ -1,7 +1,7 @@
 """IkTracker: estimator → inverse kinematics → smoothing → Pose, one `step` a frame, no I/O.
 
-An estimator that gives rotations keeps them where inverse kinematics may choose, in twists and in the spine, and its
-motion is not smoothed: it is smooth already, and what is measured must not lag behind.
+An estimator with rotations keeps them in all freedoms of inverse kinematics, such as twists and the spine. Its motion
+is not smoothed: it is smooth already, and measured points must not lag.
 """
 
 from __future__ import annotations
@@ -21,23 +21,23 @@ from bodysense.devices.estimate import Estimator, PointEstimate
 from bodysense.errors import BodysenseError
 from bodysense.observation import Observation, check_order, observed_points
 
-MEASURED_ERROR = 0.002  # m: what is expected of a tracked point
+MEASURED_ERROR = 0.002  # m: expected error of a tracked point
 
 
 @dataclass(frozen=True)
 class IkTrackerSettings:
-    """How an estimate becomes motion."""
+    """Settings of the conversion of an estimate to motion."""
 
-    # s until the smoother has closed half of a jump; 0 does not smooth. Of estimates without rotations of their own.
+    # s in which the smoother closes half of a jump; 0 disables it. For estimators without rotations.
     half_life: float = 0.03
-    guessed_arm_factor: float = 5.0  # on the half-life of arm and hand joints below which nothing is tracked
-    doubt: float = 0.03  # m of expected error at which a guessed point pulls half as much in IK
-    measured_weight: float = 10.0  # pull of a tracked point in IK, beside a certain guess's 1
+    guessed_arm_factor: float = 5.0  # factor on the half-life of arm and hand joints without tracked points below them
+    doubt: float = 0.03  # m, expected error at which a predicted point pulls half as much in IK
+    measured_weight: float = 10.0  # pull of a tracked point in IK, relative to a certain prediction's 1
     finger_weight: float = 0.05  # factor on the pull of every point of a finger
     head_weight: float = 0.05  # m²/rad²: pull of the measured head orientation in IK
-    pose_weight: float = 1e-3  # m²/rad²: pull of each rotation that the estimator gives
-    longest_gap: float = 1.0  # s without frames after which motion starts afresh
-    # A guess is centimetres off: IK need not place it to hundredths of a millimetre.
+    pose_weight: float = 1e-3  # m²/rad²: pull of each rotation of the estimator
+    longest_gap: float = 1.0  # s without frames after which motion is reset
+    # Predictions are centimetres off: IK need not place them to hundredths of a millimetre.
     ik: IkSettings = IkSettings(tolerance=1e-4)
 
     def __post_init__(self) -> None:
@@ -51,11 +51,11 @@ class IkTrackerSettings:
 
 @dataclass(frozen=True)
 class IkTrackerState:
-    """Everything that the next frame depends on."""
+    """State for the next frame."""
 
     estimator: Any
     ik: IkState | None = None
-    missed: np.ndarray | None = None  # (P, 3) m: how far IK left each guessed finger's wrist from where it was wanted
+    missed: np.ndarray | None = None  # (P, 3) m: IK's offset of each predicted finger's wrist from its target
     time: float | None = None
     root_position: np.ndarray | None = None  # (3,) m, smoothed
     rotation: np.ndarray | None = None  # (J, 4) wxyz, smoothed, parent ← joint
@@ -86,7 +86,7 @@ class IkTracker:
 
     @cached_property
     def _below(self) -> np.ndarray:
-        """(J, P) 1 where a point hangs below a joint of an arm or hand, 0 for every other joint."""
+        """(J, P) 1 if a point is below a joint of an arm or hand, 0 for every other joint."""
         skeleton = self.estimator.skeleton
         below = skeleton.path.T[: len(skeleton.joints)].copy()
         wrists = np.unique(skeleton.wrist_of[skeleton.wrist_of >= 0])
@@ -96,7 +96,7 @@ class IkTracker:
 
     @cached_property
     def _arm(self) -> np.ndarray:
-        """(J,) 1 for a joint of an arm or hand that anything hangs below, 0 for every other joint."""
+        """(J,) 1 for a joint of an arm or hand with points below it, 0 for every other joint."""
         return self._below.any(axis=1).astype(float)
 
     def start(self) -> IkTrackerState:
@@ -104,14 +104,14 @@ class IkTracker:
         return IkTrackerState(self.estimator.start())
 
     def step(self, observation: Observation, state: IkTrackerState) -> tuple[Pose, PointEstimate, IkTrackerState]:
-        """Track the next T ≥ 1 frames: poses (T, …), what the estimator said, and the state after them.
+        """Track the next T ≥ 1 frames: poses (T, …), the estimator's result, and the state.
 
         Raises BodysenseError when time does not increase.
         """
         estimate, estimator_state = self.estimator.step(observation, state.estimator)
         _, rotation, has_position, has_rotation = observed_points(observation, self.estimator.skeleton)
         aims, aim_weight = self._aims(estimate, rotation, has_rotation)
-        if estimate.pose is not None:  # such an estimator says itself what it took as tracked, by gloves too
+        if estimate.pose is not None:  # such an estimator reports what it took as tracked, by gloves too
             has_position = estimate.occluded < 0.5
         weight = self._weight(estimate.confidence, has_position)
         roots, rotations = [], []
@@ -128,10 +128,10 @@ class IkTracker:
     def _aims(
         self, estimate: PointEstimate, rotation: np.ndarray, has_rotation: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """World rotations (T, J, 4) that joints should have, and their pull (T, J).
+        """Return wanted world rotations (T, J, 4) of joints, and their pull (T, J).
 
-        The head's as it is measured; where the estimator gives rotations, all of them, and more so those of the head
-        and the wrists that are measured, which it may have moved a little where one was lost or found again.
+        The measured head's; if the estimator gives rotations, all of them, with more weight for measured head and
+        wrists, which it may have moved slightly when one was lost or found again.
         """
         skeleton = self.estimator.skeleton
         joints, head = len(skeleton.joints), skeleton.index("head")
@@ -145,17 +145,17 @@ class IkTracker:
         return aims, weight
 
     def _missed(self, reached: np.ndarray, target: np.ndarray, measured: np.ndarray) -> np.ndarray:
-        """(P, 3) by how much each guessed finger's wrist missed its target; 0 for every other point."""
+        """Return the distance (P, 3) of each predicted finger's wrist from its target; 0 for every other point."""
         guessed = self._is_finger & ~measured
         return (reached - target).take(self._wrist_or_self, axis=0) * guessed[:, None]
 
     def _weight(self, expected_error: np.ndarray, measured: np.ndarray) -> np.ndarray:
-        """Pull of every point in IK, (T, P)."""
-        # A finger's own error is that of its offset; it is misplaced by its wrist's as well.
+        """Return the pull of every point in IK, (T, P)."""
+        # A finger's own error is that of its offset; its wrist's error is added.
         squared = (expected_error / self.settings.doubt) ** 2
         squared = squared + squared.take(self._wrist_or_self, axis=1) * self._is_finger
         weight = np.where(measured, self.settings.measured_weight, 1 / (1 + squared))
-        # The twenty points of a hand turn it about its wrist; together they must not outvote where the wrist is.
+        # The twenty points of a hand rotate it about its wrist; together they must not outweigh the wrist's position.
         return np.where(self._is_finger, weight * self.settings.finger_weight, weight)
 
     def _pose(
@@ -169,7 +169,7 @@ class IkTracker:
         time: float,
         state: IkTrackerState,
     ) -> IkTrackerState:
-        """One frame: IK from the frame before, then smoothing; or, with a `root`, IK from the estimator's own pose."""
+        """Solve one frame: IK from the frame before, then smoothing; with a `root`, IK from the estimator's pose."""
         check_order(time, state.time, "tracker")
         gap = math.inf if state.time is None else time - state.time
         if root is not None:
@@ -177,7 +177,7 @@ class IkTracker:
             return self._at_once(solved, ik, None, time, state)
         start = state.ik if gap <= self.settings.longest_gap else None
         if start is not None and state.missed is not None:
-            # A guessed hand keeps its shape and direction about the wrist as it is, not as it was wanted.
+            # A predicted hand keeps its shape and direction relative to the actual wrist, not the wanted one.
             target = target + state.missed
         solved, ik = self._ik.solve(target, weight, aim, aim_weight, start)
         missed = self._missed(ik.position, target, measured)
@@ -190,7 +190,7 @@ class IkTracker:
     def _at_once(
         self, pose: Pose, ik: IkState, missed: np.ndarray | None, time: float, state: IkTrackerState
     ) -> IkTrackerState:
-        """The state of a body that is shown as it was solved."""
+        """Return the state of a body that is output without smoothing."""
         still = np.zeros((len(self.estimator.skeleton.joints), 3))
         return IkTrackerState(state.estimator, ik, missed, time, pose.root_position, pose.rotation, np.zeros(3), still)
 
@@ -198,7 +198,7 @@ class IkTracker:
 def smooth(
     target: Pose, state: IkTrackerState, interval: float, half_life: float, slower: np.ndarray | float = 1.0
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Critically damped motion of the state toward a pose for `interval` seconds, solved exactly.
+    """Return the critically damped motion of the state toward a pose for `interval` seconds, solved exactly.
 
     A jump is half closed after `half_life` seconds, a joint's after `slower` (J,) times that, at any frame rate.
     Returns root position, root velocity, local rotations and their angular velocities.
@@ -206,7 +206,7 @@ def smooth(
     assert state.root_position is not None and state.root_velocity is not None
     assert state.rotation is not None and state.spin is not None
 
-    # Joints, then the root, as rows that all settle in the same way.
+    # Joints, then the root, as rows that all settle alike.
     offset = np.concatenate([log(multiply(state.rotation, target.rotation * CONJUGATE)), [state.root_position]])
     offset[-1] -= target.root_position
     velocity = np.concatenate([state.spin, [state.root_velocity]])

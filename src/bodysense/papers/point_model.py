@@ -1,4 +1,4 @@
-"""A network that places points, at run time: one exported file, carried state, ONNX Runtime on one thread."""
+"""A network that predicts points, at run time: one exported file, carried state, ONNX Runtime on one thread."""
 
 from __future__ import annotations
 
@@ -24,20 +24,20 @@ NETWORKS: dict[Task, NetworkFormat] = {
     task: NetworkFormat(FORMAT, "network of points", f"bodysense train {task}", _FIELDS, name)
     for task, name in PACKAGED.items()
 }
-WARM_UP = 15  # steps on the first frame, so that the answer does not move while the memory fills
+WARM_UP = 15  # steps on the first frame, so that the output does not drift while the memory fills
 
 
 class PointModel(Network):
-    """A network that places points."""
+    """A network that predicts points."""
 
     @cached_property
     def reads(self) -> tuple[str, ...]:
-        """The points whose position it reads."""
+        """The points whose position is an input."""
         return tuple(self.card["reads"])
 
     @cached_property
     def places(self) -> tuple[str, ...]:
-        """The points that it places."""
+        """The predicted points."""
         return tuple(self.card["places"])
 
     @cached_property
@@ -48,7 +48,7 @@ class PointModel(Network):
 
 @dataclass(frozen=True, eq=False)
 class HeadAndHands:
-    """Where head and wrists were last; a wrist that is lost stays where it was about the head."""
+    """Last known head and wrists; a lost wrist keeps its position relative to the head."""
 
     head_position: np.ndarray  # (3,) m, world
     head_rotation: np.ndarray  # (4,) wxyz, world ← head
@@ -57,7 +57,7 @@ class HeadAndHands:
 
     @classmethod
     def standing(cls, skeleton: Skeleton) -> Self:
-        """Those of a standing body that faces +Z."""
+        """Return those of a standing body that faces +Z."""
         places = skeleton.indices(POINTS)
         position, rotation = (values[places] for values in forward_kinematics(standing_pose(skeleton)))
         return cls(position[0], rotation[0], position[1:] - position[0], rotation[1:])
@@ -65,7 +65,7 @@ class HeadAndHands:
     def seen(
         self, position: np.ndarray, rotation: np.ndarray, has_position: np.ndarray, has_rotation: np.ndarray
     ) -> Self:
-        """Take in one frame (3, …) of head and wrists."""
+        """Update with one frame (3, …) of head and wrists."""
         head = position[0] if has_position[0] else self.head_position
         turn = rotation[0] if has_rotation[0] else self.head_rotation
         away = quaternion_conjugate(np.tile(heading(turn), (2, 1)))
@@ -89,14 +89,14 @@ class HeadAndHands:
 
 @dataclass(frozen=True)
 class PointState:
-    """What the network remembers, and when it last took a frame in."""
+    """State of the network, and time of its last update."""
 
     network: dict[str, np.ndarray]
     time: float | None = None
 
 
 def load_point_model(task: Task, path: str | Path | None = None) -> PointModel:
-    """Load the network of a task: a path, or None for the packaged one, which there is of fingers.
+    """Load the network of a task: a path, or None for the packaged one, which exists for fingers.
 
     Raises BodysenseError for a file that is not ours, or of another task.
     """
@@ -111,7 +111,7 @@ def load_point_model(task: Task, path: str | Path | None = None) -> PointModel:
 
 @dataclass(frozen=True)
 class PointRunner:
-    """A loaded network on one wearer's skeleton. Raises BodysenseError where that lacks a point of the network's."""
+    """A loaded network on one wearer's skeleton. Raises BodysenseError if that lacks a point of the network's."""
 
     model: PointModel
     skeleton: Skeleton
@@ -142,7 +142,7 @@ class PointRunner:
     def step(
         self, position: np.ndarray, rotation: np.ndarray, time: float, state: PointState
     ) -> tuple[np.ndarray, np.ndarray, PointState]:
-        """One frame: positions (R, 3) m of the points that are read, rotations (3, 4) of head and wrists, all world.
+        """Run one frame: positions (R, 3) m of the input points, rotations (3, 4) of head and wrists, all world.
 
         Returns positions (O, 3) m, expected errors (O,) m, and the state, which advances only when a step is due.
         """
