@@ -140,6 +140,7 @@ CONTEXTS: dict[str, Callable[[pytest.MonkeyPatch], dict[str, Any]]] = {
     "api": in_api,
     "pahmt": in_arms,
     "completion": in_completion,
+    "concepts": in_completion,
     "engines": in_engines,
     "files": in_files,
     "gloves": in_gloves,
