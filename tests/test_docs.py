@@ -104,6 +104,11 @@ def in_engines(patch: pytest.MonkeyPatch) -> dict[str, Any]:
     return {}
 
 
+def in_own_network(_: pytest.MonkeyPatch) -> dict[str, Any]:
+    pytest.importorskip("torch")
+    return {}
+
+
 def in_files(_: pytest.MonkeyPatch) -> dict[str, Any]:
     """A take on a rig with names of its own."""
     seen_by_headset(260)
@@ -140,9 +145,11 @@ CONTEXTS: dict[str, Callable[[pytest.MonkeyPatch], dict[str, Any]]] = {
     "api": in_api,
     "pahmt": in_arms,
     "completion": in_completion,
+    "concepts": in_completion,
     "engines": in_engines,
     "files": in_files,
     "gloves": in_gloves,
+    "own-network": in_own_network,
 }
 
 
