@@ -101,7 +101,7 @@ def joints_of(bones: Sequence[str]) -> dict[str, str]:
     found = {ours: bare[name] for ours, name in best.items() if name in bare}
     if len(found) < _FEWEST:
         raise Fault(
-            "the armature's bones are of no known humanoid; name them as Mixamo, Unreal, Rigify, VRM, Unity or bodysense do"
+            "the armature's bones are of no known humanoid; name them as Mixamo, Unreal, Rigify, VRM or Unity do"
         )
     return found
 

@@ -58,7 +58,7 @@ class BODYSENSE_OT_receive(bpy.types.Operator):
 
     bl_idname = "bodysense.receive"
     bl_label = "Receive live (VMC)"
-    bl_options = {"UNDO"}
+    bl_options = {"UNDO"}  # noqa: RUF012 (Blender asks for a set)
 
     address: bpy.props.StringProperty(  # type: ignore[valid-type]
         name="Address", description="127.0.0.1 for this computer, 0.0.0.0 for the network", default="127.0.0.1"

@@ -68,7 +68,7 @@ class BODYSENSE_OT_fill(_Modal, bpy.types.Operator):
 
     bl_idname = "bodysense.fill"
     bl_label = "Fill holes of this armature"
-    bl_options = {"UNDO"}
+    bl_options = {"UNDO"}  # noqa: RUF012 (Blender asks for a set)
 
     holes: bpy.props.EnumProperty(  # type: ignore[valid-type]
         name="Holes",
@@ -98,7 +98,9 @@ class BODYSENSE_OT_fill(_Modal, bpy.types.Operator):
             found = unkeyed(armature.keyed_frames(thing), *frames)
         else:
             if not frames[0] <= self.first <= self.last <= frames[1]:
-                raise Fault(f"frames {self.first}-{self.last}: the action has {frames[0]}-{frames[1]}; give a part of it")
+                raise Fault(
+                    f"frames {self.first}-{self.last}: the action has {frames[0]}-{frames[1]}; give a part of it"
+                )
             chosen = {bone.name for bone in selected(thing)}
             found = {bone: set(range(self.first, self.last + 1)) for bone in bones if bone in chosen}
         found = {bone: found[bone] for bone in bones if bone in found}
@@ -118,7 +120,7 @@ class BODYSENSE_OT_complete(_Modal, bpy.types.Operator):
 
     bl_idname = "bodysense.complete"
     bl_label = "Complete from tracked bones"
-    bl_options = {"UNDO"}
+    bl_options = {"UNDO"}  # noqa: RUF012 (Blender asks for a set)
 
     device: bpy.props.EnumProperty(  # type: ignore[valid-type]
         name="Tracked",

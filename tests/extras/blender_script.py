@@ -1,7 +1,13 @@
 """Blender's side of the test of the add-on: run by Blender, writes what it found as JSON."""
 
+# ruff: noqa: E402, SIM115
+# pyright: reportMissingImports=false
+
 import json
+import socket
 import sys
+import time
+import types
 from pathlib import Path
 
 import bpy
@@ -20,7 +26,7 @@ import bodysense_addon
 
 bodysense_addon.register()
 bpy.context.preferences.addons["bodysense_addon"].preferences.path = program
-from bodysense_addon import armature, live, osc
+from bodysense_addon import armature, live, operators, osc
 from bodysense_addon.humanoid import UNITY, joints_of
 
 ARM, FOREARM, HAND = (f"mixamorig:Left{part}" for part in ("Arm", "ForeArm", "Hand"))
@@ -98,6 +104,76 @@ bpy.context.preferences.addons["bodysense_addon"].preferences.path = program + "
 select(ARM)
 found["refused"].append(refused(holes="SELECTED", first=41, last=81))
 
+bpy.context.preferences.addons["bodysense_addon"].preferences.path = program
+
+
+# A Blender without a window has no timer: what it would call is called here.
+class Window:
+    """What operators use of a context, the timer and the status bar."""
+
+    def __init__(self) -> None:
+        self.object, self.scene, self.preferences = thing, bpy.context.scene, bpy.context.preferences
+        self.window, self.window_manager, self.workspace, self.texts = None, self, self, []
+        self.modal_handler_add = self.event_timer_remove = lambda given: None
+        self.status_text_set = self.texts.append
+
+    def event_timer_add(self, seconds: float, window: object) -> str:
+        """A timer."""
+        return "timer"
+
+
+def ticked(operator: type, stop: object, **given: object) -> dict[str, object]:
+    """Execute an operator, tick until it ends or until `stop(texts)`, then press Esc."""
+    ours = [base for base in reversed(operator.__mro__) if base.__module__.startswith("bodysense_addon")]
+    plain = {
+        name: value for base in ours for name, value in vars(base).items() if isinstance(value, types.FunctionType)
+    }
+    said, window = [], Window()
+    one = type("Driven", (), {**plain, "report": lambda self, level, text: said.append(text), **given})()
+    assert one.execute(window) == {"RUNNING_MODAL"}, said
+    ended, longest = {"PASS_THROUGH"}, 0.0
+    while ended == {"PASS_THROUGH"}:
+        key = "ESC" if stop(window.texts) else "TIMER"
+        begun = time.perf_counter()
+        ended = one.modal(window, types.SimpleNamespace(type=key))
+        longest = max(longest, time.perf_counter() - begun)
+        time.sleep(0.01)
+    return {"ended": list(ended), "texts": window.texts, "longest": longest, "said": said}
+
+
+interface = types.SimpleNamespace(app=types.SimpleNamespace(background=False), types=bpy.types, data=bpy.data)
+operators.bpy = live.bpy = interface
+hole = {"holes": "SELECTED", "first": 41, "last": 81}
+thing.animation_data.action = whole
+select(ARM, FOREARM)
+found["ticked"] = ticked(bodysense_addon.BODYSENSE_OT_fill, lambda texts: False, **hole)
+found["ticked"]["action"] = thing.animation_data.action.name
+thing.animation_data.action = whole
+found["cancelled"] = ticked(
+    bodysense_addon.BODYSENSE_OT_fill, lambda texts: "bodysense starts (Esc cancels)" in texts, **hole
+)
+found["cancelled"]["same"] = thing.animation_data.action == whole
+
+sender = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
+    free.bind(("127.0.0.1", 0))
+    port = free.getsockname()[1]
+waiting = [b"no OSC", *(bytes.fromhex(packet) for packet in json.loads(Path(packets).read_text()))]
+count = len(waiting) - 1
+
+
+def heard(texts: list) -> bool:
+    """Send the next datagram; whether all have arrived."""
+    if waiting:
+        sender.sendto(waiting.pop(0), ("127.0.0.1", port))
+    return any(text and text.startswith(f"VMC: {count} poses recorded") for text in texts)
+
+
+bpy.context.scene.frame_set(5)
+receive = {"address": "127.0.0.1", "port": port, "scale": 1.0, "record": True}
+found["received"] = ticked(bodysense_addon.BODYSENSE_OT_receive, heard, **receive)
+found["received"]["keys"] = curves()
+
 thing.animation_data.action = None
 bones = {UNITY[ours]: bone for ours, bone in joints_of([bone.name for bone in thing.pose.bones]).items()}
 poses, found["live"] = osc.Poses(), []
@@ -105,7 +181,11 @@ for packet in json.loads(Path(packets).read_text()):
     for pose in poses.take(bytes.fromhex(packet)):
         live.pose_armature(thing, bones, pose, 1.0)
         bpy.context.view_layer.update()
-        found["live"].append({ours: list(thing.matrix_world @ thing.pose.bones[bones[UNITY[ours]]].head) for ours in (
-            "pelvis", "head", "left_wrist", "right_ankle", "left_index3")})
+        found["live"].append(
+            {
+                ours: list(thing.matrix_world @ thing.pose.bones[bones[UNITY[ours]]].head)
+                for ours in ("pelvis", "head", "left_wrist", "right_ankle", "left_index3")
+            }
+        )
 bodysense_addon.unregister()
 Path(out).write_text(json.dumps(found))

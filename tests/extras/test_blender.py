@@ -16,7 +16,6 @@ from types import ModuleType
 
 import numpy as np
 import pytest
-from bodysense_live.vmc import vmc_packets
 
 from bodysense.demo import packaged_performance
 from bodysense.devices.simulated.sensors import SENSOR_SETS
@@ -27,6 +26,7 @@ from bodysense.io.holes import missing_items
 from bodysense.io.motion_files import write_motion
 from bodysense.io.osc import bundled, message_bytes
 from bodysense.io.rigs.named import MIXAMO, RIGIFY, UNREAL
+from bodysense_live.vmc import vmc_packets
 
 ROOT = Path(__file__).parents[2]
 FOLDER = ROOT / "extras" / "blender"
@@ -134,7 +134,9 @@ def test_progress_and_the_last_line_of_an_error(addon: types.SimpleNamespace) ->
     assert process.progress("\x1b[2Ktracking take.bvh \x1b[91m━━\x1b[0m") is None
     printed = "tracking \x1b[35m  7%\x1b[0m \x1b[36m0:00:01\x1b[0m\r\x1b[2Ktracking \x1b[35m 43%\x1b[0m"
     assert process.progress(printed) == 43
-    assert process.error_line(printed + "\n\x1b[?25hbodysense: take.bvh: no body\n", 1) == "bodysense: take.bvh: no body"
+    assert (
+        process.error_line(printed + "\n\x1b[?25hbodysense: take.bvh: no body\n", 1) == "bodysense: take.bvh: no body"
+    )
     assert process.error_line("", 9) == "bodysense ended with status 9 and no message"
     assert process.environment({"A": "b"})["A"] == "b"
 
@@ -159,7 +161,7 @@ def test_bones_of_known_rigs(addon: types.SimpleNamespace, family: dict[str, str
 
 
 def test_unitys_names_are_the_servers(addon: types.SimpleNamespace) -> None:
-    assert addon.humanoid.UNITY == {joint: unity_bone(bone) for joint, bone in VRM_BONES.items()}
+    assert {joint: unity_bone(bone) for joint, bone in VRM_BONES.items()} == addon.humanoid.UNITY
 
 
 def test_the_device_of_selected_bones(addon: types.SimpleNamespace) -> None:
@@ -167,7 +169,9 @@ def test_the_device_of_selected_bones(addon: types.SimpleNamespace) -> None:
     for device, joints in addon.humanoid.DEVICES.items():
         assert set(joints) == set(SENSOR_SETS[device].points)
         assert addon.humanoid.device_of([MIXAMO[joint] for joint in joints], bones) == device
-    with pytest.raises(addon.fault.Fault, match=r"no device tracks left_wrist; select the bones of head, or head \+ wrists"):
+    with pytest.raises(
+        addon.fault.Fault, match=r"no device tracks left_wrist; select the bones of head, or head \+ wrists"
+    ):
         addon.humanoid.device_of(["mixamorig:LeftHand"], bones)
     with pytest.raises(addon.fault.Fault, match="of no known humanoid"):
         addon.humanoid.device_of(["a"], ["a", "b"])
@@ -201,7 +205,17 @@ def test_bvh_is_read_back_by_bodysense_and_the_addon(addon: types.SimpleNamespac
 
 def test_the_manifest_is_of_schema_1() -> None:
     manifest = tomllib.loads((FOLDER / "blender_manifest.toml").read_text())
-    required = {"schema_version", "id", "version", "name", "tagline", "maintainer", "type", "blender_version_min", "license"}
+    required = {
+        "schema_version",
+        "id",
+        "version",
+        "name",
+        "tagline",
+        "maintainer",
+        "type",
+        "blender_version_min",
+        "license",
+    }
     assert required <= set(manifest)
     assert manifest["schema_version"] == "1.0.0"
     assert re.fullmatch(r"[a-z_][a-z0-9_]*", manifest["id"])
