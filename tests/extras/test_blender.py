@@ -1,0 +1,245 @@
+"""The parts of the Blender add-on that need no Blender: datagrams, command lines, names, BVH, the manifest."""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import re
+import struct
+import sys
+import tomllib
+import types
+import zipfile
+from collections.abc import Iterator
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+from bodysense.demo import packaged_performance
+from bodysense.devices.simulated.sensors import SENSOR_SETS
+from bodysense.io.bvh import read_bvh
+from bodysense.io.clip import Clip
+from bodysense.io.gltf.humanoid import VRM_BONES, unity_bone
+from bodysense.io.holes import missing_items
+from bodysense.io.motion_files import write_motion
+from bodysense.io.osc import bundled, message_bytes
+from bodysense.io.rigs.named import MIXAMO, RIGIFY, UNREAL
+from bodysense_live.vmc import vmc_packets
+
+ROOT = Path(__file__).parents[2]
+FOLDER = ROOT / "extras" / "blender"
+
+
+@pytest.fixture(scope="module")
+def addon() -> Iterator[types.SimpleNamespace]:
+    """The modules of pure Python; the package's own __init__ imports Blender's."""
+    package = ModuleType("bodysense_addon")
+    package.__path__ = [str(FOLDER)]
+    sys.modules["bodysense_addon"] = package
+    names = ("bvh", "fault", "holes", "humanoid", "osc", "process")
+    yield types.SimpleNamespace(**{name: importlib.import_module(f"bodysense_addon.{name}") for name in names})
+    for name in [name for name in sys.modules if name.partition(".")[0] == "bodysense_addon"]:
+        del sys.modules[name]
+
+
+def test_the_servers_datagrams_are_poses(addon: types.SimpleNamespace) -> None:
+    poses = addon.osc.Poses()
+    for k in range(3):
+        (packet,) = vmc_packets(packaged_performance().pose[k], k / 30)
+        (pose,) = poses.take(packet)
+        assert set(pose) == {"Root", *(unity_bone(bone) for bone in VRM_BONES.values())}
+        assert pose["Root"].rotation == (0, 0, 0, 1)
+        assert np.linalg.norm(pose["LeftUpperArm"].rotation) == pytest.approx(1, abs=1e-5)
+        height = float(packaged_performance().pose[k].root_position[1])
+        assert pose["Hips"].position[1] == pytest.approx(height, abs=1e-5)
+
+
+def _bone(name: str) -> bytes:
+    return message_bytes("/VMC/Ext/Bone/Pos", "sfffffff", name, 0, 1, 0, 0, 0, 0, 1)
+
+
+def test_a_pose_ends_at_ok_at_t_or_with_its_bundle(addon: types.SimpleNamespace) -> None:
+    ok, t = message_bytes("/VMC/Ext/OK", "i", 1), message_bytes("/VMC/Ext/T", "f", 1.0)
+    for end in (ok, t):
+        poses = addon.osc.Poses()
+        assert poses.take(_bone("Hips")) == []
+        assert poses.take(_bone("Head")) == []
+        assert [set(pose) for pose in poses.take(end)] == [{"Hips", "Head"}]
+        assert poses.take(end) == []
+    (bundle,) = bundled([_bone("Hips"), _bone("Head")])
+    assert [set(pose) for pose in addon.osc.Poses().take(bundle)] == [{"Hips", "Head"}]
+    (two,) = bundled([_bone("Hips"), ok, t, _bone("Head")])
+    assert [set(pose) for pose in addon.osc.Poses().take(two)] == [{"Hips"}, {"Head"}]
+
+
+@pytest.mark.parametrize(
+    "packet",
+    [
+        b"",
+        b"#bundle\0" + bytes(8) + struct.pack(">i", -8),
+        b"#bundle\0" + bytes(8) + struct.pack(">i", 0),
+        b"#bundle\0" + bytes(8) + b"\0",
+        _bone("Hips")[:-1],
+        message_bytes("/VMC/Ext/Bone/Pos", "sffffff", "Hips", 0, 1, 0, 0, 0, 0),
+        message_bytes("/VMC/Ext/Bone/Pos", "sfffffff", "Hips", 0, 1, 0, 0, 0, 0, 0),
+        message_bytes("/VMC/Ext/Bone/Pos", "sfffffff", "Hips", float("nan"), 1, 0, 0, 0, 0, 1),
+        b"/a\xff\0,\0\0\0",
+    ],
+)
+def test_malformed_datagrams_are_refused(addon: types.SimpleNamespace, packet: bytes) -> None:
+    with pytest.raises(ValueError, match=r"."):
+        addon.osc.Poses().take(packet)
+
+
+def test_random_bytes_only_raise_value_errors(addon: types.SimpleNamespace) -> None:
+    rng, (packet,) = np.random.default_rng(1), vmc_packets(packaged_performance().pose[0], 0.0)
+    refused = 0
+    for _ in range(500):
+        broken = bytearray(packet)
+        for place in rng.integers(0, len(packet), 3):
+            broken[place] = rng.integers(0, 256)
+        try:
+            addon.osc.Poses().take(bytes(broken))
+        except ValueError:
+            refused += 1
+    assert 0 < refused < 500
+
+
+def test_which_program_is_called(addon: types.SimpleNamespace) -> None:
+    launcher = addon.process.launcher
+    assert launcher("/opt/bodysense", "/bin/bodysense", "/bin/uvx", "x") == ["/opt/bodysense"]
+    assert launcher("", "/bin/bodysense", "/bin/uvx", "x") == ["/bin/bodysense"]
+    assert launcher("", None, "/bin/uvx", "/src/x") == ["/bin/uvx", "--from", "/src/x", "bodysense"]
+    for uvx, source in (("/bin/uvx", ""), (None, "/src/x")):
+        with pytest.raises(addon.fault.Fault, match="not on the PATH; in the add-on's preferences"):
+            launcher("", None, uvx, source)
+
+
+def test_command_lines(addon: types.SimpleNamespace) -> None:
+    process = addon.process
+    assert process.fill_command(["b"], "in.bvh", "out.bvh", "arm:3-9") == (
+        ["b", "track", "in.bvh", "-o", "out.bvh", "--missing", "arm:3-9"]
+    )
+    assert process.complete_command(["b"], "in.bvh", "out.bvh", "head") == (
+        ["b", "track", "in.bvh", "-o", "out.bvh", "--device", "head", "--rig", "source"]
+    )
+    with pytest.raises(addon.fault.Fault, match="too many for one command"):
+        process.fill_command(["b"], "in.bvh", "out.bvh", "a" * 40_000)
+
+
+def test_progress_and_the_last_line_of_an_error(addon: types.SimpleNamespace) -> None:
+    process = addon.process
+    assert process.progress("\x1b[2Ktracking take.bvh \x1b[91m━━\x1b[0m") is None
+    printed = "tracking \x1b[35m  7%\x1b[0m \x1b[36m0:00:01\x1b[0m\r\x1b[2Ktracking \x1b[35m 43%\x1b[0m"
+    assert process.progress(printed) == 43
+    assert (
+        process.error_line(printed + "\n\x1b[?25hbodysense: take.bvh: no body\n", 1) == "bodysense: take.bvh: no body"
+    )
+    assert process.error_line("", 9) == "bodysense ended with status 9 and no message"
+    assert process.environment({"A": "b"})["A"] == "b"
+
+
+def test_holes_are_those_that_bodysense_reads(addon: types.SimpleNamespace) -> None:
+    keys = {"arm": {1, 2, 6, 7, 9}, "hand": {1, 2, 6, 7, 8, 9}, "hips": set(range(1, 10)), "eye": set()}
+    holes = addon.holes.unkeyed(keys, 1, 9)
+    assert holes == {"arm": {3, 4, 5, 8}, "hand": {3, 4, 5}}
+    text = addon.holes.missing_text(holes, 1)
+    assert text == "arm,hand:2-4,arm:7-7"
+    read = [(item.name, item.frames) for item in missing_items(text)]
+    assert read == [("arm", (2, 4)), ("hand", (2, 4)), ("arm", (7, 7))]
+
+
+@pytest.mark.parametrize(
+    ("family", "prefix"), [(MIXAMO, ""), (UNREAL, ""), (RIGIFY, ""), (RIGIFY, "DEF-"), (VRM_BONES, "Armature:")]
+)
+def test_bones_of_known_rigs(addon: types.SimpleNamespace, family: dict[str, str], prefix: str) -> None:
+    joints = [joint for joint in VRM_BONES if joint in family]
+    found = addon.humanoid.joints_of([*(prefix + family[joint] for joint in joints), "tail"])
+    assert found == {joint: prefix + family[joint] for joint in joints}
+
+
+def test_unitys_names_are_the_servers(addon: types.SimpleNamespace) -> None:
+    assert {joint: unity_bone(bone) for joint, bone in VRM_BONES.items()} == addon.humanoid.UNITY
+
+
+def test_the_device_of_selected_bones(addon: types.SimpleNamespace) -> None:
+    bones = [MIXAMO[joint] for joint in VRM_BONES]
+    for device, joints in addon.humanoid.DEVICES.items():
+        assert set(joints) == set(SENSOR_SETS[device].points)
+        assert addon.humanoid.device_of([MIXAMO[joint] for joint in joints], bones) == device
+    with pytest.raises(
+        addon.fault.Fault, match=r"no device tracks left_wrist; select the bones of head, or head \+ wrists"
+    ):
+        addon.humanoid.device_of(["mixamorig:LeftHand"], bones)
+    with pytest.raises(addon.fault.Fault, match="of no known humanoid"):
+        addon.humanoid.device_of(["a"], ["a", "b"])
+
+
+def test_bvh_is_read_back_by_bodysense_and_the_addon(addon: types.SimpleNamespace, tmp_path: Path) -> None:
+    bvh, rng = addon.bvh, np.random.default_rng(2)
+    whole = packaged_performance()
+    clip = Clip("performance", whole.pose[:4], 30.0)
+    write_motion(tmp_path / "theirs.bvh", clip)
+    skeleton = read_bvh(tmp_path / "theirs.bvh").pose.skeleton
+    rest, names = np.asarray(skeleton.rest_offset), skeleton.joints
+    parents = [int(parent) for parent in skeleton.parents[: len(names)]]
+    joints = [
+        bvh.Joint(name, parent, tuple(rest[k].tolist()), (0.0, 0.1, 0.0))
+        for k, (name, parent) in enumerate(zip(names, parents, strict=True))
+    ]
+    rows = rng.uniform(-40, 40, (4, 3 + 3 * len(joints))).round(6)
+    text = bvh.write_bvh(joints, rows.tolist(), 1 / 24)
+    assert np.array_equal(bvh.read_rows(text, joints), rows)
+    (tmp_path / "ours.bvh").write_text(text)
+    read = read_bvh(tmp_path / "ours.bvh")
+    assert read.frame_rate == pytest.approx(24, abs=1e-3)
+    assert read.pose.skeleton.joints == names
+    with pytest.raises(addon.fault.Fault, match="other bones than it read"):
+        bvh.read_rows(text.replace("JOINT left_knee", "JOINT knee"), joints)
+    assert bvh.safe_names(["a b", "c,d", "e"]) == ["a_b", "c_d", "e"]
+    with pytest.raises(addon.fault.Fault, match="two bones would be named a_b"):
+        bvh.safe_names(["a b", "a_b"])
+
+
+def test_the_manifest_is_of_schema_1() -> None:
+    manifest = tomllib.loads((FOLDER / "blender_manifest.toml").read_text())
+    required = {
+        "schema_version",
+        "id",
+        "version",
+        "name",
+        "tagline",
+        "maintainer",
+        "type",
+        "blender_version_min",
+        "license",
+    }
+    assert required <= set(manifest)
+    assert manifest["schema_version"] == "1.0.0"
+    assert re.fullmatch(r"[a-z_][a-z0-9_]*", manifest["id"])
+    assert re.fullmatch(r"\d+\.\d+\.\d+", manifest["version"])
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    assert manifest["license"] == [f"SPDX:{project['license']}"]
+    assert manifest["type"] == "add-on"
+    assert manifest["blender_version_min"] == "4.2.0"
+    # Blender refuses longer taglines and reasons, and those that end with punctuation.
+    for text in (manifest["tagline"], *manifest["permissions"].values()):
+        assert 0 < len(text) <= 64
+        assert text[-1].isalnum()
+    assert "wheels" not in manifest
+
+
+def test_the_zip_has_the_addon_and_no_numpy(tmp_path: Path) -> None:
+    spec = importlib.util.spec_from_file_location("build_blender", ROOT / "scripts" / "build_blender.py")
+    assert spec is not None
+    assert spec.loader is not None
+    builder = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(builder)
+    names = builder.build(tmp_path / "addon.zip")
+    with zipfile.ZipFile(tmp_path / "addon.zip") as archive:
+        assert sorted(archive.namelist()) == sorted(names)
+        assert {"__init__.py", "blender_manifest.toml", "LICENSE"} <= set(names)
+        for name in names:
+            assert not re.search(rb"^\s*(?:import|from) numpy", archive.read(name), re.MULTILINE), name
