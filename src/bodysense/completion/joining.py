@@ -1,7 +1,7 @@
 """Joining of two estimates: one knows only the past of a recording, and one only its future.
 
-Each answer leaps when a point is seen again after it was hidden. The hidden frames before are turned so that they lead
-there. The mean of both answers' local rotations keeps bones.
+Each estimate jumps when a hidden point is seen again. The hidden frames before are turned so that they lead there. The
+mean of both estimates' local rotations keeps the lengths of bones.
 """
 
 from __future__ import annotations
@@ -58,8 +58,8 @@ def led(rotation: Array, head: Array, seen: Array, seconds: float) -> tuple[Arra
     """Adjust the hidden frames of an estimate so that they lead to points that are seen again.
 
     Args:
-        rotation: (T, J, 4) local rotations of an answer that runs forward in the order of its frames.
-        head: (T, 3) m, the place of the head in it.
+        rotation: (T, J, 4) local rotations of an estimate in the order of its frames.
+        head: (T, 3) m, the head's position in it.
         seen: (T, P) bool: points that are tracked.
         seconds: between frames.
     """
@@ -91,7 +91,7 @@ def _returns(seen: Array) -> Iterator[tuple[int, Array]]:
 
 
 def _hidden_before(seen: Array, frame: int, came: Array) -> int:
-    """Return the number of frames before `frame` in which all points `came` were hidden."""
+    """Return for how many frames right before `frame` all points `came` were hidden."""
     before = np.asarray(seen[:frame, came].any(axis=1))[::-1]
     return int(before.argmax()) if before.any() else len(before)
 
