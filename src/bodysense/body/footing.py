@@ -44,7 +44,7 @@ def stopped_slide(
 
 
 def _resting(contact: np.ndarray) -> np.ndarray:
-    """(N,) which of the points of a foot rests on the floor; -1 where none does. One that rests goes on to."""
+    """Return (N,) the resting point of a foot; -1 if no point rests. A resting point keeps resting."""
     result, now = np.full(len(contact), -1), -1
     for frame, chances in enumerate(contact):
         if now >= 0 and chances[now] < RELEASE:

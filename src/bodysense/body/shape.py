@@ -116,7 +116,7 @@ class ShapeSpace:
     def likeliest(
         self, lengths: Mapping[tuple[str, str], Measured] | None = None, height: Measured | None = None
     ) -> ShapeEstimate:
-        """The likeliest shape given measured lengths, with what remains unknown of it.
+        """Return the likeliest shape given measured lengths, with its remaining uncertainty.
 
         The maximum a posteriori under the standard normal prior, by Gauss-Newton; the covariance is Laplace's. With
         nothing measured it is the mean adult, with the covariance of the population.

@@ -1,9 +1,9 @@
 """Inertialisation: the output continues from its last pose, and the difference to the target decays.
 
-Where motion breaks (sensors came or went, a point was found again, the skeleton changed), the difference between what
-was shown and what is to be shown is kept as an offset and taken to zero by a critically damped spring (Bollo,
-*Inertialization*, GDC 2018, with a spring in place of his polynomial). Pose and velocity are continuous, nothing is
-blended from the old motion, and without an offset the target is shown to the bit.
+If motion breaks (sensors came or went, a point was found again, the skeleton changed), the difference between output
+and target becomes an offset that a critically damped spring takes to zero (Bollo, *Inertialization*, GDC 2018, with a
+spring in place of his polynomial). Pose and velocity are continuous, the old motion is not blended in, and without an
+offset the output is bit-identical to the target.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The one loader of network files: an .onnx with metadata of its kind, run by ONNX Runtime on one thread.
 
-A file's metadata is its card: `format` names what the network is, every other field is JSON. A graph carries its state
-through inputs `state_…` and outputs `next_…` of the same names; the card's `state` says what it starts with.
+A file's metadata is its card: `format` names the kind of network, every other field is JSON. A graph carries its state
+through inputs `state_…` and outputs `next_…` of equal names; the card's `state` is the initial state.
 """
 
 from __future__ import annotations

@@ -57,7 +57,7 @@ class BvhStream(AbstractContextManager["BvhStream"]):
         return self
 
     def append(self, time: np.ndarray, pose: Pose) -> None:
-        """Add a motion (T, …) whose frames were taken at `time` (T,) s, which goes on increasing."""
+        """Add a motion (T, …) whose frames were taken at increasing `time` (T,) s."""
         roots, rotations = np.asarray(pose.root_position), np.asarray(pose.rotation)[:, self._order]
         lines = []
         for moment, root, rotation in zip(time.tolist(), roots, rotations, strict=True):
@@ -252,7 +252,7 @@ def open_bvh(path: str | Path) -> BvhLines:
     words = body.split()
     numbers = _numbers(words) if frames and words and len(words) % frames == 0 else None
     if numbers is None:
-        parse_bvh(data, path)  # says what is wrong
+        parse_bvh(data, path)  # raises the specific error
         raise BodysenseError(f"{path}: its motion cannot be read line by line; export it again")
     values = np.where(sound(numbers), numbers, np.nan).reshape(frames, -1)
     lines = _lines(body, words, *values.shape)

@@ -1,4 +1,4 @@
-"""Clip: a recorded motion, a Pose over time with what is known of it."""
+"""Clip: a recorded motion, a Pose over time with its metadata."""
 
 from __future__ import annotations
 

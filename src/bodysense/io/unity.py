@@ -43,7 +43,7 @@ def unity_euler(rotation: np.ndarray) -> np.ndarray:
 
 
 def one_finite_pose(pose: Pose) -> None:
-    """Raise BodysenseError for what is not one frame of finite numbers: nothing else is sent to an avatar."""
+    """Raise BodysenseError unless the pose is one frame of finite numbers, the only valid input of an avatar."""
     shape = np.shape(pose.rotation)
     if len(shape) != 2 or not (np.isfinite(pose.rotation).all() and np.isfinite(pose.root_position).all()):
         raise BodysenseError(f"an avatar takes one finite pose at a time, rotations (J, 4); got {shape}")

@@ -23,7 +23,7 @@ class FoundHand(NamedTuple):
     """A hand that may be there."""
 
     hand: int  # which
-    cost: float  # of its labels: squared distances as shares of what is allowed, more for markers that are hidden
+    cost: float  # of its labels: squared distances as shares of the limit, more for hidden markers
     chosen: np.ndarray  # (9,) the point of each marker, −1 hidden
     size: float  # as a factor of the template's
     flat: np.ndarray  # (9, 3) m, where it would have its markers if it were flat

@@ -1,9 +1,9 @@
 """Gloves of any marker set: the hand is solved from its own markers and yields positions of the standard ones.
 
-The networks, the rejection of wrong markers and the continuity of hidden ones know the standard markers alone. A
-calibrated hand (`calibration`) knows where its own markers sit; every frame its pose is found by least squares, begun
-from the last one, and standard markers are read off it. One is hidden where what tells of it is: a fingertip where
-its finger's nearest marker is hidden, the back of the hand where fewer than three of its markers are seen.
+The networks, the rejection of wrong markers and the continuity of hidden ones support the standard markers only. A
+calibrated hand (`calibration`) has the positions of its own markers; every frame its pose is fitted by least squares,
+starting from the last one, and standard markers are computed from it. A standard marker is hidden if its evidence is:
+a fingertip if its finger's nearest marker is hidden, the back of the hand if fewer than three of its markers are seen.
 """
 
 from __future__ import annotations

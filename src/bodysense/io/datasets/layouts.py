@@ -55,7 +55,7 @@ _COPY = re.compile(r"\s*\(\d+\)$")  # of a file downloaded twice: 'Walking (1)'
 
 @dataclass(frozen=True)
 class Labelled:
-    """A motion file and what its folder says of it."""
+    """A motion file and its labels from the folder."""
 
     file: MotionFile
     person: str
@@ -76,7 +76,7 @@ def layout_of(directory: Path, files: Sequence[MotionFile]) -> Layout:
 
 
 def labelled(layout: Layout, directory: Path, files: Sequence[MotionFile]) -> list[Labelled]:
-    """The motion files of a folder that belong to its data set, with what is known of each.
+    """Return the motion files of a folder that belong to its data set, with the labels of each.
 
     unoc: the person is the participant's folder. The paper tests on a fifth of the data, two unseen participants
     among them, and does not name them; its released code takes the last fifth in the order of the folders. Of a whole

@@ -89,7 +89,7 @@ def _t_pose(skeleton: Skeleton) -> tuple[Skeleton, np.ndarray]:
                 continue
             joint = skeleton.index(name)
             beyond = [point for point, parent in enumerate(skeleton.parents) if parent == joint]
-            if not beyond:  # a thumb without a tip goes on straight
+            if not beyond:  # a thumb without a tip is straight
                 turn[joint] = turn[skeleton.parents[joint]]
                 continue
             turn[joint] = shortest_arc(outward, skeleton.rest_offset[beyond[0]])

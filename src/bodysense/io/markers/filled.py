@@ -94,7 +94,7 @@ def _unquoted(line: str, delimiter: str) -> str:
 
 
 def _replaced(cell: str, number: str) -> str:
-    """A number in place of what a cell holds; blanks and quotes around it stay."""
+    """Return a cell with a new number; blanks and quotes around it are unchanged."""
     content = cell.strip().strip('"').strip()
     return cell.replace(content, number, 1) if content else cell.replace('""', f'"{number}"') or number
 

@@ -8,7 +8,7 @@ How a source's rest bones are aligned with ours: `io.rigs.alignment`.
 Skipped joints. Joints that we lack (LowerBack, twist bones, a fourth spine joint) are left out. If they do not move,
 all matched joints keep their world positions to rounding. If they do, a joint with one child is turned each frame so
 that it points at it, which leaves the bone's change of length. The pelvis has several children: what a LowerBack bends
-there, spine1 takes over, so that the upper body comes back to its place but for the change of length (Rocketbox: 2 mm
+there, spine1 takes over, so that the upper body returns to its place except for the change of length (Rocketbox: 2 mm
 on average instead of 12, 2 cm where LowerBack bends by 24°). World rotations of all other joints are kept exactly.
 """
 

@@ -135,7 +135,7 @@ NEEDED = ("pelvis", "head", *ARMS, *LEGS)  # of a whole body
 
 
 def table_of(path: Path) -> dict[str, str]:
-    """The table of a file, {name in the file: ours}, without what is left out. Raises BodysenseError for another."""
+    """Return a file's table, {name in the file: ours}, without omitted joints. Raises BodysenseError for others."""
     try:
         table = json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:

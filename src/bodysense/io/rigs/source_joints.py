@@ -86,7 +86,7 @@ class SourceJoints:
 
 
 def own_joints(skeleton: Skeleton, lacking: Sequence[str] = ()) -> SourceJoints:
-    """The joints of a motion that is on ours, but for those that it is `lacking`."""
+    """Return the joints of a motion on our skeleton, without those that it is `lacking`."""
     count, unturned = len(skeleton.joints), np.array([1.0, 0.0, 0.0, 0.0])
     ours = {name: k for k, name in enumerate(skeleton.joints) if name not in lacking}
     ends = ((name, skeleton.parents[k]) for k, name in enumerate(skeleton.points) if k >= count)
