@@ -144,6 +144,7 @@ CONTEXTS: dict[str, Callable[[pytest.MonkeyPatch], dict[str, Any]]] = {
     "README": in_readme,
     "api": in_api,
     "pahmt": in_arms,
+    "coming-from": lambda _: {},
     "completion": in_completion,
     "concepts": in_completion,
     "engines": in_engines,
