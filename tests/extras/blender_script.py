@@ -60,8 +60,8 @@ def places(*names: str) -> dict[str, list]:
 
 def select(*names: str) -> None:
     """Select these bones alone."""
-    for bone in thing.data.bones:
-        bone.select = bone.name in names
+    for bone in thing.pose.bones:  # Blender 5 keeps the selection with the pose
+        (bone if hasattr(bone, "select") else bone.bone).select = bone.name in names
 
 
 def refused(**given: object) -> str:
