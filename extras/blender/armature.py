@@ -42,8 +42,8 @@ def curves(thing: bpy.types.Object) -> Sequence[bpy.types.FCurve]:
     data = thing.animation_data
     if hasattr(data.action, "fcurves"):
         return data.action.fcurves
-    found = data.action.layers[0].strips[0].channelbag(data.action_slot)
-    return found.fcurves if found else ()
+    bags = [strip.channelbag(data.action_slot) for layer in data.action.layers for strip in layer.strips]
+    return [curve for bag in bags if bag for curve in bag.fcurves]
 
 
 def keyed_frames(thing: bpy.types.Object) -> dict[str, set[int]]:

@@ -9,7 +9,7 @@ from .fault import Fault
 _FINGERS = ("thumb", "index", "middle", "ring", "pinky")
 _TRUNK = ("pelvis", "spine1", "spine2", "spine3", "neck", "head")
 _LIMBS = ("hip", "knee", "ankle", "foot", "collar", "shoulder", "elbow", "wrist")
-# Of each family: names of the trunk, of the limbs, of a finger's bones, and how a side is added to a name.
+# For each family: names of trunk and limbs, the form of a finger's names, and the form that adds a side.
 _FAMILIES = {
     "bodysense": (" ".join(_TRUNK), " ".join(_LIMBS), "{finger}{k}", "{side}_{name}"),
     "mixamo": (

@@ -17,7 +17,7 @@ _WAIT = 0.02  # s between two looks where there is no interface
 
 
 class _Modal:
-    """What both operators share: the steps of a job, run by a timer."""
+    """The common part of both operators: a timer that runs the steps of a job."""
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Begin the job; without an interface, run it to its end."""

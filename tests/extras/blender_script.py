@@ -8,7 +8,9 @@ import socket
 import sys
 import time
 import types
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import bpy
 
@@ -58,8 +60,8 @@ def places(*names: str) -> dict[str, list]:
 
 def select(*names: str) -> None:
     """Select these bones alone."""
-    for bone in thing.data.bones:
-        bone.select = bone.name in names
+    for bone in thing.pose.bones:  # Blender 5 keeps the selection with the pose
+        (bone if hasattr(bone, "select") else bone.bone).select = bone.name in names
 
 
 def refused(**given: object) -> str:
@@ -109,7 +111,7 @@ bpy.context.preferences.addons["bodysense_addon"].preferences.path = program
 
 # A Blender without a window has no timer: what it would call is called here.
 class Window:
-    """What operators use of a context, the timer and the status bar."""
+    """The part of a context that operators use, with the timer and the status bar."""
 
     def __init__(self) -> None:
         self.object, self.scene, self.preferences = thing, bpy.context.scene, bpy.context.preferences
@@ -122,14 +124,14 @@ class Window:
         return "timer"
 
 
-def ticked(operator: type, stop: object, **given: object) -> dict[str, object]:
+def ticked(operator: type, stop: Callable[[list], bool], **given: object) -> dict[str, object]:
     """Execute an operator, tick until it ends or until `stop(texts)`, then press Esc."""
     ours = [base for base in reversed(operator.__mro__) if base.__module__.startswith("bodysense_addon")]
     plain = {
         name: value for base in ours for name, value in vars(base).items() if isinstance(value, types.FunctionType)
     }
     said, window = [], Window()
-    one = type("Driven", (), {**plain, "report": lambda self, level, text: said.append(text), **given})()
+    one: Any = type("Driven", (), {**plain, "report": lambda self, level, text: said.append(text), **given})()
     assert one.execute(window) == {"RUNNING_MODAL"}, said
     ended, longest = {"PASS_THROUGH"}, 0.0
     while ended == {"PASS_THROUGH"}:
