@@ -16,15 +16,17 @@ from pathlib import Path
 import pytest
 
 from bodysense.cli import main
+from bodysense.completion.model import load_completion
 from bodysense.demo import packaged_performance
 from bodysense.io.bvh import write_bvh
 from bodysense.io.datasets.splits import split_of
+from bodysense.tracker import Tracker
 from bodysense_lab.commands import train
 from bodysense_lab.completion import publish
 
 # What each writes into the folder of --out, and its log; options that make its network small.
 COMMANDS = {
-    "completion": ("net.onnx", "net/completion.jsonl", "--finger-steps 2 --warm-up 1"),
+    "completion": ("net.safetensors", "net/completion.jsonl", "--finger-steps 2 --warm-up 1"),
     "completion-fingers": ("net.ckpt", "net.jsonl", "--warm-up 1"),
     "body-gru": ("net.onnx", "net.jsonl", "--lanes 4 --hidden 16"),
     "unoc-tables": ("nets/window_9.pt", "nets/window_9.jsonl", "--networks window_9 --batch-scale 0.02"),
@@ -71,7 +73,8 @@ def test_the_completion_network_is_trained_and_published(
     monkeypatch.setattr(publish, "_LONGEST", 1.0)  # s of a clip that errors are judged by
     monkeypatch.setattr(publish, "round_weights", lambda network, moments: None)
     assert main(asked("completion", recorded, tmp_path, 2)) == 0
-    assert (tmp_path / COMMANDS["completion"][0]).is_file()
+    network = load_completion(tmp_path / COMMANDS["completion"][0])
+    assert Tracker(network=network).start().model is network
     check_log(tmp_path / COMMANDS["completion"][1], "1 process")
 
 

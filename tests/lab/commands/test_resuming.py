@@ -20,7 +20,7 @@ from bodysense_lab.completion import publish
 
 # The command's options, its log, and what it writes. `fingers` is trained as `upper-body` is.
 TRAININGS = {
-    "completion": ("--steps 4 --warm-up 1 --finger-steps 0", "net/completion.jsonl", "net.onnx"),
+    "completion": ("--steps 4 --warm-up 1 --finger-steps 0", "net/completion.jsonl", "net.safetensors"),
     "body-gru": ("--steps 6 --lanes 2 --chunk 2 --hidden 8 --passes 1 --finger-passes 1", "net.jsonl", "net.onnx"),
     "unoc-tables": (
         "--networks window_9 --epochs 3 --window-stride 2 --batch-scale 0.05",

@@ -22,7 +22,7 @@ from bodysense_lab.options import Flat
 
 
 def completion(run: Flat[CompletionTraining]) -> None:
-    """Train the completion network, make its expected errors true, and write the whole step as one .onnx file.
+    """Train the completion network, make its expected errors true, and write both networks as one .safetensors file.
 
     Training resumes from the checkpoints in the folder of the run. The 6200 steps take an hour and a half of one core.
     """

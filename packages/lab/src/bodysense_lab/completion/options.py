@@ -28,13 +28,13 @@ FINGER_SCHEDULE = Schedule(steps=2000, learning_rate=2e-3, weight_decay=0.1, che
 
 @dataclass(frozen=True, kw_only=True)
 class CompletionTraining(MotionRun, Card):
-    """Train the completion network and write the whole step as one .onnx file."""
+    """Train the completion network and write both networks as one .safetensors file."""
 
     run: Path | None = None
     """folder of checkpoints; OUT without its ending if omitted"""
     schedule: Flat[Schedule] = Schedule(steps=6200)
     begin_with: Path | None = None
-    """checkpoint of an earlier run, or a completion network (.onnx), with whose weights the body's network begins"""
+    """checkpoint of an earlier run, or a completion network (.safetensors), whose weights the body begins with"""
     finger_steps: int = FINGER_SCHEDULE.steps
     """optimiser steps of the fingers' network; 0 leaves relaxed fingers"""
     threads: int | None = 1
@@ -47,7 +47,7 @@ class CompletionTraining(MotionRun, Card):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_ending(self.out, ".onnx")
+        check_ending(self.out, ".safetensors")
         if self.finger_steps < 0:
             raise BodysenseError(f"--finger-steps {self.finger_steps}: give 0 or more")
 
