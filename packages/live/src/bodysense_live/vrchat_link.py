@@ -22,6 +22,7 @@ from bodysense_live.vrchat import ADVISED, PORT, TAKEN, vrchat_packets
 _HTTP, _OSC = "_oscjson._tcp.local.", "_osc._udp.local."
 _VRCHAT = "VRChat-Client"  # how its names begin
 _TO_RESOLVE = 3000  # ms
+_TO_ANNOUNCE = 5.0  # s
 
 
 @dataclass(frozen=True)
@@ -104,6 +105,8 @@ class _Discovery:
             raise missing_package(error) from None
         self._host = host
         self._tell: Any = None
+        self._announcing: threading.Thread | None = None
+        self._closing = threading.Event()
         self._known: dict[str, tuple[str, int]] = {}  # VRChats by their names, the newest last
         try:
             self._network = zeroconf.Zeroconf(ip_version=zeroconf.IPVersion.V4Only)
@@ -126,15 +129,21 @@ class _Discovery:
 
         self._tell = tell
         self._browser = ServiceBrowser(self._network, _OSC, handlers=[self._changed])
-        threading.Thread(target=self._announce, daemon=True).start()  # asks first whether a name is taken
+        self._announcing = threading.Thread(target=self._announce, daemon=True)  # asks first whether a name is taken
+        self._announcing.start()
 
     def close(self) -> None:
-        """Take the announcement back."""
+        """Take the announcement back. Waits for an announcement that is under way, 2 s or so."""
+        self._closing.set()
+        if self._announcing is not None:
+            self._announcing.join(_TO_ANNOUNCE)
         self._network.close()
 
     def _announce(self) -> None:
         for one in self._ours:
-            with contextlib.suppress(Exception):  # the server ends meanwhile
+            if self._closing.is_set():
+                return
+            with contextlib.suppress(Exception):  # nobody finds a service whose name is taken
                 self._network.register_service(one)
 
     def _changed(self, zeroconf: Any, service_type: str, name: str, state_change: Any) -> None:
