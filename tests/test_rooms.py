@@ -175,6 +175,33 @@ def heavy(module: str, seen: set[str]) -> set[str]:
     if module in seen:
         return set()
     seen.add(module)
+    names = imported(module, everywhere=False)
+    packages = {".".join(module.split(".")[:k]) for k in range(1, module.count(".") + 1)}
+    outside = {name.split(".")[0] for name in names - ours(names)} - sys.stdlib_module_names
+    return outside.union(*(heavy(other, seen) for other in (ours(names) | packages) & set(MODULES)))
+
+
+def test_no_two_classes_share_a_name() -> None:
+    found: dict[str, list[str]] = {}
+    for module in MODULES:
+        for node in ast.walk(parsed(module)):
+            if isinstance(node, ast.ClassDef):
+                found.setdefault(node.name, []).append(module)
+    assert not {name: modules for name, modules in found.items() if len(modules) > 1}
+
+
+def test_the_run_time_is_light() -> None:
+    heavier = {name: heavy(name, set()) - LIGHT for name in MODULES if package(name) != "bodysense_lab"}
+    assert not {name: packages for name, packages in heavier.items() if packages}
+    assert heavy(FRONT_DOOR, set()) == set()
+
+
+def test_the_check_sees_what_is_heavy() -> None:
+    assert "torch" in heavy("bodysense_lab.unoc.network", set())
+    assert {"torch", "onnx"} <= heavy("bodysense_lab.unoc.train", set())
+
+
+def test_the_command_starts_without_the_libraries_of_training() -> None:
     names = modules_after("import bodysense, bodysense.cli.application; bodysense.track, bodysense.Tracker")
     assert "tyro" in names
     assert not names & {"torch", "zarr", "dask", "onnx", "scipy", "onnxruntime", "matplotlib"}
