@@ -9,13 +9,17 @@ const ENTRY = /<script type="module" crossorigin src="(.*?)"><\/script>/;
 /** How a browser gets at it: modules name it, and a map says where it is once it is unpacked. */
 const START = `<link rel="preload" as="script" crossorigin href="$1" />
     <script>
+      let early = null; // a button pressed before there is a module that hears it
+      const keep = ({ target }) => (early = target.closest("button"));
+      addEventListener("click", keep);
+      const start = () => (removeEventListener("click", keep), early?.click());
       const add = (kind, content) => document.head.append(Object.assign(document.createElement("script"), { type: kind, ...content }));
       fetch("./${NAME}.js.gz")
         .then(({ body }) => new Response(body.pipeThrough(new DecompressionStream("gzip"))).blob())
         .then((code) => {
           const ${NAME} = URL.createObjectURL(new Blob([code], { type: "text/javascript" }));
           add("importmap", { textContent: JSON.stringify({ imports: { ${NAME} } }) });
-          add("module", { src: "$1" });
+          add("module", { src: "$1", onload: start });
         })
         .catch(() => {
           document.getElementById("notice-text").textContent = "${NAME}.js.gz is damaged or missing; load the page again.";
