@@ -66,11 +66,13 @@ def main(folder: Path) -> None:
 
 
 def paper(numbers: Numbers) -> str:
-    """The paper's form of the marker network, next to the published figures."""
+    """The paper's form of the marker network, on hands of its training and on others, next to the published figures."""
     rows = []
     for hidden in HIDDEN:
-        ours = (f"{numbers[f'nn_{hidden}_{duration:.1f}_cm']:.2f}" for duration in DURATIONS)
-        rows.append([str(hidden), "here", *ours])
+        for hands, method in (("trained avatars", "nn"), ("strangers' hands", "stranger_nn")):
+            keys = [f"{method}_{hidden}_{duration:.1f}_cm" for duration in DURATIONS]
+            if set(keys) <= set(numbers):
+                rows.append([str(hidden), hands, *(f"{numbers[key]:.2f}" for key in keys)])
         rows.append([str(hidden), "published", *(f"{value:.2f}" for value in PUBLISHED_MARKERS["nn", hidden])])
     return markdown(["hidden", "", *(f"{duration:g} s" for duration in DURATIONS)], rows)
 
@@ -81,7 +83,7 @@ def sentence(read: dict[str, Numbers]) -> str:
     text = (
         "Gloves, on an avatar's hand that was left out of training: a marker hidden for a second is "
         f"{table3['foreign_nn_1_1.0_cm']:.2f} cm off, one of four {table3['foreign_nn_4_1.0_cm']:.2f}; finger joints "
-        f"are {table4['foreign_nn_0_cm']:.2f} cm off where the hand is told, {table4['foreign_calibrated_0_cm']:.2f} "
+        f"are {table4['foreign_nn_0_cm']:.2f} cm off if the hand's shape is known, {table4['foreign_calibrated_0_cm']:.2f} "
         "where ten seconds of its markers calibrate it."
     )
     return fill(text, 120)
@@ -96,7 +98,7 @@ def other_sets(numbers: Numbers) -> str:
         ]
         for layout in layouts()
     ]
-    return markdown(["markers", "hand told", "one hidden", "calibrated", "one hidden"], rows)
+    return markdown(["markers", "hand known", "one hidden", "calibrated", "one hidden"], rows)
 
 
 def summary(read: dict[str, Numbers]) -> str:

@@ -176,7 +176,7 @@ def completion(numbers: dict[str, float]) -> str:
         [_sensors(name), *(_figure(numbers, f"{name}_{body}_{_position(name)}") for body in BODIES)]
         for name in TABLE_SETS
     ]
-    head = ["sensors", "own body", "stranger's", "only height told", "nothing told"]
+    head = ["sensors", "own body", "stranger's", "only height known", "nothing known"]
     text = [
         f"`bodysense evaluate completion --data DIR --limit {numbers['clips']:.0f}`: main motions, cm. 22 joints from",
         "the head; of the headset's cameras the joints that they do not see, in the world.",

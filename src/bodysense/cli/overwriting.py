@@ -10,7 +10,7 @@ from bodysense.errors import BodysenseError
 
 FLAG = "--overwrite"
 # Options with a file that a command writes; every other file is read.
-WRITTEN = ("-o", "--out", "--json", "--csv", "--picture", "--overlay", "--html", "--junit", "--save-person")
+WRITTEN = ("-o", "--out", "--json", "--csv", "--picture", "--overlay", "--html", "--save-person")
 
 
 UPDATED = {"--person", "--save-person"}  # with one file for both, the command updates it

@@ -142,7 +142,7 @@ def _report(text: str, warning: str | None, overlay: Path | None) -> None:
 
 
 def _checked(options: VideoOptions) -> PersonSettings:
-    """Whom to follow. Refuses what cannot be, before anything is opened."""
+    """Return the person to follow. Raises BodysenseError for invalid options, before any file is opened."""
     from bodysense.devices.video.person import PersonSettings
 
     if options.overlay is not None:
@@ -153,7 +153,7 @@ def _checked(options: VideoOptions) -> PersonSettings:
 
 
 def _look_ahead(source: str, options: VideoOptions) -> float:
-    """Seconds that answers wait: those asked for; a webcam is answered at once."""
+    """Return the look-ahead in seconds: the given one, else 0 for a webcam and the default for a file."""
     from bodysense.devices.video.device import VideoSettings
 
     if options.look_ahead is not None:
@@ -164,7 +164,7 @@ def _look_ahead(source: str, options: VideoOptions) -> float:
 def _maker(
     skeleton: Skeleton, options: VideoOptions, model: Path | None, look_ahead: float
 ) -> Callable[[float], VideoDevice]:
-    """What makes the device, for pictures of a width / height."""
+    """Return a function from the aspect ratio (width / height) of pictures to the device."""
     from bodysense.devices.video.arms import Arms, ArmSettings, load_arms
     from bodysense.devices.video.device import VideoDevice, VideoSettings
 
@@ -175,7 +175,7 @@ def _maker(
 
 @dataclass
 class _Motion:
-    """The motion of a video as it is written: at once, or with past and future when all pictures are seen."""
+    """The motion of a video: written frame by frame, or completed with past and future at the end."""
 
     file: BvhStream
     both: TwoWayTracker | None  # None: at once
@@ -189,7 +189,7 @@ class _Motion:
             self.kept.append(frames)
 
     def finish(self, seconds: float) -> None:
-        """Complete the frames that were kept, so many seconds apart, and write them."""
+        """Complete the kept frames, `seconds` apart, and write them."""
         from bodysense.observation import concatenated_frames
 
         if self.both is not None and self.kept:
@@ -199,7 +199,7 @@ class _Motion:
 
 @dataclass
 class _Tally:
-    """What was found, and how long it took."""
+    """Counts of seen people and hands, and times."""
 
     seen: Seen
     left_hands: int = 0

@@ -266,7 +266,7 @@ KINDS = {
         "Completes a whole body, in rotations, from any points that are tracked, on any adult's proportions.",
         "bodysense evaluate completion",
         "Test people and test bodies, main motions: MPJPE from the head, cm, with a camera that of hidden joints; of "
-        "the recording's body, told; of a stranger's, told; only the height told; nothing told",
+        "the recording's body, known; of a stranger's, known; only the height known; nothing known",
         ("sensors", "own", "stranger", "height", "nothing"),
         _completion_rows,
         f"children; people who carry or use things; {_NOBODY}",

@@ -143,7 +143,7 @@ class _Discovery:
         for one in self._ours:
             if self._closing.is_set():
                 return
-            with contextlib.suppress(Exception):  # nobody finds a service whose name is taken
+            with contextlib.suppress(Exception):  # a service with a taken name cannot be found
                 self._network.register_service(one)
 
     def _changed(self, zeroconf: Any, service_type: str, name: str, state_change: Any) -> None:

@@ -176,10 +176,10 @@ def groups_of(table: CompletionTable) -> tuple[str, ...]:
 
 
 BODY_WORDS = {
-    "own": "the recording's body, told",
-    "stranger": "another body, told",
-    "height": "another body, only its height told",
-    "nothing": "another body, nothing told",
+    "own": "the recording's body, known",
+    "stranger": "another body, known",
+    "height": "another body, only its height known",
+    "nothing": "another body, nothing known",
 }
 # Measures of takes that are completed with past and future; in a cell their names begin with "take_".
 TAKE_MEASURES = ("mpjpe_cm", "occluded_mpjpe_cm", "rotation_deg", "jumps_per_minute")
@@ -372,7 +372,7 @@ def _remarks(table: CompletionTable) -> Iterator[str]:
         worse = [score for score in table.lattice if score.violates]
         yield (
             f"One sensor more makes the mean worse by over 1 % on {len(worse)} of {len(table.lattice)} random edges of "
-            f"the lattice of sensor sets (strangers, told; at most {CLIPS} clips, their first {FRAMES / 30:.0f} s)."
+            f"the lattice of sensor sets (unseen bodies, known; at most {CLIPS} clips, their first {FRAMES / 30:.0f} s)."
         )
         for score in sorted(worse, key=lambda one: one.fewer / one.more)[:5]:
             yield (

@@ -37,7 +37,7 @@ from bodysense_lab.two_hands.trials import DURATIONS, KeyedMeans, Trials, cut, f
 
 FOREIGN, STRANGER, TEMPLATE = "foreign", "stranger", "template"
 PLACES = {FOREIGN: "left-out hand", STRANGER: "strangers' hands", TEMPLATE: "the paper's hand"}
-WAYS = {"nn": "hand told", "untold": "size told", "calibrated": "hand calibrated"}
+WAYS = {"nn": "hand known", "untold": "size known", "calibrated": "hand calibrated"}
 ALONE = "network_alone"  # known hand, without continuity
 FEW_MANY = (1, 4)  # markers hidden at once
 _LOOKED = 600  # frames that a calibration looks at: ten seconds

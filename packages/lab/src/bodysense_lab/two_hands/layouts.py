@@ -76,7 +76,7 @@ def layout_table(hands: int, advance: Callable[[], None]) -> Report:
     return Report(
         name="gloves-layouts",
         title="Gloves of other marker sets: joints of fingers",
-        columns=("markers", "count", "hand told", "… one hidden", "calibrated", "… one hidden"),
+        columns=("markers", "count", "hand known", "… one hidden", "calibrated", "… one hidden"),
         rows=tuple(rows),
         numbers=finite(numbers),
         data=(f"{hands} hands drawn from the family (seed {_SEED}), synthesised motion at {RATE:g} Hz.",),

@@ -165,7 +165,7 @@ def _foreign_rows(table: GloveTable) -> Iterator[tuple[Cell, ...]]:
     """Return the rows of unseen hands."""
     blank = (None,) * len(DURATIONS)
     for place, label in PLACES.items():
-        for way, name in (*WAYS.items(), (ALONE, "hand told, network alone")):
+        for way, name in (*WAYS.items(), (ALONE, "hand known, network alone")):
             if math.isfinite(still := table.get(way, 0, 0.0, place)):
                 yield (label, name, "0", cell(still), *blank[1:], *blank)
             for hidden in FEW_MANY:
