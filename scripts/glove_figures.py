@@ -83,8 +83,8 @@ def sentence(read: dict[str, Numbers]) -> str:
     text = (
         "Gloves, on an avatar's hand that was left out of training: a marker hidden for a second is "
         f"{table3['foreign_nn_1_1.0_cm']:.2f} cm off, one of four {table3['foreign_nn_4_1.0_cm']:.2f}; finger joints "
-        f"are {table4['foreign_nn_0_cm']:.2f} cm off if the hand's shape is known, {table4['foreign_calibrated_0_cm']:.2f} "
-        "where ten seconds of its markers calibrate it."
+        f"are {table4['foreign_nn_0_cm']:.2f} cm off if the hand's shape is known, "
+        f"{table4['foreign_calibrated_0_cm']:.2f} where ten seconds of its markers calibrate it."
     )
     return fill(text, 120)
 

@@ -103,8 +103,8 @@ def track(  # noqa: PLR0915
         out: completed motion: .bvh, .glb (glTF with an animated skeleton), .vrma (an animation for VRM avatars) or
             .mcap (a take that robots' tools read). Of a marker file also one that ends as it does (.trc, .c3d, .tsv,
             .csv): the same file with the gaps of its markers filled.
-        device: simulated device that watches the body of a motion. Without it the motion's holes are filled, and its known
-            frames are unchanged.
+        device: simulated device that watches the body of a motion. Without it the motion's holes are filled, and its
+            known frames are unchanged.
         missing: joints of a motion that are missing, by its names or ours: left_forearm,left_hand. LeftForeArm+ is with
             all that hangs on it; left_forearm,left_hand:100-240 are both in these frames (from 0, both included). If
             omitted: values that are not numbers, and limbs with constant values while the body moves.
