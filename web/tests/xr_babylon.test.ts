@@ -15,6 +15,8 @@ import { afterEach, beforeEach, expect, it, vi } from "vitest";
 import { skeleton as tree } from "./body";
 import { emulated, type Emulated } from "./emulated";
 
+vi.setConfig({ testTimeout: 60_000 });
+
 const bytes = (path: string) => new Uint8Array(readFileSync(new URL(path, import.meta.url)));
 const OURS: Readonly<Record<string, string>> = {
   Hips: "pelvis",

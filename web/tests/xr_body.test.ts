@@ -12,6 +12,8 @@ import { readFileSync } from "node:fs";
 import { afterEach, beforeAll, beforeEach, describe, expect, it, vi } from "vitest";
 import { emulated, RATE, type Emulated } from "./emulated";
 
+vi.setConfig({ testTimeout: 60_000 });
+
 type Model = Awaited<ReturnType<typeof openModel>>;
 type Place = [number, number, number];
 const bytes = (path: string) => new Uint8Array(readFileSync(new URL(path, import.meta.url)));
