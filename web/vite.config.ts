@@ -57,6 +57,7 @@ export default defineConfig({
   resolve: {
     alias: [
       { find: /^@bodysense\/core$/, replacement: core("src/index.ts") },
+      { find: /^@bodysense\/core\/(math|webxr)$/, replacement: core("src/$1.ts") },
       { find: /^@bodysense\/core\/core\.wasm/, replacement: core("core.wasm") },
     ],
   },

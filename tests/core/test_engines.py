@@ -237,6 +237,6 @@ def cpp_compiler() -> str:
 
 def test_the_page_names_files_that_exist() -> None:
     page = (ROOT / "docs" / "engines.md").read_text(encoding="utf-8")
-    named = re.findall(r"`((?:extras|core)/[\w/.-]+\.\w+)`", page)
+    named = re.findall(r"`((?:extras|core|examples)/[\w/.-]+\.\w+)`", page)
     assert len(named) > 6
     assert not [name for name in named if not (ROOT / name).exists()]

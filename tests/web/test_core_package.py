@@ -29,10 +29,11 @@ from bodysense.tracker import Tracker, TrackerSettings
 
 Scenario = Callable[..., dict[str, Any]]
 ROOT = Path(__file__).parents[2]
+EXAMPLE = ROOT / "examples" / "xr_body"
 PACKAGE, SCRIPTS = ROOT / "web" / "core", ROOT / "web" / "tests" / "core_package"
 WASM = PACKAGE / "core.wasm"
 LARGEST = 300_000  # bytes of core.wasm
-LONGEST = 300  # lines of the wrapper
+WRAPPER, LONGEST = ("index.ts", "memory.ts", "types.ts"), 300  # lines of the wrapper
 FRAMES = 600
 ARRAYS = ("rootPosition", "confidence", "bound", "contact", "restOffset")  # of the package's bodies
 FARTHEST, MOST_TURNED = 1e-4, 0.01  # m and degrees between bodies of the package and of the library
@@ -141,7 +142,7 @@ def assert_equal_bodies(done: dict[str, Any], estimate: Estimate, names: Sequenc
 
 def test_the_core_is_small_and_stands_alone(web: Path) -> None:
     assert WASM.stat().st_size <= LARGEST
-    assert sum(len(path.read_text("utf-8").splitlines()) for path in (PACKAGE / "src").iterdir()) <= LONGEST
+    assert sum(len((PACKAGE / "src" / name).read_text("utf-8").splitlines()) for name in WRAPPER) <= LONGEST
     build = runpy.run_path(str(ROOT / "scripts" / "build_wasm.py"))
     assert outside(web, WASM) == {"imports": [], "exports": sorted(["_initialize", "memory", *build["interface"]()])}
 
@@ -227,6 +228,52 @@ def test_the_package_runs_in_a_browser(scenario: Scenario, project: Path, tmp_pa
     assert_equal_bodies(
         json.loads((tmp_path / "result.json").read_text()), tracker.step(observation, tracker.start())[0]
     )
+
+
+@pytest.mark.slow
+def test_the_package_has_a_body_for_webxr(project: Path) -> None:
+    said = json.loads(run_in(project, "node", "webxr.mjs"))
+    assert said["refused"] == "this browser has no WebXR; open the page by https in a headset's browser"
+    joints = {name: np.array(place) for name, place in said["joints"].items()}
+    assert len(joints) == 83 and all(np.isfinite(place).all() for place in joints.values())
+    assert np.linalg.norm(joints["head"] - (0, 1.6, 0)) < 0.15
+    assert joints["hips"][1] > 0.7 and 0 < joints["left-foot-ankle"][1] < 0.4
+    assert joints["left-hand-wrist"][0] < 0 < joints["right-hand-wrist"][0]  # the wearer looks along −Z
+
+
+@pytest.fixture(scope="module")
+def example(project: Path, web: Path) -> Path:
+    """The example of WebXR's body, checked and built by Vite with the packed package, beside npm's three.js."""
+    for name in ("three", "vite", "@types"):
+        (project / "node_modules" / name).symlink_to(web / "node_modules" / name)
+    shutil.copytree(EXAMPLE, project / "xr_body")
+    options = ["--strict", "--noEmit", "--target", "es2022", "--module", "esnext", "--moduleResolution", "bundler"]
+    programs = web / "node_modules" / ".bin"
+    snippets = re.findall(r"```ts\n(.*?)```", (PACKAGE / "README.md").read_text("utf-8"), re.DOTALL)
+    assert snippets
+    (project / "snippet.ts").write_text("\n".join(snippets))
+    for source in ("xr_body/main.ts", "snippet.ts"):
+        run_in(project, str(programs / "tsc"), *options, "--types", "vite/client,webxr", source)
+    run_in(project / "xr_body", str(programs / "vite"), "build", "--logLevel", "error")
+    return project / "xr_body" / "dist"
+
+
+@pytest.mark.slow
+def test_the_example_shows_a_body_in_a_browser_without_body_tracking(
+    scenario: Scenario, example: Path, tmp_path: Path
+) -> None:
+    facts = scenario("xr_body", example, tmp_path)
+    for name in ("first", "raised", "second"):
+        body = facts[name]
+        assert body["size"] == 83 and "body-tracking" in body["enabledFeatures"]
+        assert np.linalg.norm(np.subtract(body["head"], (0.4, 1.6, 0.2))) < 0.15  # behind and below the eyes
+        assert 0.7 < body["hips"][1] < 1.1
+        assert max(body["left-foot-ball"][1], body["right-foot-ball"][1]) < 0.15
+    wrists = [facts[name]["left-hand-wrist"] for name in ("first", "raised", "second")]
+    assert np.linalg.norm(np.subtract(wrists[0], (0.15, 1.05, -0.1))) < 0.1
+    assert np.linalg.norm(np.subtract(wrists[1], (0.1, 1.75, 0.1))) < 0.1
+    assert np.linalg.norm(np.subtract(wrists[2], wrists[0])) < 0.02
+    assert facts["raised"]["left-arm-lower"][1] > facts["first"]["left-arm-lower"][1] + 0.2  # the elbow goes along
 
 
 @pytest.mark.slow

@@ -56,7 +56,7 @@ export class HeadsetDoor {
       { id: "leave", text: () => "Leave VR", press: () => this.headset.stop() },
     ]);
     this.menu.say("Point and pinch, or pull the trigger.");
-    this.headset = new Headset(view, live, body.skeleton, body.landmarks, this.menu, {
+    this.headset = new Headset(view, live, body.skeleton, this.menu, {
       tracked: (observation) => {
         events.tracked(observation);
         live.track(observation, null);

@@ -10,12 +10,6 @@ import type { View } from "../src/view/scene";
 import { VrMenu } from "../src/view/vr_menu";
 import { skeleton } from "./body";
 
-const LANDMARKS = new Map<string, Vector>([
-  ["between_eyes", [0, 0.04, 0.1]],
-  ["left_palm", [0.05, -0.02, 0]],
-  ["right_palm", [-0.05, -0.02, 0]],
-]);
-
 class FakeSession extends EventTarget {
   readonly inputSources: object[] = [{ handedness: "left", gripSpace: "left", targetRaySpace: "ray" }];
   end(): Promise<void> {
@@ -47,7 +41,7 @@ async function worn() {
   };
   vi.stubGlobal("navigator", { xr: { requestSession: () => Promise.resolve(session) } });
   const menu = new VrMenu(["first", "second"].map((id) => ({ id, text: () => id, press: () => pressed.push(id) })));
-  const headset = new Headset(view as unknown as View, { newest: null } as Live, skeleton, LANDMARKS, menu, {
+  const headset = new Headset(view as unknown as View, { newest: null } as Live, skeleton, menu, {
     tracked: (observation) => tracked.push(observation),
     left: (wasAsked) => left.push(wasAsked),
   });

@@ -7,10 +7,7 @@ import { axisAngle, fromAxes, multiply, rotate, type Vector } from "../src/body/
 import { numbers, readNpz } from "../src/files/npz";
 import type { Observation } from "../src/body/observation";
 import { placed, placedBy } from "../src/sources/placement";
-import { XrPoints } from "../src/sources/xr_points";
-import { XR_POINTS } from "../src/sources/xr_signal";
 import { NOBODY, personOf } from "../src/wearer";
-import { skeleton } from "./body";
 
 const library = (name: string): ArrayBuffer =>
   Uint8Array.from(readFileSync(new URL(`../../src/bodysense/${name}`, import.meta.url))).buffer;
@@ -48,30 +45,7 @@ describe("calibration", () => {
   });
 });
 
-describe("a headset's points", () => {
-  const points = new XrPoints(
-    new Map([
-      ["between_eyes", [0, 0.04, 0.1]],
-      ["left_palm", [0.05, 0, 0]],
-    ]),
-  );
-
-  it("have the head behind the eyes, facing where the headset looks", () => {
-    const [head] = points.read([{ point: 0, position: [0, 1.6, 0], rotation: [1, 0, 0, 0] }], 1); // looks along −Z
-    expect(head.name).toBe("head");
-    expect(rotate(head.rotation ?? [1, 0, 0, 0], [0, 0, 1]).map((v) => Math.round(v))).toEqual([0, 0, -1]);
-    expect(head.position?.map((v) => Math.round(100 * v) / 100 + 0)).toEqual([0, 1.56, 0.1]);
-  });
-
-  it("are named as the body's are, and all stand in it", () => {
-    const all = points.read(
-      XR_POINTS.map((_, point) => ({ point, position: [0, 0, 0], rotation: [1, 0, 0, 0] })),
-      1,
-    );
-    expect(all.every(({ name }) => skeleton.points.includes(name))).toBe(true);
-    expect(all.length).toBe(43);
-  });
-
+describe("a wearer", () => {
   it("face the front from the first frame on", () => {
     const turn = axisAngle([0, 1, 0], 2);
     const [head] = placed(

@@ -1,18 +1,16 @@
 /** A headset by WebXR: what it tracks goes to the engine, and the wearer sees their body in a mirror. */
 
+import { HeadsetReader } from "@bodysense/core/webxr";
 import { Matrix4, Quaternion, Vector3 } from "three";
 import { AS_IT_IS, placed, placedBy, type Placement } from "./placement";
 import type { Quaternion as Turn, Vector } from "../body/math";
 import type { Observation } from "../body/observation";
 import { restHeight, restPoint, withOffsets, type Skeleton } from "../body/skeleton";
 import type { Live } from "../live";
-import type { SignalPoint } from "../protocol";
 import { Mirror } from "../view/mirror";
 import type { View } from "../view/scene";
 import type { VrMenu } from "../view/vr_menu";
 import type { Source } from "./source";
-import { XrPoints, type Landmarks } from "./xr_points";
-import { HeadsetReader, XR_POINTS } from "./xr_signal";
 
 export interface HeadsetEvents {
   /** One frame, as it goes to the engine. */
@@ -42,7 +40,6 @@ export class Headset implements Source {
   readonly sensors: readonly string[];
   isMirrorShown = true;
   private readonly mirror = new Mirror();
-  private readonly points: XrPoints;
   private readonly defaultHeight: number;
   private readonly size = { height: Number.NaN, by: null as Float32Array | null };
   private reader = new HeadsetReader();
@@ -59,11 +56,9 @@ export class Headset implements Source {
     private readonly view: View,
     private readonly live: Live,
     private readonly skeleton: Skeleton,
-    landmarks: Landmarks,
     private readonly menu: VrMenu,
     private readonly events: HeadsetEvents,
   ) {
-    this.points = new XrPoints(landmarks);
     this.sensors = ["head", "left_wrist", "right_wrist"];
     this.defaultHeight = restHeight(skeleton);
     view.scene.add(this.mirror.frame, menu.board);
@@ -109,11 +104,10 @@ export class Headset implements Source {
   frame(milliseconds: number, frame?: XRFrame): void {
     const space = this.view.renderer.xr.getReferenceSpace();
     if (!frame || !space || !this.session) return;
-    const signal = this.reader.read(frame, space, this.session.inputSources);
-    const points = this.points.read(signal, this.sizeOfWearer());
+    const points = this.reader.read(frame, space, this.session.inputSources, this.sizeOfWearer());
     const head = points.find(({ name }) => name === "head");
     if (head?.position && head.rotation) {
-      if (!this.isPlaced) this.place(head.position, head.rotation, signal);
+      if (!this.isPlaced) this.place(head.position, head.rotation, frame.getViewerPose(space));
       this.raise(Math.min(this.seat, Math.max(this.standingHead() - head.position[1], 0)));
     }
     const time = milliseconds / 1000 + this.moves * MOVED;
@@ -127,14 +121,14 @@ export class Headset implements Source {
     void this.session?.end().catch(() => undefined); // it may have ended by itself
   }
 
-  private place(position: Vector, rotation: Turn, signal: readonly SignalPoint[]): void {
+  private place(position: Vector, rotation: Turn, viewer: XRViewerPose | undefined): void {
     this.seat = this.isSeated ? Math.max(this.standingHead() - position[1], 0) : 0;
     this.lift = this.seat;
     this.placement = placedBy(position, rotation, this.lift);
-    const viewer = signal.find(({ point }) => XR_POINTS[point] === "headset");
-    if (viewer?.position && viewer.rotation) {
-      this.mirror.standBefore(viewer.position, viewer.rotation);
-      const { x: across, z: along } = new Vector3(...viewer.position).applyMatrix4(this.mirror.reflection());
+    if (viewer) {
+      const { position: p, orientation: q } = viewer.transform;
+      this.mirror.standBefore([p.x, p.y, p.z], [q.w, q.x, q.y, q.z]);
+      const { x: across, z: along } = new Vector3(p.x, p.y, p.z).applyMatrix4(this.mirror.reflection());
       this.view.lightAt(across, along);
     }
     this.menu.standBeside(this.mirror.frame);
