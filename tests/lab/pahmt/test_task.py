@@ -18,10 +18,10 @@ from bodysense.io.augment import mirrored as mirrored_clip
 from bodysense.io.bvh import write_bvh
 from bodysense.io.clip import Clip
 from bodysense_lab.fit import Progress, fit
+from bodysense_lab.pahmt.export import mirrored, mirrored_rotations, write_arms_onnx
 from bodysense_lab.pahmt.features import ArmBatch, ArmRecordings, Window, make_batch, read_arm_recordings, window_of
 from bodysense_lab.pahmt.network import ArmNetwork, ArmNetworkConfig, read_arms
-from bodysense_lab.pahmt.options import ArmTableTraining, Studio
-from bodysense_lab.pahmt.tables import TABLE_1
+from bodysense_lab.pahmt.options import TABLE_1, ArmTableTraining, Studio
 from bodysense_lab.pahmt.task import (
     ArmSchedule,
     ArmTask,
@@ -30,7 +30,7 @@ from bodysense_lab.pahmt.task import (
     batch_of,
     validate_arms,
 )
-from bodysense_lab.pahmt.train import mirrored, mirrored_rotations, row_run, run_table, write_arms_onnx
+from bodysense_lab.pahmt.train import row_run, run_table
 
 SMALL: dict[str, Any] = {
     "width": 16,
