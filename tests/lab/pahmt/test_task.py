@@ -31,6 +31,7 @@ from bodysense_lab.pahmt.task import (
     validate_arms,
 )
 from bodysense_lab.pahmt.train import row_run, run_table
+from bodysense_lab.precision import layer_autocast
 
 SMALL: dict[str, Any] = {
     "width": 16,
@@ -93,7 +94,7 @@ def test_network_and_discriminator_learn_each_their_own(recordings: ArmRecording
     gradients = [parameter.grad.clone() for parameter in pair.discriminator.parameters() if parameter.grad is not None]
     assert any(parameter.grad.abs().max() > 0 for parameter in pair.network.parameters() if parameter.grad is not None)
     pair.zero_grad()
-    with torch.no_grad(), torch.autocast("cpu", torch.bfloat16):
+    with torch.no_grad(), layer_autocast(torch.device("cpu")):
         said = pair.network(one.window).float()
     logits = [pair.discriminator(each) for each in (pair.network.regressed(one.rotation), said)]
     told = (torch.nn.functional.softplus(-logits[0]).mean() + torch.nn.functional.softplus(logits[1]).mean()) / 2
