@@ -34,7 +34,9 @@ from bodysense_lab.unoc.task import RATE, BodySchedule, BodyTask, LossWeights, V
 if TYPE_CHECKING:
     from bodysense.papers.point_model import Task
 
-E, N, V = TypeVar("E"), TypeVar("N"), TypeVar("V")
+E = TypeVar("E")  # an episode
+N = TypeVar("N")  # a network that reads it
+V = TypeVar("V")  # a variation
 # Hidden joints count more: a tracked joint's measured position replaces the prediction.
 SHIPPED_LOSS = LossWeights(occluded=3.0)
 VARIED_RATES = (20.0, 60.0)  # Hz
