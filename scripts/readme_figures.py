@@ -32,9 +32,10 @@ from bodysense.devices.simulated.sensors import SENSOR_SETS, TABLE_SETS
 from bodysense_lab.hmd_vae.tables import PUBLISHED as THREE_POINT
 from bodysense_lab.holes import PARTS as HOLES
 from bodysense_lab.holes import SECONDS
+from bodysense_lab.score_table import ScoreTable
 from bodysense_lab.unoc.occlusion import PUBLISHED
 from bodysense_lab.unoc.smoothness import PUBLISHED as STRONG
-from bodysense_lab.unoc.tables import KEYS, TABLE_3, TABLE_4, NetworkTable
+from bodysense_lab.unoc.tables import PLACES, TABLE_3, TABLE_4
 from bodysense_lab.unoc.variants import TABLES, VARIANTS
 
 ROOT = Path(__file__).parents[1]
@@ -153,7 +154,7 @@ def headset(numbers: dict[str, float]) -> str:
     for suffix, group in GROUPS.items():
         for part, label in PARTS.items():
             for share in ("occluded", "all"):
-                key = f"{KEYS[part]}_{share}"
+                key = PLACES[part, share].key
                 if f"tracker_{key}_rmsjpe_cm{suffix}" not in numbers:
                     continue
                 pairs = [
@@ -390,7 +391,7 @@ def applications(upper: dict[str, float], fingers: dict[str, float]) -> str:
     return f"{first}\n\n{second}\n\nRMSJPE / MPJPE, cm. The paper's fingers: 1.5 / 0.8 on its own data."
 
 
-def ablations(numbers: dict[str, float], names: Sequence[str], parts: dict[str, str], paper: NetworkTable) -> str:
+def ablations(numbers: dict[str, float], names: Sequence[str], parts: dict[str, str], paper: ScoreTable) -> str:
     """UNOC's Tables 3 and 4: RMSJPE in cm of other forms of the network, the change from the GRU, published figures."""
     rows = []
     for name in names:
@@ -406,13 +407,10 @@ def ablations(numbers: dict[str, float], names: Sequence[str], parts: dict[str, 
     return markdown(["network", *heads], rows)
 
 
-def published_cells(paper: NetworkTable, name: str, key: str) -> list[str]:
+def published_cells(paper: ScoreTable, name: str, key: str) -> list[str]:
     """The published RMSJPE of a cell in a list; empty where the paper has no such cell."""
-    places = {
-        **{f"{KEYS[part]}_{share}": (part, share) for part, share in paper.places},
-        "parent_body": ("parent_body", "all"),
-    }
-    figures = paper.published[name].get(places.get(key, ("", "")))
+    at = next((at for at in paper.rows or () if PLACES[at].key == key), None)
+    figures = paper.published[0].cells.get((at, name))
     return [] if figures is None else [f"{figures[0]:.2f}"]
 
 

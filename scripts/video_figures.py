@@ -23,7 +23,7 @@ from PIL import Image
 from readme_figures import markdown, put
 
 from bodysense.cli.show import processor
-from bodysense_lab.pahmt.tables import TABLE_1
+from bodysense_lab.pahmt.options import TABLE_1
 from bodysense_lab.rendering.tables import PUBLISHED as PAPER
 
 ROOT = Path(__file__).parents[1]

@@ -112,8 +112,8 @@ def small_network(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A small network that was never trained, exported: what holds of every network holds of it."""
     import torch
 
+    from bodysense_lab.unoc.export import write_onnx
     from bodysense_lab.unoc.network import BodyNetwork, BodyNetworkConfig
-    from bodysense_lab.unoc.train import write_onnx
 
     torch.manual_seed(0)
     path = tmp_path_factory.mktemp("network") / "small.onnx"
@@ -127,8 +127,8 @@ def small_vae(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """HMD-VAE's model 2, small and never trained, exported; its weights lie beside as .pt."""
     import torch
 
+    from bodysense_lab.hmd_vae.export import write_vae_onnx
     from bodysense_lab.hmd_vae.network import BodyVae, BodyVaeConfig, write_vae
-    from bodysense_lab.hmd_vae.train import write_vae_onnx
 
     torch.manual_seed(0)
     path = tmp_path_factory.mktemp("vae") / "model2.onnx"
@@ -148,8 +148,8 @@ def small_arms(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """PAHMT, small and never trained, exported; its weights lie beside as .pt."""
     import torch
 
+    from bodysense_lab.pahmt.export import write_arms_onnx
     from bodysense_lab.pahmt.network import ArmNetwork, ArmNetworkConfig, write_arms
-    from bodysense_lab.pahmt.train import write_arms_onnx
 
     torch.manual_seed(0)
     path = tmp_path_factory.mktemp("arms") / "arms.onnx"

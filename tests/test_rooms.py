@@ -198,7 +198,7 @@ def test_the_run_time_is_light() -> None:
 
 def test_the_check_sees_what_is_heavy() -> None:
     assert "torch" in heavy("bodysense_lab.unoc.network", set())
-    assert {"torch", "onnx"} <= heavy("bodysense_lab.unoc.train", set())
+    assert {"torch", "onnx"} <= heavy("bodysense_lab.unoc.export", set())
 
 
 def test_the_command_starts_without_the_libraries_of_training() -> None:

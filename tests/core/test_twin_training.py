@@ -10,9 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from torch import Tensor
 
-from bodysense_lab.completion.features import mirror_places, mirror_signs
+from bodysense_lab.completion.features import Before, TrackedSignal, mirror_places, mirror_signs
 from bodysense_lab.completion.fingers import FingerNetwork, FingerSignal
-from bodysense_lab.completion.network import Before, CompletionNetwork, TrackedSignal, orthonormal
+from bodysense_lab.completion.network import CompletionNetwork, orthonormal
 from bodysense_lab.completion.weights_file import read_weights
 
 from .twin import features

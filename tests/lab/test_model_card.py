@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from importlib.resources import files
 from pathlib import Path
 
@@ -14,14 +15,6 @@ WEIGHTS = Path(str(files("bodysense.weights")))
 SHIPPED = sorted([*WEIGHTS.glob("*.onnx"), *WEIGHTS.glob("*.safetensors")])
 
 
-class Every(dict[str, float]):
-    """Every figure that is asked for, each another."""
-
-    def __missing__(self, name: str) -> float:
-        self[name] = 1 + len(self) / 4
-        return self[name]
-
-
 def copied(path: Path, folder: Path) -> Path:
     copy = folder / path.name
     copy.write_bytes(path.read_bytes())
@@ -32,8 +25,10 @@ def copied(path: Path, folder: Path) -> Path:
 def test_a_card_keeps_what_it_shows(path: Path, tmp_path: Path) -> None:
     network = copied(path, tmp_path)
     fields, _ = _opened(network)
-    kind, figures = kind_of(network, fields), Every()
-    rows = kind.rows(figures, fields_read(fields))
+    kind, model = kind_of(network, fields), fields_read(fields).get("model")
+    _, used = kind.filled(defaultdict(float), model)
+    figures = {name: 1 + place / 4 for place, name in enumerate(sorted(used))}
+    rows, _ = kind.filled(figures, model)
     text = describe(network, {**figures, "another": 7.0}).read_text(encoding="utf-8")
     assert rows and all(f"| {' | '.join(row)} |" in text for row in rows)
     assert kind.measured_by in text and "another" not in text

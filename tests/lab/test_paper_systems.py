@@ -25,11 +25,11 @@ from bodysense.open import MotionSource, RecordingSource
 from bodysense.papers.hmd_vae import BodyVaeEstimator, load_body_vae
 from bodysense.papers.ik_tracker import IkTracker
 from bodysense.take import track
+from bodysense_lab.hmd_vae.export import write_vae_onnx
 from bodysense_lab.hmd_vae.network import BodyVae, BodyVaeConfig
-from bodysense_lab.hmd_vae.train import write_vae_onnx
+from bodysense_lab.pahmt.export import write_arms_onnx
 from bodysense_lab.pahmt.network import ArmNetwork
 from bodysense_lab.pahmt.options import ArmNetworkConfig
-from bodysense_lab.pahmt.train import write_arms_onnx
 from bodysense_lab.paper_options import Method, PaperOptions, Variant
 from bodysense_lab.paper_systems import SYSTEMS
 from bodysense_lab.two_hands.system import calibrate

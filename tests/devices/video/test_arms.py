@@ -22,10 +22,10 @@ from bodysense.devices.video.arms import ArmFrames, ArmModel, Arms, ArmSettings,
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
+from bodysense_lab.pahmt.export import OneWindow
 from bodysense_lab.pahmt.features import window_of
 from bodysense_lab.pahmt.keypoint_noise import DetectorNoise, detect
 from bodysense_lab.pahmt.network import read_arms
-from bodysense_lab.pahmt.train import OneWindow
 
 
 @pytest.fixture(scope="module")

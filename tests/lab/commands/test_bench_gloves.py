@@ -3,7 +3,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from bodysense_lab.commands.bench import gloves
+from bodysense_lab.commands.bench.gloves import gloves
 from bodysense_lab.synthesis.glove_stream import glove_stream
 
 

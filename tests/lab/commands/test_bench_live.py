@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from bodysense.errors import BodysenseError
-from bodysense_lab.commands.bench_live import _framed, _messages, bench_live
+from bodysense_lab.commands.bench.live import _framed, _messages, bench_live
 
 
 @pytest.mark.parametrize("size", [0, 125, 126, 5000])
@@ -51,7 +51,7 @@ def test_nothing_to_time_is_refused(options: dict[str, float]) -> None:
 def test_numbers_of_a_real_server(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("uvicorn", reason="needs packages/live")
     out = tmp_path / "live.json"
-    monkeypatch.setattr("bodysense_lab.commands.bench_live._LARGEST", 8)
+    monkeypatch.setattr("bodysense_lab.commands.bench.live._LARGEST", 8)
     bench_live(sessions=3, rate=20.0, seconds=2.0, most=True, json=out)
     numbers = json.loads(out.read_text())
     assert {"sessions", "rate_hz", "p50_ms", "p99_ms", "rss_mb", "rss_per_session_mb"} <= numbers.keys()

@@ -5,8 +5,8 @@ import torch
 from torch import Tensor
 
 from bodysense.observation import STRAPPED
-from bodysense_lab.completion.features import WIDTHS, mirror_places, mirror_signs
-from bodysense_lab.completion.network import Before, CompletionConfig, CompletionNetwork, TrackedSignal, reading_of
+from bodysense_lab.completion.features import WIDTHS, Before, TrackedSignal, mirror_places, mirror_signs
+from bodysense_lab.completion.network import CompletionConfig, CompletionNetwork
 from bodysense_lab.completion.points import SPIN_PLACES, reference_offsets
 
 PEOPLE, FRAMES = 3, 5
@@ -79,8 +79,8 @@ def test_features_mean_what_they_should(signal: TrackedSignal) -> None:
 def test_the_mirror_image_is_read_beside(signal: TrackedSignal) -> None:
     network = CompletionNetwork(CompletionConfig(hidden=8))
     features = network.read(signal)
-    both = network.reader(reading_of(signal)).unflatten(0, (PEOPLE, FRAMES))
-    assert torch.equal(both[..., : network.features], features)
+    both = network.read_both(signal)
+    assert torch.equal(both[..., 0, :], features)
     image = features[..., mirror_places()] * torch.tensor(mirror_signs())
-    assert torch.allclose(both[..., network.features :], image, atol=1e-6)
+    assert torch.allclose(both[..., 1, :], image, atol=1e-6)
     assert torch.allclose(image[..., mirror_places()] * torch.tensor(mirror_signs()), features)

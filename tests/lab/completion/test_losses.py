@@ -9,12 +9,11 @@ import torch
 from scipy.spatial.transform import Rotation
 
 from bodysense.body.skeleton import BODY, default_skeleton
+from bodysense_lab.completion.features import Before, TrackedSignal
 from bodysense_lab.completion.network import (
-    Before,
     CompletionConfig,
     CompletionNetwork,
     Prediction,
-    TrackedSignal,
 )
 from bodysense_lab.completion.points import BODY_POINTS, CONTACT, HEAD
 from bodysense_lab.completion.task import Losses, SequenceBatch, losses

@@ -17,7 +17,7 @@ from bodysense.devices.simulated.headset_camera import see
 from bodysense.errors import BodysenseError
 from bodysense.observation import STRAPPED
 from bodysense_lab.completion.corpus import Corpus
-from bodysense_lab.completion.network import CompletionConfig, CompletionNetwork, reading_of
+from bodysense_lab.completion.network import CompletionConfig, CompletionNetwork
 from bodysense_lab.completion.points import BODY_POINTS, HEAD, INPUT_POINTS, partners
 from bodysense_lab.completion.sensor_draws import (
     KINDS,
@@ -109,8 +109,7 @@ def test_features_of_a_mirror_image_are_mirrored(corpus: Corpus) -> None:
     ]
     network = CompletionNetwork(CompletionConfig(hidden=8, branch=8, judge_branch=8))
     plain, mirrored = (collate([(one, 0)], 40, np.ones(1, dtype=bool)).signal for one in pair)
-    image = network.reader(reading_of(plain))[:, network.features :]
-    assert torch.allclose(image, network.read(mirrored).flatten(0, 1), atol=1e-4)
+    assert torch.allclose(network.read_both(plain)[:, :, 1], network.read(mirrored), atol=1e-4)
 
 
 def task_of(corpus: Corpus, schedule: Schedule = Schedule()) -> CompletionTask:

@@ -236,7 +236,7 @@ def test_a_network_of_another_decoder_is_not_kept(folder: Path, tmp_path: Path) 
 
 def test_a_sweep_looks_at_decoder_and_data(folder: Path, tmp_path: Path) -> None:
     run = VaeRun(data=folder, out=tmp_path / "sweep", config=SMALL, schedule=replace(SCHEDULE, steps=2), threads=1)
-    configs = sweep_configs(SMALL, "one", (3,))
+    configs = [one for one in sweep_configs(SMALL, "one") if one.model in (0, 3)]
     run_sweep(run, configs)
     zero, three = (run.out / f"{sweep_name(config)}.pt" for config in configs)
     torch.manual_seed(9)
@@ -257,7 +257,7 @@ def test_a_sweep_looks_at_decoder_and_data(folder: Path, tmp_path: Path) -> None
 
 def test_a_sweep_into_a_bad_place(folder: Path, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
-    configs = sweep_configs(SMALL, "one", ())
+    configs = sweep_configs(SMALL, "one")[:1]
     for out in (tmp_path / "file", tmp_path / "file" / "below"):
         run = VaeRun(data=folder, out=out, config=SMALL, schedule=SCHEDULE)
         with pytest.raises(BodysenseError, match=rf"^{out}: no folder can be made there .*; choose another --out$"):

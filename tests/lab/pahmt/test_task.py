@@ -18,10 +18,10 @@ from bodysense.io.augment import mirrored as mirrored_clip
 from bodysense.io.bvh import write_bvh
 from bodysense.io.clip import Clip
 from bodysense_lab.fit import Progress, fit
+from bodysense_lab.pahmt.export import mirrored, mirrored_rotations, write_arms_onnx
 from bodysense_lab.pahmt.features import ArmBatch, ArmRecordings, Window, make_batch, read_arm_recordings, window_of
 from bodysense_lab.pahmt.network import ArmNetwork, ArmNetworkConfig, read_arms
-from bodysense_lab.pahmt.options import ArmTableTraining, Studio
-from bodysense_lab.pahmt.tables import TABLE_1
+from bodysense_lab.pahmt.options import TABLE_1, ArmTableTraining, Studio
 from bodysense_lab.pahmt.task import (
     ArmSchedule,
     ArmTask,
@@ -30,7 +30,8 @@ from bodysense_lab.pahmt.task import (
     batch_of,
     validate_arms,
 )
-from bodysense_lab.pahmt.train import mirrored, mirrored_rotations, row_run, run_table, write_arms_onnx
+from bodysense_lab.pahmt.train import row_run, run_table
+from bodysense_lab.precision import layer_autocast
 
 SMALL: dict[str, Any] = {
     "width": 16,
@@ -93,7 +94,7 @@ def test_network_and_discriminator_learn_each_their_own(recordings: ArmRecording
     gradients = [parameter.grad.clone() for parameter in pair.discriminator.parameters() if parameter.grad is not None]
     assert any(parameter.grad.abs().max() > 0 for parameter in pair.network.parameters() if parameter.grad is not None)
     pair.zero_grad()
-    with torch.no_grad(), torch.autocast("cpu", torch.bfloat16):
+    with torch.no_grad(), layer_autocast(torch.device("cpu")):
         said = pair.network(one.window).float()
     logits = [pair.discriminator(each) for each in (pair.network.regressed(one.rotation), said)]
     told = (torch.nn.functional.softplus(-logits[0]).mean() + torch.nn.functional.softplus(logits[1]).mean()) / 2

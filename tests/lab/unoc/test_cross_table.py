@@ -10,7 +10,7 @@ import pytest
 from bodysense.scoring import KNOWN, Tally
 from bodysense_lab.datasets import Census, DataSet
 from bodysense_lab.unoc.cross_table import PUBLISHED_BODY, PUBLISHED_FINGERS, SETS, cross_report
-from bodysense_lab.unoc.tables import Parts, Scores
+from bodysense_lab.unoc.kept_scores import Parts, Scores
 
 
 def tally_of(error: float) -> Tally:

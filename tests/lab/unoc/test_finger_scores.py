@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from functools import partial
 from itertools import islice
 from pathlib import Path
 
@@ -17,16 +18,19 @@ from bodysense.cli import main
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.papers.point_model import load_point_model
-from bodysense_lab.datasets import open_clips
+from bodysense_lab.datasets import Census, DataSet, census_of, gathered, open_clips
 from bodysense_lab.unoc.finger_scores import (
     METHODS,
     Examples,
     body_features,
-    evaluate_finger_synthesis,
     examples_of,
+    finger_errors,
     finger_offsets,
+    finger_report,
 )
-from bodysense_lab.unoc.upper_body_table import LearnedUpperBody, evaluate_upper_body, load_upper_body
+from bodysense_lab.unoc.learned_upper_body import LearnedUpperBody, load_upper_body
+from bodysense_lab.unoc.upper_body_ik import UpperBodyIk
+from bodysense_lab.unoc.upper_body_table import upper_body_errors
 
 
 @pytest.fixture(scope="module")
@@ -61,11 +65,9 @@ def test_features_do_not_care_where_the_body_faces_or_how_tall_it_is(waving_clip
 
 def test_the_table(examples: Examples, waving_clip: Clip) -> None:
     """On a clip that is among the examples the nearest frame is the frame itself."""
-    seen: list[str] = []
-    clips = [waving_clip, replace(waving_clip, has_fingers=False), replace(waving_clip, category="sport")]
-    table = evaluate_finger_synthesis(clips, examples, load_point_model("fingers"), lambda clip: seen.append(clip.name))
-    numbers = table.numbers()
-    assert numbers["clips"] == len(seen) == 1
+    found = finger_errors(waving_clip, examples, load_point_model("fingers"))
+    numbers = finger_report(found, census_of(waving_clip), DataSet("motion", Path("motion"))).numbers
+    assert numbers["clips"] == 1
     assert numbers["nearest_rmsjpe_cm"] == pytest.approx(0, abs=1e-3)
     for method in METHODS:
         assert numbers[f"{method}_rmsjpe_cm"] >= numbers[f"{method}_mpjpe_cm"]
@@ -74,12 +76,12 @@ def test_the_table(examples: Examples, waving_clip: Clip) -> None:
     assert numbers["mean_pose_mpjpe_cm"] == pytest.approx(mean.mean(), rel=1e-5)
 
 
-def test_motion_without_fingers_is_refused(examples: Examples, waving_clip: Clip) -> None:
+def test_motion_without_fingers_is_refused(waving_clip: Clip) -> None:
     bare = replace(waving_clip, has_fingers=False)
     with pytest.raises(BodysenseError, match="no clip of the train split has fingers"):
         examples_of([bare])
     with pytest.raises(BodysenseError, match="no clip of the split has fingers"):
-        evaluate_finger_synthesis([bare], examples, load_point_model("fingers"), lambda clip: None)
+        finger_report({}, Census(), DataSet("motion", Path("motion")))
 
 
 @pytest.mark.slow
@@ -101,7 +103,8 @@ def test_the_packaged_upper_body_beats_inverse_kinematics(motion_data: Path) -> 
     """On some clips of people that it has not seen."""
     model = load_upper_body()
     clips = [clip for clip in islice(open_clips(motion_data, "test", ("talk_gesture", "everyday")), 0, 60, 4)]
-    table = evaluate_upper_body(clips, lambda skeleton: LearnedUpperBody(skeleton, model), lambda clip: None)
+    methods = {"network": lambda skeleton: LearnedUpperBody(skeleton, model), "ik": UpperBodyIk}
+    found, _ = gathered(partial(upper_body_errors, methods=methods), clips, 1, lambda clip: None)
     for joints in ("neck", "shoulders", "elbows"):
-        network, ik = (table.get("main", "all", method, joints).rmsjpe for method in ("network", "ik"))
+        network, ik = (found["main", ("all", joints), method, "error"].rmsjpe for method in ("network", "ik"))
         assert network < 0.75 * ik, joints

@@ -22,6 +22,7 @@ from bodysense.body.rotation import quaternion_exp, quaternion_multiply, quatern
 from bodysense.body.skeleton import default_skeleton
 from bodysense.devices.simulated.headset_camera import observe
 from bodysense.errors import BodysenseError
+from bodysense_lab.unoc.export import write_onnx
 from bodysense_lab.unoc.learned import load_model
 from bodysense_lab.unoc.network import (
     PAPER,
@@ -34,7 +35,6 @@ from bodysense_lab.unoc.network import (
     tracked_of,
     write_weights,
 )
-from bodysense_lab.unoc.train import write_onnx
 
 CARRIED = BodyNetworkConfig(hidden=16, branch=(16,), finger_branch=(8,), judge_branch=(8,))
 WINDOWED = replace(PAPER, hidden=16, branch=(16,), judge_branch=(16,), window=5)

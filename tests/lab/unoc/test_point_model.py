@@ -24,7 +24,7 @@ from bodysense.observation import Observation
 from bodysense.papers.fingers import FingerSynthesis, finger_rotations, synthesize
 from bodysense.papers.ik_tracker import IkTracker
 from bodysense.papers.point_model import PointModel, load_point_model
-from bodysense_lab.unoc.upper_body_table import LEG_ERROR, LearnedUpperBody, fitted_arms, load_upper_body
+from bodysense_lab.unoc.learned_upper_body import LEG_ERROR, LearnedUpperBody, fitted_arms, load_upper_body
 
 SKELETON = default_skeleton()
 FINGER = np.flatnonzero(SKELETON.wrist_of >= 0)

@@ -17,6 +17,7 @@ from bodysense.body.skeleton import default_skeleton
 from bodysense.devices.simulated.three_point import POINTS
 from bodysense.io.clip import Clip
 from bodysense.papers.point_model import WARM_UP, PointRunner, Task, load_point_model
+from bodysense_lab.unoc.export import write_point_network
 from bodysense_lab.unoc.point_network import (
     BODY,
     FINGERS,
@@ -30,7 +31,6 @@ from bodysense_lab.unoc.point_network import (
     bones,
 )
 from bodysense_lab.unoc.point_task import tracked_of
-from bodysense_lab.unoc.train import write_point_network
 
 SKELETON = default_skeleton()
 FORMS: dict[str, tuple[Task, PointNetworkConfig]] = {

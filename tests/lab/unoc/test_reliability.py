@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -13,15 +14,9 @@ from bodysense.body.pose import forward_kinematics
 from bodysense.devices.simulated.headset_camera import observe
 from bodysense.io.clip import Clip
 from bodysense.scoring import scored_points
-from bodysense_lab.datasets import DataSet
+from bodysense_lab.datasets import DataSet, gathered
 from bodysense_lab.unoc.learned import Learned, load_model
-from bodysense_lab.unoc.reliability import (
-    ErrorPairs,
-    measure_reliability,
-    pairs_of_clip,
-    reliability_of,
-    reliability_report,
-)
+from bodysense_lab.unoc.reliability import ErrorPairs, binned, correlations, pairs_of_clip, reliability_report
 
 
 @pytest.mark.parametrize("count", [10, 57, 1000])
@@ -29,21 +24,19 @@ def test_bins_and_correlations(count: int) -> None:
     rng = np.random.default_rng(count)
     expected = np.round(rng.gamma(2.0, size=count), 1)  # with ties
     error = expected * rng.gamma(2.0, size=count)
-    found = reliability_of(ErrorPairs(expected, error))
-    assert [one.count for one in found.bins] == sorted((one.count for one in found.bins), reverse=True)
-    assert max(one.count for one in found.bins) - min(one.count for one in found.bins) <= 1
-    assert sum(one.count for one in found.bins) == count and len(found.bins) == 10
-    assert [one.expected for one in found.bins] == sorted(one.expected for one in found.bins)
-    assert sum(one.count * one.error for one in found.bins) == pytest.approx(error.sum())
-    assert found.correlation == pytest.approx(stats.pearsonr(expected, error)[0])
-    assert found.rank_correlation == pytest.approx(stats.spearmanr(expected, error)[0])
-    assert found.bias == pytest.approx((expected - error).mean())
+    pairs = ErrorPairs(expected, error)
+    counts, means, errors = (np.array(column) for column in zip(*binned(pairs), strict=True))
+    assert len(counts) == 10 and counts.sum() == count and set(np.diff(counts)) <= {0, -1}
+    assert np.all(np.diff(means) >= 0) and counts @ errors == pytest.approx(error.sum())
+    assert correlations(pairs) == pytest.approx(
+        (stats.pearsonr(expected, error)[0], stats.spearmanr(expected, error)[0])
+    )
 
 
 def test_few_and_equal_values() -> None:
-    three = reliability_of(ErrorPairs(np.array([1.0, 2.0, 3.0]), np.array([1.0, 2.0, 3.0])))
-    assert len(three.bins) == 3 and three.correlation == pytest.approx(1.0)
-    assert np.isnan(reliability_of(ErrorPairs(np.ones(5), np.arange(5.0))).correlation)
+    three = ErrorPairs(np.array([1.0, 2.0, 3.0]), np.array([1.0, 2.0, 3.0]))
+    assert len(binned(three)) == 3 and correlations(three) == pytest.approx((1.0, 1.0))
+    assert np.isnan(correlations(ErrorPairs(np.ones(5), np.arange(5.0)))).all()
 
 
 def test_pairs_are_of_hidden_points(waving_clip: Clip, small_network: Path) -> None:
@@ -64,7 +57,7 @@ def test_pairs_are_of_hidden_points(waving_clip: Clip, small_network: Path) -> N
 
 
 def test_the_table_of_a_data_set(data: DataSet, small_network: Path) -> None:
-    pairs, census = measure_reliability(data, small_network, 1, lambda clip: None)
+    pairs, census = gathered(partial(pairs_of_clip, model=small_network), data.clips(), 1, lambda clip: None)
     report = reliability_report(pairs, census, data)
     assert [row[:2] for row in report.rows] == [(part, k) for part in ("body", "fingers") for k in range(1, 11)]
     numbers = report.numbers

@@ -10,7 +10,7 @@ import pytest
 
 from bodysense.scoring import KNOWN, Tally
 from bodysense_lab.datasets import Census, DataSet
-from bodysense_lab.unoc.tables import (
+from bodysense_lab.unoc.kept_scores import (
     Scores,
     better_last_known,
     identity_of,

@@ -9,20 +9,11 @@ import numpy as np
 import pytest
 
 from bodysense.scoring import KNOWN, Tally
+from bodysense_lab.chart import BarPanel
 from bodysense_lab.datasets import Census, DataSet
-from bodysense_lab.unoc.tables import (
-    KEYS,
-    OWN_NAMES,
-    TABLE_2,
-    TABLE_3,
-    TABLE_4,
-    NetworkTable,
-    Parts,
-    Scores,
-    name_of,
-    network_report,
-    numbers_of,
-)
+from bodysense_lab.score_table import ScoreTable, flat_numbers
+from bodysense_lab.unoc.kept_scores import Parts, Scores
+from bodysense_lab.unoc.tables import OWN_NAMES, PLACES, TABLE_2, TABLE_3, TABLE_4, network_report, without_networks
 from bodysense_lab.unoc.variants import TABLES
 
 ALL = (TABLE_2, TABLE_3, TABLE_4)
@@ -40,37 +31,39 @@ def made(error: float, fingers: bool = True, groups: tuple[str, ...] = ("main", 
     return Scores(tallies, Census(3, frozenset("ab"), 60.0, int(fingers), 20.0))
 
 
-def scores_of(table: NetworkTable, errors: Mapping[str, float], fingers: bool = True) -> dict[str, Scores]:
+def scores_of(table: ScoreTable, errors: Mapping[str, float], fingers: bool = True) -> dict[str, Scores]:
     methods = {name: made(errors.get(name, 5.0), fingers) for name in table.methods if name != "last_known"}
     known = {"world": 9.0, "head": 8.0, "heading": errors.get("last_known", 7.0)}
     return methods | {f"last_known_{frame}": made(known[frame], fingers) for frame in KNOWN}
 
 
 @pytest.mark.parametrize("table", ALL, ids=lambda table: table.name)
-def test_the_networks_are_those_that_are_trained(table: NetworkTable) -> None:
+def test_the_networks_are_those_that_are_trained(table: ScoreTable) -> None:
     networks = {name for name in table.methods if name not in OWN_NAMES}
     assert networks == set(TABLES[table.name[-1]])
-    assert len({name_of(method) for method in table.methods}) == len(table.methods)
+    assert len(set(table.methods.values())) == len(table.methods)
     for claim in table.claims:
-        assert {claim.lower, *claim.higher} <= set(table.methods) and claim.place in table.places
+        for one in (claim.lower, *claim.higher):
+            assert one.method in table.methods and one.place in (table.rows or ())
 
 
 @pytest.mark.parametrize("table", ALL, ids=lambda table: table.name)
-def test_the_published_figures_bear_out_what_is_claimed(table: NetworkTable) -> None:
+def test_the_published_figures_bear_out_what_is_claimed(table: ScoreTable) -> None:
     """Every ordering that is said to be the paper's is in the paper's figures."""
     for claim in table.claims:
         if not claim.text.startswith("Not in the paper"):
-            which = ("rmsjpe", "mpjpe").index(claim.measure)
-            lower = table.published[claim.lower][claim.place][which]
-            for other in claim.higher:
-                assert lower < table.published[other][claim.place][which], claim
+            lower, *higher = (
+                float(table.published[0].cells[one.place, one.method][one.figure] or 0)
+                for one in (claim.lower, *claim.higher)
+            )
+            assert lower < min(higher), claim
 
 
 def test_every_place_has_ours_beside_the_published(data: DataSet) -> None:
     report = network_report(TABLE_2, scores_of(TABLE_2, {"gru": 3.0}), data)
     columns = {name: k for k, name in enumerate(report.columns)}
     rows = {(row[0], row[1]): row for row in report.rows}
-    assert len(rows) == len(TABLE_2.places) * len(TABLE_2.methods)
+    assert len(rows) == len(TABLE_2.rows or ()) * len(TABLE_2.methods)
     row = rows["body, occluded", "GRU"]
     assert [row[columns[name]] for name in ("RMSJPE", "MPJPE", "UNOC's RMSJPE", "UNOC's MPJPE", "sport RMSJPE")] == [
         6.0,
@@ -106,7 +99,7 @@ def test_keys(data: DataSet) -> None:
     assert (numbers["clips"], numbers["people"], numbers["minutes"]) == (3, 2, 1.0)
     four = network_report(TABLE_4, scores_of(TABLE_4, {}), data).numbers
     assert four["gru_parent_body_rmsjpe_cm"] == 5.0 and four["no_bone_bone_all_mpjpe_cm"] == 5.0
-    assert set(KEYS) == set(PARTS)
+    assert {part for part, _ in PLACES} == set(PARTS)
 
 
 def test_changes_of_table_4(data: DataSet) -> None:
@@ -126,5 +119,13 @@ def test_without_fingers_nothing_is_said_of_them(data: DataSet) -> None:
 
 
 def test_numbers_have_no_holes() -> None:
-    empty = Scores({("main", "body", "occluded"): Tally()}, Census())
-    assert numbers_of(empty, "gru") == {}
+    assert flat_numbers(TABLE_2, {("main", ("body", "occluded"), "gru", "error"): Tally()}) == {}
+
+
+def test_without_networks_our_own_methods_remain(data: DataSet) -> None:
+    alone = without_networks(TABLE_2)
+    report = network_report(alone, scores_of(alone, {}), data)
+    assert {row[1] for row in report.rows} == set(OWN_NAMES.values())
+    assert not [text for text in report.remarks if "GRU" in text]
+    bars = {panel.groups for panel in report.panels if isinstance(panel, BarPanel)}
+    assert bars == {tuple(alone.methods.values())}

@@ -30,13 +30,11 @@ def export(
     path: Path,
     dynamic_shapes: tuple[Any, ...] | None = None,
     shrink: Callable[[ModelProto], ModelProto] | None = None,
-    opset: int | None = None,
-    named: tuple[str, ...] = (),
 ) -> None:
     """Write one step of a network with its card. The file appears whole or not at all.
 
     `dynamic_shapes` are the axes (torch.export.Dim) of each input that may have any length; `shrink` rewrites the
-    graph, by default so that large weights are stored in half precision. Constants keep names that begin as `named`.
+    graph, by default so that large weights are stored in half precision.
     """
     with written_beside(path) as beside:
         with warnings.catch_warnings():
@@ -52,9 +50,8 @@ def export(
                 external_data=False,
                 verbose=False,
                 dynamic_shapes=dynamic_shapes,
-                opset_version=opset,
             )
-        written = bare((shrink or halved)(onnx.load(str(beside))), named)
+        written = bare((shrink or halved)(onnx.load(str(beside))))
         fields = {"format": format} | {key: json.dumps(value) for key, value in card.items()}
         helper.set_model_props(written, fields)
         onnx.checker.check_model(written)
@@ -86,14 +83,10 @@ def in_bytes(model: ModelProto, most: int = 127) -> ModelProto:
     return _stored(model, counted)
 
 
-def bare(model: ModelProto, named: tuple[str, ...] = ()) -> ModelProto:
-    """The model without what only says where its operations come from: a third of a file.
-
-    Constants are numbered, but for those whose names begin as `named`.
-    """
+def bare(model: ModelProto) -> ModelProto:
+    """The model without what only says where its operations come from: a third of a file. Constants are numbered."""
     said = {output.name for output in model.graph.output}  # an output that is a constant keeps its name
-    numbered = (constant for constant in model.graph.initializer if not constant.name.startswith(named))
-    constants = [constant for constant in numbered if constant.name not in said]
+    constants = [constant for constant in model.graph.initializer if constant.name not in said]
     numbers = {constant.name: f"c{number}" for number, constant in enumerate(constants)}
     for constant in constants:
         constant.name = numbers[constant.name]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,6 +22,7 @@ from bodysense_lab.completion import weights_file
 from bodysense_lab.unoc import learned
 
 Numbers = Mapping[str, float]
+_FIGURE = re.compile(r"\{([^{}:]+):([^{}]+)\}")  # in a cell: name and format
 
 
 @dataclass(frozen=True)
@@ -31,8 +33,21 @@ class Kind:
     measured_by: str  # the command whose --json gives the figures
     over: str  # what the figures are of
     head: tuple[str, ...]
-    rows: Callable[[Numbers, Mapping[str, Any]], list[tuple[str, ...]]]  # of figures and of the file's metadata
+    rows: tuple[tuple[str, ...], ...]  # cells, with figures as `{name:.2f}`, in which `MODEL` is the card's model
     not_for: str
+    has_optional_rows: bool = False  # whether rows but for the first are left out without their figures
+
+    def filled(self, figures: Numbers, model: object) -> tuple[list[tuple[str, ...]], set[str]]:
+        """Return the rows with their figures, and the names of these. Raises KeyError for a missing figure."""
+        rows, used = list[tuple[str, ...]](), set[str]()
+        for number, row in enumerate(self.rows):
+            cells = [cell.replace("MODEL", str(model)) for cell in row]
+            names = {name for cell in cells for name, _ in _FIGURE.findall(cell)}
+            if number and self.has_optional_rows and not names <= figures.keys():
+                continue
+            rows.append(tuple(_FIGURE.sub(lambda found: format(figures[found[1]], found[2]), cell) for cell in cells))
+            used |= names
+        return rows, used
 
 
 def describe(path: Path, figures: Numbers) -> Path:
@@ -43,12 +58,11 @@ def describe(path: Path, figures: Numbers) -> Path:
     """
     fields, write = _opened(path)
     kind = kind_of(path, fields)
-    wanted = _Asked(figures)
     try:
-        kind.rows(wanted, fields_read(fields))
+        _, used = kind.filled(figures, fields_read(fields).get("model"))
     except KeyError as error:
         raise BodysenseError(f"the figures have no {error}; write them with `{kind.measured_by} --json FILE`") from None
-    fields["test"] = json.dumps({name: round(figures[name], 3) for name in sorted(wanted.asked)})
+    fields["test"] = json.dumps({name: round(figures[name], 3) for name in sorted(used)})
     with written_beside(path) as beside:
         write(beside, fields)
     card = path.with_suffix(".md")
@@ -61,7 +75,11 @@ def _opened(path: Path) -> tuple[dict[str, str], Callable[[Path, dict[str, str]]
     """The metadata of a network file, and what writes the file again with other metadata."""
     if path.suffix == ".safetensors":
         tensors, fields = weights_file.read_safetensors(path)
-        return fields, lambda out, card: _write_bytes(out, weights_file.safetensors_bytes(tensors, card))
+
+        def write_tensors(out: Path, card: dict[str, str]) -> None:
+            out.write_bytes(weights_file.safetensors_bytes(tensors, card))
+
+        return fields, write_tensors
     try:
         model = onnx.load(str(path))
     except Exception as error:  # protobuf's own classes
@@ -72,10 +90,6 @@ def _opened(path: Path) -> tuple[dict[str, str], Callable[[Path, dict[str, str]]
         onnx.save(model, str(out))
 
     return {row.key: row.value for row in model.metadata_props}, write
-
-
-def _write_bytes(path: Path, data: bytes) -> None:
-    path.write_bytes(data)
 
 
 def kind_of(path: Path, fields: Mapping[str, str]) -> Kind:
@@ -106,7 +120,7 @@ def card_text(name: str, kind: Kind, fields: Mapping[str, str]) -> str:
             *("", f"{kind.over} (`{kind.measured_by} --data DIR`):", ""),
             *(
                 f"| {' | '.join(row)} |"
-                for row in (kind.head, ("---",) * len(kind.head), *kind.rows(read["test"], read))
+                for row in (kind.head, ("---",) * len(kind.head), *kind.filled(read["test"], read.get("model"))[0])
             ),
             *("", f"Not for: {kind.not_for}", ""),
         ]
@@ -137,103 +151,57 @@ def form(card: Mapping[str, Any]) -> str:
     return (f"{card['form']}: " if "form" in card else "") + f"GRU of {size}"
 
 
-class _Asked(dict[str, float]):
-    """Figures that note which of them were asked for."""
-
-    def __init__(self, figures: Numbers) -> None:
-        super().__init__(figures)
-        self.asked: set[str] = set()
-
-    def __getitem__(self, name: str) -> float:
-        value = super().__getitem__(name)
-        self.asked.add(name)
-        return value
+def _pair(key: str) -> str:
+    return f"{{{key}_rmsjpe_cm:.2f}} / {{{key}_mpjpe_cm:.2f}}"
 
 
-def _pair(test: Numbers, key: str) -> str:
-    return f"{test[f'{key}_rmsjpe_cm']:.2f} / {test[f'{key}_mpjpe_cm']:.2f}"
-
-
-def _body_rows(test: Numbers, card: Mapping[str, Any]) -> list[tuple[str, ...]]:
-    parts = [(part, share) for part in ("body", "finger", "all") for share in ("occluded", "all")]
-    # Data without fingers has no figures of them.
-    measured = [parts[0], *(one for one in parts[1:] if f"tracker_{'_'.join(one)}_rmsjpe_cm" in test)]
-    return [
-        (
-            {"all": "body and finger"}.get(part, part),
-            share,
-            *(f"{test[f'{who}_{part}_{share}_rmsjpe_cm']:.1f}" for who in ("last_known", "tracker")),
-        )
-        for part, share in measured
-    ]
-
-
-def _finger_rows(test: Numbers, card: Mapping[str, Any]) -> list[tuple[str, ...]]:
-    methods = {
-        "network": "this network",
-        "bodysense": "this network, smoothed, on rigid bones",
-        "mean_pose": "mean hand of the train split",
-        "nearest": "hand of the nearest body of the train split",
-    }
-    return [(label, _pair(test, name)) for name, label in methods.items()]
-
-
-def _upper_rows(test: Numbers, card: Mapping[str, Any]) -> list[tuple[str, ...]]:
-    return [
-        (joints, _pair(test, f"network_{joints}"), _pair(test, f"ik_{joints}"))
-        for joints in ("neck", "shoulders", "elbows", "all")
-    ]
-
-
-def _completion_rows(test: Numbers, card: Mapping[str, Any]) -> list[tuple[str, ...]]:
-    bodies = ("own", "stranger", "height", "nothing")
-    return [
-        (name.replace("_", " "), *(f"{test[f'{name}_{body}_{measure}']:.2f}" for body in bodies))
-        for name in TABLE_SETS
-        for measure in ("occluded_mpjpe_cm" if SENSOR_SETS[name].camera else "mpjpe_cm",)
-    ]
-
-
-def _vae_rows(test: Numbers, card: Mapping[str, Any]) -> list[tuple[str, ...]]:
-    measures, parts = ("position_cm", "velocity_cm_s", "acceleration_m_s2"), {"full": "full body", "legs": "legs"}
-    key = f"model{card['model']}"
-    return [
-        (label, *(f"{test[f'{key}_{part}_{measure}']:.2f}" for measure in measures)) for part, label in parts.items()
-    ]
-
-
-def _cells(test: Numbers, prefix: str) -> list[tuple[str, ...]]:
-    """Rows of figures by hidden markers, columns by duration."""
-    durations = ("0.1", "0.2", "0.5", "1.0", "2.0")
-    return [(str(n), *(f"{test[f'{prefix}_{n}_{duration}_cm']:.2f}" for duration in durations)) for n in (1, 2, 3, 4)]
-
-
-def _glove_marker_rows(test: Numbers, card: Mapping[str, Any]) -> list[tuple[str, ...]]:
-    return _cells(test, "nn")
-
-
-def _glove_joint_rows(test: Numbers, card: Mapping[str, Any]) -> list[tuple[str, ...]]:
-    return [("0", f"{test['nn_0_cm']:.2f}", "", "", "", ""), *_cells(test, "nn")]
-
-
+_BODY = tuple(
+    (label, share, *(f"{{{who}_{part}_{share}_rmsjpe_cm:.1f}}" for who in ("last_known", "tracker")))
+    for part, label in {"body": "body", "finger": "finger", "all": "body and finger"}.items()
+    for share in ("occluded", "all")
+)
+_FINGERS = (
+    ("this network", _pair("network")),
+    ("this network, smoothed, on rigid bones", _pair("bodysense")),
+    ("mean hand of the train split", _pair("mean_pose")),
+    ("hand of the nearest body of the train split", _pair("nearest")),
+)
+_UPPER_BODY = tuple(
+    (joints, _pair(f"network_{joints}"), _pair(f"ik_{joints}")) for joints in ("neck", "shoulders", "elbows", "all")
+)
+_COMPLETION = tuple(
+    (
+        name.replace("_", " "),
+        *(
+            f"{{{name}_{body}_{'occluded_' if SENSOR_SETS[name].camera else ''}mpjpe_cm:.2f}}"
+            for body in ("own", "stranger", "height", "nothing")
+        ),
+    )
+    for name in TABLE_SETS
+)
+_VAE = tuple(
+    (
+        label,
+        *(f"{{modelMODEL_{part}_{measure}:.2f}}" for measure in ("position_cm", "velocity_cm_s", "acceleration_m_s2")),
+    )
+    for part, label in {"full": "full body", "legs": "legs"}.items()
+)
 _DURATIONS = ("hidden markers", "0.1 s", "0.2 s", "0.5 s", "1 s", "2 s")
-
-
-def _arm_rows(test: Numbers, card: Mapping[str, Any]) -> list[tuple[str, ...]]:
-    figures = {
-        "position of all joints of arms and hands, from the chest, cm": ("overall_cm", 1),
-        "position of finger joints and tips, from their wrist, cm": ("hands_cm", 2),
-        "rotation of collars, upper arms, forearms, hands, degrees": ("arms_deg", 1),
-        "rotation of finger joints, degrees": ("fingers_deg", 1),
-        "twist of the upper arm, degrees": ("upper_arm_twist_deg", 1),
-        "twist of the forearm, degrees": ("forearm_twist_deg", 1),
-    }
-    return [
-        (label, f"{test[f'shipped_{key}']:.{digits}f}", f"{test[f'ik_{key}']:.{digits}f}")
-        for label, (key, digits) in figures.items()
-    ]
-
-
+_GLOVE = tuple(
+    (str(hidden), *(f"{{nn_{hidden}_{duration}_cm:.2f}}" for duration in ("0.1", "0.2", "0.5", "1.0", "2.0")))
+    for hidden in (1, 2, 3, 4)
+)
+_ARMS = tuple(
+    (label, f"{{shipped_{key}:.{digits}f}}", f"{{ik_{key}:.{digits}f}}")
+    for label, key, digits in (
+        ("position of all joints of arms and hands, from the chest, cm", "overall_cm", 1),
+        ("position of finger joints and tips, from their wrist, cm", "hands_cm", 2),
+        ("rotation of collars, upper arms, forearms, hands, degrees", "arms_deg", 1),
+        ("rotation of finger joints, degrees", "fingers_deg", 1),
+        ("twist of the upper arm, degrees", "upper_arm_twist_deg", 1),
+        ("twist of the forearm, degrees", "forearm_twist_deg", 1),
+    )
+)
 _NOBODY = "identifying people, medical judgement."
 
 KINDS = {
@@ -242,16 +210,17 @@ KINDS = {
         "bodysense evaluate unoc-table2",
         "Test people, main motions, RMSJPE in cm, through the tracker",
         ("part", "joints", "last known", "this network"),
-        _body_rows,
+        _BODY,
         "bodies whose limbs differ from the skeleton's; hands that hold things, for fingers were learned from half an "
         f"hour of avatar animation; {_NOBODY}",
+        has_optional_rows=True,
     ),
     (point_model.FORMAT, "fingers"): Kind(
         "Places the fingers of a body from the motion of that body alone (UNOC, Parger et al. 2021, section 5.3).",
         "bodysense evaluate finger-synthesis",
         "Test actions, main motions, finger joints and tips from their wrist, RMSJPE / MPJPE in cm",
         ("method", "cm"),
-        _finger_rows,
+        _FINGERS,
         f"gestures that mean something, hands that hold or use things; {_NOBODY}",
     ),
     (point_model.FORMAT, "upper-body"): Kind(
@@ -259,7 +228,7 @@ KINDS = {
         "bodysense evaluate unoc-table6",
         "Test people, main motions, RMSJPE / MPJPE in cm, beside inverse kinematics after Parger et al. 2018",
         ("joints", "network", "inverse kinematics"),
-        _upper_rows,
+        _UPPER_BODY,
         f"legs, of which it knows nothing; floors that are not at y = 0; {_NOBODY}",
     ),
     (weights_file.FORMAT, ""): Kind(
@@ -268,7 +237,7 @@ KINDS = {
         "Test people and test bodies, main motions: MPJPE from the head, cm, with a camera that of hidden joints; of "
         "the recording's body, known; of a stranger's, known; only the height known; nothing known",
         ("sensors", "own", "stranger", "height", "nothing"),
-        _completion_rows,
+        _COMPLETION,
         f"children; people who carry or use things; {_NOBODY}",
     ),
     (glove.MARKER_FORMAT, ""): Kind(
@@ -276,7 +245,7 @@ KINDS = {
         "bodysense evaluate gloves-table3",
         "Test actions, main motions, error of hidden markers on the last frame before they return, cm",
         _DURATIONS,
-        _glove_marker_rows,
+        _GLOVE,
         f"gloves with markers in other places; hands that hold things; {_NOBODY}",
     ),
     (glove.JOINT_FORMAT, ""): Kind(
@@ -284,7 +253,7 @@ KINDS = {
         "bodysense evaluate gloves-table4",
         "Test actions, main motions, error of the joints of fingers through the whole pipeline, cm",
         _DURATIONS,
-        _glove_joint_rows,
+        (("0", "{nn_0_cm:.2f}", "", "", "", ""), *_GLOVE),
         f"gloves with markers in other places; hands that hold things; {_NOBODY}",
     ),
     (arms.FORMAT, ""): Kind(
@@ -292,7 +261,7 @@ KINDS = {
         "bodysense evaluate pahmt-table1",
         "Test actions, main motions, before simulated cameras whose detector errs",
         ("what", "this network", "inverse kinematics on the true positions"),
-        _arm_rows,
+        _ARMS,
         f"hands that hold things, for fingers were learned from avatar animation; {_NOBODY}",
     ),
     (body_vae.FORMAT, ""): Kind(
@@ -300,7 +269,7 @@ KINDS = {
         "bodysense evaluate hmd-vae",
         "Test people, main motions, at the posterior's mean",
         ("joints", "position error, cm", "velocity error, cm/s", "acceleration, m/s²"),
-        _vae_rows,
+        _VAE,
         f"the most accurate body, which is the tracker's; floors that are not at y = 0; {_NOBODY}",
     ),
 }

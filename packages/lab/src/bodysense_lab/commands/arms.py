@@ -1,4 +1,4 @@
-"""`bodysense train arms`, `arms-table`, `bodysense evaluate pahmt-table1`, `bodysense bench arms` (PAHMT)."""
+"""`bodysense train arms`, `arms-table`, `bodysense evaluate pahmt-table1` (PAHMT)."""
 
 from __future__ import annotations
 
@@ -56,41 +56,3 @@ def pahmt_table1(
     with progress_over([chosen]) as advance:
         scored = score_arms(rows, chosen, stride, seed, advance, studio)
     finish(arm_report(scored, chosen, studio.keypoints == "perfect"), table)
-
-
-def bench_arms(frames: int = 2000, model: Path | None = None, json: Path | None = None) -> None:
-    """Time the network of arms and hands on a window of 32 frames, and the estimator a frame at a time.
-
-    Args:
-        frames: Windows, and frames, to time, after 100 to warm up.
-        model: A network written by `bodysense train arms`; the packaged one if omitted.
-        json: Write the numbers here, as one flat object.
-    """
-    import numpy as np
-
-    from bodysense.demo import packaged_performance
-    from bodysense.devices.video.arms import Arms, ArmSettings, load_arms
-    from bodysense_lab.commands.timing import percentiles, report
-    from bodysense_lab.pahmt.system import seen_from_front
-
-    clip, network = packaged_performance(), load_arms(model)
-    keypoints = seen_from_front(clip)
-    count = int(network.card["frames"])
-    window = {name: np.nan_to_num(value[:count]) for name, value in vars(keypoints).items() if name != "time"}
-    window = {name: value if value.dtype == bool else value.astype(np.float32) for name, value in window.items()}
-
-    def whole(_: int) -> None:
-        network.rotations(window)
-
-    numbers = percentiles(whole, frames)
-    for name, settings in (("frame", ArmSettings()), ("live_frame", ArmSettings(look_ahead=0.0))):
-        estimator = Arms(clip.pose.skeleton, network, settings)
-        state = estimator.start()
-
-        def one(frame: int, estimator: Arms = estimator) -> None:
-            nonlocal state
-            place = frame % len(clip)
-            state = estimator.step(keypoints[place : place + 1], estimator.start() if place == 0 else state)[1]
-
-        numbers |= {f"{name}_{key}": value for key, value in percentiles(one, frames).items()}
-    report("arms", numbers, json)

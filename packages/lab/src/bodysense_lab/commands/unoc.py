@@ -2,19 +2,31 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
 from bodysense.errors import BodysenseError
 from bodysense.files import check_place
-from bodysense_lab.commands.reporting import check_outputs, finish, open_data, progress_over, tracker_settings
+from bodysense_lab.commands.reporting import (
+    check_outputs,
+    finish,
+    open_data,
+    print_report,
+    progress_over,
+    tracker_settings,
+)
 from bodysense_lab.options import Data, Split, Stride, Table, TableOptions, check_positive
 
 if TYPE_CHECKING:
     from bodysense.io.clip import Clip
-    from bodysense_lab.unoc.tables import NetworkTable
+    from bodysense_lab.datasets import Census, DataSet
+    from bodysense_lab.score_table import ScoreTable
+    from bodysense_lab.table import Report
     from bodysense_lab.unoc.variant_scores import Shipped
 
 Sets = Annotated[tuple[str, ...], tyro.conf.arg(help="folders of motion or prepared stores; NAME=FOLDER names one")]
@@ -114,25 +126,16 @@ def unoc_table6(data: Data, model: Path | None = None, table: Table = TableOptio
     Args:
         model: network written by `bodysense train upper-body`; the packaged one if omitted.
     """
-    from bodysense_lab.datasets import Census, census_of
-    from bodysense_lab.unoc.upper_body_table import (
-        LearnedUpperBody,
-        evaluate_upper_body,
-        load_upper_body,
-        upper_body_report,
-    )
+    from bodysense_lab.unoc.learned_upper_body import LearnedUpperBody, load_upper_body
+    from bodysense_lab.unoc.upper_body_ik import UpperBodyIk
+    from bodysense_lab.unoc.upper_body_table import MakeEstimator, upper_body_errors, upper_body_report
 
-    chosen, network = open_data(data, table), load_upper_body(model)
-    census = Census()
-
-    def count(clip: Clip) -> None:
-        nonlocal census
-        census += census_of(clip)
-        advance(clip)
-
-    with progress_over([chosen]) as advance:
-        scored = evaluate_upper_body(chosen.clips(), lambda skeleton: LearnedUpperBody(skeleton, network), count)
-    finish(upper_body_report(scored, census, chosen), table)
+    network = load_upper_body(model)
+    methods: dict[str, MakeEstimator] = {
+        "network": lambda skeleton: LearnedUpperBody(skeleton, network),
+        "ik": UpperBodyIk,
+    }
+    _score(data, replace(table, jobs=1), partial(upper_body_errors, methods=methods), upper_body_report)
 
 
 def unoc_smoothness(
@@ -143,34 +146,27 @@ def unoc_smoothness(
     table: Table = TableOptions(),
 ) -> None:
     """UNOC, section 4.2: how often joints accelerate strongly, before and after inverse kinematics and smoothing."""
-    from bodysense_lab.unoc.smoothness import NETWORKS, measure_smoothness, smoothness_report
+    from bodysense_lab.unoc.smoothness import NETWORKS, smoothness_of_clip, smoothness_report
     from bodysense_lab.unoc.variant_scores import networks_in
 
-    chosen, files = open_data(data, table), networks_in(networks, NETWORKS)
-    settings = tracker_settings(half_life)
-    with progress_over([chosen]) as advance:
-        sums, census = measure_smoothness(chosen, files, model, settings, table.processes, advance)
-    finish(smoothness_report(sums, census, chosen), table)
+    files, settings = networks_in(networks, NETWORKS), tracker_settings(half_life)
+    work = partial(smoothness_of_clip, networks=files, model=model, settings=settings)
+    _score(data, table, work, smoothness_report)
 
 
 def reliability(data: Data, model: Predictor = None, table: Table = TableOptions()) -> None:
     """Expected against true errors of hidden joints, in ten bins of equal count."""
-    from bodysense_lab.unoc.reliability import measure_reliability, reliability_report
+    from bodysense_lab.unoc.reliability import pairs_of_clip, reliability_report
 
-    chosen = open_data(data, table)
-    with progress_over([chosen]) as advance:
-        pairs, census = measure_reliability(chosen, model, table.processes, advance)
-    finish(reliability_report(pairs, census, chosen), table)
+    _score(data, table, partial(pairs_of_clip, model=model), reliability_report)
 
 
 def transitions(data: Data, model: Predictor = None, half_life: HalfLife = None, table: Table = TableOptions()) -> None:
     """How jerky motion is in the second in which a joint is lost or seen again, before and after smoothing."""
-    from bodysense_lab.unoc.transitions import measure_transitions, transitions_report
+    from bodysense_lab.unoc.transitions import transitions_of_clip, transitions_report
 
-    chosen, settings = open_data(data, table), tracker_settings(half_life)
-    with progress_over([chosen]) as advance:
-        found, census = measure_transitions(chosen, model, settings, table.processes, advance)
-    finish(transitions_report(found, census, chosen), table)
+    work = partial(transitions_of_clip, model=model, settings=tracker_settings(half_life))
+    _score(data, table, work, transitions_report)
 
 
 def finger_synthesis(data: Data, split: Split = "test", model: Path | None = None, json: Path | None = None) -> None:
@@ -183,37 +179,37 @@ def finger_synthesis(data: Data, split: Split = "test", model: Path | None = Non
         model: network written by `bodysense train fingers`; the packaged one if omitted.
         json: file for the numbers, as one flat object.
     """
-    from rich.console import Console
-    from rich.progress import Progress
-    from rich.table import Table
-
-    from bodysense.cli.show import write_numbers
+    from bodysense.cli.show import wide_console, write_numbers
     from bodysense.papers.point_model import load_point_model
-    from bodysense_lab.datasets import named_data
-    from bodysense_lab.unoc.finger_scores import evaluate_finger_synthesis, examples_of
+    from bodysense.scoring import group_of
+    from bodysense_lab.datasets import gathered, named_data
+    from bodysense_lab.unoc.finger_scores import examples_of, finger_errors, finger_report
 
     if json is not None:
         check_place(json)
-    scored, known = named_data(data, split), named_data(data, "train")
-    network = load_point_model("fingers", model)
-    with Progress() as progress:
-        bar = progress.add_task("reading the train split", total=None)
-        examples = examples_of(known.clips())
-        table = evaluate_finger_synthesis(
-            scored.clips(),
-            examples,
-            network,
-            lambda clip: progress.update(bar, advance=1, description=f"scored {clip.name}"),
-        )
-    shown = Table(title=f"{scored.name}, {split}: {table.clips} clips with fingers, {table.seconds / 60:.1f} minutes")
-    shown.caption = "Finger joints and fingertips from their wrist, cm."
-    shown.add_column("method")
-    for heading in ("RMSJPE", "MPJPE"):
-        shown.add_column(heading, justify="right")
-    for method, tally in table.tallies.items():
-        shown.add_row(method.replace("_", " "), f"{tally.rmsjpe:.2f}", f"{tally.mpjpe:.2f}")
-    Console().print(shown)
-    write_numbers(json, table.numbers())
+    scored, known, network = named_data(data, split), named_data(data, "train"), load_point_model("fingers", model)
+    clips = (clip for clip in scored.clips() if clip.has_fingers and group_of(clip) == "main")
+    with progress_over([scored]) as advance:
+        work = partial(finger_errors, examples=examples_of(known.clips()), model=network)
+        found, census = gathered(work, clips, 1, advance)
+    report = finger_report(found, census, scored)
+    print_report(report, wide_console())
+    write_numbers(json, report.numbers)
+
+
+def _score(
+    data: str,
+    table: TableOptions,
+    work: Callable[[Clip], Mapping[Any, Any]],
+    report: Callable[[dict[Any, Any], Census, DataSet], Report],
+) -> None:
+    """Gather the results of every clip of a data set, and report them."""
+    from bodysense_lab.datasets import gathered
+
+    chosen = open_data(data, table)
+    with progress_over([chosen]) as advance:
+        found, census = gathered(work, chosen.clips(), table.processes, advance)
+    finish(report(found, census, chosen), table)
 
 
 def _named(pairs: tuple[str, ...], option: str) -> dict[str, Path]:
@@ -230,16 +226,16 @@ def _named(pairs: tuple[str, ...], option: str) -> dict[str, Path]:
 
 
 def _network_table(
-    rows: NetworkTable, data: str, networks: Path | None, stride: int, table: TableOptions, shipped: Shipped | None
+    rows: ScoreTable, data: str, networks: Path | None, stride: int, table: TableOptions, shipped: Shipped | None
 ) -> None:
     """Score the methods without kept scores, and report."""
-    from bodysense_lab.unoc.tables import OWN_NAMES, network_report
+    from bodysense_lab.unoc.tables import OWN_NAMES, network_report, without_networks
     from bodysense_lab.unoc.variant_scores import Work, networks_in, score
 
     check_positive(stride=stride)
     chosen = open_data(data, table)
     if networks is None:
-        rows = rows.only(OWN_NAMES)
+        rows = without_networks(rows)
     files = {} if networks is None else networks_in(networks, [n for n in rows.methods if n not in OWN_NAMES])
     work = Work(files, shipped, stride)
     with progress_over([chosen]) as advance:

@@ -6,7 +6,7 @@ import math
 from typing import NamedTuple
 
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 
 from bodysense.body.skeleton import BODY
 from bodysense_lab.completion.points import (
@@ -16,9 +16,9 @@ from bodysense_lab.completion.points import (
     JOINTS,
     PLACED,
     READ,
+    SPIN_PLACES,
     SPINNING,
     partners,
-    reference_offsets,
 )
 
 # Per frame: what is read, and how many numbers it has.
@@ -37,133 +37,76 @@ WIDTHS = {
     "acceleration": 3 * len(ACCELERATED),
     "has_acceleration": len(ACCELERATED),
 }
-SPIN_ROWS, AXIS_ROWS = 2 * len(SPINNING), 2 * JOINTS
-MOVING = READ + SPIN_ROWS  # rows whose change since the frame before is read
-ROWS = READ + MOVING + AXIS_ROWS
 _FASTEST, _SWIFTEST = 5.0, 15.0  # m/s, and change of axes per second: larger values are clipped
 _STRONGEST, _ACCELERATION_SCALE = 50.0, 0.1  # m/s², likewise; 10 m/s² is 1
-_UNLIMITED = 1e9
 _USUAL_INTERVAL = 1 / 30  # s
 _BONE_SCALE, _CERTAINTY_SCALE = 20.0, 20.0  # 1/m: a deviation of 5 cm is 1
 
 
-class Reading(NamedTuple):
-    """Inputs of the features, in N frames.
+class TrackedSignal(NamedTuple):
+    """Tracked points in T frames of B sequences, and the known proportions of wearers. Absent values are finite."""
 
-    Rows are vectors in the world: places of the 27 points from the origin; the change since the frame before of these,
-    and of the x axes, then the y axes, of `SPINNING`; the x axes, then the y axes, of the 22 joints.
+    position: Tensor  # (B, T, 27, 3) m, world
+    rotation: Tensor  # (B, T, 22, 3, 3) world ← joint
+    has_position: Tensor  # (B, T, 27) bool
+    has_rotation: Tensor  # (B, T, 22) bool
+    accuracy: Tensor  # (B, T, 27) m
+    interval: Tensor  # (B, T) s
+    turn: Tensor  # (B, T, 3, 3) row vectors of the world @ turn are those of the frame under the head
+    origin: Tensor  # (B, T, 3) m, of that frame
+    before: Before
+    rest_offset: Tensor  # (B, 25, 3) m, known or estimated
+    certainty: Tensor  # (B, 25) m, standard deviation of each of those lengths; 0 if known
+    size: Tensor  # (B,) the wearer's stature divided by the reference stature
+    acceleration: Tensor  # (B, T, 12, 3) m/s², world, of `ACCELERATED`
+    has_acceleration: Tensor  # (B, T, 12) bool
+
+
+class Before(NamedTuple):
+    """Tracked points of the previous frame."""
+
+    position: Tensor  # (B, T, 27, 3) m, world
+    has_position: Tensor  # (B, T, 27) bool
+    rotation: Tensor  # (B, T, 3, 3, 3) of `SPINNING`
+    has_rotation: Tensor  # (B, T, 3) bool
+
+
+def features_of(signal: TrackedSignal, usual_bones: Tensor) -> Tensor:
+    """Features (B, T, F) of a signal, in the order of `WIDTHS`.
+
+    Vectors are in the frame under the head and at the reference stature, axes of joints row by row: x and y.
+
+    Args:
+        signal: what is tracked.
+        usual_bones: (25, 3) m, rest offsets of the reference body.
     """
-
-    rows: Tensor  # (N, 1, 104, 3)
-    seen: Tensor  # (N, 104) whether each row is tracked: 1 or 0
-    into: Tensor  # (N, 1, 3, 3) row vectors of the world @ this are those of the frame under the head
-    size: Tensor  # (N, 1) the wearer's stature divided by the reference stature
-    interval: Tensor  # (N, 1) s
-    accuracy: Tensor  # (N, 27) m
-    rest_offset: Tensor  # (N, 75) m
-    certainty: Tensor  # (N, 25) m
-    acceleration: Tensor  # (N, 1, 12, 3) m/s², world, of `ACCELERATED`, without gravity
-    accelerated: Tensor  # (N, 12) whether each is measured: 1 or 0
-
-
-class Features(nn.Module):
-    """A reading as features: itself, and mirrored at the plane x = 0 of the frame under the head."""
-
-    row_scale: Tensor
-    row_constant: Tensor
-    limit: Tensor
-    usual_bones: Tensor
-    place: Tensor
-    scale: Tensor
-
-    def __init__(self) -> None:
-        super().__init__()
-        # Which factor each row is multiplied by: inverse size, inverse size times rate, rate, or 1.
-        kinds = [0] * READ + [1] * READ + [2] * SPIN_ROWS + [3] * AXIS_ROWS
-        scales = torch.eye(4)[kinds]
-        limit = torch.tensor([_UNLIMITED, _FASTEST, _SWIFTEST, _UNLIMITED])[kinds]
-        place = torch.tensor([column for name in WIDTHS for column in _columns(name)])
-        factor = torch.tensor([scale for name in WIDTHS for scale in _scales(name)])
-        image, sign = torch.tensor(mirror_places()), torch.tensor(mirror_signs())
-        for name, values in (
-            ("row_scale", scales[:, :3]),
-            ("row_constant", scales[:, 3]),
-            ("limit", limit[:, None].expand(-1, 3)),
-            ("usual_bones", torch.tensor(reference_offsets(), dtype=torch.float32).flatten()),
-            ("place", torch.cat([place, place[image]])),
-            ("scale", torch.cat([factor, factor[image] * sign])),
-        ):
-            self.register_buffer(name, values.contiguous(), persistent=False)
-
-    def forward(self, reading: Reading) -> Tensor:
-        """Features (N, 2 F) of a body and of its mirror image."""
-        smaller, rate = 1 / reading.size, 1 / reading.interval
-        sizes = torch.cat([smaller, smaller * rate, rate], dim=-1)
-        scale = reading.seen * nn.functional.linear(sizes, self.row_scale, self.row_constant)
-        rows = (reading.rows @ reading.into) * scale.reshape(-1, 1, ROWS, 1)
-        rows = torch.maximum(torch.minimum(rows, self.limit), -self.limit)
-        accuracy = (torch.log(reading.accuracy) + 3 * math.log(10)) * reading.seen[:, :READ]
-        bones = reading.rest_offset * smaller - self.usual_bones
-        felt = (reading.acceleration @ reading.into) * (smaller * reading.accelerated).reshape(-1, 1, _FELT, 1)
-        parts = [
-            rows.reshape(-1, 3 * ROWS),
-            reading.seen,
-            accuracy,
-            bones,
-            reading.certainty,
-            reading.interval,
-            felt.clamp(-_STRONGEST, _STRONGEST).reshape(-1, 3 * _FELT),
-            reading.accelerated,
-        ]
-        return torch.cat(parts, dim=-1).index_select(1, self.place) * self.scale
-
-
-_FELT = len(ACCELERATED)
-_STARTS = {"rows": 0, "seen": 3 * ROWS, "accuracy": 4 * ROWS}
-_STARTS["bones"] = _STARTS["accuracy"] + READ
-_STARTS["certainty"] = _STARTS["bones"] + 3 * PLACED
-_STARTS["interval"] = _STARTS["certainty"] + PLACED
-_STARTS["acceleration"] = _STARTS["interval"] + 1
-_STARTS["has_acceleration"] = _STARTS["acceleration"] + 3 * _FELT
-
-
-def _columns(name: str) -> list[int]:
-    """Where the numbers of a kind of feature are in what `Features.forward` puts together."""
-
-    def axes(first_row: int, count: int) -> list[int]:
-        # Feature by feature: joint, component, axis.
-        return [3 * (first_row + k * count + j) + c for j in range(count) for c in range(3) for k in range(2)]
-
-    spins, joints = 2 * READ, READ + MOVING
-    match name:
-        case "position":
-            return list(range(3 * READ))
-        case "has_position":
-            return list(range(_STARTS["seen"], _STARTS["seen"] + READ))
-        case "velocity":
-            return list(range(3 * READ, 6 * READ))
-        case "spin":
-            return axes(spins, len(SPINNING))
-        case "axes":
-            return axes(joints, JOINTS)
-        case "has_rotation":
-            return list(range(_STARTS["seen"] + joints, _STARTS["seen"] + joints + JOINTS))
-        case _:
-            return list(range(_STARTS[name], _STARTS[name] + WIDTHS[name]))
-
-
-def _scales(name: str) -> list[float]:
-    """Return the factors that scale the numbers of a kind of feature."""
-    scale = {
-        "accuracy": 1 / math.log(10),
-        "bones": _BONE_SCALE,
-        "certainty": _CERTAINTY_SCALE,
-        "interval": 1 / _USUAL_INTERVAL,
-        "acceleration": _ACCELERATION_SCALE,
-    }.get(name, 1.0)
-    if name == "bones":  # the pelvis has no parent
-        return [0.0] * 3 + [scale] * (WIDTHS[name] - 3)
-    return [scale] * WIDTHS[name]
+    into, turn, before = signal.turn, signal.turn.mT[:, :, None], signal.before
+    size, interval = signal.size[:, None, None, None], signal.interval[..., None, None]
+    known = signal.has_rotation[..., None, None]
+    moving = (signal.has_position & before.has_position)[..., None]
+    spinning = (signal.has_rotation[..., SPIN_PLACES] & before.has_rotation)[..., None, None]
+    velocity = (signal.position - before.position) @ into / size / interval
+    spin = turn @ (signal.rotation[..., SPIN_PLACES, :, :] - before.rotation)[..., :2] / interval[..., None]
+    bones = (signal.rest_offset / size[..., 0] - usual_bones) * _BONE_SCALE
+    felt = signal.acceleration @ into / size * signal.has_acceleration[..., None]
+    parts = {
+        "position": (signal.position - signal.origin[..., None, :]) @ into / size * signal.has_position[..., None],
+        "has_position": signal.has_position,
+        "velocity": (velocity * moving).clamp(-_FASTEST, _FASTEST),
+        "accuracy": (torch.log(signal.accuracy) / math.log(10) + 3) * signal.has_position,
+        "axes": turn @ signal.rotation[..., :2] * known,
+        "has_rotation": signal.has_rotation,
+        "spin": (spin * spinning).clamp(-_SWIFTEST, _SWIFTEST),
+        # The pelvis has no parent.
+        "bones": torch.cat([torch.zeros_like(bones[:, :1]), bones[:, 1:]], dim=1)[:, None],
+        "certainty": signal.certainty[:, None] * _CERTAINTY_SCALE,
+        "interval": signal.interval[..., None] / _USUAL_INTERVAL,
+        "acceleration": felt.clamp(-_STRONGEST, _STRONGEST) * _ACCELERATION_SCALE,
+        "has_acceleration": signal.has_acceleration,
+    }
+    frames = signal.interval.shape
+    rows = (parts[name].flatten(2).expand(*frames, -1).to(signal.position) for name in WIDTHS)
+    return torch.cat(list(rows), dim=-1)
 
 
 def _mirror_parts() -> dict[str, tuple[list[int], list[float]]]:

@@ -37,17 +37,9 @@ FLIP = torch.tensor(
 )  # what vectors of both hands are multiplied by: the right one in a mirror
 SMALLEST_ERROR = 0.001  # m
 ERROR_BIAS = -4.0  # of the expected error before it is made positive
-ROWS = FINGER_POINTS + 2 * FINGER_JOINTS
 _BONE_SCALE, _RATE = 10.0, 30.0
-_WIDTHS = {
-    "position": 3 * FINGER_POINTS,
-    "has_position": FINGER_POINTS,
-    "axes": 6 * FINGER_JOINTS,
-    "has_rotation": FINGER_JOINTS,
-    "bones": 3 * FINGER_POINTS,
-    "wrist": 3 + 6 + 3,
-    "interval": 1,
-}
+# Numbers of a hand in a frame: points, joints, bones, the wrist's place, axes and velocity, the interval.
+FEATURES = 4 * FINGER_POINTS + 7 * FINGER_JOINTS + 3 * FINGER_POINTS + 12 + 1
 
 
 @dataclass(frozen=True)
@@ -72,114 +64,25 @@ class FingerSignal(NamedTuple):
     interval: Tensor  # (B, T) s
 
 
-class FingerReading(NamedTuple):
-    """Inputs of the features, in N frames; the hand axis is left, right.
-
-    Rows are vectors in the wrist's frame: places of the points from the wrist, x axes of the joints, y axes of the
-    joints. Rows of the wrist are in the frame under the head: its place from the head, its velocity, its x and y axes.
-    """
-
-    rows: Tensor  # (N, 2, 50, 3)
-    seen: Tensor  # (N, 2, 50) whether each row is tracked: 1 or 0
-    rest_offset: Tensor  # (N, 2, 20, 3) m
-    wrist: Tensor  # (N, 2, 4, 3)
-    interval: Tensor  # (N, 2, 1) s
-
-
-class FingerFeatures(nn.Module):
-    """A reading as features, those of the right hand in a mirror, both by the size of the hand."""
-
-    sized: Tensor
-    usual_bones: Tensor
-    middle: Tensor
-    place: Tensor
-    scale: Tensor
-
-    def __init__(self) -> None:
-        super().__init__()
-        size = float(np.linalg.norm(_SKELETON.rest_offset[_SKELETON.index("left_middle1")]))
-        usual = torch.tensor(_SKELETON.rest_offset[HAND_POINTS[0]] / size, dtype=torch.float32)
-        columns, signs = zip(*(part for name in _WIDTHS for part in _columns(name)), strict=True)
-        scale = torch.tensor(signs)
-        for name, values in (
-            ("sized", (torch.arange(ROWS) < FINGER_POINTS).float()[:, None]),
-            ("usual_bones", usual * FLIP[:, None]),
-            ("middle", torch.tensor([HAND_POINTS[0].tolist().index(_SKELETON.index("left_middle1"))])),
-            ("place", torch.tensor(columns)),
-            ("scale", torch.stack([scale.abs(), scale])),
-        ):
-            self.register_buffer(name, values, persistent=False)
-
-    def forward(self, reading: FingerReading) -> Tensor:
-        """Features (N, 2, F)."""
-        middle = reading.rest_offset.index_select(2, self.middle)
-        larger = 1 / torch.linalg.vector_norm(middle, dim=-1, keepdim=True).clamp(min=1e-3)
-        scale = reading.seen.unsqueeze(-1) * (larger * self.sized + (1 - self.sized))
-        rows = reading.rows * scale
-        bones = reading.rest_offset * larger - self.usual_bones
-        parts = [
-            rows.reshape(-1, 2, 3 * ROWS),
-            reading.seen,
-            bones.reshape(-1, 2, 3 * FINGER_POINTS),
-            reading.wrist.reshape(-1, 2, 12),
-            reading.interval,
-        ]
-        return torch.cat(parts, dim=-1).index_select(-1, self.place) * self.scale
-
-
-def _columns(name: str) -> list[tuple[int, float]]:
-    """Where the numbers of a kind of feature are among [rows, seen, bones, wrist, interval], and their factors.
-
-    Factors are those of a right hand: below 0 where its mirror image has the other sign.
-    """
-    seen, bones = 3 * ROWS, 4 * ROWS
-    wrist = bones + 3 * FINGER_POINTS
-    vector = [-1.0, 1.0, 1.0]
-
-    def axes(first: int, count: int) -> list[tuple[int, float]]:
-        # Joint by joint: component, axis. In a mirror the x component changes its sign, and the x axis does.
-        return [
-            (first + 3 * (k * count + j) + c, vector[c] * (1.0 if k else -1.0))
-            for j in range(count)
-            for c in range(3)
-            for k in range(2)
-        ]
-
-    match name:
-        case "position":
-            return [(3 * point + c, vector[c]) for point in range(FINGER_POINTS) for c in range(3)]
-        case "has_position":
-            return [(seen + point, 1.0) for point in range(FINGER_POINTS)]
-        case "axes":
-            return axes(3 * FINGER_POINTS, FINGER_JOINTS)
-        case "has_rotation":
-            return [(seen + FINGER_POINTS + joint, 1.0) for joint in range(FINGER_JOINTS)]
-        case "bones":
-            return [
-                (bones + 3 * point + c, _BONE_SCALE * vector[c]) for point in range(FINGER_POINTS) for c in range(3)
-            ]
-        case "wrist":
-            return [*((wrist + 3 * row + c, vector[c]) for row in range(2) for c in range(3)), *axes(wrist + 6, 1)]
-        case _:
-            return [(wrist + 12, _RATE)]
-
-
 class FingerNetwork(nn.Module):
     """One recurrent layer and one branch."""
 
     def __init__(self, config: FingerConfig) -> None:
         super().__init__()
         self.config = config
-        self.features = sum(_WIDTHS.values())
-        self.recurrent = nn.GRU(self.features, config.hidden, batch_first=True)
+        self.recurrent = nn.GRU(FEATURES, config.hidden, batch_first=True)
         self.branch = nn.Sequential(
-            nn.Linear(config.hidden + self.features, config.branch),
+            nn.Linear(config.hidden + FEATURES, config.branch),
             nn.ReLU(),
             nn.Linear(config.branch, 6 * FINGER_JOINTS + FINGER_POINTS),
         )
-        self.reader = FingerFeatures()
+        self.middle = HAND_POINTS[0].tolist().index(_SKELETON.index("left_middle1"))
+        usual = _SKELETON.rest_offset[HAND_POINTS[0]]
+        usual = usual / np.linalg.norm(usual[self.middle])
+        self.register_buffer("usual_bones", torch.tensor(usual, dtype=torch.float32), persistent=False)
         self.register_buffer("relaxed", relaxed_axes(), persistent=False)
 
+    usual_bones: Tensor  # (20, 3) of a left hand, by its size
     relaxed: Tensor
 
     def relaxed_only(self) -> FingerNetwork:
@@ -193,20 +96,27 @@ class FingerNetwork(nn.Module):
         return self.relaxed.new_zeros(1, 2 * batch, self.config.hidden)
 
     def read(self, signal: FingerSignal) -> Tensor:
-        """Features (B, 2, T, F)."""
+        """Features (B, 2, T, F): those of the right hand in a mirror, both by the size of the hand."""
         frames = signal.interval.shape
-        rows = [signal.position, signal.rotation[..., 0], signal.rotation[..., 1]]
-        seen = torch.cat([signal.has_position, signal.has_rotation, signal.has_rotation], dim=-1)
-        wrist = [signal.wrist, signal.wrist_velocity, signal.wrist_rotation[..., 0], signal.wrist_rotation[..., 1]]
-        reading = FingerReading(
-            torch.cat(rows, dim=-2),
-            seen.to(signal.position),
-            signal.rest_offset[:, None].expand(*frames, -1, -1, -1),
-            torch.stack(wrist, dim=-2),
-            signal.interval[..., None, None].expand(*frames, 2, 1),
+        flip = FLIP.to(signal.position)[:, None]  # of vectors (2, N, 3)
+        turned = (FLIP[:, :, None] * FLIP[:, None, :2]).to(signal.position)[:, None]  # of axes (2, N, 3, 2)
+        middle = signal.rest_offset[:, :, self.middle : self.middle + 1]
+        larger = (1 / torch.linalg.vector_norm(middle, dim=-1, keepdim=True).clamp(min=1e-3))[:, None]
+        bones = (signal.rest_offset[:, None] * larger * flip - self.usual_bones) * _BONE_SCALE
+        axes = signal.rotation[..., :2] * turned * signal.has_rotation[..., None, None]
+        parts = (
+            signal.position * larger * flip * signal.has_position[..., None],
+            signal.has_position,
+            axes,
+            signal.has_rotation,
+            bones.expand(*frames, -1, -1, -1),
+            signal.wrist * flip[:, 0],
+            signal.wrist_velocity * flip[:, 0],
+            signal.wrist_rotation[..., :2] * turned[:, 0],
+            (signal.interval * _RATE)[..., None, None].expand(*frames, 2, 1),
         )
-        features = self.reader(FingerReading(*(part.flatten(0, 1) for part in reading)))
-        return features.unflatten(0, frames).transpose(1, 2)
+        rows = [part.flatten(3).to(signal.position) for part in parts]
+        return torch.cat(rows, dim=-1).transpose(1, 2)
 
     def forward(self, signal: FingerSignal, memory: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """Rotations wrist ← joint (B, T, 2, 15, 3, 3), expected errors (B, T, 2, 20) m, and the memory after."""

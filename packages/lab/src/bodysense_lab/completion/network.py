@@ -19,15 +19,15 @@ from torch import Tensor, nn
 from bodysense.body.pose import forward_kinematics, standing_pose
 from bodysense.body.rotation import quaternion_to_matrix
 from bodysense.body.skeleton import default_skeleton
-from bodysense_lab.completion.features import WIDTHS, Features, Reading
+from bodysense_lab.completion.features import WIDTHS, TrackedSignal, features_of, mirror_places, mirror_signs
 from bodysense_lab.completion.points import (
     CONTACT,
     HEAD_HEIGHT,
     JOINTS,
     PLACED,
-    SPIN_PLACES,
     bone_parents,
     path_from_head,
+    reference_offsets,
 )
 
 SMALLEST_ERROR = 0.002  # m: no expected error is smaller
@@ -43,34 +43,6 @@ class CompletionConfig:
     branch: int = 512  # units of the layer that turns the joints
     judge_branch: int = 128  # units of the layer that judges contact and expected error
     dropout: float = 0.15  # of the recurrent layers' outputs, in training
-
-
-class TrackedSignal(NamedTuple):
-    """Tracked points in T frames of B sequences, and the known proportions of wearers. Absent values are finite."""
-
-    position: Tensor  # (B, T, 27, 3) m, world
-    rotation: Tensor  # (B, T, 22, 3, 3) world ← joint
-    has_position: Tensor  # (B, T, 27) bool
-    has_rotation: Tensor  # (B, T, 22) bool
-    accuracy: Tensor  # (B, T, 27) m
-    interval: Tensor  # (B, T) s
-    turn: Tensor  # (B, T, 3, 3) row vectors of the world @ turn are those of the frame under the head
-    origin: Tensor  # (B, T, 3) m, of that frame
-    before: Before
-    rest_offset: Tensor  # (B, 25, 3) m, known or estimated
-    certainty: Tensor  # (B, 25) m, standard deviation of each of those lengths; 0 if known
-    size: Tensor  # (B,) the wearer's stature divided by the reference stature
-    acceleration: Tensor  # (B, T, 12, 3) m/s², world, of `ACCELERATED`
-    has_acceleration: Tensor  # (B, T, 12) bool
-
-
-class Before(NamedTuple):
-    """Tracked points of the previous frame."""
-
-    position: Tensor  # (B, T, 27, 3) m, world
-    has_position: Tensor  # (B, T, 27) bool
-    rotation: Tensor  # (B, T, 3, 3, 3) of `SPINNING`
-    has_rotation: Tensor  # (B, T, 3) bool
 
 
 class Prediction(NamedTuple):
@@ -99,24 +71,33 @@ class CompletionNetwork(nn.Module):
         self.judge_branch = nn.Sequential(
             nn.Linear(both, config.judge_branch), nn.ReLU(), nn.Linear(config.judge_branch, len(CONTACT) + PLACED)
         )
-        self.reader = Features()
         standing = forward_kinematics(standing_pose(default_skeleton()))[1][:JOINTS]
         constants = {
             "standing_axes": quaternion_to_matrix(standing)[..., :2],
             "from_head": path_from_head(),
+            "usual_bones": reference_offsets(),
+            "image_sign": mirror_signs(),
         }
         for name, values in constants.items():
             self.register_buffer(name, torch.tensor(np.asarray(values), dtype=torch.float32), persistent=False)
         self.register_buffer("bone_parents", torch.tensor(bone_parents()), persistent=False)
+        self.register_buffer("image", torch.tensor(mirror_places()), persistent=False)
 
     standing_axes: Tensor
     from_head: Tensor
     bone_parents: Tensor
+    usual_bones: Tensor
+    image: Tensor
+    image_sign: Tensor
 
     def read(self, signal: TrackedSignal) -> Tensor:
         """Features (B, T, F) of a signal."""
-        features = self.reader(reading_of(signal))[:, : self.features]
-        return features.unflatten(0, signal.interval.shape)
+        return features_of(signal, self.usual_bones)
+
+    def read_both(self, signal: TrackedSignal) -> Tensor:
+        """Features (B, T, 2, F) of a signal and of its mirror image at the plane x = 0 of the frame under the head."""
+        features = self.read(signal)
+        return torch.stack([features, features[..., self.image] * self.image_sign], dim=-2)
 
     def begin(self, batch: int) -> Tensor:
         """The memory (layers, batch, hidden) before the first frame."""
@@ -139,37 +120,6 @@ class CompletionNetwork(nn.Module):
         """Positions (B, T, 25, 3) from the head of joints turned (B, T, 22, 3, 3), with offsets (B, 25, 3)."""
         bones = rotation[..., self.bone_parents, :, :] @ rest_offset[:, None, 1:, :, None]
         return self.from_head @ bones[..., 0]
-
-
-def reading_of(signal: TrackedSignal) -> Reading:
-    """Return the inputs of the features, frame by frame."""
-    frames = signal.interval.shape
-    placed = signal.position - signal.origin[..., None, :]
-    axes, spun = axis_rows(signal.rotation), axis_rows(signal.rotation[..., SPIN_PLACES, :, :])
-    moved = [signal.position - signal.before.position, spun - axis_rows(signal.before.rotation)]
-    both = [
-        signal.has_position & signal.before.has_position,
-        (signal.has_rotation[..., SPIN_PLACES] & signal.before.has_rotation).repeat(1, 1, 2),
-    ]
-    seen = torch.cat([signal.has_position, *both, signal.has_rotation.repeat(1, 1, 2)], dim=-1)
-    parts = Reading(
-        rows=torch.cat([placed, *moved, axes], dim=-2)[:, :, None],
-        seen=seen.to(placed),
-        into=signal.turn[:, :, None],
-        size=signal.size[:, None, None].expand(*frames, 1),
-        interval=signal.interval[..., None],
-        accuracy=signal.accuracy,
-        rest_offset=signal.rest_offset.flatten(-2)[:, None].expand(*frames, -1),
-        certainty=signal.certainty[:, None].expand(*frames, -1),
-        acceleration=signal.acceleration[:, :, None],
-        accelerated=signal.has_acceleration.to(placed),
-    )
-    return Reading(*(part.flatten(0, 1) for part in parts))
-
-
-def axis_rows(rotation: Tensor) -> Tensor:
-    """(..., J, 3, 3) world ← joint → (..., 2 J, 3): the x axes, then the y axes."""
-    return torch.cat([rotation[..., 0], rotation[..., 1]], dim=-2)
 
 
 def advance(gru: nn.GRU, features: Tensor, memory: list[Tensor]) -> tuple[Tensor, list[Tensor]]:

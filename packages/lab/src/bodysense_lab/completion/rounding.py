@@ -12,7 +12,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from bodysense_lab.completion.network import CompletionNetwork, advance, reading_of
+from bodysense_lab.completion.network import CompletionNetwork, advance
 from bodysense_lab.completion.task import SequenceBatch
 from bodysense_lab.completion.weights_file import row_step
 
@@ -31,7 +31,7 @@ def sample_moments(network: CompletionNetwork, batches: Iterable[SequenceBatch])
     sums, frames, memory = dict[str, np.ndarray](), 0, list[Tensor]()
     for batch in batches:
         people, length = batch.valid.shape
-        features = network.reader(reading_of(batch.signal)).reshape(people, length, 2, network.features)
+        features = network.read_both(batch.signal)
         before = memory or list(network.begin(2 * people))
         begins = batch.begins.repeat_interleave(2)[:, None]
         memory = [torch.where(begins, 0.0, layer) for layer in before]

@@ -19,12 +19,11 @@ from bodysense.body.skeleton import BODY
 from bodysense.errors import BodysenseError
 from bodysense_lab.checkpoint import best_weights, identity
 from bodysense_lab.completion.corpus import Corpus, read_corpus
+from bodysense_lab.completion.features import Before, TrackedSignal
 from bodysense_lab.completion.network import (
-    Before,
     CompletionConfig,
     CompletionNetwork,
     Prediction,
-    TrackedSignal,
     orthonormal,
     turn_about_up,
 )
@@ -41,7 +40,6 @@ from bodysense_lab.completion.sequences import (
     draw_settled_sequence,
     make_sequence,
 )
-from bodysense_lab.completion.weights_file import read_weights
 from bodysense_lab.fit import Task, begin, fit, played
 from bodysense_lab.options import Schedule
 from bodysense_lab.precision import layer_autocast
@@ -348,6 +346,8 @@ def train_completion(options: CompletionTraining, fabric: Fabric) -> CompletionN
 
 def _weights(path: Path, network: CompletionNetwork) -> dict[str, Tensor]:
     """Weights to begin with: the best of a checkpoint, or those of a published file."""
+    from bodysense_lab.completion.weights_file import read_weights
+
     if path.suffix != ".safetensors":
         return best_weights(path, network)
     published, _ = read_weights(path)

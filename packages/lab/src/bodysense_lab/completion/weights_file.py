@@ -70,7 +70,7 @@ def tables_of(networks: TrainedNetworks) -> dict[str, np.ndarray]:
     tables |= {
         "body.usual_bones": torch.tensor(reference_offsets()),
         "body.standing": body.standing_axes.flatten(1),
-        "fingers.usual_bones": fingers.reader.usual_bones[0],
+        "fingers.usual_bones": fingers.usual_bones,
         "fingers.relaxed": fingers.relaxed.flatten(1),
     }
     errors = {f"errors.{name}": table for name, table in error_tables(networks.mean, networks.bound).items()}

@@ -8,113 +8,32 @@ import itertools
 import json
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
 from lightning_fabric import Fabric
 from rich.progress import track
-from torch import Tensor, nn
 
-from bodysense.body.rotation import quaternion_canonical, quaternion_multiply, quaternion_rotate
-from bodysense.body.skeleton import BODY
 from bodysense.errors import BodysenseError
 from bodysense.files import check_folder, check_place, make_folder, written_beside
 from bodysense.io.clip import Clip
-from bodysense.papers.hmd_vae import FORMAT
 from bodysense_lab.checkpoint import identity
 from bodysense_lab.datasets import learned_clips, learned_count
-from bodysense_lab.export import export, in_bytes
 from bodysense_lab.fit import Report, begin, fit, is_same, launched, sweep
 from bodysense_lab.hmd_vae.frames import (
-    RATE,
     TRAIN_LENGTH,
     BodyFrames,
-    Joints,
-    frame_of,
     held_out,
     read_body_frames,
     read_split_file,
-    seen_from,
     split_clips,
 )
 from bodysense_lab.hmd_vae.network import BodyVae, pretrained, read_vae, write_vae
 from bodysense_lab.hmd_vae.options import MODELS, BodyVaeConfig, Grid, VaeRun
 from bodysense_lab.hmd_vae.task import VaeTask, joint_errors
 from bodysense_lab.windows import Windows
-
-INPUTS = ("position", "rotation", "trust", "noise", "rest_offset")
-OUTPUTS = ("root_position", "local_rotation", "joint_position")
-
-
-class InWorld(nn.Module):
-    """One body in the world, its head where the measured one is.
-
-    z = trust · mean + (trust · deviation + 1 − trust) · noise: with numbers from N(0, I) as noise a sample, at trust 1
-    of the posterior of what is seen, at 0 of the prior; with zeros the mean.
-    """
-
-    def __init__(self, network: BodyVae) -> None:
-        super().__init__()
-        self.network = network
-        self.head = network.config.reads.index("head")
-
-    def forward(
-        self, position: Tensor, rotation: Tensor, trust: Tensor, noise: Tensor, rest_offset: Tensor
-    ) -> tuple[Tensor, Tensor, Tensor]:
-        """World joints (B, T, P, 3) m and (B, T, P, 4), trust (B, 1), noise (B, d), rest offsets (B, 22, 3) m.
-
-        Returns root positions (B, 3), local rotations (B, 22, 4), the pelvis' of the world, and positions (B, 22, 3).
-        """
-        frame = frame_of("head", position[:, :, self.head], rotation[:, :, self.head])
-        mean, log_variance = self.network.posterior(seen_from(frame, Joints(position, rotation)), rest_offset)
-        deviation = trust * torch.exp(log_variance / 2) + (1 - trust)
-        body = self.network.decode(trust * mean + deviation * noise, rest_offset)
-        facing = frame.facing[:, None]
-        relative = body.position - body.position[:, BODY.index("head"), None]
-        turned = quaternion_rotate(facing.expand(*relative.shape[:-1], 4), relative)
-        placed = turned + position[:, -1, self.head, None]
-        pelvis = quaternion_multiply(facing, body.local[:, :1])
-        return placed[:, 0], quaternion_canonical(torch.cat([pelvis, body.local[:, 1:]], dim=1)), placed
-
-
-def write_vae_onnx(network: BodyVae, path: Path, card: dict[str, Any]) -> None:
-    """Export encoder and decoder with their card; large weights in bytes. The file appears whole or not.
-
-    Raises BodysenseError for a network whose origin is the pelvis: no device tracks that.
-    """
-    config = network.config
-    if config.origin != "head":
-        raise BodysenseError(
-            f"{path}: a network with origin {config.origin!r} needs to know where the {config.origin} is, which no "
-            "headset does; keep it as .pt for the tables, or train with --origin head"
-        )
-    network = network.eval()
-    shape = (1, config.frames, len(config.reads))
-    upright = torch.tensor([1.0, 0.0, 0.0, 0.0])
-    example = (
-        torch.zeros(*shape, 3),
-        upright.expand(*shape, 4).clone(),
-        torch.ones(1, 1),
-        torch.zeros(1, config.latent),
-        torch.tensor(np.array(network.skeleton.rest_offset[None]), dtype=torch.float32),
-    )
-    known = {name: value for name, value in card.items() if name not in ("identity", "validation_position_cm")}
-    if "validation_position_cm" in card:
-        known["validation"] = {"position_cm": card["validation_position_cm"]}
-    card = {
-        "reads": config.reads,
-        "frames": config.frames,
-        "latent": config.latent,
-        "rate": RATE,
-        "network": asdict(config),
-        "weights": sum(parameter.numel() for parameter in network.parameters()),
-        **known,
-    }
-    export(InWorld(network), example, list(INPUTS), list(OUTPUTS), FORMAT, card, path, shrink=in_bytes)
-
 
 BETAS, LATENTS, BLOCKS = (0.0001, 0.01, 0.1, 1.0, 5.0), (15, 30, 60), (3, 6)  # the paper's 30 settings
 FEW_BETAS, FEW_LATENTS = (0.01, 1.0), (30,)  # of these, what a small machine trains: 4 settings
@@ -165,6 +84,8 @@ def run_vae(run: VaeRun) -> None:
         return
     network, card = read_vae(weights)
     if run.out.suffix == ".onnx":
+        from bodysense_lab.hmd_vae.export import write_vae_onnx
+
         write_vae_onnx(network, run.out, card)
     print(f"wrote {run.out} ({run.out.stat().st_size / 1e6:.1f} MB)")
 
@@ -253,7 +174,7 @@ def swept(run: VaeRun, config: BodyVaeConfig) -> VaeRun:
     return VaeRun(**plain | {"config": config, "out": run.out / f"{sweep_name(config)}.pt", "decoder": decoder})
 
 
-def sweep_configs(config: BodyVaeConfig, grid: Grid, models: Sequence[int] = MODELS) -> list[BodyVaeConfig]:
+def sweep_configs(config: BodyVaeConfig, grid: Grid) -> list[BodyVaeConfig]:
     """The networks of a sweep, a setting's model 0 before its others; what is not swept is `config`'s."""
     settings = {
         "one": ((config.beta,), (config.latent,), (config.blocks,)),
@@ -263,7 +184,7 @@ def sweep_configs(config: BodyVaeConfig, grid: Grid, models: Sequence[int] = MOD
     return [
         replace(config, model=model, beta=beta, latent=latent, blocks=blocks)
         for beta, latent, blocks in itertools.product(*settings[grid])
-        for model in sorted({0, *models})
+        for model in MODELS
     ]
 
 

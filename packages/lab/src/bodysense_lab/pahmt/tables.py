@@ -42,33 +42,8 @@ from bodysense_lab.chart import BarPanel, Line, LinePanel, plain_bars
 from bodysense_lab.datasets import Census, DataSet, census_of, describe
 from bodysense_lab.pahmt.features import FRAMES, RATE, arm_positions, arms_alone, film, read_arm_recordings, window_of
 from bodysense_lab.pahmt.network import ArmNetwork, read_arms
-from bodysense_lab.pahmt.options import FINGERS, PAPER_LOSSES, Input, Kind, Loss, Studio
+from bodysense_lab.pahmt.options import FINGERS, TABLE_1, Studio, TableRow
 from bodysense_lab.table import Cell, Report, bounds, cell, finite, ordering, surely
-
-
-@dataclass(frozen=True)
-class TableRow:
-    """One row."""
-
-    title: str
-    kind: Kind = "cnn"
-    input: Input = "arms-hands"
-    losses: tuple[Loss, ...] = PAPER_LOSSES
-    published: tuple[float, ...] = ()  # MPJPE of hands and overall, m; MPJRE of arms; of hands alone only the first
-
-
-# The table does not print which marks the rows of the CNN carry; by the text the third and fourth of arms and hands
-# differ from the first two by the loss of positions, and the last has both.
-TABLE_1 = {
-    "cnn-hands": TableRow("CNN, hands alone", "cnn", "hands", ("rotation", "gan"), (0.0300,)),
-    "cnn-plain": TableRow("CNN", "cnn", losses=("rotation", "gan"), published=(0.0130, 0.0517, 0.0604)),
-    "cnn-smooth": TableRow("CNN", "cnn", losses=("rotation", "smooth", "gan"), published=(0.0133, 0.0519, 0.0603)),
-    "cnn-fk": TableRow("CNN", "cnn", losses=("rotation", "fk", "gan"), published=(0.0129, 0.0413, 0.0579)),
-    "cnn": TableRow("CNN", "cnn", published=(0.0127, 0.0408, 0.0577)),
-    "ahmt": TableRow("AHMT", "ahmt", published=(0.0098, 0.0316, 0.0445)),
-    "pahmt": TableRow("PAHMT", "pahmt", published=(0.0087, 0.0274, 0.0375)),
-}
-
 
 TWISTS = ("upper_arm", "forearm")
 ARMS = tuple(k for k, name in enumerate(ARM_JOINTS) if name.partition("_")[2] in ARM_PARTS)  # all but fingers

@@ -3,109 +3,23 @@
 from __future__ import annotations
 
 import time
-from dataclasses import asdict, dataclass, fields, replace
-from functools import partial
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
-import torch
 from lightning_fabric import Fabric
 from numpy.random import default_rng
 from rich.progress import track
-from torch import Tensor, nn
 
-from bodysense.body.arms import ARM_JOINTS
-from bodysense.body.rotation import normalize, quaternion_canonical
-from bodysense.devices.video.arms import FORMAT
 from bodysense.errors import BodysenseError
 from bodysense.files import check_place, make_folder
 from bodysense_lab.checkpoint import identity
 from bodysense_lab.datasets import learned_clips, learned_count
-from bodysense_lab.export import export, in_bytes
 from bodysense_lab.fit import Report, begin, fit, is_same, launched, sweep
-from bodysense_lab.pahmt.features import RATE, ArmRecordings, Window, read_arm_recordings
+from bodysense_lab.pahmt.features import ArmRecordings, read_arm_recordings
 from bodysense_lab.pahmt.network import ArmNetwork, read_arms, write_arms
-from bodysense_lab.pahmt.options import ArmRun, ArmTableTraining, ArmTraining
-from bodysense_lab.pahmt.tables import TABLE_1
+from bodysense_lab.pahmt.options import TABLE_1, ArmRun, ArmTableTraining, ArmTraining
 from bodysense_lab.pahmt.task import ArmTask, Pair, epoch_steps, step_count
-
-_MOST = 63  # of each sign: 7 bits change arms by 0.19° in the mean, and their error by nothing
-
-
-class OneWindow(nn.Module):
-    """Network from captured key-points of one window to local rotations (B, T, 38, 4) of `ARM_JOINTS`.
-
-    The network is asked twice, once in a mirror, and the mean of its answers taken: exactly as good with either hand.
-    """
-
-    def __init__(self, network: ArmNetwork) -> None:
-        super().__init__()
-        self.network = network
-
-    def forward(self, *values: Tensor) -> Tensor:
-        """The fields of `Window`, in order."""
-        window = Window(*values)
-        both = Window(*(torch.cat(pair) for pair in zip(window, mirrored(window), strict=True)))
-        said, reflected = self.network.quaternions(self.network(both)).chunk(2)
-        reflected = mirrored_rotations(reflected)
-        alike = torch.where((said * reflected).sum(dim=-1, keepdim=True) < 0, -reflected, reflected)
-        return quaternion_canonical(normalize(said + alike))
-
-
-def mirrored(window: Window) -> Window:
-    """Mirror a window: swap left and right, and negate the picture's x."""
-    flip = torch.tensor([-1.0, 1.0, 1.0])
-    return Window(
-        arm=window.arm.flip(2) * flip,
-        has_arm=window.has_arm.flip(2),
-        torso=window.torso * torch.tensor([1.0, 1.0, -1.0, -1.0]),
-        has_torso=window.has_torso,
-        hand=window.hand.flip(2) * flip[:2],
-        has_hand=window.has_hand.flip(2),
-    )
-
-
-def mirrored_rotations(rotation: Tensor) -> Tensor:
-    """Rotations (..., 38, 4) of `ARM_JOINTS` of the mirror image."""
-    left, right = rotation.chunk(2, dim=-2)
-    return torch.cat([right, left], dim=-2) * torch.tensor([1.0, 1.0, -1.0, -1.0])
-
-
-def write_arms_onnx(network: ArmNetwork, path: Path, card: dict[str, Any]) -> None:
-    """Export the network with its card; large weights in 7 bits. The file appears whole or not.
-
-    Raises BodysenseError for a network of hands alone: it has no arms to give.
-    """
-    config = network.config
-    if config.input == "hands":
-        raise BodysenseError(f"{path}: a network of hands alone is not for video; keep it as .pt, for the table")
-    frames = config.frames
-    example = Window(
-        arm=torch.zeros(1, frames, 2, 2, 3),
-        has_arm=torch.ones(1, frames, 2, dtype=torch.bool),
-        torso=torch.tensor([1.0, 0, 0, 0]).expand(1, frames, 4).clone(),
-        has_torso=torch.ones(1, frames, dtype=torch.bool),
-        hand=torch.zeros(1, frames, 2, 21, 2),
-        has_hand=torch.ones(1, frames, 2, dtype=torch.bool),
-    )
-    card = {
-        "joints": ARM_JOINTS,
-        "frames": frames,
-        "rate": RATE,
-        "network": asdict(config),
-        "weights": sum(parameter.numel() for parameter in network.parameters()),
-        **{name: value for name, value in card.items() if name != "identity"},
-    }
-    export(
-        OneWindow(network.eval()),
-        example,
-        list(Window._fields),
-        ["rotation"],
-        FORMAT,
-        card,
-        path,
-        shrink=partial(in_bytes, most=_MOST),
-    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,6 +60,8 @@ def run_arms(run: ArmTraining) -> None:
         return
     network, card = read_arms(weights)
     if run.out.suffix == ".onnx":
+        from bodysense_lab.pahmt.export import write_arms_onnx
+
         write_arms_onnx(network, run.out, card)
     print(f"wrote {run.out} ({run.out.stat().st_size / 1e6:.1f} MB)")
 

@@ -10,9 +10,9 @@ import signal
 import sys
 import time
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
+import psutil
 
 from bodysense.errors import BodysenseError
 from bodysense.io.protocol import POSE, SUBPROTOCOL, SignalFrame, read_pose, write_signal
@@ -80,9 +80,9 @@ async def soak(plan: SoakPlan, rng: np.random.Generator) -> SoakCounts:
         await asyncio.sleep(_WARM * plan.seconds)
         counts.rss_mb_warm = rss_mb(server.pid)
         await asyncio.gather(*wearers)
-        counts.rss_mb_last = rss_mb(server.pid)
         if server.returncode is not None:
             raise BodysenseError("the server ended during the soak")
+        counts.rss_mb_last = rss_mb(server.pid)
     finally:
         if killer is not None:
             killer.cancel()
@@ -144,13 +144,12 @@ async def _kill(server: int, plan: SoakPlan, rng: np.random.Generator, counts: S
 
 
 def workers_of(server: int) -> list[int]:
-    """Return the worker processes of a server, oldest first; empty if the system does not list them."""
+    """Return the worker processes of a server, oldest first."""
     found = []
-    for folder in Path("/proc").glob("[0-9]*"):
-        with contextlib.suppress(OSError):  # it has ended meanwhile
-            is_child = f"PPid:\t{server}\n" in (folder / "status").read_text()
-            if is_child and "spawn_main" in (folder / "cmdline").read_text(errors="replace"):
-                found.append(int(folder.name))
+    for child in psutil.Process(server).children():
+        with contextlib.suppress(psutil.Error):  # it has ended meanwhile
+            if "spawn_main" in " ".join(child.cmdline()):
+                found.append(child.pid)
     return sorted(found)
 
 
@@ -219,12 +218,8 @@ def worn(sequence: int, now: float, phase: float) -> SignalFrame:
 
 
 def rss_mb(process: int) -> float:
-    """Memory that a process holds, MB; NaN where the system does not tell."""
-    status = Path(f"/proc/{process}/status")
-    if not status.is_file():
-        return float("nan")
-    line = next(row for row in status.read_text().splitlines() if row.startswith("VmRSS"))
-    return int(line.split()[1]) / 1024
+    """Memory that a process holds, MB."""
+    return psutil.Process(process).memory_info().rss / 2**20
 
 
 def check(counts: SoakCounts, plan: SoakPlan) -> None:

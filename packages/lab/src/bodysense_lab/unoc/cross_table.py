@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from itertools import product
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -12,22 +12,33 @@ from bodysense.metrics import joint_error
 from bodysense.papers.fingers import FingerSynthesis
 from bodysense.papers.point_model import PointModel
 from bodysense.scoring import RATE, Tally, group_of
-from bodysense_lab.chart import BarPanel, plain_bars
 from bodysense_lab.datasets import DataSet, describe, missing
-from bodysense_lab.table import Cell, Report, cell, finite, ordering
+from bodysense_lab.score_table import (
+    BarChart,
+    Claim,
+    Compared,
+    Published,
+    ScoreColumn,
+    ScoreRow,
+    ScoreTable,
+    score_report,
+)
+from bodysense_lab.table import Report
 from bodysense_lab.unoc.finger_scores import finger_offsets
-from bodysense_lab.unoc.tables import Scores, better_last_known
+from bodysense_lab.unoc.kept_scores import Scores, better_last_known
 
 Pair = tuple[str, str]  # trained on, tested on
 SETS = ("UNOC", "TWH16.2M", "Mixamo")  # of the paper
+BODY, BOTH, FINGERS = "body, occluded", "both, occluded", "finger synthesis"
+Cells = dict[tuple[str, Pair, str, str], Tally]  # by group, (joints, tested on), trained on and measure
+_KEYS = {BODY: "body_occluded", BOTH: "all_occluded", FINGERS: "finger_synthesis"}
 
 
 def _matrix(text: str) -> dict[Pair, tuple[float, float]]:
     """RMSJPE/MPJPE, a row for each test set, a column for each training set and, where there is one, the input."""
-    columns = (*SETS, "")
     result = {}
     for test, row in zip(SETS, text.strip().splitlines(), strict=True):
-        for train, pair in zip(columns, row.split(), strict=False):
+        for train, pair in zip((*SETS, ""), row.split(), strict=False):
             rmsjpe, mpjpe = pair.split("/")
             result[train, test] = (float(rmsjpe), float(mpjpe))
     return result
@@ -43,6 +54,7 @@ PUBLISHED_FINGERS = _matrix("""
 2.1/1.1 1.5/0.7 1.9/1.1
 3.0/1.6 4.1/1.9 2.0/1.1
 """)
+PUBLISHED = {BOTH: PUBLISHED_BODY, FINGERS: PUBLISHED_FINGERS}
 
 
 def cross_report(
@@ -63,50 +75,88 @@ def cross_report(
     """
     kept = {name: some[f"last_known_{better_last_known(some)}"] for name, some in last_known.items()}
     with_fingers = {name for name, some in kept.items() if some.census.finger_clips}
-    rows: list[tuple[Cell, ...]] = []
-    numbers: dict[str, float] = {}
-    panels, remarks = [], []
-    for part, title in (("body", "body, occluded"), ("body_and_finger", "both, occluded")):
-        found = {
-            pair: scores[pair].get(part, "occluded")
-            for pair in product(trained, (data.name for data in tests))
-            # Fingers are learned only from a set that has them.
-            if part == "body" or {*pair} <= with_fingers
-        }
-        found = {pair: tally for pair, tally in found.items() if tally.count}
-        inputs = {name: some.get(part, "occluded") for name, some in kept.items()}
-        published = PUBLISHED_BODY if part == "body_and_finger" else {}
-        rows += _rows(title, found, inputs, published)
-        remarks += _remarks(title, found, inputs)
-        key = {"body": "body", "body_and_finger": "all"}[part]
-        for (train, test), tally in found.items():
-            numbers |= _numbers(f"{_slug(train)}_to_{_slug(test)}_{key}_occluded", tally)
-        for test, tally in inputs.items():
-            numbers |= _numbers(f"last_known_on_{_slug(test)}_{key}_occluded", tally)
-        panels += _panels(title, found, inputs, published)
-    if fingers is not None:
-        rows += _rows("finger synthesis", fingers, {}, PUBLISHED_FINGERS)
-        remarks += _remarks("finger synthesis", fingers, {})
-        for (train, test), tally in fingers.items():
-            numbers |= _numbers(f"{_slug(train)}_to_{_slug(test)}_finger_synthesis", tally)
-        panels += _panels("finger synthesis", fingers, {}, PUBLISHED_FINGERS)
-    for data in tests:
-        numbers |= {f"{_slug(data.name)}_{key}": value for key, value in kept[data.name].census.numbers().items()}
-    return Report(
+    cells: Cells = {}
+    for joints, part in ((BODY, "body"), (BOTH, "body_and_finger")):
+        for data in tests:
+            known = kept[data.name].get(part, "occluded")
+            for train in trained:
+                tally = scores[train, data.name].get(part, "occluded")
+                # Fingers are learned only from a set that has them.
+                if tally.count and (part == "body" or {train, data.name} <= with_fingers):
+                    cells["main", (joints, data.name), _slug(train), "error"] = tally
+                    cells["main", (joints, data.name), _slug(train), "known"] = known
+    for (train, test), tally in (fingers or {}).items():
+        cells["main", (FINGERS, test), _slug(train), "error"] = tally
+    table = _table({*(data.name for data in tests), *SETS}, {*trained, *SETS}, cells, fingers is not None)
+    numbers = {
+        f"last_known_on_{_slug(name)}_{_KEYS[joints]}_{measure}_cm": getattr(some.get(part, "occluded"), measure)
+        for name, some in kept.items()
+        for joints, part in ((BODY, "body"), (BOTH, "body_and_finger"))
+        for measure in ("rmsjpe", "mpjpe")
+        if some.get(part, "occluded").count
+    }
+    for name, some in kept.items():
+        numbers |= {f"{_slug(name)}_{key}": value for key, value in some.census.numbers().items()}
+    about = (*(describe(data, kept[data.name].census) for data in tests), *missing(SETS, tests))
+    return score_report(table, cells, None, about, numbers=numbers)
+
+
+def _table(tests: Collection[str], trained: Collection[str], cells: Cells, fingers: bool) -> ScoreTable:
+    """The table of data sets by name."""
+    parts = (BODY, BOTH, FINGERS) if fingers else (BODY, BOTH)
+    published = {
+        ((joints, test), _slug(train)): (*PUBLISHED[joints].get((train, test), (None, None)), last_known)
+        for joints in parts
+        for test in SETS
+        for train in trained
+        if joints in PUBLISHED
+        for last_known in (PUBLISHED[joints].get(("", test), (None,))[0],)
+    }
+    names = {_slug(train): train for train in sorted(trained)}
+    return ScoreTable(
         name="unoc-table5",
         title="UNOC, Table 5: trained on one data set, tested on another",
-        columns=(
-            *("joints", "tested on", "trained on", "RMSJPE", "MPJPE"),
-            *("last known RMSJPE", "last known MPJPE", "UNOC's RMSJPE", "UNOC's MPJPE", "UNOC's last known RMSJPE"),
+        axes=("joints", "tested on", "trained on"),
+        places={
+            (joints, test): ScoreRow((joints, test), f"{_slug(test)}_{_KEYS[joints]}")
+            for joints in parts
+            for test in sorted(tests)
+        },
+        methods=names,
+        figures=(
+            ScoreColumn("RMSJPE", "error", "rmsjpe", "{method}_to_{place.key}_rmsjpe_cm"),
+            ScoreColumn("MPJPE", "error", "mpjpe", "{method}_to_{place.key}_mpjpe_cm"),
+            ScoreColumn("last known RMSJPE", "known", "rmsjpe"),
+            ScoreColumn("last known MPJPE", "known", "mpjpe"),
         ),
-        rows=tuple(rows),
-        numbers=finite(numbers),
-        data=(*(describe(data, kept[data.name].census) for data in tests), *missing(SETS, tests)),
-        remarks=tuple(remarks),
         caption="cm. Over sitting, gestures, everyday motion and locomotion. Fingers count where both sets have them; "
         "rows without figures of ours are the paper's.",
-        panels=tuple(panels),
+        published=(Published(("UNOC's RMSJPE", "UNOC's MPJPE", "UNOC's last known RMSJPE"), published, "published"),),
+        claims=tuple(claim for joints in parts for claim in _claims(joints, names, cells)),
+        charts=tuple(_chart(joints, names, cells) for joints in parts),
+        published_rows=True,
     )
+
+
+def _claims(joints: str, names: Mapping[str, str], cells: Cells) -> Iterator[Claim]:
+    """Whether a network is the best on its own set, and each is better than the last known position."""
+    found = [(place, train) for _, place, train, measure in cells if measure == "error" and place[0] == joints]
+    for place in dict.fromkeys(place for place, _ in found):
+        test = place[1]
+        networks = [Compared(names[train], place, train) for at, train in found if at == place]
+        rest = tuple(one for one in networks if one.name != test)
+        for own in networks:
+            if own.name == test:
+                yield Claim(f"{joints}, on {test}: its own network is the best", own, rest)
+        for one in networks if joints != FINGERS else ():
+            text = f"{joints}, on {test}: the network of {one.name} is better than the last known position"
+            yield Claim(text, one, (replace(one, name="last known", figure=2),))
+
+
+def _chart(joints: str, names: Mapping[str, str], cells: Cells) -> BarChart:
+    pairs = sorted({(place, train) for _, place, train, _ in cells if place[0] == joints})
+    bars = {f"{names[train]}\non {place[1]}": (place, train) for place, train in pairs}
+    return BarChart(joints, bars, "RMSJPE, cm", more=(("last known", 2),))
 
 
 def synthesis_errors(sets: Sequence[DataSet], models: Mapping[str, PointModel]) -> dict[Pair, Tally]:
@@ -122,55 +172,6 @@ def synthesis_errors(sets: Sequence[DataSet], models: Mapping[str, PointModel]) 
                 tally = errors.setdefault((train, data.name), Tally())
                 tally.add(joint_error(placed[:, np.argsort(method.places)], truth), clip.person)
     return errors
-
-
-def _rows(
-    title: str,
-    found: Mapping[Pair, Tally],
-    inputs: Mapping[str, Tally],
-    published: Mapping[Pair, tuple[float, float]],
-) -> Iterator[tuple[Cell, ...]]:
-    pairs = sorted({*found, *(pair for pair in published if pair[0])}, key=lambda pair: (pair not in found, pair[::-1]))
-    for train, test in pairs:
-        ours, known = found.get((train, test), Tally()), inputs.get(test, Tally())
-        theirs, their_input = published.get((train, test), (None, None)), published.get(("", test), (None,))[0]
-        figures = (cell(value) for tally in (ours, known) for value in (tally.rmsjpe, tally.mpjpe))
-        yield (title, test, train, *figures, *theirs, their_input)
-
-
-def _remarks(title: str, found: Mapping[Pair, Tally], inputs: Mapping[str, Tally]) -> Iterator[str]:
-    for test in dict.fromkeys(test for _, test in found):
-        named = {train: tally.named(train, "rmsjpe") for (train, other), tally in found.items() if other == test}
-        rest = [one for train, one in named.items() if train != test]
-        verdicts = []
-        if test in named:
-            verdicts.append(ordering(f"{title}, on {test}: its own network is the best", named[test], rest, "cm"))
-        if test in inputs:
-            known = [inputs[test].named("last known", "rmsjpe")]
-            claim = "{}, on {}: the network of {} is better than the last known position"
-            verdicts += [ordering(claim.format(title, test, one.name), one, known, "cm") for one in named.values()]
-        yield from (verdict for verdict in verdicts if verdict is not None)
-
-
-def _panels(
-    title: str,
-    found: Mapping[Pair, Tally],
-    inputs: Mapping[str, Tally],
-    published: Mapping[Pair, tuple[float, float]],
-) -> Iterator[BarPanel]:
-    """Ours, then, where the paper has the same, the paper's."""
-    if found:
-        pairs = sorted(found, key=lambda pair: pair[::-1])
-        names = tuple(f"{train}\non {test}" for train, test in pairs)
-        bars = [plain_bars("trained on → tested on", [cell(found[pair].rmsjpe) for pair in pairs])]
-        bars.append(plain_bars("last known", [cell(inputs.get(test, Tally()).rmsjpe) for _, test in pairs]))
-        bars.append(plain_bars("published", [published.get(pair, (None,))[0] for pair in pairs]))
-        bars = [one for one in bars if np.isfinite(one.height).any()]
-        yield BarPanel(title, names, tuple(bars), "RMSJPE, cm")
-
-
-def _numbers(key: str, tally: Tally) -> dict[str, float]:
-    return {f"{key}_rmsjpe_cm": tally.rmsjpe, f"{key}_mpjpe_cm": tally.mpjpe}
 
 
 def _slug(name: str) -> str:

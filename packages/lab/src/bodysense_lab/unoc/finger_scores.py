@@ -11,8 +11,8 @@ and their backs (+Y).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -30,9 +30,25 @@ from bodysense.io.resample import resample
 from bodysense.metrics import joint_error
 from bodysense.papers.fingers import FingerSynthesis, synthesize
 from bodysense.papers.point_model import PointModel
-from bodysense.scoring import RATE, Tally, group_of
+from bodysense.scoring import RATE, Tally
+from bodysense_lab.datasets import Census, DataSet
+from bodysense_lab.score_table import ScoreColumn, ScoreRow, ScoreTable, score_report
+from bodysense_lab.table import Report
 
 METHODS = ("network", "bodysense", "mean_pose", "nearest")  # 'bodysense': after smoothing, on the wearer's rigid bones
+TABLE = ScoreTable(
+    name="finger-synthesis",
+    title="Finger synthesis",
+    axes=("method",),
+    places={"fingers": ScoreRow(())},
+    methods={method: method.replace("_", " ") for method in METHODS},
+    figures=(
+        ScoreColumn("RMSJPE", "error", "rmsjpe", "{method}_rmsjpe_cm"),
+        ScoreColumn("MPJPE", "error", "mpjpe", "{method}_mpjpe_cm"),
+    ),
+    caption="Finger joints and fingertips from their wrist, cm.",
+    digits=2,
+)
 _CHUNK = 256  # frames that are compared with all train frames at once
 
 
@@ -56,26 +72,10 @@ class Examples:
         return self.hand[np.concatenate(places)]
 
 
-@dataclass(frozen=True)
-class FingerTable:
-    """Errors of every method over the main categories."""
-
-    tallies: dict[str, Tally]
-    clips: int
-    seconds: float
-
-    def numbers(self) -> dict[str, float]:
-        """One flat object: `network_rmsjpe_cm`, `network_mpjpe_cm`, and so on."""
-        result: dict[str, float] = {"clips": self.clips, "seconds": round(self.seconds, 1)}
-        for method, tally in self.tallies.items():
-            result[f"{method}_rmsjpe_cm"], result[f"{method}_mpjpe_cm"] = tally.rmsjpe, tally.mpjpe
-        return result
-
-
 def examples_of(clips: Iterable[Clip]) -> Examples:
     """The frames of canonical clips with fingers at 30 Hz, as recorded and mirrored."""
     features, hands = [], []
-    for clip in _scored(clips):
+    for clip in (resample(clip, RATE) for clip in clips if clip.has_fingers):
         for one in (clip, mirrored(clip)):
             features.append(body_features(one))
             hands.append(finger_offsets(one) / hand_length(one.pose.skeleton))
@@ -86,23 +86,25 @@ def examples_of(clips: Iterable[Clip]) -> Examples:
     return Examples(np.concatenate(features).astype(np.float32), np.concatenate(hands).astype(np.float32))
 
 
-def evaluate_finger_synthesis(
-    clips: Iterable[Clip], examples: Examples, model: PointModel, advance: Callable[[Clip], None]
-) -> FingerTable:
-    """Score network and baselines on the clips of the main categories that have fingers."""
-    tallies = {method: Tally() for method in METHODS}
-    count, seconds = 0, 0.0
-    for clip in _scored(clips):
-        if group_of(clip) != "main":
-            continue
-        truth = finger_offsets(clip)
-        for method, offset in answers(clip, examples, model).items():
-            tallies[method].add(joint_error(offset, truth))
-        count, seconds = count + 1, seconds + clip.seconds
-        advance(clip)
-    if not count:
+def finger_errors(clip: Clip, examples: Examples, model: PointModel) -> dict[tuple[str, str, str, str], Tally]:
+    """Errors (cm) of network and baselines on a clip with fingers, by group, 'fingers', method and measure."""
+    clip = resample(clip, RATE)
+    truth = finger_offsets(clip)
+    found: dict[tuple[str, str, str, str], Tally] = {}
+    for method, offset in answers(clip, examples, model).items():
+        found["main", "fingers", method, "error"] = tally = Tally()
+        tally.add(joint_error(offset, truth))
+    return found
+
+
+def finger_report(found: Mapping[tuple[str, str, str, str], Tally], census: Census, data: DataSet) -> Report:
+    """Return the table. Raises BodysenseError if no clip was scored."""
+    if not found:
         raise BodysenseError("finger synthesis: no clip of the split has fingers; give motion with recorded fingers")
-    return FingerTable(tallies, count, seconds)
+    table = replace(
+        TABLE, title=f"{data.name}, {data.split}: {census.clips} clips with fingers, {census.seconds / 60:.1f} minutes"
+    )
+    return score_report(table, found, census, (), numbers={"seconds": round(census.seconds, 1)})
 
 
 def answers(clip: Clip, examples: Examples, model: PointModel) -> dict[str, np.ndarray]:
@@ -140,7 +142,3 @@ def body_features(clip: Clip) -> np.ndarray:
         for axis in (pointing, np.array([0.0, 1.0, 0.0]))
     ]
     return np.concatenate([part.reshape(len(position), -1) for part in (place, *axes)], axis=1)
-
-
-def _scored(clips: Iterable[Clip]) -> Iterable[Clip]:
-    return (resample(clip, RATE) for clip in clips if clip.has_fingers)

@@ -1,16 +1,7 @@
-"""How much of a recording a headset would not see, and how often the body touches itself (UNOC, Table 1).
+"""UNOC's Table 1: how much of a recording a headset does not see, and how often the body touches itself.
 
 The paper does not say which joints make up its rows *body* and *all*. Its own figures fit if the points below count
 equally: three for a foot, and in *all* every point of the hands as well.
-
-Contact of a body with itself (Parger et al. 2021, UNOC, section 3): enlarged primitives that interpenetrate.
-
-The paper says neither by how much it enlarges them nor which bones it calls adjacent. Here the trunk, from pelvis to
-head with the collars, is one bone, and so is a hand; bones are adjacent if they meet or hang on the same bone, as the
-thighs do on the trunk. A box counts as the rounded slab of parallel capsules that fills it, so that every test is one
-of two capsules.
-
-UNOC's Table 1: how much of a recording a headset does not see, and how often the body touches itself.
 """
 
 from __future__ import annotations
@@ -59,32 +50,24 @@ class Counts:
     hand_contact: float  # s
 
     def __add__(self, other: Counts) -> Counts:
-        return Counts(
-            frames=self.frames + other.frames,
-            frame_rates=self.frame_rates | other.frame_rates,
-            seconds=self.seconds + other.seconds,
-            hidden=self.hidden + other.hidden,
-            spans=self.spans + other.spans,
-            self_contact=self.self_contact + other.self_contact,
-            hand_contact=self.hand_contact + other.hand_contact,
-        )
+        sums = {name: value + getattr(other, name) for name, value in vars(self).items() if name != "frame_rates"}
+        return Counts(frame_rates=self.frame_rates | other.frame_rates, **sums)
 
 
-def count(pose: Pose, frame_rate: float, camera: HeadsetCamera = HeadsetCamera(), margin: float = 0.005) -> Counts:
+def count(pose: Pose, frame_rate: float, camera: HeadsetCamera = HeadsetCamera()) -> Counts:
     """Count hiding and contact in one recording.
 
     Args:
         pose: (T,) poses.
         frame_rate: Hz.
         camera: of the headset.
-        margin: m, by which primitives are enlarged to find contacts.
 
     Raises BodysenseError for a frame rate of 0 or less, and for skeletons that the camera does not know.
     """
     if not frame_rate > 0:
         raise BodysenseError(f"frame_rate {frame_rate:g} must be above 0 frames a second")
     hidden = ~see(pose, camera).visible
-    contact = self_contact(pose, margin)
+    contact = self_contact(pose)
     begins = hidden & ~np.concatenate([np.zeros_like(hidden[:1]), hidden[:-1]])
     groups = group_points(pose.skeleton).values()
     return Counts(

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from bodysense.errors import BodysenseError
-from bodysense.papers.point_model import Task
 from bodysense_lab.options import Training, check_ending, check_fields
+
+if TYPE_CHECKING:
+    from bodysense.papers.point_model import Task
 
 EPOCHS = 5  # of the paper's schedule
 

@@ -22,23 +22,23 @@ class Recurrent(nn.Module):
     """Features (B, T, F) → what is made of each frame (B, T, hidden).
 
     `window` None carries the state on; a number answers every frame from that many frames. Convolutions need a window
-    that is a power of 3. Raises BodysenseError where they do not get one. `layers` stacks recurrent cells.
+    that is a power of 3. Raises BodysenseError where they do not get one.
     """
 
-    def __init__(self, cell: Cell, features: int, hidden: int, window: int | None, layers: int = 1) -> None:
+    def __init__(self, cell: Cell, features: int, hidden: int, window: int | None) -> None:
         super().__init__()
-        self.cell, self.features, self.hidden, self.window, self.layers = cell, features, hidden, window, layers
+        self.cell, self.features, self.hidden, self.window = cell, features, hidden, window
         if cell == "tcn":
             self.convolutions = _Convolutions(features, hidden, window)
         else:
             layer = {"gru": nn.GRU, "lstm": nn.LSTM, "rnn": nn.RNN}[cell]
-            self.layer: nn.GRU | nn.LSTM | nn.RNN = layer(features, hidden, layers, batch_first=True)
+            self.layer: nn.GRU | nn.LSTM | nn.RNN = layer(features, hidden, batch_first=True)
 
     def start(self, batch: int) -> Tensor:
         """The memory before the first frame of `batch` sequences."""
         if self.window is not None:
             return torch.zeros(batch, self.window, self.features)
-        return torch.zeros(batch, self.layers * self.hidden * (2 if self.cell == "lstm" else 1))
+        return torch.zeros(batch, self.hidden * (2 if self.cell == "lstm" else 1))
 
     def forward(self, features: Tensor, memory: Tensor) -> tuple[Tensor, Tensor]:
         """(B, T, F) and the memory before → (B, T, hidden) and the memory after."""
@@ -50,26 +50,20 @@ class Recurrent(nn.Module):
             windows = torch.stack([history[:, t + 1 : t + 1 + window] for t in range(frames)], dim=1)
             return self.last(windows.flatten(0, 1)).unflatten(0, (-1, frames)), history[:, -window:]
         if isinstance(self.layer, nn.LSTM):
-            hidden, (h, c) = self.layer(features, tuple(self._by_layer(part) for part in memory.chunk(2, dim=-1)))
-            return hidden, torch.cat([*h, *c], dim=-1)
+            before, cell = memory.chunk(2, dim=-1)
+            hidden, (h, c) = self.layer(features, (before[None], cell[None]))
+            return hidden, torch.cat([h[0], c[0]], dim=-1)
         if isinstance(self.layer, nn.GRU) and features.shape[1] == 1:
-            above, after = features[:, 0], []
-            for weights, before in zip(self.layer.all_weights, memory.split(self.hidden, dim=-1), strict=True):
-                above = _gru_step(weights, above, before)
-                after.append(above)
-            return above[:, None], torch.cat(after, dim=-1)
-        hidden, after = self.layer(features, self._by_layer(memory))
-        return hidden, torch.cat([*after], dim=-1)
+            after = _gru_step(self.layer.all_weights[0], features[:, 0], memory)
+            return after[:, None], after
+        hidden, after = self.layer(features, memory[None])
+        return hidden, after[0]
 
     def last(self, windows: Tensor) -> Tensor:
         """Return the features of the last frame of windows: (B, window, F) → (B, hidden)."""
         if self.cell == "tcn":
             return self.convolutions(windows)
         return self.layer(windows)[0][:, -1]
-
-    def _by_layer(self, memory: Tensor) -> Tensor:
-        """(B, layers · hidden) → (layers, B, hidden)."""
-        return torch.stack(memory.split(self.hidden, dim=-1))
 
 
 def _gru_step(weights: Sequence[Tensor], features: Tensor, hidden: Tensor) -> Tensor:

@@ -7,12 +7,11 @@ measured in the world, one of a finger from its wrist, as the expected error is 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 
 import numpy as np
+from scipy import stats
 
 from bodysense.body.pose import forward_kinematics
 from bodysense.devices.simulated.headset_camera import observe
@@ -20,8 +19,7 @@ from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
 from bodysense.scoring import RATE, group_of, part_errors
 from bodysense_lab.chart import BarPanel, plain_bars
-from bodysense_lab.datasets import Census, DataSet, census_of, describe
-from bodysense_lab.spread import spread
+from bodysense_lab.datasets import Census, DataSet, describe
 from bodysense_lab.table import Report, cell, finite
 from bodysense_lab.unoc.learned import Learned, load_model
 
@@ -29,31 +27,17 @@ BINS = 10
 PARTS = {"body": "body", "finger": "fingers"}
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class ErrorPairs:
     """Expected and true errors of hidden points."""
 
     expected: np.ndarray  # (N,) cm
     error: np.ndarray  # (N,) cm
 
-
-@dataclass(frozen=True)
-class Bin:
-    """Points whose expected errors are neighbours."""
-
-    count: int
-    expected: float  # mean, cm
-    error: float  # mean, cm
-
-
-@dataclass(frozen=True)
-class Reliability:
-    """Bins in order of the expected error, and how the two go together."""
-
-    bins: tuple[Bin, ...]
-    correlation: float  # Pearson's, over points and frames
-    rank_correlation: float  # Spearman's
-    bias: float  # cm, mean of expected less true
+    def merge(self, other: ErrorPairs) -> None:
+        """Add the points of another."""
+        self.expected = np.concatenate([self.expected, other.expected])
+        self.error = np.concatenate([self.error, other.error])
 
 
 def pairs_of_clip(clip: Clip, model: Path | None) -> dict[tuple[str, str], ErrorPairs]:
@@ -73,31 +57,21 @@ def pairs_of_clip(clip: Clip, model: Path | None) -> dict[tuple[str, str], Error
     return result
 
 
-def measure_reliability(
-    data: DataSet, model: Path | None, jobs: int, advance: Callable[[Clip], None]
-) -> tuple[dict[tuple[str, str], ErrorPairs], Census]:
-    """Return all pairs of a data set, by group of categories and part. `advance` is called after every clip."""
-    found: dict[tuple[str, str], list[ErrorPairs]] = {}
-    census = Census()
-    for clip, one in spread(partial(pairs_of_clip, model=model), data.clips(), jobs):
-        census += census_of(clip)
-        for key, pairs in one.items():
-            found.setdefault(key, []).append(pairs)
-        advance(clip)
-    return {key: _joined(pairs) for key, pairs in found.items()}, census
+def binned(pairs: ErrorPairs) -> list[tuple[int, float, float]]:
+    """Count, mean expected and mean true error (cm) of bins of equal count, in order of the expected error.
+
+    The first bins are larger by one where the points do not divide.
+    """
+    order = np.array_split(np.argsort(pairs.expected, kind="stable"), BINS)
+    return [(len(at), float(pairs.expected[at].mean()), float(pairs.error[at].mean())) for at in order if len(at)]
 
 
-def reliability_of(pairs: ErrorPairs, bins: int = BINS) -> Reliability:
-    """Bins of equal count (the first ones are larger by one where it does not divide) and correlations."""
-    order = np.argsort(pairs.expected, kind="stable")
-    expected, error = pairs.expected[order], pairs.error[order]
-    pieces = zip(np.array_split(expected, bins), np.array_split(error, bins), strict=True)
-    return Reliability(
-        bins=tuple(Bin(len(one), float(one.mean()), float(true.mean())) for one, true in pieces if len(one)),
-        correlation=_correlation(expected, error),
-        rank_correlation=_correlation(_ranks(expected), _ranks(error)),
-        bias=float((expected - error).mean()) if len(error) else math.nan,
-    )
+def correlations(pairs: ErrorPairs) -> tuple[float, float]:
+    """Pearson's and Spearman's correlation over points and frames; NaN where either error is constant."""
+    if len(pairs.error) < 2 or np.ptp(pairs.expected) == 0 or np.ptp(pairs.error) == 0:
+        return math.nan, math.nan
+    ranks = stats.rankdata(pairs.expected), stats.rankdata(pairs.error)
+    return float(np.corrcoef(pairs.expected, pairs.error)[0, 1]), float(np.corrcoef(*ranks)[0, 1])
 
 
 def reliability_report(pairs: dict[tuple[str, str], ErrorPairs], census: Census, data: DataSet) -> Report:
@@ -106,29 +80,27 @@ def reliability_report(pairs: dict[tuple[str, str], ErrorPairs], census: Census,
     for (group, part), some in sorted(pairs.items()):
         if not len(some.error):
             continue
-        one, suffix = reliability_of(some), "" if group == "main" else f"_{group}"
-        numbers[f"{part}_correlation{suffix}"] = one.correlation
-        numbers[f"{part}_rank_correlation{suffix}"] = one.rank_correlation
-        numbers[f"{part}_bias_cm{suffix}"] = one.bias
-        where = PARTS[part] + ("" if group == "main" else f" ({group})")
+        suffix, label = ("", PARTS[part]) if group == "main" else (f"_{group}", f"{PARTS[part]} ({group})")
+        correlation, of_ranks = correlations(some)
+        bias = float((some.expected - some.error).mean())
+        numbers[f"{part}_correlation{suffix}"], numbers[f"{part}_rank_correlation{suffix}"] = correlation, of_ranks
+        numbers[f"{part}_bias_cm{suffix}"] = bias
         remarks.append(
-            f"{where}: correlation {one.correlation:.2f}, of ranks {one.rank_correlation:.2f}; the mean expected error "
-            f"is {abs(one.bias):.2f} cm too {'large' if one.bias > 0 else 'small'}."
+            f"{label}: correlation {correlation:.2f}, of ranks {of_ranks:.2f}; the mean expected error "
+            f"is {abs(bias):.2f} cm too {'large' if bias > 0 else 'small'}."
         )
         if group != "main":
             continue
-        for number, piece in enumerate(one.bins, start=1):
-            rows.append((PARTS[part], number, piece.count, piece.expected, piece.error, piece.expected - piece.error))
-            numbers[f"{part}_bin{number}_expected_cm"] = piece.expected
-            numbers[f"{part}_bin{number}_error_cm"] = piece.error
+        bins = binned(some)
+        for number, (count, expected, true) in enumerate(bins, start=1):
+            rows.append((label, number, count, expected, true, expected - true))
+            numbers[f"{part}_bin{number}_expected_cm"], numbers[f"{part}_bin{number}_error_cm"] = expected, true
         bars = (
-            plain_bars("expected", [cell(piece.expected) for piece in one.bins]),
-            plain_bars("true", [cell(piece.error) for piece in one.bins]),
+            plain_bars("expected", [cell(expected) for _, expected, _ in bins]),
+            plain_bars("true", [cell(true) for _, _, true in bins]),
         )
-        names = tuple(str(number) for number in range(1, len(one.bins) + 1))
-        panels.append(
-            BarPanel(f"{PARTS[part]}, bins of {one.bins[0].count:,} hidden points", names, bars, "mean error, cm")
-        )
+        names = tuple(str(number) for number in range(1, len(bins) + 1))
+        panels.append(BarPanel(f"{label}, bins of {bins[0][0]:,} hidden points", names, bars, "mean error, cm"))
     return Report(
         name="reliability",
         title="Expected and true error of hidden points (shipped predictor, before IK)",
@@ -142,21 +114,3 @@ def reliability_report(pairs: dict[tuple[str, str], ErrorPairs], census: Census,
         digits=2,
         panels=tuple(panels),
     )
-
-
-def _joined(pairs: Iterable[ErrorPairs]) -> ErrorPairs:
-    pairs = list(pairs)
-    return ErrorPairs(np.concatenate([one.expected for one in pairs]), np.concatenate([one.error for one in pairs]))
-
-
-def _ranks(values: np.ndarray) -> np.ndarray:
-    """Places in order; equal values share the mean of theirs."""
-    _, which, count = np.unique(values, return_inverse=True, return_counts=True)
-    return (np.cumsum(count) - (count - 1) / 2)[which]
-
-
-def _correlation(a: np.ndarray, b: np.ndarray) -> float:
-    """Pearson's; NaN where there is nothing to correlate."""
-    a, b = a - a.mean() if len(a) else a, b - b.mean() if len(b) else b
-    scale = math.sqrt(float((a * a).sum() * (b * b).sum()))
-    return float((a * b).sum()) / scale if scale else math.nan

@@ -7,9 +7,8 @@ predictor, each before and after inverse kinematics and smoothing, with the erro
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
-from functools import partial
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -17,15 +16,23 @@ import numpy as np
 from bodysense.body.pose import forward_kinematics
 from bodysense.body.skeleton import Skeleton
 from bodysense.devices.estimate import PointEstimate
-from bodysense.intervals import Named
 from bodysense.io.clip import Clip
 from bodysense.metrics import acceleration
 from bodysense.observation import Observation
 from bodysense.papers.ik_tracker import IkTracker, IkTrackerSettings
-from bodysense.scoring import GROUPS, RATE, Tally, group_of, part_errors, scored_points
-from bodysense_lab.chart import BarPanel, plain_bars
-from bodysense_lab.datasets import Census, DataSet, describe, gathered, missing
-from bodysense_lab.table import Report, cell, finite, ordering
+from bodysense.scoring import RATE, Tally, group_of, part_errors, scored_points
+from bodysense_lab.datasets import Census, DataSet, describe, missing
+from bodysense_lab.score_table import (
+    BarChart,
+    Claim,
+    Compared,
+    Published,
+    ScoreColumn,
+    ScoreRow,
+    ScoreTable,
+    score_report,
+)
+from bodysense_lab.table import Report
 from bodysense_lab.unoc.learned import track_clip
 
 NETWORKS = ("gru", "mask_given")
@@ -41,38 +48,50 @@ METHODS = {
 PUBLISHED = {"truth": 0.2, "gru": 3.5, "mask_given": 6.1}  # %
 LIMIT = 9.0  # m/s²
 _GUESS = 0.05  # m: expected error of networks that do not predict it
+Sums = dict[tuple[str, str, str, str], Tally]  # by group of categories, part of the body, method and measure
 
 
-@dataclass
-class Smoothness:
-    """Running sums of one method: joints and frames with strong acceleration, and all; errors, cm."""
-
-    counted: float = 0.0
-    strong: float = 0.0
-    added: float = 0.0  # strong ones that the truth does not have
-    occluded: Tally = field(default_factory=Tally)
-    all: Tally = field(default_factory=Tally)
-
-    def merge(self, other: Smoothness) -> None:
-        """Count what another has counted."""
-        self.counted += other.counted
-        self.strong += other.strong
-        self.added += other.added
-        self.occluded.merge(other.occluded)
-        self.all.merge(other.all)
-
-    @property
-    def percent(self) -> float:
-        """Share of joints and frames with strong acceleration."""
-        return 100 * self.strong / self.counted if self.counted else math.nan
-
-    @property
-    def added_percent(self) -> float:
-        """Share of joints and frames with strong acceleration that the truth does not have."""
-        return 100 * self.added / self.counted if self.counted else math.nan
+def _claim(text: str, lower: str, *higher: str) -> Claim:
+    """A claim on strong accelerations of the body."""
+    one, *others = (Compared(METHODS[method], "body", method) for method in (lower, *higher))
+    return Claim(text, one, tuple(others))
 
 
-Sums = dict[tuple[str, str, str], Smoothness]  # by group of categories, part of the body, method
+TABLE = ScoreTable(
+    name="unoc-smoothness",
+    title="UNOC, section 4.2: strong accelerations",
+    axes=("joints", "motion"),
+    places={"body": ScoreRow("body"), "body_and_finger": ScoreRow("body & fingers", ending="_both")},
+    methods=METHODS,
+    figures=(
+        ScoreColumn("above 9 m/s², %", "strong", key="{method}_strong_acceleration_percent{place.ending}"),
+        ScoreColumn("beyond the truth, %", "added", key="{method}_added_strong_acceleration_percent{place.ending}"),
+        ScoreColumn("occluded RMSJPE", "occluded", "rmsjpe", "{method}_occluded_rmsjpe_cm{place.ending}"),
+        ScoreColumn("all RMSJPE", "all", "rmsjpe", "{method}_all_rmsjpe_cm{place.ending}"),
+    ),
+    caption="Share of joints and frames at 30 Hz; beyond the truth: those where the truth's is not above 9 m/s². "
+    "Errors in cm.",
+    published=(
+        Published(
+            ("UNOC's, %",),
+            {
+                (part, method): (percent,)
+                for part in ("body", "body_and_finger")
+                for method, percent in PUBLISHED.items()
+            },
+        ),
+    ),
+    claims=(
+        _claim("A network that predicts the mask is smoother than one that is given it", "gru", "mask_given"),
+        _claim("The truth is smoother than either network", "truth", "gru", "mask_given"),
+        _claim("IK and smoothing make the network's motion smoother", "gru_tracker", "gru"),
+        _claim("Not in the paper: the shipped predictor is smoother than the paper's network", "tracker", "gru"),
+    ),
+    charts=(BarChart("body", {label: ("body", one) for one, label in METHODS.items()}, "above 9 m/s², %"),),
+    of_groups=(0, "{}, %"),
+    unit="%",
+    digits=2,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,7 +146,7 @@ def smoothness_of_clip(
 
 
 def smoothness_of(position: Mapping[str, np.ndarray], truth: np.ndarray, hidden: np.ndarray, clip: Clip) -> Sums:
-    """Sums of methods with positions (T, P, 3) m at 30 Hz; hidden (T, P)."""
+    """Return percentages and errors (cm) of methods with positions (T, P, 3) m at 30 Hz; hidden (T, P)."""
     skeleton, group = clip.pose.skeleton, group_of(clip)
     points = {"body": scored_points(skeleton)}
     if clip.has_fingers:
@@ -138,99 +157,29 @@ def smoothness_of(position: Mapping[str, np.ndarray], truth: np.ndarray, hidden:
         strong = acceleration(values, RATE) > LIMIT
         errors = part_errors(values, truth, skeleton, clip.has_fingers)
         for part, chosen in points.items():
-            one = sums[group, part, method] = Smoothness()
-            one.counted, one.strong = strong[:, chosen].size, int(strong[:, chosen].sum())
-            one.added = int((strong & ~true)[:, chosen].sum())
             error, places = errors[part]
-            one.occluded.add(error[hidden[:, places]])
-            one.all.add(error)
+            for measure, counted in (
+                ("strong", 100.0 * strong[:, chosen]),
+                ("added", 100.0 * (strong & ~true)[:, chosen]),
+                ("occluded", error[hidden[:, places]]),
+                ("all", error),
+            ):
+                sums.setdefault((group, part, method, measure), Tally()).add(counted)
     return sums
 
 
-def measure_smoothness(
-    data: DataSet,
-    networks: Mapping[str, Path],
-    model: Path | None,
-    settings: IkTrackerSettings,
-    jobs: int,
-    advance: Callable[[Clip], None],
-) -> tuple[Sums, Census]:
-    """Measure all methods on a data set. `advance` is called after every clip."""
-    work = partial(smoothness_of_clip, networks=networks, model=model, settings=settings)
-    return gathered(work, data.clips(), jobs, advance)
-
-
 def smoothness_report(sums: Sums, census: Census, data: DataSet) -> Report:
-    """The table of the methods, of the body and, where there are fingers, of both."""
-
-    def get(part: str, method: str, group: str = "main") -> Smoothness:
-        return sums.get((group, part, method), Smoothness())
-
-    parts = {"body": "body", "body_and_finger": "body & fingers"}
-    groups = [group for group in GROUPS[1:] if get("body", "truth", group).counted]
-    rows = []
-    for part, title in parts.items():
-        for method, name in METHODS.items():
-            one = get(part, method)
-            if one.counted:
-                others = [cell(get(part, method, group).percent) for group in groups]
-                errors = (cell(one.occluded.rmsjpe), cell(one.all.rmsjpe))
-                rows.append((title, name, one.percent, PUBLISHED.get(method), one.added_percent, *errors, *others))
-    numbers = {}
-    for (group, part, method), one in sums.items():
-        key = {"body": "", "body_and_finger": "_both"}[part] + ("" if group == "main" else f"_{group}")
-        numbers[f"{method}_strong_acceleration_percent{key}"] = one.percent
-        numbers[f"{method}_added_strong_acceleration_percent{key}"] = one.added_percent
-        numbers[f"{method}_occluded_rmsjpe_cm{key}"] = one.occluded.rmsjpe
-        numbers[f"{method}_all_rmsjpe_cm{key}"] = one.all.rmsjpe
-
-    def named(method: str) -> Named:
-        return Named(METHODS[method], get("body", method).percent)
-
-    remarks = [
-        ordering("A network that predicts the mask is smoother than one that is given it", named("gru"),
-                 [named("mask_given")], "%"),
-        ordering("The truth is smoother than either network", named("truth"), [named("gru"), named("mask_given")], "%"),
-        ordering("IK and smoothing make the network's motion smoother", named("gru_tracker"), [named("gru")], "%"),
-        ordering("Not in the paper: the shipped predictor is smoother than the paper's network", named("tracker"),
-                 [named("gru")], "%"),
-        *_cost(get("body", "gru"), get("body", "gru_tracker")),
-    ]  # fmt: skip
-    methods = [method for method in METHODS if get("body", method).counted]
-    bars = (
-        plain_bars("ours", [get("body", method).percent for method in methods]),
-        plain_bars("published (UNOC)", [PUBLISHED.get(method) for method in methods]),
-    )
-    return Report(
-        name="unoc-smoothness",
-        title="UNOC, section 4.2: strong accelerations",
-        columns=(
-            "joints",
-            "motion",
-            "above 9 m/s², %",
-            "UNOC's, %",
-            "beyond the truth, %",
-            "occluded RMSJPE",
-            "all RMSJPE",
-            *(f"{group}, %" for group in groups),
-        ),
-        rows=tuple(rows),
-        numbers=finite(numbers) | census.numbers(),
-        data=(describe(data, census), *missing(("UNOC",), [data])),
-        remarks=tuple(remark for remark in remarks if remark is not None),
-        caption="Share of joints and frames at 30 Hz; beyond the truth: those where the truth's is not above 9 m/s². "
-        "Errors in cm.",
-        digits=2,
-        panels=(BarPanel("body", tuple(METHODS[method] for method in methods), bars, "above 9 m/s², %"),),
-    )
-
-
-def _cost(before: Smoothness, after: Smoothness) -> list[str]:
-    """Return a line about the change of errors by inverse kinematics and smoothing."""
-    changes = [getattr(after, share).rmsjpe - getattr(before, share).rmsjpe for share in ("occluded", "all")]
-    if not all(map(math.isfinite, changes)):
-        return []
-    return [
-        f"IK and smoothing change the paper's network's RMSJPE by {changes[0]:+.2f} cm at hidden joints of the body "
-        f"and {changes[1]:+.2f} cm over all of them; the paper's by -0.04 and +1.5 cm (section 5.1)."
-    ]
+    """Return the table of the methods, of the body and, if there are fingers, of both."""
+    errors = {
+        (method, share): sums.get(("main", "body", method, share), Tally()).rmsjpe
+        for method in ("gru", "gru_tracker")
+        for share in ("occluded", "all")
+    }
+    changes = [errors["gru_tracker", share] - errors["gru", share] for share in ("occluded", "all")]
+    remarks = []
+    if all(map(math.isfinite, changes)):
+        remarks.append(
+            f"IK and smoothing change the paper's network's RMSJPE by {changes[0]:+.2f} cm at hidden joints of the "
+            f"body and {changes[1]:+.2f} cm over all of them; the paper's by -0.04 and +1.5 cm (section 5.1)."
+        )
+    return score_report(TABLE, sums, census, (describe(data, census), *missing(("UNOC",), [data])), remarks)

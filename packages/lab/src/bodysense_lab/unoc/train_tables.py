@@ -8,6 +8,7 @@ import shutil
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -60,7 +61,8 @@ def _write(folder: Path, identity: dict[str, Any], episodes: Iterable[Episode]) 
     beside.mkdir(parents=True)
     clips, shapes, types = [], {}, {}
     try:
-        with _Files(beside) as files:
+        with ExitStack() as stack:
+            files = {name: stack.enter_context((beside / f"{name}.raw").open("wb")) for name in _ARRAYS}
             for episode in episodes:
                 clips.append(
                     {
@@ -73,7 +75,7 @@ def _write(folder: Path, identity: dict[str, Any], episodes: Iterable[Episode]) 
                 for name in _ARRAYS:
                     values = np.ascontiguousarray(getattr(episode, name))
                     shapes[name], types[name] = values.shape[1:], values.dtype
-                    files.append(name, values)
+                    files[name].write(values.tobytes())
         if not clips:
             raise BodysenseError(f"{folder}: there is no clip to make episodes of")
         frames = sum(row["frames"] for row in clips)
@@ -90,23 +92,6 @@ def _write(folder: Path, identity: dict[str, Any], episodes: Iterable[Episode]) 
                 raise
     finally:
         shutil.rmtree(beside, ignore_errors=True)
-
-
-class _Files:
-    """Raw files that grow an episode at a time."""
-
-    def __init__(self, folder: Path) -> None:
-        self._open = {name: (folder / f"{name}.raw").open("wb") for name in _ARRAYS}
-
-    def __enter__(self) -> _Files:
-        return self
-
-    def append(self, name: str, values: np.ndarray) -> None:
-        self._open[name].write(values.tobytes())
-
-    def __exit__(self, *_: object) -> None:
-        for file in self._open.values():
-            file.close()
 
 
 PAPER_LOSS = LossWeights(expected_error=0.0)  # the paper's network does not judge its error

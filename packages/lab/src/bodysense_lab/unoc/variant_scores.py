@@ -1,7 +1,4 @@
-"""Scoring the networks of UNOC's Tables 2 to 4 on a data set, all in one pass, each frame from its own window.
-
-The only module of this room that needs PyTorch.
-"""
+"""Scoring the networks of UNOC's Tables 2 to 4 on a data set, all in one pass, each frame from its own window."""
 
 from __future__ import annotations
 
@@ -31,12 +28,11 @@ from bodysense.scoring import (
     part_errors,
     scored_points,
 )
-from bodysense_lab.datasets import Census, DataSet, census_of
-from bodysense_lab.spread import spread
+from bodysense_lab.datasets import DataSet, gathered
 from bodysense_lab.unoc.constant_velocity import constant_velocity
+from bodysense_lab.unoc.kept_scores import Parts, Scores, identity_of, read_scores, scores_path, write_scores
 from bodysense_lab.unoc.learned import PACKAGED, track_clip
 from bodysense_lab.unoc.network import BodyNetwork, TrackedBody, read_weights, tracked_of
-from bodysense_lab.unoc.tables import Parts, Scores, identity_of, read_scores, scores_path, write_scores
 from bodysense_lab.weights import packaged
 
 _WINDOWS = 256  # that are computed together
@@ -114,8 +110,11 @@ def positions_of(
     return result
 
 
-def score_clip(clip: Clip, work: Work) -> dict[str, Parts]:
-    """Errors of every method on one clip: networks, 'last_known_<frame>' and, if asked for, 'best' and 'tracker'."""
+def score_clip(clip: Clip, work: Work) -> dict[tuple[str, str, str, str], Tally]:
+    """Errors on one clip by method, group, part and share.
+
+    Methods are networks, 'last_known_<frame>' and, if asked for, 'best' and 'tracker'.
+    """
     if work.threads is not None:
         torch.set_num_threads(work.threads)
     if work.shipped is None:
@@ -133,7 +132,7 @@ def score_clip(clip: Clip, work: Work) -> dict[str, Parts]:
     methods |= positions_of(work.networks, observation, skeleton, frames)
     truth = np.asarray(forward_kinematics(clip.pose)[0])[frames]
     hidden = ~observation.has_position[frames]
-    return {name: errors_of(values, truth, hidden, clip) for name, values in methods.items()}
+    return {(m, *key): one for m, at in methods.items() for key, one in errors_of(at, truth, hidden, clip).items()}
 
 
 def errors_of(position: np.ndarray, truth: np.ndarray, hidden: np.ndarray, clip: Clip) -> Parts:
@@ -175,16 +174,9 @@ def score(data: DataSet, folder: Path, work: Work, jobs: int, advance: Callable[
         networks = {name: path for name, path in work.networks.items() if name in todo}
         shipped = work.shipped if {"best", "tracker"} & set(todo) else None
         left = Work(networks, shipped, work.stride, 1 if jobs > 1 else work.threads)
-        tallies: dict[str, Parts] = {name: {} for name in todo}
-        census = Census()
-        for clip, one in spread(partial(score_clip, work=left), data.clips(), jobs):
-            census += census_of(clip)
-            for name in todo:
-                for key, tally in one[name].items():
-                    tallies[name].setdefault(key, Tally()).merge(tally)
-            advance(clip)
+        tallies, census = gathered(partial(score_clip, work=left), data.clips(), jobs, advance)
         for name in todo:
-            known[name] = Scores(tallies[name], census)
+            known[name] = Scores({key[1:]: tally for key, tally in tallies.items() if key[0] == name}, census)
             write_scores(scores_path(folder, name, data), known[name], identities[name])
     return {name: known[name] for name in files}
 

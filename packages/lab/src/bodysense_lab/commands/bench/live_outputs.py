@@ -35,7 +35,7 @@ def live_outputs(frames: int = 2000, rate: float = 72.0, json: Path | None = Non
         rate: Hz; packets that come in.
         json: Write the numbers here, as one flat object.
     """
-    from bodysense_lab.commands.timing import report
+    from bodysense_lab.commands.bench.timing import report
 
     if not 10 <= frames <= 1_000_000 or not 1 <= rate <= 200:
         raise BodysenseError("live-outputs: give 10 or more --frames, and a --rate of 1 to 200 Hz")

@@ -17,6 +17,7 @@ from pathlib import Path
 from urllib.parse import urlsplit
 
 import numpy as np
+import psutil
 
 from bodysense.errors import BodysenseError
 
@@ -48,7 +49,7 @@ def bench_live(
         most: Find also how many wearers one process serves with 99 % of their frames answered, as most_sessions.
         json: Write the numbers here, as one flat object.
     """
-    from bodysense_lab.commands.timing import report
+    from bodysense_lab.commands.bench.timing import report
 
     for name, value in (("sessions", sessions), ("rate", rate), ("seconds", seconds), ("workers", workers)):
         if not 0 < value < 100_000:
@@ -305,22 +306,17 @@ def _server(sessions: int, workers: int) -> Iterator[tuple[str, int]]:
             process.stdout.close()
 
 
-def _family(process: int) -> list[int]:
-    """A process and its children. Raises BodysenseError where the system does not tell."""
-    try:
-        told = Path(f"/proc/{process}/task/{process}/children").read_text()
-    except OSError:
-        raise BodysenseError("bench live reads memory and processor time in /proc, which this system lacks") from None
-    return [process, *map(int, told.split())]
+def _family(process: int) -> list[psutil.Process]:
+    """A process and its children."""
+    return [psutil.Process(process), *psutil.Process(process).children()]
 
 
 def _memory(process: int) -> float:
     """MB that a process and its children hold."""
-    pages = sum(int(Path(f"/proc/{one}/statm").read_text().split()[1]) for one in _family(process))
-    return pages * os.sysconf("SC_PAGESIZE") / 1e6
+    return sum(one.memory_info().rss for one in _family(process)) / 1e6
 
 
 def _processor_time(process: int) -> float:
     """s that a process and its children computed."""
-    fields = [Path(f"/proc/{one}/stat").read_text().rpartition(")")[2].split() for one in _family(process)]
-    return sum(int(row[11]) + int(row[12]) for row in fields) / os.sysconf("SC_CLK_TCK")
+    times = [one.cpu_times() for one in _family(process)]
+    return sum(one.user + one.system for one in times)

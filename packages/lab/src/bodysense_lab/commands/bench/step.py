@@ -18,12 +18,12 @@ from bodysense.body.person import Person
 from bodysense.devices.simulated.device import SensorSetName
 from bodysense.errors import BodysenseError
 from bodysense.observation import Observation
-from bodysense_lab.commands.timing import percentiles, report, resident_memory, streamed
+from bodysense_lab.commands.bench.timing import percentiles, report, resident_memory, streamed
 
 if TYPE_CHECKING:
     from bodysense.tracker import Tracker
 
-_ROOT = Path(__file__).parents[5]  # of the repository
+_ROOT = Path(__file__).parents[6]  # of the repository
 _ROUNDS = 1000  # of the products
 
 

@@ -1,0 +1,34 @@
+"""`bodysense bench ik`: inverse kinematics of the whole body."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from bodysense_lab.commands.bench.timing import percentiles, report
+
+
+def ik(frames: int = 3000, noise: float = 0.0, json: Path | None = None) -> None:
+    """Time inverse kinematics of the whole body, a frame at a time, from the frame before.
+
+    Args:
+        frames: Frames to time, after 100 to warm up.
+        noise: Metres; standard deviation added to every target.
+        json: Write the numbers here, as one flat object.
+    """
+    from bodysense.body.ik import InverseKinematics
+    from bodysense.body.pose import forward_kinematics
+    from bodysense.demo import packaged_performance
+
+    clip = packaged_performance()
+    target = np.asarray(forward_kinematics(clip.pose)[0])
+    target = target + np.random.default_rng(0).normal(scale=noise, size=target.shape) if noise else target
+    solver, state = InverseKinematics(clip.pose.skeleton), None
+
+    def one(frame: int) -> None:
+        nonlocal state
+        place = frame % len(clip)
+        _, state = solver.solve(target[place], state=None if place == 0 else state)
+
+    report("ik", percentiles(one, frames), json)

@@ -1,0 +1,39 @@
+"""`bodysense bench live-fuzz`: hostile messages against the live server's code."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import asdict
+from pathlib import Path
+
+from bodysense.errors import BodysenseError
+
+
+def live_fuzz(frames: int = 1_000_000, seed: int = 1, json: Path | None = None) -> None:
+    """Send hostile messages to the server's code, without a network; fails where anything but a refusal comes out.
+
+    Args:
+        frames: Messages to send.
+        seed: random seed of the messages.
+        json: Write the numbers here, as one flat object.
+    """
+    from rich.progress import Progress
+
+    from bodysense.cli.show import write_numbers
+    from bodysense_lab.serving.hostile_clients import FuzzCounts, run_fuzz
+
+    if frames < 1:
+        raise BodysenseError(f"--frames {frames}: give 1 or more")
+    counts, begun, part = FuzzCounts(), time.perf_counter(), 10_000
+    with Progress() as progress:
+        bar = progress.add_task("fuzzing", total=frames)
+        while counts.frames < frames:  # in parts, each with a server of its own
+            run_fuzz(min(frames, counts.frames + part), seed + counts.frames, counts)
+            progress.update(bar, completed=counts.frames)
+    seconds = time.perf_counter() - begun
+    print(
+        f"{counts.frames} messages of {counts.connections} clients in {seconds:.0f} s: {counts.refused} refused, "
+        f"{counts.answered} poses, another client answered {counts.watched} times, no failure"
+    )
+    numbers = {name: value for name, value in asdict(counts).items() if name != "errors"}
+    write_numbers(json, numbers | {"seed": seed, "seconds": round(seconds, 1)})

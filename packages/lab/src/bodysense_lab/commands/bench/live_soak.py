@@ -1,0 +1,54 @@
+"""`bodysense bench live-soak`: wearers against a server over a bad network."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+
+from bodysense.errors import BodysenseError
+
+
+def live_soak(
+    minutes: float = 10.0,
+    sessions: int = 8,
+    rate: float = 72.0,
+    loss: float = 0.05,
+    workers: int = 1,
+    kill_every: float = 0.0,
+    json: Path | None = None,
+) -> None:
+    """Run wearers against a server over a bad network; fails on growth, on NaN and on a session that is stuck.
+
+    Frames are lost, doubled and late by up to 0.3 s; connections break and are resumed. Where processes of the server
+    are killed, no wearer may be silent for more than 1.5 s.
+
+    Args:
+        minutes: length in minutes.
+        sessions: Wearers.
+        rate: Frames a second of each.
+        loss: Share of frames that are lost.
+        workers: Processes of the server.
+        kill_every: Seconds after which one of them is killed, repeatedly; 0: never.
+        json: Write the numbers here, as one flat object.
+    """
+    import asyncio
+
+    import numpy as np
+
+    from bodysense.cli.show import write_numbers
+    from bodysense_lab.serving.soak import SoakPlan, check, soak
+
+    if not (minutes > 0 and sessions > 0 and rate > 0 and 0 <= loss < 0.9):
+        raise BodysenseError("live-soak: give positive minutes, sessions and rate, and a loss of 0 to 0.9")
+    if kill_every and (workers < 2 or not 5 <= kill_every <= 3600):
+        raise BodysenseError("live-soak: give --kill-every 5 to 3600 seconds, and --workers 2 or more")
+    plan = SoakPlan(sessions, 60 * minutes, rate, loss, workers=workers, seconds_between_kills=kill_every)
+    counts = asyncio.run(soak(plan, np.random.default_rng(1)))
+    killed = f"{counts.killed} processes killed, " if kill_every else ""
+    print(
+        f"{sessions} sessions at {rate:g} Hz for {minutes:g} min with {loss:.0%} lost: {counts.sent} frames sent, "
+        f"{counts.answered} answered, {counts.breaks} breaks, {counts.resumed} resumed, {killed}longest silence "
+        f"{counts.longest_silence_s:.2f} s, memory {counts.rss_mb_warm:.1f} to {counts.rss_mb_last:.1f} MB"
+    )
+    write_numbers(json, asdict(plan) | asdict(counts))
+    check(counts, plan)

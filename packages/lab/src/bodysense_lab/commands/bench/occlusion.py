@@ -1,0 +1,30 @@
+"""`bodysense bench occlusion`: the simulation of a headset's cameras."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import numpy as np
+
+from bodysense_lab.commands.bench.timing import report
+
+
+def occlusion(frames: int = 30_000, json: Path | None = None) -> None:
+    """Time the simulation of what a headset's cameras see: the median of five passes after one to warm up.
+
+    Args:
+        frames: Frames to see.
+        json: Write the numbers here, as one flat object.
+    """
+    from bodysense.demo import packaged_performance
+    from bodysense.devices.simulated.headset_camera import see
+
+    clip = packaged_performance()
+    many = clip.pose[np.arange(frames) % len(clip)]
+    passes = []
+    for _ in range(6):
+        begun = time.perf_counter()
+        see(many)
+        passes.append(frames / (time.perf_counter() - begun))
+    report("occlusion", {"frames_per_second": float(np.median(passes[1:]))}, json)

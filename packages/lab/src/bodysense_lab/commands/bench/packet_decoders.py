@@ -1,0 +1,43 @@
+"""`bodysense bench packet-decoders`: packets of the server read by independent decoders."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import asdict
+from pathlib import Path
+
+from bodysense.errors import BodysenseError
+
+
+def packet_decoders(packets: int = 1_000_000, seed: int = 1, json: Path | None = None) -> None:
+    """Read all that goes out (VMC, VRChat, VMT, SolarXR) with decoders that are not ours; all must be read as meant.
+
+    python-osc, Wireshark's tshark where it is installed, and a reader of SolarXR's public schema.
+
+    Args:
+        packets: Packets to read.
+        seed: random seed of the bodies.
+        json: Write the numbers here, as one flat object.
+    """
+    import shutil
+
+    import numpy as np
+    from rich.progress import Progress
+
+    from bodysense.cli.show import write_numbers
+    from bodysense_lab.serving.decoders import Decoded, decode
+
+    if packets < 1:
+        raise BodysenseError(f"--packets {packets}: give 1 or more")
+    begun, found = time.perf_counter(), Decoded()
+    with Progress() as progress:
+        bar = progress.add_task("decoding", total=packets)
+        for found in decode(packets, np.random.default_rng(seed), shutil.which("tshark")):
+            progress.update(bar, completed=found.osc + found.solarxr)
+    seconds = time.perf_counter() - begun
+    wireshark = f"Wireshark {found.wireshark} of these" if found.wireshark else "no tshark here"
+    print(
+        f"{packets} packets in {seconds:.0f} s, all read as meant: python-osc {found.osc} with {found.osc_messages} "
+        f"messages, {wireshark}, a reader of SolarXR {found.solarxr}"
+    )
+    write_numbers(json, {"packets": packets, "seed": seed, "seconds": round(seconds, 1)} | asdict(found))

@@ -1,0 +1,32 @@
+"""`bodysense bench packet-fuzz`: hostile packets against every reader of packets."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+from bodysense.errors import BodysenseError
+
+
+def packet_fuzz(packets: int = 1_000_000, seed: int = 1, json: Path | None = None) -> None:
+    """Read hostile packets of all that comes in by UDP or sockets (VMC, VMT, VRChat, SlimeVR, SolarXR); none may raise.
+
+    Args:
+        packets: Packets to read.
+        seed: random seed of the packets.
+        json: Write the numbers here, as one flat object.
+    """
+    import numpy as np
+
+    from bodysense.cli.show import write_numbers
+    from bodysense_lab.serving.hostile_packets import fuzz_packets
+
+    if packets < 1:
+        raise BodysenseError(f"--packets {packets}: give 1 or more")
+    begun = time.perf_counter()
+    found = fuzz_packets(packets, np.random.default_rng(seed))
+    seconds = time.perf_counter() - begun
+    parts = ", ".join(f"{name} {count}" for name, count in found.items())
+    print(f"{packets} packets in {seconds:.0f} s, no failure: {parts}")
+    numbers: dict[str, float] = {"packets": packets, "seed": seed, "seconds": round(seconds, 1)}
+    write_numbers(json, numbers | found)

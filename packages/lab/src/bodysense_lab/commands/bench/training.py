@@ -1,0 +1,28 @@
+"""`bodysense bench training`: steps of training."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from bodysense.errors import BodysenseError
+from bodysense_lab.commands.bench.timing import report
+
+
+def training(steps: int = 6, threads: int = 1, json: Path | None = None) -> None:
+    """Time steps of `train completion`, and UNOC's training on windows and on whole sequences with carried state.
+
+    A window teaches one frame, its last; a sequence teaches every frame that it plays.
+
+    Args:
+        steps: Optimiser steps of each, after one to warm up.
+        threads: PyTorch threads.
+        json: Write the numbers here, as one flat object.
+    """
+    from bodysense.demo import packaged_performance
+    from bodysense_lab.completion.pace import training_pace
+    from bodysense_lab.unoc.pace import throughput
+
+    if steps < 1:
+        raise BodysenseError(f"--steps {steps}: give at least 1")
+    clip = packaged_performance()
+    report("training", training_pace(clip, steps, threads) | throughput(clip, steps, threads), json)
