@@ -1,4 +1,4 @@
-"""The same motion from ever more sensors, on a wearer of whom nothing is told: every sensor helps."""
+"""The same motion from ever more sensors, on a wearer of whom nothing is known: every sensor helps."""
 
 import numpy as np
 

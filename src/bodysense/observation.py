@@ -191,8 +191,8 @@ def check_observation(observation: Observation, name: str = "observation", farth
 def _check_acceleration(observation: Observation, acceleration: np.ndarray, name: str) -> None:
     """Raise BodysenseError for an acceleration that no body has."""
     with np.errstate(invalid="ignore"):
-        told = ~np.isnan(acceleration).any(axis=-1)
-        broken = told & ~(np.abs(acceleration) <= STRONGEST).all(axis=-1)
+        present = ~np.isnan(acceleration).any(axis=-1)
+        broken = present & ~(np.abs(acceleration) <= STRONGEST).all(axis=-1)
     if broken.any():
         *_, frame, point = place = tuple(np.argwhere(broken)[0])
         raise BodysenseError(

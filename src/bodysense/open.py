@@ -17,7 +17,7 @@ from bodysense.devices.gloves.device import has_gloves
 from bodysense.devices.gloves.labelling import Labeller
 from bodysense.devices.video.pictures import is_video
 from bodysense.errors import BodysenseError
-from bodysense.filling import Holed, open_holed
+from bodysense.filling import PartialMotion, open_partial
 from bodysense.io.archive import ZIP
 from bodysense.io.clip import Clip
 from bodysense.io.datasets.sources import Source as MotionEntry
@@ -72,10 +72,10 @@ class MotionSource:
         assert self.path is not None
         return _read_motion(self.path, self.options, self.rate)
 
-    def with_holes(self, missing: Sequence[Missing]) -> Holed:
+    def with_holes(self, missing: Sequence[Missing]) -> PartialMotion:
         """Return the motion with what is missing of it: the joints given, else what its BVH file itself shows."""
         try:
-            return open_holed(self.bvh or self.clip, missing, self.options)
+            return open_partial(self.bvh or self.clip, missing, self.options)
         except BodysenseError as error:
             raise error if self.name in str(error) else BodysenseError(f"{self.name}: {error}") from None
 
@@ -131,7 +131,7 @@ def open_source(source: Source, reading: ReadingOptions = AS_FOUND, markers: Mar
     if isinstance(source, Recording):
         return RecordingSource("recording", source)
     if isinstance(source, Observation):
-        return RecordingSource("observation", Recording(source, default_skeleton(), told=False))
+        return RecordingSource("observation", Recording(source, default_skeleton(), known=False))
     path, kind = Path(source), kind_of(source)
     if kind == "video":
         _check_video(str(source), reading, markers)
@@ -257,8 +257,8 @@ def _open_markers(path: Path, reading: ReadingOptions, markers: MarkerOptions) -
     recording = Recording(
         found.observation,
         with_hands_of(body, hands),
-        told=not found.has_body,
-        hands_shown=has_gloves(found.observation),
+        known=not found.has_body,
+        measures_hands=has_gloves(found.observation),
         worn=markers.worn(),
     )
     return MarkerSource(str(path), path, recording, (*(f"note: {line}" for line in found.remarks), *sized), found)
@@ -277,7 +277,7 @@ def _open_places(path: Path, joints: np.ndarray, reading: ReadingOptions, marker
     if form.rate is None:
         lines.append(f"no frame rate in it: {rate:g} Hz is taken (--rate)")
     remarks = tuple(f"note: {line}" for line in (*lines, *found.remarks[1:]))
-    return MarkerSource(str(path), path, Recording(found.observation, default_skeleton(), told=False), remarks)
+    return MarkerSource(str(path), path, Recording(found.observation, default_skeleton(), known=False), remarks)
 
 
 def _labelled(path: Path, options: MarkerOptions, reading: ReadingOptions) -> Observation:

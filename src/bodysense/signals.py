@@ -62,10 +62,10 @@ def signal_from(
 def _recorded(name: str, recording: Recording, person: Person | None, height: float | None) -> Signal:
     observation = recording.observation
     if person is None:
-        measures_hands = recording.hands_shown or not has_standard_gloves(observation)
+        measures_hands = recording.measures_hands or not has_standard_gloves(observation)
         hands = calibrated_hands(observation, recording.worn) if measures_hands else None
-        known = recording.told and height is None
-        person = Person(recording.skeleton, hands=hands) if known else Person(height=height, hands=hands)
+        is_known = recording.known and height is None
+        person = Person(recording.skeleton, hands=hands) if is_known else Person(height=height, hands=hands)
     _check(observation)
     return Signal(name, observation, person)
 

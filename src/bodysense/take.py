@@ -18,7 +18,7 @@ from bodysense.body.rotation import quaternion_to_matrix
 from bodysense.completion.model import CompletionModel
 from bodysense.devices.gloves.device import check_calibrated, glove_device, gloved_sides, has_gloves
 from bodysense.errors import BodysenseError
-from bodysense.filling import Holed, filled, observed, on_feet, pose_of, with_parts
+from bodysense.filling import PartialMotion, filled, observed, on_feet, pose_of, with_parts
 from bodysense.io.bvh_stream import BvhLines
 from bodysense.io.clip import Clip
 from bodysense.io.holes import missing_items
@@ -51,7 +51,7 @@ class Take:
     estimate: Estimate  # of every frame that was tracked
     person: Person  # the wearer, as believed at the end
     time: np.ndarray  # (T,) s of the estimate's frames
-    holed: Holed | None = None  # the motion whose holes were filled, if it was one
+    partial: PartialMotion | None = None  # the motion whose holes were filled, if it was one
     source: Path | None = None  # the BVH file that was tracked, if it was one
     reading: ReadingOptions = AS_FOUND  # what was told of it
     file: BvhLines | None = None  # the same with its holes filled
@@ -208,21 +208,23 @@ def _is_above(name: str) -> bool:
 
 
 def _filled(
-    holed: Holed,
+    partial: PartialMotion,
     settings: TrackerSettings,
     network: CompletionModel | None,
     causal: bool,
     advance: Callable[[int, int], None],
 ) -> Take:
     """A motion whose holes are filled."""
-    clip = holed.clip
-    take = _tracked(Signal(clip.name, observed(holed), Person(clip.pose.skeleton)), settings, network, causal, advance)
-    holed = with_parts(holed, take.estimate.pose)
-    rotation = filled(holed, take.estimate.pose)
-    rotation = on_feet(holed, rotation, take.estimate.contact, settings.floor)
-    file = None if holed.file is None else holed.file.with_rotation(rotation, holed.missing)
-    whole = clip if holed.is_whole else replace(clip, pose=pose_of(holed, rotation))
-    return replace(take, clip=whole, holed=holed, file=file)
+    clip = partial.clip
+    take = _tracked(
+        Signal(clip.name, observed(partial), Person(clip.pose.skeleton)), settings, network, causal, advance
+    )
+    partial = with_parts(partial, take.estimate.pose)
+    rotation = filled(partial, take.estimate.pose)
+    rotation = on_feet(partial, rotation, take.estimate.contact, settings.floor)
+    file = None if partial.file is None else partial.file.with_rotation(rotation, partial.missing)
+    whole = clip if partial.is_whole else replace(clip, pose=pose_of(partial, rotation))
+    return replace(take, clip=whole, partial=partial, file=file)
 
 
 def _tracked(

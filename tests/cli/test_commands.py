@@ -65,7 +65,7 @@ def test_the_wearer(tmp_path: Path, motion: Path, run) -> None:
     assert read_bvh(tmp_path / "a.bvh").pose.skeleton.height == pytest.approx(1.9, abs=1e-3)
     said = run("track", tmp_path / "tall.npz", "-o", tmp_path / "a.bvh", "--height", 1.75)
     assert "height 1.75 m known, other proportions inferred" in said
-    write_recording(tmp_path / "unknown.npz", replace(recording, told=False))
+    write_recording(tmp_path / "unknown.npz", replace(recording, known=False))
     saved = ("--save-person", tmp_path / "me.json")
     said = run("track", tmp_path / "unknown.npz", "-o", tmp_path / "a.bvh", *saved)
     assert re.search(r"height \d\.\d\d m inferred", said) and "me.json" in said

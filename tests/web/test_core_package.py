@@ -96,7 +96,7 @@ def recording(case: Case, observation: Observation) -> dict[str, Any]:
     }
     if person.height is not None:
         known |= {"height": person.height.value, "heightDeviation": person.height.deviation}
-    if person.is_told:
+    if person.is_known:
         known["restOffset"] = person.skeleton.rest_offset.ravel().tolist()
     frames = [frame(observation, t) for t in range(len(observation))]
     return {"person": known, "frames": frames, "settings": {"floor": settings.floor, "holdFeet": settings.hold_feet}}

@@ -23,7 +23,7 @@ from bodysense.io.rigs.options import AS_FOUND
 
 if TYPE_CHECKING:
     from bodysense.body.person import Person
-    from bodysense.filling import Holed
+    from bodysense.filling import PartialMotion
     from bodysense.io.markers.gaps import FilledMarkers
     from bodysense.open import MarkerSource, MotionSource
     from bodysense.take import Take
@@ -103,8 +103,8 @@ def track(  # noqa: PLR0915
         out: completed motion: .bvh, .glb (glTF with an animated skeleton), .vrma (an animation for VRM avatars) or
             .mcap (a take that robots' tools read). Of a marker file also one that ends as it does (.trc, .c3d, .tsv,
             .csv): the same file with the gaps of its markers filled.
-        device: simulated device that watches the body of a motion. Without it the motion's holes are filled, and its known
-            frames are unchanged.
+        device: simulated device that watches the body of a motion. Without it the motion's holes are filled, and its
+            known frames are unchanged.
         missing: joints of a motion that are missing, by its names or ours: left_forearm,left_hand. LeftForeArm+ is with
             all that hangs on it; left_forearm,left_hand:100-240 are both in these frames (from 0, both included). If
             omitted: values that are not numbers, and limbs with constant values while the body moves.
@@ -170,8 +170,8 @@ def track(  # noqa: PLR0915
         for line in opened.remarks:
             print(line)
     # Gloves were put on a body so tall already, and a motion was scaled so.
-    told = isinstance(opened, MarkerSource) and opened.recording.told
-    height = None if has_holes or told else reading.height
+    is_sized = isinstance(opened, MarkerSource) and opened.recording.known
+    height = None if has_holes or is_sized else reading.height
     floor = 0.0 if isinstance(opened, MotionSource) else reading.floor or 0.0  # of a motion it was put to 0
     if samples is not None:
         from bodysense.cli.samples import sample_paths, write_samples
@@ -276,8 +276,8 @@ def _say(take: Take, out: Path) -> None:
     """Print what was found out of a recording."""
     from bodysense.io.markers.files import is_marker_file
 
-    if take.holed is not None:
-        print(holes_line(take.holed))
+    if take.partial is not None:
+        print(holes_line(take.partial))
     for line in take.remarks:
         print(f"WARNING: {line}")
     if take.markers is not None and is_marker_file(out):
@@ -300,19 +300,19 @@ def _write_with_fingers(opened: MotionSource, out: Path, model: Path | None) -> 
     print(f"wrote {out}: {len(clip)} frames with synthesized fingers")
 
 
-def holes_line(holed: Holed) -> str:
+def holes_line(partial: PartialMotion) -> str:
     """Return a line about the joints that a motion lacked."""
-    if holed.is_whole:
+    if partial.is_whole:
         return (
             "nothing is missing in this motion: it is unchanged (--missing names joints, --device simulates tracking)"
         )
-    if holed.clip.lacks and not holed.holes.any():
-        return f"completed {' and '.join(holed.clip.lacks)}, which the motion lacks"
-    count = holed.holes.sum(axis=0)
+    if partial.clip.lacks and not partial.holes.any():
+        return f"completed {' and '.join(partial.clip.lacks)}, which the motion lacks"
+    count = partial.holes.sum(axis=0)
     order = [joint for joint in count.argsort(kind="stable")[::-1].tolist() if count[joint]]
-    named = ", ".join(f"{holed.rig.joints[joint]} {count[joint]}" for joint in order[:_LISTED])
+    named = ", ".join(f"{partial.rig.joints[joint]} {count[joint]}" for joint in order[:_LISTED])
     more = f" and {len(order) - _LISTED} more joints" if len(order) > _LISTED else ""
-    return f"filled frames, of {len(holed.holes)}: {named}{more}"
+    return f"filled frames, of {len(partial.holes)}: {named}{more}"
 
 
 def marker_lines(done: FilledMarkers, markers: MarkerSource) -> list[str]:

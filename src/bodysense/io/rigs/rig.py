@@ -177,7 +177,7 @@ def recognise(figure: Figure, options: ReadingOptions = AS_FOUND) -> Rig:
             found = find_body(tree)
             points, penalty, remarks = found.points, found.penalty, found.remarks
         else:
-            points, penalty, remarks = read_joint_map(options.joints, figure), 0.0, ("joints as told",)
+            points, penalty, remarks = read_joint_map(options.joints, figure), 0.0, ("joints as given",)
     except BodysenseError as error:
         raise BodysenseError(f"{figure.name}: {error}{_way_on(figure, options)}") from None
     family = family_of(figure.points)
