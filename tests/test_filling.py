@@ -16,12 +16,12 @@ from bodysense.body.retarget import side_clearance
 from bodysense.body.rotation import geodesic_angle
 from bodysense.demo import packaged_performance
 from bodysense.errors import BodysenseError
+from bodysense.estimate import CONTACT_POINTS
 from bodysense.filling import filled, observed, on_feet, open_partial
 from bodysense.io.bvh import read_bvh, write_bvh
 from bodysense.io.bvh_stream import BvhLines, open_bvh
 from bodysense.io.clip import Clip
 from bodysense.io.holes import missing_items
-from bodysense.observation import CONTACT_POINTS
 from bodysense.open import MotionSource, open_source
 from bodysense.take import track
 

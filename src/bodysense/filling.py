@@ -24,6 +24,7 @@ from bodysense.body.rotation import (
     quaternion_multiply,
 )
 from bodysense.errors import BodysenseError
+from bodysense.estimate import CONTACT_POINTS
 from bodysense.io.bvh_stream import BvhLines, open_bvh
 from bodysense.io.clip import Clip, part_joints
 from bodysense.io.fingers import is_finger
@@ -31,7 +32,7 @@ from bodysense.io.holes import Missing, flat_lined, missing_mask
 from bodysense.io.rigs.options import AS_FOUND, ReadingOptions
 from bodysense.io.rigs.rigged import read_rigged
 from bodysense.io.rigs.source_joints import SourceJoints, joints_of_file, own_joints
-from bodysense.observation import CONTACT_POINTS, EXACT_ACCURACY, Observation
+from bodysense.observation import EXACT_ACCURACY, Observation
 
 Array = np.ndarray
 # s from known frames at which the tracker's prediction and interpolation have equal weight: legs depend most on the

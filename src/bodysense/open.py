@@ -34,7 +34,7 @@ from bodysense.io.markers.recording import MarkerRecording, read_markers, with_h
 from bodysense.io.recording import Recording, is_recording, read_recording
 from bodysense.io.rigs.options import AS_FOUND, ReadingOptions
 from bodysense.io.smpl import PICKLES, USUAL_RATE, is_smpl, joint_places, read_smpl
-from bodysense.observation import Observation
+from bodysense.observation import Observation, in_our_world
 
 MOTION_ENDINGS = (".bvh", ".npz", ".npy", *io_gltf.ENDINGS)
 Kind = Literal["motion", "recording", "markers", "video"]
@@ -87,6 +87,7 @@ class RecordingSource:
     name: str
     recording: Recording
     path: Path | None = None
+    options: ReadingOptions = AS_FOUND
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,9 +130,9 @@ def open_source(source: Source, reading: ReadingOptions = AS_FOUND, markers: Mar
     if isinstance(source, Clip):
         return MotionSource(source.name or "clip", given=source)
     if isinstance(source, Recording):
-        return RecordingSource("recording", source)
+        return _recording_source("recording", source, reading)
     if isinstance(source, Observation):
-        return RecordingSource("observation", Recording(source, default_skeleton(), known=False))
+        return _recording_source("observation", Recording(source, default_skeleton(), known=False), reading)
     path, kind = Path(source), kind_of(source)
     if kind == "video":
         _check_video(str(source), reading, markers)
@@ -230,12 +231,20 @@ def _open_recording(path: Path, reading: ReadingOptions, markers: MarkerOptions)
     if replace(markers, marker_set=None) != NO_OPTIONS:
         kinds = ", ".join(MARKER_ENDINGS)
         raise BodysenseError(f"{path}: --names, --unlabelled and their like are for marker files, {kinds}")
-    if reading != ReadingOptions(floor=reading.floor, height=reading.height):
-        raise BodysenseError(f"{path}: --unit, --up, --joints and --figure are for motions and marker files")
     recording = read_recording(path)
     if has_gloves(recording.observation):
         recording = replace(recording, worn=markers.worn())
-    return RecordingSource(str(path), recording, path)
+    return _recording_source(str(path), recording, reading, path)
+
+
+def _recording_source(
+    name: str, recording: Recording, reading: ReadingOptions, path: Path | None = None
+) -> RecordingSource:
+    """Return a recording in metres and +Y up; options say which unit and upward axis it has."""
+    for option in reading.for_motions():
+        raise BodysenseError(f"{name}: {option} is for motions, not for recordings; leave it out")
+    observation = in_our_world(recording.observation, reading.unit, reading.up)
+    return RecordingSource(name, replace(recording, observation=observation), path, reading)
 
 
 def _open_markers(path: Path, reading: ReadingOptions, markers: MarkerOptions) -> MarkerSource:

@@ -6,12 +6,13 @@ from dataclasses import dataclass
 
 from bodysense.body.person import Person
 from bodysense.devices.gloves.device import calibrated_hands, has_standard_gloves
-from bodysense.devices.simulated.device import DEVICES, simulate
+from bodysense.devices.simulated.device import DEVICES, Device, simulate
 from bodysense.devices.video.pictures import open_video
 from bodysense.errors import BodysenseError
 from bodysense.io.recording import Recording
 from bodysense.observation import Observation, check_observation, concatenated_frames
 from bodysense.open import MotionSource, Opened, VideoSource
+from bodysense.raw_poses import with_joints
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,7 +28,7 @@ class Signal:
 def signal_from(
     opened: Opened,
     *,
-    device: str | None = None,
+    device: str | Device | None = None,
     person: Person | None = None,
     height: float | None = None,
     noise: int | None = None,
@@ -67,7 +68,7 @@ def _recorded(name: str, recording: Recording, person: Person | None, height: fl
         is_known = recording.known and height is None
         person = Person(recording.skeleton, hands=hands) if is_known else Person(height=height, hands=hands)
     _check(observation)
-    return Signal(name, observation, person)
+    return Signal(name, with_joints(observation, person.skeleton), person)
 
 
 def refuse(name: str, kind: str, **options: object) -> None:

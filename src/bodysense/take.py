@@ -17,7 +17,9 @@ from bodysense.body.pose import Pose, forward_kinematics, standing_pose
 from bodysense.body.rotation import quaternion_to_matrix
 from bodysense.completion.model import CompletionModel
 from bodysense.devices.gloves.device import check_calibrated, glove_device, gloved_sides, has_gloves
+from bodysense.devices.simulated.device import Device
 from bodysense.errors import BodysenseError
+from bodysense.estimate import Estimate
 from bodysense.filling import PartialMotion, filled, observed, on_feet, pose_of, with_parts
 from bodysense.io.bvh_stream import BvhLines
 from bodysense.io.clip import Clip
@@ -30,8 +32,8 @@ from bodysense.io.resample import at_constant_rate
 from bodysense.io.rigs.named import OWN, SOURCE, check_rig
 from bodysense.io.rigs.options import AS_FOUND, ReadingOptions
 from bodysense.io.rigs.rig_file import write_on_rig_of
-from bodysense.observation import Estimate, Observation, concatenated_frames
-from bodysense.open import MarkerSource, MotionSource, Source, open_source
+from bodysense.observation import Observation, check_world, concatenated_frames
+from bodysense.open import MarkerSource, MotionSource, RecordingSource, Source, open_source
 from bodysense.signals import Signal, refuse, signal_from
 from bodysense.tracker import Tracker, TrackerSettings
 from bodysense.two_way import completed_both_ways, concatenated
@@ -53,10 +55,14 @@ class Take:
     time: np.ndarray  # (T,) s of the estimate's frames
     partial: PartialMotion | None = None  # the motion whose holes were filled, if it was one
     source: Path | None = None  # the BVH file that was tracked, if it was one
-    reading: ReadingOptions = AS_FOUND  # what was told of it
+    reading: ReadingOptions = AS_FOUND  # its options
     file: BvhLines | None = None  # the same with its holes filled
     markers: MarkerSource | None = None  # the marker file that was tracked, if it was one
     remarks: tuple[str, ...] = ()  # lines about parts that are guessed
+
+    def __repr__(self) -> str:
+        error = 100 * self.estimate.confidence.mean()
+        return f"Take({self.clip!r}, {self.person!r}, expected error {error:.1f} cm)"
 
     def save(self, path: str | Path, rig: str | Path | None = None) -> None:
         """Write the motion: .bvh, .glb (animated glTF), .vrma (for VRM avatars) or .mcap (for robots' tools).
@@ -118,7 +124,7 @@ def check_marker_output(path: Path, markers: MarkerSource | None, rig: str | Pat
 def track(
     source: Source,
     *,
-    device: str | None = None,
+    device: str | Device | None = None,
     missing: str | Sequence[str] = (),
     person: Person | None = None,
     height: float | None = None,
@@ -136,38 +142,42 @@ def track(
     Args:
         source: a file (a recording, a motion, markers, a video), a folder of images, a Clip, Observation or Recording
             in memory, or what `open_source` opened.
-        device: where the source is a motion: the simulated device that watches it, one of `DEVICES`. Of a motion
-            without one, holes are filled and the rest is kept; a whole motion is returned unchanged.
+        device: if the source is a motion: the simulated device that watches it, by its name or an object with a method
+            `observe`, as `Device` has it. Of a motion without one, holes are filled and the rest is kept; a whole
+            motion is returned unchanged.
         missing: joints of a motion that are missing, by its own names or ours: "left_hand", with all that hangs on it
-            "LeftForeArm+", in some frames "left_hand:100-240" (counted from 0, both ends included). What has no number
-            is missing, too. If omitted, so are limbs of a BVH file that are held still to the last digit for half a
-            second while the body moves.
-        person: what is known of the wearer. If omitted, the body of the recording or motion; where that is not told,
-            the likeliest adult, whose proportions are inferred.
+            "LeftForeArm+", in some frames "left_hand:100-240" (counted from 0, both ends included). Values that are
+            NaN are missing, too. If omitted, so are limbs of a BVH file that are held still to the last digit for half
+            a second while the body moves.
+        person: what is known of the wearer. If omitted, the body of the recording or motion; if that is unknown, the
+            likeliest adult, whose proportions are inferred.
         height: the wearer's height in metres, in place of a person; the other proportions are inferred.
         noise: random seed of the errors of a simulated device; it tracks exactly if omitted.
         settings: the floor, whether feet are held, whether proportions are inferred.
         network: a completion network; the packaged one if omitted.
-        reading: what a motion file does not say of itself: unit, upward axis, floor, joints.
+        reading: facts that the source omits: unit and upward axis; of a motion also floor and joints.
         follow: of a video: number of the person to follow, as people are numbered from left to right when they are
             first seen; the largest if omitted.
-        roll: of a video: degrees by which upright things lean to the right in the picture; seen from how the person
-            stands if omitted.
+        roll: of a video: degrees by which upright things lean to the right in the picture; estimated from the standing
+            person if omitted.
         causal: complete each frame from the frames before it alone, exactly as a live session does.
-        advance: is told how many frames are done, of how many.
+        advance: called with the number of frames that are done, and of all.
 
     Raises BodysenseError, naming the source and the fix, for what cannot be tracked.
     """
     opened = open_source(source, reading)
-    told = missing_items(missing) if missing else ()
+    items = missing_items(missing) if missing else ()
     if isinstance(opened, MotionSource) and device is None:
         kind = "a motion whose holes are filled, which has a body of its own"
         refuse(opened.name, kind, person=person, height=height, noise=noise, follow=follow, roll=roll)
-        take = _filled(opened.with_holes(told), settings, network, causal, advance)
+        take = _filled(opened.with_holes(items), settings, network, causal, advance)
         return replace(take, source=opened.bvh, reading=opened.options)
-    if told:
+    if items:
         other = f"leave --device {device} out" if device is not None else "give a motion, such as a .bvh file"
         raise BodysenseError(f"{opened.name}: --missing is for a motion that no device watches; {other}")
+    if isinstance(opened, RecordingSource):
+        seen, given = opened.recording.observation, opened.options
+        check_world(seen, opened.name, unit=given.unit, up=given.up, floor=settings.floor)
     signal = signal_from(opened, device=device, person=person, height=height, noise=noise, follow=follow, roll=roll)
     try:
         take = _tracked(signal, settings, network, causal, advance)
@@ -321,17 +331,17 @@ def _check_height(observation: Observation, floor: float) -> None:
 
 
 def pose_on(estimate: Estimate, person: Person) -> Pose:
-    """The pose of an estimate on the skeleton of a person, which may have other proportions than were shown.
+    """Return the pose of an estimate on the skeleton of a person, which may have other proportions.
 
-    Rotations stay as shown. The root is placed so that the head stays where it was shown, which is where it was
-    measured; where no head was tracked, the pelvis, or else the point that was tracked most.
+    Rotations are unchanged. The root is placed so that the head stays where it was measured; without a tracked head
+    the pelvis, else the point that was tracked most.
     """
-    skeleton, shown = person.skeleton, estimate.pose
+    skeleton, pose = person.skeleton, estimate.pose
     if (estimate.rest_offset == skeleton.rest_offset).all():
-        return Pose(skeleton, shown.root_position, shown.rotation)
+        return Pose(skeleton, pose.root_position, pose.rotation)
     share = estimate.measured.mean(axis=0)
     tracked = [name for name in ANCHORS if share[skeleton.index(name)] > 0]
     anchor = skeleton.index(tracked[0]) if tracked else int(share.argmax())  # nothing tracked: the root, which is first
-    moved = Pose(skeleton, np.zeros_like(shown.root_position), shown.rotation)
+    moved = Pose(skeleton, np.zeros_like(pose.root_position), pose.rotation)
     root = estimate.points[:, anchor] - np.asarray(forward_kinematics(moved)[0])[:, anchor]
-    return Pose(skeleton, root, shown.rotation)
+    return Pose(skeleton, root, pose.rotation)

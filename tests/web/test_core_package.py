@@ -24,7 +24,8 @@ from bodysense.body.rotation import geodesic_angle
 from bodysense.body.shape import Measured
 from bodysense.demo import performance_of_stranger
 from bodysense.devices.simulated.device import simulate
-from bodysense.observation import Estimate, Observation
+from bodysense.estimate import Estimate
+from bodysense.observation import Observation
 from bodysense.tracker import Tracker, TrackerSettings
 
 Scenario = Callable[..., dict[str, Any]]

@@ -16,6 +16,7 @@ from bodysense.body.rigid import RigidTransform
 from bodysense.body.shape import SHORTEST as SHORTEST_ADULT
 from bodysense.body.shape import TALLEST as TALLEST_ADULT
 from bodysense.body.shape import Measured, ShapeEstimate, shape_space
+from bodysense.body.shape import stature as stature_of
 from bodysense.body.skeleton import Skeleton, skeleton_from_table
 from bodysense.errors import BodysenseError
 from bodysense.files import written_beside
@@ -115,6 +116,17 @@ class Person:
         object.__setattr__(self, "height", stature)
         object.__setattr__(self, "lengths", known)
         object.__setattr__(self, "hands", dict(hands or {}))
+
+    def __repr__(self) -> str:
+        known = "known proportions" if self.is_known else "inferred" if self.height is None else "known height"
+        worn = f", trackers on {', '.join(self.mounts)}" if self.mounts else ""
+        hands = f", hands calibrated: {', '.join(self.hands)}" if self.hands else ""
+        return f"Person({self.stature:.2f} m, {known}{worn}{hands})"
+
+    @cached_property
+    def stature(self) -> float:
+        """Height in metres of the crown above the soles, as believed."""
+        return float(stature_of(self.skeleton.rest_offset))
 
     @cached_property
     def is_known(self) -> bool:

@@ -38,6 +38,9 @@ class Skeleton:
     parents: tuple[int, ...]  # one per point: index of the joint it hangs on; -1 for the root
     rest_offset: np.ndarray = field(repr=False)  # (P, 3) m, from the parent joint, in the rest pose
 
+    def __repr__(self) -> str:
+        return f"Skeleton({len(self.joints)} joints, {len(self.end_sites)} end sites, {self.height:.2f} m)"
+
     def __post_init__(self) -> None:
         offset = np.array(self.rest_offset, dtype=np.float64)
         offset.setflags(write=False)

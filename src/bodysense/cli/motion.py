@@ -59,6 +59,7 @@ def simulate(
 
     from bodysense.body.glove_set import read_set
     from bodysense.cli.markers import write_seen
+    from bodysense.devices.simulated.device import MarkerGloves
     from bodysense.devices.simulated.device import simulate as simulated
     from bodysense.io.recording import Recording
 
@@ -67,8 +68,8 @@ def simulate(
     clip = load_clip(file, reading, rate)
     if marker_set is not None and device != "gloves":
         raise BodysenseError(f"--marker-set {marker_set}: for --device gloves, not for {device}; leave it out")
-    worn = None if marker_set is None else read_set(marker_set)
-    observation = simulated(clip, device, seed if noise else None, worn)
+    watching = device if marker_set is None else MarkerGloves(read_set(marker_set))
+    observation = simulated(clip, watching, seed if noise else None)
     write_seen(out, Recording(observation, clip.pose.skeleton), clip.frame_rate)
     tracked = (observation.has_position | observation.has_rotation).mean()
     Console().print(f"wrote {out}: {len(observation)} frames, {tracked:.0%} of points tracked", highlight=False)
@@ -337,8 +338,6 @@ def marker_lines(done: FilledMarkers, markers: MarkerSource) -> list[str]:
 
 def inferred_line(person: Person) -> str:
     """Return a line about the inferred proportions of a wearer."""
-    from bodysense.body.shape import stature
-
     if person.height is None:
-        return f"height {float(stature(person.skeleton.rest_offset)):.2f} m inferred"
+        return f"height {person.stature:.2f} m inferred"
     return f"height {person.height.value:.2f} m known, other proportions inferred"
