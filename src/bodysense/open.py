@@ -36,6 +36,7 @@ from bodysense.io.rigs.options import AS_FOUND, ReadingOptions
 from bodysense.io.smpl import PICKLES, USUAL_RATE, is_smpl, joint_places, read_smpl
 from bodysense.observation import Observation, in_our_world
 
+_MANY_KINDS = (".npz", ".npy")  # of motions, recordings or places of joints: their content tells
 MOTION_ENDINGS = (".bvh", ".npz", ".npy", *io_gltf.ENDINGS)
 Kind = Literal["motion", "recording", "markers", "video"]
 
@@ -134,6 +135,8 @@ def open_source(source: Source, reading: ReadingOptions = AS_FOUND, markers: Mar
     if isinstance(source, Observation):
         return _recording_source("observation", Recording(source, default_skeleton(), known=False), reading)
     path, kind = Path(source), kind_of(source)
+    if kind == "motion" and path.suffix.lower() not in _MANY_KINDS:
+        return _motion_source(path, reading, markers)
     if kind == "video":
         _check_video(str(source), reading, markers)
         return VideoSource(str(source))
@@ -143,6 +146,10 @@ def open_source(source: Source, reading: ReadingOptions = AS_FOUND, markers: Mar
         return _open_recording(path, reading, markers)
     if (joints := joint_places(path)) is not None:
         return _open_places(path, joints, reading, markers)
+    return _motion_source(path, reading, markers)
+
+
+def _motion_source(path: Path, reading: ReadingOptions, markers: MarkerOptions) -> MotionSource:
     if replace(markers, rate=None) != NO_OPTIONS:
         kinds = ", ".join(MARKER_ENDINGS)
         raise BodysenseError(f"{path}: a motion; --names, --unlabelled and their like are for markers, {kinds}")
@@ -155,6 +162,9 @@ def kind_of(source: str | Path) -> Kind:
     Raises BodysenseError, with the fix, for a file that does not exist and for kinds that are never read.
     """
     path = Path(source)
+    ending = path.suffix.lower()
+    if ending in MOTION_ENDINGS and ending not in _MANY_KINDS and path.is_file():
+        return "motion"
     if is_video(str(source)):
         return "video"
     if not path.is_file():
@@ -164,7 +174,7 @@ def kind_of(source: str | Path) -> Kind:
         return "markers"
     if is_recording(path):
         return "recording"
-    if path.suffix.lower() not in (*MOTION_ENDINGS, ZIP):
+    if ending not in (*MOTION_ENDINGS, ZIP):
         raise BodysenseError(f"{path}: unknown kind of file {path.suffix!r}; valid are {', '.join(MOTION_ENDINGS)}")
     return "motion"
 
@@ -206,7 +216,7 @@ _ELSEWHERE = {
 
 def _read_motion(path: Path, options: ReadingOptions, rate: float | None) -> tuple[Clip, tuple[str, ...]]:
     """Read a motion in canonical form, and lines on what was recognised; `rate` Hz if its file does not say it."""
-    if is_smpl(path):
+    if path.suffix.lower() in _MANY_KINDS and is_smpl(path):
         clip, remarks = read_smpl(path, rate)
         return as_told(clip, options, "results of SMPL", "y"), tuple(f"note: {remark}" for remark in remarks)
     if rate is not None:

@@ -42,8 +42,6 @@ def with_joints(observation: Observation, skeleton: Skeleton) -> Observation:
 
     Raises BodysenseError if the joint of a raw point is tracked, too.
     """
-    if RAW_POINTS.isdisjoint(observation.points):
-        return observation
     raw = [k for k, name in enumerate(observation.points) if name in RAW_POINTS]
     points = tuple(_DEVICES[name][0] if name in _DEVICES else name for name in observation.points)
     for k in raw:

@@ -10,7 +10,7 @@ from bodysense.devices.simulated.device import DEVICES, Device, simulate
 from bodysense.devices.video.pictures import open_video
 from bodysense.errors import BodysenseError
 from bodysense.io.recording import Recording
-from bodysense.observation import Observation, check_observation, concatenated_frames
+from bodysense.observation import RAW_POINTS, Observation, check_observation, concatenated_frames
 from bodysense.open import MotionSource, Opened, VideoSource
 from bodysense.raw_poses import with_joints
 
@@ -68,7 +68,9 @@ def _recorded(name: str, recording: Recording, person: Person | None, height: fl
         is_known = recording.known and height is None
         person = Person(recording.skeleton, hands=hands) if is_known else Person(height=height, hands=hands)
     _check(observation)
-    return Signal(name, with_joints(observation, person.skeleton), person)
+    if not RAW_POINTS.isdisjoint(observation.points):
+        observation = with_joints(observation, person.skeleton)
+    return Signal(name, observation, person)
 
 
 def refuse(name: str, kind: str, **options: object) -> None:

@@ -15,6 +15,7 @@ import numpy as np
 from bodysense.body.person import Person
 from bodysense.body.pose import Pose, forward_kinematics, standing_pose
 from bodysense.body.rotation import quaternion_to_matrix
+from bodysense.body.skeleton import ARM, LEG
 from bodysense.completion.model import CompletionModel
 from bodysense.devices.gloves.device import check_calibrated, glove_device, gloved_sides, has_gloves
 from bodysense.devices.simulated.device import Device
@@ -39,7 +40,6 @@ from bodysense.tracker import Tracker, TrackerSettings
 from bodysense.two_way import completed_both_ways, concatenated
 
 ANCHORS = ("head", "pelvis")  # what stays where it was measured, on whatever proportions; else what is measured most
-ARM, LEG = ("collar", "shoulder", "elbow", "wrist"), ("hip", "knee", "ankle", "foot", "toe")
 HANGING_ERROR = 0.26  # m: mean distance of walking people's wrists from hanging ones (20 validation clips of CMU)
 _FRAMES = 60  # that are completed in one call, between two reports of progress
 _USUAL_RATE = 30.0  # Hz, of a motion of one frame
@@ -166,11 +166,12 @@ def track(
     Raises BodysenseError, naming the source and the fix, for what cannot be tracked.
     """
     opened = open_source(source, reading)
+    completion = _Completion(settings, network, causal, advance)
     items = missing_items(missing) if missing else ()
     if isinstance(opened, MotionSource) and device is None:
         kind = "a motion whose holes are filled, which has a body of its own"
         refuse(opened.name, kind, person=person, height=height, noise=noise, follow=follow, roll=roll)
-        take = _filled(opened.with_holes(items), settings, network, causal, advance)
+        take = _filled(opened.with_holes(items), completion)
         return replace(take, source=opened.bvh, reading=opened.options)
     if items:
         other = f"leave --device {device} out" if device is not None else "give a motion, such as a .bvh file"
@@ -180,7 +181,7 @@ def track(
         check_world(seen, opened.name, unit=given.unit, up=given.up, floor=settings.floor)
     signal = signal_from(opened, device=device, person=person, height=height, noise=noise, follow=follow, roll=roll)
     try:
-        take = _tracked(signal, settings, network, causal, advance)
+        take = _tracked(signal, completion)
     except BodysenseError as error:
         text = str(error)
         raise error if signal.name in text else BodysenseError(f"{signal.name}: {text}") from None
@@ -217,75 +218,56 @@ def _is_above(name: str) -> bool:
     return name.rpartition("_")[2] not in ("pelvis", *LEG)
 
 
-def _filled(
-    partial: PartialMotion,
-    settings: TrackerSettings,
-    network: CompletionModel | None,
-    causal: bool,
-    advance: Callable[[int, int], None],
-) -> Take:
-    """A motion whose holes are filled."""
+@dataclass(frozen=True, eq=False)
+class _Completion:
+    """How a take is completed; fields as the arguments of `track`."""
+
+    settings: TrackerSettings
+    network: CompletionModel | None
+    causal: bool
+    advance: Callable[[int, int], None]
+
+
+def _filled(partial: PartialMotion, completion: _Completion) -> Take:
+    """Return a motion whose holes are filled."""
     clip = partial.clip
-    take = _tracked(
-        Signal(clip.name, observed(partial), Person(clip.pose.skeleton)), settings, network, causal, advance
-    )
+    take = _tracked(Signal(clip.name, observed(partial), Person(clip.pose.skeleton)), completion)
     partial = with_parts(partial, take.estimate.pose)
     rotation = filled(partial, take.estimate.pose)
-    rotation = on_feet(partial, rotation, take.estimate.contact, settings.floor)
+    rotation = on_feet(partial, rotation, take.estimate.contact, completion.settings.floor)
     file = None if partial.file is None else partial.file.with_rotation(rotation, partial.missing)
     whole = clip if partial.is_whole else replace(clip, pose=pose_of(partial, rotation))
     return replace(take, clip=whole, partial=partial, file=file)
 
 
-def _tracked(
-    signal: Signal,
-    settings: TrackerSettings,
-    network: CompletionModel | None,
-    causal: bool,
-    advance: Callable[[int, int], None],
-) -> Take:
-    observation, person = signal.observation, signal.person
+def _tracked(signal: Signal, completion: _Completion) -> Take:
+    observation, settings = signal.observation, completion.settings
     interval = _interval(observation, settings)
     _check_height(observation, settings.floor)
     if not signal.infer:
-        settings = replace(settings, infer=False)
-    complete = _completed_causally if causal else _completed
-    estimate, believed = complete(observation, person, settings, network, interval, advance)
-    pose = pose_on(estimate, believed)
-    clip = Clip(signal.name, pose, 1 / interval)
+        completion = replace(completion, settings=replace(settings, infer=False))
+    estimate, believed = _completed(observation, signal.person, completion, interval)
+    clip = Clip(signal.name, pose_on(estimate, believed), 1 / interval)
     return Take(at_constant_rate(clip, observation.time), estimate, believed, observation.time)
 
 
-def _completed_causally(
-    observation: Observation,
-    person: Person,
-    settings: TrackerSettings,
-    network: CompletionModel | None,
-    interval: float,
-    advance: Callable[[int, int], None],
+def _completed(
+    observation: Observation, person: Person, completion: _Completion, interval: float
 ) -> tuple[Estimate, Person]:
-    """What a live session shows, and the person as believed at its end."""
-    tracker = Tracker(person, network=network, settings=settings)
+    """Return the body, and the person as believed at the end; causal: as a live session outputs them."""
+    if not completion.causal:
+        points = concatenated_frames(list(_body_points(observation, person)))
+        return completed_both_ways(
+            points, person, completion.network, completion.settings, interval, completion.advance
+        )
+    tracker = Tracker(person, network=completion.network, settings=completion.settings)
     state, parts, done = tracker.start(), [], 0
     for frames in _body_points(observation, person):
         estimate, state = tracker.step(frames, state)
         parts.append(estimate)
         done += len(frames)
-        advance(done, len(observation))
+        completion.advance(done, len(observation))
     return concatenated(parts), state.person()
-
-
-def _completed(
-    observation: Observation,
-    person: Person,
-    settings: TrackerSettings,
-    network: CompletionModel | None,
-    interval: float,
-    advance: Callable[[int, int], None],
-) -> tuple[Estimate, Person]:
-    """The body with past and future, and the person as believed after all frames."""
-    points = concatenated_frames(list(_body_points(observation, person)))
-    return completed_both_ways(points, person, network, settings, interval, advance)
 
 
 def _body_points(observation: Observation, person: Person) -> Iterator[Observation]:

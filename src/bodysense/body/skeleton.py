@@ -20,6 +20,8 @@ BODY = (
     "right_shoulder", "left_elbow", "right_elbow", "left_wrist", "right_wrist",
 )
 # fmt: on
+ARM = ("collar", "shoulder", "elbow", "wrist")  # the joints that turn collar, upper arm, forearm and hand
+LEG = ("hip", "knee", "ankle", "foot", "toe")  # the last is an end site
 # The lower body among them as in AGRoL (Du et al. 2023); hands are the wrists.
 LOWER_BODY = tuple(name for name in BODY if name.split("_")[-1] in ("pelvis", "hip", "knee", "ankle", "foot"))
 

@@ -91,8 +91,8 @@ def track(  # noqa: PLR0915
     samples: int | None = None,
     seed: int = 1,
     json: Path | None = None,
-    gloves: Annotated[MarkerOptions, tyro.conf.arg(name="")] = NO_OPTIONS,
-    video: Annotated[VideoOptions, tyro.conf.arg(name="")] = NO_VIDEO,
+    markers: Annotated[MarkerOptions, tyro.conf.OmitArgPrefixes] = NO_OPTIONS,
+    video: Annotated[VideoOptions, tyro.conf.OmitArgPrefixes] = NO_VIDEO,
     reading: Reading = AS_FOUND,
 ) -> None:
     """Complete a recording, a video, a motion with holes, or one seen by a simulated device; write BVH, glTF or VRMA.
@@ -141,7 +141,7 @@ def track(  # noqa: PLR0915
 
     markers_out = is_marker_file(out)
     _check_outputs(file, out, None if markers_out else rig, save_person, json)
-    opened = open_recorded(file, reading, gloves, fingers=fingers == "synthesize")
+    opened = open_recorded(file, reading, markers, fingers=fingers == "synthesize")
     if isinstance(opened, VideoSource) and person is not None and str(person).isdecimal() and not person.exists():
         raise BodysenseError(f"{file}: --person {person}: no such wearer's file; --follow {person} follows that person")
     wearer, seeded = person_of(person, reading.height), seed if noise else None
