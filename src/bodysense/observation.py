@@ -195,14 +195,14 @@ def _of_named(
     for point, values, size in given:
         columns[size][..., points.index(point), :] = values
     places, turns = columns[3], columns[4]
-    known = ~np.isnan(places).all(axis=-1)
+    known, turned = (np.asarray(~np.isnan(values).all(axis=-1)) for values in (places, turns))
     usual = usual_accuracy(points) if accuracy is None else accuracy
     return Observation(
         points,
         places,
         turns,
         known,
-        ~np.isnan(turns).all(axis=-1),
+        turned,
         accuracy_like(known, usual),
         np.arange(lead[-1]) / rate if time is None else np.asarray(time, dtype=float),
     )
