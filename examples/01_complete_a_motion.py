@@ -3,21 +3,17 @@
 import tempfile
 from pathlib import Path
 
-import numpy as np
-
 import bodysense as bs
-from bodysense.body.pose import forward_kinematics
-from bodysense.demo import packaged_performance
 
-clip = packaged_performance()  # or: bs.read("mine.bvh")
+clip = bs.demo.packaged_performance()  # or: bs.read("mine.bvh")
 take = bs.track(clip, device="headset_camera")  # a recording of a real device: bs.track("take.npz")
 
 with tempfile.TemporaryDirectory() as folder:
     take.save(Path(folder) / "result.bvh")  # or .glb, .vrma
 
-truth, _ = forward_kinematics(clip.pose)
-result, _ = forward_kinematics(take.clip.pose)
+truth, _ = bs.forward_kinematics(clip.pose)
+result, _ = bs.forward_kinematics(take.clip.pose)
 hidden = ~take.estimate.measured
-error = np.linalg.norm(result - truth, axis=-1)
-print(f"{hidden.mean():.0%} of points were hidden; they came out {100 * error[hidden].mean():.1f} cm from the truth,")
+error = bs.metrics.joint_error(result, truth)  # cm
+print(f"{hidden.mean():.0%} of points were hidden; they came out {error[hidden].mean():.1f} cm from the truth,")
 print(f"and {100 * take.estimate.confidence[hidden].mean():.1f} cm were expected")

@@ -1,7 +1,5 @@
 """Complete one frame at a time, as they come from a device that tracks a head and, at times, two wrists."""
 
-import numpy as np
-
 import bodysense as bs
 
 tracker = bs.Tracker(bs.Person(height=1.80))  # or bs.Person(): the height is inferred, too
@@ -15,6 +13,5 @@ for frame in range(90):  # 90 Hz, one second
     }
     estimate, state = tracker.step(bs.observe(frame / 90, poses), state)
     if frame % 30 == 29:
-        lost = estimate.pose.skeleton.index("left_wrist")
-        place, doubt = estimate.points[0, lost], estimate.confidence[0, lost]
-        print(f"{frame / 90:.2f} s: left wrist at {np.round(place, 2)} ± {100 * doubt:.1f} cm")
+        wrist = estimate["left_wrist"]
+        print(f"{frame / 90:.2f} s: left wrist at {wrist.position[0].round(2)} ± {100 * wrist.confidence[0]:.1f} cm")

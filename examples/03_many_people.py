@@ -2,14 +2,9 @@
 
 from dataclasses import replace
 
-import numpy as np
-
 import bodysense as bs
-from bodysense.demo import packaged_performance
-from bodysense.devices.simulated.device import simulate
-from bodysense.tracker import step_together
 
-seen = simulate(packaged_performance(), "three_point")
+seen = bs.simulate(bs.demo.packaged_performance(), "three_point")
 trackers = [bs.Tracker(bs.Person(height=height)) for height in (1.60, 1.75, 1.90)]
 states = [tracker.start() for tracker in trackers]
 
@@ -18,8 +13,8 @@ for k in range(60):
     # Each wearer has a clock and sensors of their own; here the third has no controllers.
     frames = [replace(seen[k : k + 1], time=seen.time[k : k + 1] + start) for start in (0.0, 7.5, 1.7e9)]
     frames[2].has_position[:, 1:] = frames[2].has_rotation[:, 1:] = False
-    done = step_together(list(zip(trackers, frames, states, strict=True)))
+    done = bs.step_together(list(zip(trackers, frames, states, strict=True)))
     estimates, states = [estimate for estimate, _ in done], [state for _, state in done]
 
 for estimate in estimates:
-    print("pelvis at", np.round(estimate.pose.root_position[0], 2))
+    print("pelvis at", estimate["pelvis"].position[0].round(2))

@@ -219,7 +219,7 @@ def filmed() -> tuple[np.ndarray, Clip]:
     from bodysense.body.rotation import quaternion_exp, quaternion_multiply, quaternion_rotate
     from bodysense.demo import packaged_performance
     from bodysense.pictures.animation import draw_pose
-    from bodysense.pictures.sheet import Lens, frame_shot
+    from bodysense.pictures.sheet import Lens, follow_body
 
     clip = packaged_performance()
     pose = clip.pose[440:464:3]  # the performer stands, and was turned by 2.28 rad: turn it to the camera
@@ -228,8 +228,8 @@ def filmed() -> tuple[np.ndarray, Clip]:
     rotation[:, 0] = quaternion_multiply(np.broadcast_to(turn, rotation[:, 0].shape), rotation[:, 0])
     root = quaternion_rotate(np.broadcast_to(turn, rotation[:, 0].shape), pose.root_position)
     clip = replace(clip, pose=replace(pose, rotation=rotation, root_position=np.asarray(root)), frame_rate=15.0)
-    lens = Lens(width=320, height=320, distance=3.0, eye=1.35, aim=1.15, shown=1.5, azimuth=0.15)
-    return np.stack(list(draw_pose(clip.pose, frame_shot(clip.pose, 15.0, lens)))), clip
+    lens = Lens(width=320, height=320, distance=3.0, eye=1.35, aim=1.15, view_height=1.5, azimuth=0.15)
+    return np.stack(list(draw_pose(clip.pose, follow_body(clip.pose, 15.0, lens)))), clip
 
 
 @pytest.fixture(scope="session")

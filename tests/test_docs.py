@@ -142,6 +142,7 @@ def in_gloves(patch: pytest.MonkeyPatch) -> dict[str, Any]:
 
 CONTEXTS: dict[str, Callable[[pytest.MonkeyPatch], dict[str, Any]]] = {
     "README": in_readme,
+    "avatars": lambda _: {},
     "api": in_api,
     "pahmt": in_arms,
     "coming-from": lambda _: {},
@@ -195,8 +196,8 @@ def test_commands_have_their_options(page: Path, capsys: pytest.CaptureFixture[s
 
 
 def test_the_api_page_has_every_public_name() -> None:
-    shown = set(re.findall(r"^::: bodysense\.(\w+)$", (ROOT / "docs" / "api.md").read_text(), re.MULTILINE))
-    assert shown == set(bs.__all__)
+    listed = set(re.findall(r"^::: bodysense\.(\w+)$", (ROOT / "docs" / "api.md").read_text(), re.MULTILINE))
+    assert listed == set(bs.__all__)
 
 
 def test_links_lead_somewhere() -> None:

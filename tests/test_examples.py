@@ -1,8 +1,10 @@
-"""Every example runs, and says something."""
+"""Every example runs, prints, and needs the package `bodysense` alone."""
 
 from __future__ import annotations
 
+import ast
 import runpy
+import sys
 from pathlib import Path
 
 import pytest
@@ -18,3 +20,12 @@ def test_there_are_examples() -> None:
 def test_example(example: Path, capsys: pytest.CaptureFixture[str]) -> None:
     runpy.run_path(str(example), run_name="__main__")
     assert capsys.readouterr().out.strip()
+
+
+@pytest.mark.parametrize("example", EXAMPLES, ids=lambda path: path.stem)
+def test_examples_need_the_front_door_alone(example: Path) -> None:
+    nodes = list(ast.walk(ast.parse(example.read_text(encoding="utf-8"))))
+    names = {alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names}
+    names |= {node.module or "" for node in nodes if isinstance(node, ast.ImportFrom)}
+    assert "bodysense" in names
+    assert names - sys.stdlib_module_names <= {"bodysense", "numpy"}

@@ -16,12 +16,12 @@ from bodysense.body.retarget import side_clearance
 from bodysense.body.rotation import geodesic_angle
 from bodysense.demo import packaged_performance
 from bodysense.errors import BodysenseError
-from bodysense.filling import filled, observed, on_feet, open_holed
+from bodysense.estimate import CONTACT_POINTS
+from bodysense.filling import filled, observed, on_feet, open_partial
 from bodysense.io.bvh import read_bvh, write_bvh
 from bodysense.io.bvh_stream import BvhLines, open_bvh
 from bodysense.io.clip import Clip
 from bodysense.io.holes import missing_items
-from bodysense.observation import CONTACT_POINTS
 from bodysense.open import MotionSource, open_source
 from bodysense.take import track
 
@@ -62,10 +62,10 @@ def test_the_rest_is_kept_bit_for_bit(take: Path, tmp_path: Path, missing: str) 
     done = track(take, missing=missing)
     done.save(tmp_path / "out.bvh")
     before, after = open_bvh(take), open_bvh(tmp_path / "out.bvh")
-    assert done.holed is not None
+    assert done.partial is not None
     assert before.head == after.head
-    assert not (changed_channels(before, after) & ~done.holed.holes).any()
-    for old, new, touched in zip(before.lines, after.lines, np.asarray(done.holed.holes.any(axis=1)), strict=True):
+    assert not (changed_channels(before, after) & ~done.partial.holes).any()
+    for old, new, touched in zip(before.lines, after.lines, np.asarray(done.partial.holes.any(axis=1)), strict=True):
         assert touched or old == new
     np.testing.assert_allclose(points(motion_of(tmp_path / "out.bvh")), points(done.clip), atol=2e-4)
 
@@ -87,7 +87,7 @@ def test_a_filled_limb_is_near_does_not_jump_and_keeps_its_bones(take: Path, ste
 
 
 def test_what_is_there_is_observed_exactly(take: Path, steps: Clip) -> None:
-    seen = observed(open_holed(take, missing_items("left_elbow:10-20")))
+    seen = observed(open_partial(take, missing_items("left_elbow:10-20")))
     skeleton = steps.pose.skeleton
     hidden = {name for name, has in zip(seen.points, seen.has_position[15], strict=True) if not has}
     assert {"left_wrist", "left_index1", "left_thumb_tip"} <= hidden
@@ -109,11 +109,11 @@ def test_holes_are_found_in_the_file(take: Path, tmp_path: Path) -> None:
     for row in range(start + 60, start + 65):
         words = text[row].split()
         text[row] = " ".join([*words[:knee], "nan", *words[knee + 1 :]])
-    holed = tmp_path / "holed.bvh"
-    holed.write_text("\n".join(text) + "\n")
-    done = track(holed)
-    assert done.holed is not None
-    missing = {(file.joints[j], int(t)) for t, j in np.argwhere(done.holed.holes)}
+    partial = tmp_path / "partial.bvh"
+    partial.write_text("\n".join(text) + "\n")
+    done = track(partial)
+    assert done.partial is not None
+    missing = {(file.joints[j], int(t)) for t, j in np.argwhere(done.partial.holes)}
     assert {("left_elbow", 30), ("right_knee", 62)} <= missing
     done.save(tmp_path / "out.bvh")
     truth, found = open_bvh(take), open_bvh(tmp_path / "out.bvh")
@@ -121,7 +121,7 @@ def test_holes_are_found_in_the_file(take: Path, tmp_path: Path) -> None:
     assert np.rad2deg(geodesic_angle(truth.rotation, found.rotation))[60:65, knee_joint].max() < 5
     assert not np.isnan(found.values).any()
     whole = track(tmp_path / "out.bvh")
-    assert whole.holed is not None and whole.holed.is_whole
+    assert whole.partial is not None and whole.partial.is_whole
 
 
 def test_the_root_comes_back_between_what_is_known(take: Path, steps: Clip, tmp_path: Path) -> None:
@@ -134,8 +134,8 @@ def test_the_root_comes_back_between_what_is_known(take: Path, steps: Clip, tmp_
 def test_a_motion_in_memory_and_the_front_door(steps: Clip, tmp_path: Path) -> None:
     done = bodysense.track(steps, missing=("left_hand", "right_forearm+:10-20"))
     kept = np.ones(done.clip.pose.rotation.shape[:2], dtype=bool)
-    assert done.holed is not None and done.file is None
-    kept &= ~done.holed.holes
+    assert done.partial is not None and done.file is None
+    kept &= ~done.partial.holes
     np.testing.assert_array_equal(done.clip.pose.rotation[kept], steps.pose.rotation[kept])
     done.save(tmp_path / "out.bvh")
     assert len(read_bvh(tmp_path / "out.bvh")) == len(steps)
@@ -168,11 +168,11 @@ def test_missing_is_for_motions(take: Path, steps: Clip) -> None:
 
 def test_filled_feet_that_stand_do_not_slide(steps: Clip) -> None:
     """Beside legs that are filled and left as they are; frames and joints that are known keep every bit."""
-    holed = open_holed(steps, missing_items("left_hip+:20-60"))
+    partial = open_partial(steps, missing_items("left_hip+:20-60"))
     done = track(steps, missing="left_hip+:20-60")
-    contact, rotation = done.estimate.contact, filled(holed, done.estimate.pose)
-    held, free = (on_feet(holed, rotation, chance, 0.0) for chance in (contact, np.zeros_like(contact)))
-    np.testing.assert_array_equal(held[~holed.missing], holed.rotation[~holed.missing])
+    contact, rotation = done.estimate.contact, filled(partial, done.estimate.pose)
+    held, free = (on_feet(partial, rotation, chance, 0.0) for chance in (contact, np.zeros_like(contact)))
+    np.testing.assert_array_equal(held[~partial.missing], partial.rotation[~partial.missing])
     rests = contact[:, [CONTACT_POINTS.index("left_ankle"), CONTACT_POINTS.index("left_foot")]].max(axis=1) > 0.6
     both = rests[21:60] & rests[20:59]
     ball = steps.pose.skeleton.index("left_foot")
@@ -188,7 +188,7 @@ def test_a_whole_motion_is_written_unchanged(take: Path, steps: Clip, tmp_path: 
     done = track(take)
     done.save(tmp_path / "out.bvh")
     assert (tmp_path / "out.bvh").read_bytes() == take.read_bytes()
-    assert done.holed is not None and done.holed.is_whole
+    assert done.partial is not None and done.partial.is_whole
     in_memory = track(steps)
     np.testing.assert_array_equal(in_memory.clip.pose.rotation, steps.pose.rotation)
 
@@ -204,8 +204,8 @@ def test_a_range_holds_for_the_names_before_it() -> None:
 def test_frames_are_counted_per_joint(take: Path) -> None:
     from bodysense.cli.motion import holes_line
 
-    holed = open_holed(take, missing_items("left_elbow,left_wrist:10-20,head:5-6"))
-    assert holes_line(holed) == "filled frames, of 80: left_wrist 11, left_elbow 11, head 2"
+    partial = open_partial(take, missing_items("left_elbow,left_wrist:10-20,head:5-6"))
+    assert holes_line(partial) == "filled frames, of 80: left_wrist 11, left_elbow 11, head 2"
 
 
 @pytest.mark.parametrize(("change", "said"), [(lambda text: text.encode("utf-16"), "UTF-16"), (gzip.compress, "gzip")])

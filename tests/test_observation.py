@@ -11,11 +11,11 @@ import pytest
 from bodysense.body.pose import forward_kinematics, rest_pose
 from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError
+from bodysense.estimate import Estimate
 from bodysense.observation import (
     HEADSET_ACCURACY,
     OPTICAL_ACCURACY,
     TRACKER_ACCURACY,
-    Estimate,
     Observation,
     accuracy_like,
     check_observation,

@@ -35,7 +35,7 @@ def test_every_kind_is_opened_as_what_it_is(tmp_path: Path, waving_clip: Clip) -
     in_memory = open_source(waving_clip)
     assert isinstance(in_memory, MotionSource) and in_memory.clip is waving_clip and in_memory.bvh is None
     frames = open_source(seen)
-    assert isinstance(frames, RecordingSource) and not frames.recording.told
+    assert isinstance(frames, RecordingSource) and not frames.recording.known
 
 
 def test_options_are_those_of_the_kind(tmp_path: Path, waving_clip: Clip) -> None:

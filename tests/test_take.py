@@ -103,7 +103,7 @@ def test_what_is_known_of_the_wearer(three_points: Observation, tmp_path: Path) 
     assert track(path, person=Person(default_skeleton())).person.skeleton.height == pytest.approx(
         default_skeleton().height
     )
-    write_recording(path, Recording(three_points, default_skeleton(), told=False))
+    write_recording(path, Recording(three_points, default_skeleton(), known=False))
     nobody = track(path).person
     assert nobody.bone_deviation.any()
     nobody.save(tmp_path / "me.json")
@@ -257,10 +257,10 @@ def test_a_video_of_nobody(pictures: Path) -> None:
 
 def test_reading_and_writing(short: Clip, three_points: Observation, tmp_path: Path) -> None:
     write(tmp_path / "a.bvh", short)
-    write(tmp_path / "a.jsonl", Recording(three_points, default_skeleton(), told=False))
+    write(tmp_path / "a.jsonl", Recording(three_points, default_skeleton(), known=False))
     clip, recording = read(tmp_path / "a.bvh"), read(tmp_path / "a.jsonl")
     assert isinstance(clip, Clip) and len(clip) == 40
-    assert isinstance(recording, Recording) and not recording.told
+    assert isinstance(recording, Recording) and not recording.known
     with pytest.raises(BodysenseError, match="complete it first"):
         write(tmp_path / "b.bvh", recording)
 

@@ -13,8 +13,9 @@ from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.skeleton import default_skeleton
 from bodysense.devices.simulated.device import simulate
 from bodysense.devices.simulated.noise import hide
+from bodysense.estimate import Estimate
 from bodysense.io.clip import Clip
-from bodysense.observation import Estimate, Observation
+from bodysense.observation import Observation
 from bodysense.tracker import Tracker, TrackerSettings
 from bodysense.two_way import TwoWayTracker, found_person, reversed_in_time
 

@@ -11,52 +11,84 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from bodysense import demo, metrics
     from bodysense.body.person import Person
-    from bodysense.body.pose import Pose
-    from bodysense.body.skeleton import Skeleton
+    from bodysense.body.pose import Pose, forward_kinematics
+    from bodysense.body.skeleton import Skeleton, default_skeleton
     from bodysense.conversion import convert
+    from bodysense.devices.gloves.device import glove_device
+    from bodysense.devices.simulated.device import Device, simulate
+    from bodysense.errors import BodysenseError
+    from bodysense.estimate import Estimate
     from bodysense.io.clip import Clip
-    from bodysense.observation import Estimate, Observation, observe
+    from bodysense.io.recording import Recording
+    from bodysense.io.rigs.options import ReadingOptions
+    from bodysense.observation import Observation, observe
     from bodysense.reading import read, write
     from bodysense.take import Take, track
-    from bodysense.tracker import Tracker
+    from bodysense.tracker import Tracker, TrackerSettings, step_together
 
 __version__ = "0.1.0"
 __all__ = [
+    "BodysenseError",
     "Clip",
+    "Device",
     "Estimate",
     "Observation",
     "Person",
     "Pose",
+    "ReadingOptions",
+    "Recording",
     "Skeleton",
     "Take",
     "Tracker",
+    "TrackerSettings",
     "convert",
+    "default_skeleton",
+    "demo",
+    "forward_kinematics",
+    "glove_device",
+    "metrics",
     "observe",
     "read",
+    "simulate",
+    "step_together",
     "track",
     "write",
 ]
 
 # Where each name lives; its module is imported when the name is first used.
 _HOMES = {
+    "BodysenseError": "errors",
     "Clip": "io.clip",
-    "Estimate": "observation",
+    "Device": "devices.simulated.device",
+    "Estimate": "estimate",
     "Observation": "observation",
     "Person": "body.person",
     "Pose": "body.pose",
+    "ReadingOptions": "io.rigs.options",
+    "Recording": "io.recording",
     "Skeleton": "body.skeleton",
     "Take": "take",
     "Tracker": "tracker",
+    "TrackerSettings": "tracker",
     "convert": "conversion",
+    "default_skeleton": "body.skeleton",
+    "forward_kinematics": "body.pose",
+    "glove_device": "devices.gloves.device",
     "observe": "observation",
     "read": "reading",
+    "simulate": "devices.simulated.device",
+    "step_together": "tracker",
     "track": "take",
     "write": "reading",
 }
+_MODULES = ("demo", "metrics")  # public as modules
 
 
 def __getattr__(name: str) -> Any:
+    if name in _MODULES:
+        return import_module(f"bodysense.{name}")
     if name not in _HOMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     value = getattr(import_module(f"bodysense.{_HOMES[name]}"), name)

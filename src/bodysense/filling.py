@@ -24,14 +24,15 @@ from bodysense.body.rotation import (
     quaternion_multiply,
 )
 from bodysense.errors import BodysenseError
+from bodysense.estimate import CONTACT_POINTS
 from bodysense.io.bvh_stream import BvhLines, open_bvh
 from bodysense.io.clip import Clip, part_joints
 from bodysense.io.fingers import is_finger
-from bodysense.io.holes import Missing, flat_lined, told_missing
+from bodysense.io.holes import Missing, flat_lined, missing_mask
 from bodysense.io.rigs.options import AS_FOUND, ReadingOptions
 from bodysense.io.rigs.rigged import read_rigged
 from bodysense.io.rigs.source_joints import SourceJoints, joints_of_file, own_joints
-from bodysense.observation import CONTACT_POINTS, EXACT_ACCURACY, Observation
+from bodysense.observation import EXACT_ACCURACY, Observation
 
 Array = np.ndarray
 # s from known frames at which the tracker's prediction and interpolation have equal weight: legs depend most on the
@@ -43,7 +44,7 @@ SHORT = 0.3  # s: in shorter gaps a leg is not corrected for the floor, because 
 
 
 @dataclass(frozen=True, eq=False)
-class Holed:
+class PartialMotion:
     """A motion with missing parts."""
 
     clip: Clip  # on our joints; arbitrary where missing
@@ -59,7 +60,7 @@ class Holed:
         return not self.holes.any() and not self.clip.lacks
 
 
-def open_holed(source: Path | Clip, missing: Sequence[Missing], options: ReadingOptions = AS_FOUND) -> Holed:
+def open_partial(source: Path | Clip, missing: Sequence[Missing], options: ReadingOptions = AS_FOUND) -> PartialMotion:
     """Open a BVH file or a clip with its holes: given missing joints, and values that are not numbers.
 
     If no missing joints are given, limbs with constant values in the file are missing.
@@ -67,19 +68,19 @@ def open_holed(source: Path | Clip, missing: Sequence[Missing], options: Reading
     Raises BodysenseError for invalid items, and if a joint that carries the whole body is missing in all frames.
     """
     if isinstance(source, Path):
-        return _holed_file(source, missing, options)
+        return _partial_file(source, missing, options)
     clip = source
     lacking = part_joints(clip.lacks, clip.pose.skeleton.joints)
     rig, whole = own_joints(clip.pose.skeleton, lacking), np.asarray(clip.pose.rotation, dtype=float)
-    holes = told_missing(missing, rig.joints, rig.parents, len(clip), rig.ours)
+    holes = missing_mask(missing, rig.joints, rig.parents, len(clip), rig.ours)
     rotation, rest = _rooted(clip.name, rig, whole, holes, 1 / clip.frame_rate)
-    return Holed(replace(clip, pose=replace(clip.pose, rotation=rotation)), rig, rotation, holes, rest)
+    return PartialMotion(replace(clip, pose=replace(clip.pose, rotation=rotation)), rig, rotation, holes, rest)
 
 
-def _holed_file(path: Path, missing: Sequence[Missing], options: ReadingOptions) -> Holed:
+def _partial_file(path: Path, missing: Sequence[Missing], options: ReadingOptions) -> PartialMotion:
     file = open_bvh(path)
     clip, rig = _read(file, options)
-    holes = told_missing(missing, file.joints, file.parents, len(file.lines), rig.ours) | ~file.has_number
+    holes = missing_mask(missing, file.joints, file.parents, len(file.lines), rig.ours) | ~file.has_number
     if not missing:
         holes |= flat_lined(file, rig)
     rotation, rest = _rooted(str(path), rig, file.rotation, holes, file.interval)
@@ -87,7 +88,7 @@ def _holed_file(path: Path, missing: Sequence[Missing], options: ReadingOptions)
     if rooted.any():
         file = file.without_places(rooted).mended.with_rotation(rotation, rooted)
         clip, rig = _read(file, options)
-    return Holed(clip, rig, rotation, holes, rest, file)
+    return PartialMotion(clip, rig, rotation, holes, rest, file)
 
 
 def _read(file: BvhLines, options: ReadingOptions) -> tuple[Clip, SourceJoints]:
@@ -110,11 +111,11 @@ def _rooted(name: str, rig: SourceJoints, rotation: Array, holes: Array, seconds
     return rotation, holes
 
 
-def observed(holed: Holed) -> Observation:
+def observed(motion: PartialMotion) -> Observation:
     """Return the known parts as exact points of our skeleton."""
-    clip, skeleton = holed.clip, holed.clip.pose.skeleton
+    clip, skeleton = motion.clip, motion.clip.pose.skeleton
     position, rotation = (np.asarray(part) for part in forward_kinematics(clip.pose))
-    has_position, turned = holed.rig.seen(~holed.missing)
+    has_position, turned = motion.rig.seen(~motion.missing)
     has_rotation = np.zeros_like(has_position)
     has_rotation[:, : len(skeleton.joints)] = turned
     rotation = np.concatenate([rotation, np.full((len(clip), len(skeleton.end_sites), 4), np.nan)], axis=1)
@@ -129,13 +130,13 @@ def observed(holed: Holed) -> Observation:
     )
 
 
-def filled(holed: Holed, estimate: Pose) -> Array:
+def filled(motion: PartialMotion, estimate: Pose) -> Array:
     """Return local rotations (T, J, 4) of the motion's joints: unchanged if known, else filled.
 
     `estimate` (T,) is the completed body on our joints. A joint that we do not have is interpolated over the gap.
     """
-    rig, missing, seconds = holed.rig, holed.missing, 1 / holed.clip.frame_rate
-    guessed, local = rig.world(estimate), np.array(holed.rotation)
+    rig, missing, seconds = motion.rig, motion.missing, 1 / motion.clip.frame_rate
+    guessed, local = rig.world(estimate), np.array(motion.rotation)
     world = np.zeros_like(local)
     for joint, parent in enumerate(rig.parents):
         above = world[:, parent] if parent >= 0 else np.broadcast_to([1.0, 0.0, 0.0, 0.0], world[:, joint].shape)
@@ -149,17 +150,17 @@ def filled(holed: Holed, estimate: Pose) -> Array:
     return local
 
 
-def on_feet(holed: Holed, rotation: Array, contact: Array, floor: float) -> Array:
+def on_feet(motion: PartialMotion, rotation: Array, contact: Array, floor: float) -> Array:
     """Bend the filled legs of a motion (T, J, 4) so that feet stand still and no sole is too low.
 
     A foot stands if `contact` (T, 4), the probability that each of `CONTACT_POINTS` rests on something, is high. A
     sole is no lower than in known frames; without any it is over the floor, height `floor` m.
     """
-    rig, pose, skeleton = holed.rig, pose_of(holed, rotation), holed.clip.pose.skeleton
-    bent = np.zeros_like(holed.missing)
+    rig, pose, skeleton = motion.rig, pose_of(motion, rotation), motion.clip.pose.skeleton
+    bent = np.zeros_like(motion.missing)
     for side in ("left", "right"):
         leg = [rig.ours.get(f"{side}_{part}", -1) for part in ("hip", "knee", "ankle")]
-        gone = _long(np.asarray(holed.missing[:, leg].all(axis=1)), SHORT * holed.clip.frame_rate) & (min(leg) >= 0)
+        gone = _long(np.asarray(motion.missing[:, leg].all(axis=1)), SHORT * motion.clip.frame_rate) & (min(leg) >= 0)
         if not gone.any():
             continue
         position = np.asarray(forward_kinematics(pose)[0])
@@ -171,7 +172,7 @@ def on_feet(holed: Holed, rotation: Array, contact: Array, floor: float) -> Arra
             position[:, skeleton.indices(resting)],
             contact[:, [CONTACT_POINTS.index(name) for name in resting]],
             gone,
-            1 / holed.clip.frame_rate,
+            1 / motion.clip.frame_rate,
         )
         shift[:, 1] = rise
         pose = reaching(pose, f"{side}_ankle", position[:, skeleton.index(f"{side}_ankle")] + shift)
@@ -215,24 +216,24 @@ def _long(gone: Array, fewest: float) -> Array:
     return result
 
 
-def with_parts(holed: Holed, estimate: Pose) -> Holed:
+def with_parts(motion: PartialMotion, estimate: Pose) -> PartialMotion:
     """Take missing legs, arms or head of the motion from the completed body (T,)."""
-    clip, skeleton = holed.clip, holed.clip.pose.skeleton
-    own = [skeleton.index(name) for name in part_joints(clip.lacks, skeleton.joints) if name not in holed.rig.ours]
+    clip, skeleton = motion.clip, motion.clip.pose.skeleton
+    own = [skeleton.index(name) for name in part_joints(clip.lacks, skeleton.joints) if name not in motion.rig.ours]
     rotation = np.array(clip.pose.rotation)
     rotation[:, own] = estimate.rotation[:, own]
     clip = replace(clip, pose=replace(clip.pose, rotation=rotation))
-    return replace(holed, clip=clip, rotation=holed.rotation if holed.file is not None else rotation)
+    return replace(motion, clip=clip, rotation=motion.rotation if motion.file is not None else rotation)
 
 
-def pose_of(holed: Holed, rotation: Array) -> Pose:
+def pose_of(motion: PartialMotion, rotation: Array) -> Pose:
     """Return the filled motion (T, J, 4) on our joints."""
-    clip, rig = holed.clip, holed.rig
+    clip, rig = motion.clip, motion.rig
     skeleton = clip.pose.skeleton
-    if holed.file is None:  # the motion is on our joints
+    if motion.file is None:  # the motion is on our joints
         return Pose(skeleton, clip.pose.root_position, rotation)
     own = np.asarray(forward_kinematics(clip.pose)[1])
-    seen = rig.seen(~holed.missing)[1]
+    seen = rig.seen(~motion.missing)[1]
     found = rig.ours_world(rotation)
     world = np.zeros_like(own)
     for joint, name in enumerate(skeleton.joints):

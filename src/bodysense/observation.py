@@ -1,17 +1,20 @@
-"""The waist: everything that tracks becomes an Observation, everything that completes returns an Estimate."""
+"""The observation: named points over time, which everything that tracks becomes; its construction and its checks."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import isfinite, isnan
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from bodysense.body.hand import glove_marker
-from bodysense.body.pose import Pose
 from bodysense.body.skeleton import Skeleton
 from bodysense.errors import BodysenseError
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
 
 # Points whose inertial sensors' acceleration is heeded, and toward which point along the bone each is strapped; None:
 # at the joint itself.
@@ -34,7 +37,6 @@ STRAPPED = tuple(STRAPPED_TOWARD)
 UNIT_TOLERANCE = 0.01  # how far from 1 the length of a quaternion may be
 STRONGEST = 1000.0  # m/s²: no sensor on a body measures more
 FARTHEST = 1000.0  # m from the origin: beyond it single precision is too coarse for a body
-CONTACT_POINTS = ("left_ankle", "right_ankle", "left_foot", "right_foot")  # the feet are the balls
 
 # Expected error (m) of a measured position by kind of device, where the device does not give its own.
 EXACT_ACCURACY = 0.001  # the true motion, simulated devices without noise
@@ -43,7 +45,17 @@ OPTICAL_ACCURACY = 0.001  # markers of optical motion capture
 TRACKER_ACCURACY = 0.01  # trackers on the body: clothes and skin move under the strap
 CAMERA_ACCURACY = 0.01  # hands and joints seen by the cameras of a headset
 LANDMARK_ACCURACY = 0.05  # landmarks of a video
-_HEADSET_POINTS = {"head", "left_wrist", "right_wrist", "headset", "left_controller", "right_controller"}
+RAW_POINTS = frozenset(("headset", "left_controller", "right_controller"))  # poses of devices, not of joints
+_HEADSET_POINTS = {"head", "left_wrist", "right_wrist", *RAW_POINTS}
+
+_HEADS = ("head", "headset")
+_HIGHEST_HEAD = 20.0  # m above the floor: a higher one, alone, is taken for one in another unit
+_WIDEST = 4.0  # m from the head to the middle of the other points, which no body reaches
+_LOW, _STANDING, _UPRIGHT = (
+    0.7,
+    (0.8, 2.3),
+    0.2,
+)  # m: a head too low, usual heights of one, and least rise over the rest
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,72 +89,196 @@ class Observation:
     def __len__(self) -> int:
         return len(self.time)
 
+    def __repr__(self) -> str:
+        people = "".join(f"{count} people, " for count in self.position.shape[:-3])
+        frames = "1 frame" if len(self) == 1 else f"{len(self)} frames"
+        rate = f" at {1 / np.median(np.diff(self.time)):.4g} Hz" if len(self) > 1 else f" at {_seconds(self.time[0])}"
+        tracked = (self.has_position | self.has_rotation).mean() if self.has_position.size else 0.0
+        names = ", ".join(self.points[:6]) + (f" and {len(self.points) - 6} more" if len(self.points) > 6 else "")
+        return f"Observation({people}{frames}{rate if len(self) else ''}, {tracked:.0%} tracked: {names})"
 
-@dataclass(frozen=True, eq=False)
-class Estimate:
-    """A whole body for every frame of an observation. P counts all points of the pose's skeleton.
+    @classmethod
+    def from_arrays(
+        cls,
+        position: Mapping[str, ArrayLike],
+        rotation: Mapping[str, ArrayLike] | None = None,
+        rate: float = 30.0,
+        *,
+        time: ArrayLike | None = None,
+        accuracy: float | None = None,
+        unit: str | None = None,
+        up: str | None = None,
+    ) -> Observation:
+        """Make an observation of whole arrays of named points; values that are NaN are not tracked.
 
-    Proportions that are inferred change while the tracker runs: `points` and `rest_offset` are those of each frame, the
-    pose's skeleton has those of the last one. Of several people the pose's skeleton is the first one's; `of` gives
-    each person's own.
-    """
+        Args:
+            position: (..., T, 3) by name, 'head', 'left_wrist' …, in the world. A point may be in one of both alone.
+            rotation: (..., T, 4) wxyz, world ← point, by name.
+            rate: frames a second, from 0 s; not used if `time` is given.
+            time: (T,) s, increasing.
+            accuracy: m, expected error of the positions; the usual one of each point if omitted.
+            unit: of the positions, 'm', 'cm', 'mm', 'in', 'ft' or metres as '0.0254'; metres if omitted.
+            up: upward axis of the world, as 'z'; 'y' if omitted.
 
-    pose: Pose  # (..., T), on the person's skeleton
-    points: np.ndarray  # (..., T, P, 3) m, world
-    measured: np.ndarray  # (..., T, P) bool: pinned to a measurement
-    confidence: np.ndarray  # (..., T, P) m, expected position error, calibrated
-    bound: np.ndarray  # (..., T, P) m, within which the position error is in nine of ten cases
-    contact: np.ndarray  # (..., T, 4) probability that each of `CONTACT_POINTS` rests on something
-    rest_offset: np.ndarray  # (..., T, P, 3) m
-
-    def of(self, person: int) -> Estimate:
-        """One person's part of an estimate that leads with an axis of people."""
-        offset = self.rest_offset[person]
-        pose = Pose(
-            self.pose.skeleton.with_offsets(offset[-1]), self.pose.root_position[person], self.pose.rotation[person]
-        )
-        return Estimate(
-            pose=pose,
-            points=self.points[person],
-            measured=self.measured[person],
-            confidence=self.confidence[person],
-            bound=self.bound[person],
-            contact=self.contact[person],
-            rest_offset=offset,
-        )
+        Raises BodysenseError for arrays that do not fit together, and, unless `unit` or `up` is given, for a body that
+        appears to be in another unit or to lie along another axis.
+        """
+        if not rate > 0:
+            raise BodysenseError(f"from_arrays: rate {rate:g}; give frames a second, such as 30")
+        made = _of_named(position, rotation or {}, time, rate, accuracy, "from_arrays")
+        made = check_observation(in_our_world(made, unit, up), "from_arrays")
+        check_world(made, "from_arrays", unit=unit, up=up)
+        return made
 
 
 def observe(
     time: float,
-    poses: Mapping[str, tuple[np.ndarray | Sequence[float] | None, np.ndarray | Sequence[float] | None]],
+    poses: Mapping[str, tuple[ArrayLike | None, ArrayLike | None]],
     accuracy: float | None = None,
+    *,
+    unit: str | None = None,
+    up: str | None = None,
 ) -> Observation:
-    """One frame of named points, as a device tells them.
+    """Make one frame of named points, of one person or of several.
 
     Args:
         time: s, from any origin.
-        poses: by name, as a joint's 'left_wrist': position (3,) m and rotation (4,) wxyz, both in the world; None for
-            what is not tracked.
+        poses: by name, as a joint's 'left_wrist': position (..., 3) m and rotation (..., 4) wxyz, both in the world;
+            None, or NaN for one of several people, if it is not tracked. 'headset', 'left_controller' and
+            'right_controller' are poses as WebXR and OpenXR give them, of the devices themselves.
         accuracy: m, expected error of the positions; the usual one of each point if omitted.
+        unit: of the positions, 'm', 'cm', 'mm', 'in', 'ft' or metres as '0.0254'; metres if omitted.
+        up: upward axis of the world, as 'z'; 'y' if omitted.
 
-    Raises BodysenseError for what is no position or rotation.
+    Raises BodysenseError for values that are no position or rotation, and, unless `unit` is given, for a body that
+    appears to be in another unit.
     """
-    count = len(poses)
-    position, rotation = np.full((1, count, 3), np.nan), np.full((1, count, 4), np.nan)
-    placed, turned = np.zeros((1, count), dtype=bool), np.zeros((1, count), dtype=bool)
-    wanted = (("position", position, placed), ("rotation", rotation, turned))
-    for place, (name, pose) in enumerate(poses.items()):
-        for value, (what, values, has) in zip(pose, wanted, strict=True):
-            if value is None:
-                continue
-            if np.shape(value) != values.shape[2:]:
-                raise BodysenseError(
-                    f"{name}: its {what} has shape {np.shape(value)}; give {values.shape[2]} numbers, or None"
-                )
-            values[0, place], has[0, place] = value, True
-    usual = usual_accuracy(tuple(poses)) if accuracy is None else np.full(count, accuracy)
-    observation = Observation(tuple(poses), position, rotation, placed, turned, usual[None], np.array([time]))
-    return check_observation(observation, "observe")
+
+    def frames(kind: int) -> dict[str, np.ndarray]:
+        given = {name: pose[kind] for name, pose in poses.items()}
+        return {name: np.asarray(value, float)[..., None, :] for name, value in given.items() if value is not None}
+
+    for name, pose in poses.items():
+        for value, kind, size in zip(pose, ("position", "rotation"), (3, 4), strict=True):
+            if value is not None and (np.ndim(value) == 0 or np.shape(value)[-1] != size):
+                raise BodysenseError(f"{name}: its {kind} has shape {np.shape(value)}; give {size} numbers, or None")
+    made = _of_named(frames(0), frames(1), [time], 1.0, accuracy, "observe", tuple(poses))
+    made = check_observation(in_our_world(made, unit, up), "observe")
+    check_world(made, "observe", unit=unit, up="y")  # one frame may be of a person who lies
+    return made
+
+
+def _of_named(
+    position: Mapping[str, ArrayLike],
+    rotation: Mapping[str, ArrayLike],
+    time: ArrayLike | None,
+    rate: float,
+    accuracy: float | None,
+    name: str,
+    points: tuple[str, ...] = (),
+) -> Observation:
+    """Return arrays (..., T, 3) and (..., T, 4) by name as an observation, its values unchecked."""
+    points = points or tuple(dict.fromkeys((*position, *rotation)))
+    given = [
+        (point, np.asarray(values[point], dtype=float), size)
+        for values, size in ((position, 3), (rotation, 4))
+        for point in values
+    ]
+    lead = given[0][1].shape[:-1] if given else np.shape([] if time is None else time)
+    for point, values, size in given:
+        if values.shape != (*lead, size) or not lead:
+            raise BodysenseError(
+                f"{name}: {point} has shape {values.shape}, but {given[0][0]} has {given[0][1].shape}; "
+                f"give (..., T, {size}), with equally many frames and people"
+            )
+    columns = {size: np.full((*lead, len(points), size), np.nan) for size in (3, 4)}
+    for point, values, size in given:
+        columns[size][..., points.index(point), :] = values
+    places, turns = columns[3], columns[4]
+    known, turned = (np.asarray(~np.isnan(values).all(axis=-1)) for values in (places, turns))
+    usual = usual_accuracy(points) if accuracy is None else accuracy
+    return Observation(
+        points,
+        places,
+        turns,
+        known,
+        turned,
+        accuracy_like(known, usual),
+        np.arange(lead[-1]) / rate if time is None else np.asarray(time, dtype=float),
+    )
+
+
+def in_our_world(observation: Observation, unit: str | None, up: str | None) -> Observation:
+    """Return an observation in metres and +Y up, from its unit and its upward axis; None: ours.
+
+    Raises BodysenseError for units and axes that there are not.
+    """
+    if unit is None and up is None:
+        return observation
+    from bodysense.body.rotation import quaternion_multiply, quaternion_rotate
+    from bodysense.body.world_axes import metres_of, turn_of
+
+    metres, turn = metres_of(unit or "m", "unit"), turn_of(up or "y", "up")
+    acceleration = observation.acceleration
+    return replace(
+        observation,
+        position=quaternion_rotate(np.broadcast_to(turn, observation.rotation.shape), metres * observation.position),
+        rotation=quaternion_multiply(np.broadcast_to(turn, observation.rotation.shape), observation.rotation),
+        acceleration=None
+        if acceleration is None
+        else quaternion_rotate(np.broadcast_to(turn, observation.rotation.shape), metres * acceleration),
+    )
+
+
+def check_world(
+    observation: Observation, name: str, *, unit: str | None = None, up: str | None = None, floor: float = 0.0
+) -> None:
+    """Raise BodysenseError, naming the fix, for a body that appears to be in another unit or to lie on its side.
+
+    Args:
+        observation: well formed, of a body whose head is tracked; others pass.
+        name: the beginning of the message.
+        unit: its unit, which is not doubted if given.
+        up: its upward axis, which is not doubted if given.
+        floor: m, height of the floor.
+    """
+    head = next((k for k, point in enumerate(observation.points) if point in _HEADS), None)
+    if head is None or not (seen := observation.has_position[..., head]).any():
+        return
+    top = observation.position[..., head, :][seen]  # (N, 3)
+    height, depth = float(np.median(top[:, 1])) - floor, float(np.median(top[:, 2]))
+    rise = _rise(observation, head)
+    size = abs(height) if rise is None else float(np.linalg.norm(rise))
+    if unit is None and size > (_HIGHEST_HEAD if rise is None else _WIDEST):
+        likely = "cm" if size < 100 * _WIDEST else "mm"
+        where = "above the floor" if rise is None else "from the other points"
+        raise BodysenseError(
+            f"{name}: the head is {size:.4g} m {where}; give metres, or say the unit: unit='{likely}' (--unit "
+            f"{likely}); unit='m' (--unit m) if it is really there"
+        )
+    stands_along_z = rise[2] > max(_UPRIGHT, 2 * abs(rise[1])) if rise is not None else _keeps_height(top[:, 2])
+    if up is None and abs(height) < _LOW and _STANDING[0] < depth < _STANDING[1] and stands_along_z:
+        raise BodysenseError(
+            f"{name}: the head is {height:.2f} m high and {depth:.2f} m along z, as of a body that stands along +Z; "
+            "give data with +Y up, or say the axis: up='z' (--up z); up='y' (--up y) if the body lies"
+        )
+
+
+def _rise(observation: Observation, head: int) -> np.ndarray | None:
+    """Return the median vector (3,) m from the middle of the other points of the body to its head; None without any."""
+    others = [k for k, point in enumerate(observation.points) if k != head and glove_marker(point) is None]
+    known = observation.has_position[..., others] & observation.has_position[..., [head]]
+    where = known.any(axis=-1)
+    if not where.any():
+        return None
+    total = np.where(known[..., None], observation.position[..., others, :], 0.0).sum(axis=-2)[where]
+    middle = total / known.sum(axis=-1)[where][:, None]
+    return np.median(observation.position[..., head, :][where] - middle, axis=0)
+
+
+def _keeps_height(heights: np.ndarray) -> bool:
+    """Whether (N,) m could be heights of a head: a second of them at the least, and within half a metre."""
+    return len(heights) >= 30 and float(np.ptp(heights)) < 0.5
 
 
 def check_shapes(observation: Observation, name: str = "observation") -> None:
@@ -191,8 +327,8 @@ def check_observation(observation: Observation, name: str = "observation", farth
 def _check_acceleration(observation: Observation, acceleration: np.ndarray, name: str) -> None:
     """Raise BodysenseError for an acceleration that no body has."""
     with np.errstate(invalid="ignore"):
-        told = ~np.isnan(acceleration).any(axis=-1)
-        broken = told & ~(np.abs(acceleration) <= STRONGEST).all(axis=-1)
+        present = ~np.isnan(acceleration).any(axis=-1)
+        broken = present & ~(np.abs(acceleration) <= STRONGEST).all(axis=-1)
     if broken.any():
         *_, frame, point = place = tuple(np.argwhere(broken)[0])
         raise BodysenseError(

@@ -17,7 +17,7 @@ from bodysense.devices.gloves.device import has_gloves
 from bodysense.devices.gloves.labelling import Labeller
 from bodysense.devices.video.pictures import is_video
 from bodysense.errors import BodysenseError
-from bodysense.filling import Holed, open_holed
+from bodysense.filling import PartialMotion, open_partial
 from bodysense.io.archive import ZIP
 from bodysense.io.clip import Clip
 from bodysense.io.datasets.sources import Source as MotionEntry
@@ -34,8 +34,9 @@ from bodysense.io.markers.recording import MarkerRecording, read_markers, with_h
 from bodysense.io.recording import Recording, is_recording, read_recording
 from bodysense.io.rigs.options import AS_FOUND, ReadingOptions
 from bodysense.io.smpl import PICKLES, USUAL_RATE, is_smpl, joint_places, read_smpl
-from bodysense.observation import Observation
+from bodysense.observation import Observation, in_our_world
 
+_MANY_KINDS = (".npz", ".npy")  # of motions, recordings or places of joints: their content tells
 MOTION_ENDINGS = (".bvh", ".npz", ".npy", *io_gltf.ENDINGS)
 Kind = Literal["motion", "recording", "markers", "video"]
 
@@ -72,10 +73,10 @@ class MotionSource:
         assert self.path is not None
         return _read_motion(self.path, self.options, self.rate)
 
-    def with_holes(self, missing: Sequence[Missing]) -> Holed:
+    def with_holes(self, missing: Sequence[Missing]) -> PartialMotion:
         """Return the motion with what is missing of it: the joints given, else what its BVH file itself shows."""
         try:
-            return open_holed(self.bvh or self.clip, missing, self.options)
+            return open_partial(self.bvh or self.clip, missing, self.options)
         except BodysenseError as error:
             raise error if self.name in str(error) else BodysenseError(f"{self.name}: {error}") from None
 
@@ -87,6 +88,7 @@ class RecordingSource:
     name: str
     recording: Recording
     path: Path | None = None
+    options: ReadingOptions = AS_FOUND
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,10 +131,12 @@ def open_source(source: Source, reading: ReadingOptions = AS_FOUND, markers: Mar
     if isinstance(source, Clip):
         return MotionSource(source.name or "clip", given=source)
     if isinstance(source, Recording):
-        return RecordingSource("recording", source)
+        return _recording_source("recording", source, reading)
     if isinstance(source, Observation):
-        return RecordingSource("observation", Recording(source, default_skeleton(), told=False))
+        return _recording_source("observation", Recording(source, default_skeleton(), known=False), reading)
     path, kind = Path(source), kind_of(source)
+    if kind == "motion" and path.suffix.lower() not in _MANY_KINDS:
+        return _motion_source(path, reading, markers)
     if kind == "video":
         _check_video(str(source), reading, markers)
         return VideoSource(str(source))
@@ -142,6 +146,10 @@ def open_source(source: Source, reading: ReadingOptions = AS_FOUND, markers: Mar
         return _open_recording(path, reading, markers)
     if (joints := joint_places(path)) is not None:
         return _open_places(path, joints, reading, markers)
+    return _motion_source(path, reading, markers)
+
+
+def _motion_source(path: Path, reading: ReadingOptions, markers: MarkerOptions) -> MotionSource:
     if replace(markers, rate=None) != NO_OPTIONS:
         kinds = ", ".join(MARKER_ENDINGS)
         raise BodysenseError(f"{path}: a motion; --names, --unlabelled and their like are for markers, {kinds}")
@@ -154,6 +162,9 @@ def kind_of(source: str | Path) -> Kind:
     Raises BodysenseError, with the fix, for a file that does not exist and for kinds that are never read.
     """
     path = Path(source)
+    ending = path.suffix.lower()
+    if ending in MOTION_ENDINGS and ending not in _MANY_KINDS and path.is_file():
+        return "motion"
     if is_video(str(source)):
         return "video"
     if not path.is_file():
@@ -163,7 +174,7 @@ def kind_of(source: str | Path) -> Kind:
         return "markers"
     if is_recording(path):
         return "recording"
-    if path.suffix.lower() not in (*MOTION_ENDINGS, ZIP):
+    if ending not in (*MOTION_ENDINGS, ZIP):
         raise BodysenseError(f"{path}: unknown kind of file {path.suffix!r}; valid are {', '.join(MOTION_ENDINGS)}")
     return "motion"
 
@@ -205,7 +216,7 @@ _ELSEWHERE = {
 
 def _read_motion(path: Path, options: ReadingOptions, rate: float | None) -> tuple[Clip, tuple[str, ...]]:
     """Read a motion in canonical form, and lines on what was recognised; `rate` Hz if its file does not say it."""
-    if is_smpl(path):
+    if path.suffix.lower() in _MANY_KINDS and is_smpl(path):
         clip, remarks = read_smpl(path, rate)
         return as_told(clip, options, "results of SMPL", "y"), tuple(f"note: {remark}" for remark in remarks)
     if rate is not None:
@@ -230,12 +241,20 @@ def _open_recording(path: Path, reading: ReadingOptions, markers: MarkerOptions)
     if replace(markers, marker_set=None) != NO_OPTIONS:
         kinds = ", ".join(MARKER_ENDINGS)
         raise BodysenseError(f"{path}: --names, --unlabelled and their like are for marker files, {kinds}")
-    if reading != ReadingOptions(floor=reading.floor, height=reading.height):
-        raise BodysenseError(f"{path}: --unit, --up, --joints and --figure are for motions and marker files")
     recording = read_recording(path)
     if has_gloves(recording.observation):
         recording = replace(recording, worn=markers.worn())
-    return RecordingSource(str(path), recording, path)
+    return _recording_source(str(path), recording, reading, path)
+
+
+def _recording_source(
+    name: str, recording: Recording, reading: ReadingOptions, path: Path | None = None
+) -> RecordingSource:
+    """Return a recording in metres and +Y up; options say which unit and upward axis it has."""
+    for option in reading.for_motions():
+        raise BodysenseError(f"{name}: {option} is for motions, not for recordings; leave it out")
+    observation = in_our_world(recording.observation, reading.unit, reading.up)
+    return RecordingSource(name, replace(recording, observation=observation), path, reading)
 
 
 def _open_markers(path: Path, reading: ReadingOptions, markers: MarkerOptions) -> MarkerSource:
@@ -257,8 +276,8 @@ def _open_markers(path: Path, reading: ReadingOptions, markers: MarkerOptions) -
     recording = Recording(
         found.observation,
         with_hands_of(body, hands),
-        told=not found.has_body,
-        hands_shown=has_gloves(found.observation),
+        known=not found.has_body,
+        measures_hands=has_gloves(found.observation),
         worn=markers.worn(),
     )
     return MarkerSource(str(path), path, recording, (*(f"note: {line}" for line in found.remarks), *sized), found)
@@ -277,7 +296,7 @@ def _open_places(path: Path, joints: np.ndarray, reading: ReadingOptions, marker
     if form.rate is None:
         lines.append(f"no frame rate in it: {rate:g} Hz is taken (--rate)")
     remarks = tuple(f"note: {line}" for line in (*lines, *found.remarks[1:]))
-    return MarkerSource(str(path), path, Recording(found.observation, default_skeleton(), told=False), remarks)
+    return MarkerSource(str(path), path, Recording(found.observation, default_skeleton(), known=False), remarks)
 
 
 def _labelled(path: Path, options: MarkerOptions, reading: ReadingOptions) -> Observation:

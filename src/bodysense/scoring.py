@@ -88,7 +88,7 @@ class Hold:
             state = self._remember(position[t], has_position[t] & has_position[t, self._origin], state)
             guess = self._recall(state)
             now = np.where(has_position[t][:, None], position[t], guess)
-            # Fingers hang on the wrist that is shown, measured or kept.
+            # Fingers hang on the output wrist, measured or kept.
             frames.append(np.where(self._is_finger & ~has_position[t][:, None], guess + now[self._origin], now))
         estimate = PointEstimate(
             skeleton=self.skeleton,

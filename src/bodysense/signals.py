@@ -6,12 +6,13 @@ from dataclasses import dataclass
 
 from bodysense.body.person import Person
 from bodysense.devices.gloves.device import calibrated_hands, has_standard_gloves
-from bodysense.devices.simulated.device import DEVICES, simulate
+from bodysense.devices.simulated.device import DEVICES, Device, simulate
 from bodysense.devices.video.pictures import open_video
 from bodysense.errors import BodysenseError
 from bodysense.io.recording import Recording
-from bodysense.observation import Observation, check_observation, concatenated_frames
+from bodysense.observation import RAW_POINTS, Observation, check_observation, concatenated_frames
 from bodysense.open import MotionSource, Opened, VideoSource
+from bodysense.raw_poses import with_joints
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,7 +28,7 @@ class Signal:
 def signal_from(
     opened: Opened,
     *,
-    device: str | None = None,
+    device: str | Device | None = None,
     person: Person | None = None,
     height: float | None = None,
     noise: int | None = None,
@@ -62,11 +63,13 @@ def signal_from(
 def _recorded(name: str, recording: Recording, person: Person | None, height: float | None) -> Signal:
     observation = recording.observation
     if person is None:
-        measures_hands = recording.hands_shown or not has_standard_gloves(observation)
+        measures_hands = recording.measures_hands or not has_standard_gloves(observation)
         hands = calibrated_hands(observation, recording.worn) if measures_hands else None
-        known = recording.told and height is None
-        person = Person(recording.skeleton, hands=hands) if known else Person(height=height, hands=hands)
+        is_known = recording.known and height is None
+        person = Person(recording.skeleton, hands=hands) if is_known else Person(height=height, hands=hands)
     _check(observation)
+    if not RAW_POINTS.isdisjoint(observation.points):
+        observation = with_joints(observation, person.skeleton)
     return Signal(name, observation, person)
 
 

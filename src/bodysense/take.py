@@ -15,10 +15,13 @@ import numpy as np
 from bodysense.body.person import Person
 from bodysense.body.pose import Pose, forward_kinematics, standing_pose
 from bodysense.body.rotation import quaternion_to_matrix
+from bodysense.body.skeleton import ARM, LEG
 from bodysense.completion.model import CompletionModel
 from bodysense.devices.gloves.device import check_calibrated, glove_device, gloved_sides, has_gloves
+from bodysense.devices.simulated.device import Device
 from bodysense.errors import BodysenseError
-from bodysense.filling import Holed, filled, observed, on_feet, pose_of, with_parts
+from bodysense.estimate import Estimate
+from bodysense.filling import PartialMotion, filled, observed, on_feet, pose_of, with_parts
 from bodysense.io.bvh_stream import BvhLines
 from bodysense.io.clip import Clip
 from bodysense.io.holes import missing_items
@@ -30,14 +33,13 @@ from bodysense.io.resample import at_constant_rate
 from bodysense.io.rigs.named import OWN, SOURCE, check_rig
 from bodysense.io.rigs.options import AS_FOUND, ReadingOptions
 from bodysense.io.rigs.rig_file import write_on_rig_of
-from bodysense.observation import Estimate, Observation, concatenated_frames
-from bodysense.open import MarkerSource, MotionSource, Source, open_source
+from bodysense.observation import Observation, check_world, concatenated_frames
+from bodysense.open import MarkerSource, MotionSource, RecordingSource, Source, open_source
 from bodysense.signals import Signal, refuse, signal_from
 from bodysense.tracker import Tracker, TrackerSettings
 from bodysense.two_way import completed_both_ways, concatenated
 
 ANCHORS = ("head", "pelvis")  # what stays where it was measured, on whatever proportions; else what is measured most
-ARM, LEG = ("collar", "shoulder", "elbow", "wrist"), ("hip", "knee", "ankle", "foot", "toe")
 HANGING_ERROR = 0.26  # m: mean distance of walking people's wrists from hanging ones (20 validation clips of CMU)
 _FRAMES = 60  # that are completed in one call, between two reports of progress
 _USUAL_RATE = 30.0  # Hz, of a motion of one frame
@@ -51,12 +53,16 @@ class Take:
     estimate: Estimate  # of every frame that was tracked
     person: Person  # the wearer, as believed at the end
     time: np.ndarray  # (T,) s of the estimate's frames
-    holed: Holed | None = None  # the motion whose holes were filled, if it was one
+    partial: PartialMotion | None = None  # the motion whose holes were filled, if it was one
     source: Path | None = None  # the BVH file that was tracked, if it was one
-    reading: ReadingOptions = AS_FOUND  # what was told of it
+    reading: ReadingOptions = AS_FOUND  # its options
     file: BvhLines | None = None  # the same with its holes filled
     markers: MarkerSource | None = None  # the marker file that was tracked, if it was one
     remarks: tuple[str, ...] = ()  # lines about parts that are guessed
+
+    def __repr__(self) -> str:
+        error = 100 * self.estimate.confidence.mean()
+        return f"Take({self.clip!r}, {self.person!r}, expected error {error:.1f} cm)"
 
     def save(self, path: str | Path, rig: str | Path | None = None) -> None:
         """Write the motion: .bvh, .glb (animated glTF), .vrma (for VRM avatars) or .mcap (for robots' tools).
@@ -118,7 +124,7 @@ def check_marker_output(path: Path, markers: MarkerSource | None, rig: str | Pat
 def track(
     source: Source,
     *,
-    device: str | None = None,
+    device: str | Device | None = None,
     missing: str | Sequence[str] = (),
     person: Person | None = None,
     height: float | None = None,
@@ -136,41 +142,46 @@ def track(
     Args:
         source: a file (a recording, a motion, markers, a video), a folder of images, a Clip, Observation or Recording
             in memory, or what `open_source` opened.
-        device: where the source is a motion: the simulated device that watches it, one of `DEVICES`. Of a motion
-            without one, holes are filled and the rest is kept; a whole motion is returned unchanged.
+        device: if the source is a motion: the simulated device that watches it, by its name or an object with a method
+            `observe`, as `Device` has it. Of a motion without one, holes are filled and the rest is kept; a whole
+            motion is returned unchanged.
         missing: joints of a motion that are missing, by its own names or ours: "left_hand", with all that hangs on it
-            "LeftForeArm+", in some frames "left_hand:100-240" (counted from 0, both ends included). What has no number
-            is missing, too. If omitted, so are limbs of a BVH file that are held still to the last digit for half a
-            second while the body moves.
-        person: what is known of the wearer. If omitted, the body of the recording or motion; where that is not told,
-            the likeliest adult, whose proportions are inferred.
+            "LeftForeArm+", in some frames "left_hand:100-240" (counted from 0, both ends included). Values that are
+            NaN are missing, too. If omitted, so are limbs of a BVH file that are held still to the last digit for half
+            a second while the body moves.
+        person: what is known of the wearer. If omitted, the body of the recording or motion; if that is unknown, the
+            likeliest adult, whose proportions are inferred.
         height: the wearer's height in metres, in place of a person; the other proportions are inferred.
         noise: random seed of the errors of a simulated device; it tracks exactly if omitted.
         settings: the floor, whether feet are held, whether proportions are inferred.
         network: a completion network; the packaged one if omitted.
-        reading: what a motion file does not say of itself: unit, upward axis, floor, joints.
+        reading: facts that the source omits: unit and upward axis; of a motion also floor and joints.
         follow: of a video: number of the person to follow, as people are numbered from left to right when they are
             first seen; the largest if omitted.
-        roll: of a video: degrees by which upright things lean to the right in the picture; seen from how the person
-            stands if omitted.
+        roll: of a video: degrees by which upright things lean to the right in the picture; estimated from the standing
+            person if omitted.
         causal: complete each frame from the frames before it alone, exactly as a live session does.
-        advance: is told how many frames are done, of how many.
+        advance: called with the number of frames that are done, and of all.
 
     Raises BodysenseError, naming the source and the fix, for what cannot be tracked.
     """
     opened = open_source(source, reading)
-    told = missing_items(missing) if missing else ()
+    completion = _Completion(settings, network, causal, advance)
+    items = missing_items(missing) if missing else ()
     if isinstance(opened, MotionSource) and device is None:
         kind = "a motion whose holes are filled, which has a body of its own"
         refuse(opened.name, kind, person=person, height=height, noise=noise, follow=follow, roll=roll)
-        take = _filled(opened.with_holes(told), settings, network, causal, advance)
+        take = _filled(opened.with_holes(items), completion)
         return replace(take, source=opened.bvh, reading=opened.options)
-    if told:
+    if items:
         other = f"leave --device {device} out" if device is not None else "give a motion, such as a .bvh file"
         raise BodysenseError(f"{opened.name}: --missing is for a motion that no device watches; {other}")
+    if isinstance(opened, RecordingSource):
+        seen, given = opened.recording.observation, opened.options
+        check_world(seen, opened.name, unit=given.unit, up=given.up, floor=settings.floor)
     signal = signal_from(opened, device=device, person=person, height=height, noise=noise, follow=follow, roll=roll)
     try:
-        take = _tracked(signal, settings, network, causal, advance)
+        take = _tracked(signal, completion)
     except BodysenseError as error:
         text = str(error)
         raise error if signal.name in text else BodysenseError(f"{signal.name}: {text}") from None
@@ -207,73 +218,56 @@ def _is_above(name: str) -> bool:
     return name.rpartition("_")[2] not in ("pelvis", *LEG)
 
 
-def _filled(
-    holed: Holed,
-    settings: TrackerSettings,
-    network: CompletionModel | None,
-    causal: bool,
-    advance: Callable[[int, int], None],
-) -> Take:
-    """A motion whose holes are filled."""
-    clip = holed.clip
-    take = _tracked(Signal(clip.name, observed(holed), Person(clip.pose.skeleton)), settings, network, causal, advance)
-    holed = with_parts(holed, take.estimate.pose)
-    rotation = filled(holed, take.estimate.pose)
-    rotation = on_feet(holed, rotation, take.estimate.contact, settings.floor)
-    file = None if holed.file is None else holed.file.with_rotation(rotation, holed.missing)
-    whole = clip if holed.is_whole else replace(clip, pose=pose_of(holed, rotation))
-    return replace(take, clip=whole, holed=holed, file=file)
+@dataclass(frozen=True, eq=False)
+class _Completion:
+    """How a take is completed; fields as the arguments of `track`."""
+
+    settings: TrackerSettings
+    network: CompletionModel | None
+    causal: bool
+    advance: Callable[[int, int], None]
 
 
-def _tracked(
-    signal: Signal,
-    settings: TrackerSettings,
-    network: CompletionModel | None,
-    causal: bool,
-    advance: Callable[[int, int], None],
-) -> Take:
-    observation, person = signal.observation, signal.person
+def _filled(partial: PartialMotion, completion: _Completion) -> Take:
+    """Return a motion whose holes are filled."""
+    clip = partial.clip
+    take = _tracked(Signal(clip.name, observed(partial), Person(clip.pose.skeleton)), completion)
+    partial = with_parts(partial, take.estimate.pose)
+    rotation = filled(partial, take.estimate.pose)
+    rotation = on_feet(partial, rotation, take.estimate.contact, completion.settings.floor)
+    file = None if partial.file is None else partial.file.with_rotation(rotation, partial.missing)
+    whole = clip if partial.is_whole else replace(clip, pose=pose_of(partial, rotation))
+    return replace(take, clip=whole, partial=partial, file=file)
+
+
+def _tracked(signal: Signal, completion: _Completion) -> Take:
+    observation, settings = signal.observation, completion.settings
     interval = _interval(observation, settings)
     _check_height(observation, settings.floor)
     if not signal.infer:
-        settings = replace(settings, infer=False)
-    complete = _completed_causally if causal else _completed
-    estimate, believed = complete(observation, person, settings, network, interval, advance)
-    pose = pose_on(estimate, believed)
-    clip = Clip(signal.name, pose, 1 / interval)
+        completion = replace(completion, settings=replace(settings, infer=False))
+    estimate, believed = _completed(observation, signal.person, completion, interval)
+    clip = Clip(signal.name, pose_on(estimate, believed), 1 / interval)
     return Take(at_constant_rate(clip, observation.time), estimate, believed, observation.time)
 
 
-def _completed_causally(
-    observation: Observation,
-    person: Person,
-    settings: TrackerSettings,
-    network: CompletionModel | None,
-    interval: float,
-    advance: Callable[[int, int], None],
+def _completed(
+    observation: Observation, person: Person, completion: _Completion, interval: float
 ) -> tuple[Estimate, Person]:
-    """What a live session shows, and the person as believed at its end."""
-    tracker = Tracker(person, network=network, settings=settings)
+    """Return the body, and the person as believed at the end; causal: as a live session outputs them."""
+    if not completion.causal:
+        points = concatenated_frames(list(_body_points(observation, person)))
+        return completed_both_ways(
+            points, person, completion.network, completion.settings, interval, completion.advance
+        )
+    tracker = Tracker(person, network=completion.network, settings=completion.settings)
     state, parts, done = tracker.start(), [], 0
     for frames in _body_points(observation, person):
         estimate, state = tracker.step(frames, state)
         parts.append(estimate)
         done += len(frames)
-        advance(done, len(observation))
+        completion.advance(done, len(observation))
     return concatenated(parts), state.person()
-
-
-def _completed(
-    observation: Observation,
-    person: Person,
-    settings: TrackerSettings,
-    network: CompletionModel | None,
-    interval: float,
-    advance: Callable[[int, int], None],
-) -> tuple[Estimate, Person]:
-    """The body with past and future, and the person as believed after all frames."""
-    points = concatenated_frames(list(_body_points(observation, person)))
-    return completed_both_ways(points, person, network, settings, interval, advance)
 
 
 def _body_points(observation: Observation, person: Person) -> Iterator[Observation]:
@@ -319,17 +313,17 @@ def _check_height(observation: Observation, floor: float) -> None:
 
 
 def pose_on(estimate: Estimate, person: Person) -> Pose:
-    """The pose of an estimate on the skeleton of a person, which may have other proportions than were shown.
+    """Return the pose of an estimate on the skeleton of a person, which may have other proportions.
 
-    Rotations stay as shown. The root is placed so that the head stays where it was shown, which is where it was
-    measured; where no head was tracked, the pelvis, or else the point that was tracked most.
+    Rotations are unchanged. The root is placed so that the head stays where it was measured; without a tracked head
+    the pelvis, else the point that was tracked most.
     """
-    skeleton, shown = person.skeleton, estimate.pose
+    skeleton, pose = person.skeleton, estimate.pose
     if (estimate.rest_offset == skeleton.rest_offset).all():
-        return Pose(skeleton, shown.root_position, shown.rotation)
+        return Pose(skeleton, pose.root_position, pose.rotation)
     share = estimate.measured.mean(axis=0)
     tracked = [name for name in ANCHORS if share[skeleton.index(name)] > 0]
     anchor = skeleton.index(tracked[0]) if tracked else int(share.argmax())  # nothing tracked: the root, which is first
-    moved = Pose(skeleton, np.zeros_like(shown.root_position), shown.rotation)
+    moved = Pose(skeleton, np.zeros_like(pose.root_position), pose.rotation)
     root = estimate.points[:, anchor] - np.asarray(forward_kinematics(moved)[0])[:, anchor]
-    return Pose(skeleton, root, shown.rotation)
+    return Pose(skeleton, root, pose.rotation)

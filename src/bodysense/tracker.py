@@ -18,7 +18,8 @@ from bodysense.body.skeleton import default_skeleton
 from bodysense.completion import core
 from bodysense.completion.model import CompletionModel, packaged_model
 from bodysense.errors import BodysenseError
-from bodysense.observation import FARTHEST, Estimate, Observation, check_observation, check_order, check_shapes
+from bodysense.estimate import Estimate
+from bodysense.observation import FARTHEST, RAW_POINTS, Observation, check_observation, check_order, check_shapes
 
 __all__ = ["Estimate", "Tracker", "TrackerSettings", "TrackerState", "step_together"]
 
@@ -99,12 +100,17 @@ class Tracker:
     """Completes the bodies of one person or of several, at any input rate. Immutable; state is an argument.
 
     With one `person` observations have no batch axis; with a sequence of B they lead with one of B. Without any, the
-    likeliest adult is taken, and proportions are inferred while the tracker runs.
+    likeliest adult is taken, and proportions are inferred while the tracker runs. Points are joints and end sites by
+    name, or 'headset', 'left_controller' and 'right_controller', raw poses of these devices.
     """
 
     person: Person | Sequence[Person] = field(default_factory=Person)
     network: CompletionModel | None = None  # None: the packaged one
     settings: TrackerSettings = TrackerSettings()
+
+    def __repr__(self) -> str:
+        who = repr(self.people[0]) if len(self.people) == 1 else f"{len(self.people)} people"
+        return f"Tracker({who}, {'packaged network' if self.network is None else self.network.name})"
 
     @cached_property
     def people(self) -> tuple[Person, ...]:
@@ -148,6 +154,7 @@ class Tracker:
                 f"{'one person: give (T, P, 3)' if alone else f'{count} people: give ({count}, T, P, 3)'}"
             )
         each = [observation] if alone else [_one_of(observation, k) for k in range(count)]
+        each = [_of_joints(one, person) for one, person in zip(each, self.people, strict=True)]
         made, memory = _stepped(self.model, self.settings, each, state.memory)
         estimate = _estimate({name: values[0] for name, values in made.items()} if alone else made)
         return estimate, replace(state, memory=memory)
@@ -164,7 +171,8 @@ def step_together(
     for _, observation, _ in jobs:
         check_shapes(observation)
     memory = [state.memory[0] for _, _, state in jobs]
-    made, after = _stepped(first.model, first.settings, [observation for _, observation, _ in jobs], memory)
+    each = [_of_joints(observation, tracker.people[0]) for tracker, observation, _ in jobs]
+    made, after = _stepped(first.model, first.settings, each, memory)
     return [
         (_estimate({name: values[k] for name, values in made.items()}), replace(state, memory=after[k : k + 1]))
         for k, (_, _, state) in enumerate(jobs)
@@ -187,6 +195,15 @@ def _stepped(
             check_order(observations[k].time[0], core.time_of(memory[k]), "tracker")
         raise BodysenseError(f"tracker: {core.message(result)}")
     return made, after
+
+
+def _of_joints(observation: Observation, person: Person) -> Observation:
+    """Return an observation of joints alone: raw poses of devices become the joints that carry them."""
+    if RAW_POINTS.isdisjoint(observation.points):
+        return observation
+    from bodysense.raw_poses import with_joints
+
+    return with_joints(observation, person.skeleton)
 
 
 def _one_of(observation: Observation, k: int) -> Observation:

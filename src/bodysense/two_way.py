@@ -17,7 +17,8 @@ from bodysense.body.skeleton import Skeleton
 from bodysense.completion.holding import bent_to, on_floor
 from bodysense.completion.joining import future_share, led, mean_rotation
 from bodysense.completion.model import CompletionModel
-from bodysense.observation import Estimate, Observation
+from bodysense.estimate import Estimate
+from bodysense.observation import Observation
 from bodysense.tracker import Tracker, TrackerSettings, TrackerState
 
 Array = np.ndarray
@@ -44,7 +45,7 @@ class TwoWayTracker:
     def complete(
         self, observation: Observation, seconds: float, advance: Callable[[int], None] = lambda frames: None
     ) -> Estimate:
-        """Complete all frames of a recording (T, P), `seconds` apart; `advance` is told of frames that are done."""
+        """Complete all frames of a recording (T, P), `seconds` apart; `advance` is called with frames that are done."""
         ends = np.flatnonzero(np.diff(observation.time) > self.settings.longest_gap) + 1
         spans = zip([0, *ends.tolist()], [*ends.tolist(), len(observation)], strict=True)
         return concatenated([part for a, b in spans for part in self._windows(observation[a:b], seconds, advance)])
@@ -130,7 +131,7 @@ def completed_both_ways(
         network: a completion network; the packaged one if omitted.
         settings: the floor, whether feet are held, whether proportions are inferred.
         seconds: between frames.
-        advance: is told how many frames are done, of how many.
+        advance: called with the number of frames that are done, and of all.
     """
     frames, done = len(observation), 0
     infers = settings.infer and bool(person.bone_deviation.any() or person.mounts)

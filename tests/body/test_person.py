@@ -59,7 +59,7 @@ def test_nobody_in_particular_is_the_mean_adult() -> None:
 
 
 def test_told_proportions_are_certain() -> None:
-    person = Person.told(default_skeleton())
+    person = Person.known(default_skeleton())
     assert person.skeleton is default_skeleton()
     np.testing.assert_array_equal(person.bone_deviation, 0)
 

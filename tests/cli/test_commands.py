@@ -65,7 +65,7 @@ def test_the_wearer(tmp_path: Path, motion: Path, run) -> None:
     assert read_bvh(tmp_path / "a.bvh").pose.skeleton.height == pytest.approx(1.9, abs=1e-3)
     said = run("track", tmp_path / "tall.npz", "-o", tmp_path / "a.bvh", "--height", 1.75)
     assert "height 1.75 m known, other proportions inferred" in said
-    write_recording(tmp_path / "unknown.npz", replace(recording, told=False))
+    write_recording(tmp_path / "unknown.npz", replace(recording, known=False))
     saved = ("--save-person", tmp_path / "me.json")
     said = run("track", tmp_path / "unknown.npz", "-o", tmp_path / "a.bvh", *saved)
     assert re.search(r"height \d\.\d\d m inferred", said) and "me.json" in said
@@ -159,3 +159,14 @@ def test_version_and_help(capsys: pytest.CaptureFixture[str]) -> None:
             main(arguments)
         assert stopped.value.code == 0
     assert __version__ in capsys.readouterr().out
+
+
+def test_options_of_track_are_in_groups(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["track", "--help"])
+    parts = re.split(r"(?m)^ ([a-z ]*(?:arguments|options)) *\n -+ *$", capsys.readouterr().out)
+    groups = dict(zip(parts[1::2], parts[2::2], strict=True))
+    assert list(groups) == ["positional arguments", "options", "markers options", "video options", "reading options"]
+    for option, group in (("--names", "markers"), ("--overlay", "video"), ("--unit", "reading"), ("--device", "")):
+        found = [name for name, text in groups.items() if re.search(rf"(?m)^ +{option}\b", text)]
+        assert found == [f"{group} options".strip()]

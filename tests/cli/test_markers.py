@@ -137,7 +137,7 @@ def test_what_goes_wrong_is_one_line(files: Path, motion: Path, refused: Command
     assert "no such model file" in refused(*arguments, "--model", files / "a.onnx")
     assert "0 Hz is no frame rate" in refused(*arguments, "--rate", 0)
     assert "cannot be read" in refused(*arguments, "--names", files / "missing.json")
-    assert "are for motions and marker files" in refused("track", files / "gloves.npz", "-o", out, "--unit", "mm")
+    assert "--figure is for motions" in refused("track", files / "gloves.npz", "-o", out, "--figure", 1)
     assert "no such file" in refused("track", files / "missing.c3d", "-o", out)
     (files / "text.c3d").write_text("hello")
     assert "not a C3D file" in refused("track", files / "text.c3d", "-o", out)

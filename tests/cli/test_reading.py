@@ -79,8 +79,8 @@ def test_options_of_every_command_that_reads_motion(inches: Path, tmp_path: Path
         "--height",
         1.9,
     )
-    assert "--unit, --up, --joints and --figure are for motions" in refused(
-        "track", tmp_path / "seen.npz", "-o", out, "--unit", "mm"
+    assert "--figure is for motions, not for recordings; leave it out" in refused(
+        "track", tmp_path / "seen.npz", "-o", out, "--figure", 1
     )
     assert "--unit mile: give m, cm" in refused("simulate", inches, "-o", out.with_suffix(".npz"), "--unit", "mile")
 

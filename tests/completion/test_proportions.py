@@ -8,7 +8,8 @@ from bodysense.body.pose import Pose, standing_pose
 from bodysense.body.shape import Measured, sample_bodies, stature
 from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.devices.simulated.sensors import SENSOR_SETS, SensorSet, observe
-from bodysense.observation import Estimate, Observation
+from bodysense.estimate import Estimate
+from bodysense.observation import Observation
 from bodysense.tracker import Tracker, TrackerState
 
 RATE, SECONDS = 30, 8

@@ -103,7 +103,7 @@ def test_the_library_for_arm(script: dict[str, Any], waving_clip: Clip, tmp_path
     arm = target(script, "linux-arm64")
     library = script["build_library"](arm, tmp_path / "libbodysense.so")
     seen = observe(waving_clip.pose, waving_clip.time, SENSOR_SETS["three_point"])
-    bs.write(tmp_path / "seen.jsonl", Recording(seen, waving_clip.pose.skeleton, told=False))
+    bs.write(tmp_path / "seen.jsonl", Recording(seen, waving_clip.pose.skeleton, known=False))
     zig = [*script["ZIG"], "-target", arm.zig, "-std=c11", f"-I{ROOT / 'core' / 'include'}"]
     source = ROOT / "core" / "examples" / "poses.c"
     subprocess.run([*zig, source, library, "-lm", "-o", tmp_path / "poses"], check=True)

@@ -98,7 +98,7 @@ def recording(waving_clip: Clip, tmp_path_factory: pytest.TempPathFactory) -> Pa
     """A recording of head and hands."""
     path = tmp_path_factory.mktemp("recording") / "seen.jsonl"
     seen = observe(waving_clip.pose, waving_clip.time, SENSOR_SETS["three_point"])
-    bs.write(path, Recording(seen, waving_clip.pose.skeleton, told=False))
+    bs.write(path, Recording(seen, waving_clip.pose.skeleton, known=False))
     return path
 
 

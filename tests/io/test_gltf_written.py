@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation, Slerp
 
-from bodysense.body.flesh import fit_flesh, place_flesh
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.skeleton import Skeleton, default_skeleton
+from bodysense.body.skin import fit_skin, place_skin
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.io.gltf.written import skin_mesh, write_glb, write_vrma
@@ -134,10 +134,10 @@ def test_the_skin_moves_with_its_joints(roaming: Clip, tmp_path: Path) -> None:
     world = np.array([found[file.document["nodes"][node]["name"]] for node in skin["joints"]])
     matrix = (world @ bind)[joint[:, 0]]
     placed = np.einsum("vij,vj->vi", matrix, np.c_[position, np.ones(len(position))])[:, :3]
-    flesh = fit_flesh(roaming.pose.skeleton)
-    balls = np.repeat(flesh.link.ravel(), len(position) // flesh.link.size)
-    distance = np.linalg.norm(placed - place_flesh(flesh, roaming.pose[frame])[balls], axis=1)
-    np.testing.assert_allclose(distance, flesh.radius[balls], atol=1e-5)
+    skin = fit_skin(roaming.pose.skeleton)
+    balls = np.repeat(skin.link.ravel(), len(position) // skin.link.size)
+    distance = np.linalg.norm(placed - place_skin(skin, roaming.pose[frame])[balls], axis=1)
+    np.testing.assert_allclose(distance, skin.radius[balls], atol=1e-5)
 
 
 def test_the_mesh_is_closed_and_looks_outward() -> None:

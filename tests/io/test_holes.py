@@ -13,7 +13,7 @@ from bodysense.errors import BodysenseError
 from bodysense.io.bvh import write_bvh
 from bodysense.io.bvh_stream import BvhLines, open_bvh
 from bodysense.io.clip import Clip
-from bodysense.io.holes import Missing, below, flat_lined, missing_items, told_missing
+from bodysense.io.holes import Missing, below, flat_lined, missing_items, missing_mask
 from bodysense.io.rigs.rigged import read_rigged
 from bodysense.io.rigs.source_joints import SourceJoints, joints_of_file
 
@@ -23,7 +23,7 @@ OURS = {"pelvis": 0, "left_hip": 1, "left_ankle": 2, "left_foot": 3, "left_elbow
 
 
 def told(text: str, frames: int = 10) -> set[tuple[int, str]]:
-    mask = told_missing(missing_items(text), JOINTS, PARENTS, frames, OURS)
+    mask = missing_mask(missing_items(text), JOINTS, PARENTS, frames, OURS)
     return {(int(t), JOINTS[j]) for t, j in np.argwhere(mask)}
 
 

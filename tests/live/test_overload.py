@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from bodysense.estimate import Estimate
 from bodysense.io.protocol import SUBPROTOCOL, SignalFrame, read_pose, read_signal, write_signal
-from bodysense.observation import Estimate
 from bodysense_live import scheduler, session
 from bodysense_live.answer import CompletionJob
 from bodysense_live.estimation import PipelineState, step_many

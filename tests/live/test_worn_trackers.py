@@ -20,7 +20,7 @@ from bodysense_live.links import signal_of
 from bodysense_live.messages import Calibrate, Notice
 from bodysense_live.seat import Seat, WearerFile
 from bodysense_live.session import Session
-from bodysense_live.tracked_devices import SIGNALS, Device, DeviceState, TrackedDevices
+from bodysense_live.tracked_devices import SIGNALS, DeviceState, TrackedDevice, TrackedDevices
 from bodysense_live.worn_trackers import read_trackers, save_wearer
 
 SKELETON = default_skeleton()
@@ -47,11 +47,11 @@ def frames(
     head = position[SKELETON.index("head")] - up + [0.0, 0.07, 0.08]
     for k in range(start, start + count):
         now = k / 30
-        told = [("HMD", Device("Hmd", head, np.array([1.0, 0.0, 0.0, 0.0]), now, raw=True))]
+        told = [("HMD", TrackedDevice("Hmd", head, np.array([1.0, 0.0, 0.0, 0.0]), now, raw=True))]
         for joint in order:
             j = SKELETON.index(joint)
             tracker = RigidTransform(position[j] - up, rotation[j]) @ MOUNTS[joint]
-            told.append((SERIALS[joint], Device("Tra", tracker.translation, tracker.rotation, now, raw=True)))
+            told.append((SERIALS[joint], TrackedDevice("Tra", tracker.translation, tracker.rotation, now, raw=True)))
         state, _ = devices.put(told, state)
         observation = devices.observation(now, state)
         assert observation is not None

@@ -10,41 +10,43 @@ import pytest
 from PIL import Image
 
 from bodysense.body.capsules import fit_primitives, place
-from bodysense.body.flesh import COLORS, SHIRT, SKIN, Flesh, fit_flesh, place_flesh
 from bodysense.body.pose import Pose, forward_kinematics, standing_pose
 from bodysense.body.skeleton import default_skeleton
+from bodysense.body.skin import COLORS, SHIRT, SKIN, BodySkin, fit_skin, place_skin
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
-from bodysense.pictures.animation import Stage, _meet_link, draw_pose, write_animation
-from bodysense.pictures.sheet import Lens, Shot, frame_shot
+from bodysense.pictures.animation import BodyRenderer, _meet_link, draw_pose, write_animation
+from bodysense.pictures.sheet import FollowingCamera, Lens, follow_body
 
 SMALL = Lens(width=96, height=120)
 
 
-def balls_in_front(*balls: tuple[float, float, float, float, int]) -> tuple[Flesh, np.ndarray]:
-    """Loose balls (x, y, z, radius, colour) as flesh, and where they are."""
+def balls_in_front(*balls: tuple[float, float, float, float, int]) -> tuple[BodySkin, np.ndarray]:
+    """Loose balls (x, y, z, radius, colour) as skin, and where they are."""
     center = np.array([ball[:3] for ball in balls])
     count = range(len(balls))
-    flesh = Flesh(
+    skin = BodySkin(
         joint=np.zeros(len(balls), dtype=int),
         center=center,
         radius=np.array([ball[3] for ball in balls]),
         link=np.array([(k, k) for k in count]),
         color=np.array([ball[4] for ball in balls]),
     )
-    return flesh, center
+    return skin, center
 
 
 @pytest.fixture(scope="module")
-def level() -> Shot:
+def level() -> FollowingCamera:
     """A camera at (0, 1, 4) that looks along −Z over a floor at 0."""
-    return Shot(Lens(96, 120, distance=4.0, eye=1.0, aim=1.0, shown=2.0), np.zeros((1, 2)), 0.0, 0.0, 1.0)
+    return FollowingCamera(
+        Lens(96, 120, distance=4.0, eye=1.0, aim=1.0, view_height=2.0), np.zeros((1, 2)), 0.0, 0.0, 1.0
+    )
 
 
-def pixel(shot: Shot, point: np.ndarray, frame: int = 0) -> tuple[int, int]:
+def pixel(camera: FollowingCamera, point: np.ndarray, frame: int = 0) -> tuple[int, int]:
     """Row and column of the pixel whose ray passes nearest to points in the world."""
-    toward = (point - shot.eye(frame)) @ shot.axes
-    near = shot.rays() @ (toward / np.linalg.norm(toward))
+    toward = (point - camera.eye(frame)) @ camera.axes
+    near = camera.rays() @ (toward / np.linalg.norm(toward))
     row, column = np.unravel_index(int(near.argmax()), near.shape)
     return int(row), int(column)
 
@@ -85,27 +87,27 @@ def test_rays_meet_links_as_they_meet_all_balls_between(seed: int) -> None:
     np.testing.assert_allclose(normal[:, sure], outward / radius[which[sure]], atol=0.05)
 
 
-def test_what_is_nearer_hides_what_is_behind(level: Shot) -> None:
+def test_what_is_nearer_hides_what_is_behind(level: FollowingCamera) -> None:
     for near, far in ((0.4, -0.4), (-0.4, 0.4)):
-        flesh, balls = balls_in_front((0, 1, near, 0.2, SKIN), (0, 1, far, 0.2, SHIRT))
-        seen = Stage(level).draw(flesh, balls, 0)[60, 48].astype(float)
+        skin, balls = balls_in_front((0, 1, near, 0.2, SKIN), (0, 1, far, 0.2, SHIRT))
+        seen = BodyRenderer(level).draw(skin, balls, 0)[60, 48].astype(float)
         assert hue(seen, SKIN if near > far else SHIRT) < 0.03
 
 
-def test_light_does_not_depend_on_what_is_elsewhere(level: Shot) -> None:
+def test_light_does_not_depend_on_what_is_elsewhere(level: FollowingCamera) -> None:
     """Depths are weighted by an exponential: a ball far behind another, beside it, keeps its brightness."""
-    alone = Stage(level).draw(*balls_in_front((0.4, 1, -1.5, 0.2, SKIN)), 0)
-    both = Stage(level).draw(*balls_in_front((-0.3, 1, 0.4, 0.2, SHIRT), (0.4, 1, -1.5, 0.2, SKIN)), 0)
+    alone = BodyRenderer(level).draw(*balls_in_front((0.4, 1, -1.5, 0.2, SKIN)), 0)
+    both = BodyRenderer(level).draw(*balls_in_front((-0.3, 1, 0.4, 0.2, SHIRT), (0.4, 1, -1.5, 0.2, SKIN)), 0)
     window = np.s_[40:80, 56:78]
     assert np.ptp(alone[window].astype(int)) > 60
     np.testing.assert_allclose(both[window].astype(int), alone[window].astype(int), atol=2)
 
 
-def test_a_ball_is_round_and_as_large_as_it_is(level: Shot) -> None:
+def test_a_ball_is_round_and_as_large_as_it_is(level: FollowingCamera) -> None:
     """Coverage against the cone that a ball fills: half angle asin(r / d)."""
-    flesh, balls = balls_in_front((0.3, 1.4, 0, 0.3, SKIN))
-    empty = Stage(level).draw(*balls_in_front((9, 1, 0, 0.1, SKIN)), 0).astype(int)
-    drawn = np.abs(Stage(level).draw(flesh, balls, 0).astype(int) - empty).max(axis=-1) > 12
+    skin, balls = balls_in_front((0.3, 1.4, 0, 0.3, SKIN))
+    empty = BodyRenderer(level).draw(*balls_in_front((9, 1, 0, 0.1, SKIN)), 0).astype(int)
+    drawn = np.abs(BodyRenderer(level).draw(skin, balls, 0).astype(int) - empty).max(axis=-1) > 12
     toward = (balls[0] - level.eye(0)) @ level.axes
     angle = np.arccos(np.clip(level.rays() @ toward / np.linalg.norm(toward), -1, 1))
     limb = np.arcsin(0.3 / np.linalg.norm(toward))
@@ -116,36 +118,36 @@ def test_a_ball_is_round_and_as_large_as_it_is(level: Shot) -> None:
 
 def test_windows_hold_all_that_is_seen(waving_clip: Clip, monkeypatch: pytest.MonkeyPatch) -> None:
     """The picture is the same when every link is tested on every sample."""
-    shot = frame_shot(waving_clip.pose, 30, SMALL)
-    flesh, balls = (
-        fit_flesh(waving_clip.pose.skeleton),
-        place_flesh(fit_flesh(waving_clip.pose.skeleton), waving_clip.pose),
+    camera = follow_body(waving_clip.pose, 30, SMALL)
+    skin, balls = (
+        fit_skin(waving_clip.pose.skeleton),
+        place_skin(fit_skin(waving_clip.pose.skeleton), waving_clip.pose),
     )
-    quick = Stage(shot).draw(flesh, balls[40], 40)
-    zero, count = np.zeros(len(flesh.link), dtype=int), len(flesh.link)
+    quick = BodyRenderer(camera).draw(skin, balls[40], 40)
+    zero, count = np.zeros(len(skin.link), dtype=int), len(skin.link)
     whole = (zero, np.full(count, 192), zero, np.full(count, 240))
-    monkeypatch.setattr(Stage, "_windows", lambda *_: whole)
-    np.testing.assert_array_equal(Stage(shot).draw(flesh, balls[40], 40), quick)
+    monkeypatch.setattr(BodyRenderer, "_windows", lambda *_: whole)
+    np.testing.assert_array_equal(BodyRenderer(camera).draw(skin, balls[40], 40), quick)
 
 
 def test_the_body_is_where_its_joints_are(waving_clip: Clip) -> None:
     """Joints of arms, legs and head lie on the drawn body; it wears what it should."""
-    shot = frame_shot(waving_clip.pose, 30, SMALL)
+    camera = follow_body(waving_clip.pose, 30, SMALL)
     skeleton = waving_clip.pose.skeleton
     position = np.asarray(forward_kinematics(waving_clip.pose)[0])
     away = replace(waving_clip.pose, root_position=waving_clip.pose.root_position + np.array([0, 50, 0]))
-    one = replace(shot, follow=shot.follow[30:31])
+    one = replace(camera, follow=camera.follow[30:31])
     (empty,) = (picture.astype(int) for picture in draw_pose(away[30:31], one))
     (picture,) = (picture.astype(int) for picture in draw_pose(waving_clip.pose[30:31], one))
     for joint in ("head", "pelvis", "spine3", "left_knee", "right_knee", "left_elbow", "right_wrist", "left_ankle"):
-        at = pixel(shot, position[30, skeleton.index(joint)], 30)
+        at = pixel(camera, position[30, skeleton.index(joint)], 30)
         assert np.abs(picture[at] - empty[at]).max() > 15, joint
-    assert hue(picture[pixel(shot, position[30, skeleton.index("spine3")], 30)].astype(float), SHIRT) < 0.05
+    assert hue(picture[pixel(camera, position[30, skeleton.index("spine3")], 30)].astype(float), SHIRT) < 0.05
 
 
-def test_a_shadow_lies_under_the_feet(level: Shot) -> None:
-    low = Stage(level).draw(*balls_in_front((0, 0.12, 0, 0.1, SKIN)), 0).astype(int)
-    high = Stage(level).draw(*balls_in_front((0, 1.9, 0, 0.1, SKIN)), 0).astype(int)
+def test_a_shadow_lies_under_the_feet(level: FollowingCamera) -> None:
+    low = BodyRenderer(level).draw(*balls_in_front((0, 0.12, 0, 0.1, SKIN)), 0).astype(int)
+    high = BodyRenderer(level).draw(*balls_in_front((0, 1.9, 0, 0.1, SKIN)), 0).astype(int)
     at = pixel(level, np.array([0.12, 0.0, 0.1]))
     assert low[at].mean() < high[at].mean() - 10
     aside = pixel(level, np.array([0.9, 0.0, 0.1]))
@@ -155,24 +157,24 @@ def test_a_shadow_lies_under_the_feet(level: Shot) -> None:
 def test_flesh_holds_the_primitives() -> None:
     """What is drawn reaches as far as the solids that hide joints, to a few millimetres; knees and trunk are joined."""
     skeleton = default_skeleton()
-    flesh, pose = fit_flesh(skeleton), standing_pose(skeleton)
-    balls = place_flesh(flesh, pose)
+    skin, pose = fit_skin(skeleton), standing_pose(skeleton)
+    balls = place_skin(skin, pose)
     solids = place(fit_primitives(skeleton), *(np.asarray(part) for part in forward_kinematics(pose)))
     ends = np.concatenate([solids.start, solids.end])
     nearest = np.linalg.norm(ends[:, None] - balls, axis=-1).min(axis=1)
     assert np.quantile(nearest, 0.9) < 0.01 and nearest.max() < 0.03
-    linked = {frozenset(map(int, pair)) for pair in flesh.link}
+    linked = {frozenset(map(int, pair)) for pair in skin.link}
     reached, todo = set(), {0}
     while todo:
         reached |= todo
         todo = {k for pair in linked if pair & reached for k in pair} - reached
     trunk = {int(skeleton.index(name)) for name in ("pelvis", "spine1", "spine2", "spine3", "neck", "left_collar")}
-    assert trunk <= {int(flesh.joint[k]) for k in reached}, "the trunk hangs together"
+    assert trunk <= {int(skin.joint[k]) for k in reached}, "the trunk hangs together"
 
 
 def test_the_file(tmp_path: Path, waving_clip: Clip) -> None:
     pose = waving_clip.pose[:7]
-    write_animation(tmp_path / "a.webp", pose, frame_shot(pose, 30, SMALL), 30)
+    write_animation(tmp_path / "a.webp", pose, follow_body(pose, 30, SMALL), 30)
     with Image.open(tmp_path / "a.webp") as image:
         assert (image.format, image.size, image.info["loop"]) == ("WEBP", (96, 120), 0)
         assert getattr(image, "n_frames", 1) == 7
@@ -183,30 +185,32 @@ def test_the_file(tmp_path: Path, waving_clip: Clip) -> None:
             duration.append(image.info["duration"])
     assert sum(duration) == 233 and set(duration) <= {33, 34}  # 7 / 30 s
     assert [path.name for path in tmp_path.iterdir()] == ["a.webp"]
-    shot = frame_shot(pose, 30, SMALL)
-    with pytest.raises(BodysenseError, match="a shot of 7 frames cannot show 3; frame it anew"):
-        write_animation(tmp_path / "b.webp", pose[:3], shot, 30)
+    camera = follow_body(pose, 30, SMALL)
+    with pytest.raises(BodysenseError, match="a camera of 7 frames cannot show 3; frame it anew"):
+        write_animation(tmp_path / "b.webp", pose[:3], camera, 30)
     assert [path.name for path in tmp_path.iterdir()] == ["a.webp"]
 
 
 def test_the_camera_sees_the_face_and_keeps_calm(waving_clip: Clip) -> None:
     pose, skeleton = waving_clip.pose, waving_clip.pose.skeleton
-    shot = frame_shot(pose, 30, SMALL)
-    assert len(shot) == 90 and (shot.follow == shot.follow[0]).all(), "a head that stays is watched from one place"
-    np.testing.assert_allclose(shot.axes.T @ shot.axes, np.eye(3), atol=1e-12)
-    assert np.linalg.det(shot.axes) == pytest.approx(1)
-    assert shot.axes[2, 2] > 0.7, "somebody who faces +Z is seen from there"
-    assert shot.axes[0, 2] > 0, "and from their left"
+    camera = follow_body(pose, 30, SMALL)
+    assert len(camera) == 90 and (camera.follow == camera.follow[0]).all(), (
+        "a head that stays is watched from one place"
+    )
+    np.testing.assert_allclose(camera.axes.T @ camera.axes, np.eye(3), atol=1e-12)
+    assert np.linalg.det(camera.axes) == pytest.approx(1)
+    assert camera.axes[2, 2] > 0.7, "somebody who faces +Z is seen from there"
+    assert camera.axes[0, 2] > 0, "and from their left"
 
     walk = pose.root_position + np.linspace(0, 3, 90)[:, None] * [1.0, 0.0, 0.0]
-    moving = frame_shot(Pose(skeleton, walk, pose.rotation), 30, SMALL)
+    moving = follow_body(Pose(skeleton, walk, pose.rotation), 30, SMALL)
     head = np.asarray(forward_kinematics(Pose(skeleton, walk, pose.rotation))[0])[:, skeleton.index("head")]
     assert np.abs(moving.follow - head[:, [0, 2]]).max() < 0.8
     assert np.abs(np.diff(moving.follow, 2, axis=0)).max() < 0.003
 
-    moved = frame_shot(Pose(skeleton, pose.root_position + np.array([5.0, 2.0, -1.0]), pose.rotation), 30, SMALL)
-    np.testing.assert_allclose(moved.follow - shot.follow, np.tile([5.0, -1.0], (90, 1)), atol=1e-9)
-    assert moved.floor - shot.floor == pytest.approx(2)
+    moved = follow_body(Pose(skeleton, pose.root_position + np.array([5.0, 2.0, -1.0]), pose.rotation), 30, SMALL)
+    np.testing.assert_allclose(moved.follow - camera.follow, np.tile([5.0, -1.0], (90, 1)), atol=1e-9)
+    assert moved.floor - camera.floor == pytest.approx(2)
 
 
 def test_a_lens_that_cannot_be() -> None:
@@ -220,13 +224,13 @@ def test_a_picture_is_drawn_in_little_time(waving_clip: Clip) -> None:
     """The aim is 30 ms on a core of its own; thrice that is a defect."""
     import time
 
-    shot = frame_shot(waving_clip.pose, 30)
-    flesh, stage = fit_flesh(waving_clip.pose.skeleton), Stage(shot)
-    balls = place_flesh(flesh, waving_clip.pose)
-    stage.draw(flesh, balls[0], 0)
+    camera = follow_body(waving_clip.pose, 30)
+    skin, renderer = fit_skin(waving_clip.pose.skeleton), BodyRenderer(camera)
+    balls = place_skin(skin, waving_clip.pose)
+    renderer.draw(skin, balls[0], 0)
     spent = []
     for frame in range(20):
         begun = time.perf_counter()
-        stage.draw(flesh, balls[frame], frame)
+        renderer.draw(skin, balls[frame], frame)
         spent.append(time.perf_counter() - begun)
     assert min(spent) < 0.09

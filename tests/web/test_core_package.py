@@ -24,7 +24,8 @@ from bodysense.body.rotation import geodesic_angle
 from bodysense.body.shape import Measured
 from bodysense.demo import performance_of_stranger
 from bodysense.devices.simulated.device import simulate
-from bodysense.observation import Estimate, Observation
+from bodysense.estimate import Estimate
+from bodysense.observation import Observation
 from bodysense.tracker import Tracker, TrackerSettings
 
 Scenario = Callable[..., dict[str, Any]]
@@ -97,7 +98,7 @@ def recording(case: Case, observation: Observation) -> dict[str, Any]:
     }
     if person.height is not None:
         known |= {"height": person.height.value, "heightDeviation": person.height.deviation}
-    if person.is_told:
+    if person.is_known:
         known["restOffset"] = person.skeleton.rest_offset.ravel().tolist()
     frames = [frame(observation, t) for t in range(len(observation))]
     return {"person": known, "frames": frames, "settings": {"floor": settings.floor, "holdFeet": settings.hold_feet}}

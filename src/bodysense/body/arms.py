@@ -12,12 +12,11 @@ from dataclasses import replace
 import numpy as np
 
 from bodysense.body.pose import Pose
-from bodysense.body.skeleton import FINGERS, Skeleton
+from bodysense.body.skeleton import ARM, FINGERS, Skeleton
 
 SIDES = ("left", "right")
-ARM_PARTS = ("collar", "shoulder", "elbow", "wrist")  # the joints that turn collar, upper arm, forearm and hand
 FINGER_JOINTS = tuple(f"{finger}{k}" for finger in FINGERS for k in (1, 2, 3))  # of a hand, in the order of SMPL-H
-ARM_JOINTS = tuple(f"{side}_{part}" for side in SIDES for part in (*ARM_PARTS, *FINGER_JOINTS))  # 2 × 19
+ARM_JOINTS = tuple(f"{side}_{part}" for side in SIDES for part in (*ARM, *FINGER_JOINTS))  # 2 × 19
 ARM_POINTS = ("shoulder", "elbow", "wrist")  # between them upper arm and forearm
 # A hand's points in the order of MediaPipe's hand landmarks; thumb1 is its CMC joint, the others' 1 their knuckle.
 HAND_POINTS = (

@@ -16,6 +16,7 @@ from bodysense.body.rigid import RigidTransform
 from bodysense.body.shape import SHORTEST as SHORTEST_ADULT
 from bodysense.body.shape import TALLEST as TALLEST_ADULT
 from bodysense.body.shape import Measured, ShapeEstimate, shape_space
+from bodysense.body.shape import stature as stature_of
 from bodysense.body.skeleton import Skeleton, skeleton_from_table
 from bodysense.errors import BodysenseError
 from bodysense.files import written_beside
@@ -28,7 +29,7 @@ SHORTEST, TALLEST = 1.0, 2.3  # m: heights of a person
 SOLE = 0.05  # m: a skeleton may be this much lower than its person, because its lowest points are above the sole
 SENSOR = "_imu"  # suffix of a joint that carries an inertial sensor
 CROWN, FLOOR = "crown", "floor"  # ends of a height, in a file
-TOLD = 0.001  # m: standard deviation of a given length
+KNOWN_TO = 0.001  # m: standard deviation of a length that is given without one
 
 
 @dataclass(frozen=True, eq=False, init=False)
@@ -116,13 +117,24 @@ class Person:
         object.__setattr__(self, "lengths", known)
         object.__setattr__(self, "hands", dict(hands or {}))
 
+    def __repr__(self) -> str:
+        known = "known proportions" if self.is_known else "inferred" if self.height is None else "known height"
+        worn = f", trackers on {', '.join(self.mounts)}" if self.mounts else ""
+        hands = f", hands calibrated: {', '.join(self.hands)}" if self.hands else ""
+        return f"Person({self.stature:.2f} m, {known}{worn}{hands})"
+
     @cached_property
-    def is_told(self) -> bool:
+    def stature(self) -> float:
+        """Height in metres of the crown above the soles, as believed."""
+        return float(stature_of(self.skeleton.rest_offset))
+
+    @cached_property
+    def is_known(self) -> bool:
         """Whether all proportions are known exactly."""
         return not self.bone_deviation.any()
 
     @classmethod
-    def told(cls, skeleton: Skeleton) -> Person:
+    def known(cls, skeleton: Skeleton) -> Person:
         """Return a person whose proportions are known exactly."""
         return cls(skeleton)
 
@@ -231,7 +243,7 @@ class Person:
 
 def _measured(value: Measured | float, what: str) -> Measured:
     """Return a length as measured; a height must be a person's."""
-    length = value if isinstance(value, Measured) else Measured(value, TOLD)
+    length = value if isinstance(value, Measured) else Measured(value, KNOWN_TO)
     if what == "height" and not SHORTEST <= length.value <= TALLEST:
         raise BodysenseError(
             f"person: height {length.value:g} m; people are {SHORTEST} to {TALLEST} m high, give metres"

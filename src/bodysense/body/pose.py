@@ -35,6 +35,9 @@ class Pose:
     root_position: Array  # (..., 3) m, world
     rotation: Array  # (..., J, 4) wxyz, parent ← joint; the root's is world ← root
 
+    def __repr__(self) -> str:
+        return f"Pose({self.rotation.shape[:-2]}, {self.skeleton!r})"
+
     def __getitem__(self, key: Any) -> Pose:
         """Index the leading axes: `pose[10]`, `pose[5:20]`."""
         return Pose(self.skeleton, self.root_position[key], self.rotation[key])

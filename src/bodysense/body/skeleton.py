@@ -20,6 +20,8 @@ BODY = (
     "right_shoulder", "left_elbow", "right_elbow", "left_wrist", "right_wrist",
 )
 # fmt: on
+ARM = ("collar", "shoulder", "elbow", "wrist")  # the joints that turn collar, upper arm, forearm and hand
+LEG = ("hip", "knee", "ankle", "foot", "toe")  # the last is an end site
 # The lower body among them as in AGRoL (Du et al. 2023); hands are the wrists.
 LOWER_BODY = tuple(name for name in BODY if name.split("_")[-1] in ("pelvis", "hip", "knee", "ankle", "foot"))
 
@@ -37,6 +39,9 @@ class Skeleton:
     end_sites: tuple[str, ...]
     parents: tuple[int, ...]  # one per point: index of the joint it hangs on; -1 for the root
     rest_offset: np.ndarray = field(repr=False)  # (P, 3) m, from the parent joint, in the rest pose
+
+    def __repr__(self) -> str:
+        return f"Skeleton({len(self.joints)} joints, {len(self.end_sites)} end sites, {self.height:.2f} m)"
 
     def __post_init__(self) -> None:
         offset = np.array(self.rest_offset, dtype=np.float64)

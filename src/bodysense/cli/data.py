@@ -153,16 +153,16 @@ class _Counts:
     def table(self, title: str) -> Table:
         from rich.table import Table
 
-        shown = Table(title=title)
+        table = Table(title=title)
         for column in ("category", "people", "clips", "minutes", "with fingers"):
-            shown.add_column(column, justify="left" if column == "category" else "right")
+            table.add_column(column, justify="left" if column == "category" else "right")
         for category, row in sorted(self._rows.items()):
-            shown.add_row(category, str(len(self._people[category])), *_minutes(row))
-        shown.add_section()
+            table.add_row(category, str(len(self._people[category])), *_minutes(row))
+        table.add_section()
         everyone = set().union(*self._people.values()) if self._people else set()
         whole = sum(self._rows.values(), Counter())
-        shown.add_row("all", str(len(everyone)), *_minutes(whole))
-        return shown
+        table.add_row("all", str(len(everyone)), *_minutes(whole))
+        return table
 
     def numbers(self) -> dict[str, float]:
         everyone = set().union(*self._people.values()) if self._people else set()
@@ -207,9 +207,9 @@ def sources() -> None:
 
     from bodysense.io.datasets.catalogue import CATALOGUE
 
-    shown = Table(title="Motion data that bodysense reads")
+    table = Table(title="Motion data that bodysense reads")
     for column in ("name", "what", "format", "fingers", "licence", "where", "tables"):
-        shown.add_column(column)
+        table.add_column(column)
     for entry in CATALOGUE:
-        shown.add_row(entry.name, entry.what, entry.format, entry.fingers, entry.licence, entry.where, entry.tables)
-    Console().print(shown)
+        table.add_row(entry.name, entry.what, entry.format, entry.fingers, entry.licence, entry.where, entry.tables)
+    Console().print(table)

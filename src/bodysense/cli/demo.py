@@ -71,7 +71,7 @@ def demo(
     console = Console()
     clip = resample(load_clip(file, reading) if file is not None else performance_of_stranger(), RATE)
     skeleton, rows, poses = clip.pose.skeleton, list[DemoRow](), list["Pose"]()
-    frames = shown_frames(clip)
+    frames = picture_frames(clip)
     views = [View("the wearer", clip.pose[frames])]
     with console.status("completing the body …"):
         for device, name in DEVICES.items():
@@ -86,7 +86,7 @@ def demo(
         write_bvh(out / "truth.bvh", clip)
         for name, pose in zip(("hands", "result"), poses, strict=True):
             write_bvh(out / f"{name}.bvh", replace(clip, name=name, pose=pose))
-        lens = Lens(width=220, height=290, aim=0.86, shown=2.25)
+        lens = Lens(width=220, height=290, aim=0.86, view_height=2.25)
         write_comparison(out / "demo.webp", views, clip.frame_rate / frames.step, lens)
         write_moments(out / "demo.png", views, clip.frame_rate / frames.step, lens=lens)
     written = [out / name for name in ("truth.bvh", "hands.bvh", "result.bvh", "demo.webp", "demo.png")]
@@ -136,15 +136,15 @@ def demo_table(rows: Sequence[DemoRow]) -> Table:
     from rich import box
     from rich.table import Table
 
-    shown = Table(caption="mean error of hidden joints, cm", box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
+    table = Table(caption="mean error of hidden joints, cm", box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
     for column in ("completed from", "joints", "last known place", "bodysense"):
-        shown.add_column(column, justify="left" if column in ("completed from", "joints") else "right", no_wrap=True)
+        table.add_column(column, justify="left" if column in ("completed from", "joints") else "right", no_wrap=True)
     for row in rows:
-        shown.add_row(row.device, row.joints, f"{row.last_known:.1f}", f"{row.completed:.1f}")
-    return shown
+        table.add_row(row.device, row.joints, f"{row.last_known:.1f}", f"{row.completed:.1f}")
+    return table
 
 
-def shown_frames(clip: Clip) -> slice:
+def picture_frames(clip: Clip) -> slice:
     """The frames of the animation: the first `LONGEST` seconds, about `PICTURES` a second."""
     step = max(1, round(clip.frame_rate / PICTURES))
     return slice(0, min(len(clip), round(LONGEST * clip.frame_rate)), step)

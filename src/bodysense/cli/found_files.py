@@ -101,7 +101,7 @@ def _read_other(key: str, source: Source, reading: ReadingOptions) -> FoundFile:
         return FoundFile(key, clip, kind=kind, said=said, rate=clip.frame_rate)
     seen = opened.recording.observation
     if isinstance(opened, MarkerSource):
-        said = f"{len(seen.points)} points of {'gloves' if opened.recording.told else 'a body'}"
+        said = f"{len(seen.points)} points of {'gloves' if opened.recording.known else 'a body'}"
         lines = (line.removeprefix("note: ") for line in opened.remarks)
         rate = 0.0 if opened.found is None else opened.found.frame_rate
         return FoundFile(key, kind="markers", said="; ".join((said, *lines)), rate=rate)
@@ -139,11 +139,11 @@ def table_of(found: list[FoundFile]) -> Table:
     from rich import box
     from rich.table import Table
 
-    shown = Table(title="How the files were read", box=box.SIMPLE_HEAD, pad_edge=False)
+    table = Table(title="How the files were read", box=box.SIMPLE_HEAD, pad_edge=False)
     names = ("rig", "joints", "unit", "up", "floor", "Hz", "missing")
     alone = len(found) <= LISTED
     for column in ("file" if alone else "files", *names, "confidence"):
-        shown.add_column(column, overflow="fold")
+        table.add_column(column, overflow="fold")
     rows: dict[tuple[str, ...], list[FoundFile]] = {}
     for one in found:
         if not one.reason:
@@ -151,8 +151,8 @@ def table_of(found: list[FoundFile]) -> Table:
     for alike in rows.values():
         least = [one.rig.confidence for one in alike if one.rig is not None]
         sure = f"{min(least):.0%}" if least else ""
-        shown.add_row(alike[0].key if alone else str(len(alike)), *_alike(alike[0]), sure)
-    return shown
+        table.add_row(alike[0].key if alone else str(len(alike)), *_alike(alike[0]), sure)
+    return table
 
 
 def _alike(one: FoundFile) -> tuple[str, ...]:

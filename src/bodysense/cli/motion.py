@@ -23,7 +23,7 @@ from bodysense.io.rigs.options import AS_FOUND
 
 if TYPE_CHECKING:
     from bodysense.body.person import Person
-    from bodysense.filling import Holed
+    from bodysense.filling import PartialMotion
     from bodysense.io.markers.gaps import FilledMarkers
     from bodysense.open import MarkerSource, MotionSource
     from bodysense.take import Take
@@ -59,6 +59,7 @@ def simulate(
 
     from bodysense.body.glove_set import read_set
     from bodysense.cli.markers import write_seen
+    from bodysense.devices.simulated.device import MarkerGloves
     from bodysense.devices.simulated.device import simulate as simulated
     from bodysense.io.recording import Recording
 
@@ -67,8 +68,8 @@ def simulate(
     clip = load_clip(file, reading, rate)
     if marker_set is not None and device != "gloves":
         raise BodysenseError(f"--marker-set {marker_set}: for --device gloves, not for {device}; leave it out")
-    worn = None if marker_set is None else read_set(marker_set)
-    observation = simulated(clip, device, seed if noise else None, worn)
+    watching = device if marker_set is None else MarkerGloves(read_set(marker_set))
+    observation = simulated(clip, watching, seed if noise else None)
     write_seen(out, Recording(observation, clip.pose.skeleton), clip.frame_rate)
     tracked = (observation.has_position | observation.has_rotation).mean()
     Console().print(f"wrote {out}: {len(observation)} frames, {tracked:.0%} of points tracked", highlight=False)
@@ -90,8 +91,8 @@ def track(  # noqa: PLR0915
     samples: int | None = None,
     seed: int = 1,
     json: Path | None = None,
-    gloves: Annotated[MarkerOptions, tyro.conf.arg(name="")] = NO_OPTIONS,
-    video: Annotated[VideoOptions, tyro.conf.arg(name="")] = NO_VIDEO,
+    markers: Annotated[MarkerOptions, tyro.conf.OmitArgPrefixes] = NO_OPTIONS,
+    video: Annotated[VideoOptions, tyro.conf.OmitArgPrefixes] = NO_VIDEO,
     reading: Reading = AS_FOUND,
 ) -> None:
     """Complete a recording, a video, a motion with holes, or one seen by a simulated device; write BVH, glTF or VRMA.
@@ -140,7 +141,7 @@ def track(  # noqa: PLR0915
 
     markers_out = is_marker_file(out)
     _check_outputs(file, out, None if markers_out else rig, save_person, json)
-    opened = open_recorded(file, reading, gloves, fingers=fingers == "synthesize")
+    opened = open_recorded(file, reading, markers, fingers=fingers == "synthesize")
     if isinstance(opened, VideoSource) and person is not None and str(person).isdecimal() and not person.exists():
         raise BodysenseError(f"{file}: --person {person}: no such wearer's file; --follow {person} follows that person")
     wearer, seeded = person_of(person, reading.height), seed if noise else None
@@ -170,8 +171,8 @@ def track(  # noqa: PLR0915
         for line in opened.remarks:
             print(line)
     # Gloves were put on a body so tall already, and a motion was scaled so.
-    told = isinstance(opened, MarkerSource) and opened.recording.told
-    height = None if has_holes or told else reading.height
+    is_sized = isinstance(opened, MarkerSource) and opened.recording.known
+    height = None if has_holes or is_sized else reading.height
     floor = 0.0 if isinstance(opened, MotionSource) else reading.floor or 0.0  # of a motion it was put to 0
     if samples is not None:
         from bodysense.cli.samples import sample_paths, write_samples
@@ -276,8 +277,8 @@ def _say(take: Take, out: Path) -> None:
     """Print what was found out of a recording."""
     from bodysense.io.markers.files import is_marker_file
 
-    if take.holed is not None:
-        print(holes_line(take.holed))
+    if take.partial is not None:
+        print(holes_line(take.partial))
     for line in take.remarks:
         print(f"WARNING: {line}")
     if take.markers is not None and is_marker_file(out):
@@ -300,19 +301,19 @@ def _write_with_fingers(opened: MotionSource, out: Path, model: Path | None) -> 
     print(f"wrote {out}: {len(clip)} frames with synthesized fingers")
 
 
-def holes_line(holed: Holed) -> str:
+def holes_line(partial: PartialMotion) -> str:
     """Return a line about the joints that a motion lacked."""
-    if holed.is_whole:
+    if partial.is_whole:
         return (
             "nothing is missing in this motion: it is unchanged (--missing names joints, --device simulates tracking)"
         )
-    if holed.clip.lacks and not holed.holes.any():
-        return f"completed {' and '.join(holed.clip.lacks)}, which the motion lacks"
-    count = holed.holes.sum(axis=0)
+    if partial.clip.lacks and not partial.holes.any():
+        return f"completed {' and '.join(partial.clip.lacks)}, which the motion lacks"
+    count = partial.holes.sum(axis=0)
     order = [joint for joint in count.argsort(kind="stable")[::-1].tolist() if count[joint]]
-    named = ", ".join(f"{holed.rig.joints[joint]} {count[joint]}" for joint in order[:_LISTED])
+    named = ", ".join(f"{partial.rig.joints[joint]} {count[joint]}" for joint in order[:_LISTED])
     more = f" and {len(order) - _LISTED} more joints" if len(order) > _LISTED else ""
-    return f"filled frames, of {len(holed.holes)}: {named}{more}"
+    return f"filled frames, of {len(partial.holes)}: {named}{more}"
 
 
 def marker_lines(done: FilledMarkers, markers: MarkerSource) -> list[str]:
@@ -337,8 +338,6 @@ def marker_lines(done: FilledMarkers, markers: MarkerSource) -> list[str]:
 
 def inferred_line(person: Person) -> str:
     """Return a line about the inferred proportions of a wearer."""
-    from bodysense.body.shape import stature
-
     if person.height is None:
-        return f"height {float(stature(person.skeleton.rest_offset)):.2f} m inferred"
+        return f"height {person.stature:.2f} m inferred"
     return f"height {person.height.value:.2f} m known, other proportions inferred"

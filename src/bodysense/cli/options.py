@@ -9,7 +9,7 @@ import tyro
 from bodysense.errors import BodysenseError
 from bodysense.io.rigs.options import ReadingOptions
 
-Reading = Annotated[ReadingOptions, tyro.conf.arg(name="")]  # of a motion file: --unit, --up, --floor …
+Reading = Annotated[ReadingOptions, tyro.conf.OmitArgPrefixes]  # of a motion file: --unit, --up, --floor …
 
 _FASTEST = 10_000.0  # Hz
 

@@ -42,8 +42,8 @@ def write_numbers(path: Path | None, numbers: dict[str, float]) -> None:
     """Write one flat JSON object, if a path was given; figures that do not exist (not a number) are left out."""
     if path is not None:
         with written_beside(path) as beside:
-            told = {name: value for name, value in numbers.items() if np.isfinite(value)}
-            beside.write_text(json.dumps(told, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+            finite = {name: value for name, value in numbers.items() if np.isfinite(value)}
+            beside.write_text(json.dumps(finite, indent=1, allow_nan=False) + "\n", encoding="utf-8")
 
 
 def processor() -> str:

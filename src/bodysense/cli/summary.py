@@ -36,8 +36,8 @@ def take_values(take: Take, speed: float) -> dict[str, Any]:
         "height_is_inferred": bool(take.person.bone_deviation.any() and take.person.height is None),
         "warnings": list(take.remarks),
     }
-    if take.holed is not None:
-        count = np.asarray(take.holed.holes.sum(axis=0))
-        names = take.holed.rig.joints
+    if take.partial is not None:
+        count = np.asarray(take.partial.holes.sum(axis=0))
+        names = take.partial.rig.joints
         values["filled_frames"] = {str(names[k]): int(count[k]) for k in np.flatnonzero(count)}
     return values

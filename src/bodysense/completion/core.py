@@ -198,7 +198,7 @@ def believed_person(one: PersonStruct, person: Person) -> Person:
             mount = one.mount[default_skeleton().index(joint)]
             mounts[joint] = RigidTransform(np.array(mount.translation), np.array(mount.rotation))
     known: dict[str, Any] = {}
-    if not person.is_told:
+    if not person.is_known:
         known = {"height": None if np.isnan(one.height) else person.height, "lengths": person.lengths}
     return Person(
         person.skeleton.with_offsets(offset),

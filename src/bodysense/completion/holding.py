@@ -15,7 +15,7 @@ from bodysense.body.rotation import (
     quaternion_rotate,
     shortest_arc,
 )
-from bodysense.observation import CONTACT_POINTS
+from bodysense.estimate import CONTACT_POINTS
 
 Array = np.ndarray
 FARTHEST = 0.06  # m that a foot is held back at most; 0.12 holds more firmly, and causes a third more jumps

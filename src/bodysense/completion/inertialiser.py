@@ -62,7 +62,7 @@ class Inertialiser:
 
     def start(
         self,
-        shown: Pose,
+        output: Pose,
         target: Pose,
         offset: Offset,
         *,
@@ -74,18 +74,18 @@ class Inertialiser:
         """Return the offset after a break, with which `apply` continues from the pose that was output before it.
 
         Args:
-            shown: the pose (...) that was output in the frame before.
-            target: the pose (...) that would be shown in that frame from now on, or in the first one after the break.
+            output: the pose (...) that was output in the frame before.
+            target: the pose (...) that would be output in that frame from now on, or in the first one after the break.
             offset: that of the frame before; goes on for people without a break.
             people: (...) bool, whose motion breaks; everybody's if omitted.
             follow: (..., J) bool, joints that take the target at once; with the root its position too.
-            velocity: of the shown pose; at rest if omitted.
+            velocity: of the output pose; at rest if omitted.
             target_velocity: of the target; at rest if omitted.
         """
-        root = np.asarray(shown.root_position) - np.asarray(target.root_position)
-        turn = quaternion_multiply(np.asarray(shown.rotation), quaternion_conjugate(np.asarray(target.rotation)))
+        root = np.asarray(output.root_position) - np.asarray(target.root_position)
+        turn = quaternion_multiply(np.asarray(output.rotation), quaternion_conjugate(np.asarray(target.rotation)))
         rotation = np.asarray(quaternion_log(turn))
-        velocity, still = velocity or self.rest(shown).velocity, target_velocity or self.rest(target).velocity
+        velocity, still = velocity or self.rest(output).velocity, target_velocity or self.rest(target).velocity
         root_velocity = velocity.root - still.root
         spin = _rate_of_rotation_vector(rotation, velocity.spin - np.asarray(quaternion_rotate(turn, still.spin)))
         if follow is not None:
@@ -113,12 +113,12 @@ class Inertialiser:
         passed = np.asarray(interval, dtype=float)
         root, root_velocity = _decayed(offset.root, offset.velocity.root, self.half_life, passed[..., None])
         rotation, spin = _decayed(offset.rotation, offset.velocity.spin, self.half_life, passed[..., None, None])
-        shown = Pose(
+        output = Pose(
             target.skeleton,
             target.root_position + root,
             quaternion_multiply(np.asarray(quaternion_exp(rotation)), np.asarray(target.rotation)),
         )
-        return shown, Offset(root, rotation, Velocity(root_velocity, spin))
+        return output, Offset(root, rotation, Velocity(root_velocity, spin))
 
 
 def _decayed(

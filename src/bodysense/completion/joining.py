@@ -19,7 +19,7 @@ from bodysense.body.rotation import (
     quaternion_log,
     quaternion_multiply,
 )
-from bodysense.body.skeleton import BODY, default_skeleton
+from bodysense.body.skeleton import ARM, BODY, LEG, default_skeleton
 
 Array = np.ndarray
 LEAD = 0.25  # s before a point is seen again in which the guess turns toward it; 0.1 and 0.5 are within 1 %
@@ -29,7 +29,6 @@ FASTEST_TURN = 9.0  # rad/s: maximum speed of a joint when it is seen again
 # 18 % larger errors backward (three points). Weight of certainty, and the seconds over which expected errors are
 # averaged. Chosen on 32 validation clips.
 BACKWARD_SHARE, SURENESS, STEADY = 1 / 3, 2.0, 0.33
-_ARM, _LEG = ("collar", "shoulder", "elbow", "wrist"), ("hip", "knee", "ankle", "foot", "toe")
 
 
 @lru_cache(maxsize=1)
@@ -41,7 +40,7 @@ def groups() -> dict[str, tuple[int, ...]]:
         if side not in ("left", "right"):
             group = "trunk"
         else:
-            group = f"{side}_{'arm' if part in _ARM else 'leg' if part in _LEG else 'fingers'}"
+            group = f"{side}_{'arm' if part in ARM else 'leg' if part in LEG else 'fingers'}"
         found.setdefault(group, []).append(point)
     return {group: tuple(points) for group, points in found.items()}
 

@@ -131,13 +131,13 @@ class Network:
                 continue
             shape, short = value.shape[1:], value.name.removeprefix(STATE)
             row = rows.get(short) or rows.get(value.name) or {}
-            told = row.get("start", row.get("values"))
-            if told is not None and np.size(told) != prod(shape):
+            initial = row.get("start", row.get("values"))
+            if initial is not None and np.size(initial) != prod(shape):
                 raise BodysenseError(
-                    f"{self.source}: its card starts {short!r} with {np.size(told)} numbers, but the graph reads "
+                    f"{self.source}: its card starts {short!r} with {np.size(initial)} numbers, but the graph reads "
                     f"{prod(shape)}; export the network again"
                 )
-            values = np.zeros(shape) if told is None else np.reshape(told, shape)
+            values = np.zeros(shape) if initial is None else np.reshape(initial, shape)
             start[value.name] = values[None].astype(_TYPES[value.type])
         return start
 

@@ -16,8 +16,9 @@ from bodysense.arrays import read_arrays, sound
 from bodysense.body.pose import Pose
 from bodysense.body.rotation import quaternion_canonical, quaternion_exp, quaternion_multiply, quaternion_rotate
 from bodysense.body.skeleton import Skeleton, default_skeleton
+from bodysense.body.world_axes import TURNS
 from bodysense.errors import BodysenseError
-from bodysense.io.clip import Z_UP_TO_Y_UP, Clip
+from bodysense.io.clip import Clip
 from bodysense.io.fingers import with_fingers
 from bodysense.io.rigs.canonical import complete_skeleton
 
@@ -47,8 +48,8 @@ def read_amass(path: str | Path, skeleton: Skeleton | None = None, trans_to_pelv
         odd = sorted(set(skeleton.joints) ^ set(smplh))[0]
         raise BodysenseError(f"the skeleton for {path} must have the 52 joints of SMPL-H; {odd!r} differs: complete it")
     rotation = quaternion_exp(axis_angle)[:, [smplh.index(joint) for joint in skeleton.joints]]
-    rotation[:, 0] = quaternion_multiply(Z_UP_TO_Y_UP, rotation[:, 0])
-    root = quaternion_rotate(Z_UP_TO_Y_UP, trans + np.asarray(trans_to_pelvis, dtype=float))
+    rotation[:, 0] = quaternion_multiply(TURNS["z"], rotation[:, 0])
+    root = quaternion_rotate(TURNS["z"], trans + np.asarray(trans_to_pelvis, dtype=float))
     pose = Pose(skeleton, root, quaternion_canonical(rotation))
     pose, has_fingers = with_fingers(pose)
     return Clip(path.stem, pose, _frame_rate(path, arrays), has_fingers=has_fingers)

@@ -9,7 +9,6 @@ import numpy as np
 
 from bodysense.body.pose import Pose
 
-Z_UP_TO_Y_UP = np.array([np.sqrt(0.5), -np.sqrt(0.5), 0.0, 0.0])  # -90° about X: (x, y, z) becomes (x, z, -y)
 # Large parts of a body that a recording may lack, and their joints without sides; the first must be there.
 PARTS = {
     "head": ("head", "neck"),
@@ -29,6 +28,10 @@ class Clip:
     category: str = ""  # what they do, where the data set says
     has_fingers: bool = True  # False where the recording has no finger motion (they are filled in, relaxed)
     lacks: tuple[str, ...] = ()  # of `PARTS`, what the recording has not: legs and arms keep still
+
+    def __repr__(self) -> str:
+        lacks = f", without {' and '.join(self.lacks)}" if self.lacks else ""
+        return f"Clip({self.name!r}, {len(self)} frames at {self.frame_rate:g} Hz, {self.seconds:.1f} s{lacks})"
 
     def __len__(self) -> int:
         return int(self.pose.root_position.shape[0])

@@ -59,7 +59,7 @@ def _items_of(given: str) -> list[Missing]:
     return items
 
 
-def told_missing(
+def missing_mask(
     items: Sequence[Missing], joints: Sequence[str], parents: Sequence[int], frames: int, ours: Mapping[str, int]
 ) -> np.ndarray:
     """Return (T, J) bool: the joints that the items name as missing.

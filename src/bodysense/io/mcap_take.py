@@ -86,8 +86,8 @@ def record(joints: np.ndarray | None, times: tuple[int, int, int], all_tracked: 
         is_body = joints.dtype == BODY_LAYOUT
         builder.StartObject(2 if is_body else 1)
         if is_body:
-            told = bool(joints["valid"].all()) if all_tracked is None else all_tracked
-            builder.PrependBoolSlot(1, told, False)
+            is_valid = bool(joints["valid"].all()) if all_tracked is None else all_tracked
+            builder.PrependBoolSlot(1, is_valid, False)
         builder.PrependStructSlot(0, _struct(builder, joints.tobytes()), 0)
         payload = builder.EndObject()
     builder.StartObject(2)

@@ -172,9 +172,9 @@ class Recording:
 
     observation: Observation
     skeleton: Skeleton
-    told: bool = True  # False: the wearer's proportions are unknown, and the skeleton is the default one
+    known: bool = True  # False: the wearer's proportions are unknown, and the skeleton is the default one
     worn: GloveSet | None = None  # the marker set of its gloves; None: a packaged one, found by the points' names
-    hands_shown: bool = False  # True: the size of the hands is known only from their gloves
+    measures_hands: bool = False  # True: the size of the hands is known only from their gloves
 
 
 def write_recording(path: str | Path, recording: Recording) -> None:
@@ -186,7 +186,7 @@ def write_recording(path: str | Path, recording: Recording) -> None:
         if path.suffix == ".npz":
             _write_npz(beside, recording)
         else:
-            worn_by = recording.skeleton if recording.told else None
+            worn_by = recording.skeleton if recording.known else None
             lines = lines_of(FORMAT, recording.observation, worn_by)
             beside.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
@@ -263,7 +263,7 @@ def _write_npz(path: Path, recording: Recording) -> None:
     }
     if seen.acceleration is not None:
         arrays["acceleration"] = seen.acceleration.astype(np.float32)
-    if recording.told:
+    if recording.known:
         arrays |= {
             "joints": np.array(skeleton.joints),
             "end_sites": np.array(skeleton.end_sites),
@@ -303,7 +303,7 @@ def _read_npz(path: Path) -> Recording:
         time=arrays["time"].astype(np.float64),
         acceleration=arrays["acceleration"].astype(np.float64) if "acceleration" in arrays else None,
     )
-    return Recording(observation, _skeleton(path, arrays), told=_has_skeleton(arrays))
+    return Recording(observation, _skeleton(path, arrays), known=_has_skeleton(arrays))
 
 
 def _has_skeleton(fields: dict[str, Any]) -> bool:
@@ -335,4 +335,4 @@ def _skeleton(path: Path, fields: dict[str, Any]) -> Skeleton:
 
 def _read_jsonl(path: Path) -> Recording:
     observation, skeleton = read_lines(path, FORMAT)
-    return Recording(observation, _skeleton(path, skeleton), told=_has_skeleton(skeleton))
+    return Recording(observation, _skeleton(path, skeleton), known=_has_skeleton(skeleton))

@@ -1,4 +1,4 @@
-"""Animations of a body of shaded flesh on a floor, as an animated WebP, which every browser plays."""
+"""Animations of a shaded body on a floor, as an animated WebP, which every browser plays."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from pathlib import Path
 
 import numpy as np
 
-from bodysense.body.flesh import COLORS, Flesh, fit_flesh, place_flesh
 from bodysense.body.pose import Pose
+from bodysense.body.skin import COLORS, BodySkin, fit_skin, place_skin
 from bodysense.errors import BodysenseError
 from bodysense.files import written_beside
-from bodysense.pictures.sheet import Shot
+from bodysense.pictures.sheet import FollowingCamera
 
 _FINE = 2  # samples a pixel, across and down
 _MELT = 0.012  # m: links that come closer than this along a ray melt into one skin
@@ -26,15 +26,15 @@ _FAR, _TINY = np.float32(1e3), np.float32(1e-37)  # stand for never met, and kee
 
 
 @dataclass(frozen=True, eq=False)
-class Stage:
-    """What stays the same from picture to picture of a shot: the rays of the camera and where they meet the floor."""
+class BodyRenderer:
+    """What stays the same from picture to picture: the rays of the camera and where they meet the floor."""
 
-    shot: Shot
+    camera: FollowingCamera
 
     @cached_property
     def _rays(self) -> np.ndarray:
         """(3, H, W) through the samples, camera's axes."""
-        return np.ascontiguousarray(np.moveaxis(self.shot.rays(_FINE), -1, 0), dtype=np.float32)
+        return np.ascontiguousarray(np.moveaxis(self.camera.rays(_FINE), -1, 0), dtype=np.float32)
 
     @cached_property
     def _floor(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -43,29 +43,29 @@ class Stage:
         World x and z from the camera (2, H, W), a pixel's width along each (2, H, W), and how far it has faded into
         the sky, 0 to 1 (H, W).
         """
-        ray = np.moveaxis(self.shot.rays() @ self.shot.axes.T, -1, 0)
-        reach = self.shot.scale * self.shot.lens.eye / np.maximum(-ray[1], 0.02)
+        ray = np.moveaxis(self.camera.rays() @ self.camera.axes.T, -1, 0)
+        reach = self.camera.scale * self.camera.lens.eye / np.maximum(-ray[1], 0.02)
         place = reach * ray[[0, 2]]
         pixel = np.maximum(*(np.abs(np.gradient(place, axis=axis)) for axis in (1, 2)))
-        far = np.clip((reach / self.shot.scale - 5) / 9, 0, 1)
+        far = np.clip((reach / self.camera.scale - 5) / 9, 0, 1)
         return place.astype(np.float32), pixel.clip(1e-4).astype(np.float32), far.astype(np.float32)
 
-    def draw(self, flesh: Flesh, balls: np.ndarray, frame: int) -> np.ndarray:
-        """(H, W, 3) uint8: a body at one moment of the shot, its balls at (N, 3) m, world."""
-        eye = self.shot.eye(frame)
-        picture = self._background(flesh, balls, eye)
-        self._paint_body(picture, flesh, ((balls - eye) @ self.shot.axes).astype(np.float32))
+    def draw(self, skin: BodySkin, balls: np.ndarray, frame: int) -> np.ndarray:
+        """(H, W, 3) uint8: a body at one frame of the camera, its balls at (N, 3) m, world."""
+        eye = self.camera.eye(frame)
+        picture = self._background(skin, balls, eye)
+        self._paint_body(picture, skin, ((balls - eye) @ self.camera.axes).astype(np.float32))
         return np.round(255 * np.moveaxis(picture, 0, -1).clip(0, 1)).astype(np.uint8)
 
-    def _paint_body(self, picture: np.ndarray, flesh: Flesh, balls: np.ndarray) -> None:
+    def _paint_body(self, picture: np.ndarray, skin: BodySkin, balls: np.ndarray) -> None:
         """Paint over a picture (3, H, W) a body whose balls are at (N, 3) m in the camera's axes.
 
         Where several links lie along a ray, each counts the less the farther it lies behind the first: a smooth union
         of depths, which hides the seams between links.
         """
-        left, right, top, bottom = self._windows(flesh, balls)
+        left, right, top, bottom = self._windows(skin, balls)
         ahead = np.linalg.norm(balls, axis=-1)
-        middle = float(((ahead - flesh.radius).min() + (ahead + flesh.radius).max()) / 2)
+        middle = float(((ahead - skin.radius).min() + (ahead + skin.radius).max()) / 2)
         # All samples that the body can touch, a whole number of pixels.
         x0, x1 = left.min() // _FINE * _FINE, -(-right.max() // _FINE) * _FINE
         y0, y1 = top.min() // _FINE * _FINE, -(-bottom.max() // _FINE) * _FINE
@@ -75,13 +75,13 @@ class Stage:
         # Sums over links: of the weights of each colour, and of weighted normals.
         weight = np.zeros((len(COLORS), *rays.shape[1:]), np.float32)
         normal = np.zeros_like(rays)
-        for k, (first, second) in enumerate(flesh.link):
+        for k, (first, second) in enumerate(skin.link):
             window = np.s_[top[k] - y0 : bottom[k] - y0, left[k] - x0 : right[k] - x0]
             ray = rays[:, *window]
             if ray.size:
-                hit, distance, facing = _meet_link(ray, balls[first], balls[second], *flesh.radius[[first, second]])
+                hit, distance, facing = _meet_link(ray, balls[first], balls[second], *skin.radius[[first, second]])
                 share = np.exp(((middle - distance) / _MELT).clip(-80, 80)) * hit
-                weight[flesh.color[k]][window] += share
+                weight[skin.color[k]][window] += share
                 normal[:, *window] += share * facing
         total = weight.sum(axis=0)
         covered = total > 0
@@ -91,26 +91,26 @@ class Stage:
         color = (np.tensordot(COLORS.T, weight, 1) * light).clip(0, 1)
         painted[...] = painted * (1 - _coarse(covered)) + _coarse(color)
 
-    def _windows(self, flesh: Flesh, balls: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    def _windows(self, skin: BodySkin, balls: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Samples of the picture that each link can touch: left, right, top, bottom (L,); empty beyond its edges."""
         _, high, wide = self._rays.shape
-        focus = self.shot.focal_length * high
-        ahead = np.maximum(-balls[:, 2], 2 * flesh.radius)  # what touches the camera is not drawn aright
+        focus = self.camera.focal_length * high
+        ahead = np.maximum(-balls[:, 2], 2 * skin.radius)  # what touches the camera is not drawn aright
         bounds = []
         for beside, size in ((balls[:, 0], wide), (-balls[:, 1], high)):
             # Slopes of the two tangents from the camera to a ball, in the plane of this axis and the depth.
-            reach = flesh.radius * np.sqrt(beside**2 + ahead**2 - flesh.radius**2)
-            lower, upper = ((beside * ahead + sign * reach) / (ahead**2 - flesh.radius**2) for sign in (-1, 1))
-            first = size / 2 + focus * lower[flesh.link].min(axis=1)
-            last = size / 2 + focus * upper[flesh.link].max(axis=1)
+            reach = skin.radius * np.sqrt(beside**2 + ahead**2 - skin.radius**2)
+            lower, upper = ((beside * ahead + sign * reach) / (ahead**2 - skin.radius**2) for sign in (-1, 1))
+            first = size / 2 + focus * lower[skin.link].min(axis=1)
+            last = size / 2 + focus * upper[skin.link].max(axis=1)
             bounds += [np.floor(first).clip(0, size).astype(int), np.ceil(last).clip(0, size).astype(int)]
         return bounds[0], bounds[1], bounds[2], bounds[3]
 
-    def _background(self, flesh: Flesh, balls: np.ndarray, eye: np.ndarray) -> np.ndarray:
+    def _background(self, skin: BodySkin, balls: np.ndarray, eye: np.ndarray) -> np.ndarray:
         """(3, H, W): sky, and the floor with its lines and the body's shadow."""
         place, pixel, far = self._floor
         x, z = place + eye[[0, 2], None, None].astype(np.float32)
-        light = 1 - _shadow(flesh, balls, self.shot.floor, x, z)
+        light = 1 - _shadow(skin, balls, self.camera.floor, x, z)
         line = np.zeros_like(x)
         for along, width in ((x, pixel[0]), (z, pixel[1])):
             beside = np.abs((along / _GRID + 0.5) % 1 - 0.5) * _GRID
@@ -120,18 +120,18 @@ class Stage:
         return floor + far * (_SKY[:, None, None] - floor)
 
 
-def draw_pose(pose: Pose, shot: Shot) -> Iterator[np.ndarray]:
-    """Pictures (H, W, 3) uint8 of a posed body (T, …), one a frame of the shot. Raises BodysenseError if T differs."""
-    if len(pose.root_position) != len(shot):
-        raise BodysenseError(f"a shot of {len(shot)} frames cannot show {len(pose.root_position)}; frame it anew")
-    flesh, stage = fit_flesh(pose.skeleton), Stage(shot)
-    for frame, balls in enumerate(place_flesh(flesh, pose)):
-        yield stage.draw(flesh, balls, frame)
+def draw_pose(pose: Pose, camera: FollowingCamera) -> Iterator[np.ndarray]:
+    """Yield pictures (H, W, 3) uint8 of a posed body (T, …). Raises BodysenseError unless the camera has T frames."""
+    if len(pose.root_position) != len(camera):
+        raise BodysenseError(f"a camera of {len(camera)} frames cannot show {len(pose.root_position)}; frame it anew")
+    skin, renderer = fit_skin(pose.skeleton), BodyRenderer(camera)
+    for frame, balls in enumerate(place_skin(skin, pose)):
+        yield renderer.draw(skin, balls, frame)
 
 
-def write_animation(path: str | Path, pose: Pose, shot: Shot, rate: float) -> None:
+def write_animation(path: str | Path, pose: Pose, camera: FollowingCamera, rate: float) -> None:
     """Write a posed body (T, …) at `rate` Hz as an animated WebP that repeats for ever."""
-    write_pictures(path, draw_pose(pose, shot), rate)
+    write_pictures(path, draw_pose(pose, camera), rate)
 
 
 def write_pictures(path: str | Path, drawn: Iterable[np.ndarray], rate: float) -> None:
@@ -207,11 +207,11 @@ def _along(vectors: np.ndarray, direction: np.ndarray) -> np.ndarray:
     return vectors[0] * x + vectors[1] * y + vectors[2] * z
 
 
-def _shadow(flesh: Flesh, balls: np.ndarray, floor: float, x: np.ndarray, z: np.ndarray) -> np.ndarray:
+def _shadow(skin: BodySkin, balls: np.ndarray, floor: float, x: np.ndarray, z: np.ndarray) -> np.ndarray:
     """How much light a body takes from the floor at world x and z (H, W), m: soft, and deeper near contact."""
     share = np.linspace(0, 1, 7)[:, None, None]
-    point = ((1 - share) * balls[flesh.link[:, 0]] + share * balls[flesh.link[:, 1]]).reshape(-1, 3)
-    weight = np.tile(flesh.radius[flesh.link].mean(axis=1) ** 2, len(share))
+    point = ((1 - share) * balls[skin.link[:, 0]] + share * balls[skin.link[:, 1]]).reshape(-1, 3)
+    weight = np.tile(skin.radius[skin.link].mean(axis=1) ** 2, len(share))
     weight = weight * np.exp(-(point[:, 1] - floor).clip(0) / _SHADOW_HEIGHT)
     corner = (np.floor(balls[:, [0, 2]].mean(axis=0) / _CELL) - _CELLS // 2).astype(np.float32)
     cell = np.round(point[:, [0, 2]] / _CELL - corner).astype(int).clip(0, _CELLS - 1)

@@ -1,4 +1,4 @@
-"""Bodies of flesh side by side, what a device did not track in red: an animated WebP, and a picture of moments."""
+"""Drawn bodies side by side, what a device did not track in red: an animated WebP, and a picture of moments."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from pathlib import Path
 
 import numpy as np
 
-from bodysense.body.flesh import UNSEEN, Flesh, fit_flesh, place_flesh
 from bodysense.body.pose import Pose
 from bodysense.body.skeleton import Skeleton
+from bodysense.body.skin import UNSEEN, BodySkin, fit_skin, place_skin
 from bodysense.files import written_beside
-from bodysense.pictures.animation import Stage, write_pictures
-from bodysense.pictures.sheet import Lens, frame_shot
+from bodysense.pictures.animation import BodyRenderer, write_pictures
+from bodysense.pictures.sheet import Lens, follow_body
 
-LENS = Lens(width=360, height=420, aim=0.93, shown=2.0)
+LENS = Lens(width=360, height=420, aim=0.93, view_height=2.0)
 _INK, _BAND = (34, 48, 60), 34  # colour of the captions, pixels of height they take
 
 
@@ -36,14 +36,14 @@ def draw_views(
 
     `frames` are drawn, all if omitted.
     """
-    shot = frame_shot(views[0].pose, rate, lens)
-    stage, heading = Stage(shot), _captions(views, lens)
-    bodies = [(fit_flesh(view.pose.skeleton), place_flesh(fit_flesh(view.pose.skeleton), view.pose)) for view in views]
-    for frame in range(len(shot)) if frames is None else frames:
+    camera = follow_body(views[0].pose, rate, lens)
+    renderer, heading = BodyRenderer(camera), _captions(views, lens)
+    bodies = [(fit_skin(view.pose.skeleton), place_skin(fit_skin(view.pose.skeleton), view.pose)) for view in views]
+    for frame in range(len(camera)) if frames is None else frames:
         pictures = []
-        for view, (flesh, balls) in zip(views, bodies, strict=True):
-            shown = flesh if view.tracked is None else _painted(flesh, view.pose.skeleton, view.tracked[frame])
-            pictures.append(stage.draw(shown, balls[frame], frame))
+        for view, (skin, balls) in zip(views, bodies, strict=True):
+            drawn = skin if view.tracked is None else _painted(skin, view.pose.skeleton, view.tracked[frame])
+            pictures.append(renderer.draw(drawn, balls[frame], frame))
         yield np.concatenate([heading, np.concatenate(pictures, axis=1)])
 
 
@@ -64,20 +64,20 @@ def write_moments(path: str | Path, views: Sequence[View], rate: float, moments:
         Image.fromarray(np.concatenate(rows)).save(beside)
 
 
-def _painted(flesh: Flesh, skeleton: Skeleton, tracked: np.ndarray) -> Flesh:
-    """Flesh whose links are red where what is nearest to either of their ends is not tracked (P,)."""
+def _painted(skin: BodySkin, skeleton: Skeleton, tracked: np.ndarray) -> BodySkin:
+    """Skin whose links are red where what is nearest to either of their ends is not tracked (P,)."""
     seen = tracked[_nearest_points(skeleton)]
-    return replace(flesh, color=np.where(seen[flesh.link].all(axis=1), flesh.color, UNSEEN))
+    return replace(skin, color=np.where(seen[skin.link].all(axis=1), skin.color, UNSEEN))
 
 
 @lru_cache(maxsize=8)
 def _nearest_points(skeleton: Skeleton) -> np.ndarray:
-    """(N,) for each ball of the flesh the point that is nearest in the rest pose, of its joint and what hangs on it."""
-    flesh, rest = fit_flesh(skeleton), skeleton.path @ skeleton.rest_offset
-    place = rest[flesh.joint] + flesh.center
+    """(N,) for each ball of the skin the point that is nearest in the rest pose, of its joint and what hangs on it."""
+    skin, rest = fit_skin(skeleton), skeleton.path @ skeleton.rest_offset
+    place = rest[skin.joint] + skin.center
     near = np.linalg.norm(place[:, None] - rest, axis=-1)
     parents = np.array(skeleton.parents)
-    own = (np.arange(len(rest)) == flesh.joint[:, None]) | (parents == flesh.joint[:, None])
+    own = (np.arange(len(rest)) == skin.joint[:, None]) | (parents == skin.joint[:, None])
     return np.where(own, near, np.inf).argmin(axis=1)
 
 

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bodysense.body.flesh import COLORS, Flesh, fit_flesh, place_flesh
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.skeleton import Skeleton
+from bodysense.body.skin import COLORS, BodySkin, fit_skin, place_skin
 from bodysense.devices.simulated.camera_view import Camera
 from bodysense.devices.video.person import PersonTrack
 from bodysense.devices.video.pictures import Picture
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 _LEFT, _RIGHT, _MIDDLE = (255, 176, 46), (64, 200, 255), (255, 255, 255)  # the person's sides, and between them
 _DISC = (20, 24, 28)
-NUMBERED = 2.0  # s of a video in which people's numbers are shown
+NUMBERED = 2.0  # s of a video in which people's numbers are displayed
 _FINE = 2  # samples a pixel, across and down, of what is drawn
 _WALL, _FLOOR, _LINE, _INK = (233, 237, 241), (212, 214, 217), (178, 183, 188), (70, 80, 90)
 _TURN = np.radians(28.0)  # from which side the body beside the video is seen
@@ -41,7 +41,7 @@ class Overlay(AbstractContextManager["Overlay"]):
     """
 
     def __init__(self, path: str | Path, rate: float) -> None:
-        """`rate`: pictures a second, about; each is shown at its own time."""
+        """`rate`: pictures a second, about; each is displayed at its own time."""
         self._path, self._rate = Path(path), rate
         self._stack = ExitStack()
         self._stream: Any = None
@@ -154,7 +154,7 @@ def _beside(size: tuple[int, int], pose: Pose) -> Image:
     """The body on a floor, from the camera's right, as links painted from far to near."""
     from PIL import Image, ImageDraw
 
-    skeleton, flesh = pose.skeleton, fit_flesh(pose.skeleton)
+    skeleton, skin = pose.skeleton, fit_skin(pose.skeleton)
     wide, high = size[0] * _FINE, size[1] * _FINE
     scale = skeleton.height / 1.7
     rise = (_EYE - _AIM) / _AWAY
@@ -177,27 +177,27 @@ def _beside(size: tuple[int, int], pose: Pose) -> Image:
     image = Image.new("RGB", (wide, high), _WALL)
     draw = ImageDraw.Draw(image)
     _draw_floor(draw, seen, ground, root, (wide, high))
-    balls = seen(place_flesh(flesh, pose))
-    radius = flesh.radius * focus / balls[:, 2]
-    parts = _parts(skeleton, flesh)
-    depth = np.array([balls[flesh.link[links], 2].mean() for links in parts])
+    balls = seen(place_skin(skin, pose))
+    radius = skin.radius * focus / balls[:, 2]
+    parts = _parts(skeleton, skin)
+    depth = np.array([balls[skin.link[links], 2].mean() for links in parts])
     for part in np.argsort(-depth):
         for share, light in _ROUND:
             for link in parts[part]:
-                color = tuple((np.clip(COLORS[flesh.color[link]] * light, 0, 1) * 255).astype(int).tolist())
+                color = tuple((np.clip(COLORS[skin.color[link]] * light, 0, 1) * 255).astype(int).tolist())
                 ends = [
                     (balls[ball, :2] + (1 - share) * radius[ball] * _LAMP, float(radius[ball] * share))
-                    for ball in flesh.link[link]
+                    for ball in skin.link[link]
                 ]
                 _draw_link(draw, ends[0], ends[1], color)
     return image.reduce(_FINE)
 
 
-def _parts(skeleton: Skeleton, flesh: Flesh) -> list[np.ndarray]:
+def _parts(skeleton: Skeleton, skin: BodySkin) -> list[np.ndarray]:
     """Links by the part of the body that is painted as one: trunk, head, and of each side upper arm, forearm …"""
     names = []
-    for link in flesh.link:
-        owners = [skeleton.joints[joint] for joint in flesh.joint[link]]
+    for link in skin.link:
+        owners = [skeleton.joints[joint] for joint in skin.joint[link]]
         of_trunk = any(owner.partition("_")[2] in ("", "collar") and owner != "head" for owner in owners)
         owner = owners[-1]
         wrist = skeleton.wrist_of[skeleton.index(owner)]

@@ -1,6 +1,6 @@
 """Sheets of stick figures (PNG).
 
-Shot: where a camera stands while it watches a body, the same for all bodies that are to be compared.
+FollowingCamera: where a camera stands while it watches a body, the same for all bodies that are to be compared.
 """
 
 from __future__ import annotations
@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bodysense.body.flesh import fit_flesh, place_flesh
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.rotation import heading, quaternion_rotate
 from bodysense.body.skeleton import Skeleton
+from bodysense.body.skin import fit_skin, place_skin
 from bodysense.errors import BodysenseError
 from bodysense.files import written_beside
 
@@ -100,17 +100,17 @@ class Lens:
     distance: float = 4.2  # m from the body, along the floor
     eye: float = 1.6  # m above the floor
     aim: float = 0.88  # m above the floor, where it looks
-    shown: float = 2.25  # m of height in the picture, at the body
+    view_height: float = 2.25  # m of height in the picture, at the body
     azimuth: float = 0.5  # rad from the body's front, toward its left
 
     def __post_init__(self) -> None:
-        for name in ("width", "height", "distance", "eye", "shown"):
+        for name in ("width", "height", "distance", "eye", "view_height"):
             if not getattr(self, name) > 0:
                 raise BodysenseError(f"lens: {name} is {getattr(self, name):g}; it must be positive")
 
 
 @dataclass(frozen=True, eq=False)
-class Shot:
+class FollowingCamera:
     """A camera over T frames: it keeps its height and direction, and follows the body along the floor."""
 
     lens: Lens
@@ -139,7 +139,7 @@ class Shot:
     @property
     def focal_length(self) -> float:
         """Height of the picture at one metre from the camera, as a share of itself: pixels a radian, by the height."""
-        return float(np.hypot(self.lens.distance, self.lens.eye - self.lens.aim)) / self.lens.shown
+        return float(np.hypot(self.lens.distance, self.lens.eye - self.lens.aim)) / self.lens.view_height
 
     def rays(self, fine: int = 1) -> np.ndarray:
         """(H, W, 3) unit directions through the pixels, or through `fine` times as many each way; camera's axes."""
@@ -150,21 +150,21 @@ class Shot:
         return rays / np.linalg.norm(rays, axis=-1, keepdims=True)
 
 
-def frame_shot(truth: Pose, rate: float, lens: Lens = Lens(), calm: float = 0.7) -> Shot:
-    """A shot that keeps a body (T, …) at `rate` Hz in the picture, from its front left.
+def follow_body(truth: Pose, rate: float, lens: Lens = Lens(), calm: float = 0.7) -> FollowingCamera:
+    """A camera that keeps a body (T, …) at `rate` Hz in the picture, from its front left.
 
     The camera stands still if the head stays within 0.5 m of one place, and otherwise follows it, smoothed over `calm`
-    seconds: the head is where every method agrees, so nothing in the camera's motion tells which method is shown.
+    seconds: the head is where every method agrees, so nothing in the camera's motion tells which method is displayed.
     """
     position, rotation = forward_kinematics(truth)
-    flesh = fit_flesh(truth.skeleton)
+    skin = fit_skin(truth.skeleton)
     head = truth.skeleton.index("head")
     front = quaternion_rotate(heading(rotation[:, head]), np.array([0.0, 0.0, 1.0])).mean(axis=0)
     path = position[:, head][:, [0, 2]]
     middle = (path.min(axis=0) + path.max(axis=0)) / 2
     stays = np.linalg.norm(path - middle, axis=-1).max() < 0.5 * truth.skeleton.height / 1.7
-    soles = (place_flesh(flesh, truth)[..., 1] - flesh.radius).min(axis=-1)
-    return Shot(
+    soles = (place_skin(skin, truth)[..., 1] - skin.radius).min(axis=-1)
+    return FollowingCamera(
         lens=lens,
         follow=np.tile(middle, (len(path), 1)) if stays else _smoothed(path, calm * rate),
         turn=float(np.arctan2(front[0], front[2])) + lens.azimuth,

@@ -252,7 +252,7 @@ def _approach(person: Person, interval: float, own: Proportions) -> None:
 
 def step(person: Person, seen: Tracked, interval: float, own: Proportions) -> None:
     """Count the lengths of a frame, and move toward the likeliest body."""
-    if person.is_told:
+    if person.is_known:
         return
     own.since, own.due = own.since + interval, own.due + interval
     if own.since >= LOOK or own.elapsed <= 0:

@@ -17,7 +17,7 @@ from bodysense.body.rotation import (
     quaternion_multiply,
     slerp,
 )
-from bodysense.filling import open_holed
+from bodysense.filling import open_partial
 from bodysense.io.clip import Clip
 from bodysense.io.fingers import FINGERS
 from bodysense.io.holes import missing_items
@@ -91,7 +91,7 @@ def score_gap(clip: Clip, part: str, seconds: float, first: int) -> list[Gap]:
     roots, points = PARTS[part]
     count = round(seconds * RATE)
     missing = [f"{root}+:{first}-{first + count - 1}" for root in roots]
-    holed = open_holed(clip, missing_items(missing))
+    partial = open_partial(clip, missing_items(missing))
     window, skeleton = slice(first, first + count), clip.pose.skeleton
     places = skeleton.indices(points)
 
@@ -102,9 +102,9 @@ def score_gap(clip: Clip, part: str, seconds: float, first: int) -> list[Gap]:
     causal = track(clip, missing=missing, causal=True).estimate.pose.rotation
     filled = {
         OURS: np.asarray(track(clip, missing=missing).clip.pose.rotation),
-        "slerp": between(holed.rotation, holed.missing, slerped),
-        "cubic spline": between(holed.rotation, holed.missing, splined),
-        "causal": np.where(holed.missing[..., None], causal, holed.rotation),
+        "slerp": between(partial.rotation, partial.missing, slerped),
+        "cubic spline": between(partial.rotation, partial.missing, splined),
+        "causal": np.where(partial.missing[..., None], causal, partial.rotation),
     }
     truth = place(np.asarray(clip.pose.rotation))
     return [

@@ -13,7 +13,8 @@ from bodysense.body.glove import glove_hands
 from bodysense.body.hand_family import GlovedHand
 from bodysense.body.person import Person
 from bodysense.body.skeleton import Skeleton
-from bodysense.observation import Estimate, Observation, without_gloves
+from bodysense.estimate import Estimate
+from bodysense.observation import Observation, without_gloves
 from bodysense.tracker import Tracker, TrackerSettings, TrackerState, step_together
 
 

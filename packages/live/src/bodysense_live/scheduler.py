@@ -14,8 +14,8 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Generic, Protocol, TypeVar
 
+from bodysense.estimate import Estimate
 from bodysense.io.protocol import ProtocolError
-from bodysense.observation import Estimate
 from bodysense_live.answer import Answer, CompletionJob
 from bodysense_live.estimation import PipelineState, step_many
 from bodysense_live.session import Session

@@ -17,8 +17,9 @@ from bodysense.body.person import Person
 from bodysense.body.shape import Measured, stature
 from bodysense.body.skeleton import Skeleton
 from bodysense.errors import BodysenseError
+from bodysense.estimate import Estimate
 from bodysense.io.protocol import SignalFrame, read_signal, signal_time
-from bodysense.observation import Estimate, Observation, chosen_points
+from bodysense.observation import Observation, chosen_points
 from bodysense.tracker import Tracker, TrackerSettings
 from bodysense_live.answer import Answer, CompletionJob
 from bodysense_live.calibrating import calibration, is_over, worn_text

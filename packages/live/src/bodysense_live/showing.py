@@ -11,8 +11,9 @@ from bodysense.body.products import CONJUGATE, exp, log, multiply
 from bodysense.body.skeleton import Skeleton
 from bodysense.body.spring import spring_step
 from bodysense.completion.inertialiser import Inertialiser, Offset
+from bodysense.estimate import CONTACT_POINTS, Estimate
 from bodysense.io.protocol import PoseFrame, SignalFrame
-from bodysense.observation import CONTACT_POINTS, Estimate, Observation
+from bodysense.observation import Observation
 from bodysense_live.messages import Region, Settings
 
 INERTIALISER = Inertialiser()

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 from bodysense.io.unity import from_driver_rotation
-from bodysense_live.tracked_devices import Device, DeviceReader, DeviceState, pose_of
+from bodysense_live.tracked_devices import DeviceReader, DeviceState, TrackedDevice, pose_of
 
 LARGEST = 1024  # bytes of a message
 _POSITION, _ADDED, _STATUS = 1, 3, 4  # fields of a message: what it is of
@@ -71,7 +71,9 @@ class InputReader(DeviceReader):
             return state, pose
         (place, turn), (kind, serial) = pose, role
         rotation = None if turn is None or kind != "Hmd" else from_driver_rotation(turn)
-        devices, reason = self.devices.put([(serial, Device(kind, place, rotation, now, raw=True))], state.devices)
+        devices, reason = self.devices.put(
+            [(serial, TrackedDevice(kind, place, rotation, now, raw=True))], state.devices
+        )
         return replace(state, devices=devices), reason
 
 

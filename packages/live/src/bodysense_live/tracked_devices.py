@@ -51,7 +51,7 @@ MOST_DEVICES = 32
 
 
 @dataclass(frozen=True, eq=False)
-class Device:
+class TrackedDevice:
     """The last pose of a device, in our world, +Z forward."""
 
     kind: str
@@ -65,7 +65,7 @@ class Device:
 class DeviceState:
     """Devices that came in until now."""
 
-    devices: Mapping[str, Device] = field(default_factory=dict)  # by serial
+    devices: Mapping[str, TrackedDevice] = field(default_factory=dict)  # by serial
     hands: Mapping[str, str] = field(default_factory=dict)  # serials of controllers → their points
     undecided: Mapping[str, str] = field(default_factory=dict)  # serials of trackers that say nothing → UNDECIDED
     at: float | None = None  # s, when a device last came
@@ -83,7 +83,7 @@ class TrackedDevices:
             if point not in POINTS:
                 raise BodysenseError(f"devices: {point!r} (for {serial!r}) is no device; valid are {', '.join(POINTS)}")
 
-    def put(self, told: Iterable[tuple[str, Device]], state: DeviceState) -> tuple[DeviceState, str | None]:
+    def put(self, told: Iterable[tuple[str, TrackedDevice]], state: DeviceState) -> tuple[DeviceState, str | None]:
         """Take in serials and poses; the reason, too, where one of them is of no use."""
         reason, devices, at = None, dict(state.devices), state.at
         for serial, device in told:
@@ -155,7 +155,7 @@ class TrackedDevices:
             return part
         return f"{side}_{part}" if side and part else None
 
-    def _undecided(self, devices: Mapping[str, Device], undecided: Mapping[str, str]) -> Mapping[str, str]:
+    def _undecided(self, devices: Mapping[str, TrackedDevice], undecided: Mapping[str, str]) -> Mapping[str, str]:
         """Name trackers whose serials name no joint; named ones keep their names."""
         new = [
             name
@@ -167,7 +167,7 @@ class TrackedDevices:
         free = [name for name in UNDECIDED if name not in undecided.values()]
         return {**undecided, **dict(zip(new, free, strict=False))}
 
-    def _hands(self, devices: Mapping[str, Device], now: float, hands: Mapping[str, str]) -> Mapping[str, str]:
+    def _hands(self, devices: Mapping[str, TrackedDevice], now: float, hands: Mapping[str, str]) -> Mapping[str, str]:
         """Return the hands of controllers without a hand in their names."""
         fresh = {serial: device for serial, device in devices.items() if now - device.at <= self.longest_silence}
         nameless = [name for name, device in fresh.items() if device.kind == "Con" and not self._point(name, "Con")]

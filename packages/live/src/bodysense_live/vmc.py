@@ -27,7 +27,7 @@ from bodysense.io.osc import LARGEST, Argument, Message, PacketForm, read_packet
 from bodysense.io.unity import from_unity_rotation, one_finite_pose, unity_position, unity_rotation
 from bodysense_live.asked import OURS, commands_of
 from bodysense_live.messages import Calibrate, Recentre
-from bodysense_live.tracked_devices import MOST_DEVICES, Device, DeviceReader, DeviceState, pose_of
+from bodysense_live.tracked_devices import MOST_DEVICES, DeviceReader, DeviceState, TrackedDevice, pose_of
 
 PORT = 39539  # where receivers ("marionettes") listen
 _SEVEN = "s" + 7 * "f"
@@ -126,7 +126,7 @@ def _clock(messages: tuple[Message, ...]) -> float | None:
     return None
 
 
-def _device(message: Message, now: float) -> tuple[str, Device] | str:
+def _device(message: Message, now: float) -> tuple[str, TrackedDevice] | str:
     """Serial and pose of one message, or why it has none; arguments after the eighth are left out, as VMC asks."""
     serial, numbers = message.arguments[0] if message.arguments else None, message.arguments[1:8]
     if not isinstance(serial, str) or len(serial) > _LONGEST_SERIAL or len(numbers) < 7 or not _finite(numbers):
@@ -136,7 +136,7 @@ def _device(message: Message, now: float) -> tuple[str, Device] | str:
         return pose
     (place, turn), (kind, raw) = pose, _KINDS[message.address]
     rotation = None if turn is None else from_unity_rotation(turn)
-    return serial, Device(kind, unity_position(place), rotation, now, raw)
+    return serial, TrackedDevice(kind, unity_position(place), rotation, now, raw)
 
 
 def _finite(values: tuple[Argument, ...]) -> bool:

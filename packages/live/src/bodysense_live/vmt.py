@@ -14,7 +14,7 @@ import numpy as np
 
 from bodysense.io.osc import Message, PacketForm, message_bytes, read_packet
 from bodysense.io.unity import driver_rotation, from_driver_rotation
-from bodysense_live.tracked_devices import Device, DeviceReader, DeviceState, pose_of
+from bodysense_live.tracked_devices import DeviceReader, DeviceState, TrackedDevice, pose_of
 
 DRIVER_PORT = 39570  # the driver listens here
 LAST_INDEX = 57  # of a virtual device
@@ -56,7 +56,7 @@ class VmtReader(DeviceReader):
         messages = read_packet(packet)
         if isinstance(messages, str):
             return state, messages
-        told: list[tuple[str, Device]] = []
+        told: list[tuple[str, TrackedDevice]] = []
         wrong: str | None = None
         for message in messages:
             if message.address == "/VMT/Out/Devices/List":
@@ -72,7 +72,7 @@ class VmtReader(DeviceReader):
         devices, reason = self.devices.put(told, state.devices)
         return replace(state, devices=devices), reason or wrong
 
-    def _device(self, message: Message, now: float, state: VmtState) -> tuple[str, Device] | str:
+    def _device(self, message: Message, now: float, state: VmtState) -> tuple[str, TrackedDevice] | str:
         serial, numbers = message.arguments[0] if message.arguments else None, message.arguments[1:8]
         if not isinstance(serial, str) or len(numbers) < 7 or not all(isinstance(x, float) for x in numbers):
             return f"{message.address} is not a serial, three coordinates and a quaternion"
@@ -81,7 +81,7 @@ class VmtReader(DeviceReader):
             return pose
         place, turn = pose
         rotation = None if turn is None else from_driver_rotation(turn)
-        return serial, Device(self._kind(serial, state), place, rotation, now, raw=True)
+        return serial, TrackedDevice(self._kind(serial, state), place, rotation, now, raw=True)
 
     def _kind(self, serial: str, state: VmtState) -> str:
         """Return a device's kind, which VMT does not send: if exactly one or two are unnamed, they are controllers."""

@@ -1,8 +1,9 @@
-"""Simulated devices, by name: tracking of a motion by headsets, trackers and gloves."""
+"""Simulated devices: tracking of a motion by headsets, trackers and gloves, or by a device of one's own."""
 
 from __future__ import annotations
 
-from typing import Literal
+from dataclasses import dataclass
+from typing import Literal, Protocol
 
 import numpy as np
 
@@ -10,12 +11,11 @@ from bodysense.body.glove_set import GloveSet
 from bodysense.devices.simulated import glove
 from bodysense.devices.simulated.camera_ring import CameraRing
 from bodysense.devices.simulated.noise import NoiseSettings, disturb
-from bodysense.devices.simulated.sensors import SENSOR_SETS, observe
+from bodysense.devices.simulated.sensors import SENSOR_SETS, SensorSet, observe
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
-from bodysense.observation import Observation
+from bodysense.observation import Observation, check_observation
 
-GLOVES = "gloves"  # markers of both gloves in a ring of cameras
 SensorSetName = Literal[
     "head",
     "three_point",
@@ -28,27 +28,73 @@ SensorSetName = Literal[
     "three_point_imu_legs",
 ]
 DeviceName = SensorSetName | Literal["gloves"]
-DEVICES: tuple[str, ...] = (*SENSOR_SETS, GLOVES)
 _GLOVE_NOISE = 0.0005  # m along each axis: markers of optical capture
 
 
-def simulate(clip: Clip, device: str, noise: int | None = None, worn: GloveSet | None = None) -> Observation:
+class Device(Protocol):
+    """A device that watches a motion."""
+
+    def observe(self, clip: Clip, rng: np.random.Generator | None) -> Observation:
+        """Return what the device tracks in each frame of a clip, without errors if `rng` is None.
+
+        Points are joints and end sites of the body by name, in the world (+Y up, metres, seconds).
+        """
+        ...
+
+
+@dataclass(frozen=True)
+class WornSensors:
+    """A set of sensors on the body."""
+
+    sensors: SensorSet
+
+    def observe(self, clip: Clip, rng: np.random.Generator | None) -> Observation:
+        """Return the points of the set; with `rng` as real devices track them."""
+        observation = observe(clip.pose, clip.time, self.sensors)
+        return observation if rng is None else disturb(observation, rng, NoiseSettings(cameras=self.sensors.camera))
+
+
+@dataclass(frozen=True, eq=False)
+class MarkerGloves:
+    """Markers of both gloves in a ring of cameras."""
+
+    worn: GloveSet | None = None  # marker set; None: the standard one
+
+    def observe(self, clip: Clip, rng: np.random.Generator | None) -> Observation:
+        """Return the markers that cameras see; with `rng` with the noise of optical capture."""
+        capture = glove.GloveCapture(CameraRing(), noise=0.0 if rng is None else _GLOVE_NOISE)
+        return glove.observe(clip.pose, clip.time, capture, rng, self.worn)
+
+
+_BY_NAME: dict[str, Device] = {
+    **{name: WornSensors(sensors) for name, sensors in SENSOR_SETS.items()},
+    "gloves": MarkerGloves(),
+}
+DEVICES = tuple(_BY_NAME)
+
+
+def simulate(clip: Clip, device: str | Device, noise: int | None = None) -> Observation:
     """Simulate the tracking of a clip by a device.
 
     Args:
         clip: the motion, on the skeleton of 65 points.
-        device: one of `DEVICES`.
+        device: one of `DEVICES`, or an object with a method `observe`, as `Device` has it.
         noise: random seed of realistic errors; None tracks exactly.
-        worn: marker set of the gloves; the standard one if omitted.
 
-    Raises BodysenseError for an unknown device.
+    Raises BodysenseError for an unknown device, and for a device whose observation is not well formed.
     """
-    if device not in DEVICES:
-        raise BodysenseError(f"unknown device {device!r}; valid are {', '.join(DEVICES)}")
-    rng = None if noise is None else np.random.default_rng(noise)
-    if device == GLOVES:
-        capture = glove.GloveCapture(CameraRing(), noise=0.0 if rng is None else _GLOVE_NOISE)
-        return glove.observe(clip.pose, clip.time, capture, rng, worn)
-    sensors = SENSOR_SETS[device]
-    observation = observe(clip.pose, clip.time, sensors)
-    return observation if rng is None else disturb(observation, rng, NoiseSettings(cameras=sensors.camera))
+    if isinstance(device, str):
+        if device not in _BY_NAME:
+            raise BodysenseError(f"unknown device {device!r}; valid are {', '.join(DEVICES)}")
+        device = _BY_NAME[device]
+    if not callable(getattr(device, "observe", None)):
+        raise BodysenseError(
+            f"device {device!r} has no method observe(clip, rng); give one that has, or one of {', '.join(DEVICES)}"
+        )
+    name = type(device).__name__
+    observation = device.observe(clip, None if noise is None else np.random.default_rng(noise))
+    if len(observation) != len(clip):
+        raise BodysenseError(
+            f"device {name}: its observation has {len(observation)} frames, the clip {len(clip)}; give one each"
+        )
+    return check_observation(observation, f"device {name}")

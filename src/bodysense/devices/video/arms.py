@@ -306,9 +306,9 @@ class Arms:
 
 def _frames(keypoints: ArmKeypoints) -> Iterator[ArmFrame]:
     """Iterate over key-points frame by frame, finite throughout."""
-    shown = {"arm": "has_arm", "torso": "has_torso", "hand": "has_hand"}
-    values = {name: np.nan_to_num(np.asarray(getattr(keypoints, name), dtype=np.float32)) for name in shown}
-    values |= {mask: np.asarray(getattr(keypoints, mask), dtype=bool) for mask in shown.values()}
+    masks = {"arm": "has_arm", "torso": "has_torso", "hand": "has_hand"}
+    values = {name: np.nan_to_num(np.asarray(getattr(keypoints, name), dtype=np.float32)) for name in masks}
+    values |= {mask: np.asarray(getattr(keypoints, mask), dtype=bool) for mask in masks.values()}
     values["torso"][np.logical_not(values["has_torso"])] = _UPRIGHT
     for t, time in enumerate(keypoints.time):
         row = {name: value[t] for name, value in values.items()}

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bodysense.body.arms import ARM_JOINTS, ARM_PARTS, ARM_POINTS, CHEST, SIDES, arm_rotations, arm_skeleton
+from bodysense.body.arms import ARM_JOINTS, ARM_POINTS, CHEST, SIDES, arm_rotations, arm_skeleton
 from bodysense.body.keypoints import arm_directions
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.rotation import (
@@ -25,7 +25,7 @@ from bodysense.body.rotation import (
     quaternion_multiply,
     shortest_arc,
 )
-from bodysense.body.skeleton import Skeleton
+from bodysense.body.skeleton import ARM, Skeleton
 from bodysense.body.spring import spring_step
 from bodysense.devices.simulated.camera_view import Camera
 from bodysense.devices.video.camera_level import CameraLevel, along_lines, rolled, tilted, upright, with_depths
@@ -241,7 +241,7 @@ class VideoDevice:
             side, _, part = name.partition("_")
             number, place = SIDES.index(side), POINTS.index(name)
             rotation[place] = turn
-            turned[place] = is_seen[number] if part in ARM_PARTS or person.has_hand[0, number] else 0.0
+            turned[place] = is_seen[number] if part in ARM or person.has_hand[0, number] else 0.0
         visible[self._is_rotation] = 0.0
         error = LANDMARK_ACCURACY * (1.0 if visible[self._legs].max() >= VISIBLE else _UNSEEN_LEGS)
         at = visible >= VISIBLE

@@ -20,8 +20,8 @@ from typing import Any
 
 import numpy as np
 
-from bodysense.body.flesh import COLORS, fit_flesh
 from bodysense.body.skeleton import Skeleton
+from bodysense.body.skin import COLORS, fit_skin
 from bodysense.errors import BodysenseError
 from bodysense.files import written_beside
 from bodysense.io.clip import Clip
@@ -42,12 +42,12 @@ class SkinMesh:
 
 
 def skin_mesh(skeleton: Skeleton) -> SkinMesh:
-    """Build the hulls of the flesh's links. Raises BodysenseError unless points and parents are the default's."""
-    flesh = fit_flesh(skeleton)
+    """Build the hulls of the skin's links. Raises BodysenseError unless points and parents are the default's."""
+    skin = fit_skin(skeleton)
     rest = skeleton.path @ skeleton.rest_offset
-    center = (rest[flesh.joint] + flesh.center)[flesh.link]  # (L, 2, 3)
+    center = (rest[skin.joint] + skin.center)[skin.link]  # (L, 2, 3)
     center = center + skeleton.rest_offset[0]
-    radius = flesh.radius[flesh.link]  # (L, 2)
+    radius = skin.radius[skin.link]  # (L, 2)
     along = center[:, 1] - center[:, 0]
     length = np.linalg.norm(along, axis=1)
     axis = np.where(length[:, None] > 1e-9, along / np.maximum(length, 1e-9)[:, None], [0.0, 1.0, 0.0])
@@ -70,8 +70,8 @@ def skin_mesh(skeleton: Skeleton) -> SkinMesh:
     )  # (L, 2, R, A, 3)
     position = center[:, :, None, None] + radius[:, :, None, None, None] * normal
     shape = normal.shape[:-1]
-    joint = np.broadcast_to(flesh.joint[flesh.link][:, :, None, None], shape)
-    color = np.broadcast_to(COLORS[flesh.color][:, None, None, None], normal.shape)
+    joint = np.broadcast_to(skin.joint[skin.link][:, :, None, None], shape)
+    color = np.broadcast_to(COLORS[skin.color][:, None, None, None], normal.shape)
 
     ring, around = np.arange(2 * _RINGS - 1)[:, None] * _AROUND, np.arange(_AROUND)
     beside = (around + 1) % _AROUND

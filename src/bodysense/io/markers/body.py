@@ -146,11 +146,11 @@ def _unit(
     if declared in fits:
         return declared, ratio * METRES[declared]
     if not fits or form.unit is not None:
-        told = f" read as {declared}" if fits else ""
+        declared_as = f" read as {declared}" if fits else ""
         fix = f"the numbers are {fits[0]}: give --unit {fits[0]}" if fits else "see that the labels are right (--names)"
         raise BodysenseError(
-            f"{place}: the markers of {markers.name}{told} are {ratio * METRES[declared]:.3g} times as far apart as "
-            f"on a person; {fix}"
+            f"{place}: the markers of {markers.name}{declared_as} are {ratio * METRES[declared]:.3g} times as far "
+            f"apart as on a person; {fix}"
         )
     remarks.append(f"the numbers are {fits[0]}, not {declared} as the file says")
     return fits[0], ratio * METRES[fits[0]]

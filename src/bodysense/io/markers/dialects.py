@@ -268,8 +268,8 @@ def _check_frames(path: Path, header: Header, rows: int) -> None:
         raise BodysenseError(f"{path}: NO_OF_FRAMES is {frames}, but there are {rows}; was the file cut short?")
 
 
-def _rate(path: Path, header: Header, told: float | None) -> float:
-    return rate_of(path, (header.get("FREQUENCY") or [""])[0], "FREQUENCY", told)
+def _rate(path: Path, header: Header, given: float | None) -> float:
+    return rate_of(path, (header.get("FREQUENCY") or [""])[0], "FREQUENCY", given)
 
 
 def _before(columns: list[str], rows: list[tuple[int, list[str]]], width: int) -> int:

@@ -22,7 +22,7 @@ from bodysense.observation import OPTICAL_ACCURACY, Observation, accuracy_like
 Unit = Literal["m", "cm", "mm"]
 Up = Literal["y", "z"]
 METRES: dict[str, float] = {"m": 1.0, "cm": 0.01, "mm": 0.001}
-_SHOWN = 6  # names that a message lists
+_LISTED = 6  # names that a message lists
 
 
 @dataclass(frozen=True, eq=False)
@@ -228,5 +228,5 @@ def _our_name(name: str, table: Mapping[str, str], worn: GloveSet | None) -> str
 
 def listed(names: tuple[str, ...] | list[str]) -> str:
     """Join names for a message; of many, the first ones."""
-    shown = ", ".join(repr(name) for name in names[:_SHOWN])
-    return shown if len(names) <= _SHOWN else f"{shown} and {len(names) - _SHOWN} more"
+    listed = ", ".join(repr(name) for name in names[:_LISTED])
+    return listed if len(names) <= _LISTED else f"{listed} and {len(names) - _LISTED} more"

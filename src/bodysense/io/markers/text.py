@@ -82,10 +82,10 @@ def unit_of(path: Path, text: str) -> Unit:
     return UNITS[text.lower()]
 
 
-def rate_of(path: Path, text: str, name: str, told: float | None = None) -> float:
-    """Return a rate in Hz from a header; `told` takes precedence."""
+def rate_of(path: Path, text: str, name: str, given: float | None = None) -> float:
+    """Return a rate in Hz from a header; `given` takes precedence."""
     try:
-        rate = float(text.replace(",", ".")) if told is None else told
+        rate = float(text.replace(",", ".")) if given is None else given
     except ValueError:
         rate = 0.0
     if not 0 < rate < float("inf"):

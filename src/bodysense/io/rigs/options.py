@@ -4,13 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
 
 from bodysense.body.person import SHORTEST, TALLEST
+from bodysense.body.world_axes import UpAxis, metres_of
 from bodysense.errors import BodysenseError
-
-UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
-UpAxis = Literal["x", "y", "z", "-x", "-y", "-z"]
 
 
 @dataclass(frozen=True)
@@ -53,15 +50,7 @@ class ReadingOptions:
     @property
     def metres(self) -> float | None:
         """Metres of one unit of the file; None if unknown."""
-        if self.unit is None:
-            return None
-        try:
-            metres = UNITS.get(self.unit) or float(self.unit)
-        except ValueError:
-            metres = 0.0
-        if not 1e-6 < metres < 1e4:
-            raise BodysenseError(f"--unit {self.unit}: give {', '.join(UNITS)}, or the metres of one unit, as 0.056444")
-        return metres
+        return None if self.unit is None else metres_of(self.unit, "--unit")
 
 
 AS_FOUND = ReadingOptions()

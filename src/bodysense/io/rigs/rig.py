@@ -13,15 +13,16 @@ import numpy as np
 
 from bodysense.body.rotation import quaternion_conjugate, quaternion_multiply, quaternion_rotate
 from bodysense.body.skeleton import BODY
+from bodysense.body.world_axes import TURNS, UpAxis
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import parts_lacking
 from bodysense.io.rigs.figure import Figure
 from bodysense.io.rigs.limbs import Tree
 from bodysense.io.rigs.named import read_joint_map
-from bodysense.io.rigs.options import AS_FOUND, ReadingOptions, UpAxis
+from bodysense.io.rigs.options import AS_FOUND, ReadingOptions
 from bodysense.io.rigs.structure import WORST, find_body
 from bodysense.io.rigs.words import NAMESPACE
-from bodysense.io.rigs.world import FLOOR_TOLERANCE, TURNS, find_floor, find_unit, find_up, stature
+from bodysense.io.rigs.world import FLOOR_TOLERANCE, find_floor, find_unit, find_up, stature
 
 # The first family whose names are all present (lower case, no punctuation; '*' matches any beginning).
 _FAMILIES: tuple[tuple[str, tuple[str, ...]], ...] = (
@@ -177,7 +178,7 @@ def recognise(figure: Figure, options: ReadingOptions = AS_FOUND) -> Rig:
             found = find_body(tree)
             points, penalty, remarks = found.points, found.penalty, found.remarks
         else:
-            points, penalty, remarks = read_joint_map(options.joints, figure), 0.0, ("joints as told",)
+            points, penalty, remarks = read_joint_map(options.joints, figure), 0.0, ("joints as given",)
     except BodysenseError as error:
         raise BodysenseError(f"{figure.name}: {error}{_way_on(figure, options)}") from None
     family = family_of(figure.points)

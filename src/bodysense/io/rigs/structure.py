@@ -235,14 +235,14 @@ def _left(tree: Tree, leg: Limb, arm: Limb) -> tuple[int, int, str, tuple[str, .
     if all(named):
         return int(named[0] < 0), int(named[1] < 0), "names", ()
     seen, sure = _anatomical(tree, leg, arm)
-    told = named[0] or (-named[1] if crossed else named[1])
+    named_side = named[0] or (-named[1] if crossed else named[1])
     remarks: tuple[str, ...] = ()
-    if told and sure > 1 and told != seen:
+    if named_side and sure > 1 and named_side != seen:
         remarks = ("left and right are as its names say, though its feet point backward",)
-    elif not told and sure < _GUESS:
+    elif not named_side and sure < _GUESS:
         remarks = ("which side is left is a guess: no name, foot or knee tells",)
-    left_leg = int((told or seen) < 0)
-    return left_leg, 1 - left_leg if crossed else left_leg, "names" if told else "the feet", remarks
+    left_leg = int((named_side or seen) < 0)
+    return left_leg, 1 - left_leg if crossed else left_leg, "names" if named_side else "the feet", remarks
 
 
 def _anatomical(tree: Tree, leg: Limb, arm: Limb) -> tuple[int, float]:

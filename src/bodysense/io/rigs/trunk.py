@@ -219,13 +219,13 @@ def _chains(tree: Tree, wrist: int) -> list[list[int]]:
 def _which(tree: Tree, wrist: int, chains: list[list[int]]) -> dict[str, list[int]]:
     """Return the chain of each finger."""
     names = tree.figure.points
-    told: dict[str, list[int]] = {}
+    hinted_chains: dict[str, list[int]] = {}
     for chain in chains:
         hinted = [part for k in chain for part in words.parts(names[k]) if part in FINGERS]
         if hinted and hinted.count(hinted[0]) > 1:
-            told.setdefault(hinted[0], chain)
-    if told:
-        return told
+            hinted_chains.setdefault(hinted[0], chain)
+    if hinted_chains:
+        return hinted_chains
     numbered = [chain for chain in chains if any(words.parts(names[k]) & {"finger"} for k in chain)]
     if len(numbered) in (4, 5):
         return dict(zip(FINGERS, sorted(numbered, key=lambda chain: names[chain[0]]), strict=False))

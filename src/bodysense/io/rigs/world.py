@@ -9,8 +9,8 @@ import numpy as np
 
 from bodysense.body.rotation import quaternion_rotate
 from bodysense.body.skeleton import default_skeleton
+from bodysense.body.world_axes import TURNS, UpAxis
 from bodysense.io.rigs.limbs import Tree
-from bodysense.io.rigs.options import UpAxis
 
 Places = Mapping[str, np.ndarray]  # (S, 3) of points of ours, by name
 
@@ -33,15 +33,6 @@ _SOLE = {"ankle": 0.08, "foot": 0.02, "toe": 0.0}  # of a leg's length: height o
 _EXTENDED = 0.8  # of legs and trunk stretched out: a body this long stands or lies
 _UPRIGHT, _CLEAR = 0.5, 0.7  # mean cosine between a body and an axis: enough to keep y, enough to take another
 
-_HALF = float(np.sqrt(0.5))
-TURNS: dict[str, np.ndarray] = {  # world ← file
-    "y": np.array([1.0, 0.0, 0.0, 0.0]),
-    "z": np.array([_HALF, -_HALF, 0.0, 0.0]),  # -90° about X
-    "-z": np.array([_HALF, _HALF, 0.0, 0.0]),
-    "-y": np.array([0.0, 1.0, 0.0, 0.0]),  # 180° about X
-    "x": np.array([_HALF, 0.0, 0.0, _HALF]),
-    "-x": np.array([_HALF, 0.0, 0.0, -_HALF]),
-}
 _AXES: dict[UpAxis, np.ndarray] = {
     "y": np.array([0.0, 1, 0]), "z": np.array([0.0, 0, 1]), "x": np.array([1.0, 0, 0]),
     "-y": np.array([0.0, -1, 0]), "-z": np.array([0.0, 0, -1]), "-x": np.array([-1.0, 0, 0]),

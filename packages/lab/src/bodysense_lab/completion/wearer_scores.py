@@ -14,8 +14,9 @@ from bodysense.body.shape import stature
 from bodysense.body.skeleton import BODY, Skeleton
 from bodysense.completion.model import CompletionModel
 from bodysense.devices.simulated.sensors import SENSOR_SETS, observe
+from bodysense.estimate import Estimate
 from bodysense.metrics import joint_error
-from bodysense.observation import Estimate, Observation
+from bodysense.observation import Observation
 from bodysense.scoring import RATE
 from bodysense.tracker import Tracker
 from bodysense_lab.completion import sight

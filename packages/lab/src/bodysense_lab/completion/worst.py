@@ -21,7 +21,7 @@ from bodysense_lab.completion.scenes import TRUTH_OF, TrackedScene, person_of, s
 from bodysense_lab.completion.tables import CompletionSettings, WorstFrame
 from bodysense_lab.completion.tracking import TrackBatch
 
-_LENS = Lens(width=260, height=330, aim=0.9, shown=2.2)
+_LENS = Lens(width=260, height=330, aim=0.9, view_height=2.2)
 _COLUMNS = 3  # pairs of bodies in a row
 
 

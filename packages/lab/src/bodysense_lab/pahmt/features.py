@@ -17,7 +17,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from bodysense.body.arms import ARM_JOINTS, ARM_PARTS, CHEST, HAND_POINTS, SIDES, arm_rotations, arm_skeleton, with_arms
+from bodysense.body.arms import ARM_JOINTS, CHEST, HAND_POINTS, SIDES, arm_rotations, arm_skeleton, with_arms
 from bodysense.body.keypoints import ArmKeypoints, arms_from_torso
 from bodysense.body.pose import Pose, forward_kinematics, rest_pose
 from bodysense.body.rotation import (
@@ -32,7 +32,7 @@ from bodysense.body.rotation import (
     quaternion_rotate,
     quaternion_to_matrix,
 )
-from bodysense.body.skeleton import Skeleton, default_skeleton
+from bodysense.body.skeleton import ARM, Skeleton, default_skeleton
 from bodysense.devices.simulated.camera_view import sample_cameras, view, view_points
 from bodysense.errors import BodysenseError
 from bodysense.io.augment import with_limb_proportions
@@ -173,7 +173,7 @@ RATE = 30.0  # Hz
 FRAMES, STRIDE = 32, 5  # of a window, and from one to the next (section 4.2)
 _HALF = len(ARM_JOINTS) // 2
 _PARTNER = [*range(_HALF, 2 * _HALF), *range(_HALF)]
-_STIFF = np.array([name.partition("_")[2] in ARM_PARTS[:-1] for name in ARM_JOINTS])  # known without hands
+_STIFF = np.array([name.partition("_")[2] in ARM[:-1] for name in ARM_JOINTS])  # known without hands
 
 
 @dataclass(frozen=True, eq=False)

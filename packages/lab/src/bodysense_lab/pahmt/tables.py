@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from bodysense.body.arms import ARM_JOINTS, ARM_PARTS, SIDES, arm_skeleton, with_arms
+from bodysense.body.arms import ARM_JOINTS, SIDES, arm_skeleton, with_arms
 from bodysense.body.ik import IkSettings, InverseKinematics, solve_sequence
 from bodysense.body.keypoints import arms_from_torso
 from bodysense.body.pose import Pose, forward_kinematics, rest_pose
@@ -33,7 +33,7 @@ from bodysense.body.rotation import (
     quaternion_multiply,
     swing_twist,
 )
-from bodysense.body.skeleton import Skeleton
+from bodysense.body.skeleton import ARM, Skeleton
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
@@ -46,7 +46,7 @@ from bodysense_lab.pahmt.options import FINGERS, TABLE_1, Studio, TableRow
 from bodysense_lab.table import Cell, Report, bounds, cell, finite, ordering, surely
 
 TWISTS = ("upper_arm", "forearm")
-ARMS = tuple(k for k, name in enumerate(ARM_JOINTS) if name.partition("_")[2] in ARM_PARTS)  # all but fingers
+ARMS = tuple(k for k, name in enumerate(ARM_JOINTS) if name.partition("_")[2] in ARM)  # all but fingers
 
 
 def twist_errors(said: np.ndarray, truth: np.ndarray, skeleton: Skeleton) -> dict[str, np.ndarray]:

@@ -14,8 +14,9 @@ import torch
 from torch import Tensor, nn
 from torch.nn.functional import binary_cross_entropy_with_logits
 
-from bodysense.body.arms import ARM_JOINTS, ARM_PARTS
+from bodysense.body.arms import ARM_JOINTS
 from bodysense.body.rotation import geodesic_angle
+from bodysense.body.skeleton import ARM
 from bodysense_lab.checkpoint import identity
 from bodysense_lab.fit import Task, seed_of
 from bodysense_lab.pahmt.features import ArmBatch, ArmRecordings, arm_positions, arms_alone, make_batch
@@ -24,7 +25,7 @@ from bodysense_lab.pahmt.options import ArmNetworkConfig, ArmSchedule, Studio
 from bodysense_lab.precision import layer_autocast
 from bodysense_lab.windows import Windows
 
-_ARMS = [k for k, name in enumerate(ARM_JOINTS) if name.partition("_")[2] in ARM_PARTS]
+_ARMS = [k for k, name in enumerate(ARM_JOINTS) if name.partition("_")[2] in ARM]
 _VALIDATED = 192  # windows that are enough to see how a run goes
 
 

@@ -26,7 +26,7 @@ from bodysense.io.resample import resample
 from bodysense.metrics import joint_error
 from bodysense.papers.ik_tracker import IkTracker, IkTrackerSettings
 from bodysense.pictures.animation import write_animation
-from bodysense.pictures.sheet import Lens, Shot, frame_shot
+from bodysense.pictures.sheet import FollowingCamera, Lens, follow_body
 from bodysense.scoring import RATE, UNOC_EVAL_JOINTS, Hold
 from bodysense_lab.study.study import CONDITIONS, Condition, StudyKey, draw_key, write_key
 from bodysense_lab.unoc.learned import Learned, load_model
@@ -155,12 +155,12 @@ def build_study(
         work = _renderings(key, scenes, settings.lens, place)
         advance(0, len(work))
         if jobs == 1:
-            for done, (path, pose, shot) in enumerate(work, start=1):
-                write_animation(path, pose, shot, RATE)
+            for done, (path, pose, camera) in enumerate(work, start=1):
+                write_animation(path, pose, camera, RATE)
                 advance(done, len(work))
         else:
             with ProcessPoolExecutor(jobs) as pool:
-                waiting = [pool.submit(write_animation, path, pose, shot, RATE) for path, pose, shot in work]
+                waiting = [pool.submit(write_animation, path, pose, camera, RATE) for path, pose, camera in work]
                 for done, future in enumerate(as_completed(waiting), start=1):
                     future.result()
                     advance(done, len(work))
@@ -168,12 +168,16 @@ def build_study(
     return key, scenes
 
 
-def _renderings(key: StudyKey, scenes: Sequence[SceneMotion], lens: Lens, place: Path) -> list[tuple[Path, Pose, Shot]]:
+def _renderings(
+    key: StudyKey, scenes: Sequence[SceneMotion], lens: Lens, place: Path
+) -> list[tuple[Path, Pose, FollowingCamera]]:
     """Return the animations to draw, sorted by opaque name, so that the age of a file reveals nothing."""
     work = []
     for scene, motion in zip(key.scenes, scenes, strict=True):
-        shot = frame_shot(motion.pose["truth"], RATE, lens)
-        work += [(place / f"{clip}.webp", motion.pose[condition], shot) for clip, condition in scene.condition.items()]
+        camera = follow_body(motion.pose["truth"], RATE, lens)
+        work += [
+            (place / f"{clip}.webp", motion.pose[condition], camera) for clip, condition in scene.condition.items()
+        ]
     return sorted(work, key=lambda one: one[0])
 
 

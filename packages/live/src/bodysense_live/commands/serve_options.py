@@ -142,8 +142,8 @@ def playable_of(file: Path | None, device: str | None, reading: ReadingOptions, 
         if device is not None:
             raise BodysenseError(f"--replay {file}: a recording; leave --device out")
         recording = read_recording(file)
-        told = recording.told and reading.height is None
-        return Playable(recording.observation, Person(recording.skeleton) if told else wearer)
+        is_known = recording.known and reading.height is None
+        return Playable(recording.observation, Person(recording.skeleton) if is_known else wearer)
     if device is None:
         raise BodysenseError(
             f"--replay {file}: not a recording; if it is a motion, say what watches it: --device headset_camera "

@@ -1,4 +1,4 @@
-"""Flesh: the balls and links of a body's drawn skin, built from its primitives."""
+"""Skin: the balls and links of a body's drawn skin, built from its primitives."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ _LIMBS = (
 
 
 @dataclass(frozen=True, eq=False)
-class Flesh:
+class BodySkin:
     """N balls, each rigid in the frame of a joint, and L links: the skin is the hull of each link's two balls."""
 
     joint: np.ndarray = field(repr=False)  # (N,) index of the joint that carries each ball
@@ -58,8 +58,8 @@ class Flesh:
 
 
 @lru_cache(maxsize=64)
-def fit_flesh(skeleton: Skeleton) -> Flesh:
-    """Build a skeleton's flesh: its primitives, tapered along limbs and joined along the trunk.
+def fit_skin(skeleton: Skeleton) -> BodySkin:
+    """Build a skeleton's skin: its primitives, tapered along limbs and joined along the trunk.
 
     Raises BodysenseError for a skeleton with other points or parents.
     """
@@ -112,7 +112,7 @@ def fit_flesh(skeleton: Skeleton) -> Flesh:
                 # Adjacent capsules of a limb share thickness and position where they meet.
                 radius[[end, start]] = radius[[end, start]].mean()
                 center[[end, start]] = (center + rest)[[end, start]].mean(axis=0) - rest[[end, start]]
-    return Flesh(
+    return BodySkin(
         joint=joint,
         center=center,
         radius=radius,
@@ -121,11 +121,11 @@ def fit_flesh(skeleton: Skeleton) -> Flesh:
     )
 
 
-def place_flesh(flesh: Flesh, pose: Pose) -> np.ndarray:
+def place_skin(skin: BodySkin, pose: Pose) -> np.ndarray:
     """Return the centres (..., N, 3) m, world, of the balls of posed bodies."""
     position, rotation = forward_kinematics(pose)
-    turn = quaternion_to_matrix(rotation)[..., flesh.joint, :, :]
-    return position[..., flesh.joint, :] + np.einsum("...nij,nj->...ni", turn, flesh.center)
+    turn = quaternion_to_matrix(rotation)[..., skin.joint, :, :]
+    return position[..., skin.joint, :] + np.einsum("...nij,nj->...ni", turn, skin.center)
 
 
 def _color(name: str) -> int:

@@ -1,0 +1,67 @@
+"""Raw poses of a headset and its controllers as points of the body.
+
+WebXR and OpenXR: a headset looks along −Z, +Y up. A grip's −Z points to the thumb's end of a rod that is held, its +X
+out of the back of a right hand (WebXR device API, `gripSpace`). Ours: the identity in the T-pose, facing +Z, left hand
+toward +X, palms down.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+
+from bodysense.body.rotation import (
+    matrix_to_quaternion,
+    quaternion_canonical,
+    quaternion_conjugate,
+    quaternion_multiply,
+    quaternion_rotate,
+)
+from bodysense.body.skeleton import Skeleton, default_body, default_skeleton
+from bodysense.errors import BodysenseError
+from bodysense.observation import RAW_POINTS, Observation
+
+# By name: the point of the body, the landmark of it at which the device is, and the device's axes, as columns, while
+# the body is in the T-pose.
+_DEVICES = {
+    "headset": ("head", "between_eyes", [[-1.0, 0, 0], [0, 1, 0], [0, 0, -1]]),
+    "left_controller": ("left_wrist", "left_palm", [[0.0, -1, 0], [-1, 0, 0], [0, 0, -1]]),
+    "right_controller": ("right_wrist", "right_palm", [[0.0, 1, 0], [1, 0, 0], [0, 0, -1]]),
+}
+
+
+def with_joints(observation: Observation, skeleton: Skeleton) -> Observation:
+    """Return an observation with the joints that carry the raw points of a headset; others are unchanged.
+
+    Args:
+        observation: points (..., T, P), of which some may be `RAW_POINTS`.
+        skeleton: the wearer's, whose height says how far the joints are from the devices. A device without a known
+            rotation is taken for the joint's own place.
+
+    Raises BodysenseError if the joint of a raw point is tracked, too.
+    """
+    raw = [k for k, name in enumerate(observation.points) if name in RAW_POINTS]
+    points = tuple(_DEVICES[name][0] if name in _DEVICES else name for name in observation.points)
+    for k in raw:
+        if points.count(points[k]) > 1:
+            raise BodysenseError(
+                f"observation: {observation.points[k]!r} and {points[k]!r} are the same point; give one of them"
+            )
+    turn, shift = (np.stack(part) for part in zip(*(_mount(observation.points[k]) for k in raw), strict=True))
+    shift = shift * skeleton.height / default_skeleton().height
+    position, rotation = observation.position.copy(), observation.rotation.copy()
+    turned = quaternion_multiply(rotation[..., raw, :], np.broadcast_to(turn, rotation[..., raw, :].shape))
+    rotation[..., raw, :] = quaternion_canonical(turned)
+    moved = quaternion_rotate(turned, np.broadcast_to(shift, position[..., raw, :].shape))
+    position[..., raw, :] += np.where(observation.has_rotation[..., raw, None], moved, 0.0)
+    return replace(observation, points=points, position=position, rotation=rotation)
+
+
+@lru_cache(maxsize=len(_DEVICES))
+def _mount(name: str) -> tuple[np.ndarray, np.ndarray]:
+    """Return the rotation (4,) device ← joint, and the joint's place (3,) m from the device in the joint's axes."""
+    _, landmark, axes = _DEVICES[name]
+    offset = next(np.array(row["offset"]) for row in default_body()["landmarks"] if row["name"] == landmark)
+    return quaternion_conjugate(matrix_to_quaternion(np.array(axes))), -offset
