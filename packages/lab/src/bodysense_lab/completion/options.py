@@ -129,6 +129,29 @@ class CompletionEvaluation(MotionEvaluation):
 
 
 @dataclass(frozen=True, kw_only=True)
+class AmassEvaluation:
+    """AvatarPoser's protocol 1 on AMASS."""
+
+    amass: Path
+    """folder of AMASS, with CMU, BMLrub (BioMotionLab_NTroje) and HDM05 (MPI_HDM05)"""
+    split_lists: Path
+    """folder data_split of a clone of github.com/eth-siplab/AvatarPoser"""
+    smpl_model: Path | None = None
+    """SMPL-H model whose mean body everybody has, as published: male/model.npz; the default body if omitted"""
+    model: Path | None = None
+    """completion network of your own; the packaged one, which did not learn from these lists, if omitted"""
+    limit: int | None = None
+    """number of clips, spread evenly; all if omitted"""
+    jobs: int = 1
+    """processes"""
+    json: Path | None = None
+    """file for the numbers, as one flat object"""
+
+    def __post_init__(self) -> None:
+        check_fields(self, "jobs", "limit")
+
+
+@dataclass(frozen=True, kw_only=True)
 class SightEvaluation:
     """Scripted wearers, and real headset signals."""
 

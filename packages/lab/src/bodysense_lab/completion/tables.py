@@ -372,7 +372,7 @@ def _remarks(table: CompletionTable) -> Iterator[str]:
         worse = [score for score in table.lattice if score.violates]
         yield (
             f"One sensor more makes the mean worse by over 1 % on {len(worse)} of {len(table.lattice)} random edges of "
-            f"the lattice of sensor sets (unseen bodies, known; at most {CLIPS} clips, their first {FRAMES / 30:.0f} s)."
+            f"the lattice of sensor sets (unseen bodies, known; {CLIPS} clips or fewer, {FRAMES / 30:.0f} s each)."
         )
         for score in sorted(worse, key=lambda one: one.fewer / one.more)[:5]:
             yield (
