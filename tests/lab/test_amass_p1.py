@@ -121,6 +121,12 @@ def test_the_command_scores_next_to_published_figures(amass: Path, run: object, 
     assert "1 of 3 test clips" in text and "The default body instead of the published one" in text
 
 
+def test_the_network_that_is_given_is_scored(amass: Path, refused: object, tmp_path: Path) -> None:
+    options = ["--amass", amass / "amass", "--split-lists", amass / "data_split", "--limit", 1]
+    said = refused("evaluate", "amass-p1", *options, "--model", tmp_path / "missing.safetensors")  # type: ignore[operator]
+    assert "missing.safetensors: no such" in said
+
+
 def test_training_data_by_the_same_lists(amass: Path, run: object, tmp_path: Path) -> None:
     pytest.importorskip("zarr", reason="needs packages/lab")
     from bodysense_lab.store import read_store

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import replace
 from functools import partial
 from itertools import islice
@@ -88,7 +89,8 @@ def completion_table(run: Flat[CompletionEvaluation]) -> None:
     settings = CompletionSettings(run.split, run.sets, run.bodies, 200 if run.lattice else 0, run.takes)
     network = "packaged" if run.model is None else str(run.model.resolve())
     kept = None if run.keep is None else KeptClips.open(run.keep, settings, network)
-    count = min(chosen.count(), run.limit or chosen.count())
+    total = chosen.count()
+    count = min(total, run.limit or total)
     with Progress() as progress:
         bar = progress.add_task("reading", total=count)
         clips = []
@@ -112,13 +114,13 @@ def completion_table(run: Flat[CompletionEvaluation]) -> None:
             track=track,
             takes=TakenBy(run.model) if run.takes else None,
             times=partial(step_times, network=track.network),
-            spread=partial(spread, jobs=run.jobs, scheduler=run.scheduler),
+            spread=partial(spread, jobs=run.jobs or os.cpu_count() or 1, scheduler=run.scheduler),
             mean_body=mean_body,
             kept=kept,
             advance=advance,
         )
     console = wide_console()
-    reports = completion_reports(table, census, chosen)
+    reports = completion_reports(table, census, chosen, total)
     for report in reports:
         print_report(report, console)
     if run.csv is not None:
