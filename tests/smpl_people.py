@@ -7,10 +7,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from bodysense.body.pose import Pose
 from bodysense.body.shape import sample_bodies
 from bodysense.body.skeleton import default_skeleton
 
@@ -50,12 +52,13 @@ class Model:
         skin = place[:, self.bone] + np.einsum("tvij,vj->tvi", turn[:, self.bone], vertices - joints[self.bone])
         return skin + trans[:, None], place + trans[:, None]
 
-    def save(self, path: Path, **changes: np.ndarray) -> Path:
+    def save(self, path: Path, **changes: Any) -> Path:
         """Write it as model files are laid out."""
         path.parent.mkdir(parents=True, exist_ok=True)
         table = np.array([self.parents % 2**32, np.arange(len(self.parents))], dtype=np.uint32)
-        arrays = {"J_regressor": self.regressor, "v_template": self.vertices, "shapedirs": self.directions}
-        np.savez(path, **(arrays | {"kintree_table": table} | changes))
+        arrays: dict[str, Any] = {"J_regressor": self.regressor, "v_template": self.vertices}
+        arrays |= {"shapedirs": self.directions, "kintree_table": table}
+        np.savez(path, **(arrays | changes))
         return path
 
 
@@ -125,7 +128,7 @@ def save_walk(
     return path
 
 
-def lowest_soles(pose) -> np.ndarray:
+def lowest_soles(pose: Pose) -> np.ndarray:
     """(T,) m of the lowest ankle, ball or toe over y = 0, from its height over the soles at rest."""
     skeleton = pose.skeleton
     turn = [Rotation.from_quat(pose.rotation[:, 0], scalar_first=True)]

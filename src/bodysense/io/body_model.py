@@ -77,7 +77,7 @@ def _gender_of(path: Path) -> str:
 
 
 def read_model(path: Path) -> BodyModel:
-    """Read a model file, or return it as it was read before. A .pkl is refused, with its conversion."""
+    """Read a model file, once for each change of it. A .pkl is refused, with its conversion."""
     if path.suffix != ".npz":
         keep = "v_template=np.array(m['v_template']), shapedirs=np.array(m['shapedirs']), kintree_table=np.array("
         script = f"import pickle, numpy as np; m = pickle.load(open('{path.name}', 'rb'), encoding='latin1'); "

@@ -33,7 +33,7 @@ _FLOOR = 0.01  # m; a nearer floor is taken as 0
 
 @dataclass(frozen=True, eq=False)
 class Footing:
-    """What motions tell of a body's size and floor. Sums of it pool the motions of one person."""
+    """Evidence of motions for a body's size and floor; `pooled` joins that of one person's motions."""
 
     sizes: np.ndarray  # counts (S,) of windows with a planted foot, by size
     pelvis: np.ndarray  # (N,) m, height of the pelvis
