@@ -4,6 +4,8 @@
     bodysense evaluate unoc-table2 --data DIR --networks NETWORKS --stride 8 --json FIGURES/unoc-table2.json
     … unoc-table3, unoc-table4, unoc-smoothness likewise, unoc-table5 with a folder of networks for each set
     bodysense evaluate completion --data DIR --json FIGURES/completion.json
+    … the same with --limit 36 --takes --lattice, into FIGURES/completion-takes.json
+    … the same with --split val --bodies own, into FIGURES/validation.json, for the card of the network
     bodysense evaluate holes --data DIR --json FIGURES/holes.json
     bodysense evaluate hmd-vae --data DIR --networks VAES --json FIGURES/hmd-vae.json
     bodysense evaluate unoc-table6 --data DIR --json FIGURES/unoc-table6.json
@@ -32,6 +34,7 @@ from bodysense.devices.simulated.sensors import SENSOR_SETS, TABLE_SETS
 from bodysense_lab.hmd_vae.tables import PUBLISHED as THREE_POINT
 from bodysense_lab.holes import PARTS as HOLES
 from bodysense_lab.holes import SECONDS
+from bodysense_lab.model_card import fields_read, network_lines, read_network
 from bodysense_lab.score_table import ScoreTable
 from bodysense_lab.unoc.occlusion import PUBLISHED
 from bodysense_lab.unoc.smoothness import PUBLISHED as STRONG
@@ -66,8 +69,9 @@ def main(folder: Path) -> None:
     read = {path.stem: json.loads(path.read_text(encoding="utf-8")) for path in folder.glob("*.json")}
     if (folder / "demo" / "demo.webp").is_file():
         shutil.copyfile(folder / "demo" / "demo.webp", DEMO)
-    if "completion" in read:
-        write_completion(read["completion"])
+    CARD.write_text(put(CARD.read_text(encoding="utf-8"), "network", network(read.get("validation"))), encoding="utf-8")
+    if {"completion", "completion-takes"} <= set(read):
+        write_completion(read["completion"], read["completion-takes"])
     if "holes" in read:
         FILES.write_text(put(FILES.read_text(encoding="utf-8"), "holes", holes(read["holes"])), encoding="utf-8")
     tables = EVALUATION.read_text(encoding="utf-8")
@@ -106,15 +110,31 @@ def main(folder: Path) -> None:
     OCCLUSION.write_text(rates, encoding="utf-8")
 
 
-def write_completion(numbers: dict[str, float]) -> None:
-    """Replace the tables of `evaluate completion` in the README, the page of completion and the network's card."""
+def write_completion(numbers: dict[str, float], sample: dict[str, float]) -> None:
+    """Replace the tables of `evaluate completion` in the README, the page of completion and the network's card.
+
+    `numbers` are of all clips; `sample` has takes and the lattice of sensor sets, of some.
+    """
+    short = completion(numbers | {key: sample[key] for key in sample if key.startswith("lattice_")})
     for path in (README, CARD):
-        path.write_text(put(path.read_text(encoding="utf-8"), "completion", completion(numbers)), encoding="utf-8")
+        path.write_text(put(path.read_text(encoding="utf-8"), "completion", short), encoding="utf-8")
     text = COMPLETION.read_text(encoding="utf-8")
-    tables = {"completion": completion_measures, "published": published, "takes": takes}
+    tables = {"completion": completion_measures(numbers), "published": published(numbers), "takes": takes(sample)}
     for name, table in tables.items():
-        text = put(text, name, table(numbers))
+        text = put(text, name, table)
     COMPLETION.write_text(text, encoding="utf-8")
+
+
+def network(validation: dict[str, float] | None) -> str:
+    """Return what the completion network's file says of itself, and its validation figures if there are any."""
+    fields, _ = read_network(CARD.with_suffix(".safetensors"))
+    lines = network_lines(fields_read(fields))
+    if validation is not None:
+        figures = ", ".join(
+            f"{_sensors(name)} {_figure(validation, f'{name}_own_{_position(name)}')}" for name in TABLE_SETS
+        )
+        lines.append(f"- validation people, known bodies, cm: {figures}")
+    return "\n".join(lines)
 
 
 def takes(numbers: dict[str, float]) -> str:
@@ -132,7 +152,8 @@ def takes(numbers: dict[str, float]) -> str:
         if keys[1] in numbers:
             rows.append([name.replace("_", " "), *(f"{numbers[key]:.2f}" if key in numbers else "–" for key in keys)])
     head = ["sensors", "known body, live cm", "take cm", "unknown body, live cm", "take cm", "take rotation °"]
-    return markdown([*head, "take jumps/min"], rows)
+    command = f"`bodysense evaluate completion --data DIR{_limit(numbers)} --takes`: {numbers['clips']:.0f} clips."
+    return f"{markdown([*head, 'take jumps/min'], rows)}\n\n{command}"
 
 
 def holes(numbers: dict[str, float]) -> str:
@@ -179,8 +200,8 @@ def completion(numbers: dict[str, float]) -> str:
     ]
     head = ["sensors", "own body", "stranger's", "only height known", "nothing known"]
     text = [
-        f"`bodysense evaluate completion --data DIR --limit {numbers['clips']:.0f}`: main motions, cm. 22 joints from",
-        "the head; of the headset's cameras the joints that they do not see, in the world.",
+        f"`bodysense evaluate completion --data DIR{_limit(numbers)}`: {numbers['clips']:.0f} clips, main motions, cm.",
+        "22 joints from the head; of the headset's cameras the joints that they do not see, in the world.",
     ]
     if "headset_camera_stranger_ratio" in numbers:
         ratio = [numbers[f"headset_camera_{body}_ratio"] for body in ("own", "stranger")]
@@ -194,6 +215,11 @@ def completion(numbers: dict[str, float]) -> str:
             f"{numbers['lattice_edges']:.0f} random pairs of sensor sets."
         )
     return f"{markdown(head, rows)}\n\n" + "\n".join(text)
+
+
+def _limit(numbers: dict[str, float]) -> str:
+    """Return the option of a command that scored some of the clips; empty if it scored all."""
+    return f" --limit {numbers['clips']:.0f}" if numbers["clips"] < numbers["clips_in_split"] else ""
 
 
 def completion_measures(numbers: dict[str, float]) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import subprocess
+import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -25,6 +26,7 @@ from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
 from bodysense.observation import Observation
 
+sys.path.insert(0, str(Path(__file__).parent))  # helpers that tests of several rooms share
 Command = Callable[..., str]
 Refused = Callable[..., str]
 MakeClip = Callable[..., Clip]

@@ -57,3 +57,32 @@ def test_places(script: dict[str, Any]) -> None:
     for file, names in places.items():
         whole = (ROOT / file).read_text(encoding="utf-8")
         assert all(whole.count(f"<!-- {word} {name} -->") == 1 for name in names for word in ("begin", "end")), file
+
+
+def test_figures_of_reproduced_rows(tmp_path: Path) -> None:
+    """A row's figure is replaced, and nothing else of the page; every row of the script is on the page."""
+    script = runpy.run_path(str(ROOT / "scripts" / "reproduce_figures.py"))
+    page = (ROOT / "docs" / "reproduce.md").read_text(encoding="utf-8")
+    for row, (_, figure) in script["FIGURES"].items():
+        changed = script["with_figure"](page, row, figure(Figures()))
+        lines = [pair for pair in zip(page.splitlines(), changed.splitlines(), strict=True) if pair[0] != pair[1]]
+        assert len(lines) == 1 and lines[0][1].startswith(f"| {row} |")
+        before, after = (line.split(" | ") for line in lines[0])
+        assert before[:3] == after[:3] and before[4:] == after[4:] and after[3] == figure(Figures())
+    with pytest.raises(ValueError, match=r"no row 9\.9"):
+        script["with_figure"](page, "9.9", "1")
+
+
+def test_tables_of_all_clips_name_no_limit(script: dict[str, Any]) -> None:
+    figures = Figures()
+    figures |= {"clips": 36.0, "clips_in_split": 285.0}
+    assert "--data DIR --limit 36`: 36 clips" in script["completion"](figures)
+    assert "--data DIR --limit 36 --takes`: 36 clips" in script["takes"](figures)
+    figures["clips"] = 285.0
+    assert "--data DIR`: 285 clips" in script["completion"](figures)
+
+
+def test_the_card_of_the_network(script: dict[str, Any]) -> None:
+    text = script["network"](Figures())
+    assert "seed" in text and "- validation people, known bodies, cm: head 1.25" in text
+    assert "validation people" not in script["network"](None)

@@ -21,7 +21,7 @@ from bodysense.filling import PartialMotion, open_partial
 from bodysense.io.archive import ZIP
 from bodysense.io.clip import Clip
 from bodysense.io.datasets.sources import Source as MotionEntry
-from bodysense.io.datasets.sources import as_told, read_with_rig
+from bodysense.io.datasets.sources import as_told, read_amass_source, read_with_rig
 from bodysense.io.gltf import motion as io_gltf
 from bodysense.io.holes import Missing
 from bodysense.io.markers.body import body_of
@@ -216,8 +216,10 @@ _ELSEWHERE = {
 
 def _read_motion(path: Path, options: ReadingOptions, rate: float | None) -> tuple[Clip, tuple[str, ...]]:
     """Read a motion in canonical form, and lines on what was recognised; `rate` Hz if its file does not say it."""
+    if options.smpl_model is not None and path.suffix.lower() not in (".npz", ".npy"):
+        raise BodysenseError(f"{path}: --smpl-model is for AMASS and SMPL files (.npz, .npy); leave it out")
     if path.suffix.lower() in _MANY_KINDS and is_smpl(path):
-        clip, remarks = read_smpl(path, rate)
+        clip, remarks = read_smpl(path, rate, options.smpl_model)
         return as_told(clip, options, "results of SMPL", "y"), tuple(f"note: {remark}" for remark in remarks)
     if rate is not None:
         raise BodysenseError(f"{path}: the file says its frame rate; leave --rate {rate:g} out")
@@ -226,7 +228,11 @@ def _read_motion(path: Path, options: ReadingOptions, rate: float | None) -> tup
         return as_told(clip, replace(options, joints=None), "glTF files", "y"), tuple(
             f"note: {remark}" for remark in remarks
         )
-    clip, rig = read_with_rig(MotionEntry(path, person="", split="test"), options)
+    entry = MotionEntry(path, person="", split="test")
+    if path.suffix.lower() == ".npz":
+        clip, placement = read_amass_source(entry, options)
+        return clip, () if placement is None else (f"note: {placement.remark}",)
+    clip, rig = read_with_rig(entry, options)
     return clip, () if rig is None else (f"read {path}: {rig.line()}",)
 
 

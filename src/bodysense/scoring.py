@@ -79,44 +79,35 @@ class Hold:
     def step(self, observation: Observation, state: HoldState) -> tuple[PointEstimate, HoldState]:
         """Complete T frames, one after the other."""
         position, rotation, has_position, has_rotation = observed_points(observation, self.skeleton)
-        frames = []
-        for t in range(len(observation)):
-            if has_position[t, self._head]:
-                state = replace(state, head_position=position[t, self._head])
-            if has_rotation[t, self._head]:
-                state = replace(state, head_heading=heading(rotation[t, self._head]))
-            state = self._remember(position[t], has_position[t] & has_position[t, self._origin], state)
-            guess = self._recall(state)
-            now = np.where(has_position[t][:, None], position[t], guess)
-            # Fingers hang on the output wrist, measured or kept.
-            frames.append(np.where(self._is_finger & ~has_position[t][:, None], guess + now[self._origin], now))
+        turned = np.where(has_rotation[:, self._head, None], rotation[:, self._head], [1.0, 0.0, 0.0, 0.0])
+        head = _held(position[:, self._head], has_position[:, self._head], state.head_position)
+        turn = _held(np.asarray(heading(turned)), has_rotation[:, self._head], state.head_heading)
+        axes = turn[:, None] if self.frame == "heading" else np.array([1.0, 0.0, 0.0, 0.0])
+        middle = np.where(self._is_finger, 0.0, head[:, None])  # of points that are kept with the head
+        origin = np.zeros(3) if self.frame == "world" else middle
+        base = np.where(self._is_finger, position[:, self._origin], origin)
+        measured = has_position & has_position[:, self._origin]
+        place = _held(quaternion_rotate(quaternion_conjugate(axes), position - base), measured, state.place)
+        seen = np.logical_or.accumulate(np.concatenate([state.seen[None], measured]))[1:]
+        standing = quaternion_rotate(turn[:, None], self._standing) + middle
+        guess = np.where(seen[..., None], quaternion_rotate(axes, place) + origin, standing)
+        now = np.where(has_position[..., None], position, guess)
+        # Fingers hang on the wrist that is output, measured or kept.
+        hanging = self._is_finger & ~has_position[..., None]
         estimate = PointEstimate(
             skeleton=self.skeleton,
-            position=np.stack(frames),
+            position=np.where(hanging, guess + now[:, self._origin], now),
             occluded=(~has_position).astype(float),
             confidence=np.where(has_position, 0.0, 0.1),
         )
-        return estimate, state
+        return estimate, HoldState(place[-1], seen[-1], head[-1], turn[-1])
 
-    def _remember(self, position: np.ndarray, measured: np.ndarray, state: HoldState) -> HoldState:
-        """Take in the measured points of one frame."""
-        if self.frame == "world":
-            place = np.where(self._is_finger, position - position[self._origin], position)
-        else:
-            base = np.where(self._is_finger, position[self._origin], state.head_position)
-            place = quaternion_rotate(quaternion_conjugate(self._turn(state)), position - base)
-        return replace(state, place=np.where(measured[:, None], place, state.place), seen=state.seen | measured)
 
-    def _recall(self, state: HoldState) -> np.ndarray:
-        """(P, 3) m: world positions of body points, world offsets from the wrist of fingers."""
-        head = np.where(self._is_finger, 0.0, state.head_position)
-        standing = quaternion_rotate(state.head_heading, self._standing) + head
-        kept = state.place if self.frame == "world" else quaternion_rotate(self._turn(state), state.place) + head
-        return np.where(state.seen[:, None], kept, standing)
-
-    def _turn(self, state: HoldState) -> np.ndarray:
-        """(4,) world ← the axes in which places are kept."""
-        return state.head_heading if self.frame == "heading" else np.array([1.0, 0.0, 0.0, 0.0])
+def _held(values: np.ndarray, known: np.ndarray, first: np.ndarray) -> np.ndarray:
+    """Return values (T, …, D) in which those that are not known (T, …) are the last known ones, before them `first`."""
+    frame = np.arange(len(values)).reshape(-1, *[1] * (known.ndim - 1))
+    last = np.maximum.accumulate(np.where(known, frame, -1))[..., None]
+    return np.where(last >= 0, np.take_along_axis(values, np.maximum(last, 0), axis=0), first)
 
 
 RATE = 30.0

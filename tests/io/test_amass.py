@@ -15,7 +15,7 @@ from bodysense.body.pose import forward_kinematics
 from bodysense.body.rotation import geodesic_angle, quaternion_exp
 from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError
-from bodysense.io.amass import read_amass, skeleton_from_smpl
+from bodysense.io.amass import read_amass
 from bodysense.io.fingers import is_finger, relaxed_rotation
 
 TO_Z_UP = Rotation.from_euler("X", 90, degrees=True)  # the rest body of our world, stood up in AMASS's
@@ -177,65 +177,3 @@ def test_a_real_clip_stands_on_the_ground_facing_where_it_walks(motion_data: Pat
     forward = np.cross(across, [0, 1, 0])
     assert (forward[0] @ (position[-1, 0] - position[0, 0])) > 0.5 * np.linalg.norm(forward[0])
     assert clip.frame_rate == 24.0 and not clip.has_fingers
-
-
-# --- body models ---
-
-
-def model(path: Path, joints: int = 52, vertices: int = 80, **changes: Any) -> tuple[Path, np.ndarray, np.ndarray]:
-    """A model file whose joints are weighted means of random vertices; its joints at rest, and shape directions."""
-    rng = np.random.default_rng(joints)
-    skeleton = default_skeleton()
-    rest = skeleton.path @ skeleton.rest_offset
-    rest = np.concatenate([rest[:22], rng.normal(size=(joints - 52, 3)), rest[22:52]])
-    regressor = rng.uniform(size=(joints, vertices))
-    v_template = np.linalg.pinv(regressor) @ rest
-    parents = [-1, *skeleton.parents[1:22]]
-    parents += [15] * (joints - 52)
-    parents += [p if p < 22 else p + joints - 52 for p in skeleton.parents[22:52]]
-    shapedirs = rng.normal(scale=0.01, size=(vertices, 3, 10))
-    arrays = {
-        "J_regressor": regressor,
-        "v_template": v_template,
-        "kintree_table": np.array([np.array(parents) % 2**32, np.arange(joints)], dtype=np.uint32),
-        "shapedirs": shapedirs,
-    }
-    return saved(path, arrays | changes), rest, np.einsum("jv,vcb->jcb", regressor, shapedirs)
-
-
-@pytest.mark.parametrize("joints", [52, 55])
-def test_a_models_skeleton(tmp_path: Path, joints: int) -> None:
-    path, rest, _ = model(tmp_path / "model.npz", joints)
-    skeleton = skeleton_from_smpl(path)
-    np.testing.assert_allclose(skeleton.rest_offset[0], rest[0], atol=1e-9)
-    np.testing.assert_allclose(skeleton.rest_offset[1:52], default_skeleton().rest_offset[1:52], atol=1e-9)
-    np.testing.assert_allclose(skeleton.rest_offset[52:], default_skeleton().rest_offset[52:], atol=1e-9)
-
-
-def test_betas_move_the_joints(tmp_path: Path) -> None:
-    path, rest, per_beta = model(tmp_path / "model.npz")
-    betas = np.array([1.0, -2.0, 0.5])
-    skeleton = skeleton_from_smpl(path, betas)
-    expected = rest + per_beta[..., :3] @ betas
-    np.testing.assert_allclose(
-        (skeleton.path @ skeleton.rest_offset)[:52] + skeleton.rest_offset[0], expected, atol=1e-9
-    )
-    with pytest.raises(BodysenseError, match=r"betas have shape \(11,\); this model takes at most 10"):
-        skeleton_from_smpl(path, np.zeros(11))
-
-
-def test_a_pickle_is_never_read(tmp_path: Path) -> None:
-    with pytest.raises(BodysenseError, match=r"a .pkl may run any code when it is read; use the model's .npz"):
-        skeleton_from_smpl(tmp_path / "SMPLH_MALE.pkl")
-
-
-def test_other_models_are_refused(tmp_path: Path) -> None:
-    path, *_ = model(tmp_path / "model.npz", kintree_table=np.zeros((2, 52), dtype=np.uint32))
-    with pytest.raises(BodysenseError, match=r"kintree_table hangs joint 4 on 0, but SMPL's 'left_knee' hangs on 1"):
-        skeleton_from_smpl(path)
-    path, *_ = model(tmp_path / "model.npz", J_regressor=np.zeros((24, 80)))
-    with pytest.raises(BodysenseError, match=r"a model of 24 joints; valid are SMPL-H \(52\) and SMPL-X \(55\)"):
-        skeleton_from_smpl(path)
-    path, *_ = model(tmp_path / "model.npz", v_template=np.zeros((80, 2)))
-    with pytest.raises(BodysenseError, match=r"'v_template' has shape \(80, 2\)"):
-        skeleton_from_smpl(path)

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from bodysense.errors import BodysenseError
-from bodysense_lab.model_card import KINDS, _opened, describe, fields_read, kind_of
+from bodysense_lab.model_card import KINDS, describe, fields_read, kind_of, network_lines, read_network
 
 WEIGHTS = Path(str(files("bodysense.weights")))
 SHIPPED = sorted([*WEIGHTS.glob("*.onnx"), *WEIGHTS.glob("*.safetensors")])
@@ -24,7 +24,7 @@ def copied(path: Path, folder: Path) -> Path:
 @pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
 def test_a_card_keeps_what_it_shows(path: Path, tmp_path: Path) -> None:
     network = copied(path, tmp_path)
-    fields, _ = _opened(network)
+    fields, _ = read_network(network)
     kind, model = kind_of(network, fields), fields_read(fields).get("model")
     _, used = kind.filled(defaultdict(float), model)
     figures = {name: 1 + place / 4 for place, name in enumerate(sorted(used))}
@@ -34,6 +34,15 @@ def test_a_card_keeps_what_it_shows(path: Path, tmp_path: Path) -> None:
     assert kind.measured_by in text and "another" not in text
     again = describe(network, figures).read_text(encoding="utf-8")
     assert again == text
+
+
+@pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
+def test_the_shipped_card_is_of_the_shipped_file(path: Path) -> None:
+    """Size, training data and seed are those in the file; the card names no network that is not shipped."""
+    card = path.with_suffix(".md").read_text(encoding="utf-8")
+    fields, _ = read_network(path)
+    assert set(network_lines(fields_read(fields))) <= set(card.splitlines())
+    assert kind_of(path, fields).not_for.partition(";")[0] in card
 
 
 @pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from smpl_people import betas_of, lowest_soles, made_up_model, save_walk, walk
 
 from bodysense.body.rotation import geodesic_angle
 from bodysense.errors import BodysenseError
@@ -186,3 +187,38 @@ def test_a_dask_scheduler_makes_the_same_store(folder: Path, tmp_path: Path) -> 
         two = prepare(folder, tmp_path / "two.zarr", scheduler=cluster.scheduler_address)
     assert one.table.clips == two.table.clips
     np.testing.assert_array_equal(one.rotation[:], two.rotation[:])
+
+
+def test_people_of_amass_stand_on_the_floor_at_their_height(tmp_path: Path, capsys) -> None:
+    """1.55 and 1.90 m, floors 10 cm up and 12 down: with a body model, and by their steps without one."""
+    model = made_up_model(3)
+    for name, height, floor in (("short", 1.55, 0.10), ("tall", 1.90, -0.12)):
+        betas = betas_of(model, height)
+        poses, trans = walk(model, betas)
+        save_walk(tmp_path / "CMU" / name / "walk.npz", poses, trans, betas, floor)
+        save_walk(tmp_path / "CMU" / name / "still.npz", poses[:9], trans[:1].repeat(9, axis=0), betas, floor)
+        np.savez(tmp_path / "CMU" / name / "shape.npz", betas=betas, gender="neutral")
+    file = model.save(tmp_path / "models" / "model.npz")
+    for options, text in ((ReadingOptions(smpl_model=file), "by the body model"), (ReadingOptions(), "by its steps")):
+        place = tmp_path / f"{text.split()[-1]}.zarr"
+        store = prepare(tmp_path / "CMU", place, workers=1, options=options)
+        printed = capsys.readouterr().out
+        assert f"short: {'' if options.smpl_model is None else 'bones '}" in printed and printed.count(text) == 2
+        assert "skipped 2 files such as short/shape.npz: no 'poses' in it" in printed
+        assert printed.count("skipped") == 1
+        for index, row in enumerate(store.table.clips):
+            clip = store.clip(index)
+            assert np.abs(lowest_soles(clip.pose)).max() < 0.015
+            joints = model.shaped(betas_of(model, {"short": 1.55, "tall": 1.90}[row.person]))[1]
+            thigh = np.linalg.norm(joints[4] - joints[1])
+            exact = 1e-5 if options.smpl_model is not None else 0.1
+            assert np.linalg.norm(clip.pose.skeleton.rest_offset[4]) == pytest.approx(thigh, rel=exact)
+
+
+def test_the_rate_and_bodies_of_a_store_are_printed(tmp_path: Path, run) -> None:
+    model = made_up_model()
+    poses, trans = walk(model, np.zeros(2))
+    save_walk(tmp_path / "CMU" / "anna" / "walk.npz", poses, trans, np.zeros(2), 0.2)
+    prepare(tmp_path / "CMU", tmp_path / "motion.zarr", rate=25.0, workers=1)
+    text = run("data", "info", tmp_path / "motion.zarr")
+    assert "prepared at 25 Hz" in text and "anna: " in text and "moved to 0" in text and "walk: store, 25 Hz" in text

@@ -15,6 +15,7 @@ from bodysense.cli.found_files import FoundFile, Split, files_in, line_of, none_
 from bodysense.cli.options import Reading
 from bodysense.errors import BodysenseError
 from bodysense.io.datasets.layouts import Layout
+from bodysense.io.datasets.reasons import lines_by_kind
 from bodysense.io.rigs.options import AS_FOUND
 
 if TYPE_CHECKING:
@@ -24,7 +25,6 @@ if TYPE_CHECKING:
 
 
 PICTURED = 6  # frames of a picture
-REASONS = 20  # of files that cannot be read, that are printed
 
 
 def info(
@@ -83,13 +83,9 @@ def say_skipped(place: Path, total: int, found: list[FoundFile]) -> int:
     skipped = [one for one in found if one.reason]
     if len(skipped) == len(found):
         raise BodysenseError(skipped[0].reason if total == 1 else none_of(place, skipped))
-    for one in skipped[:REASONS]:
-        print(f"skipped {one.reason if one.key in one.reason else f'{one.key}: {one.reason}'}")
+    print(*lines_by_kind((one.key, one.reason) for one in skipped), sep="\n", end="\n" if skipped else "")
     if skipped:
-        print(
-            f"skipped {len(skipped)} of {len(found)} files"
-            + (", the first with reasons" if len(skipped) > REASONS else "")
-        )
+        print(f"skipped {len(skipped)} of {len(found)} files")
     return len(skipped)
 
 

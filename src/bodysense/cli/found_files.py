@@ -36,7 +36,7 @@ class FoundFile:
     key: str
     clip: Clip | None = None
     rig: Rig | None = None
-    kind: str = "AMASS or store"  # what it is, where it has no rig
+    kind: str = "AMASS"  # what it is, where it has no rig
     said: str = ""  # what was found of it, where it has no rig
     rate: float = 0.0  # Hz
     reason: str = ""  # why it cannot be read

@@ -1,12 +1,13 @@
-"""AMASS: motion of the SMPL-H and SMPL-X body models in .npz files, and the skeletons of those models.
+"""AMASS: motion of the SMPL-H and SMPL-X body models in .npz files.
 
 Mahmood et al., AMASS: Archive of Motion Capture as Surface Shapes, ICCV 2019. AMASS worlds are Z up; they are turned
-to +Y up here, so that a body that faces -Y there faces +Z.
+to +Y up here, so that a body that faces -Y there faces +Z. `io.body_model` gives a body its bones, `io.placement` its
+height and floor.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -20,28 +21,25 @@ from bodysense.body.world_axes import TURNS
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.io.fingers import with_fingers
-from bodysense.io.rigs.canonical import complete_skeleton
 
 # Columns of `poses` that are pelvis and body, then both hands, by width. SMPL-X has jaw and eyes between them.
 _LAYOUT = {156: (slice(0, 66), slice(66, 156)), 165: (slice(0, 66), slice(75, 165))}
 _KEYS = ("poses", "root_orient", "pose_body", "pose_hand", "trans", "mocap_framerate", "mocap_frame_rate")
-_MODEL_JOINTS = {52: np.arange(52), 55: np.r_[0:22, 25:55]}  # rows of a model's joints that are ours
 
 
 def read_amass(path: str | Path, skeleton: Skeleton | None = None, trans_to_pelvis: Any = (0.0, 0.0, 0.0)) -> Clip:
     """Read a motion of SMPL-H (T, 156) or SMPL-X (T, 165) from an .npz file of the AMASS layout.
 
-    `skeleton` has the 52 joints; None takes the default one (a file names the body's shape, not its bones: see
-    `skeleton_from_smpl`). `trans_to_pelvis` (3,) metres is added to `trans` to give the pelvis joint: zeros for files
-    whose `trans` is that joint; for AMASS proper, whose `trans` moves the whole model, the rest place of the model's
-    pelvis, `skeleton_from_smpl(...).rest_offset[0]`. Leaving it out there shifts a clip by a constant (some 20 cm
-    horizontally, 3 cm in height). Fingers that were not recorded are relaxed (`io.fingers`).
+    `skeleton` has the 52 joints; None takes the default one, which `io.placement` then fits. `trans_to_pelvis` (3,)
+    metres is added to `trans` to give the pelvis joint: zeros for files whose `trans` is that joint; for AMASS proper,
+    whose `trans` moves the whole model, the rest place of the model's pelvis (`body_model.Shape.pelvis`). Fingers that
+    were not recorded are relaxed (`io.fingers`).
     Raises BodysenseError, naming the file, for anything that is not such a motion.
     """
     path = Path(path)
-    arrays = _read_arrays(path, _KEYS)
+    arrays = read_arrays(path, _KEYS)
     axis_angle = _axis_angle(path, arrays)
-    trans = _array(path, arrays, "trans", (len(axis_angle), 3))
+    trans = checked_array(path, arrays, "trans", (len(axis_angle), 3))
     skeleton = skeleton or default_skeleton()
     smplh = default_skeleton().joints  # the default skeleton's joints are SMPL-H's, in its order
     if set(skeleton.joints) != set(smplh):
@@ -55,51 +53,24 @@ def read_amass(path: str | Path, skeleton: Skeleton | None = None, trans_to_pelv
     return Clip(path.stem, pose, _frame_rate(path, arrays), has_fingers=has_fingers)
 
 
-def skeleton_from_smpl(path: str | Path, betas: Any = ()) -> Skeleton:
-    """The skeleton of a SMPL-H or SMPL-X model file (.npz), for the shape coefficients `betas` (N,).
+def read_shape(path: str | Path) -> tuple[np.ndarray, str]:
+    """Return the shape coefficients (N,) and the gender ('' if it is not in the file) of an AMASS or SMPL file.
 
-    Joints are `J_regressor` · (`v_template` + `shapedirs` · betas), SMPL eq. 10 (Loper et al. 2015). The root's offset
-    is the rest place of the pelvis in the model's own frame (for `read_amass`). End sites, which the models lack, are
-    the default skeleton's, scaled. A .pkl is refused: unpickling runs code.
+    Coefficients of each frame (T, N) are averaged. Raises BodysenseError if a file has none.
     """
     path = Path(path)
-    if path.suffix == ".pkl":
-        raise BodysenseError(f"{path}: a .pkl may run any code when it is read; use the model's .npz file instead")
-    arrays = _read_arrays(path, ["J_regressor", "v_template", "kintree_table", "shapedirs"])
-    vertices = _array(path, arrays, "v_template", (None, 3))
-    betas = np.asarray(betas, dtype=float)
-    if betas.size:
-        directions = _array(path, arrays, "shapedirs", (len(vertices), 3, None))
-        if betas.ndim != 1 or betas.size > directions.shape[2]:
-            raise BodysenseError(
-                f"{path}: betas have shape {betas.shape}; this model takes at most {directions.shape[2]} in a row"
-            )
-        vertices = vertices + directions[..., : betas.size] @ betas
-    position = _array(path, arrays, "J_regressor", (None, len(vertices))) @ vertices
-    if len(position) not in _MODEL_JOINTS:
-        raise BodysenseError(
-            f"{path}: a model of {len(position)} joints; valid are SMPL-H (52) and SMPL-X (55), which have fingers"
-        )
-    parents = _array(path, arrays, "kintree_table", (2, len(position)))[0].astype(np.int64)
-    smplh = default_skeleton()
-    rows = _MODEL_JOINTS[len(position)]
-    for joint, row in zip(smplh.joints[1:], rows[1:], strict=True):
-        expected = rows[smplh.parents[smplh.index(joint)]]
-        if parents[row] != expected:
-            raise BodysenseError(
-                f"{path}: kintree_table hangs joint {row} on {parents[row]}, but SMPL's {joint!r} hangs on {expected}; "
-                "is this a SMPL-H or SMPL-X model?"
-            )
-    offset = {
-        joint: position[row] - position[parents[row]] for joint, row in zip(smplh.joints[1:], rows[1:], strict=True)
-    }
-    return complete_skeleton(offset, root_offset=position[0])
+    arrays = read_arrays(path, ("betas", "gender"))
+    if "betas" in arrays:
+        arrays["betas"] = np.atleast_2d(arrays["betas"])
+    betas = checked_array(path, arrays, "betas", (None, None)).mean(axis=0)
+    gender = str(arrays["gender"].reshape(-1)[0]) if arrays.get("gender", np.zeros(0)).size else ""
+    return betas, gender.removeprefix("b'").removesuffix("'").lower()
 
 
 def _axis_angle(path: Path, arrays: Mapping[str, np.ndarray]) -> np.ndarray:
     """Rotations (T, 52, 3), axis-angle, in SMPL-H order."""
     if "poses" in arrays:
-        poses = _array(path, arrays, "poses", (None, None))
+        poses = checked_array(path, arrays, "poses", (None, None))
         if poses.shape[1] not in _LAYOUT:
             raise BodysenseError(
                 f"{path}: 'poses' has shape {poses.shape}; valid widths are 156 (SMPL-H) and 165 (SMPL-X), "
@@ -108,9 +79,9 @@ def _axis_angle(path: Path, arrays: Mapping[str, np.ndarray]) -> np.ndarray:
         body, hands = (poses[:, columns] for columns in _LAYOUT[poses.shape[1]])
         parts = [body, hands]
     elif "root_orient" in arrays:
-        root = _array(path, arrays, "root_orient", (None, 3))
+        root = checked_array(path, arrays, "root_orient", (None, 3))
         parts = [root]
-        parts += [_array(path, arrays, key, (len(root), n)) for key, n in (("pose_body", 63), ("pose_hand", 90))]
+        parts += [checked_array(path, arrays, key, (len(root), n)) for key, n in (("pose_body", 63), ("pose_hand", 90))]
     else:
         raise BodysenseError(f"{path}: no 'poses' in it (nor 'root_orient'); it is not a motion of the AMASS layout")
     axis_angle = np.concatenate(parts, axis=1)
@@ -129,13 +100,8 @@ def _frame_rate(path: Path, arrays: Mapping[str, np.ndarray]) -> float:
     return float(rate.item())
 
 
-def _read_arrays(path: Path, keys: Sequence[str]) -> dict[str, np.ndarray]:
-    """Those of the arrays `keys` that an .npz file holds. Nothing is unpickled."""
-    return read_arrays(path, keys)
-
-
-def _array(path: Path, arrays: Mapping[str, np.ndarray], key: str, shape: tuple[int | None, ...]) -> np.ndarray:
-    """The array `key` as float64, its shape checked (None: any length), all finite."""
+def checked_array(path: Path, arrays: Mapping[str, np.ndarray], key: str, shape: tuple[int | None, ...]) -> np.ndarray:
+    """Return the array `key` as float64, its shape checked (None: any length), all finite."""
     if key not in arrays:
         raise BodysenseError(f"{path}: no {key!r} in it; it is needed, with shape {_shape_text(shape)}")
     array = arrays[key]

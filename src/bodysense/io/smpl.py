@@ -2,7 +2,7 @@
 
 Supported are whole poses (`poses`, `pose`, `smpl_poses` …: 22, 24, 52 or 55 joints) or parts (`global_orient` with
 `body_pose`, `left_hand_pose`, `right_hand_pose`), as axis-angle or matrices; `transl` or `trans`; `fps`. The body is
-the default one: `betas` need the body model, which is not included.
+the default one unless a body model (`io.body_model`) gives it the bones of its `betas`.
 """
 
 from __future__ import annotations
@@ -21,8 +21,11 @@ from bodysense.body.rotation import (
     quaternion_multiply,
     quaternion_rotate,
 )
-from bodysense.body.skeleton import default_skeleton
+from bodysense.body.shape import stature
+from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.errors import BodysenseError
+from bodysense.io.amass import read_shape
+from bodysense.io.body_model import model_for
 from bodysense.io.clip import Clip
 from bodysense.io.fingers import is_finger, with_fingers
 
@@ -106,8 +109,12 @@ def joint_places(path: str | Path) -> np.ndarray | None:
     return place if rigid and even and like else None
 
 
-def read_smpl(path: str | Path, rate: float | None = None) -> tuple[Clip, tuple[str, ...]]:
+def read_smpl(
+    path: str | Path, rate: float | None = None, smpl_model: Path | None = None
+) -> tuple[Clip, tuple[str, ...]]:
     """Read the motion of a file in canonical form, and remarks; `rate` Hz is used if the file has no rate.
+
+    `smpl_model` is a model file, or a folder with one for each gender, for the bones of the body's `betas`.
 
     Raises BodysenseError, naming the file and the fix, if the file holds no such motion.
     """
@@ -115,7 +122,10 @@ def read_smpl(path: str | Path, rate: float | None = None) -> tuple[Clip, tuple[
     arrays = {"poses": read_array(path)} if path.suffix.lower() == ".npy" else read_arrays(path, _keys())
     remarks: list[str] = []
     turns, rows = _rotations(path, arrays)
-    skeleton = default_skeleton()
+    skeleton, pelvis = default_skeleton(), np.zeros(3)
+    if smpl_model is not None:
+        skeleton, pelvis = _body(path, smpl_model)
+        remarks.append(f"bones by the body model, {float(stature(skeleton.rest_offset)):.2f} m tall")
     rotation = np.zeros((len(turns), len(skeleton.joints), 4))
     rotation[..., 0] = 1
     rotation[:, rows] = turns
@@ -130,7 +140,9 @@ def read_smpl(path: str | Path, rate: float | None = None) -> tuple[Clip, tuple[
     rotation[:, 0] = quaternion_multiply(turn, rotation[:, 0])
     place = _first(arrays, PLACE)
     root = (
-        np.zeros((len(rotation), 3)) if place is None else quaternion_rotate(turn, _place(path, place, len(rotation)))
+        np.zeros((len(rotation), 3))
+        if place is None
+        else quaternion_rotate(turn, _place(path, place, len(rotation)) + pelvis)
     )
     missing = [name for name in skeleton.joints if is_finger(name) and skeleton.index(name) not in rows]
     pose, has_fingers = with_fingers(Pose(skeleton, root, quaternion_canonical(rotation)), missing)
@@ -139,6 +151,15 @@ def read_smpl(path: str | Path, rate: float | None = None) -> tuple[Clip, tuple[
         path.stem, Pose(skeleton, root, pose.rotation), _rate(path, arrays, rate, remarks), has_fingers=has_fingers
     )
     return clip, tuple(remarks)
+
+
+def _body(path: Path, smpl_model: Path) -> tuple[Skeleton, np.ndarray]:
+    """Return the skeleton of a file's `betas`, means over frames if there are many, and its pelvis at rest (3,)."""
+    if path.suffix.lower() != ".npz":
+        raise BodysenseError(f"{path}: an array of poses has no betas for --smpl-model; leave it out")
+    betas, gender = read_shape(path)
+    shape = model_for(smpl_model, gender).shape(betas)
+    return shape.skeleton, shape.pelvis
 
 
 def _keys() -> tuple[str, ...]:

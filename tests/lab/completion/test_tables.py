@@ -14,17 +14,18 @@ import pytest
 from bodysense.body.person import Person
 from bodysense.body.skeleton import BODY, LOWER_BODY
 from bodysense.cli import main
-from bodysense.devices.simulated.sensors import TABLE_SETS
+from bodysense.devices.simulated.sensors import SENSOR_SETS, TABLE_SETS
 from bodysense.io.bvh import write_bvh
 from bodysense.io.clip import Clip
 from bodysense.metrics import jitter
 from bodysense.observation import Observation
 from bodysense.scoring import scored_points
 from bodysense_lab.completion import scoring, tables
+from bodysense_lab.completion.blinks import FINGER, with_finger
 from bodysense_lab.completion.measures import count_jumps
 from bodysense_lab.completion.options import BODIES
 from bodysense_lab.completion.reliability import draw_reliability
-from bodysense_lab.completion.scenes import TrackedScene, stacked
+from bodysense_lab.completion.scenes import TrackedScene, scene_of, stacked
 from bodysense_lab.completion.scoring import evaluate_completion
 from bodysense_lab.completion.tables import (
     TAKE_MEASURES,
@@ -192,7 +193,7 @@ def test_all_keys_are_there(table: CompletionTable) -> None:
 
 def test_reports_and_picture(table: CompletionTable, tmp_path: Path) -> None:
     data = DataSet("motion", tmp_path, "test")
-    short, whole, sight, sure, confidence = completion_reports(table, Census(3, frozenset("a"), 6.0), data)
+    short, whole, sight, sure, confidence = completion_reports(table, Census(3, frozenset("a"), 6.0), data, 3)
     assert [row[0] for row in short.rows] == [name.replace("_", " ") for name in TABLE_SETS]
     assert short.columns == ("sensors", *BODIES) and short.numbers["clips"] == 3
     assert {len(row) for row in whole.rows} == {len(whole.columns)}
@@ -209,8 +210,23 @@ def test_reports_and_picture(table: CompletionTable, tmp_path: Path) -> None:
             assert one.value == pytest.approx(table.get(name, body, headline(name)))
     assert {len(row) for row in confidence.rows} == {len(confidence.columns)}
     assert any("random edges" in remark for remark in short.remarks)
+    assert short.numbers["clips_in_split"] == 3 and len(short.data) == 1
+    sample = completion_reports(table, Census(3, frozenset("a"), 6.0), data, 5)[0]
+    one = table.interval(TABLE_SETS[0], BODIES[0])
+    assert sample.data[1].startswith("A sample: 3 of 5 clips.")
+    assert not np.isfinite(one.low) or f"between {one.low:.2f} and {one.high:.2f} cm" in sample.data[1]
     draw_reliability(tmp_path / "reliability.png", table)
     assert (tmp_path / "reliability.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_finger_that_is_never_tracked_changes_nothing(clips: list[Clip]) -> None:
+    """So the table's steady finger is the set without it."""
+    scene = scene_of(clips[0], "own", "test").beginning(40)
+    seen = scene.observe(SENSOR_SETS["three_point"])
+    grown = with_finger(seen, scene.placed[0][:, scene.skeleton.index(FINGER)], blinking=False)
+    assert FINGER in grown.points and FINGER not in seen.points
+    without, steady = (track_batch([Person(scene.skeleton)], stacked([one])).position for one in (seen, grown))
+    np.testing.assert_array_equal(without, steady)
 
 
 @pytest.mark.slow
@@ -242,7 +258,7 @@ def test_the_command(
     known = partial(evaluate_completion, track=still, times=None)
     monkeypatch.setattr(scoring, "evaluate_completion", known)
     numbers, measures, picture = tmp_path / "c.json", tmp_path / "c.csv", tmp_path / "c.png"
-    arguments = ["evaluate", "completion", "--data", str(tmp_path / "motion"), "--split", "all", "--no-lattice"]
+    arguments = ["evaluate", "completion", "--data", str(tmp_path / "motion"), "--split", "all", "--jobs", "1"]
     arguments += ["--sets", "head", "headset_camera", "--bodies", "own", "nothing", "--limit", "2"]
     files = ["--json", str(numbers), "--csv", str(measures), "--picture", str(picture)]
     files += ["--keep", str(tmp_path / "kept")]

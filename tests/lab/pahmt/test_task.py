@@ -104,7 +104,10 @@ def test_network_and_discriminator_learn_each_their_own(recordings: ArmRecording
 
 
 def test_the_network_is_to_be_taken_for_recorded(recordings: ArmRecordings) -> None:
-    """Its term is the cross-entropy of 'recorded' for what it says: small where the discriminator is deceived."""
+    """Its term is the cross-entropy of 'recorded' for its output: small if the discriminator is deceived.
+
+    The term is added to the loss, with this sign.
+    """
     torch.manual_seed(0)
     pair, one = Pair(ArmNetwork(replace(CONFIG, dropout=0.0))), batch(recordings, [0, 5])
     task = ArmTask(pair, ArmSchedule(losses=("fk", "gan"), gan=0.05), recordings, recordings)
@@ -114,7 +117,9 @@ def test_the_network_is_to_be_taken_for_recorded(recordings: ArmRecordings) -> N
         with torch.no_grad():
             for parameter, value in zip(last.parameters(), (0.0, logit), strict=True):
                 parameter.fill_(value)
-        terms.append(float(task.loss(one, None)[0]["gan"].detach()))
+        parts = {name: float(term.detach()) for name, term in task.loss(one, None)[0].items()}
+        assert parts["loss"] == pytest.approx(parts["fk"] + parts["gan"] + parts["told"])
+        terms.append(parts["gan"])
     np.testing.assert_allclose(terms, 0.05 * np.log1p(np.exp([4.0, -4.0])), rtol=1e-5)
 
 

@@ -22,7 +22,7 @@ from bodysense_lab.spread import spread
 from bodysense_lab.store import read_store
 
 Item = TypeVar("Item")
-OPTIONS = tuple(field.name for field in fields(ReadingOptions))
+OPTIONS = tuple(field.name.replace("_", "-") for field in fields(ReadingOptions))
 
 
 def open_clips(

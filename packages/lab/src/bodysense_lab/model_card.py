@@ -56,7 +56,7 @@ def describe(path: Path, figures: Numbers) -> Path:
     `figures` is what the command that measures such networks wrote with --json; those of the card's table are kept.
     Raises BodysenseError for a file of no kind that has a card, and for figures of another command.
     """
-    fields, write = _opened(path)
+    fields, write = read_network(path)
     kind = kind_of(path, fields)
     try:
         _, used = kind.filled(figures, fields_read(fields).get("model"))
@@ -71,7 +71,7 @@ def describe(path: Path, figures: Numbers) -> Path:
     return card
 
 
-def _opened(path: Path) -> tuple[dict[str, str], Callable[[Path, dict[str, str]], None]]:
+def read_network(path: Path) -> tuple[dict[str, str], Callable[[Path, dict[str, str]], None]]:
     """The metadata of a network file, and what writes the file again with other metadata."""
     if path.suffix == ".safetensors":
         tensors, fields = weights_file.read_safetensors(path)
@@ -101,22 +101,29 @@ def kind_of(path: Path, fields: Mapping[str, str]) -> Kind:
     return KINDS[key]
 
 
-def card_text(name: str, kind: Kind, fields: Mapping[str, str]) -> str:
-    """The model card of a network file, from its metadata."""
-    read = fields_read(fields)
+def network_lines(read: Mapping[str, Any]) -> list[str]:
+    """Return the lines of a card on the network itself, from its metadata."""
     if "fastest_rate" in read:
         rate = f"up to {read['fastest_rate']:g} Hz"
     else:
         rate = f"{read['rate']:g} Hz" if "rate" in read else "any rate"
     seed = f"; seed {read['seed']}" if "seed" in read else ""
     validation = ", ".join(f"{key} {value}" for key, value in read.get("validation", {}).items())
+    return [
+        f"- {form(read)}, {read['weights']:,} weights, steps at {rate}",
+        f"- trained on: {read.get('training_data', 'not said')}",
+        f"- licence: {read.get('licence', 'not said')}{seed}",
+        *([f"- validation: {validation}"] if validation else []),
+    ]
+
+
+def card_text(name: str, kind: Kind, fields: Mapping[str, str]) -> str:
+    """The model card of a network file, from its metadata."""
+    read = fields_read(fields)
     return "\n".join(
         [
             *(f"# {name}", "", kind.what, ""),
-            f"- {form(read)}, {read['weights']:,} weights, steps at {rate}",
-            f"- trained on: {read.get('training_data', 'not said')}",
-            f"- licence: {read.get('licence', 'not said')}{seed}",
-            *([f"- validation: {validation}"] if validation else []),
+            *network_lines(read),
             *("", f"{kind.over} (`{kind.measured_by} --data DIR`):", ""),
             *(
                 f"| {' | '.join(row)} |"

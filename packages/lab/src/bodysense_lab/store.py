@@ -3,7 +3,8 @@
     rotation       (N, 52, 4) float32   all frames of all clips, one after the other, at one frame rate
     root_position  (N, 3)     float32
     rest_offset    (C, 65, 3) float32   the body of each clip
-    attributes     format, rate, joints, end_sites, clips (a row each: start, length, person, …), skipped (with reasons)
+    attributes     format, rate, joints, end_sites, clips (a row each: start, length, person, …), skipped (reasons),
+                   bodies (height and floor of each person of AMASS, as the motions show them: `io.placement`)
 
 It is built in `<store>.part` and renamed when it is complete.
 """
@@ -12,7 +13,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from itertools import islice
 from pathlib import Path
@@ -26,8 +27,10 @@ from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError, missing_package
 from bodysense.io.clip import Clip
 from bodysense.io.datasets.layouts import Layout
+from bodysense.io.datasets.reasons import lines_by_kind
 from bodysense.io.datasets.sources import Source, list_sources, read_source
 from bodysense.io.datasets.splits import Split
+from bodysense.io.placement import BodyPlacement, Footing, body_in_file, footing_of, lines_of, placement_of, pooled
 from bodysense.io.resample import resample
 from bodysense.io.rigs.options import AS_FOUND, ReadingOptions
 from bodysense_lab.spread import spread
@@ -69,6 +72,7 @@ class Table:
     rate: float  # Hz
     clips: tuple[StoredClip, ...] = ()
     skipped: tuple[Skipped, ...] = ()
+    bodies: Mapping[str, BodyPlacement] = field(default_factory=dict)  # by person, of AMASS without known skeletons
 
     @property
     def frames(self) -> int:
@@ -103,22 +107,24 @@ def prepare(
     scheduler: str | None = None,
     layout: Layout | None = None,
     options: ReadingOptions = AS_FOUND,
+    sources: Sequence[Source] | None = None,
 ) -> Store:
-    """Turn a folder of motion files into a store at `rate` Hz, in parallel, and say what was skipped and why.
+    """Turn a folder of motion files into a store at `rate` Hz, in parallel, and print what was skipped and why.
 
     `workers` processes of this machine do it (None: one for each processor; 1: this process alone), or, where
     `scheduler` is its address ('tcp://host:8786'), a Dask cluster that sees the same folders. A stopped run goes on
     from there when it is run again; a finished one is not changed. `layout` None recognises the folder's
-    (`io.datasets.layouts`); `options` say what the files do not. Raises BodysenseError where the folder has no motion,
+    (`io.datasets.layouts`); `options` give what the files do not; `sources` are the folder's files, listed if None.
+    Raises BodysenseError where the folder has no motion,
     where nothing in it can be read, and where `store_path` was made from other files, with other options or at another
     rate.
     """
     directory, store_path = Path(directory), Path(store_path)
-    sources = {source.key(directory): source for source in list_sources(directory, layout)}
+    listed = {source.key(directory): source for source in sources or list_sources(directory, layout)}
     if is_store(store_path):
         store = read_store(store_path)
         _check_read_alike(store_path, options)
-        _check_same(store_path, store.table, rate, sources, whole=True)
+        _check_same(store_path, store.table, rate, listed, whole=True)
         return store
     if store_path.exists():
         raise BodysenseError(f"{store_path} exists and is no store; give another place or remove it")
@@ -126,25 +132,27 @@ def prepare(
     group = _open_part(part, rate, options)
     _check_read_alike(part, options)
     table = _read_table(group)
-    _check_same(part, table, rate, sources, whole=False)
+    _check_same(part, table, rate, listed, whole=False)
     done = {row.source for row in (*table.clips, *table.skipped)}
-    todo = {key: source for key, source in sources.items() if key not in done}
+    todo = {key: source for key, source in listed.items() if key not in done}
+    table = replace(table, bodies=_find_bodies(group, listed, workers, scheduler, options))
+    todo = {key: replace(source, placement=table.bodies.get(source.person)) for key, source in todo.items()}
 
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns) as progress:
-        task = progress.add_task(f"preparing {directory.name}", total=len(sources), completed=len(done))
+        task = progress.add_task(f"preparing {directory.name}", total=len(listed), completed=len(done))
         for batch in _computed(todo, rate, workers, scheduler, options):
             table = _append(group, table, batch)
             progress.advance(task, len(batch))
     if not table.clips:
         reason = table.skipped[0].reason
-        raise BodysenseError(f"{directory}: none of its {len(sources)} files can be read; the first: {reason}")
+        raise BodysenseError(f"{directory}: none of its {len(listed)} files can be read; the first: {reason}")
     _publish(group, table, part, store_path)
-    for row in table.skipped:
-        Console().print(f"skipped {row.source}: {row.reason}", markup=False, soft_wrap=True)
+    for line in (*lines_of(table.bodies), *lines_by_kind((row.source, row.reason) for row in table.skipped)):
+        Console().print(line, markup=False, soft_wrap=True)
     return read_store(store_path)
 
 
@@ -212,7 +220,9 @@ def _check_read_alike(path: Path, options: ReadingOptions) -> None:
 
 def _read_table(group: Any) -> Table:
     clips = tuple(StoredClip(**row) for row in group.attrs["clips"])
-    return Table(float(group.attrs["rate"]), clips, tuple(Skipped(**row) for row in group.attrs["skipped"]))
+    skipped = tuple(Skipped(**row) for row in group.attrs["skipped"])
+    bodies = {person: BodyPlacement(**row) for person, row in group.attrs.get("bodies", {}).items()}
+    return Table(float(group.attrs["rate"]), clips, skipped, bodies)
 
 
 def _check_same(path: Path, table: Table, rate: float, sources: Mapping[str, Source], whole: bool) -> None:
@@ -229,6 +239,35 @@ def _check_same(path: Path, table: Table, rate: float, sources: Mapping[str, Sou
         raise BodysenseError(
             f"{path} was made of {len(rows)} files, and there are {len(sources)} now; give another place or remove it"
         )
+
+
+def _find_bodies(
+    group: Any,
+    sources: Mapping[str, Source],
+    workers: int | None,
+    scheduler: str | None,
+    options: ReadingOptions,
+) -> dict[str, BodyPlacement]:
+    """Return the height and floor of every person of AMASS files whose skeleton is unknown, and keep them."""
+    if "bodies" not in group.attrs:
+        bare = [one for one in sources.values() if one.skeleton is None and one.file.place.suffix.lower() == ".npz"]
+        parts: dict[str, list[Footing]] = {}
+        count = _processes(workers) if bare else 1
+        for source, footing in spread(partial(_footing, model=options.smpl_model), bare, count, scheduler):
+            if footing is not None:
+                parts.setdefault(source.person, []).append(footing)
+        has_bones = options.smpl_model is not None
+        found = {person: placement_of(pooled(ones), has_bones) for person, ones in parts.items()}
+        group.attrs["bodies"] = {person: asdict(one) for person, one in found.items()}
+    return dict(_read_table(group).bodies)
+
+
+def _footing(source: Source, model: Path | None) -> Footing | None:
+    """Return what a motion tells of its body; None if it cannot be read, which reading it again reports."""
+    try:
+        return footing_of(body_in_file(source.path, model))
+    except BodysenseError:
+        return None
 
 
 def _prepared(item: tuple[str, Source], rate: float, options: ReadingOptions) -> tuple[Clip | str, str]:
@@ -248,12 +287,17 @@ def _computed(
     sources: Mapping[str, Source], rate: float, workers: int | None, scheduler: str | None, options: ReadingOptions
 ) -> Iterator[list[tuple[str, Source, Clip | str, str]]]:
     """Yield the results of `_prepared`: batches of (key, source, clip or reason, hash)."""
+    made = spread(partial(_prepared, rate=rate, options=options), sources.items(), _processes(workers), scheduler)
+    while batch := [(*item, *result) for item, result in islice(made, BATCH)]:
+        yield batch
+
+
+def _processes(workers: int | None) -> int:
+    """Return how many processes work: all processors for None."""
     workers = os.cpu_count() or 1 if workers is None else workers
     if workers < 1:
         raise BodysenseError(f"{workers} workers cannot be; give at least 1")
-    made = spread(partial(_prepared, rate=rate, options=options), sources.items(), workers, scheduler)
-    while batch := [(*item, *result) for item, result in islice(made, BATCH)]:
-        yield batch
+    return workers
 
 
 def _append(group: Any, table: Table, batch: Sequence[tuple[str, Source, Clip | str, str]]) -> Table:

@@ -21,6 +21,7 @@ from bodysense.io.augment import at_height
 from bodysense.io.clip import Clip
 from bodysense.io.datasets.layouts import Layout, labelled, layout_of
 from bodysense.io.datasets.splits import SPLITS, Split
+from bodysense.io.placement import BodyPlacement, read_placed
 from bodysense.io.rigs.canonical import complete_skeleton
 from bodysense.io.rigs.options import AS_FOUND, ReadingOptions
 from bodysense.io.rigs.rig import Rig
@@ -38,6 +39,7 @@ class Source:
     skeleton: Skeleton | None = None  # of the body, if the file does not hold it
     member: str = ""  # of the zip file at `path`
     rest: Literal["given", "found"] = "given"  # found: from the motion, if the file's does not stand (`stance`)
+    placement: BodyPlacement | None = None  # height and floor of an AMASS file's person; None: those of this motion
 
     @property
     def file(self) -> MotionFile:
@@ -73,13 +75,23 @@ def read_with_rig(source: Source, options: ReadingOptions = AS_FOUND) -> tuple[C
         raise BodysenseError(f"{file.path}: the file is empty; copy or export it again")
     rig = None
     if suffix.lower() == ".npz":
-        clip = as_told(read_amass(file.path, source.skeleton), options, "AMASS files", "z")
+        clip = read_amass_source(source, options)[0]
     else:
         data = file.read()
         check_plain(data[:64], file.place)
         rigged = read_rigged(data, file.place, options, must_stand=source.rest == "found")
         clip, rig = rigged.clip, rigged.rig
     return replace(clip, person=source.person, category=source.category), rig
+
+
+def read_amass_source(source: Source, options: ReadingOptions) -> tuple[Clip, BodyPlacement | None]:
+    """Read an AMASS file, with the placement that its body was given; None if its skeleton is known."""
+    if source.skeleton is not None:
+        return as_told(read_amass(source.path, source.skeleton), options, "AMASS files", "z"), None
+    clip, placement = read_placed(source.path, options.smpl_model, source.placement)
+    if options.floor is not None:  # undo the floor that was found
+        clip = with_floor(clip, -placement.floor)
+    return as_told(clip, options, "AMASS files", "z"), placement
 
 
 def list_sources(directory: str | Path, layout: Layout | None = None) -> list[Source]:
@@ -175,7 +187,12 @@ def as_told(clip: Clip, options: ReadingOptions, kind: str, up: str) -> Clip:
     if options.up not in (None, up):
         raise BodysenseError(f"{clip.name}: {kind} are {up} up; leave --up {options.up} out")
     if options.floor is not None:
-        pose = clip.pose
-        root = pose.root_position - np.array([0.0, options.floor, 0.0])
-        clip = replace(clip, pose=Pose(pose.skeleton, root, pose.rotation))
+        clip = with_floor(clip, options.floor)
     return clip if options.height is None else at_height(clip, options.height)
+
+
+def with_floor(clip: Clip, floor: float) -> Clip:
+    """Move a motion so that a floor of that height (m) comes to 0."""
+    pose = clip.pose
+    root = pose.root_position - np.array([0.0, floor, 0.0])
+    return replace(clip, pose=Pose(pose.skeleton, root, pose.rotation))

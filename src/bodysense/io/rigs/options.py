@@ -30,6 +30,10 @@ class ReadingOptions:
     """joint map of a motion: a JSON file, drafted by `bodysense data joints`; if omitted, joints are recognised."""
     figure: int | None = None
     """number of the body in a motion of several, counted from 1."""
+    smpl_model: Path | None = None
+    """SMPL, SMPL-H or SMPL-X model (.npz), or a folder of one for each gender, for the bones of bodies in AMASS and
+    SMPL files; if omitted, the default body, in AMASS files as tall as its steps show.
+    """
 
     def __post_init__(self) -> None:
         if self.unit is not None:
@@ -45,7 +49,8 @@ class ReadingOptions:
 
     def for_motions(self) -> list[str]:
         """Return the given options that only motions have."""
-        return [f"--{name}" for name in ("joints", "figure") if getattr(self, name) is not None]
+        given = (name for name in ("joints", "figure", "smpl_model") if getattr(self, name) is not None)
+        return [f"--{name.replace('_', '-')}" for name in given]
 
     @property
     def metres(self) -> float | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import replace
 from functools import partial
 from itertools import islice
@@ -11,6 +12,7 @@ from bodysense.files import check_place
 from bodysense_lab.commands.reporting import finish, open_data, progress_over
 from bodysense_lab.completion.options import (
     FINGER_SCHEDULE,
+    AmassEvaluation,
     CompletionEvaluation,
     CompletionTraining,
     FingerTraining,
@@ -87,7 +89,8 @@ def completion_table(run: Flat[CompletionEvaluation]) -> None:
     settings = CompletionSettings(run.split, run.sets, run.bodies, 200 if run.lattice else 0, run.takes)
     network = "packaged" if run.model is None else str(run.model.resolve())
     kept = None if run.keep is None else KeptClips.open(run.keep, settings, network)
-    count = min(chosen.count(), run.limit or chosen.count())
+    total = chosen.count()
+    count = min(total, run.limit or total)
     with Progress() as progress:
         bar = progress.add_task("reading", total=count)
         clips = []
@@ -111,13 +114,13 @@ def completion_table(run: Flat[CompletionEvaluation]) -> None:
             track=track,
             takes=TakenBy(run.model) if run.takes else None,
             times=partial(step_times, network=track.network),
-            spread=partial(spread, jobs=run.jobs, scheduler=run.scheduler),
+            spread=partial(spread, jobs=run.jobs or os.cpu_count() or 1, scheduler=run.scheduler),
             mean_body=mean_body,
             kept=kept,
             advance=advance,
         )
     console = wide_console()
-    reports = completion_reports(table, census, chosen)
+    reports = completion_reports(table, census, chosen, total)
     for report in reports:
         print_report(report, console)
     if run.csv is not None:
@@ -129,6 +132,34 @@ def completion_table(run: Flat[CompletionEvaluation]) -> None:
     write_numbers(run.json, reports[0].numbers)
     for path in run.outputs:
         console.print(f"wrote {path}", highlight=False)
+
+
+def amass_p1(run: Flat[AmassEvaluation]) -> None:
+    """Score three points on AMASS by AvatarPoser's protocol 1, next to published figures."""
+    from rich.progress import track as progress_of
+
+    from bodysense.cli.show import wide_console, write_numbers
+    from bodysense_lab.amass_p1 import listed_sources, report_of, score_source
+    from bodysense_lab.commands.reporting import print_report
+    from bodysense_lab.completion.tracking import TrackedBy
+    from bodysense_lab.datasets import spread_evenly
+    from bodysense_lab.spread import spread
+
+    if run.json is not None:
+        check_place(run.json)
+    listed, missing = listed_sources(run.amass, run.split_lists)
+    test = [source for source in listed if source.split == "test"]
+    chosen = spread_evenly(test, run.limit)
+    work = partial(score_source, model=run.smpl_model, track=TrackedBy(run.model))
+    scores = [one for _, one in progress_of(spread(work, chosen, run.jobs), "scoring", len(chosen))]
+    remarks = [f"{len(chosen)} of {len(test)} test clips in {run.amass}."]
+    if missing:
+        remarks.append(f"{missing} of the files in the lists are not there.")
+    if run.smpl_model is None:
+        remarks.append("The default body instead of the published one: compare with --smpl-model male/model.npz only.")
+    report = report_of(scores, remarks, "packaged" if run.model is None else run.model.name)
+    print_report(report, wide_console())
+    write_numbers(run.json, report.numbers)
 
 
 def sight(run: Flat[SightEvaluation]) -> None:

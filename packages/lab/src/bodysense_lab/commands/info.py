@@ -67,10 +67,16 @@ def _clips_of(
     place: Path, split: Split, layout: Layout | None, reading: ReadingOptions
 ) -> tuple[int, Iterable[FoundFile]]:
     """Return the number of clips of a place, and the clips one by one."""
+    from bodysense.io.datasets.reasons import lines_by_kind
+    from bodysense.io.placement import lines_of
     from bodysense_lab.datasets import count_clips, open_clips
-    from bodysense_lab.store import is_store
+    from bodysense_lab.store import is_store, read_store
 
     if not is_store(place):
         return files_in(place, split, layout, reading)
+    table = read_store(place).table
+    lines = lines_by_kind((row.source, row.reason) for row in table.skipped)
     clips = open_clips(place, split, layout=layout, options=reading)
-    return count_clips(place, split), (FoundFile(clip.name, clip) for clip in clips)
+    print(f"{place}: prepared at {table.rate:g} Hz", *lines_of(table.bodies), *lines, sep="\n")
+    found = (FoundFile(clip.name, clip, kind="store", rate=clip.frame_rate) for clip in clips)
+    return count_clips(place, split), found

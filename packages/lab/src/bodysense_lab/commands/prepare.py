@@ -24,6 +24,7 @@ def prepare(
     workers: int | None = None,
     scheduler: str | None = None,
     layout: Layout | None = None,
+    split_lists: Path | None = None,
     reading: Reading = AS_FOUND,
 ) -> None:
     """Turn a folder of motion files into a chunked Zarr store, in parallel; run it again to resume after a stop.
@@ -35,11 +36,30 @@ def prepare(
         workers: Processes on this machine; all processors by default.
         scheduler: Address of a Dask scheduler to run on instead of this machine, like tcp://host:8786.
         layout: published data set that the folder holds; recognised by what is in it if omitted.
-        reading: What the files do not say of themselves.
+        split_lists: Folder data_split of a clone of github.com/eth-siplab/AvatarPoser: only the files of AMASS that its
+            lists name, split as published.
+        reading: Properties that the files do not contain.
     """
     from bodysense_lab.store import prepare as prepare_store
 
-    prepare_store(directory, out, rate=rate, workers=workers, scheduler=scheduler, layout=layout, options=reading)
+    sources = None
+    if split_lists is not None:
+        from bodysense_lab.amass_p1 import listed_sources
+
+        if layout is not None:
+            raise BodysenseError(f"--layout {layout}: --split-lists is for AMASS; leave one of both out")
+        sources, missing = listed_sources(directory, split_lists)
+        print(f"{len(sources)} files of the lists; {missing} are not in {directory}")
+    prepare_store(
+        directory,
+        out,
+        rate=rate,
+        workers=workers,
+        scheduler=scheduler,
+        layout=layout,
+        options=reading,
+        sources=sources,
+    )
 
 
 def fingers(out: Output, hours: float = 10.0, seed: int = 1) -> None:

@@ -90,17 +90,17 @@ class CompletionEvaluation(MotionEvaluation):
     bodies: tuple[Body, ...] = BODIES
     """proportions: the recording's, or an unseen body's of which all, the height or nothing is known"""
     limit: int | None = None
-    """number of clips, spread evenly; all if omitted"""
+    """number of clips, spread evenly, for a sample with its intervals; all if omitted"""
     model: Path | None = None
     """completion network of your own; the packaged one if omitted"""
-    lattice: bool = True
-    """score 200 random edges of the lattice of sensor sets as well"""
-    takes: bool = True
-    """score takes as well, completed with past and future"""
+    lattice: bool = False
+    """score 200 random edges of the lattice of sensor sets as well, which takes as long as half of all clips"""
+    takes: bool = False
+    """score takes as well, completed with past and future, which takes three times as long"""
     keep: Path | None = None
     """folder that keeps the results of every clip; clips that are in it are not scored again"""
-    jobs: int = 1
-    """processes; times of a step are truest with one"""
+    jobs: int | None = None
+    """processes; all processors if omitted. Steps are timed afterwards, alone"""
     scheduler: str | None = None
     """address of a Dask scheduler to run on instead of this machine, like tcp://host:8786"""
     json: Path | None = None
@@ -126,6 +126,29 @@ class CompletionEvaluation(MotionEvaluation):
                 raise BodysenseError(f"--sets {name}: unknown; valid are {', '.join(SENSOR_SETS)}")
         if not self.bodies:
             raise BodysenseError(f"--bodies: give at least one of {', '.join(BODIES)}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class AmassEvaluation:
+    """AvatarPoser's protocol 1 on AMASS."""
+
+    amass: Path
+    """folder of AMASS, with CMU, BMLrub (BioMotionLab_NTroje) and HDM05 (MPI_HDM05)"""
+    split_lists: Path
+    """folder data_split of a clone of github.com/eth-siplab/AvatarPoser"""
+    smpl_model: Path | None = None
+    """SMPL-H model whose mean body everybody has, as published: male/model.npz; the default body if omitted"""
+    model: Path | None = None
+    """completion network of your own; the packaged one, which did not learn from these lists, if omitted"""
+    limit: int | None = None
+    """number of clips, spread evenly; all if omitted"""
+    jobs: int = 1
+    """processes"""
+    json: Path | None = None
+    """file for the numbers, as one flat object"""
+
+    def __post_init__(self) -> None:
+        check_fields(self, "jobs", "limit")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -24,7 +24,7 @@ from bodysense_lab.completion.measures import (
 )
 from bodysense_lab.completion.options import Body
 from bodysense_lab.completion.scenes import TRUTH_OF, TrackedScene, Truth, batches, person_of, scene_of, stacked
-from bodysense_lab.completion.sight_scores import count_body_jumps, measure_sight, measure_transitions
+from bodysense_lab.completion.sight_scores import SightScores, count_body_jumps, measure_sight, measure_transitions
 from bodysense_lab.completion.tables import TAKE_MEASURES, CompletionSettings, CompletionTable, WorstFrame
 from bodysense_lab.completion.tracking import (
     EdgeScore,
@@ -164,6 +164,8 @@ def _score_set(
         if TRUTH_OF[body] != truth:
             continue
         batch = track([person_of(body, scene.skeleton) for scene in scenes], observation)
+        if body == "own" and sensors in BLINKING:
+            _score_blinks(tables, scenes, sensors, observations, batch, track)
         for index, (table, scene, seen) in enumerate(zip(tables, scenes, observations, strict=True)):
             tracked = batch.of_person(index, len(scene))
             scores = measure(scene, tracked)
@@ -172,14 +174,14 @@ def _score_set(
             if takes is not None:
                 scores.merge(_take_scores(scene, sensors, takes(person_of(body, scene.skeleton), seen)))
             table.cells[sensors, body, scene.group] = scores
-            table.sights[sensors, body, scene.group] = measure_sight(scene, seen, tracked)
+            table.sights.setdefault((sensors, body, scene.group), SightScores()).merge(
+                measure_sight(scene, seen, tracked)
+            )
             if scene.group == "main":
                 table.people[sensors, body] = {scene.person: scores}
                 table.worst.append(_worst_frame(sensors, body, scene, tracked))
                 for region, one in measure_confidence(scene, seen, tracked).items():
                     table.calibrations[sensors, body, region] = one
-    if sensors in BLINKING and "own" in tables[0].settings.bodies and truth == "own":
-        _score_blinks(tables, scenes, sensors, observations, track)
 
 
 def _take_scores(scene: TrackedScene, sensors: str, taken: TrackedBatch) -> Averages:
@@ -198,22 +200,27 @@ def _score_blinks(
     scenes: Sequence[TrackedScene],
     sensors: str,
     observations: Sequence[Observation],
+    tracked: TrackedBatch,
     track: TrackBatch,
 ) -> None:
-    """Score the effect of lost hands and a blinking finger on bodies of known proportions."""
+    """Score the effect of lost hands and a blinking finger on bodies of known proportions.
+
+    `tracked` is the batch without them, which a set without fingers need not track again.
+    """
     people = [person_of("own", scene.skeleton) for scene in scenes]
     lost = [lose_hands(seen, rng_of(scene.name)) for scene, seen in zip(scenes, observations, strict=True)]
     batch = track(people, stacked(lost))
     for index, (table, scene, seen) in enumerate(zip(tables, scenes, lost, strict=True)):
         scores = measure_transitions(scene, seen, batch.of_person(index, len(scene)))
-        table.sights[sensors, "own", scene.group].merge(scores)
+        table.sights.setdefault((sensors, "own", scene.group), SightScores()).merge(scores)
     jumps = []
     for blinking in (False, True):
         seen = [
             with_finger(one, scene.placed[0][:, scene.skeleton.index(FINGER)], blinking)
             for scene, one in zip(scenes, observations, strict=True)
         ]
-        batch = track(people, stacked(seen))
+        unchanged = not blinking and FINGER not in observations[0].points
+        batch = tracked if unchanged else track(people, stacked(seen))
         jumps.append([count_body_jumps(scene, batch.position[k, : len(scene)]) for k, scene in enumerate(scenes)])
     for table, scene, steady, blinked in zip(tables, scenes, *jumps, strict=True):
         minutes = (len(scene) - 1) / RATE / 60

@@ -223,8 +223,11 @@ SIGHT = {
 _SHARES = ("_share", "_covered")  # how keys of shares end; columns are percent
 
 
-def completion_reports(table: CompletionTable, census: Census, data: DataSet) -> tuple[Report, ...]:
-    """The short table, all measures and groups, how sure figures are, confidence; the numbers are the first's."""
+def completion_reports(table: CompletionTable, census: Census, data: DataSet, total: int) -> tuple[Report, ...]:
+    """Return the short table, all measures and groups, intervals, confidence; the numbers are the first's.
+
+    `total` is the number of clips of the split, of which `census` has those that were scored.
+    """
     bodies = table.settings.bodies
     short = Report(
         name="completion",
@@ -234,8 +237,8 @@ def completion_reports(table: CompletionTable, census: Census, data: DataSet) ->
             (name.replace("_", " "), *(cell(table.get(name, body, headline(name))) for body in bodies))
             for name in table.settings.sets
         ),
-        numbers=finite(table.numbers()) | census.numbers(),
-        data=(describe(data, census),),
+        numbers=finite(table.numbers()) | census.numbers() | {"clips_in_split": total},
+        data=(describe(data, census), *_sample(table, census.clips, total)),
         remarks=tuple(_remarks(table)),
         remarks_title="Beside it",
         caption="22 joints from the head; headset camera: hidden joints, in the world. "
@@ -257,6 +260,17 @@ def completion_reports(table: CompletionTable, census: Census, data: DataSet) ->
         digits=2,
     )
     return short, whole, _sight_report(table), _interval_report(table), _confidence_report(table)
+
+
+def _sample(table: CompletionTable, clips: int, total: int) -> Iterator[str]:
+    """Say of some of the clips that they are a sample, and how far its first figure may be off."""
+    if clips < total:
+        sensors, body = table.settings.sets[0], table.settings.bodies[0]
+        one = table.interval(sensors, body)
+        text = f"A sample: {clips} of {total} clips."
+        if math.isfinite(one.low):
+            text += f" {sensors.replace('_', ' ')}, {body}: between {one.low:.2f} and {one.high:.2f} cm (95 %)."
+        yield text
 
 
 def _rows(table: CompletionTable) -> Iterator[tuple[Cell, ...]]:
@@ -372,7 +386,7 @@ def _remarks(table: CompletionTable) -> Iterator[str]:
         worse = [score for score in table.lattice if score.violates]
         yield (
             f"One sensor more makes the mean worse by over 1 % on {len(worse)} of {len(table.lattice)} random edges of "
-            f"the lattice of sensor sets (unseen known bodies; at most {CLIPS} clips, their first {FRAMES / 30:.0f} s)."
+            f"the lattice of sensor sets (unseen bodies, known; {CLIPS} clips or fewer, {FRAMES / 30:.0f} s each)."
         )
         for score in sorted(worse, key=lambda one: one.fewer / one.more)[:5]:
             yield (

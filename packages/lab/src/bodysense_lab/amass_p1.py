@@ -1,0 +1,190 @@
+"""Protocol 1 of AvatarPoser on AMASS: its published split, one body for everybody, and the measures of later papers.
+
+Jiang et al., AvatarPoser, ECCV 2022: CMU, BMLrub and HDM05 at 60 Hz, split by the file names in `data_split` of
+github.com/eth-siplab/AvatarPoser; the same people are in both parts. Everybody has the mean body of one model (no
+`betas`), 22 joints. The measures are those of AGRoL (Du et al., CVPR 2023): means over frames and joints of a clip,
+then over clips, with the predicted head moved to the true one.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path, PurePosixPath
+
+import numpy as np
+
+from bodysense.body.person import Person
+from bodysense.body.pose import forward_kinematics
+from bodysense.body.rotation import quaternion_exp, quaternion_log
+from bodysense.body.skeleton import BODY, LOWER_BODY
+from bodysense.devices.simulated.sensors import SENSOR_SETS, observe
+from bodysense.errors import BodysenseError
+from bodysense.io.amass import read_amass
+from bodysense.io.body_model import read_model
+from bodysense.io.clip import Clip
+from bodysense.io.datasets.sources import Source
+from bodysense.io.datasets.splits import Split
+from bodysense.io.placement import footing_of, placed, placement_of
+from bodysense.io.resample import resample
+from bodysense.metrics import jitter, joint_error, velocity_error
+from bodysense_lab.completion.scenes import stacked
+from bodysense_lab.completion.tracking import TrackBatch
+from bodysense_lab.hmd_vae.tables import PUBLISHED
+from bodysense_lab.table import Cell, Report
+
+RATE = 60.0  # Hz
+SETS = {  # folder of the lists: folders of AMASS's releases
+    "CMU": ("CMU",),
+    "BioMotionLab_NTroje": ("BioMotionLab_NTroje", "BMLrub"),
+    "MPI_HDM05": ("MPI_HDM05", "HDM05"),
+}
+WATCHED = 0.05  # share of the training files that a training watches and does not learn from
+PLACES = {  # joints of the position errors
+    "mpjpe_cm": BODY,
+    "hand_cm": ("left_wrist", "right_wrist"),
+    "upper_cm": tuple(name for name in BODY if name not in LOWER_BODY),
+    "lower_cm": LOWER_BODY,
+    "root_cm": ("pelvis",),
+}
+COLUMNS = {
+    "MPJRE °": "mpjre_deg",
+    "MPJPE cm": "mpjpe_cm",
+    "MPJVE cm/s": "mpjve_cm_s",
+    "hand": "hand_cm",
+    "upper": "upper_cm",
+    "lower": "lower_cm",
+    "root": "root_cm",
+    "jitter": "jitter",
+}
+_PARTS: tuple[tuple[str, Split], ...] = (("train", "train"), ("test", "test"))
+_ENDING = re.compile(r"(poses|stageii)$")  # of a name, in the first releases and the newer ones
+
+
+def listed_sources(directory: Path, lists: Path) -> tuple[list[Source], int]:
+    """Return the files of AMASS in `directory` that the lists name, with their split, and how many are not there.
+
+    Names agree in spite of the releases' spellings: `_poses` and `_stageii`, spaces and underscores. A twentieth of the
+    training files, by the hash of the name, is the validation split. Raises BodysenseError, with the fix, if a list is
+    missing or no file of the training or the test list is found.
+    """
+    there = {
+        (name, *_spelling(path.relative_to(directory / folder))): path
+        for name, folders in SETS.items()
+        for folder in folders
+        for path in (directory / folder).rglob("*.npz")
+    }
+    sources: list[Source] = []
+    missing = 0
+    for part, split in _PARTS:
+        found = len(sources)
+        for name in SETS:
+            for line in _lines(lists / name / f"{part}_split.txt"):
+                inside = _inside(line, name)
+                path = there.get((name, *_spelling(inside)))
+                if path is not None:
+                    watched = split == "train" and _share(inside.as_posix()) < WATCHED
+                    person = f"{name}_{inside.parts[0]}"
+                    sources.append(Source(path, person, "val" if watched else split))
+                elif inside.name != "shape.npz":  # a body's shape, no motion
+                    missing += 1
+        if len(sources) == found:
+            raise BodysenseError(
+                f"{directory}: no file of the {part} lists of {lists} is there; give the folder that holds AMASS's "
+                f"{', '.join(SETS)} (or {', '.join(folders[-1] for folders in SETS.values())})"
+            )
+    return sources, missing
+
+
+def _lines(path: Path) -> list[str]:
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines()
+    except OSError as error:
+        raise BodysenseError(
+            f"--split-lists: {path} cannot be read ({error.strerror}); give the folder data_split of a clone of "
+            "github.com/eth-siplab/AvatarPoser"
+        ) from None
+    return [line.strip() for line in lines if line.strip()]
+
+
+def _inside(line: str, name: str) -> PurePosixPath:
+    """Return the path of a line below the folder of its set."""
+    parts = PurePosixPath(line).parts
+    if name not in parts[:-1]:
+        raise BodysenseError(f"--split-lists: {line!r} names no file in a folder {name}; mend or download the list")
+    return PurePosixPath(*parts[parts.index(name) + 1 :])
+
+
+def _spelling(path: Path | PurePosixPath) -> tuple[str, ...]:
+    *folders, name = path.with_suffix("").parts
+    plain = [re.sub(r"[\W_]", "", part.lower()) for part in (*folders, name)]
+    return (*plain[:-1], _ENDING.sub("", plain[-1]))
+
+
+def _share(name: str) -> float:
+    return int.from_bytes(hashlib.sha256(name.encode()).digest()[:8], "big") / 2**64
+
+
+def read_clip(source: Source, model: Path | None) -> Clip:
+    """Read a motion at `RATE` on the mean body of a model (None: the default body), with its soles on the floor."""
+    if model is None:
+        clip = read_amass(source.path)
+    else:
+        shape = read_model(model).shape(np.zeros(0))
+        clip = read_amass(source.path, shape.skeleton, shape.pelvis)
+    clip = resample(clip, RATE)
+    return replace(placed(clip, placement_of(footing_of(clip), has_bones=True)), person=source.person)
+
+
+def score(clip: Clip, track: TrackBatch) -> dict[str, float]:
+    """Return the measures of a clip tracked from head and hands, frame after frame, on its known body."""
+    pose = clip.pose
+    truth = np.asarray(forward_kinematics(pose)[0])[:, :22]
+    seen = observe(pose, clip.time, SENSOR_SETS["three_point"])
+    tracked = track([Person(pose.skeleton)], stacked([seen])).of_person(0, len(clip))
+    return measure(tracked.position[:, :22], tracked.rotation[:, :22], truth, pose.rotation[:, :22])
+
+
+def score_source(source: Source, model: Path | None, track: TrackBatch) -> dict[str, float]:
+    """Return the measures of a file's motion."""
+    return score(read_clip(source, model), track)
+
+
+def measure(
+    position: np.ndarray, rotation: np.ndarray, true_position: np.ndarray, true_rotation: np.ndarray
+) -> dict[str, float]:
+    """Return the measures of positions (T, 22, 3) m and local rotations (T, 22, 4) at `RATE`."""
+    head = BODY.index("head")
+    position = position - position[:, [head]] + true_position[:, [head]]
+    error = joint_error(position, true_position)
+    found = {key: float(error[:, [BODY.index(one) for one in names]].mean()) for key, names in PLACES.items()}
+    apart = quaternion_log(true_rotation[:, 1:]) - quaternion_log(rotation[:, 1:])  # of 21 joints: without the root
+    apart = quaternion_log(quaternion_exp(apart))
+    return found | {
+        "mpjre_deg": float(np.degrees(np.abs(apart)).mean()),
+        "mpjve_cm_s": velocity_error(position, true_position, RATE),
+        "jitter": jitter(position, RATE),
+        "truth_jitter": jitter(true_position, RATE),
+    }
+
+
+def report_of(scores: Sequence[dict[str, float]], remarks: Sequence[str], network: str) -> Report:
+    """Return the table: means over clips, next to the published figures."""
+    means = {key: float(np.mean([one[key] for one in scores])) for key in scores[0]}
+    none: tuple[Cell, ...] = (None,) * 4
+    rows: list[tuple[Cell, ...]] = [("", f"bodysense, {network}", *(means[key] for key in COLUMNS.values()))]
+    rows.append(("", "the motion itself", *(None,) * (len(COLUMNS) - 1), means["truth_jitter"]))
+    rows += [("published", name, *three, *none, jerk) for name, (*three, jerk) in PUBLISHED.items()]
+    return Report(
+        name="amass-p1",
+        title="AMASS, protocol 1: head and hands",
+        columns=("", "method", *COLUMNS),
+        rows=tuple(rows),
+        numbers=means | {"clips": len(scores)},
+        data=tuple(remarks),
+        caption="22 joints at 60 Hz, means over clips. Local rotations without the root's, mean difference of "
+        "axis-angle components; cm from the true head; jitter 10² m/s³. bodysense is given the floor and the body.",
+        digits=2,
+    )

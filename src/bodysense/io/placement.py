@@ -1,0 +1,153 @@
+"""Height and floor of bodies in files that name neither: AMASS without its body model, and floors of any AMASS file.
+
+A planted foot does not move, so while one is planted the pelvis moves against it as far as the legs are long: the
+ratio of both paths is the body's size. The floor is at the soles. Motions of one person are pooled.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from bodysense.body.pose import Pose, forward_kinematics
+from bodysense.body.retarget import sole_clearance
+from bodysense.body.shape import stature
+from bodysense.io.amass import read_amass, read_shape
+from bodysense.io.body_model import model_for
+from bodysense.io.clip import Clip
+
+_RATE = 30.0  # Hz at which motions are looked at, at most
+_WINDOW = 4  # frames of it: 0.13 s, the time of a step's path
+_PATH = 0.08  # m that a foot goes, seen from the pelvis, in a window that counts
+_SLIP = 0.2  # largest share of that path that the pelvis does not go
+_SIZES = np.linspace(0.6, 1.5, 181)  # sizes of bodies in histograms, of the default one
+_FEWEST = 30  # windows that make a size
+_LOW = 5  # percentile of the lowest sole's height that is the floor
+_LISTED = 12  # people who are described one by one
+_FLOOR = 0.01  # m; a nearer floor is taken as 0
+
+
+@dataclass(frozen=True, eq=False)
+class Footing:
+    """Evidence of motions for a body's size and floor; `pooled` joins that of one person's motions."""
+
+    sizes: np.ndarray  # counts (S,) of windows with a planted foot, by size
+    pelvis: np.ndarray  # (N,) m, height of the pelvis
+    sole: np.ndarray  # (N,) m, height of the lowest sole over its rest height, with the pelvis at 0
+    stature: float  # m, of the body that was read
+
+
+@dataclass(frozen=True)
+class BodyPlacement:
+    """Height and floor that motions of a person have."""
+
+    height: float  # m, of the body
+    size: float  # of the body, of the skeleton that was read
+    source: Literal["model", "steps", "default"]  # of the size; 'default' if there are too few steps
+    floor: float  # m, in the file; it is moved to 0
+
+    @property
+    def remark(self) -> str:
+        """A line for users."""
+        sources = {
+            "model": f"bones by the body model, {self.height:.2f} m tall",
+            "steps": f"{self.height:.2f} m tall by its steps (--smpl-model gives a body its own bones)",
+            "default": f"too few steps for a height: {self.height:.2f} m (--height, or --smpl-model)",
+        }
+        floor = f"soles at {self.floor:.2f} m: moved to 0" if self.floor else "soles at 0"
+        return f"{sources[self.source]}; {floor}"
+
+
+def body_in_file(path: Path, smpl_model: Path | None) -> Clip:
+    """Read an AMASS file on its own body: bones by its `betas` if there is a model, else the default body."""
+    if smpl_model is None:
+        return read_amass(path)
+    betas, gender = read_shape(path)
+    shape = model_for(smpl_model, gender).shape(betas)
+    return read_amass(path, shape.skeleton, shape.pelvis)
+
+
+def footing_of(clip: Clip) -> Footing:
+    """Return what a motion tells, on its own skeleton."""
+    stride = max(1, round(clip.frame_rate / _RATE))
+    pose = clip.pose[::stride]
+    skeleton, root = pose.skeleton, pose.root_position
+    point = np.asarray(forward_kinematics(Pose(skeleton, np.zeros_like(root), pose.rotation))[0])
+    ball = point[:, skeleton.indices(["left_foot", "right_foot"])]
+    step = (ball[_WINDOW:] - ball[:-_WINDOW]).reshape(-1, 3)
+    way = np.repeat(root[_WINDOW:] - root[:-_WINDOW], 2, axis=0)
+    path = np.linalg.norm(step, axis=-1)
+    size = -(way * step).sum(axis=-1) / np.maximum(path, 1e-9) ** 2
+    slip = np.linalg.norm(way + size[:, None] * step, axis=-1)
+    planted = (path > _PATH) & (slip < _SLIP * path)
+    return Footing(
+        sizes=np.histogram(size[planted], _SIZES)[0],
+        pelvis=root[:, 1].astype(np.float32),
+        sole=np.asarray(sole_clearance(point, skeleton)).astype(np.float32),
+        stature=float(stature(skeleton.rest_offset)),
+    )
+
+
+def pooled(parts: Iterable[Footing]) -> Footing:
+    """Return what several motions of one person tell together."""
+    parts = list(parts)
+    return Footing(
+        sizes=np.sum([one.sizes for one in parts], axis=0),
+        pelvis=np.concatenate([one.pelvis for one in parts]),
+        sole=np.concatenate([one.sole for one in parts]),
+        stature=parts[0].stature,
+    )
+
+
+def placement_of(footing: Footing, has_bones: bool) -> BodyPlacement:
+    """Return the height and floor that motions show; if the body has its own bones, only the floor is found."""
+    size, source = 1.0, "default"
+    count = footing.sizes.sum()
+    if has_bones:
+        source = "model"
+    elif count >= _FEWEST:
+        middle = int(np.searchsorted(np.cumsum(footing.sizes), count / 2))
+        size, source = float(_SIZES[middle : middle + 2].mean()), "steps"
+    floor = float(np.percentile(footing.pelvis + size * footing.sole, _LOW))
+    return BodyPlacement(size * footing.stature, size, source, 0.0 if abs(floor) < _FLOOR else floor)
+
+
+def placed(clip: Clip, placement: BodyPlacement) -> Clip:
+    """Return a motion with the height and the floor of a placement; its path keeps its length."""
+    pose = clip.pose
+    skeleton = pose.skeleton.with_offsets(pose.skeleton.rest_offset * placement.size)
+    root = pose.root_position - np.array([0.0, placement.floor, 0.0])
+    return replace(clip, pose=Pose(skeleton, root, pose.rotation))
+
+
+def read_placed(
+    path: Path, smpl_model: Path | None = None, known: BodyPlacement | None = None
+) -> tuple[Clip, BodyPlacement]:
+    """Read an AMASS file with the height and floor of its person, or if they are unknown with those of this motion."""
+    clip = body_in_file(path, smpl_model)
+    if known is None:
+        known = placement_of(footing_of(clip), has_bones=smpl_model is not None)
+    return placed(clip, known), known
+
+
+def lines_of(bodies: Mapping[str, BodyPlacement]) -> list[str]:
+    """Return a line for each person; of many, what they have together."""
+    if len(bodies) <= _LISTED:
+        return [f"{person or 'the body'}: {placement.remark}" for person, placement in bodies.items()]
+    lines = []
+    for source, text in (
+        ("model", "bones by the body model"),
+        ("steps", "as tall as their steps show (--smpl-model gives bodies their own bones)"),
+        ("default", "with too few steps for a height (--smpl-model)"),
+    ):
+        heights = [placement.height for placement in bodies.values() if placement.source == source]
+        if heights:
+            lines.append(f"{len(heights)} people {text}: {min(heights):.2f} to {max(heights):.2f} m")
+    moved = [placement.floor for placement in bodies.values() if placement.floor]
+    if moved:
+        lines.append(f"soles of {len(moved)} people at {min(moved):.2f} to {max(moved):.2f} m: moved to 0")
+    return lines
