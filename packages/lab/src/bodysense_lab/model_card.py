@@ -33,6 +33,7 @@ class Kind:
     head: tuple[str, ...]
     rows: Callable[[Numbers, Mapping[str, Any]], list[tuple[str, ...]]]  # of figures and of the file's metadata
     not_for: str
+    tags: tuple[str, ...]  # of the front matter
 
 
 def describe(path: Path, figures: Numbers) -> Path:
@@ -96,7 +97,7 @@ def card_text(name: str, kind: Kind, fields: Mapping[str, str]) -> str:
         rate = f"{read['rate']:g} Hz" if "rate" in read else "any rate"
     seed = f"; seed {read['seed']}" if "seed" in read else ""
     validation = ", ".join(f"{key} {value}" for key, value in read.get("validation", {}).items())
-    return "\n".join(
+    return front_matter(name, kind, fields) + "\n".join(
         [
             *(f"# {name}", "", kind.what, ""),
             f"- {form(read)}, {read['weights']:,} weights, steps at {rate}",
@@ -109,6 +110,19 @@ def card_text(name: str, kind: Kind, fields: Mapping[str, str]) -> str:
                 for row in (kind.head, ("---",) * len(kind.head), *kind.rows(read["test"], read))
             ),
             *("", f"Not for: {kind.not_for}", ""),
+        ]
+    )
+
+
+def front_matter(name: str, kind: Kind, fields: Mapping[str, str]) -> str:
+    """The YAML at the head of a card, by which model hubs list a network."""
+    tags = (*kind.tags, "onnx" if name.endswith(".onnx") else "safetensors")
+    licence = fields_read(fields)["licence"]
+    return "\n".join(
+        [
+            *("---", "library_name: bodysense", f"license: {licence.lower()}", "tags:"),
+            *(f"- {tag}" for tag in tags),
+            *("---", "", ""),
         ]
     )
 
@@ -245,6 +259,7 @@ KINDS = {
         _body_rows,
         "bodies whose limbs differ from the skeleton's; hands that hold things, for fingers were learned from half an "
         f"hour of avatar animation; {_NOBODY}",
+        ("motion-capture", "human-pose", "virtual-reality"),
     ),
     (point_model.FORMAT, "fingers"): Kind(
         "Places the fingers of a body from the motion of that body alone (UNOC, Parger et al. 2021, section 5.3).",
@@ -253,6 +268,7 @@ KINDS = {
         ("method", "cm"),
         _finger_rows,
         f"gestures that mean something, hands that hold or use things; {_NOBODY}",
+        ("motion-capture", "human-pose", "virtual-reality"),
     ),
     (point_model.FORMAT, "upper-body"): Kind(
         "Places the upper body of a headset and two controllers (UNOC, Parger et al. 2021, section 5.2).",
@@ -261,6 +277,7 @@ KINDS = {
         ("joints", "network", "inverse kinematics"),
         _upper_rows,
         f"legs, of which it knows nothing; floors that are not at y = 0; {_NOBODY}",
+        ("motion-capture", "human-pose", "virtual-reality"),
     ),
     (weights_file.FORMAT, ""): Kind(
         "Completes a whole body, in rotations, from any points that are tracked, on any adult's proportions.",
@@ -270,6 +287,7 @@ KINDS = {
         ("sensors", "own", "stranger", "height", "nothing"),
         _completion_rows,
         f"children; people who carry or use things; {_NOBODY}",
+        ("motion-capture", "human-pose", "virtual-reality"),
     ),
     (glove.MARKER_FORMAT, ""): Kind(
         "Fills hidden markers of a glove from those that are seen (Pavllo et al. 2019, section 3.2.2).",
@@ -278,6 +296,7 @@ KINDS = {
         _DURATIONS,
         _glove_marker_rows,
         f"gloves with markers in other places; hands that hold things; {_NOBODY}",
+        ("motion-capture", "hand-tracking", "gloves"),
     ),
     (glove.JOINT_FORMAT, ""): Kind(
         "Tells the 26 angles of a hand from the nine markers of a glove (Pavllo et al. 2019, section 3.2.3).",
@@ -286,6 +305,7 @@ KINDS = {
         _DURATIONS,
         _glove_joint_rows,
         f"gloves with markers in other places; hands that hold things; {_NOBODY}",
+        ("motion-capture", "hand-tracking", "gloves"),
     ),
     (arms.FORMAT, ""): Kind(
         "Turns arms and hands as key-points of a video show them (PAHMT, Liu et al. 2022).",
@@ -294,6 +314,7 @@ KINDS = {
         ("what", "this network", "inverse kinematics on the true positions"),
         _arm_rows,
         f"hands that hold things, for fingers were learned from avatar animation; {_NOBODY}",
+        ("motion-capture", "human-pose", "video"),
     ),
     (body_vae.FORMAT, ""): Kind(
         "Draws whole bodies, several for one signal of head and hands or from nothing (HMD-VAE, Dittadi et al. 2021).",
@@ -302,5 +323,6 @@ KINDS = {
         ("joints", "position error, cm", "velocity error, cm/s", "acceleration, m/s²"),
         _vae_rows,
         f"the most accurate body, which is the tracker's; floors that are not at y = 0; {_NOBODY}",
+        ("motion-capture", "human-pose", "virtual-reality"),
     ),
 }
