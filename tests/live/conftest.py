@@ -119,23 +119,23 @@ def serving(settings: ServerSettings) -> Iterator[Address]:
 
 
 @contextmanager
-def storing(port: int) -> Iterator[str]:
+def storing(port: int, host: str = "127.0.0.1") -> Iterator[str]:
     """The address of Debian's Valkey or Redis while the block lasts; skips the test without one."""
     pytest.importorskip("redis", reason="needs packages/live[shared]")
     program = shutil.which("valkey-server") or shutil.which("redis-server")
     if program is None:
         pytest.skip("needs Debian's valkey-server or redis-server")
-    command = [program, "--port", str(port), "--bind", "127.0.0.1", "--save", "", "--appendonly", "no"]
+    command = [program, "--port", str(port), "--bind", host, "--save", "", "--appendonly", "no", "--requirepass", "pw"]
     with subprocess.Popen(command, stdout=subprocess.DEVNULL) as server:
         try:
             until = time.monotonic() + 10
             while time.monotonic() < until:
                 try:
-                    socket.create_connection(("127.0.0.1", port), timeout=1).close()
+                    socket.create_connection((host, port), timeout=1).close()
                     break
                 except ConnectionRefusedError:
                     time.sleep(0.02)
-            yield f"redis://127.0.0.1:{port}"
+            yield f"redis://:pw@{host}:{port}"
         finally:
             server.terminate()
 
