@@ -194,6 +194,7 @@ def test_steps_are_counted_for_an_autoscaler(server_of: Serving, connect: Connec
         ),
         ("http://here", "--shared http://here: give the address of a Valkey or Redis"),
         ("redis://ada:secret99@127.0.0.1:1/0", "--shared redis://127.0.0.1:1/0: no Valkey or Redis answers there"),
+        ("redis://[half", "--shared redis://[half: no Valkey or Redis answers there"),
         ("redis://127.0.0.1:port", "--shared redis://127.0.0.1:port: no Valkey or Redis answers there"),
     ],
 )

@@ -15,7 +15,6 @@ import re
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
-from urllib.parse import urlsplit
 
 from bodysense.body.person import Person
 from bodysense.errors import BodysenseError, missing_package
@@ -92,9 +91,8 @@ class SessionStore:
 
 def check_store(address: str) -> str:
     """Return the address of a Valkey or Redis that answers. Raises BodysenseError, without its password, for others."""
-    place = urlsplit(address)
-    shown = place._replace(netloc=place.netloc.rpartition("@")[2]).geturl()
-    if place.scheme not in ("redis", "rediss", "unix"):
+    shown = re.sub("//.*@", "//", address)
+    if not address.startswith(("redis://", "rediss://", "unix://")):
         raise BodysenseError(f"--shared {shown}: give the address of a Valkey or Redis, such as redis://10.0.0.2:6379")
     try:
         with _client("client", address) as client:
