@@ -1,4 +1,4 @@
-"""What is distributed besides packages: files for containers and machines, workflows, citation; and Windows."""
+"""Checks of files for containers, machines, workflows and citation, and of what Windows lacks."""
 
 from __future__ import annotations
 

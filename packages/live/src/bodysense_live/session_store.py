@@ -72,7 +72,7 @@ class SessionStore:
     async def take(self, resume: Resume) -> tuple[int, Kept] | None:
         """Return the session that a client had, and its next turn.
 
-        None if it is unknown or over, if the token is wrong, and if nothing answers.
+        Return None for an unknown session, for one that is over, for a wrong token, and without an answer.
         """
         if not _IDENTITY.fullmatch(resume.session):
             return None
