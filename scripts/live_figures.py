@@ -1,6 +1,7 @@
 """Write the table of docs/serve.md from the numbers that the commands wrote.
 
     bodysense bench live --workers 2 --sessions N --json FIGURES/live-N.json        (for N of 8, 16, …)
+    bodysense bench live --sessions 8 --most --json FIGURES/live-most.json
     bodysense bench live-soak --json FIGURES/live-soak.json
     bodysense bench live-fuzz --json FIGURES/live-fuzz.json
     python scripts/live_figures.py FIGURES
@@ -40,6 +41,12 @@ def main(folder: Path) -> None:
         for row in runs
     ]
     said = [markdown(HEADER, rows), f"{processor()}, two cores that server and clients share."]
+    most = [row for row in runs if "most_sessions" in row]
+    if most:
+        said.append(
+            f"A core bears {most[-1]['most_sessions']:.0f} wearers at {most[-1]['rate_hz']:.0f} Hz: one process answers "
+            "99 % of their frames (`bench live --most`)."
+        )
     if "live-soak" in read:
         soak = read["live-soak"]
         said.append(

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import re
 import shlex
-import socket
 import sys
-import threading
 from collections.abc import Callable, Iterator
 from dataclasses import fields, replace
 from functools import partial
@@ -25,8 +23,7 @@ from bodysense.devices.simulated.camera_view import FRONT, sample_cameras, view,
 from bodysense.devices.simulated.device import simulate
 from bodysense.devices.video.landmarker_files import find_landmarkers
 from bodysense.io.clip import Clip
-from bodysense_live import marker_stream
-from bodysense_live.marker_stream import MarkerReceiver
+from bodysense_live.marker_stream import write_frame
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")), *sorted((ROOT / "packages").glob("*/README.md"))]
@@ -122,22 +119,11 @@ def seen_by_headset(frames: int) -> None:
     assert main(["simulate", "walk.bvh", "--device", "three_point", "-o", "seen.npz"]) == 0
 
 
-def in_gloves(patch: pytest.MonkeyPatch) -> dict[str, Any]:
-    """A sender of three frames, in millimetres, on a port that is free."""
-    clip = beginning(3)
-    markers = simulate(clip, "gloves")
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
-        free.bind(("127.0.0.1", 0))
-        address = free.getsockname()
-    patch.setattr(marker_stream, "MarkerReceiver", partial(MarkerReceiver, port=address[1]))
-
-    def send() -> None:
-        for frame in range(len(markers)):
-            places = zip(markers.points, 1000 * markers.position[frame], strict=True)
-            marker_stream.send_frame(address, float(markers.time[frame]), dict(places))
-
-    threading.Timer(0.5, send).start()
-    return {}
+def in_gloves(_: pytest.MonkeyPatch) -> dict[str, Any]:
+    """Packets of three frames, in millimetres."""
+    markers = simulate(beginning(3), "gloves")
+    places = [dict(zip(markers.points, 1000 * row, strict=True)) for row in markers.position]
+    return {"packets": [write_frame(float(time), row) for time, row in zip(markers.time, places, strict=True)]}
 
 
 CONTEXTS: dict[str, Callable[[pytest.MonkeyPatch], dict[str, Any]]] = {

@@ -21,6 +21,7 @@ SOURCES = {
     "onnxruntime": ".[networks]",
     "onnxscript": "packages/lab",
     "prometheus_client": "packages/live",
+    "redis": "packages/live[shared]",
     "scipy": "packages/lab",
     "segno": "packages/live",
     "starlette": "packages/live",

@@ -131,7 +131,7 @@ BAD = {
     "convert motion.bvh -o folder": "folder",
     "convert motion.bvh -o out.bvh --json folder": "folder is a folder",
     "serve --port 0 --allow-record /proc": "--allow-record /proc: nothing can be written there",
-    "serve --port 0 --shared text.txt": "--shared text.txt: no such folder",
+    "serve --port 0 --shared text.txt": "--shared text.txt: give the address of a Valkey or Redis",
     "serve --port 0 --save-person /proc/me.json": "/proc/me.json cannot be written",
     "page /proc/page": "--out is missing, and /proc/page is unknown; see bodysense page --help",
     "page --out /proc/page": "/proc/page",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections import defaultdict
 from importlib.resources import files
 from pathlib import Path
@@ -9,7 +10,15 @@ from pathlib import Path
 import pytest
 
 from bodysense.errors import BodysenseError
-from bodysense_lab.model_card import KINDS, describe, fields_read, kind_of, network_lines, read_network
+from bodysense_lab.model_card import (
+    KINDS,
+    describe,
+    fields_read,
+    front_matter,
+    kind_of,
+    network_lines,
+    read_network,
+)
 
 WEIGHTS = Path(str(files("bodysense.weights")))
 SHIPPED = sorted([*WEIGHTS.glob("*.onnx"), *WEIGHTS.glob("*.safetensors")])
@@ -53,6 +62,21 @@ def test_figures_of_another_command_are_refused(path: Path, tmp_path: Path) -> N
     ):
         describe(network, {"seconds": 1.0})
     assert network.read_bytes() == path.read_bytes() and not network.with_suffix(".md").exists()
+
+
+@pytest.mark.parametrize(
+    "path", [*SHIPPED, *Path(str(files("bodysense_lab.weights"))).glob("*.onnx")], ids=lambda path: path.stem
+)
+def test_a_card_begins_with_what_model_hubs_read(path: Path) -> None:
+    yaml = pytest.importorskip("yaml")
+    if not path.with_suffix(".md").exists():
+        pytest.skip("a network without a card")
+    fields, _ = read_network(path)
+    text = path.with_suffix(".md").read_text(encoding="utf-8")
+    assert text.startswith(front_matter(path.name, kind_of(path, fields), fields) + f"# {path.name}\n")
+    head = yaml.safe_load(text.split("---")[1])
+    assert head["license"] == json.loads(fields["licence"]).lower() == "apache-2.0"
+    assert head["library_name"] == "bodysense" and path.suffix[1:] in head["tags"] and "motion-capture" in head["tags"]
 
 
 def test_files_without_a_card_are_named(tmp_path: Path) -> None:

@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import json
+import shutil
+import socket
+import subprocess
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
@@ -112,6 +116,41 @@ def serving(settings: ServerSettings) -> Iterator[Address]:
         thread.join(30)
         bound.close()
         assert not thread.is_alive()
+
+
+@contextmanager
+def storing(port: int, host: str = "127.0.0.1") -> Iterator[str]:
+    """The address of Debian's Valkey or Redis while the block lasts; skips the test without one."""
+    pytest.importorskip("redis", reason="needs packages/live[shared]")
+    program = shutil.which("valkey-server") or shutil.which("redis-server")
+    if program is None:
+        pytest.skip("needs Debian's valkey-server or redis-server")
+    command = [program, "--port", str(port), "--bind", host, "--save", "", "--appendonly", "no", "--requirepass", "pw"]
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL) as server:
+        try:
+            until = time.monotonic() + 10
+            while time.monotonic() < until:
+                try:
+                    socket.create_connection((host, port), timeout=1).close()
+                    break
+                except ConnectionRefusedError:
+                    time.sleep(0.02)
+            yield f"redis://:pw@{host}:{port}"
+        finally:
+            server.terminate()
+
+
+def free_port() -> int:
+    """A TCP port that nothing listens on."""
+    with socket.create_server(("127.0.0.1", 0)) as found:
+        return found.getsockname()[1]
+
+
+@pytest.fixture
+def shared() -> Iterator[str]:
+    """The address of a Valkey or Redis."""
+    with storing(free_port()) as address:
+        yield address
 
 
 @pytest.fixture

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from bodysense.body.person import Person
 from bodysense_live.safety import Access
 from bodysense_live.settings import ServerSettings
 
@@ -132,4 +133,18 @@ def test_nobody_to_calibrate(refused: Refused) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
     assert "is `bodysense serve` running?" in refused("calibrate", f"http://127.0.0.1:{port}/")
-    assert "give the address" in refused("calibrate", "localhost")
+    for address in ("localhost", "http://", "ftp://127.0.0.1/", "http://[::1", "http://127.0.0.1:99999/"):
+        assert refused("calibrate", address).startswith(f"{address}: give the address that `bodysense serve` printed")
+
+
+@pytest.mark.slow
+def test_one_file_is_read_and_written(tmp_path: Path) -> None:
+    """Before it exists, and afterwards."""
+    path = tmp_path / "me.json"
+    for _ in range(2):
+        command = [sys.executable, "-m", "bodysense", "serve", "--port", "0", "--person", path, "--save-person", path]
+        with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+            assert process.stdout is not None
+            assert "bodysense serves at http://" in process.stdout.readline()
+            process.terminate()
+        Person(height=1.6).save(path)

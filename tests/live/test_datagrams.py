@@ -66,7 +66,7 @@ def test_trackers_by_vmc_and_what_is_none(server_of: Serving, connect: Connectin
 
 
 def test_markers_by_osc(server_of: Serving, connect: Connecting) -> None:
-    from bodysense_live.marker_stream import send_frame
+    from bodysense_live.marker_stream import write_frame
 
     port = free_port()
     client = connect(server_of(ServerSettings(markers_in=port)), points=(), watch="markers")
@@ -74,9 +74,11 @@ def test_markers_by_osc(server_of: Serving, connect: Connecting) -> None:
     still = np.zeros((len(hand.joints), 4))
     still[:, 0] = 1
     places = np.asarray(marker_positions(default_glove(), Pose(hand, np.array([0.4, 1.2, 0.3]), still)))
-    for k in range(5):
-        send_frame(("127.0.0.1", port), k / 60, dict(zip(glove_points("left"), places, strict=True)))
-        time.sleep(0.02)
+    markers = dict(zip(glove_points("left"), places, strict=True))
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+        for k in range(5):
+            sender.sendto(write_frame(k / 60, markers), ("127.0.0.1", port))
+            time.sleep(0.02)
     pose = client.pose()
     assert np.isfinite(pose.rotation).all()
 

@@ -160,9 +160,9 @@ def test_a_wrong_token_watches_nothing() -> None:
     async def follow() -> str:
         live = Live(Limits(), Metrics())
         live.start()
-        seat = live.admit(Hello(1, DEVICES), Outbox(8))
+        seat = await live.admit(Hello(1, DEVICES), Outbox(8))
         try:
-            live.admit(Hello(1, follow=Resume(seat.identity, seat.token)), Outbox(8))
+            await live.admit(Hello(1, follow=Resume(seat.identity, seat.token)), Outbox(8))
         except BodysenseError as error:
             return str(error)
         finally:

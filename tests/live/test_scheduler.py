@@ -31,7 +31,7 @@ def run(those: list[Wearer], frames: int) -> list[tuple[Wearer, Answer | None]]:
     async def go() -> list[tuple[Wearer, Answer | None]]:
         found: list[tuple[Wearer, Answer | None]] = []
         scheduler: Scheduler[Wearer] = Scheduler(
-            lambda who, answer: found.append((who, answer)), lambda who, error: None
+            lambda who, answer: found.append((who, answer)), lambda who, error: None, lambda seconds: None
         )
         task = asyncio.create_task(scheduler.run())
         for k in range(frames):

@@ -20,18 +20,15 @@ from websockets import WebSocketException
 from websockets.sync.client import connect
 from websockets.typing import Subprotocol
 
-from bodysense.body.person import Person
 from bodysense.io.protocol import SUBPROTOCOL
 from bodysense_live.launch import prepared
 from bodysense_live.links import listen_tcp
 from bodysense_live.message_text import write_message
 from bodysense_live.messages import Hello, Resume, Settings
-from bodysense_live.session_store import Kept, SessionStore
 from bodysense_live.settings import ServerSettings
-from bodysense_live.webxr import Placement
 from bodysense_live.workers import Workers, _take, _Worker, hand_out
 
-from .conftest import DEVICES, Connecting, Serving
+from .conftest import DEVICES
 
 pytestmark = pytest.mark.skipif(not hasattr(socket, "send_fds"), reason="this system hands no connection over")
 
@@ -132,8 +129,8 @@ def resumed(address: str, resume: Resume | None) -> dict[str, Any] | None:
 
 @pytest.mark.alone
 @pytest.mark.slow
-def test_a_killed_worker_is_replaced_and_its_wearers_resume() -> None:
-    command = [sys.executable, "-m", "bodysense", "serve", "--port", "0", "--workers", "2"]
+def test_a_killed_worker_is_replaced_and_its_wearers_resume(shared: str) -> None:
+    command = [sys.executable, "-m", "bodysense", "serve", "--port", "0", "--workers", "2", "--shared", shared]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server:
         try:
             assert server.stdout is not None
@@ -163,34 +160,3 @@ def first_child(parent: int, said: str) -> int | None:
             if is_child and said in Path(f"/proc/{one}/cmdline").read_text(errors="replace"):
                 return one
     return None
-
-
-def test_two_servers_resume_one_anothers_sessions(server_of: Serving, connect_to: Connecting, tmp_path: Path) -> None:
-    """Behind a proxy: a connection that broke comes back at the other one."""
-    one, other = (server_of(ServerSettings(shared=tmp_path)) for _ in range(2))
-    first = connect_to(one, settings=Settings(height=1.6, mirror=True)).welcome
-    again = Resume(first["session"], first["token"])
-    second = connect_to(other, resume=again).welcome
-    assert second["resumed"] and second["session"] == first["session"]
-    assert second["settings"]["mirror"] and second["height"] == pytest.approx(1.6)
-    assert not connect_to(other, resume=Resume(first["session"], "another")).welcome["resumed"]
-    assert not connect_to(one, resume=Resume("../../etc/passwd", "x")).welcome["resumed"]
-
-
-def test_a_kept_session_is_given_to_its_own_token_and_not_for_ever(tmp_path: Path) -> None:
-    store, identity = SessionStore(tmp_path, 10), 16 * "a"
-    kept = Kept("its own", "watch", "ada", Settings(), Person(height=1.6), Placement(0.5, (1.0, 0.0, 2.0)), {})
-    store.put(identity, kept)
-    found = store.take(Resume(identity, "its own"))
-    assert found is not None and found.name == "ada" and found.placement.heading == 0.5
-    assert store.take(Resume(identity, "another's")) is None
-    long_ago = time.time() - 11
-    os.utime(tmp_path / f"{identity}.json", (long_ago, long_ago))
-    assert store.take(Resume(identity, "its own")) is None
-
-
-def test_what_lies_in_the_folder_may_be_anything(tmp_path: Path) -> None:
-    store, identity = SessionStore(tmp_path, 10), 16 * "a"
-    for text in ("", "[]", '{"token": 3}', '{"token": "x"}', "[" * 100_000):
-        (tmp_path / f"{identity}.json").write_text(text)
-        assert store.take(Resume(identity, "x")) is None

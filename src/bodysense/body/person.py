@@ -160,6 +160,11 @@ class Person:
 
     def save(self, path: str | Path) -> None:
         """Write a JSON file that `load` reads."""
+        with written_beside(path) as beside:
+            beside.write_text(self.to_json(), encoding="utf-8")
+
+    def to_json(self) -> str:
+        """Return the text of the file that `save` writes."""
         skeleton, joints = self.skeleton, len(self.skeleton.joints)
         rows = [
             {
@@ -189,8 +194,7 @@ class Person:
         tables |= {"hands": hands} if hands else {}
         parts = [f'"format": "{FORMAT}"', '"units": "metres; quaternions w, x, y, z"']
         parts += [f'"{name}": {_one_row_a_line(table)}' for name, table in tables.items()]
-        with written_beside(path) as beside:
-            beside.write_text("{\n" + ",\n".join(parts) + "\n}\n", encoding="utf-8")
+        return "{\n" + ",\n".join(parts) + "\n}\n"
 
     @classmethod
     def load(cls, path: str | Path) -> Person:
@@ -201,19 +205,24 @@ class Person:
             raise BodysenseError(f"{path} cannot be read ({error.strerror}); give a person's file") from None
         except UnicodeDecodeError:
             raise BodysenseError(f"{path} is not text; give a person's file, as Person.save writes it") from None
+        return cls.from_json(text, str(path))
+
+    @classmethod
+    def from_json(cls, text: str, name: str = "the text") -> Person:
+        """Read what `to_json` returned. Raises BodysenseError, with the text's name, for any other text."""
         try:
             stored = json.loads(text)
         except (ValueError, RecursionError) as error:
             raise BodysenseError(
-                f"{path} is not JSON ({error}); give a person's file, as Person.save writes it"
+                f"{name} is not JSON ({error}); give a person's file, as Person.save writes it"
             ) from None
         version = stored.get("format") if isinstance(stored, dict) else None
         if version != FORMAT:
-            raise BodysenseError(f"{path}: format {brief(version)}; it must be {FORMAT!r}, as Person.save writes it")
+            raise BodysenseError(f"{name}: format {brief(version)}; it must be {FORMAT!r}, as Person.save writes it")
         try:
             return cls._from_tables(stored)
         except BodysenseError as error:
-            raise BodysenseError(f"{path}: {error}") from None
+            raise BodysenseError(f"{name}: {error}") from None
 
     @classmethod
     def _from_tables(cls, stored: dict) -> Person:

@@ -35,6 +35,7 @@ class Kind:
     head: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]  # cells, with figures as `{name:.2f}`, in which `MODEL` is the card's model
     not_for: str
+    tags: tuple[str, ...]  # of the front matter
     has_optional_rows: bool = False  # whether rows but for the first are left out without their figures
 
     def filled(self, figures: Numbers, model: object) -> tuple[list[tuple[str, ...]], set[str]]:
@@ -120,7 +121,7 @@ def network_lines(read: Mapping[str, Any]) -> list[str]:
 def card_text(name: str, kind: Kind, fields: Mapping[str, str]) -> str:
     """The model card of a network file, from its metadata."""
     read = fields_read(fields)
-    return "\n".join(
+    return front_matter(name, kind, fields) + "\n".join(
         [
             *(f"# {name}", "", kind.what, ""),
             *network_lines(read),
@@ -130,6 +131,19 @@ def card_text(name: str, kind: Kind, fields: Mapping[str, str]) -> str:
                 for row in (kind.head, ("---",) * len(kind.head), *kind.filled(read["test"], read.get("model"))[0])
             ),
             *("", f"Not for: {kind.not_for}", ""),
+        ]
+    )
+
+
+def front_matter(name: str, kind: Kind, fields: Mapping[str, str]) -> str:
+    """The YAML at the head of a card, by which model hubs list a network."""
+    tags = (*kind.tags, "onnx" if name.endswith(".onnx") else "safetensors")
+    licence = fields_read(fields)["licence"]
+    return "\n".join(
+        [
+            *("---", "library_name: bodysense", f"license: {licence.lower()}", "tags:"),
+            *(f"- {tag}" for tag in tags),
+            *("---", "", ""),
         ]
     )
 
@@ -220,6 +234,7 @@ KINDS = {
         _BODY,
         "bodies whose limbs differ from the skeleton's; hands that hold things, for fingers were learned from half an "
         f"hour of avatar animation; {_NOBODY}",
+        ("motion-capture", "human-pose", "virtual-reality"),
         has_optional_rows=True,
     ),
     (point_model.FORMAT, "fingers"): Kind(
@@ -229,6 +244,7 @@ KINDS = {
         ("method", "cm"),
         _FINGERS,
         f"gestures that mean something, hands that hold or use things; {_NOBODY}",
+        ("motion-capture", "human-pose", "virtual-reality"),
     ),
     (point_model.FORMAT, "upper-body"): Kind(
         "Places the upper body of a headset and two controllers (UNOC, Parger et al. 2021, section 5.2).",
@@ -237,6 +253,7 @@ KINDS = {
         ("joints", "network", "inverse kinematics"),
         _UPPER_BODY,
         f"legs, of which it knows nothing; floors that are not at y = 0; {_NOBODY}",
+        ("motion-capture", "human-pose", "virtual-reality"),
     ),
     (weights_file.FORMAT, ""): Kind(
         "Completes a whole body, in rotations, from any points that are tracked, on any adult's proportions.",
@@ -246,6 +263,7 @@ KINDS = {
         ("sensors", "own", "stranger", "height", "nothing"),
         _COMPLETION,
         f"children; people who carry or use things; {_NOBODY}",
+        ("motion-capture", "human-pose", "virtual-reality"),
     ),
     (glove.MARKER_FORMAT, ""): Kind(
         "Fills hidden markers of a glove from those that are seen (Pavllo et al. 2019, section 3.2.2).",
@@ -254,6 +272,7 @@ KINDS = {
         _DURATIONS,
         _GLOVE,
         f"gloves with markers in other places; hands that hold things; {_NOBODY}",
+        ("motion-capture", "hand-tracking", "gloves"),
     ),
     (glove.JOINT_FORMAT, ""): Kind(
         "Tells the 26 angles of a hand from the nine markers of a glove (Pavllo et al. 2019, section 3.2.3).",
@@ -262,6 +281,7 @@ KINDS = {
         _DURATIONS,
         (("0", "{nn_0_cm:.2f}", "", "", "", ""), *_GLOVE),
         f"gloves with markers in other places; hands that hold things; {_NOBODY}",
+        ("motion-capture", "hand-tracking", "gloves"),
     ),
     (arms.FORMAT, ""): Kind(
         "Turns arms and hands as key-points of a video show them (PAHMT, Liu et al. 2022).",
@@ -270,6 +290,7 @@ KINDS = {
         ("what", "this network", "inverse kinematics on the true positions"),
         _ARMS,
         f"hands that hold things, for fingers were learned from avatar animation; {_NOBODY}",
+        ("motion-capture", "human-pose", "video"),
     ),
     (body_vae.FORMAT, ""): Kind(
         "Draws whole bodies, several for one signal of head and hands or from nothing (HMD-VAE, Dittadi et al. 2021).",
@@ -278,5 +299,6 @@ KINDS = {
         ("joints", "position error, cm", "velocity error, cm/s", "acceleration, m/s²"),
         _VAE,
         f"the most accurate body, which is the tracker's; floors that are not at y = 0; {_NOBODY}",
+        ("motion-capture", "human-pose", "virtual-reality"),
     ),
 }

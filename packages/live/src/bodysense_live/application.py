@@ -1,4 +1,4 @@
-"""The web application: `/ws`, `/healthz`, `/metrics` and the page.
+"""The web application: `/ws`, `/healthz`, `/readyz`, `/metrics` and the page.
 
 Every answer by HTTP has safe headers, and a request with a body is refused.
 """
@@ -183,6 +183,10 @@ def application(settings: ServerSettings) -> Any:
     async def healthz(_: Any) -> Response:
         return PlainTextResponse("ok\n", headers=HEADERS)
 
+    async def readyz(_: Any) -> Response:
+        text, status = ("full\n", 503) if live.is_full else ("ready\n", 200)
+        return PlainTextResponse(text, status, HEADERS)
+
     async def metrics_text(request: Any) -> Response:
         bearer = request.headers.get("authorization", "").removeprefix("Bearer ")
         tokens = [bearer, *request.query_params.getlist("token")]
@@ -211,6 +215,7 @@ def application(settings: ServerSettings) -> Any:
     routes: list[BaseRoute] = [
         WebSocketRoute("/ws", websocket),
         Route("/healthz", healthz),
+        Route("/readyz", readyz),
         Route("/metrics", metrics_text),
         *library_routes(),
     ]

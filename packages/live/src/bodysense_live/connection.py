@@ -28,7 +28,7 @@ async def converse(socket: WebSocket, live: Live) -> None:
         hello = await _hello(socket, live)
         if hello is None:
             return
-        seat = live.admit(hello, outbox)
+        seat = await live.admit(hello, outbox)
         sender = asyncio.create_task(_send(socket, outbox))
         await _listen(socket, live, seat, outbox, sender)
     except ProtocolError as error:

@@ -75,7 +75,7 @@ class Reader(Protocol):
 
 
 class DeviceInput(asyncio.DatagramProtocol):
-    """Turns packets into signal frames of `points`; packets within two milliseconds share a frame.
+    """Turns packets into signal frames of `points`; packets within `together` seconds share a frame.
 
     `sender`: the only address that is accepted, if it is known.
     """
@@ -88,9 +88,10 @@ class DeviceInput(asyncio.DatagramProtocol):
         points: tuple[str, ...],
         do: Callable[[Command], None] = lambda command: None,
         sender: str | None = None,
+        together: float = TOGETHER,
     ) -> None:
         self._play, self._metrics, self._reader, self._points = play, metrics, reader, points
-        self._do, self._sender = do, sender
+        self._do, self._sender, self._together = do, sender, together
         self.state: Any = reader.start()
         self._later: asyncio.TimerHandle | None = None  # a frame that waits for the other packets of its moment
         self._sequence = 0
@@ -114,7 +115,7 @@ class DeviceInput(asyncio.DatagramProtocol):
         if self._reader.is_whole(now, self.state):
             self._flush()
         elif self._later is None:
-            self._later = loop.call_later(TOGETHER, self._flush)
+            self._later = loop.call_later(self._together, self._flush)
 
     def serials(self) -> Mapping[str, str]:
         """Return the names in the signal of trackers whose serials name no joint, by serial."""

@@ -6,6 +6,7 @@ import asyncio
 import hmac
 import secrets
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from time import monotonic
@@ -39,6 +40,8 @@ from bodysense_live.session import Session
 from bodysense_live.session_store import Kept, SessionStore
 
 _SWEEP = 0.5  # s between looks for sessions that are over
+_SHARE = 0.05  # s between two times that sessions are stored, however often they change
+_ELSEWHERE = "the session was resumed by another connection"
 
 
 class Live:
@@ -81,11 +84,12 @@ class Live:
         self._seats: dict[str, Seat] = {}
         self._inputs: dict[Source, Seat] = {}
         self._tasks: list[asyncio.Task[None]] = []
+        self._changed = asyncio.Event()  # a session is to be stored
 
     def start(self) -> None:
         """Begin; needs a running loop."""
         self._loop = asyncio.get_running_loop()
-        self._scheduler: Scheduler[Seat] = Scheduler(self._deliver, self._refuse)
+        self._scheduler: Scheduler[Seat] = Scheduler(self._deliver, self._refuse, self.metrics.stepping.inc)
         self._tasks = [self._loop.create_task(self._scheduler.run()), self._loop.create_task(self._sweep())]
         if self._playable is not None and self._show is not None:
             self._inputs["replay"] = self._play(self._playable, "replay", Settings())
@@ -97,6 +101,13 @@ class Live:
         for task in self._tasks:
             task.cancel()
         await asyncio.gather(*self._tasks, return_exceptions=True)
+        if self._store is not None:
+            await self._store.close()
+
+    @property
+    def is_full(self) -> bool:
+        """Whether all sessions are in use."""
+        return len(self._seats) >= self.limits.sessions and all(seat.left is None for seat in self._seats.values())
 
     def own(self, source: Source, points: tuple[str, ...]) -> Seat:
         """A session for an input of the server's own."""
@@ -112,10 +123,10 @@ class Live:
         replay: tuple[Source, ...] = ("replay",) if self._playable is not None else ()
         return (*replay, *(source for source in self._inputs if source != "replay"))
 
-    def admit(self, hello: Hello, outbox: Outbox) -> Seat:
+    async def admit(self, hello: Hello, outbox: Outbox) -> Seat:
         """The session of a client, welcomed. Raises ProtocolError where it cannot have one."""
         outbox.watches = hello.follow is not None
-        seat = self._resumed(hello) if hello.resume is not None else None
+        seat = await self._resumed(hello, hello.resume) if hello.resume is not None else None
         resumed = seat is not None
         if seat is None:
             seat = self._followed(hello.follow) if hello.follow is not None else self._new(hello)
@@ -124,7 +135,7 @@ class Live:
             seat.left = None
         outbox.tell(seat.welcome(self.sources, self._recordings.are_allowed, resumed, outbox.watches))
         outbox.tell(seat.session.placed())
-        self._keep(seat)
+        self._changed.set()
         return seat
 
     def leave(self, seat: Seat, outbox: Outbox) -> None:
@@ -201,45 +212,47 @@ class Live:
             raise ProtocolError("there is no such session to watch, or its token is another", 1008)
         return seat
 
-    def _resumed(self, hello: Hello) -> Seat | None:
+    async def _resumed(self, hello: Hello, resume: Resume) -> Seat | None:
         """The session that a client had, here or in another process; None where it is over."""
-        assert hello.resume is not None
-        seat = self._seats.get(hello.resume.session)
-        if seat is None:
-            return self._taken_on(hello)
-        if seat.source is not None or not hmac.compare_digest(seat.token.encode(), hello.resume.token.encode()):
+        taken = None if self._store is None else await self._store.take(resume)
+        seat = self._seats.get(resume.session)
+        if taken is not None and (seat is None or taken[0] > seat.turn + 1):  # another process had it last
+            if seat is not None:
+                self._end(seat, _ELSEWHERE)
+            return self._taken_on(hello, resume, *taken)
+        if (
+            seat is None
+            or seat.source is not None
+            or not hmac.compare_digest(seat.token.encode(), resume.token.encode())
+        ):
             return None
         for outbox in [one for one in seat.outboxes if not one.watches]:  # broken, but not yet noticed
-            outbox.end("the session was resumed by another connection")
+            outbox.end(_ELSEWHERE)
             seat.outboxes.remove(outbox)
+        seat.turn = max(seat.turn, 0 if taken is None else taken[0])
         seat.session.open_door(hello.points)
         return seat
 
-    def _taken_on(self, hello: Hello) -> Seat | None:
+    def _taken_on(self, hello: Hello, resume: Resume, turn: int, kept: Kept) -> Seat:
         """A session that another process had."""
-        assert hello.resume is not None
-        kept = None if self._store is None else self._store.take(hello.resume)
-        if kept is None:
-            return None
         self._make_room()
         session = Session(hello.points, kept.person, kept.settings, kept.placement, kept.worn)
-        seat = Seat(hello.resume.session, kept.token, kept.watch_token, kept.name, session)
+        seat = Seat(resume.session, kept.token, kept.watch_token, kept.name, session, turn=turn)
         self._seats[seat.identity] = seat
         self.metrics.sessions.set(len(self._seats))
         return seat
 
-    def _keep(self, seat: Seat) -> None:
-        """Store what other processes need to resume a session."""
-        if self._store is None or seat.source is not None:
+    async def _share(self) -> None:
+        """Store sessions for other processes, and end those that another one has taken on."""
+        driven = {one.identity: one for one in self._seats.values() if one.is_driven and one.source is None}
+        if self._store is None or not driven:
             return
-        session = seat.session
-        now = (session.revision, session.placed(), round(session.height, 2))
-        if seat.kept == now:
-            self._store.touch(seat.identity)
-            return
-        seat.kept = now
-        kept = Kept(seat.token, seat.watch_token, seat.name, session.settings, *session.kept())
-        self._store.put(seat.identity, kept)
+        lost = await self._store.put({identity: (seat.turn, seat.kept()) for identity, seat in driven.items()})
+        if lost is None:
+            self.metrics.unshared.inc()
+        for identity in lost or ():
+            if self._seats.get(identity) is driven[identity]:
+                self._end(driven[identity], _ELSEWHERE)
 
     def _seated(self, name: str, session: Session, source: Source | None) -> Seat:
         token, watch_token = secrets.token_urlsafe(16), secrets.token_urlsafe(16)
@@ -263,6 +276,8 @@ class Live:
     def _tell(self, seat: Seat) -> None:
         """Send a session's new messages to its clients."""
         notes: list[ServerMessage] = seat.session.notes()
+        if notes or seat.told != seat.session.revision:
+            self._changed.set()
         if seat.told != seat.session.revision:
             seat.told = seat.session.revision
             for outbox in seat.outboxes:
@@ -306,25 +321,25 @@ class Live:
         root, rotation = seat.session.truth(truth.root_position[index], truth.rotation[index])
         return [write_truth(replace(answer.frame, sequence=index, root_position=root, rotation=rotation))]
 
-    def _end(self, seat: Seat) -> None:
+    def _end(self, seat: Seat, reason: str = "the session that was watched is over") -> None:
         self._recordings.stop(seat)
         if seat.playing is not None:
             seat.playing.cancel()
         for outbox in seat.outboxes:
-            outbox.end("the session that was watched is over")
-        if self._store is not None and seat.source is None:
-            self._store.drop(seat.identity)
+            outbox.end(reason)
         del self._seats[seat.identity]
         self.metrics.sessions.set(len(self._seats))
 
     async def _sweep(self) -> None:
-        """End sessions that were not resumed, and replays without a watcher."""
+        """Store sessions, and end those that were not resumed, and replays without a watcher."""
         while True:
-            await asyncio.sleep(_SWEEP)
+            await asyncio.sleep(_SHARE)
+            with suppress(TimeoutError):
+                await asyncio.wait_for(self._changed.wait(), _SWEEP - _SHARE)
+            self._changed.clear()
+            await self._share()
             now = self._loop.time()
             for seat in list(self._seats.values()):
                 keep = 0.0 if seat.source is not None else self.limits.seconds_to_resume
-                if seat.is_driven:
-                    self._keep(seat)
                 if seat.left is not None and now - seat.left > keep and seat not in self._inputs.values():
                     self._end(seat)

@@ -36,13 +36,16 @@ class Scheduler(Generic[Who]):
     """Steps sessions until cancelled.
 
     `deliver(who, answer)` is called with every answer, and with None if a step failed. `refuse(who, error)` is called
-    for a frame with a value that no tracker gives.
+    for a frame with a value that no tracker gives, and `stepped(seconds)` after sessions were stepped together.
     """
 
     def __init__(
-        self, deliver: Callable[[Who, Answer | None], None], refuse: Callable[[Who, ProtocolError], None]
+        self,
+        deliver: Callable[[Who, Answer | None], None],
+        refuse: Callable[[Who, ProtocolError], None],
+        stepped: Callable[[float], object],
     ) -> None:
-        self._deliver, self._refuse = deliver, refuse
+        self._deliver, self._refuse, self._stepped = deliver, refuse, stepped
         self._ready: dict[Who, None] = {}  # in order of arrival
         self._wake = asyncio.Event()
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="tracker")
@@ -90,7 +93,9 @@ class Scheduler(Generic[Who]):
         if not jobs:
             return
         loop = asyncio.get_running_loop()
+        begun = loop.time()
         found = await loop.run_in_executor(self._thread, completed, [job for _, job in jobs])
+        self._stepped(loop.time() - begun)
         for (who, job), result in zip(jobs, found, strict=True):
             if result is None:
                 who.session.abandon()

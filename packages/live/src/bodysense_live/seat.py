@@ -18,6 +18,7 @@ from bodysense_live.outbox import Outbox
 from bodysense_live.recorder import Recorder
 from bodysense_live.replay import Player
 from bodysense_live.session import Session, rounded
+from bodysense_live.session_store import Kept
 from bodysense_live.worn_trackers import save_wearer
 
 
@@ -37,9 +38,20 @@ class Seat:
     playing: asyncio.Task[None] | None = None
     recorder: Recorder | None = None
     told: int = 0  # the revision of the session that its clients know
-    kept: object = None  # the stored state of the session, for comparison in `Live`
+    turn: int = 1  # in the store: how many processes have had the session
+    state: str = ""  # as it is stored
+    stored: object = None  # the session's values in it, for comparison
     serials: Callable[[], Mapping[str, str]] = dict  # of nameless trackers of the server's own input, to their names
     known_serials: Mapping[str, str] = field(default_factory=dict)  # those whose joints the session knows
+
+    def kept(self) -> str:
+        """Return what another process needs to go on with the session."""
+        session = self.session
+        now = session.revision, session.placed(), round(session.height, 2), dict(session.worn)
+        if now != self.stored:
+            kept = Kept(self.token, self.watch_token, self.name, session.settings, *session.kept())
+            self.state, self.stored = kept.to_json(), now
+        return self.state
 
     def tell(self, message: ServerMessage) -> None:
         """Send a message to all its clients."""

@@ -1,7 +1,10 @@
-"""Sessions for other server processes to resume: one small JSON file for each, in a folder that they share.
+"""Sessions for other server processes to resume, in a Valkey or Redis that they share.
 
 The estimator's memory is not kept, so the motion begins anew; who the wearer is, how trackers are worn, where the
 middle is and what was set stay.
+
+A session has a turn, which rises each time it is taken on. A process whose turn is over stores nothing: a server that
+lost its wearers without noticing cannot undo what the next one stored.
 """
 
 from __future__ import annotations
@@ -9,20 +12,25 @@ from __future__ import annotations
 import hmac
 import json
 import re
-import time
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from pathlib import Path
 from typing import Any
 
 from bodysense.body.person import Person
-from bodysense.errors import BodysenseError
-from bodysense.files import written_beside
+from bodysense.errors import BodysenseError, missing_package
 from bodysense_live.message_text import changed
 from bodysense_live.messages import Resume, Settings
 from bodysense_live.webxr import Placement
 
 _IDENTITY = re.compile(r"[0-9a-f]{16}")
-_LARGEST = 1 << 20  # bytes
+_PATIENCE = 0.5  # s for an answer
+# KEYS: the session's. ARGV: turn, state, ms to keep. Returns 1; or 0 if another process has had a later turn.
+_PUT = """
+if tonumber(redis.call('HGET', KEYS[1], 'turn') or '0') > tonumber(ARGV[1]) then return 0 end
+redis.call('HSET', KEYS[1], 'turn', ARGV[1], 'state', ARGV[2])
+redis.call('PEXPIRE', KEYS[1], ARGV[3])
+return 1
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,73 +45,102 @@ class Kept:
     placement: Placement
     worn: dict[str, str]  # undecided trackers → joints
 
+    def to_json(self) -> str:
+        """Return the text that is stored."""
+        plain = vars(self) | {"person": self.person.to_json()}
+        return json.dumps(plain, default=asdict)
+
 
 class SessionStore:
-    """Sessions in a folder, for `seconds` after they were last put there."""
+    """Sessions at a redis:// address, each for `seconds` after it was last put there."""
 
-    def __init__(self, folder: Path, seconds: float) -> None:
-        self._folder, self._seconds = folder, seconds
+    def __init__(self, address: str, seconds: float) -> None:
+        self._redis = _client("asyncio", address)
+        self._milliseconds = int(1000 * seconds)
 
-    def put(self, identity: str, kept: Kept) -> None:
-        """Keep a session; a full disk costs its resumption in another process and nothing else."""
-        person = self._folder / f"{identity}.person.json"
-        row = {
-            "token": kept.token,
-            "watch_token": kept.watch_token,
-            "name": kept.name,
-            "settings": asdict(kept.settings),
-            "placement": {"heading": kept.placement.heading, "offset": list(kept.placement.offset)},
-            "worn": kept.worn,
-        }
+    async def put(self, states: Mapping[str, tuple[int, str]]) -> list[str] | None:
+        """Keep turns and states of sessions. Return those that another process took on; None without an answer."""
+        pipeline = self._redis.pipeline(transaction=False)
+        for identity, (turn, state) in states.items():
+            pipeline.eval(_PUT, 1, _key(identity), turn, state, self._milliseconds)
         try:
-            kept.person.save(person)
-            with written_beside(self._folder / f"{identity}.json") as beside:
-                beside.write_text(json.dumps(row), encoding="utf-8")
-        except (OSError, BodysenseError):
-            return
+            found = await pipeline.execute()
+        except _failures():
+            return None
+        return [identity for identity, is_ours in zip(states, found, strict=True) if not is_ours]
 
-    def touch(self, identity: str) -> None:
-        """Say that a session still goes on."""
-        try:
-            (self._folder / f"{identity}.json").touch()
-        except OSError:
-            return
+    async def take(self, resume: Resume) -> tuple[int, Kept] | None:
+        """Return the session that a client had, and its next turn.
 
-    def drop(self, identity: str) -> None:
-        """Forget a session."""
-        for ending in (".json", ".person.json"):
-            (self._folder / f"{identity}{ending}").unlink(missing_ok=True)
-
-    def take(self, resume: Resume) -> Kept | None:
-        """Return the session that a client had; None if it is unknown or over, or the token is wrong."""
+        Return None for an unknown session, for one that is over, for a wrong token, and without an answer.
+        """
         if not _IDENTITY.fullmatch(resume.session):
             return None
-        path = self._folder / f"{resume.session}.json"
         try:
-            if time.time() - path.stat().st_mtime > self._seconds or path.stat().st_size > _LARGEST:
+            kept = _read(await self._redis.hget(_key(resume.session), "state"))
+            if kept is None or not hmac.compare_digest(kept.token.encode(), resume.token.encode()):
                 return None
-            row: Any = json.loads(path.read_text(encoding="utf-8"))
-            if not hmac.compare_digest(row["token"].encode(), resume.token.encode()):
-                return None
-            person = Person.load(self._folder / f"{resume.session}.person.json")
-            x, y, z = row["placement"]["offset"]
-            return Kept(
-                row["token"],
-                row["watch_token"],
-                row["name"],
-                changed(Settings(), row["settings"]),
-                person,
-                Placement(row["placement"]["heading"], (x, y, z)),
-                row["worn"],
-            )
-        except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError, BodysenseError):
+            return int(await self._redis.hincrby(_key(resume.session), "turn", 1)), kept
+        except _failures():
             return None
 
-    def sweep(self) -> None:
-        """Delete sessions that can no longer be resumed."""
-        for path in self._folder.glob("*.json"):
-            try:
-                if time.time() - path.stat().st_mtime > 2 * self._seconds:
-                    path.unlink(missing_ok=True)
-            except OSError:
-                continue
+    async def close(self) -> None:
+        """Hang up."""
+        await self._redis.aclose()
+
+
+def check_store(address: str) -> str:
+    """Return the address of a Valkey or Redis that answers. Raises BodysenseError, without its password, for others."""
+    shown = re.sub("//.*@", "//", address)
+    if not address.startswith(("redis://", "rediss://", "unix://")):
+        raise BodysenseError(f"--shared {shown}: give the address of a Valkey or Redis, such as redis://10.0.0.2:6379")
+    try:
+        with _client("client", address) as client:
+            client.ping()
+    except (*_failures(), ValueError) as error:
+        raise BodysenseError(
+            f"--shared {shown}: no Valkey or Redis answers there ({error}); start one, or leave --shared out"
+        ) from None
+    return address
+
+
+def _client(module: str, address: str) -> Any:
+    """Return a client of redis.client or redis.asyncio, which connects with its first command."""
+    from importlib import import_module
+
+    try:
+        kind = import_module(f"redis.{module}").Redis
+    except ImportError as error:
+        raise missing_package(error) from None
+    return kind.from_url(address, socket_timeout=_PATIENCE, socket_connect_timeout=_PATIENCE)
+
+
+def _failures() -> tuple[type[Exception], ...]:
+    """Return what a client raises if nothing answers, or not what was asked for."""
+    from redis.exceptions import RedisError
+
+    return RedisError, OSError
+
+
+def _key(identity: str) -> str:
+    return f"bodysense:session:{identity}"
+
+
+def _read(state: bytes | None) -> Kept | None:
+    """Return what was stored; None for anything that `Kept.to_json` did not write."""
+    if state is None:
+        return None
+    try:
+        row: Any = json.loads(state)
+        x, y, z = row["placement"]["offset"]
+        return Kept(
+            str(row["token"]),
+            str(row["watch_token"]),
+            str(row["name"]),
+            changed(Settings(), row["settings"]),
+            Person.from_json(row["person"]),
+            Placement(float(row["placement"]["heading"]), (float(x), float(y), float(z))),
+            {str(name): str(joint) for name, joint in row["worn"].items()},
+        )
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError, BodysenseError):
+        return None

@@ -30,7 +30,7 @@ class ServerSettings:
     person: Person = Person()  # what is known of wearers who do not tell their height
     wearer: Settings = Settings()  # of the server's own inputs
     recentre: bool = False  # where they first stand is the middle
-    shared: Path | None = None  # a folder by which servers, and workers, resume one another's sessions
+    shared: str | None = None  # address of the Valkey or Redis by which servers and workers resume sessions
     save_person: Path | None = None  # file for the wearer of the server's own input, written after a calibration
     trackers: Mapping[str, str] = field(default_factory=dict)  # joints of nameless trackers by serial
     vmc_in: int | None = None  # ports, on the server's host

@@ -26,10 +26,10 @@ from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.errors import BodysenseError
 from bodysense.io.protocol import SignalFrame
 from bodysense_live.answer import Answer
-from bodysense_live.links import LOST, MOST_PACKETS, Reader, listen_tcp, signal_of
+from bodysense_live.links import LOST, DeviceInput, Reader, listen_tcp
 from bodysense_live.live import Live
 from bodysense_live.metrics import Metrics
-from bodysense_live.safety import RateLimit, why_not_local
+from bodysense_live.safety import why_not_local
 from bodysense_live.solarxr import Updates, moved, read_bundle, settings_bundle, told_of
 from bodysense_live.solarxr_input import LARGEST
 from bodysense_live.webxr import between_eyes
@@ -197,28 +197,10 @@ class SolarxrLink:
             self._send(client, settings_bundle(transaction))
 
     async def _input(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        loop, state, sequence = asyncio.get_running_loop(), self._reader.start(), 0
-        rate, waits = RateLimit(MOST_PACKETS, loop.time()), False
-
-        def flush() -> None:
-            nonlocal sequence, waits
-            waits, now = False, loop.time()
-            observation = self._reader.observation(now, state)
-            if observation is not None:
-                sequence = (sequence + 1) % 2**32
-                self._play(signal_of(observation, self._points, sequence, now))
-
+        taken = DeviceInput(self._play, self._metrics, self._reader, self._points, together=0.0)
         try:
             async for packet in _packets(reader, LARGEST):
-                if not rate.allows(loop.time()):
-                    self._metrics.dropped("flood")
-                    continue
-                state, reason = self._reader.take(packet, loop.time(), state)
-                if reason is not None:
-                    self._metrics.dropped("malformed packet")
-                if not waits:
-                    waits = True
-                    loop.call_soon(flush)
+                taken.datagram_received(packet, None)
         finally:
             writer.close()
 

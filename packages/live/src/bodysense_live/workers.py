@@ -18,8 +18,7 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from pathlib import Path
+from dataclasses import dataclass
 from typing import Any
 
 from bodysense.errors import BodysenseError
@@ -128,10 +127,6 @@ def serve_in_workers(
     for ending in (signal.SIGTERM, signal.SIGINT):  # so that workers are ended, too; a shell may have it ignored
         signal.signal(ending, signal.default_int_handler)
     with tempfile.TemporaryDirectory(prefix="bodysense-") as folder:
-        if settings.shared is None:
-            sessions = Path(folder) / "sessions"
-            sessions.mkdir()
-            settings = replace(settings, shared=sessions)
         pool = Workers(settings, workers, folder)
         try:
             pool.wait()

@@ -31,11 +31,11 @@ _AGAIN = 2.0  # s until the next try after trackers were not found
 
 def save_wearer(person: Person, trackers: Mapping[str, str], path: Path) -> None:
     """Write a person's file with the joints of nameless trackers by serial. Raises BodysenseError if it cannot."""
-    person.save(path)
+    text = person.to_json()
     if trackers:
-        stored = path.read_text(encoding="utf-8").rstrip().removesuffix("}").rstrip()
-        with written_beside(path) as beside:
-            beside.write_text(f'{stored},\n"{_KEY}": {json.dumps(trackers)}\n}}\n', encoding="utf-8")
+        text = text.rstrip().removesuffix("}").rstrip() + f',\n"{_KEY}": {json.dumps(trackers)}\n}}\n'
+    with written_beside(path) as beside:
+        beside.write_text(text, encoding="utf-8")
 
 
 def read_trackers(path: Path) -> dict[str, str]:

@@ -39,6 +39,7 @@ class SoakPlan:
     latest: float = 0.3
     seconds_connected: float = 20.0  # on average, until the connection breaks
     workers: int = 1  # processes of the server
+    shared: str | None = None  # address of a Valkey or Redis, for sessions of processes that are killed
     seconds_between_kills: float = 0.0  # a process of the server is killed so often; 0: never
 
 
@@ -61,7 +62,7 @@ async def soak(plan: SoakPlan, rng: np.random.Generator) -> SoakCounts:
     """Run it. Raises BodysenseError where the server does not start, or ends."""
     counts = SoakCounts()
     command = (sys.executable, "-m", "bodysense", "serve", "--port", "0", "--sessions", str(plan.sessions + 4))
-    several = ("--workers", str(plan.workers))
+    several = ("--workers", str(plan.workers), *(() if plan.shared is None else ("--shared", plan.shared)))
     server = await asyncio.create_subprocess_exec(*command, *several, stdout=asyncio.subprocess.PIPE)
     killer: asyncio.Task[None] | None = None
     assert server.stdout is not None

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import time
 from typing import TYPE_CHECKING, Annotated, Any, Literal
-from urllib.parse import parse_qs, urlsplit
+from urllib.parse import SplitResult, parse_qs, urlsplit
 
 import tyro
 
@@ -43,8 +43,8 @@ def calibrate(
 
     if not 0 <= wait <= 600:
         raise BodysenseError(f"--wait {wait:g}: give 0 to 600 seconds")
-    place = urlsplit(address)
-    if place.scheme not in ("http", "https") or not place.hostname:
+    place = _place(address)
+    if place is None:
         raise BodysenseError(f"{address}: give the address that `bodysense serve` printed, as http://127.0.0.1:8765/")
     tokens = [f"token.{token}" for token in parse_qs(place.query).get("token", [])]
     scheme = "wss" if place.scheme == "https" else "ws"
@@ -75,6 +75,15 @@ def calibrate(
         raise BodysenseError(
             f"{address}: {str(error) or type(error).__name__}; is `bodysense serve` running?"
         ) from None
+
+
+def _place(address: str) -> SplitResult | None:
+    """Return the parts of an http address; None for any other text."""
+    try:
+        place = urlsplit(address)
+        return place if place.scheme in ("http", "https") and place.hostname and place.port != 0 else None
+    except ValueError:  # half an IPv6 address, or no port
+        return None
 
 
 def _reason(error: InvalidStatus) -> str:

@@ -66,7 +66,7 @@ def serve(
     smoothing: float = 0.0,
     sessions: int = 64,
     workers: int = 1,
-    shared: Path | None = None,
+    shared: Annotated[str | None, tyro.conf.arg(metavar="ADDRESS")] = None,
     reading: Reading = AS_FOUND,
 ) -> None:
     """Serve the page and the WebSocket for live tracking; avatars by VMC and VRChat (docs/serve.md).
@@ -110,8 +110,9 @@ def serve(
         recentre: use that wearer's first position and heading as the origin, facing +Z.
         smoothing: half-life in seconds, 0 to 0.5, of the smoothing of that wearer's body, which is as much later.
         sessions: maximum number of sessions in each process.
-        workers: number of processes that share the port; one that ends is replaced, its wearers resume in another.
-        shared: folder by which several servers behind one address resume one another's sessions.
+        workers: number of processes that share the port; one that ends is replaced.
+        shared: address of a Valkey or Redis, such as redis://10.0.0.2:6379, by which workers, and several servers
+            behind one address, resume one another's sessions.
         reading: properties of a replayed motion; --height is the wearers', inferred if omitted; --floor is of the
             world of VMC, SteamVR and VRChat, too.
     """
@@ -124,6 +125,7 @@ def serve(
     from bodysense_live.links import listen_tcp
     from bodysense_live.messages import LONGEST_HALF_LIFE, Settings
     from bodysense_live.safety import ANY_ORIGIN, Limits
+    from bodysense_live.session_store import check_store
     from bodysense_live.settings import ServerSettings
     from bodysense_live.slimevr_link import SlimevrSettings
     from bodysense_live.solarxr_link import SolarxrSettings, runtime_folder
@@ -148,8 +150,7 @@ def serve(
             "--bridge has nowhere to send to; give --vmc-out, --vrchat-out, --vrchat, --vmt or --solarxr"
         )
     parts = trackers_of(vrchat_trackers)
-    origin = (*origin, ANY_ORIGIN) if bridge else origin
-    access = access_of(host, token, origin, lan, certificate, key)
+    access = access_of(host, token, (*origin, ANY_ORIGIN) if bridge else origin, lan, certificate, key)
     if person is not None and person == save_person and not person.exists():
         person = None  # written after the first calibration
     wearer = person_of(person, reading.height) or Person(height=reading.height)
@@ -163,7 +164,7 @@ def serve(
         recentre=recentre,
         save_person=save_person,
         trackers={} if person is None else read_trackers(person),
-        shared=None if shared is None else writable_folder("--shared", shared),
+        shared=None if shared is None else check_store(shared),
         vmc_in=vmc_in,
         vmc_trackers=VmcTrackers(devices),
         markers_in=markers_in,

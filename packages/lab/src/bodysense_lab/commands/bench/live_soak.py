@@ -15,6 +15,7 @@ def live_soak(
     loss: float = 0.05,
     workers: int = 1,
     kill_every: float = 0.0,
+    shared: str | None = None,
     json: Path | None = None,
 ) -> None:
     """Run wearers against a server over a bad network; fails on growth, on NaN and on a session that is stuck.
@@ -29,6 +30,7 @@ def live_soak(
         loss: Share of frames that are lost.
         workers: Processes of the server.
         kill_every: Seconds after which one of them is killed, repeatedly; 0: never.
+        shared: Address of a Valkey or Redis, by which wearers of a killed process resume in another.
         json: Write the numbers here, as one flat object.
     """
     import asyncio
@@ -40,9 +42,13 @@ def live_soak(
 
     if not (minutes > 0 and sessions > 0 and rate > 0 and 0 <= loss < 0.9):
         raise BodysenseError("live-soak: give positive minutes, sessions and rate, and a loss of 0 to 0.9")
-    if kill_every and (workers < 2 or not 5 <= kill_every <= 3600):
-        raise BodysenseError("live-soak: give --kill-every 5 to 3600 seconds, and --workers 2 or more")
-    plan = SoakPlan(sessions, 60 * minutes, rate, loss, workers=workers, seconds_between_kills=kill_every)
+    if kill_every and (workers < 2 or shared is None or not 5 <= kill_every <= 3600):
+        raise BodysenseError(
+            "live-soak: give --kill-every 5 to 3600 seconds, --workers 2 or more, and --shared ADDRESS"
+        )
+    plan = SoakPlan(
+        sessions, 60 * minutes, rate, loss, workers=workers, shared=shared, seconds_between_kills=kill_every
+    )
     counts = asyncio.run(soak(plan, np.random.default_rng(1)))
     killed = f"{counts.killed} processes killed, " if kill_every else ""
     print(
