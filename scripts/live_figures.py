@@ -44,8 +44,8 @@ def main(folder: Path) -> None:
     most = [row for row in runs if "most_sessions" in row]
     if most:
         said.append(
-            f"A core bears {most[-1]['most_sessions']:.0f} wearers at {most[-1]['rate_hz']:.0f} Hz: one process answers "
-            "99 % of their frames (`bench live --most`)."
+            f"A core bears {most[-1]['most_sessions']:.0f} wearers at {most[-1]['rate_hz']:.0f} Hz: one process answers"
+            " 99 % of their frames (`bench live --most`)."
         )
     if "live-soak" in read:
         soak = read["live-soak"]
