@@ -123,7 +123,7 @@ def test_a_folder_of_another_layout(mixamo, layout, message: str) -> None:
 
 def test_a_store_of_zip_files_is_that_of_the_same_files_unpacked(talking_with_hands, tmp_path: Path) -> None:
     pytest.importorskip("zarr", reason="needs packages/lab")
-    from bodysense_lab.store import prepare
+    from bodysense_lab.preparation import prepare
 
     folder = talking_with_hands.folder
     zipped = prepare(folder, tmp_path / "zipped.zarr", rate=30.0, workers=1)
@@ -203,15 +203,15 @@ def test_a_zip_file_for_a_motion(tmp_path: Path) -> None:
 
 def test_a_bad_zip_file_is_skipped_by_prepare_and_named(talking_with_hands, tmp_path: Path, capsys) -> None:
     pytest.importorskip("zarr", reason="needs packages/lab")
-    from bodysense_lab import store as store_module
+    from bodysense_lab import preparation
 
     folder = talking_with_hands.folder
     (folder / "mocap_data" / "session2" / "take4.zip").write_text("not a zip file")
-    table = store_module.prepare(folder, tmp_path / "a.zarr", workers=1).table
+    table = preparation.prepare(folder, tmp_path / "a.zarr", workers=1).table
     assert [row.source for row in table.skipped] == ["mocap_data/session2/take4.zip"]
     assert len(table.clips) == len(talking_with_hands.truth)
     assert "skipped mocap_data/session2/take4.zip: " in capsys.readouterr().out
-    assert len(store_module.prepare(folder, tmp_path / "a.zarr", workers=1).table.clips) == len(table.clips)
+    assert len(preparation.prepare(folder, tmp_path / "a.zarr", workers=1).table.clips) == len(table.clips)
 
 
 def test_a_list_of_conversations_that_cannot_be_read(talking_with_hands) -> None:

@@ -50,7 +50,7 @@ def closure(module: str) -> set[Path]:
 
 @pytest.mark.parametrize(
     ("module", "most"),
-    [("completion.task", 59), ("hmd_vae.train", 51), ("pahmt.train", 54), ("unoc.train", 60)],
+    [("completion.task", 38), ("hmd_vae.train", 31), ("pahmt.train", 35), ("unoc.train", 41)],
 )
 def test_training_can_be_read(module: str, most: int) -> None:
     files = closure(f"bodysense_lab.{module}")

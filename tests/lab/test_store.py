@@ -13,9 +13,10 @@ from bodysense.errors import BodysenseError
 from bodysense.io.bvh import write_bvh
 from bodysense.io.resample import resample
 from bodysense.io.rigs.options import ReadingOptions
-from bodysense_lab import store as store_module
+from bodysense_lab import preparation
 from bodysense_lab.datasets import open_clips
-from bodysense_lab.store import is_store, prepare, read_store
+from bodysense_lab.preparation import prepare
+from bodysense_lab.store import is_store, read_store
 
 pytest.importorskip("zarr", reason="needs packages/lab")
 
@@ -72,9 +73,9 @@ def test_a_killed_run_goes_on_and_is_never_taken_for_whole(
     folder: Path, tmp_path: Path, monkeypatch, moment: str
 ) -> None:
     whole = prepare(folder, tmp_path / "whole.zarr", workers=1)
-    monkeypatch.setattr(store_module, "BATCH", 2)
+    monkeypatch.setattr(preparation, "BATCH", 2)
     path, seen = tmp_path / "motion.zarr", []
-    prepared, append = store_module._prepared, store_module._append
+    prepared, append = preparation._prepared, preparation._append
 
     def counted(item, rate, options):
         seen.append(item[1].path.name)
@@ -89,10 +90,10 @@ def test_a_killed_run_goes_on_and_is_never_taken_for_whole(
             group.attrs.update(before)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(store_module, "_prepared", counted)
+    monkeypatch.setattr(preparation, "_prepared", counted)
     with monkeypatch.context() as patch:
-        patch.setattr(store_module, "_append", killed)
-        patch.setattr(store_module, "_publish", stopped)
+        patch.setattr(preparation, "_append", killed)
+        patch.setattr(preparation, "_publish", stopped)
         with pytest.raises(KeyboardInterrupt):
             prepare(folder, path, workers=1)
     assert not path.exists() and not is_store(path)
@@ -115,7 +116,7 @@ def test_a_killed_run_goes_on_and_is_never_taken_for_whole(
 def test_a_finished_store_is_left_as_it_is(folder: Path, tmp_path: Path, monkeypatch, make_clip) -> None:
     path = tmp_path / "motion.zarr"
     prepare(folder, path, workers=1)
-    monkeypatch.setattr(store_module, "_prepared", None)
+    monkeypatch.setattr(preparation, "_prepared", None)
     assert len(prepare(folder, path, workers=1).table.clips) == 5
     with pytest.raises(BodysenseError, match=r"is at 30 Hz, not 60; give another place or remove it"):
         prepare(folder, path, rate=60.0, workers=1)
@@ -127,9 +128,9 @@ def test_a_finished_store_is_left_as_it_is(folder: Path, tmp_path: Path, monkeyp
 
 
 def test_changed_files_are_noticed_when_a_run_goes_on(folder: Path, tmp_path: Path, monkeypatch, make_clip) -> None:
-    monkeypatch.setattr(store_module, "BATCH", 2)
+    monkeypatch.setattr(preparation, "BATCH", 2)
     with monkeypatch.context() as patch:
-        patch.setattr(store_module, "_publish", stopped)
+        patch.setattr(preparation, "_publish", stopped)
         with pytest.raises(KeyboardInterrupt):
             prepare(folder, tmp_path / "motion.zarr", workers=1)
     write_bvh(folder / "anna" / "take_0.bvh", make_clip(seed=9))

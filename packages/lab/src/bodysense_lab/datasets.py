@@ -9,17 +9,19 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, S
 from dataclasses import dataclass, fields, replace
 from itertools import islice
 from pathlib import Path
-from typing import Any, Literal, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.io.datasets.catalogue import CATALOGUE, entry, require
 from bodysense.io.datasets.layouts import Layout
-from bodysense.io.datasets.sources import Source, list_sources, read_source
 from bodysense.io.datasets.splits import SPLITS, Split, empty_split
 from bodysense.io.rigs.options import AS_FOUND, ReadingOptions
 from bodysense_lab.spread import spread
 from bodysense_lab.store import read_store
+
+if TYPE_CHECKING:
+    from bodysense.io.datasets.sources import Source
 
 Item = TypeVar("Item")
 OPTIONS = tuple(field.name.replace("_", "-") for field in fields(ReadingOptions))
@@ -99,6 +101,8 @@ def _choose(
         store = read_store(directory)
         rows, clip_at = store.table.clips, store.clip
     else:
+        from bodysense.io.datasets.sources import list_sources
+
         sources = list_sources(directory, layout)
         rows, clip_at = sources, lambda index: _read(sources[index], options, directory)
     chosen = [
@@ -119,6 +123,8 @@ def _choose(
 
 def _read(source: Source, options: ReadingOptions, directory: str | Path) -> Clip:
     """A clip of a folder. Not every command that reads folders has the options that its error may ask for."""
+    from bodysense.io.datasets.sources import read_source
+
     try:
         return read_source(source, options)
     except BodysenseError as error:

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from bodysense.errors import BodysenseError
-from bodysense.io.datasets.sources import list_sources
 
 
 @dataclass(frozen=True)
@@ -102,6 +101,8 @@ def require(name: str, directory: str | Path | None) -> Path:
         directory = Path(directory)
         if (directory / "zarr.json").is_file():
             return directory
+        from bodysense.io.datasets.sources import list_sources
+
         try:
             list_sources(directory)
             return directory

@@ -40,7 +40,7 @@ def prepare(
             lists name, split as published.
         reading: Properties that the files do not contain.
     """
-    from bodysense_lab.store import prepare as prepare_store
+    from bodysense_lab.preparation import prepare as prepare_store
 
     sources = None
     if split_lists is not None:

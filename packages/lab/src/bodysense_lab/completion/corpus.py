@@ -17,7 +17,6 @@ from bodysense.devices.simulated.headset_camera import see
 from bodysense.errors import BodysenseError
 from bodysense.files import cache_folder, make_folder, written_beside
 from bodysense.io.clip import Clip
-from bodysense.io.datasets.sources import list_sources
 from bodysense.io.datasets.splits import Split
 from bodysense_lab.datasets import learned_clips, learned_count
 from bodysense_lab.store import is_store
@@ -81,6 +80,8 @@ def content_of(data: Path) -> str:
     if is_store(data):
         seen = [(data / "zarr.json").read_text(encoding="utf-8")]
     else:
+        from bodysense.io.datasets.sources import list_sources
+
         found = [(source, source.path.stat()) for source in list_sources(data)]
         seen = [
             f"{source.key(data)} {source.person} {source.split} {source.category} {file.st_size} {file.st_mtime_ns}"

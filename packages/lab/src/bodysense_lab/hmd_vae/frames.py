@@ -29,7 +29,6 @@ from bodysense.body.rotation import heading, quaternion_conjugate, quaternion_mu
 from bodysense.body.skeleton import BODY, default_skeleton
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
-from bodysense.io.datasets.sources import list_sources, read_source
 from bodysense.io.resample import resample
 from bodysense_lab.datasets import learned_clips, spread_evenly
 from bodysense_lab.hmd_vae.options import BodyVaeConfig, Origin
@@ -126,6 +125,8 @@ def split_clips(
         known = {row.source: index for index, row in enumerate(store.table.clips)}
         clip_at = {key: (lambda index=index: store.clip(index)) for key, index in known.items()}
     else:
+        from bodysense.io.datasets.sources import list_sources, read_source
+
         sources = {source.key(Path(directory)): source for source in list_sources(directory)}
         clip_at = {key: (lambda source=source: read_source(source)) for key, source in sources.items()}
     unknown = [key for key in listed if key not in clip_at]

@@ -1,0 +1,254 @@
+"""Preparation of a store: files of motion are read in parallel, and their clips appended to one Zarr group.
+
+It is built in `<store>.part` and renamed when it is complete; a run that was stopped resumes.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, replace
+from functools import partial
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bodysense.body.pose import Pose
+from bodysense.body.skeleton import default_skeleton
+from bodysense.errors import BodysenseError
+from bodysense.io.clip import Clip
+from bodysense.io.datasets.layouts import Layout
+from bodysense.io.datasets.reasons import lines_by_kind
+from bodysense.io.datasets.sources import Source, list_sources, read_source
+from bodysense.io.placement import BodyPlacement, Footing, body_in_file, footing_of, lines_of, placement_of, pooled
+from bodysense.io.resample import resample
+from bodysense.io.rigs.options import AS_FOUND, ReadingOptions
+from bodysense_lab.spread import spread
+from bodysense_lab.store import (
+    ARRAYS,
+    FORMAT,
+    Skipped,
+    Store,
+    StoredClip,
+    Table,
+    is_store,
+    read_store,
+    read_table,
+    zarr_package,
+)
+
+CHUNK = 512  # frames that are compressed together: a random window reads one or two chunks
+BATCH = 64  # clips between two saves of the table; a kill loses at most these
+
+
+def prepare(
+    directory: str | Path,
+    store_path: str | Path,
+    rate: float = 30.0,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    layout: Layout | None = None,
+    options: ReadingOptions = AS_FOUND,
+    sources: Sequence[Source] | None = None,
+) -> Store:
+    """Turn a folder of motion files into a store at `rate` Hz, in parallel, and print what was skipped and why.
+
+    `workers` processes of this machine do it (None: one for each processor; 1: this process alone), or, where
+    `scheduler` is its address ('tcp://host:8786'), a Dask cluster that sees the same folders. A stopped run goes on
+    from there when it is run again; a finished one is not changed. `layout` None recognises the folder's
+    (`io.datasets.layouts`); `options` give what the files do not; `sources` are the folder's files, listed if None.
+    Raises BodysenseError where the folder has no motion,
+    where nothing in it can be read, and where `store_path` was made from other files, with other options or at another
+    rate.
+    """
+    directory, store_path = Path(directory), Path(store_path)
+    listed = {source.key(directory): source for source in sources or list_sources(directory, layout)}
+    if is_store(store_path):
+        store = read_store(store_path)
+        _check_read_alike(store_path, options)
+        _check_same(store_path, store.table, rate, listed, whole=True)
+        return store
+    if store_path.exists():
+        raise BodysenseError(f"{store_path} exists and is no store; give another place or remove it")
+    part = store_path.with_name(f"{store_path.name}.part")
+    group = _open_part(part, rate, options)
+    _check_read_alike(part, options)
+    table = read_table(group)
+    _check_same(part, table, rate, listed, whole=False)
+    done = {row.source for row in (*table.clips, *table.skipped)}
+    todo = {key: source for key, source in listed.items() if key not in done}
+    table = replace(table, bodies=_find_bodies(group, listed, workers, scheduler, options))
+    todo = {key: replace(source, placement=table.bodies.get(source.person)) for key, source in todo.items()}
+
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*columns) as progress:
+        task = progress.add_task(f"preparing {directory.name}", total=len(listed), completed=len(done))
+        for batch in _computed(todo, rate, workers, scheduler, options):
+            table = _append(group, table, batch)
+            progress.advance(task, len(batch))
+    if not table.clips:
+        reason = table.skipped[0].reason
+        raise BodysenseError(f"{directory}: none of its {len(listed)} files can be read; the first: {reason}")
+    _publish(group, table, part, store_path)
+    for line in (*lines_of(table.bodies), *lines_by_kind((row.source, row.reason) for row in table.skipped)):
+        Console().print(line, markup=False, soft_wrap=True)
+    return read_store(store_path)
+
+
+def _open_part(part: Path, rate: float, options: ReadingOptions) -> Any:
+    """The unfinished store, begun if need be."""
+    zarr = zarr_package()
+    if not (np.isfinite(rate) and rate > 0):
+        raise BodysenseError(f"frame rate {rate:g} Hz cannot be; give a positive number, e.g. 30")
+    ours = default_skeleton()
+    about = {"format": FORMAT, "rate": rate, "joints": ours.joints, "end_sites": ours.end_sites}
+    about["reading"] = _reading_of(options)
+    try:
+        if not is_store(part):
+            zarr.create_group(part, zarr_format=3, attributes={**about, "clips": [], "skipped": []})
+        group = zarr.open_group(part, mode="r+")
+        if group.attrs.get("format") != FORMAT:
+            raise BodysenseError(f"{part} was not begun by this version; remove it and run again")
+        for key, tail in ARRAYS.items():
+            if key not in group:
+                group.create_array(key, shape=(0, *tail), chunks=(CHUNK, *tail), dtype="float32")
+    except (ValueError, OSError) as error:
+        raise BodysenseError(f"{part}: cannot be written ({error}); choose another place, or remove it") from None
+    return group
+
+
+def _reading_of(options: ReadingOptions) -> dict[str, str]:
+    """Return the reading options in the form in which a store keeps them."""
+    return {name: str(value) for name, value in asdict(options).items() if value is not None}
+
+
+def _check_read_alike(path: Path, options: ReadingOptions) -> None:
+    """Raise unless a store was made with these options."""
+    before = zarr_package().open_group(path, mode="r").attrs.get("reading", {})
+    if before != _reading_of(options):
+        said = " ".join(f"--{name} {value}" for name, value in before.items()) or "none"
+        raise BodysenseError(f"{path} was made with other options ({said}); give another place or remove it")
+
+
+def _check_same(path: Path, table: Table, rate: float, sources: Mapping[str, Source], whole: bool) -> None:
+    """Raise unless what is in a store was made of these files, at this rate."""
+    if table.rate != rate:
+        raise BodysenseError(f"{path} is at {table.rate:g} Hz, not {rate:g}; give another place or remove it")
+    rows = [*table.clips, *table.skipped]
+    for row in rows:
+        if row.source not in sources or (not whole and sources[row.source].file.sha256() != row.sha256):
+            raise BodysenseError(
+                f"{path} was made with another {row.source} than there is now; give another place or remove it"
+            )
+    if whole and len(rows) != len(sources):
+        raise BodysenseError(
+            f"{path} was made of {len(rows)} files, and there are {len(sources)} now; give another place or remove it"
+        )
+
+
+def _find_bodies(
+    group: Any,
+    sources: Mapping[str, Source],
+    workers: int | None,
+    scheduler: str | None,
+    options: ReadingOptions,
+) -> dict[str, BodyPlacement]:
+    """Return the height and floor of every person of AMASS files whose skeleton is unknown, and keep them."""
+    if "bodies" not in group.attrs:
+        bare = [one for one in sources.values() if one.skeleton is None and one.file.place.suffix.lower() == ".npz"]
+        parts: dict[str, list[Footing]] = {}
+        count = _processes(workers) if bare else 1
+        for source, footing in spread(partial(_footing, model=options.smpl_model), bare, count, scheduler):
+            if footing is not None:
+                parts.setdefault(source.person, []).append(footing)
+        has_bones = options.smpl_model is not None
+        found = {person: placement_of(pooled(ones), has_bones) for person, ones in parts.items()}
+        group.attrs["bodies"] = {person: asdict(one) for person, one in found.items()}
+    return dict(read_table(group).bodies)
+
+
+def _footing(source: Source, model: Path | None) -> Footing | None:
+    """Return what a motion tells of its body; None if it cannot be read, which reading it again reports."""
+    try:
+        return footing_of(body_in_file(source.path, model))
+    except BodysenseError:
+        return None
+
+
+def _prepared(item: tuple[str, Source], rate: float, options: ReadingOptions) -> tuple[Clip | str, str]:
+    """Return the clip of a source at `rate`, or the reason for its absence, and its file's hash. Runs in workers."""
+    _, source = item
+    sha256 = source.file.sha256()
+    try:
+        clip = resample(read_source(source, options), rate)
+    except BodysenseError as error:
+        return str(error), sha256
+    pose = clip.pose
+    small = Pose(pose.skeleton, pose.root_position.astype(np.float32), pose.rotation.astype(np.float32))
+    return replace(clip, pose=small), sha256
+
+
+def _computed(
+    sources: Mapping[str, Source], rate: float, workers: int | None, scheduler: str | None, options: ReadingOptions
+) -> Iterator[list[tuple[str, Source, Clip | str, str]]]:
+    """Yield the results of `_prepared`: batches of (key, source, clip or reason, hash)."""
+    made = spread(partial(_prepared, rate=rate, options=options), sources.items(), _processes(workers), scheduler)
+    while batch := [(*item, *result) for item, result in islice(made, BATCH)]:
+        yield batch
+
+
+def _processes(workers: int | None) -> int:
+    """Return how many processes work: all processors for None."""
+    workers = os.cpu_count() or 1 if workers is None else workers
+    if workers < 1:
+        raise BodysenseError(f"{workers} workers cannot be; give at least 1")
+    return workers
+
+
+def _append(group: Any, table: Table, batch: Sequence[tuple[str, Source, Clip | str, str]]) -> Table:
+    """Write a batch behind what the table knows, then the table: a kill between the two leaves nothing half done."""
+    clips, skipped, new = list(table.clips), list(table.skipped), []
+    start = table.frames
+    for key, source, clip, sha256 in batch:
+        if isinstance(clip, str):
+            skipped.append(Skipped(key, sha256, clip))
+            continue
+        clips.append(
+            StoredClip(
+                name=clip.name,
+                source=key,
+                sha256=sha256,
+                start=start,
+                length=len(clip),
+                person=source.person,
+                split=source.split,
+                category=source.category,
+                has_fingers=clip.has_fingers,
+            )
+        )
+        start += len(clip)
+        new.append(clip)
+    if new:
+        for key, known, values in (
+            ("rotation", table.frames, np.concatenate([clip.pose.rotation for clip in new])),
+            ("root_position", table.frames, np.concatenate([clip.pose.root_position for clip in new])),
+            ("rest_offset", len(table.clips), np.stack([clip.pose.skeleton.rest_offset for clip in new])),
+        ):
+            group[key].resize((known + len(values), *values.shape[1:]))
+            group[key][known:] = values
+    group.attrs.update({"clips": [asdict(row) for row in clips], "skipped": [asdict(row) for row in skipped]})
+    return replace(table, clips=tuple(clips), skipped=tuple(skipped))
+
+
+def _publish(group: Any, table: Table, part: Path, store_path: Path) -> None:
+    """Give a whole store its name."""
+    counts = {"rotation": table.frames, "root_position": table.frames, "rest_offset": len(table.clips)}
+    for key, count in counts.items():
+        group[key].resize((count, *group[key].shape[1:]))  # a killed run may have left more than its table knows
+    group.attrs["complete"] = True
+    os.replace(part, store_path)
