@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from bodysense.cli import main
-from bodysense_live.page_files import write_page
+from bodysense_live.page_files import DRACO, write_page
 
 PAGE = Path(__file__).parents[2] / "packages" / "live" / "src" / "bodysense_live" / "page"
 LARGEST = 2_000_000  # bytes, of the whole page
@@ -74,7 +74,7 @@ def test_a_folder_of_the_page_says_what_is_in_it(page: Path, tmp_path: Path) -> 
     written = dict(write_page(tmp_path / "out"))
     about = json.loads((tmp_path / "out" / "page.json").read_text(encoding="utf-8"))
     assert about["server"] is False and about["webcam"] is False
-    assert set(about["files"]) == set(written) - {"page.json", "webcam.js", "camera_worker.js"}
+    assert set(about["files"]) == set(written) - {"page.json", "webcam.js", "camera_worker.js", *DRACO}
     assert {path.name for path in (tmp_path / "out").iterdir()} == set(written)
     assert gzip.decompress((tmp_path / "out" / "completion.safetensors.gz").read_bytes()) == network().read_bytes()
     assert sum(written[name] for name in about["files"]) <= MOST_DOWNLOADED

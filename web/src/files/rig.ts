@@ -112,16 +112,20 @@ function parted(name: string): readonly ["left" | "right" | null, string] {
   return [short[1].toLowerCase().startsWith("l") ? "left" : "right", rest];
 }
 
+/** The joints of a person in a file. Throws an Error of one line if some are missing. */
+export function personJoints(names: readonly string[], file: string): Map<string, number> {
+  const joints = jointsOf(names);
+  const missing = NEEDED.find((joint) => !joints.has(joint));
+  if (missing === undefined) return joints;
+  const few = names.slice(0, 4).join(", ");
+  throw new Error(
+    `${file} is no person that this page knows: none of its ${names.length} joints (${few} …) is a ${missing.replace("_", " ")}; drop a person whose joints have common names.`,
+  );
+}
+
 /** Return the motion on our skeleton, scaled by the rig's legs. Throws an Error of one line for rigs of no person. */
 export function clipOf(rig: RigMotion, tree: Skeleton): Clip {
-  const joints = jointsOf(rig.joints);
-  const missing = NEEDED.filter((joint) => !joints.has(joint));
-  if (missing.length > 0) {
-    const few = rig.joints.slice(0, 4).join(", ");
-    throw new Error(
-      `${rig.name} is no person that this page knows: none of its ${rig.joints.length} joints (${few} …) is a ${missing[0]?.replace("_", " ")}; drop a person's motion whose joints have common names.`,
-    );
-  }
+  const joints = personJoints(rig.joints, rig.name);
   if (rig.frames.length < 2)
     throw new Error(`${rig.name} has ${rig.frames.length} frames; drop a motion of two or more.`);
   if (rig.frames.filter((pose) => isOnFours(pose, joints)).length > rig.frames.length / 2)
@@ -210,7 +214,7 @@ function onSkeleton(rig: RigMotion, joints: ReadonlyMap<string, number>, skeleto
 const FEET = ["left_toe", "right_toe", "left_ankle", "right_ankle"];
 
 /** World rotations of our joints, in their T-pose's axes, while the rig rests. */
-function correctionsOf(rest: RigPose, joints: ReadonlyMap<string, number>, skeleton: Skeleton): Quaternion[] {
+export function correctionsOf(rest: RigPose, joints: ReadonlyMap<string, number>, skeleton: Skeleton): Quaternion[] {
   const at = (joint: string): Vector | null => rest.position[joints.get(joint) ?? -1] ?? null;
   const ours = restOf(skeleton);
   const own = (joint: string): Vector => ours[skeleton.points.indexOf(joint)];

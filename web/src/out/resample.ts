@@ -2,7 +2,7 @@
 
 import { mixRotation } from "../body/clip";
 import type { BodyFrame } from "../history";
-import { LONGEST_TAKE } from "../take";
+import { LONGEST_TAKE } from "../takes";
 
 export interface Motion {
   readonly rate: number; // Hz

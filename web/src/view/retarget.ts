@@ -1,5 +1,6 @@
 /** A pose on a VRM humanoid: which bone each joint is, and the rotations where the avatar lacks some bones. */
 
+import { conjugate, type Quaternion } from "../body/math";
 import { multiply, type Body, type Skeleton } from "../body/skeleton";
 
 const BODY: Readonly<Record<string, string>> = {
@@ -53,6 +54,15 @@ export function drivenJoints(skeleton: Skeleton, hasBone: (bone: string) => bool
     while (above >= 0 && !isDriven[above]) above = skeleton.parents[above];
     return [{ joint, above, bone }];
   });
+}
+
+/** A body's rotations from another rest pose than the T-pose, in which its joints are turned by `corrections`. */
+export function fromRest({ position, rotation }: Body, corrections: readonly Quaternion[]): Body {
+  const turned = new Float32Array(rotation.length);
+  corrections.forEach((correction, joint) =>
+    multiply(rotation, 4 * joint, conjugate(correction), 0, turned, 4 * joint),
+  );
+  return { position, rotation: turned };
 }
 
 /** The rotation (wxyz) of a driven joint from the nearest one above it that is driven as well. */

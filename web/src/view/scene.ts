@@ -48,6 +48,8 @@ export class View {
   });
   private readonly finest: number; // anisotropy of textures
   private isPortrait = false;
+  private isRoom = false;
+  private look: Look = "light";
 
   /** `over` lies over the bottom of the canvas where it is fixed: the body stands above it.
    *
@@ -130,10 +132,18 @@ export class View {
     this.floor.position.set(x, 0, z);
   }
 
+  /** Whether the wearer's own room is behind the body, in place of the page's floor. */
+  showRoom(isRoom: boolean): void {
+    this.isRoom = isRoom;
+    this.paint(this.look);
+  }
+
   paint(look: Look): void {
-    this.scene.background = this.isClear ? null : new Color(PAPER[look]);
-    this.scene.fog = this.isClear ? null : new Fog(PAPER[look], 7, 14);
-    this.paint_.visible = !this.isClear;
+    this.look = look;
+    const isBare = this.isClear || this.isRoom;
+    this.scene.background = isBare ? null : new Color(PAPER[look]);
+    this.scene.fog = isBare ? null : new Fog(PAPER[look], 7, 14);
+    this.paint_.visible = !isBare;
     this.paint_.map?.dispose();
     this.paint_.map = floorTexture(FLOOR[look][0], FLOOR[look][1]);
     this.paint_.map.anisotropy = this.finest;

@@ -30,7 +30,8 @@ WEBCAM = (
     "vision_wasm_module_internal.js",
     "vision_wasm_module_internal.wasm",
 )
-_WHEN_SEEN = frozenset({*WEBCAM, "webcam.js", "camera_worker.js"})  # cached for later visits once they were used
+DRACO = ("DRACOLoader.js", "draco_decoder.wasm", "draco_wasm_wrapper.js")  # for files that are packed by it
+_WHEN_SEEN = frozenset({*WEBCAM, *DRACO, "webcam.js", "camera_worker.js"})  # cached for later visits once they were used
 
 
 def built() -> Path:
