@@ -1,6 +1,6 @@
 /** A motion and its observation by simulated sensors. */
 
-import type { Quaternion, Vector } from "./math";
+import { quaternionAt, vectorAt } from "./math";
 import { ACCURACY, type Observation } from "./observation";
 import { place, type Body, type Skeleton } from "./skeleton";
 
@@ -54,8 +54,7 @@ export function duration({ frames, rate }: Clip): number {
 export function observe(body: Body, skeleton: Skeleton, sensors: readonly string[], time: number): Observation {
   const points = sensors.map((name) => {
     const point = skeleton.points.indexOf(name);
-    const position = Array.from(body.position.subarray(3 * point, 3 * point + 3)) as unknown as Vector;
-    const rotation = Array.from(body.rotation.subarray(4 * point, 4 * point + 4)) as unknown as Quaternion;
+    const [position, rotation] = [vectorAt(body.position, point), quaternionAt(body.rotation, point)];
     return { name, position, rotation, accuracy: ACCURACY.exact };
   });
   return { time, points };

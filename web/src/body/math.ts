@@ -6,6 +6,21 @@ export type { Quaternion, Vector } from "@bodysense/core";
 
 export const UPRIGHT: Quaternion = [1, 0, 0, 0];
 
+/** The vector in a row of an array of three columns. */
+export const vectorAt = (values: ArrayLike<number>, row: number): Vector => [
+  values[3 * row],
+  values[3 * row + 1],
+  values[3 * row + 2],
+];
+
+/** The quaternion in a row of an array of four columns. */
+export const quaternionAt = (values: ArrayLike<number>, row: number): Quaternion => [
+  values[4 * row],
+  values[4 * row + 1],
+  values[4 * row + 2],
+  values[4 * row + 3],
+];
+
 export const add = (a: Vector, b: Vector): Vector => [a[0] + b[0], a[1] + b[1], a[2] + b[2]];
 export const subtract = (a: Vector, b: Vector): Vector => [a[0] - b[0], a[1] - b[1], a[2] - b[2]];
 export const scaled = (a: Vector, by: number): Vector => [a[0] * by, a[1] * by, a[2] * by];

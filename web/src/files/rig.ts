@@ -16,10 +16,11 @@ import {
   subtract,
   unit,
   UPRIGHT,
+  vectorAt,
   type Quaternion,
   type Vector,
 } from "../body/math";
-import { place, type Skeleton } from "../body/skeleton";
+import { place, restPoints, type Skeleton } from "../body/skeleton";
 
 /** A rig in world axes: where its joints are and how they are turned, at rest and in every frame. */
 export interface RigMotion {
@@ -216,7 +217,7 @@ const FEET = ["left_toe", "right_toe", "left_ankle", "right_ankle"];
 /** World rotations of our joints, in their T-pose's axes, while the rig rests. */
 export function correctionsOf(rest: RigPose, joints: ReadonlyMap<string, number>, skeleton: Skeleton): Quaternion[] {
   const at = (joint: string): Vector | null => rest.position[joints.get(joint) ?? -1] ?? null;
-  const ours = restOf(skeleton);
+  const ours = restPoints(skeleton);
   const own = (joint: string): Vector => ours[skeleton.points.indexOf(joint)];
   const facing = multiply(
     facingOf((joint) => at(joint) ?? [0, 0, 0]),
@@ -236,7 +237,7 @@ export function correctionsOf(rest: RigPose, joints: ReadonlyMap<string, number>
       corrections.push(above);
       continue;
     }
-    const bone = rotate(above, Array.from(skeleton.restOffset.subarray(3 * child, 3 * child + 3)) as unknown as Vector);
+    const bone = rotate(above, vectorAt(skeleton.restOffset, child));
     corrections.push(multiply(between(bone, subtract(to, from)), above));
   }
   return corrections;
@@ -245,15 +246,6 @@ export function correctionsOf(rest: RigPose, joints: ReadonlyMap<string, number>
 /** The axes of a standing body, from where its joints are. */
 function facingOf(at: (joint: string) => Vector): Quaternion {
   return frameOf(subtract(at("left_hip"), at("right_hip")), subtract(at("head"), at("pelvis")));
-}
-
-function restOf({ parents, restOffset }: Skeleton): Vector[] {
-  const found: Vector[] = [];
-  parents.forEach((parent, point) => {
-    const offset = [0, 1, 2].map((k) => restOffset[3 * point + k]) as unknown as Vector;
-    found.push(parent < 0 ? [0, 0, 0] : add(found[parent], offset));
-  });
-  return found;
 }
 
 /** The point that a limb's bone leads to: the one with the same side and the next part. */
@@ -292,9 +284,6 @@ function levelled(rig: RigMotion, joints: ReadonlyMap<string, number>): RigMotio
 }
 
 function legOf({ points, restOffset }: Skeleton): number {
-  const length = (name: string): number => {
-    const at = 3 * points.indexOf(name);
-    return Math.hypot(restOffset[at], restOffset[at + 1], restOffset[at + 2]);
-  };
+  const length = (name: string): number => size(vectorAt(restOffset, points.indexOf(name)));
   return length("left_knee") + length("left_ankle");
 }

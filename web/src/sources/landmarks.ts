@@ -7,6 +7,7 @@
 import {
   add,
   cross,
+  dot,
   fromAxes,
   rotate,
   scaled,
@@ -18,7 +19,7 @@ import {
   type Vector,
 } from "../body/math";
 import { ACCURACY, type Point } from "../body/observation";
-import type { Skeleton } from "../body/skeleton";
+import { restPoints, type Skeleton } from "../body/skeleton";
 
 /** MediaPipe's 33 landmarks of one frame; axes of the camera: x to the right of the picture, y up, z to the camera. */
 export interface Landmarks {
@@ -213,16 +214,12 @@ function located({ position }: Laid, { picture, visible }: Landmarks, focal: num
 /** The rotation whose x is along `across` and whose y is nearest to `up`. */
 function frame(across: Vector, up: Vector): Quaternion {
   const x = unit(across);
-  const y = unit(subtract(up, scaled(x, up[0] * x[0] + up[1] * x[1] + up[2] * x[2])));
+  const y = unit(subtract(up, scaled(x, dot(up, x))));
   return fromAxes(x, y, cross(x, y));
 }
 
 /** Points of the rest pose, m from the root. */
-function restOf({ points, parents, restOffset }: Skeleton): Map<string, Vector> {
-  const found: Vector[] = [];
-  parents.forEach((parent, point) => {
-    const offset = [0, 1, 2].map((k) => restOffset[3 * point + k]) as unknown as Vector;
-    found.push(parent < 0 ? [0, 0, 0] : add(found[parent], offset));
-  });
-  return new Map(points.map((name, point) => [name, found[point]]));
+function restOf(skeleton: Skeleton): Map<string, Vector> {
+  const rest = restPoints(skeleton);
+  return new Map(skeleton.points.map((name, point) => [name, rest[point]]));
 }

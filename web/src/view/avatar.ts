@@ -33,7 +33,6 @@ export class Avatar {
   private skeleton: Skeleton | null = null; // that it is fitted to
   private readonly isOld: boolean; // VRM 0 faces −Z, VRM 1 and the body here +Z
   private readonly hipsHeight: number; // m, in the avatar's rest pose
-  private readonly rotation = new Float32Array(4);
 
   /** `corrections`: world rotations of the body's joints in its T-pose's axes while the avatar rests; null: the same. */
   constructor(
@@ -71,7 +70,7 @@ export class Avatar {
     const turned = this.corrections ? fromRest(body, this.corrections) : body;
     const flip = this.isOld ? -1 : 1;
     for (const driven of this.driven) {
-      const [w, x, y, z] = localRotation(turned, driven, this.rotation);
+      const [w, x, y, z] = localRotation(turned, driven);
       humanoid.getNormalizedBoneNode(driven.bone as VRMHumanBoneName)?.quaternion.set(flip * x, y, flip * z, w);
     }
     const [x, y, z] = body.position;
