@@ -52,6 +52,15 @@ export function normalized(q: Quaternion): Quaternion {
   return [q[0] / length, q[1] / length, q[2] / length, q[3] / length];
 }
 
+/** Between two places, `share` of the way. */
+export const mixed = (a: Vector, b: Vector, share: number): Vector => add(a, scaled(subtract(b, a), share));
+
+/** Between two rotations along the shorter arc, `share` of the way. */
+export function mixedTurn(a: Quaternion, b: Quaternion, share: number): Quaternion {
+  const near = (1 - share) * Math.sign(a.reduce((sum, value, k) => sum + value * b[k], 0) || 1);
+  return normalized(b.map((value, k) => near * a[k] + share * value) as unknown as Quaternion);
+}
+
 export function rotate([w, x, y, z]: Quaternion, v: Vector): Vector {
   const t = scaled(cross([x, y, z], v), 2);
   return add(add(v, scaled(t, w)), cross([x, y, z], t));
@@ -98,22 +107,4 @@ export function between(from: Vector, to: Vector): Quaternion {
 /** The turn about +Y in a rotation. */
 export function heading([w, , y]: Quaternion): Quaternion {
   return Math.hypot(w, y) < 1e-9 ? UPRIGHT : normalized([w, 0, y, 0]);
-}
-
-/** Solve A·x = b for a symmetric positive A (n × n, in rows); both are overwritten. */
-export function solve(matrix: Float64Array[], values: Float64Array): Float64Array {
-  const n = values.length;
-  for (let column = 0; column < n; column++) {
-    const row = matrix[column];
-    for (let below = column + 1; below < n; below++) {
-      const share = matrix[below][column] / row[column];
-      for (let k = column; k < n; k++) matrix[below][k] -= share * row[k];
-      values[below] -= share * values[column];
-    }
-  }
-  for (let row = n - 1; row >= 0; row--) {
-    for (let k = row + 1; k < n; k++) values[row] -= matrix[row][k] * values[k];
-    values[row] /= matrix[row][row];
-  }
-  return values;
 }

@@ -4,15 +4,16 @@
  * landmarks with the body's own bones, from the pelvis outward. Where the body is follows from where it is seen.
  */
 
+import { Matrix3, Vector3 } from "three";
 import {
   add,
   cross,
   dot,
   fromAxes,
+  mixed,
   rotate,
   scaled,
   size,
-  solve,
   subtract,
   unit,
   type Quaternion,
@@ -71,11 +72,8 @@ export class LandmarkPoints {
     const seen = located(laid, landmarks, this.focal);
     const [near, far] = [1 - 2 ** (-passed / 0.1), 1 - 2 ** (-passed / 0.3)];
     const before = this.place ?? seen;
-    this.place = [
-      before[0] + near * (seen[0] - before[0]),
-      before[1] + near * (seen[1] - before[1]),
-      before[2] + far * (seen[2] - before[2]),
-    ];
+    const [x, y] = mixed(before, seen, near);
+    this.place = [x, y, mixed(before, seen, far)[2]];
     this.begun ??= this.place[2];
     const rest = restOf(skeleton);
     const up = skeleton.restOffset[1]; // m: how high the pelvis stands over the floor at rest
@@ -190,13 +188,11 @@ function handOf(side: (typeof SIDES)[number], world: readonly Vector[]): Quatern
 
 /** Where the pelvis is in the camera's axes, so that joints are seen where the landmarks are: least squares. */
 function located({ position }: Laid, { picture, visible }: Landmarks, focal: number): Vector {
-  const normal = Array.from({ length: 3 }, () => new Float64Array(3));
-  const right = new Float64Array(3);
-  const addRow = (row: readonly number[], value: number, pull: number): void => {
-    for (let i = 0; i < 3; i++) {
-      right[i] += pull * pull * row[i] * value;
-      for (let j = 0; j < 3; j++) normal[i][j] += pull * pull * row[i] * row[j];
-    }
+  const normal = new Matrix3(0, 0, 0, 0, 0, 0, 0, 0, 0);
+  const right = new Vector3();
+  const addRow = (row: Vector, value: number, pull: number): void => {
+    right.addScaledVector(new Vector3(...row), pull * pull * value);
+    for (let k = 0; k < 9; k++) normal.elements[k] += pull * pull * row[k % 3] * row[Math.floor(k / 3)];
   };
   for (const side of SIDES) {
     for (const part of PLACED_BY) {
@@ -207,7 +203,7 @@ function located({ position }: Laid, { picture, visible }: Landmarks, focal: num
       addRow([0, focal, -v], -focal * q[1] - v * q[2], pull);
     }
   }
-  const [x, y, depth] = solve(normal, right);
+  const { x, y, z: depth } = right.applyMatrix3(normal.invert());
   return [x, y, -Math.max(depth, NEAR)];
 }
 
