@@ -11,11 +11,13 @@ from importlib.resources.abc import Traversable
 from pathlib import Path
 
 import pytest
+from PIL import Image
 
 from bodysense.cli import main
 from bodysense_live.page_files import DRACO, write_page
 
 PAGE = Path(__file__).parents[2] / "packages" / "live" / "src" / "bodysense_live" / "page"
+LARGEST_FILM = 1_500_000  # bytes
 LARGEST = 2_000_000  # bytes, of the whole page
 MOST_DOWNLOADED = 5_000_000  # bytes, of everything but the webcam's, as a host sends it that packs nothing
 
@@ -93,6 +95,15 @@ def test_a_folder_of_the_page_cannot_be_a_file(tmp_path: Path, capsys: pytest.Ca
     assert capsys.readouterr().err == f"bodysense: --out {tmp_path / 'file'}: it is a file; give a folder\n"
     assert main(["page", "--out", str(tmp_path / "new"), "--webcam", str(tmp_path)]) == 2
     assert "no pose_landmarker_full.task in it" in capsys.readouterr().err
+
+
+def test_the_readme_opens_with_the_pages_film() -> None:
+    root = Path(__file__).parents[2]
+    pictures = re.findall(r"!\[.*?\]\((.*?)\)", (root / "README.md").read_text(encoding="utf-8"))
+    film = root / pictures[0]
+    assert film.name == "film.webp" and film.stat().st_size <= LARGEST_FILM
+    with Image.open(film) as read:
+        assert getattr(read, "n_frames", 1) > 100 and read.width / read.height > 1.5
 
 
 def contents(folder: Path) -> dict[str, bytes]:

@@ -15,7 +15,7 @@ export function bindPanels(names: readonly string[]): void {
     button(name).onclick = () => {
       if (!panelOf(name).hidden) return show(null);
       show(name);
-      panelOf(name).scrollIntoView(); // on a phone it is below the doors
+      panelOf(name).scrollIntoView({ block: "nearest" }); // on a phone it is below the stage
       panelOf(name).focus({ preventScroll: true });
     };
   addEventListener("keydown", ({ key }) => {
