@@ -9,7 +9,7 @@ export interface Take {
   readonly part: readonly [number, number] | null; // s since its first frame; null: the whole
 }
 
-/** What a person decides about a take. */
+/** Name and cut of a take. */
 export type Description = Pick<Take, "id" | "name" | "part">;
 
 /** Keeps takes over a reload. */
@@ -60,7 +60,7 @@ export class Takes {
     if (last) this.add(last);
   }
 
-  /** End the recording, if there is one. A take of a single frame is none. */
+  /** End the recording, if there is one; a single frame is dropped. */
   end(): void {
     const { recorded, id } = this;
     this.recorded = null;
