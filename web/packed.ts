@@ -27,8 +27,8 @@ const START = `<link rel="preload" as="script" crossorigin href="$1" />
         });
     </script>`;
 
-/** The chunk's name and its modules, for the build's options. */
-export const PACKED = { name: NAME, test: /node_modules\/three\// } as const;
+/** The chunk's name and its modules, for the build's options; Draco's loader finds its decoder by its own address. */
+export const PACKED = { name: NAME, test: /node_modules\/(three|@pixiv)\/(?!.*DRACO)/ } as const;
 
 export function packedThree(): Plugin {
   return {

@@ -15,8 +15,19 @@ function workerLicenses(): Plugin {
       this.emitFile({
         type: "asset",
         fileName: "licenses-workers.md",
-        source: `# Licenses of the workers\n\n## ${name} - ${version} (${license})\n`,
+        source: `# Licenses of the workers\n\n## ${name} - ${version} (${license})\n\n## draco, of three's libraries (Apache-2.0)\n`,
       });
+    },
+  };
+}
+
+/** Draco's loader carries two decoders; only glTF's smaller one is used here. */
+function oneDraco(): Plugin {
+  return {
+    name: "one-draco",
+    transform: {
+      filter: { id: /DRACOLoader\.js/ },
+      handler: (code) => code.replace(/^const (\w+_URL) = .*$/gm, 'const $1 = "";'),
     },
   };
 }
@@ -53,7 +64,7 @@ const core = (path: string): string => fileURLToPath(new URL(`core/${path}`, imp
 // The built page is package data of bodysense_live: names without hashes, so that a rebuild changes files in place.
 export default defineConfig({
   base: "./",
-  plugins: [workerLicenses(), packedThree(), marked()],
+  plugins: [oneDraco(), workerLicenses(), packedThree(), marked()],
   resolve: {
     alias: [
       { find: /^@bodysense\/core$/, replacement: core("src/index.ts") },

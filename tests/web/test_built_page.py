@@ -11,11 +11,13 @@ from importlib.resources.abc import Traversable
 from pathlib import Path
 
 import pytest
+from PIL import Image
 
 from bodysense.cli import main
-from bodysense_live.page_files import write_page
+from bodysense_live.page_files import DRACO, write_page
 
 PAGE = Path(__file__).parents[2] / "packages" / "live" / "src" / "bodysense_live" / "page"
+LARGEST_FILM = 1_500_000  # bytes
 LARGEST = 2_000_000  # bytes, of the whole page
 MOST_DOWNLOADED = 5_000_000  # bytes, of everything but the webcam's, as a host sends it that packs nothing
 
@@ -74,7 +76,7 @@ def test_a_folder_of_the_page_says_what_is_in_it(page: Path, tmp_path: Path) -> 
     written = dict(write_page(tmp_path / "out"))
     about = json.loads((tmp_path / "out" / "page.json").read_text(encoding="utf-8"))
     assert about["server"] is False and about["webcam"] is False
-    assert set(about["files"]) == set(written) - {"page.json", "webcam.js", "camera_worker.js"}
+    assert set(about["files"]) == set(written) - {"page.json", "webcam.js", "camera_worker.js", *DRACO}
     assert {path.name for path in (tmp_path / "out").iterdir()} == set(written)
     assert gzip.decompress((tmp_path / "out" / "completion.safetensors.gz").read_bytes()) == network().read_bytes()
     assert sum(written[name] for name in about["files"]) <= MOST_DOWNLOADED
@@ -93,6 +95,15 @@ def test_a_folder_of_the_page_cannot_be_a_file(tmp_path: Path, capsys: pytest.Ca
     assert capsys.readouterr().err == f"bodysense: --out {tmp_path / 'file'}: it is a file; give a folder\n"
     assert main(["page", "--out", str(tmp_path / "new"), "--webcam", str(tmp_path)]) == 2
     assert "no pose_landmarker_full.task in it" in capsys.readouterr().err
+
+
+def test_the_readme_opens_with_the_pages_film() -> None:
+    root = Path(__file__).parents[2]
+    pictures = re.findall(r"!\[.*?\]\((.*?)\)", (root / "README.md").read_text(encoding="utf-8"))
+    film = root / pictures[0]
+    assert film.name == "film.webp" and film.stat().st_size <= LARGEST_FILM
+    with Image.open(film) as read:
+        assert getattr(read, "n_frames", 1) > 100 and read.width / read.height > 1.5
 
 
 def contents(folder: Path) -> dict[str, bytes]:

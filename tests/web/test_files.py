@@ -68,6 +68,10 @@ def test_motion_of_amass_in_fortrans_order_with_more_arrays_is_taken(made: dict[
     assert "from the truth" in made["fortran.npz"]["shown"]
 
 
+def test_an_avatar_that_draco_packed_is_worn(made: dict[str, Any]) -> None:
+    assert made["packed.vrm"]["worn"] == "packed.vrm" and made["packed.vrm"]["notice"] is None
+
+
 @pytest.mark.parametrize("name", ["texts.npz", "zeros.npz", "line.jsonl"])
 def test_small_files_that_unpack_to_much_are_refused_at_once(made: dict[str, Any], name: str) -> None:
     assert made[name]["notice"].startswith(f"{name} cannot be used: its ")

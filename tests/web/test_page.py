@@ -112,6 +112,7 @@ def test_a_wearer_sees_themselves_and_keeps_their_take(scenario: Scenario, site:
     assert "43 points" in said["hands"]["shown"]  # the head, two wrists, and 20 points a hand
     assert re.match(r"The headset ended the session\. Your take of [\d.]+ s is kept", said["after"])
     assert said["refused"].startswith("The headset did not let this page in") and said["take"] == said["stillThere"]
+    assert said["room"] == {"isOffered": True, "blend": "alpha-blend"}
     take = read_bvh(tmp_path / "take.bvh")
     assert len(take) > 2
     position, rotation = map(np.asarray, forward_kinematics(take.pose))
@@ -134,17 +135,35 @@ def test_a_headset_is_followed_at_its_own_rate_without_growth(scenario: Scenario
     assert "3 points tracked" in facts["shown"]
 
 
-def test_a_take_is_there_after_a_reload(scenario: Scenario, site: Path, tmp_path: Path) -> None:
-    said = scenario("kept", site, tmp_path / "take.bvh")
-    seconds = [float(re.findall(r"take has ([\d.]+) s", said[when])[0]) for when in ("before", "after")]
+Kept = tuple[Path, dict[str, Any]]
+
+
+@pytest.fixture(scope="module")
+def kept(scenario: Scenario, site: Path, tmp_path_factory: pytest.TempPathFactory) -> Kept:
+    folder = tmp_path_factory.mktemp("kept")
+    return folder, scenario("kept", site, folder / "take.bvh")
+
+
+def test_a_take_is_there_after_a_reload(kept: Kept) -> None:
+    folder, said = kept
+    seconds = [float(re.findall(r"Take 1: ([\d.]+) s", said[when])[0]) for when in ("before", "after")]
     assert seconds[0] == seconds[1] > 0.5
-    clip = read_bvh(tmp_path / "take.bvh")
+    clip = read_bvh(folder / "take.bvh")
     # The file's last frame comes a frame sooner at most, and the page says tenths.
     assert abs((len(clip) - 1) / clip.frame_rate - seconds[0]) < 1 / clip.frame_rate + 0.05
     assert said["full"] == (
         "This browser's storage is full: your take is kept until you leave the page; save it as a file."
     )
-    assert said["still"] == "bodysense.bvh"
+    assert said["still"] == "Take 1.bvh"
+
+
+def test_takes_have_names_and_are_cut_and_deleted(kept: Kept) -> None:
+    folder, said = kept
+    assert said["names"] == ["Take 1", "Take 2"]
+    assert said["named"] == "Walk.bvh" and said["cut"].startswith("Walk: ")
+    whole, part = (read_bvh(folder / name) for name in ("take.bvh", "take.bvh.part.bvh"))
+    assert abs(len(part) - len(whole) / 2) <= 3
+    assert said["kept"] == {"take": said["cut"], "count": 1}  # over a reload
 
 
 def test_a_body_goes_by_a_bridge_to_an_avatar(scenario: Scenario, site: Path) -> None:

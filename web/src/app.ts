@@ -16,13 +16,17 @@ import { Playback } from "./playback";
 import { loadSettings, saveSettings, type Settings } from "./settings";
 import { ClipSource } from "./sources/clip_source";
 import { RecordingSource } from "./sources/recording_source";
+import type { Immersion } from "./sources/headset";
 import { socketAddress } from "./server/connection";
 import type { Source } from "./sources/source";
+import { TakeSource } from "./sources/take_source";
 import { followedBy, Watching } from "./sources/watching";
+import { partOf, type Take } from "./takes";
 import { BridgePanel } from "./ui/bridge_panel";
 import { onFile } from "./ui/drop";
 import { onKeys } from "./ui/keys";
 import { LookPanel } from "./ui/look_panel";
+import { bindPanels } from "./ui/panels";
 import { SensorPanel } from "./ui/sensor_panel";
 import { showStatus } from "./ui/status";
 import { applyTheme, nextTheme, onSystemChange } from "./ui/theme";
@@ -53,6 +57,7 @@ export class App {
   private readonly first = new FirstPicture(() => this.attempt(() => this.wearOwn()));
   private shownAt = 0; // ms
   private toldAt = 0; // ms
+  private enteredAt = 0; // ms since 1970: when the headset was put on
   private readonly playback = new Playback();
   private readonly measuring = new Measuring((text) => this.say(text));
   private readonly notice = new Notice();
@@ -87,6 +92,8 @@ export class App {
     this.live.settings = { floor: 0, holdFeet: this.settings.holdFeet };
     this.takes = new TakePanel(this.live.history, body.skeleton, {
       skeleton: () => this.tree,
+      show: (take) => this.attempt(() => this.showTake(take)),
+      time: () => this.playback.time - this.live.history.first,
       fault: (error) => this.fault(error),
     });
     this.timeline = new Timeline(this.playback, () => this.live.history);
@@ -120,8 +127,8 @@ export class App {
       measure: () => this.attempt(async () => this.measure()),
       taller: (by) => this.attempt(async () => this.tellHeight(this.tallerBy(by))),
       height: () => this.settings.height,
-      record: () => this.takes.toggle(),
-      isRecording: () => this.takes.take.isRecording,
+      record: () => this.takes.takes.toggle(),
+      isRecording: () => this.takes.takes.isRecording,
       lookName: () => this.lookName ?? "figure",
       nextLook: () => this.showNext(),
       seated: (isSeated) => this.you.showSeated(isSeated),
@@ -145,24 +152,17 @@ export class App {
       this.change({ theme: nextTheme(this.settings.theme) });
       this.repaint();
     };
-    const settings = button("settings");
-    const panel = element("panel");
-    const open = (isOpen: boolean): void => {
-      panel.hidden = !isOpen;
-      settings.setAttribute("aria-expanded", String(isOpen));
-      if (!isOpen) return settings.focus();
-      panel.scrollIntoView(); // on a phone it is below the doors
-      panel.focus({ preventScroll: true });
-    };
-    settings.onclick = () => open(panel.hidden === true);
-    addEventListener("keydown", ({ key }) => {
-      if (key === "Escape" && !panel.hidden) open(false);
-    });
+    bindPanels(["takes", "settings"]);
     onFile((file) => this.attempt(() => this.open(file)));
     this.offer("door-performance", () => this.perform());
     button("door-server").hidden = !this.about.server;
     this.offer("door-server", () => this.watchServer());
-    this.offer("door-headset", () => this.enterHeadset());
+    this.offer("door-headset", () => this.enterHeadset("immersive-vr"));
+    this.offer("door-room", () => this.enterHeadset("immersive-ar"));
+    void navigator.xr?.isSessionSupported("immersive-ar").then(
+      (isThere) => (button("door-room").hidden = !isThere),
+      () => undefined, // a browser that forbids to ask
+    );
     button("door-webcam").hidden = !this.about.webcam;
     this.offer("door-webcam", () => this.watchWebcam());
     onKeys({
@@ -220,8 +220,9 @@ export class App {
     this.awaited = source;
   }
 
-  private async enterHeadset(): Promise<void> {
-    await this.headset.enter();
+  private async enterHeadset(mode: Immersion): Promise<void> {
+    await this.headset.enter(mode);
+    this.enteredAt = Date.now();
     if (this.about.server) this.bridge.open(socketAddress({ href: this.base }));
   }
 
@@ -233,8 +234,16 @@ export class App {
     else source.stop(); // something else was chosen in the meantime
   }
 
+  /** A take on the stage; null: the performance, for the take is gone. */
+  private async showTake(take: Take | null): Promise<void> {
+    if (!take) return this.perform();
+    this.begin(new TakeSource(() => this.takes.takes.all.find(({ id }) => id === take.id) ?? take));
+    this.live.replay(take.frames);
+    this.playback.seek(0);
+  }
+
   private begin(source: Source): void {
-    this.takes.end();
+    this.takes.leave();
     if (this.awaited !== source) this.awaited?.stop();
     this.awaited = null;
     if (this.source !== source) this.source?.stop(); // a headset that is worn again is the same source
@@ -374,10 +383,11 @@ export class App {
   }
 
   private afterHeadset(text: string, isFault: boolean): void {
-    this.takes.end();
-    const { frames, seconds } = this.takes.take;
-    const kept = frames[0] ? ` Your take of ${seconds.toFixed(1)} s is kept: save it under Settings.` : "";
-    if (frames[0]) this.playback.seek(frames[0].time);
+    const { takes } = this.takes;
+    takes.end();
+    const take = takes.all.find(({ id }) => id >= this.enteredAt);
+    const kept = take ? ` Your take of ${partOf(take)[1].toFixed(1)} s is kept: it is under Takes.` : "";
+    if (take) this.playback.seek(take.frames[0].time);
     this.playback.playing = true;
     if (isFault) this.notice.fault(text + kept);
     else this.say(text + kept);
@@ -414,18 +424,21 @@ export class App {
     const seconds = Math.min((milliseconds - this.shownAt) / 1000, 0.1);
     this.shownAt = milliseconds;
     this.source?.frame(milliseconds, frame);
+    if (this.source instanceof TakeSource) this.source.repeat(this.playback);
     const moment = this.playback.step(this.live.history, seconds);
     if (!this.source) return;
     if (moment) {
       this.first.draw(moment);
-      this.bodies.show(moment, this.tree, this.settings, seconds);
+      // You know what you wear: ghosts are for others' devices.
+      const shown = { ...this.settings, ghosts: this.settings.ghosts && !this.source.isYou };
+      this.bodies.show(moment, this.tree, shown, seconds);
       if (!this.headset.isWorn) this.view.follow(moment.rootPosition[0], moment.rootPosition[2], seconds);
     }
     if (milliseconds - this.toldAt < FACTS_EVERY) return;
     this.toldAt = milliseconds;
     this.sensors.offer(this.source.sensors, this.source instanceof ClipSource);
     this.timeline.show();
-    this.takes.show();
+    this.takes.draw();
     this.look.show(this.settings, this.bodies.wardrobe, (moment?.truth ?? null) !== null);
     const title =
       this.live.isReady || this.source instanceof Watching ? this.source.title : "The network is on its way";

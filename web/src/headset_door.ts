@@ -3,7 +3,7 @@
 import type { Observation } from "./body/observation";
 import type { DefaultBody } from "./engine/files";
 import type { Live } from "./live";
-import { Headset, missingForHeadset } from "./sources/headset";
+import { Headset, missingForHeadset, type Immersion } from "./sources/headset";
 import type { Source } from "./sources/source";
 import type { View } from "./view/scene";
 import { VrMenu } from "./view/vr_menu";
@@ -66,11 +66,11 @@ export class HeadsetDoor {
   }
 
   /** From a click. Throws an Error of one line that says what is missing. */
-  async enter(): Promise<void> {
+  async enter(mode: Immersion): Promise<void> {
     if (this.isWorn) return;
     const missing = await missingForHeadset();
     if (missing) throw new Error(missing);
-    await this.headset.enter();
+    await this.headset.enter(mode);
     this.isWorn = true;
     this.events.begin(this.headset);
   }

@@ -31,7 +31,7 @@ export class History {
   readonly moments: Moment[] = [];
   added: (moment: Moment) => void = () => undefined; // is told of every new one
 
-  constructor(private readonly limit: number = LIMIT) {}
+  constructor(readonly limit: number = LIMIT) {}
 
   get first(): number {
     return this.moments[0]?.time ?? 0;

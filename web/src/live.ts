@@ -1,10 +1,10 @@
 /** The live body: observations go to the worker, completed bodies go to the history. */
 
-import type { Observation } from "./body/observation";
-import type { Body, Skeleton } from "./body/skeleton";
+import type { Observation, Point } from "./body/observation";
+import { place, withOffsets, type Body, type Skeleton } from "./body/skeleton";
 import type { Engine, Step } from "./engine/engine";
 import { TRACKER_SETTINGS, type TrackerSettings } from "./engine/tracker";
-import { History } from "./history";
+import { History, type BodyFrame, type Moment } from "./history";
 import type { Sink } from "./sources/source";
 import { NOBODY, type Person } from "./wearer";
 
@@ -20,6 +20,7 @@ export class Live implements Sink {
   left = 0; // frames that the worker had no time for
   newest: Step["body"] | null = null;
   isReady = false; // the network is there
+  private isPreview = false; // what the timeline holds was not completed
   private take = 0; // answers to frames of an earlier source are dropped
 
   constructor(
@@ -31,7 +32,7 @@ export class Live implements Sink {
     void engine.opened.then(
       () => {
         this.isReady = true;
-        this.history.clear();
+        if (this.isPreview) this.history.clear();
       },
       () => undefined, // which the page says
     );
@@ -44,6 +45,7 @@ export class Live implements Sink {
     this.newest = null;
     this.hidden = new Set();
     this.history.clear();
+    this.isPreview = false;
     this.engine.start(person, this.settings);
   }
 
@@ -75,6 +77,16 @@ export class Live implements Sink {
     );
   }
 
+  /** Frames that were completed before; of more than the timeline holds every second, third … */
+  replay(frames: readonly BodyFrame[]): void {
+    const step = Math.ceil(frames.length / this.history.limit);
+    frames.forEach((frame, k) => {
+      if (k % step > 0) return;
+      const { rootPosition, rotation, restOffset } = frame;
+      this.history.add(momentOf(frame, place(withOffsets(this.skeleton, restOffset), rootPosition, rotation), []));
+    });
+  }
+
   /** The share of steps that took at most so long, ms. */
   quantile(share: number): number {
     const sorted = [...this.times].sort((a, b) => a - b);
@@ -83,18 +95,10 @@ export class Live implements Sink {
 
   /** Until the network is there, the motion itself is shown. */
   private preview({ time, points }: Observation, truth: Body): void {
-    this.history.add({
-      sourceTime: time,
-      rootPosition: truth.position.slice(0, 3),
-      rotation: new Float32Array(4 * this.skeleton.joints),
-      restOffset: this.skeleton.restOffset,
-      body: truth,
-      signal: points,
-      truth: null,
-      expected: null,
-      measured: null,
-      milliseconds: 0,
-    });
+    this.isPreview = true;
+    const rotation = new Float32Array(4 * this.skeleton.joints);
+    const frame = { time, rootPosition: truth.position.slice(0, 3), rotation, restOffset: this.skeleton.restOffset };
+    this.history.add(momentOf(frame, truth, points));
   }
 
   private keep({ body, milliseconds }: Step, { points }: Observation, truth: Body | null): void {
@@ -115,4 +119,10 @@ export class Live implements Sink {
       milliseconds,
     });
   }
+}
+
+/** A frame that is shown as it is: nothing completes it. */
+function momentOf(frame: BodyFrame, body: Body, signal: readonly Point[]): Omit<Moment, "time" | "isJump"> {
+  const { time, ...pose } = frame;
+  return { ...pose, sourceTime: time, body, signal, truth: null, expected: null, measured: null, milliseconds: 0 };
 }

@@ -11,19 +11,11 @@ export const input = (id: string): HTMLInputElement => find(id, HTMLInputElement
 export const select = (id: string): HTMLSelectElement => find(id, HTMLSelectElement);
 export const element = (id: string): HTMLElement => find(id, HTMLElement);
 
-/** Fill a select with choices (value, text) and call back with what is chosen. */
-export function choices<T extends string>(
-  id: string,
-  options: readonly (readonly [T, string])[],
-  value: T,
-  chosen: (value: T) => void,
-): void {
+/** Show one choice of a select, and call back with what is chosen. */
+export function choice<T extends string>(id: string, value: T, chosen: (value: T) => void): void {
   const box = select(id);
-  box.replaceChildren(...options.map(([key, text]) => new Option(text, key, key === value, key === value)));
-  box.onchange = () => {
-    const option = options.find(([key]) => key === box.value);
-    if (option) chosen(option[0]);
-  };
+  box.value = value;
+  box.onchange = () => chosen(box.value as T);
 }
 
 /** A labelled checkbox. */

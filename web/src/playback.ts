@@ -2,8 +2,6 @@
 
 import type { History, Moment } from "./history";
 
-export const SPEEDS = [0.1, 0.25, 0.5, 1, 2, 4] as const;
-
 export class Playback {
   live = true;
   playing = true;

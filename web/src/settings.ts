@@ -25,6 +25,7 @@ export const DEFAULT_SETTINGS: Settings = {
   colouring: "plain",
   truth: false,
   signal: false, // marks on a face are for who asks what is tracked
+  ghosts: true,
   theme: "auto",
 };
 
@@ -44,6 +45,7 @@ export function settingsFrom(text: string | null): Settings {
     colouring: oneOf(COLOURINGS, saved["colouring"]) ?? fallback.colouring,
     truth: flag(saved["truth"], fallback.truth),
     signal: flag(saved["signal"], fallback.signal),
+    ghosts: flag(saved["ghosts"], fallback.ghosts),
     theme: oneOf(THEMES, saved["theme"]) ?? fallback.theme,
   };
 }

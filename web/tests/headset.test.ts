@@ -38,6 +38,7 @@ async function worn() {
     renderer: { xr: { getReferenceSpace: () => space, setSession: () => Promise.resolve() } },
     reset: vi.fn(),
     lightAt: vi.fn(),
+    showRoom: vi.fn(),
   };
   vi.stubGlobal("navigator", { xr: { requestSession: () => Promise.resolve(session) } });
   const menu = new VrMenu(["first", "second"].map((id) => ({ id, text: () => id, press: () => pressed.push(id) })));
@@ -45,7 +46,7 @@ async function worn() {
     tracked: (observation) => tracked.push(observation),
     left: (wasAsked) => left.push(wasAsked),
   });
-  await headset.enter();
+  await headset.enter("immersive-vr");
   const frame = (milliseconds: number, head: Vector, turn: Quaternion) =>
     headset.frame(milliseconds, {
       getViewerPose: () => poseAt(head, turn),

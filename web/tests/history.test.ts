@@ -1,7 +1,8 @@
 import { describe, expect, it } from "vitest";
 import { History, type Moment } from "../src/history";
 import { Playback } from "../src/playback";
-import { Take } from "../src/take";
+import { TakeSource } from "../src/sources/take_source";
+import { partOf, Takes, type Description } from "../src/takes";
 import { moment } from "./body";
 
 const numberOf = (found: Moment | null | undefined): number | undefined => found?.rootPosition[0];
@@ -77,54 +78,115 @@ describe("playback", () => {
   });
 });
 
-describe("a take", () => {
-  it("is what came between two presses, and survives a history that is cleared", () => {
+describe("takes", () => {
+  const numbersOf = (takes: Takes): (number | undefined)[] => takes.toSave().map((frame) => frame.rootPosition[0]);
+  const recorded = (takes: Takes, history: History, from: number, to: number): void => {
+    takes.toggle();
+    for (let k = from; k <= to; k++) history.add(moment(k, k / 10));
+    takes.toggle();
+  };
+
+  it("are what came between two presses, and survive a history that is cleared", () => {
     const history = filled([0, 0.1, 0.2]);
-    const take = new Take(history);
-    take.toggle();
-    [0.3, 0.4, 0.5].forEach((time, k) => history.add(moment(3 + k, time)));
-    take.toggle();
+    const takes = new Takes(history);
+    recorded(takes, history, 3, 5);
     history.clear();
-    expect(take.toSave().map(({ rootPosition }) => rootPosition[0])).toEqual([2, 3, 4, 5]);
-    expect(take.seconds).toBeCloseTo(0.3, 6);
+    expect(numbersOf(takes)).toEqual([2, 3, 4, 5]);
+    expect(partOf(takes.all[0])[1]).toBeCloseTo(0.3, 6);
   });
 
-  it("ends where its source goes away, and is the whole timeline where nothing was recorded", () => {
+  it("end where their source goes away; without one the timeline is saved", () => {
     const history = filled([0, 0.1]);
-    const take = new Take(history);
-    take.end();
-    expect(take.toSave().map(({ rootPosition }) => rootPosition[0])).toEqual([0, 1]);
-    take.toggle();
+    const takes = new Takes(history);
+    takes.end();
+    expect(numbersOf(takes)).toEqual([0, 1]);
+    takes.toggle();
     history.add(moment(2, 0.2));
-    take.end();
-    expect([take.isRecording, take.toSave().map(({ rootPosition }) => rootPosition[0])]).toEqual([false, [1, 2]]);
+    takes.end();
+    expect([takes.isRecording, numbersOf(takes)]).toEqual([false, [1, 2]]);
   });
 
-  it("is kept in parts, and is longer than the timeline", () => {
+  it("are several, with names that nobody has yet, and the last one is chosen", () => {
+    const history = filled([0]);
+    const takes = new Takes(history, undefined, () => 7);
+    recorded(takes, history, 1, 2);
+    recorded(takes, history, 3, 4);
+    takes.remove(takes.all[0].id);
+    recorded(takes, history, 5, 6);
+    expect(takes.all.map(({ name }) => name)).toEqual(["Take 2", "Take 3"]);
+    expect(new Set(takes.all.map(({ id }) => id)).size).toBe(2); // though the clock stands still
+    expect(numbersOf(takes)).toEqual([4, 5, 6]);
+    takes.choose(takes.all[0].id);
+    expect(numbersOf(takes)).toEqual([2, 3, 4]);
+    for (const { id } of takes.all) takes.remove(id);
+    expect([takes.chosen, takes.all]).toEqual([null, []]);
+  });
+
+  it("are cut without loss, and what a person decides is kept", () => {
+    const history = filled([0]);
+    const said: Description[] = [];
+    const keeper = {
+      add: () => undefined,
+      describe: (one: Description) => void said.push(one),
+      remove: () => undefined,
+    };
+    const takes = new Takes(history, keeper);
+    recorded(takes, history, 1, 9);
+    const { id } = takes.all[0];
+    takes.describe(id, { name: "Walk", part: [0.25, 0.55] });
+    expect(numbersOf(takes)).toEqual([3, 4, 5]);
+    expect(said.at(-1)).toMatchObject({ id, name: "Walk", part: [0.25, 0.55] });
+    takes.describe(id, { part: null });
+    expect(numbersOf(takes)).toHaveLength(10);
+    expect(takes.chosen?.name).toBe("Walk");
+  });
+
+  it("are kept in parts, and are longer than the timeline", () => {
     const history = new History(50);
-    const kept: [number, boolean][] = [];
-    const take = new Take(history, { add: (frames, isFirst) => kept.push([frames.length, isFirst]) });
+    const kept: number[] = [];
+    const keeper = {
+      add: (_: number, { length }: { length: number }) => void kept.push(length),
+      describe: () => undefined,
+    };
+    const takes = new Takes(history, { ...keeper, remove: () => undefined });
     history.add(moment(0, 0));
-    take.toggle();
+    takes.toggle();
     for (let k = 1; k < 700; k++) history.add(moment(k, k / 100));
-    take.toggle();
-    expect(kept).toEqual([
-      [300, true],
-      [300, false],
-      [100, false],
-    ]);
-    expect(take.toSave()).toHaveLength(700);
-    take.restore([]);
-    expect(take.seconds).toBeCloseTo(6.99, 6);
+    takes.toggle();
+    expect(kept).toEqual([300, 300, 100]);
+    expect(takes.toSave()).toHaveLength(700);
   });
 
-  it("keeps the one before where nothing was recorded", () => {
+  it("of earlier visits come before those of this one, and a press without frames is no take", () => {
     const history = filled([0, 0.1]);
-    const take = new Take(history);
-    take.restore(history.moments.slice());
+    const takes = new Takes(history);
+    recorded(takes, history, 2, 3);
+    takes.restore([{ id: 1, name: "Take 1", frames: history.moments.slice(0, 2), part: null }]);
+    expect(takes.all.map(({ id }) => id === 1)).toEqual([true, false]);
+    expect(numbersOf(takes)).toEqual([1, 2, 3]); // the one of this visit stays chosen
     history.clear();
-    take.toggle();
-    take.toggle();
-    expect(take.toSave()).toHaveLength(2);
+    takes.toggle();
+    takes.toggle();
+    expect(takes.all).toHaveLength(2);
+  });
+});
+
+describe("a take on the stage", () => {
+  it("repeats the part that counts, and stands still where it is paused", () => {
+    const history = filled(Array.from({ length: 21 }, (_, k) => k / 10));
+    const take = { id: 1, name: "Walk", frames: history.moments, part: [0.5, 1] as const };
+    const [source, playback] = [new TakeSource(() => take), new Playback()];
+    source.repeat(playback);
+    const seen = new Set<number | undefined>();
+    for (let k = 0; k < 20; k++) {
+      seen.add(numberOf(playback.step(history, 0.1)));
+      source.repeat(playback);
+    }
+    const places = [...seen].map((number) => number ?? Number.NaN);
+    expect([Math.min(...places) >= 5, Math.max(...places) <= 11, places.length >= 5]).toEqual([true, true, true]);
+    playback.seek(1.7);
+    playback.pause();
+    source.repeat(playback);
+    expect(playback.time).toBe(1.7);
   });
 });

@@ -168,20 +168,6 @@ describe("a recording", () => {
 });
 
 describe("anything else that is dropped", () => {
-  it("says of Draco that it is not unpacked here", async () => {
-    const json = JSON.stringify({
-      asset: { version: "2.0" },
-      extensionsRequired: ["KHR_draco_mesh_compression"],
-      extensionsUsed: ["KHR_draco_mesh_compression"],
-    });
-    const text = new TextEncoder().encode(json.padEnd(Math.ceil(json.length / 4) * 4));
-    const head = Uint32Array.of(0x46546c67, 2, 20 + text.length, text.length, 0x4e4f534a);
-    const bytes = new Uint8Array(20 + text.length);
-    bytes.set(new Uint8Array(head.buffer));
-    bytes.set(text, 20);
-    await expect(openFile(file("packed.glb", bytes), skeleton)).rejects.toThrow(/^packed\.glb is packed by Draco/);
-  });
-
   it.each([
     ["song.mp3", "la la la", /^song\.mp3 is nothing that this page reads; drop a motion[^\n]*$/],
     ["cut.npz", Uint8Array.from([0x50, 0x4b, 3, 4, 0, 0]), /^cut\.npz cannot be used: it is no \.npz archive[^\n]*$/],

@@ -25,7 +25,7 @@ describe("bones of an avatar", () => {
     const body = place(skeleton, [0, 0, 0], moment(3, 0, 2).rotation);
     const world = new Map<number, Quaternion>([[-1, new Quaternion()]]);
     for (const bone of driven) {
-      const [w, x, y, z] = localRotation(body, bone, new Float32Array(4));
+      const [w, x, y, z] = localRotation(body, bone);
       const above = world.get(bone.above) ?? new Quaternion(NaN);
       world.set(bone.joint, above.clone().multiply(new Quaternion(x, y, z, w)));
       const [ww, wx, wy, wz] = body.rotation.subarray(4 * bone.joint);

@@ -1,13 +1,18 @@
 /** A small VRM avatar of boxes, made from the default body: for tests, so that nobody's avatar has to be kept here. */
 
 import { readFileSync } from "node:fs";
+import { createEncoderModule } from "draco3d";
 
 const BODY = JSON.parse(readFileSync(new URL("../../src/bodysense/body/default_body.json", import.meta.url), "utf8"));
 const META = { name: "boxes", authors: ["the bodysense developers"], licenseUrl: "https://vrm.dev/licenses/1.0/" };
+const DRACO = "KHR_draco_mesh_compression";
 const SIZE = 0.03; // m, half an edge
 
-/** The bytes of a .vrm; `boneOf` names the bone of a joint (null: none), `version` is "1" or "0" (which faces −Z). */
-export function vrmBytes(boneOf, version = "1") {
+/** The bytes of a .vrm; `boneOf` names the bone of a joint (null: none), `version` is "1" or "0" (which faces −Z).
+ *
+ * `mesh`: what stands at each joint, `box()` or `packedBox()`.
+ */
+export function vrmBytes(boneOf, version = "1", mesh = box()) {
   const flip = version === "0" ? -1 : 1;
   const names = BODY.joints.map(({ name }) => name);
   const parents = BODY.joints.map(({ parent }) => names.indexOf(parent));
@@ -19,14 +24,16 @@ export function vrmBytes(boneOf, version = "1") {
   }));
   for (const node of nodes) if (node.children.length === 0) delete node.children;
   const bones = names.flatMap((name, node) => (boneOf(name) === null ? [] : [[boneOf(name), node]]));
-  const { binary, ...parts } = box();
+  const { binary, extensionsUsed = [], ...parts } = mesh;
+  const { extensionsUsed: named, ...about } = humanoid(bones, version);
   const json = {
     asset: { version: "2.0" },
     scene: 0,
     scenes: [{ nodes: [0] }],
     nodes,
     ...parts,
-    ...humanoid(bones, version),
+    ...about,
+    extensionsUsed: [...extensionsUsed, ...named],
   };
   return glb(JSON.stringify(json), binary);
 }
@@ -55,8 +62,8 @@ function rootHeight() {
   return -Math.min(...height.values());
 }
 
-/** One box as a glTF mesh. */
-function box() {
+/** Corners and triangles of a box. */
+function boxShape() {
   const corners = [0, 1, 2, 3, 4, 5, 6, 7].map((k) => [0, 1, 2].map((axis) => (k & (1 << axis) ? SIZE : -SIZE)));
   const faces = [
     [0, 2, 3, 1],
@@ -67,7 +74,32 @@ function box() {
     [1, 3, 7, 5],
   ];
   const indices = Uint16Array.from(faces.flatMap(([a, b, c, d]) => [a, b, c, a, c, d]));
-  const positions = Float32Array.from(corners.flat());
+  return { indices, positions: Float32Array.from(corners.flat()) };
+}
+
+/** One box as a glTF mesh that Draco packed. */
+export async function packedBox() {
+  const [draco, { indices, positions }] = [await createEncoderModule(), boxShape()];
+  const [mesh, builder, packed] = [new draco.Mesh(), new draco.MeshBuilder(), new draco.DracoInt8Array()];
+  builder.AddFacesToMesh(mesh, indices.length / 3, Uint32Array.from(indices));
+  const position = builder.AddFloatAttributeToMesh(mesh, draco.POSITION, 8, 3, positions);
+  const length = new draco.Encoder().EncodeMeshToDracoBuffer(mesh, packed);
+  const { meshes, accessors } = box();
+  const extensions = { [DRACO]: { bufferView: 0, attributes: { POSITION: position } } };
+  return {
+    binary: Buffer.from(Int8Array.from({ length }, (_, k) => packed.GetValue(k)).buffer),
+    meshes: [{ primitives: [{ ...meshes[0].primitives[0], extensions }] }],
+    buffers: [{ byteLength: length }],
+    bufferViews: [{ buffer: 0, byteLength: length }],
+    accessors: accessors.map(({ bufferView: _, ...accessor }) => accessor),
+    extensionsUsed: [DRACO],
+    extensionsRequired: [DRACO],
+  };
+}
+
+/** One box as a glTF mesh. */
+function box() {
+  const { indices, positions } = boxShape();
   const binary = Buffer.concat([Buffer.from(positions.buffer), Buffer.from(indices.buffer)]);
   return {
     binary,

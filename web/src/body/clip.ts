@@ -1,6 +1,6 @@
 /** A motion and its observation by simulated sensors. */
 
-import type { Quaternion, Vector } from "./math";
+import { mixed, mixedTurn, quaternionAt, vectorAt } from "./math";
 import { ACCURACY, type Observation } from "./observation";
 import { place, type Body, type Skeleton } from "./skeleton";
 
@@ -30,18 +30,11 @@ export function bodyAt(clip: Clip, time: number): Body {
   const second = Math.min(first + 1, clip.frames - 1);
   const share = at - first;
   const { joints } = clip.skeleton;
-  const root = [0, 1, 2].map((k) => (1 - share) * clip.root[3 * first + k] + share * clip.root[3 * second + k]);
+  const root = mixed(vectorAt(clip.root, first), vectorAt(clip.root, second), share);
   const rotation = new Float32Array(4 * joints);
   for (let joint = 0; joint < joints; joint++) {
-    mixRotation(
-      clip.rotation,
-      4 * (first * joints + joint),
-      clip.rotation,
-      4 * (second * joints + joint),
-      share,
-      rotation,
-      4 * joint,
-    );
+    const [a, b] = [first, second].map((frame) => quaternionAt(clip.rotation, frame * joints + joint));
+    rotation.set(mixedTurn(a, b, share), 4 * joint);
   }
   return place(clip.skeleton, root, rotation);
 }
@@ -54,29 +47,8 @@ export function duration({ frames, rate }: Clip): number {
 export function observe(body: Body, skeleton: Skeleton, sensors: readonly string[], time: number): Observation {
   const points = sensors.map((name) => {
     const point = skeleton.points.indexOf(name);
-    const position = Array.from(body.position.subarray(3 * point, 3 * point + 3)) as unknown as Vector;
-    const rotation = Array.from(body.rotation.subarray(4 * point, 4 * point + 4)) as unknown as Quaternion;
+    const [position, rotation] = [vectorAt(body.position, point), quaternionAt(body.rotation, point)];
     return { name, position, rotation, accuracy: ACCURACY.exact };
   });
   return { time, points };
-}
-
-export function mixRotation(
-  a: Float32Array,
-  i: number,
-  b: Float32Array,
-  j: number,
-  share: number,
-  out: Float32Array,
-  to: number,
-): void {
-  let product = 0;
-  for (let k = 0; k < 4; k++) product += a[i + k] * b[j + k];
-  const sign = product < 0 ? -1 : 1;
-  let length = 0;
-  for (let k = 0; k < 4; k++) {
-    out[to + k] = (1 - share) * a[i + k] + share * sign * b[j + k];
-    length += out[to + k] ** 2;
-  }
-  for (let k = 0; k < 4; k++) out[to + k] /= Math.sqrt(length);
 }

@@ -1,12 +1,36 @@
 /** Vectors and wxyz quaternions of one body: the package's, and what the page alone needs. */
 
-import { cross, dot, normalized, scaled, size, subtract, unit, UPRIGHT } from "@bodysense/core/math";
+import { add, cross, dot, normalized, scaled, size, subtract, unit, UPRIGHT } from "@bodysense/core/math";
 import type { Quaternion, Vector } from "@bodysense/core";
 
 export * from "@bodysense/core/math";
 export type { Quaternion, Vector } from "@bodysense/core";
 
 export const distance = (a: Vector, b: Vector): number => size(subtract(a, b));
+
+/** The vector in a row of an array of three columns. */
+export const vectorAt = (values: ArrayLike<number>, row: number): Vector => [
+  values[3 * row],
+  values[3 * row + 1],
+  values[3 * row + 2],
+];
+
+/** The quaternion in a row of an array of four columns. */
+export const quaternionAt = (values: ArrayLike<number>, row: number): Quaternion => [
+  values[4 * row],
+  values[4 * row + 1],
+  values[4 * row + 2],
+  values[4 * row + 3],
+];
+
+/** Between two places, `share` of the way. */
+export const mixed = (a: Vector, b: Vector, share: number): Vector => add(a, scaled(subtract(b, a), share));
+
+/** Between two rotations along the shorter arc, `share` of the way. */
+export function mixedTurn(a: Quaternion, b: Quaternion, share: number): Quaternion {
+  const near = (1 - share) * Math.sign(a.reduce((sum, value, k) => sum + value * b[k], 0) || 1);
+  return normalized(b.map((value, k) => near * a[k] + share * value) as unknown as Quaternion);
+}
 
 export function axisAngle(axis: Vector, angle: number): Quaternion {
   const sine = Math.sin(angle / 2);
@@ -34,22 +58,4 @@ export function between(from: Vector, to: Vector): Quaternion {
 /** The turn about +Y in a rotation. */
 export function heading([w, , y]: Quaternion): Quaternion {
   return Math.hypot(w, y) < 1e-9 ? UPRIGHT : normalized([w, 0, y, 0]);
-}
-
-/** Solve A·x = b for a symmetric positive A (n × n, in rows); both are overwritten. */
-export function solve(matrix: Float64Array[], values: Float64Array): Float64Array {
-  const n = values.length;
-  for (let column = 0; column < n; column++) {
-    const row = matrix[column];
-    for (let below = column + 1; below < n; below++) {
-      const share = matrix[below][column] / row[column];
-      for (let k = column; k < n; k++) matrix[below][k] -= share * row[k];
-      values[below] -= share * values[column];
-    }
-  }
-  for (let row = n - 1; row >= 0; row--) {
-    for (let k = row + 1; k < n; k++) values[row] -= matrix[row][k] * values[k];
-    values[row] /= matrix[row][row];
-  }
-  return values;
 }

@@ -1,5 +1,7 @@
 /** The body's tree, and where a pose puts its points. */
 
+import { add, distance, multiply, quaternionAt, rotate, vectorAt, type Vector } from "./math";
+
 export interface Skeleton {
   readonly joints: number; // points 0 … joints − 1 turn; the rest are end sites
   readonly points: readonly string[];
@@ -48,12 +50,8 @@ export function place(skeleton: Skeleton, root: ArrayLike<number>, local: ArrayL
   const rotation = new Float32Array(4 * joints);
   worldRotations(skeleton, local, rotation);
   parents.forEach((parent, point) => {
-    if (parent < 0) {
-      for (let k = 0; k < 3; k++) position[k] = root[k];
-      return;
-    }
-    rotate(rotation, 4 * parent, restOffset, 3 * point, position, 3 * point);
-    for (let k = 0; k < 3; k++) position[3 * point + k] += position[3 * parent + k];
+    const offset = parent < 0 ? vectorAt(root, 0) : rotate(quaternionAt(rotation, parent), vectorAt(restOffset, point));
+    position.set(parent < 0 ? offset : add(vectorAt(position, parent), offset), 3 * point);
   });
   return { position, rotation };
 }
@@ -61,8 +59,8 @@ export function place(skeleton: Skeleton, root: ArrayLike<number>, local: ArrayL
 /** Rotations world ← joint (joints × 4, wxyz) from those parent ← joint. */
 export function worldRotations({ joints, parents }: Skeleton, local: ArrayLike<number>, out: Float32Array): void {
   for (let joint = 0; joint < joints; joint++) {
-    if (parents[joint] >= 0) multiply(out, 4 * parents[joint], local, 4 * joint, out, 4 * joint);
-    else for (let k = 0; k < 4; k++) out[4 * joint + k] = local[4 * joint + k];
+    const [parent, turn] = [parents[joint], quaternionAt(local, joint)];
+    out.set(parent < 0 ? turn : multiply(quaternionAt(out, parent), turn), 4 * joint);
   }
 }
 
@@ -78,64 +76,28 @@ export function rootHeight(skeleton: Skeleton): number {
 }
 
 function restRange(skeleton: Skeleton): [number, number] {
-  const identity = Float32Array.from({ length: 4 * skeleton.joints }, (_, k) => (k % 4 === 0 ? 1 : 0));
-  const { position } = place(skeleton, [0, 0, 0], identity);
-  const heights = skeleton.parents.map((_, point) => position[3 * point + 1]);
+  const heights = restPoints(skeleton).map(([, y]) => y);
   return [Math.min(...heights), Math.max(...heights)];
 }
 
+/** Where the points of the rest pose are, metres from the root. */
+export function restPoints({ parents, restOffset }: Skeleton): Vector[] {
+  const found: Vector[] = [];
+  parents.forEach((parent, point) =>
+    found.push(parent < 0 ? [0, 0, 0] : add(found[parent], vectorAt(restOffset, point))),
+  );
+  return found;
+}
+
 /** Where a point of the rest pose is over the floor, metres. */
-export function restPoint({ points, parents, restOffset }: Skeleton, name: string): [number, number, number] {
-  const place: [number, number, number] = [0, 0, 0];
-  for (let point = points.indexOf(name); point >= 0; point = parents[point])
-    for (let k = 0; k < 3; k++) place[k] += restOffset[3 * point + k];
-  return place;
+export function restPoint(skeleton: Skeleton, name: string): Vector {
+  return add(restPoints(skeleton)[skeleton.points.indexOf(name)], vectorAt(skeleton.restOffset, 0));
 }
 
 /** Mean distance of the joints of two placed bodies, metres. */
 export function meanDistance(a: Body, b: Body, joints: number): number {
   let sum = 0;
-  for (let joint = 0; joint < joints; joint++) {
-    const at = 3 * joint;
-    sum += Math.hypot(
-      a.position[at] - b.position[at],
-      a.position[at + 1] - b.position[at + 1],
-      a.position[at + 2] - b.position[at + 2],
-    );
-  }
+  for (let joint = 0; joint < joints; joint++)
+    sum += distance(vectorAt(a.position, joint), vectorAt(b.position, joint));
   return sum / joints;
-}
-
-/** Hamilton product a·b of wxyz quaternions inside arrays. */
-export function multiply(
-  a: ArrayLike<number>,
-  i: number,
-  b: ArrayLike<number>,
-  j: number,
-  out: Float32Array,
-  k: number,
-): void {
-  const aw = a[i];
-  const ax = a[i + 1];
-  const ay = a[i + 2];
-  const az = a[i + 3];
-  const bw = b[j];
-  const bx = b[j + 1];
-  const by = b[j + 2];
-  const bz = b[j + 3];
-  out[k] = aw * bw - ax * bx - ay * by - az * bz;
-  out[k + 1] = aw * bx + ax * bw + ay * bz - az * by;
-  out[k + 2] = aw * by - ax * bz + ay * bw + az * bx;
-  out[k + 3] = aw * bz + ax * by - ay * bx + az * bw;
-}
-
-function rotate(q: ArrayLike<number>, i: number, v: ArrayLike<number>, j: number, out: Float32Array, k: number): void {
-  const [w, x, y, z] = [q[i], q[i + 1], q[i + 2], q[i + 3]];
-  const [vx, vy, vz] = [v[j], v[j + 1], v[j + 2]];
-  const tx = 2 * (y * vz - z * vy);
-  const ty = 2 * (z * vx - x * vz);
-  const tz = 2 * (x * vy - y * vx);
-  out[k] = vx + w * tx + y * tz - z * ty;
-  out[k + 1] = vy + w * ty + z * tx - x * tz;
-  out[k + 2] = vz + w * tz + x * ty - y * tx;
 }

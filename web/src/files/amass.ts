@@ -1,7 +1,7 @@
 /** Motion of the AMASS layout (.npz): SMPL-H or SMPL-X poses, Z up; turned to +Y up. */
 
 import type { Clip } from "../body/clip";
-import { exponential, multiply, rotate, type Quaternion, type Vector } from "../body/math";
+import { exponential, multiply, rotate, vectorAt, type Quaternion } from "../body/math";
 import { numbers, type Archive } from "./npz";
 import type { Skeleton } from "../body/skeleton";
 
@@ -29,16 +29,12 @@ export function amassClip(archive: Archive, name: string, skeleton: Skeleton): C
   const root = new Float32Array(3 * frames);
   const rotation = new Float32Array(4 * JOINTS * frames);
   for (let frame = 0; frame < frames; frame++) {
-    root.set(rotate(Z_UP_TO_Y_UP, vector(trans, 3 * frame)), 3 * frame);
+    root.set(rotate(Z_UP_TO_Y_UP, vectorAt(trans, frame)), 3 * frame);
     for (let joint = 0; joint < JOINTS; joint++) {
-      const column = 3 * joint + (width === 165 && joint >= 22 ? 9 : 0); // SMPL-X has jaw and eyes in between
-      const local = exponential(vector(poses.values, width * frame + column));
+      const part = joint + (width === 165 && joint >= 22 ? 3 : 0); // SMPL-X has jaw and eyes in between
+      const local = exponential(vectorAt(poses.values, (width / 3) * frame + part));
       rotation.set(joint === 0 ? multiply(Z_UP_TO_Y_UP, local) : local, 4 * (JOINTS * frame + joint));
     }
   }
   return { name, skeleton, rate, frames, root, rotation };
-}
-
-function vector(values: Float64Array, at: number): Vector {
-  return [values[at], values[at + 1], values[at + 2]];
 }

@@ -12,9 +12,7 @@ const LONGEST = 1200; // s
 export function rigOfGlb({ scene, animations }: GLTF, name: string): RigMotion {
   const clip = animations[0];
   if (!clip) throw new Error(`${name} has no animation in it, and is no avatar; drop a file with a motion, or a .vrm.`);
-  const nodes: Object3D[] = [];
-  scene.traverse((node) => nodes.push(node));
-  scene.updateMatrixWorld(true);
+  const nodes = nodesOf(scene);
   const rest = poseOf(nodes);
   const mixer = new AnimationMixer(scene);
   mixer.clipAction(clip).play();
@@ -26,7 +24,7 @@ export function rigOfGlb({ scene, animations }: GLTF, name: string): RigMotion {
   });
   return {
     name,
-    joints: nodes.map((node) => node.name),
+    joints: namesOf(nodes),
     parents: nodes.map(({ parent }) => (parent ? nodes.indexOf(parent) : -1)),
     rate: RATE,
     rest,
@@ -34,7 +32,20 @@ export function rigOfGlb({ scene, animations }: GLTF, name: string): RigMotion {
   };
 }
 
-function poseOf(nodes: readonly Object3D[]): RigPose {
+/** All nodes of a scene, where they rest. */
+export function nodesOf(scene: Object3D): Object3D[] {
+  const nodes: Object3D[] = [];
+  scene.traverse((node) => nodes.push(node));
+  scene.updateMatrixWorld(true);
+  return nodes;
+}
+
+/** Names as the file has them; three.js leaves dots and colons out of its own. */
+export function namesOf(nodes: readonly Object3D[]): string[] {
+  return nodes.map(({ name, userData }) => String(userData["name"] ?? name));
+}
+
+export function poseOf(nodes: readonly Object3D[]): RigPose {
   const [place, turn] = [new Vector3(), new Turn()];
   return {
     position: nodes.map((node) => node.getWorldPosition(place).toArray() as Vector),

@@ -51,7 +51,8 @@ export async function openFile(
 async function openGlb(bytes: ArrayBuffer, name: string, tree: Skeleton): Promise<Opened> {
   const [{ Avatar, readGlb }, { rigOfGlb }] = await Promise.all([import("../view/avatar"), import("./glb_read")]);
   const file = await readGlb(bytes, name);
-  const avatar = Avatar.of(file, name);
+  const { avatarOfGlb, isFigure } = await import("./glb_person");
+  const avatar = Avatar.of(file, name) ?? (isFigure(file) ? avatarOfGlb(file, name, tree) : null);
   return avatar ? { kind: "avatar", avatar } : { kind: "motion", clip: clipOf(rigOfGlb(file, name), tree) };
 }
 

@@ -1,6 +1,6 @@
 /** Recordings (docs/recording.md): what a device tracked, `.npz` or `.jsonl`. */
 
-import type { Quaternion, Vector } from "../body/math";
+import { quaternionAt, vectorAt, type Quaternion, type Vector } from "../body/math";
 import { numbers, texts, type Archive } from "./npz";
 import { ACCURACY, type Observation, type Point } from "../body/observation";
 
@@ -34,8 +34,8 @@ export function recordingOf(archive: Archive): Observation[] {
         return [
           {
             name,
-            position: placed[k] ? ([...position.subarray(3 * k, 3 * k + 3)] as unknown as Vector) : null,
-            rotation: turned[k] ? ([...rotation.subarray(4 * k, 4 * k + 4)] as unknown as Quaternion) : null,
+            position: placed[k] ? vectorAt(position, k) : null,
+            rotation: turned[k] ? quaternionAt(rotation, k) : null,
             accuracy: accuracy?.[k] ?? usual(name),
           },
         ];

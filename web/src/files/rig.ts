@@ -16,10 +16,11 @@ import {
   subtract,
   unit,
   UPRIGHT,
+  vectorAt,
   type Quaternion,
   type Vector,
 } from "../body/math";
-import { place, type Skeleton } from "../body/skeleton";
+import { place, restPoints, type Skeleton } from "../body/skeleton";
 
 /** A rig in world axes: where its joints are and how they are turned, at rest and in every frame. */
 export interface RigMotion {
@@ -112,16 +113,20 @@ function parted(name: string): readonly ["left" | "right" | null, string] {
   return [short[1].toLowerCase().startsWith("l") ? "left" : "right", rest];
 }
 
+/** The joints of a person in a file. Throws an Error of one line if some are missing. */
+export function personJoints(names: readonly string[], file: string): Map<string, number> {
+  const joints = jointsOf(names);
+  const missing = NEEDED.find((joint) => !joints.has(joint));
+  if (missing === undefined) return joints;
+  const few = names.slice(0, 4).join(", ");
+  throw new Error(
+    `${file} is no person that this page knows: none of its ${names.length} joints (${few} …) is a ${missing.replace("_", " ")}; drop a person whose joints have common names.`,
+  );
+}
+
 /** Return the motion on our skeleton, scaled by the rig's legs. Throws an Error of one line for rigs of no person. */
 export function clipOf(rig: RigMotion, tree: Skeleton): Clip {
-  const joints = jointsOf(rig.joints);
-  const missing = NEEDED.filter((joint) => !joints.has(joint));
-  if (missing.length > 0) {
-    const few = rig.joints.slice(0, 4).join(", ");
-    throw new Error(
-      `${rig.name} is no person that this page knows: none of its ${rig.joints.length} joints (${few} …) is a ${missing[0]?.replace("_", " ")}; drop a person's motion whose joints have common names.`,
-    );
-  }
+  const joints = personJoints(rig.joints, rig.name);
   if (rig.frames.length < 2)
     throw new Error(`${rig.name} has ${rig.frames.length} frames; drop a motion of two or more.`);
   if (rig.frames.filter((pose) => isOnFours(pose, joints)).length > rig.frames.length / 2)
@@ -210,9 +215,9 @@ function onSkeleton(rig: RigMotion, joints: ReadonlyMap<string, number>, skeleto
 const FEET = ["left_toe", "right_toe", "left_ankle", "right_ankle"];
 
 /** World rotations of our joints, in their T-pose's axes, while the rig rests. */
-function correctionsOf(rest: RigPose, joints: ReadonlyMap<string, number>, skeleton: Skeleton): Quaternion[] {
+export function correctionsOf(rest: RigPose, joints: ReadonlyMap<string, number>, skeleton: Skeleton): Quaternion[] {
   const at = (joint: string): Vector | null => rest.position[joints.get(joint) ?? -1] ?? null;
-  const ours = restOf(skeleton);
+  const ours = restPoints(skeleton);
   const own = (joint: string): Vector => ours[skeleton.points.indexOf(joint)];
   const facing = multiply(
     facingOf((joint) => at(joint) ?? [0, 0, 0]),
@@ -232,7 +237,7 @@ function correctionsOf(rest: RigPose, joints: ReadonlyMap<string, number>, skele
       corrections.push(above);
       continue;
     }
-    const bone = rotate(above, Array.from(skeleton.restOffset.subarray(3 * child, 3 * child + 3)) as unknown as Vector);
+    const bone = rotate(above, vectorAt(skeleton.restOffset, child));
     corrections.push(multiply(between(bone, subtract(to, from)), above));
   }
   return corrections;
@@ -241,15 +246,6 @@ function correctionsOf(rest: RigPose, joints: ReadonlyMap<string, number>, skele
 /** The axes of a standing body, from where its joints are. */
 function facingOf(at: (joint: string) => Vector): Quaternion {
   return frameOf(subtract(at("left_hip"), at("right_hip")), subtract(at("head"), at("pelvis")));
-}
-
-function restOf({ parents, restOffset }: Skeleton): Vector[] {
-  const found: Vector[] = [];
-  parents.forEach((parent, point) => {
-    const offset = [0, 1, 2].map((k) => restOffset[3 * point + k]) as unknown as Vector;
-    found.push(parent < 0 ? [0, 0, 0] : add(found[parent], offset));
-  });
-  return found;
 }
 
 /** The point that a limb's bone leads to: the one with the same side and the next part. */
@@ -288,9 +284,6 @@ function levelled(rig: RigMotion, joints: ReadonlyMap<string, number>): RigMotio
 }
 
 function legOf({ points, restOffset }: Skeleton): number {
-  const length = (name: string): number => {
-    const at = 3 * points.indexOf(name);
-    return Math.hypot(restOffset[at], restOffset[at + 1], restOffset[at + 2]);
-  };
+  const length = (name: string): number => size(vectorAt(restOffset, points.indexOf(name)));
   return length("left_knee") + length("left_ankle");
 }

@@ -1,8 +1,8 @@
 /** The history at one even rate, as files of motion want it. */
 
-import { mixRotation } from "../body/clip";
+import { mixed, mixedTurn, quaternionAt, vectorAt } from "../body/math";
 import type { BodyFrame } from "../history";
-import { LONGEST_TAKE } from "../take";
+import { LONGEST_TAKE } from "../takes";
 
 export interface Motion {
   readonly rate: number; // Hz
@@ -26,9 +26,10 @@ export function resample(moments: readonly BodyFrame[], joints: number): Motion 
     while (before < moments.length - 2 && moments[before + 1].time <= time) before++;
     const [a, b] = [moments[before], moments[before + 1]];
     const share = Math.min(Math.max((time - a.time) / (b.time - a.time), 0), 1);
-    for (let k = 0; k < 3; k++) root[3 * frame + k] = (1 - share) * a.rootPosition[k] + share * b.rootPosition[k];
+    root.set(mixed(vectorAt(a.rootPosition, 0), vectorAt(b.rootPosition, 0), share), 3 * frame);
     for (let joint = 0; joint < joints; joint++) {
-      mixRotation(a.rotation, 4 * joint, b.rotation, 4 * joint, share, rotation, 4 * (joints * frame + joint));
+      const turn = mixedTurn(quaternionAt(a.rotation, joint), quaternionAt(b.rotation, joint), share);
+      rotation.set(turn, 4 * (joints * frame + joint));
     }
   }
   return { rate, root, rotation, frames };

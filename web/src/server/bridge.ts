@@ -1,7 +1,8 @@
 /** A bridge: whole bodies go to a server of bodysense, which hands them to programs that a page cannot reach. */
 
 import type { Body, Skeleton } from "../body/skeleton";
-import type { Resume, SignalPoint } from "../protocol";
+import { quaternionAt, vectorAt } from "../body/math";
+import type { Resume } from "../protocol";
 import { Connection, socketAddress } from "./connection";
 
 const EXAMPLE = "ws://127.0.0.1:8765/?token=…";
@@ -71,11 +72,11 @@ export class Bridge {
 
   /** Send a body as of `time` s; dropped where the line is slow or not open. */
   send(time: number, { position, rotation }: Body): void {
-    const points = Array.from({ length: this.skeleton.joints }, (_, point): SignalPoint => {
-      const [x, y, z] = position.subarray(3 * point, 3 * point + 3);
-      const [w, a, b, c] = rotation.subarray(4 * point, 4 * point + 4);
-      return { point, position: [x, y, z], rotation: [w, a, b, c] };
-    });
+    const points = Array.from({ length: this.skeleton.joints }, (_, point) => ({
+      point,
+      position: vectorAt(position, point),
+      rotation: quaternionAt(rotation, point),
+    }));
     this.connection.signal({ sequence: this.sequence++, time, points });
   }
 

@@ -18,6 +18,8 @@ export interface HeadsetEvents {
   left(wasAsked: boolean): void;
 }
 
+export type Immersion = "immersive-vr" | "immersive-ar";
+
 /** Return what a headset on this page lacks, as a sentence; null if it can be used. */
 export async function missingForHeadset(): Promise<string | null> {
   if (!isSecureContext)
@@ -64,15 +66,20 @@ export class Headset implements Source {
     view.scene.add(this.mirror.frame, menu.board);
   }
 
-  /** From a click. Throws an Error of one line where the headset refuses. */
-  async enter(): Promise<void> {
+  /** From a click: in VR, or in the wearer's own room. Throws an Error of one line where the headset refuses. */
+  async enter(mode: Immersion): Promise<void> {
     const options = { requiredFeatures: ["local-floor"], optionalFeatures: ["hand-tracking"] };
-    const session = await navigator.xr?.requestSession("immersive-vr", options).catch((error: unknown) => {
+    const session = await navigator.xr?.requestSession(mode, options).catch((error: unknown) => {
       throw new Error(
-        `The headset did not let this page in (${error instanceof Error ? error.message : "no reason given"}); allow it, and press Headset again.`,
+        `The headset did not let this page in (${error instanceof Error ? error.message : "no reason given"}); allow it, and press again.`,
       );
     });
     if (!session) throw new Error("This browser has no WebXR: open the page in the headset's own browser.");
+    if (session.interactionMode === "screen-space") {
+      await session.end();
+      throw new Error("This device is held, not worn: open the page in a headset's browser to see your room.");
+    }
+    this.view.showRoom(mode === "immersive-ar");
     this.session = session;
     this.wasAsked = false;
     this.isPlaced = false;
@@ -189,6 +196,7 @@ export class Headset implements Source {
   private leave(): void {
     this.session = null;
     this.mirror.frame.visible = this.menu.board.visible = false;
+    this.view.showRoom(false);
     this.view.stage.visible = true;
     this.view.stage.matrix.identity();
     this.view.stage.matrixAutoUpdate = true;

@@ -4,21 +4,23 @@
  * landmarks with the body's own bones, from the pelvis outward. Where the body is follows from where it is seen.
  */
 
+import { Matrix3, Vector3 } from "three";
 import {
   add,
   cross,
+  dot,
   fromAxes,
+  mixed,
   rotate,
   scaled,
   size,
-  solve,
   subtract,
   unit,
   type Quaternion,
   type Vector,
 } from "../body/math";
 import { ACCURACY, type Point } from "../body/observation";
-import type { Skeleton } from "../body/skeleton";
+import { restPoints, type Skeleton } from "../body/skeleton";
 
 /** MediaPipe's 33 landmarks of one frame; axes of the camera: x to the right of the picture, y up, z to the camera. */
 export interface Landmarks {
@@ -70,11 +72,8 @@ export class LandmarkPoints {
     const seen = located(laid, landmarks, this.focal);
     const [near, far] = [1 - 2 ** (-passed / 0.1), 1 - 2 ** (-passed / 0.3)];
     const before = this.place ?? seen;
-    this.place = [
-      before[0] + near * (seen[0] - before[0]),
-      before[1] + near * (seen[1] - before[1]),
-      before[2] + far * (seen[2] - before[2]),
-    ];
+    const [x, y] = mixed(before, seen, near);
+    this.place = [x, y, mixed(before, seen, far)[2]];
     this.begun ??= this.place[2];
     const rest = restOf(skeleton);
     const up = skeleton.restOffset[1]; // m: how high the pelvis stands over the floor at rest
@@ -189,13 +188,11 @@ function handOf(side: (typeof SIDES)[number], world: readonly Vector[]): Quatern
 
 /** Where the pelvis is in the camera's axes, so that joints are seen where the landmarks are: least squares. */
 function located({ position }: Laid, { picture, visible }: Landmarks, focal: number): Vector {
-  const normal = Array.from({ length: 3 }, () => new Float64Array(3));
-  const right = new Float64Array(3);
-  const addRow = (row: readonly number[], value: number, pull: number): void => {
-    for (let i = 0; i < 3; i++) {
-      right[i] += pull * pull * row[i] * value;
-      for (let j = 0; j < 3; j++) normal[i][j] += pull * pull * row[i] * row[j];
-    }
+  const normal = new Matrix3(0, 0, 0, 0, 0, 0, 0, 0, 0);
+  const right = new Vector3();
+  const addRow = (row: Vector, value: number, pull: number): void => {
+    right.addScaledVector(new Vector3(...row), pull * pull * value);
+    for (let k = 0; k < 9; k++) normal.elements[k] += pull * pull * row[k % 3] * row[Math.floor(k / 3)];
   };
   for (const side of SIDES) {
     for (const part of PLACED_BY) {
@@ -206,23 +203,19 @@ function located({ position }: Laid, { picture, visible }: Landmarks, focal: num
       addRow([0, focal, -v], -focal * q[1] - v * q[2], pull);
     }
   }
-  const [x, y, depth] = solve(normal, right);
+  const { x, y, z: depth } = right.applyMatrix3(normal.invert());
   return [x, y, -Math.max(depth, NEAR)];
 }
 
 /** The rotation whose x is along `across` and whose y is nearest to `up`. */
 function frame(across: Vector, up: Vector): Quaternion {
   const x = unit(across);
-  const y = unit(subtract(up, scaled(x, up[0] * x[0] + up[1] * x[1] + up[2] * x[2])));
+  const y = unit(subtract(up, scaled(x, dot(up, x))));
   return fromAxes(x, y, cross(x, y));
 }
 
 /** Points of the rest pose, m from the root. */
-function restOf({ points, parents, restOffset }: Skeleton): Map<string, Vector> {
-  const found: Vector[] = [];
-  parents.forEach((parent, point) => {
-    const offset = [0, 1, 2].map((k) => restOffset[3 * point + k]) as unknown as Vector;
-    found.push(parent < 0 ? [0, 0, 0] : add(found[parent], offset));
-  });
-  return new Map(points.map((name, point) => [name, found[point]]));
+function restOf(skeleton: Skeleton): Map<string, Vector> {
+  const rest = restPoints(skeleton);
+  return new Map(skeleton.points.map((name, point) => [name, rest[point]]));
 }

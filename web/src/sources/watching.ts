@@ -9,7 +9,7 @@ import { ServerSource, type ServerEvents, type Watched } from "./server_source";
 import type { Source } from "./source";
 
 const APART = 1.1; // m between two wearers
-const LOOK: Shown = { figure: "figure", colouring: "plain", truth: false, signal: false };
+const LOOK: Shown = { figure: "figure", colouring: "plain", truth: false, signal: false, ghosts: false };
 
 /** Sessions that a link names, `#watch=SESSION:TOKEN,…`. */
 export function followedBy(hash: string): readonly Resume[] {

@@ -1,7 +1,7 @@
 /** A webcam: a person's landmarks, found in a worker, become points of the body. Nothing leaves this browser. */
 
 import { LandmarkPoints, type Landmarks } from "./landmarks";
-import type { Vector } from "../body/math";
+import { mixed, type Vector } from "../body/math";
 import { withOffsets, type Skeleton } from "../body/skeleton";
 import type { FromCamera, ToCamera } from "../engine/camera_worker";
 import type { Live } from "../live";
@@ -166,17 +166,11 @@ function seenOf(points: readonly string[]): string {
 
 function smoothed(before: Landmarks, now: Landmarks, share: number): Landmarks {
   return {
-    world: now.world.map(
-      (point, k) =>
-        point.map((value, c) => before.world[k][c] + share * (value - before.world[k][c])) as unknown as Vector,
-    ),
-    picture: now.picture.map(
-      (point, k) =>
-        point.map((value, c) => before.picture[k][c] + share * (value - before.picture[k][c])) as unknown as readonly [
-          number,
-          number,
-        ],
-    ),
+    world: now.world.map((point, k) => mixed(before.world[k], point, share)),
+    picture: now.picture.map(([x, y], k) => {
+      const [a, b] = before.picture[k];
+      return [a + share * (x - a), b + share * (y - b)] as const;
+    }),
     visible: now.visible,
   };
 }

@@ -1,16 +1,9 @@
 /** How the body is shown: avatar or figure, its colours, truth and tracked points. */
 
-import { choices, element, input } from "../page";
+import { choice, element, input, select } from "../page";
 import type { Settings } from "../settings";
-import { COLOURINGS, legend, type Colouring } from "../view/colours";
+import { legend, type Colouring } from "../view/colours";
 import type { Wardrobe } from "../view/wardrobe";
-
-const NAMES: Readonly<Record<Colouring, string>> = {
-  plain: "Plain",
-  confidence: "How sure",
-  hidden: "Tracked or not",
-  error: "Error against the truth",
-};
 
 export interface LookEvents {
   changed(change: Partial<Settings>): void;
@@ -29,12 +22,11 @@ export class LookPanel {
     for (const radio of document.querySelectorAll<HTMLInputElement>("input[name=figure]")) {
       radio.onchange = () => events.changed({ figure: radio.value === "figure" ? "figure" : "avatar" });
     }
-    const rows = COLOURINGS.map((name) => [name, NAMES[name]] as const);
-    choices("colouring", rows, settings.colouring, (colouring) => {
+    choice("colouring", settings.colouring, (colouring) => {
       this.colouring = colouring;
       events.changed({ colouring });
     });
-    for (const name of ["truth", "signal"] as const) {
+    for (const name of ["truth", "signal", "ghosts"] as const) {
       const box = input(name);
       box.checked = settings[name];
       box.onchange = () => events.changed({ [name]: box.checked });
@@ -62,7 +54,7 @@ export class LookPanel {
     const offered = JSON.stringify([names, worn]);
     if (offered === this.offered || worn === null) return;
     this.offered = offered;
-    const rows = names.map((name) => [name, name] as const);
-    choices("avatar", rows, worn, (name) => this.events.wear(name));
+    select("avatar").replaceChildren(...names.map((name) => new Option(name)));
+    choice("avatar", worn, (name) => this.events.wear(name));
   }
 }

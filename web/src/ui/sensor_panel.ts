@@ -1,14 +1,7 @@
 /** The panel of sensors: simulated ones, and parts of the body that can be switched off. */
 
-import { SENSOR_SETS, type SensorSet } from "../body/clip";
-import { checkbox, choices, element } from "../page";
-
-const SETS: Readonly<Record<SensorSet, string>> = {
-  head: "Head alone",
-  hands: "Head and hands",
-  hips: "… and hips",
-  feet: "… and feet",
-};
+import type { SensorSet } from "../body/clip";
+import { checkbox, choice, element } from "../page";
 
 const PARTS: readonly (readonly [RegExp, string])[] = [
   [/^(headset|head|neck|head_top|nose)$/, "Head"],
@@ -26,8 +19,7 @@ export class SensorPanel {
     picked: (set: SensorSet) => void,
     private readonly hidden: (points: ReadonlySet<string>) => void,
   ) {
-    const rows = (Object.keys(SENSOR_SETS) as SensorSet[]).map((name) => [name, SETS[name]] as const);
-    choices("set", rows, set, picked);
+    choice("set", set, picked);
   }
 
   /** Offer the parts of what a source tracks; `isSimulated` where its sensors may be chosen. */

@@ -13,6 +13,11 @@ export function showStatus(live: Live, moment: Moment | null, skeleton: Skeleton
     element("shown").textContent = "";
     return;
   }
+  if (moment.signal.length === 0 && !moment.expected) {
+    element("shown").textContent = "Recorded before";
+    element("rate").textContent = "";
+    return;
+  }
   const parts = [`${moment.signal.length} ${moment.signal.length === 1 ? "point" : "points"} tracked`];
   if (moment.truth) {
     const error = 100 * meanDistance(moment.body, moment.truth, Math.min(22, skeleton.joints));

@@ -1,64 +1,107 @@
-/** Takes: record, keep and save them. */
+/** The takes next to the stage: record, name, look at, cut, save and delete them. */
 
 import type { Skeleton } from "../body/skeleton";
 import type { History } from "../history";
-import { KeptTake } from "../kept_take";
+import { KeptTakes } from "../kept_takes";
 import { FILE_KINDS, saveMotion, type FileKind } from "../out/save";
 import { button, element } from "../page";
-import { Take } from "../take";
+import { partOf, Takes, type Take } from "../takes";
 
 export interface TakeEvents {
   /** The skeleton of what is shown. */
   skeleton(): Skeleton;
+  /** Show a take on the stage; null: the one that was shown is gone. */
+  show(take: Take | null): void;
+  /** Where the timeline is, s since its beginning. */
+  time(): number;
   fault(error: unknown): void;
 }
 
+const HINT = element("take").textContent;
+
 export class TakePanel {
-  readonly take: Take;
+  readonly takes: Takes;
+  private drawn = "";
+  private shown: number | null = null; // the take on the stage
 
   constructor(
     history: History,
     body: Skeleton,
     private readonly events: TakeEvents,
   ) {
-    const kept = new KeptTake(events.fault);
-    this.take = new Take(history, kept);
-    button("record").onclick = () => this.toggle();
+    const kept = new KeptTakes(events.fault);
+    this.takes = new Takes(history, kept);
+    button("record").onclick = () => this.takes.toggle();
     for (const kind of FILE_KINDS)
       button(`save-${kind}`).onclick = () => void this.save(kind).catch((error: unknown) => events.fault(error));
-    void kept.load(body.joints).then((frames) => {
-      this.take.restore(frames);
-      if (frames.length > 0) this.tell("Your last take has");
-    });
+    button("cut-before").onclick = () => this.cut(([, to]) => [Math.min(events.time(), to), to]);
+    button("cut-after").onclick = () => this.cut(([from]) => [from, Math.max(events.time(), from)]);
+    button("cut-nothing").onclick = () => this.cut(() => null);
+    void kept.load(body.joints).then((takes) => this.takes.restore(takes));
   }
 
-  toggle(): void {
-    this.take.toggle();
-    this.show();
-  }
-
-  /** End the recording, if there is one. */
-  end(): void {
-    this.take.end();
-    this.show();
+  /** Another source is on the stage. */
+  leave(): void {
+    this.takes.end();
+    this.shown = null;
   }
 
   /** How things stand; a take that is as long as it may be has ended by itself. */
-  show(): void {
-    const { isRecording } = this.take;
-    const text = isRecording ? "Stop" : "Record a take";
-    if (button("record").textContent === text) return;
-    button("record").textContent = text;
+  draw(): void {
+    const { all, chosen, isRecording } = this.takes;
+    const state = JSON.stringify([
+      all.map(({ id, name, part }) => [id, name, part]),
+      chosen?.id,
+      isRecording,
+      this.shown,
+    ]);
+    if (state === this.drawn) return;
+    this.drawn = state;
+    button("record").textContent = isRecording ? "Stop" : "Record a take";
     button("record").setAttribute("aria-pressed", String(isRecording));
-    if (!isRecording) this.tell("The last take has");
+    element("take").textContent = chosen ? `${chosen.name}: ${lengthOf(chosen)} are saved as` : HINT;
+    element("cuts").hidden = this.shown === null || this.shown !== chosen?.id;
+    const focused = document.activeElement?.id ?? "";
+    element("take-list").replaceChildren(...all.map((take) => this.row(take)));
+    document.getElementById(focused)?.focus(); // a list that is drawn anew takes no focus away
   }
 
-  private tell(subject: string): void {
-    const { seconds } = this.take;
-    if (seconds > 0) element("take").textContent = `${subject} ${seconds.toFixed(1)} s; save it as`;
+  private row(take: Take): HTMLLIElement {
+    const { id, name } = take;
+    const field = Object.assign(document.createElement("input"), { type: "text", value: name, id: `name-${id}` });
+    field.setAttribute("aria-label", `Name of ${name}`);
+    field.onchange = () => this.takes.describe(id, { name: field.value.trim() || name });
+    const show = Object.assign(document.createElement("button"), { textContent: lengthOf(take), id: `show-${id}` });
+    show.setAttribute("aria-label", `Show ${name}, ${lengthOf(take)}`);
+    show.setAttribute("aria-pressed", String(id === this.takes.chosen?.id));
+    show.onclick = () => {
+      this.takes.choose(id);
+      this.events.show(take);
+      this.shown = id;
+    };
+    const remove = Object.assign(document.createElement("button"), { textContent: "×", className: "quiet" });
+    remove.setAttribute("aria-label", `Delete ${name}`);
+    remove.onclick = () => {
+      if (this.shown === id) this.events.show(null);
+      this.takes.remove(id);
+    };
+    const item = document.createElement("li");
+    item.append(field, show, remove);
+    return item;
+  }
+
+  private cut(part: (now: readonly [number, number]) => Take["part"]): void {
+    const { chosen } = this.takes;
+    if (chosen) this.takes.describe(chosen.id, { part: part(partOf(chosen)) });
   }
 
   private async save(kind: FileKind): Promise<void> {
-    await saveMotion(this.events.skeleton(), this.take.toSave(), kind);
+    const { chosen } = this.takes;
+    await saveMotion(this.events.skeleton(), this.takes.toSave(), kind, chosen?.name ?? "bodysense");
   }
+}
+
+function lengthOf(take: Take): string {
+  const [from, to] = partOf(take);
+  return `${(to - from).toFixed(1)} s`;
 }

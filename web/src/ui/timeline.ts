@@ -1,8 +1,8 @@
 /** The timeline's buttons and slider; they steer the playback. */
 
 import type { History } from "../history";
-import { button, choices, element, input } from "../page";
-import { SPEEDS, type Playback } from "../playback";
+import { button, choice, element, input } from "../page";
+import type { Playback } from "../playback";
 
 export class Timeline {
   private isHeld = false; // the slider is in somebody's hand
@@ -19,8 +19,7 @@ export class Timeline {
     scrub.oninput = () => playback.seek(Number(scrub.value));
     scrub.onpointerdown = () => (this.isHeld = true);
     scrub.onpointerup = scrub.onpointercancel = () => (this.isHeld = false);
-    const speeds = SPEEDS.map((speed) => [String(speed), `${speed}×`] as const);
-    choices("speed", speeds, "1", (speed) => this.setSpeed(Number(speed)));
+    choice("speed", "1", (speed) => this.setSpeed(Number(speed)));
   }
 
   step(count: number): void {

@@ -4,20 +4,28 @@ import { VRMLoaderPlugin, VRMUtils, type VRM, type VRMHumanBoneName } from "@pix
 import type { Group } from "three";
 import { MeshoptDecoder } from "three/addons/libs/meshopt_decoder.module.js";
 import { GLTFLoader, type GLTF } from "three/addons/loaders/GLTFLoader.js";
-import { drivenJoints, localRotation, type Driven } from "./retarget";
+import type { Quaternion } from "../body/math";
+import { drivenJoints, fromRest, localRotation, type Driven } from "./retarget";
 import { rootHeight, type Body, type Skeleton } from "../body/skeleton";
+
+const HEAD = 2 ** 20; // bytes: of the JSON at the beginning of a file
 
 /** Read the bytes of a .vrm or .glb file. Throws an Error of one line for other bytes. */
 export async function readGlb(bytes: ArrayBuffer, name: string): Promise<GLTF> {
   const loader = new GLTFLoader().setMeshoptDecoder(MeshoptDecoder).register((parser) => new VRMLoaderPlugin(parser));
+  if (isPackedByDraco(bytes)) {
+    const { DRACOLoader, DRACO_GLTF_CONFIG } = await import("three/addons/loaders/DRACOLoader.js"); // with its decoder
+    loader.setDRACOLoader(new DRACOLoader().setDecoderPath(DRACO_GLTF_CONFIG));
+  }
   return loader.parseAsync(bytes, "").catch((error: unknown) => {
     const reason = error instanceof Error ? error.message : "it cannot be read";
-    if (/draco/i.test(reason))
-      throw new Error(
-        `${name} is packed by Draco, which this page does not unpack: export it without compression, or with meshopt.`,
-      );
     throw new Error(`${name} is damaged (${reason.split("\n")[0]}); export it again.`);
   });
+}
+
+function isPackedByDraco(bytes: ArrayBuffer): boolean {
+  const head = new Uint8Array(bytes, 0, Math.min(bytes.byteLength, HEAD));
+  return new TextDecoder().decode(head).includes("KHR_draco_mesh_compression");
 }
 
 export class Avatar {
@@ -25,9 +33,12 @@ export class Avatar {
   private skeleton: Skeleton | null = null; // that it is fitted to
   private readonly isOld: boolean; // VRM 0 faces −Z, VRM 1 and the body here +Z
   private readonly hipsHeight: number; // m, in the avatar's rest pose
-  private readonly rotation = new Float32Array(4);
 
-  private constructor(readonly vrm: VRM) {
+  /** `corrections`: world rotations of the body's joints in its T-pose's axes while the avatar rests; null: the same. */
+  constructor(
+    private readonly vrm: VRM,
+    private readonly corrections: readonly Quaternion[] | null = null,
+  ) {
     const { humanoid } = vrm;
     this.isOld = vrm.meta.metaVersion === "0";
     VRMUtils.rotateVRM0(vrm);
@@ -56,9 +67,10 @@ export class Avatar {
   show(body: Body, skeleton: Skeleton, seconds: number): void {
     this.fit(skeleton);
     const { humanoid } = this.vrm;
+    const turned = this.corrections ? fromRest(body, this.corrections) : body;
     const flip = this.isOld ? -1 : 1;
     for (const driven of this.driven) {
-      const [w, x, y, z] = localRotation(body, driven, this.rotation);
+      const [w, x, y, z] = localRotation(turned, driven);
       humanoid.getNormalizedBoneNode(driven.bone as VRMHumanBoneName)?.quaternion.set(flip * x, y, flip * z, w);
     }
     const [x, y, z] = body.position;

@@ -5,6 +5,7 @@ import { withOffsets, type Skeleton } from "../body/skeleton";
 import type { Moment } from "../history";
 import { BodyView } from "./body_view";
 import { pointColour, TRUTH_COLOUR, type Colouring } from "./colours";
+import { GhostView } from "./ghost_view";
 import { SignalView } from "./signal_view";
 import { Wardrobe } from "./wardrobe";
 
@@ -13,6 +14,7 @@ export interface Shown {
   readonly colouring: Colouring;
   readonly truth: boolean;
   readonly signal: boolean;
+  readonly ghosts: boolean; // of headset and controllers
 }
 
 const GROWN = 0.004; // m: proportions that differ by less look the same
@@ -23,9 +25,10 @@ export class Bodies {
   readonly wardrobe: Wardrobe;
   private skeleton: Skeleton | null = null; // that the figures are built for
   private readonly signal = new SignalView();
+  private readonly ghosts = new GhostView();
 
   constructor(private readonly stage: Object3D) {
-    stage.add(this.signal.group);
+    stage.add(this.signal.group, this.ghosts.group);
     this.wardrobe = new Wardrobe(stage);
   }
 
@@ -43,11 +46,14 @@ export class Bodies {
     if (this.truth.group.visible && moment.truth) this.truth.show(moment.truth, (_, out) => out.copy(TRUTH_COLOUR));
     this.signal.group.visible = shown.signal;
     this.signal.show(moment.signal);
+    this.ghosts.group.visible = shown.ghosts;
+    this.ghosts.show(moment.signal);
   }
 
   /** Nothing is on the stage. */
   clear(): void {
-    for (const part of [this.result, this.truth, this.wardrobe.worn, this.signal]) if (part) part.group.visible = false;
+    for (const part of [this.result, this.truth, this.wardrobe.worn, this.signal, this.ghosts])
+      if (part) part.group.visible = false;
   }
 
   private build(tree: Skeleton, restOffset: Float32Array): void {

@@ -17,8 +17,6 @@ const [WIDTH, HEIGHT, RIM] = [1.5, 2.1, 0.035]; // m
 
 export class Mirror {
   readonly frame = new Group();
-  private readonly middle = new Vector3(0, 0, -AWAY); // on the floor
-  private readonly normal = new Vector3(0, 0, 1); // toward the wearer
 
   constructor() {
     const material = new MeshStandardMaterial({ color: "#d9d4c7", roughness: 0.5 });
@@ -45,22 +43,17 @@ export class Mirror {
     const [w, x, y, z] = rotation;
     const look = new Vector3(0, 0, -1).applyQuaternion(new Quaternion(x, y, z, w)).setY(0);
     if (look.length() < 0.1) look.set(0, 0, -1); // straight up or down
-    this.normal.copy(look.normalize()).negate();
-    this.middle.set(position[0], 0, position[2]).addScaledVector(this.normal, -AWAY);
-    this.frame.position.copy(this.middle);
-    this.frame.rotation.y = Math.atan2(this.normal.x, this.normal.z);
+    this.frame.position.set(position[0], 0, position[2]).addScaledVector(look.normalize(), AWAY);
+    this.frame.rotation.y = Math.atan2(-look.x, -look.z);
   }
 
   /** The map of the world through this mirror. */
   reflection(): Matrix4 {
-    const [x, y, z] = this.normal;
-    // prettier-ignore
-    const turn = new Matrix4(
-      1 - 2 * x * x, -2 * x * y, -2 * x * z, 0,
-      -2 * x * y, 1 - 2 * y * y, -2 * y * z, 0,
-      -2 * x * z, -2 * y * z, 1 - 2 * z * z, 0,
-      0, 0, 0, 1,
-    );
-    return turn.setPosition(this.normal.clone().multiplyScalar(2 * this.normal.dot(this.middle)));
+    this.frame.updateMatrix();
+    const { matrix } = this.frame; // its +Z is the mirror's normal
+    return matrix
+      .clone()
+      .scale(new Vector3(1, 1, -1))
+      .multiply(matrix.clone().invert());
   }
 }

@@ -1,6 +1,7 @@
 /** A pose on a VRM humanoid: which bone each joint is, and the rotations where the avatar lacks some bones. */
 
-import { multiply, type Body, type Skeleton } from "../body/skeleton";
+import { conjugate, multiply, quaternionAt, type Quaternion } from "../body/math";
+import type { Body, Skeleton } from "../body/skeleton";
 
 const BODY: Readonly<Record<string, string>> = {
   pelvis: "hips",
@@ -55,13 +56,17 @@ export function drivenJoints(skeleton: Skeleton, hasBone: (bone: string) => bool
   });
 }
 
+/** A body's rotations from another rest pose than the T-pose, in which its joints are turned by `corrections`. */
+export function fromRest({ position, rotation }: Body, corrections: readonly Quaternion[]): Body {
+  const turned = new Float32Array(rotation.length);
+  corrections.forEach((correction, joint) =>
+    turned.set(multiply(quaternionAt(rotation, joint), conjugate(correction)), 4 * joint),
+  );
+  return { position, rotation: turned };
+}
+
 /** The rotation (wxyz) of a driven joint from the nearest one above it that is driven as well. */
-export function localRotation({ rotation }: Body, { joint, above }: Driven, out: Float32Array): Float32Array {
-  if (above < 0) {
-    out.set(rotation.subarray(4 * joint, 4 * joint + 4));
-    return out;
-  }
-  const [w, x, y, z] = rotation.subarray(4 * above, 4 * above + 4);
-  multiply([w, -x, -y, -z], 0, rotation, 4 * joint, out, 0);
-  return out;
+export function localRotation({ rotation }: Body, { joint, above }: Driven): Quaternion {
+  const own = quaternionAt(rotation, joint);
+  return above < 0 ? own : multiply(conjugate(quaternionAt(rotation, above)), own);
 }

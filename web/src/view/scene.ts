@@ -28,6 +28,7 @@ const PAPER = { light: "#eceae4", dark: "#15171c" } as const;
 const FLOOR = { light: ["#ffffff", "#cfcabd"], dark: ["#2a2e37", "#3b414d"] } as const; // middle and lines
 const RADIUS = 4.5; // m, of the floor
 const [SHADE, SHADE_AT] = [1.65, [-0.38, 0, -0.56]] as const; // m: within what the light sees of the floor
+const CLEAR = 200; // pixels between the middle of the body and what is beside it
 const FOLLOW = 2.5; // per s: how fast the camera goes after somebody who walks
 
 export class View {
@@ -48,14 +49,17 @@ export class View {
   });
   private readonly finest: number; // anisotropy of textures
   private isPortrait = false;
+  private isRoom = false;
+  private look: Look = "light";
 
-  /** `over` lies over the bottom of the canvas where it is fixed: the body stands above it.
+  /** `over` lies over the bottom of the canvas where it is fixed, `beside` over its left: the body is clear of both.
    *
    * `isClear`: nothing but the body and its shadow is drawn, as recording programs overlay it.
    */
   constructor(
     canvas: HTMLCanvasElement,
     private readonly over: HTMLElement,
+    private readonly beside: HTMLElement,
     private readonly isClear = false,
   ) {
     const isFast = hasGraphicsCard();
@@ -130,10 +134,18 @@ export class View {
     this.floor.position.set(x, 0, z);
   }
 
+  /** Whether the wearer's own room is behind the body, in place of the page's floor. */
+  showRoom(isRoom: boolean): void {
+    this.isRoom = isRoom;
+    this.paint(this.look);
+  }
+
   paint(look: Look): void {
-    this.scene.background = this.isClear ? null : new Color(PAPER[look]);
-    this.scene.fog = this.isClear ? null : new Fog(PAPER[look], 7, 14);
-    this.paint_.visible = !this.isClear;
+    this.look = look;
+    const isBare = this.isClear || this.isRoom;
+    this.scene.background = isBare ? null : new Color(PAPER[look]);
+    this.scene.fog = isBare ? null : new Fog(PAPER[look], 7, 14);
+    this.paint_.visible = !isBare;
     this.paint_.map?.dispose();
     this.paint_.map = floorTexture(FLOOR[look][0], FLOOR[look][1]);
     this.paint_.map.anisotropy = this.finest;
@@ -164,8 +176,10 @@ export class View {
     this.isPortrait = width < 0.8 * height;
     const isOver = getComputedStyle(this.over).position === "fixed";
     const free = height - (isOver ? Math.min(height - this.over.offsetTop, height / 2) : 0);
+    const { right } = this.beside.getBoundingClientRect();
+    const aside = isOver ? Math.min(Math.max(right + CLEAR - width / 2, 0), width / 8) : 0;
     this.camera.aspect = width / free;
-    this.camera.setViewOffset(width, free, 0, 0, width, height); // the picture goes on below what is free
+    this.camera.setViewOffset(width, free, -aside, 0, width, height); // the picture goes on below what is free
     this.renderer.setSize(width, height, false);
     if (wasPortrait !== this.isPortrait) this.reset();
   }

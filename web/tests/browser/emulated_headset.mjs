@@ -25,10 +25,10 @@ export async function wearEmulated(page) {
   });
 }
 
-/** The headset is put on, by the page's button, and the page shows its wearer. */
-export async function putOn(page) {
-  await page.dispatchEvent("#door-headset", "click");
-  await page.waitForSelector("#door-headset[aria-busy=false]", { state: "attached" });
+/** The headset is put on, by a button of the page, and the page shows its wearer. */
+export async function putOn(page, door = "#door-headset") {
+  await page.dispatchEvent(door, "click");
+  await page.waitForSelector(`${door}[aria-busy=false]`, { state: "attached" });
   await page.evaluate(() => headsetFrames(4)); // from which on everything that the page says is of this wearer
   const isShown = () =>
     document.getElementById("source").textContent.includes("headset") &&

@@ -1,10 +1,29 @@
-/** Files dropped one after the other, and what the page makes of each: node files.mjs FOLDER PICTURES FILE … */
+/** Files dropped one after the other, and what the page makes of each: node files.mjs FOLDER PICTURES FILE …
+ *
+ * The last one is an avatar that Draco packed.
+ */
 
 import { readFileSync } from "node:fs";
 import { basename } from "node:path";
+import { packedBox, vrmBytes } from "../vrm_file.mjs";
 import { scenario, serveFolder } from "./page.mjs";
 
 const [folder, pictures, ...files] = process.argv.slice(2);
+const LIMBS = {
+  hip: "UpperLeg",
+  knee: "LowerLeg",
+  ankle: "Foot",
+  shoulder: "UpperArm",
+  elbow: "LowerArm",
+  wrist: "Hand",
+};
+const MIDDLE = { pelvis: "hips", spine1: "spine", head: "head" };
+const boneOf = (joint) => {
+  const [side, part] = joint.split("_");
+  return MIDDLE[joint] ?? (part in LIMBS ? side + LIMBS[part] : null);
+};
+const given = files.map((file) => [basename(file), readFileSync(file)]);
+given.push(["packed.vrm", vrmBytes(boneOf, "1", await packedBox())]);
 const site = await serveFolder(folder);
 
 await scenario({ viewport: { width: 900, height: 520 }, serviceWorkers: "block" }, async (page) => {
@@ -15,10 +34,9 @@ await scenario({ viewport: { width: 900, height: 520 }, serviceWorkers: "block" 
     });
   await says("#rate", "completed here");
   const made = {};
-  for (const file of files) {
-    const name = basename(file);
+  for (const [name, buffer] of given) {
     const began = Date.now();
-    await page.setInputFiles("#file", { name, mimeType: "application/octet-stream", buffer: readFileSync(file) });
+    await page.setInputFiles("#file", { name, mimeType: "application/octet-stream", buffer });
     const isTaken = (taken) => {
       const text = (id) => document.getElementById(id).textContent;
       const worn = document.getElementById("avatar").value;

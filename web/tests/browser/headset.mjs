@@ -48,12 +48,18 @@ await scenario({ colorScheme: "light", viewport: { width: 480, height: 320 } }, 
   await page.waitForTimeout(1000);
   await page.screenshot({ path: `${pictures}/after.png` });
   const [after, take] = [await text("#notice-text"), await text("#take")];
+  // Passthrough: the wearer's own room is behind the mirror.
+  const isOffered = await page.isVisible("#door-room");
+  await putOn(page, "#door-room");
+  const room = { isOffered, blend: await page.evaluate(() => device.activeSession.environmentBlendMode) };
+  await page.evaluate(() => void device.activeSession.end());
+  await says("#notice-text", "ended");
   await page.evaluate(() => {
     navigator.xr.requestSession = () => Promise.reject(new DOMException("not now", "NotAllowedError"));
   });
   await page.dispatchEvent("#door-headset", "click");
   await says("#notice-text", "did not let");
   const refused = { refused: await text("#notice-text"), stillThere: await text("#take") };
-  return { before, controllers, hands, after, take, ...refused };
+  return { before, controllers, hands, after, take, room, ...refused };
 });
 site.close();

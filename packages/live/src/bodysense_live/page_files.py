@@ -30,7 +30,8 @@ WEBCAM = (
     "vision_wasm_module_internal.js",
     "vision_wasm_module_internal.wasm",
 )
-_WHEN_SEEN = frozenset({*WEBCAM, "webcam.js", "camera_worker.js"})  # cached for later visits once they were used
+DRACO = ("DRACOLoader.js", "draco_decoder.wasm", "draco_wasm_wrapper.js")  # for files that are packed by it
+WHEN_USED = frozenset({*WEBCAM, *DRACO, "webcam.js", "camera_worker.js"})  # cached for later visits once they were used
 
 
 def built() -> Path:
@@ -76,7 +77,7 @@ def page_files(webcam: Path | None = None) -> Iterator[tuple[str, bytes]]:
         names.append(name)
         digest.update(name.encode() + content)
         yield name, content
-    needed = [name for name in names if name not in _WHEN_SEEN]
+    needed = [name for name in names if name not in WHEN_USED]
     about = {"server": False, "webcam": seen, "version": digest.hexdigest()[:16], "files": needed}
     yield ABOUT, (json.dumps(about, indent=1) + "\n").encode()
 

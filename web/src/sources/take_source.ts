@@ -1,0 +1,31 @@
+/** A take that is looked at: the part of it that counts, again and again. */
+
+import type { Playback } from "../playback";
+import { partOf, type Take } from "../takes";
+import type { Source } from "./source";
+
+export class TakeSource implements Source {
+  readonly guide = "This is a take: name it, cut it and save it in the list. The timeline holds all of it.";
+  readonly sensors: readonly string[] = [];
+
+  /** `take`: as its name and part are now. */
+  constructor(private readonly take: () => Take) {}
+
+  get title(): string {
+    return this.take().name;
+  }
+
+  frame(): void {
+    // The timeline holds its frames.
+  }
+
+  stop(): void {
+    // Nothing runs.
+  }
+
+  /** Begin again where the part is over. */
+  repeat(playback: Playback): void {
+    const [from, to] = partOf(this.take());
+    if (playback.playing && (playback.live || playback.time > to || playback.time < from)) playback.seek(from);
+  }
+}
