@@ -70,11 +70,11 @@ static float uprightness(const body *b, const tracked *t, const pose_state *s) {
     return high > tall + 0.03F ? 0.0F : risen * calm;
 }
 
-/* How much lower the pelvis must be for a leg to reach its ankle (m). */
-static float lacking_height(vec3 hip, vec3 ankle, float longest) {
-    float away = (ankle.x - hip.x) * (ankle.x - hip.x) + (ankle.z - hip.z) * (ankle.z - hip.z);
+/* How much lower the pelvis must be for a leg or a thigh to reach its end (m). */
+static float lacking_height(vec3 hip, vec3 end, float longest) {
+    float away = (end.x - hip.x) * (end.x - hip.x) + (end.z - hip.z) * (end.z - hip.z);
     float square = longest * longest - away;
-    return square > 0.0F ? fmaxf(hip.y - ankle.y - sqrtf(square), 0.0F) : 0.0F;
+    return square > 0.0F ? fmaxf(hip.y - end.y - sqrtf(square), 0.0F) : 0.0F;
 }
 
 /* Turn a foot that stands so that its ball is as far below its ankle as at rest. */
@@ -120,7 +120,12 @@ void move_legs(body *b, const tracked *t, const prediction *p, const mat3 goal[B
     for (int k = 0; k < 2; k++) {
         if (s->foot[k].held == 0) continue;
         float longest = STRAIGHT * (length(task[k].upper) + length(task[k].lower));
-        lacking = fmaxf(lacking, lacking_height(b->point[LEFT_HIP + k], add(feet[k].ankle, move[k]), longest));
+        vec3 end = add(feet[k].ankle, move[k]);
+        if (task[k].middle_turned) { /* a shin with a measured rotation does not stretch the leg */
+            longest = length(task[k].upper);
+            end = sub(end, task[k].lower);
+        }
+        lacking = fmaxf(lacking, lacking_height(b->point[LEFT_HIP + k], end, longest));
     }
     if (pelvis_seen(t)) lacking = 0.0F;
     s->standing_drop += settle * (fminf(lacking, MOST_MOVED) - s->standing_drop);

@@ -66,11 +66,14 @@ def uprightness(body: Body, seen: Tracked, state: PoseState) -> float:
     return 0.0 if high > tall + 0.03 else risen * calm
 
 
-def lacking_height(hip: np.ndarray, ankle: np.ndarray, longest: float) -> float:
+def lacking_height(hip: np.ndarray, ankle: np.ndarray, task: Task) -> float:
     """How much lower the pelvis must be for a leg to reach its ankle (m)."""
-    away = (ankle - hip) * [1, 0, 1]
+    end, longest = ankle, STRAIGHT * task.longest
+    if task.middle_turned:  # a shin with a measured rotation does not stretch the leg
+        end, longest = ankle - task.lower, length(task.upper)
+    away = (end - hip) * [1, 0, 1]
     square = longest**2 - away @ away
-    return max(hip[1] - ankle[1] - sqrt(square), 0.0) if square > 0 else 0.0
+    return max(hip[1] - end[1] - sqrt(square), 0.0) if square > 0 else 0.0
 
 
 def flatten_foot(body: Body, seen: Tracked, ankle: int, ball: int, below: float, share: float) -> None:
@@ -120,7 +123,7 @@ def move_legs(
         moves = hold_feet(feet, seen.floor, seen.interval, upright, state.foot)
     settle = 1 - 2 ** (-seen.interval / SETTLE)
     lacking = max(
-        lacking_height(body.point[HIPS[k]], foot.ankle + moves[k], STRAIGHT * task.longest) * bool(held.held)
+        lacking_height(body.point[HIPS[k]], foot.ankle + moves[k], task) * bool(held.held)
         for k, (task, foot, held) in enumerate(zip(tasks, feet, state.foot, strict=True))
     )
     if pelvis_seen(seen):
