@@ -83,4 +83,4 @@ def test_the_rest_of_a_body_moves_on_where_a_hand_is_found_again() -> None:
             )
             near = (found[:, None] + np.arange(-3, 4)).ravel()
             ratios.append(jerk[near].mean() / usual[near].mean())
-    assert np.mean(ratios) < 2.4
+    assert np.mean(ratios) < 1.8

@@ -7,7 +7,6 @@
 
 #define PULLS 6 /* times that measured legs pull a pelvis */
 static const float MOST_MOVED = 0.15F; /* m that a pelvis is moved for legs that do not reach */
-static const float MOST_DRAWN = 0.1F;  /* m that a standing foot is drawn in below its hip */
 static const float SETTLE = 0.06F;     /* s in which half of what a standing pelvis lacks is made up */
 static const float STEADY = 0.7F;      /* m/s: a head that moves faster up or down jumps, sits down or rises */
 
@@ -71,21 +70,11 @@ static float uprightness(const body *b, const tracked *t, const pose_state *s) {
     return high > tall + 0.03F ? 0.0F : risen * calm;
 }
 
-/* Draw a foot that stands, and that its leg does not reach, in below its hip, so that it stays on the floor. */
-static vec3 drawn_in(vec3 hip, vec3 ankle, float longest) {
-    vec3 away = vec(ankle.x - hip.x, 0, ankle.z - hip.z);
-    float high = hip.y - ankle.y, far = length(away);
-    float square = longest * longest - high * high;
-    if (square >= far * far) return vec(0, 0, 0);
-    float nearest = sqrtf(fmaxf(square, 0.0F));
-    return limited(scale(away, nearest / fmaxf(far, 1e-6F) - 1.0F), MOST_DRAWN);
-}
-
-/* How much lower the pelvis must be for a leg to reach its ankle (m). */
-static float lacking_height(vec3 hip, vec3 ankle, float longest) {
-    float away = (ankle.x - hip.x) * (ankle.x - hip.x) + (ankle.z - hip.z) * (ankle.z - hip.z);
+/* How much lower the pelvis must be for a leg or a thigh to reach its end (m). */
+static float lacking_height(vec3 hip, vec3 end, float longest) {
+    float away = (end.x - hip.x) * (end.x - hip.x) + (end.z - hip.z) * (end.z - hip.z);
     float square = longest * longest - away;
-    return square > 0.0F ? fmaxf(hip.y - ankle.y - sqrtf(square), 0.0F) : 0.0F;
+    return square > 0.0F ? fmaxf(hip.y - end.y - sqrtf(square), 0.0F) : 0.0F;
 }
 
 /* Turn a foot that stands so that its ball is as far below its ankle as at rest. */
@@ -131,13 +120,12 @@ void move_legs(body *b, const tracked *t, const prediction *p, const mat3 goal[B
     for (int k = 0; k < 2; k++) {
         if (s->foot[k].held == 0) continue;
         float longest = STRAIGHT * (length(task[k].upper) + length(task[k].lower));
-        vec3 ankle = add(feet[k].ankle, move[k]);
-        vec3 drawn = scale(drawn_in(b->point[LEFT_HIP + k], ankle, longest), settle);
-        s->foot[k].anchor = add(s->foot[k].anchor, drawn); /* it stays there */
-        s->foot[k].slide = add(s->foot[k].slide, drawn);
-        move[k] = add(move[k], drawn);
-        ankle = add(ankle, drawn);
-        lacking = fmaxf(lacking, lacking_height(b->point[LEFT_HIP + k], ankle, longest));
+        vec3 end = add(feet[k].ankle, move[k]);
+        if (task[k].middle_turned) { /* a shin with a measured rotation does not stretch the leg */
+            longest = length(task[k].upper);
+            end = sub(end, task[k].lower);
+        }
+        lacking = fmaxf(lacking, lacking_height(b->point[LEFT_HIP + k], end, longest));
     }
     if (pelvis_seen(t)) lacking = 0.0F;
     s->standing_drop += settle * (fminf(lacking, MOST_MOVED) - s->standing_drop);

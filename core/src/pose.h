@@ -46,6 +46,7 @@ typedef struct pose_state {
     mat3 rotation[BODY_JOINTS];    /* world ← joint, as output */
     vec3 spin[BODY_JOINTS];        /* rad/s, world */
     settling settling[BODY_JOINTS];
+    uint8_t unsettled;             /* in the frame before, a sensor that decides about the whole body came or went */
     ease turn[BODY_JOINTS];        /* rad, world */
     ease head, pelvis;             /* m, world */
     vec3 head_speed;               /* m/s */

@@ -9,6 +9,7 @@ static const int DECISIVE[] = {HEAD, PELVIS, LEFT_WRIST, RIGHT_WRIST, LEFT_ANKLE
 /* Chosen on validation people. */
 static const float SETTLED = 0.1F; /* s after which about half is left */
 static const float TRUSTED = 0.7F; /* of a joint's spin is left after every frame in which a sensor came or went */
+static const float CARRIED = 0.5F; /* of the change of a joint's spin meanwhile is made gradual */
 
 static bool decisive_change(const tracked *t, const pose_state *s) {
     for (size_t k = 0; k < sizeof DECISIVE / sizeof *DECISIVE; k++)
@@ -36,9 +37,16 @@ void settle(const tracked *t, pose_state *s, prediction *p) {
             joint->off = add(joint->off, turn_between(predicted, expected));
             joint->spin = scale(joint->spin, TRUSTED);
         } else if (s->begun) {
-            joint->spin = scale(turn_between(joint->predicted, predicted), 1.0F / t->interval);
+            vec3 spin = scale(turn_between(joint->predicted, predicted), 1.0F / t->interval);
+            if (s->unsettled) {
+                vec3 carried = scale(sub(joint->spin, spin), CARRIED);
+                joint->off = along(joint->off, carried, t->interval);
+                joint->speed = add(joint->speed, carried);
+            }
+            joint->spin = spin;
         }
         joint->predicted = predicted;
         p->rotation[j] = turned_by(predicted, joint->off);
     }
+    s->unsettled = changed;
 }

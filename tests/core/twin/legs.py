@@ -17,7 +17,6 @@ from .vectors import STRAIGHT, UP, length, limited, mix, turn_between, turned_by
 
 PULLS = 6  # times that measured legs pull a pelvis
 MOST_MOVED = 0.15  # m that a pelvis is moved for legs that do not reach
-MOST_DRAWN = 0.1  # m that a standing foot is drawn in below its hip
 SETTLE = 0.06  # s in which half of what a standing pelvis lacks is made up
 STEADY = 0.7  # m/s: a head that moves faster up or down jumps, sits down or rises
 LEGS = [LIMBS[f"{side}_leg"] for side in SIDES]
@@ -67,20 +66,14 @@ def uprightness(body: Body, seen: Tracked, state: PoseState) -> float:
     return 0.0 if high > tall + 0.03 else risen * calm
 
 
-def drawn_in(hip: np.ndarray, ankle: np.ndarray, longest: float) -> np.ndarray:
-    """By how much to draw a standing foot that its leg does not reach in below its hip: it stays on the floor."""
-    away = (ankle - hip) * [1, 0, 1]
-    square, far = longest**2 - (hip[1] - ankle[1]) ** 2, length(away)
-    if square >= far * far:
-        return np.zeros(3)
-    return limited(away * (sqrt(max(square, 0.0)) / max(far, 1e-6) - 1), MOST_DRAWN)
-
-
-def lacking_height(hip: np.ndarray, ankle: np.ndarray, longest: float) -> float:
+def lacking_height(hip: np.ndarray, ankle: np.ndarray, task: Task) -> float:
     """How much lower the pelvis must be for a leg to reach its ankle (m)."""
-    away = (ankle - hip) * [1, 0, 1]
+    end, longest = ankle, STRAIGHT * task.longest
+    if task.middle_turned:  # a shin with a measured rotation does not stretch the leg
+        end, longest = ankle - task.lower, length(task.upper)
+    away = (end - hip) * [1, 0, 1]
     square = longest**2 - away @ away
-    return max(hip[1] - ankle[1] - sqrt(square), 0.0) if square > 0 else 0.0
+    return max(hip[1] - end[1] - sqrt(square), 0.0) if square > 0 else 0.0
 
 
 def flatten_foot(body: Body, seen: Tracked, ankle: int, ball: int, below: float, share: float) -> None:
@@ -128,14 +121,11 @@ def move_legs(
     if settings.hold_feet:
         upright = uprightness(body, seen, state)
         moves = hold_feet(feet, seen.floor, seen.interval, upright, state.foot)
-    lacking, settle = 0.0, 1 - 2 ** (-seen.interval / SETTLE)
-    for k, (task, foot, held) in enumerate(zip(tasks, feet, state.foot, strict=True)):
-        if not held.held:
-            continue
-        longest, hip = STRAIGHT * task.longest, body.point[HIPS[k]]
-        drawn = settle * drawn_in(hip, foot.ankle + moves[k], longest)
-        held.anchor, held.slide, moves[k] = held.anchor + drawn, held.slide + drawn, moves[k] + drawn  # it stays there
-        lacking = max(lacking, lacking_height(hip, foot.ankle + moves[k], longest))
+    settle = 1 - 2 ** (-seen.interval / SETTLE)
+    lacking = max(
+        lacking_height(body.point[HIPS[k]], foot.ankle + moves[k], task) * bool(held.held)
+        for k, (task, foot, held) in enumerate(zip(tasks, feet, state.foot, strict=True))
+    )
     if pelvis_seen(seen):
         lacking = 0.0
     state.standing_drop += settle * (min(lacking, MOST_MOVED) - state.standing_drop)

@@ -23,6 +23,7 @@ DECISIVE = [HEAD, PELVIS, *(at(f"{side}_{end}") for end in ("wrist", "ankle") fo
 SETTLED = 0.1  # s after which about half is left
 STIFFNESS = 1.678 / SETTLED  # 1/s: (1 + x) e^-x is a half at x = 1.678
 TRUSTED = 0.7  # of a joint's spin is left after every frame in which a sensor came or went
+CARRIED = 0.5  # of the change of a joint's spin meanwhile is made gradual
 
 
 @dataclass
@@ -52,6 +53,11 @@ def settle(seen: Tracked, predicted: Prediction, state: PoseState) -> None:
             joint.off = joint.off + turn_between(rotation, turned_by(joint.predicted, joint.spin * seen.interval))
             joint.spin = TRUSTED * joint.spin
         elif state.begun:
-            joint.spin = turn_between(joint.predicted, rotation) / seen.interval
+            spin = turn_between(joint.predicted, rotation) / seen.interval
+            if state.unsettled:
+                carried = CARRIED * (joint.spin - spin)
+                joint.off, joint.speed = joint.off + seen.interval * carried, joint.speed + carried
+            joint.spin = spin
         joint.predicted = rotation
         predicted.rotation[j] = turned_by(rotation, joint.off)
+    state.unsettled = changed

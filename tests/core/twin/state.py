@@ -28,6 +28,7 @@ class PoseState:
     rotation: np.ndarray = field(default_factory=lambda: np.tile(np.eye(3), (BODY, 1, 1)))  # world ← joint
     spin: np.ndarray = field(default_factory=lambda: np.zeros((BODY, 3)))  # rad/s, world
     settling: list[Settling] = field(default_factory=lambda: [Settling() for _ in range(BODY)])
+    unsettled: bool = False  # in the frame before, a point that decides about the whole body came or went
     turn: list[Ease] = field(default_factory=lambda: [Ease() for _ in range(BODY)])
     head: Ease = field(default_factory=Ease)
     pelvis: Ease = field(default_factory=Ease)
