@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -12,9 +11,8 @@ from scipy.spatial.transform import Rotation
 from bodysense.body.glove import default_glove, template
 from bodysense.body.hand import hand_skeleton
 from bodysense.body.skeleton import Skeleton, default_skeleton
-from bodysense.devices.gloves.continuity import FADING, Continuous, Remembered
+from bodysense.devices.gloves.continuity import Continuous, Remembered
 from bodysense.devices.gloves.fillers import Filler, LastShape, NetworkFiller, Stack
-from bodysense.devices.gloves.hands import HandsSettings
 from bodysense.errors import BodysenseError
 from bodysense_lab.two_hands.baselines import AffineCombination, LastKnown
 
@@ -166,20 +164,6 @@ def test_what_is_remembered_fades_and_what_is_found_is_where_it_is(hand: Skeleto
     np.testing.assert_array_equal(shown[60:], frames[60:, 0, 5])
     with pytest.raises(BodysenseError, match="fading is -1; it must be positive, or None"):
         Remembered(LastKnown(), fading=-1.0)
-
-
-@pytest.mark.parametrize("kind", [Continuous, Remembered])
-def test_by_default_half_an_offset_is_left_after_eight_seconds(
-    hand: Skeleton, kind: Callable[[Filler], Filler]
-) -> None:
-    bent = FLAT.copy()
-    bent[5] += [-0.03, -0.05, 0.0]
-    frames = np.tile(bent, (500, 1, 1, 1))
-    frames[10:, 0, 5] = np.nan
-    shown = run(kind(flat_filler(hand)), frames)[:, 0, 5]
-    told = run(flat_filler(hand), frames)[-1, 0, 5]
-    np.testing.assert_allclose(shown[10 + 480], (bent[5] + told) / 2, atol=1e-6)
-    assert HandsSettings().fading == FADING
 
 
 @pytest.mark.parametrize("other", [0, 3, 8])
