@@ -2,6 +2,8 @@
 
     bodysense evaluate gloves-table3 --data DIR --left-out NETWORKS --json FIGURES/gloves-table3.json
     bodysense evaluate gloves-table4 --data DIR --left-out NETWORKS --json FIGURES/gloves-table4.json
+    bodysense evaluate gloves-fusion --data DIR --json FIGURES/gloves-fusion.json
+    bodysense evaluate gloves-settings --data DIR --json FIGURES/gloves-settings.json
     bodysense evaluate gloves-layouts --hands 3 --json FIGURES/gloves-layouts.json
     bodysense evaluate gloves-occlusion --data DIR --json FIGURES/gloves-occlusion.json
     bodysense evaluate gloves-limits --data DIR --json FIGURES/gloves-limits.json
@@ -24,8 +26,11 @@ from textwrap import fill
 from readme_figures import markdown, put
 
 from bodysense.cli.show import processor
+from bodysense_lab.two_hands.choice import CANDIDATES, value_text
 from bodysense_lab.two_hands.foreign import FEW_MANY, WAYS
 from bodysense_lab.two_hands.foreign import PLACES as FOREIGN_PLACES
+from bodysense_lab.two_hands.fusion import FINGER_COUNTS, FUSION_PLACES, SECONDS
+from bodysense_lab.two_hands.fusion import METHODS as FUSION_METHODS
 from bodysense_lab.two_hands.layouts import layouts
 from bodysense_lab.two_hands.limits_report import LINES
 from bodysense_lab.two_hands.tables import PUBLISHED_MARKERS, PUBLISHED_POINTS, PUBLISHED_STILL
@@ -51,6 +56,8 @@ def main(folder: Path) -> None:
         "gloves-occlusion": occlusion,
         "gloves-limits": limits,
         "gloves-speed": speed,
+        "gloves-fusion": fusion,
+        "gloves-settings": chosen_settings,
     }
     for name, table in tables.items():
         if name in read:
@@ -210,6 +217,28 @@ def limits(numbers: Numbers) -> str:
                 shown = ["–" if value is None else f"{line.factor * value:.2f}" for value in cells]
                 rows.append([motion, line.limit, line.figure, *shown])
     return markdown(["motion", "limit", "figure", "truth", "without", "with"], rows)
+
+
+def fusion(numbers: Numbers) -> str:
+    """Fingers with inertial sensors whose markers are hidden."""
+    rows = []
+    for place, label in FUSION_PLACES.items():
+        for count in FINGER_COUNTS:
+            for method, name in FUSION_METHODS.items():
+                cells = [numbers.get(f"{place}_{method}_{count}_{seconds:.1f}_cm") for seconds in SECONDS]
+                if all(value is not None for value in cells):
+                    rows.append([label, str(count), name, *(f"{value:.2f}" for value in cells if value is not None)])
+    return markdown(["hand", "fingers hidden", "by", *(f"{seconds:g} s" for seconds in SECONDS)], rows)
+
+
+def chosen_settings(numbers: Numbers) -> str:
+    """Mean errors with every value of some settings."""
+    rows = []
+    for name, candidates in CANDIDATES.items():
+        for value in candidates.values:
+            label = f"{value_text(value)}{', the default' if value == candidates.default else ''}"
+            rows.append([candidates.title, label, f"{numbers[f'{name}_{value_text(value)}_cm']:.3f}"])
+    return markdown(["setting", "value", "mean error"], rows)
 
 
 def speed(numbers: Numbers) -> str:

@@ -45,7 +45,7 @@ def test_places(script: dict[str, Any]) -> None:
     assert text == "a\n<!-- begin x -->\nnew\n<!-- end x -->\nb\n"
     places = {
         "README.md": ("completion",),
-        "docs/gloves.md": ("gloves", "gloves-layouts", "gloves-speed"),
+        "docs/gloves.md": ("gloves", "gloves-layouts", "gloves-speed", "gloves-fusion", "gloves-settings"),
         "docs/papers/two-hands.md": ("gloves-table3", "gloves-table4", "gloves-occlusion", "gloves-limits"),
         "docs/rendered.md": ("video",),
         "docs/completion.md": ("completion", "published"),

@@ -11,10 +11,12 @@ import numpy as np
 import pytest
 
 from bodysense.body.glove import glove_points
+from bodysense.body.hand import FREEDOMS, HAND_JOINTS, angles_of, mirrored_rotations
 from bodysense.body.pose import forward_kinematics
 from bodysense.devices.gloves import device, hands
 from bodysense.devices.simulated import three_point
 from bodysense.devices.simulated.glove import observe
+from bodysense.devices.simulated.noise import hide
 from bodysense.io.bvh import read_bvh
 from bodysense.io.clip import Clip
 from bodysense.io.markers.files import write_markers
@@ -72,7 +74,7 @@ def test_gloves_become_a_body(files: Path, motion: Path, run: Command, ending: s
 
 
 def test_fingers_of_the_file_are_the_gloves(files: Path, run: Command, gloves: Observation, short_clip: Clip) -> None:
-    from bodysense.body.hand import HAND_JOINTS, hand_skeleton
+    from bodysense.body.hand import hand_skeleton
     from bodysense.body.rotation import geodesic_angle
 
     run("track", files / "gloves.npz", "-o", files / "hands.bvh")
@@ -168,3 +170,25 @@ def test_a_third_hand_is_left_out(files: Path, gloves: Observation, short_clip: 
     )
     write_recording(files / "three.npz", Recording(three, short_clip.pose.skeleton))
     assert "left out 'left2'" in run("track", files / "three.npz", "-o", files / "a.bvh")
+
+
+def test_gloves_with_inertial_sensors_go_from_a_motion_to_a_body(
+    tmp_path: Path, short_clip: Clip, motion: Path, run: Command, refused: Command
+) -> None:
+    """Fingers move although only markers on the back of the right hand are seen."""
+    run("simulate", motion, "--device", "gloves_imu", "-o", tmp_path / "seen.npz")
+    found = read_recording(tmp_path / "seen.npz")
+    hidden = np.zeros(found.observation.has_position.shape, dtype=bool)
+    for place, name in enumerate(found.observation.points):
+        hidden[:, place] = name.startswith("right_glove_") and not name.endswith(("_base", "_wrist"))
+    write_recording(tmp_path / "fewer.jsonl", replace(found, observation=hide(found.observation, hidden)))
+    run("track", tmp_path / "fewer.jsonl", "-o", tmp_path / "hands.bvh")
+    assert found.observation.has_position[:, 9:12].all()
+    pose, true = read_bvh(tmp_path / "hands.bvh").pose, short_clip.pose
+    joints = pose.skeleton.indices([f"right_{name}" for name in HAND_JOINTS[1:]])
+    angle = [np.asarray(angles_of(mirrored_rotations(one.rotation[:, joints], "right"))) for one in (pose, true)]
+    bent = [k for k, row in enumerate(FREEDOMS) if row.angle == "flexion"]
+    assert np.degrees(np.abs(angle[0] - angle[1])[12:, bent]).mean() < 3.0
+    assert "marker files have no sensors; give a recording" in refused(
+        "simulate", motion, "--device", "gloves_imu", "-o", tmp_path / "seen.c3d"
+    )

@@ -59,16 +59,24 @@ def simulate(
 
     from bodysense.body.glove_set import read_set
     from bodysense.cli.markers import write_seen
-    from bodysense.devices.simulated.device import MarkerGloves
+    from bodysense.devices.simulated.device import InertialGloves, MarkerGloves
     from bodysense.devices.simulated.device import simulate as simulated
+    from bodysense.io.markers.files import is_marker_file
     from bodysense.io.recording import Recording
 
     check_place(out)
     check_rate("--rate", rate)
     clip = load_clip(file, reading, rate)
-    if marker_set is not None and device != "gloves":
+    if marker_set is not None and device not in ("gloves", "gloves_imu"):
         raise BodysenseError(f"--marker-set {marker_set}: for --device gloves, not for {device}; leave it out")
-    watching = device if marker_set is None else MarkerGloves(read_set(marker_set))
+    if device == "gloves_imu" and is_marker_file(out):
+        raise BodysenseError(
+            f"{out}: marker files have no sensors; give a recording, a name that ends in .npz or .jsonl"
+        )
+    watching = device
+    if marker_set is not None:
+        gloves = MarkerGloves if device == "gloves" else InertialGloves
+        watching = gloves(read_set(marker_set))
     observation = simulated(clip, watching, seed if noise else None)
     write_seen(out, Recording(observation, clip.pose.skeleton), clip.frame_rate)
     tracked = (observation.has_position | observation.has_rotation).mean()

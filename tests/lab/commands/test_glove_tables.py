@@ -4,10 +4,95 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
+import torch
 
+from bodysense.body.hand import hand_skeleton
+from bodysense.body.skeleton import default_skeleton
 from bodysense.cli import main
+from bodysense_lab.commands import gloves
+from bodysense_lab.options import TableOptions
+from bodysense_lab.synthesis.hands import HandMotion, synthesize_hand
+from bodysense_lab.two_hands import scores
+from bodysense_lab.two_hands.network import JointNetwork, JointNetworkConfig, MarkerNetwork, MarkerNetworkConfig
+from bodysense_lab.two_hands.train import write_glove_network
+
+
+@pytest.fixture
+def networks(tmp_path: Path) -> dict[str, Path]:
+    """Small networks that were never trained, by the options that take them."""
+    torch.manual_seed(0)
+    made = {"markers": MarkerNetwork(MarkerNetworkConfig((8,))), "joints": JointNetwork(JointNetworkConfig((8,)))}
+    for name, network in made.items():
+        write_glove_network(network, tmp_path / f"{name}.onnx", {})
+    return {name: tmp_path / f"{name}.onnx" for name in made}
+
+
+@pytest.mark.parametrize(
+    ("table", "option", "network", "changed", "kept"),
+    [
+        ("gloves-table3", "--model", "markers", "nn_1_0.1_cm", "lk_1_0.1_cm"),
+        ("gloves-table4", "--markers", "markers", "nn_1_0.1_cm", "ik_cm"),
+        ("gloves-table4", "--joints", "joints", "nn_0_cm", "ik_cm"),
+        *(
+            pytest.param("gloves-fusion", f"--{network}", network, changed, kept, marks=pytest.mark.slow)
+            for network, changed, kept in (
+                ("markers", "synthesised_markers_1_0.1_cm", "synthesised_imu_1_0.1_cm"),
+                ("joints", "synthesised_fused_1_0.1_cm", "synthesised_imu_1_0.1_cm"),
+            )
+        ),
+    ],
+)
+def test_the_network_of_an_option_is_scored(
+    table: str,
+    option: str,
+    network: str,
+    changed: str,
+    kept: str,
+    networks: dict[str, Path],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def short(number: int) -> HandMotion:
+        seconds = 6.2 if table == "gloves-fusion" else 1.2
+        hand = hand_skeleton(default_skeleton(), "left")
+        return synthesize_hand(hand, seconds, np.random.default_rng(number))
+
+    monkeypatch.setattr(scores, "synthetic_hand", short)
+    found = []
+    for more in ((), (option, str(networks[network]))):
+        out = tmp_path / f"{len(found)}.json"
+        assert (
+            main(["evaluate", table, "--quick", "--jobs", "1", *more, "--out", str(tmp_path), "--json", str(out)]) == 0
+        )
+        found.append(json.loads(out.read_text()))
+    assert found[1][changed] > 1.1 * found[0][changed]
+    assert found[1][kept] == pytest.approx(found[0][kept], abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("table", "split"),
+    [
+        *((f"gloves-{name}", "test") for name in ("table3", "table4", "occlusion", "limits", "fusion")),
+        ("gloves-settings", "val"),
+    ],
+)
+def test_tables_score_the_test_split_and_settings_are_chosen_on_the_validation_split(
+    table: str, split: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Asked(Exception):
+        pass
+
+    def asked(data: str, options: TableOptions) -> Any:
+        assert data == "DIR"
+        raise Asked(options.split)
+
+    monkeypatch.setattr(gloves, "open_data", asked)
+    with pytest.raises(Asked, match=f"^{split}$"):
+        main(["evaluate", table, "--data", "DIR", "--out", str(tmp_path)])
 
 
 @pytest.mark.slow

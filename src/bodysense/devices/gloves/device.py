@@ -2,8 +2,8 @@
 
 The solver (`hands.py`) fills hidden markers, rejects wrong ones and keeps hands from jumping. Its output is observed
 like any other point, with its expected error: 1-2 mm if markers are seen, more the longer they are hidden. A hand
-whose markers have all been hidden for 0.1 s is not observed, so that the tracker completes it. If only gloves are
-tracked, a head is assumed (`standing_head`).
+whose markers have all been hidden for 0.1 s is not observed, so that the tracker completes it. Rotations by inertial
+sensors still are. If only gloves are tracked, a head is assumed (`standing_head`).
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from bodysense.body.glove_set import GloveSet, packaged_sets
 from bodysense.body.hand import FINGERTIPS, HAND_JOINTS, Side, glove_marker, hand_skeleton, mirrored_vectors
 from bodysense.body.hand_family import GlovedHand, plain_hand
 from bodysense.body.pose import forward_kinematics
+from bodysense.body.rotation import quaternion_conjugate, quaternion_multiply
 from bodysense.body.skeleton import Skeleton
 from bodysense.devices.gloves.calibration import checked_fit, enough_frames
 from bodysense.devices.gloves.hands import GloveModels, Hands, HandsSettings, HandsState, load_glove_models
@@ -89,7 +90,7 @@ class GloveDevice:
             observation, virtual = self.virtual.step(observation, virtual)
         answers, hands = self.hands.step(observation, state.hands)
         others = without_gloves(observation)
-        alone = self.wearer is not None and not others.points
+        alone = self.wearer is not None and not self._beside_sensors(others)
         assumed = ("head",) if alone else ()
         points = tuple(dict.fromkeys((*others.points, *self.points, *assumed)))
         merged = _widened(others, points)
@@ -99,6 +100,7 @@ class GloveDevice:
             joints = place[: len(HAND_JOINTS)]
             assert answer.pose is not None
             rotation = np.asarray(forward_kinematics(answer.pose)[1])
+            self._turn_by_sensors(merged, joints, rotation)
             merged.position[np.ix_(seen, place)] = answer.position[seen]
             merged.has_position[np.ix_(seen, place)] = True
             merged.accuracy[np.ix_(seen, place)] = np.maximum(answer.confidence[seen], OPTICAL_ACCURACY)
@@ -106,6 +108,25 @@ class GloveDevice:
             merged.has_rotation[np.ix_(seen, joints)] = True
         head = self._with_head(merged, state.head) if alone else state.head
         return merged, GloveState(hands, head, virtual)
+
+    def _beside_sensors(self, observation: Observation) -> bool:
+        """Whether any point is not an inertial sensor of a glove: the rotation of a hand's joint without a position."""
+        joints = {f"{side}_{name}" for side in self.hands.hands for name in HAND_JOINTS}
+        placed = observation.has_position.any(axis=0)
+        return any(name not in joints or placed[k] for k, name in enumerate(observation.points))
+
+    @staticmethod
+    def _turn_by_sensors(observation: Observation, joints: np.ndarray, rotation: np.ndarray) -> None:
+        """Replace, in place, the rotations of a hand's sensors: fingers as solved, on the sensor of the hand.
+
+        `joints` (16,) are the hand's joints among the points, `rotation` (T, 16, 4) their solved ones, world ← joint.
+        """
+        alone = observation.has_rotation[:, joints] & ~observation.has_position[:, joints]
+        held = alone & alone[:, :1]
+        if held.any():
+            wrist = observation.rotation[:, joints[:1]]
+            turned = quaternion_multiply(quaternion_multiply(wrist, quaternion_conjugate(rotation[:, :1])), rotation)
+            observation.rotation[:, joints] = np.where(held[..., None], turned, observation.rotation[:, joints])
 
     def _with_head(self, observation: Observation, state: StandingHeadState) -> StandingHeadState:
         """Fill in the assumed head, in place, if a hand is observed."""

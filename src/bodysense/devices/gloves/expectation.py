@@ -19,6 +19,7 @@ BACK_ERROR = 0.010  # if the three alignment markers are
 LOST_ERROR = 0.12  # if all are: hands that stay in place are off by 3 to 6 cm after 0.1 s (docs/gloves.md)
 LONGEST = 1.0  # s
 LARGEST_ERROR = 0.3  # m
+SENSED = 0.06  # s: fingers with inertial sensors are as uncertain as ones whose marker has been hidden so long
 _TIPS = np.arange(POINT_COUNT) >= len(HAND_JOINTS)
 _SHOWN = np.where(_TIPS, TIP_SHOWN_ERROR, SHOWN_ERROR)  # (21,)
 _BACK = list(ALIGNMENT)
@@ -31,9 +32,15 @@ class Influence(NamedTuple):
     growth: np.ndarray  # (9, 21) m/√s: contribution of a hidden marker to the point's expected error
 
 
-def expected_error(hidden: np.ndarray, influence: Influence) -> tuple[np.ndarray, np.ndarray]:
-    """Return expected errors (…, 21) m of markers hidden for (…, 9) s, and the hidden share (…, 21), 0 to 1."""
-    error = np.sqrt(np.minimum(hidden, LONGEST)) @ influence.growth + _SHOWN
+def expected_error(
+    hidden: np.ndarray, influence: Influence, sensed: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return expected errors (…, 21) m of markers hidden for (…, 9) s, and the hidden share (…, 21), 0 to 1.
+
+    `sensed` (…, 9) are markers of fingers with inertial sensors.
+    """
+    longest = LONGEST if sensed is None else np.where(sensed, SENSED, LONGEST)
+    error = np.sqrt(np.minimum(hidden, longest)) @ influence.growth + _SHOWN
     back = np.minimum.reduce(hidden.take(_BACK, axis=-1), axis=-1, keepdims=True)
     if back.any():
         lost = np.minimum.reduce(hidden, axis=-1, keepdims=True)

@@ -3,7 +3,7 @@
 Every hand is processed as a left one (right hands are mirrored first), all in one batch. The steps of a frame: wrong
 markers are dropped (`rejection`), hidden ones filled without jumps (`fillers`, `continuity`), the hand is placed and
 its fingers posed (`joints`), it settles if markers are found again (`settling`), and overlapping parts are moved
-apart (`contact`).
+apart (`contact`). Inertial sensors on fingers give the flexion of joints whose markers are hidden (`inertial`).
 
 Special cases:
 
@@ -33,12 +33,14 @@ from bodysense.body.pose import Pose
 from bodysense.body.rotation import quaternion_canonical, quaternion_conjugate
 from bodysense.body.skeleton import Skeleton
 from bodysense.devices.estimate import PointEstimate
+from bodysense.devices.gloves import inertial
 from bodysense.devices.gloves.contact import Contact, ContactState
 from bodysense.devices.gloves.contact_rows import ContactSettings
 from bodysense.devices.gloves.continuity import FADING, Remembered
 from bodysense.devices.gloves.expectation import Influence, expected_error, influence
 from bodysense.devices.gloves.fillers import Filler, LastShape, NetworkFiller, Stack, any_of, missing
 from bodysense.devices.gloves.fingers import POINT_COUNT, Aim
+from bodysense.devices.gloves.inertial import Fusion, InertialSettings, InertialState, Sensed
 from bodysense.devices.gloves.joints import HandPoses, JointReader
 from bodysense.devices.gloves.networks import HandNetwork, load_joint_network, load_marker_network
 from bodysense.devices.gloves.rejection import Rejection, RejectionSettings, RejectionState
@@ -78,6 +80,7 @@ class HandsSettings:
     aim: Aim = "marker"  # point of a finger that aims at its marker
     restraint: float = 4.0  # of fingers' large turns to their markers (`fingers.shortest_arcs`); 0 turns all the way
     contact: ContactSettings | None = field(default_factory=ContactSettings)  # if None, contact is off
+    inertial: InertialSettings = InertialSettings()
     longest_gap: float = 1.0  # s without frames after which everything is reset
 
     def __post_init__(self) -> None:
@@ -98,6 +101,7 @@ class HandsState(NamedTuple):
     contact: ContactState
     hidden: np.ndarray  # (H, 9) s for which each marker has been hidden
     settling: SettlingState | None  # before the first frame None
+    inertial: InertialState
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,13 +182,18 @@ class Hands:
         return Settling(self._reader.shape, self.glove, self.settings.speed, self.settings.unseen_speed)
 
     @cached_property
+    def _fusion(self) -> Fusion:
+        return Fusion(self._reader.shape, inertial.bases(self.axes, len(self.hands)), self.settings.inertial)
+
+    @cached_property
     def _influence(self) -> Influence:
         return influence(self.glove)
 
     def start(self) -> HandsState:
         """Return the state before the first frame."""
         hidden, filler = np.full((len(self.hands), len(self.glove.markers)), NEVER), self._filler.start(len(self.hands))
-        return HandsState(None, self._rejection.start(), filler, self._contact.start(), hidden, None)
+        contact, sensors = self._contact.start(), self._fusion.start()
+        return HandsState(None, self._rejection.start(), filler, contact, hidden, None, sensors)
 
     def step(self, observation: Observation, state: HandsState) -> tuple[dict[str, PointEstimate], HandsState]:
         """Complete T frames in order: an estimate of every hand on its skeleton, with its pose.
@@ -192,17 +201,20 @@ class Hands:
         Raises BodysenseError for a point that is named twice and if time does not increase.
         """
         markers, _ = self._measured(observation)
+        sensed = self._sensed(observation)
         frames, hands = len(observation.time), len(self.hands)
         root, rotation = np.empty((frames, hands, 3)), np.empty((frames, hands, len(HAND_JOINTS), 4))
         position = np.empty((frames, hands, POINT_COUNT, 3))
         hidden = np.empty((frames, hands, len(self.glove.markers)))
         for frame, now in enumerate(observation.time.tolist()):
             interval, state = self._continued(now, state)
-            pose, state = self.complete(markers[frame], interval, state)
+            felt = None if sensed is None else Sensed(sensed.flexion[frame], sensed.vertical[frame])
+            pose, state = self.complete(markers[frame], interval, state, felt)
             state = HandsState(now, *state[1:])
             root[frame], rotation[frame], position[frame] = pose
             hidden[frame] = state.hidden
-        error, occluded = expected_error(hidden, self._influence)
+        felt = None if sensed is None else inertial.markers_sensed(sensed, self._reader.shape, hidden.shape)
+        error, occluded = expected_error(hidden, self._influence, felt)
         root *= self._flip[:, 0]
         position *= self._flip
         rotation *= self._turned_over * np.copysign(1.0, rotation[..., :1])
@@ -234,8 +246,13 @@ class Hands:
         told /= np.linalg.norm(told, axis=-1, keepdims=True)
         return replace(self, calibration=np.asarray(quaternion_conjugate(told)))
 
-    def complete(self, markers: np.ndarray, interval: float, state: HandsState) -> tuple[HandPoses, HandsState]:
-        """Complete one frame of H left hands, each in its own mirrored world: markers (H, 9, 3) m, NaN where hidden."""
+    def complete(
+        self, markers: np.ndarray, interval: float, state: HandsState, sensed: Sensed | None = None
+    ) -> tuple[HandPoses, HandsState]:
+        """Complete one frame of H left hands, each in its own mirrored world: markers (H, 9, 3) m, NaN where hidden.
+
+        `sensed` is what inertial sensors measure; None without any.
+        """
         rejection, checking = state.rejection, self.settings.rejection is not None
         if checking:
             markers, rejection = self._rejection.check(markers, interval, state.hidden, rejection)
@@ -245,11 +262,19 @@ class Hands:
             rejection = self._rejection.remember(np.where(known[..., None], markers, shown), known, interval, rejection)
         hidden = (state.hidden + interval) * ~known
         told, contact = self._reader.read(shown), state.contact
-        without = self._without(told, shown, known, interval, state)
+        without, sensors = self._without(told, shown, known, interval, state), state.inertial
+        if sensed is not None:
+            solved, was = told, state.inertial
+            told, sensors = self._fusion.fuse(solved, sensed, hidden, interval, was)
+            if without is solved:
+                without = told
+            elif state.settling is not None:
+                longer = (state.hidden + interval) * ~(known & state.settling.known)
+                without, _ = self._fusion.fuse(without, sensed, longer, interval, was)
         poses, settling = self._settling.step(told, without, known, interval, state.settling)
         if self.settings.contact is not None:
             poses, contact = self._contact.step(poses, shown, known, interval, contact)
-        return poses, HandsState(state.time, rejection, filler, contact, hidden, settling)
+        return poses, HandsState(state.time, rejection, filler, contact, hidden, settling, sensors)
 
     def _without(
         self, told: HandPoses, filled: np.ndarray, known: np.ndarray, interval: float, state: HandsState
@@ -286,6 +311,16 @@ class Hands:
             known, markers = near, np.where(near[..., None], markers, np.nan)
         return markers, known
 
+    def _sensed(self, observation: Observation) -> Sensed | None:
+        """Return what inertial sensors measure (T, H, 15): rotations without positions. None without any."""
+        place = _sensors(observation.points, tuple(self.hands))
+        alone = observation.has_rotation & ~observation.has_position
+        known = alone.take(place, axis=-1) & (place >= 0)
+        if not known.any():
+            return None
+        rotation = observation.rotation.take(place, axis=-2) * self._turned_over
+        return inertial.sense(np.where(known[..., None], rotation, np.nan), self._fusion.about)
+
 
 def natural_pose(hand: Skeleton) -> Pose:
     """Return a relaxed left-model hand at the origin."""
@@ -309,3 +344,10 @@ def _where(points: tuple[str, ...], hands: tuple[str, ...]) -> tuple[np.ndarray,
     index = {point: place for place, point in enumerate(points)}
     place = np.array([[index.get(point, -1) for point in glove_points(hand)] for hand in hands])
     return place, bool((place >= 0).all())
+
+
+@lru_cache(maxsize=64)
+def _sensors(points: tuple[str, ...], hands: tuple[str, ...]) -> np.ndarray:
+    """Return the indices of hands' joints among the points (H, 16), -1 if missing."""
+    index = {point: place for place, point in enumerate(points)}
+    return np.array([[index.get(f"{hand}_{joint}", -1) for joint in HAND_JOINTS] for hand in hands])

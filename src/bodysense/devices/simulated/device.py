@@ -8,7 +8,8 @@ from typing import Literal, Protocol
 import numpy as np
 
 from bodysense.body.glove_set import GloveSet
-from bodysense.devices.simulated import glove
+from bodysense.body.hand import hand_pose
+from bodysense.devices.simulated import glove, glove_imu
 from bodysense.devices.simulated.camera_ring import CameraRing
 from bodysense.devices.simulated.noise import NoiseSettings, disturb
 from bodysense.devices.simulated.sensors import SENSOR_SETS, SensorSet, observe
@@ -27,7 +28,7 @@ SensorSetName = Literal[
     "three_point_imu_shoes",
     "three_point_imu_legs",
 ]
-DeviceName = SensorSetName | Literal["gloves"]
+DeviceName = SensorSetName | Literal["gloves", "gloves_imu"]
 _GLOVE_NOISE = 0.0005  # m along each axis: markers of optical capture
 
 
@@ -66,9 +67,23 @@ class MarkerGloves:
         return glove.observe(clip.pose, clip.time, capture, rng, self.worn)
 
 
+@dataclass(frozen=True, eq=False)
+class InertialGloves:
+    """Marker gloves with an inertial sensor on every segment of the fingers."""
+
+    worn: GloveSet | None = None  # marker set; None: the standard one
+
+    def observe(self, clip: Clip, rng: np.random.Generator | None) -> Observation:
+        """Return markers that cameras see and rotations of sensors; with `rng` with noise and drift."""
+        markers = MarkerGloves(self.worn).observe(clip, rng)
+        hands = {side: hand_pose(clip.pose, side) for side in ("left", "right")}
+        return glove_imu.joined(markers, glove_imu.observe_fingers(hands, clip.time, rng))
+
+
 _BY_NAME: dict[str, Device] = {
     **{name: WornSensors(sensors) for name, sensors in SENSOR_SETS.items()},
     "gloves": MarkerGloves(),
+    "gloves_imu": InertialGloves(),
 }
 DEVICES = tuple(_BY_NAME)
 

@@ -26,4 +26,6 @@ def commands() -> SubcommandApp:
         group.command(command)
     group.command(gloves.gloves_table4)
     group.command(gloves.gloves_layouts)
+    group.command(gloves.gloves_fusion)
+    group.command(gloves.gloves_settings)
     return group

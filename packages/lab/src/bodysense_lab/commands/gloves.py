@@ -161,6 +161,37 @@ def gloves_table4(
     finish(report, table)
 
 
+def gloves_fusion(
+    data: Hands = None,
+    markers: Network = None,
+    joints: Network = None,
+    left_out: LeftOut = None,
+    table: Table = TableOptions(),
+) -> None:
+    """Two hands, section 2.2: fingers whose markers are hidden, by markers, by inertial sensors, and by both.
+
+    The hands are unseen: left out of training (--left-out), or drawn from the hand shape space.
+    """
+    from bodysense_lab.two_hands.fusion import fusion_table
+
+    with _hands(data, table) as (chosen, synthesised, advance):
+        made = synthesised if chosen is None else 0
+        report = fusion_table(chosen, made, markers, joints, table.processes, advance, left_out)
+    finish(report, table)
+
+
+def gloves_settings(data: Hands = None, table: Table = TableOptions(split="val")) -> None:
+    """Choose settings of gloves on hands that are in no table: fading of offsets, and use of inertial sensors.
+
+    Hands are drawn with a seed of their own, and move as those of the validation split.
+    """
+    from bodysense_lab.two_hands.choice import settings_table
+
+    with _hands(data, table) as (chosen, synthesised, advance):
+        report = settings_table(chosen, synthesised if chosen is None else 0, table.processes, advance)
+    finish(report, table)
+
+
 def gloves_layouts(hands: int | None = None, table: Table = TableOptions()) -> None:
     """Gloves of other marker sets: finger joints of known hands and of calibrated hands.
 

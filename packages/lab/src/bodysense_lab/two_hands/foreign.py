@@ -131,7 +131,7 @@ def _settings(
             continue
         for motion in motions:
             rng = np.random.default_rng([crc32(motion.name.encode()), motion.side == "right"])
-            hand = _hand(place, motion, rng)
+            hand = unseen_hand(place, motion, rng)
             trials = cut([motion], stride, rng, hand)
             if trials is None:
                 continue
@@ -142,7 +142,8 @@ def _settings(
             yield place, files, trials, ways
 
 
-def _hand(place: str, motion: HandMotion, rng: np.random.Generator) -> GlovedHand:
+def unseen_hand(place: str, motion: HandMotion, rng: np.random.Generator) -> GlovedHand:
+    """Return the hand of a place that makes a motion: the motion's own, a drawn one, or the paper's."""
     if place == FOREIGN:
         return plain_hand(motion.pose.skeleton)
     return draw_hand(rng) if place == STRANGER else template_hand()

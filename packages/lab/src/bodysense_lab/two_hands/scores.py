@@ -89,8 +89,12 @@ def measure(
     synthesised: int,
     jobs: int,
     advance: Callable[[], None],
+    by_person: bool = False,
 ) -> GloveTable:
-    """Measure every clip of `data` with fingers and `synthesised` synthesised hands, in `jobs` processes."""
+    """Measure every clip of `data` with fingers and `synthesised` synthesised hands, in `jobs` processes.
+
+    `by_person` gives all motions of a person to `work` at once.
+    """
     means, census = KeyedMeans(), Census()
 
     def tasks() -> Iterator[HandTask]:
@@ -104,10 +108,18 @@ def measure(
         for number in range(synthesised):
             yield HandTask([synthetic_hand(number)], SYNTHESISED, f"hand {number}")
 
-    for _, told in spread(work, tasks(), jobs):
+    for _, told in spread(work, _of_people(tasks()) if by_person else tasks(), jobs):
         means.merge(told)
         advance()
     return GloveTable(means, census, data, synthesised)
+
+
+def _of_people(tasks: Iterator[HandTask]) -> Iterator[HandTask]:
+    """Join the tasks of each person and group."""
+    joined: dict[tuple[str, str], list[HandMotion]] = {}
+    for motions, group, person in tasks:
+        joined.setdefault((group, person), []).extend(motions)
+    return (HandTask(motions, group, person) for (group, person), motions in joined.items())
 
 
 def both_hands(clip: Clip) -> HandTask:

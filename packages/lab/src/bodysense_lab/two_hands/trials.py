@@ -38,6 +38,7 @@ class Trials:
     worn: tuple[GlovedHand, ...]
     markers: np.ndarray  # (T, H, 9, 3) m
     points: np.ndarray  # (T, H, 21, 3) m
+    turned: np.ndarray  # (T, H, 16, 4) wxyz, world ← joint
     frames: np.ndarray  # (H,) that are of the motion
 
     def __len__(self) -> int:
@@ -56,7 +57,8 @@ class Trials:
     def part(self, start: int, stop: int) -> Trials:
         """Return the trials from `start` to `stop`."""
         rows = slice(start, stop)
-        return Trials(self.worn[rows], self.markers[:, rows], self.points[:, rows], self.frames[rows])
+        of_time = (self.markers[:, rows], self.points[:, rows], self.turned[:, rows])
+        return Trials(self.worn[rows], *of_time, self.frames[rows])
 
 
 def together(several: Sequence[Trials]) -> Trials:
@@ -65,6 +67,7 @@ def together(several: Sequence[Trials]) -> Trials:
         tuple(hand for part in several for hand in part.worn),
         np.concatenate([part.markers for part in several], axis=1),
         np.concatenate([part.points for part in several], axis=1),
+        np.concatenate([part.turned for part in several], axis=1),
         np.concatenate([part.frames for part in several]),
     )
 
@@ -95,26 +98,33 @@ class KeyedMeans:
 
 
 def cut(
-    motions: Iterable[HandMotion], stride: int, rng: np.random.Generator, hand: GlovedHand | None = None
+    motions: Iterable[HandMotion],
+    stride: int,
+    rng: np.random.Generator,
+    hand: GlovedHand | None = None,
+    last: Sequence[int] = LAST,
 ) -> Trials | None:
     """A trial at every `stride` frames of every motion at 60 Hz, from a random one on; None of motions too short.
 
-    On the motions' own hands, in default gloves, or on another one.
+    On the motions' own hands, in default gloves, or on another one. `last` are the frames that are scored.
     """
-    length, hands = LAST[-1] + 1, []
-    markers, points, frames = [], [], []
+    length, hands = last[-1] + 1, []
+    markers, points, turned, frames = [], [], [], []
     for motion in motions:
-        begins = np.arange(int(rng.integers(stride)), len(motion) - LAST[0], stride)
+        begins = np.arange(int(rng.integers(stride)), len(motion) - last[0], stride)
         rows = np.minimum(begins + np.arange(length)[:, None], len(motion) - 1)
         worn = plain_hand(motion.pose.skeleton) if hand is None else hand
         pose = carried_over(motion.pose, worn)
         markers.append(np.asarray(marker_positions(worn.glove, pose))[rows])
-        points.append(forward_kinematics(pose)[0][rows])
+        place, turn = (np.asarray(part) for part in forward_kinematics(pose))
+        points.append(place[rows])
+        turned.append(turn[rows])
         frames.append(len(motion) - begins)
         hands += [worn] * len(begins)
     if not hands:
         return None
-    return Trials(tuple(hands), np.concatenate(markers, 1), np.concatenate(points, 1), np.concatenate(frames))
+    of_time = (np.concatenate(parts, axis=1) for parts in (markers, points, turned))
+    return Trials(tuple(hands), *of_time, np.concatenate(frames))
 
 
 def hide_some(trials: int, count: int, rng: np.random.Generator) -> np.ndarray:
@@ -154,30 +164,35 @@ def finger_error(trials: Trials, hidden: np.ndarray, models: GloveModels, settin
 
 def _finger_error(trials: Trials, hidden: np.ndarray, models: GloveModels, settings: HandsSettings) -> np.ndarray:
     """Complete all trials at once, each as a hand of its own."""
+    hands = hands_of(trials, models, settings)
+    answers, _ = hands.step(observed(trials, hidden), hands.start())
+    points = trials.hands[0].indices(FINGER_POINTS)
+    told = np.stack([answers[name].position for name in hands.hands], axis=1)
+    frames = [BEFORE - 1, *LAST]
+    error = joint_error(told[frames][:, :, points], trials.points[frames][:, :, points]).mean(axis=-1)
+    return np.where(trials.frames > np.array(frames)[:, None], error, np.nan)
+
+
+def hands_of(trials: Trials, models: GloveModels, settings: HandsSettings) -> Hands:
+    """Return the solver of all trials at once, each as a hand of its own: 'left0', 'left1' …"""
     names = [f"left{k}" for k in range(len(trials))]
-    hands = Hands(
+    return Hands(
         dict(zip(names, trials.hands, strict=True)),
         models,
         settings,
         gloves=dict(zip(names, trials.gloves, strict=True)),
         axes=np.stack([hand.axes for hand in trials.worn]),
     )
-    answers, _ = hands.step(_observation(names, trials.markers, hidden), hands.start())
-    points = trials.hands[0].indices(FINGER_POINTS)
-    told = np.stack([answers[name].position for name in names], axis=1)
-    frames = [BEFORE - 1, *LAST]
-    error = joint_error(told[frames][:, :, points], trials.points[frames][:, :, points]).mean(axis=-1)
-    return np.where(trials.frames > np.array(frames)[:, None], error, np.nan)
 
 
-def _observation(names: Sequence[str], markers: np.ndarray, hidden: np.ndarray) -> Observation:
-    """Markers (T, H, 9, 3) of left hands, of which some (H, 9) are hidden from frame BEFORE on."""
-    frames, hands = markers.shape[:2]
-    known = np.ones(markers.shape[:3], dtype=bool)
-    known[BEFORE:] = ~hidden
-    position = np.where(known[..., None], markers, np.nan).reshape(frames, -1, 3)
+def observed(trials: Trials, hidden: np.ndarray, before: int = BEFORE) -> Observation:
+    """Return the markers of all trials, of which some (H, 9) are hidden from frame `before` on."""
+    frames, hands = trials.markers.shape[:2]
+    known = np.ones(trials.markers.shape[:3], dtype=bool)
+    known[before:] = ~hidden
+    position = np.where(known[..., None], trials.markers, np.nan).reshape(frames, -1, 3)
     return Observation(
-        points=tuple(point for name in names for point in glove_points(name)),
+        points=tuple(point for k in range(hands) for point in glove_points(f"left{k}")),
         position=position,
         rotation=np.full((frames, hands * len(MARKERS), 4), np.nan),
         has_position=known.reshape(frames, -1),

@@ -1,0 +1,220 @@
+"""Fusion of inertial sensors with markers (two-hands, section 2.2; papers.md 4.3): fingers whose markers are hidden.
+
+Each trial is two seconds with all markers, then five in which all markers of some fingers are hidden. The hand is one
+that no network learned, its shape known. Its sensors drift for a minute before (`glove_imu`). Three methods: markers
+alone; the sensors alone, calibrated a minute before, with resting spread, because they measure flexion; both.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from functools import partial
+from pathlib import Path
+from zlib import crc32
+
+import numpy as np
+
+from bodysense.body.glove import ALIGNMENT, MARKERS
+from bodysense.body.hand import FINGERS, FREEDOMS, HAND_JOINTS, rotations_of
+from bodysense.body.registration import moved, to_matrix
+from bodysense.body.rotation import quaternion_conjugate, quaternion_multiply
+from bodysense.devices.estimate import PointEstimate
+from bodysense.devices.gloves import inertial
+from bodysense.devices.gloves.fingers import hand_shape, in_order, reached
+from bodysense.devices.gloves.hands import GloveModels, HandsSettings
+from bodysense.devices.gloves.networks import load_joint_network, load_marker_network
+from bodysense.devices.simulated.glove_imu import GloveImuNoise, disturbed, joined
+from bodysense.metrics import joint_error
+from bodysense.observation import EXACT_ACCURACY, Observation
+from bodysense.scoring import GROUPS
+from bodysense_lab.datasets import DataSet, describe
+from bodysense_lab.synthesis.hands import RATE
+from bodysense_lab.table import Report, cell, finite
+from bodysense_lab.two_hands.foreign import FOREIGN, PLACES, STRANGER, ForeignModels, unseen_hand
+from bodysense_lab.two_hands.scores import (
+    ALONE,
+    SYNTHESISED,
+    SYNTHETIC_SECONDS,
+    GloveTable,
+    HandTask,
+    measure,
+)
+from bodysense_lab.two_hands.trials import FINGER_POINTS, KeyedMeans, Trials, cut, hands_of, observed, together
+
+METHODS = {"markers": "markers alone", "imu": "sensors alone", "fused": "fused"}
+FUSION_PLACES = {
+    FOREIGN: PLACES[FOREIGN],
+    STRANGER: PLACES[STRANGER],
+    SYNTHESISED: "strangers' hands, synthesised motion",
+}
+FINGER_COUNTS = (1, 2, 3, 4, 5)  # fingers whose markers are hidden
+SECONDS = (0.1, 0.5, 1.0, 2.0, 5.0)  # s for which they are
+SEEN = 120  # frames with all markers before
+SCORED = tuple(SEEN + round(seconds * RATE) - 1 for seconds in SECONDS)
+BACK = {MARKERS[k] for k in ALIGNMENT}
+STRIDE = 240  # frames from one trial to the next
+_FLEXIONS = [k for k, row in enumerate(FREEDOMS) if row.angle == "flexion"]
+
+
+def measure_fusion(
+    task: HandTask, markers: Path | None = None, joints: Path | None = None, left_out: Path | None = None
+) -> KeyedMeans:
+    """Errors of hidden fingers, cm, under (place, method, hidden fingers, seconds)."""
+    motions, group, person = task
+    means, files = KeyedMeans(person), ForeignModels(markers, joints, left_out)
+    places = (FOREIGN, STRANGER) if group == GROUPS[0] else (SYNTHESISED,) if group == SYNTHESISED else ()
+    for place in places:
+        found = files.of(place, person)
+        if found is None:
+            continue
+        models = GloveModels(load_marker_network(found[0]), load_joint_network(found[1]))
+        rng, parts = np.random.default_rng([crc32(motions[0].name.encode()), len(place)]), []
+        for motion in motions:
+            hand = unseen_hand(FOREIGN if place == FOREIGN else STRANGER, motion, rng)
+            if (trials := cut([motion], STRIDE, rng, hand, SCORED)) is not None:
+                parts.append(trials)
+        if parts:
+            _add(means, place, together(parts), models, rng)
+    return means
+
+
+def _add(means: KeyedMeans, place: str, trials: Trials, models: GloveModels, rng: np.random.Generator) -> None:
+    """Score trials with every number of hidden fingers, all at once."""
+    lost = np.concatenate([lose_some(len(trials), count, rng) for count in FINGER_COUNTS])
+    several = together([trials] * len(FINGER_COUNTS))
+    for method, errors in fusion_errors(several, lost, models, rng).items():
+        for k, count in enumerate(FINGER_COUNTS):
+            rows = slice(k * len(trials), (k + 1) * len(trials))
+            for seconds, error in zip(SECONDS, errors[:, rows], strict=True):
+                means.add((place, method, count, seconds), error)
+
+
+def lose_some(trials: int, count: int, rng: np.random.Generator) -> np.ndarray:
+    """(H, 5) bool: `count` random fingers of each."""
+    return rng.random((trials, len(FINGERS))).argsort(axis=1).argsort(axis=1) < count
+
+
+def fusion_errors(
+    trials: Trials, lost: np.ndarray, models: GloveModels, rng: np.random.Generator
+) -> dict[str, np.ndarray]:
+    """Return errors of the second and third joint and the tip of fingers, by method, cm: (5, H) by seconds.
+
+    The markers of fingers `lost` (H, 5) are hidden. NaN where the motion ends before.
+    """
+    seen, sensors = observed(trials, _hidden(lost), SEEN), disturbed(sensed(trials), GloveImuNoise(), rng)
+    hands, frames = hands_of(trials, models, ALONE), list(SCORED)
+    alone, _ = hands.step(seen, hands.start())
+    both, _ = hands.step(joined(seen, sensors), hands.start())
+    poses = [answer.pose for answer in alone.values() if answer.pose is not None]
+    root = np.stack([pose.root_position[frames] for pose in poses], axis=1)
+    wrist = np.stack([pose.rotation[frames, 0] for pose in poses], axis=1)
+    turns = sensors.rotation[frames].reshape(len(frames), len(trials), -1, 4)
+    return {
+        "markers": _errors(trials, lost, _scored(alone)),
+        "imu": _errors(trials, lost, _by_sensors(trials, turns, root, wrist)),
+        "fused": _errors(trials, lost, _scored(both)),
+    }
+
+
+def fused_errors(
+    trials: Trials, lost: np.ndarray, models: GloveModels, rng: np.random.Generator, settings: HandsSettings
+) -> np.ndarray:
+    """Return the errors of `fusion_errors` of the fused hands alone, with other settings."""
+    hands = hands_of(trials, models, settings)
+    seen = joined(observed(trials, _hidden(lost), SEEN), disturbed(sensed(trials), GloveImuNoise(), rng))
+    return _errors(trials, lost, _scored(hands.step(seen, hands.start())[0]))
+
+
+def _hidden(lost: np.ndarray) -> np.ndarray:
+    """(H, 9) bool: the markers of lost fingers (H, 5)."""
+    finger = np.array([-1 if name in BACK else FINGERS.index(name.partition("_")[0]) for name in MARKERS])
+    return lost[:, finger] & (finger >= 0)
+
+
+def _scored(answers: Mapping[str, PointEstimate]) -> np.ndarray:
+    """Return all points (F, H, 21, 3) m on the frames that are scored."""
+    return np.stack([answer.position[list(SCORED)] for answer in answers.values()], axis=1)
+
+
+def _errors(trials: Trials, lost: np.ndarray, told: np.ndarray) -> np.ndarray:
+    """Return mean errors (5, H) cm of the joints of lost fingers, of points (F, H, 21, 3) m."""
+    points, frames = trials.hands[0].indices(FINGER_POINTS), list(SCORED)
+    counted = np.repeat(lost, 3, axis=1)
+    error = joint_error(told[:, :, points], trials.points[frames][:, :, points])
+    mean = (error * counted).sum(axis=-1) / counted.sum(axis=-1)
+    return np.where(trials.frames > np.array(frames)[:, None], mean, np.nan)
+
+
+def sensed(trials: Trials) -> Observation:
+    """Return exact sensors of all trials."""
+    frames, hands = trials.turned.shape[:2]
+    known = np.ones((frames, hands * len(HAND_JOINTS)), dtype=bool)
+    return Observation(
+        points=tuple(f"left{k}_{joint}" for k in range(hands) for joint in HAND_JOINTS),
+        position=np.full((*known.shape, 3), np.nan),
+        rotation=trials.turned.reshape(frames, -1, 4),
+        has_position=~known,
+        has_rotation=known,
+        accuracy=np.full(known.shape, EXACT_ACCURACY),
+        time=np.arange(1, frames + 1) / RATE,
+    )
+
+
+def _by_sensors(trials: Trials, rotation: np.ndarray, root: np.ndarray, wrist: np.ndarray) -> np.ndarray:
+    """Return points (F, H, 21, 3) m of hands placed by their markers, with the flexion of sensors (F, H, 16, 4)."""
+    axes = np.stack([hand.axes for hand in trials.worn])
+    flexion = inertial.sense(rotation, inertial.bases(axes, len(trials))).flexion
+    angles = np.zeros((*flexion.shape[:2], len(FREEDOMS)))
+    angles[..., _FLEXIONS] = flexion
+    own = np.asarray(rotations_of(angles))
+    local = np.asarray(quaternion_multiply(quaternion_multiply(axes, own), quaternion_conjugate(axes)))
+    shape = hand_shape(trials.hands, trials.gloves)
+    return np.stack(
+        [moved(in_order(reached(turns, shape), shape), to_matrix(wrist[k]), root[k]) for k, turns in enumerate(local)]
+    )
+
+
+def fusion_table(
+    data: DataSet | None,
+    synthesised: int,
+    markers: Path | None,
+    joints: Path | None,
+    jobs: int,
+    advance: Callable[[], None],
+    left_out: Path | None = None,
+) -> Report:
+    """Measure the effect of the sensors and report it. Raises BodysenseError for files that are not these networks."""
+    load_marker_network(markers)
+    load_joint_network(joints)
+    work = partial(measure_fusion, markers=markers, joints=joints, left_out=left_out)
+    return fusion_report(measure(work, data, synthesised, jobs, advance, by_person=True))
+
+
+def fusion_report(table: GloveTable) -> Report:
+    """Errors of hidden fingers by markers, by sensors and by both."""
+    made = f"Synthesised: {table.synthesised} hands, {SYNTHETIC_SECONDS:g} s each, of a seed of their own."
+    return Report(
+        name="gloves-fusion",
+        title="Two hands, section 2.2: fingers whose markers are hidden, with inertial sensors",
+        columns=("hand", "method", "fingers hidden", *(f"{seconds:g} s" for seconds in SECONDS)),
+        rows=tuple(_rows(table)),
+        numbers=finite({_key(*key): table.means.get(*key) for key in table.means.sums}) | table.census.numbers(),
+        data=(made,) if table.data is None else (describe(table.data, table.census), made),
+        caption="Mean error of the second and third joint and the tip of the fingers whose markers are hidden, cm. No "
+        "network learned these hands.",
+        digits=2,
+    )
+
+
+def _rows(table: GloveTable) -> Iterator[tuple[str | float | None, ...]]:
+    for place, label in FUSION_PLACES.items():
+        for count in FINGER_COUNTS:
+            for method, name in METHODS.items():
+                row = [table.means.get(place, method, count, seconds) for seconds in SECONDS]
+                if np.isfinite(row).any():
+                    yield label, name, str(count), *map(cell, row)
+
+
+def _key(place: str, method: str, count: int, seconds: float) -> str:
+    """Return a key of the report: stranger_fused_1_0.5_cm …"""
+    return f"{place}_{method}_{count}_{seconds:.1f}_cm"

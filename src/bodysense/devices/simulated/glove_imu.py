@@ -1,0 +1,87 @@
+"""Inertial sensors of gloves: one on the back of each hand, one on every segment of a finger (two-hands, section 2.1).
+
+A sensor gives its rotation and no position. Only the true rotations are measured; all sizes of errors are assumptions.
+Headings drift: about the vertical as the IMUs of `noise`, and at a constant rate since the calibration, as a
+gyroscope's bias does where magnets do not help. Gravity holds the tilt. Straps shift once; what remains is noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bodysense.body.glove import side_of
+from bodysense.body.hand import HAND_JOINTS, mirrored_rotations
+from bodysense.body.pose import Pose, forward_kinematics
+from bodysense.body.rotation import quaternion_canonical, quaternion_exp, quaternion_multiply
+from bodysense.devices.simulated.noise import NoiseSettings, disturb
+from bodysense.errors import BodysenseError
+from bodysense.observation import EXACT_ACCURACY, Observation, accuracy_like
+
+_UP = np.array([0.0, 1.0, 0.0])
+
+
+@dataclass(frozen=True)
+class GloveImuNoise:
+    """Errors of a glove's inertial sensors, as standard deviations; each sensor has errors of its own."""
+
+    heading: float = 3.0  # °, forgotten in `NoiseSettings.imu_time`
+    tilt: float = 0.7  # °, the same
+    drift: float = 0.1  # ° of heading a second since the calibration, drawn for a session
+    worn: float = 60.0  # s since the calibration at the first frame
+    strap: float = 2.0  # ° about each axis of the segment, drawn for a session
+    white: float = 0.2  # ° about each axis
+
+    def __post_init__(self) -> None:
+        for name in ("heading", "tilt", "drift", "worn", "strap", "white"):
+            if not 0 <= getattr(self, name) < np.inf:
+                raise BodysenseError(f"glove IMUs: {name} is {getattr(self, name):g}; give 0 or more")
+
+
+def observe_fingers(
+    hands: Mapping[str, Pose],
+    time: np.ndarray,
+    rng: np.random.Generator | None = None,
+    noise: GloveImuNoise = GloveImuNoise(),
+) -> Observation:
+    """Return the sensors of hands (T, …) by name, each a left hand in its own world (`body.hand`), at `time` (T,) s.
+
+    Points are joints without positions: 'left_wrist', 'left_thumb1' … Exact without `rng`.
+    """
+    rotation = np.concatenate(
+        [mirrored_rotations(np.asarray(forward_kinematics(pose)[1]), side_of(name)) for name, pose in hands.items()],
+        axis=-2,
+    )
+    known = np.ones(rotation.shape[:-1], dtype=bool)
+    sensors = Observation(
+        points=tuple(f"{name}_{joint}" for name in hands for joint in HAND_JOINTS),
+        position=np.full((*known.shape, 3), np.nan),
+        rotation=rotation,
+        has_position=~known,
+        has_rotation=known,
+        accuracy=accuracy_like(known, EXACT_ACCURACY),
+        time=np.asarray(time, dtype=float),
+    )
+    return sensors if rng is None else disturbed(sensors, noise, rng)
+
+
+def disturbed(sensors: Observation, noise: GloveImuNoise, rng: np.random.Generator) -> Observation:
+    """Add errors to sensors (T, P); times do not change."""
+    usual = NoiseSettings(imu_heading=noise.heading, imu_tilt=noise.tilt, scale=0.0, stamp_jitter=0.0)
+    world = np.asarray(disturb(sensors, rng, usual).rotation)
+    count, age = len(sensors.points), noise.worn + sensors.time - sensors.time[0]
+    heading = np.radians(noise.drift) * rng.standard_normal(count) * age[:, None]
+    strap = np.radians(noise.strap) * rng.standard_normal((count, 3))
+    white = np.radians(noise.white) * rng.standard_normal((len(age), count, 3))
+    rotation = quaternion_multiply(quaternion_exp(heading[..., None] * _UP), world)
+    rotation = quaternion_multiply(rotation, quaternion_exp(strap + white))
+    return replace(sensors, rotation=np.asarray(quaternion_canonical(rotation)))
+
+
+def joined(observation: Observation, other: Observation) -> Observation:
+    """Return two observations of the same moments as one."""
+    names = ("position", "rotation", "has_position", "has_rotation", "accuracy")
+    merged = {name: np.concatenate([getattr(observation, name), getattr(other, name)], axis=1) for name in names}
+    return replace(observation, points=(*observation.points, *other.points), **merged)

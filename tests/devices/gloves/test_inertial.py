@@ -1,0 +1,224 @@
+"""Inertial sensors of gloves: flexion where markers are hidden, drift corrected where they are seen."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bodysense.body.glove import marker_positions, standard_marker
+from bodysense.body.hand import FINGERS, FREEDOMS, HAND_JOINTS, Side, angles_of, mirrored_rotations
+from bodysense.body.hand_family import GlovedHand, carried_over, draw_hand
+from bodysense.body.pose import Pose
+from bodysense.body.rotation import quaternion_conjugate, quaternion_exp, quaternion_multiply
+from bodysense.body.skeleton import Skeleton
+from bodysense.devices.estimate import PointEstimate
+from bodysense.devices.gloves import inertial
+from bodysense.devices.gloves.hands import GloveModels, Hands, HandsSettings
+from bodysense.devices.simulated.glove_imu import joined, observe_fingers
+from bodysense.devices.simulated.noise import hide
+from bodysense.observation import Observation
+from bodysense_lab.synthesis.hands import HandMotion
+
+FLEXIONS = [k for k, row in enumerate(FREEDOMS) if row.angle == "flexion"]
+ALONE = HandsSettings(rejection=None, contact=None)
+UP = np.array([0.0, 1.0, 0.0])
+
+
+def flexions(pose: Pose, axes: np.ndarray | None = None) -> np.ndarray:
+    """(T, 15) rad, by the angles of the hand model, a slow twin of `inertial.flexion`."""
+    local = np.asarray(pose.rotation)[..., 1:, :]
+    if axes is not None:
+        local = np.asarray(quaternion_multiply(quaternion_multiply(quaternion_conjugate(axes), local), axes))
+    return np.asarray(angles_of(local))[..., FLEXIONS]
+
+
+def turned_sensors(sensors: Observation, heading: np.ndarray, strap: np.ndarray) -> Observation:
+    """Sensors (T, P) whose headings are wrong by (P,) rad and whose straps by rotation vectors (P, 3) rad."""
+    rotation = quaternion_multiply(quaternion_exp(heading[:, None] * UP), sensors.rotation)
+    return replace(sensors, rotation=np.asarray(quaternion_multiply(rotation, quaternion_exp(strap))))
+
+
+class Knowing:
+    """A joint network that knows the true angles (T, 26) of a hand until a frame, and repeats that one after it."""
+
+    def __init__(self, angles: np.ndarray, until: int) -> None:
+        self.angles, self.until, self.frame = angles, until, -1
+
+    def run(self, markers: np.ndarray, hand: np.ndarray) -> np.ndarray:
+        self.frame += 1
+        return np.repeat(self.angles[min(self.frame, self.until)][None], len(markers), axis=0)
+
+
+class Still:
+    """A marker network that predicts a flat hand."""
+
+    def run(self, markers: np.ndarray, hand: np.ndarray) -> np.ndarray:
+        return np.zeros_like(markers)
+
+
+@pytest.fixture(scope="module")
+def drawn() -> GlovedHand:
+    return draw_hand(np.random.default_rng(8))
+
+
+@pytest.fixture(scope="module")
+def moving(motion: HandMotion, drawn: GlovedHand) -> Pose:
+    """Six seconds at 60 Hz of a drawn hand, whose joints have axes of their own."""
+    return carried_over(motion.pose[:360], drawn)
+
+
+@pytest.fixture(scope="module")
+def markers_of_drawn(moving: Pose, drawn: GlovedHand) -> np.ndarray:
+    return np.asarray(marker_positions(drawn.glove, moving))
+
+
+def solver(hand: GlovedHand, models: GloveModels, *names: str) -> Hands:
+    worn = names or ("left",)
+    return Hands(
+        dict.fromkeys(worn, hand.skeleton),
+        models,
+        ALONE,
+        gloves=dict.fromkeys(worn, hand.glove),
+        axes=np.stack([hand.axes] * len(worn)),
+    )
+
+
+def answered(hands: Hands, seen: Observation) -> dict[str, PointEstimate]:
+    return hands.step(seen, hands.start())[0]
+
+
+def found(answer: PointEstimate, axes: np.ndarray) -> np.ndarray:
+    """(T, 15) rad of an estimate of a left hand."""
+    assert answer.pose is not None
+    return flexions(answer.pose, axes)
+
+
+def fingers_hidden(seen: Observation, start: int) -> Observation:
+    """Hide the markers of all fingers from a frame on."""
+    of_finger = np.array([bool((m := standard_marker(p)) and m[1].startswith(FINGERS)) for p in seen.points])
+    back = np.array([bool((m := standard_marker(p)) and m[1].endswith("_base")) for p in seen.points])
+    hidden = np.zeros(seen.has_position.shape, dtype=bool)
+    hidden[start:, of_finger & ~back] = True
+    return hide(seen, hidden)
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_exact_sensors_measure_the_true_flexion(moving: Pose, drawn: GlovedHand, side: Side) -> None:
+    sensors = observe_fingers({side: moving}, np.arange(360) / 60)
+    about = inertial.bases(drawn.axes[None], 1)
+    rotation = mirrored_rotations(sensors.rotation, side).reshape(-1, 1, len(HAND_JOINTS), 4)
+    sensed = inertial.sense(rotation, about)
+    np.testing.assert_allclose(sensed.flexion[:, 0], flexions(moving, drawn.axes), atol=1e-9)
+
+
+def test_the_vertical_part_of_a_hinge_is_how_much_a_heading_changes_the_flexion(
+    moving: Pose, drawn: GlovedHand
+) -> None:
+    about, small = inertial.bases(drawn.axes[None], 1), 1e-5
+    exact = observe_fingers({"left": moving}, np.arange(360) / 60)
+    last = np.array([joint.endswith("3") for joint in HAND_JOINTS])
+    wrong = turned_sensors(exact, small * last, np.zeros((16, 3)))
+    one, other = (inertial.sense(seen.rotation.reshape(-1, 1, 16, 4), about) for seen in (exact, wrong))
+    bent = (other.flexion - one.flexion)[:, 0] / small
+    hinges = np.array([FREEDOMS[k].joint.endswith("3") for k in FLEXIONS])
+    np.testing.assert_allclose(bent[:, hinges], one.vertical[:, 0, hinges], atol=2e-3)
+    assert not bent[:, ~hinges].any()
+
+
+def test_with_everything_hidden_fingers_have_the_flexion_of_exact_sensors(
+    moving: Pose, drawn: GlovedHand, markers_of_drawn: np.ndarray, observe_gloves: Callable, small_models: GloveModels
+) -> None:
+    nothing = observe_gloves(left=np.full_like(markers_of_drawn, np.nan))
+    seen = joined(nothing, observe_fingers({"left": moving}, nothing.time))
+    told = found(answered(solver(drawn, small_models), seen)["left"], drawn.axes)
+    np.testing.assert_allclose(told[120:], flexions(moving, drawn.axes)[120:], atol=1e-4)
+
+
+def test_drift_is_corrected_within_two_seconds_of_sight(
+    moving: Pose, drawn: GlovedHand, markers_of_drawn: np.ndarray, observe_gloves: Callable, motion: HandMotion
+) -> None:
+    """Headings are wrong by 10° and straps by 3°."""
+    rng, truth = np.random.default_rng(4), flexions(moving, drawn.axes)
+    seen = observe_gloves(left=markers_of_drawn)
+    exact = observe_fingers({"left": moving}, seen.time)
+    wrong = turned_sensors(
+        exact, np.radians(10) * rng.standard_normal(16), np.radians(3) * rng.standard_normal((16, 3))
+    )
+    angles = np.asarray(angles_of(motion.pose.rotation[:, 1:]))
+    errors = {}
+    for start in (1, 120):
+        hands = solver(drawn, GloveModels(Still(), Knowing(angles, start)))
+        told = found(answered(hands, joined(fingers_hidden(seen, start), wrong))["left"], drawn.axes)
+        errors[start] = np.degrees(np.abs(told - truth)[130:].mean())
+    assert errors[120] < 3.0
+    assert errors[1] > 1.7 * errors[120]
+
+
+def test_a_hand_without_sensors_is_unchanged(
+    moving: Pose, drawn: GlovedHand, markers_of_drawn: np.ndarray, observe_gloves: Callable, small_models: GloveModels
+) -> None:
+    seen = fingers_hidden(observe_gloves(left=markers_of_drawn, right=markers_of_drawn), 60)
+    hands = solver(drawn, small_models, "left", "right")
+    without, sensors = answered(hands, seen), observe_fingers({"left": moving}, seen.time)
+    left_alone = answered(hands, joined(seen, sensors))
+    assert np.abs(left_alone["left"].position - without["left"].position).max() > 0.01
+    np.testing.assert_array_equal(left_alone["right"].position, without["right"].position)
+    np.testing.assert_array_equal(left_alone["right"].confidence, without["right"].confidence)
+    # Joints that another device also places, as cameras of a headset do, are not sensors.
+    placed = replace(
+        sensors, position=np.zeros((*sensors.has_position.shape, 3)), has_position=np.ones_like(sensors.has_position)
+    )
+    tracked = answered(hands, joined(seen, placed))
+    np.testing.assert_array_equal(tracked["left"].position, without["left"].position)
+
+
+def test_joints_whose_sensors_stop_return_to_the_solved_pose_without_a_jump(
+    moving: Pose, drawn: GlovedHand, markers_of_drawn: np.ndarray, observe_gloves: Callable, small_models: GloveModels
+) -> None:
+    still = Pose(
+        moving.skeleton, np.tile(moving.root_position[:1], (360, 1)), np.tile(moving.rotation[:1], (360, 1, 1))
+    )
+    seen = fingers_hidden(observe_gloves(left=np.tile(markers_of_drawn[:1], (360, 1, 1))), 60)
+    sensors = observe_fingers({"left": still}, seen.time)
+    # Fingers are bent by 0.6 rad while their markers are hidden; only the sensors notice.
+    bent = turned_sensors(sensors, np.zeros(16), np.zeros((16, 3)))
+    bend = np.zeros((360, 16, 3))
+    bend[90:, :, 2] = -0.6 * np.array([0.0, *([0.2, 0.6, 1.0] * 5)])
+    bent = replace(bent, rotation=np.asarray(quaternion_multiply(bent.rotation, quaternion_exp(bend))))
+    stopped = np.zeros(bent.has_rotation.shape, dtype=bool)
+    stopped[200:] = True
+    hands = solver(drawn, small_models)
+    solved = found(answered(hands, seen)["left"], drawn.axes)
+    told = found(answered(hands, joined(seen, hide(bent, stopped)))["left"], drawn.axes)
+    assert np.abs(told - solved)[195].max() > 0.15
+    np.testing.assert_allclose(told[320:], solved[320:], atol=1e-3)
+    before, after = np.abs(told[199] - solved[199]).max(), np.abs(np.diff(told - solved, axis=0))[199:].max()
+    assert after < 0.2 * before
+
+
+def test_a_finger_is_hidden_with_its_tip_and_the_thumb_s_base_with_both_its_markers(hand: Skeleton) -> None:
+    from bodysense.body.glove import MARKERS, default_glove
+    from bodysense.devices.gloves.fingers import hand_shape
+
+    shape = hand_shape([hand], [default_glove()])
+    hidden = np.zeros((1, len(MARKERS)))
+    hidden[0, [MARKERS.index("thumb_tip"), MARKERS.index("ring_tip")]] = 0.5
+    lost = dict(zip(HAND_JOINTS[1:], inertial.joints_hidden(hidden, shape)[0], strict=True))
+    assert {name for name, seconds in lost.items() if seconds} == {"thumb2", "thumb3", "ring1", "ring2", "ring3"}
+    hidden[0, MARKERS.index("thumb_middle")] = 0.2
+    assert inertial.joints_hidden(hidden, shape)[0, 0] == 0.2
+
+
+def test_fingers_with_sensors_are_expected_to_be_nearer(
+    moving: Pose, drawn: GlovedHand, markers_of_drawn: np.ndarray, observe_gloves: Callable, small_models: GloveModels
+) -> None:
+    seen = fingers_hidden(observe_gloves(left=markers_of_drawn), 60)
+    hands, tips = solver(drawn, small_models), slice(16, 21)
+    without = answered(hands, seen)["left"].confidence[300, tips]
+    with_them = answered(hands, joined(seen, observe_fingers({"left": moving}, seen.time)))["left"].confidence[
+        300, tips
+    ]
+    assert (with_them < 0.6 * without).all()
