@@ -1,8 +1,9 @@
 """Settings of gloves, chosen on hands that are in no table: half-lives of offsets, and of poses with inertial sensors.
 
 The hands are drawn from the hand shape space with a seed of their own. They move as recorded hands of the validation
-split, or by themselves. A value is scored by the mean of its errors over all durations, and the best is chosen. Of offsets
-it is the longest half-life within 2 % of the best: real hands differ more from those of training than drawn ones.
+split, or by themselves. A value is scored by the mean of its errors over all durations, and the best is chosen. Of
+offsets it is the longest half-life within 2 % of the best: real hands differ more from those of training than drawn
+ones.
 """
 
 from __future__ import annotations
@@ -131,7 +132,7 @@ def settings_report(table: GloveTable) -> Report:
 
 
 def choose(means: Mapping[float | None, float], within: float) -> float | None:
-    """Return the last value, in order of half-lives, whose error is larger than the least by a share `within` at most."""
+    """Return the last value, in order of half-lives, whose error is at most a share `within` over the least."""
     least = min(means.values())
     return [value for value, error in means.items() if error <= (1 + within) * least][-1]
 
