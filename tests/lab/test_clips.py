@@ -9,9 +9,9 @@ import pytest
 
 from bodysense.errors import BodysenseError
 from bodysense.io.bvh import write_bvh
+from bodysense.io.datasets import sources
 from bodysense.io.datasets.sources import Source
 from bodysense.io.rigs.options import ReadingOptions
-from bodysense_lab import datasets
 from bodysense_lab.datasets import count_clips, open_clips
 
 
@@ -41,7 +41,7 @@ def test_an_option_that_a_command_lacks_goes_to_the_preparation(folder: Path, mo
     def lying(source: Source, options: ReadingOptions) -> None:
         raise BodysenseError(f"{source.path}: it never stands upright; say which axis is up, as --up y")
 
-    monkeypatch.setattr(datasets, "read_source", lying)
+    monkeypatch.setattr(sources, "read_source", lying)
     with pytest.raises(
         BodysenseError, match=r"--up y; where a command has no --up, .*data prepare .* -o STORE.zarr --up"
     ):

@@ -54,6 +54,7 @@ def test_commands_score_the_test_split() -> None:
                 elif field == "split":
                     splits[name] = parameter.default
     assert splits.pop("unoc_table1") == "all"  # the paper's table is of all of the data
+    assert splits.pop("gloves_settings") == "val"  # settings are chosen there
     assert len(splits) > 12 and set(splits.values()) == {"test"}, splits
     assert CompletionSettings().split == "test"
 

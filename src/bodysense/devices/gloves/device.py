@@ -112,7 +112,7 @@ class GloveDevice:
     def _beside_sensors(self, observation: Observation) -> bool:
         """Whether any point is not an inertial sensor of a glove: the rotation of a hand's joint without a position."""
         joints = {f"{side}_{name}" for side in self.hands.hands for name in HAND_JOINTS}
-        placed = observation.has_position.any(axis=0)
+        placed = np.asarray(observation.has_position.any(axis=0))
         return any(name not in joints or placed[k] for k, name in enumerate(observation.points))
 
     @staticmethod

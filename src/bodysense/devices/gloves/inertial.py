@@ -103,7 +103,7 @@ def joint_angles(local: np.ndarray, about: np.ndarray) -> np.ndarray:
 
 def markers_sensed(sensed: Sensed, shape: HandShape, like: tuple[int, ...]) -> np.ndarray:
     """Return which markers (T, H, 9), a mask of shape `like`, are of fingers whose joints all have sensors."""
-    whole = np.isfinite(sensed.flexion).reshape(*like[:-1], 5, 3).all(axis=-1)
+    whole = np.asarray(np.isfinite(sensed.flexion).reshape(*like[:-1], 5, 3).all(axis=-1))
     felt = np.zeros(like, dtype=bool)
     felt[..., shape.markers] = whole[..., [0, 1, 2, 3, 4, 0]]
     return felt
@@ -167,12 +167,14 @@ class Fusion:
         """Return hands whose joints have the angles `solved` + `turn` (H, 15, 3) rad."""
         own = euler_to_quaternion((solved + turn) * _SIGNS, "ZYX")
         local = quaternion_multiply(quaternion_multiply(self.about, own), quaternion_conjugate(self.about))
-        rotation, still = poses.rotation.copy(), ~turn.any(axis=-1)
+        rotation, still = poses.rotation.copy(), np.asarray(~turn.any(axis=-1))
         rotation[:, 1:] = np.where(still[..., None], rotation[:, 1:], local)
         points = moved(
             in_order(reached(rotation[:, 1:], self.shape), self.shape), to_matrix(rotation[:, 0]), poses.root
         )
-        return HandPoses(poses.root, rotation, np.where(still.all(axis=1)[:, None, None], poses.position, points))
+        return HandPoses(
+            poses.root, rotation, np.where(np.asarray(still.all(axis=1))[:, None, None], poses.position, points)
+        )
 
     def _corrected(
         self, state: InertialState, more: np.ndarray, facing: np.ndarray, seen: np.ndarray, interval: float

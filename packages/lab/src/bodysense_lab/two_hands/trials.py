@@ -123,8 +123,13 @@ def cut(
         hands += [worn] * len(begins)
     if not hands:
         return None
-    of_time = (np.concatenate(parts, axis=1) for parts in (markers, points, turned))
-    return Trials(tuple(hands), *of_time, np.concatenate(frames))
+    return Trials(
+        tuple(hands),
+        markers=np.concatenate(markers, axis=1),
+        points=np.concatenate(points, axis=1),
+        turned=np.concatenate(turned, axis=1),
+        frames=np.concatenate(frames),
+    )
 
 
 def hide_some(trials: int, count: int, rng: np.random.Generator) -> np.ndarray:
