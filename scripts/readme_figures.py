@@ -458,7 +458,7 @@ def crossed(numbers: dict[str, float]) -> str:
 
 
 def smoothness(numbers: dict[str, float]) -> str:
-    """Shares of strong accelerations before and after inverse kinematics and smoothing (papers.md 1.14)."""
+    """Shares of strong accelerations before and after inverse kinematics and smoothing (reproduce.md 1.14)."""
     labels = {"gru": "GRU, mask predicted", "mask_given": "GRU, mask given", "best": "packaged"}
     after = {"gru": "gru_tracker", "mask_given": "mask_given_tracker", "best": "tracker"}
     rows = [

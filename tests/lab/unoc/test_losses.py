@@ -49,7 +49,7 @@ def length(vector: np.ndarray) -> float:
 
 
 def by_hand(answer: BodyPrediction, truth: Truth) -> dict[str, float]:
-    """Point by point, with the numbers of papers.md 1.7 written out."""
+    """Point by point, with the numbers of reproduce.md 1.7 written out."""
     terms = dict.fromkeys(("position", "parent", "bone", "occlusion", "expected"), 0.0)
     count = 0
     for b, t, p in np.ndindex(*truth.visible.shape):

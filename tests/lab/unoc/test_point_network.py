@@ -169,6 +169,6 @@ def test_what_is_read_and_placed() -> None:
     assert len(BODY) == 22 and len(HANDS) == 40
     assert set(POINTS) <= set(BODY)
     assert not set(UPPER_BODY.places) & set(POINTS)
-    assert PAPER_FINGERS.window == PAPER_UPPER_BODY.window == 27  # papers.md 1.5
+    assert PAPER_FINGERS.window == PAPER_UPPER_BODY.window == 27  # reproduce.md 1.5
     standing, _ = forward_kinematics(standing_pose(SKELETON))
     assert len(standing) == 65

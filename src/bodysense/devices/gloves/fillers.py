@@ -1,4 +1,4 @@
-"""Fillers of hidden markers: all have one interface, and they stack (two-hands, section 3.2; papers.md 4.5, 4.6).
+"""Fillers of hidden markers: all have one interface, and they stack (two-hands, section 3.2; reproduce.md 4.5, 4.6).
 
 A filler works in the frame of its markers. It returns its input with NaN replaced; NaN remains if the marker cannot be
 filled. State is an argument. The paper's baselines are in `baselines`.

@@ -1,8 +1,8 @@
 """Fingers by inertial sensors: the pose of joints whose markers are hidden, with drift corrected while they are seen.
 
-A glove may have a sensor on the back of the hand and sensors on segments of fingers (two-hands, section 2.2; papers.md
-4.3). In an observation a sensor is the rotation of a joint without a position: `left_wrist`, `left_index2` … Only
-rotations of a segment relative to the one before it are used, and of these only the flexion, as in the paper.
+A glove may have a sensor on the back of the hand and sensors on segments of fingers (two-hands, section 2.2). In an
+observation a sensor is the rotation of a joint without a position: `left_wrist`, `left_index2` … Only rotations of a
+segment relative to the one before it are used, and of these only the flexion, as in the paper.
 
 The flexion by two sensors is wrong by an offset (straps) and by the difference of the sensors' headings, times the
 vertical part of the hinge's axis: gravity corrects the rest. A Kalman filter of each joint estimates both errors from

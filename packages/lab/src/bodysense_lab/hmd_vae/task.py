@@ -1,4 +1,4 @@
-"""Training of HMD-VAE: batches of windows from flat arrays, the loop, its checkpoint (papers.md, part 2)."""
+"""Training of HMD-VAE: batches of windows from flat arrays, the loop, its checkpoint (reproduce.md, part 2)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The user study (UNOC, section 5.1 and Fig. 6; papers.md 1.18): who sees which animations, the key, and the answers.
+"""The user study (UNOC, section 5.1, Fig. 6; reproduce.md 1.18): who sees which animations, the key, and the answers.
 
 Each scene is rendered under three conditions. A rater sees every pair of every scene once, side by side, and chooses
 the more natural one or neither. Animations have opaque names; the key tells what they show and is never served.

@@ -1,4 +1,4 @@
-"""Fusion of inertial sensors with markers (two-hands, section 2.2; papers.md 4.3): fingers whose markers are hidden.
+"""Fusion of inertial sensors with markers (two-hands, section 2.2; reproduce.md 4.3): fingers whose markers are hidden.
 
 Each trial is two seconds with all markers, then five in which all markers of some fingers are hidden. The hand is one
 that no network learned, its shape known. Its sensors drift for a minute before (`glove_imu`). Three methods: markers

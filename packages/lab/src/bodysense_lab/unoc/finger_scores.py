@@ -1,4 +1,4 @@
-"""The finger synthesis table: fingers from the motion of the body alone (UNOC, Table 5, right; papers.md 1.16).
+"""The finger synthesis table: fingers from the motion of the body alone (UNOC, Table 5, right; reproduce.md 1.16).
 
 Errors are those of finger joints and fingertips from their wrist, in its axes, cm. Scored on clips with recorded
 fingers. Two baselines know the train split: the mean hand, and the hand of the frame whose body is nearest. Both are

@@ -207,7 +207,7 @@ def collate(pieces: Sequence[tuple[Episode, int]], chunk: int, begins: np.ndarra
 def windows(
     episodes: Sequence[Episode], window: int, stride: int, batch: int, rng: np.random.Generator
 ) -> Iterator[EpisodeBatch]:
-    """One epoch of windows that end at every `stride`-th frame of every clip, shuffled (papers.md 1.5)."""
+    """One epoch of windows that end at every `stride`-th frame of every clip, shuffled (reproduce.md 1.5)."""
     first = [int(rng.integers(min(stride, len(episode)))) for episode in episodes]
     ends = [(k, end) for k, episode in enumerate(episodes) for end in range(first[k], len(episode), stride)]
     order = rng.permutation(len(ends))
@@ -232,7 +232,7 @@ class BodySchedule:
     finger_share: float = 0.3  # how often a drawn clip has recorded fingers
     average_decay: float = 0.999  # the kept weights are a moving average; 0 keeps the last ones
     epochs: int = 5  # of windows
-    epoch_batches: tuple[int, ...] = (256, 512, 1024, 1024, 1024)  # papers.md 1.8
+    epoch_batches: tuple[int, ...] = (256, 512, 1024, 1024, 1024)  # reproduce.md 1.8
     window_stride: int = 1  # train on every n-th window; 1 is the paper's
     check_every: int = 500
     seed: int = 1

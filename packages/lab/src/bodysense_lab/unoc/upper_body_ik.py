@@ -1,4 +1,4 @@
-"""Upper body from a headset and two controllers without a network, after Parger et al. 2018 (papers.md 1.15).
+"""Upper body from a headset and two controllers without a network, after Parger et al. 2018 (reproduce.md 1.15).
 
 M. Parger, J. H. Mueller, D. Schmalstieg, M. Steinberger: Human upper-body inverse kinematics for increased embodiment
 in consumer-grade virtual reality, VRST 2018. The steps are those of the code that its authors released (VRArmIK, MIT

@@ -1,4 +1,4 @@
-"""The three-point table: an upper body from a headset and two controllers (UNOC, Table 6; papers.md 1.15).
+"""The three-point table: an upper body from a headset and two controllers (UNOC, Table 6; reproduce.md 1.15).
 
 Errors are in the world, in cm, of four groups of joints. `neck` is our joint of that name, between upper chest and
 head; `all` is neck, shoulders and elbows, for over these five the paper's own rows of Parger et al. come out (both
