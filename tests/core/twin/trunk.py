@@ -9,6 +9,7 @@ from .points import WRISTS as WRIST_JOINTS
 from .tracked import Tracked
 from .vectors import length, reach, turned_onto
 
+LEAST_MOVE = 1e-4  # m: the spine is not bent for less, which rounding alone may ask for
 SPINE_BACK = 0.3  # of its length: how far a straight spine bends backward first
 
 
@@ -89,7 +90,7 @@ def bend_spine(body: Body, seen: Tracked, move: np.ndarray) -> None:
     Between the neck and the lowest joint of the spine are two bones, of which the upper one is stiff; between a chest
     that is measured and that joint as well.
     """
-    if move @ move < 1e-12:
+    if length(move) < LEAST_MOVE:
         return
     chest = bool(seen.has_position[SPINE3]) or seen.turned(SPINE3)
     top = body.point[SPINE3 if chest else NECK]
