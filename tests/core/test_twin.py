@@ -10,12 +10,13 @@ from bodysense.tracker import Tracker, TrackerState
 
 from .twin.cases import DEVICES, Case, cases, observation_of, person_of
 from .twin.limbs import LIMBS
-from .twin.points import JOINTS
+from .twin.points import JOINTS, NECK, SPINE1, SPINE2, SPINE3
 from .twin.step import Twin
 from .twin.vectors import Tie
 
 DISTANCE, ANGLE = 1e-4, 0.01  # m, degrees
-# The middle joint of a limb that is stretched to this share of its length moves ten times as far as its end, or more.
+# The middle joint of a limb, or spine, that is stretched to this share of its length moves ten times as far as its end,
+# or more.
 STRETCHED, STRETCHED_ANGLE = 0.995, 0.05
 REMEMBERED = 140  # numbers of a memory before those of the recurrent layers
 
@@ -65,11 +66,12 @@ def check(case: Case) -> None:
 def most_angles(point: np.ndarray) -> np.ndarray:
     """Return how much each joint (52,) may be turned differently, degrees, by places (65, 3) m."""
     most = np.full(JOINTS, ANGLE)
-    for limb in LIMBS.values():
-        start, middle, end = point[[limb.start, limb.middle, limb.end]]
+    chains = [(limb.start, limb.middle, limb.end) for limb in LIMBS.values()]
+    for chain in (*chains, (NECK, SPINE2, SPINE1), (SPINE3, SPINE2, SPINE1)):
+        start, middle, end = point[list(chain)]
         longest = np.linalg.norm(middle - start) + np.linalg.norm(end - middle)
         if np.linalg.norm(end - start) > STRETCHED * longest:
-            most[[limb.start, limb.middle, limb.end]] = STRETCHED_ANGLE
+            most[list(chain)] = STRETCHED_ANGLE
     return most
 
 
