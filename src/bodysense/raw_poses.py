@@ -23,12 +23,17 @@ from bodysense.body.skeleton import Skeleton, default_body, default_skeleton
 from bodysense.errors import BodysenseError
 from bodysense.observation import RAW_POINTS, Observation
 
-# By name: the point of the body, the landmark of it at which the device is, and the device's axes, as columns, while
-# the body is in the T-pose.
-_DEVICES = {
-    "headset": ("head", "between_eyes", [[-1.0, 0, 0], [0, 1, 0], [0, 0, -1]]),
-    "left_controller": ("left_wrist", "left_palm", [[0.0, -1, 0], [-1, 0, 0], [0, 0, -1]]),
-    "right_controller": ("right_wrist", "right_palm", [[0.0, 1, 0], [1, 0, 0], [0, 0, -1]]),
+# Axes of each device, as columns, while the body is in the T-pose.
+AXES = {
+    "headset": [[-1.0, 0, 0], [0, 1, 0], [0, 0, -1]],
+    "left_controller": [[0.0, -1, 0], [-1, 0, 0], [0, 0, -1]],
+    "right_controller": [[0.0, 1, 0], [1, 0, 0], [0, 0, -1]],
+}
+# The joint that carries each device, and the landmark of it at which the device is.
+_CARRIED = {
+    "headset": ("head", "between_eyes"),
+    "left_controller": ("left_wrist", "left_palm"),
+    "right_controller": ("right_wrist", "right_palm"),
 }
 
 
@@ -43,7 +48,7 @@ def with_joints(observation: Observation, skeleton: Skeleton) -> Observation:
     Raises BodysenseError if the joint of a raw point is tracked, too.
     """
     raw = [k for k, name in enumerate(observation.points) if name in RAW_POINTS]
-    points = tuple(_DEVICES[name][0] if name in _DEVICES else name for name in observation.points)
+    points = tuple(_CARRIED[name][0] if name in _CARRIED else name for name in observation.points)
     for k in raw:
         if points.count(points[k]) > 1:
             raise BodysenseError(
@@ -59,9 +64,9 @@ def with_joints(observation: Observation, skeleton: Skeleton) -> Observation:
     return replace(observation, points=points, position=position, rotation=rotation)
 
 
-@lru_cache(maxsize=len(_DEVICES))
+@lru_cache(maxsize=len(AXES))
 def _mount(name: str) -> tuple[np.ndarray, np.ndarray]:
     """Return the rotation (4,) device ← joint, and the joint's place (3,) m from the device in the joint's axes."""
-    _, landmark, axes = _DEVICES[name]
+    _, landmark = _CARRIED[name]
     offset = next(np.array(row["offset"]) for row in default_body()["landmarks"] if row["name"] == landmark)
-    return quaternion_conjugate(matrix_to_quaternion(np.array(axes))), -offset
+    return quaternion_conjugate(matrix_to_quaternion(np.array(AXES[name]))), -offset

@@ -24,6 +24,7 @@ from bodysense.body.rotation import matrix_to_quaternion
 from bodysense.body.skeleton import Skeleton, default_body, default_skeleton
 from bodysense.io.protocol import ACCURACY_UNIT, HAS_POSITION, HAS_ROTATION, MOST_POINTS, ProtocolError, SignalFrame
 from bodysense.observation import CAMERA_ACCURACY, TRACKER_ACCURACY, Observation, usual_accuracy
+from bodysense.raw_poses import AXES
 from bodysense_live.inertial import IMUS
 
 IDENTITY, STILL = np.array([1.0, 0, 0, 0]), np.zeros(3)
@@ -35,9 +36,9 @@ UNDECIDED = tuple(f"tracker_{k}" for k in range(1, 9))  # until a calibration se
 _SEGMENTS = {"phalanx-proximal": "1", "phalanx-intermediate": "2", "phalanx-distal": "3", "tip": "_tip"}
 _THUMB = {"metacarpal": "1", "phalanx-proximal": "2", "phalanx-distal": "3", "tip": "_tip"}
 # Axes of a device's frame, as columns, where the wearer stands in the T-pose: x, y, z.
-_LOOKING = np.array([[-1.0, 0, 0], [0, 1, 0], [0, 0, -1]])
+_LOOKING = np.array(AXES["headset"])
 _HAND = {"left": [[0.0, 0, -1], [0, 1, 0], [1, 0, 0]], "right": [[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]]}
-_GRIP = {"left": [[0.0, -1, 0], [-1, 0, 0], [0, 0, -1]], "right": [[0.0, 1, 0], [1, 0, 0], [0, 0, -1]]}
+_GRIP = {side: AXES[f"{side}_controller"] for side in ("left", "right")}
 
 
 @dataclass(frozen=True, eq=False)
