@@ -1,4 +1,4 @@
-"""The same motion from ever more sensors, on an unknown body: every sensor helps."""
+"""One motion tracked by one sensor set after the other, on an unknown body: every sensor helps."""
 
 import bodysense as bs
 

@@ -1,4 +1,4 @@
-/** Draws the WebXR body of whoever enters VR, 1.5 m before them and facing them: a body for browsers that have none. */
+/** Draws the WebXR body of the wearer 1.5 m in front of them, facing them, also in browsers without body tracking. */
 
 import { openModel } from "@bodysense/core";
 import weights from "@bodysense/core/completion.safetensors?url";

@@ -92,13 +92,13 @@ def evaluate_completion(
                 table.merge(part)
         for batch in batches(missing):
             jobs.append((batch, truth))
-        advance(_told(len(clips) - len(missing), settings, truth), "clips kept from before")
+        advance(_work_done(len(clips) - len(missing), settings, truth), "clips kept from before")
     for (batch, truth), parts in spread(work, jobs):
         for clip, part in zip(batch, parts, strict=True):
             table.merge(part)
             if kept is not None:
                 kept.keep(clip, truth, part)
-        advance(_told(len(batch), settings, truth), f"{len(batch)} clips, {truth} bodies")
+        advance(_work_done(len(batch), settings, truth), f"{len(batch)} clips, {truth} bodies")
     groups = list(batches(clips))
     if times is not None and groups:
         _time_steps(table, groups[0][0], times)  # the longest clip
@@ -112,7 +112,7 @@ def evaluate_completion(
     return table
 
 
-def _told(count: int, settings: CompletionSettings, truth: Truth) -> int:
+def _work_done(count: int, settings: CompletionSettings, truth: Truth) -> int:
     """Return the work that `advance` counts for clips of one truth."""
     return count * len(settings.sets) * sum(TRUTH_OF[body] == truth for body in settings.bodies)
 
