@@ -271,7 +271,8 @@ def completion_measures(numbers: dict[str, float]) -> str:
     text = f"{first}\n\nJitter in 10² m/s³; skate of feet that truly stand.\n\n"
     if sure:
         text += markdown(["sensors", "body", "MPJPE lies between, cm", "more than own, cm"], sure)
-        text += "\n\n95 % intervals by bootstrap over people. A difference with 0 in its interval is not significant.\n\n"
+        text += "\n\n95 % intervals by bootstrap over people. "
+        text += "A difference with 0 in its interval is not significant.\n\n"
     return text + second
 
 
