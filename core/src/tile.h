@@ -31,7 +31,7 @@ TARGET static inline __attribute__((always_inline)) void NAME(tile)(const matrix
                 UNROLL for (int c = 0; c < COLUMNS; c++) sum[g][r][c] = NO_SUMS();
             }
         }
-        for (size_t pair = first; pair < last; pair++) {
+        UNROLL_4 for (size_t pair = first; pair < last; pair++) {
             INPUTS input[COLUMNS];
             UNROLL for (int c = 0; c < COLUMNS; c++) input[c] = LOAD_INPUTS(value + ((size_t)c * pairs + pair) * 2);
             UNROLL for (int g = 0; g < groups; g++) {
