@@ -140,20 +140,6 @@ def test_files_are_for_people_to_read(stored: str) -> None:
     assert json.loads(stored)["mounts"][0]["joint"] == "head"
 
 
-@SETTINGS
-@given(st.data())
-def test_damaged_text_is_one_error(tmp_path: Path, stored: str, data: st.DataObject) -> None:
-    """Cut, or with a few characters changed: it loads, or there is a BodysenseError on one line."""
-    raw = bytearray(stored.encode())
-    del raw[data.draw(st.integers(0, len(raw))) :]
-    for _ in range(data.draw(st.integers(0, 3))):
-        if raw:
-            raw[data.draw(st.integers(0, len(raw) - 1))] = data.draw(st.integers(0, 255))
-    path = tmp_path / "damaged.json"
-    path.write_bytes(bytes(raw))
-    load_or_refuse(path)
-
-
 json_values = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5),
     lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=5), inner, max_size=3),

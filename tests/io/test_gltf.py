@@ -11,8 +11,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from bodysense.body.pose import forward_kinematics
@@ -215,29 +213,6 @@ def test_what_is_wrong_is_said(tmp_path: Path, stranger: Clip, what: str) -> Non
     with pytest.raises(BodysenseError, match=message) as caught:
         read_gltf(path)
     assert "a.gltf" in str(caught.value) and "\n" not in str(caught.value)
-
-
-@given(
-    changes=st.lists(st.tuples(st.integers(0, 12000), st.integers(0, 255)), max_size=5),
-    cut=st.one_of(st.none(), st.integers(0, 60000)),
-)
-@settings(max_examples=30)
-def test_damaged_files_are_read_or_refused_in_one_line(
-    tmp_path_factory: pytest.TempPathFactory, changes: list[tuple[int, int]], cut: int | None
-) -> None:
-    folder = tmp_path_factory.getbasetemp()
-    whole = folder / "whole.vrma"
-    if not whole.is_file():
-        clip = performance_of_stranger()
-        write_motion(whole, replace(clip, pose=clip.pose[:3]))
-    data = bytearray(whole.read_bytes())
-    for place, value in changes:
-        data[place % len(data)] = value
-    (folder / "damaged.vrma").write_bytes(data[:cut])
-    try:
-        read_gltf(folder / "damaged.vrma")
-    except BodysenseError as error:
-        assert "damaged.vrma" in str(error) and "\n" not in str(error)
 
 
 def test_a_glb_that_lies_about_its_length(tmp_path: Path) -> None:

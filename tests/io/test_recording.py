@@ -160,27 +160,6 @@ def test_a_file_cut_short(folder: Path, share: float) -> None:
             np.testing.assert_allclose(recording.observation.time, example(20).observation.time[:length], atol=1e-6)
 
 
-@settings(max_examples=80)
-@given(content=st.binary(max_size=300), ending=st.sampled_from([".npz", ".jsonl"]))
-def test_any_bytes(folder: Path, content: bytes, ending: str) -> None:
-    path = folder / f"any{ending}"
-    path.write_bytes(content)
-    assert read_or_refuse(path) is None
-    is_recording(path)
-
-
-@settings(max_examples=150)
-@given(place=st.floats(0, 1, exclude_max=True), value=st.integers(0, 255), ending=st.sampled_from([".npz", ".jsonl"]))
-def test_a_wrong_byte(folder: Path, place: float, value: int, ending: str) -> None:
-    whole, path = folder / f"good{ending}", folder / f"wrong{ending}"
-    if not whole.exists():
-        write_recording(whole, example(20))
-    content = bytearray(whole.read_bytes())
-    content[int(place * len(content))] = value
-    path.write_bytes(content)
-    read_or_refuse(path)
-
-
 KEYS = ("format", "points", *FIELDS, "time", "joints", "end_sites", "parents", "rest_offset")
 SHAPES = arrays.array_shapes(min_dims=0, max_dims=4, min_side=0, max_side=6)
 

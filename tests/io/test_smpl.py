@@ -8,8 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from bodysense.body.pose import forward_kinematics
@@ -176,26 +174,6 @@ def test_the_conversion_of_a_pickled_array_works(tmp_path: Path, vectors: np.nda
     code = str(caught.value).partition('python -c "')[2].rpartition('"')[0]
     subprocess.run([sys.executable, "-c", code], cwd=tmp_path, check=True)
     assert len(read_smpl(tmp_path / "a_plain.npz")[0]) == 90
-
-
-@given(
-    changes=st.lists(st.tuples(st.integers(0, 3000), st.integers(0, 255)), min_size=1, max_size=5),
-    cut=st.one_of(st.none(), st.integers(0, 3000)),
-)
-@settings(max_examples=100)
-def test_damaged_files_are_read_or_refused_in_one_line(
-    tmp_path_factory: pytest.TempPathFactory, changes: list[tuple[int, int]], cut: int | None
-) -> None:
-    path = tmp_path_factory.getbasetemp() / "damaged.npz"
-    np.savez(path, poses=np.zeros((4, 72)), transl=np.zeros((4, 3)), fps=30)
-    data = bytearray(path.read_bytes())
-    for place, value in changes:
-        data[place % len(data)] = value
-    path.write_bytes(data[:cut])
-    try:
-        read_smpl(path)
-    except BodysenseError as error:
-        assert "damaged.npz" in str(error) and "\n" not in str(error)
 
 
 def test_a_short_motion_of_three_frames_is_no_matrix(tmp_path: Path, vectors: np.ndarray) -> None:

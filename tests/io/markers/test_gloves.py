@@ -132,19 +132,6 @@ def test_headers_may_differ(
     np.testing.assert_array_equal(raw.time, np.arange(frames) / 60)
 
 
-@given(text=st.text(alphabet=st.sampled_from("time,.xyzLn1-\n; NaN\t"), max_size=80))
-@settings(max_examples=150)
-def test_no_text_breaks_the_reader(tmp_path_factory: pytest.TempPathFactory, text: str) -> None:
-    path = tmp_path_factory.mktemp("csv") / "a.csv"
-    path.write_text(text)
-    try:
-        raw = read_csv(path, 60.0)
-    except BodysenseError as error:
-        assert "a.csv" in str(error) and "\n" not in str(error)
-    else:
-        assert raw.position.shape == (len(raw.time), len(raw.names), 3)
-
-
 def test_units_and_axes(tmp_path: Path, gloves: Observation) -> None:
     z_up = gloves.position[..., [0, 2, 1]] * [1, -1, 1] * 100
     write_markers(tmp_path / "a.csv", replace(gloves, position=z_up), RATE)
