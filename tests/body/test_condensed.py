@@ -28,9 +28,7 @@ SKELETONS = {
     "default": default_skeleton,
     "bush": bush,
     "one joint": lambda: Skeleton(("root",), (), (-1,), np.zeros((1, 3))),
-    "chain of 1": lambda: chain(1),
     "chain of 2": lambda: chain(2),
-    "chain of 4": lambda: chain(4),
     "chain of 9": lambda: chain(9),
 }
 
@@ -40,7 +38,7 @@ def cross_matrix(v: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("name", SKELETONS)
-@pytest.mark.parametrize("visible", [1.0, 0.5, 0.0])
+@pytest.mark.parametrize("visible", [0.5, 0.0])
 def test_solution_is_that_of_the_dense_normal_equations(name: str, visible: float) -> None:
     skeleton = SKELETONS[name]()
     rng = np.random.default_rng(1)

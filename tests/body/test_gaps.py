@@ -62,7 +62,7 @@ def turn_vectors(rotation: np.ndarray) -> np.ndarray:
 
 
 @given(st.integers(0, 10_000), st.integers(3, 60), st.integers(1, 117), st.booleans())
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=50, deadline=None)
 def test_place_and_speed_go_on_over_both_edges(seed: int, first: int, count: int, guessing: bool) -> None:
     """At the edges a gap moves on as the known frames do, whatever the guess says inside.
 

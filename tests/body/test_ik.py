@@ -146,8 +146,7 @@ def pinocchio_solution(target: np.ndarray, weight: np.ndarray, start: Pose) -> n
     return np.array([data.oMf[frame].translation for frame in frames])
 
 
-@pytest.mark.parametrize("noise", [0.0, 0.003])
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize(("seed", "noise"), [(0, 0.0), (1, 0.003)])
 def test_same_points_as_pinocchio(seed: int, noise: float) -> None:
     rng = np.random.default_rng(seed)
     truth = random_pose(rng)
@@ -172,10 +171,10 @@ def test_state_holds_the_points_of_the_pose() -> None:
     np.testing.assert_allclose(bones, BODY.bone_length[1:], atol=1e-12)
 
 
-@pytest.mark.parametrize("spread", [0.1, 0.5, 1.0])
+@pytest.mark.parametrize("spread", [0.1, 1.0])
 def test_reachable_targets_are_reached_from_nothing(spread: float) -> None:
     rng = np.random.default_rng(1)
-    for _ in range(20):
+    for _ in range(6):
         target = points(random_pose(rng, spread))
         _, state = IK.solve(target)
         assert state.converged
@@ -184,8 +183,8 @@ def test_reachable_targets_are_reached_from_nothing(spread: float) -> None:
         assert distance(state.position, target) < 1e-4  # what the pull toward the relaxed posture costs
 
 
-@pytest.mark.parametrize("axis", [(1, 0, 0), (0, 1, 0), (0, 0, 1), (0.6, 0.0, 0.8)])
-@pytest.mark.parametrize("degrees", [90, 179, 180])
+@pytest.mark.parametrize("axis", [(1, 0, 0), (0, 1, 0), (0.6, 0.0, 0.8)])
+@pytest.mark.parametrize("degrees", [90, 180])
 def test_any_first_heading_is_found(axis: tuple[float, ...], degrees: float) -> None:
     turn = quaternion_exp(np.array(axis) * np.radians(degrees))
     target = quaternion_rotate(turn, points(bent(left_elbow=(0, -60, 0), right_knee=(70, 0, 0))))
@@ -224,7 +223,7 @@ def test_noisy_motion_is_followed_to_its_minimum() -> None:
     start, end = random_pose(rng, 0.2), random_pose(rng, 0.2)
     turn = quaternion_log(start.rotation), quaternion_log(end.rotation)
     state = None
-    for t in np.linspace(0, 1, 60):
+    for t in np.linspace(0, 1, 25):
         rotation = quaternion_exp((1 - t) * turn[0] + t * turn[1])
         target = points(Pose(BODY, start.root_position, rotation)) + rng.normal(0, 0.005, (len(BODY.points), 3))
         _, state = IK.solve(target, state=state)
@@ -268,7 +267,7 @@ def test_symmetric_targets_give_a_symmetric_body() -> None:
 # What positions leave open
 
 
-@pytest.mark.parametrize("bend", [20, 60, 100])
+@pytest.mark.parametrize("bend", [20, 100])
 @pytest.mark.parametrize("side", ["left", "right"])
 def test_elbows_and_knees_bend_about_their_hinges(side: str, bend: float) -> None:
     sign = 1 if side == "left" else -1

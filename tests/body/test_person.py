@@ -20,7 +20,7 @@ from bodysense.body.shape import Measured, shape_space, stature
 from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.errors import BodysenseError
 
-SETTINGS = settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
+SETTINGS = settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])
 MOUNTS = {
     "head": RigidTransform(np.array([0.0, 0.1, 0.05]), np.array([0.9, 0.1, 0.2, -0.3])),
     "pelvis": RigidTransform(),

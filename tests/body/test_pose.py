@@ -20,7 +20,7 @@ from bodysense.body.rotation import (
 from bodysense.body.skeleton import Skeleton, default_skeleton
 
 BODY = default_skeleton()
-SHAPES = [(), (1,), (3, 1, 2), (0,)]
+SHAPES = [(), (3, 1, 2), (0,)]
 
 
 def random_pose(shape: tuple[int, ...] = (), seed: int = 0, skeleton: Skeleton = BODY) -> Pose:
