@@ -83,14 +83,3 @@ def test_solution_is_that_of_the_dense_normal_equations(name: str, visible: floa
         damping=damping,
     )
     np.testing.assert_allclose(np.concatenate([move, turn.ravel()]), expected, rtol=1e-7, atol=1e-9)
-
-
-def test_only_limbs_are_condensed() -> None:
-    skeleton = default_skeleton()
-    system = condensed_system(skeleton, np.ones(len(skeleton.joints)))
-    condensed = {skeleton.joints[joint] for joint in system.chain_block[0]}
-    trunk = {"pelvis", "spine1", "spine2", "spine3"}
-    trunk |= {
-        f"{side}_{joint}" for side in ("left", "right") for joint in ("collar", "shoulder", "elbow", "wrist", "hip")
-    }
-    assert condensed == set(skeleton.joints) - trunk

@@ -231,16 +231,6 @@ def test_noisy_motion_is_followed_to_its_minimum() -> None:
         assert state.cost <= fresh.cost * 1.01 + 1e-6
 
 
-def test_new_noise_on_every_frame_takes_few_steps() -> None:
-    rng = np.random.default_rng(3)
-    target = points(bent(left_elbow=(0, -60, 0)))
-    state, steps = None, []
-    for _ in range(40):
-        _, state = IK.solve(target + rng.normal(0, 0.01, target.shape), state=state)
-        steps.append(state.iterations)
-    assert np.mean(steps) < 8
-
-
 def test_one_step_is_enough_from_a_near_frame() -> None:
     rng = np.random.default_rng(4)
     pose = random_pose(rng)

@@ -17,7 +17,7 @@ def problem(seed: int, demands: int) -> tuple[np.ndarray, np.ndarray, np.ndarray
     return rng.normal(size=(demands, 8)), rng.normal(size=demands), rng.uniform(0.1, 1.0, size=8)
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", range(2))
 def test_it_is_the_smallest_change_that_meets_the_demands(seed: int) -> None:
     rows, demand, ease = problem(seed, 6)
     exact = np.arange(6) == 0
@@ -60,7 +60,7 @@ def test_the_order_of_demands_does_not_matter() -> None:
     np.testing.assert_allclose(one, other, atol=1e-9)
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", range(2))
 def test_forces_push_only_where_they_must(seed: int) -> None:
     rows, demand, _ = problem(seed, 12)
     matrix = rows @ rows.T + 1e-3 * np.eye(12)
