@@ -13,7 +13,7 @@ import pytest
 from scipy.optimize import least_squares
 
 from bodysense.body.ik import IkSettings, IkState, InverseKinematics, solve_sequence
-from bodysense.body.pose import Pose, forward_kinematics, local_rotation
+from bodysense.body.pose import Pose, body_skeleton, forward_kinematics, local_rotation
 from bodysense.body.posture import posture
 from bodysense.body.rotation import (
     geodesic_angle,
@@ -58,19 +58,22 @@ def distance(a: np.ndarray, b: np.ndarray) -> float:
 # Against other solvers
 
 
+TRUNK_AND_LIMBS = body_skeleton(BODY)
+
+
 def slow_twin(target: np.ndarray, weight: np.ndarray, start: Pose) -> tuple[np.ndarray, float, float]:
     """The same problem with local rotation vectors, derivatives by differences and SciPy's solver.
 
     Returns its points (P, 3) and its whole cost, posture included, and that cost at the start.
     """
-    anatomy = posture(BODY)
-    length = BODY.bone_length
-    lever = np.array([length[np.array(BODY.parents) == j].max(initial=0.01) for j in range(len(BODY.joints))])
+    skeleton = start.skeleton
+    anatomy, length = posture(skeleton), skeleton.bone_length
+    lever = np.array([length[np.array(skeleton.parents) == j].max(initial=0.01) for j in range(len(skeleton.joints))])
     relaxed = quaternion_exp(anatomy.relaxed)
 
     def pose_at(x: np.ndarray) -> Pose:
         turned = quaternion_multiply(start.rotation, quaternion_exp(x[3:].reshape(-1, 3)))
-        return Pose(BODY, start.root_position + x[:3], turned)
+        return Pose(skeleton, start.root_position + x[:3], turned)
 
     def residual(x: np.ndarray) -> np.ndarray:
         pose = pose_at(x)
@@ -79,18 +82,18 @@ def slow_twin(target: np.ndarray, weight: np.ndarray, start: Pose) -> tuple[np.n
         spring = np.sqrt(IK.settings.posture_weight * anatomy.stiffness) * lever[:, None] * away
         return np.concatenate([((points(pose) - target) * np.sqrt(weight)[:, None]).ravel(), spring[1:].ravel()])
 
-    nothing = np.zeros(3 + 3 * len(BODY.joints))
+    nothing = np.zeros(3 + 3 * len(skeleton.joints))
     found = least_squares(residual, nothing, xtol=1e-10, ftol=1e-10, gtol=1e-10)
     return points(pose_at(found.x)), 2 * found.cost, float((residual(nothing) ** 2).sum())
 
 
 @pytest.mark.slow
 def test_same_minimum_as_a_slow_twin() -> None:
-    rng = np.random.default_rng(0)
-    truth = random_pose(rng)
-    target = points(truth) + rng.normal(0, 0.003, (len(BODY.points), 3))
-    weight = rng.choice([1.0, 0.1], len(BODY.points))
-    pose, state = EXACT.solve(target, weight)
+    rng, skeleton = np.random.default_rng(0), TRUNK_AND_LIMBS
+    truth = random_pose(rng, skeleton=skeleton)
+    target = points(truth) + rng.normal(0, 0.003, (len(skeleton.points), 3))
+    weight = rng.choice([1.0, 0.1], len(skeleton.points))
+    pose, state = InverseKinematics(skeleton, EXACT.settings).solve(target, weight)
     expected, expected_cost, our_cost = slow_twin(target, weight, pose)
     assert our_cost < expected_cost * 1.0001
     assert distance(state.position, expected) < 1e-4
