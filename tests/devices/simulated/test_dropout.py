@@ -103,15 +103,6 @@ def test_no_losses() -> None:
     assert hide_hands(one, 600.0, np.random.default_rng(0)).has_position.all(), "one frame has no duration"
 
 
-def test_only_the_generator_decides() -> None:
-    observation = everything_seen(60.0)
-    first, second, other = (
-        hide_hands(observation, 20.0, np.random.default_rng(seed)).has_position for seed in (3, 3, 4)
-    )
-    np.testing.assert_array_equal(first, second)
-    assert (first != other).any()
-
-
 def test_points_without_hands() -> None:
     """A headset alone has no hand to lose."""
     alone = everything_seen(60.0, points=("head",))
