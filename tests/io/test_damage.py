@@ -26,7 +26,9 @@ from bodysense_conform.sources.mcap_take import read_mcap
 WRITTEN = ("a.bvh", "a.glb", "a.vrma", "a.mcap")
 RECORDED = ("a.npz", "a.jsonl")
 MARKERS = ("a.csv", "a.c3d")
-READERS = dict.fromkeys((*WRITTEN, *RECORDED, *MARKERS, "a.npy", "smpl.npz", "amass.npz"), read)
+READERS: dict[str, Callable[[Path], object]] = {
+    name: read for name in (*WRITTEN, *RECORDED, *MARKERS, "a.npy", "smpl.npz", "amass.npz")
+}
 READERS |= {"a.mcap": read_mcap, "person.json": Person.load}
 WORDS = [b"nan", b"-1", b"1e308", b"99999999999", b"0", b"null", b"{}", b"[]", b'"x"', b""]
 SPOTS = re.compile(rb"-?\d+\.?\d*|null|true|\"[^\"]{1,30}\"")
