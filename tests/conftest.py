@@ -13,6 +13,8 @@ import numpy as np
 import pytest
 from filelock import FileLock
 from hypothesis import HealthCheck, settings
+from xdist.remote import Producer
+from xdist.scheduler import LoadScopeScheduling
 
 from bodysense.body.pose import Pose, standing_pose
 from bodysense.body.rotation import quaternion_canonical, quaternion_exp, quaternion_multiply
@@ -43,19 +45,27 @@ def pytest_configure() -> None:
     os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 
-@pytest.hookimpl(tryfirst=True)  # before pytest-xdist reads the groups
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Keep the tests of a file in one process, which makes the file's fixtures once, and those of servers in one.
+    """Let tests of scenarios in a browser (tests/web) run with no other test beside them."""
+    for item in items:
+        if "scenario" in getattr(item, "fixturenames", ()):
+            item.add_marker("alone")
+
+
+class ByFile(LoadScopeScheduling):
+    """Keeps the tests of a file in one process, which makes the file's fixtures once, and those of servers in one.
 
     Servers and their clients take free ports and hear each other's multicast.
     """
-    for item in items:
-        place = item.path.relative_to(TESTS)
-        if "scenario" in getattr(item, "fixturenames", ()):  # tests/web: a scenario in a browser
-            item.add_marker("alone")
-        if item.get_closest_marker("xdist_group") is None:
-            group = "servers" if place.parts[0] == "live" else place.with_suffix("").as_posix()
-            item.add_marker(pytest.mark.xdist_group(group))
+
+    def _split_scope(self, nodeid: str) -> str:
+        path = nodeid.partition("::")[0]
+        return "servers" if path.startswith("tests/live/") else path
+
+
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Producer) -> ByFile:
+    """Return the scheduler of processes; groups by marks (`--dist loadgroup`) are lost with pytest 9.2."""
+    return ByFile(config, log)
 
 
 @pytest.fixture(scope="session")

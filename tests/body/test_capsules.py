@@ -118,16 +118,6 @@ def test_the_head_hangs_from_its_crown() -> None:
     np.testing.assert_allclose(far_end(lower, "face"), far_end(default, "face") + np.array([0, 0.06, 0]), atol=1e-12)
 
 
-def test_a_symmetric_skeleton_gets_symmetric_primitives() -> None:
-    primitives = fit_primitives(stretched({"left_elbow": 1.2, "right_elbow": 1.2, "spine2": 0.9, "head": 1.3}))
-    flip = np.array([-1.0, 1, 1])
-    for n, name in enumerate(primitives.names[: len(primitives.radius)]):
-        if name.startswith("left_"):
-            k = primitives.names.index("right_" + name[5:])
-            np.testing.assert_allclose(primitives.end[n] * flip, primitives.end[k], atol=1e-9)
-            assert primitives.radius[n] == pytest.approx(primitives.radius[k])
-
-
 @pytest.mark.parametrize("batch", [(), (1,), (3, 1, 2)])
 def test_place_agrees_with_scipy(batch: tuple[int, ...]) -> None:
     generator = np.random.default_rng(3)
@@ -164,21 +154,6 @@ def test_attached_primitives() -> None:
     assert attached("left_hip") == {"pelvis", "pelvis_lower", "left_thigh_upper", "left_thigh_lower"}
     assert attached("left_toe") == {"left_toes"}
     assert attached("left_index_tip") == {"left_index3"}
-
-
-def test_the_bounding_sphere_holds_the_primitive() -> None:
-    primitives = fit_primitives(default_skeleton())
-    generator = np.random.default_rng(0)
-    direction = generator.normal(size=(500, 3))
-    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
-    for n, radius in enumerate(primitives.radius):
-        surface = np.concatenate([primitives.start[n] + radius * direction, primitives.end[n] + radius * direction])
-        away = np.linalg.norm(surface - (primitives.start[n] + primitives.end[n]) / 2, axis=1)
-        assert away.max() <= primitives.bounding_radius[n] + 1e-12
-    corners = np.array(list(np.ndindex(2, 2, 2))) * 2 - 1
-    for n, half_size in enumerate(primitives.half_size):
-        away = np.linalg.norm(corners * half_size, axis=1).max()
-        assert away == pytest.approx(primitives.bounding_radius[len(primitives.radius) + n])
 
 
 def test_another_tree_is_refused_with_its_first_difference() -> None:

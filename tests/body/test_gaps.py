@@ -42,19 +42,6 @@ def test_what_is_known_stays_bit_for_bit(frames: int, gaps: list[tuple[int, int]
     np.testing.assert_allclose(np.linalg.norm(found, axis=-1), 1, atol=1e-9)
 
 
-def test_seams_are_no_jumps() -> None:
-    """Across a gap of a second, with a guess that is half a radian off, no frame is faster than the true motion's."""
-    for seed in range(12):
-        truth = swing(180, seed)
-        missing = np.zeros(180, dtype=bool)
-        missing[60:120] = True
-        off = quaternion_exp(0.5 * np.random.default_rng(seed).normal(size=3))
-        guess = np.asarray(quaternion_multiply(truth, np.broadcast_to(off, truth.shape)))
-        found = filled(truth, missing, 1 / RATE, guess)
-        bound = 1.3 * speed(truth).max() + 0.3
-        assert speed(found)[58:121].max() < bound, seed
-
-
 def turn_vectors(rotation: np.ndarray) -> np.ndarray:
     """Angular velocities (T - 1, 3), rad/s, in the joint's own axes."""
     steps = quaternion_multiply(quaternion_conjugate(rotation[:-1]), rotation[1:])
@@ -62,7 +49,7 @@ def turn_vectors(rotation: np.ndarray) -> np.ndarray:
 
 
 @given(st.integers(0, 10_000), st.integers(3, 60), st.integers(1, 117), st.booleans())
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=50, deadline=None)
 def test_place_and_speed_go_on_over_both_edges(seed: int, first: int, count: int, guessing: bool) -> None:
     """At the edges a gap moves on as the known frames do, whatever the guess says inside.
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bodysense.body.glove import MARKERS, default_glove, hand_size, marker_positions
+from bodysense.body.glove import MARKERS, hand_size, marker_positions
 from bodysense.body.hand import HAND_JOINTS, hand_skeleton
 from bodysense.body.hand_family import (
     COUNT,
@@ -25,7 +25,6 @@ from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.demo import packaged_performance
 from bodysense.errors import BodysenseError
 from bodysense_lab.synthesis.hands import synthesize_hand
-from bodysense_lab.two_hands.foreign import paper_template
 
 
 def test_many_shapes_are_single_ones() -> None:
@@ -45,11 +44,6 @@ def test_hands_differ_as_adults_do_and_markers_stay_near() -> None:
     tips = [MARKERS.index(name) for name in MARKERS if name.endswith("tip")]
     away = np.array([np.linalg.norm(hand.glove.offset[tips], axis=-1) for hand in hands])
     assert np.percentile(away, 90) < 0.012
-
-
-def _spread(hands: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    at_one_size = np.array([rest[1:] / np.linalg.norm(rest.sum(axis=0)) for rest in hands])
-    return at_one_size.mean(axis=0), at_one_size.std(axis=0)
 
 
 @pytest.mark.parametrize("who", ["an avatar", "adults"])
@@ -108,8 +102,3 @@ def test_a_body_gets_a_hand() -> None:
 def _same_but_hand(one: Skeleton, other: Skeleton) -> bool:
     kept = [k for k, name in enumerate(one.points) if not name.startswith("left_") or name == "left_wrist"]
     return bool(np.array_equal(one.rest_offset[kept], other.rest_offset[kept]))
-
-
-def test_the_release_s_template_is_the_default_glove_s_back() -> None:
-    assert paper_template().shape == (9, 3)
-    assert default_glove().markers == MARKERS

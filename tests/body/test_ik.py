@@ -13,7 +13,7 @@ import pytest
 from scipy.optimize import least_squares
 
 from bodysense.body.ik import IkSettings, IkState, InverseKinematics, solve_sequence
-from bodysense.body.pose import Pose, forward_kinematics, local_rotation
+from bodysense.body.pose import Pose, body_skeleton, forward_kinematics, local_rotation
 from bodysense.body.posture import posture
 from bodysense.body.rotation import (
     geodesic_angle,
@@ -58,19 +58,22 @@ def distance(a: np.ndarray, b: np.ndarray) -> float:
 # Against other solvers
 
 
+TRUNK_AND_LIMBS = body_skeleton(BODY)
+
+
 def slow_twin(target: np.ndarray, weight: np.ndarray, start: Pose) -> tuple[np.ndarray, float, float]:
     """The same problem with local rotation vectors, derivatives by differences and SciPy's solver.
 
     Returns its points (P, 3) and its whole cost, posture included, and that cost at the start.
     """
-    anatomy = posture(BODY)
-    length = BODY.bone_length
-    lever = np.array([length[np.array(BODY.parents) == j].max(initial=0.01) for j in range(len(BODY.joints))])
+    skeleton = start.skeleton
+    anatomy, length = posture(skeleton), skeleton.bone_length
+    lever = np.array([length[np.array(skeleton.parents) == j].max(initial=0.01) for j in range(len(skeleton.joints))])
     relaxed = quaternion_exp(anatomy.relaxed)
 
     def pose_at(x: np.ndarray) -> Pose:
         turned = quaternion_multiply(start.rotation, quaternion_exp(x[3:].reshape(-1, 3)))
-        return Pose(BODY, start.root_position + x[:3], turned)
+        return Pose(skeleton, start.root_position + x[:3], turned)
 
     def residual(x: np.ndarray) -> np.ndarray:
         pose = pose_at(x)
@@ -79,18 +82,18 @@ def slow_twin(target: np.ndarray, weight: np.ndarray, start: Pose) -> tuple[np.n
         spring = np.sqrt(IK.settings.posture_weight * anatomy.stiffness) * lever[:, None] * away
         return np.concatenate([((points(pose) - target) * np.sqrt(weight)[:, None]).ravel(), spring[1:].ravel()])
 
-    nothing = np.zeros(3 + 3 * len(BODY.joints))
+    nothing = np.zeros(3 + 3 * len(skeleton.joints))
     found = least_squares(residual, nothing, xtol=1e-10, ftol=1e-10, gtol=1e-10)
     return points(pose_at(found.x)), 2 * found.cost, float((residual(nothing) ** 2).sum())
 
 
 @pytest.mark.slow
 def test_same_minimum_as_a_slow_twin() -> None:
-    rng = np.random.default_rng(0)
-    truth = random_pose(rng)
-    target = points(truth) + rng.normal(0, 0.003, (len(BODY.points), 3))
-    weight = rng.choice([1.0, 0.1], len(BODY.points))
-    pose, state = EXACT.solve(target, weight)
+    rng, skeleton = np.random.default_rng(0), TRUNK_AND_LIMBS
+    truth = random_pose(rng, skeleton=skeleton)
+    target = points(truth) + rng.normal(0, 0.003, (len(skeleton.points), 3))
+    weight = rng.choice([1.0, 0.1], len(skeleton.points))
+    pose, state = InverseKinematics(skeleton, EXACT.settings).solve(target, weight)
     expected, expected_cost, our_cost = slow_twin(target, weight, pose)
     assert our_cost < expected_cost * 1.0001
     assert distance(state.position, expected) < 1e-4
@@ -146,8 +149,7 @@ def pinocchio_solution(target: np.ndarray, weight: np.ndarray, start: Pose) -> n
     return np.array([data.oMf[frame].translation for frame in frames])
 
 
-@pytest.mark.parametrize("noise", [0.0, 0.003])
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize(("seed", "noise"), [(0, 0.0), (1, 0.003)])
 def test_same_points_as_pinocchio(seed: int, noise: float) -> None:
     rng = np.random.default_rng(seed)
     truth = random_pose(rng)
@@ -172,10 +174,10 @@ def test_state_holds_the_points_of_the_pose() -> None:
     np.testing.assert_allclose(bones, BODY.bone_length[1:], atol=1e-12)
 
 
-@pytest.mark.parametrize("spread", [0.1, 0.5, 1.0])
+@pytest.mark.parametrize("spread", [0.1, 1.0])
 def test_reachable_targets_are_reached_from_nothing(spread: float) -> None:
     rng = np.random.default_rng(1)
-    for _ in range(20):
+    for _ in range(6):
         target = points(random_pose(rng, spread))
         _, state = IK.solve(target)
         assert state.converged
@@ -184,8 +186,8 @@ def test_reachable_targets_are_reached_from_nothing(spread: float) -> None:
         assert distance(state.position, target) < 1e-4  # what the pull toward the relaxed posture costs
 
 
-@pytest.mark.parametrize("axis", [(1, 0, 0), (0, 1, 0), (0, 0, 1), (0.6, 0.0, 0.8)])
-@pytest.mark.parametrize("degrees", [90, 179, 180])
+@pytest.mark.parametrize("axis", [(1, 0, 0), (0, 1, 0), (0.6, 0.0, 0.8)])
+@pytest.mark.parametrize("degrees", [90, 180])
 def test_any_first_heading_is_found(axis: tuple[float, ...], degrees: float) -> None:
     turn = quaternion_exp(np.array(axis) * np.radians(degrees))
     target = quaternion_rotate(turn, points(bent(left_elbow=(0, -60, 0), right_knee=(70, 0, 0))))
@@ -224,22 +226,12 @@ def test_noisy_motion_is_followed_to_its_minimum() -> None:
     start, end = random_pose(rng, 0.2), random_pose(rng, 0.2)
     turn = quaternion_log(start.rotation), quaternion_log(end.rotation)
     state = None
-    for t in np.linspace(0, 1, 60):
+    for t in np.linspace(0, 1, 25):
         rotation = quaternion_exp((1 - t) * turn[0] + t * turn[1])
         target = points(Pose(BODY, start.root_position, rotation)) + rng.normal(0, 0.005, (len(BODY.points), 3))
         _, state = IK.solve(target, state=state)
         _, fresh = EXACT.solve(target)
         assert state.cost <= fresh.cost * 1.01 + 1e-6
-
-
-def test_new_noise_on_every_frame_takes_few_steps() -> None:
-    rng = np.random.default_rng(3)
-    target = points(bent(left_elbow=(0, -60, 0)))
-    state, steps = None, []
-    for _ in range(40):
-        _, state = IK.solve(target + rng.normal(0, 0.01, target.shape), state=state)
-        steps.append(state.iterations)
-    assert np.mean(steps) < 8
 
 
 def test_one_step_is_enough_from_a_near_frame() -> None:
@@ -268,7 +260,7 @@ def test_symmetric_targets_give_a_symmetric_body() -> None:
 # What positions leave open
 
 
-@pytest.mark.parametrize("bend", [20, 60, 100])
+@pytest.mark.parametrize("bend", [20, 100])
 @pytest.mark.parametrize("side", ["left", "right"])
 def test_elbows_and_knees_bend_about_their_hinges(side: str, bend: float) -> None:
     sign = 1 if side == "left" else -1

@@ -20,7 +20,7 @@ from bodysense.body.shape import Measured, shape_space, stature
 from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.errors import BodysenseError
 
-SETTINGS = settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
+SETTINGS = settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])
 MOUNTS = {
     "head": RigidTransform(np.array([0.0, 0.1, 0.05]), np.array([0.9, 0.1, 0.2, -0.3])),
     "pelvis": RigidTransform(),
@@ -138,20 +138,6 @@ def test_files_are_for_people_to_read(stored: str) -> None:
     assert lines[1] == f'"format": "{FORMAT}",'
     assert sum('"name": "left_knee"' in line for line in lines) == 1  # one point a line
     assert json.loads(stored)["mounts"][0]["joint"] == "head"
-
-
-@SETTINGS
-@given(st.data())
-def test_damaged_text_is_one_error(tmp_path: Path, stored: str, data: st.DataObject) -> None:
-    """Cut, or with a few characters changed: it loads, or there is a BodysenseError on one line."""
-    raw = bytearray(stored.encode())
-    del raw[data.draw(st.integers(0, len(raw))) :]
-    for _ in range(data.draw(st.integers(0, 3))):
-        if raw:
-            raw[data.draw(st.integers(0, len(raw) - 1))] = data.draw(st.integers(0, 255))
-    path = tmp_path / "damaged.json"
-    path.write_bytes(bytes(raw))
-    load_or_refuse(path)
 
 
 json_values = st.recursive(

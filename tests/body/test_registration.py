@@ -64,7 +64,7 @@ def test_of_mirrored_markers_the_best_proper_rotation() -> None:
     np.testing.assert_allclose(rotation[0], oracle.as_matrix(), atol=1e-6)
 
 
-@settings(max_examples=60)
+@settings(max_examples=30)
 @given(st.lists(st.booleans(), min_size=9, max_size=9), st.integers(0, 1000), st.sampled_from(["space", "line", "one"]))
 def test_any_markers_make_a_rotation(mask: list[bool], seed: int, shape: str) -> None:
     rng = np.random.default_rng(seed)

@@ -18,9 +18,9 @@ def shares(p: np.ndarray, u: np.ndarray, q: np.ndarray, v: np.ndarray) -> tuple[
 @pytest.mark.parametrize("kind", ["any", "parallel", "a point", "two points"])
 def test_no_two_points_are_nearer(kind: str) -> None:
     rng = np.random.default_rng(0)
-    p, u, q, v = rng.normal(size=(4, 200, 3))
+    p, u, q, v = rng.normal(size=(4, 60, 3))
     if kind == "parallel":
-        v = u * rng.uniform(-2, 2, size=(200, 1))
+        v = u * rng.uniform(-2, 2, size=(60, 1))
     if kind in ("a point", "two points"):
         v = np.zeros_like(v)
     if kind == "two points":

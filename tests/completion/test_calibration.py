@@ -31,7 +31,7 @@ def standing(body: int, arms_out: bool = False, name: str = "six_point") -> tupl
     return observe(pose, np.arange(FRAMES) / FRAMES, SENSOR_SETS[name]), pose
 
 
-@pytest.mark.parametrize("body", range(6))
+@pytest.mark.parametrize("body", range(3))
 def test_height_is_measured_to_the_spread_of_necks(body: int) -> None:
     observation, pose = standing(body)
     person = calibrated(observation, Person())
@@ -59,7 +59,7 @@ def test_arms_out_measure_their_reach() -> None:
 
 def test_trackers_strapped_beside_their_joints_are_found() -> None:
     apart: dict[str, list[float]] = {"pelvis": [], "left_ankle": [], "right_ankle": []}
-    for body in range(20):
+    for body in range(12):
         observation, pose = standing(body)
         rng = np.random.default_rng(body)
         mounts = {}
@@ -79,7 +79,7 @@ def test_trackers_strapped_beside_their_joints_are_found() -> None:
     assert np.percentile(apart["pelvis"], 75) < 0.03 and max(apart["pelvis"]) < 0.045
 
 
-@pytest.mark.parametrize("body", range(5))
+@pytest.mark.parametrize("body", range(2))
 def test_trackers_are_told_apart_by_where_they_are(body: int) -> None:
     observation, _ = standing(body, name="ten_point")
     rng = np.random.default_rng(body)
@@ -114,17 +114,6 @@ def test_who_moves_or_wears_no_headset_is_told() -> None:
     restless = observation.position.copy()
     restless[:, observation.points.index("head"), 0] += np.linspace(0, 0.3, FRAMES)
     with pytest.raises(BodysenseError, match="stand still"):
-        calibrated(
-            Observation(
-                points=observation.points,
-                position=restless,
-                rotation=observation.rotation,
-                has_position=observation.has_position,
-                has_rotation=observation.has_rotation,
-                accuracy=observation.accuracy,
-                time=observation.time,
-            ),
-            Person(),
-        )
+        calibrated(replace(observation, position=restless), Person())
     with pytest.raises(BodysenseError, match="stand for a second"):
         calibrated(observation[:2], Person())

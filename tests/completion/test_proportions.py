@@ -59,13 +59,13 @@ def heads(height: float) -> tuple[float, float]:
     return head - 0.01, head - hip + knee + 0.07  # a seat carries the hips a little over the knees
 
 
-@pytest.mark.parametrize("body", range(5))
+@pytest.mark.parametrize("body", range(3))
 def test_the_height_is_found_from_the_head(body: int) -> None:
     estimate, _, truth = inferred(body, Person(), SENSOR_SETS["head"])
     assert abs(stature(estimate.rest_offset[-1]) - stature(truth)) < 0.05
 
 
-@pytest.mark.parametrize("body", range(3))
+@pytest.mark.parametrize("body", range(2))
 def test_seen_bones_are_measured(body: int) -> None:
     estimate, state, truth = inferred(body, Person(), EVERYTHING)
     names = ("left_elbow", "left_wrist", "right_knee", "right_ankle")
@@ -92,13 +92,9 @@ def test_what_is_known_stays() -> None:
     assert not state.contradicts_height()
 
 
-def test_a_body_on_stairs_is_no_giant() -> None:
-    estimate, _, _ = inferred(3, Person(), SENSOR_SETS["head"], lowered=-0.8)
-    assert abs(stature(estimate.rest_offset[-1]) - stature(Person().skeleton.rest_offset)) < 0.01
-
-
-def test_kneeling_does_not_shrink_anybody() -> None:
-    estimate, _, _ = inferred(3, Person(), SENSOR_SETS["head"], lowered=0.7)
+@pytest.mark.parametrize("lowered", [-0.8, 0.7], ids=["on stairs", "kneeling"])
+def test_who_stands_on_stairs_or_kneels_is_as_tall_as_before(lowered: float) -> None:
+    estimate, _, _ = inferred(3, Person(), SENSOR_SETS["head"], lowered)
     assert abs(stature(estimate.rest_offset[-1]) - stature(Person().skeleton.rest_offset)) < 0.01
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 SOURCES = Path(__file__).parents[2] / "core" / "src"
 PARTS = ("model", "matrix", "features", "layers", "network", "fingers", "errors")
-FLAGS = ("-std=c11", "-O2", "-ffp-contract=off", "-fno-math-errno")
+FLAGS = ("-std=c11", "-O1", "-ffp-contract=off", "-fno-math-errno")
 PLACED, JOINTS, HAND_POINTS = 25, 22, 40
 
 _FRAME = [("origin", "<f4", 3), ("turn", "<f4", 2)]

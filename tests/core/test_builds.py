@@ -71,20 +71,9 @@ def test_a_machine_without_a_compiler(tmp_path: Path) -> None:
     python = environment / "bin" / "python"
     bare = {name: value for name, value in os.environ.items() if name not in ("CC", "PYTHONPATH")}
     bare["PATH"] = str(tools)
-    install = [
-        python,
-        "-m",
-        "pip",
-        "install",
-        "-q",
-        "-c",
-        ROOT / "constraints.txt",
-        "--no-deps",
-        "numpy",
-        "array-api-compat",
-        ROOT,
-    ]
-    done = subprocess.run(install, env=bare, capture_output=True, text=True, check=False)
+    pip = [python, "-m", "pip", "install", "-q", "-c", ROOT / "constraints.txt", "--no-deps"]
+    wanted = ("numpy", "array-api-compat", ROOT)
+    done = subprocess.run([*pip, *wanted], env=bare, capture_output=True, text=True, check=False)
     if done.returncode and "ziglang" in done.stderr:
         pytest.skip("the package index has no ziglang")
     assert done.returncode == 0, done.stderr[-3000:]
@@ -120,12 +109,10 @@ def test_the_library_for_arm(script: dict[str, Any], waving_clip: Clip, tmp_path
 
 @NEEDS_ZIG
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["macos-arm64", "windows-x86_64"])
-def test_libraries_for_other_systems(script: dict[str, Any], name: str, tmp_path: Path) -> None:
-    """Built, not run: of the right kind, with all functions of the header."""
-    library = script["build_library"](target(script, name), tmp_path / "library")
-    content = library.read_bytes()
-    assert content.startswith({"macos-arm64": b"\xcf\xfa\xed\xfe", "windows-x86_64": b"MZ"}[name])
+def test_the_library_for_macos(script: dict[str, Any], tmp_path: Path) -> None:
+    """Built, not run: of the right kind, with all functions of the header; wheels.yml builds and tries every system."""
+    content = script["build_library"](target(script, "macos-arm64"), tmp_path / "library").read_bytes()
+    assert content.startswith(b"\xcf\xfa\xed\xfe")
     header = (ROOT / "core" / "include" / "bodysense.h").read_text(encoding="utf-8")
     functions = re.findall(r"\b(bs_\w+)\(", re.sub(r"/\*.*?\*/", "", header, flags=re.DOTALL))
     assert len(functions) == 17

@@ -124,7 +124,7 @@ def completed(recording: Path) -> np.ndarray:
 def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder into which `make install` put the library."""
     folder = tmp_path_factory.mktemp("installed")
-    ran("make", "-s", "-C", CORE, "install", "examples", f"PREFIX={folder}", f"BUILD={folder / 'build'}", "CFLAGS=-O1")
+    ran("make", "-s", "-C", CORE, "install", "examples", f"PREFIX={folder}", f"BUILD={folder / 'build'}", "CFLAGS=-O0")
     return folder
 
 
@@ -165,17 +165,8 @@ def test_the_header_for_engines(installed: Path, lines: str, completed: np.ndarr
     compiler = cpp_compiler()
     (tmp_path / "program.cpp").write_text(CPP)
     flags = [f"-I{ENGINES}", f"-I{installed / 'include'}", f"-L{installed / 'lib'}", "-lbodysense"]
-    ran(
-        compiler,
-        "-std=c++17",
-        "-Wall",
-        "-Wextra",
-        "-Werror",
-        tmp_path / "program.cpp",
-        *flags,
-        "-o",
-        tmp_path / "program",
-    )
+    warnings = ("-std=c++17", "-Wall", "-Wextra", "-Werror")
+    ran(compiler, *warnings, tmp_path / "program.cpp", *flags, "-o", tmp_path / "program")
     found = ran(tmp_path / "program", WEIGHTS, text=lines, LD_LIBRARY_PATH=str(installed / "lib"))
     np.testing.assert_allclose(rows(found), completed, atol=CLOSE)
 
@@ -184,15 +175,8 @@ def test_the_header_for_engines(installed: Path, lines: str, completed: np.ndarr
 def test_the_listing_for_unity_runs(installed: Path, lines: str, completed: np.ndarray, tmp_path: Path) -> None:
     (tmp_path / "program.cs").write_text(CSHARP)
     sources = [ENGINES / "unity" / name for name in ("BodySenseNative.cs", "Body.cs")]
-    ran(
-        "mcs",
-        "-unsafe",
-        "-langversion:7.2",
-        "-warnaserror",
-        f"-out:{tmp_path / 'a.exe'}",
-        *sources,
-        tmp_path / "program.cs",
-    )
+    options = ("-unsafe", "-langversion:7.2", "-warnaserror", f"-out:{tmp_path / 'a.exe'}")
+    ran("mcs", *options, *sources, tmp_path / "program.cs")
     found = ran("mono", tmp_path / "a.exe", WEIGHTS, text=lines, LD_LIBRARY_PATH=str(installed / "lib"))
     np.testing.assert_allclose(rows(found), completed, atol=CLOSE)
 
@@ -200,15 +184,8 @@ def test_the_listing_for_unity_runs(installed: Path, lines: str, completed: np.n
 @pytest.mark.skipif(not shutil.which("mcs"), reason="needs Mono")
 def test_the_avatar_of_unity_compiles(tmp_path: Path) -> None:
     sources = [ENGINES / "unity" / name for name in ("BodySenseNative.cs", "Body.cs", "BodySenseAvatar.cs")]
-    ran(
-        "mcs",
-        "-unsafe",
-        "-langversion:7.2",
-        "-target:library",
-        f"-out:{tmp_path / 'a.dll'}",
-        *sources,
-        SHIMS / "unity.cs",
-    )
+    options = ("-unsafe", "-langversion:7.2", "-target:library", f"-out:{tmp_path / 'a.dll'}")
+    ran("mcs", *options, *sources, SHIMS / "unity.cs")
 
 
 @pytest.mark.parametrize(

@@ -87,7 +87,7 @@ def product(
     st.sampled_from([1e-20, 1.0, 1e20]),
     st.integers(0, 2**32 - 1),
 )
-@settings(max_examples=60)
+@settings(max_examples=30)
 def test_kernels_agree_and_are_as_exact_as_two_bytes(
     library: ctypes.CDLL, rows: int, inputs: int, columns: int, size: float, seed: int
 ) -> None:

@@ -84,12 +84,12 @@ def most_turned(points: tuple[str, ...], angle: np.ndarray) -> str:
 @given(data=st.data())
 @settings(max_examples=2, derandomize=True)
 def test_core_equals_its_twin(device: str, data: st.DataObject) -> None:
-    check(data.draw(cases(device, 14)))
+    check(data.draw(cases(device, 7)))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("device", DEVICES)
 @given(data=st.data())
-@settings(max_examples=12, derandomize=True)
+@settings(max_examples=4, derandomize=True)
 def test_core_equals_its_twin_for_longer(device: str, data: st.DataObject) -> None:
-    check(data.draw(cases(device, 50)))
+    check(data.draw(cases(device, 40)))

@@ -97,7 +97,7 @@ def signal_of(frames: list[Frame]) -> TrackedSignal:
 
 
 @given(data=st.data())
-@settings(max_examples=12, derandomize=True)
+@settings(max_examples=6, derandomize=True)
 def test_features_and_the_network_are_the_twins(
     networks: tuple[CompletionNetwork, FingerNetwork], data: st.DataObject
 ) -> None:
@@ -154,7 +154,7 @@ def fingers_of(frame: Frame, body: Body, memory: Memory) -> FingerSignal:
 
 
 @given(data=st.data())
-@settings(max_examples=8, derandomize=True)
+@settings(max_examples=4, derandomize=True)
 def test_finger_features_and_network_are_the_twins(
     networks: tuple[CompletionNetwork, FingerNetwork], data: st.DataObject
 ) -> None:

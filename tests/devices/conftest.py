@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Any
+from collections.abc import Mapping
+from typing import Any, cast
 
 import numpy as np
 import pytest
 
-from bodysense.body.arms import SIDES
+from bodysense.body.arms import ARM_JOINTS, SIDES
 from bodysense.body.pose import Pose, forward_kinematics, standing_pose
 from bodysense.body.rotation import quaternion_exp, quaternion_multiply
 from bodysense.body.skeleton import default_skeleton
-from bodysense.devices.video.arms import Arms, ArmSettings, load_arms
+from bodysense.completion.network import Network
+from bodysense.devices.video.arms import ArmModel, Arms, ArmSettings
 from bodysense.devices.video.device import POINTS, VideoDevice, VideoFrames, VideoSettings
 from bodysense.devices.video.landmarks import BODY_LANDMARKS
 from bodysense.devices.video.person import PersonLandmarks
@@ -26,12 +27,28 @@ TILT = np.radians(12.0)
 FIELDS = ("position", "rotation", "has_position", "has_rotation", "accuracy", "time")
 
 
-@pytest.fixture(scope="session")
-def make_device(small_arms: Path) -> Any:
-    model = load_arms(small_arms)
+class UntrainedArms:
+    """A network of arms with weights by chance: what each frame's key-points are, its rotations are."""
 
+    def __init__(self) -> None:
+        self.card = {"joints": ARM_JOINTS, "frames": 32, "rate": 30, "validation": {"overall_m": 0.05, "hands_m": 0.02}}
+        self.weight = np.random.default_rng(0).normal(scale=0.3, size=(100, 3 * len(ARM_JOINTS)))
+
+    def run(self, inputs: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+        frames = np.concatenate([inputs[name].reshape(32, -1) for name in ("arm", "torso", "hand")], axis=1)
+        turn = 0.3 * np.tanh(frames @ self.weight)
+        return {"rotation": np.asarray(quaternion_exp(turn.reshape(1, 32, -1, 3)))}
+
+
+@pytest.fixture(scope="session")
+def untrained_arms() -> ArmModel:
+    return ArmModel(cast(Network, UntrainedArms()))
+
+
+@pytest.fixture(scope="session")
+def make_device(untrained_arms: ArmModel) -> Any:
     def make(look_ahead: float = 0.0, tilt: float | None = None) -> VideoDevice:
-        arms = Arms(SKELETON, model, ArmSettings(look_ahead=look_ahead))
+        arms = Arms(SKELETON, untrained_arms, ArmSettings(look_ahead=look_ahead))
         return VideoDevice(SKELETON, arms, 16 / 9, VideoSettings(look_ahead=look_ahead, tilt=tilt))
 
     return make

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import permutations
 from pathlib import Path
 
 import numpy as np
@@ -16,8 +15,6 @@ from bodysense.body.rotation import geodesic_angle
 from bodysense.errors import BodysenseError
 from bodysense.io.bvh import read_bvh, write_bvh
 from bodysense.io.clip import Clip
-
-quick = settings(max_examples=150, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
 SMALL = """HIERARCHY
 ROOT Hips
@@ -75,7 +72,7 @@ def test_a_file_in_its_own_hierarchy_and_metres(small: Path) -> None:
     assert (clip.name, clip.frame_rate, len(clip)) == ("small", 30.0, 2)
 
 
-@pytest.mark.parametrize("order", ["".join(p) for p in permutations("XYZ")] + ["X", "YX", "ZY"])
+@pytest.mark.parametrize("order", ["XYZ", "ZXY", "YZX", "X", "ZY"])
 def test_channels_turn_in_the_order_listed(tmp_path: Path, order: str) -> None:
     angles = np.random.default_rng(len(order)).uniform(-180, 180, size=(5, len(order)))
     channels = " ".join(f"{axis}rotation" for axis in order)
@@ -120,19 +117,16 @@ def with_knee_at(path: Path, places: list[str]) -> Path:
     return path
 
 
-def test_constant_positions_of_a_joint_become_its_offset(small: Path) -> None:
-    offset = read_bvh(with_knee_at(small, ["-75 11 1"] * 2)).pose.skeleton.rest_offset[1]
-    np.testing.assert_allclose(offset, [0.11, -0.75, 0.01])
-
-
-def test_positions_that_are_all_zero_add_nothing(small: Path) -> None:
-    offset = read_bvh(with_knee_at(small, ["0 0 0"] * 2)).pose.skeleton.rest_offset[1]
-    np.testing.assert_allclose(offset, [0.1, -0.8, 0])
-
-
-def test_of_positions_that_vary_the_median_is_taken(small: Path) -> None:
-    offset = read_bvh(with_knee_at(small, ["-80 10 0", "-82 10 0"])).pose.skeleton.rest_offset[1]
-    np.testing.assert_allclose(offset, [0.1, -0.81, 0])
+@pytest.mark.parametrize(
+    ("places", "offset"),
+    [
+        (["-75 11 1"] * 2, [0.11, -0.75, 0.01]),
+        (["0 0 0"] * 2, [0.1, -0.8, 0]),  # nothing is added
+        (["-80 10 0", "-82 10 0"], [0.1, -0.81, 0]),  # the median
+    ],
+)
+def test_positions_of_a_joint_become_its_offset(small: Path, places: list[str], offset: list[float]) -> None:
+    np.testing.assert_allclose(read_bvh(with_knee_at(small, places)).pose.skeleton.rest_offset[1], offset)
 
 
 def test_end_sites_without_length_are_dropped_and_names_stay_unique(small: Path) -> None:
@@ -189,42 +183,11 @@ def test_no_file(tmp_path: Path) -> None:
         read_bvh(tmp_path / "none.bvh")
 
 
-@pytest.mark.parametrize("cut", range(0, len(SMALL), 7))
-def test_a_truncated_file_is_refused_or_a_motion(small: Path, cut: int) -> None:
-    small.write_text(SMALL[:cut])
-    try:
-        clip = read_bvh(small)
-    except BodysenseError as error:
-        assert str(small) in str(error)
-    else:
-        assert cut > SMALL.rindex("-31") + 1 and len(clip) == 2  # a last number may lose digits unseen
-
-
-@quick
-@given(st.data())
-def test_any_damage_is_refused_or_a_motion(small: Path, data: st.DataObject) -> None:
-    content = bytearray(SMALL.encode())
-    for _ in range(data.draw(st.integers(1, 4))):
-        at = data.draw(st.integers(0, len(content) - 1))
-        content[at : at + data.draw(st.integers(0, 3))] = data.draw(st.binary(max_size=4))
-    small.write_bytes(content)
-    refused_or_motion(small)
-
-
-@quick
-@given(st.binary(max_size=300))
-def test_random_bytes_are_refused(small: Path, content: bytes) -> None:
-    small.write_bytes(b"HIERARCHY\n" + content)
-    refused_or_motion(small)
-
-
-def refused_or_motion(path: Path) -> None:
-    try:
-        clip = read_bvh(path)
-    except BodysenseError as error:
-        assert str(path) in str(error)
-    else:
-        assert np.isfinite(clip.pose.rotation).all() and np.isfinite(clip.pose.root_position).all() and len(clip)
+def test_a_truncated_file_is_refused(small: Path) -> None:
+    for cut in range(0, SMALL.rindex("-31"), 7):
+        small.write_text(SMALL[:cut])
+        with pytest.raises(BodysenseError, match=str(small)):
+            read_bvh(small)
 
 
 def test_a_hierarchy_of_great_depth_is_no_trouble(tmp_path: Path) -> None:

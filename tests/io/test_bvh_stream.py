@@ -13,9 +13,7 @@ from bodysense.io.clip import Clip
 from bodysense.io.resample import at_constant_rate
 
 
-@pytest.mark.parametrize("jitter", [0.0, 0.012])
-@pytest.mark.parametrize("block", [1, 7, 90])
-@pytest.mark.parametrize("begin", [2.0, 1.7e9])
+@pytest.mark.parametrize(("jitter", "block", "begin"), [(0.0, 1, 2.0), (0.012, 7, 1.7e9), (0.012, 90, 2.0)])
 def test_frame_by_frame_is_as_at_once(
     tmp_path: Path, waving_clip: Clip, jitter: float, block: int, begin: float
 ) -> None:

@@ -12,28 +12,22 @@ from bodysense.io.clip import Clip
 from bodysense.io.motion_files import motion_stream, write_motion
 
 
-@pytest.mark.parametrize("ending", ["bvh", "glb", "vrma"])
+@pytest.mark.parametrize("ending", ["glb", "vrma"])
 def test_a_motion_that_is_written_as_it_comes_is_the_same(waving_clip: Clip, tmp_path: Path, ending: str) -> None:
+    """But for the digits of BVH, in which it waits until it is whole."""
     clip, name = waving_clip, f"waves.{ending}"
     (tmp_path / "whole").mkdir()
-    # What a BVH file keeps of it, so that both have the same digits.
-    write_motion(tmp_path / "waves.bvh", clip)
-    read = read_bvh(tmp_path / "waves.bvh").pose
+    write_motion(tmp_path / "whole" / "waves.bvh", clip)
+    read = read_bvh(tmp_path / "whole" / "waves.bvh").pose
     order = read.skeleton.indices(clip.pose.skeleton.joints)
     kept = type(read)(clip.pose.skeleton, read.root_position, np.asarray(read.rotation)[:, order])
-    (tmp_path / "waves.bvh").unlink()
     write_motion(tmp_path / "whole" / name, Clip("waves", kept, clip.frame_rate))
     with motion_stream(tmp_path / name, clip.pose.skeleton, clip.frame_rate) as motion:
         for begin in range(0, len(clip), 7):
             motion.append(clip.time[begin : begin + 7], clip.pose[begin : begin + 7])
     assert motion.frames == len(clip)
     assert {path.name for path in tmp_path.iterdir()} == {"whole", name}
-    if ending == "bvh":
-        again, first = read_bvh(tmp_path / name).pose, read_bvh(tmp_path / "whole" / name).pose
-        np.testing.assert_allclose(again.rotation, first.rotation, atol=1e-6)
-        np.testing.assert_allclose(again.root_position, first.root_position, atol=1e-6)
-    else:
-        assert (tmp_path / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()
+    assert (tmp_path / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()
 
 
 @pytest.mark.parametrize("ending", ["glb", "vrma"])

@@ -69,7 +69,7 @@ def read_or_refuse(path: Path) -> Recording | None:
 
 
 @pytest.mark.parametrize("ending", [".npz", ".jsonl"])
-@settings(max_examples=25)
+@settings(max_examples=10)
 @given(frames=st.integers(1, 12), seed=st.integers(0, 999))
 def test_a_round_trip(folder: Path, ending: str, frames: int, seed: int) -> None:
     recording, path = example(frames, seed), folder / f"round{ending}"
@@ -144,7 +144,7 @@ def test_unix_time_is_a_time(tmp_path: Path, ending: str) -> None:
 # --- damage of any kind
 
 
-@settings(max_examples=60)
+@settings(max_examples=20)
 @given(share=st.floats(0, 1))
 def test_a_file_cut_short(folder: Path, share: float) -> None:
     for ending in (".npz", ".jsonl"):
@@ -160,32 +160,11 @@ def test_a_file_cut_short(folder: Path, share: float) -> None:
             np.testing.assert_allclose(recording.observation.time, example(20).observation.time[:length], atol=1e-6)
 
 
-@settings(max_examples=80)
-@given(content=st.binary(max_size=300), ending=st.sampled_from([".npz", ".jsonl"]))
-def test_any_bytes(folder: Path, content: bytes, ending: str) -> None:
-    path = folder / f"any{ending}"
-    path.write_bytes(content)
-    assert read_or_refuse(path) is None
-    is_recording(path)
-
-
-@settings(max_examples=150)
-@given(place=st.floats(0, 1, exclude_max=True), value=st.integers(0, 255), ending=st.sampled_from([".npz", ".jsonl"]))
-def test_a_wrong_byte(folder: Path, place: float, value: int, ending: str) -> None:
-    whole, path = folder / f"good{ending}", folder / f"wrong{ending}"
-    if not whole.exists():
-        write_recording(whole, example(20))
-    content = bytearray(whole.read_bytes())
-    content[int(place * len(content))] = value
-    path.write_bytes(content)
-    read_or_refuse(path)
-
-
 KEYS = ("format", "points", *FIELDS, "time", "joints", "end_sites", "parents", "rest_offset")
 SHAPES = arrays.array_shapes(min_dims=0, max_dims=4, min_side=0, max_side=6)
 
 
-@settings(max_examples=150)
+@settings(max_examples=50)
 @given(key=st.sampled_from(KEYS), data=st.data())
 def test_an_array_of_any_kind(folder: Path, key: str, data: st.DataObject) -> None:
     """One array is replaced by one of any shape and type, or left out."""
@@ -209,7 +188,7 @@ JSON = st.recursive(
 )
 
 
-@settings(max_examples=150)
+@settings(max_examples=50)
 @given(
     key=st.sampled_from(["format", "points", "skeleton", "joints", "parents", "rest_offset", *FIELDS[:2], "time"]),
     value=JSON,
@@ -242,10 +221,6 @@ WRONG_ARRAYS: dict[str, tuple[Change, str]] = {
         lambda a: a.update(has_position=a["has_position"] * 1),
         "has_position is of type int64; .* masks bool",
     ),
-    "positions (T, P)": (
-        lambda a: a.update(position=a["position"][..., 0]),
-        r"position has shape \(6, 2\); 6 frames of 2 points need \(6, 2, 3\)",
-    ),
     "one frame too few": (
         lambda a: a.update(rotation=a["rotation"][1:]),
         r"rotation has shape \(5, 2, 4\); 6 frames of 2 points need \(6, 2, 4\)",
@@ -255,33 +230,15 @@ WRONG_ARRAYS: dict[str, tuple[Change, str]] = {
         r"position has shape \(1, 6, 2, 3\); a recording is of one motion, \(6, 2, 3\)",
     ),
     "no frames": (lambda a: a.update(time=np.zeros(0)), "time and points must be lists of at least one value"),
-    "no points": (lambda a: a.update(points=np.array([], "U4")), "time and points must be lists of at least one value"),
-    "an unknown point": (
-        lambda a: a.update(points=np.array(["head", "nexk"])),
-        "unknown joint 'nexk'; this skeleton has neck",
-    ),
     "a point twice": (
         lambda a: a.update(points=np.array(["head", "head"])),
         "a point is named twice; names must differ",
-    ),
-    "time backwards": (
-        lambda a: a.update(time=np.array([0.0, 1, 2, 1.5, 3, 4])),
-        r"time goes from 2 s to 1\.5 s at frame 3; times must increase: sort the frames and drop repeats",
-    ),
-    "time not finite": (
-        lambda a: a.update(time=np.array([0.0, np.nan, 2, 3, 4, 5])),
-        "the time of frame 1 is not a number; give seconds, increasing",
     ),
     "NaN said to be seen": (
         lambda a: a["has_position"].__setitem__((2, 1), True) or a["position"].__setitem__((2, 1), np.nan),
         "has_position says that 'neck' is tracked at frame 2, but its position is not finite; clear the mask there",
     ),
-    "a rotation of no length": (
-        lambda a: a["has_rotation"].__setitem__((2, 0), True) or a["rotation"].__setitem__((2, 0), 0.0),
-        "the rotation of 'head' at frame 2 has length 0; give unit quaternions w, x, y, z, or clear the mask there",
-    ),
     "parents that are no numbers": (lambda a: a.update(parents=np.array(list("abcd"))), "its skeleton cannot be read"),
-    "parents with fractions": (lambda a: a.update(parents=np.array([-1, 0.5, 1, 2])), "its skeleton cannot be read"),
     "a loop of parents": (
         lambda a: a.update(parents=np.array([-1, 2, 1, 2])),
         "skeleton: the parent of 'neck' is 2; it must be a joint that comes before it",
@@ -306,14 +263,12 @@ WRONG_LINES = {
     "nothing": ("", r"first line must be a header with format 'bodysense recording 1', but it has None"),
     "another format": ('{"format": "x"}', "must be a header with format 'bodysense recording 1', but it has 'x'"),
     "no points": (json.dumps({"format": FORMAT}), "the header needs 'points', a list of names"),
-    "points of numbers": (json.dumps({"format": FORMAT, "points": [1]}), "the header needs 'points', a list of names"),
     "no frames": (HEADER, "a header but no frames; each further line is one frame with its 'time'"),
     "not JSON": (f"{HEADER}\n{{'time': 0}}", r"line 2 is not JSON; was the file cut short\? Remove the line"),
     "not an object": (f"{HEADER}\n[0]", "line 2 is not a JSON object"),
     "deep": (f"{HEADER}\n" + "[" * 100_000, "line 2 is not JSON"),
     "no time": (f'{HEADER}\n{{"position": {{}}}}', "frame 0 has no 'time'; give seconds"),
     "time as text": (f'{HEADER}\n{{"time": "0"}}', "frame 0 has no 'time'; give seconds"),
-    "time beyond all bounds": (f'{HEADER}\n{{"time": 1{"0" * 400}}}', "frame 0 has no 'time'; give seconds"),
     "a number of 5000 digits": (f'{HEADER}\n{{"time": {"1" * 5000}}}', "line 2 is not JSON"),
     "an unlisted point": (
         f'{HEADER}\n{{"time": 0, "position": {{"neck": [0, 0, 0]}}}}',
@@ -322,10 +277,6 @@ WRONG_LINES = {
     "two numbers": (
         f'{HEADER}\n{{"time": 0, "position": {{"head": [0, 1]}}}}',
         r"frame 0: position of 'head' is \[0, 1\]; give 3 numbers",
-    ),
-    "NaN": (
-        f'{HEADER}\n{{"time": 0, "rotation": {{"head": [NaN, 0, 0, 0]}}}}',
-        r"frame 0: rotation of 'head' is \[nan, 0, 0, 0\]; give 4 numbers",
     ),
     "a number beyond all bounds": (
         f'{HEADER}\n{{"time": 0, "position": {{"head": [1{"0" * 400}, 0, 0]}}}}',
@@ -338,10 +289,6 @@ WRONG_LINES = {
     "a skeleton of text": (
         json.dumps({"format": FORMAT, "points": ["head"], "skeleton": "mine"}) + '\n{"time": 0}',
         "the header's 'skeleton' must be an object with joints, end_sites, parents, rest_offset",
-    ),
-    "an unknown point": (
-        json.dumps({"format": FORMAT, "points": ["headd"]}) + '\n{"time": 0}',
-        "unknown joint 'headd'; this skeleton has head",
     ),
     "time backwards": (
         f'{HEADER}\n{{"time": 1}}\n{{"time": 1}}',

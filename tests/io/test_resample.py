@@ -1,4 +1,4 @@
-"""Resampling, windows, augmentation and splits: what they must keep."""
+"""Resampling: what it must keep."""
 
 from __future__ import annotations
 
@@ -11,9 +11,7 @@ from bodysense.errors import BodysenseError
 from bodysense.io.resample import at_constant_rate, resample
 
 
-@pytest.mark.parametrize(
-    ("rate", "new"), [(30.0, 60.0), (120.0, 30.0), (24.0, 30.0), (30.0, 24.0), (12.0, 30.0), (59.94, 30.0)]
-)
+@pytest.mark.parametrize(("rate", "new"), [(120.0, 30.0), (24.0, 30.0), (59.94, 30.0)])
 def test_against_scipys_slerp(make_clip, rate: float, new: float) -> None:
     clip = make_clip(frames=13, rate=rate)
     result = resample(clip, new)

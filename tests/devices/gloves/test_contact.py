@@ -66,14 +66,14 @@ def test_hands_that_do_not_touch_are_left_alone() -> None:
         assert contact.step(hands, NO_MARKERS, NONE_KNOWN, INTERVAL, state)[0] is hands
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", range(3))
 def test_nothing_stands_in_anything_afterwards(seed: int) -> None:
     hands = interlaced(seed)
     assert depth(hands) > 0.005
     assert depth(settled(both(), hands)) < 0.001
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_hands_stay_hands(seed: int) -> None:
     hands = interlaced(seed)
     result = settled(both(), hands)
@@ -86,9 +86,8 @@ def test_hands_stay_hands(seed: int) -> None:
     assert np.linalg.norm(result.root - hands.root, axis=-1).max() < 0.02
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_neither_hand_comes_first(seed: int) -> None:
-    hands = interlaced(seed)
+def test_neither_hand_comes_first() -> None:
+    hands = interlaced(0)
     swapped = HandPoses(*(part[::-1] for part in hands))
     one, other = settled(both(), hands, 1), settled(both(), swapped, 1)
     np.testing.assert_allclose(one.position, other.position[::-1], atol=1e-6)

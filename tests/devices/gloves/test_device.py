@@ -83,8 +83,7 @@ def test_markers_become_points_of_hands(small_models: GloveModels, gloves: Obser
         np.testing.assert_array_equal(found.rotation[:, place[0]], answer.pose.rotation[:, 0])
 
 
-@pytest.mark.parametrize("with_head", [True, False], ids=["head", "alone"])
-@pytest.mark.parametrize("sides", [SIDES, ("right",)], ids=["both", "right"])
+@pytest.mark.parametrize(("sides", "with_head"), [(SIDES, True), (("right",), False)], ids=["both", "alone"])
 def test_a_glove_s_hand_arrives_unchanged(
     small_models: GloveModels,
     completion: CompletionModel,

@@ -155,21 +155,6 @@ def test_a_network_keeps_away_from_hands_with_few_markers(hand: Skeleton, marker
         NetworkFiller(Told(frame[0]), (hand,), fewest=5)
 
 
-def test_the_same_markers_known_or_changing_between_frames(
-    small_models: GloveModels, hand: Skeleton, markers: np.ndarray
-) -> None:
-    """What is remembered of the mask changes nothing."""
-    filler = NetworkFiller(small_models.markers, (hand,))
-    rng, state = np.random.default_rng(0), filler.start(1)
-    for t in range(40):
-        frame = markers[t][None].copy()
-        if t // 4 % 3:
-            frame[0, rng.permutation(9)[: t // 4 % 5]] = np.nan
-        filled, state = filler.fill(frame, 1 / 60, state)
-        fresh, _ = filler.fill(frame, 1 / 60, filler.start(1))
-        np.testing.assert_allclose(filled, fresh, atol=1e-6)
-
-
 def test_the_last_shape_moves_rigidly_and_relaxes(hand: Skeleton, markers: np.ndarray) -> None:
     natural = natural_markers(default_glove(), hand)
     filler = LastShape(natural, hold=0.5, relaxing=1.0)

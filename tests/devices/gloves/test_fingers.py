@@ -4,14 +4,13 @@ import numpy as np
 import pytest
 
 from bodysense.body.glove import default_glove, marker_positions
-from bodysense.body.hand import FINGERS, FREEDOMS, rotations_of
+from bodysense.body.hand import FINGERS, rotations_of
 from bodysense.body.pose import Pose, forward_kinematics
-from bodysense.body.registration import FEW, moved
+from bodysense.body.registration import FEW
 from bodysense.body.rotation import (
     quaternion_canonical,
     quaternion_conjugate,
     quaternion_multiply,
-    quaternion_rotate,
     shortest_arc,
 )
 from bodysense.body.skeleton import Skeleton
@@ -25,12 +24,6 @@ from bodysense.devices.gloves.fingers import (
 )
 from bodysense.errors import BodysenseError
 from bodysense_lab.synthesis.hands import varied_hand
-
-
-def test_rotations_are_those_of_the_hand_model() -> None:
-    angles = np.random.default_rng(0).normal(scale=0.8, size=(50, len(FREEDOMS)))
-    fast = quaternion_canonical(local_rotations(angles, turning()))
-    np.testing.assert_allclose(fast, rotations_of(angles), atol=1e-12)
 
 
 def test_a_calibration_follows_every_rotation() -> None:
@@ -112,19 +105,6 @@ def test_few_hands_point_as_many(hand: Skeleton, restraint: float) -> None:
         fast = pointed(local_rotations(angles[some], turning()), markers[some], shape, restraint)
         for one, wanted in zip(fast, slow, strict=True):
             np.testing.assert_allclose(one, wanted[some], atol=1e-12)
-
-
-def test_points_are_placed_in_the_world(hand: Skeleton) -> None:
-    angles = np.random.default_rng(4).normal(scale=0.3, size=(1, 26))
-    wrist = quaternion_canonical(np.array([0.5, -0.5, 0.7, 0.1]) / np.linalg.norm([0.5, -0.5, 0.7, 0.1]))
-    pose = _posed(hand, angles[0])
-    world = pose.rotation.copy()
-    world[0] = wrist
-    position, _ = forward_kinematics(Pose(hand, np.array([1.0, 2.0, 3.0]), world))
-    markers = np.asarray(marker_positions(default_glove(), pose))[None]
-    _, points = pointed(local_rotations(angles, turning()), markers, hand_shape([hand], [default_glove()]))
-    rotation = np.stack([quaternion_rotate(wrist, axis) for axis in np.eye(3)], axis=-1)[None]
-    np.testing.assert_allclose(moved(points, rotation, np.array([[1.0, 2.0, 3.0]]))[0], position, atol=1e-12)
 
 
 def test_errors(hand: Skeleton) -> None:

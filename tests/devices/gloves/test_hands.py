@@ -121,7 +121,7 @@ def test_the_hand_is_placed_by_its_alignment_markers_and_fingers_point_at_theirs
         np.testing.assert_allclose(cosine, 1, atol=1e-9)
 
 
-@settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=10, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.lists(st.integers(0, 511), min_size=12, max_size=12), st.sampled_from([1000.0, 60.0, 5.0]))
 def test_any_markers_of_any_frames_give_hands(
     small_models: GloveModels, hand: Skeleton, markers: np.ndarray, observe_gloves, masks: list[int], rate: float

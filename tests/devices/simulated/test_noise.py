@@ -56,9 +56,9 @@ def rms(values: np.ndarray) -> float:
     return float(np.sqrt((values**2).sum(axis=-1).mean()))
 
 
-@pytest.mark.parametrize("speed", [0.05, 0.2, 0.5])
+@pytest.mark.parametrize("speed", [0.05, 0.5])
 def test_deviations_are_those_of_the_fit(speed: float) -> None:
-    position, rotation = errors(moving_head(speed, sessions=12))
+    position, rotation = errors(moving_head(speed, sessions=6))
     drift, wobble = 0.8 * (0.37 + 1.2 * speed), 0.65 * speed
     expected = np.sqrt(3 * (drift**2 + 0.145**2 + wobble**2 + 0.01**2))
     assert 0.7 < rms(position) / expected < 1.3
@@ -70,16 +70,16 @@ def test_deviations_are_those_of_the_fit(speed: float) -> None:
 def test_head_like_paths_err_as_was_measured() -> None:
     """Position 0.8 mm (slow) to 1.5 mm rms, 99 % within 1.5-3.7 mm; rotation 0.09-0.33°."""
     for speed in (0.2, 0.4):
-        position, rotation = errors(moving_head(speed, sessions=12))
+        position, rotation = errors(moving_head(speed, sessions=5))
         assert 0.7 * 0.8 < rms(position) < 1.3 * 1.5
         assert 0.7 * 1.5 < np.percentile(np.linalg.norm(position, axis=-1), 99) < 1.3 * 3.7
         assert 0.7 * 0.09 < rms(rotation) < 1.3 * 0.33
 
 
-@pytest.mark.parametrize("speed", [0.1, 0.4])
+@pytest.mark.parametrize("speed", [0.2, 0.4])
 def test_the_drift_follows_the_way_travelled(speed: float) -> None:
     """Its correlation falls to 1/e after 0.23-0.39 m, whatever the speed."""
-    position, _ = errors(moving_head(speed, sessions=16, seconds=200.0))
+    position, _ = errors(moving_head(speed, sessions=12, seconds=60.0))
     slow = signal.sosfiltfilt(signal.butter(2, 3.0, fs=RATE, output="sos"), position, axis=1)
     lags = np.arange(1, round(1.0 / speed * RATE), 4)
     correlation = np.array([(slow[:, lag:] * slow[:, :-lag]).mean() for lag in lags]) / (slow**2).mean()
@@ -89,7 +89,7 @@ def test_the_drift_follows_the_way_travelled(speed: float) -> None:
 
 def test_at_rest_there_is_almost_no_white_noise() -> None:
     """What changes from frame to frame is microns."""
-    position, rotation = errors(moving_head(0.0))
+    position, rotation = errors(moving_head(0.0, seconds=60.0))
     fresh = np.diff(position, 2, axis=1)
     assert rms(fresh) / np.sqrt(6 * 3) < 0.01
     assert rms(np.diff(rotation, 2, axis=1)) / np.sqrt(6 * 3) < 0.001
@@ -100,7 +100,7 @@ def test_at_rest_there_is_almost_no_white_noise() -> None:
 def test_above_twenty_hertz_there_is_little() -> None:
     """In motion 0.015 mm and 0.004° of a worn headset's signal, which holds the wearer's own."""
     high = signal.butter(4, 20.0, "high", fs=RATE, output="sos")
-    position, rotation = errors(moving_head(0.15))
+    position, rotation = errors(moving_head(0.15, sessions=2, seconds=60.0))
     # Along each axis; the wobble's tail and the white noise.
     assert np.sqrt((signal.sosfiltfilt(high, position, axis=1) ** 2).mean()) < 1.3 * 0.015
     assert np.sqrt((signal.sosfiltfilt(high, rotation, axis=1) ** 2).mean()) < 1.3 * 0.004
@@ -141,7 +141,7 @@ def in_bands(error: np.ndarray) -> np.ndarray:
 
 
 def test_controllers_err_more_and_cameras_most() -> None:
-    seen = moving_head(0.3, sessions=6, points=("head", "left_wrist"))
+    seen = moving_head(0.3, sessions=4, seconds=60.0, points=("head", "left_wrist"))
     position, rotation = errors(seen)
     assert 2.0 < rms(position[:, :, 1]) / rms(position[:, :, 0]) < 3.0
     assert 2.0 < rms(rotation[:, :, 1]) / rms(rotation[:, :, 0]) < 3.0
@@ -171,7 +171,7 @@ def test_masks_are_kept_and_accuracy_is_true(waving_clip: Clip) -> None:
         np.testing.assert_array_equal(noisy.has_position, seen.has_position)
         np.testing.assert_array_equal(noisy.has_rotation, seen.has_rotation)
         assert np.isnan(noisy.position[~noisy.has_position]).all()
-    many = moving_head(0.5, sessions=6, points=("head", "left_wrist"))
+    many = moving_head(0.5, sessions=6, seconds=40.0, points=("head", "left_wrist"))
     for settings in (STILL_MAP, replace(STILL_MAP, cameras=True)):
         noisy = disturb(many, np.random.default_rng(4), settings)
         error = np.linalg.norm(noisy.position - many.position, axis=-1).mean(axis=(0, 1))

@@ -73,7 +73,7 @@ def test_a_clocks_rate_is_not_taken_for_the_pictures(tmp_path: Path) -> None:
         assert [picture.time for picture in video.pictures] == pytest.approx([k / 25 for k in range(9)])
 
 
-@pytest.mark.parametrize("rotation", [0, 90, 180, 270])
+@pytest.mark.parametrize("rotation", [90, 180])
 def test_pictures_are_upright(tmp_path: Path, rotation: int) -> None:
     """A camera that was turned stores turned pictures, and by how much they are to be turned back, anticlockwise."""
     stored = np.ascontiguousarray(np.rot90(corners(), -rotation // 90))

@@ -253,7 +253,7 @@ TEXTS = [(name, write().encode()) for name, write in LAYOUTS.values()]
     changes=st.lists(st.tuples(st.integers(0, 4000), st.integers(0, 255)), max_size=6),
     cut=st.one_of(st.none(), st.integers(0, 4000)),
 )
-@settings(max_examples=200)
+@settings(max_examples=60)
 def test_damaged_files_are_read_or_refused_in_one_line(
     tmp_path_factory: pytest.TempPathFactory, which: int, changes: list[tuple[int, int]], cut: int | None
 ) -> None:
