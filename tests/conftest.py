@@ -32,6 +32,7 @@ sys.path.insert(0, str(Path(__file__).parent))  # helpers that tests of several 
 Command = Callable[..., str]
 Refused = Callable[..., str]
 MakeClip = Callable[..., Clip]
+ExportedOnce = Callable[[str, Callable[[Path], None]], Path]
 
 TESTS = Path(__file__).parent
 
@@ -120,7 +121,27 @@ def hidden_gloves(gloves: Observation) -> Observation:
 
 
 @pytest.fixture(scope="session")
-def small_network(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def exported_once(tmp_path_factory: pytest.TempPathFactory) -> ExportedOnce:
+    """Write a network's files into a folder that all processes of the tests share, if none has: an export takes long.
+
+    `exported_once("a.onnx", write)` calls `write(path)` unless the file is there, and returns the path.
+    """
+    own = tmp_path_factory.getbasetemp()
+    shared = own.parent if "PYTEST_XDIST_WORKER" in os.environ else own
+
+    def written(name: str, write: Callable[[Path], None]) -> Path:
+        path = shared / "networks" / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with FileLock(f"{path}.lock"):
+            if not path.is_file():
+                write(path)
+        return path
+
+    return written
+
+
+@pytest.fixture(scope="session")
+def small_network(exported_once: ExportedOnce) -> Path:
     """A small network that was never trained, exported: what holds of every network holds of it."""
     import torch
 
@@ -128,14 +149,12 @@ def small_network(tmp_path_factory: pytest.TempPathFactory) -> Path:
     from bodysense_lab.unoc.network import BodyNetwork, BodyNetworkConfig
 
     torch.manual_seed(0)
-    path = tmp_path_factory.mktemp("network") / "small.onnx"
     network = BodyNetwork(BodyNetworkConfig(hidden=16, branch=(16,)), default_skeleton())
-    write_onnx(network, path, {"licence": "Apache-2.0"})
-    return path
+    return exported_once("small.onnx", lambda path: write_onnx(network, path, {"licence": "Apache-2.0"}))
 
 
 @pytest.fixture(scope="session")
-def small_vae(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def small_vae(exported_once: ExportedOnce) -> Path:
     """HMD-VAE's model 2, small and never trained, exported; its weights lie beside as .pt."""
     import torch
 
@@ -143,20 +162,22 @@ def small_vae(tmp_path_factory: pytest.TempPathFactory) -> Path:
     from bodysense_lab.hmd_vae.network import BodyVae, BodyVaeConfig, write_vae
 
     torch.manual_seed(0)
-    path = tmp_path_factory.mktemp("vae") / "model2.onnx"
     card = {"identity": "{}", "licence": "Apache-2.0", "training_data": "nothing", "expected_error": [0.05] * 22}
     card |= {"validation_position_cm": 9.0, "within_position_cm": 8.0}
     network = BodyVae(BodyVaeConfig(model=2, latent=4, width=16, sequence_width=8, length=8)).eval()
     for name, parameter in network.named_parameters():
         if name.endswith("gate"):
             torch.nn.init.constant_(parameter, 0.5)  # else the blocks do nothing
-    write_vae(network, path.with_suffix(".pt"), card)
-    write_vae_onnx(network, path, card)
-    return path
+
+    def write(path: Path) -> None:
+        write_vae(network, path.with_suffix(".pt"), card)
+        write_vae_onnx(network, path, card)
+
+    return exported_once("vae/model2.onnx", write)
 
 
 @pytest.fixture(scope="session")
-def small_arms(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def small_arms(exported_once: ExportedOnce) -> Path:
     """PAHMT, small and never trained, exported; its weights lie beside as .pt."""
     import torch
 
@@ -164,7 +185,6 @@ def small_arms(tmp_path_factory: pytest.TempPathFactory) -> Path:
     from bodysense_lab.pahmt.network import ArmNetwork, ArmNetworkConfig, write_arms
 
     torch.manual_seed(0)
-    path = tmp_path_factory.mktemp("arms") / "arms.onnx"
     config = ArmNetworkConfig(
         width=16,
         layers=1,
@@ -182,9 +202,12 @@ def small_arms(tmp_path_factory: pytest.TempPathFactory) -> Path:
         list(network.head.parameters())[-2].mul_(20.0)
     card = {"identity": "{}", "licence": "Apache-2.0", "training_data": "nothing"}
     card |= {"validation": {"overall_m": 0.05, "hands_m": 0.02}}
-    write_arms(network, path.with_suffix(".pt"), card)
-    write_arms_onnx(network, path, card)
-    return path
+
+    def write(path: Path) -> None:
+        write_arms(network, path.with_suffix(".pt"), card)
+        write_arms_onnx(network, path, card)
+
+    return exported_once("arms/arms.onnx", write)
 
 
 @pytest.fixture(scope="session")

@@ -6,8 +6,10 @@ import re
 import shlex
 import sys
 from collections.abc import Callable, Iterator
+from contextlib import redirect_stdout
 from dataclasses import fields, replace
-from functools import partial
+from functools import cache, partial
+from io import StringIO
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -169,14 +171,18 @@ def test_the_snippet_on_video_runs(
         exec(compile(code, "video.md", "exec"), {})
 
 
+@cache
+def options_of(*command: str) -> set[str]:
+    with pytest.raises(SystemExit) as stop, redirect_stdout(StringIO()) as printed:
+        main([*command, "--help"])
+    assert stop.value.code == 0, command
+    return set(re.findall(r"(?<![\w-])--?[a-zA-Z][\w-]*", printed.getvalue()))
+
+
 @pytest.mark.parametrize("page", PAGES, ids=page_id)
-def test_commands_have_their_options(page: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_commands_have_their_options(page: Path) -> None:
     for words in commands(page):
-        named = words[: 2 if words[0] in GROUPS else 1]
-        with pytest.raises(SystemExit) as stop:
-            main([*named, "--help"])
-        known = set(re.findall(r"(?<![\w-])--?[a-zA-Z][\w-]*", capsys.readouterr().out))
-        assert stop.value.code == 0, words
+        known = options_of(*words[: 2 if words[0] in GROUPS else 1])
         given = {word for word in words if re.fullmatch(r"--?[a-zA-Z][\w-]*", word)} - {"--overwrite", "--quiet"}
         assert given <= known, f"{page.name}: bodysense {' '.join(words)}: unknown {sorted(given - known)}"
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import gzip
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -206,12 +204,3 @@ def test_frames_are_counted_per_joint(take: Path) -> None:
 
     partial = open_partial(take, missing_items("left_elbow,left_wrist:10-20,head:5-6"))
     assert holes_line(partial) == "filled frames, of 80: left_wrist 11, left_elbow 11, head 2"
-
-
-@pytest.mark.parametrize(("change", "said"), [(lambda text: text.encode("utf-16"), "UTF-16"), (gzip.compress, "gzip")])
-def test_bvh_files_that_are_no_text(take: Path, tmp_path: Path, change: Callable[..., bytes], said: str) -> None:
-    text = take.read_text()
-    data = change(text.encode()) if said == "gzip" else change(text)
-    (tmp_path / "odd.bvh").write_bytes(data)
-    with pytest.raises(BodysenseError, match=rf"odd\.bvh: .*{said}"):
-        track(tmp_path / "odd.bvh")

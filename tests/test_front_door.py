@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import re
-import subprocess
-import sys
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -30,12 +28,6 @@ def test_every_public_name_is_there() -> None:
     assert not [name for name in bs.__all__ if getattr(bs, name) is None]
     with pytest.raises(AttributeError, match="no attribute 'tracks'"):
         _ = bs.tracks  # pyright: ignore[reportAttributeAccessIssue]
-
-
-def test_what_is_not_used_is_not_imported() -> None:
-    code = "import bodysense as bs, sys; bs.observe(0, {}); print(*sys.modules)"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert not {"bodysense.take", "bodysense.completion.core", "bodysense.io.clip"} & set(done.stdout.split())
 
 
 # Observations from numbers

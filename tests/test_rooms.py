@@ -87,7 +87,7 @@ def imported(module: str, everywhere: bool) -> frozenset[str]:
             whole = {f"{node.module}.{alias.name}" for alias in node.names}
             found |= {name if name in MODULES else node.module for name in whole}
         elif everywhere or not waits(node):
-            todo += ast.iter_child_nodes(node)
+            todo += (child for child in ast.iter_child_nodes(node) if not isinstance(child, ast.expr))
     return frozenset(found)
 
 
@@ -224,10 +224,3 @@ def modules_after(code: str) -> set[str]:
         [sys.executable, "-c", f"{code}\nimport sys; print(*sys.modules)"], capture_output=True, text=True, check=True
     )
     return set(done.stdout.split())
-
-
-def test_help() -> None:
-    done = subprocess.run([sys.executable, "-m", "bodysense", "--help"], capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    for command in ("demo", "track", "simulate", "data", "train", "evaluate", "bench", "study", "serve"):
-        assert command in done.stdout

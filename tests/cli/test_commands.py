@@ -11,13 +11,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bodysense import __version__
 from bodysense.body.person import Person
 from bodysense.body.pose import forward_kinematics
 from bodysense.cli import main
 from bodysense.demo import packaged_performance
 from bodysense.io.bvh import read_bvh, write_bvh
-from bodysense.io.clip import Clip
 from bodysense.io.recording import read_recording, write_recording
 
 
@@ -35,12 +33,11 @@ def test_from_motion_to_signals_to_motion(tmp_path: Path, motion: Path, run, end
     assert np.linalg.norm(found - wanted, axis=-1).max() < 0.002
 
 
-@pytest.mark.parametrize("device", ["headset_camera", "three_point", "head"])
-def test_a_motion_is_tracked_in_one_go(tmp_path: Path, motion: Path, run, device: str) -> None:
+def test_a_motion_is_tracked_in_one_go(tmp_path: Path, motion: Path, run) -> None:
     """With --device the recording is not written, and the result is the same."""
-    run("simulate", motion, "--device", device, "-o", tmp_path / "seen.npz")
+    run("simulate", motion, "--device", "headset_camera", "-o", tmp_path / "seen.npz")
     run("track", tmp_path / "seen.npz", "-o", tmp_path / "two.bvh")
-    run("track", motion, "--device", device, "-o", tmp_path / "one.bvh")
+    run("track", motion, "--device", "headset_camera", "-o", tmp_path / "one.bvh")
     one, two = (forward_kinematics(read_bvh(tmp_path / f"{name}.bvh").pose)[0] for name in ("one", "two"))
     np.testing.assert_allclose(one, two, atol=1e-4)
 
@@ -88,33 +85,15 @@ def test_a_network_of_ones_own(tmp_path: Path, motion: Path, run) -> None:
     run("track", motion, "--device", "head", "-o", tmp_path / "a.bvh", "--model", tmp_path / "own.safetensors")
 
 
-def test_irregular_frames_come_out_regular(tmp_path: Path, motion: Path, run) -> None:
-    """A device at about 60 Hz that loses frames: the result has a frame every 1/60 s."""
-    run("simulate", motion, "-o", tmp_path / "seen.npz")
-    recording = read_recording(tmp_path / "seen.npz")
-    time = np.arange(26) / 60
-    time = np.delete(time, [3, 4, 9, 15, 16, 20])
-    write_recording(tmp_path / "odd.npz", replace(recording, observation=replace(recording.observation, time=time)))
-    run("track", tmp_path / "odd.npz", "-o", tmp_path / "out.bvh")
-    clip = read_bvh(tmp_path / "out.bvh")
-    assert clip.frame_rate == pytest.approx(60) and len(clip) == 26
-
-
-def test_one_frame_is_enough(tmp_path: Path, short_clip: Clip, run) -> None:
-    write_bvh(tmp_path / "one.bvh", replace(short_clip, pose=short_clip.pose[:1]))
-    run("track", tmp_path / "one.bvh", "--device", "headset_camera", "-o", tmp_path / "out.bvh")
-    assert len(read_bvh(tmp_path / "out.bvh")) == 1
-
-
-def test_samples_go_with_nothing_else(tmp_path: Path, motion: Path, small_vae: Path, refused) -> None:
-    given = ("track", motion, "--device", "three_point", "-o", tmp_path / "out.bvh", "--model", small_vae)
+def test_samples_go_with_nothing_else(tmp_path: Path, motion: Path, refused) -> None:
+    given = ("track", motion, "--device", "three_point", "-o", tmp_path / "out.bvh")
     assert "leave --fingers synthesize out" in refused(*given, "--samples", 2, "--fingers", "synthesize")
     assert not list(tmp_path.glob("out*"))
 
 
-def test_samples_of_one_signal(tmp_path: Path, motion: Path, small_vae: Path, run) -> None:
+def test_samples_of_one_signal(tmp_path: Path, motion: Path, run) -> None:
     run("simulate", motion, "--device", "three_point", "-o", tmp_path / "seen.npz")
-    arguments = ("track", tmp_path / "seen.npz", "--model", small_vae, "--samples", 2)
+    arguments = ("track", tmp_path / "seen.npz", "--samples", 2)
     run(*arguments, "-o", tmp_path / "a.bvh")
     run(*arguments, "-o", tmp_path / "b.bvh")
     run(*arguments, "-o", tmp_path / "c.bvh", "--seed", 2)
@@ -151,14 +130,6 @@ def test_demo(tmp_path: Path, run) -> None:
     assert 100_000 < (tmp_path / "demo" / "demo.webp").stat().st_size < 1_500_000
     rows = [line.split() for line in said.splitlines() if "the " in line and line.strip().startswith("head")]
     assert len(rows) == 4 and all(float(row[-1]) < float(row[-2]) for row in rows)  # better than doing nothing
-
-
-def test_version_and_help(capsys: pytest.CaptureFixture[str]) -> None:
-    for arguments in (["--help"], ["data", "--help"]):
-        with pytest.raises(SystemExit) as stopped:
-            main(arguments)
-        assert stopped.value.code == 0
-    assert __version__ in capsys.readouterr().out
 
 
 def test_options_of_track_are_in_groups(capsys: pytest.CaptureFixture[str]) -> None:

@@ -87,8 +87,6 @@ WRONG = {
         r"markers, not a motion; .* or give a file of \.bvh, \.npz",
     ),
     "a missing motion": (SIMULATE, "missing.bvh", "[Nn]o such file"),
-    "a missing archive": (SIMULATE, "missing.npz", "no such file"),
-    "the same, to be tracked": (MOTION, "cut.bvh", "announces .* values"),
     "the same, to be shown": (DEMO, "nan.bvh", "frame 0 is not finite"),
     "a recording backwards": (TRACK, "backwards.npz", "time goes from .* times must increase: sort the frames"),
     "lines backwards": (TRACK, "backwards.jsonl", r"time goes from 1 s to 0\.5 s at frame 1; times must increase"),
@@ -99,7 +97,6 @@ WRONG = {
     ),
     "an unknown point": (TRACK, "nose.npz", "unknown joint 'nose'"),
     "a line cut short": (TRACK, "cut.jsonl", r"line 2 is not JSON; was the file cut short\?"),
-    "an archive of another shape": (TRACK, "shape.npz", r"'poses' has shape \(4, 100\)"),
     "an unknown joint that is missing": (
         (*TRACK, "--missing", "left_han"),
         "motion.bvh",
@@ -108,8 +105,6 @@ WRONG = {
     "everything missing": ((*TRACK, "--missing", "pelvis+"), "motion.bvh", "everything hangs on it; give the frames"),
     "holes of a recording": ((*TRACK, "--missing", "head"), "seen.npz", "--missing is for a motion"),
     "a recording's own rig": ((*TRACK, "--rig", "source"), "seen.npz", r"only a \.bvh file has a rig of its own"),
-    "a missing recording": (TRACK, "missing.npz", "no such file"),
-    "missing lines": (TRACK, "missing.jsonl", "no such file"),
     "a foreign network": (MODEL, "foreign.safetensors", "the weights are not bodysense-completion's"),
     "text for a network": (MODEL, "text.safetensors", "truncated or not a safetensors file"),
     "a network of an older version": (
@@ -142,22 +137,6 @@ def test_another_skeleton_is_refused(broken: Path, refused) -> None:
     assert "unknown joint 'tail'" in refused("track", broken / "tail.npz", "-o", broken / "out.bvh")
 
 
-PLACES = {
-    "recordings": ("simulate", "{none}.bvh", "-o", "{out}.npz"),
-    "motion": ("track", "{none}.npz", "-o", "{out}.bvh"),
-}
-
-
-@pytest.mark.parametrize("what", PLACES)
-def test_a_folder_that_is_missing_is_said_before_the_work(broken: Path, refused, what: str) -> None:
-    """Even before it is seen that there is nothing to work on."""
-    before = files(broken)
-    out = broken / "missing" / "out"
-    line = refused(*(word.format(out=out, none=broken / "none") for word in PLACES[what]))
-    assert str(out) in line and f"the folder {out.parent} does not exist; create it" in line
-    assert files(broken) == before
-
-
 @pytest.mark.parametrize(
     ("command", "text"),
     [
@@ -183,10 +162,8 @@ def test_output_of_the_wrong_kind(broken: Path, refused, command: tuple[str, ...
 @pytest.mark.parametrize(
     ("options", "text"),
     [
-        (("--height", "17"), "--height 17: people are 1 to 2.3 m high; give metres, such as 1.75"),
         (("--floor", "nan"), "floor nan m; give the floor's height in metres"),
         (("--floor", "5"), r"the head is 3\.\d+ m below the floor"),
-        (("--person", "{folder}/motion.csv"), r"motion\.csv is not JSON"),
         (("--person", "{folder}/me.json", "--height", "1.7"), "holds the wearer's height; leave one of both out"),
         (("--save-person", "{folder}/missing/me.json"), "does not exist; create it"),
     ],

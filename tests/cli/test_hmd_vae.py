@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from bodysense.cli.samples import write_samples
-from bodysense.devices.simulated import headset_camera, three_point
+from bodysense.devices.simulated import headset_camera
 from bodysense.errors import BodysenseError
 from bodysense.io.bvh import read_bvh
 from bodysense.io.clip import Clip
@@ -34,17 +34,6 @@ def test_what_generate_refuses(refused, small_vae: Path, tmp_path: Path) -> None
     said = refused("generate", "-o", tmp_path / "bodies.bvh", "--model", small_vae, "--count", 0)
     assert said == "0 samples cannot be; give at least 1"
     assert "no such model file" in refused("generate", "-o", tmp_path / "a.bvh", "--model", tmp_path / "gone.onnx")
-
-
-def test_several_bodies_for_one_signal(small_vae: Path, tmp_path: Path, short_clip: Clip) -> None:
-    skeleton = short_clip.pose.skeleton
-    observation = three_point.observe(short_clip.pose, short_clip.time)
-    paths = write_samples(Recording(observation, skeleton), tmp_path / "out.bvh", 2, 1, small_vae)
-    assert [path.name for path in paths] == ["out_1.bvh", "out_2.bvh"]
-    one, two = (read_bvh(path) for path in paths)
-    assert len(one) == len(two) == len(short_clip)
-    knee = one.pose.skeleton.index("left_knee")
-    assert not np.allclose(one.pose.rotation[:, knee], two.pose.rotation[:, knee])
 
 
 def test_samples_are_of_head_and_hands(small_vae: Path, tmp_path: Path, short_clip: Clip) -> None:

@@ -24,13 +24,8 @@ def alone(monkeypatch: pytest.MonkeyPatch) -> None:
     ("command", "package"),
     [
         ("serve --port 0", "live"),
-        ("page --out x", "live"),
-        ("calibrate", "live"),
         ("conform x.bvh", "conform"),
         ("train gloves", "lab"),
-        ("evaluate holes", "lab"),
-        ("bench step", "lab"),
-        ("study build", "lab"),
         ("data prepare x", "lab"),
     ],
 )

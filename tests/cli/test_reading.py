@@ -123,14 +123,6 @@ def test_a_body_in_part_is_drafted_by_its_names(tmp_path: Path, run, refused) ->
     assert drafted["LeftForeArm"] == "left_elbow" and drafted["Hips"] == "pelvis" and drafted["Spine"] == ""
 
 
-def test_what_is_not_there_and_what_is_never_read(tmp_path: Path, refused) -> None:
-    assert "nowhere.bvh: no such file; give a motion file" in refused("data", "info", tmp_path / "nowhere.bvh")
-    (tmp_path / "notes.txt").write_text("x")
-    assert "unknown kind of file '.txt'; valid are .bvh, .npz, .npy, .glb" in refused(
-        "data", "info", tmp_path / "notes.txt"
-    )
-
-
 def test_the_front_door_takes_the_same_options(inches: Path) -> None:
     import bodysense
     from bodysense.io.rigs.options import ReadingOptions

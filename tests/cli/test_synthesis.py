@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
@@ -65,10 +66,11 @@ def test_fingers_for_what_a_device_tracked(tmp_path: Path, motion: Path, run) ->
     assert np.abs(one[:, finger] - two[:, finger]).max() > 1e-3
 
 
-def test_what_cannot_be_is_refused(tmp_path: Path, motion: Path, small_network: Path, refused) -> None:
+def test_what_cannot_be_is_refused(tmp_path: Path, motion: Path, refused) -> None:
+    other = files("bodysense.weights") / "body_vae.onnx"
     out = tmp_path / "out.bvh"
     assert "a.bvh: no such file" in refused("track", tmp_path / "a.bvh", "--fingers", "synthesize", "-o", out)
-    text = refused("track", motion, "--fingers", "synthesize", "--model", small_network, "-o", out)
-    assert "format 'bodysense body 1', wanted 'bodysense points 1'" in text and "`bodysense train fingers`" in text
+    text = refused("track", motion, "--fingers", "synthesize", "--model", other, "-o", out)
+    assert "wanted 'bodysense points 1'" in text and "`bodysense train fingers`" in text
     assert "give a name that ends in .bvh" in refused("track", motion, "--fingers", "synthesize", "-o", tmp_path / "a")
     assert not out.exists()

@@ -78,12 +78,11 @@ def test_the_completion_network_is_trained_and_published(
     check_log(tmp_path / COMMANDS["completion"][1], "1 process")
 
 
-# Each is one way to share: `fingers` is trained as `upper-body` is, and `completion` as `completion-fingers` is.
+# Sharing is the loop's work, which all tasks have in common: one of each way to draw batches, and one of two nodes.
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("command", "share"),
-    [(name, "--devices 2") for name in COMMANDS if name not in ("completion", "fingers", "upper-body")]
-    + [("upper-body", "--nodes 2")],
+    [("completion-fingers", "--devices 2"), ("arms", "--devices 2"), ("upper-body", "--nodes 2")],
 )
 def test_two_processes_share_a_training(command: str, share: str, recorded: Path, tmp_path: Path) -> None:
     with socket.socket() as probe:

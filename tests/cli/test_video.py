@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
@@ -34,12 +35,12 @@ def test_a_video_comes_out_as_motion(
     tmp_path: Path,
     landmarkers: Path,
     filmed: tuple[np.ndarray, Clip],
-    small_arms: Path,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    video = write(tmp_path / "in.mp4", filmed[0])
+    video, model = write(tmp_path / "in.mp4", filmed[0]), tmp_path / "own.onnx"
+    model.write_bytes((files("bodysense.weights") / "arms.onnx").read_bytes())
     out, overlay = tmp_path / "out.bvh", tmp_path / "overlay.mp4"
-    options = ("--landmarkers", landmarkers, "--people", 1, "--model", small_arms, "--height", 1.6, "--rig", "mixamo")
+    options = ("--landmarkers", landmarkers, "--people", 1, "--model", model, "--height", 1.6, "--rig", "mixamo")
     assert track(video, "-o", out, "--overlay", overlay, *options) == 0
     clip = read_bvh(out)
     assert len(clip) == len(filmed[0]) and clip.frame_rate == 15

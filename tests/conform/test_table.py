@@ -74,23 +74,19 @@ def test_the_page_has_the_table() -> None:
 
 
 @settings(max_examples=3)
-@given(st.integers(0, 2**32 - 1))
-def test_signs_of_quaternions_do_not_matter(clean: Subject, seed: int) -> None:
+@given(st.floats(-180, 180), st.floats(-3, 3), st.floats(-3, 3), st.integers(0, 2**32 - 1))
+def test_heading_place_and_signs_of_quaternions_do_not_matter(
+    clean: Subject, heading: float, x: float, z: float, seed: int
+) -> None:
     sign = np.random.default_rng(seed).choice([-1.0, 1.0], clean.rotation.shape[:2])
-    assert _faults(judge(replace(clean, rotation=clean.rotation * sign[..., None]))) == {}
-
-
-@settings(max_examples=3)
-@given(st.floats(-180, 180), st.floats(-3, 3), st.floats(-3, 3))
-def test_heading_and_place_do_not_matter(clean: Subject, heading: float, x: float, z: float) -> None:
     turn = quaternion_exp(np.radians([0.0, heading, 0.0]))
     position = quaternion_rotate(turn, clean.position) + np.array([x, 0, z])
-    rotation = quaternion_multiply(turn, clean.rotation)
+    rotation = quaternion_multiply(turn, clean.rotation) * sign[..., None]
     assert _faults(judge(replace(clean, position=position, rotation=rotation))) == {}
 
 
 @pytest.mark.parametrize("with_wrists", [False, True])
-@pytest.mark.parametrize("garbage", [0.0, np.nan, 1e9])
+@pytest.mark.parametrize("garbage", [np.nan, 1e9])
 def test_hands_that_are_honestly_missing_do_not_fail(clean: Subject, garbage: float, with_wrists: bool) -> None:
     missing = np.array([is_finger(name) or (with_wrists and "wrist" in name) for name in clean.points])
     valid = clean.valid & ~missing
@@ -107,7 +103,7 @@ def test_hands_that_are_honestly_missing_do_not_fail(clean: Subject, garbage: fl
     assert "hands.size" in verdict.unanswered["no hand comes with all its fingers"]
 
 
-@pytest.mark.parametrize("frames", [1, 2, 3, 5, 12, 25])
+@pytest.mark.parametrize("frames", [1, 3, 25])
 def test_a_short_take_is_judged_without_an_error(clean: Subject, frames: int) -> None:
     short = kept(clean, np.arange(frames))
     for subject in (short, replace(short, valid=np.zeros_like(short.valid)), replace(short, reference=short, steps=())):

@@ -14,7 +14,6 @@ import urllib.request
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from fnmatch import fnmatch
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -61,15 +60,11 @@ def shown(page: str, first: str) -> list[str]:
     return shlex.split(line.partition(" #")[0])
 
 
-@pytest.mark.parametrize("command", ["uvx --from", "pipx run"])
-def test_a_demo_from_the_address_of_a_repository(repository: str, command: str, tmp_path: Path) -> None:
-    module = command.partition(" ")[0].replace("uvx", "uv")
-    if find_spec(module) is None:
-        pytest.skip(f"needs {module}, of the extra deploy")
-    words = [word.replace("$REPOSITORY", repository) for word in shown("deploy.md", command)]
-    here = ["uv", "tool", "run"] if module == "uv" else ["pipx"]
-    run = [sys.executable, "-m", *here, *words[1:], "-o", str(tmp_path / "demo")]
-    places = {"UV_CACHE_DIR": "uv", "UV_TOOL_DIR": "tools", "PIPX_HOME": "pipx"}
+def test_a_demo_from_the_address_of_a_repository(repository: str, tmp_path: Path) -> None:
+    pytest.importorskip("uv", reason="needs uv, of the extra deploy")
+    words = [word.replace("$REPOSITORY", repository) for word in shown("deploy.md", "uvx --from")]
+    run = [sys.executable, "-m", "uv", "tool", "run", *words[1:], "-o", str(tmp_path / "demo")]
+    places = {"UV_CACHE_DIR": "uv", "UV_TOOL_DIR": "tools"}
     folders = {name: str(tmp_path / folder) for name, folder in places.items()}
     subprocess.run(run, env=ENVIRONMENT | folders, check=True, cwd=tmp_path)
     assert (tmp_path / "demo" / "result.bvh").stat().st_size > 10_000

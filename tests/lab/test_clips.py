@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -9,17 +10,19 @@ import pytest
 
 from bodysense.errors import BodysenseError
 from bodysense.io.bvh import write_bvh
+from bodysense.io.clip import Clip
 from bodysense.io.datasets import sources
 from bodysense.io.datasets.sources import Source
 from bodysense.io.rigs.options import ReadingOptions
 from bodysense_lab.datasets import count_clips, open_clips
 
 
-@pytest.fixture
-def folder(tmp_path: Path, make_clip) -> Path:
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory, waving_clip: Clip) -> Path:
+    path = tmp_path_factory.mktemp("clips")
     for k in range(7):
-        write_bvh(tmp_path / f"p{k}_walk.bvh", make_clip(frames=3, seed=k))
-    return tmp_path
+        write_bvh(path / f"p{k}_walk.bvh", replace(waving_clip, pose=waving_clip.pose[k : k + 3]))
+    return path
 
 
 def test_counts(folder: Path) -> None:
@@ -28,7 +31,7 @@ def test_counts(folder: Path) -> None:
         count_clips(folder / "none")
 
 
-@pytest.mark.parametrize("at_most", [1, 2, 3, 6, 7, 20])
+@pytest.mark.parametrize("at_most", [1, 3, 20])
 def test_some_are_spread_evenly(folder: Path, at_most: int) -> None:
     order = [clip.person for clip in open_clips(folder)]
     some = [clip.person for clip in open_clips(folder, at_most=at_most)]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -64,13 +65,13 @@ def test_what_is_missing_is_named_with_its_licence(data: DataSet) -> None:
 
 def test_quick_is_the_beginning_of_a_few(tmp_path: Path, waving_clip: Clip) -> None:
     """At most so many, no clip twice, cut; and all of a small set."""
-    pose = waving_clip.pose[:8]
-    for k in range(30):
-        write_bvh(tmp_path / f"p{k:02}_a.bvh", replace(waving_clip, pose=pose, frame_rate=1.0))
+    write_bvh(tmp_path / "p00_a.bvh", replace(waving_clip, pose=waving_clip.pose[:8], frame_rate=1.0))
+    for k in range(1, 30):
+        shutil.copy(tmp_path / "p00_a.bvh", tmp_path / f"p{k:02}_a.bvh")
     whole = DataSet("many", tmp_path, "all")
     quick = list(replace(whole, quick=True).clips())
     people = [clip.person for clip in quick]
-    assert len(people) == len(set(people)) < 30 == len(list(whole.clips()))
+    assert len(people) == len(set(people)) < 30 == whole.count()
     assert {len(clip) for clip in quick} == {int(QUICK_SECONDS)} and replace(whole, quick=True).count() >= len(quick)
 
 

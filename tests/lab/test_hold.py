@@ -17,6 +17,7 @@ from bodysense.scoring import Hold
 SKELETON = default_skeleton()
 FORWARD = [1.0, 0.0, 0.0, 0.0]
 LEFT = quaternion_exp(np.array([0.0, np.pi / 2, 0.0])).tolist()  # a quarter turn about +Y: what was +Z is now +X
+NOD = quaternion_exp(np.array([0.6, 0.0, 0.0])).tolist()
 HEAD, ELBOW, WRIST, TIP = (SKELETON.index(name) for name in ("head", "left_elbow", "left_wrist", "left_index_tip"))
 
 
@@ -24,42 +25,19 @@ def positions(hold: Hold, observation: Observation) -> np.ndarray:
     return hold.step(observation, hold.start())[0].position
 
 
-def test_kept_in_the_world_a_hidden_point_stays_in_its_place(make_observation) -> None:
-    seen = make_observation(
-        [{"head": [0, 1.6, 0], "left_elbow": [0.2, 1.1, 0.3]}, {"head": [1, 1.6, 2]}], [0, 0.1], [FORWARD, LEFT]
-    )
-    np.testing.assert_allclose(positions(Hold(SKELETON, "world"), seen)[:, ELBOW], [[0.2, 1.1, 0.3]] * 2)
-
-
-def test_kept_by_the_head_a_hidden_point_goes_and_turns_with_it(make_observation) -> None:
-    """30 cm in front of a head that steps aside and turns a quarter to its left: 30 cm along +X."""
-    seen = make_observation(
-        [{"head": [0, 1.6, 0], "left_elbow": [0.0, 1.1, 0.3]}, {"head": [1, 1.7, 2]}], [0, 0.1], [FORWARD, LEFT]
-    )
-    np.testing.assert_allclose(positions(Hold(SKELETON, "heading"), seen)[1, ELBOW], [1.3, 1.2, 2.0], atol=1e-12)
-
-
-def test_kept_by_the_head_alone_a_hidden_point_goes_with_it_and_does_not_turn(make_observation) -> None:
-    seen = make_observation(
-        [{"head": [0, 1.6, 0], "left_elbow": [0.0, 1.1, 0.3]}, {"head": [1, 1.7, 2]}], [0, 0.1], [FORWARD, LEFT]
-    )
-    np.testing.assert_allclose(positions(Hold(SKELETON, "head"), seen)[1, ELBOW], [1.0, 1.2, 2.3], atol=1e-12)
-
-
-def test_kept_by_the_head_while_it_looked_aside(make_observation) -> None:
-    """Seen 30 cm ahead of a head that looked to its left, and 10 cm to the side: still so once it looks forward."""
-    seen = make_observation(
-        [{"head": [0, 1.6, 0], "left_elbow": [0.3, 1.1, -0.1]}, {"head": [0, 1.6, 0]}], [0, 0.1], [LEFT, FORWARD]
-    )
-    np.testing.assert_allclose(positions(Hold(SKELETON, "heading"), seen)[1, ELBOW], [0.1, 1.1, 0.3], atol=1e-12)
-
-
-def test_nodding_does_not_move_what_is_kept_by_the_head(make_observation) -> None:
-    nod = quaternion_exp(np.array([0.6, 0.0, 0.0])).tolist()
-    seen = make_observation(
-        [{"head": [0, 1.6, 0], "left_elbow": [0.2, 1.1, 0.3]}, {"head": [0, 1.6, 0]}], [0, 0.1], [FORWARD, nod]
-    )
-    np.testing.assert_allclose(positions(Hold(SKELETON, "heading"), seen)[1, ELBOW], [0.2, 1.1, 0.3], atol=1e-12)
+@pytest.mark.parametrize(
+    ("frame", "elbow", "head", "turns", "expected"),
+    [
+        ("world", [0.2, 1.1, 0.3], [1, 1.6, 2], [FORWARD, LEFT], [0.2, 1.1, 0.3]),
+        ("head", [0.0, 1.1, 0.3], [1, 1.7, 2], [FORWARD, LEFT], [1.0, 1.2, 2.3]),  # it goes with the head
+        ("heading", [0.0, 1.1, 0.3], [1, 1.7, 2], [FORWARD, LEFT], [1.3, 1.2, 2.0]),  # and turns with it
+        ("heading", [0.3, 1.1, -0.1], [0, 1.6, 0], [LEFT, FORWARD], [0.1, 1.1, 0.3]),  # seen while it looked aside
+        ("heading", [0.2, 1.1, 0.3], [0, 1.6, 0], [FORWARD, NOD], [0.2, 1.1, 0.3]),
+    ],
+)
+def test_a_hidden_point_is_kept_in_a_frame(make_observation, frame, elbow, head, turns, expected) -> None:
+    seen = make_observation([{"head": [0, 1.6, 0], "left_elbow": elbow}, {"head": head}], [0, 0.1], turns)
+    np.testing.assert_allclose(positions(Hold(SKELETON, frame), seen)[:, ELBOW], [elbow, expected], atol=1e-12)
 
 
 @pytest.mark.parametrize(

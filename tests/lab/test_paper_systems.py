@@ -27,9 +27,6 @@ from bodysense.papers.ik_tracker import IkTracker
 from bodysense.take import track
 from bodysense_lab.hmd_vae.export import write_vae_onnx
 from bodysense_lab.hmd_vae.network import BodyVae, BodyVaeConfig
-from bodysense_lab.pahmt.export import write_arms_onnx
-from bodysense_lab.pahmt.network import ArmNetwork
-from bodysense_lab.pahmt.options import ArmNetworkConfig
 from bodysense_lab.paper_options import Method, PaperOptions, Variant
 from bodysense_lab.paper_systems import SYSTEMS
 from bodysense_lab.two_hands.system import calibrate
@@ -68,6 +65,7 @@ def test_hmd_vae_is_the_decoders_body(short_clip: Clip) -> None:
     assert geodesic_angle(found.pose.rotation, np.asarray(estimate.pose.rotation)).max() < 1e-6
 
 
+@pytest.mark.slow
 def test_model_0_encodes_whole_bodies(short_clip: Clip, tmp_path: Path) -> None:
     torch.manual_seed(3)
     file = tmp_path / "zero.onnx"
@@ -101,16 +99,10 @@ def test_pahmt_turns_arms_and_hands_of_a_body_that_stands(waving_clip: Clip) -> 
     assert error < still
 
 
-@pytest.mark.parametrize("kind", ["ahmt", "pahmt"])
-def test_the_transformers_run_once_they_are_trained(short_clip: Clip, tmp_path: Path, kind: str) -> None:
-    torch.manual_seed(0)
-    config = ArmNetworkConfig(kind=kind, width=16, heads=2, layers=1, spatial_width=8, spatial_heads=2)  # pyright: ignore[reportArgumentType]
-    figures = {"validation": {"overall_m": 0.1, "hands_m": 0.01}}
-    write_arms_onnx(ArmNetwork(config), tmp_path / f"{kind}.onnx", figures)
-    found = completed(short_clip, "pahmt", PaperOptions(networks=tmp_path / f"{kind}.onnx"))
-    assert len(found) == len(short_clip)
-    with pytest.raises(BodysenseError, match=f"is a {kind}; give --variant {kind}"):
-        completed(short_clip, "pahmt", PaperOptions(networks=tmp_path / f"{kind}.onnx", variant="cnn"))
+def test_a_transformer_runs_once_it_is_trained(short_clip: Clip, small_arms: Path) -> None:
+    assert len(completed(short_clip, "pahmt", PaperOptions(networks=small_arms))) == len(short_clip)
+    with pytest.raises(BodysenseError, match="is a pahmt; give --variant pahmt"):
+        completed(short_clip, "pahmt", PaperOptions(networks=small_arms, variant="cnn"))
 
 
 @pytest.mark.parametrize("form", ["paper", "shipped"])

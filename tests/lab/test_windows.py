@@ -26,12 +26,6 @@ def test_against_counting_by_hand(lengths: list[int], length: int, stride: int) 
     np.testing.assert_array_equal(windows.frames(), np.array([f for _, f in expected]).reshape(-1, length))
 
 
-def test_frames_of_some_windows() -> None:
-    windows = find_windows([0, 10], [10, 5], length=4, stride=2)
-    np.testing.assert_array_equal(windows.frames(np.array([3, 4])), [[6, 7, 8, 9], [10, 11, 12, 13]])
-    np.testing.assert_array_equal(windows.frames(0), [0, 1, 2, 3])
-
-
 @pytest.mark.parametrize("name", ["length", "stride"])
 def test_numbers_that_cannot_be(name: str) -> None:
     with pytest.raises(BodysenseError, match=f"{name} 0 cannot be"):

@@ -146,11 +146,21 @@ def free_port() -> int:
         return found.getsockname()[1]
 
 
-@pytest.fixture
-def shared() -> Iterator[str]:
-    """The address of a Valkey or Redis."""
+@pytest.fixture(scope="session")
+def store() -> Iterator[str]:
+    """The address of a Valkey or Redis for many tests."""
     with storing(free_port()) as address:
         yield address
+
+
+@pytest.fixture
+def shared(store: str) -> str:
+    """The address of a Valkey or Redis that is empty."""
+    from redis import Redis
+
+    with Redis.from_url(store) as client:
+        client.flushall()
+    return store
 
 
 @pytest.fixture

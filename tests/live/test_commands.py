@@ -12,7 +12,6 @@ from pathlib import Path
 
 import pytest
 
-from bodysense.body.person import Person
 from bodysense_live.safety import Access
 from bodysense_live.settings import ServerSettings
 
@@ -51,7 +50,6 @@ def test_a_udp_port_in_use(refused: Refused) -> None:
         (("--allow-record", "no/such/folder"), "no such folder"),
         (("--replay", "no-such-file.npz"), "no such file"),
         (("--device", "three_point"), "give it with --replay"),
-        (("--sessions", 0), "give 1 to 10000"),
         (("--device-names", "names.json"), "give --vmc-in, --vmt or --slimevr"),
         (("--vrchat", "--vrchat-host", "no.such.host.invalid"), "--vrchat-host no.such.host.invalid: no such host"),
         (("--slimevr", "--slimevr-host", "no.such.host.invalid"), "--slimevr-port 6969: no.such.host.invalid"),
@@ -62,7 +60,6 @@ def test_a_udp_port_in_use(refused: Refused) -> None:
             ("--vrchat-trackers", "hips"),
             "--vrchat-trackers hips: 'hips' is not a tracker of VRChat; give a list of hip",
         ),
-        (("--smoothing", 1), "--smoothing 1: give seconds, 0 to 0.5"),
         (("--smoothing", "nan"), "--smoothing nan: give seconds, 0 to 0.5"),
         (("--vmt", "--vmt-first", 60), "give 0 to 48"),
     ],
@@ -135,16 +132,3 @@ def test_nobody_to_calibrate(refused: Refused) -> None:
     assert "is `bodysense serve` running?" in refused("calibrate", f"http://127.0.0.1:{port}/")
     for address in ("localhost", "http://", "ftp://127.0.0.1/", "http://[::1", "http://127.0.0.1:99999/"):
         assert refused("calibrate", address).startswith(f"{address}: give the address that `bodysense serve` printed")
-
-
-@pytest.mark.slow
-def test_one_file_is_read_and_written(tmp_path: Path) -> None:
-    """Before it exists, and afterwards."""
-    path = tmp_path / "me.json"
-    for _ in range(2):
-        command = [sys.executable, "-m", "bodysense", "serve", "--port", "0", "--person", path, "--save-person", path]
-        with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
-            assert process.stdout is not None
-            assert "bodysense serves at http://" in process.stdout.readline()
-            process.terminate()
-        Person(height=1.6).save(path)

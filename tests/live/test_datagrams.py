@@ -109,12 +109,12 @@ def test_the_reader_of_packets_is_ours() -> None:
     assert not isinstance(read_packet(b"#bundle\x00" + bytes(8) + b"\xff\xff\xff\xff"), tuple)
 
 
-@pytest.mark.parametrize("packet", [b"", b"/a", b"\xff" * 2000])
-def test_hostile_packets_are_counted(server_of: Serving, connect: Connecting, packet: bytes) -> None:
+def test_hostile_packets_are_counted(server_of: Serving, connect: Connecting) -> None:
     port = free_port()
     client = connect(server_of(ServerSettings(vmc_in=port)))
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as hostile:
-        hostile.sendto(packet, ("127.0.0.1", port))
+        for packet in (b"", b"/a", b"\xff" * 2000):
+            hostile.sendto(packet, ("127.0.0.1", port))
     assert client.answered(signal(0, 0.0)).sequence == 0
 
 

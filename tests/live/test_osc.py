@@ -86,11 +86,6 @@ def test_messages_are_shared_out_over_datagrams(sizes: list[int]) -> None:
     assert sum(map(len, packets)) == sum(4 + len(message) for message in messages) + 16 * len(packets)
 
 
-def test_a_message_larger_than_a_datagram_stands_alone() -> None:
-    small, large = message_bytes("/a", ""), message_bytes("/b", "b", bytes(3000))
-    assert [len(read_packet(packet)) for packet in bundled([small, large, small])] == [1, 1, 1]
-
-
 def nested(depth: int) -> bytes:
     packet = message_bytes("/a", "i", 1)
     for _ in range(depth):

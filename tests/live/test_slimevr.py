@@ -133,7 +133,7 @@ def test_buttons_batteries_and_features() -> None:
 PIECES = st.sampled_from([handshake(), info(1), turned(2, np.array([1.0, 0, 0, 0])), struct.pack(">IQ", 101, 3)])
 
 
-@settings(max_examples=200)
+@settings(max_examples=80)
 @given(
     st.lists(
         st.binary(max_size=80)
@@ -209,7 +209,7 @@ def squatting(facing: float = 0.0, depth: float = 0.6) -> Pose:
     return pose
 
 
-@settings(max_examples=30)
+@settings(max_examples=12)
 @given(st.integers(0, 2**32 - 1), st.floats(-3, 3))
 def test_after_standing_sensors_say_how_joints_are_turned(seed: int, facing: float) -> None:
     wearer = Wearer(seed, LEGS)
@@ -236,18 +236,17 @@ def test_a_heading_that_drifted_is_taken_anew() -> None:
     assert geodesic_angle(again.joints(wearer.observation(squatting(), 4.0)).rotation, before).max() < 1e-6
 
 
-@pytest.mark.parametrize("head", [True, False])
-def test_how_sensors_are_worn_is_kept_in_the_persons_file(head: bool, tmp_path: Path) -> None:
+def test_how_sensors_are_worn_is_kept_in_the_persons_file(tmp_path: Path) -> None:
     """Saved and read again, switched on again with norths of their own, they show the same body."""
     wearer = Wearer(5, LEGS)
-    one, _ = played_session(wearer, head)
+    one, _ = played_session(wearer, head=True)
     assert one.calibrated is not None and set(one.calibrated.mounts) == set(LEGS)
     one.calibrated.save(tmp_path / "me.json")
 
     def played(session: Session) -> Any:
         answer = None
         for k, pose in enumerate([*90 * [standing_pose(SKELETON)], *60 * [squatting()]]):
-            session.receive(wearer.frame(pose, 10 + k / 30, head), 0.0)
+            session.receive(wearer.frame(pose, 10 + k / 30), 0.0)
             answer = session.step()
         return answer
 

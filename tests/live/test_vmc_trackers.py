@@ -257,24 +257,3 @@ def test_any_bytes_leave_a_state_that_can_be_seen(packets: list[bytes]) -> None:
             observation = READER.observation(0.01 * k, state)
             if observation is not None:
                 check_observation(observation)
-
-
-@pytest.mark.slow
-def test_a_hundred_thousand_broken_packets() -> None:
-    """Good packets with bytes changed, cut and doubled: none raises, what is seen is finite, nothing grows."""
-    random = np.random.default_rng(7)
-    good = packet(HEAD, ("Con", "A", (0.3, 1, 0), UPRIGHT), ("Tra", "waist", (0, 1, 0), UPRIGHT), clock=1.0)
-    state, used = READER.start(), 0
-    for k in range(100_000):
-        broken = bytearray(good)
-        for place in random.integers(0, len(broken), random.integers(1, 8)):
-            broken[place] = random.integers(256)
-        start, stop = np.sort(random.integers(0, len(broken), 2))
-        broken = [broken, broken[:stop], broken[:stop] + broken[start:]][random.integers(3)]
-        state, reason = READER.take(bytes(broken), 0.001 * k, state)
-        used += reason is None
-        observation = READER.observation(0.001 * k, state)
-        if observation is not None:
-            check_observation(observation)
-        assert len(state.devices.devices) <= 32 and len(state.devices.hands) <= 2
-    assert 0 < used < 100_000

@@ -24,7 +24,7 @@ from bodysense_live.metrics import Metrics
 from bodysense_live.settings import ServerSettings
 from bodysense_live.tracked_devices import SIGNALS, TrackedDevices
 from bodysense_live.vmt import TRACKERS, VmtReader, VmtState, subscriptions
-from bodysense_live.vmt_hands import BONES, _in_joints, hand_bones, hand_packet
+from bodysense_live.vmt_hands import BONES, hand_bones, hand_packet
 from bodysense_live.vmt_link import VmtLink, VmtSettings
 
 from .conftest import Serving
@@ -69,7 +69,7 @@ def test_of_more_devices_the_controllers_are_named() -> None:
     assert found == {"headset", "right_controller", "left_ankle_tracker"}
 
 
-@settings(max_examples=200)
+@settings(max_examples=80)
 @given(st.binary(max_size=200) | st.builds(lambda tail: device("HMD")[:28] + tail, st.binary(max_size=80)))
 def test_nothing_that_comes_raises(packet: bytes) -> None:
     reader = VmtReader()
@@ -99,44 +99,6 @@ def hand(side: str, curl: float = 0.0) -> tuple[RigidTransform, list[RigidTransf
     turns = dict(zip(SKELETON.joints, np.asarray(rotation), strict=True))
     root, *bones = (RigidTransform(row[:3], row[3:]) for row in hand_bones(side, SKELETON, places, turns))
     return root, bones, places
-
-
-@pytest.mark.parametrize("side", ["left", "right"])
-def test_bones_are_those_of_one_after_the_other(side: str) -> None:
-    """The slow twin: every bone as a transform of its own, composed along its finger."""
-    rng = np.random.default_rng(2)
-    turned = quaternion_exp(rng.normal(0, 0.5, (len(SKELETON.joints), 3)))
-    position, rotation = forward_kinematics(Pose(SKELETON, rng.normal(size=3), turned))
-    places = dict(zip(SKELETON.points, np.asarray(position), strict=True))
-    turns = dict(zip(SKELETON.joints, np.asarray(rotation), strict=True))
-    rows = hand_bones(side, SKELETON, places, turns)
-    in_root = RigidTransform(rows[2, :3], rows[2, 3:])
-
-    def bone(point: str, joint: str, axes: np.ndarray) -> RigidTransform:
-        return RigidTransform(places[f"{side}_{point}"], turns[f"{side}_{joint}"]) @ RigidTransform(rotation=axes)
-
-    axes = iter(_in_joints(side, SKELETON))
-    wrist = bone("wrist", "wrist", next(axes))
-    root = wrist @ in_root.inverse()
-    expected, world = [root, RigidTransform(), in_root], [root, wrist]
-    for finger in ("thumb", "index", "middle", "ring", "pinky"):
-        parent = wrist
-        points = [(f"{finger}{k}", f"{finger}{k}") for k in (1, 2, 3)] + [(f"{finger}_tip", f"{finger}3")]
-        if finger != "thumb":
-            points.insert(0, ("wrist", "wrist"))
-        for point, joint in points:
-            child = bone(point, joint, next(axes))
-            if point == "wrist":
-                knuckle = places[f"{side}_{finger}1"]
-                child = RigidTransform(0.8 * child.translation + 0.2 * knuckle, child.rotation)
-            expected.append(parent.inverse() @ child)
-            world.append(child)
-            parent = child
-    turn = RigidTransform(rotation=np.array([0.0, 1, 0, 0])) if side == "left" else RigidTransform()
-    expected += [root.inverse() @ world[k] @ turn for k in (4, 9, 14, 19, 24)]
-    np.testing.assert_allclose(rows[:, :3], [one.translation for one in expected], atol=1e-12)
-    same = (rows[:, 3:] * np.array([one.rotation for one in expected])).sum(axis=1)
-    np.testing.assert_allclose(np.abs(same), 1, atol=1e-12)
 
 
 @pytest.mark.parametrize("side", ["left", "right"])

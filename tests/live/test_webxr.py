@@ -46,9 +46,8 @@ def test_accuracies_are_the_signals_own_or_the_usual_ones() -> None:
     np.testing.assert_allclose(seen.accuracy[seen.has_position], [0.001, 0.02, 0.003])
 
 
-@pytest.mark.parametrize("name", AXES)
-@pytest.mark.parametrize("seed", range(3))
-def test_a_device_gives_the_joint_that_holds_it(name: str, seed: int) -> None:
+@pytest.mark.parametrize(("seed", "name"), list(enumerate(AXES)))
+def test_a_device_gives_the_joint_that_holds_it(seed: int, name: str) -> None:
     joint, axes, landmark = AXES[name]
     rng = np.random.default_rng(seed)
     pose = rest_pose(SKELETON)

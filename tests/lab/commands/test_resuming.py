@@ -18,15 +18,10 @@ from bodysense.io.bvh import write_bvh
 from bodysense.io.datasets.splits import split_of
 from bodysense_lab.completion import publish
 
-# The command's options, its log, and what it writes. `fingers` is trained as `upper-body` is.
+# The command's options, its log, and what it writes. `fingers` is trained as `upper-body` is, tables as their networks.
 TRAININGS = {
     "completion": ("--steps 4 --warm-up 1 --finger-steps 0", "net/completion.jsonl", "net.safetensors"),
     "body-gru": ("--steps 6 --lanes 2 --chunk 2 --hidden 8 --passes 1 --finger-passes 1", "net.jsonl", "net.onnx"),
-    "unoc-tables": (
-        "--networks window_9 --epochs 3 --window-stride 2 --batch-scale 0.05",
-        "nets/window_9.jsonl",
-        "nets/window_9.pt",
-    ),
     "upper-body": ("--form paper --steps 6", "net.jsonl", "net.onnx"),
     "hmd-vae": (
         "--model 1 --latent 4 --width 16 --sequence-width 8 --steps 6 --batch 4",
@@ -34,7 +29,6 @@ TRAININGS = {
         "net.pt",
     ),
     "arms": ("--model cnn --width 16 --layers 1 --epochs 6 --batch 32", "net.jsonl", "net.pt"),
-    "arms-table": ("--networks cnn --width 16 --layers 1 --epochs 6 --batch 32", "nets/cnn.jsonl", "nets/cnn.pt"),
     "gloves": (
         "--network markers --steps 6 --hand-minutes 0.5 --pair-minutes 0",
         "nets/glove_markers.jsonl",
@@ -43,7 +37,7 @@ TRAININGS = {
     "completion-fingers": ("--steps 6 --warm-up 1", "net.jsonl", "net.ckpt"),
 }
 # Of these the batch of a step is drawn by its number; the others draw anew where they go on.
-BY_STEP = ("arms", "arms-table", "gloves")
+BY_STEP = ("arms", "gloves")
 KILLED = """
 import os, signal, sys
 from bodysense.cli import main

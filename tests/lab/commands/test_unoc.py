@@ -21,14 +21,17 @@ def networks(untrained: Path) -> Path:
     return untrained
 
 
+def people(folder: Path, clip: Clip, frames: int) -> Path:
+    """Write some frames of two people."""
+    for person, first in (("anna", 0), ("ben", 40)):
+        (folder / person).mkdir(parents=True)
+        write_bvh(folder / person / "a.bvh", replace(clip, pose=clip.pose[first : first + frames]))
+    return folder
+
+
 @pytest.fixture
 def folder(tmp_path: Path, waving_clip: Clip) -> Path:
-    """Two people, 40 frames each."""
-    for person, first in (("anna", 0), ("ben", 40)):
-        (tmp_path / "motion" / person).mkdir(parents=True)
-        clip = replace(waving_clip, pose=waving_clip.pose[first : first + 40])
-        write_bvh(tmp_path / "motion" / person / "a.bvh", clip)
-    return tmp_path / "motion"
+    return people(tmp_path / "motion", waving_clip, 15)
 
 
 def common(tmp_path: Path, folder: Path, *more: object) -> tuple[object, ...]:
@@ -107,7 +110,8 @@ def test_smoothness(tmp_path: Path, folder: Path, networks: Path, small_network:
     check_files(tmp_path, "unoc-smoothness", 14, [f"{method}_strong_acceleration_percent" for method in methods])
 
 
-def test_reliability_and_transitions(tmp_path: Path, folder: Path, small_network: Path, run) -> None:
+def test_reliability_and_transitions(tmp_path: Path, waving_clip: Clip, small_network: Path, run) -> None:
+    folder = people(tmp_path / "motion", waving_clip, 40)  # transitions last a second
     given = common(tmp_path, folder, "--model", small_network, "--quick")
     assert "left out" in run("evaluate", "reliability", *given)
     check_files(tmp_path, "reliability", 20, ["body_correlation", "finger_bin10_error_cm", "body_bin1_expected_cm"])

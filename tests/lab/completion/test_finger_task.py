@@ -267,18 +267,6 @@ def test_a_few_steps_reduce_the_loss(corpus: Corpus) -> None:
     assert last < 0.6 * first
 
 
-def test_streams_play_sequences_to_their_end(corpus: Corpus) -> None:
-    task = FingerTask(FingerNetwork(SMALL.network), SMALL, Schedule(), corpus, {})
-    batches = task.batches(np.random.default_rng(2))
-    first = next(batches)
-    assert first.begins.all() and first.signal.position.shape == (4, 12, 2, 20, 3)
-    for _ in range(40):
-        last, first = first, next(batches)
-        # A stream begins anew exactly where its last chunk ran past the end, or ended with it.
-        assert not (first.begins & last.valid.all(dim=1) & ~last.valid[:, -1]).any()
-        assert bool((~last.valid[:, -1] <= first.begins).all())
-
-
 def test_training_goes_on_and_its_network_comes_back(
     corpus: Corpus, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

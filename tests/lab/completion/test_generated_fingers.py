@@ -13,7 +13,7 @@ from bodysense.errors import BodysenseError
 from bodysense_lab.completion.generated_fingers import RATE, generate_fingers, read_fingers, write_fingers
 from bodysense_lab.synthesis.hands import FASTEST_FINGER
 
-HOURS = 0.05
+HOURS = 0.03
 
 
 @pytest.fixture(scope="module")

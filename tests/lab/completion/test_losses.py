@@ -143,16 +143,3 @@ def test_every_term_is_what_it_is_by_hand() -> None:
         assert terms.keys() == wanted.keys()
         for name, value in wanted.items():
             np.testing.assert_allclose(float(terms[name]), value, rtol=2e-4, err_msg=name)
-
-
-def test_weights_that_are_trained_with() -> None:
-    """What docs/completion.md's network was trained with; a change makes another network."""
-    assert vars(Losses()) == {
-        "rotation": 1.3,
-        "local": 0.5,
-        "position": 8.0,
-        "velocity": 0.4,
-        "skate": 0.1,
-        "contact": 0.03,
-        "error": 0.01,
-    }

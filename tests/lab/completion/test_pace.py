@@ -7,28 +7,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import torch
 
 from bodysense.io.bvh import write_bvh
 from bodysense.io.clip import Clip
 from bodysense.io.datasets.splits import split_of
 from bodysense_lab.completion import corpus
 from bodysense_lab.completion.corpus import read_corpus
-from bodysense_lab.completion.network import CompletionConfig
-from bodysense_lab.completion.pace import training_pace
-from bodysense_lab.completion.task import CompletionTaskConfig
-
-
-@pytest.mark.parametrize(("has_units", "name"), [(True, "bf16"), (False, "float32")])
-def test_the_pace_is_that_of_the_precision_in_which_training_runs(
-    has_units: bool, name: str, waving_clip: Clip, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(torch.ops.mkldnn, "_is_mkldnn_bf16_supported", lambda: has_units)
-    small = CompletionTaskConfig(CompletionConfig(hidden=24, branch=24, judge_branch=8), streams=4, chunk=8)
-    numbers = training_pace(waving_clip, 2, 1, small)
-    assert set(numbers) == {"float32_steps_per_second", "bf16_steps_per_second", "steps_per_second"}
-    assert min(numbers.values()) > 0
-    assert numbers["steps_per_second"] == numbers[f"{name}_steps_per_second"]
 
 
 def test_motion_is_read_once_until_it_changes(

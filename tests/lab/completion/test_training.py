@@ -1,11 +1,8 @@
 """Sequences to learn from, and the loop that learns: shapes, twins, mirror images, resumption."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 import torch
-from lightning_fabric import Fabric
 
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.retarget import retargeted
@@ -14,7 +11,6 @@ from bodysense.body.shape import sample_bodies
 from bodysense.body.skeleton import BODY
 from bodysense.demo import packaged_performance
 from bodysense.devices.simulated.headset_camera import see
-from bodysense.errors import BodysenseError
 from bodysense.observation import STRAPPED
 from bodysense_lab.completion.corpus import Corpus
 from bodysense_lab.completion.network import CompletionConfig, CompletionNetwork
@@ -29,7 +25,7 @@ from bodysense_lab.completion.sensor_draws import (
 )
 from bodysense_lab.completion.sequences import Draw, Sequence, TrainingBody, draw_sequence, make_sequence
 from bodysense_lab.completion.task import CompletionTask, CompletionTaskConfig, collate
-from bodysense_lab.fit import fit, rate_at
+from bodysense_lab.fit import rate_at
 from bodysense_lab.options import Schedule
 
 FRAMES = 90
@@ -118,24 +114,6 @@ def task_of(corpus: Corpus, schedule: Schedule = Schedule()) -> CompletionTask:
     one = made(corpus, corpus.rest_offset[0].astype(float), False, np.ones(27, dtype=bool), np.ones(22, dtype=bool))
     watched = {"everything": [collate([(one, 0)], len(one), np.ones(1, dtype=bool))]}
     return CompletionTask(CompletionNetwork(config.network), config, schedule, corpus, watched)
-
-
-def test_training_resumes_where_it_was_stopped(corpus: Corpus, tmp_path: Path) -> None:
-    seen: list[int] = []
-    fabric = Fabric(accelerator="cpu", devices=1)
-    short, whole = Schedule(steps=4, check_every=2, warm_up=1), Schedule(steps=4, check_every=2, warm_up=1, seed=2)
-
-    def stop(progress) -> None:
-        seen.append(progress.step)
-        if progress.step == 2:
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        fit(task_of(corpus, short), tmp_path / "run.ckpt", stop, fabric)
-    figures = fit(task_of(corpus, short), tmp_path / "run.ckpt", lambda progress: seen.append(progress.step), fabric)
-    assert seen == [2, 4] and np.isfinite(figures["score"])
-    with pytest.raises(BodysenseError, match="belongs to another configuration"):
-        fit(task_of(corpus, whole), tmp_path / "run.ckpt", lambda progress: None, fabric)
 
 
 def test_learning_lowers_the_loss(corpus: Corpus) -> None:

@@ -7,7 +7,7 @@ from bodysense_lab.completion.error_map import KNOWN, MASKS, POINTS, ErrorMap, u
 from bodysense_lab.completion.publish import ErrorSamples, fit_error_map
 
 
-def samples(count: int = 12000) -> ErrorSamples:
+def samples(count: int = 6000) -> ErrorSamples:
     """Exponential errors: half of what is expected, a tenth where both of the first two points are tracked."""
     rng = np.random.default_rng(2)
     expected = np.exp(rng.uniform(np.log(0.02), np.log(0.2), (count, POINTS)))

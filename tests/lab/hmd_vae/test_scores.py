@@ -21,7 +21,7 @@ from bodysense.scoring import Tally
 from bodysense_lab.datasets import Census, DataSet
 from bodysense_lab.hmd_vae.frames import BodyFrames, read_body_frames
 from bodysense_lab.hmd_vae.network import BodyVae, BodyVaeConfig, write_vae
-from bodysense_lab.hmd_vae.scores import JOINTS, LEGS, Scored, answers, measures, over_sequences, score_vae, vaes_in
+from bodysense_lab.hmd_vae.scores import JOINTS, Scored, answers, measures, over_sequences, score_vae, vaes_in
 from bodysense_lab.hmd_vae.tables import best_of, metrics_report, vae_report
 from bodysense_lab.hmd_vae.task import joint_errors
 
@@ -32,16 +32,6 @@ HEAD = BODY.index("head")
 @pytest.fixture(scope="module")
 def frames(waving_clip: Clip) -> BodyFrames:
     return read_body_frames([waving_clip])
-
-
-def test_the_truth_has_no_error(waving_clip: Clip) -> None:
-    pose = body_pose(waving_clip.pose)
-    position, rotation = forward_kinematics(pose)
-    found = measures(position - position[:, [HEAD]], pose.rotation, position, rotation)
-    for name in ("full_position_cm", "legs_velocity_cm_s", "rotation_deg", "mpjre_component_deg", "upper_position_cm"):
-        np.testing.assert_allclose(found[name], 0, atol=1e-5)
-    np.testing.assert_allclose(found["full_acceleration_m_s2"], found["full_truth_acceleration_m_s2"])
-    np.testing.assert_allclose(found["jitter"], found["truth_jitter"])
 
 
 def test_each_measure_is_its_equation(waving_clip: Clip) -> None:
@@ -74,11 +64,7 @@ def test_sequences_are_four_frames_apart() -> None:
     assert len(over_sequences(values[:63], 64)) == 0
 
 
-def test_legs() -> None:
-    assert LEGS == ("left_knee", "right_knee", "left_ankle", "right_ankle", "left_foot", "right_foot")
-
-
-@pytest.mark.parametrize("origin", ["head", "pelvis"])
+@pytest.mark.parametrize("origin", ["pelvis"])
 def test_a_score_is_what_training_watches(frames: BodyFrames, tmp_path: Path, origin: str) -> None:
     torch.manual_seed(0)
     network = BodyVae(replace(SMALL, model=2, origin=origin)).eval()
@@ -164,15 +150,3 @@ def test_short_clips_are_not_counted(tmp_path: Path, waving_clip: Clip) -> None:
     told: list[str] = []
     frames, census = read_test(DataSet("set", tmp_path, "all"), lambda clip: told.append(clip.name))
     assert (len(frames), census.clips, len(told)) == (1, 1, 2)
-
-
-def test_a_list_says_what_is_scored(tmp_path: Path, waving_clip: Clip) -> None:
-    from bodysense_lab.hmd_vae.scores import read_test
-
-    data, told = tmp_path / "data", []
-    data.mkdir()
-    for name in ("one", "two", "three"):
-        write_bvh(data / f"{name}.bvh", waving_clip)
-    (tmp_path / "split.txt").write_text("one.bvh train\ntwo.bvh test\n")
-    frames, census = read_test(DataSet("set", data), lambda clip: told.append(clip.name), tmp_path / "split.txt")
-    assert (len(frames), census.clips, told) == (1, 1, ["two"])

@@ -55,7 +55,7 @@ def same(ours: VaeBatch, theirs: VaeBatch) -> None:
         np.testing.assert_allclose(*matrices, atol=1e-4)
 
 
-@pytest.mark.parametrize("model", range(5))
+@pytest.mark.parametrize("model", [0, 1, 2])
 def test_a_batch_is_windows(frames: BodyFrames, model: int) -> None:
     network = BodyVae(replace(SMALL, model=model))
     windows = frames.windows(8)
@@ -70,8 +70,7 @@ def test_a_batch_is_windows(frames: BodyFrames, model: int) -> None:
     np.testing.assert_allclose(batch.rest_offset.numpy(), frames.rest_offset[windows.clip[[3, 20]]])
 
 
-@pytest.mark.parametrize("origin", ["head", "pelvis"])
-@pytest.mark.parametrize("model", [0, 2])
+@pytest.mark.parametrize(("model", "origin"), [(0, "pelvis"), (2, "head")])
 def test_the_mirror_is_the_mirrored_clip(frames: BodyFrames, model: int, origin: str) -> None:
     network = BodyVae(replace(SMALL, model=model, origin=origin))
     windows = frames.windows(8)
@@ -98,26 +97,12 @@ def train(
 
 
 def test_the_loss_falls(frames: BodyFrames, tmp_path: Path) -> None:
-    schedule = VaeSchedule(steps=120, batch=16, check_every=40, average_decay=0.9)
+    schedule = VaeSchedule(steps=60, batch=16, check_every=20, average_decay=0.8)
     network, reports = train(frames, tmp_path, replace(SMALL, model=2), schedule)
     assert reports[-1].terms["loss"] < 0.5 * reports[0].terms["loss"]
     windows = frames.windows(8)
     before = joint_errors(BodyVae(network.config), frames, windows).mean()
     assert joint_errors(network, frames, windows).mean() < 0.5 * before
-
-
-def test_a_run_goes_on_and_others_are_refused(frames: BodyFrames, tmp_path: Path) -> None:
-    config = replace(SMALL, model=1)
-    whole, _ = train(frames, tmp_path, config, SCHEDULE)
-    again, reports = train(frames, tmp_path, config, SCHEDULE)
-    assert reports == []  # nothing is left to do
-    for name, value in whole.state_dict().items():
-        assert torch.equal(value, again.state_dict()[name])
-    with pytest.raises(BodysenseError, match=r"another configuration \(network.beta: 0.01 → 1.0\)"):
-        train(frames, tmp_path, replace(config, beta=1.0), SCHEDULE)
-    (tmp_path / "net.ckpt").write_text("broken")
-    with pytest.raises(BodysenseError, match="not a readable checkpoint"):
-        train(frames, tmp_path, config, SCHEDULE)
 
 
 def test_every_window_is_drawn_once_an_epoch(frames: BodyFrames) -> None:
@@ -210,28 +195,6 @@ def test_a_network_of_other_data_is_not_kept(folder: Path, tmp_path: Path) -> No
     learned = "source.learned.frames: 180 → 270, source.learned.sequences: 2 → 3"
     with pytest.raises(BodysenseError, match=rf"net\.ckpt belongs to another configuration \({learned}\)"):
         run_vae(run)
-
-
-def test_a_network_of_another_decoder_is_not_kept(folder: Path, tmp_path: Path) -> None:
-    first, second = tmp_path / "first.pt", tmp_path / "second.pt"
-    for seed, path in enumerate((first, second)):
-        torch.manual_seed(seed)
-        write_vae(BodyVae(replace(SMALL, model=0)), path, {})
-    run = VaeRun(
-        data=folder,
-        out=tmp_path / "net.pt",
-        config=replace(SMALL, model=3),
-        schedule=SCHEDULE,
-        decoder=first,
-        threads=1,
-    )
-    run_vae(run)
-    other = r"another configuration \(source.decoder: [0-9a-f]{12} → [0-9a-f]{12}\)"
-    with pytest.raises(BodysenseError, match=rf"net\.pt is of {other}"):
-        run_vae(replace(run, decoder=second))
-    (tmp_path / "net.pt").unlink()
-    with pytest.raises(BodysenseError, match=rf"net\.ckpt belongs to {other}"):
-        run_vae(replace(run, decoder=second))
 
 
 def test_a_sweep_looks_at_decoder_and_data(folder: Path, tmp_path: Path) -> None:

@@ -48,15 +48,13 @@ def window(batch: int = 2, frames: int = 32, seed: int = 0) -> Window:
     )
 
 
-@pytest.mark.parametrize("kind", ["cnn", "ahmt", "pahmt"])
 @pytest.mark.parametrize(
-    "more",
+    ("kind", "more"),
     [
-        {},
-        {"input": "hands"},
-        {"rotation": "6d", "more_inputs": True},
-        {"rotation": "6d", "from_directions": True},
-        {"rotation": "6d", "from_directions": True, "from_palms": True},
+        ("cnn", {}),
+        ("cnn", {"input": "hands"}),
+        ("ahmt", {"rotation": "6d", "more_inputs": True}),
+        ("pahmt", {"rotation": "6d", "from_directions": True, "from_palms": True}),
     ],
 )
 def test_every_form_answers_with_rotations(kind: Kind, more: dict[str, Any]) -> None:

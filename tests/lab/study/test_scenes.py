@@ -99,10 +99,3 @@ def test_nothing_is_left_of_a_study_that_failed(tmp_path: Path, clip: Clip, sett
     with pytest.raises(BodysenseError, match="two clips are called 'waving'; rename one"):
         build_study(tmp_path / "s", [clip, clip], settings, np.random.default_rng(0), 1, stop)
     assert not list(tmp_path.iterdir())
-
-
-def test_settings_that_cannot_be() -> None:
-    with pytest.raises(BodysenseError, match=r"scenes of 0\.1 s cannot be judged; give at least 0\.5"):
-        StudySettings(longest=0.1)
-    with pytest.raises(BodysenseError, match="a study of 0 scenes shows nothing"):
-        StudySettings(scenes=0)

@@ -31,17 +31,6 @@ def read() -> tuple[Tensor, Tensor]:
     return markers, hands
 
 
-def test_the_paper_s_layers_have_the_size_of_its_tables() -> None:
-    for network, sizes in (
-        (MarkerNetwork(PAPER_MARKERS), [27, 200, 150, 200, 27]),
-        (JointNetwork(PAPER_JOINTS), [27, 200, 200, 200, 26]),
-    ):
-        weights = [layer for layer in network.layers if isinstance(layer, torch.nn.Linear)]
-        assert [weights[0].in_features, *(layer.out_features for layer in weights)] == sizes
-    drops = [layer.p for layer in JointNetwork(PAPER_JOINTS).layers if isinstance(layer, torch.nn.Dropout)]
-    assert drops == [0.1, 0.1]
-
-
 @pytest.mark.parametrize("name", MARKERS)
 def test_folded_layers_answer_as_the_network(name: str, read: tuple[Tensor, Tensor]) -> None:
     network = MarkerNetwork(MARKERS[name]).eval()

@@ -71,12 +71,6 @@ def test_trials_are_stretches_of_the_motion(motion: HandMotion) -> None:
     assert cut([short], 30, np.random.default_rng(2)) is None
 
 
-def test_last_frames_are_those_before_markers_return() -> None:
-    """Hidden for 0.1 s at 60 Hz are six frames, the first of them the one after those that are seen."""
-    assert LAST[0] == BEFORE + 5
-    assert [(last + 1 - BEFORE) / 60 for last in LAST] == pytest.approx(DURATIONS)
-
-
 def test_errors_of_the_last_known_position_are_how_far_the_hidden_markers_went(motion: HandMotion) -> None:
     trials = cut([motion], 30, np.random.default_rng(2))
     assert trials is not None

@@ -60,13 +60,3 @@ def test_every_pair(sets: list[DataSet]) -> None:
     assert not any("UNOC, on which" in line for line in report.data) and any(
         "Mixamo, on" in line for line in report.data
     )
-
-
-def test_finger_synthesis_stands_beside(sets: list[DataSet]) -> None:
-    scores = {("CMU", name): made(5.0) for name in ("UNOC", "CMU")}
-    known = {name: {f"last_known_{frame}": made(10.0) for frame in KNOWN} for name in ("UNOC", "CMU")}
-    report = cross_report(["CMU"], sets, scores, known, {("CMU", "UNOC"): tally_of(2.0)})
-    rows = {row[:3]: row[3:] for row in report.rows}
-    assert rows["finger synthesis", "UNOC", "CMU"][:2] == (2.0, 2.0)
-    assert rows["finger synthesis", "UNOC", "TWH16.2M"][4:6] == (2.9, 1.5)
-    assert report.numbers["cmu_to_unoc_finger_synthesis_mpjpe_cm"] == 2.0

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import torch
 
@@ -70,9 +68,3 @@ def test_variations(waving_clip: Clip, network: BodyNetwork) -> None:
     lost = make_episode(waving_clip, network, Variation(hand_dropouts_per_minute=60), np.random.default_rng(0))
     seen = make_episode(waving_clip, network, Variation(), np.random.default_rng(0))
     assert lost.visible.sum() < seen.visible.sum() and not (lost.visible & ~seen.visible).any()
-
-
-def test_names_and_fingers_come_along(waving_clip: Clip, network: BodyNetwork) -> None:
-    clip = replace(waving_clip, category="sit", has_fingers=False)
-    episode = make_episode(clip, network, Variation(), np.random.default_rng(0))
-    assert (episode.name, episode.category, episode.fingers) == ("waving", "sit", False)

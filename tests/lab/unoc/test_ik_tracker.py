@@ -22,7 +22,6 @@ from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.observation import Observation, accuracy_like, observed_points
 from bodysense.papers.ik_tracker import IkTracker, IkTrackerSettings, IkTrackerState, smooth
-from bodysense.scoring import Hold
 from bodysense_lab.unoc.learned import Learned, load_model
 
 SKELETON = default_skeleton()
@@ -88,8 +87,7 @@ def smoothed(state: IkTrackerState, target: Pose, intervals: list[float], half_l
     return reduce(one, intervals, state)
 
 
-@pytest.mark.parametrize("half_life", [0.02, 0.1, 0.5])
-@pytest.mark.parametrize("rate", [30, 72, 90, 120, None])
+@pytest.mark.parametrize(("half_life", "rate"), [(0.02, 72), (0.1, None), (0.5, 30)])
 def test_half_of_a_jump_is_closed_after_the_half_life(half_life: float, rate: int | None) -> None:
     """Whatever the frame rate: whole frames and the rest of the time, or irregular ones."""
     start, target = bent(0.0), bent(1.0)
@@ -126,16 +124,6 @@ def test_the_same_time_gives_the_same_however_it_is_split(
         np.testing.assert_allclose(getattr(many, field), getattr(one, field), atol=1e-9)
 
 
-def test_smoothing_never_overshoots_and_arrives() -> None:
-    state, target = resting(bent(0.0)), bent(1.0)
-    left = []
-    for _ in range(60):
-        state = smoothed(state, target, [1 / 60], 0.05)
-        assert state.root_position is not None
-        left.append(target.root_position[0] - state.root_position[0])
-    assert (np.diff(left) < 0).all() and min(left) >= 0 and left[-1] < 1e-6
-
-
 def test_the_tracker_smooths_a_jump_by_its_half_life() -> None:
     """Frames at 100 Hz: two after a jump, with a half-life of 20 ms, half of it is left."""
     settings = IkTrackerSettings(half_life=0.02, ik=IkSettings(tolerance=1e-7))
@@ -148,17 +136,6 @@ def test_the_tracker_smooths_a_jump_by_its_half_life() -> None:
     np.testing.assert_allclose(end, after.root_position, atol=1e-3)
 
 
-def test_a_half_life_of_zero_is_the_pose_of_ik(waving_clip: Clip) -> None:
-    observation, hold = observe(waving_clip.pose, waving_clip.time)[:20], Hold(SKELETON)
-    tracker = IkTracker(hold, IkTrackerSettings(half_life=0.0))
-    state = tracker.start()
-    for t in range(len(observation)):
-        pose, _, state = tracker.step(observation[t : t + 1], state)
-        assert state.ik is not None
-        np.testing.assert_array_equal(pose.rotation[0], state.ik.body.local_rotation)
-        np.testing.assert_array_equal(pose.root_position[0], state.ik.body.root_position)
-
-
 def test_whole_motion_comes_back_when_all_is_seen(waving_clip: Clip) -> None:
     observation = shown(waving_clip.pose, waving_clip.time)
     poses, _, _ = IkTracker(Repeat(), IkTrackerSettings(half_life=0.0)).step(observation, IkTrackerState(None))
@@ -166,10 +143,9 @@ def test_whole_motion_comes_back_when_all_is_seen(waving_clip: Clip) -> None:
     assert error.max() < 2e-3
 
 
-@pytest.fixture(scope="module", params=["hold", "network"])
-def tracker(request: pytest.FixtureRequest, small_network: Path) -> IkTracker:
-    estimator = Hold(SKELETON) if request.param == "hold" else Learned(load_model(small_network), SKELETON)
-    return IkTracker(estimator)
+@pytest.fixture(scope="module")
+def tracker(small_network: Path) -> IkTracker:
+    return IkTracker(Learned(load_model(small_network), SKELETON))
 
 
 def test_frames_are_calls(tracker: IkTracker, waving_clip: Clip) -> None:
@@ -246,10 +222,6 @@ def test_a_long_gap_starts_afresh() -> None:
     ("setting", "value", "text"),
     [
         ("half_life", -0.1, r"half_life is -0\.1; it must be 0 or more"),
-        ("half_life", np.nan, r"half_life is nan; it must be 0 or more"),
-        ("doubt", 0.0, r"doubt is 0; it must be positive"),
-        ("measured_weight", 0.0, r"measured_weight is 0; it must be positive"),
-        ("head_weight", -1.0, r"head_weight is -1; it must be 0 or more"),
         ("pose_weight", np.nan, r"pose_weight is nan; it must be 0 or more"),
         ("longest_gap", 0.0, r"longest_gap is 0; it must be positive"),
     ],

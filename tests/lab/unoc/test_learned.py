@@ -69,19 +69,6 @@ def test_frames_are_calls(learned: Learned, waving_clip: Clip) -> None:
 
 
 @settings(max_examples=12)
-@given(rate=st.floats(30, 120))
-def test_any_rate_is_answered_and_the_network_steps_about_30_times_a_second(
-    learned: Learned, waving_clip: Clip, rate: float
-) -> None:
-    observation = at_times(waving_clip, np.arange(round(rate)) / rate)
-    positions, advanced = steps(learned, observation)
-    assert positions.shape[0] == len(observation) and np.isfinite(positions).all()
-    gaps = np.diff(advanced)
-    assert gaps.min() >= 0.8 / 30 - 1e-9
-    assert gaps.max() <= 1 / 30 + 1 / rate
-
-
-@settings(max_examples=12)
 @given(st.lists(st.floats(0.004, 0.2), min_size=2, max_size=60))
 def test_irregular_times_and_dropped_frames(learned: Learned, waving_clip: Clip, gaps: list[float]) -> None:
     observation = at_times(waving_clip, np.cumsum(gaps))
@@ -191,18 +178,6 @@ def test_a_network_without_its_card_is_refused(tmp_path: Path) -> None:
     fields = {"format": "bodysense body 1", "points": "[]", "rate": "30.0", "fastest_rate": "60.0"}
     with pytest.raises(BodysenseError, match=r"a\.onnx: its card has no 'state'; export the network again"):
         load_model(foreign(tmp_path / "a.onnx", fields))
-
-
-def test_what_other_tools_write_into_the_file_is_let_be(tmp_path: Path) -> None:
-    fields = {
-        "format": "bodysense body 1",
-        "points": '["head"]',
-        "rate": "30.0",
-        "fastest_rate": "60.0",
-        "state": "{}",
-        "onnx.infer": "by tool",
-    }
-    assert load_model(foreign(tmp_path / "a.onnx", fields)).card["onnx.infer"] == "by tool"
 
 
 def test_a_skeleton_with_other_points_is_refused(small_network: Path) -> None:

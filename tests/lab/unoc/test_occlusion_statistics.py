@@ -24,17 +24,6 @@ def waving(frames: int, seed: int = 0) -> Pose:
     return Pose(pose.skeleton, pose.root_position, quaternion_exp(np.cumsum(steps, axis=0)))
 
 
-def test_groups() -> None:
-    skeleton = default_skeleton()
-    groups = {name: {skeleton.points[k] for k in points} for name, points in group_points(skeleton).items()}
-    assert tuple(groups) == GROUPS
-    assert groups["knee"] == {"left_knee", "right_knee"}
-    assert groups["foot"] == {f"{side}_{name}" for side in ("left", "right") for name in ("ankle", "foot", "toe")}
-    assert len(groups["hand"]) == 2 * (1 + 15 + 5)
-    assert groups["body"] == groups["shoulder"] | groups["elbow"] | groups["hip"] | groups["knee"] | groups["foot"]
-    assert groups["all"] == groups["body"] | groups["hand"]
-
-
 def test_spans_of_hiding(monkeypatch: pytest.MonkeyPatch) -> None:
     """Hidden for 3 frames, then 1, then 2 up to the end, on one knee; the other knee always: 4 spans, 14 frames."""
     skeleton = default_skeleton()

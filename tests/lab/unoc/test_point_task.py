@@ -13,7 +13,6 @@ import torch
 from scipy.spatial.transform import Rotation
 
 from bodysense.body.skeleton import default_skeleton
-from bodysense.errors import BodysenseError
 from bodysense.io.bvh import write_bvh
 from bodysense.io.clip import Clip
 from bodysense.io.datasets.splits import split_of
@@ -51,10 +50,6 @@ def episodes(waving_clip: Clip) -> list[PointEpisode]:
     rng = np.random.default_rng(0)
     varied = (PointVariation(), PointVariation(mirrored=True, limb_spread=0.05, wrist_bend=0.3))
     return [make_point_episode(waving_clip, network(), variation, rng) for variation in varied]
-
-
-def quietly(_: Progress) -> None:
-    pass
 
 
 def train_points(
@@ -130,46 +125,6 @@ def test_training_learns_and_keeps_the_best(episodes: list[PointEpisode], tmp_pa
     model, score = train_points(model, schedule, episodes, episodes, tmp_path / "a.ckpt", reports.append)
     assert score == pytest.approx(validate_points(model, episodes)) and score < 0.7 * before
     assert score == min(report.validation["rmsjpe_cm"] for report in reports)
-
-
-def test_a_windowed_network_trains_too(episodes: list[PointEpisode], tmp_path: Path) -> None:
-    model = network(replace(SMALL, window=4))
-    before = validate_points(model, episodes)
-    schedule = replace(SCHEDULE, steps=40, batch=16, learning_rate=1e-2)
-    assert train_points(model, schedule, episodes, episodes, tmp_path / "a.ckpt", quietly)[1] < before
-
-
-def test_a_stopped_run_goes_on_and_a_finished_one_is_not_trained_again(
-    episodes: list[PointEpisode], tmp_path: Path
-) -> None:
-    class Stopped(Exception):
-        pass
-
-    def stop(progress: Progress) -> None:
-        if progress.step == 8:
-            raise Stopped
-
-    path, steps = tmp_path / "a.ckpt", []
-    with pytest.raises(Stopped):
-        train_points(network(), SCHEDULE, episodes, episodes, path, stop)
-    first, _ = train_points(network(), SCHEDULE, episodes, episodes, path, lambda progress: steps.append(progress.step))
-    assert steps == [12]
-    second, _ = train_points(
-        network(), SCHEDULE, episodes, episodes, path, lambda progress: steps.append(progress.step)
-    )
-    assert steps == [12]
-    for name, value in first.state_dict().items():
-        assert torch.equal(value, second.state_dict()[name])
-
-
-def test_a_checkpoint_of_another_configuration_is_refused(episodes: list[PointEpisode], tmp_path: Path) -> None:
-    path = tmp_path / "a.ckpt"
-    train_points(network(), SCHEDULE, episodes, episodes, path, quietly)
-    with pytest.raises(BodysenseError, match=r"another configuration \(schedule\.seed: 1 → 2\); give another --out"):
-        train_points(network(), replace(SCHEDULE, seed=2), episodes, episodes, path, quietly)
-    path.write_bytes(b"nonsense")
-    with pytest.raises(BodysenseError, match=r"a\.ckpt: not a readable checkpoint .* take it away to begin anew"):
-        train_points(network(), SCHEDULE, episodes, episodes, path, quietly)
 
 
 def test_only_wrists_that_were_not_recorded_are_bent(waving_clip: Clip) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -14,9 +13,8 @@ from bodysense.body.pose import forward_kinematics
 from bodysense.devices.simulated.headset_camera import observe
 from bodysense.io.clip import Clip
 from bodysense.scoring import scored_points
-from bodysense_lab.datasets import DataSet, gathered
 from bodysense_lab.unoc.learned import Learned, load_model
-from bodysense_lab.unoc.reliability import ErrorPairs, binned, correlations, pairs_of_clip, reliability_report
+from bodysense_lab.unoc.reliability import ErrorPairs, binned, correlations, pairs_of_clip
 
 
 @pytest.mark.parametrize("count", [10, 57, 1000])
@@ -54,13 +52,3 @@ def test_pairs_are_of_hidden_points(waving_clip: Clip, small_network: Path) -> N
     assert len(pairs["main", "finger"].error) > 0
     without = replace(waving_clip, has_fingers=False, category="sport")
     assert set(pairs_of_clip(without, small_network)) == {("sport", "body")}
-
-
-def test_the_table_of_a_data_set(data: DataSet, small_network: Path) -> None:
-    pairs, census = gathered(partial(pairs_of_clip, model=small_network), data.clips(), 1, lambda clip: None)
-    report = reliability_report(pairs, census, data)
-    assert [row[:2] for row in report.rows] == [(part, k) for part in ("body", "fingers") for k in range(1, 11)]
-    numbers = report.numbers
-    assert -1 <= numbers["body_correlation"] <= 1
-    first, last = numbers["body_bin1_expected_cm"], numbers["body_bin10_expected_cm"]
-    assert first <= last and len(report.panels) == 2

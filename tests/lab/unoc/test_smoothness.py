@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import partial
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,15 +14,10 @@ from bodysense.io.clip import Clip
 from bodysense.metrics import acceleration
 from bodysense.papers.ik_tracker import IkTracker, IkTrackerSettings
 from bodysense.scoring import scored_points
-from bodysense_lab.datasets import DataSet, gathered
 from bodysense_lab.unoc.smoothness import (
-    METHODS,
-    NETWORKS,
     RecordedEstimator,
     after_tracker,
     smoothness_of,
-    smoothness_of_clip,
-    smoothness_report,
 )
 
 
@@ -79,17 +72,3 @@ def test_the_tracker_keeps_bones_and_calms(waving_clip: Clip) -> None:
     np.testing.assert_allclose(length, np.broadcast_to(skeleton.bone_length[1:], length.shape), atol=1e-9)
     tested = scored_points(skeleton)
     assert (acceleration(out[:, tested], 30.0) > 9).mean() < (acceleration(noisy[:, tested], 30.0) > 9).mean()
-
-
-def test_the_table_of_a_data_set(untrained: Path, data: DataSet, small_network: Path) -> None:
-    networks = {name: untrained / f"{name}.pt" for name in NETWORKS}
-    work = partial(smoothness_of_clip, networks=networks, model=small_network, settings=IkTrackerSettings())
-    sums, census = gathered(work, data.clips(), 1, lambda clip: None)
-    report = smoothness_report(sums, census, data)
-    assert [row[1] for row in report.rows] == list(METHODS.values()) * 2, "body, then with fingers"
-    rows = {row[1]: row for row in report.rows if row[0] == "body"}
-    assert rows["mask predicted"][6] == 3.5 and rows["mask given"][6] == 6.1 and rows["truth"][6] == 0.2
-    assert rows["truth"][4:6] == (0.0, 0.0)
-    for method in METHODS:
-        assert 0 <= report.numbers[f"{method}_strong_acceleration_percent"] <= 100
-    assert any("-0.04" in text for text in report.remarks)

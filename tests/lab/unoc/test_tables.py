@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 
 import numpy as np
@@ -11,9 +10,9 @@ import pytest
 from bodysense.scoring import KNOWN, Tally
 from bodysense_lab.chart import BarPanel
 from bodysense_lab.datasets import Census, DataSet
-from bodysense_lab.score_table import ScoreTable, flat_numbers
+from bodysense_lab.score_table import ScoreTable
 from bodysense_lab.unoc.kept_scores import Parts, Scores
-from bodysense_lab.unoc.tables import OWN_NAMES, PLACES, TABLE_2, TABLE_3, TABLE_4, network_report, without_networks
+from bodysense_lab.unoc.tables import OWN_NAMES, TABLE_2, TABLE_3, TABLE_4, network_report, without_networks
 from bodysense_lab.unoc.variants import TABLES
 
 ALL = (TABLE_2, TABLE_3, TABLE_4)
@@ -78,30 +77,6 @@ def test_every_place_has_ours_beside_the_published(data: DataSet) -> None:
     assert "dance RMSJPE" not in columns
 
 
-def test_remarks_follow_the_figures(data: DataSet) -> None:
-    remarks = network_report(TABLE_2, scores_of(TABLE_2, {"gru": 3.0}), data).remarks
-    assert any(
-        text.startswith("The GRU is the best network at hidden joints") and ": holds (" in text for text in remarks
-    )
-    worse = network_report(TABLE_2, scores_of(TABLE_2, {"gru": 6.0, "rnn": 4.0}), data).remarks
-    assert any("does not hold against RNN, LSTM, TCN (GRU 12.00, RNN 8.00" in text for text in worse)
-    assert any("heading" in text for text in remarks)
-
-
-def test_keys(data: DataSet) -> None:
-    numbers = network_report(TABLE_2, scores_of(TABLE_2, {"gru": 3.0}), data).numbers
-    for method in ("gru", "rnn", "lstm", "tcn", "best", "tracker", "last_known"):
-        for part in ("body", "finger", "all"):
-            for share in ("occluded", "all"):
-                for measure in ("rmsjpe", "mpjpe"):
-                    assert math.isfinite(numbers[f"{method}_{part}_{share}_{measure}_cm"])
-    assert numbers["gru_body_all_rmsjpe_cm"] == 3.0 and numbers["gru_body_all_rmsjpe_cm_sport"] == 30.0
-    assert (numbers["clips"], numbers["people"], numbers["minutes"]) == (3, 2, 1.0)
-    four = network_report(TABLE_4, scores_of(TABLE_4, {}), data).numbers
-    assert four["gru_parent_body_rmsjpe_cm"] == 5.0 and four["no_bone_bone_all_mpjpe_cm"] == 5.0
-    assert {part for part, _ in PLACES} == set(PARTS)
-
-
 def test_changes_of_table_4(data: DataSet) -> None:
     report = network_report(TABLE_4, scores_of(TABLE_4, {"gru": 4.0, "no_bone": 5.0}), data)
     rows = {(row[0], row[1]): row for row in report.rows}
@@ -109,17 +84,6 @@ def test_changes_of_table_4(data: DataSet) -> None:
     row = rows["bones, body", "w/o bone length"]
     assert row[ours] == pytest.approx(25.0) and row[theirs] == pytest.approx(100 * (1.06 / 0.90 - 1))
     assert rows["bones, both", "GRU"][ours] == 0.0
-
-
-def test_without_fingers_nothing_is_said_of_them(data: DataSet) -> None:
-    report = network_report(TABLE_2, scores_of(TABLE_2, {"gru": 3.0}, fingers=False), data)
-    assert {row[0] for row in report.rows} == {"body, occluded", "body, all"}
-    assert not [key for key in report.numbers if "finger" in key or "_all_occluded" in key]
-    assert not [text for text in report.remarks if "finger" in text] and len(report.panels) == 2
-
-
-def test_numbers_have_no_holes() -> None:
-    assert flat_numbers(TABLE_2, {("main", ("body", "occluded"), "gru", "error"): Tally()}) == {}
 
 
 def test_without_networks_our_own_methods_remain(data: DataSet) -> None:

@@ -130,16 +130,6 @@ def test_a_checkpoint_of_another_schedule_is_refused(
         run(network, replace(short, **change), few_episodes, tmp_path / "a.ckpt")
 
 
-def test_a_checkpoint_of_another_network_is_refused(
-    network: BodyNetwork, few_episodes: list[Episode], tmp_path: Path
-) -> None:
-    short = replace(SCHEDULE, steps=1)
-    run(network, short, few_episodes, tmp_path / "a.ckpt")
-    other = BodyNetwork(BodyNetworkConfig(hidden=8, branch=(16,)), default_skeleton())
-    with pytest.raises(BodysenseError, match=r"\(.*network\.hidden: 16 → 8.*\); give another --out"):
-        run(other, short, few_episodes, tmp_path / "a.ckpt")
-
-
 def test_a_file_that_is_no_checkpoint_is_refused(
     network: BodyNetwork, few_episodes: list[Episode], tmp_path: Path
 ) -> None:

@@ -57,7 +57,7 @@ def asked(data: Path, out: Path) -> BodyTraining:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("form", ["shipped", "paper"])
+@pytest.mark.parametrize("form", ["paper"])
 def test_a_run_writes_a_network_that_tracks(
     folder: Path, tmp_path: Path, waving_clip: Clip, form: Literal["shipped", "paper"]
 ) -> None:

