@@ -54,8 +54,9 @@ BAD = {
     "track motion.bvh -o out.bvh --up w": "--up w: give one of -x, -y, -z, x, y, z",
     "track motion.bvh -o out.bvh --seed 1.5": "--seed 1.5: give a whole number",
     "track motion.bvh -o out.bvh --seed x": "--seed x: give a whole number",
-    "track motion.bvh -o out.bvh --samples some": "--samples some: give a whole number",
-    "track motion.bvh -o out.bvh --device three_point --samples 0": "0 samples cannot be",
+    "track motion.bvh -o out.bvh --device three_point --samples 100000000": (
+        "--samples 100000000: give a whole number, 1 to 1000"
+    ),
     "track motion.bvh -o out.bvh --floor low": "--floor low: give a number in metres",
     "track motion.bvh -o out.bvh --floor nan": "floor nan m; give the floor's height in metres",
     "track motion.bvh -o out.bvh --unit cubit": "--unit cubit: give m, cm",
@@ -78,14 +79,13 @@ BAD = {
     "simulate motion.bvh -o out.npz --marker-set mine": "--marker-set mine: for --device gloves",
     "serve --port x": "--port x: give a whole number",
     "serve --port 70000": "--port 70000: ports are 0 (any that is free) to 65535",
-    "serve --port 0 --sessions 0": "give 1 to 10000",
+    "serve --port 0 --sessions 0": "--sessions 0: give a whole number, 1 to 10000",
     "serve --port 0 --smoothing nan": "--smoothing nan: give seconds, 0 to 0.5",
     "serve --port 0 --floor nan": "floor nan m",
     "serve --port 0 --vmc-out here": "--vmc-out here: give HOST:PORT",
     "serve --port 0 --vrchat-trackers tail": "--vrchat-trackers tail: 'tail' is not a tracker of VRChat",
     "calibrate --wait nan": "--wait nan: give 0 to 600 seconds",
     "calibrate --watch kinect": "--watch kinect: give one of slimevr, solarxr, vmc, vmt, vrchat",
-    "generate -o out.bvh --count 0": "0 samples cannot be",
     # inputs
     "track missing.bvh -o out.bvh": "missing.bvh",
     "track folder -o out.bvh": "folder",
@@ -136,7 +136,44 @@ BAD = {
     "page /proc/page": "--out is missing, and /proc/page is unknown; see bodysense page --help",
     "page --out /proc/page": "/proc/page",
 }
-NEEDS_LAB = ("evaluate", "bench")
+# Options with a range, each with values outside of it: the line begins with option and value.
+_TRACK, _SERVE = "track motion.bvh -o out.bvh", "serve --port 0"
+_COUNTS = ("0", "-1", "1.5", "1e9", "99999999999", "many")
+_RATES = ("0", "-30", "nan", "inf", "1e9", "fast")
+_HEIGHTS = ("0", "-1.7", "0.99", "2.31", "175", "nan", "inf", "1,75")
+_PORTS = ("-1", "65536", "1e4", "http")
+OUTSIDE = {
+    f"{_TRACK} --device three_point --samples": _COUNTS,
+    "generate -o out.bvh --count": _COUNTS,
+    f"{_SERVE} --sessions": _COUNTS,
+    f"{_SERVE} --workers": _COUNTS,
+    "data prepare folder --out out.zarr --workers": _COUNTS,
+    "evaluate completion --data out.zarr --limit": _COUNTS,
+    "evaluate completion --data out.zarr --jobs": _COUNTS,
+    "train completion --data out.zarr --out out.safetensors --limit": _COUNTS,
+    "train completion --data out.zarr --out out.safetensors --threads": _COUNTS,
+    "bench live --sessions": _COUNTS,
+    "bench live --workers": _COUNTS,
+    "bench step --frames": _COUNTS,
+    "data fingers -o out.npz --hours": ("-1", "nan", "inf", "1e9", "long"),
+    "data prepare folder --out out.zarr --rate": _RATES,
+    "convert motion.bvh -o out.bvh --rate": _RATES,
+    "convert motion.bvh -o out.bvh --file-rate": _RATES,
+    "simulate motion.bvh -o out.npz --rate": _RATES,
+    f"{_TRACK} --height": _HEIGHTS,
+    "convert motion.bvh -o out.bvh --height": _HEIGHTS,
+    "demo motion.bvh -o demo --height": _HEIGHTS,
+    f"{_SERVE} --height": _HEIGHTS,
+    "serve --port": _PORTS,
+    f"{_SERVE} --vmc-in": _PORTS,
+    f"{_SERVE} --markers-in": _PORTS,
+}
+BAD |= {f"{command} {value}": f"{command.split()[-1]} " for command, values in OUTSIDE.items() for value in values}
+# Files of other things, by every command that reads them: the line names the file.
+_READERS = ("track {} -o out.bvh", "convert {} -o out.glb", "simulate {} -o out.npz", "data joints {}")
+_DAMAGED = ("bvh", "npz", "glb", "vrma")
+BAD |= {read.format(f"bytes.{end}"): f"bytes.{end}" for read in _READERS for end in _DAMAGED}
+NEEDS_LAB = ("evaluate", "bench", "train")
 NEEDS_LIVE = ("serve", "calibrate", "page")
 
 
@@ -206,3 +243,7 @@ def test_quiet_prints_nothing_but_warnings_and_errors(
     captured = capsys.readouterr()
     assert captured.out == "" and captured.err == "WARNING: the arms are guessed\n"
     assert "missing.bvh" in refused("track", "missing.bvh", "-o", "b.bvh", "--quiet")
+
+
+def test_there_are_enough_of_them() -> None:
+    assert len(BAD) >= 250
