@@ -22,6 +22,7 @@ MAY_IMPORT = {  # which other packages one may import
 FLOORS: dict[str, float] = {
     "errors": -2,
     "files": -1,
+    "ranges": -1,  # of options
     "arrays": -0.5,
     "weights": -1,  # data, read by name
     "body": 0,

@@ -26,6 +26,7 @@ BAD = {
     "bench stp": "stp: unknown command; did you mean step?",
     "track": "PATH and --out are missing; see bodysense track --help",
     "track motion.bvh": "--out is missing; see bodysense track --help",
+    "convert motion.bvh": "--out is missing",
     "simulate -o out.npz": "PATH is missing",
     "evaluate completion": "--data is missing; see bodysense evaluate completion --help",
     "--tyro-print-completion tcsh": "--tyro-print-completion tcsh: completion is for bash and zsh",
@@ -39,17 +40,27 @@ BAD = {
     "serve --prot 80": "--prot: unknown option; did you mean --port?",
     # values of options
     "track motion.bvh -o out.bvh --height 1,75": "--height 1,75: give a number in metres, such as 1.75",
+    "track motion.bvh -o out.bvh --height=tall": "--height tall: give a number in metres, such as 1.75",
     "track motion.bvh -o out.bvh --height 175": "--height 175: people are 1 to 2.3 m high",
+    "track motion.bvh -o out.bvh --height nan": "--height nan: people are 1 to 2.3 m high",
     "track motion.bvh -o out.bvh --height -1.7": "--height -1.7: people are 1 to 2.3 m high",
     "convert motion.bvh -o out.bvh --height 0.5": "--height 0.5: people are 1 to 2.3 m high",
+    "generate -o out.bvh --height 3": "--height 3: people are 1 to 2.3 m high",
     "demo motion.bvh -o demo --height inf": "--height inf: people are 1 to 2.3 m high",
+    "serve --port 0 --height 3": "--height 3: people are 1 to 2.3 m high",
     "track motion.bvh -o out.bvh --device kinect": "--device kinect: give one of four_point, gloves, gloves_imu, head",
+    "track motion.bvh -o out.bvh --device None": "--device None: give one of four_point, gloves, gloves_imu, head",
     "track motion.bvh -o out.bvh --fingers none": "--fingers none: give one of synthesize, tracked",
     "track motion.bvh -o out.bvh --up w": "--up w: give one of -x, -y, -z, x, y, z",
     "track motion.bvh -o out.bvh --seed 1.5": "--seed 1.5: give a whole number",
-    "track motion.bvh -o out.bvh --device three_point --samples 0": "0 samples cannot be",
+    "track motion.bvh -o out.bvh --seed x": "--seed x: give a whole number",
+    "track motion.bvh -o out.bvh --device three_point --samples 100000000": (
+        "--samples 100000000: give a whole number, 1 to 1000"
+    ),
     "track motion.bvh -o out.bvh --floor low": "--floor low: give a number in metres",
+    "track motion.bvh -o out.bvh --floor nan": "floor nan m; give the floor's height in metres",
     "track motion.bvh -o out.bvh --unit cubit": "--unit cubit: give m, cm",
+    "track motion.bvh -o out.bvh --unit nan": "--unit nan: give m, cm",
     "track motion.bvh -o out.bvh --figure 0": "--figure 0: bodies are counted from 1",
     "track motion.bvh -o out.bvh --figure 9": "figure",
     "track motion.bvh -o out.bvh --rig lego": "lego",
@@ -59,12 +70,20 @@ BAD = {
     "track motion.bvh -o out.bvh --joints text.txt": "text.txt",
     "track motion.bvh -o out.bvh --joints missing.json": "missing.json",
     "track motion.bvh -o out.bvh --seconds 2": "not a video",
+    "convert motion.bvh -o out.bvh --rate nan": "--rate nan: give frames a second, such as 30",
     "convert motion.bvh -o out.bvh --rate 0": "--rate 0: give frames a second",
+    "convert motion.bvh -o out.bvh --rate -30": "--rate -30: give frames a second",
     "convert motion.bvh -o out.bvh --rate fast": "--rate fast: give a number",
     "convert motion.bvh -o out.bvh --file-rate inf": "--file-rate inf: give frames a second",
+    "simulate motion.bvh -o out.npz --rate 0": "--rate 0: give frames a second",
     "simulate motion.bvh -o out.npz --marker-set mine": "--marker-set mine: for --device gloves",
     "serve --port x": "--port x: give a whole number",
+    "serve --port 70000": "--port 70000: ports are 0 (any that is free) to 65535",
+    "serve --port 0 --sessions 0": "--sessions 0: give a whole number, 1 to 10000",
+    "serve --port 0 --smoothing nan": "--smoothing nan: give seconds, 0 to 0.5",
     "serve --port 0 --floor nan": "floor nan m",
+    "serve --port 0 --vmc-out here": "--vmc-out here: give HOST:PORT",
+    "serve --port 0 --vrchat-trackers tail": "--vrchat-trackers tail: 'tail' is not a tracker of VRChat",
     "calibrate --wait nan": "--wait nan: give 0 to 600 seconds",
     "calibrate --watch kinect": "--watch kinect: give one of slimevr, solarxr, vmc, vmt, vrchat",
     # inputs
@@ -78,23 +97,28 @@ BAD = {
     "track bytes.trc -o out.bvh": "bytes.trc",
     "track bytes.csv -o out.bvh": "bytes.csv",
     "track bytes.jsonl -o out.bvh": "bytes.jsonl",
+    "track bytes.vrma -o out.bvh": "bytes.vrma",
     "convert bytes.npy -o out.bvh": "bytes.npy",
     "data info missing": "missing",
     "data info bytes.bvh": "bytes.bvh",
     "data joints text.txt": "text.txt",
     "track motion.bvh -o out.bvh --device head --person missing.json": "missing.json",
     "track motion.bvh -o out.bvh --device head --person deep.json": "deep.json is not JSON",
+    "track motion.bvh -o out.bvh --device head --person text.txt": "text.txt is not JSON",
+    "track motion.bvh -o out.bvh --device head --person folder": "folder cannot be read",
     "serve --port 0 --person missing.json": "missing.json",
     "serve --port 0 --device-names text.txt --vmt": "text.txt: a table of devices is a JSON object",
     "serve --port 0 --certificate text.txt --key text.txt": "text.txt",
     "serve --port 0 --replay text.txt": "--replay text.txt",
     # weights, before the motion is completed
     "track motion.bvh -o out.bvh --device head --model text.txt": "text.txt",
+    "track motion.bvh -o out.bvh --device head --model folder": "folder",
     "track motion.bvh -o out.bvh --fingers synthesize --model bytes.npz": "bytes.npz",
     "track motion.bvh -o out.bvh --device three_point --samples 2 --model text.txt": "text.txt",
     "generate -o out.bvh --model text.txt": "text.txt",
     # outputs, before any work
     "track motion.bvh -o /proc/out.bvh": "/proc/out.bvh cannot be written",
+    "convert motion.bvh -o /proc/out.glb": "/proc/out.glb cannot be written",
     "simulate motion.bvh -o /proc/out.npz": "/proc/out.npz cannot be written",
     "generate -o /proc/out.png": "/proc/out.png cannot be written",
     "demo motion.bvh -o /proc": "/proc/demo.png cannot be written",
@@ -102,9 +126,9 @@ BAD = {
     "demo motion.bvh -o text.txt": "text.txt",
     "track motion.bvh -o out.bvh --json /proc/a.json": "/proc/a.json cannot be written",
     "track motion.bvh -o out.bvh --save-person no/me.json": "the folder no does not exist",
-    "track missing.bvh -o no/out.bvh": "the folder no does not exist; create it",
-    "simulate missing.bvh -o no/out.npz": "the folder no does not exist; create it",
     "track motion.bvh -o out.xyz": "ends in '.xyz'; give a name that ends in .bvh",
+    "track motion.bvh -o motion.bvh": "both read and written",
+    "convert motion.bvh -o folder": "folder",
     "convert motion.bvh -o out.bvh --json folder": "folder is a folder",
     "serve --port 0 --allow-record /proc": "--allow-record /proc: nothing can be written there",
     "serve --port 0 --shared text.txt": "--shared text.txt: give the address of a Valkey or Redis",
@@ -112,7 +136,44 @@ BAD = {
     "page /proc/page": "--out is missing, and /proc/page is unknown; see bodysense page --help",
     "page --out /proc/page": "/proc/page",
 }
-NEEDS_LAB = ("evaluate", "bench")
+# Options with a range, each with values outside of it: the line begins with option and value.
+_TRACK, _SERVE = "track motion.bvh -o out.bvh", "serve --port 0"
+_COUNTS = ("0", "-1", "1.5", "1e9", "99999999999", "many")
+_RATES = ("0", "-30", "nan", "inf", "1e9", "fast")
+_HEIGHTS = ("0", "-1.7", "0.99", "2.31", "175", "nan", "inf", "1,75")
+_PORTS = ("-1", "65536", "1e4", "http")
+OUTSIDE = {
+    f"{_TRACK} --device three_point --samples": _COUNTS,
+    "generate -o out.bvh --count": _COUNTS,
+    f"{_SERVE} --sessions": _COUNTS,
+    f"{_SERVE} --workers": _COUNTS,
+    "data prepare folder --out out.zarr --workers": _COUNTS,
+    "evaluate completion --data out.zarr --limit": _COUNTS,
+    "evaluate completion --data out.zarr --jobs": _COUNTS,
+    "train completion --data out.zarr --out out.safetensors --limit": _COUNTS,
+    "train completion --data out.zarr --out out.safetensors --threads": _COUNTS,
+    "bench live --sessions": _COUNTS,
+    "bench live --workers": _COUNTS,
+    "bench step --frames": _COUNTS,
+    "data fingers -o out.npz --hours": ("-1", "nan", "inf", "1e9", "long"),
+    "data prepare folder --out out.zarr --rate": _RATES,
+    "convert motion.bvh -o out.bvh --rate": _RATES,
+    "convert motion.bvh -o out.bvh --file-rate": _RATES,
+    "simulate motion.bvh -o out.npz --rate": _RATES,
+    f"{_TRACK} --height": _HEIGHTS,
+    "convert motion.bvh -o out.bvh --height": _HEIGHTS,
+    "demo motion.bvh -o demo --height": _HEIGHTS,
+    f"{_SERVE} --height": _HEIGHTS,
+    "serve --port": _PORTS,
+    f"{_SERVE} --vmc-in": _PORTS,
+    f"{_SERVE} --markers-in": _PORTS,
+}
+BAD |= {f"{command} {value}": f"{command.split()[-1]} " for command, values in OUTSIDE.items() for value in values}
+# Files of other things, by every command that reads them: the line names the file.
+_READERS = ("track {} -o out.bvh", "convert {} -o out.glb", "simulate {} -o out.npz", "data joints {}")
+_DAMAGED = ("bvh", "npz", "glb", "vrma")
+BAD |= {read.format(f"bytes.{end}"): f"bytes.{end}" for read in _READERS for end in _DAMAGED}
+NEEDS_LAB = ("evaluate", "bench", "train")
 NEEDS_LIVE = ("serve", "calibrate", "page")
 
 
@@ -182,3 +243,7 @@ def test_quiet_prints_nothing_but_warnings_and_errors(
     captured = capsys.readouterr()
     assert captured.out == "" and captured.err == "WARNING: the arms are guessed\n"
     assert "missing.bvh" in refused("track", "missing.bvh", "-o", "b.bvh", "--quiet")
+
+
+def test_there_are_enough_of_them() -> None:
+    assert len(BAD) >= 250

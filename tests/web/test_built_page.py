@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+import hashlib
 import json
 import re
 import subprocess
@@ -14,7 +15,7 @@ import pytest
 from PIL import Image
 
 from bodysense.cli import main
-from bodysense_live.page_files import DRACO, write_page
+from bodysense_live.page_files import DRACO, WEBCAM, write_page
 
 PAGE = Path(__file__).parents[2] / "packages" / "live" / "src" / "bodysense_live" / "page"
 LARGEST_FILM = 1_500_000  # bytes
@@ -93,8 +94,50 @@ def test_a_folder_of_the_page_cannot_be_a_file(tmp_path: Path, capsys: pytest.Ca
     (tmp_path / "file").write_text("x")
     assert main(["page", "--out", str(tmp_path / "file")]) == 2
     assert capsys.readouterr().err == f"bodysense: --out {tmp_path / 'file'}: it is a file; give a folder\n"
-    assert main(["page", "--out", str(tmp_path / "new"), "--webcam", str(tmp_path)]) == 2
-    assert "no pose_landmarker_full.task in it" in capsys.readouterr().err
+
+
+def test_the_webcam_is_offered_only_with_its_files(
+    page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    models = tmp_path / "models"
+    models.mkdir()
+    for name in WEBCAM:
+        (models / name).write_text(name)
+
+    def offered(*options: str) -> bool:
+        assert main(["page", "--out", str(tmp_path / "out"), *options]) == 0
+        return json.loads((tmp_path / "out" / "page.json").read_text(encoding="utf-8"))["webcam"]
+
+    assert offered("--webcam", "--landmarkers", str(models))
+    assert all((tmp_path / "out" / name).read_text() == name for name in WEBCAM)
+    assert not offered()
+    assert "without the webcam; --webcam adds it" in capsys.readouterr().out
+    (models / "pose_landmarker_full.task").unlink()
+    new = ["page", "--out", str(tmp_path / "new"), "--webcam"]
+    assert main([*new, "--landmarkers", str(models)]) == 2
+    said = f"bodysense: --landmarkers {models}: there is no pose_landmarker_full.task; see docs/video.md"
+    assert capsys.readouterr().err.startswith(said)
+    assert main(["page", "--out", str(tmp_path / "new"), "--landmarkers", str(models)]) == 2
+    assert capsys.readouterr().err.endswith("is for the webcam; give --webcam, too\n")
+    monkeypatch.setattr("urllib.request.urlopen", no_network)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    assert main(new) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "pose_landmarker_full.task cannot be fetched (no network)" in line and "build_landmarkers.py" in line
+    assert not (tmp_path / "new").exists()
+
+
+def no_network(*_: object, **__: object) -> None:
+    raise OSError("no network")
+
+
+def test_the_webcams_files_are_those_of_npm(web: Path) -> None:
+    version = json.loads((web / "package-lock.json").read_text())["packages"]["node_modules/@mediapipe/tasks-vision"]
+    for name, (address, checksum) in WEBCAM.items():
+        if name.startswith("vision"):
+            assert f"tasks-vision@{version['version']}/wasm/{name}" in address
+            found = web / "node_modules" / "@mediapipe" / "tasks-vision" / "wasm" / name
+            assert hashlib.sha256(found.read_bytes()).hexdigest() == checksum
 
 
 def test_the_readme_opens_with_the_pages_film() -> None:

@@ -4,7 +4,7 @@ import type { Clip, SensorSet } from "./body/clip";
 import type { Observation } from "./body/observation";
 import { restHeight, withOffsets, type Skeleton } from "./body/skeleton";
 import type { Engine } from "./engine/engine";
-import { unpacked, type DefaultBody } from "./engine/files";
+import type { DefaultBody } from "./engine/files";
 import { FirstPicture, openPerformance, type FirstFiles } from "./first";
 import { HeadsetDoor } from "./headset_door";
 import { Live } from "./live";
@@ -35,7 +35,7 @@ import { Timeline } from "./ui/timeline";
 import { YouPanel } from "./ui/you_panel";
 import { Bodies } from "./view/bodies";
 import type { View } from "./view/scene";
-import { OWN } from "./view/wardrobe";
+import { addOwn } from "./view/wardrobe";
 import { HEIGHTS, measurementOf, personFrom, personOf, type Person } from "./wearer";
 
 const FILE_GUIDE =
@@ -43,7 +43,6 @@ const FILE_GUIDE =
 const NO_INPUT =
   "This server has no input of its own: what you see is the page's performance. Start the server with --replay, --vmc-in or --vmt.";
 const FACTS_EVERY = 150; // ms
-const OWN_AVATAR = "avatar.vrm.gz";
 
 export class App {
   private settings: Settings = loadSettings(() => localStorage);
@@ -335,11 +334,8 @@ export class App {
   private async openNamed(): Promise<void> {
     const named = new URLSearchParams(location.search);
     for (const address of ["avatar", "motion"].flatMap((kind) => named.get(kind) ?? [])) {
-      const answer = await fetch(new URL(address, this.base)).catch(() => null);
-      if (!answer?.ok)
-        throw new Error(`${address} cannot be fetched: it is not there, or its host allows no other page to read it.`);
-      const name = decodeURIComponent(new URL(answer.url).pathname.split("/").at(-1) ?? address);
-      await this.open(new File([await answer.blob()], name));
+      const { fileAt } = await import("./files/open");
+      await this.open(await fileAt(address, this.base));
     }
   }
 
@@ -373,13 +369,7 @@ export class App {
   /** Wear the page's own avatar; not before bodies are completed, which it would hold up. */
   private async wearOwn(): Promise<void> {
     await Promise.allSettled([this.engine.opened]);
-    const { Avatar, readGlb } = await import("./view/avatar"); // three-vrm is fetched when it is wanted
-    const avatar = Avatar.of(await readGlb(await unpacked(this.base, OWN_AVATAR), OWN_AVATAR), OWN_AVATAR);
-    if (!avatar) return;
-    const { wardrobe } = this.bodies;
-    const worn = wardrobe.wornName; // one that was dropped sooner
-    wardrobe.add(OWN, avatar);
-    if (worn !== null) wardrobe.wear(worn);
+    await addOwn(this.bodies.wardrobe, this.base);
   }
 
   private afterHeadset(text: string, isFault: boolean): void {

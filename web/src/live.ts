@@ -12,7 +12,6 @@ const MOST_WAITING = 2; // frames in the worker: newer ones are left out rather 
 const COUNTED = 600; // steps that times are taken of
 
 export class Live implements Sink {
-  readonly history = new History();
   readonly times: number[] = []; // ms, of the last steps
   settings: TrackerSettings = TRACKER_SETTINGS;
   hidden: ReadonlySet<string> = new Set(); // points that are not looked at
@@ -27,7 +26,8 @@ export class Live implements Sink {
     private readonly engine: Engine,
     readonly skeleton: Skeleton,
     private readonly failed: (reason: string) => void,
-    private readonly completed: (time: number, body: Body) => void,
+    private readonly completed: (time: number, body: Body) => void = () => undefined,
+    readonly history = new History(),
   ) {
     void engine.opened.then(
       () => {
@@ -60,14 +60,14 @@ export class Live implements Sink {
     this.engine.settings(settings);
   }
 
-  track(observation: Observation, truth: Body | null): void {
+  track(observation: Observation, truth: Body | null): boolean {
     if (!this.isReady) {
       if (truth) this.preview(observation, truth);
-      return;
+      return true;
     }
     if (this.engine.backlog >= MOST_WAITING) {
       this.left += 1;
-      return;
+      return false;
     }
     const take = this.take;
     const seen = { ...observation, points: observation.points.filter(({ name }) => !this.hidden.has(name)) };
@@ -75,6 +75,7 @@ export class Live implements Sink {
       (step) => take === this.take && this.keep(step, seen, truth),
       (error: unknown) => take === this.take && this.failed(error instanceof Error ? error.message : String(error)),
     );
+    return true;
   }
 
   /** Frames that were completed before; of more than the timeline holds every second, third … */

@@ -1,19 +1,33 @@
 import { App } from "./app";
+import { EmbeddedPage } from "./embedded";
+import { Embedder, originOf } from "./embedder";
 import { Engine } from "./engine/engine";
 import { firstFiles } from "./first";
 import { reasonOf } from "./notice";
 import { element, find } from "./page";
 import { View } from "./view/scene";
 
+const address = new URLSearchParams(location.search);
+let embedder: Embedder | null = null;
+
 function fault(text: string): void {
   element("notice-text").textContent = text;
   element("notice").dataset["kind"] = "fault";
   element("notice").hidden = false;
+  embedder?.tell({ bodysense: "error", reason: text });
+}
+
+/** Return the page around this one; null if there is none. */
+function embedderOf(): Embedder | null {
+  const named = address.get("embed");
+  if (named === null || parent === window) return null;
+  document.documentElement.dataset["embed"] = "";
+  return new Embedder(originOf(named, document.referrer));
 }
 
 function viewOf(canvas: HTMLCanvasElement): View | null {
   try {
-    const isClear = new URLSearchParams(location.search).get("background") === "transparent";
+    const isClear = address.get("background") === "transparent";
     if (isClear) document.documentElement.dataset["background"] = "transparent";
     return new View(canvas, element("transport"), element("intro"), isClear);
   } catch (error) {
@@ -31,17 +45,20 @@ canvas.addEventListener("webglcontextlost", () =>
 canvas.addEventListener("webglcontextrestored", () => (element("notice").hidden = true));
 const base = document.baseURI;
 const files = firstFiles(base); // on their way while the 3-D view is made
-const view = viewOf(canvas);
 let pressed: HTMLButtonElement | null = null; // before there is an app that hears it
 const remember = ({ target }: Event): void => {
   pressed = target instanceof Element ? target.closest("button") : null;
 };
 addEventListener("click", remember);
-if (view)
-  files
-    .then((first) => {
-      new App(view, new Engine(base), first, base);
-      removeEventListener("click", remember);
-      pressed?.click();
-    })
-    .catch((error: unknown) => fault(reasonOf(error)));
+
+async function open(): Promise<void> {
+  embedder = embedderOf();
+  const view = viewOf(canvas);
+  if (!view) return;
+  const first = await files;
+  if (embedder) new EmbeddedPage(view, new Engine(base), first, base, embedder);
+  else new App(view, new Engine(base), first, base);
+  removeEventListener("click", remember);
+  pressed?.click();
+}
+open().catch((error: unknown) => fault(reasonOf(error)));

@@ -20,6 +20,7 @@ from bodysense.errors import BodysenseError
 from bodysense.files import check_place
 from bodysense.io.markers.options import NO_OPTIONS, MarkerOptions
 from bodysense.io.rigs.options import AS_FOUND
+from bodysense.ranges import Samples
 
 if TYPE_CHECKING:
     from bodysense.body.person import Person
@@ -96,7 +97,7 @@ def track(  # noqa: PLR0915
     noise: bool = False,
     model: Path | None = None,
     fingers: Literal["tracked", "synthesize"] = "tracked",
-    samples: int | None = None,
+    samples: Samples | None = None,
     seed: int = 1,
     json: Path | None = None,
     markers: Annotated[MarkerOptions, tyro.conf.OmitArgPrefixes] = NO_OPTIONS,

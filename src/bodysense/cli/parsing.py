@@ -119,6 +119,9 @@ def _wanted(argument: Any) -> str:
     metavar, found = str(argument.lowered.metavar), argument.field.helptext
     text = str((found() if callable(found) else found) or "")
     kind = next((words for name, words in _KINDS.items() if name in metavar), f"one of {metavar.strip('{}')}")
+    bounds = re.search(r"\((.*)\)", metavar)
+    if bounds is not None:
+        return f"{kind}, {bounds[1]}"
     example = next((more for word, more in _EXAMPLES.items() if word in text), "")
     return kind + (example if "number" in kind else "")
 

@@ -23,7 +23,7 @@ def site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     for name in (POSE_LANDMARKER, HAND_LANDMARKER):
         (folder / name).write_bytes(name.encode())
         official[name] = ((folder / name).as_uri(), hashlib.sha256(name.encode()).hexdigest())
-    monkeypatch.setattr(landmarker_files, "_OFFICIAL", official)
+    monkeypatch.setattr(landmarker_files, "OFFICIAL", official)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     return folder
 

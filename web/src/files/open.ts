@@ -48,6 +48,14 @@ export async function openFile(
   );
 }
 
+/** Fetch a file that an address names. Throws an Error of one line if it cannot be read. */
+export async function fileAt(address: string, base: string): Promise<File> {
+  const answer = await fetch(new URL(address, base), { credentials: "omit" }).catch(() => null);
+  if (!answer?.ok)
+    throw new Error(`${address} cannot be fetched: it is not there, or its host allows no other page to read it.`);
+  return new File([await answer.blob()], decodeURIComponent(new URL(answer.url).pathname.split("/").at(-1) ?? address));
+}
+
 async function openGlb(bytes: ArrayBuffer, name: string, tree: Skeleton): Promise<Opened> {
   const [{ Avatar, readGlb }, { rigOfGlb }] = await Promise.all([import("../view/avatar"), import("./glb_read")]);
   const file = await readGlb(bytes, name);

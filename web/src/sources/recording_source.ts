@@ -1,43 +1,55 @@
 /** A recording of what a device tracked, played at its own pace. */
 
 import type { Observation } from "../body/observation";
+import { Rounds } from "./rounds";
 import type { Sink, Source } from "./source";
-
-const REST = 2; // s between two rounds
 
 export class RecordingSource implements Source {
   readonly guide = "What the device tracked is completed anew; under Settings parts of it can be switched off.";
-  private began: number | null = null; // ms
-  private next = 0;
-  private round = 0;
+  readonly rounds: Rounds;
+  private last = ""; // round and index of the frame that was given last
 
   constructor(
     private readonly frames: readonly Observation[],
     private readonly sink: Sink,
     readonly title: string,
-  ) {}
+    ended?: (clock: number) => void,
+  ) {
+    this.rounds = new Rounds(this.timeOf(frames.length - 1), ended);
+  }
 
   get sensors(): readonly string[] {
     return this.frames[0]?.points.map(({ name }) => name) ?? [];
   }
 
   frame(milliseconds: number): void {
-    const first = this.frames[0]?.time ?? 0;
-    this.began ??= milliseconds;
-    const length = (this.frames.at(-1)?.time ?? 0) - first + REST;
-    const time = (milliseconds - this.began) / 1000;
-    let newest: Observation | null = null; // of those that are due: a page that was hidden does not catch up
-    while (this.next < this.frames.length && this.frames[this.next].time - first + this.round * length <= time) {
-      newest = this.frames[this.next++];
-    }
-    if (newest) this.sink.track({ ...newest, time: newest.time - first + this.round * length }, null);
-    if (this.next >= this.frames.length && time > (this.round + 1) * length) {
-      this.next = 0;
-      this.round += 1;
-    }
+    const { rounds } = this;
+    if (!rounds.advance(milliseconds)) return;
+    const index = this.newest(rounds.time);
+    const name = `${rounds.number}:${index}`;
+    if (name === this.last) return;
+    const time = rounds.clock(Math.max(this.timeOf(index), rounds.from));
+    if (this.sink.track({ ...this.frames[index], time }, null)) this.last = name;
+    else rounds.again();
   }
 
   stop(): void {
-    this.began = null;
+    // Nothing runs.
+  }
+
+  /** Seconds of a frame after the first. */
+  private timeOf(index: number): number {
+    return (this.frames[index]?.time ?? 0) - (this.frames[0]?.time ?? 0);
+  }
+
+  /** Index of the newest frame that is due at a time, s: a page that was hidden does not catch up. */
+  private newest(time: number): number {
+    let [low, high] = [0, this.frames.length - 1];
+    while (low < high) {
+      const middle = (low + high + 1) >> 1;
+      if (this.timeOf(middle) <= time) low = middle;
+      else high = middle - 1;
+    }
+    return low;
   }
 }

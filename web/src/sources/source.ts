@@ -5,8 +5,8 @@ import type { Body } from "../body/skeleton";
 
 /** Where a source's frames go. */
 export interface Sink {
-  /** Take an observation, and the true body if it is known. */
-  track(observation: Observation, truth: Body | null): void;
+  /** Take an observation, and the true body if it is known. Returns whether there was time for it. */
+  track(observation: Observation, truth: Body | null): boolean;
 }
 
 export interface Source {

@@ -54,18 +54,17 @@ export class View {
 
   /** `over` lies over the bottom of the canvas where it is fixed, `beside` over its left: the body is clear of both.
    *
-   * `isClear`: nothing but the body and its shadow is drawn, as recording programs overlay it.
+   * `isClear`: see `clear`.
    */
   constructor(
     canvas: HTMLCanvasElement,
     private readonly over: HTMLElement,
     private readonly beside: HTMLElement,
-    private readonly isClear = false,
+    private isClear = false,
   ) {
     const isFast = hasGraphicsCard();
     this.renderer = new WebGLRenderer({
       canvas,
-      alpha: isClear,
       antialias: isFast,
       powerPreference: "high-performance",
     });
@@ -134,6 +133,18 @@ export class View {
     this.floor.position.set(x, 0, z);
   }
 
+  /** Draw nothing but the body and its shadow, as recording programs overlay it, or all again. */
+  clear(isClear: boolean): void {
+    this.isClear = isClear;
+    this.paint(this.look);
+  }
+
+  /** Leave the wheel and a finger's stroke upwards to the page around this one, which scrolls by them. */
+  letScroll(): void {
+    this.controls.enableZoom = false;
+    this.renderer.domElement.style.touchAction = "pan-y";
+  }
+
   /** Whether the wearer's own room is behind the body, in place of the page's floor. */
   showRoom(isRoom: boolean): void {
     this.isRoom = isRoom;
@@ -143,6 +154,7 @@ export class View {
   paint(look: Look): void {
     this.look = look;
     const isBare = this.isClear || this.isRoom;
+    this.renderer.setClearAlpha(isBare ? 0 : 1);
     this.scene.background = isBare ? null : new Color(PAPER[look]);
     this.scene.fog = isBare ? null : new Fog(PAPER[look], 7, 14);
     this.paint_.visible = !isBare;
@@ -174,7 +186,7 @@ export class View {
     if (width === 0 || height === 0) return;
     const wasPortrait = this.isPortrait;
     this.isPortrait = width < 0.8 * height;
-    const isOver = getComputedStyle(this.over).position === "fixed";
+    const isOver = this.over.clientHeight > 0 && getComputedStyle(this.over).position === "fixed";
     const free = height - (isOver ? Math.min(height - this.over.offsetTop, height / 2) : 0);
     const { right } = this.beside.getBoundingClientRect();
     const aside = isOver ? Math.min(Math.max(right + CLEAR - width / 2, 0), width / 8) : 0;

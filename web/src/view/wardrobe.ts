@@ -1,9 +1,11 @@
 /** Avatars that were put on, by name: one is worn, the others wait for their turn. */
 
 import type { Object3D } from "three";
+import { unpacked } from "../engine/files";
 import type { Avatar } from "./avatar";
 
 export const OWN = "The page's own"; // which stays
+const OWN_FILE = "avatar.vrm.gz";
 const MOST = 4; // avatars: each holds its textures
 
 export class Wardrobe {
@@ -45,4 +47,13 @@ export class Wardrobe {
     this.avatars.get(name)?.dispose();
     this.avatars.delete(name);
   }
+}
+
+/** Add the page's own avatar, which is worn unless another one came sooner. */
+export async function addOwn(wardrobe: Wardrobe, base: string): Promise<void> {
+  const { Avatar, readGlb } = await import("./avatar"); // three-vrm is fetched when it is wanted
+  const avatar = Avatar.of(await readGlb(await unpacked(base, OWN_FILE), OWN_FILE), OWN_FILE);
+  const worn = wardrobe.wornName;
+  if (avatar) wardrobe.add(OWN, avatar);
+  if (worn !== null) wardrobe.wear(worn);
 }

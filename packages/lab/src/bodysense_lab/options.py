@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal, TypeVar
 import tyro
 
 from bodysense.errors import BodysenseError
+from bodysense.ranges import Count, Processes
 
 Split = Literal["train", "val", "test", "all"]
 Output = Annotated[Path, tyro.conf.arg(aliases=("-o",))]
@@ -48,13 +49,13 @@ class Run:
 
     out: Output
     """file or folder to write; checkpoint and log are next to it, and training resumes from them"""
-    limit: int | None = None
+    limit: Count | None = None
     """number of clips of each split, spread evenly, for a trial; all if omitted"""
-    threads: int | None = None
+    threads: Processes | None = None
     """PyTorch threads; its own choice if omitted"""
-    devices: int = 1
+    devices: Processes = 1
     """accelerators that share the training, or processes on a machine without them"""
-    nodes: int = 1
+    nodes: Processes = 1
     """machines that share the training: start it on each with `torchrun`; they share the folder of --out"""
 
     def __post_init__(self) -> None:
@@ -112,7 +113,7 @@ class TableOptions:
     """people to score"""
     quick: bool = False
     """score the first seconds of a few clips, in under a minute; the table says what was left out"""
-    jobs: int | None = None
+    jobs: Processes | None = None
     """processes; all processors if omitted"""
     out: Path = Path("bodysense-tables")
     """folder for the table as CSV and as a picture (PNG)"""

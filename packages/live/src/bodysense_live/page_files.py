@@ -14,6 +14,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
+from bodysense.devices.video.landmarker_files import OFFICIAL, POSE_LANDMARKER
 from bodysense.errors import BodysenseError
 from bodysense.files import written_beside
 
@@ -24,12 +25,19 @@ _OF_THE_LIBRARY = {
 }
 _NETWORK = "completion.safetensors"
 LIBRARY_FILES = (f"{_NETWORK}.gz", *_OF_THE_LIBRARY)  # by the names that the page asks for
-# MediaPipe's files for finding a person in a webcam's picture; optional.
-WEBCAM = (
-    "pose_landmarker_full.task",
-    "vision_wasm_module_internal.js",
-    "vision_wasm_module_internal.wasm",
-)
+_VISION = "https://cdn.jsdelivr.net/npm/@mediapipe/tasks-vision@1.1.0/wasm"  # the version of web/package-lock.json
+# MediaPipe's files for finding a person in a webcam's picture, with address and SHA-256; optional.
+WEBCAM = {
+    POSE_LANDMARKER: OFFICIAL[POSE_LANDMARKER],
+    "vision_wasm_module_internal.js": (
+        f"{_VISION}/vision_wasm_module_internal.js",
+        "70eff3956521b7de058d7173a4935c95e4a223c26ea624b9f5a936d3a043dcb0",
+    ),
+    "vision_wasm_module_internal.wasm": (
+        f"{_VISION}/vision_wasm_module_internal.wasm",
+        "ee03b14a878e6c3c053a1bfa62e166dc45244be54dc0bbe61c578f710b771f6a",
+    ),
+}
 DRACO = ("DRACOLoader.js", "draco_decoder.wasm", "draco_wasm_wrapper.js")  # for files that are packed by it
 WHEN_USED = frozenset({*WEBCAM, *DRACO, "webcam.js", "camera_worker.js"})  # cached for later visits once they were used
 
@@ -84,8 +92,7 @@ def page_files(webcam: Path | None = None) -> Iterator[tuple[str, bytes]]:
 
 def write_page(out: Path, webcam: Path | None = None) -> list[tuple[str, int]]:
     """Write the folder; names and sizes of its files. Other files in it stay."""
-    if out.exists() and not out.is_dir():
-        raise BodysenseError(f"--out {out}: it is a file; give a folder")
+    check_out(out)
     out.mkdir(parents=True, exist_ok=True)
     written = []
     for name, content in page_files(webcam):
@@ -93,3 +100,9 @@ def write_page(out: Path, webcam: Path | None = None) -> list[tuple[str, int]]:
             beside.write_bytes(content)
         written.append((name, len(content)))
     return written
+
+
+def check_out(out: Path) -> None:
+    """Raise BodysenseError if no folder can be written there."""
+    if out.exists() and not out.is_dir():
+        raise BodysenseError(f"--out {out}: it is a file; give a folder")

@@ -8,7 +8,7 @@ from __future__ import annotations
 import hashlib
 import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,7 +19,7 @@ from bodysense.files import cache_folder, written_beside
 POSE_LANDMARKER = "pose_landmarker_full.task"
 HAND_LANDMARKER = "hand_landmarker.task"
 _SITE = "https://storage.googleapis.com/mediapipe-models"
-_OFFICIAL = {  # address and SHA-256 of Google's files
+OFFICIAL = {  # address and SHA-256 of Google's files
     POSE_LANDMARKER: (
         f"{_SITE}/pose_landmarker/pose_landmarker_full/float16/1/{POSE_LANDMARKER}",
         "4eaa5eb7a98365221087693fcc286334cf0858e2eb6e15b506aa4a7ecdcec4ad",
@@ -50,15 +50,24 @@ def find_landmarkers(folder: Path | None = None) -> LandmarkerFiles:
 
     Raises BodysenseError where one is missing and cannot be fetched.
     """
+    folder = find_files(folder, OFFICIAL)
+    return LandmarkerFiles(folder / POSE_LANDMARKER, folder / HAND_LANDMARKER)
+
+
+def find_files(folder: Path | None, wanted: Mapping[str, tuple[str, str]]) -> Path:
+    """The folder that has the files: the given one, or the cache, where those that are missing are fetched and checked.
+
+    `wanted` has an address and a SHA-256 by name. Raises BodysenseError where one is missing and cannot be fetched.
+    """
     if folder is None:
         folder = landmarker_folder()
-        for name, (address, checksum) in _OFFICIAL.items():
+        for name, (address, checksum) in wanted.items():
             if not (folder / name).is_file():
                 _fetch(address, folder / name, checksum)
-    for name in _OFFICIAL:
+    for name in wanted:
         if not (folder / name).is_file():
-            raise BodysenseError(f"{folder}: there is no {name}; see docs/video.md for where to get it")
-    return LandmarkerFiles(folder / POSE_LANDMARKER, folder / HAND_LANDMARKER)
+            raise BodysenseError(f"--landmarkers {folder}: there is no {name}; see docs/video.md for where to get it")
+    return folder
 
 
 def _fetch(address: str, path: Path, checksum: str) -> None:
@@ -70,8 +79,8 @@ def _fetch(address: str, path: Path, checksum: str) -> None:
     except OSError as error:
         reason = getattr(error, "reason", None) or error
         raise BodysenseError(
-            f"{address} cannot be fetched ({reason}); put {path.name} into {path.parent} yourself (docs/video.md), "
-            "or give its folder with --landmarkers"
+            f"{address} cannot be fetched ({reason}); put {path.name} into {path.parent} yourself, by "
+            "scripts/build_landmarkers.py of a clone (docs/video.md), or give its folder with --landmarkers"
         ) from None
     found = hashlib.sha256(content).hexdigest()
     if found != checksum:

@@ -7,11 +7,12 @@ from typing import Annotated
 
 import tyro
 
-from bodysense.cli.options import Reading
+from bodysense.cli.options import Reading, check_rate
 from bodysense.errors import BodysenseError
 from bodysense.files import check_place
 from bodysense.io.datasets.layouts import Layout
 from bodysense.io.rigs.options import AS_FOUND
+from bodysense.ranges import Hours, Processes
 from bodysense_lab.options import Output
 
 Folder = Annotated[Path, tyro.conf.Positional]
@@ -21,7 +22,7 @@ def prepare(
     directory: Folder,
     out: Output,
     rate: float = 30.0,
-    workers: int | None = None,
+    workers: Processes | None = None,
     scheduler: str | None = None,
     layout: Layout | None = None,
     split_lists: Path | None = None,
@@ -42,6 +43,7 @@ def prepare(
     """
     from bodysense_lab.preparation import prepare as prepare_store
 
+    check_rate("--rate", rate)
     sources = None
     if split_lists is not None:
         from bodysense_lab.amass_p1 import listed_sources
@@ -62,7 +64,7 @@ def prepare(
     )
 
 
-def fingers(out: Output, hours: float = 10.0, seed: int = 1) -> None:
+def fingers(out: Output, hours: Hours = 10.0, seed: int = 1) -> None:
     """Synthesise finger motion of both hands, to train the fingers of completion.
 
     Args:

@@ -13,6 +13,7 @@ from bodysense.cli.options import Reading
 from bodysense.errors import BodysenseError
 from bodysense.files import check_place, make_folder
 from bodysense.io.rigs.options import AS_FOUND
+from bodysense.ranges import Count, Processes
 from bodysense_lab.commands.reporting import tracker_settings
 
 if TYPE_CHECKING:
@@ -37,12 +38,12 @@ def build(
     out: Annotated[Path, tyro.conf.Positional],
     clips: tuple[Path, ...] = (),
     seconds: float = 6.0,
-    scenes: int = 8,
+    scenes: Count = 8,
     model: Path | None = None,
     last_known: Literal["world", "head", "heading"] = "heading",
     half_life: float | None = None,
     seed: int = 0,
-    jobs: int | None = None,
+    jobs: Processes | None = None,
     reading: Reading = AS_FOUND,
 ) -> None:
     """Make a study: the pages that raters see, and the key to them (docs/study.md).
@@ -143,7 +144,7 @@ def simulate(
     key: KeyFile,
     out: Annotated[Path, tyro.conf.arg(aliases=("-o",))],
     preference: str = "",
-    raters: int = 39,
+    raters: Count = 39,
     ties: float = 0.2,
     seed: int = 0,
 ) -> None:

@@ -8,6 +8,7 @@ from typing import Literal
 
 from bodysense.devices.simulated.sensors import SENSOR_SETS, TABLE_SETS
 from bodysense.errors import BodysenseError
+from bodysense.ranges import Count, Hours, Processes
 from bodysense_lab.options import (
     Card,
     Flat,
@@ -37,7 +38,7 @@ class CompletionTraining(MotionRun, Card):
     """checkpoint of an earlier run, or a completion network (.safetensors), whose weights the body begins with"""
     finger_steps: int = FINGER_SCHEDULE.steps
     """optimiser steps of the fingers' network; 0 leaves relaxed fingers"""
-    threads: int | None = 1
+    threads: Processes | None = 1
     """PyTorch threads"""
 
     @property
@@ -61,9 +62,9 @@ class FingerTraining(MotionRun):
     schedule: Flat[Schedule] = FINGER_SCHEDULE
     leave_out: str = ""
     """person excluded from training"""
-    generated_hours: float = 0.0
+    generated_hours: Hours = 0.0
     """hours of generated fingers that are mixed with recorded ones; 0: none"""
-    threads: int | None = 1
+    threads: Processes | None = 1
     """PyTorch threads"""
 
     @property
@@ -89,7 +90,7 @@ class CompletionEvaluation(MotionEvaluation):
     """sensor sets"""
     bodies: tuple[Body, ...] = BODIES
     """proportions: the recording's, or an unseen body's of which all, the height or nothing is known"""
-    limit: int | None = None
+    limit: Count | None = None
     """number of clips, spread evenly, for a sample with its intervals; all if omitted"""
     model: Path | None = None
     """completion network of your own; the packaged one if omitted"""
@@ -99,7 +100,7 @@ class CompletionEvaluation(MotionEvaluation):
     """score takes as well, completed with past and future, which takes three times as long"""
     keep: Path | None = None
     """folder that keeps the results of every clip; clips that are in it are not scored again"""
-    jobs: int | None = None
+    jobs: Processes | None = None
     """processes; all processors if omitted. Steps are timed afterwards, alone"""
     scheduler: str | None = None
     """address of a Dask scheduler to run on instead of this machine, like tcp://host:8786"""
@@ -140,9 +141,9 @@ class AmassEvaluation:
     """SMPL-H model whose mean body everybody has, as published: male/model.npz; the default body if omitted"""
     model: Path | None = None
     """completion network of your own; the packaged one, which did not learn from these lists, if omitted"""
-    limit: int | None = None
+    limit: Count | None = None
     """number of clips, spread evenly; all if omitted"""
-    jobs: int = 1
+    jobs: Processes = 1
     """processes"""
     json: Path | None = None
     """file for the numbers, as one flat object"""
@@ -181,7 +182,7 @@ class UntrackedFingerEvaluation:
 class HoleEvaluation(MotionEvaluation):
     """Filled holes compared with interpolation."""
 
-    clips: int | None = None
+    clips: Count | None = None
     """number of clips, spread evenly; all if omitted"""
     table: Flat[TableOptions] = TableOptions()
 

@@ -9,6 +9,7 @@ from typing import Literal
 from bodysense.body.skeleton import BODY
 from bodysense.devices.simulated.three_point import POINTS
 from bodysense.errors import BodysenseError
+from bodysense.ranges import Processes
 from bodysense_lab.options import (
     Card,
     Flat,
@@ -166,7 +167,7 @@ class VaeEvaluation(MotionEvaluation):
     """folder that `bodysense train hmd-vae` wrote"""
     split_file: Path | None = None
     """list that they were trained with: its motions 'PATH test' are scored instead of a split by person"""
-    threads: int | None = None
+    threads: Processes | None = None
     """PyTorch threads; its own choice if omitted"""
     table: Flat[TableOptions] = TableOptions()
 

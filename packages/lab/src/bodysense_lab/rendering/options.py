@@ -9,6 +9,7 @@ from tyro.conf import Positional
 
 from bodysense.errors import BodysenseError
 from bodysense.io.rigs.options import AS_FOUND, ReadingOptions
+from bodysense.ranges import Count
 from bodysense_lab.options import Flat, Output, Split
 
 
@@ -20,7 +21,7 @@ class Rendering:
     """folder of the set: NAME.mp4 and NAME.npz"""
     motion: Positional[Path | None] = None
     """folder of motion files, prepared store, or one file; scripted gestures of arms if omitted"""
-    videos: int = 24
+    videos: Count = 24
     """number of videos, spread over the clips"""
     seconds: float = 6.0
     """greatest length of each video"""

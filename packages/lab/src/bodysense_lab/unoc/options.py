@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
 from bodysense.errors import BodysenseError
+from bodysense.ranges import Processes
 from bodysense_lab.options import Training, check_ending, check_fields
 
 if TYPE_CHECKING:
@@ -73,7 +74,7 @@ class TablesTraining(Training):
     """losses of bones and of occlusion as sums over joints, as the paper prints them; means if omitted"""
     batch_scale: float = 1.0
     """factor on the paper's batch sizes; with fewer windows, smaller batches keep the number of steps"""
-    jobs: int = 1
+    jobs: Processes = 1
     """networks trained side by side, each in a process of its own"""
 
     def __post_init__(self) -> None:

@@ -14,6 +14,7 @@ from bodysense.devices.simulated.device import DeviceName
 from bodysense.errors import BodysenseError
 from bodysense.files import check_place
 from bodysense.io.rigs.options import AS_FOUND
+from bodysense.ranges import Processes, Sessions
 from bodysense_live.commands.serve_options import (
     access_of,
     address_of,
@@ -64,8 +65,8 @@ def serve(
     seated: bool = False,
     recentre: bool = False,
     smoothing: float = 0.0,
-    sessions: int = 64,
-    workers: int = 1,
+    sessions: Sessions = 64,
+    workers: Processes = 1,
     shared: Annotated[str | None, tyro.conf.arg(metavar="ADDRESS")] = None,
     reading: Reading = AS_FOUND,
 ) -> None:

@@ -6,10 +6,11 @@ from pathlib import Path
 
 import numpy as np
 
+from bodysense.ranges import Count
 from bodysense_lab.commands.bench.timing import percentiles, report
 
 
-def arms(frames: int = 2000, model: Path | None = None, json: Path | None = None) -> None:
+def arms(frames: Count = 2000, model: Path | None = None, json: Path | None = None) -> None:
     """Time the network of arms and hands on a window of 32 frames, and the estimator a frame at a time.
 
     Args:

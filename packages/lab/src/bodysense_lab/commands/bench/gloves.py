@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from bodysense.ranges import Count
 from bodysense_lab.commands.bench.timing import percentiles, report, resident_memory, streamed
 
 
-def gloves(frames: int = 3000, json: Path | None = None) -> None:
+def gloves(frames: Count = 3000, json: Path | None = None) -> None:
     """Time gloves with one hidden marker a hand, a frame at a time, everything included: one hand, then two.
 
     Which marker is hidden changes every half second. `all` is with none hidden. The step that moves hands and fingers

@@ -6,10 +6,11 @@ from pathlib import Path
 
 import numpy as np
 
+from bodysense.ranges import Count
 from bodysense_lab.commands.bench.timing import percentiles, report
 
 
-def ik(frames: int = 3000, noise: float = 0.0, json: Path | None = None) -> None:
+def ik(frames: Count = 3000, noise: float = 0.0, json: Path | None = None) -> None:
     """Time inverse kinematics of the whole body, a frame at a time, from the frame before.
 
     Args:

@@ -20,6 +20,7 @@ import numpy as np
 import psutil
 
 from bodysense.errors import BodysenseError
+from bodysense.ranges import Processes, Sessions
 
 _POINTS = ("head", "left_wrist", "right_wrist")
 _BEAT = 240  # frames of motion that clients repeat
@@ -29,10 +30,10 @@ _UNMASKED = b"\0\0\0\0"  # a masking key that changes nothing (RFC 6455, section
 
 
 def bench_live(
-    sessions: int = 40,
+    sessions: Sessions = 40,
     rate: float = 72.0,
     seconds: float = 20.0,
-    workers: int = 1,
+    workers: Processes = 1,
     most: bool = False,
     json: Path | None = None,
 ) -> None:

@@ -7,9 +7,10 @@ from dataclasses import asdict
 from pathlib import Path
 
 from bodysense.errors import BodysenseError
+from bodysense.ranges import Count
 
 
-def live_fuzz(frames: int = 1_000_000, seed: int = 1, json: Path | None = None) -> None:
+def live_fuzz(frames: Count = 1_000_000, seed: int = 1, json: Path | None = None) -> None:
     """Send hostile messages to the server's code, without a network; fails where anything but a refusal comes out.
 
     Args:

@@ -18,13 +18,14 @@ from typing import Any
 import numpy as np
 
 from bodysense.errors import BodysenseError
+from bodysense.ranges import Count
 
 _WARM_UP = 100  # frames
 _PATIENCE = 0.5  # s for a body that does not come
 _TO_START = 60.0  # s
 
 
-def live_outputs(frames: int = 2000, rate: float = 72.0, json: Path | None = None) -> None:
+def live_outputs(frames: Count = 2000, rate: float = 72.0, json: Path | None = None) -> None:
     """Time the way through a server: headset and controllers in by VMC, bodies out by VMC, VRChat, VMT and SolarXR.
 
     From the moment that a packet is sent to the first packet of its body, as a program on this machine sees it; `all`

@@ -6,14 +6,15 @@ from dataclasses import asdict
 from pathlib import Path
 
 from bodysense.errors import BodysenseError
+from bodysense.ranges import Processes, Sessions
 
 
 def live_soak(
     minutes: float = 10.0,
-    sessions: int = 8,
+    sessions: Sessions = 8,
     rate: float = 72.0,
     loss: float = 0.05,
-    workers: int = 1,
+    workers: Processes = 1,
     kill_every: float = 0.0,
     shared: str | None = None,
     json: Path | None = None,

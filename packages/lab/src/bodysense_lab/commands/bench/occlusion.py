@@ -7,10 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
+from bodysense.ranges import Count
 from bodysense_lab.commands.bench.timing import report
 
 
-def occlusion(frames: int = 30_000, json: Path | None = None) -> None:
+def occlusion(frames: Count = 30_000, json: Path | None = None) -> None:
     """Time the simulation of what a headset's cameras see: the median of five passes after one to warm up.
 
     Args:

@@ -18,6 +18,7 @@ from bodysense.body.person import Person
 from bodysense.devices.simulated.device import SensorSetName
 from bodysense.errors import BodysenseError
 from bodysense.observation import Observation
+from bodysense.ranges import Count
 from bodysense_lab.commands.bench.timing import percentiles, report, resident_memory, streamed
 
 if TYPE_CHECKING:
@@ -29,8 +30,8 @@ _ROUNDS = 1000  # of the products
 
 def bench_step(
     device: SensorSetName = "three_point",
-    frames: int = 3000,
-    people: int = 16,
+    frames: Count = 3000,
+    people: Count = 16,
     model: Path | None = None,
     onnx: Path | None = None,
     json: Path | None = None,

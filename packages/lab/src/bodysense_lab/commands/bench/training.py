@@ -5,10 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 from bodysense.errors import BodysenseError
+from bodysense.ranges import Processes
 from bodysense_lab.commands.bench.timing import report
 
 
-def training(steps: int = 6, threads: int = 1, json: Path | None = None) -> None:
+def training(steps: int = 6, threads: Processes = 1, json: Path | None = None) -> None:
     """Time steps of `train completion`, and UNOC's training on windows and on whole sequences with carried state.
 
     A window teaches one frame, its last; a sequence teaches every frame that it plays.

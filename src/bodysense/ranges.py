@@ -1,0 +1,32 @@
+"""Numbers of the command line, each with a range; others are refused before any work."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+from tyro.constructors import PrimitiveConstructorSpec
+
+
+def within(kind: type[int] | type[float], least: float, most: float) -> PrimitiveConstructorSpec[Any]:
+    """Return the rule of tyro for a number from `least` to `most`; its metavar names the range."""
+
+    def read(words: list[str]) -> float:
+        value = kind(words[0])
+        if not least <= value <= most:
+            raise ValueError(f"{value} is not from {least} to {most}")
+        return value
+
+    return PrimitiveConstructorSpec(
+        nargs=1,
+        metavar=f"{kind.__name__.upper()}({least} to {most})",
+        instance_from_str=read,
+        is_instance=lambda value: isinstance(value, (int, kind)),
+        str_from_instance=lambda value: [str(value)],
+    )
+
+
+Samples = Annotated[int, within(int, 1, 1000)]  # bodies; each is a file, or a figure of a picture
+Processes = Annotated[int, within(int, 1, 1024)]  # processes, threads or machines
+Sessions = Annotated[int, within(int, 1, 10_000)]  # wearers of a server
+Count = Annotated[int, within(int, 1, 10_000_000)]  # clips, frames, steps
+Hours = Annotated[float, within(float, 0, 1000)]
