@@ -22,15 +22,13 @@ from bodysense.io.augment import at_height
 from bodysense.io.bvh_text import BvhFile, parse_bvh
 from bodysense.io.clip import Clip
 from bodysense.io.rigs import words
+from bodysense.io.rigs.body import find_body
 from bodysense.io.rigs.canonical import canonical
-from bodysense.io.rigs.figure import Figure
-from bodysense.io.rigs.limbs import Tree
+from bodysense.io.rigs.figure import Figure, measured
 from bodysense.io.rigs.named import ARMS, LEGS, table_of
 from bodysense.io.rigs.names import joints_of
 from bodysense.io.rigs.options import AS_FOUND, ReadingOptions
-from bodysense.io.rigs.rig import Rig, recognise, sampled
-from bodysense.io.rigs.stance import UPRIGHT, standing_rest
-from bodysense.io.rigs.structure import find_body
+from bodysense.io.rigs.rig import Rig, recognise
 
 BONES = (("shoulder", "elbow"), ("elbow", "wrist"), ("hip", "knee"), ("knee", "ankle"))
 
@@ -161,7 +159,7 @@ def _size(figure: Figure, point: int) -> int:
 
 def _is_body(figure: Figure) -> bool:
     try:
-        find_body(Tree(figure, sampled(figure).world()[0]))
+        find_body(measured(figure))
     except BodysenseError:
         return False
     return True
@@ -228,15 +226,7 @@ def _clip(figure: Figure, rig: Rig, must_stand: bool) -> Clip:
     if "pelvis" not in rig.joints:
         source, place = _with_pelvis(source, place, rig)
         joints[PELVIS] = "pelvis"
-    stance = standing_rest(source, joints)
-    if must_stand and stance.torso > UPRIGHT:
-        raise BodysenseError(
-            f"{figure.name}: its rest pose is none that a body stands in, and in no frame is its torso upright (at "
-            f"best {np.rad2deg(stance.torso):.0f}° from it); leave it out"
-        )
-    hinges = stance.rest is not None and not must_stand
-    turns = place is None or figure.turns
-    clip = canonical(source, joints, rest=stance.rest, place=place, hinges=hinges, turns=turns)
+    clip = canonical(source, joints, place, turns=place is None or figure.turns, must_stand=must_stand)
     return replace(clip, name=Path(figure.name).stem)
 
 
