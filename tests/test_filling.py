@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import bodysense
+from bodysense.body.footing import side_clearance
 from bodysense.body.pose import forward_kinematics
-from bodysense.body.retarget import side_clearance
 from bodysense.body.rotation import geodesic_angle
 from bodysense.demo import packaged_performance
 from bodysense.errors import BodysenseError

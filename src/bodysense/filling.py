@@ -14,10 +14,9 @@ from pathlib import Path
 import numpy as np
 
 from bodysense.body import gaps
-from bodysense.body.footing import stopped_slide
+from bodysense.body.footing import side_clearance, stopped_slide
 from bodysense.body.pose import Pose, forward_kinematics, local_rotation
 from bodysense.body.reach import reaching
-from bodysense.body.retarget import side_clearance
 from bodysense.body.rotation import (
     quaternion_canonical,
     quaternion_conjugate,

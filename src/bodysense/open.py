@@ -11,17 +11,17 @@ from typing import Literal
 import numpy as np
 
 from bodysense.arrays import array_shapes, conversion
+from bodysense.body.glove import glove_hands
 from bodysense.body.hand import Side, hand_skeleton
 from bodysense.body.skeleton import default_skeleton
-from bodysense.devices.gloves.device import has_gloves
 from bodysense.devices.gloves.labelling import Labeller
 from bodysense.devices.video.pictures import is_video
 from bodysense.errors import BodysenseError
 from bodysense.filling import PartialMotion, open_partial
-from bodysense.io.archive import ZIP
+from bodysense.io.archive import ZIP, MotionFile
 from bodysense.io.clip import Clip
 from bodysense.io.datasets.sources import Source as MotionEntry
-from bodysense.io.datasets.sources import as_told, read_amass_source, read_with_rig
+from bodysense.io.datasets.sources import as_told, read_amass_source
 from bodysense.io.gltf import motion as io_gltf
 from bodysense.io.holes import Missing
 from bodysense.io.markers.body import body_of
@@ -33,6 +33,7 @@ from bodysense.io.markers.raw_markers import RawMarkers
 from bodysense.io.markers.recording import MarkerRecording, read_markers, with_hands_of
 from bodysense.io.recording import Recording, is_recording, read_recording
 from bodysense.io.rigs.options import AS_FOUND, ReadingOptions
+from bodysense.io.rigs.rigged import read_rigged
 from bodysense.io.smpl import PICKLES, USUAL_RATE, is_smpl, joint_places, read_smpl
 from bodysense.observation import Observation, in_our_world
 
@@ -228,12 +229,11 @@ def _read_motion(path: Path, options: ReadingOptions, rate: float | None) -> tup
         return as_told(clip, replace(options, joints=None), "glTF files", "y"), tuple(
             f"note: {remark}" for remark in remarks
         )
-    entry = MotionEntry(path, person="", split="test")
     if path.suffix.lower() == ".npz":
-        clip, placement = read_amass_source(entry, options)
+        clip, placement = read_amass_source(MotionEntry(path, person="", split="test"), options)
         return clip, () if placement is None else (f"note: {placement.remark}",)
-    clip, rig = read_with_rig(entry, options)
-    return clip, () if rig is None else (f"read {path}: {rig.line()}",)
+    rigged = read_rigged(MotionFile(path).read(), path, options)
+    return rigged.clip, (f"read {path}: {rigged.rig.line()}",)
 
 
 def _check_video(name: str, reading: ReadingOptions, markers: MarkerOptions) -> None:
@@ -248,7 +248,7 @@ def _open_recording(path: Path, reading: ReadingOptions, markers: MarkerOptions)
         kinds = ", ".join(MARKER_ENDINGS)
         raise BodysenseError(f"{path}: --names, --unlabelled and their like are for marker files, {kinds}")
     recording = read_recording(path)
-    if has_gloves(recording.observation):
+    if glove_hands(recording.observation.points):
         recording = replace(recording, worn=markers.worn())
     return _recording_source(str(path), recording, reading, path)
 
@@ -283,7 +283,7 @@ def _open_markers(path: Path, reading: ReadingOptions, markers: MarkerOptions) -
         found.observation,
         with_hands_of(body, hands),
         known=not found.has_body,
-        measures_hands=has_gloves(found.observation),
+        measures_hands=bool(glove_hands(found.observation.points)),
         worn=markers.worn(),
     )
     return MarkerSource(str(path), path, recording, (*(f"note: {line}" for line in found.remarks), *sized), found)

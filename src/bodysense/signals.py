@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from bodysense.body.glove import glove_hands
 from bodysense.body.person import Person
 from bodysense.devices.gloves.device import calibrated_hands, has_standard_gloves
 from bodysense.devices.simulated.device import DEVICES, Device, simulate
@@ -63,8 +64,9 @@ def signal_from(
 def _recorded(name: str, recording: Recording, person: Person | None, height: float | None) -> Signal:
     observation = recording.observation
     if person is None:
-        measures_hands = recording.measures_hands or not has_standard_gloves(observation)
-        hands = calibrated_hands(observation, recording.worn) if measures_hands else None
+        hands = None
+        if glove_hands(observation.points) and (recording.measures_hands or not has_standard_gloves(observation)):
+            hands = calibrated_hands(observation, recording.worn)
         is_known = recording.known and height is None
         person = Person(recording.skeleton, hands=hands) if is_known else Person(height=height, hands=hands)
     _check(observation)

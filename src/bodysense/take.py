@@ -12,12 +12,13 @@ from pathlib import Path
 
 import numpy as np
 
+from bodysense.body.glove import glove_hands
 from bodysense.body.person import Person
 from bodysense.body.pose import Pose, forward_kinematics, standing_pose
 from bodysense.body.rotation import quaternion_to_matrix
 from bodysense.body.skeleton import ARM, LEG
 from bodysense.completion.model import CompletionModel
-from bodysense.devices.gloves.device import check_calibrated, glove_device, gloved_sides, has_gloves
+from bodysense.devices.gloves.device import check_calibrated, glove_device, gloved_sides
 from bodysense.devices.simulated.device import Device
 from bodysense.errors import BodysenseError
 from bodysense.estimate import Estimate
@@ -273,7 +274,7 @@ def _completed(
 def _body_points(observation: Observation, person: Person) -> Iterator[Observation]:
     """The points of the body, some frames at a time: markers of gloves become joints of hands."""
     parts = [observation[k : k + _FRAMES] for k in range(0, len(observation), _FRAMES)]
-    if not has_gloves(observation):
+    if not glove_hands(observation.points):
         yield from parts
         return
     sides = gloved_sides(observation.points)

@@ -24,8 +24,8 @@ from bodysense.body.rotation import (
 )
 from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.errors import BodysenseError
-from bodysense.io.bvh import read_bvh
-from bodysense.io.rigs.canonical import canonical
+from bodysense.io.clip import Clip
+from bodysense.reading import read
 
 BODY = default_skeleton()
 IK = InverseKinematics(BODY)
@@ -516,7 +516,8 @@ def test_every_frame_of_recorded_motion_converges(motion_data: Path) -> None:
     files = sorted(motion_data.glob("rocketbox/*.bvh"))[:: 286 // 6]
     flips = 0
     for path in files:
-        clip = canonical(read_bvh(path))
+        clip = read(path)
+        assert isinstance(clip, Clip)
         target, rotation = forward_kinematics(clip.pose)
         skeleton = clip.pose.skeleton
         ik = InverseKinematics(skeleton)

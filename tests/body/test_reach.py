@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from bodysense.body.footing import side_clearance
 from bodysense.body.pose import forward_kinematics, rest_pose
 from bodysense.body.reach import reaching
-from bodysense.body.retarget import leg_length, on_body, side_clearance
+from bodysense.body.retarget import leg_length, on_body
 from bodysense.body.rotation import geodesic_angle
 from bodysense.body.shape import sample_bodies
 from bodysense.body.skeleton import default_skeleton

@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from bodysense.body.footing import sole_clearance
 from bodysense.body.pose import Pose, forward_kinematics, rest_pose
-from bodysense.body.retarget import leg_length, retargeted, sole_clearance
+from bodysense.body.retarget import leg_length, retargeted
 from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.errors import BodysenseError
 from bodysense.io.augment import with_limb_proportions

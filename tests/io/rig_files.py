@@ -13,6 +13,9 @@ from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.skeleton import default_skeleton
 from bodysense.demo import packaged_performance
 from bodysense.io.clip import Clip
+from bodysense.io.rigs.figure import Figure
+from bodysense.io.rigs.options import ReadingOptions
+from bodysense.io.rigs.rig import recognise
 
 FINGERS = ("thumb", "index", "middle", "ring", "pinky")
 OURS = default_skeleton()
@@ -253,3 +256,21 @@ def mapped(layout: Layout) -> dict[str, str]:
         if re.fullmatch(r"[a-z]\w+", place) and name != "End Site" and place not in layout.lacks:
             found.setdefault(place, name)
     return found
+
+
+def joints_in(clip: Clip) -> dict[str, str]:
+    """The joints that are recognised in a motion in memory, {name in the clip: ours}."""
+    pose, skeleton = clip.pose, clip.pose.skeleton
+    figure = Figure(
+        name=clip.name,
+        joints=skeleton.joints,
+        end_sites=skeleton.end_sites,
+        parents=skeleton.parents,
+        offset=skeleton.rest_offset,
+        rotation=np.asarray(pose.rotation),
+        position={0: np.asarray(pose.root_position)},
+        frame_rate=clip.frame_rate,
+        nodes=tuple(range(len(skeleton.points))),
+    )
+    rig = recognise(figure, ReadingOptions(unit="m", up="y", floor=0.0))
+    return {given: ours for ours, given in rig.joints.items()}

@@ -221,6 +221,7 @@ def test_the_order_of_names_does_not_matter(name: str) -> None:
     ("LShoulder LUArm LFArm LHand", "left_collar left_shoulder left_elbow left_wrist"),
     ("LShoulder LElbow LHand", "left_shoulder left_elbow left_wrist"),
     ("LWrist LHand", "left_wrist -"),
+    ("arm_left_shoulder_1 arm_left_shoulder_2", "left_collar left_shoulder"),
     ("RHip RKnee RFoot", "right_hip right_knee right_ankle"),
     ("RAnkle RFoot RToe", "right_ankle right_foot right_toe"),
     ("RThigh RLeg", "right_hip right_knee"),

@@ -1,14 +1,38 @@
-"""Feet that stand do not slide: how far a foot is to be moved so that what rests on the floor stays where it is."""
+"""Footing: the height of soles over the floor, and how far to move a foot so that it does not slide while it stands."""
 
 from __future__ import annotations
 
 import numpy as np
+from array_api_compat import array_namespace
 
 from bodysense.body.gaps import runs
+from bodysense.body.pose import as_like
+from bodysense.body.rotation import Array
+from bodysense.body.skeleton import Skeleton
 
+SOLE_POINTS = tuple(f"{side}_{name}" for side in ("left", "right") for name in ("ankle", "foot", "toe"))
 HOLD, RELEASE = 0.6, 0.4  # probability of contact from which a foot stands, and below which it no longer does
 FADE = 0.2  # s in which a foot that is lifted comes back to where it would have been
 FARTHEST = 0.12  # m that a foot is moved at most: farther off it is the contact that is wrong
+
+
+def sole_clearance(position: Array, skeleton: Skeleton) -> Array:
+    """Return the height (...) m of the lowest sole above the floor y = 0, from points (..., P, 3) m; negative below it.
+
+    A sole is the lowest of ankle, ball and toe tip, each measured from its height in the rest pose with the soles on
+    the floor.
+    """
+    xp = array_namespace(position)
+    return xp.minimum(side_clearance(position, skeleton, "left"), side_clearance(position, skeleton, "right"))
+
+
+def side_clearance(position: Array, skeleton: Skeleton, side: str) -> Array:
+    """Return `sole_clearance` (...) of one foot, 'left' or 'right'."""
+    xp = array_namespace(position)
+    soles = skeleton.indices([name for name in SOLE_POINTS if name.startswith(side)])
+    resting = skeleton.rest_offset[0, 1] + (skeleton.path @ skeleton.rest_offset)[soles, 1]
+    height = position[..., 1][..., list(soles)] - as_like(resting, position)
+    return xp.min(height, axis=-1)
 
 
 def stopped_slide(

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from array_api_compat import array_namespace
 
+from bodysense.body.footing import sole_clearance
 from bodysense.body.pose import Pose, as_like, forward_kinematics
 from bodysense.body.reach import reaching
-from bodysense.body.rotation import Array
 from bodysense.body.skeleton import Skeleton
 from bodysense.errors import BodysenseError
-
-SOLE_POINTS = tuple(f"{side}_{name}" for side in ("left", "right") for name in ("ankle", "foot", "toe"))
 
 
 def retargeted(clip_pose: Pose, skeleton: Skeleton) -> Pose:
@@ -63,25 +60,6 @@ def _ankle_height(skeleton: Skeleton) -> float:
     """Return the height of the ankles over the floor in the rest pose, metres."""
     height = skeleton.rest_offset[0, 1] + (skeleton.path @ skeleton.rest_offset)[:, 1]
     return float(height[skeleton.indices(["left_ankle", "right_ankle"])].mean())
-
-
-def sole_clearance(position: Array, skeleton: Skeleton) -> Array:
-    """Return the height (...) m of the lowest sole above the floor y = 0, from points (..., P, 3) m; negative below it.
-
-    A sole is the lowest of ankle, ball and toe tip, each measured from its height in the rest pose with the soles on
-    the floor.
-    """
-    xp = array_namespace(position)
-    return xp.minimum(side_clearance(position, skeleton, "left"), side_clearance(position, skeleton, "right"))
-
-
-def side_clearance(position: Array, skeleton: Skeleton, side: str) -> Array:
-    """Return `sole_clearance` (...) of one foot, 'left' or 'right'."""
-    xp = array_namespace(position)
-    soles = skeleton.indices([name for name in SOLE_POINTS if name.startswith(side)])
-    resting = skeleton.rest_offset[0, 1] + (skeleton.path @ skeleton.rest_offset)[soles, 1]
-    height = position[..., 1][..., list(soles)] - as_like(resting, position)
-    return xp.min(height, axis=-1)
 
 
 def leg_length(skeleton: Skeleton) -> float:

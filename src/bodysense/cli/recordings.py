@@ -54,14 +54,14 @@ def open_recorded(
 
     `fingers` are to be synthesized, which those of gloves are not.
     """
-    from bodysense.devices.gloves.device import has_gloves
+    from bodysense.body.glove import glove_hands
     from bodysense.open import MarkerSource, RecordingSource, open_source
 
     opened = open_source(file, reading, markers)
     if isinstance(opened, MarkerSource):
         for line in opened.remarks:
             print(line)
-    if isinstance(opened, (MarkerSource, RecordingSource)) and has_gloves(opened.recording.observation):
+    if isinstance(opened, (MarkerSource, RecordingSource)) and glove_hands(opened.recording.observation.points):
         if fingers:
             raise BodysenseError(f"{file}: its gloves have fingers; leave --fingers synthesize out")
         if isinstance(opened, RecordingSource):

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from bodysense.body.footing import stopped_slide
+from bodysense.body.footing import side_clearance, stopped_slide
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.reach import reaching, reaching_all
-from bodysense.body.retarget import side_clearance
 from bodysense.body.rotation import (
     quaternion_canonical,
     quaternion_conjugate,

@@ -41,7 +41,9 @@ class MotionFile:
         return place.with_suffix("") / self.member.lstrip("/") if self.path.suffix.lower() == ZIP else place
 
     def read(self) -> bytes:
-        """Return all its bytes. Raises BodysenseError, naming the file, if it cannot be read."""
+        """Return all its bytes. Raises BodysenseError, naming the file, if it cannot be read or is empty."""
+        if not self.member and self.path.is_file() and self.path.stat().st_size == 0:
+            raise BodysenseError(f"{self.path}: the file is empty; copy or export it again")
         with self._opened() as stream:
             return stream.read()
 

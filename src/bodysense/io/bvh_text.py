@@ -13,6 +13,7 @@ import numpy as np
 from bodysense.arrays import HUGE, sound
 from bodysense.body.rotation import euler_to_quaternion, quaternion_canonical
 from bodysense.errors import BodysenseError
+from bodysense.files import check_plain
 from bodysense.io.rigs.figure import Figure, placed
 
 _BLOCK = 256  # frames that are converted at once
@@ -118,6 +119,7 @@ def parse_bvh(data: bytes, path: Path) -> BvhFile:
 
     Raises BodysenseError, naming the file, what is wrong and the fix, for anything that is not such a file.
     """
+    check_plain(data[:64], path)
     if not data.removeprefix(b"\xef\xbb\xbf").lstrip()[:9].upper() == b"HIERARCHY":
         raise BodysenseError(f"{path}: is not a BVH file: it does not begin with HIERARCHY")
     motion = _MOTION.search(data)

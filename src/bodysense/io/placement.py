@@ -13,8 +13,8 @@ from typing import Literal
 
 import numpy as np
 
+from bodysense.body.footing import sole_clearance
 from bodysense.body.pose import Pose, forward_kinematics
-from bodysense.body.retarget import sole_clearance
 from bodysense.body.shape import stature
 from bodysense.io.amass import read_amass, read_shape
 from bodysense.io.body_model import model_for

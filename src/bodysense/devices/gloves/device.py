@@ -145,11 +145,6 @@ class GloveDevice:
         return state
 
 
-def has_gloves(observation: Observation) -> bool:
-    """Whether any of the points is a marker of a glove."""
-    return bool(glove_hands(observation.points))
-
-
 def has_standard_gloves(observation: Observation) -> bool:
     """Whether all gloves have the standard markers, so that the hand need not be calibrated."""
     return all(found[1] in MARKERS for found in map(glove_marker, observation.points) if found)

@@ -14,7 +14,6 @@ import numpy as np
 from bodysense.body.pose import Pose
 from bodysense.body.skeleton import Skeleton
 from bodysense.errors import BodysenseError
-from bodysense.files import check_plain
 from bodysense.io.amass import read_amass
 from bodysense.io.archive import SUFFIXES, ZIP, MotionFile, motion_files
 from bodysense.io.augment import at_height
@@ -71,15 +70,11 @@ def read_with_rig(source: Source, options: ReadingOptions = AS_FOUND) -> tuple[C
     suffix = file.place.suffix
     if suffix.lower() not in (*SUFFIXES, ZIP):
         raise BodysenseError(f"{file.place}: unknown kind of file {suffix!r}; valid are {', '.join(SUFFIXES)}")
-    if not file.member and file.path.is_file() and file.path.stat().st_size == 0:
-        raise BodysenseError(f"{file.path}: the file is empty; copy or export it again")
     rig = None
     if suffix.lower() == ".npz":
         clip = read_amass_source(source, options)[0]
     else:
-        data = file.read()
-        check_plain(data[:64], file.place)
-        rigged = read_rigged(data, file.place, options, must_stand=source.rest == "found")
+        rigged = read_rigged(file.read(), file.place, options, must_stand=source.rest == "found")
         clip, rig = rigged.clip, rigged.rig
     return replace(clip, person=source.person, category=source.category), rig
 

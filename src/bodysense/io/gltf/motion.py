@@ -119,14 +119,8 @@ def read_gltf(path: Path, joints: Path | None = None) -> tuple[Clip, tuple[str, 
     tracks = _tracks(file)
     if is_vrm and joints is not None:
         raise BodysenseError(f"{path}: a VRM file says which joint is which; leave --joints out")
-    our_names, made_up = None, ()
-    if is_vrm and "pelvis" in names:
-        root = names.index("pelvis")
-    else:
-        rig = _recognised(file, _figure(file, names, tracks), joints)
-        root = names.index(rig.joints.get("pelvis", rig.hub))
-        our_names = None if joints is None else {given: ours for ours, given in rig.joints.items()}
-        made_up = rig.made_up
+    rig = _recognised(file, _figure(file, names, tracks), joints)
+    root = names.index(rig.joints.get("pelvis", rig.hub))
     below = _in_our_order(_below(file, root), names)
     time = _times(path, tracks, below)
     if len(time) * len(below) > _LONGEST:
@@ -148,8 +142,9 @@ def read_gltf(path: Path, joints: Path | None = None) -> tuple[Clip, tuple[str, 
     found = np.moveaxis(moving[:, :, :3, 3], 0, 1) * scale
     stretch = np.abs(np.asarray(forward_kinematics(pose)[0]) - found).max() > STRETCH
     turns = not stretch or bool(np.ptp(world, axis=0).max() > STRETCH)
-    whole = canonical(clip, joints=our_names, place=found if stretch else None, turns=turns)
-    return replace(whole, name=path.stem), (*made_up, *remarks)
+    ours = {given: name for name, given in rig.joints.items()}
+    whole = canonical(clip, ours, found if stretch else None, turns)
+    return replace(whole, name=path.stem), (*rig.made_up, *remarks)
 
 
 def _names(file: GltfFile) -> tuple[list[str], bool]:

@@ -1,1 +1,1 @@
-"""Rigs: skeletons of other programs, recognised by structure first, by names second, by an explicit table last."""
+"""Rigs: skeletons of other programs, recognised by an explicit table, else by names, else by structure."""

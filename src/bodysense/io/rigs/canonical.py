@@ -3,7 +3,7 @@
 The form is that of `default_skeleton()`: same names, same tree, and a rest pose (all rotations the identity) that is
 a T-pose facing +Z. What changes is only the meaning of the rotations; in the world the body stays where it was.
 
-How a source's rest bones are aligned with ours: `io.rigs.alignment`.
+How a source's rest pose is found and aligned with ours: `io.rigs.rest_pose`.
 
 Skipped joints. Joints that we lack (LowerBack, twist bones, a fourth spine joint) are left out. If they do not move,
 all matched joints keep their world positions to rounding. If they do, a joint with one child is turned each frame so
@@ -14,7 +14,7 @@ on average instead of 12, 2 cm where LowerBack bends by 24°). World rotations o
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -32,13 +32,17 @@ from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip, parts_lacking
 from bodysense.io.fingers import FINGERS, is_finger, with_fingers
-from bodysense.io.rigs.alignment import Vectors, alignment, angle_between, turned_by_places, twisted_by_hinges
-from bodysense.io.rigs.figure import Figure
-from bodysense.io.rigs.options import ReadingOptions
-from bodysense.io.rigs.rig import recognise
+from bodysense.io.rigs.rest_pose import (
+    UPRIGHT,
+    Vectors,
+    across_of,
+    alignment,
+    standing_rest,
+    turned_by_places,
+    twisted_by_hinges,
+)
 
 _SPINE = ("spine1", "spine2")
-_LIMBS = {f"{side}_{part}" for side in ("left", "right") for part in ("hip", "shoulder")}
 _HANGING = {"left": np.deg2rad(-75.0), "right": np.deg2rad(75.0)}  # about +Z: arms from a T-pose
 SITTING = 0.75  # of the height at which a pelvis stands: where it is lower, legs that are not there sit
 _SEATED = quaternion_exp(np.array([np.deg2rad(-85.0), 0.0, 0.0]))  # thighs, from standing
@@ -47,33 +51,35 @@ _RIGID = 1e-6  # m: a bone that keeps its place in its parent's frame to this is
 
 def canonical(
     clip: Clip,
-    joints: Mapping[str, str] | None = None,
-    rest: Pose | None = None,
+    joints: Mapping[str, str],
     place: np.ndarray | None = None,
-    hinges: bool = False,
     turns: bool = True,
+    must_stand: bool = False,
 ) -> Clip:
-    """The clip on the joints and end sites of `default_skeleton()`, with the clip's own proportions.
+    """Return the clip on the joints and end sites of `default_skeleton()`, with the clip's own proportions.
 
-    `joints` says which are which, {name in the clip: ours}; None recognises them (`io.rigs`). `rest` is a pose (no
-    batch axes) of the clip's skeleton in which it stands in a T-pose, facing anywhere. None takes the skeleton's rest
-    pose; where that leaves the twist of a limb unknown (all bones along one axis, as in LaFAN1), the clip's first frame
-    if that is a T-pose. `place` (T, P, 3) m is where its points are, if its bones stretch and kinematics do not say it.
-    `hinges` takes the twist of arms and legs from how elbows and knees bend. Where the clip `turns` no joint but says
-    places, rotations follow from these. Missing joints are the default skeleton's,
-    scaled, and do not turn (fingers: relaxed). See the module's text for what is kept exactly.
-    Raises BodysenseError where joints are missing or unknown, and where no T-pose is to be had.
+    Missing joints are the default skeleton's, scaled, and do not turn (fingers: relaxed). See the module's text for
+    what is kept exactly.
+
+    Args:
+        clip: the source, in metres, +Y up.
+        joints: {name in the clip: ours}.
+        place: (T, P, 3) m, positions of its points if its bones stretch, so that kinematics do not give them.
+        turns: whether joints turn; otherwise rotations follow from positions.
+        must_stand: refuse a clip whose rest pose is not a standing body and that stands in no frame.
+
+    Raises BodysenseError if joints are unknown or have no pelvis.
     """
     ours, source = default_skeleton(), clip.pose.skeleton
-    for name in (joints or {}).values():
+    for name in joints.values():
         ours.index(name)  # raises for a name that is not ours
-    match = _match_points(source, _recognised(clip) if joints is None else joints)
+    match = _match_points(source, joints)
     if "pelvis" not in match:
         raise BodysenseError(f"{clip.name}: no joint is its pelvis, which carries the legs and the trunk")
-    parents = _matched_parents(ours, match)
+    parents = matched_parents(ours, match)
     places = _places(clip.pose, match) if place is None else {name: place[:, k] for name, k in match.items()}
     if turns:
-        world, bone = _turned(clip, match, parents, rest, hinges)
+        world, bone = _turned(clip, match, parents, must_stand)
     else:
         world, bone = turned_by_places(ours, places, parents), {}
     if place is not None:
@@ -92,21 +98,18 @@ def canonical(
 
 
 def _turned(
-    clip: Clip, match: Mapping[str, int], parents: Mapping[str, str], rest: Pose | None, hinges: bool
+    clip: Clip, match: Mapping[str, int], parents: Mapping[str, str], must_stand: bool
 ) -> tuple[Vectors, Vectors]:
-    """World rotations (T, 4) of matched joints, and the bones (3,) to matched points in them."""
-    ours, source = default_skeleton(), clip.pose.skeleton
-    standing = rest_pose(source) if rest is None else _facing_forward(rest, match)
-    align, unknown = alignment(ours, _places(standing, match), parents)
-    if unknown and rest is None and match.keys() >= _LIMBS and _is_t_pose(_places(clip.pose[0], match)):
-        standing = _facing_forward(clip.pose[0], match)
-        align, unknown = alignment(ours, _places(standing, match), parents)
-    if unknown and not hinges:
+    """Return world rotations (T, 4) of matched joints, and the bones (3,) to matched points in them."""
+    stance = standing_rest(clip, match)
+    if must_stand and stance.torso > UPRIGHT:
         raise BodysenseError(
-            f"{clip.name}: its rest pose is no T-pose and leaves the twist of {source.points[match[unknown]]!r} "
-            "unknown; let its first frame be one in which the body stands in a T-pose"
+            f"{clip.name}: its rest pose is none that a body stands in, and in no frame is its torso upright (at "
+            f"best {np.rad2deg(stance.torso):.0f}° from it); leave it out"
         )
-    if hinges:
+    standing = rest_pose(clip.pose.skeleton) if stance.rest is None else _facing_forward(stance.rest, match)
+    align = alignment(default_skeleton(), _places(standing, match), parents)
+    if stance.rest is not None and not must_stand:
         align = twisted_by_hinges(align, clip.pose, standing, match)
     rotation, rest_rotation = forward_kinematics(clip.pose)[1], forward_kinematics(standing)[1]
     world = {
@@ -143,26 +146,6 @@ def _still(world: Vectors, pelvis: np.ndarray, skeleton: Skeleton) -> Vectors:
 def _usual(rotation: np.ndarray, bone: np.ndarray) -> np.ndarray:
     """Vector (3,) in a joint's frame of a bone (T, 3) that stretches in the world: the median."""
     return np.median(quaternion_rotate(quaternion_conjugate(rotation), bone), axis=0)
-
-
-def figure_of(clip: Clip) -> Figure:
-    """A clip as a figure, to recognise it by."""
-    pose, skeleton = clip.pose, clip.pose.skeleton
-    root, rotation = np.asarray(pose.root_position, dtype=float), np.asarray(pose.rotation, dtype=float)
-    points = tuple(range(len(skeleton.points)))
-    parents, offset = skeleton.parents, skeleton.rest_offset
-    place = {0: root}
-    return Figure(
-        clip.name, skeleton.joints, skeleton.end_sites, parents, offset, rotation, place, clip.frame_rate, points
-    )
-
-
-def _recognised(clip: Clip) -> dict[str, str]:
-    """Which of our joints a clip's are: {its name: ours}."""
-    return {
-        given: ours
-        for ours, given in recognise(figure_of(clip), ReadingOptions(unit="m", up="y", floor=0.0)).joints.items()
-    }
 
 
 def _aimed(world: Vectors, place: Vectors, bone: Vectors, parents: Mapping[str, str]) -> Vectors:
@@ -220,10 +203,10 @@ def _match_points(source: Skeleton, joints: Mapping[str, str]) -> dict[str, int]
     return {name: match[name] for name in ours.points if name in match}
 
 
-def _matched_parents(ours: Skeleton, match: Mapping[str, int]) -> dict[str, str]:
+def matched_parents(ours: Skeleton, match: Collection[str]) -> dict[str, str]:
     """For each matched point but the root, the nearest matched joint above it in our tree."""
     parents = {}
-    for name in match:
+    for name in (name for name in ours.points if name in match):
         above = ours.parents[ours.index(name)]
         while above >= 0 and ours.joints[above] not in match:
             above = ours.parents[above]
@@ -240,26 +223,11 @@ def _places(pose: Pose, match: Mapping[str, int]) -> Vectors:
 
 def _facing_forward(pose: Pose, match: Mapping[str, int]) -> Pose:
     """One pose, turned about +Y so that its left hip (shoulder, where it has no hips) is toward +X of its right."""
-    place = _places(pose, match)
-    part = "hip" if "left_hip" in place else "shoulder"
-    across = (place[f"left_{part}"] - place[f"right_{part}"]) * np.array([1.0, 0.0, 1.0])
+    across = across_of(_places(pose, match))
     angle = np.arctan2(across[2], across[0])
     rotation = pose.rotation.copy()
     rotation[0] = quaternion_multiply(quaternion_exp(np.array([0.0, angle, 0.0])), rotation[0])
     return Pose(pose.skeleton, pose.root_position, rotation)
-
-
-def _is_t_pose(place: Vectors) -> bool:
-    """Whether a body in the world stands upright, legs straight down, arms straight out, to 25° each."""
-    across = (place["left_hip"] - place["right_hip"]) * np.array([1.0, 0.0, 1.0])
-    down = np.array([0.0, -1.0, 0.0])
-    wanted = {"hip": ("knee", down, down), "knee": ("ankle", down, down)}
-    wanted |= {"shoulder": ("elbow", across, -across), "elbow": ("wrist", across, -across)}
-    return all(
-        angle_between(place[f"{side}_{end}"] - place[f"{side}_{start}"], directions[k]) < np.deg2rad(25.0)
-        for start, (end, *directions) in wanted.items()
-        for k, side in enumerate(("left", "right"))
-    )
 
 
 def _between_filled(ours: Skeleton, bone: Vectors, parents: Mapping[str, str]) -> Vectors:

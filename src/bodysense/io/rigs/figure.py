@@ -1,13 +1,22 @@
-"""Figure: a tree of joints as a file holds it, in the file's own units and axes, with its motion."""
+"""Figure: a tree of joints as a file holds it, in the file's own units and axes, with its motion.
+
+Tree: its measured lengths, by which a body is recognised.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 
 from bodysense.body.rotation import quaternion_multiply, quaternion_rotate
+from bodysense.body.skeleton import Skeleton
+from bodysense.errors import BodysenseError
+
+SAMPLE = 120  # frames, evenly spaced, in which lengths are measured
+_BRANCHES = 12  # longest branches of a joint that are searched
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,6 +59,18 @@ class Figure:
                 bone[joint] = np.median(place, axis=0)
         return bone
 
+    def skeleton(self, unit: float) -> Skeleton:
+        """Return the figure's own joints as rigid bones, `unit` metres a file unit. Raises if they are no skeleton."""
+        try:
+            return Skeleton(self.joints, self.end_sites, self.parents, self.bone * unit)
+        except BodysenseError as error:
+            raise BodysenseError(f"{self.name}: {error}") from None
+
+    @cached_property
+    def root_place(self) -> np.ndarray:
+        """(T, 3) place of the root, file units."""
+        return self.position.get(0, np.tile(self.offset[0], (len(self), 1)))
+
     @cached_property
     def turns(self) -> bool:
         """Whether any joint turns; else a motion is in the places of its joints alone."""
@@ -61,11 +82,6 @@ class Figure:
         while self.parents[chain[-1]] >= 0:
             chain.append(self.parents[chain[-1]])
         return chain
-
-    def at(self, frames: np.ndarray) -> Figure:
-        """Some frames of the motion."""
-        position = {joint: place[frames] for joint, place in self.position.items()}
-        return replace(self, rotation=self.rotation[frames], position=position)
 
     def below(self, root: int) -> Figure:
         """The tree below a joint, which becomes the root and keeps its place in the file's world."""
@@ -122,38 +138,70 @@ class Figure:
         An end site has its joint's rotation.
         """
         wanted = list(range(len(self.parents))) if points is None else points
-        needed = sorted({above for point in wanted for above in self.above(point)}) if points else wanted
         place: dict[int, np.ndarray] = {}
         turn: dict[int, np.ndarray] = {}
-        still = np.array([1.0, 0.0, 0.0, 0.0])
-        for level in self._levels(needed):
-            local = np.stack([self.position.get(k, np.broadcast_to(self.offset[k], (len(self), 3))) for k in level], 1)
-            joints = [k < len(self.joints) for k in level]
-            own = np.stack(
-                [
-                    self.rotation[:, k] if k < len(self.joints) else np.broadcast_to(still, (len(self), 4))
-                    for k in level
-                ],
-                1,
-            )
-            if self.parents[level[0]] >= 0:
-                above = np.stack([turn[self.parents[k]] for k in level], 1)
-                local = np.stack([place[self.parents[k]] for k in level], 1) + quaternion_rotate(above, local)
-                own = quaternion_multiply(above, own) if any(joints) else above
-            for column, k in enumerate(level):
-                place[k], turn[k] = local[:, column], own[:, column]
+        for k in sorted({above for point in wanted for above in self.above(point)}) if points else wanted:
+            local = self.position.get(k, np.broadcast_to(self.offset[k], (len(self), 3)))
+            own = self.rotation[:, k] if k < len(self.joints) else None
+            if (parent := self.parents[k]) < 0:
+                assert own is not None
+                place[k], turn[k] = local, own
+            else:
+                place[k] = place[parent] + quaternion_rotate(turn[parent], local)
+                turn[k] = turn[parent] if own is None else quaternion_multiply(turn[parent], own)
         return np.stack([place[k] for k in wanted], 1), np.stack([turn[k] for k in wanted], 1)
 
-    def _levels(self, points: list[int]) -> list[list[int]]:
-        """Points by depth below the root."""
-        depth: dict[int, int] = {}
-        levels: list[list[int]] = []
-        for point in sorted(points):
-            depth[point] = depth.get(self.parents[point], -1) + 1
-            if depth[point] == len(levels):
-                levels.append([])
-            levels[depth[point]].append(point)
-        return levels
+
+@dataclass(frozen=True, eq=False)
+class Tree:
+    """A figure with measured lengths, in file units."""
+
+    figure: Figure
+    place: np.ndarray = field(repr=False)  # (S, P, 3) in some of its frames
+
+    @cached_property
+    def length(self) -> np.ndarray:
+        """(P,) median distance from the parent."""
+        parents = np.maximum(self.figure.parents, 0)
+        return np.median(np.linalg.norm(self.place - self.place[:, parents], axis=-1), axis=0)
+
+    @cached_property
+    def reach(self) -> np.ndarray:
+        """(P,) longest path down from each point."""
+        reach, count = np.zeros(len(self.length)), len(self.figure.joints)
+        for point in (*range(count, len(reach)), *range(count - 1, 0, -1)):  # end sites come last, without children
+            parent = self.figure.parents[point]
+            reach[parent] = max(reach[parent], reach[point] + self.length[point])
+        return reach
+
+    def distance(self, a: int, b: int) -> float:
+        """Return the median distance of two points."""
+        return float(np.median(np.linalg.norm(self.place[:, a] - self.place[:, b], axis=-1)))
+
+    def way(self, start: int, chain: Sequence[int]) -> float:
+        """Return the length of a chain from the point that carries it."""
+        return self.distance(start, chain[0]) + float(sum(self.length[k] for k in chain[1:]))
+
+    def is_straight(self, a: int, b: int, c: int) -> bool:
+        """Whether three consecutive points of a chain stay in one line."""
+        straight = np.linalg.norm(self.place[:, a] - self.place[:, c], axis=-1).min()
+        return bool(straight > 0.97 * (self.length[b] + self.length[c]))
+
+    def branch_count(self, point: int) -> int:
+        """Return the number of chains that hang on a point, as fingers on a wrist and toes on a foot."""
+        return sum(self.reach[k] > 0 for k in self.figure.children[point])
+
+    def branches(self, point: int) -> list[int]:
+        """Return the longest branches below a point."""
+        found = sorted(self.figure.children[point], key=lambda child: -(self.length[child] + self.reach[child]))
+        return found[:_BRANCHES]
+
+
+def measured(figure: Figure) -> Tree:
+    """Return the tree of a figure, measured in some of its frames."""
+    frames = np.unique(np.linspace(0, len(figure) - 1, SAMPLE).astype(int))
+    position = {joint: place[frames] for joint, place in figure.position.items()}
+    return Tree(figure, replace(figure, rotation=figure.rotation[frames], position=position).world()[0])
 
 
 def placed(position: dict[int, np.ndarray], offset: np.ndarray) -> dict[int, np.ndarray]:

@@ -1,116 +1,117 @@
-"""Limbs: pairs of mirrored chains, and the joints along them where a leg or an arm bends.
+"""Legs and arms of a tree: by the names of their joints, else by structure.
 
-Lengths are medians over frames, so neither the rest pose nor a stretching bone matters. Names only add evidence.
+Names decide if they tell all six joints of both limbs and the tree agrees. Else a limb is a pair of chains that mirror
+each other, whose lengths and bends are those of a leg or an arm. Lengths are medians over frames, so neither the rest
+pose nor a stretching bone matters.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
 from itertools import combinations
 from typing import Literal
 
 import numpy as np
 
 from bodysense.io.rigs import words
-from bodysense.io.rigs.figure import Figure
-
-ALIKE = 0.25  # share by which the bones of a left and a right limb may differ
-SHORTEST = 0.12  # of the longest path down from the root; shorter chains are not limbs
-_BRANCHES = 12  # longest branches of a joint that are searched
-_FINGERS = 4  # chains on one joint that mark it as the end of a limb
-_LONGEST_CHAIN = 18  # points of a limb
-_HINT, _CONTRADICTION, _HELPER = 1.5, 1.5, 4.0  # evidence from names
+from bodysense.io.rigs.figure import Tree
 
 Kind = Literal["leg", "arm"]
-NARROWEST: dict[Kind, float] = {"leg": 0.08, "arm": 0.3}  # of a limb's length, between the first joints
+Pair = tuple[tuple[int, ...], tuple[int, ...]]  # chains of points of two mirrored limbs
 ROLES: dict[Kind, tuple[str, str, str]] = {"leg": ("hip", "knee", "ankle"), "arm": ("shoulder", "elbow", "wrist")}
 
-
-@dataclass(frozen=True, eq=False)
-class Tree:
-    """A figure in some of its frames, with measured lengths."""
-
-    figure: Figure
-    place: np.ndarray  # (S, P, 3) file units
-
-    @cached_property
-    def length(self) -> np.ndarray:
-        """(P,) median distance from the parent."""
-        parents = np.maximum(self.figure.parents, 0)
-        return np.median(np.linalg.norm(self.place - self.place[:, parents], axis=-1), axis=0)
-
-    @cached_property
-    def reach(self) -> np.ndarray:
-        """(P,) longest path down from each point."""
-        reach = np.zeros(len(self.length))
-        for point in range(len(reach) - 1, 0, -1):  # end sites come last and have no children
-            if point >= len(self.figure.joints):
-                parent = self.figure.parents[point]
-                reach[parent] = max(reach[parent], self.length[point])
-        for point in range(len(self.figure.joints) - 1, 0, -1):
-            parent = self.figure.parents[point]
-            reach[parent] = max(reach[parent], reach[point] + self.length[point])
-        return reach
-
-    def distance(self, a: int, b: int) -> float:
-        """Return the median distance of two points."""
-        return float(np.median(np.linalg.norm(self.place[:, a] - self.place[:, b], axis=-1)))
-
-    def way(self, start: int, chain: Sequence[int]) -> float:
-        """Return the length of a chain from the point that carries it."""
-        return self.distance(start, chain[0]) + float(sum(self.length[k] for k in chain[1:]))
-
-    def is_straight(self, a: int, b: int, c: int) -> bool:
-        """Whether three consecutive points of a chain stay in one line."""
-        straight = np.linalg.norm(self.place[:, a] - self.place[:, c], axis=-1).min()
-        return bool(straight > 0.97 * (self.length[b] + self.length[c]))
-
-    def parts(self, point: int) -> bool:
-        """Whether many chains hang on a point, as fingers on a wrist and toes on a foot."""
-        names, children = self.figure.points, self.figure.children[point]
-        return sum(self.reach[k] > 0 and not words.is_helper(names[k]) for k in children) >= _FINGERS
-
-    def branches(self, point: int) -> list[int]:
-        """Return the longest branches below a point."""
-        found = sorted(self.figure.children[point], key=lambda child: -(self.length[child] + self.reach[child]))
-        return found[:_BRANCHES]
+_ALIKE = 0.25  # share by which the bones of a left and a right limb may differ
+_SHORTEST = 0.12  # of the longest path down from the root; shorter chains are not limbs
+_FINGERS = 4  # chains on one joint that mark it as the end of a limb
+_LONGEST_CHAIN = 18  # points of a limb
+_ASIDE = 0.1  # of a branch's length, by which ends and helpers count as shorter
+# Usual proportions, and weights of the penalty for each excess.
+_NARROWEST: dict[Kind, float] = {"leg": 0.08, "arm": 0.3}  # of a limb's length: between the first joints of a pair
+_RATIO: dict[Kind, tuple[float, float]] = {"leg": (1.0, 0.25), "arm": (1.05, 0.3)}  # upper to lower bone; log deviation
+_BEFORE: dict[Kind, tuple[float, float]] = {"leg": (0.6, 4.0), "arm": (1.2, 3.0)}  # of the upper bone: limit; weight
+_AFTER: dict[Kind, float] = {"leg": 0.8, "arm": 1.2}  # of the lower bone: longest chain after it
+_METACARPAL = 0.75  # of the next bone: a first joint closer to the wrist is inside the palm
+_MOST = 8  # most chains of a hand
+_HELD = 2.0  # longer than most chains below a wrist by this factor: an object in the hand
 
 
 @dataclass(frozen=True)
 class Limb:
-    """A pair of mirrored limbs: the three joints of each, and their chains."""
+    """A pair of limbs: the three joints of each, and their chains."""
 
     hub: int  # the joint where both begin
-    chains: tuple[tuple[int, ...], tuple[int, ...]]
-    picks: tuple[int, int, int]  # indices in the chains of hip, knee, ankle or of shoulder, elbow, wrist
+    chains: Pair
+    joints: tuple[tuple[int, ...], tuple[int, ...]]  # hip, knee, ankle or shoulder, elbow, wrist
     lengths: tuple[float, float]  # of the two bones
-    penalty: float
+    side: int  # 1 if the first of the pair is left by its names, -1 if it is right, 0 if unknown
+    penalty: float = 0.0  # how unlike a leg or an arm it is
 
     @property
     def length(self) -> float:
         """Sum of the two bone lengths."""
         return sum(self.lengths)
 
-    def joints(self, which: int) -> tuple[int, int, int]:
-        """Return the three joints of one of the two limbs."""
-        first, second, third = self.picks
-        chain = self.chains[which]
-        return chain[first], chain[second], chain[third]
+    @property
+    def points(self) -> set[int]:
+        """The points of both chains."""
+        return {point for chain in self.chains for point in chain}
 
     def before(self, which: int) -> tuple[int, ...]:
         """Return the points between the hub and the first of the three joints."""
-        return self.chains[which][: self.picks[0]]
+        return self.chains[which][: self.chains[which].index(self.joints[which][0])]
 
     def after(self, which: int) -> tuple[int, ...]:
         """Return the points after the last of the three joints, along the chain."""
-        return self.chains[which][self.picks[2] + 1 :]
+        return self.chains[which][self.chains[which].index(self.joints[which][2]) + 1 :]
+
+    def middle(self, tree: Tree) -> np.ndarray:
+        """Return the midpoint (S, 3) of the first joints of both limbs."""
+        return (tree.place[:, self.joints[0][0]] + tree.place[:, self.joints[1][0]]) / 2
+
+    def across(self, tree: Tree) -> np.ndarray:
+        """Return the vector (S, 3) from the first joint of the second limb to that of the first."""
+        return tree.place[:, self.joints[0][0]] - tree.place[:, self.joints[1][0]]
 
 
-def pairs_of(tree: Tree) -> list[tuple[int, tuple[tuple[int, ...], tuple[int, ...]]]]:
+def named_limb(tree: Tree, points: Mapping[str, int], kind: Kind) -> Limb | None:
+    """Return the legs or arms that names tell ({ours: point}); None if one is missing or the tree contradicts."""
+    figure = tree.figure
+    names = [[f"{side}_{role}" for role in ROLES[kind]] for side in ("left", "right")]
+    if not {name for side in names for name in side} <= points.keys():
+        return None
+    joints = [tuple(points[name] for name in side) for side in names]
+    above = [figure.above(side[2]) for side in joints]
+    if any(list(side) != [k for k in way[::-1] if k in side] for side, way in zip(joints, above, strict=True)):
+        return None
+    hub = next((k for k in above[0] if k in above[1]), None)
+    if hub is None or any(side[0] not in way[: way.index(hub)] for side, way in zip(joints, above, strict=True)):
+        return None
+    bones = np.array([[tree.distance(side[k], side[k + 1]) for k in (0, 1)] for side in joints])
+    if not bones.all() or (np.abs(bones[0] - bones[1]) > 2 * _ALIKE * bones.max(axis=0)).any():
+        return None
+    one, other = ((*way[: way.index(hub)][::-1], *_onward(tree, way[0])) for way in above)
+    upper, lower = bones.mean(axis=0)
+    return Limb(hub, (one, other), (joints[0], joints[1]), (float(upper), float(lower)), side=1)
+
+
+def _onward(tree: Tree, point: int) -> list[int]:
+    """Return the longest chain below a point; helpers and ends count as shorter."""
+    chain: list[int] = []
+    while below := tree.figure.children[chain[-1] if chain else point]:
+        chain.append(max(below, key=lambda k: (tree.length[k] + tree.reach[k]) * (1 - _ASIDE * _is_aside(tree, k))))
+    return chain
+
+
+def _is_aside(tree: Tree, point: int) -> bool:
+    name = tree.figure.points[point]
+    return words.is_helper(name) or words.is_end(name)
+
+
+def mirrored_chains(tree: Tree) -> list[tuple[int, Pair]]:
     """Return every hub with two mirrored branches, and the chains down both."""
-    least = SHORTEST * max(tree.reach[0], 1e-9)
+    least = _SHORTEST * max(tree.reach[0], 1e-9)
     found = []
     for hub in range(len(tree.figure.joints)):
         if tree.reach[hub] < least:
@@ -123,19 +124,18 @@ def pairs_of(tree: Tree) -> list[tuple[int, tuple[tuple[int, ...], tuple[int, ..
     return found
 
 
-def _mirrored(tree: Tree, hub: int, a: int, b: int) -> tuple[tuple[int, ...], tuple[int, ...]]:
+def _mirrored(tree: Tree, hub: int, a: int, b: int) -> Pair:
     """Return the longest chains down two branches whose bones are alike, pair by pair."""
-    scale = tree.reach[hub]
     one: list[int] = []
     other: list[int] = []
     choices = [(a, b)]
     while choices and len(one) < _LONGEST_CHAIN:
         above = (one[-1], other[-1]) if one else (hub, hub)
-        fitting = _alike(tree, above, choices, scale)
+        fitting = _alike(tree, above, choices, tree.reach[hub])
         if not fitting and one:  # one side may have an additional joint that does not bend, a twist
             more = [(c, y) for x, y in choices for c in tree.branches(x) if tree.is_straight(above[0], x, c)]
             more += [(x, d) for x, y in choices for d in tree.branches(y) if tree.is_straight(above[1], y, d)]
-            fitting = _alike(tree, above, more, scale)
+            fitting = _alike(tree, above, more, tree.reach[hub])
         if not fitting:
             break
         _, x, y = max(fitting)
@@ -152,102 +152,160 @@ def _alike(
     fitting = []
     for x, y in choices:
         p, q = tree.distance(above[0], x), tree.distance(above[1], y)
-        if abs(p - q) <= ALIKE * max(p, q) + 0.01 * scale:
+        if abs(p - q) <= _ALIKE * max(p, q) + 0.01 * scale:
             way = min(p + tree.reach[x], q + tree.reach[y])
             unlike = abs(p - q) + 0.3 * min(abs(tree.reach[x] - tree.reach[y]), 0.25 * way)  # one hand may hold a sword
-            names = [tree.figure.points[k] for k in (x, y)]
-            aside = sum(words.is_helper(name) or words.is_end(name) for name in names)
-            fitting.append((way - 2 * unlike - 0.1 * aside * way, x, y))
+            aside = _is_aside(tree, x) + _is_aside(tree, y)
+            fitting.append((way - 2 * unlike - _ASIDE * aside * way, x, y))
     return fitting
 
 
-def as_limb(tree: Tree, hub: int, chains: tuple[tuple[int, ...], tuple[int, ...]], kind: Kind) -> Limb | None:
+def limb_of_chains(tree: Tree, hub: int, chains: Pair, kind: Kind) -> Limb | None:
     """Return the three joints of a pair of chains that fit a leg or an arm best; None if nothing fits."""
-    joints = sum(1 for a, b in zip(*chains, strict=True) if max(a, b) < len(tree.figure.joints))
-    last = next((k for k, (point, _) in enumerate(zip(*chains, strict=True)) if tree.parts(point)), len(chains[0]))
-    straight = _Straight(tree, hub, chains)
+    pairs = list(zip(*chains, strict=True))
+    joints = sum(max(pair) < len(tree.figure.joints) for pair in pairs)
+    hand = next((k for k, (point, _) in enumerate(pairs) if tree.branch_count(point) >= _FINGERS), len(pairs))
+    last = hand if hand >= 2 else len(pairs)
+    names = [[tree.figure.points[k] for k in chain] for chain in chains]
+    side, (way, median, least) = words.side(*names), _distances(tree, hub, chains)
     best: Limb | None = None
-    for first, second, third in combinations(range(len(chains[0])), 3):
-        if second >= joints:
+    for picks in combinations(range(len(pairs)), 3):
+        if picks[1] >= joints:
             break
-        if third > last >= 2:
+        first, second, third = (k + 1 for k in picks)  # the tables begin with the hub
+        upper, lower = float(median[first, second]), float(median[second, third])
+        if picks[2] > last or min(upper, lower) < 0.08 * way[-1]:
             continue
-        limb = _fit(tree, straight, hub, chains, (first, second, third), kind)
-        if limb is not None and (best is None or limb.penalty < best.penalty - 1e-6):
-            best = limb
+        one, other = (tuple(chain[k] for k in picks) for chain in chains)
+        usual, spread = _RATIO[kind]
+        limit, weight = _BEFORE[kind]
+        penalty = (np.log(upper / lower / usual) / spread) ** 2
+        penalty += 5 * max(0.0, 1 - tree.distance(one[0], other[0]) / (upper + lower) / _NARROWEST[kind])
+        penalty += weight * max(0.0, median[0, first] / upper - limit)
+        penalty += 5 * max(0.0, (way[-1] - way[third]) / lower - _AFTER[kind])
+        for a, b in ((first, second), (second, third)):  # a joint between two of the three should not bend
+            if b - a > 1:
+                penalty += 20 * max(0.0, 0.97 - least[a, b] / max(way[b] - way[a], 1e-9))
+        # If joints coincide, the last hip or knee carries the whole rotation, but the first ankle or wrist does.
+        penalty -= 1e-4 * (picks[0] + picks[1] - picks[2])
+        if best is None or penalty < best.penalty - 1e-6:
+            best = Limb(hub, chains, (one, other), (upper, lower), side, float(penalty))
     return best
 
 
-class _Straight:
-    """Distances along and across a pair of chains, the mean of both."""
+def _distances(tree: Tree, hub: int, chains: Pair) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return distances of the points of a hub and a pair of chains, means of both chains.
 
-    def __init__(self, tree: Tree, hub: int, chains: tuple[tuple[int, ...], tuple[int, ...]]) -> None:
-        self._places = [tree.place[:, [hub, *chain]] for chain in chains]
-        pairs = [zip((hub, *chain), chain, strict=False) for chain in chains]
-        lengths = np.mean([[tree.distance(a, b) for a, b in pair] for pair in pairs], axis=0)
-        self.way = np.concatenate([[0.0], np.cumsum(lengths)])  # from the hub
-
-    @cached_property
-    def _tables(self) -> tuple[np.ndarray, np.ndarray]:
-        apart = [np.linalg.norm(p[:, :, None] - p[:, None], axis=-1) for p in self._places]
-        return np.mean([np.median(a, axis=0) for a in apart], axis=0), np.min([a.min(axis=0) for a in apart], axis=0)
-
-    def median(self, a: int, b: int) -> float:
-        return float(self._tables[0][a, b])
-
-    def least(self, a: int, b: int) -> float:
-        return float(self._tables[1][a, b])
+    The way (N,) from the hub along the chain, and distances (N, N) of any two: the median and the least over time.
+    """
+    place = [tree.place[:, [hub, *chain]] for chain in chains]
+    apart = [np.linalg.norm(p[:, :, None] - p[:, None], axis=-1) for p in place]
+    median = np.mean([np.median(a, axis=0) for a in apart], axis=0)
+    way = np.concatenate([[0.0], np.cumsum(np.diagonal(median, offset=1))])
+    return way, median, np.min([a.min(axis=0) for a in apart], axis=0)
 
 
-def _fit(
-    tree: Tree,
-    straight: _Straight,
-    hub: int,
-    chains: tuple[tuple[int, ...], tuple[int, ...]],
-    picks: tuple[int, int, int],
-    kind: Kind,
-) -> Limb | None:
-    """Score three points of a pair of chains as the joints of a limb; None if they cannot be."""
-    first, second, third = (k + 1 for k in picks)  # the tables begin with the hub
-    upper, lower = straight.median(first, second), straight.median(second, third)
-    longest = straight.way[-1]
-    if min(upper, lower) < 0.08 * longest:
-        return None
-    before, after = straight.median(0, first), straight.way[-1] - straight.way[third]
-    apart = tree.distance(chains[0][picks[0]], chains[1][picks[0]]) / (upper + lower)
-    narrowest = NARROWEST[kind]
-    penalty = 5 * max(0.0, 1 - apart / narrowest)  # limbs do not begin in one point
-    if kind == "leg":
-        penalty += (np.log(upper / lower) / 0.25) ** 2 + 4 * max(0.0, before / upper - 0.6)
-        penalty += 5 * max(0.0, after / lower - 0.8)
-    else:
-        penalty += (np.log(upper / lower / 1.05) / 0.3) ** 2 + 3 * max(0.0, before / upper - 1.2)
-        penalty += 5 * max(0.0, after / lower - 1.2)
-    for a, b in ((first, second), (second, third)):  # a joint between two of the three should not bend
-        if b - a > 1:
-            way = straight.way[b] - straight.way[a]
-            penalty += 20 * max(0.0, 0.97 - straight.least(a, b) / max(way, 1e-9))
-    penalty += _hints(tree, chains, picks, kind)
-    # If joints coincide, the last hip or knee carries the whole rotation, but the first ankle or wrist does.
-    penalty -= 1e-4 * (picks[0] + picks[1] - picks[2])
-    return Limb(hub, chains, picks, (upper, lower), float(penalty))
+def collar_of(tree: Tree, arm: Limb, which: int) -> dict[str, int]:
+    """Return the joint that carries a shoulder: one named so, or the first that is closer to it than the elbow."""
+    shoulder = arm.joints[which][0]
+    before = [k for k in arm.before(which) if k < len(tree.figure.joints)]
+    named = [k for k in before if "collar" in words.parts(tree.figure.points[k])]
+    near = [k for k in before if 0.05 * arm.lengths[0] < tree.distance(k, shoulder) < 0.9 * arm.lengths[0]]
+    found = named or near
+    return {"collar": found[0]} if found else {}
 
 
-def _hints(
-    tree: Tree, chains: tuple[tuple[int, ...], tuple[int, ...]], picks: tuple[int, int, int], kind: Kind
-) -> float:
-    """Return the penalty of three joints from names; below zero if the names agree."""
-    penalty = 0.0
-    for role, pick in zip(ROLES[kind], picks, strict=True):
-        for chain in chains:
-            name = tree.figure.points[chain[pick]]
-            hinted = words.parts(name)
-            if words.is_helper(name):
-                penalty += _HELPER / 2
-            elif role in hinted:
-                penalty -= _HINT / 2 / (1 + 0.2 * (len(hinted) - 1))
-            elif hinted:
-                penalty += _CONTRADICTION / 2
-            if words.is_end(name) and pick == picks[1]:
-                penalty += _CONTRADICTION / 2
-    return penalty
+def foot_of(tree: Tree, leg: Limb, which: int, zero: float) -> dict[str, int]:
+    """Return the ball of the foot and the tip of the toes; points closer than `zero` coincide."""
+    names, count, ankle = tree.figure.points, len(tree.figure.joints), leg.joints[which][2]
+    chain = [k for k in leg.after(which) if tree.distance(k, ankle) > zero]
+    named = [k for k in chain if "foot" in words.parts(names[k]) and not words.is_end(names[k])]
+    balls = [k for k in named or chain if k < count]
+    if not balls:
+        return {}
+    sure = [k for k in balls if "ankle" not in words.parts(names[k]) and k != chain[-1]]
+    ball = (sure if named and sure else balls)[0]
+    tips = [k for k in chain[chain.index(ball) + 1 :] if tree.distance(k, ball) > zero]
+    return {"foot": ball, "toe": tips[-1]} if tips else {"foot": ball}
+
+
+def fingers_of(tree: Tree, wrist: int) -> dict[str, int]:
+    """Return joints and tips of the fingers below a wrist: 'index1', 'index2', 'index3', 'index_tip' …
+
+    Fingers are identified by their names, their numbers, or their positions on the hand.
+    """
+    count = len(tree.figure.joints)
+    if wrist >= count:
+        return {}
+    found: dict[str, int] = {}
+    for finger, chain in _which(tree, wrist, _finger_chains(tree, wrist)).items():
+        joints = [k for k in chain if k < count]
+        joints = joints[_begins_in_palm(tree, wrist, finger, chain, joints) :][:3]
+        if len(joints) < 2:
+            continue
+        found |= {f"{finger}{k}": joint for k, joint in enumerate(joints, start=1)}
+        tips = chain[chain.index(joints[-1]) + 1 :]
+        if len(joints) == 3 and tips and tree.length[tips[0]] > 0:
+            found[f"{finger}_tip"] = tips[0]
+    return found
+
+
+def _finger_chains(tree: Tree, wrist: int) -> list[list[int]]:
+    """Return the branches below a wrist without further branching, from the wrist on."""
+    figure, leaves, todo = tree.figure, list[int](), [wrist]
+    while todo:
+        point = todo.pop()
+        children = [k for k in figure.children[point] if not words.is_helper(figure.points[k])]
+        todo += children
+        if not children and point != wrist:
+            leaves.append(point)
+    if len(leaves) > 4 * _MOST:
+        return []
+    ways = [way[: way.index(wrist)][::-1] for way in map(figure.above, leaves)]
+    shared = Counter(k for way in ways for k in way)
+    chains = [[k for k in way if shared[k] == 1] for way in ways]
+    return [chain for chain in chains if sum(k < len(figure.joints) for k in chain) >= 2][:_MOST]
+
+
+def _which(tree: Tree, wrist: int, chains: list[list[int]]) -> dict[str, list[int]]:
+    """Return the chain of each finger."""
+    names = tree.figure.points
+    named: dict[str, list[int]] = {}
+    for chain in chains:
+        said = [part for k in chain for part in words.parts(names[k]) if part in words.FINGERS]
+        if said and said.count(said[0]) > 1:
+            named.setdefault(said[0], chain)
+    if named:
+        return named
+    numbered = [chain for chain in chains if any(words.parts(names[k]) & {"finger"} for k in chain)]
+    if len(numbered) in (4, 5):
+        return dict(zip(words.FINGERS, sorted(numbered, key=lambda chain: names[chain[0]]), strict=False))
+    usual = np.median([tree.way(wrist, chain) for chain in chains]) if chains else 0.0
+    chains = [chain for chain in chains if tree.way(wrist, chain) < _HELD * usual]
+    if len(chains) not in (4, 5):
+        return {}
+    ways = np.stack([tree.place[:, chain[-1]] - tree.place[:, wrist] for chain in chains])
+    ways /= np.maximum(np.linalg.norm(ways, axis=-1, keepdims=True), 1e-9)
+    rest = (ways.sum(axis=0) - ways) / (len(chains) - 1)
+    apart = np.median((ways * rest).sum(-1), axis=1)  # the thumb points elsewhere
+    thumb = chains[int(np.argmin(apart))]
+    others = [chain for chain in chains if chain is not thumb]
+    knuckles = np.stack([tree.place[:, chain[0]] - tree.place[:, wrist] for chain in others])
+    along = knuckles.mean(axis=0)
+    base = tree.place[:, thumb[0]] - tree.place[:, wrist]
+    share = (base * along).sum(-1) / np.maximum((along * along).sum(-1), 1e-12)
+    across = base - share[:, None] * along  # over the palm, towards the thumb
+    ranks = -np.median((knuckles * across).sum(-1), axis=1)
+    return dict(zip(words.FINGERS, [thumb, *(others[k] for k in np.argsort(ranks))], strict=False))
+
+
+def _begins_in_palm(tree: Tree, wrist: int, finger: str, chain: list[int], joints: list[int]) -> bool:
+    """Whether the first joint of a finger does not bend: a bone inside the palm, by name or distance to the wrist."""
+    if len(joints) > 3 and len(chain) > len(joints):  # four joints and a tip
+        return True
+    if finger == "thumb" or len(joints) < 3:
+        return False
+    said = words.words(tree.figure.points[joints[0]])
+    if "carpal" in "".join(said) or "mc" in said:
+        return True
+    return len(chain) > 3 and bool(tree.distance(wrist, joints[0]) < _METACARPAL * tree.length[joints[1]])

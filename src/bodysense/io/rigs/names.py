@@ -42,6 +42,11 @@ class _Name:
         return next((int(word) for word in self.after if word.isdigit()), -1)
 
     @property
+    def rank(self) -> int:
+        """The number, counted towards the body of two shoulders: the inner one is the collar."""
+        return -self.number if self.means == ("shoulder", "collar") else self.number
+
+    @property
     def says_palm(self) -> bool:
         """Whether it is named as a bone inside the palm."""
         return any(PHALANGES.get(word) == 0 for word in self.after)
@@ -58,7 +63,7 @@ def joints_of(names: Sequence[str]) -> dict[str, str]:
     fingers = {name: finger for name in read if (finger := _finger_of(name, read))}
     ranks = {word: rank for rank, word in enumerate(PARTS)}
     plain = [name for name in read if name.word and name not in fingers]
-    plain = sorted(plain, key=lambda name: (name.word == _CARRIER, len(name.means) > 1, ranks[name.word], name.number))
+    plain.sort(key=lambda name: (name.word == _CARRIER, len(name.means) > 1, ranks[name.word], name.rank))
     found: dict[str, str] = {}
     for name in plain:
         parts = _ENDS.get(name.means[0], ()) if name.is_end else name.means

@@ -16,11 +16,10 @@ from bodysense.body.skeleton import BODY
 from bodysense.body.world_axes import TURNS, UpAxis
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import parts_lacking
-from bodysense.io.rigs.figure import Figure
-from bodysense.io.rigs.limbs import Tree
+from bodysense.io.rigs.body import WORST, find_body
+from bodysense.io.rigs.figure import Figure, measured
 from bodysense.io.rigs.named import read_joint_map
 from bodysense.io.rigs.options import AS_FOUND, ReadingOptions
-from bodysense.io.rigs.structure import WORST, find_body
 from bodysense.io.rigs.words import NAMESPACE
 from bodysense.io.rigs.world import FLOOR_TOLERANCE, find_floor, find_unit, find_up, stature
 
@@ -83,7 +82,6 @@ def _has(word: str, plain: set[str], whole: set[str]) -> bool:
     return word in plain
 
 
-SAMPLE = 120  # frames, evenly spaced, that recognition uses
 _UNIT_NAMES = {"m": "metres", "cm": "centimetres", "mm": "millimetres", "in": "inches", "ft": "feet"}
 
 
@@ -172,7 +170,7 @@ def recognise(figure: Figure, options: ReadingOptions = AS_FOUND) -> Rig:
 
     Raises BodysenseError, naming the file, if it is not a humanoid or the options do not fit it.
     """
-    tree = Tree(figure, sampled(figure).world()[0])
+    tree = measured(figure)
     try:
         if options.joints is None:
             found = find_body(tree)
@@ -219,8 +217,3 @@ def _way_on(figure: Figure, options: ReadingOptions) -> str:
     return (
         f"; if it is a body, say which joint is which: bodysense data joints {figure.name} -o joints.json, and --joints"
     )
-
-
-def sampled(figure: Figure) -> Figure:
-    """Return the frames of a figure that recognition uses."""
-    return figure.at(np.unique(np.linspace(0, len(figure) - 1, SAMPLE).astype(int)))

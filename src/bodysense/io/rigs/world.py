@@ -10,7 +10,7 @@ import numpy as np
 from bodysense.body.rotation import quaternion_rotate
 from bodysense.body.skeleton import default_skeleton
 from bodysense.body.world_axes import TURNS, UpAxis
-from bodysense.io.rigs.limbs import Tree
+from bodysense.io.rigs.figure import Tree
 
 Places = Mapping[str, np.ndarray]  # (S, 3) of points of ours, by name
 

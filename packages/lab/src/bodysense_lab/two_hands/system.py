@@ -12,7 +12,8 @@ from pathlib import Path
 import numpy as np
 
 from bodysense.arrays import read_arrays
-from bodysense.devices.gloves.device import GloveDevice, glove_device, gloved_sides, has_gloves, has_standard_gloves
+from bodysense.body.glove import glove_hands
+from bodysense.devices.gloves.device import GloveDevice, glove_device, gloved_sides, has_standard_gloves
 from bodysense.devices.gloves.hands import GloveModels, HandsSettings, load_glove_models
 from bodysense.devices.gloves.networks import GloveNetwork, load_joint_network, load_marker_network
 from bodysense.errors import BodysenseError
@@ -70,7 +71,7 @@ def read_calibration(path: Path, sides: tuple[str, ...]) -> np.ndarray:
 def _gloved(opened: Opened, options: PaperOptions) -> Signal:
     device = options.watched_by(opened, "gloves")
     signal = signal_from(opened, device=device, height=options.height, noise=options.noise)
-    if not (has_gloves(signal.observation) and has_standard_gloves(signal.observation)):
+    if not (glove_hands(signal.observation.points) and has_standard_gloves(signal.observation)):
         raise BodysenseError(
             f"{opened.name}: --method two_hands reads gloves of nine markers; give a take of them, or a motion with "
             "--device gloves"

@@ -12,10 +12,15 @@ from bodysense.body.rotation import geodesic_angle, quaternion_exp, quaternion_m
 from bodysense.body.skeleton import default_skeleton
 from bodysense.io.clip import Clip
 from bodysense.io.rigs.canonical import canonical
-from bodysense.io.rigs.stance import UPRIGHT, standing_rest
+from bodysense.io.rigs.rest_pose import UPRIGHT, Stance, standing_rest
 
 JOINTS = default_skeleton().joints
 OURS = {name: name for name in default_skeleton().points}
+
+
+def rest_of(clip: Clip) -> Stance:
+    """The rest pose of a clip with our names."""
+    return standing_rest(clip, {name: clip.pose.skeleton.index(name) for name in OURS})
 
 
 def about(axis: str, degrees: float) -> np.ndarray:
@@ -33,7 +38,7 @@ def both(part: str, axis: str, degrees: float) -> dict[str, np.ndarray]:
     {"pelvis": about("Y", 180)},
 ], ids=["T", "A", "arms down", "legs apart", "knees bent", "facing back"])  # fmt: skip
 def test_a_rest_pose_that_stands_is_good_enough(waving_clip, reframe, rest) -> None:
-    assert standing_rest(reframe(waving_clip, rest), OURS).rest is None
+    assert rest_of(reframe(waving_clip, rest)).rest is None
 
 
 def contorted(clip: Clip, reframe, seed: int) -> Clip:
@@ -52,10 +57,10 @@ def test_the_frame_that_stands_best_is_taken(waving_clip, reframe, seed: int) ->
     rotation[:, 0] = quaternion_multiply(about("Y", 45.0 * seed), rotation[:, 0])
     clip = replace(waving_clip, pose=Pose(pose.skeleton, pose.root_position, rotation))
     source = contorted(clip, reframe, seed)
-    rest = standing_rest(source, OURS).rest
+    rest = rest_of(source).rest
     assert rest is not None
     assert geodesic_angle(rest.rotation, source.pose.rotation[place]).max() < 1e-9
-    result = canonical(source, rest=rest)
+    result = canonical(source, OURS, must_stand=True)
     there, here = (forward_kinematics(which.pose) for which in (clip, result))
     np.testing.assert_allclose(here[0], there[0], atol=1e-9)
     off = np.rad2deg(geodesic_angle(here[1], there[1]).max(axis=0))
@@ -67,4 +72,4 @@ def test_a_motion_that_never_stands_is_told(waving_clip, reframe) -> None:
     rotation = waving_clip.pose.rotation.copy()
     rotation[:, 0] = quaternion_multiply(about("X", 90.0), rotation[:, 0])
     lying = replace(waving_clip, pose=Pose(waving_clip.pose.skeleton, waving_clip.pose.root_position, rotation))
-    assert standing_rest(contorted(lying, reframe, 0), OURS).torso > UPRIGHT
+    assert rest_of(contorted(lying, reframe, 0)).torso > UPRIGHT
