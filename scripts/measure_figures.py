@@ -48,6 +48,7 @@ def marker_sets() -> dict[str, float]:
         take = _tracked(clip, tuple(places), np.stack(list(places.values()), axis=1))
         off = 100 * np.linalg.norm(take.estimate.points[:, clip.pose.skeleton.indices(BODY)] - truth, axis=-1)
         found |= {f"{name}_tracked_cm": off.mean(), f"{name}_tracked_p95_cm": np.percentile(off, 95)}
+        found[f"{name}_tracked_spine_cm"] = off[:, [BODY.index(f"spine{k}") for k in (1, 2)]].mean()
     return found
 
 

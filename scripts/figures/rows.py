@@ -6,14 +6,18 @@ import re
 from collections.abc import Callable
 from pathlib import Path
 
+from bodysense.devices.simulated.headset_camera import HeadsetCamera
+
 from .blocks import ROOT
 
+CAMERA = HeadsetCamera()
 PAGE = Path("docs") / "reproduce.md"
 COLUMN = 3  # of a row's cells: its figure
 _BLOCK = re.compile(r"<!-- begin (\S+) -->\n(.*?)<!-- end \1 -->", re.DOTALL)
 Cells = Callable[..., str]  # name of a block, heading of a column, labels of the row → the cell
 
 FIGURES: dict[str, Callable[[Cells], str]] = {  # by row of the page
+    "1.1": lambda at: f"{CAMERA.field_of_view:g}°, {CAMERA.tilt:g}°, {100 * CAMERA.near:g} cm",
     "1.2": lambda at: f"joints hidden {at('occlusion', 'all', 'all')} of the time",
     "1.3": lambda at: f"self-contact {at('occlusion', 'all', 'self-contact')}",
     "1.4": lambda at: ", ".join(f"{name} {at('occlusion', 'all', name)}" for name in ("shoulder", "hand", "foot")),
@@ -45,7 +49,9 @@ FIGURES: dict[str, Callable[[Cells], str]] = {  # by row of the page
     "2.10": lambda at: f"{at('hmd-vae', 'full body cm', '4, as 2, pretrained')} cm, model 4",
     "3.3": lambda at: f"overall {at('table1', 'overall m', 'AHMT')} m",
     "3.4": lambda at: f"overall {at('table1', 'overall m', 'PAHMT')} m",
-    "3.8": lambda at: f"packaged: overall {at('table1', 'overall m', 'packaged')} m",
+    "3.8": lambda at: (
+        f"packaged: hands {at('table1', 'hands m', 'packaged')}, overall {at('table1', 'overall m', 'packaged')} m"
+    ),
     "3.10": lambda at: f"{at('video', 'arms and hands cm', 'bodysense, from the video')} cm",
     "4.3": lambda at: (
         f"{_range(at, 'gloves-fusion', '5 s', STRANGERS, '1', 'fused')}, a finger hidden for 0.1 to 5 s, {STRANGERS}"
