@@ -220,15 +220,3 @@ def test_files_that_are_named_exist() -> None:
     ]
     assert len(named) >= 20
     assert not [(page, name) for page, name in named if not any((root / name).exists() for root in roots)]
-
-
-def test_figures_of_the_papers_rows_are_those_of_their_pages() -> None:
-    """docs/reproduce.md repeats figures of generated tables: each is in one of them."""
-    rows = [line.split("|") for line in (ROOT / "docs" / "reproduce.md").read_text().splitlines()]
-    cells = [row[4] for row in rows if len(row) == 8 and re.match(r" (\d\.\d+|–) ", row[1])]
-    assert len(cells) >= 56  # 55 rows, and PAHMT's Table 2
-    pages = [*(ROOT / "docs" / "papers").glob("*.md"), *(ROOT / "docs").glob("*.md")]
-    text = "\n".join(page.read_text() for page in pages if page.stem != "reproduce")
-    figures = [figure for cell in cells for figure in re.findall(r"\d+\.\d+", cell)]
-    assert len(figures) >= 15
-    assert not [figure for figure in figures if not re.search(rf"(?<![\d.]){re.escape(figure)}0?(?!\d)", text)]

@@ -1,20 +1,30 @@
-"""The script that writes the tables of README and docs: what it makes of figures, and the places it puts them."""
+"""Tables of figures: each is between markers that the script writes, names its processor, and has its command."""
 
 from __future__ import annotations
 
-import runpy
+import json
+import re
 from collections import defaultdict
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
+from figures import completion, rows, speed
+from figures.blocks import ROOT, Block, Measured, put, read_measured, write_blocks
+from write_figures import BLOCKS
+from write_figures import __doc__ as COMMANDS
 
-ROOT = Path(__file__).parents[1]
-
-
-@pytest.fixture(scope="module")
-def script() -> dict[str, Any]:
-    return runpy.run_path(str(ROOT / "scripts" / "readme_figures.py"))
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+WRITTEN = re.compile(r"<!-- begin (\S+) -->\n(.*?)<!-- end \1 -->", re.DOTALL)
+_NUMBER = r"[−+-]?\d[\d,]*(?:\.\d+)?"
+_UNIT = r"(?:cm|mm|m|ms|s|°|%|cm/s|m/s|MB|MB/s|/s)"
+# A figure: numbers alone, at least one with decimals or a unit: `0.91`, `1.8, 4.3 cm`, `13.3 (0.63)`, `37 %`.
+FIGURE = re.compile(rf"(?=.*(?:\.\d| {_UNIT}|°)){_NUMBER}(?: ?{_UNIT})?(?:[ ,/(]+(?:to )?{_NUMBER}(?: ?{_UNIT})?\)?)*")
+CONSTANTS = {  # tables by the first cell of their head and page: no figures of ours were measured for them
+    ("docs/reproduce.md", "row"),  # repeats cells of other tables (`figures.rows`), next to those of the papers
+    ("docs/markers.md", "joint"),  # accuracies that marker sets assume
+    ("docs/video.md", "option"),  # defaults of options
+}
 
 
 class Figures(defaultdict):
@@ -27,62 +37,116 @@ class Figures(defaultdict):
         return True
 
 
-@pytest.mark.parametrize("table", ["completion", "completion_measures", "published", "sight"])
-def test_tables_of_completion(script: dict[str, Any], table: str) -> None:
-    text = script[table](Figures())
-    widths = [{line.count("|") for line in part.splitlines()} for part in text.split("\n\n") if part.startswith("|")]
-    assert widths and all(len(width) == 1 for width in widths), "every row is as wide as its table"
-    assert "1.25" in text
+def tables(text: str) -> Iterator[list[list[str]]]:
+    """The cells of every table that is not between markers."""
+    for table in re.findall(r"(?:^\|.*\n)+", WRITTEN.sub("", text), re.MULTILINE):
+        yield [[cell.strip() for cell in line.strip().strip("|").split("|")] for line in table.splitlines()]
 
 
-def test_the_table_of_speed(script: dict[str, Any]) -> None:
-    assert "1.25 ms each" in script["speed"](defaultdict(Figures))
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_a_table_with_figures_is_between_markers(page: Path) -> None:
+    name = page.relative_to(ROOT).as_posix()
+    for head, _, *body in tables(page.read_text(encoding="utf-8")):
+        figures = [cell for row in body for cell in row[1:] if FIGURE.fullmatch(cell)]
+        assert not figures or (name, head[0]) in CONSTANTS, f"{name}, {head}: put {figures[:3]} between markers"
 
 
-def test_places(script: dict[str, Any]) -> None:
-    """What stands around the markers stays."""
-    text = script["put"]("a\n<!-- begin x -->\nold\n<!-- end x -->\nb\n", "x", "new")
-    assert text == "a\n<!-- begin x -->\nnew\n<!-- end x -->\nb\n"
-    places = {
-        "README.md": ("completion",),
-        "docs/gloves.md": ("gloves", "gloves-layouts", "gloves-speed", "gloves-fusion", "gloves-settings"),
-        "docs/papers/two-hands.md": ("gloves-table3", "gloves-table4", "gloves-occlusion", "gloves-limits"),
-        "docs/rendered.md": ("video",),
-        "docs/completion.md": ("completion", "published"),
-        "docs/evaluation.md": ("sight", "speed"),
-        "docs/papers/unoc.md": ("headset", "networks", "table3", "table4", "table5", "smoothness", "applications"),
-        "docs/papers/hmd-vae.md": ("hmd-vae",),
-        "docs/papers/pahmt.md": ("table1", "arms-speed"),
+def test_what_counts_as_a_figure() -> None:
+    assert all(
+        map(FIGURE.fullmatch, ("0.91", "1.8, 4.3 cm", "13.3 (0.63)", "37 %", "0.22, 0.32 ms", "8.4 / 5.7", "-0.98"))
+    )
+    assert not any(map(FIGURE.fullmatch, ("8192", "–", "", "1.75 m tall", "`0.5`", "2, 3", "by 0.5 cm")))
+
+
+def test_every_pair_of_markers_has_a_block_that_writes_it() -> None:
+    found = {
+        (page.relative_to(ROOT).as_posix(), name)
+        for page in [*PAGES, *(ROOT / "src").rglob("*.md"), *(ROOT / "packages").rglob("*.md")]
+        for name in re.findall(r"<!-- begin (\S+) -->", page.read_text(encoding="utf-8"))
     }
-    for file, names in places.items():
-        whole = (ROOT / file).read_text(encoding="utf-8")
-        assert all(whole.count(f"<!-- {word} {name} -->") == 1 for name in names for word in ("begin", "end")), file
+    named = [(block.page, block.name) for block in BLOCKS]
+    assert set(named) == found and len(named) == len(found)
 
 
-def test_figures_of_reproduced_rows(tmp_path: Path) -> None:
-    """A row's figure is replaced, and nothing else of the page; every row of the script is on the page."""
-    script = runpy.run_path(str(ROOT / "scripts" / "reproduce_figures.py"))
-    page = (ROOT / "docs" / "reproduce.md").read_text(encoding="utf-8")
-    for row, (_, figure) in script["FIGURES"].items():
-        changed = script["with_figure"](page, row, figure(Figures()))
-        lines = [pair for pair in zip(page.splitlines(), changed.splitlines(), strict=True) if pair[0] != pair[1]]
-        assert len(lines) == 1 and lines[0][1].startswith(f"| {row} |")
-        before, after = (line.split(" | ") for line in lines[0])
-        assert before[:3] == after[:3] and before[4:] == after[4:] and after[3] == figure(Figures())
+@pytest.mark.parametrize("block", BLOCKS, ids=lambda block: f"{Path(block.page).stem}-{block.name}")
+def test_a_block_names_its_processor_and_commands(block: Block) -> None:
+    text = dict(WRITTEN.findall((ROOT / block.page).read_text(encoding="utf-8")))[block.name]
+    if block.files and text:
+        assert re.search(r"\n\nProcessor: \S.*\.\n$", text), block
+    for file in (*block.files, *block.more):
+        pattern = "live-PxN" if re.fullmatch(r"live-\dx\d+", file) else file
+        named = f"FIGURES/{pattern}.json" in COMMANDS or file in ("marker-gaps", "mounts", "gloves-expected")
+        assert named, f"no command for {file}.json"
+
+
+@pytest.mark.parametrize(
+    "block", [block for block in BLOCKS if block.files], ids=lambda block: f"{Path(block.page).stem}-{block.name}"
+)
+def test_a_block_is_made_of_its_files(block: Block, tmp_path: Path) -> None:
+    """Rows are as wide as their table, every file is needed, and the processors of all files are named."""
+    page = tmp_path / block.page
+    page.parent.mkdir(parents=True, exist_ok=True)
+    page.write_text(f"a\n<!-- begin {block.name} -->\n<!-- end {block.name} -->\nb\n")
+    measured = {file: Measured(Figures(), f"cpu {k}") for k, file in enumerate(block.files)}
+    for missing in block.files:
+        write_blocks([block], {file: one for file, one in measured.items() if file != missing}, tmp_path)
+        assert page.read_text().count("\n") == 4, "unchanged"
+    write_blocks([block], measured, tmp_path)
+    text = page.read_text()
+    assert text.startswith(f"a\n<!-- begin {block.name} -->\n") and text.endswith(f"<!-- end {block.name} -->\nb\n")
+    assert text.count(f"Processor: {', '.join(sorted(one.processor for one in measured.values()))}.\n") == 1
+    for table in re.findall(r"(?:^\|.*\n)+", text, re.MULTILINE):
+        assert len({line.count("|") for line in table.splitlines()}) == 1
+    assert re.search(r"\d", text.replace("cpu", ""))
+
+
+def test_figures_without_a_processor_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "step.json").write_text(json.dumps({"p50_ms": 1.0}))
+    with pytest.raises(ValueError, match=r"step\.json: no processor; measure again"):
+        read_measured(tmp_path)
+    (tmp_path / "step.json").write_text(json.dumps({"processor": "a cpu", "p50_ms": 1.0}))
+    assert read_measured(tmp_path) == {"step": Measured({"p50_ms": 1.0}, "a cpu")}
+
+
+def test_text_around_markers_stays() -> None:
+    text = put("a\n<!-- begin x -->\nold\n<!-- end x -->\nb\n", "x", "new")
+    assert text == "a\n<!-- begin x -->\nnew\n<!-- end x -->\nb\n"
+    with pytest.raises(ValueError, match="no markers of y"):
+        put(text, "y", "new")
+
+
+def test_the_table_of_speed() -> None:
+    assert "1.25 ms each" in speed.speed(*[Figures()] * 5)
+
+
+def test_figures_of_the_papers_rows_are_cells_of_the_tables() -> None:
+    page = (ROOT / rows.PAGE).read_text(encoding="utf-8")
+    assert rows.with_figures(page) == page, "run: python scripts/write_figures.py FIGURES"
+    assert len(re.findall(r"^\| \d\.\d+ \|", page, re.MULTILINE)) == 55
     with pytest.raises(ValueError, match=r"no row 9\.9"):
-        script["with_figure"](page, "9.9", "1")
+        rows.with_figure(page, "9.9", "1")
+    block = "| a | b | c |\n| --- | --- | --- |\n| x | y | 1 |\n| x | z | 2 |\n\nProcessor: a cpu.\n"
+    assert rows.cell_of(block, "c", "x", "z") == "2" and rows.cell_of(block, "processor") == "a cpu"
+    with pytest.raises(ValueError, match="no cell 'd'"):
+        rows.cell_of(block, "d", "x")
 
 
-def test_tables_of_all_clips_name_no_limit(script: dict[str, Any]) -> None:
+def test_no_row_only_links_to_a_page_that_has_its_figures() -> None:
+    page = (ROOT / rows.PAGE).read_text(encoding="utf-8")
+    cells = [line.strip("| ").split(" | ") for line in page.splitlines() if re.match(r"\| \d\.\d+ \|", line)]
+    assert [row[0] for row in cells if row[3].startswith("[")] == ["1.18"]  # raters are the reader's own
+
+
+def test_tables_of_all_clips_name_no_limit() -> None:
     figures = Figures()
     figures |= {"clips": 36.0, "clips_in_split": 285.0}
-    assert "--data DIR --limit 36`: 36 clips" in script["completion"](figures)
-    assert "--data DIR --limit 36 --takes`: 36 clips" in script["takes"](figures)
+    assert "--data DIR --limit 36`: 36 clips" in completion.completion(figures, figures)
+    assert "--data DIR --limit 36 --takes`: 36 clips" in completion.takes(figures)
     figures["clips"] = 285.0
-    assert "--data DIR`: 285 clips" in script["completion"](figures)
+    assert "--data DIR`: 285 clips" in completion.completion(figures, figures)
 
 
-def test_the_card_of_the_network(script: dict[str, Any]) -> None:
-    text = script["network"](Figures())
+def test_the_card_of_the_network() -> None:
+    text = completion.network(Figures())
     assert "seed" in text and "- validation people, known bodies, cm: head 1.25" in text
-    assert "validation people" not in script["network"](None)
+    assert "validation people" not in completion.network(None)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import runpy
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from figures.blocks import ROOT, put
+from figures.conform import BLOCKS
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -68,9 +69,9 @@ def test_a_check_has_a_described_quantity_and_sensible_limits(check: Check) -> N
 
 
 def test_the_page_has_the_table() -> None:
-    script = runpy.run_path(str(Path(__file__).parents[2] / "scripts" / "conform_table.py"))
-    page = script["PAGE"].read_text(encoding="utf-8")
-    assert script["written"](page) == page, "run: python scripts/conform_table.py"
+    (block,) = BLOCKS
+    page = (ROOT / block.page).read_text(encoding="utf-8")
+    assert put(page, block.name, block.text()) == page, "run: python scripts/write_figures.py FIGURES"
 
 
 @settings(max_examples=3)

@@ -39,15 +39,17 @@ def wide_console() -> Console:
 
 
 def write_numbers(path: Path | None, numbers: dict[str, float]) -> None:
-    """Write one flat JSON object, if a path was given; figures that do not exist (not a number) are left out."""
+    """Write one flat JSON object with the processor, if a path was given; NaN is left out."""
     if path is not None:
         with written_beside(path) as beside:
             finite = {name: value for name, value in numbers.items() if np.isfinite(value)}
-            beside.write_text(json.dumps(finite, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+            beside.write_text(
+                json.dumps({"processor": processor()} | finite, indent=1, allow_nan=False) + "\n", encoding="utf-8"
+            )
 
 
 def processor() -> str:
-    """Name of the processor, for figures of speed."""
+    """Name of the processor, for measured figures."""
     try:
         for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
             if line.startswith("model name"):

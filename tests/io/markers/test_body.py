@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from virtual import BASELINE, LEGS, OPENCAP, OPENSIM, PAIRS, PLUG_IN_GAIT, QUALISYS, RAJAGOPAL, RIZZOLI, worn
+from virtual import LABORATORIES, LEGS, PAIRS, PLUG_IN_GAIT, SETS, errors, found, raw_of, worn
 
 from bodysense.body.pose import forward_kinematics
 from bodysense.body.rotation import geodesic_angle, quaternion_multiply
@@ -15,21 +15,12 @@ from bodysense.body.skeleton import BODY
 from bodysense.demo import performance_of_stranger
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
-from bodysense.io.markers.body import body_of
 from bodysense.io.markers.c3d import write_c3d
 from bodysense.io.markers.marker_sets import marker_sets, recognised
-from bodysense.io.markers.raw_markers import MarkerFormat, RawMarkers, points_alone, read_names
+from bodysense.io.markers.raw_markers import MarkerFormat, points_alone, read_names
 from bodysense.io.markers.recording import read_markers
 from bodysense.take import track
 
-SETS = {"Plug-in Gait": PLUG_IN_GAIT, "Rizzoli (IOR)": RIZZOLI, "OptiTrack Baseline": BASELINE}
-LABORATORIES = {
-    "OpenSim gait2354 and Hamner": OPENSIM,
-    "Rajagopal": RAJAGOPAL,
-    "OpenCap": OPENCAP,
-    "anatomical pairs": PAIRS,
-    "Rizzoli (IOR)": QUALISYS,
-}
 HARDEST = {"foot": 0.03, "neck": 0.03, "elbow": 0.028}  # m; other joints 1.5 cm
 Z_UP = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])  # our axes → those of most laboratories
 
@@ -39,26 +30,6 @@ def stranger() -> Clip:
     """Somebody on proportions that nothing was fitted to, 60 frames of standing, sitting and steps."""
     clip = performance_of_stranger()
     return replace(clip, pose=clip.pose[:: len(clip) // 60], frame_rate=10.0)
-
-
-def raw_of(clip: Clip, names: dict[str, str], scale: float = 1.0, unit: str = "m") -> RawMarkers:
-    places = worn(clip.pose, names)
-    position = np.stack(list(places.values()), axis=1) * scale
-    return RawMarkers(tuple(places), position, clip.time, clip.frame_rate, unit)  # type: ignore[arg-type]
-
-
-def found(raw: RawMarkers, form: MarkerFormat = MarkerFormat()):
-    known = recognised(raw.names)
-    assert known is not None
-    return body_of(raw, form, known, "walk.c3d")
-
-
-def errors(raw: RawMarkers, clip: Clip, form: MarkerFormat = MarkerFormat()) -> dict[str, float]:
-    """Mean error of each joint, m."""
-    seen, truth = found(raw, form).observation, np.asarray(forward_kinematics(clip.pose)[0])
-    apart = np.linalg.norm(seen.position - truth[:, clip.pose.skeleton.indices(seen.points)], axis=-1)
-    known = np.asarray(seen.has_position.any(axis=0))
-    return {name: float(np.nanmean(apart[:, k])) for k, name in enumerate(seen.points) if known[k]}
 
 
 @pytest.mark.parametrize("name", SETS)

@@ -12,6 +12,10 @@ import numpy as np
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.rotation import quaternion_rotate
 from bodysense.body.skeleton import Skeleton, default_body, default_skeleton
+from bodysense.io.clip import Clip
+from bodysense.io.markers.body import body_of
+from bodysense.io.markers.marker_sets import recognised
+from bodysense.io.markers.raw_markers import MarkerFormat, RawMarkers
 
 RADIUS = 0.007  # m, of a marker
 
@@ -101,6 +105,14 @@ QUALISYS = {**RIZZOLI, "wrist_pinky": "L_UHE"}
 LEGS = {
     spot: label for spot, label in PAIRS.items() if spot[:4] in ("asis", "psis", "knee", "ankl", "heel", "firs", "fift")
 }
+SETS = {"Plug-in Gait": PLUG_IN_GAIT, "Rizzoli (IOR)": RIZZOLI, "OptiTrack Baseline": BASELINE}
+LABORATORIES = {
+    "OpenSim gait2354 and Hamner": OPENSIM,
+    "Rajagopal": RAJAGOPAL,
+    "OpenCap": OPENCAP,
+    "anatomical pairs": PAIRS,
+    "Rizzoli (IOR)": QUALISYS,
+}
 MIDDLE = ("sacrum", "c7", "t10", "clavicle", "sternum", "head_top", "forehead")
 ONE_SIDE = ("head_side",)
 
@@ -188,3 +200,23 @@ def _part(joint: str) -> str:
         if joint.removeprefix("left_") in names:
             return part
     return joint
+
+
+def raw_of(clip: Clip, names: dict[str, str], scale: float = 1.0, unit: str = "m") -> RawMarkers:
+    places = worn(clip.pose, names)
+    position = np.stack(list(places.values()), axis=1) * scale
+    return RawMarkers(tuple(places), position, clip.time, clip.frame_rate, unit)  # type: ignore[arg-type]
+
+
+def found(raw: RawMarkers, form: MarkerFormat = MarkerFormat()):
+    known = recognised(raw.names)
+    assert known is not None
+    return body_of(raw, form, known, "walk.c3d")
+
+
+def errors(raw: RawMarkers, clip: Clip, form: MarkerFormat = MarkerFormat()) -> dict[str, float]:
+    """Mean error of each joint, m."""
+    seen, truth = found(raw, form).observation, np.asarray(forward_kinematics(clip.pose)[0])
+    apart = np.linalg.norm(seen.position - truth[:, clip.pose.skeleton.indices(seen.points)], axis=-1)
+    known = np.asarray(seen.has_position.any(axis=0))
+    return {name: float(np.nanmean(apart[:, k])) for k, name in enumerate(seen.points) if known[k]}

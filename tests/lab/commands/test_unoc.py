@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from bodysense.body.skeleton import default_skeleton
+from bodysense.cli.show import processor
 from bodysense.io.bvh import write_bvh
 from bodysense.io.clip import Clip
 
@@ -50,6 +51,7 @@ def check_files(tmp_path: Path, name: str, rows: int, keys: list[str]) -> dict[s
     assert picture.startswith(b"\x89PNG") and picture.endswith(b"IEND\xaeB`\x82")
     assert not [path for path in (tmp_path / "tables").iterdir() if path.name.startswith(".")]
     numbers = json.loads((tmp_path / "numbers.json").read_text())
+    assert numbers.pop("processor") == processor()
     assert all(isinstance(value, (int, float)) and np.isfinite(value) for value in numbers.values())
     missing = [key for key in keys if key not in numbers]
     assert not missing, missing

@@ -91,6 +91,7 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
     numbers = tmp_path / "sight.json"
     assert main(["evaluate", "sight", "--json", str(numbers)]) == 0
     found = json.loads(numbers.read_text())
+    assert found.pop("processor")
     assert {"standing_down_ball_cm", "seated_188_head_height_cm", "raised_sideways_deg"} <= set(found)
     assert all(np.isfinite(value) for value in found.values())
     assert found["raised_ahead_truth_deg"] > 65

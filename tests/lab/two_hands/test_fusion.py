@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import inspect
+import re
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -11,6 +15,7 @@ from bodysense.body.hand_family import draw_hand
 from bodysense.devices.gloves import continuity
 from bodysense.devices.gloves.hands import load_glove_models
 from bodysense.devices.gloves.inertial import InertialSettings
+from bodysense_lab.commands.gloves import gloves_settings
 from bodysense_lab.datasets import Census
 from bodysense_lab.synthesis.hands import synthesize_hand
 from bodysense_lab.two_hands import choice, fusion
@@ -67,3 +72,16 @@ def test_a_report_names_the_chosen_values() -> None:
     assert "2 is chosen and is not the default, 8." in report.remarks[0]
     defaults = {name: candidates.default for name, candidates in choice.CANDIDATES.items()}
     assert defaults == {"fading": continuity.FADING, "aside": InertialSettings().aside}
+
+
+def test_the_defaults_are_chosen_by_the_table_in_the_docs() -> None:
+    """`FADING` is the longest half-life within 2 % of the best, on hands of the validation split."""
+    page = (Path(__file__).parents[3] / "docs" / "gloves.md").read_text(encoding="utf-8")
+    table = page.partition("<!-- begin gloves-settings -->")[2].partition("<!-- end")[0]
+    for candidates in choice.CANDIDATES.values():
+        cells = re.findall(rf"^\| {re.escape(candidates.title)} \| (\S+?)(?:, the default)? \| (\S+) \|$", table, re.M)
+        means = {None if value == "kept" else float(value): float(error) for value, error in cells}
+        assert tuple(means) == candidates.values
+        assert choice.choose(means, candidates.within) == candidates.default
+    assert choice.CANDIDATES["fading"].within == 0.02 and "within 2 % of the best" in " ".join(page.split())
+    assert inspect.signature(gloves_settings).parameters["table"].default.split == "val"

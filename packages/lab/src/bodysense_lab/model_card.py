@@ -119,20 +119,18 @@ def network_lines(read: Mapping[str, Any]) -> list[str]:
 
 
 def card_text(name: str, kind: Kind, fields: Mapping[str, str]) -> str:
-    """The model card of a network file, from its metadata."""
-    read = fields_read(fields)
-    return front_matter(name, kind, fields) + "\n".join(
-        [
-            *(f"# {name}", "", kind.what, ""),
-            *network_lines(read),
-            *("", f"{kind.over} (`{kind.measured_by} --data DIR`):", ""),
-            *(
-                f"| {' | '.join(row)} |"
-                for row in (kind.head, ("---",) * len(kind.head), *kind.filled(read["test"], read.get("model"))[0])
-            ),
-            *("", f"Not for: {kind.not_for}", ""),
+    """Return the model card of a network file from its metadata; without test figures it has no table."""
+    read, tested = fields_read(fields), list[str]()
+    if "test" in read:
+        rows = (kind.head, ("---",) * len(kind.head), *kind.filled(read["test"], read.get("model"))[0])
+        tested = [
+            "",
+            f"{kind.over} (`{kind.measured_by} --data DIR`):",
+            "",
+            *(f"| {' | '.join(row)} |" for row in rows),
         ]
-    )
+    lines = [f"# {name}", "", kind.what, "", *network_lines(read), *tested, "", f"Not for: {kind.not_for}", ""]
+    return front_matter(name, kind, fields) + "\n".join(lines)
 
 
 def front_matter(name: str, kind: Kind, fields: Mapping[str, str]) -> str:

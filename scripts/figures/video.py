@@ -1,34 +1,13 @@
-"""Write the tables of docs/papers/pahmt.md and docs/rendered.md from what commands wrote.
-
-    bodysense data render DIR -o RENDERED --videos 24 --seconds 6
-    bodysense evaluate video-rendered RENDERED --json FIGURES/video-rendered.json
-    bodysense data render -o GESTURES
-    bodysense evaluate video-rendered GESTURES --json FIGURES/gestures.json
-    bodysense train arms-table --data DIR -o NETWORKS …
-    bodysense evaluate pahmt-table1 --data DIR --networks NETWORKS --out FIGURES --json FIGURES/pahmt-table1.json
-    … train and evaluate with --keypoints perfect, into FIGURES/pahmt-table1-perfect.json
-    bodysense bench arms --json FIGURES/arms-speed.json
-    python scripts/video_figures.py FIGURES
-
-If a file is missing, its table stays unchanged.
-"""
+"""Tables of docs/rendered.md and docs/papers/pahmt.md."""
 
 from __future__ import annotations
 
-import json
-import sys
-from pathlib import Path
-
-from PIL import Image
-from readme_figures import markdown, put
-
-from bodysense.cli.show import processor
 from bodysense_lab.pahmt.options import TABLE_1
 from bodysense_lab.rendering.tables import PUBLISHED as PAPER
 
-ROOT = Path(__file__).parents[1]
+from .blocks import ROOT, Block, Numbers, figure, markdown
+
 WEIGHTS = ROOT / "src" / "bodysense" / "weights" / "arms.onnx"
-Numbers = dict[str, float]
 METHODS = {
     "network": "bodysense, from the video",
     "landmarks_ik": "MediaPipe's landmarks, inverse kinematics",
@@ -50,21 +29,6 @@ MEASURES = {
     "overall_cm": "arms and hands cm",
     "hands_cm": "fingers cm",
 }
-
-
-def main(folder: Path) -> None:
-    """Replace the text between every pair of markers whose figures are in `folder`."""
-    read = {path.stem: json.loads(path.read_text(encoding="utf-8")) for path in folder.glob("*.json")}
-    if "video-rendered" in read:
-        _write("docs/rendered.md", "video", rendered(read["video-rendered"]))
-    if "gestures" in read:
-        _write("docs/rendered.md", "gestures", gestures(read["gestures"]))
-    if "pahmt-table1" in read:
-        _write("docs/papers/pahmt.md", "table1", table(read["pahmt-table1"], read.get("pahmt-table1-perfect", {})))
-    if (drawn := folder / "pahmt-table1.png").is_file():
-        Image.open(drawn).convert("RGB").quantize(64).save(ROOT / "docs" / "figures" / "arms.png", optimize=True)
-    if "arms-speed" in read:
-        _write("docs/papers/pahmt.md", "arms-speed", speed(read["arms-speed"]))
 
 
 def rendered(numbers: Numbers) -> str:
@@ -107,13 +71,16 @@ def gestures(numbers: Numbers) -> str:
     return markdown(["", *BONES.values(), "true"], rows)
 
 
-def table(numbers: Numbers, perfect: Numbers) -> str:
+def table(numbers: Numbers, perfect: Numbers | None) -> str:
     """PAHMT's Table 1, ours and the paper's; beside them networks that learn, and are asked, without errors."""
     measures = {"hands_m": "hands m", "overall_m": "overall m", "arms": "arms rad", "arms_deg": "arms °"}
 
     def ours(name: str) -> list[str]:
         key = name.replace("-", "_")
-        shown = [(numbers, measure) for measure in measures] + [(perfect, "overall_m"), (perfect, "arms_deg")]
+        shown = [(numbers, measure) for measure in measures] + [
+            (perfect or {}, "overall_m"),
+            (perfect or {}, "arms_deg"),
+        ]
         return [_one(of, f"{key}_{measure}", 1 if measure == "arms_deg" else 4) for of, measure in shown]
 
     rows = []
@@ -136,19 +103,18 @@ def table(numbers: Numbers, perfect: Numbers) -> str:
 def speed(numbers: Numbers) -> str:
     """How long a window takes."""
     return (
-        f"A window of 32 frames takes {numbers['p50_ms']:.1f} ms (p50; p99 {numbers['p99_ms']:.1f} ms) on one core of "
-        f"{processor()}; the file is {WEIGHTS.stat().st_size / 1e6:.1f} MB (`bodysense bench arms`)."
+        f"A window of 32 frames takes {numbers['p50_ms']:.1f} ms (p50; p99 {numbers['p99_ms']:.1f} ms) on one core; "
+        f"the file is {WEIGHTS.stat().st_size / 1e6:.1f} MB (`bodysense bench arms`)."
     )
 
 
 def _one(numbers: Numbers, key: str, digits: int = 1) -> str:
-    return f"{numbers[key]:.{digits}f}" if key in numbers else "–"
+    return figure(numbers, key, digits)
 
 
-def _write(page: str, name: str, body: str) -> None:
-    path = ROOT / page
-    path.write_text(put(path.read_text(encoding="utf-8"), name, body), encoding="utf-8")
-
-
-if __name__ == "__main__":
-    main(Path(sys.argv[1]))
+BLOCKS = (
+    Block("docs/rendered.md", "video", rendered, ("video-rendered",)),
+    Block("docs/rendered.md", "gestures", gestures, ("gestures",)),
+    Block("docs/papers/pahmt.md", "table1", table, ("pahmt-table1",), ("pahmt-table1-perfect",)),
+    Block("docs/papers/pahmt.md", "arms-speed", speed, ("arms-speed",)),
+)

@@ -1,31 +1,11 @@
-"""Write the tables of docs/gloves.md and docs/papers/two-hands.md, and README's sentence, from numbers of commands.
-
-    bodysense evaluate gloves-table3 --data DIR --left-out NETWORKS --json FIGURES/gloves-table3.json
-    bodysense evaluate gloves-table4 --data DIR --left-out NETWORKS --json FIGURES/gloves-table4.json
-    bodysense evaluate gloves-fusion --data DIR --json FIGURES/gloves-fusion.json
-    bodysense evaluate gloves-settings --data DIR --json FIGURES/gloves-settings.json
-    bodysense evaluate gloves-layouts --hands 3 --json FIGURES/gloves-layouts.json
-    bodysense evaluate gloves-occlusion --data DIR --json FIGURES/gloves-occlusion.json
-    bodysense evaluate gloves-limits --data DIR --json FIGURES/gloves-limits.json
-    bodysense evaluate gloves-table3 --data DIR --model GLOVES/glove_markers.onnx --json FIGURES/gloves-paper.json
-    bodysense bench gloves --json FIGURES/gloves-speed.json
-    python scripts/glove_figures.py FIGURES
-
-GLOVES is packaged for the laboratory (`glove_markers_paper.onnx`), or comes from `bodysense train gloves --form paper`.
-If a file is missing, its table stays unchanged.
-"""
+"""Tables of docs/gloves.md and docs/papers/two-hands.md, and README's sentence on gloves."""
 
 from __future__ import annotations
 
-import json
-import sys
-from collections.abc import Callable, Sequence
-from pathlib import Path
+from collections.abc import Sequence
+from itertools import pairwise
 from textwrap import fill
 
-from readme_figures import markdown, put
-
-from bodysense.cli.show import processor
 from bodysense_lab.two_hands.choice import CANDIDATES, value_text
 from bodysense_lab.two_hands.foreign import FEW_MANY, WAYS
 from bodysense_lab.two_hands.foreign import PLACES as FOREIGN_PLACES
@@ -36,40 +16,12 @@ from bodysense_lab.two_hands.limits_report import LINES
 from bodysense_lab.two_hands.tables import PUBLISHED_MARKERS, PUBLISHED_POINTS, PUBLISHED_STILL
 from bodysense_lab.two_hands.trials import DURATIONS, HIDDEN
 
-ROOT = Path(__file__).parents[1]
-PAGE, README = ROOT / "docs" / "gloves.md", ROOT / "README.md"
-PAPER = ROOT / "docs" / "papers" / "two-hands.md"
+from .blocks import Block, Numbers, figure, markdown
+
+PAGE, PAPER = "docs/gloves.md", "docs/papers/two-hands.md"
 METHODS = {"lk": "last known", "ls": "last shape of the hand", "ma": "moving average", "ac": "affine", "nn": "network"}
+EXPECTED = ("0.4", "0.7", "1", "1.5", "2", "3", "5")  # cm: bounds of bins
 PLACES = {"": "recorded", "_synthesised": "synthesised"}
-Numbers = dict[str, float]
-
-
-def main(folder: Path) -> None:
-    """Replace the text between every pair of markers whose figures are in `folder`."""
-    pages = {path: path.read_text(encoding="utf-8") for path in (PAGE, PAPER)}
-    read = {path.stem: json.loads(path.read_text(encoding="utf-8")) for path in folder.glob("gloves-*.json")}
-    tables: dict[str, Callable[[Numbers], str]] = {
-        "gloves-table3": markers,
-        "gloves-paper": paper,
-        "gloves-table4": points,
-        "gloves-layouts": other_sets,
-        "gloves-occlusion": occlusion,
-        "gloves-limits": limits,
-        "gloves-speed": speed,
-        "gloves-fusion": fusion,
-        "gloves-settings": chosen_settings,
-    }
-    for name, table in tables.items():
-        if name in read:
-            page = next(path for path, text in pages.items() if f"<!-- begin {name} -->" in text)
-            pages[page] = put(pages[page], name, table(read[name]))
-    if {"gloves-table3", "gloves-table4", "gloves-speed"} <= set(read):
-        pages[PAGE] = put(pages[PAGE], "gloves", summary(read))
-    if {"gloves-table3", "gloves-table4"} <= set(read):
-        front = put(README.read_text(encoding="utf-8"), "gloves", sentence(read))
-        README.write_text(front, encoding="utf-8")
-    for path, text in pages.items():
-        path.write_text(text, encoding="utf-8")
 
 
 def paper(numbers: Numbers) -> str:
@@ -84,9 +36,8 @@ def paper(numbers: Numbers) -> str:
     return markdown(["hidden", "", *(f"{duration:g} s" for duration in DURATIONS)], rows)
 
 
-def sentence(read: dict[str, Numbers]) -> str:
+def sentence(table3: Numbers, table4: Numbers) -> str:
     """Return README's sentence on hands that were left out of training."""
-    table3, table4 = (read[f"gloves-{name}"] for name in ("table3", "table4"))
     text = (
         "Gloves, on an avatar's hand that was left out of training: a marker hidden for a second is "
         f"{table3['foreign_nn_1_1.0_cm']:.2f} cm off, one of four {table3['foreign_nn_4_1.0_cm']:.2f}; finger joints "
@@ -108,9 +59,8 @@ def other_sets(numbers: Numbers) -> str:
     return markdown(["markers", "hand known", "one hidden", "calibrated", "one hidden"], rows)
 
 
-def summary(read: dict[str, Numbers]) -> str:
+def summary(table3: Numbers, table4: Numbers, frame: Numbers) -> str:
     """Return the main figures, next to the paper's."""
-    table3, table4, frame = (read[f"gloves-{name}"] for name in ("table3", "table4", "speed"))
     rows = []
     for hidden in (HIDDEN[0], HIDDEN[-1]):
         rows.append([f"a hidden marker, {hidden} hidden, after 0.1 and 2 s, cm"])
@@ -241,6 +191,16 @@ def chosen_settings(numbers: Numbers) -> str:
     return markdown(["setting", "value", "mean error"], rows)
 
 
+def expected(numbers: Numbers) -> str:
+    """Errors of hands by the errors that are expected."""
+    parts = {"wrist": "wrist is off by", "tip": "fingertips"}
+    bins = list(pairwise(EXPECTED))
+    rows = [
+        [label, *(figure(numbers, f"{part}_{low}_{high}_cm", 1) for low, high in bins)] for part, label in parts.items()
+    ]
+    return markdown(["expected, cm", *(f"{low}-{high}" for low, high in bins)], rows)
+
+
 def speed(numbers: Numbers) -> str:
     """A frame of gloves."""
     labels = {
@@ -252,8 +212,20 @@ def speed(numbers: Numbers) -> str:
         [label, *(f"{numbers[f'{hands}{key}_p50_ms']:.2f}" for hands in ("one_hand", "two_hands"))]
         for key, label in labels.items()
     ]
-    return f"{markdown(['p50, ms', 'one hand', 'two hands'], rows)}\n\n{processor()}."
+    return markdown(["p50, ms", "one hand", "two hands"], rows)
 
 
-if __name__ == "__main__":
-    main(Path(sys.argv[1]))
+BLOCKS = (
+    Block("README.md", "gloves", sentence, ("gloves-table3", "gloves-table4")),
+    Block(PAGE, "gloves", summary, ("gloves-table3", "gloves-table4", "gloves-speed")),
+    Block(PAGE, "gloves-speed", speed, ("gloves-speed",)),
+    Block(PAGE, "gloves-layouts", other_sets, ("gloves-layouts",)),
+    Block(PAGE, "gloves-fusion", fusion, ("gloves-fusion",)),
+    Block(PAGE, "gloves-settings", chosen_settings, ("gloves-settings",)),
+    Block(PAGE, "gloves-expected", expected, ("gloves-expected",)),
+    Block(PAPER, "gloves-paper", paper, ("gloves-paper",)),
+    Block(PAPER, "gloves-table3", markers, ("gloves-table3",)),
+    Block(PAPER, "gloves-table4", points, ("gloves-table4",)),
+    Block(PAPER, "gloves-occlusion", occlusion, ("gloves-occlusion",)),
+    Block(PAPER, "gloves-limits", limits, ("gloves-limits",)),
+)

@@ -1,13 +1,10 @@
-"""Write the referee's table of checks into docs/conform.md, between its markers: `python scripts/conform_table.py`."""
+"""The referee's table of checks in docs/conform.md."""
 
 from __future__ import annotations
 
-from pathlib import Path
-
 from bodysense_conform.table import Check, table
 
-PAGE = Path(__file__).parents[1] / "docs" / "conform.md"
-_BEGIN, _END = "<!-- begin checks -->\n", "<!-- end checks -->\n"
+from .blocks import Block
 
 
 def rows() -> str:
@@ -19,13 +16,7 @@ def rows() -> str:
                   " blame | why |", "|---|---|---|---|---|---|---|---|"]  # fmt: skip
         found += [_row(check) for check in table().checks if check.group == group.id]
         found.append("")
-    return "\n".join(found)
-
-
-def written(page: str) -> str:
-    """Return a page with the table between its markers."""
-    before, _, rest = page.partition(_BEGIN)
-    return before + _BEGIN + rows() + _END + rest.partition(_END)[2]
+    return "\n".join(found[:-1])
 
 
 def _row(check: Check) -> str:
@@ -39,5 +30,4 @@ def _row(check: Check) -> str:
     )
 
 
-if __name__ == "__main__":
-    PAGE.write_text(written(PAGE.read_text(encoding="utf-8")), encoding="utf-8")
+BLOCKS = (Block("docs/conform.md", "checks", rows),)

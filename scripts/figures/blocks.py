@@ -1,0 +1,87 @@
+"""Blocks: text between the markers `<!-- begin NAME -->` and `<!-- end NAME -->` of a page, made of measured numbers.
+
+A command that measures writes its numbers with `--json` as one flat object that names the processor. A block says of
+which files its text is made, and ends with the processors that these name.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+Numbers = dict[str, float]
+NOT_RECORDED = "not recorded"  # the processor of a table older than files that name it
+
+
+@dataclass(frozen=True)
+class Measured:
+    """The numbers of a file and the processor that they were measured on."""
+
+    numbers: Numbers
+    processor: str
+
+
+@dataclass(frozen=True)
+class Block:
+    """The text between two markers of a page.
+
+    `text` takes the numbers of each of `files`, then those of each of `more`, or None if there is no such file.
+    """
+
+    page: str  # from the repository's root
+    name: str  # of its markers
+    text: Callable[..., str]
+    files: tuple[str, ...] = ()  # names without .json; a block with a missing one stays unchanged
+    more: tuple[str, ...] = ()
+
+
+def read_measured(folder: Path) -> dict[str, Measured]:
+    """Read every file of numbers in a folder, by its name. Raises ValueError for a file that names no processor."""
+    found = {}
+    for path in sorted(folder.glob("*.json")):
+        numbers = json.loads(path.read_text(encoding="utf-8"))
+        if "processor" not in numbers:
+            raise ValueError(f"{path}: no processor; measure again, with the command that wrote it")
+        found[path.stem] = Measured(numbers, numbers.pop("processor"))
+    return found
+
+
+def write_blocks(blocks: Iterable[Block], measured: Mapping[str, Measured], root: Path = ROOT) -> None:
+    """Replace the text of every block whose files are there."""
+    for block in blocks:
+        if set(block.files) <= set(measured):
+            named = [measured.get(name) for name in (*block.files, *block.more)]
+            text = block.text(*(one and one.numbers for one in named))
+            processors = {one.processor for one in named if one is not None}
+            if processors:
+                text += "\n\n" + processor_line(*sorted(processors))
+            page = root / block.page
+            page.write_text(put(page.read_text(encoding="utf-8"), block.name, text), encoding="utf-8")
+
+
+def processor_line(*names: str) -> str:
+    """Return the line of a block that names processors."""
+    return f"Processor: {', '.join(names)}."
+
+
+def put(text: str, name: str, body: str) -> str:
+    """Replace the text between the markers of `name`. Raises ValueError for a page without them."""
+    begin, end = f"<!-- begin {name} -->", f"<!-- end {name} -->"
+    before, found, rest = text.partition(begin)
+    _, closed, after = rest.partition(end)
+    if not (found and closed):
+        raise ValueError(f"no markers of {name}")
+    return f"{before}{begin}\n{body}\n{end}{after}"
+
+
+def markdown(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Return a table."""
+    return "\n".join(f"| {' | '.join(row)} |" for row in [head, ["---"] * len(head), *rows])
+
+
+def figure(numbers: Numbers, key: str, digits: int = 2) -> str:
+    """Return a figure as text; a dash if it is missing."""
+    return f"{numbers[key]:.{digits}f}" if key in numbers else "–"

@@ -1,0 +1,263 @@
+"""Tables of completion: README, docs/completion.md, docs/files.md, docs/evaluation.md and the network's card."""
+
+from __future__ import annotations
+
+from bodysense.devices.simulated.sensors import SENSOR_SETS, TABLE_SETS
+from bodysense_lab.hmd_vae.tables import PUBLISHED as THREE_POINT
+from bodysense_lab.holes import PARTS as HOLES
+from bodysense_lab.holes import SECONDS
+from bodysense_lab.model_card import fields_read, network_lines, read_network
+
+from .blocks import ROOT, Block, Numbers, figure, markdown
+
+CARD = "src/bodysense/weights/completion.md"
+BODIES = ("own", "stranger", "height", "nothing")
+
+
+def network(validation: Numbers | None) -> str:
+    """Return what the completion network's file says of itself, and its validation figures if there are any."""
+    fields, _ = read_network((ROOT / CARD).with_suffix(".safetensors"))
+    lines = network_lines(fields_read(fields))
+    if validation is not None:
+        figures = ", ".join(
+            f"{_sensors(name)} {figure(validation, f'{name}_own_{_position(name)}')}" for name in TABLE_SETS
+        )
+        lines.append(f"- validation people, known bodies, cm: {figures}")
+    return "\n".join(lines)
+
+
+def takes(numbers: Numbers) -> str:
+    """Live and with past and future, by sensors; of a headset's cameras the hidden joints."""
+    rows = []
+    for name in TABLE_SETS:
+        error = "occluded_mpjpe_cm" if name == "headset_camera" else "mpjpe_cm"
+        keys = [
+            f"{name}_own_{error}",
+            f"{name}_own_take_{error}",
+            f"{name}_nothing_{error}",
+            f"{name}_nothing_take_{error}",
+        ]
+        keys += [f"{name}_own_take_rotation_deg", f"{name}_own_take_jumps_per_minute"]
+        if keys[1] in numbers:
+            rows.append([name.replace("_", " "), *(f"{numbers[key]:.2f}" if key in numbers else "–" for key in keys)])
+    head = ["sensors", "known body, live cm", "take cm", "unknown body, live cm", "take cm", "take rotation °"]
+    command = f"`bodysense evaluate completion --data DIR{_limit(numbers)} --takes`: {numbers['clips']:.0f} clips."
+    return f"{markdown([*head, 'take jumps/min'], rows)}\n\n{command}"
+
+
+def holes(numbers: Numbers) -> str:
+    """Errors of filled holes by part and length, and those of the best other method."""
+    rows = []
+    for part in HOLES:
+        cells = []
+        for seconds in SECONDS:
+            key = f"{part}_{seconds:g}"
+            found = f"{key}_cm" in numbers
+            cells.append(f"{numbers[f'{key}_cm']:.2f} ({numbers[f'{key}_best_other_cm']:.2f})" if found else "–")
+        rows.append([part.replace("_", " "), *cells])
+    return markdown(["part", *(f"{seconds:g} s" for seconds in SECONDS)], rows)
+
+
+def completion(numbers: Numbers, sample: Numbers) -> str:
+    """Sensor sets by bodies, short: mean errors of joints of all clips; of a sample whether more sensors help."""
+    rows = [
+        [_sensors(name), *(figure(numbers, f"{name}_{body}_{_position(name)}") for body in BODIES)]
+        for name in TABLE_SETS
+    ]
+    head = ["sensors", "own body", "stranger's", "only height known", "nothing known"]
+    text = [
+        f"`bodysense evaluate completion --data DIR{_limit(numbers)}`: {numbers['clips']:.0f} clips, main motions, cm.",
+        "22 joints from the head; of the headset's cameras the joints that they do not see, in the world.",
+    ]
+    if "headset_camera_stranger_ratio" in numbers:
+        ratio = [numbers[f"headset_camera_{body}_ratio"] for body in ("own", "stranger")]
+        text.append(
+            f"These are {ratio[0]:.2f} (own body) and {ratio[1]:.2f} (stranger's) of the best way to keep the last "
+            "known place (RMSJPE)."
+        )
+    if "lattice_edges" in sample:
+        text.append(
+            f"One sensor more is worse by over 1 % in {sample['lattice_violations']:.0f} of "
+            f"{sample['lattice_edges']:.0f} random pairs of sensor sets."
+        )
+    return f"{markdown(head, rows)}\n\n" + "\n".join(text)
+
+
+def _limit(numbers: Numbers) -> str:
+    """Return the option of a command that scored some of the clips; empty if it scored all."""
+    return f" --limit {numbers['clips']:.0f}" if numbers["clips"] < numbers["clips_in_split"] else ""
+
+
+def completion_measures(numbers: Numbers) -> str:
+    """Every measure of every set, told bodies; and confidence."""
+    measures = {
+        "rotation °": "rotation_deg",
+        "lower cm": "lower_mpjpe_cm",
+        "upper cm": "upper_mpjpe_cm",
+        "velocity cm/s": "velocity_cm_s",
+        "jitter": "jitter",
+        "skate cm/s": "skate_cm_s",
+        "under floor cm": "depth_cm",
+        "jumps/min": "jumps_per_minute",
+    }
+    rows = [
+        [
+            _sensors(name),
+            body,
+            figure(numbers, f"{name}_{body}_{_position(name)}"),
+            *(figure(numbers, f"{name}_{body}_{measure}") for measure in measures.values()),
+        ]
+        for name in TABLE_SETS
+        for body in BODIES
+        if f"{name}_{body}_mpjpe_cm" in numbers
+    ]
+    trust = [
+        [
+            _sensors(name),
+            figure(numbers, f"{name}_ece", 3),
+            figure(numbers, f"{name}_cover90", 3),
+            figure(numbers, f"{name}_spearman"),
+        ]
+        for name in TABLE_SETS
+        if f"{name}_ece" in numbers
+    ]
+    sure = [
+        [
+            _sensors(name),
+            body,
+            _between(numbers, f"{name}_{body}"),
+            "" if body == "own" else _between(numbers, f"{name}_{body}_minus_own", signed=True),
+        ]
+        for name in TABLE_SETS
+        for body in BODIES
+        if f"{name}_{body}_low_cm" in numbers
+    ]
+    first = markdown(["sensors", "body", "MPJPE cm", *measures], rows)
+    second = markdown(["expected errors", "ECE", "within the 90 % interval", "rank correlation with the true"], trust)
+    text = f"{first}\n\nJitter in 10² m/s³; skate of feet that truly stand.\n\n"
+    if sure:
+        text += markdown(["sensors", "body", "MPJPE lies between, cm", "more than own, cm"], sure)
+        text += "\n\n95 % intervals by bootstrap over people. "
+        text += "A difference with 0 in its interval is not significant.\n\n"
+    return text + second
+
+
+def _between(numbers: Numbers, key: str, signed: bool = False) -> str:
+    sign = "+" if signed else ""
+    return f"{numbers[f'{key}_low_cm']:{sign}.2f} to {numbers[f'{key}_high_cm']:{sign}.2f}"
+
+
+SIGHT = {  # measures of sight: column, and the factor of its figures
+    "jumps_per_minute": ("jumps/min", 1),
+    "jumps_at_change_per_minute": ("at a change", 1),
+    "extra_jumps_per_minute": ("by a blink", 1),
+    "frozen_share": ("frozen %", 100),
+    "float_share": ("float %", 100),
+    "knee_excess_deg": ("knee over °", 1),
+    "false_steps_per_minute": ("false steps/min", 1),
+    "missed_steps_share": ("missed %", 100),
+    "wrong_foot_share": ("wrong %", 100),
+    "reentry_speed_m_s": ("re-entry m/s", 1),
+    "pj_ratio": ("PJ", 1),
+    "measured_p95_cm": ("seen p95 cm", 1),
+    "measured_covered": ("in its bound %", 100),
+}
+
+
+def sight(numbers: Numbers) -> str:
+    """Return the measures of sight of every scored sensor set, with known proportions."""
+    rows = [
+        [
+            _sensors(sensors),
+            *(_scaled(numbers, f"{sensors}_own_{name}", factor) for name, (_, factor) in SIGHT.items()),
+        ]
+        for sensors in TABLE_SETS
+        if f"{sensors}_own_jumps_per_minute" in numbers
+    ]
+    head = ("sensors", *(name for name, _ in SIGHT.values()))
+    return (
+        f"{markdown(head, rows)}\n\nThe recording's own body, known; main categories of {numbers['clips']:.0f} clips."
+    )
+
+
+def _scaled(numbers: Numbers, key: str, factor: float) -> str:
+    return f"{factor * numbers[key]:.2f}" if key in numbers else "–"
+
+
+def published(numbers: Numbers) -> str:
+    """Return the figures of three points, next to published ones."""
+    columns = ("mpjpe_cm", "velocity_cm_s", "jitter")
+    rows = [
+        [f"bodysense, {body}", *(figure(numbers, f"three_point_{body}_{column}") for column in columns)]
+        for body in BODIES
+        if f"three_point_{body}_mpjpe_cm" in numbers
+    ]
+    for name, (_, position, velocity, jerk) in THREE_POINT.items():
+        rows.append([name, f"{position:.2f}", f"{velocity:.2f}", "–" if jerk is None else f"{jerk:.2f}"])
+    return markdown(["three points", "MPJPE cm", "velocity cm/s", "jitter 10² m/s³"], rows)
+
+
+def _sensors(name: str) -> str:
+    return name.replace("_", " ")
+
+
+def _position(name: str) -> str:
+    return "occluded_mpjpe_cm" if SENSOR_SETS[name].camera else "mpjpe_cm"
+
+
+MOUNTS = {"pelvis": "pelvis", "ankle": "ankles", "knee": "knees", "elbow": "elbows"}
+STAGES = {
+    "calibrated": "after the second: mean, max, cm",
+    "bows": "after two bows",
+    "squat": "a bow and a squat, knees and elbows tracked too",
+}
+
+
+def mounts(numbers: Numbers) -> str:
+    """Errors of where joints are under their trackers, as motion refines them."""
+    rows = [
+        [
+            title,
+            *(
+                f"{figure(numbers, f'{part}_{stage}_mean_cm', 1)}, {figure(numbers, f'{part}_{stage}_max_cm', 1)}"
+                if f"{part}_{stage}_mean_cm" in numbers
+                else "–"
+                for stage in STAGES
+            ),
+        ]
+        for part, title in MOUNTS.items()
+    ]
+    return markdown(["", *STAGES.values()], rows)
+
+
+FINGERS = {
+    "occluded": ("hidden from the headset's cameras", "the hand as last known"),
+    "synthesised": ("of a tracked wrist alone", "the mean hand"),
+}
+
+
+def fingers(numbers: Numbers) -> str:
+    """Fingers of people left out of training, relative to a baseline."""
+    rows = [
+        [
+            title,
+            *(figure(numbers, f"finger_{what}_ratio_foreign{ending}") for ending in ("", "_recorded_only")),
+            baseline,
+        ]
+        for what, (title, baseline) in FINGERS.items()
+    ]
+    return markdown(["fingers", "with generated", "recorded alone", "baseline"], rows)
+
+
+BLOCKS = (
+    Block("README.md", "completion", completion, ("completion", "completion-takes")),
+    Block(CARD, "completion", completion, ("completion", "completion-takes")),
+    Block(CARD, "network", network, more=("validation",)),
+    Block("docs/completion.md", "completion", completion_measures, ("completion",)),
+    Block("docs/completion.md", "published", published, ("completion",)),
+    Block("docs/completion.md", "takes", takes, ("completion-takes",)),
+    Block("docs/completion.md", "mounts", mounts, ("mounts",)),
+    Block("docs/completion.md", "fingers", fingers, ("fingers",)),
+    Block("docs/evaluation.md", "sight", sight, ("completion",)),
+    Block("docs/files.md", "holes", holes, ("holes",)),
+)

@@ -1,0 +1,61 @@
+"""Tables of docs/occlusion.md."""
+
+from __future__ import annotations
+
+from bodysense_lab.unoc.occlusion import PUBLISHED
+
+from .blocks import Block, Numbers, markdown
+
+CATEGORIES = ("talk_gesture", "sit", "everyday", "locomotion", "all")
+
+
+CAMERAS = {
+    "hidden": "as it ships",
+    "hidden_thin": "solids of 0.8",
+    "hidden_thinner": "solids of 0.7",
+    "hidden_back": "camera at the nose",
+    "hidden_both": "solids of 0.7, camera at the nose",
+    "hidden_tilted": "tilted down by 30°",
+}
+
+
+GROUPS_HIDDEN = ("shoulder", "elbow", "hand", "hip", "knee", "foot", "body", "all")
+
+
+def hidden(numbers: Numbers) -> str:
+    """Shares of time hidden, ours by category and the published ones."""
+    categories = [name for name in CATEGORIES if f"{name}_shoulder_hidden" in numbers]
+    rows = []
+    for group in GROUPS_HIDDEN:
+        ours = [f"{100 * numbers[f'{category}_{group}_hidden']:.0f} %" for category in categories]
+        published = [column.hiding[group].ratio for column in PUBLISHED]
+        rows.append([group, *ours, *("–" if ratio is None else f"{100 * ratio:.0f} %" for ratio in published)])
+    for name, label in (("self_contact", "self-contact"), ("hand_contact", "hand-body contact")):
+        ours = [f"{100 * numbers[f'{category}_{name}']:.0f} %" for category in categories]
+        published = [getattr(column, name) for column in PUBLISHED]
+        rows.append([label, *ours, *("–" if ratio is None else f"{100 * ratio:.0f} %" for ratio in published)])
+    return markdown(["", *categories, *(f"{column.name}, published" for column in PUBLISHED)], rows)
+
+
+def cameras(*shares: Numbers) -> str:
+    """Shares of time hidden while people talk and sit, by what the paper leaves open or its cameras could differ in."""
+    rows = [
+        [
+            label,
+            *(
+                " / ".join(f"{100 * numbers[f'{kind}_{group}_hidden']:.0f}" for kind in ("talk_gesture", "sit"))
+                for group in GROUPS_HIDDEN[:6]
+            ),
+        ]
+        for numbers, label in zip(shares, CAMERAS.values(), strict=True)
+    ]
+    ratios = [[column.hiding[group].ratio for column in PUBLISHED] for group in GROUPS_HIDDEN[:6]]
+    found = [[ratio for ratio in row if ratio is not None] for row in ratios]
+    rows.append(["published, by data set", *(f"{100 * min(row):.0f}-{100 * max(row):.0f}" for row in found)])
+    return markdown(["%, talk_gesture / sit", *GROUPS_HIDDEN[:6]], rows)
+
+
+BLOCKS = (
+    Block("docs/occlusion.md", "occlusion", hidden, ("hidden",)),
+    Block("docs/occlusion.md", "cameras", cameras, tuple(CAMERAS)),
+)

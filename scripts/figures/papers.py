@@ -1,0 +1,229 @@
+"""Tables of docs/papers/unoc.md and docs/papers/hmd-vae.md."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from bodysense_lab.score_table import ScoreTable
+from bodysense_lab.unoc.smoothness import PUBLISHED as STRONG
+from bodysense_lab.unoc.tables import PLACES, TABLE_3, TABLE_4
+from bodysense_lab.unoc.variants import TABLES, VARIANTS
+
+from .blocks import Block, Numbers, markdown
+
+GROUPS = {"": "main", "_sport": "sport", "_dance": "dance", "_other": "other"}
+
+
+PARTS = {"body": "body", "finger": "fingers, from the wrist", "body_and_finger": "body and fingers"}
+
+
+def table3(numbers: Numbers) -> str:
+    """UNOC's Table 3: other forms of the network."""
+    places = {"body, hidden": "body_occluded", "body, all": "body_all", "fingers, hidden": "finger_occluded"}
+    return ablations(numbers, TABLES["3"], places, TABLE_3)
+
+
+def table4(numbers: Numbers) -> str:
+    """UNOC's Table 4: other losses."""
+    bones = {"body, hidden": "body_occluded", "bones, body": "parent_body", "bone lengths, body": "bone_body"}
+    return ablations(numbers, TABLES["4"], bones, TABLE_4)
+
+
+def headset(numbers: Numbers) -> str:
+    """Errors by motion, part and joints."""
+    rows = []
+    for suffix, group in GROUPS.items():
+        for part, label in PARTS.items():
+            for share in ("occluded", "all"):
+                key = PLACES[part, share].key
+                if f"tracker_{key}_rmsjpe_cm{suffix}" not in numbers:
+                    continue
+                pairs = [
+                    [numbers[f"{who}_{key}_{measure}_cm{suffix}"] for measure in ("rmsjpe", "mpjpe")]
+                    for who in ("last_known", "tracker")
+                ]
+                cells = [f"{rmsjpe:.1f} / {mpjpe:.1f}" for rmsjpe, mpjpe in pairs]
+                ratio = " / ".join(f"{ours / known:.2f}" for known, ours in zip(*pairs, strict=True))
+                rows.append([group, label, share, *cells, ratio])
+    head = ["motion", "part", "joints", "last known", "bodysense", "ratio"]
+    command = (
+        f"`bodysense evaluate unoc-table2 --data DIR`: {numbers['clips']:.0f} clips, {numbers['seconds'] / 60:.0f} min"
+    )
+    return f"{markdown(head, rows)}\n\nRMSJPE / MPJPE in cm. {command}."
+
+
+def networks(numbers: Numbers) -> str:
+    """UNOC's Table 2: hidden joints, ours (and the ratio to last known) and the paper's."""
+    # Published RMSJPE, cm: body and fingers of GRU, RNN, LSTM, TCN, last known (Table 2).
+    published = {"gru": (5.9, 4.1), "rnn": (6.1, 4.4), "lstm": (6.4, 4.3), "tcn": (6.2, 4.4), "last_known": (13.1, 5.0)}
+    labels = {"gru": "GRU", "rnn": "RNN", "lstm": "LSTM", "tcn": "TCN", "best": "packaged", "last_known": "last known"}
+    rows = []
+    for name, label in labels.items():
+        cells = []
+        for column, part in enumerate(("body", "finger")):
+            for measure in ("rmsjpe", "mpjpe"):
+                ours, known = (numbers[f"{who}_{part}_occluded_{measure}_cm"] for who in (name, "last_known"))
+                cells.append(f"{ours:.1f} ({ours / known:.2f})")
+            theirs, known = published.get(name, (0, 0))[column], published["last_known"][column]
+            cells.append(f"{theirs:.1f} ({theirs / known:.2f})" if theirs else "–")
+        rows.append([label, *cells])
+    head = ["network", "body RMSJPE", "MPJPE", "published RMSJPE", "finger RMSJPE", "MPJPE", "published RMSJPE"]
+    return f"{markdown(head, rows)}\n\nOccluded joints, cm, and the ratio to last known in brackets."
+
+
+def ablations(numbers: Numbers, names: Sequence[str], parts: dict[str, str], paper: ScoreTable) -> str:
+    """UNOC's Tables 3 and 4: RMSJPE in cm of other forms of the network, the change from the GRU, published figures."""
+    rows = []
+    for name in names:
+        cells = []
+        for key in parts.values():
+            ours, gru = numbers[f"{name}_{key}_rmsjpe_cm"], numbers[f"gru_{key}_rmsjpe_cm"]
+            cells.append(f"{ours:.2f}" + ("" if name == "gru" else f" ({100 * (ours / gru - 1):+.0f} %)"))
+            cells += published_cells(paper, name, key)
+        rows.append([VARIANTS[name].title, *cells])
+    heads = [
+        head for part, key in parts.items() for head in (part, *["published"] * len(published_cells(paper, "gru", key)))
+    ]
+    return markdown(["network", *heads], rows)
+
+
+def published_cells(paper: ScoreTable, name: str, key: str) -> list[str]:
+    """The published RMSJPE of a cell in a list; empty where the paper has no such cell."""
+    at = next((at for at in paper.rows or () if PLACES[at].key == key), None)
+    figures = paper.published[0].cells.get((at, name))
+    return [] if figures is None else [f"{figures[0]:.2f}"]
+
+
+def crossed(numbers: Numbers) -> str:
+    """UNOC's Table 5: hidden joints of the body and synthesized fingers, trained on one set and tested on another."""
+    parts = {"body_occluded": "body, hidden", "finger_synthesis": "fingers from the body"}
+    sets = {"cmu": "CMU", "rocketbox": "Rocketbox"}
+    rows = []
+    for part, label in parts.items():
+        for test, name in sets.items():
+            cells = []
+            for key in (*(f"{train}_to_{test}_{part}" for train in sets), f"last_known_on_{test}_{part}"):
+                known = f"{key}_rmsjpe_cm" in numbers
+                cells.append(f"{numbers[f'{key}_rmsjpe_cm']:.1f} / {numbers[f'{key}_mpjpe_cm']:.1f}" if known else "–")
+            if any(cell != "–" for cell in cells):
+                rows.append([label, name, *cells])
+    head = ["joints", "tested on", *(f"trained on {name}" for name in sets.values()), "last known"]
+    return f"{markdown(head, rows)}\n\nRMSJPE / MPJPE, cm."
+
+
+def smoothness(numbers: Numbers) -> str:
+    """Shares of strong accelerations before and after inverse kinematics and smoothing (reproduce.md 1.14)."""
+    labels = {"gru": "GRU, mask predicted", "mask_given": "GRU, mask given", "best": "packaged"}
+    after = {"gru": "gru_tracker", "mask_given": "mask_given_tracker", "best": "tracker"}
+    rows = [
+        [
+            label,
+            *(f"{numbers[f'{who}_strong_acceleration_percent']:.1f} %" for who in (name, after[name])),
+            f"{STRONG[name]:.1f} %" if name in STRONG else "–",
+        ]
+        for name, label in labels.items()
+    ]
+    rows.append(["truth", f"{numbers['truth_strong_acceleration_percent']:.1f} %", "", f"{STRONG['truth']:.1f} %"])
+    amount = f"{numbers['clips']:.0f} clips, {numbers['minutes']:.1f} min"
+    return (
+        markdown(["stronger than 9 m/s²", "network", "after the tracker", "published, network"], rows)
+        + f"\n\nOf {amount}."
+    )
+
+
+def applications(upper: Numbers, fingers: Numbers) -> str:
+    """UNOC's Table 6 and finger synthesis: network, baselines, and the published figures."""
+    # Published RMSJPE / MPJPE, cm, on UNOC's data: network, inverse kinematics (Table 6); fingers (Table 5, right).
+    published = {
+        "neck": ("1.1 / 0.9", "3.9 / 3.5"),
+        "shoulders": ("2.7 / 2.3", "7.5 / 6.2"),
+        "elbows": ("3.5 / 2.9", "10.3 / 7.8"),
+        "all": ("2.3 / 1.7", "8.3 / 6.3"),
+    }
+
+    def pair(numbers: Numbers, name: str) -> str:
+        return f"{numbers[f'{name}_rmsjpe_cm']:.1f} / {numbers[f'{name}_mpjpe_cm']:.1f}"
+
+    rows = [
+        [
+            joints,
+            pair(upper, f"network_{joints}"),
+            pair(upper, f"ik_{joints}"),
+            f"{upper[f'network_{joints}_rmsjpe_cm'] / upper[f'ik_{joints}_rmsjpe_cm']:.2f}",
+            *theirs,
+        ]
+        for joints, theirs in published.items()
+    ]
+    first = markdown(["three points", "network", "inverse kinematics", "ratio", "published", "published IK"], rows)
+    names = {"network": "network", "mean_pose": "mean hand", "nearest": "hand of the nearest body"}
+    second = markdown(
+        ["fingers from the body", "RMSJPE / MPJPE", "network below it by"],
+        [
+            [
+                label,
+                pair(fingers, name),
+                ""
+                if name == "network"
+                else f"{100 * (1 - fingers['network_rmsjpe_cm'] / fingers[f'{name}_rmsjpe_cm']):.0f} %",
+            ]
+            for name, label in names.items()
+        ],
+    )
+    return f"{first}\n\n{second}\n\nRMSJPE / MPJPE, cm. The paper's fingers: 1.5 / 0.8 on its own data."
+
+
+def beyond(jerk: Numbers, trust: Numbers, training: Numbers) -> str:
+    """Return figures that the paper does not have: re-entry, calibrated confidence, and how fast sequences train."""
+    peaks = [jerk[f"{who}_regained_peak_jerk"] for who in ("truth", "last_known", "best", "tracker")]
+    errors = [jerk[f"{who}_occluded_rmsjpe_cm"] for who in ("best", "tracker")]
+    head = ["peak jerk in the second after a joint is seen again", "m/s³"]
+    names = ("truth", "last known", "packaged network, before IK", "packaged, smoothed by the tracker")
+    rows = [[name, f"{peak:,.0f}"] for name, peak in zip(names, peaks, strict=True)]
+    bins = [
+        [f"{trust[f'body_bin{k}_expected_cm']:.1f}", f"{trust[f'body_bin{k}_error_cm']:.1f}"]
+        for k in range(1, 11)
+        if f"body_bin{k}_expected_cm" in trust
+    ]
+    return "\n".join(
+        [
+            markdown(head, rows),
+            "",
+            f"The tracker's peak is {peaks[3] / peaks[2]:.2f} of the network's; hidden joints go from "
+            f"{errors[0]:.2f} to {errors[1]:.2f} cm (RMSJPE).",
+            "",
+            markdown(["expected error of hidden joints, cm, in ten bins", "true error"], bins),
+            "",
+            f"Training (`bodysense bench training`, one thread): {training['window_frames_per_second']:,.0f} windows/s "
+            f"(a window teaches one frame) and {training['sequence_frames_per_second']:,.0f} frames/s of sequences, "
+            f"{training['ratio']:.0f} times as many.",
+        ]
+    )
+
+
+def vaes(numbers: Numbers) -> str:
+    """HMD-VAE's models 1 to 4: full body and legs."""
+    labels = {1: "1, head and hands now", 2: "2, their history", 3: "3, as 1, pretrained", 4: "4, as 2, pretrained"}
+    measures = ("position_cm", "velocity_cm_s", "acceleration_m_s2")
+    rows = [
+        [
+            label,
+            *(f"{numbers[f'model{model}_{part}_{measure}']:.2f}" for part in ("full", "legs") for measure in measures),
+        ]
+        for model, label in labels.items()
+    ]
+    head = ["model", *(f"{part} {unit}" for part in ("full body", "legs") for unit in ("cm", "cm/s", "m/s²"))]
+    return markdown(head, rows)
+
+
+_UNOC = "docs/papers/unoc.md"
+BLOCKS = (
+    Block(_UNOC, "headset", headset, ("headset",)),
+    Block(_UNOC, "networks", networks, ("unoc-table2",)),
+    Block(_UNOC, "table3", table3, ("unoc-table3",)),
+    Block(_UNOC, "table4", table4, ("unoc-table4",)),
+    Block(_UNOC, "table5", crossed, ("unoc-table5",)),
+    Block(_UNOC, "smoothness", smoothness, ("unoc-smoothness",)),
+    Block(_UNOC, "applications", applications, ("unoc-table6", "finger-synthesis")),
+    Block(_UNOC, "beyond", beyond, ("transitions", "reliability", "training")),
+    Block("docs/papers/hmd-vae.md", "hmd-vae", vaes, ("hmd-vae",)),
+)

@@ -1,0 +1,132 @@
+"""The figures of docs/reproduce.md, which are cells of the tables that other pages have between markers."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+from bodysense.devices.simulated.headset_camera import HeadsetCamera
+
+from .blocks import ROOT
+
+CAMERA = HeadsetCamera()
+PAGE = Path("docs") / "reproduce.md"
+COLUMN = 3  # of a row's cells: its figure
+_BLOCK = re.compile(r"<!-- begin (\S+) -->\n(.*?)<!-- end \1 -->", re.DOTALL)
+Cells = Callable[..., str]  # name of a block, heading of a column, labels of the row → the cell
+
+FIGURES: dict[str, Callable[[Cells], str]] = {  # by row of the page
+    "1.1": lambda at: f"{CAMERA.field_of_view:g}°, {CAMERA.tilt:g}°, {100 * CAMERA.near:g} cm",
+    "1.2": lambda at: f"joints hidden {at('occlusion', 'all', 'all')} of the time",
+    "1.3": lambda at: f"self-contact {at('occlusion', 'all', 'self-contact')}",
+    "1.4": lambda at: ", ".join(f"{name} {at('occlusion', 'all', name)}" for name in ("shoulder", "hand", "foot")),
+    "1.6": lambda at: f"{at('table3', 'body, hidden', 'GRU')} cm, body",
+    "1.9": lambda at: f"{at('networks', 'body RMSJPE', 'last known').split()[0]} cm (last known)",
+    "1.10": lambda at: f"GRU {_bracket(at('networks', 'body RMSJPE', 'GRU'))} of last known, body",
+    "1.11": lambda at: ", ".join(
+        f"{name} {_bracket(at(table, 'body, hidden', name))}"
+        for table, name in (
+            ("table3", "without skip connections"),
+            ("table3", "81 frames"),
+            ("table4", "w/o bone length"),
+        )
+    ),
+    "1.12": lambda at: f"{at('speed', 'figure', '`bench ik`').split(',')[0]} ({at('speed', 'processor')})",
+    "1.13": lambda at: (
+        f"peak jerk {at('beyond', 'm/s³', 'packaged network, before IK')} to "
+        f"{at('beyond', 'm/s³', 'packaged, smoothed by the tracker')} m/s³"
+    ),
+    "1.14": lambda at: (
+        f"{at('smoothness', 'network', 'GRU, mask predicted')}, truth {at('smoothness', 'network', 'truth')}"
+    ),
+    "1.15": lambda at: f"all {at('applications', 'network', 'all')} cm",
+    "1.16": lambda at: f"{at('applications', 'RMSJPE / MPJPE', 'network')} cm",
+    "1.17": lambda at: f"CMU to Rocketbox {at('table5', 'trained on CMU', 'body, hidden', 'Rocketbox')} cm",
+    "2.5": lambda at: f"{at('hmd-vae', 'full body cm', '1, head and hands now')} cm",
+    "2.6": lambda at: f"{at('hmd-vae', 'full body cm', '2, their history')} cm",
+    "2.8": lambda at: f"{at('hmd-vae', 'full body cm', '3, as 1, pretrained')} cm, model 3",
+    "2.10": lambda at: f"{at('hmd-vae', 'full body cm', '4, as 2, pretrained')} cm, model 4",
+    "3.3": lambda at: f"overall {at('table1', 'overall m', 'AHMT')} m",
+    "3.4": lambda at: f"overall {at('table1', 'overall m', 'PAHMT')} m",
+    "3.8": lambda at: (
+        f"packaged: hands {at('table1', 'hands m', 'packaged')}, overall {at('table1', 'overall m', 'packaged')} m"
+    ),
+    "3.10": lambda at: f"{at('video', 'arms and hands cm', 'bodysense, from the video')} cm",
+    "4.3": lambda at: (
+        f"{_range(at, 'gloves-fusion', '5 s', STRANGERS, '1', 'fused')}, a finger hidden for 0.1 to 5 s, {STRANGERS}"
+    ),
+    "4.5": lambda at: (
+        f"last known {_range(at, 'gloves-table3', '2 s', 'recorded', 'last known', '1')}, affine "
+        f"{_range(at, 'gloves-table3', '2 s', 'recorded', 'affine', '1')}"
+    ),
+    "4.6": lambda at: f"{_range(at, 'gloves-paper', '2 s', '1', STRANGERS)}, one hidden, {STRANGERS}",
+    "4.11": lambda at: f"{_range(at, 'gloves-table3', '2 s', STRANGERS, 'hand known', '1')}, one hidden, {STRANGERS}",
+    "4.12": lambda at: f"{at('gloves-table4', '0.1 s', STRANGERS, 'hand known', '0')} cm, nothing hidden, {STRANGERS}",
+    "4.13": lambda at: (
+        f"none hidden {at('gloves-occlusion', 'one hand', 'no marker hidden, % of the time')} % of the time"
+    ),
+    "4.14": lambda at: (
+        f"{at('gloves-speed', 'one hand', 'one marker hidden a hand')}, "
+        f"{at('gloves-speed', 'two hands', 'one marker hidden a hand')} ms"
+    ),
+    "4.15": lambda at: (
+        f"hands in each other {at('gloves-limits', 'without', 'recorded', 'hands in each other', 'frames, %')} to "
+        f"{at('gloves-limits', 'with', 'recorded', 'hands in each other', 'frames, %')} % of frames"
+    ),
+}
+STRANGERS = "strangers' hands"
+
+
+def write_rows(root: Path = ROOT) -> None:
+    """Replace the figures of all rows."""
+    page = root / PAGE
+    page.write_text(with_figures(page.read_text(encoding="utf-8"), root), encoding="utf-8")
+
+
+def with_figures(text: str, root: Path = ROOT) -> str:
+    """Return the page with the figures that the tables have now. Raises ValueError for a missing row or cell."""
+    blocks = {
+        name: body
+        for path in sorted((root / "docs").rglob("*.md"))
+        for name, body in _BLOCK.findall(path.read_text(encoding="utf-8"))
+    }
+
+    def at(block: str, column: str, *labels: str) -> str:
+        return cell_of(blocks[block], column, *labels)
+
+    for row, figure in FIGURES.items():
+        text = with_figure(text, row, figure(at))
+    return text
+
+
+def cell_of(block: str, column: str, *labels: str) -> str:
+    """Return the cell of the first row that begins with labels, or a block's processor. Raises ValueError."""
+    if column == "processor":
+        return re.findall(r"^Processor: (.*)\.$", block, re.MULTILINE)[-1]
+    for table in re.findall(r"(?:^\|.*\n)+", block, re.MULTILINE):
+        head, _, *rows = ([cell.strip() for cell in line[1:-1].split("|")] for line in table.splitlines())
+        for row in rows:
+            if column in head and tuple(row[: len(labels)]) == labels:
+                return row[head.index(column)]
+    raise ValueError(f"no cell {column!r} of {labels}")
+
+
+def with_figure(text: str, row: str, figure: str) -> str:
+    """Return the page with another figure in a row. Raises ValueError if the page has no such row."""
+    lines = text.split("\n")
+    place = next((k for k, line in enumerate(lines) if line.startswith(f"| {row} |")), None)
+    if place is None:
+        raise ValueError(f"{PAGE}: no row {row}")
+    cells = lines[place].strip("| ").split(" | ")
+    cells[COLUMN] = figure
+    lines[place] = f"| {' | '.join(cells)} |"
+    return "\n".join(lines)
+
+
+def _bracket(cell: str) -> str:
+    return re.findall(r"\((.*)\)", cell)[0] if "(" in cell else cell
+
+
+def _range(at: Cells, block: str, last: str, *labels: str) -> str:
+    return f"{at(block, '0.1 s', *labels)} to {at(block, last, *labels)} cm"

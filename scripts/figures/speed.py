@@ -1,0 +1,30 @@
+"""The table of speed in docs/evaluation.md."""
+
+from __future__ import annotations
+
+from .blocks import Block, Numbers, markdown
+
+
+def speed(step: Numbers, ik: Numbers, occlusion: Numbers, bvh: Numbers, imported: Numbers) -> str:
+    """Return the figures of the bench commands."""
+    rows = [
+        ["`bench step`", "a frame, whole", f"p50 {step['p50_ms']:.2f} ms, p99 {step['p99_ms']:.2f} ms"],
+        ["", "a frame of each of 16 wearers in a batch", f"{step['batch16_ms']:.2f} ms each"],
+        ["", "peak resident memory; the network's file", f"{step['rss_mb']:.0f} MB; {step['file_mb']:.1f} MB"],
+        ["`bench ik`", "whole body and hands, warm start", f"p50 {ik['p50_ms']:.2f} ms, p99 {ik['p99_ms']:.2f} ms"],
+        ["`bench occlusion`", "frames seen by the headset", f"{occlusion['frames_per_second']:,.0f} /s"],
+        [
+            "`bench import`",
+            "`import bodysense`; with the tracker",
+            f"{1000 * imported['package_seconds']:.0f} ms; {imported['seconds']:.2f} s",
+        ],
+        [
+            "`bench bvh`",
+            "reading, beside parsing the floats alone",
+            f"{bvh['mb_per_second']:.0f} of {bvh['bare_parse_mb_per_second']:.0f} MB/s",
+        ],
+    ]
+    return markdown(["command", "what", "figure"], rows)
+
+
+BLOCKS = (Block("docs/evaluation.md", "speed", speed, ("step", "ik", "occlusion", "bvh", "import")),)

@@ -1,0 +1,103 @@
+"""Write every table of measured figures in README, docs and model cards from the numbers that commands wrote.
+
+    python scripts/write_figures.py FIGURES
+
+FIGURES is a folder of what these commands wrote; each file names the processor. A table whose file is missing stays
+unchanged. DATA is a folder of motion or a prepared store.
+
+    python scripts/measure_figures.py FIGURES/marker-sets.json       (and marker-gaps, mounts, gloves-expected)
+    bodysense evaluate completion --data DATA --json FIGURES/completion.json
+    … the same with --limit 36 --takes --lattice, into FIGURES/completion-takes.json
+    … the same with --split val --bodies own, into FIGURES/validation.json, for the card of the network
+    bodysense evaluate holes --data DATA --json FIGURES/holes.json
+    bodysense evaluate fingers --data DATA --networks RUN/without_*.ckpt --json FIGURES/fingers.json
+      (docs/completion.md trains these networks)
+    bodysense bench step --json FIGURES/step.json
+    bodysense bench ik --json FIGURES/ik.json
+    bodysense bench occlusion --json FIGURES/occlusion.json
+    bodysense bench bvh --json FIGURES/bvh.json
+    bodysense bench import --json FIGURES/import.json
+    bodysense bench training --json FIGURES/training.json
+    bodysense data info DATA --occlusion --split test --json FIGURES/hidden.json
+    … with --camera.solid-scale 0.8, FIGURES/hidden_thin.json, and with 0.7, FIGURES/hidden_thinner.json
+    … with --camera.nose-distance 0, FIGURES/hidden_back.json, and with both, FIGURES/hidden_both.json
+    … with --camera.tilt 30, FIGURES/hidden_tilted.json
+    bodysense demo --out FIGURES/demo
+
+UNOC. NETWORKS comes from `bodysense train unoc-tables --window-stride 24 --batch-scale 0.25`, EACH is a folder of
+networks for each set.
+
+    bodysense evaluate unoc-table2 --data DATA --json FIGURES/headset.json
+    bodysense evaluate unoc-table2 --data DATA --networks NETWORKS --stride 8 --json FIGURES/unoc-table2.json
+    … unoc-table3 and unoc-table4 likewise, into FIGURES/unoc-table3.json and FIGURES/unoc-table4.json
+    … unoc-smoothness likewise, into FIGURES/unoc-smoothness.json
+    bodysense evaluate unoc-table5 --networks EACH --json FIGURES/unoc-table5.json
+    bodysense evaluate unoc-table6 --data DATA --json FIGURES/unoc-table6.json
+    bodysense evaluate finger-synthesis --data DATA --json FIGURES/finger-synthesis.json
+    bodysense evaluate transitions --data DATA --json FIGURES/transitions.json
+    bodysense evaluate reliability --data DATA --json FIGURES/reliability.json
+
+HMD-VAE. VAES comes from `bodysense train hmd-vae --sweep --grid one`.
+
+    bodysense evaluate hmd-vae --data DATA --networks VAES --json FIGURES/hmd-vae.json
+
+PAHMT. ARMS comes from `bodysense train arms-table`.
+
+    bodysense data render DATA -o RENDERED --videos 24 --seconds 6
+    bodysense evaluate video-rendered RENDERED --json FIGURES/video-rendered.json
+    bodysense data render -o GESTURES
+    bodysense evaluate video-rendered GESTURES --json FIGURES/gestures.json
+    bodysense evaluate pahmt-table1 --data DATA --networks ARMS --out FIGURES --json FIGURES/pahmt-table1.json
+    … train and evaluate with --keypoints perfect, into FIGURES/pahmt-table1-perfect.json
+    bodysense bench arms --json FIGURES/arms-speed.json
+
+Two hands. LEFT_OUT comes from `bodysense train gloves --leave-one-out`; PAPER is the folder of the paper's networks,
+`packages/lab/src/bodysense_lab/weights`.
+
+    bodysense evaluate gloves-table3 --data DATA --left-out LEFT_OUT --json FIGURES/gloves-table3.json
+    bodysense evaluate gloves-table4 --data DATA --left-out LEFT_OUT --json FIGURES/gloves-table4.json
+    bodysense evaluate gloves-table3 --data DATA --model PAPER/glove_markers_paper.onnx --json FIGURES/gloves-paper.json
+    bodysense evaluate gloves-fusion --data DATA --json FIGURES/gloves-fusion.json
+    bodysense evaluate gloves-settings --data DATA --json FIGURES/gloves-settings.json
+    bodysense evaluate gloves-layouts --hands 3 --json FIGURES/gloves-layouts.json
+    bodysense evaluate gloves-occlusion --data DATA --json FIGURES/gloves-occlusion.json
+    bodysense evaluate gloves-limits --data DATA --json FIGURES/gloves-limits.json
+    bodysense bench gloves --json FIGURES/gloves-speed.json
+
+Live, with P processes and N sessions: 1 and 8; 2 and 8, 16, 24, 40.
+
+    bodysense bench live --workers P --sessions N --json FIGURES/live-PxN.json
+    bodysense bench live-soak --json FIGURES/live-soak.json
+    bodysense bench live-fuzz --json FIGURES/live-fuzz.json
+"""
+
+from __future__ import annotations
+
+import shutil
+import sys
+from pathlib import Path
+
+from figures import completion, conform, gloves, live, markers, occlusion, papers, speed, video
+from figures.blocks import ROOT, read_measured, write_blocks
+from figures.rows import write_rows
+from PIL import Image
+
+BLOCKS = tuple(
+    block
+    for module in (completion, conform, gloves, live, markers, occlusion, papers, speed, video)
+    for block in module.BLOCKS
+)
+
+
+def main(folder: Path) -> None:
+    """Replace the text of every block and the pictures whose figures are in `folder`, then the rows of the papers."""
+    write_blocks(BLOCKS, read_measured(folder))
+    write_rows()
+    if (drawn := folder / "demo" / "demo.webp").is_file():
+        shutil.copyfile(drawn, ROOT / "docs" / "figures" / "demo.webp")
+    if (drawn := folder / "pahmt-table1.png").is_file():
+        Image.open(drawn).convert("RGB").quantize(64).save(ROOT / "docs" / "figures" / "arms.png", optimize=True)
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))

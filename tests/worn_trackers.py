@@ -1,0 +1,95 @@
+"""Trackers strapped to unseen bodies, calibrated in a second of standing, and how well motion refines their mounts."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bodysense.body.person import Person
+from bodysense.body.pose import Pose, forward_kinematics, standing_pose
+from bodysense.body.rigid import RigidTransform
+from bodysense.body.rotation import quaternion_exp, quaternion_multiply
+from bodysense.body.shape import sample_bodies
+from bodysense.body.skeleton import Skeleton, default_skeleton
+from bodysense.completion.calibration import calibrated
+from bodysense.devices.simulated.sensors import SENSOR_SETS, observe, strapped
+from bodysense.observation import Observation
+from bodysense.tracker import Tracker, TrackerState
+
+RATE = 30
+WORN = ("pelvis", "left_knee", "right_knee", "left_ankle", "right_ankle", "left_elbow", "right_elbow")
+BODIES = sample_bodies("test", 16)
+BOW = {"pelvis": 60.0, "left_hip": -60.0, "right_hip": -60.0}  # degrees about x; the legs stay straight
+SQUAT = {f"{side}_{part}": angle for side in ("left", "right") for part, angle in (("hip", -80.0), ("knee", 110.0))}
+SQUAT |= {"left_ankle": -30.0, "right_ankle": -30.0}
+
+
+def moved(skeleton: Skeleton, *goals: dict[str, float]) -> Pose:
+    """Stand for a second, then go to each pose and back, in 4 s; the ankles stay where they are."""
+    pose = standing_pose(skeleton)
+    rotation = np.tile(pose.rotation, (RATE * (1 + 4 * len(goals)), 1, 1))
+    depth = 0.5 - 0.5 * np.cos(2 * np.pi * np.arange(4 * RATE) / (4 * RATE))
+    for k, goal in enumerate(goals):
+        frames = slice(RATE * (1 + 4 * k), RATE * (5 + 4 * k))
+        for name, angle in goal.items():
+            joint = skeleton.index(name)
+            turn = quaternion_exp(depth[:, None] * np.radians([angle, 0.0, 0.0]))
+            rotation[frames, joint] = quaternion_multiply(rotation[frames, joint], turn)
+    root = np.tile(pose.root_position, (len(rotation), 1))
+    ankle = forward_kinematics(Pose(skeleton, root, rotation))[0][:, skeleton.index("left_ankle")]
+    return Pose(skeleton, root + ankle[0] - ankle, rotation)
+
+
+def worn(body: int, sensors: str, *goals: dict[str, float]) -> tuple[Observation, Person, Pose]:
+    """An unseen body with trackers 8-14 cm off, calibrated in the first second, that moves then."""
+    pose = moved(default_skeleton().with_offsets(BODIES[body]), *goals)
+    observation = observe(pose, np.arange(len(pose.root_position)) / RATE, SENSOR_SETS[sensors])
+    rng, mounts = np.random.default_rng(body), {}
+    for name in observation.points:
+        if name in WORN:
+            away = rng.standard_normal(3)
+            away *= rng.uniform(0.08, 0.14) / np.linalg.norm(away)
+            mounts[name] = RigidTransform(away, rng.standard_normal(4))
+    observation = strapped(observation, mounts)
+    return observation, calibrated(observation[:RATE], Person()), pose
+
+
+def tracked(observation: Observation, person: Person) -> TrackerState:
+    """The state after a whole observation."""
+    tracker = Tracker(person)
+    return tracker.step(observation, tracker.start())[1]
+
+
+def errors(observation: Observation, pose: Pose, *people: Person) -> dict[str, list[float]]:
+    """Distance (m), by joint, from where it is in the last frame to where each person's mounts put it."""
+    truth = forward_kinematics(pose)[0][-1]
+    found: dict[str, list[float]] = {}
+    for k, name in enumerate(observation.points):
+        if name in WORN:
+            tracker = RigidTransform(observation.position[-1, k], observation.rotation[-1, k])
+            joints = [(tracker @ person.mounts[name].inverse()).translation for person in people]
+            found[name] = [float(np.linalg.norm(joint - truth[pose.skeleton.index(name)])) for joint in joints]
+    return found
+
+
+def of_all(sensors: str, *goals: dict[str, float]) -> dict[str, np.ndarray]:
+    """(16, 2) m by joint, of unseen bodies: as calibrated, and as refined."""
+    rows = []
+    for body in range(len(BODIES)):
+        observation, person, pose = worn(body, sensors, *goals)
+        rows.append(errors(observation, pose, person, tracked(observation, person).person()))
+    return {name: np.array([row[name] for row in rows]) for name in rows[0]}
+
+
+def numbers() -> dict[str, float]:
+    """Mean and largest errors, cm: after the calibration, after two bows, after a bow and a squat with ten trackers."""
+    bows, squats = of_all("six_point", BOW, BOW), of_all("ten_point", BOW, SQUAT)
+    found = {}
+    for part in ("pelvis", "ankle", "knee", "elbow"):
+        for stage, after, column in (("calibrated", squats, 0), ("bows", bows, 1), ("squat", squats, 1)):
+            apart = [errors[:, column] for name, errors in after.items() if name.endswith(part)]
+            if apart:
+                found |= {
+                    f"{part}_{stage}_mean_cm": 100 * np.mean(apart),
+                    f"{part}_{stage}_max_cm": 100 * np.max(apart),
+                }
+    return found
