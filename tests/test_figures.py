@@ -73,6 +73,7 @@ def test_a_block_names_its_processor_and_commands(block: Block) -> None:
     text = dict(WRITTEN.findall((ROOT / block.page).read_text(encoding="utf-8")))[block.name]
     if block.files and text:
         assert re.search(r"\n\nProcessor: \S.*\.\n$", text), block
+    assert COMMANDS is not None
     for file in (*block.files, *block.more):
         pattern = "live-PxN" if re.fullmatch(r"live-\dx\d+", file) else file
         named = f"FIGURES/{pattern}.json" in COMMANDS or file in ("marker-gaps", "mounts", "gloves-expected")

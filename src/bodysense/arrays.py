@@ -33,6 +33,8 @@ def read_arrays(path: str | Path, keys: Sequence[str] | None = None) -> dict[str
     which only unpickling reads, and for those whose shape is not that of their data.
     """
     path = Path(path)
+    if path.is_file() and path.stat().st_size == 0:
+        raise BodysenseError(f"{path}: the file is empty; copy or export it again")
     try:
         with zipfile.ZipFile(path) as archive:
             entries = {entry.filename.removesuffix(".npy"): entry for entry in archive.infolist()}

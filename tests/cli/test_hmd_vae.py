@@ -32,7 +32,7 @@ def test_what_generate_refuses(refused, small_vae: Path, tmp_path: Path) -> None
     said = refused("generate", "-o", tmp_path / "bodies.txt", "--model", small_vae)
     assert said.endswith("bodies.txt: the output ends in '.txt'; valid are .png and .bvh")
     said = refused("generate", "-o", tmp_path / "bodies.bvh", "--model", small_vae, "--count", 0)
-    assert said == "0 samples cannot be; give at least 1"
+    assert said == "--count 0: give a whole number, 1 to 1000"
     assert "no such model file" in refused("generate", "-o", tmp_path / "a.bvh", "--model", tmp_path / "gone.onnx")
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from bodysense.cli.show import write_numbers
+from bodysense.cli.show import processor, write_numbers
 
 
 def test_figures_that_do_not_exist_are_left_out(tmp_path: Path) -> None:
@@ -17,4 +17,4 @@ def test_figures_that_do_not_exist_are_left_out(tmp_path: Path) -> None:
         pytest.fail(f"{word} is no JSON")
 
     text = (tmp_path / "a.json").read_text(encoding="utf-8")
-    assert json.loads(text, parse_constant=refuse) == {"error_cm": 1.5, "clips": 3}
+    assert json.loads(text, parse_constant=refuse) == {"processor": processor(), "error_cm": 1.5, "clips": 3}

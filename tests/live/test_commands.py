@@ -41,7 +41,7 @@ def test_a_udp_port_in_use(refused: Refused) -> None:
     ("arguments", "said"),
     [
         (("--port", -1), "ports are 0"),
-        (("--workers", 0), "give 1 or more"),
+        (("--workers", 0), "give a whole number, 1 to 1024"),
         (("--workers", 2, "--vmc-in", 39539), "UDP goes with one process only"),
         (("--token", "short"), "at least 8 characters"),
         (("--vmc-out", "localhost"), "give HOST:PORT"),

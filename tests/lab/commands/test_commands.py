@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from bodysense.cli.show import processor
 from bodysense_lab.unoc.learned import load_model
 from bodysense_lab.weights import packaged
 
@@ -60,6 +61,7 @@ def test_data_info_with_occlusion(two_people: Path, tmp_path: Path, run) -> None
 def test_benchmarks(tmp_path: Path, run, command: tuple[object, ...], keys: set[str]) -> None:
     run("bench", *command, "--json", tmp_path / "a.json")
     numbers = json.loads((tmp_path / "a.json").read_text())
+    assert numbers.pop("processor") == processor()
     assert set(numbers) == keys
     assert all(value > 0 for key, value in numbers.items() if key != "torch_imported"), numbers
     assert numbers.get("torch_imported", 0) == 0
@@ -69,7 +71,7 @@ def test_benchmark_of_a_step(tmp_path: Path, run) -> None:
     run("bench", "step", "--frames", 8, "--people", 2, "--device", "headset_camera", "--json", tmp_path / "a.json")
     numbers = json.loads((tmp_path / "a.json").read_text())
     times = {"p50_ms", "p99_ms", "batch2_ms", "batch2_p99_ms", "floor_ms", "reference_ms"}
-    assert set(numbers) == times | {"mflop", "rss_mb", "file_mb"}
+    assert set(numbers) == times | {"processor", "mflop", "rss_mb", "file_mb"}
     assert 0 < numbers["p50_ms"] <= numbers["p99_ms"] and numbers["rss_mb"] > 10 and numbers["file_mb"] > 0.1
     assert 0 < numbers["floor_ms"] < numbers["p50_ms"] and numbers["mflop"] > 10
 

@@ -51,5 +51,5 @@ def test_a_network_of_another_ending(tmp_path: Path, refused: Refused) -> None:
 
 
 def test_numbers_that_cannot_be(tmp_path: Path, refused: Refused) -> None:
-    assert "--jobs -1: give at least 1" in refused("evaluate", "unoc-table2", "--data", tmp_path, "--jobs", "-1")
-    assert "--frames 0: give at least 1" in refused("bench", "ik", "--frames", "0")
+    assert "--jobs -1: give a whole number" in refused("evaluate", "unoc-table2", "--data", tmp_path, "--jobs", "-1")
+    assert "--frames 0: give a whole number" in refused("bench", "ik", "--frames", "0")

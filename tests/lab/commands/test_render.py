@@ -37,7 +37,7 @@ def test_a_motion_becomes_videos_once(lively: Path, tmp_path: Path, run: Command
 @pytest.mark.parametrize(
     "options, message",
     [
-        (("--videos", 0), "render: 0 videos of 6 s, 480 pixels high; give at least 1 video"),
+        (("--videos", 0), "--videos 0: give a whole number"),
         (("--pixels", 101), "an even height from 64 on"),
         (("--seconds", 0.1), "1 s"),
     ],

@@ -162,7 +162,7 @@ def test_table_6_and_finger_synthesis(tmp_path: Path, folder: Path, networks: Pa
         (("unoc-smoothness", "--networks", "{tmp}"), "no network gru, mask_given"),
         (("unoc-table5", "--networks", "{tmp}"), "write NAME=PATH"),
         (("unoc-table3", "--networks", "{tmp}", "--stride", "0"), "--stride 0: give at least 1"),
-        (("reliability", "--jobs", "0"), "--jobs 0: give at least 1"),
+        (("reliability", "--jobs", "0"), "--jobs 0: give a whole number"),
         (("transitions", "--json", "{tmp}/none/a.json"), "the folder {tmp}/none does not exist"),
         (("unoc-table1", "--out", "{tmp}/motion/anna/a.bvh/x"), "no folder can be made there"),
     ],
