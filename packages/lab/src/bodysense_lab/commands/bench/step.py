@@ -65,6 +65,7 @@ def bench_step(
     batch = percentiles(_together(tracker, observation, people), max(1, frames // 4))
     numbers = {name: one[name] for name in ("p50_ms", "p99_ms")}
     numbers |= {f"batch{people}_ms": batch["p50_ms"] / people, f"batch{people}_p99_ms": batch["p99_ms"] / people}
+    memory = resident_memory()  # of the step alone
     with ExitStack() as stack:
         packaged = files("bodysense.weights") / PACKAGED
         weights = stack.enter_context(as_file(packaged)) if model is None else model
@@ -73,7 +74,7 @@ def bench_step(
     if graphs is not None:
         numbers["onnx_p50_ms"] = percentiles(graphs[0], max(1, frames // 4))["p50_ms"]
         numbers[f"onnx_batch{people}_ms"] = percentiles(graphs[1], max(1, frames // 16))["p50_ms"] / people
-    report(f"step, {device}", numbers | {"rss_mb": resident_memory(), "file_mb": size / 1e6}, json)
+    report(f"step, {device}", numbers | {"rss_mb": memory, "file_mb": size / 1e6}, json)
 
 
 def _together(tracker: Tracker, observation: Observation, people: int) -> Callable[[int], None]:
