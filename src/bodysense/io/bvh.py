@@ -47,10 +47,14 @@ def clip_of(figure: Figure, unit: float) -> Clip:
     """The motion of a figure on its own joints, as a rigid skeleton; positions in metres, the figure's axes."""
     if not (np.isfinite(unit) and unit > 0):
         raise BodysenseError(f"{figure.name}: unit {unit:g} cannot be; give the metres of one file unit, e.g. 0.01")
+    try:
+        skeleton = Skeleton(figure.joints, figure.end_sites, figure.parents, figure.bone * unit)
+    except BodysenseError as error:
+        raise BodysenseError(f"{figure.name}: {error}") from None
+    root = figure.position.get(0, np.tile(figure.offset[0], (len(figure), 1))) * unit
     rotation = figure.rotation.copy()
     rotation[:, 0] = quaternion_canonical(rotation[:, 0])
-    pose = Pose(figure.skeleton(unit), figure.root_place * unit, rotation)
-    return Clip(Path(figure.name).stem, pose, figure.frame_rate)
+    return Clip(Path(figure.name).stem, Pose(skeleton, root, rotation), figure.frame_rate)
 
 
 def write_bvh(path: str | Path, clip: Clip, unit: float = 0.01, order: str = "ZXY") -> None:

@@ -14,7 +14,7 @@ on average instead of 12, 2 cm where LowerBack bends by 24°). World rotations o
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -76,7 +76,7 @@ def canonical(
     match = _match_points(source, joints)
     if "pelvis" not in match:
         raise BodysenseError(f"{clip.name}: no joint is its pelvis, which carries the legs and the trunk")
-    parents = matched_parents(ours, match)
+    parents = _matched_parents(ours, match)
     places = _places(clip.pose, match) if place is None else {name: place[:, k] for name, k in match.items()}
     if turns:
         world, bone = _turned(clip, match, parents, must_stand)
@@ -203,10 +203,10 @@ def _match_points(source: Skeleton, joints: Mapping[str, str]) -> dict[str, int]
     return {name: match[name] for name in ours.points if name in match}
 
 
-def matched_parents(ours: Skeleton, match: Collection[str]) -> dict[str, str]:
+def _matched_parents(ours: Skeleton, match: Mapping[str, int]) -> dict[str, str]:
     """For each matched point but the root, the nearest matched joint above it in our tree."""
     parents = {}
-    for name in (name for name in ours.points if name in match):
+    for name in match:
         above = ours.parents[ours.index(name)]
         while above >= 0 and ours.joints[above] not in match:
             above = ours.parents[above]

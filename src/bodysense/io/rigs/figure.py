@@ -12,8 +12,6 @@ from functools import cached_property
 import numpy as np
 
 from bodysense.body.rotation import quaternion_multiply, quaternion_rotate
-from bodysense.body.skeleton import Skeleton
-from bodysense.errors import BodysenseError
 
 SAMPLE = 120  # frames, evenly spaced, in which lengths are measured
 _BRANCHES = 12  # longest branches of a joint that are searched
@@ -58,18 +56,6 @@ class Figure:
             if joint:
                 bone[joint] = np.median(place, axis=0)
         return bone
-
-    def skeleton(self, unit: float) -> Skeleton:
-        """Return the figure's own joints as rigid bones, `unit` metres a file unit. Raises if they are no skeleton."""
-        try:
-            return Skeleton(self.joints, self.end_sites, self.parents, self.bone * unit)
-        except BodysenseError as error:
-            raise BodysenseError(f"{self.name}: {error}") from None
-
-    @cached_property
-    def root_place(self) -> np.ndarray:
-        """(T, 3) place of the root, file units."""
-        return self.position.get(0, np.tile(self.offset[0], (len(self), 1)))
 
     @cached_property
     def turns(self) -> bool:
@@ -138,18 +124,38 @@ class Figure:
         An end site has its joint's rotation.
         """
         wanted = list(range(len(self.parents))) if points is None else points
+        needed = sorted({above for point in wanted for above in self.above(point)}) if points else wanted
         place: dict[int, np.ndarray] = {}
         turn: dict[int, np.ndarray] = {}
-        for k in sorted({above for point in wanted for above in self.above(point)}) if points else wanted:
-            local = self.position.get(k, np.broadcast_to(self.offset[k], (len(self), 3)))
-            own = self.rotation[:, k] if k < len(self.joints) else None
-            if (parent := self.parents[k]) < 0:
-                assert own is not None
-                place[k], turn[k] = local, own
-            else:
-                place[k] = place[parent] + quaternion_rotate(turn[parent], local)
-                turn[k] = turn[parent] if own is None else quaternion_multiply(turn[parent], own)
+        still = np.array([1.0, 0.0, 0.0, 0.0])
+        for level in self._levels(needed):
+            local = np.stack([self.position.get(k, np.broadcast_to(self.offset[k], (len(self), 3))) for k in level], 1)
+            joints = [k < len(self.joints) for k in level]
+            own = np.stack(
+                [
+                    self.rotation[:, k] if k < len(self.joints) else np.broadcast_to(still, (len(self), 4))
+                    for k in level
+                ],
+                1,
+            )
+            if self.parents[level[0]] >= 0:
+                above = np.stack([turn[self.parents[k]] for k in level], 1)
+                local = np.stack([place[self.parents[k]] for k in level], 1) + quaternion_rotate(above, local)
+                own = quaternion_multiply(above, own) if any(joints) else above
+            for column, k in enumerate(level):
+                place[k], turn[k] = local[:, column], own[:, column]
         return np.stack([place[k] for k in wanted], 1), np.stack([turn[k] for k in wanted], 1)
+
+    def _levels(self, points: list[int]) -> list[list[int]]:
+        """Points by depth below the root."""
+        depth: dict[int, int] = {}
+        levels: list[list[int]] = []
+        for point in sorted(points):
+            depth[point] = depth.get(self.parents[point], -1) + 1
+            if depth[point] == len(levels):
+                levels.append([])
+            levels[depth[point]].append(point)
+        return levels
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,8 +21,9 @@ from bodysense.errors import BodysenseError
 from bodysense.io.augment import at_height
 from bodysense.io.bvh_text import BvhFile, parse_bvh
 from bodysense.io.clip import Clip
+from bodysense.io.rigs import words
 from bodysense.io.rigs.body import find_body
-from bodysense.io.rigs.canonical import canonical, matched_parents
+from bodysense.io.rigs.canonical import canonical
 from bodysense.io.rigs.figure import Figure, measured
 from bodysense.io.rigs.named import ARMS, LEGS, table_of
 from bodysense.io.rigs.names import joints_of
@@ -33,39 +34,42 @@ BONES = (("shoulder", "elbow"), ("elbow", "wrist"), ("hip", "knee"), ("knee", "a
 
 
 def hung(figures: list[Figure], options: ReadingOptions) -> list[Figure]:
-    """Return the figures of a file; a flat tree becomes a body with unchanged joint positions and rotations.
-
-    Of a flat tree, joints that are none of ours are left out.
-    """
+    """Return the figures of a file; a flat tree becomes a body with unchanged joint positions and rotations."""
     names = [name for figure in figures for name in figure.joints]
     given = table_of(options.joints) if options.joints is not None else joints_of(names)
     ours = {of: name for name, of in given.items() if name in names}
     if not {"pelvis", *ARMS, *LEGS} <= ours.keys() or any(_hangs(figure, ours) for figure in figures):
         return figures
-    body = default_skeleton()
-    order = [name for name in body.points if name in ours]
-    parents, joints = matched_parents(body, ours), _in_world(figures, list(ours.values()))
+    trunk = [name for name in names if _is_trunk(name) and name not in given]
+    joints = _in_world(figures, [*ours.values(), *trunk])
+    parents = _parents(ours, _upward(trunk, ours, joints))
+    order = list(parents)
     rotation, position = [], {}
     for k, name in enumerate(order):
-        place, turn, _ = joints[ours[name]]
-        if name in parents:
-            above, turned, _ = joints[ours[parents[name]]]
+        place, turn, _ = joints[name]
+        if (parent := parents[name]) is not None:
+            above, turned, _ = joints[parent]
             back = quaternion_conjugate(turned)
             place, turn = quaternion_rotate(back, place - above), quaternion_multiply(back, turn)
         position[k] = place
         rotation.append(turn)
-    flat = Figure(
+    body = Figure(
         name=figures[0].name,
-        joints=tuple(ours[name] for name in order),
+        joints=tuple(order),
         end_sites=(),
-        parents=tuple(order.index(parents[name]) if name in parents else -1 for name in order),
+        parents=tuple(-1 if parent is None else order.index(parent) for parent in parents.values()),
         offset=np.stack([np.median(position[k], axis=0) for k in range(len(order))]),
         rotation=np.stack(rotation, axis=1),
         position=position,
         frame_rate=figures[0].frame_rate,
-        nodes=tuple(joints[ours[name]][2] for name in order),
+        nodes=tuple(joints[name][2] for name in order),
     )
-    return [flat]
+    return [body]
+
+
+def _is_trunk(name: str) -> bool:
+    """Whether a name means a joint between pelvis and head."""
+    return bool(words.parts(name) & {"spine", "neck"}) and not words.side_of(name) and not words.is_end(name)
 
 
 def _in_world(figures: list[Figure], names: list[str]) -> dict[str, tuple[np.ndarray, np.ndarray, int]]:
@@ -76,6 +80,34 @@ def _in_world(figures: list[Figure], names: list[str]) -> dict[str, tuple[np.nda
             place, turn = figure.world(own)
             found |= {figure.joints[k]: (place[:, n], turn[:, n], figure.nodes[k]) for n, k in enumerate(own)}
     return found
+
+
+def _upward(trunk: list[str], ours: Mapping[str, str], joints: Mapping[str, tuple]) -> list[str]:
+    """Return all joints between pelvis and head, including known ones, from bottom to top."""
+    low, high = joints[ours["pelvis"]][0], (joints[ours["left_shoulder"]][0] + joints[ours["right_shoulder"]][0]) / 2
+    up = high - low
+    own = [ours[name] for name in ("spine1", "spine2", "spine3", "neck") if name in ours]
+    return sorted([*own, *trunk], key=lambda name: float(np.median(((joints[name][0] - low) * up).sum(-1))))
+
+
+def _parents(ours: Mapping[str, str], trunk: list[str]) -> dict[str, str | None]:
+    """Return the parent of each joint, by name, parents first."""
+    body = default_skeleton()
+    parents: dict[str, str | None] = {ours["pelvis"]: None}
+    below = ours["pelvis"]
+    for name in trunk:
+        parents[name], below = below, name
+    chest = next((name for name in reversed(trunk) if "neck" not in words.parts(name)), ours["pelvis"])
+    for name in (name for name in body.points if name in ours and ours[name] not in parents):
+        above = body.parents[body.index(name)]
+        while body.points[above] not in ours:
+            above = body.parents[above]
+        hangs_on = ours[body.points[above]]
+        carried = name == "head" or "collar" in name or "shoulder" in name
+        if carried and hangs_on in (*trunk, ours["pelvis"]):
+            hangs_on = below if name == "head" else chest
+        parents[ours[name]] = hangs_on
+    return parents
 
 
 def _hangs(figure: Figure, ours: Mapping[str, str]) -> bool:
@@ -212,10 +244,14 @@ def _of_body(figure: Figure, rig: Rig) -> Figure:
 
 def _placed(figure: Figure, rig: Rig) -> tuple[Clip, np.ndarray | None]:
     """Return a figure as a clip in our world, and its points (T, P, 3) m if its bones are not rigid."""
+    try:
+        skeleton = Skeleton(figure.joints, figure.end_sites, figure.parents, figure.bone * rig.unit)
+    except BodysenseError as error:
+        raise BodysenseError(f"{figure.name}: {error}") from None
+    root = figure.position.get(0, np.tile(figure.offset[0], (len(figure), 1)))
     rotation = figure.rotation.copy()
     rotation[:, 0] = quaternion_canonical(rig.turned_to_world(rotation[:, 0]))
-    pose = Pose(figure.skeleton(rig.unit), rig.to_world(figure.root_place), rotation)
-    clip = Clip(figure.name, pose, figure.frame_rate)
+    clip = Clip(figure.name, Pose(skeleton, rig.to_world(root), rotation), figure.frame_rate)
     moving = [k for k, place in figure.position.items() if k and np.ptp(place, axis=0).max() * rig.unit > STRETCH]
     return clip, rig.to_world(figure.world()[0]) if moving else None
 

@@ -22,9 +22,7 @@ PARTS: dict[str, tuple[str, ...]] = {
     "hip": ("pelvis", "hip"),
     **dict.fromkeys(("センター", "root"), ("pelvis",)),
     **dict.fromkeys(("hipjoint", "buttock", "glute"), ("before the hip",)),
-    **dict.fromkeys(
-        ("lowerback", "waist", "naval", "navel", "腰", "abdomen", "ab", "stomach", "l5", "l3", "spine"), ("spine",)
-    ),
+    **dict.fromkeys(("lowerback", "waist", "腰", "abdomen", "ab", "stomach", "l5", "l3", "spine"), ("spine",)),
     **dict.fromkeys(("上半身", "脊椎", "척추", "torso", "t12", "upperback", "ribs", "sternum", "chest"), ("spine",)),
     **dict.fromkeys(("胸", "가슴", "t8", "thorax", "upperchest"), ("spine",)),
     **dict.fromkeys(("neck", "shouldercenter", "shouldercentre", "首", "颈", "脖子", "목", "hals"), ("neck",)),
