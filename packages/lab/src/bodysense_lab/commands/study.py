@@ -10,10 +10,10 @@ import tyro
 from tyro.extras import SubcommandApp
 
 from bodysense.cli.options import Reading
+from bodysense.cli.ranges import Count, Processes
 from bodysense.errors import BodysenseError
 from bodysense.files import check_place, make_folder
 from bodysense.io.rigs.options import AS_FOUND
-from bodysense.ranges import Count, Processes
 from bodysense_lab.commands.reporting import tracker_settings
 
 if TYPE_CHECKING:
@@ -70,8 +70,6 @@ def build(
     from bodysense.demo import packaged_performance
     from bodysense_lab.study.scenes import StudySettings, build_study
 
-    if jobs is not None and jobs < 1:
-        raise BodysenseError(f"--jobs {jobs}: give at least 1")
     if seed < 0:
         raise BodysenseError(f"--seed {seed}: give 0 or more")
     settings = StudySettings(

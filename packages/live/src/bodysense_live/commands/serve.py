@@ -10,11 +10,11 @@ from typing import Annotated
 import tyro
 
 from bodysense.cli.options import Reading
+from bodysense.cli.ranges import Processes, Sessions
 from bodysense.devices.simulated.device import DeviceName
 from bodysense.errors import BodysenseError
 from bodysense.files import check_place
 from bodysense.io.rigs.options import AS_FOUND
-from bodysense.ranges import Processes, Sessions
 from bodysense_live.commands.serve_options import (
     access_of,
     address_of,
@@ -140,8 +140,6 @@ def serve(
         check_place(save_person)
     if not 0 <= smoothing <= LONGEST_HALF_LIFE:
         raise BodysenseError(f"--smoothing {smoothing:g}: give seconds, 0 to {LONGEST_HALF_LIFE:g}")
-    if workers < 1:
-        raise BodysenseError(f"--workers {workers}: give 1 or more")
     others = (vmc_in, markers_in, vmc_out, vrchat_out, vmt, vrchat, slimevr, solarxr)
     if workers > 1 and others != (None, None, (), (), False, False, False, False):
         raise BodysenseError("--workers: UDP goes with one process only; leave --workers out")

@@ -15,10 +15,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bodysense.body.person import Person
+from bodysense.cli.ranges import Count
 from bodysense.devices.simulated.device import SensorSetName
 from bodysense.errors import BodysenseError
 from bodysense.observation import Observation
-from bodysense.ranges import Count
 from bodysense_lab.commands.bench.timing import percentiles, report, resident_memory, streamed
 
 if TYPE_CHECKING:
@@ -55,8 +55,6 @@ def bench_step(
     from bodysense.devices.simulated.sensors import SENSOR_SETS, observe
     from bodysense.tracker import Tracker
 
-    if people < 1:
-        raise BodysenseError(f"--people {people}: give at least 1")
     clip = performance_of_stranger()
     observation = observe(clip.pose, clip.time, SENSOR_SETS[device])
     tracker = Tracker(Person(clip.pose.skeleton), network=None if model is None else load_completion(model))

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from bodysense.errors import BodysenseError
-from bodysense.ranges import Processes
+from bodysense.cli.ranges import Count, Processes
 from bodysense_lab.commands.bench.timing import report
 
 
-def training(steps: int = 6, threads: Processes = 1, json: Path | None = None) -> None:
+def training(steps: Count = 6, threads: Processes = 1, json: Path | None = None) -> None:
     """Time steps of `train completion`, and UNOC's training on windows and on whole sequences with carried state.
 
     A window teaches one frame, its last; a sequence teaches every frame that it plays.
@@ -23,7 +22,5 @@ def training(steps: int = 6, threads: Processes = 1, json: Path | None = None) -
     from bodysense_lab.completion.pace import training_pace
     from bodysense_lab.unoc.pace import throughput
 
-    if steps < 1:
-        raise BodysenseError(f"--steps {steps}: give at least 1")
     clip = packaged_performance()
     report("training", training_pace(clip, steps, threads) | throughput(clip, steps, threads), json)
