@@ -62,7 +62,7 @@ TRUNK_AND_LIMBS = body_skeleton(BODY)
 
 
 def slow_twin(target: np.ndarray, weight: np.ndarray, start: Pose) -> tuple[np.ndarray, float, float]:
-    """The same problem with local rotation vectors, derivatives by differences and SciPy's solver.
+    """Solve the same problem with local rotation vectors, derivatives by differences and SciPy's solver.
 
     Returns its points (P, 3) and its whole cost, posture included, and that cost at the start.
     """

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from rig_files import joints_in
+from turned_joints import about, both
 
 from bodysense.body.pose import Pose, forward_kinematics, local_rotation, rest_pose
 from bodysense.body.rotation import geodesic_angle, quaternion_exp, quaternion_multiply
@@ -27,17 +28,6 @@ MIXAMO = {
         *((f"{finger}{k}", f"Hand{finger.capitalize()}{k}")
           for finger in ("thumb", "index", "middle", "ring", "pinky") for k in (1, 2, 3)))},
 }  # fmt: skip
-
-
-def about(axis: str, degrees: float) -> np.ndarray:
-    vector = np.zeros(3)
-    vector["XYZ".index(axis)] = np.deg2rad(degrees)
-    return quaternion_exp(vector)
-
-
-def both(part: str, axis: str, degrees: float) -> dict[str, np.ndarray]:
-    """A turn of the left joint and its mirror image of the right one."""
-    return {f"left_{part}": about(axis, degrees), f"right_{part}": about(axis, degrees if axis == "X" else -degrees)}
 
 
 def canonical(source: Clip) -> Clip:

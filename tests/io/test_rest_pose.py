@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from turned_joints import about, both
 
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.rotation import geodesic_angle, quaternion_exp, quaternion_multiply
@@ -21,16 +22,6 @@ OURS = {name: name for name in default_skeleton().points}
 def rest_of(clip: Clip) -> Stance:
     """The rest pose of a clip with our names."""
     return standing_rest(clip, {name: clip.pose.skeleton.index(name) for name in OURS})
-
-
-def about(axis: str, degrees: float) -> np.ndarray:
-    vector = np.zeros(3)
-    vector["XYZ".index(axis)] = np.deg2rad(degrees)
-    return quaternion_exp(vector)
-
-
-def both(part: str, axis: str, degrees: float) -> dict[str, np.ndarray]:
-    return {f"left_{part}": about(axis, degrees), f"right_{part}": about(axis, degrees if axis == "X" else -degrees)}
 
 
 @pytest.mark.parametrize("rest", [
