@@ -77,7 +77,7 @@ def completion(numbers: Numbers, sample: Numbers) -> str:
         )
     if "lattice_edges" in sample:
         text.append(
-            f"One sensor more is worse by over 1 % in {sample['lattice_violations']:.0f} of "
+            f"On a sample of the clips, one sensor more is worse by over 1 % in {sample['lattice_violations']:.0f} of "
             f"{sample['lattice_edges']:.0f} random pairs of sensor sets."
         )
     return f"{markdown(head, rows)}\n\n" + "\n".join(text)

@@ -27,10 +27,10 @@ def sound(values: np.ndarray) -> np.ndarray:
 
 
 def read_arrays(path: str | Path, keys: Sequence[str] | None = None) -> dict[str, np.ndarray]:
-    """Those of the arrays `keys` that an .npz file holds, or all.
+    """Return the arrays of an .npz file, or those named by `keys` that it holds.
 
-    Raises BodysenseError for a file that is none, for one that unpacks to far more than it is, for arrays of objects,
-    which only unpickling reads, and for those whose shape is not that of their data.
+    Raises BodysenseError if it is empty or no .npz file, unpacks to far more than its size, holds arrays of objects
+    (only unpickling reads them), or announces a shape that its data does not have.
     """
     path = Path(path)
     if path.is_file() and path.stat().st_size == 0:
@@ -68,7 +68,7 @@ def read_array(path: str | Path) -> np.ndarray:
 
 
 def array_shapes(path: str | Path) -> dict[str, tuple[int, ...]]:
-    """Names and announced shapes of the arrays of an .npz file; none where it is no such file."""
+    """Return the announced shapes of the arrays of an .npz file by name; empty for any other file."""
     shapes: dict[str, tuple[int, ...]] = {}
     try:
         with zipfile.ZipFile(path) as archive:
@@ -137,7 +137,7 @@ def _header(head: bytes) -> tuple[tuple[int, ...], bool, np.dtype, int]:
 
 
 def conversion(path: Path) -> str:
-    """What to do with a file that would have to be unpickled."""
+    """Return how to convert a file that only unpickling could read."""
     if path.suffix in (".npy", ".npz"):
         load = f"r = np.load('{path.name}', allow_pickle=True)"
         load += "; r = r.item()" if path.suffix == ".npy" else ""

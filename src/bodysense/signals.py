@@ -1,4 +1,4 @@
-"""Signals: what a source (a recording, a motion that a device watches, a video) tracks, and of whom."""
+"""Signals: the observation of a source (a recording, a motion that a device watches, a video) and the person in it."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from bodysense.raw_poses import with_joints
 
 @dataclass(frozen=True, eq=False)
 class Signal:
-    """What is tracked of somebody, and what is known of them before the first frame."""
+    """Observation of a person, and that person as known before the first frame."""
 
     name: str  # what messages call it
     observation: Observation
@@ -36,7 +36,7 @@ def signal_from(
     follow: int | None = None,
     roll: float | None = None,
 ) -> Signal:
-    """Return what an opened source tracks, and of whom; arguments as those of `track`."""
+    """Return the signal of an opened source; arguments as those of `track`."""
     name = opened.name
     if person is not None and height is not None:
         raise BodysenseError(f"both a person and a height of {height:g} m were given; give one of them")
@@ -83,7 +83,7 @@ def refuse(name: str, kind: str, **options: object) -> None:
 
 
 def _filmed(source: str, person: Person, follow: int | None, roll: float | None) -> Observation:
-    """What the pictures of a video show of a person: number `follow`, by a camera rolled by `roll` degrees."""
+    """Return the observation of person number `follow` in a video, of a camera rolled by `roll` degrees."""
     from bodysense.devices.video.arms import Arms, load_arms
     from bodysense.devices.video.device import VideoDevice, VideoSettings
     from bodysense.devices.video.landmarker_files import find_landmarkers

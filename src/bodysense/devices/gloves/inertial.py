@@ -32,7 +32,7 @@ from bodysense.devices.gloves.joints import HandPoses
 from bodysense.errors import BodysenseError
 
 _SEGMENTS = len(HAND_JOINTS) - 1
-# Of every segment, the one before it among the 16: the back of the hand, then the fingers'.
+# Parent of each segment among the 16: the back of the hand, then the fingers' segments.
 _BEFORE = [0 if joint.endswith("1") else place for place, joint in enumerate(HAND_JOINTS[1:])]
 _HINGE, _SIGNS = np.array([0.0, 0.0, -1.0]), np.array([-1.0, 1.0, 1.0])  # in a joint's own axes (`body.hand`)
 _RETURN = 0.1  # s, half-life of the change where a sensor stops or is found

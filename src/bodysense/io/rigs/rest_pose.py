@@ -1,6 +1,6 @@
 """Rest pose: the pose in which a source stands, and the rotations from its rest bones to ours.
 
-Standing. A file's own rest pose is used if it is a standing body. If it is none (Talking With Hands 16.2M holds every
+Standing. A file's own rest pose is used if it is a standing body. Otherwise (Talking With Hands 16.2M holds every
 bone in a frame of the rig's own, LaFAN1 has all bones along one axis), the frame closest to a T-pose, or to standing
 with hanging arms, replaces it. The result is as accurate as the person stands straight there.
 
