@@ -1,6 +1,8 @@
 /* Features: what is tracked of a body, in the frame under the head and at one stature, as the network reads it. */
 #include "features.h"
 
+#include "tracked.h"
+
 #include <string.h>
 
 #define SHORTEST_LINE 0.1F     /* m: a shorter line from right to left gives no heading */
@@ -61,8 +63,6 @@ float stature(const vec3 rest_offset[BS_POINTS]) {
 }
 
 reading read_person(const tracked *seen, const remembered *last) {
-    static const signed char KNUCKLE[2][4] = {{LEFT_INDEX1, LEFT_MIDDLE1, LEFT_RING1, LEFT_PINKY1},
-                                              {RIGHT_INDEX1, RIGHT_MIDDLE1, RIGHT_RING1, RIGHT_PINKY1}};
     reading read;
     read.size = stature(seen->rest_offset);
     read.interval = last->elapsed + seen->interval;
@@ -72,16 +72,17 @@ reading read_person(const tracked *seen, const remembered *last) {
     }
     for (int hand = 0; hand < 2; hand++) {
         vec3 sum = vec(0, 0, 0);
-        bool all = true;
-        for (int k = 0; k < 4; k++) {
-            sum = add(sum, seen->position[KNUCKLE[hand][k]]);
-            all = all && seen->has_position[KNUCKLE[hand][k]];
-        }
+        for (int k = 0; k < KNUCKLES; k++) sum = add(sum, seen->knuckle[hand][k]);
         read.place[PLACED_POINTS + hand] = scale(sum, 0.25F);
-        read.has_place[PLACED_POINTS + hand] = all;
+        read.has_place[PLACED_POINTS + hand] = seen->has_knuckles[hand];
     }
     for (int joint = 0; joint < BODY_JOINTS; joint++) read.has_axes[joint] = turned(seen, joint);
     return read;
+}
+
+/* The knuckle whose accuracy is that of the middle of a hand's: the first one that is measured. */
+static int accurate_knuckle(const tracked *seen, int hand) {
+    return seen->has_position[KNUCKLE[hand][0]] ? KNUCKLE[hand][0] : KNUCKLE[hand][1];
 }
 
 static int partner_read(int k) {
@@ -113,8 +114,7 @@ void write_features(const bs_model *model, const tracked *seen, const reading *r
         out = put(out, !read->has_place[s] || last->had_place[s] < 0.5F ? none : mirrored ? reflected(v) : v);
     }
     for (int k = 0; k < READ_POINTS; k++) {
-        static const signed char KNUCKLE[2] = {LEFT_INDEX1, RIGHT_INDEX1};
-        const int s = source[k], point = s < PLACED_POINTS ? PLACED[s] : KNUCKLE[s - PLACED_POINTS];
+        const int s = source[k], point = s < PLACED_POINTS ? PLACED[s] : accurate_knuckle(seen, s - PLACED_POINTS);
         const float accuracy = seen->accuracy[point] > FINEST ? seen->accuracy[point] : FINEST;
         *out++ = read->has_place[s] ? (logarithm(accuracy) + 6.90775528F) * 0.434294482F : 0.0F; /* log10 of mm */
     }

@@ -1,9 +1,9 @@
 /* Feet that stand: held in place along the floor, and on the floor. */
 #include "feet.h"
 
-static const float HOLD = 0.5F, RELEASE = 0.3F; /* probability of contact from which a foot is held, and let go */
+static const float HOLD = 0.5F, RELEASE = 0.1F; /* probability of contact from which a foot is held, and let go */
 static const float SURE = 0.7F;   /* probability of contact from which a foot is put on the floor entirely */
-static const float FADE = 0.1F;   /* s in which half of what a released foot was held back by fades */
+static const float FADE = 0.16F;  /* s in which half of what a released foot was held back by fades */
 static const float DRAG = 0.06F;  /* m: a foot that its leg drags farther slides along */
 static const float SETTLE = 0.06F; /* s in which half of a foot's height over the floor is taken away */
 static const float SOLE = 0.02F; /* m: a foot that is over its rest height by less stands: recorded feet do */

@@ -26,6 +26,8 @@ typedef struct tracked {
     bool implied[BS_JOINTS];        /* of a joint that branches: measured points on it imply its rotation */
     vec3 position[BS_POINTS];       /* m, from base */
     mat3 rotation[BS_JOINTS];       /* world ← joint; measured or implied */
+    vec3 knuckle[2][KNUCKLES];      /* m, from base: of `KNUCKLE`, measured or implied by the others */
+    bool has_knuckles[2];           /* all of a hand's are known */
     float accuracy[BS_POINTS];      /* m; UNTRACKED where not tracked */
     vec3 acceleration[BODY_JOINTS]; /* m/s², world */
     bool has_acceleration[BODY_JOINTS];

@@ -63,6 +63,7 @@ void pose_start(pose_state *s) {
 }
 
 void pose_read(const pose_state *s, tracked *t) {
+    find_knuckles(t);
     imply_rotations(t);
     place_head(t, s->begun ? s->point : NULL);
 }

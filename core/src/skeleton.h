@@ -4,6 +4,7 @@
 
 #define BODY_JOINTS 22   /* the joints of the body, without the hands */
 #define PLACED_POINTS 25 /* the joints of the body, head top and both toe tips */
+#define KNUCKLES 4       /* of a hand, between palm and fingers; the thumb has none */
 #define HAND_JOINTS 15   /* of one hand */
 #define HAND_POINTS 20   /* of one hand: its joints, then its finger tips */
 

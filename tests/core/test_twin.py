@@ -10,14 +10,12 @@ from bodysense.tracker import Tracker, TrackerState
 
 from .twin.cases import DEVICES, Case, cases, observation_of, person_of
 from .twin.limbs import LIMBS
-from .twin.points import JOINTS, NECK, SPINE1, SPINE2, SPINE3
+from .twin.points import BODY, JOINTS, NECK, SPINE1, SPINE2, SPINE3
 from .twin.step import Twin
-from .twin.vectors import Tie
+from .twin.vectors import STRAIGHT, Tie
 
 DISTANCE, ANGLE = 1e-4, 0.01  # m, degrees
-# The middle joint of a limb, or spine, that is stretched to this share of its length moves ten times as far as its end,
-# or more.
-STRETCHED, STRETCHED_ANGLE = 0.995, 0.05
+FINGER_ANGLE = 0.05  # degrees: fingers are predicted from the turn of the wrist, rounded to 16 bits
 REMEMBERED = 140  # numbers of a memory before those of the recurrent layers
 
 
@@ -65,13 +63,14 @@ def check(case: Case) -> None:
 
 def most_angles(point: np.ndarray) -> np.ndarray:
     """Return how much each joint (52,) may be turned differently, degrees, by places (65, 3) m."""
-    most = np.full(JOINTS, ANGLE)
+    most = np.where(np.arange(JOINTS) < BODY, ANGLE, FINGER_ANGLE)
     chains = [(limb.start, limb.middle, limb.end) for limb in LIMBS.values()]
     for chain in (*chains, (NECK, SPINE2, SPINE1), (SPINE3, SPINE2, SPINE1)):
         start, middle, end = point[list(chain)]
         longest = np.linalg.norm(middle - start) + np.linalg.norm(end - middle)
-        if np.linalg.norm(end - start) > STRETCHED * longest:
-            most[list(chain)] = STRETCHED_ANGLE
+        # Stretched to a share s of its length, a limb or spine turns by 1 / sqrt(1 - s²) as much as places differ.
+        share = min(np.linalg.norm(end - start) / longest, STRAIGHT)
+        most[list(chain)] = np.maximum(most[list(chain)], ANGLE / np.sqrt(1 - share**2))
     return most
 
 

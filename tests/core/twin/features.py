@@ -13,7 +13,7 @@ import numpy as np
 
 from .points import BODY as JOINTS
 from .points import HEAD, HIPS, PARENT, PARTNER, PELVIS, PLACED, PLACED_PARTNER, SIDES, WRISTS, at
-from .tracked import Tracked
+from .tracked import KNUCKLES, Tracked
 
 HEAD_HEIGHT = 1.5  # m, of the head joint of the reference stature above the soles
 FLATTEST = 1e-6  # of that: no body is lower
@@ -26,8 +26,6 @@ REACH = 16.0  # no feature is larger
 BONE_SCALE, USUAL_RATE, ACCELERATION_SCALE = 20.0, 30.0, 0.1  # 1/m, 1/s, s²/m
 
 SPINNING = [HEAD, *WRISTS]  # of which the change of axes is read
-KNUCKLES = [[at(f"{side}_{name}1") for name in ("index", "middle", "ring", "pinky")] for side in SIDES]
-READ_POINT = [*PLACED, *(knuckles[0] for knuckles in KNUCKLES)]  # whose accuracy counts
 READ_PARTNER = [*PLACED_PARTNER, len(PLACED) + 1, len(PLACED)]
 LINES = [HIPS, *((at(f"left_{name}"), at(f"right_{name}")) for name in ("shoulder", "ankle"))]
 STRAPPED = [at(name) for name in ("pelvis", "spine3")] + [
@@ -112,8 +110,8 @@ class Before:
 
 def remember(seen: Tracked) -> Before:
     """Return tracked values to compare with when memories advance next."""
-    knuckles = [sum(seen.position[points], np.zeros(3, np.float32)) * single(0.25) for points in KNUCKLES]
-    has = [*seen.has_position[PLACED], *(seen.has_position[points].all() for points in KNUCKLES)]
+    knuckles = [sum(places, np.zeros(3, np.float32)) * single(0.25) for places in seen.knuckle]
+    has = [*seen.has_position[PLACED], *seen.has_knuckles]
     axes = seen.rotation[SPINNING].transpose(0, 2, 1)[:, :2]
     turned = [seen.turned(joint) for joint in SPINNING]
     return Before(np.concatenate([seen.position[PLACED], knuckles]), np.array(has), axes, np.array(turned))
@@ -129,11 +127,12 @@ def read(seen: Tracked, head: Head, before: Before | None, interval: np.float32,
     bones = seen.rest_offset[PLACED].astype(np.float32) * smaller - usual_bones
     bones[PELVIS] = 0  # the pelvis hangs on nothing
     felt = seen.has_acceleration[STRAPPED]
+    accurate = [*PLACED, *(index if seen.has_position[index] else middle for index, middle, *_ in KNUCKLES)]
     return Reading(
         place=head.into(now.place - head.origin) * smaller * now.has_place[:, None],
         has_place=now.has_place,
         velocity=(head.into(now.place - old.place) * (smaller * rate)).clip(-FASTEST, FASTEST) * moved,
-        accuracy=np.log10(1000 * seen.accuracy[READ_POINT]) * now.has_place,
+        accuracy=np.log10(1000 * seen.accuracy[accurate]) * now.has_place,
         axes=axes * turned[:, None, None],
         has_axes=turned,
         spin=(head.into(now.axes - old.axes) * rate).clip(-SWIFTEST, SWIFTEST) * both,

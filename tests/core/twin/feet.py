@@ -6,9 +6,9 @@ import numpy as np
 
 from .vectors import length
 
-HOLD, RELEASE = 0.5, 0.3  # probability of contact from which a foot is held, and let go
+HOLD, RELEASE = 0.5, 0.1  # probability of contact from which a foot is held, and let go
 SURE = 0.7  # probability of contact from which a foot is put on the floor entirely
-FADE = 0.1  # s in which half of what a released foot was held back by fades
+FADE = 0.16  # s in which half of what a released foot was held back by fades
 DRAG = 0.06  # m: a foot that its leg drags farther slides along
 SETTLE = 0.06  # s in which half of a foot's height over the floor is taken away
 SOLE = 0.02  # m: a foot that is over its rest height by less stands: recorded feet do

@@ -21,7 +21,7 @@ from .network import Memory, first_memory, predict
 from .points import PARENT, PELVIS
 from .pose import pose_body, pose_finish
 from .state import PoseState
-from .tracked import choose_base, gather, imply_rotations, place_head
+from .tracked import choose_base, find_knuckles, gather, imply_rotations, place_head
 
 WEIGHTS = Path(str(files("bodysense.weights") / "completion.safetensors"))
 
@@ -66,6 +66,7 @@ class Twin:
             mounts.step(self.person, interval, self.mounts, seen)
             proportions.step(self.person, seen, interval, own)
         seen.rest_offset, seen.deviation = own.shown, own.deviation
+        find_knuckles(seen)
         imply_rotations(seen)
         place_head(seen, self.pose.point if self.pose.begun else None)
 

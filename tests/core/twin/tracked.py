@@ -7,12 +7,14 @@ import numpy as np
 from bodysense.body.rotation import normalize, quaternion_to_matrix
 from bodysense.observation import Observation
 
-from .points import BODY, HEAD, JOINTS, POINTS, at
+from .points import BODY, HEAD, JOINTS, POINTS, WRISTS, at
 from .vectors import frame_of
 
 UNTRACKED = 1e4  # m: the accuracy of a point that is not tracked
 FINEST = 1e-4  # m: no point is more accurate
 FARTHEST = 1000.0  # m/s²: an acceleration beyond is no measurement
+
+KNUCKLES = [[at(f"{side}_{name}1") for name in ("index", "middle", "ring", "pinky")] for side in ("left", "right")]
 
 # Joints with several children: turned by points on them that are seen, along two vectors, each from a point to another.
 BRANCHES = {
@@ -37,6 +39,8 @@ class Tracked:
     has_rotation: np.ndarray  # (52,) bool, measured
     implied: np.ndarray  # (52,) bool: measured points imply the rotation
     position: np.ndarray  # (65, 3) m, from base
+    knuckle: np.ndarray  # (2, 4, 3) m, from base: of `KNUCKLES`, measured or implied by the others
+    has_knuckles: np.ndarray  # (2,) bool: all of a hand's are known
     rotation: np.ndarray  # (52, 3, 3) world ← joint
     accuracy: np.ndarray  # (65,) m
     acceleration: np.ndarray  # (22, 3) m/s², world
@@ -67,6 +71,8 @@ def gather(observation: Observation, t: int, base: np.ndarray, interval: float, 
         has_rotation=np.zeros(JOINTS, bool),
         implied=np.zeros(JOINTS, bool),
         position=np.zeros((POINTS, 3), np.float32),
+        knuckle=np.zeros((2, 4, 3), np.float32),
+        has_knuckles=np.zeros(2, bool),
         rotation=np.tile(np.eye(3, dtype=np.float32), (JOINTS, 1, 1)),
         accuracy=np.full(POINTS, UNTRACKED, np.float32),
         acceleration=np.zeros((BODY, 3), np.float32),
@@ -90,14 +96,33 @@ def gather(observation: Observation, t: int, base: np.ndarray, interval: float, 
     return seen
 
 
+def find_knuckles(seen: Tracked) -> None:
+    """Find all knuckles of each hand: the palm is stiff, so that three of them and the wrist place a hidden one."""
+    for hand, (wrist, knuckles) in enumerate(zip(WRISTS, KNUCKLES, strict=True)):
+        has = seen.has_position[knuckles]
+        seen.knuckle[hand], seen.has_knuckles[hand] = seen.position[knuckles], has.all()
+        if has.sum() != 3 or not seen.has_position[wrist]:
+            continue
+        known, rest = np.flatnonzero(has), seen.rest_offset[knuckles]
+        places = [rest[known], seen.position[knuckles][known] - seen.position[wrist]]
+        before, now = (frame_of(of.mean(axis=0), of[-1] - of[0]) for of in places)
+        if before[:, 2].any() and now[:, 2].any():
+            off = now @ before.T @ (rest[~has][0] - rest[known].mean(axis=0))
+            seen.knuckle[hand, ~has] = seen.position[wrist] + places[1].mean(axis=0) + off
+            seen.has_knuckles[hand] = True
+
+
 def imply_rotations(seen: Tracked) -> None:
     """Turn joints that branch as the points on them: R = [now's frame] [rest's frame]ᵀ."""
+    position, has = seen.position.copy(), seen.has_position.copy()
+    for hand in np.flatnonzero(seen.has_knuckles):
+        position[KNUCKLES[hand]], has[KNUCKLES[hand]] = seen.knuckle[hand], True
     for joint, ((a, b), (c, d)) in BRANCHES.items():
-        if seen.has_rotation[joint] or not seen.has_position[[joint, a, b, c, d]].all():
+        if seen.has_rotation[joint] or not has[[joint, a, b, c, d]].all():
             continue
         rest = seen.rest_offset.copy()
         rest[joint] = 0
-        before, now = (frame_of(of[b] - of[a], of[d] - of[c]) for of in (rest, seen.position))
+        before, now = (frame_of(of[b] - of[a], of[d] - of[c]) for of in (rest, position))
         if before[:, 2].any() and now[:, 2].any():  # points in one line imply no rotation
             seen.implied[joint], seen.rotation[joint] = True, now @ before.T
 
