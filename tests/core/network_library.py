@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 SOURCES = Path(__file__).parents[2] / "core" / "src"
-PARTS = ("model", "matrix", "features", "layers", "network", "fingers", "errors")
+PARTS = ("model", "matrix", "tracked", "features", "layers", "network", "fingers", "errors")
 FLAGS = ("-std=c11", "-O1", "-ffp-contract=off", "-fno-math-errno")
 PLACED, JOINTS, HAND_POINTS = 25, 22, 40
 
@@ -27,6 +27,8 @@ TRACKED = np.dtype(
         ("implied", "?", 52),
         ("position", "<f4", (65, 3)),
         ("rotation", "<f4", (52, 3, 3)),  # axis by axis
+        ("knuckle", "<f4", (2, 4, 3)),
+        ("has_knuckles", "?", 2),
         ("accuracy", "<f4", 65),
         ("acceleration", "<f4", (22, 3)),
         ("has_acceleration", "?", 22),

@@ -36,6 +36,8 @@ def scene(rng: np.random.Generator, people: int) -> np.ndarray:
     out = np.zeros(people, TRACKED)
     out["interval"] = 1 / 72
     out["position"] = rng.normal(size=(people, 65, 3))
+    out["knuckle"] = rng.normal(size=(people, 2, 4, 3))
+    out["has_knuckles"] = rng.random((people, 2)) < 0.5
     out["has_position"] = rng.random((people, 65)) < 0.4
     out["has_rotation"] = rng.random((people, 52)) < 0.4
     out["rotation"] = quaternion_to_matrix(normalize(rng.normal(size=(people, 52, 4)))).mT

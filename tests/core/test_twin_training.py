@@ -22,7 +22,7 @@ from .twin.layers import branch_of, recurrent_of, rounded, tables
 from .twin.network import Memory, first_memory
 from .twin.points import HAND_JOINTS, HAND_POINTS, HEAD, PLACED, WRISTS
 from .twin.step import WEIGHTS
-from .twin.tracked import Tracked, choose_base, gather, imply_rotations
+from .twin.tracked import Tracked, choose_base, find_knuckles, gather, imply_rotations
 from .twin.trunk import Body, empty_body, place
 from .twin.vectors import frame_of
 
@@ -51,6 +51,7 @@ def frames_of(case: Case) -> Iterator[Frame]:
     for t in range(case.frames):
         seen = gather(observation, t, base, 1 / case.rate, 0.0)
         seen.rest_offset, seen.deviation = person.skeleton.rest_offset, person.bone_deviation
+        find_knuckles(seen)
         imply_rotations(seen)
         head = features.find_head(seen, turn)
         yield Frame(seen, head, before)
@@ -74,7 +75,7 @@ def signal_of(frames: list[Frame]) -> TrackedSignal:
         "rotation": [one.rotation[:22] for one in seen],
         "has_position": [one.has_place for one in now],
         "has_rotation": [[one.turned(joint) for joint in joints] for one in seen],
-        "accuracy": [one.accuracy[features.READ_POINT] for one in seen],
+        "accuracy": [features.accuracies(one) for one in seen],
         "interval": [one.interval for one in seen],
         "turn": [frame.head.turn for frame in frames],
         "origin": [frame.head.origin for frame in frames],

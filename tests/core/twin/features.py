@@ -117,6 +117,12 @@ def remember(seen: Tracked) -> Before:
     return Before(np.concatenate([seen.position[PLACED], knuckles]), np.array(has), axes, np.array(turned))
 
 
+def accuracies(seen: Tracked) -> np.ndarray:
+    """Accuracies (27,) in m of what is read; of the middle of knuckles, that of the first of them that is measured."""
+    first = [index if seen.has_position[index] else middle for index, middle, *_ in KNUCKLES]
+    return seen.accuracy[[*PLACED, *first]]
+
+
 def read(seen: Tracked, head: Head, before: Before | None, interval: np.float32, usual_bones: np.ndarray) -> Reading:
     """Return tracked values of one person, `interval` s after memories last advanced."""
     smaller, rate, now = 1 / stature(seen.rest_offset), 1 / interval, remember(seen)
@@ -127,12 +133,11 @@ def read(seen: Tracked, head: Head, before: Before | None, interval: np.float32,
     bones = seen.rest_offset[PLACED].astype(np.float32) * smaller - usual_bones
     bones[PELVIS] = 0  # the pelvis hangs on nothing
     felt = seen.has_acceleration[STRAPPED]
-    accurate = [*PLACED, *(index if seen.has_position[index] else middle for index, middle, *_ in KNUCKLES)]
     return Reading(
         place=head.into(now.place - head.origin) * smaller * now.has_place[:, None],
         has_place=now.has_place,
         velocity=(head.into(now.place - old.place) * (smaller * rate)).clip(-FASTEST, FASTEST) * moved,
-        accuracy=np.log10(1000 * seen.accuracy[accurate]) * now.has_place,
+        accuracy=np.log10(1000 * accuracies(seen)) * now.has_place,
         axes=axes * turned[:, None, None],
         has_axes=turned,
         spin=(head.into(now.axes - old.axes) * rate).clip(-SWIFTEST, SWIFTEST) * both,
