@@ -12,7 +12,6 @@ import tyro
 
 from bodysense.cli.options import Reading, check_rate
 from bodysense.cli.overwriting import check_apart
-from bodysense.cli.ranges import Samples
 from bodysense.cli.recordings import load_clip, open_motion, open_recorded, person_of
 from bodysense.cli.summary import take_values, write_summary
 from bodysense.cli.video import NO_VIDEO, VideoOptions, track_video
@@ -21,6 +20,7 @@ from bodysense.errors import BodysenseError
 from bodysense.files import check_place
 from bodysense.io.markers.options import NO_OPTIONS, MarkerOptions
 from bodysense.io.rigs.options import AS_FOUND
+from bodysense.ranges import Samples
 
 if TYPE_CHECKING:
     from bodysense.body.person import Person

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from bodysense.cli.ranges import Samples
 from bodysense.errors import BodysenseError
 from bodysense.files import check_place
 from bodysense.io.rigs.options import ReadingOptions
+from bodysense.ranges import Samples
 
 if TYPE_CHECKING:
     from bodysense.io.recording import Recording

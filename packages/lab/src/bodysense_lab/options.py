@@ -9,8 +9,8 @@ from typing import Annotated, Any, Literal, TypeVar
 
 import tyro
 
-from bodysense.cli.ranges import Count, Processes
 from bodysense.errors import BodysenseError
+from bodysense.ranges import Count, Processes
 
 Split = Literal["train", "val", "test", "all"]
 Output = Annotated[Path, tyro.conf.arg(aliases=("-o",))]

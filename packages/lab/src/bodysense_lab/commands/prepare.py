@@ -8,11 +8,11 @@ from typing import Annotated
 import tyro
 
 from bodysense.cli.options import Reading, check_rate
-from bodysense.cli.ranges import Hours, Processes
 from bodysense.errors import BodysenseError
 from bodysense.files import check_place
 from bodysense.io.datasets.layouts import Layout
 from bodysense.io.rigs.options import AS_FOUND
+from bodysense.ranges import Hours, Processes
 from bodysense_lab.options import Output
 
 Folder = Annotated[Path, tyro.conf.Positional]

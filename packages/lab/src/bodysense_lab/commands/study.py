@@ -10,10 +10,10 @@ import tyro
 from tyro.extras import SubcommandApp
 
 from bodysense.cli.options import Reading
-from bodysense.cli.ranges import Count, Processes
 from bodysense.errors import BodysenseError
 from bodysense.files import check_place, make_folder
 from bodysense.io.rigs.options import AS_FOUND
+from bodysense.ranges import Count, Processes
 from bodysense_lab.commands.reporting import tracker_settings
 
 if TYPE_CHECKING:

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from bodysense.cli.ranges import Count, Hours, Processes
 from bodysense.devices.simulated.sensors import SENSOR_SETS, TABLE_SETS
 from bodysense.errors import BodysenseError
+from bodysense.ranges import Count, Hours, Processes
 from bodysense_lab.options import (
     Card,
     Flat,

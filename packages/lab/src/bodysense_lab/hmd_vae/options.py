@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Literal
 
 from bodysense.body.skeleton import BODY
-from bodysense.cli.ranges import Processes
 from bodysense.devices.simulated.three_point import POINTS
 from bodysense.errors import BodysenseError
+from bodysense.ranges import Processes
 from bodysense_lab.options import (
     Card,
     Flat,

@@ -7,9 +7,9 @@ from pathlib import Path
 
 from tyro.conf import Positional
 
-from bodysense.cli.ranges import Count
 from bodysense.errors import BodysenseError
 from bodysense.io.rigs.options import AS_FOUND, ReadingOptions
+from bodysense.ranges import Count
 from bodysense_lab.options import Flat, Output, Split
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
-from bodysense.cli.ranges import Processes
 from bodysense.errors import BodysenseError
+from bodysense.ranges import Processes
 from bodysense_lab.options import Training, check_ending, check_fields
 
 if TYPE_CHECKING:

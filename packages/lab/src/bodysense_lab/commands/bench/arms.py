@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from bodysense.cli.ranges import Count
+from bodysense.ranges import Count
 from bodysense_lab.commands.bench.timing import percentiles, report
 
 

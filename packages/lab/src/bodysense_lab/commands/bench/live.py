@@ -19,8 +19,8 @@ from urllib.parse import urlsplit
 import numpy as np
 import psutil
 
-from bodysense.cli.ranges import Processes, Sessions
 from bodysense.errors import BodysenseError
+from bodysense.ranges import Processes, Sessions
 
 _POINTS = ("head", "left_wrist", "right_wrist")
 _BEAT = 240  # frames of motion that clients repeat

@@ -6,8 +6,8 @@ import time
 from dataclasses import asdict
 from pathlib import Path
 
-from bodysense.cli.ranges import Count
 from bodysense.errors import BodysenseError
+from bodysense.ranges import Count
 
 
 def live_fuzz(frames: Count = 1_000_000, seed: int = 1, json: Path | None = None) -> None:

@@ -17,8 +17,8 @@ from typing import Any
 
 import numpy as np
 
-from bodysense.cli.ranges import Count
 from bodysense.errors import BodysenseError
+from bodysense.ranges import Count
 
 _WARM_UP = 100  # frames
 _PATIENCE = 0.5  # s for a body that does not come

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import asdict
 from pathlib import Path
 
-from bodysense.cli.ranges import Processes, Sessions
 from bodysense.errors import BodysenseError
+from bodysense.ranges import Processes, Sessions
 
 
 def live_soak(

@@ -15,10 +15,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bodysense.body.person import Person
-from bodysense.cli.ranges import Count
 from bodysense.devices.simulated.device import SensorSetName
 from bodysense.errors import BodysenseError
 from bodysense.observation import Observation
+from bodysense.ranges import Count
 from bodysense_lab.commands.bench.timing import percentiles, report, resident_memory, streamed
 
 if TYPE_CHECKING:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from bodysense.cli.ranges import Count, Processes
+from bodysense.ranges import Count, Processes
 from bodysense_lab.commands.bench.timing import report
 
 
