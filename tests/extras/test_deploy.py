@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ast
-import inspect
 import json
 import os
 import re
@@ -11,6 +10,7 @@ import shutil
 import subprocess
 import sys
 import urllib.request
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -70,10 +70,11 @@ def test_haproxy_accepts_its_file_and_compose_sets_its_variables() -> None:
     "command", [docker("ENTRYPOINT")[1:] + docker("CMD"), COMPOSE["services"]["one"]["command"], SERVER["args"]]
 )
 def test_servers_are_started_with_options_that_there_are(command: list[str]) -> None:
-    from bodysense_live.commands.serve import serve
+    from bodysense_live.commands import serve_options
 
     assert command[0] == "serve" and command[1:3] == ["--host", "0.0.0.0"]
-    options = {f"--{name.replace('_', '-')}" for name in inspect.signature(serve).parameters}
+    groups = [group for name, group in vars(serve_options).items() if name.endswith("Options")]
+    options = {f"--{field.name.replace('_', '-')}" for group in groups for field in fields(group)}
     assert {word for word in command if word.startswith("--")} <= options
 
 

@@ -1,153 +1,120 @@
-"""Options of `bodysense serve`, resolved and checked before anything is served."""
+"""Options of `bodysense serve`, in the groups of its help."""
 
 from __future__ import annotations
 
-import secrets
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import Annotated
 
-from bodysense.errors import BodysenseError
-from bodysense.io.rigs.options import ReadingOptions
+import tyro
 
-if TYPE_CHECKING:
-    from bodysense.body.glove_set import GloveSet
-    from bodysense.body.person import Person
-    from bodysense_live.datagrams import Receiver
-    from bodysense_live.replay import Playable
-    from bodysense_live.safety import Access
-    from bodysense_live.tracked_devices import TrackedDevices
+from bodysense.devices.simulated.device import DeviceName
+from bodysense.ranges import Processes, Sessions
+
+Addresses = Annotated[tuple[str, ...], tyro.conf.UseAppendAction]
 
 
-def named_of(table: Path | None, steamvr: bool, slimevr: bool) -> tuple[TrackedDevices, dict[str, str]]:
-    """Return the points of devices, and the joints of SlimeVR's trackers, that a table names by serial.
+@dataclass(frozen=True)
+class AccessOptions:
+    """Who may connect, and where."""
 
-    Raises BodysenseError, naming the option, for devices of an input that was not chosen.
-    """
-    from bodysense_live.slimevr_link import is_serial
-    from bodysense_live.tracked_devices import TrackedDevices, read_device_names
-
-    if table is not None and not steamvr and not slimevr:
-        raise BodysenseError(
-            "--device-names is for devices of VMC, SteamVR or SlimeVR; give --vmc-in, --vmt or --slimevr"
-        )
-    names = {} if table is None else read_device_names(table)
-    joints = {serial.upper(): point for serial, point in names.items() if is_serial(serial.upper())}
-    devices = {serial: point for serial, point in names.items() if not is_serial(serial.upper())}
-    if joints and not slimevr:
-        raise BodysenseError(f"--device-names {table}: {next(iter(joints))} is a SlimeVR tracker; give --slimevr")
-    if devices and not steamvr:
-        raise BodysenseError(
-            f"--device-names {table}: {next(iter(devices))!r} is a device of VMC or SteamVR; give --vmc-in or --vmt"
-        )
-    return TrackedDevices(devices), joints
+    host: str = "127.0.0.1"
+    """address to listen on; any but a loopback address needs a token, which is made if omitted"""
+    port: int = 8765
+    """TCP port; 0 for any free port"""
+    token: str | None = None
+    """what clients must present, at least 8 characters"""
+    origin: Addresses = ()
+    """origin of a page on another server that may connect, such as http://localhost:5173. Repeatable"""
+    lan: bool = False
+    """admit headsets and phones of this network: encrypted, at an address that is printed with a QR code"""
+    certificate: Path | None = None
+    """PEM file of a certificate, in place of the one made for --lan"""
+    key: Path | None = None
+    """PEM file of its key"""
+    bridge: bool = False
+    """let pages of any origin send their bodies to avatar programs, with the token of the printed address"""
 
 
-def access_of(
-    host: str, token: str | None, origin: tuple[str, ...], lan: bool, certificate: Path | None, key: Path | None
-) -> Access:
-    """Return who may connect, and how. Raises BodysenseError, naming the options, for a wrong combination."""
-    from bodysense_live.certificate import check_pair, lan_address, own_certificate, state_folder
-    from bodysense_live.safety import ANY_ORIGIN, Access, is_loopback
+@dataclass(frozen=True)
+class WearerOptions:
+    """The wearer of the server's own inputs."""
 
-    if (certificate is None) != (key is None):
-        raise BodysenseError("--certificate and --key: give both, a certificate and its own key")
-    if lan and is_loopback(host):
-        address = lan_address()
-        host = "0.0.0.0"
-        if certificate is None:
-            certificate, key = own_certificate(state_folder(), (address, "localhost", "127.0.0.1"))
-    if certificate is not None and key is not None:
-        check_pair(certificate, key)
-    if token is None and (ANY_ORIGIN in origin or not is_loopback(host)):
-        token = secrets.token_urlsafe(16)
-    return Access(host, token, origin, certificate, key)
+    person: Path | None = None
+    """person's file (.json) with the wearers' proportions and how trackers are worn"""
+    save_person: Path | None = None
+    """file (.json) for that wearer, written after each calibration; may be that of --person, even if it is new"""
+    seated: bool = False
+    """show that wearer, who is seated, as standing"""
+    recentre: bool = False
+    """use that wearer's first position and heading as the origin, facing +Z"""
+    smoothing: float = 0.0
+    """half-life in seconds, 0 to 0.5, of the smoothing of that wearer's body, which is as much later"""
 
 
-def address_of(access: Access, port: int, lan: bool) -> str:
-    """Return the address of the page, token included."""
-    from bodysense_live.certificate import lan_address
+@dataclass(frozen=True)
+class InputOptions:
+    """What the server itself is sent, or replays."""
 
-    host = lan_address() if lan and access.host == "0.0.0.0" else access.host
-    bracketed = f"[{host}]" if ":" in host else host
-    scheme = "http" if access.certificate is None else "https"
-    return f"{scheme}://{bracketed}:{port}/" + (f"?token={access.token}" if access.token is not None else "")
-
-
-def worn_of(marker_set: str | None, port: int | None, wearer: Person) -> GloveSet:
-    """Return the marker set of incoming gloves; all but the standard one need calibrated hands."""
-    from bodysense.body.glove_set import read_set, standard_set
-
-    if marker_set is None:
-        return standard_set()
-    if port is None:
-        raise BodysenseError(f"--marker-set {marker_set}: for gloves that come in; give their port with --markers-in")
-    worn = read_set(marker_set)
-    known = [side for side, hand in wearer.hands.items() if hand.glove.markers == worn.names]
-    if worn.names != standard_set().names and not known:
-        raise BodysenseError(
-            f"--marker-set {marker_set}: no hand is calibrated with it; do so first: bodysense track TAKE.c3d "
-            f"--marker-set {marker_set} -o OUT.bvh --save-person ME.json, then serve --person ME.json"
-        )
-    return worn
+    replay: Path | None = None
+    """recording (.npz, .jsonl), or with --device a motion (.bvh, AMASS .npz), played in real time"""
+    device: DeviceName | None = None
+    """device that watches the body if the replay is a motion; the page then shows the true motion, too"""
+    vmc_in: int | None = None
+    """UDP port for headset, controllers and trackers by VMC (usually 39539)"""
+    markers_in: int | None = None
+    """UDP port for markers of gloves by OSC (usually 9123)"""
+    marker_set: str | None = None
+    """marker set of the gloves, a file or a packaged name (docs/gloves.md); --person has hands calibrated with it"""
+    device_names: Path | None = None
+    """JSON table of devices of VMC, SteamVR or SlimeVR: serial to point (docs/avatars.md)"""
 
 
-def writable_folder(option: str, path: Path) -> Path:
-    """Return a folder that can be written to. Raises BodysenseError, naming the option, for any other."""
-    import tempfile
+@dataclass(frozen=True)
+class ProgramOptions:
+    """Programs that give trackers, or take bodies (docs/runtimes.md)."""
 
-    if not path.is_dir():
-        raise BodysenseError(f"{option} {path}: no such folder; create it or choose another")
-    try:
-        with tempfile.TemporaryFile(dir=path):
-            return path.resolve()
-    except OSError as error:
-        raise BodysenseError(f"{option} {path}: nothing can be written there ({error.strerror})") from None
+    vmc_out: Addresses = ()
+    """HOST:PORT of an avatar program that takes bones by VMC (usually port 39539). Repeatable"""
+    vrchat_out: Addresses = ()
+    """HOST:PORT of a VRChat that takes trackers by OSC (usually port 9000). Repeatable"""
+    vrchat: bool = False
+    """find VRChat by OSCQuery, take head and wrists from it and give it trackers"""
+    vrchat_host: str = "127.0.0.1"
+    """machine of VRChat"""
+    vrchat_trackers: Annotated[str, tyro.conf.arg(metavar="PART,PART")] = "hip,feet"
+    """trackers that VRChat is sent: a list of hip, feet, knees, chest, elbows"""
+    vmt: bool = False
+    """take headset and controllers from SteamVR and give it trackers, by its driver VMT"""
+    vmt_host: str = "127.0.0.1"
+    """machine of SteamVR"""
+    vmt_port: int = 39575
+    """UDP port for answers of VMT's driver"""
+    vmt_first: int = 0
+    """index of the first virtual device; others may use those below"""
+    vmt_hands: bool = False
+    """give SteamVR skeletal hands, too, as two virtual controllers"""
+    solarxr: bool = False
+    """take the headset of Monado or WiVRn, on Linux, and give them trackers and a body"""
+    solarxr_port: int = 21110
+    """TCP port of this machine for SlimeVR's own programs; 0 for any free port"""
+    slimevr: bool = False
+    """take SlimeVR's trackers, which find this machine in the network"""
+    slimevr_host: str = "0.0.0.0"
+    """address of this machine for SlimeVR's trackers; all addresses, if omitted"""
+    slimevr_port: int = 6969
+    """UDP port for SlimeVR's trackers"""
 
 
-def receiver_of(protocol: Literal["vmc", "vrchat"], address: str, parts: tuple[str, ...]) -> Receiver:
-    """Return a receiver of poses by its HOST:PORT; `parts` are those whose trackers a VRChat is sent."""
-    from bodysense_live.datagrams import Receiver
+@dataclass(frozen=True)
+class LoadOptions:
+    """Sessions, processes and recordings."""
 
-    host, _, port = address.rpartition(":")
-    if not host or not port.isdigit() or not 0 < int(port) < 65536:
-        raise BodysenseError(f"--{protocol}-out {address}: give HOST:PORT, as 127.0.0.1:39539")
-    return Receiver(protocol, host.strip("[]"), int(port), parts)
-
-
-def trackers_of(parts: str) -> tuple[str, ...]:
-    """Return the parts of the body whose trackers VRChat is sent. Raises BodysenseError, naming the option."""
-    from bodysense_live.vrchat import parts_of
-
-    try:
-        return parts_of(parts)
-    except BodysenseError as error:
-        raise BodysenseError(f"--vrchat-trackers {parts}: {error}") from None
-
-
-def playable_of(file: Path | None, device: str | None, reading: ReadingOptions, wearer: Person) -> Playable | None:
-    """Return a recording to replay, or the signal of a device that watches a motion, with the true motion."""
-    from bodysense.body.person import Person
-    from bodysense.cli.recordings import load_clip
-    from bodysense.devices.simulated.device import DEVICES, simulate
-    from bodysense.io.recording import is_recording, read_recording
-    from bodysense_live.replay import Playable
-
-    if file is None:
-        if device is not None:
-            raise BodysenseError("--device is for a motion that is replayed; give it with --replay")
-        return None
-    if not file.is_file():
-        raise BodysenseError(f"--replay {file}: no such file")
-    if is_recording(file):
-        if device is not None:
-            raise BodysenseError(f"--replay {file}: a recording; leave --device out")
-        recording = read_recording(file)
-        is_known = recording.known and reading.height is None
-        return Playable(recording.observation, Person(recording.skeleton) if is_known else wearer)
-    if device is None:
-        raise BodysenseError(
-            f"--replay {file}: not a recording; if it is a motion, say what watches it: --device headset_camera "
-            f"or another of {', '.join(DEVICES)}"
-        )
-    clip = load_clip(file, reading)
-    return Playable(simulate(clip, device), Person(clip.pose.skeleton), clip.pose)
+    sessions: Sessions = 64
+    """maximum number of sessions in each process"""
+    workers: Processes = 1
+    """number of processes that share the port; one that ends is replaced"""
+    shared: Annotated[str | None, tyro.conf.arg(metavar="ADDRESS")] = None
+    """address of a Valkey or Redis, such as redis://10.0.0.2:6379, by which workers and servers resume sessions"""
+    allow_record: Path | None = None
+    """folder for recordings that clients ask for; recording is off if omitted"""

@@ -1,0 +1,235 @@
+"""Settings of a server from the options of `bodysense serve`, checked before anything is served."""
+
+from __future__ import annotations
+
+import os
+import secrets
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+from bodysense.errors import BodysenseError
+from bodysense.files import check_place
+from bodysense.io.rigs.options import ReadingOptions
+from bodysense_live.commands.serve_options import (
+    AccessOptions,
+    InputOptions,
+    LoadOptions,
+    ProgramOptions,
+    WearerOptions,
+)
+
+if TYPE_CHECKING:
+    from bodysense.body.glove_set import GloveSet
+    from bodysense.body.person import Person
+    from bodysense_live.datagrams import Receiver
+    from bodysense_live.replay import Playable
+    from bodysense_live.safety import Access
+    from bodysense_live.settings import ServerSettings
+    from bodysense_live.tracked_devices import TrackedDevices
+
+
+def settings_of(
+    access: AccessOptions,
+    wearer: WearerOptions,
+    inputs: InputOptions,
+    programs: ProgramOptions,
+    load: LoadOptions,
+    reading: ReadingOptions,
+) -> ServerSettings:
+    """Return what a server runs with. Raises BodysenseError, naming the options, for what does not go together."""
+    from bodysense.body.person import Person
+    from bodysense.cli.recordings import person_of
+    from bodysense_live.messages import LONGEST_HALF_LIFE, Settings
+    from bodysense_live.safety import ANY_ORIGIN, Limits
+    from bodysense_live.session_store import check_store
+    from bodysense_live.settings import ServerSettings
+    from bodysense_live.slimevr_link import SlimevrSettings
+    from bodysense_live.solarxr_link import SolarxrSettings, runtime_folder
+    from bodysense_live.vmc import VmcTrackers
+    from bodysense_live.vmt_link import VmtSettings
+    from bodysense_live.vrchat_link import VrchatSettings
+    from bodysense_live.worn_trackers import read_trackers
+
+    if wearer.save_person is not None:
+        check_place(wearer.save_person)
+    if not 0 <= wearer.smoothing <= LONGEST_HALF_LIFE:
+        raise BodysenseError(f"--smoothing {wearer.smoothing:g}: give seconds, 0 to {LONGEST_HALF_LIFE:g}")
+    to = programs
+    receives = inputs.vmc_in is not None or inputs.markers_in is not None
+    sends = bool(to.vmc_out or to.vrchat_out or to.vrchat or to.vmt or to.solarxr)
+    if load.workers > 1 and (receives or sends or to.slimevr):
+        raise BodysenseError("--workers: UDP goes with one process only; leave --workers out")
+    devices, joints = named_of(inputs.device_names, inputs.vmc_in is not None or to.vmt, to.slimevr)
+    if access.bridge and not sends:
+        raise BodysenseError(
+            "--bridge has nowhere to send to; give --vmc-out, --vrchat-out, --vrchat, --vmt or --solarxr"
+        )
+    parts = trackers_of(to.vrchat_trackers)
+    origin = (*access.origin, ANY_ORIGIN) if access.bridge else access.origin
+    file = wearer.person
+    if file is not None and file == wearer.save_person and not file.exists():
+        file = None  # written after the first calibration
+    person = person_of(file, reading.height) or Person(height=reading.height)
+    posture = "seated" if wearer.seated else "standing"
+    return ServerSettings(
+        access=access_of(access.host, access.token, origin, access.lan, access.certificate, access.key),
+        limits=replace(Limits(), sessions=load.sessions),
+        allow_record=None if load.allow_record is None else writable_folder("--allow-record", load.allow_record),
+        playable=playable_of(inputs.replay, inputs.device, reading, person),
+        person=person,
+        wearer=Settings(floor=reading.floor or 0.0, posture=posture, smoothing=wearer.smoothing),
+        recentre=wearer.recentre,
+        save_person=wearer.save_person,
+        trackers={} if file is None else read_trackers(file),
+        shared=None if load.shared is None else check_store(load.shared),
+        vmc_in=inputs.vmc_in,
+        vmc_trackers=VmcTrackers(devices),
+        markers_in=inputs.markers_in,
+        worn=worn_of(inputs.marker_set, inputs.markers_in, person),
+        receivers=(
+            *(receiver_of("vmc", address, parts) for address in to.vmc_out),
+            *(receiver_of("vrchat", address, parts) for address in to.vrchat_out),
+        ),
+        vmt=VmtSettings(to.vmt_host, port=to.vmt_port, first=to.vmt_first, hands=to.vmt_hands, devices=devices)
+        if to.vmt
+        else None,
+        vrchat=VrchatSettings(to.vrchat_host, parts=parts) if to.vrchat else None,
+        solarxr=SolarxrSettings(runtime_folder(os.environ), to.solarxr_port) if to.solarxr else None,
+        slimevr=SlimevrSettings(to.slimevr_host, to.slimevr_port, joints) if to.slimevr else None,
+    )
+
+
+def named_of(table: Path | None, steamvr: bool, slimevr: bool) -> tuple[TrackedDevices, dict[str, str]]:
+    """Return the points of devices, and the joints of SlimeVR's trackers, that a table names by serial.
+
+    Raises BodysenseError, naming the option, for devices of an input that was not chosen.
+    """
+    from bodysense_live.slimevr_link import is_serial
+    from bodysense_live.tracked_devices import TrackedDevices, read_device_names
+
+    if table is not None and not steamvr and not slimevr:
+        raise BodysenseError(
+            "--device-names is for devices of VMC, SteamVR or SlimeVR; give --vmc-in, --vmt or --slimevr"
+        )
+    names = {} if table is None else read_device_names(table)
+    joints = {serial.upper(): point for serial, point in names.items() if is_serial(serial.upper())}
+    devices = {serial: point for serial, point in names.items() if not is_serial(serial.upper())}
+    if joints and not slimevr:
+        raise BodysenseError(f"--device-names {table}: {next(iter(joints))} is a SlimeVR tracker; give --slimevr")
+    if devices and not steamvr:
+        raise BodysenseError(
+            f"--device-names {table}: {next(iter(devices))!r} is a device of VMC or SteamVR; give --vmc-in or --vmt"
+        )
+    return TrackedDevices(devices), joints
+
+
+def access_of(
+    host: str, token: str | None, origin: tuple[str, ...], lan: bool, certificate: Path | None, key: Path | None
+) -> Access:
+    """Return who may connect, and how. Raises BodysenseError, naming the options, for a wrong combination."""
+    from bodysense_live.certificate import check_pair, lan_address, own_certificate, state_folder
+    from bodysense_live.safety import ANY_ORIGIN, Access, is_loopback
+
+    if (certificate is None) != (key is None):
+        raise BodysenseError("--certificate and --key: give both, a certificate and its own key")
+    if lan and is_loopback(host):
+        address = lan_address()
+        host = "0.0.0.0"
+        if certificate is None:
+            certificate, key = own_certificate(state_folder(), (address, "localhost", "127.0.0.1"))
+    if certificate is not None and key is not None:
+        check_pair(certificate, key)
+    if token is None and (ANY_ORIGIN in origin or not is_loopback(host)):
+        token = secrets.token_urlsafe(16)
+    return Access(host, token, origin, certificate, key)
+
+
+def address_of(access: Access, port: int, lan: bool) -> str:
+    """Return the address of the page, token included."""
+    from bodysense_live.certificate import lan_address
+
+    host = lan_address() if lan and access.host == "0.0.0.0" else access.host
+    bracketed = f"[{host}]" if ":" in host else host
+    scheme = "http" if access.certificate is None else "https"
+    return f"{scheme}://{bracketed}:{port}/" + (f"?token={access.token}" if access.token is not None else "")
+
+
+def worn_of(marker_set: str | None, port: int | None, wearer: Person) -> GloveSet:
+    """Return the marker set of incoming gloves; all but the standard one need calibrated hands."""
+    from bodysense.body.glove_set import read_set, standard_set
+
+    if marker_set is None:
+        return standard_set()
+    if port is None:
+        raise BodysenseError(f"--marker-set {marker_set}: for gloves that come in; give their port with --markers-in")
+    worn = read_set(marker_set)
+    known = [side for side, hand in wearer.hands.items() if hand.glove.markers == worn.names]
+    if worn.names != standard_set().names and not known:
+        raise BodysenseError(
+            f"--marker-set {marker_set}: no hand is calibrated with it; do so first: bodysense track TAKE.c3d "
+            f"--marker-set {marker_set} -o OUT.bvh --save-person ME.json, then serve --person ME.json"
+        )
+    return worn
+
+
+def writable_folder(option: str, path: Path) -> Path:
+    """Return a folder that can be written to. Raises BodysenseError, naming the option, for any other."""
+    import tempfile
+
+    if not path.is_dir():
+        raise BodysenseError(f"{option} {path}: no such folder; create it or choose another")
+    try:
+        with tempfile.TemporaryFile(dir=path):
+            return path.resolve()
+    except OSError as error:
+        raise BodysenseError(f"{option} {path}: nothing can be written there ({error.strerror})") from None
+
+
+def receiver_of(protocol: Literal["vmc", "vrchat"], address: str, parts: tuple[str, ...]) -> Receiver:
+    """Return a receiver of poses by its HOST:PORT; `parts` are those whose trackers a VRChat is sent."""
+    from bodysense_live.datagrams import Receiver
+
+    host, _, port = address.rpartition(":")
+    if not host or not port.isdigit() or not 0 < int(port) < 65536:
+        raise BodysenseError(f"--{protocol}-out {address}: give HOST:PORT, as 127.0.0.1:39539")
+    return Receiver(protocol, host.strip("[]"), int(port), parts)
+
+
+def trackers_of(parts: str) -> tuple[str, ...]:
+    """Return the parts of the body whose trackers VRChat is sent. Raises BodysenseError, naming the option."""
+    from bodysense_live.vrchat import parts_of
+
+    try:
+        return parts_of(parts)
+    except BodysenseError as error:
+        raise BodysenseError(f"--vrchat-trackers {parts}: {error}") from None
+
+
+def playable_of(file: Path | None, device: str | None, reading: ReadingOptions, wearer: Person) -> Playable | None:
+    """Return a recording to replay, or the signal of a device that watches a motion, with the true motion."""
+    from bodysense.body.person import Person
+    from bodysense.cli.recordings import load_clip
+    from bodysense.devices.simulated.device import DEVICES, simulate
+    from bodysense.io.recording import is_recording, read_recording
+    from bodysense_live.replay import Playable
+
+    if file is None:
+        if device is not None:
+            raise BodysenseError("--device is for a motion that is replayed; give it with --replay")
+        return None
+    if not file.is_file():
+        raise BodysenseError(f"--replay {file}: no such file")
+    if is_recording(file):
+        if device is not None:
+            raise BodysenseError(f"--replay {file}: a recording; leave --device out")
+        recording = read_recording(file)
+        is_known = recording.known and reading.height is None
+        return Playable(recording.observation, Person(recording.skeleton) if is_known else wearer)
+    if device is None:
+        raise BodysenseError(
+            f"--replay {file}: not a recording; if it is a motion, say what watches it: --device headset_camera "
+            f"or another of {', '.join(DEVICES)}"
+        )
+    clip = load_clip(file, reading)
+    return Playable(simulate(clip, device), Person(clip.pose.skeleton), clip.pose)
