@@ -20,7 +20,8 @@ unchanged. DATA is a folder of motion or a prepared store.
     bodysense bench training --json FIGURES/training.json
     bodysense data info DATA --occlusion --split test --json FIGURES/hidden.json
     … with --camera.solid-scale 0.8, FIGURES/hidden_thin.json, and with 0.7, FIGURES/hidden_thinner.json
-    … with --camera.nose-distance 0, FIGURES/hidden_back.json, and with both, FIGURES/hidden_both.json
+    … with --camera.nose-distance 0, FIGURES/hidden_back.json
+    … with --camera.nose-distance 0 --camera.solid-scale 0.7, FIGURES/hidden_both.json
     … with --camera.tilt 30, FIGURES/hidden_tilted.json
     bodysense demo --out FIGURES/demo
 
