@@ -80,7 +80,7 @@ HANG = both(
     arm_raise=-77, arm_forward=4, arm_twist=8, elbow=16, pronation=18, wrist_flex=4, collar_raise=-2,
     hip_flex=4, knee=8, ankle=4, hip_out=2, hip_twist=6,
 )  # fmt: skip
-STAND: Posture = {**HANG, **relaxed("left"), **relaxed("right"), "y": 0.985, "z": -0.02, "bend": 2.0}
+STAND: Posture = {**HANG, **relaxed("left"), **relaxed("right"), "y": 0.985, "z": 0.045, "bend": 2.0}
 
 
 def pad(side: str, finger: str) -> Spot:
@@ -220,6 +220,7 @@ def actions() -> list[Action]:
         Meeting(on("right_index2", -1, 0, 0), Spot("world", aim), 0.002, direction=True),
     ]
     last = WALKS[1].at(np.array([WALKS[1].end]))[0, 2]
+    ahead = STAND["z"]
     away = (float(np.sin(np.deg2rad(last))), -0.02, float(np.cos(np.deg2rad(last))))
     return [
         Action("stands", 0.0, 0.5, STAND, (), (0.0, -0.03, 1.0)),
@@ -234,5 +235,5 @@ def actions() -> list[Action]:
         Action("reaches down", 18.1, 18.5, stood(LOW), low, turned(-0.1, -0.6, 1.0)),
         Action("points", 19.7, 20.1, stood(POINT), point, (float(aim[0]), float(aim[1]) * 0.7, float(aim[2]))),
         Action("walks on", 21.6, 22.4, {**stood(STAND), "x": 0.0, "z": 0.0}, (), away),
-        Action("ends", 24.2, SECONDS, STAND, (), away),
+        Action("ends", 24.2, SECONDS, {**STAND, "x": ahead * away[0], "z": ahead * away[2]}, (), away),
     ]

@@ -67,7 +67,7 @@ _LIMITS = {
     "head_turn": (-60, 60), "head_nod": (-30, 35), "head_side": (-25, 25),
     "collar_raise": (-8, 25), "collar_forward": (-12, 25), "arm_raise": (-95, 75), "arm_forward": (-40, 110),
     "arm_twist": (-85, 85), "elbow": (3, 148), "pronation": (-80, 80), "wrist_flex": (-60, 60), "wrist_side": (-18, 25),
-    "hip_flex": (-20, 105), "hip_out": (-15, 30), "hip_twist": (-25, 35), "knee": (3, 120), "ankle": (-35, 28),
+    "hip_flex": (-20, 105), "hip_out": (-15, 30), "hip_twist": (-25, 35), "knee": (8, 120), "ankle": (-35, 28),
     "ankle_side": (-15, 15), "toes": (-5, 45),
     "thumb_close": (-30, 35), "thumb_down": (-15, 45), "thumb_curl": (-10, 60),
     **{f"{finger}_spread": (-14, 14) for finger in FINGERS},

@@ -16,14 +16,14 @@ from .walking import sway
 
 CONTACT = 2e5  # 1/m²: about 2 mm weigh as much as a posture's spread
 _SPREAD = {
-    "x": 0.08,
+    "x": 0.04,
     "y": 0.08,
-    "z": 0.08,
+    "z": 0.04,
     "bend": 0.12,
     "turn": 0.12,
     "side": 0.08,
     "tilt": 0.15,
-    "roll": 0.1,
+    "roll": 0.03,
     "heading": 0.2,
 }
 _OTHER_SPREAD = 0.25  # rad: how far a degree of freedom may stray from its reference

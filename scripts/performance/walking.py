@@ -10,7 +10,7 @@ import numpy as np
 
 STEP = 0.58  # s from one landing to the next
 SUPPORT = 0.06  # s that both feet stand between two steps
-AHEAD = 0.30  # s from a landing until the pelvis is over the foot
+AHEAD = 0.25  # s from a landing until the pelvis is over the foot
 SPEEDING = 0.8  # s until a walk has its speed, and in which it loses it
 APART = 0.085  # m from the middle of the route to an ankle
 OUTWARD = 6.0  # degrees that a foot is turned outward
@@ -101,18 +101,19 @@ def footfalls(walks: Sequence[Walk], seconds: float) -> list[Footfall]:
 
 def sway(walks: Sequence[Walk], time: np.ndarray) -> dict[str, np.ndarray]:
     """Return what walks add to the body, by degree of freedom, in metres and radians: (T,) each."""
-    names = ("x", "y", "z", "heading", "roll", "turn", "bend", "left_arm_forward", "right_arm_forward")
+    names = ("x", "y", "z", "heading", "roll", "side", "turn", "bend", "left_arm_forward", "right_arm_forward")
     added = {name: np.zeros(len(time)) for name in (*names, "left_elbow", "right_elbow")}
     for walk in walks:
         stride, moving = walk.phase(time)
         # Over the standing foot between two landings: to the right after a landing of the right foot.
         over = np.cos(np.pi * (time - walk.begin - AHEAD) / STEP) * moving
         way = np.deg2rad(walk.at(time)[:, 2])
-        added["x"] += 0.022 * over * np.cos(way)
-        added["z"] -= 0.022 * over * np.sin(way)
-        added["y"] += moving * (-0.024 - 0.012 * np.cos(2 * np.pi * (time - walk.begin) / STEP))
+        added["x"] += 0.03 * over * np.cos(way)
+        added["z"] -= 0.03 * over * np.sin(way)
+        added["y"] += moving * (-0.044 - 0.014 * np.cos(2 * np.pi * (time - walk.begin) / STEP))
         added["heading"] += 0.07 * stride
-        added["roll"] += 0.035 * over
+        added["roll"] += 0.035 * over  # the swinging leg's side of the pelvis drops
+        added["side"] -= 0.1 * over  # the trunk leans over the standing leg
         added["turn"] -= 0.15 * stride
         added["bend"] += 0.03 * moving
         for side, sign in (("left", 1.0), ("right", -1.0)):

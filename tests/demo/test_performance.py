@@ -66,6 +66,18 @@ def test_starts_upright_at_the_origin_and_faces_forward():
     assert 1.6 < POSITION[0, SKELETON.index("head_top"), 1] < 1.72
 
 
+def test_leans_over_the_foot_that_stands():
+    """Walkers' heads go to the side of the foot on the floor; those who stand have their hips ahead of their ankles."""
+    heading = quaternion_rotate(ROTATION[:, 0], np.array([0.0, 0.0, 1.0])) * [1, 0, 1]
+    ankles = (at("left_ankle") + at("right_ankle")) / 2
+    lifted = at("right_ankle")[:, 1] - at("left_ankle")[:, 1]  # above 0: the left foot stands
+    walks = during(1.2, 2.6)  # straight ahead, along +Z
+    assert np.corrcoef(at("head")[walks, 0], lifted[walks])[0, 1] > 0.3
+    ahead = ((at("pelvis") - ankles) * heading).sum(-1)
+    for when in (during(0, 0.4), during(7, 8), during(24.4, 25)):
+        assert 0.01 < ahead[when].mean() < 0.08
+
+
 def test_no_frame_jumps():
     step = np.linalg.norm(np.diff(POSITION, axis=0), axis=-1)
     assert step.max() < 0.16  # 4.8 m/s: a toe that swings, a fast hand
