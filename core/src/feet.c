@@ -6,8 +6,9 @@ static const float SURE = 0.7F;   /* probability of contact from which a foot is
 static const float FADE = 0.16F;  /* s in which half of what a released foot was held back by fades */
 static const float DRAG = 0.06F;  /* m: a foot that its leg drags farther slides along */
 static const float SETTLE = 0.06F; /* s in which half of a foot's height over the floor is taken away */
-static const float SOLE = 0.02F; /* m: a foot that is over its rest height by less stands: recorded feet do */
+static const float SOLE = 0.02F;  /* m: a foot that is over its rest height by less stands: recorded feet do */
 static const float FLAT_FROM = 0.15F; /* s: a foot that stands on its heel for longer is flat on the floor */
+static const float FLAT_UNTIL = 0.3F; /* probability of an ankle's contact until which it goes on to be flat */
 static const float STILL = 0.8F;  /* of SOLE: what is left out for those who stand still */
 static const float REACH = 0.25F; /* m: a foot is moved no farther up or down to the floor */
 
@@ -65,7 +66,8 @@ void hold_feet(const foot foot[2], float floor, float interval, float upright, f
             drop *= clamp((contact - RELEASE) / (SURE - RELEASE), 0.0F, 1.0F);
         }
         if (hovering > 0.0F) drop = fmaxf(drop, upright * hovering); /* nobody who stands hovers with both feet */
-        s->stood = part[k] == 1 ? s->stood + interval : 0.0F;
+        bool rests = f->ankle_contact >= (s->stood > 0.0F ? FLAT_UNTIL : HOLD) && !f->seen;
+        s->stood = rests ? s->stood + interval : 0.0F;
         s->held = (uint8_t)part[k];
         s->slide = slide;
         s->drop += settle * (clamp(drop, -REACH, REACH) - s->drop);

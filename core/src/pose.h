@@ -26,7 +26,7 @@ typedef struct foot_state {
     uint8_t held;   /* 0: free, 1: by the ankle, 2: by the ball */
     vec3 anchor;    /* m, from base: where the held part stands */
     vec3 slide;     /* m, along the floor: how far the foot is held back */
-    float stood;    /* s since the foot is held by the ankle */
+    float stood;    /* s since the ankle rests on the floor */
     float drop;     /* m: how far the foot is lowered onto the floor; below 0: raised */
 } foot_state;
 

@@ -13,6 +13,7 @@ DRAG = 0.06  # m: a foot that its leg drags farther slides along
 SETTLE = 0.06  # s in which half of a foot's height over the floor is taken away
 SOLE = 0.02  # m: a foot that is over its rest height by less stands: recorded feet do
 FLAT_FROM = 0.15  # s: a foot that stands on its heel for longer is flat on the floor
+FLAT_UNTIL = 0.3  # probability of an ankle's contact until which it goes on to be flat
 STILL = 0.8  # of SOLE: what is left out for those who stand still
 REACH = 0.25  # m: a foot is moved no farther up or down to the floor
 
@@ -44,7 +45,7 @@ class FootState:
     held: str = ""  # "ankle" or "ball", by which the foot is held; empty: free
     anchor: np.ndarray = field(default_factory=lambda: np.zeros(3))  # m, from base: where the held part stands
     slide: np.ndarray = field(default_factory=lambda: np.zeros(3))  # m, along the floor: how far it is held back
-    stood: float = 0.0  # s since the foot is held by the ankle
+    stood: float = 0.0  # s since the ankle rests on the floor
     drop: float = 0.0  # m: how far the foot is lowered onto the floor; below 0: raised
 
     @property
@@ -101,7 +102,8 @@ def hold_feet(
             drop *= float(np.clip((contact - RELEASE) / (SURE - RELEASE), 0, 1))
         if hovering > 0:
             drop = max(drop, upright * hovering)  # a standing body has a foot on the floor
-        state.stood = state.stood + interval if part == "ankle" else 0.0
+        rests = foot.ankle_contact >= (FLAT_UNTIL if state.stood > 0 else HOLD) and not foot.seen
+        state.stood = state.stood + interval if rests else 0.0
         state.held, state.slide = part, slide
         state.drop += settle * (float(np.clip(drop, -REACH, REACH)) - state.drop)
         move = np.zeros(3)
