@@ -16,7 +16,7 @@ from bodysense_lab.completion.measures import JUMP, Averages
 from bodysense_lab.completion.quantiles import Quantiles
 from bodysense_lab.completion.scenes import TrackedScene
 from bodysense_lab.completion.sight import Moment
-from bodysense_lab.completion.tracking import TrackedBatch
+from bodysense_lab.completion.tracking import Tracked
 
 _PERCENT = {  # percentile and factor of every quantile, by its key
     "standing_knee_deg": ("knee", 50, 1.0),
@@ -87,7 +87,7 @@ class SightScores:
             self.quantiles.setdefault(name, Quantiles()).add(values)
 
 
-def measure_sight(scene: TrackedScene, seen: Observation, tracked: TrackedBatch) -> SightScores:
+def measure_sight(scene: TrackedScene, seen: Observation, tracked: Tracked) -> SightScores:
     """Every measure of sight of one scene, of which the tracker saw `seen` (T, P)."""
     scores, skeleton = SightScores(), scene.skeleton
     if len(scene) < 2:
@@ -110,7 +110,7 @@ def measure_sight(scene: TrackedScene, seen: Observation, tracked: TrackedBatch)
     return scores
 
 
-def measure_transitions(scene: TrackedScene, seen: Observation, tracked: TrackedBatch) -> SightScores:
+def measure_transitions(scene: TrackedScene, seen: Observation, tracked: Tracked) -> SightScores:
     """Jerk after each loss and each return of a hand, over the 22 joints."""
     scores, skeleton = SightScores(), scene.skeleton
     body, truth = skeleton.indices(BODY), scene.placed[0]
