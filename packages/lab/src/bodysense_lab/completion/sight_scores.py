@@ -9,6 +9,7 @@ import numpy as np
 
 from bodysense.body.rotation import geodesic_angle
 from bodysense.body.skeleton import BODY
+from bodysense.metrics import vector_length
 from bodysense.observation import Observation, observed_points
 from bodysense.scoring import RATE
 from bodysense_lab.completion import sight
@@ -104,7 +105,7 @@ def measure_sight(scene: TrackedScene, seen: Observation, tracked: Tracked) -> S
     turned = np.degrees(geodesic_angle(tracked.rotation[:, elbows], scene.pose.rotation[:, elbows]))
     scores.averages.add("elbow_deg", float(turned.mean()), len(scene))
     long = sight.long_seen(has, RATE)
-    off = np.linalg.norm(position[:, body] - truth[:, body], axis=-1)[long]
+    off = vector_length(position[:, body] - truth[:, body])[long]
     scores.count_values("measured", off)
     scores.count_share("measured_covered", off <= tracked.bound[:, body][long])
     return scores
