@@ -48,10 +48,8 @@ def paper_joints(numbers: Numbers) -> str:
             if all(key in numbers for key in keys):
                 rows.append([str(hidden), hands, *(f"{numbers[key]:.2f}" for key in keys)])
         rows.append([str(hidden), "published", *(f"{value:.2f}" for value in PUBLISHED_POINTS[hidden])])
-    amount = (
-        f"the first seconds of {numbers['clips']:.0f} clips" if "quick" in numbers else f"{numbers['clips']:.0f} clips"
-    )
-    said = f"{'A sample: ' if 'quick' in numbers else ''}{amount}; synthesised hands are not among these figures."
+    amount = f"{numbers['clips']:.0f} clips, without synthesised hands."
+    said = f"A sample: the first seconds of {amount}" if "quick" in numbers else amount
     if "nn_0_cm_low" in numbers:
         said += (
             f" Nothing hidden, trained avatars: between {numbers['nn_0_cm_low']:.2f} and "
