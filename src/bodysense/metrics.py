@@ -9,7 +9,10 @@ from bodysense.body.rotation import geodesic_angle
 
 def vector_length(vector: np.ndarray) -> np.ndarray:
     """Length over the last axis, of few components: `np.linalg.norm` to the bit, several times as fast."""
-    return np.sqrt(sum(vector[..., k] ** 2 for k in range(vector.shape[-1])))
+    squared = vector[..., 0] ** 2
+    for k in range(1, vector.shape[-1]):
+        squared = squared + vector[..., k] ** 2
+    return np.sqrt(squared)
 
 
 def joint_error(predicted: np.ndarray, truth: np.ndarray) -> np.ndarray:
