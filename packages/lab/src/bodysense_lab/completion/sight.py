@@ -52,7 +52,7 @@ def jump_frames(position: np.ndarray, truth: np.ndarray, most: float, order: int
     velocity leads, so that only breaks in the motion count.
     """
     gone, truly = (vector_length(np.diff(values, order, axis=0)) for values in (position, truth))
-    return (gone - truly > most).any(axis=-1)
+    return np.asarray((gone - truly > most).any(axis=-1))
 
 
 def frozen_points(position: np.ndarray, truth: np.ndarray, tracked: np.ndarray, rate: float) -> np.ndarray:
