@@ -58,6 +58,8 @@ Two hands. LEFT_OUT comes from `bodysense train gloves --leave-one-out`; PAPER i
     bodysense evaluate gloves-table3 --data DATA --left-out LEFT_OUT --json FIGURES/gloves-table3.json
     bodysense evaluate gloves-table4 --data DATA --left-out LEFT_OUT --json FIGURES/gloves-table4.json
     bodysense evaluate gloves-table3 --data DATA --model PAPER/glove_markers_paper.onnx --json FIGURES/gloves-paper.json
+    bodysense evaluate gloves-table4 --data DATA --markers PAPER/glove_markers_paper.onnx \
+        --joints PAPER/glove_joints_paper.onnx --json FIGURES/gloves-paper-joints.json
     bodysense evaluate gloves-fusion --data DATA --json FIGURES/gloves-fusion.json
     bodysense evaluate gloves-settings --data DATA --json FIGURES/gloves-settings.json
     bodysense evaluate gloves-layouts --hands 3 --json FIGURES/gloves-layouts.json

@@ -136,6 +136,8 @@ def test_no_row_only_links_to_a_page_that_has_its_figures() -> None:
     page = (ROOT / rows.PAGE).read_text(encoding="utf-8")
     cells = [line.strip("| ").split(" | ") for line in page.splitlines() if re.match(r"\| \d\.\d+ \|", line)]
     assert [row[0] for row in cells if row[3].startswith("[")] == ["1.18"]  # raters are the reader's own
+    assert [row[0] for row in cells if row[3] == "–"] == ["4.4", "4.10"]  # what tests hold
+    assert [row[0] for row in cells if row[5] == "–"] == []
 
 
 def test_tables_of_all_clips_name_no_limit() -> None:

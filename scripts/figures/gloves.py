@@ -36,6 +36,28 @@ def paper(numbers: Numbers) -> str:
     return markdown(["hidden", "", *(f"{duration:g} s" for duration in DURATIONS)], rows)
 
 
+def paper_joints(numbers: Numbers) -> str:
+    """The paper's form of both networks: finger joints through the whole pipeline, next to the published figures."""
+    still = (("trained avatars", numbers["nn_0_cm"]), ("strangers' hands", numbers["stranger_nn_0_cm"]))
+    blank = ["–"] * (len(DURATIONS) - 1)
+    rows = [["0", hands, f"{value:.2f}", *blank] for hands, value in still]
+    rows.append(["0", "published", f"{PUBLISHED_STILL['nn']:.2f}", *blank])
+    for hidden in HIDDEN:
+        for hands, method in (("trained avatars", "nn"), ("strangers' hands", "stranger_nn")):
+            keys = [f"{method}_{hidden}_{duration:.1f}_cm" for duration in DURATIONS]
+            if all(key in numbers for key in keys):
+                rows.append([str(hidden), hands, *(f"{numbers[key]:.2f}" for key in keys)])
+        rows.append([str(hidden), "published", *(f"{value:.2f}" for value in PUBLISHED_POINTS[hidden])])
+    amount = f"{numbers['clips']:.0f} clips, without synthesised hands."
+    said = f"A sample: the first seconds of {amount}" if "quick" in numbers else amount
+    if "nn_0_cm_low" in numbers:
+        said += (
+            f" Nothing hidden, trained avatars: between {numbers['nn_0_cm_low']:.2f} and "
+            f"{numbers['nn_0_cm_high']:.2f} cm (95 %)."
+        )
+    return markdown(["hidden", "", *(f"{duration:g} s" for duration in DURATIONS)], rows) + "\n\n" + said
+
+
 def sentence(table3: Numbers, table4: Numbers) -> str:
     """Return README's sentence on hands that were left out of training."""
     text = (
@@ -224,6 +246,7 @@ BLOCKS = (
     Block(PAGE, "gloves-settings", chosen_settings, ("gloves-settings",)),
     Block(PAGE, "gloves-expected", expected, ("gloves-expected",)),
     Block(PAPER, "gloves-paper", paper, ("gloves-paper",)),
+    Block(PAPER, "gloves-paper-joints", paper_joints, ("gloves-paper-joints",)),
     Block(PAPER, "gloves-table3", markers, ("gloves-table3",)),
     Block(PAPER, "gloves-table4", points, ("gloves-table4",)),
     Block(PAPER, "gloves-occlusion", occlusion, ("gloves-occlusion",)),

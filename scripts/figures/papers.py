@@ -40,12 +40,12 @@ def headset(numbers: Numbers) -> str:
                     continue
                 pairs = [
                     [numbers[f"{who}_{key}_{measure}_cm{suffix}"] for measure in ("rmsjpe", "mpjpe")]
-                    for who in ("last_known", "tracker")
+                    for who in ("constant_velocity", "last_known", "tracker")
                 ]
                 cells = [f"{rmsjpe:.1f} / {mpjpe:.1f}" for rmsjpe, mpjpe in pairs]
-                ratio = " / ".join(f"{ours / known:.2f}" for known, ours in zip(*pairs, strict=True))
+                ratio = " / ".join(f"{ours / known:.2f}" for known, ours in zip(*pairs[1:], strict=True))
                 rows.append([group, label, share, *cells, ratio])
-    head = ["motion", "part", "joints", "last known", "bodysense", "ratio"]
+    head = ["motion", "part", "joints", "constant velocity", "last known", "bodysense", "ratio"]
     command = (
         f"`bodysense evaluate unoc-table2 --data DIR`: {numbers['clips']:.0f} clips, {numbers['seconds'] / 60:.0f} min"
     )
@@ -57,8 +57,11 @@ def networks(numbers: Numbers) -> str:
     # Published RMSJPE, cm: body and fingers of GRU, RNN, LSTM, TCN, last known (Table 2).
     published = {"gru": (5.9, 4.1), "rnn": (6.1, 4.4), "lstm": (6.4, 4.3), "tcn": (6.2, 4.4), "last_known": (13.1, 5.0)}
     labels = {"gru": "GRU", "rnn": "RNN", "lstm": "LSTM", "tcn": "TCN", "best": "packaged", "last_known": "last known"}
+    labels |= {"constant_velocity": "constant velocity"}
     rows = []
     for name, label in labels.items():
+        if f"{name}_body_occluded_rmsjpe_cm" not in numbers:
+            continue  # figures of before
         cells = []
         for column, part in enumerate(("body", "finger")):
             for measure in ("rmsjpe", "mpjpe"):

@@ -1,4 +1,4 @@
-"""The figures of docs/reproduce.md, which are cells of the tables that other pages have between markers."""
+"""The figures of docs/reproduce.md: cells of tables of other pages, lines of model cards, and settings of the code."""
 
 from __future__ import annotations
 
@@ -6,14 +6,27 @@ import re
 from collections.abc import Callable
 from pathlib import Path
 
+from bodysense.body.arms import HAND_POINTS
+from bodysense.body.glove import ALIGNMENT, MARKERS
+from bodysense.body.hand import FREEDOMS
+from bodysense.body.skeleton import BODY
+from bodysense.devices.gloves.continuity import Continuous
 from bodysense.devices.simulated.headset_camera import HeadsetCamera
+from bodysense_lab.hmd_vae.frames import HELD_OUT, TRAIN_LENGTH
+from bodysense_lab.hmd_vae.options import BodyVaeConfig
+from bodysense_lab.pahmt.options import ArmNetworkConfig, ArmSchedule
+from bodysense_lab.two_hands.task import PAPER_JOINT_SCHEDULE
+from bodysense_lab.unoc.network import PAPER
+from bodysense_lab.unoc.task import BodySchedule, LossWeights
 
 from .blocks import ROOT
 
-CAMERA = HeadsetCamera()
+CAMERA, LOSSES, SCHEDULE = HeadsetCamera(), LossWeights(), BodySchedule()
+VAE, ARMS, ARM_LOSSES = BodyVaeConfig(), ArmNetworkConfig(), ArmSchedule()
 PAGE = Path("docs") / "reproduce.md"
 COLUMN = 3  # of a row's cells: its figure
 _BLOCK = re.compile(r"<!-- begin (\S+) -->\n(.*?)<!-- end \1 -->", re.DOTALL)
+_WEIGHTS, _ERROR = r"([\d,]+) weights", r"error_cm ([\d.]+)"  # in model cards
 Cells = Callable[..., str]  # name of a block, heading of a column, labels of the row → the cell
 
 FIGURES: dict[str, Callable[[Cells], str]] = {  # by row of the page
@@ -21,7 +34,13 @@ FIGURES: dict[str, Callable[[Cells], str]] = {  # by row of the page
     "1.2": lambda at: f"joints hidden {at('occlusion', 'all', 'all')} of the time",
     "1.3": lambda at: f"self-contact {at('occlusion', 'all', 'self-contact')}",
     "1.4": lambda at: ", ".join(f"{name} {at('occlusion', 'all', name)}" for name in ("shoulder", "hand", "foot")),
+    "1.5": lambda at: f"{PAPER.window} frames at 30 Hz",
     "1.6": lambda at: f"{at('table3', 'body, hidden', 'GRU')} cm, body",
+    "1.7": lambda at: (
+        f"{LOSSES.body:g}, {LOSSES.finger:g}, {LOSSES.parent:g}, {LOSSES.body_bone:g} and {LOSSES.finger_bone:g}, "
+        f"× {LOSSES.occluded:g} if occluded, {LOSSES.occlusion:g}"
+    ),
+    "1.8": lambda at: f"{SCHEDULE.epochs} epochs, batches of {', '.join(map(str, SCHEDULE.epoch_batches))}",
     "1.9": lambda at: f"{at('networks', 'body RMSJPE', 'last known').split()[0]} cm (last known)",
     "1.10": lambda at: f"GRU {_bracket(at('networks', 'body RMSJPE', 'GRU'))} of last known, body",
     "1.11": lambda at: ", ".join(
@@ -43,16 +62,29 @@ FIGURES: dict[str, Callable[[Cells], str]] = {  # by row of the page
     "1.15": lambda at: f"all {at('applications', 'network', 'all')} cm",
     "1.16": lambda at: f"{at('applications', 'RMSJPE / MPJPE', 'network')} cm",
     "1.17": lambda at: f"CMU to Rocketbox {at('table5', 'trained on CMU', 'body, hidden', 'Rocketbox')} cm",
+    "2.1": lambda at: f"{len(BODY)} joints",
+    "2.2": lambda at: f"{TRAIN_LENGTH} frames, {100 * HELD_OUT:g} % held out",
+    "2.3": lambda at: f"s₁ {100 * VAE.position_deviation:g} cm, s₂ {VAE.angle_deviation:g} rad",
+    "2.4": lambda at: f"{VAE.width} wide, {6 * len(BODY)} numbers out",
     "2.5": lambda at: f"{at('hmd-vae', 'full body cm', '1, head and hands now')} cm",
     "2.6": lambda at: f"{at('hmd-vae', 'full body cm', '2, their history')} cm",
+    "2.7": lambda at: f"{_card('body_vae.md', _WEIGHTS)} weights, model 4 of {VAE.blocks} blocks",
     "2.8": lambda at: f"{at('hmd-vae', 'full body cm', '3, as 1, pretrained')} cm, model 3",
     "2.10": lambda at: f"{at('hmd-vae', 'full body cm', '4, as 2, pretrained')} cm, model 4",
+    "2.11": lambda at: f"{VAE.latent} numbers a body",
+    "2.12": lambda at: f"{at('completion', 'MPJPE cm', 'head', 'nothing')} cm, the tracker, head alone",
+    "3.1": lambda at: f"{ARMS.frames} frames of {ARMS.tokens} points",
+    "3.2": lambda at: f"{len(HAND_POINTS)} points a hand",
     "3.3": lambda at: f"overall {at('table1', 'overall m', 'AHMT')} m",
     "3.4": lambda at: f"overall {at('table1', 'overall m', 'PAHMT')} m",
+    "3.5": lambda at: f"{ARM_LOSSES.rotation:g}, {ARM_LOSSES.smooth:g}, {ARM_LOSSES.fk:g}, {ARM_LOSSES.gan:g}",
     "3.8": lambda at: (
         f"packaged: hands {at('table1', 'hands m', 'packaged')}, overall {at('table1', 'overall m', 'packaged')} m"
     ),
+    "3.9": lambda at: f"fingers {at('video', 'fingers cm', 'bodysense, from the video')} cm",
     "3.10": lambda at: f"{at('video', 'arms and hands cm', 'bodysense, from the video')} cm",
+    "4.1": lambda at: f"{len(MARKERS)} markers, {len(FREEDOMS)} angles",
+    "4.2": lambda at: f"{len(ALIGNMENT)} of {len(MARKERS)} markers place the hand",
     "4.3": lambda at: (
         f"{_range(at, 'gloves-fusion', '5 s', STRANGERS, '1', 'fused')}, a finger hidden for 0.1 to 5 s, {STRANGERS}"
     ),
@@ -61,6 +93,12 @@ FIGURES: dict[str, Callable[[Cells], str]] = {  # by row of the page
         f"{_range(at, 'gloves-table3', '2 s', 'recorded', 'affine', '1')}"
     ),
     "4.6": lambda at: f"{_range(at, 'gloves-paper', '2 s', '1', STRANGERS)}, one hidden, {STRANGERS}",
+    "4.7": lambda at: f"{100 * Continuous.speed:g} cm/s",
+    "4.8": lambda at: f"{_card('glove_joints_paper.md', _ERROR)} cm in validation",
+    "4.9": lambda at: (
+        f"batches of {PAPER_JOINT_SCHEDULE.batch}, halved after {PAPER_JOINT_SCHEDULE.patience} checks; markers "
+        f"{_card('glove_markers_paper.md', _ERROR)} cm in validation"
+    ),
     "4.11": lambda at: f"{_range(at, 'gloves-table3', '2 s', STRANGERS, 'hand known', '1')}, one hidden, {STRANGERS}",
     "4.12": lambda at: f"{at('gloves-table4', '0.1 s', STRANGERS, 'hand known', '0')} cm, nothing hidden, {STRANGERS}",
     "4.13": lambda at: (
@@ -122,6 +160,12 @@ def with_figure(text: str, row: str, figure: str) -> str:
     cells[COLUMN] = figure
     lines[place] = f"| {' | '.join(cells)} |"
     return "\n".join(lines)
+
+
+def _card(name: str, pattern: str) -> str:
+    """The first match of a pattern in a model card."""
+    (path,) = [*ROOT.glob(f"src/bodysense/weights/{name}"), *ROOT.glob(f"packages/lab/src/*/weights/{name}")]
+    return re.findall(pattern, path.read_text(encoding="utf-8"))[0]
 
 
 def _bracket(cell: str) -> str:

@@ -7,9 +7,17 @@ import numpy as np
 from bodysense.body.rotation import geodesic_angle
 
 
+def vector_length(vector: np.ndarray) -> np.ndarray:
+    """Length over the last axis, of few components: `np.linalg.norm` to the bit, several times as fast."""
+    squared = vector[..., 0] ** 2
+    for k in range(1, vector.shape[-1]):
+        squared = squared + vector[..., k] ** 2
+    return np.sqrt(squared)
+
+
 def joint_error(predicted: np.ndarray, truth: np.ndarray) -> np.ndarray:
     """Euclidean error of every point, cm: (..., P, 3), (..., P, 3) → (..., P)."""
-    return 100 * np.linalg.norm(predicted - truth, axis=-1)
+    return 100 * vector_length(predicted - truth)
 
 
 def mpjpe(error: np.ndarray) -> float:
@@ -24,17 +32,17 @@ def rotation_error(predicted: np.ndarray, truth: np.ndarray) -> float:
 
 def velocity_error(predicted: np.ndarray, truth: np.ndarray, frame_rate: float) -> float:
     """Mean error of the velocity by backward differences, cm/s: (T, P, 3), (T, P, 3)."""
-    return float(100 * np.linalg.norm(np.diff(predicted - truth, axis=0), axis=-1).mean() * frame_rate)
+    return float(100 * vector_length(np.diff(predicted - truth, axis=0)).mean() * frame_rate)
 
 
 def jitter(position: np.ndarray, frame_rate: float) -> float:
     """Mean jerk, 10² m/s³: (T, P, 3). Depends on the frame rate; show the truth's beside it."""
-    return float(np.linalg.norm(np.diff(position, 3, axis=0), axis=-1).mean() * frame_rate**3 / 100)
+    return float(vector_length(np.diff(position, 3, axis=0)).mean() * frame_rate**3 / 100)
 
 
 def acceleration(position: np.ndarray, frame_rate: float) -> np.ndarray:
     """Magnitude of the second difference, m/s²: (T, P, 3) → (T - 2, P)."""
-    return np.linalg.norm(np.diff(position, 2, axis=0), axis=-1) * frame_rate**2
+    return vector_length(np.diff(position, 2, axis=0)) * frame_rate**2
 
 
 def foot_skate(predicted: np.ndarray, truth: np.ndarray, frame_rate: float) -> float:
@@ -43,13 +51,13 @@ def foot_skate(predicted: np.ndarray, truth: np.ndarray, frame_rate: float) -> f
     In contact: `on_floor`.
     """
     contact = on_floor(truth, frame_rate)
-    slide = 100 * np.linalg.norm(np.diff(predicted, axis=0)[..., [0, 2]], axis=-1) * frame_rate
+    slide = 100 * vector_length(np.diff(predicted, axis=0)[..., [0, 2]]) * frame_rate
     return float(slide[contact].mean()) if contact.any() else float("nan")
 
 
 def on_floor(truth: np.ndarray, frame_rate: float) -> np.ndarray:
     """(T − 1, P) bool: points (T, P, 3) lower than 5 cm and, since the frame before, slower than 10 cm/s."""
-    speed = np.linalg.norm(np.diff(truth, axis=0), axis=-1) * frame_rate
+    speed = vector_length(np.diff(truth, axis=0)) * frame_rate
     return (truth[1:, :, 1] < 0.05) & (speed < 0.10)
 
 

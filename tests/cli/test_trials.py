@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import socket
 import subprocess
 import sys
@@ -76,6 +77,21 @@ def test_the_completion_network_is_trained_and_published(
     network = load_completion(tmp_path / COMMANDS["completion"][0])
     assert Tracker(network=network).start().model is network
     check_log(tmp_path / COMMANDS["completion"][1], "1 process")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("command", sorted(set(COMMANDS) - {"completion"}))
+def test_a_trial_names_its_machine_first(
+    command: str, recorded: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    assert main([*asked(command, recorded, tmp_path, 2), "--devices", "1", "--nodes", "1"]) == 0
+    written, log, _ = COMMANDS[command]
+    assert (tmp_path / written).is_file()
+    check_log(tmp_path / log, "1 process")
+    said = capsys.readouterr().out
+    first = next(line for line in said.splitlines() if "step " in line)
+    assert re.search(r"step 0/2, \d+ s · cpu, (float32|bfloat16) layers, 1 process", first), said
 
 
 # Sharing is the loop's work, which all tasks have in common: one of each way to draw batches, and one of two nodes.

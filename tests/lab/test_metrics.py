@@ -83,3 +83,9 @@ def test_feet_in_the_floor() -> None:
     position = np.concatenate([along(y=-0.02), along(y=0.5)], axis=1)
     assert metrics.floor_penetration(position) == pytest.approx(1.0)
     assert metrics.floor_penetration(np.abs(position)) == 0.0
+
+
+@pytest.mark.parametrize("components", [2, 3])
+def test_the_length_of_vectors_is_the_norm_to_the_bit(components: int) -> None:
+    vectors = np.random.default_rng(1).normal(size=(50, 7, components))
+    np.testing.assert_array_equal(metrics.vector_length(vectors), np.linalg.norm(vectors, axis=-1))

@@ -96,11 +96,11 @@ def standing_pose(skeleton: Skeleton) -> Pose:
     pose = rest_pose(skeleton)
     turns = {"shoulder": 1.25, "elbow": 0.1}
     turns |= {f"{finger}{k}": 0.3 for finger in ("index", "middle", "ring", "pinky") for k in (1, 2, 3)}
-    for joint, angle in turns.items():
-        for side, sign in (("left", -1.0), ("right", 1.0)):
-            if f"{side}_{joint}" in skeleton.joints:
-                about_z = np.array([0.0, 0.0, sign * angle])
-                pose.rotation[skeleton.index(f"{side}_{joint}")] = quaternion_exp(about_z)
+    about_z = {
+        f"{side}_{joint}": sign * angle for joint, angle in turns.items() for side, sign in (("left", -1), ("right", 1))
+    }
+    known = [joint for joint in about_z if joint in skeleton.joints]
+    pose.rotation[skeleton.indices(known)] = quaternion_exp(np.array([[0.0, 0.0, about_z[joint]] for joint in known]))
     return pose
 
 

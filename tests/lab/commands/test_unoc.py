@@ -105,8 +105,10 @@ def test_table_5(tmp_path: Path, folder: Path, networks: Path, run) -> None:
     assert numbers["a_to_b_all_occluded_rmsjpe_cm"] == numbers["b_to_a_all_occluded_rmsjpe_cm"]
 
 
-def test_smoothness(tmp_path: Path, folder: Path, networks: Path, small_network: Path, run) -> None:
+def test_smoothness(tmp_path: Path, folder: Path, networks: Path, small_network: Path, run, refused) -> None:
     given = common(tmp_path, folder, "--networks", networks, "--model", small_network)
+    missing = common(tmp_path, folder, "--networks", networks, "--model", tmp_path / "missing.onnx")
+    assert "missing.onnx: no such" in refused("evaluate", "unoc-smoothness", *missing).lower()
     assert "above 9 m/s²" in run("evaluate", "unoc-smoothness", *given)
     methods = ("truth", "gru", "gru_tracker", "mask_given", "mask_given_tracker", "best", "tracker")
     check_files(tmp_path, "unoc-smoothness", 14, [f"{method}_strong_acceleration_percent" for method in methods])

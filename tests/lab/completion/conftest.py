@@ -12,42 +12,34 @@ from bodysense.body.person import Person
 from bodysense.io.clip import Clip
 from bodysense.observation import Observation
 from bodysense_lab.completion.scenes import TrackedScene, Truth, scene_of
-from bodysense_lab.completion.tracking import TrackedBatch
+from bodysense_lab.completion.tracking import Tracked
 
 Change = Callable[[np.ndarray, TrackedScene], np.ndarray]  # positions (T, P, 3) m of a scene → what is said of them
 
 
 @dataclass(frozen=True)
 class Oracle:
-    """Knows every scene, and says of it what `change` makes of the truth; after its end it says nonsense."""
+    """Knows every scene, and says of it what `change` makes of the truth."""
 
     scenes: Sequence[TrackedScene]
     change: Change = lambda position, scene: position
     confidence: float | None = None  # m; None: the true error
 
-    def __call__(self, people: Sequence[Person], observation: Observation) -> TrackedBatch:
-        shape = (len(people), len(observation))
-        batch = TrackedBatch(
-            position=np.full((*shape, 65, 3), 1e3),
-            rotation=np.full((*shape, 52, 4), 1e3),
-            confidence=np.full((*shape, 65), 1e3),
-            bound=np.full((*shape, 65), 1e3),
-            contact=np.full((*shape, 4), 1e3),
-        )
-        for index in range(len(people)):
-            scene = self.find(observation.position[index, :, observation.points.index("head")])
-            truth, own = scene.placed[0], slice(0, len(scene))
-            batch.position[index, own] = self.change(truth.copy(), scene)
-            batch.rotation[index, own] = scene.pose.rotation
-            error = np.linalg.norm(batch.position[index, own] - truth, axis=-1)
-            batch.confidence[index, own] = error if self.confidence is None else self.confidence
-            batch.bound[index, own] = 1.001 * batch.confidence[index, own]
-        return batch
+    def __call__(self, people: Sequence[Person], observations: Sequence[Observation]) -> list[Tracked]:
+        return [self.of_scene(self.find(one)) for one in observations]
 
-    def find(self, head: np.ndarray) -> TrackedScene:
-        """The scene, whose head moves so; the longest of those that begin alike."""
-        found = [one for one in self.scenes if len(one) <= len(head) and np.array_equal(_head(one), head[: len(one)])]
-        return max(found, key=len)
+    def of_scene(self, scene: TrackedScene) -> Tracked:
+        truth = scene.placed[0]
+        position = self.change(truth.copy(), scene)
+        error = np.linalg.norm(position - truth, axis=-1)
+        confidence = error if self.confidence is None else np.full(error.shape, self.confidence)
+        contact = np.zeros((len(scene), 4))
+        return Tracked(position, scene.pose.rotation, confidence, 1.001 * confidence, contact)
+
+    def find(self, seen: Observation) -> TrackedScene:
+        """The scene whose head moves so."""
+        head = seen.position[:, seen.points.index("head")]
+        return next(one for one in self.scenes if len(one) == len(head) and np.array_equal(_head(one), head))
 
 
 def _head(scene: TrackedScene) -> np.ndarray:

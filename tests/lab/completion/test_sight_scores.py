@@ -21,11 +21,11 @@ from bodysense.scoring import RATE
 from bodysense_lab.completion.blinks import EVERY, FINGER, gap_seconds, lose_hands, with_finger
 from bodysense_lab.completion.kept import KeptClips
 from bodysense_lab.completion.quantiles import Quantiles
-from bodysense_lab.completion.scenes import TrackedScene, stacked
+from bodysense_lab.completion.scenes import TrackedScene
 from bodysense_lab.completion.scoring import evaluate_completion
 from bodysense_lab.completion.sight_scores import SightScores, count_body_jumps, measure_sight, measure_transitions
 from bodysense_lab.completion.tables import CompletionSettings, WorstFrame
-from bodysense_lab.completion.tracking import TrackedBatch, track_batch
+from bodysense_lab.completion.tracking import Tracked, track_people
 from bodysense_lab.completion.worst import draw_worst, worst_frames
 
 from .conftest import Oracle
@@ -33,9 +33,9 @@ from .conftest import Oracle
 SMALL = CompletionSettings(sets=("three_point", "headset_camera"), edges=0)
 
 
-def exact(scene: TrackedScene, position: np.ndarray | None = None) -> TrackedBatch:
+def exact(scene: TrackedScene, position: np.ndarray | None = None) -> Tracked:
     shape = scene.placed[0].shape[:2]
-    return TrackedBatch(
+    return Tracked(
         position=scene.placed[0].copy() if position is None else position,
         rotation=scene.pose.rotation.copy(),
         confidence=np.full(shape, 0.01),
@@ -158,7 +158,7 @@ def test_kept_clips_are_not_scored_again(clips: list[Clip], scenes: list[Tracked
     def shaken(position: np.ndarray, scene: TrackedScene) -> np.ndarray:
         return position + np.random.default_rng(len(scene)).normal(0, 0.02, position.shape)
 
-    def refuse(people: object, observation: object) -> TrackedBatch:
+    def refuse(people: object, observations: object) -> list[Tracked]:
         raise AssertionError("a kept clip was tracked")
 
     track = Oracle(scenes, shaken)
@@ -200,6 +200,6 @@ def test_a_finger_that_blinks_makes_no_body_jump(sensors: str) -> None:
     seen, place = scene.observe(SENSOR_SETS[sensors]), scene.placed[0][:, scene.skeleton.index(FINGER)]
     jumps = []
     for blinking in (False, True):
-        batch = track_batch([Person(scene.skeleton)], stacked([with_finger(seen, place, blinking)]))
-        jumps.append(count_body_jumps(scene, batch.position[0]))
+        (tracked,) = track_people([Person(scene.skeleton)], [with_finger(seen, place, blinking)])
+        jumps.append(count_body_jumps(scene, tracked.position))
     assert jumps[1] <= jumps[0]

@@ -25,7 +25,7 @@ from bodysense_lab.completion.blinks import FINGER, with_finger
 from bodysense_lab.completion.measures import count_jumps
 from bodysense_lab.completion.options import BODIES
 from bodysense_lab.completion.reliability import draw_reliability
-from bodysense_lab.completion.scenes import TrackedScene, scene_of, stacked
+from bodysense_lab.completion.scenes import TrackedScene, scene_of
 from bodysense_lab.completion.scoring import evaluate_completion
 from bodysense_lab.completion.tables import (
     TAKE_MEASURES,
@@ -34,7 +34,7 @@ from bodysense_lab.completion.tables import (
     completion_reports,
     headline,
 )
-from bodysense_lab.completion.tracking import TrackBatch, TrackedBatch, TrackedBy, choose_scenes, track_batch
+from bodysense_lab.completion.tracking import Tracked, TrackedBy, TrackPeople, choose_scenes, track_people
 from bodysense_lab.datasets import Census, DataSet
 from bodysense_lab.spread import spread
 
@@ -43,7 +43,7 @@ from .conftest import Oracle
 SMALL = CompletionSettings(sets=("three_point", "headset_camera"), edges=0)
 
 
-def score(clips: list[Clip], track: TrackBatch, settings: CompletionSettings = SMALL) -> CompletionTable:
+def score(clips: list[Clip], track: TrackPeople, settings: CompletionSettings = SMALL) -> CompletionTable:
     return evaluate_completion(clips, settings, track=track, times=None)
 
 
@@ -107,7 +107,7 @@ def test_what_is_tracked_is_no_test_of_confidence(clips: list[Clip], scenes: lis
     assert counted == (13 - 3) * (90 + 60)  # without head and wrists
 
 
-def test_padding_and_company_do_not_count(clips: list[Clip], scenes: list[TrackedScene]) -> None:
+def test_company_does_not_count(clips: list[Clip], scenes: list[TrackedScene]) -> None:
     """Each clip scores alone what it scores beside longer ones; averages are over frames."""
 
     def drifting(position: np.ndarray, scene: TrackedScene) -> np.ndarray:
@@ -144,9 +144,9 @@ def test_the_lattice_finds_sensors_that_harm(clips: list[Clip], scenes: list[Tra
     chosen = [scene for scene in scenes if scene.name.startswith("anna")]
     assert [scene.name for scene in choose_scenes([*chosen, *scenes])][:1] == ["anna/anna-waves"]
 
-    def harmed(people: Sequence[Person], observation: Observation) -> TrackedBatch:
-        harm = 0.01 * len(observation.points)
-        return Oracle(scenes, lambda position, scene: position * [1, 1, 1 + harm])(people, observation)
+    def harmed(people: Sequence[Person], observations: Sequence[Observation]) -> list[Tracked]:
+        harm = 0.01 * len(observations[0].points)
+        return Oracle(scenes, lambda position, scene: position * [1, 1, 1 + harm])(people, observations)
 
     settings = replace(SMALL, sets=("head",), bodies=("stranger",), edges=12)
     numbers = score(clips, harmed, settings).numbers()
@@ -157,8 +157,8 @@ def test_the_lattice_finds_sensors_that_harm(clips: list[Clip], scenes: list[Tra
 def test_takes_are_measured_as_live_tracking_is(clips: list[Clip]) -> None:
     """Takes that are completed as in live tracking have its figures, and none are there if they are not asked for."""
 
-    def live(person: Person, seen: Observation) -> TrackedBatch:
-        return track_batch([person], stacked([seen])).of_person(0, len(seen))
+    def live(person: Person, seen: Observation) -> Tracked:
+        return track_people([person], [seen])[0]
 
     settings = CompletionSettings(sets=("headset_camera",), bodies=("own",), edges=0, takes=True)
     numbers = evaluate_completion(clips[:1], settings, takes=live, times=None).numbers()
@@ -225,7 +225,7 @@ def test_a_finger_that_is_never_tracked_changes_nothing(clips: list[Clip]) -> No
     seen = scene.observe(SENSOR_SETS["three_point"])
     grown = with_finger(seen, scene.placed[0][:, scene.skeleton.index(FINGER)], blinking=False)
     assert FINGER in grown.points and FINGER not in seen.points
-    without, steady = (track_batch([Person(scene.skeleton)], stacked([one])).position for one in (seen, grown))
+    without, steady = (track_people([Person(scene.skeleton)], [one])[0].position for one in (seen, grown))
     np.testing.assert_array_equal(without, steady)
 
 
@@ -245,15 +245,9 @@ def test_the_command(
         (tmp_path / "motion" / clip.person).mkdir(parents=True)
         write_bvh(tmp_path / "motion" / clip.person / "a.bvh", clip)
 
-    def still(people: Sequence[Person], observation: Observation) -> TrackedBatch:
-        shape = (len(people), len(observation))
-        return TrackedBatch(
-            position=np.zeros((*shape, 65, 3)),
-            rotation=np.zeros((*shape, 52, 4)),
-            confidence=np.zeros((*shape, 65)),
-            bound=np.zeros((*shape, 65)),
-            contact=np.zeros((*shape, 4)),
-        )
+    def still(people: Sequence[Person], observations: Sequence[Observation]) -> list[Tracked]:
+        shapes = ((65, 3), (52, 4), (65,), (65,), (4,))
+        return [Tracked(*(np.zeros((len(one), *shape)) for shape in shapes)) for one in observations]
 
     known = partial(evaluate_completion, track=still, times=None)
     monkeypatch.setattr(scoring, "evaluate_completion", known)

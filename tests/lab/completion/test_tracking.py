@@ -5,23 +5,21 @@ from __future__ import annotations
 import numpy as np
 
 from bodysense.devices.simulated.sensors import SENSOR_SETS
-from bodysense_lab.completion.scenes import TrackedScene, person_of, stacked
-from bodysense_lab.completion.tracking import step_times, track_batch
+from bodysense_lab.completion.scenes import TrackedScene, person_of
+from bodysense_lab.completion.tracking import step_times, track_people
 
 
-def test_a_batch_is_what_each_gets_alone(scenes: list[TrackedScene]) -> None:
-    some = [scene.beginning(frames) for scene, frames in zip(scenes[1::2], (20, 12, 8), strict=True)]
+def test_company_changes_no_bit(scenes: list[TrackedScene]) -> None:
+    some = [scene.beginning(frames) for scene, frames in zip(scenes[1::2], (12, 20, 8), strict=True)]
     seen = [scene.observe(SENSOR_SETS["headset_camera"]) for scene in some]
     people = [person_of("height", scene.skeleton) for scene in some]
-    together = track_batch(people, stacked(seen))
-    assert together.position.shape == (3, 20, 65, 3) and together.rotation.shape == (3, 20, 52, 4)
-    for index, (person, one) in enumerate(zip(people, seen, strict=True)):
-        alone = track_batch([person], stacked([one])).of_person(0, len(one))
-        same = together.of_person(index, len(one))
-        for name in ("position", "rotation", "confidence", "contact"):
-            assert getattr(same, name).shape[0] == len(one)
-            np.testing.assert_allclose(getattr(same, name), getattr(alone, name), atol=1e-4, err_msg=name)
-    assert (together.confidence > 0).all()
+    together = track_people(people, seen)
+    assert together[1].position.shape == (20, 65, 3) and together[1].rotation.shape == (20, 52, 4)
+    for person, one, same in zip(people, seen, together, strict=True):
+        (alone,) = track_people([person], [one])
+        for name in ("position", "rotation", "confidence", "bound", "contact"):
+            np.testing.assert_array_equal(getattr(same, name), getattr(alone, name), err_msg=name)
+        assert (same.confidence > 0).all()
 
 
 def test_steps_are_timed(scenes: list[TrackedScene]) -> None:

@@ -30,8 +30,7 @@ from bodysense.io.datasets.splits import Split
 from bodysense.io.placement import footing_of, placed, placement_of
 from bodysense.io.resample import resample
 from bodysense.metrics import jitter, joint_error, velocity_error
-from bodysense_lab.completion.scenes import stacked
-from bodysense_lab.completion.tracking import TrackBatch
+from bodysense_lab.completion.tracking import TrackPeople
 from bodysense_lab.hmd_vae.tables import PUBLISHED
 from bodysense_lab.table import Cell, Report
 
@@ -138,16 +137,16 @@ def read_clip(source: Source, model: Path | None) -> Clip:
     return replace(placed(clip, placement_of(footing_of(clip), has_bones=True)), person=source.person)
 
 
-def score(clip: Clip, track: TrackBatch) -> dict[str, float]:
+def score(clip: Clip, track: TrackPeople) -> dict[str, float]:
     """Return the measures of a clip tracked from head and hands, frame after frame, on its known body."""
     pose = clip.pose
     truth = np.asarray(forward_kinematics(pose)[0])[:, :22]
     seen = observe(pose, clip.time, SENSOR_SETS["three_point"])
-    tracked = track([Person(pose.skeleton)], stacked([seen])).of_person(0, len(clip))
+    (tracked,) = track([Person(pose.skeleton)], [seen])
     return measure(tracked.position[:, :22], tracked.rotation[:, :22], truth, pose.rotation[:, :22])
 
 
-def score_source(source: Source, model: Path | None, track: TrackBatch) -> dict[str, float]:
+def score_source(source: Source, model: Path | None, track: TrackPeople) -> dict[str, float]:
     """Return the measures of a file's motion."""
     return score(read_clip(source, model), track)
 

@@ -341,8 +341,11 @@ def sweep(
         for name in todo:
             bars.update(bar, description=name)
 
-            def report(progress: Progress, before: int = done) -> None:
-                bars.update(bar, completed=before + progress.step)
+            def report(progress: Progress, name: str = name, before: int = done) -> None:
+                if not progress.terms:
+                    console.print(f"{name} {line_of_progress(progress)}", highlight=False, soft_wrap=True)
+                pace = f", {progress.steps_per_second:.3g} steps/s" if progress.terms else ""
+                bars.update(bar, completed=before + progress.step, description=f"{name}{pace}")
 
             if not is_trained(name):  # a network it depends on may be unchanged
                 console.print(train(name, report), highlight=False)

@@ -69,7 +69,7 @@ def finish(report: Report, table: TableOptions) -> None:
     write_csv(rows, report)
     if picture is not None:
         draw_panels(picture, report.panels, report.title)
-    write_numbers(table.json, report.numbers)
+    write_numbers(table.json, report.numbers | ({"quick": 1.0} if table.quick else {}))
     for path in (rows, picture, table.json):
         if path is not None:
             console.print(f"wrote {path}", highlight=False)

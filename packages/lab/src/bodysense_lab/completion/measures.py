@@ -33,7 +33,7 @@ from bodysense.observation import Observation, observed_points
 from bodysense.scoring import RATE, scored_points
 from bodysense_lab.completion.scenes import TrackedScene
 from bodysense_lab.completion.sight import jump_frames
-from bodysense_lab.completion.tracking import TrackedBatch
+from bodysense_lab.completion.tracking import Tracked
 
 _SHORTEST, _LONGEST, _BINS = 1e-4, 10.0, 100  # m; beyond, the first and last bin
 _STEP = (_LONGEST / _SHORTEST) ** (1 / _BINS)
@@ -140,7 +140,7 @@ class Averages:
         return math.sqrt(self.get(name))
 
 
-def measure(scene: TrackedScene, tracked: TrackedBatch) -> Averages:
+def measure(scene: TrackedScene, tracked: Tracked) -> Averages:
     """Every measure of a scene's frames but those of hidden joints."""
     averages, skeleton, frames = Averages(), scene.skeleton, len(scene)
     head, body = skeleton.index("head"), skeleton.indices(BODY)
@@ -193,7 +193,7 @@ def measure_hidden(position: np.ndarray, scene: TrackedScene) -> Averages:
     return averages
 
 
-def measure_confidence(scene: TrackedScene, seen: Observation, tracked: TrackedBatch) -> dict[str, Calibration]:
+def measure_confidence(scene: TrackedScene, seen: Observation, tracked: Tracked) -> dict[str, Calibration]:
     """By region: expected and true errors, in the world, of joints that are not tracked; `seen` is (T, P)."""
     known = observed_points(seen, scene.skeleton)[2]
     error = joint_error(tracked.position, scene.placed[0]) / 100

@@ -29,7 +29,7 @@ Truth = Literal["own", "stranger"]
 # The body that moves in each column; the last three differ in what the tracker knows of it.
 TRUTH_OF: dict[Body, Truth] = {"own": "own", "stranger": "stranger", "height": "stranger", "nothing": "stranger"}
 STRANGERS = 512  # bodies of a split; each clip gets one
-_MOST_CLIPS, _MOST_FRAMES = 32, 24_000  # of a batch, padding included
+_MOST_CLIPS, _MOST_FRAMES = 32, 24_000  # of a batch; as many as the longest for each clip
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,19 +23,19 @@ from bodysense_lab.completion.measures import (
     motion_measures,
 )
 from bodysense_lab.completion.options import Body
-from bodysense_lab.completion.scenes import TRUTH_OF, TrackedScene, Truth, batches, person_of, scene_of, stacked
+from bodysense_lab.completion.scenes import TRUTH_OF, TrackedScene, Truth, batches, person_of, scene_of
 from bodysense_lab.completion.sight_scores import SightScores, count_body_jumps, measure_sight, measure_transitions
 from bodysense_lab.completion.tables import TAKE_MEASURES, CompletionSettings, CompletionTable, WorstFrame
 from bodysense_lab.completion.tracking import (
     EdgeScore,
     StepTimes,
-    TrackBatch,
-    TrackedBatch,
+    Tracked,
+    TrackPeople,
     TrackTake,
     choose_scenes,
     score_lattice,
     step_times,
-    track_batch,
+    track_people,
 )
 
 TIMED_FRAMES = 330  # of one wearer, to tell how long a step takes
@@ -57,7 +57,7 @@ def evaluate_completion(
     settings: CompletionSettings = CompletionSettings(),
     *,
     mean_body: MeanBody | None = None,
-    track: TrackBatch = track_batch,
+    track: TrackPeople = track_people,
     takes: TrackTake | None = None,
     times: StepTimes | None = step_times,
     spread: Spread = one_by_one,
@@ -70,7 +70,7 @@ def evaluate_completion(
         clips: the motion, canonical.
         settings: what is scored.
         mean_body: a baseline of hidden joints; None leaves it out.
-        track: tracks a batch of people.
+        track: tracks people side by side.
         takes: completes whole takes with past and future; None leaves them out.
         times: times the steps of one wearer; None leaves this out.
         spread: where the work is done.
@@ -121,7 +121,7 @@ def _score_batch(
     batch: tuple[Sequence[Clip], Truth],
     settings: CompletionSettings,
     mean_body: MeanBody | None,
-    track: TrackBatch,
+    track: TrackPeople,
     takes: TrackTake | None,
 ) -> list[CompletionTable]:
     """The tables of some clips of one truth, one of each clip."""
@@ -136,7 +136,7 @@ def _score_batch(
     return tables
 
 
-def _score_edges(edges: Sequence[Edge], scenes: Sequence[TrackedScene], track: TrackBatch) -> list[EdgeScore]:
+def _score_edges(edges: Sequence[Edge], scenes: Sequence[TrackedScene], track: TrackPeople) -> list[EdgeScore]:
     return score_lattice(scenes, edges, track)
 
 
@@ -151,7 +151,7 @@ def _score_set(
     truth: Truth,
     sensors: str,
     mean_body: MeanBody | None,
-    track: TrackBatch,
+    track: TrackPeople,
     takes: TrackTake | None,
 ) -> None:
     """Score one set of sensors on scenes of one truth, once for each amount of knowledge about the body."""
@@ -159,32 +159,28 @@ def _score_set(
     if sensors == "headset_camera":
         for table, scene, seen in zip(tables, scenes, observations, strict=True):
             _score_baselines(table, scene, seen, truth, mean_body)
-    observation = stacked(observations)
     for body in tables[0].settings.bodies:
         if TRUTH_OF[body] != truth:
             continue
-        batch = track([person_of(body, scene.skeleton) for scene in scenes], observation)
+        tracked = track([person_of(body, scene.skeleton) for scene in scenes], observations)
         if body == "own" and sensors in BLINKING:
-            _score_blinks(tables, scenes, sensors, observations, batch, track)
-        for index, (table, scene, seen) in enumerate(zip(tables, scenes, observations, strict=True)):
-            tracked = batch.of_person(index, len(scene))
-            scores = measure(scene, tracked)
+            _score_blinks(tables, scenes, sensors, observations, tracked, track)
+        for table, scene, seen, one in zip(tables, scenes, observations, tracked, strict=True):
+            scores = measure(scene, one)
             if sensors == "headset_camera":
-                scores.merge(measure_hidden(tracked.position, scene))
+                scores.merge(measure_hidden(one.position, scene))
             if takes is not None:
                 scores.merge(_take_scores(scene, sensors, takes(person_of(body, scene.skeleton), seen)))
             table.cells[sensors, body, scene.group] = scores
-            table.sights.setdefault((sensors, body, scene.group), SightScores()).merge(
-                measure_sight(scene, seen, tracked)
-            )
+            table.sights.setdefault((sensors, body, scene.group), SightScores()).merge(measure_sight(scene, seen, one))
             if scene.group == "main":
                 table.people[sensors, body] = {scene.person: scores}
-                table.worst.append(_worst_frame(sensors, body, scene, tracked))
-                for region, one in measure_confidence(scene, seen, tracked).items():
-                    table.calibrations[sensors, body, region] = one
+                table.worst.append(_worst_frame(sensors, body, scene, one))
+                for region, calibration in measure_confidence(scene, seen, one).items():
+                    table.calibrations[sensors, body, region] = calibration
 
 
-def _take_scores(scene: TrackedScene, sensors: str, taken: TrackedBatch) -> Averages:
+def _take_scores(scene: TrackedScene, sensors: str, taken: Tracked) -> Averages:
     """The measures of `TAKE_MEASURES` of a whole take, completed with past and future."""
     scores, named = measure(scene, taken), Averages()
     if sensors == "headset_camera":
@@ -200,18 +196,17 @@ def _score_blinks(
     scenes: Sequence[TrackedScene],
     sensors: str,
     observations: Sequence[Observation],
-    tracked: TrackedBatch,
-    track: TrackBatch,
+    tracked: Sequence[Tracked],
+    track: TrackPeople,
 ) -> None:
     """Score the effect of lost hands and a blinking finger on bodies of known proportions.
 
-    `tracked` is the batch without them, which a set without fingers need not track again.
+    `tracked` is without them, which a set without fingers need not track again.
     """
     people = [person_of("own", scene.skeleton) for scene in scenes]
     lost = [lose_hands(seen, rng_of(scene.name)) for scene, seen in zip(scenes, observations, strict=True)]
-    batch = track(people, stacked(lost))
-    for index, (table, scene, seen) in enumerate(zip(tables, scenes, lost, strict=True)):
-        scores = measure_transitions(scene, seen, batch.of_person(index, len(scene)))
+    for table, scene, seen, one in zip(tables, scenes, lost, track(people, lost), strict=True):
+        scores = measure_transitions(scene, seen, one)
         table.sights.setdefault((sensors, "own", scene.group), SightScores()).merge(scores)
     jumps = []
     for blinking in (False, True):
@@ -220,15 +215,15 @@ def _score_blinks(
             for scene, one in zip(scenes, observations, strict=True)
         ]
         unchanged = not blinking and FINGER not in observations[0].points
-        batch = tracked if unchanged else track(people, stacked(seen))
-        jumps.append([count_body_jumps(scene, batch.position[k, : len(scene)]) for k, scene in enumerate(scenes)])
+        each = tracked if unchanged else track(people, seen)
+        jumps.append([count_body_jumps(scene, one.position) for scene, one in zip(scenes, each, strict=True)])
     for table, scene, steady, blinked in zip(tables, scenes, *jumps, strict=True):
         minutes = (len(scene) - 1) / RATE / 60
         averages = table.sights[sensors, "own", scene.group].averages
         averages.add("extra_jumps_per_minute", (blinked - steady) / minutes if minutes else 0.0, minutes)
 
 
-def _worst_frame(sensors: str, body: Body, scene: TrackedScene, tracked: TrackedBatch) -> WorstFrame:
+def _worst_frame(sensors: str, body: Body, scene: TrackedScene, tracked: Tracked) -> WorstFrame:
     """The frame with the largest mean error of 22 joints, from the head."""
     head, joints = scene.skeleton.index("head"), scene.skeleton.indices(BODY)
     truth, position = scene.placed[0], tracked.position

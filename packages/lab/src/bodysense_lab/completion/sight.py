@@ -13,6 +13,7 @@ from typing import Literal
 import numpy as np
 
 from bodysense.body.rotation import heading, quaternion_conjugate, quaternion_rotate
+from bodysense.metrics import vector_length
 
 FAST = 1.0  # m/s: a hidden point that truly moves faster is seen to move
 FROZEN = 0.25  # of the true speed: a point that is output slower is frozen
@@ -50,8 +51,8 @@ def jump_frames(position: np.ndarray, truth: np.ndarray, most: float, order: int
     A foot that swings while the true one stands does so as well; with `order` 2 the distance is the one from where the
     velocity leads, so that only breaks in the motion count.
     """
-    gone, truly = (np.linalg.norm(np.diff(values, order, axis=0), axis=-1) for values in (position, truth))
-    return (gone - truly > most).any(axis=-1)
+    gone, truly = (vector_length(np.diff(values, order, axis=0)) for values in (position, truth))
+    return np.asarray((gone - truly > most).any(axis=-1))
 
 
 def frozen_points(position: np.ndarray, truth: np.ndarray, tracked: np.ndarray, rate: float) -> np.ndarray:
@@ -92,7 +93,7 @@ def floating_frames(balls: np.ndarray, truth: np.ndarray, ball_rest: float) -> n
 def knee_flexion(hip: np.ndarray, knee: np.ndarray, ankle: np.ndarray) -> np.ndarray:
     """Angle (...,) between thigh and shin, degrees, of points (..., 3); 0: straight."""
     thigh, shin = knee - hip, ankle - knee
-    scale = np.maximum(np.linalg.norm(thigh, axis=-1) * np.linalg.norm(shin, axis=-1), 1e-12)
+    scale = np.maximum(vector_length(thigh) * vector_length(shin), 1e-12)
     return np.degrees(np.arccos(np.clip((thigh * shin).sum(axis=-1) / scale, -1, 1)))
 
 
@@ -123,7 +124,7 @@ def wrong_feet(ankles: np.ndarray, truth: np.ndarray, pelvis: np.ndarray) -> np.
 
 def still_spans(foot: np.ndarray, rate: float, shortest: float = 0.1) -> list[tuple[int, int]]:
     """Spans [start, end) of frames in which a foot (T, 3) m stands: slow along the floor for `shortest` seconds."""
-    speed = np.linalg.norm(np.diff(foot[:, [0, 2]], axis=0), axis=-1) * rate
+    speed = vector_length(np.diff(foot[:, [0, 2]], axis=0)) * rate
     slow = np.concatenate([speed[:1], speed]) < STILL
     return [(start, end) for start, end in _runs(slow) if end - start >= shortest * rate]
 
@@ -180,12 +181,9 @@ def reentry_speeds(position: np.ndarray, tracked: np.ndarray, rate: float) -> np
 
 def long_seen(tracked: np.ndarray, rate: float) -> np.ndarray:
     """(T, P) bool: points that have been tracked for `SEEN_FOR` seconds without a gap."""
-    count, result = np.zeros(tracked.shape[1], dtype=int), np.zeros(tracked.shape, dtype=bool)
-    needed = round(SEEN_FOR * rate)
-    for frame, seen in enumerate(tracked):
-        count = np.where(seen, count + 1, 0)
-        result[frame] = count > needed
-    return result
+    frame = np.arange(len(tracked))[:, None]
+    last_lost = np.maximum.accumulate(np.where(tracked, -1, frame))
+    return frame - last_lost > round(SEEN_FOR * rate)
 
 
 def transition_frames(tracked: np.ndarray, rate: float) -> dict[Moment, list[int]]:
@@ -211,7 +209,7 @@ def transition_jerks(position: np.ndarray, frames: list[int], rate: float) -> np
     reach = round(TRANSITION * rate)
     if not frames:
         return np.zeros((0, reach))
-    jerk = np.linalg.norm(np.diff(position, 3, axis=0), axis=-1).max(axis=-1) * rate**3
+    jerk = vector_length(np.diff(position, 3, axis=0)).max(axis=-1) * rate**3
     return jerk[np.array(frames)[:, None] - 3 + np.arange(reach)]
 
 
@@ -227,7 +225,7 @@ def area_under_jerk(output: np.ndarray, truth: np.ndarray) -> float:
 
 def _speed(position: np.ndarray, rate: float) -> np.ndarray:
     """(T − 1, P) m/s."""
-    return np.linalg.norm(np.diff(position, axis=0), axis=-1) * rate
+    return vector_length(np.diff(position, axis=0)) * rate
 
 
 def _along_floor(vector: np.ndarray) -> np.ndarray:

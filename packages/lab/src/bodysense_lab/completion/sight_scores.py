@@ -9,6 +9,7 @@ import numpy as np
 
 from bodysense.body.rotation import geodesic_angle
 from bodysense.body.skeleton import BODY
+from bodysense.metrics import vector_length
 from bodysense.observation import Observation, observed_points
 from bodysense.scoring import RATE
 from bodysense_lab.completion import sight
@@ -16,7 +17,7 @@ from bodysense_lab.completion.measures import JUMP, Averages
 from bodysense_lab.completion.quantiles import Quantiles
 from bodysense_lab.completion.scenes import TrackedScene
 from bodysense_lab.completion.sight import Moment
-from bodysense_lab.completion.tracking import TrackedBatch
+from bodysense_lab.completion.tracking import Tracked
 
 _PERCENT = {  # percentile and factor of every quantile, by its key
     "standing_knee_deg": ("knee", 50, 1.0),
@@ -87,7 +88,7 @@ class SightScores:
             self.quantiles.setdefault(name, Quantiles()).add(values)
 
 
-def measure_sight(scene: TrackedScene, seen: Observation, tracked: TrackedBatch) -> SightScores:
+def measure_sight(scene: TrackedScene, seen: Observation, tracked: Tracked) -> SightScores:
     """Every measure of sight of one scene, of which the tracker saw `seen` (T, P)."""
     scores, skeleton = SightScores(), scene.skeleton
     if len(scene) < 2:
@@ -104,13 +105,13 @@ def measure_sight(scene: TrackedScene, seen: Observation, tracked: TrackedBatch)
     turned = np.degrees(geodesic_angle(tracked.rotation[:, elbows], scene.pose.rotation[:, elbows]))
     scores.averages.add("elbow_deg", float(turned.mean()), len(scene))
     long = sight.long_seen(has, RATE)
-    off = np.linalg.norm(position[:, body] - truth[:, body], axis=-1)[long]
+    off = vector_length(position[:, body] - truth[:, body])[long]
     scores.count_values("measured", off)
     scores.count_share("measured_covered", off <= tracked.bound[:, body][long])
     return scores
 
 
-def measure_transitions(scene: TrackedScene, seen: Observation, tracked: TrackedBatch) -> SightScores:
+def measure_transitions(scene: TrackedScene, seen: Observation, tracked: Tracked) -> SightScores:
     """Jerk after each loss and each return of a hand, over the 22 joints."""
     scores, skeleton = SightScores(), scene.skeleton
     body, truth = skeleton.indices(BODY), scene.placed[0]

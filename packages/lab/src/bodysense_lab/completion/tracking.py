@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -20,51 +21,54 @@ from bodysense.devices.simulated.sensors import Edge, SensorSet
 from bodysense.metrics import joint_error
 from bodysense.observation import Observation
 from bodysense.scoring import RATE
-from bodysense.tracker import Tracker, TrackerSettings
+from bodysense.tracker import Estimate, Tracker, TrackerSettings, step_together
 from bodysense.two_way import completed_both_ways
-from bodysense_lab.completion.scenes import TrackedScene, person_of, stacked
+from bodysense_lab.completion.scenes import TrackedScene, person_of
 
 _WARM_UP = 30  # frames that are not timed
 
 
 @dataclass(frozen=True, eq=False)
-class TrackedBatch:
-    """A tracker's estimates for B people, T frames each."""
+class Tracked:
+    """A tracker's estimates for one person, T frames."""
 
-    position: np.ndarray  # (B, T, P, 3) m, world
-    rotation: np.ndarray  # (B, T, J, 4) wxyz, parent ← joint
-    confidence: np.ndarray  # (B, T, P) m, expected error of every position
-    bound: np.ndarray  # (B, T, P) m, within which nine of ten errors are
-    contact: np.ndarray  # (B, T, 4) probability: left ankle and ball, right ankle and ball
+    position: np.ndarray  # (T, P, 3) m, world
+    rotation: np.ndarray  # (T, J, 4) wxyz, parent ← joint
+    confidence: np.ndarray  # (T, P) m, expected error of every position
+    bound: np.ndarray  # (T, P) m, within which nine of ten errors are
+    contact: np.ndarray  # (T, 4) probability: left ankle and ball, right ankle and ball
 
-    def of_person(self, index: int, frames: int) -> TrackedBatch:
-        """Return the first `frames` of one person, without the batch axis."""
-        return TrackedBatch(
-            position=self.position[index, :frames],
-            rotation=self.rotation[index, :frames],
-            confidence=self.confidence[index, :frames],
-            bound=self.bound[index, :frames],
-            contact=self.contact[index, :frames],
-        )
+    @classmethod
+    def of(cls, parts: Sequence[Estimate]) -> Tracked:
+        """Join the estimates of consecutive frames."""
+        names = {"position": "points", "confidence": "confidence", "bound": "bound", "contact": "contact"}
+        joined = {name: np.concatenate([getattr(part, own) for part in parts]) for name, own in names.items()}
+        return cls(rotation=np.concatenate([part.pose.rotation for part in parts]), **joined)
 
 
-TrackTake = Callable[[Person, Observation], TrackedBatch]  # of one person, without the batch axis
-TrackBatch = Callable[[Sequence[Person], Observation], TrackedBatch]
+TrackTake = Callable[[Person, Observation], Tracked]
+TrackPeople = Callable[[Sequence[Person], Sequence[Observation]], list[Tracked]]
 StepTimes = Callable[[Person, Observation], np.ndarray]
 
 
-def track_batch(
-    people: Sequence[Person], observation: Observation, network: CompletionModel | None = None
-) -> TrackedBatch:
-    """Track B people with observations (B, T, P) from their first frame on, in one call; None: the packaged network."""
-    tracker = Tracker(people, network)
-    estimate, _ = tracker.step(observation, tracker.start())
-    return TrackedBatch(estimate.points, estimate.pose.rotation, estimate.confidence, estimate.bound, estimate.contact)
+def track_people(
+    people: Sequence[Person], observations: Sequence[Observation], network: CompletionModel | None = None
+) -> list[Tracked]:
+    """Track people side by side, each to the end of an observation (T, P); None: the packaged network."""
+    trackers = [Tracker(person, network) for person in people]
+    states, parts = [tracker.start() for tracker in trackers], [[] for _ in people]
+    for first, last in pairwise(sorted({0, *map(len, observations)})):
+        tracked = [k for k, one in enumerate(observations) if len(one) > first]
+        jobs = [(trackers[k], observations[k][first:last], states[k]) for k in tracked]
+        for k, (estimate, state) in zip(tracked, step_together(jobs), strict=True):
+            parts[k].append(estimate)
+            states[k] = state
+    return [Tracked.of(own) for own in parts]
 
 
 @dataclass(frozen=True)
 class TrackedBy:
-    """`track_batch` by the network of a file (None: the packaged one), which every process opens for itself."""
+    """`track_people` by the network of a file (None: the packaged one), which every process opens for itself."""
 
     model: Path | None
 
@@ -73,9 +77,9 @@ class TrackedBy:
         """The network, opened once in every process."""
         return _opened(self.model)
 
-    def __call__(self, people: Sequence[Person], observation: Observation) -> TrackedBatch:
-        """Track B people."""
-        return track_batch(people, observation, self.network)
+    def __call__(self, people: Sequence[Person], observations: Sequence[Observation]) -> list[Tracked]:
+        """Track people."""
+        return track_people(people, observations, self.network)
 
 
 @dataclass(frozen=True)
@@ -84,12 +88,10 @@ class TakenBy:
 
     model: Path | None
 
-    def __call__(self, person: Person, observation: Observation) -> TrackedBatch:
+    def __call__(self, person: Person, observation: Observation) -> Tracked:
         """Complete a take (T, P) of one person."""
         estimate, _ = completed_both_ways(observation, person, _opened(self.model), TrackerSettings(), 1 / RATE)
-        return TrackedBatch(
-            estimate.points, estimate.pose.rotation, estimate.confidence, estimate.bound, estimate.contact
-        )
+        return Tracked.of([estimate])
 
 
 @lru_cache(maxsize=1)
@@ -128,7 +130,10 @@ class EdgeScore:
 
 
 def score_lattice(
-    scenes: Sequence[TrackedScene], edges: Sequence[Edge], track: TrackBatch, advance: Callable[[], None] = lambda: None
+    scenes: Sequence[TrackedScene],
+    edges: Sequence[Edge],
+    track: TrackPeople,
+    advance: Callable[[], None] = lambda: None,
 ) -> list[EdgeScore]:
     """Score edges on scenes of known proportions; `advance` is called after each edge."""
     known: dict[SensorSet, float] = {}
@@ -153,14 +158,14 @@ def choose_scenes(scenes: Sequence[TrackedScene]) -> list[TrackedScene]:
     return [long[place].beginning(FRAMES) for place in places]
 
 
-def _mean_error(scenes: Sequence[TrackedScene], sensors: SensorSet, track: TrackBatch) -> float:
+def _mean_error(scenes: Sequence[TrackedScene], sensors: SensorSet, track: TrackPeople) -> float:
     """MPJPE from the head, cm, mean over the scenes."""
     people = [person_of("stranger", scene.skeleton) for scene in scenes]
-    tracked = track(people, stacked([scene.observe(sensors) for scene in scenes]))
+    tracked = track(people, [scene.observe(sensors) for scene in scenes])
     errors = []
-    for index, scene in enumerate(scenes):
+    for scene, one in zip(scenes, tracked, strict=True):
         body, head = scene.skeleton.indices(BODY), scene.skeleton.index("head")
-        truth, position = scene.placed[0], tracked.position[index, : len(scene)]
+        truth, position = scene.placed[0], one.position
         error = joint_error(position[:, body] - position[:, [head]], truth[:, body] - truth[:, [head]])
         errors.append(error.mean())
     return float(np.mean(errors))

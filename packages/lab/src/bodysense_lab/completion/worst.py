@@ -17,9 +17,9 @@ from bodysense.observation import observed_points
 from bodysense.pictures.comparison import View, draw_views
 from bodysense.pictures.sheet import Lens
 from bodysense.scoring import RATE
-from bodysense_lab.completion.scenes import TRUTH_OF, TrackedScene, person_of, scene_of, stacked
+from bodysense_lab.completion.scenes import TRUTH_OF, TrackedScene, person_of, scene_of
 from bodysense_lab.completion.tables import CompletionSettings, WorstFrame
-from bodysense_lab.completion.tracking import TrackBatch
+from bodysense_lab.completion.tracking import TrackPeople
 
 _LENS = Lens(width=260, height=330, aim=0.9, view_height=2.2)
 _COLUMNS = 3  # pairs of bodies in a row
@@ -38,7 +38,7 @@ def draw_worst(
     found: Sequence[WorstFrame],
     clips: Sequence[Clip],
     settings: CompletionSettings,
-    track: TrackBatch,
+    track: TrackPeople,
     count: int,
 ) -> None:
     """Write a PNG of the worst frames: the true body, untracked points in red, next to the result.
@@ -59,10 +59,10 @@ def draw_worst(
         Image.fromarray(np.concatenate(rows)).save(beside)
 
 
-def _picture(one: WorstFrame, scene: TrackedScene, track: TrackBatch) -> np.ndarray:
+def _picture(one: WorstFrame, scene: TrackedScene, track: TrackPeople) -> np.ndarray:
     """The last frame of a scene (H, W, 3) uint8."""
     seen = scene.observe(SENSOR_SETS[one.sensors])
-    tracked = track([person_of(one.body, scene.skeleton)], stacked([seen])).of_person(0, len(scene))
+    (tracked,) = track([person_of(one.body, scene.skeleton)], [seen])
     last = slice(one.frame, one.frame + 1)
     result = _posed(scene.skeleton, tracked.position[one.frame], tracked.rotation[last])
     tracked_points = observed_points(seen, scene.skeleton)[2][last]
