@@ -283,6 +283,15 @@ def test_an_address_names_motion_avatar_and_a_background_that_is_none(linked: Us
     assert linked[1]["missing"]["notice"].startswith("nowhere.bvh cannot be fetched: ")
 
 
+def test_a_transparent_page_draws_the_body_into_the_middle_of_a_tall_window(linked: Used) -> None:
+    """On a phone the figure is above the text, but here nothing is below it."""
+    alpha = np.asarray(Image.open(linked[0] / "clear-tall.png").convert("RGBA"))[..., 3]
+    rows = np.flatnonzero((alpha == 255).any(axis=1)) / len(alpha)
+    print(f"body from {rows[0]:.2f} to {rows[-1]:.2f} of the height")
+    assert abs((rows[0] + rows[-1]) / 2 - 0.5) < 0.1
+    assert alpha[:, :20].max() == 0 and alpha[:, -20:].max() == 0
+
+
 def test_settings_take_the_focus_and_escape_gives_it_back(linked: Used) -> None:
     assert linked[1]["missing"]["keys"] == [True, "panel", False, "settings"]
     assert re.fullmatch(r"[\d.]+ of [\d.]+ seconds", linked[1]["missing"]["slider"])
