@@ -285,11 +285,13 @@ def test_an_address_names_motion_avatar_and_a_background_that_is_none(linked: Us
 
 def test_a_transparent_page_draws_the_body_into_the_middle_of_a_tall_window(linked: Used) -> None:
     """On a phone the figure is above the text, but here nothing is below it."""
-    alpha = np.asarray(Image.open(linked[0] / "clear-tall.png").convert("RGBA"))[..., 3]
+    colour = np.asarray(Image.open(linked[0] / "clear-tall.png").convert("RGBA"), dtype=int)
+    alpha = colour[..., 3]
     rows = np.flatnonzero((alpha == 255).any(axis=1)) / len(alpha)
-    print(f"body from {rows[0]:.2f} to {rows[-1]:.2f} of the height")
     assert abs((rows[0] + rows[-1]) / 2 - 0.5) < 0.1
     assert alpha[:, :20].max() == 0 and alpha[:, -20:].max() == 0
+    is_ghost = (alpha > 60) & (colour[..., 1] - colour[..., 0] > 90)  # bright green, as controllers are drawn
+    assert not is_ghost.any()
 
 
 def test_settings_take_the_focus_and_escape_gives_it_back(linked: Used) -> None:
