@@ -31,10 +31,11 @@ _OWN = ("PYTHONPATH", "VIRTUAL_ENV", "PIP_CONSTRAINT", "CC")  # variables that a
 
 @dataclass(frozen=True)
 class Step:
-    """A command and how long it took."""
+    """A command, how long it took, and for how long it computed."""
 
     command: str
     seconds: float
+    processor: float  # s
     part: str  # clone, install or demo
 
 
@@ -46,9 +47,12 @@ def first_commands(readme: str) -> list[str]:
     return [line for line in block[1].splitlines() if line.strip()]
 
 
-def run(command: list[str] | str, folder: Path, environment: dict[str, str]) -> float:
-    """Run a command, a shell's if it is a text, and return the seconds that it took. Ends the program if it fails."""
-    begun = time.monotonic()
+def run(command: list[str] | str, folder: Path, environment: dict[str, str]) -> tuple[float, float]:
+    """Run a command, a shell's if it is a text, and return the seconds that it took and that it computed.
+
+    Ends the program if it fails.
+    """
+    begun, before = time.monotonic(), os.times()
     done = subprocess.run(
         command,
         cwd=folder,
@@ -60,19 +64,23 @@ def run(command: list[str] | str, folder: Path, environment: dict[str, str]) -> 
     )
     if done.returncode != 0:
         raise SystemExit(f"{command}: {(done.stderr or done.stdout)[-2000:]}")
-    return time.monotonic() - begun
+    seconds, after = time.monotonic() - begun, os.times()
+    before_s, after_s = (times.children_user + times.children_system for times in (before, after))
+    return seconds, after_s - before_s
 
 
 def newcomer(folder: Path, environment: dict[str, str], has_compiler: bool) -> list[Step]:
     """Clone into `folder` and run the README's first block there."""
     clone, venv = folder / "bodysense", folder / "venv"
     cloning = ["git", "clone", "--quiet", "--single-branch", f"file://{ROOT}", str(clone)]
-    steps = [Step("git clone", run(cloning, folder, environment), "clone")]
-    steps.append(Step("python -m venv", run([sys.executable, "-m", "venv", str(venv)], folder, environment), "install"))
+    steps = [Step("git clone", *run(cloning, folder, environment), "clone")]
+    steps.append(
+        Step("python -m venv", *run([sys.executable, "-m", "venv", str(venv)], folder, environment), "install")
+    )
     path = [str(venv / "bin"), *([environment["PATH"]] if has_compiler else [])]
     inside = environment | {"PATH": os.pathsep.join(path)}
     for line in first_commands((clone / "README.md").read_text(encoding="utf-8")):
-        steps.append(Step(line, run(line, clone, inside), "install" if line.startswith("pip ") else "demo"))
+        steps.append(Step(line, *run(line, clone, inside), "install" if line.startswith("pip ") else "demo"))
     missing = [name for name in MADE if not (clone / name).is_file()]
     if missing:
         raise SystemExit(f"{missing[0]} was not written by the README's first block")
@@ -96,6 +104,7 @@ def numbers_of(cold: list[Step], offline: list[Step]) -> dict[str, float]:
         for part in ("clone", "install", "demo"):
             found[f"{name}_{part}_s"] = sum(step.seconds for step in steps if step.part == part)
         found[f"{name}_s"] = sum(step.seconds for step in steps)
+        found[f"{name}_processor_s"] = sum(step.processor for step in steps)
     found["network_s"] = max(found["cold_install_s"] - found["offline_install_s"], 0.0)
     return found
 
@@ -134,6 +143,8 @@ def main() -> None:
         print(f"{one.command:42} {one.seconds:11.1f} {other.seconds:11.1f}")
     print(f"{'from git clone to a moving body':42} {numbers['cold_s']:11.1f} {numbers['offline_s']:11.1f}")
     print(f"{'of which install':42} {numbers['cold_install_s']:11.1f} {numbers['offline_install_s']:11.1f}")
+    computed = f"{numbers['cold_processor_s']:11.1f} {numbers['offline_processor_s']:11.1f}"
+    print(f"{'time of a processor':42} {computed}")
     print(f"network: {numbers['network_s']:.1f} s for {numbers['packages_mb']:.0f} MB of packages; ", end="")
     print(f"the clone has {numbers['clone_mb']:.0f} MB")
     write_numbers(arguments.json, numbers | {"without_compiler": float(arguments.without_compiler)})

@@ -31,7 +31,13 @@ def first_body(found: Numbers) -> str:
     """Return the seconds from a clone to a moving body."""
     rows = [
         [name, *(f"{found[f'{kind}_{key}']:.0f}" for kind in ("cold", "offline"))]
-        for name, key in (("clone", "clone_s"), ("install", "install_s"), ("demo", "demo_s"), ("in all", "s"))
+        for name, key in (
+            ("clone", "clone_s"),
+            ("install", "install_s"),
+            ("demo", "demo_s"),
+            ("in all", "s"),
+            ("time of a processor", "processor_s"),
+        )
     ]
     table = markdown(["step, s", "empty cache", "no network"], rows)
     compiler = "the wheel `ziglang` as compiler" if found["without_compiler"] else "the system's compiler"
