@@ -27,7 +27,7 @@ _POINTS = ("head", "left_wrist", "right_wrist")
 _BEAT = 240  # frames of motion that clients repeat
 _WARM_UP = 2.0  # s before anything is counted
 _SERVED, _STEP, _LARGEST = 0.99, 4, 400  # share of frames that counts as served; sessions added at a time; the most
-_PERIOD = 0.02  # s in which a slowed server runs and stands still once
+_PERIOD = 0.005  # s, less than between two frames, in which a slowed server runs and stands still once
 _UNMASKED = b"\0\0\0\0"  # a masking key that changes nothing (RFC 6455, section 5.3), so that frames are prebuilt
 
 
