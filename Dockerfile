@@ -1,13 +1,15 @@
 # The live server: docker build -t bodysense . && docker run --rm -p 8765:8765 bodysense
 # Other commands: docker run --rm -v "$PWD:/data" -w /data bodysense track take.bvh -o out.bvh (docs/deploy.md)
-FROM python:3.11-slim AS build
+# Any image with Python 3.11 or later as `python`, and pip, can take the place of this one: --build-arg BASE=IMAGE
+ARG BASE=python:3.11-slim
+FROM ${BASE} AS build
 COPY . /src
 # The system has no C compiler here: the build takes the one of the package ziglang, which stays in this stage.
 RUN python -m venv --without-pip /venv \
     && pip --python /venv/bin/python install --no-cache-dir --no-compile -c /src/constraints.txt \
         /src "/src/packages/live[shared]"
 
-FROM python:3.11-slim
+FROM ${BASE}
 COPY --from=build /venv /venv
 RUN useradd --system --uid 10001 --no-create-home --home-dir /nonexistent bodysense
 USER 10001

@@ -16,6 +16,7 @@ unchanged. DATA is a folder of motion or a prepared store.
     bodysense bench ik --json FIGURES/ik.json
     bodysense bench occlusion --json FIGURES/occlusion.json
     bodysense bench bvh --json FIGURES/bvh.json
+    python scripts/first_body.py --json FIGURES/first-body.json
     bodysense bench import --json FIGURES/import.json
     bodysense bench training --json FIGURES/training.json
     bodysense data info DATA --occlusion --split test --json FIGURES/hidden.json

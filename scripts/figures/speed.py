@@ -1,4 +1,4 @@
-"""The table of speed in docs/evaluation.md."""
+"""The table of speed in docs/evaluation.md, and that of a newcomer's first minutes in docs/results.md."""
 
 from __future__ import annotations
 
@@ -27,4 +27,27 @@ def speed(step: Numbers, ik: Numbers, occlusion: Numbers, bvh: Numbers, imported
     return markdown(["command", "what", "figure"], rows)
 
 
-BLOCKS = (Block("docs/evaluation.md", "speed", speed, ("step", "ik", "occlusion", "bvh", "import")),)
+def first_body(found: Numbers) -> str:
+    """Return the seconds from a clone to a moving body."""
+    rows = [
+        [name, *(f"{found[f'{kind}_{key}']:.0f}" for kind in ("cold", "offline"))]
+        for name, key in (
+            ("clone", "clone_s"),
+            ("install", "install_s"),
+            ("demo", "demo_s"),
+            ("in all", "s"),
+            ("time of a processor", "processor_s"),
+        )
+    ]
+    table = markdown(["step, s", "empty cache", "no network"], rows)
+    compiler = "the wheel `ziglang` as compiler" if found["without_compiler"] else "the system's compiler"
+    return (
+        f"{table}\n\nWith {compiler}. Packages have {found['packages_mb']:.0f} MB, "
+        f"which took {found['network_s']:.0f} s; the clone has {found['clone_mb']:.0f} MB."
+    )
+
+
+BLOCKS = (
+    Block("docs/evaluation.md", "speed", speed, ("step", "ik", "occlusion", "bvh", "import")),
+    Block("docs/results.md", "first-body", first_body, ("first-body",)),
+)

@@ -18,6 +18,7 @@ from fnmatch import fnmatch
 from pathlib import Path
 from typing import Any
 
+import build_image
 import numpy as np
 import pytest
 
@@ -65,11 +66,13 @@ def shown(page: str, first: str) -> list[str]:
     return shlex.split(line.partition(" #")[0])
 
 
-def test_a_demo_from_the_address_of_a_repository(repository: str, tmp_path: Path) -> None:
-    pytest.importorskip("uv", reason="needs uv, of the extra deploy")
-    words = [word.replace("$REPOSITORY", repository) for word in shown("deploy.md", "uvx --from")]
-    run = [sys.executable, "-m", "uv", "tool", "run", *words[1:], "-o", str(tmp_path / "demo")]
-    places = {"UV_CACHE_DIR": "uv", "UV_TOOL_DIR": "tools"}
+@pytest.mark.parametrize(("program", "first"), [("uv", "uvx --from"), ("pipx", "pipx run")])
+def test_a_demo_from_the_address_of_a_repository(repository: str, tmp_path: Path, program: str, first: str) -> None:
+    pytest.importorskip(program, reason=f"needs {program}, of the extra deploy")
+    words = [word.replace("$REPOSITORY", repository) for word in shown("deploy.md", first)]
+    start = ["uv", "tool", "run"] if program == "uv" else ["pipx"]
+    run = [sys.executable, "-m", *start, *words[1:], "-o", str(tmp_path / "demo")]
+    places = {"UV_CACHE_DIR": "uv", "UV_TOOL_DIR": "tools", "PIPX_HOME": "pipx"}
     folders = {name: str(tmp_path / folder) for name, folder in places.items()}
     subprocess.run(run, env=ENVIRONMENT | folders, check=True, cwd=tmp_path)
     assert (tmp_path / "demo" / "result.bvh").stat().st_size > 10_000
@@ -138,6 +141,26 @@ def test_the_steps_of_the_dockerfile_make_a_server(tmp_path: Path) -> None:
         nobody = {}
     with served(server, cwd="/", env={"HOME": "/nonexistent"}, **nobody) as address:
         has_page_and_network(address)
+
+
+@pytest.mark.alone
+def test_the_dockerfile_makes_an_image_that_serves(tmp_path: Path) -> None:
+    """Built on a Debian base in place of the public one, and run as its own user."""
+    hindrance = build_image.missing()
+    if hindrance is not None:
+        pytest.skip(f"needs {hindrance}")
+    rules = [line for line in (ROOT / ".dockerignore").read_text().splitlines() if line and line[0] != "#"]
+    source = copied([*(name for name in files() if kept(name, rules)), "Dockerfile", ".dockerignore"], tmp_path / "src")
+    image = build_image.build(tmp_path, source)
+    size = image.size_mb()
+    print(f"the image: {size:.0f} MB")
+    assert size <= LARGEST
+    health = [str(word) for word in image.inspected()["Healthcheck"]["Test"][1:]]
+    with image.running() as (container, address):
+        has_page_and_network(address)
+        assert image.said_in(container, "id", "-u") == "10001"
+        port = address.rpartition(":")[2]
+        image.said_in(container, *(word.replace(":8765", f":{port}") for word in health))
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="the program is run on Linux")

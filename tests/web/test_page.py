@@ -283,6 +283,17 @@ def test_an_address_names_motion_avatar_and_a_background_that_is_none(linked: Us
     assert linked[1]["missing"]["notice"].startswith("nowhere.bvh cannot be fetched: ")
 
 
+def test_a_transparent_page_draws_the_body_into_the_middle_of_a_tall_window(linked: Used) -> None:
+    """On a phone the figure is above the text, but here nothing is below it."""
+    colour = np.asarray(Image.open(linked[0] / "clear-tall.png").convert("RGBA"), dtype=int)
+    alpha = colour[..., 3]
+    rows = np.flatnonzero((alpha == 255).any(axis=1)) / len(alpha)
+    assert abs((rows[0] + rows[-1]) / 2 - 0.5) < 0.1
+    assert alpha[:40].max() == alpha[-40:].max() == 0
+    is_ghost = (alpha > 60) & (colour[..., 1] - colour[..., 0] > 90)  # bright green, as controllers are drawn
+    assert not is_ghost.any()
+
+
 def test_settings_take_the_focus_and_escape_gives_it_back(linked: Used) -> None:
     assert linked[1]["missing"]["keys"] == [True, "panel", False, "settings"]
     assert re.fullmatch(r"[\d.]+ of [\d.]+ seconds", linked[1]["missing"]["slider"])

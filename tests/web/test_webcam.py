@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from PIL import Image
 
-from bodysense.body.pose import forward_kinematics
+from bodysense.body.pose import Pose, forward_kinematics
+from bodysense.body.skeleton import BODY
 from bodysense.demo import packaged_performance
 from bodysense.devices.simulated.camera_view import Camera
 from bodysense.io.bvh import read_bvh
@@ -25,21 +27,32 @@ Scenario = Callable[..., dict[str, Any]]
 RATE, SECONDS = 15, 4
 
 
+def filmed() -> Pose:
+    """Return the poses of the film's pictures."""
+    clip = packaged_performance()
+    step = round(clip.frame_rate / RATE)
+    return load_figure("woman").wear(clip.pose[: RATE * SECONDS * step : step])
+
+
+def pictures() -> Iterator[np.ndarray]:
+    """Yield the pictures of the film: a person who walks toward the camera."""
+    pose = filmed()
+    around = np.median(pose.root_position, axis=0)
+    camera = Camera(around + np.array([0.2, 0.15, 2.7]), np.eye(3), np.array(1.0), np.array(4 / 3))
+    with open_stage(sample_scene(np.random.default_rng(5), "woman"), camera, 480, around) as stage:
+        for k in range(len(pose.root_position)):
+            yield stage.draw(pose[k])
+
+
 def film(path: Path) -> Path:
     """Write the film, MJPEG."""
     import av
 
-    clip = packaged_performance()
-    step = round(clip.frame_rate / RATE)
-    pose = load_figure("woman").wear(clip.pose[: RATE * SECONDS * step : step])
-    around = np.median(pose.root_position, axis=0)
-    camera = Camera(around + np.array([0.2, 0.15, 2.7]), np.eye(3), np.array(1.0), np.array(4 / 3))
-    scene = sample_scene(np.random.default_rng(5), "woman")
-    with open_stage(scene, camera, 480, around) as stage, av.open(str(path), "w", format="mjpeg") as container:
+    with av.open(str(path), "w", format="mjpeg") as container:
         stream = container.add_stream("mjpeg", rate=Fraction(RATE))
-        stream.width, stream.height, stream.pix_fmt = *stage.size, "yuvj420p"
-        for k in range(len(pose.root_position)):
-            container.mux(stream.encode(av.VideoFrame.from_ndarray(stage.draw(pose[k]), format="rgb24")))
+        for picture in pictures():
+            stream.height, stream.width, stream.pix_fmt = *picture.shape[:2], "yuvj420p"
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
         container.mux(stream.encode(None))
     return path
 
@@ -48,13 +61,19 @@ Watched = tuple[Path, dict[str, Any]]
 
 
 @pytest.fixture(scope="module")
-def watched(scenario: Scenario, site: Path, tmp_path_factory: pytest.TempPathFactory) -> Watched:
-    folder = tmp_path_factory.mktemp("webcam")
+def with_webcam(site: Path) -> Path:
+    """The page's folder; the test is skipped if it has no webcam."""
     missing = [name for name in WEBCAM if not (site / name).is_file()]
     if missing:
         pytest.skip(f"MediaPipe's {missing[0]} is missing: run scripts/build_landmarkers.py, and `npm ci` in web/")
     pytest.importorskip("moderngl", reason="needs packages/lab[render]")
-    return folder, scenario("webcam", site, film(folder / "person.mjpeg"), folder / "seen.png")
+    return site
+
+
+@pytest.fixture(scope="module")
+def watched(scenario: Scenario, with_webcam: Path, tmp_path_factory: pytest.TempPathFactory) -> Watched:
+    folder = tmp_path_factory.mktemp("webcam")
+    return folder, scenario("webcam", with_webcam, film(folder / "person.mjpeg"), folder / "seen.png")
 
 
 def test_a_webcam_sees_a_person(watched: Watched) -> None:
@@ -78,3 +97,41 @@ def test_a_webcams_picture_is_seen_beside_the_body_and_what_it_waits_for(watched
     )
     assert small["said"].count("The browser asks for the webcam …") == 1  # a second press does nothing
     assert watched[1]["isGone"]
+
+
+def test_a_webcams_body_is_the_person_of_the_film(scenario: Scenario, with_webcam: Path, tmp_path: Path) -> None:
+    """22 joints next to those of the film's own poses, at the same time: from the pelvis, facing as in the film.
+
+    The distance to the camera is not compared: the page knows neither its lens nor the person's height.
+    """
+    film = tmp_path / "film"
+    film.mkdir()
+    for k, picture in enumerate(pictures()):
+        Image.fromarray(picture).save(film / f"{k}.jpg", quality=92)
+    scenario("webcam_film", with_webcam, film, tmp_path / "take.bvh")
+    clip, truth = read_bvh(tmp_path / "take.bvh"), filmed()
+    take = clip.pose
+    assert clip.frame_rate == pytest.approx(RATE, rel=0.01)
+    frames = min(len(take.root_position), len(truth.root_position))
+    assert frames > 0.9 * RATE * SECONDS
+    found, known = (body_of(pose)[:frames] for pose in (take, truth))
+    turned = (found - found[:, :1]) @ heading(found - found[:, :1], known - known[:, :1]).T
+    error = np.linalg.norm(turned - (known - known[:, :1]), axis=-1).mean()
+    ankles = found[:, [BODY.index("left_ankle"), BODY.index("right_ankle")], 1].min(axis=1)
+    rest = known[:, [BODY.index("left_ankle"), BODY.index("right_ankle")], 1].min(axis=1)
+    off = np.median(ankles) - np.median(rest)
+    print(f"mean error {100 * error:.1f} cm, ankles {100 * off:+.1f} cm from their height")
+    assert error <= 0.08  # m
+    assert abs(off) <= 0.05
+
+
+def body_of(pose: Pose) -> np.ndarray:
+    """Return the places of the 22 joints, (T, 22, 3) m."""
+    return np.asarray(forward_kinematics(pose)[0])[:, pose.skeleton.indices(BODY)]
+
+
+def heading(found: np.ndarray, known: np.ndarray) -> np.ndarray:
+    """Return the turn about +Y, (3, 3), that brings points nearest to known ones."""
+    (x, _, z), (u, _, w) = (np.moveaxis(points, -1, 0) for points in (found, known))
+    angle = np.arctan2((z * u - x * w).sum(), (x * u + z * w).sum())
+    return np.array([[np.cos(angle), 0, np.sin(angle)], [0, 1, 0], [-np.sin(angle), 0, np.cos(angle)]])

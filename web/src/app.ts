@@ -419,8 +419,9 @@ export class App {
     if (!this.source) return;
     if (moment) {
       this.first.draw(moment);
-      // You know what you wear: ghosts are for others' devices.
-      const shown = { ...this.settings, ghosts: this.settings.ghosts && !this.source.isYou };
+      // You know what you wear, and over other pictures the body is alone: ghosts are for others' devices, on the page.
+      const ghosts = this.settings.ghosts && !this.source.isYou && !this.view.isClear;
+      const shown = { ...this.settings, ghosts };
       this.bodies.show(moment, this.tree, shown, seconds);
       if (!this.headset.isWorn) this.view.follow(moment.rootPosition[0], moment.rootPosition[2], seconds);
     }

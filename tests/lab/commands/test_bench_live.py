@@ -44,6 +44,8 @@ def test_nothing_to_time_is_refused(options: dict[str, float]) -> None:
     (name,) = options
     with pytest.raises(BodysenseError, match=rf"--{name} -?\d; give|--{name} -?\d: give a number above 0"):
         bench_live(**options)  # type: ignore[arg-type]
+    with pytest.raises(BodysenseError, match=r"--share 0: give a share of the time, above 0 to 1, such as 0\.25"):
+        bench_live(share=0.0)
 
 
 @pytest.mark.alone
@@ -58,4 +60,16 @@ def test_numbers_of_a_real_server(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     assert numbers["sessions"] == 3 and numbers["rate_hz"] == 20
     assert 0 < numbers["p50_ms"] <= numbers["p99_ms"] and 0 < numbers["answered"] <= 1
     assert 20 < numbers["rss_mb"] < 2000
+    assert numbers["answered_least"] <= numbers["answered"] <= numbers["answered_most"]
     assert numbers["most_sessions"] in (0, 4, 8)
+
+
+@pytest.mark.alone
+@pytest.mark.slow
+def test_a_slowed_server_computes_for_its_share_of_the_time(tmp_path: Path) -> None:
+    pytest.importorskip("uvicorn", reason="needs packages/live")
+    out = tmp_path / "slowed.json"
+    bench_live(sessions=20, seconds=4.0, share=0.2, json=out)
+    numbers = json.loads(out.read_text())
+    assert numbers["share"] == 0.2
+    assert 0.02 < numbers["server_cores"] < 0.5  # 20 wearers need more

@@ -60,7 +60,7 @@ export class View {
     canvas: HTMLCanvasElement,
     private readonly over: HTMLElement,
     private readonly beside: HTMLElement,
-    private isClear = false,
+    public isClear = false,
   ) {
     const isFast = hasGraphicsCard();
     this.renderer = new WebGLRenderer({

@@ -1,4 +1,5 @@
-/** A page whose address names a motion, an avatar and a transparent background, and its settings by keyboard:
+/** A page whose address names a motion, an avatar and a transparent background, in a wide and in a tall window, and its
+ * settings by keyboard:
  * node linked.mjs FOLDER MOTION.bvh PICTURE
  */
 
@@ -28,8 +29,15 @@ const missing = await launched([], options, async (page) => {
   const slider = await page.getAttribute("#scrub", "aria-valuetext");
   return { notice: await page.textContent("#notice-text"), keys, slider };
 });
+const motionOf = (page) => page.route("**/walk.bvh", (route) => route.fulfill({ body: readFileSync(motion) }));
+await launched([], { ...options, viewport: { width: 390, height: 844 } }, async (page) => {
+  await motionOf(page);
+  await page.goto(`${site.address}?motion=walk.bvh&background=transparent`);
+  await until(page, "#shown", "from the truth");
+  await page.screenshot({ path: picture.replace(".png", "-tall.png"), omitBackground: true });
+});
 await scenario(options, async (page) => {
-  await page.route("**/walk.bvh", (route) => route.fulfill({ body: readFileSync(motion) }));
+  await motionOf(page);
   await page.route("**/other.vrm", (route) =>
     route.fulfill({ body: gunzipSync(readFileSync(`${folder}/avatar.vrm.gz`)) }),
   );

@@ -9,6 +9,7 @@ import selectors
 import socket
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -26,6 +27,7 @@ _POINTS = ("head", "left_wrist", "right_wrist")
 _BEAT = 240  # frames of motion that clients repeat
 _WARM_UP = 2.0  # s before anything is counted
 _SERVED, _STEP, _LARGEST = 0.99, 4, 400  # share of frames that counts as served; sessions added at a time; the most
+_PERIOD = 0.005  # s, less than between two frames, in which a slowed server runs and stands still once
 _UNMASKED = b"\0\0\0\0"  # a masking key that changes nothing (RFC 6455, section 5.3), so that frames are prebuilt
 
 
@@ -35,6 +37,7 @@ def bench_live(
     seconds: float = 20.0,
     workers: Processes = 1,
     most: bool = False,
+    share: float = 1.0,
     json: Path | None = None,
 ) -> None:
     """Time live sessions of head and hands: a server process, or several, and clients of it on this machine.
@@ -48,6 +51,7 @@ def bench_live(
         seconds: For which answers are counted.
         workers: Processes of the server.
         most: Find also how many wearers one process serves with 99 % of their frames answered, as most_sessions.
+        share: Share of the time in which the server may run, above 0 to 1, as on a slower machine.
         json: Write the numbers here, as one flat object.
     """
     from bodysense_lab.commands.bench.timing import report
@@ -55,7 +59,9 @@ def bench_live(
     for name, value in (("sessions", sessions), ("rate", rate), ("seconds", seconds), ("workers", workers)):
         if not 0 < value < 100_000:
             raise BodysenseError(f"--{name} {value:g}: give a number above 0")
-    with _server(sessions, workers) as (address, process):
+    if not 0 < share <= 1:
+        raise BodysenseError(f"--share {share:g}: give a share of the time, above 0 to 1, such as 0.25")
+    with _server(sessions, workers) as (address, process), _slowed(process, share):
         load = Load(address, rate)
         load.connect(1)
         load.run(_WARM_UP)
@@ -71,6 +77,7 @@ def bench_live(
             "sessions": sessions,
             "rate_hz": rate,
             "workers": workers,
+            "share": share,
             "rss_mb": rss,
             "rss_per_session_mb": (rss - first) / max(sessions - 1, 1),
             "server_cores": spent / lasted,
@@ -78,13 +85,13 @@ def bench_live(
         }
         load.close()
     if most:
-        numbers["most_sessions"] = _most_sessions(rate, seconds)
+        numbers["most_sessions"] = _most_sessions(rate, seconds, share)
     report("live", numbers, json)
 
 
-def _most_sessions(rate: float, seconds: float) -> int:
+def _most_sessions(rate: float, seconds: float, share: float) -> int:
     """The largest number of sessions of which one process answers `_SERVED` of the frames, in steps of `_STEP`."""
-    with _server(_LARGEST, 1) as (address, _):
+    with _server(_LARGEST, 1) as (address, process), _slowed(process, share):
         load, served = Load(address, rate), 0
         while served < _LARGEST:
             load.connect(_STEP)
@@ -107,6 +114,8 @@ class _LoadClient:
     sequence: int = 0
     unread: bytearray = field(default_factory=bytearray)
     sent: dict[int, float] = field(default_factory=dict)  # s, by sequence, of frames that are not answered
+    asked: int = 0  # frames that were sent since `Load.forget`
+    answered: int = 0
 
 
 class Load:
@@ -136,7 +145,8 @@ class Load:
         """Count from now on."""
         self._spent: list[int] = []  # µs in the server
         self._round_trips: list[float] = []  # s
-        self._sent = 0
+        for one in self._clients:
+            one.asked = one.answered = 0
         self.has_hands = True  # whether the last pose of the first client has measured wrists
 
     def connect(self, count: int) -> None:
@@ -191,13 +201,17 @@ class Load:
         if not self._spent:
             raise BodysenseError("the server answered no frame in time; give fewer --sessions or more --seconds")
         spent, trips = np.array(self._spent) / 1000, np.array(self._round_trips) * 1000
+        shares = [one.answered / max(one.asked, 1) for one in self._clients]
+        answered = len(spent) / max(sum(one.asked for one in self._clients), 1)
         return {
             "p50_ms": float(np.percentile(spent, 50)),
             "p99_ms": float(np.percentile(spent, 99)),
             "round_trip_p50_ms": float(np.percentile(trips, 50)),
             "round_trip_p99_ms": float(np.percentile(trips, 99)),
-            "answered": len(spent) / max(self._sent, 1),
-            "answers_hz": len(spent) / max(self._sent, 1) * self._rate,
+            "answered": answered,
+            "answered_least": min(shares),  # of the wearers
+            "answered_most": max(shares),
+            "answers_hz": answered * self._rate,
         }
 
     def close(self) -> None:
@@ -220,7 +234,7 @@ class Load:
         except BlockingIOError:
             return
         one.sent[one.sequence] = now
-        self._sent += 1
+        one.asked += 1
 
     def _read(self, one: _LoadClient) -> None:
         from bodysense.io.protocol import POSE, POSE_HEAD, read_pose
@@ -243,6 +257,7 @@ class Load:
             if one is self._clients[0]:
                 self.has_hands = bool((read_pose(payload, self._points).hidden[self._wrists] < 0.5).any())
             if sent is not None:
+                one.answered += 1
                 self._spent.append(int.from_bytes(payload[-4:], "little"))
                 self._round_trips.append(now - sent)
 
@@ -305,6 +320,31 @@ def _server(sessions: int, workers: int) -> Iterator[tuple[str, int]]:
         process.wait(20)
         if process.stdout is not None:
             process.stdout.close()
+
+
+@contextmanager
+def _slowed(process: int, share: float) -> Iterator[None]:
+    """Let a process and its children run for a share of the time only."""
+    is_over = threading.Event()
+
+    def slow() -> None:
+        family = _family(process)
+        while not is_over.wait(share * _PERIOD):
+            for one in family:
+                one.suspend()
+            time.sleep((1 - share) * _PERIOD)
+            for one in family:
+                one.resume()
+
+    thread = threading.Thread(target=slow)
+    if share < 1:
+        thread.start()
+    try:
+        yield
+    finally:
+        is_over.set()
+        if share < 1:
+            thread.join()
 
 
 def _family(process: int) -> list[psutil.Process]:

@@ -1,0 +1,102 @@
+"""Make the moving pictures of docs/gallery.md from the packaged performance: python scripts/make_gallery.py [NAME …]"""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+import bodysense as bs
+from bodysense.body.skeleton import Skeleton
+from bodysense.cli import main as bodysense
+from bodysense.demo import performance_of_stranger
+from bodysense.files import written_beside
+from bodysense.io.resample import resample
+from bodysense.observation import Observation
+from bodysense.pictures.comparison import View, draw_views
+from bodysense.pictures.sheet import Lens
+
+FIGURES = Path(__file__).resolve().parents[1] / "docs" / "figures"
+RATE = 30.0  # Hz, of the motion
+STEP = 3  # frames of the motion for one picture
+LENS = Lens(width=170, height=230, aim=0.86, view_height=2.25)
+QUALITY = 40  # of WebP
+LARGEST = 350_000  # bytes of a picture
+WALK, REACH = (2.0, 7.0), (5.5, 10.0)  # s of the performance
+
+
+def part(seconds: tuple[float, float]) -> bs.Clip:
+    """Return a part of the performance, on a body that no network was trained on."""
+    clip = resample(performance_of_stranger(), RATE)
+    first, last = (round(RATE * second) for second in seconds)
+    return replace(clip, pose=clip.pose[first:last])
+
+
+def tracked(seen: Observation, skeleton: Skeleton) -> np.ndarray:
+    """Return which points of a skeleton were tracked, (T, P) bool."""
+    found = np.zeros((len(seen.time), len(skeleton.points)), dtype=bool)
+    for column, name in enumerate(seen.points):
+        if name in skeleton.points:
+            found[:, skeleton.points.index(name)] = seen.has_position[:, column]
+    return found
+
+
+def sensors() -> Iterable[np.ndarray]:
+    """Draw the wearer, and the body from the head, from head and hands, and from six trackers."""
+    clip = part(WALK)
+    views = [View("the wearer", clip.pose)]
+    for device, title in (("head", "head"), ("three_point", "head and hands"), ("six_point", "six trackers")):
+        seen = bs.simulate(clip, device)
+        take = bs.track(seen, person=bs.Person(clip.pose.skeleton))
+        views.append(View(title, take.clip.pose, tracked(seen, clip.pose.skeleton)))
+    return draw_views(views, RATE, range(0, len(clip), STEP), LENS)
+
+
+def hole() -> Iterable[np.ndarray]:
+    """Draw a motion whose left arm is missing for two seconds, and the filled one."""
+    clip = part(REACH)
+    arm = [clip.pose.skeleton.points.index(name) for name in ("left_shoulder", "left_elbow", "left_wrist")]
+    there = np.ones((len(clip), len(clip.pose.skeleton.points)), dtype=bool)
+    with tempfile.TemporaryDirectory() as folder:
+        whole, filled = Path(folder) / "take.bvh", Path(folder) / "filled.bvh"
+        bs.write(whole, clip)
+        joints, hidden = "left_shoulder,left_elbow,left_wrist", (round(RATE), round(3 * RATE))
+        there[hidden[0] : hidden[1] + 1, arm] = False
+        bodysense(["track", str(whole), "--missing", f"{joints}:{hidden[0]}-{hidden[1]}", "-o", str(filled), "--quiet"])
+        read = bs.read(filled)
+        assert isinstance(read, bs.Clip)
+        pose = read.pose
+    views = [View("the motion", clip.pose), View("red: missing, filled", pose, there)]
+    return draw_views(views, RATE, range(0, len(clip), STEP), LENS)
+
+
+PICTURES: dict[str, Callable[[], Iterable[np.ndarray]]] = {"sensors": sensors, "hole": hole}
+
+
+def main() -> None:
+    """Draw and write."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(PICTURES)}; all if omitted")
+    names = parser.parse_args().names or list(PICTURES)
+    unknown = [name for name in names if name not in PICTURES]
+    if unknown:
+        raise SystemExit(f"{unknown[0]}: give {', '.join(PICTURES)}")
+    for name in names:
+        first, *more = [Image.fromarray(picture) for picture in PICTURES[name]()]
+        out = FIGURES / f"gallery-{name}.webp"
+        with written_beside(out) as beside:
+            options = {"save_all": True, "append_images": more, "loop": 0, "duration": round(1000 * STEP / RATE)}
+            first.save(beside, "WEBP", quality=QUALITY, method=6, **options)
+        size = out.stat().st_size
+        print(f"{out}: {1 + len(more)} pictures of {first.width} × {first.height}, {size / 1e3:.0f} kB")
+        if size > LARGEST:
+            raise SystemExit(f"{out}: more than {LARGEST} bytes; draw fewer pictures")
+
+
+if __name__ == "__main__":
+    main()
