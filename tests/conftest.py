@@ -257,7 +257,7 @@ def filmed() -> tuple[np.ndarray, Clip]:
     from bodysense.pictures.sheet import Lens, follow_body
 
     clip = packaged_performance()
-    pose = clip.pose[440:464:3]  # the performer stands, and was turned by 2.28 rad: turn it to the camera
+    pose = clip.pose[308:332:3]  # the performer stands, and was turned by 2.28 rad: turn it to the camera
     turn = quaternion_exp(np.array([0.0, -2.28, 0.0]))
     rotation = np.array(pose.rotation)
     rotation[:, 0] = quaternion_multiply(np.broadcast_to(turn, rotation[:, 0].shape), rotation[:, 0])

@@ -70,10 +70,10 @@ ODD: dict[str, Callable[[Layout], Layout]] = {
 
 
 def seated() -> Clip:
-    """Some frames about the one in which the pelvis is lowest."""
+    """Some frames from the one in which the pelvis is lowest on."""
     clip = packaged_performance()
     low = int(np.argmin(forward_kinematics(clip.pose)[0][:, 0, 1]))
-    return Clip("seated", clip.pose[max(0, low - 20) : low + 20 : 4], 30.0)
+    return Clip("seated", clip.pose[low : low + 40 : 4], 30.0)
 
 
 def standing() -> Clip:

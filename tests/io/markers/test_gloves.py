@@ -138,6 +138,12 @@ def test_units_and_axes(tmp_path: Path, gloves: Observation) -> None:
     np.testing.assert_allclose(found.observation.position, gloves.position, atol=1e-7)
 
 
+def test_numbers_too_large_to_square_are_refused(tmp_path: Path, gloves: Observation) -> None:
+    write_markers(tmp_path / "a.csv", replace(gloves, position=gloves.position * 1e200), RATE)
+    with pytest.raises(BodysenseError, match=r"a\.csv"):
+        read_markers(tmp_path / "a.csv")
+
+
 def c3d(path: Path, position: np.ndarray, labels: list[str], unit: str, screens: tuple[str, str] | None) -> None:
     """A file of another program's."""
     file = ezc3d.c3d()

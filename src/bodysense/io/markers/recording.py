@@ -26,6 +26,8 @@ from bodysense.io.markers.raw_markers import (
 )
 from bodysense.observation import Observation, check_observation
 
+_FARTHEST = 1e9  # m from the origin: well over what a wrong unit makes, which has a better message
+
 
 @dataclass(frozen=True, eq=False)
 class MarkerRecording:
@@ -86,7 +88,7 @@ def with_hands_of(skeleton: Skeleton, sizes: dict[str, float]) -> Skeleton:
 def _gloves(raw: RawMarkers, form: MarkerFormat, place: str) -> MarkerRecording:
     """Return the gloves of a file."""
     observation, remarks = observed_markers(raw, form, place)
-    check_observation(observation, place, farthest=np.inf)  # a wrong unit has a better message below
+    check_observation(observation, place, farthest=_FARTHEST)
     unit: Unit = form.unit or raw.unit
     check = check_gloves(observation, place, unit)
     check_observation(observation, place)
