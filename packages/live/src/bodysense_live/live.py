@@ -84,6 +84,7 @@ class Live:
         self._seats: dict[str, Seat] = {}
         self._inputs: dict[Source, Seat] = {}
         self._tasks: list[asyncio.Task[None]] = []
+        self._just_left: set[str] = set()  # sessions that were left since they were last stored
         self._changed = asyncio.Event()  # a session is to be stored
 
     def start(self) -> None:
@@ -144,6 +145,8 @@ class Live:
             seat.outboxes.remove(outbox)
         if not seat.is_driven and seat.left is None:
             seat.left = self._loop.time()
+            self._just_left.add(seat.identity)
+            self._changed.set()
 
     async def may_read(self, seat: Seat) -> None:
         """Wait until another frame of a session is of use: at once, unless one waits while others are stepped."""
@@ -244,7 +247,13 @@ class Live:
 
     async def _share(self) -> None:
         """Store sessions for other processes, and end those that another one has taken on."""
-        driven = {one.identity: one for one in self._seats.values() if one.is_driven and one.source is None}
+        # One that was left is stored once more: its client may have left before the first time.
+        driven = {
+            one.identity: one
+            for one in self._seats.values()
+            if (one.is_driven or one.identity in self._just_left) and one.source is None
+        }
+        self._just_left.clear()
         if self._store is None or not driven:
             return
         lost = await self._store.put({identity: (seat.turn, seat.kept()) for identity, seat in driven.items()})
