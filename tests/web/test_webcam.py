@@ -50,8 +50,9 @@ def film(path: Path) -> Path:
 
     with av.open(str(path), "w", format="mjpeg") as container:
         stream = container.add_stream("mjpeg", rate=Fraction(RATE))
-        for picture in pictures():
-            stream.height, stream.width, stream.pix_fmt = *picture.shape[:2], "yuvj420p"
+        for k, picture in enumerate(pictures()):
+            if k == 0:
+                stream.height, stream.width, stream.pix_fmt = *picture.shape[:2], "yuvj420p"
             container.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
         container.mux(stream.encode(None))
     return path
