@@ -8,13 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 
 from bodysense.body.person import Person
 from bodysense.body.pose import Pose
-from bodysense.body.skeleton import default_skeleton
+from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.completion import core
 from bodysense.completion.model import CompletionModel, packaged_model
 from bodysense.errors import BodysenseError
@@ -157,7 +157,7 @@ class Tracker:
         each = [_of_joints(one, person) for one, person in zip(each, self.people, strict=True)]
         made, memory = _stepped(self.model, self.settings, each, state.memory)
         estimate = _estimate({name: values[0] for name, values in made.items()} if alone else made)
-        return estimate, replace(state, memory=memory)
+        return estimate, TrackerState(state.people, state.model, memory)
 
 
 def step_together(
@@ -174,7 +174,10 @@ def step_together(
     each = [_of_joints(observation, tracker.people[0]) for tracker, observation, _ in jobs]
     made, after = _stepped(first.model, first.settings, each, memory)
     return [
-        (_estimate({name: values[k] for name, values in made.items()}), replace(state, memory=after[k : k + 1]))
+        (
+            _estimate({name: values[k] for name, values in made.items()}),
+            TrackerState(state.people, state.model, after[k : k + 1]),
+        )
         for k, (_, _, state) in enumerate(jobs)
     ]
 
@@ -186,8 +189,7 @@ def _stepped(
     memory: Sequence[np.ndarray],
 ) -> tuple[dict[str, np.ndarray], tuple[np.ndarray, ...]]:
     """Estimates (B, T, …) and states of B people after T frames each."""
-    after = tuple(core.copied(one) for one in memory)
-    result, k, made = model.core.step(settings.struct, observations, after)
+    result, k, made, after = model.core.step(settings.struct, observations, memory)
     if result != core.OK:
         # The core names a person and a reason; the observation knows which point and frame.
         check_observation(observations[k])
@@ -217,9 +219,9 @@ def _one_of(observation: Observation, k: int) -> Observation:
 def _estimate(made: dict[str, np.ndarray]) -> Estimate:
     """The core's arrays as an estimate."""
     offset = made["rest_offset"]
-    skeleton = default_skeleton().with_offsets(offset.reshape(-1, *offset.shape[-3:])[0, -1])
+    last = offset.reshape(-1, *offset.shape[-3:])[0, -1]
     return Estimate(
-        pose=Pose(skeleton, made["root_position"], made["rotation"]),
+        pose=Pose(_skeleton_with(last.tobytes()), made["root_position"], made["rotation"]),
         points=made["points"],
         measured=made["measured"],
         confidence=made["confidence"],
@@ -227,3 +229,9 @@ def _estimate(made: dict[str, np.ndarray]) -> Estimate:
         contact=made["contact"],
         rest_offset=offset,
     )
+
+
+@lru_cache(maxsize=256)
+def _skeleton_with(offset: bytes) -> Skeleton:
+    """The skeleton with rest offsets (P, 3) float64; one object as long as proportions stay."""
+    return default_skeleton().with_offsets(np.frombuffer(offset).reshape(-1, 3))

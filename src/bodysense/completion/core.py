@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Sequence
+import math
+import threading
+from collections.abc import Iterator, Sequence
 from functools import lru_cache
 from typing import Any
 
@@ -91,16 +93,16 @@ class ObservationStruct(ctypes.Structure):
     ]
 
 
-# Members of `bs_estimate`, and what each frame has of it.
-ESTIMATE: dict[str, tuple[tuple[int, ...], type]] = {
-    "root_position": ((3,), np.float64),
-    "rotation": ((JOINTS, 4), np.float64),
-    "points": ((POINTS, 3), np.float64),
-    "measured": ((POINTS,), np.bool_),
-    "confidence": ((POINTS,), np.float64),
-    "bound": ((POINTS,), np.float64),
-    "contact": ((CONTACTS,), np.float64),
-    "rest_offset": ((POINTS, 3), np.float64),
+# Members of `bs_estimate`, and what each frame has of it: doubles, but `measured`, a byte each.
+ESTIMATE: dict[str, tuple[int, ...]] = {
+    "root_position": (3,),
+    "rotation": (JOINTS, 4),
+    "points": (POINTS, 3),
+    "measured": (POINTS,),
+    "confidence": (POINTS,),
+    "bound": (POINTS,),
+    "contact": (CONTACTS,),
+    "rest_offset": (POINTS, 3),
 }
 
 _FUNCTIONS: dict[str, tuple[Any, Sequence[Any]]] = {
@@ -165,8 +167,8 @@ def empty(size: int) -> np.ndarray:
 
 
 def address(values: np.ndarray) -> int:
-    """Return the address of an array."""
-    return values.__array_interface__["data"][0]
+    """Return the address of a contiguous, writable array; 0 if it is empty. The fastest of the ways to ask."""
+    return ctypes.addressof(ctypes.c_char.from_buffer(values.data)) if values.size else 0
 
 
 def person_struct(person: Person) -> PersonStruct:
@@ -222,6 +224,7 @@ class Model:
             raise BodysenseError(f"{name}: {message(result)}")
         self.pointer = pointer
         self.state_size: int = core.bs_state_size(pointer)
+        self._scratch = threading.local()  # of each thread, by the number of people
 
     @property
     def kernel(self) -> str:
@@ -264,33 +267,41 @@ class Model:
 
     def step(
         self, settings: SettingsStruct, observations: Sequence[Observation], states: Sequence[np.ndarray]
-    ) -> tuple[int, int, dict[str, np.ndarray]]:
-        """Complete the next T frames of B people, in place of their states.
+    ) -> tuple[int, int, dict[str, np.ndarray], tuple[np.ndarray, ...]]:
+        """Complete the next T frames of B people.
 
-        Returns a result, the person whom it concerns, and the arrays (B, T, …) of `ESTIMATE`.
+        Returns a result, the person whom it concerns, the arrays (B, T, …) of `ESTIMATE`, and the states after them.
         """
         people, frames = len(observations), len(observations[0])
-        structs, keep = (ObservationStruct * people)(), []
-        for one, observation in zip(structs, observations, strict=True):
-            keep.append(_fill(one, observation))
-        made = {name: np.empty((people, frames, *shape), kind) for name, (shape, kind) in ESTIMATE.items()}
-        first = np.array([address(values) for values in made.values()], np.uintp)
-        stride = np.array([values.strides[0] for values in made.values()], np.uintp)
-        estimates = first + np.arange(people, dtype=np.uintp)[:, None] * stride
-        pointers = np.array([address(state) for state in states], np.uintp)
-        scratch, refused = empty(library().bs_scratch_size(self.pointer, people)), ctypes.c_int()
+        structs, _keep = _observations(observations)
+        made, estimates = _estimates(people, frames)
+        after = empty(people * self.state_size).reshape(people, self.state_size)
+        for k, state in enumerate(states):
+            if len(state) != self.state_size:
+                return STATE_FOREIGN, k, made, tuple(states)
+            after[k] = state
+        start, scratch, refused = address(after), self._scratch_for(people), ctypes.c_int()
+        pointers = (_Pointer * people)(*range(start, start + people * self.state_size, self.state_size))
         result = library().bs_step(
             self.pointer,
             ctypes.byref(settings),
             people,
             structs,
-            address(pointers),
+            pointers,
             address(estimates),
             address(scratch),
             len(scratch),
             ctypes.byref(refused),
         )
-        return result, refused.value, made
+        return result, refused.value, made, tuple(after)
+
+    def _scratch_for(self, people: int) -> np.ndarray:
+        """Return this thread's scratch for a step of `people` people."""
+        own: np.ndarray | None = getattr(self._scratch, "memory", None)
+        size = library().bs_scratch_size(self.pointer, people)
+        if own is None or len(own) < size:
+            own = self._scratch.memory = empty(size)
+        return own
 
 
 def time_of(state: np.ndarray) -> float:
@@ -310,23 +321,69 @@ def copied(state: np.ndarray) -> np.ndarray:
     return memory
 
 
-def _fill(one: ObservationStruct, observation: Observation) -> list[np.ndarray]:
-    """Point a struct at an observation's arrays (T, P, …). Returns the arrays, which must outlive it."""
-    own = {"point": point_indices(observation.points), "time": _contiguous(observation.time, np.float64)}
-    for name in ("position", "rotation", "accuracy"):
-        own[name] = _contiguous(getattr(observation, name), np.float64)
-    for name in ("has_position", "has_rotation"):
-        own[name] = _contiguous(getattr(observation, name), np.bool_)
-    if observation.acceleration is not None:
-        own["acceleration"] = _contiguous(observation.acceleration, np.float64)
-    one.frames, one.points = len(observation), len(observation.points)
-    for name, values in own.items():
-        setattr(one, name, address(values))
-    return list(own.values())
+def _observations(observations: Sequence[Observation]) -> tuple[ctypes.Array, list[np.ndarray]]:
+    """Return the structs of observations (T, P, …), and the arrays that they point into, which must outlive them.
+
+    Values are packed into one array of each kind: to copy a frame takes less time than to ask for its addresses.
+    """
+    values, masks, rows = [], [], []
+    for one in observations:
+        values += [one.time, one.position, one.rotation, one.accuracy]
+        if one.acceleration is not None:
+            values.append(one.acceleration)
+        masks += [one.has_position, one.has_rotation]
+    numbers = np.concatenate([part.ravel() for part in values], dtype=np.float64, casting="unsafe")
+    known = np.concatenate([part.ravel() for part in masks], dtype=np.bool_, casting="unsafe")
+    places, flags = _addresses(values, address(numbers), 8), _addresses(masks, address(known), 1)
+    keep = [numbers, known]
+    for one in observations:
+        time, position, rotation, accuracy = (next(places) for _ in range(4))
+        acceleration = None if one.acceleration is None else next(places)
+        point = point_indices(one.points)
+        keep.append(point)
+        rows.append(
+            ObservationStruct(
+                len(one),
+                len(one.points),
+                address(point),
+                time,
+                position,
+                rotation,
+                next(flags),
+                next(flags),
+                accuracy,
+                acceleration,
+            )
+        )
+    return (ObservationStruct * len(rows))(*rows), keep
 
 
-def _contiguous(values: np.ndarray, kind: type) -> np.ndarray:
-    return np.ascontiguousarray(values, kind)
+def _addresses(parts: Sequence[np.ndarray], start: int, width: int) -> Iterator[int]:
+    """Yield where each part begins in the memory at `start` that holds them one behind the other."""
+    for part in parts:
+        yield start
+        start += part.size * width
+
+
+def _estimates(people: int, frames: int) -> tuple[dict[str, np.ndarray], np.ndarray]:
+    """Return arrays (B, T, …) by the names of `ESTIMATE`, and `bs_estimate` structs (B, 8) that point into them."""
+    parts, starts, size = _layout(frames)
+    memory = np.empty((people, size), np.uint8)
+    made = {name: memory[:, part].view(kind).reshape(people, frames, *ESTIMATE[name]) for name, part, kind in parts}
+    rows = address(memory) + size * np.arange(people, dtype=np.uintp)
+    return made, rows[:, None] + starts
+
+
+@lru_cache(maxsize=16)
+def _layout(frames: int) -> tuple[list[tuple[str, slice, type]], np.ndarray, int]:
+    """Return parts of the memory of T frames (name, part, kind) for all of `ESTIMATE`, their starts, and its size."""
+    parts, size = [], 0
+    for name, shape in ESTIMATE.items():
+        kind = np.bool_ if name == "measured" else np.float64
+        count = frames * math.prod(shape) * np.dtype(kind).itemsize
+        parts.append((name, slice(size, size + count), kind))
+        size += -(-count // 8) * 8
+    return parts, np.array([part.start for _, part, _ in parts], np.uintp), size
 
 
 @lru_cache(maxsize=256)
