@@ -32,14 +32,14 @@ static void *memory_of(size_t bytes) {
 }
 
 /* Vectors of random numbers. */
-static inputs random_inputs(int columns, int size) {
+static inputs random_inputs(const bs_model *m, int columns, int size) {
     scratch counted = {NULL, 0};
     inputs_of(&counted, columns, size);
     scratch room = {memory_of(counted.used), 0};
     const inputs x = inputs_of(&room, columns, size);
     float *values = memory_of((size_t)columns * (size_t)size * sizeof *values);
     for (int k = 0; k < columns * size; k++) values[k] = (float)rand() / (float)RAND_MAX - 0.5F;
-    quantise_columns(columns, values, size, x);
+    quantise_columns(m, columns, values, size, x);
     return x;
 }
 
@@ -78,8 +78,8 @@ int main(int count, char **arguments) {
     double *taken = memory_of((size_t)rounds * sizeof *taken);
     for (int place = 3; place < count; place++) {
         const int people = atoi(arguments[place]), columns = 2 * people;
-        const inputs of[] = {random_inputs(columns, m->features), random_inputs(columns, m->hidden),
-                             random_inputs(columns, HAND_FEATURES), random_inputs(columns, m->hand_hidden)};
+        const inputs of[] = {random_inputs(m, columns, m->features), random_inputs(m, columns, m->hidden),
+                             random_inputs(m, columns, HAND_FEATURES), random_inputs(m, columns, m->hand_hidden)};
         float *out = memory_of((size_t)columns * (size_t)grouped(3 * m->hidden) * sizeof(float));
         for (int round = -WARM_UP; round < rounds; round++) {
             const double start = milliseconds();

@@ -26,10 +26,10 @@ void expected_errors(const bs_model *model, const tracked *seen, const predictio
     for (int joint = 0; joint < BODY_JOINTS; joint++)
         *to++ = logarithm(seen->has_position[joint] ? TRACKED_UNLIKE : predicted->unlike[joint]);
     memcpy(inside, model->error_inward_offset, sizeof inside);
-    table_multiply_add(&model->error_inward, 1, known, 0, inside, 0);
+    model->kernel.run_table(&model->error_inward, 1, known, 0, inside, 0);
     for (int k = 0; k < ERROR_HIDDEN; k++) *to++ = hyperbolic_tangent(inside[k]);
     memcpy(log_error, model->error_offset, sizeof log_error);
-    table_multiply_add(&model->error_weight, 1, known, 0, log_error, 0);
+    model->kernel.run_table(&model->error_weight, 1, known, 0, log_error, 0);
 
     for (int k = 0; k < PLACED_POINTS; k++) {
         confidence[PLACED[k]] = exponential(log_error[k]);

@@ -142,9 +142,9 @@ static void complete_together(const bs_model *m, int people, const tracked *seen
         memcpy(h.before + (size_t)c * hidden, hidden_of(memory[p]) + others + (size_t)hand * hidden,
                hidden * sizeof(float));
     }
-    quantise_columns(columns, h.features, m->hand_features, h.features_in);
+    quantise_columns(m, columns, h.features, m->hand_features, h.features_in);
     run_recurrent(m, &m->hands, columns, h.features_in, h.before, h.after, h.work);
-    quantise_columns(columns, h.after, m->hand_hidden, h.after_in);
+    quantise_columns(m, columns, h.after, m->hand_hidden, h.after_in);
     run_branch(m, &m->fingers, columns, h.after_in, h.features_in, h.output, h.work);
     for (int p = 0; p < people; p++) {
         remembered *own = (remembered *)(void *)memory[p];

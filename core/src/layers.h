@@ -35,10 +35,10 @@ static inline inputs inputs_of(scratch *s, int columns, int size) {
 }
 
 /* Vectors x, one behind the other, as products read them. */
-static inline void quantise_columns(int columns, const float *x, int size, inputs to) {
+static inline void quantise_columns(const bs_model *model, int columns, const float *x, int size, inputs to) {
     for (int c = 0; c < columns; c++) {
         const size_t column = (size_t)c;
-        quantise(x + column * (size_t)size, size, to.value + column * (size_t)paired(size),
+        model->kernel.quantise(x + column * (size_t)size, size, to.value + column * (size_t)paired(size),
                  to.step + column * (size_t)blocks_of(size));
     }
 }

@@ -16,9 +16,10 @@
 #endif
 
 #define LARGEST 32767.0F /* of two bytes */
-#define PARTS (GROUP / 4)
 
-void quantise(const float *x, int inputs, int16_t *value, float *step) {
+#define SHARED static inline __attribute__((always_inline)) /* each kernel has its own, in its instructions */
+
+SHARED void quantise(const float *x, int inputs, int16_t *value, float *step) {
     for (int first = 0, block = 0; first < inputs; first += BLOCK, block++) {
         const int count = inputs - first < BLOCK ? inputs - first : BLOCK;
         uint32_t largest = 0; /* magnitudes are in the order of their bits */
@@ -35,27 +36,31 @@ void quantise(const float *x, int inputs, int16_t *value, float *step) {
     if (inputs % 2) value[inputs] = 0;
 }
 
-/* Every platform has these. */
-typedef float four __attribute__((vector_size(16), aligned(4), may_alias));
+SHARED void pass_gates(const float *given, const float *kept, const float *before, int size, float *after) {
+    for (int k = 0; k < size; k++) {
+        const float reset = logistic(given[k] + kept[k]);
+        const float update = logistic(given[size + k] + kept[size + k]);
+        const float candidate = hyperbolic_tangent(given[2 * size + k] + reset * kept[2 * size + k]);
+        after[k] = candidate + update * (before[k] - candidate);
+    }
+}
 
-void table_multiply_add(const table *t, int columns, const float *x, size_t gap, float *y, size_t stride) {
+static void plain_quantise(const float *x, int inputs, int16_t *value, float *step) {
+    quantise(x, inputs, value, step);
+}
+
+static void plain_gates(const float *given, const float *kept, const float *before, int size, float *after) {
+    pass_gates(given, kept, before, size, after);
+}
+
+static void plain_table(const table *t, int columns, const float *x, size_t gap, float *y, size_t stride) {
     for (int group = 0; group < grouped(t->rows) / GROUP; group++) {
-        const four *first_weight = (const four *)(const void *)(t->weight + (size_t)group * (size_t)t->inputs * GROUP);
-        for (int c = 0; c < columns; c += 2) { /* two at a time; a last one that is alone is computed twice */
-            const size_t first = (size_t)c, second = (size_t)(c + 1 < columns ? c + 1 : c);
-            const float *a = x + first * gap, *b = x + second * gap;
-            four *to_a = (four *)(void *)(y + first * stride) + group * PARTS;
-            four *to_b = (four *)(void *)(y + second * stride) + group * PARTS;
-            const four *weight = first_weight;
-            four sum_a[PARTS], sum_b[PARTS];
-            UNROLL for (int part = 0; part < PARTS; part++) sum_a[part] = to_a[part], sum_b[part] = to_b[part];
-            for (int k = 0; k < t->inputs; k++, weight += PARTS) {
-                UNROLL for (int part = 0; part < PARTS; part++) {
-                    sum_a[part] += weight[part] * a[k];
-                    sum_b[part] += weight[part] * b[k];
-                }
+        for (int c = 0; c < columns; c++) {
+            const float *weight = t->weight + (size_t)group * (size_t)t->inputs * GROUP, *in = x + (size_t)c * gap;
+            float *out = y + (size_t)c * stride + (size_t)group * GROUP;
+            for (int k = 0; k < t->inputs; k++, weight += GROUP) {
+                for (int row = 0; row < GROUP; row++) out[row] += weight[row] * in[k];
             }
-            UNROLL for (int part = 0; part < PARTS; part++) to_a[part] = sum_a[part], to_b[part] = sum_b[part];
         }
     }
 }
@@ -115,7 +120,7 @@ static inline int32_t pair_at(const int16_t *p) {
     return pair;
 }
 
-#define NAME(x) avx512_##x
+#define NAME(x) avx512vnni_##x
 #define TARGET __attribute__((target("avx512f,avx512bw,avx512vnni")))
 #define LANES 16
 #define MOST_GROUPS 4
@@ -202,7 +207,7 @@ static inline int16x4_t neon_pair(const int16_t *p) {
 #if defined(__wasm_simd128__)
 #include <wasm_simd128.h>
 
-#define NAME(x) wasm_##x
+#define NAME(x) simd128_##x
 #define TARGET
 #define LANES 4
 #define MOST_GROUPS 1
@@ -224,16 +229,18 @@ static inline int16x4_t neon_pair(const int16_t *p) {
 #include "tile.h"
 #endif
 
+#define KERNEL(name) {#name, name##_multiply, name##_table, name##_quantise, name##_gates}
+
 kernel kernel_at(int place) {
-    kernel all[KERNELS] = {{"avx512vnni", NULL}, {"avx2", NULL}, {"neon", NULL}, {"simd128", NULL},
-                           {"plain", plain_multiply}};
+    kernel all[KERNELS] = {{"avx512vnni", NULL, NULL, NULL, NULL}, {"avx2", NULL, NULL, NULL, NULL},
+                           {"neon", NULL, NULL, NULL, NULL}, {"simd128", NULL, NULL, NULL, NULL}, KERNEL(plain)};
 #if defined(__x86_64__) || defined(__i386__)
-    if (has_avx512vnni()) all[0].run = avx512_multiply;
-    if (has_avx2()) all[1].run = avx2_multiply;
+    if (has_avx512vnni()) all[0] = (kernel)KERNEL(avx512vnni);
+    if (has_avx2()) all[1] = (kernel)KERNEL(avx2);
 #elif defined(__aarch64__)
-    all[2].run = neon_multiply;
+    all[2] = (kernel)KERNEL(neon);
 #elif defined(__wasm_simd128__)
-    all[3].run = wasm_multiply;
+    all[3] = (kernel)KERNEL(simd128);
 #endif
     return all[place];
 }

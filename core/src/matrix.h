@@ -26,13 +26,26 @@ typedef struct table {
 } table;
 
 /* Add m x to y for an even number of columns: vectors x as `quantise` gives them, one behind the other, and y of
- * `stride` floats each, with room for whole groups of rows. All kernels give the same bits. */
+ * `stride` floats each, with room for whole groups of rows. */
 typedef void multiply_add(const matrix *m, int columns, const int16_t *value, const float *step, float *y,
                           size_t stride);
 
+/* Add t x to y for `columns` vectors x of `inputs` floats each, `gap` apart. */
+typedef void table_multiply_add(const table *t, int columns, const float *x, size_t gap, float *y, size_t stride);
+
+/* A vector (inputs) → paired(inputs) numbers of two bytes, and of each block what they count in. */
+typedef void quantiser(const float *x, int inputs, int16_t *value, float *step);
+
+/* Gates of a recurrent layer: products with inputs and with states, (3 × size) each, and states before → after. */
+typedef void gates(const float *given, const float *kept, const float *before, int size, float *after);
+
+/* The same work by one set of instructions. All kernels give the same bits. */
 typedef struct kernel {
     const char *name;
     multiply_add *run; /* NULL where this processor or this build has none such */
+    table_multiply_add *run_table;
+    quantiser *quantise;
+    gates *gates;
 } kernel;
 
 #define KERNELS 5 /* fastest first; the last is plain C */
@@ -42,11 +55,5 @@ kernel kernel_at(int place);
 
 /* The fastest that this processor runs. */
 kernel fastest_kernel(void);
-
-/* A vector (inputs) → paired(inputs) numbers of two bytes, and of each block what they count in. */
-void quantise(const float *x, int inputs, int16_t *value, float *step);
-
-/* Add t x to y for `columns` vectors x of `inputs` floats each, `gap` apart. */
-void table_multiply_add(const table *t, int columns, const float *x, size_t gap, float *y, size_t stride);
 
 #endif

@@ -118,14 +118,14 @@ static void predict_together(const bs_model *m, int people, const tracked *seen,
             write_features(m, &seen[p], &b.read[p], frame[p], last, image == 1,
                            b.features + (size_t)(2 * p + image) * (size_t)m->features);
     }
-    quantise_columns(columns, b.features, m->features, b.features_in);
+    quantise_columns(m, columns, b.features, m->features, b.features_in);
     for (int layer = 0; layer < m->layers; layer++) {
         float *after = b.state + (size_t)layer * (size_t)columns * hidden;
         for (int c = 0; c < columns; c++)
             memcpy(b.before + (size_t)c * hidden,
                    hidden_of(memory[c / 2]) + (size_t)(c % 2) * size + (size_t)layer * hidden, hidden * sizeof(float));
         run_recurrent(m, &m->layer[layer], columns, layer ? b.state_in : b.features_in, b.before, after, b.work);
-        quantise_columns(columns, after, m->hidden, b.state_in);
+        quantise_columns(m, columns, after, m->hidden, b.state_in);
     }
     run_branch(m, &m->turn, columns, b.state_in, b.features_in, b.turned, b.work);
     run_branch(m, &m->judge, columns, b.state_in, b.features_in, b.judged, b.work);

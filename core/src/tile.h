@@ -1,4 +1,4 @@
-/* Product of a few groups of rows with two columns. Included by matrix.c once for each instruction set, which
+/* A kernel: products of a few groups of rows with two columns, and what comes before and after them. Included by matrix.c once for each instruction set, which
  * defines
  *
  *     NAME(x)                  names of this instruction set
@@ -78,6 +78,41 @@ TARGET static void NAME(multiply)(const matrix *m, int columns, const int16_t *v
         }
         group += together;
     }
+}
+
+TARGET static void NAME(table)(const table *t, int columns, const float *x, size_t gap, float *y, size_t stride) {
+    for (int group = 0; group < grouped(t->rows) / GROUP; group++) {
+        const float *first_weight = t->weight + (size_t)group * (size_t)t->inputs * GROUP;
+        for (int c = 0; c < columns; c += 2) { /* two at a time; a last one that is alone is computed twice */
+            const size_t first = (size_t)c, second = (size_t)(c + 1 < columns ? c + 1 : c);
+            const float *a = x + first * gap, *b = x + second * gap, *weight = first_weight;
+            float *to_a = y + first * stride + group * GROUP, *to_b = y + second * stride + group * GROUP;
+            FLOATS sum_a[REGISTERS], sum_b[REGISTERS];
+            UNROLL for (int r = 0; r < REGISTERS; r++) {
+                sum_a[r] = LOAD_FLOATS(to_a + r * LANES);
+                sum_b[r] = LOAD_FLOATS(to_b + r * LANES);
+            }
+            for (int k = 0; k < t->inputs; k++, weight += GROUP) {
+                UNROLL for (int r = 0; r < REGISTERS; r++) {
+                    const FLOATS w = LOAD_FLOATS(weight + r * LANES);
+                    sum_a[r] = PLUS(sum_a[r], MUL(w, SPREAD(a[k])));
+                    sum_b[r] = PLUS(sum_b[r], MUL(w, SPREAD(b[k])));
+                }
+            }
+            UNROLL for (int r = 0; r < REGISTERS; r++) {
+                STORE_FLOATS(to_a + r * LANES, sum_a[r]);
+                STORE_FLOATS(to_b + r * LANES, sum_b[r]);
+            }
+        }
+    }
+}
+
+TARGET static void NAME(quantise)(const float *x, int inputs, int16_t *value, float *step) {
+    quantise(x, inputs, value, step);
+}
+
+TARGET static void NAME(gates)(const float *given, const float *kept, const float *before, int size, float *after) {
+    pass_gates(given, kept, before, size, after);
 }
 
 #undef REGISTERS

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.special import expit
 
 from .network_library import aligned, compiled
 
@@ -21,11 +22,27 @@ class Matrix(ctypes.Structure):
     ]
 
 
-MULTIPLY = ctypes.CFUNCTYPE(None, *(ctypes.c_void_p, ctypes.c_int, *[ctypes.c_void_p] * 3, ctypes.c_size_t))
+_P, _N, _SIZE = ctypes.c_void_p, ctypes.c_int, ctypes.c_size_t
+
+
+class Table(ctypes.Structure):
+    _fields_ = [("weight", ctypes.c_void_p), ("rows", ctypes.c_int), ("inputs", ctypes.c_int)]
+
+
+MULTIPLY = ctypes.CFUNCTYPE(None, _P, _N, _P, _P, _P, _SIZE)
+TABLE = ctypes.CFUNCTYPE(None, _P, _N, _P, _SIZE, _P, _SIZE)
+QUANTISE = ctypes.CFUNCTYPE(None, _P, _N, _P, _P)
+GATES = ctypes.CFUNCTYPE(None, _P, _P, _P, _N, _P)
 
 
 class Kernel(ctypes.Structure):
-    _fields_ = [("name", ctypes.c_char_p), ("run", MULTIPLY)]
+    _fields_ = [
+        ("name", ctypes.c_char_p),
+        ("run", MULTIPLY),
+        ("run_table", TABLE),
+        ("quantise", QUANTISE),
+        ("gates", GATES),
+    ]
 
 
 @pytest.fixture(scope="module")
@@ -51,17 +68,12 @@ def stored(weight: np.ndarray) -> np.ndarray:
     return out
 
 
-def quantised(library: ctypes.CDLL, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def quantised(kernel: Kernel, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     columns, inputs = x.shape
     value = np.full((columns, inputs + inputs % 2), -1, np.int16)
     step = np.zeros((columns, -(-inputs // BLOCK)), np.float32)
     for column in range(columns):
-        library.quantise(
-            ctypes.c_void_p(x[column].ctypes.data),
-            inputs,
-            ctypes.c_void_p(value[column].ctypes.data),
-            ctypes.c_void_p(step[column].ctypes.data),
-        )
+        kernel.quantise(x[column].ctypes.data, inputs, value[column].ctypes.data, step[column].ctypes.data)
     return value, step
 
 
@@ -95,7 +107,10 @@ def test_kernels_agree_and_are_as_exact_as_two_bytes(
     weight = rng.integers(-127, 128, (rows, inputs))
     row_step = rng.uniform(0.001, 0.01, rows).astype(np.float32)
     x = (size * rng.normal(size=(columns, inputs))).astype(np.float32)
-    value, step = quantised(library, x)
+    value, step = quantised(kernels(library)["plain"], x)
+    for kernel in kernels(library).values():
+        for got, plain in zip(quantised(kernel, x), (value, step), strict=True):
+            np.testing.assert_array_equal(got, plain)
     every = {name: product(kernel, weight, row_step, value, step) for name, kernel in kernels(library).items()}
     for got in every.values():
         np.testing.assert_array_equal(got, every["plain"])
@@ -105,9 +120,51 @@ def test_kernels_agree_and_are_as_exact_as_two_bytes(
     assert (np.abs(every["plain"] - exact) <= bound + 1e-6).all()
 
 
+@given(st.integers(1, 70), st.integers(1, 90), st.integers(1, 5), st.integers(0, 2**32 - 1))
+@settings(max_examples=30)
+def test_kernels_agree_on_tables_of_floats(
+    library: ctypes.CDLL, rows: int, inputs: int, columns: int, seed: int
+) -> None:
+    rng, groups = np.random.default_rng(seed), -(-rows // GROUP)
+    weight, gap = rng.normal(size=(rows, inputs)), inputs + 2
+    whole = np.zeros((groups * GROUP, inputs))
+    whole[:rows] = weight
+    table = aligned(whole.size * 4).view(np.float32)
+    table[:] = whole.reshape(groups, GROUP, inputs).transpose(0, 2, 1).ravel()
+    described = Table(table.ctypes.data, rows, inputs)
+    x = rng.normal(size=(columns, gap)).astype(np.float32)
+    found = []
+    for kernel in kernels(library).values():
+        y = np.ones((columns, groups * GROUP), np.float32)
+        kernel.run_table(ctypes.addressof(described), columns, x.ctypes.data, gap, y.ctypes.data, y.shape[1])
+        found.append(y)
+    for got in found:
+        np.testing.assert_array_equal(got, found[-1])
+    np.testing.assert_allclose(found[-1][:, :rows], 1 + x[:, :inputs] @ weight.T, atol=1e-4)
+
+
+@given(st.integers(1, 70), st.sampled_from([0.1, 3.0, 50.0]), st.integers(0, 2**32 - 1))
+@settings(max_examples=30)
+def test_kernels_agree_on_the_gates_of_a_recurrent_unit(
+    library: ctypes.CDLL, size: int, spread: float, seed: int
+) -> None:
+    given, kept = (spread * np.random.default_rng(seed + k).normal(size=(3, size)).astype(np.float32) for k in (0, 1))
+    before = np.random.default_rng(seed + 2).uniform(-1, 1, size).astype(np.float32)
+    found = []
+    for kernel in kernels(library).values():
+        after = np.full(size, np.nan, np.float32)
+        kernel.gates(given.ctypes.data, kept.ctypes.data, before.ctypes.data, size, after.ctypes.data)
+        found.append(after)
+    for got in found:
+        np.testing.assert_array_equal(got, found[-1])
+    reset, update = (expit(given[k].astype(float) + kept[k]) for k in (0, 1))
+    candidate = np.tanh(given[2] + reset * kept[2])
+    np.testing.assert_allclose(found[-1], candidate + update * (before - candidate), atol=2e-6)
+
+
 def test_largest_numbers_do_not_overflow(library: ctypes.CDLL) -> None:
     weight, x = np.full((GROUP, 2 * BLOCK), -127), np.full((2, 2 * BLOCK), 3.0, np.float32)
-    value, step = quantised(library, x)
+    value, step = quantised(kernels(library)["plain"], x)
     for kernel in kernels(library).values():
         got = product(kernel, weight, np.ones(GROUP, np.float32), value, step)
         np.testing.assert_allclose(got, 1 - 127 * 3.0 * 2 * BLOCK, rtol=1e-6)
@@ -116,7 +173,7 @@ def test_largest_numbers_do_not_overflow(library: ctypes.CDLL) -> None:
 def test_vectors_keep_their_largest_number_and_zeros(library: ctypes.CDLL) -> None:
     x = np.zeros((1, 2 * BLOCK - 1), np.float32)
     x[0, :3] = [0.5, -2.0, 1e-9]
-    value, step = quantised(library, x)
+    value, step = quantised(kernels(library)["plain"], x)
     assert value[0, 1] == -32767 and value[0, 2] == 0 and value[0, -1] == 0
     assert step[0, 0] == np.float32(2 / 32767) and step[0, 1] == 0
 
