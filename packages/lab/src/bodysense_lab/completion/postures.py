@@ -14,6 +14,7 @@ import numpy as np
 from bodysense.body.rotation import matrix_to_quaternion, quaternion_exp, quaternion_to_matrix, slerp
 from bodysense.body.skeleton import BODY, default_skeleton
 from bodysense_lab.completion.corpus import Corpus
+from bodysense_lab.completion.limbs import Limb, bend_limb, hips_of, limb_of
 from bodysense_lab.completion.wandering import wander
 
 # How often each is drawn. `standing` changes the arms only.
@@ -40,33 +41,6 @@ _LYING = [f"{side}_{part}" for side in _SIDES for part in ("shoulder", "hip", "k
 _KNEE, _SOLE = 0.06, 0.08  # m: how high a knee rests on the floor, and the ankle of a standing foot
 _BACK = np.radians(120)  # feet that point down by more lie on their backs, toes too
 _CALM, _UPRIGHT = 0.3, 0.85  # m/s, share of the rest height: a slower and higher pelvis stands
-
-
-@dataclass(frozen=True)
-class _Limb:
-    """Two bones, and the hinge between them."""
-
-    first: int  # the joint that carries the upper bone
-    second: int
-    end: int
-    upper: np.ndarray  # (3,) m, from the first to the second at rest
-    lower: np.ndarray  # (3,) m
-    hinge: np.ndarray  # (3,) about which the lower bone bends
-
-    @property
-    def front(self) -> np.ndarray:
-        """(3,) toward where the middle joint goes when the limb bends, at rest."""
-        return np.cross(self.upper, self.hinge) / np.linalg.norm(self.upper)
-
-
-def _limb(kind: str, side: str, offset: np.ndarray) -> _Limb:
-    """A leg or an arm of a body with offsets (65, 3)."""
-    names = ("hip", "knee", "ankle") if kind == "leg" else ("shoulder", "elbow", "wrist")
-    first, second, end = (BODY.index(f"{side}_{name}") for name in names)
-    upper, lower = offset[default_skeleton().indices([BODY[second], BODY[end]])]
-    # Knees bend about the axis to the left, elbows about one that is tilted by 30°.
-    hinge = np.array([1.0, 0, 0] if kind == "leg" else [0.0, -0.87, 0.5] if side == "left" else [0.0, 0.87, -0.5])
-    return _Limb(first, second, end, upper, lower, hinge)
 
 
 @dataclass(frozen=True, eq=False)
@@ -318,17 +292,17 @@ def _lowered(
     middle = np.median(root[:, [0, 2]], axis=0)
     place = np.empty_like(root)
     place[:, [0, 2]] = middle + _SWAY * (root[:, [0, 2]] - middle) - posture.back * square[:, [0, 2], 2]
-    hips = _hips(after[:, 0], offset)
+    hips = hips_of(after[:, 0], offset)
     place[:, 1] = posture.height - hips[..., 1].mean(axis=1) + _SWAY * (root[:, 1] - np.median(root[:, 1]))
     # Feet stay where they are, although the pelvis moves: they are placed from where it is on average.
     still = np.median(place, axis=0)
     level = _about_up(np.full(1, np.median(kept)))[0]
     path = root + share[:, None] * (place - root)
     mixed = _mixed(before, after, share)
-    old = _hips(before[:, 0], offset)
-    now = _hips(mixed[:, 0], offset)
+    old = hips_of(before[:, 0], offset)
+    now = hips_of(mixed[:, 0], offset)
     for k, (side_name, leg) in enumerate(zip(_SIDES, posture.legs, strict=True)):
-        limb = _limb("leg", side_name, offset)
+        limb = limb_of("leg", side_name, offset)
         mirror = np.array([1.0 if side_name == "left" else -1.0, 1.0, 1.0])
         start = still + np.median(hips[:, k], axis=0)
         target = start + level @ (leg.ankle * mirror)
@@ -340,7 +314,7 @@ def _lowered(
         ankle[:, 1] += lift
         pole = share[:, None] * (level @ (leg.pole * mirror))
         pole += (1 - share)[:, None] * (before[:, limb.first] @ limb.front)
-        bent = _bent(limb, path + now[:, k], ankle, pole)
+        bent = bend_limb(limb, path + now[:, k], ankle, pole)
         mixed[:, limb.first], mixed[:, limb.second] = bent[0], bent[1]
         out = leg.toes_out * mirror[0]
         foot = level @ quaternion_to_matrix(quaternion_exp(np.array([0.0, out, 0.0])))
@@ -438,12 +412,12 @@ def _reached(
     hand: np.ndarray | None,
 ) -> np.ndarray:
     """Move an arm toward a target by `share` (T,); the hand follows the forearm if `hand` is None."""
-    limb = _limb("arm", side, offset)
+    limb = limb_of("arm", side, offset)
     elbow = matrix[:, limb.first] @ limb.upper
     wrist = shoulder + elbow + matrix[:, limb.second] @ limb.lower
     end = wrist + share[:, None] * (target - wrist)
     way = (1 - share)[:, None] * (matrix[:, limb.first] @ limb.front) + share[:, None] * pole
-    first, second = _bent(limb, shoulder, end, way)
+    first, second = bend_limb(limb, shoulder, end, way)
     after = matrix.copy()
     if hand is None:
         hand = second
@@ -451,32 +425,6 @@ def _reached(
     after[moved, limb.first], after[moved, limb.second] = first[moved], second[moved]
     after[:, limb.end] = _mixed(matrix[:, limb.end], hand, share)
     return after
-
-
-def _bent(limb: _Limb, start: np.ndarray, end: np.ndarray, pole: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Turns (T, 3, 3) of both bones of a limb from `start` to `end` (T, 3), the middle joint toward the `pole`."""
-    upper, lower = float(np.linalg.norm(limb.upper)), float(np.linalg.norm(limb.lower))
-    way = end - start
-    length = np.linalg.norm(way, axis=-1, keepdims=True)
-    along = way / np.maximum(length, 1e-6)
-    length = np.clip(length, abs(upper - lower) + 0.02, 0.999 * (upper + lower))
-    across = pole - (pole * along).sum(axis=-1, keepdims=True) * along
-    across = across / np.maximum(np.linalg.norm(across, axis=-1, keepdims=True), 1e-6)
-    near = (upper**2 - lower**2 + length**2) / (2 * length)
-    high = np.sqrt(np.maximum(upper**2 - near**2, 0.0))
-    first = (near * along + high * across) / upper
-    second = ((length - near) * along - high * across) / lower
-    axis = np.cross(across, along)
-    return _turning(limb.upper, limb.hinge, first, axis), _turning(limb.lower, limb.hinge, second, axis)
-
-
-def _turning(bone: np.ndarray, hinge: np.ndarray, direction: np.ndarray, axis: np.ndarray) -> np.ndarray:
-    """Turns (T, 3, 3) that take a bone and its hinge at rest to a direction and an axis at right angles to it."""
-    bone = bone / np.linalg.norm(bone)
-    hinge = hinge - (hinge @ bone) * bone
-    hinge = hinge / np.linalg.norm(hinge)
-    rest = np.stack([bone, hinge, np.cross(bone, hinge)], axis=-1)
-    return np.stack([direction, axis, np.cross(direction, axis)], axis=-1) @ rest.T
 
 
 def _spells(frames: int, rate: float, rng: np.random.Generator) -> np.ndarray:
@@ -498,12 +446,6 @@ def _mixed(a: np.ndarray, b: np.ndarray, share: np.ndarray) -> np.ndarray:
 def _about_up(angle: np.ndarray) -> np.ndarray:
     """(T,) → (T, 3, 3)."""
     return quaternion_to_matrix(quaternion_exp(np.array([0.0, 1.0, 0.0]) * angle[:, None]))
-
-
-def _hips(pelvis: np.ndarray, offset: np.ndarray) -> np.ndarray:
-    """(T, 2, 3) m: both hips from the pelvis, whose turn (T, 3, 3) is given."""
-    places = default_skeleton().indices(["left_hip", "right_hip"])
-    return np.einsum("tij,kj->tki", pelvis, offset[places])
 
 
 def _place_of(matrix: np.ndarray, root: np.ndarray, offset: np.ndarray, name: str) -> np.ndarray:

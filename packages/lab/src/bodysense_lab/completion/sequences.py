@@ -34,6 +34,7 @@ from bodysense_lab.completion.points import (
 )
 from bodysense_lab.completion.postures import draw_kind, settled
 from bodysense_lab.completion.sensor_draws import DrawnSensors, draw_tracked
+from bodysense_lab.completion.straight_legs import straightened
 from bodysense_lab.completion.wandering import wander
 
 _PLACES = body_places()
@@ -67,6 +68,7 @@ LENGTHS = (
     ("pelvis", "head"),
 )
 LONGEST, LONGEST_SETTLED = 15.0, 30.0  # s of a sequence, and of one in a posture that lasts
+_STRAIGHT = 0.3  # share of sequences whose standing legs are straightened
 _BENT = 0.45  # share of sequences whose wrists turn freely
 _STRAPPED_ALONG = (0.3, 0.95)  # where along a bone a sensor is strapped
 _ACCELERATION_NOISE = (0.03, 0.5)  # m/s², from and to
@@ -177,6 +179,7 @@ class Draw:
     mirrored: bool = False
     bent: bool = False  # wrists turn freely
     posture: str | None = None  # of `postures.KINDS`; None: as recorded
+    straight: float = 0.0  # how much standing legs are straightened; 1: wholly
     noisy: bool = False
 
 
@@ -202,6 +205,7 @@ def _drawn(corpus: Corpus, clip: int, posture: str | None, rng: np.random.Genera
         mirrored=bool(rng.uniform() < 0.5),
         bent=bool(rng.uniform() < _BENT),
         posture=posture,
+        straight=float(rng.uniform(0.3, 1.0)) if rng.uniform() < _STRAIGHT else 0.0,
         noisy=bool(rng.uniform() < 0.6),
     )
     return make_sequence(corpus, clip, drawn, rng)
@@ -215,6 +219,8 @@ def make_sequence(corpus: Corpus, clip: int, draw: Draw, rng: np.random.Generato
     if draw.posture is not None:
         rotation, root = settled(rotation, root, own, draw.posture, rate, rng)
         visible = _seen(rotation, root, own)
+    if draw.straight:
+        rotation, root = straightened(rotation, root, own, draw.straight, rate)
     if draw.mirrored:
         rotation = rotation[:, _MIRROR] * np.array([1.0, 1.0, -1.0, -1.0])
         root, visible = root * [-1.0, 1.0, 1.0], visible[:, _MIRROR_65]
