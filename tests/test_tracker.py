@@ -234,6 +234,15 @@ def test_a_refused_frame_leaves_the_state_unchanged() -> None:
     assert state.to_bytes() == stored
 
 
+@pytest.mark.parametrize("accuracy", [1e-300, 1e39, 1e300])
+def test_any_positive_accuracy_gives_a_finite_estimate(accuracy: float) -> None:
+    observation = seen(performance(12), "ten_point")[:5]
+    vague = replace(observation, accuracy=np.full_like(observation.accuracy, accuracy))
+    estimate, _ = (tracker := Tracker()).step(vague, tracker.start())
+    for values in (estimate.points, estimate.confidence, estimate.bound, estimate.pose.rotation):
+        assert np.isfinite(values).all()
+
+
 @pytest.mark.parametrize("field", ["floor", "ease", "longest_gap", "first_interval", "longest_interval"])
 def test_settings_that_cannot_be(field: str) -> None:
     allowed, refused = (-1.0, 1e30) if field == "floor" else (1e30, -1.0)

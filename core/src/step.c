@@ -9,7 +9,8 @@
 
 #define FARTHEST 1000.0     /* m: beyond it single precision is too coarse for a body */
 #define UNIT_TOLERANCE 0.01 /* by which the length of a quaternion may differ from 1 */
-#define FINEST 1e-4F        /* m: no point is more accurate */
+#define FINEST 1e-4         /* m: no point counts as more accurate */
+#define COARSEST 1000.0     /* m: or as less */
 
 /* Arrays of one frame of some people, in scratch. */
 typedef struct frames {
@@ -111,7 +112,7 @@ static void gather(const bs_observation *observation, int t, const bs_state *sta
             seen->has_position[point] = true;
             seen->position[point] = vec((float)(position[0] - seen->base[0]), (float)(position[1] - seen->base[1]),
                                         (float)(position[2] - seen->base[2]));
-            seen->accuracy[point] = fmaxf((float)observation->accuracy[i], FINEST);
+            seen->accuracy[point] = (float)fmin(fmax(observation->accuracy[i], FINEST), COARSEST);
         }
         if (observation->has_rotation[i] && point < BS_JOINTS) {
             seen->has_rotation[point] = true;

@@ -11,7 +11,7 @@ from .points import BODY, HEAD, JOINTS, POINTS, WRISTS, at
 from .vectors import frame_of
 
 UNTRACKED = 1e4  # m: the accuracy of a point that is not tracked
-FINEST = 1e-4  # m: no point is more accurate
+FINEST, COARSEST = 1e-4, 1000.0  # m: no point counts as more accurate, or as less
 FARTHEST = 1000.0  # m/s²: an acceleration beyond is no measurement
 
 KNUCKLES = [[at(f"{side}_{name}1") for name in ("index", "middle", "ring", "pinky")] for side in ("left", "right")]
@@ -85,7 +85,7 @@ def gather(observation: Observation, t: int, base: np.ndarray, interval: float, 
         if observation.has_position[t, k]:
             seen.has_position[point] = True
             seen.position[point] = observation.position[t, k] - base
-            seen.accuracy[point] = max(observation.accuracy[t, k], FINEST)
+            seen.accuracy[point] = min(max(observation.accuracy[t, k], FINEST), COARSEST)
         if observation.has_rotation[t, k] and point < JOINTS:
             seen.has_rotation[point] = True
             seen.rotation[point] = quaternion_to_matrix(normalize(observation.rotation[t, k]))
