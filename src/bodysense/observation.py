@@ -284,17 +284,22 @@ def _keeps_height(heights: np.ndarray) -> bool:
 def check_shapes(observation: Observation, name: str = "observation") -> None:
     """Raise BodysenseError, naming the fix, where arrays do not fit together; their values are not looked at."""
     frames, count = len(observation.time), len(observation.points)
-    expected = {"position": (3,), "rotation": (4,), "has_position": (), "has_rotation": (), "accuracy": ()}
     if len(set(observation.points)) != count:
         raise BodysenseError(f"{name}: a point is named twice; names must differ")
     if observation.time.ndim != 1:
         raise BodysenseError(f"{name}: time has shape {observation.time.shape}; give one number a frame, in seconds")
+    lead = (*observation.position.shape[:-3], frames, count)
+    expected = {
+        "position": (*lead, 3),
+        "rotation": (*lead, 4),
+        "has_position": lead,
+        "has_rotation": lead,
+        "accuracy": lead,
+    }
     if observation.acceleration is not None:
-        expected["acceleration"] = (3,)
-    batch = observation.position.shape[:-3]
-    for field, tail in expected.items():
+        expected["acceleration"] = (*lead, 3)
+    for field, wanted in expected.items():
         shape = getattr(observation, field).shape
-        wanted = (*batch, frames, count, *tail)
         if shape != wanted:
             raise BodysenseError(f"{name}: {field} has shape {shape}; {frames} frames of {count} points need {wanted}")
 

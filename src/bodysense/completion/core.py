@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import ctypes
-import math
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from functools import lru_cache
 from typing import Any
 
@@ -288,7 +287,7 @@ class Model:
             people,
             structs,
             pointers,
-            address(estimates),
+            estimates,
             address(scratch),
             len(scratch),
             ctypes.byref(refused),
@@ -328,62 +327,57 @@ def _observations(observations: Sequence[Observation]) -> tuple[ctypes.Array, li
     """
     values, masks, rows = [], [], []
     for one in observations:
-        values += [one.time, one.position, one.rotation, one.accuracy]
+        values += (one.time, one.position, one.rotation, one.accuracy)
         if one.acceleration is not None:
             values.append(one.acceleration)
-        masks += [one.has_position, one.has_rotation]
-    numbers = np.concatenate([part.ravel() for part in values], dtype=np.float64, casting="unsafe")
-    known = np.concatenate([part.ravel() for part in masks], dtype=np.bool_, casting="unsafe")
-    places, flags = _addresses(values, address(numbers), 8), _addresses(masks, address(known), 1)
-    keep = [numbers, known]
+        masks += (one.has_position, one.has_rotation)
+    numbers = np.concatenate(values, axis=None, dtype=np.float64, casting="unsafe")
+    known = np.concatenate(masks, axis=None, dtype=np.bool_, casting="unsafe")
+    keep, number, flag = [numbers, known], address(numbers), address(known)
     for one in observations:
-        time, position, rotation, accuracy = (next(places) for _ in range(4))
-        acceleration = None if one.acceleration is None else next(places)
-        point = point_indices(one.points)
+        frames, points = one.has_position.shape
+        count, point = frames * points, point_indices(one.points)
+        position = number + 8 * frames
+        rotation = position + 24 * count
+        accuracy = rotation + 32 * count
+        number = accuracy + 8 * count
+        acceleration = None if one.acceleration is None else number
+        given = (number - 8 * (8 * count + frames), position, rotation, flag, flag + count, accuracy, acceleration)
+        rows.append(ObservationStruct(frames, points, address(point), *given))
+        number += 0 if acceleration is None else 24 * count
+        flag += 2 * count
         keep.append(point)
-        rows.append(
-            ObservationStruct(
-                len(one),
-                len(one.points),
-                address(point),
-                time,
-                position,
-                rotation,
-                next(flags),
-                next(flags),
-                accuracy,
-                acceleration,
-            )
-        )
     return (ObservationStruct * len(rows))(*rows), keep
 
 
-def _addresses(parts: Sequence[np.ndarray], start: int, width: int) -> Iterator[int]:
-    """Yield where each part begins in the memory at `start` that holds them one behind the other."""
-    for part in parts:
-        yield start
-        start += part.size * width
-
-
-def _estimates(people: int, frames: int) -> tuple[dict[str, np.ndarray], np.ndarray]:
-    """Return arrays (B, T, …) by the names of `ESTIMATE`, and `bs_estimate` structs (B, 8) that point into them."""
+def _estimates(people: int, frames: int) -> tuple[dict[str, np.ndarray], ctypes.Array]:
+    """Return arrays (B, T, …) by the names of `ESTIMATE`, and `bs_estimate` structs, 8 pointers each, to them."""
     parts, starts, size = _layout(frames)
     memory = np.empty((people, size), np.uint8)
-    made = {name: memory[:, part].view(kind).reshape(people, frames, *ESTIMATE[name]) for name, part, kind in parts}
-    rows = address(memory) + size * np.arange(people, dtype=np.uintp)
-    return made, rows[:, None] + starts
+    made = {
+        name: np.ndarray((people, *shape), kind, memory, start, (size, *strides))
+        for name, kind, start, shape, strides in parts
+    }
+    first = address(memory)
+    pointers = [row + start for row in range(first, first + people * size, size) for start in starts]
+    return made, (_Pointer * len(pointers))(*pointers)
+
+
+_Part = tuple[str, type, int, tuple[int, ...], tuple[int, ...]]
 
 
 @lru_cache(maxsize=16)
-def _layout(frames: int) -> tuple[list[tuple[str, slice, type]], np.ndarray, int]:
-    """Return parts of the memory of T frames (name, part, kind) for all of `ESTIMATE`, their starts, and its size."""
+def _layout(frames: int) -> tuple[list[_Part], list[int], int]:
+    """Return the members of `ESTIMATE` in the memory of T frames, their starts, and the bytes of that memory.
+
+    A part is a name, kind, start (bytes), shape (T, …) and strides (bytes).
+    """
     parts, size = [], 0
     for name, shape in ESTIMATE.items():
-        kind = np.bool_ if name == "measured" else np.float64
-        count = frames * math.prod(shape) * np.dtype(kind).itemsize
-        parts.append((name, slice(size, size + count), kind))
-        size += -(-count // 8) * 8
-    return parts, np.array([part.start for _, part, _ in parts], np.uintp), size
+        like = np.empty((frames, *shape), np.bool_ if name == "measured" else np.float64)
+        parts.append((name, like.dtype.type, size, like.shape, like.strides))
+        size += -(-like.nbytes // 8) * 8
+    return parts, [start for _, _, start, _, _ in parts], size
 
 
 @lru_cache(maxsize=256)
