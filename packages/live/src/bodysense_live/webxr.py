@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from bodysense.body.hand import glove_marker
-from bodysense.body.products import CONJUGATE, multiply, rotate
+from bodysense.body.products import CONJUGATE, MATRIX, multiply, rotate
 from bodysense.body.rotation import matrix_to_quaternion
 from bodysense.body.skeleton import Skeleton, default_body, default_skeleton
 from bodysense.io.protocol import ACCURACY_UNIT, HAS_POSITION, HAS_ROTATION, MOST_POINTS, ProtocolError, SignalFrame
@@ -28,6 +28,8 @@ from bodysense.raw_poses import AXES
 from bodysense_live.inertial import IMUS
 
 IDENTITY, STILL = np.array([1.0, 0, 0, 0]), np.zeros(3)
+# q @ _RIGHT is the 4×4 matrix, row by row, by which a row is multiplied to multiply by q from the right.
+_RIGHT = np.array([multiply(np.eye(4), np.repeat(unit[None], 4, axis=0)).ravel() for unit in np.eye(4)])
 _NOWHERE, _UPRIGHT = STILL.astype(np.float32), IDENTITY.astype(np.float32)
 _WORN = ("pelvis", "spine3", *(f"{side}_{part}" for part in ("ankle", "knee", "elbow") for side in ("left", "right")))
 # Strapped on somehow about the joint: their rotations count from when it is known how they are worn.
@@ -148,11 +150,12 @@ def through(door: Door, frame: SignalFrame, shown: np.ndarray, placement: Placem
         rotation = np.where(has_rotation[:, None], rotation, _UPRIGHT)
     position, rotation = position.astype(float), rotation.astype(float)
     if len(has):
-        rotation /= np.sqrt(np.einsum("ij,ij->i", rotation, rotation))[:, None]
+        rotation /= np.sqrt(np.vecdot(rotation, rotation))[:, None]
         if not door.is_plain:
-            rotation = multiply(rotation, told.turn)
+            rotation = (rotation[:, None, :] @ told.turn)[:, 0]
+            shift = (rotation[:, :, None] * rotation[:, None, :]).reshape(-1, 1, 16) @ told.shift
             # Where the device's rotation is not known, its own place is the best guess of ours.
-            position += rotate(rotation, told.shift) * has_rotation[:, None]
+            position += shift[:, 0] if everything else shift[:, 0] * has_rotation[:, None]
             has_rotation = has_rotation & told.turned
         position, rotation = placement.place(position), placement.turn(rotation)
     moment = np.array([time])
@@ -181,8 +184,8 @@ class _Told(NamedTuple):
 
     use: np.ndarray | None  # (N,) bool; None where all are
     target: np.ndarray  # (K,) place among the points of the waist
-    turn: np.ndarray  # (K, 4)
-    shift: np.ndarray  # (K, 3)
+    turn: np.ndarray  # (K, 4, 4): q @ turn is how our point is turned, of a device that is turned by q
+    shift: np.ndarray  # (K, 16, 3): (q qᵀ) @ shift is our point from the device, m, for how our point is turned
     turned: np.ndarray  # (K,) bool
     accuracy: np.ndarray  # (K,) m, shared by frames: not to be written to
     is_whole: bool  # they are all points of the waist, in order, and say how all are turned
@@ -202,8 +205,8 @@ def _told(door: Door, point: bytes, shown: bytes) -> _Told:
     return _Told(
         None if use.all() else use,
         target,
-        door.turn[rows],
-        door.shift[rows],
+        (door.turn[rows] @ _RIGHT).reshape(-1, 4, 4),
+        np.einsum("cij,kj->kci", MATRIX.reshape(16, 3, 3), door.shift[rows]),
         turned,
         accuracy,
         bool(turned.all()) and target.tolist() == list(range(len(door.points))),
