@@ -274,13 +274,13 @@ class Model:
         people, frames = len(observations), len(observations[0])
         structs, _keep = _observations(observations)
         made, estimates = _estimates(people, frames)
-        after = empty(people * self.state_size).reshape(people, self.state_size)
-        for k, state in enumerate(states):
+        after = tuple(empty(self.state_size) for _ in states)  # each its own memory, which one session may keep
+        for k, (own, state) in enumerate(zip(after, states, strict=True)):
             if len(state) != self.state_size:
                 return STATE_FOREIGN, k, made, tuple(states)
-            after[k] = state
-        start, scratch, refused = address(after), self._scratch_for(people), ctypes.c_int()
-        pointers = (_Pointer * people)(*range(start, start + people * self.state_size, self.state_size))
+            own[:] = state
+        scratch, refused = self._scratch_for(people), ctypes.c_int()
+        pointers = (_Pointer * people)(*map(address, after))
         result = library().bs_step(
             self.pointer,
             ctypes.byref(settings),
@@ -292,7 +292,7 @@ class Model:
             len(scratch),
             ctypes.byref(refused),
         )
-        return result, refused.value, made, tuple(after)
+        return result, refused.value, made, after
 
     def _scratch_for(self, people: int) -> np.ndarray:
         """Return this thread's scratch for a step of `people` people."""
