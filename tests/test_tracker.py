@@ -234,6 +234,15 @@ def test_a_refused_frame_leaves_the_state_unchanged() -> None:
     assert state.to_bytes() == stored
 
 
+@pytest.mark.parametrize("size", [64, 0, -64])  # bytes, relative to a state of this network
+def test_a_state_of_another_network_is_refused(size: int) -> None:
+    observation, tracker = seen(performance(11), "head")[:1], Tracker()
+    own = tracker.start()
+    foreign = np.zeros(len(own.memory[0]) + size, np.uint8)
+    with pytest.raises(BodysenseError, match="tracker: the state .* model"):
+        tracker.step(observation, replace(own, memory=(foreign,)))
+
+
 @pytest.mark.parametrize("accuracy", [1e-300, 1e39, 1e300])
 def test_any_positive_accuracy_gives_a_finite_estimate(accuracy: float) -> None:
     observation = seen(performance(12), "ten_point")[:5]
