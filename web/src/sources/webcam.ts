@@ -138,7 +138,7 @@ class Webcam implements Source {
     const passed = Math.min((milliseconds - this.before) / 1000, 1);
     this.calm = found && this.calm ? smoothed(this.calm, found, 1 - 2 ** (-passed / CALM)) : found;
     const body = withOffsets(this.skeleton, this.live.newest?.restOffset ?? this.skeleton.restOffset);
-    const points = this.calm && this.points.read(this.calm, body, passed);
+    const points = found && this.calm && this.points.read(found, this.calm, body, passed);
     if (!this.presence.look(points !== null, milliseconds)) this.small.say(NOBODY);
     if (!points) {
       if (milliseconds - this.lonely > 1000 * LONELY && !this.hasSaid) {
