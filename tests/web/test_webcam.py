@@ -108,8 +108,8 @@ def test_a_webcams_picture_is_seen_beside_the_body_and_what_it_waits_for(watched
 def test_a_webcams_body_is_the_person_of_the_film(scenario: Scenario, with_webcam: Path, tmp_path: Path) -> None:
     """22 joints next to those of the film's own poses, at the same time: from the pelvis, facing as in the film.
 
-    In the world, from where the person was first seen, they are off by more: the page knows neither the camera's lens nor
-    the person's height, on which the distance depends.
+    In the world, from where the person was first seen, they are off by more: the distance depends on the camera's lens
+    and the person's height, and the page knows neither.
     """
     film = tmp_path / "film"
     film.mkdir()
