@@ -192,6 +192,13 @@ def test_the_api_page_has_every_public_name() -> None:
     assert listed == set(bs.__all__)
 
 
+def test_each_part_of_the_gallery_has_a_picture_and_a_command() -> None:
+    _, *parts = (ROOT / "docs" / "gallery.md").read_text().split("\n## ")
+    assert len(parts) >= 6
+    for part in parts:
+        assert re.search(r"!\[.+\]\(figures/.+\)", part) and "\nbodysense " in part, part.splitlines()[0]
+
+
 def test_every_public_name_has_an_example() -> None:
     """Between the name before and its own; `bs.track(` for a function or a class, or an object of a class."""
     text = (ROOT / "docs" / "api.md").read_text()
