@@ -18,7 +18,7 @@ from pathlib import Path
 
 from bodysense.cli.show import processor, write_numbers
 
-FEW = ("--limit", "4", "--check-every", "1000000")  # clips; no checks in between
+FEW = ("--limit", "30", "--check-every", "1000000")  # clips, for full batches; no checks in between
 STEPS = {  # command and options: the steps of the two runs
     "train hmd-vae": (20, 80),
     "train gloves --form paper --network markers": (20, 320),
