@@ -2,8 +2,8 @@
 
     python scripts/measure_hours.py DATA FIGURES/hours.json [NAME …]
 
-DATA is a folder of motion with fingers or a prepared store. The processor time between a run of few and one of more steps
-gives that of a step. A file that is there keeps the numbers of trainings that are not named.
+DATA is a folder of motion with fingers or a prepared store. The processor time between a run of few and one of more
+steps gives that of a step. A file that is there keeps the numbers of trainings that are not named.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from pathlib import Path
 
 from bodysense.cli.show import processor, write_numbers
 
-FEW = ("--limit", "30", "--check-every", "1000000")  # clips, for full batches; no checks in between
+FEW = ("--limit", "16", "--check-every", "1000000")  # clips, for full batches; no checks in between
 STEPS = {  # command and options: the steps of the two runs
     "train hmd-vae": (20, 80),
     "train gloves --form paper --network markers": (20, 320),
@@ -35,7 +35,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("data", type=Path, help="folder of motion or a prepared store")
     parser.add_argument("out", type=Path, help="file for the numbers")
-    parser.add_argument("names", nargs="*", metavar="NAME", help="trainings, as docs/reproduce.md names them; all if omitted")
+    parser.add_argument(
+        "names", nargs="*", metavar="NAME", help="trainings, as docs/reproduce.md names them; all if omitted"
+    )
     chosen = parser.parse_args()
     numbers = json.loads(chosen.out.read_text(encoding="utf-8")) if chosen.out.is_file() else {}
     if numbers.pop("processor", processor()) != processor():
