@@ -1,4 +1,9 @@
-"""Make the moving pictures of docs/gallery.md from the packaged performance: python scripts/make_gallery.py [NAME …]"""
+"""Make the moving pictures of docs/gallery.md from the packaged performance.
+
+    python scripts/make_gallery.py [NAME …]
+
+`video` needs `'.[video]'`, `packages/lab[render]` and MediaPipe's models (scripts/build_landmarkers.py).
+"""
 
 from __future__ import annotations
 
@@ -14,7 +19,7 @@ from PIL import Image
 import bodysense as bs
 from bodysense.body.skeleton import Skeleton
 from bodysense.cli import main as bodysense
-from bodysense.demo import performance_of_stranger
+from bodysense.demo import packaged_performance, performance_of_stranger
 from bodysense.files import written_beside
 from bodysense.io.resample import resample
 from bodysense.observation import Observation
@@ -27,7 +32,9 @@ STEP = 3  # frames of the motion for one picture
 LENS = Lens(width=170, height=230, aim=0.86, view_height=2.25)
 QUALITY = 40  # of WebP
 LARGEST = 350_000  # bytes of a picture
-WALK, REACH = (2.0, 7.0), (5.5, 10.0)  # s of the performance
+WALK, REACH, FILM = (2.0, 7.0), (5.5, 10.0), (6.0, 11.5)  # s of the performance
+FILM_WIDTH = 560  # pixels of a picture of the film and the body next to it
+FROM, TURNED = 2.7, np.radians(125)  # m from the figure to the camera, and the camera's turn about +Y
 
 
 def part(seconds: tuple[float, float]) -> bs.Clip:
@@ -75,7 +82,44 @@ def hole() -> Iterable[np.ndarray]:
     return draw_views(views, RATE, range(0, len(clip), STEP), LENS)
 
 
-PICTURES: dict[str, Callable[[], Iterable[np.ndarray]]] = {"sensors": sensors, "hole": hole}
+def video() -> Iterable[np.ndarray]:
+    """Draw a film of a rendered figure, with the body that was found in it over it and next to it."""
+    import av
+
+    with tempfile.TemporaryDirectory() as folder:
+        film, seen = Path(folder) / "film.mp4", Path(folder) / "seen.mp4"
+        write_film(film)
+        bodysense(["track", str(film), "-o", str(Path(folder) / "take.bvh"), "--overlay", str(seen), "--quiet"])
+        with av.open(str(seen)) as container:
+            pictures = [frame.to_image() for frame in container.decode(video=0)]
+    return [np.asarray(one.resize((FILM_WIDTH, FILM_WIDTH * one.height // one.width))) for one in pictures]
+
+
+def write_film(path: Path) -> None:
+    """Write a film of the performance on a figure that is no avatar's, as a camera in a room sees it."""
+    import av
+
+    from bodysense.devices.simulated.camera_view import Camera
+    from bodysense_lab.rendering.scene import load_figure, sample_scene
+    from bodysense_lab.rendering.stage import open_stage
+
+    clip = resample(packaged_performance(), RATE / STEP)
+    first, last = (round(RATE / STEP * second) for second in FILM)
+    pose = load_figure("woman").wear(clip.pose[first:last])
+    middle = np.median(pose.root_position, axis=0)
+    away, right = np.array([np.sin(TURNED), 0, np.cos(TURNED)]), np.array([np.cos(TURNED), 0, -np.sin(TURNED)])
+    axes = np.stack([right, (0, 1, 0), away], axis=1)
+    camera = Camera(middle + FROM * away, axes, np.array(1.1), np.array(4 / 3))
+    scene = sample_scene(np.random.default_rng(5), "woman")
+    with av.open(str(path), "w") as container, open_stage(scene, camera, 480, middle) as stage:
+        stream = container.add_stream("libx264", rate=round(RATE / STEP))
+        stream.width, stream.height, stream.pix_fmt = 640, 480, "yuv420p"
+        for k in range(len(pose.root_position)):
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(stage.draw(pose[k]), format="rgb24")))
+        container.mux(stream.encode(None))
+
+
+PICTURES: dict[str, Callable[[], Iterable[np.ndarray]]] = {"sensors": sensors, "hole": hole, "video": video}
 
 
 def main() -> None:

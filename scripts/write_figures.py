@@ -19,6 +19,7 @@ unchanged. DATA is a folder of motion or a prepared store.
     python scripts/first_body.py --json FIGURES/first-body.json
     bodysense bench import --json FIGURES/import.json
     bodysense bench training --json FIGURES/training.json
+    python scripts/measure_hours.py DATA FIGURES/hours.json
     bodysense data info DATA --occlusion --split test --json FIGURES/hidden.json
     … with --camera.solid-scale 0.8, FIGURES/hidden_thin.json, and with 0.7, FIGURES/hidden_thinner.json
     … with --camera.nose-distance 0, FIGURES/hidden_back.json
@@ -81,14 +82,14 @@ import shutil
 import sys
 from pathlib import Path
 
-from figures import completion, conform, gloves, live, markers, occlusion, papers, speed, video
+from figures import completion, conform, gloves, hours, live, markers, occlusion, papers, speed, video
 from figures.blocks import ROOT, read_measured, write_blocks
 from figures.rows import write_rows
 from PIL import Image
 
 BLOCKS = tuple(
     block
-    for module in (completion, conform, gloves, live, markers, occlusion, papers, speed, video)
+    for module in (completion, conform, gloves, hours, live, markers, occlusion, papers, speed, video)
     for block in module.BLOCKS
 )
 

@@ -192,6 +192,26 @@ def test_the_api_page_has_every_public_name() -> None:
     assert listed == set(bs.__all__)
 
 
+def test_each_part_of_the_gallery_has_a_picture_and_a_command() -> None:
+    _, *parts = (ROOT / "docs" / "gallery.md").read_text().split("\n## ")
+    assert len(parts) >= 6
+    for part in parts:
+        assert re.search(r"!\[.+\]\(figures/.+\)", part) and "\nbodysense " in part, part.splitlines()[0]
+
+
+def test_every_public_name_has_an_example() -> None:
+    """Between the name before and its own; `bs.track(` for a function or a class, or an object of a class."""
+    text = (ROOT / "docs" / "api.md").read_text()
+    first, *parts = re.split(r"^::: bodysense\.(\w+)$", text, flags=re.MULTILINE)
+    befores = [first, *parts[1::2]]
+    without = [name for name, before in zip(parts[0::2], befores, strict=False) if not FENCED.search(before)]
+    assert without == []
+    code = "\n".join(snippets(ROOT / "docs" / "api.md"))
+    objects = {"Device": "def observe(", "Estimate": "estimate[", "Observation": "bs.Observation.from_arrays("}
+    unused = [name for name in bs.__all__ if objects.get(name, f"bs.{name}") not in code]
+    assert unused == ["Skeleton", "Take"]  # made by default_skeleton and track
+
+
 def test_links_lead_somewhere() -> None:
     for page in PAGES:
         for target in re.findall(r"\]\(([^)#\s]+)(?:#[^)]*)?\)", page.read_text()):

@@ -138,6 +138,10 @@ def test_no_row_only_links_to_a_page_that_has_its_figures() -> None:
     assert [row[0] for row in cells if row[3].startswith("[")] == ["1.18"]  # raters are the reader's own
     assert [row[0] for row in cells if row[3] == "–"] == ["4.4", "4.10"]  # what tests hold
     assert [row[0] for row in cells if row[5] == "–"] == []
+    assert {len(row) for row in cells} == {8}
+    assert [row[0] for row in cells if row[6] == "–"] == ["2.11", "4.14"]  # these need nothing
+    assert {row[0] for row in cells if row[7] != "–"} <= set(rows.HOURS)
+    assert all(float(row[7]) > 0 for row in cells if row[7] != "–")
 
 
 def test_tables_of_all_clips_name_no_limit() -> None:

@@ -6,9 +6,21 @@ import type { Plugin } from "vite";
 const NAME = "three";
 const ENTRY = /<script type="module" crossorigin src="(.*?)"><\/script>/;
 
-/** How a browser gets at it: modules name it, and a map says where it is once it is unpacked. */
+/** Files that the first picture needs, and that no module names. */
+const FIRST = ["page.json", "default_body.json", "performance.npz"];
+const preload = (name: string): string => `<link rel="preload" as="fetch" crossorigin href="./${name}" />`;
+
+/** How a browser gets at it: modules name it, and a map says where it is once it is unpacked. The worker that completes
+ * bodies needs neither: it fetches and opens the network in the meantime (`Engine.open`). */
 const START = `<link rel="preload" as="script" crossorigin href="$1" />
+    ${FIRST.map(preload).join("\n    ")}
     <script>
+      const startEngine = () => {
+        if (globalThis.engineWorker) return;
+        globalThis.engineWorker = new Worker("./worker.js", { type: "module", name: "engine" });
+        engineWorker.postMessage({ type: "open", base: document.baseURI });
+      };
+      requestAnimationFrame(() => setTimeout(startEngine)); // after the first words
       let early = null; // a button pressed before there is a module that hears it
       const keep = ({ target }) => (early = target.closest("button"));
       addEventListener("click", keep);

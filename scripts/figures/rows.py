@@ -24,7 +24,7 @@ from .blocks import ROOT
 CAMERA, LOSSES, SCHEDULE = HeadsetCamera(), LossWeights(), BodySchedule()
 VAE, ARMS, ARM_LOSSES = BodyVaeConfig(), ArmNetworkConfig(), ArmSchedule()
 PAGE = Path("docs") / "reproduce.md"
-COLUMN = 3  # of a row's cells: its figure
+COLUMN, HOURS_COLUMN = 3, 7  # of a row's cells: its figure, and the hours of its training
 _BLOCK = re.compile(r"<!-- begin (\S+) -->\n(.*?)<!-- end \1 -->", re.DOTALL)
 _WEIGHTS, _ERROR = r"([\d,]+) weights", r"error_cm ([\d.]+)"  # in model cards
 Cells = Callable[..., str]  # name of a block, heading of a column, labels of the row → the cell
@@ -114,6 +114,16 @@ FIGURES: dict[str, Callable[[Cells], str]] = {  # by row of the page
     ),
 }
 STRANGERS = "strangers' hands"
+HOURS = {  # by row: the training whose hours it has
+    "1.6": "train body-gru --form paper",
+    "1.8": "train unoc-tables",
+    "2.5": "train hmd-vae",
+    "2.6": "train hmd-vae",
+    "3.3": "train arms --model ahmt",
+    "3.4": "train arms --model pahmt",
+    "4.6": "train gloves --form paper --network markers",
+    "4.8": "train gloves --form paper --network joints",
+}
 
 
 def write_rows(root: Path = ROOT) -> None:
@@ -135,6 +145,9 @@ def with_figures(text: str, root: Path = ROOT) -> str:
 
     for row, figure in FIGURES.items():
         text = with_figure(text, row, figure(at))
+    for row, training in HOURS.items():
+        if f"`{training}`" in blocks["hours"]:
+            text = with_figure(text, row, at("hours", "CPU hours", f"`{training}`"), HOURS_COLUMN)
     return text
 
 
@@ -150,14 +163,14 @@ def cell_of(block: str, column: str, *labels: str) -> str:
     raise ValueError(f"no cell {column!r} of {labels}")
 
 
-def with_figure(text: str, row: str, figure: str) -> str:
+def with_figure(text: str, row: str, figure: str, column: int = COLUMN) -> str:
     """Return the page with another figure in a row. Raises ValueError if the page has no such row."""
     lines = text.split("\n")
     place = next((k for k, line in enumerate(lines) if line.startswith(f"| {row} |")), None)
     if place is None:
         raise ValueError(f"{PAGE}: no row {row}")
     cells = lines[place].strip("| ").split(" | ")
-    cells[COLUMN] = figure
+    cells[column] = figure
     lines[place] = f"| {' | '.join(cells)} |"
     return "\n".join(lines)
 

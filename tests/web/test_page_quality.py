@@ -44,6 +44,10 @@ def test_a_small_phone_holds_the_page(checked: dict[str, Any]) -> None:
     assert checked["tooSmall"] == []
 
 
+def test_a_message_on_a_phone_does_not_cover_the_body(checked: dict[str, Any]) -> None:
+    assert len(checked["covered"]) == 2 and max(checked["covered"]) <= 0  # pixels
+
+
 def test_doors_are_reached_by_keyboard_and_focus_is_seen(checked: dict[str, Any]) -> None:
     reached = [name for name, _ in checked["keyboard"]]
     assert reached[0] == "skip" and {"door-headset", "door-file"} <= set(reached)

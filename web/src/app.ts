@@ -5,7 +5,7 @@ import type { Observation } from "./body/observation";
 import { restHeight, withOffsets, type Skeleton } from "./body/skeleton";
 import type { Engine } from "./engine/engine";
 import type { DefaultBody } from "./engine/files";
-import { FirstPicture, openPerformance, type FirstFiles } from "./first";
+import { FirstPicture, type FirstFiles } from "./first";
 import { HeadsetDoor } from "./headset_door";
 import { Live } from "./live";
 import { Measuring } from "./measuring";
@@ -43,13 +43,14 @@ const FILE_GUIDE =
 const NO_INPUT =
   "This server has no input of its own: what you see is the page's performance. Start the server with --replay, --vmc-in or --vmt.";
 const FACTS_EVERY = 150; // ms
+const LONGEST_STEP = 0.1; // s that the timeline goes on by from one picture to the next
 
 export class App {
   private settings: Settings = loadSettings(() => localStorage);
   private source: Source | null = null;
   private awaited: Watching | null = null; // a server whose first body is not there yet
   private tree: Skeleton; // of what is shown
-  private performance: Clip | null;
+  private readonly performance: Clip;
   private readonly body: DefaultBody;
   private readonly about: About;
   private readonly welcome = element("lead").textContent;
@@ -186,7 +187,6 @@ export class App {
 
   /** The packaged performance, seen by a simulated headset. */
   private async perform(): Promise<void> {
-    this.performance ??= await openPerformance(this.base, this.body);
     this.begin(new ClipSource(this.performance, this.live, this.settings.sensors, "The page's own performance"));
   }
 
@@ -411,7 +411,8 @@ export class App {
   }
 
   private draw(milliseconds: number, frame: XRFrame | undefined): void {
-    const seconds = Math.min((milliseconds - this.shownAt) / 1000, 0.1);
+    const passed = (milliseconds - this.shownAt) / 1000;
+    const seconds = Math.min(passed, LONGEST_STEP);
     this.shownAt = milliseconds;
     this.source?.frame(milliseconds, frame);
     if (this.source instanceof TakeSource) this.source.repeat(this.playback);
@@ -420,10 +421,11 @@ export class App {
     if (moment) {
       this.first.draw(moment);
       // You know what you wear, and over other pictures the body is alone: ghosts are for others' devices, on the page.
-      const ghosts = this.settings.ghosts && !this.source.isYou && !this.view.isClear;
+      // The first picture does not wait for them.
+      const ghosts = this.settings.ghosts && !this.source.isYou && !this.view.isClear && this.first.isMoving;
       const shown = { ...this.settings, ghosts };
       this.bodies.show(moment, this.tree, shown, seconds);
-      if (!this.headset.isWorn) this.view.follow(moment.rootPosition[0], moment.rootPosition[2], seconds);
+      if (!this.headset.isWorn) this.view.follow(moment.rootPosition[0], moment.rootPosition[2], passed);
     }
     if (milliseconds - this.toldAt < FACTS_EVERY) return;
     this.toldAt = milliseconds;

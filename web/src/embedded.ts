@@ -63,7 +63,7 @@ export class EmbeddedPage {
       if (avatar === null) this.attempt(() => addOwn(this.bodies.wardrobe, base));
       else this.load("avatar", avatar);
       if (motion !== null) this.load("motion", motion);
-      else if (performance && this.turns.motion === 0)
+      else if (this.turns.motion === 0)
         this.begin(new ClipSource(performance, this.live, "hands", performance.name, undefined, this.ended));
     });
     view.run((milliseconds) => this.draw(milliseconds));

@@ -13,40 +13,46 @@ const MOVING = 2; // pictures of different moments
 export interface FirstFiles {
   readonly body: DefaultBody;
   readonly about: About;
-  readonly performance: Clip | null; // null where a server has something to show
+  readonly performance: Clip;
 }
 
 export async function firstFiles(base: string): Promise<FirstFiles> {
   const about = aboutPage(base);
-  const packed = about.then(({ server }) => (server ? null : fetched(base, PERFORMANCE)));
-  const [body, bytes] = await Promise.all([defaultBody(base), packed]);
-  return { body, about: await about, performance: bytes && (await performanceOf(bytes, body)) };
+  const [body, arrays] = await Promise.all([defaultBody(base), fetched(base, PERFORMANCE).then(readNpz)]);
+  return { body, about: await about, performance: amassClip(arrays, "performance", body.skeleton) };
 }
 
-/** The packaged performance. */
-export async function openPerformance(base: string, body: DefaultBody): Promise<Clip> {
-  return performanceOf(await fetched(base, PERFORMANCE), body);
-}
-
-async function performanceOf(bytes: ArrayBuffer, { skeleton }: DefaultBody): Promise<Clip> {
-  return amassClip(await readNpz(bytes), "performance", skeleton);
-}
-
-/** Calls `moving` once, when pictures of different moments were drawn; marked for who measures it. */
+/** Calls `moving` once, when pictures of different moments were drawn. Marks that, and the first picture of a body that
+ * the network completed, for those who measure.
+ */
 export class FirstPicture {
   private last: Moment | null = null;
   private drawn = 0;
+  private completed: "no" | "drawn" | "marked" = "no";
 
   constructor(private readonly moving: () => void) {}
 
+  /** Whether pictures of different moments were drawn. */
+  get isMoving(): boolean {
+    return this.drawn > MOVING;
+  }
+
   /** Before a picture of a moment is drawn. */
   draw(moment: Moment): void {
-    if (this.drawn > MOVING) return;
+    this.complete(moment);
+    if (this.isMoving) return;
     if (this.drawn === MOVING) {
       performance.mark("moving");
       this.moving();
     }
     if (this.drawn === MOVING || moment !== this.last) this.drawn += 1;
     this.last = moment;
+  }
+
+  private complete(moment: Moment): void {
+    if (this.completed === "drawn") {
+      performance.mark("completed");
+      this.completed = "marked";
+    } else if (this.completed === "no" && moment.expected) this.completed = "drawn";
   }
 }

@@ -1,4 +1,4 @@
-import { Vector3 } from "three";
+import { Vector3, type Mesh } from "three";
 import { describe, expect, it } from "vitest";
 import { Avatar, readGlb } from "../src/view/avatar";
 import { boneOf } from "../src/view/retarget";
@@ -54,3 +54,57 @@ describe("an avatar", () => {
     await expect(read(plain, "plain.vrm")).rejects.toThrow(/^plain\.vrm is no VRM: it names no humanoid bones/);
   });
 });
+
+/** Vertices as meshoptimizer packs them (version 0 of its codec, bytes that are not made smaller); at most 16. */
+function packed(vertices: Float32Array, stride: number): Uint8Array<ArrayBuffer> {
+  const bytes = new Uint8Array(vertices.buffer, vertices.byteOffset, vertices.byteLength);
+  const count = bytes.length / stride;
+  const stream = [0xa0];
+  for (let channel = 0; channel < stride; channel++) {
+    stream.push(3); // the group of 16 is literal
+    for (let vertex = 0; vertex < 16; vertex++) {
+      const at = (k: number): number => bytes[Math.max(k, 0) * stride + channel];
+      const change = vertex < count ? ((at(vertex) - at(vertex - 1)) << 24) >> 24 : 0;
+      stream.push((change << 1) ^ ((change >> 7) & 0xff));
+    }
+  }
+  stream.push(...new Array<number>(Math.max(32 - stride, 0)).fill(0), ...bytes.subarray(0, stride));
+  return Uint8Array.from(stream);
+}
+
+it("of a mesh that meshoptimizer packed has its vertices", async () => {
+  const vertices = Float32Array.from([0, 1, 0, 0.25, 1.5, -0.5, 3, -2, 0.125, 7, 8, 9]);
+  const [content, stride] = [packed(vertices, 12), 12];
+  const view = { buffer: 1, byteOffset: 0, byteLength: vertices.byteLength, byteStride: stride };
+  const count = vertices.byteLength / stride;
+  const extension = { ...view, buffer: 0, byteLength: content.length, count, mode: "ATTRIBUTES" };
+  const json = {
+    asset: { version: "2.0" },
+    extensionsUsed: ["EXT_meshopt_compression"],
+    extensionsRequired: ["EXT_meshopt_compression"],
+    buffers: [{ byteLength: content.length }, { byteLength: vertices.byteLength }],
+    bufferViews: [{ ...view, extensions: { EXT_meshopt_compression: extension } }],
+    accessors: [{ bufferView: 0, componentType: 5126, count, type: "VEC3", min: [0, -2, -0.5], max: [7, 8, 9] }],
+    meshes: [{ primitives: [{ attributes: { POSITION: 0 }, mode: 0 }] }],
+    nodes: [{ mesh: 0 }],
+    scenes: [{ nodes: [0] }],
+    scene: 0,
+  };
+  const file = await readGlb(glb(json, content), "packed.glb");
+  const [points] = file.scene.children as Mesh[];
+  expect([...points.geometry.getAttribute("position").array]).toEqual([...vertices]);
+});
+
+function glb(json: object, content: Uint8Array): ArrayBuffer {
+  const text = JSON.stringify(json);
+  const padded = new TextEncoder().encode(text.padEnd(4 * Math.ceil(text.length / 4)));
+  const size = 4 * Math.ceil(content.length / 4);
+  const file = new Uint8Array(28 + padded.length + size);
+  const view = new DataView(file.buffer);
+  [0x46546c67, 2, file.length, padded.length, 0x4e4f534a].forEach((value, k) => view.setUint32(4 * k, value, true));
+  file.set(padded, 20);
+  view.setUint32(20 + padded.length, size, true);
+  view.setUint32(24 + padded.length, 0x004e4942, true);
+  file.set(content, 28 + padded.length);
+  return file.buffer;
+}

@@ -28,8 +28,8 @@ const PLACES: Readonly<Record<number, string>> = {
   32: "right_toe",
 };
 
-/** Somebody in the T-pose before a camera at the height of their pelvis. */
-function seen(): { readonly landmarks: Landmarks; readonly rest: (name: string) => Vector } {
+/** Somebody in the T-pose `away` m before a camera at the height of their pelvis, `lower` m below their own height. */
+function seen(away = AWAY, lower = 0): { readonly landmarks: Landmarks; readonly rest: (name: string) => Vector } {
   const { points, parents, restOffset } = skeleton;
   const rest = (name: string): Vector => {
     const place: [number, number, number] = [0, 0, 0];
@@ -44,17 +44,60 @@ function seen(): { readonly landmarks: Landmarks; readonly rest: (name: string) 
     const [a, b, c] = face[k] ?? rest(PLACES[k] ?? "pelvis");
     return [a, b - up, c];
   });
-  const picture = world.map(([a, b, c]) => [(FOCAL * a) / (AWAY - c), (FOCAL * b) / (AWAY - c)] as const);
+  const picture = world.map(([a, b, c]) => [(FOCAL * a) / (away - c), (FOCAL * (b - lower)) / (away - c)] as const);
   return { landmarks: { world, picture, visible: world.map(() => 0.99) }, rest };
+}
+
+/** The head's place after pictures, 15 a second. */
+function headAfter(pictures: readonly Landmarks[], body = (_: number) => skeleton): Vector {
+  const points = new LandmarkPoints(FOCAL);
+  const heads = pictures.map((one, k) =>
+    points.read(one, one, body(k), k && 1 / 15)?.find(({ name }) => name === "head"),
+  );
+  return heads.at(-1)?.position ?? [NaN, NaN, NaN];
 }
 
 describe("landmarks of somebody who stands", () => {
   it("put the body on the floor", () => {
     const { landmarks, rest } = seen();
-    const points = new LandmarkPoints(FOCAL).read(landmarks, skeleton, 0.03) ?? [];
+    const points = new LandmarkPoints(FOCAL).read(landmarks, landmarks, skeleton, 0.03) ?? [];
     for (const name of ["left_ankle", "right_ankle", "left_knee", "left_wrist", "head"]) {
       const height = points.find((point) => point.name === name)?.position?.[1] ?? Number.NaN;
       expect([name, Math.abs(height - rest(name)[1])]).toEqual([name, expect.closeTo(0, 1)]);
     }
+  });
+});
+
+describe("somebody who moves", () => {
+  const speed = 0.9; // m/s
+  const walk = Array.from({ length: 30 }, (_, k) => seen(AWAY - (speed * k) / 15).landmarks);
+
+  it("is not behind: a steady walk to the camera", () => {
+    const [, , z] = headAfter(walk);
+    const [, , before] = headAfter(walk.slice(0, 1));
+    expect(z - before).toBeCloseTo((speed * 29) / 15, 1.5);
+  });
+
+  it("keeps the place where the tracker infers another height", () => {
+    const smaller = { ...skeleton, restOffset: skeleton.restOffset.map((value) => 0.9 * value) };
+    const [, , z] = headAfter(
+      walk.map(() => walk[0]),
+      (k) => (k < 15 ? skeleton : smaller),
+    );
+    expect(z).toBeCloseTo(0.9 * headAfter(walk.slice(0, 1))[2], 2);
+  });
+
+  it("sits down where the picture says so, though a leg is hidden", () => {
+    const hidden = (one: Landmarks): Landmarks => ({
+      ...one,
+      visible: one.visible.map((value, k) => ([25, 26, 27, 28].includes(k) ? 0.1 : value)),
+    });
+    const [, standing] = headAfter(walk.slice(0, 1));
+    const sitting = [0.1, 0.2, 0.3, 0.4, 0.4, 0.4, 0.4, 0.4, 0.4, 0.4].map((lower) =>
+      hidden(seen(AWAY, lower).landmarks),
+    );
+    const [, height] = headAfter([...walk.slice(0, 1), ...sitting]);
+    expect(height).toBeCloseTo(standing - 0.4, 1);
+    expect(headAfter(sitting)[1]).toBeCloseTo(standing, 2); // whose legs were never seen stands
   });
 });

@@ -12,6 +12,7 @@ export type FromCamera =
       readonly type: "seen";
       readonly world: readonly Landmark[];
       readonly picture: readonly NormalizedLandmark[];
+      readonly image: ImageBitmap; // that they were found in
       readonly milliseconds: number;
     }
   | { readonly type: "failed"; readonly reason: string };
@@ -19,7 +20,7 @@ export type FromCamera =
 const MODEL = "pose_landmarker_full.task";
 let landmarker: PoseLandmarker | null = null;
 
-const tell = (message: FromCamera): void => postMessage(message);
+const tell = (message: FromCamera, given: Transferable[] = []): void => postMessage(message, { transfer: given });
 
 async function open(base: string): Promise<void> {
   const at = (name: string): string => new URL(name, base).href;
@@ -35,10 +36,10 @@ async function open(base: string): Promise<void> {
   tell({ type: "opened" });
 }
 
-function look(picture: ImageBitmap, milliseconds: number): void {
-  const result = landmarker?.detectForVideo(picture, milliseconds);
-  picture.close();
-  tell({ type: "seen", world: result?.worldLandmarks[0] ?? [], picture: result?.landmarks[0] ?? [], milliseconds });
+function look(image: ImageBitmap, milliseconds: number): void {
+  const result = landmarker?.detectForVideo(image, milliseconds);
+  const [world, picture] = [result?.worldLandmarks[0] ?? [], result?.landmarks[0] ?? []];
+  tell({ type: "seen", world, picture, image, milliseconds }, [image]);
 }
 
 addEventListener("message", ({ data }: MessageEvent<ToCamera>) => {

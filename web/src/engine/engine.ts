@@ -30,7 +30,9 @@ export class Engine {
   /** Begin to fetch the core and its weights; once. */
   open(): void {
     if (this.worker) return;
-    this.worker = new Worker(new URL("./worker.ts", import.meta.url), { type: "module", name: "engine" });
+    const global = globalThis as { engineWorker?: Worker }; // the built page starts it before its modules run
+    global.engineWorker ??= new Worker(new URL("./worker.ts", import.meta.url), { type: "module", name: "engine" });
+    this.worker = global.engineWorker;
     this.worker.onmessage = ({ data }: MessageEvent<FromEngine>) => {
       if (data.type === "opened") this.resolve();
       else if (data.type === "completed") this.answer(data.id, data);

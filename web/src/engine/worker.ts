@@ -8,6 +8,7 @@ import { Tracker } from "./tracker";
 
 const tell = (message: FromEngine, given: ArrayBuffer[] = []): void => postMessage(message, { transfer: given });
 let tracker: Tracker | null = null;
+let opening: Promise<void> | null = null; // the page asks twice: before its modules run, and when it can listen
 let turn: Promise<void> = Promise.resolve(); // messages are taken one after the other
 
 async function open(base: string): Promise<void> {
@@ -17,11 +18,14 @@ async function open(base: string): Promise<void> {
     defaultBody(base),
   ]);
   tracker = new Tracker(await openModel(new Uint8Array(weights), wasm), skeleton);
-  tell({ type: "opened" });
 }
 
 async function take(message: ToEngine): Promise<void> {
-  if (message.type === "open") return open(message.base);
+  if (message.type === "open") {
+    await (opening ??= open(message.base));
+    tell({ type: "opened" });
+    return;
+  }
   if (!tracker) return;
   if (message.type === "start") {
     tracker.settings = message.settings;

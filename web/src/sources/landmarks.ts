@@ -10,7 +10,6 @@ import {
   cross,
   dot,
   fromAxes,
-  mixed,
   rotate,
   scaled,
   size,
@@ -35,7 +34,10 @@ const PARTS = ["shoulder", "elbow", "wrist", "pinky", "index", "thumb", "hip", "
 const VISIBLE = 0.5; // probability from which a landmark counts as seen
 const NEAR = 0.3; // m from the camera: nobody comes nearer
 const UNSEEN_LEGS = 3; // times as far off is a body whose legs are not seen
-const PLACED_BY = ["shoulder", "elbow", "wrist", "hip", "knee", "ankle"] as const;
+const PULL = { shoulder: 1, hip: 1, elbow: 0.3, wrist: 0.3, knee: 0.3, ankle: 0.3 } as const; // weights of landmarks
+// that place the body: directions of limbs are less sure than the trunk's
+const FOLLOWED = 0.1; // s: half-life of the smoothing of the place
+const FLOOR_KEPT = 1; // s: half-life of the smoothing of the floor's height
 const LIMBS = [
   ["shoulder", "elbow"],
   ["elbow", "wrist"],
@@ -54,38 +56,64 @@ interface Laid {
   readonly rotation: ReadonlyMap<string, Quaternion>;
 }
 
-/** Points of the body in the room: the camera's axes, the lowest foot on the floor, z 0 at `depth` m before the camera. */
+/** Points of the body in the room: the camera's axes, the lowest foot on the floor, z 0 where the person was first seen.
+ *
+ * The picture alone gives places in units of the body, whose height the tracker infers only later: metres follow from
+ * the proportions of the moment.
+ */
 export class LandmarkPoints {
-  private begun: number | null = null; // m: the z at which the person was first seen
-  private place: Vector | null = null; // m, of the pelvis, smoothed
+  private begun: number | null = null; // the z at which the person was first seen, in heights of the pelvis
+  private floor: number | null = null; // the floor's height next to the camera's, in heights of the pelvis
+  private readonly place = new SteadyPlace(); // of the pelvis before the camera, in its height at rest
 
   constructor(private readonly focal: number) {} // in heights of the picture
 
-  /** Null where no torso is seen. `passed`: s since the frame before. */
-  read(landmarks: Landmarks, skeleton: Skeleton, passed: number): Point[] | null {
-    const torso = SIDES.flatMap((side) => [
-      landmarks.visible[mark(side, "shoulder")],
-      landmarks.visible[mark(side, "hip")],
-    ]);
+  /** Null if no torso is seen. `calm` are the landmarks smoothed, `passed`: s since the frame before. */
+  read(landmarks: Landmarks, calm: Landmarks, skeleton: Skeleton, passed: number): Point[] | null {
+    const torso = SIDES.flatMap((side) => [calm.visible[mark(side, "shoulder")], calm.visible[mark(side, "hip")]]);
     if (Math.min(...torso.slice(0, 1), torso[2]) < VISIBLE) return null;
-    const laid = lay(landmarks, skeleton);
-    const seen = located(laid, landmarks, this.focal);
-    const [near, far] = [1 - 2 ** (-passed / 0.1), 1 - 2 ** (-passed / 0.3)];
-    const before = this.place ?? seen;
-    const [x, y] = mixed(before, seen, near);
-    this.place = [x, y, mixed(before, seen, far)[2]];
-    this.begun ??= this.place[2];
-    const rest = restOf(skeleton);
-    const up = skeleton.restOffset[1]; // m: how high the pelvis stands over the floor at rest
-    // By the ankles alone: how far toes point down is the least sure of all, and would lift the whole body.
-    const lowest = Math.min(
-      ...SIDES.map(
-        (side) => (laid.position.get(`${side}_ankle`)?.[1] ?? 0) - (rest.get(`${side}_ankle`)?.[1] ?? 0) - up,
-      ),
-    );
-    const root: Vector = [this.place[0], -lowest, this.place[2] - this.begun];
-    return pointsOf(laid, root);
+    const laid = lay(calm, skeleton);
+    const up = skeleton.restOffset[1]; // m: height of the pelvis at rest
+    const [x, y, z] = this.place.follow(scaled(located(laid, landmarks, this.focal), 1 / up), passed);
+    this.begun ??= z;
+    const standing = standingHeight(laid, skeleton);
+    return pointsOf(laid, [up * x, up * this.height(y, standing / up, calm.visible, passed), up * (z - this.begun)]);
   }
+
+  /** The pelvis's height over the floor; `standing`: if the lowest ankle rests. All in heights of the pelvis at rest. */
+  private height(y: number, standing: number, visible: readonly number[], passed: number): number {
+    const legs = SIDES.flatMap((side) => [visible[mark(side, "knee")], visible[mark(side, "ankle")]]);
+    if (Math.min(...legs) < VISIBLE) return this.floor === null ? standing : Math.min(standing, y - this.floor);
+    const floor = y - standing;
+    this.floor = this.floor === null ? floor : this.floor + (1 - 2 ** (-passed / FLOOR_KEPT)) * (floor - this.floor);
+    return standing;
+  }
+}
+
+/** A smoothed place that is not behind one that moves steadily: place and velocity, critically damped. */
+class SteadyPlace {
+  private place: Vector | null = null;
+  private velocity: Vector = [0, 0, 0]; // per s
+
+  follow(seen: Vector, passed: number): Vector {
+    if (!this.place || passed <= 0) return (this.place ??= seen);
+    const kept = 2 ** (-passed / FOLLOWED);
+    const expected = add(this.place, scaled(this.velocity, passed));
+    const missed = subtract(seen, expected);
+    this.velocity = add(this.velocity, scaled(missed, (1 - kept) ** 2 / passed));
+    return (this.place = add(expected, scaled(missed, 1 - kept ** 2)));
+  }
+}
+
+/** How high the pelvis is over the floor, m, if the lower foot is on it. */
+function standingHeight({ position }: Laid, skeleton: Skeleton): number {
+  const rest = restOf(skeleton);
+  // By the ankles alone: how far toes point down is the least sure of all, and would lift the whole body.
+  const heights = SIDES.map((side) => {
+    const [laid, standing] = [position, rest].map((places) => places.get(`${side}_ankle`)?.[1] ?? 0);
+    return laid - standing - skeleton.restOffset[1];
+  });
+  return -Math.min(...heights);
 }
 
 function pointsOf({ position, visible, rotation }: Laid, root: Vector): Point[] {
@@ -195,10 +223,10 @@ function located({ position }: Laid, { picture, visible }: Landmarks, focal: num
     for (let k = 0; k < 9; k++) normal.elements[k] += pull * pull * row[k % 3] * row[Math.floor(k / 3)];
   };
   for (const side of SIDES) {
-    for (const part of PLACED_BY) {
+    for (const part of ["shoulder", "elbow", "wrist", "hip", "knee", "ankle"] as const) {
       const q = position.get(`${side}_${part}`) ?? [0, 0, 0];
       const [u, v] = picture[mark(side, part)];
-      const pull = Math.min(Math.max(visible[mark(side, part)], 0.05), 1);
+      const pull = PULL[part] * Math.min(Math.max(visible[mark(side, part)], 0.05), 1);
       addRow([focal, 0, -u], -focal * q[0] - u * q[2], pull);
       addRow([0, focal, -v], -focal * q[1] - v * q[2], pull);
     }

@@ -5,7 +5,7 @@ import { mixed, type Vector } from "../body/math";
 import { withOffsets, type Skeleton } from "../body/skeleton";
 import type { FromCamera, ToCamera } from "../engine/camera_worker";
 import type { Live } from "../live";
-import { CameraPicture, type Marks } from "../ui/camera_picture";
+import { CameraPicture } from "../ui/camera_picture";
 import { Presence } from "./presence";
 import type { Source } from "./source";
 
@@ -59,7 +59,6 @@ class Webcam implements Source {
   });
   private readonly points: LandmarkPoints;
   private calm: Landmarks | null = null;
-  private marks: Marks = [];
   private readonly presence = new Presence();
   private isOpen = false;
   private isLooking = false;
@@ -94,7 +93,7 @@ class Webcam implements Source {
   }
 
   frame(milliseconds: number): void {
-    this.small.draw(this.video, this.marks);
+    if (!this.isOpen) this.small.draw(this.video); // then every picture comes with its landmarks
     if (!this.isOpen || this.isLooking || this.video.currentTime === this.shown) return;
     this.shown = this.video.currentTime;
     this.isLooking = true;
@@ -123,9 +122,10 @@ class Webcam implements Source {
     else this.see(message);
   }
 
-  private see({ world, picture, milliseconds }: Extract<FromCamera, { type: "seen" }>): void {
+  private see({ world, picture, image, milliseconds }: Extract<FromCamera, { type: "seen" }>): void {
     this.isLooking = false;
-    this.marks = picture;
+    this.small.draw(image, picture);
+    image.close();
     const aspect = this.video.videoWidth / Math.max(this.video.videoHeight, 1);
     const found: Landmarks | null =
       world.length === 0
@@ -138,7 +138,7 @@ class Webcam implements Source {
     const passed = Math.min((milliseconds - this.before) / 1000, 1);
     this.calm = found && this.calm ? smoothed(this.calm, found, 1 - 2 ** (-passed / CALM)) : found;
     const body = withOffsets(this.skeleton, this.live.newest?.restOffset ?? this.skeleton.restOffset);
-    const points = this.calm && this.points.read(this.calm, body, passed);
+    const points = found && this.calm && this.points.read(found, this.calm, body, passed);
     if (!this.presence.look(points !== null, milliseconds)) this.small.say(NOBODY);
     if (!points) {
       if (milliseconds - this.lonely > 1000 * LONELY && !this.hasSaid) {

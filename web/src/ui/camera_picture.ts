@@ -18,15 +18,16 @@ export class CameraPicture {
   private readonly canvas = find("camera-picture", HTMLCanvasElement);
   private readonly context = this.canvas.getContext("2d");
 
-  /** Draw a picture as a mirror shows it. */
-  draw(video: HTMLVideoElement, marks: Marks): void {
-    const { videoWidth, videoHeight } = video;
-    if (!this.context || videoWidth === 0) return;
-    const height = Math.round((WIDTH * videoHeight) / videoWidth);
+  /** Draw a picture as a mirror shows it, with the landmarks that were found in it. */
+  draw(picture: HTMLVideoElement | ImageBitmap, marks: Marks = []): void {
+    const isVideo = picture instanceof HTMLVideoElement;
+    const [across, up] = isVideo ? [picture.videoWidth, picture.videoHeight] : [picture.width, picture.height];
+    if (!this.context || across === 0) return;
+    const height = Math.round((WIDTH * up) / across);
     if (this.canvas.height !== height) [this.canvas.width, this.canvas.height] = [WIDTH, height];
     const { context } = this;
     context.setTransform(-1, 0, 0, 1, WIDTH, 0);
-    context.drawImage(video, 0, 0, WIDTH, height);
+    context.drawImage(picture, 0, 0, WIDTH, height);
     context.strokeStyle = context.fillStyle = COLOUR;
     context.lineWidth = 3;
     const isSeen = (mark: number): boolean => (marks[mark]?.visibility ?? 0) >= VISIBLE;

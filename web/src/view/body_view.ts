@@ -57,10 +57,11 @@ export class BodyView {
     const count = skeleton.points.length;
     const height = restHeight(skeleton);
     const flesh = skeleton.points.map((name) => radii(name).map((share) => share * height) as [number, number]);
-    const cylinder = new CylinderGeometry(1, 1, 1, 20, 1, true);
-    cylinder.setAttribute("taper", new InstancedBufferAttribute(tapers(skeleton, flesh), 2));
-    this.balls = new InstancedMesh(new SphereGeometry(1, 20, 14), materialOf(look), count);
-    this.bones = new InstancedMesh(cylinder, tapered(materialOf(look)), count);
+    const material = materialOf(look);
+    const shapes = [new SphereGeometry(1, 16, 12), new CylinderGeometry(1, 1, 1, 20, 1, true)];
+    [this.balls, this.bones] = shapes.map((shape) => new InstancedMesh(shape, material, count));
+    const tapering = [new Float32Array(2 * count).fill(1), tapers(skeleton, flesh)];
+    shapes.forEach((shape, k) => shape.setAttribute("taper", new InstancedBufferAttribute(tapering[k], 2)));
     this.group.add(this.balls, this.bones);
     for (const mesh of [this.balls, this.bones]) {
       mesh.frustumCulled = false;
@@ -104,12 +105,11 @@ function radii(name: string): readonly [number, number] {
   return row ? [row[1], row[2]] : [0.02, 0.02];
 }
 
+/** One material for balls and cylinders: a graphics card compiles it once. A cylinder's beginning is `taper` times as
+ * thick as its end.
+ */
 function materialOf({ opacity }: BodyLook): MeshLambertMaterial {
-  return new MeshLambertMaterial({ transparent: opacity < 1, opacity, depthWrite: opacity >= 1 });
-}
-
-/** The cylinder's beginning is `taper` times as thick as its end. */
-function tapered(material: MeshLambertMaterial): MeshLambertMaterial {
+  const material = new MeshLambertMaterial({ transparent: opacity < 1, opacity, depthWrite: opacity >= 1 });
   material.onBeforeCompile = (shader) => {
     shader.vertexShader = `attribute vec2 taper;\n${shader.vertexShader}`.replace(
       "#include <begin_vertex>",

@@ -8,6 +8,7 @@ import {
   Fog,
   Group,
   HemisphereLight,
+  LinearFilter,
   Mesh,
   MeshBasicMaterial,
   PerspectiveCamera,
@@ -18,6 +19,7 @@ import {
   WebGLRenderer,
 } from "three";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
+import { followed } from "./follow";
 import { Thrift } from "./thrift";
 
 export type Look = "light" | "dark";
@@ -29,7 +31,7 @@ const FLOOR = { light: ["#ffffff", "#cfcabd"], dark: ["#2a2e37", "#3b414d"] } as
 const RADIUS = 4.5; // m, of the floor
 const [SHADE, SHADE_AT] = [1.65, [-0.38, 0, -0.56]] as const; // m: within what the light sees of the floor
 const CLEAR = 200; // pixels between the middle of the body and what is beside it
-const FOLLOW = 2.5; // per s: how fast the camera goes after somebody who walks
+const FINEST = 4; // anisotropy of textures
 
 export class View {
   readonly scene = new Scene();
@@ -47,7 +49,7 @@ export class View {
     toneMapped: false,
     fog: false,
   });
-  private readonly finest: number; // anisotropy of textures
+  private readonly isFast: boolean; // a graphics card draws
   private isPortrait = false;
   private isRoom = false;
   private look: Look = "light";
@@ -62,16 +64,16 @@ export class View {
     private readonly beside: HTMLElement,
     public isClear = false,
   ) {
-    const isFast = hasGraphicsCard();
+    const isFast = (this.isFast = hasGraphicsCard());
     this.renderer = new WebGLRenderer({
       canvas,
       antialias: isFast,
       powerPreference: "high-performance",
     });
+    this.renderer.debug.checkShaderErrors = import.meta.env.DEV; // each check waits for the graphics card
     this.renderer.setPixelRatio(Math.min(devicePixelRatio, 2));
     this.renderer.shadowMap.type = VSMShadowMap;
     this.renderer.xr.enabled = true;
-    this.finest = isFast ? 4 : 1;
     document.documentElement.dataset["drawing"] = isFast ? "rich" : "plain";
     this.thrift = new Thrift(this.renderer, isFast);
     const disc = new Mesh(new CircleGeometry(RADIUS, 64), this.paint_);
@@ -116,9 +118,8 @@ export class View {
 
   /** Follow a body at (x, z), m, `seconds` after the previous picture. */
   follow(x: number, z: number, seconds: number): void {
-    const share = 1 - Math.exp(-FOLLOW * seconds);
     const { target } = this.controls;
-    const [dx, dz] = [(x - target.x) * share, (z - target.z) * share];
+    const [dx, dz] = [x - target.x, z - target.z].map((distance) => followed(distance, seconds));
     target.x += dx;
     target.z += dz;
     this.camera.position.x += dx;
@@ -159,8 +160,8 @@ export class View {
     this.scene.fog = isBare ? null : new Fog(PAPER[look], 7, 14);
     this.paint_.visible = !isBare;
     this.paint_.map?.dispose();
-    this.paint_.map = floorTexture(FLOOR[look][0], FLOOR[look][1]);
-    this.paint_.map.anisotropy = this.finest;
+    this.paint_.map = floorTexture(FLOOR[look][0], FLOOR[look][1], this.isFast);
+    if (this.isFast) this.paint_.map.anisotropy = FINEST;
     this.paint_.needsUpdate = true;
   }
 
@@ -220,8 +221,8 @@ function sun(): DirectionalLight {
 }
 
 /** A disc that fades to nothing, with faint rings a metre apart. */
-function floorTexture(middle: string, line: string): CanvasTexture {
-  const size = 1024;
+function floorTexture(middle: string, line: string, isFine: boolean): CanvasTexture {
+  const size = isFine ? 1024 : 256;
   const canvas = document.createElement("canvas");
   canvas.width = canvas.height = size;
   const context = canvas.getContext("2d");
@@ -236,7 +237,7 @@ function floorTexture(middle: string, line: string): CanvasTexture {
     context.strokeStyle = line;
     for (let metre = 1; metre < RADIUS; metre++) {
       context.globalAlpha = 0.55 * (1 - metre / RADIUS);
-      context.lineWidth = 2;
+      context.lineWidth = size / 512;
       context.beginPath();
       context.arc(half, half, (metre / RADIUS) * half, 0, 2 * Math.PI);
       context.stroke();
@@ -244,5 +245,6 @@ function floorTexture(middle: string, line: string): CanvasTexture {
   }
   const texture = new CanvasTexture(canvas);
   texture.colorSpace = SRGBColorSpace;
+  if (!isFine) [texture.generateMipmaps, texture.minFilter] = [false, LinearFilter];
   return texture;
 }

@@ -73,6 +73,25 @@ await scenario({ viewport: { width: 320, height: 700 }, colorScheme: "light" }, 
       .filter((found) => size(found).width < least || size(found).height < least)
       .map(({ id, type }) => id || type);
   });
+  // On phones, upright and lying, a message leaves the body to be seen.
+  facts.covered = [];
+  for (const [width, height] of [
+    [390, 844],
+    [844, 390],
+  ]) {
+    await page.setViewportSize({ width, height });
+    facts.covered.push(
+      await page.evaluate(() => {
+        const [notice, stage] = ["notice", "stage"].map((id) => document.getElementById(id));
+        document.getElementById("notice-text").textContent =
+          "A message of one line, as files that are refused have it.";
+        notice.hidden = false;
+        const covered = stage.getBoundingClientRect().bottom - notice.getBoundingClientRect().top;
+        notice.hidden = true;
+        return covered;
+      }),
+    );
+  }
   // The second visit comes from this browser.
   await page.waitForFunction(() => navigator.serviceWorker.controller !== null, null, { polling: 100 });
   facts.fetchedAgain = [];

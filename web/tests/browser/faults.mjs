@@ -7,7 +7,8 @@ const site = await serveFolder(folder);
 
 /** A camera of which MediaPipe sees nobody. */
 const NOBODY = `postMessage({ type: "opened" });
-  onmessage = ({ data }) => postMessage({ type: "seen", world: [], picture: [], milliseconds: data.milliseconds });`;
+  onmessage = ({ data: { picture: image, milliseconds } }) =>
+    image && postMessage({ type: "seen", world: [], picture: [], image, milliseconds }, [image]);`;
 
 await scenario({ viewport: { width: 500, height: 400 }, serviceWorkers: "block" }, async (page) => {
   const about = { server: false, webcam: true, version: "fake", files: [] };

@@ -1,4 +1,6 @@
-/** How long until pictures of a person move, at full speed, on a first visit: node first.mjs FOLDER PICTURE */
+/** Seconds of a first visit until pictures of a person move, and until one is drawn that the network completed, at full
+ * speed: node first.mjs FOLDER PICTURE
+ */
 
 import { scenario, serveFolder } from "./page.mjs";
 
@@ -12,20 +14,20 @@ await scenario({ isCalm: false }, async (page) => {
   const isMarked = () => performance.getEntriesByName("moving").length > 0;
   await page.waitForFunction(isMarked, null, { polling: 50 });
   await page.screenshot({ path: picture });
-  const isCompleted = () => document.querySelector("#rate").textContent.includes("completed here");
+  const isCompleted = () => performance.getEntriesByName("completed").length > 0;
   await page.waitForFunction(isCompleted, null, { polling: 50 });
   return page.evaluate(() => {
-    const completed = performance.now() / 1000;
-    const [moving, words] = ["moving", "first-contentful-paint"].map(
+    const [moving, completed, words] = ["moving", "completed", "first-contentful-paint"].map(
       (name) => performance.getEntriesByName(name)[0].startTime / 1000,
     );
+    const firstByte = performance.getEntriesByType("navigation")[0].responseStart / 1000;
     const begun = performance.getEntriesByType("resource").filter(({ startTime }) => startTime < 1000 * moving);
-    return { words, moving, completed, before: begun.map(({ name }) => name.split("/").pop()) };
+    return { firstByte, words, moving, completed, before: begun.map(({ name }) => name.split("/").pop()) };
   });
 });
 site.close();
 
-/** The page marks when it asked for two pictures: read a pixel back, so that the mark is set when they are drawn. */
+/** The page marks after it asked for pictures: read a pixel back, so that a mark is set when they are drawn. */
 function waitUntilDrawn() {
   const contextOf = HTMLCanvasElement.prototype.getContext;
   let drawn = null;

@@ -1,0 +1,42 @@
+"""The table of docs/reproduce.md: processor hours of the trainings."""
+
+from __future__ import annotations
+
+from .blocks import Block, Numbers, markdown
+
+RATE = 30 * 60  # frames of a minute of motion
+MINUTES, WITH_FINGERS = 404 + 23, 23  # of the train split (cards of the networks)
+EPOCHS, BATCH = 5, 256  # of the paper's body network
+# Steps of the whole command, and how they follow. The body network learns clips twice, those with fingers eight times.
+STEPS = {
+    "train body-gru --form paper": (
+        EPOCHS * RATE * (2 * MINUTES + 6 * WITH_FINGERS) // BATCH,
+        "5 epochs of 427 minutes, twice (with fingers eight times), in steps of 256",
+    ),
+    "train unoc-tables": (
+        EPOCHS * RATE * MINUTES // 24 // BATCH,
+        "one GRU; 5 epochs of every 24th window of 427 minutes, in steps of 256",
+    ),
+    "train hmd-vae": (6000, "one network"),
+    "train arms --model ahmt": (300 * RATE * WITH_FINGERS // 128, "300 epochs of 23 minutes, in steps of 128"),
+    "train arms --model pahmt": (300 * RATE * WITH_FINGERS // 128, "300 epochs of 23 minutes, in steps of 128"),
+    "train gloves --form paper --network markers": (20_000, ""),
+    "train gloves --form paper --network joints": (20_000, ""),
+}
+LIKE = {"train unoc-tables": "train body-gru --form paper"}  # the same network
+
+
+def hours(measured: Numbers) -> str:
+    """Return seconds of a step, steps and hours of each training that was measured."""
+    rows = []
+    for name, (steps, said) in STEPS.items():
+        seconds = measured.get(f"{LIKE.get(name, name)}_seconds_a_step")
+        if seconds is not None:
+            whole = seconds * steps / 3600
+            rows.append(
+                [f"`{name}`", f"{seconds:.3f}", f"{steps:,}", f"{whole:.0f}" if whole >= 10 else f"{whole:.2g}", said]
+            )
+    return markdown(("training", "s a step", "steps", "CPU hours", ""), rows)
+
+
+BLOCKS = [Block("docs/reproduce.md", "hours", hours, ("hours",))]
