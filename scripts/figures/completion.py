@@ -55,7 +55,18 @@ def holes(numbers: Numbers) -> str:
             found = f"{key}_cm" in numbers
             cells.append(f"{numbers[f'{key}_cm']:.2f} ({numbers[f'{key}_best_other_cm']:.2f})" if found else "–")
         rows.append([part.replace("_", " "), *cells])
-    return markdown(["part", *(f"{seconds:g} s" for seconds in SECONDS)], rows)
+    counts = [["gaps", *(_gaps(numbers, seconds) for seconds in SECONDS)]]
+    table = markdown(["part", *(f"{seconds:g} s" for seconds in SECONDS)], rows + counts)
+    more = f" --clips {numbers['clips']:.0f}" if numbers["clips"] < numbers["clips_in_split"] else ""
+    command = (
+        f"`bodysense evaluate holes --data DIR{more}`: {numbers['clips']:.0f} of {numbers['clips_in_split']:.0f} clips."
+    )
+    return f"{table}\n\n{command} Gaps are those of each part of the body, and of fingers."
+
+
+def _gaps(numbers: Numbers, seconds: float) -> str:
+    """Return how many gaps of a length were filled, of an arm and of fingers."""
+    return " + ".join(f"{numbers.get(f'{part}_{seconds:g}_gaps', 0):.0f}" for part in ("arm", "fingers"))
 
 
 def completion(numbers: Numbers, sample: Numbers) -> str:
