@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -66,21 +66,25 @@ class Gap:
     person: str
 
 
-def score_holes(clips: Iterable[Clip], seed: int = 1, advance: Callable[[Clip], None] = lambda clip: None) -> list[Gap]:
+def score_holes(
+    clips: Iterable[Clip],
+    seed: int = 1,
+    parts: Sequence[str] = tuple(PARTS),
+    advance: Callable[[Clip], None] = lambda clip: None,
+) -> list[Gap]:
     """Fill a gap of each part and length in every clip that is long enough; its place is drawn."""
     rng, found = np.random.default_rng(seed), []
     for clip in clips:
-        short = resample(clip, RATE)
-        for part, seconds, cut in _cuts(short, rng):
+        for part, seconds, cut in _cuts(resample(clip, RATE), parts, rng):
             found += score_gap(cut, part, seconds)
         advance(clip)
     return found
 
 
-def _cuts(clip: Clip, rng: np.random.Generator) -> Iterator[tuple[str, float, Clip]]:
+def _cuts(clip: Clip, parts: Sequence[str], rng: np.random.Generator) -> Iterator[tuple[str, float, Clip]]:
     """For each part and length: a gap's frames, with `LEAD` known seconds on either side."""
     lead = round(LEAD * RATE)
-    for part in PARTS:
+    for part in parts:
         for seconds in SECONDS:
             count = round(seconds * RATE)
             if len(clip) < count + 2 * lead or (part == "fingers" and not clip.has_fingers):
