@@ -15,7 +15,7 @@ from bodysense.body.person import Person
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.skeleton import Skeleton
 from bodysense.completion.holding import bent_to, on_floor
-from bodysense.completion.joining import future_share, led, mean_rotation
+from bodysense.completion.joining import carrying, future_share, led, mean_rotation, steadied
 from bodysense.completion.model import CompletionModel
 from bodysense.estimate import Estimate
 from bodysense.observation import Observation
@@ -97,6 +97,7 @@ class TwoWayTracker:
         between = (1 - share) * past[1] + share * future[1]
         points = np.where(measured[..., None], (forward.points + backward.points) / 2, between)
         rotation = mean_rotation(past[0].rotation, future[0].rotation, share)
+        rotation = steadied(rotation, carrying(measured, skeleton.parents)[:, : rotation.shape[1]], seconds)
         pose, position = _placed(skeleton, rotation, points[:, head])
         by_pelvis = measured[:, [pelvis]] & ~measured[:, [head]]
         off = np.where(by_pelvis, points[:, pelvis] - position[:, pelvis], 0.0)
