@@ -2,7 +2,7 @@
 
 DATA is a folder of motion files or a prepared store. From each of its training clips windows are drawn, more from
 longer ones. In each window all joints are interpolated over a gap. The covariance of their deviations from that is
-written to ``src/bodysense/body/coordination.npz``. Every window counts twice, as it is and mirrored.
+written to ``src/bodysense/body/coordination.npz``. Every window counts twice, plain and mirrored.
 """
 
 from __future__ import annotations

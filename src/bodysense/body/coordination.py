@@ -38,7 +38,7 @@ class Coordination:
     covariance: np.ndarray  # (L, 3 (J + 1), 3 (J + 1))
 
     def expected(self, known: np.ndarray, is_known: np.ndarray, seconds: float) -> np.ndarray:
-        """Return deviations (N, J + 1, 3) of a gap, the missing ones as they are expected from those that are known.
+        """Return deviations (N, J + 1, 3) of a gap: missing ones are their expectation, given the known ones.
 
         Args:
             known: (N, J + 1, 3) rad, the last m; arbitrary where missing.
