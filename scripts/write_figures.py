@@ -9,13 +9,15 @@ unchanged. DATA is a folder of motion or a prepared store.
     bodysense evaluate completion --data DATA --json FIGURES/completion.json
     … the same with --limit 36 --takes --lattice, into FIGURES/completion-takes.json
     … the same with --split val --bodies own, into FIGURES/validation.json, for the card of the network
-    bodysense evaluate holes --data DATA --json FIGURES/holes.json
+    bodysense evaluate holes --data DATA --clips 100 --json FIGURES/holes.json
+    bodysense evaluate holes --data DATA --parts fingers --json FIGURES/holes-fingers.json
     bodysense evaluate fingers --data DATA --networks RUN/without_*.ckpt --json FIGURES/fingers.json
       (docs/completion.md trains these networks)
     bodysense bench step --json FIGURES/step.json
     bodysense bench ik --json FIGURES/ik.json
     bodysense bench occlusion --json FIGURES/occlusion.json
     bodysense bench bvh --json FIGURES/bvh.json
+    bodysense bench take --json FIGURES/take.json
     python scripts/first_body.py --json FIGURES/first-body.json
     bodysense bench import --json FIGURES/import.json
     bodysense bench training --json FIGURES/training.json

@@ -15,11 +15,12 @@ from bodysense.body.rotation import geodesic_angle
 from bodysense.demo import packaged_performance
 from bodysense.errors import BodysenseError
 from bodysense.estimate import CONTACT_POINTS
-from bodysense.filling import filled, observed, on_feet, open_partial
+from bodysense.filling import expected_deviations, filled, observed, on_feet, open_partial
 from bodysense.io.bvh import read_bvh, write_bvh
 from bodysense.io.bvh_stream import BvhLines, open_bvh
 from bodysense.io.clip import Clip
 from bodysense.io.holes import missing_items
+from bodysense.io.motion_files import write_motion
 from bodysense.open import MotionSource, open_source
 from bodysense.take import track
 
@@ -82,6 +83,38 @@ def test_a_filled_limb_is_near_does_not_jump_and_keeps_its_bones(take: Path, ste
     np.testing.assert_allclose(bones, np.broadcast_to(skeleton.bone_length[1:], bones.shape), atol=1e-5)
     lowest = side_clearance(truth, skeleton, "right").min()
     assert side_clearance(found, skeleton, "right").min() > min(0.0, lowest) - 0.01
+
+
+@pytest.mark.parametrize("count", [1, 3, 12, 40])
+@pytest.mark.parametrize("root", ["left_shoulder", "right_hip", "spine1"])
+def test_place_and_speed_go_on_at_both_edges(steps: Clip, root: str, count: int) -> None:
+    """Velocities change over an edge no more than they do in the true motion, and what a turn of the limb needs."""
+    first, skeleton = 18, steps.pose.skeleton
+    end = first + count
+    tip = skeleton.index({"left_shoulder": "left_wrist", "right_hip": "right_ankle", "spine1": "head"}[root])
+    truth = points(steps)[:, tip]
+    found = points(track(steps, missing=f"{root}+:{first}-{end - 1}").clip)[:, tip]
+    change, usual = (np.linalg.norm(np.diff(place, 2, axis=0), axis=-1) * 30 for place in (found, truth))
+    assert max(change[[first - 2, first - 1, end - 2, end - 1]]) < 1.5 * usual.max() + 0.2
+    np.testing.assert_allclose(np.delete(found, range(first, end), axis=0), np.delete(truth, range(first, end), axis=0))
+
+
+def test_what_known_joints_let_expect_is_within_gaps_with_two_sides(steps: Clip) -> None:
+    partial = open_partial(steps, missing_items("left_shoulder+:20-50,right_hip+:0-10,left_thumb1:30-40"))
+    found = expected_deviations(partial)
+    joints = partial.rig.joints
+    moved = {joints[k] for k in np.flatnonzero(np.abs(found).sum(axis=(0, 2)))}
+    assert {"left_shoulder", "left_elbow", "left_wrist"} <= moved
+    assert not any("thumb" in name or "hip" in name for name in moved)
+    assert np.flatnonzero(np.abs(found).sum(axis=(1, 2)))[[0, -1]].tolist() == [20, 50]
+
+
+def test_the_same_hole_on_a_rig_with_other_axes_is_filled_alike(steps: Clip, tmp_path: Path) -> None:
+    write_motion(tmp_path / "mixamo.bvh", steps, "mixamo")
+    ours = points(track(steps, missing="left_shoulder+:20-50,right_hip+:30-60").clip)
+    theirs = track(tmp_path / "mixamo.bvh", missing="mixamorig:LeftArm+:20-50,mixamorig:RightUpLeg+:30-60")
+    places = steps.pose.skeleton.indices(["left_elbow", "left_wrist", "right_knee", "right_ankle"])
+    assert np.linalg.norm(points(theirs.clip) - ours, axis=-1)[20:61, places].max() < 0.02
 
 
 def test_what_is_there_is_observed_exactly(take: Path, steps: Clip) -> None:

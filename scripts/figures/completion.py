@@ -45,17 +45,25 @@ def takes(numbers: Numbers) -> str:
     return f"{markdown([*head, 'take jumps/min'], rows)}\n\n{command}"
 
 
-def holes(numbers: Numbers) -> str:
-    """Errors of filled holes by part and length, and those of the best other method."""
+def holes(body: Numbers, fingers: Numbers) -> str:
+    """Errors of filled holes by part and length, those of the best other method, and how many gaps they are of."""
     rows = []
     for part in HOLES:
-        cells = []
+        numbers, cells = fingers if part == "fingers" else body, []
         for seconds in SECONDS:
             key = f"{part}_{seconds:g}"
             found = f"{key}_cm" in numbers
             cells.append(f"{numbers[f'{key}_cm']:.2f} ({numbers[f'{key}_best_other_cm']:.2f})" if found else "–")
         rows.append([part.replace("_", " "), *cells])
-    return markdown(["part", *(f"{seconds:g} s" for seconds in SECONDS)], rows)
+    for name, numbers, part in (("gaps of each part", body, "arm"), ("gaps of fingers", fingers, "fingers")):
+        rows.append([name, *(f"{numbers.get(f'{part}_{seconds:g}_gaps', 0):.0f}" for seconds in SECONDS)])
+    table = markdown(["part", *(f"{seconds:g} s" for seconds in SECONDS)], rows)
+    sample = f" --clips {body['clips']:.0f}" if body["clips"] < body["clips_in_split"] else ""
+    counts = f"{body['clips']:.0f} of {body['clips_in_split']:.0f} clips"
+    return (
+        f"{table}\n\n`bodysense evaluate holes --data DIR{sample}`: {counts}. "
+        "Fingers: all clips that have some (`--parts fingers`)."
+    )
 
 
 def completion(numbers: Numbers, sample: Numbers) -> str:
@@ -259,5 +267,5 @@ BLOCKS = (
     Block("docs/completion.md", "mounts", mounts, ("mounts",)),
     Block("docs/completion.md", "fingers", fingers, ("fingers",)),
     Block("docs/evaluation.md", "sight", sight, ("completion",)),
-    Block("docs/files.md", "holes", holes, ("holes",)),
+    Block("docs/files.md", "holes", holes, ("holes", "holes-fingers")),
 )

@@ -47,7 +47,16 @@ def first_body(found: Numbers) -> str:
     )
 
 
+def take(found: Numbers) -> str:
+    """Return the pace at which takes are completed."""
+    return (
+        f"Recordings of head and hands: {found['frames_per_processor_second']:,.0f} frames in each second of one "
+        f"processor, {found['frames_per_second']:,.0f} by the clock (`bodysense bench take`: 10 minutes at 30 Hz)."
+    )
+
+
 BLOCKS = (
+    Block("docs/completion.md", "take-speed", take, ("take",)),
     Block("docs/evaluation.md", "speed", speed, ("step", "ik", "occlusion", "bvh", "import")),
     Block("docs/results.md", "first-body", first_body, ("first-body",)),
 )

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from bodysense.body import gaps
+from bodysense.body.coordination import ROOT, coordination, deviations
 from bodysense.body.footing import side_clearance, stopped_slide
 from bodysense.body.pose import Pose, forward_kinematics, local_rotation
 from bodysense.body.reach import reaching
@@ -21,9 +22,11 @@ from bodysense.body.rotation import (
     quaternion_canonical,
     quaternion_conjugate,
     quaternion_multiply,
+    quaternion_rotate,
 )
+from bodysense.body.skeleton import BODY, LEG
 from bodysense.errors import BodysenseError
-from bodysense.estimate import CONTACT_POINTS
+from bodysense.estimate import CONTACT_POINTS, Estimate
 from bodysense.io.bvh_stream import BvhLines, open_bvh
 from bodysense.io.clip import Clip, part_joints
 from bodysense.io.fingers import is_finger
@@ -34,10 +37,18 @@ from bodysense.io.rigs.source_joints import SourceJoints, joints_of_file, own_jo
 from bodysense.observation import EXACT_ACCURACY, Observation
 
 Array = np.ndarray
-# s from known frames at which the tracker's prediction and interpolation have equal weight: legs depend most on the
-# rest of the body and the floor, arms little, hands least. Fitted on validation people of CMU and Rocketbox.
-TRUSTED = {**dict.fromkeys(("hip", "knee", "ankle", "foot"), 0.3), "wrist": 4.0, "hand": 3.5, "body": 1.5}
-TRUNK, TRUSTED_WITHOUT = ("spine1", "spine2", "spine3"), 30.0  # s, for joints on a trunk that is missing, too
+# How much the tracker's prediction counts against the interpolation, by the last word of a joint's name: legs follow
+# from the rest of the body and the floor, arms little, trunk and hands least. Fitted on validation people of CMU and
+# Rocketbox. If one side of a gap is known only, the prediction counts alone in the end.
+TRUST = {
+    **dict.fromkeys(("hip", "knee"), gaps.Trust(0.8, 0.2, 0.3)),
+    **dict.fromkeys(("ankle", "foot"), gaps.Trust(0.4, 0.2, 0.3)),
+    "shoulder": gaps.Trust(0.3, 0.2, 1.5),
+    "wrist": gaps.Trust(0.05, 0.2, 4.0),
+    "hand": gaps.Trust(1.0, 3.5, 3.5),
+    "body": gaps.Trust(0.1, 0.2, 1.5),
+}
+TRUNK, TRUST_WITHOUT = ("spine1", "spine2", "spine3"), gaps.Trust(0.1, 0.2, 30.0)  # of joints on a missing trunk
 FINGERS_COAST = 1.2  # s in which the speed of fingers at a gap's edge fades; longer than for limbs
 SHORT = 0.3  # s: in shorter gaps a leg is not corrected for the floor, because interpolation is more accurate
 
@@ -129,24 +140,65 @@ def observed(motion: PartialMotion) -> Observation:
     )
 
 
+def filled_by(motion: PartialMotion, estimate: Estimate, floor: float = 0.0) -> Array:
+    """Return local rotations (T, J, 4) of the motion's joints, filled from a completed body (T,), with feet that stand.
+
+    `floor` is the height of the floor in m.
+    """
+    return on_feet(motion, filled(motion, estimate.pose), estimate.contact, floor)
+
+
 def filled(motion: PartialMotion, estimate: Pose) -> Array:
     """Return local rotations (T, J, 4) of the motion's joints: unchanged if known, else filled.
 
     `estimate` (T,) is the completed body on our joints. A joint that we do not have is interpolated over the gap.
     """
     rig, missing, seconds = motion.rig, motion.missing, 1 / motion.clip.frame_rate
-    guessed, local = rig.world(estimate), np.array(motion.rotation)
+    guessed, local, turn = rig.world(estimate), np.array(motion.rotation), expected_deviations(motion)
     world = np.zeros_like(local)
-    for joint, parent in enumerate(rig.parents):
+    needed = {joint for gone in np.flatnonzero(missing.any(axis=0)).tolist() for joint in rig.above(gone)}
+    for joint in sorted(needed):
+        parent = rig.parents[joint]
         above = world[:, parent] if parent >= 0 else np.broadcast_to([1.0, 0.0, 0.0, 0.0], world[:, joint].shape)
         if missing[:, joint].any():
             guess = np.asarray(quaternion_multiply(quaternion_conjugate(above), guessed[:, joint]))
             given = guess if np.isfinite(guess).all() else None
-            trusted = _trusted_after(rig.ours, joint, missing)
+            trust = _trust(rig.ours, joint, missing)
             coasting = FINGERS_COAST if is_finger(_our_name(rig.ours, joint)) else gaps.COASTING
-            local[:, joint] = gaps.filled(local[:, joint], missing[:, joint], seconds, given, trusted, coasting)
+            gap = missing[:, joint]
+            local[:, joint] = gaps.filled(local[:, joint], gap, seconds, given, trust, coasting, turn[:, joint])
         world[:, joint] = quaternion_multiply(above, local[:, joint])
     return local
+
+
+def expected_deviations(motion: PartialMotion) -> Array:
+    """Return turns (T, J, 3) rad of the motion's joints from interpolation, as known joints let expect them.
+
+    They are 0 outside gaps, in gaps without known frames on both sides, and for joints that we do not have or that are
+    not in `BODY`.
+    """
+    rig, pose, frames = motion.rig, motion.clip.pose, len(motion.clip)
+    result, seconds = np.zeros((*motion.missing.shape, 3)), 1 / motion.clip.frame_rate
+    places = [(k, rig.ours[name]) for k, name in enumerate(BODY) if name in rig.ours]
+    holes = np.ones((frames, ROOT + 1), dtype=bool)
+    for k, joint in places:
+        holes[:, k] = motion.holes[:, joint]
+    holes[:, ROOT] = holes[:, BODY.index("pelvis")]
+    rotation = np.asarray(pose.rotation)[:, pose.skeleton.indices(BODY)]
+    gone: dict[tuple[int, int], list[tuple[int, int]]] = {}
+    for k, joint in places:
+        for span in gaps.runs(motion.missing[:, joint]):
+            gone.setdefault(span, []).append((k, joint))
+    for (first, end), those in gone.items():
+        if first == 0 or end == frames:
+            continue
+        is_known = ~np.asarray(holes[max(first - 2, 0) : end + 2].any(axis=0))
+        found = deviations(rotation, np.asarray(pose.root_position), first, end, seconds)
+        found = coordination().expected(found, is_known, (end - first) * seconds)
+        for k, joint in those:
+            back = np.broadcast_to(quaternion_conjugate(rig.turn[BODY[k]]), (end - first, 4))
+            result[first:end, joint] = quaternion_rotate(back, found[:, k])
+    return result
 
 
 def on_feet(motion: PartialMotion, rotation: Array, contact: Array, floor: float) -> Array:
@@ -155,8 +207,10 @@ def on_feet(motion: PartialMotion, rotation: Array, contact: Array, floor: float
     A foot stands if `contact` (T, 4), the probability that each of `CONTACT_POINTS` rests on something, is high. A
     sole is no lower than in known frames; without any it is over the floor, height `floor` m.
     """
-    rig, pose, skeleton = motion.rig, pose_of(motion, rotation), motion.clip.pose.skeleton
-    bent = np.zeros_like(motion.missing)
+    rig, skeleton = motion.rig, motion.clip.pose.skeleton
+    if not any(motion.missing[:, rig.ours[name]].any() for name in ("left_hip", "right_hip") if name in rig.ours):
+        return rotation
+    pose, bent = pose_of(motion, rotation), np.zeros_like(motion.missing)
     for side in ("left", "right"):
         leg = [rig.ours.get(f"{side}_{part}", -1) for part in ("hip", "knee", "ankle")]
         gone = _long(np.asarray(motion.missing[:, leg].all(axis=1)), SHORT * motion.clip.frame_rate) & (min(leg) >= 0)
@@ -197,14 +251,15 @@ def _our_name(ours: Mapping[str, int], joint: int) -> str:
     return next((name for name, place in ours.items() if place == joint), "")
 
 
-def _trusted_after(ours: Mapping[str, int], joint: int, missing: Array) -> float:
-    """Return the time in `TRUSTED` of a joint; for one that we do not have, the default."""
+def _trust(ours: Mapping[str, int], joint: int, missing: Array) -> gaps.Trust:
+    """Return how much the prediction of a joint counts; for one that we do not have, as for the body."""
     name = _our_name(ours, joint)
     part = name.rpartition("_")[2]
     trunk = [ours[name] for name in TRUNK if name in ours]
-    if part not in ("hip", "knee", "ankle", "foot") and missing[missing[:, joint]][:, trunk].any(axis=1).mean() > 0.5:
-        return TRUSTED_WITHOUT
-    return TRUSTED.get(part, TRUSTED["hand"] if is_finger(name) else TRUSTED["body"])
+    is_leg = part in LEG
+    if not is_leg and missing[missing[:, joint]][:, trunk].any(axis=1).mean() > 0.5:
+        return TRUST_WITHOUT
+    return TRUST.get(part, TRUST["hand"] if is_finger(name) else TRUST["body"])
 
 
 def _long(gone: Array, fewest: float) -> Array:

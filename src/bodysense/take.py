@@ -22,7 +22,7 @@ from bodysense.devices.gloves.device import check_calibrated, glove_device, glov
 from bodysense.devices.simulated.device import Device
 from bodysense.errors import BodysenseError
 from bodysense.estimate import Estimate
-from bodysense.filling import PartialMotion, filled, observed, on_feet, pose_of, with_parts
+from bodysense.filling import PartialMotion, filled_by, observed, pose_of, with_parts
 from bodysense.io.bvh_stream import BvhLines
 from bodysense.io.clip import Clip
 from bodysense.io.holes import missing_items
@@ -234,8 +234,7 @@ def _filled(partial: PartialMotion, completion: _Completion) -> Take:
     clip = partial.clip
     take = _tracked(Signal(clip.name, observed(partial), Person(clip.pose.skeleton)), completion)
     partial = with_parts(partial, take.estimate.pose)
-    rotation = filled(partial, take.estimate.pose)
-    rotation = on_feet(partial, rotation, take.estimate.contact, completion.settings.floor)
+    rotation = filled_by(partial, take.estimate, completion.settings.floor)
     file = None if partial.file is None else partial.file.with_rotation(rotation, partial.missing)
     whole = clip if partial.is_whole else replace(clip, pose=pose_of(partial, rotation))
     return replace(take, clip=whole, partial=partial, file=file)

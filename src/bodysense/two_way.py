@@ -15,7 +15,7 @@ from bodysense.body.person import Person
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.skeleton import Skeleton
 from bodysense.completion.holding import bent_to, on_floor
-from bodysense.completion.joining import future_share, led, mean_rotation
+from bodysense.completion.joining import carrying, future_share, led, mean_rotation, steadied
 from bodysense.completion.model import CompletionModel
 from bodysense.estimate import Estimate
 from bodysense.observation import Observation
@@ -58,7 +58,7 @@ class TwoWayTracker:
             end = begin + size if begin + size + beside < frames else frames
             first, last = max(begin - beside, 0), min(end + beside, frames)
             forward, state = self._forward(observation, forward, first, last, state)
-            joined = self._joined(forward, self._backward(observation[first:last]), seconds)
+            joined = self.joined(forward, self.backward(observation[first:last]), seconds)
             lead = 0 if begin == 0 else half
             part = cut(joined, begin - lead - first, min(end + half, frames) - first)
             if before is not None:
@@ -81,13 +81,13 @@ class TwoWayTracker:
         more, state = self.tracker.step(observation[overlap:last], state)
         return concatenated([kept, more]), state
 
-    def _backward(self, observation: Observation) -> Estimate:
+    def backward(self, observation: Observation) -> Estimate:
         """The answer of a tracker to which time runs backward, in the order of the frames."""
         estimate, _ = self.tracker.step(reversed_in_time(observation), self.tracker.start())
         return flipped(estimate)
 
-    def _joined(self, forward: Estimate, backward: Estimate, seconds: float) -> Estimate:
-        """One answer from both."""
+    def joined(self, forward: Estimate, backward: Estimate, seconds: float) -> Estimate:
+        """Join both answers of the same frames, `seconds` apart."""
         skeleton, measured = forward.pose.skeleton, forward.measured
         head, pelvis = skeleton.index("head"), skeleton.index("pelvis")
         past = _placed(skeleton, *led(forward.pose.rotation, forward.points[:, head], measured, seconds))
@@ -97,6 +97,7 @@ class TwoWayTracker:
         between = (1 - share) * past[1] + share * future[1]
         points = np.where(measured[..., None], (forward.points + backward.points) / 2, between)
         rotation = mean_rotation(past[0].rotation, future[0].rotation, share)
+        rotation = steadied(rotation, carrying(measured, skeleton.parents)[:, : rotation.shape[1]], seconds)
         pose, position = _placed(skeleton, rotation, points[:, head])
         by_pelvis = measured[:, [pelvis]] & ~measured[:, [head]]
         off = np.where(by_pelvis, points[:, pelvis] - position[:, pelvis], 0.0)

@@ -71,3 +71,12 @@ def test_a_foot_that_hardly_touches_is_let_be(contact: float) -> None:
 def test_it_is_never_moved_far() -> None:
     shift = stopped_slide(sliding(90, 2.0), np.ones((90, 2)), free(90, 0, 90), 1 / RATE)
     assert np.linalg.norm(shift, axis=-1).max() <= FARTHEST + 1e-12
+
+
+def test_thresholds_decide_which_feet_stand() -> None:
+    """A foot of contact 0.7 is let be where 0.8 is asked for."""
+    place = np.zeros((30, 2, 3))
+    place[:, :, 0] = np.linspace(0, 0.05, 30)[:, None]
+    contact, free = np.full((30, 2), 0.7), np.ones(30, dtype=bool)
+    assert np.abs(stopped_slide(place, contact, free, 1 / 30)).max() > 0.01
+    np.testing.assert_array_equal(stopped_slide(place, contact, free, 1 / 30, hold=(0.8, 0.6)), 0)

@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bodysense.body.gaps import filled, runs
+from bodysense.body.gaps import Trust, filled, interpolated, interpolated_places, runs
 from bodysense.body.rotation import (
     geodesic_angle,
     quaternion_canonical,
@@ -60,7 +60,7 @@ def test_place_and_speed_go_on_over_both_edges(seed: int, first: int, count: int
     missing = np.zeros(180, dtype=bool)
     missing[first : first + count] = True
     spoilt = np.where(missing[:, None], [0.0, 0.0, 1.0, 0.0], truth)
-    found = filled(spoilt, missing, 1 / RATE, swing(180, seed + 1) if guessing else None, 0.4)
+    found = filled(spoilt, missing, 1 / RATE, swing(180, seed + 1) if guessing else None, Trust(1.0, 0.4, 0.4))
     usual = np.linalg.norm(np.diff(turn_vectors(truth), axis=0), axis=-1).max()
     change = np.linalg.norm(np.diff(turn_vectors(found), axis=0), axis=-1)
     whole = float(geodesic_angle(truth[first - 1], truth[first + count]))
@@ -112,6 +112,46 @@ def test_a_gap_with_one_side_or_none() -> None:
     missing[:] = True
     assert geodesic_angle(filled(truth, missing, 1 / RATE, guess), guess).max() < 1e-7
     np.testing.assert_array_equal(filled(truth, missing, 1 / RATE), truth)
+
+
+def test_a_gap_of_one_frame_is_the_cubic_through_its_neighbours() -> None:
+    """Whatever a guess says."""
+    time = (np.arange(21)[:, None] - 10) / 10
+    truth = np.asarray(quaternion_exp((time + 0.3 * time**3) * [0.0, 0.6, 0.8]))
+    missing = np.zeros(21, dtype=bool)
+    missing[8] = True
+    found = filled(np.where(missing[:, None], [0.0, 0.0, 1.0, 0.0], truth), missing, 1 / RATE, swing(21, 1))
+    assert geodesic_angle(found, truth).max() < 1e-4
+
+
+def test_joints_are_interpolated_together_as_each_alone() -> None:
+    joints = np.stack([swing(60, seed) for seed in range(3)], axis=1)
+    together = interpolated(joints, 20, 50, 24.0)
+    for k in range(3):
+        np.testing.assert_allclose(together[:, k], interpolated(joints[:, k], 20, 50, 24.0), atol=1e-12)
+
+
+def test_places_are_interpolated_as_rotations_about_one_axis() -> None:
+    angle = np.cumsum(np.random.default_rng(2).normal(scale=0.02, size=60))
+    place, rotation = angle[:, None] * [1.0, 0.0, 0.0], np.asarray(quaternion_exp(angle[:, None] * [1.0, 0.0, 0.0]))
+    turned = np.asarray(quaternion_log(interpolated(rotation, 20, 50, 24.0)))
+    np.testing.assert_allclose(interpolated_places(place, 20, 50, 24.0), turned, atol=1e-9)
+
+
+def test_an_expected_deviation_is_added_to_the_interpolation() -> None:
+    truth, missing = swing(90, 3), np.zeros(90, dtype=bool)
+    missing[30:60] = True
+    plain = filled(truth, missing, 1 / RATE)
+    more = np.where(missing[:, None], [0.1, 0.0, 0.0], 0.0)
+    found = filled(truth, missing, 1 / RATE, deviation=more)
+    turned = quaternion_log(quaternion_multiply(quaternion_conjugate(plain), found))
+    np.testing.assert_allclose(turned, more, atol=1e-9)
+
+
+def test_trust_grows_from_known_frames_to_its_share() -> None:
+    away, trust = np.array([0.0, 0.2, 1e3]), Trust(0.8, 0.2, 0.5)
+    np.testing.assert_allclose(trust.weight(away, True), [0.0, 0.4, 0.8], atol=1e-6)
+    np.testing.assert_allclose(trust.weight(np.array([0.0, 0.5, 1e3]), False), [0.0, 0.5, 1.0], atol=1e-6)
 
 
 def test_runs() -> None:

@@ -10,7 +10,10 @@ import pytest
 
 from bodysense.body.rotation import quaternion_exp
 from bodysense.demo import packaged_performance
+from bodysense.filling import open_partial
 from bodysense.io.clip import Clip
+from bodysense.io.holes import missing_items
+from bodysense.take import track
 from bodysense_lab import holes
 from bodysense_lab.chart import draw_panels
 
@@ -29,20 +32,51 @@ def test_every_part_is_taken_away_from_clips_that_are_long_enough() -> None:
 
 
 def test_the_numbers_name_part_and_seconds_and_the_best_of_the_others(tmp_path: Path) -> None:
-    errors = {"bodysense": 0.01, "slerp": 0.03, "cubic spline": 0.02, "causal": 0.04}
-    gaps = [holes.Gap(part, 0.5, method, error) for part in holes.PARTS for method, error in errors.items()]
+    errors = {"bodysense": 0.01, "slerp": 0.03, "cubic spline": 0.02, "inertialised": 0.025, "causal": 0.04}
+    gaps = [
+        holes.Gap(part, 0.5, method, more + error, person)
+        for part in holes.PARTS
+        for method, error in errors.items()
+        for person, more in (("one", 0.0), ("other", 0.0))
+    ]
     report = holes.report_of(gaps, "made up")
-    assert [row[:3] for row in report.rows] == [(part.replace("_", " "), "0.5 s", 1) for part in holes.PARTS]
+    assert [row[:3] for row in report.rows] == [(part.replace("_", " "), "0.5 s", 2) for part in holes.PARTS]
     assert report.numbers["upper_body_0.5_cm"] == pytest.approx(1.0)
     assert report.numbers["upper_body_0.5_best_other_cm"] == pytest.approx(2.0)
+    assert report.rows[0][-1] == "-1.00 to -1.00"
     draw_panels(tmp_path / "holes.png", report.panels, report.title)
     assert (tmp_path / "holes.png").stat().st_size > 1000
 
 
-@pytest.mark.parametrize(("fill", "power"), [(holes.slerped, 1), (holes.splined, 3)])
+@pytest.mark.parametrize(("fill", "power"), [(holes.slerped, 1), (holes.inertialised, 1), (holes.splined, 3)])
 def test_the_others_follow_the_motions_that_they_assume(fill, power: int) -> None:
     """Slerp is exact for a turn of constant speed about one axis, the spline for one that is a cubic of time."""
     time = np.linspace(-1, 1, 30)
     rotation = np.asarray(quaternion_exp(np.stack([time**power, 0 * time, 0 * time], axis=1)))
-    filled = fill(rotation, 10, 20)
+    filled = fill(rotation[:, None], 10, 20)[:, 0]
     np.testing.assert_allclose(np.abs((filled * rotation[10:20]).sum(axis=1)), 1, atol=1e-12)
+
+
+def test_inertialisation_keeps_the_speeds_at_both_sides() -> None:
+    time = np.linspace(-1, 1, 240)
+    rotation = np.asarray(quaternion_exp(np.stack([time**2, 0 * time, 0 * time], axis=1)))[:, None]
+    filled = np.concatenate([rotation[:60], holes.inertialised(rotation, 60, 200), rotation[200:]])
+    speed = 2 * np.arccos(np.minimum(1, np.abs((filled[1:] * filled[:-1]).sum(axis=-1))))[:, 0]
+    assert abs(speed[59] - speed[58]) < 0.05 * speed[58] and abs(speed[199] - speed[200]) < 0.05 * speed[200]
+
+
+def test_the_forward_pass_of_a_take_is_live_tracking_within_a_gap() -> None:
+    clip, span = clip_of(3.0), slice(30, 60)
+    partial = open_partial(clip, missing_items("left_shoulder+:30-59"))
+    live = track(clip, missing="left_shoulder+:30-59", causal=True).estimate.pose.rotation
+    assert partial.missing[span].any()
+    np.testing.assert_allclose(
+        holes.filled_by_all(partial)["causal"][partial.missing], live[partial.missing], atol=1e-6
+    )
+
+
+def test_the_table_fills_as_the_command_does() -> None:
+    clip = clip_of(3.0)
+    partial = open_partial(clip, missing_items("left_hip+:30-59"))
+    filled = track(clip, missing="left_hip+:30-59").clip.pose.rotation
+    np.testing.assert_allclose(holes.filled_by_all(partial)["bodysense"], filled, atol=1e-9)

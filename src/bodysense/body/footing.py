@@ -36,7 +36,13 @@ def side_clearance(position: Array, skeleton: Skeleton, side: str) -> Array:
 
 
 def stopped_slide(
-    place: np.ndarray, contact: np.ndarray, free: np.ndarray, seconds: float, farthest: float = FARTHEST
+    place: np.ndarray,
+    contact: np.ndarray,
+    free: np.ndarray,
+    seconds: float,
+    farthest: float = FARTHEST,
+    fade: float = FADE,
+    hold: tuple[float, float] = (HOLD, RELEASE),
 ) -> np.ndarray:
     """How far (T, 3) m to move a foot along the floor in `free` frames; 0 in all others.
 
@@ -49,17 +55,19 @@ def stopped_slide(
         free: (T,) bool: frames in which the foot may be moved.
         seconds: between frames.
         farthest: m that the foot is moved at most.
+        fade: s in which a foot that is lifted comes back to where it would have been.
+        hold: probabilities of contact from which a foot stands, and below which it no longer does.
     """
     shift = np.zeros((len(place), 3))
     for first, end in runs(free):
-        resting = _resting(contact[first:end])
+        resting = _resting(contact[first:end], *hold)
         stands = [(first + a, first + b) for a, b in runs(resting >= 0)]
         for number, (start, stop) in enumerate(stands):
             shift[start:stop] = _still(place, resting[start - first : stop - first], start, stop, (first, end))
             before = stands[number - 1][1] if number else first
             after = stands[number + 1][0] if number + 1 < len(stands) else end
             for side, count in ((-1, start - before), (1, after - stop)):
-                fading = min(count, round(FADE / seconds))
+                fading = min(count, round(fade / seconds))
                 frames = start - 1 - np.arange(fading) if side < 0 else stop + np.arange(fading)
                 gone = (np.arange(fading) + 1) / (fading + 1)
                 shift[frames] += (1 - gone**2 * (3 - 2 * gone))[:, None] * shift[start if side < 0 else stop - 1]
@@ -67,13 +75,13 @@ def stopped_slide(
     return shift * np.minimum(1, farthest / np.maximum(size, 1e-9))
 
 
-def _resting(contact: np.ndarray) -> np.ndarray:
+def _resting(contact: np.ndarray, hold: float, release: float) -> np.ndarray:
     """Return (N,) the resting point of a foot; -1 if no point rests. A resting point keeps resting."""
     result, now = np.full(len(contact), -1), -1
     for frame, chances in enumerate(contact):
-        if now >= 0 and chances[now] < RELEASE:
+        if now >= 0 and chances[now] < release:
             now = -1
-        if now < 0 and chances.max() >= HOLD:
+        if now < 0 and chances.max() >= hold:
             now = int(chances.argmax())
         result[frame] = now
     return result

@@ -7,6 +7,8 @@ distance from the sides. Known frames are never changed.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from bodysense.body.rotation import (
@@ -24,6 +26,21 @@ BRIEF = 0.25  # s: in a gap no longer than this, known on both sides, a guess ad
 SMOOTH = 0.07  # s, deviation of the Gaussian that removes jitter from the tracker's guess
 
 
+@dataclass(frozen=True)
+class Trust:
+    """How much a guess counts against the interpolation, by the distance from known frames."""
+
+    share: float = 1.0  # its weight far from both sides of a gap
+    seconds: float = 1.0  # s from known frames at which it has half of that
+    one_sided: float = 1.0  # s from known frames at which it has weight one half, if only one side is known
+
+    def weight(self, away: np.ndarray, both_sides: bool) -> np.ndarray:
+        """Return the weight (N,) of the guess in frames that are `away` (N,) s from known ones."""
+        if both_sides:
+            return self.share * away**2 / (away**2 + self.seconds**2)
+        return away**2 / (away**2 + self.one_sided**2)
+
+
 def runs(present: np.ndarray) -> list[tuple[int, int]]:
     """Return the runs where (T,) bool is true: the first frame of each, and the one after its last."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], present, [False]]).astype(np.int8)))
@@ -35,8 +52,9 @@ def filled(
     missing: np.ndarray,
     seconds: float,
     guess: np.ndarray | None = None,
-    trusted: float = 1.0,
+    trust: Trust = Trust(),
     coasting: float = COASTING,
+    deviation: np.ndarray | None = None,
 ) -> np.ndarray:
     """Return rotations (T, 4) of one joint, filled where `missing` (T,).
 
@@ -45,49 +63,79 @@ def filled(
         missing: (T,) bool.
         seconds: between frames.
         guess: (T, 4) of all frames; None interpolates from one side of every gap to the other.
-        trusted: s from known frames at which the guess has weight one half.
+        trust: how much the guess counts.
         coasting: s in which the speed at a gap's edge fades.
+        deviation: (T, 3) rad, expected turn from the interpolation to the truth in the joint's axes; 0 if omitted.
     """
     result = np.array(rotation)
     for first, end in runs(missing):
+        both = first > 0 and end < len(missing)
         sided = first > 0 or end < len(missing)
-        brief = first > 0 and end < len(missing) and (end - first) * seconds <= BRIEF
-        if guess is not None and not brief and (not sided or end - first > 1):
+        inside = result[first:end]
+        if sided:
+            speeds = first > 1 and not missing[first - 2], end < len(missing) - 1 and not missing[end + 1]
+            inside = interpolated(result, first, end, coasting / seconds, speeds)
+            if deviation is not None:
+                inside = np.asarray(quaternion_multiply(inside, quaternion_exp(deviation[first:end])))
+        if guess is not None and not sided:
             inside = guess[first:end]
-            if sided:
-                away = _away(first, end, len(missing)) * seconds
-                share = away**2 / (away**2 + trusted**2)
-                bent = _bent(result, inside, first, end, seconds)
-                inside = slerp(_turn(result, missing, first, end, coasting / seconds), bent, share)
-        else:
-            inside = _turn(result, missing, first, end, coasting / seconds) if sided else result[first:end]
+        elif guess is not None and end - first > 1 and not (both and (end - first) * seconds <= BRIEF):
+            share = trust.weight(_away(first, end, len(missing)) * seconds, both)
+            inside = slerp(inside, _bent(result, guess[first:end], first, end, seconds), share)
         result[first:end] = quaternion_canonical(inside)
     return result
 
 
-def _turn(rotation: np.ndarray, missing: np.ndarray, first: int, end: int, fading: float) -> np.ndarray:
-    """Interpolate rotations (N, 4) from one side of a gap to the other; constant if only one side is known.
+def interpolated(
+    rotation: np.ndarray, first: int, end: int, fading: float, speeds: tuple[bool, bool] = (True, True)
+) -> np.ndarray:
+    """Interpolate rotations (N, ..., 4) of joints (T, ..., 4) from one side of a gap to the other.
 
-    The speed on either side continues and fades within `fading` frames; in between, the speed is constant. A gap
-    shorter than that is the cubic through the two known frames on either side.
+    If only one side is known, the joint comes to rest. The speed on either side continues and fades within `fading`
+    frames; in between, the speed is constant. A gap shorter than that is the cubic through the two known frames on
+    either side.
+
+    Args:
+        rotation: (T, ..., 4), known on one side of the gap at least.
+        first: the gap's first frame.
+        end: the frame after its last.
+        fading: frames.
+        speeds: whether two frames are known before and after the gap.
     """
-    frames, count = len(rotation), end - first
+    frames = len(rotation)
     before, after = rotation[first - 1 if first else end], rotation[end if end < frames else first - 1]
     whole = _difference(before, after)
+    led = _difference(rotation[first - 2], before) if speeds[0] and first > 1 else None
+    left = _rate_at(whole, _difference(after, rotation[end + 1])) if speeds[1] and end < frames - 1 else None
+    way = _way(whole, (led, left), end - first, fading, first > 0 and end < frames)
+    return np.asarray(quaternion_multiply(np.broadcast_to(before, (*way.shape[:-1], 4)), quaternion_exp(way)))
+
+
+def interpolated_places(place: np.ndarray, first: int, end: int, fading: float) -> np.ndarray:
+    """Interpolate places (N, 3) of a point (T, 3) over a gap with known frames on both sides, as `interpolated`."""
+    before, after = place[first - 1], place[end]
+    led = before - place[first - 2] if first > 1 else None
+    left = place[end + 1] - after if end < len(place) - 1 else None
+    return before + _way(after - before, (led, left), end - first, fading, True)
+
+
+def _way(
+    whole: np.ndarray, speeds: tuple[np.ndarray | None, np.ndarray | None], count: int, fading: float, both: bool
+) -> np.ndarray:
+    """Return vectors (N, ..., 3) from the frame before a gap to its `count` frames.
+
+    `whole` (..., 3) is the vector to the frame after it; `speeds` are vectors a frame before and after the gap, None if
+    unknown.
+    """
     span = count + 1
     step, coasting = whole / span, min(fading, span)
-    led, left = np.zeros(3), np.zeros(3)  # excess speed over `step` of the known frames on either side
-    if first > 1 and not missing[first - 2]:
-        led = _difference(rotation[first - 2], before) - step
-    if end < frames - 1 and not missing[end + 1]:
-        left = _rate_at(whole, _difference(after, rotation[end + 1])) - step
+    led, left = (np.zeros_like(whole) if speed is None else speed - step for speed in speeds)  # excess speeds
     # Speeds at the sides, whose chords are the speeds to the next frame outside.
-    own, other = (1 + 1 / coasting) ** 2, (span + 1) / span**2 if coasting == span and first > 0 and end < frames else 0
+    own, other = (1 + 1 / coasting) ** 2, (span + 1) / span**2 if coasting == span and both else 0
     led, left = (own * led - other * left) / (own**2 - other**2), (own * left - other * led) / (own**2 - other**2)
-    gone = np.arange(1.0, count + 1)[:, None]
+    gone = np.arange(1.0, count + 1).reshape(-1, *[1] * whole.ndim)
     way = gone * step + gone * _fading(gone / coasting) * led
-    way = way - (span - gone) * _fading((span - gone) / coasting) * left
-    return np.asarray(quaternion_multiply(np.broadcast_to(before, (count, 4)), quaternion_exp(way)))
+    return way - (span - gone) * _fading((span - gone) / coasting) * left
 
 
 def _rate_at(turn: np.ndarray, speed: np.ndarray) -> np.ndarray:

@@ -18,6 +18,9 @@ from bodysense.estimate import CONTACT_POINTS
 
 Array = np.ndarray
 FARTHEST = 0.06  # m that a foot is held back at most; 0.12 holds more firmly, and causes a third more jumps
+# Probabilities of contact from which a foot is held, and below which it no longer is; s in which it then comes back.
+# Lower ones hold more firmly, and cause up to twice the jumps. Chosen on validation clips.
+HOLD, RELEASE, FADE = 0.8, 0.6, 0.3
 ENDS = ("left_wrist", "right_wrist", "left_ankle", "right_ankle")
 
 
@@ -79,7 +82,8 @@ def on_floor(pose: Pose, contact: Array, measured: Array, floor: float, seconds:
         position = np.asarray(forward_kinematics(pose)[0])
         resting = [name for name in CONTACT_POINTS if name.startswith(side)]
         chances = contact[:, [CONTACT_POINTS.index(name) for name in resting]]
-        shift = stopped_slide(position[:, skeleton.indices(resting)], chances, free, seconds, FARTHEST)
+        place = position[:, skeleton.indices(resting)]
+        shift = stopped_slide(place, chances, free, seconds, FARTHEST, FADE, (HOLD, RELEASE))
         rise = np.maximum(0.0, floor - side_clearance(position, skeleton, side))
         shift[:, 1] = np.where(free, rise, 0.0)
         pose = reaching(pose, f"{side}_ankle", position[:, skeleton.index(f"{side}_ankle")] + shift)

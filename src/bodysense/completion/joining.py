@@ -6,7 +6,7 @@ there. The mean of both answers' local rotations keeps bones.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -29,6 +29,7 @@ FASTEST_TURN = 9.0  # rad/s: maximum speed of a joint when it is seen again
 # 18 % larger errors backward (three points). Weight of certainty, and the seconds over which expected errors are
 # averaged. Chosen on 32 validation clips.
 BACKWARD_SHARE, SURENESS, STEADY = 1 / 3, 2.0, 0.33
+SMOOTH = 0.067  # s, deviation of the Gaussian over hidden joints; from 0.1 s on errors grow. Chosen on validation clips
 
 
 @lru_cache(maxsize=1)
@@ -118,6 +119,33 @@ def future_share(past: Array, future: Array, seconds: float) -> Array:
     steady = np.convolve(np.pad(ratio, reach, mode="edge"), bell, mode="valid")
     odds = BACKWARD_SHARE / (1 - BACKWARD_SHARE) * np.exp(SURENESS * steady)
     return odds / (1 + odds)
+
+
+def carrying(seen: Array, parents: Sequence[int]) -> Array:
+    """Return which points (T, P) are seen, or have a point that is seen hanging on them; parents come first."""
+    result = seen.copy()
+    for point in range(len(parents) - 1, 0, -1):
+        result[:, parents[point]] |= result[:, point]
+    return result
+
+
+def steadied(rotation: Array, seen: Array, seconds: float) -> Array:
+    """Return local rotations (T, J, 4), smoothed over time where a joint is hidden, `seen` (T, J).
+
+    Smoothing sets in with the distance from frames in which the joint is seen; these are unchanged.
+    """
+    bell = _bell(SMOOTH / seconds)
+    sign = np.where((rotation[1:] * rotation[:-1]).sum(axis=-1, keepdims=True) < 0, -1.0, 1.0)
+    even = np.concatenate([rotation[:1], rotation[1:] * np.cumprod(sign, axis=0)])
+    share = _convolved((~seen).astype(float), bell) * ~seen
+    return mean_rotation(rotation, normalize(_convolved(even, bell)), share[..., None])
+
+
+def _convolved(values: Array, bell: Array) -> Array:
+    """Return values (T, ...) averaged over neighbouring frames; the first and the last go on."""
+    reach = len(bell) // 2
+    padded = np.concatenate([values[:1].repeat(reach, axis=0), values, values[-1:].repeat(reach, axis=0)])
+    return sum(weight * padded[k : k + len(values)] for k, weight in enumerate(bell.tolist()))  # type: ignore[return-value]
 
 
 def _bell(frames: float) -> Array:

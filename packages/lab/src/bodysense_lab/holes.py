@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
 from bodysense.body.gaps import runs
+from bodysense.body.person import Person
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.rotation import (
     quaternion_conjugate,
@@ -17,19 +18,21 @@ from bodysense.body.rotation import (
     quaternion_multiply,
     slerp,
 )
-from bodysense.filling import open_partial
+from bodysense.filling import PartialMotion, filled_by, observed, open_partial
+from bodysense.intervals import Interval, interval
 from bodysense.io.clip import Clip
 from bodysense.io.fingers import FINGERS
 from bodysense.io.holes import missing_items
 from bodysense.io.resample import resample
-from bodysense.take import track
+from bodysense.tracker import TrackerSettings
+from bodysense.two_way import TwoWayTracker
 from bodysense_lab.chart import BarPanel, plain_bars
-from bodysense_lab.table import Report, finite
+from bodysense_lab.table import Cell, Report, finite
 
-RATE, LEAD = 30.0, 1.0  # Hz; s of known frames that a clip has on either side of a gap at least
-KEPT = 2.0  # s of known frames on either side that are used, at most
+RATE, LEAD = 30.0, 1.0  # Hz; s of known frames that are used on either side of a gap
 SECONDS = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)
 KNOTS = 2  # known frames on either side through which a cubic spline goes
+BLEND = 0.5  # s in which inertialisation removes a difference of speed
 # joints that are removed with all their descendants, and points that are scored
 PARTS = {
     "arm": (("left_shoulder",), ("left_elbow", "left_wrist")),
@@ -48,7 +51,7 @@ PARTS = {
     ),
 }
 OURS = "bodysense"
-OTHERS = ("slerp", "cubic spline", "causal")
+OTHERS = ("slerp", "cubic spline", "inertialised", "causal")
 METHODS = (OURS, *OTHERS)
 
 
@@ -60,38 +63,41 @@ class Gap:
     seconds: float
     method: str
     error: float  # m, mean of the points over the gap
+    person: str
 
 
-def score_holes(clips: Iterable[Clip], seed: int = 1, advance: Callable[[Clip], None] = lambda clip: None) -> list[Gap]:
+def score_holes(
+    clips: Iterable[Clip],
+    seed: int = 1,
+    parts: Sequence[str] = tuple(PARTS),
+    advance: Callable[[Clip], None] = lambda clip: None,
+) -> list[Gap]:
     """Fill a gap of each part and length in every clip that is long enough; its place is drawn."""
     rng, found = np.random.default_rng(seed), []
     for clip in clips:
-        short = resample(clip, RATE)
-        for part, seconds, cut, first in _cuts(short, rng):
-            found += score_gap(cut, part, seconds, first)
+        for part, seconds, cut in _cuts(resample(clip, RATE), parts, rng):
+            found += score_gap(cut, part, seconds)
         advance(clip)
     return found
 
 
-def _cuts(clip: Clip, rng: np.random.Generator) -> Iterator[tuple[str, float, Clip, int]]:
-    """For each part and length: the frames about a gap, and the first of them that the part lacks."""
-    lead, kept = round(LEAD * RATE), round(KEPT * RATE)
-    for part in PARTS:
+def _cuts(clip: Clip, parts: Sequence[str], rng: np.random.Generator) -> Iterator[tuple[str, float, Clip]]:
+    """For each part and length: a gap's frames, with `LEAD` known seconds on either side."""
+    lead = round(LEAD * RATE)
+    for part in parts:
         for seconds in SECONDS:
             count = round(seconds * RATE)
             if len(clip) < count + 2 * lead or (part == "fingers" and not clip.has_fingers):
                 continue
-            first = int(rng.integers(lead, len(clip) - count - lead + 1))
-            begin = max(0, first - kept)
-            yield part, seconds, replace(clip, pose=clip.pose[begin : first + count + kept]), first - begin
+            begin = int(rng.integers(0, len(clip) - count - 2 * lead + 1))
+            yield part, seconds, replace(clip, pose=clip.pose[begin : begin + count + 2 * lead])
 
 
-def score_gap(clip: Clip, part: str, seconds: float, first: int) -> list[Gap]:
-    """A gap of a part, filled by every method."""
+def score_gap(clip: Clip, part: str, seconds: float) -> list[Gap]:
+    """A gap of a part, with `LEAD` seconds on either side, filled by every method."""
     roots, points = PARTS[part]
-    count = round(seconds * RATE)
-    missing = [f"{root}+:{first}-{first + count - 1}" for root in roots]
-    partial = open_partial(clip, missing_items(missing))
+    first, count = round(LEAD * RATE), round(seconds * RATE)
+    partial = open_partial(clip, missing_items([f"{root}+:{first}-{first + count - 1}" for root in roots]))
     window, skeleton = slice(first, first + count), clip.pose.skeleton
     places = skeleton.indices(points)
 
@@ -99,18 +105,29 @@ def score_gap(clip: Clip, part: str, seconds: float, first: int) -> list[Gap]:
         pose = Pose(skeleton, clip.pose.root_position[window], rotation[window])
         return np.asarray(forward_kinematics(pose)[0])[:, places]
 
-    causal = track(clip, missing=missing, causal=True).estimate.pose.rotation
-    filled = {
-        OURS: np.asarray(track(clip, missing=missing).clip.pose.rotation),
-        "slerp": between(partial.rotation, partial.missing, slerped),
-        "cubic spline": between(partial.rotation, partial.missing, splined),
-        "causal": np.where(partial.missing[..., None], causal, partial.rotation),
-    }
     truth = place(np.asarray(clip.pose.rotation))
     return [
-        Gap(part, seconds, method, float(np.linalg.norm(place(filled[method]) - truth, axis=-1).mean()))
-        for method in METHODS
+        Gap(part, seconds, method, float(np.linalg.norm(place(rotation) - truth, axis=-1).mean()), clip.person)
+        for method, rotation in filled_by_all(partial).items()
     ]
+
+
+def filled_by_all(partial: PartialMotion) -> dict[str, np.ndarray]:
+    """Local rotations (T, J, 4) of a motion on our joints, its gaps filled by each of `METHODS`.
+
+    The forward pass of completion with past and future is what live tracking gives within a gap.
+    """
+    ways = TwoWayTracker(Person(partial.clip.pose.skeleton), None, TrackerSettings())
+    seen = observed(partial)
+    forward, _ = ways.tracker.step(seen, ways.tracker.start())
+    joined = ways.joined(forward, ways.backward(seen), 1 / RATE)
+    return {
+        OURS: filled_by(partial, joined),
+        "slerp": between(partial.rotation, partial.missing, slerped),
+        "cubic spline": between(partial.rotation, partial.missing, splined),
+        "inertialised": between(partial.rotation, partial.missing, inertialised),
+        "causal": np.where(partial.missing[..., None], forward.pose.rotation, partial.rotation),
+    }
 
 
 def between(
@@ -118,53 +135,104 @@ def between(
 ) -> np.ndarray:
     """Local rotations (T, J, 4), each joint filled in its gaps from its own known frames."""
     rotation = np.array(rotation)
-    for joint in np.flatnonzero(missing.any(axis=0)):
-        for first, end in runs(missing[:, joint]):
-            rotation[first:end, joint] = fill(rotation[:, joint], first, end)
+    gone = {joint: runs(missing[:, joint]) for joint in np.flatnonzero(missing.any(axis=0)).tolist()}
+    for span in {span for spans in gone.values() for span in spans}:
+        joints = [joint for joint, spans in gone.items() if span in spans]
+        rotation[span[0] : span[1], joints] = fill(rotation[:, joints], *span)
     return rotation
 
 
 def slerped(rotation: np.ndarray, first: int, end: int) -> np.ndarray:
-    """Rotations (N, 4) of one joint (T, 4) at constant speed from one side of a gap to the other."""
-    share = np.arange(1, end - first + 1) / (end - first + 1)
-    before, after = (np.repeat(rotation[k : k + 1], end - first, axis=0) for k in (first - 1, end))
+    """Rotations (N, J, 4) of joints (T, J, 4) at constant speed from one side of a gap to the other.
+
+    With the root between both sides this is the interpolation of Harvey et al., Robust Motion In-betweening, 2020.
+    """
+    share = np.arange(1, end - first + 1)[:, None] / (end - first + 1)
+    before, after = (np.broadcast_to(rotation[k], (end - first, *rotation.shape[1:])) for k in (first - 1, end))
     return np.asarray(slerp(before, after, share))
 
 
 def splined(rotation: np.ndarray, first: int, end: int) -> np.ndarray:
-    """Rotations (N, 4) of one joint (T, 4) on the cubic spline of its rotation vectors from the frame before a gap."""
+    """Rotations (N, J, 4) of joints (T, J, 4) on cubic splines of their turns from the frame before a gap."""
     frames = np.concatenate([np.arange(first - KNOTS, first), np.arange(end, end + KNOTS)])
-    before = rotation[first - 1 : first]
-    vectors = np.asarray(quaternion_log(quaternion_multiply(quaternion_conjugate(before), rotation[frames])))
-    way = CubicSpline(frames, vectors)(np.arange(first, end))
-    return np.asarray(quaternion_multiply(before.repeat(len(way), axis=0), quaternion_exp(way)))
+    way = CubicSpline(frames, _turn(rotation[first - 1], rotation[frames]))(np.arange(first, end))
+    return np.asarray(
+        quaternion_multiply(np.broadcast_to(rotation[first - 1], (*way.shape[:-1], 4)), quaternion_exp(way))
+    )
+
+
+def inertialised(rotation: np.ndarray, first: int, end: int) -> np.ndarray:
+    """Rotations (N, J, 4) of joints (T, J, 4) by slerp, eased from and to the speeds of the known frames.
+
+    The offset from slerp is a quintic that begins at zero with the difference of speed. It ends at rest after `BLEND`,
+    or with the gap (Bollo, Inertialization, GDC 2018).
+    """
+    count = end - first
+    before, after = rotation[first - 1], rotation[end]
+    step = _turn(before, after) / (count + 1)
+    gone = np.arange(1.0, count + 1)[:, None, None]
+    offset = _eased(gone, count + 1) * (_turn(rotation[first - 2], before) - step)
+    offset = offset - _eased(count + 1 - gone, count + 1) * (_turn(after, rotation[end + 1]) - step)
+    return np.asarray(quaternion_multiply(slerped(rotation, first, end), quaternion_exp(offset)))
+
+
+def _eased(gone: np.ndarray, span: int) -> np.ndarray:
+    """The offset, in frames, that a difference of speed of one makes `gone` frames after a side of a gap."""
+    most = min(BLEND * RATE, span)
+    share = np.minimum(gone / most, 1.0)
+    return most * (share - 6 * share**3 + 8 * share**4 - 3 * share**5)
+
+
+def _turn(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Rotation vectors (..., 3) from a to b."""
+    return np.asarray(quaternion_log(quaternion_multiply(np.broadcast_to(quaternion_conjugate(a), b.shape), b)))
 
 
 def report_of(gaps: list[Gap], name: str) -> Report:
-    """The table: a row a part and length."""
-    rows, numbers, labels = [], {}, []
+    """The table: a row a part and length, with intervals over people."""
+    rows: list[tuple[Cell, ...]] = []
+    numbers: dict[str, float] = {}
+    labels: list[str] = []
     errors: dict[str, list[float]] = {OURS: [], "best other": []}
     for part in PARTS:
         for seconds in SECONDS:
             those = [gap for gap in gaps if (gap.part, gap.seconds) == (part, seconds)]
             if not those:
                 continue
-            means = {m: 100 * float(np.mean([gap.error for gap in those if gap.method == m])) for m in METHODS}
-            words = part.replace("_", " ")
-            rows.append((words, f"{seconds:g} s", len(those) // len(METHODS), *means.values()))
+            each = {m: _by_person([gap for gap in those if gap.method == m]) for m in METHODS}
+            found = {m: interval(each[m]) for m in METHODS}
+            best = min(OTHERS, key=lambda other: found[other].value)
+            more, words, key = interval(each[OURS], each[best]), part.replace("_", " "), f"{part}_{seconds:g}"
+            means = [found[m].value for m in METHODS]
+            rows.append((words, f"{seconds:g} s", len(those) // len(METHODS), *means, _lies(more)))
             labels.append(f"{words} {seconds:g} s")
-            numbers[f"{part}_{seconds:g}_cm"] = means[OURS]
-            numbers[f"{part}_{seconds:g}_best_other_cm"] = min(means[other] for other in OTHERS)
-            errors[OURS].append(means[OURS])
-            errors["best other"].append(numbers[f"{part}_{seconds:g}_best_other_cm"])
+            numbers |= {f"{key}_cm": means[0], f"{key}_best_other_cm": found[best].value}
+            numbers |= {f"{key}_gaps": float(len(those) // len(METHODS))}
+            numbers |= {f"{key}_low_cm": found[OURS].low, f"{key}_high_cm": found[OURS].high}
+            errors[OURS].append(means[0])
+            errors["best other"].append(found[best].value)
     return Report(
         name="holes",
         title=f"Parts missing in {name}, cm",
-        columns=("part", "gap", "gaps", *METHODS),
+        columns=("part", "gap", "gaps", *METHODS, "more than the best other"),
         rows=tuple(rows),
         numbers=finite(numbers),
         caption="Mean error of the part's points in the gap, cm. Cubic spline: through two known frames on each side, "
-        "joint by joint. Causal: completed as in live tracking.",
+        "joint by joint. Inertialised: slerp, eased from the speed at each side. Causal: as in live tracking. "
+        "The last column is a 95 % interval over people.",
         digits=2,
         panels=(BarPanel("error, cm", tuple(labels), tuple(plain_bars(*one) for one in errors.items()), "cm"),),
     )
+
+
+def _by_person(gaps: list[Gap]) -> Mapping[str, tuple[float, float]]:
+    """Mean error in cm of each person, and its number of gaps."""
+    errors: dict[str, list[float]] = {}
+    for gap in gaps:
+        errors.setdefault(gap.person, []).append(100 * gap.error)
+    return {person: (float(np.mean(each)), float(len(each))) for person, each in errors.items()}
+
+
+def _lies(more: Interval) -> str:
+    """An interval in words."""
+    return f"{more.low:+.2f} to {more.high:+.2f}"

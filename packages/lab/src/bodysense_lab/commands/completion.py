@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from dataclasses import replace
 from functools import partial
-from itertools import islice
 
 from bodysense.errors import BodysenseError
 from bodysense.files import check_place
@@ -220,12 +219,16 @@ def untracked_fingers(run: Flat[UntrackedFingerEvaluation]) -> None:
 
 
 def holes(run: Flat[HoleEvaluation]) -> None:
-    """Score filled holes of 0.1 to 10 s, of limbs, upper body or fingers, against slerp, splines and live tracking."""
-    from bodysense_lab.holes import report_of, score_holes
+    """Score filled holes of 0.1 to 10 s, of limbs, upper body or fingers, against interpolation and live tracking."""
+    from bodysense_lab.datasets import open_clips
+    from bodysense_lab.holes import PARTS, report_of, score_holes
 
     source = open_data(run.data, run.table)
-    wanted = 6 if run.table.quick else run.clips
-    stride = 1 if wanted is None else max(1, source.count() // wanted)
-    with progress_over([source]) as advance:
-        gaps = score_holes(islice(source.clips(), 0, None, stride), advance=advance)
-    finish(report_of(gaps, source.name), run.table)
+    total = source.count()
+    count = min(total, 6 if run.table.quick else run.clips or total)
+    with progress_over([source], count) as advance:
+        clips = open_clips(source.path, source.split, at_most=count)
+        gaps = score_holes(clips, parts=run.parts or tuple(PARTS), advance=advance)
+    report = report_of(gaps, source.name)
+    numbers = report.numbers | {"clips": float(count), "clips_in_split": float(total)}
+    finish(replace(report, numbers=numbers), run.table)

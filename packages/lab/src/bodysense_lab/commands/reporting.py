@@ -35,8 +35,8 @@ def open_data(data: str, table: TableOptions) -> DataSet:
 
 
 @contextmanager
-def progress_over(sets: list[DataSet]) -> Iterator[Callable[[Clip], None]]:
-    """Display progress over the clips of data sets; yields a function to call after each clip."""
+def progress_over(sets: list[DataSet], count: int | None = None) -> Iterator[Callable[[Clip], None]]:
+    """Display progress over the clips of data sets, or `count` of them; yields a function to call after each clip."""
     from rich.progress import (
         BarColumn,
         MofNCompleteColumn,
@@ -48,7 +48,7 @@ def progress_over(sets: list[DataSet]) -> Iterator[Callable[[Clip], None]]:
 
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     with Progress(*columns, TimeRemainingColumn()) as progress:
-        bar = progress.add_task("scoring", total=sum(data.count() for data in sets))
+        bar = progress.add_task("scoring", total=sum(data.count() for data in sets) if count is None else count)
         yield lambda clip: progress.update(bar, advance=1, description=f"scored {clip.name}")
 
 

@@ -184,6 +184,8 @@ class HoleEvaluation(MotionEvaluation):
 
     clips: Count | None = None
     """number of clips, spread evenly; all if omitted"""
+    parts: tuple[Literal["arm", "leg", "legs", "upper_body", "fingers"], ...] = ()
+    """parts of the body to remove; all if omitted"""
     table: Flat[TableOptions] = TableOptions()
 
     def __post_init__(self) -> None:

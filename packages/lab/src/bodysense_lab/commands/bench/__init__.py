@@ -21,12 +21,13 @@ def commands() -> SubcommandApp:
         packet_decoders,
         packet_fuzz,
         step,
+        take,
         training,
     )
 
     group = SubcommandApp()
     group.command(name="step")(step.bench_step)
-    for command in (gloves.gloves, ik.ik, occlusion.occlusion, bvh.bvh):
+    for command in (gloves.gloves, ik.ik, occlusion.occlusion, bvh.bvh, take.take):
         group.command(command)
     group.command(name="import")(import_time.import_time)
     group.command(training.training)

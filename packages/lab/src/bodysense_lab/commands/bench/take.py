@@ -1,0 +1,38 @@
+"""`bodysense bench take`: completing a long recording with its past and future."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import numpy as np
+
+from bodysense_lab.commands.bench.timing import report
+
+RATE = 30.0  # Hz
+
+
+def take(minutes: float = 10.0, device: str = "three_point", json: Path | None = None) -> None:
+    """Time completing a long recording of a known body with past and future.
+
+    Args:
+        minutes: Length of the recording; the packaged performance is played forward and backward.
+        device: Simulated device.
+        json: Write the numbers here, as one flat object.
+    """
+    from dataclasses import replace
+
+    import bodysense as bs
+    from bodysense.demo import packaged_performance
+    from bodysense.io.resample import resample
+
+    clip = resample(packaged_performance(), RATE)
+    there_and_back = np.concatenate([np.arange(len(clip)), np.arange(len(clip) - 2, 0, -1)])
+    clip = replace(clip, pose=clip.pose[np.resize(there_and_back, round(60 * minutes * RATE))])
+    recording, person = bs.simulate(clip, device), bs.Person(clip.pose.skeleton)
+    begun, worked = time.perf_counter(), time.process_time()
+    bs.track(recording, person=person)
+    seconds, processor = time.perf_counter() - begun, time.process_time() - worked
+    report(
+        "take", {"frames_per_second": len(clip) / seconds, "frames_per_processor_second": len(clip) / processor}, json
+    )

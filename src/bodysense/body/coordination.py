@@ -1,0 +1,94 @@
+"""Coordination: known joints tell how missing ones move in a gap.
+
+An arm swings with the opposite leg, and the chest leans against the hips. So if known joints deviate from their
+interpolation over a gap (`gaps.interpolated`), missing joints deviate from theirs, too. The deviations of all joints
+are modelled as one normal distribution, for gaps of each length; those of missing joints are expected from those of
+known ones. At the sides of a gap all deviations are zero, with their speeds.
+
+The covariances are of training people. `scripts/fit_coordination.py` measures them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from importlib.resources import files
+
+import numpy as np
+
+from bodysense.body import gaps
+from bodysense.body.rotation import (
+    quaternion_conjugate,
+    quaternion_log,
+    quaternion_multiply,
+    quaternion_rotate,
+)
+from bodysense.body.skeleton import BODY
+
+FILE = "coordination.npz"  # in this package
+ROOT = len(BODY)  # number of the root's place, after the joints
+NOISE = 1e-5  # rad² (m²) added to the variances of known joints, so that small differences do not count
+
+
+@dataclass(frozen=True, eq=False)
+class Coordination:
+    """Covariances of the deviations of joints in `BODY`, rad in their axes, and of the root's place, m in its axes."""
+
+    seconds: np.ndarray  # (L,) lengths of gaps, increasing
+    covariance: np.ndarray  # (L, 3 (J + 1), 3 (J + 1))
+
+    def expected(self, known: np.ndarray, is_known: np.ndarray, seconds: float) -> np.ndarray:
+        """Return deviations (N, J + 1, 3) of a gap: missing ones are their expectation, given the known ones.
+
+        Args:
+            known: (N, J + 1, 3) rad, the last m; arbitrary where missing.
+            is_known: (J + 1,) bool.
+            seconds: length of the gap; between two measured lengths covariances are interpolated.
+        """
+        frames, result = len(known), np.array(known)
+        result[:, ~is_known] = 0
+        if is_known.all() or not is_known.any():
+            return result
+        covariance = self._at(seconds)
+        given = np.repeat(is_known, 3)
+        own = covariance[np.ix_(given, given)] + NOISE * np.eye(given.sum())
+        share = np.linalg.solve(own, covariance[np.ix_(given, ~given)])
+        result[:, ~is_known] = (known[:, is_known].reshape(frames, -1) @ share).reshape(frames, -1, 3)
+        return result
+
+    def _at(self, seconds: float) -> np.ndarray:
+        """Return the covariance for a length, interpolated over its logarithm."""
+        place = np.interp(np.log(seconds), np.log(self.seconds), np.arange(len(self.seconds)))
+        low = min(int(place), len(self.seconds) - 2)
+        return (low + 1 - place) * self.covariance[low] + (place - low) * self.covariance[low + 1]
+
+
+def deviations(rotation: np.ndarray, root: np.ndarray, first: int, end: int, seconds: float) -> np.ndarray:
+    """Return the deviations (N, J + 1, 3) of joints and root from their interpolation over a gap between known frames.
+
+    Args:
+        rotation: (T, J, 4) local rotations of the joints in `BODY`.
+        root: (T, 3) m, place of the root.
+        first: the gap's first frame, > 0.
+        end: the frame after its last, < T.
+        seconds: between frames.
+    """
+    fading = gaps.COASTING / seconds
+    inside = gaps.interpolated(rotation, first, end, fading)
+    turned = quaternion_log(quaternion_multiply(quaternion_conjugate(inside), rotation[first:end]))
+    off = root[first:end] - gaps.interpolated_places(root, first, end, fading)
+    moved = quaternion_rotate(quaternion_conjugate(inside[:, 0]), off)
+    return np.concatenate([np.asarray(turned), np.asarray(moved)[:, None]], axis=1)
+
+
+@lru_cache(maxsize=1)
+def coordination() -> Coordination:
+    """Return the packaged covariances."""
+    with (files("bodysense.body") / FILE).open("rb") as file, np.load(file, allow_pickle=False) as stored:
+        seconds, upper = stored["seconds"], stored["upper"]
+    size = 3 * (ROOT + 1)
+    covariance = np.zeros((len(seconds), size, size))
+    rows, columns = np.triu_indices(size)
+    covariance[:, rows, columns] = upper
+    covariance[:, columns, rows] = upper
+    return Coordination(seconds.astype(float), covariance)
