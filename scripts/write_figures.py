@@ -5,7 +5,8 @@
 FIGURES is a folder of what these commands wrote; each file names the processor. A table whose file is missing stays
 unchanged. DATA is a folder of motion or a prepared store.
 
-    python scripts/measure_figures.py FIGURES/marker-sets.json       (and marker-gaps, mounts, gloves-expected)
+    python scripts/measure_figures.py FIGURES/marker-sets.json       (and marker-gaps, mounts, gloves-expected,
+    gloves-steps)
     bodysense evaluate completion --data DATA --json FIGURES/completion.json
     … the same with --limit 36 --takes --lattice, into FIGURES/completion-takes.json
     … the same with --split val --bodies own, into FIGURES/validation.json, for the card of the network

@@ -88,6 +88,7 @@ FIGURES: dict[str, Callable[[Cells], str]] = {  # by row of the page
     "4.3": lambda at: (
         f"{_range(at, 'gloves-fusion', '5 s', STRANGERS, '1', 'fused')}, a finger hidden for 0.1 to 5 s, {STRANGERS}"
     ),
+    "4.4": lambda at: f"a slipped glove's flat hand {at('gloves-steps', 'flat hand, °', SLIPPED)}°",
     "4.5": lambda at: (
         f"last known {_range(at, 'gloves-table3', '2 s', 'recorded', 'last known', '1')}, affine "
         f"{_range(at, 'gloves-table3', '2 s', 'recorded', 'affine', '1')}"
@@ -99,6 +100,7 @@ FIGURES: dict[str, Callable[[Cells], str]] = {  # by row of the page
         f"batches of {PAPER_JOINT_SCHEDULE.batch}, halved after {PAPER_JOINT_SCHEDULE.patience} checks; markers "
         f"{_card('glove_markers_paper.md', _ERROR)} cm in validation"
     ),
+    "4.10": lambda at: f"{_MIRRORED.findall(at('gloves-steps', 'text'))[0]} cm from the mirror image",
     "4.11": lambda at: f"{_range(at, 'gloves-table3', '2 s', STRANGERS, 'hand known', '1')}, one hidden, {STRANGERS}",
     "4.12": lambda at: f"{at('gloves-table4', '0.1 s', STRANGERS, 'hand known', '0')} cm, nothing hidden, {STRANGERS}",
     "4.13": lambda at: (
@@ -114,6 +116,8 @@ FIGURES: dict[str, Callable[[Cells], str]] = {  # by row of the page
     ),
 }
 STRANGERS = "strangers' hands"
+SLIPPED = "finger markers 6 mm nearer the wrist"
+_MIRRORED = re.compile(r"are\s([\d.]+)\scm")
 
 
 def write_rows(root: Path = ROOT) -> None:
@@ -139,9 +143,11 @@ def with_figures(text: str, root: Path = ROOT) -> str:
 
 
 def cell_of(block: str, column: str, *labels: str) -> str:
-    """Return the cell of the first row that begins with labels, or a block's processor. Raises ValueError."""
+    """Return the cell of the first row that begins with labels, a block's processor or text. Raises ValueError."""
     if column == "processor":
         return re.findall(r"^Processor: (.*)\.$", block, re.MULTILINE)[-1]
+    if column == "text":
+        return block
     for table in re.findall(r"(?:^\|.*\n)+", block, re.MULTILINE):
         head, _, *rows = ([cell.strip() for cell in line[1:-1].split("|")] for line in table.splitlines())
         for row in rows:
