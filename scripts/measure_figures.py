@@ -1,11 +1,16 @@
-"""Measure tables that need no motion data and no trained networks, on the made-up wearers of the tests.
+"""Measure tables on the made-up wearers of the tests, and count what a training learns and what a sweep has found.
 
 python scripts/measure_figures.py FIGURES/marker-sets.json       # or marker-gaps, mounts, gloves-expected, gloves-steps
+python scripts/measure_figures.py FIGURES/arm-windows.json DATA
+python scripts/measure_figures.py FIGURES/hmd-vae-sweep.json FOLDER
 python scripts/write_figures.py FIGURES
+
+FOLDER comes from `bodysense train hmd-vae --sweep`.
 """
 
 from __future__ import annotations
 
+import csv
 import sys
 import tempfile
 from collections.abc import Callable, Iterator
@@ -34,6 +39,8 @@ from bodysense.io.markers.raw_markers import points_alone
 from bodysense.metrics import joint_error
 from bodysense.observation import EXACT_ACCURACY, Observation
 from bodysense.take import Take, track
+from bodysense_lab.datasets import learned_clips
+from bodysense_lab.pahmt.features import read_arm_recordings
 from bodysense_lab.paper_options import PaperOptions
 from bodysense_lab.synthesis.hands import RATE, synthesize_hand
 from bodysense_lab.two_hands.system import SETTINGS, networks_of
@@ -154,6 +161,23 @@ def gloves_steps(hands: int = 20, seconds: float = 6.0) -> dict[str, float]:
     return found | {"mirror_cm": _mirror_difference(models)}
 
 
+def arm_windows(data: Path) -> dict[str, float]:
+    """Windows that `train arms` learns of the train split of a data set (3.7)."""
+    learned = read_arm_recordings(clip for clip in learned_clips(data, "train") if clip.has_fingers)
+    return {"clips": len(learned), "minutes": learned.minutes, "windows": len(learned.windows())}
+
+
+def hmd_vae_sweep(folder: Path) -> dict[str, float]:
+    """Validation errors of the networks of a sweep, cm (2.9)."""
+    with (folder / "results.csv").open(newline="", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    found = {"networks": len(rows), "steps": max(float(row["steps"]) for row in rows)}
+    for row in rows:
+        key = "_".join(f"{name}{row[name]}" for name in ("model", "beta", "latent", "blocks"))
+        found[f"{key}_cm"] = float(row["validation_position_cm"])
+    return found
+
+
 def _worn(how: str, hand: GlovedHand) -> tuple[GlovedHand, Glove]:
     """Return the hand that the solver assumes, and the glove as it is really worn."""
     offset = hand.glove.offset.copy()
@@ -232,14 +256,22 @@ MEASURES: dict[str, Callable[[], dict[str, float]]] = {
 }
 
 
-def main(out: Path) -> None:
+FROM: dict[str, Callable[[Path], dict[str, float]]] = {  # of a folder
+    "arm-windows": arm_windows,
+    "hmd-vae-sweep": hmd_vae_sweep,
+}
+
+
+def main(out: Path, folder: Path | None = None) -> None:
     """Measure what a file is named after, and write it."""
-    if out.stem not in MEASURES:
-        raise SystemExit(f"{out}: name it {', '.join(f'{name}.json' for name in MEASURES)}")
+    known = MEASURES if folder is None else FROM
+    if out.stem not in known:
+        raise SystemExit(f"{out}: name it {', '.join(f'{name}.json' for name in known)}")
     sys.path[:0] = [str(TESTS), str(TESTS / "io" / "markers")]  # their made-up wearers
-    write_numbers(out, {name: float(value) for name, value in MEASURES[out.stem]().items()})
+    numbers = MEASURES[out.stem]() if folder is None else FROM[out.stem](folder)
+    write_numbers(out, {name: float(value) for name, value in numbers.items()})
     print(f"wrote {out}")
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]))
+    main(*map(Path, sys.argv[1:]))

@@ -39,13 +39,19 @@ networks for each set.
     bodysense evaluate finger-synthesis --data DATA --json FIGURES/finger-synthesis.json
     bodysense evaluate transitions --data DATA --json FIGURES/transitions.json
     bodysense evaluate reliability --data DATA --json FIGURES/reliability.json
+    bodysense study build STUDY --scenes 6
+    bodysense study simulate STUDY/key.json -o ANSWERS --preference truth=0.76,ours=0.3
+    bodysense study analyze STUDY/key.json ANSWERS/*.json --json FIGURES/study.json
 
 HMD-VAE. VAES comes from `bodysense train hmd-vae --sweep --grid one`.
 
     bodysense evaluate hmd-vae --data DATA --networks VAES --json FIGURES/hmd-vae.json
+    bodysense train hmd-vae --data DATA -o FOLDER --sweep --grid all   (docs/papers/hmd-vae.md says with how few steps)
+    python scripts/measure_figures.py FIGURES/hmd-vae-sweep.json FOLDER
 
 PAHMT. ARMS comes from `bodysense train arms-table`.
 
+    python scripts/measure_figures.py FIGURES/arm-windows.json DATA
     bodysense data render DATA -o RENDERED --videos 24 --seconds 6
     bodysense evaluate video-rendered RENDERED --json FIGURES/video-rendered.json
     bodysense data render -o GESTURES

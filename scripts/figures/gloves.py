@@ -29,7 +29,7 @@ def paper(numbers: Numbers) -> str:
     """The paper's form of the marker network, on hands of its training and on others, next to the published figures."""
     rows = []
     for hidden in HIDDEN:
-        for hands, method in (("trained avatars", "nn"), ("strangers' hands", "stranger_nn")):
+        for hands, method in (("trained avatars", "nn"), ("unseen hands", "stranger_nn")):
             keys = [f"{method}_{hidden}_{duration:.1f}_cm" for duration in DURATIONS]
             if set(keys) <= set(numbers):
                 rows.append([str(hidden), hands, *(f"{numbers[key]:.2f}" for key in keys)])
@@ -39,12 +39,12 @@ def paper(numbers: Numbers) -> str:
 
 def paper_joints(numbers: Numbers) -> str:
     """The paper's form of both networks: finger joints through the whole pipeline, next to the published figures."""
-    still = (("trained avatars", numbers["nn_0_cm"]), ("strangers' hands", numbers["stranger_nn_0_cm"]))
+    still = (("trained avatars", numbers["nn_0_cm"]), ("unseen hands", numbers["stranger_nn_0_cm"]))
     blank = ["–"] * (len(DURATIONS) - 1)
     rows = [["0", hands, f"{value:.2f}", *blank] for hands, value in still]
     rows.append(["0", "published", f"{PUBLISHED_STILL['nn']:.2f}", *blank])
     for hidden in HIDDEN:
-        for hands, method in (("trained avatars", "nn"), ("strangers' hands", "stranger_nn")):
+        for hands, method in (("trained avatars", "nn"), ("unseen hands", "stranger_nn")):
             keys = [f"{method}_{hidden}_{duration:.1f}_cm" for duration in DURATIONS]
             if all(key in numbers for key in keys):
                 rows.append([str(hidden), hands, *(f"{numbers[key]:.2f}" for key in keys)])
