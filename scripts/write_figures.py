@@ -36,6 +36,9 @@ networks for each set.
     … unoc-smoothness likewise, into FIGURES/unoc-smoothness.json
     bodysense evaluate unoc-table5 --networks EACH --json FIGURES/unoc-table5.json
     bodysense evaluate unoc-table6 --data DATA --json FIGURES/unoc-table6.json
+    bodysense train upper-body --data DATA/TRAIN --limit 100 --steps 300 -o UPPER.onnx
+    bodysense evaluate unoc-table6 --quick --data DATA/TEST --model UPPER.onnx \
+        --json FIGURES/unoc-table6-TRAIN-TEST.json      (TRAIN and TEST: cmu and rocketbox, all four)
     bodysense evaluate finger-synthesis --data DATA --json FIGURES/finger-synthesis.json
     bodysense evaluate transitions --data DATA --json FIGURES/transitions.json
     bodysense evaluate reliability --data DATA --json FIGURES/reliability.json

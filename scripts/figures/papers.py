@@ -12,6 +12,8 @@ from bodysense_lab.unoc.variants import TABLES, VARIANTS
 
 from .blocks import Block, Numbers, markdown
 
+SETS = {"cmu": "CMU", "rocketbox": "Rocketbox"}
+ACROSS = tuple((train, test) for train in SETS for test in SETS)
 GROUPS = {"": "main", "_sport": "sport", "_dance": "dance", "_other": "other"}
 
 
@@ -101,17 +103,16 @@ def published_cells(paper: ScoreTable, name: str, key: str) -> list[str]:
 def crossed(numbers: Numbers) -> str:
     """UNOC's Table 5: hidden joints of the body and synthesized fingers, trained on one set and tested on another."""
     parts = {"body_occluded": "body, hidden", "finger_synthesis": "fingers from the body"}
-    sets = {"cmu": "CMU", "rocketbox": "Rocketbox"}
     rows = []
     for part, label in parts.items():
-        for test, name in sets.items():
+        for test, name in SETS.items():
             cells = []
-            for key in (*(f"{train}_to_{test}_{part}" for train in sets), f"last_known_on_{test}_{part}"):
+            for key in (*(f"{train}_to_{test}_{part}" for train in SETS), f"last_known_on_{test}_{part}"):
                 known = f"{key}_rmsjpe_cm" in numbers
                 cells.append(f"{numbers[f'{key}_rmsjpe_cm']:.1f} / {numbers[f'{key}_mpjpe_cm']:.1f}" if known else "–")
             if any(cell != "–" for cell in cells):
                 rows.append([label, name, *cells])
-    head = ["joints", "tested on", *(f"trained on {name}" for name in sets.values()), "last known"]
+    head = ["joints", "tested on", *(f"trained on {name}" for name in SETS.values()), "last known"]
     return f"{markdown(head, rows)}\n\nRMSJPE / MPJPE, cm."
 
 
@@ -174,6 +175,22 @@ def applications(upper: Numbers, fingers: Numbers) -> str:
         ],
     )
     return f"{first}\n\n{second}\n\nRMSJPE / MPJPE, cm. The paper's fingers: 1.5 / 0.8 on its own data."
+
+
+def across(*scores: Numbers) -> str:
+    """UNOC's Table 6 with networks trained on one set and tested on another, next to inverse kinematics."""
+
+    def pair(numbers: Numbers, method: str) -> str:
+        return f"{numbers[f'{method}_all_rmsjpe_cm']:.1f} / {numbers[f'{method}_all_mpjpe_cm']:.1f}"
+
+    found = dict(zip(ACROSS, scores, strict=True))
+    rows = [
+        [name, *(pair(found[train, test], "network") for train in SETS), pair(found[test, test], "ik")]
+        for test, name in SETS.items()
+    ]
+    amount = " and ".join(f"{found[test, test]['clips']:.0f}" for test in SETS)
+    table = markdown(["tested on", *(f"trained on {name}" for name in SETS.values()), "inverse kinematics"], rows)
+    return f"{table}\n\nNeck, shoulders and elbows, RMSJPE / MPJPE, cm, of the first seconds of {amount} clips."
 
 
 def beyond(jerk: Numbers, trust: Numbers) -> str:
@@ -262,6 +279,7 @@ BLOCKS = (
     Block(_UNOC, "table5", crossed, ("unoc-table5",)),
     Block(_UNOC, "smoothness", smoothness, ("unoc-smoothness",)),
     Block(_UNOC, "applications", applications, ("unoc-table6", "finger-synthesis")),
+    Block(_UNOC, "table6-across", across, tuple(f"unoc-table6-{train}-{test}" for train, test in ACROSS)),
     Block(_UNOC, "beyond", beyond, ("transitions", "reliability")),
     Block("docs/study.md", "study", study, ("study",)),
     Block("docs/papers/hmd-vae.md", "hmd-vae", vaes, ("hmd-vae",)),
