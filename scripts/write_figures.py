@@ -36,7 +36,7 @@ networks for each set.
     … unoc-smoothness likewise, into FIGURES/unoc-smoothness.json
     bodysense evaluate unoc-table5 --networks EACH --json FIGURES/unoc-table5.json
     bodysense evaluate unoc-table6 --data DATA --json FIGURES/unoc-table6.json
-    bodysense train upper-body --data DATA/TRAIN --limit 100 --steps 300 -o UPPER.onnx
+    bodysense train upper-body --data DATA/TRAIN --limit 60 --steps 150 -o UPPER.onnx
     bodysense evaluate unoc-table6 --quick --data DATA/TEST --model UPPER.onnx \
         --json FIGURES/unoc-table6-TRAIN-TEST.json      (TRAIN and TEST: cmu and rocketbox, all four)
     bodysense evaluate finger-synthesis --data DATA --json FIGURES/finger-synthesis.json

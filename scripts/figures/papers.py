@@ -10,7 +10,7 @@ from bodysense_lab.unoc.smoothness import PUBLISHED as STRONG
 from bodysense_lab.unoc.tables import PLACES, TABLE_3, TABLE_4
 from bodysense_lab.unoc.variants import TABLES, VARIANTS
 
-from .blocks import Block, Numbers, markdown
+from .blocks import Block, Numbers, figure, markdown
 
 SETS = {"cmu": "CMU", "rocketbox": "Rocketbox"}
 ACROSS = tuple((train, test) for train in SETS for test in SETS)
@@ -237,13 +237,11 @@ def swept(numbers: Numbers) -> str:
     rows = []
     for latent in hmd_vae.LATENTS:
         for blocks in hmd_vae.BLOCKS:
-            cells = [
-                ", ".join(
-                    f"{numbers[f'model{model}_beta{beta:g}_latent{latent}_blocks{blocks}_cm']:.1f}"
-                    for model in range(1, 5)
-                )
+            keys = [
+                [f"model{model}_beta{beta}_latent{latent}_blocks{blocks}_cm" for model in range(1, 5)]
                 for beta in hmd_vae.BETAS
             ]
+            cells = [", ".join(figure(numbers, key, 1) for key in row) for row in keys]
             rows.append([f"{latent}", f"{blocks}", *cells])
     table = markdown(["d", "blocks", *(f"β {beta:g}" for beta in hmd_vae.BETAS)], rows)
     return f"{table}\n\n{numbers['networks']:.0f} networks, {numbers['steps']:.0f} steps each."
