@@ -49,7 +49,7 @@ networks for each set.
 HMD-VAE. VAES comes from `bodysense train hmd-vae --sweep --grid one`.
 
     bodysense evaluate hmd-vae --data DATA --networks VAES --json FIGURES/hmd-vae.json
-    bodysense train hmd-vae --data DATA -o FOLDER --sweep --grid all   (docs/papers/hmd-vae.md says with how few steps)
+    bodysense train hmd-vae --data DATA -o FOLDER --sweep --grid all --limit 20 --steps 20 --batch 64
     python scripts/measure_figures.py FIGURES/hmd-vae-sweep.json FOLDER
 
 PAHMT. ARMS comes from `bodysense train arms-table`.

@@ -73,6 +73,7 @@ FIGURES: dict[str, Callable[[Cells], str]] = {  # by row of the page
     "2.6": lambda at: f"{at('hmd-vae', 'full body cm', '2, their history')} cm",
     "2.7": lambda at: f"{_card('body_vae.md', _WEIGHTS)} weights, model 4 of {VAE.blocks} blocks",
     "2.8": lambda at: f"{at('hmd-vae', 'full body cm', '3, as 1, pretrained')} cm, model 3",
+    "2.9": lambda at: re.findall(r"\n\n(\d+ networks, \d+ steps each)", at("hmd-vae-sweep", "text"))[0],
     "2.10": lambda at: f"{at('hmd-vae', 'full body cm', '4, as 2, pretrained')} cm, model 4",
     "2.11": lambda at: f"{VAE.latent} numbers a body",
     "2.12": lambda at: f"{at('completion', 'MPJPE cm', 'head', 'nothing')} cm, the tracker, head alone",
