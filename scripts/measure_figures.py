@@ -1,36 +1,56 @@
-"""Measure tables that need no motion data and no trained networks, on the made-up wearers of the tests.
+"""Measure tables on the made-up wearers of the tests, and count what a training learns and what a sweep has found.
 
-python scripts/measure_figures.py FIGURES/marker-sets.json       # or marker-gaps, mounts, gloves-expected
+python scripts/measure_figures.py FIGURES/marker-sets.json       # or marker-gaps, mounts, gloves-expected, gloves-steps
+python scripts/measure_figures.py FIGURES/arm-windows.json DATA
+python scripts/measure_figures.py FIGURES/hmd-vae-sweep.json FOLDER
 python scripts/write_figures.py FIGURES
+
+FOLDER comes from `bodysense train hmd-vae --sweep`.
 """
 
 from __future__ import annotations
 
+import csv
 import sys
 import tempfile
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from bodysense.body.hand_family import draw_hand
-from bodysense.body.pose import forward_kinematics
-from bodysense.body.skeleton import BODY
+from bodysense.body.glove import ALIGNMENT, MARKERS, Glove, glove_points, hand_size, marker_positions
+from bodysense.body.hand import HAND_JOINTS, hand_skeleton
+from bodysense.body.hand_family import GlovedHand, draw_hand, plain_hand
+from bodysense.body.pose import Pose, forward_kinematics
+from bodysense.body.rotation import geodesic_angle
+from bodysense.body.skeleton import BODY, default_skeleton
 from bodysense.cli.show import write_numbers
 from bodysense.demo import performance_of_stranger
-from bodysense.devices.gloves.hands import HandsSettings, load_glove_models
+from bodysense.devices.gloves.device import glove_device
+from bodysense.devices.gloves.hands import GloveModels, Hands, HandsSettings, load_glove_models
+from bodysense.devices.simulated.glove import observe
+from bodysense.io.augment import mirrored
 from bodysense.io.clip import Clip
 from bodysense.io.markers.c3d import write_c3d
 from bodysense.io.markers.raw_markers import points_alone
+from bodysense.metrics import joint_error
+from bodysense.observation import EXACT_ACCURACY, Observation
 from bodysense.take import Take, track
-from bodysense_lab.synthesis.hands import synthesize_hand
+from bodysense_lab.datasets import learned_clips
+from bodysense_lab.pahmt.features import read_arm_recordings
+from bodysense_lab.paper_options import PaperOptions
+from bodysense_lab.synthesis.hands import RATE, synthesize_hand
+from bodysense_lab.two_hands.system import SETTINGS, networks_of
 from bodysense_lab.two_hands.trials import cut, hands_of, observed
 
 TESTS = Path(__file__).parents[1] / "tests"
 NOISE = 0.0005  # m, of every marker whose gaps are filled
 GAPS = (0.2, 0.5, 1.0, 2.0, 5.0)  # s
+SLIP = 0.006  # m by which markers of a badly worn glove are displaced
+WORN = ("well", "slipped", "turned", "unknown")  # how a glove is worn (`_worn`)
 EXPECTED = (0.4, 0.7, 1.0, 1.5, 2.0, 3.0, 5.0)  # cm: bounds of the bins of expected errors
 
 
@@ -117,6 +137,93 @@ def gloves_expected(hands: int = 40, seconds: float = 12.0) -> dict[str, float]:
     return numbers
 
 
+def gloves_steps(hands: int = 20, seconds: float = 6.0) -> dict[str, float]:
+    """Flat-hand calibration of gloves worn badly (4.4), and a right hand next to the mirror image of a left one (4.10).
+
+    Drawn hands in synthesised motion, by the paper's steps with networks of the paper's form: finger joints, cm, and
+    their rotations, degrees.
+    """
+    models, found = networks_of(PaperOptions()), {}
+    for worn in WORN:
+        rng, rows = np.random.default_rng(3), []
+        for _ in range(hands):
+            hand = draw_hand(rng)
+            pose = synthesize_hand(hand.skeleton, seconds, rng).pose
+            known, glove = _worn(worn, hand)
+            solver = Hands({"left": known.skeleton}, models, SETTINGS, glove=known.glove, axes=known.axes[None])
+            flat = Pose(hand.skeleton, np.zeros((1, 3)), np.tile([1.0, 0, 0, 0], (1, len(HAND_JOINTS), 1)))
+            moves = [(one, _markers_of(glove, one)) for one in (flat, pose)]
+            solvers = (solver, solver.calibrated(moves[0][1]))
+            rows.append([[_fingers_off(one, seen, true) for one in solvers] for true, seen in moves])
+        for motion, pair in zip(("flat", "motion"), np.mean(rows, axis=0), strict=True):
+            for when, (error, angle) in zip(("before", "after"), pair, strict=True):
+                found |= {f"{worn}_{motion}_{when}_cm": error, f"{worn}_{motion}_{when}_deg": angle}
+    return found | {"mirror_cm": _mirror_difference(models)}
+
+
+def arm_windows(data: Path) -> dict[str, float]:
+    """Windows that `train arms` learns of the train split of a data set (3.7)."""
+    learned = read_arm_recordings(clip for clip in learned_clips(data, "train") if clip.has_fingers)
+    return {"clips": len(learned), "minutes": learned.minutes, "windows": len(learned.windows())}
+
+
+def hmd_vae_sweep(folder: Path) -> dict[str, float]:
+    """Validation errors of the networks of a sweep, cm (2.9)."""
+    with (folder / "results.csv").open(newline="", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    found = {"networks": len(rows), "steps": max(float(row["steps"]) for row in rows)}
+    for row in rows:
+        key = "_".join(f"{name}{row[name]}" for name in ("model", "beta", "latent", "blocks"))
+        found[f"{key}_cm"] = float(row["validation_position_cm"])
+    return found
+
+
+def _worn(how: str, hand: GlovedHand) -> tuple[GlovedHand, Glove]:
+    """Return the hand that the solver assumes, and the glove as it is really worn."""
+    offset = hand.glove.offset.copy()
+    if how == "slipped":  # every finger's markers are nearer the wrist
+        offset[~np.isin(np.arange(len(MARKERS)), ALIGNMENT), 0] -= SLIP
+    elif how == "turned":  # the back of the glove is turned about the hand's length
+        offset[[MARKERS.index("pinky_base"), MARKERS.index("wrist")], 1] += (SLIP, -SLIP)
+    elif how == "unknown":  # a hand of default shape, of the same size, is assumed
+        skeleton = hand_skeleton(default_skeleton(), "left")
+        scale = hand_size(hand.skeleton) / hand_size(skeleton)
+        return plain_hand(skeleton.with_offsets(skeleton.rest_offset * scale)), hand.glove
+    return hand, replace(hand.glove, offset=offset)
+
+
+def _markers_of(glove: Glove, pose: Pose) -> Observation:
+    """Return all markers of a left hand."""
+    position = np.asarray(marker_positions(glove, pose))
+    known = np.ones(position.shape[:2], dtype=bool)
+    rotation, accuracy = np.full((*known.shape, 4), np.nan), np.full(known.shape, EXACT_ACCURACY)
+    time = np.arange(1, len(known) + 1) / RATE
+    return Observation(glove_points("left"), position, rotation, known, ~known, accuracy, time)
+
+
+def _fingers_off(hands: Hands, seen: Observation, true: Pose) -> tuple[float, float]:
+    """Return mean errors of finger joints and tips, cm, and of the rotations of finger joints, degrees."""
+    answer = hands.step(seen, hands.start())[0]["left"]
+    assert answer.pose is not None
+    points = np.asarray(forward_kinematics(true)[0])
+    apart = geodesic_angle(np.asarray(answer.pose.rotation)[:, 1:], np.asarray(true.rotation)[:, 1:])
+    return float(joint_error(answer.position, points)[:, 1:].mean()), float(np.degrees(apart).mean())
+
+
+def _mirror_difference(models: GloveModels) -> float:
+    """Return how far the hands of a mirrored performance are from the mirror image of the performance's hands, cm."""
+    answers, performance = [], performance_of_stranger()
+    for clip in (performance, mirrored(performance)):
+        hands = glove_device(clip.pose.skeleton, models=models, settings=SETTINGS).hands
+        answers.append(hands.step(observe(clip.pose, clip.time), hands.start())[0])
+    first, second = answers
+    image = np.array([-1.0, 1.0, 1.0])
+    return max(
+        float(joint_error(first[one].position * image, second[other].position).max())
+        for one, other in (("left", "right"), ("right", "left"))
+    )
+
+
 def _of_both_sides(errors: dict[str, float]) -> dict[str, float]:
     """Return mean errors of the left and the right joint."""
     parts = dict.fromkeys(name.removeprefix("left_").removeprefix("right_") for name in errors)
@@ -145,17 +252,26 @@ MEASURES: dict[str, Callable[[], dict[str, float]]] = {
     "marker-gaps": marker_gaps,
     "mounts": mounts,
     "gloves-expected": gloves_expected,
+    "gloves-steps": gloves_steps,
 }
 
 
-def main(out: Path) -> None:
+FROM: dict[str, Callable[[Path], dict[str, float]]] = {  # of a folder
+    "arm-windows": arm_windows,
+    "hmd-vae-sweep": hmd_vae_sweep,
+}
+
+
+def main(out: Path, folder: Path | None = None) -> None:
     """Measure what a file is named after, and write it."""
-    if out.stem not in MEASURES:
-        raise SystemExit(f"{out}: name it {', '.join(f'{name}.json' for name in MEASURES)}")
+    known = MEASURES if folder is None else FROM
+    if out.stem not in known:
+        raise SystemExit(f"{out}: name it {', '.join(f'{name}.json' for name in known)}")
     sys.path[:0] = [str(TESTS), str(TESTS / "io" / "markers")]  # their made-up wearers
-    write_numbers(out, {name: float(value) for name, value in MEASURES[out.stem]().items()})
+    numbers = MEASURES[out.stem]() if folder is None else FROM[out.stem](folder)
+    write_numbers(out, {name: float(value) for name, value in numbers.items()})
     print(f"wrote {out}")
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]))
+    main(*map(Path, sys.argv[1:]))

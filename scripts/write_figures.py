@@ -5,7 +5,8 @@
 FIGURES is a folder of what these commands wrote; each file names the processor. A table whose file is missing stays
 unchanged. DATA is a folder of motion or a prepared store.
 
-    python scripts/measure_figures.py FIGURES/marker-sets.json       (and marker-gaps, mounts, gloves-expected)
+    python scripts/measure_figures.py FIGURES/marker-sets.json       (and marker-gaps, mounts, gloves-expected,
+    gloves-steps)
     bodysense evaluate completion --data DATA --json FIGURES/completion.json
     … the same with --limit 36 --takes --lattice, into FIGURES/completion-takes.json
     … the same with --split val --bodies own, into FIGURES/validation.json, for the card of the network
@@ -38,16 +39,25 @@ networks for each set.
     … unoc-smoothness likewise, into FIGURES/unoc-smoothness.json
     bodysense evaluate unoc-table5 --networks EACH --json FIGURES/unoc-table5.json
     bodysense evaluate unoc-table6 --data DATA --json FIGURES/unoc-table6.json
+    bodysense train upper-body --data DATA/TRAIN --limit 60 --steps 150 -o UPPER.onnx
+    bodysense evaluate unoc-table6 --quick --data DATA/TEST --model UPPER.onnx \
+        --json FIGURES/unoc-table6-TRAIN-TEST.json      (TRAIN and TEST: cmu and rocketbox, all four)
     bodysense evaluate finger-synthesis --data DATA --json FIGURES/finger-synthesis.json
     bodysense evaluate transitions --data DATA --json FIGURES/transitions.json
     bodysense evaluate reliability --data DATA --json FIGURES/reliability.json
+    bodysense study build STUDY --scenes 6
+    bodysense study simulate STUDY/key.json -o ANSWERS --preference truth=0.76,ours=0.3
+    bodysense study analyze STUDY/key.json ANSWERS/*.json --json FIGURES/study.json
 
 HMD-VAE. VAES comes from `bodysense train hmd-vae --sweep --grid one`.
 
     bodysense evaluate hmd-vae --data DATA --networks VAES --json FIGURES/hmd-vae.json
+    bodysense train hmd-vae --data DATA -o FOLDER --sweep --grid all --limit 20 --steps 20 --batch 64
+    python scripts/measure_figures.py FIGURES/hmd-vae-sweep.json FOLDER
 
 PAHMT. ARMS comes from `bodysense train arms-table`.
 
+    python scripts/measure_figures.py FIGURES/arm-windows.json DATA
     bodysense data render DATA -o RENDERED --videos 24 --seconds 6
     bodysense evaluate video-rendered RENDERED --json FIGURES/video-rendered.json
     bodysense data render -o GESTURES

@@ -35,7 +35,7 @@ class Block:
     name: str  # of its markers
     text: Callable[..., str]
     files: tuple[str, ...] = ()  # names without .json; a block with a missing one stays unchanged
-    more: tuple[str, ...] = ()
+    more: tuple[str, ...] = ()  # a block of these alone stays unchanged if all are missing
 
 
 def read_measured(folder: Path) -> dict[str, Measured]:
@@ -50,9 +50,9 @@ def read_measured(folder: Path) -> dict[str, Measured]:
 
 
 def write_blocks(blocks: Iterable[Block], measured: Mapping[str, Measured], root: Path = ROOT) -> None:
-    """Replace the text of every block whose files are there."""
+    """Replace the text of every block whose files are there, at least one of `more` if it needs none."""
     for block in blocks:
-        if set(block.files) <= set(measured):
+        if set(block.files) <= set(measured) and not set(measured).isdisjoint((*block.files, *block.more)):
             named = [measured.get(name) for name in (*block.files, *block.more)]
             text = block.text(*(one and one.numbers for one in named))
             processors = {one.processor for one in named if one is not None}

@@ -21,6 +21,7 @@ from .blocks import Block, Numbers, figure, markdown
 PAGE, PAPER = "docs/gloves.md", "docs/papers/two-hands.md"
 METHODS = {"lk": "last known", "ls": "last shape of the hand", "ma": "moving average", "ac": "affine", "nn": "network"}
 EXPECTED = ("0.4", "0.7", "1", "1.5", "2", "3", "5")  # cm: bounds of bins
+UNITS = {"deg": "°", "cm": "cm"}
 PLACES = {"": "recorded", "_synthesised": "synthesised"}
 
 
@@ -28,7 +29,7 @@ def paper(numbers: Numbers) -> str:
     """The paper's form of the marker network, on hands of its training and on others, next to the published figures."""
     rows = []
     for hidden in HIDDEN:
-        for hands, method in (("trained avatars", "nn"), ("strangers' hands", "stranger_nn")):
+        for hands, method in (("trained avatars", "nn"), ("unseen hands", "stranger_nn")):
             keys = [f"{method}_{hidden}_{duration:.1f}_cm" for duration in DURATIONS]
             if set(keys) <= set(numbers):
                 rows.append([str(hidden), hands, *(f"{numbers[key]:.2f}" for key in keys)])
@@ -38,12 +39,12 @@ def paper(numbers: Numbers) -> str:
 
 def paper_joints(numbers: Numbers) -> str:
     """The paper's form of both networks: finger joints through the whole pipeline, next to the published figures."""
-    still = (("trained avatars", numbers["nn_0_cm"]), ("strangers' hands", numbers["stranger_nn_0_cm"]))
+    still = (("trained avatars", numbers["nn_0_cm"]), ("unseen hands", numbers["stranger_nn_0_cm"]))
     blank = ["–"] * (len(DURATIONS) - 1)
     rows = [["0", hands, f"{value:.2f}", *blank] for hands, value in still]
     rows.append(["0", "published", f"{PUBLISHED_STILL['nn']:.2f}", *blank])
     for hidden in HIDDEN:
-        for hands, method in (("trained avatars", "nn"), ("strangers' hands", "stranger_nn")):
+        for hands, method in (("trained avatars", "nn"), ("unseen hands", "stranger_nn")):
             keys = [f"{method}_{hidden}_{duration:.1f}_cm" for duration in DURATIONS]
             if all(key in numbers for key in keys):
                 rows.append([str(hidden), hands, *(f"{numbers[key]:.2f}" for key in keys)])
@@ -203,6 +204,33 @@ def fusion(numbers: Numbers) -> str:
     return markdown(["hand", "fingers hidden", "by", *(f"{seconds:g} s" for seconds in SECONDS)], rows)
 
 
+def steps(numbers: Numbers) -> str:
+    """Flat-hand calibration of the paper (4.4), and mirroring (4.10)."""
+    labels = {
+        "well": "worn as assumed",
+        "slipped": "finger markers 6 mm nearer the wrist",
+        "turned": "markers on the back 6 mm up and down",
+        "unknown": "a hand of unknown shape",
+    }
+    columns = [(motion, unit) for motion in ("flat", "motion") for unit in ("deg", "cm")]
+    rows = [
+        [
+            label,
+            *(
+                f"{numbers[f'{worn}_{motion}_before_{unit}']:.2f} → {numbers[f'{worn}_{motion}_after_{unit}']:.2f}"
+                for motion, unit in columns
+            ),
+        ]
+        for worn, label in labels.items()
+    ]
+    head = ["glove", *(f"{'flat hand' if motion == 'flat' else motion}, {UNITS[unit]}" for motion, unit in columns)]
+    table = markdown(head, rows)
+    return (
+        f"{table}\n\nWithout calibration → with it. The hands of a mirrored performance are "
+        f"{numbers['mirror_cm']:.3f} cm from the mirror image of the performance's hands, at most."
+    )
+
+
 def chosen_settings(numbers: Numbers) -> str:
     """Mean errors with every value of some settings."""
     rows = []
@@ -249,6 +277,7 @@ BLOCKS = (
     Block(PAPER, "gloves-paper-joints", paper_joints, ("gloves-paper-joints",)),
     Block(PAPER, "gloves-table3", markers, ("gloves-table3",)),
     Block(PAPER, "gloves-table4", points, ("gloves-table4",)),
+    Block(PAPER, "gloves-steps", steps, ("gloves-steps",)),
     Block(PAPER, "gloves-occlusion", occlusion, ("gloves-occlusion",)),
     Block(PAPER, "gloves-limits", limits, ("gloves-limits",)),
 )

@@ -62,6 +62,9 @@ FIGURES: dict[str, Callable[[Cells], str]] = {  # by row of the page
     "1.15": lambda at: f"all {at('applications', 'network', 'all')} cm",
     "1.16": lambda at: f"{at('applications', 'RMSJPE / MPJPE', 'network')} cm",
     "1.17": lambda at: f"CMU to Rocketbox {at('table5', 'trained on CMU', 'body, hidden', 'Rocketbox')} cm",
+    "1.18": lambda at: (
+        f"simulated raters: truth over ours {at('study', 'simulated raters, mean vote', 'truth over ours')}"
+    ),
     "2.1": lambda at: f"{len(BODY)} joints",
     "2.2": lambda at: f"{TRAIN_LENGTH} frames, {100 * HELD_OUT:g} % held out",
     "2.3": lambda at: f"s₁ {100 * VAE.position_deviation:g} cm, s₂ {VAE.angle_deviation:g} rad",
@@ -70,6 +73,7 @@ FIGURES: dict[str, Callable[[Cells], str]] = {  # by row of the page
     "2.6": lambda at: f"{at('hmd-vae', 'full body cm', '2, their history')} cm",
     "2.7": lambda at: f"{_card('body_vae.md', _WEIGHTS)} weights, model 4 of {VAE.blocks} blocks",
     "2.8": lambda at: f"{at('hmd-vae', 'full body cm', '3, as 1, pretrained')} cm, model 3",
+    "2.9": lambda at: re.findall(r"\n\n(\d+ networks, \d+ steps each)", at("hmd-vae-sweep", "text"))[0],
     "2.10": lambda at: f"{at('hmd-vae', 'full body cm', '4, as 2, pretrained')} cm, model 4",
     "2.11": lambda at: f"{VAE.latent} numbers a body",
     "2.12": lambda at: f"{at('completion', 'MPJPE cm', 'head', 'nothing')} cm, the tracker, head alone",
@@ -78,6 +82,11 @@ FIGURES: dict[str, Callable[[Cells], str]] = {  # by row of the page
     "3.3": lambda at: f"overall {at('table1', 'overall m', 'AHMT')} m",
     "3.4": lambda at: f"overall {at('table1', 'overall m', 'PAHMT')} m",
     "3.5": lambda at: f"{ARM_LOSSES.rotation:g}, {ARM_LOSSES.smooth:g}, {ARM_LOSSES.fk:g}, {ARM_LOSSES.gan:g}",
+    "3.6": lambda at: (
+        f"packaged: overall {_card('arms.md', r'overall_m ([0-9.]+)')} m, arms "
+        f"{float(_card('arms.md', r'arms_deg ([0-9.]+)')):.1f}° in validation"
+    ),
+    "3.7": lambda at: f"{at('arm-windows', 'windows', 'Rocketbox')} windows of Rocketbox",
     "3.8": lambda at: (
         f"packaged: hands {at('table1', 'hands m', 'packaged')}, overall {at('table1', 'overall m', 'packaged')} m"
     ),
@@ -86,21 +95,23 @@ FIGURES: dict[str, Callable[[Cells], str]] = {  # by row of the page
     "4.1": lambda at: f"{len(MARKERS)} markers, {len(FREEDOMS)} angles",
     "4.2": lambda at: f"{len(ALIGNMENT)} of {len(MARKERS)} markers place the hand",
     "4.3": lambda at: (
-        f"{_range(at, 'gloves-fusion', '5 s', STRANGERS, '1', 'fused')}, a finger hidden for 0.1 to 5 s, {STRANGERS}"
+        f"{_range(at, 'gloves-fusion', '5 s', UNSEEN, '1', 'fused')}, a finger hidden for 0.1 to 5 s, {UNSEEN}"
     ),
+    "4.4": lambda at: f"a slipped glove's flat hand {at('gloves-steps', 'flat hand, °', SLIPPED)}°",
     "4.5": lambda at: (
         f"last known {_range(at, 'gloves-table3', '2 s', 'recorded', 'last known', '1')}, affine "
         f"{_range(at, 'gloves-table3', '2 s', 'recorded', 'affine', '1')}"
     ),
-    "4.6": lambda at: f"{_range(at, 'gloves-paper', '2 s', '1', STRANGERS)}, one hidden, {STRANGERS}",
+    "4.6": lambda at: f"{_range(at, 'gloves-paper', '2 s', '1', UNSEEN)}, one hidden, {UNSEEN}",
     "4.7": lambda at: f"{100 * Continuous.speed:g} cm/s",
     "4.8": lambda at: f"{_card('glove_joints_paper.md', _ERROR)} cm in validation",
     "4.9": lambda at: (
         f"batches of {PAPER_JOINT_SCHEDULE.batch}, halved after {PAPER_JOINT_SCHEDULE.patience} checks; markers "
         f"{_card('glove_markers_paper.md', _ERROR)} cm in validation"
     ),
-    "4.11": lambda at: f"{_range(at, 'gloves-table3', '2 s', STRANGERS, 'hand known', '1')}, one hidden, {STRANGERS}",
-    "4.12": lambda at: f"{at('gloves-table4', '0.1 s', STRANGERS, 'hand known', '0')} cm, nothing hidden, {STRANGERS}",
+    "4.10": lambda at: f"{_MIRRORED.findall(at('gloves-steps', 'text'))[0]} cm from the mirror image",
+    "4.11": lambda at: f"{_range(at, 'gloves-table3', '2 s', UNSEEN, 'hand known', '1')}, one hidden, {UNSEEN}",
+    "4.12": lambda at: f"{at('gloves-table4', '0.1 s', UNSEEN, 'hand known', '0')} cm, nothing hidden, {UNSEEN}",
     "4.13": lambda at: (
         f"none hidden {at('gloves-occlusion', 'one hand', 'no marker hidden, % of the time')} % of the time"
     ),
@@ -113,7 +124,6 @@ FIGURES: dict[str, Callable[[Cells], str]] = {  # by row of the page
         f"{at('gloves-limits', 'with', 'recorded', 'hands in each other', 'frames, %')} % of frames"
     ),
 }
-STRANGERS = "strangers' hands"
 HOURS = {  # by row: the training whose hours it has
     "1.6": "train body-gru --form paper",
     "1.8": "train unoc-tables",
@@ -124,6 +134,9 @@ HOURS = {  # by row: the training whose hours it has
     "4.6": "train gloves --form paper --network markers",
     "4.8": "train gloves --form paper --network joints",
 }
+UNSEEN = "unseen hands"
+SLIPPED = "finger markers 6 mm nearer the wrist"
+_MIRRORED = re.compile(r"are\s([\d.]+)\scm")
 
 
 def write_rows(root: Path = ROOT) -> None:
@@ -152,9 +165,11 @@ def with_figures(text: str, root: Path = ROOT) -> str:
 
 
 def cell_of(block: str, column: str, *labels: str) -> str:
-    """Return the cell of the first row that begins with labels, or a block's processor. Raises ValueError."""
+    """Return the cell of the first row that begins with labels, a block's processor or text. Raises ValueError."""
     if column == "processor":
         return re.findall(r"^Processor: (.*)\.$", block, re.MULTILINE)[-1]
+    if column == "text":
+        return block
     for table in re.findall(r"(?:^\|.*\n)+", block, re.MULTILINE):
         head, _, *rows = ([cell.strip() for cell in line[1:-1].split("|")] for line in table.splitlines())
         for row in rows:

@@ -1,4 +1,4 @@
-"""The table of speed in docs/evaluation.md, and that of a newcomer's first minutes in docs/results.md."""
+"""The tables of speed in docs/evaluation.md, and that of a newcomer's first minutes in docs/results.md."""
 
 from __future__ import annotations
 
@@ -25,6 +25,22 @@ def speed(step: Numbers, ik: Numbers, occlusion: Numbers, bvh: Numbers, imported
         ],
     ]
     return markdown(["command", "what", "figure"], rows)
+
+
+def training(found: Numbers) -> str:
+    """Return the pace of training: the completion network in both precisions, and UNOC's network."""
+    rows = [
+        ["a step of `train completion`, processor time", f"{found['processor_seconds_per_step']:.2f} s"],
+        ["`train completion`, float32", f"{found['float32_steps_per_second']:.2f} steps/s"],
+        ["`train completion`, bfloat16", f"{found['bf16_steps_per_second']:.3f} steps/s"],
+        ["`train completion` as it runs here", f"{found['steps_per_second']:.2f} steps/s"],
+        ["UNOC on windows, which teach one frame each", f"{found['window_frames_per_second']:,.0f} windows/s"],
+        [
+            "UNOC on sequences",
+            f"{found['sequence_frames_per_second']:,.0f} frames/s, {found['ratio']:.0f} times as many",
+        ],
+    ]
+    return markdown(["training", "figure"], rows)
 
 
 def first_body(found: Numbers) -> str:
@@ -58,5 +74,6 @@ def take(found: Numbers) -> str:
 BLOCKS = (
     Block("docs/completion.md", "take-speed", take, ("take",)),
     Block("docs/evaluation.md", "speed", speed, ("step", "ik", "occlusion", "bvh", "import")),
+    Block("docs/evaluation.md", "training", training, ("training",)),
     Block("docs/results.md", "first-body", first_body, ("first-body",)),
 )

@@ -11,6 +11,7 @@ import re
 import socket
 import subprocess
 import sys
+import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -22,9 +23,11 @@ from bodysense.demo import packaged_performance
 from bodysense.io.bvh import write_bvh
 from bodysense.io.datasets.splits import split_of
 from bodysense.tracker import Tracker
+from bodysense_lab import fit
 from bodysense_lab.commands import train
 from bodysense_lab.completion import publish
 
+FIRST_LINE = 20.0  # s of a processor from the command to its first line
 # What each writes into the folder of --out, and its log; options that make its network small.
 COMMANDS = {
     "completion": ("net.safetensors", "net/completion.jsonl", "--finger-steps 2 --warm-up 1"),
@@ -85,7 +88,16 @@ def test_a_trial_names_its_machine_first(
     command: str, recorded: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    line, marks = fit.line_of_progress, []
+
+    def marked(progress: fit.Progress) -> str:
+        marks.append(time.process_time())
+        return line(progress)
+
+    monkeypatch.setattr(fit, "line_of_progress", marked)
+    begun = time.process_time()
     assert main([*asked(command, recorded, tmp_path, 2), "--devices", "1", "--nodes", "1"]) == 0
+    assert marks[0] - begun < FIRST_LINE
     written, log, _ = COMMANDS[command]
     assert (tmp_path / written).is_file()
     check_log(tmp_path / log, "1 process")

@@ -100,6 +100,8 @@ def test_other_files_are_refused_by_name(write: Write, tmp_path: Path) -> None:
     }
     (tmp_path / "text.onnx").write_text("hello")
     refused[tmp_path / "text.onnx"] = "text.onnx: not a readable ONNX model ("
+    (tmp_path / "one.5.pt").write_bytes(b"weights")
+    refused[tmp_path / "one.5.pt"] = "give the .onnx that the same `bodysense train sums` writes with -o one.5.onnx"
     for path, text in refused.items():
         with pytest.raises(BodysenseError) as raised:
             Network.open(path, FORMAT)

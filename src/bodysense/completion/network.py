@@ -63,6 +63,11 @@ class Network:
             source = Path(path)
         if not source.is_file():
             raise BodysenseError(f"{source}: no such model file; give the .onnx that `{format.command}` wrote")
+        if Path(source.name).suffix == ".pt":
+            raise BodysenseError(
+                f"{source}: weights of a training; give the .onnx that the same `{format.command}` writes with "
+                f"-o {Path(source.name).with_suffix('.onnx')}"
+            )
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads = options.inter_op_num_threads = 1
         options.log_severity_level = 3

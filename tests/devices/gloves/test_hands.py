@@ -14,10 +14,10 @@ from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.rotation import geodesic_angle
 from bodysense.body.skeleton import Skeleton
 from bodysense.devices.estimate import PointEstimate
-from bodysense.devices.gloves.hands import GloveModels, Hands, HandsSettings, natural_pose
+from bodysense.devices.gloves.hands import GloveModels, Hands, HandsSettings, load_glove_models, natural_pose
 from bodysense.errors import BodysenseError
 from bodysense.observation import Observation
-from bodysense_lab.synthesis.hands import HandMotion
+from bodysense_lab.synthesis.hands import HandMotion, synthesize_hand
 from bodysense_lab.two_hands.baselines import LastKnown
 
 FREE = HandsSettings(contact=None)
@@ -267,3 +267,13 @@ def test_a_flat_hand_is_flat_after_calibration(small_models: GloveModels, hand: 
     hidden = replace(seen, has_position=np.zeros_like(seen.has_position))
     with pytest.raises(BodysenseError, match="in none of 5 frames are all markers of left seen"):
         hands.calibrated(hidden)
+
+
+def test_moving_hands_do_not_calibrate(hand: Skeleton, observe_gloves) -> None:
+    rng = np.random.default_rng(1)
+    moving = synthesize_hand(hand, 4.0, rng).pose
+    seen = observe_gloves(left=np.asarray(marker_positions(default_glove(), moving)))
+    with pytest.raises(
+        BodysenseError, match=r"finger joints turn by \d+° on average, at most 5° in a calibration; hold"
+    ):
+        Hands({"left": hand}, load_glove_models(), FREE).calibrated(seen)

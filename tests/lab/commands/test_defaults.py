@@ -85,3 +85,18 @@ def test_a_table_opens_the_network_it_is_given(
     missing = tmp_path / "missing.onnx"
     said = refused("evaluate", command, "--data", tmp_path / "motion", "--model", missing, *more)
     assert "missing.onnx: no such" in said.lower()
+
+
+@pytest.mark.parametrize(
+    ("command", "option"),
+    [
+        ("gloves-table3", "--model"),
+        ("gloves-table4", "--markers"),
+        ("gloves-table4", "--joints"),
+        ("gloves-fusion", "--markers"),
+        ("gloves-fusion", "--joints"),
+    ],
+)
+def test_a_glove_table_opens_the_networks_it_is_given(command: str, option: str, tmp_path: Path, refused) -> None:
+    said = refused("evaluate", command, "--quick", "--jobs", 1, option, tmp_path / "missing.onnx")
+    assert "missing.onnx: no such" in said.lower()

@@ -11,7 +11,7 @@ from matplotlib.image import imread
 from bodysense.body.pose import forward_kinematics
 from bodysense.cli import main
 from bodysense.io.clip import Clip
-from bodysense_lab.hmd_vae.figure import draw_reconstructions, mean_errors
+from bodysense_lab.hmd_vae.figure import draw_reconstructions, mean_errors, row_label
 
 
 def test_bodies_are_coloured_by_their_error(short_clip: Clip, tmp_path: Path) -> None:
@@ -25,6 +25,11 @@ def test_bodies_are_coloured_by_their_error(short_clip: Clip, tmp_path: Path) ->
         half = picture[len(picture) // 2 :]
         colours.append(half[np.ptp(half, axis=-1) > 0.2].mean(axis=0))
     assert np.abs(colours[0] - colours[1]).max() > 0.2
+
+
+def test_names_of_a_sweep_are_broken_into_lines() -> None:
+    assert row_label("model1-beta0.01-latent30-blocks3") == "model1\nbeta0.01\nlatent30\nblocks3"
+    assert max(map(len, row_label("a name that is rather long").splitlines())) <= 12
 
 
 def test_the_command_draws_the_packaged_model(motion: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -30,7 +30,7 @@ import numpy as np
 from bodysense.body.glove import Glove, default_glove, glove_points, marker_positions, side_of
 from bodysense.body.hand import HAND_JOINTS, Side, mirrored_vectors
 from bodysense.body.pose import Pose
-from bodysense.body.rotation import quaternion_canonical, quaternion_conjugate
+from bodysense.body.rotation import geodesic_angle, quaternion_canonical, quaternion_conjugate
 from bodysense.body.skeleton import Skeleton
 from bodysense.devices.estimate import PointEstimate
 from bodysense.devices.gloves import inertial
@@ -50,6 +50,7 @@ from bodysense.io.fingers import relaxed_rotation
 from bodysense.observation import FARTHEST, Observation, check_order
 
 FIRST_INTERVAL = 1 / 60  # s: the time step of the first frame
+STILL = 5.0  # degrees: how far finger joints may turn in a calibration, on average
 NEVER = 1e6  # s: hidden time of a marker that was never seen
 _ONES = np.ones(3)
 
@@ -232,7 +233,8 @@ class Hands:
     def calibrated(self, observation: Observation) -> Hands:
         """Return these hands with a calibration: the inverse of the prediction for flat hands (4.4).
 
-        Uses the frames with all markers of all hands. Raises BodysenseError if there are no such frames.
+        Uses the frames with all markers of all hands. Raises BodysenseError if there are no such frames, and for hands
+        that move.
         """
         markers, known = self._measured(observation)
         whole = known.all(axis=(1, 2))
@@ -242,9 +244,17 @@ class Hands:
                 "calibrate with flat hands that every camera sees"
             )
         reader = replace(self._reader, calibration=None)
-        told = np.mean([reader.told(frame) for frame in markers[whole]], axis=0)
-        told /= np.linalg.norm(told, axis=-1, keepdims=True)
-        return replace(self, calibration=np.asarray(quaternion_conjugate(told)))
+        each = np.stack([reader.told(frame) for frame in markers[whole]])
+        each /= np.linalg.norm(each, axis=-1, keepdims=True)
+        mean = each.mean(axis=0)
+        mean /= np.linalg.norm(mean, axis=-1, keepdims=True)
+        turned = np.degrees(geodesic_angle(each, mean)).mean()
+        if turned > STILL:
+            raise BodysenseError(
+                f"gloves: finger joints turn by {turned:.0f}° on average, at most {STILL:g}° in a calibration; hold "
+                "the hands flat and still, and cut the take to that"
+            )
+        return replace(self, calibration=np.asarray(quaternion_conjugate(mean)))
 
     def complete(
         self, markers: np.ndarray, interval: float, state: HandsState, sensed: Sensed | None = None

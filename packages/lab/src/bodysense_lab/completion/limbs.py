@@ -10,7 +10,7 @@ from bodysense.body.skeleton import BODY, default_skeleton
 
 
 @dataclass(frozen=True)
-class Limb:
+class BonePair:
     """Two bones, and the hinge between them."""
 
     first: int  # the joint that carries the upper bone
@@ -26,17 +26,17 @@ class Limb:
         return np.cross(self.upper, self.hinge) / np.linalg.norm(self.upper)
 
 
-def limb_of(kind: str, side: str, offset: np.ndarray) -> Limb:
+def limb_of(kind: str, side: str, offset: np.ndarray) -> BonePair:
     """A leg or an arm of a body with offsets (65, 3)."""
     names = ("hip", "knee", "ankle") if kind == "leg" else ("shoulder", "elbow", "wrist")
     first, second, end = (BODY.index(f"{side}_{name}") for name in names)
     upper, lower = offset[default_skeleton().indices([BODY[second], BODY[end]])]
     # Knees bend about the axis to the left, elbows about one that is tilted by 30°.
     hinge = np.array([1.0, 0, 0] if kind == "leg" else [0.0, -0.87, 0.5] if side == "left" else [0.0, 0.87, -0.5])
-    return Limb(first, second, end, upper, lower, hinge)
+    return BonePair(first, second, end, upper, lower, hinge)
 
 
-def bend_limb(limb: Limb, start: np.ndarray, end: np.ndarray, pole: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def bend_limb(limb: BonePair, start: np.ndarray, end: np.ndarray, pole: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Turns (T, 3, 3) of both bones of a limb from `start` to `end` (T, 3), the middle joint toward the `pole`."""
     upper, lower = float(np.linalg.norm(limb.upper)), float(np.linalg.norm(limb.lower))
     way = end - start

@@ -20,34 +20,35 @@ from bodysense_lab.precision import layer_precision
 def training_pace(
     clip: Clip, steps: int, threads: int, config: CompletionTaskConfig = CompletionTaskConfig()
 ) -> dict[str, float]:
-    """Return steps a second on sequences of a clip, drawing them included.
+    """Return steps a second on sequences of a clip, drawing them included, and the processor's time for a step, s.
 
-    `steps_per_second` is in the precision in which `train completion` runs on this machine. Emulated bfloat16 is timed
-    on a single step.
+    `steps_per_second` is in the precision in which `train completion` runs on this machine, and so is
+    `processor_seconds_per_step`, which other work on the machine hardly changes. Emulated bfloat16 is timed on a single
+    step.
     """
     fabric, corpus = launched(), corpus_of([clip])
     torch.set_num_threads(threads)
     own = layer_precision(fabric.device)
-    found = {
-        f"{name}_steps_per_second": _steps_per_second(
-            corpus, config, steps if precision in (torch.float32, own) else 1, precision
-        )
-        for name, precision in (("float32", torch.float32), ("bf16", torch.bfloat16))
-    }
-    chosen = "bf16" if own == torch.bfloat16 else "float32"
-    return {**found, "steps_per_second": found[f"{chosen}_steps_per_second"]}
+    found: dict[str, float] = {}
+    for name, precision in (("float32", torch.float32), ("bf16", torch.bfloat16)):
+        count = steps if precision in (torch.float32, own) else 1
+        pace, busy = _pace(corpus, config, count, precision)
+        found[f"{name}_steps_per_second"] = pace
+        if precision == own:
+            found |= {"steps_per_second": pace, "processor_seconds_per_step": busy}
+    return found
 
 
-def _steps_per_second(corpus: Corpus, config: CompletionTaskConfig, steps: int, precision: torch.dtype) -> float:
-    """Time steps after one to warm up."""
+def _pace(corpus: Corpus, config: CompletionTaskConfig, steps: int, precision: torch.dtype) -> tuple[float, float]:
+    """Return steps a second, and the processor's time for a step, s; after one step to warm up."""
     fabric = launched()
     torch.manual_seed(0)
     network = CompletionNetwork(config.network).to(fabric.device)
     task = CompletionTask(network, config, Schedule(), corpus, {}, precision=precision)
-    optimizer, memory, begun = task.optimizer(), None, 0.0
+    optimizer, memory, begun, busy = task.optimizer(), None, 0.0, 0.0
     for step, batch in enumerate(itertools.islice(task.batches(np.random.default_rng(0)), steps + 1)):
         if step == 1:
-            begun = time.perf_counter()
+            begun, busy = time.perf_counter(), time.process_time()
         terms, memory = take_step(task, optimizer, batch, memory, fabric)
         float(terms["loss"].detach())  # wait for the device
-    return steps / (time.perf_counter() - begun)
+    return steps / (time.perf_counter() - begun), (time.process_time() - busy) / steps

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
+from textwrap import fill
 
 import numpy as np
 
@@ -21,6 +22,7 @@ from bodysense_lab.paper_options import PaperOptions
 COLUMNS = 8  # frames of the motion
 WORST = 30.0  # cm: the end of the colour scale
 _WIDTH, _HEIGHT = 1.3, 2.1  # m of one body's cell
+_LETTERS = 12  # in a line of a row's name
 _SIDE = np.array([0.87, 0.0, 0.5])  # the picture's horizontal in the frame of the first body: seen from the front right
 
 
@@ -42,18 +44,18 @@ def draw_reconstructions(path: Path, truth: Clip, rows: Mapping[str, np.ndarray]
     true = np.asarray(forward_kinematics(truth.pose)[0])
     frames = np.linspace(0, len(true) - 1, min(COLUMNS, len(true))).round().astype(int)
     scale = ScalarMappable(Normalize(0, WORST), "viridis_r")
-    figure, axis = pyplot.subplots(figsize=(1.3 * len(frames) + 1, 2.0 * (len(rows) + 1)))
+    figure, axis = pyplot.subplots(figsize=(1.3 * len(frames) + 2.3, 2.0 * (len(rows) + 1)))
     bones = [point for point in range(1, len(skeleton.points)) if skeleton.wrist_of[point] < 0]
     for row, (name, position) in enumerate({"truth": true, **rows}.items()):
         base = (len(rows) - row) * _HEIGHT
-        axis.text(-0.6 * _WIDTH, base + 1, name, rotation=90, va="center", ha="center", color=INK)
+        axis.text(-0.6 * _WIDTH, base + 1, row_label(name), va="center", ha="right", color=INK)
         for column, frame in enumerate(frames):
             drawn = _flat(truth, position[frame], int(frame)) + np.array([column * _WIDTH, base])
             error = joint_error(position[frame], true[frame])
             ends = [[point, skeleton.parents[point]] for point in bones]
             colours = INK if row == 0 else scale.to_rgba(np.array([error[pair].mean() for pair in ends]))
             axis.add_collection(LineCollection(list(drawn[ends]), colors=colours, linewidths=4.0, capstyle="round"))
-    axis.set_xlim(-_WIDTH, len(frames) * _WIDTH)
+    axis.set_xlim(-2 * _WIDTH, len(frames) * _WIDTH)
     axis.set_ylim(-0.1, (len(rows) + 1) * _HEIGHT)
     axis.set_aspect("equal")
     axis.axis("off")
@@ -61,6 +63,11 @@ def draw_reconstructions(path: Path, truth: Clip, rows: Mapping[str, np.ndarray]
     with written_beside(path) as beside:
         figure.savefig(beside, dpi=110, bbox_inches="tight")
     pyplot.close(figure)
+
+
+def row_label(name: str) -> str:
+    """Return a network's name in lines that are as narrow as the margin."""
+    return "\n".join(fill(part, _LETTERS) for part in name.split("-"))
 
 
 def mean_errors(truth: Clip, rows: Mapping[str, np.ndarray], skeleton: Skeleton) -> dict[str, float]:

@@ -36,7 +36,7 @@ from bodysense_lab.synthesis.hands import HandMotion
 from bodysense_lab.two_hands.trials import DURATIONS, KeyedMeans, Trials, cut, finger_error, hide_some, marker_error
 
 FOREIGN, STRANGER, TEMPLATE = "foreign", "stranger", "template"
-PLACES = {FOREIGN: "left-out hand", STRANGER: "strangers' hands", TEMPLATE: "the paper's hand"}
+PLACES = {FOREIGN: "left-out hand", STRANGER: "unseen hands", TEMPLATE: "the paper's hand"}
 WAYS = {"nn": "hand known", "untold": "size known", "calibrated": "hand calibrated"}
 ALONE = "network_alone"  # known hand, without continuity
 FEW_MANY = (1, 4)  # markers hidden at once

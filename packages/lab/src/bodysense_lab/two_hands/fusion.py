@@ -45,7 +45,7 @@ METHODS = {"markers": "markers alone", "imu": "sensors alone", "fused": "fused"}
 FUSION_PLACES = {
     FOREIGN: PLACES[FOREIGN],
     STRANGER: PLACES[STRANGER],
-    SYNTHESISED: "strangers' hands, synthesised motion",
+    SYNTHESISED: "unseen hands, synthesised motion",
 }
 FINGER_COUNTS = (1, 2, 3, 4, 5)  # fingers whose markers are hidden
 SECONDS = (0.1, 0.5, 1.0, 2.0, 5.0)  # s for which they are

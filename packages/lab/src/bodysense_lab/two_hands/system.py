@@ -37,7 +37,7 @@ def complete(opened: Opened, options: PaperOptions) -> Clip:
 
     A motion wears gloves in a simulated ring of cameras. Raises BodysenseError for a source without gloves.
     """
-    models = _models(options)
+    models = networks_of(options)
     signal = _gloved(opened, options)
     device = _device(signal, models)
     if options.calibration is not None:
@@ -49,7 +49,7 @@ def complete(opened: Opened, options: PaperOptions) -> Clip:
 
 def calibrate(opened: Opened, out: Path, options: PaperOptions) -> tuple[str, ...]:
     """Write the flat-hand calibration of a take to an .npz file; returns the hands in it."""
-    device = _device(signal := _gloved(opened, options), _models(options))
+    device = _device(signal := _gloved(opened, options), networks_of(options))
     hands = device.hands.calibrated(signal.observation)
     assert hands.calibration is not None
     with written_beside(out) as beside, beside.open("wb") as file:
@@ -84,7 +84,8 @@ def _device(signal: Signal, models: GloveModels) -> GloveDevice:
     return glove_device(skeleton, gloved_sides(signal.observation.points), models, SETTINGS)
 
 
-def _models(options: PaperOptions) -> GloveModels:
+def networks_of(options: PaperOptions) -> GloveModels:
+    """Return the networks that options name. Raises BodysenseError for files that are not of the form."""
     form = options.chosen("two_hands", FORMS, "paper")
     if options.networks is None and form == "shipped":
         return load_glove_models()
