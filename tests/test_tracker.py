@@ -239,7 +239,7 @@ def test_a_state_of_another_network_is_refused(size: int) -> None:
     observation, tracker = seen(performance(11), "head")[:1], Tracker()
     own = tracker.start()
     foreign = np.zeros(len(own.memory[0]) + size, np.uint8)
-    with pytest.raises(BodysenseError, match="tracker: the state .* model"):
+    with pytest.raises(BodysenseError, match=r"tracker: the state .* model"):
         tracker.step(observation, replace(own, memory=(foreign,)))
 
 
