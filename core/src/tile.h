@@ -1,5 +1,5 @@
-/* A kernel: products of a few groups of rows with two columns, and what comes before and after them. Included by matrix.c once for each instruction set, which
- * defines
+/* A kernel: products of a few groups of rows with two columns, small tables of floats, and the loops before and after
+ * them. Included by matrix.c once for each instruction set, which defines
  *
  *     NAME(x)                  names of this instruction set
  *     TARGET                   attribute of functions that use it

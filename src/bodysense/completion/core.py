@@ -337,14 +337,14 @@ def _observations(observations: Sequence[Observation]) -> tuple[ctypes.Array, li
     for one in observations:
         frames, points = one.has_position.shape
         count, point = frames * points, point_indices(one.points)
-        position = number + 8 * frames
+        time, position = number, number + 8 * frames
         rotation = position + 24 * count
         accuracy = rotation + 32 * count
-        number = accuracy + 8 * count
-        acceleration = None if one.acceleration is None else number
-        given = (number - 8 * (8 * count + frames), position, rotation, flag, flag + count, accuracy, acceleration)
-        rows.append(ObservationStruct(frames, points, address(point), *given))
-        number += 0 if acceleration is None else 24 * count
+        number, acceleration = accuracy + 8 * count, None
+        if one.acceleration is not None:
+            number, acceleration = number + 24 * count, number
+        fields = (address(point), time, position, rotation, flag, flag + count, accuracy, acceleration)
+        rows.append(ObservationStruct(frames, points, *fields))
         flag += 2 * count
         keep.append(point)
     return (ObservationStruct * len(rows))(*rows), keep
