@@ -11,11 +11,8 @@
 
 #include "bodysense.h"
 
-static void *memory(size_t bytes) { /* aligned, as the library asks for */
-    char *start = malloc(bytes + 64);
-    if (!start) exit(1);
-    return start + (64 - (size_t)start % 64);
-}
+/* Memory of the caller's, aligned as the library asks for; sizes of a program would come from bs_model_size and others. */
+static _Alignas(64) char file[1 << 23], opened[1 << 24], memory[1 << 18], scratch[1 << 18];
 
 static void check(bs_result result) {
     if (result == BS_OK) return;
@@ -24,7 +21,7 @@ static void check(bs_result result) {
 }
 
 /* Read the numbers of "name": [1, 2, 3] in the object that follows "member"; 0 if it has none. */
-static int numbers(const char *line, const char *member, const char *name, double *out, int count) {
+static uint8_t numbers(const char *line, const char *member, const char *name, double *out, int count) {
     char quoted[64];
     const char *object = strstr(line, member), *end = object ? strchr(object, '}') : NULL;
     snprintf(quoted, sizeof quoted, "\"%s\"", name);
@@ -38,17 +35,14 @@ static int numbers(const char *line, const char *member, const char *name, doubl
 int main(int count, char **arguments) {
     FILE *weights = count > 2 ? fopen(arguments[1], "rb") : NULL, *recording = count > 2 ? fopen(arguments[2], "r") : NULL;
     if (!weights || !recording) return fprintf(stderr, "usage: poses completion.safetensors recording.jsonl\n"), 2;
-    char *file = memory(1 << 24);
-    const size_t bytes = fread(file, 1, 1 << 24, weights), size = bs_model_size(file, bytes);
     const bs_model *model;
-    check(size ? bs_model_open(file, bytes, memory(size), size, &model) : BS_MODEL_DAMAGED);
+    check(bs_model_open(file, fread(file, 1, sizeof file, weights), opened, sizeof opened, &model));
 
-    static bs_person person;
+    static bs_person person = {.height_deviation = 0.001};
     person.height = count > 3 ? atof(arguments[3]) : NAN;
-    person.height_deviation = 0.001;
     check(bs_person_likeliest(model, &person));
     bs_state *state;
-    check(bs_state_start(model, &person, memory(bs_state_size(model)), bs_state_size(model), &state));
+    check(bs_state_start(model, &person, memory, sizeof memory, &state));
 
     static char line[1 << 16];
     static double position[BS_POINTS][3], turned[BS_POINTS][4], accuracy[BS_POINTS], time, root[3], local[BS_JOINTS][4];
@@ -59,18 +53,15 @@ int main(int count, char **arguments) {
     const bs_observation observation = {1, BS_POINTS, point, &time, position[0], turned[0], has_position, has_rotation,
                                         accuracy, NULL};
     const bs_estimate estimate = {.root_position = root, .rotation = local[0]};
-    const size_t needed = bs_scratch_size(model, 1);
-    void *scratch = memory(needed);
     while (fgets(line, sizeof line, recording)) {
         const char *at = strstr(line, "\"time\":");
         if (!at) continue; /* the header */
         time = atof(at + 7);
         for (int p = 0; p < BS_POINTS; p++) {
-            has_position[p] = (uint8_t)numbers(line, "\"position\"", bs_point_name(p), position[p], 3);
-            has_rotation[p] = (uint8_t)(p < BS_JOINTS && numbers(line, "\"rotation\"", bs_point_name(p), turned[p], 4));
+            has_position[p] = numbers(line, "\"position\"", bs_point_name(p), position[p], 3);
+            has_rotation[p] = p < BS_JOINTS && numbers(line, "\"rotation\"", bs_point_name(p), turned[p], 4);
         }
-        int refused;
-        check(bs_step(model, &settings, 1, &observation, &state, &estimate, scratch, needed, &refused));
+        check(bs_step(model, &settings, 1, &observation, &state, &estimate, scratch, sizeof scratch, NULL));
         printf("%.6f %.6f %.6f %.6f", time, root[0], root[1], root[2]);
         for (int k = 0; k < 4 * BS_JOINTS; k++) printf(" %.6f", local[k / 4][k % 4]);
         printf("\n");
