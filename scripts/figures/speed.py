@@ -66,8 +66,9 @@ def first_body(found: Numbers) -> str:
 def take(found: Numbers) -> str:
     """Return the pace at which takes are completed."""
     return (
-        f"Recordings of head and hands: {found['frames_per_processor_second']:,.0f} frames in each second of one "
-        f"processor, {found['frames_per_second']:,.0f} by the clock (`bodysense bench take`: 10 minutes at 30 Hz)."
+        f"Recordings of head and hands: {found['frames_per_second']:,.0f} frames a second, and "
+        f"{found['causal_frames_per_second']:,.0f} with `--causal` (`bodysense bench take`: 10 minutes at 30 Hz, one "
+        "thread)."
     )
 
 
