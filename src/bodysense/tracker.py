@@ -108,6 +108,10 @@ class Tracker:
     network: CompletionModel | None = None  # None: the packaged one
     settings: TrackerSettings = TrackerSettings()
 
+    def __post_init__(self) -> None:
+        if not self.people:
+            raise BodysenseError("tracker: no people; give at least one Person")
+
     def __repr__(self) -> str:
         who = repr(self.people[0]) if len(self.people) == 1 else f"{len(self.people)} people"
         return f"Tracker({who}, {'packaged network' if self.network is None else self.network.name})"
@@ -167,6 +171,8 @@ def step_together(
 
     Each gets what its own `step` gives. Raises BodysenseError as `step` does, for the first that it concerns.
     """
+    if not jobs:
+        raise BodysenseError("step_together: no jobs; give at least one")
     first = jobs[0][0]
     for _, observation, _ in jobs:
         check_shapes(observation)
