@@ -179,7 +179,7 @@ def hmd_vae_sweep(folder: Path) -> dict[str, float]:
 
 
 def _worn(how: str, hand: GlovedHand) -> tuple[GlovedHand, Glove]:
-    """Return the hand that the solver assumes, and the glove as it is really worn."""
+    """Return the hand that the solver assumes, and the true glove."""
     offset = hand.glove.offset.copy()
     if how == "slipped":  # every finger's markers are nearer the wrist
         offset[~np.isin(np.arange(len(MARKERS)), ALIGNMENT), 0] -= SLIP

@@ -50,7 +50,7 @@ def main() -> None:
 
 
 def seconds(name: str, steps: int, data: Path) -> float:
-    """Return the processor time of a training of so many steps, s."""
+    """Return the processor time of a training of `steps` steps, s."""
     program = shutil.which("bodysense")
     assert program is not None
     before = resource.getrusage(resource.RUSAGE_CHILDREN)

@@ -39,7 +39,7 @@ typedef void quantiser(const float *x, int inputs, int16_t *value, float *step);
 /* Gates of a recurrent layer: products with inputs and with states, (3 × size) each, and states before → after. */
 typedef void gates(const float *given, const float *kept, const float *before, int size, float *after);
 
-/* The same work by one set of instructions. All kernels give the same bits. */
+/* The functions of one instruction set. All kernels give the same bits. */
 typedef struct kernel {
     const char *name;
     multiply_add *run; /* NULL where this processor or this build has none such */

@@ -115,9 +115,7 @@ def future_share(past: Array, future: Array, seconds: float) -> Array:
     body = default_skeleton().indices(BODY)
     bell = _bell(STEADY / seconds)
     ratio = np.log(past[:, body].mean(axis=1) / future[:, body].mean(axis=1))
-    reach = len(bell) // 2
-    steady = np.convolve(np.pad(ratio, reach, mode="edge"), bell, mode="valid")
-    odds = BACKWARD_SHARE / (1 - BACKWARD_SHARE) * np.exp(SURENESS * steady)
+    odds = BACKWARD_SHARE / (1 - BACKWARD_SHARE) * np.exp(SURENESS * _convolved(ratio, bell))
     return odds / (1 + odds)
 
 

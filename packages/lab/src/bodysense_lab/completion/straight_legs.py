@@ -20,7 +20,7 @@ def straightened(
     """Raise a pelvis until the legs that stand are straight, or by a `share` of it, with the feet unchanged.
 
     World rotations (T, 22, 4) wxyz and the pelvis's path (T, 3) m of a body with rest offsets (65, 3) m, `rate` in Hz.
-    Legs that are far from straight, as in a squat, stay as they are.
+    Legs that are far from straight, as in a squat, are unchanged.
     """
     before = quaternion_to_matrix(rotation.astype(float))
     hips = root[:, None] + hips_of(before[:, 0], offset)
