@@ -10,11 +10,11 @@ from bodysense.body.arms import HAND_POINTS
 from bodysense.body.glove import ALIGNMENT, MARKERS
 from bodysense.body.hand import FREEDOMS
 from bodysense.body.skeleton import BODY
-from bodysense.devices.gloves.continuity import Continuous
 from bodysense.devices.simulated.headset_camera import HeadsetCamera
 from bodysense_lab.hmd_vae.frames import HELD_OUT, TRAIN_LENGTH
 from bodysense_lab.hmd_vae.options import BodyVaeConfig
 from bodysense_lab.pahmt.options import ArmNetworkConfig, ArmSchedule
+from bodysense_lab.two_hands.continuity import Continuous
 from bodysense_lab.two_hands.task import PAPER_JOINT_SCHEDULE
 from bodysense_lab.unoc.network import PAPER
 from bodysense_lab.unoc.task import BodySchedule, LossWeights

@@ -18,10 +18,13 @@ from bodysense.body.hand import (
     angles_of,
     hand_pose,
     hand_skeleton,
+    joint_angles,
     joint_bases,
+    joint_rotations,
     limits,
     mirrored_rotations,
     mirrored_vectors,
+    own_axes,
     rotations_of,
 )
 from bodysense.body.pose import Pose, forward_kinematics
@@ -78,6 +81,17 @@ def test_every_joint_turns_as_its_formula_says() -> None:
         own, about = by_joint[joint], Rotation.from_quat(basis, scalar_first=True)
         turn = Rotation.from_euler("ZYX", [-own["flexion"], own["abduction"], own["twist"]])
         assert (about * turn * about.inv() * Rotation.from_quat(found, scalar_first=True).inv()).magnitude() < 1e-9
+
+
+def test_angles_are_found_about_turned_axes_whatever_else_a_joint_does() -> None:
+    turn, rotation = Rotation.random(45, np.random.default_rng(6)), Rotation.random(45, np.random.default_rng(7))
+    about = turn * Rotation.from_quat(np.tile(joint_bases(), (3, 1)), scalar_first=True)
+    expected = (about.inv() * rotation * about).as_euler("ZYX").reshape(3, 15, 3) * [-1, 1, 1]
+    axes = own_axes(turn.as_quat(scalar_first=True).reshape(3, 15, 4))
+    found = joint_angles(rotation.as_quat(scalar_first=True).reshape(3, 15, 4), axes)
+    np.testing.assert_allclose(found, expected, atol=1e-9)
+    back = Rotation.from_quat(joint_rotations(found, axes).reshape(-1, 4), scalar_first=True)
+    assert (back * rotation.inv()).magnitude().max() < 1e-9
 
 
 def test_gradients_pass_through_the_angles() -> None:

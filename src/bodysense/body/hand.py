@@ -15,16 +15,15 @@ from functools import lru_cache
 from typing import Literal
 
 import numpy as np
+from array_api_compat import array_namespace
 
 from bodysense.body.pose import Pose, as_like, forward_kinematics
 from bodysense.body.rotation import (
     Array,
-    euler_to_quaternion,
     matrix_to_quaternion,
     quaternion_canonical,
     quaternion_conjugate,
     quaternion_multiply,
-    quaternion_to_euler,
 )
 from bodysense.body.skeleton import Skeleton
 from bodysense.errors import BodysenseError
@@ -111,22 +110,63 @@ def mirrored_rotations(rotations: np.ndarray, side: Side) -> np.ndarray:
 
 def rotations_of(angles: Array) -> Array:
     """Return local rotations (..., 15, 4) of the finger joints from angles (..., 26), radians, in `FREEDOMS`' order."""
-    place, sign = _places()
-    basis = np.asarray(joint_bases())
-    euler = angles[..., place] * as_like(sign, angles)  # 0 for an angle that a joint does not have
-    about = as_like(basis, angles)
-    turned = euler_to_quaternion(euler, "ZYX")
-    return quaternion_canonical(quaternion_multiply(quaternion_multiply(about, turned), quaternion_conjugate(about)))
+    return quaternion_canonical(joint_rotations(per_joint(angles), as_like(default_axes(), angles)))
 
 
 def angles_of(rotations: Array) -> Array:
     """Return angles (..., 26), radians, of local rotations (..., 15, 4); turns that a joint cannot make are dropped."""
-    about = as_like(np.asarray(joint_bases()), rotations)
-    turned = quaternion_multiply(quaternion_multiply(quaternion_conjugate(about), rotations), about)
-    euler = quaternion_to_euler(turned, "ZYX")
-    signs = as_like(np.array([-1.0, 1.0, 1.0]), rotations)
     joint, column = _where()
-    return (euler * signs)[..., joint, column]
+    return joint_angles(rotations, as_like(default_axes(), rotations))[..., joint, column]
+
+
+def per_joint(angles: Array) -> Array:
+    """Return flexion, abduction and twist (..., 15, 3) of every joint from 26 angles; 0 for missing ones."""
+    place, has = joint_places()
+    return angles[..., place] * (has if isinstance(angles, np.ndarray) else as_like(has, angles))
+
+
+def joint_rotations(angles: Array, axes: Array) -> Array:
+    """Return local rotations (..., 15, 4), of either sign, from flexion, abduction and twist (..., 15, 3), radians.
+
+    `axes` (..., 15, 4, 4) are the joints' own (`own_axes`).
+    """
+    xp = array_namespace(angles)
+    half = angles / 2
+    cosine, sine = xp.cos(half), xp.sin(half)
+    (cz, cy, cx), (sz, sy, sx) = ([of[..., k] for k in range(3)] for of in (cosine, sine))
+    # Rz(−flexion) · Ry(abduction) · Rx(twist)
+    own = [cz * cy * cx - sz * sy * sx, cz * cy * sx + sz * sy * cx, cz * sy * cx - sz * cy * sx]
+    own = xp.stack([*own, -sz * cy * cx - cz * sy * sx], axis=-1)
+    return (own[..., None, :] @ axes)[..., 0, :]
+
+
+def joint_angles(rotations: Array, axes: Array) -> Array:
+    """Return flexion, abduction and twist (..., 15, 3), radians, of local rotations (..., 15, 4).
+
+    `axes` (..., 15, 4, 4) are the joints' own (`own_axes`).
+    """
+    xp = array_namespace(rotations)
+    own = (rotations[..., None, :] @ axes.mT)[..., 0, :]
+    w, x, y, z = (own[..., k] for k in range(4))
+    along, across, up = 1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)  # where the x axis points
+    abduction = xp.atan2(-up, xp.sqrt(along * along + across * across))
+    twist = xp.atan2(2 * (y * z + w * x), 1 - 2 * (x * x + y * y))
+    return xp.stack([xp.atan2(-across, along), abduction, twist], axis=-1)
+
+
+def own_axes(turn: np.ndarray) -> np.ndarray:
+    """Return matrices (..., 15, 4, 4): q @ matrix is a rotation q in a joint's own axes, in the axes of the rest pose.
+
+    `turn` (..., 15, 4) turns the joints' axes from the default hand's.
+    """
+    about = np.asarray(quaternion_multiply(turn, np.array(joint_bases())))[..., None, :]
+    return np.asarray(quaternion_multiply(quaternion_multiply(about, np.eye(4)), quaternion_conjugate(about)))
+
+
+@lru_cache(maxsize=1)
+def default_axes() -> np.ndarray:
+    """Return `own_axes` (15, 4, 4) of the default hand."""
+    return own_axes(np.array([1.0, 0.0, 0.0, 0.0]))
 
 
 def limits() -> tuple[np.ndarray, np.ndarray]:
@@ -156,12 +196,12 @@ def _where() -> tuple[list[int], list[int]]:
 
 
 @lru_cache(maxsize=1)
-def _places() -> tuple[np.ndarray, np.ndarray]:
-    """Return (15, 3) indices of the Euler angles among the 26 angles, and their signs, 0 for missing ones."""
-    place, sign = np.zeros((15, 3), dtype=np.int64), np.zeros((15, 3))
+def joint_places() -> tuple[np.ndarray, np.ndarray]:
+    """Return the places (15, 3) of every joint's flexion, abduction and twist among the 26 angles, and which it has."""
+    place, has = np.zeros((15, 3), dtype=np.int64), np.zeros((15, 3), dtype=bool)
     for index, (joint, column) in enumerate(zip(*_where(), strict=True)):
-        place[joint, column], sign[joint, column] = index, -1.0 if column == 0 else 1.0
-    return place, sign
+        place[joint, column], has[joint, column] = index, True
+    return place, has
 
 
 def _points_of(skeleton: Skeleton, side: Side) -> np.ndarray:

@@ -48,14 +48,28 @@ CONJUGATE = np.array([1.0, -1.0, -1.0, -1.0])
 
 
 def multiply(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Hamilton products: (N, 4), (N, 4) → (N, 4)."""
-    return ((a @ LEFT).reshape(-1, 4, 4) @ b[:, :, None])[:, :, 0]
+    """Hamilton products: (..., 4), (..., 4) → (..., 4)."""
+    return ((a @ LEFT).reshape(*a.shape, 4) @ b[..., None])[..., 0]
+
+
+def to_matrix(q: np.ndarray) -> np.ndarray:
+    """Unit quaternions to matrices: (..., 4) → (..., 3, 3)."""
+    square = q[..., :, None] * q[..., None, :]
+    return (square.reshape(*q.shape[:-1], 16) @ MATRIX).reshape(*q.shape[:-1], 3, 3)
 
 
 def rotate(q: np.ndarray, vector: np.ndarray) -> np.ndarray:
-    """Vectors turned by unit quaternions: (N, 4), (N, 3) or (1, 3) → (N, 3)."""
-    products = (q[:, :, None] * q[:, None, :]).reshape(-1, 16)
-    return ((products @ MATRIX).reshape(-1, 3, 3) @ vector[:, :, None])[:, :, 0]
+    """Vectors turned by unit quaternions: (..., 4), (..., 3) → (..., 3)."""
+    return (to_matrix(q) @ vector[..., None])[..., 0]
+
+
+_YZX, _ZXY = [1, 2, 0], [2, 0, 1]
+
+
+def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Vector products (..., 3), without the overhead of NumPy's."""
+    one, other = a.take(_YZX, axis=-1) * b.take(_ZXY, axis=-1), a.take(_ZXY, axis=-1) * b.take(_YZX, axis=-1)
+    return one - other
 
 
 def world_rotation(skeleton: Skeleton, local: np.ndarray) -> np.ndarray:

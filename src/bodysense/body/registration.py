@@ -6,13 +6,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bodysense.body.products import MATRIX
+from bodysense.body.products import to_matrix
 
 # Freedoms that the markers do not determine, such as the turn about a line of two, keep the rotation given before: this
 # weight, m², pulls toward it. Three markers 3 cm apart pull with 1e-3 m².
 _PULL = 1e-9
 _PULLED = _PULL * np.eye(3)
-FEW = 4  # hands, up to which scalar code is faster than arrays
 
 
 def _quadratic() -> np.ndarray:
@@ -97,7 +96,6 @@ class Levers(NamedTuple):
 
     lever: np.ndarray  # (H, 4, M) weighted, of each marker: from the template's mean, m; and 1
     base: np.ndarray  # (H, 1, 3) m, the template's mean
-    bases: list[list[float]]  # as numbers
     loose: bool  # whether a hand has so few markers that a turn may be undetermined
     empty: np.ndarray | None  # (H,) bool, hands without known markers; or None if all have some
 
@@ -108,7 +106,7 @@ def levers(template: np.ndarray, known: np.ndarray) -> Levers:
     weight = (known / np.maximum(count, 1)[:, None])[:, None]
     base = weight @ template
     lever = np.concatenate([(template - base).swapaxes(1, 2) * weight, weight], axis=1)
-    return Levers(lever, base, base[:, 0].tolist(), bool((count < 4).any()), None if count.all() else count == 0)
+    return Levers(lever, base, bool((count < 4).any()), None if count.all() else count == 0)
 
 
 def fit(
@@ -119,96 +117,13 @@ def fit(
     hands, spread = len(drawn), drawn[:, :3]
     if levers.loose:
         spread += _PULLED if last is None else _PULL * last[0].swapaxes(1, 2)
-    turns = _turns(drawn, levers.bases) if hands <= FEW else None
-    if turns is None:
-        quaternion = np.linalg.eigh((spread.reshape(hands, 9) @ _QUADRATIC).reshape(hands, 4, 4))[1][:, :, 3]
-        rotation = to_matrix(quaternion)
-        translation = (drawn[:, 3:] - levers.base @ rotation.swapaxes(1, 2))[:, 0]
-    else:
-        quaternion, rotation, translation = turns[:, :4], turns[:, 4:13].reshape(hands, 3, 3), turns[:, 13:]
+    quaternion = np.linalg.eigh((spread.reshape(hands, 9) @ _QUADRATIC).reshape(hands, 4, 4))[1][:, :, 3]
+    rotation = to_matrix(quaternion)
+    translation = (drawn[:, 3:] - levers.base @ rotation.swapaxes(1, 2))[:, 0]
     if levers.empty is not None:
         origin = np.zeros(3) if last is None else last[1]
         translation = np.where(levers.empty[:, None], origin, translation)
     return quaternion, rotation, translation
-
-
-def _turns(drawn: np.ndarray, bases: list[list[float]]) -> np.ndarray | None:
-    """Return (H, 16) quaternions, matrices and translations of a few hands, in scalar code.
-
-    Returns None if one is not well determined.
-
-    Theobald, Rapid calculation of RMSDs using a quaternion-based characteristic polynomial, 2005: for a hand or two a
-    fraction of the time that eigenvectors take.
-    """
-    turns = []
-    for (one, two, three, middle), base in zip(drawn.tolist(), bases, strict=True):
-        (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = one, two, three
-        # The quadratic form, symmetric: (a b c d), (b e f g), (c f h i), (d g i j).
-        a, b, c, d = xx + yy + zz, yz - zy, zx - xz, xy - yx
-        e, f, g, h, i, j = xx - yy - zz, xy + yx, zx + xz, yy - xx - zz, yz + zy, zz - xx - yy
-        size = xx * xx + xy * xy + xz * xz + yx * yx + yy * yy + yz * yz + zx * zx + zy * zy + zz * zz
-        linear = -8 * (xx * (yy * zz - yz * zy) - xy * (yx * zz - yz * zx) + xz * (yx * zy - yy * zx))
-        s0, s1, s2, s3, s4, s5, c0, c1, c2, c3, c4, c5 = _minors(a, b, c, d, e, f, g, h, i, j)
-        constant = s0 * c5 - s1 * c4 + s2 * c3 + s3 * c2 - s4 * c1 + s5 * c0
-        # The largest eigenvalue of markers in a plane, of whose spread nothing is linear; of others not far off, and
-        # where the polynomial is convex, so that Newton's method comes down to it.
-        root = (size + max(size * size - constant, 0.0) ** 0.5) ** 0.5
-        for _ in range(30):
-            square = root * root
-            slope = 4 * root * (square - size) + linear
-            if slope <= 0:
-                return None
-            step = (square * (square - 2 * size) + linear * root + constant) / slope
-            root -= step
-            if abs(step) < 1e-13 * root:
-                break
-        a, e, h, j = a - root, e - root, h - root, j - root
-        s0, s1, s2, s3, s4, s5, c0, c1, c2, c3, c4, c5 = _minors(a, b, c, d, e, f, g, h, i, j)
-        # The adjugate is the eigenvector's outer product with itself: of its columns the longest.
-        parts = (e * c5 - f * c4 + g * c3, a * c5 - c * c2 + d * c1, d * s4 - g * s2 + j * s0, c * s3 - f * s1 + h * s0)
-        least = min(parts)  # the form is negative: so are the diagonal's parts
-        if least == parts[0]:
-            column = (least, c * c4 - b * c5 - d * c3, g * s5 - i * s4 + j * s3, h * s4 - f * s5 - i * s3)
-        elif least == parts[1]:
-            column = (c * c4 - b * c5 - d * c3, least, i * s2 - d * s5 - j * s1, c * s5 - h * s2 + i * s1)
-        elif least == parts[2]:
-            column = (b * c4 - e * c2 + g * c0, b * c2 - a * c4 - d * c0, least, f * s2 - c * s4 - i * s0)
-        else:
-            column = (e * c1 - b * c3 - f * c0, a * c3 - b * c1 + c * c0, g * s1 - d * s3 - i * s0, least)
-        length = -((column[0] ** 2 + column[1] ** 2 + column[2] ** 2 + column[3] ** 2) ** 0.5)
-        if not length < -1e-4 * size * root:
-            return None
-        w, x, y, z = column
-        w, x, y, z = w / length, x / length, y / length, z / length
-        a, b, c, d, e, f, g, h, i = matrix_of(w, x, y, z)
-        x0, y0, z0 = base
-        x1, y1, z1 = middle
-        x1, y1, z1 = x1 - a * x0 - b * y0 - c * z0, y1 - d * x0 - e * y0 - f * z0, z1 - g * x0 - h * y0 - i * z0
-        turns.append((w, x, y, z, a, b, c, d, e, f, g, h, i, x1, y1, z1))
-    return np.array(turns)
-
-
-def _minors(
-    a: float, b: float, c: float, d: float, e: float, f: float, g: float, h: float, i: float, j: float
-) -> tuple[float, ...]:
-    """Return the 2 × 2 minors of the upper two rows (columns 01, 02, 03, 12, 13, 23), then of the lower two."""
-    return (
-        *(a * e - b * b, a * f - c * b, a * g - d * b, b * f - c * e, b * g - d * e, c * g - d * f),
-        *(c * g - f * d, c * i - h * d, c * j - i * d, f * i - h * g, f * j - i * g, h * j - i * i),
-    )
-
-
-def matrix_of(w: float, x: float, y: float, z: float) -> tuple[float, ...]:
-    """Return the matrix of a unit quaternion, row by row."""
-    ww, xx, yy, zz, wx, wy, wz = w * w, x * x, y * y, z * z, 2 * w * x, 2 * w * y, 2 * w * z
-    xy, yz, zx = 2 * x * y, 2 * y * z, 2 * z * x
-    return ww + xx - yy - zz, xy - wz, zx + wy, xy + wz, ww - xx + yy - zz, yz - wx, zx - wy, yz + wx, ww - xx - yy + zz
-
-
-def to_matrix(quaternion: np.ndarray) -> np.ndarray:
-    """Convert unit quaternions (..., 4) to matrices (..., 3, 3), in few calls."""
-    square = quaternion[..., :, None] * quaternion[..., None, :]
-    return (square.reshape(*quaternion.shape[:-1], 16) @ MATRIX).reshape(*quaternion.shape[:-1], 3, 3)
 
 
 def moved(points: np.ndarray, rotation: np.ndarray, translation: np.ndarray) -> np.ndarray:

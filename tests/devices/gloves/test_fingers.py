@@ -6,7 +6,6 @@ import pytest
 from bodysense.body.glove import default_glove, marker_positions
 from bodysense.body.hand import FINGERS, rotations_of
 from bodysense.body.pose import Pose, forward_kinematics
-from bodysense.body.registration import FEW
 from bodysense.body.rotation import (
     quaternion_canonical,
     quaternion_conjugate,
@@ -14,25 +13,9 @@ from bodysense.body.rotation import (
     shortest_arc,
 )
 from bodysense.body.skeleton import Skeleton
-from bodysense.devices.gloves.fingers import (
-    Aim,
-    hand_shape,
-    local_rotations,
-    pointed,
-    shortest_arcs,
-    turning,
-)
+from bodysense.devices.gloves.fingers import Aim, hand_shape, pointed, shortest_arcs
 from bodysense.errors import BodysenseError
 from bodysense_lab.synthesis.hands import varied_hand
-
-
-def test_a_calibration_follows_every_rotation() -> None:
-    rng = np.random.default_rng(1)
-    angles, calibration = rng.normal(size=(3, 26)), rng.normal(size=(3, 15, 4))
-    calibration /= np.linalg.norm(calibration, axis=-1, keepdims=True)
-    fast = quaternion_canonical(local_rotations(angles, turning(calibration)))
-    slow = quaternion_canonical(quaternion_multiply(rotations_of(angles), calibration))
-    np.testing.assert_allclose(fast, slow, atol=1e-12)
 
 
 def test_shortest_arcs_are_those_of_rotation() -> None:
@@ -63,7 +46,7 @@ def test_fingers_point_at_markers_as_the_slow_way_says(hand: Skeleton, aim: Aim)
     angles = rng.normal(scale=0.3, size=(3, 26))
     markers = np.stack([np.asarray(marker_positions(glove, _posed(one, angles[k]))) for k, one in enumerate(hands)])
     markers += rng.normal(scale=0.01, size=markers.shape)
-    local, points = pointed(local_rotations(angles, turning()), markers, hand_shape(hands, [glove] * 3, aim))
+    local, points = pointed(rotations_of(angles), markers, hand_shape(hands, [glove] * 3, aim))
     for k, one in enumerate(hands):
         turned = _posed(one, angles[k]).rotation.copy()
         position, _ = forward_kinematics(Pose(one, np.zeros(3), turned))
@@ -89,22 +72,6 @@ def test_fingers_point_at_markers_as_the_slow_way_says(hand: Skeleton, aim: Aim)
         wanted, _ = forward_kinematics(Pose(one, np.zeros(3), turned))
         np.testing.assert_allclose(points[k], wanted, atol=1e-12)
         np.testing.assert_allclose(quaternion_canonical(local[k]), quaternion_canonical(turned[1:]), atol=1e-12)
-
-
-@pytest.mark.parametrize("restraint", [0.0, 4.0])
-def test_few_hands_point_as_many(hand: Skeleton, restraint: float) -> None:
-    rng, glove, many = np.random.default_rng(6), default_glove(), 4 * FEW
-    hands = [varied_hand(hand, 0.1, rng) for _ in range(many)]
-    angles = rng.normal(scale=0.5, size=(many, 26))
-    markers = np.stack([np.asarray(marker_positions(glove, _posed(hand, row))) for row in angles])
-    markers += rng.normal(scale=0.03, size=markers.shape)
-    slow = pointed(local_rotations(angles, turning()), markers, hand_shape(hands, [glove] * many), restraint)
-    for first in range(0, many, FEW):
-        some = slice(first, first + FEW)
-        shape = hand_shape(hands[some], [glove] * FEW)
-        fast = pointed(local_rotations(angles[some], turning()), markers[some], shape, restraint)
-        for one, wanted in zip(fast, slow, strict=True):
-            np.testing.assert_allclose(one, wanted[some], atol=1e-12)
 
 
 def test_errors(hand: Skeleton) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from bodysense.body.glove import marker_positions, standard_marker
-from bodysense.body.hand import FINGERS, FREEDOMS, HAND_JOINTS, angles_of, mirrored_rotations
+from bodysense.body.hand import FINGERS, FREEDOMS, HAND_JOINTS, angles_of, mirrored_rotations, own_axes
 from bodysense.body.hand_family import GlovedHand, carried_over, draw_hand
 from bodysense.body.pose import Pose
 from bodysense.body.rotation import quaternion_conjugate, quaternion_exp, quaternion_multiply
@@ -107,9 +107,8 @@ def fingers_hidden(seen: Observation, start: int) -> Observation:
 
 def test_exact_sensors_of_a_right_hand_measure_the_true_flexion(moving: Pose, drawn: GlovedHand) -> None:
     sensors = observe_fingers({"right": moving}, np.arange(360) / 60)
-    about = inertial.bases(drawn.axes[None], 1)
     rotation = mirrored_rotations(sensors.rotation, "right").reshape(-1, 1, len(HAND_JOINTS), 4)
-    sensed = inertial.sense(rotation, about)
+    sensed = inertial.sense(rotation, own_axes(drawn.axes[None]))
     np.testing.assert_allclose(sensed.flexion[:, 0], flexions(moving, drawn.axes), atol=1e-9)
 
 

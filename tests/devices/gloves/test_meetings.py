@@ -5,19 +5,23 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bodysense.body.hand import Side, hand_skeleton, limits, rotations_of
+from bodysense.body.glove import default_glove
+from bodysense.body.hand import (
+    Side,
+    default_axes,
+    hand_skeleton,
+    joint_angles,
+    joint_rotations,
+    limits,
+    rotations_of,
+)
 from bodysense.body.hand_capsules import mutual_depth, own_depth, own_pairs, placed_axes
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.rotation import quaternion_to_matrix
 from bodysense.body.skeleton import default_skeleton
 from bodysense.devices.gloves.contact_rows import ANGLES, PARTS, Ends, growth_rows, joined, tip_ends, tip_pairs
-from bodysense.devices.gloves.finger_chains import (
-    angles_of_rotations,
-    finger_chains,
-    placed_fingers,
-    rotations_of_angles,
-    turning_axes,
-)
+from bodysense.devices.gloves.finger_chains import placed_fingers, turning_axes
+from bodysense.devices.gloves.fingers import hand_shape
 from bodysense.devices.gloves.meetings import COUNT, HandFlesh, meet, points_on
 
 SMALL = hand_skeleton(default_skeleton(), "left")
@@ -72,9 +76,9 @@ def test_hands_far_from_each_other_are_not_compared() -> None:
 
 
 def test_rows_are_the_derivative() -> None:
-    poses, chains, flesh = two_poses(2), finger_chains(HANDS), HandFlesh(HANDS, SIDES)
+    poses, shape, flesh = two_poses(2), hand_shape(HANDS, [default_glove()] * 2), HandFlesh(HANDS, SIDES)
     rotation, root = np.stack([pose.rotation for pose in poses]), np.stack([pose.root_position for pose in poses])
-    wrist, angles = quaternion_to_matrix(rotation[:, 0]), angles_of_rotations(rotation[:, 1:])
+    wrist, angles = quaternion_to_matrix(rotation[:, 0]), joint_angles(rotation[:, 1:], default_axes())
     pairs = flesh.pairs(points(poses))
     rng = np.random.default_rng(3)
     chosen = rng.choice(len(pairs.reach), 20, replace=False)
@@ -84,8 +88,8 @@ def test_rows_are_the_derivative() -> None:
     toward = rng.normal(size=(20, 3))
 
     def ends(change: np.ndarray) -> tuple[Ends, Ends, np.ndarray]:
-        changed = rotations_of_angles(angles + change[:, :ANGLES].reshape(angles.shape))
-        position = placed_fingers(chains, root + change[:, ANGLES:], wrist, changed).position
+        changed = joint_rotations(angles + change[:, :ANGLES].reshape(angles.shape), default_axes())
+        position = placed_fingers(shape, root + change[:, ANGLES:], wrist, changed).position
         axes, tip = flesh.axes(position), (position[:, 16:] * FLIP[:, None]).reshape(-1, 3)
         start, end = (
             joined(Ends(which, place), tip_ends(mine, tip[mine]))
@@ -95,7 +99,7 @@ def test_rows_are_the_derivative() -> None:
         return start, end, np.sum((end.point - start.point) * every, axis=1)
 
     nothing = np.zeros((2, PARTS))
-    placed = placed_fingers(chains, root, wrist, rotation[:, 1:])
+    placed = placed_fingers(shape, root, wrist, rotation[:, 1:])
     start, end, _ = ends(nothing)
     every = np.concatenate([toward, np.tile(np.eye(3), (2, 1))])
     rows = growth_rows(placed, turning_axes(placed, angles), FLIP, start, end, every)

@@ -18,7 +18,8 @@ from bodysense.body.glove import Glove, glove_of, hand_size
 from bodysense.body.glove_set import GloveSet, standard_set
 from bodysense.body.hand import FINGERS, FREEDOMS, hand_skeleton, joint_bases
 from bodysense.body.hand_family import SHAPE, GlovedHand, HandShapes, bare_shapes_of
-from bodysense.body.registration import brought_back, register, to_matrix
+from bodysense.body.products import to_matrix
+from bodysense.body.registration import brought_back, register
 from bodysense.body.rotation import quaternion_exp, quaternion_multiply, quaternion_rotate
 from bodysense.body.skeleton import default_skeleton
 from bodysense.devices.gloves.hand_model import (

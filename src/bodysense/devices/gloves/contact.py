@@ -15,11 +15,10 @@ from functools import cached_property
 
 import numpy as np
 
-from bodysense.body.glove import ALIGNMENT, MARKERS
-from bodysense.body.hand import FINGERS, Side
+from bodysense.body.glove import ALIGNMENT, MARKERS, default_glove
+from bodysense.body.hand import FINGERS, Side, default_axes, joint_angles, joint_rotations
 from bodysense.body.hand_capsules import GIVE
-from bodysense.body.products import CONJUGATE
-from bodysense.body.registration import to_matrix
+from bodysense.body.products import CONJUGATE, multiply, to_matrix
 from bodysense.body.skeleton import Skeleton
 from bodysense.devices.gloves.contact_rows import (
     ANGLES,
@@ -34,21 +33,16 @@ from bodysense.devices.gloves.contact_rows import (
     tip_ends,
     tip_pairs,
 )
-from bodysense.devices.gloves.fillers import any_of
 from bodysense.devices.gloves.finger_chains import (
     FREE,
     HIGH,
     LOW,
-    FingerChains,
     PlacedFingers,
-    angles_of_rotations,
-    finger_chains,
     levers,
     placed_fingers,
-    rotations_of_angles,
     turning_axes,
 )
-from bodysense.devices.gloves.fingers import product
+from bodysense.devices.gloves.fingers import HandShape, hand_shape
 from bodysense.devices.gloves.joints import HandPoses
 from bodysense.devices.gloves.meetings import HandFlesh, Meeting, Pairs, meet, points_on
 from bodysense.errors import BodysenseError
@@ -104,8 +98,8 @@ class Contact:
         return HandFlesh(self.hands, self.sides)
 
     @cached_property
-    def _chains(self) -> FingerChains:
-        return finger_chains(self.hands)
+    def _shape(self) -> HandShape:
+        return hand_shape(self.hands, (default_glove(),) * len(self.hands))
 
     @cached_property
     def _lever(self) -> np.ndarray:
@@ -148,7 +142,7 @@ class Contact:
         """
         pairs, pinching = self._flesh.pairs(posed.position), self._pinches(posed, markers, known)
         meeting = meet(self._flesh.axes(posed.position), pairs)
-        needed = len(pinching.first) > 0 or any_of(self._collides(pairs, meeting))
+        needed = len(pinching.first) > 0 or self._collides(pairs, meeting).any()
         remaining = 0.5 ** (interval / self.settings.half_life)
         if not needed and remaining * state.way < _UNSEEN:
             return posed, ContactState(True)
@@ -194,8 +188,8 @@ class Contact:
     def _given(self, posed: HandPoses, pinching: Pinches) -> _Given:
         """Split a frame into parts that may change and parts that are fixed."""
         local = posed.rotation[:, 1:]
-        angles = angles_of_rotations(local)
-        rest = product(rotations_of_angles(angles) * CONJUGATE, local)
+        angles = joint_angles(local, default_axes()) * FREE
+        rest = multiply(joint_rotations(angles, default_axes()) * CONJUGATE, local)
         return _Given(posed.root, to_matrix(posed.rotation[:, 0]), angles, rest, pinching)
 
     def _freedom(self, given: _Given, known: np.ndarray) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray]]:
@@ -211,8 +205,8 @@ class Contact:
 
     def _placed(self, given: _Given, change: np.ndarray) -> PlacedFingers:
         """Return hands after a change (H, 48)."""
-        local = product(rotations_of_angles(_angles(given, change)), given.rest)
-        return placed_fingers(self._chains, given.root + change[:, ANGLES:], given.wrist, local)
+        local = multiply(joint_rotations(_angles(given, change), default_axes()), given.rest)
+        return placed_fingers(self._shape, given.root + change[:, ANGLES:], given.wrist, local)
 
     def _solved(
         self,
@@ -233,7 +227,7 @@ class Contact:
                 meeting = meet(self._flesh.axes(placed.position), pairs)
             if not len(given.pinches.first):
                 apart = meeting.squared > (farthest + _SLACK) ** 2
-                if not any_of(apart | self._collides(pairs, meeting)):
+                if not (apart | self._collides(pairs, meeting)).any():
                     break
             rows, demand, softness = self._demands(given, change, placed, pairs, farthest, meeting)
             ease, (low, high) = freedom = freedom or self._freedom(given, known)

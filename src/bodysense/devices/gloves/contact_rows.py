@@ -13,7 +13,7 @@ import numpy as np
 
 from bodysense.body.hand import FINGERS, HAND_JOINTS
 from bodysense.body.hand_capsules import NAMES
-from bodysense.devices.gloves.fillers import any_of
+from bodysense.body.products import cross
 from bodysense.devices.gloves.finger_chains import PlacedFingers
 from bodysense.devices.gloves.meetings import COUNT
 from bodysense.errors import BodysenseError
@@ -104,15 +104,6 @@ def growth_rows(
     return parts[:count] + parts[count:]
 
 
-_YZX, _ZXY = [1, 2, 0], [2, 0, 1]
-
-
-def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return a × b (..., 3), without the overhead of NumPy's."""
-    one, other = a.take(_YZX, axis=-1) * b.take(_ZXY, axis=-1), a.take(_ZXY, axis=-1) * b.take(_YZX, axis=-1)
-    return one - other
-
-
 @lru_cache(maxsize=8)
 def _moved_by(hands: int) -> np.ndarray:
     """Return the parts of the change of all hands that move each capsule, (H · C, H · 48)."""
@@ -162,7 +153,7 @@ def pinches(
     offset, present = (of.take(other, axis=0) - of.take(one, axis=0) for of in (markers, tips))
     distance = np.sqrt((offset * offset) @ _ONES)
     wide = np.sqrt((present * present) @ _ONES) - distance > missed
-    if not any_of(wide):
+    if not wide.any():
         return _NONE
     share = np.minimum((apart - distance) / (apart - touching), 1.0)[:, None]
     return Pinches(one[wide], other[wide], (present + share * (offset - present))[wide])
@@ -188,7 +179,6 @@ def least_change(
         demand: (K,).
         ease: (N,) compliance of each part; 0 if fixed.
         bounds: (N,), (N,) smallest and largest x, 0 between them; they take precedence over demands.
-        bounds: (N,), (N,) smallest and largest x, 0 between them; they come before demands.
         softness: (K,) > 0: a demand is missed by softness times the force that it takes.
     """
     low, high = bounds
@@ -200,7 +190,7 @@ def least_change(
         matrix.reshape(-1)[:: len(matrix) + 1] += softness  # its diagonal
         x = fixed + forces(matrix, demand - rows @ fixed, exact) @ eased
         over = ((x < low) | (x > high)) & (moving > 0)
-        if not any_of(over):
+        if not over.any():
             return x
         fixed = np.where(over, np.clip(x, low, high), fixed)
         moving = np.where(over, 0.0, moving)
@@ -225,7 +215,7 @@ def forces(matrix: np.ndarray, demand: np.ndarray, exact: np.ndarray) -> np.ndar
             force[chosen] = np.linalg.solve(matrix[chosen[:, None], chosen], demand[chosen])
         short = matrix @ force - demand
         wrong = (np.where(pushing, force, short) < -1e-12) & ~exact
-        if not any_of(wrong):
+        if not wrong.any():
             break
         count = int(wrong.sum())
         if count < fewest:

@@ -6,17 +6,17 @@ filled. State is an argument. The paper's baselines are in `baselines`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
 from bodysense.body.glove import Glove, default_glove, template
-from bodysense.body.registration import Levers, brought_back, fit, levers, moved, register
+from bodysense.body.registration import brought_back, moved, register
 from bodysense.body.skeleton import Skeleton
-from bodysense.devices.gloves.networks import HandNetwork, for_hands, known_shapes, size_ratios
+from bodysense.devices.gloves.networks import HandNetwork, known_shapes, size_ratios
 from bodysense.errors import BodysenseError
 
 MARKER_COUNT = 9
@@ -43,26 +43,12 @@ def missing(markers: np.ndarray) -> np.ndarray:
     return np.isnan(markers[..., 0])
 
 
-def any_of(flags: np.ndarray) -> bool:
-    """Return `flags.any()` of a small array, in a fifth of the time."""
-    return b"\x01" in flags.tobytes()
-
-
 class NetworkState(NamedTuple):
     """The last registration of the hand, and whether it is of the last frame."""
 
     rotation: np.ndarray  # (H, 3, 3)
     translation: np.ndarray  # (H, 3) m
     fresh: bool
-
-
-class Masked(NamedTuple):
-    """Values that are constant while the known markers are."""
-
-    known: np.ndarray  # (H, 9, 1) bool
-    levers: Levers
-    scale: np.ndarray  # (H, 9, 1) to the network's hand size; 0 if hidden
-    network: HandNetwork
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,50 +98,17 @@ class NetworkFiller:
 
     def fill(self, markers: np.ndarray, interval: float, state: NetworkState) -> tuple[np.ndarray, NetworkState]:
         """See `Filler`."""
-        hidden = missing(markers)
-        if not any_of(hidden):
+        known = ~missing(markers)
+        if known.all():
             return markers, state._replace(fresh=False)
-        which = (~hidden).tobytes()
-        masked = self._masked(which)
-        if masked.levers.loose:
-            filled, rotation, translation = self._told(markers, masked, state[:2])
-            few = masked.known.sum(axis=1, keepdims=True) < self.fewest
-            filled = np.where(few & ~masked.known, np.nan, filled)
-        else:
-            filled, rotation, translation = self._told_again(which, markers.astype(float, copy=False).tobytes())
-        return filled, NetworkState(rotation, translation, True)
-
-    def _told(
-        self, markers: np.ndarray, masked: Masked, last: tuple[np.ndarray, np.ndarray] | None
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return markers (H, 9, 3) m, predicted where hidden, and the registration of the hands."""
-        seen = np.where(masked.known, markers, 0.0)
-        _, rotation, translation = fit(masked.levers, seen, last)
-        local = brought_back(seen, rotation, translation) * masked.scale
-        shapes = self._shapes if len(self._shapes) == len(local) else self._shapes.repeat(len(local), axis=0)
-        answer = masked.network.run(local.reshape(len(local), -1).astype(np.float32), shapes)
+        rotation, translation = register(self._template, markers, known, state[:2])
+        local = brought_back(markers, rotation, translation) / self._ratio
+        local = np.where(known[..., None], local, 0.0).astype(np.float32).reshape(len(markers), -1)
+        answer = self.model.run(local, np.broadcast_to(self._shapes, (len(markers), self._shapes.shape[1])))
         guess = moved(answer.reshape(-1, MARKER_COUNT, 3) * self._ratio, rotation, translation)
-        return np.where(masked.known, markers, guess), rotation, translation
-
-    @cached_property
-    def _masked(self) -> Callable[[bytes], Masked]:
-        """Cached values for the known markers (H, 9) bool, as bytes."""
-
-        def masked(which: bytes) -> Masked:
-            known = np.frombuffer(which, dtype=bool).reshape(-1, MARKER_COUNT)
-            network = for_hands(self.model, self._shapes, known)
-            return Masked(known[..., None], levers(self._template, known), known[..., None] / self._ratio, network)
-
-        return lru_cache(maxsize=64)(masked)
-
-    @cached_property
-    def _told_again(self) -> Callable[[bytes, bytes], tuple[np.ndarray, np.ndarray, np.ndarray]]:
-        """`_told` cached by known and markers as bytes: frames repeat when markers come and go."""
-
-        def told(which: bytes, frame: bytes) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-            return self._told(np.frombuffer(frame).reshape(-1, MARKER_COUNT, 3), self._masked(which), None)
-
-        return lru_cache(maxsize=4)(told)
+        enough = known.sum(axis=1)[:, None, None] >= self.fewest
+        filled = np.where(known[..., None], markers, np.where(enough, guess, np.nan))
+        return filled, NetworkState(rotation, translation, True)
 
     def axes(self, markers: np.ndarray, state: NetworkState) -> np.ndarray:
         """Return the axes of the registered hand."""
@@ -190,7 +143,7 @@ class LastShape:
     def fill(self, markers: np.ndarray, interval: float, state: ShapeState) -> tuple[np.ndarray, ShapeState]:
         """See `Filler`."""
         hidden = missing(markers)
-        if not any_of(hidden):
+        if not hidden.any():
             return markers, ShapeState(markers, markers, np.zeros(len(markers)))
         known = ~hidden
         rotation, translation = register(state.shape, markers, known)

@@ -13,10 +13,11 @@ from typing import NamedTuple
 import numpy as np
 
 from bodysense.body.glove import Glove
-from bodysense.body.hand import FINGERS, FREEDOMS, HAND_JOINTS, limits, rotations_of
+from bodysense.body.hand import FINGERS, FREEDOMS, HAND_JOINTS, joint_rotations, limits, own_axes, per_joint
 from bodysense.body.hand_family import HandShapes
-from bodysense.body.registration import register, to_matrix
-from bodysense.body.rotation import matrix_to_quaternion, quaternion_conjugate, quaternion_exp, quaternion_multiply
+from bodysense.body.products import to_matrix
+from bodysense.body.registration import register
+from bodysense.body.rotation import matrix_to_quaternion, quaternion_exp, quaternion_multiply
 
 ANGLES = len(FREEDOMS)
 POSE = ANGLES + 6
@@ -62,8 +63,7 @@ class MarkedHand:
 
     def markers(self, shapes: HandShapes, pose: np.ndarray) -> np.ndarray:
         """Return markers (..., M, 3) m of hands (shapes …) with poses (..., 32)."""
-        turn = rotations_of(pose[..., :ANGLES])
-        turn = quaternion_multiply(quaternion_multiply(shapes.axes, turn), quaternion_conjugate(shapes.axes))
+        turn = joint_rotations(per_joint(pose[..., :ANGLES]), own_axes(shapes.axes))
         matrix = to_matrix(np.asarray(turn)).reshape(*turn.shape[:-2], 5, 3, 3, 3)
         rest = shapes.rest[..., _chains(), :][..., None]  # (..., 5, 4, 3, 1)
         place, world, at, frame = rest[..., 0, :, :], matrix[..., 0, :, :], [], []

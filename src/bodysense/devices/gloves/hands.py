@@ -28,7 +28,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from bodysense.body.glove import Glove, default_glove, glove_points, marker_positions, side_of
-from bodysense.body.hand import HAND_JOINTS, Side, mirrored_vectors
+from bodysense.body.hand import HAND_JOINTS, Side, default_axes, mirrored_vectors, own_axes
 from bodysense.body.pose import Pose
 from bodysense.body.rotation import geodesic_angle, quaternion_canonical, quaternion_conjugate
 from bodysense.body.skeleton import Skeleton
@@ -38,7 +38,7 @@ from bodysense.devices.gloves.contact import Contact, ContactState
 from bodysense.devices.gloves.contact_rows import ContactSettings
 from bodysense.devices.gloves.continuity import FADING, Remembered
 from bodysense.devices.gloves.expectation import Influence, expected_error, influence
-from bodysense.devices.gloves.fillers import Filler, LastShape, NetworkFiller, Stack, any_of, missing
+from bodysense.devices.gloves.fillers import Filler, LastShape, NetworkFiller, Stack, missing
 from bodysense.devices.gloves.fingers import POINT_COUNT, Aim
 from bodysense.devices.gloves.inertial import Fusion, InertialSettings, InertialState, Sensed
 from bodysense.devices.gloves.joints import HandPoses, JointReader
@@ -184,7 +184,9 @@ class Hands:
 
     @cached_property
     def _fusion(self) -> Fusion:
-        return Fusion(self._reader.shape, inertial.bases(self.axes, len(self.hands)), self.settings.inertial)
+        axes = default_axes() if self.axes is None else own_axes(self.axes)
+        axes = np.broadcast_to(axes, (len(self.hands), *axes.shape[-3:]))
+        return Fusion(self._reader.shape, axes, self.settings.inertial)
 
     @cached_property
     def _influence(self) -> Influence:
@@ -293,7 +295,7 @@ class Hands:
         if state.settling is None or known.tobytes() == state.settling.known.tobytes():
             return told
         found = known & ~state.settling.known
-        if not any_of(found):
+        if not found.any():
             return told
         found &= (state.hidden < NEVER).any(axis=1, keepdims=True)
         kept = np.where((known & ~found)[..., None], filled, np.nan)
@@ -329,7 +331,7 @@ class Hands:
         if not known.any():
             return None
         rotation = observation.rotation.take(place, axis=-2) * self._turned_over
-        return inertial.sense(np.where(known[..., None], rotation, np.nan), self._fusion.about)
+        return inertial.sense(np.where(known[..., None], rotation, np.nan), self._fusion.axes)
 
 
 def natural_pose(hand: Skeleton) -> Pose:

@@ -18,15 +18,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bodysense.body.hand import HAND_JOINTS, joint_bases
-from bodysense.body.registration import moved, to_matrix
-from bodysense.body.rotation import (
-    euler_to_quaternion,
-    quaternion_conjugate,
-    quaternion_multiply,
-    quaternion_rotate,
-    quaternion_to_euler,
-)
+from bodysense.body.hand import HAND_JOINTS, joint_angles, joint_rotations
+from bodysense.body.products import to_matrix
+from bodysense.body.registration import moved
+from bodysense.body.rotation import quaternion_conjugate, quaternion_multiply, quaternion_rotate
 from bodysense.devices.gloves.fingers import HandShape, in_order, reached
 from bodysense.devices.gloves.joints import HandPoses
 from bodysense.errors import BodysenseError
@@ -34,7 +29,6 @@ from bodysense.errors import BodysenseError
 _SEGMENTS = len(HAND_JOINTS) - 1
 # Parent of each segment among the 16: the back of the hand, then the fingers' segments.
 _BEFORE = [0 if joint.endswith("1") else place for place, joint in enumerate(HAND_JOINTS[1:])]
-_HINGE, _SIGNS = np.array([0.0, 0.0, -1.0]), np.array([-1.0, 1.0, 1.0])  # in a joint's own axes (`body.hand`)
 _RETURN = 0.1  # s, half-life of the change where a sensor stops or is found
 
 
@@ -78,27 +72,15 @@ class InertialState(NamedTuple):
     sensed: np.ndarray  # (H, 15) bool
 
 
-def bases(axes: np.ndarray | None, hands: int) -> np.ndarray:
-    """Return rotations (H, 15, 4) from the joints' own axes to the rest frame; `axes` as of `JointReader`."""
-    about = np.array(joint_bases())
-    return np.broadcast_to(about if axes is None else quaternion_multiply(axes, about), (hands, _SEGMENTS, 4))
-
-
-def sense(rotation: np.ndarray, about: np.ndarray) -> Sensed:
+def sense(rotation: np.ndarray, axes: np.ndarray) -> Sensed:
     """Return what sensors measure, from their rotations (…, H, 16, 4), world ← segment, NaN where missing.
 
-    The hands are left ones; `about` as of `bases`.
+    The hands are left ones; `axes` (H, 15, 4, 4) are their joints' own (`hand.own_axes`).
     """
     before = rotation[..., _BEFORE, :]
     local = np.asarray(quaternion_multiply(quaternion_conjugate(before), rotation[..., 1:, :]))
-    axis = quaternion_rotate(before, quaternion_rotate(about, _HINGE))
-    return Sensed(joint_angles(local, about)[..., 0], np.asarray(axis)[..., 1])
-
-
-def joint_angles(local: np.ndarray, about: np.ndarray) -> np.ndarray:
-    """Return flexion, abduction and twist (…, 15, 3) rad of local rotations (…, 15, 4), as in `body.hand`."""
-    own = quaternion_multiply(quaternion_multiply(quaternion_conjugate(about), local), about)
-    return np.asarray(quaternion_to_euler(own, "ZYX")) * _SIGNS
+    axis = quaternion_rotate(before, -axes[..., 3, 1:])  # of flexion, −z
+    return Sensed(joint_angles(local, axes)[..., 0], np.asarray(axis)[..., 1])
 
 
 def markers_sensed(sensed: Sensed, shape: HandShape, like: tuple[int, ...]) -> np.ndarray:
@@ -121,15 +103,15 @@ def joints_hidden(hidden: np.ndarray, shape: HandShape) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class Fusion:
-    """Markers and inertial sensors of H hands; `about` as of `bases`."""
+    """Markers and inertial sensors of H hands; `axes` (H, 15, 4, 4) are their joints' own (`hand.own_axes`)."""
 
     shape: HandShape
-    about: np.ndarray
+    axes: np.ndarray
     settings: InertialSettings = InertialSettings()
 
     def start(self) -> InertialState:
         """Return the state before the first frame."""
-        hands = len(self.about)
+        hands = len(self.axes)
         deviation = np.radians([self.settings.offset, self.settings.heading])
         covariance = np.tile(np.diag(deviation**2), (hands, _SEGMENTS, 1, 1))
         error, turn = (np.zeros((hands, _SEGMENTS, count)) for count in (2, 3))
@@ -148,7 +130,7 @@ class Fusion:
             state: after the frame before.
         """
         lost, present = joints_hidden(hidden, self.shape), np.isfinite(sensed.flexion)
-        solved = joint_angles(poses.rotation[:, 1:], self.about)
+        solved = joint_angles(poses.rotation[:, 1:], self.axes)
         more = _wrapped(np.where(present, sensed.flexion, 0.0) - solved[..., 0])
         facing = np.stack([np.ones_like(more), np.where(present, sensed.vertical, 0.0)], axis=-1)
         error, covariance = self._corrected(state, more, facing, present & (lost == 0), interval)
@@ -165,8 +147,7 @@ class Fusion:
 
     def _turned(self, poses: HandPoses, solved: np.ndarray, turn: np.ndarray) -> HandPoses:
         """Return hands whose joints have the angles `solved` + `turn` (H, 15, 3) rad."""
-        own = euler_to_quaternion((solved + turn) * _SIGNS, "ZYX")
-        local = quaternion_multiply(quaternion_multiply(self.about, own), quaternion_conjugate(self.about))
+        local = joint_rotations(solved + turn, self.axes)
         rotation, still = poses.rotation.copy(), np.asarray(~turn.any(axis=-1))
         rotation[:, 1:] = np.where(still[..., None], rotation[:, 1:], local)
         points = moved(

@@ -14,18 +14,13 @@ from typing import NamedTuple
 import numpy as np
 
 from bodysense.body.glove import ALIGNMENT, Glove, template
+from bodysense.body.hand import default_axes, joint_rotations, own_axes, per_joint
+from bodysense.body.products import multiply
 from bodysense.body.registration import Levers, brought_back, fit, levers, moved
 from bodysense.body.rotation import quaternion_canonical
 from bodysense.body.skeleton import Skeleton
-from bodysense.devices.gloves.fingers import (
-    Aim,
-    HandShape,
-    hand_shape,
-    local_rotations,
-    pointed,
-    turning,
-)
-from bodysense.devices.gloves.networks import HandNetwork, for_hands, known_shapes, size_ratios
+from bodysense.devices.gloves.fingers import Aim, HandShape, hand_shape, pointed
+from bodysense.devices.gloves.networks import HandNetwork, known_shapes, size_ratios
 
 
 class HandPoses(NamedTuple):
@@ -58,16 +53,12 @@ class JointReader:
         return hand_shape(self.hands, self.gloves, self.aim)
 
     @cached_property
-    def _turning(self) -> np.ndarray:
-        return turning(self.calibration, self.axes)
+    def _own_axes(self) -> np.ndarray:
+        return default_axes() if self.axes is None else own_axes(self.axes)
 
     @cached_property
     def _shapes(self) -> np.ndarray:
         return known_shapes(self.hands, self.gloves)
-
-    @cached_property
-    def _network(self) -> HandNetwork:
-        return for_hands(self.model, self._shapes)
 
     @cached_property
     def _ratio(self) -> np.ndarray:
@@ -102,8 +93,9 @@ class JointReader:
 
     def _local(self, own: np.ndarray) -> np.ndarray:
         """Return the network's local rotations (H, 15, 4) for markers (H, 9, 3) m in the hands' axes, calibrated."""
-        return local_rotations(self._angles(own), self._turning)
+        local = joint_rotations(per_joint(self._angles(own)), self._own_axes)
+        return local if self.calibration is None else multiply(local, self.calibration)
 
     def _angles(self, own: np.ndarray) -> np.ndarray:
         single = (own / self._ratio).astype(np.float32)
-        return self._network.run(single.reshape(len(single), -1), self._shapes).astype(float)
+        return self.model.run(single.reshape(len(single), -1), self._shapes).astype(float)

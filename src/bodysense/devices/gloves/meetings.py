@@ -14,7 +14,6 @@ from bodysense.body.capsules import TINY
 from bodysense.body.hand import HAND_JOINTS, Side
 from bodysense.body.hand_capsules import GIVE, NAMES, hand_capsules, own_pairs, point_beyond
 from bodysense.body.skeleton import Skeleton
-from bodysense.devices.gloves.fillers import any_of
 
 COUNT = len(NAMES)
 _LAST = np.array([name.endswith("3") for name in NAMES])
@@ -70,7 +69,7 @@ class HandFlesh:
         world, (one, other) = position * self.flip[:, None], np.array(couples).T
         low, high = world.min(axis=1), world.max(axis=1)
         gap = np.maximum(low[one] - high[other], low[other] - high[one]).max(axis=1)
-        return self._all if any_of(gap < self._thick) else self._own
+        return self._all if (gap < self._thick).any() else self._own
 
     def axes(self, position: np.ndarray) -> np.ndarray:
         """(H · 2C, 3) m: where all capsules lie in the world, for `meet`."""

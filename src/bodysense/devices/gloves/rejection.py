@@ -21,7 +21,7 @@ import numpy as np
 from bodysense.body.glove import ALIGNMENT, Glove, hand_size, template
 from bodysense.body.registration import fit, levers, moved, registered_threes
 from bodysense.body.skeleton import Skeleton
-from bodysense.devices.gloves.fillers import any_of, missing
+from bodysense.devices.gloves.fillers import missing
 from bodysense.errors import BodysenseError
 
 _ONES = np.ones(3)
@@ -98,7 +98,7 @@ class Rejection:
         expected = state.place + (state.place - state.before) * (interval / state.interval)
         limit = 0.577 * (self.settings.tolerance + self.settings.speed * interval)
         far = np.abs(markers - expected) > limit  # NaN compares false
-        if not any_of(far) and False not in state.settled:
+        if not far.any() and False not in state.settled:
             return markers, state
         known = ~missing(markers)
         # A marker that was filled in one of the last two frames has no reliable velocity.
@@ -106,7 +106,7 @@ class Rejection:
         shapes = np.stack([state.place, moving], axis=1)
         markers, doubted, since = markers.copy(), np.full_like(state.doubted, np.nan), np.zeros_like(state.since)
         for hand, settled in enumerate(state.settled):
-            if not settled or any_of(far[hand]):
+            if not settled or far[hand].any():
                 markers[hand], doubted[hand], since[hand] = self._judge(
                     hand, markers[hand], known[hand], shapes[hand], hidden[hand] + interval, interval, state
                 )

@@ -17,9 +17,9 @@ import numpy as np
 
 from bodysense.body.glove import Glove
 from bodysense.body.hand import FINGERS, HAND_JOINTS
-from bodysense.body.products import CONJUGATE
-from bodysense.body.registration import moved, to_matrix
-from bodysense.devices.gloves.fingers import POINT_COUNT, HandShape, in_order, product, reached, shortest_arcs
+from bodysense.body.products import CONJUGATE, multiply, to_matrix
+from bodysense.body.registration import moved
+from bodysense.devices.gloves.fingers import POINT_COUNT, HandShape, in_order, reached, shortest_arcs
 from bodysense.devices.gloves.joints import HandPoses
 
 _OVER = 1e-4  # m; smaller residuals are ignored
@@ -109,7 +109,7 @@ class Settling:
         shown = displaced(told, away, self.shape)
         arc = _back(shown, state.shown, reach)
         if arc is not None:
-            away.turn[:, 1::3] = product(arc, away.turn[:, 1::3])
+            away.turn[:, 1::3] = multiply(arc, away.turn[:, 1::3])
             shown = displaced(told, away, self.shape)
         elif not away.root.any() and not away.turn[..., 1:].any():
             return told, SettlingState(told.position, told.position, known, None, speed)
@@ -118,7 +118,7 @@ class Settling:
 
 def between(shown: HandPoses, told: HandPoses) -> Away:
     """Return the offset of output hands from solved ones."""
-    turn = product(shown.rotation, told.rotation * CONJUGATE)
+    turn = multiply(shown.rotation, told.rotation * CONJUGATE)
     return Away(shown.root - told.root, turn * np.copysign(1.0, turn[..., :1]))
 
 
@@ -137,7 +137,7 @@ def displaced(told: HandPoses, away: Away | None, shape: HandShape) -> HandPoses
     """Apply an offset to hands; the same object if there is no offset."""
     if away is None:
         return told
-    root, rotation = told.root + away.root, product(away.turn, told.rotation)
+    root, rotation = told.root + away.root, multiply(away.turn, told.rotation)
     points = in_order(reached(rotation[:, 1:], shape), shape)
     return HandPoses(root, rotation, moved(points, to_matrix(rotation[:, 0]), root))
 
@@ -146,7 +146,7 @@ def carried(told: HandPoses, away: Away) -> HandPoses:
     """Apply an offset of the back of the hand; fingers keep their solved pose within the hand."""
     root, turn = told.root + away.root, away.turn[:, :1]
     rotation = told.rotation.copy()
-    rotation[:, :1] = product(turn, rotation[:, :1])
+    rotation[:, :1] = multiply(turn, rotation[:, :1])
     own = told.position - told.root[:, None]
     return HandPoses(root, rotation, moved(own, to_matrix(turn[:, 0]), root))
 

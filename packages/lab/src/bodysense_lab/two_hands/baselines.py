@@ -21,7 +21,7 @@ from bodysense.body.rotation import (
     shortest_arc,
 )
 from bodysense.body.skeleton import Skeleton
-from bodysense.devices.gloves.fillers import MARKER_COUNT, any_of, missing
+from bodysense.devices.gloves.fillers import MARKER_COUNT, missing
 
 
 @dataclass(frozen=True)
@@ -107,7 +107,7 @@ class AffineCombination:
         """See `Filler`."""
         hidden = missing(markers)
         known = ~hidden
-        if not any_of(hidden):
+        if not hidden.any():
             return markers, AffineState(markers, known, state.known, state.weights)
         used = known & state.known
         changed = ((known != state.known) | (state.known & ~state.before)).any(axis=1)

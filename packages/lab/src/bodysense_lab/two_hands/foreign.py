@@ -21,7 +21,6 @@ from bodysense.body.hand import FINGERS, hand_skeleton
 from bodysense.body.hand_family import COUNT, GlovedHand, carried_over, draw_hand, hand_of, plain_hand
 from bodysense.body.skeleton import default_skeleton
 from bodysense.devices.gloves.calibration import FEWEST, fit_hand
-from bodysense.devices.gloves.continuity import Continuous
 from bodysense.devices.gloves.fillers import Filler, NetworkFiller
 from bodysense.devices.gloves.hands import GloveModels, HandsSettings
 from bodysense.devices.gloves.networks import (
@@ -33,6 +32,7 @@ from bodysense.devices.gloves.networks import (
 )
 from bodysense.errors import BodysenseError
 from bodysense_lab.synthesis.hands import HandMotion
+from bodysense_lab.two_hands.continuity import Continuous
 from bodysense_lab.two_hands.trials import DURATIONS, KeyedMeans, Trials, cut, finger_error, hide_some, marker_error
 
 FOREIGN, STRANGER, TEMPLATE = "foreign", "stranger", "template"

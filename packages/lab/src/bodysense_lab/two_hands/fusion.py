@@ -16,7 +16,8 @@ import numpy as np
 
 from bodysense.body.glove import ALIGNMENT, MARKERS
 from bodysense.body.hand import FINGERS, FREEDOMS, HAND_JOINTS, rotations_of
-from bodysense.body.registration import moved, to_matrix
+from bodysense.body.products import to_matrix
+from bodysense.body.registration import moved
 from bodysense.body.rotation import quaternion_conjugate, quaternion_multiply
 from bodysense.devices.estimate import PointEstimate
 from bodysense.devices.gloves import inertial

@@ -12,7 +12,6 @@ import numpy as np
 from bodysense.body.hand import FINGERS
 from bodysense.body.hand_family import draw_hand
 from bodysense.body.pose import Pose, forward_kinematics
-from bodysense.devices.gloves.continuity import Continuous
 from bodysense.devices.gloves.fillers import LastShape, NetworkFiller
 from bodysense.devices.gloves.hands import GloveModels, HandsSettings
 from bodysense.devices.gloves.networks import load_joint_network, load_marker_network
@@ -23,6 +22,7 @@ from bodysense_lab.datasets import Census, DataSet, census_of
 from bodysense_lab.spread import spread
 from bodysense_lab.synthesis.hands import HandMotion, hand_motions, synthesize_hand
 from bodysense_lab.two_hands.baselines import AffineCombination, FingerLimits, LastKnown, MovingAverage, solve_fingers
+from bodysense_lab.two_hands.continuity import Continuous
 from bodysense_lab.two_hands.foreign import ForeignModels, foreign_fingers, foreign_markers
 from bodysense_lab.two_hands.trials import (
     DURATIONS,
