@@ -1,6 +1,6 @@
 """The one family of errors that bodysense raises on purpose."""
 
-# What to install, in a clone of the repository, for a package that is not always there.
+# Part of the repository to install, from a clone of it, for each optional package.
 SOURCES = {
     "av": ".[video]",
     "cv2": ".[video]",
@@ -39,7 +39,7 @@ class BodysenseError(Exception):
 
 
 def missing_package(error: ImportError) -> BodysenseError:
-    """What to say where a package is not installed; raises the error itself if nothing of ours brings that package."""
+    """Return the error for a package that is not installed; raise `error` itself if no part of ours installs it."""
     package = (error.name or "").split(".")[0]
     if package not in SOURCES:
         raise error
@@ -47,6 +47,6 @@ def missing_package(error: ImportError) -> BodysenseError:
 
 
 def how_to_install(source: str) -> str:
-    """Say how a part of the repository is installed from a clone of it."""
+    """Return how to install a part of the repository from a clone of it."""
     quoted = f"'{source}'" if "[" in source else source
     return f"in a clone of the repository: pip install -c constraints.txt -e {quoted}"

@@ -65,9 +65,9 @@ def _no_folder(path: Path, reason: str | None) -> BodysenseError:
 
 
 def part_beside(path: Path) -> Path:
-    """The hidden name beside `path` under which this process writes it.
+    """Return the hidden name beside `path` under which this process writes it.
 
-    What killed processes of this machine left in the folder is removed.
+    Removes such files of processes of this machine that were killed.
     """
     import platform
     import shutil
@@ -120,7 +120,7 @@ def check_plain(head: bytes, place: str | Path) -> None:
 def read_text(path: str | Path) -> str:
     """The whole of a text file in UTF-8 or ASCII, with or without a mark at its begin; names keep odd characters.
 
-    Raises BodysenseError, naming the fix, for what is no such text, compressed, or larger than `LARGEST_TEXT`.
+    Raises BodysenseError, naming the fix, for other files, compressed ones, and ones larger than `LARGEST_TEXT`.
     """
     path = Path(path)
     try:

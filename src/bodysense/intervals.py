@@ -14,7 +14,7 @@ SHARE = 0.95  # of the draws lie within an interval
 
 @dataclass(frozen=True)
 class Interval:
-    """A figure, and between what it lies."""
+    """A figure and its confidence interval."""
 
     value: float
     low: float
@@ -22,7 +22,7 @@ class Interval:
 
     @property
     def verdict(self) -> str:
-        """Of a difference of errors: whether it carries."""
+        """Whether a difference of errors is significant: 'worse', 'better', 'none' or 'unknown'."""
         if math.isnan(self.low):
             return "unknown"
         return "none" if self.low <= 0 <= self.high else "worse" if self.value > 0 else "better"

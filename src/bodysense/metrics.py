@@ -1,4 +1,4 @@
-"""Metrics, one definition each. Positions in metres go in; what comes out says its unit."""
+"""Metrics, one definition each, of positions in metres; each gives its own unit."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def velocity_error(predicted: np.ndarray, truth: np.ndarray, frame_rate: float) 
 
 
 def jitter(position: np.ndarray, frame_rate: float) -> float:
-    """Mean jerk, 10² m/s³: (T, P, 3). Depends on the frame rate; show the truth's beside it."""
+    """Mean jerk, 10² m/s³: (T, P, 3). Depends on the frame rate; compare it with the truth's."""
     return float(vector_length(np.diff(position, 3, axis=0)).mean() * frame_rate**3 / 100)
 
 

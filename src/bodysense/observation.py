@@ -60,7 +60,7 @@ _LOW, _STANDING, _UPRIGHT = (
 
 @dataclass(frozen=True, eq=False)
 class Observation:
-    """What was tracked: named points over time, world frame (+Y up, metres). Hidden values are NaN."""
+    """Named points over time as they were tracked, world frame (+Y up, metres). Hidden values are NaN."""
 
     points: tuple[str, ...]  # joint or end-site names, 'head' for the headset's wearer, marker names …
     position: np.ndarray  # (..., T, P, 3) m, world
@@ -70,7 +70,7 @@ class Observation:
     accuracy: np.ndarray  # (..., T, P) m, expected error of a measured position
     time: np.ndarray  # (T,) s, increasing; from any origin
     # (..., T, P, 3) m/s², world, without gravity, of inertial sensors strapped along the bones that begin at their
-    # points; NaN where there is none, None where no point has one.
+    # points. NaN: missing; None: no point has one.
     acceleration: np.ndarray | None = None
 
     def __getitem__(self, key: slice) -> Observation:
@@ -392,7 +392,7 @@ def _refuse(observation: Observation, name: str, farthest: float) -> None:
 def check_order(time: float, before: float | None, name: str) -> None:
     """Raise BodysenseError, beginning with `name`, unless a frame at `time` s may follow one at `before` s.
 
-    None or NaN: there was no frame before.
+    `before` is None or NaN for the first frame.
     """
     if before is not None and isnan(before):
         before = None
@@ -438,7 +438,7 @@ def concatenated_frames(parts: Sequence[Observation]) -> Observation:
 
 
 def without_gloves(observation: Observation) -> Observation:
-    """The same without the markers of gloves."""
+    """Return the observation without the markers of gloves."""
     return chosen_points(observation, [k for k, name in enumerate(observation.points) if not glove_marker(name)])
 
 

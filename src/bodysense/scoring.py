@@ -117,7 +117,7 @@ KNOWN: tuple[Literal["world", "head", "heading"], ...] = (
     "heading",
 )  # frames of the last-known baselines
 MAIN = ("sit", "talk_gesture", "conversation", "everyday", "locomotion")  # what a headset's wearer does
-# Of either side.
+# Scored joints of both sides.
 UNOC_EVAL_JOINTS = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle", "foot")
 GROUPS = ("main", "sport", "dance", "other")  # the categories that are scored together
 
@@ -217,8 +217,8 @@ def part_errors(
 ) -> dict[str, tuple[np.ndarray, list[int]]]:
     """Errors (T, N), cm, of every part of the body, and which N points it has: positions (T, P, 3) m in one frame.
 
-    Fingers are measured from their wrist, but where they count together with the body; where there are none they and
-    what has them are left out.
+    Fingers are measured from their wrist, except in parts that include the body. Without fingers, these parts are
+    omitted.
     """
     finger, tested = np.flatnonzero(skeleton.wrist_of >= 0).tolist(), scored_points(skeleton)
     wrist = skeleton.wrist_of[finger]

@@ -26,10 +26,10 @@ __all__ = ["Estimate", "Tracker", "TrackerSettings", "TrackerState", "step_toget
 
 @dataclass(frozen=True)
 class TrackerSettings:
-    """What the world is like and how the body moves."""
+    """Settings of the world and of the body's motion."""
 
     floor: float = 0.0  # m, height of the floor
-    hold_feet: bool = True  # feet that stand are held, and none is under the floor
+    hold_feet: bool = True  # standing feet are held still, and feet stay above the floor
     infer: bool = True  # unknown proportions, and how trackers are worn, are inferred from what is tracked
     ease: float = 0.25  # s in which a point that is seen again is reached; 0: at once
     longest_gap: float = 1.0  # s without frames after which motion starts anew
@@ -82,7 +82,7 @@ class TrackerState:
         return core.contradicts_height(self.memory[k])
 
     def with_people(self, people: Sequence[Person]) -> TrackerState:
-        """The same evidence and motion after more became known of the people.
+        """Return the state with more known about the people; evidence and motion are unchanged.
 
         The body in use grows toward what is believed now, and is used at once if all of it is known. Mountings that
         were learned are kept if the person's are unchanged, else they start anew.
@@ -118,7 +118,7 @@ class Tracker:
 
     @cached_property
     def people(self) -> tuple[Person, ...]:
-        """Who is tracked."""
+        """The tracked people."""
         return (self.person,) if isinstance(self.person, Person) else tuple(self.person)
 
     @cached_property

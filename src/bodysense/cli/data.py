@@ -35,10 +35,10 @@ def info(
     json: Path | None = None,
     reading: Reading = AS_FOUND,
 ) -> None:
-    """Say what a motion file or a folder of them holds, and how each file was read.
+    """Describe a motion file or a folder of them, and how each file was read.
 
-    Of each file: rig, unit, upward axis, floor, frame rate, what is missing, how sure that is. What cannot be read is
-    skipped, counted and given with the reason.
+    For each file: rig, unit, upward axis, floor, frame rate, missing joints, and confidence. Files that cannot be read
+    are skipped, counted and listed with the reason.
 
     Args:
         place: a motion file (.bvh, AMASS or SMPL .npz, .npy, .glb, .gltf, .vrma), markers (.c3d, .trc, .tsv, .csv), a

@@ -21,7 +21,7 @@ def packaged_performance() -> Clip:
 
 
 def performance_of_stranger() -> Clip:
-    """The same on proportions that no network was trained on."""
+    """Return the packaged performance on proportions that no network was trained on."""
     from bodysense.body.retarget import retargeted
     from bodysense.body.shape import sample_bodies
 

@@ -27,7 +27,7 @@ _FAR, _TINY = np.float32(1e3), np.float32(1e-37)  # stand for never met, and kee
 
 @dataclass(frozen=True, eq=False)
 class BodyRenderer:
-    """What stays the same from picture to picture: the rays of the camera and where they meet the floor."""
+    """Constants of all pictures: the rays of the camera and the points where they meet the floor."""
 
     camera: FollowingCamera
 

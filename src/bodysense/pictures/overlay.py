@@ -1,4 +1,4 @@
-"""The completed body drawn over the video it comes from, and beside it, as a video."""
+"""Videos of a completed body: over its source video on the left, from the side on the right."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _DISC = (20, 24, 28)
 NUMBERED = 2.0  # s of a video in which people's numbers are displayed
 _FINE = 2  # samples a pixel, across and down, of what is drawn
 _WALL, _FLOOR, _LINE, _INK = (233, 237, 241), (212, 214, 217), (178, 183, 188), (70, 80, 90)
-_TURN = np.radians(28.0)  # from which side the body beside the video is seen
+_TURN = np.radians(28.0)  # direction from which the body on the right is seen
 _AWAY, _EYE, _AIM, _SHOWN = 4.2, 1.5, 0.88, 2.2  # m, for a body of 1.7 m: distance, heights, height of the picture
 _ROUND = ((1.0, 0.72), (0.74, 0.9), (0.42, 1.06))  # share of a link's radius, brightness: from its edge to its ridge
 _LAMP = np.array([-0.35, -0.6])  # by how much of a radius the ridge lies toward the lamp, across and down
@@ -110,7 +110,7 @@ def numbered(pixels: np.ndarray, people: Sequence[PersonTrack]) -> np.ndarray:
 
 
 def side_by_side(pixels: np.ndarray, pose: Pose, camera: Camera) -> np.ndarray:
-    """(H, W′, 3) uint8, even sizes: a picture with a body in the room over it, and the body beside it, from its left.
+    """Draw a body over a picture, and on its right the body seen from its left: (H, W′, 3) uint8, even sizes.
 
     `pixels` (H, W, 3) are what `camera` sees.
     """
