@@ -1,4 +1,4 @@
-"""Arrays in .npz and .npy files, measured before they are unpacked, and numbers that are any. Nothing is unpickled."""
+"""Arrays in .npz and .npy files, measured before they are unpacked. Nothing is unpickled."""
 
 from __future__ import annotations
 
@@ -15,15 +15,8 @@ from bodysense.errors import BodysenseError
 FREE = 256 << 20  # bytes that any archive may unpack to
 RATIO = 50  # beyond them: how many times its own size
 LARGEST = 16 << 30  # bytes of all arrays together
-HUGE = 1e9  # of an angle in any unit, or a place: what is larger is damage
 _HEADER = 1 << 16  # bytes within which an array begins
 _MAGIC = b"\x93NUMPY"
-
-
-def sound(values: np.ndarray) -> np.ndarray:
-    """Which numbers are any: finite, and not so large that no place and no angle is."""
-    with np.errstate(invalid="ignore"):
-        return np.abs(values) <= HUGE
 
 
 def read_arrays(path: str | Path, keys: Sequence[str] | None = None) -> dict[str, np.ndarray]:

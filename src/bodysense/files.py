@@ -9,9 +9,12 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+import numpy as np
+
 from bodysense.errors import BodysenseError
 
 LARGEST_TEXT = 1 << 30  # bytes of a text that is read whole
+HUGE = 1e9  # larger angles (any unit) and positions are damage
 _GZIP = b"\x1f\x8b"
 _UTF16 = (b"\xff\xfe", b"\xfe\xff")
 _ZIP = b"PK\x03\x04"
@@ -103,6 +106,28 @@ def written_beside(path: str | Path) -> Iterator[Path]:
         beside.unlink(missing_ok=True)
 
 
+def read_bytes(path: str | Path, largest: int = LARGEST_TEXT, fix: str = "cut it in parts") -> bytes:
+    """Return the content of a file of at most `largest` bytes.
+
+    Raises BodysenseError if it is larger, with the fix, if it is empty or if it cannot be read.
+    """
+    try:
+        if Path(path).stat().st_size > largest:
+            raise BodysenseError(f"{path}: larger than {largest / 2**30:g} GiB; {fix}")
+        data = Path(path).read_bytes()
+    except OSError as error:
+        raise BodysenseError(f"{path}: cannot be read ({error.strerror})") from None
+    if not data:
+        raise BodysenseError(f"{path}: the file is empty; copy or export it again")
+    return data
+
+
+def sound(values: np.ndarray) -> np.ndarray:
+    """Return which numbers are finite and at most `HUGE`."""
+    with np.errstate(invalid="ignore"):
+        return np.abs(values) <= HUGE
+
+
 def check_plain(head: bytes, place: str | Path) -> None:
     """Raise BodysenseError, with the fix, for the first bytes of a file that is compressed or in UTF-16."""
     name = Path(place).name
@@ -122,16 +147,7 @@ def read_text(path: str | Path) -> str:
 
     Raises BodysenseError, naming the fix, for other files, compressed ones, and ones larger than `LARGEST_TEXT`.
     """
-    path = Path(path)
-    try:
-        size = path.stat().st_size
-        if size > LARGEST_TEXT:
-            raise BodysenseError(
-                f"{path}: {size / 2**30:.1f} GiB of text; at most {LARGEST_TEXT >> 30} GiB are read: cut it in parts"
-            )
-        data = path.read_bytes()
-    except OSError as error:
-        raise BodysenseError(f"{path}: cannot be read ({error.strerror})") from None
+    data = read_bytes(path)
     check_plain(data[:64], path)
     try:
         return data.decode("utf-8-sig")

@@ -60,7 +60,7 @@ _LOW, _STANDING, _UPRIGHT = (
 
 @dataclass(frozen=True, eq=False)
 class Observation:
-    """Named points over time as they were tracked, world frame (+Y up, metres). Hidden values are NaN."""
+    """Tracked points by name over time, in the world (+Y up, metres). Hidden values are NaN."""
 
     points: tuple[str, ...]  # joint or end-site names, 'head' for the headset's wearer, marker names …
     position: np.ndarray  # (..., T, P, 3) m, world

@@ -11,12 +11,12 @@ from typing import Literal
 import numpy as np
 
 from bodysense.arrays import array_shapes, conversion
-from bodysense.body.glove import glove_hands
-from bodysense.body.hand import Side, hand_skeleton
+from bodysense.body.hand import Side, glove_hands, hand_skeleton
 from bodysense.body.skeleton import default_skeleton
 from bodysense.devices.gloves.labelling import Labeller
 from bodysense.devices.video.pictures import is_video
 from bodysense.errors import BodysenseError
+from bodysense.files import read_bytes
 from bodysense.filling import PartialMotion, open_partial
 from bodysense.io.archive import ZIP, MotionFile
 from bodysense.io.clip import Clip
@@ -232,7 +232,8 @@ def _read_motion(path: Path, options: ReadingOptions, rate: float | None) -> tup
     if path.suffix.lower() == ".npz":
         clip, placement = read_amass_source(MotionEntry(path, person="", split="test"), options)
         return clip, () if placement is None else (f"note: {placement.remark}",)
-    rigged = read_rigged(MotionFile(path).read(), path, options)
+    data = MotionFile(path).read() if path.suffix.lower() == ZIP else read_bytes(path)
+    rigged = read_rigged(data, path, options)
     return rigged.clip, (f"read {path}: {rigged.rig.line()}",)
 
 

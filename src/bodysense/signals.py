@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from bodysense.body.glove import glove_hands
+from bodysense.body.hand import glove_hands
 from bodysense.body.person import Person
 from bodysense.devices.gloves.device import calibrated_hands, has_standard_gloves
 from bodysense.devices.simulated.device import DEVICES, Device, simulate

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from bodysense.body.glove import glove_hands
+from bodysense.body.hand import glove_hands
 from bodysense.body.person import Person
 from bodysense.body.pose import Pose, forward_kinematics, standing_pose
 from bodysense.body.rotation import quaternion_to_matrix

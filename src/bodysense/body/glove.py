@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass, field
 from functools import lru_cache
 
@@ -113,11 +112,6 @@ def standard_marker(point: str) -> tuple[str, str] | None:
     """Return hand and marker as `glove_marker`, for the standard set only."""
     found = glove_marker(point)
     return found if found and found[1] in MARKERS else None
-
-
-def glove_hands(points: Iterable[str]) -> tuple[str, ...]:
-    """Return the hands whose markers are among the points, in order of first mention."""
-    return tuple(dict.fromkeys(found[0] for found in map(glove_marker, points) if found))
 
 
 def side_of(hand: str) -> Side:

@@ -10,6 +10,7 @@ every other joint flexion alone: 5 · 3 + 1 + 2 + 8 = 26.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Literal
@@ -226,3 +227,8 @@ def glove_marker(point: str) -> tuple[str, str] | None:
     """Return the hand and the marker, of any set, in a point's name; None if the point is not a marker of a glove."""
     hand, _, marker = point.partition("_glove_")
     return (hand, marker) if marker and hand.startswith(("left", "right")) else None
+
+
+def glove_hands(points: Iterable[str]) -> tuple[str, ...]:
+    """Return the hands whose markers are among the points, in order of first mention."""
+    return tuple(dict.fromkeys(found[0] for found in map(glove_marker, points) if found))

@@ -14,7 +14,7 @@ SIDES = ("left", "right")
 
 def check_gloves_of(observation: Observation, place: Path) -> None:
     """Look at the gloves of a recording; prints what is doubtful."""
-    from bodysense.body.glove import glove_hands
+    from bodysense.body.hand import glove_hands
     from bodysense.io.markers.checks import check_gloves
 
     others = [hand for hand in glove_hands(observation.points) if hand not in SIDES]

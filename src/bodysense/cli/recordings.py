@@ -54,7 +54,7 @@ def open_recorded(
 
     `fingers` are to be synthesized, which those of gloves are not.
     """
-    from bodysense.body.glove import glove_hands
+    from bodysense.body.hand import glove_hands
     from bodysense.open import MarkerSource, RecordingSource, open_source
 
     opened = open_source(file, reading, markers)

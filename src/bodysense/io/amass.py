@@ -13,12 +13,13 @@ from typing import Any
 
 import numpy as np
 
-from bodysense.arrays import read_arrays, sound
+from bodysense.arrays import read_arrays
 from bodysense.body.pose import Pose
 from bodysense.body.rotation import quaternion_canonical, quaternion_exp, quaternion_multiply, quaternion_rotate
 from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.body.world_axes import TURNS
 from bodysense.errors import BodysenseError
+from bodysense.files import sound
 from bodysense.io.clip import Clip
 from bodysense.io.fingers import with_fingers
 

@@ -13,6 +13,7 @@ from typing import IO
 
 from bodysense.arrays import check_member
 from bodysense.errors import BodysenseError
+from bodysense.files import read_bytes
 
 SUFFIXES = (".bvh", ".npz")  # of files on disk; in a zip file only .bvh is looked for
 ZIP = ".zip"
@@ -42,8 +43,8 @@ class MotionFile:
 
     def read(self) -> bytes:
         """Return all its bytes. Raises BodysenseError, naming the file, if it cannot be read or is empty."""
-        if not self.member and self.path.is_file() and self.path.stat().st_size == 0:
-            raise BodysenseError(f"{self.path}: the file is empty; copy or export it again")
+        if not self.member and self.path.suffix.lower() != ZIP:
+            return read_bytes(self.path)
         with self._opened() as stream:
             return stream.read()
 

@@ -14,7 +14,7 @@ from bodysense.body.pose import Pose
 from bodysense.body.rotation import quaternion_canonical, quaternion_to_euler
 from bodysense.body.skeleton import Skeleton
 from bodysense.errors import BodysenseError
-from bodysense.files import written_beside
+from bodysense.files import read_bytes, written_beside
 from bodysense.io.bvh_text import parse_bvh
 from bodysense.io.clip import Clip
 from bodysense.io.rigs.figure import Figure
@@ -32,10 +32,7 @@ def read_bvh(path: str | Path, unit: float = 0.01) -> Clip:
     Raises BodysenseError, naming the file, what is wrong and the fix, for anything that is not such a file.
     """
     path = Path(path)
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise BodysenseError(f"{path}: cannot be read ({error.strerror})") from None
+    data = read_bytes(path)
     file = parse_bvh(data, path)
     if len(file.roots) > 1:
         names = ", ".join(file.nodes[root].name for root in file.roots)

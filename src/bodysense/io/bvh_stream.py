@@ -16,13 +16,12 @@ from typing import TextIO
 
 import numpy as np
 
-from bodysense.arrays import sound
 from bodysense.body.gaps import runs
 from bodysense.body.pose import Pose
 from bodysense.body.rotation import euler_to_quaternion, quaternion_canonical, quaternion_to_euler, slerp, swing_twist
 from bodysense.body.skeleton import Skeleton
 from bodysense.errors import BodysenseError
-from bodysense.files import check_plain, written_beside
+from bodysense.files import check_plain, read_bytes, sound, written_beside
 from bodysense.io.bvh import hierarchy_text, motion_text
 from bodysense.io.bvh_text import parse_bvh, with_plain_nan
 
@@ -240,10 +239,7 @@ class BvhLines:
 def open_bvh(path: str | Path) -> BvhLines:
     """Read a BVH file. Raises BodysenseError, naming the file and the fix, for anything else."""
     path = Path(path)
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise BodysenseError(f"{path}: cannot be read ({error.strerror})") from None
+    data = read_bytes(path)
     check_plain(data[:64], path)
     timing = _TIMING.search(data)
     frames = int(timing[1]) if timing else 0

@@ -10,10 +10,9 @@ from pathlib import Path
 
 import numpy as np
 
-from bodysense.arrays import HUGE, sound
 from bodysense.body.rotation import euler_to_quaternion, quaternion_canonical
 from bodysense.errors import BodysenseError
-from bodysense.files import check_plain
+from bodysense.files import HUGE, check_plain, sound
 from bodysense.io.rigs.figure import Figure, placed
 
 _BLOCK = 256  # frames that are converted at once

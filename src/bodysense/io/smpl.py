@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from bodysense.arrays import array_shapes, read_array, read_arrays, sound
+from bodysense.arrays import array_shapes, read_array, read_arrays
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.rotation import (
     matrix_to_quaternion,
@@ -24,6 +24,7 @@ from bodysense.body.rotation import (
 from bodysense.body.shape import stature
 from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.errors import BodysenseError
+from bodysense.files import sound
 from bodysense.io.amass import read_shape
 from bodysense.io.body_model import model_for
 from bodysense.io.clip import Clip

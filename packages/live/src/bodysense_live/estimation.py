@@ -9,7 +9,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from bodysense.body.glove import glove_hands
+from bodysense.body.hand import glove_hands
 from bodysense.body.hand_family import GlovedHand
 from bodysense.body.person import Person
 from bodysense.body.skeleton import Skeleton

@@ -15,9 +15,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bodysense.body.glove import MARKERS, glove_hands, side_of
+from bodysense.body.glove import MARKERS, side_of
 from bodysense.body.glove_set import GloveSet, packaged_sets
-from bodysense.body.hand import FINGERTIPS, HAND_JOINTS, Side, glove_marker, hand_skeleton, mirrored_vectors
+from bodysense.body.hand import (
+    FINGERTIPS,
+    HAND_JOINTS,
+    Side,
+    glove_hands,
+    glove_marker,
+    hand_skeleton,
+    mirrored_vectors,
+)
 from bodysense.body.hand_family import GlovedHand, plain_hand
 from bodysense.body.pose import forward_kinematics
 from bodysense.body.rotation import quaternion_conjugate, quaternion_multiply

@@ -15,7 +15,7 @@ from urllib.parse import unquote
 import numpy as np
 
 from bodysense.errors import BodysenseError
-from bodysense.files import LARGEST_TEXT, check_plain
+from bodysense.files import LARGEST_TEXT, check_plain, read_bytes
 
 MOST_NODES = 5000
 _JSON, _BINARY = 0x4E4F534A, 0x004E4942
@@ -95,12 +95,7 @@ class GltfFile:
 
 def open_gltf(path: Path) -> GltfFile:
     """Open a file. Raises BodysenseError if it is not glTF, cut short, or has buffers outside its folder."""
-    try:
-        if path.stat().st_size > LARGEST_TEXT:
-            raise BodysenseError(f"{path}: larger than {LARGEST_TEXT >> 30} GiB; export the skeleton without meshes")
-        data = path.read_bytes()
-    except OSError as error:
-        raise BodysenseError(f"{path}: cannot be read ({error.strerror})") from None
+    data = read_bytes(path, fix="export the skeleton without meshes")
     check_plain(data[:64] if data[:4] != b"glTF" else b"", path)
     text, binary = _chunks(path, data) if data[:4] == b"glTF" else (data, b"")
     try:

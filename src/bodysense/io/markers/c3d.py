@@ -14,9 +14,8 @@ from pathlib import Path
 
 import numpy as np
 
-from bodysense.arrays import sound
 from bodysense.errors import BodysenseError
-from bodysense.files import written_beside
+from bodysense.files import read_bytes, sound, written_beside
 from bodysense.io.markers.raw_markers import RawMarkers, Unit
 from bodysense.observation import Observation
 
@@ -238,12 +237,7 @@ class PointBlock:
 
 def _opened(path: Path) -> tuple[bytes, Parameters, int]:
     """Return a file's bytes, its parameters and the processor that wrote it."""
-    try:
-        if path.stat().st_size > _LARGEST:
-            raise BodysenseError(f"{path}: larger than {_LARGEST >> 30} GiB; export the trajectories alone")
-        data = path.read_bytes()
-    except OSError as error:
-        raise BodysenseError(f"{path}: cannot be read ({error.strerror})") from None
+    data = read_bytes(path, _LARGEST, "export the trajectories alone")
     if len(data) < BLOCK or data[1] != _KEY:
         raise BodysenseError(f"{path}: not a C3D file; export it again")
     parameters, order = read_parameters(path, data)

@@ -7,8 +7,8 @@ from itertools import combinations
 
 import numpy as np
 
-from bodysense.body.glove import ALIGNMENT, MARKERS, default_glove, glove_hands, glove_points, side_of, template
-from bodysense.body.hand import hand_skeleton, mirrored_vectors
+from bodysense.body.glove import ALIGNMENT, MARKERS, default_glove, glove_points, side_of, template
+from bodysense.body.hand import glove_hands, hand_skeleton, mirrored_vectors
 from bodysense.body.hand_family import hand_shapes, marker_ranges, unlikeness
 from bodysense.body.registration import register
 from bodysense.body.skeleton import default_skeleton

@@ -23,9 +23,8 @@ from pathlib import Path
 
 import numpy as np
 
-from bodysense.arrays import sound
 from bodysense.errors import BodysenseError
-from bodysense.files import read_text
+from bodysense.files import read_text, sound
 from bodysense.io.markers.raw_markers import AXES, Cells, RawMarkers
 from bodysense.io.markers.text import Rows, cells_of, markers_of, numbered, numbers, rate_of, unit_of, whole
 

@@ -16,9 +16,8 @@ from pathlib import Path
 
 import numpy as np
 
-from bodysense.arrays import sound
 from bodysense.errors import BodysenseError
-from bodysense.files import read_text, written_beside
+from bodysense.files import read_text, sound, written_beside
 from bodysense.io.markers.raw_markers import Cells, RawMarkers, Unit
 from bodysense.observation import Observation
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from bodysense.arrays import read_arrays
-from bodysense.body.glove import glove_hands
+from bodysense.body.hand import glove_hands
 from bodysense.devices.gloves.device import GloveDevice, glove_device, gloved_sides, has_standard_gloves
 from bodysense.devices.gloves.hands import GloveModels, HandsSettings, load_glove_models
 from bodysense.devices.gloves.networks import GloveNetwork, load_joint_network, load_marker_network
