@@ -11,7 +11,7 @@ from bodysense.body.retarget import retargeted
 from bodysense.body.shape import sample_bodies
 from bodysense.body.skeleton import BODY, default_skeleton
 from bodysense.demo import packaged_performance
-from bodysense.devices.simulated.sensors import SENSOR_SETS, observe
+from bodysense.devices.simulated.sensors import THREE_POINT, observe
 from bodysense.io.clip import Clip
 from bodysense.observation import Observation
 from bodysense.tracker import Tracker
@@ -68,7 +68,7 @@ def test_the_rest_of_a_body_moves_on_where_a_hand_is_found_again() -> None:
     ratios = []
     for body in (1, 2):
         clip = performance(body, 600)
-        observation = observe(clip.pose, clip.time, SENSOR_SETS["three_point"])
+        observation = observe(clip.pose, clip.time, THREE_POINT)
         rest = clip.pose.skeleton.indices(["pelvis", "spine1", *(f"left_{n}" for n in ("hip", "knee", "ankle"))])
         found = np.arange(50, 590, 40)
         for side in ("left", "right"):

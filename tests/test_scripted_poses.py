@@ -11,7 +11,7 @@ from bodysense.body.rotation import geodesic_angle, quaternion_exp, quaternion_m
 from bodysense.body.shape import sample_bodies
 from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.demo import performance_of_stranger
-from bodysense.devices.simulated.sensors import SENSOR_SETS, observe
+from bodysense.devices.simulated.sensors import SENSOR_SETS, THREE_POINT, observe
 from bodysense.io.recording import Recording
 from bodysense.take import track
 from bodysense.tracker import Tracker, TrackerSettings
@@ -148,7 +148,7 @@ def test_a_wearer_who_waves_stands_with_straight_knees():
     """Both feet rest while an arm waves: feet that floated by 2 cm bent the knees by 10° more."""
     clip = performance_of_stranger()
     skeleton, waves = clip.pose.skeleton, slice(round(7 * clip.frame_rate), round(8 * clip.frame_rate))
-    seen = observe(clip.pose, np.arange(len(clip)) / clip.frame_rate, SENSOR_SETS["three_point"])
+    seen = observe(clip.pose, np.arange(len(clip)) / clip.frame_rate, THREE_POINT)
     shown = track(Recording(seen, skeleton), person=Person(skeleton)).clip.pose
     knees = skeleton.indices(["left_knee", "right_knee"])
     bent, truly = (

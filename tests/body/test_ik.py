@@ -384,50 +384,6 @@ def test_positions_and_orientations_that_disagree_are_weighed() -> None:
     assert angles[2] < 1
 
 
-# Limits
-
-LIMITED = InverseKinematics(BODY, IkSettings(limits=True, max_iterations=100))
-
-
-@pytest.mark.parametrize(
-    ("joint", "turn"),
-    [("left_knee", (-60, 0, 0)), ("right_elbow", (0, -70, 0)), ("left_index2", (0, 0, 80)), ("head", (-80, 0, 0))],
-)
-def test_limits_keep_joints_in_range(joint: str, turn: tuple[float, float, float]) -> None:
-    target = points(bent(**{joint: turn}))
-    index = BODY.index(joint)
-    table = posture(BODY)
-    axis = int(np.argmax(np.abs(turn)))
-    free = quaternion_log(IK.solve(target)[0].rotation)[index]
-    assert np.degrees(np.abs(free - np.radians(turn))).max() < 1
-    kept = quaternion_log(LIMITED.solve(target)[0].rotation)[index]
-    slack = np.radians(1)
-    assert table.low[index, axis] - slack < kept[axis] < table.high[index, axis] + slack
-
-
-def test_limits_do_not_touch_a_body_within_them() -> None:
-    target = points(bent(left_elbow=(0, -90, 0), right_knee=(80, 0, 0), left_hip=(-60, 0, 0), head=(0, 30, 0)))
-    _, state = LIMITED.solve(target)
-    assert distance(state.position, target) < 1e-3
-
-
-def test_limits_hold_on_every_converged_frame() -> None:
-    rng = np.random.default_rng(12)
-    table = posture(BODY)
-    low, high = 2 * np.sin(table.low / 2), 2 * np.sin(table.high / 2)
-    ik = InverseKinematics(BODY, IkSettings(limits=True))
-    state, converged = None, 0
-    for _ in range(40):
-        turn = table.relaxed + rng.normal(0, 0.15, table.relaxed.shape)
-        _, state = ik.solve(points(Pose(BODY, np.zeros(3), quaternion_exp(turn))), state=state)
-        if state.converged:
-            converged += 1
-            turned = 2 * state.body.local_rotation[:, 1:]
-            assert (turned > low - 0.01).all()
-            assert (turned < high + 0.01).all()
-    assert converged > 15
-
-
 # Any skeleton
 
 

@@ -14,7 +14,7 @@ from bodysense.body.glove import glove_points
 from bodysense.body.hand import FREEDOMS, HAND_JOINTS, angles_of, mirrored_rotations
 from bodysense.body.pose import forward_kinematics
 from bodysense.devices.gloves import device, hands
-from bodysense.devices.simulated import three_point
+from bodysense.devices.simulated import sensors
 from bodysense.devices.simulated.glove import observe
 from bodysense.devices.simulated.noise import hide
 from bodysense.io.bvh import read_bvh
@@ -101,8 +101,7 @@ def test_gloves_are_simulated(tmp_path: Path, motion: Path, run: Command, ending
 def test_a_headset_and_gloves(
     tmp_path: Path, short_clip: Clip, gloves: Observation, motion: Path, run: Command
 ) -> None:
-    head = three_point.observe(short_clip.pose, short_clip.time, three_point.ThreePoint(hands=False))
-    head = chosen_points(head, [0])
+    head = sensors.observe(short_clip.pose, short_clip.time, sensors.SENSOR_SETS["head"])
     fields = ("position", "rotation", "has_position", "has_rotation", "accuracy")
     joined = {name: np.concatenate([getattr(head, name), getattr(gloves, name)], axis=1) for name in fields}
     both = Observation(points=(*head.points, *gloves.points), time=head.time, **joined)

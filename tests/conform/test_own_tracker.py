@@ -7,7 +7,7 @@ import numpy as np
 from bodysense.body.person import Person
 from bodysense.body.shape import sample_bodies
 from bodysense.body.skeleton import default_skeleton
-from bodysense.devices.simulated.sensors import SENSOR_SETS, observe
+from bodysense.devices.simulated.sensors import THREE_POINT, observe
 from bodysense.tracker import Tracker
 from bodysense_conform.evaluate import find
 from bodysense_conform.table import table
@@ -35,7 +35,7 @@ def test_who_sits_with_hands_in_the_lap_has_feet_on_the_floor_by_head_and_hands_
     )
     pose = planted(skeleton, rotation)
     tracker = Tracker(Person(skeleton))
-    seen = observe(pose, np.arange(len(rotation)) / RATE, SENSOR_SETS["three_point"])
+    seen = observe(pose, np.arange(len(rotation)) / RATE, THREE_POINT)
     found = tracker.step(seen, tracker.start())[0].pose
     subject = given_out(found, steps)
     sitting = [check for check in table().checks if check.group == "sit"]

@@ -19,7 +19,7 @@ import pytest
 
 import bodysense as bs
 from bodysense.completion.model import PACKAGED
-from bodysense.devices.simulated.sensors import SENSOR_SETS, observe
+from bodysense.devices.simulated.sensors import THREE_POINT, observe
 from bodysense.io.clip import Clip
 from bodysense.io.recording import Recording
 
@@ -91,7 +91,7 @@ def test_the_library_for_arm(script: dict[str, Any], waving_clip: Clip, tmp_path
     """It makes of a recording what this machine's makes, run in an emulator."""
     arm = target(script, "linux-arm64")
     library = script["build_library"](arm, tmp_path / "libbodysense.so")
-    seen = observe(waving_clip.pose, waving_clip.time, SENSOR_SETS["three_point"])
+    seen = observe(waving_clip.pose, waving_clip.time, THREE_POINT)
     bs.write(tmp_path / "seen.jsonl", Recording(seen, waving_clip.pose.skeleton, known=False))
     zig = [*script["ZIG"], "-target", arm.zig, "-std=c11", f"-I{ROOT / 'core' / 'include'}"]
     source = ROOT / "core" / "examples" / "poses.c"

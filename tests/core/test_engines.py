@@ -12,7 +12,7 @@ import pytest
 
 import bodysense as bs
 from bodysense.completion.model import PACKAGED
-from bodysense.devices.simulated.sensors import SENSOR_SETS, observe
+from bodysense.devices.simulated.sensors import THREE_POINT, observe
 from bodysense.io.clip import Clip
 from bodysense.io.recording import Recording, read_recording
 
@@ -97,7 +97,7 @@ def rows(printed: str) -> np.ndarray:
 def recording(waving_clip: Clip, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A recording of head and hands."""
     path = tmp_path_factory.mktemp("recording") / "seen.jsonl"
-    seen = observe(waving_clip.pose, waving_clip.time, SENSOR_SETS["three_point"])
+    seen = observe(waving_clip.pose, waving_clip.time, THREE_POINT)
     bs.write(path, Recording(seen, waving_clip.pose.skeleton, known=False))
     return path
 

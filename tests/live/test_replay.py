@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ import pytest
 from bodysense.body.person import Person
 from bodysense.body.pose import Pose, standing_pose
 from bodysense.body.skeleton import default_skeleton
-from bodysense.devices.simulated.three_point import ThreePoint, observe
+from bodysense.devices.simulated.sensors import THREE_POINT, observe
 from bodysense.errors import BodysenseError
 from bodysense.io.protocol import SignalFrame, read_signal, write_signal
 from bodysense_live.messages import Replay
@@ -20,7 +21,11 @@ from bodysense_live.replay import Playable, Player
 def playable(frames: int, rate: float, hands: bool = True) -> Playable:
     skeleton, standing = default_skeleton(), standing_pose(default_skeleton())
     pose = Pose(skeleton, np.tile(standing.root_position, (frames, 1)), np.tile(standing.rotation, (frames, 1, 1)))
-    return Playable(observe(pose, 5 + np.arange(frames) / rate, ThreePoint(hands=hands)), Person(skeleton), pose)
+    seen = observe(pose, 5 + np.arange(frames) / rate, THREE_POINT)
+    if not hands:
+        shown = np.tile([True, False, False], (frames, 1))
+        seen = replace(seen, has_position=shown, has_rotation=shown)
+    return Playable(seen, Person(skeleton), pose)
 
 
 def played(one: Playable, seconds: float, *changes: tuple[float, Replay]) -> list[tuple[float, SignalFrame, bool]]:

@@ -17,7 +17,7 @@ import pytest
 from bodysense.body.person import Person
 from bodysense.body.pose import Pose, forward_kinematics, standing_pose
 from bodysense.body.skeleton import default_skeleton
-from bodysense.devices.simulated.three_point import observe
+from bodysense.devices.simulated.sensors import THREE_POINT, observe
 from bodysense.io.bvh import read_bvh
 from bodysense.io.protocol import SIGNAL, TRUTH, read_pose, write_signal
 from bodysense_live.messages import (
@@ -174,7 +174,7 @@ def playable(seconds: float = 2.0) -> Playable:
     standing = standing_pose(skeleton)
     root = standing.root_position + np.stack([0.1 * np.sin(moments), np.ones_like(moments), 0 * moments], axis=-1)
     pose = Pose(skeleton, root, np.tile(standing.rotation, (len(moments), 1, 1)))
-    return Playable(observe(pose, moments), Person(skeleton), pose)
+    return Playable(observe(pose, moments, THREE_POINT), Person(skeleton), pose)
 
 
 def test_a_replay_is_shown_with_its_truth(server_of: Serving, connect: Connecting) -> None:

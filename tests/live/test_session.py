@@ -16,9 +16,8 @@ from bodysense.body.rigid import RigidTransform
 from bodysense.body.rotation import geodesic_angle
 from bodysense.body.shape import stature
 from bodysense.body.skeleton import default_skeleton
-from bodysense.devices.simulated.sensors import SENSOR_SETS, strapped
+from bodysense.devices.simulated.sensors import SENSOR_SETS, THREE_POINT, observe, strapped
 from bodysense.devices.simulated.sensors import observe as see
-from bodysense.devices.simulated.three_point import observe
 from bodysense.io.protocol import ProtocolError, SignalFrame
 from bodysense.observation import Observation
 from bodysense_live.answer import Answer
@@ -37,7 +36,11 @@ def frame(time: float, sequence: int = 0, height: float = 0.0, x: float = 0.0) -
     pose.rotation[SKELETON.index("left_elbow")] = [np.cos(0.4), 0, 0, np.sin(0.4 * np.sin(3 * time))]
     pose.rotation[SKELETON.index("left_elbow")] /= np.linalg.norm(pose.rotation[SKELETON.index("left_elbow")])
     floor = forward_kinematics(standing_pose(SKELETON))[0][:, 1].min()
-    seen = observe(Pose(SKELETON, pose.root_position[None] - [0, floor, 0], pose.rotation[None]), np.zeros(1))
+    seen = observe(
+        Pose(SKELETON, pose.root_position[None] - [0, floor, 0], pose.rotation[None]),
+        np.zeros(1),
+        THREE_POINT,
+    )
     return SignalFrame(sequence, time, np.arange(3), np.full(3, 3), seen.position[0], seen.rotation[0])
 
 

@@ -28,14 +28,12 @@ class IkSettings:
     max_iterations: int = 20  # steps a frame, at most
     tolerance: float = 3e-5  # m: stop if the error of a linear step is less (root mean square of all points)
     posture_weight: float = 1e-5  # pull toward the relaxed posture where positions leave freedom
-    limits: bool = False  # keep joints within their anatomical ranges (posture.py)
-    limit_weight: float = 100.0  # stiffness of a joint beyond its range
     damping: float = 1e-7  # initial Levenberg-Marquardt damping of a frame
 
     def __post_init__(self) -> None:
         if self.max_iterations < 1:
             raise BodysenseError(f"IK settings: max_iterations is {self.max_iterations}; it must be at least 1")
-        for name in ("tolerance", "posture_weight", "limit_weight", "damping"):
+        for name in ("tolerance", "posture_weight", "damping"):
             if not getattr(self, name) > 0:
                 raise BodysenseError(f"IK settings: {name} is {getattr(self, name):g}; it must be positive")
 
@@ -120,9 +118,6 @@ class InverseKinematics:
         stiffness[0] = 0  # the root is free in the world
         self._stiffness = stiffness
         self._relaxed = 2 * _half_sine(anatomy.relaxed)
-        bounds = np.stack([anatomy.low, anatomy.high])
-        self._low, self._high = 2 * np.sin(np.clip(bounds, -np.pi, np.pi) / 2)
-        self._stop = np.sqrt(settings.limit_weight) * lever[:, None]
 
     def solve(
         self,
@@ -178,25 +173,21 @@ class InverseKinematics:
         while iteration < settings.max_iterations and not converged:
             iteration += 1
             # Derivatives (transposed) of the springs by the joint's own turn; by its parent's they are the opposite.
-            slope = body.world_matrix @ ((body.local_rotation @ TANGENT).reshape(-1, 3, 3) * pull.stiffness[:, None])
+            slope = body.world_matrix @ ((body.local_rotation @ TANGENT).reshape(-1, 3, 3) * self._stiffness[:, None])
             move, turn = self._step(problem, body, pull, slope, tension, damping)
             trial = self._posed(body.root_position + move, _turned(body.world_rotation, turn))
             trial_pull = self._pull(problem, trial)
             if not trial_pull.total <= pull.total * (1 + 1e-9) + 1e-12:
                 damping = min(max(_FIRST_DAMPING, damping * 10), _MOST_DAMPING)
-                if settings.limits:
-                    pull = self._pull(problem, body, trial)
                 continue
             swept = trial.bone - body.bone
-            # Stops that a step hit take effect in the next one.
-            settled = not settings.limits or trial_pull.total > 0.9 * pull.total
             body, pull, damping = trial, trial_pull, max(settings.damping, damping * 0.1)
             # The linear step treated bones as straight lines: compute the resulting shortfall of the points.
             bulge = np.einsum("ij,ij->i", swept, swept) * self._half_inverse_square
             short = self._path @ (bulge[:, None] * body.bone)
             neglected = (short * problem.root_weight).ravel()
             tension = self._tension(body, problem.weight[:, None] * (pull.error + short))
-            converged = settled and bool(neglected.dot(neglected) <= enough)
+            converged = bool(neglected.dot(neglected) <= enough)
         return IkState(body, pull.cost, iteration, converged, tension)
 
     def _step(
@@ -246,11 +237,8 @@ class InverseKinematics:
         local *= np.copysign(1.0, local[:, :1])
         return PosedBody(root, rotation, matrix, local, bone, position)
 
-    def _pull(self, problem: _Problem, body: PosedBody, ahead: PosedBody | None = None) -> _Pull:
-        """Compute the distance of a body from the targets, from the relaxed posture and beyond its limits.
-
-        Stops that the body `ahead` hit hold this one too, although it is short of them.
-        """
+    def _pull(self, problem: _Problem, body: PosedBody) -> _Pull:
+        """Compute the distance of a body from the targets and from the relaxed posture."""
         error = body.position - problem.target
         weighted = (error * problem.root_weight).ravel()
         cost = float(weighted.dot(weighted))
@@ -258,22 +246,9 @@ class InverseKinematics:
         if problem.aimed.size:
             turned = 2 * away[:, 1:].ravel()
             cost += float(turned.dot(turned))
-        local, stiffness = 2 * body.local_rotation[:, 1:], self._stiffness
-        spring = stiffness * (local - self._relaxed)
+        spring = self._stiffness * (2 * body.local_rotation[:, 1:] - self._relaxed)
         energy = float(spring.ravel().dot(spring.ravel()))
-        if self.settings.limits:
-            beyond = local - np.clip(local, self._low, self._high)
-            energy += float(((self._stop * beyond) ** 2).sum())
-            there = local if ahead is None else 2 * ahead.local_rotation[:, 1:]
-            wall = np.clip(there, self._low, self._high)
-            held = (there != wall) | (beyond != 0)
-            beyond = np.where(beyond != 0, beyond, local - wall)
-            stop = self._stop * held
-            # Two springs on one joint act as one with both stiffnesses, at the weighted mean of their rests.
-            both = np.sqrt(stiffness**2 + stop**2)
-            spring = (stiffness * spring + stop**2 * beyond) / np.maximum(both, 1e-12)
-            stiffness = both
-        return _Pull(error, spring, stiffness, away, cost, cost + energy)
+        return _Pull(error, spring, away, cost, cost + energy)
 
     def _tension(self, body: PosedBody, force: np.ndarray) -> np.ndarray:
         """Return (P − 1,) the outward pull of forces (P, 3) on every bone; 0 if they push."""
@@ -306,14 +281,13 @@ class _Problem:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class _Pull:
-    """Residuals and stiffness of a body."""
+    """Residuals of a body."""
 
     error: np.ndarray  # (P, 3) m, points minus targets
     spring: np.ndarray  # (J, 3) weighted distance of local rotations from their rest
-    stiffness: np.ndarray  # (J, 3) square roots of their weights
     away: np.ndarray  # (A, 4, 1) weighted rotations of joints from their orientation targets
     cost: float  # m²: of points and orientation targets
-    total: float  # m²: and of posture and limits
+    total: float  # m²: and of posture
 
 
 def _problem(

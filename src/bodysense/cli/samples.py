@@ -67,7 +67,7 @@ def write_samples(recording: Recording, out: Path, count: int, seed: int, model:
     import numpy as np
     from rich.progress import track as progress
 
-    from bodysense.devices.simulated.three_point import POINTS
+    from bodysense.devices.simulated.sensors import THREE_POINTS
     from bodysense.io.clip import Clip
     from bodysense.io.motion_files import write_motion
     from bodysense.io.resample import at_constant_rate
@@ -75,10 +75,10 @@ def write_samples(recording: Recording, out: Path, count: int, seed: int, model:
     from bodysense.papers.ik_tracker import IkTracker
 
     observation = recording.observation
-    other = [name for name in observation.points if name not in POINTS]
+    other = [name for name in observation.points if name not in THREE_POINTS]
     if other:
         raise BodysenseError(
-            f"--samples draws from head and hands ({', '.join(POINTS)}), but {other[0]!r} is tracked too; "
+            f"--samples draws from head and hands ({', '.join(THREE_POINTS)}), but {other[0]!r} is tracked too; "
             "give a recording of these, or --device three_point"
         )
     if "head" not in observation.points or not observation.has_position[:, observation.points.index("head")].any():

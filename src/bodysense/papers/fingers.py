@@ -23,7 +23,7 @@ from bodysense.body.rotation import (
 )
 from bodysense.body.skeleton import Skeleton
 from bodysense.body.spring import spring_step
-from bodysense.devices.simulated.three_point import POINTS
+from bodysense.devices.simulated.sensors import THREE_POINTS
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.observation import check_order
@@ -74,7 +74,7 @@ class FingerSynthesis:
         time does not increase.
         """
         position, rotation = forward_kinematics(pose)
-        reads, oriented = self.skeleton.indices(self.model.reads), self.skeleton.indices(POINTS)
+        reads, oriented = self.skeleton.indices(self.model.reads), self.skeleton.indices(THREE_POINTS)
         offsets = []
         for t, now in enumerate(np.asarray(time, dtype=float).tolist()):
             check_order(now, state.time, "finger synthesis")

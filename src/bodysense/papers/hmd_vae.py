@@ -23,7 +23,7 @@ from bodysense.body.rotation import (
 from bodysense.body.skeleton import BODY, Skeleton
 from bodysense.completion.network import Network, NetworkFormat
 from bodysense.devices.estimate import PointEstimate
-from bodysense.devices.simulated.three_point import POINTS
+from bodysense.devices.simulated.sensors import THREE_POINTS
 from bodysense.errors import BodysenseError
 from bodysense.observation import FARTHEST, UNIT_TOLERANCE, Observation, check_order, observed_points
 from bodysense.papers.ik_tracker import MEASURED_ERROR
@@ -109,7 +109,7 @@ class BodyVaeEstimator:
     noise: np.ndarray | None = field(default=None, repr=False)  # (d,) from N(0, I), kept over time; None: the mean
 
     def __post_init__(self) -> None:
-        if tuple(self.model.card["reads"]) != POINTS:
+        if tuple(self.model.card["reads"]) != THREE_POINTS:
             raise BodysenseError(
                 f"{self.model.name}: a model 0 reads the whole body, not a device; give a model 1 to 4"
             )
@@ -118,7 +118,7 @@ class BodyVaeEstimator:
 
     @cached_property
     def _places(self) -> np.ndarray:
-        return self.skeleton.indices(POINTS)
+        return self.skeleton.indices(THREE_POINTS)
 
     @cached_property
     def _rest_offset(self) -> np.ndarray:
@@ -195,7 +195,7 @@ class BodyVaeEstimator:
         after = np.minimum(before + 1, len(state.time) - 1)
         share = np.clip(place - before, 0, 1)[:, None]
         position = state.position[before] + share[..., None] * (state.position[after] - state.position[before])
-        share = np.broadcast_to(share, (len(share), len(POINTS)))
+        share = np.broadcast_to(share, (len(share), len(THREE_POINTS)))
         return position, np.asarray(slerp(state.rotation[before], state.rotation[after], share))
 
 

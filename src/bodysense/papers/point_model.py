@@ -13,7 +13,7 @@ from bodysense.body.pose import forward_kinematics, resting_offset, standing_pos
 from bodysense.body.rotation import heading, quaternion_conjugate, quaternion_multiply, quaternion_rotate
 from bodysense.body.skeleton import Skeleton
 from bodysense.completion.network import Network, NetworkFormat
-from bodysense.devices.simulated.three_point import POINTS
+from bodysense.devices.simulated.sensors import THREE_POINTS
 from bodysense.errors import BodysenseError
 
 FORMAT = "bodysense points 1"
@@ -58,7 +58,7 @@ class HeadAndHands:
     @classmethod
     def standing(cls, skeleton: Skeleton) -> Self:
         """Return those of a standing body that faces +Z."""
-        places = skeleton.indices(POINTS)
+        places = skeleton.indices(THREE_POINTS)
         position, rotation = (values[places] for values in forward_kinematics(standing_pose(skeleton)))
         return cls(position[0], rotation[0], position[1:] - position[0], rotation[1:])
 

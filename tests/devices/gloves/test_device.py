@@ -19,13 +19,13 @@ from bodysense.demo import packaged_performance
 from bodysense.devices.gloves.device import (
     SIDES,
     GloveDevice,
-    GloveSettings,
     glove_device,
     gloved_sides,
 )
 from bodysense.devices.gloves.hands import GloveModels, Hands, load_glove_models
-from bodysense.devices.simulated import glove, three_point
+from bodysense.devices.simulated import glove
 from bodysense.devices.simulated.noise import hide
+from bodysense.devices.simulated.sensors import SENSOR_SETS, observe
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
@@ -51,7 +51,7 @@ def gloves(clip: Clip) -> Observation:
 
 @pytest.fixture(scope="session")
 def head(clip: Clip) -> Observation:
-    return chosen_points(three_point.observe(clip.pose, clip.time, three_point.ThreePoint(hands=False)), [0])
+    return observe(clip.pose, clip.time, SENSOR_SETS["head"])
 
 
 def together(one: Observation, other: Observation) -> Observation:
@@ -135,7 +135,7 @@ def test_a_hidden_hand_is_not_observed_and_accuracy_tells_of_hidden_markers(
 def test_a_lost_hand_is_completed_without_a_jump(small_models: GloveModels, completion: CompletionModel) -> None:
     clip = resample(replace(packaged_performance(), pose=packaged_performance().pose[50:110]), 60.0)
     gloves = glove.observe(clip.pose, clip.time)
-    head = chosen_points(three_point.observe(clip.pose, clip.time, three_point.ThreePoint(hands=False)), [0])
+    head = observe(clip.pose, clip.time, SENSOR_SETS["head"])
     hidden = np.zeros(gloves.has_position.shape, dtype=bool)
     hidden[40:, :9] = True
     skeleton = clip.pose.skeleton
@@ -223,8 +223,6 @@ def test_what_is_refused(small_models: GloveModels, gloves: Observation) -> None
     more = Hands({"left2": hand_skeleton(SKELETON, "left")}, small_models)
     with pytest.raises(BodysenseError, match="'left2' is not of this body; it has 'left' and 'right'"):
         GloveDevice(more)
-    with pytest.raises(BodysenseError, match="lost is 0; it must be positive"):
-        GloveSettings(lost=0.0)
     assert gloved_sides(gloves.points) == SIDES
     with pytest.raises(BodysenseError, match="the gloves are 'left2'; name the hands of a body"):
         gloved_sides(glove_points("left2"))

@@ -16,7 +16,7 @@ from bodysense.body.glove import glove_points
 from bodysense.body.hand import hand_skeleton
 from bodysense.body.skeleton import Skeleton
 from bodysense.devices.gloves.assignment import assignment
-from bodysense.devices.gloves.labelling import Labeller, LabellingSettings
+from bodysense.devices.gloves.labelling import Labeller
 from bodysense.devices.simulated.glove import observe
 from bodysense.devices.simulated.noise import hide
 from bodysense.errors import BodysenseError
@@ -132,8 +132,6 @@ def test_what_is_refused(gloves: Observation, hands: Mapping[str, Skeleton]) -> 
     _, state = labeller.step(gloves[:2], labeller.start())
     with pytest.raises(BodysenseError, match="give frames in order of time"):
         labeller.step(gloves[1:2], state)
-    with pytest.raises(BodysenseError, match="near is 0; it must be positive"):
-        LabellingSettings(near=0.0)
     nothing = hide(gloves, np.ones(gloves.has_position.shape, dtype=bool))
     with pytest.raises(BodysenseError, match="nothing to label"):
         label_accuracy(nothing, hands, np.random.default_rng(0))

@@ -14,7 +14,7 @@ from bodysense.body.pose import body_skeleton, forward_kinematics
 from bodysense.body.rotation import geodesic_angle
 from bodysense.body.skeleton import BODY, default_skeleton
 from bodysense.devices.estimate import PointEstimate
-from bodysense.devices.simulated.three_point import POINTS, observe
+from bodysense.devices.simulated.sensors import THREE_POINT, THREE_POINTS, observe
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
@@ -37,7 +37,7 @@ def model(small_vae: Path) -> BodyVaeModel:
 
 @pytest.fixture(scope="module")
 def signal(waving_clip: Clip) -> Observation:
-    return observe(waving_clip.pose, waving_clip.time)
+    return observe(waving_clip.pose, waving_clip.time, THREE_POINT)
 
 
 def run(estimator: BodyVaeEstimator, observation: Observation, sizes: list[int] | None = None) -> PointEstimate:
@@ -73,15 +73,15 @@ def test_at_its_own_rate_it_reads_the_frames(model: BodyVaeModel, signal: Observ
 @pytest.mark.parametrize("rate", [72.0])
 def test_any_rate_gives_the_same_body(model: BodyVaeModel, waving_clip: Clip, rate: float) -> None:
     fast = resample(waving_clip, rate)
-    slow = run(BodyVaeEstimator(SKELETON, model), observe(waving_clip.pose, waving_clip.time)).position
-    quick = run(BodyVaeEstimator(SKELETON, model), observe(fast.pose, fast.time)).position
+    slow = run(BodyVaeEstimator(SKELETON, model), observe(waving_clip.pose, waving_clip.time, THREE_POINT)).position
+    quick = run(BodyVaeEstimator(SKELETON, model), observe(fast.pose, fast.time, THREE_POINT)).position
     together = np.arange(0, 90, 5)  # at these both have a frame
     np.testing.assert_allclose(quick[np.round(together * rate / 30).astype(int)], slow[together], atol=1e-3)
 
 
 def test_head_and_hands_are_as_measured(model: BodyVaeModel, signal: Observation) -> None:
     estimate = run(BodyVaeEstimator(SKELETON, model), signal)
-    places = SKELETON.indices(POINTS)
+    places = SKELETON.indices(THREE_POINTS)
     np.testing.assert_array_equal(estimate.position[:, places], signal.position)
     pose = BodyVaeEstimator(SKELETON, model).step(signal, BodyVaeEstimator(SKELETON, model).start())[0].pose
     assert pose is not None

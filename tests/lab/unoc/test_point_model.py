@@ -15,7 +15,7 @@ import bodysense.weights
 from bodysense.body.pose import Pose, forward_kinematics, local_offset
 from bodysense.body.rotation import quaternion_exp
 from bodysense.body.skeleton import Skeleton, default_skeleton
-from bodysense.devices.simulated.three_point import observe
+from bodysense.devices.simulated.sensors import THREE_POINT, observe
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
@@ -141,7 +141,7 @@ def test_time_that_stands_still_is_refused(fingers: PointModel, waving_clip: Cli
 
 
 def test_an_upper_body_frame_by_frame_is_that_of_the_whole(upper_body: LearnedUpperBody, waving_clip: Clip) -> None:
-    observation = observe(waving_clip.pose, waving_clip.time)
+    observation = observe(waving_clip.pose, waving_clip.time, THREE_POINT)
     whole, _ = upper_body.step(observation, upper_body.start())
     state, rows = upper_body.start(), []
     for t in range(len(observation)):
@@ -152,7 +152,7 @@ def test_an_upper_body_frame_by_frame_is_that_of_the_whole(upper_body: LearnedUp
 
 
 def test_every_point_is_placed_and_what_is_measured_is_kept(upper_body: LearnedUpperBody, waving_clip: Clip) -> None:
-    observation = observe(waving_clip.pose, waving_clip.time)
+    observation = observe(waving_clip.pose, waving_clip.time, THREE_POINT)
     estimate, _ = upper_body.step(observation, upper_body.start())
     assert np.isfinite(estimate.position).all() and (estimate.confidence > 0).all()
     np.testing.assert_array_equal(estimate.position[:, SKELETON.indices(observation.points)], observation.position)
@@ -173,7 +173,9 @@ def test_an_upper_body_turns_with_the_world(upper_body: LearnedUpperBody, waving
     rotation = pose.rotation.copy()
     rotation[:, 0] = (turn * Rotation.from_quat(rotation[:, 0], scalar_first=True)).as_quat(scalar_first=True)
     moved = Pose(SKELETON, turn.apply(pose.root_position) + along, rotation)
-    here, there = (upper_body.step(observe(one, np.arange(5) / 30), upper_body.start())[0] for one in (pose, moved))
+    here, there = (
+        upper_body.step(observe(one, np.arange(5) / 30, THREE_POINT), upper_body.start())[0] for one in (pose, moved)
+    )
     expected = turn.apply(here.position.reshape(-1, 3)).reshape(here.position.shape) + along
     np.testing.assert_allclose(there.position, expected, atol=1e-4)
 
@@ -204,7 +206,7 @@ def test_an_arm_that_fits_is_left_alone_and_another_nearly_fits(seed: int) -> No
 
 
 def test_a_hand_that_is_lost_goes_with_the_head(upper_body: LearnedUpperBody, waving_clip: Clip) -> None:
-    observation = hidden(observe(waving_clip.pose, waving_clip.time), 1, slice(5, None))
+    observation = hidden(observe(waving_clip.pose, waving_clip.time, THREE_POINT), 1, slice(5, None))
     estimate, _ = upper_body.step(observation, upper_body.start())
     wrist, head = SKELETON.indices(["left_wrist", "head"])
     away = np.linalg.norm(estimate.position[:, wrist] - estimate.position[:, head], axis=1)
@@ -213,7 +215,7 @@ def test_a_hand_that_is_lost_goes_with_the_head(upper_body: LearnedUpperBody, wa
 
 
 def test_before_anything_is_seen_a_body_stands_there(upper_body: LearnedUpperBody, waving_clip: Clip) -> None:
-    observation = observe(waving_clip.pose[:1], waving_clip.time[:1])
+    observation = observe(waving_clip.pose[:1], waving_clip.time[:1], THREE_POINT)
     for point in range(3):
         observation = hidden(observation, point, slice(None))
     estimate, _ = upper_body.step(observation, upper_body.start())

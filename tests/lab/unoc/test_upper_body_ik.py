@@ -13,7 +13,7 @@ from bodysense.body.rotation import quaternion_canonical, quaternion_exp, quater
 from bodysense.body.skeleton import default_skeleton
 from bodysense.devices.estimate import Estimator, PointEstimate
 from bodysense.devices.simulated.noise import hide
-from bodysense.devices.simulated.three_point import observe
+from bodysense.devices.simulated.sensors import THREE_POINT, observe
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.io.datasets.sources import list_sources, read_source
@@ -98,7 +98,7 @@ def test_a_far_hand_pulls_the_collarbone() -> None:
 @pytest.mark.parametrize("height", [1.4, 2.0])
 def test_bone_lengths_are_kept(waving_clip: Clip, height: float) -> None:
     ik = UpperBodyIk(SKELETON.scaled(height))
-    for seen in (people(200, reach=1.3), observe(waving_clip.pose, waving_clip.time)):
+    for seen in (people(200, reach=1.3), observe(waving_clip.pose, waving_clip.time, THREE_POINT)):
         estimate = complete(seen, ik)
         parents = np.array(SKELETON.parents)[1:]
         length = np.linalg.norm(estimate.position[:, 1:] - estimate.position[:, parents], axis=-1)
@@ -224,7 +224,7 @@ def test_small_changes_of_the_input_change_the_output_little() -> None:
 
 
 def test_frames_are_calls(waving_clip: Clip) -> None:
-    seen = observe(waving_clip.pose, waving_clip.time)
+    seen = observe(waving_clip.pose, waving_clip.time, THREE_POINT)
     hidden = np.random.default_rng(2).random(seen.has_position.shape) < 0.4
     seen = hide(seen, hidden)
     whole, end = IK.step(seen, IK.start())
@@ -341,7 +341,7 @@ def test_settings_that_cannot_be(setting: str, value: float, text: str) -> None:
 
 
 def test_the_tracker_takes_it(waving_clip: Clip) -> None:
-    seen = observe(waving_clip.pose, waving_clip.time)[:10]
+    seen = observe(waving_clip.pose, waving_clip.time, THREE_POINT)[:10]
     tracker = IkTracker(IK)
     pose, estimate, _ = tracker.step(seen, tracker.start())
     assert isinstance(pose, Pose)
@@ -357,7 +357,10 @@ def test_it_is_better_than_a_body_that_stands_there(motion_data) -> None:
     errors = []
     for source in sources[::300]:
         clip = read_source(source)
-        truth, seen = np.asarray(forward_kinematics(clip.pose)[0]), observe(clip.pose, clip.time)
+        truth, seen = (
+            np.asarray(forward_kinematics(clip.pose)[0]),
+            observe(clip.pose, clip.time, THREE_POINT),
+        )
         methods: list[Estimator] = [UpperBodyIk(clip.pose.skeleton), Hold(clip.pose.skeleton)]
         for method in methods:
             estimate, _ = method.step(seen[:300], method.start())

@@ -14,7 +14,7 @@ from bodysense.body.pose import Pose, forward_kinematics, standing_pose
 from bodysense.body.rotation import quaternion_exp
 from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.devices.estimate import PointEstimate
-from bodysense.devices.simulated.three_point import observe
+from bodysense.devices.simulated.sensors import THREE_POINT, observe
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
 from bodysense.observation import Observation
@@ -126,7 +126,7 @@ def test_clips_are_scored_at_30_hz_and_averaged_over_frames(waving_clip: Clip) -
     parts = []
     for clip in (waving_clip, short):
         ik = UpperBodyIk(SKELETON)
-        estimate, _ = ik.step(observe(clip.pose, clip.time), ik.start())
+        estimate, _ = ik.step(observe(clip.pose, clip.time, THREE_POINT), ik.start())
         error = estimate.position - forward_kinematics(clip.pose)[0]
         parts.append(100 * np.linalg.norm(error[:, SKELETON.index("neck")], axis=-1))
     assert numbers["ik_neck_mpjpe_cm"] == pytest.approx(np.concatenate(parts).mean(), rel=1e-6)

@@ -20,7 +20,7 @@ from bodysense.body.person import Person
 from bodysense.body.pose import forward_kinematics
 from bodysense.body.rotation import quaternion_exp, quaternion_log
 from bodysense.body.skeleton import BODY, LOWER_BODY
-from bodysense.devices.simulated.sensors import SENSOR_SETS, observe
+from bodysense.devices.simulated.sensors import THREE_POINT, observe
 from bodysense.errors import BodysenseError
 from bodysense.io.amass import read_amass
 from bodysense.io.body_model import read_model
@@ -141,7 +141,7 @@ def score(clip: Clip, track: TrackPeople) -> dict[str, float]:
     """Return the measures of a clip tracked from head and hands, frame after frame, on its known body."""
     pose = clip.pose
     truth = np.asarray(forward_kinematics(pose)[0])[:, :22]
-    seen = observe(pose, clip.time, SENSOR_SETS["three_point"])
+    seen = observe(pose, clip.time, THREE_POINT)
     (tracked,) = track([Person(pose.skeleton)], [seen])
     return measure(tracked.position[:, :22], tracked.rotation[:, :22], truth, pose.rotation[:, :22])
 

@@ -40,15 +40,7 @@ from bodysense.observation import OPTICAL_ACCURACY, Observation, without_gloves
 SIDES: tuple[Side, ...] = ("left", "right")
 
 
-@dataclass(frozen=True)
-class GloveSettings:
-    """Settings of a glove device."""
-
-    lost: float = 0.05  # m; a hand with a larger expected error of its wrist is not observed
-
-    def __post_init__(self) -> None:
-        if not self.lost > 0:
-            raise BodysenseError(f"gloves: lost is {self.lost:g}; it must be positive, in metres")
+_LOST = 0.05  # m; a hand with a larger expected error of its wrist is not observed
 
 
 class GloveState(NamedTuple):
@@ -68,7 +60,6 @@ class GloveDevice:
     """
 
     hands: Hands
-    settings: GloveSettings = GloveSettings()
     wearer: StandingHead | None = None  # whose head is assumed if only gloves are tracked; None: no assumed head
     virtual: VirtualMarkers = VirtualMarkers({})  # of hands with other than the standard markers
 
@@ -103,7 +94,7 @@ class GloveDevice:
         points = tuple(dict.fromkeys((*others.points, *self.points, *assumed)))
         merged = _widened(others, points)
         for side, answer in answers.items():
-            seen = np.flatnonzero(answer.confidence[:, 0] <= self.settings.lost)  # the wrist's
+            seen = np.flatnonzero(answer.confidence[:, 0] <= _LOST)  # the wrist's
             place = np.array([points.index(f"{side}_{name}") for name in (*HAND_JOINTS, *FINGERTIPS)])
             joints = place[: len(HAND_JOINTS)]
             assert answer.pose is not None

@@ -10,7 +10,7 @@ markers is taken. This starts a recording, and repairs it after occlusion.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
@@ -23,7 +23,6 @@ from bodysense.body.registration import register
 from bodysense.body.skeleton import Skeleton
 from bodysense.devices.gloves.assignment import assigned_or_none, cost_of
 from bodysense.devices.gloves.hand_search import SIDES, FoundHand, find_hands, surest, unlikeness
-from bodysense.errors import BodysenseError
 from bodysense.io.markers.raw_markers import points_alone
 from bodysense.observation import Observation, check_order
 
@@ -31,41 +30,28 @@ _COUNT = len(MARKERS)
 _BACK = list(ALIGNMENT)
 _UNKNOWN = np.full((_COUNT, 3), np.nan)  # velocities of a hand that was just found
 _FIRMNESS = 8  # weight of a marker on the back of the hand in its registration, compared with one of a finger
-
-
-@dataclass(frozen=True)
-class LabellingSettings:
-    """Settings of the labeller."""
-
-    near: float = 0.015  # m, largest distance of a marker from its expected position
-    acceleration: float = 40.0  # m/s² of a hand: growth of that distance in a frame
-    drift: float = 0.3  # m/s, growth of that distance while a marker is hidden
-    farthest: float = 0.05  # m, upper bound of that distance
-    shape: float = 0.035  # m, largest distance of a finger's marker from the range of the hand's shape
-    back: float = 0.02  # m, the same limit for one on the back of the hand or at the middle of the thumb
-    shape_share: float = 0.3  # weight of that distance compared with the one from the expected position
-    no_hand: float = 0.4  # mean of these distances, squared and as a share of the limits, above which it is not a hand
-    better: float = 0.8  # of the cost of the current labels: below this another assignment is better
-    patience: float = 0.1  # s for which it must be better, and for which a hand with few markers is still followed
-    fewest: int = 6  # markers needed to find a hand
-    again: int = 5  # markers needed if the size of the hands is known
-    followed: int = 3  # markers needed to follow a hand
-    stiffness: float = 0.008  # m, largest difference between sides of the triangle on the back and the template's
-    sizes: tuple[float, float] = (0.8, 1.25)  # of the given hand: range of searched sizes
-    same_size: float = 0.05  # share: range of searched sizes once one hand is known
-    proven: float = 0.2  # s of following after which the size of a hand is known
-    margin: float = (
-        0.5  # markers that another hand must cost more: points that are two hands nearly as well are neither
-    )
-    worst: float = 0.12  # largest mean of the distances, squared and as a share of the limits, of a found hand
-    kept: float = 1.0  # in markers: by this much another hand must cost less than a followed one
-    check: float = 0.1  # s between comparisons of followed hands with others
-    half_life: float = 0.008  # s in which the velocity of a marker adapts by half
-
-    def __post_init__(self) -> None:
-        for name in ("near", "farthest", "shape", "stiffness", "half_life"):
-            if not getattr(self, name) > 0:
-                raise BodysenseError(f"labelling: {name} is {getattr(self, name):g}; it must be positive")
+_NEAR = 0.015  # m, largest distance of a marker from its expected position
+_ACCELERATION = 40.0  # m/s² of a hand: growth of that distance in a frame
+_DRIFT = 0.3  # m/s, growth of that distance while a marker is hidden
+_FARTHEST = 0.05  # m, upper bound of that distance
+_SHAPE = 0.035  # m, largest distance of a finger's marker from the range of the hand's shape
+_BACK_LIMIT = 0.02  # m, the same limit for one on the back of the hand or at the middle of the thumb
+_SHAPE_SHARE = 0.3  # weight of that distance compared with the one from the expected position
+_NO_HAND = 0.4  # mean of these distances, squared and as a share of the limits, above which it is not a hand
+_BETTER = 0.8  # of the cost of the current labels: below this another assignment is better
+_PATIENCE = 0.1  # s for which it must be better, and for which a hand with few markers is still followed
+_FEWEST = 6  # markers needed to find a hand
+_AGAIN = 5  # markers needed if the size of the hands is known
+_FOLLOWED = 3  # markers needed to follow a hand
+_STIFFNESS = 0.008  # m, largest difference between sides of the triangle on the back and the template's
+_SIZES = (0.8, 1.25)  # of the given hand: range of searched sizes
+_SAME_SIZE = 0.05  # share: range of searched sizes once one hand is known
+_PROVEN = 0.2  # s of following after which the size of a hand is known
+_MARGIN = 0.5  # markers that another hand must cost more: points that fit two hands equally are neither
+_WORST = 0.12  # largest mean of the distances, squared and as a share of the limits, of a found hand
+_KEPT = 1.0  # in markers: by this much another hand must cost less than a followed one
+_CHECK = 0.1  # s between comparisons of followed hands with others
+_HALF_LIFE = 0.008  # s in which the velocity of a marker adapts by half
 
 
 class HandTrack(NamedTuple):
@@ -97,7 +83,6 @@ class Labeller:
     """
 
     hands: Mapping[str, Skeleton]
-    settings: LabellingSettings = field(default_factory=LabellingSettings)
 
     @cached_property
     def points(self) -> tuple[str, ...]:
@@ -151,7 +136,7 @@ class Labeller:
             for k, (hand, before) in enumerate(zip(hands, state.hands, strict=True))
             if not hand.size or hand.weak > 0 or not before.velocity.any()
         }
-        check = now - state.checked >= self.settings.check
+        check = now - state.checked >= _CHECK
         self._look_for(doubtful, set(range(len(hands))) if check else doubtful, points, labels, hands)
         moved = [
             _with_velocity(hand, before, interval) if hand.velocity is _UNKNOWN else hand
@@ -163,7 +148,7 @@ class Labeller:
         self, points: np.ndarray, expected: list[HandTrack], interval: float, doubt: float
     ) -> tuple[np.ndarray, float]:
         """Return labels (N,) of points as markers of the followed hands, and for how long they have been doubtful."""
-        labels, settings = np.full(len(points), -1), self.settings
+        labels = np.full(len(points), -1)
         rows = [k for k, hand in enumerate(expected) if hand.size]
         if not rows or not len(points):
             return labels, 0.0
@@ -171,18 +156,18 @@ class Labeller:
         shape = np.minimum(np.concatenate([self._unlike(k, points, expected[k]) for k in rows]), 1.0)
         place = np.concatenate([expected[k].place * self._flips[k] for k in rows])
         hidden = np.concatenate([expected[k].hidden for k in rows])
-        near = settings.near + settings.acceleration * interval**2 / 2
-        near = np.minimum(near + settings.drift * np.maximum(hidden - interval, 0), settings.farthest)
+        near = _NEAR + _ACCELERATION * interval**2 / 2
+        near = np.minimum(near + _DRIFT * np.maximum(hidden - interval, 0), _FARTHEST)
         apart = ((place[:, None] - points) ** 2).sum(axis=-1) / near[:, None] ** 2
         # A marker is expected within some distance; a farther point costs more than leaving it unassigned. A hidden
         # marker must also fit the hand's shape to be found again.
-        share, found_again = settings.shape_share, (hidden > 1.5 * interval)[:, None]
+        share, found_again = _SHAPE_SHARE, (hidden > 1.5 * interval)[:, None]
         possible = (apart < 1) & ((shape < 1) | ~found_again)
         chosen = assigned_or_none(np.where(possible, (1 - share) * apart + share * shape, np.inf))
         alone = assigned_or_none(np.where(shape < 1, shape, np.inf))
-        if cost_of(shape, alone) < settings.better * cost_of(shape, chosen):
+        if cost_of(shape, alone) < _BETTER * cost_of(shape, chosen):
             doubt += interval
-            if doubt > settings.patience:
+            if doubt > _PATIENCE:
                 chosen, doubt = alone, 0.0
         else:
             doubt = 0.0
@@ -199,8 +184,8 @@ class Labeller:
     @cached_property
     def _allowed(self) -> np.ndarray:
         """(9, 1) m²: largest distance, squared, of markers from their possible positions."""
-        allowed = np.full((_COUNT, 1), self.settings.shape**2)
-        allowed[[*_BACK, MARKERS.index("thumb_middle")]] = self.settings.back**2
+        allowed = np.full((_COUNT, 1), _SHAPE**2)
+        allowed[[*_BACK, MARKERS.index("thumb_middle")]] = _BACK_LIMIT**2
         return allowed
 
     def _taken(self, k: int, points: np.ndarray, labels: np.ndarray, expected: HandTrack, interval: float) -> HandTrack:
@@ -211,23 +196,23 @@ class Labeller:
         for marker in self._stray(k, place, seen, expected.size):
             seen[marker] = False
             labels[labels == k * _COUNT + marker] = -1
-        enough = seen.sum() >= self.settings.followed
+        enough = seen.sum() >= _FOLLOWED
         now = np.where(seen[:, None], place, expected.place)
         if enough and not seen.all():  # hidden markers follow the seen ones
             now = np.where(seen[:, None], place, _moved_along(expected.place, now, seen))
         hand = expected._replace(place=now)
         own = np.diagonal(self._unlike(k, now * self._flips[k], hand))
-        good = enough and np.minimum(own[seen], 1.0).mean() < self.settings.no_hand
+        good = enough and np.minimum(own[seen], 1.0).mean() < _NO_HAND
         weak = 0.0 if good else expected.weak + interval
-        if weak > self.settings.patience:
+        if weak > _PATIENCE:
             return _nowhere(expected.usual)
         velocity = expected.velocity
         if interval:
-            share = 1 - 0.5 ** (interval / self.settings.half_life)
+            share = 1 - 0.5 ** (interval / _HALF_LIFE)
             velocity = velocity + share * (now - expected.place) / interval
         age = expected.age + interval if good else expected.age
         hidden = np.where(seen, 0.0, expected.hidden)
-        usual = expected.usual or expected.size * (age > self.settings.proven)
+        usual = expected.usual or expected.size * (age > _PROVEN)
         return HandTrack(expected.size, now, velocity, hidden, weak, age, usual)
 
     def _seen(self, k: int, points: np.ndarray, labels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -242,7 +227,7 @@ class Labeller:
         for one, other in ((_BACK[a], _BACK[b]) for a, b in SIDES):
             if seen[one] and seen[other]:
                 usual = np.linalg.norm(self._templates[k][one] - self._templates[k][other]) * size
-                if abs(np.linalg.norm(place[one] - place[other]) - usual) > 2 * self.settings.stiffness:
+                if abs(np.linalg.norm(place[one] - place[other]) - usual) > 2 * _STIFFNESS:
                     wrong[one] += 1
                     wrong[other] += 1
         most = max(wrong.values())
@@ -259,7 +244,7 @@ class Labeller:
         free = np.flatnonzero((labels < 0) | np.isin(labels // _COUNT, list(asked)))
         held = {k: self._held(k, points, labels, hands[k]) for k in asked if hands[k].size}
         readings = [*held.values(), *(found for k in asked for found in self._found(k, points, free, hands))]
-        while readings and (sure := surest(readings, self.settings.margin)) is not None:
+        while readings and (sure := surest(readings, _MARGIN)) is not None:
             k, seen = sure.hand, sure.chosen >= 0
             before = held.pop(k, None)
             mended = k not in doubtful and (before is None or not sure.same_as(before))
@@ -283,27 +268,26 @@ class Labeller:
         chosen, mine = np.full(_COUNT, -1), np.flatnonzero(_of_hand(labels, k))
         chosen[labels[mine] - k * _COUNT] = mine
         cost = cost_of(self._unlike(k, points, hand), chosen)
-        cost -= self.settings.kept * (hand.weak == 0 and hand.age > self.settings.proven)
+        cost -= _KEPT * (hand.weak == 0 and hand.age > _PROVEN)
         return FoundHand(k, cost, chosen, hand.size, hand.place)
 
     def _found(self, k: int, points: np.ndarray, free: np.ndarray, hands: list[HandTrack]) -> list[FoundHand]:
         """Return readings of the free points among points (N, 3) m, at the known size of the hands if any."""
-        settings = self.settings
         known = [hand.usual for hand in hands if hand.usual] or [hand.size for hand in hands if hand.size]
-        sizes, fewest = settings.sizes, settings.fewest
+        sizes, fewest = _SIZES, _FEWEST
         if known:
             size = float(np.mean(known))
-            sizes, fewest = (size * (1 - settings.same_size), size * (1 + settings.same_size)), settings.again
+            sizes, fewest = (size * (1 - _SAME_SIZE), size * (1 + _SAME_SIZE)), _AGAIN
         found = find_hands(
             k,
             points[free] * self._flips[k],
             self._templates[k],
             self._ranges[k],
             self._allowed,
-            settings.stiffness,
+            _STIFFNESS,
             sizes,
             fewest,
-            settings.worst,
+            _WORST,
             bool(known),
         )
         return [one._replace(chosen=np.where(one.chosen >= 0, free[one.chosen], -1)) for one in found]

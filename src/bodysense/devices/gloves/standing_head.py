@@ -18,18 +18,12 @@ from bodysense.body.skeleton import Skeleton
 ACCURACY = 0.3  # m
 _ARM = ("shoulder", "elbow", "wrist")
 _FINGERS = np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]])  # direction of fingers at rest, left and right
-
-
-@dataclass(frozen=True)
-class StandingHeadSettings:
-    """Settings of the assumed head."""
-
-    half_life: float = 0.7  # s in which half of the change of heading or position is made
-    ahead: float = 0.2  # of the body's height: distance of the hands in front of it
-    beside: float = 0.9  # share of that distance by which hanging hands are closer
-    reach: float = 0.97  # of an arm's length: largest distance of hands from their shoulder
-    across: float = 0.7  # weight of the line between both hands for the heading; the fingers have 1
-    longest_gap: float = 1.0  # s without hands after which everything is reset
+_HALF_LIFE = 0.7  # s in which half of the change of heading or position is made
+_AHEAD = 0.2  # of the body's height: distance of the hands in front of it
+_BESIDE = 0.9  # share of that distance by which hanging hands are closer
+_REACH = 0.97  # of an arm's length: largest distance of hands from their shoulder
+_ACROSS = 0.7  # weight of the line between both hands for the heading; the fingers have 1
+_LONGEST_GAP = 1.0  # s without hands after which everything is reset
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +40,6 @@ class StandingHead:
     """Guesses the head of a `skeleton` from the wrists of one hand or both."""
 
     skeleton: Skeleton
-    settings: StandingHeadSettings = StandingHeadSettings()
 
     @cached_property
     def _standing(self) -> tuple[float, np.ndarray, np.ndarray]:
@@ -70,10 +63,10 @@ class StandingHead:
             now: s.
             state: after the frame before.
         """
-        if state.time is not None and now - state.time > self.settings.longest_gap:
+        if state.time is not None and now - state.time > _LONGEST_GAP:
             state = StandingHeadState()
         interval = np.inf if state.time is None else now - state.time
-        share = 1 - 0.5 ** (interval / self.settings.half_life)
+        share = 1 - 0.5 ** (interval / _HALF_LIFE)
         heading = self._heading(wrist, turn, known, share, state.heading)
         yaw = _yaw(heading)
         height, shoulders, length = self._standing
@@ -81,7 +74,7 @@ class StandingHead:
         middle = wrist[known].mean(axis=0)
         # Hanging hands are at the body's sides.
         hanging = np.clip((height + shoulders[:, 1].mean() - middle[1]) / length.mean(), 0.0, 1.0)
-        ahead = self.settings.ahead * self.skeleton.height * (1 - self.settings.beside * hanging**2)
+        ahead = _AHEAD * self.skeleton.height * (1 - _BESIDE * hanging**2)
         wanted = np.array([middle[0] - ahead * heading[0], height, middle[2] - ahead * heading[1]])
         place = wanted if state.place is None else state.place + share * (wanted - state.place)
         place = self._within_reach(place, shoulders, length, wrist, known)
@@ -94,7 +87,7 @@ class StandingHead:
         wanted = quaternion_rotate(turn[known], _FINGERS[known])[:, [0, 2]].sum(axis=0)
         if known.all():
             across = (wrist[0] - wrist[1])[[0, 2]]
-            wanted = wanted + self.settings.across * np.array([-across[1], across[0]]) / max(np.hypot(*across), 0.1)
+            wanted = wanted + _ACROSS * np.array([-across[1], across[0]]) / max(np.hypot(*across), 0.1)
         length = np.hypot(*wanted)
         if length < 0.1:
             return np.array([0.0, 1.0]) if before is None else before
@@ -110,7 +103,7 @@ class StandingHead:
         for _ in range(20):
             away = wrist - place - shoulders
             distance = np.linalg.norm(away, axis=1)
-            excess = np.where(known, np.maximum(distance - self.settings.reach * length, 0.0), 0.0)
+            excess = np.where(known, np.maximum(distance - _REACH * length, 0.0), 0.0)
             if excess.max() < 1e-5:
                 break
             place = place + (away * (excess / np.maximum(distance, 1e-9))[:, None])[excess.argmax()]

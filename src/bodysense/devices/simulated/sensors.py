@@ -58,20 +58,21 @@ def _pair(name: str) -> tuple[str, str]:
     return (f"left_{name}", f"right_{name}")
 
 
-_HANDS = ("head", *WRISTS)
-_SIX = (*_HANDS, "pelvis", *_pair("ankle"))
+THREE_POINTS = ("head", *WRISTS)  # of a headset and two controllers
+_SIX = (*THREE_POINTS, "pelvis", *_pair("ankle"))
+THREE_POINT = _posed(*THREE_POINTS)
 SENSOR_SETS = {
     "head": _posed("head"),
-    "three_point": _posed(*_HANDS),
+    "three_point": THREE_POINT,
     # Commercial sets of two IMUs strapped above the ankles turn with the shins.
-    "three_point_imu_feet": SensorSet(_HANDS, (*_HANDS, *_pair("knee"))),
-    "four_point": _posed(*_HANDS, "pelvis"),
+    "three_point_imu_feet": SensorSet(THREE_POINTS, (*THREE_POINTS, *_pair("knee"))),
+    "four_point": _posed(*THREE_POINTS, "pelvis"),
     "six_point": _posed(*_SIX),
     "ten_point": _posed(*_SIX, "spine3", *_pair("elbow"), *_pair("knee")),
     "headset_camera": SensorSet(("head",), ("head",), camera=True),
     # In addition to the sets of the tables: IMUs in the shoes, and on shins and shoes.
-    "three_point_imu_shoes": SensorSet(_HANDS, (*_HANDS, *_pair("ankle"))),
-    "three_point_imu_legs": SensorSet(_HANDS, (*_HANDS, *_pair("knee"), *_pair("ankle"))),
+    "three_point_imu_shoes": SensorSet(THREE_POINTS, (*THREE_POINTS, *_pair("ankle"))),
+    "three_point_imu_legs": SensorSet(THREE_POINTS, (*THREE_POINTS, *_pair("knee"), *_pair("ankle"))),
 }
 TABLE_SETS = (
     "head",

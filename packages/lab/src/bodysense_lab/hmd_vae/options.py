@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Literal
 
 from bodysense.body.skeleton import BODY
-from bodysense.devices.simulated.three_point import POINTS
+from bodysense.devices.simulated.sensors import THREE_POINTS
 from bodysense.errors import BodysenseError
 from bodysense.ranges import Processes
 from bodysense_lab.options import (
@@ -68,7 +68,7 @@ class BodyVaeConfig:
     @property
     def reads(self) -> tuple[str, ...]:
         """The joints that the encoder sees."""
-        return BODY if self.model == 0 else POINTS
+        return BODY if self.model == 0 else THREE_POINTS
 
     @property
     def frames(self) -> int:

@@ -10,7 +10,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from bodysense.devices.simulated.three_point import POINTS
+from bodysense.devices.simulated.sensors import THREE_POINTS
 from bodysense.papers.point_model import FORMAT as POINT_FORMAT
 from bodysense.papers.point_model import Task
 from bodysense_lab.export import export
@@ -89,7 +89,7 @@ def write_point_network(network: PointNetwork, path: Path, task: Task, card: dic
     upright = torch.tensor([1.0, 0.0, 0.0, 0.0])
     tracked = TrackedPoints(
         position=torch.zeros(1, 1, len(config.reads), 3),
-        rotation=upright.expand(1, 1, len(POINTS), 4).clone(),
+        rotation=upright.expand(1, 1, len(THREE_POINTS), 4).clone(),
         rest=torch.zeros(1, len(config.places), 3),
         bone_length=torch.tensor(skeleton.bone_length[None], dtype=torch.float32),
         height=torch.tensor([skeleton.height], dtype=torch.float32),

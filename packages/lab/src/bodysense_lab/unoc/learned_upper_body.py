@@ -12,7 +12,7 @@ from bodysense.body.pose import forward_kinematics, resting_offset, standing_pos
 from bodysense.body.rotation import quaternion_exp, quaternion_rotate
 from bodysense.body.skeleton import Skeleton
 from bodysense.devices.estimate import PointEstimate
-from bodysense.devices.simulated.three_point import POINTS
+from bodysense.devices.simulated.sensors import THREE_POINTS
 from bodysense.observation import Observation, observed_points
 from bodysense.papers.ik_tracker import MEASURED_ERROR
 from bodysense.papers.point_model import HeadAndHands, PointModel, PointRunner, PointState, load_point_model
@@ -59,11 +59,11 @@ class LearnedUpperBody:
 
     @cached_property
     def _oriented(self) -> np.ndarray:
-        return self.skeleton.indices(POINTS)
+        return self.skeleton.indices(THREE_POINTS)
 
     @cached_property
     def _order(self) -> list[int]:
-        return [POINTS.index(name) for name in self.model.reads]
+        return [THREE_POINTS.index(name) for name in self.model.reads]
 
     @cached_property
     def _expected_error(self) -> np.ndarray:

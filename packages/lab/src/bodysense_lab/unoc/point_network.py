@@ -17,7 +17,7 @@ from torch import Tensor, nn
 from bodysense.body.pose import hand_length
 from bodysense.body.rotation import heading, quaternion_conjugate, quaternion_multiply, quaternion_rotate
 from bodysense.body.skeleton import Skeleton, default_skeleton
-from bodysense.devices.simulated.three_point import POINTS
+from bodysense.devices.simulated.sensors import THREE_POINTS
 from bodysense_lab.unoc.network import FINGER_SCALE, REFERENCE_HEIGHT
 from bodysense_lab.unoc.recurrent import Cell, Recurrent, branch
 
@@ -76,10 +76,10 @@ class PointNetwork(nn.Module):
         reads, places = list(config.reads), list(config.places)
         placed = skeleton.indices(places)
         self.head = reads.index("head")
-        self.wrists = [reads.index(name) for name in POINTS[1:]]
+        self.wrists = [reads.index(name) for name in THREE_POINTS[1:]]
         is_finger = skeleton.wrist_of[placed] >= 0
-        self.measured_from: list[int] = [  # head, left or right wrist, as places in POINTS
-            POINTS.index(skeleton.points[wrist]) if wrist >= 0 else 0 for wrist in skeleton.wrist_of[placed]
+        self.measured_from: list[int] = [  # head, left or right wrist, as places in THREE_POINTS
+            THREE_POINTS.index(skeleton.points[wrist]) if wrist >= 0 else 0 for wrist in skeleton.wrist_of[placed]
         ]
         self.bones = bones(config, skeleton)
 
@@ -96,7 +96,7 @@ class PointNetwork(nn.Module):
         self.register_buffer("up_axis", torch.tensor(AXES[1]), persistent=False)
 
         others = len(reads) - 1
-        features = 3 * others + 6 * len(POINTS)
+        features = 3 * others + 6 * len(THREE_POINTS)
         features += (1 + len(self.bone_points)) if config.wearer else 0
         features += 2 * 3 * others if config.from_wrists else 0
         self.features = features
@@ -227,6 +227,6 @@ PAPER_FINGERS = replace(FINGERS, from_wrists=False, hidden=512, branch=(512, 512
 TRUNK = ("pelvis", "spine1", "spine2", "spine3", "neck")
 ARMS = tuple(f"{side}_{part}" for part in ("collar", "shoulder", "elbow") for side in ("left", "right"))
 
-UPPER_BODY = PointNetworkConfig(reads=POINTS, places=(*TRUNK, *ARMS), wearer=True, judge_branch=(64,))
+UPPER_BODY = PointNetworkConfig(reads=THREE_POINTS, places=(*TRUNK, *ARMS), wearer=True, judge_branch=(64,))
 # Section 5.2, but for the axes, which turn with the head's heading.
 PAPER_UPPER_BODY = replace(UPPER_BODY, wearer=False, judge_branch=None, hidden=512, branch=(512, 512), window=27)

@@ -16,7 +16,7 @@ from torch import Tensor
 
 from bodysense.body.pose import Pose, forward_kinematics, resting_offset
 from bodysense.body.rotation import quaternion_canonical, quaternion_exp, quaternion_multiply, swing_twist
-from bodysense.devices.simulated.three_point import POINTS
+from bodysense.devices.simulated.sensors import THREE_POINTS
 from bodysense.io.augment import mirrored, with_limb_proportions
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
@@ -93,7 +93,7 @@ def tracked_of(pose: Pose, network: PointNetwork) -> tuple[TrackedPoints, Tensor
     places = skeleton.indices(network.config.places)
     tracked = TrackedPoints(
         position=torch.from_numpy(position[..., skeleton.indices(network.config.reads), :]),
-        rotation=torch.from_numpy(rotation[..., skeleton.indices(POINTS), :]),
+        rotation=torch.from_numpy(rotation[..., skeleton.indices(THREE_POINTS), :]),
         rest=torch.tensor(resting_offset(skeleton)[None, places], dtype=torch.float32),
         bone_length=torch.tensor(skeleton.bone_length[None], dtype=torch.float32),
         height=torch.tensor([skeleton.height], dtype=torch.float32),

@@ -21,7 +21,7 @@ import numpy as np
 from bodysense.body.pose import forward_kinematics
 from bodysense.body.skeleton import Skeleton
 from bodysense.devices.estimate import Estimator
-from bodysense.devices.simulated.three_point import observe
+from bodysense.devices.simulated.sensors import THREE_POINT, observe
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
 from bodysense.metrics import joint_error
@@ -120,7 +120,10 @@ def upper_body_errors(clip: Clip, methods: Mapping[str, MakeEstimator]) -> Error
     """Errors (cm) of every method on one clip, at 30 Hz; a method makes the estimator for a wearer's skeleton."""
     clip = resample(clip, RATE)
     skeleton = clip.pose.skeleton
-    truth, observation = np.asarray(forward_kinematics(clip.pose)[0]), observe(clip.pose, clip.time)
+    truth, observation = (
+        np.asarray(forward_kinematics(clip.pose)[0]),
+        observe(clip.pose, clip.time, THREE_POINT),
+    )
     shares = {"all": np.full(len(clip), True), "standing": is_standing(skeleton, truth)}
     group = group_of(clip)
     groups = [group, "bending_wrists"] if group == "main" and clip.has_fingers else [group]
