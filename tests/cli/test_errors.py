@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bodysense.devices.simulated.headset_camera import observe
+from bodysense.devices.simulated.sensors import HEADSET_CAMERA, observe
 from bodysense.io.bvh import write_bvh
 from bodysense.io.clip import Clip
 from bodysense.io.recording import Recording, write_recording
@@ -39,7 +39,7 @@ def broken(tmp_path: Path, motion: Path, short_clip: Clip) -> Path:
     (tmp_path / "text.npz").write_text("hello")
     (tmp_path / "motion.csv").write_text("1,2,3")
 
-    recording = Recording(observe(short_clip.pose, short_clip.time), short_clip.pose.skeleton)
+    recording = Recording(observe(short_clip.pose, short_clip.time, HEADSET_CAMERA), short_clip.pose.skeleton)
     write_recording(tmp_path / "seen.npz", recording)
     with np.load(tmp_path / "seen.npz") as archive:
         arrays = dict(archive)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from bodysense.cli.samples import write_samples
-from bodysense.devices.simulated import headset_camera
+from bodysense.devices.simulated.sensors import HEADSET_CAMERA, observe
 from bodysense.errors import BodysenseError
 from bodysense.io.bvh import read_bvh
 from bodysense.io.clip import Clip
@@ -37,6 +37,6 @@ def test_what_generate_refuses(refused, small_vae: Path, tmp_path: Path) -> None
 
 
 def test_samples_are_of_head_and_hands(small_vae: Path, tmp_path: Path, short_clip: Clip) -> None:
-    recording = Recording(headset_camera.observe(short_clip.pose, short_clip.time), short_clip.pose.skeleton)
+    recording = Recording(observe(short_clip.pose, short_clip.time, HEADSET_CAMERA), short_clip.pose.skeleton)
     with pytest.raises(BodysenseError, match=r"--samples draws from head and hands .*'pelvis' is tracked too"):
         write_samples(recording, tmp_path / "out.bvh", 2, 1, small_vae)

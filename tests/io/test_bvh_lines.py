@@ -104,7 +104,7 @@ def test_damaged_files_are_refused_by_name(tmp_path: Path) -> None:
         (sound.replace("21 31", "21 x31"), "not a number"),
         (TEXT.replace("HIERARCHY", "HIERARCH"), "not a BVH file"),
         (TEXT.replace("CHANNELS 1 Xrotation", "CHANNELS 2 Xrotation"), "CHANNELS"),
-        ("", "not a BVH file"),
+        ("", "the file is empty"),
     ):
         with pytest.raises(BodysenseError, match=said):
             opened(tmp_path, spoilt)

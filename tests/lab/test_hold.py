@@ -8,7 +8,7 @@ import pytest
 from bodysense.body.pose import forward_kinematics, standing_pose
 from bodysense.body.rotation import quaternion_exp
 from bodysense.body.skeleton import default_skeleton
-from bodysense.devices.simulated.headset_camera import observe
+from bodysense.devices.simulated.sensors import HEADSET_CAMERA, observe
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.observation import Observation
@@ -89,7 +89,7 @@ def test_without_a_head_the_body_stands_at_the_origin(make_observation) -> None:
 
 @pytest.mark.parametrize("frame", ["world", "head", "heading"])
 def test_measured_points_pass_and_frames_are_calls(waving_clip: Clip, frame) -> None:
-    observation = observe(waving_clip.pose, waving_clip.time)
+    observation = observe(waving_clip.pose, waving_clip.time, HEADSET_CAMERA)
     hold = Hold(SKELETON, frame)
     whole, end = hold.step(observation, hold.start())
     state, rows = hold.start(), []
@@ -108,7 +108,7 @@ def test_measured_points_pass_and_frames_are_calls(waving_clip: Clip, frame) -> 
 
 def test_the_truth_hidden_afterwards_does_not_matter(waving_clip: Clip) -> None:
     """Nothing is taken from the future."""
-    observation = observe(waving_clip.pose, waving_clip.time)
+    observation = observe(waving_clip.pose, waving_clip.time, HEADSET_CAMERA)
     np.testing.assert_array_equal(
         positions(Hold(SKELETON), observation)[:30], positions(Hold(SKELETON), observation[:30])
     )

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from bodysense.body.pose import forward_kinematics
-from bodysense.devices.simulated.headset_camera import observe
+from bodysense.devices.simulated.sensors import HEADSET_CAMERA, observe
 from bodysense.io.clip import Clip
 from bodysense.papers.ik_tracker import IkTrackerSettings
 from bodysense.scoring import KNOWN, Tallies, Tally, TrackedClip, score
@@ -21,7 +21,7 @@ def tracked(waving_clip: Clip) -> TrackedClip:
     truth = np.asarray(forward_kinematics(waving_clip.pose)[0])
     errors = {"bodysense": 0.02, "network": 0.01, "world": 0.04, "head": 0.03}
     position = {method: truth + np.array([error, 0.0, 0.0]) for method, error in errors.items()}
-    seen = observe(waving_clip.pose, waving_clip.time)
+    seen = observe(waving_clip.pose, waving_clip.time, HEADSET_CAMERA)
     return TrackedClip(waving_clip, seen, waving_clip.pose, position)
 
 

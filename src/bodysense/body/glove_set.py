@@ -17,7 +17,7 @@ from pathlib import Path
 from reprlib import repr as brief
 from typing import Any
 
-from bodysense.body.hand import FINGERS, HAND_JOINTS, Side
+from bodysense.body.hand import FINGERS, HAND_JOINTS, Side, point_beyond
 from bodysense.errors import BodysenseError
 from bodysense.files import read_text
 
@@ -151,7 +151,7 @@ def _marker(row: dict, sides: Mapping[str, str], standard: GloveSet | None, plac
     if segment not in _SEGMENTS:
         raise BodysenseError(f"{place}: segment {brief(segment)}; valid are {', '.join(_SEGMENTS)}")
     near, along = row.get("near", "wrist" if segment == HAND else segment), row.get("along", 0.0)
-    points = ("wrist", *_KNUCKLES) if segment == HAND else (segment, _end(segment))
+    points = ("wrist", *_KNUCKLES) if segment == HAND else (segment, point_beyond(segment))
     if near not in points:
         raise BodysenseError(f"{place}: near {brief(near)}; of the segment {segment!r} valid are {', '.join(points)}")
     if not (_is_number(along) and 0 <= along <= 1) or (along and (segment == HAND or near != segment)):
@@ -159,7 +159,7 @@ def _marker(row: dict, sides: Mapping[str, str], standard: GloveSet | None, plac
             f"{place}: along {brief(along)}; it is 0 to 1 from a finger's joint to the next; use offset"
         )
     if along == 1:
-        near, along = _end(segment), 0.0
+        near, along = point_beyond(segment), 0.0
     name = row.get("name", _name(row["label"]))
     if not isinstance(name, str) or not re.fullmatch(r"[a-z0-9_]+", name) or "_glove_" in name:
         raise BodysenseError(f'{place}: name {brief(name)}; give small letters and digits: name = "index_nail"')
@@ -234,12 +234,6 @@ def _is_number(value: Any) -> bool:
 
 def _texts(values: Iterable[Any]) -> bool:
     return all(isinstance(value, str) and value for value in values)
-
-
-def _end(segment: str) -> str:
-    """Return the end point of a finger's segment."""
-    finger, number = segment[:-1], segment[-1]
-    return f"{finger}_tip" if number == "3" else f"{finger}{int(number) + 1}"
 
 
 def _name(label: Any) -> str:

@@ -30,7 +30,7 @@ from bodysense.body.skeleton import Skeleton
 from bodysense.errors import BodysenseError
 
 Side = Literal["left", "right"]
-FINGERS = ("thumb", "index", "middle", "ring", "pinky")
+FINGERS = ("thumb", "index", "middle", "ring", "pinky")  # in the order of the hand
 HAND_JOINTS = ("wrist", *(f"{finger}{k}" for finger in FINGERS for k in (1, 2, 3)))
 FINGERTIPS = tuple(f"{finger}_tip" for finger in FINGERS)
 Angle = Literal["flexion", "abduction", "twist"]
@@ -227,6 +227,11 @@ def glove_marker(point: str) -> tuple[str, str] | None:
     """Return the hand and the marker, of any set, in a point's name; None if the point is not a marker of a glove."""
     hand, _, marker = point.partition("_glove_")
     return (hand, marker) if marker and hand.startswith(("left", "right")) else None
+
+
+def point_beyond(joint: str) -> str:
+    """Return the joint or fingertip at the other end of a finger's segment, 'index3' or 'left_index3'."""
+    return f"{joint[:-1]}_tip" if joint.endswith("3") else f"{joint[:-1]}{int(joint[-1]) + 1}"
 
 
 def glove_hands(points: Iterable[str]) -> tuple[str, ...]:

@@ -18,7 +18,7 @@ import numpy as np
 
 from bodysense.body.capsules import fit_primitives, nearest_shares
 from bodysense.body.glove import hand_size
-from bodysense.body.hand import FINGERS, HAND_JOINTS, hand_skeleton
+from bodysense.body.hand import FINGERS, HAND_JOINTS, hand_skeleton, point_beyond
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.rotation import quaternion_to_matrix
 from bodysense.body.skeleton import Skeleton, default_skeleton
@@ -61,11 +61,6 @@ def hand_capsules(hand: Skeleton) -> HandCapsules:
         radius.append(thickness)
     joint = hand.indices([*SEGMENTS, *["wrist"] * len(PALM)])
     return HandCapsules(NAMES, joint, np.array(start), np.array(end), np.array(radius))
-
-
-def point_beyond(joint: str) -> str:
-    """Return the joint or fingertip at the other end of a finger's segment."""
-    return f"{joint[:-1]}_tip" if joint.endswith("3") else f"{joint[:-1]}{int(joint[-1]) + 1}"
 
 
 @lru_cache(maxsize=1)

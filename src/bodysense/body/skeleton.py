@@ -11,7 +11,7 @@ import numpy as np
 
 from bodysense.errors import BodysenseError
 
-FINGERS = ("index", "middle", "pinky", "ring", "thumb")
+FINGERS = ("index", "middle", "pinky", "ring", "thumb")  # in the order of SMPL-H
 # The 22 joints of SMPL without its hands, in its order, which all three-point methods use for evaluation.
 # fmt: off
 BODY = (

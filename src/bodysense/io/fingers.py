@@ -8,8 +8,8 @@ import numpy as np
 
 from bodysense.body.pose import Pose
 from bodysense.body.rotation import geodesic_angle, quaternion_exp
+from bodysense.body.skeleton import FINGERS
 
-FINGERS = ("thumb", "index", "middle", "ring", "pinky")
 STILL = np.deg2rad(0.5)  # finger joints that turn less than this over a whole recording were not recorded
 
 # Flexion of a hand that hangs or rests, degrees at the first, second and third joint: curled a little, more toward

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from bodysense.body.hand import point_beyond
 from bodysense.body.pose import forward_kinematics
 from bodysense.body.rotation import matrix_to_quaternion, quaternion_multiply
 from bodysense.body.skeleton import BODY, Skeleton
@@ -137,7 +138,7 @@ def hand_axes(skeleton: Skeleton, side: str) -> dict[str, np.ndarray]:
     """For each joint of a hand, OpenXR's axes in the joint's own (wxyz): −Z along the bone, +Y out of its back."""
     axes = {}
     for name in (f"{side}_wrist", *(f"{side}_{f}{k}" for f in ("thumb", *_FINGERS) for k in (1, 2, 3))):
-        toward = f"{side}_middle1" if name.endswith("wrist") else _next(name)
+        toward = f"{side}_middle1" if name.endswith("wrist") else point_beyond(name)
         bone = skeleton.rest_offset[skeleton.index(toward)]
         axes[name] = _axes(tuple(np.round(bone / np.linalg.norm(bone), 9).tolist()))
     return axes
@@ -150,12 +151,6 @@ def _axes(bone: tuple[float, float, float]) -> np.ndarray:
     y = np.array([0.0, 1.0, 0.0]) - z[1] * z
     y /= np.linalg.norm(y)
     return matrix_to_quaternion(np.stack([np.cross(y, z), y, z], axis=-1))
-
-
-def _next(joint: str) -> str:
-    """The point at the far end of a finger's bone."""
-    stem, number = joint[:-1], int(joint[-1])
-    return f"{stem}_tip" if number == 3 else f"{stem}{number + 1}"
 
 
 def _joints(position: np.ndarray, rotation: np.ndarray, layout: np.dtype) -> np.ndarray:

@@ -23,6 +23,7 @@ from bodysense.body.rotation import (
 )
 from bodysense.body.shape import stature
 from bodysense.body.skeleton import Skeleton, default_skeleton
+from bodysense.body.world_axes import TURNS
 from bodysense.errors import BodysenseError
 from bodysense.files import sound
 from bodysense.io.amass import read_shape
@@ -42,14 +43,6 @@ _AMASS = {156, 165}  # widths of `poses` that `io.amass` reads
 _UPRIGHT = 0.5  # mean cosine above which a body stands along an axis
 _FLOOR = 0.1  # m: a floor closer to 0 is taken as 0
 _SQUARE = 0.05  # largest deviation of a matrix from a rotation
-_TURNS = {  # the file's axis that points up → the rotation (4,) that makes it +Y
-    "+Y": [1.0, 0.0, 0.0, 0.0],
-    "-Y": [0.0, 1.0, 0.0, 0.0],
-    "+Z": [np.sqrt(0.5), -np.sqrt(0.5), 0.0, 0.0],
-    "-Z": [np.sqrt(0.5), np.sqrt(0.5), 0.0, 0.0],
-    "+X": [np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)],
-    "-X": [np.sqrt(0.5), 0.0, 0.0, -np.sqrt(0.5)],
-}
 
 
 def is_smpl(path: str | Path) -> bool:
@@ -132,12 +125,12 @@ def read_smpl(
     rotation[:, rows] = turns
     up = _up(rotation[:, 0])
     if up is None:
-        up = "+Y"
+        up = "y"
         remarks.append("the body lies most of the time: +Y is taken as up")
-    elif up != "+Y":
-        camera = ", as in a camera's axes" if up == "-Y" else ""
-        remarks.append(f"{up} is up{camera}: turned to +Y")
-    turn = np.array(_TURNS[up])
+    elif up != "y":
+        camera = ", as in a camera's axes" if up == "-y" else ""
+        remarks.append(f"{up.upper() if up[0] == '-' else '+' + up.upper()} is up{camera}: turned to +Y")
+    turn = TURNS[up]
     rotation[:, 0] = quaternion_multiply(turn, rotation[:, 0])
     place = _first(arrays, PLACE)
     root = (
@@ -238,7 +231,7 @@ def _up(orient: np.ndarray) -> str | None:
     """Return the file's axis along which a body with such pelvis rotations (T, 4) stands; None if it lies."""
     way = quaternion_rotate(orient, np.broadcast_to([0.0, 1.0, 0.0], (len(orient), 3))).mean(axis=0)
     axis = int(np.argmax(np.abs(way)))
-    return ("+" if way[axis] > 0 else "-") + "XYZ"[axis] if abs(way[axis]) >= _UPRIGHT else None
+    return ("" if way[axis] > 0 else "-") + "xyz"[axis] if abs(way[axis]) >= _UPRIGHT else None
 
 
 def _lifted(pose: Pose, is_placed: bool, remarks: list[str]) -> np.ndarray:

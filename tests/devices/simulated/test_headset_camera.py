@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from bodysense.body import capsules
 from bodysense.body.pose import Pose, forward_kinematics, rest_pose
-from bodysense.body.rotation import quaternion_exp
+from bodysense.body.rotation import quaternion_canonical, quaternion_exp
 from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.devices.simulated import headset_camera
 from bodysense.devices.simulated.headset_camera import (
@@ -21,9 +21,9 @@ from bodysense.devices.simulated.headset_camera import (
     HeadsetCamera,
     Reason,
     camera_pose,
-    observe,
     see,
 )
+from bodysense.devices.simulated.sensors import HEADSET_CAMERA, observe
 from bodysense.errors import BodysenseError
 from bodysense.observation import check_observation
 
@@ -316,7 +316,7 @@ def test_observe_hides_what_is_not_seen(batch: tuple[int, ...]) -> None:
     skeleton = default_skeleton()
     flat = random_poses(skeleton, 20 * int(np.prod(batch)), seed=8)
     pose = Pose(skeleton, flat.root_position.reshape(*batch, 20, 3), flat.rotation.reshape(*batch, 20, -1, 4))
-    observation = check_observation(observe(pose, np.arange(20) / 30))
+    observation = check_observation(observe(pose, np.arange(20) / 30, HEADSET_CAMERA))
     position, rotation = forward_kinematics(pose)
     visible = see(pose).visible
     head = skeleton.index("head")
@@ -327,7 +327,7 @@ def test_observe_hides_what_is_not_seen(batch: tuple[int, ...]) -> None:
     assert observation.has_position[..., head].all()
     assert observation.has_rotation[..., head].all()
     assert observation.has_rotation.sum() == visible[..., 0].size
-    np.testing.assert_array_equal(observation.rotation[..., head, :], rotation[..., head, :])
+    np.testing.assert_array_equal(observation.rotation[..., head, :], quaternion_canonical(rotation[..., head, :]))
     assert np.isnan(np.delete(observation.rotation, head, axis=-2)).all()
 
 
@@ -343,10 +343,6 @@ def test_errors_say_what_to_do() -> None:
     pose.root_position[3] = np.nan
     with pytest.raises(BodysenseError, match="the pose of frame 3 is not finite; fill or drop such frames first"):
         see(pose)
-    with pytest.raises(BodysenseError, match=r"poses of shape \(5,\) need as many times as frames, but got \(4,\)"):
-        observe(random_poses(skeleton, 5, seed=9), np.arange(4))
-    with pytest.raises(BodysenseError, match=r"poses of shape \(\) need as many times as frames"):
-        observe(rest_pose(skeleton), np.arange(1))
     other = Skeleton(("hips", "head"), (), (-1, 0), np.array([[0, 1, 0], [0, 0.6, 0]]))
     with pytest.raises(BodysenseError, match="need a point 'pelvis', which this skeleton lacks"):
         see(rest_pose(other))

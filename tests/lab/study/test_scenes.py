@@ -11,7 +11,7 @@ import pytest
 from PIL import Image
 
 from bodysense.body.pose import forward_kinematics
-from bodysense.devices.simulated.headset_camera import observe
+from bodysense.devices.simulated.sensors import HEADSET_CAMERA, observe
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.pictures.sheet import Lens
@@ -43,7 +43,7 @@ def test_conditions(clip: Clip, settings: StudySettings) -> None:
         # The head is seen always and in the same way: no method is told by it.
         head = skeleton.index("head")
         assert np.linalg.norm(position[name][:, head] - truth[:, head], axis=-1).max() < 0.15
-    seen = observe(clip.pose, clip.time).has_position
+    seen = observe(clip.pose, clip.time, HEADSET_CAMERA).has_position
     left = skeleton.index("left_wrist")
     assert not seen[:, left].all() and seen[:, left].any()
     assert motion.hidden.shape == (60, 14)

@@ -6,7 +6,7 @@ import numpy as np
 import torch
 
 from bodysense.body.pose import forward_kinematics
-from bodysense.devices.simulated.headset_camera import observe
+from bodysense.devices.simulated.sensors import HEADSET_CAMERA, observe
 from bodysense.io.augment import mirrored
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
@@ -38,7 +38,8 @@ def test_the_truth_in_the_networks_frame_is_the_truth_in_the_world(waving_clip: 
 def test_what_is_seen_is_known(waving_clip: Clip, network: BodyNetwork) -> None:
     """Where a point is seen (a finger: with its wrist), its last known offset is the true one; else an earlier one."""
     episode = make_episode(waving_clip, network, Variation(), np.random.default_rng(0))
-    np.testing.assert_array_equal(episode.visible, observe(waving_clip.pose, waving_clip.time).has_position)
+    observation = observe(waving_clip.pose, waving_clip.time, HEADSET_CAMERA)
+    np.testing.assert_array_equal(episode.visible, observation.has_position)
     seen = episode.visible & episode.visible[:, network.origin]
     assert seen.any() and not seen.all()
     np.testing.assert_allclose(episode.known[seen], episode.offset[seen], atol=1e-6)

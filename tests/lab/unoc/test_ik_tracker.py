@@ -17,7 +17,7 @@ from bodysense.body.pose import Pose, forward_kinematics, rest_pose, standing_po
 from bodysense.body.rotation import geodesic_angle, quaternion_exp, quaternion_multiply
 from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.devices.estimate import PointEstimate
-from bodysense.devices.simulated.headset_camera import observe
+from bodysense.devices.simulated.sensors import HEADSET_CAMERA, observe
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.observation import Observation, accuracy_like, observed_points
@@ -149,7 +149,7 @@ def tracker(small_network: Path) -> IkTracker:
 
 
 def test_frames_are_calls(tracker: IkTracker, waving_clip: Clip) -> None:
-    observation = observe(waving_clip.pose, waving_clip.time)[:25]
+    observation = observe(waving_clip.pose, waving_clip.time, HEADSET_CAMERA)[:25]
     whole, estimate, _ = tracker.step(observation, tracker.start())
     state = tracker.start()
     for t in range(len(observation)):
@@ -160,7 +160,7 @@ def test_frames_are_calls(tracker: IkTracker, waving_clip: Clip) -> None:
 
 
 def test_bones_are_rigid_and_rotations_unit(tracker: IkTracker, waving_clip: Clip) -> None:
-    poses, _, _ = tracker.step(observe(waving_clip.pose, waving_clip.time)[:40], tracker.start())
+    poses, _, _ = tracker.step(observe(waving_clip.pose, waving_clip.time, HEADSET_CAMERA)[:40], tracker.start())
     position, _ = forward_kinematics(poses)
     length = np.linalg.norm(position[:, 1:] - position[:, np.array(SKELETON.parents[1:])], axis=-1)
     np.testing.assert_allclose(length, np.tile(SKELETON.bone_length[1:], (40, 1)), atol=1e-9)
@@ -170,7 +170,7 @@ def test_bones_are_rigid_and_rotations_unit(tracker: IkTracker, waving_clip: Cli
 
 def test_the_state_is_an_argument(tracker: IkTracker, waving_clip: Clip) -> None:
     """A state can be used twice: the step leaves no trace in it."""
-    observation = observe(waving_clip.pose, waving_clip.time)
+    observation = observe(waving_clip.pose, waving_clip.time, HEADSET_CAMERA)
     _, _, state = tracker.step(observation[:5], tracker.start())
     first, _, _ = tracker.step(observation[5:10], state)
     tracker.step(observation[40:60], state)
@@ -179,7 +179,7 @@ def test_the_state_is_an_argument(tracker: IkTracker, waving_clip: Clip) -> None
 
 
 def test_the_head_is_turned_as_measured(tracker: IkTracker, waving_clip: Clip) -> None:
-    observation = observe(waving_clip.pose, waving_clip.time)
+    observation = observe(waving_clip.pose, waving_clip.time, HEADSET_CAMERA)
     poses, _, _ = replace(tracker, settings=IkTrackerSettings(half_life=0.0)).step(observation, tracker.start())
     turned = forward_kinematics(poses)[1][:, HEAD]
     angle = np.degrees(geodesic_angle(turned, observation.rotation[:, HEAD]))

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from bodysense.body.pose import forward_kinematics, standing_pose
 from bodysense.body.skeleton import Skeleton, default_skeleton
-from bodysense.devices.simulated.headset_camera import observe
+from bodysense.devices.simulated.sensors import HEADSET_CAMERA, observe
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
@@ -31,7 +31,7 @@ def learned(small_network: Path) -> Learned:
 
 def at_times(clip: Clip, time: np.ndarray) -> Observation:
     """What a headset sees at some times; the clip's poses are taken frame by frame, over and over."""
-    return observe(clip.pose[np.arange(len(time)) % len(clip)], time)
+    return observe(clip.pose[np.arange(len(time)) % len(clip)], time, HEADSET_CAMERA)
 
 
 def steps(learned: Learned, observation: Observation) -> tuple[np.ndarray, list[float]]:
@@ -50,7 +50,7 @@ def steps(learned: Learned, observation: Observation) -> tuple[np.ndarray, list[
 
 
 def test_measured_points_pass_through_unchanged(learned: Learned, waving_clip: Clip) -> None:
-    observation = observe(waving_clip.pose, waving_clip.time)
+    observation = observe(waving_clip.pose, waving_clip.time, HEADSET_CAMERA)
     estimate, _ = learned.step(observation, learned.start())
     seen = observation.has_position
     assert seen.any() and not seen.all()
@@ -85,9 +85,9 @@ def test_irregular_times_and_dropped_frames(learned: Learned, waving_clip: Clip,
 def test_frames_between_steps_do_not_change_what_comes_after(learned: Learned, waving_clip: Clip) -> None:
     """At 120 Hz every fourth answer is that of 30 Hz."""
     fast = resample(waving_clip, 120.0)
-    observation = observe(fast.pose, fast.time)
+    observation = observe(fast.pose, fast.time, HEADSET_CAMERA)
     every = np.arange(0, len(fast), 4)
-    slow = observe(fast.pose[every], fast.time[every])
+    slow = observe(fast.pose[every], fast.time[every], HEADSET_CAMERA)
     often, _ = steps(learned, observation)
     seldom, _ = steps(learned, slow)
     np.testing.assert_allclose(often[every], seldom, atol=1e-6)
@@ -117,7 +117,7 @@ def test_before_anything_is_seen_a_body_stands_there(learned: Learned) -> None:
 
 
 def test_a_head_that_is_lost_stays(learned: Learned, waving_clip: Clip) -> None:
-    observation = observe(waving_clip.pose, waving_clip.time)[:4]
+    observation = observe(waving_clip.pose, waving_clip.time, HEADSET_CAMERA)[:4]
     head = SKELETON.index("head")
     for field in ("position", "rotation"):
         getattr(observation, field)[2:, head] = np.nan
@@ -129,7 +129,7 @@ def test_a_head_that_is_lost_stays(learned: Learned, waving_clip: Clip) -> None:
 
 def test_a_body_of_another_size(small_network: Path, waving_clip: Clip) -> None:
     """A body half as tall again in such a world: the same answer, half as large again."""
-    model, observation = load_model(small_network), observe(waving_clip.pose, waving_clip.time)
+    model, observation = load_model(small_network), observe(waving_clip.pose, waving_clip.time, HEADSET_CAMERA)
     answers = []
     for size in (1.0, 1.5):
         learned = Learned(model, SKELETON.scaled(1.1 * size))

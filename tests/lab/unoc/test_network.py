@@ -19,7 +19,7 @@ from torch import Tensor
 from bodysense.body.pose import forward_kinematics, standing_pose
 from bodysense.body.rotation import quaternion_exp, quaternion_multiply, quaternion_rotate
 from bodysense.body.skeleton import default_skeleton
-from bodysense.devices.simulated.headset_camera import observe
+from bodysense.devices.simulated.sensors import HEADSET_CAMERA, observe
 from bodysense.errors import BodysenseError
 from bodysense_lab.unoc.export import write_onnx
 from bodysense_lab.unoc.learned import load_model
@@ -284,7 +284,7 @@ def test_what_is_no_network_is_refused(tmp_path: Path) -> None:
 
 
 def test_an_observation_is_what_the_network_reads(waving_clip) -> None:
-    seen = observe(waving_clip.pose, waving_clip.time)
+    seen = observe(waving_clip.pose, waving_clip.time, HEADSET_CAMERA)
     tracked = tracked_of(seen, waving_clip.pose.skeleton)
     assert tracked.visible.shape == (1, len(waving_clip), len(SKELETON.points))
     np.testing.assert_array_equal(tracked.visible[0].numpy(), seen.has_position)

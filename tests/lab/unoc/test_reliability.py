@@ -10,7 +10,7 @@ import pytest
 from scipy import stats
 
 from bodysense.body.pose import forward_kinematics
-from bodysense.devices.simulated.headset_camera import observe
+from bodysense.devices.simulated.sensors import HEADSET_CAMERA, observe
 from bodysense.io.clip import Clip
 from bodysense.scoring import scored_points
 from bodysense_lab.unoc.learned import Learned, load_model
@@ -39,7 +39,7 @@ def test_few_and_equal_values() -> None:
 
 def test_pairs_are_of_hidden_points(waving_clip: Clip, small_network: Path) -> None:
     pairs = pairs_of_clip(waving_clip, small_network)
-    observation = observe(waving_clip.pose, waving_clip.time)
+    observation = observe(waving_clip.pose, waving_clip.time, HEADSET_CAMERA)
     estimator = Learned(load_model(small_network), waving_clip.pose.skeleton)
     estimate, _ = estimator.step(observation, estimator.start())
     truth, tested = np.asarray(forward_kinematics(waving_clip.pose)[0]), scored_points(waving_clip.pose.skeleton)

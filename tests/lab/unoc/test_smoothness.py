@@ -9,7 +9,7 @@ import pytest
 
 from bodysense.body.pose import forward_kinematics
 from bodysense.devices.estimate import PointEstimate
-from bodysense.devices.simulated.headset_camera import observe
+from bodysense.devices.simulated.sensors import HEADSET_CAMERA, observe
 from bodysense.io.clip import Clip
 from bodysense.metrics import acceleration
 from bodysense.papers.ik_tracker import IkTracker, IkTrackerSettings
@@ -45,7 +45,7 @@ def test_counts_are_those_of_the_metric(waving_clip: Clip) -> None:
 def test_a_replay_says_what_was_said(waving_clip: Clip) -> None:
     """One call with all frames equals one call a frame."""
     truth = np.asarray(forward_kinematics(waving_clip.pose)[0])[:12]
-    observation = observe(waving_clip.pose[:12], waving_clip.time[:12])
+    observation = observe(waving_clip.pose[:12], waving_clip.time[:12], HEADSET_CAMERA)
     replay = RecordedEstimator(
         PointEstimate(waving_clip.pose.skeleton, truth, np.zeros(truth.shape[:2]), np.zeros(truth.shape[:2]))
     )
@@ -66,7 +66,7 @@ def test_the_tracker_keeps_bones_and_calms(waving_clip: Clip) -> None:
     skeleton = waving_clip.pose.skeleton
     truth = np.asarray(forward_kinematics(waving_clip.pose)[0])[:40]
     noisy = truth + np.random.default_rng(1).normal(scale=0.01, size=truth.shape)
-    observation = observe(waving_clip.pose[:40], waving_clip.time[:40])
+    observation = observe(waving_clip.pose[:40], waving_clip.time[:40], HEADSET_CAMERA)
     out = after_tracker(noisy, observation, skeleton, IkTrackerSettings())
     length = np.linalg.norm(out[:, 1:] - out[:, list(skeleton.parents[1:])], axis=-1)
     np.testing.assert_allclose(length, np.broadcast_to(skeleton.bone_length[1:], length.shape), atol=1e-9)

@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 import pytest
 
-from bodysense.devices.simulated.headset_camera import observe
+from bodysense.devices.simulated.sensors import HEADSET_CAMERA, observe
 from bodysense.errors import BodysenseError
 from bodysense.io.augment import mirrored
 from bodysense.io.bvh import write_bvh
@@ -73,7 +73,7 @@ def test_a_run_writes_a_network_that_tracks(
     log = [json.loads(line) for line in (tmp_path / "net.jsonl").read_text().splitlines()]
     assert log[-1]["step"] == log[-1]["steps"]
     learned = Learned(model, waving_clip.pose.skeleton)
-    estimate, _ = learned.step(observe(waving_clip.pose, waving_clip.time)[:5], learned.start())
+    estimate, _ = learned.step(observe(waving_clip.pose, waving_clip.time, HEADSET_CAMERA)[:5], learned.start())
     assert np.isfinite(estimate.position).all()
     # The same command once more has nothing left to learn; the file still says how good the network is.
     train_body(run)

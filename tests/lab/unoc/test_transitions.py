@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from bodysense.body.pose import forward_kinematics
-from bodysense.devices.simulated.headset_camera import observe
+from bodysense.devices.simulated.sensors import HEADSET_CAMERA, observe
 from bodysense.io.clip import Clip
 from bodysense.scoring import scored_points
 from bodysense_lab.datasets import DataSet, census_of
@@ -55,7 +55,7 @@ def test_a_second_is_thirty_frames() -> None:
 
 def test_methods_on_a_clip(waving_clip: Clip) -> None:
     truth = np.asarray(forward_kinematics(waving_clip.pose)[0])
-    visible = observe(waving_clip.pose, waving_clip.time).has_position
+    visible = observe(waving_clip.pose, waving_clip.time, HEADSET_CAMERA).has_position
     jumpy = np.where(visible[..., None], truth, truth + 0.1)
     found = transitions_of({"truth": truth, "best": jumpy}, truth, visible, waving_clip)
     for event in EVENTS:

@@ -12,7 +12,7 @@ import torch
 
 from bodysense.body.pose import forward_kinematics
 from bodysense.body.skeleton import default_skeleton
-from bodysense.devices.simulated.headset_camera import observe
+from bodysense.devices.simulated.sensors import HEADSET_CAMERA, observe
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.scoring import KNOWN, UNOC_EVAL_JOINTS, Hold
@@ -45,7 +45,7 @@ def test_batches_equal_frame_by_frame(untrained: Path, waving_clip: Clip, name: 
     """BodyNetwork.forward, called with a frame at a time and the state it returned; every third frame is scored."""
     skeleton = waving_clip.pose.skeleton.scaled(1.9)
     pose = replace(waving_clip.pose, skeleton=skeleton)[:30]
-    observation = observe(pose, waving_clip.time[:30])
+    observation = observe(pose, waving_clip.time[:30], HEADSET_CAMERA)
     model = read_weights(untrained / f"{name}.pt", default_skeleton())
     state, tracked, rows = model.start(1), tracked_of(observation, skeleton), []
     whole = ("bone_length", "height")
@@ -66,7 +66,7 @@ def test_last_known_equals_hold(waving_clip: Clip) -> None:
     assert {key[0] for key in parts} == {"constant_velocity", *(f"last_known_{frame}" for frame in KNOWN)}
     skeleton = waving_clip.pose.skeleton
     truth = np.asarray(forward_kinematics(waving_clip.pose)[0])
-    observation = observe(waving_clip.pose, waving_clip.time)
+    observation = observe(waving_clip.pose, waving_clip.time, HEADSET_CAMERA)
     tested = [p for p, name in enumerate(skeleton.points) if name.partition("_")[2] in UNOC_EVAL_JOINTS]
     for frame in KNOWN:
         hold = Hold(skeleton, frame)
@@ -88,7 +88,7 @@ def test_figures_are_those_of_naive_loops(untrained: Path, waving_clip: Clip, na
     """A tall wearer: errors are in their real size; fingers from their wrist, but with the body in the world."""
     skeleton = waving_clip.pose.skeleton.scaled(1.95)
     clip = replace(waving_clip, pose=replace(waving_clip.pose, skeleton=skeleton)[:20])
-    observation = observe(clip.pose, clip.time)
+    observation = observe(clip.pose, clip.time, HEADSET_CAMERA)
     model = read_weights(untrained / f"{name}.pt", default_skeleton())
     with torch.no_grad():
         completed, _ = model(tracked_of(observation, skeleton), model.start(1))
@@ -167,6 +167,7 @@ def test_missing_networks_and_networks_of_another_kind(untrained: Path, tmp_path
         networks_in(tmp_path, ["gru", "tcn"])
     assert "gru, tcn" in str(error.value) and "bodysense train unoc-tables" in str(error.value)
     model = BodyNetwork(replace(PAPER, window=None, hidden=8, branch=(8,), judge_branch=(8,)), default_skeleton())
-    reading = read_observation(model, observe(waving_clip.pose, waving_clip.time), waving_clip.pose.skeleton)
+    observation = observe(waving_clip.pose, waving_clip.time, HEADSET_CAMERA)
+    reading = read_observation(model, observation, waving_clip.pose.skeleton)
     with pytest.raises(BodysenseError, match="carries its state"):
         complete(model, reading, np.arange(3))

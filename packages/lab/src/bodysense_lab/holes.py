@@ -9,6 +9,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from bodysense.body.gaps import runs
+from bodysense.body.hand import FINGERS
 from bodysense.body.person import Person
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.rotation import (
@@ -21,7 +22,6 @@ from bodysense.body.rotation import (
 from bodysense.filling import PartialMotion, filled_by, observed, open_partial
 from bodysense.intervals import Interval, interval
 from bodysense.io.clip import Clip
-from bodysense.io.fingers import FINGERS
 from bodysense.io.holes import missing_items
 from bodysense.io.resample import resample
 from bodysense.tracker import TrackerSettings

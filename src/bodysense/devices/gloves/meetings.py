@@ -11,8 +11,8 @@ from math import dist
 import numpy as np
 
 from bodysense.body.capsules import TINY
-from bodysense.body.hand import HAND_JOINTS, Side
-from bodysense.body.hand_capsules import GIVE, NAMES, hand_capsules, own_pairs, point_beyond
+from bodysense.body.hand import HAND_JOINTS, Side, point_beyond
+from bodysense.body.hand_capsules import GIVE, NAMES, hand_capsules, own_pairs
 from bodysense.body.skeleton import Skeleton
 
 COUNT = len(NAMES)

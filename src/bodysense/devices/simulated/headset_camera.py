@@ -27,7 +27,6 @@ from bodysense.body.rotation import quaternion_rotate
 from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.devices.simulated.rays import blocked, segment_meets_box, segment_meets_capsule
 from bodysense.errors import BodysenseError
-from bodysense.observation import EXACT_ACCURACY, Observation, accuracy_like
 
 SIDES = ("left", "right")
 BODY_JOINTS = ("shoulder", "elbow", "hip", "knee")  # of either side: each seen or hidden on its own
@@ -132,41 +131,6 @@ def _flesh(skeleton: Skeleton, solid_scale: float) -> Primitives:
     if solid_scale == 1:
         return natural
     return replace(natural, radius=natural.radius * solid_scale, half_size=natural.half_size * solid_scale)
-
-
-def observe(pose: Pose, time: np.ndarray, camera: HeadsetCamera = HeadsetCamera()) -> Observation:
-    """Simulate the tracking of a wearer by their headset.
-
-    Args:
-        pose: (..., T) poses.
-        time: (T,) s.
-        camera: the camera.
-
-    Returns:
-        All points of the skeleton, in the world: positions (..., T, P, 3) of those seen, NaN for the others; the head's
-        position and rotation always, no other rotation ever.
-
-    Raises BodysenseError as `see` does, and if poses and times differ in number.
-    """
-    time = np.asarray(time, dtype=np.float64)
-    position, rotation = (np.asarray(part) for part in forward_kinematics(pose))
-    if position.ndim < 3 or time.shape != position.shape[-3:-2]:
-        raise BodysenseError(f"poses of shape {position.shape[:-2]} need as many times as frames, but got {time.shape}")
-    visible = see_points(pose.skeleton, position, rotation, camera).visible
-    head = pose.skeleton.index("head")
-    turned = np.full((*visible.shape, 4), np.nan)
-    turned[..., head, :] = rotation[..., head, :]
-    has_rotation = np.zeros(visible.shape, dtype=bool)
-    has_rotation[..., head] = True
-    return Observation(
-        points=pose.skeleton.points,
-        position=np.where(visible[..., None], position, np.nan),
-        rotation=turned,
-        has_position=visible,
-        has_rotation=has_rotation,
-        accuracy=accuracy_like(visible, EXACT_ACCURACY),
-        time=time,
-    )
 
 
 def camera_pose(

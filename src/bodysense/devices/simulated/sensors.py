@@ -61,6 +61,7 @@ def _pair(name: str) -> tuple[str, str]:
 THREE_POINTS = ("head", *WRISTS)  # of a headset and two controllers
 _SIX = (*THREE_POINTS, "pelvis", *_pair("ankle"))
 THREE_POINT = _posed(*THREE_POINTS)
+HEADSET_CAMERA = SensorSet(("head",), ("head",), camera=True)
 SENSOR_SETS = {
     "head": _posed("head"),
     "three_point": THREE_POINT,
@@ -69,7 +70,7 @@ SENSOR_SETS = {
     "four_point": _posed(*THREE_POINTS, "pelvis"),
     "six_point": _posed(*_SIX),
     "ten_point": _posed(*_SIX, "spine3", *_pair("elbow"), *_pair("knee")),
-    "headset_camera": SensorSet(("head",), ("head",), camera=True),
+    "headset_camera": HEADSET_CAMERA,
     # In addition to the sets of the tables: IMUs in the shoes, and on shins and shoes.
     "three_point_imu_shoes": SensorSet(THREE_POINTS, (*THREE_POINTS, *_pair("ankle"))),
     "three_point_imu_legs": SensorSet(THREE_POINTS, (*THREE_POINTS, *_pair("knee"), *_pair("ankle"))),

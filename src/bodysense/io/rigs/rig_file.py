@@ -11,7 +11,6 @@ import numpy as np
 from bodysense.body.pose import forward_kinematics
 from bodysense.body.retarget import on_body
 from bodysense.body.rotation import (
-    normalize,
     quaternion_canonical,
     quaternion_conjugate,
     quaternion_multiply,
@@ -23,7 +22,7 @@ from bodysense.io.clip import Clip
 from bodysense.io.rigs.figure import placed
 from bodysense.io.rigs.options import AS_FOUND, ReadingOptions
 from bodysense.io.rigs.rigged import Rigged, read_rigged
-from bodysense.io.rigs.source_joints import joints_of_file
+from bodysense.io.rigs.source_joints import joints_of_file, mean_rotation
 
 
 def write_on_rig_of(path: Path, clip: Clip, source: Path, options: ReadingOptions = AS_FOUND) -> None:
@@ -43,7 +42,7 @@ def on_rig(file: BvhLines, rigged: Rigged, clip: Clip) -> BvhLines:
     pose = clip.pose if np.allclose(clip.pose.skeleton.rest_offset, body.rest_offset) else on_body(clip.pose, body)
     anchor = next(name for name in ("pelvis", "left_hip") if name in joints.ours)
     wanted, place = joints.world(pose), np.asarray(forward_kinematics(pose)[0])[:, body.index(anchor)]
-    frames, rest = len(clip), _usual(file.rotation)
+    frames, rest = len(clip), mean_rotation(file.rotation)
     local, world = np.zeros((2, frames, len(file.joints), 4))
     for joint, parent in enumerate(file.parents):
         above = world[:, parent] if parent >= 0 else np.broadcast_to([1.0, 0.0, 0.0, 0.0], (frames, 4))
@@ -58,12 +57,6 @@ def on_rig(file: BvhLines, rigged: Rigged, clip: Clip) -> BvhLines:
     columns = file.columns_of(carrier, "position")
     values[:, columns], changed[:, columns] = carried[:, _axes(file, carrier)], True
     return turned.with_values(values, changed)
-
-
-def _usual(rotation: np.ndarray) -> np.ndarray:
-    """Return the mean (J, 4) of rotations (T, J, 4)."""
-    sign = np.where((rotation * rotation[:1]).sum(axis=-1, keepdims=True) < 0, -1.0, 1.0)
-    return np.asarray(normalize((sign * rotation).sum(axis=0)))
 
 
 def _carrier(file: BvhLines, chain: list[int]) -> int:

@@ -110,7 +110,7 @@ def joints_of_file(file: BvhLines, rigged: Rigged) -> SourceJoints:
             continue
         joint = ours[name] = place[figure.nodes[point]]
         mine = rotation[:, pose.skeleton.index(name)]
-        turn[name] = _mean(np.asarray(quaternion_multiply(quaternion_conjugate(mine), world[:, joint])))
+        turn[name] = mean_rotation(np.asarray(quaternion_multiply(quaternion_conjugate(mine), world[:, joint])))
     flat = any(figure.parents[k] > 0 and file.parents[place[figure.nodes[k]]] <= 0 for k in range(len(figure.joints)))
     if flat or (not figure.turns and len(figure.position) > 1):
         raise BodysenseError(
@@ -129,7 +129,7 @@ def world_rotation(rotation: np.ndarray, parents: Sequence[int]) -> np.ndarray:
     return world
 
 
-def _mean(rotation: np.ndarray) -> np.ndarray:
-    """The mean of rotations (T, 4) that differ little."""
-    sign = np.sign(rotation @ rotation[0])[:, None]
-    return np.asarray(normalize((np.where(sign == 0, 1, sign) * rotation).sum(axis=0)))
+def mean_rotation(rotation: np.ndarray) -> np.ndarray:
+    """Return the mean (..., 4) of rotations (T, ..., 4) that differ little."""
+    sign = np.where((rotation * rotation[:1]).sum(axis=-1, keepdims=True) < 0, -1.0, 1.0)
+    return np.asarray(normalize((sign * rotation).sum(axis=0)))

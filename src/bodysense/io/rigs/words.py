@@ -11,6 +11,8 @@ import unicodedata
 from collections.abc import Sequence
 from functools import lru_cache
 
+from bodysense.body.hand import FINGERS
+
 _SPLIT = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+|[^\W\d_a-zA-Z]+")
 NAMESPACE = re.compile(r"^.*[:|]")  # mixamorig7:, Armature|
 _ACCENT = re.compile("[\u0300-\u036f]")
@@ -50,7 +52,6 @@ PARTS: dict[str, tuple[str, ...]] = {
     **dict.fromkeys(("carpal", "metacarpal"), ("carpal",)),
     "finger": ("finger",),
 }
-FINGERS = ("thumb", "index", "middle", "ring", "pinky")
 # Joint of a finger that a word means: 0 is inside the palm, 4 the tip.
 PHALANGES = {
     **dict.fromkeys(("metacarpal", "mc"), 0),

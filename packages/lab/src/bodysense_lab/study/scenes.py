@@ -19,7 +19,7 @@ import numpy as np
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.skeleton import Skeleton
 from bodysense.devices.estimate import Estimator
-from bodysense.devices.simulated.headset_camera import observe
+from bodysense.devices.simulated.sensors import HEADSET_CAMERA, observe
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
@@ -94,7 +94,7 @@ def complete_clip(clip: Clip, settings: StudySettings) -> SceneMotion:
     """
     clip = resample(clip, RATE)
     skeleton = clip.pose.skeleton
-    observation = observe(clip.pose, clip.time)
+    observation = observe(clip.pose, clip.time, HEADSET_CAMERA)
 
     def completed(estimator: Estimator) -> Pose:
         tracker = IkTracker(estimator, settings.tracker)

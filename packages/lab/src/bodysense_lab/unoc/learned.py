@@ -12,7 +12,7 @@ from bodysense.body.pose import Pose, forward_kinematics, standing_pose
 from bodysense.body.skeleton import Skeleton
 from bodysense.completion.network import Network, NetworkFormat
 from bodysense.devices.estimate import PointEstimate
-from bodysense.devices.simulated.headset_camera import HeadsetCamera, observe
+from bodysense.devices.simulated.sensors import HEADSET_CAMERA, observe
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
@@ -138,7 +138,7 @@ def track_clip(clip: Clip, model: Path | None, settings: IkTrackerSettings) -> T
     """Run the tracker, frame by frame, and the baselines on what a headset sees of a canonical clip."""
     clip = resample(clip, RATE)
     skeleton = clip.pose.skeleton
-    observation = observe(clip.pose, clip.time, HeadsetCamera())
+    observation = observe(clip.pose, clip.time, HEADSET_CAMERA)
     tracker = IkTracker(Learned(load_model(model), skeleton), settings)
     state, poses, positions = tracker.start(), [], []
     for frame in range(len(clip)):

@@ -14,7 +14,7 @@ import numpy as np
 from scipy import stats
 
 from bodysense.body.pose import forward_kinematics
-from bodysense.devices.simulated.headset_camera import observe
+from bodysense.devices.simulated.sensors import HEADSET_CAMERA, observe
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
 from bodysense.scoring import RATE, group_of, part_errors
@@ -44,7 +44,7 @@ def pairs_of_clip(clip: Clip, model: Path | None) -> dict[tuple[str, str], Error
     """By group of categories and part: expected and true errors of what a headset does not see of a clip."""
     clip = resample(clip, RATE)
     skeleton = clip.pose.skeleton
-    observation = observe(clip.pose, clip.time)
+    observation = observe(clip.pose, clip.time, HEADSET_CAMERA)
     estimator = Learned(load_model(model), skeleton)
     estimate, _ = estimator.step(observation, estimator.start())
     truth = np.asarray(forward_kinematics(clip.pose)[0])

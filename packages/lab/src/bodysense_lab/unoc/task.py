@@ -18,8 +18,8 @@ import torch
 from torch import Tensor
 
 from bodysense.body.pose import forward_kinematics
-from bodysense.devices.simulated.headset_camera import HeadsetCamera, observe
 from bodysense.devices.simulated.noise import hide_hands
+from bodysense.devices.simulated.sensors import HEADSET_CAMERA, observe
 from bodysense.io.augment import mirrored, with_limb_proportions
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
@@ -139,7 +139,7 @@ def make_episode(clip: Clip, model: BodyNetwork, variation: Variation, rng: np.r
     if variation.limb_spread:
         # The network scales bodies to one stature itself: vary the proportions only.
         clip = with_limb_proportions(clip, variation.limb_spread, rng)
-    observation = observe(clip.pose, clip.time, HeadsetCamera())
+    observation = observe(clip.pose, clip.time, HEADSET_CAMERA)
     if variation.hand_dropouts_per_minute:
         observation = hide_hands(observation, variation.hand_dropouts_per_minute, rng)
     tracked = tracked_of(observation, clip.pose.skeleton)

@@ -13,7 +13,7 @@ from torch import Tensor
 
 from bodysense.body.pose import forward_kinematics
 from bodysense.body.skeleton import Skeleton, default_skeleton
-from bodysense.devices.simulated.headset_camera import HeadsetCamera, observe
+from bodysense.devices.simulated.sensors import HEADSET_CAMERA, observe
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
@@ -119,7 +119,7 @@ def score_clip(clip: Clip, work: Work) -> dict[tuple[str, str, str, str], Tally]
         torch.set_num_threads(work.threads)
     if work.shipped is None:
         clip = resample(clip, RATE)
-        observation = observe(clip.pose, clip.time, HeadsetCamera())
+        observation = observe(clip.pose, clip.time, HEADSET_CAMERA)
         position = last_known(observation, clip.pose.skeleton)
     else:
         tracked = track_clip(clip, work.shipped.model, work.shipped.settings)
