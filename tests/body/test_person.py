@@ -45,10 +45,10 @@ def bone(person: Person, name: str) -> float:
 
 @pytest.mark.parametrize("height", [1.0, 1.3, 1.45, 1.6, 1.8, 2.05, 2.3])
 def test_a_told_height_is_hit(height: float) -> None:
-    for person in (Person(height=height), Person(height=height)):
-        assert stature(person.skeleton.rest_offset) == pytest.approx(height, abs=2e-3)
-        assert (person.skeleton.bone_length[1:] > 0).all()
-        assert (person.bone_deviation[1:] > 0).all()
+    person = Person(height=height)
+    assert stature(person.skeleton.rest_offset) == pytest.approx(height, abs=2e-3)
+    assert (person.skeleton.bone_length[1:] > 0).all()
+    assert (person.bone_deviation[1:] > 0).all()
 
 
 def test_nobody_in_particular_is_the_mean_adult() -> None:

@@ -22,6 +22,13 @@ from bodysense.errors import BodysenseError
 from bodysense.observation import Observation, check_order, observed_points
 
 MEASURED_ERROR = 0.002  # m: expected error of a tracked point
+_GUESSED_ARM_FACTOR = 5.0  # factor on the half-life of arm and hand joints without tracked points below them
+_DOUBT = 0.03  # m, expected error at which a predicted point pulls half as much in IK
+_MEASURED_WEIGHT = 10.0  # pull of a tracked point in IK, relative to a certain prediction's 1
+_FINGER_WEIGHT = 0.05  # factor on the pull of every point of a finger
+_HEAD_WEIGHT = 0.05  # m²/rad²: pull of the measured head orientation in IK
+_POSE_WEIGHT = 1e-3  # m²/rad²: pull of each rotation of the estimator
+_LONGEST_GAP = 1.0  # s without frames after which motion is reset
 
 
 @dataclass(frozen=True)
@@ -30,23 +37,12 @@ class IkTrackerSettings:
 
     # s in which the smoother closes half of a jump; 0 disables it. For estimators without rotations.
     half_life: float = 0.03
-    guessed_arm_factor: float = 5.0  # factor on the half-life of arm and hand joints without tracked points below them
-    doubt: float = 0.03  # m, expected error at which a predicted point pulls half as much in IK
-    measured_weight: float = 10.0  # pull of a tracked point in IK, relative to a certain prediction's 1
-    finger_weight: float = 0.05  # factor on the pull of every point of a finger
-    head_weight: float = 0.05  # m²/rad²: pull of the measured head orientation in IK
-    pose_weight: float = 1e-3  # m²/rad²: pull of each rotation of the estimator
-    longest_gap: float = 1.0  # s without frames after which motion is reset
     # Predictions are centimetres off: IK need not place them to hundredths of a millimetre.
     ik: IkSettings = IkSettings(tolerance=1e-4)
 
     def __post_init__(self) -> None:
-        for name in ("half_life", "head_weight", "pose_weight"):
-            if not 0 <= getattr(self, name) < math.inf:
-                raise BodysenseError(f"tracker settings: {name} is {getattr(self, name):g}; it must be 0 or more")
-        for name in ("guessed_arm_factor", "doubt", "measured_weight", "finger_weight", "longest_gap"):
-            if not getattr(self, name) > 0:
-                raise BodysenseError(f"tracker settings: {name} is {getattr(self, name):g}; it must be positive")
+        if not 0 <= self.half_life < math.inf:
+            raise BodysenseError(f"tracker settings: half_life is {self.half_life:g}; it must be 0 or more")
 
 
 @dataclass(frozen=True)
@@ -138,10 +134,10 @@ class IkTracker:
         if estimate.pose is None:
             aims, weight = np.full((len(rotation), joints, 4), np.nan), np.zeros((len(rotation), joints))
             aims[:, head] = rotation[:, head]
-            weight[:, head] = np.where(has_rotation[:, head], self.settings.head_weight, 0.0)
+            weight[:, head] = np.where(has_rotation[:, head], _HEAD_WEIGHT, 0.0)
             return aims, weight
         aims = np.stack([world_rotation(skeleton, local) for local in estimate.pose.rotation])
-        weight = np.where(has_rotation[:, :joints], self.settings.head_weight, self.settings.pose_weight)
+        weight = np.where(has_rotation[:, :joints], _HEAD_WEIGHT, _POSE_WEIGHT)
         return aims, weight
 
     def _missed(self, reached: np.ndarray, target: np.ndarray, measured: np.ndarray) -> np.ndarray:
@@ -152,11 +148,11 @@ class IkTracker:
     def _weight(self, expected_error: np.ndarray, measured: np.ndarray) -> np.ndarray:
         """Return the pull of every point in IK, (T, P)."""
         # A finger's own error is that of its offset; its wrist's error is added.
-        squared = (expected_error / self.settings.doubt) ** 2
+        squared = (expected_error / _DOUBT) ** 2
         squared = squared + squared.take(self._wrist_or_self, axis=1) * self._is_finger
-        weight = np.where(measured, self.settings.measured_weight, 1 / (1 + squared))
+        weight = np.where(measured, _MEASURED_WEIGHT, 1 / (1 + squared))
         # The twenty points of a hand rotate it about its wrist; together they must not outweigh the wrist's position.
-        return np.where(self._is_finger, weight * self.settings.finger_weight, weight)
+        return np.where(self._is_finger, weight * _FINGER_WEIGHT, weight)
 
     def _pose(
         self,
@@ -175,7 +171,7 @@ class IkTracker:
         if root is not None:
             solved, ik = self._ik.solve(target, weight, aim, aim_weight, self._ik.at(root, aim))
             return self._at_once(solved, ik, None, time, state)
-        start = state.ik if gap <= self.settings.longest_gap else None
+        start = state.ik if gap <= _LONGEST_GAP else None
         if start is not None and state.missed is not None:
             # A predicted hand keeps its shape and direction relative to the actual wrist, not the wanted one.
             target = target + state.missed
@@ -183,7 +179,7 @@ class IkTracker:
         missed = self._missed(ik.position, target, measured)
         if start is None or self.settings.half_life == 0:
             return self._at_once(solved, ik, missed, time, state)
-        slower = np.where(self._below @ measured < self._arm, self.settings.guessed_arm_factor, 1.0)
+        slower = np.where(self._below @ measured < self._arm, _GUESSED_ARM_FACTOR, 1.0)
         root, root_velocity, rotation, spin = smooth(solved, state, gap, self.settings.half_life, slower)
         return IkTrackerState(state.estimator, ik, missed, time, root, rotation, root_velocity, spin)
 

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from bodysense.body.glove import default_glove, template
 from bodysense.body.skeleton import Skeleton
 from bodysense.devices.gloves.fillers import Filler, LastShape, NetworkFiller, Stack
-from bodysense.devices.gloves.hands import GloveModels, natural_markers
+from bodysense.devices.gloves.hands import natural_markers
 from bodysense.errors import BodysenseError
 from bodysense_lab.two_hands.baselines import AffineCombination, LastKnown, MovingAverage
 
@@ -195,22 +195,3 @@ def test_hands_of_a_batch_know_nothing_of_each_other(filler: Filler, markers: np
     both = run(filler, np.concatenate([one, other], axis=1))
     np.testing.assert_allclose(both[:, :1], run(filler, one), atol=1e-9)
     np.testing.assert_allclose(both[:, 1:], run(filler, other), atol=1e-9)
-
-
-@pytest.mark.parametrize("few", [3, 6])
-def test_what_was_asked_before_changes_no_answer(
-    small_models: GloveModels, hand: Skeleton, markers: np.ndarray, few: int
-) -> None:
-    """Levers of markers and the last frames are kept; a filler that has kept nothing answers the same."""
-    frames, rng = markers[:30, None].copy(), np.random.default_rng(few)
-    for frame in frames:
-        frame[0, rng.permutation(9)[: rng.integers(0, few + 1)]] = np.nan
-    used = NetworkFiller(small_models.markers, [hand])
-    state = used.start(1)
-    for frame in frames:
-        fresh = NetworkFiller(small_models.markers, [hand]).fill(frame, 0.0, state)
-        for _ in range(2):
-            again = used.fill(frame, 0.0, state)
-            np.testing.assert_array_equal(again[0], fresh[0])
-            np.testing.assert_array_equal(again[1].rotation, fresh[1].rotation)
-        state = fresh[1]

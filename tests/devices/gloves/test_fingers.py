@@ -13,7 +13,7 @@ from bodysense.body.rotation import (
     shortest_arc,
 )
 from bodysense.body.skeleton import Skeleton
-from bodysense.devices.gloves.fingers import Aim, hand_shape, pointed, shortest_arcs
+from bodysense.devices.gloves.fingers import hand_shape, pointed, shortest_arcs
 from bodysense.errors import BodysenseError
 from bodysense_lab.synthesis.hands import varied_hand
 
@@ -39,20 +39,19 @@ def test_restraint_holds_large_arcs_back_and_small_ones_hardly() -> None:
     assert abs(turned[7]) < 0.01
 
 
-@pytest.mark.parametrize("aim", ["marker", "last segment"])
-def test_fingers_point_at_markers_as_the_slow_way_says(hand: Skeleton, aim: Aim) -> None:
+def test_fingers_point_at_markers_as_the_slow_way_says(hand: Skeleton) -> None:
     rng, glove = np.random.default_rng(3), default_glove()
     hands = [hand, varied_hand(hand, 0.1, rng), varied_hand(hand, 0.1, rng)]
     angles = rng.normal(scale=0.3, size=(3, 26))
     markers = np.stack([np.asarray(marker_positions(glove, _posed(one, angles[k]))) for k, one in enumerate(hands)])
     markers += rng.normal(scale=0.01, size=markers.shape)
-    local, points = pointed(rotations_of(angles), markers, hand_shape(hands, [glove] * 3, aim))
+    local, points = pointed(rotations_of(angles), markers, hand_shape(hands, [glove] * 3))
     for k, one in enumerate(hands):
         turned = _posed(one, angles[k]).rotation.copy()
         position, _ = forward_kinematics(Pose(one, np.zeros(3), turned))
         for finger in FINGERS:
             base = position[one.index(f"{finger}1")]
-            last, tip = position[one.index(f"{finger}3")], position[one.index(f"{finger}_tip")]
+            tip = position[one.index(f"{finger}_tip")]
             marker = markers[k, glove.markers.index(f"{finger}_tip")]
             place = one.index(f"{finger}1")
             if finger == "thumb":  # its middle marker, which the default glove wears at joint 2, then its tip's
@@ -60,14 +59,14 @@ def test_fingers_point_at_markers_as_the_slow_way_says(hand: Skeleton, aim: Aim)
                 turned[place] = quaternion_multiply(shortest_arc(joint - base, middle - base), turned[place])
                 position, world = forward_kinematics(Pose(one, np.zeros(3), turned))
                 base, place = position[one.index("thumb2")], one.index("thumb2")
-                last, tip = position[one.index("thumb3")], position[one.index("thumb_tip")]
-                arc = shortest_arc((tip if aim == "marker" else (last + tip) / 2) - base, marker - base)
+                tip = position[one.index("thumb_tip")]
+                arc = shortest_arc(tip - base, marker - base)
                 turned[place] = quaternion_multiply(
                     quaternion_conjugate(world[place - 1]),
                     quaternion_multiply(arc, quaternion_multiply(world[place - 1], turned[place])),
                 )
                 continue
-            arc = shortest_arc((tip if aim == "marker" else (last + tip) / 2) - base, marker - base)
+            arc = shortest_arc(tip - base, marker - base)
             turned[place] = quaternion_multiply(arc, turned[place])
         wanted, _ = forward_kinematics(Pose(one, np.zeros(3), turned))
         np.testing.assert_allclose(points[k], wanted, atol=1e-12)
@@ -77,8 +76,6 @@ def test_fingers_point_at_markers_as_the_slow_way_says(hand: Skeleton, aim: Aim)
 def test_errors(hand: Skeleton) -> None:
     from dataclasses import replace
 
-    with pytest.raises(BodysenseError, match="aim 'tip'; it is 'marker' or 'last segment'"):
-        hand_shape([hand], [default_glove()], "tip")  # type: ignore[arg-type]
     glove = default_glove()
     elsewhere = replace(glove, points=tuple("ring3" if point == "ring_tip" else point for point in glove.points))
     with pytest.raises(BodysenseError, match="'ring_tip' is worn at 'ring3'"):

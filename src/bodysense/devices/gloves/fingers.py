@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Literal
 
 import numpy as np
 
@@ -14,7 +13,6 @@ from bodysense.body.products import CONJUGATE, cross, multiply, to_matrix
 from bodysense.body.skeleton import Skeleton
 from bodysense.errors import BodysenseError
 
-Aim = Literal["marker", "last segment"]
 POINT_COUNT = 21  # of a hand: the wrist, 15 joints, 5 tips
 _ONES = np.ones((4, 1))
 
@@ -34,14 +32,8 @@ class HandShape:
     markers: np.ndarray = field(repr=False)  # (6,) the marker for each finger's tip, and the thumb's middle one
 
 
-def hand_shape(hands: Sequence[Skeleton], gloves: Sequence[Glove], aim: Aim = "marker") -> HandShape:
-    """Return the shape of hands with gloves.
-
-    The point that aims at a fingertip's marker is the marker's place on the glove ('marker'), or the middle of the last
-    segment ('last segment'; two-hands, section 2.2).
-    """
-    if aim not in ("marker", "last segment"):
-        raise BodysenseError(f"gloves: aim {aim!r}; it is 'marker' or 'last segment'")
+def hand_shape(hands: Sequence[Skeleton], gloves: Sequence[Glove]) -> HandShape:
+    """Return the shape of hands with gloves; the point that aims at a marker is the marker's place on the glove."""
     markers = np.array([gloves[0].markers.index(name) for name in (*(f"{f}_tip" for f in FINGERS), "thumb_middle")])
     bones = np.zeros((len(hands), 5, 3, 6))
     for place, (hand, glove) in enumerate(zip(hands, gloves, strict=True)):
@@ -56,7 +48,7 @@ def hand_shape(hands: Sequence[Skeleton], gloves: Sequence[Glove], aim: Aim = "m
                     f"gloves: the marker {glove.markers[marker]!r} is worn at {glove.points[marker]!r}, carried by "
                     f"{glove.carried_by[marker]!r}; it must be at {names[3]!r}, carried by {names[2]!r}"
                 )
-            bones[place, row, :, 4] = tip + glove.offset[marker] * scale if aim == "marker" else tip / 2
+            bones[place, row, :, 4] = tip + glove.offset[marker] * scale
     first, middle, last = bones[..., 1:2].copy(), bones[..., [2, 2, 2, 5]], bones[..., 3:5].copy()
     return HandShape(bones[..., :1].copy(), last, middle, first, markers)
 

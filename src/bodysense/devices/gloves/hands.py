@@ -39,7 +39,7 @@ from bodysense.devices.gloves.contact_rows import ContactSettings
 from bodysense.devices.gloves.continuity import FADING, Remembered
 from bodysense.devices.gloves.expectation import Influence, expected_error, influence
 from bodysense.devices.gloves.fillers import Filler, LastShape, NetworkFiller, Stack, missing
-from bodysense.devices.gloves.fingers import POINT_COUNT, Aim
+from bodysense.devices.gloves.fingers import POINT_COUNT
 from bodysense.devices.gloves.inertial import Fusion, InertialSettings, InertialState, Sensed
 from bodysense.devices.gloves.joints import HandPoses, JointReader
 from bodysense.devices.gloves.networks import HandNetwork, load_joint_network, load_marker_network
@@ -78,7 +78,6 @@ class HandsSettings:
     fading: float | None = FADING  # s, half-life of a hidden marker's offset (`continuity`); None keeps it
     hold: float = 0.5  # s for which a hand without seen markers stays in place
     relaxing: float = 1.0  # s within which it then relaxes
-    aim: Aim = "marker"  # point of a finger that aims at its marker
     restraint: float = 4.0  # of fingers' large turns to their markers (`fingers.shortest_arcs`); 0 turns all the way
     contact: ContactSettings | None = field(default_factory=ContactSettings)  # if None, contact is off
     inertial: InertialSettings = InertialSettings()
@@ -155,9 +154,7 @@ class Hands:
     @cached_property
     def _reader(self) -> JointReader:
         hands, settings = tuple(self.hands.values()), self.settings
-        return JointReader(
-            self.models.joints, hands, self._gloves, settings.aim, settings.restraint, self.calibration, self.axes
-        )
+        return JointReader(self.models.joints, hands, self._gloves, settings.restraint, self.calibration, self.axes)
 
     @cached_property
     def _filler(self) -> Filler:

@@ -19,7 +19,7 @@ from bodysense.body.products import multiply
 from bodysense.body.registration import Levers, brought_back, fit, levers, moved
 from bodysense.body.rotation import quaternion_canonical
 from bodysense.body.skeleton import Skeleton
-from bodysense.devices.gloves.fingers import Aim, HandShape, hand_shape, pointed
+from bodysense.devices.gloves.fingers import HandShape, hand_shape, pointed
 from bodysense.devices.gloves.networks import HandNetwork, known_shapes, size_ratios
 
 
@@ -42,7 +42,6 @@ class JointReader:
     model: HandNetwork
     hands: Sequence[Skeleton]
     gloves: Sequence[Glove]
-    aim: Aim = "marker"
     restraint: float = 0.0  # of fingers' large turns to their markers
     calibration: np.ndarray | None = None
     axes: np.ndarray | None = None
@@ -50,7 +49,7 @@ class JointReader:
     @cached_property
     def shape(self) -> HandShape:
         """The hands' constants."""
-        return hand_shape(self.hands, self.gloves, self.aim)
+        return hand_shape(self.hands, self.gloves)
 
     @cached_property
     def _own_axes(self) -> np.ndarray:

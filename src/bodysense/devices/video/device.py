@@ -49,6 +49,10 @@ _LEG_MARKS = [BODY_LANDMARKS.index(f"{side}_{part}") for side in SIDES for part 
 _SOLE = ("ankle", "foot", "toe")
 _FAR = 3.0  # m from the camera, before a person has been seen
 _BONES = np.array([[ARM_JOINTS.index(f"{side}_{part}") for part in ("shoulder", "elbow")] for side in SIDES])
+_CALM = 0.05  # s: standard deviation of the smoothing of landmarks, over earlier and later frames
+_ARM_CALM = 0.03  # s, for arms, which move faster
+_PLACE_HALF_LIFE = 0.1  # s in which half of a jump across the picture is closed
+_DEPTH_HALF_LIFE = 0.3  # s, of a jump toward the camera or away from it
 
 
 @dataclass(frozen=True)
@@ -56,13 +60,9 @@ class VideoSettings:
     """Settings of video tracking."""
 
     look_ahead: float = 0.25  # s to wait for later frames; 0 outputs each at once
-    calm: float = 0.05  # s: standard deviation of the smoothing of landmarks, over earlier and later frames
-    arm_calm: float = 0.03  # s, for arms, which move faster
     field_of_view: float = 60.0  # degrees over the longer side of the picture
     tilt: float | None = None  # degrees by which the camera looks down; learned from the standing person if omitted
     roll: float | None = None  # degrees by which upright things lean to the right in the picture; likewise
-    place_half_life: float = 0.1  # s in which half of a jump across the picture is closed
-    depth_half_life: float = 0.3  # s, of a jump toward the camera or away from it
 
     def __post_init__(self) -> None:
         if not 0 <= self.look_ahead <= 0.5:
@@ -72,9 +72,6 @@ class VideoSettings:
         for name, most in (("tilt", 90), ("roll", 180)):
             if (angle := getattr(self, name)) is not None and not abs(angle) <= most:
                 raise BodysenseError(f"--{name} {angle:g}: give -{most} to {most} degrees")
-        for name in ("calm", "arm_calm", "place_half_life", "depth_half_life"):
-            if not getattr(self, name) > 0:
-                raise BodysenseError(f"video settings: {name} is {getattr(self, name):g}; it must be positive")
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,19 +167,19 @@ class VideoDevice:
         for k in range(count):
             settings, (tilt, roll) = self.settings, state.levels[first + k]
             room = tilted(tilt)
-            calm = smoothed(waiting, first + k, settings.calm, settings.look_ahead)
+            calm = smoothed(waiting, first + k, _CALM, settings.look_ahead)
             laid = self._points.lay(calm) if calm.has_body[0] else None
             if laid is not None:
                 assert turned is not None
                 state = self._followed(laid, calm, room, state)
-                places = smoothed(waiting, first + k, settings.arm_calm, settings.look_ahead).picture[0, _ARM_MARKS]
+                places = smoothed(waiting, first + k, _ARM_CALM, settings.look_ahead).picture[0, _ARM_MARKS]
                 self._observe(seen, k, laid, calm, self._arms(laid, turned[k], calm, places, state), room, state)
             axes[k] = room @ rolled(roll)
             positions[k] = state.root - room @ state.place
         camera = Camera(positions, axes, np.full(count, self.focal), np.full(count, self.aspect))
         # Earlier frames within reach are kept for smoothing the next ones.
         past = waiting.time[: first + count]
-        old = 0 if not len(past) else int((past < past[-1] - REACH * self.settings.calm).sum())
+        old = 0 if not len(past) else int((past < past[-1] - REACH * _CALM).sum())
         frames = VideoFrames(seen, person, camera)
         return frames, replace(state, waiting=waiting[old:], levels=state.levels[old:], done=first + count - old)
 
@@ -192,7 +189,7 @@ class VideoDevice:
         if state.begun is None:
             state = replace(state, place=place, begun=(time, float((room @ place)[2])), time=time)
         else:
-            lives = np.array([self.settings.place_half_life] * 2 + [self.settings.depth_half_life])
+            lives = np.array([_PLACE_HALF_LIFE] * 2 + [_DEPTH_HALF_LIFE])
             offset, velocity = spring_step(state.place - place, state.velocity, lives, time - state.time)
             state = replace(state, place=place + offset, velocity=velocity, time=time)
         assert state.begun is not None

@@ -26,6 +26,8 @@ BODY_LANDMARKS = (  # of MediaPipe's pose landmarker (BlazePose), in its order
 )
 # fmt: on
 _TO_OURS = np.array([1.0, -1.0, -1.0])  # MediaPipe's x, y, z point right, down and away from the camera
+_BODY_CONFIDENCE = 0.5  # least probability of a body
+_HAND_CONFIDENCE = 0.4
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,8 +53,6 @@ class LandmarkerSettings:
     """Settings of the landmarkers."""
 
     people: int = 2  # most people at once; 1 is more than twice as fast, but may switch to a person in front
-    body_confidence: float = 0.5  # least probability of a body
-    hand_confidence: float = 0.4
 
     def __post_init__(self) -> None:
         if self.people < 1:
@@ -81,7 +81,7 @@ class Landmarker:
                         base_options=BaseOptions(model_asset_path=str(files.pose)),
                         running_mode=vision.RunningMode.VIDEO,
                         num_poses=settings.people,
-                        min_pose_detection_confidence=settings.body_confidence,
+                        min_pose_detection_confidence=_BODY_CONFIDENCE,
                     )
                 )
                 stack.callback(self._pose.close)
@@ -90,7 +90,7 @@ class Landmarker:
                         base_options=BaseOptions(model_asset_path=str(files.hand)),
                         running_mode=vision.RunningMode.VIDEO,
                         num_hands=2 * settings.people,
-                        min_hand_detection_confidence=settings.hand_confidence,
+                        min_hand_detection_confidence=_HAND_CONFIDENCE,
                     )
                 )
                 stack.callback(self._hand.close)

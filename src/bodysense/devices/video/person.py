@@ -27,6 +27,13 @@ _SHOULDERS = _ARMS[:, 0]
 _HIPS = np.array([BODY_LANDMARKS.index(f"{side}_hip") for side in SIDES])
 # Positions between shoulders and hips where the colour of clothes is sampled: shares across and down.
 _PATCH = np.stack(np.meshgrid(np.linspace(0.25, 0.75, 5), np.linspace(0.15, 0.75, 6)), axis=-1).reshape(-1, 2)
+_FARTHEST = 1.2  # unlikeness above which it is another person
+_SPEED = 2.0  # a second: growth of the search distance of an unseen person
+_COLOUR = 3.0  # unlikeness of black clothes and white ones
+_ABSENCE = 3.0  # unlikeness a second of unseen people
+_PATIENCE = 3.0  # s without the person until another one is chosen
+_HAND_REACH = 0.4  # from an arm's wrist to that of its hand
+_WRONG_SIDE = 0.25  # unlikeness of a hand that is certainly the other side's
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,14 +61,7 @@ class PersonLandmarks:
 class PersonSettings:
     """Settings of following a person. Lengths are in sizes of the person in the picture."""
 
-    farthest: float = 1.2  # unlikeness above which it is another person
     number: int | None = None  # of the followed person, from 1, in the numbering of people; None: the largest
-    speed: float = 2.0  # a second: growth of the search distance of an unseen person
-    colour: float = 3.0  # unlikeness of black clothes and white ones
-    absence: float = 3.0  # unlikeness a second of unseen people
-    patience: float = 3.0  # s without the person until another one is chosen
-    hand_reach: float = 0.4  # from an arm's wrist to that of its hand
-    wrong_side: float = 0.25  # unlikeness of a hand that is certainly the other side's
 
     def __post_init__(self) -> None:
         if self.number is not None and self.number < 1:
@@ -116,13 +116,13 @@ def follow(
     empty = _nobody(picture.time)
     if chosen is None:
         return empty, replace(state, sides=sides)
-    hand_of = _hands_of(chosen, bodies, hands, settings)
+    hand_of = _hands_of(chosen, bodies, hands)
     labels = sum((1 - 2 * side) * (2 * float(hands.left[k]) - 1) for side, k in enumerate(hand_of) if k is not None)
     size = float(_size(bodies.picture[chosen : chosen + 1])[0])
     is_kept = is_turned_round(picture.time, bodies.picture[chosen], size, labels, sides)
     if is_kept:
         bodies = _turned(bodies, chosen)
-        hand_of = _hands_of(chosen, bodies, hands, settings)
+        hand_of = _hands_of(chosen, bodies, hands)
     state = replace(state, sides=remembered(picture.time, bodies.picture[chosen], size, is_kept, sides))
     for side, place in enumerate(hand_of):
         if place is not None:
@@ -190,18 +190,18 @@ def _choose(
 ) -> tuple[int | None, PersonState]:
     """Return the index of the followed person's body, and the new state."""
     seen = _everybody(picture, bodies)
-    known = [one for one in state.others if picture.time - one.time <= settings.patience]
+    known = [one for one in state.others if picture.time - one.time <= _PATIENCE]
     person = state.person
-    if person is not None and (settings.number or picture.time - person.time <= settings.patience):
+    if person is not None and (settings.number or picture.time - person.time <= _PATIENCE):
         known = [person, *known]
     else:
         person = None
-    unlike = np.array([[_unlike(one, new, settings) for new in seen] for one in known]).reshape(len(known), len(seen))
-    absent = settings.absence * np.array([picture.time - one.time for one in known])
+    unlike = np.array([[_unlike(one, new) for new in seen] for one in known]).reshape(len(known), len(seen))
+    absent = _ABSENCE * np.array([picture.time - one.time for one in known])
     free_known, free_seen, who = set(range(len(known))), set(range(len(seen))), {}
     for place in np.argsort((unlike + absent[:, None]).ravel()).tolist():
         one, new = divmod(place, len(seen))
-        if one in free_known and new in free_seen and unlike[one, new] <= settings.farthest:
+        if one in free_known and new in free_seen and unlike[one, new] <= _FARTHEST:
             free_known.remove(one)
             free_seen.remove(new)
             who[one] = new
@@ -210,17 +210,17 @@ def _choose(
         now[new] = replace(seen[new], number=number)
     chosen = who.get(0)
     if person is None:
-        chosen = _first(now, settings)
+        chosen = _first(now, settings.number)
     kept = [known[one] for one in free_known if one or person is None]
     others = [one for new, one in now.items() if new != chosen] + kept
     person = person if chosen is None else now[chosen]
     return chosen, replace(state, person=person, others=tuple(others), count=state.count + len(free_seen))
 
 
-def _first(seen: dict[int, PersonTrack], settings: PersonSettings) -> int | None:
+def _first(seen: dict[int, PersonTrack], number: int | None) -> int | None:
     """Return the person to follow, among those seen."""
-    if settings.number is not None:
-        return next((new for new, one in seen.items() if one.number == settings.number), None)
+    if number is not None:
+        return next((new for new, one in seen.items() if one.number == number), None)
     return max(seen, key=lambda new: seen[new].size, default=None)
 
 
@@ -233,15 +233,15 @@ def _everybody(picture: Picture, bodies: Bodies) -> list[PersonTrack]:
     ]
 
 
-def _unlike(one: PersonTrack, new: PersonTrack, settings: PersonSettings) -> float:
+def _unlike(one: PersonTrack, new: PersonTrack) -> float:
     """Return how unlike a known person and a seen one are."""
     gap = new.time - one.time
     # An unseen person walks on, or stays; one who jumped comes down again.
     ahead = one.velocity * min(gap, _LONGEST_AHEAD)
     away = min(float(np.linalg.norm(new.place - one.place - step)) for step in (ahead, 0.0 * ahead)) / one.size
     # A small share always counts, to distinguish people equally within reach.
-    unlike = max(away - settings.speed * gap, 0.1 * away) + abs(np.log(new.size / one.size))
-    return unlike + settings.colour * float(np.linalg.norm(new.colour - one.colour)) / np.sqrt(3)
+    unlike = max(away - _SPEED * gap, 0.1 * away) + abs(np.log(new.size / one.size))
+    return unlike + _COLOUR * float(np.linalg.norm(new.colour - one.colour)) / np.sqrt(3)
 
 
 def _updated(one: PersonTrack, new: PersonTrack) -> PersonTrack:
@@ -258,7 +258,7 @@ def _updated(one: PersonTrack, new: PersonTrack) -> PersonTrack:
     )
 
 
-def _hands_of(chosen: int, bodies: Bodies, hands: HandLandmarks, settings: PersonSettings) -> list[int | None]:
+def _hands_of(chosen: int, bodies: Bodies, hands: HandLandmarks) -> list[int | None]:
     """Return the hands on the left and right arm of a body: the likeliest pair of at most two hands."""
     count = len(hands.left)
     if not count:
@@ -266,10 +266,10 @@ def _hands_of(chosen: int, bodies: Bodies, hands: HandLandmarks, settings: Perso
     wrist = hands.picture[:, 0]
     away = np.linalg.norm(bodies.picture[:, _WRISTS, None] - wrist, axis=-1) / _size(bodies.picture)[:, None, None]
     likely = np.stack([hands.left, 1 - hands.left])
-    unlike = away + settings.wrong_side * (1 - likely)  # (N, 2, hands)
+    unlike = away + _WRONG_SIDE * (1 - likely)  # (N, 2, hands)
     mine = unlike[chosen]
     others = np.delete(unlike, chosen, axis=0).min(axis=(0, 1), initial=np.inf)
-    allowed = (away[chosen] <= settings.hand_reach) & (mine < others)
+    allowed = (away[chosen] <= _HAND_REACH) & (mine < others)
     extent = np.linalg.norm(np.ptp(hands.picture, axis=1), axis=-1)
     apart = np.linalg.norm(hands.picture[:, None] - hands.picture, axis=-1).mean(axis=-1) / extent
 
@@ -277,7 +277,7 @@ def _hands_of(chosen: int, bodies: Bodies, hands: HandLandmarks, settings: Perso
         left, right = pair
         if left is not None and right is not None and apart[left, right] < 0.15:
             return np.inf  # one hand, found twice
-        worst = settings.hand_reach + settings.wrong_side  # worse than any allowed hand
+        worst = _HAND_REACH + _WRONG_SIDE  # worse than any allowed hand
         return sum(worst if one is None else float(mine[side, one]) for side, one in enumerate(pair))
 
     options = [[None, *np.flatnonzero(row).tolist()] for row in allowed]
