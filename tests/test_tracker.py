@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from worn_trackers import strapped
 
 from bodysense.body.person import Person
 from bodysense.body.pose import forward_kinematics
@@ -13,7 +14,7 @@ from bodysense.body.rotation import quaternion_exp, quaternion_multiply, quatern
 from bodysense.body.shape import sample_bodies, stature
 from bodysense.body.skeleton import default_skeleton
 from bodysense.demo import packaged_performance
-from bodysense.devices.simulated.sensors import SENSOR_SETS, observe, strapped
+from bodysense.devices.simulated.sensors import SENSOR_SETS, observe
 from bodysense.errors import BodysenseError
 from bodysense.observation import Observation
 from bodysense.tracker import Tracker, TrackerSettings, step_together

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import replace
+
 import numpy as np
 
 from bodysense.body.person import Person
 from bodysense.body.pose import Pose, forward_kinematics, standing_pose
 from bodysense.body.rigid import RigidTransform
-from bodysense.body.rotation import quaternion_exp, quaternion_multiply
+from bodysense.body.rotation import quaternion_exp, quaternion_multiply, quaternion_rotate
 from bodysense.body.shape import sample_bodies
 from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.completion.calibration import calibrated
-from bodysense.devices.simulated.sensors import SENSOR_SETS, observe, strapped
+from bodysense.devices.simulated.sensors import SENSOR_SETS, observe
 from bodysense.observation import Observation
 from bodysense.tracker import Tracker, TrackerState
 
@@ -21,6 +24,17 @@ BODIES = sample_bodies("test", 16)
 BOW = {"pelvis": 60.0, "left_hip": -60.0, "right_hip": -60.0}  # degrees about x; the legs stay straight
 SQUAT = {f"{side}_{part}": angle for side in ("left", "right") for part, angle in (("hip", -80.0), ("knee", 110.0))}
 SQUAT |= {"left_ankle": -30.0, "right_ankle": -30.0}
+
+
+def strapped(observation: Observation, mounts: Mapping[str, RigidTransform]) -> Observation:
+    """Simulate trackers strapped at an offset from their joints, by the joint that carries each: T_joint_tracker."""
+    position, rotation = observation.position.copy(), observation.rotation.copy()
+    for joint, mount in mounts.items():
+        k = observation.points.index(joint)
+        turn = rotation[..., k, :]
+        position[..., k, :] += quaternion_rotate(turn, np.broadcast_to(mount.translation, position[..., k, :].shape))
+        rotation[..., k, :] = quaternion_multiply(turn, np.broadcast_to(mount.rotation, turn.shape))
+    return replace(observation, position=position, rotation=rotation)
 
 
 def moved(skeleton: Skeleton, *goals: dict[str, float]) -> Pose:

@@ -177,9 +177,6 @@ class Tally:
         return math.sqrt(self.squared / self.count) if self.count else math.nan
 
 
-Tallies = dict[tuple[str, str, str, str], Tally]  # by category group, part, share of joints, method
-
-
 @dataclass(frozen=True, eq=False)
 class TrackedClip:
     """A clip, what the headset saw of it, and what every method made of that."""
@@ -194,22 +191,6 @@ def last_known(observation: Observation, skeleton: Skeleton) -> dict[str, np.nda
     """The baselines: the frame of `KNOWN` in which hidden points stay → (T, P, 3) m, world."""
     holds = {frame: Hold(skeleton, frame) for frame in KNOWN}
     return {frame: hold.step(observation, hold.start())[0].position for frame, hold in holds.items()}
-
-
-def score(tracked: TrackedClip) -> Tallies:
-    """Errors of every method, by part of the body and share of the joints."""
-    clip, skeleton = tracked.clip, tracked.clip.pose.skeleton
-    truth = np.asarray(forward_kinematics(clip.pose)[0])
-    hidden = ~tracked.observation.has_position
-    # Hidden now but seen earlier in the clip: where a last known position exists at all.
-    known = hidden & (np.cumsum(~hidden, axis=0) > 0)
-    tallies: Tallies = {}
-    for method, position in tracked.position.items():
-        for part, (values, chosen) in part_errors(position, truth, skeleton, clip.has_fingers).items():
-            shares = {"occluded": hidden[:, chosen], "known": known[:, chosen], "all": np.full(values.shape, True)}
-            for share, mask in shares.items():
-                tallies.setdefault((group_of(clip), part, share, method), Tally()).add(values[mask])
-    return tallies
 
 
 def part_errors(

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from worn_trackers import strapped
 
 from bodysense.body.person import Person
 from bodysense.body.pose import Pose, forward_kinematics, rest_pose, standing_pose
@@ -12,7 +13,7 @@ from bodysense.body.rotation import quaternion_exp, quaternion_multiply
 from bodysense.body.shape import sample_bodies, stature
 from bodysense.body.skeleton import default_skeleton
 from bodysense.completion.calibration import assigned, calibrated
-from bodysense.devices.simulated.sensors import SENSOR_SETS, observe, strapped
+from bodysense.devices.simulated.sensors import SENSOR_SETS, observe
 from bodysense.errors import BodysenseError
 from bodysense.observation import Observation
 

@@ -66,11 +66,11 @@ class GloveSet:
     def points(self, labels: Iterable[str]) -> dict[str, str]:
         """Return our names '<hand>_glove_<name>' of a file's labels in the set, ignoring a prefix such as 'Anna:'."""
         ours = {
-            _plain(label): f"{side}_glove_{marker.name}"
+            plain(label): f"{side}_glove_{marker.name}"
             for marker in self.markers
             for side, label in marker.labels.items()
         }
-        return {label: ours[_plain(label)] for label in labels if _plain(label) in ours}
+        return {label: ours[plain(label)] for label in labels if plain(label) in ours}
 
 
 @lru_cache(maxsize=1)
@@ -130,7 +130,7 @@ def parse_set(stored: Any, place: str, standard: GloveSet | None) -> GloveSet:
         )
     for what in (
         [row.name for row in rows],
-        *([_plain(row.labels[side]) for row in rows if side in row.labels] for side in _SIDES),
+        *([plain(row.labels[side]) for row in rows if side in row.labels] for side in _SIDES),
     ):
         twice = [name for name in what if what.count(name) > 1]
         if twice:
@@ -194,7 +194,7 @@ def _labels(label: Any, sides: Mapping[str, str], place: str) -> dict[Side, str]
     """Return a marker's labels by side: '*' is replaced by the side's letter, or a table has both."""
     if isinstance(label, dict) and label and set(label) <= set(_SIDES) and _texts(label.values()):
         return {side: label[side] for side in _SIDES if side in label}
-    if isinstance(label, str) and _plain(label) and ("*" in label or len(sides) == 1):
+    if isinstance(label, str) and plain(label) and ("*" in label or len(sides) == 1):
         return {side: label.replace("*", sides[side]) for side in _SIDES if side in sides}
     raise BodysenseError(
         f'{place}: label {brief(label)}; put * where the side stands, "*_IDX", or give both: '
@@ -242,7 +242,7 @@ def _name(label: Any) -> str:
     return re.sub(r"[^a-z0-9]+", "_", text.lower()).strip("_") or "marker"
 
 
-def _plain(label: str) -> str:
+def plain(label: str) -> str:
     """Normalise a label: 'Anna:L_IAS' → 'lias'."""
     return re.sub(r"[^a-z0-9]", "", label.rpartition(":")[2].lower())
 

@@ -17,18 +17,6 @@ if TYPE_CHECKING:
 
 _WIDTH = 160  # characters of a table that no terminal shows
 
-PARTS = {
-    "body": "body",  # shoulders, elbows, hands, hips, knees, feet
-    "finger": "fingers",  # from their wrist
-    "body_and_finger": "body and fingers",
-    "every_point": "all body points",  # pelvis, spine and neck too
-}
-SHARES = {
-    "occluded": "occluded",
-    "known": "hidden again",  # and seen earlier in the clip
-    "all": "all",
-}
-
 
 def wide_console() -> Console:
     """A console whose tables are not folded to 80 characters where no terminal shows them."""

@@ -7,15 +7,13 @@ and gives its acceleration too (`inertial`).
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
 from bodysense.body.pose import Pose, forward_kinematics
-from bodysense.body.rigid import RigidTransform
-from bodysense.body.rotation import quaternion_canonical, quaternion_multiply, quaternion_rotate
+from bodysense.body.rotation import quaternion_canonical
 from bodysense.body.skeleton import Skeleton
 from bodysense.devices.simulated.headset_camera import see_points
 from bodysense.devices.simulated.inertial import felt_by
@@ -204,14 +202,3 @@ def _joints_of(part: str) -> tuple[str, ...]:
 
 def _lattice_joints() -> tuple[str, ...]:
     return tuple(name for part in LATTICE_PARTS for name in _joints_of(part))
-
-
-def strapped(observation: Observation, mounts: Mapping[str, RigidTransform]) -> Observation:
-    """Simulate trackers strapped at an offset from their joints, by the joint that carries each: T_joint_tracker."""
-    position, rotation = observation.position.copy(), observation.rotation.copy()
-    for joint, mount in mounts.items():
-        k = observation.points.index(joint)
-        turn = rotation[..., k, :]
-        position[..., k, :] += quaternion_rotate(turn, np.broadcast_to(mount.translation, position[..., k, :].shape))
-        rotation[..., k, :] = quaternion_multiply(turn, np.broadcast_to(mount.rotation, turn.shape))
-    return replace(observation, position=position, rotation=rotation)

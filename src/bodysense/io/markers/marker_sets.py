@@ -10,6 +10,7 @@ from functools import lru_cache
 from importlib.resources import files
 from typing import Any
 
+from bodysense.body.glove_set import plain
 from bodysense.body.hand import FINGERS
 from bodysense.body.skeleton import default_skeleton
 from bodysense.io.rigs import words
@@ -121,11 +122,6 @@ def nearest(names: Sequence[str]) -> str:
     counts = {one.name: len(_columns(one, names)) for one in marker_sets()}
     name = max(counts, key=lambda key: counts[key])
     return f"{counts[name]} of them are of {name}" if counts[name] else "none is of a marker set that is known"
-
-
-def plain(label: str) -> str:
-    """Normalise a label: 'Anna:L_IAS' → 'lias'."""
-    return re.sub(r"[^a-z0-9]", "", label.rpartition(":")[2].lower())
 
 
 def _columns(one: MarkerSet, names: Sequence[str]) -> dict[str, int]:
