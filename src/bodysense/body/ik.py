@@ -6,16 +6,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bodysense.body.condensed import condensed_system
 from bodysense.body.pose import Pose
 from bodysense.body.posture import posture
-from bodysense.body.products import CONJUGATE, LEFT, TANGENT, multiply, to_matrix
+from bodysense.body.products import ACROSS, CONJUGATE, LEFT, MATRIX, TANGENT
 from bodysense.body.rotation import matrix_to_quaternion
 from bodysense.body.skeleton import Skeleton
 from bodysense.errors import BodysenseError
 
 _HALF_LEFT = LEFT[1:] / 2
-_ACROSS = np.zeros((3, 9))  # b @ _ACROSS is −[b]×, row by row: how a point at b is moved by a turn
-_ACROSS[[2, 1, 2, 0, 1, 0], [1, 2, 3, 5, 6, 7]] = 1, -1, -1, 1, 1, -1
 _NO_JOINT, _NOTHING = np.zeros(0, dtype=np.intp), np.zeros((0, 4, 4))
 _FIRST_DAMPING = 1e-3  # after a step that raised the cost
 _MOST_DAMPING = 1e6
@@ -89,7 +88,7 @@ class InverseKinematics:
     of upper arm and thigh: the twist at which elbow or knee bends naturally is preferred.
 
     The unknowns are the root's position and one world rotation a joint, R ← exp(φ) R, which makes a point a plain sum
-    of bones and avoids products along chains.
+    of bones and avoids products along chains; `condensed.py` solves for them.
     """
 
     def __init__(self, skeleton: Skeleton, settings: IkSettings | None = None) -> None:
@@ -108,10 +107,7 @@ class InverseKinematics:
         self._minus_inverse_square = -2 * self._half_inverse_square
         # The lever of a joint, the length of its longest bone, makes turns comparable with distances.
         lever = np.array([length[parents == joint].max(initial=0.01) for joint in range(joints)])
-        self._damped = np.concatenate([np.ones(3), np.repeat(lever**2, 3)])
-        # Pairs of a point and a bone on the way to it; the joint that carries the bone moves the point.
-        self._moved, moving = np.nonzero(self._path)
-        self._moving, self._carrier = moving, self._bone_parent[moving]
+        self._system = condensed_system(skeleton, lever)
 
         anatomy = posture(skeleton)
         stiffness = np.sqrt(settings.posture_weight * anatomy.stiffness) * lever[:, None]
@@ -174,7 +170,18 @@ class InverseKinematics:
             iteration += 1
             # Derivatives (transposed) of the springs by the joint's own turn; by its parent's they are the opposite.
             slope = body.world_matrix @ ((body.local_rotation @ TANGENT).reshape(-1, 3, 3) * self._stiffness[:, None])
-            move, turn = self._step(problem, body, pull, slope, tension, damping)
+            block = self._curvature(body, tension)
+            if problem.aimed.size:
+                block[problem.aimed] += _aim(problem, body, pull.away)
+            move, turn = self._system.solve(
+                bone=body.bone,
+                error=pull.error,
+                weight=problem.weight,
+                slope=slope,
+                spring=pull.spring,
+                block=block,
+                damping=damping,
+            )
             trial = self._posed(body.root_position + move, _turned(body.world_rotation, turn))
             trial_pull = self._pull(problem, trial)
             if not trial_pull.total <= pull.total * (1 + 1e-9) + 1e-12:
@@ -190,49 +197,14 @@ class InverseKinematics:
             converged = bool(neglected.dot(neglected) <= enough)
         return IkState(body, pull.cost, iteration, converged, tension)
 
-    def _step(
-        self,
-        problem: _Problem,
-        body: PosedBody,
-        pull: _Pull,
-        slope: np.ndarray,
-        tension: np.ndarray,
-        damping: float,
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Return the root's move (3,) m and the joints' turns (J, 3) rad, world, of one damped linear step.
-
-        `slope` (J, 3, 3) are the transposed derivatives of the springs by the joint's own turn.
-        """
-        points, joints = len(pull.error), len(slope)
-        every = np.arange(joints)
-        rows = np.zeros((points + joints, 3, 1 + joints, 3))
-        rows[:points, :, 0] = problem.root_weight[:, :, None] * np.eye(3)
-        across = (body.bone @ _ACROSS).reshape(-1, 3, 3)[self._moving]
-        rows[self._moved, :, 1 + self._carrier] = problem.root_weight[self._moved, :, None] * across
-        rows[points + every[1:], :, 1 + self._spring_parent[1:]] = -slope[1:].mT
-        rows[points + every, :, 1 + every] = slope.mT
-        rows = rows.reshape(-1, 3 + 3 * joints)
-        residual = np.concatenate([(problem.root_weight * pull.error).ravel(), pull.spring.ravel()])
-        normal, gradient = rows.T @ rows, rows.T @ residual
-        own = 3 + np.arange(3 * joints).reshape(-1, 3)
-        normal[own[:, :, None], own[:, None]] += self._curvature(body, tension)
-        if problem.aimed.size:
-            # An error is twice the vector part of target⁻¹ · rotation, of either sign: the angle if it is small.
-            aim = body.world_matrix[problem.aimed] @ (pull.away[:, :, 0] @ TANGENT).reshape(-1, 3, 3)
-            aimed = own[problem.aimed]
-            normal[aimed[:, :, None], aimed[:, None]] += aim @ aim.mT
-            gradient[aimed] += (aim @ (2 * pull.away[:, 1:]))[:, :, 0]
-        normal[np.diag_indices(len(normal))] += damping * self._damped
-        step = -np.linalg.solve(normal, gradient)
-        return step[:3], step[3:].reshape(-1, 3)
-
     def _posed(self, root: np.ndarray, rotation: np.ndarray) -> PosedBody:
         """Forward kinematics from world rotations (J, 4)."""
-        matrix = to_matrix(rotation)
+        matrix = ((rotation[:, :, None] * rotation[:, None, :]).reshape(-1, 16) @ MATRIX).reshape(-1, 3, 3)
         bone = (matrix.take(self._bone_parent, axis=0) @ self._offset)[:, :, 0]
         position = self._path @ bone
         position += root
-        local = multiply((rotation * CONJUGATE).take(self._spring_parent, axis=0), rotation)
+        parent = (rotation * CONJUGATE).take(self._spring_parent, axis=0)
+        local = ((parent @ LEFT).reshape(-1, 4, 4) @ rotation[:, :, None])[:, :, 0]
         local[0] = rotation[0]
         local *= np.copysign(1.0, local[:, :1])
         return PosedBody(root, rotation, matrix, local, bone, position)
@@ -256,16 +228,15 @@ class InverseKinematics:
         return np.maximum(along * self._minus_inverse_square, 0.0)
 
     def _curvature(self, body: PosedBody, tension: np.ndarray) -> np.ndarray:
-        """Return (J, 3, 3) contributions of tension to the joints' normal matrices.
+        """Return (J, 12) contributions of tension to the joints' normal matrices and right sides, (3, 4) row by row.
 
         A bone that is pulled outward, its target beyond its length, resists turning more than in the linear model;
         without that second-order term Gauss-Newton overshoots on noisy targets. The opposite term, of pushed bones,
         would break positive definiteness and is omitted.
         """
         taut = body.bone * tension[:, None]
-        along = (taut * body.bone).sum(axis=1)
-        resisting = along[:, None, None] * np.eye(3) - taut[:, :, None] * body.bone[:, None]
-        return (self._incidence @ resisting.reshape(-1, 9)).reshape(-1, 3, 3)
+        outer = (taut[:, :, None] * body.bone[:, None, :]).reshape(-1, 9)
+        return self._incidence @ (outer @ ACROSS)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -346,6 +317,15 @@ def _known(
             f"inverse kinematics: the {name} of {of[bad]!r} is not finite; give it weight 0 to ignore it"
         )
     return target, weight
+
+
+def _aim(problem: _Problem, body: PosedBody, away: np.ndarray) -> np.ndarray:
+    """Return normal matrices and right sides (A, 12) of the orientation targets, (3, 4) row by row.
+
+    An error is twice the vector part of target⁻¹ · rotation, of either sign: the angle if it is small.
+    """
+    slope = body.world_matrix[problem.aimed] @ (away[:, :, 0] @ TANGENT).reshape(-1, 3, 3)
+    return (slope @ np.concatenate((slope.mT, 2 * away[:, 1:]), axis=2)).reshape(-1, 12)
 
 
 def _turned(rotation: np.ndarray, turn: np.ndarray) -> np.ndarray:
