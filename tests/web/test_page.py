@@ -110,7 +110,7 @@ def test_a_wearer_sees_themselves_and_keeps_their_take(scenario: Scenario, site:
     assert "as soon as your head is tracked" in said["before"]
     assert said["controllers"]["notice"] == "You are measured."
     assert "43 points" in said["hands"]["shown"]  # the head, two wrists, and 20 points a hand
-    assert re.match(r"The headset ended the session\. Your take of [\d.]+ s is kept", said["after"])
+    assert re.match(r"The headset has left\. Your take of [\d.]+ s is kept", said["after"])
     assert said["refused"].startswith("The headset did not let this page in") and said["take"] == said["stillThere"]
     assert said["room"] == {"isOffered": True, "blend": "alpha-blend"}
     take = read_bvh(tmp_path / "take.bvh")
