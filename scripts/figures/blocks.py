@@ -1,7 +1,7 @@
 """Blocks: text between the markers `<!-- begin NAME -->` and `<!-- end NAME -->` of a page, made of measured numbers.
 
-A command that measures writes its numbers with `--json` as one flat object, with the processor and its own time on it. A
-block says of which files its text is made, and ends with the processors of these, and their time if each file has it.
+A command that measures writes its numbers with `--json` as one flat object, with the processor and its own time on it.
+A block says of which files its text is made, and ends with the processors of these, and their time if each file has it.
 """
 
 from __future__ import annotations
