@@ -132,7 +132,7 @@ def smoothness(numbers: Numbers) -> str:
     amount = f"{numbers['clips']:.0f} clips, {numbers['minutes']:.1f} min"
     return (
         markdown(["stronger than 9 m/s²", "network", "after the tracker", "published, network"], rows)
-        + f"\n\nOf {amount}."
+        + f"\n\nMeasured on {amount}."
     )
 
 
