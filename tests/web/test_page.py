@@ -110,7 +110,7 @@ def test_a_wearer_sees_themselves_and_keeps_their_take(scenario: Scenario, site:
     assert "as soon as your head is tracked" in said["before"]
     assert said["controllers"]["notice"] == "You are measured."
     assert "43 points" in said["hands"]["shown"]  # the head, two wrists, and 20 points a hand
-    assert re.match(r"The headset has left\. Your take of [\d.]+ s is kept", said["after"])
+    assert re.match(r"The headset is off\. Your take of [\d.]+ s is kept", said["after"])
     assert said["refused"].startswith("The headset did not let this page in") and said["take"] == said["stillThere"]
     assert said["room"] == {"isOffered": True, "blend": "alpha-blend"}
     take = read_bvh(tmp_path / "take.bvh")
@@ -123,7 +123,9 @@ def test_a_wearer_sees_themselves_and_keeps_their_take(scenario: Scenario, site:
 
 
 def test_vr_can_be_entered_again_and_again(scenario: Scenario, site: Path, tmp_path: Path) -> None:
-    assert scenario("again", site, tmp_path)["worn"] == [True, True, True]
+    said = scenario("again", site, tmp_path)
+    assert said["worn"] == [True, True, True]
+    assert said["isOver"]
 
 
 def test_a_headset_is_followed_at_its_own_rate_without_growth(scenario: Scenario, site: Path) -> None:

@@ -69,6 +69,7 @@ def test_words_are_plain_in_every_state(scenario: Scenario, site: Path, tmp_path
     words = "\n".join(scenario("words", site, tmp_path)["words"])  # the fixture refuses jargon
     for state in (
         "Getting ready…",
+        "Only a headset and two controllers are tracked",
         "The page's own performance",
         "completed here, ",
         "from the truth",
@@ -80,8 +81,8 @@ def test_words_are_plain_in_every_state(scenario: Scenario, site: Path, tmp_path
         "Hold still: 0 …",
         "You are marked as sitting",
         "0 point tracked · 0 cm expected error",
-        "The headset has left.",
+        "The headset is off.",
         "is no address of a bridge",
-        "song.mp3",
+        "song.ogg",
     ):
         assert state in words, state

@@ -96,7 +96,10 @@ function calm() {
 function readAlong() {
   const told = new Set();
   const tell = (text) => {
-    const line = text.replace(/\d+([.,]\d+)?/g, "0").replace(/\s+/g, " ").trim();
+    const line = text
+      .replace(/\d+([.,]\d+)?/g, "0")
+      .replace(/\s+/g, " ")
+      .trim();
     if (line === "" || told.has(line)) return;
     told.add(line);
     void window.heard(line);

@@ -53,7 +53,7 @@ await scenario({ viewport: { width: 640, height: 420 } }, async (page) => {
   await page.fill("#bridge", "not an address");
   await click("#bridge-send");
   await says("#notice-text", "no address");
-  await page.setInputFiles("#file", { name: "song.mp3", mimeType: "audio/mpeg", buffer: Buffer.alloc(100) });
-  await says("#notice-text", "song.mp3");
+  await page.setInputFiles("#file", { name: "song.ogg", mimeType: "audio/mpeg", buffer: Buffer.alloc(100) });
+  await says("#notice-text", "song.ogg");
   return {};
 }).finally(() => site.close());
