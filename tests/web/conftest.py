@@ -21,12 +21,12 @@ VISION = WEB / "node_modules" / "@mediapipe" / "tasks-vision" / "wasm"
 Scenario = Callable[..., dict[str, Any]]
 
 # Words of statistics, mathematics and programming that nobody needs who uses the page. Joints and rigs are not among
-# them: who drops a motion file knows them.
+# them: people who drop motion files know them. Names of files may be in a message.
 JARGON = re.compile(
     r"p50|p9\d|percentile|quantile|median|\bmean\b|MPJPE|jitter|deviation|sigma|\bms\b|\bHz\b|\bfps\b|frame ?rate"
     r"|latency|throughput|stale|buffer|backlog|thread|worker|socket|session|protocol|payload|\bJSON\b|\bUDP\b"
     r"|quaternion|wxyz|euler|rad(?:ian)?s?\b|matrix|vector|tensor|kinematic|retarget"
-    r"|inference|\bONNX\b|wasm|WebAssembly|safetensors|mask|offset|\bAPI\b"
+    r"|inference|\bONNX\b|wasm|WebAssembly|mask|offset|\bAPI\b"
     r"|NaN|undefined|\bnull\b|\[object|Exception|TypeError|RangeError|\bat \S+:\d+",
     re.IGNORECASE,
 )
