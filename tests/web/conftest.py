@@ -25,7 +25,7 @@ Scenario = Callable[..., dict[str, Any]]
 JARGON = re.compile(
     r"p50|p9\d|percentile|quantile|median|\bmean\b|MPJPE|jitter|deviation|sigma|\bms\b|\bHz\b|\bfps\b|frame ?rate"
     r"|latency|throughput|stale|buffer|backlog|thread|worker|socket|session|protocol|payload|\bJSON\b|\bUDP\b"
-    r"|quaternion|wxyz|euler|rad(?:ian)?s?\b|matrix|vector|tensor|kinematic|retarget"
+    r"|quaternion|wxyz|euler|rad(?:ian)?s?\b|matrix|vector|\btensor|kinematic|retarget"
     r"|inference|\bONNX\b|wasm|WebAssembly|mask|offset|\bAPI\b"
     r"|NaN|undefined|\bnull\b|\[object|Exception|TypeError|RangeError|\bat \S+:\d+",
     re.IGNORECASE,
