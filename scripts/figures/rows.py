@@ -39,7 +39,9 @@ FIGURES: dict[str, Callable[[Cells], str]] = {  # by row of the page
     "1.6": lambda at: f"{at('table3', 'body, hidden', 'GRU')} cm, body",
     "1.7": lambda at: (
         f"{LOSSES.body:g}, {LOSSES.finger:g}, {LOSSES.parent:g}, {LOSSES.body_bone:g} and {LOSSES.finger_bone:g}, "
-        f"× {LOSSES.occluded:g} if occluded, {LOSSES.occlusion:g}"
+        f"× {LOSSES.occluded:g} if occluded, {LOSSES.occlusion:g}; hidden body "
+        f"{at('loss-sums', 'body, hidden', MEANS)} cm after few steps, "
+        f"{at('loss-sums', 'body, hidden', SUMS)} with sums"
     ),
     "1.8": lambda at: f"{SCHEDULE.epochs} epochs, batches of {', '.join(map(str, SCHEDULE.epoch_batches))}",
     "1.9": lambda at: f"{at('networks', 'body RMSJPE', 'last known').split()[0]} cm (last known)",
@@ -62,7 +64,10 @@ FIGURES: dict[str, Callable[[Cells], str]] = {  # by row of the page
     ),
     "1.15": lambda at: f"all {at('applications', 'network', 'all')} cm",
     "1.16": lambda at: f"{at('applications', 'RMSJPE / MPJPE', 'network')} cm",
-    "1.17": lambda at: f"CMU to Rocketbox {at('table5', 'trained on CMU', 'body, hidden', 'Rocketbox')} cm",
+    "1.17": lambda at: (
+        f"body, CMU to Rocketbox {at('table5', 'trained on CMU', 'body, hidden', 'Rocketbox')} cm; fingers, female to "
+        f"male avatar {at('table5-fingers', 'network of the female', 'male avatar')} cm"
+    ),
     "1.18": lambda at: (
         f"simulated raters: truth over ours {at('study', 'simulated raters, mean vote', 'truth over ours')}"
     ),
@@ -157,6 +162,7 @@ HOURS = {  # by row: the training whose hours it has
     "4.6": "train gloves --form paper --network markers",
     "4.8": "train gloves --form paper --network joints",
 }
+MEANS, SUMS = "means over joints", "sums over joints (`--loss-sum`)"
 UNSEEN = "unseen hands"
 SLIPPED = "finger markers 6 mm nearer the wrist"
 _MIRRORED = re.compile(r"are\s([\d.]+)\scm")
