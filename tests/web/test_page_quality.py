@@ -66,7 +66,7 @@ def test_whatever_goes_wrong_is_one_sentence(scenario: Scenario, site: Path) -> 
 
 
 def test_words_are_plain_in_every_state(scenario: Scenario, site: Path, tmp_path: Path) -> None:
-    words = "\n".join(scenario("words", site, tmp_path)["words"])  # the fixture refuses jargon
+    words = "\n".join(scenario("words", site, tmp_path)["read"])  # the fixture refuses jargon
     for state in (
         "Getting ready…",
         "Only a headset and two controllers are tracked",

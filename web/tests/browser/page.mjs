@@ -68,7 +68,7 @@ export async function scenario({ expected = /^$/, ...options }, run, more = []) 
   await launched(more, options, async (page) => {
     const [errors, words] = [[], new Set()];
     if (options.isCalm !== false) {
-      await page.exposeFunction("heard", (text) => void words.add(text));
+      await page.exposeFunction("readByPerson", (text) => void words.add(text));
       await page.addInitScript(readAlong);
     }
     page.on("pageerror", (error) => errors.push(String(error)));
@@ -81,7 +81,7 @@ export async function scenario({ expected = /^$/, ...options }, run, more = []) 
       const said = await page.innerText("body").catch(() => "");
       throw new Error(`${error.message}\nerrors of the page: ${errors.join("; ")}\nit said: ${said.slice(0, 600)}`);
     });
-    console.log(JSON.stringify({ ...result, errors, words: [...words] }));
+    console.log(JSON.stringify({ ...result, errors, read: [...words] }));
   });
 }
 
@@ -92,17 +92,18 @@ function calm() {
   window.cancelAnimationFrame = (id) => clearTimeout(id);
 }
 
-/** Give every text to `heard` that is or becomes visible, a tooltip, or drawn into a picture; numbers are 0. */
+/** Give every text to `readByPerson` that is or becomes visible, a tooltip, or drawn into a picture; numbers are 0. */
 function readAlong() {
   const told = new Set();
   const tell = (text) => {
     const line = text
+      .replace(/https?:\/\/\S+/g, "an address")
       .replace(/\d+([.,]\d+)?/g, "0")
       .replace(/\s+/g, " ")
       .trim();
     if (line === "" || told.has(line)) return;
     told.add(line);
-    void window.heard(line);
+    void window.readByPerson(line);
   };
   const read = (node) => {
     const element = node instanceof Element ? node : node.parentElement;
