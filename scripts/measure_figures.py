@@ -51,11 +51,12 @@ from bodysense_lab.synthesis.hands import RATE, synthesize_hand
 from bodysense_lab.two_hands.system import SETTINGS, networks_of
 from bodysense_lab.two_hands.trials import cut, hands_of, observed
 from bodysense_lab.unoc.finger_scores import examples_of, finger_errors
+from bodysense_lab.unoc.kept_scores import better_last_known
 from bodysense_lab.unoc.options import FingersTraining, TablesTraining
 from bodysense_lab.unoc.tables import PLACES
 from bodysense_lab.unoc.train import train_points
 from bodysense_lab.unoc.train_tables import train_tables
-from bodysense_lab.unoc.variant_scores import Work, score_clip
+from bodysense_lab.unoc.variant_scores import Work, score_clip, scores_of
 
 TESTS = Path(__file__).parents[1] / "tests"
 NOISE = 0.0005  # m, of every marker whose gaps are filled
@@ -205,10 +206,10 @@ def unoc_loss_sums(data: Path) -> dict[str, float]:
         networks = {one.name: one / "gru.pt" for one in (means, sums)}
         work = partial(score_clip, work=Work(networks, stride=LOSS_STRIDE, threads=1))
         found, census = gathered(work, learned_clips(data, "val", LOSS_CLIPS), 1, lambda clip: None)
-    frame = min(KNOWN, key=lambda one: found[f"last_known_{one}", "main", "body", "occluded"].rmsjpe)
-    methods = {name: name for name in networks} | {f"last_known_{frame}": "last_known"}
+    scores = {name: scores_of(name, found, census) for name in (*networks, *(f"last_known_{frame}" for frame in KNOWN))}
+    methods = {name: name for name in networks} | {f"last_known_{better_last_known(scores)}": "last_known"}
     numbers = {
-        f"{label}_{PLACES[at].key}_rmsjpe_cm": found[method, "main", *at].rmsjpe
+        f"{label}_{PLACES[at].key}_rmsjpe_cm": scores[method].get(*at).rmsjpe
         for method, label in methods.items()
         for at in LOSS_PLACES
     }
