@@ -20,11 +20,11 @@ VISION = WEB / "node_modules" / "@mediapipe" / "tasks-vision" / "wasm"
 
 Scenario = Callable[..., dict[str, Any]]
 
-# Words of statistics, mathematics and programming that nobody needs who uses the page. Joints and rigs are not among
-# them: people who drop motion files know them. Names of files may be in a message.
+# Words of statistics, mathematics and programming, which users of the page do not need. Joints and rigs are not among
+# them: people who drop motion files know them. Messages may name files.
 JARGON = re.compile(
     r"p50|p9\d|percentile|quantile|median|\bmean\b|MPJPE|jitter|deviation|sigma|\bms\b|\bHz\b|\bfps\b|frame ?rate"
-    r"|latency|throughput|stale|buffer|backlog|thread|worker|socket|session|payload|\bJSON\b|\bUDP\b"
+    r"|latency|throughput|stale|buffer|backlog|thread|worker|socket|session|protocol|payload|\bJSON\b|\bUDP\b"
     r"|quaternion|wxyz|euler|rad(?:ian)?s?\b|matrix|vector|\btensor|kinematic|retarget"
     r"|inference|\bONNX\b|wasm|WebAssembly|mask|offset|\bAPI\b"
     r"|NaN|undefined|\bnull\b|\[object|Exception|TypeError|RangeError|\bat \S+:\d+",
