@@ -68,7 +68,7 @@ def test_inertialisation_keeps_the_speeds_at_both_sides() -> None:
 
 
 def test_the_intercorrelation_finds_what_follows_from_other_joints() -> None:
-    """One arm swings as the other: where its elbow and wrist are in a gap is told by the known arm."""
+    """If both arms swing alike, the known arm gives elbow and wrist of the other in a gap."""
     clip = clip_of(8.0)
     skeleton, time = clip.pose.skeleton, np.arange(len(clip)) / clip.frame_rate
     swing = np.asarray(

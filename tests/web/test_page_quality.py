@@ -1,4 +1,4 @@
-"""What one asks of any page: named checks as Lighthouse has them, and one sentence for whatever goes wrong."""
+"""Quality of the page: checks named as in Lighthouse, and one sentence for every error."""
 
 from __future__ import annotations
 

@@ -32,7 +32,7 @@ afterEach(() => {
   vi.restoreAllMocks();
 });
 
-/** A wearer who stands still, and their bodies over some seconds. */
+/** Put on an emulated headset and stand still; `bodies` completes the frames of some seconds. */
 async function worn() {
   const { device } = headset;
   device.position.set(0, 1.6, 0);

@@ -280,7 +280,7 @@ def test_a_body_is_tracked_from_markers(tmp_path: Path, name: str) -> None:
 
 
 def test_limbs_whose_labels_are_unknown_are_named(stranger: Clip) -> None:
-    """Arms under labels of nobody's, beside legs that are known: a warning with their names."""
+    """A warning names the labels of arms that no set knows, on a body whose legs are known."""
     arms = {"acromion", "elbow", "elbow_in", "wrist_thumb", "wrist_pinky", "head_front", "head_back", "c7", "sternum"}
     odd = {spot: f"Lzz{k}" if spot in arms else label for k, (spot, label) in enumerate(PAIRS.items())}
     odd |= {spot: f"Lyy{spot}" for spot in ("upper_arm", "forearm", "hand", "head_side", "thigh", "shin")}

@@ -1,4 +1,4 @@
-"""Marker files that come back with filled gaps: near the truth, without steps, every other byte as it was."""
+"""Marker files with filled gaps: close to the truth, without steps, every other byte unchanged."""
 
 from __future__ import annotations
 

@@ -40,7 +40,7 @@ def trc(missing: str = "", blank: bool = True) -> str:
 
 
 def workstation() -> str:
-    """Of Vicon's older programs: no sub-frames, no units."""
+    """A file of Vicon's older programs, which has no sub-frames and no units."""
     lines = ["TRAJECTORIES", "120,Hz", "," + ",,,".join(f"Anna:{name}" for name in NAMES) + ",,"]
     lines.append("Field #," + ",".join(["X", "Y", "Z"] * 3))
     return "\n".join([*lines, *(",".join([str(t + 1), *cells(row)]) for t, row in enumerate(PLACE))]) + "\n"

@@ -190,7 +190,7 @@ def _spot(skeleton: Skeleton, spot: str) -> tuple[str, np.ndarray]:
 
 @cache
 def _skin(spot: str) -> np.ndarray:
-    """Where a spot is beside the joint from which its way outward begins: the outermost skin on that way."""
+    """Return the offset of a spot from its joint: the outermost skin along the spot's direction."""
     joint, start, offset, way = SPOTS[spot]
     body = default_skeleton()
     place = (body.path @ body.rest_offset) + body.rest_offset[0]

@@ -16,7 +16,7 @@ from bodysense_lab.weights import packaged
 
 @pytest.mark.slow
 def test_the_shipped_predictor_alone(two_people: Path, tmp_path: Path, small_network: Path, run) -> None:
-    """UNOC's Table 2 without its networks: the predictor beside the last known position, in one process or two."""
+    """UNOC's Table 2 without networks compares the predictor with the last known position, in one or two processes."""
     numbers = {}
     for jobs in (1, 2):
         out = tmp_path / f"{jobs}.json"
