@@ -26,7 +26,7 @@ from bodysense.intervals import Named
 from bodysense.scoring import GROUPS, Tally, group_named
 from bodysense.tracker import Tracker, TrackerSettings
 from bodysense_lab.chart import BarPanel, plain_bars
-from bodysense_lab.pahmt.tables import arm_errors, solved_from_positions
+from bodysense_lab.pahmt.errors import arm_errors, solved_from_positions
 from bodysense_lab.rendering.keypoint_errors import MEASURES as BONES
 from bodysense_lab.rendering.keypoint_errors import (
     ArmBones,
