@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, TypeVar
 
 import tyro
 
@@ -18,8 +19,10 @@ from bodysense_lab.two_hands.options import GloveTraining
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from bodysense_lab.datasets import DataSet
+    from bodysense_lab.datasets import Census, DataSet
+    from bodysense_lab.two_hands.hand_pairs import Figures, Seed, Work
 
+F = TypeVar("F", bound="Figures")
 Hands = Annotated[
     str | None,
     tyro.conf.arg(
@@ -60,32 +63,19 @@ def gloves_occlusion(data: Hands = None, cameras: Cameras = 12, seed: Seed = 1, 
     A ring of cameras looks at the hands; one hand, two hands, and the paper's statements that hold. With --data only
     recorded hands are counted.
     """
-    from rich.progress import Progress
-
     from bodysense.devices.simulated.camera_ring import CameraRing
     from bodysense_lab.datasets import Census
-    from bodysense_lab.two_hands.occlusion import (
-        SYNTHESISED_PIECES,
-        count_clips,
-        count_synthesised,
-        occlusion_report,
-    )
+    from bodysense_lab.two_hands.occlusion import SYNTHESISED_PIECES, count_pair, occlusion_report
 
     ring = CameraRing(count=cameras)
-    if data is not None:
-        chosen = open_data(data, table)
-        with progress_over([chosen]) as advance:
-            counted, census = count_clips(chosen.clips(), ring, table.processes, advance)
-        if not counted:
-            raise BodysenseError(f"{data}: no clip has fingers; give motion with fingers, or leave --data out")
-        finish(occlusion_report(counted, ring, chosen, census), table)
-        return
+    work = partial(count_pair, cameras=ring)
     check_outputs(table)
-    pieces = 1 if table.quick else SYNTHESISED_PIECES
-    with Progress() as progress:
-        bar = progress.add_task("synthesised hands", total=pieces)
-        counted = count_synthesised(ring, seed, table.processes, lambda: progress.update(bar, advance=1), pieces)
-    finish(occlusion_report(counted, ring, None, Census()), table)
+    if data is not None:
+        chosen, counted, census = _recorded_pairs(work, data, table)
+    else:
+        chosen, census = None, Census()
+        counted = {"main": _synthesised_pairs(work, _seeds(seed, SYNTHESISED_PIECES, table), table)}
+    finish(occlusion_report(counted, ring, chosen, census), table)
 
 
 def gloves_limits(
@@ -101,34 +91,20 @@ def gloves_limits(
     Two hands are watched by a ring of cameras and completed with and without the contact step; wrong samples are
     believed or rejected; markers that have lost their names are named again.
     """
-    from rich.progress import Progress
-
     from bodysense.devices.simulated.camera_ring import CameraRing
     from bodysense_lab.datasets import Census
-    from bodysense_lab.two_hands.limits import (
-        SYNTHESISED_PIECES,
-        SYNTHESISED_SECONDS,
-        Findings,
-        Networks,
-        measure_clips,
-        measure_synthesised,
-    )
+    from bodysense_lab.two_hands.hand_pairs import SYNTHESISED_SECONDS
+    from bodysense_lab.two_hands.limits import SYNTHESISED_PIECES, Findings, Networks, measure_limits
     from bodysense_lab.two_hands.limits_report import SYNTHESISED, limits_report
 
-    jobs, ring, networks = table.processes, CameraRing(count=cameras), Networks(markers, joints)
+    ring = CameraRing(count=cameras)
+    work = partial(measure_limits, networks=Networks(markers, joints), cameras=ring)
     check_outputs(table)
-    found: dict[str, Findings] = {}
-    chosen, census = None, Census()
+    chosen, found, census = None, dict[str, Findings](), Census()
     if data is not None:
-        chosen = open_data(data, table)
-        with progress_over([chosen]) as advance:
-            found, census = measure_clips(chosen.clips(), networks, ring, jobs, advance)
-        if not found:
-            raise BodysenseError(f"{data}: no clip has fingers; give motion with fingers, or leave --data out")
-    seeds = [(seed, piece) for piece in range(1 if table.quick else SYNTHESISED_PIECES)]
-    with Progress() as progress:
-        bar = progress.add_task("synthesised hands", total=len(seeds))
-        found[SYNTHESISED] = measure_synthesised(seeds, networks, ring, jobs, lambda: progress.update(bar, advance=1))
+        chosen, found, census = _recorded_pairs(work, data, table)
+    seeds = _seeds(seed, SYNTHESISED_PIECES, table)
+    found[SYNTHESISED] = _synthesised_pairs(work, seeds, table)
     finish(limits_report(found, ring, chosen, census, len(seeds) * SYNTHESISED_SECONDS), table)
 
 
@@ -209,6 +185,34 @@ def gloves_layouts(hands: int | None = None, table: Table = TableOptions()) -> N
         bar = progress.add_task("scoring gloves", total=count * len(layouts()))
         report = layout_table(count, lambda: progress.update(bar, advance=1))
     finish(report, table)
+
+
+def _seeds(seed: int, pieces: int, table: TableOptions) -> list[Seed]:
+    """The pieces of synthesised motion of a table: one with --quick."""
+    return [(seed, piece) for piece in range(1 if table.quick else pieces)]
+
+
+def _recorded_pairs(work: Work[F], data: str, table: TableOptions) -> tuple[DataSet, dict[str, F], Census]:
+    """The data, and its figures by group. Raises BodysenseError if no clip has fingers."""
+    from bodysense_lab.two_hands.hand_pairs import over_clips
+
+    chosen = open_data(data, table)
+    with progress_over([chosen]) as advance:
+        found, census = over_clips(work, chosen.clips(), table.processes, advance)
+    if not found:
+        raise BodysenseError(f"{data}: no clip has fingers; give motion with fingers, or leave --data out")
+    return chosen, found, census
+
+
+def _synthesised_pairs(work: Work[F], seeds: list[Seed], table: TableOptions) -> F:
+    """The figures of synthesised motion."""
+    from rich.progress import Progress
+
+    from bodysense_lab.two_hands.hand_pairs import over_seeds
+
+    with Progress() as progress:
+        bar = progress.add_task("synthesised hands", total=len(seeds))
+        return over_seeds(work, seeds, table.processes, lambda: progress.update(bar, advance=1))
 
 
 @contextmanager
