@@ -41,17 +41,6 @@ def test_rotation_errors_are_scipys() -> None:
     np.testing.assert_allclose(found["arms"], component[:, arms], atol=1e-9)
 
 
-def test_hands_are_measured_from_their_wrist() -> None:
-    """Turning an arm costs overall and nothing of the hands; turning a finger joint costs both."""
-    truth = quaternions(turns())
-    for name, moved in (("left_elbow", False), ("right_wrist", False), ("right_middle1", True)):
-        said = truth.copy()
-        said[:, ARM_JOINTS.index(name)] = [np.cos(0.1), 0.0, np.sin(0.1), 0.0]
-        found = table_errors(said, truth, EVERY)
-        assert found["overall_m"].max() > 0.005
-        assert (found["hands_m"].max() > 0.005) == moved
-
-
 def test_of_hands_alone_only_hands_are_measured() -> None:
     truth = quaternions(turns())
     whole = table_errors(quaternions(turns(3)), truth, EVERY)

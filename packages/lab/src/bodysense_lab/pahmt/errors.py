@@ -12,9 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from bodysense.body.arms import ARM_JOINTS, SIDES, arm_skeleton, with_arms
-from bodysense.body.ik import IkSettings, InverseKinematics, solve_sequence
-from bodysense.body.keypoints import arms_from_torso
-from bodysense.body.pose import Pose, forward_kinematics, rest_pose
+from bodysense.body.pose import forward_kinematics, rest_pose
 from bodysense.body.rotation import (
     geodesic_angle,
     quaternion_canonical,
@@ -109,13 +107,3 @@ def _from_wrist(arms: Skeleton, rotation: np.ndarray) -> np.ndarray:
     still[..., ARMS, :] = [1.0, 0.0, 0.0, 0.0]
     place, fingers = _places(arms, still), arms.wrist_of >= 0
     return place[..., fingers, :] - place[..., arms.wrist_of[fingers], :]
-
-
-def solved_from_positions(truth: Pose) -> np.ndarray:
-    """Return rotations (T, 38, 4), in the form of `arms_from_torso`, by inverse kinematics on the true positions.
-
-    No video gives as much. Twists that positions leave open are those of the body's relaxed posture (`body/ik.py`).
-    """
-    position = np.asarray(forward_kinematics(truth)[0])
-    ik = InverseKinematics(truth.skeleton, IkSettings(max_iterations=50))
-    return arms_from_torso(solve_sequence(ik, position))

@@ -14,14 +14,16 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from bodysense.body.ik import IkSettings, InverseKinematics, solve_sequence
 from bodysense.body.keypoints import arms_from_torso
+from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
 from bodysense.scoring import GROUPS, Tally, group_named
 from bodysense_lab.chart import BarPanel, Line, LinePanel, plain_bars
 from bodysense_lab.datasets import Census, DataSet, census_of, describe
-from bodysense_lab.pahmt.errors import EVERY, solved_from_positions, table_errors
+from bodysense_lab.pahmt.errors import EVERY, table_errors
 from bodysense_lab.pahmt.features import FRAMES, RATE, film, read_arm_recordings, window_of
 from bodysense_lab.pahmt.network import ArmNetwork, read_arms
 from bodysense_lab.pahmt.options import TABLE_1, Studio, TableRow
@@ -129,6 +131,16 @@ def score_arms(
     if not census.clips:
         raise BodysenseError(f"{data.path}: no clip with fingers of {FRAMES} frames; give motion with fingers")
     return [replace(row, tallies=tallies[row.name]) for row in rows], census
+
+
+def solved_from_positions(truth: Pose) -> np.ndarray:
+    """Return rotations (T, 38, 4), in the form of `arms_from_torso`, by inverse kinematics on the true positions.
+
+    No video gives as much. Twists that positions leave open are those of the body's relaxed posture (`body/ik.py`).
+    """
+    position = np.asarray(forward_kinematics(truth)[0])
+    ik = InverseKinematics(truth.skeleton, IkSettings(max_iterations=50))
+    return arms_from_torso(solve_sequence(ik, position))
 
 
 def arm_report(scored: tuple[list[ScoredRow], Census], data: DataSet, perfect: bool = False) -> Report:
