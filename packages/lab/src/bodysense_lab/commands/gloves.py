@@ -12,15 +12,16 @@ from typing import TYPE_CHECKING, Annotated, TypeVar
 import tyro
 
 from bodysense.errors import BodysenseError
-from bodysense_lab.commands.reporting import check_outputs, finish, open_data, progress_over
-from bodysense_lab.options import Flat, Table, TableOptions, check_positive
+from bodysense.ranges import Count
+from bodysense_lab.commands.reporting import check_outputs, counting, finish, open_data, progress_over
+from bodysense_lab.options import Flat, Seed, Table, TableOptions
 from bodysense_lab.two_hands.options import GloveTraining
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from bodysense_lab.datasets import Census, DataSet
-    from bodysense_lab.two_hands.hand_pairs import Figures, Seed, Work
+    from bodysense_lab.two_hands.hand_pairs import Figures, Piece, Work
 
 F = TypeVar("F", bound="Figures")
 Hands = Annotated[
@@ -30,7 +31,7 @@ Hands = Annotated[
     ),
 ]
 Cameras = Annotated[int, tyro.conf.arg(help="cameras in the ring; two must see a marker")]
-Seed = Annotated[int, tyro.conf.arg(help="random seed of the synthesised motion")]
+MotionSeed = Annotated[Seed, tyro.conf.arg(help="random seed of the synthesised motion")]
 Network = Annotated[
     Path | None, tyro.conf.arg(help="network written by `bodysense train gloves`; the packaged one if omitted")
 ]
@@ -57,7 +58,9 @@ def gloves(run: Flat[GloveTraining]) -> None:
         run_gloves(replace(run, out=run.out / f"without-{person}", without=(person,)))
 
 
-def gloves_occlusion(data: Hands = None, cameras: Cameras = 12, seed: Seed = 1, table: Table = TableOptions()) -> None:
+def gloves_occlusion(
+    data: Hands = None, cameras: Cameras = 12, seed: MotionSeed = 1, table: Table = TableOptions()
+) -> None:
     """Two hands, Figs 13 and 14: how many markers of a glove are hidden at once, and for how long.
 
     A ring of cameras looks at the hands; one hand, two hands, and the paper's statements that hold. With --data only
@@ -81,7 +84,7 @@ def gloves_occlusion(data: Hands = None, cameras: Cameras = 12, seed: Seed = 1, 
 def gloves_limits(
     data: Hands = None,
     cameras: Cameras = 12,
-    seed: Seed = 1,
+    seed: MotionSeed = 1,
     markers: Network = None,
     joints: Network = None,
     table: Table = TableOptions(),
@@ -168,26 +171,22 @@ def gloves_settings(data: Hands = None, table: Table = TableOptions(split="val")
     finish(report, table)
 
 
-def gloves_layouts(hands: int | None = None, table: Table = TableOptions()) -> None:
+def gloves_layouts(hands: Count | None = None, table: Table = TableOptions()) -> None:
     """Gloves of other marker sets: finger joints of known hands and of calibrated hands.
 
     Args:
         hands: number of drawn hands; 20 if omitted, 1 with --quick.
     """
-    from rich.progress import Progress
-
     from bodysense_lab.two_hands.layouts import layout_table, layouts
 
-    check_positive(hands=hands)
     check_outputs(table)
     count = hands or (1 if table.quick else 20)
-    with Progress() as progress:
-        bar = progress.add_task("scoring gloves", total=count * len(layouts()))
-        report = layout_table(count, lambda: progress.update(bar, advance=1))
+    with counting("scoring gloves", count * len(layouts())) as advance:
+        report = layout_table(count, advance)
     finish(report, table)
 
 
-def _seeds(seed: int, pieces: int, table: TableOptions) -> list[Seed]:
+def _seeds(seed: Seed, pieces: int, table: TableOptions) -> list[Piece]:
     """The pieces of synthesised motion of a table: one with --quick."""
     return [(seed, piece) for piece in range(1 if table.quick else pieces)]
 
@@ -204,24 +203,18 @@ def _recorded_pairs(work: Work[F], data: str, table: TableOptions) -> tuple[Data
     return chosen, found, census
 
 
-def _synthesised_pairs(work: Work[F], seeds: list[Seed], table: TableOptions) -> F:
+def _synthesised_pairs(work: Work[F], seeds: list[Piece], table: TableOptions) -> F:
     """The figures of synthesised motion."""
-    from rich.progress import Progress
-
     from bodysense_lab.two_hands.hand_pairs import over_seeds
 
-    with Progress() as progress:
-        bar = progress.add_task("synthesised hands", total=len(seeds))
-        return over_seeds(work, seeds, table.processes, lambda: progress.update(bar, advance=1))
+    with counting("synthesised hands", len(seeds)) as advance:
+        return over_seeds(work, seeds, table.processes, advance)
 
 
 @contextmanager
 def _hands(data: str | None, table: TableOptions) -> Iterator[tuple[DataSet | None, int, Callable[[], None]]]:
     """The data of a table and how many hands are synthesised, with a progress bar over both."""
-    from rich.progress import Progress
-
     check_outputs(table)
     chosen, synthesised = None if data is None else open_data(data, table), 2 if table.quick else 20
-    with Progress() as progress:
-        bar = progress.add_task("scoring hands", total=synthesised + (0 if chosen is None else chosen.count()))
-        yield chosen, synthesised, lambda: progress.update(bar, advance=1)
+    with counting("scoring hands", synthesised + (0 if chosen is None else chosen.count())) as advance:
+        yield chosen, synthesised, advance

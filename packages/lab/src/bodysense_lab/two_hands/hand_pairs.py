@@ -32,7 +32,7 @@ class Figures(Protocol):
 
 F = TypeVar("F", bound=Figures)
 Work = Callable[["HandPair", np.random.Generator], F]  # it must pickle
-Seed = tuple[int, int]  # of a series of synthesised pieces, and the number of one
+Piece = tuple[int, int]  # of a series of synthesised pieces, and the number of one
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +54,7 @@ class HandPair:
         return {"left": self.left, "right": self.right}
 
 
-def synthesised_pair(seed: Seed, seconds: float = SYNTHESISED_SECONDS) -> HandPair:
+def synthesised_pair(seed: Piece, seconds: float = SYNTHESISED_SECONDS) -> HandPair:
     """A pair of hands of some size that meet again and again."""
     rng = np.random.default_rng(seed)
     hand = varied_hand(hand_skeleton(default_skeleton(), "left"), SPREAD, rng)
@@ -69,7 +69,7 @@ def over_clips(
     return gathered(partial(_of_clip, work=work), _with_fingers(clips, advance), jobs, advance)
 
 
-def over_seeds(work: Work[F], seeds: Iterable[Seed], jobs: int, advance: Callable[[], None]) -> F:
+def over_seeds(work: Work[F], seeds: Iterable[Piece], jobs: int, advance: Callable[[], None]) -> F:
     """Return the figures of synthesised pairs, every one of other hands; `advance` is called after each."""
     found: F | None = None
     for _, figures in spread(partial(_of_seed, work=work), seeds, jobs):
@@ -96,5 +96,5 @@ def _of_clip(clip: Clip, work: Work[F]) -> dict[str, F]:
     return {group_of(clip): work(pair, np.random.default_rng(0))}
 
 
-def _of_seed(seed: Seed, work: Work[F]) -> F:
+def _of_seed(seed: Piece, work: Work[F]) -> F:
     return work(synthesised_pair(seed), np.random.default_rng(seed))
