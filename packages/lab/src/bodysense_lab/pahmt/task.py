@@ -206,9 +206,9 @@ def _length(vector: Tensor) -> Tensor:
 class Discriminator(nn.Module):
     """Tells recorded sequences of rotations from estimated ones (section 3.4): three convolutions over time."""
 
-    def __init__(self, config: ArmNetworkConfig, width: int = 128) -> None:
+    def __init__(self, config: ArmNetworkConfig) -> None:
         super().__init__()
-        count = config.size * len(config.joints)
+        count, width = config.size * len(config.joints), 128
         self.layers = nn.Sequential(
             *(nn.Conv1d(count, width, 4, 2, 1), nn.LeakyReLU(0.2)),
             *(nn.Conv1d(width, width, 4, 2, 1), nn.LeakyReLU(0.2)),

@@ -19,7 +19,7 @@ from bodysense.body.hand_capsules import GIVE, NAMES, hand_capsules, mutual_dept
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.skeleton import Skeleton
 from bodysense.devices.gloves.hands import GloveModels, Hands, HandsSettings
-from bodysense.devices.gloves.labelling import Labeller, LabellingSettings
+from bodysense.devices.gloves.labelling import Labeller
 from bodysense.devices.gloves.networks import load_joint_network, load_marker_network
 from bodysense.devices.simulated.camera_ring import CameraRing
 from bodysense.devices.simulated.glove import GloveCapture, observe_hands
@@ -205,14 +205,13 @@ def label_accuracy(
     hands: Mapping[str, Skeleton],
     rng: np.random.Generator,
     ghosts: int = 0,
-    settings: LabellingSettings = LabellingSettings(),
 ) -> LabelScore:
     """Take the names off the gloves' markers of an observation (T frames), shuffle them, label them, and compare.
 
     `ghosts` points a frame that are no markers are added, anywhere within 0.3 m of the gloves. `hands` gives every hand
     whose markers are in the observation its skeleton, as a left hand.
     """
-    labeller = Labeller(hands, settings)
+    labeller = Labeller(hands)
     truth = [observation.points.index(name) for name in labeller.points]
     right = wrong = total = 0
     state = labeller.start()

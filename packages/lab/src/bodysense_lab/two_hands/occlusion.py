@@ -91,7 +91,7 @@ def count_pair(pair: HandPair, rng: np.random.Generator, cameras: CameraRing) ->
         count_hidden(first, RATE) + count_hidden(second, RATE)
         for first, second in (alone, np.split(both, [len(MARKERS)], axis=1))
     )
-    return Hidings(one=one, each=each, both=count_hidden(both, RATE))
+    return Hidings({"one": one, "each": each, "both": count_hidden(both, RATE)})
 
 
 def numbers_of(counted: Counted) -> dict[str, float]:
