@@ -1,20 +1,23 @@
-"""Measure tables on the made-up wearers of the tests, and count what a training learns and what a sweep has found.
+"""Measure tables on the made-up wearers of the tests, compare short trainings, and count what trainings learn.
 
 python scripts/measure_figures.py FIGURES/marker-sets.json       # or marker-gaps, mounts, gloves-expected, gloves-steps
-python scripts/measure_figures.py FIGURES/arm-windows.json DATA
+python scripts/measure_figures.py FIGURES/arm-windows.json DATA              # or unoc-loss-sums, unoc-avatars
 python scripts/measure_figures.py FIGURES/hmd-vae-sweep.json FOLDER
 python scripts/write_figures.py FIGURES
 
-FOLDER comes from `bodysense train hmd-vae --sweep`.
+DATA is a folder with `splits.json` (docs/data.md). FOLDER comes from `bodysense train hmd-vae --sweep`.
 """
 
 from __future__ import annotations
 
 import csv
+import json
+import shutil
 import sys
 import tempfile
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 
@@ -38,19 +41,32 @@ from bodysense.io.markers.c3d import write_c3d
 from bodysense.io.markers.raw_markers import points_alone
 from bodysense.metrics import joint_error
 from bodysense.observation import EXACT_ACCURACY, Observation
+from bodysense.papers.point_model import load_point_model
+from bodysense.scoring import KNOWN, group_of
 from bodysense.take import Take, track
-from bodysense_lab.datasets import learned_clips
+from bodysense_lab.datasets import gathered, learned_clips, open_clips
 from bodysense_lab.pahmt.features import read_arm_recordings
 from bodysense_lab.paper_options import PaperOptions
 from bodysense_lab.synthesis.hands import RATE, synthesize_hand
 from bodysense_lab.two_hands.system import SETTINGS, networks_of
 from bodysense_lab.two_hands.trials import cut, hands_of, observed
+from bodysense_lab.unoc.finger_scores import examples_of, finger_errors
+from bodysense_lab.unoc.kept_scores import better_last_known
+from bodysense_lab.unoc.options import FingersTraining, TablesTraining
+from bodysense_lab.unoc.tables import PLACES
+from bodysense_lab.unoc.train import train_points
+from bodysense_lab.unoc.train_tables import train_tables
+from bodysense_lab.unoc.variant_scores import Work, score_clip, scores_of
 
 TESTS = Path(__file__).parents[1] / "tests"
 NOISE = 0.0005  # m, of every marker whose gaps are filled
 GAPS = (0.2, 0.5, 1.0, 2.0, 5.0)  # s
 SLIP = 0.006  # m by which markers of a badly worn glove are displaced
 WORN = ("well", "slipped", "turned", "unknown")  # how a glove is worn (`_worn`)
+LOSS_CLIPS, LOSS_STEPS = 32, 200  # of the trainings whose losses are means and sums over joints
+LOSS_BATCHES, LOSS_STRIDE = 0.25, 8  # share of the paper's batches, and every n-th frame that is scored
+LOSS_PLACES = (("body", "occluded"), ("finger", "occluded"), ("parent_body", "all"), ("bone_body", "all"))
+AVATARS = {"female": "f", "male": "m"}  # of Rocketbox, and how the names of their clips begin
 EXPECTED = (0.4, 0.7, 1.0, 1.5, 2.0, 3.0, 5.0)  # cm: bounds of the bins of expected errors
 
 
@@ -167,6 +183,75 @@ def arm_windows(data: Path) -> dict[str, float]:
     return {"clips": len(learned), "minutes": learned.minutes, "windows": len(learned.windows())}
 
 
+def unoc_loss_sums(data: Path) -> dict[str, float]:
+    """Errors on validation people, cm, after few steps with losses of bones and occlusion as means, and as sums (1.7).
+
+    Both trainings see the same windows in the same order, from the same first weights.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        means, sums = (Path(folder) / form for form in ("means", "sums"))
+        run = TablesTraining(
+            data=data,
+            out=means,
+            networks=("gru",),
+            limit=LOSS_CLIPS,
+            steps=LOSS_STEPS,
+            batch_scale=LOSS_BATCHES,
+            threads=1,
+        )
+        train_tables(run)
+        sums.mkdir()
+        (means / "episodes").rename(sums / "episodes")  # which do not depend on the losses
+        train_tables(replace(run, out=sums, loss_sum=True))
+        networks = {one.name: one / "gru.pt" for one in (means, sums)}
+        work = partial(score_clip, work=Work(networks, stride=LOSS_STRIDE, threads=1))
+        found, census = gathered(work, learned_clips(data, "val", LOSS_CLIPS), 1, lambda clip: None)
+    scores = {name: scores_of(name, found, census) for name in (*networks, *(f"last_known_{frame}" for frame in KNOWN))}
+    methods = {name: name for name in networks} | {f"last_known_{better_last_known(scores)}": "last_known"}
+    numbers = {
+        f"{label}_{PLACES[at].key}_rmsjpe_cm": scores[method].get(*at).rmsjpe
+        for method, label in methods.items()
+        for at in LOSS_PLACES
+    }
+    return numbers | census.numbers() | {"steps": LOSS_STEPS, "training_clips": LOSS_CLIPS}
+
+
+def unoc_avatars(data: Path) -> dict[str, float]:
+    """Errors of synthesised fingers, cm, with networks of one avatar of Rocketbox tested on each (Table 5, right)."""
+    found: dict[str, float] = {}
+    with tempfile.TemporaryDirectory() as folder:
+        sets = {name: _clips_of(data, letter, Path(folder) / name) for name, letter in AVATARS.items()}
+        for learned, place in sets.items():
+            out = Path(folder) / f"{learned}.onnx"
+            train_points(FingersTraining(data=place, out=out, threads=1))
+            examples, model = examples_of(open_clips(place, "train")), load_point_model("fingers", out)
+            work = partial(finger_errors, examples=examples, model=model)
+            for tested, other in sets.items():
+                scored = (clip for clip in open_clips(other, "test") if clip.has_fingers and group_of(clip) == "main")
+                errors, census = gathered(work, scored, 1, lambda clip: None)
+                found |= {f"{tested}_{key}": value for key, value in census.numbers().items()}
+                for method in ("network", "mean_pose"):
+                    tally = errors["main", "fingers", method, "error"]
+                    found |= {
+                        f"{learned}_to_{tested}_{method}_{measure}_cm": getattr(tally, measure)
+                        for measure in ("rmsjpe", "mpjpe")
+                    }
+    return found
+
+
+def _clips_of(data: Path, letter: str, place: Path) -> Path:
+    """Make a folder of the clips of Rocketbox whose names begin with a letter. Returns it."""
+    clips = place / "rocketbox"
+    clips.mkdir(parents=True)
+    for path in (data / "rocketbox").glob(f"{letter}_*"):
+        (clips / path.name).symlink_to(path.resolve())
+    splits = json.loads((data / "splits.json").read_text(encoding="utf-8"))
+    (place / "splits.json").write_text(json.dumps({"rocketbox": splits["rocketbox"]}), encoding="utf-8")
+    for name in ("categories.csv", "skeletons.json"):
+        shutil.copyfile(data / name, place / name)
+    return place
+
+
 def hmd_vae_sweep(folder: Path) -> dict[str, float]:
     """Validation errors of the networks of a sweep, cm (2.9)."""
     with (folder / "results.csv").open(newline="", encoding="utf-8") as file:
@@ -258,6 +343,8 @@ MEASURES: dict[str, Callable[[], dict[str, float]]] = {
 
 FROM: dict[str, Callable[[Path], dict[str, float]]] = {  # of a folder
     "arm-windows": arm_windows,
+    "unoc-loss-sums": unoc_loss_sums,
+    "unoc-avatars": unoc_avatars,
     "hmd-vae-sweep": hmd_vae_sweep,
 }
 

@@ -40,6 +40,7 @@ def main() -> None:
     )
     chosen = parser.parse_args()
     numbers = json.loads(chosen.out.read_text(encoding="utf-8")) if chosen.out.is_file() else {}
+    numbers.pop("cpu_seconds", None)  # of the runs, not of the trainings
     if numbers.pop("processor", processor()) != processor():
         raise SystemExit(f"{chosen.out}: measured on another processor; give another file")
     for name in chosen.names or STEPS:

@@ -37,6 +37,8 @@ networks for each set.
     bodysense evaluate unoc-table2 --data DATA --networks NETWORKS --stride 8 --json FIGURES/unoc-table2.json
     … unoc-table3 and unoc-table4 likewise, into FIGURES/unoc-table3.json and FIGURES/unoc-table4.json
     … unoc-smoothness likewise, into FIGURES/unoc-smoothness.json
+    python scripts/measure_figures.py FIGURES/unoc-loss-sums.json DATA
+    python scripts/measure_figures.py FIGURES/unoc-avatars.json DATA
     bodysense evaluate unoc-table5 --networks EACH --json FIGURES/unoc-table5.json
     bodysense evaluate unoc-table6 --data DATA --json FIGURES/unoc-table6.json
     bodysense train upper-body --data DATA/TRAIN --limit 60 --steps 150 -o UPPER.onnx

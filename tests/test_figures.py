@@ -114,7 +114,18 @@ def test_a_block_without_any_of_its_files_is_unchanged(tmp_path: Path) -> None:
     write_blocks([block], {"other": Measured({}, "a cpu")}, tmp_path)
     assert "kept" in page.read_text()
     write_blocks([block], {"one": Measured({"a": 1.0}, "a cpu")}, tmp_path)
-    assert "written {'a': 1.0}" in page.read_text()
+    assert "written {'a': 1.0}" in page.read_text() and "Processor: a cpu.\n" in page.read_text()
+
+
+def test_a_block_has_the_hours_of_its_commands_if_each_was_timed(tmp_path: Path) -> None:
+    page = tmp_path / "page.md"
+    page.write_text("<!-- begin x -->\n<!-- end x -->\n")
+    block = Block("page.md", "x", lambda one, two: "written", ("one", "two"))
+    timed, older = Measured({}, "a cpu", 900.0), Measured({}, "a cpu")
+    write_blocks([block], {"one": timed, "two": timed}, tmp_path)
+    assert "Processor: a cpu; 0.5 CPU hours.\n" in page.read_text()
+    write_blocks([block], {"one": timed, "two": older}, tmp_path)
+    assert "Processor: a cpu.\n" in page.read_text()
 
 
 def test_figures_without_a_processor_are_refused(tmp_path: Path) -> None:
@@ -123,6 +134,8 @@ def test_figures_without_a_processor_are_refused(tmp_path: Path) -> None:
         read_measured(tmp_path)
     (tmp_path / "step.json").write_text(json.dumps({"processor": "a cpu", "p50_ms": 1.0}))
     assert read_measured(tmp_path) == {"step": Measured({"p50_ms": 1.0}, "a cpu")}
+    (tmp_path / "step.json").write_text(json.dumps({"processor": "a cpu", "cpu_seconds": 9.5, "p50_ms": 1.0}))
+    assert read_measured(tmp_path) == {"step": Measured({"p50_ms": 1.0}, "a cpu", 9.5)}
 
 
 def test_text_around_markers_stays() -> None:
@@ -144,6 +157,9 @@ def test_figures_of_the_papers_rows_are_cells_of_the_tables() -> None:
         rows.with_figure(page, "9.9", "1")
     block = "| a | b | c |\n| --- | --- | --- |\n| x | y | 1 |\n| x | z | 2 |\n\nProcessor: a cpu.\n"
     assert rows.cell_of(block, "c", "x", "z") == "2" and rows.cell_of(block, "processor") == "a cpu"
+    assert rows.cell_of(block, "CPU hours") == "–"
+    timed = block.replace("a cpu.", "a cpu; 0.25 CPU hours.")
+    assert (rows.cell_of(timed, "processor"), rows.cell_of(timed, "CPU hours")) == ("a cpu", "0.25")
     with pytest.raises(ValueError, match="no cell 'd'"):
         rows.cell_of(block, "d", "x")
 
@@ -156,7 +172,8 @@ def test_no_row_only_links_to_a_page_that_has_its_figures() -> None:
     assert [row[0] for row in cells if row[5] == "–"] == []
     assert {len(row) for row in cells} == {8}
     assert [row[0] for row in cells if row[6] == "–"] == ["2.11", "4.14"]  # these need nothing
-    assert {row[0] for row in cells if row[7] != "–"} <= set(rows.HOURS)
+    assert set(rows.HOURS).isdisjoint(rows.EVALUATED)
+    assert {row[0] for row in cells if row[7] != "–"} <= set(rows.HOURS) | set(rows.EVALUATED)
     assert all(float(row[7]) > 0 for row in cells if row[7] != "–")
 
 

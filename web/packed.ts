@@ -1,9 +1,9 @@
-/** A plugin of the build that keeps three.js packed: a quarter of its size of a host that packs nothing. */
+/** A plugin of the build that keeps three.js packed, in two parts: what the first picture draws with, and the rest. */
 
 import { gzipSync } from "node:zlib";
 import type { Plugin } from "vite";
 
-const NAME = "three";
+const [NAME, MORE] = ["three", "three-more"]; // of the packed chunks
 const ENTRY = /<script type="module" crossorigin src="(.*?)"><\/script>/;
 
 /** Files that the first picture needs, and that no module names. */
@@ -26,21 +26,26 @@ const START = `<link rel="preload" as="script" crossorigin href="$1" />
       addEventListener("click", keep);
       const start = () => (removeEventListener("click", keep), early?.click());
       const add = (kind, content) => document.head.append(Object.assign(document.createElement("script"), { type: kind, ...content }));
-      fetch("./${NAME}.js.gz")
-        .then(({ body }) => new Response(body.pipeThrough(new DecompressionStream("gzip"))).blob())
-        .then((code) => {
-          const ${NAME} = URL.createObjectURL(new Blob([code], { type: "text/javascript" }));
-          add("importmap", { textContent: JSON.stringify({ imports: { ${NAME} } }) });
+      const unpacked = (name) =>
+        fetch("./" + name + ".js.gz")
+          .then(({ body }) => new Response(body.pipeThrough(new DecompressionStream("gzip"))).blob())
+          .then((code) => [name, URL.createObjectURL(new Blob([code], { type: "text/javascript" }))]);
+      Promise.all(["${NAME}", "${MORE}"].map(unpacked))
+        .then((found) => {
+          add("importmap", { textContent: JSON.stringify({ imports: Object.fromEntries(found) }) });
           add("module", { src: "$1", onload: start });
         })
         .catch(() => {
-          document.getElementById("notice-text").textContent = "${NAME}.js.gz is damaged or missing; load the page again.";
+          document.getElementById("notice-text").textContent = "A file of this page is damaged or missing; load the page again.";
           document.getElementById("notice").hidden = false;
         });
     </script>`;
 
 /** The chunk's name and its modules, for the build's options; Draco's loader finds its decoder by its own address. */
-export const PACKED = { name: NAME, test: /node_modules\/(three|@pixiv)\/(?!.*DRACO)/ } as const;
+export const PACKED = [
+  { name: NAME, test: /node_modules\/three\/(build|.*(OrbitControls|RoundedBoxGeometry))/ },
+  { name: MORE, test: /node_modules\/(three|@pixiv)\/(?!.*DRACO)/ },
+];
 
 export function packedThree(): Plugin {
   return {
@@ -50,14 +55,21 @@ export function packedThree(): Plugin {
     generateBundle: {
       order: "post",
       handler(_, bundle) {
-        const packed = bundle[`${NAME}.js`];
-        if (packed?.type !== "chunk") return this.error(`${NAME}.js is missing among the chunks`);
-        this.emitFile({ type: "asset", fileName: `${NAME}.js.gz`, source: gzipSync(packed.code, { level: 9 }) });
-        delete bundle[packed.fileName];
-        for (const file of Object.values(bundle)) {
-          if (file.type === "chunk") file.code = file.code.replaceAll(`"./${packed.fileName}"`, `"${NAME}"`);
-          else if (file.fileName.endsWith(".html")) file.source = String(file.source).replace(ENTRY, START);
+        for (const { name } of PACKED) {
+          const packed = bundle[`${name}.js`];
+          if (packed?.type !== "chunk") return this.error(`${name}.js is missing among the chunks`);
+          for (const file of Object.values(bundle))
+            if (file.type === "chunk") file.code = file.code.replaceAll(`"./${packed.fileName}"`, `"${name}"`);
         }
+        for (const { name } of PACKED) {
+          const packed = bundle[`${name}.js`];
+          if (packed?.type !== "chunk") continue;
+          this.emitFile({ type: "asset", fileName: `${name}.js.gz`, source: gzipSync(packed.code, { level: 9 }) });
+          delete bundle[packed.fileName];
+        }
+        for (const file of Object.values(bundle))
+          if (file.fileName.endsWith(".html") && file.type === "asset")
+            file.source = String(file.source).replace(ENTRY, START);
       },
     },
   };

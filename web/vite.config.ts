@@ -79,13 +79,13 @@ export default defineConfig({
     target: "es2022",
     modulePreload: {
       polyfill: false,
-      resolveDependencies: (_, names) => names.filter((name) => name !== `${PACKED.name}.js`),
+      resolveDependencies: (_, names) => names.filter((name) => !PACKED.some((one) => name === `${one.name}.js`)),
     },
     license: { fileName: "licenses.md" },
     chunkSizeWarningLimit: 800,
     rolldownOptions: {
       input: ["index.html", "src/sw.js"], // sw.js: the service worker imports nothing
-      output: { ...names, codeSplitting: { groups: [PACKED] } },
+      output: { ...names, codeSplitting: { groups: PACKED } },
     },
   },
   server: { proxy: { "/ws": { target: "ws://127.0.0.1:8765", ws: true } } },

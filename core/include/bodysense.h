@@ -121,10 +121,10 @@ bs_result bs_state_update_person(const bs_model *model, bs_state *state, const b
 
 typedef struct bs_settings {
     double floor;       /* m, height of the floor; 0 */
-    double ease;        /* s in which a point that is seen again is reached; 0.25; 0: at once */
+    double ease;        /* s in which a point that is seen again is reached, at most 10; 0.25; 0: at once */
     double longest_gap; /* s without frames after which motion starts anew; 1 */
-    double first;       /* s, interval that a first frame counts as; 1/30 */
-    double longest;     /* s, a longer interval that is no gap counts as this; 0.1 */
+    double first;       /* s, interval that a first frame counts as, 1e-4 to 10; 1/30 */
+    double longest;     /* s, a longer interval that is no gap counts as this, 1e-4 to 10; 0.1 */
     int32_t hold_feet;  /* 1: feet that stand are held, and none is under the floor */
     int32_t infer;      /* 1: unknown proportions, and how trackers are worn, are inferred */
 } bs_settings;

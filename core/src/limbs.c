@@ -14,7 +14,7 @@ const limb_joints LIMB[LIMBS] = {
 
 /* As a share of a limb's length: weight of the natural side in the direction of an unmeasured middle joint. It decides
  * for nearly straight limbs. Chosen on validation people. */
-static const float BENT_ARM = 0.08F, BENT_LEG = 0.1F;
+static const float BENT_ARM = 0.03F, BENT_LEG = 0.1F;
 static const float HINGE = 2.0F; /* weight of measured pelvis and foot for a knee, relative to the network */
 
 /* The direction in which a limb's middle joint never goes, turned with the limb from its predicted upper bone. */

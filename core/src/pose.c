@@ -1,13 +1,14 @@
 /* From what the network predicts to a body that meets what is measured and moves without jumps.
  *
- *     rotations: measured, implied or predicted → eased where sensors came or went → the body hung on its head →
- *     spine bent to the pelvis → legs, feet held and on the floor → arms → places
+ *     predicted body fitted to measured points → rotations: measured, implied or predicted → eased where sensors came or
+ *     went → the body hung on its head → spine bent to the pelvis → legs, feet held and on the floor → arms → places
  */
 #include "pose.h"
 
 #include <string.h>
 
 #include "arms.h"
+#include "fit.h"
 #include "kinematics.h"
 #include "legs.h"
 #include "settle.h"
@@ -72,6 +73,7 @@ void pose_body(const bs_settings *settings, const tracked *t, prediction *p, pos
     bool changed[GROUPS], begun = s->begun;
     mat3 goal[BODY_JOINTS];
     float interval = t->interval;
+    fit_prediction(t, s, p);
     settle(t, s, p);
     find_changes(t, s, changed);
     rotation_goals(t, p, goal);

@@ -37,6 +37,12 @@ typedef struct settling {
     vec3 spin;       /* rad/s, world */
 } settling;
 
+/* How a predicted joint is turned toward what is measured. */
+typedef struct fitting {
+    vec3 turn; /* rad, world, in the frame before */
+    vec3 off;  /* rad: remainder of a change of it, after measured points came or went */
+} fitting;
+
 typedef struct pose_state {
     uint8_t begun;
     uint8_t placed;                /* a position was measured since motion started */
@@ -45,6 +51,7 @@ typedef struct pose_state {
     vec3 point[BS_POINTS];         /* m, from base, as output */
     mat3 rotation[BODY_JOINTS];    /* world ← joint, as output */
     vec3 spin[BODY_JOINTS];        /* rad/s, world */
+    fitting fitting[BODY_JOINTS];
     settling settling[BODY_JOINTS];
     uint8_t unsettled;             /* in the frame before, a sensor that decides about the whole body came or went */
     ease turn[BODY_JOINTS];        /* rad, world */

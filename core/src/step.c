@@ -11,6 +11,9 @@
 #define UNIT_TOLERANCE 0.01 /* by which the length of a quaternion may differ from 1 */
 #define FINEST 1e-4         /* m: no point counts as more accurate */
 #define COARSEST 1000.0     /* m: or as less */
+#define LONGEST_EASE 10.0   /* s */
+#define SHORTEST_INTERVAL 1e-4 /* s: of the intervals in settings */
+#define LONGEST_INTERVAL 10.0  /* s */
 
 /* Arrays of one frame of some people, in scratch. */
 typedef struct frames {
@@ -31,8 +34,9 @@ bs_settings bs_default_settings(void) {
 }
 
 static bool possible(const bs_settings *own) {
-    return fabs(own->floor) < FARTHEST && own->ease >= 0 && isfinite(own->ease) && own->longest_gap > 0 &&
-           own->first > 0 && isfinite(own->first) && own->longest > 0 && isfinite(own->longest);
+    return fabs(own->floor) < FARTHEST && own->ease >= 0 && own->ease <= LONGEST_EASE && own->longest_gap > 0 &&
+           own->first >= SHORTEST_INTERVAL && own->first <= LONGEST_INTERVAL && own->longest >= SHORTEST_INTERVAL &&
+           own->longest <= LONGEST_INTERVAL;
 }
 
 /* Lay the arrays of a frame out in scratch, if there is any. Returns the bytes that they need. */

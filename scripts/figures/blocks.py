@@ -1,7 +1,7 @@
 """Blocks: text between the markers `<!-- begin NAME -->` and `<!-- end NAME -->` of a page, made of measured numbers.
 
-A command that measures writes its numbers with `--json` as one flat object that names the processor. A block says of
-which files its text is made, and ends with the processors that these name.
+A command that measures writes its numbers with `--json` as one flat object, with the processor and its own time on it.
+A block says of which files its text is made, and ends with the processors of these, and their time if each file has it.
 """
 
 from __future__ import annotations
@@ -18,10 +18,11 @@ NOT_RECORDED = "not recorded"  # the processor of a table older than files that 
 
 @dataclass(frozen=True)
 class Measured:
-    """The numbers of a file and the processor that they were measured on."""
+    """The numbers of a file, the processor that they were measured on, and the command's time on it."""
 
     numbers: Numbers
     processor: str
+    cpu_seconds: float | None = None  # None: in a file older than commands that write it
 
 
 @dataclass(frozen=True)
@@ -45,7 +46,7 @@ def read_measured(folder: Path) -> dict[str, Measured]:
         numbers = json.loads(path.read_text(encoding="utf-8"))
         if "processor" not in numbers:
             raise ValueError(f"{path}: no processor; measure again, with the command that wrote it")
-        found[path.stem] = Measured(numbers, numbers.pop("processor"))
+        found[path.stem] = Measured(numbers, numbers.pop("processor"), numbers.pop("cpu_seconds", None))
     return found
 
 
@@ -55,16 +56,19 @@ def write_blocks(blocks: Iterable[Block], measured: Mapping[str, Measured], root
         if set(block.files) <= set(measured) and not set(measured).isdisjoint((*block.files, *block.more)):
             named = [measured.get(name) for name in (*block.files, *block.more)]
             text = block.text(*(one and one.numbers for one in named))
-            processors = {one.processor for one in named if one is not None}
-            if processors:
-                text += "\n\n" + processor_line(*sorted(processors))
+            there = [one for one in named if one is not None]
+            if there:
+                seconds = [one.cpu_seconds for one in there if one.cpu_seconds is not None]
+                hours = sum(seconds) / 3600 if len(seconds) == len(there) else None
+                text += "\n\n" + processor_line(*sorted({one.processor for one in there}), hours=hours)
             page = root / block.page
             page.write_text(put(page.read_text(encoding="utf-8"), block.name, text), encoding="utf-8")
 
 
-def processor_line(*names: str) -> str:
-    """Return the line of a block that names processors."""
-    return f"Processor: {', '.join(names)}."
+def processor_line(*names: str, hours: float | None = None) -> str:
+    """Return the line of a block that names processors, and how many hours the commands took of one core."""
+    taken = "" if hours is None else f"; {hours:.2g} CPU hours"
+    return f"Processor: {', '.join(names)}{taken}."
 
 
 def put(text: str, name: str, body: str) -> str:

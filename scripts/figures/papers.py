@@ -49,9 +49,7 @@ def headset(numbers: Numbers) -> str:
                 ratio = " / ".join(f"{ours / known:.2f}" for known, ours in zip(*pairs[1:], strict=True))
                 rows.append([group, label, share, *cells, ratio])
     head = ["motion", "part", "joints", "constant velocity", "last known", "bodysense", "ratio"]
-    command = (
-        f"`bodysense evaluate unoc-table2 --data DIR`: {numbers['clips']:.0f} clips, {numbers['seconds'] / 60:.0f} min"
-    )
+    command = f"`bodysense evaluate unoc-table2 --data DIR`: {numbers['clips']:.0f} clips, {numbers['minutes']:.0f} min"
     return f"{markdown(head, rows)}\n\nRMSJPE / MPJPE in cm. {command}."
 
 
@@ -116,6 +114,43 @@ def crossed(numbers: Numbers) -> str:
     return f"{markdown(head, rows)}\n\nRMSJPE / MPJPE, cm."
 
 
+def synthesis_across(numbers: Numbers) -> str:
+    """UNOC's Table 5, right: synthesised fingers, trained on one avatar of Rocketbox and tested on another."""
+
+    def pair(learned: str, tested: str, method: str) -> str:
+        return " / ".join(f"{numbers[f'{learned}_to_{tested}_{method}_{one}_cm']:.2f}" for one in ("rmsjpe", "mpjpe"))
+
+    who = ("female", "male")
+    rows = [
+        [f"{tested} avatar", *(pair(one, tested, method) for method in ("network", "mean_pose") for one in who)]
+        for tested in who
+    ]
+    head = ["tested on", *(f"{what} of the {one}" for what in ("network", "mean hand") for one in who)]
+    amount = " and ".join(f"{numbers[f'{one}_clips']:.0f}" for one in who)
+    minutes = sum(numbers[f"{one}_minutes"] for one in who)
+    return f"{markdown(head, rows)}\n\nRMSJPE / MPJPE, cm, of {amount} clips, {minutes:.1f} min."
+
+
+def loss_sums(numbers: Numbers) -> str:
+    """Errors after few steps with losses of bones and occlusion as means over joints, and as sums (1.7)."""
+    labels = {"means": "means over joints", "sums": "sums over joints (`--loss-sum`)", "last_known": "last known"}
+    columns = {
+        "body, hidden": "body_occluded",
+        "fingers, hidden": "finger_occluded",
+        "bones, body": "parent_body",
+        "bone lengths, body": "bone_body",
+    }
+    rows = [
+        [label, *(figure(numbers, f"{form}_{key}_rmsjpe_cm") for key in columns.values())]
+        for form, label in labels.items()
+    ]
+    return (
+        f"{markdown(['losses of bones and occlusion', *columns], rows)}\n\nRMSJPE, cm, after "
+        f"{numbers['steps']:.0f} steps on {numbers['training_clips']:.0f} clips; {numbers['clips']:.0f} clips of "
+        f"validation people, {numbers['minutes']:.1f} min."
+    )
+
+
 def smoothness(numbers: Numbers) -> str:
     """Shares of strong accelerations before and after inverse kinematics and smoothing (reproduce.md 1.14)."""
     labels = {"gru": "GRU, mask predicted", "mask_given": "GRU, mask given", "best": "packaged"}
@@ -132,7 +167,7 @@ def smoothness(numbers: Numbers) -> str:
     amount = f"{numbers['clips']:.0f} clips, {numbers['minutes']:.1f} min"
     return (
         markdown(["stronger than 9 m/s²", "network", "after the tracker", "published, network"], rows)
-        + f"\n\nOf {amount}."
+        + f"\n\nMeasured on {amount}."
     )
 
 
@@ -274,7 +309,9 @@ BLOCKS = (
     Block(_UNOC, "networks", networks, ("unoc-table2",)),
     Block(_UNOC, "table3", table3, ("unoc-table3",)),
     Block(_UNOC, "table4", table4, ("unoc-table4",)),
+    Block(_UNOC, "loss-sums", loss_sums, ("unoc-loss-sums",)),
     Block(_UNOC, "table5", crossed, ("unoc-table5",)),
+    Block(_UNOC, "table5-fingers", synthesis_across, ("unoc-avatars",)),
     Block(_UNOC, "smoothness", smoothness, ("unoc-smoothness",)),
     Block(_UNOC, "applications", applications, ("unoc-table6", "finger-synthesis")),
     Block(_UNOC, "table6-across", across, tuple(f"unoc-table6-{train}-{test}" for train, test in ACROSS)),

@@ -26,6 +26,7 @@ VAE, ARMS, ARM_LOSSES = BodyVaeConfig(), ArmNetworkConfig(), ArmSchedule()
 PAGE = Path("docs") / "reproduce.md"
 COLUMN, HOURS_COLUMN = 3, 7  # of a row's cells: its figure, and the hours of its training
 _BLOCK = re.compile(r"<!-- begin (\S+) -->\n(.*?)<!-- end \1 -->", re.DOTALL)
+_PROCESSOR = re.compile(r"^Processor: (.*?)(?:; (\S+) CPU hours)?\.$", re.MULTILINE)
 _WEIGHTS, _ERROR = r"([\d,]+) weights", r"error_cm ([\d.]+)"  # in model cards
 Cells = Callable[..., str]  # name of a block, heading of a column, labels of the row → the cell
 
@@ -38,7 +39,9 @@ FIGURES: dict[str, Callable[[Cells], str]] = {  # by row of the page
     "1.6": lambda at: f"{at('table3', 'body, hidden', 'GRU')} cm, body",
     "1.7": lambda at: (
         f"{LOSSES.body:g}, {LOSSES.finger:g}, {LOSSES.parent:g}, {LOSSES.body_bone:g} and {LOSSES.finger_bone:g}, "
-        f"× {LOSSES.occluded:g} if occluded, {LOSSES.occlusion:g}"
+        f"× {LOSSES.occluded:g} if occluded, {LOSSES.occlusion:g}; hidden body "
+        f"{at('loss-sums', 'body, hidden', MEANS)} cm after few steps, "
+        f"{at('loss-sums', 'body, hidden', SUMS)} with sums"
     ),
     "1.8": lambda at: f"{SCHEDULE.epochs} epochs, batches of {', '.join(map(str, SCHEDULE.epoch_batches))}",
     "1.9": lambda at: f"{at('networks', 'body RMSJPE', 'last known').split()[0]} cm (last known)",
@@ -61,7 +64,10 @@ FIGURES: dict[str, Callable[[Cells], str]] = {  # by row of the page
     ),
     "1.15": lambda at: f"all {at('applications', 'network', 'all')} cm",
     "1.16": lambda at: f"{at('applications', 'RMSJPE / MPJPE', 'network')} cm",
-    "1.17": lambda at: f"CMU to Rocketbox {at('table5', 'trained on CMU', 'body, hidden', 'Rocketbox')} cm",
+    "1.17": lambda at: (
+        f"body, CMU to Rocketbox {at('table5', 'trained on CMU', 'body, hidden', 'Rocketbox')} cm; fingers, female to "
+        f"male avatar {at('table5-fingers', 'network of the female', 'male avatar')} cm"
+    ),
     "1.18": lambda at: (
         f"simulated raters: truth over ours {at('study', 'simulated raters, mean vote', 'truth over ours')}"
     ),
@@ -124,6 +130,29 @@ FIGURES: dict[str, Callable[[Cells], str]] = {  # by row of the page
         f"{at('gloves-limits', 'with', 'recorded', 'hands in each other', 'frames, %')} % of frames"
     ),
 }
+EVALUATED = {  # by row: the block whose commands' hours it has
+    **dict.fromkeys(("1.1", "1.2", "1.3", "1.4"), "occlusion"),
+    **dict.fromkeys(("1.9", "1.10"), "networks"),
+    "1.11": "table3",
+    "1.12": "speed",
+    "1.13": "beyond",
+    "1.14": "smoothness",
+    **dict.fromkeys(("1.15", "1.16"), "applications"),
+    "1.17": "table5",
+    "1.18": "study",
+    "2.10": "hmd-vae",
+    "2.12": "completion",
+    "3.7": "arm-windows",
+    "3.8": "table1",
+    "3.10": "video",
+    "4.3": "gloves-fusion",
+    **dict.fromkeys(("4.4", "4.10"), "gloves-steps"),
+    **dict.fromkeys(("4.5", "4.11"), "gloves-table3"),
+    "4.12": "gloves-table4",
+    "4.13": "gloves-occlusion",
+    "4.14": "gloves-speed",
+    "4.15": "gloves-limits",
+}
 HOURS = {  # by row: the training whose hours it has
     **dict.fromkeys(("1.5", "1.6"), "train body-gru --form paper"),
     **dict.fromkeys(("1.7", "1.8"), "train unoc-tables"),
@@ -133,6 +162,7 @@ HOURS = {  # by row: the training whose hours it has
     "4.6": "train gloves --form paper --network markers",
     "4.8": "train gloves --form paper --network joints",
 }
+MEANS, SUMS = "means over joints", "sums over joints (`--loss-sum`)"
 UNSEEN = "unseen hands"
 SLIPPED = "finger markers 6 mm nearer the wrist"
 _MIRRORED = re.compile(r"are\s([\d.]+)\scm")
@@ -157,6 +187,8 @@ def with_figures(text: str, root: Path = ROOT) -> str:
 
     for row, figure in FIGURES.items():
         text = with_figure(text, row, figure(at))
+    for row, block in EVALUATED.items():
+        text = with_figure(text, row, at(block, "CPU hours"), HOURS_COLUMN)
     for row, training in HOURS.items():
         if f"`{training}`" in blocks["hours"]:
             text = with_figure(text, row, at("hours", "CPU hours", f"`{training}`"), HOURS_COLUMN)
@@ -164,9 +196,14 @@ def with_figures(text: str, root: Path = ROOT) -> str:
 
 
 def cell_of(block: str, column: str, *labels: str) -> str:
-    """Return the cell of the first row that begins with labels, a block's processor or text. Raises ValueError."""
+    """Return the cell of the first row that begins with labels, a block's processor, CPU hours or text.
+
+    Raises ValueError.
+    """
     if column == "processor":
-        return re.findall(r"^Processor: (.*)\.$", block, re.MULTILINE)[-1]
+        return _PROCESSOR.findall(block)[-1][0]
+    if column == "CPU hours" and not labels:
+        return _PROCESSOR.findall(block)[-1][1] or "–"
     if column == "text":
         return block
     for table in re.findall(r"(?:^\|.*\n)+", block, re.MULTILINE):

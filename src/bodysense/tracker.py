@@ -23,6 +23,8 @@ from bodysense.observation import FARTHEST, RAW_POINTS, Observation, check_obser
 
 __all__ = ["Estimate", "Tracker", "TrackerSettings", "TrackerState", "step_together"]
 
+SHORTEST_INTERVAL, LONGEST_INTERVAL, LONGEST_EASE = 1e-4, 10.0, 10.0  # s, of settings
+
 
 @dataclass(frozen=True)
 class TrackerSettings:
@@ -39,12 +41,16 @@ class TrackerSettings:
     def __post_init__(self) -> None:
         if not abs(self.floor) < FARTHEST:
             raise BodysenseError(f"tracker settings: floor {self.floor:g} m; give the floor's height in metres")
-        if not 0 <= self.ease < np.inf:
-            raise BodysenseError(f"tracker settings: ease is {self.ease:g}; it must be 0 or more seconds")
-        for name in ("longest_gap", "first_interval", "longest_interval"):
-            if not 0 < getattr(self, name) < np.inf:
+        ranges = {
+            "ease": (0.0, LONGEST_EASE),
+            "longest_gap": (SHORTEST_INTERVAL, np.finfo(float).max),
+            "first_interval": (SHORTEST_INTERVAL, LONGEST_INTERVAL),
+            "longest_interval": (SHORTEST_INTERVAL, LONGEST_INTERVAL),
+        }
+        for name, (least, most) in ranges.items():
+            if not least <= getattr(self, name) <= most:
                 raise BodysenseError(
-                    f"tracker settings: {name} is {getattr(self, name):g}; it must be positive, in seconds"
+                    f"tracker settings: {name} is {getattr(self, name):g}; give {least:g} to {most:g} seconds"
                 )
 
     @cached_property

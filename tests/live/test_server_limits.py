@@ -1,4 +1,4 @@
-"""What a server refuses: in a line, and without touching anybody else."""
+"""Refusals of a server: one line each, with no effect on other clients."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def test_a_message_that_is_none_closes_its_own_session_only(
 @pytest.mark.parametrize(
     ("hello", "said"),
     [
-        ('{"type":"hello","version":7}', "protocol version 7; this server speaks 1"),
+        ('{"type":"hello","version":7}', "messages of version 7; this server speaks version 1"),
         ('{"type":"hello","version":1,"points":["elbow"]}', "'elbow' is unknown"),
         ('{"type":"ping","time":1}', "the first message is a hello"),
         (b"\x01", "the first message is a hello"),
@@ -89,7 +89,7 @@ def test_too_many_messages(server_of: Serving, connect: Connecting) -> None:
 
     server = server_of(ServerSettings(limits=Limits(messages_a_second=20)))
     client = connect(server)
-    with suppress(ConnectionClosed):  # as soon as it is said, nothing more can be sent
+    with suppress(ConnectionClosed):  # the connection closes with the refusal
         for k in range(60):
             client.send(signal(k, k / 1000))
     code, said = closed(client.socket)
@@ -101,7 +101,7 @@ def test_too_many_sessions(server_of: Serving, connect: Connecting) -> None:
     first, second = connect(server), connect(server)
     with pytest.raises(AssertionError, match="2 sessions already"):
         connect(server)
-    second.socket.close()  # whoever is gone makes room
+    second.socket.close()  # a client that left makes room
     third = None
     for _ in range(50):
         try:

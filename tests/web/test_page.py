@@ -110,7 +110,7 @@ def test_a_wearer_sees_themselves_and_keeps_their_take(scenario: Scenario, site:
     assert "as soon as your head is tracked" in said["before"]
     assert said["controllers"]["notice"] == "You are measured."
     assert "43 points" in said["hands"]["shown"]  # the head, two wrists, and 20 points a hand
-    assert re.match(r"The headset ended the session\. Your take of [\d.]+ s is kept", said["after"])
+    assert re.match(r"The headset is off\. Your take of [\d.]+ s is kept", said["after"])
     assert said["refused"].startswith("The headset did not let this page in") and said["take"] == said["stillThere"]
     assert said["room"] == {"isOffered": True, "blend": "alpha-blend"}
     take = read_bvh(tmp_path / "take.bvh")
@@ -123,7 +123,9 @@ def test_a_wearer_sees_themselves_and_keeps_their_take(scenario: Scenario, site:
 
 
 def test_vr_can_be_entered_again_and_again(scenario: Scenario, site: Path, tmp_path: Path) -> None:
-    assert scenario("again", site, tmp_path)["worn"] == [True, True, True]
+    said = scenario("again", site, tmp_path)
+    assert said["worn"] == [True, True, True]
+    assert said["isOver"]
 
 
 def test_a_headset_is_followed_at_its_own_rate_without_growth(scenario: Scenario, site: Path) -> None:
@@ -226,7 +228,8 @@ def test_a_servers_replay_is_watched_and_parts_are_switched_off(
 
 def test_what_a_server_does_wrong_is_said_in_one_line(scenario: Scenario, site: Path) -> None:
     said = scenario("refusals", site)["said"]
-    assert said["refused"] == {"text": "protocol version 1; this server speaks 2: reload the page", "canRetry": True}
+    reason = "messages of version 1; this server speaks version 2: load its page again, or use its client"
+    assert said["refused"] == {"text": reason, "canRetry": True}
     for case in ("nonsense", "cut"):
         assert said[case]["text"].startswith("The server sent what this page does not understand")
     assert "is `bodysense serve` running" in said["gone"]["text"]
@@ -278,7 +281,7 @@ def linked(
 def test_an_address_names_motion_avatar_and_a_background_that_is_none(linked: Used) -> None:
     assert linked[1]["avatar"] == "other.vrm" and linked[1]["isBare"]
     alpha = np.asarray(Image.open(linked[0] / "clear.png").convert("RGBA"))[..., 3]
-    assert alpha[:, :100].max() == 0  # nothing beside the body
+    assert alpha[:, :100].max() == 0  # the stage next to the body is transparent
     assert alpha.max() == 255
     assert linked[1]["missing"]["notice"].startswith("nowhere.bvh cannot be fetched: ")
 

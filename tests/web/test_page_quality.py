@@ -1,4 +1,4 @@
-"""What one asks of any page: named checks as Lighthouse has them, and one sentence for whatever goes wrong."""
+"""Quality of the page: checks named as in Lighthouse, and one sentence for every error."""
 
 from __future__ import annotations
 
@@ -63,3 +63,26 @@ def test_whatever_goes_wrong_is_one_sentence(scenario: Scenario, site: Path) -> 
     assert len(said) == 14
     for text in said.values():
         assert "\n" not in text and 20 < len(text) < 200 and text.endswith(".")
+
+
+def test_words_are_plain_in_every_state(scenario: Scenario, site: Path, tmp_path: Path) -> None:
+    words = "\n".join(scenario("words", site, tmp_path)["read"])  # the fixture refuses jargon
+    for state in (
+        "Getting ready…",
+        "Only a headset and two controllers are tracked",
+        "The page's own performance",
+        "completed here, ",
+        "from the truth",
+        "Error against the truth",
+        "Take 0: ",
+        "Recorded before",
+        "Put the headset on",
+        "Point and pinch, or pull the trigger.",
+        "Hold still: 0 …",
+        "You are marked as sitting",
+        "0 point tracked · 0 cm expected error",
+        "The headset is off.",
+        "is no address of a bridge",
+        "song.ogg",
+    ):
+        assert state in words, state

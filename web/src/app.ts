@@ -54,7 +54,7 @@ export class App {
   private readonly body: DefaultBody;
   private readonly about: About;
   private readonly welcome = element("lead").textContent;
-  private readonly first = new FirstPicture(() => this.attempt(() => this.wearOwn()));
+  private readonly first = new FirstPicture(() => this.afterFirst());
   private shownAt = 0; // ms
   private toldAt = 0; // ms
   private enteredAt = 0; // ms since 1970: when the headset was put on
@@ -73,7 +73,7 @@ export class App {
 
   constructor(
     private readonly view: View,
-    private readonly engine: Engine,
+    engine: Engine,
     { body, about, performance }: FirstFiles,
     private readonly base: string,
   ) {
@@ -138,12 +138,14 @@ export class App {
     this.repaint();
     onSystemChange(() => this.repaint());
     engine.open(); // in a worker, while the first picture is drawn
-    engine.opened.catch((error: unknown) => this.fault(error));
+    engine.opened.catch((error: unknown) => {
+      this.fault(error);
+      this.afterFirst();
+    });
     this.attempt(async () => {
       await (about.server ? this.watchServer() : this.perform());
       await this.openNamed();
     });
-    workOffline(about, base);
     view.run((milliseconds, frame) => this.draw(milliseconds, frame));
   }
 
@@ -154,7 +156,10 @@ export class App {
     };
     bindPanels(["takes", "settings"]);
     onFile((file) => this.attempt(() => this.open(file)));
-    this.offer("door-performance", () => this.perform());
+    this.offer("door-performance", () => {
+      this.notice.clear();
+      return this.perform();
+    });
     button("door-server").hidden = !this.about.server;
     this.offer("door-server", () => this.watchServer());
     this.offer("door-headset", () => this.enterHeadset("immersive-vr"));
@@ -204,7 +209,7 @@ export class App {
       },
       empty: () => {
         if (isAsked) this.say(NO_INPUT);
-        else element("lead").textContent = `${NO_INPUT} Or come in here:`;
+        else element("lead").textContent = `${NO_INPUT} Or try it yourself:`;
       },
       connected: () => this.notice.clear(),
       said: (text: string) => this.say(text),
@@ -366,10 +371,10 @@ export class App {
     this.change({ figure: next === null ? "figure" : "avatar" });
   }
 
-  /** Wear the page's own avatar; not before bodies are completed, which it would hold up. */
-  private async wearOwn(): Promise<void> {
-    await Promise.allSettled([this.engine.opened]);
-    await addOwn(this.bodies.wardrobe, this.base);
+  /** Begin what the first picture of a completed body does not wait for; at once if there is no network. */
+  private afterFirst(): void {
+    this.attempt(() => addOwn(this.bodies.wardrobe, this.base));
+    workOffline(this.about, this.base);
   }
 
   private afterHeadset(text: string, isFault: boolean): void {
@@ -401,7 +406,7 @@ export class App {
   private repaint(): void {
     const { theme } = this.settings;
     applyTheme(theme, (look) => this.view.paint(look));
-    button("theme").textContent = { auto: "Auto", light: "Light", dark: "Dark" }[theme];
+    button("theme").textContent = { auto: "◐ Auto", light: "◐ Light", dark: "◐ Dark" }[theme];
     button("theme").setAttribute("aria-label", `Theme: ${theme}; change it`);
   }
 
@@ -434,7 +439,7 @@ export class App {
     this.takes.draw();
     this.look.show(this.settings, this.bodies.wardrobe, (moment?.truth ?? null) !== null);
     const title =
-      this.live.isReady || this.source instanceof Watching ? this.source.title : "The network is on its way";
+      this.live.isReady || this.source instanceof Watching ? this.source.title : "Loading the neural network";
     showStatus(this.live, moment, this.tree, title);
   }
 }

@@ -22,15 +22,15 @@ export async function firstFiles(base: string): Promise<FirstFiles> {
   return { body, about: await about, performance: amassClip(arrays, "performance", body.skeleton) };
 }
 
-/** Calls `moving` once, when pictures of different moments were drawn. Marks that, and the first picture of a body that
- * the network completed, for those who measure.
+/** Marks when pictures of different moments were drawn, and the first picture of a body that the network completed, for
+ * those who measure. Calls `completed` once, after that picture.
  */
 export class FirstPicture {
   private last: Moment | null = null;
   private drawn = 0;
-  private completed: "no" | "drawn" | "marked" = "no";
+  private state: "waiting" | "drawn" | "over" = "waiting"; // of the first completed body
 
-  constructor(private readonly moving: () => void) {}
+  constructor(private readonly completed: () => void) {}
 
   /** Whether pictures of different moments were drawn. */
   get isMoving(): boolean {
@@ -39,20 +39,18 @@ export class FirstPicture {
 
   /** Before a picture of a moment is drawn. */
   draw(moment: Moment): void {
-    this.complete(moment);
-    if (this.isMoving) return;
-    if (this.drawn === MOVING) {
-      performance.mark("moving");
-      this.moving();
-    }
-    if (this.drawn === MOVING || moment !== this.last) this.drawn += 1;
-    this.last = moment;
+    this.move(moment);
+    if (this.state === "drawn") {
+      performance.mark("completed");
+      this.state = "over";
+      this.completed();
+    } else if (this.state === "waiting" && moment.expected) this.state = "drawn";
   }
 
-  private complete(moment: Moment): void {
-    if (this.completed === "drawn") {
-      performance.mark("completed");
-      this.completed = "marked";
-    } else if (this.completed === "no" && moment.expected) this.completed = "drawn";
+  private move(moment: Moment): void {
+    if (this.isMoving) return;
+    if (this.drawn === MOVING) performance.mark("moving");
+    if (this.drawn === MOVING || moment !== this.last) this.drawn += 1;
+    this.last = moment;
   }
 }

@@ -98,6 +98,6 @@ export class HeadsetDoor {
   private leave(wasAsked: boolean): void {
     this.isWorn = false;
     if (wasAsked) this.events.left("You are back.", false);
-    else this.events.left("The headset ended the session.", true);
+    else this.events.left("The headset is off.", true);
   }
 }

@@ -122,7 +122,7 @@ export class Live implements Sink {
   }
 }
 
-/** A frame that is shown as it is: nothing completes it. */
+/** A frame that is shown unchanged: nothing completes it. */
 function momentOf(frame: BodyFrame, body: Body, signal: readonly Point[]): Omit<Moment, "time" | "isJump"> {
   const { time, ...pose } = frame;
   return { ...pose, sourceTime: time, body, signal, truth: null, expected: null, measured: null, milliseconds: 0 };

@@ -17,7 +17,7 @@ function fault(text: string): void {
   embedder?.tell({ bodysense: "error", reason: text });
 }
 
-/** Return the page around this one; null if there is none. */
+/** Return the page around this one; null if this page is not in a frame. */
 function embedderOf(): Embedder | null {
   const named = address.get("embed");
   if (named === null || parent === window) return null;

@@ -48,7 +48,7 @@ describe("an avatar", () => {
   it("is refused in one line where its file is damaged or no VRM", async () => {
     const whole = vrmBytes(boneOf);
     await expect(read(whole.subarray(0, 2000), "cut.vrm")).rejects.toThrow(
-      /^cut\.vrm is damaged \([^\n]*\); export it again\.$/,
+      /^cut\.vrm is damaged: [^\n]*; export it again\.$/,
     );
     const plain = Buffer.from(whole.toString("latin1").replaceAll("VRMC_vrm", "VRMC_xyz"), "latin1");
     await expect(read(plain, "plain.vrm")).rejects.toThrow(/^plain\.vrm is no VRM: it names no humanoid bones/);

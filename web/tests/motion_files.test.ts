@@ -159,7 +159,7 @@ describe("a recording", () => {
 
   it.each([
     ["with another header", ["{}", ...lines.slice(1)], "no header"],
-    ["that was cut", [...lines, '{"time": 0.06, "pos'], "its line 4 is not JSON"],
+    ["that was cut", [...lines, '{"time": 0.06, "pos'], "its line 4 cannot be read"],
     ["whose time stands", [...lines, lines[2]], "time does not increase at frame 2"],
     ["with a crooked position", [lines[0], lines[1], '{"time": 1, "position": {"head": [1]}}'], "has no 3 numbers"],
   ])("%s is refused", (_, rows, reason) => {
@@ -174,7 +174,7 @@ describe("anything else that is dropped", () => {
     [
       "broken.vrm",
       new Uint8Array(new TextEncoder().encode("glTF....")),
-      /^broken\.vrm is damaged \([^\n]*\); export it again\.$/,
+      /^broken\.vrm is damaged: [^\n]*; export it again\.$/,
     ],
   ])("%s is refused in one line", async (name, content, reason) => {
     await expect(openFile(file(name, content), skeleton)).rejects.toThrow(reason);

@@ -39,13 +39,20 @@ def wide_console() -> Console:
 
 
 def write_numbers(path: Path | None, numbers: dict[str, float]) -> None:
-    """Write one flat JSON object with the processor, if a path was given; NaN is left out."""
+    """Write one flat JSON object, if a path was given, with the processor and the time on it; NaN is left out."""
     if path is not None:
         with written_beside(path) as beside:
             finite = {name: value for name, value in numbers.items() if np.isfinite(value)}
             beside.write_text(
-                json.dumps({"processor": processor()} | finite, indent=1, allow_nan=False) + "\n", encoding="utf-8"
+                json.dumps({"processor": processor(), "cpu_seconds": cpu_seconds()} | finite, indent=1, allow_nan=False)
+                + "\n",
+                encoding="utf-8",
             )
+
+
+def cpu_seconds() -> float:
+    """Processor time of this process and of its children that ended, s."""
+    return round(sum(os.times()[:4]), 2)
 
 
 def processor() -> str:

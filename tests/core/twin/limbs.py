@@ -9,7 +9,7 @@ from .tracked import Tracked
 from .vectors import across, cross, length, reach, turned_onto, unit
 
 # Of a limb's length: share of the natural side in where a middle joint points that is not measured.
-BENT = {"arm": 0.08, "leg": 0.1}
+BENT = {"arm": 0.03, "leg": 0.1}
 HINGE = 2.0  # how much more measured rotations of pelvis and foot tell of a knee than the network
 
 

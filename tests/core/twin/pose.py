@@ -1,7 +1,7 @@
 """From what the network predicts to a body that meets what is measured and moves without jumps.
 
-rotations: measured, implied or predicted → eased where sensors came or went → the body hung on its head →
-spine bent to the pelvis → legs, feet held and on the floor → arms → places
+predicted body fitted to measured points → rotations: measured, implied or predicted → eased where sensors came or
+went → the body hung on its head → spine bent to the pelvis → legs, feet held and on the floor → arms → places
 """
 
 import numpy as np
@@ -10,6 +10,7 @@ from bodysense.tracker import TrackerSettings
 
 from .arms import kept_wrist, move_arm
 from .blend import BLEND, GROUP, find_changes, remember_limb
+from .fit import fit_prediction
 from .legs import move_legs
 from .limbs import LIMBS
 from .network import Prediction
@@ -86,6 +87,7 @@ def redirected(seen: Tracked, state: PoseState, joint: int) -> bool:
 def pose_body(settings: TrackerSettings, seen: Tracked, predicted: Prediction, state: PoseState) -> Body:
     """The body without its fingers: rotations of the body's joints, and all points of a body with flat hands."""
     body, begun, interval = empty_body(), state.begun, seen.interval
+    fit_prediction(seen, predicted, state)
     settle(seen, predicted, state)
     changed = find_changes(seen, state.had_position, state.had_rotation) if begun else set()
     goal = rotation_goals(seen, predicted)

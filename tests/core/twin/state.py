@@ -7,6 +7,7 @@ import numpy as np
 from .blend import LimbState
 from .ease import Ease
 from .feet import FootState
+from .fit import Fitting
 from .limbs import LIMBS
 from .points import BODY, POINTS
 from .settle import Settling
@@ -27,6 +28,7 @@ class PoseState:
     point: np.ndarray = field(default_factory=lambda: np.zeros((POINTS, 3)))  # m
     rotation: np.ndarray = field(default_factory=lambda: np.tile(np.eye(3), (BODY, 1, 1)))  # world ← joint
     spin: np.ndarray = field(default_factory=lambda: np.zeros((BODY, 3)))  # rad/s, world
+    fitting: list[Fitting] = field(default_factory=lambda: [Fitting() for _ in range(BODY)])
     settling: list[Settling] = field(default_factory=lambda: [Settling() for _ in range(BODY)])
     unsettled: bool = False  # in the frame before, a point that decides about the whole body came or went
     turn: list[Ease] = field(default_factory=lambda: [Ease() for _ in range(BODY)])

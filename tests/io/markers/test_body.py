@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from virtual import LABORATORIES, LEGS, PAIRS, PLUG_IN_GAIT, SETS, errors, found, raw_of, worn
+from virtual import LABORATORIES, LEGS, PAIRS, PLUG_IN_GAIT, SETS, VARIANTS, errors, found, raw_of, worn
 
 from bodysense.body.pose import forward_kinematics
 from bodysense.body.rotation import geodesic_angle, quaternion_multiply
@@ -62,6 +62,21 @@ def test_sets_of_laboratories(stranger: Clip, name: str) -> None:
     for joint, error in far.items():
         of_top = joint == "head" and name.startswith("OpenSim")  # from the top of the head alone
         assert error < (0.06 if of_top else {**HARDEST, "head": 0.02}.get(joint.rpartition("_")[2], 0.02)), joint
+
+
+@pytest.mark.parametrize("name", VARIANTS)
+def test_other_labels_of_laboratories(stranger: Clip, name: str) -> None:
+    of, labels = VARIANTS[name]
+    raw = raw_of(stranger, labels)
+    known = recognised(raw.names)
+    assert known is not None and known.markers.name == of and len(known.columns) == len(raw.names)
+    far = errors(raw, stranger)
+    parts = ("hip", "ankle", "foot", "shoulder", *(["elbow"] if "elbow_in" in labels else []))
+    assert {"pelvis", *(f"{side}_{part}" for side in ("left", "right") for part in parts)} <= set(far)
+    assert ("left_knee" in far) == ("knee" in labels)
+    for joint, error in far.items():
+        of_top = joint == "head" and "head_top" in labels
+        assert error < (0.06 if of_top else HARDEST.get(joint.rpartition("_")[2], 0.02)), joint
 
 
 @pytest.mark.parametrize(
@@ -220,6 +235,18 @@ def test_a_table_names_joints(tmp_path: Path, stranger: Clip) -> None:
     assert seen.has_body
 
 
+def test_a_walking_trial_without_markers_on_knees_keeps_its_feet(stranger: Clip, tmp_path: Path) -> None:
+    raw = raw_of(stranger, VARIANTS["a walking trial of gait2354"][1])
+    write_c3d(tmp_path / "walk.c3d", points_alone(raw.names, raw.position, raw.time), raw.frame_rate)
+    take = track(tmp_path / "walk.c3d")
+    found, truth = (forward_kinematics(clip.pose)[0] for clip in (take.clip, stranger))
+    for joint, most in (("ankle", 0.03), ("knee", 0.06)):
+        for side in ("left", "right"):
+            k = stranger.pose.skeleton.index(f"{side}_{joint}")
+            off = np.linalg.norm(np.asarray(found)[:, k] - np.asarray(truth)[:, k], axis=-1)
+            assert off[20:].mean() < most, joint
+
+
 def test_the_sets_hold_together() -> None:
     points = set().union(*({recipe.name for recipe in one.points} for one in marker_sets()))
     assert len(marker_sets()) == 8 and {"left_hip", "right_wrist", "head"} <= points
@@ -253,7 +280,7 @@ def test_a_body_is_tracked_from_markers(tmp_path: Path, name: str) -> None:
 
 
 def test_limbs_whose_labels_are_unknown_are_named(stranger: Clip) -> None:
-    """Arms under labels of nobody's, beside legs that are known: a warning with their names."""
+    """A warning names the labels of arms that no set knows, on a body whose legs are known."""
     arms = {"acromion", "elbow", "elbow_in", "wrist_thumb", "wrist_pinky", "head_front", "head_back", "c7", "sternum"}
     odd = {spot: f"Lzz{k}" if spot in arms else label for k, (spot, label) in enumerate(PAIRS.items())}
     odd |= {spot: f"Lyy{spot}" for spot in ("upper_arm", "forearm", "hand", "head_side", "thigh", "shin")}

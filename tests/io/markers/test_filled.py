@@ -1,16 +1,19 @@
-"""Marker files that come back with filled gaps: near the truth, without steps, every other byte as it was."""
+"""Marker files with filled gaps: close to the truth, without steps, every other byte unchanged."""
 
 from __future__ import annotations
 
 import csv
 import struct
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import ezc3d
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 from virtual import PLUG_IN_GAIT, worn
 
 from bodysense.demo import performance_of_stranger
@@ -149,6 +152,103 @@ def test_cells_of_filled_markers_change_and_nothing_else(
     digits = 6 if layout == "CSV" else 3
     np.testing.assert_allclose(again.position[filled], number[filled], atol=0.51 * 10**-digits)
     np.testing.assert_array_equal(again.position[~filled], raw.position[~filled])
+
+
+SEPARATORS = {"trc": ["\t", ";", ","], "tsv": ["\t"], "nexus": [",", ";"], "motive": [","], "csv": [",", ";", "\t"]}
+
+
+@dataclass(frozen=True)
+class Written:
+    """A file of some program, whose last lines are its frames."""
+
+    ending: str  # of its name
+    lines: list[str]
+    end: str  # of each line but the last
+    tail: str  # after the last frame
+    mark: str  # at its begin
+    columns: list[list[int]]  # of x, y and z of each marker
+    gone: np.ndarray  # (T, M) bool
+
+    @property
+    def text(self) -> str:
+        """The whole file."""
+        return self.mark + self.end.join(self.lines) + self.tail
+
+
+@st.composite
+def written(draw: st.DrawFn) -> Written:
+    """Small files in every layout, with every usual separator, number and missing value."""
+    layout = draw(st.sampled_from(sorted(SEPARATORS)))
+    separator = draw(st.sampled_from(SEPARATORS[layout]))
+    frames, count = draw(st.integers(1, 5)), draw(st.integers(1, 4))
+    point = draw(st.sampled_from([".", ","])) if separator != "," else "."
+    zeros = [] if layout == "csv" else ["0.0"]  # there zero is a place
+    absent = draw(st.sampled_from(["", "nan", "NaN", "#N/A", *zeros]))
+    form = draw(st.sampled_from(["{:.3f}", "{:.1f}", "{:.6f}", "{:.5e}", "{:+.2f}", " {:.3f} "]))
+    unit = draw(st.sampled_from(["mm", "m", "cm"]))
+    gone = draw(arrays(bool, (frames, count)))
+    values = draw(arrays(float, (frames, count, 3), elements=st.floats(-3000, 3000).filter(lambda x: abs(x) > 1)))
+    trailing = separator if draw(st.booleans()) and layout in ("trc", "tsv") else ""
+    names = [f"M{k}" for k in range(count)]
+    triples = [cell for name in names for cell in (name, "", "")]
+    cells = [
+        [absent if gone[t, k] else form.format(v).replace(".", point) for k in range(count) for v in values[t, k]]
+        for t in range(frames)
+    ]
+    before = [[str(t + 1), f"{t / 100:.3f}".replace(".", point)] for t in range(frames)]
+    if layout == "trc":
+        head = [["PathFileType", "4"], ["DataRate", "CameraRate", "NumFrames", "NumMarkers", "Units"]]
+        head += [["100", "100", str(frames), str(count), unit], ["Frame#", "Time", *triples]]
+        head += [["", "", *(f"{axis}{k + 1}" for k in range(count) for axis in "XYZ")], []]
+    elif layout == "tsv":
+        head = [["NO_OF_FRAMES", str(frames)], ["FREQUENCY", "100"], ["MARKER_NAMES", *names]]
+        before = before if draw(st.booleans()) else [[]] * frames
+    elif layout == "nexus":
+        head = [["Trajectories"], ["100"], ["", "", *triples], ["Frame", "Sub Frame", *["X", "Y", "Z"] * count]]
+        head.append(["", "", *[unit] * (3 * count)])
+    elif layout == "motive":
+        head = [["Format Version", "1.23", "Export Frame Rate", "100", "Length Units", "Millimeters"]]
+        head += [["", "Type", *["Marker"] * (3 * count)], ["", "Name", *(name for name in names for _ in "XYZ")]]
+        head.append(["", "", *["Position"] * (3 * count)])
+        head.append(["Frame", "Time (Seconds)", *["X", "Y", "Z"] * count])
+    else:
+        head = [["time", *(f"{name}.{axis}" for name in names for axis in "xyz")]]
+        before = [[row[1]] for row in before]
+    rows = [*head, *(one + more for one, more in zip(before, cells, strict=True))]
+    lines = [separator.join(row) + (trailing if k >= len(head) else "") for k, row in enumerate(rows)]
+    columns = [[len(before[0]) + 3 * k + axis for axis in range(3)] for k in range(count)]
+    end = draw(st.sampled_from(["\n", "\r\n"]))
+    tails = ["", end, *([f"{end}{end}Events{end}"] if layout == "nexus" else [])]
+    ending = layout if layout in ("trc", "tsv") else "csv"
+    mark = draw(st.sampled_from(["", "\ufeff"]))
+    return Written(ending, lines, end, draw(st.sampled_from(tails)), mark, columns, gone)
+
+
+@settings(max_examples=150)
+@given(file=written(), data=st.data())
+def test_every_byte_outside_filled_cells_stays(
+    tmp_path_factory: pytest.TempPathFactory, file: Written, data: st.DataObject
+) -> None:
+    path, gone = tmp_path_factory.getbasetemp() / f"drawn.{file.ending}", file.gone
+    out = path.with_stem("out")
+    path.write_bytes(file.text.encode())
+    raw = read_raw(path)
+    np.testing.assert_array_equal(np.isnan(raw.position).all(axis=-1), gone)
+    filled = gone & data.draw(arrays(bool, gone.shape))
+    assert raw.cells is not None
+    write_filled(path, out, raw, np.where(filled[..., None], 1234.5, raw.position), filled)
+    changed = out.read_bytes().decode()
+    assert changed.startswith(file.mark) and changed.endswith(file.tail)
+    after = changed[len(file.mark) : len(changed) - len(file.tail)].split(file.end)
+    first = len(file.lines) - len(gone)
+    assert len(after) == len(file.lines) and after[:first] == file.lines[:first]
+    for t in range(len(gone)):
+        old, new = (rows[first + t].split(raw.cells.delimiter) for rows in (file.lines, after))
+        assert len(old) == len(new)
+        allowed = {column for k in np.flatnonzero(filled[t]).tolist() for column in file.columns[k]}
+        assert {column for column in range(len(old)) if old[column] != new[column]} == allowed
+        assert all(float(new[column].replace(",", ".")) == pytest.approx(1234.5, abs=0.5) for column in allowed)
+    np.testing.assert_array_equal(read_raw(out).position[~filled], raw.position[~filled])
 
 
 def test_gaps_come_back_near_the_truth_and_without_steps(

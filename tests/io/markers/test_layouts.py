@@ -40,7 +40,7 @@ def trc(missing: str = "", blank: bool = True) -> str:
 
 
 def workstation() -> str:
-    """Of Vicon's older programs: no sub-frames, no units."""
+    """A file of Vicon's older programs, which has no sub-frames and no units."""
     lines = ["TRAJECTORIES", "120,Hz", "," + ",,,".join(f"Anna:{name}" for name in NAMES) + ",,"]
     lines.append("Field #," + ",".join(["X", "Y", "Z"] * 3))
     return "\n".join([*lines, *(",".join([str(t + 1), *cells(row)]) for t, row in enumerate(PLACE))]) + "\n"
@@ -100,16 +100,45 @@ def motive(parents: bool = False, kind: str = "Marker") -> str:
     return "\n".join(lines) + "\n"
 
 
+def by_halves(frames: str, header: str) -> str:
+    """A TRC file whose header has another separator than its frames."""
+    head, rows = trc().split("\n\n")
+    return head.replace("\t", header) + "\n\n" + rows.replace("\t", frames)
+
+
 LAYOUTS: dict[str, tuple[str, Callable[[], str]]] = {
     "TRC": ("a.trc", trc),
     "TRC, no blank line, nan": ("a.trc", lambda: trc("nan", blank=False)),
     "TRC of commas": ("a.trc", lambda: trc().replace("\t", ",")),
+    "TRC of semicolons and decimal commas": (
+        "a.trc",
+        lambda: re.sub(r"(\d)\.(\d)", r"\1,\2", trc()).replace("\t", ";"),
+    ),
+    "TRC with a header of commas": ("a.trc", lambda: by_halves("\t", ",")),
+    "TRC with frames of commas": ("a.trc", lambda: by_halves(",", "\t")),
+    "TRC of quoted cells": ("a.trc", lambda: re.sub(r"[^,\n]+", r'"\g<0>"', trc().replace("\t", ","))),
+    "TRC with names in neighbouring cells": ("a.trc", lambda: re.sub(r"(LASI|RASI|C7)\t+", r"\1\t", trc())),
+    "TRC in capitals, with brackets": (
+        "a.trc",
+        lambda: (
+            trc().replace("DataRate", " DATARATE ").replace("\tmm", "\t (mm) ").replace("120.0\t120.0", "120 Hz\t?")
+        ),
+    ),
+    "TRC with places for what is not seen": ("a.trc", lambda: trc("9999999.0")),
+    "TRC with N/A": ("a.trc", lambda: trc("#N/A")),
+    "TRC without X1 Y1 Z1": ("a.trc", lambda: re.sub(r"\t\tX1.*\n", "", trc())),
     "TRC with decimal commas": ("a.trc", lambda: re.sub(r"(\d)\.(\d)", r"\1,\2", trc())),
     "TRC without its first line": ("a.trc", lambda: trc().split("\n", 1)[1]),
     "TRC that counts wrongly": ("a.trc", lambda: trc().replace("\t3\tmm", "\t7\tmm")),
     "TRC without counts": ("a.trc", lambda: trc().replace("NumFrames\tNumMarkers", "A\tB")),
     "TRC with tabs at line ends": ("a.trc", lambda: trc().replace("\n", "\t\n")),
     "Vicon Workstation": ("a.csv", workstation),
+    "Vicon Workstation of a spreadsheet": (
+        "a.csv",
+        lambda: workstation().replace("TRAJECTORIES", "TRAJECTORIES,,,,").replace("\n", "\r\n"),
+    ),
+    "Vicon Workstation with semicolons": ("a.csv", lambda: workstation().replace(",", ";")),
+    "Nexus after its devices": ("a.csv", lambda: "Devices\n1000\n,,\nFrame,Sub Frame,A\n,,V\n1,0,3\n\n" + nexus()),
     "TSV": ("a.tsv", tsv),
     "TSV with columns": ("a.tsv", lambda: tsv(columns=True)),
     "TSV with frame and time": ("a.tsv", lambda: tsv(columns=True, front=True, missing="")),
@@ -244,10 +273,11 @@ def test_gzip_is_named(tmp_path: Path) -> None:
 
 
 TEXTS = [(name, write().encode()) for name, write in LAYOUTS.values()]
+TIMED = list(LAYOUTS).index("TSV with frame and time")
 
 
-@example(which=11, changes=[(1931, 10)], cut=None)
-@example(which=11, changes=[(1913, 10)], cut=None)
+@example(which=TIMED, changes=[(1931, 10)], cut=None)
+@example(which=TIMED, changes=[(1913, 10)], cut=None)
 @given(
     which=st.integers(0, len(TEXTS)),
     changes=st.lists(st.tuples(st.integers(0, 4000), st.integers(0, 255)), max_size=6),

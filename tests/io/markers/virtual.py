@@ -101,6 +101,18 @@ PAIRS = {
     "elbow_in": "LMEL", "wrist_thumb": "LLWR", "wrist_pinky": "LMWR", "c7": "C7", "clavicle": "CLAV", "sternum": "STRN",
     "t10": "T10", "head_front": "LFHD", "head_back": "LBHD",
 }  # fmt: skip
+IOR = {
+    "asis": "LASIS", "psis": "LPSIS", "thigh": "LGT", "knee": "LLE", "knee_in": "LME", "ankle": "LLM",
+    "ankle_in": "LMM", "heel": "LCA", "first_metatarsal": "LFM1", "second_metatarsal": "LFM2",
+    "fifth_metatarsal": "LFM5", "acromion": "LA", "elbow": "LHLE", "elbow_in": "LHME", "wrist_thumb": "LRSP",
+    "wrist_pinky": "LUSP", "c7": "C7", "clavicle": "SJN", "sternum": "SXS", "t10": "T10",
+}  # fmt: skip
+STANFORD = {  # Hamner's laboratory, later
+    "asis": "L.ASIS", "psis": "L.PSIS", "thigh": "L.TH1", "knee": "L.Knee", "knee_in": "L.MKnee", "shin": "L.SH1",
+    "ankle": "L.Ankle", "ankle_in": "L.MAnkle", "heel": "L.Heel", "first_metatarsal": "L.Toe",
+    "fifth_metatarsal": "L.MT5", "acromion": "L.Shoulder", "upper_arm": "L.Biceps", "elbow": "L.Elbow",
+    "elbow_in": "L.MElbow", "forearm": "L.Forearm", "c7": "C7", "clavicle": "Clavicle",
+}  # fmt: skip
 QUALISYS = {**RIZZOLI, "wrist_pinky": "L_UHE"}
 LEGS = {
     spot: label for spot, label in PAIRS.items() if spot[:4] in ("asis", "psis", "knee", "ankl", "heel", "firs", "fift")
@@ -112,6 +124,24 @@ LABORATORIES = {
     "OpenCap": OPENCAP,
     "anatomical pairs": PAIRS,
     "Rizzoli (IOR)": QUALISYS,
+}
+# Other labels and other markers of these: a set, and the labels.
+VARIANTS = {
+    "IOR": ("Rizzoli (IOR)", IOR),
+    "IOR with CAST's names of bones": (
+        "Rizzoli (IOR)",
+        {**IOR, "knee": "LFLE", "knee_in": "LFME", "ankle": "LFAL", "ankle_in": "LTAM", "heel": "LFCC"},
+    ),
+    "LKN and MKN": ("anatomical pairs", {**PAIRS, "knee": "LKN", "ankle": "LAK"}),
+    "LLKNE and LMKNE": (
+        "anatomical pairs",
+        {**PAIRS, "knee": "LLKNE", "knee_in": "LMKNE", "ankle": "LLANK", "ankle_in": "LMANK"},
+    ),
+    "MKnee": ("OpenSim gait2354 and Hamner", STANFORD),
+    "a walking trial of gait2354": (
+        "OpenSim gait2354 and Hamner",
+        {spot: label for spot, label in OPENSIM.items() if spot[:4] not in ("knee", "ankl")},
+    ),
 }
 MIDDLE = ("sacrum", "c7", "t10", "clavicle", "sternum", "head_top", "forehead")
 ONE_SIDE = ("head_side",)
@@ -160,7 +190,7 @@ def _spot(skeleton: Skeleton, spot: str) -> tuple[str, np.ndarray]:
 
 @cache
 def _skin(spot: str) -> np.ndarray:
-    """Where a spot is beside the joint from which its way outward begins: the outermost skin on that way."""
+    """Return the offset of a spot from its joint: the outermost skin along the spot's direction."""
     joint, start, offset, way = SPOTS[spot]
     body = default_skeleton()
     place = (body.path @ body.rest_offset) + body.rest_offset[0]

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from bodysense.demo import packaged_performance
@@ -33,6 +33,7 @@ def read_by(seed: int, inputs: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(5, 40))
+@example(seed=3617, inputs=10)  # one row after the other would miss more than the nearest multiples
 @settings(max_examples=40)
 def test_products_stay_nearer(seed: int, inputs: int) -> None:
     weights, frames = read_by(seed, inputs)
@@ -41,8 +42,9 @@ def test_products_stay_nearer(seed: int, inputs: int) -> None:
     assert (made_up == np.round(made_up / step) * step).all()
     assert (row_step(made_up) == step).all()
     nearest = np.round(weights / step) * step
-    missed = [np.linalg.norm(frames @ (values - weights).T) for values in (made_up, nearest)]
-    assert missed[0] < missed[1] or inputs < 10
+    missed = [np.linalg.norm(frames @ (values - weights).T, axis=0) for values in (made_up, nearest)]
+    assert (missed[0] <= missed[1] * (1 + 1e-4)).all()
+    assert np.linalg.norm(missed[0]) < np.linalg.norm(missed[1]) or inputs < 10
 
 
 def test_what_was_never_read_is_rounded_to_the_nearest() -> None:

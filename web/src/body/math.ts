@@ -37,12 +37,6 @@ export function axisAngle(axis: Vector, angle: number): Quaternion {
   return [Math.cos(angle / 2), axis[0] * sine, axis[1] * sine, axis[2] * sine];
 }
 
-/** The rotation of a rotation vector, rad. */
-export function exponential(vector: Vector): Quaternion {
-  const angle = size(vector);
-  return angle < 1e-12 ? UPRIGHT : axisAngle(scaled(vector, 1 / angle), angle);
-}
-
 /** The shortest rotation from one direction to another. */
 export function between(from: Vector, to: Vector): Quaternion {
   const [a, b] = [unit(from), unit(to)];

@@ -1,7 +1,7 @@
 /** Motion of the AMASS layout (.npz): SMPL-H or SMPL-X poses, Z up; turned to +Y up. */
 
 import type { Clip } from "../body/clip";
-import { exponential, multiply, rotate, vectorAt, type Quaternion } from "../body/math";
+import { multiply, quaternionAt, rotate, vectorAt, type Quaternion } from "../body/math";
 import { numbers, type Archive } from "./npz";
 import type { Skeleton } from "../body/skeleton";
 
@@ -32,9 +32,20 @@ export function amassClip(archive: Archive, name: string, skeleton: Skeleton): C
     root.set(rotate(Z_UP_TO_Y_UP, vectorAt(trans, frame)), 3 * frame);
     for (let joint = 0; joint < JOINTS; joint++) {
       const part = joint + (width === 165 && joint >= 22 ? 3 : 0); // SMPL-X has jaw and eyes in between
-      const local = exponential(vectorAt(poses.values, (width / 3) * frame + part));
-      rotation.set(joint === 0 ? multiply(Z_UP_TO_Y_UP, local) : local, 4 * (JOINTS * frame + joint));
+      putExponential(poses.values, width * frame + 3 * part, rotation, 4 * (JOINTS * frame + joint));
     }
+    rotation.set(multiply(Z_UP_TO_Y_UP, quaternionAt(rotation, JOINTS * frame)), 4 * JOINTS * frame);
   }
   return { name, skeleton, rate, frames, root, rotation };
+}
+
+/** Put the rotation of the rotation vector at `from` into `out` at `to`; nothing is allocated, for a page that starts. */
+function putExponential(vectors: Float64Array, from: number, out: Float32Array, to: number): void {
+  const [x, y, z] = [vectors[from], vectors[from + 1], vectors[from + 2]];
+  const angle = Math.hypot(x, y, z);
+  const share = angle < 1e-12 ? 0.5 : Math.sin(angle / 2) / angle;
+  out[to] = Math.cos(angle / 2);
+  out[to + 1] = share * x;
+  out[to + 2] = share * y;
+  out[to + 3] = share * z;
 }

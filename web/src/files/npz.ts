@@ -106,7 +106,8 @@ function readNpy(bytes: ArrayBuffer, title: string): NumpyArray | readonly strin
   const [width, read] = READERS[kind] ?? [];
   if (!width || !read) throw new Error(`its ${title} holds ${kind || "what is unknown"}`);
   if (data + width * count > bytes.byteLength) throw new Error(`its ${title} was cut short`);
-  const values = Float64Array.from({ length: count }, (_, k) => read(view, data + width * k));
+  const values = new Float64Array(count);
+  for (let k = 0; k < count; k++) values[k] = read(view, data + width * k);
   return { shape, values: header.includes("'fortran_order': True") ? inRows(values, shape) : values };
 }
 

@@ -88,7 +88,7 @@ function object(line: string, number: number): Record<string, unknown> {
   try {
     return record(JSON.parse(line) as unknown);
   } catch {
-    throw new Error(`its line ${number} is not JSON; it may have been cut short`);
+    throw new Error(`its line ${number} cannot be read; it may have been cut short`);
   }
 }
 

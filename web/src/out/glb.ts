@@ -26,7 +26,7 @@ import type { Motion } from "./resample";
 const UP = new Vector3(0, 1, 0);
 const VRMA = "VRMC_vrm_animation";
 
-/** What an exporter's plugin writes to; the types of three.js leave it out. */
+/** The fields of an exporter that a plugin writes to; the types of three.js leave them out. */
 interface Writing {
   readonly nodeMap: ReadonlyMap<Object3D, number>;
   readonly json: Record<string, unknown>;

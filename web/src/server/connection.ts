@@ -99,7 +99,8 @@ export class Connection {
     } catch (error) {
       if (!(error instanceof RangeError) && !(error instanceof SyntaxError)) throw error;
       this.close();
-      this.events.lost(`The server sent what this page does not understand: ${error.message}.`, null);
+      const reason = error instanceof SyntaxError ? "it is no message of bodysense" : error.message;
+      this.events.lost(`The server sent what this page does not understand: ${reason}.`, null);
     }
   }
 

@@ -11,6 +11,7 @@ import { Mirror } from "../view/mirror";
 import type { View } from "../view/scene";
 import type { VrMenu } from "../view/vr_menu";
 import type { Source } from "./source";
+import { WearerClock } from "./wearer_clock";
 
 export interface HeadsetEvents {
   /** One frame, as it goes to the engine. */
@@ -32,8 +33,6 @@ export async function missingForHeadset(): Promise<string | null> {
     : "No headset answers: switch it on and connect it, or open this page in the headset's own browser.";
 }
 
-const MOVED = 2; // s that a new place takes on the clock, so that motion starts afresh
-
 export class Headset implements Source {
   readonly title = "You, by headset";
   readonly isYou = true;
@@ -47,7 +46,7 @@ export class Headset implements Source {
   private reader = new HeadsetReader();
   private placement: Placement = AS_IT_IS;
   private isPlaced = false;
-  private moves = 0; // how often the wearer was placed anew
+  private readonly clock = new WearerClock();
   private session: XRSession | null = null;
   private wasAsked = false;
   private isSeated = false;
@@ -117,8 +116,10 @@ export class Headset implements Source {
       if (!this.isPlaced) this.place(head.position, head.rotation, frame.getViewerPose(space));
       this.raise(Math.min(this.seat, Math.max(this.standingHead() - head.position[1], 0)));
     }
-    const time = milliseconds / 1000 + this.moves * MOVED;
-    if (points.length > 0) this.events.tracked({ time, points: placed(points, this.placement) });
+    if (points.length > 0) {
+      const time = this.clock.time(milliseconds / 1000, head);
+      this.events.tracked({ time, points: placed(points, this.placement) });
+    }
     this.menu.point(this.rays(frame, space));
   }
 
@@ -141,7 +142,7 @@ export class Headset implements Source {
     this.menu.standBeside(this.mirror.frame);
     this.mirrorStage();
     this.isPlaced = true;
-    this.moves += 1;
+    this.clock.leap();
   }
 
   /** Raise the wearer by `lift` m. */

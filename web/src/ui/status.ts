@@ -5,6 +5,7 @@ import type { Live } from "../live";
 import type { Moment } from "../history";
 import { element } from "../page";
 
+const FEWEST = 60; // bodies from which on a pace is told: the first ones are slow everywhere
 const [SMOOTH, FLUENT] = [14, 33]; // ms: a picture at 72 and at 30 Hz
 
 export function showStatus(live: Live, moment: Moment | null, skeleton: Skeleton, title: string): void {
@@ -28,9 +29,8 @@ export function showStatus(live: Live, moment: Moment | null, skeleton: Skeleton
   }
   element("shown").textContent = parts.join(" · ");
   if (live.times.length === 0) return;
-  const [middle, slow] = [live.quantile(0.5), live.quantile(0.99)];
-  element("rate").textContent = `completed here, ${paceOf(slow)}`;
-  element("rate").title = `${middle.toFixed(1)} ms in the middle, ${slow.toFixed(1)} ms in the slowest percent`;
+  const pace = live.times.length < FEWEST ? "" : `, ${paceOf(live.quantile(0.99))}`;
+  element("rate").textContent = `completed here${pace}`;
 }
 
 /** How a body moves whose slowest steps take so long, ms. */

@@ -17,9 +17,8 @@ export async function readGlb(bytes: ArrayBuffer, name: string): Promise<GLTF> {
     const { DRACOLoader, DRACO_GLTF_CONFIG } = await import("three/addons/loaders/DRACOLoader.js"); // with its decoder
     loader.setDRACOLoader(new DRACOLoader().setDecoderPath(DRACO_GLTF_CONFIG));
   }
-  return loader.parseAsync(bytes, "").catch((error: unknown) => {
-    const reason = error instanceof Error ? error.message : "it cannot be read";
-    throw new Error(`${name} is damaged (${reason.split("\n")[0]}); export it again.`);
+  return loader.parseAsync(bytes, "").catch(() => {
+    throw new Error(`${name} is damaged: it cannot be read as glTF; export it again.`);
   });
 }
 

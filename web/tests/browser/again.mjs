@@ -27,8 +27,9 @@ await scenario({ colorScheme: "light", viewport: { width: 480, height: 320 } }, 
   await takeOff(page);
   await page.dispatchEvent("#door-performance", "click");
   await says("#source", "performance");
+  const isOver = await page.isHidden("#notice"); // of the headset that was taken off
   worn.push(await enter()); // after another source
   await takeOff(page);
-  return { worn, notice: await text("#notice-text") };
+  return { worn, isOver, notice: await text("#notice-text") };
 });
 site.close();

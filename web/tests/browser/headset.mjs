@@ -53,7 +53,7 @@ await scenario({ colorScheme: "light", viewport: { width: 480, height: 320 } }, 
   await putOn(page, "#door-room");
   const room = { isOffered, blend: await page.evaluate(() => device.activeSession.environmentBlendMode) };
   await page.evaluate(() => void device.activeSession.end());
-  await says("#notice-text", "ended");
+  await says("#notice-text", "is off");
   await page.evaluate(() => {
     navigator.xr.requestSession = () => Promise.reject(new DOMException("not now", "NotAllowedError"));
   });

@@ -60,10 +60,17 @@ export async function launched(more, { isCalm = true, ...options }, run) {
   }
 }
 
-/** Run a scenario in a fresh page and print what it returns as JSON; errors of the page fail it, but for `expected`. */
+/** Run a scenario in a fresh page and print what it returns as JSON, with everything that a person could read meanwhile.
+ *
+ * Errors of the page fail it, but for `expected`. Where times are taken, nothing is read along.
+ */
 export async function scenario({ expected = /^$/, ...options }, run, more = []) {
   await launched(more, options, async (page) => {
-    const errors = [];
+    const [errors, words] = [[], new Set()];
+    if (options.isCalm !== false) {
+      await page.exposeFunction("readByPerson", (text) => void words.add(text));
+      await page.addInitScript(readAlong);
+    }
     page.on("pageerror", (error) => errors.push(String(error)));
     page.on("console", (message) => {
       const isInformation = message.text().startsWith("INFO:"); // TensorFlow Lite says everything on stderr
@@ -74,7 +81,7 @@ export async function scenario({ expected = /^$/, ...options }, run, more = []) 
       const said = await page.innerText("body").catch(() => "");
       throw new Error(`${error.message}\nerrors of the page: ${errors.join("; ")}\nit said: ${said.slice(0, 600)}`);
     });
-    console.log(JSON.stringify({ ...result, errors }));
+    console.log(JSON.stringify({ ...result, errors, read: [...words] }));
   });
 }
 
@@ -83,6 +90,38 @@ function calm() {
   const BETWEEN = 150; // ms
   window.requestAnimationFrame = (call) => setTimeout(() => call(performance.now()), BETWEEN);
   window.cancelAnimationFrame = (id) => clearTimeout(id);
+}
+
+/** Give every text to `readByPerson` that is or becomes visible, a tooltip, or drawn into a picture; numbers are 0. */
+function readAlong() {
+  const told = new Set();
+  const tell = (text) => {
+    const line = text
+      .replace(/https?:\/\/\S+/g, "an address")
+      .replace(/\d+([.,]\d+)?/g, "0")
+      .replace(/\s+/g, " ")
+      .trim();
+    if (line === "" || told.has(line)) return;
+    told.add(line);
+    void window.readByPerson(line);
+  };
+  const read = (node) => {
+    const element = node instanceof Element ? node : node.parentElement;
+    const shown = element?.closest("select") ?? element; // options are not visible, but can be read
+    if (!shown?.checkVisibility() || element.closest("script, style")) return;
+    if (node instanceof Text) return tell(node.data);
+    for (const name of ["title", "placeholder", "aria-label", "alt"]) tell(element.getAttribute(name) ?? "");
+    for (const child of element.childNodes) if (child instanceof Text || child instanceof Element) read(child);
+  };
+  const watch = new MutationObserver((changes) => {
+    for (const { type, target, addedNodes } of changes) type === "childList" ? addedNodes.forEach(read) : read(target);
+  });
+  watch.observe(document, { subtree: true, childList: true, characterData: true, attributes: true });
+  const { fillText } = CanvasRenderingContext2D.prototype;
+  CanvasRenderingContext2D.prototype.fillText = function (text, ...where) {
+    tell(text);
+    return fillText.call(this, text, ...where);
+  };
 }
 
 /** Say on stderr when each wait of a page was over. */

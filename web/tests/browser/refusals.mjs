@@ -7,8 +7,9 @@ const [folder] = process.argv.slice(2);
 
 const CASES = {
   refused: (socket) => {
-    socket.send(JSON.stringify({ type: "error", reason: "protocol version 1; this server speaks 2: reload the page" }));
-    socket.close({ code: 1008, reason: "protocol version" });
+    const reason = "messages of version 1; this server speaks version 2: load its page again, or use its client";
+    socket.send(JSON.stringify({ type: "error", reason }));
+    socket.close({ code: 1008, reason: "another version" });
   },
   nonsense: (socket) => socket.send("this is not JSON"),
   cut: (socket) => {

@@ -34,7 +34,8 @@ def read_message(text: str) -> ClientMessage:
         raise ProtocolError(f"a message of type {_short(kind)}; clients send {', '.join(CLIENT)}")
     if kind == "hello" and value.get("version") != VERSION:
         raise ProtocolError(
-            f"protocol version {_short(value.get('version'))}; this server speaks {VERSION}: use its client"
+            f"messages of version {_short(value.get('version'))}; this server speaks version {VERSION}: "
+            "load its page again, or use its client"
         )
     if kind == "settings":
         changed(Settings(), value)  # so that what is wrong is said now

@@ -39,7 +39,7 @@ class Seat:
     recorder: Recorder | None = None
     told: int = 0  # the revision of the session that its clients know
     turn: int = 1  # in the store: how many processes have had the session
-    state: str = ""  # as it is stored
+    state: str = ""  # in the form of the store
     stored: object = None  # the session's values in it, for comparison
     serials: Callable[[], Mapping[str, str]] = dict  # of nameless trackers of the server's own input, to their names
     known_serials: Mapping[str, str] = field(default_factory=dict)  # those whose joints the session knows

@@ -27,20 +27,23 @@ from bodysense.arrays import sound
 from bodysense.errors import BodysenseError
 from bodysense.files import read_text
 from bodysense.io.markers.raw_markers import AXES, Cells, RawMarkers
-from bodysense.io.markers.text import Rows, cells_of, markers_of, numbered, numbers, rate_of, unit_of, whole
+from bodysense.io.markers.text import Rows, cells_in, cells_of, markers_of, numbered, numbers, rate_of, unit_of, whole
 
-_TRC_NEEDED = ("datarate", "units")
+_TRC_NEEDED, _TRC_HEADER = ("datarate", "units"), 5  # values; lines of the header
 
 
 def read_trc(path: Path, rate: float | None = None) -> RawMarkers:
     """Read a TRC file; its unit and rate are in its header, its up axis is not. `rate` Hz goes before the header's.
 
-    Cells are separated by tabs, or in all of the file by commas or semicolons. Raises BodysenseError naming the line
-    and the fix.
+    Cells are separated by tabs, semicolons or commas; the header may have another separator than the frames. Raises
+    BodysenseError naming the line and the fix.
     """
-    text = read_text(path)
-    delimiter = "\t" if "\t" in text else ";" if ";" in text else ","
-    lines = numbered(text, delimiter)
+    texts = [line for line in enumerate(read_text(path).splitlines(), start=1) if line[1].strip(",; \t\r")]
+    delimiter = _separator(texts[-1][1] if texts else "")
+    lines = [
+        (number, cells_in(line, _separator(line) if k <= _TRC_HEADER else delimiter))
+        for k, (number, line) in enumerate(texts, start=1)
+    ]
     titles = [[cell.lower() for cell in cells] for _, cells in lines[:4]]
     at = next((k for k, cells in enumerate(titles) if set(_TRC_NEEDED) & set(cells)), None)
     if len(lines) < 5 or (at is None and not titles[0][0].startswith("pathfiletype")):
@@ -65,6 +68,11 @@ def read_trc(path: Path, rate: float | None = None) -> RawMarkers:
     hertz = rate_of(path, header["datarate"], "DataRate", rate)
     cells = cells_of(rows, delimiter, 2, len(names))
     return markers_of(path, names, position, hertz, unit_of(path, header["units"]), cells=cells)
+
+
+def _separator(line: str) -> str:
+    """Return the separator of a line's cells: a comma may be a decimal one if there is another."""
+    return next((sign for sign in "\t;" if sign in line), ",")
 
 
 def _check_named(path: Path, number: int, names: list[str], rows: Rows, announced: str) -> None:
@@ -234,7 +242,9 @@ def read_tsv(path: Path, rate: float | None = None) -> RawMarkers:
     columns: list[str] = []
     if rows and any(cell[:1].isalpha() and cell.lower() not in ("nan", "null") for cell in rows[0][1]):
         columns, rows = rows[0][1], rows[1:]
-    _check_frames(path, header, len(rows))
+    frames = _frames(path, header, len(rows))
+    while len(rows) > frames and not any(rows[-1][1]):  # a spreadsheet adds lines
+        rows = rows[:-1]
     before = _before(columns, rows, count * width)
     values = numbers(path, rows, before + count * width)[:, before:]
     position = values.reshape(len(rows), count, width)[..., :3]
@@ -246,7 +256,7 @@ def _segments(path: Path, header: Header, columns: list[str], rows: Rows, rate: 
     """A skeleton: every segment's place and rotation in the world."""
     if (header.get("REFERENCE") or ["GLOBAL"])[0].upper() != "GLOBAL":
         raise BodysenseError(f"{path}: its segments are given in their parents; export the skeleton with global values")
-    _check_frames(path, header, len(rows))
+    _frames(path, header, len(rows))
     starts = [k for k in range(len(columns) - 7) if tuple(columns[k + 1 : k + 8]) == _SEGMENT]
     if not starts or not all(columns[k] for k in starts):
         raise BodysenseError(f"{path}: no segment is named before its X, Y, Z and QX to QW; export the skeleton again")
@@ -262,10 +272,12 @@ def _segments(path: Path, header: Header, columns: list[str], rows: Rows, rate: 
     return replace(raw, rotation=np.where(known, rotation / np.where(known, length, 1), np.nan))
 
 
-def _check_frames(path: Path, header: Header, rows: int) -> None:
+def _frames(path: Path, header: Header, rows: int) -> int:
+    """Return the number of frames that the header names. Raises BodysenseError if there are fewer rows."""
     frames = whole(path, (header["NO_OF_FRAMES"] or [""])[0], "NO_OF_FRAMES")
     if rows < frames:
         raise BodysenseError(f"{path}: NO_OF_FRAMES is {frames}, but there are {rows}; was the file cut short?")
+    return frames
 
 
 def _rate(path: Path, header: Header, given: float | None) -> float:
@@ -277,5 +289,6 @@ def _before(columns: list[str], rows: list[tuple[int, list[str]]], width: int) -
     named = [cell.lower() for cell in columns[:2]]
     if named:
         return sum(name in ("frame", "time") for name in named)
-    cells = [len(row) - (1 if row[-1] == "" else 0) for _, row in rows[:1]]
-    return max(0, min(2, cells[0] - width)) if cells else 0
+    more = max((len(row) for _, row in rows), default=width) - width
+    is_tab = more == 1 and all(row[-1] == "" for _, row in rows)  # at the end of each line
+    return 0 if is_tab else max(0, min(2, more))

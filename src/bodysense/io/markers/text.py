@@ -22,7 +22,8 @@ from bodysense.files import read_text, written_beside
 from bodysense.io.markers.raw_markers import Cells, RawMarkers, Unit
 from bodysense.observation import Observation
 
-MISSING = {"", "nan", "null", "none", "-", "-nan(ind)", "1.#qnan"}
+MISSING = {"", "nan", "null", "none", "-", "n/a", "#n/a", "-nan(ind)", "1.#qnan", "1.#ind", "-1.#ind"}
+NEVER = 9_999_999  # in the file's unit: Cortex and Optotrak write this place of a marker that they do not see
 UNITS: dict[str, Unit] = {
     **dict.fromkeys(("m", "meter", "meters", "metre", "metres"), "m"),
     **dict.fromkeys(("cm", "centimeter", "centimeters", "centimetres"), "cm"),
@@ -33,12 +34,17 @@ Rows = Sequence[tuple[int, list[str]]]  # the number of each line, from 1, and i
 
 
 def numbered(text: str, delimiter: str) -> list[tuple[int, list[str]]]:
-    """Return the non-blank lines of a text, as cells without surrounding blanks and quotes."""
-    return [
-        (number, [cell.strip().strip('"') for cell in line.split(delimiter)])
-        for number, line in enumerate(text.splitlines(), start=1)
-        if line.strip(f"{delimiter} \t\r")
-    ]
+    """Return the non-blank lines of a text, as cells without surrounding blanks and quotes.
+
+    A line of delimiters is a frame in which all markers are missing.
+    """
+    lines = enumerate(text.splitlines(), start=1)
+    return [(number, cells_in(line, delimiter)) for number, line in lines if line.strip(" \r")]
+
+
+def cells_in(line: str, delimiter: str) -> list[str]:
+    """Return the cells of a line without surrounding blanks and quotes."""
+    return [cell.strip().strip('"') for cell in line.split(delimiter)]
 
 
 def numbers(
@@ -77,15 +83,16 @@ def whole(path: Path, text: str, name: str) -> int:
 
 def unit_of(path: Path, text: str) -> Unit:
     """Return a unit named in a header."""
-    if text.lower() not in UNITS:
+    name = text.strip("()[] ").lower()
+    if name not in UNITS:
         raise BodysenseError(f"{path}: its unit is {text[:20]!r}; m, cm and mm are read: say it with --unit")
-    return UNITS[text.lower()]
+    return UNITS[name]
 
 
 def rate_of(path: Path, text: str, name: str, given: float | None = None) -> float:
     """Return a rate in Hz from a header; `given` takes precedence."""
     try:
-        rate = float(text.replace(",", ".")) if given is None else given
+        rate = float(text.lower().removesuffix("hz").replace(",", ".")) if given is None else given
     except ValueError:
         rate = 0.0
     if not 0 < rate < float("inf"):
@@ -108,10 +115,11 @@ def markers_of(
     axes: np.ndarray | None = None,
     cells: Cells | None = None,
 ) -> RawMarkers:
-    """Return markers (T, M, 3) at a constant rate; values that are all zero, not finite or too large are missing."""
+    """Return markers (T, M, 3) at a constant rate; places that are zero, not finite or too far are missing."""
     if not len(position) or not len(names):
         raise BodysenseError(f"{path}: {len(position)} frames of {len(names)} markers; export the trajectories again")
     missing = np.asarray(~sound(position).all(axis=-1) | ~position.any(axis=-1))
+    missing |= (np.abs(position) >= NEVER).any(axis=-1)
     position = np.where(missing[..., None], np.nan, position)
     return RawMarkers(tuple(names), position, np.arange(len(position)) / rate, rate, unit, axes, cells=cells)
 

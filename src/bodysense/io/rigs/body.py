@@ -17,6 +17,7 @@ from bodysense.io.rigs.limbs import (
     ROLES,
     Kind,
     Limb,
+    Pair,
     collar_of,
     fingers_of,
     foot_of,
@@ -37,6 +38,8 @@ _OF: dict[Kind, tuple[str, ...]] = {  # points of a limb
     "leg": ("hip", "knee", "ankle", "foot", "toe"),
     "arm": ("collar", "shoulder", "elbow", "wrist", *words.FINGERS),
 }
+_LIMB = 0.5  # of the shorter limb: a longer pair of chains on the trunk is a pair of limbs
+_SKIRT = 0.8  # of a leg with its foot: a shorter pair of chains at the hips may be a skirt
 _ZERO = 0.01  # of a leg's length: closer points coincide
 
 # Usual ratios of a body and the standard deviations of their logarithms: legs to arms, trunk to legs.
@@ -47,6 +50,7 @@ _HEAD_HEIGHT = 0.40  # usual, of a head joint
 _NECK_HEIGHT = 0.3  # a lower joint is a neck if there is more above it
 _NAMED_NECK_HEIGHT = 0.36  # the limit for joints named as a neck
 _TOP_HEIGHT = 0.55  # a last joint above this is the top of the head
+_UPWARD = 0.5  # of the distance between them: how high the top of a head is over the head, at least
 _LEAST_HEIGHT = 0.12  # of an unnamed head
 _BESIDE = 0.35  # of the trunk's length: points farther from the middle are not a head
 
@@ -75,7 +79,9 @@ def find_body(tree: Tree) -> Body:
     choices = sorted(choices, key=lambda choice: choice[0])[:_WITH_HEAD]
     choices = [(penalty + (0 if _head_of(tree, a, b) else _HEADLESS), a, b) for penalty, a, b in choices]
     for penalty, leg, arm in sorted(choices, key=lambda choice: choice[0])[:1]:
-        is_likely = len(named) == len(ROLES) or (penalty <= WORST and not _is_named_otherwise(tree, leg))
+        is_likely = len(named) == len(ROLES) or (
+            penalty <= WORST and not _is_named_otherwise(tree, leg) and not _has_more_limbs(tree, leg, arm, pairs)
+        )
         if is_likely and not _is_animal(tree, leg, arm, legs):
             return _body(tree, leg, arm, penalty)
     return _half(tree, named)
@@ -132,6 +138,22 @@ def _unlikeness(tree: Tree, leg: Limb, arm: Limb, legs: list[Limb]) -> float:
     penalty += 8 * max(0.0, hip_width / leg.length - 0.6) + 6 * max(0.0, shoulder_width / arm.length - 1.6)
     fingers = [sum(tree.length[c] > 0 for c in tree.figure.children[limb.joints[0][2]]) for limb in (leg, arm)]
     return float(penalty - (fingers[1] > 2) + (fingers[0] > 2))
+
+
+def _has_more_limbs(tree: Tree, leg: Limb, arm: Limb, pairs: list[tuple[int, Pair]]) -> bool:
+    """Whether another pair of limbs hangs on the trunk, as of a crab; a pair at the hips may be a skirt."""
+    figure, taken = tree.figure, leg.points | arm.points
+    trunk = {leg.hub, *figure.above(leg.hub), arm.hub, *figure.above(arm.hub)} - taken
+    if leg.hub == arm.hub:  # no joint is certainly above the arms, where hair hangs
+        trunk = set(range(len(figure.joints))) - taken
+    whole = sum(tree.length[k] for k in leg.chains[0])
+    for hub, chains in pairs:
+        if hub not in trunk or not taken.isdisjoint((*chains[0], *chains[1])):
+            continue
+        shortest = _SKIRT * whole if hub == leg.hub else _LIMB * min(leg.length, arm.length)
+        if sum(tree.length[k] for k in chains[0]) > shortest and not words.is_helper(figure.points[chains[0][0]]):
+            return True
+    return False
 
 
 def _is_animal(tree: Tree, leg: Limb, arm: Limb, legs: list[Limb]) -> bool:
@@ -271,13 +293,15 @@ def _head_of(tree: Tree, leg: Limb, arm: Limb) -> _Head | None:
             if child in limbs or child in way_up or child in from_legs:
                 continue
             chain = _upward(tree, child, height - 2 * beside)
-            of_head = [k for k in chain if words.parts(figure.points[k]) & {"neck", "head"}]
+            named = [k for k in chain if words.parts(figure.points[k]) & {"neck", "head"}]
+            of_head = [k for k in named if not words.is_end(figure.points[k])]
             tip = float(height[chain].max())
             # An end site behind a named head may point anywhere.
             if (of_head or tip > _LEAST_HEIGHT) and beside[(of_head or chain)[-1]] < _BESIDE:
                 found.append((3.0 * bool(of_head) + min(tip, 1.0), chain))
         if found:
-            return _split(tree, max(found, key=lambda pair: pair[0])[1], height)
+            trunk = float(np.median(np.linalg.norm(arm.middle(tree) - leg.middle(tree), axis=-1)))
+            return _split(tree, max(found, key=lambda pair: pair[0])[1], height, trunk)
     return None
 
 
@@ -317,7 +341,7 @@ def _upward(tree: Tree, start: int, score: np.ndarray) -> list[int]:
     return chain
 
 
-def _split(tree: Tree, chain: list[int], height: np.ndarray) -> _Head | None:
+def _split(tree: Tree, chain: list[int], height: np.ndarray, trunk: float) -> _Head | None:
     """Split a chain above the shoulders into spine, neck, head and top of the head."""
     names, count = tree.figure.points, len(tree.figure.joints)
     joints = [k for k in chain if k < count]
@@ -349,7 +373,9 @@ def _split(tree: Tree, chain: list[int], height: np.ndarray) -> _Head | None:
     above = [k for k in chain[chain.index(head) + 1 :] if tree.distance(k, head) > 0.02 * tree.reach[0] / 2]
     tops = [k for k in above if words.is_end(names[k]) or k >= count] or above
     neck = next((k for k in before if k in necks), before[0] if before else None)
-    top = tops[-1] if tops and height[tops[-1]] > height[head] else None
+    top = tops[-1] if tops else None
+    if top is not None and (height[top] - height[head]) * trunk < _UPWARD * tree.distance(top, head):
+        top = None  # some programs put the end of a head in front of it or at its side
     return _Head(head, neck, top, tuple(spine))
 
 

@@ -14,7 +14,7 @@ on average instead of 12, 2 cm where LowerBack bends by 24°). World rotations o
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -55,6 +55,7 @@ def canonical(
     place: np.ndarray | None = None,
     turns: bool = True,
     must_stand: bool = False,
+    lacking: Collection[str] = (),
 ) -> Clip:
     """Return the clip on the joints and end sites of `default_skeleton()`, with the clip's own proportions.
 
@@ -67,13 +68,14 @@ def canonical(
         place: (T, P, 3) m, positions of its points if its bones stretch, so that kinematics do not give them.
         turns: whether joints turn; otherwise rotations follow from positions.
         must_stand: refuse a clip whose rest pose is not a standing body and that stands in no frame.
+        lacking: our end sites that the clip lacks; others are those that hang on the joint.
 
     Raises BodysenseError if joints are unknown or have no pelvis.
     """
     ours, source = default_skeleton(), clip.pose.skeleton
     for name in joints.values():
         ours.index(name)  # raises for a name that is not ours
-    match = _match_points(source, joints)
+    match = _match_points(source, joints, lacking)
     if "pelvis" not in match:
         raise BodysenseError(f"{clip.name}: no joint is its pelvis, which carries the legs and the trunk")
     parents = _matched_parents(ours, match)
@@ -190,13 +192,13 @@ def complete_skeleton(offset: Mapping[str, np.ndarray], root_offset: np.ndarray 
     return skeleton.with_offsets(np.array([root_offset, *table[1:]]))
 
 
-def _match_points(source: Skeleton, joints: Mapping[str, str]) -> dict[str, int]:
+def _match_points(source: Skeleton, joints: Mapping[str, str], lacking: Collection[str]) -> dict[str, int]:
     """Index in `source` of each of our points: matched joints, and the end sites that hang on them."""
     ours = default_skeleton()
     match = {name: source.index(given) for given, name in joints.items()}
     for site in ours.end_sites:
         parent = ours.joints[ours.parents[ours.index(site)]]
-        if site not in match and parent in match:
+        if site not in match and site not in lacking and parent in match:
             hanging = [k for k in range(len(source.joints), len(source.points)) if source.parents[k] == match[parent]]
             if hanging:
                 match[site] = hanging[0]

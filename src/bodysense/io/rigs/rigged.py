@@ -191,7 +191,7 @@ def read_rigged(data: bytes, path: Path, options: ReadingOptions = AS_FOUND, *, 
         options = replace(options, floor=0.0)
     figure = _chosen(file, options)
     rig = recognise(figure, options)
-    clip = _clip(figure, rig, must_stand)
+    clip = _clip(figure, rig, options.joints is not None, must_stand)
     if options.height is not None:
         scale = options.height / clip.pose.skeleton.height
         rig = replace(rig, unit=rig.unit * scale, lift=rig.lift * scale, height=options.height)
@@ -215,8 +215,8 @@ def _chosen(file: BvhFile, options: ReadingOptions) -> Figure:
     return figures[(options.figure or 1) - 1]
 
 
-def _clip(figure: Figure, rig: Rig, must_stand: bool) -> Clip:
-    """Return the motion of a recognised figure in canonical form."""
+def _clip(figure: Figure, rig: Rig, by_table: bool, must_stand: bool) -> Clip:
+    """Return the motion of a figure in canonical form; its joints are recognised, or those of a table."""
     sites = [
         given for ours, given in rig.joints.items() if given in figure.end_sites and ours in default_skeleton().joints
     ]
@@ -226,7 +226,8 @@ def _clip(figure: Figure, rig: Rig, must_stand: bool) -> Clip:
     if "pelvis" not in rig.joints:
         source, place = _with_pelvis(source, place, rig)
         joints[PELVIS] = "pelvis"
-    clip = canonical(source, joints, place, turns=place is None or figure.turns, must_stand=must_stand)
+    lacking = () if by_table else {"head_top"} - rig.joints.keys()  # its end site may be in front of the head
+    clip = canonical(source, joints, place, place is None or figure.turns, must_stand, lacking)
     return replace(clip, name=Path(figure.name).stem)
 
 

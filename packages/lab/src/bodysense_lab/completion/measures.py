@@ -143,12 +143,12 @@ class Averages:
 def measure(scene: TrackedScene, tracked: Tracked) -> Averages:
     """Every measure of a scene's frames but those of hidden joints."""
     averages, skeleton, frames = Averages(), scene.skeleton, len(scene)
-    head, body = skeleton.index("head"), skeleton.indices(BODY)
+    body = skeleton.indices(BODY)
     truth, position = scene.placed[0], tracked.position
-    error = joint_error(position - position[:, [head]], truth - truth[:, [head]])
-    averages.add("mpjpe_cm", mpjpe(error[:, body]), frames)
+    error = scene.error_from_head(position)
+    averages.add("mpjpe_cm", mpjpe(error), frames)
     for region, names in REGIONS.items():
-        averages.add(f"{region}_mpjpe_cm", mpjpe(error[:, skeleton.indices(names)]), frames)
+        averages.add(f"{region}_mpjpe_cm", mpjpe(error[:, [BODY.index(name) for name in names]]), frames)
     turned = rotation_error(tracked.rotation[:, body], scene.pose.rotation[:, body])
     averages.add("rotation_deg", turned, frames)
     if frames > 1:

@@ -64,7 +64,10 @@ def round_weights(network: CompletionNetwork, moments: Mapping[str, np.ndarray])
 
 
 def rounded(values: np.ndarray, moment: np.ndarray) -> np.ndarray:
-    """Weights (N, K) as multiples of `row_step`, which they keep, for inputs of a second moment (K, K)."""
+    """Weights (N, K) as multiples of `row_step`, which they keep, for inputs of a second moment (K, K).
+
+    A row that misses more than its nearest multiples do is rounded to these; that happens for few inputs.
+    """
     step = row_step(values)[:, 0].astype(np.float64)
     left, counts = values.astype(np.float64).copy(), np.empty(values.shape)
     widest = np.abs(values).argmax(axis=1)
@@ -79,4 +82,12 @@ def rounded(values: np.ndarray, moment: np.ndarray) -> np.ndarray:
         later = order[place + 1 :]
         left[:, later] -= missed[:, None] * inverse[place, place + 1 :]
         counts[:, column] = count
+    nearest = np.round(values / step[:, None])
+    missed, plain = (_squares(each * step[:, None] - values, moment) for each in (counts, nearest))
+    counts = np.where((missed < plain)[:, None], counts, nearest)
     return (counts * step[:, None]).astype(np.float32)
+
+
+def _squares(off: np.ndarray, moment: np.ndarray) -> np.ndarray:
+    """Mean squares (N,) of the products that weights miss by being off (N, K)."""
+    return np.einsum("nk,nk->n", off @ moment, off)

@@ -13,14 +13,16 @@ import numpy as np
 from bodysense.body.person import Person
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.retarget import retargeted
+from bodysense.body.rotation import heading
 from bodysense.body.shape import Split as BodySplit
 from bodysense.body.shape import sample_bodies, stature
-from bodysense.body.skeleton import Skeleton
+from bodysense.body.skeleton import BODY, Skeleton
 from bodysense.devices.simulated.headset_camera import see_points
 from bodysense.devices.simulated.sensors import SensorSet, observe_points
 from bodysense.io.clip import Clip
 from bodysense.io.datasets.splits import Split
 from bodysense.io.resample import resample
+from bodysense.metrics import joint_error
 from bodysense.observation import Observation
 from bodysense.scoring import RATE, group_of
 from bodysense_lab.completion.options import Body
@@ -61,6 +63,11 @@ class TrackedScene:
         return np.asarray(position), np.asarray(rotation)
 
     @cached_property
+    def facing(self) -> np.ndarray:
+        """(T, 4) wxyz: the heading of the pelvis."""
+        return np.asarray(heading(self.placed[1][:, 0]))
+
+    @cached_property
     def visible(self) -> np.ndarray:
         """(T, P) bool: what the cameras of a headset see of the body."""
         return see_points(self.skeleton, *self.placed).visible
@@ -69,6 +76,11 @@ class TrackedScene:
         """Return the observation of a set of sensors."""
         visible = self.visible if sensors.camera else None
         return observe_points(self.skeleton, *self.placed, self.time, sensors, visible)
+
+    def error_from_head(self, position: np.ndarray) -> np.ndarray:
+        """Errors (T, 22) of the joints of `BODY` from the head, cm, of positions (T, P, 3) m."""
+        body, head, truth = self.skeleton.indices(BODY), self.skeleton.index("head"), self.placed[0]
+        return joint_error(position[:, body] - position[:, [head]], truth[:, body] - truth[:, [head]])
 
     def beginning(self, frames: int) -> TrackedScene:
         """The first frames of the scene."""

@@ -6,10 +6,8 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 from typing import TypeVar
 
-from bodysense.body.skeleton import BODY
 from bodysense.devices.simulated.sensors import SENSOR_SETS, random_edges
 from bodysense.io.clip import Clip
-from bodysense.metrics import joint_error
 from bodysense.observation import Observation
 from bodysense.scoring import RATE, last_known
 from bodysense_lab.completion.baselines import MeanBody
@@ -215,9 +213,7 @@ def _score_blinks(
 
 def _worst_frame(sensors: str, body: Body, scene: TrackedScene, tracked: Tracked) -> WorstFrame:
     """The frame with the largest mean error of 22 joints, from the head."""
-    head, joints = scene.skeleton.index("head"), scene.skeleton.indices(BODY)
-    truth, position = scene.placed[0], tracked.position
-    error = joint_error(position - position[:, [head]], truth - truth[:, [head]])[:, joints].mean(axis=-1)
+    error = scene.error_from_head(tracked.position).mean(axis=-1)
     frame = int(error.argmax())
     return WorstFrame(sensors, body, scene.name, frame, float(error[frame]))
 

@@ -12,7 +12,7 @@ from typing import Literal
 
 import numpy as np
 
-from bodysense.body.rotation import heading, quaternion_conjugate, quaternion_rotate
+from bodysense.body.rotation import quaternion_conjugate, quaternion_rotate
 from bodysense.metrics import vector_length
 
 FAST = 1.0  # m/s: a hidden point that truly moves faster is seen to move
@@ -106,15 +106,15 @@ def backward_knees(rotation: np.ndarray) -> np.ndarray:
     return np.degrees(2 * np.arctan2(sign * rotation[..., 1], np.abs(rotation[..., 0]))) < -BACKWARD
 
 
-def wrong_feet(ankles: np.ndarray, truth: np.ndarray, pelvis: np.ndarray) -> np.ndarray:
+def wrong_feet(ankles: np.ndarray, truth: np.ndarray, facing: np.ndarray) -> np.ndarray:
     """(N,) bool over frames with a true stride: whether the other foot is output in front.
 
     Args:
         ankles: output ankles (T, 2, 3) m, left and right.
         truth: true ankles (T, 2, 3) m.
-        pelvis: true rotation of the pelvis (T, 4) wxyz.
+        facing: heading of the true pelvis (T, 4) wxyz.
     """
-    back = quaternion_conjugate(heading(pelvis))
+    back = quaternion_conjugate(facing)
     ahead, truly = (
         np.asarray(quaternion_rotate(back, values[:, 0] - values[:, 1]))[:, 2] for values in (ankles, truth)
     )

@@ -148,7 +148,7 @@ def _measure_motion(
 
 def _measure_stance(scores: SightScores, scene: TrackedScene, position: np.ndarray) -> None:
     """Feet, knees and steps."""
-    skeleton, (truth, rotation) = scene.skeleton, scene.placed
+    skeleton, truth = scene.skeleton, scene.placed[0]
     rest = skeleton.rest_offset[0, 1] + (skeleton.path @ skeleton.rest_offset)[:, 1]
 
     def pair(name: str, values: np.ndarray) -> np.ndarray:
@@ -173,4 +173,4 @@ def _measure_stance(scores: SightScores, scene: TrackedScene, position: np.ndarr
     scores.averages.add("false_steps_per_minute", steps / minutes, minutes)
     missed, count = sight.missed_steps(ankles, true_ankles, RATE)
     scores.averages.add("missed_steps_share", missed / max(count, 1), count)
-    scores.count_share("wrong_foot_share", sight.wrong_feet(ankles, true_ankles, rotation[:, 0]))
+    scores.count_share("wrong_foot_share", sight.wrong_feet(ankles, true_ankles, scene.facing))

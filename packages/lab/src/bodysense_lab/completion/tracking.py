@@ -15,10 +15,8 @@ from pathlib import Path
 import numpy as np
 
 from bodysense.body.person import Person
-from bodysense.body.skeleton import BODY
 from bodysense.completion.model import CompletionModel, load_completion, packaged_model
 from bodysense.devices.simulated.sensors import Edge, SensorSet
-from bodysense.metrics import joint_error
 from bodysense.observation import Observation
 from bodysense.scoring import RATE
 from bodysense.tracker import Estimate, Tracker, TrackerSettings, step_together
@@ -153,10 +151,5 @@ def _mean_error(scenes: Sequence[TrackedScene], sensors: SensorSet, track: Track
     """MPJPE from the head, cm, mean over the scenes."""
     people = [person_of("stranger", scene.skeleton) for scene in scenes]
     tracked = track(people, [scene.observe(sensors) for scene in scenes])
-    errors = []
-    for scene, one in zip(scenes, tracked, strict=True):
-        body, head = scene.skeleton.indices(BODY), scene.skeleton.index("head")
-        truth, position = scene.placed[0], one.position
-        error = joint_error(position[:, body] - position[:, [head]], truth[:, body] - truth[:, [head]])
-        errors.append(error.mean())
+    errors = [scene.error_from_head(one.position).mean() for scene, one in zip(scenes, tracked, strict=True)]
     return float(np.mean(errors))

@@ -28,7 +28,7 @@ from bodysense.scoring import (
     part_errors,
     scored_points,
 )
-from bodysense_lab.datasets import DataSet, gathered
+from bodysense_lab.datasets import Census, DataSet, gathered
 from bodysense_lab.unoc.constant_velocity import constant_velocity
 from bodysense_lab.unoc.kept_scores import Parts, Scores, identity_of, read_scores, scores_path, write_scores
 from bodysense_lab.unoc.learned import PACKAGED, track_clip
@@ -159,6 +159,11 @@ def errors_of(position: np.ndarray, truth: np.ndarray, hidden: np.ndarray, clip:
     return tallies
 
 
+def scores_of(method: str, tallies: Mapping[tuple[str, str, str, str], Tally], census: Census) -> Scores:
+    """Return the scores of one method from the tallies of `score_clip`, gathered over clips."""
+    return Scores({key[1:]: tally for key, tally in tallies.items() if key[0] == method}, census)
+
+
 def score(data: DataSet, folder: Path, work: Work, jobs: int, advance: Callable[[Clip], None]) -> dict[str, Scores]:
     """Scores of every method of `score_clip` on a data set: read from `folder` where they are kept, else counted.
 
@@ -176,7 +181,7 @@ def score(data: DataSet, folder: Path, work: Work, jobs: int, advance: Callable[
         left = Work(networks, shipped, work.stride, 1 if jobs > 1 else work.threads)
         tallies, census = gathered(partial(score_clip, work=left), data.clips(), jobs, advance)
         for name in todo:
-            known[name] = Scores({key[1:]: tally for key, tally in tallies.items() if key[0] == name}, census)
+            known[name] = scores_of(name, tallies, census)
             write_scores(scores_path(folder, name, data), known[name], identities[name])
     return {name: known[name] for name in files}
 

@@ -31,7 +31,7 @@ def serve(
     Args:
         access: who may connect, and where.
         wearer: the wearer of the server's own inputs.
-        inputs: what the server itself is sent, or replays.
+        inputs: recordings that the server plays, and signals that it takes by UDP.
         programs: programs that give trackers, or take bodies (docs/runtimes.md).
         load: sessions, processes and recordings.
         reading: properties of a replayed motion; --height is the wearers', inferred if omitted; --floor is of the

@@ -16,7 +16,7 @@ Addresses = Annotated[tuple[str, ...], tyro.conf.UseAppendAction]
 
 @dataclass(frozen=True)
 class AccessOptions:
-    """Who may connect, and where."""
+    """Addresses that the server listens on, and clients that may connect."""
 
     host: str = "127.0.0.1"
     """address to listen on; any but a loopback address needs a token, which is made if omitted"""
@@ -54,7 +54,7 @@ class WearerOptions:
 
 @dataclass(frozen=True)
 class InputOptions:
-    """What the server itself is sent, or replays."""
+    """Inputs of the server itself: recordings that it plays, and signals that it takes by UDP."""
 
     replay: Path | None = None
     """recording (.npz, .jsonl), or with --device a motion (.bvh, AMASS .npz), played in real time"""
