@@ -170,26 +170,6 @@ def test_without_the_extra(folder: Path, tmp_path: Path, monkeypatch) -> None:
         prepare(folder, tmp_path / "a.zarr")
 
 
-@pytest.mark.slow
-def test_several_processes_make_the_same_store(folder: Path, tmp_path: Path) -> None:
-    one = prepare(folder, tmp_path / "one.zarr", workers=1)
-    two = prepare(folder, tmp_path / "two.zarr", workers=2)
-    assert one.table.clips == two.table.clips
-    np.testing.assert_array_equal(one.rotation[:], two.rotation[:])
-
-
-@pytest.mark.slow
-def test_a_dask_scheduler_makes_the_same_store(folder: Path, tmp_path: Path) -> None:
-    distributed = pytest.importorskip("distributed")
-    one = prepare(folder, tmp_path / "one.zarr", workers=1)
-    with distributed.LocalCluster(
-        n_workers=1, threads_per_worker=2, processes=False, dashboard_address=None
-    ) as cluster:
-        two = prepare(folder, tmp_path / "two.zarr", scheduler=cluster.scheduler_address)
-    assert one.table.clips == two.table.clips
-    np.testing.assert_array_equal(one.rotation[:], two.rotation[:])
-
-
 def test_people_of_amass_stand_on_the_floor_at_their_height(tmp_path: Path, capsys) -> None:
     """1.55 and 1.90 m, floors 10 cm up and 12 down: with a body model, and by their steps without one."""
     model = made_up_model(3)

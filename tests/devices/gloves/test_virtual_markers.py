@@ -24,8 +24,9 @@ from bodysense.devices.gloves.device import (
 from bodysense.devices.gloves.virtual_markers import SolvedHand, VirtualGlove
 from bodysense.errors import BodysenseError
 from bodysense.observation import Observation
+from bodysense_lab.synthesis.glove_stream import observed_markers
 from bodysense_lab.synthesis.hands import synthesize_hand
-from bodysense_lab.two_hands.layouts import layouts, observed, worn_by
+from bodysense_lab.two_hands.layouts import layouts, worn_by
 
 SETS = {layout.key: layout for layout in layouts()}
 RATE = 60.0
@@ -96,7 +97,8 @@ def test_hands_move_rigidly(plated: GlovedHand) -> None:
 
 
 def seen_of(hand: GlovedHand, seconds: float) -> Observation:
-    return observed(hand.glove.markers, np.asarray(marker_positions(hand.glove, moving(hand, seconds))))
+    points = tuple(f"left_glove_{name}" for name in hand.glove.markers)
+    return observed_markers(points, np.asarray(marker_positions(hand.glove, moving(hand, seconds))))
 
 
 def test_a_device_takes_any_glove(plated: GlovedHand) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import shutil
 from pathlib import Path
 
 import pytest
@@ -57,16 +56,11 @@ def test_the_table_is_trained_and_scored(people: Path, tmp_path: Path, run) -> N
     assert others["ik_arms_deg"] == numbers["ik_arms_deg"] and others["pahmt_arms_deg"] != numbers["pahmt_arms_deg"]
 
 
-def test_what_cannot_be(people: Path, tmp_path: Path, small_arms: Path, refused) -> None:
+def test_what_cannot_be(people: Path, tmp_path: Path, refused) -> None:
     arguments = ("train", "arms", "--data", people, "-o")
     assert "the network is written as .onnx or .pt" in refused(*arguments, tmp_path / "arms.zip")
     assert "a network of hands alone is for the table only" in refused(
         *arguments, tmp_path / "a.onnx", "--input", "hands"
     )
     assert "--without-hands 1: give a share" in refused(*arguments, tmp_path / "a.pt", "--without-hands", 1)
-    assert "--epochs 0: give at least 1" in refused(*arguments, tmp_path / "a.pt", "--epochs", 0)
-    assert "width 20 must be a multiple of 8 heads" in refused(*arguments, tmp_path / "a.pt", "--width", 20)
-    table = ("evaluate", "pahmt-table1", "--data", people, "--out", tmp_path, "--networks")
-    assert "none of the table's networks in it" in refused(*table, tmp_path)
-    shutil.copy(small_arms, tmp_path / "ahmt.pt")
-    assert "ahmt.pt: not the weights of arms" in refused(*table, tmp_path)
+    assert "--epochs 0: give a whole number" in refused(*arguments, tmp_path / "a.pt", "--epochs", 0)

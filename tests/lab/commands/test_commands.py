@@ -121,5 +121,5 @@ def test_training_refuses_at_once(tmp_path: Path, refused) -> None:
     for command in ("fingers", "upper-body"):
         arguments = ("train", command, "--data", tmp_path)
         assert "give a name that ends so" in refused(*arguments, "-o", tmp_path / "a.pt")
-        assert "--steps 0: give at least 1" in refused(*arguments, "-o", tmp_path / "a.onnx", "--steps", 0)
+        assert "--steps 0: give a whole number" in refused(*arguments, "-o", tmp_path / "a.onnx", "--steps", 0)
         assert "create it or choose another" in refused(*arguments, "-o", tmp_path / "no" / "a.onnx")

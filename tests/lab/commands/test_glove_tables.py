@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -13,8 +12,6 @@ import torch
 from bodysense.body.hand import hand_skeleton
 from bodysense.body.skeleton import default_skeleton
 from bodysense.cli import main
-from bodysense_lab.commands import gloves
-from bodysense_lab.options import TableOptions
 from bodysense_lab.synthesis.hands import HandMotion, synthesize_hand
 from bodysense_lab.two_hands import scores
 from bodysense_lab.two_hands.network import JointNetwork, JointNetworkConfig, MarkerNetwork, MarkerNetworkConfig
@@ -72,38 +69,6 @@ def test_the_network_of_an_option_is_scored(
         found.append(json.loads(out.read_text()))
     assert found[1][changed] > 1.1 * found[0][changed]
     assert found[1][kept] == pytest.approx(found[0][kept], abs=1e-9)
-
-
-@pytest.mark.parametrize(
-    ("table", "split"),
-    [
-        *((f"gloves-{name}", "test") for name in ("table3", "table4", "occlusion", "limits", "fusion")),
-        ("gloves-settings", "val"),
-    ],
-)
-def test_tables_score_the_test_split_and_settings_are_chosen_on_the_validation_split(
-    table: str, split: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    class Asked(Exception):
-        pass
-
-    def asked(data: str, options: TableOptions) -> Any:
-        assert data == "DIR"
-        raise Asked(options.split)
-
-    monkeypatch.setattr(gloves, "open_data", asked)
-    with pytest.raises(Asked, match=f"^{split}$"):
-        main(["evaluate", table, "--data", "DIR", "--out", str(tmp_path)])
-
-
-def test_another_network_is_refused_before_anything_is_computed(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    for arguments in (["gloves-table3", "--model"], ["gloves-table4", "--joints"]):
-        assert main(["evaluate", *arguments, str(tmp_path / "none.onnx"), "--out", str(tmp_path)]) == 2
-        assert "none.onnx: no such model file; give the .onnx that `bodysense train gloves` wrote" in (
-            capsys.readouterr().err
-        )
 
 
 @pytest.mark.slow

@@ -251,15 +251,6 @@ def test_files_that_are_none_of_ours(tmp_path: Path) -> None:
         read_vae(tmp_path / "text.pt")
 
 
-@pytest.mark.parametrize(
-    ("wrong", "text"),
-    [
-        ({"model": 5}, "model 5 does not exist; valid are 0, 1, 2, 3, 4"),
-        ({"origin": "foot"}, "origin 'foot' does not exist; valid are head, pelvis"),
-        ({"latent": 0}, "latent is 0; give at least 1"),
-        ({"beta": -1.0}, "beta must be 0 or more"),
-    ],
-)
-def test_configurations_that_cannot_be(wrong: dict, text: str) -> None:
-    with pytest.raises(BodysenseError, match=text):
-        replace(SMALL, **wrong)
+def test_configurations_that_cannot_be() -> None:
+    with pytest.raises(BodysenseError, match="beta must be 0 or more"):
+        replace(SMALL, beta=-1.0)

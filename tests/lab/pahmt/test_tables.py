@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import torch
 from scipy.spatial.transform import Rotation
 
 from bodysense.body.arms import ARM_JOINTS
@@ -18,24 +17,23 @@ from bodysense.io.bvh import write_bvh
 from bodysense.io.clip import Clip
 from bodysense_lab.chart import LinePanel
 from bodysense_lab.datasets import DataSet
+from bodysense_lab.pahmt.errors import EVERY, table_errors
 from bodysense_lab.pahmt.options import FINGERS
-from bodysense_lab.pahmt.tables import arm_report, measures, rows_in, score_arms
-
-EVERY = tuple(range(len(ARM_JOINTS)))
+from bodysense_lab.pahmt.tables import arm_report, rows_in, score_arms
 
 
 def turns(seed: int = 0) -> Rotation:
     return Rotation.from_rotvec(np.random.default_rng(seed).uniform(-0.9, 0.9, (6 * 38, 3)))
 
 
-def quaternions(rotation: Rotation) -> torch.Tensor:
-    return torch.tensor(rotation.as_quat(canonical=True, scalar_first=True).reshape(6, 38, 4))
+def quaternions(rotation: Rotation) -> np.ndarray:
+    return rotation.as_quat(canonical=True, scalar_first=True).reshape(6, 38, 4)
 
 
 def test_rotation_errors_are_scipys() -> None:
     said, truth = turns(1), turns(2)
     arms = [k for k, name in enumerate(ARM_JOINTS) if k not in FINGERS]
-    found = measures(quaternions(said), quaternions(truth), EVERY)
+    found = table_errors(quaternions(said), quaternions(truth), EVERY)
     angle = np.degrees((truth.inv() * said).magnitude()).reshape(6, 38)
     np.testing.assert_allclose(found["arms_deg"], angle[:, arms], atol=1e-6)
     np.testing.assert_allclose(found["fingers_deg"], angle[:, list(FINGERS)], atol=1e-6)
@@ -43,21 +41,10 @@ def test_rotation_errors_are_scipys() -> None:
     np.testing.assert_allclose(found["arms"], component[:, arms], atol=1e-9)
 
 
-def test_hands_are_measured_from_their_wrist() -> None:
-    """Turning an arm costs overall and nothing of the hands; turning a finger joint costs both."""
-    truth = quaternions(turns())
-    for name, moved in (("left_elbow", False), ("right_wrist", False), ("right_middle1", True)):
-        said = truth.clone()
-        said[:, ARM_JOINTS.index(name)] = torch.tensor([np.cos(0.1), 0.0, np.sin(0.1), 0.0])
-        found = measures(said, truth, EVERY)
-        assert found["overall_m"].max() > 0.005
-        assert (found["hands_m"].max() > 0.005) == moved
-
-
 def test_of_hands_alone_only_hands_are_measured() -> None:
     truth = quaternions(turns())
-    whole = measures(quaternions(turns(3)), truth, EVERY)
-    alone = measures(quaternions(turns(3))[:, list(FINGERS)], truth, FINGERS)
+    whole = table_errors(quaternions(turns(3)), truth, EVERY)
+    alone = table_errors(quaternions(turns(3))[:, list(FINGERS)], truth, FINGERS)
     assert set(alone) == {"hands_m", "fingers_deg"}
     for name, values in alone.items():
         np.testing.assert_allclose(values, whole[name], atol=1e-9)

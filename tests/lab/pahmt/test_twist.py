@@ -10,7 +10,8 @@ from bodysense.body.pose import Pose, rest_pose
 from bodysense.body.rotation import quaternion_canonical
 from bodysense.body.skeleton import default_skeleton
 from bodysense.io.clip import Clip
-from bodysense_lab.pahmt.tables import ARMS, TWISTS, arm_errors, solved_from_positions, twist_errors
+from bodysense_lab.pahmt.errors import ARMS, TWISTS, arm_errors, twist_errors
+from bodysense_lab.pahmt.tables import solved_from_positions
 
 SKELETON = default_skeleton()
 

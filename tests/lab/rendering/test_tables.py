@@ -18,6 +18,7 @@ from bodysense.devices.video.landmarks import BODY_LANDMARKS
 from bodysense.devices.video.person import PersonLandmarks
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
+from bodysense_lab.pahmt.errors import arm_errors
 from bodysense_lab.rendering import tables as video_rendered
 from bodysense_lab.rendering.tables import VideoTable, completed, score_videos, video_report, watch
 from bodysense_lab.rendering.take import RenderedTake, film, plan_takes, write_take
@@ -94,7 +95,8 @@ def test_perfect_landmarks_give_fingers_but_not_twist(take: RenderedTake, comple
     assert numbers["positions_ik_upper_arm_twist_deg"] > 2.0
     still = np.zeros((len(take.time), len(ARM_JOINTS), 4))
     still[..., 0] = 1
-    for measure, values in video_rendered.arm_errors(still, arms_from_torso(take.pose), take.pose.skeleton).items():
+    errors = arm_errors(still, arms_from_torso(take.pose), take.pose.skeleton)
+    for measure, values in ((name, errors[name]) for name in video_rendered.MEASURES):
         # Landmarks lay arms where a network knows nothing; how far joints turn they do not tell.
         share = numbers[f"network_{measure}"] / values.mean()
         assert {"overall_cm": share < 0.7, "hands_cm": 0.9 < share < 1.1, "arms_deg": share < 1.15}.get(measure, True)

@@ -20,7 +20,7 @@ from bodysense_lab.datasets import Census
 from bodysense_lab.synthesis.hands import synthesize_hand
 from bodysense_lab.two_hands import choice, fusion
 from bodysense_lab.two_hands.scores import GloveTable, HandTask, _of_people
-from bodysense_lab.two_hands.trials import KeyedMeans, Trials, cut
+from bodysense_lab.two_hands.trials import KeyedMeans, Trials, cut, hide_some
 
 
 @pytest.fixture(scope="module")
@@ -37,7 +37,7 @@ def test_all_markers_of_a_lost_finger_are_hidden_and_no_others() -> None:
         lost = np.arange(len(FINGERS))[None] == k
         hidden = {name for name, gone in zip(MARKERS, fusion._hidden(lost)[0], strict=True) if gone}
         assert hidden == {name for name in MARKERS if name.startswith(finger) and not name.endswith("_base")}
-    assert (fusion.lose_some(50, 3, np.random.default_rng(1)).sum(axis=1) == 3).all()
+    assert (hide_some(50, 3, np.random.default_rng(1), of=5).sum(axis=1) == 3).all()
 
 
 def test_fused_fingers_are_nearer_than_by_markers_and_than_by_sensors(trials: Trials) -> None:

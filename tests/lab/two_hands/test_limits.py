@@ -11,16 +11,15 @@ from bodysense.body.skeleton import default_skeleton
 from bodysense.devices.gloves.hands import GloveModels
 from bodysense.devices.simulated.camera_ring import CameraRing
 from bodysense_lab.datasets import Census
+from bodysense_lab.two_hands.hand_pairs import HandPair, synthesised_pair
 from bodysense_lab.two_hands.limits import (
     Findings,
-    HandPair,
     count_jumps,
     count_penetration,
     count_touches,
     fingertip_gaps,
     measure_pair,
     points_of,
-    synthesised_pair,
 )
 from bodysense_lab.two_hands.limits_report import LINES, SYNTHESISED, limits_report
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 from dataclasses import replace
+from functools import partial
 from itertools import groupby
 from pathlib import Path
 
@@ -15,12 +16,13 @@ from bodysense.cli import main
 from bodysense.devices.simulated.camera_ring import CameraRing
 from bodysense.io.clip import Clip
 from bodysense_lab.datasets import Census
+from bodysense_lab.two_hands.hand_pairs import over_clips
 from bodysense_lab.two_hands.occlusion import (
     PUBLISHED_AT_ONCE,
     SETTINGS,
     MarkerHiding,
-    count_clips,
     count_hidden,
+    count_pair,
     numbers_of,
     occlusion_report,
 )
@@ -68,7 +70,7 @@ def test_clips_are_counted_by_category_and_those_without_fingers_left_out(waving
     short = replace(waving_clip, pose=waving_clip.pose[:12])
     clips = [replace(short, category="sit"), replace(short, category="sport"), replace(short, has_fingers=False)]
     told: list[Clip] = []
-    counted, census = count_clips(clips, RING, 1, told.append)
+    counted, census = over_clips(partial(count_pair, cameras=RING), clips, 1, told.append)
     assert sorted(counted) == ["main", "sport"] and len(told) == 3 and census.clips == 2
     for settings in counted.values():
         assert settings["both"].at_once.shape == (19,) and settings["one"].at_once.shape == (10,)

@@ -16,6 +16,7 @@ from bodysense.body.pose import forward_kinematics
 from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.devices.gloves.networks import known_shapes, load_joint_network, load_marker_network, size_ratios
 from bodysense.errors import BodysenseError
+from bodysense_lab.fit import fit
 from bodysense_lab.synthesis.hands import HandMotion, synthesize_hand
 from bodysense_lab.two_hands.drawing import (
     FINGER_POINTS,
@@ -37,8 +38,7 @@ from bodysense_lab.two_hands.network import (
     MarkerNetwork,
     MarkerNetworkConfig,
 )
-from bodysense_lab.two_hands.options import GloveTraining
-from bodysense_lab.two_hands.task import GloveSchedule, Lesson, train_glove
+from bodysense_lab.two_hands.task import GloveSchedule, GloveTask
 from bodysense_lab.two_hands.train import write_glove_network
 
 SMALL = GloveSchedule(steps=60, batch=64, learning_rate=4e-3, check_every=30, warm_up=5, average_decay=0.8)
@@ -110,10 +110,10 @@ def test_markers_are_registered_by_those_that_are_known_as_scipy_does(frames: Gl
 
 
 def test_drawn_frames_are_of_one_motion_with_the_same_markers_hidden(frames: GloveFrames) -> None:
-    drawn = draw_markers(frames, 50, (0.5, 0.5), 0.0, 30.0, np.random.default_rng(1))
+    drawn = draw_markers(frames, 50, (0.5, 0.5), 0.0, np.random.default_rng(1))
     assert torch.equal(drawn.hidden[0], drawn.hidden[1])
     assert torch.equal(drawn.hand[0], drawn.hand[1])
-    again = draw_markers(frames, 50, (0.5, 0.5), 0.0, 30.0, np.random.default_rng(1))
+    again = draw_markers(frames, 50, (0.5, 0.5), 0.0, np.random.default_rng(1))
     assert torch.equal(drawn.seen, again.seen)
 
 
@@ -169,37 +169,34 @@ def test_shapes_are_told_exactly_with_an_error_or_not_at_all(motion: HandMotion)
 @pytest.mark.parametrize("name", ["markers", "paper joints"])
 def test_losses_fall(name: str, frames: GloveFrames, tmp_path: Path) -> None:
     torch.manual_seed(0)
-    network, task = _small(name, frames)
+    if name == "markers":
+        task: GloveTask = MarkerTask(MarkerNetwork(MarkerNetworkConfig((32,))), SMALL, frames, frames, {})
+    else:
+        network = JointNetwork(replace(PAPER_JOINTS, layers=(32, 32)))
+        task = JointTask(network, replace(SMALL, squared=True, average_decay=0.0, patience=2), frames, frames, {})
 
     def loss() -> float:
+        task.network.eval()
         with torch.no_grad():
-            return float(task.loss(network.eval(), np.random.default_rng(9))["loss"])
+            return float(task.loss(np.random.default_rng(9), None)[0]["loss"])
 
     before = loss()
-    _, score = train_glove(network, task, SMALL, {}, tmp_path / "one.ckpt", lambda progress: None)
+    figures = fit(task, tmp_path / "one.ckpt", lambda progress: None)
     assert loss() < 0.85 * before
-    assert task.validate(network) == pytest.approx(score, rel=1e-5)  # the best weights are in it
+    assert task.validate(task.network) == pytest.approx(figures, rel=1e-5)  # the best weights are in it
 
 
-def _small(name: str, frames: GloveFrames) -> tuple[MarkerNetwork | JointNetwork, Lesson]:
-    """A small network and its task."""
-    squared = replace(SMALL, squared=True, average_decay=0.0, patience=2)
-    if name == "paper joints":
-        return JointNetwork(replace(PAPER_JOINTS, layers=(32, 32))), JointTask(frames, frames, squared)
-    return MarkerNetwork(MarkerNetworkConfig((32,))), MarkerTask(frames, frames, SMALL, 30.0)
+def test_the_learning_rate_is_halved_where_nothing_gets_better(frames: GloveFrames, tmp_path: Path) -> None:
+    class Stuck(GloveTask):
+        def loss(self, batch: np.random.Generator, memory: None) -> tuple[dict[str, torch.Tensor], None]:
+            return {"loss": sum((p.sum() * 0 for p in self.network.parameters()), torch.zeros(()))}, None
 
-
-def test_the_learning_rate_is_halved_where_nothing_gets_better(tmp_path: Path) -> None:
-    class Stuck:
-        def loss(self, network: torch.nn.Module, rng: np.random.Generator) -> dict[str, torch.Tensor]:
-            return {"loss": sum((p.sum() * 0 for p in network.parameters()), torch.zeros(()))}
-
-        def validate(self, network: torch.nn.Module) -> float:
-            return 1.0
+        def validate(self, network: torch.nn.Module) -> dict[str, float]:
+            return {"error_cm": 1.0}
 
     schedule = replace(SMALL, steps=140, check_every=20, patience=2)
     network = MarkerNetwork(MarkerNetworkConfig((4,)))
-    train_glove(network, Stuck(), schedule, {}, tmp_path / "one.ckpt", lambda progress: None)
+    fit(Stuck(network, schedule, frames, frames, {}), tmp_path / "one.ckpt", lambda progress: None)
     best = torch.load(tmp_path / "one.ckpt", weights_only=True)["best"]
     assert best["factor"] == 0.125  # one check that is best, then six without progress
 
@@ -226,14 +223,6 @@ def test_the_file_answers_as_the_network_for_any_number_of_hands(
         assert told.shape == expected.shape
         # Half precision of weights, of numbers of the size of 0.1 m and of 0.5 rad.
         assert np.abs(told - expected).max() < (2e-4 if name == "markers" else 4e-3)
-
-
-def test_a_run_that_cannot_be_is_refused(tmp_path: Path) -> None:
-    good = GloveTraining(out=tmp_path, network="markers", steps=2, hand_minutes=0.1, pair_minutes=0.1, threads=1)
-    with pytest.raises(BodysenseError, match="--steps 0"):
-        replace(good, steps=0)
-    with pytest.raises(BodysenseError, match="--hand-minutes -1"):
-        replace(good, hand_minutes=-1.0)
 
 
 def default_hand() -> Skeleton:

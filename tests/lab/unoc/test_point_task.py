@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -26,7 +25,6 @@ from bodysense_lab.unoc.point_task import (
     PointTask,
     PointVariation,
     collate,
-    lanes,
     make_point_episode,
     point_loss,
     validate_points,
@@ -62,18 +60,6 @@ def train_points(
 ) -> tuple[PointNetwork, float]:
     figures = fit(PointTask(model, schedule, episodes, validation), checkpoint, report)
     return model, figures["rmsjpe_cm"]
-
-
-def test_lanes_play_whole_clips_and_say_where_they_begin(episodes: list[PointEpisode]) -> None:
-    """What a lane hands out is a clip from its first frame to its last, chunk after chunk, then another."""
-    source = lanes(episodes, 2, 7, np.random.default_rng(1))
-    chunks = [next(source) for _ in range(40)]
-    for lane in range(2):
-        begins = [k for k, batch in enumerate(chunks) if batch.begins[lane]]
-        assert begins[0] == 0 and len(begins) > 2
-        for first, after in pairwise(begins):
-            played = torch.cat([batch.features[lane][batch.valid[lane]] for batch in chunks[first:after]])
-            assert any(np.array_equal(played.numpy(), episode.features) for episode in episodes)
 
 
 def test_a_window_ends_at_its_frame_and_repeats_the_first_before_it(episodes: list[PointEpisode]) -> None:

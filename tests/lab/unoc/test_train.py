@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 from bodysense.devices.simulated.sensors import HEADSET_CAMERA, observe
-from bodysense.errors import BodysenseError
 from bodysense.io.augment import mirrored
 from bodysense.io.bvh import write_bvh
 from bodysense.io.clip import Clip
@@ -78,11 +77,6 @@ def test_a_run_writes_a_network_that_tracks(
     # The same command once more has nothing left to learn; the file still says how good the network is.
     train_body(run)
     assert load_model(tmp_path / "net.onnx").card == model.card
-
-
-def test_a_missing_folder_is_said_before_the_work(tmp_path: Path) -> None:
-    with pytest.raises(BodysenseError, match=r"net\.onnx: the folder .*missing does not exist; create it"):
-        train_body(asked(tmp_path, tmp_path / "missing" / "net.onnx"))
 
 
 def test_variations_of_the_passes() -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from pathlib import Path
@@ -50,15 +49,14 @@ def save_checkpoint(
     average: AveragedModel,
     best: dict[str, Any] | None = None,
 ) -> None:
-    """Write a checkpoint to a temporary file and rename it, so that a run (its `identity`) may be killed at any moment.
+    """Write a checkpoint, whole or not at all, so that a run (its `identity`) may be killed at any moment.
 
     `best` holds the best weights so far, if the run keeps them.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    beside = path.with_name(path.name + ".part")
     state = {"network": network.state_dict(), "optimizer": optimizer.state_dict(), "average": average.state_dict()}
-    torch.save({"identity": run, "step": step, "best": best, **state}, beside)
-    os.replace(beside, path)
+    with written_beside(path) as beside:
+        torch.save({"identity": run, "step": step, "best": best, **state}, beside)
 
 
 def load_checkpoint(

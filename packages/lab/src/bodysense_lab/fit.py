@@ -11,7 +11,7 @@ from __future__ import annotations
 import json
 import math
 import time
-from collections.abc import Callable, Iterator, Mapping, Sized
+from collections.abc import Callable, Iterator, Mapping, Sequence, Sized
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from dataclasses import dataclass
 from datetime import timedelta
@@ -70,7 +70,7 @@ class Task:
 
     def identity(self) -> str:
         """Settings on which a checkpoint must agree."""
-        return identity(self.network.config, self.schedule, self.source)
+        return identity(getattr(self, "configuration", self.network.config), self.schedule, self.source)
 
     @property
     def steps(self) -> int:
@@ -296,6 +296,18 @@ def played(draw: Callable[[], S], count: int, chunk: int) -> Iterator[tuple[list
         yield playing, np.array([first == 0 for _, first in playing])
         after = [(one, first + chunk) for one, first in playing]
         playing = [(one, first) if first < len(one) else (draw(), 0) for one, first in after]
+
+
+def cut(pieces: Sequence[tuple[Any, int]], length: int, names: Sequence[str]) -> dict[str, Tensor]:
+    """Cut `length` frames of some arrays from each sequence at its start frame, and say which of them are `valid`.
+
+    Past the end the last frame repeats, not valid; a negative start repeats the first frame before it.
+    """
+    wanted = [np.arange(start, start + length) for _, start in pieces]
+    rows = [np.clip(frames, 0, len(one) - 1) for frames, (one, _) in zip(wanted, pieces, strict=True)]
+    valid = [frames < len(one) for frames, (one, _) in zip(wanted, pieces, strict=True)]
+    parts = {name: [getattr(e, name)[r] for (e, _), r in zip(pieces, rows, strict=True)] for name in names}
+    return {name: torch.from_numpy(np.stack(values)) for name, values in (parts | {"valid": valid}).items()}
 
 
 # Train the network of this name, telling a report how it goes; returns what to say of it.

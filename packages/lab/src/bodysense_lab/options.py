@@ -10,10 +10,13 @@ from typing import Annotated, Any, Literal, TypeVar
 import tyro
 
 from bodysense.errors import BodysenseError
-from bodysense.ranges import Count, Processes
+from bodysense.ranges import Count, Processes, within
 
 Split = Literal["train", "val", "test", "all"]
 Output = Annotated[Path, tyro.conf.arg(aliases=("-o",))]
+Seed = Annotated[int, within(int, 0, 2**32 - 1)]
+Rate = Annotated[float, within(float, 1, 200)]  # Hz, of frames that wearers send
+Seconds = Annotated[float, within(float, 0.1, 86_400)]
 T = TypeVar("T")
 Flat = Annotated[T, tyro.conf.arg(name="")]  # the fields of a dataclass are the options of the command
 
@@ -22,7 +25,7 @@ Flat = Annotated[T, tyro.conf.arg(name="")]  # the fields of a dataclass are the
 class Schedule:
     """How long to train, and how fast."""
 
-    steps: int = 9000
+    steps: Count = 9000
     """optimiser steps"""
     learning_rate: float = 1e-3
     """the highest"""
@@ -34,13 +37,10 @@ class Schedule:
     """of the optimiser"""
     average_decay: float = 0.999
     """of the moving average of the weights, which is what is kept"""
-    check_every: int = 750
+    check_every: Count = 750
     """steps between checkpoints"""
-    seed: int = 1
+    seed: Seed = 1
     """random seed"""
-
-    def __post_init__(self) -> None:
-        check_fields(self, "steps", "check_every")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,9 +57,6 @@ class Run:
     """accelerators that share the training, or processes on a machine without them"""
     nodes: Processes = 1
     """machines that share the training: start it on each with `torchrun`; they share the folder of --out"""
-
-    def __post_init__(self) -> None:
-        check_fields(self, "limit", "devices", "nodes")
 
     @property
     def limited(self) -> dict[str, int]:
@@ -89,9 +86,9 @@ class MotionRun(Run):
 class Paced:
     """Options of a run whose schedule is the method's own."""
 
-    seed: int = 1
+    seed: Seed = 1
     """random seed"""
-    check_every: int | None = None
+    check_every: Count | None = None
     """steps between checkpoints; the method's own if omitted"""
 
     def paced(self, schedule: T) -> T:
@@ -125,15 +122,12 @@ class TableOptions:
         """How many work."""
         return self.jobs or os.cpu_count() or 1
 
-    def __post_init__(self) -> None:
-        check_fields(self, "jobs")
-
 
 Table = Flat[TableOptions]
 Data = Annotated[
     str, tyro.conf.arg(help="folder of motion files or a prepared store; NAME=FOLDER names it in the table")
 ]
-Stride = Annotated[int, tyro.conf.arg(help="score every n-th frame")]
+Stride = Annotated[Count, tyro.conf.arg(help="score every n-th frame")]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -144,20 +138,7 @@ class MotionEvaluation:
     """folder of motion files or a prepared store; NAME=FOLDER names it in the table"""
 
 
-def check_positive(**values: float | None) -> None:
-    """Raise BodysenseError, in the words of the command line, where one of these options is below 1."""
-    for name, value in values.items():
-        if value is not None and value < 1:
-            raise BodysenseError(f"--{name.replace('_', '-')} {value}: give at least 1")
-
-
-def check_fields(options: Any, *names: str) -> None:
-    """`check_positive` of some fields of a dataclass of options."""
-    check_positive(**{name: getattr(options, name) for name in names})
-
-
-def check_ending(out: Path, *endings: str) -> None:
+def check_ending(out: Path, *endings: str, what: str = "the network") -> None:
     """Raise BodysenseError if the file to write has another ending."""
     if out.suffix not in endings:
-        valid = " or ".join(endings)
-        raise BodysenseError(f"{out}: the network is written as {valid}; give a name that ends so")
+        raise BodysenseError(f"{out}: {what} is written as {' or '.join(endings)}; give a name that ends so")

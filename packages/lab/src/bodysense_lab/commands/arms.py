@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from bodysense.ranges import Count
 from bodysense_lab.commands.reporting import finish, open_data, progress_over
-from bodysense_lab.options import Data, Flat, Table, TableOptions, check_positive
+from bodysense_lab.options import Data, Flat, Seed, Table, TableOptions
 from bodysense_lab.pahmt.options import ArmTableTraining, ArmTraining, Studio
 
 
@@ -35,8 +36,8 @@ def pahmt_table1(
     networks: Path,
     model: Path | None = None,
     studio: Flat[Studio] = Studio(),
-    stride: int = 5,
-    seed: int = 1,
+    stride: Count = 5,
+    seed: Seed = 1,
     table: Table = TableOptions(),
 ) -> None:
     """PAHMT, Table 1: CNN, AHMT and PAHMT; hands alone; with and without each loss.
@@ -51,7 +52,6 @@ def pahmt_table1(
     """
     from bodysense_lab.pahmt.tables import arm_report, rows_in, score_arms
 
-    check_positive(stride=stride)
     chosen, rows = open_data(data, table), rows_in(networks, model)
     with progress_over([chosen]) as advance:
         scored = score_arms(rows, chosen, stride, seed, advance, studio)

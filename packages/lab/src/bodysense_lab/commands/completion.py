@@ -8,7 +8,7 @@ from functools import partial
 
 from bodysense.errors import BodysenseError
 from bodysense.files import check_place
-from bodysense_lab.commands.reporting import finish, open_data, progress_over
+from bodysense_lab.commands.reporting import check_places, finish, open_data, progress_over, show
 from bodysense_lab.completion.options import (
     FINGER_SCHEDULE,
     AmassEvaluation,
@@ -81,8 +81,7 @@ def completion_table(run: Flat[CompletionEvaluation]) -> None:
     from bodysense_lab.spread import spread
     from bodysense_lab.table import write_csv
 
-    for path in run.outputs:
-        check_place(path)
+    check_places(*run.outputs)
     track = TrackedBy(run.model)
     chosen, census = named_data(run.data, run.split), Census()
     settings = CompletionSettings(run.split, run.sets, run.bodies, 200 if run.lattice else 0, run.takes)
@@ -144,8 +143,7 @@ def amass_p1(run: Flat[AmassEvaluation]) -> None:
     from bodysense_lab.datasets import spread_evenly
     from bodysense_lab.spread import spread
 
-    if run.json is not None:
-        check_place(run.json)
+    check_places(run.json)
     listed, missing = listed_sources(run.amass, run.split_lists)
     test = [source for source in listed if source.split == "test"]
     chosen = spread_evenly(test, run.limit)
@@ -165,38 +163,21 @@ def sight(run: Flat[SightEvaluation]) -> None:
     """Score scripted wearers who stand, sit and raise their arms, and heads of real headsets."""
     from rich.console import Console
 
-    from bodysense.cli.show import write_numbers
-    from bodysense_lab.commands.reporting import print_report
     from bodysense_lab.completion.tracking import TrackedBy
     from bodysense_lab.completion.wearer_scores import score_wearers, sight_report
 
-    if run.json is not None:
-        check_place(run.json)
-    console = Console()
-    with console.status("tracking …"):
+    check_places(run.json)
+    with Console().status("tracking …"):
         scores = score_wearers(TrackedBy(run.model).network, run.headset)
-    report = sight_report(scores)
-    print_report(report, console)
-    write_numbers(run.json, report.numbers)
+    show(sight_report(scores), run.json)
 
 
 def untracked_fingers(run: Flat[UntrackedFingerEvaluation]) -> None:
     """Score fingers that are not tracked, each network on the person without whom it was trained."""
-    from rich.console import Console
-    from rich.table import Table
-
-    from bodysense.cli.show import write_numbers
     from bodysense_lab.completion.corpus import read_corpus
-    from bodysense_lab.completion.train_fingers import (
-        SETS,
-        finger_numbers,
-        load_finger_network,
-        person_clips,
-        score_fingers,
-    )
+    from bodysense_lab.completion.train_fingers import finger_report, load_finger_network, person_clips, score_fingers
 
-    if run.json is not None:
-        check_place(run.json)
+    check_places(run.json)
     loaded = {path.name: load_finger_network(path) for path in run.networks}
     scored, learned = (read_corpus(run.data, part) for part in (run.split, "train"))
     for name, (_, task) in loaded.items():
@@ -206,16 +187,7 @@ def untracked_fingers(run: Flat[UntrackedFingerEvaluation]) -> None:
                 f"who has no fingers in the {run.split} split of {run.data}; "
                 "give networks trained with --leave-out NAME of someone who has"
             )
-    scores = score_fingers(loaded, scored, learned)
-    table = Table(title=f"Fingers of people of whom nothing was learned ({run.data.name}, {run.split}), RMSJPE cm")
-    for column in ("network", "left out", "generated h", "fingers", "network", "baseline", "ratio"):
-        table.add_column(column)
-    for one in scores:
-        task = one.task
-        figures = (f"{100 * one.error:.2f}", f"{100 * one.baseline:.2f}", f"{one.ratio:.2f}")
-        table.add_row(one.network, task.left_out, f"{task.generated_hours:g}", SETS[one.sensors], *figures)
-    Console().print(table)
-    write_numbers(run.json, finger_numbers(scores))
+    show(finger_report(score_fingers(loaded, scored, learned), f"{run.data.name}, {run.split}"), run.json)
 
 
 def holes(run: Flat[HoleEvaluation]) -> None:

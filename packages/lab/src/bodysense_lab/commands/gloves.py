@@ -5,21 +5,25 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, TypeVar
 
 import tyro
 
 from bodysense.errors import BodysenseError
-from bodysense_lab.commands.reporting import check_outputs, finish, open_data, progress_over
-from bodysense_lab.options import Flat, Table, TableOptions, check_positive
+from bodysense.ranges import Count
+from bodysense_lab.commands.reporting import check_outputs, counting, finish, open_data, progress_over
+from bodysense_lab.options import Flat, Seed, Table, TableOptions
 from bodysense_lab.two_hands.options import GloveTraining
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from bodysense_lab.datasets import DataSet
+    from bodysense_lab.datasets import Census, DataSet
+    from bodysense_lab.two_hands.hand_pairs import Figures, Piece, Work
 
+F = TypeVar("F", bound="Figures")
 Hands = Annotated[
     str | None,
     tyro.conf.arg(
@@ -27,7 +31,7 @@ Hands = Annotated[
     ),
 ]
 Cameras = Annotated[int, tyro.conf.arg(help="cameras in the ring; two must see a marker")]
-Seed = Annotated[int, tyro.conf.arg(help="random seed of the synthesised motion")]
+MotionSeed = Annotated[Seed, tyro.conf.arg(help="random seed of the synthesised motion")]
 Network = Annotated[
     Path | None, tyro.conf.arg(help="network written by `bodysense train gloves`; the packaged one if omitted")
 ]
@@ -54,44 +58,33 @@ def gloves(run: Flat[GloveTraining]) -> None:
         run_gloves(replace(run, out=run.out / f"without-{person}", without=(person,)))
 
 
-def gloves_occlusion(data: Hands = None, cameras: Cameras = 12, seed: Seed = 1, table: Table = TableOptions()) -> None:
+def gloves_occlusion(
+    data: Hands = None, cameras: Cameras = 12, seed: MotionSeed = 1, table: Table = TableOptions()
+) -> None:
     """Two hands, Figs 13 and 14: how many markers of a glove are hidden at once, and for how long.
 
     A ring of cameras looks at the hands; one hand, two hands, and the paper's statements that hold. With --data only
     recorded hands are counted.
     """
-    from rich.progress import Progress
-
     from bodysense.devices.simulated.camera_ring import CameraRing
     from bodysense_lab.datasets import Census
-    from bodysense_lab.two_hands.occlusion import (
-        SYNTHESISED_PIECES,
-        count_clips,
-        count_synthesised,
-        occlusion_report,
-    )
+    from bodysense_lab.two_hands.occlusion import SYNTHESISED_PIECES, count_pair, occlusion_report
 
     ring = CameraRing(count=cameras)
-    if data is not None:
-        chosen = open_data(data, table)
-        with progress_over([chosen]) as advance:
-            counted, census = count_clips(chosen.clips(), ring, table.processes, advance)
-        if not counted:
-            raise BodysenseError(f"{data}: no clip has fingers; give motion with fingers, or leave --data out")
-        finish(occlusion_report(counted, ring, chosen, census), table)
-        return
+    work = partial(count_pair, cameras=ring)
     check_outputs(table)
-    pieces = 1 if table.quick else SYNTHESISED_PIECES
-    with Progress() as progress:
-        bar = progress.add_task("synthesised hands", total=pieces)
-        counted = count_synthesised(ring, seed, table.processes, lambda: progress.update(bar, advance=1), pieces)
-    finish(occlusion_report(counted, ring, None, Census()), table)
+    if data is not None:
+        chosen, counted, census = _recorded_pairs(work, data, table)
+    else:
+        chosen, census = None, Census()
+        counted = {"main": _synthesised_pairs(work, _seeds(seed, SYNTHESISED_PIECES, table), table)}
+    finish(occlusion_report(counted, ring, chosen, census), table)
 
 
 def gloves_limits(
     data: Hands = None,
     cameras: Cameras = 12,
-    seed: Seed = 1,
+    seed: MotionSeed = 1,
     markers: Network = None,
     joints: Network = None,
     table: Table = TableOptions(),
@@ -101,34 +94,20 @@ def gloves_limits(
     Two hands are watched by a ring of cameras and completed with and without the contact step; wrong samples are
     believed or rejected; markers that have lost their names are named again.
     """
-    from rich.progress import Progress
-
     from bodysense.devices.simulated.camera_ring import CameraRing
     from bodysense_lab.datasets import Census
-    from bodysense_lab.two_hands.limits import (
-        SYNTHESISED_PIECES,
-        SYNTHESISED_SECONDS,
-        Findings,
-        Networks,
-        measure_clips,
-        measure_synthesised,
-    )
+    from bodysense_lab.two_hands.hand_pairs import SYNTHESISED_SECONDS
+    from bodysense_lab.two_hands.limits import SYNTHESISED_PIECES, Findings, Networks, measure_limits
     from bodysense_lab.two_hands.limits_report import SYNTHESISED, limits_report
 
-    jobs, ring, networks = table.processes, CameraRing(count=cameras), Networks(markers, joints)
+    ring = CameraRing(count=cameras)
+    work = partial(measure_limits, networks=Networks(markers, joints), cameras=ring)
     check_outputs(table)
-    found: dict[str, Findings] = {}
-    chosen, census = None, Census()
+    chosen, found, census = None, dict[str, Findings](), Census()
     if data is not None:
-        chosen = open_data(data, table)
-        with progress_over([chosen]) as advance:
-            found, census = measure_clips(chosen.clips(), networks, ring, jobs, advance)
-        if not found:
-            raise BodysenseError(f"{data}: no clip has fingers; give motion with fingers, or leave --data out")
-    seeds = [(seed, piece) for piece in range(1 if table.quick else SYNTHESISED_PIECES)]
-    with Progress() as progress:
-        bar = progress.add_task("synthesised hands", total=len(seeds))
-        found[SYNTHESISED] = measure_synthesised(seeds, networks, ring, jobs, lambda: progress.update(bar, advance=1))
+        chosen, found, census = _recorded_pairs(work, data, table)
+    seeds = _seeds(seed, SYNTHESISED_PIECES, table)
+    found[SYNTHESISED] = _synthesised_pairs(work, seeds, table)
     finish(limits_report(found, ring, chosen, census, len(seeds) * SYNTHESISED_SECONDS), table)
 
 
@@ -192,32 +171,50 @@ def gloves_settings(data: Hands = None, table: Table = TableOptions(split="val")
     finish(report, table)
 
 
-def gloves_layouts(hands: int | None = None, table: Table = TableOptions()) -> None:
+def gloves_layouts(hands: Count | None = None, table: Table = TableOptions()) -> None:
     """Gloves of other marker sets: finger joints of known hands and of calibrated hands.
 
     Args:
         hands: number of drawn hands; 20 if omitted, 1 with --quick.
     """
-    from rich.progress import Progress
-
     from bodysense_lab.two_hands.layouts import layout_table, layouts
 
-    check_positive(hands=hands)
     check_outputs(table)
     count = hands or (1 if table.quick else 20)
-    with Progress() as progress:
-        bar = progress.add_task("scoring gloves", total=count * len(layouts()))
-        report = layout_table(count, lambda: progress.update(bar, advance=1))
+    with counting("scoring gloves", count * len(layouts())) as advance:
+        report = layout_table(count, advance)
     finish(report, table)
+
+
+def _seeds(seed: Seed, pieces: int, table: TableOptions) -> list[Piece]:
+    """The pieces of synthesised motion of a table: one with --quick."""
+    return [(seed, piece) for piece in range(1 if table.quick else pieces)]
+
+
+def _recorded_pairs(work: Work[F], data: str, table: TableOptions) -> tuple[DataSet, dict[str, F], Census]:
+    """The data, and its figures by group. Raises BodysenseError if no clip has fingers."""
+    from bodysense_lab.two_hands.hand_pairs import over_clips
+
+    chosen = open_data(data, table)
+    with progress_over([chosen]) as advance:
+        found, census = over_clips(work, chosen.clips(), table.processes, advance)
+    if not found:
+        raise BodysenseError(f"{data}: no clip has fingers; give motion with fingers, or leave --data out")
+    return chosen, found, census
+
+
+def _synthesised_pairs(work: Work[F], seeds: list[Piece], table: TableOptions) -> F:
+    """The figures of synthesised motion."""
+    from bodysense_lab.two_hands.hand_pairs import over_seeds
+
+    with counting("synthesised hands", len(seeds)) as advance:
+        return over_seeds(work, seeds, table.processes, advance)
 
 
 @contextmanager
 def _hands(data: str | None, table: TableOptions) -> Iterator[tuple[DataSet | None, int, Callable[[], None]]]:
     """The data of a table and how many hands are synthesised, with a progress bar over both."""
-    from rich.progress import Progress
-
     check_outputs(table)
     chosen, synthesised = None if data is None else open_data(data, table), 2 if table.quick else 20
-    with Progress() as progress:
-        bar = progress.add_task("scoring hands", total=synthesised + (0 if chosen is None else chosen.count()))
-        yield chosen, synthesised, lambda: progress.update(bar, advance=1)
+    with counting("scoring hands", synthesised + (0 if chosen is None else chosen.count())) as advance:
+        yield chosen, synthesised, advance

@@ -9,11 +9,10 @@ from typing import Annotated
 import tyro
 
 from bodysense.cli.options import Reading
-from bodysense.errors import BodysenseError
 from bodysense.io.rigs.options import AS_FOUND
-from bodysense_lab.commands.reporting import finish, open_data
+from bodysense_lab.commands.reporting import finish, open_data, progress_over
 from bodysense_lab.hmd_vae.options import VaeEvaluation, VaeTraining
-from bodysense_lab.options import Flat, Output
+from bodysense_lab.options import Flat, Output, check_ending
 
 
 def hmd_vae(run: Flat[VaeTraining]) -> None:
@@ -49,8 +48,7 @@ def hmd_vae_figure4(
     from bodysense_lab.hmd_vae.figure import draw_reconstructions, mean_errors, reconstructed
 
     check_place(out)
-    if out.suffix != ".png":
-        raise BodysenseError(f"{out}: a picture is a .png file; give a name that ends so")
+    check_ending(out, ".png", what="a picture")
     clip = load_clip(motion, reading)
     rows = reconstructed(clip, {path.stem: path for path in networks} or {"model 4": None})
     draw_reconstructions(out, clip, rows)
@@ -64,7 +62,7 @@ def hmd_vae_figures(run: Flat[VaeEvaluation]) -> None:
 
     A second table has the measures of later papers, with published figures.
     """
-    from rich.progress import Progress, track
+    from rich.progress import track
 
     from bodysense_lab.hmd_vae.frames import read_split_file
     from bodysense_lab.hmd_vae.scores import read_test, score_vae, vaes_in
@@ -72,11 +70,8 @@ def hmd_vae_figures(run: Flat[VaeEvaluation]) -> None:
 
     chosen, files, split_file = open_data(run.data, run.table), vaes_in(run.networks), run.split_file
     total = None if split_file is None else list(read_split_file(split_file).values()).count("test")
-    with Progress() as progress:
-        bar = progress.add_task("reading", total=chosen.count() if total is None else total)
-        frames, census = read_test(
-            chosen, lambda clip: progress.update(bar, advance=1, description=f"read {clip.name}"), split_file
-        )
+    with progress_over([chosen], total) as advance:
+        frames, census = read_test(chosen, advance, split_file)
     scored = [score_vae(name, path, frames, run.threads) for name, path in track(files.items(), "scoring the networks")]
     figures, later = vae_report(scored, census, chosen), metrics_report(scored, census, chosen)
     if split_file is not None:

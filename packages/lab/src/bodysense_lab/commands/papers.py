@@ -16,7 +16,7 @@ from bodysense.errors import BodysenseError
 from bodysense.files import check_place
 from bodysense.io.markers.options import NO_OPTIONS, MarkerOptions
 from bodysense.io.rigs.options import AS_FOUND, ReadingOptions
-from bodysense_lab.options import Output
+from bodysense_lab.options import Output, Seed, check_ending
 from bodysense_lab.paper_options import Method, PaperOptions, Variant
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ def track(
     networks: Path | None = None,
     device: DeviceName | None = None,
     noise: bool = False,
-    seed: int = 1,
+    seed: Seed = 1,
     calibration: Path | None = None,
     gloves: Annotated[MarkerOptions, tyro.conf.arg(name="")] = NO_OPTIONS,
     reading: Reading = AS_FOUND,
@@ -62,10 +62,11 @@ def track(
     """
     from dataclasses import replace
 
-    from bodysense.io.motion_files import check_ending, write_motion
+    from bodysense.io.motion_files import check_ending as check_motion
+    from bodysense.io.motion_files import write_motion
     from bodysense_lab.paper_systems import SYSTEMS
 
-    check_ending(out)
+    check_motion(out)
     if calibration is not None and method != "two_hands":
         raise BodysenseError(f"--calibration {calibration}: for --method two_hands, not for {method}; leave it out")
     opened, height = _opened(source, gloves, reading)
@@ -97,8 +98,7 @@ def calibrate_hands(
     from bodysense_lab.two_hands.system import calibrate
 
     check_place(out)
-    if out.suffix != ".npz":
-        raise BodysenseError(f"{out}: a calibration is an .npz file; give a name that ends so")
+    check_ending(out, ".npz", what="a calibration")
     opened, height = _opened(source, gloves, reading)
     hands = calibrate(opened, out, PaperOptions(networks, variant, height=height))
     print(f"wrote {out}: {' and '.join(hands)} hand")

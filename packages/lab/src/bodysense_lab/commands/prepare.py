@@ -13,7 +13,7 @@ from bodysense.files import check_place
 from bodysense.io.datasets.layouts import Layout
 from bodysense.io.rigs.options import AS_FOUND
 from bodysense.ranges import Hours, Processes
-from bodysense_lab.options import Output
+from bodysense_lab.options import Output, Seed, check_ending
 
 Folder = Annotated[Path, tyro.conf.Positional]
 
@@ -64,7 +64,7 @@ def prepare(
     )
 
 
-def fingers(out: Output, hours: Hours = 10.0, seed: int = 1) -> None:
+def fingers(out: Output, hours: Hours = 10.0, seed: Seed = 1) -> None:
     """Synthesise finger motion of both hands, to train the fingers of completion.
 
     Args:
@@ -74,8 +74,7 @@ def fingers(out: Output, hours: Hours = 10.0, seed: int = 1) -> None:
     """
     from bodysense_lab.completion.generated_fingers import generate_fingers, write_fingers
 
-    if out.suffix != ".npz":
-        raise BodysenseError(f"{out}: generated fingers are written as .npz; name it so")
+    check_ending(out, ".npz", what="generated motion")
     check_place(out)
     made = generate_fingers(hours, seed)
     write_fingers(out, made)

@@ -77,20 +77,15 @@ def _planned(run: Rendering, motion: Path, rng: np.random.Generator) -> list[tup
 
 def video_rendered(run: Flat[VideoEvaluation]) -> None:
     """PAHMT, Table 3: arms and hands from the pixels of rendered videos, and inverse kinematics of landmarks."""
-    from rich.progress import Progress
-
     from bodysense.devices.video.arms import load_arms
     from bodysense.devices.video.landmarker_files import find_landmarkers
-    from bodysense_lab.commands.reporting import check_outputs, finish
+    from bodysense_lab.commands.reporting import check_outputs, counting, finish
     from bodysense_lab.rendering.tables import score_videos, video_report
     from bodysense_lab.rendering.take import list_takes
 
     written = TableOptions(out=run.out, json=run.json)
     check_outputs(written)
     truths, files, network = list_takes(run.videos), find_landmarkers(run.landmarkers), load_arms(run.model)
-    with Progress() as progress:
-        bar = progress.add_task("watching", total=len(truths))
-        table = score_videos(
-            truths, files, network, lambda name: progress.update(bar, advance=1, description=f"watched {name}")
-        )
+    with counting("watched", len(truths)) as advance:
+        table = score_videos(truths, files, network, advance)
     finish(video_report(table, run.videos.name), written)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bodysense.files import check_place, make_folder
@@ -19,10 +20,16 @@ if TYPE_CHECKING:
     from bodysense_lab.table import Cell, Report
 
 
+def check_places(*paths: Path | None) -> None:
+    """Refuse files that cannot be written, before anything is computed."""
+    for path in paths:
+        if path is not None:
+            check_place(path)
+
+
 def check_outputs(table: TableOptions) -> None:
     """Refuse outputs that cannot be written, before anything is computed."""
-    if table.json is not None:
-        check_place(table.json)
+    check_places(table.json)
     make_folder(table.out)
 
 
@@ -52,6 +59,16 @@ def progress_over(sets: list[DataSet], count: int | None = None) -> Iterator[Cal
         yield lambda clip: progress.update(bar, advance=1, description=f"scored {clip.name}")
 
 
+@contextmanager
+def counting(what: str, total: int) -> Iterator[Callable[..., None]]:
+    """Display progress over `total` pieces; yields a function to call after each, with its name if it has one."""
+    from rich.progress import Progress
+
+    with Progress() as progress:
+        bar = progress.add_task(what, total=total)
+        yield lambda *name: progress.update(bar, advance=1, description=" ".join((what, *name)))
+
+
 def finish(report: Report, table: TableOptions) -> None:
     """Print a report and write its files."""
     from rich.console import Console
@@ -73,6 +90,14 @@ def finish(report: Report, table: TableOptions) -> None:
     for path in (rows, picture, table.json):
         if path is not None:
             console.print(f"wrote {path}", highlight=False)
+
+
+def show(report: Report, json: Path | None) -> None:
+    """Print a report and write its numbers."""
+    from bodysense.cli.show import wide_console, write_numbers
+
+    print_report(report, wide_console())
+    write_numbers(json, report.numbers)
 
 
 def tracker_settings(half_life: float | None) -> IkTrackerSettings:

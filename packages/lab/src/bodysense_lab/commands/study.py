@@ -14,7 +14,8 @@ from bodysense.errors import BodysenseError
 from bodysense.files import check_place, make_folder
 from bodysense.io.rigs.options import AS_FOUND
 from bodysense.ranges import Count, Processes
-from bodysense_lab.commands.reporting import tracker_settings
+from bodysense_lab.commands.reporting import check_places, tracker_settings
+from bodysense_lab.options import Output, Seed
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -42,7 +43,7 @@ def build(
     model: Path | None = None,
     last_known: Literal["world", "head", "heading"] = "heading",
     half_life: float | None = None,
-    seed: int = 0,
+    seed: Seed = 0,
     jobs: Processes | None = None,
     reading: Reading = AS_FOUND,
 ) -> None:
@@ -70,8 +71,6 @@ def build(
     from bodysense.demo import packaged_performance
     from bodysense_lab.study.scenes import StudySettings, build_study
 
-    if seed < 0:
-        raise BodysenseError(f"--seed {seed}: give 0 or more")
     settings = StudySettings(
         longest=seconds,
         scenes=scenes,
@@ -123,8 +122,7 @@ def analyze(
     from bodysense_lab.study.analysis import write_csv
     from bodysense_lab.study.study import read_all_answers, read_key
 
-    if json is not None:
-        check_place(json)
+    check_places(json)
     held = read_key(key)
     result = analyze_answers(held, read_all_answers(answers, held))
     console = Console()
@@ -140,11 +138,11 @@ def analyze(
 
 def simulate(
     key: KeyFile,
-    out: Annotated[Path, tyro.conf.arg(aliases=("-o",))],
+    out: Output,
     preference: str = "",
     raters: Count = 39,
     ties: float = 0.2,
-    seed: int = 0,
+    seed: Seed = 0,
 ) -> None:
     """Answers of simulated raters, to try a study out, or to see how many raters it needs.
 
@@ -162,8 +160,6 @@ def simulate(
     from bodysense_lab.study.analysis import simulate_answers
     from bodysense_lab.study.study import read_key, write_answers
 
-    if seed < 0:
-        raise BodysenseError(f"--seed {seed}: give 0 or more")
     held = read_key(key)
     given = simulate_answers(held, raters, parse_preference(preference), np.random.default_rng(seed), ties)
     make_folder(out)

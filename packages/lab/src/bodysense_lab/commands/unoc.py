@@ -11,16 +11,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from bodysense.errors import BodysenseError
-from bodysense.files import check_place
 from bodysense_lab.commands.reporting import (
     check_outputs,
+    check_places,
     finish,
     open_data,
-    print_report,
     progress_over,
+    show,
     tracker_settings,
 )
-from bodysense_lab.options import Data, Split, Stride, Table, TableOptions, check_positive
+from bodysense_lab.options import Data, Split, Stride, Table, TableOptions
 
 if TYPE_CHECKING:
     from bodysense.io.clip import Clip
@@ -105,7 +105,6 @@ def unoc_table5(
     from bodysense_lab.unoc.cross_table import cross_report, synthesis_errors
     from bodysense_lab.unoc.variant_scores import networks_in, score_pairs
 
-    check_positive(stride=stride)
     check_outputs(table)
     sets = [named_data(one, table.split, table.quick) for one in data]
     folders = _named(networks, "--networks")
@@ -179,22 +178,18 @@ def finger_synthesis(data: Data, split: Split = "test", model: Path | None = Non
         model: network written by `bodysense train fingers`; the packaged one if omitted.
         json: file for the numbers, as one flat object.
     """
-    from bodysense.cli.show import wide_console, write_numbers
     from bodysense.papers.point_model import load_point_model
     from bodysense.scoring import group_of
     from bodysense_lab.datasets import gathered, named_data
     from bodysense_lab.unoc.finger_scores import examples_of, finger_errors, finger_report
 
-    if json is not None:
-        check_place(json)
+    check_places(json)
     scored, known, network = named_data(data, split), named_data(data, "train"), load_point_model("fingers", model)
     clips = (clip for clip in scored.clips() if clip.has_fingers and group_of(clip) == "main")
     with progress_over([scored]) as advance:
         work = partial(finger_errors, examples=examples_of(known.clips()), model=network)
         found, census = gathered(work, clips, 1, advance)
-    report = finger_report(found, census, scored)
-    print_report(report, wide_console())
-    write_numbers(json, report.numbers)
+    show(finger_report(found, census, scored), json)
 
 
 def _score(
@@ -232,7 +227,6 @@ def _network_table(
     from bodysense_lab.unoc.tables import OWN_NAMES, network_report, without_networks
     from bodysense_lab.unoc.variant_scores import Work, networks_in, score
 
-    check_positive(stride=stride)
     chosen = open_data(data, table)
     if networks is None:
         rows = without_networks(rows)

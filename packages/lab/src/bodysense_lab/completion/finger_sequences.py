@@ -154,7 +154,8 @@ def make_finger_sequence(
         position, rotation = _disturbed(position, rotation, rate, rng)
     into = quaternion_conjugate(wrist)[:, :, None]
     moving = np.diff(place, axis=0, prepend=place[:1]) * rate
-    turn = _about_up(-np.arctan2(body.anchor[:, 1], body.anchor[:, 0]))[:, None]  # frame under the head ← world
+    angle = np.arctan2(body.anchor[:, 1], body.anchor[:, 0])
+    turn = quaternion_exp(angle[:, None, None] * [0.0, -1.0, 0.0])  # frame under the head ← world
     told = draw.body.told[HAND_POINTS]
     values = {
         "true_position": true_position,
@@ -333,9 +334,3 @@ def _disturbed(
     radians = np.radians(accuracy * 700)  # 1 mm: 0.7°, 1 cm: 7°
     turns = wander(frames, rotation[0, ..., 0].size * 3, rate, 1.0, rng).reshape(*rotation.shape[:-1], 3) * 0.6
     return position + (drift + quick) * accuracy, quaternion_multiply(quaternion_exp(turns * radians), rotation)
-
-
-def _about_up(angle: np.ndarray) -> np.ndarray:
-    """(T,) radians → (T, 4) wxyz: turns about +Y."""
-    zero = np.zeros_like(angle)
-    return np.stack([np.cos(angle / 2), zero, np.sin(angle / 2), zero], axis=-1)

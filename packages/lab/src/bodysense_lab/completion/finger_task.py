@@ -16,7 +16,6 @@ from torch import Tensor, nn
 from bodysense.body.rotation import quaternion_to_matrix
 from bodysense.body.shape import sample_bodies
 from bodysense.body.skeleton import default_skeleton
-from bodysense_lab.checkpoint import identity
 from bodysense_lab.completion.corpus import Corpus
 from bodysense_lab.completion.finger_sequences import (
     PARENT_PLACES,
@@ -38,7 +37,7 @@ from bodysense_lab.completion.fingers import (
     FingerSignal,
 )
 from bodysense_lab.completion.sequences import Draw, TrainingBody
-from bodysense_lab.fit import Task, played
+from bodysense_lab.fit import Task, cut, played
 from bodysense_lab.options import Schedule
 from bodysense_lab.precision import layer_autocast
 
@@ -99,10 +98,6 @@ class FingerTask(Task):
     generated: np.ndarray | None = None  # (N, 30, 4)
     source: Mapping[str, Any] | None = None
     mixed = True
-
-    def identity(self) -> str:
-        """Return the settings that a checkpoint must agree on."""
-        return identity(self.configuration, self.schedule, self.source)
 
     def batches(self, rng: np.random.Generator, done: int = 0) -> Iterator[FingerBatch]:
         """Streams that play whole sequences, side by side; drawn by the length of their clips."""
@@ -223,30 +218,24 @@ def finger_losses(rotation: Tensor, error: Tensor, batch: FingerBatch, weights: 
 
 
 def collate_fingers(pieces: list[tuple[FingerSequence, int]], chunk: int, begins: np.ndarray) -> FingerBatch:
-    """Cut `chunk` frames from each sequence at its start; past the end the last frame repeats, not valid."""
-    rows = [np.minimum(np.arange(start, start + chunk), len(one) - 1) for one, start in pieces]
-    valid = np.stack([np.arange(start, start + chunk) < len(one) for one, start in pieces])
-
-    def stack(name: str) -> Tensor:
-        return torch.from_numpy(np.stack([getattr(one, name)[row] for (one, _), row in zip(pieces, rows, strict=True)]))
-
+    """Cut `chunk` frames from each sequence at its start (see `cut`)."""
+    kept = ("position", "has_position", "has_rotation", "wrist", "wrist_velocity")
+    turns = ("rotation", "wrist_rotation", "true_rotation")
+    values = cut(pieces, chunk, (*kept, *turns, "true_position"))
+    matrix = {name: quaternion_to_matrix(values[name]) for name in turns}
     interval = torch.tensor([one.interval for one, _ in pieces], dtype=torch.float32)
     signal = FingerSignal(
-        position=stack("position"),
-        has_position=stack("has_position"),
-        rotation=quaternion_to_matrix(stack("rotation")),
-        has_rotation=stack("has_rotation"),
+        **{name: values[name] for name in kept},
+        rotation=matrix["rotation"],
         rest_offset=torch.from_numpy(np.stack([one.rest_offset for one, _ in pieces])),
-        wrist=stack("wrist"),
-        wrist_rotation=quaternion_to_matrix(stack("wrist_rotation")),
-        wrist_velocity=stack("wrist_velocity"),
+        wrist_rotation=matrix["wrist_rotation"],
         interval=interval[:, None].expand(-1, chunk),
     )
     return FingerBatch(
         signal=signal,
-        true_position=stack("true_position"),
-        true_rotation=quaternion_to_matrix(stack("true_rotation")),
-        valid=torch.from_numpy(valid),
+        true_position=values["true_position"],
+        true_rotation=matrix["true_rotation"],
+        valid=values["valid"],
         begins=torch.from_numpy(begins),
     )
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 from bodysense.devices.simulated.sensors import SENSOR_SETS, TABLE_SETS
 from bodysense.errors import BodysenseError
-from bodysense.ranges import Count, Hours, Processes
+from bodysense.ranges import Count, Hours, Processes, within
 from bodysense_lab.options import (
     Card,
     Flat,
@@ -18,7 +18,6 @@ from bodysense_lab.options import (
     Split,
     TableOptions,
     check_ending,
-    check_fields,
 )
 
 Body = Literal["own", "stranger", "height", "nothing"]
@@ -36,7 +35,7 @@ class CompletionTraining(MotionRun, Card):
     schedule: Flat[Schedule] = Schedule(steps=6200)
     begin_with: Path | None = None
     """checkpoint of an earlier run, or a completion network (.safetensors), whose weights the body begins with"""
-    finger_steps: int = FINGER_SCHEDULE.steps
+    finger_steps: Annotated[int, within(int, 0, 10_000_000)] = FINGER_SCHEDULE.steps
     """optimiser steps of the fingers' network; 0 leaves relaxed fingers"""
     threads: Processes | None = 1
     """PyTorch threads"""
@@ -47,10 +46,7 @@ class CompletionTraining(MotionRun, Card):
         return self.out.with_suffix("") if self.run is None else self.run
 
     def __post_init__(self) -> None:
-        super().__post_init__()
         check_ending(self.out, ".safetensors")
-        if self.finger_steps < 0:
-            raise BodysenseError(f"--finger-steps {self.finger_steps}: give 0 or more")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,11 +69,7 @@ class FingerTraining(MotionRun):
         return self.out.parent if self.run is None else self.run
 
     def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.out.suffix != ".ckpt":
-            raise BodysenseError(f"{self.out}: the run is kept as .ckpt; give a name that ends so")
-        if not 0 <= self.generated_hours < 1000:
-            raise BodysenseError(f"--generated-hours {self.generated_hours:g}: give 0 to 1000")
+        check_ending(self.out, ".ckpt")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -110,7 +102,7 @@ class CompletionEvaluation(MotionEvaluation):
     """file for the table of all measures"""
     picture: Path | None = None
     """file for the reliability diagram (PNG)"""
-    worst: int = 12
+    worst: Count = 12
     """number of frames on the sheet: those with the largest mean error, at most one of a clip"""
     sheet: Path | None = None
     """file for a sheet of the worst frames, truth next to result (PNG)"""
@@ -121,7 +113,6 @@ class CompletionEvaluation(MotionEvaluation):
         return tuple(path for path in (self.json, self.csv, self.picture, self.sheet) if path is not None)
 
     def __post_init__(self) -> None:
-        check_fields(self, "jobs", "limit", "worst")
         for name in self.sets:
             if name not in SENSOR_SETS:
                 raise BodysenseError(f"--sets {name}: unknown; valid are {', '.join(SENSOR_SETS)}")
@@ -147,9 +138,6 @@ class AmassEvaluation:
     """processes"""
     json: Path | None = None
     """file for the numbers, as one flat object"""
-
-    def __post_init__(self) -> None:
-        check_fields(self, "jobs", "limit")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -187,6 +175,3 @@ class HoleEvaluation(MotionEvaluation):
     parts: tuple[Literal["arm", "leg", "legs", "upper_body", "fingers"], ...] = ()
     """parts of the body to remove; all if omitted"""
     table: Flat[TableOptions] = TableOptions()
-
-    def __post_init__(self) -> None:
-        check_fields(self, "clips")

@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 import torch
 from rich.progress import track as progress
-from torch import Tensor
 
 from bodysense.body.skeleton import BODY
 from bodysense.completion.model import CompletionModel, load_completion
@@ -149,7 +148,11 @@ def fit_error_map(
         rows = torch.randint(len(known), (_BATCH,), generator=generator)
         x, counted = known[rows], counts[rows]
         expected = x @ weight + torch.tanh(x @ inward + inward_offset) @ outward + offset
-        loss = _likelihood(expected, error[rows]) if quantile is None else _pinball(expected, error[rows], quantile)
+        missed = torch.log(error[rows]) - expected
+        if quantile is None:
+            loss = error[rows] * torch.exp(-expected) + expected
+        else:
+            loss = torch.maximum(quantile * missed, (quantile - 1) * missed)
         total = (loss * counted).sum() / counted.sum()
         pull = (weight - identity).square().sum() + inward.square().sum() + outward.square().sum()
         optimizer.zero_grad()
@@ -157,15 +160,6 @@ def fit_error_map(
         optimizer.step()
     tables = [part.detach().numpy().copy() for part in parts]
     return ErrorMap(tables[0][:-1], tables[1][:-1], *tables[2:])
-
-
-def _likelihood(log_expected: Tensor, error: Tensor) -> Tensor:
-    return error * torch.exp(-log_expected) + log_expected
-
-
-def _pinball(log_bound: Tensor, error: Tensor, quantile: float) -> Tensor:
-    missed = torch.log(error) - log_bound
-    return torch.maximum(quantile * missed, (quantile - 1) * missed)
 
 
 _STREAMS, _BATCHES, _ROUNDING_SEED = 96, 24, 8  # sequences side by side, and batches, that weights are rounded by

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 from typing import TypeVar
 
-from bodysense.devices.simulated.sensors import SENSOR_SETS, Edge, random_edges
+from bodysense.devices.simulated.sensors import SENSOR_SETS, random_edges
 from bodysense.io.clip import Clip
 from bodysense.observation import Observation
 from bodysense.scoring import RATE, last_known
@@ -25,7 +25,6 @@ from bodysense_lab.completion.scenes import TRUTH_OF, TrackedScene, Truth, batch
 from bodysense_lab.completion.sight_scores import SightScores, count_body_jumps, measure_sight, measure_transitions
 from bodysense_lab.completion.tables import TAKE_MEASURES, CompletionSettings, CompletionTable, WorstFrame
 from bodysense_lab.completion.tracking import (
-    EdgeScore,
     StepTimes,
     Tracked,
     TrackPeople,
@@ -35,6 +34,7 @@ from bodysense_lab.completion.tracking import (
     step_times,
     track_people,
 )
+from bodysense_lab.spread import spread
 
 TIMED_FRAMES = 330  # of one wearer, to tell how long a step takes
 _EDGES = 10  # of the lattice that one process scores at a time
@@ -42,12 +42,6 @@ Item = TypeVar("Item")
 Result = TypeVar("Result")
 # Runs work on items, results in order: here, or in other processes, to which the work must pickle.
 Spread = Callable[[Callable[[Item], Result], Iterable[Item]], Iterator[tuple[Item, Result]]]
-
-
-def one_by_one(work: Callable[[Item], Result], items: Iterable[Item]) -> Iterator[tuple[Item, Result]]:
-    """Every item with what `work` makes of it, in this process."""
-    for item in items:
-        yield item, work(item)
 
 
 def evaluate_completion(
@@ -58,7 +52,7 @@ def evaluate_completion(
     track: TrackPeople = track_people,
     takes: TrackTake | None = None,
     times: StepTimes | None = step_times,
-    spread: Spread = one_by_one,
+    spread: Spread = partial(spread, jobs=1),
     kept: KeptClips | None = None,
     advance: Callable[[int, str], None] = lambda count, what: None,
 ) -> CompletionTable:
@@ -104,7 +98,7 @@ def evaluate_completion(
         judged = [scene_of(clip, "stranger", settings.split) for batch in groups for clip in batch]
         edges = random_edges(settings.edges)
         some = [edges[first : first + _EDGES] for first in range(0, len(edges), _EDGES)]
-        for of, scores in spread(partial(_score_edges, scenes=choose_scenes(judged), track=track), some):
+        for of, scores in spread(partial(score_lattice, scenes=choose_scenes(judged), track=track), some):
             table.lattice.extend(scores)
             advance(len(of), "edges")
     return table
@@ -132,10 +126,6 @@ def _score_batch(
     for sensors in settings.sets:
         _score_set(tables, scenes, truth, sensors, mean_body, track, takes)
     return tables
-
-
-def _score_edges(edges: Sequence[Edge], scenes: Sequence[TrackedScene], track: TrackPeople) -> list[EdgeScore]:
-    return score_lattice(scenes, edges, track)
 
 
 def work_of(count: int, settings: CompletionSettings) -> int:

@@ -183,17 +183,12 @@ class Draw:
     noisy: bool = False
 
 
-def draw_sequence(corpus: Corpus, clip: int, rng: np.random.Generator) -> Sequence:
-    """Draw everything that may differ about a clip of the corpus, and make its sequence."""
-    return _drawn(corpus, clip, None, rng)
+def draw_sequence(corpus: Corpus, clip: int, rng: np.random.Generator, settles: bool = False) -> Sequence:
+    """Draw everything that may differ about a clip of the corpus, and make its sequence.
 
-
-def draw_settled_sequence(corpus: Corpus, clip: int, rng: np.random.Generator) -> Sequence:
-    """Draw a sequence of a clip whose person stands, in another posture."""
-    return _drawn(corpus, clip, draw_kind(rng), rng)
-
-
-def _drawn(corpus: Corpus, clip: int, posture: str | None, rng: np.random.Generator) -> Sequence:
+    A person who stands may settle: take another posture.
+    """
+    posture = draw_kind(rng) if settles else None
     longest = LONGEST if posture is None else LONGEST_SETTLED
     seconds = float(corpus.length[clip] / corpus.rate[clip])
     drawn = Draw(

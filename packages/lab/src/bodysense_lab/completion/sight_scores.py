@@ -96,7 +96,8 @@ def measure_sight(scene: TrackedScene, seen: Observation, tracked: Tracked) -> S
     body = skeleton.indices(BODY)
     truth, position = scene.placed[0], tracked.position
     has = observed_points(seen, skeleton)[2][:, body]
-    _measure_motion(scores, position[:, body], truth[:, body], has, _masks(seen))
+    masks = np.concatenate([seen.has_position, seen.has_rotation], axis=-1)
+    _measure_motion(scores, position[:, body], truth[:, body], has, masks)
     _measure_stance(scores, scene, position)
     knees = skeleton.indices([f"{side}_knee" for side in _PAIR])
     back, truly = (sight.backward_knees(values[:, knees]) for values in (tracked.rotation, scene.pose.rotation))
@@ -131,10 +132,6 @@ def count_body_jumps(scene: TrackedScene, position: np.ndarray) -> int:
     """Frames in which one of the 22 joints of positions (T, P, 3) m jumps."""
     body = scene.skeleton.indices(BODY)
     return int(sight.jump_frames(position[:, body], scene.placed[0][:, body], JUMP / 100).sum())
-
-
-def _masks(seen: Observation) -> np.ndarray:
-    return np.concatenate([seen.has_position, seen.has_rotation], axis=-1)
 
 
 def _measure_motion(

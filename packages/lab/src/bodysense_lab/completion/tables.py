@@ -330,19 +330,16 @@ def _interval_report(table: CompletionTable) -> Report:
                 more = table.interval(name, body, "own")
                 beside = (cell(more.value), cell(more.low), cell(more.high), more.verdict)
             rows.append((name.replace("_", " "), body, cell(one.value), cell(one.low), cell(one.high), *beside))
+    people = max((len(people) for people in table.people.values()), default=0)
     return Report(
         name="completion-intervals",
         title="Completion: how sure (main categories, cm)",
         columns=("sensors", "body", "error", "low", "high", "more than own", "low", "high", "difference"),
         rows=tuple(rows),
         numbers={},
-        caption=f"95 % intervals by bootstrap over {_people(table)} people; a difference is none where it may be 0.",
+        caption=f"95 % intervals by bootstrap over {people} people; a difference is none where it may be 0.",
         digits=2,
     )
-
-
-def _people(table: CompletionTable) -> int:
-    return max((len(people) for people in table.people.values()), default=0)
 
 
 def _confidence_report(table: CompletionTable) -> Report:

@@ -17,7 +17,7 @@ from bodysense.body.rotation import quaternion_to_matrix
 from bodysense.body.shape import sample_bodies
 from bodysense.body.skeleton import BODY
 from bodysense.errors import BodysenseError
-from bodysense_lab.checkpoint import best_weights, identity
+from bodysense_lab.checkpoint import best_weights
 from bodysense_lab.completion.corpus import Corpus, read_corpus
 from bodysense_lab.completion.features import Before, TrackedSignal
 from bodysense_lab.completion.network import (
@@ -37,10 +37,9 @@ from bodysense_lab.completion.sequences import (
     Track,
     TrainingBody,
     draw_sequence,
-    draw_settled_sequence,
     make_sequence,
 )
-from bodysense_lab.fit import Task, begin, fit, played
+from bodysense_lab.fit import Task, begin, cut, fit, played
 from bodysense_lab.options import Schedule
 from bodysense_lab.precision import layer_autocast
 
@@ -100,10 +99,6 @@ class CompletionTask(Task):
     precision: torch.dtype | None = None  # of the layers; None: the device's own
     mixed = True
 
-    def identity(self) -> str:
-        """Return the settings that a checkpoint must agree on."""
-        return identity(self.configuration, self.schedule, self.source)
-
     def batches(self, rng: np.random.Generator, done: int = 0) -> Iterator[SequenceBatch]:
         """Streams that play whole sequences, side by side; drawn by the length of their clips."""
         chunk = self.configuration.chunk
@@ -114,7 +109,7 @@ class CompletionTask(Task):
 
         def draw() -> Sequence:
             if still.any() and rng.uniform() < _SETTLED:
-                return draw_settled_sequence(self.corpus, int(rng.choice(len(still), p=still)), rng)
+                return draw_sequence(self.corpus, int(rng.choice(len(still), p=still)), rng, settles=True)
             return draw_sequence(self.corpus, int(rng.choice(len(weight), p=weight)), rng)
 
         for pieces, begins in played(draw, self.configuration.streams, chunk):
@@ -139,7 +134,8 @@ class CompletionTask(Task):
             far, turned, count = 0.0, 0.0, 0.0
             for batch in batches:
                 raw, _ = network.predict(network.read(batch.signal), network.begin(len(batch.begins)))
-                missed, angle = _missed(network, network.prediction(*raw), batch)
+                missed, rotation, wanted = _missed(network, network.prediction(*raw), batch)
+                angle = (rotation - wanted).abs().mean(dim=(-2, -1))
                 distance = missed[..., :JOINTS, :].norm(dim=-1).mean(dim=-1) * batch.signal.size[:, None]
                 far += float((distance * batch.valid).sum())
                 turned += float((angle.mean(dim=-1) * batch.valid).sum())
@@ -150,21 +146,17 @@ class CompletionTask(Task):
         return {"score": score, **figures}
 
 
-def _answer(network: CompletionNetwork, prediction: Prediction, batch: SequenceBatch) -> tuple[Tensor, Tensor]:
-    """Rotations in the frame under the head, measured ones in their place, and positions from the head."""
+def _missed(network: CompletionNetwork, prediction: Prediction, batch: SequenceBatch) -> tuple[Tensor, Tensor, Tensor]:
+    """Errors of positions from the head (B, T, 25, 3), and rotations in the frame under it, said and true.
+
+    Measured rotations stand in the place of those that are said.
+    """
     signal = batch.signal
-    measured = signal.turn.mT[..., None, :, :] @ signal.rotation
+    measured, wanted = (signal.turn.mT[..., None, :, :] @ turned for turned in (signal.rotation, batch.true_rotation))
     rotation = torch.where(signal.has_rotation[..., None, None], measured, orthonormal(prediction.axes))
-    return rotation, network.places(rotation, signal.rest_offset / signal.size[:, None, None])
-
-
-def _missed(network: CompletionNetwork, prediction: Prediction, batch: SequenceBatch) -> tuple[Tensor, Tensor]:
-    """Errors of positions from the head (B, T, 25, 3), and of rotations (B, T, 22)."""
-    rotation, position = _answer(network, prediction, batch)
+    position = network.places(rotation, signal.rest_offset / signal.size[:, None, None])
     truth = batch.true_position - batch.true_position[..., HEAD : HEAD + 1, :]
-    truth = truth @ batch.signal.turn / batch.signal.size[:, None, None, None]
-    wanted = batch.signal.turn.mT[..., None, :, :] @ batch.true_rotation
-    return position - truth, (rotation - wanted).abs().mean(dim=(-2, -1))
+    return position - truth @ signal.turn / signal.size[:, None, None, None], rotation, wanted
 
 
 def losses(
@@ -173,12 +165,9 @@ def losses(
     """The sum, 'loss', and its weighted terms."""
     signal = batch.signal
     size = signal.size[:, None, None, None]
-    rotation, position = _answer(network, prediction, batch)
+    missed, rotation, wanted = _missed(network, prediction, batch)
     valid = batch.valid[..., None]
     count = batch.valid.sum().clamp(min=1)
-    truth = (batch.true_position - batch.true_position[..., HEAD : HEAD + 1, :]) @ signal.turn / size
-    wanted = signal.turn.mT[..., None, :, :] @ batch.true_rotation
-    missed = position - truth
     turn_weight = torch.tensor([_TURN_WEIGHT.get(name.rpartition("_")[2], 1.0) for name in BODY])
     place_weight = torch.tensor([_PLACE_WEIGHT.get(name.rpartition("_")[2], 1.0) for name in BODY_POINTS])
     angle = (rotation - wanted).abs().mean(dim=(-2, -1)) * turn_weight
@@ -223,51 +212,43 @@ def _length(vector: Tensor) -> Tensor:
 
 
 def collate(pieces: list[tuple[Sequence, int]], chunk: int, begins: np.ndarray) -> SequenceBatch:
-    """Cut `chunk` frames from each sequence at its start; past the end the last frame repeats, not valid."""
-    rows = [np.minimum(np.arange(start, start + chunk), len(one) - 1) for one, start in pieces]
-    earlier = [np.maximum(row - 1, 0) for row in rows]
-    valid = np.stack([np.arange(start, start + chunk) < len(one) for one, start in pieces])
-
-    def stack(name: str, of: list[np.ndarray] = rows) -> Tensor:
-        return torch.from_numpy(np.stack([getattr(one, name)[row] for (one, _), row in zip(pieces, of, strict=True)]))
+    """Cut `chunk` frames from each sequence at its start (see `cut`)."""
+    kept = ("position", "has_position", "has_rotation", "acceleration", "has_acceleration")
+    now = cut(pieces, chunk, (*kept, "rotation", "anchor", "true_position", "true_rotation", "contact"))
+    earlier = cut([(one, start - 1) for one, start in pieces], chunk, (*kept[:3], "rotation"))
 
     def each(name: str) -> Tensor:
         return torch.from_numpy(np.stack([np.asarray(getattr(one, name), dtype=np.float32) for one, _ in pieces]))
 
-    anchor = stack("anchor")
+    anchor = now["anchor"]
     origin = torch.zeros(*anchor.shape[:2], 3)
     origin[..., 0], origin[..., 2] = anchor[..., 2], anchor[..., 3]
     first = torch.tensor([start == 0 for _, start in pieces])
     has_before = torch.ones(len(pieces), chunk, 1, dtype=torch.bool)
     has_before[first, 0] = False
-    spinning = quaternion_to_matrix(stack("rotation", earlier)[..., SPIN_PLACES, :])
     signal = TrackedSignal(
-        position=stack("position"),
-        rotation=quaternion_to_matrix(stack("rotation")),
-        has_position=stack("has_position"),
-        has_rotation=stack("has_rotation"),
+        **{name: now[name] for name in kept},
+        rotation=quaternion_to_matrix(now["rotation"]),
         accuracy=each("accuracy")[:, None].expand(-1, chunk, -1),
         interval=each("interval")[:, None].expand(-1, chunk),
         turn=turn_about_up(anchor[..., 0], anchor[..., 1]),
         origin=origin,
         before=Before(
-            position=stack("position", earlier),
-            has_position=stack("has_position", earlier) & has_before,
-            rotation=spinning,
-            has_rotation=stack("has_rotation", earlier)[..., SPIN_PLACES] & has_before,
+            position=earlier["position"],
+            has_position=earlier["has_position"] & has_before,
+            rotation=quaternion_to_matrix(earlier["rotation"][..., SPIN_PLACES, :]),
+            has_rotation=earlier["has_rotation"][..., SPIN_PLACES] & has_before,
         ),
         rest_offset=each("rest_offset"),
         certainty=each("certainty"),
         size=each("size"),
-        acceleration=stack("acceleration"),
-        has_acceleration=stack("has_acceleration"),
     )
     return SequenceBatch(
         signal=signal,
-        true_position=stack("true_position"),
-        true_rotation=quaternion_to_matrix(stack("true_rotation")),
-        contact=stack("contact").float(),
-        valid=torch.from_numpy(valid),
+        true_position=now["true_position"],
+        true_rotation=quaternion_to_matrix(now["true_rotation"]),
+        contact=now["contact"].float(),
+        valid=now["valid"],
         begins=torch.from_numpy(begins),
     )
 

@@ -127,13 +127,8 @@ class EdgeScore:
         return self.more > (1 + TOLERANCE) * self.fewer
 
 
-def score_lattice(
-    scenes: Sequence[TrackedScene],
-    edges: Sequence[Edge],
-    track: TrackPeople,
-    advance: Callable[[], None] = lambda: None,
-) -> list[EdgeScore]:
-    """Score edges on scenes of known proportions; `advance` is called after each edge."""
+def score_lattice(edges: Sequence[Edge], scenes: Sequence[TrackedScene], track: TrackPeople) -> list[EdgeScore]:
+    """Score edges on scenes of known proportions."""
     known: dict[SensorSet, float] = {}
 
     def error_of(sensors: SensorSet) -> float:
@@ -141,11 +136,7 @@ def score_lattice(
             known[sensors] = _mean_error(scenes, sensors, track)
         return known[sensors]
 
-    scores = []
-    for edge in edges:
-        scores.append(EdgeScore(edge, error_of(edge.fewer), error_of(edge.more)))
-        advance()
-    return scores
+    return [EdgeScore(edge, error_of(edge.fewer), error_of(edge.more)) for edge in edges]
 
 
 def choose_scenes(scenes: Sequence[TrackedScene]) -> list[TrackedScene]:

@@ -21,7 +21,6 @@ from bodysense_lab.checkpoint import best_weights, checkpoint_identity
 from bodysense_lab.completion.corpus import Corpus, read_corpus
 from bodysense_lab.completion.finger_sequences import clips_with_fingers
 from bodysense_lab.completion.finger_task import (
-    FingerBatch,
     FingerTask,
     FingerTaskConfig,
     finger_batches,
@@ -35,6 +34,7 @@ from bodysense_lab.completion.fingers import FingerConfig, FingerNetwork
 from bodysense_lab.completion.generated_fingers import generate_fingers, read_fingers, write_fingers
 from bodysense_lab.completion.options import FingerTraining
 from bodysense_lab.fit import begin, fit
+from bodysense_lab.table import Report
 
 
 def train_fingers(
@@ -120,7 +120,7 @@ def score_fingers(
         for sensors, batches in finger_batches(scored.of(theirs[0]), tuple(SETS)).items():
             found = [finger_error(network, batch) for batch in batches]
             known = [last_known_error(batch, mean) for batch in batches]
-            error, baseline = (_root_mean_square(one, batches) for one in (found, known))
+            error, baseline = (float(scored_distances(one, batches).square().mean().sqrt()) for one in (found, known))
             count = len(scored_distances(found, batches))
             scores.append(FingerScore(name, task, sensors, error, baseline, count))
     return scores
@@ -131,6 +131,26 @@ def person_clips(corpus: Corpus, person: str) -> tuple[np.ndarray, np.ndarray]:
     clips = clips_with_fingers(corpus)
     theirs = np.array([str(corpus.name[clip]).split("/")[0] == person for clip in clips], dtype=bool)
     return clips[theirs], clips[~theirs]
+
+
+def finger_report(scores: list[FingerScore], where: str) -> Report:
+    """A row a network and a kind of fingers; `where` says whose fingers."""
+    rows = tuple(
+        (
+            *(one.network, one.task.left_out, f"{one.task.generated_hours:g}", SETS[one.sensors]),
+            *(100 * one.error, 100 * one.baseline, one.ratio),
+        )
+        for one in scores
+    )
+    return Report(
+        name="fingers",
+        title=f"Fingers of people of whom nothing was learned ({where})",
+        columns=("network", "left out", "generated h", "fingers", "error", "baseline", "ratio"),
+        rows=rows,
+        numbers=finger_numbers(scores),
+        caption="RMSJPE of points that bend, from the wrist, cm; ratio: error by baseline.",
+        digits=2,
+    )
 
 
 def finger_numbers(scores: list[FingerScore]) -> dict[str, float]:
@@ -149,7 +169,3 @@ def finger_numbers(scores: list[FingerScore]) -> dict[str, float]:
                 numbers[f"finger_{what}_foreign{ending}_cm"] = 100 * error
                 numbers[f"finger_{what}_baseline_foreign{ending}_cm"] = 100 * baseline
     return numbers
-
-
-def _root_mean_square(errors: list[torch.Tensor], batches: list[FingerBatch]) -> float:
-    return float(scored_distances(errors, batches).square().mean().sqrt())

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -55,20 +55,10 @@ class SightScore:
     unit: str
 
 
-def score_wearers(
-    network: CompletionModel | None = None,
-    headset: Path | None = None,
-    advance: Callable[[str], None] = lambda what: None,
-) -> list[SightScore]:
+def score_wearers(network: CompletionModel | None = None, headset: Path | None = None) -> list[SightScore]:
     """All figures of a network (None: the packaged one); `headset` is a folder of recorded headsets."""
-    scores: list[SightScore] = []
-    for part in (_standing, _seated, _raised):
-        scores += part(network)
-        advance(part.__name__.strip("_"))
-    if headset is not None:
-        scores += _headsets(network, headset)
-        advance("real headsets")
-    return scores
+    scores = [one for part in (_standing, _seated, _raised) for one in part(network)]
+    return scores if headset is None else [*scores, *_headsets(network, headset)]
 
 
 def sight_report(scores: list[SightScore]) -> Report:

@@ -10,8 +10,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from bodysense.body.rotation import quaternion_canonical, quaternion_multiply, quaternion_rotate
-from bodysense.body.skeleton import BODY
+from bodysense.body.rotation import quaternion_canonical
 from bodysense.errors import BodysenseError
 from bodysense.papers.hmd_vae import FORMAT
 from bodysense_lab.export import export, in_bytes
@@ -45,12 +44,9 @@ class InWorld(nn.Module):
         mean, log_variance = self.network.posterior(seen_from(frame, Joints(position, rotation)), rest_offset)
         deviation = trust * torch.exp(log_variance / 2) + (1 - trust)
         body = self.network.decode(trust * mean + deviation * noise, rest_offset)
-        facing = frame.facing[:, None]
-        relative = body.position - body.position[:, BODY.index("head"), None]
-        turned = quaternion_rotate(facing.expand(*relative.shape[:-1], 4), relative)
-        placed = turned + position[:, -1, self.head, None]
-        pelvis = quaternion_multiply(facing, body.local[:, :1])
-        return placed[:, 0], quaternion_canonical(torch.cat([pelvis, body.local[:, 1:]], dim=1)), placed
+        relative, local = body.facing(frame.facing)
+        placed = relative + position[:, -1, self.head, None]
+        return placed[:, 0], quaternion_canonical(local), placed
 
 
 def write_vae_onnx(network: BodyVae, path: Path, card: dict[str, Any]) -> None:

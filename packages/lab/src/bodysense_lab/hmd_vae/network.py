@@ -29,6 +29,8 @@ from bodysense.body.pose import Pose, body_skeleton, forward_kinematics
 from bodysense.body.rotation import (
     geodesic_angle,
     matrix_to_quaternion,
+    quaternion_multiply,
+    quaternion_rotate,
     quaternion_to_matrix,
     sixd_to_matrix,
 )
@@ -45,6 +47,16 @@ class DecodedBody(NamedTuple):
     local: Tensor  # (..., 22, 4) wxyz, parent ← joint; the pelvis' is frame ← pelvis
     position: Tensor  # (..., 22, 3) m
     rotation: Tensor  # (..., 22, 4) wxyz, frame ← joint
+
+    def facing(self, turn: Tensor) -> tuple[Tensor, Tensor]:
+        """Positions from the head (B, 22, 3) m and local rotations (B, 22, 4) in the axes of the world.
+
+        `turn` (B, 4) is world ← frame.
+        """
+        turn = turn[:, None]
+        relative = self.position - self.position[:, BODY.index("head"), None]
+        turned = quaternion_rotate(turn.expand(*relative.shape[:-1], 4), relative)
+        return turned, torch.cat([quaternion_multiply(turn, self.local[:, :1]), self.local[:, 1:]], dim=1)
 
 
 class Residual(nn.Module):

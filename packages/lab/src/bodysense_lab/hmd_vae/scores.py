@@ -15,7 +15,7 @@ import numpy as np
 import torch
 
 from bodysense.body.pose import body_skeleton, local_rotation
-from bodysense.body.rotation import geodesic_angle, quaternion_log, quaternion_multiply, quaternion_rotate
+from bodysense.body.rotation import geodesic_angle, quaternion_log
 from bodysense.body.skeleton import BODY, LOWER_BODY, default_skeleton
 from bodysense.errors import BodysenseError
 from bodysense.intervals import Named
@@ -123,11 +123,9 @@ def answers(network: BodyVae, frames: BodyFrames, windows: Windows) -> tuple[np.
     for first in range(0, len(windows), _BATCH):
         batch = make_batch(network.config, frames, windows, np.arange(first, min(first + _BATCH, len(windows))))
         body = network.decode(network.posterior(batch.seen, batch.rest_offset)[0], batch.rest_offset)
-        relative = body.position - body.position[:, BODY.index("head"), None]
-        facing = batch.frame.facing[:, None]
-        positions.append(quaternion_rotate(facing.expand(*relative.shape[:-1], 4), relative).numpy())
-        pelvis = quaternion_multiply(facing, body.local[:, :1])
-        rotations.append(torch.cat([pelvis, body.local[:, 1:]], dim=1).numpy())
+        relative, local = body.facing(batch.frame.facing)
+        positions.append(relative.numpy())
+        rotations.append(local.numpy())
     return np.concatenate(positions).astype(float), np.concatenate(rotations).astype(float)
 
 

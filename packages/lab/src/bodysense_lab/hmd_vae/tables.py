@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from operator import attrgetter
 
 from bodysense.scoring import GROUPS
 from bodysense_lab.chart import BarPanel, Bars, plain_bars
@@ -64,7 +66,9 @@ def vae_report(scored: Sequence[Scored], census: Census, data: DataSet) -> Repor
     setting = ("β", "d", "blocks", "origin")
     rows: list[tuple[Cell, ...]] = []
     for part, joints in PARTS.items():
-        for one in sorted(scored, key=_order):
+        for one in sorted(
+            scored, key=lambda one: attrgetter("origin", "beta", "latent", "blocks", "model")(one.config)
+        ):
             c = one.config
             ours = (cell(one.get(f"{part}_{measure}", main)) for measure in MEASURES)
             others = (cell(one.get(f"{part}_position_cm", g)) for g in groups if g != main)
@@ -141,10 +145,6 @@ def _compared(rows: Sequence[tuple[Cell, ...]]) -> tuple[Bars, ...]:
     )
 
 
-def _order(one: Scored) -> tuple:
-    return (one.config.origin, one.config.beta, one.config.latent, one.config.blocks, one.config.model)
-
-
 def _numbers(scored: Sequence[Scored]) -> dict[str, float]:
     """One flat object: 'model<k>_…' of the best in validation; 'pelvis_model<k>_…' of those with the paper's origin."""
     result: dict[str, float] = {}
@@ -179,7 +179,7 @@ def _remarks(scored: Sequence[Scored], main: str) -> Iterator[str]:
         yield verdict + f" At equal settings it holds in {held} of {len(settings)}."
     deeper = [one for one in scored if one.config.blocks == 6 and one.config.origin == origin]
     for measure in ("position_cm", "velocity_cm_s"):
-        pairs = [(one, other) for one in deeper for other in scored if _same_but_for_blocks(one, other)]
+        pairs = [(one, other) for one in deeper for other in scored if other.config == replace(one.config, blocks=3)]
         if pairs:
             name, unit = f"legs_{measure}", MEASURES[measure][1]
             held = sum(one.get(name, main) < other.get(name, main) for one, other in pairs)
@@ -190,15 +190,14 @@ def _remarks(scored: Sequence[Scored], main: str) -> Iterator[str]:
             )
     for part, measure in ((part, measure) for part in PARTS for measure in MEASURES):
         name = f"{part}_{measure}"
-        apart = [one for one in best.values() if _far(one.get(name, main), one.get(f"{name}_sequences", main))]
+        apart = [
+            one
+            for one in best.values()
+            if abs(one.get(name, main) - one.get(f"{name}_sequences", main)) > 0.02 * abs(one.get(name, main))
+        ]
         if apart:
             shown = ", ".join(f"model {one.config.model} {one.get(f'{name}_sequences', main):.2f}" for one in apart)
             yield f"Over sequences of 64 frames as in the paper: {PARTS[part]}, {MEASURES[measure][0]}: {shown}."
-
-
-def _far(a: float, b: float) -> bool:
-    """More than 2 % apart."""
-    return math.isfinite(b) and abs(a - b) > 0.02 * abs(a)
 
 
 def _settings(scored: Sequence[Scored], origin: str) -> list[dict[int, Scored]]:
@@ -208,11 +207,6 @@ def _settings(scored: Sequence[Scored], origin: str) -> list[dict[int, Scored]]:
         if one.config.origin == origin:
             found.setdefault((one.config.beta, one.config.latent, one.config.blocks), {})[one.config.model] = one
     return list(found.values())
-
-
-def _same_but_for_blocks(six: Scored, three: Scored) -> bool:
-    a, b = vars(six.config), vars(three.config)
-    return three.config.blocks == 3 and all(a[name] == b[name] for name in a if name != "blocks")
 
 
 def _panels(scored: Sequence[Scored], main: str) -> Iterator[BarPanel]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -40,10 +39,6 @@ class VaeTask(Task):
     keeps_best = False
     clip = 50.0
 
-    def rate(self, step: int) -> float:
-        """See `one_cycle`."""
-        return one_cycle(self.schedule, step)
-
     def batches(self, rng: np.random.Generator, done: int = 0) -> Iterator[VaeBatch]:
         """Windows without end, in another order every epoch."""
         while True:
@@ -61,14 +56,6 @@ class VaeTask(Task):
     def validate(self, network: BodyVae) -> dict[str, float]:
         """Mean error of positions from the head, cm."""
         return {"position_cm": 100 * float(joint_errors(network, *self.validation).mean())}
-
-
-def one_cycle(schedule: VaeSchedule, step: int) -> float:
-    """Up in the first tenth, then a cosine down to a thousandth (Smith & Topin 2019)."""
-    along = step / schedule.steps
-    if along < 0.1:
-        return schedule.learning_rate * along / 0.1
-    return schedule.learning_rate * (0.001 + 0.999 * 0.5 * (1 + math.cos(math.pi * (along - 0.1) / 0.9)))
 
 
 @torch.no_grad()

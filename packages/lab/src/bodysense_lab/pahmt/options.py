@@ -10,13 +10,13 @@ from tyro.conf import Suppress, arg
 from bodysense.body.arms import ARM_JOINTS, HAND_POINTS
 from bodysense.devices.simulated.camera_view import CameraRange
 from bodysense.errors import BodysenseError
-from bodysense_lab.options import Card, Flat, MotionRun, check_ending, check_fields
+from bodysense.ranges import Count
+from bodysense_lab.options import Card, Flat, MotionRun, Seed, check_ending
 from bodysense_lab.pahmt.keypoint_noise import DetectorNoise
 
 Kind = Literal["cnn", "ahmt", "pahmt"]
 Input = Literal["hands", "arms-hands"]
 Loss = Literal["rotation", "smooth", "fk", "gan", "motion"]
-KINDS: tuple[Kind, ...] = ("cnn", "ahmt", "pahmt")
 PAPER_LOSSES: tuple[Loss, ...] = ("rotation", "smooth", "fk", "gan")
 FINGERS = tuple(k for k, name in enumerate(ARM_JOINTS) if name[-1] in "123")  # of `ARM_JOINTS`
 
@@ -29,19 +29,19 @@ class ArmNetworkConfig:
     """convolutions over time, a transformer over time, or that with a branch over joints"""
     input: Input = "arms-hands"
     """'hands' reads hands alone and predicts fingers alone (Table 1, h2h)"""
-    width: int = 512
+    width: Count = 512
     """width of the features over time, D_t; a multiple of --heads and of 16"""
-    layers: int = 4
+    layers: Count = 4
     """layers over time, L_t"""
-    heads: int = 8
+    heads: Count = 8
     """attention heads over time"""
-    feed_forward: int = 2
+    feed_forward: Count = 2
     """width of the feed-forward layers, times --width"""
-    spatial_width: int = 64
+    spatial_width: Count = 64
     """width of a token of the branch over joints, D_s"""
-    spatial_layers: int = 2
+    spatial_layers: Count = 2
     """layers of that branch, L_s"""
-    spatial_heads: int = 4
+    spatial_heads: Count = 4
     """attention heads of that branch"""
     dropout: float = 0.1
     """dropout of all networks"""
@@ -57,15 +57,6 @@ class ArmNetworkConfig:
     """blend with wrists as the pictures of palms have them; with --from-directions"""
 
     def __post_init__(self) -> None:
-        if self.kind not in KINDS:
-            raise BodysenseError(f"kind {self.kind!r} does not exist; valid are {', '.join(KINDS)}")
-        if self.input not in ("hands", "arms-hands"):
-            raise BodysenseError(f"input {self.input!r} does not exist; valid are hands, arms-hands")
-        if self.rotation not in ("axis-angle", "6d"):
-            raise BodysenseError(f"rotation {self.rotation!r} does not exist; valid are axis-angle, 6d")
-        for name in ("width", "layers", "heads", "feed_forward", "spatial_width", "spatial_layers", "spatial_heads"):
-            if getattr(self, name) < 1:
-                raise BodysenseError(f"{name} is {getattr(self, name)}; give at least 1")
         if self.width % self.heads or self.spatial_width % self.spatial_heads:
             raise BodysenseError(f"width {self.width} must be a multiple of {self.heads} heads, and so over joints")
         if self.frames < 2 or (self.frames % 16 and self.kind == "cnn"):
@@ -119,15 +110,15 @@ class Studio:
 class ArmSchedule:
     """How long and on what; the defaults are the paper's (section 4.2)."""
 
-    epochs: int = 300
+    epochs: Count = 300
     """times that every window is seen, each time by another camera"""
-    steps: int | None = None
+    steps: Count | None = None
     """optimiser steps at most; all epochs if omitted"""
-    batch: int = 128
+    batch: Count = 128
     """windows a step"""
     learning_rate: float = 1e-3
     """at the start"""
-    halve_every: int = 50
+    halve_every: Count = 50
     """epochs after which it is halved"""
     weight_decay: float = 5e-4
     """of Adam"""
@@ -151,14 +142,13 @@ class ArmSchedule:
     """share of windows from recordings without fingers, of which the arms are learned"""
     average_decay: float = 0.99
     """of the moving average of the weights, which is what is kept"""
-    check_every: int = 250
+    check_every: Count = 250
     """steps between checkpoints, each of which measures the average and keeps it if it is best"""
     studio: Flat[Studio] = Studio()
-    seed: int = 1
+    seed: Seed = 1
     """random seed"""
 
     def __post_init__(self) -> None:
-        check_fields(self, "epochs", "steps", "batch", "halve_every", "check_every")
         if not 0 <= self.without_hands < 1:
             raise BodysenseError(f"--without-hands {self.without_hands:g}: give a share from 0 to below 1")
 
@@ -169,12 +159,8 @@ class ArmRun(MotionRun, Card):
 
     config: Flat[ArmNetworkConfig] = ArmNetworkConfig()
     schedule: Flat[ArmSchedule] = ArmSchedule()
-    bodies: int = 1
+    bodies: Count = 1
     """copies of each clip; all but the first are augmented: other proportions, arms that wander, arms of other clips"""
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        check_fields(self, "bodies")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -185,7 +171,6 @@ class ArmTraining(ArmRun):
     """
 
     def __post_init__(self) -> None:
-        super().__post_init__()
         check_ending(self.out, ".onnx", ".pt")
         if self.config.input == "hands" and self.out.suffix == ".onnx":
             raise BodysenseError(
@@ -225,7 +210,6 @@ class ArmTableTraining(ArmRun):
     """some of them only: cnn-hands, cnn-plain, cnn-smooth, cnn-fk, cnn, ahmt, pahmt"""
 
     def __post_init__(self) -> None:
-        super().__post_init__()
         default = ArmNetworkConfig()
         if (self.config.kind, self.config.input) != (default.kind, default.input):
             raise BodysenseError("--model and --input are each network's own in the table; leave them out")

@@ -8,9 +8,9 @@ from bodysense.body.keypoints import ArmKeypoints
 from bodysense.body.person import Person
 from bodysense.devices.simulated.camera_view import FRONT, sample_cameras, view, view_points
 from bodysense.devices.video.arms import ArmModel, Arms, load_arms
-from bodysense.devices.video.landmarker_files import find_landmarkers
+from bodysense.devices.video.landmarker_files import LandmarkerFiles, find_landmarkers
 from bodysense.devices.video.landmarks import Landmarker, LandmarkerSettings
-from bodysense.devices.video.person import PersonSettings, PersonState, arm_keypoints, follow, joined_landmarks
+from bodysense.devices.video.person import PersonLandmarks, PersonState, arm_keypoints, follow, joined_landmarks
 from bodysense.devices.video.pictures import open_video
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
@@ -52,18 +52,24 @@ def seen_from_front(clip: Clip) -> ArmKeypoints:
 
 def filmed(name: str) -> ArmKeypoints:
     """Return the key-points of the largest person in a video."""
-    state, parts = PersonState(), []
-    with open_video(name) as video, Landmarker(find_landmarkers(None), LandmarkerSettings()) as landmarker:
-        if video.count is None and name.isdecimal():
-            raise BodysenseError(f"{name}: a webcam never ends; give a video file")
-        for picture in video.pictures:
-            person, state = follow(picture, *landmarker.find(picture), state, PersonSettings())
-            parts.append(person)
-    if not parts or not any(part.has_body.any() for part in parts):
+    parts = watched(name, find_landmarkers(None), LandmarkerSettings())
+    if not any(part.has_body.any() for part in parts):
         raise BodysenseError(
             f"{name}: no person was found in its {len(parts)} pictures; film one person from the front"
         )
     return arm_keypoints(joined_landmarks(parts))
+
+
+def watched(name: str, files: LandmarkerFiles, settings: LandmarkerSettings) -> list[PersonLandmarks]:
+    """Return the landmarks of the person that is followed through each picture of a video."""
+    state, parts = PersonState(), []
+    with open_video(name) as video, Landmarker(files, settings) as landmarker:
+        if video.count is None and name.isdecimal():
+            raise BodysenseError(f"{name}: a webcam never ends; give a video file")
+        for picture in video.pictures:
+            person, state = follow(picture, *landmarker.find(picture), state)
+            parts.append(person)
+    return parts
 
 
 def _model(options: PaperOptions) -> ArmModel:

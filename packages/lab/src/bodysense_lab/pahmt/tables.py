@@ -1,13 +1,6 @@
 """PAHMT, Table 1: the errors of networks of arms and hands on filmed windows of a data set. Needs PyTorch.
 
 Every network is asked about the same windows, filmed by the same cameras with the same errors of a detector.
-
-The networks of PAHMT's Table 1: what each is, what it sees and learns by, and what the paper found.
-
-Arm twist: how far a bone of an arm is turned about itself, which positions of joints do not tell.
-
-PAHMT (Liu et al. 2022) estimates arms and hands together because the hand tells the twist. What is measured is the
-twist of the swing-twist split of local rotations; the comparison is inverse kinematics on true positions.
 """
 
 from __future__ import annotations
@@ -21,109 +14,20 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from bodysense.body.arms import ARM_JOINTS, SIDES, arm_skeleton, with_arms
 from bodysense.body.ik import IkSettings, InverseKinematics, solve_sequence
 from bodysense.body.keypoints import arms_from_torso
-from bodysense.body.pose import Pose, forward_kinematics, rest_pose
-from bodysense.body.rotation import (
-    geodesic_angle,
-    quaternion_canonical,
-    quaternion_conjugate,
-    quaternion_log,
-    quaternion_multiply,
-    swing_twist,
-)
-from bodysense.body.skeleton import ARM, Skeleton
+from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
 from bodysense.scoring import GROUPS, Tally, group_named
 from bodysense_lab.chart import BarPanel, Line, LinePanel, plain_bars
 from bodysense_lab.datasets import Census, DataSet, census_of, describe
-from bodysense_lab.pahmt.features import FRAMES, RATE, arm_positions, arms_alone, film, read_arm_recordings, window_of
+from bodysense_lab.pahmt.errors import EVERY, table_errors
+from bodysense_lab.pahmt.features import FRAMES, RATE, film, read_arm_recordings, window_of
 from bodysense_lab.pahmt.network import ArmNetwork, read_arms
-from bodysense_lab.pahmt.options import FINGERS, TABLE_1, Studio, TableRow
+from bodysense_lab.pahmt.options import TABLE_1, Studio, TableRow
 from bodysense_lab.table import Cell, Report, bounds, cell, finite, ordering, surely
-
-TWISTS = ("upper_arm", "forearm")
-ARMS = tuple(k for k, name in enumerate(ARM_JOINTS) if name.partition("_")[2] in ARM)  # all but fingers
-
-
-def twist_errors(said: np.ndarray, truth: np.ndarray, skeleton: Skeleton) -> dict[str, np.ndarray]:
-    """Difference of the twists about the bones, degrees, (..., 2) of left and right, of rotations (..., 38, 4).
-
-    Keys are `upper_arm_twist_deg` and `forearm_twist_deg`; bones are the skeleton's, whose arms the rotations turn. A
-    forearm's twist is that of elbow and wrist together: motion capture puts it into either.
-    """
-    ours, true = _twists(said, skeleton), _twists(truth, skeleton)
-    angles = {bone: np.degrees(np.asarray(geodesic_angle(ours[bone], true[bone]))) for bone in TWISTS}
-    return {f"{bone}_twist_deg": angle for bone, angle in angles.items()}
-
-
-def _twists(rotation: np.ndarray, skeleton: Skeleton) -> dict[str, np.ndarray]:
-    """By bone the twist (..., 2, 4) of both sides."""
-
-    def turn(joint: str) -> np.ndarray:
-        return rotation[..., [ARM_JOINTS.index(f"{side}_{joint}") for side in SIDES], :].astype(float)
-
-    def along(end: str) -> np.ndarray:
-        bone = skeleton.rest_offset[skeleton.indices([f"{side}_{end}" for side in SIDES])]
-        return np.broadcast_to(bone / np.linalg.norm(bone, axis=-1, keepdims=True), (*rotation.shape[:-2], 2, 3))
-
-    elbow = swing_twist(turn("elbow"), along("wrist"))[1]
-    wrist = swing_twist(quaternion_conjugate(turn("wrist")), along("wrist"))[1]  # twist, then swing, from the forearm
-    return {
-        "upper_arm": np.asarray(swing_twist(turn("shoulder"), along("elbow"))[1]),
-        "forearm": np.asarray(quaternion_multiply(elbow, quaternion_conjugate(wrist))),
-    }
-
-
-def arm_errors(said: np.ndarray, truth: np.ndarray, skeleton: Skeleton) -> dict[str, np.ndarray]:
-    """Compute errors of estimated rotations (T, 38, 4), in the form of `arms_from_torso`, on a skeleton's arms.
-
-    `overall_cm` (T, P) of all joints of both arms and hands, from the torso; `hands_cm` (T, P') of finger joints and
-    tips, from their wrist and in its axes; `arms_deg` (T, 8) the geodesic angle of collars, upper arms, forearms and
-    hands, `arms_rad` (T, 8) their `component_error`; and the twists. Both bodies have the skeleton's lengths, so that
-    rotations alone are compared.
-    """
-    arms = arm_skeleton(skeleton)
-    fingers = arms.wrist_of >= 0
-    overall, hands = [], []
-    for rotation in (said, truth):
-        overall.append(_places(arms, rotation)[:, 1:])
-        still = rotation.copy()
-        still[:, ARMS] = [1.0, 0.0, 0.0, 0.0]
-        place = _places(arms, still)
-        hands.append(place[:, fingers] - place[:, arms.wrist_of[fingers]])
-    return {
-        "overall_cm": 100 * np.linalg.norm(overall[0] - overall[1], axis=-1),
-        "hands_cm": 100 * np.linalg.norm(hands[0] - hands[1], axis=-1),
-        "arms_deg": np.degrees(np.asarray(geodesic_angle(said[:, ARMS], truth[:, ARMS]))),
-        "arms_rad": component_error(said[:, ARMS], truth[:, ARMS]),
-    } | twist_errors(said, truth, skeleton)
-
-
-def component_error(said: np.ndarray, truth: np.ndarray) -> np.ndarray:
-    """Mean absolute difference of axis-angle components (...), radians, of rotations (..., 4): the paper's MPJRE."""
-    ours, true = (quaternion_log(np.asarray(quaternion_canonical(one))) for one in (said, truth))
-    return np.abs(np.asarray(ours) - np.asarray(true)).mean(axis=-1)
-
-
-def solved_from_positions(truth: Pose) -> np.ndarray:
-    """Return rotations (T, 38, 4), in the form of `arms_from_torso`, by inverse kinematics on the true positions.
-
-    No video gives as much. Twists that positions leave open are those of the body's
-    relaxed posture (`body/ik.py`).
-    """
-    position = np.asarray(forward_kinematics(truth)[0])
-    ik = InverseKinematics(truth.skeleton, IkSettings(max_iterations=50))
-    return arms_from_torso(solve_sequence(ik, position))
-
-
-def _places(arms: Skeleton, rotation: np.ndarray) -> np.ndarray:
-    """(T, P, 3) m: the points of arms alone."""
-    return np.asarray(forward_kinematics(with_arms(rest_pose(arms, rotation.shape[:1]), rotation))[0])
-
 
 MEASURES = {
     "hands_m": "hands, m",
@@ -212,50 +116,31 @@ def score_arms(
         recordings, pose = read_arm_recordings([clip]), resample(clip, RATE).pose
         for row in rows:
             if row.network is None:
-                both = (solved_from_positions(pose), arms_from_torso(pose))
-                solved, true = (torch.from_numpy(np.array(one)) for one in both)
-                count(row, clip, measures(solved, true, tuple(range(len(ARM_JOINTS)))))
+                count(row, clip, table_errors(solved_from_positions(pose), arms_from_torso(pose), EVERY))
         windows, rng = recordings.windows(stride), np.random.default_rng([seed, number])
         for first in range(0, len(windows), _BATCH):
             which = np.arange(first, min(first + _BATCH, len(windows)))
             keypoints, truth = film(recordings, windows, which, studio, rng)
-            window, wanted = window_of(keypoints), torch.from_numpy(truth.astype(np.float32))
+            window = window_of(keypoints)
             for row in rows:
                 if row.network is None:
                     continue
                 with torch.no_grad():
-                    said = row.network.quaternions(row.network(window))
-                count(row, clip, measures(said, wanted, row.network.config.joints))
+                    said = row.network.quaternions(row.network(window)).numpy()
+                count(row, clip, table_errors(said, truth, row.network.config.joints))
     if not census.clips:
         raise BodysenseError(f"{data.path}: no clip with fingers of {FRAMES} frames; give motion with fingers")
     return [replace(row, tallies=tallies[row.name]) for row in rows], census
 
 
-def measures(said: torch.Tensor, truth: torch.Tensor, joints: tuple[int, ...]) -> dict[str, np.ndarray]:
-    """Compute errors of rotations (..., N, 4) of `joints`, truth (..., 38, 4): one value a frame and joint.
+def solved_from_positions(truth: Pose) -> np.ndarray:
+    """Return rotations (T, 38, 4), in the form of `arms_from_torso`, by inverse kinematics on the true positions.
 
-    `hands_m` of finger joints and tips from their wrist, in its axes; `overall_m` of all joints from the chest, in
-    metres; `arms` the mean absolute difference of axis-angle components, radians (the paper's MPJRE), of collars,
-    upper arms, forearms and hands; angles in degrees are geodesic; twists are about the bone.
+    No video gives as much. Twists that positions leave open are those of the body's relaxed posture (`body/ik.py`).
     """
-    places, skeleton = list(joints), arms_alone()
-    wrist, fingers = np.maximum(skeleton.wrist_of, 0), skeleton.wrist_of >= 0
-    wanted = truth[..., places, :]
-    only = [places.index(k) for k in FINGERS]
-    hands = [arm_positions(one[..., only, :], FINGERS).numpy() for one in (said, wanted)]
-    from_wrist = [(one - one[..., wrist, :])[..., fingers, :] for one in hands]
-    angle = np.degrees(geodesic_angle(said, wanted).numpy())
-    result = {
-        "hands_m": np.linalg.norm(from_wrist[0] - from_wrist[1], axis=-1),
-        "fingers_deg": angle[..., only],
-    }
-    if len(places) < len(ARM_JOINTS):
-        return result
-    everywhere = [arm_positions(one, joints).numpy() for one in (said, wanted)]
-    result["overall_m"] = np.linalg.norm(everywhere[0] - everywhere[1], axis=-1)[..., 1:]
-    result["arms"] = component_error(*(one[..., ARMS, :].numpy() for one in (said, wanted)))
-    result["arms_deg"] = angle[..., ARMS]
-    return result | twist_errors(said.numpy(), truth.numpy(), skeleton)
+    position = np.asarray(forward_kinematics(truth)[0])
+    ik = InverseKinematics(truth.skeleton, IkSettings(max_iterations=50))
+    return arms_from_torso(solve_sequence(ik, position))
 
 
 def arm_report(scored: tuple[list[ScoredRow], Census], data: DataSet, perfect: bool = False) -> Report:

@@ -14,19 +14,17 @@ import torch
 from torch import Tensor, nn
 from torch.nn.functional import binary_cross_entropy_with_logits
 
-from bodysense.body.arms import ARM_JOINTS
-from bodysense.body.rotation import geodesic_angle
-from bodysense.body.skeleton import ARM
 from bodysense_lab.checkpoint import identity
 from bodysense_lab.fit import Task, seed_of
+from bodysense_lab.pahmt.errors import ARMS, table_errors
 from bodysense_lab.pahmt.features import ArmBatch, ArmRecordings, arm_positions, arms_alone, make_batch
 from bodysense_lab.pahmt.network import ArmNetwork
 from bodysense_lab.pahmt.options import ArmNetworkConfig, ArmSchedule, Studio
 from bodysense_lab.precision import layer_autocast
 from bodysense_lab.windows import Windows
 
-_ARMS = [k for k, name in enumerate(ARM_JOINTS) if name.partition("_")[2] in ARM]
 _VALIDATED = 192  # windows that are enough to see how a run goes
+_WATCHED = ("overall_m", "arms_deg", "hands_m", "fingers_deg")  # errors in a run's log
 
 
 class Pair(nn.Module):
@@ -47,7 +45,7 @@ def arm_loss(network: ArmNetwork, said: Tensor, batch: ArmBatch, schedule: ArmSc
     known, truth = batch.known[:, None, joints], batch.rotation[:, :, joints]
     wanted, terms = network.regressed(truth), {}
     if "rotation" in schedule.losses:
-        heavier = torch.tensor([schedule.arms if joint in _ARMS else 1.0 for joint in joints])
+        heavier = torch.tensor([schedule.arms if joint in ARMS else 1.0 for joint in joints])
         terms["rotation"] = schedule.rotation * _mean((said - wanted).abs().mean(dim=-1), known * heavier)
     if "smooth" in schedule.losses:
         terms["smooth"] = schedule.smooth * _mean((said[:, 1:] - said[:, :-1]).abs().mean(dim=-1), known)
@@ -169,10 +167,10 @@ def batch_of(frames: ArmRecordings, windows: Windows, schedule: ArmSchedule, ste
     return make_batch(frames, both, np.arange(len(both)), schedule.studio, rng)
 
 
-def validation_batches(frames: ArmRecordings, studio: Studio, seed: int = 0) -> Iterator[ArmBatch]:
+def validation_batches(frames: ArmRecordings, studio: Studio) -> Iterator[ArmBatch]:
     """The windows on which runs are watched, always filmed alike, not mirrored."""
     studio = replace(studio, mirrored=False)
-    windows, rng = frames.windows(), np.random.default_rng(seed)
+    windows, rng = frames.windows(), np.random.default_rng(0)
     which = np.linspace(0, len(windows) - 1, min(_VALIDATED, len(windows))).astype(np.int64)
     for some in np.array_split(which, max(1, len(which) // 64)):
         yield make_batch(frames, windows, some, studio, rng)
@@ -181,28 +179,13 @@ def validation_batches(frames: ArmRecordings, studio: Studio, seed: int = 0) -> 
 @torch.no_grad()
 def validate_arms(network: ArmNetwork, frames: ArmRecordings, studio: Studio = Studio()) -> dict[str, float]:
     """Mean errors on validation windows: `overall_m` (not of hands alone), `hands_m`, `arms_deg`, `fingers_deg`."""
-    training, joints = network.training, list(network.config.joints)
+    training = network.training
     network.eval()
     rows: list[dict[str, float]] = []
-    points = arms_alone().points
-    wrist = torch.tensor(np.maximum(arms_alone().wrist_of, 0))
-    fingers = torch.tensor([k for k, name in enumerate(points) if arms_alone().wrist_of[k] >= 0])
     for batch in validation_batches(frames, studio):
-        said = network.quaternions(network(batch.window))
-        truth = batch.rotation[:, :, joints]
-        apart = torch.rad2deg(geodesic_angle(said, truth)).mean(dim=(0, 1))
-        inside = list(network.config.joints)
-        row = {}
-        if network.config.input != "hands":
-            row["overall_m"] = float(_length(arm_positions(said, joints) - arm_positions(truth, joints)).mean())
-            row["arms_deg"] = float(apart[[inside.index(k) for k in _ARMS]].mean())
-        only = [k for k in inside if k not in _ARMS]
-        place = [inside.index(k) for k in only]
-        hands = [arm_positions(one[:, :, place], only) for one in (said, truth)]
-        from_wrist = [(one - one[:, :, wrist])[:, :, fingers] for one in hands]
-        row["hands_m"] = float(_length(from_wrist[0] - from_wrist[1]).mean())
-        row["fingers_deg"] = float(apart[place].mean())
-        rows.append(row)
+        said = network.quaternions(network(batch.window)).numpy()
+        errors = table_errors(said, batch.rotation.numpy(), network.config.joints)
+        rows.append({name: float(errors[name].mean()) for name in _WATCHED if name in errors})
     network.train(training)
     return {name: float(np.mean([row[name] for row in rows])) for name in rows[0]}
 
@@ -223,9 +206,9 @@ def _length(vector: Tensor) -> Tensor:
 class Discriminator(nn.Module):
     """Tells recorded sequences of rotations from estimated ones (section 3.4): three convolutions over time."""
 
-    def __init__(self, config: ArmNetworkConfig, width: int = 128) -> None:
+    def __init__(self, config: ArmNetworkConfig) -> None:
         super().__init__()
-        count = config.size * len(config.joints)
+        count, width = config.size * len(config.joints), 128
         self.layers = nn.Sequential(
             *(nn.Conv1d(count, width, 4, 2, 1), nn.LeakyReLU(0.2)),
             *(nn.Conv1d(width, width, 4, 2, 1), nn.LeakyReLU(0.2)),

@@ -10,7 +10,7 @@ from tyro.conf import Positional
 from bodysense.errors import BodysenseError
 from bodysense.io.rigs.options import AS_FOUND, ReadingOptions
 from bodysense.ranges import Count
-from bodysense_lab.options import Flat, Output, Split
+from bodysense_lab.options import Flat, Output, Seed, Split
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,7 +29,7 @@ class Rendering:
     """people to draw"""
     pixels: int = 480
     """height of the pictures, which are 4:3"""
-    seed: int = 1
+    seed: Seed = 1
     """random seed"""
     reading: Flat[ReadingOptions] = AS_FOUND
 

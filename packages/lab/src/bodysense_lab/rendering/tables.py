@@ -18,15 +18,16 @@ from bodysense.devices.simulated.camera_view import Camera, view, view_points
 from bodysense.devices.video.arms import ArmModel, Arms
 from bodysense.devices.video.device import VideoDevice
 from bodysense.devices.video.landmarker_files import LandmarkerFiles
-from bodysense.devices.video.landmarks import Landmarker, LandmarkerSettings
-from bodysense.devices.video.person import PersonLandmarks, PersonState, arm_keypoints, follow, joined_landmarks
-from bodysense.devices.video.pictures import open_video
+from bodysense.devices.video.landmarks import LandmarkerSettings
+from bodysense.devices.video.person import PersonLandmarks, arm_keypoints, joined_landmarks
 from bodysense.errors import BodysenseError
 from bodysense.intervals import Named
 from bodysense.scoring import GROUPS, Tally, group_named
 from bodysense.tracker import Tracker, TrackerSettings
 from bodysense_lab.chart import BarPanel, plain_bars
-from bodysense_lab.pahmt.tables import arm_errors, solved_from_positions
+from bodysense_lab.pahmt.errors import arm_errors
+from bodysense_lab.pahmt.system import watched
+from bodysense_lab.pahmt.tables import solved_from_positions
 from bodysense_lab.rendering.keypoint_errors import MEASURES as BONES
 from bodysense_lab.rendering.keypoint_errors import (
     ArmBones,
@@ -141,13 +142,7 @@ def score_videos(
 
 def watch(video: Path, files: LandmarkerFiles) -> PersonLandmarks:
     """The landmarks of the person in a video with one, (T,) of all its pictures."""
-    state, parts = PersonState(), []
-    with open_video(str(video)) as source, Landmarker(files, LandmarkerSettings(people=1)) as landmarker:
-        for picture in source.pictures:
-            bodies, hands = landmarker.find(picture)
-            found, state = follow(picture, bodies, hands, state)
-            parts.append(found)
-    return joined_landmarks(parts)
+    return joined_landmarks(watched(str(video), files, LandmarkerSettings(people=1)))
 
 
 def completed(

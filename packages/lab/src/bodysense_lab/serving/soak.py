@@ -7,7 +7,7 @@ import contextlib
 import json
 import os
 import signal
-import sys
+import subprocess
 import time
 from dataclasses import dataclass
 
@@ -16,6 +16,7 @@ import psutil
 
 from bodysense.errors import BodysenseError
 from bodysense.io.protocol import POSE, SUBPROTOCOL, SignalFrame, read_pose, write_signal
+from bodysense_lab.serving.server import served
 from bodysense_live.message_text import write_message
 from bodysense_live.messages import Hello, Resume
 
@@ -58,39 +59,33 @@ class SoakCounts:
     rss_mb_last: float = 0.0
 
 
-async def soak(plan: SoakPlan, rng: np.random.Generator) -> SoakCounts:
+def soak(plan: SoakPlan, rng: np.random.Generator) -> SoakCounts:
     """Run it. Raises BodysenseError where the server does not start, or ends."""
     counts = SoakCounts()
-    command = (sys.executable, "-m", "bodysense", "serve", "--port", "0", "--sessions", str(plan.sessions + 4))
-    several = ("--workers", str(plan.workers), *(() if plan.shared is None else ("--shared", plan.shared)))
-    server = await asyncio.create_subprocess_exec(*command, *several, stdout=asyncio.subprocess.PIPE)
-    killer: asyncio.Task[None] | None = None
-    assert server.stdout is not None
-    try:
-        line = (await asyncio.wait_for(server.stdout.readline(), 60)).decode()
-        if "http://" not in line:
-            raise BodysenseError("the server did not start; run `bodysense serve` to see why")
-        address = line[line.index("http://") :].strip().replace("http://", "ws://") + "ws"
-        end = time.monotonic() + plan.seconds
-        wearers = [
-            asyncio.create_task(_wearer(address, plan, end, np.random.default_rng(int(seed)), counts))
-            for seed in rng.integers(2**32, size=plan.sessions)
-        ]
-        if plan.seconds_between_kills:
-            killer = asyncio.create_task(_kill(server.pid, plan, rng, counts))
-        await asyncio.sleep(_WARM * plan.seconds)
-        counts.rss_mb_warm = rss_mb(server.pid)
-        await asyncio.gather(*wearers)
-        if server.returncode is not None:
-            raise BodysenseError("the server ended during the soak")
-        counts.rss_mb_last = rss_mb(server.pid)
-    finally:
-        if killer is not None:
-            killer.cancel()
-        if server.returncode is None:
-            server.terminate()
-        await server.wait()
+    shared = () if plan.shared is None else ("--shared", plan.shared)
+    with served("--sessions", str(plan.sessions + 4), "--workers", str(plan.workers), *shared) as (address, process):
+        asyncio.run(_all_wearers(f"{address.replace('http://', 'ws://')}ws", process, plan, rng, counts))
     return counts
+
+
+async def _all_wearers(
+    address: str, server: subprocess.Popen[str], plan: SoakPlan, rng: np.random.Generator, counts: SoakCounts
+) -> None:
+    """All wearers of a server, whose memory is looked at, and whose processes are killed."""
+    end = time.monotonic() + plan.seconds
+    wearers = [
+        asyncio.create_task(_wearer(address, plan, end, np.random.default_rng(int(seed)), counts))
+        for seed in rng.integers(2**32, size=plan.sessions)
+    ]
+    killer = asyncio.create_task(_kill(server.pid, plan, rng, counts)) if plan.seconds_between_kills else None
+    await asyncio.sleep(_WARM * plan.seconds)
+    counts.rss_mb_warm = rss_mb(server.pid)
+    await asyncio.gather(*wearers)
+    if server.poll() is not None:
+        raise BodysenseError("the server ended during the soak")
+    counts.rss_mb_last = rss_mb(server.pid)
+    if killer is not None:
+        killer.cancel()
 
 
 async def _wearer(address: str, plan: SoakPlan, end: float, rng: np.random.Generator, counts: SoakCounts) -> None:

@@ -17,7 +17,6 @@ from typing import Literal
 import numpy as np
 
 from bodysense.body.pose import Pose, forward_kinematics
-from bodysense.body.skeleton import Skeleton
 from bodysense.devices.estimate import Estimator
 from bodysense.devices.simulated.sensors import HEADSET_CAMERA, observe
 from bodysense.errors import BodysenseError
@@ -27,7 +26,7 @@ from bodysense.metrics import joint_error
 from bodysense.papers.ik_tracker import IkTracker, IkTrackerSettings
 from bodysense.pictures.animation import write_animation
 from bodysense.pictures.sheet import FollowingCamera, Lens, follow_body
-from bodysense.scoring import RATE, UNOC_EVAL_JOINTS, Hold
+from bodysense.scoring import RATE, Hold, scored_points
 from bodysense_lab.study.study import CONDITIONS, Condition, StudyKey, draw_key, write_key
 from bodysense_lab.unoc.learned import Learned, load_model
 
@@ -105,7 +104,7 @@ def complete_clip(clip: Clip, settings: StudySettings) -> SceneMotion:
         "ours": completed(Learned(load_model(settings.model), skeleton)),
         "baseline": completed(Hold(skeleton, settings.last_known)),
     }
-    return _described(clip.name, pose, ~observation.has_position[:, _tested(skeleton)])
+    return _described(clip.name, pose, ~observation.has_position[:, scored_points(skeleton)])
 
 
 def cut_scenes(motion: SceneMotion, longest: float) -> list[SceneMotion]:
@@ -183,18 +182,13 @@ def _renderings(
 
 def _described(name: str, pose: dict[Condition, Pose], hidden: np.ndarray) -> SceneMotion:
     """A scene with its errors."""
-    tested = _tested(pose["truth"].skeleton)
+    tested = scored_points(pose["truth"].skeleton)
     position = {c: np.asarray(forward_kinematics(pose[c])[0])[:, tested] for c in CONDITIONS}
     error: dict[Condition, float] = {}
     for condition in CONDITIONS:
         missed = joint_error(position[condition], position["truth"])[hidden]
         error[condition] = float(missed.mean()) if missed.size else math.nan
     return SceneMotion(name, pose, hidden, error)
-
-
-def _tested(skeleton: Skeleton) -> list[int]:
-    """Points that the paper's tables test."""
-    return [index for index, point in enumerate(skeleton.points) if point.partition("_")[2] in UNOC_EVAL_JOINTS]
 
 
 @contextmanager

@@ -25,17 +25,19 @@ def glove_stream(hands: Sequence[str], frames: int, hidden: int) -> tuple[dict[s
         for start in range(0, frames, _EVERY):
             markers[start : start + _EVERY, rng.permutation(markers.shape[1])[:hidden]] = np.nan
         rows.append(mirrored_vectors(markers, side_of(name)))
-    position = np.concatenate(rows, axis=1)
-    seen = ~np.isnan(position[..., 0])
     points = tuple(point for name in hands for point in glove_points(name))
-    turned = np.full((*position.shape[:2], 4), np.nan)
-    observation = Observation(
+    return dict.fromkeys(hands, hand), observed_markers(points, np.concatenate(rows, axis=1))
+
+
+def observed_markers(points: tuple[str, ...], position: np.ndarray) -> Observation:
+    """Exact markers (T, P, 3) m at 60 Hz, NaN where hidden."""
+    seen = ~np.isnan(position[..., 0])
+    return Observation(
         points=points,
         position=position,
-        rotation=turned,
+        rotation=np.full((*seen.shape, 4), np.nan),
         has_position=seen,
         has_rotation=np.zeros_like(seen),
         accuracy=accuracy_like(seen, EXACT_ACCURACY),
-        time=np.arange(frames) / RATE,
+        time=np.arange(1, len(position) + 1) / RATE,
     )
-    return dict.fromkeys(hands, hand), observation

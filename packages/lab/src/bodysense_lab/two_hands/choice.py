@@ -14,6 +14,7 @@ from zlib import crc32
 
 import numpy as np
 
+from bodysense.body.hand import FINGERS
 from bodysense.body.hand_family import GlovedHand, draw_hand
 from bodysense.devices.gloves.continuity import Remembered
 from bodysense.devices.gloves.fillers import NetworkFiller
@@ -22,7 +23,7 @@ from bodysense.devices.gloves.inertial import InertialSettings
 from bodysense_lab.datasets import DataSet, describe
 from bodysense_lab.synthesis.hands import HandMotion, synthesize_hand
 from bodysense_lab.table import Report, cell, finite
-from bodysense_lab.two_hands.fusion import SCORED, SECONDS, STRIDE, fused_errors, lose_some
+from bodysense_lab.two_hands.fusion import SCORED, SECONDS, STRIDE, fused_errors
 from bodysense_lab.two_hands.scores import ALONE, SYNTHESISED, SYNTHETIC_SECONDS, GloveTable, HandTask, measure
 from bodysense_lab.two_hands.trials import DURATIONS, LAST, KeyedMeans, Trials, cut, hide_some, marker_error, together
 
@@ -73,7 +74,7 @@ def measure_settings(task: HandTask) -> KeyedMeans:
                 means.add(("fading", value, seconds), error)
     longer = _joined(worn, SCORED, rng)
     if longer is not None:
-        lost, seed = lose_some(len(longer), LOST_FINGERS, rng), int(rng.integers(2**31))
+        lost, seed = hide_some(len(longer), LOST_FINGERS, rng, len(FINGERS)), int(rng.integers(2**31))
         for value in CANDIDATES["aside"].values:
             hands = replace(ALONE, inertial=InertialSettings(aside=value or np.inf))
             errors = fused_errors(longer, lost, models, np.random.default_rng(seed), hands)

@@ -16,10 +16,10 @@ from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.registration import brought_back, register
 from bodysense.body.rotation import quaternion_conjugate, quaternion_multiply, quaternion_rotate, shortest_arc
 from bodysense.body.skeleton import Skeleton, default_skeleton
-from bodysense_lab.two_hands.frames import GloveFrames
+from bodysense_lab.two_hands.frames import RATE, GloveFrames
 from bodysense_lab.two_hands.given_shapes import draw_shapes
 from bodysense_lab.two_hands.network import JointNetwork, MarkerNetwork
-from bodysense_lab.two_hands.task import GloveSchedule
+from bodysense_lab.two_hands.task import GloveTask
 
 _ROUND = 1e-3  # m: below, distances count squared
 _BASES = tuple(f"{finger}1" for finger in FINGERS)
@@ -37,33 +37,27 @@ class Registered(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class MarkerTask:
+class MarkerTask(GloveTask):
     """Hidden markers from the others."""
 
-    frames: GloveFrames
-    validation: GloveFrames
-    schedule: GloveSchedule
-    rate: float  # Hz, of the frames
-
-    def loss(self, network: MarkerNetwork, rng: np.random.Generator) -> dict[str, Tensor]:
+    def loss(self, batch: np.random.Generator, memory: None) -> tuple[dict[str, Tensor], None]:
         """Compute the loss of hidden markers, at two times of an occlusion."""
-        schedule = self.schedule
-        share, noise = schedule.hidden_share, schedule.noise
-        batch = draw_markers(self.frames, schedule.batch, share, noise, self.rate, rng)
+        schedule, network = self.schedule, self.network
+        drawn = draw_markers(self.frames, schedule.batch, schedule.hidden_share, schedule.noise, batch)
         if schedule.squared:
-            missed = network(batch.seen, batch.hand) - batch.all
-            return {"loss": (missed * 100).square().mean()}
-        before, after = self._errors(network, batch)
+            missed = network(drawn.seen, drawn.hand) - drawn.all
+            return {"loss": (missed * 100).square().mean()}, None
+        before, after = self._errors(network, drawn)
         position = (_rounded(before) + _rounded(after)).mean() / 2
         change = _rounded(after - before).mean()
-        return {"loss": 100 * (position + schedule.change * change), "position": position, "change": change}
+        return {"loss": 100 * (position + schedule.change * change), "position": position, "change": change}, None
 
     @torch.no_grad()
-    def validate(self, network: MarkerNetwork) -> float:
+    def validate(self, network: MarkerNetwork) -> dict[str, float]:
         """Mean change of the error since the occlusion, one to four markers hidden as often, cm."""
-        batch = draw_markers(self.validation, 4096, _ALL_ALIKE, 0.0, self.rate, np.random.default_rng(0))
+        batch = draw_markers(self.validation, 4096, _ALL_ALIKE, 0.0, np.random.default_rng(0))
         before, after = self._errors(network, batch)
-        return 100 * float((after - before).norm(dim=-1).mean())
+        return {"error_cm": 100 * float((after - before).norm(dim=-1).mean())}
 
     @staticmethod
     def _errors(network: MarkerNetwork, batch: Registered) -> tuple[Tensor, Tensor]:
@@ -73,31 +67,27 @@ class MarkerTask:
 
 
 @dataclass(frozen=True, eq=False)
-class JointTask:
+class JointTask(GloveTask):
     """A hand's angles from all its markers."""
 
-    frames: GloveFrames
-    validation: GloveFrames
-    schedule: GloveSchedule
-
-    def loss(self, network: JointNetwork, rng: np.random.Generator) -> dict[str, Tensor]:
+    def loss(self, batch: np.random.Generator, memory: None) -> tuple[dict[str, Tensor], None]:
         """Compute the loss of finger joints after the finger rotation, plus small terms before it and of angles."""
         schedule, frames = self.schedule, self.frames
-        rows = rng.integers(len(frames), size=schedule.batch)
-        noise = rng.normal(0.0, schedule.noise, (len(rows), len(MARKERS), 3))
-        before, after, true, angles = self._answer(network, frames, rows, noise, rng)
+        rows = batch.integers(len(frames), size=schedule.batch)
+        noise = batch.normal(0.0, schedule.noise, (len(rows), len(MARKERS), 3))
+        before, after, true, angles = self._answer(self.network, frames, rows, noise, batch)
         turned = (angles - torch.from_numpy(frames.angles[rows])).square().mean()
         if schedule.squared:
-            return {"loss": turned}
+            return {"loss": turned}, None
         position, raw = (_rounded(points - true).mean() for points in (after, fingers_of(before)))
-        return {"loss": 100 * (position + 0.3 * raw) + 0.3 * turned, "position": position, "turned": turned}
+        return {"loss": 100 * (position + 0.3 * raw) + 0.3 * turned, "position": position, "turned": turned}, None
 
     @torch.no_grad()
-    def validate(self, network: JointNetwork) -> float:
+    def validate(self, network: JointNetwork) -> dict[str, float]:
         """Mean distance of the joints of fingers after the finger rotation, cm."""
         rows = np.linspace(0, len(self.validation) - 1, 8192).astype(int)
         _, after, true, _ = self._answer(network, self.validation, rows, 0.0, np.random.default_rng(0))
-        return 100 * float((after - true).norm(dim=-1).mean())
+        return {"error_cm": 100 * float((after - true).norm(dim=-1).mean())}
 
     @staticmethod
     def _answer(
@@ -117,16 +107,11 @@ class JointTask:
 
 
 def draw_markers(
-    frames: GloveFrames,
-    count: int,
-    share: tuple[float, ...],
-    noise: float,
-    rate: float,
-    rng: np.random.Generator,
+    frames: GloveFrames, count: int, share: tuple[float, ...], noise: float, rng: np.random.Generator
 ) -> Registered:
     """Frames and others of the same motions up to 2 s later or earlier, the same markers hidden: (2, count, …)."""
     rows = rng.integers(len(frames), size=count)
-    gap = np.exp(rng.uniform(np.log(0.1), np.log(2.0), count)) * rate
+    gap = np.exp(rng.uniform(np.log(0.1), np.log(2.0), count)) * RATE
     later = _within(frames, rows, np.maximum(1, np.round(gap)).astype(int) * rng.choice([-1, 1], count))
     both, hidden = np.stack([rows, later]), hide(count, share, rng)
     markers = frames.markers[both] + rng.normal(0.0, noise, (2, count, len(MARKERS), 3))

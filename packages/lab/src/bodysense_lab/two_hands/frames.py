@@ -14,6 +14,8 @@ from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.errors import BodysenseError
 from bodysense_lab.synthesis.hands import HandMotion
 
+RATE = 30.0  # Hz, of the frames that are learned
+
 
 @dataclass(frozen=True, eq=False)
 class GloveFrames:

@@ -40,7 +40,16 @@ from bodysense_lab.two_hands.scores import (
     HandTask,
     measure,
 )
-from bodysense_lab.two_hands.trials import FINGER_POINTS, KeyedMeans, Trials, cut, hands_of, observed, together
+from bodysense_lab.two_hands.trials import (
+    FINGER_POINTS,
+    KeyedMeans,
+    Trials,
+    cut,
+    hands_of,
+    hide_some,
+    observed,
+    together,
+)
 
 METHODS = {"markers": "markers alone", "imu": "sensors alone", "fused": "fused"}
 FUSION_PLACES = {
@@ -81,18 +90,13 @@ def measure_fusion(
 
 def _add(means: KeyedMeans, place: str, trials: Trials, models: GloveModels, rng: np.random.Generator) -> None:
     """Score trials with every number of hidden fingers, all at once."""
-    lost = np.concatenate([lose_some(len(trials), count, rng) for count in FINGER_COUNTS])
+    lost = np.concatenate([hide_some(len(trials), count, rng, len(FINGERS)) for count in FINGER_COUNTS])
     several = together([trials] * len(FINGER_COUNTS))
     for method, errors in fusion_errors(several, lost, models, rng).items():
         for k, count in enumerate(FINGER_COUNTS):
             rows = slice(k * len(trials), (k + 1) * len(trials))
             for seconds, error in zip(SECONDS, errors[:, rows], strict=True):
                 means.add((place, method, count, seconds), error)
-
-
-def lose_some(trials: int, count: int, rng: np.random.Generator) -> np.ndarray:
-    """(H, 5) bool: `count` random fingers of each."""
-    return rng.random((trials, len(FINGERS))).argsort(axis=1).argsort(axis=1) < count
 
 
 def fusion_errors(
@@ -194,12 +198,16 @@ def fusion_table(
 def fusion_report(table: GloveTable) -> Report:
     """Errors of hidden fingers by markers, by sensors and by both."""
     made = f"Synthesised: {table.synthesised} hands, {SYNTHETIC_SECONDS:g} s each, of a seed of their own."
+    figures = {
+        f"{place}_{method}_{count}_{seconds:.1f}_cm": table.means.get(place, method, count, seconds)
+        for place, method, count, seconds in table.means.sums
+    }
     return Report(
         name="gloves-fusion",
         title="Two hands, section 2.2: fingers whose markers are hidden, with inertial sensors",
         columns=("hand", "method", "fingers hidden", *(f"{seconds:g} s" for seconds in SECONDS)),
         rows=tuple(_rows(table)),
-        numbers=finite({_key(*key): table.means.get(*key) for key in table.means.sums}) | table.census.numbers(),
+        numbers=finite(figures) | table.census.numbers(),
         data=(made,) if table.data is None else (describe(table.data, table.census), made),
         caption="Mean error of the second and third joint and the tip of the fingers whose markers are hidden, cm. No "
         "network learned these hands.",
@@ -214,8 +222,3 @@ def _rows(table: GloveTable) -> Iterator[tuple[str | float | None, ...]]:
                 row = [table.means.get(place, method, count, seconds) for seconds in SECONDS]
                 if np.isfinite(row).any():
                     yield label, name, str(count), *map(cell, row)
-
-
-def _key(place: str, method: str, count: int, seconds: float) -> str:
-    """Return a key of the report: stranger_fused_1_0.5_cm …"""
-    return f"{place}_{method}_{count}_{seconds:.1f}_cm"

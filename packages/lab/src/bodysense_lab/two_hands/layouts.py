@@ -20,7 +20,7 @@ from bodysense.body.skeleton import default_skeleton
 from bodysense.devices.gloves.calibration import fit_hand
 from bodysense.devices.gloves.device import glove_device
 from bodysense.devices.gloves.hands import GloveModels, load_glove_models
-from bodysense.observation import EXACT_ACCURACY, Observation, accuracy_like
+from bodysense_lab.synthesis.glove_stream import observed_markers
 from bodysense_lab.synthesis.hands import RATE, synthesize_hand
 from bodysense_lab.table import Report, finite
 from bodysense_lab.two_hands.trials import FINGER_POINTS, KeyedMeans
@@ -125,26 +125,13 @@ def _scored(layout: Layout, number: int, models: GloveModels) -> Iterator[tuple[
 def _errors(known: GlovedHand, seen: np.ndarray, truth: np.ndarray, models: GloveModels, hidden: int) -> np.ndarray:
     """(F,) cm; where one is hidden, of the frames before it returns."""
     device = glove_device(default_skeleton(), ("left",), models, calibrated={"left": known})
-    answer, _ = device.step(observed(known.glove.markers, seen), device.start())
+    points = tuple(f"left_glove_{name}" for name in known.glove.markers)
+    answer, _ = device.step(observed_markers(points, seen), device.start())
     places = [answer.points.index(f"left_{point}") for point in FINGER_POINTS]
     error = 100 * np.linalg.norm(answer.position[:, places] - truth, axis=-1).mean(axis=1)
     if not hidden:
         return error[_SETTLED:]
     return error[round(RATE) - 1 :: round(RATE)]
-
-
-def observed(names: tuple[str, ...], seen: np.ndarray) -> Observation:
-    """Markers (T, M, 3) m of a left hand, NaN where hidden, at 60 Hz."""
-    known = ~np.isnan(seen[..., 0])
-    return Observation(
-        points=tuple(f"left_glove_{name}" for name in names),
-        position=seen,
-        rotation=np.full((*known.shape, 4), np.nan),
-        has_position=known,
-        has_rotation=np.zeros_like(known),
-        accuracy=accuracy_like(known, EXACT_ACCURACY),
-        time=np.arange(1, len(seen) + 1) / RATE,
-    )
 
 
 def _set(plates: list[dict], markers: list[dict]) -> GloveSet:

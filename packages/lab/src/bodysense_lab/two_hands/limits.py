@@ -7,58 +7,33 @@ again with markers that have no names.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from functools import cache, partial
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 
-from bodysense.body.hand import FINGERS, Side, hand_pose, hand_skeleton, mirrored_rotations, mirrored_vectors
+from bodysense.body.hand import FINGERS, Side, mirrored_rotations, mirrored_vectors
 from bodysense.body.hand_capsules import GIVE, NAMES, hand_capsules, mutual_depth, own_depth, own_pairs
 from bodysense.body.pose import Pose, forward_kinematics
-from bodysense.body.skeleton import Skeleton, default_skeleton
+from bodysense.body.skeleton import Skeleton
 from bodysense.devices.gloves.hands import GloveModels, Hands, HandsSettings
 from bodysense.devices.gloves.labelling import Labeller
 from bodysense.devices.gloves.networks import load_joint_network, load_marker_network
 from bodysense.devices.simulated.camera_ring import CameraRing
 from bodysense.devices.simulated.glove import GloveCapture, observe_hands
 from bodysense.errors import BodysenseError
-from bodysense.io.clip import Clip
-from bodysense.io.resample import resample
 from bodysense.metrics import joint_error
 from bodysense.observation import Observation
-from bodysense.scoring import group_of
-from bodysense_lab.datasets import Census, gathered
-from bodysense_lab.spread import spread
-from bodysense_lab.synthesis.hands import RATE, varied_hand
-from bodysense_lab.synthesis.pairs import synthesize_pair
+from bodysense_lab.two_hands.hand_pairs import HandPair
 
 COUNTED = 0.001  # m: a deeper penetration counts
 TOUCHING = 0.002  # m: fingertips whose surfaces are nearer touch
 JUMP = 0.005  # m: a point that goes so much farther than in truth jumps
 SPIKES = (0.0, 0.01, 0.05)  # shares of the samples that are wrong
-SYNTHESISED_SECONDS, SYNTHESISED_PIECES, SPREAD = 20.0, 6, 0.05
+SYNTHESISED_PIECES = 6
 _TIPS = [NAMES.index(f"{finger}3") for finger in FINGERS]
-
-
-@dataclass(frozen=True, eq=False)
-class HandPair:
-    """Two hands of a person over time at 60 Hz, each a left hand in its own world, and the body if it is known."""
-
-    left: Pose
-    right: Pose
-    body: Pose | None = None
-
-    @property
-    def time(self) -> np.ndarray:
-        """(T,) s."""
-        return np.arange(1, len(self.left.root_position) + 1) / RATE
-
-    @property
-    def hands(self) -> dict[str, Pose]:
-        """By the names that observations have."""
-        return {"left": self.left, "right": self.right}
 
 
 @dataclass(frozen=True)
@@ -106,8 +81,13 @@ class Findings:
         return means | self.largest
 
 
-def measure_pair(pair: HandPair, models: GloveModels, cameras: CameraRing, rng: np.random.Generator) -> Findings:
+def measure_limits(pair: HandPair, rng: np.random.Generator, networks: Networks, cameras: CameraRing) -> Findings:
     """Everything of one recording, under the keys of `limits_report`."""
+    return measure_pair(pair, _models(networks), cameras, rng)
+
+
+def measure_pair(pair: HandPair, models: GloveModels, cameras: CameraRing, rng: np.random.Generator) -> Findings:
+    """`measure_limits` with open networks."""
     findings = Findings()
     watched = observe_hands(pair.hands, pair.time, GloveCapture(cameras), rng, pair.body)
     without = replace(HandsSettings(), contact=None)
@@ -251,47 +231,6 @@ def label_accuracy(
     if not total:
         raise BodysenseError("labelling: no marker is seen in any frame; there is nothing to label")
     return LabelScore(right / total, wrong / total, 1 - (right + wrong) / total, total)
-
-
-def pair_of_clip(clip: Clip) -> HandPair:
-    """Both hands of a clip with fingers, at 60 Hz."""
-    body = resample(clip, RATE).pose
-    return HandPair(hand_pose(body, "left"), hand_pose(body, "right"), body)
-
-
-def synthesised_pair(seed: tuple[int, int], seconds: float = SYNTHESISED_SECONDS) -> HandPair:
-    """A pair of hands of some size that meet again and again."""
-    rng = np.random.default_rng(seed)
-    hand = varied_hand(hand_skeleton(default_skeleton(), "left"), SPREAD, rng)
-    left, right = synthesize_pair(hand, seconds, rng)
-    return HandPair(left.pose, right.pose)
-
-
-def measure_clips(
-    clips: Iterable[Clip], networks: Networks, cameras: CameraRing, jobs: int, advance: Callable[[Clip], None]
-) -> tuple[dict[str, Findings], Census]:
-    """Return findings of all clips with fingers by group of categories; `advance` is called after each clip."""
-    with_fingers = (clip for clip in clips if clip.has_fingers)
-    return gathered(partial(_of_clip, networks=networks, cameras=cameras), with_fingers, jobs, advance)
-
-
-def measure_synthesised(
-    seeds: Iterable[tuple[int, int]], networks: Networks, cameras: CameraRing, jobs: int, advance: Callable[[], None]
-) -> Findings:
-    """Findings of synthesised pairs, every one of other hands; `advance` after each."""
-    found = Findings()
-    for _, one in spread(partial(_of_seed, networks=networks, cameras=cameras), seeds, jobs):
-        found.merge(one)
-        advance()
-    return found
-
-
-def _of_clip(clip: Clip, networks: Networks, cameras: CameraRing) -> dict[str, Findings]:
-    return {group_of(clip): measure_pair(pair_of_clip(clip), _models(networks), cameras, np.random.default_rng(0))}
-
-
-def _of_seed(seed: tuple[int, int], networks: Networks, cameras: CameraRing) -> Findings:
-    return measure_pair(synthesised_pair(seed), _models(networks), cameras, np.random.default_rng(seed))
 
 
 @cache

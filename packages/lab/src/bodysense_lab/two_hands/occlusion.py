@@ -6,28 +6,21 @@ both are counted in the same motion.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from functools import partial
 from typing import Literal
 
 import numpy as np
 
 from bodysense.body.glove import MARKERS
-from bodysense.body.hand import hand_pose, hand_skeleton
-from bodysense.body.pose import Pose
-from bodysense.body.skeleton import default_skeleton
 from bodysense.devices.simulated.camera_ring import CameraRing
 from bodysense.devices.simulated.glove import visible
-from bodysense.io.clip import Clip
-from bodysense.io.resample import resample
-from bodysense.scoring import GROUPS, group_of
+from bodysense.scoring import GROUPS
 from bodysense_lab.chart import BarPanel, plain_bars
-from bodysense_lab.datasets import Census, DataSet, census_of, describe
-from bodysense_lab.spread import spread
-from bodysense_lab.synthesis.hands import RATE, varied_hand
-from bodysense_lab.synthesis.pairs import synthesize_pair
+from bodysense_lab.datasets import Census, DataSet, describe
+from bodysense_lab.synthesis.hands import RATE
 from bodysense_lab.table import Cell, Report, cell, finite
+from bodysense_lab.two_hands.hand_pairs import HandPair
 
 Setting = Literal["one", "each", "both"]
 SETTINGS: dict[Setting, str] = {"one": "one hand", "each": "each of two hands", "both": "both hands"}
@@ -36,7 +29,7 @@ PUBLISHED_SHORT = 0.90
 # Shares of one, two … hidden markers in frames with one to four of them (Fig. 13); the network is trained with these.
 PUBLISHED_AT_ONCE = (0.70, 0.17, 0.08, 0.05)
 EDGES = (0.1, 0.2, SHORT, 0.5, 1.0, 2.0)  # s, between the bars of the histogram
-SYNTHESISED_SECONDS, SYNTHESISED_PIECES, SPREAD = 20.0, 12, 0.05
+SYNTHESISED_PIECES = 12
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +57,16 @@ class MarkerHiding:
         return float((self.spans < seconds).mean()) if len(self.spans) else float("nan")
 
 
-Counted = dict[str, dict[Setting, MarkerHiding]]  # by GROUPS
+class Hidings(dict[Setting, MarkerHiding]):
+    """Hidden markers by setting."""
+
+    def merge(self, other: Hidings) -> None:
+        """Count what another has counted."""
+        for setting, more in other.items():
+            self[setting] += more
+
+
+Counted = Mapping[str, Mapping[Setting, MarkerHiding]]  # by GROUPS
 
 
 def count_hidden(seen: np.ndarray, rate: float) -> MarkerHiding:
@@ -80,42 +82,16 @@ def count_hidden(seen: np.ndarray, rate: float) -> MarkerHiding:
     return MarkerHiding(at_once / rate, np.concatenate(spans) / rate)
 
 
-def count_pair(
-    left: Pose, right: Pose, rate: float, cameras: CameraRing, body: Pose | None = None
-) -> dict[Setting, MarkerHiding]:
-    """Count in one recording of two hands (T, …), each a left hand in its own world, and of the body if it is known."""
-    both = visible({"left": left, "right": right}, cameras, body)
-    alone = [visible({name: hand}, cameras, body) for name, hand in (("left", left), ("right", right))]
+def count_pair(pair: HandPair, rng: np.random.Generator, cameras: CameraRing) -> Hidings:
+    """Count in one recording; nothing of it is drawn by `rng`."""
+    del rng
+    both = visible(pair.hands, cameras, pair.body)
+    alone = [visible({name: hand}, cameras, pair.body) for name, hand in pair.hands.items()]
     one, each = (
-        count_hidden(first, rate) + count_hidden(second, rate)
+        count_hidden(first, RATE) + count_hidden(second, RATE)
         for first, second in (alone, np.split(both, [len(MARKERS)], axis=1))
     )
-    return {"one": one, "each": each, "both": count_hidden(both, rate)}
-
-
-def count_clips(
-    clips: Iterable[Clip], cameras: CameraRing, jobs: int, advance: Callable[[Clip], None]
-) -> tuple[Counted, Census]:
-    """Count hidden markers in every clip with fingers, at 60 Hz; `advance` is called after every clip."""
-    counted: Counted = {}
-    census = Census()
-    with_fingers = _reporting_others(clips, advance)
-    for clip, found in spread(partial(_of_clip, cameras=cameras), with_fingers, jobs):
-        _add(counted, group_of(clip), found)
-        census += census_of(clip)
-        advance(clip)
-    return counted, census
-
-
-def count_synthesised(
-    cameras: CameraRing, seed: int, jobs: int, advance: Callable[[], None], pieces: int = SYNTHESISED_PIECES
-) -> Counted:
-    """Count in pieces of synthesised motion of two hands, every one on other hands; `advance` after each."""
-    counted: Counted = {}
-    for _, found in spread(partial(_of_seed, cameras=cameras), [(seed, piece) for piece in range(pieces)], jobs):
-        _add(counted, "main", found)
-        advance()
-    return counted
+    return Hidings({"one": one, "each": each, "both": count_hidden(both, RATE)})
 
 
 def numbers_of(counted: Counted) -> dict[str, float]:
@@ -154,32 +130,6 @@ def occlusion_report(counted: Counted, cameras: CameraRing, data: DataSet | None
         f"other is taken away. Both hands: of {2 * len(MARKERS)} markers. At {RATE:g} Hz.",
         panels=(_at_once_panel(main), _span_panel(main)),
     )
-
-
-def _of_clip(clip: Clip, cameras: CameraRing) -> dict[Setting, MarkerHiding]:
-    pose = resample(clip, RATE).pose
-    return count_pair(hand_pose(pose, "left"), hand_pose(pose, "right"), RATE, cameras, pose)
-
-
-def _of_seed(seed: tuple[int, int], cameras: CameraRing) -> dict[Setting, MarkerHiding]:
-    rng = np.random.default_rng(seed)
-    hand = varied_hand(hand_skeleton(default_skeleton(), "left"), SPREAD, rng)
-    left, right = synthesize_pair(hand, SYNTHESISED_SECONDS, rng)
-    return count_pair(left.pose, right.pose, RATE, cameras)
-
-
-def _reporting_others(clips: Iterable[Clip], advance: Callable[[Clip], None]) -> Iterator[Clip]:
-    """The clips with fingers."""
-    for clip in clips:
-        if clip.has_fingers:
-            yield clip
-        else:
-            advance(clip)
-
-
-def _add(counted: Counted, group: str, found: dict[Setting, MarkerHiding]) -> None:
-    there = counted.get(group)
-    counted[group] = found if there is None else {setting: there[setting] + found[setting] for setting in SETTINGS}
 
 
 def _told(cameras: CameraRing) -> str:

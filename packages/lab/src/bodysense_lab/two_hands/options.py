@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import inf
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 from tyro.conf import Suppress
 
 from bodysense.errors import BodysenseError
-from bodysense_lab.options import Card, Paced, Run, check_fields
+from bodysense.ranges import Count, within
+from bodysense_lab.options import Card, Paced, Run
 
 Network = Literal["markers", "joints"]
 Form = Literal["shipped", "paper"]
+Minutes = Annotated[float, within(float, 0, 60_000)]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,11 +29,11 @@ class GloveTraining(Run, Card, Paced):
     form: Form = "shipped"
     """'shipped' is larger and reads the lengths of bones and which markers are hidden; 'paper' has the layers of
     Tables 1 and 2"""
-    steps: int | None = None
+    steps: Count | None = None
     """optimiser steps; by default the form's own"""
-    hand_minutes: float = 40.0
+    hand_minutes: Minutes = 40.0
     """minutes of synthesised hands, in addition to the recorded ones"""
-    pair_minutes: float = 10.0
+    pair_minutes: Minutes = 10.0
     """minutes of synthesised pairs of hands that touch; --limit takes as many half minutes of each at most"""
     leave_one_out: bool = False
     """train as often as there are people in the data, each time without one of them, in a folder `without-PERSON` each,
@@ -45,11 +46,5 @@ class GloveTraining(Run, Card, Paced):
         return ("markers", "joints") if self.network == "both" else (self.network,)
 
     def __post_init__(self) -> None:
-        super().__post_init__()
         if self.out.suffix == ".onnx":
             raise BodysenseError(f"{self.out}: several networks are written; give a folder")
-        check_fields(self, "steps", "check_every")
-        for name in ("hand_minutes", "pair_minutes"):
-            if not 0 <= getattr(self, name) < inf:
-                option = name.replace("_", "-")
-                raise BodysenseError(f"--{option} {getattr(self, name):g}: give 0 or more")

@@ -159,7 +159,6 @@ def measure_fingers(
     task: HandTask,
     markers: Path | None = None,
     joints: Path | None = None,
-    settings: HandsSettings = ALONE,
     stride: int = STRIDE,
     left_out: Path | None = None,
 ) -> KeyedMeans:
@@ -170,13 +169,13 @@ def measure_fingers(
         for motion in motions:
             means.add((group, method, 0, 0.0), descent_error(motion, limits, stride))
     for trials, count, hidden in _all_trials(motions, stride):
-        still, *errors = finger_error(trials, hidden, models, settings)
+        still, *errors = finger_error(trials, hidden, models, ALONE)
         means.add((group, "nn", 0, 0.0), still)
         for duration, error in zip(DURATIONS, errors, strict=True):
             means.add((group, "nn", count, duration), error)
     if group == GROUPS[0]:
         foreign = ForeignModels(markers, joints, left_out)
-        means.merge(foreign_fingers(motions, person, foreign, settings, FOREIGN_STRIDE))
+        means.merge(foreign_fingers(motions, person, foreign, ALONE, FOREIGN_STRIDE))
     return means
 
 

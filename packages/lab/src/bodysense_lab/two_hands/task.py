@@ -1,19 +1,17 @@
-"""Training of the networks of a glove (two-hands, section 3.3): how long, and how. What is learned is a lesson."""
+"""Training of the networks of a glove (two-hands, section 3.3): how long, and how."""
 
 from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import torch
-from lightning_fabric import Fabric
-from torch import Tensor, nn
 
-from bodysense_lab.fit import Report, Task, fit, launched, rate_at, seed_of
+from bodysense_lab.fit import Task, rate_at, seed_of
+from bodysense_lab.two_hands.frames import GloveFrames
 
 HIDDEN_SHARE = (0.70, 0.17, 0.08, 0.05)  # how often one to four markers are hidden (two-hands, Fig. 13)
 EVEN_SHARE = (0.4, 0.25, 0.2, 0.15)  # ours: so that four are learned, too
@@ -45,25 +43,14 @@ PAPER_MARKER_SCHEDULE = GloveSchedule(
 PAPER_JOINT_SCHEDULE = GloveSchedule(batch=32, patience=5, average_decay=0.0, noise=0.0, squared=True)
 
 
-class Lesson(Protocol):
-    """The lesson of a network: its loss and its validation."""
-
-    def loss(self, network: Any, rng: np.random.Generator) -> dict[str, Tensor]:
-        """Compute the terms of one batch and their sum, 'loss'."""
-        ...
-
-    def validate(self, network: Any) -> float:
-        """Return the error on validation frames, cm."""
-        ...
-
-
 @dataclass(frozen=True, eq=False)
 class GloveTask(Task):
-    """A lesson as the training loop takes it: every step draws from a generator of its own."""
+    """What a network learns; every step draws from a generator of its own."""
 
-    network: nn.Module
+    network: Any
     schedule: GloveSchedule
-    lesson: Lesson
+    frames: GloveFrames
+    validation: GloveFrames
     source: Mapping[str, Any]
     rank: int = 0  # place among the processes that share the training: each draws hands of its own
     clip = 5.0
@@ -81,31 +68,3 @@ class GloveTask(Task):
         """The generator of each step, so that a run that goes on is the run that it was."""
         seed = seed_of(self.schedule.seed, self.rank)
         return (np.random.default_rng([seed, step]) for step in itertools.count(done + 1))
-
-    def loss(self, batch: np.random.Generator, memory: None) -> tuple[dict[str, Tensor], None]:
-        """Compute the terms of one batch."""
-        return self.lesson.loss(self.network, batch), None
-
-    def validate(self, network: nn.Module) -> dict[str, float]:
-        """The error, cm."""
-        return {"error_cm": self.lesson.validate(network)}
-
-
-def train_glove(
-    network: nn.Module,
-    lesson: Lesson,
-    schedule: GloveSchedule,
-    source: Mapping[str, Any],
-    checkpoint: Path,
-    report: Report | None = None,
-    fabric: Fabric | None = None,
-) -> tuple[nn.Module, float]:
-    """Train and return the network with the averaged weights that did best in validation, and their error, cm.
-
-    `source` is what is learned from, in plain values. Raises BodysenseError when the checkpoint belongs to another
-    configuration.
-    """
-    fabric = fabric or launched()
-    task = GloveTask(network, schedule, lesson, source, fabric.global_rank)
-    figures = fit(task, checkpoint, report, fabric, report)
-    return network, figures["error_cm"]

@@ -22,11 +22,11 @@ from bodysense.errors import BodysenseError
 from bodysense.files import make_folder
 from bodysense_lab.datasets import learned_clips, open_clips
 from bodysense_lab.export import export
-from bodysense_lab.fit import begin, launched, printed
+from bodysense_lab.fit import begin, fit, launched, printed
 from bodysense_lab.synthesis.hands import HandMotion, hand_pairs, synthesize_hand
 from bodysense_lab.synthesis.pairs import synthesize_pair
 from bodysense_lab.two_hands.drawing import JointTask, MarkerTask
-from bodysense_lab.two_hands.frames import GloveFrames, frames_of, join
+from bodysense_lab.two_hands.frames import RATE, GloveFrames, frames_of, join
 from bodysense_lab.two_hands.network import (
     MARKER_VALUES,
     PAPER_JOINTS,
@@ -42,8 +42,6 @@ from bodysense_lab.two_hands.task import (
     PAPER_JOINT_SCHEDULE,
     PAPER_MARKER_SCHEDULE,
     GloveSchedule,
-    Lesson,
-    train_glove,
 )
 
 
@@ -82,7 +80,6 @@ def write_glove_network(network: MarkerNetwork | JointNetwork, path: Path, card:
 
 
 FILES: dict[Network, str] = {name: f"glove_{name}.onnx" for name in get_args(Network)}
-RATE = 30.0  # Hz, of the frames that are learned
 SCHEDULES: dict[tuple[Network, Form], GloveSchedule] = {
     ("markers", "shipped"): GloveSchedule(steps=30_000),
     ("markers", "paper"): PAPER_MARKER_SCHEDULE,
@@ -174,7 +171,6 @@ def _train(
     if run.steps is not None:
         schedule = replace(schedule, steps=run.steps)
     torch.manual_seed(run.seed)
-    network, task = _task(name, run.form, frames, validation, schedule)
     out = run.out / FILES[name]
     source: dict[str, Any] = {
         "frames": len(frames),
@@ -183,7 +179,13 @@ def _train(
         "rate": RATE,
         **run.limited,
     }
-    _, score = train_glove(network, task, schedule, source, out.with_suffix(".ckpt"), printed(name), fabric)
+    if name == "markers":
+        network = MarkerNetwork(MarkerNetworkConfig() if run.form == "shipped" else PAPER_MARKERS)
+    else:
+        network = JointNetwork(JointNetworkConfig() if run.form == "shipped" else PAPER_JOINTS)
+    learn = MarkerTask if name == "markers" else JointTask
+    task = learn(network, schedule, frames, validation, source, fabric.global_rank)
+    figures = fit(task, out.with_suffix(".ckpt"), printed(name), fabric, printed(name))
     if not fabric.is_global_zero:
         return
     made = f"{run.hand_minutes:g} minutes of synthesised hands and {run.pair_minutes:g} of pairs"
@@ -195,18 +197,7 @@ def _train(
         "rate": 60.0,
         "seed": run.seed,
         "without": list(run.without),
-        "validation": {"error_cm": round(score, 3)},
+        "validation": {"error_cm": round(figures["error_cm"], 3)},
     }
     write_glove_network(network.cpu(), out, card)
     console.print(f"wrote {out} ({out.stat().st_size / 1e6:.2f} MB)")
-
-
-def _task(
-    name: Network, form: Form, frames: GloveFrames, validation: GloveFrames, schedule: GloveSchedule
-) -> tuple[MarkerNetwork | JointNetwork, Lesson]:
-    """The network and what it learns."""
-    if name == "joints":
-        config = JointNetworkConfig() if form == "shipped" else PAPER_JOINTS
-        return JointNetwork(config), JointTask(frames, validation, schedule)
-    config = MarkerNetworkConfig() if form == "shipped" else PAPER_MARKERS
-    return MarkerNetwork(config), MarkerTask(frames, validation, schedule, RATE)

@@ -19,8 +19,9 @@ from bodysense.body.skeleton import Skeleton
 from bodysense.devices.gloves.fillers import Filler
 from bodysense.devices.gloves.hands import GloveModels, Hands, HandsSettings
 from bodysense.metrics import joint_error
-from bodysense.observation import EXACT_ACCURACY, Observation
+from bodysense.observation import Observation
 from bodysense.scoring import Tally
+from bodysense_lab.synthesis.glove_stream import observed_markers
 from bodysense_lab.synthesis.hands import RATE, HandMotion
 
 HIDDEN = (1, 2, 3, 4)  # markers at once
@@ -132,9 +133,9 @@ def cut(
     )
 
 
-def hide_some(trials: int, count: int, rng: np.random.Generator) -> np.ndarray:
-    """(H, 9) bool: `count` random markers of each."""
-    return rng.random((trials, len(MARKERS))).argsort(axis=1).argsort(axis=1) < count
+def hide_some(trials: int, count: int, rng: np.random.Generator, of: int = len(MARKERS)) -> np.ndarray:
+    """(H, 9) bool: `count` random markers of each, or as many of `of` other things."""
+    return rng.random((trials, of)).argsort(axis=1).argsort(axis=1) < count
 
 
 def marker_error(trials: Trials, hidden: np.ndarray, filler: Filler) -> np.ndarray:
@@ -192,16 +193,7 @@ def hands_of(trials: Trials, models: GloveModels, settings: HandsSettings) -> Ha
 
 def observed(trials: Trials, hidden: np.ndarray, before: int = BEFORE) -> Observation:
     """Return the markers of all trials, of which some (H, 9) are hidden from frame `before` on."""
-    frames, hands = trials.markers.shape[:2]
-    known = np.ones(trials.markers.shape[:3], dtype=bool)
-    known[before:] = ~hidden
-    position = np.where(known[..., None], trials.markers, np.nan).reshape(frames, -1, 3)
-    return Observation(
-        points=tuple(point for k in range(hands) for point in glove_points(f"left{k}")),
-        position=position,
-        rotation=np.full((frames, hands * len(MARKERS), 4), np.nan),
-        has_position=known.reshape(frames, -1),
-        has_rotation=np.zeros((frames, hands * len(MARKERS)), dtype=bool),
-        accuracy=np.full((frames, hands * len(MARKERS)), EXACT_ACCURACY),
-        time=np.arange(1, frames + 1) / RATE,
-    )
+    position = np.array(trials.markers)
+    position[before:][:, hidden] = np.nan
+    points = tuple(point for k in range(len(trials)) for point in glove_points(f"left{k}"))
+    return observed_markers(points, position.reshape(len(position), -1, 3))

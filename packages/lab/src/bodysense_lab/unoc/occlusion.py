@@ -7,7 +7,7 @@ equally: three for a foot, and in *all* every point of the hands as well.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
@@ -19,8 +19,7 @@ from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.scoring import MAIN
 from bodysense_lab.chart import BarPanel, plain_bars
-from bodysense_lab.datasets import Census, DataSet, census_of, describe, missing
-from bodysense_lab.spread import spread
+from bodysense_lab.datasets import Census, DataSet, describe, gathered, missing
 from bodysense_lab.table import Cell, Report
 from bodysense_lab.unoc.contact import self_contact
 
@@ -37,21 +36,23 @@ def group_points(skeleton: Skeleton) -> dict[str, np.ndarray]:
     return {name: groups[name] for name in GROUPS}
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class Counts:
-    """Counts of one recording. Counts add up; weights are seconds, so frame rates may differ."""
+    """Counts of recordings. Counts add up; weights are seconds, so frame rates may differ."""
 
-    frames: int
-    frame_rates: frozenset[float]  # Hz
-    seconds: float
-    hidden: np.ndarray  # (G,) s: of GROUPS, the time hidden, summed over points
-    spans: np.ndarray  # (G,) number of unbroken spans of hiding
-    self_contact: float  # s
-    hand_contact: float  # s
+    frames: int = 0
+    frame_rates: frozenset[float] = frozenset()  # Hz
+    seconds: float = 0.0
+    hidden: np.ndarray = field(default_factory=lambda: np.zeros(len(GROUPS)))  # (G,) s hidden, summed over points
+    spans: np.ndarray = field(default_factory=lambda: np.zeros(len(GROUPS), dtype=np.int64))  # (G,) unbroken ones
+    self_contact: float = 0.0  # s
+    hand_contact: float = 0.0  # s
 
-    def __add__(self, other: Counts) -> Counts:
-        sums = {name: value + getattr(other, name) for name, value in vars(self).items() if name != "frame_rates"}
-        return Counts(frame_rates=self.frame_rates | other.frame_rates, **sums)
+    def merge(self, other: Counts) -> None:
+        """Count what another has counted."""
+        for name, value in vars(other).items():
+            before = getattr(self, name)
+            setattr(self, name, before | value if name == "frame_rates" else before + value)
 
 
 def count(pose: Pose, frame_rate: float, camera: HeadsetCamera = HeadsetCamera()) -> Counts:
@@ -140,7 +141,9 @@ PUBLISHED = (
 
 def column(name: str, counts: Iterable[Counts]) -> Column:
     """The column of Table 1 for several recordings. Raises BodysenseError where they hold no frame."""
-    total = sum(counts, start=_NOTHING)
+    total = Counts()
+    for one in counts:
+        total.merge(one)
     if total.frames == 0:
         raise BodysenseError(f"{name}: there are no frames to count; give at least one recording that is not empty")
     sizes = [len(points) for points in group_points(default_skeleton()).values()]
@@ -158,29 +161,20 @@ def column(name: str, counts: Iterable[Counts]) -> Column:
     )
 
 
-_NOTHING = Counts(0, frozenset(), 0.0, np.zeros(len(GROUPS)), np.zeros(len(GROUPS), dtype=np.int64), 0.0, 0.0)
-
-
-Counted = dict[str, list[Counts]]  # by category
+Counted = dict[str, Counts]  # by category
 
 
 def count_clips(
     clips: Iterable[Clip], jobs: int, advance: Callable[[Clip], None], camera: HeadsetCamera = HeadsetCamera()
 ) -> tuple[Counted, Census]:
     """Count occlusion and contact in every clip, and the amount of motion. `advance` is called after every clip."""
-    counted: Counted = {}
-    census = Census()
-    for clip, counts in spread(partial(_count, camera=camera), clips, jobs):
-        counted.setdefault(clip.category or "(none)", []).append(counts)
-        census += census_of(clip)
-        advance(clip)
-    return counted, census
+    return gathered(partial(_count, camera=camera), clips, jobs, advance)
 
 
 def columns_of(counted: Counted) -> list[Column]:
     """A column a category, then all."""
-    columns = [column(category, rows) for category, rows in sorted(counted.items())]
-    return [*columns, column("all", [row for rows in counted.values() for row in rows])]
+    columns = [column(category, [counts]) for category, counts in sorted(counted.items())]
+    return [*columns, column("all", counted.values())]
 
 
 def numbers_of(columns: Iterable[Column]) -> dict[str, float]:
@@ -199,7 +193,7 @@ def occlusion_report(counted: Sequence[tuple[DataSet, Counted, Census]]) -> Repo
     if len(counted) == 1:
         columns = columns_of(counted[0][1])
     else:
-        columns = [column(data.name, [row for rows in one.values() for row in rows]) for data, one, _ in counted]
+        columns = [column(data.name, one.values()) for data, one, _ in counted]
     total = sum((census for _, _, census in counted), start=Census())
     table = occlusion_table(columns)
     return replace(
@@ -228,8 +222,8 @@ def occlusion_table(columns: Sequence[Column]) -> Report:
     )
 
 
-def _count(clip: Clip, camera: HeadsetCamera) -> Counts:
-    return count(clip.pose, clip.frame_rate, camera)
+def _count(clip: Clip, camera: HeadsetCamera) -> Counted:
+    return {clip.category or "(none)": count(clip.pose, clip.frame_rate, camera)}
 
 
 def _rows(columns: Sequence[Column]) -> Iterator[tuple[Cell, ...]]:

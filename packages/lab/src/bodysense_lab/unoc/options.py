@@ -3,21 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import Annotated, ClassVar, Literal
 
 from bodysense.errors import BodysenseError
-from bodysense.ranges import Processes
-from bodysense_lab.options import Training, check_ending, check_fields
-
-if TYPE_CHECKING:
-    from bodysense.papers.point_model import Task
+from bodysense.ranges import Count, Processes, within
+from bodysense_lab.options import Training, check_ending
 
 EPOCHS = 5  # of the paper's schedule
-
-
-def _check_epochs(epochs: int) -> None:
-    if epochs > EPOCHS:
-        raise BodysenseError(f"--epochs {epochs}: the paper's schedule has {EPOCHS}; give 1 to {EPOCHS}")
+Epochs = Annotated[int, within(int, 1, EPOCHS)]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,30 +20,27 @@ class BodyTraining(Training):
     form: Literal["shipped", "paper", "paper-world-axes"] = "shipped"
     """'shipped' carries its state and reads the headset's orientation and the mask; 'paper' sees windows of 27 frames
     of positions only, 'paper-world-axes' also in the paper's frame"""
-    steps: int | None = None
+    steps: Count | None = None
     """optimiser steps; if omitted 20,000 of the shipped form, all epochs of the paper's"""
-    epochs: int = EPOCHS
+    epochs: Epochs = EPOCHS
     """epochs of the paper's form"""
-    window_stride: int = 1
+    window_stride: Count = 1
     """the paper's form learns from every n-th window; 1 is the paper's"""
-    passes: int = 2
+    passes: Count = 2
     """how many augmented copies of each clip are learned: mirrored, other limb lengths, lost hands, frame rates"""
     finger_passes: int = 6
     """how many more of the clips with fingers, which are few"""
-    lanes: int = 256
+    lanes: Count = 256
     """clips that the shipped form plays side by side; many make its gradient steady"""
-    chunk: int = 12
+    chunk: Count = 12
     """frames of truncated backpropagation; the state carries on beyond them"""
-    hidden: int = 512
+    hidden: Count = 512
     """size of the recurrent state"""
     finger_share: float = 0.3
     """share of drawn clips that have recorded fingers"""
 
     def __post_init__(self) -> None:
-        super().__post_init__()
         check_ending(self.out, ".onnx")
-        check_fields(self, "steps", "epochs", "window_stride", "passes", "lanes", "chunk", "hidden", "check_every")
-        _check_epochs(self.epochs)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,11 +54,11 @@ class TablesTraining(Training):
     """whose networks: 2, 3, 4, smoothness"""
     networks: tuple[str, ...] = ()
     """single networks instead, by name"""
-    steps: int | None = None
+    steps: Count | None = None
     """optimiser steps of each network at most; all epochs if omitted"""
-    epochs: int = EPOCHS
+    epochs: Epochs = EPOCHS
     """the paper's schedule has 5"""
-    window_stride: int = 1
+    window_stride: Count = 1
     """learn from every n-th window; 1 is the paper's"""
     loss_sum: bool = False
     """losses of bones and of occlusion as sums over joints, as the paper prints them; means if omitted"""
@@ -78,9 +68,6 @@ class TablesTraining(Training):
     """networks trained side by side, each in a process of its own"""
 
     def __post_init__(self) -> None:
-        super().__post_init__()
-        check_fields(self, "steps", "epochs", "window_stride", "jobs", "check_every")
-        _check_epochs(self.epochs)
         if not self.batch_scale > 0:
             raise BodysenseError(f"--batch-scale {self.batch_scale:g}: give a positive number; 1 is the paper's")
         if self.jobs > 1 and (self.devices > 1 or self.nodes > 1):
@@ -95,18 +82,13 @@ class PointTraining(Training):
 
     form: Literal["shipped", "paper"] = "shipped"
     """'shipped' carries its state and knows more of the wearer; 'paper' sees windows of 27 frames"""
-    steps: int
+    steps: Count
     """optimiser steps"""
 
-    @property
-    def task(self) -> Task:
-        """Which network."""
-        raise NotImplementedError
+    task: ClassVar[Literal["fingers", "upper-body"]]
 
     def __post_init__(self) -> None:
-        super().__post_init__()
         check_ending(self.out, ".onnx")
-        check_fields(self, "steps", "check_every")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -116,13 +98,9 @@ class FingersTraining(PointTraining):
     The clips with fingers are learned, and the weights that do best on those of the val split are kept.
     """
 
-    steps: int = 500
+    steps: Count = 500
     """optimiser steps"""
-
-    @property
-    def task(self) -> Task:
-        """Which network."""
-        return "fingers"
+    task = "fingers"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -132,10 +110,6 @@ class UpperBodyTraining(PointTraining):
     Training resumes after a stop; the weights that do best on the val split are kept.
     """
 
-    steps: int = 8000
+    steps: Count = 8000
     """optimiser steps"""
-
-    @property
-    def task(self) -> Task:
-        """Which network."""
-        return "upper-body"
+    task = "upper-body"

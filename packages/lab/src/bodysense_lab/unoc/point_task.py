@@ -20,9 +20,9 @@ from bodysense.devices.simulated.sensors import THREE_POINTS
 from bodysense.io.augment import mirrored, with_limb_proportions
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
-from bodysense_lab.fit import Task, played
+from bodysense_lab.fit import Task, cut, played
 from bodysense_lab.unoc.point_network import PointNetwork, PointPrediction, TrackedPoints
-from bodysense_lab.unoc.task import RATE, LossWeights
+from bodysense_lab.unoc.task import RATE, LossWeights, length_of, unlikelihood
 
 STIFF = np.radians(2.0)  # wrists that never bend further than this were not recorded
 
@@ -123,20 +123,10 @@ def with_bent_wrists(clip: Clip, spread: float, rng: np.random.Generator) -> Cli
 
 
 def collate(pieces: Sequence[tuple[PointEpisode, int]], length: int, begins: np.ndarray) -> PointBatch:
-    """Cut `length` frames from each episode at its start frame; past the ends the end frame repeats, not valid."""
-    wanted = [np.arange(start, start + length) for _, start in pieces]
-    rows = [np.clip(frames, 0, len(episode) - 1) for frames, (episode, _) in zip(wanted, pieces, strict=True)]
-    valid = [frames < len(episode) for frames, (episode, _) in zip(wanted, pieces, strict=True)]
-
-    def stack(name: str) -> Tensor:
-        return torch.from_numpy(np.stack([getattr(e, name)[r] for (e, _), r in zip(pieces, rows, strict=True)]))
-
+    """Cut `length` frames from each episode at its start frame (see `cut`)."""
     return PointBatch(
-        features=stack("features"),
+        **cut(pieces, length, ("features", "known", "offset")),
         start=torch.from_numpy(np.stack([episode.start for episode, _ in pieces])),
-        known=stack("known"),
-        offset=stack("offset"),
-        valid=torch.from_numpy(np.stack(valid)),
         begins=torch.from_numpy(begins),
     )
 
@@ -193,7 +183,7 @@ def point_loss(
     mask = batch.valid[..., None]
     count = mask.sum().clamp(min=1)
     fingers = network.is_finger
-    distance = _length(answer.offset - batch.offset)
+    distance = length_of(answer.offset - batch.offset)
     place_weight = torch.where(fingers, weights.finger, weights.body)
     charged = distance if schedule.distance == "euclidean" else distance.square() / TYPICAL
     position = (charged * place_weight * mask).sum() / count / distance.shape[-1]
@@ -201,13 +191,11 @@ def point_loss(
     children, parents = network.bones
     bone, true_bone = (_bones(offset, batch.known, children, parents) for offset in (answer.offset, batch.offset))
     bone_weight = weights.finger_bone if bool(fingers.all()) else weights.body_bone
-    parent = (_length(bone - true_bone) * mask).sum() / count / len(children) * weights.parent
-    length = ((_length(bone) - _length(true_bone)).abs() * mask).sum() / count / len(children) * bone_weight
+    parent = (length_of(bone - true_bone) * mask).sum() / count / len(children) * weights.parent
+    length = ((length_of(bone) - length_of(true_bone)).abs() * mask).sum() / count / len(children) * bone_weight
     terms = {"position": position, "parent": parent, "bone": length}
     if network.judge is not None:
-        # Laplace likelihood: its optimum is the mean absolute error. The error itself is not pulled by it.
-        reached = distance.detach() + 1e-4
-        likelihood = reached / answer.error + torch.log(answer.error)
+        likelihood = unlikelihood(distance, answer.error)
         terms["expected"] = (likelihood * mask).sum() / count / distance.shape[-1] * weights.expected_error
     return {"loss": torch.stack(list(terms.values())).sum(), **terms}
 
@@ -271,7 +259,3 @@ def _bones(offset: Tensor, known: Tensor, children: list[int], parents: list[int
     """Vectors from parents to children (B, T, bones, 3), some of whose ends are known."""
     points = torch.cat([offset, known, torch.zeros_like(known[..., :1, :])], dim=-2)
     return points[..., children, :] - points[..., parents, :]
-
-
-def _length(vector: Tensor) -> Tensor:
-    return torch.sqrt((vector * vector).sum(dim=-1) + 1e-12)

@@ -23,8 +23,8 @@ from bodysense.devices.simulated.sensors import HEADSET_CAMERA, observe
 from bodysense.io.augment import mirrored, with_limb_proportions
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
-from bodysense.scoring import UNOC_EVAL_JOINTS
-from bodysense_lab.fit import Task, played, rate_at
+from bodysense.scoring import scored_points
+from bodysense_lab.fit import Task, cut, played, rate_at
 from bodysense_lab.precision import layer_autocast
 from bodysense_lab.unoc.network import BodyNetwork, BodyNetworkConfig, BodyPrediction, tracked_of
 
@@ -67,23 +67,20 @@ def body_loss(model: BodyNetwork, answer: BodyPrediction, truth: Truth, weights:
     frames = truth.valid.sum().clamp(min=1) if weights.sums else count
 
     emphasis = 1 + (weights.occluded - 1) * (~truth.visible).float()
-    distance = _length(answer.offset - truth.offset)
+    distance = length_of(answer.offset - truth.offset)
     position_weight = torch.where(is_finger, weights.finger, weights.body)
     position = (distance * position_weight * emphasis * mask).sum() / count
 
     bone, true_bone = (bones(model, offset) for offset in (answer.offset, truth.offset))
-    parent = (_length(bone - true_bone) * emphasis * mask).sum() / frames * weights.parent
+    parent = (length_of(bone - true_bone) * emphasis * mask).sum() / frames * weights.parent
     bone_weight = torch.where(is_finger, weights.finger_bone, weights.body_bone)
-    length = ((_length(bone) - _length(true_bone)).abs() * bone_weight * mask).sum() / frames
+    length = ((length_of(bone) - length_of(true_bone)).abs() * bone_weight * mask).sum() / frames
 
     cross_entropy = torch.nn.functional.binary_cross_entropy_with_logits(
         answer.hidden_logit, (~truth.visible).float(), reduction="none"
     )
     occlusion = (cross_entropy * mask).sum() / frames * weights.occlusion
-    # Laplace likelihood: its optimum is the mean absolute error. The error itself is not pulled by it.
-    reached = distance.detach() + 1e-4
-    likelihood = reached / answer.error + torch.log(answer.error)
-    expected = (likelihood * mask).sum() / count * weights.expected_error
+    expected = (unlikelihood(distance, answer.error) * mask).sum() / count * weights.expected_error
     terms = {"position": position, "parent": parent, "bone": length, "occlusion": occlusion, "expected": expected}
     return {"loss": torch.stack(list(terms.values())).sum(), **terms}
 
@@ -96,8 +93,14 @@ def bones(model: BodyNetwork, offset: Tensor) -> Tensor:
     return torch.where(torch.tensor(at_wrist, device=offset.device)[:, None], offset, from_parent)
 
 
-def _length(vector: Tensor) -> Tensor:
+def length_of(vector: Tensor) -> Tensor:
+    """Lengths of vectors (..., 3), with a slope at zero."""
     return torch.sqrt((vector * vector).sum(dim=-1) + 1e-12)
+
+
+def unlikelihood(distance: Tensor, expected: Tensor) -> Tensor:
+    """By Laplace's distribution: its optimum is the mean absolute error. The error itself is not pulled by it."""
+    return (distance.detach() + 1e-4) / expected + torch.log(expected)
 
 
 RATE = 30.0  # Hz, of the paper
@@ -183,22 +186,9 @@ def lanes(
 
 
 def collate(pieces: Sequence[tuple[Episode, int]], chunk: int, begins: np.ndarray) -> EpisodeBatch:
-    """Cut `chunk` frames from each episode at its start frame; past the end the last frame repeats, not valid.
-
-    A negative start repeats the first frame before it.
-    """
-    rows = [np.clip(np.arange(start, start + chunk), 0, len(episode) - 1) for episode, start in pieces]
-    valid = [np.arange(start, start + chunk) < len(episode) for episode, start in pieces]
-
-    def stack(name: str) -> Tensor:
-        return torch.from_numpy(np.stack([getattr(e, name)[r] for (e, _), r in zip(pieces, rows, strict=True)]))
-
+    """Cut `chunk` frames from each episode at its start frame (see `cut`)."""
     return EpisodeBatch(
-        features=stack("features"),
-        known=stack("known"),
-        offset=stack("offset"),
-        visible=stack("visible"),
-        valid=torch.from_numpy(np.stack(valid)),
+        **cut(pieces, chunk, ("features", "known", "offset", "visible")),
         fingers=torch.tensor([episode.fingers for episode, _ in pieces]),
         begins=torch.from_numpy(begins),
     )
@@ -323,7 +313,7 @@ def validate(model: BodyNetwork, episodes: Sequence[Episode]) -> dict[str, float
 
     Where no clip has fingers, there are no figures of them.
     """
-    tested = [p for p, name in enumerate(model.skeleton.points) if name.partition("_")[2] in UNOC_EVAL_JOINTS]
+    tested = scored_points(model.skeleton)
     total = {key: 0.0 for key in ("body", "body_known", "finger", "finger_known")}
     count = {"body": 0, "finger": 0}
     device, training = model.scale.device, model.training

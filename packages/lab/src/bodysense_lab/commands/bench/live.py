@@ -2,26 +2,24 @@
 
 from __future__ import annotations
 
-import os
-import re
 import secrets
 import selectors
 import socket
-import subprocess
-import sys
 import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Annotated
 from urllib.parse import urlsplit
 
 import numpy as np
 import psutil
 
 from bodysense.errors import BodysenseError
-from bodysense.ranges import Processes, Sessions
+from bodysense.ranges import Processes, Sessions, within
+from bodysense_lab.options import Rate, Seconds
 
 _POINTS = ("head", "left_wrist", "right_wrist")
 _BEAT = 240  # frames of motion that clients repeat
@@ -33,11 +31,11 @@ _UNMASKED = b"\0\0\0\0"  # a masking key that changes nothing (RFC 6455, section
 
 def bench_live(
     sessions: Sessions = 40,
-    rate: float = 72.0,
-    seconds: float = 20.0,
+    rate: Rate = 72.0,
+    seconds: Seconds = 20.0,
     workers: Processes = 1,
     most: bool = False,
-    share: float = 1.0,
+    share: Annotated[float, within(float, 0.01, 1)] = 1.0,
     json: Path | None = None,
 ) -> None:
     """Time live sessions of head and hands: a server process, or several, and clients of it on this machine.
@@ -51,16 +49,11 @@ def bench_live(
         seconds: For which answers are counted.
         workers: Processes of the server.
         most: Find also how many wearers one process serves with 99 % of their frames answered, as most_sessions.
-        share: Share of the time in which the server may run, above 0 to 1, as on a slower machine.
+        share: Share of the time in which the server may run, as on a slower machine.
         json: Write the numbers here, as one flat object.
     """
     from bodysense_lab.commands.bench.timing import report
 
-    for name, value in (("sessions", sessions), ("rate", rate), ("seconds", seconds), ("workers", workers)):
-        if not 0 < value < 100_000:
-            raise BodysenseError(f"--{name} {value:g}: give a number above 0")
-    if not 0 < share <= 1:
-        raise BodysenseError(f"--share {share:g}: give a share of the time, above 0 to 1, such as 0.25")
     with _server(sessions, workers) as (address, process), _slowed(process, share):
         load = Load(address, rate)
         load.connect(1)
@@ -300,26 +293,12 @@ def _messages(unread: bytearray) -> Iterator[tuple[int, bytes]]:
 
 @contextmanager
 def _server(sessions: int, workers: int) -> Iterator[tuple[str, int]]:
-    """A server of its own process: its address and process number."""
-    command = [sys.executable, "-m", "bodysense", "serve", "--port", "0", "--sessions", str(max(sessions, 2))]
-    process = subprocess.Popen(
-        [*command, "--workers", str(workers)],
-        stdout=subprocess.PIPE,
-        text=True,
-        env=os.environ | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"},
-    )
-    try:
-        assert process.stdout is not None
-        said = process.stdout.readline()
-        address = re.search(r"http://\S+", said)
-        if address is None:
-            raise BodysenseError(f"the server did not start: {said.strip() or 'see its own words above'}")
-        yield address.group(), process.pid
-    finally:
-        process.terminate()
-        process.wait(20)
-        if process.stdout is not None:
-            process.stdout.close()
+    """A server that computes with one thread: its address and process number."""
+    from bodysense_lab.serving.server import served
+
+    options = ("--sessions", str(max(sessions, 2)), "--workers", str(workers))
+    with served(*options, OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1") as (address, process):
+        yield address, process.pid
 
 
 @contextmanager

@@ -6,11 +6,11 @@ import time
 from dataclasses import asdict
 from pathlib import Path
 
-from bodysense.errors import BodysenseError
 from bodysense.ranges import Count
+from bodysense_lab.options import Seed
 
 
-def live_fuzz(frames: Count = 1_000_000, seed: int = 1, json: Path | None = None) -> None:
+def live_fuzz(frames: Count = 1_000_000, seed: Seed = 1, json: Path | None = None) -> None:
     """Send hostile messages to the server's code, without a network; fails where anything but a refusal comes out.
 
     Args:
@@ -23,8 +23,6 @@ def live_fuzz(frames: Count = 1_000_000, seed: int = 1, json: Path | None = None
     from bodysense.cli.show import write_numbers
     from bodysense_lab.serving.hostile_clients import FuzzCounts, run_fuzz
 
-    if frames < 1:
-        raise BodysenseError(f"--frames {frames}: give 1 or more")
     counts, begun, part = FuzzCounts(), time.perf_counter(), 10_000
     with Progress() as progress:
         bar = progress.add_task("fuzzing", total=frames)

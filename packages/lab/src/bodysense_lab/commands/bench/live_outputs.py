@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import os
 import selectors
 import socket
 import struct
-import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Iterator
@@ -19,13 +16,14 @@ import numpy as np
 
 from bodysense.errors import BodysenseError
 from bodysense.ranges import Count
+from bodysense_lab.options import Rate
 
 _WARM_UP = 100  # frames
 _PATIENCE = 0.5  # s for a body that does not come
 _TO_START = 60.0  # s
 
 
-def live_outputs(frames: Count = 2000, rate: float = 72.0, json: Path | None = None) -> None:
+def live_outputs(frames: Count = 2000, rate: Rate = 72.0, json: Path | None = None) -> None:
     """Time the way through a server: headset and controllers in by VMC, bodies out by VMC, VRChat, VMT and SolarXR.
 
     From the moment that a packet is sent to the first packet of its body, as a program on this machine sees it; `all`
@@ -38,8 +36,6 @@ def live_outputs(frames: Count = 2000, rate: float = 72.0, json: Path | None = N
     """
     from bodysense_lab.commands.bench.timing import report
 
-    if not 10 <= frames <= 1_000_000 or not 1 <= rate <= 200:
-        raise BodysenseError("live-outputs: give 10 or more --frames, and a --rate of 1 to 200 Hz")
     with _Peers() as peers:
         for k in range(_WARM_UP):
             peers.body(k, rate)
@@ -62,6 +58,7 @@ class _Peers:
     names = ("vmc", "vrchat", "vmt", "solarxr")
 
     def __enter__(self) -> _Peers:
+        from bodysense_lab.serving.server import served
         from bodysense_live.vmt import DRIVER_PORT
 
         self._stack = ExitStack()
@@ -74,10 +71,9 @@ class _Peers:
             avatars = [stack.enter_context(_udp(0)), stack.enter_context(_udp(0))]
             ports = [one.getsockname()[1] for one in avatars]
             driver = stack.enter_context(_udp(DRIVER_PORT))
-            command = [sys.executable, "-m", "bodysense", "serve", "--port", "0", "--vmc-in", str(port)]
-            command += ["--vmc-out", f"127.0.0.1:{ports[0]}", "--vrchat-out", f"127.0.0.1:{ports[1]}"]
-            command += ["--vmt", "--vmt-port", "0", "--solarxr", "--solarxr-port", "0"]
-            stack.enter_context(_started(command, folder))
+            outputs = ("--vmc-out", f"127.0.0.1:{ports[0]}", "--vrchat-out", f"127.0.0.1:{ports[1]}")
+            options = (*outputs, "--vmt", "--vmt-port", "0", "--solarxr", "--solarxr-port", "0")
+            stack.enter_context(served("--vmc-in", str(port), *options, XDG_RUNTIME_DIR=folder))
             runtime = stack.enter_context(_runtime(Path(folder)))
             self._selector = stack.enter_context(selectors.DefaultSelector())
             for name, one in zip(self.names, (*avatars, driver, runtime), strict=True):
@@ -139,21 +135,6 @@ def _udp(port: int) -> Iterator[socket.socket]:
                 f"UDP port {port}: {error.strerror}; stop what listens there (SteamVR's VMT)"
             ) from None
         yield found
-
-
-@contextmanager
-def _started(command: list[str], folder: str) -> Iterator[None]:
-    """The server, once it serves."""
-    with subprocess.Popen(
-        command, stdout=subprocess.PIPE, text=True, env=os.environ | {"XDG_RUNTIME_DIR": folder}
-    ) as server:
-        try:
-            assert server.stdout is not None
-            if "http://" not in server.stdout.readline():
-                raise BodysenseError("the server did not start; see its own words above")
-            yield
-        finally:
-            server.terminate()
 
 
 @contextmanager

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 from dataclasses import asdict
 from pathlib import Path
+from typing import Annotated
 
 from bodysense.errors import BodysenseError
-from bodysense.ranges import Processes, Sessions
+from bodysense.ranges import Processes, Sessions, within
+from bodysense_lab.options import Rate
 
 
 def live_soak(
-    minutes: float = 10.0,
+    minutes: Annotated[float, within(float, 0.01, 10_000)] = 10.0,
     sessions: Sessions = 8,
-    rate: float = 72.0,
-    loss: float = 0.05,
+    rate: Rate = 72.0,
+    loss: Annotated[float, within(float, 0, 0.9)] = 0.05,
     workers: Processes = 1,
     kill_every: float = 0.0,
     shared: str | None = None,
@@ -34,15 +36,11 @@ def live_soak(
         shared: Address of a Valkey or Redis, by which wearers of a killed process resume in another.
         json: Write the numbers here, as one flat object.
     """
-    import asyncio
-
     import numpy as np
 
     from bodysense.cli.show import write_numbers
     from bodysense_lab.serving.soak import SoakPlan, check, soak
 
-    if not (minutes > 0 and sessions > 0 and rate > 0 and 0 <= loss < 0.9):
-        raise BodysenseError("live-soak: give positive minutes, sessions and rate, and a loss of 0 to 0.9")
     if kill_every and (workers < 2 or shared is None or not 5 <= kill_every <= 3600):
         raise BodysenseError(
             "live-soak: give --kill-every 5 to 3600 seconds, --workers 2 or more, and --shared ADDRESS"
@@ -50,7 +48,7 @@ def live_soak(
     plan = SoakPlan(
         sessions, 60 * minutes, rate, loss, workers=workers, shared=shared, seconds_between_kills=kill_every
     )
-    counts = asyncio.run(soak(plan, np.random.default_rng(1)))
+    counts = soak(plan, np.random.default_rng(1))
     killed = f"{counts.killed} processes killed, " if kill_every else ""
     print(
         f"{sessions} sessions at {rate:g} Hz for {minutes:g} min with {loss:.0%} lost: {counts.sent} frames sent, "

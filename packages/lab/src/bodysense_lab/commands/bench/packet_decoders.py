@@ -6,10 +6,11 @@ import time
 from dataclasses import asdict
 from pathlib import Path
 
-from bodysense.errors import BodysenseError
+from bodysense.ranges import Count
+from bodysense_lab.options import Seed
 
 
-def packet_decoders(packets: int = 1_000_000, seed: int = 1, json: Path | None = None) -> None:
+def packet_decoders(packets: Count = 1_000_000, seed: Seed = 1, json: Path | None = None) -> None:
     """Read all that goes out (VMC, VRChat, VMT, SolarXR) with decoders that are not ours; all must be read as meant.
 
     python-osc, Wireshark's tshark where it is installed, and a reader of SolarXR's public schema.
@@ -27,8 +28,6 @@ def packet_decoders(packets: int = 1_000_000, seed: int = 1, json: Path | None =
     from bodysense.cli.show import write_numbers
     from bodysense_lab.serving.decoders import Decoded, decode
 
-    if packets < 1:
-        raise BodysenseError(f"--packets {packets}: give 1 or more")
     begun, found = time.perf_counter(), Decoded()
     with Progress() as progress:
         bar = progress.add_task("decoding", total=packets)

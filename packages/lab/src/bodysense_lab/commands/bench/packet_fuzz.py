@@ -5,10 +5,11 @@ from __future__ import annotations
 import time
 from pathlib import Path
 
-from bodysense.errors import BodysenseError
+from bodysense.ranges import Count
+from bodysense_lab.options import Seed
 
 
-def packet_fuzz(packets: int = 1_000_000, seed: int = 1, json: Path | None = None) -> None:
+def packet_fuzz(packets: Count = 1_000_000, seed: Seed = 1, json: Path | None = None) -> None:
     """Read hostile packets of all that comes in by UDP or sockets (VMC, VMT, VRChat, SlimeVR, SolarXR); none may raise.
 
     Args:
@@ -21,8 +22,6 @@ def packet_fuzz(packets: int = 1_000_000, seed: int = 1, json: Path | None = Non
     from bodysense.cli.show import write_numbers
     from bodysense_lab.serving.hostile_packets import fuzz_packets
 
-    if packets < 1:
-        raise BodysenseError(f"--packets {packets}: give 1 or more")
     begun = time.perf_counter()
     found = fuzz_packets(packets, np.random.default_rng(seed))
     seconds = time.perf_counter() - begun

@@ -1,0 +1,28 @@
+"""A server of its own process, for benchmarks."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from bodysense.errors import BodysenseError
+
+
+@contextmanager
+def served(*options: str, **environment: str) -> Iterator[tuple[str, subprocess.Popen[str]]]:
+    """`bodysense serve` with options, once it serves: its address, and the process. It ends with the block."""
+    command = (sys.executable, "-m", "bodysense", "serve", "--port", "0", *options)
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=os.environ | environment) as process:
+        try:
+            assert process.stdout is not None
+            said = process.stdout.readline()
+            address = re.search(r"http://\S+", said)
+            if address is None:
+                raise BodysenseError(f"the server did not start: {said.strip() or 'see its own words above'}")
+            yield address.group(), process
+        finally:
+            process.terminate()
