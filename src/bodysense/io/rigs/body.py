@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bodysense.body.hand import FINGERS
 from bodysense.errors import BodysenseError
 from bodysense.io.rigs import words
 from bodysense.io.rigs.figure import Tree
@@ -36,7 +37,7 @@ _HIGH_HUB = 0.3  # of the distance to the shoulders: a joint this far from the h
 _GUESS = 0.4  # of 6: below it, missing feet and straight knees do not decide left and right
 _OF: dict[Kind, tuple[str, ...]] = {  # points of a limb
     "leg": ("hip", "knee", "ankle", "foot", "toe"),
-    "arm": ("collar", "shoulder", "elbow", "wrist", *words.FINGERS),
+    "arm": ("collar", "shoulder", "elbow", "wrist", *FINGERS),
 }
 _LIMB = 0.5  # of the shorter limb: a longer pair of chains on the trunk is a pair of limbs
 _SKIRT = 0.8  # of a leg with its foot: a shorter pair of chains at the hips may be a skirt

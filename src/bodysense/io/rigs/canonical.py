@@ -28,10 +28,10 @@ from bodysense.body.rotation import (
     quaternion_rotate,
     shortest_arc,
 )
-from bodysense.body.skeleton import Skeleton, default_skeleton
+from bodysense.body.skeleton import FINGERS, Skeleton, default_skeleton
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip, parts_lacking
-from bodysense.io.fingers import FINGERS, is_finger, with_fingers
+from bodysense.io.fingers import is_finger, with_fingers
 from bodysense.io.rigs.rest_pose import (
     UPRIGHT,
     Vectors,

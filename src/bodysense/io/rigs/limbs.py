@@ -15,6 +15,7 @@ from typing import Literal
 
 import numpy as np
 
+from bodysense.body.hand import FINGERS
 from bodysense.io.rigs import words
 from bodysense.io.rigs.figure import Tree
 
@@ -272,14 +273,14 @@ def _which(tree: Tree, wrist: int, chains: list[list[int]]) -> dict[str, list[in
     names = tree.figure.points
     named: dict[str, list[int]] = {}
     for chain in chains:
-        said = [part for k in chain for part in words.parts(names[k]) if part in words.FINGERS]
+        said = [part for k in chain for part in words.parts(names[k]) if part in FINGERS]
         if said and said.count(said[0]) > 1:
             named.setdefault(said[0], chain)
     if named:
         return named
     numbered = [chain for chain in chains if any(words.parts(names[k]) & {"finger"} for k in chain)]
     if len(numbered) in (4, 5):
-        return dict(zip(words.FINGERS, sorted(numbered, key=lambda chain: names[chain[0]]), strict=False))
+        return dict(zip(FINGERS, sorted(numbered, key=lambda chain: names[chain[0]]), strict=False))
     usual = np.median([tree.way(wrist, chain) for chain in chains]) if chains else 0.0
     chains = [chain for chain in chains if tree.way(wrist, chain) < _HELD * usual]
     if len(chains) not in (4, 5):
@@ -296,7 +297,7 @@ def _which(tree: Tree, wrist: int, chains: list[list[int]]) -> dict[str, list[in
     share = (base * along).sum(-1) / np.maximum((along * along).sum(-1), 1e-12)
     across = base - share[:, None] * along  # over the palm, towards the thumb
     ranks = -np.median((knuckles * across).sum(-1), axis=1)
-    return dict(zip(words.FINGERS, [thumb, *(others[k] for k in np.argsort(ranks))], strict=False))
+    return dict(zip(FINGERS, [thumb, *(others[k] for k in np.argsort(ranks))], strict=False))
 
 
 def _begins_in_palm(tree: Tree, wrist: int, finger: str, chain: list[int], joints: list[int]) -> bool:

@@ -7,9 +7,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import takewhile
 
+from bodysense.body.hand import FINGERS
 from bodysense.io.rigs import words
 from bodysense.io.rigs.named import NEEDED
-from bodysense.io.rigs.words import FINGERS, ORDINALS, PARTS, PHALANGES
+from bodysense.io.rigs.words import ORDINALS, PARTS, PHALANGES
 
 _MIDDLE = ("pelvis", "neck", "head", "head_top")
 _SPINE = ("spine1", "spine2", "spine3")

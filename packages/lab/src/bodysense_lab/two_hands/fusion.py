@@ -15,10 +15,9 @@ from zlib import crc32
 import numpy as np
 
 from bodysense.body.glove import ALIGNMENT, MARKERS
-from bodysense.body.hand import FINGERS, FREEDOMS, HAND_JOINTS, rotations_of
+from bodysense.body.hand import FINGERS, HAND_JOINTS, joint_rotations, own_axes
 from bodysense.body.products import to_matrix
 from bodysense.body.registration import moved
-from bodysense.body.rotation import quaternion_conjugate, quaternion_multiply
 from bodysense.devices.estimate import PointEstimate
 from bodysense.devices.gloves import inertial
 from bodysense.devices.gloves.fingers import hand_shape, in_order, reached
@@ -63,7 +62,6 @@ SEEN = 120  # frames with all markers before
 SCORED = tuple(SEEN + round(seconds * RATE) - 1 for seconds in SECONDS)
 BACK = {MARKERS[k] for k in ALIGNMENT}
 STRIDE = 240  # frames from one trial to the next
-_FLEXIONS = [k for k, row in enumerate(FREEDOMS) if row.angle == "flexion"]
 
 
 def measure_fusion(
@@ -167,12 +165,9 @@ def sensed(trials: Trials) -> Observation:
 
 def _by_sensors(trials: Trials, rotation: np.ndarray, root: np.ndarray, wrist: np.ndarray) -> np.ndarray:
     """Return points (F, H, 21, 3) m of hands placed by their markers, with the flexion of sensors (F, H, 16, 4)."""
-    axes = np.stack([hand.axes for hand in trials.worn])
-    flexion = inertial.sense(rotation, inertial.bases(axes, len(trials))).flexion
-    angles = np.zeros((*flexion.shape[:2], len(FREEDOMS)))
-    angles[..., _FLEXIONS] = flexion
-    own = np.asarray(rotations_of(angles))
-    local = np.asarray(quaternion_multiply(quaternion_multiply(axes, own), quaternion_conjugate(axes)))
+    axes = own_axes(np.stack([hand.axes for hand in trials.worn]))
+    flexion = inertial.sense(rotation, axes).flexion
+    local = joint_rotations(np.stack([flexion, 0 * flexion, 0 * flexion], axis=-1), axes)
     shape = hand_shape(trials.hands, trials.gloves)
     return np.stack(
         [moved(in_order(reached(turns, shape), shape), to_matrix(wrist[k]), root[k]) for k, turns in enumerate(local)]
