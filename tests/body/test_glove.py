@@ -13,7 +13,6 @@ from bodysense.body.glove import (
     MARKERS,
     Glove,
     default_glove,
-    glove_hands,
     glove_points,
     hand_size,
     marker_positions,
@@ -21,7 +20,7 @@ from bodysense.body.glove import (
     standard_marker,
     template,
 )
-from bodysense.body.hand import glove_marker, hand_skeleton, limits, rotations_of
+from bodysense.body.hand import glove_hands, glove_marker, hand_skeleton, limits, rotations_of
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError

@@ -260,7 +260,7 @@ def test_wrong_arrays(tmp_path: Path, what: str) -> None:
 
 HEADER = json.dumps({"format": FORMAT, "points": ["head", "left_wrist"]})
 WRONG_LINES = {
-    "nothing": ("", r"first line must be a header with format 'bodysense recording 1', but it has None"),
+    "nothing": ("", "the file is empty; copy or export it again"),
     "another format": ('{"format": "x"}', "must be a header with format 'bodysense recording 1', but it has 'x'"),
     "no points": (json.dumps({"format": FORMAT}), "the header needs 'points', a list of names"),
     "no frames": (HEADER, "a header but no frames; each further line is one frame with its 'time'"),

@@ -43,8 +43,10 @@ class MotionFile:
 
     def read(self) -> bytes:
         """Return all its bytes. Raises BodysenseError, naming the file, if it cannot be read or is empty."""
-        if not self.member and self.path.suffix.lower() != ZIP:
-            return read_bytes(self.path)
+        if not self.member:
+            data = read_bytes(self.path)
+            if self.path.suffix.lower() != ZIP:
+                return data
         with self._opened() as stream:
             return stream.read()
 
