@@ -181,22 +181,23 @@ class Draw:
     posture: str | None = None  # of `postures.KINDS`; None: as recorded
     straight: float = 0.0  # how much standing legs are straightened; 1: wholly
     noisy: bool = False
+    backward: bool = False  # time runs backward
 
 
-def draw_sequence(corpus: Corpus, clip: int, rng: np.random.Generator) -> Sequence:
+def draw_sequence(corpus: Corpus, clip: int, rng: np.random.Generator, backward: bool = False) -> Sequence:
     """Draw everything that may differ about a clip of the corpus, and make its sequence."""
-    return _drawn(corpus, clip, None, rng)
+    return make_sequence(corpus, clip, _drawn(corpus, clip, None, rng, backward), rng)
 
 
-def draw_settled_sequence(corpus: Corpus, clip: int, rng: np.random.Generator) -> Sequence:
+def draw_settled_sequence(corpus: Corpus, clip: int, rng: np.random.Generator, backward: bool = False) -> Sequence:
     """Draw a sequence of a clip whose person stands, in another posture."""
-    return _drawn(corpus, clip, draw_kind(rng), rng)
+    return make_sequence(corpus, clip, _drawn(corpus, clip, draw_kind(rng), rng, backward), rng)
 
 
-def _drawn(corpus: Corpus, clip: int, posture: str | None, rng: np.random.Generator) -> Sequence:
+def _drawn(corpus: Corpus, clip: int, posture: str | None, rng: np.random.Generator, backward: bool) -> Draw:
     longest = LONGEST if posture is None else LONGEST_SETTLED
     seconds = float(corpus.length[clip] / corpus.rate[clip])
-    drawn = Draw(
+    return Draw(
         body=draw_body(corpus.rest_offset[clip].astype(float), rng),
         rate=30.0 if rng.uniform() < 0.5 else float(np.exp(rng.uniform(np.log(22), np.log(60)))),
         pace=float(np.exp(rng.uniform(-0.2, 0.2))) if rng.uniform() < 0.5 else 1.0,
@@ -207,8 +208,8 @@ def _drawn(corpus: Corpus, clip: int, posture: str | None, rng: np.random.Genera
         posture=posture,
         straight=float(rng.uniform(0.3, 1.0)) if rng.uniform() < _STRAIGHT else 0.0,
         noisy=bool(rng.uniform() < 0.6),
+        backward=backward,
     )
-    return make_sequence(corpus, clip, drawn, rng)
 
 
 def make_sequence(corpus: Corpus, clip: int, draw: Draw, rng: np.random.Generator) -> Sequence:
@@ -226,6 +227,8 @@ def make_sequence(corpus: Corpus, clip: int, draw: Draw, rng: np.random.Generato
         root, visible = root * [-1.0, 1.0, 1.0], visible[:, _MIRROR_65]
     if draw.bent:
         rotation = _with_turned_wrists(rotation, rate, rng)
+    if draw.backward:
+        rotation, root, visible = rotation[::-1], root[::-1], visible[::-1]
     true_position, matrix = _retargeted(rotation, root, own, body.true)
     knuckles = np.stack(
         [
@@ -240,7 +243,8 @@ def make_sequence(corpus: Corpus, clip: int, draw: Draw, rng: np.random.Generato
     position, turned, accuracy = points, rotation, np.full(points.shape[1], 0.001)
     if draw.noisy:
         position, turned, accuracy = _disturbed(points, rotation, rate, rng)
-    felt, has_felt = _felt(true_position, rate, rng, draw.noisy)
+    order = slice(None, None, -1 if draw.backward else 1)  # accelerations are measured forward in time
+    felt, has_felt = (values[order] for values in _felt(true_position[order], rate, rng, draw.noisy))
     anchor = _anchor(turned[:, HEAD], position[:, HEAD], tracked.head_known, rng, rate)
     told = body.told[_PLACES]
     return Sequence(
