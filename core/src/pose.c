@@ -100,9 +100,9 @@ void pose_body(const bs_settings *settings, const tracked *t, prediction *p, pos
     turn_neck(out, t);
 
     /* The spine bends to a measured pelvis. */
-    bool pelvis_breaks = begun && (pelvis_seen(t) != (s->had_position[PELVIS] || s->had_position[LEFT_HIP] ||
-                                                      s->had_position[RIGHT_HIP]) ||
-                                   t->has_position[PELVIS] != (s->had_position[PELVIS] != 0));
+    bool pelvis_breaks = false;
+    for (int j = PELVIS; j <= RIGHT_HIP; j++)
+        pelvis_breaks |= begun && t->has_position[j] != (s->had_position[j] != 0);
     vec3 wanted = add(out->point[PELVIS], pelvis_off(out, t));
     wanted = eased(&s->pelvis, wanted, s->pelvis_bent, s->pelvis_speed, interval, pelvis_breaks,
                    pelvis_seen(t) ? (float)settings->ease : BLEND, 0.0F);

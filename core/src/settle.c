@@ -3,7 +3,8 @@
 
 #include "kinematics.h"
 
-/* Points that decide about a whole body. Cameras see the others come and go in most frames. */
+/* Points that decide about a whole body, and so do both hips together. Cameras see the others come and go in most
+ * frames. */
 static const int DECISIVE[] = {HEAD, PELVIS, LEFT_WRIST, RIGHT_WRIST, LEFT_ANKLE, RIGHT_ANKLE};
 
 /* Chosen on validation people. */
@@ -14,7 +15,8 @@ static const float CARRIED = 0.5F; /* of the change of a joint's spin meanwhile 
 static bool decisive_change(const tracked *t, const pose_state *s) {
     for (size_t k = 0; k < sizeof DECISIVE / sizeof *DECISIVE; k++)
         if (t->has_position[DECISIVE[k]] != (s->had_position[DECISIVE[k]] != 0)) return true;
-    return false;
+    return (t->has_position[LEFT_HIP] && t->has_position[RIGHT_HIP]) !=
+           (s->had_position[LEFT_HIP] && s->had_position[RIGHT_HIP]);
 }
 
 /* Let the spring of one joint go on for `interval` seconds. */

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from worn_trackers import strapped
 
 from bodysense.body.person import Person
 from bodysense.body.pose import Pose, forward_kinematics, standing_pose
@@ -16,7 +17,7 @@ from bodysense.body.rigid import RigidTransform
 from bodysense.body.rotation import geodesic_angle
 from bodysense.body.shape import stature
 from bodysense.body.skeleton import default_skeleton
-from bodysense.devices.simulated.sensors import SENSOR_SETS, THREE_POINT, observe, strapped
+from bodysense.devices.simulated.sensors import SENSOR_SETS, THREE_POINT, observe
 from bodysense.devices.simulated.sensors import observe as see
 from bodysense.io.protocol import ProtocolError, SignalFrame
 from bodysense.observation import Observation

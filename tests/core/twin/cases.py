@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from hypothesis import strategies as st
+from worn_trackers import strapped
 
 from bodysense.body.person import Person
 from bodysense.body.pose import Pose, standing_pose
@@ -15,7 +16,7 @@ from bodysense.body.rigid import RigidTransform
 from bodysense.body.rotation import normalize, quaternion_exp, quaternion_multiply
 from bodysense.body.shape import sample_bodies, stature
 from bodysense.body.skeleton import Skeleton, default_skeleton
-from bodysense.devices.simulated.sensors import SENSOR_SETS, SensorSet, observe, random_edges, strapped
+from bodysense.devices.simulated.sensors import SENSOR_SETS, SensorSet, observe, random_edges
 from bodysense.observation import Observation
 from bodysense.tracker import TrackerSettings
 

@@ -115,8 +115,8 @@ def pose_body(settings: TrackerSettings, seen: Tracked, predicted: Prediction, s
     turn_neck(body, seen)
 
     # The spine bends to a measured pelvis.
-    had_pelvis = state.had_position[[PELVIS, *HIPS]].any()
-    breaks = begun and bool(pelvis_seen(seen) != had_pelvis or seen.has_position[PELVIS] != state.had_position[PELVIS])
+    hips = [PELVIS, *HIPS]
+    breaks = begun and bool((seen.has_position[hips] != state.had_position[hips]).any())
     pelvis, span = body.point[PELVIS], settings.ease if pelvis_seen(seen) else BLEND
     wanted = pelvis + pelvis_off(body, seen)
     wanted = state.pelvis.vector(wanted, state.pelvis_bent, state.pelvis_speed, interval, breaks, span)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .points import BODY, HEAD, PELVIS, at
+from .points import BODY, HEAD, HIPS, PELVIS, at
 from .tracked import Tracked
 from .vectors import turn_between, turned_by
 
@@ -44,7 +44,10 @@ class Settling:
 
 def settle(seen: Tracked, predicted: Prediction, state: PoseState) -> None:
     """Turn the predicted joints so that they go on as they moved when one of the decisive points comes or goes."""
-    changed = state.begun and bool((seen.has_position[DECISIVE] != state.had_position[DECISIVE]).any())
+    changed = state.begun and (
+        bool((seen.has_position[DECISIVE] != state.had_position[DECISIVE]).any())
+        or seen.has_position[list(HIPS)].all() != state.had_position[list(HIPS)].all()
+    )
     for j in range(BODY):
         joint, rotation = state.settling[j], predicted.rotation[j].copy()
         if state.begun:

@@ -49,7 +49,7 @@ _LEG_MARKS = [BODY_LANDMARKS.index(f"{side}_{part}") for side in SIDES for part 
 _SOLE = ("ankle", "foot", "toe")
 _FAR = 3.0  # m from the camera, before a person has been seen
 _BONES = np.array([[ARM_JOINTS.index(f"{side}_{part}") for part in ("shoulder", "elbow")] for side in SIDES])
-_CALM = 0.05  # s: standard deviation of the smoothing of landmarks, over earlier and later frames
+CALM = 0.05  # s: standard deviation of the smoothing of landmarks, over earlier and later frames
 _ARM_CALM = 0.03  # s, for arms, which move faster
 _PLACE_HALF_LIFE = 0.1  # s in which half of a jump across the picture is closed
 _DEPTH_HALF_LIFE = 0.3  # s, of a jump toward the camera or away from it
@@ -167,7 +167,7 @@ class VideoDevice:
         for k in range(count):
             settings, (tilt, roll) = self.settings, state.levels[first + k]
             room = tilted(tilt)
-            calm = smoothed(waiting, first + k, _CALM, settings.look_ahead)
+            calm = smoothed(waiting, first + k, CALM, settings.look_ahead)
             laid = self._points.lay(calm) if calm.has_body[0] else None
             if laid is not None:
                 assert turned is not None
@@ -179,7 +179,7 @@ class VideoDevice:
         camera = Camera(positions, axes, np.full(count, self.focal), np.full(count, self.aspect))
         # Earlier frames within reach are kept for smoothing the next ones.
         past = waiting.time[: first + count]
-        old = 0 if not len(past) else int((past < past[-1] - REACH * _CALM).sum())
+        old = 0 if not len(past) else int((past < past[-1] - REACH * CALM).sum())
         frames = VideoFrames(seen, person, camera)
         return frames, replace(state, waiting=waiting[old:], levels=state.levels[old:], done=first + count - old)
 

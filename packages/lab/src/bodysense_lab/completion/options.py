@@ -35,6 +35,8 @@ class CompletionTraining(MotionRun, Card):
     schedule: Flat[Schedule] = Schedule(steps=6200)
     begin_with: Path | None = None
     """checkpoint of an earlier run, or a completion network (.safetensors), whose weights the body begins with"""
+    backward: bool = False
+    """train the network that tracks recordings backward in time"""
     finger_steps: Annotated[int, within(int, 0, 10_000_000)] = FINGER_SCHEDULE.steps
     """optimiser steps of the fingers' network; 0 leaves relaxed fingers"""
     threads: Processes | None = 1

@@ -179,10 +179,22 @@ def publish(
     `limit` clips of each split suffice for a trial.
     """
     body = copy.deepcopy(body)
+    round_weights(body, sample_moments(body.eval(), _training_batches(body, data, limit)))
+    publish_rounded(body, fingers, data, out, card, limit)
+
+
+def publish_rounded(
+    body: CompletionNetwork,
+    fingers: FingerNetwork,
+    data: Path,
+    out: Path,
+    card: dict[str, Any],
+    limit: int | None = None,
+) -> None:
+    """Write both networks, of which the weights are rounded, with true errors."""
     start, apart = unchanged_errors(), shown_apart()
     beside = out.with_name(f"{out.stem}.uncalibrated.safetensors")
     try:
-        round_weights(body, sample_moments(body.eval(), _training_batches(body, data, limit)))
         _write(body, fingers, start, apart, beside, {})
         learned, watched = (_scenes(data, (split,), limit, settled=True) for split in ("train", "val"))
         samples = sample_errors(learned, watched, load_completion(beside))

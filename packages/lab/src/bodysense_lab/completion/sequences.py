@@ -181,9 +181,12 @@ class Draw:
     posture: str | None = None  # of `postures.KINDS`; None: as recorded
     straight: float = 0.0  # how much standing legs are straightened; 1: wholly
     noisy: bool = False
+    backward: bool = False  # time runs backward
 
 
-def draw_sequence(corpus: Corpus, clip: int, rng: np.random.Generator, settles: bool = False) -> Sequence:
+def draw_sequence(
+    corpus: Corpus, clip: int, rng: np.random.Generator, settles: bool = False, backward: bool = False
+) -> Sequence:
     """Draw everything that may differ about a clip of the corpus, and make its sequence.
 
     A person who stands may settle: take another posture.
@@ -202,6 +205,7 @@ def draw_sequence(corpus: Corpus, clip: int, rng: np.random.Generator, settles: 
         posture=posture,
         straight=float(rng.uniform(0.3, 1.0)) if rng.uniform() < _STRAIGHT else 0.0,
         noisy=bool(rng.uniform() < 0.6),
+        backward=backward,
     )
     return make_sequence(corpus, clip, drawn, rng)
 
@@ -221,6 +225,8 @@ def make_sequence(corpus: Corpus, clip: int, draw: Draw, rng: np.random.Generato
         root, visible = root * [-1.0, 1.0, 1.0], visible[:, _MIRROR_65]
     if draw.bent:
         rotation = _with_turned_wrists(rotation, rate, rng)
+    if draw.backward:
+        rotation, root, visible = rotation[::-1], root[::-1], visible[::-1]
     true_position, matrix = _retargeted(rotation, root, own, body.true)
     knuckles = np.stack(
         [
@@ -235,7 +241,8 @@ def make_sequence(corpus: Corpus, clip: int, draw: Draw, rng: np.random.Generato
     position, turned, accuracy = points, rotation, np.full(points.shape[1], 0.001)
     if draw.noisy:
         position, turned, accuracy = _disturbed(points, rotation, rate, rng)
-    felt, has_felt = _felt(true_position, rate, rng, draw.noisy)
+    order = slice(None, None, -1 if draw.backward else 1)  # accelerations are measured forward in time
+    felt, has_felt = (values[order] for values in _felt(true_position[order], rate, rng, draw.noisy))
     anchor = _anchor(turned[:, HEAD], position[:, HEAD], tracked.head_known, rng, rate)
     told = body.told[_PLACES]
     return Sequence(

@@ -72,6 +72,7 @@ class CompletionTaskConfig:
     network: CompletionConfig = CompletionConfig()
     streams: int = 96  # sequences side by side
     chunk: int = 48  # frames of truncated backpropagation
+    backward: bool = False  # time runs backward
     losses: Losses = field(default_factory=Losses)
 
 
@@ -107,10 +108,12 @@ class CompletionTask(Task):
         still = seconds * standing_share(self.corpus) ** 2
         weight, still = weight / weight.sum(), still / max(still.sum(), 1e-9)
 
+        backward = self.configuration.backward
+
         def draw() -> Sequence:
             if still.any() and rng.uniform() < _SETTLED:
-                return draw_sequence(self.corpus, int(rng.choice(len(still), p=still)), rng, settles=True)
-            return draw_sequence(self.corpus, int(rng.choice(len(weight), p=weight)), rng)
+                return draw_sequence(self.corpus, int(rng.choice(len(still), p=still)), rng, True, backward)
+            return draw_sequence(self.corpus, int(rng.choice(len(weight), p=weight)), rng, False, backward)
 
         for pieces, begins in played(draw, self.configuration.streams, chunk):
             yield collate(pieces, chunk, begins)
@@ -267,7 +270,7 @@ _TURNED = {"three_point_imu_feet": ("left_knee", "right_knee")}  # whose rotatio
 _GROUP = 16  # sequences side by side
 
 
-def validation_batches(corpus: Corpus, stride: int) -> dict[str, list[SequenceBatch]]:
+def validation_batches(corpus: Corpus, stride: int, backward: bool = False) -> dict[str, list[SequenceBatch]]:
     """Return every `stride`-th clip of what wearers do, whole, on its own and on an unseen body; by set and body."""
     clips = [k for k in range(len(corpus)) if corpus.category[k] in WORN][::stride]
     if not clips:
@@ -282,7 +285,7 @@ def validation_batches(corpus: Corpus, stride: int) -> dict[str, list[SequenceBa
                 true = corpus.rest_offset[clip].astype(float) if whose == "own" else strangers[place]
                 body = TrainingBody(true, true, np.zeros(len(true)))
                 rng = np.random.default_rng([7, clip])
-                pieces.append((make_sequence(corpus, clip, Draw(body, track=_worn(name)), rng), 0))
+                pieces.append((make_sequence(corpus, clip, Draw(body, track=_worn(name), backward=backward), rng), 0))
             groups = [pieces[first : first + _GROUP] for first in range(0, len(pieces), _GROUP)]
             batches[f"{name}_{whose}"] = [
                 collate(group, max(len(one) for one, _ in group), np.ones(len(group), dtype=bool)) for group in groups
@@ -315,11 +318,11 @@ def train_completion(options: CompletionTraining, fabric: Fabric) -> CompletionN
     with fabric.rank_zero_first():  # the others find what it read in the cache
         train, val = (read_corpus(options.data, split, options.limit) for split in ("train", "val"))
     fabric.print(f"{train.minutes:.0f} minutes to learn from, {val.minutes:.0f} to validate")
-    config = CompletionTaskConfig()
+    config = CompletionTaskConfig(backward=options.backward)
     network = CompletionNetwork(config.network)
     if options.begin_with is not None:
         network.load_state_dict(_weights(options.begin_with, network))
-    watched = validation_batches(val, _VALIDATION_STRIDE)
+    watched = validation_batches(val, _VALIDATION_STRIDE, options.backward)
     task = CompletionTask(network, config, options.schedule, train, watched, options.limited or None)
     fit(task, options.folder / "completion.ckpt", fabric=fabric)
     return network.cpu()

@@ -18,7 +18,7 @@ from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.rotation import normalize, quaternion_conjugate, quaternion_log, quaternion_multiply
 from bodysense.body.skeleton import Skeleton
 from bodysense.devices.simulated.camera_view import Camera
-from bodysense.devices.video.device import VideoSettings
+from bodysense.devices.video.device import CALM, VideoSettings
 from bodysense.devices.video.landmark_points import LandmarkPoints, along
 from bodysense.devices.video.landmark_smoothing import smoothed
 from bodysense.devices.video.landmarks import BODY_LANDMARKS
@@ -107,7 +107,7 @@ class LandmarkIk:
         poses: list[Pose] = []
         state = None
         for frame in range(len(person)):
-            calm = smoothed(person, frame, settings.calm, settings.look_ahead)
+            calm = smoothed(person, frame, CALM, settings.look_ahead)
             if calm.has_body[0]:
                 pose, state = self.solve(calm, state)
                 poses += [pose] * (frame + 1 - len(poses))  # before the first body, as the first
