@@ -33,6 +33,8 @@ export interface Emulated {
   layer(session: XRSession): XRWebGLLayer;
   /** What `look` returns of an animation frame of a session, each of `count` frames. */
   frames<T>(session: XRSession, count: number, look: (frame: XRBodyFrame) => T): T[];
+  /** Let time pass without frames. */
+  wait(seconds: number): void;
 }
 
 /** Put the headset on; `vi.unstubAllGlobals` takes it off. */
@@ -57,6 +59,7 @@ export function emulated(): Emulated {
   return {
     device,
     layer,
+    wait: (seconds) => void (now += 1000 * seconds),
     async enter(features = ["body-tracking"], required = []) {
       const init = { requiredFeatures: ["local-floor", ...required], optionalFeatures: features };
       const session = await navigator.xr!.requestSession("immersive-vr", init);

@@ -346,6 +346,33 @@ describe("poses of joints", () => {
   });
 });
 
+describe("a page that was hidden", () => {
+  it("goes on with the same motion where its wearer stayed", async () => {
+    install({ person: { height: 1.75 } });
+    const { poses } = await worn();
+    const names = ["hips", "left-foot-ankle", "left-arm-lower", "chest"];
+    const before = poses(3 * RATE, names);
+    headset.wait(20);
+    const after = poses(1, names);
+    names.forEach((name, k) => expect(distance(before[k]!, after[k]!), name).toBeLessThan(0.03));
+  });
+
+  it("starts anew where its wearer went elsewhere", async () => {
+    const times: number[] = [];
+    const start: Model["start"] = (...known) => {
+      const state = model.start(...known);
+      return { ...state, step: (frame) => (times.push(frame.time), state.step(frame)) };
+    };
+    tracking = installBodyTracking({ ...model, start });
+    const { pose } = await worn();
+    pose(2, "hips");
+    headset.wait(20);
+    headset.device.position.set(2, 1.6, 0.2);
+    pose(1, "hips");
+    expect(times[2]! - times[1]!).toBeGreaterThan(10);
+  });
+});
+
 describe("the polyfill", () => {
   it("keeps what it learned of the wearer for the next session, and closes what has ended", async () => {
     const closed: string[] = [];

@@ -3,9 +3,11 @@
 import { HeadsetReader } from "./headset.js";
 import { conjugate, multiply, rotate, subtract } from "./math.js";
 import type { Model, Person, Point, Settings, State } from "./types.js";
+import { WearerClock } from "./wearer_clock.js";
 import { JOINT_NAMES, jointPoses, type JointPose } from "./xr_joints.js";
 
 export { HeadsetReader } from "./headset.js";
+export { WearerClock } from "./wearer_clock.js";
 
 type FillPoses = (spaces: Iterable<XRSpace>, base: XRSpace, transforms: Float32Array) => boolean;
 
@@ -165,7 +167,7 @@ class TrackedBody {
   private size: number; // of the wearer, by the default body
   private next: { readonly time: number; readonly frame: XRFrame } | null = null; // an animation frame, not yet read
   private time = -Infinity; // s, of the frame that was read last
-  private leap = 0; // s, by which the clock is ahead, so that motion starts anew
+  private readonly clock: WearerClock;
 
   constructor(
     private readonly model: Model,
@@ -179,7 +181,8 @@ class TrackedBody {
     this.body = new Joints(JOINT_NAMES.map(space));
     this.state = model.start(person, options.settings);
     this.size = (person.height ?? DEFAULT_HEIGHT) / DEFAULT_HEIGHT;
-    floor.addEventListener("reset", () => (this.leap += 1 + (options.settings?.longestGap ?? 1)));
+    this.clock = new WearerClock(options.settings?.longestGap);
+    floor.addEventListener("reset", () => this.clock.leap());
   }
 
   person(): Person | undefined {
@@ -230,8 +233,9 @@ class TrackedBody {
     [this.time, this.next, this.poses] = [time, null, null];
     const tracked = this.reader.read(frame, this.floor, this.session.inputSources, this.size);
     const points = [...tracked, ...(this.options.points?.(frame, this.floor) ?? [])];
-    if (!points.some(({ name }) => name === "head")) return; // of a body there are all joints or none
-    const body = this.state.step({ time: time + this.leap, points });
+    const head = points.find(({ name }) => name === "head");
+    if (!head) return; // of a body there are all joints or none
+    const body = this.state.step({ time: this.clock.time(time, head), points });
     this.poses = jointPoses(body, this.model.points);
     this.size = heightOf(body.restOffset, this.model.points) / DEFAULT_HEIGHT;
   }

@@ -1,6 +1,6 @@
 /** A headset by WebXR: what it tracks goes to the engine, and the wearer sees their body in a mirror. */
 
-import { HeadsetReader } from "@bodysense/core/webxr";
+import { HeadsetReader, WearerClock } from "@bodysense/core/webxr";
 import { Matrix4, Quaternion, Vector3 } from "three";
 import { AS_IT_IS, placed, placedBy, type Placement } from "./placement";
 import type { Quaternion as Turn, Vector } from "../body/math";
@@ -11,7 +11,6 @@ import { Mirror } from "../view/mirror";
 import type { View } from "../view/scene";
 import type { VrMenu } from "../view/vr_menu";
 import type { Source } from "./source";
-import { WearerClock } from "./wearer_clock";
 
 export interface HeadsetEvents {
   /** One frame, as it goes to the engine. */

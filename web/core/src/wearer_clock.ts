@@ -1,9 +1,8 @@
 /** The clock of a wearer's frames: it leaps where their motion starts afresh, and shortens pauses that they stood through. */
 
-import { conjugate, distance, multiply, type Quaternion, type Vector } from "../body/math";
-import type { Point } from "../body/observation";
+import { conjugate, multiply, size, subtract } from "./math.js";
+import type { Point, Quaternion, Vector } from "./types.js";
 
-const LEAP = 2; // s; more than the core's longest gap, after which it remembers no motion
 const PAUSE = 0.5; // s without frames; longer pauses are shortened to this
 const STAYED = { metres: 0.3, degrees: 60 } as const; // a head that moved further is not followed on one path
 
@@ -16,9 +15,12 @@ export class WearerClock {
   private shift = 0; // s, from the page's clock to this one
   private last: { seconds: number; head: Head | null } | null = null;
 
+  /** `longestGap`: s, as in the settings of the person's state. */
+  constructor(private readonly longestGap = 1) {}
+
   /** The next frame is of another place. */
   leap(): void {
-    this.shift += LEAP;
+    this.shift += this.longestGap + 1;
     this.last = null;
   }
 
@@ -36,5 +38,5 @@ export class WearerClock {
 function hasStayed(before: Head, now: Head): boolean {
   const [w] = multiply(conjugate(before.rotation), now.rotation);
   const degrees = (360 / Math.PI) * Math.acos(Math.min(1, Math.abs(w)));
-  return distance(before.position, now.position) < STAYED.metres && degrees < STAYED.degrees;
+  return size(subtract(before.position, now.position)) < STAYED.metres && degrees < STAYED.degrees;
 }
