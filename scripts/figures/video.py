@@ -14,7 +14,13 @@ METHODS = {
     "network_true": "bodysense, from perfect key-points",
     "positions_ik": "inverse kinematics on true positions",
 }
-GESTURES = {"t_pose": "T-pose", "arms_up": "arms up", "arms_ahead": "arms ahead", "punches": "punches"}
+GESTURES = {
+    "t_pose": "T-pose",
+    "arms_up": "arms up",
+    "arms_ahead": "arms ahead",
+    "punches": "punches",
+    "waves": "waves before the face",
+}
 BONES = {
     "upper_arm_picture_deg": "upper arm, picture °",
     "forearm_picture_deg": "forearm °",

@@ -11,6 +11,7 @@ WRISTS = {  # s, and where the left wrist is then from its shoulder, in lengths 
     "arms_up": (2.1, (0.22, 0.97, 0.0)),
     "arms_ahead": (2.0, (0.0, 0.0, 1.0)),
     "punches": (0.8, (0.22, 0.03, 0.97)),  # from a chest turned to the right
+    "waves": (1.2, (0.11, 0.09, 0.48)),
 }
 
 
