@@ -27,7 +27,7 @@ def main() -> None:
     body, fingers = read_weights(args.network)
     _, metadata = read_safetensors(args.network)
     card = {name: json.loads(value) for name, value in metadata.items() if name != "format"}
-    publish_rounded(body, fingers, args.data, args.out, card, args.limit)
+    publish_rounded(body, fingers, args.data, args.out, card, args.limit, card.get("backward", False))
 
 
 if __name__ == "__main__":

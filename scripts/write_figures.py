@@ -9,7 +9,7 @@ unchanged. DATA is a folder of motion or a prepared store.
     gloves-steps)
     bodysense evaluate completion --data DATA --json FIGURES/completion.json
     … the same with --limit 36 --takes --lattice, into FIGURES/completion-takes.json
-    … the same with --split val --bodies own, into FIGURES/validation.json, for the card of the network
+    … the same with --split val --bodies own --takes, into FIGURES/validation.json, for the cards of the networks
     bodysense evaluate holes --data DATA --clips 100 --json FIGURES/holes.json
     bodysense evaluate holes --data DATA --parts fingers --json FIGURES/holes-fingers.json
     bodysense evaluate fingers --data DATA --networks RUN/without_*.ckpt --json FIGURES/fingers.json

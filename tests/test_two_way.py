@@ -11,6 +11,7 @@ from bodysense import two_way
 from bodysense.body.person import Person
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.skeleton import default_skeleton
+from bodysense.completion.model import packaged_model
 from bodysense.devices.simulated.device import simulate
 from bodysense.devices.simulated.noise import hide
 from bodysense.estimate import Estimate
@@ -103,6 +104,16 @@ def test_a_recording_that_pauses_is_two(seen: Observation, person: Person) -> No
     first, second = (complete(person, seen[part]) for part in (slice(0, 45), slice(45, None)))
     np.testing.assert_allclose(paused.points[:45], first.points, atol=1e-6)
     np.testing.assert_allclose(paused.points[45:], second.points, atol=1e-6)
+
+
+def test_each_direction_has_a_network(seen: Observation, person: Person) -> None:
+    ways, own = TwoWayTracker(person, None, TrackerSettings()), packaged_model()
+    alone = TwoWayTracker(person, own, TrackerSettings())
+    reverse = reversed_in_time(seen)
+    for tracker, model in ((ways, packaged_model(backward=True)), (alone, own)):
+        expected, _ = (one := Tracker(person, model, tracker.tracker.settings)).step(reverse, one.start())
+        np.testing.assert_array_equal(tracker.backward(seen).points[::-1], expected.points)
+    assert np.abs(ways.backward(seen).points - alone.backward(seen).points).max() > 0.01
 
 
 @pytest.mark.parametrize("frames", [1, 2, 3])

@@ -11,18 +11,28 @@ from bodysense_lab.model_card import fields_read, network_lines, read_network
 from .blocks import ROOT, Block, Numbers, figure, markdown
 
 CARD = "src/bodysense/weights/completion.md"
+BACKWARD_CARD = "src/bodysense/weights/completion_backward.md"
 BODIES = ("own", "stranger", "height", "nothing")
 
 
 def network(validation: Numbers | None) -> str:
     """Return what the completion network's file says of itself, and its validation figures if there are any."""
-    fields, _ = read_network((ROOT / CARD).with_suffix(".safetensors"))
+    return _described(CARD, validation, "", "")
+
+
+def backward_network(validation: Numbers | None) -> str:
+    """Return the same of the network for time that runs backward; its figures are of takes."""
+    return _described(BACKWARD_CARD, validation, "take_", ", completed with both networks")
+
+
+def _described(card: str, validation: Numbers | None, kind: str, said: str) -> str:
+    fields, _ = read_network((ROOT / card).with_suffix(".safetensors"))
     lines = network_lines(fields_read(fields))
     if validation is not None:
         figures = ", ".join(
-            f"{_sensors(name)} {figure(validation, f'{name}_own_{_position(name)}')}" for name in TABLE_SETS
+            f"{_sensors(name)} {figure(validation, f'{name}_own_{kind}{_position(name)}')}" for name in TABLE_SETS
         )
-        lines.append(f"- validation people, known bodies, cm: {figures}")
+        lines.append(f"- validation people, known bodies{said}, cm: {figures}")
     return "\n".join(lines)
 
 
@@ -261,6 +271,7 @@ BLOCKS = (
     Block("README.md", "completion", completion, ("completion", "completion-takes")),
     Block(CARD, "completion", completion, ("completion", "completion-takes")),
     Block(CARD, "network", network, more=("validation",)),
+    Block(BACKWARD_CARD, "network", backward_network, more=("validation",)),
     Block("docs/completion.md", "completion", completion_measures, ("completion",)),
     Block("docs/completion.md", "published", published, ("completion",)),
     Block("docs/completion.md", "takes", takes, ("completion-takes",)),

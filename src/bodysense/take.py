@@ -155,7 +155,7 @@ def track(
         height: the wearer's height in metres, in place of a person; the other proportions are inferred.
         noise: random seed of the errors of a simulated device; it tracks exactly if omitted.
         settings: the floor, whether feet are held, whether proportions are inferred.
-        network: a completion network; the packaged one if omitted.
+        network: a completion network; the packaged ones, one for each direction in time, if omitted.
         reading: facts that the source omits: unit and upward axis; of a motion also floor and joints.
         follow: of a video: number of the person to follow, as people are numbered from left to right when they are
             first seen; the largest if omitted.

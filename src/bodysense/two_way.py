@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.skeleton import Skeleton
 from bodysense.completion.holding import bent_to, on_floor
 from bodysense.completion.joining import carrying, future_share, led, mean_rotation, steadied
-from bodysense.completion.model import CompletionModel
+from bodysense.completion.model import CompletionModel, packaged_model
 from bodysense.estimate import Estimate
 from bodysense.observation import Observation
 from bodysense.tracker import Tracker, TrackerSettings, TrackerState
@@ -31,16 +32,26 @@ _ARRAYS = ("points", "measured", "confidence", "bound", "contact", "rest_offset"
 
 @dataclass(frozen=True, eq=False)
 class TwoWayTracker:
-    """Completes whole recordings of one person, of whom the passes find out nothing more."""
+    """Completes whole recordings of one person, of whom the passes find out nothing more.
+
+    Networks that are omitted are the packaged ones; `network` alone serves both directions.
+    """
 
     person: Person
     network: CompletionModel | None
     settings: TrackerSettings
+    backward_network: CompletionModel | None = None
 
-    @property
+    @cached_property
     def tracker(self) -> Tracker:
-        """The tracker of both passes: points that are seen again are met at once."""
+        """The tracker of the pass forward in time: points that are seen again are met at once."""
         return Tracker(self.person, self.network, replace(self.settings, infer=False, ease=0.0))
+
+    @cached_property
+    def backward_tracker(self) -> Tracker:
+        """The tracker of the pass backward in time."""
+        network = self.backward_network or self.network or packaged_model(backward=True)
+        return Tracker(self.person, network, replace(self.settings, infer=False, ease=0.0))
 
     def complete(
         self, observation: Observation, seconds: float, advance: Callable[[int], None] = lambda frames: None
@@ -83,7 +94,7 @@ class TwoWayTracker:
 
     def backward(self, observation: Observation) -> Estimate:
         """The answer of a tracker to which time runs backward, in the order of the frames."""
-        estimate, _ = self.tracker.step(reversed_in_time(observation), self.tracker.start())
+        estimate, _ = self.backward_tracker.step(reversed_in_time(observation), self.backward_tracker.start())
         return flipped(estimate)
 
     def joined(self, forward: Estimate, backward: Estimate, seconds: float) -> Estimate:
@@ -123,16 +134,18 @@ def completed_both_ways(
     settings: TrackerSettings,
     seconds: float,
     advance: Callable[[int, int], None] = lambda done, frames: None,
+    backward_network: CompletionModel | None = None,
 ) -> tuple[Estimate, Person]:
     """A recording (T, P) completed with past and future, and the person as believed after all of it.
 
     Args:
         observation: points of the body, without gloves.
         person: what is known of the wearer.
-        network: a completion network; the packaged one if omitted.
+        network: a completion network; the packaged ones, for each direction one, if omitted.
         settings: the floor, whether feet are held, whether proportions are inferred.
         seconds: between frames.
         advance: called with the number of frames that are done, and of all.
+        backward_network: a completion network for time that runs backward; `network` if omitted.
     """
     frames, done = len(observation), 0
     infers = settings.infer and bool(person.bone_deviation.any() or person.mounts)
@@ -145,7 +158,7 @@ def completed_both_ways(
 
     if infers:
         person = found_person(observation, person, network, settings, advance_by)
-    tracker = TwoWayTracker(person, network, settings)
+    tracker = TwoWayTracker(person, network, settings, backward_network)
     return tracker.complete(observation, seconds, lambda more: advance_by(2 * more)), person
 
 

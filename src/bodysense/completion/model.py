@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from importlib.resources.abc import Traversable
 
 PACKAGED = "completion.safetensors"
+PACKAGED_BACKWARD = "completion_backward.safetensors"
 _COMMAND = "bodysense train completion"
 
 
@@ -37,12 +38,12 @@ def load_completion(path: str | Path) -> CompletionModel:
     return _opened(Path(path))
 
 
-@lru_cache(maxsize=1)
-def packaged_model() -> CompletionModel:
-    """The network that comes with the package, loaded once."""
+@lru_cache(maxsize=2)
+def packaged_model(backward: bool = False) -> CompletionModel:
+    """The network that comes with the package, loaded once; `backward`: the one for time that runs backward."""
     from importlib.resources import files
 
-    return _opened(files("bodysense.weights").joinpath(PACKAGED))
+    return _opened(files("bodysense.weights").joinpath(PACKAGED_BACKWARD if backward else PACKAGED))
 
 
 def _opened(source: Traversable) -> CompletionModel:

@@ -93,6 +93,15 @@ def test_a_sequence_moves_as_the_retargeted_clip(corpus: Corpus) -> None:
     assert np.abs(forward_kinematics(pose)[0][:, places] - one.true_position).max() < 0.02
 
 
+def test_time_runs_backward_in_all_that_is_learned(corpus: Corpus) -> None:
+    body = TrainingBody(*[sample_bodies("train", 1)[0]] * 2, np.zeros(65))
+    ways = [make_sequence(corpus, 0, Draw(body, backward=way), np.random.default_rng(3)) for way in (False, True)]
+    for name in ("true_position", "true_rotation", "contact", "position", "rotation", "acceleration"):
+        forward, backward = (getattr(one, name) for one in ways)
+        np.testing.assert_allclose(backward[::-1], forward, atol=1e-5, err_msg=name)
+    assert np.linalg.norm(np.diff(ways[0].true_position, axis=0), axis=-1).max() > 0.01, "nobody moves"
+
+
 def test_features_of_a_mirror_image_are_mirrored(corpus: Corpus) -> None:
     rng = np.random.default_rng(4)
     position, rotation = (rng.uniform(size=len(names)) < 0.6 for names in (INPUT_POINTS, BODY))

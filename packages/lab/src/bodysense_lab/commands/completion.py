@@ -45,8 +45,8 @@ def completion(run: Flat[CompletionTraining]) -> None:
     if not fabric.is_global_zero:
         return
     card = {"training_data": run.data_note or str(run.data.name), "licence": run.licence}
-    card |= {"seed": run.schedule.seed, "steps": run.schedule.steps}
-    publish(body.eval(), fingers.eval(), run.data, run.out, card, run.limit)
+    card |= {"backward": run.backward, "seed": run.schedule.seed, "steps": run.schedule.steps}
+    publish(body.eval(), fingers.eval(), run.data, run.out, card, run.limit, run.backward)
     print(f"wrote {run.out}")
 
 
@@ -110,7 +110,7 @@ def completion_table(run: Flat[CompletionEvaluation]) -> None:
             clips,
             settings,
             track=track,
-            takes=TakenBy(run.model) if run.takes else None,
+            takes=TakenBy(run.model, run.backward_model) if run.takes else None,
             times=partial(step_times, network=track.network),
             spread=partial(spread, jobs=run.jobs or os.cpu_count() or 1, scheduler=run.scheduler),
             mean_body=mean_body,

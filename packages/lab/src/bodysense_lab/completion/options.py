@@ -88,6 +88,8 @@ class CompletionEvaluation(MotionEvaluation):
     """number of clips, spread evenly, for a sample with its intervals; all if omitted"""
     model: Path | None = None
     """completion network of your own; the packaged one if omitted"""
+    backward_model: Path | None = None
+    """completion network of your own for time that runs backward, in takes; MODEL if omitted"""
     lattice: bool = False
     """score 200 random edges of the lattice of sensor sets as well, which takes as long as half of all clips"""
     takes: bool = False

@@ -173,14 +173,15 @@ def publish(
     out: Path,
     card: dict[str, Any],
     limit: int | None = None,
+    backward: bool = False,
 ) -> None:
     """Write both networks, their weights rounded, with true errors; `card`: what it was trained on, and its licence.
 
-    `limit` clips of each split suffice for a trial.
+    `limit` clips of each split suffice for a trial. `backward`: the network is for time that runs backward.
     """
     body = copy.deepcopy(body)
-    round_weights(body, sample_moments(body.eval(), _training_batches(body, data, limit)))
-    publish_rounded(body, fingers, data, out, card, limit)
+    round_weights(body, sample_moments(body.eval(), _training_batches(body, data, limit, backward)))
+    publish_rounded(body, fingers, data, out, card, limit, backward)
 
 
 def publish_rounded(
@@ -190,13 +191,14 @@ def publish_rounded(
     out: Path,
     card: dict[str, Any],
     limit: int | None = None,
+    backward: bool = False,
 ) -> None:
     """Write both networks, of which the weights are rounded, with true errors."""
     start, apart = unchanged_errors(), shown_apart()
     beside = out.with_name(f"{out.stem}.uncalibrated.safetensors")
     try:
         _write(body, fingers, start, apart, beside, {})
-        learned, watched = (_scenes(data, (split,), limit, settled=True) for split in ("train", "val"))
+        learned, watched = (_scenes(data, (split,), limit, backward) for split in ("train", "val"))
         samples = sample_errors(learned, watched, load_completion(beside))
     finally:
         beside.unlink(missing_ok=True)
@@ -217,22 +219,25 @@ def _write(
     write_weights(TrainedNetworks(body, fingers, mean, bound), out, {**configured, **card})
 
 
-def _training_batches(body: CompletionNetwork, data: Path, limit: int | None) -> Iterator[SequenceBatch]:
+def _training_batches(
+    body: CompletionNetwork, data: Path, limit: int | None, backward: bool
+) -> Iterator[SequenceBatch]:
     """Sequences as in training, to round weights by."""
     corpus = read_corpus(data, "train", limit)
-    config = CompletionTaskConfig(body.config, streams=_STREAMS)
+    config = CompletionTaskConfig(body.config, streams=_STREAMS, backward=backward)
     task = CompletionTask(body, config, Schedule(), corpus, {})
     batches = task.batches(np.random.default_rng(_ROUNDING_SEED))
     return itertools.islice(batches, _BATCHES if limit is None else 1)
 
 
 def _scenes(
-    data: Path, splits: tuple[Split, ...], limit: int | None, settled: bool = False
+    data: Path, splits: tuple[Split, ...], limit: int | None, backward: bool
 ) -> dict[Truth, list[list[TrackedScene]]]:
     """Return batches of scenes of what wearers do, on their own bodies and on unseen ones.
 
     Validation people give all their clips; training people give a few each. The former are few, and how far errors
-    spread is visible over many people only. With `settled`, clips of standing people are added in other postures.
+    spread is visible over many people only. Clips of standing people are added in other postures. `backward` puts the
+    frames in the opposite order.
     """
     truths: tuple[Truth, ...] = ("own", "stranger")
     scenes: dict[Truth, list[list[TrackedScene]]] = {truth: [] for truth in truths}
@@ -240,11 +245,13 @@ def _scenes(
         clips = [_piece(clip) for clip in learned_clips(data, split, limit) if clip.category in WORN]
         if split == "train":
             clips = _few_of_each_person(clips)
-        if settled:
-            clips += list(settled_clips(clips))
+        clips += list(settled_clips(clips))
         for batch in batches(clips):
             for truth in truths:
-                scenes[truth].append([scene_of(clip, truth, split) for clip in batch])
+                found = [scene_of(clip, truth, split) for clip in batch]
+                if backward:
+                    found = [replace(scene, pose=scene.pose[::-1]) for scene in found]
+                scenes[truth].append(found)
     return scenes
 
 

@@ -82,17 +82,23 @@ class TrackedBy:
 
 @dataclass(frozen=True)
 class TakenBy:
-    """Whole takes, completed with past and future by the network of a file (None: the packaged one)."""
+    """Whole takes, completed with past and future by the networks of files (None: the packaged ones).
+
+    A network of one's own serves both directions if it is the only one.
+    """
 
     model: Path | None
+    backward_model: Path | None = None
 
     def __call__(self, person: Person, observation: Observation) -> Tracked:
         """Complete a take (T, P) of one person."""
-        estimate, _ = completed_both_ways(observation, person, _opened(self.model), TrackerSettings(), 1 / RATE)
+        network, backward = (None if path is None else _opened(path) for path in (self.model, self.backward_model))
+        settings = TrackerSettings()
+        estimate, _ = completed_both_ways(observation, person, network, settings, 1 / RATE, backward_network=backward)
         return Tracked.of([estimate])
 
 
-@lru_cache(maxsize=1)
+@lru_cache(maxsize=2)
 def _opened(model: Path | None) -> CompletionModel:
     return packaged_model() if model is None else load_completion(model)
 
