@@ -1,1 +1,1 @@
-"""The packaged networks, one self-describing .onnx file each."""
+"""The packaged networks, one self-describing file each."""
