@@ -1,7 +1,7 @@
 """Take: a motion on a figure before a camera. A rendered set is a folder of them: NAME.mp4, and its truth, NAME.npz.
 
-Scripted gestures, whose videos are hard: arms straight out to the sides, up, at the camera, blows, and a hand that waves
-before the face.
+Scripted gestures, whose videos are hard: arms straight out to the sides, up, at the camera, blows, and a hand that
+waves before the face.
 """
 
 from __future__ import annotations
