@@ -25,10 +25,9 @@ Array = np.ndarray
 LEAD = 0.25  # s before a point is seen again in which the guess turns toward it; 0.1 and 0.5 are within 1 %
 LEAD_PER_TURN = 0.5  # s more for each radian of the turn
 FASTEST_TURN = 9.0  # rad/s: maximum speed of a joint when it is seen again
-# Share of the backward estimate if both are equally certain: the network learned from motion forward in time, and has
-# 18 % larger errors backward (three points). Weight of certainty, and the seconds over which expected errors are
-# averaged. Chosen on 32 validation clips.
-BACKWARD_SHARE, SURENESS, STEADY = 1 / 3, 2.0, 0.33
+# Share of the backward estimate if both are equally certain, weight of certainty, and the seconds over which expected
+# errors are averaged. Chosen on 24 validation clips.
+BACKWARD_SHARE, SURENESS, STEADY = 1 / 2, 2.0, 0.33
 SMOOTH = 0.067  # s, deviation of the Gaussian over hidden joints; from 0.1 s on errors grow. Chosen on validation clips
 
 
