@@ -74,7 +74,7 @@ def test_a_killed_training_goes_on(
 ) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     # How weights become the file takes long; tests/cli/test_trials.py does it once.
-    monkeypatch.setattr(publish, "publish", lambda body, fingers, data, out, card, limit: out.write_bytes(b"trained"))
+    monkeypatch.setattr(publish, "publish", lambda body, fingers, data, out, *told: out.write_bytes(b"trained"))
     asked, log, written = TRAININGS[command]
     out = {name: tmp_path / name for name in ("whole", "killed")}
     arguments = {
