@@ -94,7 +94,8 @@ def test_a_sequence_moves_as_the_retargeted_clip(corpus: Corpus) -> None:
 
 
 def test_time_runs_backward_in_all_that_is_learned(corpus: Corpus) -> None:
-    body = TrainingBody(*[sample_bodies("train", 1)[0]] * 2, np.zeros(65))
+    offset = sample_bodies("train", 1)[0]
+    body = TrainingBody(offset, offset, np.zeros(len(offset)))
     ways = [make_sequence(corpus, 0, Draw(body, backward=way), np.random.default_rng(3)) for way in (False, True)]
     for name in ("true_position", "true_rotation", "contact", "position", "rotation", "acceleration"):
         forward, backward = (getattr(one, name) for one in ways)
