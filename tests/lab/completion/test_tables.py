@@ -263,4 +263,6 @@ def test_the_command(
     assert measures.is_file() and picture.is_file() and "hidden joints" in capsys.readouterr().out
     assert main([*arguments, "--sets", "nose"]) == 2
     assert "--sets nose: unknown; valid are head, three_point" in capsys.readouterr().err
+    assert main([*arguments, "--backward-model", "own.safetensors"]) == 2
+    assert "--backward-model: only takes are tracked backward" in capsys.readouterr().err
     assert main([*arguments, "--limit", "0"]) == 2

@@ -120,6 +120,8 @@ class CompletionEvaluation(MotionEvaluation):
         for name in self.sets:
             if name not in SENSOR_SETS:
                 raise BodysenseError(f"--sets {name}: unknown; valid are {', '.join(SENSOR_SETS)}")
+        if self.backward_model is not None and not self.takes:
+            raise BodysenseError("--backward-model: only takes are tracked backward in time; give --takes as well")
         if not self.bodies:
             raise BodysenseError(f"--bodies: give at least one of {', '.join(BODIES)}")
 
