@@ -70,7 +70,7 @@ static void find_places(const tracked *t, const body *b, vec3 found[BODY_JOINTS]
         float doubt = DOUBT * t->accuracy[j];
         share[j] = seen ? 1.0F / (1.0F + doubt * doubt) : 0.0F;
         size[j] = length(t->rest_offset[j]);
-        /* What hangs on a measured joint starts moved along with it. */
+        /* Joints beyond a measured one start with its displacement. */
         vec3 carried = spine ? vec(0, 0, 0) : moved[PARENT[j]];
         moved[j] = seen ? scale(sub(t->position[j], b->point[j]), share[j]) : carried;
         found[j] = seen ? b->point[j] : add(b->point[j], carried);

@@ -11,9 +11,10 @@
 #define UNIT_TOLERANCE 0.01 /* by which the length of a quaternion may differ from 1 */
 #define FINEST 1e-4         /* m: no point counts as more accurate */
 #define COARSEST 1000.0     /* m: or as less */
-#define LONGEST_EASE 10.0   /* s */
-#define SHORTEST_INTERVAL 1e-4 /* s: of the intervals in settings */
-#define LONGEST_INTERVAL 10.0  /* s */
+/* Limits of settings, s: beyond them single precision overflows. */
+#define LONGEST_EASE 10.0
+#define SHORTEST_INTERVAL 1e-4
+#define LONGEST_INTERVAL 10.0
 
 /* Arrays of one frame of some people, in scratch. */
 typedef struct frames {

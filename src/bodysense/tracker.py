@@ -1,6 +1,6 @@
 """The tracker: observations of people in, whole moving bodies out. The one thing that completes a body.
 
-Offline, live, in tables and for many people at once it is this class, one network file and the compiled core, which
+Offline, live, in tables and for many people at once it is this class, a network file and the compiled core, which
 does everything between an observation and an estimate.
 """
 

@@ -32,7 +32,7 @@ _ARRAYS = ("points", "measured", "confidence", "bound", "contact", "rest_offset"
 
 @dataclass(frozen=True, eq=False)
 class TwoWayTracker:
-    """Completes whole recordings of one person, of whom the passes find out nothing more.
+    """Completes whole recordings of one person whose proportions are fixed.
 
     Networks that are omitted are the packaged ones; `network` alone serves both directions.
     """
@@ -180,7 +180,7 @@ def found_person(
 
 
 def reversed_in_time(observation: Observation) -> Observation:
-    """A recording (T, P) as it is where time runs backward. Accelerations are the same."""
+    """Return a recording (T, P) reversed in time. Accelerations are the same."""
 
     def flip(values: Array) -> Array:
         return np.ascontiguousarray(values[::-1])

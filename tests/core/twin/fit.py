@@ -91,7 +91,7 @@ def agreed_places(seen: Tracked, body: Body) -> np.ndarray:
     for j in range(BODY):
         if has[j]:
             moved[j] = share[j] * (seen.position[j] - start[j])
-        elif j not in SPINE:  # what hangs on a measured joint starts moved along with it
+        elif j not in SPINE:  # joints beyond a measured one start with its displacement
             moved[j] = moved[PARENT[j]]
     found = np.where(has[:, None], start, start + moved)
     stiff = [length(start[second] - start[first]) for first, second in STIFF]

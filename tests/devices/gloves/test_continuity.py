@@ -1,40 +1,13 @@
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import pytest
+from flat_hands import FLAT, INTERVAL, flat_filler, run
 
-from bodysense.body.glove import default_glove, template
-from bodysense.body.hand import hand_skeleton
-from bodysense.body.skeleton import Skeleton, default_skeleton
+from bodysense.body.skeleton import Skeleton
 from bodysense.devices.gloves.continuity import Remembered
-from bodysense.devices.gloves.fillers import Filler, LastShape, NetworkFiller, Stack
 from bodysense.errors import BodysenseError
 from bodysense_lab.two_hands.baselines import LastKnown
-
-INTERVAL = 1 / 60
-FLAT = template(default_glove(), hand_skeleton(default_skeleton(), "left"))
-
-
-class Flat:
-    """A network that takes every hand for flat: as wrong as can be, and jumpy where the registration is."""
-
-    def run(self, markers: np.ndarray, hand: np.ndarray) -> np.ndarray:
-        return np.tile(FLAT.reshape(-1), (len(markers), 1)).astype(np.float32)
-
-
-def flat_filler(hand: Skeleton) -> Filler:
-    return Stack((NetworkFiller(Flat(), (hand,)), LastShape(FLAT)))
-
-
-def run(filler: Filler, frames: np.ndarray) -> np.ndarray:
-    state: Any = filler.start(frames.shape[1])
-    shown = []
-    for frame in frames:
-        one, state = filler.fill(frame, INTERVAL, state)
-        shown.append(one)
-    return np.stack(shown)
 
 
 def test_by_default_half_of_an_offset_is_left_after_eight_seconds(hand: Skeleton) -> None:

@@ -1,24 +1,20 @@
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import pytest
+from flat_hands import FLAT, INTERVAL, flat_filler, run
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from bodysense.body.glove import default_glove, marker_positions, template
+from bodysense.body.glove import default_glove, marker_positions
 from bodysense.body.hand import hand_skeleton
 from bodysense.body.skeleton import Skeleton, default_skeleton
-from bodysense.devices.gloves.fillers import Filler, LastShape, NetworkFiller, Stack
+from bodysense.devices.gloves.fillers import Filler
 from bodysense.errors import BodysenseError
 from bodysense_lab.synthesis.hands import synthesize_hand
 from bodysense_lab.two_hands.baselines import AffineCombination, LastKnown
 from bodysense_lab.two_hands.continuity import Continuous
-
-INTERVAL = 1 / 60
-FLAT = template(default_glove(), hand_skeleton(default_skeleton(), "left"))
 
 
 @pytest.fixture(scope="module")
@@ -31,26 +27,6 @@ def markers(hand: Skeleton) -> np.ndarray:
     """Ten seconds at 60 Hz: (T, 9, 3) m."""
     motion = synthesize_hand(hand, 10.0, np.random.default_rng(5))
     return np.asarray(marker_positions(default_glove(), motion.pose))
-
-
-class Flat:
-    """A network that takes every hand for flat: as wrong as can be, and jumpy where the registration is."""
-
-    def run(self, markers: np.ndarray, hand: np.ndarray) -> np.ndarray:
-        return np.tile(FLAT.reshape(-1), (len(markers), 1)).astype(np.float32)
-
-
-def flat_filler(hand: Skeleton) -> Filler:
-    return Stack((NetworkFiller(Flat(), (hand,)), LastShape(FLAT)))
-
-
-def run(filler: Filler, frames: np.ndarray) -> np.ndarray:
-    state: Any = filler.start(frames.shape[1])
-    shown = []
-    for frame in frames:
-        one, state = filler.fill(frame, INTERVAL, state)
-        shown.append(one)
-    return np.stack(shown)
 
 
 def test_a_hidden_marker_keeps_its_offset_and_comes_back_at_25_cm_a_second(hand: Skeleton) -> None:

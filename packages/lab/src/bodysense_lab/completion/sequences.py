@@ -189,7 +189,7 @@ def draw_sequence(
 ) -> Sequence:
     """Draw everything that may differ about a clip of the corpus, and make its sequence.
 
-    A person who stands may settle: take another posture.
+    With `settles`, a standing person takes another posture.
     """
     posture = draw_kind(rng) if settles else None
     longest = LONGEST if posture is None else LONGEST_SETTLED
