@@ -19,7 +19,7 @@ GESTURES = {
     "arms_up": "arms up",
     "arms_ahead": "arms ahead",
     "punches": "punches",
-    "waves": "waves before the face",
+    "waves": "waves beside the face",
 }
 BONES = {
     "upper_arm_picture_deg": "upper arm, picture °",

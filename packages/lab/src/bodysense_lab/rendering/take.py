@@ -1,7 +1,7 @@
 """Take: a motion on a figure before a camera. A rendered set is a folder of them: NAME.mp4, and its truth, NAME.npz.
 
 Scripted gestures, whose videos are hard: arms straight out to the sides, up, at the camera, blows, and a hand that
-waves before the face.
+waves beside the face.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ _GUARD: _ARM = ((0.2, -0.85, 0.4), (-0.35, 0.75, 0.6))
 _BLOW: _ARM = ((-0.1, 0.0, 1.0), (-0.15, 0.05, 1.0))
 _HOOK: _ARM = ((0.75, 0.0, 0.65), (-0.75, 0.0, 0.65))
 _UPPERCUT: _ARM = ((0.1, -0.3, 0.95), (-0.1, 0.9, 0.4))
-_FACE: _ARM = ((0.35, -0.55, 0.75), (-0.6, 0.75, 0.2))
+_CHIN: _ARM = ((0.35, -0.55, 0.75), (-0.6, 0.75, 0.2))
 _BESIDE: _ARM = ((0.35, -0.55, 0.75), (0.05, 0.97, 0.2))
 # For each key: s, left arm, right arm, degrees by which the chest is turned to the left.
 _Key = tuple[float, _ARM, _ARM, float]
@@ -50,9 +50,9 @@ GESTURES: dict[str, tuple[_Key, ...]] = {
                 (2.2, _GUARD, _GUARD, 0), (2.45, _GUARD, _HOOK, 30), (2.8, _GUARD, _GUARD, 0),
                 (3.0, _UPPERCUT, _GUARD, -15), (3.3, _GUARD, _GUARD, 0), (3.5, _GUARD, _UPPERCUT, 15),
                 (3.8, _GUARD, _GUARD, 0), (4.1, _GUARD, _OUT, 0), (4.5, _GUARD, _GUARD, 0)),
-    "waves": ((0.0, _HANG, _HANG, 0), (0.5, _HANG, _HANG, 0), (1.2, _FACE, _HANG, 0), (1.5, _BESIDE, _HANG, 0),
-              (1.8, _FACE, _HANG, 0), (2.1, _BESIDE, _HANG, 0), (2.4, _FACE, _HANG, 0), (2.7, _BESIDE, _HANG, 0),
-              (3.0, _FACE, _HANG, 0), (3.8, _HANG, _HANG, 0), (4.5, _HANG, _HANG, 0)),
+    "waves": ((0.0, _HANG, _HANG, 0), (0.5, _HANG, _HANG, 0), (1.2, _CHIN, _HANG, 0), (1.5, _BESIDE, _HANG, 0),
+              (1.8, _CHIN, _HANG, 0), (2.1, _BESIDE, _HANG, 0), (2.4, _CHIN, _HANG, 0), (2.7, _BESIDE, _HANG, 0),
+              (3.0, _CHIN, _HANG, 0), (3.8, _HANG, _HANG, 0), (4.5, _HANG, _HANG, 0)),
 }  # fmt: skip
 _SPINE = ("spine1", "spine2", "spine3")
 
