@@ -17,6 +17,7 @@ from bodysense.papers.hmd_vae import BodyVaeModel, load_body_vae
 from bodysense_lab.hmd_vae.export import InWorld, write_vae_onnx
 from bodysense_lab.hmd_vae.frames import BodyFrames, make_batch, read_body_frames
 from bodysense_lab.hmd_vae.network import BodyVae, BodyVaeConfig, read_vae
+from bodysense_lab.hmd_vae.options import Model
 
 Window = tuple[np.ndarray, np.ndarray, np.ndarray]
 
@@ -40,7 +41,7 @@ def test_the_file_is_the_network(small_vae: Path, frames: BodyFrames, trust: flo
 
 @pytest.mark.slow
 @pytest.mark.parametrize("which", [0, 1])
-def test_the_other_models_files_are_theirs(tmp_path: Path, frames: BodyFrames, which: int) -> None:
+def test_the_other_models_files_are_theirs(tmp_path: Path, frames: BodyFrames, which: Model) -> None:
     torch.manual_seed(3)
     network = BodyVae(BodyVaeConfig(model=which, latent=4, width=16)).eval()
     write_vae_onnx(network, tmp_path / "net.onnx", {"expected_error": [0.05] * 22})
