@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import json
+import socket
 from pathlib import Path
 
 import pytest
 
-from bodysense_lab.commands.bench.live import _framed, _messages, bench_live
+from bodysense_lab.commands.bench.live import Load, _framed, _LoadClient, _messages, bench_live
 
 
 @pytest.mark.parametrize("size", [0, 125, 126, 5000])
@@ -36,6 +37,22 @@ def test_what_clients_send_is_a_masked_frame() -> None:
         (frame,) = reader.events_received()
         assert isinstance(frame, Frame)
         assert (frame.opcode, bytes(frame.data), frame.fin) == (Opcode.BINARY, b"x" * size, True)
+
+
+def test_a_ping_is_answered() -> None:
+    """A server closes a connection whose pings are not answered; the largest load takes longer than it waits."""
+    pytest.importorskip("websockets", reason="needs packages/live")
+    from websockets.frames import Frame, Opcode
+    from websockets.protocol import SERVER, Protocol, State
+
+    load, (ours, theirs) = Load("http://127.0.0.1:1", 72.0), socket.socketpair()
+    with ours, theirs:
+        theirs.sendall(Frame(Opcode.PING, b"beat").serialize(mask=False))
+        load._read(_LoadClient(ours, due=0.0))
+        reader = Protocol(SERVER, state=State.OPEN)
+        reader.receive_data(theirs.recv(4096))
+    (frame,) = reader.events_received()
+    assert isinstance(frame, Frame) and (frame.opcode, bytes(frame.data)) == (Opcode.PONG, b"beat")
 
 
 @pytest.mark.alone

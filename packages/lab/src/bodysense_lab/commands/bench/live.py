@@ -243,6 +243,8 @@ class Load:
         for opcode, payload in _messages(one.unread):
             if opcode == 8:
                 raise BodysenseError(f"the server closed a session: {payload[2:].decode(errors='replace')}")
+            if opcode == 9:  # a ping: whoever does not answer is taken for gone
+                one.socket.send(_framed(10, payload))
             if opcode != 2 or payload[0] != POSE:
                 continue
             *_, sequence, _ = POSE_HEAD.unpack_from(payload)
