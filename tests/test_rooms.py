@@ -24,6 +24,7 @@ FLOORS: dict[str, float] = {
     "files": -1,
     "ranges": -1,  # of options
     "arrays": -0.5,
+    "tensors": -0.5,
     "weights": -1,  # data, read by name
     "body": 0,
     "intervals": 0,

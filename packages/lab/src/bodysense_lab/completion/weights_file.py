@@ -20,6 +20,7 @@ from bodysense.body.shape import shape_space
 from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError
 from bodysense.files import written_beside
+from bodysense.tensors import TYPES, tensors_of
 from bodysense_lab.completion.error_map import ErrorMap, error_tables
 from bodysense_lab.completion.fingers import FingerConfig, FingerNetwork
 from bodysense_lab.completion.network import CompletionConfig, CompletionNetwork
@@ -30,9 +31,7 @@ FORMAT = "bodysense-completion-2"
 # errors: in bytes, which count in the largest weight of a row, bounds of 90 % covered 79 % of some sensor sets' errors.
 _IN_BYTES = ("body.recurrent.weight", "body.turn_branch.0.weight", "body.judge_branch", "fingers")
 _EXACT = ("usual_bones", "standing", "relaxed", "errors.bias", "errors.inward.bias")
-_TYPES = {"I8": np.int8, "F16": np.float16, "F32": np.float32, "F64": np.float64}
 _ALIGNMENT = 64  # bytes, of the header with its length: numbers begin where a memory map can use them
-_MOST_HEADER = 100_000_000  # bytes; safetensors' own limit
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,7 +124,7 @@ def row_step(values: np.ndarray) -> np.ndarray:
 def safetensors_bytes(tensors: Mapping[str, np.ndarray], metadata: Mapping[str, str]) -> bytes:
     """Tensors and texts as a safetensors file."""
     header: dict[str, Any] = {"__metadata__": dict(metadata)}
-    kinds, parts, place = {np.dtype(kind): name for name, kind in _TYPES.items()}, list[bytes](), 0
+    kinds, parts, place = {np.dtype(kind): name for name, kind in TYPES.items()}, list[bytes](), 0
     # Wide numbers first, so that each is where its type wants it.
     for name, values in sorted(tensors.items(), key=lambda item: -item[1].itemsize):
         parts.append(np.ascontiguousarray(values).tobytes())
@@ -145,21 +144,7 @@ def read_safetensors(path: Path) -> tuple[dict[str, np.ndarray], dict[str, str]]
     """Tensors and texts of a file. Raises BodysenseError for one that is not there, damaged, or of other types."""
     if not path.is_file():
         raise BodysenseError(f"{path}: no such file; give a completion network (.safetensors)")
-    data = path.read_bytes()
-    try:
-        (size,) = struct.unpack_from("<Q", data)
-        if size > min(len(data) - 8, _MOST_HEADER):
-            raise ValueError("it ends within its header")
-        header = json.loads(data[8 : 8 + size])
-        metadata = header.pop("__metadata__", {})
-        tensors = {}
-        for name, entry in header.items():
-            first, last = entry["data_offsets"]
-            values = np.frombuffer(data[8 + size + first : 8 + size + last], _TYPES[entry["dtype"]])
-            tensors[name] = values.reshape(entry["shape"])
-    except (struct.error, ValueError, KeyError, TypeError, AttributeError) as error:
-        raise BodysenseError(f"{path}: not a readable safetensors file ({error}); write or copy it again") from None
-    return tensors, metadata
+    return tensors_of(path.read_bytes(), str(path))
 
 
 def _stored(tables: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
