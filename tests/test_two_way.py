@@ -10,6 +10,7 @@ import pytest
 from bodysense import two_way
 from bodysense.body.person import Person
 from bodysense.body.pose import Pose, forward_kinematics
+from bodysense.body.rotation import geodesic_angle
 from bodysense.body.skeleton import default_skeleton
 from bodysense.completion.model import packaged_model
 from bodysense.devices.simulated.device import simulate
@@ -72,6 +73,25 @@ def test_a_wrist_that_is_seen_again_does_not_leap(
     path = np.linalg.norm(np.diff(complete(person, gap).points[:, wrist], axis=0), axis=-1)
     edges = [first - 1, first, first + frames - 1, min(first + frames, len(path) - 1)]
     assert (path[edges] < truth.max() + 0.05).all()
+
+
+def test_a_moment_that_is_bridged_is_not_measured(seen: Observation, person: Person, waving_clip: Clip) -> None:
+    """A wrist that is lost for a tenth of a second is nearly where it was, and said to be hidden."""
+    wrist = person.skeleton.index("left_wrist")
+    estimate = complete(person, lost(seen, "left_wrist", 30, 33))
+    truth = np.asarray(forward_kinematics(waving_clip.pose)[0])[:, wrist]
+    assert not estimate.measured[30:33, wrist].any() and estimate.measured[[29, 33], wrist].all()
+    assert np.linalg.norm(estimate.points[30:33, wrist] - truth[30:33], axis=-1).max() < 0.02
+
+
+def test_tracked_rotations_are_kept(person: Person, waving_clip: Clip) -> None:
+    """Sensors of rotation alone on the shins, and controllers."""
+    shins = simulate(waving_clip, "three_point_imu_feet")
+    estimate = complete(person, shins)
+    turned = np.asarray(forward_kinematics(estimate.pose)[1])
+    for name in ("head", "left_wrist", "right_wrist", "left_knee", "right_knee"):
+        off = geodesic_angle(turned[:, person.skeleton.index(name)], shins.rotation[:, shins.points.index(name)])
+        assert np.degrees(off).max() < 0.5, name
 
 
 def test_the_future_counts(seen: Observation, person: Person) -> None:

@@ -12,6 +12,7 @@ from .blocks import ROOT, Block, Numbers, figure, markdown
 
 CARD = "src/bodysense/weights/completion.md"
 BACKWARD_CARD = "src/bodysense/weights/completion_backward.md"
+JOINING_CARD = "src/bodysense/weights/completion_joining.md"
 BODIES = ("own", "stranger", "height", "nothing")
 
 
@@ -20,9 +21,14 @@ def network(validation: Numbers | None) -> str:
     return _described(CARD, validation, "", "")
 
 
-def backward_network(validation: Numbers | None) -> str:
-    """Return the same of the network for time that runs backward; its figures are of takes."""
-    return _described(BACKWARD_CARD, validation, "take_", ", completed with both networks")
+def backward_network() -> str:
+    """Return the same of the network for time that runs backward, which completes nothing alone."""
+    return _described(BACKWARD_CARD, None, "", "")
+
+
+def joining_network(validation: Numbers | None) -> str:
+    """Return the same of the joining network; its figures are of takes."""
+    return _described(JOINING_CARD, validation, "take_", ", completed in both directions and joined")
 
 
 def _described(card: str, validation: Numbers | None, kind: str, said: str) -> str:
@@ -271,7 +277,8 @@ BLOCKS = (
     Block("README.md", "completion", completion, ("completion", "completion-takes")),
     Block(CARD, "completion", completion, ("completion", "completion-takes")),
     Block(CARD, "network", network, more=("validation",)),
-    Block(BACKWARD_CARD, "network", backward_network, more=("validation",)),
+    Block(BACKWARD_CARD, "network", backward_network),
+    Block(JOINING_CARD, "network", joining_network, more=("validation",)),
     Block("docs/completion.md", "completion", completion_measures, ("completion",)),
     Block("docs/completion.md", "published", published, ("completion",)),
     Block("docs/completion.md", "takes", takes, ("completion-takes",)),

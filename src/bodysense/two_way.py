@@ -1,6 +1,7 @@
 """Completion with past and future: a recording is tracked forward and backward in time, and both answers are joined.
 
-the person, by one pass forward → windows: forward, on from the window before | backward, from some seconds later
+the person, by one pass forward → brief gaps bridged
+→ windows: forward, on from the window before | backward, from some seconds later
 → joined → limbs to what is measured → feet on the floor → windows faded into each other
 """
 
@@ -14,12 +15,15 @@ import numpy as np
 
 from bodysense.body.person import Person
 from bodysense.body.pose import Pose, forward_kinematics
+from bodysense.body.rotation import quaternion_exp, quaternion_multiply
 from bodysense.body.skeleton import Skeleton
-from bodysense.completion.holding import bent_to, on_floor
-from bodysense.completion.joining import carrying, future_share, led, mean_rotation, steadied
+from bodysense.completion.bridging import bridged
+from bodysense.completion.holding import bent_to, on_floor, trunk_met
+from bodysense.completion.joining import future_share, led, mean_rotation
+from bodysense.completion.joining_network import JoiningNetwork, TwoAnswers, kept_turns, packaged_joining
 from bodysense.completion.model import CompletionModel, packaged_model
 from bodysense.estimate import Estimate
-from bodysense.observation import Observation
+from bodysense.observation import Observation, observed_points
 from bodysense.tracker import Tracker, TrackerSettings, TrackerState
 
 Array = np.ndarray
@@ -41,6 +45,7 @@ class TwoWayTracker:
     network: CompletionModel | None
     settings: TrackerSettings
     backward_network: CompletionModel | None = None
+    joining: JoiningNetwork | None = None
 
     @cached_property
     def tracker(self) -> Tracker:
@@ -59,7 +64,9 @@ class TwoWayTracker:
         """Complete all frames of a recording (T, P), `seconds` apart; `advance` is called with frames that are done."""
         ends = np.flatnonzero(np.diff(observation.time) > self.settings.longest_gap) + 1
         spans = zip([0, *ends.tolist()], [*ends.tolist(), len(observation)], strict=True)
-        return concatenated([part for a, b in spans for part in self._windows(observation[a:b], seconds, advance)])
+        parts = (bridged(observation[a:b], seconds) for a, b in spans)
+        whole = concatenated([done for part in parts for done in self._windows(part, seconds, advance)])
+        return replace(whole, measured=np.asarray(observed_points(observation, self.person.skeleton)[2]))
 
     def _windows(self, observation: Observation, seconds: float, advance: Callable[[int], None]) -> Iterator[Estimate]:
         """Estimates of consecutive frames of a recording without gaps, a window at a time."""
@@ -69,7 +76,8 @@ class TwoWayTracker:
             end = begin + size if begin + size + beside < frames else frames
             first, last = max(begin - beside, 0), min(end + beside, frames)
             forward, state = self._forward(observation, forward, first, last, state)
-            joined = self.joined(forward, self.backward(observation[first:last]), seconds)
+            seen = observation[first:last]
+            joined = self.joined(forward, self.backward(seen), self.turned(seen), seconds)
             lead = 0 if begin == 0 else half
             part = cut(joined, begin - lead - first, min(end + half, frames) - first)
             if before is not None:
@@ -97,25 +105,55 @@ class TwoWayTracker:
         estimate, _ = self.backward_tracker.step(reversed_in_time(observation), self.backward_tracker.start())
         return flipped(estimate)
 
-    def joined(self, forward: Estimate, backward: Estimate, seconds: float) -> Estimate:
-        """Join both answers of the same frames, `seconds` apart."""
+    def turned(self, observation: Observation) -> Array:
+        """Return the joints (T, J) whose rotation is tracked."""
+        skeleton = self.person.skeleton
+        return np.asarray(observed_points(observation, skeleton)[3])[:, : len(skeleton.joints)]
+
+    def answers(self, forward: Estimate, backward: Estimate, turned: Array, seconds: float) -> TwoAnswers:
+        """Return both answers of the same frames, `seconds` apart, each led to points that are seen again."""
         skeleton, measured = forward.pose.skeleton, forward.measured
-        head, pelvis = skeleton.index("head"), skeleton.index("pelvis")
+        head = skeleton.index("head")
         past = _placed(skeleton, *led(forward.pose.rotation, forward.points[:, head], measured, seconds))
-        share = future_share(forward.confidence, backward.confidence, seconds)[:, None, None]
-        turned, place = led(backward.pose.rotation[::-1], backward.points[::-1, head], measured[::-1], seconds)
-        future = _placed(skeleton, turned[::-1], place[::-1])
-        between = (1 - share) * past[1] + share * future[1]
+        rotation, place = led(backward.pose.rotation[::-1], backward.points[::-1, head], measured[::-1], seconds)
+        future = _placed(skeleton, rotation[::-1], place[::-1])
+        return TwoAnswers(
+            skeleton=skeleton,
+            past=np.asarray(past[0].rotation),
+            future=np.asarray(future[0].rotation),
+            past_points=past[1],
+            future_points=future[1],
+            past_error=forward.confidence,
+            future_error=backward.confidence,
+            past_contact=forward.contact,
+            future_contact=backward.contact,
+            share=future_share(forward.confidence, backward.confidence, seconds),
+            measured=measured,
+            turned=turned,
+            floor=self.settings.floor,
+            seconds=seconds,
+        )
+
+    def joined(self, forward: Estimate, backward: Estimate, turned: Array, seconds: float) -> Estimate:
+        """Join both answers of frames, `seconds` apart; joints that are `turned` (T, J) keep their tracked rotation."""
+        answers = self.answers(forward, backward, turned, seconds)
+        skeleton, measured = answers.skeleton, answers.measured
+        head, pelvis, share = skeleton.index("head"), skeleton.index("pelvis"), answers.share[:, None, None]
+        between = (1 - share) * answers.past_points + share * answers.future_points
         points = np.where(measured[..., None], (forward.points + backward.points) / 2, between)
-        rotation = mean_rotation(past[0].rotation, future[0].rotation, share)
-        rotation = steadied(rotation, carrying(measured, skeleton.parents)[:, : rotation.shape[1]], seconds)
+        shares, beyond = (self.joining or packaged_joining())(answers)
+        rotation = mean_rotation(answers.past, answers.future, shares[..., None])
+        rotation = quaternion_multiply(rotation, quaternion_exp(beyond))
+        world = mean_rotation(*(np.asarray(forward_kinematics(one.pose)[1]) for one in (forward, backward)))
+        rotation = kept_turns(skeleton, rotation, world, turned)
         pose, position = _placed(skeleton, rotation, points[:, head])
         by_pelvis = measured[:, [pelvis]] & ~measured[:, [head]]
         off = np.where(by_pelvis, points[:, pelvis] - position[:, pelvis], 0.0)
-        pose = bent_to(replace(pose, root_position=pose.root_position + off), points, measured)
+        pose = trunk_met(replace(pose, root_position=pose.root_position + off), points, measured)
+        pose = bent_to(pose, np.where(measured[..., None], points, np.asarray(forward_kinematics(pose)[0])), measured)
         contact = (1 - share[..., 0]) * forward.contact + share[..., 0] * backward.contact
         if self.settings.hold_feet:
-            pose = on_floor(pose, contact, measured, self.settings.floor, seconds)
+            pose = on_floor(pose, contact, measured, turned, self.settings.floor, seconds)
         return Estimate(
             pose=pose,
             points=np.asarray(forward_kinematics(pose)[0]),
@@ -135,6 +173,7 @@ def completed_both_ways(
     seconds: float,
     advance: Callable[[int, int], None] = lambda done, frames: None,
     backward_network: CompletionModel | None = None,
+    joining: JoiningNetwork | None = None,
 ) -> tuple[Estimate, Person]:
     """A recording (T, P) completed with past and future, and the person as believed after all of it.
 
@@ -146,6 +185,7 @@ def completed_both_ways(
         seconds: between frames.
         advance: called with the number of frames that are done, and of all.
         backward_network: a completion network for time that runs backward; `network` if omitted.
+        joining: a network that joins both answers; the packaged one if omitted.
     """
     frames, done = len(observation), 0
     infers = settings.infer and bool(person.bone_deviation.any() or person.mounts)
@@ -158,7 +198,7 @@ def completed_both_ways(
 
     if infers:
         person = found_person(observation, person, network, settings, advance_by)
-    tracker = TwoWayTracker(person, network, settings, backward_network)
+    tracker = TwoWayTracker(person, network, settings, backward_network, joining)
     return tracker.complete(observation, seconds, lambda more: advance_by(2 * more)), person
 
 

@@ -32,6 +32,7 @@ FIRST_LINE = 20.0  # s of a processor from the command to its first line
 COMMANDS = {
     "completion": ("net.safetensors", "net/completion.jsonl", "--finger-steps 2 --warm-up 1"),
     "completion-fingers": ("net.ckpt", "net.jsonl", "--warm-up 1"),
+    "completion-joining": ("net.safetensors", "net/joining.jsonl", "--frames 300 --warm-up 1"),
     "body-gru": ("net.onnx", "net.jsonl", "--lanes 4 --hidden 16"),
     "unoc-tables": ("nets/window_9.pt", "nets/window_9.jsonl", "--networks window_9 --batch-scale 0.02"),
     "fingers": ("net.onnx", "net.jsonl", ""),

@@ -1,50 +1,68 @@
-"""Smoothing of joined takes: hidden joints lose their jitter, and seen ones keep every bit."""
+"""What joins two answers before the network does: shares by certainty, and hidden frames that lead to a return."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from bodysense.body.rotation import geodesic_angle, quaternion_exp
-from bodysense.completion.joining import carrying, steadied
+from bodysense.body.skeleton import default_skeleton
+from bodysense.completion.joining import BACKWARD_SHARE, LEAD, future_share, led, mean_rotation
 
-RATE = 30.0
-
-
-def jittery(seed: int, frames: int = 90) -> np.ndarray:
-    """Two joints (T, 2, 4) that turn slowly, and tremble by 3°."""
-    rng, time = np.random.default_rng(seed), np.arange(frames)[:, None, None] / RATE
-    return np.asarray(quaternion_exp(time * [[0.5, 0.0, 0.0], [0.0, 0.4, 0.0]] + rng.normal(0, 0.05, (frames, 2, 3))))
+SECONDS = 1 / 30
+FRAMES, RETURN = 90, 50  # a wrist is hidden until it is seen again in this frame
+SKELETON = default_skeleton()
+WRIST, ELBOW, KNEE = (SKELETON.index(name) for name in ("left_wrist", "left_elbow", "left_knee"))
 
 
-@given(st.integers(0, 1000), st.lists(st.tuples(st.integers(0, 89), st.integers(1, 40)), max_size=4))
-@settings(max_examples=25, deadline=None)
-def test_seen_joints_keep_their_rotations(seed: int, spans: list[tuple[int, int]]) -> None:
-    rotation, seen = jittery(seed), np.ones((90, 2), dtype=bool)
-    for first, count in spans:
-        seen[first : first + count, 1] = False
-    found = steadied(rotation, seen, 1 / RATE)
-    assert geodesic_angle(found, rotation)[seen].max(initial=0) < 1e-6
-    np.testing.assert_allclose(np.linalg.norm(found, axis=-1), 1, atol=1e-9)
+@pytest.mark.parametrize("times", [1.0, 2.0, 8.0])
+def test_the_surer_answer_counts_more(times: float) -> None:
+    past = np.full((FRAMES, len(SKELETON.points)), 0.05)
+    share = future_share(past, past / times, SECONDS)
+    other = future_share(past / times, past, SECONDS)
+    np.testing.assert_allclose(share, share[0])
+    if times == 1:
+        np.testing.assert_allclose(share, BACKWARD_SHARE)
+    assert share[0] >= BACKWARD_SHARE >= other[0]
+    np.testing.assert_allclose(share + other, 2 * BACKWARD_SHARE)
 
 
-def test_hidden_joints_lose_their_jitter() -> None:
-    rotation, seen = jittery(1), np.zeros((90, 2), dtype=bool)
-    found = steadied(rotation, seen, 1 / RATE)
-    slow = np.asarray(quaternion_exp(np.arange(90)[:, None, None] / RATE * [[0.5, 0.0, 0.0], [0.0, 0.4, 0.0]]))
-    assert geodesic_angle(found, slow).mean() < 0.6 * geodesic_angle(rotation, slow).mean()
+def test_shares_change_slowly() -> None:
+    past, future = np.full((2, FRAMES, len(SKELETON.points)), 0.05)
+    future[45:] = 0.005
+    share = future_share(past, future, SECONDS)
+    assert share[0] == pytest.approx(BACKWARD_SHARE) and share[-1] > 0.95
+    assert np.diff(share).min() >= 0 and np.diff(share).max() < 0.1
 
 
-@pytest.mark.parametrize("frames", [1, 2, 5])
-def test_few_frames_and_quaternions_of_either_sign(frames: int) -> None:
-    rotation, seen = jittery(2, frames), np.zeros((frames, 2), dtype=bool)
-    flipped = rotation * np.where(np.arange(frames) % 2, -1.0, 1.0)[:, None, None]
-    assert geodesic_angle(steadied(rotation, seen, 1 / RATE), steadied(flipped, seen, 1 / RATE)).max() < 1e-6
+def leaping() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Rotations (T, J, 4) of an elbow that leaps by a radian where its wrist is seen again, heads, and what is seen."""
+    rotation = np.zeros((FRAMES, len(SKELETON.joints), 4))
+    rotation[..., 0] = 1
+    rotation[RETURN:, ELBOW] = quaternion_exp(np.array([0.0, 1.0, 0.0]))
+    seen = np.ones((FRAMES, len(SKELETON.points)), dtype=bool)
+    seen[:RETURN, WRIST] = False
+    return rotation, np.zeros((FRAMES, 3)), seen
 
 
-def test_what_carries_a_seen_point_is_not_smoothed() -> None:
-    """A chain of three, and a branch."""
-    seen = np.array([[False, False, True, False], [False, False, False, False]])
-    np.testing.assert_array_equal(carrying(seen, (-1, 0, 1, 0)), [[True, True, True, False], [False] * 4])
+def test_hidden_frames_lead_to_a_return() -> None:
+    rotation, head, seen = leaping()
+    found, _ = led(rotation, head, seen, SECONDS)
+    steps = geodesic_angle(found[1:, ELBOW], found[:-1, ELBOW])
+    assert steps.max() < 0.15 < geodesic_angle(rotation[1:, ELBOW], rotation[:-1, ELBOW]).max()
+    np.testing.assert_array_equal(found[RETURN:], rotation[RETURN:])
+    early = RETURN - round(2 * LEAD / SECONDS) - 15
+    np.testing.assert_array_equal(found[:early], rotation[:early])
+    np.testing.assert_array_equal(found[:, KNEE], rotation[:, KNEE])
+
+
+def test_what_is_seen_all_the_time_is_not_led() -> None:
+    rotation, head, seen = leaping()
+    found, _ = led(rotation, head, np.ones_like(seen), SECONDS)
+    np.testing.assert_array_equal(found, rotation)
+
+
+def test_the_mean_of_rotations_is_between_them() -> None:
+    a, b = quaternion_exp(np.array([[0.2, 0.0, 0.0], [0.8, 0.0, 0.0]]))
+    for share in (0.0, 0.5, 1.0):
+        assert geodesic_angle(mean_rotation(a, -b, share), a) == pytest.approx(0.6 * share, abs=1e-6)

@@ -25,19 +25,23 @@ ENDS = ("left_wrist", "right_wrist", "left_ankle", "right_ankle")
 
 
 def bent_to(pose: Pose, points: Array, measured: Array) -> Pose:
-    """The pose (T,) with wrists and ankles at their `points` (T, P, 3) m, and elbows and knees that are `measured`.
+    """The pose (T,) with wrists and ankles that are `measured` at their points, and elbows and knees likewise.
 
     A limb bends in the plane in which it lies; hands and feet keep their rotations in the world.
 
     Args:
         pose: (T,).
-        points: (T, P, 3) m, world.
+        points: (T, P, 3) m, world: where points are measured, elsewhere where they are believed.
         measured: (T, P) bool: points that are tracked.
     """
     skeleton = pose.skeleton
     tips = {end: skeleton.index(end) for end in ENDS}
     bent = reaching_all(pose, {end: points[:, tip] for end, tip in tips.items()})
-    rotation = np.array(bent.rotation)
+    rotation = np.array(pose.rotation)
+    for tip in tips.values():
+        middle = skeleton.parents[tip]
+        for joint in (skeleton.parents[middle], middle, tip):
+            rotation[measured[:, tip], joint] = bent.rotation[measured[:, tip], joint]
     for tip in tips.values():
         where = measured[:, skeleton.parents[tip]]
         if where.any():
@@ -63,20 +67,52 @@ def _turn_at_middle(pose: Pose, tip: int, points: Array, where: Array, rotation:
         rotation[where, joint] = quaternion_canonical(quaternion_multiply(quaternion_conjugate(base), to))
 
 
-def on_floor(pose: Pose, contact: Array, measured: Array, floor: float, seconds: float) -> Pose:
+def trunk_met(pose: Pose, points: Array, measured: Array) -> Pose:
+    """The pose (T,) whose spine points from the head to the pelvis, where both are `measured`.
+
+    The spine turns about the head as one piece; head and pelvis keep their rotations in the world. What is left is how
+    much longer or shorter than measured the spine is.
+
+    Args:
+        pose: (T,).
+        points: (T, P, 3) m, world.
+        measured: (T, P) bool: points that are tracked.
+    """
+    skeleton = pose.skeleton
+    pelvis, head = skeleton.index("pelvis"), skeleton.index("head")
+    where = np.asarray(measured[:, pelvis] & measured[:, head])
+    if not where.any():
+        return pose
+    position, world = (np.asarray(part) for part in forward_kinematics(pose[where]))
+    rotation, root = np.array(pose.rotation), np.array(pose.root_position)
+    first, last = skeleton.index("spine1"), skeleton.parents[head]
+    hanging, rising = position[:, first] - position[:, head], position[:, first] - position[:, pelvis]
+    swung = shortest_arc(hanging, points[where, pelvis] + rising - points[where, head])
+    for joint, above, own in (
+        (first, world[:, pelvis], quaternion_multiply(swung, world[:, first])),
+        (head, quaternion_multiply(swung, world[:, last]), world[:, head]),
+    ):
+        rotation[where, joint] = quaternion_canonical(quaternion_multiply(quaternion_conjugate(above), own))
+    root[where] = points[where, head] + quaternion_rotate(swung, hanging) - rising
+    return Pose(skeleton, root, rotation)
+
+
+def on_floor(pose: Pose, contact: Array, measured: Array, turned: Array, floor: float, seconds: float) -> Pose:
     """The pose (T,) with feet that stand held in place, and soles that are not under the floor.
 
     Args:
         pose: (T,).
         contact: (T, 4) probability that each of `CONTACT_POINTS` rests on something.
         measured: (T, P) bool: points that are tracked; feet that are stay where they are.
+        turned: (T, J) bool: joints whose rotation is tracked; shins and feet that are stay as they are.
         floor: m, height of the floor.
         seconds: between frames.
     """
     skeleton = pose.skeleton
     for side in ("left", "right"):
         soles = skeleton.indices([f"{side}_{part}" for part in ("ankle", "foot", "toe")])
-        free = np.asarray(~measured[:, soles].any(axis=1))
+        lower = skeleton.indices([f"{side}_{part}" for part in ("knee", "ankle")])
+        free = np.asarray(~measured[:, soles].any(axis=1) & ~turned[:, lower].any(axis=1))
         if not free.any():
             continue
         position = np.asarray(forward_kinematics(pose)[0])

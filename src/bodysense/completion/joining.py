@@ -6,7 +6,7 @@ there. The mean of both answers' local rotations keeps bones.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from functools import lru_cache
 
 import numpy as np
@@ -28,7 +28,6 @@ FASTEST_TURN = 9.0  # rad/s: maximum speed of a joint when it is seen again
 # Share of the backward estimate if both are equally certain, weight of certainty, and the seconds over which expected
 # errors are averaged. Chosen on 24 validation clips.
 BACKWARD_SHARE, SURENESS, STEADY = 1 / 2, 2.0, 0.33
-SMOOTH = 0.067  # s, deviation of the Gaussian over hidden joints; from 0.1 s on errors grow. Chosen on validation clips
 
 
 @lru_cache(maxsize=1)
@@ -116,26 +115,6 @@ def future_share(past: Array, future: Array, seconds: float) -> Array:
     ratio = np.log(past[:, body].mean(axis=1) / future[:, body].mean(axis=1))
     odds = BACKWARD_SHARE / (1 - BACKWARD_SHARE) * np.exp(SURENESS * _convolved(ratio, bell))
     return odds / (1 + odds)
-
-
-def carrying(seen: Array, parents: Sequence[int]) -> Array:
-    """Return which points (T, P) are seen, or have a point that is seen hanging on them; parents come first."""
-    result = seen.copy()
-    for point in range(len(parents) - 1, 0, -1):
-        result[:, parents[point]] |= result[:, point]
-    return result
-
-
-def steadied(rotation: Array, seen: Array, seconds: float) -> Array:
-    """Return local rotations (T, J, 4), smoothed over time where a joint is hidden, `seen` (T, J).
-
-    Smoothing sets in with the distance from frames in which the joint is seen; these are unchanged.
-    """
-    bell = _bell(SMOOTH / seconds)
-    sign = np.where((rotation[1:] * rotation[:-1]).sum(axis=-1, keepdims=True) < 0, -1.0, 1.0)
-    even = np.concatenate([rotation[:1], rotation[1:] * np.cumprod(sign, axis=0)])
-    share = _convolved((~seen).astype(float), bell) * ~seen
-    return mean_rotation(rotation, normalize(_convolved(even, bell)), share[..., None])
 
 
 def _convolved(values: Array, bell: Array) -> Array:

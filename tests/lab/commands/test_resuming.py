@@ -35,6 +35,7 @@ TRAININGS = {
         "nets/glove_markers.onnx",
     ),
     "completion-fingers": ("--steps 6 --warm-up 1", "net.jsonl", "net.ckpt"),
+    "completion-joining": ("--steps 6 --warm-up 1 --frames 300", "net/joining.jsonl", "net.safetensors"),
 }
 # Of these the batch of a step is drawn by its number; the others draw anew where they go on.
 BY_STEP = ("arms", "gloves")

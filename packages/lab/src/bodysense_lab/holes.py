@@ -131,9 +131,8 @@ def filled_by_all(partial: PartialMotion) -> dict[str, np.ndarray]:
     ways = TwoWayTracker(Person(partial.clip.pose.skeleton), None, TrackerSettings())
     seen = observed(partial)
     forward, _ = ways.tracker.step(seen, ways.tracker.start())
-    joined = ways.joined(forward, ways.backward(seen), 1 / RATE)
     return {
-        OURS: filled_by(partial, joined),
+        OURS: filled_by(partial, ways.complete(seen, 1 / RATE)),
         "slerp": between(partial.rotation, partial.missing, slerped),
         "cubic spline": between(partial.rotation, partial.missing, splined),
         "inertialised": between(partial.rotation, partial.missing, inertialised),

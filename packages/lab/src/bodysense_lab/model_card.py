@@ -11,6 +11,7 @@ from typing import Any
 
 import onnx
 
+from bodysense.completion import joining_network
 from bodysense.devices.gloves import networks as glove
 from bodysense.devices.simulated.sensors import SENSOR_SETS, TABLE_SETS
 from bodysense.devices.video import arms
@@ -163,6 +164,8 @@ def form(card: Mapping[str, Any]) -> str:
         beside = f", over joints {network['spatial_layers']} × {network['spatial_width']}"
         size = f"{network['layers']} × {network['width']} over time{beside if network['kind'] == 'pahmt' else ''}"
         return f"{network['kind'].upper()}, windows of {network['frames']} frames: {size}"
+    if "dilations" in network:
+        return f"{len(network['dilations'])} blocks of convolutions, {network['width']} wide"
     if "hidden" not in network:
         return f"model {network['model']}: β {network['beta']:g}, d {network['latent']}, {network['blocks']} blocks"
     layers = network.get("layers", 1)
@@ -195,6 +198,17 @@ _COMPLETION = tuple(
             f"{{{name}_{body}_{'occluded_' if SENSOR_SETS[name].camera else ''}mpjpe_cm:.2f}}"
             for body in ("own", "stranger", "height", "nothing")
         ),
+    )
+    for name in TABLE_SETS
+)
+_TAKES = tuple(
+    (
+        name.replace("_", " "),
+        *(
+            f"{{{name}_own_{take}{'occluded_' if SENSOR_SETS[name].camera else ''}mpjpe_cm:.2f}}"
+            for take in ("", "take_")
+        ),
+        f"{{{name}_own_take_rotation_deg:.2f}}",
     )
     for name in TABLE_SETS
 )
@@ -261,6 +275,16 @@ KINDS = {
         ("sensors", "own", "stranger", "height", "nothing"),
         _COMPLETION,
         f"children; people who carry or use things; {_NOBODY}",
+        ("motion-capture", "human-pose", "virtual-reality"),
+    ),
+    (joining_network.FORMAT, ""): Kind(
+        "Joins the two answers of a recording, one that knows its past and one that knows its future, to one body.",
+        "bodysense evaluate completion --takes",
+        "Test people, known bodies, main motions: MPJPE from the head, cm, with a camera that of hidden joints, live "
+        "and with the future, and local rotations with it, degrees",
+        ("sensors", "live cm", "take cm", "take rotation °"),
+        _TAKES,
+        f"live tracking; children; people who carry or use things; {_NOBODY}",
         ("motion-capture", "human-pose", "virtual-reality"),
     ),
     (glove.MARKER_FORMAT, ""): Kind(

@@ -16,6 +16,7 @@ from bodysense_lab.completion.options import (
     CompletionTraining,
     FingerTraining,
     HoleEvaluation,
+    JoiningTraining,
     SightEvaluation,
     UntrackedFingerEvaluation,
 )
@@ -64,6 +65,25 @@ def completion_fingers(run: Flat[FingerTraining]) -> None:
     fabric.print(f"wrote {run.out}")
 
 
+def completion_joining(run: Flat[JoiningTraining]) -> None:
+    """Train the network that joins the two answers of a take, and write it as one .safetensors file.
+
+    The takes are completed first, in both directions, by the packaged networks. Training resumes from its checkpoint in
+    the folder of the run, which also keeps the takes.
+    """
+    from bodysense_lab.completion.joining_task import train_joining, write_joining
+    from bodysense_lab.fit import launched
+
+    check_place(run.out)
+    fabric = launched(run.devices, run.nodes)
+    network = train_joining(run, fabric)
+    if not fabric.is_global_zero:
+        return
+    card = {"training_data": run.data_note or str(run.data.name), "licence": run.licence}
+    write_joining(network, run.out, card | {"seed": run.schedule.seed, "steps": run.schedule.steps})
+    print(f"wrote {run.out}")
+
+
 def completion_table(run: Flat[CompletionEvaluation]) -> None:
     """Score the tracker on any sensors and proportions: errors, motion, feet, confidence, lattice of sensors."""
     from rich.progress import Progress
@@ -110,7 +130,7 @@ def completion_table(run: Flat[CompletionEvaluation]) -> None:
             clips,
             settings,
             track=track,
-            takes=TakenBy(run.model, run.backward_model) if run.takes else None,
+            takes=TakenBy(run.model, run.backward_model, run.joining_model) if run.takes else None,
             times=partial(step_times, network=track.network),
             spread=partial(spread, jobs=run.jobs or os.cpu_count() or 1, scheduler=run.scheduler),
             mean_body=mean_body,

@@ -17,7 +17,9 @@ from bodysense_lab.unoc.options import BodyTraining, FingersTraining, TablesTrai
 def commands() -> SubcommandApp:
     """The group's commands."""
     group = SubcommandApp()
-    for command in (completion.completion, completion.completion_fingers, body_gru, unoc_tables, fingers, upper_body):
+    for command in (completion.completion, completion.completion_fingers, completion.completion_joining):
+        group.command(command)
+    for command in (body_gru, unoc_tables, fingers, upper_body):
         group.command(command)
     for command in (hmd_vae.hmd_vae, gloves.gloves, arms.arms, arms.arms_table, card):
         group.command(command)

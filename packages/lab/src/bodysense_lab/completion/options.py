@@ -75,6 +75,32 @@ class FingerTraining(MotionRun):
 
 
 @dataclass(frozen=True, kw_only=True)
+class JoiningTraining(MotionRun, Card):
+    """Train the network that joins both answers of a take and write it as one .safetensors file."""
+
+    run: Path | None = None
+    """folder of checkpoint and takes; OUT without its ending if omitted"""
+    schedule: Flat[Schedule] = Schedule(steps=4000, check_every=500)
+    frames: Count = 500_000
+    """frames of takes to learn from, each completed in both directions first"""
+    threads: Processes | None = 1
+    """PyTorch threads"""
+
+    @property
+    def folder(self) -> Path:
+        """The run's folder."""
+        return self.out.with_suffix("") if self.run is None else self.run
+
+    @property
+    def checkpoint(self) -> Path:
+        """Where training resumes from."""
+        return self.folder / "joining.ckpt"
+
+    def __post_init__(self) -> None:
+        check_ending(self.out, ".safetensors")
+
+
+@dataclass(frozen=True, kw_only=True)
 class CompletionEvaluation(MotionEvaluation):
     """The tracker on any sensors and any proportions."""
 
@@ -90,6 +116,8 @@ class CompletionEvaluation(MotionEvaluation):
     """completion network of your own; the packaged one if omitted"""
     backward_model: Path | None = None
     """completion network of your own for time that runs backward, in takes; MODEL if omitted"""
+    joining_model: Path | None = None
+    """joining network of your own, in takes; the packaged one if omitted"""
     lattice: bool = False
     """score 200 random edges of the lattice of sensor sets as well, which takes as long as half of all clips"""
     takes: bool = False
@@ -122,6 +150,8 @@ class CompletionEvaluation(MotionEvaluation):
                 raise BodysenseError(f"--sets {name}: unknown; valid are {', '.join(SENSOR_SETS)}")
         if self.backward_model is not None and not self.takes:
             raise BodysenseError("--backward-model: only takes are tracked backward in time; give --takes as well")
+        if self.joining_model is not None and not self.takes:
+            raise BodysenseError("--joining-model: only takes have two answers to join; give --takes as well")
         if not self.bodies:
             raise BodysenseError(f"--bodies: give at least one of {', '.join(BODIES)}")
 

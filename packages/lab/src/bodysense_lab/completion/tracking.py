@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from bodysense.body.person import Person
+from bodysense.completion.joining_network import JoiningNetwork, load_joining
 from bodysense.completion.model import CompletionModel, load_completion, packaged_model
 from bodysense.devices.simulated.sensors import Edge, SensorSet
 from bodysense.observation import Observation
@@ -89,18 +90,27 @@ class TakenBy:
 
     model: Path | None
     backward_model: Path | None = None
+    joining_model: Path | None = None
 
     def __call__(self, person: Person, observation: Observation) -> Tracked:
         """Complete a take (T, P) of one person."""
         network, backward = (None if path is None else _opened(path) for path in (self.model, self.backward_model))
         settings = TrackerSettings()
-        estimate, _ = completed_both_ways(observation, person, network, settings, 1 / RATE, backward_network=backward)
+        joining = None if self.joining_model is None else _joining(self.joining_model)
+        estimate, _ = completed_both_ways(
+            observation, person, network, settings, 1 / RATE, backward_network=backward, joining=joining
+        )
         return Tracked.of([estimate])
 
 
 @lru_cache(maxsize=2)
 def _opened(model: Path | None) -> CompletionModel:
     return packaged_model() if model is None else load_completion(model)
+
+
+@lru_cache(maxsize=1)
+def _joining(model: Path) -> JoiningNetwork:
+    return load_joining(model)
 
 
 def step_times(person: Person, observation: Observation, network: CompletionModel | None = None) -> np.ndarray:

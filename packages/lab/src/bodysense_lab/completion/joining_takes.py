@@ -1,0 +1,187 @@
+"""What the joining network learns from: both answers of recorded takes that drawn sensors watch, and the truth."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, fields
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+
+from bodysense.body.person import Person
+from bodysense.body.pose import Pose, forward_kinematics
+from bodysense.body.retarget import retargeted
+from bodysense.body.shape import sample_bodies
+from bodysense.body.skeleton import BODY, LEG, Skeleton
+from bodysense.completion.bridging import bridged
+from bodysense.completion.joining_network import TwoAnswers, features, placed_head
+from bodysense.completion.model import CompletionModel
+from bodysense.devices.simulated.noise import hide
+from bodysense.devices.simulated.sensors import SENSOR_SETS, Edge, SensorSet, random_edges
+from bodysense.io.augment import mirrored
+from bodysense.io.clip import Clip
+from bodysense.io.datasets.splits import Split
+from bodysense.io.resample import resample
+from bodysense.observation import Observation
+from bodysense.scoring import RATE
+from bodysense.tracker import TrackerSettings
+from bodysense.two_way import TwoWayTracker
+from bodysense_lab.completion.blinks import lose_hands
+from bodysense_lab.completion.scenes import TrackedScene, body_split
+from bodysense_lab.completion.sensor_draws import spans
+
+# Kinds of takes and how often each is drawn: sets of sensors, sets of the lattice, and motions with missing limbs.
+KINDS = {
+    "three_point": 0.28,
+    "head": 0.12,
+    "headset_camera": 0.26,
+    "six_point": 0.05,
+    "four_point": 0.05,
+    "three_point_imu_feet": 0.07,
+    "lattice": 0.10,
+    "holes": 0.07,
+}
+LONGEST, SHORTEST = 900, 30  # frames of a take
+_LOST = 0.35  # share of takes with hands in which these are lost now and then, by the measured law
+_STRANGERS = 256  # bodies of the family on which every other take is
+_GAPS, _LONGEST_GAP, _IN_HOLES = 6.0, 8.0, 0.4  # gaps a minute of a limb, s, and share of limbs that have some
+_ARM = ("shoulder", "elbow", "wrist")
+
+
+@dataclass(frozen=True, eq=False)
+class JoinedTake:
+    """Both answers of a take at `RATE`, and the truth; joints are those of `BODY`."""
+
+    features: np.ndarray  # (T, F) float16
+    past: np.ndarray  # (T, 22, 4) float16 wxyz, local rotations
+    future: np.ndarray  # (T, 22, 4) float16
+    share: np.ndarray  # (T,) float32
+    world: np.ndarray  # (T, 22, 4) float16: where `turned`, the rotation in the world
+    turned: np.ndarray  # (T, 22) bool
+    head: np.ndarray  # (T, 3) float32 m, of the joined body
+    truth: np.ndarray  # (T, 22, 4) float16, local rotations
+    true_head: np.ndarray  # (T, 3) float32 m
+    rest_offset: np.ndarray  # (22, 3) float32 m
+
+    def __len__(self) -> int:
+        return len(self.share)
+
+    def save(self, path: Path) -> None:
+        """Write the take as .npz."""
+        np.savez(path, **vars(self))
+
+    @classmethod
+    def load(cls, path: Path) -> JoinedTake:
+        """Read a take."""
+        with np.load(path) as saved:
+            return cls(**{field.name: saved[field.name] for field in fields(cls)})
+
+
+def draw_takes(
+    clips: Sequence[Clip],
+    split: Split,
+    rng: np.random.Generator,
+    networks: tuple[CompletionModel | None, CompletionModel | None] = (None, None),
+) -> Iterator[JoinedTake]:
+    """Yield takes of the clips in random order, again and again, completed by `networks` or the packaged ones."""
+    bodies = sample_bodies(body_split(split), _STRANGERS)
+    while True:
+        for place in rng.permutation(len(clips)):
+            clip = clips[place] if rng.uniform() < 0.5 else mirrored(clips[place])
+            clip = resample(clip, RATE)
+            if len(clip) < SHORTEST:
+                continue
+            first = int(rng.integers(0, max(1, len(clip) - LONGEST + 1)))
+            pose = clip.pose[first : first + LONGEST]
+            if rng.uniform() < 0.5:
+                pose = retargeted(pose, pose.skeleton.with_offsets(bodies[int(rng.integers(_STRANGERS))]))
+            scene = TrackedScene(clip.name, "", pose)
+            yield take_of(scene, drawn_observation(scene, rng), networks)
+
+
+def drawn_observation(scene: TrackedScene, rng: np.random.Generator) -> Observation:
+    """Return what sensors of a drawn kind see of a scene."""
+    kind = str(rng.choice(list(KINDS), p=list(KINDS.values())))
+    if kind == "lattice":
+        edges = _edges()
+        return scene.observe(edges[int(rng.integers(len(edges)))].more)
+    if kind == "holes":
+        return _with_holes(scene, rng)
+    seen = scene.observe(SENSOR_SETS[kind])
+    return lose_hands(seen, rng) if kind != "head" and rng.uniform() < _LOST else seen
+
+
+@lru_cache(maxsize=1)
+def _edges() -> tuple[Edge, ...]:
+    return random_edges(400, np.random.default_rng(5))
+
+
+def _with_holes(scene: TrackedScene, rng: np.random.Generator) -> Observation:
+    """A motion of which limbs are missing for a while: an arm, a leg, both legs."""
+    seen = scene.observe(SensorSet((*BODY, "left_toe", "right_toe"), BODY))
+    limbs = [[f"{side}_{part}" for part in parts] for side in ("left", "right") for parts in (_ARM, LEG)]
+    hidden = np.zeros(seen.has_position.shape, dtype=bool)
+    for limb in (*limbs, [*limbs[1], *limbs[3]]):
+        if rng.uniform() < _IN_HOLES:
+            lost = spans(len(scene), 1 / RATE, rng, _GAPS, longest=_LONGEST_GAP)
+            places = np.array([seen.points.index(name) for name in limb if name in seen.points])
+            hidden[np.ix_(lost, places)] = True
+    return hide(seen, hidden)
+
+
+def take_of(
+    scene: TrackedScene, seen: Observation, networks: tuple[CompletionModel | None, CompletionModel | None]
+) -> JoinedTake:
+    """Return both answers of a scene of a known body, and the truth."""
+    tracker = TwoWayTracker(Person(scene.skeleton), networks[0], TrackerSettings(), networks[1])
+    seen = bridged(seen, 1 / RATE)
+    forward, _ = tracker.tracker.step(seen, tracker.tracker.start())
+    answers = tracker.answers(forward, tracker.backward(seen), tracker.turned(seen), 1 / RATE)
+    world = np.asarray(forward_kinematics(forward.pose)[1])
+    return _as_learned(answers, world, scene.pose)
+
+
+def _as_learned(answers: TwoAnswers, world: np.ndarray, truth: Pose) -> JoinedTake:
+    skeleton = answers.skeleton
+    body = skeleton.indices(BODY)
+    place = np.asarray(forward_kinematics(truth)[0])[:, skeleton.index("head")]
+    half, single = np.float16, np.float32
+    return JoinedTake(
+        features=features(answers).astype(half),
+        past=answers.past[:, body].astype(half),
+        future=answers.future[:, body].astype(half),
+        share=answers.share.astype(single),
+        world=world[:, body].astype(half),
+        turned=answers.turned[:, body],
+        head=placed_head(answers).astype(single),
+        truth=np.asarray(truth.rotation)[:, body].astype(half),
+        true_head=place.astype(single),
+        rest_offset=skeleton.rest_offset[body].astype(single),
+    )
+
+
+def kept_takes(
+    folder: Path, draw: Callable[[], Iterator[JoinedTake]], frames: int, advance: Callable[[int], None]
+) -> list[JoinedTake]:
+    """Return takes of so many frames in all, from a folder, in which new ones are kept."""
+    folder.mkdir(parents=True, exist_ok=True)
+    is_whole = folder / "whole"
+    takes, count = list[JoinedTake](), 0
+    if is_whole.is_file():
+        return [JoinedTake.load(path) for path in sorted(folder.glob("*.npz"))]
+    for place, take in enumerate(draw()):
+        take.save(folder / f"{place:06d}.npz")
+        takes.append(take)
+        count += len(take)
+        advance(len(take))
+        if count >= frames:
+            break
+    is_whole.touch()
+    return takes
+
+
+def parents_of(skeleton: Skeleton) -> list[int]:
+    """Return for each joint of `BODY` the place of its parent among them; -1 for the pelvis."""
+    body = skeleton.indices(BODY).tolist()
+    return [-1 if skeleton.parents[joint] < 0 else body.index(skeleton.parents[joint]) for joint in body]

@@ -1,0 +1,269 @@
+"""Training of the joining network: the network in PyTorch, its losses, validation takes, and its file.
+
+The network is `bodysense.completion.joining_network`'s; features are computed there.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from lightning_fabric import Fabric
+from rich.progress import Progress
+from torch import Tensor, nn
+from torch.nn.functional import silu
+
+from bodysense.body.skeleton import BODY, default_skeleton
+from bodysense.completion.joining_network import DILATIONS, FORMAT, JOINTS, OUTPUTS
+from bodysense.files import written_beside
+from bodysense.io.clip import Clip
+from bodysense.io.datasets.splits import Split
+from bodysense.scoring import RATE
+from bodysense_lab.completion.joining_takes import JoinedTake, draw_takes, kept_takes, parents_of
+from bodysense_lab.completion.measures import JUMP
+from bodysense_lab.completion.options import JoiningTraining
+from bodysense_lab.completion.weights_file import safetensors_bytes
+from bodysense_lab.datasets import learned_clips
+from bodysense_lab.fit import Task, begin, cut, fit
+from bodysense_lab.options import Schedule
+
+_PARENTS, _HEAD = parents_of(default_skeleton()), BODY.index("head")
+_ARRAYS = ("features", "past", "future", "share", "world", "turned", "head", "truth", "true_head")
+_VALIDATION_FRAMES, _VALIDATION_SEED = 40_000, 7
+
+
+@dataclass(frozen=True)
+class JoiningConfig:
+    """Size of the network."""
+
+    inputs: int
+    width: int = 192
+    dilations: tuple[int, ...] = DILATIONS
+
+
+@dataclass(frozen=True)
+class JoiningLosses:
+    """Weights of the terms, each a mean over frames and joints of `BODY`."""
+
+    position: float = 1.0  # per metre, from the head
+    rotation: float = 0.15  # per radian, of local rotations
+    velocity: float = 0.045  # per m/s, difference of velocities in the world
+    haste: float = 3.0  # per m/s by which a joint is faster than the true one, beyond `SLACK`
+
+
+SLACK = 0.6  # m/s
+
+
+@dataclass(frozen=True)
+class JoiningTaskConfig:
+    """Batches and losses."""
+
+    network: JoiningConfig
+    takes: int = 24  # of a batch
+    frames: int = 160  # of each
+    losses: JoiningLosses = field(default_factory=JoiningLosses)
+
+
+class JoiningModule(nn.Module):
+    """The network, in training."""
+
+    def __init__(self, config: JoiningConfig) -> None:
+        super().__init__()
+        self.config, width = config, config.width
+        self.inward = nn.Linear(config.inputs, width)
+        self.convolutions = nn.ModuleList(
+            [nn.Conv1d(width, width, 3, padding=dilation, dilation=dilation) for dilation in config.dilations]
+        )
+        self.mixing = nn.ModuleList([nn.Linear(width, width) for _ in config.dilations])
+        self.outward = nn.Linear(width, OUTPUTS)
+        nn.init.zeros_(self.outward.weight)  # a plain mean at first
+        nn.init.zeros_(self.outward.bias)
+
+    def forward(self, features: Tensor) -> tuple[Tensor, Tensor]:
+        """Return turns (B, T, 22, 3) rad and log odds (B, T, 22) for features (B, T, F)."""
+        hidden = self.inward(features)
+        for convolution, mix in zip(self.convolutions, self.mixing, strict=True):
+            hidden = hidden + mix(silu(convolution(hidden.transpose(1, 2)).transpose(1, 2)))
+        found = self.outward(silu(hidden))
+        return found[..., : 3 * JOINTS].unflatten(-1, (JOINTS, 3)), found[..., 3 * JOINTS :]
+
+
+def joined_rotation(batch: dict[str, Tensor], turn: Tensor, odds: Tensor) -> Tensor:
+    """Return local rotations (B, T, 22, 4) before tracked ones are put back."""
+    share = batch["share"].clamp(1e-3, 1 - 1e-3)[..., None]
+    share = torch.sigmoid(torch.logit(share) + odds)[..., None]
+    past, future = batch["past"], batch["future"]
+    sign = torch.where((past * future).sum(dim=-1, keepdim=True) < 0, -1.0, 1.0)
+    mean = nn.functional.normalize((1 - share) * past + share * sign * future, dim=-1)
+    return multiplied(mean, _exponential(turn))
+
+
+def placed(
+    rotation: Tensor, rest_offset: Tensor, world: Tensor | None = None, turned: Tensor | None = None
+) -> tuple[Tensor, Tensor]:
+    """Return positions (..., 22, 3) m from the head, and local rotations (..., 22, 4).
+
+    Joints that are `turned` (..., 22) keep their rotation in the `world` (..., 22, 4).
+    """
+    places, turns, local = list[Tensor](), list[Tensor](), list[Tensor]()
+    for joint, parent in enumerate(_PARENTS):
+        own = rotation[..., joint, :]
+        whole = own if parent < 0 else multiplied(turns[parent], own)
+        if world is not None and turned is not None:
+            whole = torch.where(turned[..., joint, None], world[..., joint, :], whole)
+        turns.append(whole)
+        local.append(whole if parent < 0 else multiplied(_conjugate(turns[parent]), whole))
+        bone = rest_offset[..., joint, :]
+        zero = torch.zeros_like(whole[..., :3])
+        places.append(zero if parent < 0 else places[parent] + _rotated(turns[parent], bone))
+    position = torch.stack(places, dim=-2)
+    return position - position[..., _HEAD : _HEAD + 1, :], torch.stack(local, dim=-2)
+
+
+@dataclass(eq=False)
+class JoiningTask(Task):
+    """Losses and validation."""
+
+    network: JoiningModule
+    configuration: JoiningTaskConfig
+    schedule: Schedule
+    learned: Sequence[JoinedTake]
+    watched: Sequence[JoinedTake]
+    source: Any = None
+
+    def batches(self, rng: np.random.Generator, done: int = 0) -> Iterator[dict[str, Tensor]]:
+        """Cut frames from random takes, longer ones more often."""
+        size = self.configuration.frames
+        weight = np.array([min(len(take), 3 * size) for take in self.learned], dtype=float)
+        weight /= weight.sum()
+        while True:
+            pieces = []
+            for place in rng.choice(len(self.learned), self.configuration.takes, p=weight):
+                take = self.learned[place]
+                pieces.append((take, int(rng.integers(0, max(1, len(take) - size + 1)))))
+            yield _batch(pieces, size)
+
+    def loss(self, batch: dict[str, Tensor], memory: Any) -> tuple[dict[str, Tensor], Any]:
+        """Return the weighted terms."""
+        del memory
+        error = _errors(self.network, batch)
+        weights = asdict(self.configuration.losses)
+        terms = {name: weight * error[name] for name, weight in weights.items()}
+        return {"loss": torch.stack(list(terms.values())).sum(), **terms}, None
+
+    @torch.no_grad()
+    def validate(self, network: JoiningModule) -> dict[str, float]:
+        """Return the loss, errors in cm and degrees, and jumps a minute of validation takes."""
+        sums, frames = dict[str, float](), 0
+        for take in self.watched:
+            error = _errors(network, _batch([(take, 0)], len(take)))
+            frames += len(take)
+            for name, value in error.items():
+                sums[name] = sums.get(name, 0.0) + float(value) * len(take)
+        mean = {name: value / frames for name, value in sums.items()}
+        score = sum(weight * mean[name] for name, weight in asdict(self.configuration.losses).items())
+        return {
+            "score": 100 * score,
+            "error_cm": 100 * mean["position"],
+            "rotation_deg": float(np.degrees(mean["rotation"])),
+            "jumps_per_minute": mean["jumps"] * RATE * 60,
+        }
+
+
+def _batch(pieces: list[tuple[JoinedTake, int]], frames: int) -> dict[str, Tensor]:
+    batch = cut(pieces, frames, _ARRAYS)
+    batch = {name: values.float() if values.dtype == torch.float16 else values for name, values in batch.items()}
+    offset = np.stack([take.rest_offset for take, _ in pieces])
+    return batch | {"rest_offset": torch.from_numpy(offset)[:, None]}
+
+
+def _errors(network: JoiningModule, batch: dict[str, Tensor]) -> dict[str, Tensor]:
+    """The terms of the loss without their weights, and the share of frames in which a joint jumps."""
+    rotation = joined_rotation(batch, *network(batch["features"]))
+    position, local = placed(rotation, batch["rest_offset"], batch["world"], batch["turned"])
+    with torch.no_grad():
+        truth, _ = placed(batch["truth"], batch["rest_offset"])
+    valid = batch["valid"].float()
+    count, moving = valid.sum(), valid[:, 1:]
+    step, true_step = (
+        (place + head[..., None, :]).diff(dim=1)
+        for place, head in ((position, batch["head"]), (truth, batch["true_head"]))
+    )
+    faster = _length(step) - _length(true_step)
+    return {
+        "position": (_length(position - truth).mean(dim=-1) * valid).sum() / count,
+        "rotation": (_angle(local, batch["truth"]).mean(dim=-1) * valid).sum() / count,
+        "velocity": RATE * (_length(step - true_step).mean(dim=-1) * moving).sum() / count,
+        "haste": RATE * ((faster - SLACK / RATE).clamp_min(0).sum(dim=-1) * moving).sum() / count / JOINTS,
+        "jumps": ((faster.max(dim=-1).values > JUMP / 100) * moving).sum() / count,
+    }
+
+
+def train_joining(options: JoiningTraining, fabric: Fabric) -> JoiningModule:
+    """Train, or resume, and return the network with the weights that did best on validation takes."""
+    begin(options.schedule.seed, options.threads)
+    with fabric.rank_zero_first():  # the others find the takes in the folder of the run
+        learned = _takes(options, "train", options.frames, options.schedule.seed)
+        watched = _takes(options, "val", min(options.frames, _VALIDATION_FRAMES), _VALIDATION_SEED)
+    config = JoiningTaskConfig(JoiningConfig(learned[0].features.shape[1]))
+    network = JoiningModule(config.network)
+    source = options.limited | {"frames": options.frames}
+    fit(JoiningTask(network, config, options.schedule, learned, watched, source), options.checkpoint, fabric=fabric)
+    return network.cpu()
+
+
+def _takes(options: JoiningTraining, split: Split, frames: int, seed: int) -> list[JoinedTake]:
+    def draw() -> Iterator[JoinedTake]:
+        clips: list[Clip] = list(learned_clips(options.data, split, options.limit))
+        return draw_takes(clips, split, np.random.default_rng(seed))
+
+    with Progress() as progress:
+        bar = progress.add_task(f"completing takes of the {split} split", total=frames)
+        return kept_takes(options.folder / split, draw, frames, lambda done: progress.update(bar, advance=done))
+
+
+def write_joining(network: JoiningModule, path: Path, card: dict[str, Any]) -> None:
+    """Write a network's file, in half precision; `card` is what it says besides its form."""
+    weights = sum(values.numel() for values in network.parameters())
+    card = {"network": asdict(network.config), "weights": weights, "rate": RATE} | card
+    tensors = {name: values.detach().numpy().astype(np.float16) for name, values in network.state_dict().items()}
+    with written_beside(path) as beside:
+        texts = {name: json.dumps(value) for name, value in card.items()}
+        beside.write_bytes(safetensors_bytes(tensors, {"format": FORMAT, **texts}))
+
+
+def multiplied(a: Tensor, b: Tensor) -> Tensor:
+    """Return products of quaternions (..., 4) wxyz."""
+    u, v = a[..., 1:], b[..., 1:]
+    real = a[..., :1] * b[..., :1] - (u * v).sum(dim=-1, keepdim=True)
+    rest = a[..., :1] * v + b[..., :1] * u + torch.linalg.cross(u, v)
+    return torch.cat([real, rest], dim=-1)
+
+
+def _conjugate(rotation: Tensor) -> Tensor:
+    return torch.cat([rotation[..., :1], -rotation[..., 1:]], dim=-1)
+
+
+def _rotated(rotation: Tensor, vector: Tensor) -> Tensor:
+    axis = rotation[..., 1:]
+    across = 2 * torch.linalg.cross(axis, vector.expand_as(axis))
+    return vector + rotation[..., :1] * across + torch.linalg.cross(axis, across)
+
+
+def _exponential(turn: Tensor) -> Tensor:
+    angle = torch.sqrt((turn * turn).sum(dim=-1, keepdim=True) + 1e-12)
+    return torch.cat([torch.cos(angle / 2), torch.sin(angle / 2) / angle * turn], dim=-1)
+
+
+def _angle(a: Tensor, b: Tensor) -> Tensor:
+    apart = multiplied(_conjugate(a), b)
+    return 2 * torch.atan2(_length(apart[..., 1:]), apart[..., 0].abs())
+
+
+def _length(vector: Tensor) -> Tensor:
+    return torch.sqrt((vector * vector).sum(dim=-1) + 1e-10)

@@ -1,0 +1,257 @@
+"""The joining network: how much each joint of a joined body follows either answer, and how far it turns beyond.
+
+features of both answers → 30 Hz → blocks of dilated convolutions, two seconds wide → each joint's share and turn
+→ the rate of the frames
+
+A body and its mirror image are both asked, so that the network has no better side.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from bodysense.body.pose import Pose, forward_kinematics
+from bodysense.body.rotation import (
+    heading,
+    quaternion_conjugate,
+    quaternion_log,
+    quaternion_multiply,
+    quaternion_rotate,
+    quaternion_to_matrix,
+)
+from bodysense.body.skeleton import BODY, Skeleton
+from bodysense.completion.joining import mean_rotation
+from bodysense.errors import BodysenseError
+from bodysense.tensors import tensors_of
+
+if TYPE_CHECKING:
+    from importlib.resources.abc import Traversable
+
+Array = np.ndarray
+PACKAGED, COMMAND = "completion_joining.safetensors", "bodysense train completion-joining"
+FORMAT = "bodysense-joining-1"
+RATE = 30.0  # Hz at which the network works
+DILATIONS = (1, 2, 4, 8, 16)  # frames between the three taps of each block's convolution
+JOINTS = len(BODY)
+OUTPUTS = 4 * JOINTS  # three numbers of turn, then one of share, for every joint
+_FLIP = np.array([-1.0, 1.0, 1.0])  # mirrors a place at x = 0
+_LEAST_ERROR = 1e-3  # m
+_OTHER_SIDE = [2, 3, 0, 1]  # of `CONTACT_POINTS`
+
+
+@dataclass(frozen=True, eq=False)
+class TwoAnswers:
+    """Two answers of the same T frames, of which one knows the past and one the future."""
+
+    skeleton: Skeleton
+    past: Array  # (T, J, 4) wxyz, local rotations
+    future: Array  # (T, J, 4)
+    past_points: Array  # (T, P, 3) m, world, +Y up
+    future_points: Array  # (T, P, 3)
+    past_error: Array  # (T, P) m, expected errors
+    future_error: Array  # (T, P)
+    past_contact: Array  # (T, 4) probability
+    future_contact: Array  # (T, 4)
+    share: Array  # (T,) weight of the future in a plain mean
+    measured: Array  # (T, P) bool: points whose place is tracked
+    turned: Array  # (T, J) bool: joints whose rotation is tracked
+    floor: float  # m
+    seconds: float  # between frames
+
+
+def mirrored(answers: TwoAnswers) -> TwoAnswers:
+    """Return both answers as a mirror at x = 0 shows them, on the mirrored body."""
+    skeleton = answers.skeleton
+    points = np.asarray(skeleton.mirror)
+    joints = points[: len(skeleton.joints)]
+
+    def turns(rotation: Array) -> Array:
+        return rotation[:, joints] * np.array([1.0, 1.0, -1.0, -1.0])
+
+    return replace(
+        answers,
+        skeleton=skeleton.with_offsets(skeleton.rest_offset[points] * _FLIP),
+        past=turns(answers.past),
+        future=turns(answers.future),
+        past_points=answers.past_points[:, points] * _FLIP,
+        future_points=answers.future_points[:, points] * _FLIP,
+        past_error=answers.past_error[:, points],
+        future_error=answers.future_error[:, points],
+        past_contact=answers.past_contact[:, _OTHER_SIDE],
+        future_contact=answers.future_contact[:, _OTHER_SIDE],
+        measured=answers.measured[:, points],
+        turned=answers.turned[:, joints],
+    )
+
+
+def features(answers: TwoAnswers) -> Array:
+    """Return what the network reads of each frame (T, F): the mean body, how the answers differ, and what is tracked.
+
+    Places are in the heading of the mean pelvis, so that a walk to the north is a walk to the east. Numbers are scaled
+    to about 1.
+    """
+    skeleton, frames = answers.skeleton, len(answers.share)
+    body, head = skeleton.indices(BODY), skeleton.index("head")
+    mean = mean_rotation(answers.past, answers.future, answers.share[:, None, None])
+    position = np.asarray(forward_kinematics(Pose(skeleton, np.zeros((frames, 3)), mean))[0])
+    level = quaternion_conjugate(heading(mean[:, 0]))
+    top = placed_head(answers)
+
+    def ahead(vector: Array) -> Array:
+        return quaternion_rotate(level.reshape(-1, *(1,) * (vector.ndim - 2), 4), vector)
+
+    turn = np.concatenate([quaternion_multiply(level, mean[:, 0])[:, None], mean[:, body[1:]]], axis=1)
+    from_head = position[:, body] - position[:, [head]]
+    apart = quaternion_log(quaternion_multiply(quaternion_conjugate(answers.past[:, body]), answers.future[:, body]))
+    between = answers.future_points[:, body] - answers.past_points[:, body]
+    speed = np.diff(top, axis=0, prepend=top[:1]) / answers.seconds
+    length = np.linalg.norm(skeleton.rest_offset[body], axis=-1)
+    parts = (
+        quaternion_to_matrix(turn)[..., :2],
+        2 * apart,
+        2 * ahead(from_head),
+        5 * ahead(between),
+        answers.measured[:, body],
+        answers.turned[:, body],
+        *(
+            (np.log(np.maximum(one[:, body], _LEAST_ERROR)) + 3) / 2
+            for one in (answers.past_error, answers.future_error)
+        ),
+        answers.past_contact,
+        answers.future_contact,
+        answers.share[:, None],
+        1.5 * (top[:, None, 1] + from_head[..., 1] - answers.floor),
+        ahead(speed),
+        np.broadcast_to(3 * length, (frames, len(length))),
+    )
+    return np.concatenate([np.asarray(part, dtype=np.float32).reshape(frames, -1) for part in parts], axis=1)
+
+
+def placed_head(answers: TwoAnswers) -> Array:
+    """Return where the joined head is, (T, 3) m: where it is tracked, else between both answers."""
+    head = answers.skeleton.index("head")
+    past, future = answers.past_points[:, head], answers.future_points[:, head]
+    share = np.where(answers.measured[:, head], 0.5, answers.share)[:, None]
+    return (1 - share) * past + share * future
+
+
+@dataclass(frozen=True, eq=False)
+class JoiningNetwork:
+    """A joining network at run time."""
+
+    tensors: Mapping[str, Array]  # float32
+    card: dict[str, Any]  # the file's metadata
+
+    def __call__(self, answers: TwoAnswers) -> tuple[Array, Array]:
+        """Return the weight of the future (T, J), and by what each joint turns beyond the mean, (T, J, 3) rad.
+
+        A joint that is not in `BODY` follows the plain mean.
+        """
+        skeleton = answers.skeleton
+        body, partner = np.array(skeleton.indices(BODY)), np.asarray(skeleton.mirror)
+        places = {joint: place for place, joint in enumerate(body.tolist())}
+        swap = [places[int(partner[joint])] for joint in body]
+        turn, odds = self._asked(answers)
+        other_turn, other_odds = self._asked(mirrored(answers))
+        turn = (turn + other_turn[:, swap] * np.array([1.0, -1.0, -1.0])) / 2
+        odds = (odds + other_odds[:, swap]) / 2
+        share = np.repeat(answers.share[:, None], len(skeleton.joints), axis=1)
+        beyond = np.zeros((*share.shape, 3))
+        share[:, body] = moved_share(share[:, body], odds)
+        beyond[:, body] = turn
+        return share, beyond
+
+    def _asked(self, answers: TwoAnswers) -> tuple[Array, Array]:
+        """The turn (T, 22, 3) rad and the log odds (T, 22) that are added to the share's, of one side."""
+        frames = len(answers.share)
+        time = np.arange(frames) * answers.seconds
+        ticks = np.arange(int(np.ceil(time[-1] * RATE - 1e-6)) + 1) / RATE
+        found = _interpolated(time, self.outputs(_interpolated(ticks, features(answers), time)), ticks)
+        return found[:, : 3 * JOINTS].reshape(frames, JOINTS, 3), found[:, 3 * JOINTS :]
+
+    def outputs(self, read: Array) -> Array:
+        """Return the network's `OUTPUTS` numbers for features (T, F), frames at `RATE`."""
+        given = self.tensors
+        hidden = read @ given["inward.weight"].T + given["inward.bias"]
+        for block, dilation in enumerate(DILATIONS):
+            taps = np.pad(hidden, ((dilation, dilation), (0, 0)))
+            kernel = given[f"convolutions.{block}.weight"]
+            bent = given[f"convolutions.{block}.bias"] + sum(
+                taps[tap * dilation : tap * dilation + len(hidden)] @ kernel[..., tap].T for tap in range(3)
+            )
+            hidden = hidden + _silu(bent) @ given[f"mixing.{block}.weight"].T + given[f"mixing.{block}.bias"]
+        return _silu(hidden) @ given["outward.weight"].T + given["outward.bias"]
+
+
+def moved_share(share: Array, odds: Array) -> Array:
+    """Return shares (...,) whose log odds are larger by `odds`."""
+    share = np.clip(share, 1e-3, 1 - 1e-3)
+    return 1 / (1 + (1 - share) / share * np.exp(-odds))
+
+
+def kept_turns(skeleton: Skeleton, rotation: Array, world: Array, turned: Array) -> Array:
+    """Return local rotations (T, J, 4); joints that are `turned` (T, J) get their rotation in the `world` (T, J, 4)."""
+    rotation, placed = rotation.copy(), np.empty_like(rotation)
+    for joint, parent in enumerate(skeleton.parents[: rotation.shape[1]]):
+        kept = turned[:, [joint]]
+        if parent < 0:
+            rotation[:, joint] = placed[:, joint] = np.where(kept, world[:, joint], rotation[:, joint])
+            continue
+        own = quaternion_multiply(quaternion_conjugate(placed[:, parent]), world[:, joint])
+        rotation[:, joint] = np.where(kept, own, rotation[:, joint])
+        placed[:, joint] = quaternion_multiply(placed[:, parent], rotation[:, joint])
+    return rotation
+
+
+def load_joining(path: str | Path) -> JoiningNetwork:
+    """Open a joining network's file (.safetensors). Raises BodysenseError for any other file."""
+    return _opened(Path(path))
+
+
+@lru_cache(maxsize=1)
+def packaged_joining() -> JoiningNetwork:
+    """Return the joining network that comes with the package, loaded once."""
+    from importlib.resources import files
+
+    return _opened(files("bodysense.weights").joinpath(PACKAGED))
+
+
+def _opened(source: Traversable) -> JoiningNetwork:
+    wanted = f"give the .safetensors that `{COMMAND}` wrote"
+    if not source.is_file():
+        raise BodysenseError(f"{source}: no such model file; {wanted}")
+    tensors, card = tensors_of(source.read_bytes(), str(source))
+    if card.get("format") != FORMAT:
+        found = card.get("format", "not given")
+        raise BodysenseError(f"{source}: no joining network (format {found!r}, wanted {FORMAT!r}); {wanted}")
+    network = JoiningNetwork({name: values.astype(np.float32) for name, values in tensors.items()}, _parsed(card))
+    try:
+        network.outputs(np.zeros((1, network.tensors["inward.weight"].shape[1]), dtype=np.float32))
+    except (KeyError, ValueError, IndexError) as error:
+        raise BodysenseError(f"{source}: a joining network without some of its tensors ({error}); {wanted}") from None
+    return network
+
+
+def _parsed(card: Mapping[str, str]) -> dict[str, Any]:
+    return {name: text if name == "format" else json.loads(text) for name, text in card.items()}
+
+
+def _silu(values: Array) -> Array:
+    return values / (1 + np.exp(-np.maximum(values, -60)))
+
+
+def _interpolated(at: Array, values: Array, known: Array) -> Array:
+    """Return values (T, N) at times `known` (T,), interpolated linearly at times `at` (S,); the last goes on."""
+    if len(known) == 1:
+        return np.repeat(values, len(at), axis=0)
+    before = np.clip(np.searchsorted(known, at, side="right") - 1, 0, len(known) - 2)
+    share = np.clip((at - known[before]) / (known[before + 1] - known[before]), 0.0, 1.0)[:, None]
+    share = share.astype(values.dtype)
+    return (1 - share) * values[before] + share * values[before + 1]

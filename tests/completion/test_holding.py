@@ -1,0 +1,96 @@
+"""Holding of a joined body: what is tracked is met, all else keeps its rotation."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from bodysense.body.pose import Pose, forward_kinematics
+from bodysense.body.rotation import geodesic_angle, quaternion_exp, quaternion_multiply
+from bodysense.completion.holding import bent_to, on_floor, trunk_met
+from bodysense.estimate import CONTACT_POINTS
+from bodysense.io.clip import Clip
+
+SECONDS = 1 / 30
+
+
+@pytest.fixture(scope="module")
+def pose(waving_clip: Clip) -> Pose:
+    return waving_clip.pose
+
+
+def placed(pose: Pose) -> tuple[np.ndarray, np.ndarray]:
+    position, rotation = forward_kinematics(pose)
+    return np.asarray(position), np.asarray(rotation)
+
+
+def turned(pose: Pose, name: str, angle: float) -> Pose:
+    """The pose with one joint turned further about its own z axis."""
+    rotation, joint = np.array(pose.rotation), pose.skeleton.index(name)
+    rotation[:, joint] = quaternion_multiply(rotation[:, joint], quaternion_exp(np.array([0.0, 0.0, angle])))
+    return Pose(pose.skeleton, pose.root_position, rotation)
+
+
+def nothing(pose: Pose) -> np.ndarray:
+    return np.zeros((len(pose.root_position), len(pose.skeleton.points)), dtype=bool)
+
+
+def test_a_spine_points_from_the_head_to_the_pelvis(pose: Pose) -> None:
+    """In frames in which both are tracked; their rotations, and all other frames, are unchanged."""
+    skeleton, measured = pose.skeleton, nothing(pose)
+    pelvis, head = skeleton.index("pelvis"), skeleton.index("head")
+    measured[10:30, [pelvis, head]] = True
+    measured[40:50, pelvis] = True
+    truth, wrong = placed(pose)[0], turned(pose, "spine2", 0.2)
+    before, worlds = placed(wrong)
+    wrong = Pose(skeleton, wrong.root_position + truth[:, head] - before[:, head], wrong.rotation)
+    after, found = placed(met := trunk_met(wrong, truth, measured))
+    off = np.linalg.norm(after[:, pelvis] - truth[:, pelvis], axis=-1)
+    assert off[10:30].max() < 0.1 * off[:10].min() and off[:10].min() > 0.01
+    np.testing.assert_allclose(after[10:30, head], truth[10:30, head], atol=1e-9)
+    for joint in (pelvis, head):
+        assert geodesic_angle(found[10:30, joint], worlds[10:30, joint]).max() < 1e-6
+    rest = np.r_[0:10, 30 : len(truth)]
+    np.testing.assert_array_equal(met.rotation[rest], wrong.rotation[rest])
+    np.testing.assert_array_equal(met.root_position[rest], wrong.root_position[rest])
+
+
+@pytest.mark.parametrize("end", ["left_wrist", "right_ankle"])
+def test_tracked_ends_are_met_and_other_limbs_are_unchanged(pose: Pose, end: str) -> None:
+    skeleton, measured = pose.skeleton, nothing(pose)
+    tip = skeleton.index(end)
+    first = skeleton.parents[skeleton.parents[tip]]
+    measured[20:40, tip] = True
+    truth, wrong = placed(pose)[0], turned(pose, skeleton.joints[first], 0.1)
+    bent = bent_to(wrong, truth, measured)
+    assert np.linalg.norm(placed(bent)[0][20:40, tip] - truth[20:40, tip], axis=-1).max() < 1e-3
+    assert np.linalg.norm(placed(wrong)[0][20:40, tip] - truth[20:40, tip], axis=-1).min() > 0.01
+    changed = (bent.rotation != wrong.rotation).any(axis=-1)
+    assert not changed[:20].any() and not changed[40:].any()
+    assert set(np.flatnonzero(changed.any(axis=0)).tolist()) <= {tip, skeleton.parents[tip], first}
+
+
+def test_a_stretched_limb_that_is_not_tracked_keeps_its_rotation(pose: Pose) -> None:
+    """To reach where it is already, a straight leg would be bent a little."""
+    rotation = np.array(pose.rotation)
+    knees = pose.skeleton.indices(["left_knee", "right_knee"])
+    rotation[:, knees] = [1.0, 0.0, 0.0, 0.0]
+    straight = Pose(pose.skeleton, pose.root_position, rotation)
+    np.testing.assert_array_equal(bent_to(straight, placed(straight)[0], nothing(pose)).rotation, rotation)
+
+
+def test_feet_that_stand_are_held_but_for_legs_with_tracked_shins(pose: Pose) -> None:
+    skeleton, frames = pose.skeleton, len(pose.root_position)
+    sliding = Pose(skeleton, pose.root_position + np.linspace(0, 0.1, frames)[:, None] * [1.0, 0.0, 0.0], pose.rotation)
+    contact, shins = np.ones((frames, len(CONTACT_POINTS))), np.zeros((frames, len(skeleton.joints)), dtype=bool)
+    shins[:, skeleton.index("left_knee")] = True
+    low = placed(pose)[0][..., 1].min()
+    held = on_floor(sliding, contact, nothing(pose), shins, low, SECONDS)
+    left, right = (
+        [skeleton.index(f"{side}_{part}") for part in ("hip", "knee", "ankle")] for side in ("left", "right")
+    )
+    np.testing.assert_array_equal(held.rotation[:, left], sliding.rotation[:, left])
+    assert (held.rotation[:, right] != sliding.rotation[:, right]).any()
+    ball = skeleton.index("right_foot")
+    way, before = (np.ptp(placed(one)[0][:, ball, 0]) for one in (held, sliding))
+    assert way < 0.6 * before

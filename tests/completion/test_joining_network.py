@@ -1,0 +1,152 @@
+"""The joining network at run time: no side, heading or rate is better, and tracked rotations are kept."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import fields, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bodysense.body.person import Person
+from bodysense.body.pose import Pose, forward_kinematics
+from bodysense.body.rotation import geodesic_angle, quaternion_exp, quaternion_multiply, quaternion_rotate
+from bodysense.body.skeleton import BODY
+from bodysense.completion.joining_network import (
+    FORMAT,
+    JoiningNetwork,
+    TwoAnswers,
+    features,
+    kept_turns,
+    load_joining,
+    mirrored,
+    moved_share,
+    packaged_joining,
+)
+from bodysense.devices.simulated.device import simulate
+from bodysense.errors import BodysenseError
+from bodysense.io.clip import Clip
+from bodysense.tracker import TrackerSettings
+from bodysense.two_way import TwoWayTracker
+
+PACKAGED = packaged_joining()
+
+
+@pytest.fixture(scope="module")
+def answers(waving_clip: Clip) -> TwoAnswers:
+    tracker = TwoWayTracker(Person(waving_clip.pose.skeleton), None, TrackerSettings())
+    seen = simulate(waving_clip, "three_point")
+    forward, _ = tracker.tracker.step(seen, tracker.tracker.start())
+    return tracker.answers(forward, tracker.backward(seen), tracker.turned(seen), 1 / 30)
+
+
+def moved(answers: TwoAnswers, yaw: float, shift: np.ndarray) -> TwoAnswers:
+    """The same answers, turned about +Y and moved."""
+    turn = quaternion_exp(np.array([0.0, yaw, 0.0]))
+
+    def turned(rotation: np.ndarray) -> np.ndarray:
+        rotation = rotation.copy()
+        rotation[:, 0] = quaternion_multiply(turn, rotation[:, 0])
+        return rotation
+
+    return replace(
+        answers,
+        past=turned(answers.past),
+        future=turned(answers.future),
+        past_points=quaternion_rotate(turn, answers.past_points) + shift,
+        future_points=quaternion_rotate(turn, answers.future_points) + shift,
+    )
+
+
+def test_a_walk_to_the_north_is_a_walk_to_the_east(answers: TwoAnswers) -> None:
+    elsewhere = moved(answers, 2.1, np.array([3.0, 0.0, -7.0]))
+    np.testing.assert_allclose(features(elsewhere), features(answers), atol=2e-4)
+
+
+def test_heights_are_over_the_floor(answers: TwoAnswers) -> None:
+    upstairs = replace(moved(answers, 0.0, np.array([0.0, 2.5, 0.0])), floor=2.5)
+    np.testing.assert_allclose(features(upstairs), features(answers), atol=1e-5)
+    assert np.abs(features(replace(upstairs, floor=0.0)) - features(answers)).max() > 1
+
+
+def test_no_side_is_better(answers: TwoAnswers) -> None:
+    """The answer to a mirror image is the mirror image of the answer."""
+    partner = np.asarray(answers.skeleton.mirror)[: len(answers.skeleton.joints)]
+    share, beyond = PACKAGED(answers)
+    other_share, other = PACKAGED(mirrored(answers))
+    np.testing.assert_allclose(other_share[:, partner], share, atol=1e-5)
+    np.testing.assert_allclose(other[:, partner] * [1.0, -1.0, -1.0], beyond, atol=1e-5)
+    assert np.abs(beyond).max() > 0.02
+
+
+def test_the_rate_of_the_frames_does_not_matter(answers: TwoAnswers) -> None:
+    """Every frame twice, at twice the rate: the same answer, up to what lies between two frames."""
+
+    def doubled(values: np.ndarray) -> np.ndarray:
+        between = values.copy()
+        if values.dtype != bool:
+            between[:-1] = (values[:-1] + values[1:]) / 2
+        return np.stack([values, between], axis=1).reshape(-1, *values.shape[1:])[: 2 * len(values) - 1]
+
+    arrays = {f.name: getattr(answers, f.name) for f in fields(answers)}
+    twice = {name: doubled(values) for name, values in arrays.items() if isinstance(values, np.ndarray)}
+    share, beyond = PACKAGED(replace(answers, **twice, seconds=answers.seconds / 2))
+    expected_share, expected = PACKAGED(answers)
+    assert np.abs(share[::2] - expected_share).max() < 0.05
+    assert np.abs(beyond[::2] - expected).max() < 0.03
+
+
+@pytest.mark.parametrize("frames", [1, 2, 7])
+def test_few_frames(answers: TwoAnswers, frames: int) -> None:
+    arrays = {f.name: getattr(answers, f.name) for f in fields(answers)}
+    few = replace(answers, **{name: one[:frames] for name, one in arrays.items() if isinstance(one, np.ndarray)})
+    share, beyond = PACKAGED(few)
+    assert len(share) == frames and ((share > 0) & (share < 1)).all() and np.isfinite(beyond).all()
+
+
+def test_a_network_that_says_nothing_leaves_the_mean(answers: TwoAnswers) -> None:
+    silent = {name: values * ("outward" not in name) for name, values in PACKAGED.tensors.items()}
+    share, beyond = JoiningNetwork(silent, {})(answers)
+    np.testing.assert_allclose(share, np.broadcast_to(answers.share[:, None], share.shape), atol=1e-6)
+    assert not beyond.any()
+
+
+def test_fingers_follow_the_mean(answers: TwoAnswers) -> None:
+    share, beyond = PACKAGED(answers)
+    fingers = np.setdiff1d(np.arange(share.shape[1]), answers.skeleton.indices(BODY))
+    np.testing.assert_array_equal(share[:, fingers], np.repeat(answers.share[:, None], len(fingers), axis=1))
+    assert not beyond[:, fingers].any()
+
+
+def test_shares_move_by_their_odds() -> None:
+    np.testing.assert_allclose(moved_share(np.array([0.5, 0.2]), np.array([0.0, 0.0])), [0.5, 0.2])
+    assert moved_share(np.array(0.5), np.log(3.0)) == pytest.approx(0.75)
+
+
+def test_turned_joints_keep_their_rotation_in_the_world(answers: TwoAnswers) -> None:
+    rng = np.random.default_rng(4)
+    skeleton, frames = answers.skeleton, len(answers.share)
+    wanted = rng.normal(size=answers.past.shape)
+    wanted /= np.linalg.norm(wanted, axis=-1, keepdims=True)
+    turned = rng.random(answers.past.shape[:2]) < 0.3
+    kept = kept_turns(skeleton, answers.past, wanted, turned)
+    world = np.asarray(forward_kinematics(Pose(skeleton, np.zeros((frames, 3)), kept))[1])
+    assert geodesic_angle(world, wanted)[turned].max() < 1e-6
+    np.testing.assert_array_equal(kept[~turned], answers.past[~turned])
+
+
+def test_other_files_are_refused(tmp_path: Path) -> None:
+    weights = Path(__file__).parents[2] / "src" / "bodysense" / "weights"
+    with pytest.raises(BodysenseError, match=r"no such model file; give the .safetensors that .*completion-joining"):
+        load_joining(tmp_path / "none.safetensors")
+    with pytest.raises(BodysenseError, match=r"no joining network .*bodysense-completion"):
+        load_joining(weights / "completion.safetensors")
+    cut = tmp_path / "cut.safetensors"
+    cut.write_bytes((weights / "completion_joining.safetensors").read_bytes()[:1000])
+    with pytest.raises(BodysenseError, match="not a readable safetensors file"):
+        load_joining(cut)
+    header = json.dumps({"__metadata__": {"format": FORMAT}}).encode()
+    cut.write_bytes(len(header).to_bytes(8, "little") + header)
+    with pytest.raises(BodysenseError, match="without some of its tensors"):
+        load_joining(cut)

@@ -1,0 +1,164 @@
+"""Training of the joining network: PyTorch gives what NumPy gives, losses are of the shown body, takes are kept."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from bodysense.body.pose import forward_kinematics
+from bodysense.body.rotation import geodesic_angle, quaternion_exp, quaternion_multiply
+from bodysense.body.skeleton import BODY
+from bodysense.completion.joining import mean_rotation
+from bodysense.completion.joining_network import kept_turns, load_joining, moved_share
+from bodysense.demo import packaged_performance
+from bodysense_lab.completion import joining_takes
+from bodysense_lab.completion.joining_takes import KINDS, JoinedTake, draw_takes, kept_takes
+from bodysense_lab.completion.joining_task import (
+    JoiningConfig,
+    JoiningModule,
+    JoiningTask,
+    JoiningTaskConfig,
+    joined_rotation,
+    multiplied,
+    placed,
+    write_joining,
+)
+from bodysense_lab.options import Schedule
+
+
+@pytest.fixture(scope="module")
+def takes() -> list[JoinedTake]:
+    clip = packaged_performance()
+    drawn = draw_takes([clip], "train", np.random.default_rng(2))
+    return [next(drawn) for _ in range(2)]
+
+
+def module_of(take: JoinedTake, spread: float = 0.05) -> JoiningModule:
+    torch.manual_seed(1)
+    network = JoiningModule(JoiningConfig(take.features.shape[1], width=24))
+    torch.nn.init.normal_(network.outward.weight, std=spread)
+    for values in network.state_dict().values():  # in the precision of a file
+        values.copy_(values.half().float())
+    return network.eval()
+
+
+def test_the_file_is_the_network(takes: list[JoinedTake], tmp_path: Path) -> None:
+    network = module_of(takes[0])
+    write_joining(network, tmp_path / "net.safetensors", {"seed": 3})
+    read = takes[0].features.astype(np.float32)
+    with torch.no_grad():
+        turn, odds = network(torch.from_numpy(read)[None])
+    opened = load_joining(tmp_path / "net.safetensors")
+    expected = np.concatenate([turn[0].flatten(-2).numpy(), odds[0].numpy()], axis=-1)
+    np.testing.assert_allclose(opened.outputs(read), expected, atol=2e-5)
+    assert opened.card["seed"] == 3
+
+
+def test_the_learned_body_is_the_shown_one(takes: list[JoinedTake]) -> None:
+    """Shares, turns and tracked rotations give the body that `two_way` joins."""
+    skeleton, take = packaged_performance().pose.skeleton, takes[0]
+    rng = np.random.default_rng(6)
+    turn = rng.normal(0, 0.3, (len(take), len(BODY), 3))
+    odds = rng.normal(0, 1, (len(take), len(BODY)))
+    turned = rng.random(odds.shape) < 0.2
+    batch = {name: torch.from_numpy(getattr(take, name).astype(np.float64)) for name in ("past", "future", "share")}
+    learned = joined_rotation(batch, torch.from_numpy(turn), torch.from_numpy(odds))
+    world, offset = (torch.from_numpy(one.astype(np.float64)) for one in (take.world, take.rest_offset))
+    _, local = placed(learned, offset, world, torch.from_numpy(turned))
+
+    share = moved_share(take.share.astype(float)[:, None], odds)
+    mean = mean_rotation(take.past.astype(float), take.future.astype(float), share[..., None])
+    shown = np.zeros((len(take), len(skeleton.joints), 4))
+    shown[..., 0] = 1
+    body = skeleton.indices(BODY)
+    whole, has = shown.copy(), np.zeros(shown.shape[:2], dtype=bool)
+    shown[:, body] = quaternion_multiply(mean, quaternion_exp(turn))
+    whole[:, body], has[:, body] = take.world, turned
+    shown = kept_turns(skeleton, shown, whole, has)
+    assert geodesic_angle(local.numpy(), shown[:, body]).max() < 1e-3  # quaternions of a file have three digits
+
+
+def test_places_are_those_of_forward_kinematics() -> None:
+    pose = packaged_performance().pose[:40]
+    body, head = pose.skeleton.indices(BODY), pose.skeleton.index("head")
+    position = np.asarray(forward_kinematics(pose)[0])
+    found, _ = placed(
+        torch.from_numpy(np.asarray(pose.rotation)[:, body]), torch.from_numpy(pose.skeleton.rest_offset[body])
+    )
+    np.testing.assert_allclose(found.numpy(), position[:, body] - position[:, [head]], atol=1e-9)
+
+
+def test_a_short_training_comes_nearer(takes: list[JoinedTake]) -> None:
+    config = JoiningTaskConfig(JoiningConfig(takes[0].features.shape[1], width=24), takes=2, frames=60)
+    torch.manual_seed(0)
+    network = JoiningModule(config.network)
+    task = JoiningTask(network, config, Schedule(steps=40), takes, takes)
+    before = task.validate(network)
+    optimizer, batches = torch.optim.AdamW(network.parameters(), lr=3e-3), task.batches(np.random.default_rng(0))
+    for _ in range(40):
+        terms, _ = task.loss(next(batches), None)
+        optimizer.zero_grad()
+        terms["loss"].backward()
+        optimizer.step()
+    after = task.validate(network)
+    assert after["score"] < 0.97 * before["score"] and after["rotation_deg"] < before["rotation_deg"]
+
+
+@pytest.mark.parametrize("term", ["position", "rotation", "velocity", "haste"])
+def test_each_term_counts(takes: list[JoinedTake], term: str) -> None:
+    """A body that is wrong in what the term is about costs more than the truth."""
+    take = takes[0]
+    exact = replace(take, past=take.truth, future=take.truth, head=take.true_head, turned=np.zeros_like(take.turned))
+    wrong = exact.past.copy()
+    if term in ("velocity", "haste"):
+        wrong[::2, BODY.index("left_shoulder")] = multiplied_by(wrong[::2, BODY.index("left_shoulder")], 0.5)
+    else:
+        wrong[:, BODY.index("left_shoulder")] = multiplied_by(wrong[:, BODY.index("left_shoulder")], 0.2)
+    network = module_of(take, 0.0)
+    torch.nn.init.zeros_(network.outward.bias)
+    config = JoiningTaskConfig(network.config, takes=1, frames=90)
+
+    def cost(one: JoinedTake) -> float:
+        task = JoiningTask(network, config, Schedule(), [one], [one])
+        terms, _ = task.loss(next(task.batches(np.random.default_rng(0))), None)
+        return float(terms[term].detach())
+
+    assert cost(replace(exact, past=wrong, future=wrong)) > cost(exact) + 1e-4
+
+
+def multiplied_by(rotation: np.ndarray, angle: float) -> np.ndarray:
+    turn = torch.tensor([np.cos(angle / 2), 0.0, 0.0, np.sin(angle / 2)], dtype=torch.float64)
+    return multiplied(torch.from_numpy(rotation.astype(np.float64)), turn.expand(len(rotation), 4)).numpy()
+
+
+def test_every_kind_of_take_is_drawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    clip = packaged_performance()
+    monkeypatch.setattr(joining_takes, "LONGEST", 90)
+    for kind in KINDS:
+        monkeypatch.setattr(joining_takes, "KINDS", {kind: 1.0})
+        take = next(draw_takes([clip], "val", np.random.default_rng(3)))
+        assert np.isfinite(take.features).all() and len(take) >= joining_takes.SHORTEST
+        assert np.abs(np.linalg.norm(take.past.astype(float), axis=-1) - 1).max() < 1e-2
+
+
+def test_takes_are_kept_once_they_are_whole(takes: list[JoinedTake], tmp_path: Path) -> None:
+    drawn = list[int]()
+
+    def draw() -> Iterator[JoinedTake]:
+        for number in range(9):
+            drawn.append(number)
+            yield takes[number % 2]
+
+    def kept() -> list[JoinedTake]:
+        return kept_takes(tmp_path / "train", draw, 2 * len(takes[0]), lambda frames: None)
+
+    first, again = kept(), kept()
+    assert len(first) == len(again) == len(drawn) >= 2
+    for one, other in zip(first, again, strict=True):
+        np.testing.assert_array_equal(one.features, other.features)
+        np.testing.assert_array_equal(one.true_head, other.true_head)
