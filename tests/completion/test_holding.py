@@ -41,6 +41,7 @@ def test_a_spine_points_from_the_head_to_the_pelvis(pose: Pose) -> None:
     pelvis, head = skeleton.index("pelvis"), skeleton.index("head")
     measured[10:30, [pelvis, head]] = True
     measured[40:50, pelvis] = True
+    measured[50:60, [pelvis, skeleton.index("spine3"), head]] = True
     truth, wrong = placed(pose)[0], turned(pose, "spine2", 0.2)
     before, worlds = placed(wrong)
     wrong = Pose(skeleton, wrong.root_position + truth[:, head] - before[:, head], wrong.rotation)

@@ -119,6 +119,18 @@ def test_fingers_follow_the_mean(answers: TwoAnswers) -> None:
     assert not beyond[:, fingers].any()
 
 
+def test_a_trunk_that_is_tracked_follows_the_mean(answers: TwoAnswers) -> None:
+    skeleton, measured = answers.skeleton, answers.measured.copy()
+    measured[30:60, skeleton.indices(["pelvis", "spine3", "head"])] = True
+    measured[60:, skeleton.indices(["pelvis", "head"])] = True
+    share, beyond = PACKAGED(replace(answers, measured=measured))
+    trunk = skeleton.indices(["spine1", "spine2", "spine3", "neck"])
+    held = np.arange(len(share)) // 30 == 1
+    assert not beyond[held][:, trunk].any() and np.abs(beyond[~held][:, trunk]).max() > 0.01
+    np.testing.assert_array_equal(share[held][:, trunk], np.repeat(answers.share[held][:, None], 4, axis=1))
+    assert np.abs(beyond[held, skeleton.index("left_shoulder")]).max() > 0.001
+
+
 def test_shares_move_by_their_odds() -> None:
     np.testing.assert_allclose(moved_share(np.array([0.5, 0.2]), np.array([0.0, 0.0])), [0.5, 0.2])
     assert moved_share(np.array(0.5), np.log(3.0)) == pytest.approx(0.75)

@@ -68,7 +68,7 @@ def _turn_at_middle(pose: Pose, tip: int, points: Array, where: Array, rotation:
 
 
 def trunk_met(pose: Pose, points: Array, measured: Array) -> Pose:
-    """The pose (T,) whose spine points from the head to the pelvis, where both are `measured`.
+    """The pose (T,) whose spine points from the head to the pelvis, where both are `measured` and the chest is not.
 
     The spine turns about the head as one piece; head and pelvis keep their rotations in the world. What is left is how
     much longer or shorter than measured the spine is.
@@ -80,7 +80,7 @@ def trunk_met(pose: Pose, points: Array, measured: Array) -> Pose:
     """
     skeleton = pose.skeleton
     pelvis, head = skeleton.index("pelvis"), skeleton.index("head")
-    where = np.asarray(measured[:, pelvis] & measured[:, head])
+    where = np.asarray(measured[:, pelvis] & measured[:, head] & ~measured[:, skeleton.index("spine3")])
     if not where.any():
         return pose
     position, world = (np.asarray(part) for part in forward_kinematics(pose[where]))

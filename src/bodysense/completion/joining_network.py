@@ -41,6 +41,7 @@ RATE = 30.0  # Hz at which the network works
 DILATIONS = (1, 2, 4, 8, 16)  # frames between the three taps of each block's convolution
 JOINTS = len(BODY)
 OUTPUTS = 4 * JOINTS  # three numbers of turn, then one of share, for every joint
+_TRUNK, _HOLDING = ("spine1", "spine2", "spine3", "neck"), ("pelvis", "spine3", "head")
 _FLIP = np.array([-1.0, 1.0, 1.0])  # mirrors a place at x = 0
 _LEAST_ERROR = 1e-3  # m
 _OTHER_SIDE = [2, 3, 0, 1]  # of `CONTACT_POINTS`
@@ -152,7 +153,7 @@ class JoiningNetwork:
     def __call__(self, answers: TwoAnswers) -> tuple[Array, Array]:
         """Return the weight of the future (T, J), and by what each joint turns beyond the mean, (T, J, 3) rad.
 
-        A joint that is not in `BODY` follows the plain mean.
+        A joint outside `BODY` follows the plain mean, and so does a trunk whose pelvis, chest and head are tracked.
         """
         skeleton = answers.skeleton
         body, partner = np.array(skeleton.indices(BODY)), np.asarray(skeleton.mirror)
@@ -166,6 +167,9 @@ class JoiningNetwork:
         beyond = np.zeros((*share.shape, 3))
         share[:, body] = moved_share(share[:, body], odds)
         beyond[:, body] = turn
+        held = answers.measured[:, skeleton.indices(_HOLDING)].all(axis=1)
+        for joint in skeleton.indices(_TRUNK).tolist():
+            share[held, joint], beyond[held, joint] = answers.share[held], 0.0
         return share, beyond
 
     def _asked(self, answers: TwoAnswers) -> tuple[Array, Array]:
