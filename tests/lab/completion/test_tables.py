@@ -166,6 +166,10 @@ def test_takes_are_measured_as_live_tracking_is(clips: list[Clip]) -> None:
     for name in TAKE_MEASURES:
         live_figure = numbers[f"headset_camera_own_{name}{suffix}"]
         assert numbers[f"headset_camera_own_take_{name}{suffix}"] == pytest.approx(live_figure, abs=1e-3)
+    for name in ("float_share", "false_steps_per_minute", "elbow_deg", "pj_ratio", "auj"):
+        key = f"headset_camera_own_{name}{suffix}"
+        assert numbers.get(f"headset_camera_own_take_{name}{suffix}") == pytest.approx(numbers.get(key), rel=1e-6), name
+    assert "headset_camera_own_take_pj_ratio" + suffix in numbers
     assert not any("_take_" in name for name in evaluate_completion(clips[:1], settings, times=None).numbers())
 
 

@@ -22,8 +22,14 @@ from bodysense_lab.completion.measures import (
 )
 from bodysense_lab.completion.options import Body
 from bodysense_lab.completion.scenes import TRUTH_OF, TrackedScene, Truth, batches, person_of, scene_of
-from bodysense_lab.completion.sight_scores import SightScores, count_body_jumps, measure_sight, measure_transitions
-from bodysense_lab.completion.tables import TAKE_MEASURES, CompletionSettings, CompletionTable, WorstFrame
+from bodysense_lab.completion.sight_scores import (
+    TAKE,
+    SightScores,
+    count_body_jumps,
+    measure_sight,
+    measure_transitions,
+)
+from bodysense_lab.completion.tables import TAKE_MEASURES, TAKE_SIGHTS, CompletionSettings, CompletionTable, WorstFrame
 from bodysense_lab.completion.tracking import (
     StepTimes,
     Tracked,
@@ -152,13 +158,13 @@ def _score_set(
             continue
         tracked = track([person_of(body, scene.skeleton) for scene in scenes], observations)
         if body == "own" and sensors in BLINKING:
-            _score_blinks(tables, scenes, sensors, observations, tracked, track)
+            _score_blinks(tables, scenes, sensors, observations, tracked, track, takes)
         for table, scene, seen, one in zip(tables, scenes, observations, tracked, strict=True):
             scores = measure(scene, one)
             if sensors == "headset_camera":
                 scores.merge(measure_hidden(one.position, scene))
             if takes is not None:
-                scores.merge(_take_scores(scene, sensors, takes(person_of(body, scene.skeleton), seen)))
+                scores.merge(_take_scores(scene, sensors, seen, takes(person_of(body, scene.skeleton), seen)))
             table.cells[sensors, body, scene.group] = scores
             table.sights.setdefault((sensors, body, scene.group), SightScores()).merge(measure_sight(scene, seen, one))
             if scene.group == "main":
@@ -168,14 +174,18 @@ def _score_set(
                     table.calibrations[sensors, body, region] = calibration
 
 
-def _take_scores(scene: TrackedScene, sensors: str, taken: Tracked) -> Averages:
-    """The measures of `TAKE_MEASURES` of a whole take, completed with past and future."""
+def _take_scores(scene: TrackedScene, sensors: str, seen: Observation, taken: Tracked) -> Averages:
+    """The measures of `TAKE_MEASURES` and `TAKE_SIGHTS` of a whole take, completed with past and future."""
     scores, named = measure(scene, taken), Averages()
+    sights = measure_sight(scene, seen, taken).averages
+    for name in TAKE_SIGHTS:
+        if name in sights.weight:
+            named.add(f"{TAKE}{name}", sights.get(name), sights.weight[name])
     if sensors == "headset_camera":
         scores.merge(measure_hidden(taken.position, scene))
     for name in TAKE_MEASURES:
         if name in scores.weight:
-            named.add(f"take_{name}", scores.get(name), scores.weight[name])
+            named.add(f"{TAKE}{name}", scores.get(name), scores.weight[name])
     return named
 
 
@@ -186,6 +196,7 @@ def _score_blinks(
     observations: Sequence[Observation],
     tracked: Sequence[Tracked],
     track: TrackPeople,
+    takes: TrackTake | None,
 ) -> None:
     """Score the effect of lost hands and a blinking finger on bodies of known proportions.
 
@@ -195,6 +206,8 @@ def _score_blinks(
     lost = [lose_hands(seen, rng_of(scene.name)) for scene, seen in zip(scenes, observations, strict=True)]
     for table, scene, seen, one in zip(tables, scenes, lost, track(people, lost), strict=True):
         scores = measure_transitions(scene, seen, one)
+        if takes is not None:
+            scores.merge(measure_transitions(scene, seen, takes(person_of("own", scene.skeleton), seen), TAKE))
         table.sights.setdefault((sensors, "own", scene.group), SightScores()).merge(scores)
     jumps = []
     for blinking in (False, True):

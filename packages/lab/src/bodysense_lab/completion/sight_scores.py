@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import get_args
 
 import numpy as np
 
@@ -25,6 +26,7 @@ _PERCENT = {  # percentile and factor of every quantile, by its key
     "measured_p95_cm": ("measured", 95, 100.0),
 }
 _PAIR = ("left", "right")
+TAKE = "take_"  # begins the keys of takes, completed with past and future
 
 
 @dataclass
@@ -50,7 +52,7 @@ class SightScores:
 
     averages: Averages = field(default_factory=Averages)
     quantiles: dict[str, Quantiles] = field(default_factory=dict)
-    curves: dict[Moment, JerkCurves] = field(default_factory=dict)
+    curves: dict[str, JerkCurves] = field(default_factory=dict)  # by moment; of takes after "take_"
 
     def merge(self, other: SightScores) -> None:
         """Count what another has counted."""
@@ -66,15 +68,17 @@ class SightScores:
         for key, (name, percent, factor) in _PERCENT.items():
             if name in self.quantiles:
                 result[key] = factor * self.quantiles[name].at(percent)
-        ratios, areas = [], []
-        for moment, curves in self.curves.items():
-            if curves.count:
-                output, truth = curves.output / curves.count, curves.truth / curves.count
-                ratios.append(sight.peak_jerk_ratio(output, truth))
-                areas.append(sight.area_under_jerk(output, truth))
-                result |= {f"{moment}_pj_ratio": ratios[-1], f"{moment}_auj": areas[-1]}
-        if ratios:  # the worse of loss and return
-            result |= {"pj_ratio": max(ratios), "auj": max(areas)}
+        for kind in ("", TAKE):
+            ratios, areas = [], []
+            for moment in get_args(Moment):
+                curves = self.curves.get(f"{kind}{moment}", JerkCurves())
+                if curves.count:
+                    output, truth = curves.output / curves.count, curves.truth / curves.count
+                    ratios.append(sight.peak_jerk_ratio(output, truth))
+                    areas.append(sight.area_under_jerk(output, truth))
+                    result |= {f"{kind}{moment}_pj_ratio": ratios[-1], f"{kind}{moment}_auj": areas[-1]}
+            if ratios:  # the worse of loss and return
+                result |= {f"{kind}pj_ratio": max(ratios), f"{kind}auj": max(areas)}
         return {name: value for name, value in result.items() if math.isfinite(value)}
 
     def count_share(self, name: str, mask: np.ndarray) -> None:
@@ -112,8 +116,8 @@ def measure_sight(scene: TrackedScene, seen: Observation, tracked: Tracked) -> S
     return scores
 
 
-def measure_transitions(scene: TrackedScene, seen: Observation, tracked: Tracked) -> SightScores:
-    """Jerk after each loss and each return of a hand, over the 22 joints."""
+def measure_transitions(scene: TrackedScene, seen: Observation, tracked: Tracked, kind: str = "") -> SightScores:
+    """Jerk after each loss and each return of a hand, over the 22 joints; `kind` is `TAKE` for a take."""
     scores, skeleton = SightScores(), scene.skeleton
     body, truth = skeleton.indices(BODY), scene.placed[0]
     for side in _PAIR:
@@ -122,7 +126,7 @@ def measure_transitions(scene: TrackedScene, seen: Observation, tracked: Tracked
             output, truly = (
                 sight.transition_jerks(values[:, body], frames, RATE) for values in (tracked.position, truth)
             )
-            scores.curves.setdefault(moment, JerkCurves()).merge(
+            scores.curves.setdefault(f"{kind}{moment}", JerkCurves()).merge(
                 JerkCurves(output.sum(axis=0), truly.sum(axis=0), len(frames))
             )
     return scores

@@ -183,6 +183,7 @@ BODY_WORDS = {
 }
 # Measures of takes that are completed with past and future; in a cell their names begin with "take_".
 TAKE_MEASURES = ("mpjpe_cm", "occluded_mpjpe_cm", "rotation_deg", "jumps_per_minute")
+TAKE_SIGHTS = ("float_share", "false_steps_per_minute", "wrong_foot_share", "elbow_deg")
 # Measures of a cell, in the order of the columns, by what a column is called.
 MEASURES = {
     "MPJPE": "mpjpe_cm",
