@@ -20,6 +20,9 @@ GESTURES = {
     "arms_ahead": "arms ahead",
     "punches": "punches",
     "waves": "waves beside the face",
+    "waves_at_desk": "waves before the face, webcam",
+    "moving_camera": "moving camera",
+    "moving_camera_first": "its first second",
 }
 BONES = {
     "upper_arm_picture_deg": "upper arm, picture °",

@@ -20,6 +20,8 @@ from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense_lab.pahmt.errors import arm_errors
 from bodysense_lab.rendering import tables as video_rendered
+from bodysense_lab.rendering.keypoint_errors import bones_of
+from bodysense_lab.rendering.scene import move_camera
 from bodysense_lab.rendering.tables import VideoTable, completed, score_videos, video_report, watch
 from bodysense_lab.rendering.take import RenderedTake, film, plan_takes, write_take
 
@@ -101,6 +103,21 @@ def test_perfect_landmarks_give_fingers_but_not_twist(take: RenderedTake, comple
         share = numbers[f"network_{measure}"] / values.mean()
         assert {"overall_cm": share < 0.7, "hands_cm": 0.9 < share < 1.1, "arms_deg": share < 1.15}.get(measure, True)
         assert numbers[f"network_true_{measure}"] == pytest.approx(values.mean(), rel=1e-5)
+
+
+def test_the_first_second_of_a_moving_camera_counts_alone(take: RenderedTake) -> None:
+    time = np.arange(len(take.time)) / 10.0  # 1.4 s
+    moving = replace(take, time=time, camera=move_camera(take.camera, take.camera, len(time)), category="moving_camera")
+    truth, table = bones_of(moving.pose, moving.camera), VideoTable()
+    wrong = replace(truth, space=np.concatenate([truth.space[:10], truth.space[10:] * [-1.0, 1.0, 1.0]]))
+    table.add_bones(moving, {"network": wrong})
+    table.add_bones(replace(take, time=time), {"network": wrong})
+    for one in (moving, replace(take, time=time)):
+        table.add(one, perfect(take), {})
+    numbers = table.numbers()
+    assert numbers["network_forearm_space_deg_moving_camera_first"] == pytest.approx(0, abs=1e-3)
+    assert numbers["network_forearm_space_deg_moving_camera"] > 5
+    assert "network_forearm_space_deg_main_first" not in numbers
 
 
 def test_what_was_not_found_is_counted(take: RenderedTake) -> None:

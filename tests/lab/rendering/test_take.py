@@ -11,7 +11,7 @@ from bodysense.body.pose import rest_pose
 from bodysense.devices.simulated.camera_view import Camera, view, view_points
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
-from bodysense_lab.rendering.scene import FIGURES, Scene, load_figure, sample_camera, sample_scene
+from bodysense_lab.rendering.scene import FIGURES, Scene, load_figure, move_camera, sample_camera, sample_scene
 from bodysense_lab.rendering.stage import Renderer, open_stage
 from bodysense_lab.rendering.take import RATE, film, list_takes, plan_takes, read_take, write_take
 
@@ -79,6 +79,18 @@ def test_the_truth_is_read_as_it_was_written(waving_clip: Clip, tmp_path: Path) 
         assert np.array_equal(ours, true)
 
 
+def test_the_path_of_a_camera_is_read_as_it_was_written(waving_clip: Clip, tmp_path: Path) -> None:
+    take = plan_takes(waving_clip, 1, 1.0, np.random.default_rng(0))[0][0]
+    there = replace(take.camera, position=take.camera.position + np.array([1.0, 0.0, 0.0]))
+    take = replace(take, camera=move_camera(take.camera, there, len(take.time)))
+    write_take(tmp_path / "take.npz", take)
+    read = read_take(tmp_path / "take.npz")
+    assert read.moves and np.array_equal(read.camera.position, take.camera.position)
+    np.testing.assert_allclose(read.camera_at(0).position, take.camera.position[0])
+    np.testing.assert_allclose(read.camera_at(-1).position, there.position)
+    np.testing.assert_allclose(read.camera_at(-1).axes, there.axes, atol=1e-6)
+
+
 def test_what_is_no_truth_is_refused(tmp_path: Path) -> None:
     (tmp_path / "text.npz").write_text("no")
     np.savez(tmp_path / "other.npz", format="bodysense take 0")
@@ -107,6 +119,16 @@ def test_a_body_is_drawn_where_the_camera_sees_its_joints(stage: Renderer) -> No
     assert len(shown) >= 5
     assert changed[row[shown], column[shown]].all()
     assert 0.02 < changed.mean() < 0.6
+
+
+def test_a_moved_camera_draws_what_one_there_draws(stage: Renderer) -> None:
+    there, pose = camera_before_a_man(), rest_pose(load_figure("man").skeleton)
+    begin = stage.draw(pose).astype(int)
+    stage.point(replace(there, position=there.position + np.array([0.3, 0.1, 0.0])))
+    moved = stage.draw(pose).astype(int)
+    stage.point(there)
+    assert np.abs(moved - begin).mean() > 4.0
+    assert np.abs(stage.draw(pose).astype(int) - begin).max() <= 1
 
 
 def test_skin_is_seen_where_clothes_end(stage: Renderer) -> None:

@@ -23,11 +23,11 @@ from bodysense.body.rotation import (
     normalize,
     quaternion_canonical,
     quaternion_multiply,
-    shortest_arc,
 )
 from bodysense.body.skeleton import ARM, Skeleton
 from bodysense.body.spring import spring_step
 from bodysense.devices.simulated.camera_view import Camera
+from bodysense.devices.video.arm_turns import along_arms, palm_rotations, with_palms
 from bodysense.devices.video.camera_level import CameraLevel, along_lines, rolled, tilted, upright, with_depths
 from bodysense.devices.video.landmark_points import LaidPoints, LandmarkPoints, located
 from bodysense.devices.video.landmark_smoothing import REACH, smoothed
@@ -48,7 +48,6 @@ _ARM_MARKS = np.array([[BODY_LANDMARKS.index(f"{side}_{part}") for part in ARM_P
 _LEG_MARKS = [BODY_LANDMARKS.index(f"{side}_{part}") for side in SIDES for part in ("knee", "ankle")]
 _SOLE = ("ankle", "foot", "toe")
 _FAR = 3.0  # m from the camera, before a person has been seen
-_BONES = np.array([[ARM_JOINTS.index(f"{side}_{part}") for part in ("shoulder", "elbow")] for side in SIDES])
 CALM = 0.05  # s: standard deviation of the smoothing of landmarks, over earlier and later frames
 _ARM_CALM = 0.03  # s, for arms, which move faster
 _PLACE_HALF_LIFE = 0.1  # s in which half of a jump across the picture is closed
@@ -203,7 +202,7 @@ class VideoDevice:
         self, laid: LaidPoints, arms: np.ndarray, person: PersonLandmarks, places: np.ndarray, state: VideoState
     ) -> np.ndarray:
         """Return rotations (38, 4) in the camera's axes of arms with local rotations (38, 4), along their lines at
-        positions (2, 3, 2) in the picture. Hands keep the network's rotations.
+        positions (2, 3, 2) in the picture, and of hands also by their landmarks.
         """
         chest = laid.rotation[self.skeleton.index(CHEST)]
         position, turned = map(np.asarray, forward_kinematics(self._arm_pose(chest, arms)))
@@ -215,9 +214,8 @@ class VideoDevice:
         away, whole = -float(state.place[2]) - shoulders, float(person.visible[0, _LEG_MARKS].mean())
         deep = with_depths(bones, said, person.picture[0, _ARM_MARKS], self.focal, away, length, whole)
         lines = along_lines(deep, places, self.focal, -float(state.place[2]))
-        turned = turned[1:].copy()
-        turned[_BONES] = quaternion_multiply(np.asarray(shortest_arc(bones, lines)), turned[_BONES])
-        return turned
+        palms = palm_rotations(person.hand_world[0], self.skeleton)
+        return with_palms(along_arms(turned[1:], bones, lines), palms, person.has_hand[0])
 
     def _observe(
         self,

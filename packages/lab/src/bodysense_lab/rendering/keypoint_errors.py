@@ -44,6 +44,10 @@ class ArmBones:
     space: np.ndarray  # (T, 2, 3, 3) m, in the camera's axes
     picture: np.ndarray  # (T, 2, 3, 2) places in the picture
 
+    def __getitem__(self, key: slice) -> ArmBones:
+        """Frames `key` (a slice)."""
+        return ArmBones(self.space[key], self.picture[key])
+
 
 def bones_of(pose: Pose, camera: Camera) -> ArmBones:
     """Return the bones of a body (T, …) in the room, seen by one camera or by cameras (T,)."""

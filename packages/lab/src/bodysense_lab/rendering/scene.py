@@ -13,10 +13,17 @@ from typing import Literal, get_args
 import numpy as np
 
 from bodysense.body.pose import Pose, forward_kinematics
-from bodysense.body.rotation import quaternion_exp, quaternion_log, quaternion_multiply, quaternion_to_matrix
+from bodysense.body.rotation import (
+    matrix_to_quaternion,
+    quaternion_exp,
+    quaternion_log,
+    quaternion_multiply,
+    quaternion_to_matrix,
+    slerp,
+)
 from bodysense.body.rotation import swing_twist as split
 from bodysense.body.skeleton import Skeleton, default_skeleton
-from bodysense.devices.simulated.camera_view import Camera, CameraRange, sample_cameras, view_points
+from bodysense.devices.simulated.camera_view import VIEW_POINTS, Camera, CameraRange, sample_cameras, view_points
 from bodysense.errors import BodysenseError
 
 FigureName = Literal["woman", "man", "heavy"]
@@ -152,6 +159,11 @@ ROOM = CameraRange(
 )
 
 WHOLE = replace(ROOM, distance=(2.3, 3.2), field_of_view=(45.0, 58.0))  # so far away that a person is seen whole
+# On a screen: at head height, as far away as a person at a desk, who is seen from head to waist.
+WEBCAM = replace(
+    ROOM, distance=(0.8, 1.2), height=(0.1, 0.3), heading=(-15.0, 15.0), field_of_view=(45.0, 55.0), aim=(-0.05, 0.05)
+)
+WEBCAM_RISE = 0.2  # m over the middle of the trunk, where a webcam points
 
 
 @dataclass(frozen=True)
@@ -233,12 +245,26 @@ def sample_scene(rng: np.random.Generator, figure: FigureName | None = None) -> 
     )
 
 
-def sample_camera(pose: Pose, rng: np.random.Generator, where: CameraRange = ROOM) -> Camera:
-    """A camera that stands still and looks at where the body (T, …) is in the middle of its motion."""
-    points = view_points(pose)
-    middle = np.median(points, axis=0)
+def sample_camera(pose: Pose, rng: np.random.Generator, where: CameraRange = ROOM, rise: float = 0.0) -> Camera:
+    """Draw a camera that stands still, for a body (T, …) in the middle of its motion.
+
+    It points `rise` m over the middle of the trunk.
+    """
+    middle = np.median(view_points(pose), axis=0)
+    middle[:, VIEW_POINTS.index("hip"), 1] += 2 * rise  # cameras point between hips and shoulders
     camera = sample_cameras(middle[None], rng, where)
     return Camera(camera.position[0], camera.axes[0], camera.focal[0], camera.aspect[0])
+
+
+def move_camera(first: Camera, last: Camera, count: int) -> Camera:
+    """Return a camera that moves and turns steadily from one to another in `count` pictures, with the first one's lens.
+
+    Its `position` and `axes` have an axis of time.
+    """
+    share = np.linspace(0.0, 1.0, count)
+    begin, end = matrix_to_quaternion(first.axes), matrix_to_quaternion(last.axes)
+    turned = quaternion_to_matrix(slerp(np.tile(begin, (count, 1)), np.tile(end, (count, 1)), share))
+    return replace(first, position=first.position + share[:, None] * (last.position - first.position), axes=turned)
 
 
 def _color(rng: np.random.Generator, dark: float, bright: float) -> Color:

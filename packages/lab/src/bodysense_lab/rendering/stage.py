@@ -26,7 +26,10 @@ _CUBE = np.array([[-1, -1, 1], [1, -1, 1], [1, 1, 1], [-1, -1, 1], [1, 1, 1], [-
 
 
 class Renderer:
-    """An OpenGL context with one scene and one still camera in it. Make one with `open_stage`, which also closes it."""
+    """An OpenGL context with one scene and a camera in it. Make one with `open_stage`, which also closes it.
+
+    The room's wall faces the first camera.
+    """
 
     def __init__(
         self, context: moderngl.Context, scene: Scene, camera: Camera, height: int, around: np.ndarray
@@ -51,12 +54,17 @@ class Renderer:
         toward = np.array([quaternion_rotate(turn, lamp.toward) for lamp in scene.lamps])
         light = _orthographic(self._around + np.array([0.0, 0.95, 0.0]), toward[0], _SHADOW_REACH)
         for program in (self._body_program, self._room_program, self._paste_program, self._depth_program):
-            _assign(
-                program, camera=_bytes(_projection(camera)), light=_bytes(light), eye=tuple(camera.position.tolist())
-            )
+            _assign(program, light=_bytes(light))
             _set_lamps(program, scene, toward)
         self._make_body()
         self._make_room(turn)
+        self.point(camera)
+
+    def point(self, camera: Camera) -> None:
+        """Go on from another camera, with pictures of the same size."""
+        for program in (self._body_program, self._room_program, self._paste_program, self._depth_program):
+            _assign(program, camera=_bytes(_projection(camera)), eye=tuple(camera.position.tolist()))
+        self._draw_room()
 
     def _make_body(self) -> None:
         figure, context = self.figure, self._context
@@ -88,22 +96,26 @@ class Renderer:
         )
 
     def _make_room(self, turn: np.ndarray) -> None:
-        """Draw the room, turned by (4,), with and without the first lamp."""
-        import moderngl
-
+        """Make the room, turned by (4,)."""
         buffer = self._context.buffer(_room(self._scene, self._around, turn).astype(np.float32).tobytes())
         layout = (buffer, "3f 3f 3f 1f", "position", "normal", "color", "pattern")
-        drawn = self._context.vertex_array(self._room_program, [layout])
+        self._lit_room = self._context.vertex_array(self._room_program, [layout])
         self._room = self._context.vertex_array(self._paste_program, [layout], skip_errors=True)
+        textures = {name: self._context.texture(self.size, 3) for name in ("dark", "bright")}
+        self._still = {name: (texture, self._context.framebuffer([texture])) for name, texture in textures.items()}
+
+    def _draw_room(self) -> None:
+        """Draw the room for one camera, with and without the first lamp."""
+        import moderngl
+
         self._context.enable_only(moderngl.DEPTH_TEST)
         self._shadow.use(0)
-        for place, name in enumerate(("dark", "bright")):
+        for place, (name, (texture, picture)) in enumerate(self._still.items()):
             self._shadow_buffer.clear(depth=float(place))  # something before everything, or nothing anywhere
             self._samples.use()
             self._samples.clear(0.0, 0.0, 0.0, depth=1.0)
-            drawn.render()
-            texture = self._context.texture(self.size, 3)
-            self._context.copy_framebuffer(self._context.framebuffer([texture]), self._samples)
+            self._lit_room.render()
+            self._context.copy_framebuffer(picture, self._samples)
             texture.use(1 + place)
             _assign(self._paste_program, **{name: 1 + place})
 

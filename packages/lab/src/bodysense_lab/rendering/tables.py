@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,7 @@ from bodysense.body.person import Person
 from bodysense.body.pose import Pose
 from bodysense.body.skeleton import default_skeleton
 from bodysense.completion.model import CompletionModel
-from bodysense.devices.simulated.camera_view import Camera, view, view_points
+from bodysense.devices.simulated.camera_view import Camera
 from bodysense.devices.video.arms import ArmModel, Arms
 from bodysense.devices.video.device import VideoDevice
 from bodysense.devices.video.landmarker_files import LandmarkerFiles
@@ -62,6 +63,7 @@ PUBLISHED = {
     "ExPose, published": {"overall_cm": 15.30, "arms_rad": 0.2984},
     "PAHMT, published": {"overall_cm": 13.75, "arms_rad": 0.1614},
 }
+_FIRST = "_first"  # ending of the group that holds the first second of another
 SHOWN = ("network", "landmarks_ik", "positions_ik")  # of which bones are compared; the landmarks themselves, the truth
 
 
@@ -85,7 +87,7 @@ class VideoTable:
         for method, rotation in said.items():
             for measure, values in arm_errors(rotation, truth, take.pose.skeleton).items():
                 self.tallies.setdefault((group, method, measure), Tally()).add(values)
-        true = view(view_points(take.pose), take.time, take.camera)
+        true = take.keypoints()
         self.detector.append(keypoint_errors(arm_keypoints(person), true))
         self.found.setdefault((group, "body"), Tally()).add(person.has_body.astype(float))
         self.found.setdefault((group, "hand"), Tally()).add(person.has_hand[true.has_hand].astype(float))
@@ -93,11 +95,14 @@ class VideoTable:
         self.seconds.append(float(take.time[-1] - take.time[0]))
 
     def add_bones(self, take: RenderedTake, said: dict[str, ArmBones]) -> None:
-        """Count where the bones of a video's arms point, by method."""
+        """Count where the bones of a video's arms point, by method; of a moving camera also its first second alone."""
         truth, interval = bones_of(take.pose, take.camera), float(np.median(np.diff(take.time)))
-        for method, bones in said.items():
-            for measure, values in bone_errors(bones, truth, interval).items():
-                self.tallies.setdefault((_group(take), method, measure), Tally()).add(values)
+        pieces = {_group(take): slice(None)}
+        if take.moves:
+            pieces[f"{_group(take)}{_FIRST}"] = slice(int((take.time < take.time[0] + 1.0).sum()))
+        for (group, piece), (method, bones) in product(pieces.items(), said.items()):
+            for measure, values in bone_errors(bones[piece], truth[piece], interval).items():
+                self.tallies.setdefault((group, method, measure), Tally()).add(values)
 
     @property
     def groups(self) -> list[str]:
@@ -115,6 +120,9 @@ class VideoTable:
                     numbers[f"{method}_{measure}{suffix}"] = self.get(method, measure, group)
             for key, name in (("detection_rate", "body"), ("hand_detection_rate", "hand")):
                 numbers[f"{key}{suffix}"] = self.found.get((group, name), Tally()).mpjpe
+        for (group, method, measure), tally in self.tallies.items():
+            if group.endswith(_FIRST):
+                numbers[f"{method}_{measure}_{group}"] = tally.mpjpe
         return finite(numbers)
 
 
@@ -154,8 +162,7 @@ def completed(
     packaged one.
     """
     arms = Arms(default_skeleton(), model)
-    seen = view(view_points(take.pose), take.time, take.camera)
-    true = arms.complete(seen).estimate.pose
+    true = arms.complete(take.keypoints()).estimate.pose
     assert true is not None
     pose, camera = tracked(VideoDevice(default_skeleton(), arms, float(take.camera.aspect)), person, tracker)
     said = {

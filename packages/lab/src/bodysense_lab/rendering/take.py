@@ -1,18 +1,19 @@
 """Take: a motion on a figure before a camera. A rendered set is a folder of them: NAME.mp4, and its truth, NAME.npz.
 
-Scripted gestures, whose videos are hard: arms straight out to the sides, up, at the camera, blows, and a hand that
-waves beside the face.
+Scripted gestures, whose videos are hard: arms straight out to the sides, up, at the camera, blows, a hand that waves
+beside the face, one that waves before the face of a person at a webcam, and gestures before a camera that moves.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, replace
 from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
 
+from bodysense.body.keypoints import ArmKeypoints
 from bodysense.body.pose import Pose, standing_pose
 from bodysense.body.rotation import quaternion_conjugate, quaternion_exp, quaternion_rotate, shortest_arc, slerp
 from bodysense.body.skeleton import default_skeleton
@@ -21,7 +22,18 @@ from bodysense.errors import BodysenseError, how_to_install
 from bodysense.files import written_beside
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
-from bodysense_lab.rendering.scene import FIGURES, ROOM, WHOLE, Scene, load_figure, sample_camera, sample_scene
+from bodysense_lab.rendering.scene import (
+    FIGURES,
+    ROOM,
+    WEBCAM,
+    WEBCAM_RISE,
+    WHOLE,
+    Scene,
+    load_figure,
+    move_camera,
+    sample_camera,
+    sample_scene,
+)
 from bodysense_lab.rendering.stage import open_stage
 
 _ARM = tuple[tuple[float, float, float], tuple[float, float, float]]
@@ -36,6 +48,9 @@ _HOOK: _ARM = ((0.75, 0.0, 0.65), (-0.75, 0.0, 0.65))
 _UPPERCUT: _ARM = ((0.1, -0.3, 0.95), (-0.1, 0.9, 0.4))
 _CHIN: _ARM = ((0.35, -0.55, 0.75), (-0.6, 0.75, 0.2))
 _BESIDE: _ARM = ((0.35, -0.55, 0.75), (0.05, 0.97, 0.2))
+_REST: _ARM = ((0.25, -0.95, 0.2), (-0.35, -0.1, 0.95))  # on a desk
+_FACE: _ARM = ((0.5, 0.4, 0.75), (-0.9, 0.35, 0.2))  # wrist and hand are before the face
+_NEXT: _ARM = ((0.55, 0.1, 0.8), (-0.45, 0.88, 0.1))  # the hand is next to it
 # For each key: s, left arm, right arm, degrees by which the chest is turned to the left.
 _Key = tuple[float, _ARM, _ARM, float]
 GESTURES: dict[str, tuple[_Key, ...]] = {
@@ -53,6 +68,13 @@ GESTURES: dict[str, tuple[_Key, ...]] = {
     "waves": ((0.0, _HANG, _HANG, 0), (0.5, _HANG, _HANG, 0), (1.2, _CHIN, _HANG, 0), (1.5, _BESIDE, _HANG, 0),
               (1.8, _CHIN, _HANG, 0), (2.1, _BESIDE, _HANG, 0), (2.4, _CHIN, _HANG, 0), (2.7, _BESIDE, _HANG, 0),
               (3.0, _CHIN, _HANG, 0), (3.8, _HANG, _HANG, 0), (4.5, _HANG, _HANG, 0)),
+    "waves_at_desk": ((0.0, _REST, _REST, 0), (0.3, _REST, _REST, 0), (0.9, _FACE, _REST, 0), (1.2, _NEXT, _REST, 0),
+                      (1.5, _FACE, _REST, 0), (1.8, _NEXT, _REST, 0), (2.1, _FACE, _REST, 0), (2.6, _REST, _REST, 0),
+                      (3.1, _REST, _FACE, 0), (3.4, _REST, _NEXT, 0), (3.7, _REST, _FACE, 0), (4.0, _REST, _NEXT, 0),
+                      (4.5, _REST, _FACE, 0)),
+    "moving_camera": ((0.0, _GUARD, _OUT, 0), (0.5, _OUT, _UP, 0), (1.0, _CHIN, _OUT, 0), (1.4, _BESIDE, _HANG, 0),
+                      (1.8, _CHIN, _AHEAD, 0), (2.4, _HANG, _OUT, 0), (3.0, _OUT, _HANG, 0), (3.6, _UP, _CHIN, 0),
+                      (4.0, _OUT, _BESIDE, 0), (4.5, _HANG, _HANG, 0)),
 }  # fmt: skip
 _SPINE = ("spine1", "spine2", "spine3")
 
@@ -95,6 +117,7 @@ def _arm(ways: _ARM, sign: float) -> tuple[np.ndarray, np.ndarray]:
 FORMAT = "bodysense take 1"
 RATE = 30.0  # Hz
 _TRIES = 30  # cameras that are drawn for a take
+_PLACES = 8  # that are drawn for the end of a camera's path, of which the farthest is taken
 _SEEN = 0.9  # share of frames in which an arm should be in the picture
 _LIVELY = 0.05  # m/s: wrists that move less on average are no motion to speak of
 
@@ -107,17 +130,44 @@ class RenderedTake:
     figure: str
     pose: Pose = field(repr=False)  # (T, …) on the figure's skeleton, world
     time: np.ndarray = field(repr=False)  # (T,) s
-    camera: Camera = field(repr=False)  # one, which stands still
+    camera: Camera = field(repr=False)  # if it moves, its position and axes have an axis of time, (T, …)
     category: str = ""  # of the motion, where its data set says
+
+    @property
+    def moves(self) -> bool:
+        """Whether the camera moves."""
+        return self.camera.position.ndim > 1
+
+    def camera_at(self, frame: int) -> Camera:
+        """The camera of one picture."""
+        if not self.moves:
+            return self.camera
+        return replace(self.camera, position=self.camera.position[frame], axes=self.camera.axes[frame])
+
+    def keypoints(self) -> ArmKeypoints:
+        """The true key-points of its pictures."""
+        points = view_points(self.pose)
+        if not self.moves:
+            return view(points, self.time, self.camera)
+        seen = view(points[:, None], np.zeros(1), self.camera)  # a window of one picture for each camera
+        found = {one.name: getattr(seen, one.name)[:, 0] for one in fields(seen) if one.name != "time"}
+        return ArmKeypoints(time=self.time, **found)
 
 
 def plan_takes(
-    clip: Clip, count: int, seconds: float, rng: np.random.Generator, first: int = 0, where: CameraRange = ROOM
+    clip: Clip,
+    count: int,
+    seconds: float,
+    rng: np.random.Generator,
+    first: int = 0,
+    where: CameraRange = ROOM,
+    rise: float = 0.0,
 ) -> list[tuple[RenderedTake, Scene]]:
     """Up to `count` takes of a clip and the scenes for them: pieces of `seconds`, or the whole where it is shorter.
 
     Pieces do not overlap; hands move in them, and both arms are nearly always in the picture. Figures go by turns,
-    from the `first` on; cameras stand `where` is said. Raises BodysenseError for a clip without fingers.
+    from the `first` on; cameras stand `where` is said and point `rise` m over the middle of the trunk. Raises
+    BodysenseError for a clip without fingers.
     """
     if not clip.has_fingers:
         raise BodysenseError(f"{clip.name}: it has no finger motion; a rendered set needs it")
@@ -133,7 +183,7 @@ def plan_takes(
             continue
         scene = sample_scene(rng, FIGURES[(first + len(taken)) % len(FIGURES)])
         pose = load_figure(scene.figure).wear(piece)
-        camera = _camera(pose, rng, where)
+        camera = _camera(pose, rng, where, rise)
         if camera is not None:
             name = f"{clip.name}_{start}_{scene.figure}"
             taken.append(
@@ -143,12 +193,23 @@ def plan_takes(
 
 
 def plan_gestures(rng: np.random.Generator) -> list[tuple[RenderedTake, Scene]]:
-    """Every one of `GESTURES` by every figure, seen whole, and the scenes for them."""
+    """Every one of `GESTURES` by every figure, and the scenes for them: seen whole, but at a desk."""
     planned: list[tuple[RenderedTake, Scene]] = []
     for clip in map(gesture, GESTURES):
+        where, rise = (WEBCAM, WEBCAM_RISE) if clip.name == "waves_at_desk" else (WHOLE, 0.0)
         for number in range(len(FIGURES)):
-            planned += plan_takes(clip, 1, np.ceil(clip.seconds), rng, number, WHOLE)
+            taken = plan_takes(clip, 1, np.ceil(clip.seconds), rng, number, where, rise)
+            if clip.name == "moving_camera":
+                taken = [(_moved(take, rng), scene) for take, scene in taken]
+            planned += taken
     return planned
+
+
+def _moved(take: RenderedTake, rng: np.random.Generator) -> RenderedTake:
+    """A take whose camera moves to another place, and turns, from the first picture to the last."""
+    drawn = [camera for camera in (_camera(take.pose, rng, WHOLE) for _ in range(_PLACES)) if camera is not None]
+    farthest = max(drawn, key=lambda camera: float(np.linalg.norm(camera.position - take.camera.position)))
+    return replace(take, camera=move_camera(take.camera, farthest, len(take.time)))
 
 
 def film(
@@ -163,13 +224,15 @@ def film(
     except ImportError:
         raise BodysenseError(f"writing videos needs PyAV; {how_to_install('packages/lab[render]')}") from None
     path, around = folder / f"{take.name}.mp4", np.median(take.pose.root_position, axis=0)
-    with written_beside(path) as beside, open_stage(scene, take.camera, height, around) as stage:
+    with written_beside(path) as beside, open_stage(scene, take.camera_at(0), height, around) as stage:
         with av.open(str(beside), "w") as container:
             stream = container.add_stream("h264", rate=Fraction(RATE))
             stream.width, stream.height, stream.pix_fmt = *stage.size, "yuv420p"
             stream.options = {"crf": "20", "preset": "veryfast"}
             stream.thread_count = 1
             for k in range(len(take.time)):
+                if take.moves:
+                    stage.point(take.camera_at(k))
                 picture = av.VideoFrame.from_ndarray(stage.draw(take.pose[k]), format="rgb24")
                 container.mux(stream.encode(picture))
                 advance()
@@ -222,11 +285,11 @@ def list_takes(folder: Path) -> list[Path]:
     return found
 
 
-def _camera(pose: Pose, rng: np.random.Generator, where: CameraRange) -> Camera | None:
+def _camera(pose: Pose, rng: np.random.Generator, where: CameraRange, rise: float = 0.0) -> Camera | None:
     """Draw a camera that nearly always has both arms in its picture; None if many draws fail."""
     points = view_points(pose)
     for _ in range(_TRIES):
-        camera = sample_camera(pose, rng, where)
+        camera = sample_camera(pose, rng, where, rise)
         seen = view(points, np.arange(len(points)) / RATE, camera)
         if seen.has_arm.mean(axis=0).min() >= _SEEN:
             return camera
