@@ -150,7 +150,9 @@ class TwoWayTracker:
         by_pelvis = measured[:, [pelvis]] & ~measured[:, [head]]
         off = np.where(by_pelvis, points[:, pelvis] - position[:, pelvis], 0.0)
         pose = trunk_met(replace(pose, root_position=pose.root_position + off), points, measured)
-        pose = bent_to(pose, np.where(measured[..., None], points, np.asarray(forward_kinematics(pose)[0])), measured)
+        pose = bent_to(
+            pose, np.where(measured[..., None], points, np.asarray(forward_kinematics(pose)[0])), measured, seconds
+        )
         contact = (1 - share[..., 0]) * forward.contact + share[..., 0] * backward.contact
         if self.settings.hold_feet:
             pose = on_floor(pose, contact, measured, turned, self.settings.floor, seconds)

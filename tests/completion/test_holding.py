@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from bodysense.body.footing import side_clearance
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.rotation import geodesic_angle, quaternion_exp, quaternion_multiply
-from bodysense.completion.holding import bent_to, on_floor, trunk_met
+from bodysense.completion.holding import BESIDE, bent_to, faded, on_floor, trunk_met
 from bodysense.estimate import CONTACT_POINTS
 from bodysense.io.clip import Clip
 
@@ -63,12 +64,47 @@ def test_tracked_ends_are_met_and_other_limbs_are_unchanged(pose: Pose, end: str
     first = skeleton.parents[skeleton.parents[tip]]
     measured[20:40, tip] = True
     truth, wrong = placed(pose)[0], turned(pose, skeleton.joints[first], 0.1)
-    bent = bent_to(wrong, truth, measured)
+    bent = bent_to(wrong, truth, measured, SECONDS)
     assert np.linalg.norm(placed(bent)[0][20:40, tip] - truth[20:40, tip], axis=-1).max() < 1e-3
     assert np.linalg.norm(placed(wrong)[0][20:40, tip] - truth[20:40, tip], axis=-1).min() > 0.01
     changed = (bent.rotation != wrong.rotation).any(axis=-1)
-    assert not changed[:20].any() and not changed[40:].any()
+    count = round(BESIDE / SECONDS)
+    assert not changed[: 20 - count].any() and not changed[40 + count :].any()
     assert set(np.flatnonzero(changed.any(axis=0)).tolist()) <= {tip, skeleton.parents[tip], first}
+
+
+@pytest.mark.parametrize("gap", [slice(0, 20), slice(20, 60), slice(30, 33), slice(50, 90)])
+def test_what_is_measured_goes_on_and_fades(gap: slice) -> None:
+    """No leap at an edge, nothing in the middle of a long gap, and measured frames as they are."""
+    offset = np.tile([0.03, -0.01, 0.02], (90, 1))
+    measured = np.ones(90, dtype=bool)
+    measured[gap] = False
+    found = faded(offset, measured, SECONDS)
+    np.testing.assert_array_equal(found[measured], offset[measured])
+    assert np.linalg.norm(np.diff(found, axis=0), axis=-1).max() < 0.4 * np.linalg.norm(offset[0])
+    assert (found * np.sign(offset) >= 0).all() and (np.abs(found) <= np.abs(offset) + 1e-12).all()
+    if gap.stop - gap.start >= 20:
+        assert not found[
+            (gap.start + gap.stop) // 2 if gap.start and gap.stop < 90 else (0 if not gap.start else 89)
+        ].any()
+    assert not faded(offset, np.zeros(90, dtype=bool), SECONDS).any()
+
+
+def test_a_foot_that_stands_is_low(pose: Pose) -> None:
+    """Of a body that hovers with bent knees; feet that are in the air stay there."""
+    rotation, knees = np.array(pose.rotation), pose.skeleton.indices(["left_knee", "right_knee"])
+    rotation[:, knees] = quaternion_exp(np.array([0.6, 0.0, 0.0]))
+    bent = Pose(pose.skeleton, pose.root_position + np.array([0.0, 0.03, 0.0]), rotation)
+    shins = np.zeros((len(rotation), len(pose.skeleton.joints)), dtype=bool)
+    floor = side_clearance(placed(pose)[0], pose.skeleton, "left").min()
+    before = side_clearance(placed(bent)[0], pose.skeleton, "left") - floor
+    after = {}
+    for chance in (0.0, 1.0):
+        contact = np.full((len(rotation), len(CONTACT_POINTS)), chance)
+        held = on_floor(bent, contact, nothing(pose), shins, floor, SECONDS)
+        after[chance] = side_clearance(placed(held)[0], pose.skeleton, "left") - floor
+    np.testing.assert_allclose(after[0.0], before, atol=1e-9)
+    assert before.min() > 0.03 and after[1.0].max() < 0.025 and after[1.0].min() > -1e-3
 
 
 def test_a_stretched_limb_that_is_not_tracked_keeps_its_rotation(pose: Pose) -> None:
@@ -77,7 +113,7 @@ def test_a_stretched_limb_that_is_not_tracked_keeps_its_rotation(pose: Pose) -> 
     knees = pose.skeleton.indices(["left_knee", "right_knee"])
     rotation[:, knees] = [1.0, 0.0, 0.0, 0.0]
     straight = Pose(pose.skeleton, pose.root_position, rotation)
-    np.testing.assert_array_equal(bent_to(straight, placed(straight)[0], nothing(pose)).rotation, rotation)
+    np.testing.assert_array_equal(bent_to(straight, placed(straight)[0], nothing(pose), SECONDS).rotation, rotation)
 
 
 def test_feet_that_stand_are_held_but_for_legs_with_tracked_shins(pose: Pose) -> None:

@@ -131,6 +131,19 @@ def test_a_trunk_that_is_tracked_follows_the_mean(answers: TwoAnswers) -> None:
     assert np.abs(beyond[held, skeleton.index("left_shoulder")]).max() > 0.001
 
 
+def test_a_leg_that_stands_follows_the_mean(answers: TwoAnswers) -> None:
+    """The network learned of people who stand with bent knees."""
+    contact = np.zeros_like(answers.past_contact)
+    contact[:, :2] = 1
+    share, beyond = PACKAGED(replace(answers, past_contact=contact, future_contact=contact))
+    left, right = (
+        answers.skeleton.indices([f"{side}_{part}" for part in ("hip", "knee", "ankle", "foot")])
+        for side in ("left", "right")
+    )
+    assert np.abs(beyond[:, left]).max() < 1e-12 and np.abs(beyond[:, right]).max() > 0.01
+    np.testing.assert_allclose(share[:, left], np.repeat(answers.share[:, None], 4, axis=1), atol=1e-12)
+
+
 def test_shares_move_by_their_odds() -> None:
     np.testing.assert_allclose(moved_share(np.array([0.5, 0.2]), np.array([0.0, 0.0])), [0.5, 0.2])
     assert moved_share(np.array(0.5), np.log(3.0)) == pytest.approx(0.75)

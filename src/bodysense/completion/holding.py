@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from bodysense.body.footing import side_clearance, stopped_slide
+from bodysense.body.gaps import runs
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.reach import reaching, reaching_all
 from bodysense.body.rotation import (
@@ -14,6 +15,7 @@ from bodysense.body.rotation import (
     quaternion_rotate,
     shortest_arc,
 )
+from bodysense.completion.joining import smoothed
 from bodysense.estimate import CONTACT_POINTS
 
 Array = np.ndarray
@@ -21,32 +23,48 @@ FARTHEST = 0.06  # m that a foot is held back at most; 0.12 holds more firmly, a
 # Probabilities of contact from which a foot is held, and below which it no longer is; s in which it then comes back.
 # Lower ones hold more firmly, and cause up to twice the jumps. Chosen on validation clips.
 HOLD, RELEASE, FADE = 0.8, 0.6, 0.3
+HOVER, LOWERING = 0.02, 0.1  # m over the floor from which a foot that stands is lowered; s over which that is smoothed
+BESIDE = 0.25  # s in which a limb comes to a place where it is tracked, and leaves it
 ENDS = ("left_wrist", "right_wrist", "left_ankle", "right_ankle")
 
 
-def bent_to(pose: Pose, points: Array, measured: Array) -> Pose:
+def bent_to(pose: Pose, points: Array, measured: Array, seconds: float) -> Pose:
     """The pose (T,) with wrists and ankles that are `measured` at their points, and elbows and knees likewise.
 
-    A limb bends in the plane in which it lies; hands and feet keep their rotations in the world.
+    A limb bends in the plane in which it lies; hands and feet keep their rotations in the world. Before and after
+    frames in which an end is tracked its way there fades, so that it does not leap.
 
     Args:
         pose: (T,).
         points: (T, P, 3) m, world: where points are measured, elsewhere where they are believed.
         measured: (T, P) bool: points that are tracked.
+        seconds: between frames.
     """
-    skeleton = pose.skeleton
+    skeleton, position = pose.skeleton, np.asarray(forward_kinematics(pose)[0])
     tips = {end: skeleton.index(end) for end in ENDS}
-    bent = reaching_all(pose, {end: points[:, tip] for end, tip in tips.items()})
+    off = {end: faded(points[:, tip] - position[:, tip], measured[:, tip], seconds) for end, tip in tips.items()}
+    bent = reaching_all(pose, {end: position[:, tip] + off[end] for end, tip in tips.items()})
     rotation = np.array(pose.rotation)
-    for tip in tips.values():
-        middle = skeleton.parents[tip]
+    for end, tip in tips.items():
+        middle, moved = skeleton.parents[tip], measured[:, tip] | off[end].any(axis=1)
         for joint in (skeleton.parents[middle], middle, tip):
-            rotation[measured[:, tip], joint] = bent.rotation[measured[:, tip], joint]
+            rotation[moved, joint] = bent.rotation[moved, joint]
     for tip in tips.values():
         where = measured[:, skeleton.parents[tip]]
         if where.any():
             _turn_at_middle(pose[where], tip, points[where], where, rotation)
     return Pose(skeleton, pose.root_position, rotation)
+
+
+def faded(offset: Array, measured: Array, seconds: float) -> Array:
+    """Return offsets (T, 3) in which those of frames that are `measured` (T,) go on into the others, and fade there."""
+    found, count = np.where(measured[:, None], offset, 0.0), max(1, round(BESIDE / seconds))
+    for first, end in runs(~measured):
+        for frame, steps in ((first - 1, np.arange(1, end - first + 1)), (end, np.arange(end - first, 0, -1))):
+            if 0 <= frame < len(offset):
+                share = np.clip(steps / min(count, end - first + 1), 0.0, 1.0)
+                found[first:end] += (1 - share**2 * (3 - 2 * share))[:, None] * offset[frame]
+    return found
 
 
 def _turn_at_middle(pose: Pose, tip: int, points: Array, where: Array, rotation: Array) -> None:
@@ -98,7 +116,7 @@ def trunk_met(pose: Pose, points: Array, measured: Array) -> Pose:
 
 
 def on_floor(pose: Pose, contact: Array, measured: Array, turned: Array, floor: float, seconds: float) -> Pose:
-    """The pose (T,) with feet that stand held in place, and soles that are not under the floor.
+    """The pose (T,) with feet that stand held in place and low, and soles that are not under the floor.
 
     Args:
         pose: (T,).
@@ -120,7 +138,10 @@ def on_floor(pose: Pose, contact: Array, measured: Array, turned: Array, floor: 
         chances = contact[:, [CONTACT_POINTS.index(name) for name in resting]]
         place = position[:, skeleton.indices(resting)]
         shift = stopped_slide(place, chances, free, seconds, FARTHEST, FADE, (HOLD, RELEASE))
-        rise = np.maximum(0.0, floor - side_clearance(position, skeleton, side))
-        shift[:, 1] = np.where(free, rise, 0.0)
+        clearance = side_clearance(position, skeleton, side) - floor
+        stands = np.clip((chances.max(axis=1) - RELEASE) / (HOLD - RELEASE), 0.0, 1.0)
+        away = np.clip(2 * smoothed(free.astype(float), LOWERING / seconds) - 1, 0.0, 1.0)  # from frames that are known
+        lower = away * smoothed(stands * np.clip(clearance - HOVER, 0.0, FARTHEST), LOWERING / seconds)
+        shift[:, 1] = np.where(free, np.maximum(0.0, -clearance) - lower, 0.0)
         pose = reaching(pose, f"{side}_ankle", position[:, skeleton.index(f"{side}_ankle")] + shift)
     return pose

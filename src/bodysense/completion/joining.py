@@ -111,24 +111,17 @@ def future_share(past: Array, future: Array, seconds: float) -> Array:
     It changes slowly, and is one for all joints, so that what hangs together stays together.
     """
     body = default_skeleton().indices(BODY)
-    bell = _bell(STEADY / seconds)
     ratio = np.log(past[:, body].mean(axis=1) / future[:, body].mean(axis=1))
-    odds = BACKWARD_SHARE / (1 - BACKWARD_SHARE) * np.exp(SURENESS * _convolved(ratio, bell))
+    odds = BACKWARD_SHARE / (1 - BACKWARD_SHARE) * np.exp(SURENESS * smoothed(ratio, STEADY / seconds))
     return odds / (1 + odds)
 
 
-def _convolved(values: Array, bell: Array) -> Array:
-    """Return values (T, ...) averaged over neighbouring frames; the first and the last go on."""
-    reach = len(bell) // 2
-    padded = np.concatenate([values[:1].repeat(reach, axis=0), values, values[-1:].repeat(reach, axis=0)])
-    return sum(weight * padded[k : k + len(values)] for k, weight in enumerate(bell.tolist()))  # type: ignore[return-value]
-
-
-def _bell(frames: float) -> Array:
-    """Return weights (N,), N odd, of a Gaussian whose standard deviation is `frames`."""
+def smoothed(values: Array, frames: float) -> Array:
+    """Return values (T, ...) averaged over neighbours by a Gaussian of this deviation; the first and the last go on."""
     reach = int(np.ceil(3 * frames))
     weight = np.exp(-0.5 * (np.arange(-reach, reach + 1) / frames) ** 2)
-    return weight / weight.sum()
+    padded = np.concatenate([values[:1].repeat(reach, axis=0), values, values[-1:].repeat(reach, axis=0)])
+    return sum(share * padded[k : k + len(values)] for k, share in enumerate((weight / weight.sum()).tolist()))  # type: ignore[return-value]
 
 
 def mean_rotation(a: Array, b: Array, share: Array | float = 0.5) -> Array:

@@ -27,7 +27,7 @@ from bodysense.body.rotation import (
     quaternion_to_matrix,
 )
 from bodysense.body.skeleton import BODY, Skeleton
-from bodysense.completion.joining import mean_rotation
+from bodysense.completion.joining import mean_rotation, smoothed
 from bodysense.errors import BodysenseError
 from bodysense.tensors import tensors_of
 
@@ -42,6 +42,8 @@ DILATIONS = (1, 2, 4, 8, 16)  # frames between the three taps of each block's co
 JOINTS = len(BODY)
 OUTPUTS = 4 * JOINTS  # three numbers of turn, then one of share, for every joint
 _TRUNK, _HOLDING = ("spine1", "spine2", "spine3", "neck"), ("pelvis", "spine3", "head")
+_LEG = ("hip", "knee", "ankle", "foot")
+_STANDS, _SLOWLY = (0.5, 0.8), 0.1  # probabilities of contact from which a leg stands a little and wholly; s
 _FLIP = np.array([-1.0, 1.0, 1.0])  # mirrors a place at x = 0
 _LEAST_ERROR = 1e-3  # m
 _OTHER_SIDE = [2, 3, 0, 1]  # of `CONTACT_POINTS`
@@ -153,7 +155,8 @@ class JoiningNetwork:
     def __call__(self, answers: TwoAnswers) -> tuple[Array, Array]:
         """Return the weight of the future (T, J), and by what each joint turns beyond the mean, (T, J, 3) rad.
 
-        A joint outside `BODY` follows the plain mean, and so does a trunk whose pelvis, chest and head are tracked.
+        A joint outside `BODY` follows the plain mean, and so do a trunk whose pelvis, chest and head are tracked, and a
+        leg that stands: recorded people, of whom the network learned, stand with bent knees.
         """
         skeleton = answers.skeleton
         body, partner = np.array(skeleton.indices(BODY)), np.asarray(skeleton.mirror)
@@ -170,6 +173,10 @@ class JoiningNetwork:
         held = answers.measured[:, skeleton.indices(_HOLDING)].all(axis=1)
         for joint in skeleton.indices(_TRUNK).tolist():
             share[held, joint], beyond[held, joint] = answers.share[held], 0.0
+        for place, side in enumerate(("left", "right")):
+            leg, stands = skeleton.indices([f"{side}_{part}" for part in _LEG]), _standing(answers, place)[:, None]
+            share[:, leg] += stands * (answers.share[:, None] - share[:, leg])
+            beyond[:, leg] *= 1 - stands[..., None]
         return share, beyond
 
     def _asked(self, answers: TwoAnswers) -> tuple[Array, Array]:
@@ -192,6 +199,14 @@ class JoiningNetwork:
             )
             hidden = hidden + _silu(bent) @ given[f"mixing.{block}.weight"].T + given[f"mixing.{block}.bias"]
         return _silu(hidden) @ given["outward.weight"].T + given["outward.bias"]
+
+
+def _standing(answers: TwoAnswers, side: int) -> Array:
+    """Return how surely the left foot, 0, or the right one, 1, carries the body, (T,) in [0, 1]; it changes slowly."""
+    share = answers.share[:, None]
+    chance = ((1 - share) * answers.past_contact + share * answers.future_contact)[:, 2 * side : 2 * side + 2]
+    low, high = _STANDS
+    return smoothed(np.clip((chance.max(axis=1) - low) / (high - low), 0.0, 1.0), _SLOWLY / answers.seconds)
 
 
 def moved_share(share: Array, odds: Array) -> Array:
