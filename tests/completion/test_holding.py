@@ -75,7 +75,7 @@ def test_tracked_ends_are_met_and_other_limbs_are_unchanged(pose: Pose, end: str
 
 @pytest.mark.parametrize("gap", [slice(0, 20), slice(20, 60), slice(30, 33), slice(50, 90)])
 def test_what_is_measured_goes_on_and_fades(gap: slice) -> None:
-    """No leap at an edge, nothing in the middle of a long gap, and measured frames as they are."""
+    """An offset does not leap at an edge, is 0 in the middle of a long gap, and unchanged in measured frames."""
     offset = np.tile([0.03, -0.01, 0.02], (90, 1))
     measured = np.ones(90, dtype=bool)
     measured[gap] = False
@@ -91,7 +91,7 @@ def test_what_is_measured_goes_on_and_fades(gap: slice) -> None:
 
 
 def test_a_foot_that_stands_is_low(pose: Pose) -> None:
-    """Of a body that hovers with bent knees; feet that are in the air stay there."""
+    """A body hovers with bent knees: its feet come down if they are in contact, else they stay there."""
     rotation, knees = np.array(pose.rotation), pose.skeleton.indices(["left_knee", "right_knee"])
     rotation[:, knees] = quaternion_exp(np.array([0.6, 0.0, 0.0]))
     bent = Pose(pose.skeleton, pose.root_position + np.array([0.0, 0.03, 0.0]), rotation)

@@ -1,4 +1,4 @@
-"""What joins two answers before the network does: shares by certainty, and hidden frames that lead to a return."""
+"""Joining of two answers before the network: shares by certainty, and hidden frames that lead to a return."""
 
 from __future__ import annotations
 

@@ -42,7 +42,7 @@ def answers(waving_clip: Clip) -> TwoAnswers:
 
 
 def moved(answers: TwoAnswers, yaw: float, shift: np.ndarray) -> TwoAnswers:
-    """The same answers, turned about +Y and moved."""
+    """Turn answers about +Y and move them."""
     turn = quaternion_exp(np.array([0.0, yaw, 0.0]))
 
     def turned(rotation: np.ndarray) -> np.ndarray:

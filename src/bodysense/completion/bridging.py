@@ -49,7 +49,7 @@ def bridged(observation: Observation, seconds: float, longest: float = LONGEST) 
 
 
 def _gaps(known: Array, most: int) -> list[tuple[int, int]]:
-    """Gaps of a mask (T,) between known frames, of at most so many frames."""
+    """Return the gaps of a mask (T,) between known frames that last at most `most` frames."""
     found = runs(~known)
     return [(first, end) for first, end in found if first > 0 and end < len(known) and end - first <= most]
 

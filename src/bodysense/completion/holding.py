@@ -122,7 +122,7 @@ def on_floor(pose: Pose, contact: Array, measured: Array, turned: Array, floor: 
         pose: (T,).
         contact: (T, 4) probability that each of `CONTACT_POINTS` rests on something.
         measured: (T, P) bool: points that are tracked; feet that are stay where they are.
-        turned: (T, J) bool: joints whose rotation is tracked; shins and feet that are stay as they are.
+        turned: (T, J) bool: joints whose rotation is tracked; tracked shins and feet keep it.
         floor: m, height of the floor.
         seconds: between frames.
     """

@@ -156,7 +156,7 @@ class JoiningNetwork:
         """Return the weight of the future (T, J), and by what each joint turns beyond the mean, (T, J, 3) rad.
 
         A joint outside `BODY` follows the plain mean, and so do a trunk whose pelvis, chest and head are tracked, and a
-        leg that stands: recorded people, of whom the network learned, stand with bent knees.
+        leg that stands, because the network learned from recorded people, who stand with bent knees.
         """
         skeleton = answers.skeleton
         body, partner = np.array(skeleton.indices(BODY)), np.asarray(skeleton.mirror)

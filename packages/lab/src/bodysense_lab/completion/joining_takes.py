@@ -1,4 +1,4 @@
-"""What the joining network learns from: both answers of recorded takes that drawn sensors watch, and the truth."""
+"""Training data of the joining network: both answers of recorded takes that drawn sensors watch, and the truth."""
 
 from __future__ import annotations
 
@@ -164,7 +164,7 @@ def _as_learned(answers: TwoAnswers, world: np.ndarray, truth: Pose) -> JoinedTa
 def kept_takes(
     folder: Path, draw: Callable[[], Iterator[JoinedTake]], frames: int, advance: Callable[[int], None]
 ) -> list[JoinedTake]:
-    """Return takes of so many frames in all, from a folder, in which new ones are kept."""
+    """Return takes of `frames` frames in all, from a folder, in which new ones are kept."""
     folder.mkdir(parents=True, exist_ok=True)
     is_whole = folder / "whole"
     takes, count = list[JoinedTake](), 0

@@ -243,7 +243,7 @@ class Load:
         for opcode, payload in _messages(one.unread):
             if opcode == 8:
                 raise BodysenseError(f"the server closed a session: {payload[2:].decode(errors='replace')}")
-            if opcode == 9:  # a ping: whoever does not answer is taken for gone
+            if opcode == 9:  # a ping; the server closes connections that do not answer
                 one.socket.send(_framed(10, payload))
             if opcode != 2 or payload[0] != POSE:
                 continue
