@@ -118,7 +118,7 @@ def future_share(past: Array, future: Array, seconds: float) -> Array:
 
 def smoothed(values: Array, frames: float) -> Array:
     """Return values (T, ...) averaged over neighbours by a Gaussian of this deviation; the first and the last go on."""
-    reach = int(np.ceil(3 * frames))
+    reach = int(np.ceil(3 * frames - 1e-6))  # the same for rates that differ by rounding
     weight = np.exp(-0.5 * (np.arange(-reach, reach + 1) / frames) ** 2)
     padded = np.concatenate([values[:1].repeat(reach, axis=0), values, values[-1:].repeat(reach, axis=0)])
     return sum(share * padded[k : k + len(values)] for k, share in enumerate((weight / weight.sum()).tolist()))  # type: ignore[return-value]
