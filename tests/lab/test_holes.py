@@ -103,4 +103,4 @@ def test_the_table_fills_as_the_command_does() -> None:
     clip = clip_of(3.0)
     partial = open_partial(clip, missing_items("left_hip+:30-59"))
     filled = track(clip, missing="left_hip+:30-59").clip.pose.rotation
-    np.testing.assert_allclose(holes.filled_by_all(partial)["bodysense"], filled, atol=1e-6)
+    np.testing.assert_allclose(holes.filled_by_all(partial)["bodysense"], filled, atol=1e-9)

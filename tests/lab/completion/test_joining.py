@@ -159,6 +159,8 @@ def test_takes_are_kept_once_they_are_whole(takes: list[JoinedTake], tmp_path: P
 
     first, again = kept(), kept()
     assert len(first) == len(again) == len(drawn) >= 2
+    fewer = kept_takes(tmp_path / "train", draw, 1, lambda frames: None)
+    assert len(fewer) == 1 == len(list((tmp_path / "train").glob("*.npz"))) and len(kept()) == len(first)
     for one, other in zip(first, again, strict=True):
         np.testing.assert_array_equal(one.features, other.features)
         np.testing.assert_array_equal(one.true_head, other.true_head)

@@ -132,7 +132,7 @@ def filled_by_all(partial: PartialMotion) -> dict[str, np.ndarray]:
     seen = observed(partial)
     forward, _ = ways.tracker.step(seen, ways.tracker.start())
     return {
-        OURS: filled_by(partial, ways.complete(seen, 1 / RATE)),
+        OURS: filled_by(partial, ways.complete(seen, float(np.median(np.diff(seen.time))))),
         "slerp": between(partial.rotation, partial.missing, slerped),
         "cubic spline": between(partial.rotation, partial.missing, splined),
         "inertialised": between(partial.rotation, partial.missing, inertialised),

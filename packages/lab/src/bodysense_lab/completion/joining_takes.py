@@ -16,7 +16,6 @@ from bodysense.body.shape import sample_bodies
 from bodysense.body.skeleton import BODY, LEG, Skeleton
 from bodysense.completion.bridging import bridged
 from bodysense.completion.joining_network import TwoAnswers, features, placed_head
-from bodysense.completion.model import CompletionModel
 from bodysense.devices.simulated.noise import hide
 from bodysense.devices.simulated.sensors import SENSOR_SETS, Edge, SensorSet, random_edges
 from bodysense.io.augment import mirrored
@@ -78,13 +77,8 @@ class JoinedTake:
             return cls(**{field.name: saved[field.name] for field in fields(cls)})
 
 
-def draw_takes(
-    clips: Sequence[Clip],
-    split: Split,
-    rng: np.random.Generator,
-    networks: tuple[CompletionModel | None, CompletionModel | None] = (None, None),
-) -> Iterator[JoinedTake]:
-    """Yield takes of the clips in random order, again and again, completed by `networks` or the packaged ones."""
+def draw_takes(clips: Sequence[Clip], split: Split, rng: np.random.Generator) -> Iterator[JoinedTake]:
+    """Yield takes of the clips in random order, again and again, completed by the packaged networks."""
     bodies = sample_bodies(body_split(split), _STRANGERS)
     while True:
         for place in rng.permutation(len(clips)):
@@ -97,7 +91,7 @@ def draw_takes(
             if rng.uniform() < 0.5:
                 pose = retargeted(pose, pose.skeleton.with_offsets(bodies[int(rng.integers(_STRANGERS))]))
             scene = TrackedScene(clip.name, "", pose)
-            yield take_of(scene, drawn_observation(scene, rng), networks)
+            yield take_of(scene, drawn_observation(scene, rng))
 
 
 def drawn_observation(scene: TrackedScene, rng: np.random.Generator) -> Observation:
@@ -130,11 +124,9 @@ def _with_holes(scene: TrackedScene, rng: np.random.Generator) -> Observation:
     return hide(seen, hidden)
 
 
-def take_of(
-    scene: TrackedScene, seen: Observation, networks: tuple[CompletionModel | None, CompletionModel | None]
-) -> JoinedTake:
+def take_of(scene: TrackedScene, seen: Observation) -> JoinedTake:
     """Return both answers of a scene of a known body, and the truth."""
-    tracker = TwoWayTracker(Person(scene.skeleton), networks[0], TrackerSettings(), networks[1])
+    tracker = TwoWayTracker(Person(scene.skeleton), None, TrackerSettings())
     seen = bridged(seen, 1 / RATE)
     forward, _ = tracker.tracker.step(seen, tracker.tracker.start())
     answers = tracker.answers(forward, tracker.backward(seen), tracker.turned(seen), 1 / RATE)
@@ -162,14 +154,24 @@ def _as_learned(answers: TwoAnswers, world: np.ndarray, truth: Pose) -> JoinedTa
 
 
 def kept_takes(
-    folder: Path, draw: Callable[[], Iterator[JoinedTake]], frames: int, advance: Callable[[int], None]
+    folder: Path,
+    draw: Callable[[], Iterator[JoinedTake]],
+    frames: int,
+    advance: Callable[[int], None],
+    source: str = "",
 ) -> list[JoinedTake]:
-    """Return takes of `frames` frames in all, from a folder, in which new ones are kept."""
+    """Return takes of `frames` frames in all, from a folder, in which new ones are kept.
+
+    Takes of another number of frames or of another `source`, and those of a run that was ended, are drawn anew.
+    """
     folder.mkdir(parents=True, exist_ok=True)
-    is_whole = folder / "whole"
-    takes, count = list[JoinedTake](), 0
-    if is_whole.is_file():
-        return [JoinedTake.load(path) for path in sorted(folder.glob("*.npz"))]
+    is_whole, asked = folder / "whole", f"{frames} frames of {source}"
+    takes, count, there = list[JoinedTake](), 0, sorted(folder.glob("*.npz"))
+    if is_whole.is_file() and is_whole.read_text(encoding="utf-8") == asked:
+        return [JoinedTake.load(path) for path in there]
+    is_whole.unlink(missing_ok=True)
+    for path in there:
+        path.unlink()
     for place, take in enumerate(draw()):
         take.save(folder / f"{place:06d}.npz")
         takes.append(take)
@@ -177,7 +179,7 @@ def kept_takes(
         advance(len(take))
         if count >= frames:
             break
-    is_whole.touch()
+    is_whole.write_text(asked, encoding="utf-8")
     return takes
 
 

@@ -224,7 +224,8 @@ def _takes(options: JoiningTraining, split: Split, frames: int, seed: int) -> li
 
     with Progress() as progress:
         bar = progress.add_task(f"completing takes of the {split} split", total=frames)
-        return kept_takes(options.folder / split, draw, frames, lambda done: progress.update(bar, advance=done))
+        source = f"{options.data.resolve()}, limit {options.limit}, seed {seed}"
+        return kept_takes(options.folder / split, draw, frames, lambda done: progress.update(bar, advance=done), source)
 
 
 def write_joining(network: JoiningModule, path: Path, card: dict[str, Any]) -> None:
