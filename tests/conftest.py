@@ -177,11 +177,10 @@ def small_vae(exported_once: ExportedOnce) -> Path:
 
 
 @pytest.fixture(scope="session")
-def small_arms(exported_once: ExportedOnce) -> Path:
-    """PAHMT, small and never trained, exported; its weights lie beside as .pt."""
+def small_arms_weights(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """PAHMT's weights, small and never trained (.pt)."""
     import torch
 
-    from bodysense_lab.pahmt.export import write_arms_onnx
     from bodysense_lab.pahmt.network import ArmNetwork, ArmNetworkConfig, write_arms
 
     torch.manual_seed(0)
@@ -202,10 +201,20 @@ def small_arms(exported_once: ExportedOnce) -> Path:
         list(network.head.parameters())[-2].mul_(20.0)
     card = {"identity": "{}", "licence": "Apache-2.0", "training_data": "nothing"}
     card |= {"validation": {"overall_m": 0.05, "hands_m": 0.02}}
+    path = tmp_path_factory.mktemp("arms") / "arms.pt"
+    write_arms(network, path, card)
+    return path
+
+
+@pytest.fixture(scope="session")
+def small_arms(exported_once: ExportedOnce, small_arms_weights: Path) -> Path:
+    """The same exported, which takes half a minute: for slow tests."""
+    from bodysense_lab.pahmt.export import write_arms_onnx
+    from bodysense_lab.pahmt.network import read_arms
 
     def write(path: Path) -> None:
-        write_arms(network, path.with_suffix(".pt"), card)
-        write_arms_onnx(network, path, card)
+        network, card = read_arms(small_arms_weights)
+        write_arms_onnx(network.eval(), path, card)
 
     return exported_once("arms/arms.onnx", write)
 

@@ -99,6 +99,7 @@ def test_pahmt_turns_arms_and_hands_of_a_body_that_stands(waving_clip: Clip) -> 
     assert error < still
 
 
+@pytest.mark.slow
 def test_a_transformer_runs_once_it_is_trained(short_clip: Clip, small_arms: Path) -> None:
     assert len(completed(short_clip, "pahmt", PaperOptions(networks=small_arms))) == len(short_clip)
     with pytest.raises(BodysenseError, match="is a pahmt; give --variant pahmt"):

@@ -165,8 +165,8 @@ def test_networks_that_cannot_be(change: dict[str, Any], said: str) -> None:
         ArmNetworkConfig(**change)
 
 
-def test_weights_are_read_back_and_others_refused(small_arms: Path, tmp_path: Path) -> None:
-    network, card = read_arms(small_arms.with_suffix(".pt"))
+def test_weights_are_read_back_and_others_refused(small_arms_weights: Path, tmp_path: Path) -> None:
+    network, card = read_arms(small_arms_weights)
     assert network.config.more_inputs and card["validation"] == {"overall_m": 0.05, "hands_m": 0.02}
     with pytest.raises(BodysenseError, match="no such file; train it with `bodysense train arms`"):
         read_arms(tmp_path / "none.pt")

@@ -58,12 +58,12 @@ def folder(tmp_path_factory: pytest.TempPathFactory, waving_clip: Clip) -> Path:
     return path
 
 
-def test_rows_are_scored_and_reported(folder: Path, small_arms: Path, tmp_path: Path) -> None:
+def test_rows_are_scored_and_reported(folder: Path, small_arms_weights: Path, tmp_path: Path) -> None:
     for name in ("ahmt", "pahmt"):
-        shutil.copy(small_arms.with_suffix(".pt"), tmp_path / f"{name}.pt")
+        shutil.copy(small_arms_weights, tmp_path / f"{name}.pt")
     log = [{"step": step, "validation": {"overall_m": 1 / step, "hands_m": 0.01}} for step in (10, 20)]
     (tmp_path / "ahmt.jsonl").write_text("".join(json.dumps(line) + "\n" for line in log))
-    rows, data = rows_in(tmp_path, small_arms.with_suffix(".pt")), DataSet("mine", folder, "all")
+    rows, data = rows_in(tmp_path, small_arms_weights), DataSet("mine", folder, "all")
     assert [row.name for row in rows] == ["ahmt", "pahmt", "ik", "shipped"]
     scored, census = score_arms(rows, data, 5, 1, lambda clip: None)
     assert census.clips == 1
@@ -88,11 +88,11 @@ def test_a_folder_without_networks(tmp_path: Path) -> None:
         rows_in(tmp_path)
 
 
-def test_motion_without_hands(small_arms: Path, waving_clip: Clip, tmp_path: Path) -> None:
+def test_motion_without_hands(small_arms_weights: Path, waving_clip: Clip, tmp_path: Path) -> None:
     still = np.array(waving_clip.pose.rotation)
     still[:, 22:] = [1.0, 0, 0, 0]
     (tmp_path / "a").mkdir()
     write_bvh(tmp_path / "a" / "b.bvh", replace(waving_clip, pose=replace(waving_clip.pose, rotation=still)))
-    shutil.copy(small_arms.with_suffix(".pt"), tmp_path / "ahmt.pt")
+    shutil.copy(small_arms_weights, tmp_path / "ahmt.pt")
     with pytest.raises(BodysenseError, match="no clip with fingers of 32 frames"):
         score_arms(rows_in(tmp_path), DataSet("mine", tmp_path, "all"), 5, 1, lambda clip: None)

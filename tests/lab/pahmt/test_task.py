@@ -147,10 +147,13 @@ def test_a_run_learns(recordings: ArmRecordings, tmp_path: Path) -> None:
     assert [row.step for row in rows] == [12, 24, 36]
 
 
-def test_the_exported_file_says_what_the_network_says(small_arms: Path, recordings: ArmRecordings) -> None:
+@pytest.mark.slow
+def test_the_exported_file_says_what_the_network_says(
+    small_arms: Path, small_arms_weights: Path, recordings: ArmRecordings
+) -> None:
     from bodysense.devices.video.arms import load_arms
 
-    network, _ = read_arms(small_arms.with_suffix(".pt"))
+    network, _ = read_arms(small_arms_weights)
     window = batch(recordings, [4]).window
     with torch.no_grad():  # once as it is, once in a mirror
         straight, turned = (network.quaternions(network(one)) for one in (window, mirrored(window)))
