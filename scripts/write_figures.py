@@ -64,6 +64,7 @@ PAHMT. ARMS comes from `bodysense train arms-table`.
     bodysense evaluate video-rendered RENDERED --json FIGURES/video-rendered.json
     bodysense data render -o GESTURES
     bodysense evaluate video-rendered GESTURES --json FIGURES/gestures.json
+    bodysense bench video GESTURES/waves_0_woman.mp4 --json FIGURES/video-speed.json
     bodysense evaluate pahmt-table1 --data DATA --networks ARMS --out FIGURES --json FIGURES/pahmt-table1.json
     … train and evaluate with --keypoints perfect, into FIGURES/pahmt-table1-perfect.json
     bodysense bench arms --json FIGURES/arms-speed.json

@@ -55,10 +55,12 @@ def takes(numbers: Numbers) -> str:
         ]
         keys += [f"{name}_own_take_rotation_deg", f"{name}_own_take_jumps_per_minute"]
         if keys[1] in numbers:
-            rows.append([name.replace("_", " "), *(f"{numbers[key]:.2f}" if key in numbers else "–" for key in keys)])
+            figures = [f"{numbers[key]:.2f}" if key in numbers else "–" for key in keys]
+            covers = numbers.get(f"{name}_own_take_cover90")
+            rows.append([name.replace("_", " "), *figures, "–" if covers is None else f"{100 * covers:.0f}"])
     head = ["sensors", "known body, live cm", "take cm", "unknown body, live cm", "take cm", "take rotation °"]
     command = f"`bodysense evaluate completion --data DIR{_limit(numbers)} --takes`: {numbers['clips']:.0f} clips."
-    return f"{markdown([*head, 'take jumps/min'], rows)}\n\n{command}"
+    return f"{markdown([*head, 'take jumps/min', 'bound covers %'], rows)}\n\n{command}"
 
 
 def holes(body: Numbers, fingers: Numbers) -> str:

@@ -121,9 +121,21 @@ def _one(numbers: Numbers, key: str, digits: int = 1) -> str:
     return figure(numbers, key, digits)
 
 
+def video_speed(numbers: Numbers) -> str:
+    """Return what a picture of a video costs."""
+    one, two = (numbers[f"people_{people}_landmarks_ms"] for people in (1, 2))
+    return (
+        f"Processor time of a picture of {numbers['width']:.0f} × {numbers['height']:.0f} pixels, "
+        f"`bodysense bench video`: reading it and finding landmarks {one:.0f} ms with `--people 1` and {two:.0f} ms "
+        f"with 2; choosing the person and completing the body with past and future {numbers['body_ms']:.0f} ms. Peak "
+        f"memory {numbers['memory_mb']:.0f} MB; it does not grow with the number of pictures."
+    )
+
+
 BLOCKS = (
     Block("docs/rendered.md", "video", rendered, ("video-rendered",)),
     Block("docs/rendered.md", "gestures", gestures, ("gestures",)),
+    Block("docs/video.md", "video-speed", video_speed, ("video-speed",)),
     Block("docs/papers/pahmt.md", "table1", table, ("pahmt-table1",), ("pahmt-table1-perfect",)),
     Block("docs/papers/pahmt.md", "arms-speed", speed, ("arms-speed",)),
 )

@@ -19,8 +19,8 @@ from bodysense.body.rotation import quaternion_exp, quaternion_multiply
 from bodysense.body.skeleton import Skeleton
 from bodysense.completion.bridging import bridged
 from bodysense.completion.holding import bent_to, on_floor, trunk_met
-from bodysense.completion.joining import future_share, led, mean_rotation
-from bodysense.completion.joining_network import JoiningNetwork, TwoAnswers, kept_turns, packaged_joining
+from bodysense.completion.joining import future_share, kept_turns, led, mean_rotation
+from bodysense.completion.joining_network import JoiningNetwork, TwoAnswers, packaged_joining
 from bodysense.completion.model import CompletionModel, packaged_model
 from bodysense.estimate import Estimate
 from bodysense.observation import Observation, observed_points
@@ -125,6 +125,8 @@ class TwoWayTracker:
             future_points=future[1],
             past_error=forward.confidence,
             future_error=backward.confidence,
+            past_bound=forward.bound,
+            future_bound=backward.bound,
             past_contact=forward.contact,
             future_contact=backward.contact,
             share=future_share(forward.confidence, backward.confidence, seconds),
@@ -141,9 +143,9 @@ class TwoWayTracker:
         head, pelvis, share = skeleton.index("head"), skeleton.index("pelvis"), answers.share[:, None, None]
         between = (1 - share) * answers.past_points + share * answers.future_points
         points = np.where(measured[..., None], (forward.points + backward.points) / 2, between)
-        shares, beyond = (self.joining or packaged_joining())(answers)
-        rotation = mean_rotation(answers.past, answers.future, shares[..., None])
-        rotation = quaternion_multiply(rotation, quaternion_exp(beyond))
+        found = (self.joining or packaged_joining())(answers)
+        rotation = mean_rotation(answers.past, answers.future, found.share[..., None])
+        rotation = quaternion_multiply(rotation, quaternion_exp(found.turn))
         world = mean_rotation(*(np.asarray(forward_kinematics(one.pose)[1]) for one in (forward, backward)))
         rotation = kept_turns(skeleton, rotation, world, turned)
         pose, position = _placed(skeleton, rotation, points[:, head])
@@ -160,8 +162,8 @@ class TwoWayTracker:
             pose=pose,
             points=np.asarray(forward_kinematics(pose)[0]),
             measured=measured,
-            confidence=(forward.confidence + backward.confidence) / 2,
-            bound=(forward.bound + backward.bound) / 2,
+            confidence=found.error,
+            bound=found.bound,
             contact=contact,
             rest_offset=forward.rest_offset,
         )

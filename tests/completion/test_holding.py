@@ -90,21 +90,57 @@ def test_what_is_measured_goes_on_and_fades(gap: slice) -> None:
     assert not faded(offset, np.zeros(90, dtype=bool), SECONDS).any()
 
 
+def hovering(pose: Pose, sides: tuple[str, ...]) -> Pose:
+    """A body that stands still, with some legs bent so that their feet are flat and higher up."""
+    rotation = np.array(pose.rotation)
+    for joint, angle in (("hip", -0.4), ("knee", 0.8), ("ankle", -0.4)):
+        where = pose.skeleton.indices([f"{side}_{joint}" for side in sides])
+        rotation[:, where] = quaternion_exp(np.array([angle, 0.0, 0.0]))
+    return Pose(pose.skeleton, np.broadcast_to(pose.root_position[0], pose.root_position.shape), rotation)
+
+
+def heights(pose: Pose, chance: float, floor: float) -> tuple[np.ndarray, np.ndarray]:
+    """How high the soles (T,) are over the floor, before and after feet of these contacts are held."""
+    shins = np.zeros((len(pose.rotation), len(pose.skeleton.joints)), dtype=bool)
+    contact = np.full((len(pose.rotation), len(CONTACT_POINTS)), chance)
+    held = on_floor(pose, contact, nothing(pose), shins, floor, SECONDS)
+    before, after = (side_clearance(placed(one)[0], pose.skeleton, "left") - floor for one in (pose, held))
+    return before, after
+
+
 def test_a_foot_that_stands_is_low(pose: Pose) -> None:
-    """A body hovers with bent knees: its feet come down if they are in contact, else they stay there."""
-    rotation, knees = np.array(pose.rotation), pose.skeleton.indices(["left_knee", "right_knee"])
-    rotation[:, knees] = quaternion_exp(np.array([0.6, 0.0, 0.0]))
-    bent = Pose(pose.skeleton, pose.root_position + np.array([0.0, 0.03, 0.0]), rotation)
-    shins = np.zeros((len(rotation), len(pose.skeleton.joints)), dtype=bool)
-    floor = side_clearance(placed(pose)[0], pose.skeleton, "left").min()
-    before = side_clearance(placed(bent)[0], pose.skeleton, "left") - floor
-    after = {}
+    """A foot comes down if it is in contact, else it stays where it is while the other one is on the floor."""
+    bent = hovering(pose, ("left",))
+    floor = float(side_clearance(placed(bent)[0], pose.skeleton, "right")[0])
     for chance in (0.0, 1.0):
-        contact = np.full((len(rotation), len(CONTACT_POINTS)), chance)
-        held = on_floor(bent, contact, nothing(pose), shins, floor, SECONDS)
-        after[chance] = side_clearance(placed(held)[0], pose.skeleton, "left") - floor
-    np.testing.assert_allclose(after[0.0], before, atol=1e-9)
-    assert before.min() > 0.03 and after[1.0].max() < 0.025 and after[1.0].min() > -1e-3
+        before, after = heights(bent, chance, floor)
+        assert before.min() > 0.03
+        if chance:
+            assert after.max() < 0.025 and after.min() > -1e-3
+        else:
+            np.testing.assert_allclose(after, before, atol=1e-9)
+
+
+@pytest.mark.parametrize("does", ["stands", "jumps", "sits"])
+def test_nobody_who_stands_hovers(pose: Pose, does: str) -> None:
+    """Both feet come down without a sign of contact, unless the body jumps or sits."""
+    floor, bent = float(side_clearance(placed(pose)[0], pose.skeleton, "left")[0]), hovering(pose, ("left", "right"))
+    if does == "jumps":
+        time = np.arange(len(bent.root_position))[:, None] * SECONDS
+        bent = Pose(bent.skeleton, bent.root_position + time * [0.0, 1.5, 0.0], bent.rotation)
+    elif does == "sits":
+        rotation = np.array(bent.rotation)
+        for joint, angle in (("hip", -2.0), ("knee", 2.4)):
+            where = bent.skeleton.indices([f"{side}_{joint}" for side in ("left", "right")])
+            rotation[:, where] = quaternion_exp(np.array([angle, 0.0, 0.0]))
+        bent = Pose(bent.skeleton, bent.root_position, rotation)
+        floor = float(side_clearance(placed(bent)[0], bent.skeleton, "left").min()) - 0.05
+    before, after = heights(bent, 0.0, floor)
+    assert before.min() > 0.03
+    if does == "stands":
+        assert after.max() < 0.025 and after.min() > -1e-3
+    else:
+        np.testing.assert_allclose(after, before, atol=1e-9)
 
 
 def test_a_stretched_limb_that_is_not_tracked_keeps_its_rotation(pose: Pose) -> None:

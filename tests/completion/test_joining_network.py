@@ -13,12 +13,12 @@ from bodysense.body.person import Person
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.rotation import geodesic_angle, quaternion_exp, quaternion_multiply, quaternion_rotate
 from bodysense.body.skeleton import BODY
+from bodysense.completion.joining import kept_turns
 from bodysense.completion.joining_network import (
     FORMAT,
     JoiningNetwork,
     TwoAnswers,
     features,
-    kept_turns,
     load_joining,
     mirrored,
     moved_share,
@@ -73,11 +73,12 @@ def test_heights_are_over_the_floor(answers: TwoAnswers) -> None:
 def test_no_side_is_better(answers: TwoAnswers) -> None:
     """The answer to a mirror image is the mirror image of the answer."""
     partner = np.asarray(answers.skeleton.mirror)[: len(answers.skeleton.joints)]
-    share, beyond = PACKAGED(answers)
-    other_share, other = PACKAGED(mirrored(answers))
-    np.testing.assert_allclose(other_share[:, partner], share, atol=1e-5)
-    np.testing.assert_allclose(other[:, partner] * [1.0, -1.0, -1.0], beyond, atol=1e-5)
-    assert np.abs(beyond).max() > 0.02
+    found, other = PACKAGED(answers), PACKAGED(mirrored(answers))
+    np.testing.assert_allclose(other.share[:, partner], found.share, atol=1e-5)
+    np.testing.assert_allclose(other.turn[:, partner] * [1.0, -1.0, -1.0], found.turn, atol=1e-5)
+    np.testing.assert_allclose(other.error[:, answers.skeleton.mirror], found.error, atol=1e-5)
+    np.testing.assert_allclose(other.bound[:, answers.skeleton.mirror], found.bound, atol=1e-5)
+    assert np.abs(found.turn).max() > 0.02
 
 
 def test_the_rate_of_the_frames_does_not_matter(answers: TwoAnswers) -> None:
@@ -91,29 +92,56 @@ def test_the_rate_of_the_frames_does_not_matter(answers: TwoAnswers) -> None:
 
     arrays = {f.name: getattr(answers, f.name) for f in fields(answers)}
     twice = {name: doubled(values) for name, values in arrays.items() if isinstance(values, np.ndarray)}
-    share, beyond = PACKAGED(replace(answers, **twice, seconds=answers.seconds / 2))
-    expected_share, expected = PACKAGED(answers)
-    assert np.abs(share[::2] - expected_share).max() < 0.05
-    assert np.abs(beyond[::2] - expected).max() < 0.03
+    found, expected = PACKAGED(replace(answers, **twice, seconds=answers.seconds / 2)), PACKAGED(answers)
+    assert np.abs(found.share[::2] - expected.share).max() < 0.05
+    assert np.abs(found.turn[::2] - expected.turn).max() < 0.03
+    assert np.abs(np.log(found.error[::2] / expected.error)).max() < 0.1
 
 
 @pytest.mark.parametrize("frames", [1, 2, 7])
 def test_few_frames(answers: TwoAnswers, frames: int) -> None:
     arrays = {f.name: getattr(answers, f.name) for f in fields(answers)}
     few = replace(answers, **{name: one[:frames] for name, one in arrays.items() if isinstance(one, np.ndarray)})
-    share, beyond = PACKAGED(few)
-    assert len(share) == frames and ((share > 0) & (share < 1)).all() and np.isfinite(beyond).all()
+    found = PACKAGED(few)
+    assert len(found.share) == frames and ((found.share > 0) & (found.share < 1)).all()
+    assert np.isfinite(found.turn).all() and (found.error > 0).all() and (found.bound > 0).all()
 
 
 def test_a_network_that_says_nothing_leaves_the_mean(answers: TwoAnswers) -> None:
-    silent = {name: values * ("outward" not in name) for name, values in PACKAGED.tensors.items()}
-    share, beyond = JoiningNetwork(silent, {})(answers)
-    np.testing.assert_allclose(share, np.broadcast_to(answers.share[:, None], share.shape), atol=1e-6)
-    assert not beyond.any()
+    silent = {
+        name: values * ("outward" not in name and "offset" not in name) for name, values in PACKAGED.tensors.items()
+    }
+    found = JoiningNetwork(silent, {})(answers)
+    np.testing.assert_allclose(found.share, np.broadcast_to(answers.share[:, None], found.share.shape), atol=1e-6)
+    assert not found.turn.any()
+    mean = np.sqrt(answers.past_error * answers.future_error)
+    body, hidden = answers.skeleton.indices(BODY), ~answers.measured
+    np.testing.assert_allclose(found.error[:, body][hidden[:, body]], mean[:, body][hidden[:, body]], rtol=1e-6)
+
+
+def test_errors_of_tracked_points_and_fingers_are_means(answers: TwoAnswers) -> None:
+    found, fingers = PACKAGED(answers), ~np.isin(np.arange(65), answers.skeleton.indices(BODY))
+    kept = answers.measured | fingers
+    np.testing.assert_allclose(found.error[kept], ((answers.past_error + answers.future_error) / 2)[kept])
+    np.testing.assert_allclose(found.bound[kept], ((answers.past_bound + answers.future_bound) / 2)[kept])
+    changed = np.abs(found.error - (answers.past_error + answers.future_error) / 2)[~kept]
+    assert (changed > 1e-4).mean() > 0.9
+
+
+def test_a_bound_is_moved_with_its_error(answers: TwoAnswers) -> None:
+    """Offsets are logarithms: that of errors moves both, that of bounds the bound alone."""
+    hidden = np.ix_(np.arange(len(answers.share)), answers.skeleton.indices(["left_knee", "pelvis"]))
+    found = PACKAGED(answers)
+    for name, factor in (("error_offset", 2.0), ("bound_offset", 1.0)):
+        tensors = {**PACKAGED.tensors, name: PACKAGED.tensors[name] + np.log(2, dtype=np.float32)}
+        other = JoiningNetwork(tensors, {})(answers)
+        np.testing.assert_allclose(other.error[hidden], factor * found.error[hidden], rtol=1e-5)
+        np.testing.assert_allclose(other.bound[hidden], 2 * found.bound[hidden], rtol=1e-5)
 
 
 def test_fingers_follow_the_mean(answers: TwoAnswers) -> None:
-    share, beyond = PACKAGED(answers)
+    found = PACKAGED(answers)
+    share, beyond = found.share, found.turn
     fingers = np.setdiff1d(np.arange(share.shape[1]), answers.skeleton.indices(BODY))
     np.testing.assert_array_equal(share[:, fingers], np.repeat(answers.share[:, None], len(fingers), axis=1))
     assert not beyond[:, fingers].any()
@@ -123,25 +151,13 @@ def test_a_trunk_that_is_tracked_follows_the_mean(answers: TwoAnswers) -> None:
     skeleton, measured = answers.skeleton, answers.measured.copy()
     measured[30:60, skeleton.indices(["pelvis", "spine3", "head"])] = True
     measured[60:, skeleton.indices(["pelvis", "head"])] = True
-    share, beyond = PACKAGED(replace(answers, measured=measured))
+    found = PACKAGED(replace(answers, measured=measured))
+    share, beyond = found.share, found.turn
     trunk = skeleton.indices(["spine1", "spine2", "spine3", "neck"])
     held = np.arange(len(share)) // 30 == 1
     assert not beyond[held][:, trunk].any() and np.abs(beyond[~held][:, trunk]).max() > 0.01
     np.testing.assert_array_equal(share[held][:, trunk], np.repeat(answers.share[held][:, None], 4, axis=1))
     assert np.abs(beyond[held, skeleton.index("left_shoulder")]).max() > 0.001
-
-
-def test_a_leg_that_stands_follows_the_mean(answers: TwoAnswers) -> None:
-    """The network learned of people who stand with bent knees."""
-    contact = np.zeros_like(answers.past_contact)
-    contact[:, :2] = 1
-    share, beyond = PACKAGED(replace(answers, past_contact=contact, future_contact=contact))
-    left, right = (
-        answers.skeleton.indices([f"{side}_{part}" for part in ("hip", "knee", "ankle", "foot")])
-        for side in ("left", "right")
-    )
-    assert np.abs(beyond[:, left]).max() < 1e-12 and np.abs(beyond[:, right]).max() > 0.01
-    np.testing.assert_allclose(share[:, left], np.repeat(answers.share[:, None], 4, axis=1), atol=1e-12)
 
 
 def test_shares_move_by_their_odds() -> None:

@@ -19,7 +19,7 @@ from bodysense.body.rotation import (
     quaternion_log,
     quaternion_multiply,
 )
-from bodysense.body.skeleton import ARM, BODY, LEG, default_skeleton
+from bodysense.body.skeleton import ARM, BODY, LEG, Skeleton, default_skeleton
 
 Array = np.ndarray
 LEAD = 0.25  # s before a point is seen again in which the guess turns toward it; 0.1 and 0.5 are within 1 %
@@ -128,6 +128,20 @@ def mean_rotation(a: Array, b: Array, share: Array | float = 0.5) -> Array:
     """Return rotations (..., 4) between two: `share` of the second."""
     sign = np.where((a * b).sum(axis=-1, keepdims=True) < 0, -1.0, 1.0)
     return np.asarray(quaternion_canonical(normalize((1 - share) * a + share * sign * b)))
+
+
+def kept_turns(skeleton: Skeleton, rotation: Array, world: Array, turned: Array) -> Array:
+    """Return local rotations (T, J, 4); joints that are `turned` (T, J) get their rotation in the `world` (T, J, 4)."""
+    rotation, placed = rotation.copy(), np.empty_like(rotation)
+    for joint, parent in enumerate(skeleton.parents[: rotation.shape[1]]):
+        kept = turned[:, [joint]]
+        if parent < 0:
+            rotation[:, joint] = placed[:, joint] = np.where(kept, world[:, joint], rotation[:, joint])
+            continue
+        own = quaternion_multiply(quaternion_conjugate(placed[:, parent]), world[:, joint])
+        rotation[:, joint] = np.where(kept, own, rotation[:, joint])
+        placed[:, joint] = quaternion_multiply(placed[:, parent], rotation[:, joint])
+    return rotation
 
 
 def _differences(a: Array, b: Array) -> Array:

@@ -1,6 +1,6 @@
-"""The joining network: how much each joint of a joined body follows either answer, and how far it turns beyond.
+"""The joining network: how much each joint of a joined body follows either answer, how far it turns beyond, its error.
 
-features of both answers → 30 Hz → blocks of dilated convolutions, two seconds wide → each joint's share and turn
+features of both answers → 30 Hz → blocks of dilated convolutions, two seconds wide → each joint's share, turn and error
 → the rate of the frames
 
 A body and its mirror image are both asked, so that the network has no better side.
@@ -27,7 +27,7 @@ from bodysense.body.rotation import (
     quaternion_to_matrix,
 )
 from bodysense.body.skeleton import BODY, Skeleton
-from bodysense.completion.joining import mean_rotation, smoothed
+from bodysense.completion.joining import mean_rotation
 from bodysense.errors import BodysenseError
 from bodysense.tensors import tensors_of
 
@@ -36,14 +36,13 @@ if TYPE_CHECKING:
 
 Array = np.ndarray
 PACKAGED, COMMAND = "completion_joining.safetensors", "bodysense train completion-joining"
-FORMAT = "bodysense-joining-1"
+FORMAT = "bodysense-joining-2"
 RATE = 30.0  # Hz at which the network works
 DILATIONS = (1, 2, 4, 8, 16)  # frames between the three taps of each block's convolution
+_BLOCKS = {str(block) for block in range(len(DILATIONS))}
 JOINTS = len(BODY)
-OUTPUTS = 4 * JOINTS  # three numbers of turn, then one of share, for every joint
+OUTPUTS = 5 * JOINTS  # of all joints three numbers of turn, then one of share, then one of error
 _TRUNK, _HOLDING = ("spine1", "spine2", "spine3", "neck"), ("pelvis", "spine3", "head")
-_LEG = ("hip", "knee", "ankle", "foot")
-_STANDS, _SLOWLY = (0.5, 0.8), 0.1  # probabilities of contact from which a leg stands a little and wholly; s
 _FLIP = np.array([-1.0, 1.0, 1.0])  # mirrors a place at x = 0
 _LEAST_ERROR = 1e-3  # m
 _OTHER_SIDE = [2, 3, 0, 1]  # of `CONTACT_POINTS`
@@ -60,6 +59,8 @@ class TwoAnswers:
     future_points: Array  # (T, P, 3)
     past_error: Array  # (T, P) m, expected errors
     future_error: Array  # (T, P)
+    past_bound: Array  # (T, P) m, above nine in ten errors
+    future_bound: Array  # (T, P)
     past_contact: Array  # (T, 4) probability
     future_contact: Array  # (T, 4)
     share: Array  # (T,) weight of the future in a plain mean
@@ -67,6 +68,16 @@ class TwoAnswers:
     turned: Array  # (T, J) bool: joints whose rotation is tracked
     floor: float  # m
     seconds: float  # between frames
+
+
+@dataclass(frozen=True, eq=False)
+class Joining:
+    """How both answers become one."""
+
+    share: Array  # (T, J) weight of the future
+    turn: Array  # (T, J, 3) rad beyond the mean
+    error: Array  # (T, P) m, expected
+    bound: Array  # (T, P) m, above nine in ten errors
 
 
 def mirrored(answers: TwoAnswers) -> TwoAnswers:
@@ -87,6 +98,8 @@ def mirrored(answers: TwoAnswers) -> TwoAnswers:
         future_points=answers.future_points[:, points] * _FLIP,
         past_error=answers.past_error[:, points],
         future_error=answers.future_error[:, points],
+        past_bound=answers.past_bound[:, points],
+        future_bound=answers.future_bound[:, points],
         past_contact=answers.past_contact[:, _OTHER_SIDE],
         future_contact=answers.future_contact[:, _OTHER_SIDE],
         measured=answers.measured[:, points],
@@ -152,20 +165,20 @@ class JoiningNetwork:
     tensors: Mapping[str, Array]  # float32
     card: dict[str, Any]  # the file's metadata
 
-    def __call__(self, answers: TwoAnswers) -> tuple[Array, Array]:
-        """Return the weight of the future (T, J), and by what each joint turns beyond the mean, (T, J, 3) rad.
+    def __call__(self, answers: TwoAnswers) -> Joining:
+        """Return how both answers become one.
 
-        A joint outside `BODY` follows the plain mean, and so do a trunk whose pelvis, chest and head are tracked, and a
-        leg that stands, because the network learned from recorded people, who stand with bent knees.
+        A joint outside `BODY` follows the plain mean, and so does a trunk whose pelvis, chest and head are tracked.
         """
         skeleton = answers.skeleton
         body, partner = np.array(skeleton.indices(BODY)), np.asarray(skeleton.mirror)
         places = {joint: place for place, joint in enumerate(body.tolist())}
         swap = [places[int(partner[joint])] for joint in body]
-        turn, odds = self._asked(answers)
-        other_turn, other_odds = self._asked(mirrored(answers))
+        turn, odds, larger = self._asked(answers)
+        other_turn, other_odds, other_larger = self._asked(mirrored(answers))
         turn = (turn + other_turn[:, swap] * np.array([1.0, -1.0, -1.0])) / 2
         odds = (odds + other_odds[:, swap]) / 2
+        larger = (larger + other_larger[:, swap]) / 2
         share = np.repeat(answers.share[:, None], len(skeleton.joints), axis=1)
         beyond = np.zeros((*share.shape, 3))
         share[:, body] = moved_share(share[:, body], odds)
@@ -173,19 +186,27 @@ class JoiningNetwork:
         held = answers.measured[:, skeleton.indices(_HOLDING)].all(axis=1)
         for joint in skeleton.indices(_TRUNK).tolist():
             share[held, joint], beyond[held, joint] = answers.share[held], 0.0
-        for place, side in enumerate(("left", "right")):
-            leg, stands = skeleton.indices([f"{side}_{part}" for part in _LEG]), _standing(answers, place)[:, None]
-            share[:, leg] += stands * (answers.share[:, None] - share[:, leg])
-            beyond[:, leg] *= 1 - stands[..., None]
-        return share, beyond
+        return Joining(share, beyond, *self._errors(answers, larger))
 
-    def _asked(self, answers: TwoAnswers) -> tuple[Array, Array]:
-        """The turn (T, 22, 3) rad and the log odds (T, 22) that are added to the share's, of one side."""
+    def _errors(self, answers: TwoAnswers, larger: Array) -> tuple[Array, Array]:
+        """The expected errors (T, P) m and their bounds, from by how much their logarithms (T, 22) are larger."""
+        body = answers.skeleton.indices(BODY)
+        error = (answers.past_error + answers.future_error) / 2
+        bound = (answers.past_bound + answers.future_bound) / 2
+        hidden, (middle, spread) = ~answers.measured[:, body], expected(answers)
+        found = np.exp(middle + larger + self.tensors["error_offset"])
+        error[:, body] = np.where(hidden, found, error[:, body])
+        bound[:, body] = np.where(hidden, found * np.exp(spread + self.tensors["bound_offset"]), bound[:, body])
+        return error, bound
+
+    def _asked(self, answers: TwoAnswers) -> tuple[Array, Array, Array]:
+        """The turn (T, 22, 3) rad, and what is added to the log odds (T, 22) of shares and to logarithms of errors."""
         frames = len(answers.share)
         time = np.arange(frames) * answers.seconds
         ticks = np.arange(int(np.ceil(time[-1] * RATE - 1e-6)) + 1) / RATE
         found = _interpolated(time, self.outputs(_interpolated(ticks, features(answers), time)), ticks)
-        return found[:, : 3 * JOINTS].reshape(frames, JOINTS, 3), found[:, 3 * JOINTS :]
+        turn, odds, larger = np.split(found, [3 * JOINTS, 4 * JOINTS], axis=1)
+        return turn.reshape(frames, JOINTS, 3), odds, larger
 
     def outputs(self, read: Array) -> Array:
         """Return the network's `OUTPUTS` numbers for features (T, F), frames at `RATE`."""
@@ -201,32 +222,20 @@ class JoiningNetwork:
         return _silu(hidden) @ given["outward.weight"].T + given["outward.bias"]
 
 
-def _standing(answers: TwoAnswers, side: int) -> Array:
-    """Return how surely the left foot, 0, or the right one, 1, carries the body, (T,) in [0, 1]; it changes slowly."""
-    share = answers.share[:, None]
-    chance = ((1 - share) * answers.past_contact + share * answers.future_contact)[:, 2 * side : 2 * side + 2]
-    low, high = _STANDS
-    return smoothed(np.clip((chance.max(axis=1) - low) / (high - low), 0.0, 1.0), _SLOWLY / answers.seconds)
+def expected(answers: TwoAnswers) -> tuple[Array, Array]:
+    """Return logarithms (T, 22) of the mean of both expected errors in m, and of how much larger bounds are."""
+    body = answers.skeleton.indices(BODY)
+    one, other, low, high = (
+        np.log(np.maximum(values[:, body], _LEAST_ERROR))
+        for values in (answers.past_error, answers.future_error, answers.past_bound, answers.future_bound)
+    )
+    return (one + other) / 2, (low + high - one - other) / 2
 
 
 def moved_share(share: Array, odds: Array) -> Array:
     """Return shares (...,) whose log odds are larger by `odds`."""
     share = np.clip(share, 1e-3, 1 - 1e-3)
     return 1 / (1 + (1 - share) / share * np.exp(-odds))
-
-
-def kept_turns(skeleton: Skeleton, rotation: Array, world: Array, turned: Array) -> Array:
-    """Return local rotations (T, J, 4); joints that are `turned` (T, J) get their rotation in the `world` (T, J, 4)."""
-    rotation, placed = rotation.copy(), np.empty_like(rotation)
-    for joint, parent in enumerate(skeleton.parents[: rotation.shape[1]]):
-        kept = turned[:, [joint]]
-        if parent < 0:
-            rotation[:, joint] = placed[:, joint] = np.where(kept, world[:, joint], rotation[:, joint])
-            continue
-        own = quaternion_multiply(quaternion_conjugate(placed[:, parent]), world[:, joint])
-        rotation[:, joint] = np.where(kept, own, rotation[:, joint])
-        placed[:, joint] = quaternion_multiply(placed[:, parent], rotation[:, joint])
-    return rotation
 
 
 def load_joining(path: str | Path) -> JoiningNetwork:
@@ -251,8 +260,13 @@ def _opened(source: Traversable) -> JoiningNetwork:
         found = card.get("format", "not given")
         raise BodysenseError(f"{source}: no joining network (format {found!r}, wanted {FORMAT!r}); {wanted}")
     network = JoiningNetwork({name: values.astype(np.float32) for name, values in tensors.items()}, _parsed(card))
+    blocks = {name.split(".")[1] for name in tensors if name.startswith("convolutions.")}
+    if more := sorted(blocks - _BLOCKS):
+        known = f"blocks 0 to {len(DILATIONS) - 1} are known"
+        raise BodysenseError(f"{source}: a joining network with a block {more[0]}; {known}; {wanted}")
     try:
         network.outputs(np.zeros((1, network.tensors["inward.weight"].shape[1]), dtype=np.float32))
+        (network.tensors["error_offset"] + network.tensors["bound_offset"]).reshape(JOINTS)
     except (KeyError, ValueError, IndexError) as error:
         raise BodysenseError(f"{source}: a joining network without some of its tensors ({error}); {wanted}") from None
     return network

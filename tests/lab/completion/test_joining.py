@@ -13,9 +13,10 @@ import torch
 from bodysense.body.pose import forward_kinematics
 from bodysense.body.rotation import geodesic_angle, quaternion_exp, quaternion_multiply
 from bodysense.body.skeleton import BODY
-from bodysense.completion.joining import mean_rotation
-from bodysense.completion.joining_network import kept_turns, load_joining, moved_share
+from bodysense.completion.joining import kept_turns, mean_rotation
+from bodysense.completion.joining_network import load_joining, moved_share
 from bodysense.demo import packaged_performance
+from bodysense.errors import BodysenseError
 from bodysense_lab.completion import joining_takes
 from bodysense_lab.completion.joining_takes import KINDS, JoinedTake, draw_takes, kept_takes
 from bodysense_lab.completion.joining_task import (
@@ -24,6 +25,7 @@ from bodysense_lab.completion.joining_task import (
     JoiningTask,
     JoiningTaskConfig,
     joined_rotation,
+    make_errors_true,
     multiplied,
     placed,
     write_joining,
@@ -52,11 +54,46 @@ def test_the_file_is_the_network(takes: list[JoinedTake], tmp_path: Path) -> Non
     write_joining(network, tmp_path / "net.safetensors", {"seed": 3})
     read = takes[0].features.astype(np.float32)
     with torch.no_grad():
-        turn, odds = network(torch.from_numpy(read)[None])
+        turn, odds, larger = network(torch.from_numpy(read)[None])
     opened = load_joining(tmp_path / "net.safetensors")
-    expected = np.concatenate([turn[0].flatten(-2).numpy(), odds[0].numpy()], axis=-1)
+    expected = np.concatenate([turn[0].flatten(-2).numpy(), odds[0].numpy(), larger[0].numpy()], axis=-1)
     np.testing.assert_allclose(opened.outputs(read), expected, atol=2e-5)
     assert opened.card["seed"] == 3
+
+
+def test_a_network_of_more_blocks_is_refused(takes: list[JoinedTake], tmp_path: Path) -> None:
+    larger = JoiningModule(JoiningConfig(takes[0].features.shape[1], width=24, dilations=(1, 2, 4, 8, 16, 32)))
+    write_joining(larger, tmp_path / "net.safetensors", {})
+    with pytest.raises(BodysenseError, match=r"net.safetensors: a joining network with a block 5; blocks 0 to 4"):
+        load_joining(tmp_path / "net.safetensors")
+
+
+def test_expected_errors_are_made_true(takes: list[JoinedTake]) -> None:
+    """On the takes themselves errors are as expected in the mean, and nine in ten are below their bounds."""
+    network = module_of(takes[0])
+    make_errors_true(network, takes)
+    error, expected, bound = list[np.ndarray](), list[np.ndarray](), list[np.ndarray]()
+    for take in takes:
+        batch = {
+            name: torch.from_numpy(getattr(take, name).astype(np.float32))[None]
+            for name in ("features", "past", "future", "share", "world", "truth", "rest_offset")
+        }
+        turned = torch.from_numpy(take.turned)[None]
+        with torch.no_grad():
+            turn, odds, larger = network(batch["features"])
+            offset = batch["rest_offset"][:, None]
+            shown, _ = placed(joined_rotation(batch, turn, odds), offset, batch["world"], turned)
+            truth, _ = placed(batch["truth"], offset)
+        logarithm = take.expected + larger[0].numpy() + network.error_offset.numpy()
+        error.append(np.linalg.norm((shown - truth)[0].numpy(), axis=-1))
+        expected.append(np.exp(logarithm))
+        bound.append(np.exp(logarithm + take.spread + network.bound_offset.numpy()))
+    hidden = np.concatenate([take.hidden for take in takes])
+    pair = [BODY.index("left_knee"), BODY.index("right_knee")]
+    true, guess, most = (np.concatenate(values)[:, pair][hidden[:, pair]] for values in (error, expected, bound))
+    assert guess.mean() == pytest.approx(true.mean(), rel=0.01)
+    assert (true < most).mean() == pytest.approx(0.9, abs=0.01)
+    assert network.error_offset[pair[0]] == network.error_offset[pair[1]] != 0
 
 
 def test_the_learned_body_is_the_shown_one(takes: list[JoinedTake]) -> None:
@@ -109,7 +146,7 @@ def test_a_short_training_comes_nearer(takes: list[JoinedTake]) -> None:
     assert after["score"] < 0.97 * before["score"] and after["rotation_deg"] < before["rotation_deg"]
 
 
-@pytest.mark.parametrize("term", ["position", "rotation", "velocity", "haste"])
+@pytest.mark.parametrize("term", ["position", "rotation", "velocity", "haste", "certainty"])
 def test_each_term_counts(takes: list[JoinedTake], term: str) -> None:
     """A body that is wrong in what the term is about costs more than the truth."""
     take = takes[0]
@@ -119,16 +156,31 @@ def test_each_term_counts(takes: list[JoinedTake], term: str) -> None:
         wrong[::2, BODY.index("left_shoulder")] = multiplied_by(wrong[::2, BODY.index("left_shoulder")], 0.5)
     else:
         wrong[:, BODY.index("left_shoulder")] = multiplied_by(wrong[:, BODY.index("left_shoulder")], 0.2)
+    assert cost_of(term, replace(exact, past=wrong, future=wrong)) > cost_of(term, exact) + 1e-4
+
+
+def cost_of(term: str, take: JoinedTake) -> float:
+    """A weighted term of the loss of the plain mean."""
     network = module_of(take, 0.0)
     torch.nn.init.zeros_(network.outward.bias)
     config = JoiningTaskConfig(network.config, takes=1, frames=90)
+    task = JoiningTask(network, config, Schedule(), [take], [take])
+    terms, _ = task.loss(next(task.batches(np.random.default_rng(0))), None)
+    return float(terms[term].detach())
 
-    def cost(one: JoinedTake) -> float:
-        task = JoiningTask(network, config, Schedule(), [one], [one])
-        terms, _ = task.loss(next(task.batches(np.random.default_rng(0))), None)
-        return float(terms[term].detach())
 
-    assert cost(replace(exact, past=wrong, future=wrong)) > cost(exact) + 1e-4
+def test_the_true_error_is_the_cheapest_expectation(takes: list[JoinedTake]) -> None:
+    """The term is the error by its expectation, and the logarithm of that: least where the expectation is the error."""
+    weight = JoiningTaskConfig(JoiningConfig(1)).losses.certainty
+
+    def cost(expected: float) -> float:
+        values = np.full_like(takes[0].expected, expected)
+        return cost_of("certainty", replace(takes[0], expected=values)) / weight
+
+    error = (cost(-3.0) + 3.0) * np.exp(-3.0)
+    assert (cost(-1.0) + 1.0) * np.exp(-1.0) == pytest.approx(error, rel=1e-3)
+    least = cost(np.log(error))
+    assert least < cost(np.log(error) - 0.3) and least < cost(np.log(error) + 0.3)
 
 
 def multiplied_by(rotation: np.ndarray, angle: float) -> np.ndarray:

@@ -16,7 +16,7 @@ from bodysense_lab.completion.network import (
     Prediction,
 )
 from bodysense_lab.completion.points import BODY_POINTS, CONTACT, HEAD
-from bodysense_lab.completion.task import Losses, SequenceBatch, losses
+from bodysense_lab.completion.task import SLACK, Losses, SequenceBatch, losses
 
 BATCH, FRAMES, JOINTS, POINTS = 2, 4, len(BODY), len(BODY_POINTS)
 TURN_WEIGHT = {"ankle": 0.6, "foot": 0.3, "collar": 1.5, "shoulder": 2.0, "elbow": 2.5}
@@ -84,7 +84,9 @@ def by_hand(prediction: Prediction, batch: SequenceBatch, weights: Losses) -> di
     def n(values: torch.Tensor) -> Any:
         return values.double().numpy() if values.is_floating_point() else values.numpy()
 
-    sums = dict.fromkeys(("rotation", "local", "position", "head", "velocity", "skate", "contact", "error"), 0.0)
+    sums = dict.fromkeys(
+        ("rotation", "local", "position", "head", "velocity", "haste", "skate", "contact", "error"), 0.0
+    )
     frames = pairs = standing = 0.0
     for b in range(BATCH):
         size, before = float(signal.size[b]), None
@@ -121,12 +123,15 @@ def by_hand(prediction: Prediction, batch: SequenceBatch, weights: Losses) -> di
                 pairs += 1
                 too_fast = (world - before) / float(signal.interval[b, t])
                 sums["velocity"] += np.abs(too_fast).mean()
+                step = (true - n(batch.true_position)[b, t - 1]) / float(signal.interval[b, t]) / size
+                faster = np.linalg.norm(step + too_fast, axis=-1) - np.linalg.norm(step, axis=-1) - SLACK / size
+                sums["haste"] += np.maximum(faster, 0.0).mean()
                 for k, foot in enumerate(FEET):
                     if batch.contact[b, t, k] and batch.contact[b, t - 1, k]:
                         standing += 1
                         sums["skate"] += float(np.linalg.norm(too_fast[foot]))
             before = world
-    shares = {name: frames for name in sums} | {"velocity": pairs, "skate": standing}
+    shares = {name: frames for name in sums} | {"velocity": pairs, "haste": pairs, "skate": standing}
     factors = vars(weights) | {"head": 0.3 * weights.position}
     return {name: factors[name] * sums[name] / shares[name] for name in sums}
 
@@ -134,7 +139,7 @@ def by_hand(prediction: Prediction, batch: SequenceBatch, weights: Losses) -> di
 def test_every_term_is_what_it_is_by_hand() -> None:
     torch.manual_seed(0)
     network = CompletionNetwork(CompletionConfig(hidden=8, branch=8, judge_branch=8))
-    weights = Losses(rotation=1.1, local=0.7, position=3.0, velocity=0.5, skate=0.2, contact=0.3, error=0.4)
+    weights = Losses(rotation=1.1, local=0.7, position=3.0, velocity=0.5, haste=0.6, skate=0.2, contact=0.3, error=0.4)
     for seed in range(3):
         prediction, batch = random_case(seed)
         terms = losses(network, prediction, batch, weights)

@@ -170,6 +170,8 @@ def test_takes_are_measured_as_live_tracking_is(clips: list[Clip]) -> None:
         key = f"headset_camera_own_{name}{suffix}"
         assert numbers.get(f"headset_camera_own_take_{name}{suffix}") == pytest.approx(numbers.get(key), rel=1e-6), name
     assert "headset_camera_own_take_pj_ratio" + suffix in numbers
+    assert 0 < numbers["headset_camera_own_take_cover90" + suffix] <= 1
+    assert 0.1 < numbers["headset_camera_own_take_expected_cm" + suffix] < 40
     assert not any("_take_" in name for name in evaluate_completion(clips[:1], settings, times=None).numbers())
 
 

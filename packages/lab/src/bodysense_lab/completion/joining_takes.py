@@ -15,7 +15,7 @@ from bodysense.body.retarget import retargeted
 from bodysense.body.shape import sample_bodies
 from bodysense.body.skeleton import BODY, LEG, Skeleton
 from bodysense.completion.bridging import bridged
-from bodysense.completion.joining_network import TwoAnswers, features, placed_head
+from bodysense.completion.joining_network import TwoAnswers, expected, features, placed_head
 from bodysense.devices.simulated.noise import hide
 from bodysense.devices.simulated.sensors import SENSOR_SETS, Edge, SensorSet, random_edges
 from bodysense.io.augment import mirrored
@@ -29,6 +29,7 @@ from bodysense.two_way import TwoWayTracker
 from bodysense_lab.completion.blinks import lose_hands
 from bodysense_lab.completion.scenes import TrackedScene, body_split
 from bodysense_lab.completion.sensor_draws import spans
+from bodysense_lab.completion.straight_legs import straightened_pose
 
 # Kinds of takes and how often each is drawn: sets of sensors, sets of the lattice, and motions with missing limbs.
 KINDS = {
@@ -42,6 +43,7 @@ KINDS = {
     "holes": 0.07,
 }
 LONGEST, SHORTEST = 900, 30  # frames of a take
+_STRAIGHT = 0.3  # share of takes in training whose standing legs are straightened, by 0.3 to 1
 _LOST = 0.35  # share of takes with hands in which these are lost now and then, by the measured law
 _STRANGERS = 256  # bodies of the family on which every other take is
 _GAPS, _LONGEST_GAP, _IN_HOLES = 6.0, 8.0, 0.4  # gaps a minute of a limb, s, and share of limbs that have some
@@ -62,6 +64,9 @@ class JoinedTake:
     truth: np.ndarray  # (T, 22, 4) float16, local rotations
     true_head: np.ndarray  # (T, 3) float32 m
     rest_offset: np.ndarray  # (22, 3) float32 m
+    hidden: np.ndarray  # (T, 22) bool: points whose place is not tracked
+    expected: np.ndarray  # (T, 22) float16: logarithm of the mean of both expected errors in m
+    spread: np.ndarray  # (T, 22) float16: logarithm of the bound of nine in ten errors, less that
 
     def __len__(self) -> int:
         return len(self.share)
@@ -88,6 +93,8 @@ def draw_takes(clips: Sequence[Clip], split: Split, rng: np.random.Generator) ->
                 continue
             first = int(rng.integers(0, max(1, len(clip) - LONGEST + 1)))
             pose = clip.pose[first : first + LONGEST]
+            if split == "train" and rng.uniform() < _STRAIGHT:
+                pose = straightened_pose(pose, float(rng.uniform(0.3, 1.0)), RATE)
             if rng.uniform() < 0.5:
                 pose = retargeted(pose, pose.skeleton.with_offsets(bodies[int(rng.integers(_STRANGERS))]))
             scene = TrackedScene(clip.name, "", pose)
@@ -139,6 +146,7 @@ def _as_learned(answers: TwoAnswers, world: np.ndarray, truth: Pose) -> JoinedTa
     body = skeleton.indices(BODY)
     place = np.asarray(forward_kinematics(truth)[0])[:, skeleton.index("head")]
     half, single = np.float16, np.float32
+    middle, spread = expected(answers)
     return JoinedTake(
         features=features(answers).astype(half),
         past=answers.past[:, body].astype(half),
@@ -150,6 +158,9 @@ def _as_learned(answers: TwoAnswers, world: np.ndarray, truth: Pose) -> JoinedTa
         truth=np.asarray(truth.rotation)[:, body].astype(half),
         true_head=place.astype(single),
         rest_offset=skeleton.rest_offset[body].astype(single),
+        hidden=~answers.measured[:, body],
+        expected=middle.astype(half),
+        spread=spread.astype(half),
     )
 
 

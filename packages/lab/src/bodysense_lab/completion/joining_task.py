@@ -1,4 +1,4 @@
-"""Training of the joining network: the network in PyTorch, its losses, validation takes, and its file.
+"""Training of the joining network: the network in PyTorch, its losses, validation takes, true errors, and its file.
 
 The network is `bodysense.completion.joining_network`'s; features are computed there.
 """
@@ -27,13 +27,18 @@ from bodysense.scoring import RATE
 from bodysense_lab.completion.joining_takes import JoinedTake, draw_takes, kept_takes, parents_of
 from bodysense_lab.completion.measures import JUMP
 from bodysense_lab.completion.options import JoiningTraining
+from bodysense_lab.completion.task import SLACK
 from bodysense_lab.completion.weights_file import safetensors_bytes
 from bodysense_lab.datasets import learned_clips
 from bodysense_lab.fit import Task, begin, cut, fit
 from bodysense_lab.options import Schedule
 
 _PARENTS, _HEAD = parents_of(default_skeleton()), BODY.index("head")
-_ARRAYS = ("features", "past", "future", "share", "world", "turned", "head", "truth", "true_head")
+_ARRAYS = (
+    *("features", "past", "future", "share", "world", "turned", "head", "truth", "true_head"),
+    *("hidden", "expected"),
+)
+_BOUND = 0.9  # share of errors that a bound is above
 _VALIDATION_FRAMES, _VALIDATION_SEED = 40_000, 7
 
 
@@ -44,6 +49,7 @@ class JoiningConfig:
     inputs: int
     width: int = 192
     dilations: tuple[int, ...] = DILATIONS
+    dropout: float = 0.1
 
 
 @dataclass(frozen=True)
@@ -54,9 +60,7 @@ class JoiningLosses:
     rotation: float = 0.15  # per radian, of local rotations
     velocity: float = 0.045  # per m/s, difference of velocities in the world
     haste: float = 3.0  # per m/s by which a joint is faster than the true one, beyond `SLACK`
-
-
-SLACK = 0.6  # m/s
+    certainty: float = 0.02  # error by its expectation, and the logarithm of that, of points that are not tracked
 
 
 @dataclass(frozen=True)
@@ -80,17 +84,23 @@ class JoiningModule(nn.Module):
             [nn.Conv1d(width, width, 3, padding=dilation, dilation=dilation) for dilation in config.dilations]
         )
         self.mixing = nn.ModuleList([nn.Linear(width, width) for _ in config.dilations])
+        self.dropout = nn.Dropout(config.dropout)
         self.outward = nn.Linear(width, OUTPUTS)
+        self.error_offset: Tensor
+        self.bound_offset: Tensor
         nn.init.zeros_(self.outward.weight)  # a plain mean at first
         nn.init.zeros_(self.outward.bias)
+        for name in ("error_offset", "bound_offset"):  # logarithms, of validation takes
+            self.register_buffer(name, torch.zeros(JOINTS))
 
-    def forward(self, features: Tensor) -> tuple[Tensor, Tensor]:
-        """Return turns (B, T, 22, 3) rad and log odds (B, T, 22) for features (B, T, F)."""
+    def forward(self, features: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """Return turns (B, T, 22, 3) rad, log odds and larger errors (B, T, 22) for features (B, T, F)."""
         hidden = self.inward(features)
         for convolution, mix in zip(self.convolutions, self.mixing, strict=True):
-            hidden = hidden + mix(silu(convolution(hidden.transpose(1, 2)).transpose(1, 2)))
+            hidden = hidden + mix(self.dropout(silu(convolution(hidden.transpose(1, 2)).transpose(1, 2))))
         found = self.outward(silu(hidden))
-        return found[..., : 3 * JOINTS].unflatten(-1, (JOINTS, 3)), found[..., 3 * JOINTS :]
+        turn, odds, larger = found.split((3 * JOINTS, JOINTS, JOINTS), dim=-1)
+        return turn.unflatten(-1, (JOINTS, 3)), odds, larger
 
 
 def joined_rotation(batch: dict[str, Tensor], turn: Tensor, odds: Tensor) -> Tensor:
@@ -166,7 +176,8 @@ class JoiningTask(Task):
             for name, value in error.items():
                 sums[name] = sums.get(name, 0.0) + float(value) * len(take)
         mean = {name: value / frames for name, value in sums.items()}
-        score = sum(weight * mean[name] for name, weight in asdict(self.configuration.losses).items())
+        weights = asdict(self.configuration.losses) | {"certainty": 0.0}  # errors that are true, not small
+        score = sum(weight * mean[name] for name, weight in weights.items())
         return {
             "score": 100 * score,
             "error_cm": 100 * mean["position"],
@@ -182,26 +193,65 @@ def _batch(pieces: list[tuple[JoinedTake, int]], frames: int) -> dict[str, Tenso
     return batch | {"rest_offset": torch.from_numpy(offset)[:, None]}
 
 
-def _errors(network: JoiningModule, batch: dict[str, Tensor]) -> dict[str, Tensor]:
-    """The terms of the loss without their weights, and the share of frames in which a joint jumps."""
-    rotation = joined_rotation(batch, *network(batch["features"]))
+@dataclass(frozen=True, eq=False)
+class _Shown:
+    """Joined bodies of a batch, from their heads."""
+
+    position: Tensor  # (B, T, 22, 3) m
+    local: Tensor  # (B, T, 22, 4)
+    truth: Tensor  # (B, T, 22, 3) m
+    expected: Tensor  # (B, T, 22) logarithm of expected errors in m
+
+
+def _shown(network: JoiningModule, batch: dict[str, Tensor]) -> _Shown:
+    turn, odds, larger = network(batch["features"])
+    rotation = joined_rotation(batch, turn, odds)
     position, local = placed(rotation, batch["rest_offset"], batch["world"], batch["turned"])
     with torch.no_grad():
         truth, _ = placed(batch["truth"], batch["rest_offset"])
-    valid = batch["valid"].float()
+    return _Shown(position, local, truth, batch["expected"] + larger)
+
+
+def _errors(network: JoiningModule, batch: dict[str, Tensor]) -> dict[str, Tensor]:
+    """The terms of the loss without their weights, and the share of frames in which a joint jumps."""
+    shown = _shown(network, batch)
+    valid, hidden = batch["valid"].float(), batch["hidden"].float() * batch["valid"][..., None]
     count, moving = valid.sum(), valid[:, 1:]
     step, true_step = (
         (place + head[..., None, :]).diff(dim=1)
-        for place, head in ((position, batch["head"]), (truth, batch["true_head"]))
+        for place, head in ((shown.position, batch["head"]), (shown.truth, batch["true_head"]))
     )
-    faster = _length(step) - _length(true_step)
+    faster, error = _length(step) - _length(true_step), _length(shown.position - shown.truth)
+    surprise = error.detach() * torch.exp(-shown.expected) + shown.expected
     return {
-        "position": (_length(position - truth).mean(dim=-1) * valid).sum() / count,
-        "rotation": (_angle(local, batch["truth"]).mean(dim=-1) * valid).sum() / count,
+        "position": (error.mean(dim=-1) * valid).sum() / count,
+        "rotation": (_angle(shown.local, batch["truth"]).mean(dim=-1) * valid).sum() / count,
         "velocity": RATE * (_length(step - true_step).mean(dim=-1) * moving).sum() / count,
         "haste": RATE * ((faster - SLACK / RATE).clamp_min(0).sum(dim=-1) * moving).sum() / count / JOINTS,
+        "certainty": (surprise * hidden).sum() / hidden.sum().clamp_min(1.0),
         "jumps": ((faster.max(dim=-1).values > JUMP / 100) * moving).sum() / count,
     }
+
+
+@torch.no_grad()
+def make_errors_true(network: JoiningModule, takes: Sequence[JoinedTake]) -> None:
+    """Set the network's offsets, equal for left and right, so that expected errors of takes are their mean errors."""
+    joints = default_skeleton()
+    partner = [BODY.index(joints.points[joints.mirror[joint]]) for joint in joints.indices(BODY)]
+    parts = [(_shown(network, _batch([(take, 0)], len(take))), take) for take in takes]
+    error = torch.cat([_length(shown.position - shown.truth)[0] for shown, _ in parts]).numpy()
+    logarithm = torch.cat([shown.expected[0] for shown, _ in parts]).numpy()
+    hidden = np.concatenate([take.hidden for _, take in parts])
+    spread = np.concatenate([take.spread for _, take in parts]).astype(float)
+    for joint, other in enumerate(partner):
+        both = [joint, other]
+        where = hidden[:, both]
+        if not where.any():
+            continue
+        true, guess = error[:, both][where], np.exp(logarithm[:, both][where])
+        larger = true.mean() / guess.mean()
+        bound = np.quantile(true / (larger * guess * np.exp(spread[:, both][where])), _BOUND)
+        network.error_offset[joint], network.bound_offset[joint] = float(np.log(larger)), float(np.log(bound))
 
 
 def train_joining(options: JoiningTraining, fabric: Fabric) -> JoiningModule:
@@ -214,7 +264,9 @@ def train_joining(options: JoiningTraining, fabric: Fabric) -> JoiningModule:
     network = JoiningModule(config.network)
     source = options.limited | {"frames": options.frames}
     fit(JoiningTask(network, config, options.schedule, learned, watched, source), options.checkpoint, fabric=fabric)
-    return network.cpu()
+    network = network.cpu()
+    make_errors_true(network, watched)
+    return network
 
 
 def _takes(options: JoiningTraining, split: Split, frames: int, seed: int) -> list[JoinedTake]:

@@ -1,4 +1,4 @@
-"""Limbs of two bones: where they begin, and how they turn to reach a place."""
+"""Limbs of two bones: where they begin, how they turn to reach a place, and the pose of turns in the world."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bodysense.body.pose import Pose
+from bodysense.body.rotation import quaternion_conjugate, quaternion_multiply
 from bodysense.body.skeleton import BODY, default_skeleton
 
 
@@ -66,3 +68,16 @@ def hips_of(pelvis: np.ndarray, offset: np.ndarray) -> np.ndarray:
     """(T, 2, 3) m: both hips from the pelvis, whose turn (T, 3, 3) is given."""
     places = default_skeleton().indices(["left_hip", "right_hip"])
     return np.einsum("tij,kj->tki", pelvis, offset[places])
+
+
+def with_world_rotations(pose: Pose, world: np.ndarray, root: np.ndarray) -> Pose:
+    """Return the pose (T,) whose joints of `BODY` have world rotations (T, 22, 4), with its root at (T, 3) m.
+
+    Fingers keep their local rotations.
+    """
+    joints = len(BODY)
+    local = np.array(pose.rotation, dtype=float)
+    local[:, 0] = world[:, 0]
+    parents = list(pose.skeleton.parents[1:joints])
+    local[:, 1:joints] = quaternion_multiply(quaternion_conjugate(world[:, parents]), world[:, 1:])
+    return Pose(pose.skeleton, root, local)

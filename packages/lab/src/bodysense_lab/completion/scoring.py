@@ -175,7 +175,7 @@ def _score_set(
 
 
 def _take_scores(scene: TrackedScene, sensors: str, seen: Observation, taken: Tracked) -> Averages:
-    """The measures of `TAKE_MEASURES` and `TAKE_SIGHTS` of a whole take, completed with past and future."""
+    """The measures of `TAKE_MEASURES` and `TAKE_SIGHTS`, and how true expected errors are, of a whole take."""
     scores, named = measure(scene, taken), Averages()
     sights = measure_sight(scene, seen, taken).averages
     for name in TAKE_SIGHTS:
@@ -186,6 +186,9 @@ def _take_scores(scene: TrackedScene, sensors: str, seen: Observation, taken: Tr
     for name in TAKE_MEASURES:
         if name in scores.weight:
             named.add(f"{TAKE}{name}", scores.get(name), scores.weight[name])
+    for one in measure_confidence(scene, seen, taken).values():
+        named.add(f"{TAKE}cover90", one.coverage, one.count)
+        named.add(f"{TAKE}expected_cm", 100 * float(one.expected.sum()) / max(one.count, 1.0), one.count)
     return named
 
 

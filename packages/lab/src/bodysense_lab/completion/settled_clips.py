@@ -7,10 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from bodysense.body.pose import Pose, forward_kinematics
-from bodysense.body.rotation import quaternion_conjugate, quaternion_multiply
+from bodysense.body.pose import forward_kinematics
 from bodysense.body.skeleton import BODY
 from bodysense.io.clip import Clip
+from bodysense_lab.completion.limbs import with_world_rotations
 from bodysense_lab.completion.postures import KINDS, settled, stands
 
 _MOSTLY = 0.7  # share of a clip in which its person stands
@@ -29,18 +29,14 @@ def settled_clips(clips: Iterable[Clip], seed: int = 9) -> Iterator[Clip]:
 
 def settled_clip(clip: Clip, kind: str, rng: np.random.Generator) -> Clip:
     """One clip, settled as one of `KINDS`; fingers move as they did."""
-    pose, joints = clip.pose, len(BODY)
+    pose = clip.pose
     world, root = settled(
-        np.asarray(forward_kinematics(pose)[1])[:, :joints],
+        np.asarray(forward_kinematics(pose)[1])[:, : len(BODY)],
         np.asarray(pose.root_position),
         pose.skeleton.rest_offset,
         kind,
         clip.frame_rate,
         rng,
     )
-    parents = list(pose.skeleton.parents[1:joints])
-    local = np.array(pose.rotation, dtype=float)
-    local[:, 0] = world[:, 0]
-    local[:, 1:joints] = quaternion_multiply(quaternion_conjugate(world[:, parents]), world[:, 1:])
     name = f"{clip.name} ({kind})"
-    return replace(clip, name=name, category="sit", pose=Pose(pose.skeleton, root, local))
+    return replace(clip, name=name, category="sit", pose=with_world_rotations(pose, world, root))

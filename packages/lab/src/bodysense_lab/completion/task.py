@@ -60,9 +60,13 @@ class Losses:
     local: float = 0.5  # the same of rotations from the parent joint
     position: float = 8.0  # per metre, mean absolute difference from the head
     velocity: float = 0.4  # per m/s
+    haste: float = 16.0  # per m/s by which a joint is faster than the true one, beyond `SLACK`
     skate: float = 0.1  # per m/s, of feet that truly stand
     contact: float = 0.03  # cross-entropy
     error: float = 0.01  # likelihood of the expected error
+
+
+SLACK = 0.6  # m/s
 
 
 @dataclass(frozen=True)
@@ -198,6 +202,10 @@ def losses(
     pairs = both.sum().clamp(min=1)
     too_fast = (world[:, 1:] - world[:, :-1]) / signal.interval[:, 1:, None, None]
     terms["velocity"] = (too_fast.abs().mean(dim=-1) * both).sum() / pairs / missed.shape[-2] * weights.velocity
+    true_step = (batch.true_position[:, 1:] - batch.true_position[:, :-1]) / size
+    shown_step, interval = true_step + world[:, 1:] - world[:, :-1], signal.interval[:, 1:, None]
+    faster = (_length(shown_step) - _length(true_step)) / interval - SLACK / size[..., 0]
+    terms["haste"] = (faster.clamp_min(0.0) * both).sum() / pairs / missed.shape[-2] * weights.haste
     standing = (batch.contact[:, 1:] * batch.contact[:, :-1]) * both
     skating = (_length(too_fast[..., _FEET, :]) * standing).sum() / standing.sum().clamp(min=1)
     terms["skate"] = skating * weights.skate

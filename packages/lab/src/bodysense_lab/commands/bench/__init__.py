@@ -23,6 +23,7 @@ def commands() -> SubcommandApp:
         step,
         take,
         training,
+        video,
     )
 
     group = SubcommandApp()
@@ -31,7 +32,8 @@ def commands() -> SubcommandApp:
         group.command(command)
     group.command(name="import")(import_time.import_time)
     group.command(training.training)
-    group.command(arms.arms)
+    for command in (arms.arms, video.video):
+        group.command(command)
     group.command(name="live")(live.bench_live)
     for command in (live_outputs.live_outputs, live_fuzz.live_fuzz, packet_fuzz.packet_fuzz):
         group.command(command)

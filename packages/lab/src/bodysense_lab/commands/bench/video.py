@@ -1,0 +1,38 @@
+"""`bodysense bench video`: finding landmarks in a video, and completing its person."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from bodysense_lab.commands.bench.timing import report, resident_memory
+
+
+def video(file: Annotated[Path, tyro.conf.Positional], json: Path | None = None) -> None:
+    """Measure the processor time of a picture: of reading it and finding landmarks, and of completing a body.
+
+    Args:
+        file: A video, or a folder of pictures.
+        json: Write the numbers here, as one flat object.
+    """
+    import bodysense as bs
+    from bodysense.devices.video.landmarker_files import find_landmarkers
+    from bodysense.devices.video.landmarks import Landmarker, LandmarkerSettings
+    from bodysense.devices.video.pictures import open_video
+
+    models, numbers = find_landmarkers(), dict[str, float]()
+    for people in (1, 2):
+        with open_video(str(file)) as source, Landmarker(models, LandmarkerSettings(people)) as landmarker:
+            begun, count, width, height = time.process_time(), 0, 0, 0
+            for picture in source.pictures:
+                landmarker.find(picture)
+                count, (height, width) = count + 1, picture.pixels.shape[:2]
+            numbers[f"people_{people}_landmarks_ms"] = 1000 * (time.process_time() - begun) / count
+    begun = time.process_time()
+    bs.track(str(file))
+    whole = 1000 * (time.process_time() - begun) / count
+    numbers |= {"whole_ms": whole, "body_ms": whole - numbers["people_1_landmarks_ms"], "memory_mb": resident_memory()}
+    report("video", numbers | {"pictures": count, "width": width, "height": height}, json)
