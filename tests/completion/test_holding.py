@@ -8,7 +8,7 @@ import pytest
 from bodysense.body.footing import side_clearance
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.rotation import geodesic_angle, quaternion_exp, quaternion_multiply
-from bodysense.completion.holding import BESIDE, bent_to, faded, on_floor, trunk_met
+from bodysense.completion.holding import BESIDE, bent_to, faded, lasting, on_floor, trunk_met
 from bodysense.estimate import CONTACT_POINTS
 from bodysense.io.clip import Clip
 
@@ -141,6 +141,30 @@ def test_nobody_who_stands_hovers(pose: Pose, does: str) -> None:
         assert after.max() < 0.025 and after.min() > -1e-3
     else:
         np.testing.assert_allclose(after, before, atol=1e-9)
+
+
+@pytest.mark.parametrize("still", [True, False])
+def test_those_who_stand_still_stand_low(pose: Pose, still: bool) -> None:
+    """Feet that are 1.5 cm up stay there, unless both stand and go on standing."""
+    bent = hovering(pose, ("left", "right"))
+    floor = float(side_clearance(placed(bent)[0], pose.skeleton, "left")[0]) - 0.015
+    contact = np.ones((len(bent.rotation), len(CONTACT_POINTS)))
+    if not still:
+        contact[:, [place for place, name in enumerate(CONTACT_POINTS) if name.startswith("right")]] = 0.0
+    shins = np.zeros((len(bent.rotation), len(pose.skeleton.joints)), dtype=bool)
+    held = on_floor(bent, contact, nothing(bent), shins, floor, SECONDS)
+    height = side_clearance(placed(held)[0], pose.skeleton, "left") - floor
+    assert height.max() < 0.006 if still else height.min() > 0.0145
+
+
+def test_what_lasts() -> None:
+    """A third of a second counts, a tenth does not, and the change is gradual."""
+    share = np.zeros(90)
+    share[10:13] = 1.0
+    share[40:60] = 1.0
+    found = lasting(share, SECONDS)
+    assert found[:30].max() < 0.01 and found[46:54].min() > 0.9
+    assert np.abs(np.diff(found)).max() < 0.15
 
 
 def test_a_stretched_limb_that_is_not_tracked_keeps_its_rotation(pose: Pose) -> None:
