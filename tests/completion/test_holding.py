@@ -7,6 +7,7 @@ import pytest
 
 from bodysense.body.footing import side_clearance
 from bodysense.body.pose import Pose, forward_kinematics
+from bodysense.body.reach import reaching
 from bodysense.body.rotation import geodesic_angle, quaternion_exp, quaternion_multiply
 from bodysense.completion.holding import BESIDE, bent_to, faded, lasting, on_floor, trunk_met
 from bodysense.estimate import CONTACT_POINTS
@@ -155,6 +156,55 @@ def test_those_who_stand_still_stand_low(pose: Pose, still: bool) -> None:
     held = on_floor(bent, contact, nothing(bent), shins, floor, SECONDS)
     height = side_clearance(placed(held)[0], pose.skeleton, "left") - floor
     assert height.max() < 0.006 if still else height.min() > 0.0145
+
+
+def test_a_straight_leg_does_not_leap_where_its_foot_is_seen(pose: Pose) -> None:
+    """The truth stands straight, the answer with feet 4 mm higher: knees come 5 cm forward, but not within a frame."""
+    straight = Pose(
+        pose.skeleton, np.zeros_like(pose.root_position), np.tile([1.0, 0, 0, 0], (*pose.rotation.shape[:2], 1))
+    )
+    truth, tip = placed(straight)[0], pose.skeleton.index("left_ankle")
+    bent = reaching(straight, "left_ankle", truth[:, tip] + [0.0, 0.004, 0.0])
+    measured = nothing(pose)
+    measured[30:60, tip] = True
+    found = placed(bent_to(bent, truth, measured, SECONDS))[0]
+    knee = found[:, pose.skeleton.index("left_knee")]
+    assert np.ptp(knee, axis=0).max() > 0.03
+    assert np.linalg.norm(np.diff(knee, axis=0), axis=-1).max() < 0.015
+    np.testing.assert_allclose(found[30:60, tip], truth[30:60, tip], atol=1e-3)
+
+
+def test_a_limb_whose_middle_is_seen_for_a_while_turns_there_gradually(pose: Pose) -> None:
+    """The wrist is tracked all the time, the elbow in frames 30 to 60: beside these the arm swivels."""
+    wrist, elbow = (pose.skeleton.index(f"right_{part}") for part in ("wrist", "elbow"))
+    truth, rotation = placed(pose)[0], np.array(pose.rotation)
+    shoulder = pose.skeleton.index("right_shoulder")
+    rotation[:, shoulder] = quaternion_multiply(rotation[:, shoulder], quaternion_exp(np.array([0.8, 0.5, 0.0])))
+    wrong, measured = Pose(pose.skeleton, pose.root_position, rotation), nothing(pose)
+    measured[:, wrist] = True
+    measured[30:60, elbow] = True
+    found = placed(bent_to(wrong, truth, measured, SECONDS))[0]
+    without = placed(bent_to(wrong, truth, measured & (np.arange(len(measured.T)) != elbow), SECONDS))[0]
+    np.testing.assert_allclose(found[30:60, elbow], truth[30:60, elbow], atol=2e-3)
+    np.testing.assert_allclose(found[:, wrist], truth[:, wrist], atol=2e-3)
+    off, leap = found[:, elbow] - truth[:, elbow], np.linalg.norm(without[29, elbow] - truth[29, elbow])
+    assert leap > 0.02 and np.linalg.norm(off[29] - off[30]) < 0.3 * leap
+    np.testing.assert_allclose(found[:15, elbow], without[:15, elbow], atol=1e-9)
+
+
+def test_a_tracked_foot_under_the_floor_comes_up_gradually(pose: Pose) -> None:
+    """Tracked feet stay where they are, 2 cm under the floor; beside these frames they rise within a quarter second."""
+    floor = float(side_clearance(placed(pose)[0], pose.skeleton, "left").max()) + 0.02
+    measured = nothing(pose)
+    measured[30:60, pose.skeleton.index("left_ankle")] = True
+    shins = np.zeros((len(pose.rotation), len(pose.skeleton.joints)), dtype=bool)
+    contact = np.zeros((len(pose.rotation), len(CONTACT_POINTS)))
+    held = on_floor(pose, contact, measured, shins, floor, SECONDS)
+    height = side_clearance(placed(held)[0], pose.skeleton, "left") - floor
+    before = side_clearance(placed(pose)[0], pose.skeleton, "left") - floor
+    np.testing.assert_allclose(height[30:60], before[30:60], atol=1e-3)
+    assert height[:20].min() > -2e-3 and height[70:].min() > -2e-3
+    assert np.abs(np.diff(height)).max() < 0.3 * np.abs(before).max()
 
 
 def test_what_lasts() -> None:

@@ -11,6 +11,8 @@ from bodysense.body.reach import reaching, reaching_all
 from bodysense.body.rotation import (
     quaternion_canonical,
     quaternion_conjugate,
+    quaternion_exp,
+    quaternion_log,
     quaternion_multiply,
     quaternion_rotate,
     shortest_arc,
@@ -30,6 +32,7 @@ STILL, LASTING = 0.8, 0.3  # share of `HOVER` that is left out for those who sta
 FARTHEST_DOWN = 0.15  # m that both feet of a body that stands are lowered at most
 STEADY = 0.7  # m/s: a head that moves faster up or down jumps, sits down or rises
 BESIDE = 0.25  # s in which a limb comes to a place where it is tracked, and leaves it
+STRAIGHT = 0.02  # m by which the middle of a limb is beside it at least, else the side on which it is means nothing
 _SIDES = ("left", "right")
 ENDS = ("left_wrist", "right_wrist", "left_ankle", "right_ankle")
 
@@ -38,7 +41,7 @@ def bent_to(pose: Pose, points: Array, measured: Array, seconds: float) -> Pose:
     """The pose (T,) with wrists and ankles that are `measured` at their points, and elbows and knees likewise.
 
     A limb bends in the plane in which it lies; hands and feet keep their rotations in the world. Before and after
-    frames in which an end is tracked its way there fades, so that it does not leap.
+    frames in which it is tracked its turns there fade, so that it does not leap.
 
     Args:
         pose: (T,).
@@ -46,24 +49,46 @@ def bent_to(pose: Pose, points: Array, measured: Array, seconds: float) -> Pose:
         measured: (T, P) bool: points that are tracked.
         seconds: between frames.
     """
-    skeleton, position = pose.skeleton, np.asarray(forward_kinematics(pose)[0])
+    skeleton, (position, world) = pose.skeleton, (np.asarray(part) for part in forward_kinematics(pose))
     tips = {end: skeleton.index(end) for end in ENDS}
-    off = {end: faded(points[:, tip] - position[:, tip], measured[:, tip], seconds) for end, tip in tips.items()}
-    bent = reaching_all(pose, {end: position[:, tip] + off[end] for end, tip in tips.items()})
+    goals = {end: np.where(measured[:, [tip]], points[:, tip], position[:, tip]) for end, tip in tips.items()}
+    bent = reaching_all(pose, goals)
     rotation = np.array(pose.rotation)
-    for end, tip in tips.items():
-        middle, moved = skeleton.parents[tip], measured[:, tip] | off[end].any(axis=1)
-        for joint in (skeleton.parents[middle], middle, tip):
-            rotation[moved, joint] = bent.rotation[moved, joint]
     for tip in tips.values():
-        where = measured[:, skeleton.parents[tip]]
-        if where.any():
-            _turn_at_middle(pose[where], tip, points[where], where, rotation)
+        for joint in (skeleton.parents[skeleton.parents[tip]], skeleton.parents[tip], tip):
+            rotation[measured[:, tip], joint] = bent.rotation[measured[:, tip], joint]
+    met = Pose(skeleton, pose.root_position, rotation.copy())
+    for tip in tips.values():
+        middle = skeleton.parents[tip]
+        seen, ends = measured[:, middle], measured[:, tip]
+        if seen.any():
+            angle = faded(_swivel(met, tip, points)[:, None], seen, seconds)[:, 0]
+            beside = ends & ~seen & (angle != 0)
+            _turn_about_limb(met[beside], tip, angle[beside], beside, rotation)
+            _turn_at_middle(met[seen], tip, points[seen], seen, rotation)
+        _fade_turns(pose, world, tip, seen | ends, seconds, rotation)
     return Pose(skeleton, pose.root_position, rotation)
 
 
+def _fade_turns(pose: Pose, world: Array, tip: int, moved: Array, seconds: float, rotation: Array) -> None:
+    """Fade by what a limb was turned in frames that `moved` (T,), in local rotations (T, J, 4) of frames beside them.
+
+    Turns fade, not places: a leg that is nearly straight bends far for a small change of its length.
+    """
+    skeleton, middle = pose.skeleton, pose.skeleton.parents[tip]
+    first = skeleton.parents[middle]
+    joints = [first, middle]
+    before = np.asarray(pose.rotation)[:, joints]
+    turn = quaternion_log(quaternion_multiply(quaternion_conjugate(before), rotation[:, joints]))
+    turn = faded(np.asarray(turn).reshape(len(moved), 6), moved, seconds).reshape(-1, 2, 3)
+    beside = ~moved & turn.any(axis=(1, 2))
+    local = quaternion_multiply(before[beside], quaternion_exp(turn[beside]))
+    above = quaternion_multiply(world[beside, skeleton.parents[first]], local[:, 0])
+    _set_limb(skeleton, tip, world[beside], above, quaternion_multiply(above, local[:, 1]), beside, rotation)
+
+
 def faded(offset: Array, measured: Array, seconds: float) -> Array:
-    """Return offsets (T, 3) in which those of frames that are `measured` (T,) go on into the others, and fade there."""
+    """Return offsets (T, N) in which those of frames that are `measured` (T,) go on into the others, and fade there."""
     found, count = np.where(measured[:, None], offset, 0.0), max(1, round(BESIDE / seconds))
     for first, end in runs(~measured):
         for frame, steps in ((first - 1, np.arange(1, end - first + 1)), (end, np.arange(end - first, 0, -1))):
@@ -71,6 +96,35 @@ def faded(offset: Array, measured: Array, seconds: float) -> Array:
                 share = np.clip(steps / min(count, end - first + 1), 0.0, 1.0)
                 found[first:end] += (1 - share**2 * (3 - 2 * share))[:, None] * offset[frame]
     return found
+
+
+def _swivel(pose: Pose, tip: int, points: Array) -> Array:
+    """Return by how much a limb has to turn about the line from its first joint to its end, (T,) rad, (-pi, pi].
+
+    Its middle joint then is on the side of its point (T, P, 3); a limb that is straight has none.
+    """
+    position, middle = np.asarray(forward_kinematics(pose)[0]), pose.skeleton.parents[tip]
+    start = position[:, pose.skeleton.parents[middle]]
+    axis = position[:, tip] - start
+    axis = axis / np.maximum(np.linalg.norm(axis, axis=-1, keepdims=True), 1e-9)
+    shown, wanted = (
+        place - start - ((place - start) * axis).sum(axis=-1, keepdims=True) * axis
+        for place in (position[:, middle], points[:, middle])
+    )
+    bent = np.minimum(np.linalg.norm(shown, axis=-1), np.linalg.norm(wanted, axis=-1)) > STRAIGHT
+    angle = np.arctan2((np.cross(shown, wanted) * axis).sum(axis=-1), (shown * wanted).sum(axis=-1))
+    return np.where(bent, angle, 0.0)
+
+
+def _turn_about_limb(pose: Pose, tip: int, angle: Array, where: Array, rotation: Array) -> None:
+    """Turn a limb about the line from its first joint to its end in local rotations (T, J, 4), frames `where`."""
+    skeleton, (position, world) = pose.skeleton, (np.asarray(part) for part in forward_kinematics(pose))
+    middle = skeleton.parents[tip]
+    axis = position[:, tip] - position[:, skeleton.parents[middle]]
+    axis = axis / np.maximum(np.linalg.norm(axis, axis=-1, keepdims=True), 1e-9)
+    turn = quaternion_exp(angle[:, None] * axis)
+    above = quaternion_multiply(turn, world[:, skeleton.parents[middle]])
+    _set_limb(skeleton, tip, world, above, quaternion_multiply(turn, world[:, middle]), where, rotation)
 
 
 def _turn_at_middle(pose: Pose, tip: int, points: Array, where: Array, rotation: Array) -> None:
@@ -86,6 +140,15 @@ def _turn_at_middle(pose: Pose, tip: int, points: Array, where: Array, rotation:
     turned = shortest_arc(lower, points[:, tip] - start - upper)
     above = quaternion_multiply(swung, world[:, first])
     below = quaternion_multiply(turned, quaternion_multiply(swung, world[:, middle]))
+    _set_limb(skeleton, tip, world, above, below, where, rotation)
+
+
+def _set_limb(
+    skeleton: Skeleton, tip: int, world: Array, above: Array, below: Array, where: Array, rotation: Array
+) -> None:
+    """Give a limb's bones rotations in the world, and keep that of its end, in local rotations, frames `where`."""
+    middle = skeleton.parents[tip]
+    first = skeleton.parents[middle]
     parent = world[:, skeleton.parents[first]]
     for joint, base, to in ((first, parent, above), (middle, above, below), (tip, below, world[:, tip])):
         rotation[where, joint] = quaternion_canonical(quaternion_multiply(quaternion_conjugate(base), to))
@@ -158,7 +221,9 @@ def on_floor(pose: Pose, contact: Array, measured: Array, turned: Array, floor: 
         away = np.clip(2 * known - 1, 0.0, 1.0)  # from frames that are known
         over = np.maximum(stands[side] * np.clip(clearance[side] - sole, 0.0, FARTHEST), hovers)
         lower = away * smoothed(over, LOWERING / seconds)
-        shift[:, 1] = np.where(free[side], np.maximum(0.0, -clearance[side]) - lower, 0.0)
+        deep = np.maximum(0.0, -clearance[side])
+        allowed = faded(deep[:, None], ~free[side], seconds)[:, 0]  # tracked feet may be under the floor
+        shift[:, 1] = np.where(free[side], np.maximum(0.0, deep - allowed) - lower, 0.0)
         pose = reaching(pose, f"{side}_ankle", position[:, skeleton.index(f"{side}_ankle")] + shift)
     return pose
 
