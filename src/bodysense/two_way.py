@@ -18,10 +18,11 @@ from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.rotation import quaternion_exp, quaternion_multiply
 from bodysense.body.skeleton import Skeleton
 from bodysense.completion.bridging import bridged
-from bodysense.completion.holding import bent_to, on_floor, trunk_met
 from bodysense.completion.joining import future_share, kept_turns, led, mean_rotation
 from bodysense.completion.joining_network import JoiningNetwork, TwoAnswers, packaged_joining
+from bodysense.completion.meeting import bent_to, trunk_met
 from bodysense.completion.model import CompletionModel, packaged_model
+from bodysense.completion.standing import on_floor
 from bodysense.estimate import Estimate
 from bodysense.observation import Observation, observed_points
 from bodysense.tracker import Tracker, TrackerSettings, TrackerState

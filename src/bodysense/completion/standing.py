@@ -1,0 +1,95 @@
+"""Standing: feet of a joined body that stand are held in place, and on the floor."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bodysense.body.footing import side_clearance, stopped_slide
+from bodysense.body.pose import Pose, forward_kinematics
+from bodysense.body.reach import reaching
+from bodysense.body.skeleton import Skeleton
+from bodysense.completion.joining import smoothed
+from bodysense.completion.meeting import faded
+from bodysense.estimate import CONTACT_POINTS
+
+Array = np.ndarray
+FARTHEST = 0.06  # m that a foot is held back at most; 0.12 holds more firmly, and causes a third more jumps
+# Probabilities of contact from which a foot is held, and below which it no longer is; s in which it then comes back.
+# Lower ones hold more firmly, and cause up to twice the jumps. Chosen on validation clips.
+HOLD, RELEASE, FADE = 0.8, 0.6, 0.3
+HOVER, LOWERING = 0.02, 0.2  # m over the floor from which a foot that stands is lowered; s over which that is smoothed
+LOW, LOWEST = 0.3, 0.7  # probabilities of contact from which a foot is lowered a little and wholly
+STILL, LASTING = 0.8, 0.3  # share of `HOVER` that is left out for those who stand still; s for which they do so
+FARTHEST_DOWN = 0.15  # m that both feet of a body that stands are lowered at most
+STEADY = 0.7  # m/s: a head that moves faster up or down jumps, sits down or rises
+_SIDES = ("left", "right")
+
+
+def on_floor(pose: Pose, contact: Array, measured: Array, turned: Array, floor: float, seconds: float) -> Pose:
+    """The pose (T,) with feet that stand held in place and low, and soles that are not under the floor.
+
+    Nobody who stands hovers with both feet.
+
+    Args:
+        pose: (T,).
+        contact: (T, 4) probability that each of `CONTACT_POINTS` rests on something.
+        measured: (T, P) bool: points that are tracked; feet that are stay where they are.
+        turned: (T, J) bool: joints whose rotation is tracked; tracked shins and feet keep it.
+        floor: m, height of the floor.
+        seconds: between frames.
+    """
+    skeleton, position = pose.skeleton, np.asarray(forward_kinematics(pose)[0])
+    free = {}
+    for side in _SIDES:
+        soles = skeleton.indices([f"{side}_{part}" for part in ("ankle", "foot", "toe")])
+        lower = skeleton.indices([f"{side}_{part}" for part in ("knee", "ankle")])
+        free[side] = np.asarray(~measured[:, soles].any(axis=1) & ~turned[:, lower].any(axis=1))
+    clearance = {side: side_clearance(position, skeleton, side) - floor for side in _SIDES}
+    chances = {
+        side: contact[:, [place for place, name in enumerate(CONTACT_POINTS) if name.startswith(side)]]
+        for side in _SIDES
+    }
+    stands = {side: np.clip((one.max(axis=1) - LOW) / (LOWEST - LOW), 0.0, 1.0) for side, one in chances.items()}
+    sole = HOVER * (1 - STILL * lasting(np.minimum(*stands.values()), seconds))
+    hovers = upright(position, skeleton, floor, seconds) * (np.minimum(*clearance.values()) - sole)
+    hovers = np.where(np.logical_and(*free.values()), np.clip(hovers, 0.0, FARTHEST_DOWN), 0.0)
+    for side in _SIDES:
+        if not free[side].any():
+            continue
+        place = position[:, skeleton.indices([name for name in CONTACT_POINTS if name.startswith(side)])]
+        shift = stopped_slide(place, chances[side], free[side], seconds, FARTHEST, FADE, (HOLD, RELEASE))
+        known = smoothed(free[side].astype(float), LOWERING / seconds)
+        away = np.clip(2 * known - 1, 0.0, 1.0)  # from frames that are known
+        over = np.maximum(stands[side] * np.clip(clearance[side] - sole, 0.0, FARTHEST), hovers)
+        lower = away * smoothed(over, LOWERING / seconds)
+        deep = np.maximum(0.0, -clearance[side])
+        allowed = faded(deep[:, None], ~free[side], seconds)[:, 0]  # tracked feet may be under the floor
+        shift[:, 1] = np.where(free[side], np.maximum(0.0, deep - allowed) - lower, 0.0)
+        pose = reaching(pose, f"{side}_ankle", position[:, skeleton.index(f"{side}_ankle")] + shift)
+    return pose
+
+
+def lasting(share: Array, seconds: float) -> Array:
+    """Return shares (T,) of what is so for `LASTING` seconds, before or after a frame, smoothed over that time."""
+    frames = max(1, round(LASTING / seconds))
+    padded = np.pad(share, frames, mode="edge")
+    least = np.lib.stride_tricks.sliding_window_view(padded, frames + 1).min(axis=-1)  # of frames and those after
+    return smoothed(np.maximum(least[:-frames], least[frames:]), LASTING / 2 / seconds)
+
+
+def upright(position: Array, skeleton: Skeleton, floor: float, seconds: float) -> Array:
+    """Return how surely a body stands or walks, (T,) in [0, 1]: 0 if it sits, lies or jumps.
+
+    Args:
+        position: (T, P, 3) m, world.
+        skeleton: the body.
+        floor: m, its height.
+        seconds: between frames.
+    """
+    head = skeleton.index("head")
+    high = position[:, head, 1] - floor
+    tall = float(skeleton.rest_offset[0, 1] + (skeleton.path @ skeleton.rest_offset)[head, 1])
+    speed = np.gradient(high, seconds) if len(high) > 1 else np.zeros_like(high)
+    risen = np.clip((high / tall - 0.75) / 0.1, 0.0, 1.0)
+    calm = np.clip((STEADY - np.abs(speed)) / (0.5 * STEADY), 0.0, 1.0)
+    return np.where(high > tall + 0.03, 0.0, risen * calm)
