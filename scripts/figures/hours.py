@@ -1,9 +1,13 @@
-"""The table of docs/reproduce.md: processor hours of the trainings."""
+"""The table of docs/reproduce.md: processor hours of trainings, and of commands that run whole."""
 
 from __future__ import annotations
 
+from bodysense_lab.hmd_vae.options import MODELS, BodyVaeConfig
+from bodysense_lab.hmd_vae.train import sweep_configs
+
 from .blocks import Block, Numbers, markdown
 
+SWEPT_STEPS = 20  # of each network of the whole grid
 RATE = 30 * 60  # frames of a minute of motion
 MINUTES, WITH_FINGERS = 404 + 23, 23  # of the train split (cards of the networks)
 EPOCHS, BATCH = 5, 256  # of the paper's body network
@@ -20,10 +24,20 @@ STEPS = {
     "train hmd-vae": (6000, "one network"),
     "train arms --model ahmt": (300 * RATE * WITH_FINGERS // 128, "300 epochs of 23 minutes, in steps of 128"),
     "train arms --model pahmt": (300 * RATE * WITH_FINGERS // 128, "300 epochs of 23 minutes, in steps of 128"),
+    "train hmd-vae --sweep --grid one": (6000 * len(MODELS), f"{len(MODELS)} networks"),
+    "train hmd-vae --sweep --grid all": (
+        SWEPT_STEPS * len(sweep_configs(BodyVaeConfig(), "all")),
+        f"{len(sweep_configs(BodyVaeConfig(), 'all'))} networks, {SWEPT_STEPS} steps each",
+    ),
     "train gloves --form paper --network markers": (20_000, ""),
     "train gloves --form paper --network joints": (20_000, ""),
 }
-LIKE = {"train unoc-tables": "train body-gru --form paper"}  # the same network
+LIKE = {  # the same networks
+    "train unoc-tables": "train body-gru --form paper",
+    "train hmd-vae --sweep --grid one": "train hmd-vae",
+    "train hmd-vae --sweep --grid all": "train hmd-vae",
+}
+WHOLE = ("generate", "papers track --method two_hands")  # on the packaged performance of 25 s
 
 
 def hours(measured: Numbers) -> str:
@@ -36,6 +50,10 @@ def hours(measured: Numbers) -> str:
             rows.append(
                 [f"`{name}`", f"{seconds:.3f}", f"{steps:,}", f"{whole:.0f}" if whole >= 10 else f"{whole:.2g}", said]
             )
+    for name in WHOLE:
+        if f"{name}_seconds" in measured:
+            taken = measured[f"{name}_seconds"] / 3600
+            rows.append([f"`{name}`", "–", "–", f"{taken:.2g}", "the whole command"])
     return markdown(("training", "s a step", "steps", "CPU hours", ""), rows)
 
 

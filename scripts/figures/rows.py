@@ -144,7 +144,7 @@ EVALUATED = {  # by row: the block whose commands' hours it has
     "2.12": "completion",
     "3.7": "arm-windows",
     "3.8": "table1",
-    "3.10": "video",
+    **dict.fromkeys(("3.9", "3.10"), "video"),
     "4.3": "gloves-fusion",
     **dict.fromkeys(("4.4", "4.10"), "gloves-steps"),
     **dict.fromkeys(("4.5", "4.11"), "gloves-table3"),
@@ -153,14 +153,18 @@ EVALUATED = {  # by row: the block whose commands' hours it has
     "4.14": "gloves-speed",
     "4.15": "gloves-limits",
 }
-HOURS = {  # by row: the training whose hours it has
+HOURS = {  # by row: the training or command whose hours it has
     **dict.fromkeys(("1.5", "1.6"), "train body-gru --form paper"),
     **dict.fromkeys(("1.7", "1.8"), "train unoc-tables"),
     **dict.fromkeys(("2.1", "2.2", "2.3", "2.4", "2.5", "2.6", "2.7"), "train hmd-vae"),
+    "2.8": "train hmd-vae --sweep --grid one",
+    "2.9": "train hmd-vae --sweep --grid all",
+    "2.11": "generate",
     "3.3": "train arms --model ahmt",
     **dict.fromkeys(("3.1", "3.2", "3.4", "3.5", "3.6"), "train arms --model pahmt"),
     "4.6": "train gloves --form paper --network markers",
-    "4.8": "train gloves --form paper --network joints",
+    **dict.fromkeys(("4.8", "4.9"), "train gloves --form paper --network joints"),
+    **dict.fromkeys(("4.1", "4.2", "4.7"), "papers track --method two_hands"),
 }
 MEANS, SUMS = "means over joints", "sums over joints (`--loss-sum`)"
 UNSEEN = "unseen hands"

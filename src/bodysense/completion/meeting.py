@@ -20,7 +20,7 @@ from bodysense.body.skeleton import Skeleton
 
 Array = np.ndarray
 BESIDE = 0.25  # s in which a limb comes to a place where it is tracked, and leaves it
-STRAIGHT = 0.02  # m by which the middle of a limb is beside it at least, else the side on which it is means nothing
+STRAIGHT = 0.02  # m from the line of a limb to its middle joint: if it is nearer, the side on which it is means little
 ENDS = ("left_wrist", "right_wrist", "left_ankle", "right_ankle")
 
 

@@ -28,7 +28,7 @@ _SIDES = ("left", "right")
 def on_floor(pose: Pose, contact: Array, measured: Array, turned: Array, floor: float, seconds: float) -> Pose:
     """The pose (T,) with feet that stand held in place and low, and soles that are not under the floor.
 
-    Nobody who stands hovers with both feet.
+    One foot of a body that stands is on the floor at least.
 
     Args:
         pose: (T,).
