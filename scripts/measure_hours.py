@@ -26,7 +26,7 @@ STEPS = {  # command and options: the steps of the two runs
     "train hmd-vae": (20, 80),
     "train gloves --form paper --network markers": (20, 320),
     "train gloves --form paper --network joints": (20, 320),
-    "train body-gru --form paper": (2, 8),
+    "train body-gru --form paper": (2, 32),
     "train arms --model ahmt": (2, 5),
     "train arms --model pahmt": (2, 5),
 }
