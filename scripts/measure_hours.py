@@ -49,6 +49,8 @@ def main() -> None:
         help="trainings and commands, as docs/reproduce.md names them; all if omitted",
     )
     chosen = parser.parse_args()
+    if unknown := [name for name in chosen.names if name not in (*STEPS, *WHOLE)]:
+        parser.error(f"{unknown[0]!r} is unknown; valid are {', '.join(map(repr, (*WHOLE, *STEPS)))}")
     numbers = json.loads(chosen.out.read_text(encoding="utf-8")) if chosen.out.is_file() else {}
     numbers.pop("cpu_seconds", None)  # of the runs, not of the trainings
     if numbers.pop("processor", processor()) != processor():

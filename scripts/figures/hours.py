@@ -32,6 +32,7 @@ STEPS = {
     "train gloves --form paper --network markers": (20_000, ""),
     "train gloves --form paper --network joints": (20_000, ""),
 }
+BOTH = "train gloves --form paper"  # trains the network of markers and that of joints
 LIKE = {  # the same networks
     "train unoc-tables": "train body-gru --form paper",
     "train hmd-vae --sweep --grid one": "train hmd-vae",
@@ -42,14 +43,17 @@ WHOLE = ("generate", "papers track --method two_hands")  # on the packaged perfo
 
 def hours(measured: Numbers) -> str:
     """Return seconds of a step, steps and hours of each training that was measured."""
-    rows = []
+    rows, gloves = [], 0.0
     for name, (steps, said) in STEPS.items():
         seconds = measured.get(f"{LIKE.get(name, name)}_seconds_a_step")
         if seconds is not None:
             whole = seconds * steps / 3600
+            gloves += whole if name.startswith(BOTH) else 0.0
             rows.append(
                 [f"`{name}`", f"{seconds:.3f}", f"{steps:,}", f"{whole:.0f}" if whole >= 10 else f"{whole:.2g}", said]
             )
+    if gloves:
+        rows.append([f"`{BOTH}`", "–", "–", f"{gloves:.2g}", "both networks"])
     for name in WHOLE:
         if f"{name}_seconds" in measured:
             taken = measured[f"{name}_seconds"] / 3600

@@ -163,7 +163,8 @@ HOURS = {  # by row: the training or command whose hours it has
     "3.3": "train arms --model ahmt",
     **dict.fromkeys(("3.1", "3.2", "3.4", "3.5", "3.6"), "train arms --model pahmt"),
     "4.6": "train gloves --form paper --network markers",
-    **dict.fromkeys(("4.8", "4.9"), "train gloves --form paper --network joints"),
+    "4.8": "train gloves --form paper --network joints",
+    "4.9": "train gloves --form paper",
     **dict.fromkeys(("4.1", "4.2", "4.7"), "papers track --method two_hands"),
 }
 MEANS, SUMS = "means over joints", "sums over joints (`--loss-sum`)"

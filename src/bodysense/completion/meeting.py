@@ -62,6 +62,8 @@ def _fade_turns(pose: Pose, world: Array, tip: int, moved: Array, seconds: float
 
     Turns fade, not places: a leg that is nearly straight bends far for a small change of its length.
     """
+    if moved.all() or not moved.any():
+        return
     skeleton, middle = pose.skeleton, pose.skeleton.parents[tip]
     first = skeleton.parents[middle]
     joints = [first, middle]

@@ -27,6 +27,7 @@ from bodysense.scoring import RATE
 from bodysense_lab.completion.joining_takes import JoinedTake, draw_takes, kept_takes, parents_of
 from bodysense_lab.completion.measures import JUMP
 from bodysense_lab.completion.options import JoiningTraining
+from bodysense_lab.completion.publish import QUANTILE
 from bodysense_lab.completion.task import SLACK
 from bodysense_lab.completion.weights_file import safetensors_bytes
 from bodysense_lab.datasets import learned_clips
@@ -38,7 +39,6 @@ _ARRAYS = (
     *("features", "past", "future", "share", "world", "turned", "head", "truth", "true_head"),
     *("hidden", "expected"),
 )
-_BOUND = 0.9  # share of errors that a bound is above
 _VALIDATION_FRAMES, _VALIDATION_SEED = 40_000, 7
 
 
@@ -250,7 +250,7 @@ def make_errors_true(network: JoiningModule, takes: Sequence[JoinedTake]) -> Non
             continue
         true, guess = error[:, both][where], np.exp(logarithm[:, both][where])
         larger = true.mean() / guess.mean()
-        bound = np.quantile(true / (larger * guess * np.exp(spread[:, both][where])), _BOUND)
+        bound = np.quantile(true / (larger * guess * np.exp(spread[:, both][where])), QUANTILE)
         network.error_offset[joint], network.bound_offset[joint] = float(np.log(larger)), float(np.log(bound))
 
 
@@ -276,7 +276,7 @@ def _takes(options: JoiningTraining, split: Split, frames: int, seed: int) -> li
 
     with Progress() as progress:
         bar = progress.add_task(f"completing takes of the {split} split", total=frames)
-        source = f"{options.data.resolve()}, limit {options.limit}, seed {seed}"
+        source = f"{FORMAT}, {options.data.resolve()}, limit {options.limit}, seed {seed}"
         return kept_takes(options.folder / split, draw, frames, lambda done: progress.update(bar, advance=done), source)
 
 

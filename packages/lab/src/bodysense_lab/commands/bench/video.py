@@ -23,6 +23,10 @@ def video(file: Annotated[Path, tyro.conf.Positional], json: Path | None = None)
     from bodysense.devices.video.landmarks import Landmarker, LandmarkerSettings
     from bodysense.devices.video.pictures import open_video
 
+    bs.track(str(file))  # loads what is loaded once, and refuses what is no video
+    begun = time.process_time()
+    bs.track(str(file))
+    whole = time.process_time() - begun
     models, numbers = find_landmarkers(), dict[str, float]()
     for people in (1, 2):
         with open_video(str(file)) as source, Landmarker(models, LandmarkerSettings(people)) as landmarker:
@@ -31,8 +35,7 @@ def video(file: Annotated[Path, tyro.conf.Positional], json: Path | None = None)
                 landmarker.find(picture)
                 count, (height, width) = count + 1, picture.pixels.shape[:2]
             numbers[f"people_{people}_landmarks_ms"] = 1000 * (time.process_time() - begun) / count
-    begun = time.process_time()
-    bs.track(str(file))
-    whole = 1000 * (time.process_time() - begun) / count
-    numbers |= {"whole_ms": whole, "body_ms": whole - numbers["people_1_landmarks_ms"], "memory_mb": resident_memory()}
+    numbers["whole_ms"] = 1000 * whole / count
+    numbers["body_ms"] = numbers["whole_ms"] - numbers["people_1_landmarks_ms"]
+    numbers["memory_mb"] = resident_memory()
     report("video", numbers | {"pictures": count, "width": width, "height": height}, json)
