@@ -51,8 +51,9 @@ class Client:
 
     def frame(self, kind: int = POSE, seconds: float = 10.0) -> bytes:
         """The next frame of a kind; texts are put by."""
+        until = time.monotonic() + seconds
         while True:
-            received = self.socket.recv(timeout=seconds)
+            received = self.socket.recv(timeout=max(until - time.monotonic(), 0))
             if isinstance(received, str):
                 self.texts.append(json.loads(received))
             elif received[0] == kind:
@@ -63,12 +64,13 @@ class Client:
 
     def text(self, kind: str, seconds: float = 10.0) -> dict[str, Any]:
         """The next text of a type; others and frames are left out."""
+        until = time.monotonic() + seconds
         while True:
             for text in self.texts:
                 if text["type"] == kind:
                     self.texts.remove(text)
                     return text
-            received = self.socket.recv(timeout=seconds)
+            received = self.socket.recv(timeout=max(until - time.monotonic(), 0))
             if isinstance(received, str):
                 self.texts.append(json.loads(received))
 

@@ -150,10 +150,10 @@ class Vrchat:
         raise AssertionError("not found")
 
     def trackers(self) -> set[str]:
-        """Addresses of what came in since."""
-        found: set[str] = set()
+        """Addresses of what came in since, and within a second from now."""
+        found, until = set[str](), time.monotonic() + 1
         with suppress(TimeoutError):
-            while True:
+            while time.monotonic() < until:
                 found |= {one.message.address for one in OscPacket(self.socket.recv(5000)).messages}
         return found
 

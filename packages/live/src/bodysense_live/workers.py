@@ -234,7 +234,10 @@ async def _take(server: Any, channel: socket.socket) -> None:
 
     def take() -> None:
         nonlocal taken
-        said, handles, *_ = socket.recv_fds(channel, 1, 1)
+        try:
+            said, handles, *_ = socket.recv_fds(channel, 1, 1)
+        except ConnectionError:  # the parent ended with words of ours unread
+            said, handles = b"", []
         if not said:
             loop.remove_reader(channel)
             server.should_exit = True
@@ -247,10 +250,13 @@ async def _take(server: Any, channel: socket.socket) -> None:
             task.add_done_callback(opening.discard)
 
     loop.add_reader(channel, take)
+    parent = multiprocessing.parent_process()
     while not server.should_exit:
         await asyncio.sleep(_TOLD_EVERY)
+        if parent is not None and not parent.is_alive():  # uvloop calls no reader of a channel that was reset
+            server.should_exit = True
         ended = taken - len(opening) - len(server.server_state.connections) - told
         if ended > 0:
-            with contextlib.suppress(OSError):  # the process that hands over is gone; `take` sees it, too
+            with contextlib.suppress(OSError):  # the parent ended
                 channel.send(b"-" * ended)
             told += ended
