@@ -39,7 +39,14 @@ def test_a_command_of_a_package_that_is_not_installed(command: str, package: str
 @pytest.mark.usefixtures("alone")
 def test_the_library_alone(run: Command) -> None:
     assert "CMU" in run("data", "sources")
-    assert set(application()._subcommands) == {"demo", "track", "simulate", "convert", "generate", "data"}
+    assert set(application(packages.installed())._subcommands) == {
+        "demo",
+        "track",
+        "simulate",
+        "convert",
+        "generate",
+        "data",
+    }
 
 
 @pytest.mark.usefixtures("alone")
@@ -62,7 +69,7 @@ def test_help_lists_what_is_not_installed(capsys: pytest.CaptureFixture[str]) ->
 def test_with_all_packages_help_describes_every_command_in_a_line(capsys: pytest.CaptureFixture[str]) -> None:
     said = help_text(capsys)
     assert "Not installed" not in said
-    for name in application()._subcommands:
+    for name in application(packages.installed())._subcommands:
         assert any(words[:2] == ["•", name] and len(words) > 3 for words in map(str.split, _inside(said))), name
 
 
@@ -89,4 +96,4 @@ def test_every_command_of_a_package_is_known_where_it_is_not_installed() -> None
 def test_a_package_of_somebody_else(monkeypatch: pytest.MonkeyPatch) -> None:
     point = EntryPoint("other", "bodysense_conform.command:add_commands", packages.GROUP)
     monkeypatch.setattr(packages, "entry_points", lambda group: (point,))
-    assert "conform" in application()._subcommands
+    assert "conform" in application(packages.installed())._subcommands

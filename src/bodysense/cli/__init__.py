@@ -15,7 +15,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:  # the first imports take a while, in which Ctrl-C may come
         from bodysense.cli.application import application
         from bodysense.cli.overwriting import checked_arguments
-        from bodysense.cli.packages import check_installed, lines_of_missing
+        from bodysense.cli.packages import check_installed, installed, lines_of_missing
         from bodysense.cli.parsing import run
         from bodysense.cli.quiet import QUIET, quietly
 
@@ -23,11 +23,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if list(given) == ["--version"]:
             print(f"bodysense {__version__}")
             return 0
-        check_installed(given)
-        description = "\n\n".join([_description(), *lines_of_missing()])
+        found = installed()
+        check_installed(found, given)
+        description = "\n\n".join([_description(), *lines_of_missing(found)])
         with quietly(QUIET in given):
             try:
-                status = run(application(), description, [word for word in given if word != QUIET])
+                status = run(application(found), description, [word for word in given if word != QUIET])
             except ModuleNotFoundError as error:
                 raise missing_package(error) from None
     except BodysenseError as error:

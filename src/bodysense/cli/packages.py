@@ -63,15 +63,15 @@ def installed() -> dict[str, EntryPoint]:
     return dict(sorted(found.items(), key=lambda item: order.index(item[0]) if item[0] in order else len(order)))
 
 
-def add_commands(root: SubcommandApp, data: SubcommandApp) -> None:
-    """Put the commands of the installed packages into the tree, and into its group `data`."""
-    for point in installed().values():
+def add_commands(found: Mapping[str, EntryPoint], root: SubcommandApp, data: SubcommandApp) -> None:
+    """Put the commands of the packages that were found into the tree, and into its group `data`."""
+    for point in found.values():
         point.load()(root, data)
 
 
-def check_installed(arguments: Sequence[str]) -> None:
-    """Raise BodysenseError for a command of a package that is not installed."""
-    for package in not_installed():
+def check_installed(found: Mapping[str, EntryPoint], arguments: Sequence[str]) -> None:
+    """Raise BodysenseError for a command of a package that was not found."""
+    for package in _missing(found):
         for command in package.commands:
             if tuple(arguments[: len(command)]) == command:
                 raise BodysenseError(
@@ -80,16 +80,14 @@ def check_installed(arguments: Sequence[str]) -> None:
                 )
 
 
-def not_installed() -> list[Package]:
-    """The packages that are not installed."""
-    names = installed()
-    return [package for package in PACKAGES if package.name not in names]
+def _missing(found: Mapping[str, EntryPoint]) -> list[Package]:
+    return [package for package in PACKAGES if package.name not in found]
 
 
-def lines_of_missing() -> list[str]:
-    """A line for each package that is not installed: its commands, and how to install it; nothing if all are."""
+def lines_of_missing(found: Mapping[str, EntryPoint]) -> list[str]:
+    """A line for each package that was not found: its commands, and how to install it; nothing if all were."""
     lines = []
-    for package in not_installed():
+    for package in _missing(found):
         commands = ", ".join(f"{' '.join(name)} ({what})" for name, what in package.commands.items())
         lines.append(f"Not installed: {commands}; {how_to_install(package.source)}")
     return lines
