@@ -15,6 +15,7 @@ from bodysense.io.clip import Clip
 from bodysense.io.recording import Recording
 
 
+@pytest.mark.slow
 def test_bodies_from_the_prior(run, small_vae: Path, tmp_path: Path) -> None:
     for name in ("bodies.bvh", "bodies.png"):
         said = run("generate", "-o", tmp_path / name, "--model", small_vae, "--count", 5, "--seed", 2)
@@ -28,6 +29,7 @@ def test_bodies_from_the_prior(run, small_vae: Path, tmp_path: Path) -> None:
     assert not np.allclose(read_bvh(tmp_path / "other.bvh").pose.rotation, sheet.pose.rotation)
 
 
+@pytest.mark.slow
 def test_what_generate_refuses(refused, small_vae: Path, tmp_path: Path) -> None:
     said = refused("generate", "-o", tmp_path / "bodies.txt", "--model", small_vae)
     assert said.endswith("bodies.txt: the output ends in '.txt'; valid are .png and .bvh")
@@ -36,6 +38,7 @@ def test_what_generate_refuses(refused, small_vae: Path, tmp_path: Path) -> None
     assert "no such model file" in refused("generate", "-o", tmp_path / "a.bvh", "--model", tmp_path / "gone.onnx")
 
 
+@pytest.mark.slow
 def test_samples_are_of_head_and_hands(small_vae: Path, tmp_path: Path, short_clip: Clip) -> None:
     recording = Recording(observe(short_clip.pose, short_clip.time, HEADSET_CAMERA), short_clip.pose.skeleton)
     with pytest.raises(BodysenseError, match=r"--samples draws from head and hands .*'pelvis' is tracked too"):

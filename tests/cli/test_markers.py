@@ -147,6 +147,7 @@ def test_what_goes_wrong_is_one_line(files: Path, motion: Path, refused: Command
     assert not out.exists()
 
 
+@pytest.mark.slow
 def test_doubts_are_said(files: Path, run: Command) -> None:
     text = (files / "gloves.csv").read_text()
     swapped = text.replace("left_glove_index_tip", "x").replace("left_glove_thumb_tip", "left_glove_index_tip")

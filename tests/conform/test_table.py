@@ -42,6 +42,7 @@ def test_packaged_performances_pass(clip: Clip) -> None:
     assert _faults(judge(clip_subject(clip, "clip"))) == {}
 
 
+@pytest.mark.slow
 def test_real_motion_passes(motion_data: Path) -> None:
     sources = list_sources(motion_data)
     failed = {}

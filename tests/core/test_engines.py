@@ -128,6 +128,7 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_the_example_in_c(installed: Path, recording: Path, completed: np.ndarray) -> None:
     found = rows(ran(installed / "build" / "poses", WEIGHTS, recording, str(HEIGHT)))
     assert found.shape == (FRAMES, 212)
@@ -161,6 +162,7 @@ def test_a_program_with_the_installed_library(installed: Path, recording: Path, 
     np.testing.assert_allclose(rows(found), completed, atol=CLOSE)
 
 
+@pytest.mark.slow
 def test_the_header_for_engines(installed: Path, lines: str, completed: np.ndarray, tmp_path: Path) -> None:
     compiler = cpp_compiler()
     (tmp_path / "program.cpp").write_text(CPP)
@@ -171,6 +173,7 @@ def test_the_header_for_engines(installed: Path, lines: str, completed: np.ndarr
     np.testing.assert_allclose(rows(found), completed, atol=CLOSE)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not (shutil.which("mcs") and shutil.which("mono")), reason="needs Mono")
 def test_the_listing_for_unity_runs(installed: Path, lines: str, completed: np.ndarray, tmp_path: Path) -> None:
     (tmp_path / "program.cs").write_text(CSHARP)

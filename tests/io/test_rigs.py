@@ -278,6 +278,7 @@ def test_damaged_files_are_refused_in_one_line_or_read(data: st.DataObject) -> N
         assert np.isfinite(rigged.clip.pose.rotation).all() and np.isfinite(rigged.clip.pose.root_position).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("wide", [False, True])
 def test_ten_thousand_joints_take_seconds(wide: bool) -> None:
     joint = "JOINT j{}\n{{\nOFFSET 0 .01 0\nCHANNELS 3 Zrotation Xrotation Yrotation\n"

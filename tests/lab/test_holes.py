@@ -24,6 +24,7 @@ def clip_of(seconds: float) -> Clip:
     return replace(clip, name="a", pose=clip.pose[: int(seconds * clip.frame_rate)])
 
 
+@pytest.mark.slow
 def test_every_part_is_taken_away_from_clips_that_are_long_enough() -> None:
     seen: list[Clip] = []
     gaps = holes.score_holes([clip_of(2.6)], advance=seen.append)

@@ -76,6 +76,7 @@ async def wear(address: Address, points: int, until: float, answered: list[int],
         listening.cancel()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("wearers", "load"), LOADS)
 def test_every_wearer_is_answered_evenly_above_the_load_that_a_machine_bears(
     server_of: Serving, connect: Connecting, monkeypatch: pytest.MonkeyPatch, wearers: int, load: float

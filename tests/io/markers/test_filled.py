@@ -224,6 +224,7 @@ def written(draw: st.DrawFn) -> Written:
     return Written(ending, lines, end, draw(st.sampled_from(tails)), mark, columns, gone)
 
 
+@pytest.mark.slow
 @settings(max_examples=150)
 @given(file=written(), data=st.data())
 def test_every_byte_outside_filled_cells_stays(

@@ -72,6 +72,7 @@ def test_benchmarks(tmp_path: Path, run, command: tuple[object, ...], keys: set[
     assert numbers.get("torch_imported", 0) == 0
 
 
+@pytest.mark.slow
 def test_benchmark_of_a_step(tmp_path: Path, run) -> None:
     run("bench", "step", "--frames", 8, "--people", 2, "--device", "headset_camera", "--json", tmp_path / "a.json")
     numbers = json.loads((tmp_path / "a.json").read_text())
@@ -98,6 +99,7 @@ def test_the_last_step_that_was_a_graph_is_slower(tmp_path: Path, run) -> None:
     assert numbers["onnx_p50_ms"] > numbers["p50_ms"] and numbers["onnx_batch2_ms"] > numbers["batch2_ms"]
 
 
+@pytest.mark.slow
 def test_the_packaged_network_is_better_than_the_last_known_place(tmp_path: Path, run) -> None:
     (tmp_path / "motion").mkdir()
     (tmp_path / "motion" / "performance.npz").write_bytes((files("bodysense.demo") / "performance.npz").read_bytes())

@@ -46,6 +46,7 @@ def test_a_sweep_of_one_setting_takes_it(run, tmp_path: Path, monkeypatch: pytes
     assert (len(asked[0]), len(asked[1])) == (5, 20)
 
 
+@pytest.mark.slow
 def test_a_published_list_is_tested(run, refused, small_vae: Path, tmp_path: Path, waving_clip: Clip) -> None:
     data, listing = tmp_path / "data", tmp_path / "split.txt"
     data.mkdir()
@@ -61,6 +62,7 @@ def test_a_published_list_is_tested(run, refused, small_vae: Path, tmp_path: Pat
         assert refused(*asked, *more).startswith("--split-file scores its own test motions; leave --split and --quick")
 
 
+@pytest.mark.slow
 def test_the_tables(run, small_vae: Path, tmp_path: Path, waving_clip: Clip) -> None:
     data = tmp_path / "data"
     data.mkdir()

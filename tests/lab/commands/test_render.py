@@ -19,6 +19,7 @@ def lively(tmp_path: Path, waving_clip: Clip) -> Path:
     return tmp_path / "waving.bvh"
 
 
+@pytest.mark.slow
 def test_a_motion_becomes_videos_once(lively: Path, tmp_path: Path, run: Command) -> None:
     for name in ("moderngl", "av"):
         pytest.importorskip(name)

@@ -58,6 +58,7 @@ def check_files(tmp_path: Path, name: str, rows: int, keys: list[str]) -> dict[s
     return numbers
 
 
+@pytest.mark.slow
 def test_table_1(tmp_path: Path, folder: Path, run) -> None:
     printed = run("evaluate", "unoc-table1", *common(tmp_path, folder))
     assert "UNOC, published" in printed and "2 clips of 2 people" in printed
@@ -66,6 +67,7 @@ def test_table_1(tmp_path: Path, folder: Path, run) -> None:
     assert numbers["clips"] == 2
 
 
+@pytest.mark.slow
 def test_table_2(tmp_path: Path, folder: Path, networks: Path, small_network: Path, run) -> None:
     given = common(tmp_path, folder, "--networks", networks, "--model", small_network, "--stride", 4)
     printed = run("evaluate", "unoc-table2", *given)
@@ -88,6 +90,7 @@ def test_table_2(tmp_path: Path, folder: Path, networks: Path, small_network: Pa
     check_files(tmp_path, "unoc-table3", 36, ["window_81_body_all_rmsjpe_cm", "head_local_finger_occluded_mpjpe_cm"])
 
 
+@pytest.mark.slow
 def test_table_4(tmp_path: Path, folder: Path, networks: Path, run) -> None:
     printed = run("evaluate", "unoc-table4", *common(tmp_path, folder, "--networks", networks, "--stride", 5))
     assert "change, %" in printed
@@ -95,6 +98,7 @@ def test_table_4(tmp_path: Path, folder: Path, networks: Path, run) -> None:
     check_files(tmp_path, "unoc-table4", 20, keys)
 
 
+@pytest.mark.slow
 def test_table_5(tmp_path: Path, folder: Path, networks: Path, run) -> None:
     given = ("--data", f"a={folder}", f"b={folder}", "--networks", f"a={networks}", f"b={networks}", "--stride", 9)
     rest = ("--split", "all", "--jobs", 1, "--out", tmp_path / "tables", "--json", tmp_path / "numbers.json")
@@ -105,6 +109,7 @@ def test_table_5(tmp_path: Path, folder: Path, networks: Path, run) -> None:
     assert numbers["a_to_b_all_occluded_rmsjpe_cm"] == numbers["b_to_a_all_occluded_rmsjpe_cm"]
 
 
+@pytest.mark.slow
 def test_smoothness(tmp_path: Path, folder: Path, networks: Path, small_network: Path, run, refused) -> None:
     given = common(tmp_path, folder, "--networks", networks, "--model", small_network)
     missing = common(tmp_path, folder, "--networks", networks, "--model", tmp_path / "missing.onnx")
@@ -114,6 +119,7 @@ def test_smoothness(tmp_path: Path, folder: Path, networks: Path, small_network:
     check_files(tmp_path, "unoc-smoothness", 14, [f"{method}_strong_acceleration_percent" for method in methods])
 
 
+@pytest.mark.slow
 def test_reliability_and_transitions(tmp_path: Path, waving_clip: Clip, small_network: Path, run) -> None:
     folder = people(tmp_path / "motion", waving_clip, 40)  # transitions last a second
     given = common(tmp_path, folder, "--model", small_network, "--quick")

@@ -197,6 +197,7 @@ def test_all_keys_are_there(table: CompletionTable) -> None:
     assert numbers["lattice_edges"] == 4 and numbers["lattice_violations"] == 0
 
 
+@pytest.mark.slow
 def test_reports_and_picture(table: CompletionTable, tmp_path: Path) -> None:
     data = DataSet("motion", tmp_path, "test")
     short, whole, sight, sure, confidence = completion_reports(table, Census(3, frozenset("a"), 6.0), data, 3)

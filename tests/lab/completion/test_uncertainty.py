@@ -37,6 +37,7 @@ def disagree(of: ErrorSamples) -> np.ndarray:
     return of.known[:, -22] > np.log(0.25)
 
 
+@pytest.mark.slow
 def test_the_mean_error_is_found() -> None:
     of = samples()
     mean = applied(fit_error_map(of, steps=800), of)
@@ -45,6 +46,7 @@ def test_the_mean_error_is_found() -> None:
         assert mean[chosen].mean() == pytest.approx(of.error[chosen].mean(), rel=0.1)
 
 
+@pytest.mark.slow
 def test_nine_of_ten_errors_are_within_the_bound() -> None:
     of = samples()
     within = of.error <= applied(fit_error_map(of, 0.9, steps=700), of)

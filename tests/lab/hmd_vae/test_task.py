@@ -96,6 +96,7 @@ def train(
     return network, reports
 
 
+@pytest.mark.slow
 def test_the_loss_falls(frames: BodyFrames, tmp_path: Path) -> None:
     schedule = VaeSchedule(steps=60, batch=16, check_every=20, average_decay=0.8)
     network, reports = train(frames, tmp_path, replace(SMALL, model=2), schedule)

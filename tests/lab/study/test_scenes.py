@@ -63,6 +63,7 @@ def test_scenes_are_the_clip_in_pieces(clip: Clip, settings: StudySettings) -> N
         cut_scenes(replace(scenes[0], hidden=scenes[0].hidden[:10]), 6.0)
 
 
+@pytest.mark.slow
 def test_what_is_served(tmp_path: Path, clip: Clip, settings: StudySettings) -> None:
     steps: list[tuple[int, int]] = []
     out = tmp_path / "study"

@@ -166,6 +166,7 @@ def test_shapes_are_told_exactly_with_an_error_or_not_at_all(motion: HandMotion)
     assert np.allclose(told.scale[exact], 1.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["markers", "paper joints"])
 def test_losses_fall(name: str, frames: GloveFrames, tmp_path: Path) -> None:
     torch.manual_seed(0)

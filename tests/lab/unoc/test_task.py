@@ -47,6 +47,7 @@ def run(
     return network
 
 
+@pytest.mark.slow
 def test_the_loss_falls(network: BodyNetwork, few_episodes: list[Episode], tmp_path: Path) -> None:
     before = validate(network, few_episodes)
     reports: list[Progress] = []
