@@ -1,5 +1,9 @@
 """Sequences to learn from, and the loop that learns: shapes, twins, mirror images, resumption."""
 
+from dataclasses import replace
+from importlib.resources import files
+from pathlib import Path
+
 import numpy as np
 import pytest
 import torch
@@ -11,9 +15,13 @@ from bodysense.body.shape import sample_bodies
 from bodysense.body.skeleton import BODY
 from bodysense.demo import packaged_performance
 from bodysense.devices.simulated.headset_camera import see
+from bodysense.errors import BodysenseError
+from bodysense.io.bvh import write_bvh
+from bodysense.io.datasets.splits import split_of
 from bodysense.observation import STRAPPED
 from bodysense_lab.completion.corpus import Corpus
 from bodysense_lab.completion.network import CompletionConfig, CompletionNetwork
+from bodysense_lab.completion.options import CompletionTraining
 from bodysense_lab.completion.points import BODY_POINTS, HEAD, INPUT_POINTS, partners
 from bodysense_lab.completion.sensor_draws import (
     KINDS,
@@ -24,11 +32,13 @@ from bodysense_lab.completion.sensor_draws import (
     rotation_only,
 )
 from bodysense_lab.completion.sequences import Draw, Sequence, TrainingBody, draw_sequence, make_sequence
-from bodysense_lab.completion.task import CompletionTask, CompletionTaskConfig, collate
-from bodysense_lab.fit import rate_at
+from bodysense_lab.completion.task import CompletionTask, CompletionTaskConfig, collate, train_completion
+from bodysense_lab.completion.weights_file import read_weights
+from bodysense_lab.fit import launched, rate_at
 from bodysense_lab.options import Schedule
 
 FRAMES = 90
+PACKAGED = Path(str(files("bodysense.weights") / "completion.safetensors"))
 
 
 @pytest.fixture(scope="module")
@@ -187,3 +197,32 @@ def test_inertial_sensors_feel_how_bones_speed_up(corpus: Corpus) -> None:
     wanted = (place[4:] - 2 * place[2:-2] + place[:-4]) * (1 / (2 * one.interval)) ** 2
     assert np.allclose(one.acceleration[4:, STRAPPED.index("right_elbow")], wanted, atol=0.02)
     assert np.abs(wanted).max() > 0.5
+
+
+@pytest.mark.slow
+def test_weights_are_kept_in_part(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A quarter of the earlier weights, and three quarters of the trained ones; trained ones are others."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    clip = packaged_performance()
+    for split in ("train", "val"):
+        person = next(name for name in map(str, range(99)) if split_of(name) == split)
+        (tmp_path / "data" / person).mkdir(parents=True)
+        write_bvh(tmp_path / "data" / person / "moving.bvh", replace(clip, pose=clip.pose[:FRAMES]))
+    run = CompletionTraining(
+        data=tmp_path / "data",
+        out=tmp_path / "net.safetensors",
+        begin_with=PACKAGED,
+        schedule=Schedule(steps=1, warm_up=1, average_decay=0.0),
+    )
+    earlier = read_weights(PACKAGED)[0].state_dict()
+    fabric = launched(1, 1)
+    trained = train_completion(run, fabric).state_dict()
+    mixed = train_completion(replace(run, keep=0.25), fabric).state_dict()
+    assert any((trained[name] - earlier[name]).abs().max() > 1e-4 for name in trained)
+    for name in trained:
+        torch.testing.assert_close(mixed[name], 0.25 * earlier[name] + 0.75 * trained[name])
+
+
+def test_keeping_needs_earlier_weights(tmp_path: Path) -> None:
+    with pytest.raises(BodysenseError, match=r"--keep 0\.5 is a share of earlier weights; give --begin-with, too"):
+        CompletionTraining(data=tmp_path, out=tmp_path / "a.safetensors", keep=0.5)

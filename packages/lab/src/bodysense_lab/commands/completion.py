@@ -32,12 +32,15 @@ def completion(run: Flat[CompletionTraining]) -> None:
     from bodysense_lab.completion.publish import publish
     from bodysense_lab.completion.task import train_completion
     from bodysense_lab.completion.train_fingers import train_fingers
+    from bodysense_lab.completion.weights_file import read_weights
     from bodysense_lab.fit import launched
 
     check_place(run.out)
     fabric = launched(run.devices, run.nodes)
     body = train_completion(run, fabric)
     fingers = FingerNetwork(FingerConfig()).relaxed_only()
+    if run.begin_with is not None and run.begin_with.suffix == ".safetensors" and not run.backward:
+        _, fingers = read_weights(run.begin_with)
     if run.finger_steps:
         schedule = replace(FINGER_SCHEDULE, steps=run.finger_steps, seed=run.schedule.seed)
         shared = {name: getattr(run, name) for name in ("data", "limit", "threads", "devices", "nodes")}

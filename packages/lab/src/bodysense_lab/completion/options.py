@@ -35,10 +35,12 @@ class CompletionTraining(MotionRun, Card):
     schedule: Flat[Schedule] = Schedule(steps=6200)
     begin_with: Path | None = None
     """checkpoint of an earlier run, or a completion network (.safetensors), whose weights the body begins with"""
+    keep: Annotated[float, within(float, 0, 1)] = 0.0
+    """share of the weights of --begin-with in the network that is written, the rest of the trained ones"""
     backward: bool = False
     """train the network that tracks recordings backward in time"""
     finger_steps: Annotated[int, within(int, 0, 10_000_000)] = FINGER_SCHEDULE.steps
-    """optimiser steps of the fingers' network; 0 leaves relaxed fingers"""
+    """optimiser steps of the fingers' network; with 0 fingers are those of a --begin-with .safetensors, or relaxed"""
     threads: Processes | None = 1
     """PyTorch threads"""
 
@@ -49,6 +51,8 @@ class CompletionTraining(MotionRun, Card):
 
     def __post_init__(self) -> None:
         check_ending(self.out, ".safetensors")
+        if self.keep and self.begin_with is None:
+            raise BodysenseError(f"--keep {self.keep:g} is a share of earlier weights; give --begin-with, too")
 
 
 @dataclass(frozen=True, kw_only=True)
