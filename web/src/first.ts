@@ -22,8 +22,8 @@ export async function firstFiles(base: string): Promise<FirstFiles> {
   return { body, about: await about, performance: amassClip(arrays, "performance", body.skeleton) };
 }
 
-/** Marks when pictures of different moments were drawn, and the first picture of a body that the network completed, for
- * those who measure. Calls `completed` once, after that picture.
+/** Marks when pictures of different moments were drawn, and then that a body was drawn which the network completed, for
+ * those who measure. Calls `completed` once, after that: what it begins delays neither.
  */
 export class FirstPicture {
   private last: Moment | null = null;
@@ -40,7 +40,7 @@ export class FirstPicture {
   /** Before a picture of a moment is drawn. */
   draw(moment: Moment): void {
     this.move(moment);
-    if (this.state === "drawn") {
+    if (this.state === "drawn" && this.isMoving) {
       performance.mark("completed");
       this.state = "over";
       this.completed();

@@ -23,3 +23,15 @@ it("marks and says once that a completed body was drawn", () => {
   });
   expect(marks).toEqual([0, 0, 0, 1, 1].map((count) => [count, count]));
 });
+
+it("says so only when pictures move, however soon the network is there", () => {
+  performance.clearMarks();
+  const [a, b] = [{ expected: new Float32Array(1) }, { expected: new Float32Array(1) }] as Moment[];
+  let told = 0;
+  const first = new FirstPicture(() => (told += 1));
+  const after = [a, a, a, b, b].map((moment) => {
+    first.draw(moment);
+    return told;
+  });
+  expect(after).toEqual([0, 0, 0, 0, 1]);
+});
