@@ -13,6 +13,7 @@ from functools import cached_property
 
 import numpy as np
 
+from bodysense.body.gaps import smooth_step
 from bodysense.body.person import Person
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.rotation import quaternion_exp, quaternion_multiply
@@ -267,8 +268,7 @@ def concatenated(parts: list[Estimate]) -> Estimate:
 
 def faded(before: Estimate, after: Estimate, frames: int) -> Estimate:
     """An estimate whose first frames come from another one of the same frames, and fade to its own."""
-    share = (np.arange(frames) + 1) / (frames + 1)
-    share = share**2 * (3 - 2 * share)
+    share = smooth_step((np.arange(frames) + 1) / (frames + 1))
     pose, old = after.pose, before.pose
     rotation, root = np.array(pose.rotation), np.array(pose.root_position)
     rotation[:frames] = mean_rotation(old.rotation[:frames], pose.rotation[:frames], share[:, None, None])

@@ -8,7 +8,7 @@ import pytest
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.reach import reaching
 from bodysense.body.rotation import geodesic_angle, quaternion_exp, quaternion_multiply
-from bodysense.completion.meeting import BESIDE, bent_to, faded, trunk_met
+from bodysense.completion.meeting import BESIDE, bent_to, carried_beside, trunk_met
 from bodysense.io.clip import Clip
 
 SECONDS = 1 / 30
@@ -78,7 +78,7 @@ def test_what_is_measured_goes_on_and_fades(gap: slice) -> None:
     offset = np.tile([0.03, -0.01, 0.02], (90, 1))
     measured = np.ones(90, dtype=bool)
     measured[gap] = False
-    found = faded(offset, measured, SECONDS)
+    found = carried_beside(offset, measured, SECONDS)
     np.testing.assert_array_equal(found[measured], offset[measured])
     assert np.linalg.norm(np.diff(found, axis=0), axis=-1).max() < 0.4 * np.linalg.norm(offset[0])
     assert (found * np.sign(offset) >= 0).all() and (np.abs(found) <= np.abs(offset) + 1e-12).all()
@@ -86,7 +86,7 @@ def test_what_is_measured_goes_on_and_fades(gap: slice) -> None:
         assert not found[
             (gap.start + gap.stop) // 2 if gap.start and gap.stop < 90 else (0 if not gap.start else 89)
         ].any()
-    assert not faded(offset, np.zeros(90, dtype=bool), SECONDS).any()
+    assert not carried_beside(offset, np.zeros(90, dtype=bool), SECONDS).any()
 
 
 def test_a_straight_leg_does_not_leap_where_its_foot_is_seen(pose: Pose) -> None:

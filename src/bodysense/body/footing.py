@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from array_api_compat import array_namespace
 
-from bodysense.body.gaps import runs
+from bodysense.body.gaps import runs, smooth_step
 from bodysense.body.pose import as_like
 from bodysense.body.rotation import Array
 from bodysense.body.skeleton import Skeleton
@@ -70,7 +70,7 @@ def stopped_slide(
                 fading = min(count, round(fade / seconds))
                 frames = start - 1 - np.arange(fading) if side < 0 else stop + np.arange(fading)
                 gone = (np.arange(fading) + 1) / (fading + 1)
-                shift[frames] += (1 - gone**2 * (3 - 2 * gone))[:, None] * shift[start if side < 0 else stop - 1]
+                shift[frames] += (1 - smooth_step(gone))[:, None] * shift[start if side < 0 else stop - 1]
     size = np.linalg.norm(shift, axis=-1, keepdims=True)
     return shift * np.minimum(1, farthest / np.maximum(size, 1e-9))
 

@@ -11,6 +11,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from bodysense.body.gaps import smooth_step
 from bodysense.body.rotation import (
     normalize,
     quaternion_canonical,
@@ -70,8 +71,7 @@ def led(rotation: Array, head: Array, seen: Array, seconds: float) -> tuple[Arra
             turn = _leap(around, min(frame, 2), FASTEST_TURN * seconds)
             wanted = max(LEAD, LEAD_PER_TURN * float(np.linalg.norm(turn, axis=-1).max())) / seconds
             count = _hidden_before(seen[:, points], frame, came, max(1, round(wanted)))
-            share = np.arange(1, count + 1) / count
-            share = share**2 * (3 - 2 * share)
+            share = smooth_step(np.arange(1, count + 1) / count)
             span = slice(frame - count, frame)
             more = quaternion_exp(share[:, None, None] * turn)
             rotation[span, joints] = quaternion_multiply(rotation[span, joints], more)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from bodysense.body.gaps import runs
+from bodysense.body.gaps import runs, smooth_step
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.reach import reaching_all
 from bodysense.body.rotation import (
@@ -49,7 +49,7 @@ def bent_to(pose: Pose, points: Array, measured: Array, seconds: float) -> Pose:
         middle = skeleton.parents[tip]
         seen, ends = measured[:, middle], measured[:, tip]
         if seen.any():
-            angle = faded(_swivel(met, tip, points)[:, None], seen, seconds)[:, 0]
+            angle = carried_beside(_swivel(met, tip, points)[:, None], seen, seconds)[:, 0]
             beside = ends & ~seen & (angle != 0)
             _turn_about_limb(met[beside], tip, angle[beside], beside, rotation)
             _turn_at_middle(met[seen], tip, points[seen], seen, rotation)
@@ -69,21 +69,21 @@ def _fade_turns(pose: Pose, world: Array, tip: int, moved: Array, seconds: float
     joints = [first, middle]
     before = np.asarray(pose.rotation)[:, joints]
     turn = quaternion_log(quaternion_multiply(quaternion_conjugate(before), rotation[:, joints]))
-    turn = faded(np.asarray(turn).reshape(len(moved), 6), moved, seconds).reshape(-1, 2, 3)
+    turn = carried_beside(np.asarray(turn).reshape(len(moved), 6), moved, seconds).reshape(-1, 2, 3)
     beside = ~moved & turn.any(axis=(1, 2))
     local = quaternion_multiply(before[beside], quaternion_exp(turn[beside]))
     above = quaternion_multiply(world[beside, skeleton.parents[first]], local[:, 0])
     _set_limb(skeleton, tip, world[beside], above, quaternion_multiply(above, local[:, 1]), beside, rotation)
 
 
-def faded(offset: Array, measured: Array, seconds: float) -> Array:
+def carried_beside(offset: Array, measured: Array, seconds: float) -> Array:
     """Return offsets (T, N) in which those of frames that are `measured` (T,) go on into the others, and fade there."""
     found, count = np.where(measured[:, None], offset, 0.0), max(1, round(BESIDE / seconds))
     for first, end in runs(~measured):
         for frame, steps in ((first - 1, np.arange(1, end - first + 1)), (end, np.arange(end - first, 0, -1))):
             if 0 <= frame < len(offset):
                 share = np.clip(steps / min(count, end - first + 1), 0.0, 1.0)
-                found[first:end] += (1 - share**2 * (3 - 2 * share))[:, None] * offset[frame]
+                found[first:end] += (1 - smooth_step(share))[:, None] * offset[frame]
     return found
 
 

@@ -9,7 +9,7 @@ from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.reach import reaching
 from bodysense.body.skeleton import Skeleton
 from bodysense.completion.joining import smoothed
-from bodysense.completion.meeting import faded
+from bodysense.completion.meeting import carried_beside
 from bodysense.estimate import CONTACT_POINTS
 
 Array = np.ndarray
@@ -63,7 +63,7 @@ def on_floor(pose: Pose, contact: Array, measured: Array, turned: Array, floor: 
         over = np.maximum(stands[side] * np.clip(clearance[side] - sole, 0.0, FARTHEST), hovers)
         lower = away * smoothed(over, LOWERING / seconds)
         deep = np.maximum(0.0, -clearance[side])
-        allowed = faded(deep[:, None], ~free[side], seconds)[:, 0]  # tracked feet may be under the floor
+        allowed = carried_beside(deep[:, None], ~free[side], seconds)[:, 0]  # tracked feet may be under the floor
         shift[:, 1] = np.where(free[side], np.maximum(0.0, deep - allowed) - lower, 0.0)
         pose = reaching(pose, f"{side}_ankle", position[:, skeleton.index(f"{side}_ankle")] + shift)
     return pose

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
+from bodysense.body.gaps import smooth_step
 from bodysense.body.glove import Glove, default_glove, template
 from bodysense.body.registration import brought_back, moved, register
 from bodysense.body.skeleton import Skeleton
@@ -162,7 +163,7 @@ class LastShape:
         natural = np.broadcast_to(self.natural, lost.shape)
         rest = moved(natural, *register(natural, lost, back))
         way = np.clip((unseen - self.hold) / self.relaxing, 0.0, 1.0)
-        return lost + (way * way * (3 - 2 * way))[:, None, None] * (rest - lost)
+        return lost + smooth_step(way)[:, None, None] * (rest - lost)
 
     def axes(self, markers: np.ndarray, state: ShapeState) -> None:
         """Return None: the world's axes."""

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bodysense.body.gaps import runs
+from bodysense.body.gaps import runs, smooth_step
 
 COASTING = 0.3  # s in which a marker's velocity relative to its segment fades out in a gap
 ALIKE = 0.06  # m; a marker that the body carries with a larger error is not worn on it
@@ -125,7 +125,7 @@ def _bridged(points: _Points, spread: np.ndarray, marker: int, first: int, end: 
             own = points.place[edge, marker] - _carried(points, spread, marker, beyond, np.array([edge]))[0]
             steps = np.abs(gap - edge)[:, None]
             way = way + own * steps * np.maximum(0.0, 1 - steps / (COASTING * rate)) ** 2
-        smooth = (near**2 * (3 - 2 * near))[:, None] if len(sides) == 2 else np.ones((len(gap), 1))
+        smooth = smooth_step(near)[:, None] if len(sides) == 2 else np.ones((len(gap), 1))
         total, share = total + smooth * way, share + smooth
     return total / share
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bodysense.body.gaps import smooth_step
 from bodysense.body.rotation import matrix_to_quaternion, quaternion_exp, quaternion_to_matrix, slerp
 from bodysense.body.skeleton import BODY, default_skeleton
 from bodysense_lab.completion.corpus import Corpus
@@ -432,8 +433,7 @@ def _spells(frames: int, rate: float, rng: np.random.Generator) -> np.ndarray:
     if rng.uniform() < 0.5:
         return np.ones(frames)
     wave = wander(frames, 1, rate, 3.0, rng)[:, 0]
-    smooth = np.clip(wave * 1.5 + 0.7, 0, 1)
-    return smooth * smooth * (3 - 2 * smooth)
+    return smooth_step(np.clip(wave * 1.5 + 0.7, 0, 1))
 
 
 def _mixed(a: np.ndarray, b: np.ndarray, share: np.ndarray) -> np.ndarray:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from bodysense.body.gaps import smooth_step
+
 
 def wander(frames: int, count: int, rate: float, seconds: float, rng: np.random.Generator) -> np.ndarray:
     """(T, count) smooth noise of standard deviation 1 that changes within `seconds`."""
@@ -11,6 +13,5 @@ def wander(frames: int, count: int, rate: float, seconds: float, rng: np.random.
     values = rng.standard_normal((knots, count)) * 1.2
     place = np.arange(frames) / (rate * seconds) + rng.uniform(0, 1)
     low = place.astype(int)
-    share = (place - low)[:, None]
-    share = share * share * (3 - 2 * share)
+    share = smooth_step((place - low)[:, None])
     return values[low] * (1 - share) + values[np.minimum(low + 1, knots - 1)] * share
