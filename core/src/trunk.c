@@ -5,7 +5,7 @@
 
 static const float LEAST_MOVE = 1e-4F; /* m: the spine is not bent for less, which rounding alone may ask for */
 static const float SPINE_BACK = 0.3F;  /* of its length: how far a straight spine bends backward first */
-/* Of its length: how far a spine reaches. A straighter one turns 30 times as far as rounding moves its end. */
+/* The most that a spine reaches, of its length: rounding would turn a straighter one visibly. */
 static const float SPINE_LONGEST = 0.998F;
 
 void place(body *b, const tracked *t, vec3 head) {

@@ -74,7 +74,7 @@ def test_with_all_packages_help_describes_every_command_in_a_line(capsys: pytest
 
 
 def help_text(capsys: pytest.CaptureFixture[str]) -> str:
-    """What `bodysense --help` prints, without breaks."""
+    """Return the text of `bodysense --help` without line breaks."""
     with pytest.raises(SystemExit):
         main(["--help"])
     return capsys.readouterr().out

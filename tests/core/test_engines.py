@@ -75,7 +75,7 @@ static class Program {
 
 
 def ran(*command: str | Path, text: str | None = None, **environment: str) -> str:
-    """What a program prints that must succeed."""
+    """Run a program that must succeed, and return its output."""
     done = subprocess.run(
         [str(word) for word in command],
         capture_output=True,
@@ -114,7 +114,7 @@ def lines(recording: Path) -> str:
 
 @pytest.fixture(scope="module")
 def completed(recording: Path) -> np.ndarray:
-    """What the library in Python makes of the recording, as rows."""
+    """The bodies that the Python library completes from the recording, as rows."""
     tracker, seen = bs.Tracker(bs.Person(height=HEIGHT)), read_recording(recording).observation
     pose = tracker.step(seen, tracker.start())[0].pose
     return np.concatenate([seen.time[:, None], pose.root_position, pose.rotation.reshape(len(seen), -1)], axis=1)
@@ -208,7 +208,7 @@ def test_listings_in_cpp_compile(listing: str, shim: str, tmp_path: Path) -> Non
 
 
 def cpp_compiler() -> str:
-    """The name of a C++ compiler; the test is skipped if there is none."""
+    """Return the name of a C++ compiler, or skip the test if there is none."""
     found = next((name for name in ("c++", "g++", "clang++") if shutil.which(name)), None)
     if found is None:
         pytest.skip("no C++ compiler")

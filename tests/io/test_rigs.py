@@ -214,7 +214,7 @@ def test_rigs_at_random_without_names(layout: Layout, start: int) -> None:
     assert worst(rigged, clip, layout) < 1e-3
 
 
-# --- what is none ---
+# --- files that are no person ---
 
 
 def beast(legs: int, length: float, tail: int) -> str:

@@ -27,7 +27,7 @@ DEVICES = ("headset", "left_controller", "right_controller")
 
 
 def signal(sequence: int, time: float, points: int = 3) -> SignalFrame:
-    """Somebody of 1.70 m who stands and faces −Z, as WebXR's viewer does, hands in front and swinging slowly."""
+    """Return a frame of a person of 1.70 m who faces −Z, as WebXR's viewer does, and swings both hands slowly."""
     swing = 0.1 * np.sin(2 * np.pi * 0.5 * time)
     places = np.array([[0, 1.6, 0], [-0.25, 1.1 + swing, -0.3], [0.25, 1.1 - swing, -0.3]], dtype=np.float32)
     turned = np.tile(np.array([1, 0, 0, 0], dtype=np.float32), (3, 1))

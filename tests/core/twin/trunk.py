@@ -11,7 +11,7 @@ from .vectors import length, reach, turned_onto
 
 LEAST_MOVE = 1e-4  # m: the spine is not bent for less, which rounding alone may ask for
 SPINE_BACK = 0.3  # of its length: how far a straight spine bends backward first
-SPINE_LONGEST = 0.998  # of its length: how far a spine reaches
+SPINE_LONGEST = 0.998  # of its length: the most that a spine reaches
 
 
 @dataclass

@@ -81,7 +81,7 @@ def test_table_2(tmp_path: Path, folder: Path, networks: Path, small_network: Pa
         for measure in ("rmsjpe", "mpjpe")
     ]
     check_files(tmp_path, "unoc-table2", 6 * len(methods), keys)
-    # What is scored is kept, so that another table need not score it again.
+    # Scores are kept, so that another table does not compute them again.
     kept = sorted(path.name for path in networks.glob("gru.*.scores.json"))
     assert kept == ["gru.motion-all.scores.json"]
     assert "UNOC, Table 3" in run(

@@ -155,7 +155,7 @@ def test_the_lattice_finds_sensors_that_harm(clips: list[Clip], scenes: list[Tra
 
 
 def test_takes_are_measured_as_live_tracking_is(clips: list[Clip]) -> None:
-    """Takes that are completed as in live tracking have its figures, and none are there if they are not asked for."""
+    """Takes completed by live tracking have its figures; without `takes` there are no figures of takes."""
 
     def live(person: Person, seen: Observation) -> Tracked:
         return track_people([person], [seen])[0]

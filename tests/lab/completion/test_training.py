@@ -33,6 +33,7 @@ from bodysense_lab.completion.sensor_draws import (
 )
 from bodysense_lab.completion.sequences import Draw, Sequence, TrainingBody, draw_sequence, make_sequence
 from bodysense_lab.completion.task import CompletionTask, CompletionTaskConfig, collate, train_completion
+from bodysense_lab.completion.train_fingers import fingers_of_completion
 from bodysense_lab.completion.weights_file import read_weights
 from bodysense_lab.fit import launched, rate_at
 from bodysense_lab.options import Schedule
@@ -221,6 +222,15 @@ def test_weights_are_kept_in_part(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     assert any((trained[name] - earlier[name]).abs().max() > 1e-4 for name in trained)
     for name in trained:
         torch.testing.assert_close(mixed[name], 0.25 * earlier[name] + 0.75 * trained[name])
+
+
+def test_without_steps_fingers_are_those_of_the_network_that_training_begins_with(tmp_path: Path) -> None:
+    run = CompletionTraining(data=tmp_path, out=tmp_path / "net.safetensors", begin_with=PACKAGED, finger_steps=0)
+    kept = fingers_of_completion(run, launched(1, 1)).state_dict()
+    assert all(torch.equal(kept[name], one) for name, one in read_weights(PACKAGED)[1].state_dict().items())
+    for other in (replace(run, begin_with=None), replace(run, backward=True)):
+        relaxed = fingers_of_completion(other, launched(1, 1))
+        assert not any(last.any() for last in relaxed.branch[-1].parameters())
 
 
 def test_keeping_needs_earlier_weights(tmp_path: Path) -> None:

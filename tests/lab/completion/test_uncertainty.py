@@ -42,7 +42,7 @@ def test_the_mean_error_is_found() -> None:
     of = samples()
     mean = applied(fit_error_map(of, steps=800), of)
     for rows in (both_tracked(of), ~both_tracked(of), disagree(of), ~disagree(of)):
-        chosen = rows & ~of.learned  # it is of people nobody learned from
+        chosen = rows & ~of.learned  # the map must hold for people who were not in training
         assert mean[chosen].mean() == pytest.approx(of.error[chosen].mean(), rel=0.1)
 
 

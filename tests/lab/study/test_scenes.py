@@ -40,7 +40,7 @@ def test_conditions(clip: Clip, settings: StudySettings) -> None:
     for name in ("ours", "baseline"):
         bones = np.linalg.norm(position[name][:, 1:] - position[name][:, list(skeleton.parents[1:])], axis=-1)
         np.testing.assert_allclose(bones, np.tile(skeleton.bone_length[1:], (60, 1)), atol=1e-6)
-        # The head is seen always and in the same way: no method is told by it.
+        # The head is always tracked, by all methods alike, so that it does not reveal the method.
         head = skeleton.index("head")
         assert np.linalg.norm(position[name][:, head] - truth[:, head], axis=-1).max() < 0.15
     seen = observe(clip.pose, clip.time, HEADSET_CAMERA).has_position

@@ -118,7 +118,7 @@ def test_drawn_frames_are_of_one_motion_with_the_same_markers_hidden(frames: Glo
 
 
 def test_true_angles_put_fingers_where_they_are(frames: GloveFrames) -> None:
-    """Of synthesised hands angles tell all, and the finger rotation has nothing to do."""
+    """The angles of a synthesised hand determine its finger points; the finger rotation is the identity."""
     points = finger_points(torch.from_numpy(frames.angles), *_of(frames))
     assert np.allclose(points, frames.points, atol=1e-5)
     turned = turned_to(points, torch.from_numpy(frames.markers))

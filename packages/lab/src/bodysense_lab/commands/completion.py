@@ -10,7 +10,6 @@ from bodysense.errors import BodysenseError
 from bodysense.files import check_place
 from bodysense_lab.commands.reporting import check_places, finish, open_data, progress_over, show
 from bodysense_lab.completion.options import (
-    FINGER_SCHEDULE,
     AmassEvaluation,
     CompletionEvaluation,
     CompletionTraining,
@@ -28,24 +27,15 @@ def completion(run: Flat[CompletionTraining]) -> None:
 
     Training resumes from the checkpoints in the folder of the run. The 6200 steps take an hour and a half of one core.
     """
-    from bodysense_lab.completion.fingers import FingerConfig, FingerNetwork
     from bodysense_lab.completion.publish import publish
     from bodysense_lab.completion.task import train_completion
-    from bodysense_lab.completion.train_fingers import train_fingers
-    from bodysense_lab.completion.weights_file import read_weights
+    from bodysense_lab.completion.train_fingers import fingers_of_completion
     from bodysense_lab.fit import launched
 
     check_place(run.out)
     fabric = launched(run.devices, run.nodes)
     body = train_completion(run, fabric)
-    fingers = FingerNetwork(FingerConfig()).relaxed_only()
-    if run.begin_with is not None and run.begin_with.suffix == ".safetensors" and not run.backward:
-        _, fingers = read_weights(run.begin_with)
-    if run.finger_steps:
-        schedule = replace(FINGER_SCHEDULE, steps=run.finger_steps, seed=run.schedule.seed)
-        shared = {name: getattr(run, name) for name in ("data", "limit", "threads", "devices", "nodes")}
-        training = FingerTraining(out=run.folder / "fingers.ckpt", schedule=schedule, **shared)
-        fingers = train_fingers(training, fabric)
+    fingers = fingers_of_completion(run, fabric)
     if not fabric.is_global_zero:
         return
     card = {"training_data": run.data_note or str(run.data.name), "licence": run.licence}

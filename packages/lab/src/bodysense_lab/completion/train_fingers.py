@@ -32,7 +32,8 @@ from bodysense_lab.completion.finger_task import (
 )
 from bodysense_lab.completion.fingers import FingerConfig, FingerNetwork
 from bodysense_lab.completion.generated_fingers import generate_fingers, read_fingers, write_fingers
-from bodysense_lab.completion.options import FingerTraining
+from bodysense_lab.completion.options import FINGER_SCHEDULE, CompletionTraining, FingerTraining
+from bodysense_lab.completion.weights_file import read_weights
 from bodysense_lab.fit import begin, fit
 from bodysense_lab.table import Report
 
@@ -52,6 +53,20 @@ def train_fingers(
     watched, source = finger_validation(val, train), options.limited or None
     fit(FingerTask(network, task, options.schedule, train, watched, generated, source), options.out, fabric=fabric)
     return network.cpu()
+
+
+def fingers_of_completion(run: CompletionTraining, fabric: Fabric) -> FingerNetwork:
+    """Return the finger network that is written beside a body: trained, or without steps that of `begin_with`.
+
+    Fingers stay relaxed where there is neither, and where time runs backward.
+    """
+    if run.finger_steps:
+        schedule = replace(FINGER_SCHEDULE, steps=run.finger_steps, seed=run.schedule.seed)
+        shared = {name: getattr(run, name) for name in ("data", "limit", "threads", "devices", "nodes")}
+        return train_fingers(FingerTraining(out=run.folder / "fingers.ckpt", schedule=schedule, **shared), fabric)
+    if run.begin_with is not None and run.begin_with.suffix == ".safetensors" and not run.backward:
+        return read_weights(run.begin_with)[1]
+    return FingerNetwork(FingerConfig()).relaxed_only()
 
 
 def without(corpus: Corpus, person: str) -> Corpus:

@@ -1,7 +1,7 @@
 """Take: a motion on a figure before a camera. A rendered set is a folder of them: NAME.mp4, and its truth, NAME.npz.
 
 Scripted gestures, whose videos are hard: arms straight out to the sides, up, at the camera, blows, a hand that waves
-beside the face, one that waves before the face of a person at a webcam, and gestures before a camera that moves.
+next to the face, one that waves before the face of a person at a webcam, and gestures before a camera that moves.
 """
 
 from __future__ import annotations

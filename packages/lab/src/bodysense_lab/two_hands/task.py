@@ -45,7 +45,7 @@ PAPER_JOINT_SCHEDULE = GloveSchedule(batch=32, patience=5, average_decay=0.0, no
 
 @dataclass(frozen=True, eq=False)
 class GloveTask(Task):
-    """What a network learns; every step draws from a generator of its own."""
+    """The training task of a network; every step draws from a generator of its own."""
 
     network: Any
     schedule: GloveSchedule

@@ -23,7 +23,7 @@ def video(file: Annotated[Path, tyro.conf.Positional], json: Path | None = None)
     from bodysense.devices.video.landmarks import Landmarker, LandmarkerSettings
     from bodysense.devices.video.pictures import open_video
 
-    bs.track(str(file))  # loads what is loaded once, and refuses what is no video
+    bs.track(str(file))  # fills the caches, and refuses files that are no video
     begun = time.process_time()
     bs.track(str(file))
     whole = time.process_time() - begun
