@@ -4,24 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from body_poses import no_points, places_of
 
-from bodysense.body.pose import Pose, forward_kinematics
+from bodysense.body.pose import Pose
 from bodysense.body.reach import reaching
 from bodysense.body.rotation import geodesic_angle, quaternion_exp, quaternion_multiply
 from bodysense.completion.meeting import BESIDE, bent_to, carried_beside, trunk_met
-from bodysense.io.clip import Clip
 
 SECONDS = 1 / 30
-
-
-@pytest.fixture(scope="module")
-def pose(waving_clip: Clip) -> Pose:
-    return waving_clip.pose
-
-
-def placed(pose: Pose) -> tuple[np.ndarray, np.ndarray]:
-    position, rotation = forward_kinematics(pose)
-    return np.asarray(position), np.asarray(rotation)
 
 
 def turned(pose: Pose, name: str, angle: float) -> Pose:
@@ -31,21 +21,17 @@ def turned(pose: Pose, name: str, angle: float) -> Pose:
     return Pose(pose.skeleton, pose.root_position, rotation)
 
 
-def nothing(pose: Pose) -> np.ndarray:
-    return np.zeros((len(pose.root_position), len(pose.skeleton.points)), dtype=bool)
-
-
 def test_a_spine_points_from_the_head_to_the_pelvis(pose: Pose) -> None:
     """In frames in which both are tracked; their rotations, and all other frames, are unchanged."""
-    skeleton, measured = pose.skeleton, nothing(pose)
+    skeleton, measured = pose.skeleton, no_points(pose)
     pelvis, head = skeleton.index("pelvis"), skeleton.index("head")
     measured[10:30, [pelvis, head]] = True
     measured[40:50, pelvis] = True
     measured[50:60, [pelvis, skeleton.index("spine3"), head]] = True
-    truth, wrong = placed(pose)[0], turned(pose, "spine2", 0.2)
-    before, worlds = placed(wrong)
+    truth, wrong = places_of(pose)[0], turned(pose, "spine2", 0.2)
+    before, worlds = places_of(wrong)
     wrong = Pose(skeleton, wrong.root_position + truth[:, head] - before[:, head], wrong.rotation)
-    after, found = placed(met := trunk_met(wrong, truth, measured))
+    after, found = places_of(met := trunk_met(wrong, truth, measured))
     off = np.linalg.norm(after[:, pelvis] - truth[:, pelvis], axis=-1)
     assert off[10:30].max() < 0.1 * off[:10].min() and off[:10].min() > 0.01
     np.testing.assert_allclose(after[10:30, head], truth[10:30, head], atol=1e-9)
@@ -58,14 +44,14 @@ def test_a_spine_points_from_the_head_to_the_pelvis(pose: Pose) -> None:
 
 @pytest.mark.parametrize("end", ["left_wrist", "right_ankle"])
 def test_tracked_ends_are_met_and_other_limbs_are_unchanged(pose: Pose, end: str) -> None:
-    skeleton, measured = pose.skeleton, nothing(pose)
+    skeleton, measured = pose.skeleton, no_points(pose)
     tip = skeleton.index(end)
     first = skeleton.parents[skeleton.parents[tip]]
     measured[20:40, tip] = True
-    truth, wrong = placed(pose)[0], turned(pose, skeleton.joints[first], 0.1)
+    truth, wrong = places_of(pose)[0], turned(pose, skeleton.joints[first], 0.1)
     bent = bent_to(wrong, truth, measured, SECONDS)
-    assert np.linalg.norm(placed(bent)[0][20:40, tip] - truth[20:40, tip], axis=-1).max() < 1e-3
-    assert np.linalg.norm(placed(wrong)[0][20:40, tip] - truth[20:40, tip], axis=-1).min() > 0.01
+    assert np.linalg.norm(places_of(bent)[0][20:40, tip] - truth[20:40, tip], axis=-1).max() < 1e-3
+    assert np.linalg.norm(places_of(wrong)[0][20:40, tip] - truth[20:40, tip], axis=-1).min() > 0.01
     changed = (bent.rotation != wrong.rotation).any(axis=-1)
     count = round(BESIDE / SECONDS)
     assert not changed[: 20 - count].any() and not changed[40 + count :].any()
@@ -94,11 +80,11 @@ def test_a_straight_leg_does_not_leap_where_its_foot_is_seen(pose: Pose) -> None
     straight = Pose(
         pose.skeleton, np.zeros_like(pose.root_position), np.tile([1.0, 0, 0, 0], (*pose.rotation.shape[:2], 1))
     )
-    truth, tip = placed(straight)[0], pose.skeleton.index("left_ankle")
+    truth, tip = places_of(straight)[0], pose.skeleton.index("left_ankle")
     bent = reaching(straight, "left_ankle", truth[:, tip] + [0.0, 0.004, 0.0])
-    measured = nothing(pose)
+    measured = no_points(pose)
     measured[30:60, tip] = True
-    found = placed(bent_to(bent, truth, measured, SECONDS))[0]
+    found = places_of(bent_to(bent, truth, measured, SECONDS))[0]
     knee = found[:, pose.skeleton.index("left_knee")]
     assert np.ptp(knee, axis=0).max() > 0.03
     assert np.linalg.norm(np.diff(knee, axis=0), axis=-1).max() < 0.015
@@ -108,14 +94,14 @@ def test_a_straight_leg_does_not_leap_where_its_foot_is_seen(pose: Pose) -> None
 def test_a_limb_whose_middle_is_seen_for_a_while_turns_there_gradually(pose: Pose) -> None:
     """The wrist is tracked all the time, the elbow in frames 30 to 60: beside these the arm swivels."""
     wrist, elbow = (pose.skeleton.index(f"right_{part}") for part in ("wrist", "elbow"))
-    truth, rotation = placed(pose)[0], np.array(pose.rotation)
+    truth, rotation = places_of(pose)[0], np.array(pose.rotation)
     shoulder = pose.skeleton.index("right_shoulder")
     rotation[:, shoulder] = quaternion_multiply(rotation[:, shoulder], quaternion_exp(np.array([0.8, 0.5, 0.0])))
-    wrong, measured = Pose(pose.skeleton, pose.root_position, rotation), nothing(pose)
+    wrong, measured = Pose(pose.skeleton, pose.root_position, rotation), no_points(pose)
     measured[:, wrist] = True
     measured[30:60, elbow] = True
-    found = placed(bent_to(wrong, truth, measured, SECONDS))[0]
-    without = placed(bent_to(wrong, truth, measured & (np.arange(len(measured.T)) != elbow), SECONDS))[0]
+    found = places_of(bent_to(wrong, truth, measured, SECONDS))[0]
+    without = places_of(bent_to(wrong, truth, measured & (np.arange(len(measured.T)) != elbow), SECONDS))[0]
     np.testing.assert_allclose(found[30:60, elbow], truth[30:60, elbow], atol=2e-3)
     np.testing.assert_allclose(found[:, wrist], truth[:, wrist], atol=2e-3)
     off, leap = found[:, elbow] - truth[:, elbow], np.linalg.norm(without[29, elbow] - truth[29, elbow])
@@ -129,4 +115,6 @@ def test_a_stretched_limb_that_is_not_tracked_keeps_its_rotation(pose: Pose) -> 
     knees = pose.skeleton.indices(["left_knee", "right_knee"])
     rotation[:, knees] = [1.0, 0.0, 0.0, 0.0]
     straight = Pose(pose.skeleton, pose.root_position, rotation)
-    np.testing.assert_array_equal(bent_to(straight, placed(straight)[0], nothing(pose), SECONDS).rotation, rotation)
+    np.testing.assert_array_equal(
+        bent_to(straight, places_of(straight)[0], no_points(pose), SECONDS).rotation, rotation
+    )

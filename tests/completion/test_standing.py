@@ -4,29 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from body_poses import no_points, places_of
 
 from bodysense.body.footing import side_clearance
-from bodysense.body.pose import Pose, forward_kinematics
+from bodysense.body.pose import Pose
 from bodysense.body.rotation import quaternion_exp
 from bodysense.completion.standing import lasting, on_floor
 from bodysense.estimate import CONTACT_POINTS
-from bodysense.io.clip import Clip
 
 SECONDS = 1 / 30
-
-
-@pytest.fixture(scope="module")
-def pose(waving_clip: Clip) -> Pose:
-    return waving_clip.pose
-
-
-def placed(pose: Pose) -> tuple[np.ndarray, np.ndarray]:
-    position, rotation = forward_kinematics(pose)
-    return np.asarray(position), np.asarray(rotation)
-
-
-def nothing(pose: Pose) -> np.ndarray:
-    return np.zeros((len(pose.root_position), len(pose.skeleton.points)), dtype=bool)
 
 
 def hovering(pose: Pose, sides: tuple[str, ...]) -> Pose:
@@ -42,15 +28,15 @@ def heights(pose: Pose, chance: float, floor: float) -> tuple[np.ndarray, np.nda
     """How high the soles (T,) are over the floor, before and after feet of these contacts are held."""
     shins = np.zeros((len(pose.rotation), len(pose.skeleton.joints)), dtype=bool)
     contact = np.full((len(pose.rotation), len(CONTACT_POINTS)), chance)
-    held = on_floor(pose, contact, nothing(pose), shins, floor, SECONDS)
-    before, after = (side_clearance(placed(one)[0], pose.skeleton, "left") - floor for one in (pose, held))
+    held = on_floor(pose, contact, no_points(pose), shins, floor, SECONDS)
+    before, after = (side_clearance(places_of(one)[0], pose.skeleton, "left") - floor for one in (pose, held))
     return before, after
 
 
 def test_a_foot_that_stands_is_low(pose: Pose) -> None:
     """A foot comes down if it is in contact, else it stays where it is while the other one is on the floor."""
     bent = hovering(pose, ("left",))
-    floor = float(side_clearance(placed(bent)[0], pose.skeleton, "right")[0])
+    floor = float(side_clearance(places_of(bent)[0], pose.skeleton, "right")[0])
     for chance in (0.0, 1.0):
         before, after = heights(bent, chance, floor)
         assert before.min() > 0.03
@@ -63,7 +49,7 @@ def test_a_foot_that_stands_is_low(pose: Pose) -> None:
 @pytest.mark.parametrize("does", ["stands", "jumps", "sits"])
 def test_nobody_who_stands_hovers(pose: Pose, does: str) -> None:
     """Both feet come down without a sign of contact, unless the body jumps or sits."""
-    floor, bent = float(side_clearance(placed(pose)[0], pose.skeleton, "left")[0]), hovering(pose, ("left", "right"))
+    floor, bent = float(side_clearance(places_of(pose)[0], pose.skeleton, "left")[0]), hovering(pose, ("left", "right"))
     if does == "jumps":
         time = np.arange(len(bent.root_position))[:, None] * SECONDS
         bent = Pose(bent.skeleton, bent.root_position + time * [0.0, 1.5, 0.0], bent.rotation)
@@ -73,7 +59,7 @@ def test_nobody_who_stands_hovers(pose: Pose, does: str) -> None:
             where = bent.skeleton.indices([f"{side}_{joint}" for side in ("left", "right")])
             rotation[:, where] = quaternion_exp(np.array([angle, 0.0, 0.0]))
         bent = Pose(bent.skeleton, bent.root_position, rotation)
-        floor = float(side_clearance(placed(bent)[0], bent.skeleton, "left").min()) - 0.05
+        floor = float(side_clearance(places_of(bent)[0], bent.skeleton, "left").min()) - 0.05
     before, after = heights(bent, 0.0, floor)
     assert before.min() > 0.03
     if does == "stands":
@@ -86,26 +72,26 @@ def test_nobody_who_stands_hovers(pose: Pose, does: str) -> None:
 def test_those_who_stand_still_stand_low(pose: Pose, still: bool) -> None:
     """Feet that are 1.5 cm up stay there, unless both stand and go on standing."""
     bent = hovering(pose, ("left", "right"))
-    floor = float(side_clearance(placed(bent)[0], pose.skeleton, "left")[0]) - 0.015
+    floor = float(side_clearance(places_of(bent)[0], pose.skeleton, "left")[0]) - 0.015
     contact = np.ones((len(bent.rotation), len(CONTACT_POINTS)))
     if not still:
         contact[:, [place for place, name in enumerate(CONTACT_POINTS) if name.startswith("right")]] = 0.0
     shins = np.zeros((len(bent.rotation), len(pose.skeleton.joints)), dtype=bool)
-    held = on_floor(bent, contact, nothing(bent), shins, floor, SECONDS)
-    height = side_clearance(placed(held)[0], pose.skeleton, "left") - floor
+    held = on_floor(bent, contact, no_points(bent), shins, floor, SECONDS)
+    height = side_clearance(places_of(held)[0], pose.skeleton, "left") - floor
     assert height.max() < 0.006 if still else height.min() > 0.0145
 
 
 def test_a_tracked_foot_under_the_floor_comes_up_gradually(pose: Pose) -> None:
     """Tracked feet stay where they are, 2 cm under the floor; beside these frames they rise within a quarter second."""
-    floor = float(side_clearance(placed(pose)[0], pose.skeleton, "left").max()) + 0.02
-    measured = nothing(pose)
+    floor = float(side_clearance(places_of(pose)[0], pose.skeleton, "left").max()) + 0.02
+    measured = no_points(pose)
     measured[30:60, pose.skeleton.index("left_ankle")] = True
     shins = np.zeros((len(pose.rotation), len(pose.skeleton.joints)), dtype=bool)
     contact = np.zeros((len(pose.rotation), len(CONTACT_POINTS)))
     held = on_floor(pose, contact, measured, shins, floor, SECONDS)
-    height = side_clearance(placed(held)[0], pose.skeleton, "left") - floor
-    before = side_clearance(placed(pose)[0], pose.skeleton, "left") - floor
+    height = side_clearance(places_of(held)[0], pose.skeleton, "left") - floor
+    before = side_clearance(places_of(pose)[0], pose.skeleton, "left") - floor
     np.testing.assert_allclose(height[30:60], before[30:60], atol=1e-3)
     assert height[:20].min() > -2e-3 and height[70:].min() > -2e-3
     assert np.abs(np.diff(height)).max() < 0.3 * np.abs(before).max()
@@ -126,13 +112,13 @@ def test_feet_that_stand_are_held_but_for_legs_with_tracked_shins(pose: Pose) ->
     sliding = Pose(skeleton, pose.root_position + np.linspace(0, 0.1, frames)[:, None] * [1.0, 0.0, 0.0], pose.rotation)
     contact, shins = np.ones((frames, len(CONTACT_POINTS))), np.zeros((frames, len(skeleton.joints)), dtype=bool)
     shins[:, skeleton.index("left_knee")] = True
-    low = placed(pose)[0][..., 1].min()
-    held = on_floor(sliding, contact, nothing(pose), shins, low, SECONDS)
+    low = places_of(pose)[0][..., 1].min()
+    held = on_floor(sliding, contact, no_points(pose), shins, low, SECONDS)
     left, right = (
         [skeleton.index(f"{side}_{part}") for part in ("hip", "knee", "ankle")] for side in ("left", "right")
     )
     np.testing.assert_array_equal(held.rotation[:, left], sliding.rotation[:, left])
     assert (held.rotation[:, right] != sliding.rotation[:, right]).any()
     ball = skeleton.index("right_foot")
-    way, before = (np.ptp(placed(one)[0][:, ball, 0]) for one in (held, sliding))
+    way, before = (np.ptp(places_of(one)[0][:, ball, 0]) for one in (held, sliding))
     assert way < 0.6 * before
