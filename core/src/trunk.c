@@ -5,8 +5,6 @@
 
 static const float LEAST_MOVE = 1e-4F; /* m: the spine is not bent for less, which rounding alone may ask for */
 static const float SPINE_BACK = 0.3F;  /* of its length: how far a straight spine bends backward first */
-/* The most that a spine reaches, of its length: rounding would turn a straighter one visibly. */
-static const float SPINE_LONGEST = 0.998F;
 
 void place(body *b, const tracked *t, vec3 head) {
     for (int j = BODY_JOINTS; j < BS_JOINTS; j++)
@@ -65,10 +63,7 @@ void bend_spine(body *b, const tracked *t, vec3 move) {
     vec3 upper = sub(b->point[SPINE2], top), lower = sub(b->point[SPINE1], b->point[SPINE2]);
     /* A spine that is straight bends backward. */
     vec3 side = along(upper, b->rotation[SPINE3].z, -SPINE_BACK * length(upper));
-    vec3 end = add(sub(b->point[SPINE1], top), move);
-    float longest = SPINE_LONGEST * (length(upper) + length(lower));
-    if (length(end) > longest) end = scale(end, longest / length(end));
-    two_bones to = reach(end, length(upper), length(lower), side);
+    two_bones to = reach(add(sub(b->point[SPINE1], top), move), length(upper), length(lower), side);
     if (!chest) b->rotation[SPINE3] = turned_onto(b->rotation[SPINE3], upper, to.middle);
     b->rotation[SPINE2] = turned_onto(b->rotation[SPINE2], upper, to.middle);
     b->rotation[SPINE1] = turned_onto(b->rotation[SPINE1], lower, sub(to.end, to.middle));

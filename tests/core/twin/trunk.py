@@ -11,7 +11,6 @@ from .vectors import length, reach, turned_onto
 
 LEAST_MOVE = 1e-4  # m: the spine is not bent for less, which rounding alone may ask for
 SPINE_BACK = 0.3  # of its length: how far a straight spine bends backward first
-SPINE_LONGEST = 0.998  # of its length: the most that a spine reaches
 
 
 @dataclass
@@ -97,9 +96,7 @@ def bend_spine(body: Body, seen: Tracked, move: np.ndarray) -> None:
     top = body.point[SPINE3 if chest else NECK]
     upper, lower = body.point[SPINE2] - top, body.point[SPINE1] - body.point[SPINE2]
     side = upper - SPINE_BACK * length(upper) * body.rotation[SPINE3][:, 2]  # a straight spine bends backward
-    end = body.point[SPINE1] - top + move
-    end *= min(1.0, SPINE_LONGEST * (length(upper) + length(lower)) / length(end))
-    middle, end = reach(end, length(upper), length(lower), side)
+    middle, end = reach(body.point[SPINE1] - top + move, length(upper), length(lower), side)
     for joint in (SPINE2,) if chest else (SPINE3, SPINE2):
         body.rotation[joint] = turned_onto(body.rotation[joint], upper, middle)
     body.rotation[SPINE1] = turned_onto(body.rotation[SPINE1], lower, end - middle)
