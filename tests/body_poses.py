@@ -1,4 +1,4 @@
-"""Places of a pose, and none of its points tracked, for tests of joined bodies."""
+"""Forward kinematics and empty masks, for tests of joined bodies."""
 
 from __future__ import annotations
 

@@ -10,5 +10,5 @@ from bodysense.io.clip import Clip
 
 @pytest.fixture(scope="package")
 def pose(waving_clip: Clip) -> Pose:
-    """A person who stands, sways and waves."""
+    """Return three seconds of standing, swaying and waving."""
     return waving_clip.pose

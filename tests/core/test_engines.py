@@ -208,7 +208,7 @@ def test_listings_in_cpp_compile(listing: str, shim: str, tmp_path: Path) -> Non
 
 
 def cpp_compiler() -> str:
-    """Return the name of a C++ compiler, or skip the test if there is none."""
+    """Return the name of a C++ compiler. Skips the test if no compiler is installed."""
     found = next((name for name in ("c++", "g++", "clang++") if shutil.which(name)), None)
     if found is None:
         pytest.skip("no C++ compiler")

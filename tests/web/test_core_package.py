@@ -74,7 +74,7 @@ def project(web: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def run_in(folder: Path, *command: str) -> str:
-    """What a program prints that must succeed."""
+    """Run a program that must succeed, and return its output."""
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False, timeout=300)
     assert done.returncode == 0, (done.stdout + done.stderr)[-3000:]
     return done.stdout
@@ -150,7 +150,7 @@ def test_the_core_is_small_and_stands_alone(web: Path) -> None:
 
 
 def outside(web: Path, wasm: Path) -> dict[str, list[str]]:
-    """What a WebAssembly module imports and exports."""
+    """Return the names that a WebAssembly module imports and exports."""
     script = """const module = new WebAssembly.Module(require("node:fs").readFileSync(process.argv[1]));
     const names = (all) => all.map(({ name }) => name).sort();
     const { imports, exports } = WebAssembly.Module;
