@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,13 +10,24 @@ import pytest
 from smpl_people import SKELETON, betas_of, lowest_soles, made_up_model, save_walk, walk
 
 import bodysense as bs
-from bodysense.body.pose import forward_kinematics
+from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.shape import stature
+from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
-from bodysense.io.placement import BodyPlacement, footing_of, lines_of, placement_of, pooled, read_placed
+from bodysense.io.datasets.sources import Source, read_source
+from bodysense.io.placement import (
+    BodyPlacement,
+    footing_of,
+    lines_of,
+    placement_of,
+    pooled,
+    read_placed,
+    standing_floor,
+)
 from bodysense.io.rigs.options import ReadingOptions
 from bodysense.open import open_source
+from bodysense_lab.datasets import open_clips
 
 TO_Y_UP = np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0]])
 PEOPLE = [(1.55, 0.10), (1.90, -0.12)]  # height, and that of the floor in the file, m
@@ -65,6 +77,72 @@ def test_a_body_that_stands_still_keeps_the_default_height(tmp_path: Path) -> No
     assert found.source == "default" and "too few steps" in found.remark
     assert clip.pose.skeleton.height == pytest.approx(SKELETON.height)
     assert np.abs(lowest_soles(clip.pose)).max() < 1e-6
+
+
+@pytest.mark.parametrize("floor", [-0.05, 0.0, 0.04])
+@pytest.mark.parametrize("turn", [0.3, 0.7])
+def test_the_floor_is_where_feet_stand_however_deep_toes_go(floor: float, turn: float) -> None:
+    """Feet without a toe joint go through the floor at the end of a step: here in a third of the frames."""
+    clip = _on_toes(floor, turn)
+    assert np.percentile(lowest_soles(clip.pose), 5) < floor - 0.02
+    assert standing_floor(clip) == pytest.approx(floor, abs=2e-3)
+    assert placement_of(footing_of(clip), has_bones=True).floor == pytest.approx(floor, abs=2e-3)
+
+
+def test_a_box_and_a_flight_are_no_floor() -> None:
+    on_box = _on_toes(0.3, 0.3)
+    assert standing_floor(on_box) == 0.0
+    flying = replace(on_box, pose=replace(on_box.pose, root_position=_rising(len(on_box)) + [0.0, 0.9, 0.0]))
+    assert standing_floor(flying) == 0.0
+
+
+def test_who_climbs_began_on_the_floor() -> None:
+    """A third of the time on the floor and the rest on a step of 12 cm: the floor is the lower one."""
+    clip = _on_toes(0.02, 0.3)
+    root = clip.pose.root_position.copy()
+    root[len(root) // 3 :, 1] += 0.12
+    assert standing_floor(replace(clip, pose=replace(clip.pose, root_position=root))) == pytest.approx(0.02, abs=2e-3)
+
+
+@pytest.mark.parametrize("told", [None, 0.0, 0.01])
+def test_files_of_a_known_skeleton_get_their_floor_too(tmp_path: Path, told: float | None) -> None:
+    model = made_up_model()
+    poses, trans = walk(model, np.zeros(2), seconds=2.0)
+    poses[:] = poses[0]
+    path = save_walk(tmp_path / "still.npz", poses, 0 * trans, np.zeros(2), 0.0)
+    known = Source(path, "somebody", "test", skeleton=SKELETON)
+    before = read_source(known, ReadingOptions(floor=0.0))
+    over = float(lowest_soles(before.pose)[0])
+    lifted = save_walk(tmp_path / "lifted.npz", poses, 0 * trans + [0, 0, 0.03 - over], np.zeros(2), 0.0)
+    clip = read_source(replace(known, path=lifted), ReadingOptions(floor=told))
+    np.testing.assert_allclose(lowest_soles(clip.pose), 0.0 if told is None else 0.03 - told, atol=1e-4)
+
+
+def test_recorded_feet_stand_on_the_floor(motion_data: Path) -> None:
+    """CMU's motions were placed by their deepest toes, so that feet stood 2 to 5 cm over the floor."""
+    heights = []
+    for clip in open_clips(motion_data / "cmu", "train", at_most=40):
+        footing = footing_of(clip)
+        heights.append((footing.pelvis + footing.sole)[footing.stands])
+    assert abs(np.median(np.concatenate(heights))) < 0.01
+
+
+def _on_toes(floor: float, turn: float) -> Clip:
+    """A body that stands flat on a floor, and in every third second turns its feet about their ankles by `turn`."""
+    frames = 180
+    skeleton = default_skeleton()
+    rotation = np.zeros((frames, len(skeleton.joints), 4))
+    rotation[..., 0] = 1.0
+    down = np.arange(frames) // 30 % 3 == 2
+    for side in ("left", "right"):
+        rotation[down, skeleton.index(f"{side}_ankle")] = [np.cos(turn / 2), np.sin(turn / 2), 0.0, 0.0]
+    root = np.tile([0.1, skeleton.rest_offset[0, 1] + floor, 0.2], (frames, 1))
+    return Clip("on_toes", Pose(skeleton, root, rotation), 30.0)
+
+
+def _rising(frames: int) -> np.ndarray:
+    """A path (T, 3) upward at 1 m/s."""
+    return np.arange(frames)[:, None] / 30.0 * [0.0, 1.0, 0.0]
 
 
 def test_motions_of_a_person_are_pooled(tmp_path: Path) -> None:

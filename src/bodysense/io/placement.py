@@ -1,7 +1,8 @@
 """Height and floor of bodies in files that name neither: AMASS without its body model, and floors of any AMASS file.
 
 A planted foot does not move, so while one is planted the pelvis moves against it as far as the legs are long: the
-ratio of both paths is the body's size. The floor is at the soles. Motions of one person are pooled.
+ratio of both paths is the body's size. The floor is where feet stand, not at the lowest sole: toes of a foot without a
+toe joint go through the floor at the end of each step. Motions of one person are pooled.
 """
 
 from __future__ import annotations
@@ -13,9 +14,10 @@ from typing import Literal
 
 import numpy as np
 
-from bodysense.body.footing import sole_clearance
+from bodysense.body.footing import side_clearance, sole_clearance
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.shape import stature
+from bodysense.body.skeleton import Skeleton
 from bodysense.io.amass import read_amass, read_shape
 from bodysense.io.body_model import model_for
 from bodysense.io.clip import Clip
@@ -26,7 +28,12 @@ _PATH = 0.08  # m that a foot goes, seen from the pelvis, in a window that count
 _SLIP = 0.2  # largest share of that path that the pelvis does not go
 _SIZES = np.linspace(0.6, 1.5, 181)  # sizes of bodies in histograms, of the default one
 _FEWEST = 30  # windows that make a size
-_LOW = 5  # percentile of the lowest sole's height that is the floor
+_LOW = 5  # percentile of the lowest sole's height that is the floor if no foot stands
+_STILL = 0.5  # m/s: a foot that stands is slower, on bodies of another size, too
+_FLAT = 0.03  # m: ankle and ball of a foot that stands are as far over their heights at rest, within this
+_STANDING = 0.3  # s of standing that show a floor
+_FLOOR_SHARE = 25  # percentile of the heights of standing feet that is the floor, for those who climb began on it
+_STEP = 0.15  # m: what is farther from 0 is no floor but a step, a chair or equipment
 _LISTED = 12  # people who are described one by one
 _FLOOR = 0.01  # m; a nearer floor is taken as 0
 
@@ -38,6 +45,8 @@ class Footing:
     sizes: np.ndarray  # counts (S,) of windows with a planted foot, by size
     pelvis: np.ndarray  # (N,) m, height of the pelvis
     sole: np.ndarray  # (N,) m, height of the lowest sole over its rest height, with the pelvis at 0
+    stands: np.ndarray  # (N,) bool: the foot of that sole stands
+    rate: float  # Hz of these frames
     stature: float  # m, of the body that was read
 
 
@@ -88,6 +97,8 @@ def footing_of(clip: Clip) -> Footing:
         sizes=np.histogram(size[planted], _SIZES)[0],
         pelvis=root[:, 1].astype(np.float32),
         sole=np.asarray(sole_clearance(point, skeleton)).astype(np.float32),
+        stands=_standing_frames(point + root[:, None], skeleton, clip.frame_rate / stride),
+        rate=clip.frame_rate / stride,
         stature=float(stature(skeleton.rest_offset)),
     )
 
@@ -99,6 +110,8 @@ def pooled(parts: Iterable[Footing]) -> Footing:
         sizes=np.sum([one.sizes for one in parts], axis=0),
         pelvis=np.concatenate([one.pelvis for one in parts]),
         sole=np.concatenate([one.sole for one in parts]),
+        stands=np.concatenate([one.stands for one in parts]),
+        rate=parts[0].rate,
         stature=parts[0].stature,
     )
 
@@ -112,8 +125,41 @@ def placement_of(footing: Footing, has_bones: bool) -> BodyPlacement:
     elif count >= _FEWEST:
         middle = int(np.searchsorted(np.cumsum(footing.sizes), count / 2))
         size, source = float(_SIZES[middle : middle + 2].mean()), "steps"
-    floor = float(np.percentile(footing.pelvis + size * footing.sole, _LOW))
+    height = footing.pelvis + size * footing.sole
+    floor = _standing_height(height, footing)
+    if floor is None:
+        floor = float(np.percentile(height, _LOW))
     return BodyPlacement(size * footing.stature, size, source, 0.0 if abs(floor) < _FLOOR else floor)
+
+
+def standing_floor(clip: Clip) -> float:
+    """Return the height (m) of the floor on which feet stand in a motion on its own skeleton, whose floor is about 0.
+
+    0 if no foot stands for long, and if feet stand farther than a step from 0.
+    """
+    footing = footing_of(clip)
+    floor = _standing_height(footing.pelvis + footing.sole, footing)
+    return floor if floor is not None and _FLOOR < abs(floor) < _STEP else 0.0
+
+
+def _standing_height(height: np.ndarray, footing: Footing) -> float | None:
+    """Return the height (m) at which feet stand, of heights (N,) of lowest soles; None if none stands for long."""
+    if footing.stands.sum() < _STANDING * footing.rate:
+        return None
+    return float(np.percentile(height[footing.stands], _FLOOR_SHARE))
+
+
+def _standing_frames(point: np.ndarray, skeleton: Skeleton, rate: float) -> np.ndarray:
+    """(N,) bool: frames in which the lower foot is flat and slow, from points (N, P, 3) m at `rate` Hz."""
+    rest = skeleton.rest_offset[0, 1] + (skeleton.path @ skeleton.rest_offset)[:, 1]
+    height, stands = [], []
+    for side in ("left", "right"):
+        sole = list(skeleton.indices([f"{side}_ankle", f"{side}_foot"]))
+        way = np.linalg.norm(np.diff(point[:, sole], axis=0, append=point[-1:, sole]), axis=-1)
+        over = point[:, sole, 1] - rest[sole]
+        stands.append((way < _STILL / rate).all(axis=1) & (abs(over[:, 0] - over[:, 1]) < _FLAT))
+        height.append(side_clearance(point, skeleton, side))
+    return np.where(np.asarray(height[0]) <= np.asarray(height[1]), *stands)
 
 
 def placed(clip: Clip, placement: BodyPlacement) -> Clip:

@@ -20,7 +20,7 @@ from bodysense.io.augment import at_height
 from bodysense.io.clip import Clip
 from bodysense.io.datasets.layouts import Layout, labelled, layout_of
 from bodysense.io.datasets.splits import SPLITS, Split
-from bodysense.io.placement import BodyPlacement, read_placed
+from bodysense.io.placement import BodyPlacement, read_placed, standing_floor
 from bodysense.io.rigs.canonical import complete_skeleton
 from bodysense.io.rigs.options import AS_FOUND, ReadingOptions
 from bodysense.io.rigs.rig import Rig
@@ -80,9 +80,15 @@ def read_with_rig(source: Source, options: ReadingOptions = AS_FOUND) -> tuple[C
 
 
 def read_amass_source(source: Source, options: ReadingOptions) -> tuple[Clip, BodyPlacement | None]:
-    """Read an AMASS file, with the placement that its body was given; None if its skeleton is known."""
+    """Read an AMASS file, with the placement that its body was given; None if its skeleton is known.
+
+    Then only the floor is found, where the feet of this motion stand.
+    """
     if source.skeleton is not None:
-        return as_told(read_amass(source.path, source.skeleton), options, "AMASS files", "z"), None
+        clip = read_amass(source.path, source.skeleton)
+        if options.floor is None:
+            clip = with_floor(clip, standing_floor(clip))
+        return as_told(clip, options, "AMASS files", "z"), None
     clip, placement = read_placed(source.path, options.smpl_model, source.placement)
     if options.floor is not None:  # undo the floor that was found
         clip = with_floor(clip, -placement.floor)

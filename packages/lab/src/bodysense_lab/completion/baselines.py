@@ -21,7 +21,7 @@ from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
 from bodysense_lab.datasets import count_clips, open_clips
 
-FORMAT = "bodysense-mean-body-1"
+FORMAT = "bodysense-mean-body-2"
 HEIGHTS = np.linspace(0.1, 1.3, 25)  # of the head, in shares of its height in the rest pose
 PITCHES = np.radians(np.linspace(-90, 90, 19))  # of the head, downward
 _RATE = 5.0  # Hz at which training motion is read

@@ -21,7 +21,7 @@ from bodysense.io.datasets.splits import Split
 from bodysense_lab.datasets import learned_clips, learned_count
 from bodysense_lab.store import is_store
 
-FORMAT = "bodysense-corpus-1"
+FORMAT = "bodysense-corpus-2"
 _JOINTS = len(BODY)
 _OF_CLIPS = ("rest_offset", "start", "length", "rate", "finger_start", "name", "category")
 
