@@ -6,10 +6,10 @@ static const float SURE = 0.7F;   /* probability of contact from which a foot is
 static const float FADE = 0.16F;  /* s in which half of what a released foot was held back by fades */
 static const float DRAG = 0.06F;  /* m: a foot that its leg drags farther slides along */
 static const float SETTLE = 0.06F; /* s in which half of a foot's height over the floor is taken away */
-static const float SOLE = 0.02F;  /* m: a foot that is over its rest height by less stands: recorded feet do */
+static const float SOLE = 0.01F;  /* m: a foot that is over its rest height by less stands: recorded feet do */
 static const float FLAT_FROM = 0.15F; /* s: a foot that stands on its heel for longer is flat on the floor */
 static const float FLAT_UNTIL = 0.3F; /* probability of an ankle's contact until which it goes on to be flat */
-static const float STILL = 0.8F;  /* of SOLE: what is left out for those who stand still */
+static const float STILL = 0.6F;  /* of SOLE: what is left out for those who stand still */
 static const float REACH = 0.25F; /* m: a foot is moved no farther up or down to the floor */
 
 static float rest_height(const foot *f, int part) { return part == 1 ? f->ankle_rest : f->ball_rest; }

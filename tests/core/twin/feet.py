@@ -11,10 +11,10 @@ SURE = 0.7  # probability of contact from which a foot is put on the floor entir
 FADE = 0.16  # s in which half of what a released foot was held back by fades
 DRAG = 0.06  # m: a foot that its leg drags farther slides along
 SETTLE = 0.06  # s in which half of a foot's height over the floor is taken away
-SOLE = 0.02  # m: a foot that is over its rest height by less stands: recorded feet do
+SOLE = 0.01  # m: a foot that is over its rest height by less stands: recorded feet do
 FLAT_FROM = 0.15  # s: a foot that stands on its heel for longer is flat on the floor
 FLAT_UNTIL = 0.3  # probability of an ankle's contact until which it goes on to be flat
-STILL = 0.8  # of SOLE: what is left out for those who stand still
+STILL = 0.6  # of SOLE: what is left out for those who stand still
 REACH = 0.25  # m: a foot is moved no farther up or down to the floor
 
 
