@@ -17,9 +17,9 @@ FARTHEST = 0.06  # m that a foot is held back at most; 0.12 holds more firmly, a
 # Probabilities of contact from which a foot is held, and below which it no longer is; s in which it then comes back.
 # Lower ones hold more firmly, and cause up to twice the jumps. Chosen on validation clips.
 HOLD, RELEASE, FADE = 0.8, 0.6, 0.3
-HOVER, LOWERING = 0.02, 0.2  # m over the floor from which a foot that stands is lowered; s over which that is smoothed
+HOVER, LOWERING = 0.01, 0.2  # m over the floor from which a foot that stands is lowered; s over which that is smoothed
 LOW, LOWEST = 0.3, 0.7  # probabilities of contact from which a foot is lowered a little and wholly
-STILL, LASTING = 0.8, 0.3  # share of `HOVER` that is left out for those who stand still; s for which they do so
+STILL, LASTING = 0.6, 0.3  # share of `HOVER` that is left out for those who stand still; s for which they do so
 FARTHEST_DOWN = 0.15  # m that both feet of a body that stands are lowered at most
 STEADY = 0.7  # m/s: a head that moves faster up or down jumps, sits down or rises
 _SIDES = ("left", "right")
