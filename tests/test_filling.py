@@ -99,6 +99,43 @@ def test_place_and_speed_go_on_at_both_edges(steps: Clip, root: str, count: int)
     np.testing.assert_allclose(np.delete(found, range(first, end), axis=0), np.delete(truth, range(first, end), axis=0))
 
 
+@pytest.mark.parametrize("missing", [
+    "left_shoulder+:25-55",
+    "right_hip+:30-60,left_knee:40-44",
+    "left_hip+:0-70",
+    "left_wrist+",
+    "right_thumb1+:20-79,left_index2:38-39",
+])  # fmt: skip
+def test_causal_filling_does_not_depend_on_later_frames(steps: Clip, missing: str) -> None:
+    pose, now = steps.pose, 45
+    rotation, root = np.array(pose.rotation), np.array(pose.root_position)
+    rotation[now:], root[now:] = rotation[now - 1 :: -1][: len(root) - now], root[0] + 0.3
+    other = replace(steps, pose=replace(pose, rotation=rotation, root_position=root))
+    one, two = (track(clip, missing=missing, causal=True) for clip in (steps, other))
+    np.testing.assert_allclose(one.clip.pose.rotation[:now], two.clip.pose.rotation[:now], atol=1e-12)
+    np.testing.assert_allclose(one.estimate.points[:now], two.estimate.points[:now], atol=1e-12)
+    assert one.partial is not None
+    known = ~one.partial.holes
+    np.testing.assert_array_equal(np.asarray(one.clip.pose.rotation)[known], np.asarray(pose.rotation)[known])
+
+
+def test_causal_filling_goes_on_from_what_is_known_and_stays_near(steps: Clip) -> None:
+    missing, skeleton = "left_shoulder+:25-55,right_hip+:30-60", steps.pose.skeleton
+    truth, found = points(steps), points(track(steps, missing=missing, causal=True).clip)
+    for name, first, end in (("left_wrist", 25, 56), ("right_ankle", 30, 61)):
+        k = skeleton.index(name)
+        assert np.linalg.norm(truth - found, axis=-1)[first:end, k].mean() < 0.25
+        speed, real = (np.linalg.norm(np.diff(x[:, k], axis=0), axis=-1) * 30 for x in (found, truth))
+        assert speed[first - 1 : end - 1].max() < 1.2 * real.max() + 0.3
+    lowest = side_clearance(truth, skeleton, "right").min()
+    assert side_clearance(found, skeleton, "right").min() > min(0.0, lowest) - 0.01
+
+
+def test_what_carries_the_body_is_not_filled_causally(steps: Clip) -> None:
+    with pytest.raises(BodysenseError, match=r"steps: 'pelvis' is missing in some frames.*leave --causal out"):
+        track(steps, missing="pelvis:20-30", causal=True)
+
+
 def test_what_known_joints_let_expect_is_within_gaps_with_two_sides(steps: Clip) -> None:
     partial = open_partial(steps, missing_items("left_shoulder+:20-50,right_hip+:0-10,left_thumb1:30-40"))
     found = expected_deviations(partial)

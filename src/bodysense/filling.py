@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -140,21 +141,33 @@ def observed(motion: PartialMotion) -> Observation:
     )
 
 
-def filled_by(motion: PartialMotion, estimate: Estimate, floor: float = 0.0) -> Array:
+def check_causal(motion: PartialMotion) -> None:
+    """Raise BodysenseError if a joint that carries the whole body has gaps: only later frames tell its way."""
+    carried = np.flatnonzero((motion.holes & ~motion.missing).any(axis=0)).tolist()
+    if carried:
+        raise BodysenseError(
+            f"{motion.clip.name}: {motion.rig.joints[carried[0]]!r} is missing in some frames, and everything hangs on "
+            "it; it is filled from the frames before and after alone, so leave --causal out"
+        )
+
+
+def filled_by(motion: PartialMotion, estimate: Estimate, floor: float = 0.0, *, causal: bool = False) -> Array:
     """Return local rotations (T, J, 4) of the motion's joints, filled from a completed body (T,), with feet that stand.
 
-    `floor` is the height of the floor in m.
+    `floor` is the height of the floor in m. If `causal`, each frame is filled from itself and the frames before it.
     """
-    return on_feet(motion, filled(motion, estimate.pose), estimate.contact, floor)
+    return on_feet(motion, filled(motion, estimate.pose, causal=causal), estimate.contact, floor, causal=causal)
 
 
-def filled(motion: PartialMotion, estimate: Pose) -> Array:
+def filled(motion: PartialMotion, estimate: Pose, *, causal: bool = False) -> Array:
     """Return local rotations (T, J, 4) of the motion's joints: unchanged if known, else filled.
 
-    `estimate` (T,) is the completed body on our joints. A joint that we do not have is interpolated over the gap.
+    `estimate` (T,) is the completed body on our joints. A joint that we do not have is interpolated over the gap, or
+    if `causal` continued into it.
     """
     rig, missing, seconds = motion.rig, motion.missing, 1 / motion.clip.frame_rate
-    guessed, local, turn = rig.world(estimate), np.array(motion.rotation), expected_deviations(motion)
+    guessed, local = rig.world(estimate), np.array(motion.rotation)
+    turn = None if causal else expected_deviations(motion)
     world = np.zeros_like(local)
     needed = {joint for gone in np.flatnonzero(missing.any(axis=0)).tolist() for joint in rig.above(gone)}
     for joint in sorted(needed):
@@ -163,10 +176,14 @@ def filled(motion: PartialMotion, estimate: Pose) -> Array:
         if missing[:, joint].any():
             guess = np.asarray(quaternion_multiply(quaternion_conjugate(above), guessed[:, joint]))
             given = guess if np.isfinite(guess).all() else None
-            trust = _trust(rig.ours, joint, missing)
             coasting = FINGERS_COAST if is_finger(_our_name(rig.ours, joint)) else gaps.COASTING
-            gap = missing[:, joint]
-            local[:, joint] = gaps.filled(local[:, joint], gap, seconds, given, trust, coasting, turn[:, joint])
+            gap, own = missing[:, joint], local[:, joint]
+            if turn is None:
+                at_frame = partial(_trust_at, rig.ours, joint, missing)
+                local[:, joint] = gaps.continued(own, gap, seconds, given, at_frame, coasting)
+            else:
+                trust = _trust(rig.ours, joint, missing)
+                local[:, joint] = gaps.filled(own, gap, seconds, given, trust, coasting, turn[:, joint])
         world[:, joint] = quaternion_multiply(above, local[:, joint])
     return local
 
@@ -201,11 +218,12 @@ def expected_deviations(motion: PartialMotion) -> Array:
     return result
 
 
-def on_feet(motion: PartialMotion, rotation: Array, contact: Array, floor: float) -> Array:
+def on_feet(motion: PartialMotion, rotation: Array, contact: Array, floor: float, *, causal: bool = False) -> Array:
     """Bend the filled legs of a motion (T, J, 4) so that feet stand still and no sole is too low.
 
     A foot stands if `contact` (T, 4), the probability that each of `CONTACT_POINTS` rests on something, is high. A
-    sole is no lower than in known frames; without any it is over the floor, height `floor` m.
+    sole is no lower than in known frames; without any it is over the floor, height `floor` m. If `causal`, known frames
+    are those before, and feet that stand may slide, because where they will be known is not.
     """
     rig, skeleton = motion.rig, motion.clip.pose.skeleton
     if not any(motion.missing[:, rig.ours[name]].any() for name in ("left_hip", "right_hip") if name in rig.ours):
@@ -213,21 +231,22 @@ def on_feet(motion: PartialMotion, rotation: Array, contact: Array, floor: float
     pose, bent = pose_of(motion, rotation), np.zeros_like(motion.missing)
     for side in ("left", "right"):
         leg = [rig.ours.get(f"{side}_{part}", -1) for part in ("hip", "knee", "ankle")]
-        gone = _long(np.asarray(motion.missing[:, leg].all(axis=1)), SHORT * motion.clip.frame_rate) & (min(leg) >= 0)
+        gone = np.asarray(motion.missing[:, leg].all(axis=1)) & (min(leg) >= 0)
+        gone = gone if causal else _long(gone, SHORT * motion.clip.frame_rate)
         if not gone.any():
             continue
         position = np.asarray(forward_kinematics(pose)[0])
         clearance = side_clearance(position, skeleton, side) - floor
-        lowest = min(0.0, clearance[~gone].min(initial=0.0))
-        rise = np.where(gone, np.maximum(0.0, lowest - clearance), 0.0)
+        known = np.minimum(0.0, np.where(gone, 0.0, clearance))
+        lowest = np.minimum.accumulate(known) if causal else known.min()
         resting = [name for name in CONTACT_POINTS if name.startswith(side)]
         shift = stopped_slide(
             position[:, skeleton.indices(resting)],
             contact[:, [CONTACT_POINTS.index(name) for name in resting]],
-            gone,
+            gone & (not causal),
             1 / motion.clip.frame_rate,
         )
-        shift[:, 1] = rise
+        shift[:, 1] = np.where(gone, np.maximum(0.0, lowest - clearance), 0.0)
         pose = reaching(pose, f"{side}_ankle", position[:, skeleton.index(f"{side}_ankle")] + shift)
         bent[:, leg] |= shift.any(axis=1, keepdims=True)
     return _turned_to(rig, rotation, rig.world(pose), bent)
@@ -260,6 +279,11 @@ def _trust(ours: Mapping[str, int], joint: int, missing: Array) -> gaps.Trust:
     if not is_leg and missing[missing[:, joint]][:, trunk].any(axis=1).mean() > 0.5:
         return TRUST_WITHOUT
     return TRUST.get(part, TRUST["hand"] if is_finger(name) else TRUST["body"])
+
+
+def _trust_at(ours: Mapping[str, int], joint: int, missing: Array, frame: int) -> gaps.Trust:
+    """Return how much the prediction of a joint counts, by what is missing in one frame."""
+    return _trust(ours, joint, missing[frame : frame + 1])
 
 
 def _long(gone: Array, fewest: float) -> Array:

@@ -22,7 +22,7 @@ from bodysense.devices.gloves.device import check_calibrated, glove_device, glov
 from bodysense.devices.simulated.device import Device
 from bodysense.errors import BodysenseError
 from bodysense.estimate import Estimate
-from bodysense.filling import PartialMotion, filled_by, observed, pose_of, with_parts
+from bodysense.filling import PartialMotion, check_causal, filled_by, observed, pose_of, with_parts
 from bodysense.io.bvh_stream import BvhLines
 from bodysense.io.clip import Clip
 from bodysense.io.holes import missing_items
@@ -161,7 +161,8 @@ def track(
             first seen; the largest if omitted.
         roll: of a video: degrees by which upright things lean to the right in the picture; estimated from the standing
             person if omitted.
-        causal: complete each frame from the frames before it alone, exactly as a live session does.
+        causal: complete each frame from the frames before it alone, exactly as a live session does. Holes of a motion
+            are filled so too, and may end with a step.
         advance: called with the number of frames that are done, and of all.
 
     Raises BodysenseError, naming the source and the fix, for what cannot be tracked.
@@ -232,9 +233,11 @@ class _Completion:
 def _filled(partial: PartialMotion, completion: _Completion) -> Take:
     """Return a motion whose holes are filled."""
     clip = partial.clip
+    if completion.causal:
+        check_causal(partial)
     take = _tracked(Signal(clip.name, observed(partial), Person(clip.pose.skeleton)), completion)
     partial = with_parts(partial, take.estimate.pose)
-    rotation = filled_by(partial, take.estimate, completion.settings.floor)
+    rotation = filled_by(partial, take.estimate, completion.settings.floor, causal=completion.causal)
     file = None if partial.file is None else partial.file.with_rotation(rotation, partial.missing)
     whole = clip if partial.is_whole else replace(clip, pose=pose_of(partial, rotation))
     return replace(take, clip=whole, partial=partial, file=file)

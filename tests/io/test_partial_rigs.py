@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from partial_layouts import EVERY, PARTIAL, flat, lower_half, scattered, upper_half, write_places
-from rig_files import Layout, held_still, mapped, motion, read_plainly, write
+from partial_layouts import EVERY, PARTIAL, flat, lower_half, scattered, upper_half, without, write_places
+from rig_files import Bones, Layout, held_still, mapped, motion, read_plainly, write
 from rig_layouts import LAYOUTS
 from test_odd_rigs import of_shape, seated
-from test_rigs import beast, of, renamed, unit_of
+from test_rigs import beast, of, renamed, swinging, unit_of
 
 import bodysense
 from bodysense.body.pose import forward_kinematics
@@ -143,6 +144,86 @@ def test_an_animal_with_arms_of_a_biped_is_no_half() -> None:
     assert "Bip01 L UpperArm" in text
     with pytest.raises(BodysenseError, match="not a humanoid"):
         of(text)
+
+
+CRAB_LEG = "LLeg{k}a,RLeg{k}a 6 0 {z}|LLeg{k}b,RLeg{k}b 10 6 0|LLeg{k}c,RLeg{k}c 8 -12 0|LLeg{k}d,RLeg{k}d 3 -12 0"
+CLAW = "LeftArm,RightArm 5 0 8|LeftForeArm,RightForeArm 8 0 6|LeftHand,RightHand -3 0 10|LeftClaw,RightClaw 0 2 6"
+BIRD_LEG = "LeftUpLeg,RightUpLeg 4 -2 0|LeftLeg,RightLeg 0 -12 5|LeftFoot,RightFoot 0 -13 -5|LeftToe,RightToe 0 -2 5"
+WING = "LeftWing,RightWing 5 0 0|LeftWing1,RightWing1 20 0 0|LeftWing2,RightWing2 25 0 -3"
+
+
+def creature(limbs: list[tuple[str, str]], has_head: bool = True) -> str:
+    """A trunk of two joints with pairs of limbs: (the joint that carries a pair, its joints from there)."""
+    bones = ["Body - 0 20 0", "Shell Body 0 2 6"]
+    for hub, chain in limbs:
+        above = [hub, hub]
+        for names, x, y, z in (bone.split(" ") for bone in chain.split("|")):
+            both = names.split(",")
+            bones += [f"{name} {above[k]} {float(x) * (1 - 2 * k)} {y} {z}" for k, name in enumerate(both)]
+            above = both
+    return swinging([*bones, "Neck Shell 0 2 6", "Head Neck 0 3 3"] if has_head else bones)
+
+
+def crab(pairs: int) -> list[tuple[str, str]]:
+    return [(("Shell", "Body")[k % 2], CRAB_LEG.format(k=k, z=4 * k - 6)) for k in range(pairs)]
+
+
+@pytest.mark.parametrize(("limbs", "said"), [
+    (crab(1), "'LLeg0a' and 'RLeg0a' begin limbs, besides its arms"),
+    (crab(2), "begin limbs, besides its arms, that are no legs by name"),
+    (crab(4), "begin limbs, besides its arms, that are no legs by name"),
+    ([("Body", BIRD_LEG), ("Shell", WING)], "'LeftWing' and 'RightWing' begin limbs, besides its legs"),
+])  # fmt: skip
+@pytest.mark.parametrize("has_head", [True, False])
+def test_creatures_with_arms_or_legs_by_name_are_no_halves(limbs: list, said: str, has_head: bool) -> None:
+    claws = [] if "wing" in said.lower() else [("Shell", CLAW)]
+    with pytest.raises(BodysenseError, match=rf"^take.bvh: not a humanoid: .*{said}.*bodysense data joints take.bvh"):
+        of(creature([*limbs, *claws], has_head))
+
+
+@pytest.mark.parametrize("pairs", [3, 4])
+def test_legs_of_a_crab_are_not_arms(pairs: int) -> None:
+    for text in (creature(crab(pairs)), re.sub(r"[LR]Leg(\d)(\w)", r"\2\1", creature(crab(pairs)))):
+        with pytest.raises(BodysenseError, match="not a humanoid: two legs and two arms were not found"):
+            of(text)
+
+
+@pytest.mark.parametrize("half", [upper_half, lower_half])
+@pytest.mark.parametrize("name", USUAL)
+def test_halves_in_clothes_are_read(name: str, half: Callable[[Layout], Layout]) -> None:
+    """With a braid, a skirt, a sword and two braids on the head, where there is a place for them."""
+    layout = half(EVERY[name])
+    ours = mapped(layout)
+    more: Bones = []
+    if "head" in ours:
+        for side in ("left", "right"):
+            more += [(f"Braid1 {side}", ours["head"], f"head>{side}_shoulder:0.3")]
+            more += [(f"Braid2 {side}", f"Braid1 {side}", f"{side}_shoulder>head:0.2")]
+            more += [(f"Braid3 {side}", f"Braid2 {side}", f"{side}_elbow>head:0.2")]
+    if "right_wrist" in ours:
+        more += [
+            ("Sword1", ours["right_wrist"], "right_wrist>right_elbow:-1"),
+            ("Sword2", "Sword1", "right_wrist>right_elbow:-2"),
+        ]
+    for side, other in (("left", "right"), ("right", "left")):
+        more += [(f"Skirt1 {side}", ours["pelvis"], f"pelvis>{side}_shoulder:-0.2")] if "pelvis" in ours else []
+        more += [(f"Skirt2 {side}", f"Skirt1 {side}", f"pelvis>{other}_shoulder:-0.9")] if "pelvis" in ours else []
+    layout = replace(layout, bones=[*layout.bones, *more])
+    clip = held_still(motion(6, 60), layout)
+    rig = of(write(layout, clip), **unit_of(layout)).rig
+    assert PARTIAL["upper half" if half is upper_half else "lower half"][1] in rig.line()
+
+
+@pytest.mark.parametrize("sides", [["left"], ["left", "right"]])
+@pytest.mark.parametrize("name", USUAL)
+def test_arms_without_an_elbow_are_not_shifted(name: str, sides: list[str]) -> None:
+    """The forearm is cut off, and the upper arm ends where it began: its shoulder is no elbow."""
+    whole = EVERY[name]
+    cut = without(whole, "|".join(f"{side}_elbow" for side in sides))
+    ends: Bones = [("End Site", mapped(whole)[f"{side}_shoulder"], f"{side}_elbow") for side in sides]
+    layout = replace(cut, bones=[*cut.bones, *ends])
+    with pytest.raises(BodysenseError, match=r"not a humanoid: .*(no left_elbow, left_wrist|that are no arms by name)"):
+        of(write(layout, held_still(motion(6, 60), layout)), **unit_of(layout))
 
 
 @pytest.mark.parametrize("name", ["Mixamo", "Unreal", "Xsens MVN", "SMPL"])

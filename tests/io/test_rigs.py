@@ -217,6 +217,24 @@ def test_rigs_at_random_without_names(layout: Layout, start: int) -> None:
 # --- files that are no person ---
 
 
+def swinging(bones: list[str]) -> str:
+    """A BVH file of bones, each 'name parent x y z', whose joints swing."""
+    rows = [bone.split() for bone in bones]
+
+    def tree(name: str, offset: list[str], depth: int) -> str:
+        channels = "6 Xposition Yposition Zposition" if not depth else "3"
+        below = "".join(tree(row[0], row[2:], depth + 1) for row in rows if row[1] == name)
+        below = below or "End Site\n{\nOFFSET 0 0 0\n}\n"
+        kind = "JOINT" if depth else "ROOT"
+        text = f"{kind} {name}\n{{\nOFFSET {' '.join(offset)}\nCHANNELS {channels} Zrotation Xrotation Yrotation\n"
+        return f"{text}{below}}}\n"
+
+    swing = 8 * np.sin(0.4 * np.arange(20)[:, None] + np.arange(3 + 3 * len(rows)))
+    swing[:, :3] = [float(x) for x in rows[0][2:]]
+    lines = "\n".join(" ".join(f"{x:.3f}" for x in row) for row in swing)
+    return f"HIERARCHY\n{tree(rows[0][0], rows[0][2:], 0)}MOTION\nFrames: 20\nFrame Time: 0.03\n{lines}\n"
+
+
 def beast(legs: int, length: float, tail: int) -> str:
     """A dog, or with more legs something else: a trunk that lies, on legs that are square to it."""
     bones = [
@@ -233,20 +251,7 @@ def beast(legs: int, length: float, tail: int) -> str:
             parts = [(9 * sign, 0, 3 * k), (0, -22, 4), (0, -20, -7), (0, -10, 2), (0, -2, 6)]
             for j, (x, y, z) in enumerate(parts):
                 bones.append(f"{side}{k}_{j} {f'{side}{k}_{j - 1}' if j else hub} {x} {y * length} {z}")
-    rows = [bone.split() for bone in bones]
-
-    def tree(name: str, offset: list[str], depth: int) -> str:
-        channels = "6 Xposition Yposition Zposition" if not depth else "3"
-        below = "".join(tree(row[0], row[2:], depth + 1) for row in rows if row[1] == name)
-        below = below or "End Site\n{\nOFFSET 0 0 0\n}\n"
-        kind = "JOINT" if depth else "ROOT"
-        text = f"{kind} {name}\n{{\nOFFSET {' '.join(offset)}\nCHANNELS {channels} Zrotation Xrotation Yrotation\n"
-        return f"{text}{below}}}\n"
-
-    swing = 8 * np.sin(0.4 * np.arange(20)[:, None] + np.arange(3 + 3 * len(rows)))
-    swing[:, :3] = [0, 55, 0]
-    lines = "\n".join(" ".join(f"{x:.3f}" for x in row) for row in swing)
-    return f"HIERARCHY\n{tree('spine0', ['0', '55', '0'], 0)}MOTION\nFrames: 20\nFrame Time: 0.03\n{lines}\n"
+    return swinging(bones)
 
 
 @pytest.mark.parametrize(("legs", "length", "tail"), [(2, 1.0, 5), (2, 1.4, 0), (2, 0.7, 8), (4, 1.0, 0), (5, 0.8, 0)])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -136,3 +137,22 @@ def test_training_data_by_the_same_lists(amass: Path, run: object, tmp_path: Pat
     assert "11 files of the lists; 1 are not in" in text
     rows = read_store(tmp_path / "p1.zarr").table.clips
     assert len(rows) == 11 and sum(row.split == "test" for row in rows) == 3
+
+
+@pytest.mark.slow
+def test_a_network_of_the_lists_is_trained_and_scored(
+    amass: Path, run: Callable, refused: Callable, tmp_path: Path, monkeypatch
+) -> None:
+    """The documented commands, in one step of training."""
+    pytest.importorskip("torch", reason="needs packages/lab")
+    monkeypatch.setattr("bodysense_lab.amass_p1.WATCHED", 0.5)  # of few files
+    lists, store, network = ["--split-lists", amass / "data_split"], tmp_path / "p1.zarr", tmp_path / "p1.safetensors"
+    run("data", "prepare", amass / "amass", "-o", store, *lists, "--smpl-model", amass / "smplh", "--workers", 1)
+    train = ["train", "completion", "--data", store, "-o", network, "--steps", 1, "--limit", 2]
+    assert "no training clip has fingers that move; give --finger-steps 0" in refused(*train)
+    run(*train, "--finger-steps", 0)
+    model = ["--smpl-model", amass / "smplh" / "male" / "model.npz", "--model", network, "--limit", 1]
+    text = run("evaluate", "amass-p1", "--amass", amass / "amass", *lists, *model)
+    assert "bodysense, p1" in text and "1 of 3 test clips" in text
+    (row,) = [line for line in text.splitlines() if "RPM" in line]
+    assert "4.08" in row and "4.21" in row

@@ -7,6 +7,7 @@ distance from the sides. Known frames are never changed.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -87,6 +88,33 @@ def filled(
         elif guess is not None and end - first > 1 and not (both and (end - first) * seconds <= BRIEF):
             share = trust.weight(_away(first, end, len(missing)) * seconds, both)
             inside = slerp(inside, _bent(result, guess[first:end], first, end, seconds), share)
+        result[first:end] = quaternion_canonical(inside)
+    return result
+
+
+def continued(
+    rotation: np.ndarray,
+    missing: np.ndarray,
+    seconds: float,
+    guess: np.ndarray | None = None,
+    trust: Callable[[int], Trust] = lambda first: Trust(),
+    coasting: float = COASTING,
+) -> np.ndarray:
+    """Return rotations (T, 4) as `filled` does, but each from the frames before it and the guess of its own frame.
+
+    `trust` is that of a gap by its first frame. Before the first known frame the guess counts alone.
+    """
+    result = np.array(rotation)
+    for first, end in runs(missing):
+        inside, away, fading = result[first:end], np.arange(1, end - first + 1), coasting / seconds
+        if first > 0:
+            before, still = result[first - 1], np.zeros(3)
+            led = _difference(result[first - 2], before) if first > 1 and not missing[first - 2] else None
+            way = _way(still, (led, None), max(end - first, int(np.ceil(fading))), fading, False)[: end - first]
+            inside = np.asarray(quaternion_multiply(np.broadcast_to(before, (len(way), 4)), quaternion_exp(way)))
+        if guess is not None:
+            share = trust(first).weight(away * seconds, False) if first > 0 else np.ones(len(away))
+            inside = slerp(inside, guess[first:end], share)
         result[first:end] = quaternion_canonical(inside)
     return result
 

@@ -41,6 +41,7 @@ _OF: dict[Kind, tuple[str, ...]] = {  # points of a limb
 }
 _LIMB = 0.5  # of the shorter limb: a longer pair of chains on the trunk is a pair of limbs
 _SKIRT = 0.8  # of a leg with its foot: a shorter pair of chains at the hips may be a skirt
+_SPLAYED = 1.0  # of a leg's length: feet farther apart than hips by more than this belong to a crab
 _ZERO = 0.01  # of a leg's length: closer points coincide
 
 # Usual ratios of a body and the standard deviations of their logarithms: legs to arms, trunk to legs.
@@ -72,6 +73,7 @@ def find_body(tree: Tree) -> Body:
     named: dict[Kind, Limb] = {kind: limb for kind in ROLES if (limb := named_limb(tree, points, kind))}
     limbs = {kind: [limb] for kind, limb in named.items()}
     pairs = mirrored_chains(tree) if len(named) < len(ROLES) else []
+    pairs = [(hub, chains) for hub, chains in pairs if not _is_on_head(tree, hub)]
     for kind in ROLES.keys() - named.keys():
         found = [limb for hub, chains in pairs if (limb := limb_of_chains(tree, hub, chains, kind))]
         limbs[kind] = sorted(found, key=lambda limb: limb.penalty)[:_CANDIDATES]
@@ -81,21 +83,30 @@ def find_body(tree: Tree) -> Body:
     choices = [(penalty + (0 if _head_of(tree, a, b) else _HEADLESS), a, b) for penalty, a, b in choices]
     for penalty, leg, arm in sorted(choices, key=lambda choice: choice[0])[:1]:
         is_likely = len(named) == len(ROLES) or (
-            penalty <= WORST and not _is_named_otherwise(tree, leg) and not _has_more_limbs(tree, leg, arm, pairs)
+            penalty <= WORST
+            and not _is_named_otherwise(tree, leg, arm)
+            and not _is_splayed(tree, leg)
+            and not _has_more_limbs(tree, leg, arm, pairs)
         )
         if is_likely and not _is_animal(tree, leg, arm, legs):
             return _body(tree, leg, arm, penalty)
-    return _half(tree, named)
+    return _half(tree, points, named, pairs)
 
 
-def _half(tree: Tree, named: dict[Kind, Limb]) -> Body:
-    """Return the upper or lower half of a body, by names. Raises BodysenseError if names do not tell one."""
+def _half(tree: Tree, points: dict[str, int], named: dict[Kind, Limb], pairs: list[tuple[int, Pair]]) -> Body:
+    """Return the upper or lower half of a body, by names. Raises BodysenseError if there are more limbs, or none."""
     names = tree.figure.points
     kind: Kind = "arm" if "arm" in named else "leg"
     other: Kind = "leg" if kind == "arm" else "arm"
     if kind not in named or all(any(role in words.parts(name) for name in names) for role in ROLES[other]):
-        raise BodysenseError(NO_BODY)
+        needed = [f"{side}_{role}" for role in (*ROLES["leg"], *ROLES["arm"]) for side in ("left", "right")]
+        gone = [name for name in needed if name not in points]
+        lacking = f", by name it has no {', '.join(gone)}" if 2 * len(gone) < len(needed) and gone else ""
+        raise BodysenseError(NO_BODY + lacking)
     limb = named[kind]
+    if more := _more_limbs(tree, limb, pairs):
+        begin = " and ".join(repr(names[k]) for k in more)
+        raise BodysenseError(f"not a humanoid: {begin} begin limbs, besides its {kind}s, that are no {other}s by name")
     end = _other_end(tree, limb, "pelvis" if kind == "arm" else "spine")
     stub = Limb(end, ((end,), (end,)), ((end,) * 3, (end,) * 3), (limb.length / 2, limb.length / 2), side=1)
     body = _body(tree, *((stub, limb) if kind == "arm" else (limb, stub)), penalty=0.0)
@@ -103,10 +114,37 @@ def _half(tree: Tree, named: dict[Kind, Limb]) -> Body:
     return Body({name: point for name, point in body.points.items() if name not in gone}, 0.0, body.remarks)
 
 
-def _is_named_otherwise(tree: Tree, leg: Limb) -> bool:
-    """Whether the names of all joints of a leg mean something else."""
-    said = [(role, words.parts(tree.figure.points[k])) for role, k in zip(ROLES["leg"], leg.joints[0], strict=True)]
-    return all(parts and role not in parts for role, parts in said)
+def _is_on_head(tree: Tree, hub: int) -> bool:
+    """Whether a joint is a head or hangs on one, as hair does; a root named so is no head."""
+    return any("head" in words.words(tree.figure.points[k]) for k in tree.figure.above(hub)[:-1])
+
+
+def _more_limbs(tree: Tree, limb: Limb, pairs: list[tuple[int, Pair]]) -> tuple[int, int] | None:
+    """Return where a pair of limbs begins on a body with named arms or legs alone."""
+    figure = tree.figure
+    for hub, chains in pairs:
+        above = figure.above(hub)
+        if not limb.points.isdisjoint((*above, *chains[0], *chains[1])):
+            continue
+        whole = sum(tree.length[k] for k in limb.chains[0])
+        shortest = _SKIRT * whole if hub == limb.hub else _LIMB * limb.length
+        if sum(tree.length[k] for k in chains[0]) > shortest and not words.is_helper(figure.points[chains[0][0]]):
+            return chains[0][0], chains[1][0]
+    return None
+
+
+def _is_splayed(tree: Tree, leg: Limb) -> bool:
+    """Whether the feet are as far apart as a crab's, at most times."""
+    hips, ankles = (tree.distance(leg.joints[0][k], leg.joints[1][k]) for k in (0, 2))
+    return ankles > hips + _SPLAYED * leg.length
+
+
+def _is_named_otherwise(tree: Tree, leg: Limb, arm: Limb) -> bool:
+    """Whether the names of all joints of a leg mean something else, or joints of a limb are a wing's or a paw's."""
+    names = tree.figure.points
+    said = [(role, words.parts(names[k])) for role, k in zip(ROLES["leg"], leg.joints[0], strict=True)]
+    animal = any(words.is_animal(names[k]) for limb in (leg, arm) for joints in limb.joints for k in joints)
+    return animal or all(parts and role not in parts for role, parts in said)
 
 
 def _other_end(tree: Tree, limb: Limb, part: str) -> int:
@@ -147,6 +185,7 @@ def _has_more_limbs(tree: Tree, leg: Limb, arm: Limb, pairs: list[tuple[int, Pai
     trunk = {leg.hub, *figure.above(leg.hub), arm.hub, *figure.above(arm.hub)} - taken
     if leg.hub == arm.hub:  # no joint is certainly above the arms, where hair hangs
         trunk = set(range(len(figure.joints))) - taken
+    trunk |= {k for limb in (leg, arm) for which in (0, 1) for k in (*limb.before(which), limb.joints[which][0])}
     whole = sum(tree.length[k] for k in leg.chains[0])
     for hub, chains in pairs:
         if hub not in trunk or not taken.isdisjoint((*chains[0], *chains[1])):

@@ -178,6 +178,8 @@ def limb_of_chains(tree: Tree, hub: int, chains: Pair, kind: Kind) -> Limb | Non
         if picks[2] > last or min(upper, lower) < 0.08 * way[-1]:
             continue
         one, other = (tuple(chain[k] for k in picks) for chain in chains)
+        if any(_is_shifted(tree, side, kind) for side in (one, other)):
+            continue
         usual, spread = _RATIO[kind]
         limit, weight = _BEFORE[kind]
         penalty = (np.log(upper / lower / usual) / spread) ** 2
@@ -192,6 +194,14 @@ def limb_of_chains(tree: Tree, hub: int, chains: Pair, kind: Kind) -> Limb | Non
         if best is None or penalty < best.penalty - 1e-6:
             best = Limb(hub, chains, (one, other), (upper, lower), side, float(penalty))
     return best
+
+
+def _is_shifted(tree: Tree, joints: tuple[int, ...], kind: Kind) -> bool:
+    """Whether names mean that a joint is missing: a forearm is taken for a wrist, or an upper arm for an elbow."""
+    said = [set[str]() if _is_aside(tree, k) else words.every_part(tree.figure.points[k]) for k in joints]
+    one, two, three = ROLES[kind]
+    is_third = three not in said[2] and bool(said[2] & {one, two})
+    return is_third or (said[1] == {one} and bool(said[0] - {one}))
 
 
 def _distances(tree: Tree, hub: int, chains: Pair) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -125,6 +125,11 @@ def parts(name: str) -> frozenset[str]:
     return frozenset()
 
 
+def every_part(name: str) -> set[str]:
+    """Return the parts that any word of a name may mean: elbow and wrist of 'forearm_hand'."""
+    return {part for word in words(name) for part in PARTS.get(word, ())}
+
+
 def part_word(name: str) -> str:
     """Return the word of a name that means a part: a finger's, or else the longest, of two the last; or ''."""
     said = [word for word in words(name) if word in PARTS]

@@ -329,6 +329,8 @@ def train_completion(options: CompletionTraining, fabric: Fabric) -> CompletionN
     begin(options.schedule.seed, options.threads)
     with fabric.rank_zero_first():  # the others find what it read in the cache
         train, val = (read_corpus(options.data, split, options.limit) for split in ("train", "val"))
+    if options.finger_steps and not (train.finger_start >= 0).any():
+        raise BodysenseError(f"{options.data}: no training clip has fingers that move; give --finger-steps 0")
     fabric.print(f"{train.minutes:.0f} minutes to learn from, {val.minutes:.0f} to validate")
     config = CompletionTaskConfig(backward=options.backward)
     network = CompletionNetwork(config.network)
