@@ -159,7 +159,7 @@ def hands_lost(body: int, frames: slice, ease: float = 0.25) -> tuple[Skeleton, 
     return pose.skeleton, tracker.step(lost, tracker.start())[0].points, np.asarray(forward_kinematics(pose)[0])
 
 
-def speeds(points: np.ndarray, places: list[int]) -> np.ndarray:
+def speeds(points: np.ndarray, places: np.ndarray) -> np.ndarray:
     """(T - 1, P) m/s."""
     return np.linalg.norm(np.diff(points[:, places], axis=0), axis=-1) * RATE
 
