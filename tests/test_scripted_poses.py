@@ -11,7 +11,7 @@ from bodysense.body.rotation import geodesic_angle, quaternion_exp, quaternion_m
 from bodysense.body.shape import sample_bodies
 from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.demo import performance_of_stranger
-from bodysense.devices.simulated.sensors import SENSOR_SETS, THREE_POINT, observe
+from bodysense.devices.simulated.sensors import SENSOR_SETS, THREE_POINT, WRISTS, observe
 from bodysense.io.recording import Recording
 from bodysense.take import track
 from bodysense.tracker import Tracker, TrackerSettings
@@ -142,6 +142,65 @@ def test_a_point_that_is_seen_again_is_where_it_is_seen() -> None:
         assert off[:40].max() < 5e-3 and off[80 + settled :].max() < 5e-3
         path = np.linalg.norm(np.diff(estimate.points[79:90, pose.skeleton.index("left_ankle")], axis=0), axis=-1)
         assert ease == 0.0 or path.max() * RATE < 10.5  # m/s: it is eased in
+
+
+def hands_lost(body: int, frames: slice, ease: float = 0.25) -> tuple[Skeleton, np.ndarray, np.ndarray]:
+    """Both arms go up sideways, to 60° over the shoulders at 2.25 s, and down again; the hands are lost in some frames.
+
+    Returns the skeleton, and points (T, P, 3) m: output and true.
+    """
+    arms = {f"{side}_shoulder": sign * np.radians([0.0, 0.0, 135.0]) for side, sign in (("left", 1), ("right", -1))}
+    pose = performed(stranger(body), {}, arms)
+    observation = observe(pose, np.arange(len(pose.root_position)) / RATE, THREE_POINT)
+    has = observation.has_position.copy()
+    has[frames, [[observation.points.index(name)] for name in WRISTS]] = False
+    lost = replace(observation, has_position=has, has_rotation=has)
+    tracker = Tracker(Person(pose.skeleton), settings=TrackerSettings(ease=ease))
+    return pose.skeleton, tracker.step(lost, tracker.start())[0].points, np.asarray(forward_kinematics(pose)[0])
+
+
+def speeds(points: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """(T - 1, P) m/s."""
+    return np.linalg.norm(np.diff(points[:, places], axis=0), axis=-1) * RATE
+
+
+@pytest.mark.parametrize("body", [0, 3, 6])
+def test_raised_hands_that_are_lost_stay_raised(body: int) -> None:
+    top = round(2.25 * RATE)
+    skeleton, output, _ = hands_lost(body, slice(top + 1, None))
+    arm = output[:, skeleton.indices(WRISTS)] - output[:, skeleton.indices(["left_shoulder", "right_shoulder"])]
+    over = np.degrees(np.arctan2(arm[..., 1], np.hypot(arm[..., 0], arm[..., 2])))
+    assert over[top].min() > 55 and over[top : top + 45].min() > 50  # for 1.5 s
+
+
+@pytest.mark.parametrize("body", [0, 3, 6])
+def test_hands_keep_their_speed_in_the_frame_in_which_they_are_lost_or_found(body: int) -> None:
+    lost, found = 48, 54
+    skeleton, output, _ = hands_lost(body, slice(lost, found))
+    speed = speeds(output, skeleton.indices(WRISTS))
+    assert speed[lost - 2].min() > 1.0
+    for frame in (lost, found):
+        assert (speed[frame - 1] > 0.6 * speed[frame - 2]).all()
+
+
+@pytest.mark.parametrize("body", [0, 3, 6])
+def test_hands_that_are_found_elsewhere_come_there_at_no_more_than_10_m_s(body: int) -> None:
+    """However short the ease: they were lost low and are found raised."""
+    found = round(2.25 * RATE)
+    skeleton, output, truth = hands_lost(body, slice(20, found), ease=0.05)
+    wrists = skeleton.indices(WRISTS)
+    assert np.linalg.norm(output[found - 1, wrists] - truth[found, wrists], axis=-1).min() > 0.7
+    assert speeds(output, wrists).max() < 10.5
+    assert np.linalg.norm(output[found + 9 :, wrists] - truth[found + 9 :, wrists], axis=-1).max() < 8e-3
+
+
+@pytest.mark.parametrize("body", [0, 3, 6])
+def test_shins_keep_their_measured_rotation_while_ankles_are_free(body: int) -> None:
+    pose = performed(stranger(body), SQUAT)
+    estimate, _, (_, truth) = tracked(pose, "three_point_imu_feet")
+    shins = pose.skeleton.indices(["left_knee", "right_knee"])
+    rotation = np.asarray(forward_kinematics(estimate.pose)[1])
+    assert np.degrees(geodesic_angle(rotation[:, shins], truth[:, shins])).max() < 0.5
 
 
 def test_a_wearer_who_waves_stands_with_straight_knees():

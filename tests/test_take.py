@@ -111,6 +111,22 @@ def test_what_is_known_of_the_wearer(three_points: Observation, tmp_path: Path) 
         track(path, person=nobody, height=1.8)
 
 
+def test_a_height_that_the_head_contradicts_is_a_remark(
+    waving_clip: Clip, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    seen = simulate(waving_clip, "three_point")
+    height = float(stature(waving_clip.pose.skeleton.rest_offset))
+    assert track(seen, height=height).remarks == ()
+    for causal in (False, True):
+        take = track(seen, height=1.5, causal=causal)
+        assert take.person.height is None and take.person.stature > 1.6
+        (line,) = take.remarks
+        assert "a height of 1.50 m" in line and f"{take.person.stature:.2f} m" in line
+    write_recording(tmp_path / "seen.npz", Recording(seen, default_skeleton(), known=False))
+    command = ["track", str(tmp_path / "seen.npz"), "--height", "1.5", "-o", str(tmp_path / "out.bvh")]
+    assert main(command) == 0 and f"WARNING: {track(seen, height=1.5).remarks[0]}" in capsys.readouterr().out
+
+
 def test_unix_times_and_odd_ones(three_points: Observation) -> None:
     """Frames come out at a constant rate; a Unix time is a time like any other."""
     kept = np.delete(np.arange(40), [3, 4, 9, 15])

@@ -59,7 +59,7 @@ class Take:
     reading: ReadingOptions = AS_FOUND  # its options
     file: BvhLines | None = None  # the same with its holes filled
     markers: MarkerSource | None = None  # the marker file that was tracked, if it was one
-    remarks: tuple[str, ...] = ()  # lines about parts that are guessed
+    remarks: tuple[str, ...] = ()  # warnings: parts that are guessed, a known height that was released
 
     def __repr__(self) -> str:
         error = 100 * self.estimate.confidence.mean()
@@ -212,7 +212,7 @@ def _of_markers(take: Take, source: MarkerSource) -> Take:
     line = (
         f"arms hang at the sides, guessed: no marker is above the pelvis (wrists ±{100 * HANGING_ERROR:.0f} cm walking)"
     )
-    return replace(take, clip=replace(take.clip, pose=hung(take.clip.pose)), remarks=(line,))
+    return replace(take, clip=replace(take.clip, pose=hung(take.clip.pose)), remarks=(*take.remarks, line))
 
 
 def _is_above(name: str) -> bool:
@@ -251,7 +251,18 @@ def _tracked(signal: Signal, completion: _Completion) -> Take:
         completion = replace(completion, settings=replace(settings, infer=False))
     estimate, believed = _completed(observation, signal.person, completion, interval)
     clip = Clip(signal.name, pose_on(estimate, believed), 1 / interval)
-    return Take(at_constant_rate(clip, observation.time), estimate, believed, observation.time)
+    remarks = _released_height(signal.person, believed)
+    return Take(at_constant_rate(clip, observation.time), estimate, believed, observation.time, remarks=remarks)
+
+
+def _released_height(known: Person, believed: Person) -> tuple[str, ...]:
+    """Return a line about a known height that the tracker released because the head was too high for it, if it was."""
+    if known.height is None or believed.height is not None:
+        return ()
+    return (
+        f"the head is higher than a height of {known.height.value:.2f} m allows: the height is inferred instead, "
+        f"{believed.stature:.2f} m; give another height or none",
+    )
 
 
 def _completed(
