@@ -139,7 +139,7 @@ def completion_table(run: Flat[CompletionEvaluation]) -> None:
     if run.picture is not None:
         draw_reliability(run.picture, table)
     if run.sheet is not None:
-        draw_worst(run.sheet, table.worst, clips, settings, track, run.worst)
+        draw_worst(run.sheet, table.worst, clips, settings, track, run.worst, run.worst_by)
     write_numbers(run.json, reports[0].numbers)
     for path in run.outputs:
         console.print(f"wrote {path}", highlight=False)
@@ -173,7 +173,7 @@ def amass_p1(run: Flat[AmassEvaluation]) -> None:
 
 
 def sight(run: Flat[SightEvaluation]) -> None:
-    """Score scripted wearers who stand, sit and raise their arms, and heads of real headsets."""
+    """Score scripted wearers who stand, sit, raise their arms or take rare poses, and heads of real headsets."""
     from rich.console import Console
 
     from bodysense_lab.completion.tracking import TrackedBy
