@@ -210,6 +210,8 @@ def test_the_sheet_has_the_worst_frames(clips: list[Clip], scenes: list[TrackedS
     draw_worst(tmp_path / "worst.png", table.worst, clips, SMALL, track, 1, "error")
     with Image.open(tmp_path / "leaps.png") as drawn, Image.open(tmp_path / "worst.png") as alone:
         assert drawn.width == 3 * alone.width  # two pictures of three bodies, with the frame before; one of two
+    with pytest.raises(BodysenseError, match=r"--sheet .*: no clip of the main .*; give a larger --limit"):
+        draw_worst(tmp_path / "none.png", [], clips, SMALL, track, 1, "error")
     some = [WorstFrame("head", "own", "a", frame, "error", size) for frame, size in ((1, 2.0), (2, 3.0))]
     assert [one.frame for one in worst_frames(some, 5, "error")] == [2] and not worst_frames(some, 5, "leap")
 

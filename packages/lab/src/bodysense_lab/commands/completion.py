@@ -134,13 +134,13 @@ def completion_table(run: Flat[CompletionEvaluation]) -> None:
     reports = completion_reports(table, census, chosen, total)
     for report in reports:
         print_report(report, console)
+    write_numbers(run.json, reports[0].numbers)
     if run.csv is not None:
         write_csv(run.csv, reports[1])
     if run.picture is not None:
         draw_reliability(run.picture, table)
     if run.sheet is not None:
         draw_worst(run.sheet, table.worst, clips, settings, track, run.worst, run.worst_by)
-    write_numbers(run.json, reports[0].numbers)
     for path in run.outputs:
         console.print(f"wrote {path}", highlight=False)
 

@@ -11,6 +11,7 @@ from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.rotation import quaternion_conjugate, quaternion_rotate
 from bodysense.body.skeleton import Skeleton
 from bodysense.devices.simulated.sensors import SENSOR_SETS
+from bodysense.errors import BodysenseError
 from bodysense.files import written_beside
 from bodysense.io.clip import Clip
 from bodysense.observation import observed_points
@@ -47,7 +48,7 @@ def draw_worst(
     """Write a PNG of the worst frames: the true body, untracked points in red, next to the result.
 
     A leap also has the result of the frame before, between the two. The clips of these frames are tracked once more, up
-    to them.
+    to them. Raises BodysenseError if there are no such frames.
     """
     from PIL import Image
 
@@ -56,6 +57,8 @@ def draw_worst(
     for one in worst_frames(found, count, fault):
         scene = scene_of(named[one.clip], TRUTH_OF[one.body], settings.split).beginning(one.frame + 1)
         pictures.append(_picture(one, scene, track))
+    if not pictures:
+        raise BodysenseError(f"--sheet {path}: no clip of the main categories was scored; give a larger --limit")
     blank = np.full_like(pictures[0], 255)
     pictures += [blank] * (-len(pictures) % min(_COLUMNS, len(pictures)))
     rows = [np.concatenate(pictures[k : k + _COLUMNS], axis=1) for k in range(0, len(pictures), _COLUMNS)]
