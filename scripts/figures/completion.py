@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from bodysense.devices.simulated.sensors import SENSOR_SETS, TABLE_SETS
+from bodysense_lab.completion.wearer_scores import RARE_SETS, SEATED_HEIGHTS, SEATED_SETS
+from bodysense_lab.completion.wearers import PALMS, RAISES
 from bodysense_lab.hmd_vae.tables import PUBLISHED as THREE_POINT
 from bodysense_lab.holes import PARTS as HOLES
 from bodysense_lab.holes import SECONDS
@@ -36,7 +38,9 @@ def _described(card: str, validation: Numbers | None, kind: str, said: str) -> s
     lines = network_lines(fields_read(fields))
     if validation is not None:
         figures = ", ".join(
-            f"{_sensors(name)} {figure(validation, f'{name}_own_{kind}{_position(name)}')}" for name in TABLE_SETS
+            f"{_sensors(name)} {figure(validation, f'{name}_own_{kind}{_position(name)}')}"
+            for name in TABLE_SETS
+            if f"{name}_own_{kind}{_position(name)}" in validation
         )
         lines.append(f"- validation people, known bodies{said}, cm: {figures}")
     return "\n".join(lines)
@@ -89,6 +93,7 @@ def completion(numbers: Numbers, sample: Numbers) -> str:
     rows = [
         [_sensors(name), *(figure(numbers, f"{name}_{body}_{_position(name)}") for body in BODIES)]
         for name in TABLE_SETS
+        if f"{name}_own_{_position(name)}" in numbers
     ]
     head = ["sensors", "own body", "stranger's", "only height known", "nothing known"]
     text = [
@@ -173,37 +178,94 @@ def _between(numbers: Numbers, key: str, signed: bool = False) -> str:
     return f"{numbers[f'{key}_low_cm']:{sign}.2f} to {numbers[f'{key}_high_cm']:{sign}.2f}"
 
 
-SIGHT = {  # measures of sight: column, and the factor of its figures
-    "jumps_per_minute": ("jumps/min", 1),
-    "jumps_at_change_per_minute": ("at a change", 1),
-    "extra_jumps_per_minute": ("by a blink", 1),
-    "frozen_share": ("frozen %", 100),
+LEGS = {  # measures of sight of legs: column, and the factor of its figures
     "float_share": ("float %", 100),
+    "standing_knee_deg": ("standing knee °", 1),
     "knee_excess_deg": ("knee over °", 1),
+    "backward_knee_share": ("knee back %", 100),
     "false_steps_per_minute": ("false steps/min", 1),
     "missed_steps_share": ("missed %", 100),
     "wrong_foot_share": ("wrong %", 100),
+}
+MOTION = {  # of the motion of all joints, and of measured ones
+    "jumps_per_minute": ("jumps/min", 1),
+    "jumps_at_change_per_minute": ("at a change", 1),
+    "jumps_elsewhere_per_minute": ("elsewhere", 1),
+    "extra_jumps_per_minute": ("by a blink", 1),
+    "frozen_share": ("frozen %", 100),
     "reentry_speed_m_s": ("re-entry m/s", 1),
     "pj_ratio": ("PJ", 1),
+    "elbow_deg": ("elbow °", 1),
     "measured_p95_cm": ("seen p95 cm", 1),
+    "measured_rotation_deg": ("seen p95 °", 1),
     "measured_covered": ("in its bound %", 100),
 }
 
 
 def sight(numbers: Numbers) -> str:
-    """Return the measures of sight of every scored sensor set, with known proportions."""
-    rows = [
+    """Return the measures of sight of every scored sensor set with known proportions, and what bounds cover by body."""
+    scored = [sensors for sensors in TABLE_SETS if f"{sensors}_own_jumps_per_minute" in numbers]
+    tables = []
+    for measures in (LEGS, MOTION):
+        rows = [
+            [
+                _sensors(sensors),
+                *(_scaled(numbers, f"{sensors}_own_{name}", factor) for name, (_, factor) in measures.items()),
+            ]
+            for sensors in scored
+        ]
+        tables.append(markdown(["sensors", *(name for name, _ in measures.values())], rows))
+    tables.append(f"The recording's own body, known; main categories of {numbers['clips']:.0f} clips.")
+    covers = [
+        [_sensors(sensors), *(_scaled(numbers, f"{sensors}_{body}_cover90", 100) for body in BODIES)]
+        for sensors in scored
+    ]
+    tables.append(markdown(["90 % bound covers, %", *BODIES], covers))
+    return "\n\n".join(tables)
+
+
+def wearers(numbers: Numbers) -> str:
+    """Return the figures of scripted wearers and of the heads of real headsets."""
+    standing = [
+        [
+            f"palms {palms}" if palms != "none" else "head alone",
+            figure(numbers, f"standing_{palms}_ball_cm"),
+            figure(numbers, f"standing_{palms}_knee_deg"),
+            _scaled(numbers, f"headset_{palms}_float_share", 100),
+        ]
+        for palms in PALMS
+    ]
+    seated = [
+        [
+            f"{height:.2f} m, {_sensors(sensors)}",
+            *(
+                figure(numbers, f"seated_{round(100 * height)}_{sensors}_{what}_cm")
+                for what in ("pelvis", "error", "height")
+            ),
+        ]
+        for height in SEATED_HEIGHTS
+        for sensors in SEATED_SETS
+    ]
+    raised = [[way, figure(numbers, f"raised_{way}_truth_deg"), figure(numbers, f"raised_{way}_deg")] for way in RAISES]
+    rare = [
         [
             _sensors(sensors),
-            *(_scaled(numbers, f"{sensors}_own_{name}", factor) for name, (_, factor) in SIGHT.items()),
+            *(
+                _scaled(numbers, f"rare_{sensors}_{what}", 100)
+                for what in ("covered", "least_covered", "backward_knee_share")
+            ),
         ]
-        for sensors in TABLE_SETS
-        if f"{sensors}_own_jumps_per_minute" in numbers
+        for sensors in RARE_SETS
+        if f"rare_{sensors}_covered" in numbers
     ]
-    head = ("sensors", *(name for name, _ in SIGHT.values()))
-    return (
-        f"{markdown(head, rows)}\n\nThe recording's own body, known; main categories of {numbers['clips']:.0f} clips."
-    )
+    tables = [
+        markdown(["stands", "lower ball cm", "knee °", "real headsets: float %"], standing),
+        markdown(["sits, nothing known", "pelvis cm", "joints cm", "shortest height, from true cm"], seated),
+        markdown(["arms raised out of view", "truth °", "output °"], raised),
+    ]
+    if rare:
+        tables.append(markdown(["rare poses", "90 % bound covers, %", "least of a pose", "knee back %"], rare))
+    return "\n\n".join(tables)
 
 
 def _scaled(numbers: Numbers, key: str, factor: float) -> str:
@@ -287,5 +349,6 @@ BLOCKS = (
     Block("docs/completion.md", "mounts", mounts, ("mounts",)),
     Block("docs/completion.md", "fingers", fingers, ("fingers",)),
     Block("docs/evaluation.md", "sight", sight, ("completion",)),
+    Block("docs/evaluation.md", "wearers", wearers, ("sight",)),
     Block("docs/files.md", "holes", holes, ("holes", "holes-fingers")),
 )

@@ -53,6 +53,8 @@ def test_the_named_sets_have_their_points() -> None:
         "left_knee",
         "right_knee",
     }
+    feet, pelvis = (SENSOR_SETS[name] for name in ("three_point_imu_feet", "three_point_imu_feet_pelvis"))
+    assert pelvis.position == feet.position and set(pelvis.rotation) - set(feet.rotation) == {"pelvis"}
     assert set(TABLE_SETS) < set(SENSOR_SETS)
 
 

@@ -9,8 +9,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from PIL import Image
 
 from bodysense.body.person import Person
+from bodysense.body.rotation import quaternion_exp, quaternion_multiply
+from bodysense.body.skeleton import LOWER_BODY
 from bodysense.demo import performance_of_stranger
 from bodysense.devices.simulated.sensors import SENSOR_SETS
 from bodysense.errors import BodysenseError
@@ -62,6 +65,19 @@ def test_measured_points_that_are_off_are_found(scene: TrackedScene, seen: Obser
     assert numbers["measured_p95_cm"] == pytest.approx(3, rel=0.01)
     assert numbers["measured_covered"] == pytest.approx(2 / 3)
     assert measure_sight(scene, seen, exact(scene)).numbers()["measured_covered"] == 1
+
+
+def test_measured_rotations_that_are_turned_are_found(scene: TrackedScene, seen: Observation) -> None:
+    """A head that is turned by 4° is one of three measured joints; what is turned for 0.3 s only does not count."""
+    head, turned = scene.skeleton.index("head"), exact(scene)
+    turn = quaternion_exp(np.radians([4.0, 0.0, 0.0]))
+    turned.rotation[:, head] = quaternion_multiply(turned.rotation[:, head], turn)
+    assert measure_sight(scene, seen, turned).numbers()["measured_rotation_deg"] == pytest.approx(4, rel=0.01)
+    turned.rotation[round(0.3 * RATE) :, head] = scene.pose.rotation[round(0.3 * RATE) :, head]
+    assert measure_sight(scene, seen, turned).numbers()["measured_rotation_deg"] == pytest.approx(0, abs=1e-3)
+    hidden = scene.skeleton.index("left_hip")  # its rotation is not measured
+    turned.rotation[:, hidden] = quaternion_multiply(turned.rotation[:, hidden], turn)
+    assert measure_sight(scene, seen, turned).numbers()["measured_rotation_deg"] == pytest.approx(0, abs=1e-3)
 
 
 def test_jumps_are_split_by_where_they_are(scene: TrackedScene, seen: Observation) -> None:
@@ -170,26 +186,40 @@ def test_kept_clips_are_not_scored_again(clips: list[Clip], scenes: list[Tracked
         clips, SMALL, track=refuse, times=None, kept=KeptClips.open(kept.folder, SMALL, "packaged")
     )
     assert again.numbers() == pytest.approx(fresh.numbers(), nan_ok=True)
-    assert {one.error for one in again.worst} == {one.error for one in fresh.worst}
+    assert set(again.worst) == set(fresh.worst)
     with pytest.raises(BodysenseError, match=r"--keep .*scored with network 'packaged', not 'mine.onnx'"):
         KeptClips.open(kept.folder, SMALL, "mine.onnx")
 
 
 def test_the_sheet_has_the_worst_frames(clips: list[Clip], scenes: list[TrackedScene], tmp_path: Path) -> None:
     def leapt(position: np.ndarray, scene: TrackedScene) -> np.ndarray:
+        """The body drifts from the head by a millimetre a frame; a knee leaps by 30 cm within it."""
+        position[:, scene.skeleton.indices(LOWER_BODY), 1] += 0.001 * np.arange(len(position))[:, None] + 0.1
         if len(position) > 40:
-            position[40, scene.skeleton.index("left_knee")] += 1.0
+            position[40:, scene.skeleton.index("left_knee"), 0] += 0.3
+            position[45:, scene.skeleton.indices(LOWER_BODY), 1] += 0.04
         return position
 
-    track = Oracle([*scenes, *(scene.beginning(41) for scene in scenes if len(scene) > 41)], leapt)
+    cut = [scene.beginning(frames) for scene in scenes for frames in {41, len(scene)} if len(scene) >= frames]
+    track = Oracle(cut, leapt)
     table = evaluate_completion(clips, SMALL, track=track, times=None)
-    main = worst_frames(table.worst, 12)
-    assert [one.frame for one in main] == [40, 40] and len({one.clip for one in main}) == 2
-    draw_worst(tmp_path / "worst.png", table.worst, clips, SMALL, track, 2)
-    assert (tmp_path / "worst.png").read_bytes().startswith(b"\x89PNG")
-    assert (
-        worst_frames([WorstFrame("head", "own", "a", 1, 2.0), WorstFrame("head", "own", "a", 2, 3.0)], 5)[0].frame == 2
-    )
+    leaps, errors = (worst_frames(table.worst, 12, fault) for fault in ("leap", "error"))
+    assert [one.frame for one in leaps] == [40, 40] and len({one.clip for one in leaps}) == 2
+    assert all(25 < one.size < 35 for one in leaps) and min(one.frame for one in errors) > 45
+    draw_worst(tmp_path / "leaps.png", table.worst, clips, SMALL, track, 2, "leap")
+    draw_worst(tmp_path / "worst.png", table.worst, clips, SMALL, track, 1, "error")
+    with Image.open(tmp_path / "leaps.png") as drawn, Image.open(tmp_path / "worst.png") as alone:
+        assert drawn.width == 3 * alone.width  # two pictures of three bodies, with the frame before; one of two
+    with pytest.raises(BodysenseError, match=r"--sheet .*: no clip of the main .*; give a larger --limit"):
+        draw_worst(tmp_path / "none.png", [], clips, SMALL, track, 1, "error")
+    some = [WorstFrame("head", "own", "a", frame, "error", size) for frame, size in ((1, 2.0), (2, 3.0))]
+    assert [one.frame for one in worst_frames(some, 5, "error")] == [2] and not worst_frames(some, 5, "leap")
+
+
+def test_a_finger_blinks_beside_a_head_alone(clips: list[Clip], scenes: list[TrackedScene]) -> None:
+    settings = CompletionSettings(sets=("head",), bodies=("own",), edges=0)
+    numbers = evaluate_completion(clips, settings, track=Oracle(scenes), times=None).numbers()
+    assert numbers["head_own_extra_jumps_per_minute"] == 0 and "head_own_pj_ratio" not in numbers
 
 
 @pytest.mark.parametrize("sensors", ["three_point", "headset_camera", "six_point"])

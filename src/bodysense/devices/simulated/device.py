@@ -21,6 +21,7 @@ SensorSetName = Literal[
     "head",
     "three_point",
     "three_point_imu_feet",
+    "three_point_imu_feet_pelvis",
     "four_point",
     "six_point",
     "ten_point",

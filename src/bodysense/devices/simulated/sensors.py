@@ -63,8 +63,9 @@ HEADSET_CAMERA = SensorSet(("head",), ("head",), camera=True)
 SENSOR_SETS = {
     "head": _posed("head"),
     "three_point": THREE_POINT,
-    # Commercial sets of two IMUs strapped above the ankles turn with the shins.
+    # Commercial sets of two IMUs strapped above the ankles turn with the shins; a third one is on the hip.
     "three_point_imu_feet": SensorSet(THREE_POINTS, (*THREE_POINTS, *_pair("knee"))),
+    "three_point_imu_feet_pelvis": SensorSet(THREE_POINTS, (*THREE_POINTS, *_pair("knee"), "pelvis")),
     "four_point": _posed(*THREE_POINTS, "pelvis"),
     "six_point": _posed(*_SIX),
     "ten_point": _posed(*_SIX, "spine3", *_pair("elbow"), *_pair("knee")),
@@ -77,6 +78,7 @@ TABLE_SETS = (
     "head",
     "three_point",
     "three_point_imu_feet",
+    "three_point_imu_feet_pelvis",
     "four_point",
     "six_point",
     "ten_point",

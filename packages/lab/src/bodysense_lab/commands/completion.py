@@ -134,13 +134,13 @@ def completion_table(run: Flat[CompletionEvaluation]) -> None:
     reports = completion_reports(table, census, chosen, total)
     for report in reports:
         print_report(report, console)
+    write_numbers(run.json, reports[0].numbers)
     if run.csv is not None:
         write_csv(run.csv, reports[1])
     if run.picture is not None:
         draw_reliability(run.picture, table)
     if run.sheet is not None:
-        draw_worst(run.sheet, table.worst, clips, settings, track, run.worst)
-    write_numbers(run.json, reports[0].numbers)
+        draw_worst(run.sheet, table.worst, clips, settings, track, run.worst, run.worst_by)
     for path in run.outputs:
         console.print(f"wrote {path}", highlight=False)
 
@@ -173,7 +173,7 @@ def amass_p1(run: Flat[AmassEvaluation]) -> None:
 
 
 def sight(run: Flat[SightEvaluation]) -> None:
-    """Score scripted wearers who stand, sit and raise their arms, and heads of real headsets."""
+    """Score scripted wearers who stand, sit, raise their arms or take rare poses, and heads of real headsets."""
     from rich.console import Console
 
     from bodysense_lab.completion.tracking import TrackedBy

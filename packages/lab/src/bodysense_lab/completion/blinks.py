@@ -19,7 +19,7 @@ from bodysense.observation import Observation
 _SHARE = np.array([0.0, 0.10, 0.50, 0.61, 0.89, 0.90, 0.99, 1.0])
 _SECONDS = np.array([0.02, 0.03, 0.10, 0.20, 1.00, 1.10, 6.70, 17.0])
 APART, USUALLY = 1.0, 2.0  # s between gaps: at least, and on average beyond that
-BLINKING = ("three_point", "six_point", "headset_camera")  # sets that are scored with them
+BLINKING = ("head", "three_point", "six_point", "headset_camera")  # sets that are scored with them
 FINGER, EVERY = "left_index1", 3  # the joint that blinks, and after how many frames its mask changes
 
 

@@ -20,7 +20,7 @@ from bodysense_lab.completion.scenes import Truth
 from bodysense_lab.completion.sight_scores import JerkCurves, SightScores
 from bodysense_lab.completion.tables import CompletionSettings, CompletionTable, WorstFrame
 
-FORMAT = "bodysense-completion-clips-1"
+FORMAT = "bodysense-completion-clips-2"
 
 
 @dataclass(frozen=True)

@@ -22,6 +22,7 @@ from bodysense_lab.options import (
 
 Body = Literal["own", "stranger", "height", "nothing"]
 BODIES: tuple[Body, ...] = ("own", "stranger", "height", "nothing")
+Fault = Literal["error", "leap"]  # by which a clip's worst frame is found
 
 FINGER_SCHEDULE = Schedule(steps=2000, learning_rate=2e-3, weight_decay=0.1, check_every=500)
 
@@ -139,7 +140,9 @@ class CompletionEvaluation(MotionEvaluation):
     picture: Path | None = None
     """file for the reliability diagram (PNG)"""
     worst: Count = 12
-    """number of frames on the sheet: those with the largest mean error, at most one of a clip"""
+    """number of frames on the sheet, at most one of a clip"""
+    worst_by: Fault = "error"
+    """frames on the sheet: those with the largest mean error, or the largest leap of a joint within a frame"""
     sheet: Path | None = None
     """file for a sheet of the worst frames, truth next to result (PNG)"""
 

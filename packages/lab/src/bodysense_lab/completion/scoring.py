@@ -6,10 +6,14 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 from typing import TypeVar
 
+import numpy as np
+
+from bodysense.body.skeleton import BODY
 from bodysense.devices.simulated.sensors import SENSOR_SETS, random_edges
 from bodysense.io.clip import Clip
 from bodysense.observation import Observation
 from bodysense.scoring import RATE, last_known
+from bodysense_lab.completion import sight
 from bodysense_lab.completion.baselines import MeanBody
 from bodysense_lab.completion.blinks import BLINKING, FINGER, lose_hands, rng_of, with_finger
 from bodysense_lab.completion.kept import KeptClips
@@ -20,7 +24,7 @@ from bodysense_lab.completion.measures import (
     measure_hidden,
     motion_measures,
 )
-from bodysense_lab.completion.options import Body
+from bodysense_lab.completion.options import Body, Fault
 from bodysense_lab.completion.scenes import TRUTH_OF, TrackedScene, Truth, batches, person_of, scene_of
 from bodysense_lab.completion.sight_scores import (
     TAKE,
@@ -158,7 +162,9 @@ def _score_set(
             continue
         tracked = track([person_of(body, scene.skeleton) for scene in scenes], observations)
         if body == "own" and sensors in BLINKING:
-            _score_blinks(tables, scenes, sensors, observations, tracked, track, takes)
+            _score_blinks(tables, scenes, sensors, observations, tracked, track)
+            if "left_wrist" in observations[0].points:
+                _score_losses(tables, scenes, sensors, observations, track, takes)
         for table, scene, seen, one in zip(tables, scenes, observations, tracked, strict=True):
             scores = measure(scene, one)
             if sensors == "headset_camera":
@@ -169,7 +175,7 @@ def _score_set(
             table.sights.setdefault((sensors, body, scene.group), SightScores()).merge(measure_sight(scene, seen, one))
             if scene.group == "main":
                 table.people[sensors, body] = {scene.person: scores}
-                table.worst.append(_worst_frame(sensors, body, scene, one))
+                table.worst.extend(_worst_frames(sensors, body, scene, one))
                 for region, calibration in measure_confidence(scene, seen, one).items():
                     table.calibrations[sensors, body, region] = calibration
 
@@ -192,19 +198,15 @@ def _take_scores(scene: TrackedScene, sensors: str, seen: Observation, taken: Tr
     return named
 
 
-def _score_blinks(
+def _score_losses(
     tables: Sequence[CompletionTable],
     scenes: Sequence[TrackedScene],
     sensors: str,
     observations: Sequence[Observation],
-    tracked: Sequence[Tracked],
     track: TrackPeople,
     takes: TrackTake | None,
 ) -> None:
-    """Score the effect of lost hands and a blinking finger on bodies of known proportions.
-
-    `tracked` is without them, which a set without fingers need not track again.
-    """
+    """Score the effect of lost hands on bodies of known proportions."""
     people = [person_of("own", scene.skeleton) for scene in scenes]
     lost = [lose_hands(seen, rng_of(scene.name)) for scene, seen in zip(scenes, observations, strict=True)]
     for table, scene, seen, one in zip(tables, scenes, lost, track(people, lost), strict=True):
@@ -212,7 +214,21 @@ def _score_blinks(
         if takes is not None:
             scores.merge(measure_transitions(scene, seen, takes(person_of("own", scene.skeleton), seen), TAKE))
         table.sights.setdefault((sensors, "own", scene.group), SightScores()).merge(scores)
-    jumps = []
+
+
+def _score_blinks(
+    tables: Sequence[CompletionTable],
+    scenes: Sequence[TrackedScene],
+    sensors: str,
+    observations: Sequence[Observation],
+    tracked: Sequence[Tracked],
+    track: TrackPeople,
+) -> None:
+    """Score the effect of a blinking finger on bodies of known proportions.
+
+    `tracked` is without it, which a set without fingers need not track again.
+    """
+    people, jumps = [person_of("own", scene.skeleton) for scene in scenes], []
     for blinking in (False, True):
         seen = [
             with_finger(one, scene.placed[0][:, scene.skeleton.index(FINGER)], blinking)
@@ -223,15 +239,19 @@ def _score_blinks(
         jumps.append([count_body_jumps(scene, one.position) for scene, one in zip(scenes, each, strict=True)])
     for table, scene, steady, blinked in zip(tables, scenes, *jumps, strict=True):
         minutes = (len(scene) - 1) / RATE / 60
-        averages = table.sights[sensors, "own", scene.group].averages
+        averages = table.sights.setdefault((sensors, "own", scene.group), SightScores()).averages
         averages.add("extra_jumps_per_minute", (blinked - steady) / minutes if minutes else 0.0, minutes)
 
 
-def _worst_frame(sensors: str, body: Body, scene: TrackedScene, tracked: Tracked) -> WorstFrame:
-    """The frame with the largest mean error of 22 joints, from the head."""
-    error = scene.error_from_head(tracked.position).mean(axis=-1)
-    frame = int(error.argmax())
-    return WorstFrame(sensors, body, scene.name, frame, float(error[frame]))
+def _worst_frames(sensors: str, body: Body, scene: TrackedScene, tracked: Tracked) -> Iterator[WorstFrame]:
+    """The frames with the largest mean error of 22 joints, from the head, and with the largest leap of one."""
+    joints = scene.skeleton.indices(BODY)
+    leaps = 100 * sight.leaps(tracked.position[:, joints], scene.placed[0][:, joints])
+    faults: dict[Fault, np.ndarray] = {"error": scene.error_from_head(tracked.position).mean(axis=-1)}
+    faults["leap"] = np.concatenate([[0.0], leaps])
+    for fault, sizes in faults.items():
+        frame = int(sizes.argmax())
+        yield WorstFrame(sensors, body, scene.name, frame, fault, float(sizes[frame]))
 
 
 def _score_baselines(

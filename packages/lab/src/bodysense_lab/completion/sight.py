@@ -45,14 +45,19 @@ def near_change(tracked: np.ndarray) -> np.ndarray:
     return changed | np.concatenate([[False], changed[:-1]])
 
 
-def jump_frames(position: np.ndarray, truth: np.ndarray, most: float, order: int = 1) -> np.ndarray:
-    """(T − order,) bool: frames in which some point goes more than `most` metres farther than its truth goes.
+def leaps(position: np.ndarray, truth: np.ndarray, order: int = 1) -> np.ndarray:
+    """(T − order,) m: the most that a point goes farther than its truth goes, in each frame after the first.
 
     A foot that swings while the true one stands does so as well; with `order` 2 the distance is the one from where the
     velocity leads, so that only breaks in the motion count.
     """
     gone, truly = (vector_length(np.diff(values, order, axis=0)) for values in (position, truth))
-    return np.asarray((gone - truly > most).any(axis=-1))
+    return (gone - truly).max(axis=-1)
+
+
+def jump_frames(position: np.ndarray, truth: np.ndarray, most: float, order: int = 1) -> np.ndarray:
+    """(T − order,) bool: frames with a leap (`leaps`) of more than `most` metres."""
+    return leaps(position, truth, order) > most
 
 
 def frozen_points(position: np.ndarray, truth: np.ndarray, tracked: np.ndarray, rate: float) -> np.ndarray:

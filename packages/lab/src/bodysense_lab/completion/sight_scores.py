@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import get_args
 
 import numpy as np
 
+from bodysense.body.pose import forward_kinematics
 from bodysense.body.rotation import geodesic_angle
 from bodysense.body.skeleton import BODY
 from bodysense.metrics import vector_length
@@ -24,6 +25,7 @@ _PERCENT = {  # percentile and factor of every quantile, by its key
     "standing_knee_deg": ("knee", 50, 1.0),
     "reentry_speed_m_s": ("reentry", 99, 1.0),
     "measured_p95_cm": ("measured", 95, 100.0),
+    "measured_rotation_deg": ("measured_rotation", 95, 1.0),
 }
 _PAIR = ("left", "right")
 TAKE = "take_"  # begins the keys of takes, completed with past and future
@@ -99,7 +101,7 @@ def measure_sight(scene: TrackedScene, seen: Observation, tracked: Tracked) -> S
         return scores
     body = skeleton.indices(BODY)
     truth, position = scene.placed[0], tracked.position
-    has = observed_points(seen, skeleton)[2][:, body]
+    _, measured, has, has_rotation = (values[:, body] for values in observed_points(seen, skeleton))
     masks = np.concatenate([seen.has_position, seen.has_rotation], axis=-1)
     _measure_motion(scores, position[:, body], truth[:, body], has, masks)
     _measure_stance(scores, scene, position)
@@ -113,6 +115,9 @@ def measure_sight(scene: TrackedScene, seen: Observation, tracked: Tracked) -> S
     off = vector_length(position[:, body] - truth[:, body])[long]
     scores.count_values("measured", off)
     scores.count_share("measured_covered", off <= tracked.bound[:, body][long])
+    long = sight.long_seen(has_rotation, RATE)
+    output = np.asarray(forward_kinematics(replace(scene.pose, rotation=tracked.rotation))[1])[:, body]
+    scores.count_values("measured_rotation", np.degrees(geodesic_angle(output[long], measured[long])))
     return scores
 
 

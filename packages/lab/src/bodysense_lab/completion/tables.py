@@ -14,7 +14,7 @@ from bodysense.intervals import Interval, interval
 from bodysense.io.datasets.splits import Split
 from bodysense.scoring import GROUPS, KNOWN
 from bodysense_lab.completion.measures import REGIONS, Averages, Calibration
-from bodysense_lab.completion.options import BODIES, Body
+from bodysense_lab.completion.options import BODIES, Body, Fault
 from bodysense_lab.completion.scenes import TRUTH_OF, Truth
 from bodysense_lab.completion.sight_scores import SightScores
 from bodysense_lab.completion.tracking import CLIPS, FRAMES, EdgeScore
@@ -37,13 +37,14 @@ class CompletionSettings:
 
 @dataclass(frozen=True)
 class WorstFrame:
-    """The frame of a clip with the largest mean error."""
+    """The frame of a clip with the largest fault of a kind."""
 
     sensors: str
     body: Body
     clip: str  # the scene's name
     frame: int
-    error: float  # cm, mean over 22 joints, from the head
+    fault: Fault
+    size: float  # cm: mean error of 22 joints from the head, or how much farther one goes than the truth
 
 
 @dataclass(frozen=True)
@@ -54,7 +55,7 @@ class CompletionTable:
     cells: dict[tuple[str, Body, str], Averages] = field(default_factory=dict, repr=False)
     calibrations: dict[tuple[str, Body, str], Calibration] = field(default_factory=dict, repr=False)  # by region
     sights: dict[tuple[str, Body, str], SightScores] = field(default_factory=dict, repr=False)
-    worst: list[WorstFrame] = field(default_factory=list, repr=False)  # of each clip and cell, main group
+    worst: list[WorstFrame] = field(default_factory=list, repr=False)  # of each fault, clip and cell, main group
     truths: dict[tuple[Truth, str], Averages] = field(default_factory=dict, repr=False)
     baselines: dict[tuple[str, Truth, str], Averages] = field(default_factory=dict, repr=False)
     people: dict[tuple[str, Body], dict[str, Averages]] = field(default_factory=dict, repr=False)  # of the main group
@@ -219,6 +220,7 @@ SIGHT = {
     "AUJ": "auj",
     "elbow °": "elbow_deg",
     "seen p95": "measured_p95_cm",
+    "seen °": "measured_rotation_deg",
     "bound %": "measured_covered",
 }
 _SHARES = ("_share", "_covered")  # how keys of shares end; columns are percent
@@ -315,7 +317,7 @@ def _sight_report(table: CompletionTable) -> Report:
         numbers={},
         caption="docs/evaluation.md defines the columns. Frozen: hidden points that truly move; jumps and steps a "
         "minute; float: the lower foot too high while the truth stands; knee: median where the true knees are under "
-        "10°; re-entry: m/s, 99th percentile; PJ (ratio), AUJ (m/s³): hands lost by the measured law; seen: cm.",
+        "10°; re-entry: m/s, 99th percentile; PJ (ratio), AUJ (m/s³): hands lost by the measured law; seen: p95.",
         digits=2,
     )
 

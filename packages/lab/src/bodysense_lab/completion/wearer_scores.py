@@ -15,11 +15,12 @@ from bodysense.body.skeleton import BODY, Skeleton
 from bodysense.completion.model import CompletionModel
 from bodysense.devices.simulated.sensors import SENSOR_SETS, observe
 from bodysense.estimate import Estimate
-from bodysense.metrics import joint_error
-from bodysense.observation import Observation
+from bodysense.metrics import joint_error, vector_length
+from bodysense.observation import Observation, observed_points
 from bodysense.scoring import RATE
 from bodysense.tracker import Tracker
 from bodysense_lab.completion import sight
+from bodysense_lab.completion.rare_poses import HELD, RARE, rare_pose
 from bodysense_lab.completion.scenes import stacked
 from bodysense_lab.completion.wearers import (
     HEIGHT,
@@ -36,6 +37,8 @@ from bodysense_lab.completion.wearers import (
 from bodysense_lab.table import Cell, Report
 
 SEATED_HEIGHTS = (1.55, 1.74, 1.88)  # m
+SEATED_SETS = ("head", "three_point")
+RARE_SETS = ("three_point", "headset_camera", "head", "six_point")  # sets that see poses of `RARE`
 STANDING_HEIGHTS = (1.55, 1.70, 1.85)  # m
 LOWERED = (0.0, 0.05, 0.10, 0.15)  # m by which a standing head is lowered
 STANDS = 0.85  # of its standing height: a higher head means that the wearer stands
@@ -57,7 +60,7 @@ class SightScore:
 
 def score_wearers(network: CompletionModel | None = None, headset: Path | None = None) -> list[SightScore]:
     """All figures of a network (None: the packaged one); `headset` is a folder of recorded headsets."""
-    scores = [one for part in (_standing, _seated, _raised) for one in part(network)]
+    scores = [one for part in (_standing, _seated, _raised, _rare) for one in part(network)]
     return scores if headset is None else [*scores, *_headsets(network, headset)]
 
 
@@ -121,7 +124,7 @@ def _seated(network: CompletionModel | None) -> Iterator[SightScore]:
     poses = [seated(skeleton) for skeleton in bodies]
     time = np.arange(len(poses[0].root_position)) / RATE
     settled = time >= SETTLES
-    for sensors in ("head", "three_point"):
+    for sensors in SEATED_SETS:
         seen = [observe(pose, time, SENSOR_SETS[sensors]) for pose in poses]
         estimate = _track([Person()] * len(bodies), seen, network)
         for k, (height, skeleton, pose) in enumerate(zip(SEATED_HEIGHTS, bodies, poses, strict=True)):
@@ -156,6 +159,32 @@ def _raised(network: CompletionModel | None) -> Iterator[SightScore]:
             yield SightScore(
                 scene, f"{what}: over the shoulder, 1 s after", f"raised_{way}_{key}deg", float(angle), "°"
             )
+
+
+def _rare(network: CompletionModel | None) -> Iterator[SightScore]:
+    """Score poses of `RARE` of a known body: bounds of joints that are not tracked, and knees that bend backward."""
+    skeleton = known_body(HEIGHT)
+    poses = [rare_pose(skeleton, name) for name in RARE]
+    time = np.arange(len(poses[0].root_position)) / RATE
+    held = time >= HELD
+    body, knees = skeleton.indices(BODY), _points(skeleton, "knee")
+    truth = np.stack([np.asarray(forward_kinematics(pose)[0]) for pose in poses])[:, held][..., body, :]
+    truly = sight.backward_knees(np.stack([pose.rotation for pose in poses])[:, held][..., knees, :])
+    for sensors in RARE_SETS:
+        seen = [observe(pose, time, SENSOR_SETS[sensors]) for pose in poses]
+        estimate = _track([Person(skeleton)] * len(poses), seen, network)
+        hidden = ~observed_points(stacked(seen), skeleton)[2][:, held][..., body]
+        off = vector_length(estimate.points[:, held][..., body, :] - truth)
+        within = off <= estimate.bound[:, held][..., body]
+        by_pose = [float(one[counted].mean()) for one, counted in zip(within, hidden, strict=True)]
+        back = sight.backward_knees(estimate.pose.rotation[:, held][..., knees, :]) & ~truly
+        scene, key = f"rare poses, {sensors.replace('_', ' ')}", f"rare_{sensors}"
+        least = list(RARE)[int(np.argmin(by_pose))].replace("_", " ")
+        yield SightScore(scene, "within the 90 % bound", f"{key}_covered", float(within[hidden].mean()), "of joints")
+        yield SightScore(scene, f"the same, {least}", f"{key}_least_covered", min(by_pose), "of joints")
+        yield SightScore(
+            scene, "knees that bend backward", f"{key}_backward_knee_share", float(back.mean()), "of knees"
+        )
 
 
 def _headsets(network: CompletionModel | None, folder: Path) -> Iterator[SightScore]:

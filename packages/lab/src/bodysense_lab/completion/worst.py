@@ -11,25 +11,28 @@ from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.rotation import quaternion_conjugate, quaternion_rotate
 from bodysense.body.skeleton import Skeleton
 from bodysense.devices.simulated.sensors import SENSOR_SETS
+from bodysense.errors import BodysenseError
 from bodysense.files import written_beside
 from bodysense.io.clip import Clip
 from bodysense.observation import observed_points
 from bodysense.pictures.comparison import View, draw_views
 from bodysense.pictures.sheet import Lens
 from bodysense.scoring import RATE
+from bodysense_lab.completion.options import Fault
 from bodysense_lab.completion.scenes import TRUTH_OF, TrackedScene, person_of, scene_of
 from bodysense_lab.completion.tables import CompletionSettings, WorstFrame
 from bodysense_lab.completion.tracking import TrackPeople
 
 _LENS = Lens(width=260, height=330, aim=0.9, view_height=2.2)
-_COLUMNS = 3  # pairs of bodies in a row
+_COLUMNS = 3  # pictures in a row
 
 
-def worst_frames(found: Sequence[WorstFrame], count: int) -> list[WorstFrame]:
-    """The frames with the largest errors, at most one of a clip, the worst first."""
+def worst_frames(found: Sequence[WorstFrame], count: int, fault: Fault) -> list[WorstFrame]:
+    """The frames with the largest faults of a kind, at most one of a clip, the worst first."""
     by_clip: dict[str, WorstFrame] = {}
-    for one in sorted(found, key=lambda one: one.error, reverse=True):
-        by_clip.setdefault(one.clip, one)
+    for one in sorted(found, key=lambda one: one.size, reverse=True):
+        if one.fault == fault:
+            by_clip.setdefault(one.clip, one)
     return list(by_clip.values())[:count]
 
 
@@ -40,18 +43,22 @@ def draw_worst(
     settings: CompletionSettings,
     track: TrackPeople,
     count: int,
+    fault: Fault,
 ) -> None:
     """Write a PNG of the worst frames: the true body, untracked points in red, next to the result.
 
-    The clips of these frames are tracked once more, up to them.
+    A leap also has the result of the frame before, between the two. The clips of these frames are tracked once more, up
+    to them. Raises BodysenseError if there are no such frames.
     """
     from PIL import Image
 
     named = {f"{clip.person}/{clip.name}": clip for clip in clips}
     pictures = []
-    for one in worst_frames(found, count):
+    for one in worst_frames(found, count, fault):
         scene = scene_of(named[one.clip], TRUTH_OF[one.body], settings.split).beginning(one.frame + 1)
         pictures.append(_picture(one, scene, track))
+    if not pictures:
+        raise BodysenseError(f"--sheet {path}: no clip of the main categories was scored; give a larger --limit")
     blank = np.full_like(pictures[0], 255)
     pictures += [blank] * (-len(pictures) % min(_COLUMNS, len(pictures)))
     rows = [np.concatenate(pictures[k : k + _COLUMNS], axis=1) for k in range(0, len(pictures), _COLUMNS)]
@@ -64,13 +71,14 @@ def _picture(one: WorstFrame, scene: TrackedScene, track: TrackPeople) -> np.nda
     seen = scene.observe(SENSOR_SETS[one.sensors])
     (tracked,) = track([person_of(one.body, scene.skeleton)], [seen])
     last = slice(one.frame, one.frame + 1)
-    result = _posed(scene.skeleton, tracked.position[one.frame], tracked.rotation[last])
     tracked_points = observed_points(seen, scene.skeleton)[2][last]
-    title = f"{one.sensors} {one.body}: {one.error:.0f} cm"
-    views = [
-        View(f"{one.clip.split('/')[-1]}, {one.frame / RATE:.1f} s", scene.pose[last], tracked_points),
-        View(title, result),
-    ]
+    views = [View(f"{one.clip.split('/')[-1]}, {one.frame / RATE:.1f} s", scene.pose[last], tracked_points)]
+    titles = {one.frame: f"{one.sensors} {one.body}: {one.size:.0f} cm"}
+    if one.fault == "leap":
+        titles = {max(one.frame - 1, 0): "a frame before"} | titles
+    for frame, title in titles.items():
+        shown = _posed(scene.skeleton, tracked.position[frame], tracked.rotation[frame : frame + 1])
+        views.append(View(title, shown))
     return next(iter(draw_views(views, RATE, [0], _LENS)))
 
 
