@@ -150,8 +150,9 @@ def amass_p1(run: Flat[AmassEvaluation]) -> None:
     from rich.progress import track as progress_of
 
     from bodysense.cli.show import wide_console, write_numbers
-    from bodysense_lab.amass_p1 import listed_sources, report_of, score_source
+    from bodysense_lab.amass_p1 import listed_sources, mpjpe_interval, report_of, score_source
     from bodysense_lab.commands.reporting import print_report
+    from bodysense_lab.completion.tables import sample_remark
     from bodysense_lab.completion.tracking import TrackedBy
     from bodysense_lab.datasets import spread_evenly
     from bodysense_lab.spread import spread
@@ -163,13 +164,16 @@ def amass_p1(run: Flat[AmassEvaluation]) -> None:
     work = partial(score_source, model=run.smpl_model, track=TrackedBy(run.model))
     scores = [one for _, one in progress_of(spread(work, chosen, run.jobs), "scoring", len(chosen))]
     remarks = [f"{len(chosen)} of {len(test)} test clips in {run.amass}."]
+    if len(chosen) < len(test):
+        people = [source.person for source in chosen]
+        remarks.append(sample_remark(len(chosen), len(test), "MPJPE", mpjpe_interval(people, scores)))
     if missing:
         remarks.append(f"{missing} of the files in the lists are not there.")
     if run.smpl_model is None:
         remarks.append("The default body instead of the published one: compare with --smpl-model male/model.npz only.")
     report = report_of(scores, remarks, "packaged" if run.model is None else run.model.name)
     print_report(report, wide_console())
-    write_numbers(run.json, report.numbers)
+    write_numbers(run.json, report.numbers | {"clips_in_split": float(len(test))})
 
 
 def sight(run: Flat[SightEvaluation]) -> None:
