@@ -28,12 +28,12 @@ def completion(run: Flat[CompletionTraining]) -> None:
     Training resumes from the checkpoints in the folder of the run. The 6200 steps take an hour and a half of one core.
     """
     from bodysense_lab.completion.publish import publish
-    from bodysense_lab.completion.task import train_completion
+    from bodysense_lab.completion.task import CompletionTask, train_completion
     from bodysense_lab.completion.train_fingers import fingers_of_completion
-    from bodysense_lab.fit import launched
+    from bodysense_lab.fit import announced
 
     check_place(run.out)
-    fabric = launched(run.devices, run.nodes)
+    fabric = announced(run, CompletionTask)
     body = train_completion(run, fabric)
     fingers = fingers_of_completion(run, fabric)
     if not fabric.is_global_zero:
@@ -49,11 +49,12 @@ def completion_fingers(run: Flat[FingerTraining]) -> None:
 
     Training resumes from its checkpoint, the .ckpt that is written.
     """
+    from bodysense_lab.completion.finger_task import FingerTask
     from bodysense_lab.completion.train_fingers import train_fingers
-    from bodysense_lab.fit import launched
+    from bodysense_lab.fit import announced
 
     check_place(run.out)
-    fabric = launched(run.devices, run.nodes)
+    fabric = announced(run, FingerTask)
     train_fingers(run, fabric)
     fabric.print(f"wrote {run.out}")
 
@@ -64,11 +65,11 @@ def completion_joining(run: Flat[JoiningTraining]) -> None:
     The takes are completed first, in both directions, by the packaged networks. Training resumes from its checkpoint in
     the folder of the run, which also keeps the takes.
     """
-    from bodysense_lab.completion.joining_task import train_joining, write_joining
-    from bodysense_lab.fit import launched
+    from bodysense_lab.completion.joining_task import JoiningTask, train_joining, write_joining
+    from bodysense_lab.fit import announced
 
     check_place(run.out)
-    fabric = launched(run.devices, run.nodes)
+    fabric = announced(run, JoiningTask)
     network = train_joining(run, fabric)
     if not fabric.is_global_zero:
         return
