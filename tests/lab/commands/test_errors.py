@@ -53,7 +53,10 @@ TAKES = ("evaluate", "completion", "--data", "{folder}", "--takes")
     [
         *((*TRACK, method) for method in ("unoc", "hmd_vae", "pahmt", "two_hands", "completion")),
         *((*TAKES, option, "{none}") for option in ("--model", "--backward-model", "--joining-model")),
-        *(("evaluate", "gloves-limits", option, "{none}") for option in ("--markers", "--joints")),
+        *(
+            ("evaluate", "gloves-limits", "--data", "{folder}", option, "{none}")
+            for option in ("--markers", "--joints")
+        ),
         ("evaluate", "video-rendered", "{folder}", "--model", "{none}"),
         ("evaluate", "pahmt-table1", "--data", "{folder}", "--networks", "{folder}", "--model", "{none}"),
         ("evaluate", "unoc-table5", "--data", "{folder}", "--networks", "a={folder}", "--finger-networks", "a={none}"),
