@@ -14,16 +14,20 @@ import sys
 import time
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from bodysense.cli import main
 from bodysense.completion.model import load_completion
 from bodysense.demo import packaged_performance
+from bodysense.errors import BodysenseError
 from bodysense.io.bvh import write_bvh
+from bodysense.io.clip import Clip
+from bodysense.io.datasets.sources import Source
 from bodysense.io.datasets.splits import split_of
 from bodysense.tracker import Tracker
-from bodysense_lab import fit
+from bodysense_lab import datasets, fit
 from bodysense_lab.commands import train
 from bodysense_lab.completion import publish
 
@@ -84,6 +88,28 @@ def test_the_completion_network_is_trained_and_published(
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("command", sorted(COMMANDS))
+def test_a_trial_reads_as_many_clips_as_it_is_limited_to(
+    command: str, recorded: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Of three of each split; training itself is broken off."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    read_clip, read = datasets._read, list[str]()
+
+    def counted(source: Source, *rest: Any) -> Clip:
+        read.append(source.split)
+        return read_clip(source, *rest)
+
+    def stop(*_: object) -> None:
+        raise BodysenseError("enough")
+
+    monkeypatch.setattr(datasets, "_read", counted)
+    monkeypatch.setattr(fit, "load_checkpoint", stop)
+    assert main([*asked(command, recorded, tmp_path, 2), "--limit", "1"]) == 2
+    assert capsys.readouterr().err == "bodysense: enough\n" and sorted(read) == ["train", "val"]
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("command", sorted(set(COMMANDS) - {"completion"}))
 def test_a_trial_names_its_machine_first(
     command: str, recorded: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
@@ -103,15 +129,17 @@ def test_a_trial_names_its_machine_first(
     assert (tmp_path / written).is_file()
     check_log(tmp_path / log, "1 process")
     said = capsys.readouterr().out
+    assert re.match(r"training on cpu, \w+ layers, 1 process\nreading the train split: 0/2\n", said)
+    assert said.index("reading the train split: 2/2, ") < said.index("reading the val split: 2/2, ")
     first = next(line for line in said.splitlines() if "step " in line)
     assert re.search(r"step 0/2, \d+ s · cpu, (float32|bfloat16) layers, 1 process", first), said
 
 
-# Sharing is the loop's work, which all tasks have in common: one of each way to draw batches, and one of two nodes.
+# Two nodes are the loop's work, which all tasks have in common. `completion` rounds weights for minutes afterwards.
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("command", "share"),
-    [("completion-fingers", "--devices 2"), ("arms", "--devices 2"), ("upper-body", "--nodes 2")],
+    [("upper-body", "--nodes 2"), *((command, "--devices 2") for command in sorted(set(COMMANDS) - {"completion"}))],
 )
 def test_two_processes_share_a_training(command: str, share: str, recorded: Path, tmp_path: Path) -> None:
     with socket.socket() as probe:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -11,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from smpl_people import betas_of, made_up_model, save_walk, walk
 
 from bodysense.errors import BodysenseError
-from bodysense_lab.amass_p1 import listed_sources, measure, read_clip
+from bodysense_lab.amass_p1 import listed_sources, measure, mpjpe_interval, read_clip
 from bodysense_lab.hmd_vae.tables import PUBLISHED
 
 PLACE = "/home/somebody/amass"
@@ -113,13 +115,28 @@ def test_the_command_scores_next_to_published_figures(amass: Path, run: object, 
     options = ["--amass", amass / "amass", "--split-lists", amass / "data_split"]
     model = ["--smpl-model", amass / "smplh" / "male" / "model.npz"]
     text = run("evaluate", "amass-p1", *options, *model, "--json", tmp_path / "p1.json")  # type: ignore[operator]
-    import json
-
     numbers = json.loads((tmp_path / "p1.json").read_text())
     assert numbers["clips"] == 3 and 0 < numbers["hand_cm"] < 1.0 < numbers["lower_cm"] < 30
     assert all(name in text for name in PUBLISHED) and "4.18" in text and "1 of the files in the lists are not" in text
     text = run("evaluate", "amass-p1", *options, "--limit", 1)  # type: ignore[operator]
     assert "1 of 3 test clips" in text and "The default body instead of the published one" in text
+
+
+def test_a_sample_has_its_interval(amass: Path, run: object, tmp_path: Path) -> None:
+    options = ["--amass", amass / "amass", "--split-lists", amass / "data_split", "--json", tmp_path / "a.json"]
+    text = " ".join(run("evaluate", "amass-p1", *options, "--limit", 2).split())  # type: ignore[operator]
+    numbers = json.loads((tmp_path / "a.json").read_text())
+    said = re.search(r"A sample: 2 of 3 clips. MPJPE: between (\S+) and (\S+) cm \(95 %\)", text)
+    assert said and float(said[1]) - 0.01 < numbers["mpjpe_cm"] < float(said[2]) + 0.01
+    assert (numbers["clips"], numbers["clips_in_split"]) == (2, 3)
+    assert "sample" not in run("evaluate", "amass-p1", *options)  # type: ignore[operator]
+
+
+def test_a_person_counts_once_in_an_interval() -> None:
+    """Two people: the interval is between their means, whatever the number of clips."""
+    scores = [{"mpjpe_cm": error} for error in (1.0, 3.0, 4.0)]
+    found = mpjpe_interval(["a", "a", "b"], scores)
+    assert (found.value, found.low, found.high) == pytest.approx((8 / 3, 2.0, 4.0))
 
 
 def test_the_network_that_is_given_is_scored(amass: Path, refused: object, tmp_path: Path) -> None:

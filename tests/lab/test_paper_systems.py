@@ -11,6 +11,8 @@ import pytest
 import torch
 
 from bodysense.body.arms import ARM_JOINTS, arm_rotations
+from bodysense.body.keypoints import ArmKeypoints
+from bodysense.body.person import Person
 from bodysense.body.pose import forward_kinematics, standing_pose
 from bodysense.body.rotation import geodesic_angle
 from bodysense.body.skeleton import BODY
@@ -21,12 +23,13 @@ from bodysense.io.clip import Clip
 from bodysense.io.recording import Recording
 from bodysense.metrics import joint_error
 from bodysense.observation import Observation
-from bodysense.open import MotionSource, RecordingSource
+from bodysense.open import MotionSource, RecordingSource, VideoSource
 from bodysense.papers.hmd_vae import BodyVaeEstimator, load_body_vae
 from bodysense.papers.ik_tracker import IkTracker
 from bodysense.take import track
 from bodysense_lab.hmd_vae.export import write_vae_onnx
 from bodysense_lab.hmd_vae.network import BodyVae, BodyVaeConfig
+from bodysense_lab.pahmt import system as pahmt
 from bodysense_lab.paper_options import Method, PaperOptions, Variant
 from bodysense_lab.paper_systems import SYSTEMS
 from bodysense_lab.two_hands.system import calibrate
@@ -97,6 +100,19 @@ def test_pahmt_turns_arms_and_hands_of_a_body_that_stands(waving_clip: Clip) -> 
     error = geodesic_angle(arm_rotations(found.pose), true)[:, swung].mean()
     still = geodesic_angle(arm_rotations(standing)[None], true)[:, swung].mean()
     assert error < still
+
+
+def test_pahmt_watches_the_video_that_is_given(waving_clip: Clip, monkeypatch: pytest.MonkeyPatch) -> None:
+    watched: list[str] = []
+
+    def film(name: str) -> ArmKeypoints:
+        watched.append(name)
+        return pahmt.seen_from_front(waving_clip)
+
+    monkeypatch.setattr(pahmt, "filmed", film)
+    found = SYSTEMS["pahmt"](VideoSource("film.mp4"), PaperOptions(variant="cnn", height=1.6))
+    assert watched == ["film.mp4"] and len(found) == len(waving_clip)
+    np.testing.assert_array_equal(found.pose.skeleton.rest_offset, Person(height=1.6).skeleton.rest_offset)
 
 
 @pytest.mark.slow

@@ -44,6 +44,38 @@ def test_a_folder_that_is_missing_is_said_before_the_work(
     assert not files(tmp_path)
 
 
+TRACK = ("papers", "track", "{motion}", "-o", "{folder}/out.bvh", "--networks", "{none}", "--method")
+TAKES = ("evaluate", "completion", "--data", "{folder}", "--takes")
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        *((*TRACK, method) for method in ("unoc", "hmd_vae", "pahmt", "two_hands", "completion")),
+        *((*TAKES, option, "{none}") for option in ("--model", "--backward-model", "--joining-model")),
+        *(
+            ("evaluate", "gloves-limits", "--data", "{folder}", option, "{none}")
+            for option in ("--markers", "--joints")
+        ),
+        ("evaluate", "video-rendered", "{folder}", "--model", "{none}"),
+        ("evaluate", "pahmt-table1", "--data", "{folder}", "--networks", "{folder}", "--model", "{none}"),
+        ("evaluate", "unoc-table5", "--data", "{folder}", "--networks", "a={folder}", "--finger-networks", "a={none}"),
+        ("bench", "arms", "--model", "{none}"),
+    ],
+    ids=" ".join,
+)
+def test_a_network_that_is_missing_is_said_before_the_work(
+    tmp_path: Path, motion: Path, refused: Refused, monkeypatch: pytest.MonkeyPatch, command: tuple[str, ...]
+) -> None:
+    """Even before it is seen that there is nothing to work on."""
+    (folder := tmp_path / "empty").mkdir()
+    monkeypatch.chdir(folder)
+    missing = tmp_path / "missing.onnx"
+    line = refused(*(word.format(motion=motion, folder=folder, none=missing) for word in command))
+    assert str(missing) in line and "no such" in line
+    assert not files(folder)
+
+
 def test_a_network_of_another_ending(tmp_path: Path, refused: Refused) -> None:
     line = refused("train", "body-gru", "--data", tmp_path, "-o", tmp_path / "a.pt")
     assert "written as .onnx; give a name that ends so" in line

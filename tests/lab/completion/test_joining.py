@@ -207,11 +207,11 @@ def test_takes_are_kept_once_they_are_whole(takes: list[JoinedTake], tmp_path: P
             yield takes[number % 2]
 
     def kept() -> list[JoinedTake]:
-        return kept_takes(tmp_path / "train", draw, 2 * len(takes[0]), lambda frames: None)
+        return kept_takes(tmp_path / "train", draw, 2 * len(takes[0]))
 
     first, again = kept(), kept()
     assert len(first) == len(again) == len(drawn) >= 2
-    fewer = kept_takes(tmp_path / "train", draw, 1, lambda frames: None)
+    fewer = kept_takes(tmp_path / "train", draw, 1)
     assert len(fewer) == 1 == len(list((tmp_path / "train").glob("*.npz"))) and len(kept()) == len(first)
     for one, other in zip(first, again, strict=True):
         np.testing.assert_array_equal(one.features, other.features)

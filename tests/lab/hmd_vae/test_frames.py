@@ -49,6 +49,14 @@ def test_other_rates_come_to_the_same_rate(waving_clip: Clip, rate: float) -> No
     assert abs((frames.length[0] - 1) / 30 - seconds) < 1 / 30 + 1 / rate
 
 
+def test_a_trial_reads_some_of_a_list(tmp_path: Path, waving_clip: Clip) -> None:
+    names = [f"{letter}.bvh" for letter in "abc"]
+    for name in names:
+        write_bvh(tmp_path / name, waving_clip)
+    (tmp_path / "split.txt").write_text("".join(f"{name} train\n" for name in names))
+    assert [clip.name for clip in split_clips(tmp_path, "train", tmp_path / "split.txt", 1)] == ["b"]
+
+
 def test_none_is_long_enough(waving_clip: Clip) -> None:
     with pytest.raises(BodysenseError, match=f"none of the clips has {TEST_LENGTH} frames at 30 Hz"):
         read_body_frames([shorter(waving_clip, 20)])

@@ -86,6 +86,7 @@ def test_the_loss_of_an_ablation_is_the_papers_but_for_its_terms(tmp_path: Path)
     assert (gru.body, gru.finger, gru.parent, gru.body_bone, gru.finger_bone) == (10, 100, 3, 7, 10)
     assert (gru.occluded, gru.occlusion, gru.expected_error) == (1.2, 0.025, 0.0)
     assert bare == replace(gru, parent=0.0, body_bone=0.0, finger_bone=0.0)
+    assert schedule_of(replace(run, loss_sum=True), "gru").loss == replace(gru, sums=True) != gru
     assert schedule_of(run, "gru").epoch_batches == (256, 512, 1024, 1024, 1024)
     assert schedule_of(replace(run, batch_scale=0.25), "gru").epoch_batches == (64, 128, 256, 256, 256)
 

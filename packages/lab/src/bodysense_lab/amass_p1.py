@@ -22,6 +22,7 @@ from bodysense.body.rotation import quaternion_exp, quaternion_log
 from bodysense.body.skeleton import BODY, LOWER_BODY
 from bodysense.devices.simulated.sensors import THREE_POINT, observe
 from bodysense.errors import BodysenseError
+from bodysense.intervals import Interval, interval
 from bodysense.io.amass import read_amass
 from bodysense.io.body_model import read_model
 from bodysense.io.clip import Clip
@@ -167,6 +168,14 @@ def measure(
         "jitter": jitter(position, RATE),
         "truth_jitter": jitter(true_position, RATE),
     }
+
+
+def mpjpe_interval(people: Sequence[str], scores: Sequence[dict[str, float]]) -> Interval:
+    """Return the mean MPJPE over clips and its interval, drawn over people; `people` are those of the clips."""
+    errors: dict[str, list[float]] = {}
+    for person, one in zip(people, scores, strict=True):
+        errors.setdefault(person, []).append(one["mpjpe_cm"])
+    return interval({person: (float(np.mean(theirs)), len(theirs)) for person, theirs in errors.items()})
 
 
 def report_of(scores: Sequence[dict[str, float]], remarks: Sequence[str], network: str) -> Report:

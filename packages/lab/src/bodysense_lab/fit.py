@@ -32,6 +32,7 @@ from torch.optim.swa_utils import AveragedModel
 
 from bodysense.errors import BodysenseError
 from bodysense_lab.checkpoint import differences, identity, load_checkpoint, save_checkpoint
+from bodysense_lab.options import Run
 from bodysense_lab.precision import layer_precision
 
 _PACE = (5.0, 600.0)  # s from the beginning to the first report of the pace, and the most from one to the next
@@ -242,6 +243,13 @@ def launched(devices: int = 1, nodes: int = 1) -> Fabric:
     return fabric
 
 
+def announced(run: Run, task: type[Task]) -> Fabric:
+    """Return the devices of a run, and print what it trains on, before anything is read."""
+    fabric = launched(run.devices, run.nodes)
+    fabric.print(f"training on {machine_of(fabric, task.mixed)}", flush=True)
+    return fabric
+
+
 def machine_of(fabric: Fabric, mixed: bool) -> str:
     """Return the device, the precision of the layers and the number of processes, in words."""
     layers = str(layer_precision(fabric.device) if mixed else torch.float32).removeprefix("torch.")
@@ -258,13 +266,12 @@ def begin(seed: int, threads: int | None) -> None:
 
 def printed(name: str = "") -> Report:
     """A report that prints a line each time, after a name."""
-    console = Console(width=200)
+    return partial(_print_progress, name)
 
-    def report(progress: Progress) -> None:
-        head = f"{name} " if name else ""
-        console.print(f"{head}{line_of_progress(progress)}", highlight=False)
 
-    return report
+def _print_progress(name: str, progress: Progress) -> None:
+    head = f"{name} " if name else ""
+    Console(width=200).print(f"{head}{line_of_progress(progress)}", highlight=False, soft_wrap=True)
 
 
 def line_of_progress(progress: Progress) -> str:
@@ -334,6 +341,7 @@ def sweep(
     """Train the networks that are not trained, in order, `jobs` at a time; `steps` are of each by its name.
 
     With several jobs each has a process of its own, and `train` must be picklable; the folder `logs` holds NAME.jsonl.
+    A terminal displays one bar; without a terminal each network prints its lines of progress.
     """
     todo = [name for name in steps if not is_trained(name)]
     console = Console(quiet=quiet)
@@ -343,7 +351,7 @@ def sweep(
         bar = bars.add_task("training", total=sum(steps.values()), completed=done)
         if jobs > 1:
             with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
-                waiting = {pool.submit(train, name, quietly) for name in todo}
+                waiting = {pool.submit(train, name, quietly if console.is_terminal else printed(name)) for name in todo}
                 while waiting:
                     ended, waiting = wait(waiting, timeout=1.0, return_when=FIRST_COMPLETED)
                     bars.update(bar, completed=done + sum(_reached(logs, name, steps[name]) for name in todo))
@@ -354,7 +362,7 @@ def sweep(
             bars.update(bar, description=name)
 
             def report(progress: Progress, name: str = name, before: int = done) -> None:
-                if not progress.terms:
+                if not (progress.terms and console.is_terminal):
                     console.print(f"{name} {line_of_progress(progress)}", highlight=False, soft_wrap=True)
                 pace = f", {progress.steps_per_second:.3g} steps/s" if progress.terms else ""
                 bars.update(bar, completed=before + progress.step, description=f"{name}{pace}")

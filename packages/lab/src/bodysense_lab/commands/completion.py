@@ -28,12 +28,12 @@ def completion(run: Flat[CompletionTraining]) -> None:
     Training resumes from the checkpoints in the folder of the run. The 6200 steps take an hour and a half of one core.
     """
     from bodysense_lab.completion.publish import publish
-    from bodysense_lab.completion.task import train_completion
+    from bodysense_lab.completion.task import CompletionTask, train_completion
     from bodysense_lab.completion.train_fingers import fingers_of_completion
-    from bodysense_lab.fit import launched
+    from bodysense_lab.fit import announced
 
     check_place(run.out)
-    fabric = launched(run.devices, run.nodes)
+    fabric = announced(run, CompletionTask)
     body = train_completion(run, fabric)
     fingers = fingers_of_completion(run, fabric)
     if not fabric.is_global_zero:
@@ -49,11 +49,12 @@ def completion_fingers(run: Flat[FingerTraining]) -> None:
 
     Training resumes from its checkpoint, the .ckpt that is written.
     """
+    from bodysense_lab.completion.finger_task import FingerTask
     from bodysense_lab.completion.train_fingers import train_fingers
-    from bodysense_lab.fit import launched
+    from bodysense_lab.fit import announced
 
     check_place(run.out)
-    fabric = launched(run.devices, run.nodes)
+    fabric = announced(run, FingerTask)
     train_fingers(run, fabric)
     fabric.print(f"wrote {run.out}")
 
@@ -64,11 +65,11 @@ def completion_joining(run: Flat[JoiningTraining]) -> None:
     The takes are completed first, in both directions, by the packaged networks. Training resumes from its checkpoint in
     the folder of the run, which also keeps the takes.
     """
-    from bodysense_lab.completion.joining_task import train_joining, write_joining
-    from bodysense_lab.fit import launched
+    from bodysense_lab.completion.joining_task import JoiningTask, train_joining, write_joining
+    from bodysense_lab.fit import announced
 
     check_place(run.out)
-    fabric = launched(run.devices, run.nodes)
+    fabric = announced(run, JoiningTask)
     network = train_joining(run, fabric)
     if not fabric.is_global_zero:
         return
@@ -96,6 +97,7 @@ def completion_table(run: Flat[CompletionEvaluation]) -> None:
 
     check_places(*run.outputs)
     track = TrackedBy(run.model)
+    takes = TakenBy(run.model, run.backward_model, run.joining_model) if run.takes else None
     chosen, census = named_data(run.data, run.split), Census()
     settings = CompletionSettings(run.split, run.sets, run.bodies, 200 if run.lattice else 0, run.takes)
     network = "packaged" if run.model is None else str(run.model.resolve())
@@ -123,7 +125,7 @@ def completion_table(run: Flat[CompletionEvaluation]) -> None:
             clips,
             settings,
             track=track,
-            takes=TakenBy(run.model, run.backward_model, run.joining_model) if run.takes else None,
+            takes=takes,
             times=partial(step_times, network=track.network),
             spread=partial(spread, jobs=run.jobs or os.cpu_count() or 1, scheduler=run.scheduler),
             mean_body=mean_body,
@@ -150,8 +152,9 @@ def amass_p1(run: Flat[AmassEvaluation]) -> None:
     from rich.progress import track as progress_of
 
     from bodysense.cli.show import wide_console, write_numbers
-    from bodysense_lab.amass_p1 import listed_sources, report_of, score_source
+    from bodysense_lab.amass_p1 import listed_sources, mpjpe_interval, report_of, score_source
     from bodysense_lab.commands.reporting import print_report
+    from bodysense_lab.completion.tables import sample_remark
     from bodysense_lab.completion.tracking import TrackedBy
     from bodysense_lab.datasets import spread_evenly
     from bodysense_lab.spread import spread
@@ -163,13 +166,16 @@ def amass_p1(run: Flat[AmassEvaluation]) -> None:
     work = partial(score_source, model=run.smpl_model, track=TrackedBy(run.model))
     scores = [one for _, one in progress_of(spread(work, chosen, run.jobs), "scoring", len(chosen))]
     remarks = [f"{len(chosen)} of {len(test)} test clips in {run.amass}."]
+    if len(chosen) < len(test):
+        people = [source.person for source in chosen]
+        remarks.append(sample_remark(len(chosen), len(test), "MPJPE", mpjpe_interval(people, scores)))
     if missing:
         remarks.append(f"{missing} of the files in the lists are not there.")
     if run.smpl_model is None:
         remarks.append("The default body instead of the published one: compare with --smpl-model male/model.npz only.")
     report = report_of(scores, remarks, "packaged" if run.model is None else run.model.name)
     print_report(report, wide_console())
-    write_numbers(run.json, report.numbers)
+    write_numbers(run.json, report.numbers | {"clips_in_split": float(len(test))})
 
 
 def sight(run: Flat[SightEvaluation]) -> None:

@@ -97,11 +97,12 @@ def gloves_limits(
     from bodysense.devices.simulated.camera_ring import CameraRing
     from bodysense_lab.datasets import Census
     from bodysense_lab.two_hands.hand_pairs import SYNTHESISED_SECONDS
-    from bodysense_lab.two_hands.limits import SYNTHESISED_PIECES, Findings, Networks, measure_limits
+    from bodysense_lab.two_hands.limits import SYNTHESISED_PIECES, Findings, Networks, measure_limits, open_networks
     from bodysense_lab.two_hands.limits_report import SYNTHESISED, limits_report
 
-    ring = CameraRing(count=cameras)
-    work = partial(measure_limits, networks=Networks(markers, joints), cameras=ring)
+    ring, networks = CameraRing(count=cameras), Networks(markers, joints)
+    open_networks(networks)  # files that are no networks are refused before the work
+    work = partial(measure_limits, networks=networks, cameras=ring)
     check_outputs(table)
     chosen, found, census = None, dict[str, Findings](), Census()
     if data is not None:

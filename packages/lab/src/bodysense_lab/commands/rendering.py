@@ -85,7 +85,7 @@ def video_rendered(run: Flat[VideoEvaluation]) -> None:
 
     written = TableOptions(out=run.out, json=run.json)
     check_outputs(written)
-    truths, files, network = list_takes(run.videos), find_landmarkers(run.landmarkers), load_arms(run.model)
+    network, truths, files = load_arms(run.model), list_takes(run.videos), find_landmarkers(run.landmarkers)
     with counting("watched", len(truths)) as advance:
         table = score_videos(truths, files, network, advance)
     finish(video_report(table, run.videos.name), written)

@@ -108,9 +108,9 @@ def unoc_table5(
     check_outputs(table)
     sets = [named_data(one, table.split, table.quick) for one in data]
     folders = _named(networks, "--networks")
-    trained = {name: networks_in(folder, ["gru"])["gru"] for name, folder in folders.items()}
     files = _named(finger_networks, "--finger-networks")
     hands = {name: load_point_model("fingers", file) for name, file in files.items()}
+    trained = {name: networks_in(folder, ["gru"])["gru"] for name, folder in folders.items()}
     with progress_over(sets) as advance:
         scores, last_known = score_pairs(sets, trained, table.out, stride, table.processes, advance)
     fingers = synthesis_errors(sets, hands) if hands else None

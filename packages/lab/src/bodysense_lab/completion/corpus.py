@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from rich.progress import track
 
 from bodysense.body.pose import forward_kinematics
 from bodysense.body.rotation import quaternion_canonical
@@ -18,7 +17,7 @@ from bodysense.errors import BodysenseError
 from bodysense.files import cache_folder, make_folder, written_beside
 from bodysense.io.clip import Clip
 from bodysense.io.datasets.splits import Split
-from bodysense_lab.datasets import learned_clips, learned_count
+from bodysense_lab.progress import read_clips
 from bodysense_lab.store import is_store
 
 FORMAT = "bodysense-corpus-2"
@@ -67,8 +66,7 @@ def read_corpus(data: Path, split: Split, limit: int | None = None) -> Corpus:
         with np.load(kept, allow_pickle=False) as saved:
             if str(saved["content"]) == content:
                 return Corpus(**{name: saved[name] for name in saved.files if name != "content"})
-    clips, total = learned_clips(data, split, limit), learned_count(data, split, limit)
-    corpus = corpus_of(track(clips, f"reading the {split} split", total=total))
+    corpus = corpus_of(read_clips(data, split, limit))
     make_folder(kept.parent)
     with written_beside(kept) as beside, beside.open("wb") as file:
         np.savez(file, content=content, **vars(corpus))

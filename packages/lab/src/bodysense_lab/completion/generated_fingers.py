@@ -11,12 +11,12 @@ import math
 from pathlib import Path
 
 import numpy as np
-from rich.progress import track
 
 from bodysense.body.hand import HAND_JOINTS, Side, hand_skeleton, mirrored_rotations
 from bodysense.body.skeleton import BODY, default_skeleton
 from bodysense.errors import BodysenseError
 from bodysense.files import written_beside
+from bodysense_lab.progress import tracked
 from bodysense_lab.synthesis.hands import synthesize_hand
 from bodysense_lab.synthesis.pairs import synthesize_pair
 
@@ -38,7 +38,8 @@ def generate_fingers(hours: float, seed: int = 1) -> np.ndarray:
     hand = hand_skeleton(skeleton, "left")
     places = [skeleton.indices([f"{side}_{name}" for name in HAND_JOINTS[1:]]) - len(BODY) for side in _SIDES]
     pieces = []
-    for number in track(range(math.ceil(hours * 3600 / _PIECE)), "generating fingers"):
+    count = math.ceil(hours * 3600 / _PIECE)
+    for number in tracked(range(count), "generating fingers", count):
         rng = np.random.default_rng([seed, number])
         if rng.uniform() < _PAIRS:
             both = synthesize_pair(hand, _PIECE, rng, RATE)

@@ -168,7 +168,6 @@ def kept_takes(
     folder: Path,
     draw: Callable[[], Iterator[JoinedTake]],
     frames: int,
-    advance: Callable[[int], None],
     source: str = "",
 ) -> list[JoinedTake]:
     """Return takes of `frames` frames in all, from a folder, in which new ones are kept.
@@ -187,7 +186,6 @@ def kept_takes(
         take.save(folder / f"{place:06d}.npz")
         takes.append(take)
         count += len(take)
-        advance(len(take))
         if count >= frames:
             break
     is_whole.write_text(asked, encoding="utf-8")

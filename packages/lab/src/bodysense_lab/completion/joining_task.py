@@ -14,14 +14,12 @@ from typing import Any
 import numpy as np
 import torch
 from lightning_fabric import Fabric
-from rich.progress import Progress
 from torch import Tensor, nn
 from torch.nn.functional import silu
 
 from bodysense.body.skeleton import BODY, default_skeleton
 from bodysense.completion.joining_network import DILATIONS, FORMAT, JOINTS, OUTPUTS
 from bodysense.files import written_beside
-from bodysense.io.clip import Clip
 from bodysense.io.datasets.splits import Split
 from bodysense.scoring import RATE
 from bodysense_lab.completion.joining_takes import JoinedTake, draw_takes, kept_takes, parents_of
@@ -30,9 +28,9 @@ from bodysense_lab.completion.options import JoiningTraining
 from bodysense_lab.completion.publish import QUANTILE
 from bodysense_lab.completion.task import SLACK
 from bodysense_lab.completion.weights_file import safetensors_bytes
-from bodysense_lab.datasets import learned_clips
 from bodysense_lab.fit import Task, begin, cut, fit
 from bodysense_lab.options import Schedule
+from bodysense_lab.progress import counted, read_clips
 
 _PARENTS, _HEAD = parents_of(default_skeleton()), BODY.index("head")
 _ARRAYS = (
@@ -271,13 +269,14 @@ def train_joining(options: JoiningTraining, fabric: Fabric) -> JoiningModule:
 
 def _takes(options: JoiningTraining, split: Split, frames: int, seed: int) -> list[JoinedTake]:
     def draw() -> Iterator[JoinedTake]:
-        clips: list[Clip] = list(learned_clips(options.data, split, options.limit))
-        return draw_takes(clips, split, np.random.default_rng(seed))
+        clips = list(read_clips(options.data, split, options.limit))
+        with counted(f"completing takes of the {split} split, frames", frames) as advance:
+            for take in draw_takes(clips, split, np.random.default_rng(seed)):
+                advance(len(take))
+                yield take
 
-    with Progress() as progress:
-        bar = progress.add_task(f"completing takes of the {split} split", total=frames)
-        source = f"{FORMAT}, {options.data.resolve()}, limit {options.limit}, seed {seed}"
-        return kept_takes(options.folder / split, draw, frames, lambda done: progress.update(bar, advance=done), source)
+    source = f"{FORMAT}, {options.data.resolve()}, limit {options.limit}, seed {seed}"
+    return kept_takes(options.folder / split, draw, frames, source)
 
 
 def write_joining(network: JoiningModule, path: Path, card: dict[str, Any]) -> None:

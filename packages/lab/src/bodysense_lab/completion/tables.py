@@ -266,14 +266,17 @@ def completion_reports(table: CompletionTable, census: Census, data: DataSet, to
 
 
 def _sample(table: CompletionTable, clips: int, total: int) -> Iterator[str]:
-    """Say of some of the clips that they are a sample, and how far its first figure may be off."""
     if clips < total:
         sensors, body = table.settings.sets[0], table.settings.bodies[0]
-        one = table.interval(sensors, body)
-        text = f"A sample: {clips} of {total} clips."
-        if math.isfinite(one.low):
-            text += f" {sensors.replace('_', ' ')}, {body}: between {one.low:.2f} and {one.high:.2f} cm (95 %)."
-        yield text
+        yield sample_remark(clips, total, f"{sensors.replace('_', ' ')}, {body}", table.interval(sensors, body))
+
+
+def sample_remark(clips: int, total: int, figure: str, one: Interval) -> str:
+    """Return how many of all clips are in a sample, and the interval of a figure, cm, if it is known."""
+    text = f"A sample: {clips} of {total} clips."
+    if math.isfinite(one.low):
+        text += f" {figure}: between {one.low:.2f} and {one.high:.2f} cm (95 %)."
+    return text
 
 
 def _rows(table: CompletionTable) -> Iterator[tuple[Cell, ...]]:

@@ -7,21 +7,19 @@ import hashlib
 import itertools
 import json
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from lightning_fabric import Fabric
-from rich.progress import track
 
 from bodysense.errors import BodysenseError
 from bodysense.files import check_folder, check_place, make_folder, written_beside
-from bodysense.io.clip import Clip
 from bodysense_lab.checkpoint import identity
-from bodysense_lab.datasets import learned_clips, learned_count
-from bodysense_lab.fit import Report, begin, fit, is_same, launched, sweep
+from bodysense_lab.datasets import learned_count
+from bodysense_lab.fit import Report, announced, begin, fit, is_same, sweep
 from bodysense_lab.hmd_vae.frames import (
     TRAIN_LENGTH,
     BodyFrames,
@@ -33,6 +31,7 @@ from bodysense_lab.hmd_vae.frames import (
 from bodysense_lab.hmd_vae.network import BodyVae, pretrained, read_vae, write_vae
 from bodysense_lab.hmd_vae.options import MODELS, BodyVaeConfig, Grid, VaeRun
 from bodysense_lab.hmd_vae.task import VaeTask, joint_errors
+from bodysense_lab.progress import read_clips, tracked
 from bodysense_lab.windows import Windows
 
 BETAS, LATENTS, BLOCKS = (0.0001, 0.01, 0.1, 1.0, 5.0), (15, 30, 60), (3, 6)  # the paper's 30 settings
@@ -57,9 +56,12 @@ class VaeData:
 
 def read_data(run: VaeRun) -> VaeData:
     """The training split, 5 % of its sequences held out, and the validation people."""
-    total = None if run.split_file is not None else learned_count(run.data, "train", run.limit)
-    clips: Iterator[Clip] = split_clips(run.data, "train", run.split_file, run.limit)
-    frames = read_body_frames(track(clips, total=total, description="reading the train split"))
+    if run.split_file is None:
+        total = learned_count(run.data, "train", run.limit)
+    else:
+        total = list(read_split_file(run.split_file).values()).count("train")
+    clips = split_clips(run.data, "train", run.split_file, run.limit)
+    frames = read_body_frames(tracked(clips, "reading the train split", min(total, run.limit or total)))
     kept_out = held_out(frames.person, np.random.default_rng(run.schedule.seed))
     within = frames.windows(TRAIN_LENGTH, clips=np.flatnonzero(kept_out))
     learned = frames.windows(TRAIN_LENGTH, clips=np.flatnonzero(~kept_out))
@@ -67,7 +69,7 @@ def read_data(run: VaeRun) -> VaeData:
         if not len(within):
             raise BodysenseError(f"{run.split_file}: one training sequence cannot also be held out; list more")
         return VaeData(frames, learned, within, (frames, within))
-    others = read_body_frames(learned_clips(run.data, "val", run.limit))
+    others = read_body_frames(read_clips(run.data, "val", run.limit))
     return VaeData(frames, learned, within, (others, others.windows(TRAIN_LENGTH)))
 
 
@@ -75,7 +77,7 @@ def run_vae(run: VaeRun) -> None:
     """Train one network; the weights (.pt), log (.jsonl) and checkpoint (.ckpt) are written next to `run.out`."""
     check_place(run.out)
     weights, whole = run.out.with_suffix(".pt"), whole_body(run)
-    fabric = launched(run.devices, run.nodes)
+    fabric = announced(run, VaeTask)
     if not is_trained(run, weights, whole):
         data = read_data(run)
         fabric.print(f"{data.note}; {len(data.train)} windows")
@@ -193,7 +195,7 @@ def run_sweep(run: VaeRun, configs: Sequence[BodyVaeConfig]) -> None:
     runs = {sweep_name(config): swept(run, config) for config in configs}
     paths = [one.out for one in runs.values()]
     check_folder(run.out)
-    fabric = launched(run.devices, run.nodes)
+    fabric = announced(run, VaeTask)
     if not all(is_swept(one) for one in runs.values()):
         data = read_data(run)
         make_folder(run.out)

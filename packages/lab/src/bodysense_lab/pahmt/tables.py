@@ -63,6 +63,7 @@ class ScoredRow:
 
 def rows_in(folder: Path, model: Path | None = None) -> list[ScoredRow]:
     """Return the table's networks in a folder, and one more. Raises BodysenseError if there are no networks."""
+    shipped = None if model is None else read_arms(model)[0]
     found = [
         ScoredRow(name, row, read_arms(folder / f"{name}.pt")[0], learned=_learned(folder / f"{name}.jsonl"))
         for name, row in TABLE_1.items()
@@ -73,11 +74,10 @@ def rows_in(folder: Path, model: Path | None = None) -> list[ScoredRow]:
             f"{folder}: none of the table's networks in it; train them with `bodysense train arms-table` into it"
         )
     found.append(ScoredRow("ik", TableRow("inverse kinematics, true positions", losses=()), None))
-    if model is not None:
-        network = read_arms(model)[0]
-        config = network.config
+    if model is not None and shipped is not None:
+        config = shipped.config
         row = TableRow(f"{config.kind.upper()}, {model.stem}", config.kind, config.input)
-        found.append(ScoredRow("shipped", row, network))
+        found.append(ScoredRow("shipped", row, shipped))
     return found
 
 

@@ -9,17 +9,16 @@ from typing import Any
 
 from lightning_fabric import Fabric
 from numpy.random import default_rng
-from rich.progress import track
 
 from bodysense.errors import BodysenseError
 from bodysense.files import check_place, make_folder
 from bodysense_lab.checkpoint import identity
-from bodysense_lab.datasets import learned_clips, learned_count
-from bodysense_lab.fit import Report, begin, fit, is_same, launched, sweep
+from bodysense_lab.fit import Report, announced, begin, fit, is_same, sweep
 from bodysense_lab.pahmt.features import ArmRecordings, read_arm_recordings
 from bodysense_lab.pahmt.network import ArmNetwork, read_arms, write_arms
 from bodysense_lab.pahmt.options import TABLE_1, ArmRun, ArmTableTraining, ArmTraining
 from bodysense_lab.pahmt.task import ArmTask, Pair, epoch_steps, step_count
+from bodysense_lab.progress import read_clips
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,13 +36,12 @@ class ArmData:
 
 def read_data(run: ArmRun) -> ArmData:
     """The training split and the clips with hands of the validation split."""
-    total = learned_count(run.data, "train", run.limit)
-    clips = track(learned_clips(run.data, "train", run.limit), "reading the train split", total)
+    train, val = (read_clips(run.data, split, run.limit) for split in ("train", "val"))
     stiff = run.schedule.without_hands > 0
     learned = read_arm_recordings(
-        (clip for clip in clips if clip.has_fingers or stiff), run.bodies, default_rng(run.schedule.seed)
+        (clip for clip in train if clip.has_fingers or stiff), run.bodies, default_rng(run.schedule.seed)
     )
-    watched = read_arm_recordings(clip for clip in learned_clips(run.data, "val", run.limit) if clip.has_fingers)
+    watched = read_arm_recordings(clip for clip in val if clip.has_fingers)
     return ArmData(learned, watched)
 
 
@@ -51,7 +49,7 @@ def run_arms(run: ArmTraining) -> None:
     """Train one network; the weights (.pt), log (.jsonl) and checkpoint (.ckpt) are written next to `run.out`."""
     check_place(run.out)
     weights = run.out.with_suffix(".pt")
-    fabric = launched(run.devices, run.nodes)
+    fabric = announced(run, ArmTask)
     if not is_trained(run, weights):
         data = read_data(run)
         fabric.print(f"{data.note}; {epoch_steps(data.train, run.schedule)} steps an epoch")
@@ -73,7 +71,7 @@ def run_table(run: ArmTableTraining) -> None:
     if unknown:
         raise BodysenseError(f"unknown network {unknown[0]!r}; valid are {', '.join(TABLE_1)}")
     make_folder(run.out)
-    fabric = launched(run.devices, run.nodes)
+    fabric = announced(run, ArmTask)
     runs = {name: row_run(run, name) for name in names}
     if not all(is_trained(one, one.out) for one in runs.values()):
         data = read_data(run)

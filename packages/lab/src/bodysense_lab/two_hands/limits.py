@@ -83,7 +83,7 @@ class Findings:
 
 def measure_limits(pair: HandPair, rng: np.random.Generator, networks: Networks, cameras: CameraRing) -> Findings:
     """Everything of one recording, under the keys of `limits_report`."""
-    return measure_pair(pair, _models(networks), cameras, rng)
+    return measure_pair(pair, open_networks(networks), cameras, rng)
 
 
 def measure_pair(pair: HandPair, models: GloveModels, cameras: CameraRing, rng: np.random.Generator) -> Findings:
@@ -234,5 +234,6 @@ def label_accuracy(
 
 
 @cache
-def _models(networks: Networks) -> GloveModels:
+def open_networks(networks: Networks) -> GloveModels:
+    """Open the files, once in every process. Raises BodysenseError for files that are not these networks."""
     return GloveModels(load_marker_network(networks.markers), load_joint_network(networks.joints))

@@ -20,9 +20,10 @@ from bodysense.body.hand_family import draw_hand
 from bodysense.devices.gloves.networks import JOINT_FORMAT, MARKER_FORMAT
 from bodysense.errors import BodysenseError
 from bodysense.files import make_folder
-from bodysense_lab.datasets import learned_clips, open_clips
+from bodysense_lab.datasets import open_clips
 from bodysense_lab.export import export
-from bodysense_lab.fit import begin, fit, launched, printed
+from bodysense_lab.fit import announced, begin, fit, printed
+from bodysense_lab.progress import read_clips, tracked
 from bodysense_lab.synthesis.hands import HandMotion, hand_pairs, synthesize_hand
 from bodysense_lab.synthesis.pairs import synthesize_pair
 from bodysense_lab.two_hands.drawing import JointTask, MarkerTask
@@ -94,10 +95,9 @@ _TRAIN, _VALIDATION = 1, 2  # of the generators of synthesised hands
 def run_gloves(run: GloveTraining) -> None:
     """Train and export each network, and write its log (`.jsonl`) and checkpoint (`.ckpt`) next to it."""
     make_folder(run.out)
-    fabric = launched(run.devices, run.nodes)
+    fabric = announced(run, MarkerTask)
     begin(run.seed, run.threads)
     console = Console(quiet=not fabric.is_global_zero)
-    console.print("preparing hands", highlight=False)
     frames, validation = prepare(run, "train"), prepare(run, "val")
     minutes = len(frames) / RATE / 60
     console.print(f"{len(frames.rest)} hands, {minutes:.0f} minutes at {RATE:g} Hz", highlight=False)
@@ -125,7 +125,7 @@ def _recorded(run: GloveTraining, split: Literal["train", "val"]) -> Iterator[Gl
     if run.data is None:
         return
     own, drawn = (1, 0) if run.form == "paper" else (_OWN, _DRAWN) if split == "train" else (1, 1)
-    clips = (clip for clip in learned_clips(run.data, split, run.limit) if clip.person not in run.without)
+    clips = (clip for clip in read_clips(run.data, split, run.limit) if clip.person not in run.without)
     for index, (left, right) in enumerate(hand_pairs(clips, RATE)):
         yield from _both(left, right, own, drawn, [run.seed, index])
 
@@ -139,13 +139,13 @@ def _synthesised(run: GloveTraining, split: Literal["train", "val"]) -> Iterator
     hands, pairs = (math.ceil(2 * part * minutes) for minutes in (run.hand_minutes, run.pair_minutes))
     if run.limit is not None:
         hands, pairs = min(hands, run.limit), min(pairs, run.limit)
-    for number in range(hands):
+    for number in tracked(range(hands), f"synthesising hands of the {split} split", hands):
         rng = np.random.default_rng([run.seed, stream, 0, number])
         motion = synthesize_hand(draw_hand(rng).skeleton, 30.0, rng, RATE)
         yield frames_of(motion)
         for _ in range(drawn):
             yield frames_of(motion, draw_hand(rng))
-    for number in range(pairs):
+    for number in tracked(range(pairs), f"synthesising pairs of hands of the {split} split", pairs):
         rng = np.random.default_rng([run.seed, stream, 1, number])
         left, right = synthesize_pair(draw_hand(rng).skeleton, 30.0, rng, RATE)
         yield from _both(left, right, 1, 1, [run.seed, stream, 2, number])

@@ -19,9 +19,9 @@ def complete(opened: Opened, options: PaperOptions) -> Clip:
     A motion is watched by the headset's cameras unless `options.device` names another device.
     """
     options.chosen("unoc", ("paper",), "paper")
-    device = options.watched_by(opened, "headset_camera")
+    device, model = options.watched_by(opened, "headset_camera"), load_model(options.networks)
     signal = signal_from(opened, device=device, height=options.height, noise=options.noise)
-    tracker = IkTracker(Learned(load_model(options.networks), signal.person.skeleton))
+    tracker = IkTracker(Learned(model, signal.person.skeleton))
 
     def step(observation: Observation, state: IkTrackerState) -> tuple[Pose, IkTrackerState]:
         pose, _, state = tracker.step(observation, state)

@@ -10,14 +10,13 @@ from typing import TYPE_CHECKING, Literal, TypeVar
 
 import numpy as np
 import torch
-from rich.progress import track
 
 from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError
 from bodysense.files import check_place
 from bodysense.io.clip import Clip
-from bodysense_lab.datasets import learned_clips
-from bodysense_lab.fit import begin, fit, launched
+from bodysense_lab.fit import announced, begin, fit
+from bodysense_lab.progress import read_clips, tracked
 from bodysense_lab.unoc.network import PAPER, BodyNetwork, BodyNetworkConfig
 from bodysense_lab.unoc.options import BodyTraining, PointTraining
 from bodysense_lab.unoc.point_network import (
@@ -80,7 +79,7 @@ def train_body(run: BodyTraining) -> None:
 
     check_place(run.out)
     begin(run.seed, run.threads)
-    fabric = launched(run.devices, run.nodes)
+    fabric = announced(run, BodyTask)
     forms = {"shipped": BodyNetworkConfig(), "paper": PAPER, "paper-world-axes": replace(PAPER, frame="world")}
     network = BodyNetwork(replace(forms[run.form], hidden=run.hidden), default_skeleton())
     shipped = run.form == "shipped"
@@ -97,11 +96,11 @@ def train_body(run: BodyTraining) -> None:
         )
     )
     variations = tuple(variation_of(number, shipped) for number in range(run.passes + run.finger_passes))
-    learned, watched = (learned_clips(run.data, split, run.limit) for split in ("train", "val"))
+    learned, watched = (read_clips(run.data, split, run.limit) for split in ("train", "val"))
     config = replace(network.config, hidden=1, branch=(1,), judge_branch=(1,))
     read = make_episode, partial(BodyNetwork, config, default_skeleton())
-    episodes = _prepared(learned, *read, variations, run.passes, run.seed, "seeing the train split")
-    validation = _prepared(watched, *read, (Variation(),), 1, run.seed, "seeing the val split")
+    episodes = _prepared(learned, *read, variations, run.passes, run.seed)
+    validation = _prepared(watched, *read, (Variation(),), 1, run.seed)
     minutes = sum(len(episode) for episode in episodes) / 30 / 60
     fabric.print(f"{len(episodes)} clips, {minutes:.0f} minutes, {network.features} features a frame")
     task = BodyTask(network, schedule, episodes, validation, run.limited or None)
@@ -126,7 +125,7 @@ def train_points(run: PointTraining) -> None:
 
     check_place(run.out)
     begin(run.seed, run.threads)
-    fabric = launched(run.devices, run.nodes)
+    fabric = announced(run, PointTask)
     config = CONFIGS[run.task, run.form]
     schedule = run.paced(replace(SCHEDULES[run.task, run.form], steps=run.steps))
     network = PointNetwork(config, default_skeleton())
@@ -170,7 +169,6 @@ def _prepared(
     variations: tuple[V, ...],
     passes: int,
     seed: int,
-    what: str,
     processes: int | None = None,
 ) -> list[E]:
     """The episodes of clips, an episode a variation, prepared by several processes.
@@ -180,8 +178,9 @@ def _prepared(
     """
     work = partial(_varied, make=make, reader=reader, variations=variations, passes=passes, seed=seed)
     with ProcessPoolExecutor(processes, initializer=torch.set_num_threads, initargs=(1,)) as pool:
-        made = track(pool.map(work, enumerate(clips), chunksize=4), description=what)
-        return [episode for episodes in made for episode in episodes]
+        made = [pool.submit(work, numbered) for numbered in enumerate(clips)]
+        done = tracked(made, "preparing episodes of the clips", len(made))
+        return [episode for episodes in done for episode in episodes.result()]
 
 
 def _varied(
@@ -207,9 +206,8 @@ def _points(
     variations: tuple[PointVariation, ...],
 ) -> list[PointEpisode]:
     """The clips of a split as episodes; for fingers, clips that have them."""
-    clips = (clip for clip in learned_clips(run.data, split, run.limit) if run.task != "fingers" or clip.has_fingers)
-    what, passes = f"preparing the {split} split", PASSES[run.task]
-    episodes = _prepared(clips, make_point_episode, reader, variations, passes, run.seed, what, run.threads)
+    clips = (clip for clip in read_clips(run.data, split, run.limit) if run.task != "fingers" or clip.has_fingers)
+    episodes = _prepared(clips, make_point_episode, reader, variations, PASSES[run.task], run.seed, run.threads)
     if not episodes:
         raise BodysenseError(f"{run.data}: no clip of its {split} split has fingers; give motion with recorded fingers")
     return episodes

@@ -17,14 +17,14 @@ from typing import Any
 import numpy as np
 import torch
 from lightning_fabric import Fabric
-from rich.progress import track
 
 from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError
 from bodysense.files import make_folder, written_beside
 from bodysense_lab.checkpoint import identity
-from bodysense_lab.datasets import learned_clips
-from bodysense_lab.fit import Report, begin, fit, is_same, launched, line_of, sweep
+from bodysense_lab.datasets import learned_count
+from bodysense_lab.fit import Report, announced, begin, fit, is_same, launched, line_of, sweep
+from bodysense_lab.progress import read_clips, tracked
 from bodysense_lab.unoc.network import BodyNetwork, BodyNetworkConfig, write_weights
 from bodysense_lab.unoc.options import TablesTraining
 from bodysense_lab.unoc.task import BodySchedule, BodyTask, Episode, LossWeights, Variation, make_episode, step_count
@@ -102,7 +102,7 @@ def train_tables(run: TablesTraining) -> None:
     """Train what is not trained yet. Raises BodysenseError where a run in the folder had another configuration."""
     names = chosen_networks(run)
     make_folder(run.out)
-    fabric = launched(run.devices, run.nodes)
+    fabric = announced(run, BodyTask)
     for name in names:
         episodes_of(run, VARIANTS[name].config)
     steps = {name: step_count(VARIANTS[name].config, schedule_of(run, name), training_of(run, name)) for name in names}
@@ -191,8 +191,9 @@ def _make(run: TablesTraining, config: BodyNetworkConfig, split: Any) -> Iterato
     reader = replace(config, cell="gru", hidden=1, branch=(1,), judge_branch=(1,))
     make = partial(_episode, config=reader)
     with ProcessPoolExecutor(max(1, run.jobs), initializer=torch.set_num_threads, initargs=(1,)) as pool:
-        clips = learned_clips(run.data, split, run.limit)
-        yield from track(pool.map(make, clips, chunksize=4), description=f"seeing the {split} split")
+        total = learned_count(run.data, split, run.limit)
+        made = pool.map(make, read_clips(run.data, split, run.limit), chunksize=4)
+        yield from tracked(made, f"seeing the {split} split", total)
 
 
 def _episode(clip: Any, config: BodyNetworkConfig) -> Episode:

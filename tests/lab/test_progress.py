@@ -1,0 +1,96 @@
+"""Progress in a log: lines of reading with the time left, and lines of the pace of one training and of many."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+from torch import Tensor, nn
+
+from bodysense_lab import fit, progress
+from bodysense_lab.options import Schedule
+
+
+@dataclass(frozen=True, eq=False)
+class Small(fit.Task):
+    """One weight that learns to be 0."""
+
+    network: nn.Module = field(default_factory=partial(nn.Linear, 1, 1))
+    schedule: Schedule = Schedule(steps=4, check_every=2, warm_up=0)
+
+    def identity(self) -> str:
+        return "{}"
+
+    def batches(self, rng: object, done: int = 0) -> Iterator[Tensor]:
+        return itertools.repeat(torch.ones(1, 1))
+
+    def loss(self, batch: Tensor, memory: Any) -> tuple[dict[str, Tensor], Any]:
+        return {"loss": self.network(batch).square().sum()}, None
+
+    def validate(self, network: Any) -> dict[str, float]:
+        return {"error_cm": 1.0}
+
+
+def small(folder: Path, name: str, report: fit.Report) -> str:
+    fit.fit(Small(), folder / f"{name}.ckpt", report, fit.launched(), report)
+    return f"trained {name}"
+
+
+@pytest.mark.parametrize("total", [4, None])
+def test_a_log_of_reading(
+    total: int | None, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    clock = itertools.chain([100.0, 108.0, 116.0, 124.0], itertools.repeat(126.0))  # s: begun, then after each piece
+    monkeypatch.setattr(progress.time, "monotonic", lambda: next(clock))
+    drawn = progress.tracked("abcd", "reading", total)
+    assert next(drawn) == "a" and capsys.readouterr().out, "the first line is printed before the first piece is done"
+    assert list(drawn) == ["b", "c", "d"]
+    ends = ["/4, 16 s, 0:00:16 remaining", "/4, 26 s, 0:00:00 remaining"] if total else [", 16 s"]
+    assert capsys.readouterr().out.splitlines() == [f"reading: {n}{end}" for n, end in zip((2, 4), ends, strict=False)]
+
+
+def test_a_terminal_has_a_bar(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    monkeypatch.setenv("TERM", "xterm")
+    assert list(progress.tracked("abc", "reading", 3)) == list("abc")
+    said = capsys.readouterr().out
+    assert "100%" in said and "0/3" not in said
+
+
+def test_other_processes_are_silent(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setattr(progress.distributed, "is_initialized", lambda: True)
+    monkeypatch.setattr(progress.distributed, "get_rank", lambda: 1)
+    assert list(progress.tracked("abc", "reading", 3)) == list("abc") and not capsys.readouterr().out
+
+
+def test_the_pace_is_reported_between_checkpoints_ever_more_rarely(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    reached: list[int] = []
+    monkeypatch.setattr(fit, "_PACE", (0.0, 0.0))
+    fit.fit(Small(), tmp_path / "a.ckpt", lambda _: None, fit.launched(), lambda now: reached.append(now.step))
+    assert reached == [0, 1, 3]  # checkpoints are at 2 and 4
+    monkeypatch.setattr(fit, "_PACE", (5.0, 15.0))
+    clock = iter(itertools.chain.from_iterable((now, now) if now in (5, 15, 30, 45) else (now,) for now in range(50)))
+    monkeypatch.setattr(fit.time, "monotonic", lambda: next(clock))
+    due = fit._pace_due(0.0)
+    assert [second for second in range(50) if next(due)] == [5, 15, 30, 45]
+
+
+@pytest.mark.parametrize("jobs", [1, pytest.param(2, marks=pytest.mark.slow)])
+def test_a_log_of_many_networks_has_their_pace(
+    jobs: int, tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("FORCE_COLOR", raising=False)
+    fit.sweep({"a": 4, "b": 4}, partial(small, tmp_path), lambda name: False, tmp_path, jobs)
+    said = capfd.readouterr().out
+    for name in "ab":
+        lines = [line for line in said.splitlines() if line.startswith(f"{name} step ")]
+        assert ["steps/s, 0:00:0" in line for line in lines] == [False, True, True], said
+        assert f"{name} step 0/4, 0 s · cpu, float32 layers, 1 process" in lines[0]
