@@ -73,7 +73,7 @@ def test_a_guessed_limb_is_a_warning(tmp_path: Path, short_clip: Clip, capsys: p
     legs = [f"{side}_{part}" for side in ("left", "right") for part in ("hip", "knee", "ankle", "foot")]
     place = np.asarray(forward_kinematics(short_clip.pose)[0])[:, short_clip.pose.skeleton.indices(legs)]
     file, out, summary = (str(tmp_path / name) for name in ("legs.c3d", "out.bvh", "out.json"))
-    write_c3d(file, points_alone(tuple(legs), place, short_clip.time), short_clip.frame_rate)
+    write_c3d(Path(file), points_alone(tuple(legs), place, short_clip.time), short_clip.frame_rate)
     for more in ([], ["--quiet"]):
         assert main(["track", file, "-o", out, "--json", summary, *more]) == 0
         captured = capsys.readouterr()
