@@ -51,9 +51,7 @@ class Take:
     """A completed recording."""
 
     clip: Clip  # at a constant rate, on the proportions believed at the end
-    estimate: (
-        Estimate  # of every frame that was tracked; of markers it has the pose of the clip, before its rate is constant
-    )
+    estimate: Estimate  # of every frame that was tracked; of markers with the pose of `clip`
     person: Person  # the wearer, as believed at the end
     time: np.ndarray  # (T,) s of the estimate's frames
     partial: PartialMotion | None = None  # the motion whose holes were filled, if it was one
