@@ -32,7 +32,7 @@ def tracked_sets(numbers: Numbers) -> str:
     ]
     head = ["set", *(JOINTS[joint] for joint in joints), "22 joints after tracking, mean (95 %)"]
     spines = [numbers[f"{name}_tracked_spine_cm"] for name in TRACKED]
-    spine = f"The middle of the spine, which has no markers, is {min(spines):.1f} to {max(spines):.1f} cm off."
+    spine = f"The middle of the spine, which has no markers, is at most {max(spines):.1f} cm off."
     return f"{markdown(head, rows)}\n\n{spine}"
 
 

@@ -100,6 +100,7 @@ class MarkerSource:
     path: Path
     recording: Recording
     remarks: tuple[str, ...]  # lines about what was recognised, is doubtful or was left out
+    warnings: tuple[str, ...] = ()  # labels that are dropped, and limbs that are guessed
     found: MarkerRecording | None = None  # None: its points have no labels
 
 
@@ -287,7 +288,8 @@ def _open_markers(path: Path, reading: ReadingOptions, markers: MarkerOptions) -
         measures_hands=bool(glove_hands(found.observation.points)),
         worn=markers.worn(),
     )
-    return MarkerSource(str(path), path, recording, (*(f"note: {line}" for line in found.remarks), *sized), found)
+    remarks = (*(f"note: {line}" for line in found.remarks), *sized)
+    return MarkerSource(str(path), path, recording, remarks, found.warnings, found)
 
 
 def _open_places(path: Path, joints: np.ndarray, reading: ReadingOptions, markers: MarkerOptions) -> MarkerSource:
@@ -303,7 +305,8 @@ def _open_places(path: Path, joints: np.ndarray, reading: ReadingOptions, marker
     if form.rate is None:
         lines.append(f"no frame rate in it: {rate:g} Hz is taken (--rate)")
     remarks = tuple(f"note: {line}" for line in (*lines, *found.remarks[1:]))
-    return MarkerSource(str(path), path, Recording(found.observation, default_skeleton(), known=False), remarks)
+    recording = Recording(found.observation, default_skeleton(), known=False)
+    return MarkerSource(str(path), path, recording, remarks, found.warnings)
 
 
 def _labelled(path: Path, options: MarkerOptions, reading: ReadingOptions) -> Observation:

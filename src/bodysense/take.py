@@ -16,7 +16,8 @@ from bodysense.body.hand import glove_hands
 from bodysense.body.person import Person
 from bodysense.body.pose import Pose, forward_kinematics, standing_pose
 from bodysense.body.rotation import quaternion_to_matrix
-from bodysense.body.skeleton import ARM, LEG
+from bodysense.body.skeleton import ARM
+from bodysense.completion.meeting import hips_met
 from bodysense.completion.model import CompletionModel
 from bodysense.devices.gloves.device import check_calibrated, glove_device, gloved_sides
 from bodysense.devices.simulated.device import Device
@@ -34,14 +35,13 @@ from bodysense.io.resample import at_constant_rate
 from bodysense.io.rigs.named import OWN, SOURCE, check_rig
 from bodysense.io.rigs.options import AS_FOUND, ReadingOptions
 from bodysense.io.rigs.rig_file import write_on_rig_of
-from bodysense.observation import Observation, check_world, concatenated_frames
+from bodysense.observation import Observation, check_world, concatenated_frames, observed_points
 from bodysense.open import MarkerSource, MotionSource, RecordingSource, Source, open_source
 from bodysense.signals import Signal, refuse, signal_from
 from bodysense.tracker import Tracker, TrackerSettings
 from bodysense.two_way import completed_both_ways, concatenated
 
 ANCHORS = ("head", "pelvis")  # what stays where it was measured, on whatever proportions; else what is measured most
-HANGING_ERROR = 0.26  # m: mean distance of walking people's wrists from hanging ones (20 validation clips of CMU)
 _FRAMES = 60  # that are completed in one call, between two reports of progress
 _USUAL_RATE = 30.0  # Hz, of a motion of one frame
 
@@ -51,7 +51,7 @@ class Take:
     """A completed recording."""
 
     clip: Clip  # at a constant rate, on the proportions believed at the end
-    estimate: Estimate  # of every frame that was tracked
+    estimate: Estimate  # of every frame that was tracked; of markers with the pose of `clip`
     person: Person  # the wearer, as believed at the end
     time: np.ndarray  # (T,) s of the estimate's frames
     partial: PartialMotion | None = None  # the motion whose holes were filled, if it was one
@@ -59,7 +59,7 @@ class Take:
     reading: ReadingOptions = AS_FOUND  # its options
     file: BvhLines | None = None  # the same with its holes filled
     markers: MarkerSource | None = None  # the marker file that was tracked, if it was one
-    remarks: tuple[str, ...] = ()  # warnings: parts that are guessed, a known height that was released
+    remarks: tuple[str, ...] = ()  # warnings: dropped labels, guessed limbs, a known height that was released
 
     def __repr__(self) -> str:
         error = 100 * self.estimate.confidence.mean()
@@ -183,41 +183,13 @@ def track(
         check_world(seen, opened.name, unit=given.unit, up=given.up, floor=settings.floor)
     signal = signal_from(opened, device=device, person=person, height=height, noise=noise, follow=follow, roll=roll)
     try:
-        take = _tracked(signal, completion)
+        take = _tracked(signal, completion, opened if isinstance(opened, MarkerSource) else None)
     except BodysenseError as error:
         text = str(error)
         raise error if signal.name in text else BodysenseError(f"{signal.name}: {text}") from None
     if isinstance(opened, MotionSource):
         return replace(take, source=opened.bvh, reading=opened.options)
-    return _of_markers(take, opened) if isinstance(opened, MarkerSource) else take
-
-
-def _of_markers(take: Take, source: MarkerSource) -> Take:
-    """A take of markers. If only legs have some, the arms hang: the network knows no such set, and would raise them."""
-    take = replace(take, markers=source)
-    seen = source.recording.observation
-    known = {
-        name for k, name in enumerate(seen.points) if seen.has_position[:, k].any() or seen.has_rotation[:, k].any()
-    }
-    if source.found is None or not source.found.has_body or any(_is_above(name) for name in known):
-        return take
-    hanging, skeleton = standing_pose(take.clip.pose.skeleton).rotation, take.clip.pose.skeleton
-    arms = skeleton.indices([f"{side}_{part}" for side in ("left", "right") for part in ARM])
-
-    def hung(pose: Pose) -> Pose:
-        rotation = np.array(pose.rotation)
-        rotation[:, arms] = hanging[arms]
-        return replace(pose, rotation=rotation)
-
-    line = (
-        f"arms hang at the sides, guessed: no marker is above the pelvis (wrists ±{100 * HANGING_ERROR:.0f} cm walking)"
-    )
-    return replace(take, clip=replace(take.clip, pose=hung(take.clip.pose)), remarks=(*take.remarks, line))
-
-
-def _is_above(name: str) -> bool:
-    """Whether a point is of the trunk over the pelvis, the head, an arm or a glove."""
-    return name.rpartition("_")[2] not in ("pelvis", *LEG)
+    return take
 
 
 @dataclass(frozen=True, eq=False)
@@ -243,16 +215,21 @@ def _filled(partial: PartialMotion, completion: _Completion) -> Take:
     return replace(take, clip=whole, partial=partial, file=file)
 
 
-def _tracked(signal: Signal, completion: _Completion) -> Take:
+def _tracked(signal: Signal, completion: _Completion, markers: MarkerSource | None = None) -> Take:
     observation, settings = signal.observation, completion.settings
     interval = _interval(observation, settings)
     _check_height(observation, settings.floor)
     if not signal.infer:
         completion = replace(completion, settings=replace(settings, infer=False))
     estimate, believed = _completed(observation, signal.person, completion, interval)
-    clip = Clip(signal.name, pose_on(estimate, believed), 1 / interval)
-    remarks = _released_height(signal.person, believed)
-    return Take(at_constant_rate(clip, observation.time), estimate, believed, observation.time, remarks=remarks)
+    pose = pose_on(estimate, believed)
+    if markers is not None and (fitted := _on_markers(pose, observation, markers, interval)) is not pose:
+        pose, estimate = fitted, _with_pose(estimate, fitted, observation)
+    clip, warnings = Clip(signal.name, pose, 1 / interval), _released_height(signal.person, believed)
+    if markers is not None:
+        warnings += markers.warnings
+    at_rate = at_constant_rate(clip, observation.time)
+    return Take(at_rate, estimate, believed, observation.time, markers=markers, remarks=warnings)
 
 
 def _released_height(known: Person, believed: Person) -> tuple[str, ...]:
@@ -262,6 +239,41 @@ def _released_height(known: Person, believed: Person) -> tuple[str, ...]:
     return (
         f"the head is higher than a height of {known.height.value:.2f} m allows: the height is inferred instead, "
         f"{believed.stature:.2f} m; give another height or none",
+    )
+
+
+def _on_markers(pose: Pose, observation: Observation, markers: MarkerSource, interval: float) -> Pose:
+    """Return the pose of a body of markers: met at the hips, unless the head is more certain, and hanging arms.
+
+    The tracker puts the head where it is measured, which would lift pelvis and legs under a head that is guessed. It
+    knows no set of legs alone, and would raise the arms.
+    """
+    points, _, measured, turned = observed_points(observation, pose.skeleton)
+    error = dict(zip(observation.points, np.median(observation.accuracy, axis=0), strict=True))
+    if {"head", "left_hip", "right_hip"} <= set(error) and error["head"] >= error["left_hip"]:
+        pose = hips_met(pose, points, measured, turned, interval)
+    if markers.found is not None and markers.found.arms_hang:
+        rotation, skeleton = np.array(pose.rotation), pose.skeleton
+        arms = skeleton.indices([f"{side}_{part}" for side in ("left", "right") for part in ARM])
+        rotation[:, arms] = standing_pose(skeleton).rotation[arms]
+        pose = replace(pose, rotation=rotation)
+    return pose
+
+
+def _with_pose(estimate: Estimate, pose: Pose, observation: Observation) -> Estimate:
+    """Return an estimate with another pose; points that are off where they are measured are less certain by that."""
+    points, (seen, _, measured, _) = (
+        np.asarray(forward_kinematics(pose)[0]),
+        observed_points(observation, pose.skeleton),
+    )
+    off = np.where(measured, np.linalg.norm(np.where(measured[..., None], seen - points, 0.0), axis=-1), 0.0)
+    return replace(
+        estimate,
+        pose=pose,
+        points=points,
+        confidence=np.maximum(estimate.confidence, off),
+        bound=np.maximum(estimate.bound, off),
+        rest_offset=np.broadcast_to(pose.skeleton.rest_offset, estimate.rest_offset.shape).copy(),
     )
 
 

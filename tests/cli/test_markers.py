@@ -13,13 +13,16 @@ import pytest
 from bodysense.body.glove import glove_points
 from bodysense.body.hand import FREEDOMS, HAND_JOINTS, angles_of, mirrored_rotations
 from bodysense.body.pose import forward_kinematics
+from bodysense.cli import main
 from bodysense.devices.gloves import device, hands
 from bodysense.devices.simulated import sensors
 from bodysense.devices.simulated.glove import observe
 from bodysense.devices.simulated.noise import hide
 from bodysense.io.bvh import read_bvh
 from bodysense.io.clip import Clip
+from bodysense.io.markers.c3d import write_c3d
 from bodysense.io.markers.files import write_markers
+from bodysense.io.markers.raw_markers import points_alone
 from bodysense.io.markers.recording import read_markers
 from bodysense.io.recording import Recording, read_recording, write_recording
 from bodysense.observation import Observation, chosen_points
@@ -63,6 +66,20 @@ def backs(path: Path) -> np.ndarray:
     """(T, 2, 3) m: the wrists of a BVH file."""
     pose = read_bvh(path).pose
     return np.asarray(forward_kinematics(pose)[0])[:, pose.skeleton.indices(["left_wrist", "right_wrist"])]
+
+
+def test_a_guessed_limb_is_a_warning(tmp_path: Path, short_clip: Clip, capsys: pytest.CaptureFixture[str]) -> None:
+    """The warning is on the error stream, with --quiet too, in the JSON summary, and nowhere else."""
+    legs = [f"{side}_{part}" for side in ("left", "right") for part in ("hip", "knee", "ankle", "foot")]
+    place = np.asarray(forward_kinematics(short_clip.pose)[0])[:, short_clip.pose.skeleton.indices(legs)]
+    file, out, summary = (str(tmp_path / name) for name in ("legs.c3d", "out.bvh", "out.json"))
+    write_c3d(Path(file), points_alone(tuple(legs), place, short_clip.time), short_clip.frame_rate)
+    for more in ([], ["--quiet"]):
+        assert main(["track", file, "-o", out, "--json", summary, *more]) == 0
+        captured = capsys.readouterr()
+        (line,) = json.loads(Path(summary).read_text())["warnings"]
+        assert captured.err == f"WARNING: {line}\n" and line.startswith("left arm and right arm: hang at the sides")
+        assert "arm" not in captured.out
 
 
 @pytest.mark.parametrize("ending", ["csv", "npz"])

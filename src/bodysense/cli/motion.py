@@ -288,8 +288,6 @@ def _say(take: Take, out: Path) -> None:
 
     if take.partial is not None:
         print(holes_line(take.partial))
-    for line in take.remarks:
-        print(f"WARNING: {line}")
     if take.markers is not None and is_marker_file(out):
         for line in marker_lines(take.filled_markers, take.markers):
             print(line)

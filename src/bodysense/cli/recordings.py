@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -61,6 +62,8 @@ def open_recorded(
     if isinstance(opened, MarkerSource):
         for line in opened.remarks:
             print(line)
+        for line in opened.warnings:
+            print(f"WARNING: {line}", file=sys.stderr)
     if isinstance(opened, (MarkerSource, RecordingSource)) and glove_hands(opened.recording.observation.points):
         if fingers:
             raise BodysenseError(f"{file}: its gloves have fingers; leave --fingers synthesize out")

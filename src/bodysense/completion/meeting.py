@@ -171,3 +171,41 @@ def trunk_met(pose: Pose, points: Array, measured: Array) -> Pose:
         rotation[where, joint] = quaternion_canonical(quaternion_multiply(quaternion_conjugate(above), own))
     root[where] = points[where, head] + quaternion_rotate(swung, hanging) - rising
     return Pose(skeleton, root, rotation)
+
+
+def hips_met(pose: Pose, points: Array, measured: Array, turned: Array, seconds: float) -> Pose:
+    """The pose (T,) moved so that both hips, where they are `measured`, are at their points.
+
+    Limbs bend as in `bent_to`; collars and feet turn to measured shoulders and balls.
+
+    Args:
+        pose: (T,).
+        points: (T, P, 3) m, world.
+        measured: (T, P) bool: points that are tracked.
+        turned: (T, P) bool: points whose rotation is tracked.
+        seconds: between frames.
+    """
+    position = np.asarray(forward_kinematics(pose)[0])
+    hips = pose.skeleton.indices(["left_hip", "right_hip"])
+    seen = np.asarray(measured[:, hips].all(axis=1))
+    off = carried_beside((points - position)[:, hips].mean(axis=1), seen, seconds)
+    pose = Pose(pose.skeleton, pose.root_position + off, pose.rotation)
+    for side in ("left", "right"):
+        pose = _aimed(pose, f"{side}_collar", f"{side}_shoulder", points, measured & ~turned)
+    position = np.asarray(forward_kinematics(pose)[0])
+    pose = bent_to(pose, np.where(measured[..., None], points, position), measured, seconds)
+    for side in ("left", "right"):
+        pose = _aimed(pose, f"{side}_ankle", f"{side}_foot", points, measured & ~turned)
+    return pose
+
+
+def _aimed(pose: Pose, joint: str, end: str, points: Array, measured: Array) -> Pose:
+    """Turn a joint so that its `end` is toward its `measured` point (T, P, 3); the end keeps its rotation."""
+    skeleton, (position, world) = pose.skeleton, (np.asarray(part) for part in forward_kinematics(pose))
+    first, last = skeleton.indices([joint, end])
+    where, rotation, above = measured[:, last], np.array(pose.rotation), world[:, skeleton.parents[first]]
+    swung = shortest_arc((position[:, last] - position[:, first])[where], (points[:, last] - position[:, first])[where])
+    own = quaternion_multiply(swung, world[where, first])
+    for k, base, to in ((first, above[where], own), (last, own, world[where, last])):
+        rotation[where, k] = quaternion_canonical(quaternion_multiply(quaternion_conjugate(base), to))
+    return Pose(skeleton, pose.root_position, rotation)

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from virtual import LABORATORIES, LEGS, PAIRS, PLUG_IN_GAIT, SETS, VARIANTS, errors, found, raw_of, worn
+from virtual import LABORATORIES, LEGS, OPENSIM, PAIRS, PLUG_IN_GAIT, SETS, VARIANTS, errors, found, raw_of, worn
 
 from bodysense.body.pose import forward_kinematics
-from bodysense.body.rotation import geodesic_angle, quaternion_multiply
+from bodysense.body.rotation import geodesic_angle, quaternion_exp, quaternion_multiply
 from bodysense.body.skeleton import BODY
 from bodysense.demo import performance_of_stranger
 from bodysense.errors import BodysenseError
@@ -284,9 +284,9 @@ def test_limbs_whose_labels_are_unknown_are_named(stranger: Clip) -> None:
     arms = {"acromion", "elbow", "elbow_in", "wrist_thumb", "wrist_pinky", "head_front", "head_back", "c7", "sternum"}
     odd = {spot: f"Lzz{k}" if spot in arms else label for k, (spot, label) in enumerate(PAIRS.items())}
     odd |= {spot: f"Lyy{spot}" for spot in ("upper_arm", "forearm", "hand", "head_side", "thigh", "shin")}
-    (line,) = (line for line in found(raw_of(stranger, odd)).remarks if line.startswith("WARNING"))
-    assert "no known marker is on the left arm and the right arm" in line and "'Lzz" in line and "--names" in line
-    assert not any(line.startswith("WARNING") for line in found(raw_of(stranger, PAIRS)).remarks)
+    (line,) = found(raw_of(stranger, odd)).warnings
+    assert line.startswith("left arm and right arm: hang at the sides") and "'Lzz" in line and "--names" in line
+    assert not found(raw_of(stranger, PAIRS)).warnings
     few = {"asis": "LASI", "psis": "LPSI", "knee": "LKNE", "ankle": "LANK"}
     few |= {spot: f"Lzz{spot}" for spot in ("heel", "thigh", "shin", "elbow")}
     with pytest.raises(BodysenseError, match=r"too few to be sure; 8 are unknown: 'Lzzheel'"):
@@ -297,11 +297,56 @@ def test_legs_alone_hang_the_arms(stranger: Clip, tmp_path: Path) -> None:
     raw = raw_of(stranger, LEGS)
     write_c3d(tmp_path / "legs.c3d", points_alone(raw.names, raw.position, raw.time), raw.frame_rate)
     take = track(tmp_path / "legs.c3d")
-    assert "arms hang at the sides, guessed" in take.remarks[0] and "±" in take.remarks[0]
+    (line,) = take.remarks
+    assert line.startswith("left arm and right arm: hang at the sides, guessed (wrists ±") and "unknown" not in line
     place, skeleton = np.asarray(forward_kinematics(take.clip.pose)[0]), take.clip.pose.skeleton
+    np.testing.assert_allclose(take.estimate.points, place, atol=1e-6)
     for side in ("left", "right"):
         wrist, shoulder = (place[:, skeleton.index(f"{side}_{part}")] for part in ("wrist", "shoulder"))
         assert np.median(shoulder[:, 1] - wrist[:, 1]) > 0.3
+
+
+@pytest.mark.parametrize("causal", [False, True])
+@pytest.mark.parametrize("names", [OPENSIM, PLUG_IN_GAIT])
+def test_a_guessed_head_does_not_move_the_legs(
+    stranger: Clip, tmp_path: Path, names: dict[str, str], causal: bool
+) -> None:
+    """Knees and ankles of a tracked body that bows are where the markers have them, however high the head is worn."""
+    rotation, spine = np.array(stranger.pose.rotation), stranger.pose.skeleton.index("spine1")
+    bow = quaternion_exp(np.sin(np.arange(len(rotation)) / 5)[:, None] ** 2 * [0.7, 0.0, 0.0])
+    rotation[:, spine] = quaternion_multiply(rotation[:, spine], bow)
+    raw = raw_of(replace(stranger, pose=replace(stranger.pose, rotation=rotation)), names)
+    on_head = np.array([label == "Top.Head" or label.endswith("HD") for label in raw.names])
+    position = raw.position + on_head[:, None] * [0.0, 0.06, 0.0]
+    write_c3d(tmp_path / "bow.c3d", points_alone(raw.names, position, raw.time), raw.frame_rate)
+    take = track(tmp_path / "bow.c3d", causal=causal)
+    assert take.markers is not None
+    seen, skeleton = take.markers.recording.observation, take.clip.pose.skeleton
+    for place in (take.estimate.points, np.asarray(forward_kinematics(take.clip.pose)[0])):
+        for joint in (f"{side}_{part}" for side in ("left", "right") for part in ("knee", "ankle")):
+            apart = place[:, skeleton.index(joint)] - seen.position[:, seen.points.index(joint)]
+            assert np.linalg.norm(apart, axis=-1).mean() < 0.01, joint
+
+
+def test_a_limb_without_joints_is_named(stranger: Clip) -> None:
+    """One arm without markers, and trunks without arms, are guessed by the network, and so the warning says."""
+    arm = ("elbow", "elbow_in", "wrist_thumb", "wrist_pinky")
+    raw = raw_of(stranger, PAIRS)
+    bare = {PAIRS[spot] for spot in arm}
+    kept = [k for k, label in enumerate(raw.names) if label not in bare]
+    one = replace(raw, names=tuple(raw.names[k] for k in kept), position=raw.position[:, kept])
+    (line,) = found(one).warnings
+    assert line.startswith("left arm: guessed by the network") and "unknown labels" not in line
+    trunk = found(raw_of(stranger, {**LEGS, **{spot: PAIRS[spot] for spot in ("c7", "clavicle", "sternum")}}))
+    assert "neck" in trunk.observation.points and not trunk.arms_hang
+    assert trunk.warnings[0].startswith("left arm and right arm: guessed by the network")
+
+
+def test_a_label_that_stands_twice_is_named(stranger: Clip) -> None:
+    raw = raw_of(stranger, PAIRS)
+    twice = replace(raw, names=(*raw.names, "LSHO"), position=np.concatenate([raw.position, raw.position[:, :1]], 1))
+    (line,) = found(twice).warnings
+    assert line.startswith("labels that stand twice: 'LSHO'")
 
 
 def test_a_set_of_fingers_is_no_body() -> None:

@@ -137,6 +137,7 @@ VARIANTS = {
         "anatomical pairs",
         {**PAIRS, "knee": "LLKNE", "knee_in": "LMKNE", "ankle": "LLANK", "ankle_in": "LMANK"},
     ),
+    "LEL and LMEL": ("anatomical pairs", {**PAIRS, "elbow": "LEL", "wrist_thumb": "LWR"}),
     "MKnee": ("OpenSim gait2354 and Hamner", STANFORD),
     "a walking trial of gait2354": (
         "OpenSim gait2354 and Hamner",

@@ -118,9 +118,9 @@ def read_names(path: str | Path) -> dict[str, str]:
     return dict(pairs)
 
 
-def glove_labels(raw: RawMarkers, form: MarkerFormat) -> frozenset[str]:
-    """Return the names of a file that are markers of gloves."""
-    return frozenset(name for name, ours in zip(raw.names, _named(raw.names, form), strict=True) if ours is not None)
+def glove_labels(raw: RawMarkers, form: MarkerFormat) -> dict[str, str]:
+    """Return the names of a file that are markers of gloves, and ours."""
+    return {name: ours for name, ours in zip(raw.names, _named(raw.names, form), strict=True) if ours is not None}
 
 
 def observed_markers(raw: RawMarkers, form: MarkerFormat, place: str) -> tuple[Observation, list[str]]:

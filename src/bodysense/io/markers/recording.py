@@ -40,6 +40,8 @@ class MarkerRecording:
     raw: RawMarkers  # unconverted
     world: FileWorld  # between the file and our world
     has_body: bool = False  # whether its proportions can be inferred
+    warnings: tuple[str, ...] = ()  # labels that are dropped, and limbs that are guessed
+    arms_hang: bool = False  # nothing above the pelvis is known
 
 
 def read_markers(path: str | Path, form: MarkerFormat = MarkerFormat()) -> MarkerRecording:
@@ -64,13 +66,16 @@ def read_markers(path: str | Path, form: MarkerFormat = MarkerFormat()) -> Marke
     if not found.observation.points:
         raise BodysenseError(f"{path}: no joint follows from what is seen of {known.markers.name}; label more markers")
     check_observation(found.observation, str(path))
+    body = MarkerRecording(
+        found.observation, raw.frame_rate, {}, found.remarks, raw, found.world, True, found.warnings, found.arms_hang
+    )
     if gloves is None:
-        return MarkerRecording(found.observation, raw.frame_rate, {}, found.remarks, raw, found.world, has_body=True)
+        return body
     # The body determines unit, axes and floor better than the gloves.
     worn = found.world.to_ours(gloves.world.to_file(gloves.observation.position))
     both = _joined(found.observation, replace(gloves.observation, position=worn))
     remarks = (*found.remarks, *(remark for remark in gloves.remarks if not remark.startswith("left out")))
-    return MarkerRecording(both, raw.frame_rate, gloves.sizes, remarks, raw, found.world, has_body=True)
+    return replace(body, observation=both, sizes=gloves.sizes, remarks=remarks)
 
 
 def with_hands_of(skeleton: Skeleton, sizes: dict[str, float]) -> Skeleton:
