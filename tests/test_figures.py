@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 from figures import completion, rows, speed
-from figures.blocks import ROOT, Block, Measured, put, read_measured, write_blocks
+from figures.blocks import ROOT, Block, Measured, between, put, read_measured, sampled, write_blocks
 from write_figures import BLOCKS
 from write_figures import __doc__ as COMMANDS
 
@@ -28,13 +28,13 @@ CONSTANTS = {  # tables by the first cell of their head and page: no figures of 
 
 
 class Figures(defaultdict):
-    """Every figure there is, all the same."""
+    """Every figure there is, all the same; of whole clips."""
 
     def __init__(self) -> None:
         super().__init__(lambda: 1.25)
 
     def __contains__(self, key: object) -> bool:
-        return True
+        return key != "quick"
 
 
 def tables(text: str) -> Iterator[list[list[str]]]:
@@ -171,19 +171,76 @@ def test_no_row_only_links_to_a_page_that_has_its_figures() -> None:
     assert [row[0] for row in cells if row[3] == "–"] == []
     assert [row[0] for row in cells if row[5] == "–"] == []
     assert {len(row) for row in cells} == {8}
-    assert [row[0] for row in cells if row[6] == "–"] == ["2.11", "4.14"]  # these need nothing
+    assert [row[0] for row in cells if row[6] == "–"] == ["1.12", "2.11", "4.4", "4.10", "4.14"]  # these need nothing
     assert set(rows.HOURS).isdisjoint(rows.EVALUATED)
     assert {row[0] for row in cells if row[7] != "–"} <= set(rows.HOURS) | set(rows.EVALUATED)
     assert all(float(row[7]) > 0 for row in cells if row[7] != "–")
 
 
-def test_tables_of_all_clips_name_no_limit() -> None:
+def test_a_row_names_the_command_that_prints_its_figure() -> None:
+    assert COMMANDS is not None
+    commands = COMMANDS.replace("\\\n", "").splitlines()
+    page = (ROOT / rows.PAGE).read_text(encoding="utf-8")
+    named = {cells[0]: cells[2] for line in page.splitlines() if len(cells := line.strip("| ").split(" | ")) == 8}
+    tables = {block.name: block.files for block in BLOCKS if block.page.startswith("docs/")}
+
+    def prints(file: str) -> str:
+        """The words of a row by which it names the command that wrote a file."""
+        line = next((line for line in commands if f"FIGURES/{file}.json" in line), "measure_figures.py")
+        if "measure_figures.py" in line:
+            return f"measure_figures.py {file}.json"
+        found = re.search(r"(evaluate|bench|study|data) [a-z0-9-]+", line)
+        return found[0] if found else file
+
+    for row, figure in rows.FIGURES.items():
+        used = set()
+
+        def at(block: str, column: str, *labels: str, table: str | None = None, used: set[str] = used) -> str:
+            if column != "processor":
+                used.add(block)
+            return "x networks\n\n1 networks, 1 steps each are 1 cm"
+
+        figure(at)
+        for block in used:
+            assert any(prints(file) in named[row] for file in tables[block]), (row, named[row], tables[block])
+
+
+def test_a_table_of_a_sample_says_so() -> None:
     figures = Figures()
     figures |= {"clips": 36.0, "clips_in_split": 285.0}
     assert "--data DIR --limit 36`: 36 clips" in completion.completion(figures, figures)
-    assert "--data DIR --limit 36 --takes`: 36 clips" in completion.takes(figures)
+    assert "On a sample of 36 of 285 clips, one" in completion.completion(figures, figures)
+    assert "--data DIR --limit 36 --takes`: a sample of 36 of 285 clips." in completion.takes(figures)
     figures["clips"] = 285.0
     assert "--data DIR`: 285 clips" in completion.completion(figures, figures)
+    assert "--data DIR --takes`: 285 clips." in completion.takes(figures)
+    quick = {"clips": 12.0, "quick": 1.0}
+    assert sampled(quick) == "a sample, the first seconds of 12 clips (`--quick`)"
+    assert sampled({**quick, "clips_in_split": 38.0}) == "a sample, the first seconds of 12 of 38 clips (`--quick`)"
+    assert sampled({"clips": 12.0}) == "12 clips"
+    assert "between 1.00 and 2.50 cm" in between({"a": 1.0, "b": 2.5}, "a", "b", "What") and not between(
+        {}, "a", "b", ""
+    )
+
+
+# Tables whose published half the papers print: labels of rows, and what the paper's Tables 1, 2, 5 and 6 have.
+PUBLISHED = {
+    "networks": ("9.3 / 5.9 (0.58)", "7.6 / 2.2 (1.00)", "4.9 / 3.7"),
+    "table5": ("15.6 / 10.3", "2.1 / 1.1", "1.5 / 0.8", "23.1 / 14.7"),
+    "table6-across": ("4.1 / 3.0", "6.3 / 4.6"),
+    "applications": ("6.7 / 5.1", "8.3 / 6.3"),
+    "occlusion": ("207.27", "1,800,000 frames at 120 Hz"),
+    "hmd-vae": ("6.83", "4.11"),
+    "gloves-occlusion": ("| 90 |",),
+}
+
+
+@pytest.mark.parametrize("name", PUBLISHED)
+def test_published_figures_are_next_to_ours(name: str) -> None:
+    block = next(block for block in BLOCKS if block.name == name and block.page.startswith("docs/"))
+    page = dict(WRITTEN.findall((ROOT / block.page).read_text(encoding="utf-8")))[name]
+    for text in (page, block.text(*(Figures() for _ in block.files))):
+        assert all(figure in text for figure in PUBLISHED[name]), name
 
 
 def test_the_card_of_the_network() -> None:

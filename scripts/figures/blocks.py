@@ -86,6 +86,22 @@ def markdown(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     return "\n".join(f"| {' | '.join(row)} |" for row in [head, ["---"] * len(head), *rows])
 
 
+def sampled(numbers: Numbers) -> str:
+    """Return how many clips figures are of, and that they are a sample if they are."""
+    clips, total = f"{numbers['clips']:.0f}", numbers.get("clips_in_split", numbers["clips"])
+    some = f"{clips} of {total:.0f} clips" if numbers["clips"] < total else f"{clips} clips"
+    if "quick" in numbers:
+        return f"a sample, the first seconds of {some} (`--quick`)"
+    return f"a sample of {some}" if numbers["clips"] < total else some
+
+
+def between(numbers: Numbers, low: str, high: str, what: str) -> str:
+    """Return the 95 % interval of a figure as a sentence with a space before; empty if there is none."""
+    if not (low in numbers and high in numbers):
+        return ""
+    return f" {what}: between {numbers[low]:.2f} and {numbers[high]:.2f} cm (95 %, over people)."
+
+
 def figure(numbers: Numbers, key: str, digits: int = 2) -> str:
     """Return a figure as text; a dash if it is missing."""
     return f"{numbers[key]:.{digits}f}" if key in numbers else "–"

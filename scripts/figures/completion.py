@@ -10,7 +10,7 @@ from bodysense_lab.holes import PARTS as HOLES
 from bodysense_lab.holes import SECONDS
 from bodysense_lab.model_card import fields_read, network_lines, read_network
 
-from .blocks import ROOT, Block, Numbers, figure, markdown
+from .blocks import ROOT, Block, Numbers, between, figure, markdown, sampled
 
 CARD = "src/bodysense/weights/completion.md"
 BACKWARD_CARD = "src/bodysense/weights/completion_backward.md"
@@ -63,7 +63,8 @@ def takes(numbers: Numbers) -> str:
             covers = numbers.get(f"{name}_own_take_cover90")
             rows.append([name.replace("_", " "), *figures, "–" if covers is None else f"{100 * covers:.0f}"])
     head = ["sensors", "known body, live cm", "take cm", "unknown body, live cm", "take cm", "take rotation °"]
-    command = f"`bodysense evaluate completion --data DIR{_limit(numbers)} --takes`: {numbers['clips']:.0f} clips."
+    command = f"`bodysense evaluate completion --data DIR{_limit(numbers)} --takes`: {sampled(numbers)}."
+    command += between(numbers, "head_own_low_cm", "head_own_high_cm", "The head alone, known body, live")
     return f"{markdown([*head, 'take jumps/min', 'bound covers %'], rows)}\n\n{command}"
 
 
@@ -81,10 +82,10 @@ def holes(body: Numbers, fingers: Numbers) -> str:
         rows.append([name, *(f"{numbers.get(f'{part}_{seconds:g}_gaps', 0):.0f}" for seconds in SECONDS)])
     table = markdown(["part", *(f"{seconds:g} s" for seconds in SECONDS)], rows)
     sample = f" --clips {body['clips']:.0f}" if body["clips"] < body["clips_in_split"] else ""
-    counts = f"{body['clips']:.0f} of {body['clips_in_split']:.0f} clips"
     return (
-        f"{table}\n\n`bodysense evaluate holes --data DIR{sample}`: {counts}. "
+        f"{table}\n\n`bodysense evaluate holes --data DIR{sample}`: {sampled(body)}. "
         "Fingers: all clips that have some (`--parts fingers`)."
+        + between(body, "arm_1_low_cm", "arm_1_high_cm", "An arm, 1 s")
     )
 
 
@@ -108,7 +109,7 @@ def completion(numbers: Numbers, sample: Numbers) -> str:
         )
     if "lattice_edges" in sample:
         text.append(
-            f"On a sample of the clips, one sensor more is worse by over 1 % in {sample['lattice_violations']:.0f} of "
+            f"On {sampled(sample)}, one sensor more is worse by over 1 % in {sample['lattice_violations']:.0f} of "
             f"{sample['lattice_edges']:.0f} random pairs of sensor sets."
         )
     return f"{markdown(head, rows)}\n\n" + "\n".join(text)

@@ -13,10 +13,11 @@ from bodysense_lab.two_hands.fusion import FINGER_COUNTS, FUSION_PLACES, SECONDS
 from bodysense_lab.two_hands.fusion import METHODS as FUSION_METHODS
 from bodysense_lab.two_hands.layouts import layouts
 from bodysense_lab.two_hands.limits_report import LINES
+from bodysense_lab.two_hands.occlusion import PUBLISHED_AT_ONCE, PUBLISHED_SHORT, SHORT
 from bodysense_lab.two_hands.tables import PUBLISHED_MARKERS, PUBLISHED_POINTS, PUBLISHED_STILL
 from bodysense_lab.two_hands.trials import DURATIONS, HIDDEN
 
-from .blocks import Block, Numbers, figure, markdown
+from .blocks import Block, Numbers, between, figure, markdown, sampled
 
 PAGE, PAPER = "docs/gloves.md", "docs/papers/two-hands.md"
 METHODS = {"lk": "last known", "ls": "last shape of the hand", "ma": "moving average", "ac": "affine", "nn": "network"}
@@ -49,13 +50,8 @@ def paper_joints(numbers: Numbers) -> str:
             if all(key in numbers for key in keys):
                 rows.append([str(hidden), hands, *(f"{numbers[key]:.2f}" for key in keys)])
         rows.append([str(hidden), "published", *(f"{value:.2f}" for value in PUBLISHED_POINTS[hidden])])
-    amount = f"{numbers['clips']:.0f} clips, without synthesised hands."
-    said = f"A sample: the first seconds of {amount}" if "quick" in numbers else amount
-    if "nn_0_cm_low" in numbers:
-        said += (
-            f" Nothing hidden, trained avatars: between {numbers['nn_0_cm_low']:.2f} and "
-            f"{numbers['nn_0_cm_high']:.2f} cm (95 %)."
-        )
+    said = f"Measured on {sampled(numbers)}, without synthesised hands."
+    said += between(numbers, "nn_0_cm_low", "nn_0_cm_high", "Nothing hidden, trained avatars")
     return markdown(["hidden", "", *(f"{duration:g} s" for duration in DURATIONS)], rows) + "\n\n" + said
 
 
@@ -170,14 +166,25 @@ def occlusion(numbers: Numbers) -> str:
     lines = {
         "0_share": ("no marker hidden, % of the time", 100),
         "several_share": ("three or more, % of the time", 100),
-        "short_share": ("spans below 0.36 s, %", 100),
+        "short_share": (f"spans below {SHORT:g} s, %", 100),
         "mean_s": ("mean span, s", 1),
     }
+    published = {"short_share": f"{100 * PUBLISHED_SHORT:.0f}"}
     rows = [
-        [label, *(f"{factor * numbers[f'{setting}_{key}']:.2f}" for setting in ("one", "each", "both"))]
+        [
+            label,
+            *(f"{factor * numbers[f'{setting}_{key}']:.2f}" for setting in ("one", "each", "both")),
+            published.get(key, "–"),
+        ]
         for key, (label, factor) in lines.items()
     ]
-    return markdown(["", "one hand", "each of two", "both"], rows)
+    for n, share in enumerate(PUBLISHED_AT_ONCE, start=1):
+        cells = []
+        for setting in ("one", "each", "both"):
+            few = sum(numbers[f"{setting}_{k}_share"] for k in range(1, len(PUBLISHED_AT_ONCE) + 1))
+            cells.append(f"{100 * numbers[f'{setting}_{n}_share'] / few:.2f}")
+        rows.append([f"{n} hidden, % of the time with 1 to 4", *cells, f"{100 * share:.0f}"])
+    return markdown(["", "one hand", "each of two", "both", "published"], rows)
 
 
 def limits(numbers: Numbers) -> str:

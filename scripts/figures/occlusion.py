@@ -34,7 +34,19 @@ def hidden(numbers: Numbers) -> str:
         ours = [f"{100 * numbers[f'{category}_{name}']:.0f} %" for category in categories]
         published = [getattr(column, name) for column in PUBLISHED]
         rows.append([label, *ours, *("–" if ratio is None else f"{100 * ratio:.0f} %" for ratio in published)])
-    return markdown(["", *categories, *(f"{column.name}, published" for column in PUBLISHED)], rows)
+    heads = [*categories, *(f"{column.name}, published" for column in PUBLISHED)]
+    spans = [
+        [
+            group,
+            *(f"{numbers[f'{category}_{group}_seconds']:.2f}" for category in categories),
+            *("–" if (span := column.hiding[group].duration) is None else f"{span:.2f}" for column in PUBLISHED),
+        ]
+        for group in GROUPS_HIDDEN
+    ]
+    amount = "; ".join(
+        f"{column.name} {column.frames:,} frames at {column.frame_rates[0]:g} Hz" for column in PUBLISHED
+    )
+    return f"{markdown(['', *heads], rows)}\n\n{markdown(['mean span, s', *heads], spans)}\n\nPublished: {amount}."
 
 
 def cameras(*shares: Numbers) -> str:

@@ -5,12 +5,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from bodysense_lab.hmd_vae import train as hmd_vae
+from bodysense_lab.hmd_vae.tables import PUBLISHED as QUOTED
 from bodysense_lab.score_table import ScoreTable
+from bodysense_lab.unoc.cross_table import PUBLISHED_BODY, PUBLISHED_FINGERS
+from bodysense_lab.unoc.cross_table import SETS as PAPER_SETS
 from bodysense_lab.unoc.smoothness import PUBLISHED as STRONG
-from bodysense_lab.unoc.tables import PLACES, TABLE_3, TABLE_4
+from bodysense_lab.unoc.tables import PLACES, TABLE_2, TABLE_3, TABLE_4
+from bodysense_lab.unoc.upper_body_table import JOINTS as UPPER_JOINTS
+from bodysense_lab.unoc.upper_body_table import SETS as PAPER_UPPER_SETS
+from bodysense_lab.unoc.upper_body_table import published_on
 from bodysense_lab.unoc.variants import TABLES, VARIANTS
 
-from .blocks import Block, Numbers, figure, markdown
+from .blocks import Block, Numbers, figure, markdown, sampled
 
 SETS = {"cmu": "CMU", "rocketbox": "Rocketbox"}
 ACROSS = tuple((train, test) for train in SETS for test in SETS)
@@ -54,25 +60,32 @@ def headset(numbers: Numbers) -> str:
 
 
 def networks(numbers: Numbers) -> str:
-    """UNOC's Table 2: hidden joints, ours (and the ratio to last known) and the paper's."""
-    # Published RMSJPE, cm: body and fingers of GRU, RNN, LSTM, TCN, last known (Table 2).
-    published = {"gru": (5.9, 4.1), "rnn": (6.1, 4.4), "lstm": (6.4, 4.3), "tcn": (6.2, 4.4), "last_known": (13.1, 5.0)}
+    """UNOC's Table 2: hidden joints, then all, ours next to the paper's, with the ratio to last known."""
     labels = {"gru": "GRU", "rnn": "RNN", "lstm": "LSTM", "tcn": "TCN", "best": "packaged", "last_known": "last known"}
     labels |= {"constant_velocity": "constant velocity"}
-    rows = []
-    for name, label in labels.items():
-        if f"{name}_body_occluded_rmsjpe_cm" not in numbers:
-            continue  # figures of before
-        cells = []
-        for column, part in enumerate(("body", "finger")):
-            for measure in ("rmsjpe", "mpjpe"):
-                ours, known = (numbers[f"{who}_{part}_occluded_{measure}_cm"] for who in (name, "last_known"))
-                cells.append(f"{ours:.1f} ({ours / known:.2f})")
-            theirs, known = published.get(name, (0, 0))[column], published["last_known"][column]
-            cells.append(f"{theirs:.1f} ({theirs / known:.2f})" if theirs else "–")
-        rows.append([label, *cells])
-    head = ["network", "body RMSJPE", "MPJPE", "published RMSJPE", "finger RMSJPE", "MPJPE", "published RMSJPE"]
-    return f"{markdown(head, rows)}\n\nOccluded joints, cm, and the ratio to last known in brackets."
+    theirs, paper = TABLE_2.published[0].cells, []
+    for share, joints in (("occluded", "hidden"), ("all", "all")):
+        rows = []
+        for name, label in labels.items():
+            cells = []
+            for part in PARTS:
+                known, key = (part, share), PLACES[part, share].key
+                ours, least = (
+                    [numbers[f"{who}_{key}_{measure}_cm"] for measure in ("rmsjpe", "mpjpe")]
+                    for who in (name, "last_known")
+                )
+                cells += [_with_ratio(ours, least), _with_ratio(theirs.get((known, name)), theirs[known, "last_known"])]
+            rows.append([label, *cells])
+        heads = [head for label in PARTS.values() for head in (f"{label.split(',')[0]}, {joints}", "published")]
+        paper.append(markdown(["network", *heads], rows))
+    return "\n\n".join([*paper, "RMSJPE / MPJPE, cm, and the ratio of RMSJPE to last known in brackets."])
+
+
+def _with_ratio(figures: Sequence[float | None] | None, known: Sequence[float | None]) -> str:
+    """RMSJPE / MPJPE, and the ratio of the first to that of the last known positions."""
+    if figures is None or figures[0] is None or figures[1] is None or not known[0]:
+        return "–"
+    return f"{figures[0]:.1f} / {figures[1]:.1f} ({figures[0] / known[0]:.2f})"
 
 
 def ablations(numbers: Numbers, names: Sequence[str], parts: dict[str, str], paper: ScoreTable) -> str:
@@ -100,7 +113,11 @@ def published_cells(paper: ScoreTable, name: str, key: str) -> list[str]:
 
 def crossed(numbers: Numbers) -> str:
     """UNOC's Table 5: hidden joints of the body and synthesized fingers, trained on one set and tested on another."""
-    parts = {"body_occluded": "body, hidden", "finger_synthesis": "fingers from the body"}
+    parts = {
+        "body_occluded": "body, hidden",
+        "all_occluded": "body and fingers, hidden",
+        "finger_synthesis": "fingers from the body",
+    }
     rows = []
     for part, label in parts.items():
         for test, name in SETS.items():
@@ -111,7 +128,25 @@ def crossed(numbers: Numbers) -> str:
             if any(cell != "–" for cell in cells):
                 rows.append([label, name, *cells])
     head = ["joints", "tested on", *(f"trained on {name}" for name in SETS.values()), "last known"]
-    return f"{markdown(head, rows)}\n\nRMSJPE / MPJPE, cm."
+    return f"{markdown(head, rows)}\n\n{_published_crossed()}\n\nRMSJPE / MPJPE, cm."
+
+
+def _published_crossed() -> str:
+    """UNOC's Table 5 as published: both halves."""
+    trained = {f"trained on {name}": name for name in PAPER_SETS} | {"last known": ""}
+    rows = [
+        [label, test, *(_pair(pairs.get((train, test))) for train in trained.values())]
+        for label, pairs in (
+            ("body and fingers, hidden", PUBLISHED_BODY),
+            ("fingers from the body", PUBLISHED_FINGERS),
+        )
+        for test in PAPER_SETS
+    ]
+    return markdown(["published", "tested on", *trained], rows)
+
+
+def _pair(figures: tuple[float, float] | None) -> str:
+    return "–" if figures is None else f"{figures[0]:.1f} / {figures[1]:.1f}"
 
 
 def synthesis_across(numbers: Numbers) -> str:
@@ -164,7 +199,7 @@ def smoothness(numbers: Numbers) -> str:
         for name, label in labels.items()
     ]
     rows.append(["truth", f"{numbers['truth_strong_acceleration_percent']:.1f} %", "", f"{STRONG['truth']:.1f} %"])
-    amount = f"{numbers['clips']:.0f} clips, {numbers['minutes']:.1f} min"
+    amount = f"{sampled(numbers)}, {numbers['minutes']:.1f} min"
     return (
         markdown(["stronger than 9 m/s²", "network", "after the tracker", "published, network"], rows)
         + f"\n\nMeasured on {amount}."
@@ -172,60 +207,66 @@ def smoothness(numbers: Numbers) -> str:
 
 
 def applications(upper: Numbers, fingers: Numbers) -> str:
-    """UNOC's Table 6 and finger synthesis: network, baselines, and the published figures."""
-    # Published RMSJPE / MPJPE, cm, on UNOC's data: network, inverse kinematics (Table 6); fingers (Table 5, right).
-    published = {
-        "neck": ("1.1 / 0.9", "3.9 / 3.5"),
-        "shoulders": ("2.7 / 2.3", "7.5 / 6.2"),
-        "elbows": ("3.5 / 2.9", "10.3 / 7.8"),
-        "all": ("2.3 / 1.7", "8.3 / 6.3"),
-    }
+    """UNOC's Table 6, all poses and standing ones, and finger synthesis: network, baselines, and published figures."""
 
-    def pair(numbers: Numbers, name: str) -> str:
-        return f"{numbers[f'{name}_rmsjpe_cm']:.1f} / {numbers[f'{name}_mpjpe_cm']:.1f}"
+    def pair(numbers: Numbers, name: str, ending: str = "") -> str:
+        return _pair((numbers[f"{name}_rmsjpe_cm{ending}"], numbers[f"{name}_mpjpe_cm{ending}"]))
 
-    rows = [
-        [
-            joints,
-            pair(upper, f"network_{joints}"),
-            pair(upper, f"ik_{joints}"),
-            f"{upper[f'network_{joints}_rmsjpe_cm'] / upper[f'ik_{joints}_rmsjpe_cm']:.2f}",
-            *theirs,
-        ]
-        for joints, theirs in published.items()
-    ]
-    first = markdown(["three points", "network", "inverse kinematics", "ratio", "published", "published IK"], rows)
-    names = {"network": "network", "mean_pose": "mean hand", "nearest": "hand of the nearest body"}
-    second = markdown(
-        ["fingers from the body", "RMSJPE / MPJPE", "network below it by"],
-        [
+    tables = []
+    published = published_on("UNOC")
+    for poses, head in (("all", "three points"), ("standing", "three points, standing")):
+        ending = "" if poses == "all" else f"_{poses}"
+        rows = [
             [
-                label,
-                pair(fingers, name),
-                ""
-                if name == "network"
-                else f"{100 * (1 - fingers['network_rmsjpe_cm'] / fingers[f'{name}_rmsjpe_cm']):.0f} %",
+                joints,
+                pair(upper, f"network_{joints}", ending),
+                pair(upper, f"ik_{joints}", ending),
+                f"{upper[f'network_{joints}_rmsjpe_cm{ending}'] / upper[f'ik_{joints}_rmsjpe_cm{ending}']:.2f}",
+                *(_pair(published.get(((poses, joints), method))) for method in ("network", "ik")),
             ]
-            for name, label in names.items()
-        ],
+            for joints in UPPER_JOINTS
+        ]
+        tables.append(markdown([head, "network", "inverse kinematics", "ratio", "published", "published IK"], rows))
+    names = {"network": "network", "mean_pose": "mean hand", "nearest": "hand of the nearest body"}
+    tables.append(
+        markdown(
+            ["fingers from the body", "RMSJPE / MPJPE", "network below it by"],
+            [
+                [
+                    label,
+                    pair(fingers, name),
+                    ""
+                    if name == "network"
+                    else f"{100 * (1 - fingers['network_rmsjpe_cm'] / fingers[f'{name}_rmsjpe_cm']):.0f} %",
+                ]
+                for name, label in names.items()
+            ],
+        )
     )
-    return f"{first}\n\n{second}\n\nRMSJPE / MPJPE, cm. The paper's fingers: 1.5 / 0.8 on its own data."
+    theirs = _pair(PUBLISHED_FINGERS["UNOC", "UNOC"])
+    return "\n\n".join([*tables, f"RMSJPE / MPJPE, cm. The paper's fingers: {theirs} on its own data."])
 
 
 def across(*scores: Numbers) -> str:
     """UNOC's Table 6 with networks trained on one set and tested on another, next to inverse kinematics."""
 
     def pair(numbers: Numbers, method: str) -> str:
-        return f"{numbers[f'{method}_all_rmsjpe_cm']:.1f} / {numbers[f'{method}_all_mpjpe_cm']:.1f}"
+        return _pair((numbers[f"{method}_all_rmsjpe_cm"], numbers[f"{method}_all_mpjpe_cm"]))
 
     found = dict(zip(ACROSS, scores, strict=True))
     rows = [
         [name, *(pair(found[train, test], "network") for train in SETS), pair(found[test, test], "ik")]
         for test, name in SETS.items()
     ]
-    amount = " and ".join(f"{found[test, test]['clips']:.0f}" for test in SETS)
     table = markdown(["tested on", *(f"trained on {name}" for name in SETS.values()), "inverse kinematics"], rows)
-    return f"{table}\n\nNeck, shoulders and elbows, RMSJPE / MPJPE, cm, of the first seconds of {amount} clips."
+    at = ("all", "all")
+    theirs = [
+        [data, *(_pair(published_on(data).get((at, method))) for method in ("network", "other_set", "ik"))]
+        for data in PAPER_UPPER_SETS
+    ]
+    paper = markdown(["published, on", "trained on it", "trained on the other set", "inverse kinematics"], theirs)
+    said = " ".join(f"On {name}: {sampled(found[test, test])}" for test, name in SETS.items())
+    return f"{table}\n\n{paper}\n\nNeck, shoulders and elbows, RMSJPE / MPJPE, cm. {said}"
 
 
 def beyond(jerk: Numbers, trust: Numbers) -> str:
@@ -253,18 +294,24 @@ def beyond(jerk: Numbers, trust: Numbers) -> str:
 
 
 def vaes(numbers: Numbers) -> str:
-    """HMD-VAE's models 1 to 4: full body and legs."""
+    """HMD-VAE's models 1 to 4: full body and legs, and the paper's as later papers quote it."""
     labels = {1: "1, head and hands now", 2: "2, their history", 3: "3, as 1, pretrained", 4: "4, as 2, pretrained"}
     measures = ("position_cm", "velocity_cm_s", "acceleration_m_s2")
     rows = [
         [
             label,
             *(f"{numbers[f'model{model}_{part}_{measure}']:.2f}" for part in ("full", "legs") for measure in measures),
+            figure(numbers, f"model{model}_mpjre_component_deg"),
         ]
         for model, label in labels.items()
     ]
-    head = ["model", *(f"{part} {unit}" for part in ("full body", "legs") for unit in ("cm", "cm/s", "m/s²"))]
-    return markdown(head, rows)
+    degrees, position, velocity, _ = QUOTED["HMD-VAE (as quoted)"]
+    rows.append(["as quoted, on AMASS", f"{position:.2f}", f"{velocity:.2f}", *["–"] * 4, f"{degrees:.2f}"])
+    units = [f"{part} {unit}" for part in ("full body", "legs") for unit in ("cm", "cm/s", "m/s²")]
+    return (
+        f"{markdown(['model', *units, 'rotations °'], rows)}\n\n{numbers['networks']:.0f} networks were scored; of "
+        "each model the one that was best in validation. Rotations: mean difference of axis-angle components."
+    )
 
 
 def swept(numbers: Numbers) -> str:

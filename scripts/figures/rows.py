@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from inspect import signature
 from pathlib import Path
 
 from bodysense.body.arms import HAND_POINTS
 from bodysense.body.glove import ALIGNMENT, MARKERS
 from bodysense.body.hand import FREEDOMS
 from bodysense.body.skeleton import BODY
+from bodysense.cli.samples import generate
 from bodysense.devices.simulated.headset_camera import HeadsetCamera
 from bodysense_lab.hmd_vae.frames import HELD_OUT, TRAIN_LENGTH
 from bodysense_lab.hmd_vae.options import BodyVaeConfig
 from bodysense_lab.pahmt.options import ArmNetworkConfig, ArmSchedule
 from bodysense_lab.two_hands.continuity import Continuous
+from bodysense_lab.two_hands.occlusion import SHORT
 from bodysense_lab.two_hands.task import PAPER_JOINT_SCHEDULE
 from bodysense_lab.unoc.network import PAPER
 from bodysense_lab.unoc.task import BodySchedule, LossWeights
@@ -44,8 +47,10 @@ FIGURES: dict[str, Callable[[Cells], str]] = {  # by row of the page
         f"{at('loss-sums', 'body, hidden', SUMS)} with sums"
     ),
     "1.8": lambda at: f"{SCHEDULE.epochs} epochs, batches of {', '.join(map(str, SCHEDULE.epoch_batches))}",
-    "1.9": lambda at: f"{at('networks', 'body RMSJPE', 'last known').split()[0]} cm (last known)",
-    "1.10": lambda at: f"GRU {_bracket(at('networks', 'body RMSJPE', 'GRU'))} of last known, body",
+    "1.9": lambda at: ", ".join(
+        f"{name} {at('networks', 'body, hidden', name).split()[0]} cm" for name in ("last known", "constant velocity")
+    ),
+    "1.10": lambda at: f"GRU {_bracket(at('networks', 'body, hidden', 'GRU'))} of last known, body",
     "1.11": lambda at: ", ".join(
         f"{name} {_bracket(at(table, 'body, hidden', name))}"
         for table, name in (
@@ -62,11 +67,17 @@ FIGURES: dict[str, Callable[[Cells], str]] = {  # by row of the page
     "1.14": lambda at: (
         f"{at('smoothness', 'network', 'GRU, mask predicted')}, truth {at('smoothness', 'network', 'truth')}"
     ),
-    "1.15": lambda at: f"all {at('applications', 'network', 'all')} cm",
+    "1.15": lambda at: "; ".join(
+        f"{poses} {at('applications', 'network', 'all', table=head)}, "
+        f"IK {at('applications', 'inverse kinematics', 'all', table=head)} cm"
+        for poses, head in (("all poses", "three points"), ("standing", "three points, standing"))
+    ),
     "1.16": lambda at: f"{at('applications', 'RMSJPE / MPJPE', 'network')} cm",
     "1.17": lambda at: (
-        f"body, CMU to Rocketbox {at('table5', 'trained on CMU', 'body, hidden', 'Rocketbox')} cm; fingers, female to "
-        f"male avatar {at('table5-fingers', 'network of the female', 'male avatar')} cm"
+        f"Rocketbox, body and fingers, {at('table5', 'trained on Rocketbox', BOTH, 'Rocketbox')}; its body by CMU's "
+        f"network {at('table5', 'trained on CMU', 'body, hidden', 'Rocketbox')}; fingers from the body, male avatar, "
+        f"{at('table5-fingers', 'network of the male', 'male avatar')}, by the female's "
+        f"{at('table5-fingers', 'network of the female', 'male avatar')} cm"
     ),
     "1.18": lambda at: (
         f"simulated raters: truth over ours {at('study', 'simulated raters, mean vote', 'truth over ours')}"
@@ -81,7 +92,7 @@ FIGURES: dict[str, Callable[[Cells], str]] = {  # by row of the page
     "2.8": lambda at: f"{at('hmd-vae', 'full body cm', '3, as 1, pretrained')} cm, model 3",
     "2.9": lambda at: re.findall(r"\n\n(\d+ networks, \d+ steps each)", at("hmd-vae-sweep", "text"))[0],
     "2.10": lambda at: f"{at('hmd-vae', 'full body cm', '4, as 2, pretrained')} cm, model 4",
-    "2.11": lambda at: f"{VAE.latent} numbers a body",
+    "2.11": lambda at: f"{_default(generate, 'count')} bodies in a picture, each of {VAE.latent} numbers",
     "2.12": lambda at: f"{at('completion', 'MPJPE cm', 'head', 'nothing')} cm, the tracker, head alone",
     "3.1": lambda at: f"{ARMS.frames} frames of {ARMS.tokens} points",
     "3.2": lambda at: f"{len(HAND_POINTS)} points a hand",
@@ -119,11 +130,13 @@ FIGURES: dict[str, Callable[[Cells], str]] = {  # by row of the page
     "4.11": lambda at: f"{_range(at, 'gloves-table3', '2 s', UNSEEN, 'hand known', '1')}, one hidden, {UNSEEN}",
     "4.12": lambda at: f"{at('gloves-table4', '0.1 s', UNSEEN, 'hand known', '0')} cm, nothing hidden, {UNSEEN}",
     "4.13": lambda at: (
-        f"none hidden {at('gloves-occlusion', 'one hand', 'no marker hidden, % of the time')} % of the time"
+        f"one hand: {at('gloves-occlusion', 'one hand', f'spans below {SHORT:g} s, %')} % of spans below {SHORT:g} s, "
+        f"one of 1 to 4 hidden markers {at('gloves-occlusion', 'one hand', '1 hidden, % of the time with 1 to 4')} %"
     ),
     "4.14": lambda at: (
         f"{at('gloves-speed', 'one hand', 'one marker hidden a hand')}, "
-        f"{at('gloves-speed', 'two hands', 'one marker hidden a hand')} ms"
+        f"{at('gloves-speed', 'two hands', 'one marker hidden a hand')} ms; "
+        f"{', '.join(f'{_weights(name).stat().st_size / 1e3:.0f}' for name in GLOVE_FILES)} kB"
     ),
     "4.15": lambda at: (
         f"hands in each other {at('gloves-limits', 'without', 'recorded', 'hands in each other', 'frames, %')} to "
@@ -133,7 +146,8 @@ FIGURES: dict[str, Callable[[Cells], str]] = {  # by row of the page
 EVALUATED = {  # by row: the block whose commands' hours it has
     **dict.fromkeys(("1.1", "1.2", "1.3", "1.4"), "occlusion"),
     **dict.fromkeys(("1.9", "1.10"), "networks"),
-    "1.11": "table3",
+    **dict.fromkeys(("1.6", "1.11"), "table3"),
+    "1.7": "loss-sums",
     "1.12": "speed",
     "1.13": "beyond",
     "1.14": "smoothness",
@@ -143,9 +157,10 @@ EVALUATED = {  # by row: the block whose commands' hours it has
     "2.10": "hmd-vae",
     "2.12": "completion",
     "3.7": "arm-windows",
-    "3.8": "table1",
+    **dict.fromkeys(("3.3", "3.4", "3.8"), "table1"),
     **dict.fromkeys(("3.9", "3.10"), "video"),
     "4.3": "gloves-fusion",
+    "4.6": "gloves-paper",
     **dict.fromkeys(("4.4", "4.10"), "gloves-steps"),
     **dict.fromkeys(("4.5", "4.11"), "gloves-table3"),
     "4.12": "gloves-table4",
@@ -154,21 +169,21 @@ EVALUATED = {  # by row: the block whose commands' hours it has
     "4.15": "gloves-limits",
 }
 HOURS = {  # by row: the training or command whose hours it has
-    **dict.fromkeys(("1.5", "1.6"), "train body-gru --form paper"),
-    **dict.fromkeys(("1.7", "1.8"), "train unoc-tables"),
+    "1.5": "train body-gru --form paper",
+    "1.8": "train unoc-tables",
     **dict.fromkeys(("2.1", "2.2", "2.3", "2.4", "2.5", "2.6", "2.7"), "train hmd-vae"),
     "2.8": "train hmd-vae --sweep --grid one",
     "2.9": "train hmd-vae --sweep --grid all",
     "2.11": "generate",
-    "3.3": "train arms --model ahmt",
-    **dict.fromkeys(("3.1", "3.2", "3.4", "3.5", "3.6"), "train arms --model pahmt"),
-    "4.6": "train gloves --form paper --network markers",
+    **dict.fromkeys(("3.1", "3.2", "3.5", "3.6"), "train arms --model pahmt"),
     "4.8": "train gloves --form paper --network joints",
     "4.9": "train gloves --form paper",
     **dict.fromkeys(("4.1", "4.2", "4.7"), "papers track --method two_hands"),
 }
 MEANS, SUMS = "means over joints", "sums over joints (`--loss-sum`)"
 UNSEEN = "unseen hands"
+BOTH = "body and fingers, hidden"
+GLOVE_FILES = ("glove_joints.onnx", "glove_markers.onnx")
 SLIPPED = "finger markers 6 mm nearer the wrist"
 _MIRRORED = re.compile(r"are\s([\d.]+)\scm")
 
@@ -187,8 +202,8 @@ def with_figures(text: str, root: Path = ROOT) -> str:
         for name, body in _BLOCK.findall(path.read_text(encoding="utf-8"))
     }
 
-    def at(block: str, column: str, *labels: str) -> str:
-        return cell_of(blocks[block], column, *labels)
+    def at(block: str, column: str, *labels: str, table: str | None = None) -> str:
+        return cell_of(blocks[block], column, *labels, head=table)
 
     for row, figure in FIGURES.items():
         text = with_figure(text, row, figure(at))
@@ -200,10 +215,10 @@ def with_figures(text: str, root: Path = ROOT) -> str:
     return text
 
 
-def cell_of(block: str, column: str, *labels: str) -> str:
+def cell_of(block: str, column: str, *labels: str, head: str | None = None) -> str:
     """Return the cell of the first row that begins with labels, a block's processor, CPU hours or text.
 
-    Raises ValueError.
+    `head` is the first heading of the row's table, None any. Raises ValueError.
     """
     if column == "processor":
         return _PROCESSOR.findall(block)[-1][0]
@@ -212,10 +227,10 @@ def cell_of(block: str, column: str, *labels: str) -> str:
     if column == "text":
         return block
     for table in re.findall(r"(?:^\|.*\n)+", block, re.MULTILINE):
-        head, _, *rows = ([cell.strip() for cell in line[1:-1].split("|")] for line in table.splitlines())
+        heads, _, *rows = ([cell.strip() for cell in line[1:-1].split("|")] for line in table.splitlines())
         for row in rows:
-            if column in head and tuple(row[: len(labels)]) == labels:
-                return row[head.index(column)]
+            if column in heads and head in (None, heads[0]) and tuple(row[: len(labels)]) == labels:
+                return row[heads.index(column)]
     raise ValueError(f"no cell {column!r} of {labels}")
 
 
@@ -233,8 +248,17 @@ def with_figure(text: str, row: str, figure: str, column: int = COLUMN) -> str:
 
 def _card(name: str, pattern: str) -> str:
     """The first match of a pattern in a model card."""
+    return re.findall(pattern, _weights(name).read_text(encoding="utf-8"))[0]
+
+
+def _weights(name: str) -> Path:
+    """The place of a packaged network or card."""
     (path,) = [*ROOT.glob(f"src/bodysense/weights/{name}"), *ROOT.glob(f"packages/lab/src/*/weights/{name}")]
-    return re.findall(pattern, path.read_text(encoding="utf-8"))[0]
+    return path
+
+
+def _default(command: Callable[..., None], option: str) -> object:
+    return signature(command).parameters[option].default
 
 
 def _bracket(cell: str) -> str:

@@ -12,6 +12,7 @@ import pytest
 from bodysense.errors import BodysenseError
 from bodysense_lab.model_card import (
     KINDS,
+    card_text,
     describe,
     fields_read,
     front_matter,
@@ -57,6 +58,29 @@ def test_the_shipped_card_is_of_the_shipped_file(path: Path) -> None:
     if path.suffix == ".onnx":  # figures of the completion network are not in its file
         assert "- validation: " in card
     assert kind_of(path, fields).not_for.partition(";")[0] in card
+
+
+@pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
+def test_a_shipped_card_equals_the_text_of_its_file(path: Path) -> None:
+    """Cards whose tables are between markers have more lines; they have those of the file too, in order."""
+    card = path.with_suffix(".md").read_text(encoding="utf-8")
+    fields, _ = read_network(path)
+    text = card_text(path.name, kind_of(path, fields), fields)
+    if path.suffix == ".onnx":
+        assert card == text
+    else:
+        lines = iter(card.splitlines())
+        assert all(line in lines for line in text.splitlines())
+
+
+def test_figures_of_another_network_are_refused(tmp_path: Path) -> None:
+    network = copied(WEIGHTS / "body_vae.onnx", tmp_path)
+    fields, _ = read_network(network)
+    read = fields_read(fields)
+    key, own = f"model{read['model']}_validation_position_cm", read["validation"]["position_cm"]
+    assert describe(network, {**read["test"], key: own}).is_file()
+    with pytest.raises(BodysenseError, match=r"the figures are of another network \(in validation 5\.5 cm"):
+        describe(network, {**read["test"], key: 5.5})
 
 
 @pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import pytest
 
 from bodysense_lab.commands.reporting import finish
+from bodysense_lab.datasets import DataSet
 from bodysense_lab.options import TableOptions
 from bodysense_lab.table import Report
 
@@ -16,3 +18,12 @@ def test_a_report_without_panels(tmp_path: Path, capsys: pytest.CaptureFixture[s
     finish(report, TableOptions(out=tmp_path, json=tmp_path / "plain.json"))
     assert sorted(path.name for path in tmp_path.iterdir()) == ["plain.csv", "plain.json"]
     assert "plain.png" not in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("quick", [True, False])
+def test_a_quick_table_says_of_how_many_clips(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, quick: bool) -> None:
+    monkeypatch.setattr("bodysense_lab.datasets.count_clips", lambda path, split: 38)
+    report = Report("plain", "A table", ("what", "cm"), (("one", 1.0),), {"clips": 12.0})
+    out = tmp_path / "plain.json"
+    finish(report, TableOptions(out=tmp_path, json=out, quick=quick), DataSet("some", tmp_path))
+    assert json.loads(out.read_text()).get("clips_in_split") == (38.0 if quick else None)

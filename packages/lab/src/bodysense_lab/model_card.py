@@ -56,12 +56,19 @@ def describe(path: Path, figures: Numbers) -> Path:
     """Put test figures into a network file and write its model card next to it as Markdown. Returns the card's path.
 
     `figures` is what the command that measures such networks wrote with --json; those of the card's table are kept.
-    Raises BodysenseError for a file of no kind that has a card, and for figures of another command.
+    Raises BodysenseError for a file of no kind that has a card, and for figures of another command or network.
     """
     fields, write = read_network(path)
-    kind = kind_of(path, fields)
+    kind, read = kind_of(path, fields), fields_read(fields)
+    own = read.get("validation", {}).get("position_cm")
+    scored = figures.get(f"model{read.get('model')}_validation_position_cm", own)
+    if scored != own:
+        raise BodysenseError(
+            f"{path}: the figures are of another network (in validation {scored:g} cm, this one {own:g}); "
+            f"write them with `bodysense evaluate hmd-vae --networks {path} --json FILE`"
+        )
     try:
-        _, used = kind.filled(figures, fields_read(fields).get("model"))
+        _, used = kind.filled(figures, read.get("model"))
     except KeyError as error:
         raise BodysenseError(f"the figures have no {error}; write them with `{kind.measured_by} --json FILE`") from None
     fields["test"] = json.dumps({name: round(figures[name], 3) for name in sorted(used)})
@@ -317,7 +324,8 @@ KINDS = {
     (body_vae.FORMAT, ""): Kind(
         "Draws whole bodies, several for one signal of head and hands or from nothing (HMD-VAE, Dittadi et al. 2021).",
         "bodysense evaluate hmd-vae",
-        "Test people, main motions, at the posterior's mean",
+        "Test people, main motions, at the posterior's mean, of the scored network of this model that was best in "
+        "validation",
         ("joints", "position error, cm", "velocity error, cm/s", "acceleration, m/s²"),
         _VAE,
         f"the most accurate body, which is the tracker's; floors that are not at y = 0; {_NOBODY}",

@@ -69,12 +69,13 @@ def counting(what: str, total: int) -> Iterator[Callable[..., None]]:
         yield lambda *name: progress.update(bar, advance=1, description=" ".join((what, *name)))
 
 
-def finish(report: Report, table: TableOptions) -> None:
-    """Print a report and write its files."""
+def finish(report: Report, table: TableOptions, data: DataSet | None = None) -> None:
+    """Print a report and write its files; the numbers of a sample of `data` tell of how many clips it is one."""
     from rich.console import Console
 
     from bodysense.cli.show import write_numbers
     from bodysense_lab.chart import draw_panels
+    from bodysense_lab.datasets import count_clips
     from bodysense_lab.table import write_csv
 
     console = Console()
@@ -86,7 +87,10 @@ def finish(report: Report, table: TableOptions) -> None:
     write_csv(rows, report)
     if picture is not None:
         draw_panels(picture, report.panels, report.title)
-    write_numbers(table.json, report.numbers | ({"quick": 1.0} if table.quick else {}))
+    sample = {"quick": 1.0} if table.quick else {}
+    if table.quick and data is not None:
+        sample["clips_in_split"] = float(count_clips(data.path, data.split))
+    write_numbers(table.json, report.numbers | sample)
     for path in (rows, picture, table.json):
         if path is not None:
             console.print(f"wrote {path}", highlight=False)

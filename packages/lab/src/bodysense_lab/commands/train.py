@@ -66,7 +66,8 @@ def card(network: Annotated[Path, tyro.conf.Positional], figures: Path) -> None:
     Args:
         network: The .onnx file that `bodysense train` wrote.
         figures: what the command that measures such a network wrote with --json: `bodysense evaluate completion`,
-            `finger-synthesis` `unoc-table2` or `unoc-table6`, with --model NETWORK where it takes one.
+            `finger-synthesis`, `unoc-table2`, `unoc-table6` or `hmd-vae`, with --model NETWORK or --networks NETWORK
+            where it takes one.
     """
     import json
 

@@ -204,7 +204,7 @@ def _score(
     chosen = open_data(data, table)
     with progress_over([chosen]) as advance:
         found, census = gathered(work, chosen.clips(), table.processes, advance)
-    finish(report(found, census, chosen), table)
+    finish(report(found, census, chosen), table, chosen)
 
 
 def _named(pairs: tuple[str, ...], option: str) -> dict[str, Path]:
@@ -234,4 +234,4 @@ def _network_table(
     work = Work(files, shipped, stride)
     with progress_over([chosen]) as advance:
         scores = score(chosen, networks or table.out, work, table.processes, advance)
-    finish(network_report(rows, scores, chosen), table)
+    finish(network_report(rows, scores, chosen), table, chosen)

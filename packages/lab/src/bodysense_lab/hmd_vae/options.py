@@ -160,7 +160,7 @@ class VaeEvaluation(MotionEvaluation):
     """HMD-VAE, Figs 5 to 7, and the measures of later papers."""
 
     networks: Path
-    """folder that `bodysense train hmd-vae` wrote"""
+    """folder that `bodysense train hmd-vae` wrote, or one network as .onnx"""
     split_file: Path | None = None
     """list that they were trained with: its motions 'PATH test' are scored instead of a split by person"""
     threads: Processes | None = None

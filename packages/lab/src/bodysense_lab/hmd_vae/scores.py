@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ from bodysense.body.skeleton import BODY, LOWER_BODY, default_skeleton
 from bodysense.errors import BodysenseError
 from bodysense.intervals import Named
 from bodysense.metrics import on_floor
+from bodysense.papers.hmd_vae import BodyVaeModel, load_body_vae
 from bodysense.scoring import Tally, group_named
 from bodysense_lab.datasets import Census, DataSet, census_of
 from bodysense_lab.hmd_vae.frames import (
@@ -43,6 +45,7 @@ _BATCH = 512  # windows that are computed together
 
 
 Tallies = dict[tuple[str, str], Tally]  # by category group and measure
+Answers = Callable[[BodyFrames, Windows], tuple[np.ndarray, np.ndarray]]
 
 
 @dataclass(frozen=True)
@@ -68,7 +71,14 @@ class Scored:
 
 
 def vaes_in(folder: Path) -> dict[str, Path]:
-    """Return the trained models 1 to 4 of a folder by name. Raises BodysenseError for a folder without any."""
+    """Return the trained models 1 to 4 of a folder, or one that was exported, by name.
+
+    Raises BodysenseError for a folder without any, and for other files.
+    """
+    if folder.suffix == ".onnx":
+        if _config_of(load_body_vae(folder)).model == 0:
+            raise BodysenseError(f"{folder}: a model 0 reads the whole body; give a model 1 to 4")
+        return {folder.stem: folder}
     found = {path.stem: path for path in sorted(folder.glob("*.pt"))}
     kept = {name: path for name, path in found.items() if read_vae(path)[0].config.model != 0}
     if not kept:
@@ -104,16 +114,30 @@ def score_vae(name: str, path: Path, frames: BodyFrames, threads: int | None = N
     """Every measure of one network on every clip."""
     if threads is not None:
         torch.set_num_threads(threads)
-    network, card = read_vae(path)
+    config, card, answered = _opened(path)
     tallies: Tallies = {}
     for clip in range(len(frames)):
-        windows = frames.windows(max(network.config.length, TRAIN_LENGTH), stride=1, clips=np.array([clip]))
-        position, local = answers(network, frames, windows)
+        windows = frames.windows(max(config.length, TRAIN_LENGTH), stride=1, clips=np.array([clip]))
+        position, local = answered(frames, windows)
         now = windows.frames()[:, -1]
         group = group_named(frames.category[clip])
         for measure, values in measures(position, local, frames.position[now], frames.rotation[now]).items():
             tallies.setdefault((group, measure), Tally()).add(values, frames.person[clip])
-    return Scored(name, network.config, card, tallies)
+    return Scored(name, config, card, tallies)
+
+
+def _opened(path: Path) -> tuple[BodyVaeConfig, Mapping[str, Any], Answers]:
+    """The setting and card of a .pt or .onnx, and what answers windows with it."""
+    if path.suffix == ".onnx":
+        model = load_body_vae(path)
+        card = {**model.card, "validation_position_cm": model.card["validation"]["position_cm"]}
+        return _config_of(model), card, partial(exported_answers, model)
+    network, card = read_vae(path)
+    return network.config, card, partial(answers, network)
+
+
+def _config_of(model: BodyVaeModel) -> BodyVaeConfig:
+    return BodyVaeConfig(**model.card["network"])
 
 
 @torch.no_grad()
@@ -127,6 +151,24 @@ def answers(network: BodyVae, frames: BodyFrames, windows: Windows) -> tuple[np.
         positions.append(relative.numpy())
         rotations.append(local.numpy())
     return np.concatenate(positions).astype(float), np.concatenate(rotations).astype(float)
+
+
+def exported_answers(model: BodyVaeModel, frames: BodyFrames, windows: Windows) -> tuple[np.ndarray, np.ndarray]:
+    """Return the same of an exported network, whose weights are rounded to bytes."""
+    reads, head = [BODY.index(name) for name in model.card["reads"]], BODY.index("head")
+    positions, rotations = [], []
+    for history, clip in zip(windows.frames()[:, -model.frames :], windows.clip, strict=True):
+        seen = {
+            "position": frames.position[history][:, reads],
+            "rotation": frames.rotation[history][:, reads],
+            "trust": np.ones(1),
+            "noise": np.zeros(model.latent),
+            "rest_offset": frames.rest_offset[clip],
+        }
+        body = model.run({name: values[None].astype(np.float32) for name, values in seen.items()})
+        positions.append(body["joint_position"][0] - frames.position[history[-1], head])
+        rotations.append(body["local_rotation"][0])
+    return np.array(positions, dtype=float), np.array(rotations, dtype=float)
 
 
 def measures(

@@ -148,7 +148,7 @@ def _compared(rows: Sequence[tuple[Cell, ...]]) -> tuple[Bars, ...]:
 
 def _numbers(scored: Sequence[Scored]) -> dict[str, float]:
     """One flat object: 'model<k>_…' of the best in validation; 'pelvis_model<k>_…' of those with the paper's origin."""
-    result: dict[str, float] = {}
+    result: dict[str, float] = {"networks": len(scored)}
     for (origin, model), one in best_of(scored).items():
         prefix = f"model{model}" if origin == "head" else f"{origin}_model{model}"
         for group, measure in one.tallies:
