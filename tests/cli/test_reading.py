@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bodysense.body.pose import Pose
+from bodysense.body.pose import Pose, forward_kinematics
+from bodysense.demo import packaged_performance
 from bodysense.io.bvh import read_bvh, write_bvh
 from bodysense.io.clip import Clip
 from bodysense.io.motion_files import write_motion
@@ -130,3 +131,25 @@ def test_the_front_door_takes_the_same_options(inches: Path) -> None:
     clip = bodysense.read(inches, ReadingOptions(height=1.9))
     assert isinstance(clip, Clip) and clip.pose.skeleton.height == pytest.approx(1.9)
     assert np.abs(read_bvh(inches, unit=0.0254).pose.root_position).max() < 2
+
+
+def test_joint_places_are_tracked_and_no_motion(tmp_path: Path, run, refused) -> None:
+    """Every command asks the same reader: places that are read as rotations are a knotted body."""
+    clip = packaged_performance()
+    places, out = tmp_path / "places.npy", tmp_path / "out.bvh"
+    np.save(places, np.asarray(forward_kinematics(clip.pose)[0])[200:220, :22])
+    for command in (("convert", places, "-o", out), ("simulate", places, "-o", tmp_path / "out.npz")):
+        assert "joint places, not a motion; complete it first: bodysense track places.npy" in refused(*command)
+    assert "markers, 30 Hz; 22 points of a body" in run("data", "info", places)
+    assert "the body is completed from them" in run("track", places, "-o", out)
+
+
+def test_the_rate_of_a_file_that_says_it_is_refused(tmp_path: Path, motion: Path, run, refused) -> None:
+    out = tmp_path / "out.glb"
+    said = "the file says its frame rate; leave {} 60 out"
+    assert said.format("--rate") in refused("track", motion, "-o", out, "--rate", 60)
+    assert said.format("--rate") in refused("simulate", motion, "-o", tmp_path / "out.npz", "--rate", 60)
+    assert said.format("--file-rate") in refused("convert", motion, "-o", out, "--file-rate", 60)
+    np.save(tmp_path / "turns.npy", np.zeros((5, 66)))
+    assert "30 Hz is taken (--file-rate)" in run("convert", tmp_path / "turns.npy", "-o", out)
+    assert "5 frames at 60 Hz" in run("convert", tmp_path / "turns.npy", "-o", out, "--file-rate", 60)

@@ -256,7 +256,7 @@ def convert(
     check_rate("--file-rate", file_rate)
     if json is not None:
         check_place(json)
-    opened = open_motion(file, reading, file_rate)
+    opened = open_motion(file, reading, file_rate, "--file-rate")
     clip = converted(opened, out, rig=rig, rate=rate)
     print(f"wrote {out}: {len(clip)} frames at {clip.frame_rate:g} Hz on {rig}")
     write_summary(json, [out], {"frames": len(clip), "frame_rate": round(clip.frame_rate, 6), "rig": rig})
