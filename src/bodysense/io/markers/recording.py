@@ -48,7 +48,7 @@ def read_markers(path: str | Path, form: MarkerFormat = MarkerFormat()) -> Marke
     Raises BodysenseError naming the file, what is wrong, and the fix.
     """
     path = Path(path)
-    raw = read_raw(path, form.rate)
+    raw = read_raw(path, form.rate, form.unit)
     _check_table(raw, form, str(path))
     of_gloves = glove_labels(raw, form)
     gloves = _gloves(raw, form, str(path)) if of_gloves else None
@@ -65,7 +65,9 @@ def read_markers(path: str | Path, form: MarkerFormat = MarkerFormat()) -> Marke
         raise BodysenseError(f"{path}: no joint follows from what is seen of {known.markers.name}; label more markers")
     check_observation(found.observation, str(path))
     if gloves is None:
-        return MarkerRecording(found.observation, raw.frame_rate, {}, found.remarks, raw, found.world, has_body=True)
+        return MarkerRecording(
+            found.observation, raw.frame_rate, {}, (*raw.remarks, *found.remarks), raw, found.world, has_body=True
+        )
     # The body determines unit, axes and floor better than the gloves.
     worn = found.world.to_ours(gloves.world.to_file(gloves.observation.position))
     both = _joined(found.observation, replace(gloves.observation, position=worn))
@@ -93,7 +95,9 @@ def _gloves(raw: RawMarkers, form: MarkerFormat, place: str) -> MarkerRecording:
     check = check_gloves(observation, place, unit)
     check_observation(observation, place)
     world = world_of(raw, form)
-    return MarkerRecording(observation, raw.frame_rate, check.sizes, (*remarks, *check.remarks), raw, world)
+    return MarkerRecording(
+        observation, raw.frame_rate, check.sizes, (*raw.remarks, *remarks, *check.remarks), raw, world
+    )
 
 
 def _check_table(raw: RawMarkers, form: MarkerFormat, place: str) -> None:
