@@ -78,7 +78,8 @@ def test_what_a_killed_writer_left_is_removed_by_the_next(tmp_path: Path) -> Non
     ("data", "message"),
     [
         ("a,b\n1,2".encode("utf-16"), r"a\.csv: UTF-16; save it as UTF-8: iconv -f UTF-16 -t UTF-8 a\.csv"),
-        ("a,b\n1,2".encode("utf-16-le"), "UTF-16"),
+        ("a,b\n1,2".encode("utf-16-le"), "UTF-16; save it as UTF-8: iconv -f UTF-16LE"),
+        ("a,b\n1,2".encode("utf-16-be"), "UTF-16; save it as UTF-8: iconv -f UTF-16BE"),
         (gzip.compress(b"a", mtime=0), r"compressed by gzip; unpack it: gunzip"),
         (b"PK\x03\x04" + bytes(40), "a zip file"),
         (b"\xff\xff\xff", "not text in UTF-8; export it again"),

@@ -56,7 +56,7 @@ def test_options_are_those_of_the_kind(tmp_path: Path, waving_clip: Clip) -> Non
         ("keypoints.json", "OpenPose, .* give the video itself"),
         ("take.bvh.gz", "gunzip"),
         ("take.pkl", "a pickle may run any code"),
-        ("take.txt", "unknown kind of file"),
+        ("take.txt", r"unknown kind of file .* markers \(\.c3d, .*recordings \(\.npz, .*videos \(\.mp4"),
     ],
 )
 def test_what_is_never_read_is_refused_with_the_way_on(tmp_path: Path, name: str, said: str) -> None:
@@ -83,6 +83,45 @@ def test_joint_places_are_places(tmp_path: Path, ending: str) -> None:
     found = np.asarray(forward_kinematics(track(opened).clip.pose)[0])[:, :22]
     heights = (found - found[:, :1])[..., 1] - (truth - truth[:, :1])[..., 1]
     assert np.abs(heights).mean() < 0.02
+
+
+def _places() -> np.ndarray:
+    return np.asarray(forward_kinematics(packaged_performance().pose)[0])[200:230, :22]
+
+
+@pytest.mark.parametrize("how", ["noise", "whole millimetres", "flat", "hidden joint"])
+def test_joint_places_need_not_be_exact(tmp_path: Path, how: str) -> None:
+    """Read as rotation vectors, they would be a whole motion of a knotted body."""
+    truth = _places()
+    hidden = truth.copy()
+    hidden[10:20, 20] = np.nan
+    given = {
+        "noise": truth + np.random.default_rng(0).normal(0, 0.012, truth.shape),
+        "whole millimetres": (1000 * truth).astype(int),
+        "flat": truth.reshape(30, 66),
+        "hidden joint": hidden,
+    }[how]
+    np.save(tmp_path / "a.npy", given)
+    opened = open_source(tmp_path / "a.npy")
+    assert isinstance(opened, MarkerSource)
+    seen = opened.recording.observation
+    assert seen.has_position[10:20, seen.points.index("left_wrist")].any() == (how != "hidden joint")
+    assert np.linalg.norm(seen.position - truth, axis=-1)[seen.has_position].max() < 0.06
+
+
+def test_joint_places_have_the_rate_of_their_file(tmp_path: Path) -> None:
+    np.savez(tmp_path / "a.npz", poses=_places(), fps=60.0)
+    opened = open_source(tmp_path / "a.npz")
+    assert isinstance(opened, MarkerSource) and not any("no frame rate" in line for line in opened.remarks)
+    assert np.diff(opened.recording.observation.time) == pytest.approx(1 / 60)
+
+
+def test_a_folder_of_what_is_never_read_is_no_folder_of_images(tmp_path: Path) -> None:
+    (tmp_path / "film_000000000000_keypoints.json").write_text("{}")
+    with pytest.raises(BodysenseError, match="a folder without images; JSON of key points"):
+        open_source(tmp_path)
+    (tmp_path / "a.png").write_bytes(b"")
+    assert isinstance(open_source(tmp_path), VideoSource)
 
 
 @pytest.mark.parametrize("held", [False, True])

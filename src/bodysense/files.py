@@ -138,12 +138,16 @@ def check_plain(head: bytes, place: str | Path) -> None:
         raise BodysenseError(
             f"{place}: a zip file (or a spreadsheet, .xlsx), not text; unpack it, or export it as text"
         )
-    if head.startswith(_UTF16) or (len(head) > 3 and head[1::2].count(0) > 0.8 * len(head[1::2])):
-        raise BodysenseError(f"{place}: UTF-16; save it as UTF-8: iconv -f UTF-16 -t UTF-8 {name} > utf8_{name}")
+    for encoding, zeros in (("UTF-16LE", head[1::2]), ("UTF-16BE", head[0::2])):
+        if head.startswith(_UTF16) or (len(head) > 3 and zeros.count(0) > 0.8 * len(zeros)):
+            of = "UTF-16" if head.startswith(_UTF16) else encoding
+            raise BodysenseError(f"{place}: UTF-16; save it as UTF-8: iconv -f {of} -t UTF-8 {name} > utf8_{name}")
 
 
-def read_text(path: str | Path) -> str:
+def read_text(path: str | Path, other: str | None = None) -> str:
     """The whole of a text file in UTF-8 or ASCII, with or without a mark at its begin; names keep odd characters.
+
+    `other` is the encoding of a file that is not in UTF-8, if there may be one.
 
     Raises BodysenseError, naming the fix, for other files, compressed ones, and ones larger than `LARGEST_TEXT`.
     """
@@ -152,6 +156,8 @@ def read_text(path: str | Path) -> str:
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError:
+        if other is not None:
+            return data.decode(other)
         raise BodysenseError(f"{path}: not text in UTF-8; export it again") from None
 
 

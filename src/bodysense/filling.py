@@ -64,6 +64,7 @@ class PartialMotion:
     holes: Array  # (T, J) bool: missing in the source
     missing: Array  # (T, J) bool: the holes that remain after interpolating joints that carry the whole body
     file: BvhLines | None = None  # its source
+    line: str = ""  # describes its rig, if it is a file
 
     @property
     def is_whole(self) -> bool:
@@ -90,7 +91,7 @@ def open_partial(source: Path | Clip, missing: Sequence[Missing], options: Readi
 
 def _partial_file(path: Path, missing: Sequence[Missing], options: ReadingOptions) -> PartialMotion:
     file = open_bvh(path)
-    clip, rig = _read(file, options)
+    clip, rig, line = _read(file, options)
     holes = missing_mask(missing, file.joints, file.parents, len(file.lines), rig.ours) | ~file.has_number
     if not missing:
         holes |= flat_lined(file, rig)
@@ -98,14 +99,14 @@ def _partial_file(path: Path, missing: Sequence[Missing], options: ReadingOption
     rooted = holes & ~rest
     if rooted.any():
         file = file.without_places(rooted).mended.with_rotation(rotation, rooted)
-        clip, rig = _read(file, options)
-    return PartialMotion(clip, rig, rotation, holes, rest, file)
+        clip, rig, line = _read(file, options)
+    return PartialMotion(clip, rig, rotation, holes, rest, file, f"read {path}: {line}")
 
 
-def _read(file: BvhLines, options: ReadingOptions) -> tuple[Clip, SourceJoints]:
-    """Return the motion of a file on our joints, and its own joints."""
+def _read(file: BvhLines, options: ReadingOptions) -> tuple[Clip, SourceJoints, str]:
+    """Return the motion of a file on our joints, its own joints, and a line about its rig."""
     rigged = read_rigged(file.mended.text(), file.path, options)
-    return rigged.clip, joints_of_file(file, rigged)
+    return rigged.clip, joints_of_file(file, rigged), rigged.rig.line()
 
 
 def _rooted(name: str, rig: SourceJoints, rotation: Array, holes: Array, seconds: float) -> tuple[Array, Array]:

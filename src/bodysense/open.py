@@ -14,7 +14,7 @@ from bodysense.arrays import array_shapes, conversion
 from bodysense.body.hand import Side, glove_hands, hand_skeleton
 from bodysense.body.skeleton import default_skeleton
 from bodysense.devices.gloves.labelling import Labeller
-from bodysense.devices.video.pictures import is_video
+from bodysense.devices.video.pictures import IMAGES, VIDEOS, is_video
 from bodysense.errors import BodysenseError
 from bodysense.files import read_bytes
 from bodysense.filling import PartialMotion, open_partial
@@ -34,7 +34,7 @@ from bodysense.io.markers.recording import MarkerRecording, read_markers, with_h
 from bodysense.io.recording import Recording, is_recording, read_recording
 from bodysense.io.rigs.options import AS_FOUND, ReadingOptions
 from bodysense.io.rigs.rigged import read_rigged
-from bodysense.io.smpl import PICKLES, USUAL_RATE, is_smpl, joint_places, read_smpl
+from bodysense.io.smpl import PICKLES, is_smpl, joint_places, read_smpl
 from bodysense.observation import Observation, in_our_world
 
 _MANY_KINDS = (".npz", ".npy")  # of motions, recordings or places of joints: their content tells
@@ -146,8 +146,8 @@ def open_source(source: Source, reading: ReadingOptions = AS_FOUND, markers: Mar
         return _open_markers(path, reading, markers)
     if kind == "recording":
         return _open_recording(path, reading, markers)
-    if (joints := joint_places(path)) is not None:
-        return _open_places(path, joints, reading, markers)
+    if (places := joint_places(path, markers.rate)) is not None:
+        return _open_places(path, *places, reading, markers)
     return _motion_source(path, reading, markers)
 
 
@@ -155,6 +155,10 @@ def _motion_source(path: Path, reading: ReadingOptions, markers: MarkerOptions) 
     if replace(markers, rate=None) != NO_OPTIONS:
         kinds = ", ".join(MARKER_ENDINGS)
         raise BodysenseError(f"{path}: a motion; --names, --unlabelled and their like are for markers, {kinds}")
+    if markers.rate is not None and not (path.suffix.lower() in _MANY_KINDS and is_smpl(path)):
+        raise BodysenseError(
+            f"{path}: the file says its frame rate; leave --rate {markers.rate:g} out (bodysense convert resamples)"
+        )
     return MotionSource(str(path), path, options=reading, rate=markers.rate)
 
 
@@ -168,6 +172,7 @@ def kind_of(source: str | Path) -> Kind:
     if ending in MOTION_ENDINGS and ending not in _MANY_KINDS and path.is_file():
         return "motion"
     if is_video(str(source)):
+        _check_images(path)
         return "video"
     if not path.is_file():
         raise BodysenseError(f"{path}: no such file")
@@ -177,7 +182,10 @@ def kind_of(source: str | Path) -> Kind:
     if is_recording(path):
         return "recording"
     if ending not in (*MOTION_ENDINGS, ZIP):
-        raise BodysenseError(f"{path}: unknown kind of file {path.suffix!r}; valid are {', '.join(MOTION_ENDINGS)}")
+        raise BodysenseError(
+            f"{path}: unknown kind of file {path.suffix!r}; valid are motions ({', '.join(MOTION_ENDINGS)}), markers "
+            f"({', '.join(MARKER_ENDINGS)}), recordings (.npz, .jsonl) and videos ({', '.join(VIDEOS)}, or images)"
+        )
     return "motion"
 
 
@@ -216,6 +224,13 @@ _ELSEWHERE = {
 }
 
 
+def _check_images(path: Path) -> None:
+    """Raise BodysenseError, with what to do, for a folder of files that are never read, such as JSON of key points."""
+    endings = {file.suffix.lower() for file in path.iterdir()} if path.is_dir() else set[str]()
+    if never := sorted(endings & _ELSEWHERE.keys() if endings.isdisjoint(IMAGES) else ()):
+        raise BodysenseError(f"{path}: a folder without images; {_ELSEWHERE[never[0]]}")
+
+
 def _read_motion(path: Path, options: ReadingOptions, rate: float | None) -> tuple[Clip, tuple[str, ...]]:
     """Read a motion in canonical form, and lines on what was recognised; `rate` Hz if its file does not say it."""
     if options.smpl_model is not None and path.suffix.lower() not in (".npz", ".npy"):
@@ -223,8 +238,6 @@ def _read_motion(path: Path, options: ReadingOptions, rate: float | None) -> tup
     if path.suffix.lower() in _MANY_KINDS and is_smpl(path):
         clip, remarks = read_smpl(path, rate, options.smpl_model)
         return as_told(clip, options, "results of SMPL", "y"), tuple(f"note: {remark}" for remark in remarks)
-    if rate is not None:
-        raise BodysenseError(f"{path}: the file says its frame rate; leave --rate {rate:g} out")
     if path.suffix.lower() in io_gltf.ENDINGS:
         clip, remarks = io_gltf.read_gltf(path, options.joints)
         return as_told(clip, replace(options, joints=None), "glTF files", "y"), tuple(
@@ -292,21 +305,24 @@ def _open_markers(path: Path, reading: ReadingOptions, markers: MarkerOptions) -
     return MarkerSource(str(path), path, recording, remarks, found.warnings, found)
 
 
-def _open_places(path: Path, joints: np.ndarray, reading: ReadingOptions, markers: MarkerOptions) -> MarkerSource:
+def _open_places(
+    path: Path,
+    joints: np.ndarray,
+    rate: float,
+    remarks: tuple[str, ...],
+    reading: ReadingOptions,
+    markers: MarkerOptions,
+) -> MarkerSource:
     """Open an array of joint places (T, 22, 3) as markers in the joints: the tracker finds how they turn."""
     form = markers.form(reading)
     names = default_skeleton().joints[: joints.shape[1]]
-    rate = form.rate or USUAL_RATE
     known = recognised(names)
     assert known is not None
-    raw = RawMarkers(names, joints, np.arange(len(joints)) / rate, rate)
-    found = body_of(raw, form, known, str(path))
-    lines = [f"an array of joint places {joints.shape}, not of rotations: the body is completed from them"]
-    if form.rate is None:
-        lines.append(f"no frame rate in it: {rate:g} Hz is taken (--rate)")
-    remarks = tuple(f"note: {line}" for line in (*lines, *found.remarks[1:]))
+    found = body_of(RawMarkers(names, joints, np.arange(len(joints)) / rate, rate), form, known, str(path))
+    line = f"an array of joint places {joints.shape}, not of rotations: the body is completed from them"
+    lines = tuple(f"note: {line}" for line in (line, *remarks, *found.remarks[1:]))
     recording = Recording(found.observation, default_skeleton(), known=False)
-    return MarkerSource(str(path), path, recording, remarks, found.warnings)
+    return MarkerSource(str(path), path, recording, lines, found.warnings)
 
 
 def _labelled(path: Path, options: MarkerOptions, reading: ReadingOptions) -> Observation:

@@ -77,7 +77,8 @@ class Take:
                 was tracked; if that was filled, the file itself with its holes filled. If omitted, 'source' where a BVH
                 file of a whole body was filled and is written as BVH, else our own.
 
-        Raises BodysenseError for a rig that there is not.
+        Raises BodysenseError for a rig that there is not, and for a whole BVH file that would be copied although its
+        unit, axis, floor or height was given.
         """
         path = Path(path)
         if is_marker_file(path):
@@ -91,6 +92,11 @@ class Take:
             rig = SOURCE if self.file is not None and path.suffix.lower() == ".bvh" and not self.clip.lacks else OWN
         check_rig(path, rig, self.source)
         if rig == SOURCE and self.file is not None:
+            if self.partial is not None and self.partial.is_whole and (given := self.reading.for_the_world()):
+                raise BodysenseError(
+                    f"{self.source}: nothing is missing, and its own rig keeps the file's size and axes, so "
+                    f"{', '.join(given)} would change nothing; leave that out, or write it with --rig bodysense"
+                )
             self.file.write(path)
         elif rig == SOURCE and self.source is not None:
             write_on_rig_of(path, self.clip, self.source, self.reading)

@@ -152,6 +152,7 @@ def test_what_goes_wrong_is_one_line(files: Path, motion: Path, refused: Command
     assert "--samples draws from head and hands" in refused(*arguments, "--samples", 2)
     assert "no such model file" in refused(*arguments, "--model", files / "a.onnx")
     assert "0 Hz is no frame rate" in refused(*arguments, "--rate", 0)
+    assert refused(*arguments, "--up", "x") == "--up x: of marker files it is one of y, z"
     assert "cannot be read" in refused(*arguments, "--names", files / "missing.json")
     assert "--figure is for motions" in refused("track", files / "gloves.npz", "-o", out, "--figure", 1)
     assert "no such file" in refused("track", files / "missing.c3d", "-o", out)

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from bodysense.body.pose import Pose
+from bodysense.body.pose import Pose, forward_kinematics
+from bodysense.demo import packaged_performance
 from bodysense.io.bvh import read_bvh, write_bvh
 from bodysense.io.clip import Clip
 from bodysense.io.motion_files import write_motion
@@ -130,3 +132,67 @@ def test_the_front_door_takes_the_same_options(inches: Path) -> None:
     clip = bodysense.read(inches, ReadingOptions(height=1.9))
     assert isinstance(clip, Clip) and clip.pose.skeleton.height == pytest.approx(1.9)
     assert np.abs(read_bvh(inches, unit=0.0254).pose.root_position).max() < 2
+
+
+def test_joint_places_are_tracked_and_no_motion(tmp_path: Path, run, refused) -> None:
+    """Every command asks the same reader: places that are read as rotations are a knotted body."""
+    clip = packaged_performance()
+    places, out = tmp_path / "places.npy", tmp_path / "out.bvh"
+    np.save(places, np.asarray(forward_kinematics(clip.pose)[0])[200:220, :22])
+    for command in (("convert", places, "-o", out), ("simulate", places, "-o", tmp_path / "out.npz")):
+        assert "joint places, not a motion; complete it first: bodysense track places.npy" in refused(*command)
+    assert "markers, 30 Hz; 22 points of a body" in run("data", "info", places)
+    assert "the body is completed from them" in run("track", places, "-o", out)
+
+
+def test_the_rate_of_a_file_that_says_it_is_refused(tmp_path: Path, motion: Path, run, refused) -> None:
+    out = tmp_path / "out.glb"
+    said = "the file says its frame rate; leave {} 60 out"
+    assert said.format("--rate") in refused("track", motion, "-o", out, "--rate", 60)
+    assert said.format("--rate") in refused("simulate", motion, "-o", tmp_path / "out.npz", "--rate", 60)
+    assert said.format("--file-rate") in refused("convert", motion, "-o", out, "--file-rate", 60)
+    np.save(tmp_path / "turns.npy", np.zeros((5, 66)))
+    assert "30 Hz is taken (--file-rate)" in run("convert", tmp_path / "turns.npy", "-o", out)
+    assert "5 frames at 60 Hz" in run("convert", tmp_path / "turns.npy", "-o", out, "--file-rate", 60)
+
+
+@pytest.fixture
+def whole(tmp_path: Path) -> Path:
+    """A motion in which nothing is missing, in centimetres."""
+    write_bvh(tmp_path / "whole.bvh", replace(packaged_performance(), pose=packaged_performance().pose[200:230]))
+    return tmp_path / "whole.bvh"
+
+
+def test_a_whole_file_is_not_copied_where_options_would_change_it(whole: Path, tmp_path: Path, run, refused) -> None:
+    out = tmp_path / "out.bvh"
+    for option in (("--height", 1.5), ("--up", "y"), ("--unit", "cm"), ("--floor", 0.1)):
+        assert f"{option[0]} {option[1]} would change nothing; leave that out, or write it with --rig bodysense" in (
+            refused("track", whole, "-o", out, *option)
+        )
+    assert not out.exists()
+    run("track", whole, "-o", out, "--height", 1.5, "--rig", "bodysense")
+    assert read_bvh(out).pose.skeleton.height == pytest.approx(1.5, abs=1e-3)
+
+
+def test_track_says_how_a_motion_was_read(inches: Path, tmp_path: Path, run) -> None:
+    """Of a file with holes, too, whose values are not all numbers."""
+    assert "inches, 1.6" in run("track", inches, "-o", tmp_path / "out.bvh")
+    lines = inches.read_text().splitlines()
+    lines[-1] = " ".join([*lines[-1].split()[:-3], "nan", "nan", "nan"])
+    inches.write_text("\n".join(lines))
+    assert "inches, 1.6" in run("track", inches, "-o", tmp_path / "out.bvh")
+    np.save(tmp_path / "turns.npy", np.zeros((5, 66)))
+    assert "30 Hz is taken (--rate)" in run("track", tmp_path / "turns.npy", "-o", tmp_path / "out.glb")
+
+
+def test_convert_warns_of_limbs_that_are_held_still(whole: Path, tmp_path: Path, run) -> None:
+    out = tmp_path / "out.glb"
+    assert "WARNING" not in run("convert", whole, "-o", out)
+    clip = read_bvh(whole)
+    rotation = np.array(clip.pose.rotation)
+    elbow = clip.pose.skeleton.index("left_elbow")
+    rotation[5:, elbow] = rotation[5, elbow]
+    write_bvh(whole, replace(clip, pose=replace(clip.pose, rotation=rotation)))
+    said = run("convert", whole, "-o", out)
+    assert "WARNING: limbs are held still" in said and "left_elbow 2" in said
+    assert "complete them: bodysense track whole.bvh -o out.glb" in said

@@ -116,7 +116,7 @@ BROKEN = [
     ({"trans": np.full((4, 3), np.nan)}, "'trans' is not finite in row 0; cut or mend that frame"),
     ({"poses": np.full((4, 156), "x")}, "of <U1; it must be numbers"),
     ({"trans": None}, "no 'trans' in it; it is needed, with shape"),
-    ({"poses": None}, "no 'poses' in it .nor 'root_orient'.; it is not a motion"),
+    ({"poses": None}, "no 'poses' in it .nor 'root_orient'.; save them as 'poses'"),
     ({"mocap_framerate": None}, "neither 'mocap_framerate' nor 'mocap_frame_rate' in it; add the rate"),
     ({"mocap_framerate": 0.0}, "mocap_framerate is 0.0; it must be one positive number"),
     ({"mocap_framerate": np.array([1.0, 2.0])}, "it must be one positive number"),

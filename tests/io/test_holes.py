@@ -32,6 +32,7 @@ def told(text: str, frames: int = 10) -> set[tuple[int, str]]:
     [
         ("LeftHand", "LeftHand"),
         ("left_hand", "LeftHand"),
+        ("left hand", "LeftHand"),
         ("left_wrist", "LeftHand"),
         ("left_forearm", "mixamorig:LeftForeArm"),
         ("LeftForeArm", "mixamorig:LeftForeArm"),
@@ -62,6 +63,11 @@ def test_ranges_and_what_hangs_on_a_joint() -> None:
         ("LeftHand:5-12", "frames 0 to 9"),
         ("LeftHand:5-2", "ends before it begins"),
         ("LeftHand,,Hips", "an item is empty"),
+        ("LeftForeArm LeftHand:2-3", "more than one joint; put commas between them: LeftForeArm,LeftHand"),
+        ("LeftForeArm..LeftHand:2-3", "more than one joint"),
+        ("left_forearm;left_hand", "more than one joint"),
+        ("LeftHand:5", "frames are given as FIRST-LAST, such as LeftHand:0-99"),
+        ("mixamorig:LeftForeArm:5-", "as FIRST-LAST, such as mixamorig:LeftForeArm:0-99"),
         ("", "an item is empty"),
     ],
 )

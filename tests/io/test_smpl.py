@@ -39,6 +39,7 @@ def layouts(v: np.ndarray) -> dict[str, dict[str, np.ndarray]]:
     return {
         "SMPL": {"poses": body.reshape(frames, 72)},
         "SMPL of AIST++": {"smpl_poses": body.reshape(frames, 72)},
+        "SMPL of ROMP": {"smpl_thetas": body.reshape(frames, 72)},
         "joints": {"pose": body},
         "matrices": {"poses": matrices(body)},
         "SMPL-H": {"poses": v.reshape(frames, 156)},
@@ -127,6 +128,11 @@ def wrong(v: np.ndarray) -> dict[str, tuple[dict[str, object], str]]:
     return {
         "no poses": ({"global_orient": v[:, 0]}, "no poses in it; give 'poses'"),
         "a wrong width": ({"poses": poses[:, :70]}, r"'poses' has shape \(90, 70\); give one person's, \(T, 66 or 72"),
+        "axes before joints": ({"poses": np.ones((90, 3, 22))}, r"or joint places \(T, 22, 3\)"),
+        "degrees": (
+            {"poses": np.rad2deg(np.ones_like(poses))},
+            r"rotation vectors of up to 99.2 rad.*give radians, or",
+        ),
         "several people": ({"poses": np.stack([poses, poses])}, "give one person's"),
         "a hole": ({"poses": hole}, "'poses' is not finite in frame 7; cut or mend"),
         "texts": ({"poses": np.array([["a"] * 72])}, "it must be numbers"),

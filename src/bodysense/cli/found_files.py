@@ -100,12 +100,12 @@ def _read_other(key: str, source: Source, reading: ReadingOptions) -> FoundFile:
         kind = KINDS.get(source.path.suffix.lower(), "AMASS or SMPL")
         return FoundFile(key, clip, kind=kind, said=said, rate=clip.frame_rate)
     seen = opened.recording.observation
+    rate = (len(seen) - 1) / max(float(seen.time[-1] - seen.time[0]), 1e-9)
     if isinstance(opened, MarkerSource):
         said = f"{len(seen.points)} points of {'gloves' if opened.recording.known else 'a body'}"
         lines = (line.removeprefix("note: ") for line in opened.remarks)
-        rate = 0.0 if opened.found is None else opened.found.frame_rate
+        rate = rate if opened.found is None else opened.found.frame_rate
         return FoundFile(key, kind="markers", said="; ".join((said, *lines, *opened.warnings)), rate=rate)
-    rate = (len(seen) - 1) / max(float(seen.time[-1] - seen.time[0]), 1e-9)
     return FoundFile(key, kind="recording", said=f"{len(seen.points)} points, {len(seen)} frames", rate=rate)
 
 

@@ -176,7 +176,7 @@ def track(  # noqa: PLR0915
         _write_with_fingers(opened, out, model)
         write_summary(json, [out], {})
         return
-    if isinstance(opened, MotionSource) and device is not None:
+    if isinstance(opened, MotionSource) and (device is not None or opened.bvh is None):
         for line in opened.remarks:
             print(line)
     # Gloves were put on a body so tall already, and a motion was scaled so.
@@ -215,6 +215,8 @@ def track(  # noqa: PLR0915
     rate = len(take.time) / (time.perf_counter() - begun)
     if fingers == "synthesize":
         take = replace(take, clip=synthesize(take.clip), file=None)
+    if take.partial is not None and take.partial.line:
+        print(take.partial.line)
     take.save(out, rig)
     print(f"wrote {out}: {len(take.time)} frames at {rate:.0f} frames/s")
     _say(take, out)
@@ -256,10 +258,23 @@ def convert(
     check_rate("--file-rate", file_rate)
     if json is not None:
         check_place(json)
-    opened = open_motion(file, reading, file_rate)
+    opened = open_motion(file, reading, file_rate, "--file-rate")
     clip = converted(opened, out, rig=rig, rate=rate)
     print(f"wrote {out}: {len(clip)} frames at {clip.frame_rate:g} Hz on {rig}")
+    if held := _held_still(opened):
+        print(f"WARNING: {held}; complete them: bodysense track {file.name} -o {out.name}")
     write_summary(json, [out], {"frames": len(clip), "frame_rate": round(clip.frame_rate, 6), "rig": rig})
+
+
+def _held_still(opened: MotionSource) -> str:
+    """Return which limbs of a BVH file look lost, for a motion that is converted as it is; empty if none do."""
+    try:
+        partial = None if opened.bvh is None else opened.with_holes(())
+    except BodysenseError:  # joints that do not hang on one another: no limb can be judged
+        return ""
+    if partial is None or not partial.holes.any():
+        return ""
+    return f"limbs are held still while the body moves, as lost ones are ({_listed_holes(partial)})"
 
 
 def _check_outputs(file: Path, out: Path, rig: str | None, *more: Path | None) -> None:
@@ -316,11 +331,16 @@ def holes_line(partial: PartialMotion) -> str:
         )
     if partial.clip.lacks and not partial.holes.any():
         return f"completed {' and '.join(partial.clip.lacks)}, which the motion lacks"
+    return f"filled {_listed_holes(partial)}"
+
+
+def _listed_holes(partial: PartialMotion) -> str:
+    """Return how many frames of each joint are missing."""
     count = partial.holes.sum(axis=0)
     order = [joint for joint in count.argsort(kind="stable")[::-1].tolist() if count[joint]]
     named = ", ".join(f"{partial.rig.joints[joint]} {count[joint]}" for joint in order[:_LISTED])
     more = f" and {len(order) - _LISTED} more joints" if len(order) > _LISTED else ""
-    return f"filled frames, of {len(partial.holes)}: {named}{more}"
+    return f"frames, of {len(partial.holes)}: {named}{more}"
 
 
 def marker_lines(done: FilledMarkers, markers: MarkerSource) -> list[str]:

@@ -22,21 +22,27 @@ def load_clip(file: Path, reading: ReadingOptions, rate: float | None = None) ->
     return open_motion(file, reading, rate).clip
 
 
-def open_motion(file: Path, reading: ReadingOptions, rate: float | None = None) -> MotionSource:
-    """Open a user's motion, and print what was recognised. Raises BodysenseError for every other kind of file."""
-    from bodysense.open import MOTION_ENDINGS, MotionSource, kind_of
+def open_motion(file: Path, reading: ReadingOptions, rate: float | None = None, option: str = "--rate") -> MotionSource:
+    """Open a user's motion, and print what was recognised; `option` gives the rate of a file that does not say it.
+
+    Raises BodysenseError for every other kind of file.
+    """
+    from bodysense.open import MOTION_ENDINGS, MotionSource, kind_of, open_source
 
     kind = kind_of(file)
-    if kind != "motion":
-        whole = {"recording": "a recording", "markers": "markers", "video": "a video"}[kind]
-        raise BodysenseError(
-            f"{file}: {whole}, not a motion; complete it first: bodysense track {file.name} -o motion.bvh, or give a "
-            f"file of {', '.join(MOTION_ENDINGS)}"
-        )
-    opened = MotionSource(str(file), file, options=reading, rate=rate)
-    for line in opened.remarks:
-        print(line)
-    return opened
+    try:
+        opened = open_source(file, reading, MarkerOptions(rate=rate)) if kind == "motion" else kind
+        if isinstance(opened, MotionSource):
+            for line in opened.remarks:
+                print(line.replace("--rate", option))
+            return opened
+    except BodysenseError as error:
+        raise BodysenseError(str(error).replace("--rate", option)) from None
+    whole = {"recording": "a recording", "markers": "markers", "video": "a video", "motion": "joint places"}[kind]
+    raise BodysenseError(
+        f"{file}: {whole}, not a motion; complete it first: bodysense track {file.name} -o motion.bvh, or give a "
+        f"file of {', '.join(MOTION_ENDINGS)}"
+    )
 
 
 def person_of(file: Path | None, height: float | None) -> Person | None:

@@ -84,7 +84,9 @@ def _axis_angle(path: Path, arrays: Mapping[str, np.ndarray]) -> np.ndarray:
         parts = [root]
         parts += [checked_array(path, arrays, key, (len(root), n)) for key, n in (("pose_body", 63), ("pose_hand", 90))]
     else:
-        raise BodysenseError(f"{path}: no 'poses' in it (nor 'root_orient'); it is not a motion of the AMASS layout")
+        raise BodysenseError(
+            f"{path}: no 'poses' in it (nor 'root_orient'); save them as 'poses' and 'trans' (docs/data.md)"
+        )
     axis_angle = np.concatenate(parts, axis=1)
     if not len(axis_angle):
         raise BodysenseError(f"{path}: no frames in it; give a recording of at least one frame")

@@ -33,16 +33,24 @@ from bodysense.io.fingers import is_finger, with_fingers
 
 PICKLES = (".pkl", ".pickle", ".pt", ".pth", ".joblib")
 USUAL_RATE = 30.0  # Hz, for files without a rate
-WHOLE = ("poses", "pose", "smpl_poses", "fullpose", "full_pose", "poses_body", "pose_world", "pose_aa")
+WHOLE = ("poses", "pose", "smpl_poses", "fullpose", "full_pose", "poses_body", "pose_world", "pose_aa", "smpl_thetas")
 ORIENT = ("global_orient", "root_orient", "root_pose", "global_orient_world")
 BODY = ("body_pose", "pose_body")
 HANDS = {"left": ("left_hand_pose", "lhand_pose"), "right": ("right_hand_pose", "rhand_pose")}
-PLACE = ("transl", "trans", "smpl_trans", "trans_world", "translation", "root_trans", "global_transl")
+PLACE = ("transl", "trans", "smpl_trans", "trans_world", "translation", "root_trans", "global_transl", "cam_trans")
 RATE = ("fps", "mocap_framerate", "mocap_frame_rate", "frame_rate", "framerate")
 _AMASS = {156, 165}  # widths of `poses` that `io.amass` reads
 _UPRIGHT = 0.5  # mean cosine above which a body stands along an axis
 _FLOOR = 0.1  # m: a floor closer to 0 is taken as 0
 _SQUARE = 0.05  # largest deviation of a matrix from a rotation
+_LARGEST = 6 * np.pi  # rad; longer rotation vectors are degrees, or no rotations
+_LIMBS = ("knee", "ankle", "elbow", "wrist")
+# Bones of joint places. Places of recorded people are within these limits even with 3 cm of noise; rotation vectors,
+# read as places, are not.
+_ALIKE = 0.9  # least correlation of their lengths with ours
+_EVEN = 0.17  # largest deviation of the logarithms of the limbs' sizes, as factors of ours
+_RIGID = 0.25  # largest share of its length by which a limb's bone usually varies
+_FEWEST = 14  # bones that are seen
 
 
 def is_smpl(path: str | Path) -> bool:
@@ -61,46 +69,47 @@ def is_smpl(path: str | Path) -> bool:
     return not (rated and (whole or {"root_orient", "pose_body", "pose_hand"} <= names))
 
 
-_BONES = (("hip", "knee"), ("knee", "ankle"), ("shoulder", "elbow"), ("elbow", "wrist"))
-_RIGID = 0.05  # share by which a bone of joint positions may vary, or differ from the other side's
+def joint_places(path: str | Path, rate: float | None = None) -> tuple[np.ndarray, float, tuple[str, ...]] | None:
+    """Return joint positions (T, 22, 3) in SMPL's order, their rate in Hz and remarks if a file holds these; else None.
 
-
-def joint_places(path: str | Path) -> np.ndarray | None:
-    """Return joint positions (T, 22, 3) in SMPL's order if an .npy or .npz file holds these; else None.
-
-    An array (T, joints, 3) may hold rotations (axis-angle) or positions. Positions have limbs of constant lengths,
-    equal on both sides, with thighs about as long as shins; rotation vectors do not.
+    An array (T, joints, 3) or (T, 3 joints) may hold rotations (axis-angle) or positions. The usual distances between
+    joints that a bone connects are those of a body, up to its size, if they are positions; those of rotation vectors
+    are not. Positions that are not finite are missing (NaN). `rate` is used in place of the file's.
     """
     path = Path(path)
     if not is_smpl(path):
         return None
     try:
-        arrays = {"poses": read_array(path)} if path.suffix.lower() == ".npy" else read_arrays(path, WHOLE)
+        arrays = {"poses": read_array(path)} if path.suffix.lower() == ".npy" else read_arrays(path, (*WHOLE, *RATE))
     except BodysenseError:
         return None  # reading it reports the error
     found = _first(arrays, WHOLE)
-    if found is None or found[1].ndim != 3 or found[1].shape[1:] not in {(count, 3) for count in (22, 24, 52, 55)}:
+    if found is None or found[1].dtype.kind not in "fiu" or not len(found[1]):
         return None
-    if found[1].dtype.kind != "f" or not len(found[1]) or not sound(found[1]).all():
+    if found[1].shape[1:] not in {shape for count in (22, 24, 52, 55) for shape in ((count, 3), (3 * count,))}:
         return None
-    place, joints = found[1][:, :22].astype(np.float64), default_skeleton().joints
-    lengths = np.stack(
-        [
-            [
-                np.linalg.norm(place[:, joints.index(f"{side}_{a}")] - place[:, joints.index(f"{side}_{b}")], axis=-1)
-                for a, b in _BONES
-            ]
-            for side in ("left", "right")
-        ]
-    )  # (2, 4, T)
-    mean = lengths.mean(axis=-1)
-    if not (mean > 0.01 * mean.max()).all():
+    place = found[1].reshape(len(found[1]), -1, 3)[:, :22].astype(np.float64)
+    place = np.where(sound(place).all(axis=-1, keepdims=True), place, np.nan)
+    if not _is_body(place):
         return None
-    rigid = (lengths.std(axis=-1) < _RIGID * mean).all()
-    even = (np.abs(mean[0] - mean[1]) < _RIGID * mean.mean(axis=0)).all()
-    legs, arms = mean.mean(axis=0)[:2], mean.mean(axis=0)[2:]
-    like = all(0.6 < pair[0] / pair[1] < 1.6 for pair in (legs, arms)) and 1.0 < legs.sum() / arms.sum() < 2.5
-    return place if rigid and even and like else None
+    remarks: list[str] = []
+    return place, _rate(path, arrays, rate, remarks), tuple(remarks)
+
+
+def _is_body(place: np.ndarray) -> bool:
+    """Whether points (T, 22, 3) are as far apart as the joints of a body, whatever its size."""
+    skeleton = default_skeleton()
+    bone = np.linalg.norm(place[:, 1:] - place[:, list(skeleton.parents[1:22])], axis=-1)
+    seen = np.flatnonzero(np.isfinite(bone).any(axis=0))
+    if len(seen) < _FEWEST:
+        return False
+    usual = np.linalg.norm(skeleton.rest_offset[1:22], axis=-1)[seen]
+    length = np.nanmedian(bone[:, seen], axis=0)
+    if not (length > 1e-3 * length.max()).all() or not np.corrcoef(length, usual)[0, 1] > _ALIKE:
+        return False
+    limbs = [k for k, joint in enumerate(seen) if skeleton.joints[joint + 1].endswith(_LIMBS)]
+    varies = np.nanmedian(np.abs(bone[:, seen] - length), axis=0) / length
+    return bool(np.log(length / usual)[limbs].std() < _EVEN and np.median(varies[limbs]) < _RIGID)
 
 
 def read_smpl(
@@ -201,12 +210,21 @@ def _turns(path: Path, name: str, values: np.ndarray, counts: tuple[int, ...]) -
         if not np.abs(matrices @ np.swapaxes(matrices, -1, -2) - np.eye(3)).max(initial=0) < _SQUARE:
             raise BodysenseError(f"{path}: {name!r} has shape {shape}, but holds no rotation matrices; export it again")
         return matrix_to_quaternion(matrices)
-    if values.ndim < 2 or values.size not in {len(values) * count * 3 for count in counts}:
+    lasts = {3, *(3 * count for count in counts)}
+    if values.ndim < 2 or values.size not in {len(values) * count * 3 for count in counts} or shape[-1] not in lasts:
         widths = " or ".join(str(3 * count) for count in counts)
         raise BodysenseError(
-            f"{path}: {name!r} has shape {shape}; give one person's, (T, {widths}) axis-angle or (T, joints, 3, 3)"
+            f"{path}: {name!r} has shape {shape}; give one person's, (T, {widths}) axis-angle or (T, joints, 3, 3), "
+            "or joint places (T, 22, 3)"
         )
-    return quaternion_exp(values.reshape(len(values), -1, 3))
+    vectors = values.reshape(len(values), -1, 3)
+    longest = float(np.linalg.norm(vectors, axis=-1).max())
+    if longest > _LARGEST:
+        raise BodysenseError(
+            f"{path}: {name!r} has rotation vectors of up to {longest:.3g} rad, and is not joint places of a body "
+            "either; give radians, or places (T, 22, 3) in SMPL's order of joints"
+        )
+    return quaternion_exp(vectors)
 
 
 def _place(path: Path, place: tuple[str, np.ndarray], frames: int) -> np.ndarray:

@@ -338,3 +338,18 @@ def test_what_cannot_come_back(tmp_path: Path, holed: dict[str, np.ndarray], cli
     with pytest.raises(BodysenseError, match="only a file of labelled markers comes back as markers"):
         track(clip).save(tmp_path / "out.trc")
     assert not (tmp_path / "out.csv").exists() and not (tmp_path / "out.trc").exists()
+
+
+def test_bytes_of_a_latin_label_stay(tmp_path: Path) -> None:
+    path, out = tmp_path / "a.trc", tmp_path / "b.trc"
+    path.write_bytes(
+        trc({"Stérn": np.ones((3, 3)), "C7": np.array([[1.0, 2, 3], [np.nan] * 3, [1, 2, 3]])})
+        .decode()
+        .encode("latin-1")
+    )
+    raw = read_raw(path)
+    filled = np.isnan(raw.position[..., 0])
+    write_filled(path, out, raw, np.full(raw.position.shape, 5.0), filled)
+    before, after = path.read_bytes().splitlines(), out.read_bytes().splitlines()
+    assert [a == b for a, b in zip(before, after, strict=True)] == [True] * 7 + [False, True]
+    assert after[7].endswith(b"\t5.000\t5.000\t5.000")

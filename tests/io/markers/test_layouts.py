@@ -243,7 +243,8 @@ WRONG = {
         lambda: trc().replace("\t3\tmm", "\t7\tmm").replace("\tC7", "\t"),
         "NumMarkers is 7, but line 4 names 2, and a frame has 3",
     ),
-    "TRC in feet": ("a.trc", lambda: trc().replace("\tmm", "\tft"), "its unit is 'ft'; m, cm and mm are read"),
+    "TRC in cubits": ("a.trc", lambda: trc().replace("\tmm", "\tcubit"), "its unit is 'cubit'; m, cm, mm, in, ft are"),
+    "TRC with blanks": ("a.trc", lambda: trc().replace("\t", " "), "the cells of line 2 are separated by blanks"),
     "TRC without rate": ("a.trc", lambda: trc().replace("120.0\t120.0\t4", "?\t120.0\t4"), "DataRate is '?'.*--rate"),
     "TRC with a word": ("a.trc", lambda: trc().replace("0.00833", "abc"), "line 8, column 2: 'abc' is not a number"),
     "no TRC": ("a.trc", lambda: "hello", "not a TRC file"),
@@ -262,6 +263,38 @@ def test_what_is_wrong_is_said(tmp_path: Path, what: str) -> None:
     with pytest.raises(BodysenseError, match=message) as caught:
         read_raw(tmp_path / name)
     assert name in str(caught.value) and "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("written", ["cubit", ""])
+def test_a_given_unit_goes_before_the_headers(tmp_path: Path, written: str) -> None:
+    (tmp_path / "a.trc").write_text(trc().replace("\tmm", f"\t{written}"))
+    assert read_raw(tmp_path / "a.trc", unit="cm").unit == "cm"
+    (tmp_path / "a.csv").write_text(motive().replace("Millimeters", written))
+    assert read_raw(tmp_path / "a.csv", unit="cm").unit == "cm"
+
+
+def test_inches_and_feet_are_read(tmp_path: Path) -> None:
+    for written, unit in (("inches", "in"), ("ft", "ft")):
+        (tmp_path / "a.trc").write_text(trc().replace("\tmm", f"\t{written}"))
+        assert read_raw(tmp_path / "a.trc").unit == unit
+
+
+def test_labels_may_be_latin(tmp_path: Path) -> None:
+    (tmp_path / "a.trc").write_bytes(trc().replace("LASI", "Stérn").encode("latin-1"))
+    assert read_raw(tmp_path / "a.trc").names[0] == "Stérn"
+
+
+def test_times_that_jump_are_said(tmp_path: Path) -> None:
+    (tmp_path / "a.trc").write_text(trc().replace("0.02500", "1.02500"))
+    assert "the times jump by 1.01 s at line 10" in read_raw(tmp_path / "a.trc").remarks[0]
+    (tmp_path / "a.trc").write_text(trc())
+    assert read_raw(tmp_path / "a.trc").remarks == ()
+
+
+def test_zeros_of_csv_are_gaps_unless_said_valid(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("time,a.x,a.y,a.z,b.x,b.y,b.z,b.isValid\n0,0,0,0,0,0,0,1\n0.1,0,0,1,0,0,0,0\n")
+    position = read_raw(tmp_path / "a.csv").position
+    np.testing.assert_array_equal(np.isfinite(position).all(axis=-1), [[False, True], [True, False]])
 
 
 def test_gzip_is_named(tmp_path: Path) -> None:

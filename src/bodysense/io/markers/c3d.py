@@ -17,6 +17,7 @@ import numpy as np
 from bodysense.errors import BodysenseError
 from bodysense.files import read_bytes, sound, written_beside
 from bodysense.io.markers.raw_markers import RawMarkers, Unit
+from bodysense.io.markers.text import unit_of
 from bodysense.observation import Observation
 
 BLOCK = 512  # bytes; a file consists of such blocks, and the first is the header
@@ -151,12 +152,11 @@ def _value(data: bytes, at: int, processor: int) -> Value:
 
 _KEY = 0x50  # second byte of every C3D file
 _LARGEST = 4 << 30  # bytes
-_UNITS: dict[str, Unit] = {"": "mm", "mm": "mm", "cm": "cm", "m": "m", "millimeters": "mm", "meters": "m"}
 _Z_UP = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
 _OUTPUTS = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS", "REACTIONS")  # points that are not positions
 
 
-def read_c3d(path: Path) -> RawMarkers:
+def read_c3d(path: Path, unit: Unit | None = None) -> RawMarkers:
     """Read the points of a C3D file: unit from POINT:UNITS, axes from X_SCREEN and Y_SCREEN, +Z up if missing.
 
     Outputs of a model (angles, moments …) are skipped. Raises BodysenseError for a file that is not C3D, has no points,
@@ -165,15 +165,13 @@ def read_c3d(path: Path) -> RawMarkers:
     data, parameters, order = _opened(path)
     block = _point_block(path, data, order, parameters)
     position, residual = block.read(data)
-    written = parameters.text("POINT", "UNITS").lower()
-    if written not in _UNITS:
-        raise BodysenseError(f"{path}: its unit is {written!r}; m, cm and mm are read")
+    unit = unit_of(path, parameters.text("POINT", "UNITS") or "mm", unit)
     missing = (residual < 0) | ~sound(position).all(axis=-1) | ~position.any(axis=-1)
     position[missing] = np.nan
     names, kept = _places(parameters, block.count)
     time = np.arange(len(position)) / block.rate
     chosen = tuple(names[k] for k in kept)
-    return RawMarkers(chosen, position[:, kept], time, block.rate, _UNITS[written], _axes(path, parameters))
+    return RawMarkers(chosen, position[:, kept], time, block.rate, unit, _axes(path, parameters))
 
 
 def filled_c3d(path: Path, position: np.ndarray, filled: np.ndarray) -> bytes:

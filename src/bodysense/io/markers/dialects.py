@@ -25,19 +25,33 @@ import numpy as np
 
 from bodysense.errors import BodysenseError
 from bodysense.files import read_text, sound
-from bodysense.io.markers.raw_markers import AXES, Cells, RawMarkers
-from bodysense.io.markers.text import Rows, cells_in, cells_of, markers_of, numbered, numbers, rate_of, unit_of, whole
+from bodysense.io.markers.raw_markers import AXES, Cells, RawMarkers, Unit
+from bodysense.io.markers.text import (
+    OTHER_ENCODING,
+    Rows,
+    cells_in,
+    cells_of,
+    markers_of,
+    numbered,
+    numbers,
+    rate_of,
+    unit_of,
+    whole,
+)
 
 _TRC_NEEDED, _TRC_HEADER = ("datarate", "units"), 5  # values; lines of the header
 
 
-def read_trc(path: Path, rate: float | None = None) -> RawMarkers:
-    """Read a TRC file; its unit and rate are in its header, its up axis is not. `rate` Hz goes before the header's.
+def read_trc(path: Path, rate: float | None = None, unit: Unit | None = None) -> RawMarkers:
+    """Read a TRC file; its unit and rate are in its header, its up axis is not. `rate` Hz and
+    `unit` go before the header's.
 
     Cells are separated by tabs, semicolons or commas; the header may have another separator than the frames. Raises
     BodysenseError naming the line and the fix.
     """
-    texts = [line for line in enumerate(read_text(path).splitlines(), start=1) if line[1].strip(",; \t\r")]
+    texts = [
+        line for line in enumerate(read_text(path, OTHER_ENCODING).splitlines(), start=1) if line[1].strip(",; \t\r")
+    ]
     delimiter = _separator(texts[-1][1] if texts else "")
     lines = [
         (number, cells_in(line, _separator(line) if k <= _TRC_HEADER else delimiter))
@@ -51,6 +65,11 @@ def read_trc(path: Path, rate: float | None = None) -> RawMarkers:
     header = dict(zip(titles[at], lines[at + 1][1], strict=False))
     lacking = [name for name in _TRC_NEEDED if name not in header]
     if lacking:
+        if " ".join(titles[at]).split() != titles[at]:
+            raise BodysenseError(
+                f"{path}: the cells of line {lines[at][0]} are separated by blanks; export it with tabs, which tell a "
+                "missing marker from the next one"
+            )
         raise BodysenseError(
             f"{path}: line {lines[at][0]} has no {lacking[0]!r}; a TRC file names DataRate, Units there"
         )
@@ -66,7 +85,22 @@ def read_trc(path: Path, rate: float | None = None) -> RawMarkers:
     position = np.asarray(values[:, 2:].reshape(len(rows), len(names), 3))
     hertz = rate_of(path, header["datarate"], "DataRate", rate)
     cells = cells_of(rows, delimiter, 2, len(names))
-    return markers_of(path, names, position, hertz, unit_of(path, header["units"]), cells=cells)
+    raw = markers_of(path, names, position, hertz, unit_of(path, header["units"], unit), cells=cells)
+    return replace(raw, remarks=_jumps(values[:, 1], rows, hertz))
+
+
+def _jumps(time: np.ndarray, rows: Rows, rate: float) -> tuple[str, ...]:
+    """Return a remark on frames that a column of times (T,) s lacks, at `rate` Hz."""
+    steps = np.diff(time)
+    usual = max(float(np.median(steps)), 1 / rate) if len(steps) and np.isfinite(steps).all() else np.inf
+    jumps = np.flatnonzero(steps > 2.5 * usual)  # times are rounded, so that one lost frame is not sure
+    if not len(jumps):
+        return ()
+    more = f" and at {len(jumps) - 1} more" if len(jumps) > 1 else ""
+    return (
+        f"the times jump by {steps[jumps[0]]:.3g} s at line {rows[jumps[0] + 1][0]}{more}, but frames are taken as "
+        f"{rate:g} a second: cut the file there",
+    )
 
 
 def _separator(line: str) -> str:
@@ -105,12 +139,12 @@ def is_motive(head: str) -> bool:
     return head.lstrip("\ufeff").startswith("Format Version")
 
 
-def read_motive(path: Path, rate: float | None = None) -> RawMarkers:
+def read_motive(path: Path, rate: float | None = None, unit: Unit | None = None) -> RawMarkers:
     """Read a CSV file of Motive: markers, and where there are any, bones with their rotations.
 
     Markers of a rigid body or of a bone that stand beside labelled markers of the same name are left out.
     """
-    text = read_text(path)
+    text = read_text(path, OTHER_ENCODING)
     try:
         lines = [(k, cells) for k, cells in enumerate(csv.reader(text.splitlines()), start=1) if any(cells)]
     except csv.Error as error:
@@ -132,7 +166,7 @@ def read_motive(path: Path, rate: float | None = None) -> RawMarkers:
     values = numbers(path, lines[start + 1 :], len(lines[start][1]))
     position = np.stack([values[:, places["position"]] for places in columns.values()], axis=1)
     hertz = rate_of(path, header.get("Export Frame Rate") or header.get("Capture Frame Rate", ""), "its rate", rate)
-    unit = unit_of(path, header.get("Length Units", "Meters"))
+    unit = unit_of(path, header.get("Length Units", "Meters"), unit)
     labelled = np.array([places["position"] if "is_marker" in places else [-1] * 3 for places in columns.values()])
     cells = Cells(",", tuple(number for number, _ in lines[start + 1 :]), labelled)
     raw = markers_of(path, list(columns), position, hertz, unit, np.eye(3), cells)
@@ -175,9 +209,9 @@ def is_nexus(head: str) -> bool:
     return head.lstrip("\ufeff").split("\n", 1)[0].strip(' ,;\t\r"').lower() in _SECTIONS
 
 
-def read_nexus(path: Path, rate: float | None = None) -> RawMarkers:
+def read_nexus(path: Path, rate: float | None = None, unit: Unit | None = None) -> RawMarkers:
     """Read the trajectories of a CSV file of Nexus; other sections are left out. `rate` Hz goes before the file's."""
-    text = read_text(path)
+    text = read_text(path, OTHER_ENCODING)
     delimiter = max(",;\t", key=text[:4096].count)
     try:
         lines = list(enumerate(csv.reader(text.splitlines(), delimiter=delimiter), start=1))
@@ -200,7 +234,7 @@ def read_nexus(path: Path, rate: float | None = None) -> RawMarkers:
         raise BodysenseError(f"{path}: line {section[2][0]} has no X, Y, Z; export the trajectories from Nexus again")
     has_units = not _is_number(section[3][1][0])  # Workstation writes none
     units, frames = section[3][1] if has_units else [], section[4:] if has_units else section[3:]
-    unit = unit_of(path, units[places[0]] if places[0] < len(units) else "mm")
+    unit = unit_of(path, units[places[0]] if places[0] < len(units) else "mm", unit)
     values = numbers(path, frames, places[-1] + 3)
     position = np.stack([values[:, k : k + 3] for k in places], axis=1)
     columns = np.array([[k, k + 1, k + 2] for k in places])
@@ -218,7 +252,7 @@ Header = dict[str, list[str]]
 
 def read_tsv(path: Path, rate: float | None = None) -> RawMarkers:
     """Read a TSV file of trajectories or rigid bodies. `rate` Hz goes before the header's."""
-    lines = numbered(read_text(path), "\t")
+    lines = numbered(read_text(path, OTHER_ENCODING), "\t")
     header: Header = {}
     at = 0
     while at < len(lines) and _NAMED.fullmatch(lines[at][1][0]):

@@ -9,7 +9,7 @@ from bodysense.errors import BodysenseError
 from bodysense.files import check_plain
 from bodysense.io.markers.c3d import read_c3d, write_c3d
 from bodysense.io.markers.dialects import is_motive, is_nexus, read_motive, read_nexus, read_trc, read_tsv
-from bodysense.io.markers.raw_markers import MarkerFormat, RawMarkers, in_our_world, points_alone
+from bodysense.io.markers.raw_markers import MarkerFormat, RawMarkers, Unit, in_our_world, points_alone
 from bodysense.io.markers.text import read_csv, write_csv
 from bodysense.observation import Observation, chosen_points
 
@@ -22,8 +22,11 @@ def is_marker_file(path: str | Path) -> bool:
     return Path(path).suffix.lower() in ENDINGS
 
 
-def read_raw(path: str | Path, rate: float | None = None) -> RawMarkers:
-    """The points of a marker file under their own names, in its own unit and axes; `rate` Hz where it does not say."""
+def read_raw(path: str | Path, rate: float | None = None, unit: Unit | None = None) -> RawMarkers:
+    """Return the points of a marker file under their own names, in its own unit and axes.
+
+    `rate` (Hz) and `unit` are used in place of those of the file's header.
+    """
     path = Path(path)
     if not is_marker_file(path):
         raise BodysenseError(f"{path}: marker files end in {', '.join(ENDINGS)}, not in {path.suffix or 'nothing'!r}")
@@ -31,20 +34,20 @@ def read_raw(path: str | Path, rate: float | None = None) -> RawMarkers:
         raise BodysenseError(f"{path}: no such file")
     ending = path.suffix.lower()
     if ending == ".c3d":
-        return read_c3d(path)
+        return read_c3d(path, unit)
     if ending == ".trc":
-        return read_trc(path, rate)
+        return read_trc(path, rate, unit)
     if ending == ".tsv":
         return read_tsv(path, rate)
     head = _head(path)
     if is_motive(head):
-        return read_motive(path, rate)
-    return read_nexus(path, rate) if is_nexus(head) else read_csv(path, rate)
+        return read_motive(path, rate, unit)
+    return read_nexus(path, rate, unit) if is_nexus(head) else read_csv(path, rate)
 
 
 def read_unlabelled(path: str | Path, form: MarkerFormat = MarkerFormat()) -> tuple[Observation, float]:
     """All points of a marker file, whatever they are called, in our world, and the rate in Hz: passive markers."""
-    raw = read_raw(path, form.rate)
+    raw = read_raw(path, form.rate, form.unit)
     return points_alone(raw.names, in_our_world(raw.position, raw, form), raw.time), raw.frame_rate
 
 

@@ -12,7 +12,7 @@ from bodysense.errors import BodysenseError
 from bodysense.files import read_text, written_beside
 from bodysense.io.markers.c3d import filled_c3d
 from bodysense.io.markers.raw_markers import Cells, RawMarkers
-from bodysense.io.markers.text import MISSING
+from bodysense.io.markers.text import MISSING, OTHER_ENCODING
 
 _SAMPLE = 50  # cells of a marker from which the digits of a number are learned
 _USUAL_DIGITS = 5  # behind the point, of a file without any number
@@ -59,9 +59,10 @@ def write_filled(path: Path, out: Path, raw: RawMarkers, position: np.ndarray, f
 def _filled_text(path: Path, cells: Cells, position: np.ndarray, filled: np.ndarray) -> bytes:
     """The bytes of a text file with other numbers."""
     mark = b"\xef\xbb\xbf" if path.read_bytes()[:3] == b"\xef\xbb\xbf" else b""
-    with path.open(encoding="utf-8-sig", newline="") as stream:
-        lines = stream.read().splitlines(keepends=True)
-    if [line.rstrip("\r\n") for line in lines] != [line.rstrip("\r\n") for line in read_text(path).splitlines()]:
+    text = read_text(path, OTHER_ENCODING)
+    encoding = "utf-8" if mark + text.encode() == path.read_bytes() else OTHER_ENCODING
+    lines = text.splitlines(keepends=True)
+    if [line.rstrip("\r\n") for line in lines] != [line.rstrip("\r\n") for line in text.splitlines()]:
         raise BodysenseError(f"{path}: its lines end in an odd way; export it again")
     split = [_split(lines[number - 1], cells.delimiter) for number in cells.lines]
     for marker in np.flatnonzero(filled.any(axis=0)).tolist():
@@ -78,7 +79,7 @@ def _filled_text(path: Path, cells: Cells, position: np.ndarray, filled: np.ndar
     for t in np.flatnonzero(filled.any(axis=1)).tolist():
         line = lines[cells.lines[t] - 1]
         lines[cells.lines[t] - 1] = cells.delimiter.join(split[t]) + line[len(line.rstrip("\r\n")) :]
-    return mark + "".join(lines).encode("utf-8")
+    return mark + "".join(lines).encode(encoding)
 
 
 def _split(line: str, delimiter: str) -> list[str]:

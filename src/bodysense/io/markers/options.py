@@ -31,8 +31,9 @@ class MarkerOptions:
 
     def form(self, reading: ReadingOptions) -> MarkerFormat:
         """Return these options in the readers' format. Raises BodysenseError for values that marker files lack."""
-        if reading.unit not in (None, *METRES) or reading.up not in (None, "y", "z"):
-            raise BodysenseError(f"--unit {reading.unit} --up {reading.up}: marker files are in m, cm or mm, y or z up")
+        for option, value, valid in (("--unit", reading.unit, (*METRES,)), ("--up", reading.up, ("y", "z"))):
+            if value not in (None, *valid):
+                raise BodysenseError(f"{option} {value}: of marker files it is one of {', '.join(valid)}")
         if more := reading.for_motions():
             raise BodysenseError(f"{', '.join(more)}: for motions, not for marker files; leave it out")
         names = None if self.names is None else read_names(self.names)

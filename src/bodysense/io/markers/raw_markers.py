@@ -19,9 +19,9 @@ from bodysense.errors import BodysenseError
 from bodysense.files import read_text
 from bodysense.observation import OPTICAL_ACCURACY, Observation, accuracy_like
 
-Unit = Literal["m", "cm", "mm"]
+Unit = Literal["m", "cm", "mm", "in", "ft"]
 Up = Literal["y", "z"]
-METRES: dict[str, float] = {"m": 1.0, "cm": 0.01, "mm": 0.001}
+METRES: dict[str, float] = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
 _LISTED = 6  # names that a message lists
 
 
@@ -66,6 +66,7 @@ class RawMarkers:
     # (T, M, 4) wxyz, the file's world ← the marker, of rigid bodies and bones; NaN where unknown.
     rotation: np.ndarray | None = field(default=None, repr=False)
     cells: Cells | None = field(default=None, repr=False)  # for text files of markers
+    remarks: tuple[str, ...] = ()  # what is doubtful in the file
 
 
 @dataclass(frozen=True)

@@ -50,7 +50,7 @@ def read_markers(path: str | Path, form: MarkerFormat = MarkerFormat()) -> Marke
     Raises BodysenseError naming the file, what is wrong, and the fix.
     """
     path = Path(path)
-    raw = read_raw(path, form.rate)
+    raw = read_raw(path, form.rate, form.unit)
     _check_table(raw, form, str(path))
     of_gloves = glove_labels(raw, form)
     gloves = _gloves(raw, form, str(path)) if of_gloves else None
@@ -67,7 +67,15 @@ def read_markers(path: str | Path, form: MarkerFormat = MarkerFormat()) -> Marke
         raise BodysenseError(f"{path}: no joint follows from what is seen of {known.markers.name}; label more markers")
     check_observation(found.observation, str(path))
     body = MarkerRecording(
-        found.observation, raw.frame_rate, {}, found.remarks, raw, found.world, True, found.warnings, found.arms_hang
+        found.observation,
+        raw.frame_rate,
+        {},
+        (*raw.remarks, *found.remarks),
+        raw,
+        found.world,
+        True,
+        found.warnings,
+        found.arms_hang,
     )
     if gloves is None:
         return body
@@ -98,7 +106,9 @@ def _gloves(raw: RawMarkers, form: MarkerFormat, place: str) -> MarkerRecording:
     check = check_gloves(observation, place, unit)
     check_observation(observation, place)
     world = world_of(raw, form)
-    return MarkerRecording(observation, raw.frame_rate, check.sizes, (*remarks, *check.remarks), raw, world)
+    return MarkerRecording(
+        observation, raw.frame_rate, check.sizes, (*raw.remarks, *remarks, *check.remarks), raw, world
+    )
 
 
 def _check_table(raw: RawMarkers, form: MarkerFormat, place: str) -> None:

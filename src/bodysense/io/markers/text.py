@@ -3,7 +3,8 @@
 CSV is in the layout of the paper's release (github.com/dariopavllo/robust-finger-tracking).
 
 The first line names the columns: `time`, then for every marker `NAME.pos.x`, `NAME.pos.y`, `NAME.pos.z` and
-`NAME.isValid`. A frame is a line; a missing marker has empty values, NaN, or 0 in `isValid`. Also read: `NAME.x`,
+`NAME.isValid`. A frame is a line; a missing marker has empty values, NaN, or 0 in `isValid`; without
+`isValid` also 0, 0, 0. Also read: `NAME.x`,
 `NAME_x`, `NAME:X` …, semicolons or tabs between values, lines that begin with '#', no `isValid`, no `time`.
 """
 
@@ -18,15 +19,18 @@ import numpy as np
 
 from bodysense.errors import BodysenseError
 from bodysense.files import read_text, sound, written_beside
-from bodysense.io.markers.raw_markers import Cells, RawMarkers, Unit
+from bodysense.io.markers.raw_markers import METRES, Cells, RawMarkers, Unit
 from bodysense.observation import Observation
 
 MISSING = {"", "nan", "null", "none", "-", "n/a", "#n/a", "-nan(ind)", "1.#qnan", "1.#ind", "-1.#ind"}
+OTHER_ENCODING = "latin-1"  # of files whose labels are not UTF-8; it has a letter for every byte
 NEVER = 9_999_999  # in the file's unit: Cortex and Optotrak write this place of a marker that they do not see
 UNITS: dict[str, Unit] = {
     **dict.fromkeys(("m", "meter", "meters", "metre", "metres"), "m"),
     **dict.fromkeys(("cm", "centimeter", "centimeters", "centimetres"), "cm"),
     **dict.fromkeys(("mm", "millimeter", "millimeters", "millimetres"), "mm"),
+    **dict.fromkeys(("in", "inch", "inches"), "in"),
+    **dict.fromkeys(("ft", "foot", "feet"), "ft"),
 }
 
 Rows = Sequence[tuple[int, list[str]]]  # the number of each line, from 1, and its cells
@@ -80,11 +84,15 @@ def whole(path: Path, text: str, name: str) -> int:
     return count
 
 
-def unit_of(path: Path, text: str) -> Unit:
-    """Return a unit named in a header."""
+def unit_of(path: Path, text: str, given: Unit | None = None) -> Unit:
+    """Return a unit named in a header; `given` takes precedence."""
+    if given is not None:
+        return given
     name = text.strip("()[] ").lower()
     if name not in UNITS:
-        raise BodysenseError(f"{path}: its unit is {text[:20]!r}; m, cm and mm are read: say it with --unit")
+        raise BodysenseError(
+            f"{path}: its unit is {text[:20]!r}; {', '.join(METRES)} are read: give the unit of the numbers with --unit"
+        )
     return UNITS[name]
 
 
@@ -131,7 +139,7 @@ _TIME = re.compile(r"(?:time|timestamp|t|seconds)(?: ?\(s\)|_s| ?\[s\])?", re.IG
 
 def read_csv(path: Path, rate: float | None = None) -> RawMarkers:
     """Read markers; `rate` Hz is for a file without times. Raises BodysenseError naming line, column and the fix."""
-    text = read_text(path)
+    text = read_text(path, OTHER_ENCODING)
     lines = [(k, line) for k, line in enumerate(text.splitlines(), 1) if line.strip() and not line.startswith("#")]
     if not lines:
         raise BodysenseError(f"{path}: the file is empty; its first line names the columns")
@@ -150,6 +158,10 @@ def read_csv(path: Path, rate: float | None = None) -> RawMarkers:
     names, coordinates, valid, time = _columns(path, header)
     values = numbers(path, rows, len(header), [*coordinates.ravel(), *valid.values()], header)
     position = values[:, coordinates]  # (T, M, 3)
+    unflagged = [k for k in range(len(names)) if k not in valid]
+    position[:, unflagged] = np.where(
+        position[:, unflagged].any(axis=-1, keepdims=True), position[:, unflagged], np.nan
+    )
     for marker, column in valid.items():
         position[~(values[:, column] > 0), marker] = np.nan
     position[~np.isfinite(position).all(axis=-1)] = np.nan

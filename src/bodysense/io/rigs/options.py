@@ -52,6 +52,11 @@ class ReadingOptions:
         given = (name for name in ("joints", "figure", "smpl_model") if getattr(self, name) is not None)
         return [f"--{name.replace('_', '-')}" for name in given]
 
+    def for_the_world(self) -> list[str]:
+        """Return the given options that place a body in our world, with their values."""
+        given = ((name, getattr(self, name)) for name in ("unit", "up", "floor", "height"))
+        return [f"--{name} {value}" for name, value in given if value is not None]
+
     @property
     def metres(self) -> float | None:
         """Metres of one unit of the file; None if unknown."""
