@@ -92,7 +92,7 @@ def test_the_floor_is_where_feet_stand_however_deep_toes_go(floor: float, turn: 
 def test_a_box_and_a_flight_are_no_floor() -> None:
     on_box = _on_toes(0.3, 0.3)
     assert standing_floor(on_box) == 0.0
-    flying = replace(on_box, pose=replace(on_box.pose, root_position=_rising(len(on_box)) + [0.0, 0.9, 0.0]))
+    flying = replace(on_box, pose=replace(on_box.pose, root_position=0.9 + _rising(len(on_box))))
     assert standing_floor(flying) == 0.0
 
 
