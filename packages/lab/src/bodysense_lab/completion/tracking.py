@@ -92,11 +92,16 @@ class TakenBy:
     backward_model: Path | None = None
     joining_model: Path | None = None
 
+    @property
+    def networks(self) -> tuple[CompletionModel | None, CompletionModel | None, JoiningNetwork | None]:
+        """The networks, opened once in every process: forward, backward, joining; None is the packaged one."""
+        network, backward = (None if path is None else _opened(path) for path in (self.model, self.backward_model))
+        return network, backward, None if self.joining_model is None else _joining(self.joining_model)
+
     def __call__(self, person: Person, observation: Observation) -> Tracked:
         """Complete a take (T, P) of one person."""
-        network, backward = (None if path is None else _opened(path) for path in (self.model, self.backward_model))
+        network, backward, joining = self.networks
         settings = TrackerSettings()
-        joining = None if self.joining_model is None else _joining(self.joining_model)
         estimate, _ = completed_both_ways(
             observation, person, network, settings, 1 / RATE, backward_network=backward, joining=joining
         )
