@@ -39,6 +39,13 @@ def check_place(path: str | Path) -> Path:
         raise BodysenseError(f"{reason}; choose a folder that you may write to") from None
 
 
+def check_picture(path: Path) -> None:
+    """Raise BodysenseError, before any work, if a picture cannot be written there, or is no PNG by its name."""
+    if path.suffix.lower() != ".png":
+        raise BodysenseError(f"{path}: a picture is a PNG; give a name that ends in .png")
+    check_place(path)
+
+
 def check_folder(path: str | Path) -> Path:
     """Return the path of a folder to be made; raise BodysenseError, before any work, where none can be."""
     path = Path(path)

@@ -57,6 +57,14 @@ class MotionSource:
         """The file, if it is a BVH file, whose rig and text can be kept."""
         return self.path if self.path is not None and self.path.suffix.lower() == ".bvh" else None
 
+    def __post_init__(self) -> None:
+        if (
+            self.path is not None
+            and self.options.smpl_model is not None
+            and self.path.suffix.lower() not in _MANY_KINDS
+        ):
+            raise BodysenseError(f"{self.path}: --smpl-model is for AMASS and SMPL files (.npz, .npy); leave it out")
+
     @property
     def clip(self) -> Clip:
         """The motion in canonical form. Raises BodysenseError, naming the file and the fix, if it cannot be read."""
@@ -233,8 +241,6 @@ def _check_images(path: Path) -> None:
 
 def _read_motion(path: Path, options: ReadingOptions, rate: float | None) -> tuple[Clip, tuple[str, ...]]:
     """Read a motion in canonical form, and lines on what was recognised; `rate` Hz if its file does not say it."""
-    if options.smpl_model is not None and path.suffix.lower() not in (".npz", ".npy"):
-        raise BodysenseError(f"{path}: --smpl-model is for AMASS and SMPL files (.npz, .npy); leave it out")
     if path.suffix.lower() in _MANY_KINDS and is_smpl(path):
         clip, remarks = read_smpl(path, rate, options.smpl_model)
         return as_told(clip, options, "results of SMPL", "y"), tuple(f"note: {remark}" for remark in remarks)

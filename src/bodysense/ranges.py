@@ -29,4 +29,6 @@ Samples = Annotated[int, within(int, 1, 1000)]  # bodies; each is a file, or a f
 Processes = Annotated[int, within(int, 1, 1024)]  # processes, threads or machines
 Sessions = Annotated[int, within(int, 1, 10_000)]  # wearers of a server
 Count = Annotated[int, within(int, 1, 10_000_000)]  # clips, frames, steps
+Port = Annotated[int, within(int, 0, 65535)]  # 0: any that is free
+Seed = Annotated[int, within(int, 0, 2**32 - 1)]
 Hours = Annotated[float, within(float, 0, 1000)]

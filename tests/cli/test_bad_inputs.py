@@ -77,8 +77,17 @@ BAD = {
     "convert motion.bvh -o out.bvh --file-rate inf": "--file-rate inf: give frames a second",
     "simulate motion.bvh -o out.npz --rate 0": "--rate 0: give frames a second",
     "simulate motion.bvh -o out.npz --marker-set mine": "--marker-set mine: for --device gloves",
+    "serve --port 0 --origin localhost:5173": "--origin localhost:5173: an origin has a scheme, a host and no path",
+    "serve --port 0 --origin http://localhost:5173/": "--origin http://localhost:5173/: an origin has a scheme",
+    "serve --port 0 --token short": "--token: give at least 8 characters",
+    "serve --port 0 --token secret/99+==x": "--token: give at least 8 characters of A-Z, a-z, 0-9 and -._~",
+    "serve --port 0 --vmt-hands": "--vmt-hands: for --vmt; give that, too",
+    "serve --port 0 --solarxr-port 9000": "--solarxr-port: for --solarxr",
+    "serve --port 0 --vrchat-trackers hip": "--vrchat-trackers: for --vrchat or --vrchat-out",
+    "serve --port 0 --smpl-model missing.npz": "--smpl-model missing.npz: no such file",
+    "serve --port 0 --smpl-model bytes.npz": "--smpl-model is for a motion that is replayed; give it with --replay",
     "serve --port x": "--port x: give a whole number",
-    "serve --port 70000": "--port 70000: ports are 0 (any that is free) to 65535",
+    "serve --port 70000": "--port 70000: give a whole number, 0 to 65535",
     "serve --port 0 --sessions 0": "--sessions 0: give a whole number, 1 to 10000",
     "serve --port 0 --smoothing nan": "--smoothing nan: give seconds, 0 to 0.5",
     "serve --port 0 --floor nan": "floor nan m",
@@ -86,6 +95,18 @@ BAD = {
     "serve --port 0 --vrchat-trackers tail": "--vrchat-trackers tail: 'tail' is not a tracker of VRChat",
     "calibrate --wait nan": "--wait nan: give 0 to 600 seconds",
     "calibrate --watch kinect": "--watch kinect: give one of slimevr, solarxr, vmc, vmt, vrchat",
+    "convert motion.bvh -o out.bvh --rate 1e-9": "--rate 1e-09: give frames a second, 0.1 to 10000",
+    "simulate motion.bvh -o out.bvh": "out.bvh: signals of headset_camera are written as .npz, .jsonl; give a name",
+    "simulate missing.bvh -o out.npz --device gloves --marker-set mine": "mine: no marker set",
+    "data info motion.bvh --picture out.txt": "out.txt: a picture is a PNG; give a name that ends in .png",
+    "data prepare folder -o out.zarr --smpl-model missing.npz": "--smpl-model missing.npz: no such file",
+    "track motion.bvh -o out.bvh --smpl-model missing.npz": "--smpl-model missing.npz: no such file",
+    "track motion.bvh -o out.bvh --smpl-model bytes.npz": "--smpl-model is for AMASS and SMPL files",
+    "evaluate completion --data folder --model text.txt": "text.txt",
+    "evaluate completion --data folder --sheet out.jpg": "out.jpg: a picture is written as .png",
+    "train completion --data missing -o out.safetensors": "--data missing: no such folder",
+    "train arms --data missing -o out.onnx": "--data missing: no such folder",
+    "train hmd-vae --data folder -o out.pt --split-file missing.txt": "--split-file missing.txt: no such file",
     # inputs
     "track missing.bvh -o out.bvh": "missing.bvh",
     "track folder -o out.bvh": "folder",
@@ -141,6 +162,7 @@ _TRACK, _SERVE = "track motion.bvh -o out.bvh", "serve --port 0"
 _COUNTS = ("0", "-1", "1.5", "1e9", "99999999999", "many")
 _RATES = ("0", "-30", "nan", "inf", "1e9", "fast")
 _HEIGHTS = ("0", "-1.7", "0.99", "2.31", "175", "nan", "inf", "1,75")
+_SEEDS = ("-1", "4294967296", "1.5", "any")
 _PORTS = ("-1", "65536", "1e4", "http")
 OUTSIDE = {
     f"{_TRACK} --device three_point --samples": _COUNTS,
@@ -155,6 +177,9 @@ OUTSIDE = {
     "bench live --sessions": _COUNTS,
     "bench live --workers": _COUNTS,
     "bench step --frames": _COUNTS,
+    f"{_TRACK} --device head --noise --seed": _SEEDS,
+    "simulate motion.bvh -o out.npz --noise --seed": _SEEDS,
+    "generate -o out.bvh --seed": _SEEDS,
     "data fingers -o out.npz --hours": ("-1", "nan", "inf", "1e9", "long"),
     "data prepare folder --out out.zarr --rate": _RATES,
     "convert motion.bvh -o out.bvh --rate": _RATES,
@@ -167,6 +192,7 @@ OUTSIDE = {
     "serve --port": _PORTS,
     f"{_SERVE} --vmc-in": _PORTS,
     f"{_SERVE} --markers-in": _PORTS,
+    f"{_SERVE} --solarxr --solarxr-port": _PORTS,
 }
 BAD |= {f"{command} {value}": f"{command.split()[-1]} " for command, values in OUTSIDE.items() for value in values}
 # Files of other things, by every command that reads them: the line names the file.
@@ -207,6 +233,35 @@ def test_one_line_and_no_file(folder: Path, refused: Refused, command: str) -> N
     assert BAD[command] in line
     assert "Traceback" not in line and "Errno" not in line
     assert files(folder) == before
+
+
+EMPTY = {
+    "demo -o": "--out",
+    "page --out": "--out",
+    "serve --port 0 --allow-record": "--allow-record",
+    "convert motion.bvh -o": "--out",
+    "data info": "PATH",
+}
+
+
+@pytest.mark.parametrize("command", EMPTY)
+def test_an_empty_path_is_not_the_current_folder(folder: Path, refused: Refused, command: str) -> None:
+    if command.split(maxsplit=1)[0] in NEEDS_LIVE:
+        pytest.importorskip("uvicorn", reason="needs packages/live")
+    before = files(folder)
+    assert f'{EMPTY[command]} "": give a file or folder' in refused(*command.split(), "")
+    assert files(folder) == before
+
+
+@pytest.mark.parametrize(
+    "command", ["train completion -o out.safetensors --data missing", "train arms -o a.onnx --data missing"]
+)
+def test_a_missing_folder_is_refused_without_pytorch(folder: Path, command: str) -> None:
+    pytest.importorskip("bodysense_lab", reason="needs packages/lab")
+    script = f"import sys; from bodysense.cli import main; status = main({command.split()}); "
+    script += "sys.exit(100 if 'torch' in sys.modules else status)"
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=120, check=False)
+    assert done.returncode == 2 and "--data missing: no such folder" in done.stderr
 
 
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs /dev/full")

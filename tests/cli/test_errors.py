@@ -142,7 +142,7 @@ def test_another_skeleton_is_refused(broken: Path, refused) -> None:
     [
         (
             ("simulate", "{folder}/motion.bvh", "-o", "{folder}/a.txt"),
-            r"a recording ends in .npz or .jsonl, not in '\.txt'",
+            r"a\.txt: signals of headset_camera are written as \.npz, \.jsonl; give a name that ends so",
         ),
         (("track", "{folder}/seen.npz", "-o", "{folder}/a.txt"), r"ends in '\.txt'; give a name that ends in \.bvh"),
         (("track", "{folder}/seen.npz", "-o", "{folder}/a"), r"ends in 'nothing'; give a name that ends in \.bvh"),

@@ -161,7 +161,7 @@ def test_what_goes_wrong_is_one_line(files: Path, motion: Path, refused: Command
     text = (files / "gloves.csv").read_text()
     (files / "twice.csv").write_text(text.replace("left_glove_wrist", "left_glove_index_base"))
     assert "stands twice; every marker has one name" in refused("track", files / "twice.csv", "-o", out)
-    assert "no markers of a glove" in refused("simulate", motion, "-o", files / "a.csv")
+    assert "a.csv: signals of headset_camera are written as" in refused("simulate", motion, "-o", files / "a.csv")
     assert not out.exists()
 
 

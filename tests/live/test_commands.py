@@ -41,7 +41,6 @@ def test_a_udp_port_in_use(refused: Refused) -> None:
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (("--port", -1), "ports are 0"),
         (("--workers", 0), "give a whole number, 1 to 1024"),
         (("--workers", 2, "--vmc-in", 39539), "UDP goes with one process only"),
         (("--token", "short"), "at least 8 characters"),

@@ -49,10 +49,10 @@ def info(
         json: JSON file for the numbers, one flat object.
         reading: what the files do not say of themselves.
     """
-    from bodysense.files import check_place
+    from bodysense.files import check_picture
 
     if picture is not None:
-        check_place(picture)
+        check_picture(picture)
     say_info(place, split, *files_in(place, split, layout, reading), picture, json)
 
 

@@ -20,7 +20,7 @@ from bodysense.errors import BodysenseError
 from bodysense.files import check_place
 from bodysense.io.markers.options import NO_OPTIONS, MarkerOptions
 from bodysense.io.rigs.options import AS_FOUND
-from bodysense.ranges import Samples
+from bodysense.ranges import Samples, Seed
 
 if TYPE_CHECKING:
     from bodysense.body.person import Person
@@ -40,7 +40,7 @@ def simulate(
     device: DeviceName = "headset_camera",
     rate: float | None = None,
     noise: bool = False,
-    seed: int = 1,
+    seed: Seed = 1,
     marker_set: str | None = None,
     reading: Reading = AS_FOUND,
 ) -> None:
@@ -62,22 +62,27 @@ def simulate(
     from bodysense.cli.markers import write_seen
     from bodysense.devices.simulated.device import InertialGloves, MarkerGloves
     from bodysense.devices.simulated.device import simulate as simulated
-    from bodysense.io.markers.files import is_marker_file
+    from bodysense.io.markers.files import WRITTEN, is_marker_file
     from bodysense.io.recording import Recording
 
     check_place(out)
     check_rate("--rate", rate)
-    clip = load_clip(file, reading, rate)
     if marker_set is not None and device not in ("gloves", "gloves_imu"):
         raise BodysenseError(f"--marker-set {marker_set}: for --device gloves, not for {device}; leave it out")
     if device == "gloves_imu" and is_marker_file(out):
         raise BodysenseError(
             f"{out}: marker files have no sensors; give a recording, a name that ends in .npz or .jsonl"
         )
+    endings = (".npz", ".jsonl", *(WRITTEN if device == "gloves" else ()))
+    if out.suffix not in endings:
+        raise BodysenseError(
+            f"{out}: signals of {device} are written as {', '.join(endings)}; give a name that ends so"
+        )
     watching = device
     if marker_set is not None:
         gloves = MarkerGloves if device == "gloves" else InertialGloves
         watching = gloves(read_set(marker_set))
+    clip = load_clip(file, reading, rate)
     observation = simulated(clip, watching, seed if noise else None)
     write_seen(out, Recording(observation, clip.pose.skeleton), clip.frame_rate)
     tracked = (observation.has_position | observation.has_rotation).mean()
@@ -98,7 +103,7 @@ def track(  # noqa: PLR0915
     model: Path | None = None,
     fingers: Literal["tracked", "synthesize"] = "tracked",
     samples: Samples | None = None,
-    seed: int = 1,
+    seed: Seed = 1,
     json: Path | None = None,
     markers: Annotated[MarkerOptions, tyro.conf.OmitArgPrefixes] = NO_OPTIONS,
     video: Annotated[VideoOptions, tyro.conf.OmitArgPrefixes] = NO_VIDEO,

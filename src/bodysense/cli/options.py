@@ -11,10 +11,10 @@ from bodysense.io.rigs.options import ReadingOptions
 
 Reading = Annotated[ReadingOptions, tyro.conf.OmitArgPrefixes]  # of a motion file: --unit, --up, --floor …
 
-_FASTEST = 10_000.0  # Hz
+_SLOWEST, _FASTEST = 0.1, 10_000.0  # Hz
 
 
 def check_rate(option: str, rate: float | None) -> None:
     """Raise BodysenseError, naming the option, unless a rate (Hz) is omitted or one that a motion can have."""
-    if rate is not None and not 0 < rate <= _FASTEST:
-        raise BodysenseError(f"{option} {rate:g}: give frames a second, such as 30")
+    if rate is not None and not _SLOWEST <= rate <= _FASTEST:
+        raise BodysenseError(f"{option} {rate:g}: give frames a second, {_SLOWEST:g} to {_FASTEST:g}, such as 30")

@@ -10,9 +10,10 @@ import difflib
 import io
 import re
 from collections.abc import Sequence
-from contextlib import redirect_stdout
+from contextlib import redirect_stdout, suppress
 from dataclasses import replace
 from itertools import takewhile
+from pathlib import Path
 from types import NoneType, UnionType
 from typing import Any, Literal, Union, get_args, get_origin
 
@@ -21,6 +22,7 @@ from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec, Pri
 from tyro.extras import SubcommandApp
 
 from bodysense.errors import BodysenseError
+from bodysense.files import written_beside
 
 PROGRAM = "bodysense"
 _DEEPEST = 2  # words of a command: a group and its command
@@ -34,8 +36,9 @@ _EXAMPLES = {"metres": " in metres, such as 1.75", "seconds": " of seconds, such
 def run(application: SubcommandApp, description: str, given: Sequence[str]) -> Any:
     """Run a command. Returns what it returns. Raises BodysenseError for arguments that cannot be."""
 
-    if given and given[0] in _COMPLETION and list(given[1:2]) == ["tcsh"]:
-        raise BodysenseError(f"{given[0]} tcsh: completion is for bash and zsh; give one of them")
+    completes = len(given) > 1 and given[0] in _COMPLETION
+    if completes and given[1] not in ("bash", "zsh"):
+        raise BodysenseError(f"{given[0]} {given[1]}: completion is for bash and zsh; give one of them")
 
     def refuse(event: events.ParseErrorEvent) -> None:
         reason = _reason(event, application, given)
@@ -43,7 +46,22 @@ def run(application: SubcommandApp, description: str, given: Sequence[str]) -> A
             raise BodysenseError(reason)
 
     with _registry(), events.on_parse_error(refuse):
+        if completes:
+            return _complete(application, description, given)
         return application.cli(prog=PROGRAM, description=description, args=given)
+
+
+def _complete(application: SubcommandApp, description: str, given: Sequence[str]) -> None:
+    """Print or write the script of a shell by tyro, each help on one line, for the script reads candidates by lines."""
+    text = io.StringIO()
+    with redirect_stdout(text), suppress(SystemExit):
+        application.cli(prog=PROGRAM, description=description, args=[_COMPLETION[0], given[1]])
+    script = re.sub(r"(?m)^COMPLETION_SPEC = .*$", lambda line: line[0].replace(r"\n", " "), text.getvalue())
+    if given[0] == _COMPLETION[1] and len(given) > 2 and given[2] != "-":
+        with written_beside(given[2]) as beside:
+            beside.write_text(script, encoding="utf-8")
+    else:
+        print(script)
 
 
 def _registry() -> ConstructorRegistry:
@@ -64,7 +82,26 @@ def _registry() -> ConstructorRegistry:
             str_from_instance=lambda value: [_NONE] if value is None else rule.str_from_instance(value),
         )
 
+    @registry.primitive_rule
+    def path(info: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[Path] | None:
+        if info.type is not Path:
+            return None
+        return PrimitiveConstructorSpec(
+            nargs=1,
+            metavar="PATH",
+            instance_from_str=_path,
+            is_instance=lambda value: isinstance(value, Path),
+            str_from_instance=lambda value: [str(value)],
+        )
+
     return registry
+
+
+def _path(words: list[str]) -> Path:
+    """Return a path. Raises ValueError for an empty one, which Path takes for the current folder."""
+    if not words[0]:
+        raise ValueError("an empty path")
+    return Path(words[0])
 
 
 def _kind(hint: Any) -> Any:
@@ -101,7 +138,8 @@ def _reason(event: events.ParseErrorEvent, application: SubcommandApp, given: Se
         return _unknown(event.tokens, application, given)
     if isinstance(event, events.InstantiationFailure) and event.argument is not None:
         name = _name(event.argument)
-        return f"{name} {_value(name, given)}: give {_wanted(event.argument)}"
+        value = _value(name, given) or '""'
+        return f"{name} {value}: give {_wanted(event.argument)}"
     if isinstance(event, events.InstantiationFailure):
         return " ".join(event.message.split())
     return None

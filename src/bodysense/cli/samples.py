@@ -10,7 +10,7 @@ import tyro
 from bodysense.errors import BodysenseError
 from bodysense.files import check_place
 from bodysense.io.rigs.options import ReadingOptions
-from bodysense.ranges import Samples
+from bodysense.ranges import Samples, Seed
 
 if TYPE_CHECKING:
     from bodysense.io.recording import Recording
@@ -19,7 +19,7 @@ Output = Annotated[Path, tyro.conf.arg(aliases=("-o",))]
 
 
 def generate(
-    out: Output, model: Path | None = None, count: Samples = 12, seed: int = 1, height: float | None = None
+    out: Output, model: Path | None = None, count: Samples = 12, seed: Seed = 1, height: float | None = None
 ) -> None:
     """Sample bodies from HMD-VAE's prior, as a picture or as the frames of a BVH file.
 

@@ -10,22 +10,28 @@ from typing import Annotated, Any, Literal, TypeVar
 import tyro
 
 from bodysense.errors import BodysenseError
-from bodysense.ranges import Count, Processes, within
+from bodysense.ranges import Count, Processes, Seed, within
 
 Split = Literal["train", "val", "test", "all"]
 Output = Annotated[Path, tyro.conf.arg(aliases=("-o",))]
-Seed = Annotated[int, within(int, 0, 2**32 - 1)]
 Rate = Annotated[float, within(float, 1, 200)]  # Hz, of frames that wearers send
 Seconds = Annotated[float, within(float, 0.1, 86_400)]
 T = TypeVar("T")
 Flat = Annotated[T, tyro.conf.arg(name="")]  # the fields of a dataclass are the options of the command
 
 
+TRIAL = {"steps": 4, "finger_steps": 4, "frames": 300}  # options of a run on few clips that are not given
+
+
+class Usual(int):
+    """A number of a method, in contrast to one that is given."""
+
+
 @dataclass(frozen=True)
 class Schedule:
     """How long to train, and how fast."""
 
-    steps: Count = 9000
+    steps: Count = Usual(9000)
     """optimiser steps"""
     learning_rate: float = 1e-3
     """the highest"""
@@ -50,7 +56,7 @@ class Run:
     out: Output
     """file or folder to write; checkpoint and log are next to it, and training resumes from them"""
     limit: Count | None = None
-    """number of clips of each split, spread evenly, for a trial; all if omitted"""
+    """number of clips of each split, spread evenly, for a trial, of 4 steps without --steps; all if omitted"""
     threads: Processes | None = None
     """PyTorch threads; its own choice if omitted"""
     devices: Processes = 1
@@ -136,6 +142,26 @@ class MotionEvaluation:
 
     data: str
     """folder of motion files or a prepared store; NAME=FOLDER names it in the table"""
+
+
+def trial_of(run: T) -> T:
+    """Return a run, with few steps if its clips are limited and its steps are not given; prints how many."""
+    limit, schedule = getattr(run, "limit", None), getattr(run, "schedule", None)
+    if limit is None:
+        return run
+    few, of_schedule = _few(run), _few(schedule)
+    if few or of_schedule:
+        given = " ".join(f"--{name.replace('_', '-')} {count}" for name, count in (of_schedule | few).items())
+        print(f"--limit {limit}: a trial with {given}; give these options for other numbers")
+    if of_schedule:
+        few["schedule"] = replace(schedule, **of_schedule)  # type: ignore[type-var]
+    return replace(run, **few)  # type: ignore[type-var]
+
+
+def _few(options: Any) -> dict[str, Any]:
+    """Return the numbers of a trial by the names of the options that are not given."""
+    found = {name: getattr(options, name, 0) for name in TRIAL}
+    return {name: TRIAL[name] for name, value in found.items() if value is None or isinstance(value, Usual)}
 
 
 def check_ending(out: Path, *endings: str, what: str = "the network") -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import hmac
 import ipaddress
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,6 +21,8 @@ ANY_ORIGIN = "*"
 _WRONG_TOKEN = "the token is missing or wrong"
 _MOST_WAITING = 4  # refusals at a time of one address
 _MOST_ADDRESSES = 4096
+_TOKEN = re.compile(r"[A-Za-z0-9._~-]{8,}")  # as it is in addresses and in subprotocols
+_ORIGIN = re.compile(r"[a-z][a-z0-9+.-]*://([a-z0-9._-]+|\[[0-9a-f:.]+\])(:[0-9]{1,5})?")  # as browsers send it
 
 
 @dataclass(frozen=True)
@@ -57,8 +60,16 @@ class Access:
             raise BodysenseError(f"--host {self.host} can be reached by others: it needs a token")
         if self.token is None and ANY_ORIGIN in self.origins:
             raise BodysenseError("pages of any origin can reach this server: it needs a token")
-        if self.token is not None and (len(self.token) < 8 or not self.token.isascii()):
-            raise BodysenseError("the token is too easily guessed; give at least 8 characters of ASCII, or none")
+        if self.token is not None and not _TOKEN.fullmatch(self.token):
+            raise BodysenseError(
+                "--token: give at least 8 characters of A-Z, a-z, 0-9 and -._~, for the token is part of an address; "
+                "or leave it out"
+            )
+        for origin in self.origins:
+            if origin not in (ANY_ORIGIN, "null") and not _ORIGIN.fullmatch(origin):
+                raise BodysenseError(
+                    f"--origin {origin}: an origin has a scheme, a host and no path; give one as http://localhost:5173"
+                )
 
 
 class RateLimit:

@@ -47,6 +47,11 @@ class ReadingOptions:
         if self.floor is not None and not abs(self.floor) <= 1000:
             raise BodysenseError(f"floor {self.floor:g} m; give the floor's height in metres")
 
+        if self.smpl_model is not None and not self.smpl_model.exists():
+            raise BodysenseError(
+                f"--smpl-model {self.smpl_model}: no such file; give a model (.npz), or a folder of one for each gender"
+            )
+
     def for_motions(self) -> list[str]:
         """Return the given options that only motions have."""
         given = (name for name in ("joints", "figure", "smpl_model") if getattr(self, name) is not None)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from bodysense.ranges import Count
+from bodysense.ranges import Count, Seed
 from bodysense_lab.commands.reporting import finish, open_data, progress_over
-from bodysense_lab.options import Data, Flat, Seed, Table, TableOptions
+from bodysense_lab.options import Data, Flat, Table, TableOptions
 from bodysense_lab.pahmt.options import ArmTableTraining, ArmTraining, Studio
 
 

@@ -98,6 +98,7 @@ def completion_table(run: Flat[CompletionEvaluation]) -> None:
     check_places(*run.outputs)
     track = TrackedBy(run.model)
     takes = TakenBy(run.model, run.backward_model, run.joining_model) if run.takes else None
+    _ = track.network, takes and takes.networks  # refuses files of other things before any work
     chosen, census = named_data(run.data, run.split), Census()
     settings = CompletionSettings(run.split, run.sets, run.bodies, 200 if run.lattice else 0, run.takes)
     network = "packaged" if run.model is None else str(run.model.resolve())

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Annotated, TypeVar
 import tyro
 
 from bodysense.errors import BodysenseError
-from bodysense.ranges import Count
+from bodysense.ranges import Count, Seed
 from bodysense_lab.commands.reporting import check_outputs, counting, finish, open_data, progress_over
-from bodysense_lab.options import Flat, Seed, Table, TableOptions
+from bodysense_lab.options import Flat, Table, TableOptions
 from bodysense_lab.two_hands.options import GloveTraining
 
 if TYPE_CHECKING:

@@ -45,10 +45,10 @@ def info(
     from rich.progress import track
 
     from bodysense.cli.show import wide_console, write_numbers
-    from bodysense.files import check_place
+    from bodysense.files import check_picture
 
     if picture is not None:
-        check_place(picture)
+        check_picture(picture)
     total, every = _clips_of(place, split, layout, reading)
     if not occlusion:
         say_info(place, split, total, every, picture, json)

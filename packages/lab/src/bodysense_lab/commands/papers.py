@@ -16,7 +16,8 @@ from bodysense.errors import BodysenseError
 from bodysense.files import check_place
 from bodysense.io.markers.options import NO_OPTIONS, MarkerOptions
 from bodysense.io.rigs.options import AS_FOUND, ReadingOptions
-from bodysense_lab.options import Output, Seed, check_ending
+from bodysense.ranges import Seed
+from bodysense_lab.options import Output, check_ending
 from bodysense_lab.paper_options import Method, PaperOptions, Variant
 
 if TYPE_CHECKING:

@@ -12,8 +12,8 @@ from bodysense.errors import BodysenseError
 from bodysense.files import check_place
 from bodysense.io.datasets.layouts import Layout
 from bodysense.io.rigs.options import AS_FOUND
-from bodysense.ranges import Hours, Processes
-from bodysense_lab.options import Output, Seed, check_ending
+from bodysense.ranges import Hours, Processes, Seed
+from bodysense_lab.options import Output, check_ending
 
 Folder = Annotated[Path, tyro.conf.Positional]
 

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import wraps
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import tyro
 from tyro.extras import SubcommandApp
 
 from bodysense.errors import BodysenseError
 from bodysense_lab.commands import arms, completion, gloves, hmd_vae
-from bodysense_lab.options import Flat
+from bodysense_lab.options import Flat, trial_of
 from bodysense_lab.unoc.options import BodyTraining, FingersTraining, TablesTraining, UpperBodyTraining
 
 
@@ -18,12 +20,25 @@ def commands() -> SubcommandApp:
     """The group's commands."""
     group = SubcommandApp()
     for command in (completion.completion, completion.completion_fingers, completion.completion_joining):
-        group.command(command)
+        group.command(checked(command))
     for command in (body_gru, unoc_tables, fingers, upper_body):
-        group.command(command)
-    for command in (hmd_vae.hmd_vae, gloves.gloves, arms.arms, arms.arms_table, card):
-        group.command(command)
+        group.command(checked(command))
+    for command in (hmd_vae.hmd_vae, gloves.gloves, arms.arms, arms.arms_table):
+        group.command(checked(command))
+    group.command(card)
     return group
+
+
+def checked(train: Callable[[Any], None]) -> Callable[[Any], None]:
+    """Return a training that first checks its data, before PyTorch is loaded, and takes few steps in a trial."""
+
+    @wraps(train)
+    def begin(run: Any) -> None:
+        if run.data is not None and not run.data.is_dir():
+            raise BodysenseError(f"--data {run.data}: no such folder; give a folder of motion, or a prepared store")
+        train(trial_of(run))
+
+    return begin
 
 
 def body_gru(run: Flat[BodyTraining]) -> None:

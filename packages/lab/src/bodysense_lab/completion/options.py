@@ -17,6 +17,7 @@ from bodysense_lab.options import (
     Schedule,
     Split,
     TableOptions,
+    Usual,
     check_ending,
 )
 
@@ -24,7 +25,7 @@ Body = Literal["own", "stranger", "height", "nothing"]
 BODIES: tuple[Body, ...] = ("own", "stranger", "height", "nothing")
 Fault = Literal["error", "leap"]  # by which a clip's worst frame is found
 
-FINGER_SCHEDULE = Schedule(steps=2000, learning_rate=2e-3, weight_decay=0.1, check_every=500)
+FINGER_SCHEDULE = Schedule(steps=Usual(2000), learning_rate=2e-3, weight_decay=0.1, check_every=500)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,7 +34,7 @@ class CompletionTraining(MotionRun, Card):
 
     run: Path | None = None
     """folder of checkpoints; OUT without its ending if omitted"""
-    schedule: Flat[Schedule] = Schedule(steps=6200)
+    schedule: Flat[Schedule] = Schedule(steps=Usual(6200))
     begin_with: Path | None = None
     """checkpoint of an earlier run, or a completion network (.safetensors), whose weights the body begins with"""
     keep: Annotated[float, within(float, 0, 1)] = 0.0
@@ -85,8 +86,8 @@ class JoiningTraining(MotionRun, Card):
 
     run: Path | None = None
     """folder of checkpoint and takes; OUT without its ending if omitted"""
-    schedule: Flat[Schedule] = Schedule(steps=4000, check_every=500)
-    frames: Count = 500_000
+    schedule: Flat[Schedule] = Schedule(steps=Usual(4000), check_every=500)
+    frames: Count = Usual(500_000)
     """frames of takes to learn from, each completed in both directions first"""
     threads: Processes | None = 1
     """PyTorch threads"""
@@ -159,6 +160,9 @@ class CompletionEvaluation(MotionEvaluation):
             raise BodysenseError("--backward-model: only takes are tracked backward in time; give --takes as well")
         if self.joining_model is not None and not self.takes:
             raise BodysenseError("--joining-model: only takes have two answers to join; give --takes as well")
+        for picture in (self.picture, self.sheet):
+            if picture is not None:
+                check_ending(picture, ".png", what="a picture")
         if not self.bodies:
             raise BodysenseError(f"--bodies: give at least one of {', '.join(BODIES)}")
 

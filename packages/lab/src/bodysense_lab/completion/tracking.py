@@ -92,17 +92,15 @@ class TakenBy:
     backward_model: Path | None = None
     joining_model: Path | None = None
 
-    def __post_init__(self) -> None:
-        self.networks()  # files that are no networks are refused before the work
-
+    @property
     def networks(self) -> tuple[CompletionModel | None, CompletionModel | None, JoiningNetwork | None]:
-        """Return the networks, opened once in every process; None is the packaged one."""
+        """The networks, opened once in every process: forward, backward, joining; None is the packaged one."""
         network, backward = (None if path is None else _opened(path) for path in (self.model, self.backward_model))
         return network, backward, None if self.joining_model is None else _joining(self.joining_model)
 
     def __call__(self, person: Person, observation: Observation) -> Tracked:
         """Complete a take (T, P) of one person."""
-        network, backward, joining = self.networks()
+        network, backward, joining = self.networks
         settings = TrackerSettings()
         estimate, _ = completed_both_ways(
             observation, person, network, settings, 1 / RATE, backward_network=backward, joining=joining

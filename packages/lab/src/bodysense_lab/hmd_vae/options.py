@@ -9,14 +9,14 @@ from typing import Literal, get_args
 from bodysense.body.skeleton import BODY
 from bodysense.devices.simulated.sensors import THREE_POINTS
 from bodysense.errors import BodysenseError
-from bodysense.ranges import Count, Processes
+from bodysense.ranges import Count, Processes, Seed
 from bodysense_lab.options import (
     Card,
     Flat,
     MotionEvaluation,
     MotionRun,
-    Seed,
     TableOptions,
+    Usual,
     check_ending,
 )
 
@@ -79,7 +79,7 @@ class BodyVaeConfig:
 class VaeSchedule:
     """How long and on what. The paper does not print its own."""
 
-    steps: Count = 6000
+    steps: Count = Usual(6000)
     """optimiser steps"""
     batch: Count = 256
     """windows a step"""
@@ -127,6 +127,7 @@ class VaeTraining(VaeRun):
     latent 30, blocks 3 and 6: 20 networks. 'all': the paper's 30 settings, 150 networks"""
 
     def __post_init__(self) -> None:
+        _check_list(self.split_file)
         if not self.sweep:
             self._check_one()
             return
@@ -168,5 +169,11 @@ class VaeEvaluation(MotionEvaluation):
     table: Flat[TableOptions] = TableOptions()
 
     def __post_init__(self) -> None:
+        _check_list(self.split_file)
         if self.split_file is not None and (self.table.split != "test" or self.table.quick):
             raise BodysenseError("--split-file scores its own test motions; leave --split and --quick out")
+
+
+def _check_list(path: Path | None) -> None:
+    if path is not None and not path.is_file():
+        raise BodysenseError(f"--split-file {path}: no such file; give a list of lines 'PATH train' or 'PATH test'")

@@ -9,8 +9,8 @@ from tyro.conf import Positional
 
 from bodysense.errors import BodysenseError
 from bodysense.io.rigs.options import AS_FOUND, ReadingOptions
-from bodysense.ranges import Count
-from bodysense_lab.options import Flat, Output, Seed, Split
+from bodysense.ranges import Count, Seed
+from bodysense_lab.options import Flat, Output, Split
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,7 +7,7 @@ from typing import Annotated, ClassVar, Literal
 
 from bodysense.errors import BodysenseError
 from bodysense.ranges import Count, Processes, within
-from bodysense_lab.options import Training, check_ending
+from bodysense_lab.options import Training, Usual, check_ending
 
 EPOCHS = 5  # of the paper's schedule
 Epochs = Annotated[int, within(int, 1, EPOCHS)]
@@ -98,7 +98,7 @@ class FingersTraining(PointTraining):
     The clips with fingers are learned, and the weights that do best on those of the val split are kept.
     """
 
-    steps: Count = 500
+    steps: Count = Usual(500)
     """optimiser steps"""
     task = "fingers"
 
@@ -110,6 +110,6 @@ class UpperBodyTraining(PointTraining):
     Training resumes after a stop; the weights that do best on the val split are kept.
     """
 
-    steps: Count = 8000
+    steps: Count = Usual(8000)
     """optimiser steps"""
     task = "upper-body"

@@ -9,7 +9,7 @@ from typing import Annotated
 import tyro
 
 from bodysense.devices.simulated.device import DeviceName
-from bodysense.ranges import Processes, Sessions
+from bodysense.ranges import Port, Processes, Sessions
 
 Addresses = Annotated[tuple[str, ...], tyro.conf.UseAppendAction]
 
@@ -20,10 +20,10 @@ class AccessOptions:
 
     host: str = "127.0.0.1"
     """address to listen on; any but a loopback address needs a token, which is made if omitted"""
-    port: int = 8765
+    port: Port = 8765
     """TCP port; 0 for any free port"""
     token: str | None = None
-    """what clients must present, at least 8 characters"""
+    """what clients must present, at least 8 characters: letters, digits and -._~"""
     origin: Addresses = ()
     """origin of a page on another server that may connect, such as http://localhost:5173. Repeatable"""
     lan: bool = False
@@ -60,9 +60,9 @@ class InputOptions:
     """recording (.npz, .jsonl), or with --device a motion (.bvh, AMASS .npz), played in real time"""
     device: DeviceName | None = None
     """device that watches the body if the replay is a motion; the page then shows the true motion, too"""
-    vmc_in: int | None = None
+    vmc_in: Port | None = None
     """UDP port for headset, controllers and trackers by VMC (usually 39539)"""
-    markers_in: int | None = None
+    markers_in: Port | None = None
     """UDP port for markers of gloves by OSC (usually 9123)"""
     marker_set: str | None = None
     """marker set of the gloves, a file or a packaged name (docs/gloves.md); --person has hands calibrated with it"""
@@ -88,7 +88,7 @@ class ProgramOptions:
     """take headset and controllers from SteamVR and give it trackers, by its driver VMT"""
     vmt_host: str = "127.0.0.1"
     """machine of SteamVR"""
-    vmt_port: int = 39575
+    vmt_port: Port = 39575
     """UDP port for answers of VMT's driver"""
     vmt_first: int = 0
     """index of the first virtual device; others may use those below"""
@@ -96,13 +96,13 @@ class ProgramOptions:
     """give SteamVR skeletal hands, too, as two virtual controllers"""
     solarxr: bool = False
     """take the headset of Monado or WiVRn, on Linux, and give them trackers and a body"""
-    solarxr_port: int = 21110
+    solarxr_port: Port = 21110
     """TCP port of this machine for SlimeVR's own programs; 0 for any free port"""
     slimevr: bool = False
     """take SlimeVR's trackers, which find this machine in the network"""
     slimevr_host: str = "0.0.0.0"
     """address of this machine for SlimeVR's trackers; all addresses, if omitted"""
-    slimevr_port: int = 6969
+    slimevr_port: Port = 6969
     """UDP port for SlimeVR's trackers"""
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import secrets
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -55,7 +55,8 @@ def settings_of(
         check_place(wearer.save_person)
     if not 0 <= wearer.smoothing <= LONGEST_HALF_LIFE:
         raise BodysenseError(f"--smoothing {wearer.smoothing:g}: give seconds, 0 to {LONGEST_HALF_LIFE:g}")
-    to = programs
+    to, parts = programs, trackers_of(programs.vrchat_trackers)
+    check_chosen(to)
     receives = inputs.vmc_in is not None or inputs.markers_in is not None
     sends = bool(to.vmc_out or to.vrchat_out or to.vrchat or to.vmt or to.solarxr)
     if load.workers > 1 and (receives or sends or to.slimevr):
@@ -65,7 +66,6 @@ def settings_of(
         raise BodysenseError(
             "--bridge has nowhere to send to; give --vmc-out, --vrchat-out, --vrchat, --vmt or --solarxr"
         )
-    parts = trackers_of(to.vrchat_trackers)
     origin = (*access.origin, ANY_ORIGIN) if access.bridge else access.origin
     file = wearer.person
     if file is not None and file == wearer.save_person and not file.exists():
@@ -98,6 +98,18 @@ def settings_of(
         solarxr=SolarxrSettings(runtime_folder(os.environ), to.solarxr_port) if to.solarxr else None,
         slimevr=SlimevrSettings(to.slimevr_host, to.slimevr_port, joints) if to.slimevr else None,
     )
+
+
+def check_chosen(programs: ProgramOptions) -> None:
+    """Raise BodysenseError for an option of a program that was not chosen."""
+    for field in fields(ProgramOptions):
+        name, _, rest = field.name.partition("_")
+        needs = [f"--{name}"] + (["--vrchat-out"] if field.name == "vrchat_trackers" else [])
+        if rest in ("", "out") or any(getattr(programs, need[2:].replace("-", "_")) for need in needs):
+            continue
+        if getattr(programs, field.name) != field.default:
+            option = f"--{field.name.replace('_', '-')}"
+            raise BodysenseError(f"{option}: for {' or '.join(needs)}; give that, too, or leave {option} out")
 
 
 def named_of(table: Path | None, steamvr: bool, slimevr: bool) -> tuple[TrackedDevices, dict[str, str]]:
@@ -217,6 +229,8 @@ def playable_of(file: Path | None, device: str | None, reading: ReadingOptions, 
     if file is None:
         if device is not None:
             raise BodysenseError("--device is for a motion that is replayed; give it with --replay")
+        for option in reading.for_motions():
+            raise BodysenseError(f"{option} is for a motion that is replayed; give it with --replay")
         return None
     if not file.is_file():
         raise BodysenseError(f"--replay {file}: no such file")

@@ -6,8 +6,7 @@ import time
 from dataclasses import asdict
 from pathlib import Path
 
-from bodysense.ranges import Count
-from bodysense_lab.options import Seed
+from bodysense.ranges import Count, Seed
 
 
 def live_fuzz(frames: Count = 1_000_000, seed: Seed = 1, json: Path | None = None) -> None:

@@ -5,8 +5,7 @@ from __future__ import annotations
 import time
 from pathlib import Path
 
-from bodysense.ranges import Count
-from bodysense_lab.options import Seed
+from bodysense.ranges import Count, Seed
 
 
 def packet_fuzz(packets: Count = 1_000_000, seed: Seed = 1, json: Path | None = None) -> None:
