@@ -1,5 +1,8 @@
-import { Vector3, type Mesh } from "three";
+import { readFileSync } from "node:fs";
+import { AnimationClip, Vector3, type Mesh } from "three";
+import type { GLTF } from "three/addons/loaders/GLTFLoader.js";
 import { describe, expect, it } from "vitest";
+import { rigOfGlb } from "../src/files/glb_read";
 import { Avatar, readGlb } from "../src/view/avatar";
 import { boneOf } from "../src/view/retarget";
 import { place } from "../src/body/skeleton";
@@ -95,8 +98,57 @@ it("of a mesh that meshoptimizer packed has its vertices", async () => {
   expect([...points.geometry.getAttribute("position").array]).toEqual([...vertices]);
 });
 
-function glb(json: object, content: Uint8Array): ArrayBuffer {
-  const text = JSON.stringify(json);
+describe("a .glb", () => {
+  const asset = { version: "2.0" };
+  const scene = { scenes: [{ nodes: [] }], scene: 0 };
+  const brackets = (count: number) => "[".repeat(count) + "]".repeat(count);
+  const nested = (count: number) => `{"asset":{"version":"2.0"},"scenes":[{}],"extras":${brackets(count)}}`;
+
+  it.each<[string, object | string, string]>([
+    ["nothing", { asset }, "f.glb is empty: no figure is in it"],
+    [
+      "300,000 nodes",
+      { asset, ...scene, nodes: Array(300_000).fill({}) },
+      "f.glb has 300000 nodes; this page takes 5000",
+    ],
+    ["a node too many", { asset, ...scene, nodes: Array(5001).fill({}) }, "f.glb has 5001 nodes"],
+    ["many brackets", nested(3e6), "f.glb is nested in over 128 levels"],
+    ["a level too many", nested(128), "f.glb is nested in over 128 levels"],
+    ["long JSON", { asset, ...scene, extras: "x".repeat(16e6) }, "f.glb describes its content in 16 MB of JSON"],
+    ["words that are no JSON", "{nodes}", "f.glb is damaged"],
+  ])("of %s is refused in one sentence", async (_, json, reason) => {
+    await expect(readGlb(glb(json, new Uint8Array()), "f.glb")).rejects.toThrow(reason);
+  });
+
+  it.each<[string, object | string]>([
+    ["as many nodes as are taken", { asset, ...scene, nodes: Array(5000).fill({}) }],
+    ["as many levels as are taken", nested(127)],
+    ["brackets in its words", { asset, ...scene, extras: { words: `\\"${"[{".repeat(999)}` } }],
+  ])("of %s is read", async (_, json) => {
+    expect((await readGlb(glb(json, new Uint8Array()), "f.glb")).scene.children).toEqual([]);
+  });
+
+  it("has its nodes' parents and places in its motion", async () => {
+    const nodes = [
+      { name: "a", translation: [1, 0, 0], children: [2, 1] },
+      { name: "b", translation: [0, 2, 0] },
+      { name: "c" },
+    ];
+    const { scene: root } = await readGlb(glb({ asset, nodes, scenes: [{ nodes: [0] }] }, new Uint8Array()), "f.glb");
+    const motion = rigOfGlb({ scene: root, animations: [new AnimationClip("still", 0.1)] } as unknown as GLTF, "f.glb");
+    expect(motion.joints.slice(1)).toEqual(["a", "c", "b"]);
+    expect(motion.parents).toEqual([-1, 0, 1, 1]);
+    expect(motion.frames.at(-1)?.position[3]).toEqual([1, 2, 0]);
+  });
+});
+
+it("the page offers no file that it refuses by its name", () => {
+  const page = readFileSync(new URL("../index.html", import.meta.url), "utf8");
+  expect(/accept="([^"]*)"/.exec(page)?.[1]).toBe(".bvh,.npz,.jsonl,.glb,.vrm");
+});
+
+function glb(json: object | string, content: Uint8Array): ArrayBuffer {
+  const text = typeof json === "string" ? json : JSON.stringify(json);
   const padded = new TextEncoder().encode(text.padEnd(4 * Math.ceil(text.length / 4)));
   const size = 4 * Math.ceil(content.length / 4);
   const file = new Uint8Array(28 + padded.length + size);

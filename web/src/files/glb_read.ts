@@ -13,6 +13,7 @@ export function rigOfGlb({ scene, animations }: GLTF, name: string): RigMotion {
   const clip = animations[0];
   if (!clip) throw new Error(`${name} has no animation in it, and is no avatar; drop a file with a motion, or a .vrm.`);
   const nodes = nodesOf(scene);
+  const rows = new Map(nodes.map((node, row) => [node, row]));
   const rest = poseOf(nodes);
   const mixer = new AnimationMixer(scene);
   mixer.clipAction(clip).play();
@@ -25,7 +26,7 @@ export function rigOfGlb({ scene, animations }: GLTF, name: string): RigMotion {
   return {
     name,
     joints: namesOf(nodes),
-    parents: nodes.map(({ parent }) => (parent ? nodes.indexOf(parent) : -1)),
+    parents: nodes.map(({ parent }) => (parent && rows.get(parent)) ?? -1),
     rate: RATE,
     rest,
     frames,

@@ -5,21 +5,26 @@ import type { Group } from "three";
 import { MeshoptDecoder } from "three/addons/libs/meshopt_decoder.module.js";
 import { GLTFLoader, type GLTF } from "three/addons/loaders/GLTFLoader.js";
 import type { Quaternion } from "../body/math";
+import { refuseHugeGlb } from "../files/glb_bounds";
 import { drivenJoints, fromRest, localRotation, type Driven } from "./retarget";
 import { rootHeight, type Body, type Skeleton } from "../body/skeleton";
 
 const HEAD = 2 ** 20; // bytes: of the JSON at the beginning of a file
 
-/** Read the bytes of a .vrm or .glb file. Throws an Error of one line for other bytes. */
+/** Read the bytes of a .vrm or .glb file. Throws an Error of one line for other bytes and for no figure. */
 export async function readGlb(bytes: ArrayBuffer, name: string): Promise<GLTF> {
+  refuseHugeGlb(bytes, name);
   const loader = new GLTFLoader().setMeshoptDecoder(MeshoptDecoder).register((parser) => new VRMLoaderPlugin(parser));
   if (isPackedByDraco(bytes)) {
     const { DRACOLoader, DRACO_GLTF_CONFIG } = await import("three/addons/loaders/DRACOLoader.js"); // with its decoder
     loader.setDRACOLoader(new DRACOLoader().setDecoderPath(DRACO_GLTF_CONFIG));
   }
-  return loader.parseAsync(bytes, "").catch(() => {
+  const file = await loader.parseAsync(bytes, "").catch(() => {
     throw new Error(`${name} is damaged: it cannot be read as glTF; export it again.`);
   });
+  if (!(file.scene as Group | undefined))
+    throw new Error(`${name} is empty: no figure is in it; select the figure and export it again.`);
+  return file;
 }
 
 function isPackedByDraco(bytes: ArrayBuffer): boolean {
