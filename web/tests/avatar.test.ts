@@ -114,7 +114,7 @@ describe("a .glb", () => {
     ["a node too many", { asset, ...scene, nodes: Array(5001).fill({}) }, "f.glb has 5001 nodes"],
     ["many brackets", nested(3e6), "f.glb is nested in over 128 levels"],
     ["a level too many", nested(128), "f.glb is nested in over 128 levels"],
-    ["long JSON", { asset, ...scene, extras: "x".repeat(16e6) }, "f.glb describes its content in 16 MB of JSON"],
+    ["long JSON", { asset, ...scene, extras: "x".repeat(16e6) }, "f.glb lists its parts in 17 MB of text"],
     ["words that are no JSON", "{nodes}", "f.glb is damaged"],
   ])("of %s is refused in one sentence", async (_, json, reason) => {
     await expect(readGlb(glb(json, new Uint8Array()), "f.glb")).rejects.toThrow(reason);

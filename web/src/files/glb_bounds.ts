@@ -14,7 +14,7 @@ export function refuseHugeGlb(bytes: ArrayBuffer, name: string): void {
   for (const json of jsonChunks(bytes)) {
     if (json.length > LONGEST)
       throw new Error(
-        `${name} describes its content in ${(json.length / 1e6).toFixed(0)} MB of JSON; this page takes ${LONGEST / 1e6} MB: export the figure alone.`,
+        `${name} lists its parts in ${Math.ceil(json.length / 1e6)} MB of text; this page takes ${LONGEST / 1e6} MB: export the figure alone.`,
       );
     if (depthOf(json) > DEEPEST)
       throw new Error(`${name} is nested in over ${DEEPEST} levels of brackets, as no figure is; export it again.`);
