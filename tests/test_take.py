@@ -124,7 +124,7 @@ def test_a_height_that_the_head_contradicts_is_a_remark(
         assert "a height of 1.50 m" in line and f"{take.person.stature:.2f} m" in line
     write_recording(tmp_path / "seen.npz", Recording(seen, default_skeleton(), known=False))
     command = ["track", str(tmp_path / "seen.npz"), "--height", "1.5", "-o", str(tmp_path / "out.bvh")]
-    assert main(command) == 0 and f"WARNING: {track(seen, height=1.5).remarks[0]}" in capsys.readouterr().out
+    assert main(command) == 0 and f"WARNING: {track(seen, height=1.5).remarks[0]}" in capsys.readouterr().err
 
 
 def test_unix_times_and_odd_ones(three_points: Observation) -> None:

@@ -282,7 +282,14 @@ def published(numbers: Numbers) -> str:
         if f"three_point_{body}_mpjpe_cm" in numbers
     ]
     for name, (_, position, velocity, jerk) in THREE_POINT.items():
-        rows.append([name, f"{position:.2f}", f"{velocity:.2f}", "–" if jerk is None else f"{jerk:.2f}"])
+        rows.append(
+            [
+                name,
+                f"{position:.2f}",
+                "–" if velocity is None else f"{velocity:.2f}",
+                "–" if jerk is None else f"{jerk:.2f}",
+            ]
+        )
     return markdown(["three points", "MPJPE cm", "velocity cm/s", "jitter 10² m/s³"], rows)
 
 

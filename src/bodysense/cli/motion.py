@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -267,7 +268,7 @@ def convert(
     clip = converted(opened, out, rig=rig, rate=rate)
     print(f"wrote {out}: {len(clip)} frames at {clip.frame_rate:g} Hz on {rig}")
     if held := _held_still(opened):
-        print(f"WARNING: {held}; complete them: bodysense track {file.name} -o {out.name}")
+        print(f"WARNING: {held}; complete them: bodysense track {file.name} -o {out.name}", file=sys.stderr)
     write_summary(json, [out], {"frames": len(clip), "frame_rate": round(clip.frame_rate, 6), "rig": rig})
 
 
@@ -308,6 +309,9 @@ def _say(take: Take, out: Path) -> None:
 
     if take.partial is not None:
         print(holes_line(take.partial))
+    for line in take.remarks:
+        if take.markers is None or line not in take.markers.warnings:  # those were printed when the file was opened
+            print(f"WARNING: {line}", file=sys.stderr)
     if take.markers is not None and is_marker_file(out):
         for line in marker_lines(take.filled_markers, take.markers):
             print(line)

@@ -285,7 +285,7 @@ def test_another_unit_than_declared_is_told(gloves: Observation, factor: float, 
 
 def test_an_impossible_hand(gloves: Observation) -> None:
     with pytest.raises(BodysenseError, match=r"on a hand it is about 0\.08 m: see that the names are right"):
-        check_gloves(replace(gloves, position=gloves.position * 4), "a.csv")
+        check_gloves(replace(gloves, position=gloves.position * 8), "a.csv")
 
 
 def test_a_mirrored_world_is_told(gloves: Observation) -> None:

@@ -38,8 +38,9 @@ def test_a_folder_that_is_missing_is_said_before_the_work(
     tmp_path: Path, refused: Refused, command: tuple[str, ...]
 ) -> None:
     """Even before it is seen that there is nothing to work on."""
-    out = tmp_path / "missing" / "out"
-    line = refused(*(word.format(out=out, none=tmp_path / "none") for word in command))
+    out, none = tmp_path / "missing" / "out", tmp_path / "none"
+    none.mkdir()
+    line = refused(*(word.format(out=out, none=none) for word in command))
     assert str(out) in line and f"the folder {out.parent} does not exist; create it" in line
     assert not files(tmp_path)
 

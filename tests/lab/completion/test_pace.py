@@ -26,13 +26,13 @@ def test_motion_is_read_once_until_it_changes(
     person = next(name for name in map(str, range(99)) if split_of(name) == "train")
     (tmp_path / "data" / person).mkdir(parents=True)
     write_bvh(tmp_path / "data" / person / "a.bvh", waving_clip)
-    reads, learned = [], corpus.learned_clips
+    reads, learned = [], corpus.read_clips
 
     def counted(*asked: object):
         reads.append(asked)
         return learned(*asked)  # pyright: ignore[reportArgumentType]
 
-    monkeypatch.setattr(corpus, "learned_clips", counted)
+    monkeypatch.setattr(corpus, "read_clips", counted)
     first, again = (read_corpus(tmp_path / "data", "train") for _ in range(2))
     assert len(reads) == 1 and len(again) == 1
     np.testing.assert_array_equal(first.rotation, again.rotation)
