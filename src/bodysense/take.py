@@ -168,7 +168,8 @@ def track(
         roll: of a video: degrees by which upright things lean to the right in the picture; estimated from the standing
             person if omitted.
         causal: complete each frame from the frames before it alone, exactly as a live session does. Holes of a motion
-            are filled so too, and may end with a step.
+            are filled so too, and may end with a step. Bodies of optical markers are moved to their hips afterwards,
+            as no live session does; where hips come and go this looks 0.25 s ahead.
         advance: called with the number of frames that are done, and of all.
 
     Raises BodysenseError, naming the source and the fix, for what cannot be tracked.
