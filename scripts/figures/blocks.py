@@ -96,7 +96,7 @@ def sampled(numbers: Numbers) -> str:
 
 
 def between(numbers: Numbers, low: str, high: str, what: str) -> str:
-    """Return the 95 % interval of a figure as a sentence with a space before; empty if there is none."""
+    """Return the 95 % interval of a figure as a sentence after a space, or an empty string without an interval."""
     if not (low in numbers and high in numbers):
         return ""
     return f" {what}: between {numbers[low]:.2f} and {numbers[high]:.2f} cm (95 %, over people)."

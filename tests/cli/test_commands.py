@@ -56,7 +56,7 @@ def test_a_motion_is_converted(tmp_path: Path, motion: Path, run, refused, capsy
 
 
 def test_the_wearer(tmp_path: Path, motion: Path, run) -> None:
-    """A recording has its body; a height is told; what was inferred is said and kept in a file."""
+    """The body is the recording's, or of a given height, or inferred, printed and saved."""
     run("simulate", motion, "-o", tmp_path / "tall.npz", "--height", 1.9)
     recording = read_recording(tmp_path / "tall.npz")
     assert recording.skeleton.height == pytest.approx(1.9)

@@ -1,4 +1,4 @@
-"""What a user is told of a motion file, and what they may say of it."""
+"""Lines that commands print about a motion file, and options that correct what was found."""
 
 from __future__ import annotations
 
@@ -108,7 +108,7 @@ def test_a_table_of_joints_is_drafted_edited_and_read(inches: Path, tmp_path: Pa
 
 
 def test_a_body_in_part_is_drafted_by_its_names(tmp_path: Path, run, refused) -> None:
-    """Of an upper body no structure is known, but its joints are named."""
+    """Upper bodies are recognised by the names of their joints."""
     tree = "JOINT Spine\n{\nOFFSET 0 20 0\nCHANNELS 1 Zrotation\n"
     tree += "".join(
         f"JOINT {side}Arm\n{{\nOFFSET {x} 30 0\nCHANNELS 1 Zrotation\n"
@@ -176,7 +176,7 @@ def test_a_whole_file_is_not_copied_where_options_would_change_it(whole: Path, t
 
 
 def test_track_says_how_a_motion_was_read(inches: Path, tmp_path: Path, run) -> None:
-    """Of a file with holes, too, whose values are not all numbers."""
+    """The line is printed for files with holes (NaN), too."""
     assert "inches, 1.6" in run("track", inches, "-o", tmp_path / "out.bvh")
     lines = inches.read_text().splitlines()
     lines[-1] = " ".join([*lines[-1].split()[:-3], "nan", "nan", "nan"])

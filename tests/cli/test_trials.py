@@ -32,7 +32,7 @@ from bodysense_lab.commands import train
 from bodysense_lab.completion import publish
 
 FIRST_LINE = 20.0  # s of a processor from the command to its first line
-# What each writes into the folder of --out, and its log; options that make its network small.
+# Files that each training writes next to --out, its log, and options for a small network.
 COMMANDS = {
     "completion": ("net.safetensors", "net/completion.jsonl", "--finger-steps 2 --warm-up 1"),
     "completion-fingers": ("net.ckpt", "net.jsonl", "--warm-up 1"),
@@ -92,7 +92,7 @@ def test_the_completion_network_is_trained_and_published(
 def test_a_trial_reads_as_many_clips_as_it_is_limited_to(
     command: str, recorded: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Of three of each split; training itself is broken off."""
+    """One of the three clips of each split is read; the training itself is skipped."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     read_clip, read = datasets._read, list[str]()
 

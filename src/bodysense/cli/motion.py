@@ -273,7 +273,7 @@ def convert(
 
 
 def _held_still(opened: MotionSource) -> str:
-    """Return which limbs of a BVH file look lost, for a motion that is converted as it is; empty if none do."""
+    """Return a description of limbs of a BVH file that are held still, or an empty string without any."""
     try:
         partial = None if opened.bvh is None else opened.with_holes(())
     except BodysenseError:  # joints that do not hang on one another: no limb can be judged

@@ -21,8 +21,8 @@ ANY_ORIGIN = "*"
 _WRONG_TOKEN = "the token is missing or wrong"
 _MOST_WAITING = 4  # refusals at a time of one address
 _MOST_ADDRESSES = 4096
-_TOKEN = re.compile(r"[A-Za-z0-9._~-]{8,}")  # as it is in addresses and in subprotocols
-_ORIGIN = re.compile(r"[a-z][a-z0-9+.-]*://([a-z0-9._-]+|\[[0-9a-f:.]+\])(:[0-9]{1,5})?")  # as browsers send it
+_TOKEN = re.compile(r"[A-Za-z0-9._~-]{8,}")  # characters that addresses and subprotocols allow
+_ORIGIN = re.compile(r"[a-z][a-z0-9+.-]*://([a-z0-9._-]+|\[[0-9a-f:.]+\])(:[0-9]{1,5})?")  # the form that browsers send
 
 
 @dataclass(frozen=True)

@@ -59,7 +59,7 @@ RARE: dict[str, dict[str, Turn]] = {
 
 
 def rare_pose(skeleton: Skeleton, name: str) -> Pose:
-    """Return a wearer who stands, goes into a pose of `RARE` and stays in it, the lowest point on the floor."""
+    """Return a motion from standing into a pose of `RARE`, which is then held with its lowest point on the floor."""
     time = np.arange(round(_ENDS * RATE)) / RATE
     share = smooth_step(np.clip((time - _STANDS) / (HELD - _STANDS), 0, 1))
     pose = standing_pose(skeleton)
