@@ -88,6 +88,7 @@ def test_a_log_of_many_networks_has_their_pace(
     jobs: int, tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delenv("FORCE_COLOR", raising=False)
+    monkeypatch.syspath_prepend(Path(__file__).parents[2])  # where a process of its own finds `small`
     fit.sweep({"a": 4, "b": 4}, partial(small, tmp_path), lambda name: False, tmp_path, jobs)
     said = capfd.readouterr().out
     for name in "ab":
