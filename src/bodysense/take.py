@@ -43,6 +43,7 @@ from bodysense.two_way import completed_both_ways, concatenated
 
 ANCHORS = ("head", "pelvis")  # what stays where it was measured, on whatever proportions; else what is measured most
 _FRAMES = 60  # that are completed in one call, between two reports of progress
+_BLOCK = 1000  # frames whose kinematics are computed at once
 _USUAL_RATE = 30.0  # Hz, of a motion of one frame
 
 
@@ -289,18 +290,24 @@ def _completed(
 ) -> tuple[Estimate, Person]:
     """Return the body, and the person as believed at the end; causal: as a live session outputs them."""
     if not completion.causal:
-        points = concatenated_frames(list(_body_points(observation, person)))
+        has_gloves = bool(glove_hands(observation.points))
+        points = concatenated_frames(list(_body_points(observation, person))) if has_gloves else observation
         return completed_both_ways(
             points, person, completion.network, completion.settings, interval, completion.advance
         )
     tracker = Tracker(person, network=completion.network, settings=completion.settings)
-    state, parts, done = tracker.start(), [], 0
-    for frames in _body_points(observation, person):
-        estimate, state = tracker.step(frames, state)
-        parts.append(estimate)
-        done += len(frames)
-        completion.advance(done, len(observation))
-    return concatenated(parts), state.person()
+    state = tracker.start()
+
+    def parts() -> Iterator[Estimate]:
+        nonlocal state
+        done = 0
+        for frames in _body_points(observation, person):
+            estimate, state = tracker.step(frames, state)
+            yield estimate
+            done += len(frames)
+            completion.advance(done, len(observation))
+
+    return concatenated(parts(), len(observation)), state.person()
 
 
 def _body_points(observation: Observation, person: Person) -> Iterator[Observation]:
@@ -357,6 +364,9 @@ def pose_on(estimate: Estimate, person: Person) -> Pose:
     share = estimate.measured.mean(axis=0)
     tracked = [name for name in ANCHORS if share[skeleton.index(name)] > 0]
     anchor = skeleton.index(tracked[0]) if tracked else int(share.argmax())  # nothing tracked: the root, which is first
-    moved = Pose(skeleton, np.zeros_like(pose.root_position), pose.rotation)
-    root = estimate.points[:, anchor] - np.asarray(forward_kinematics(moved)[0])[:, anchor]
+    root = estimate.points[:, anchor].copy()
+    for k in range(0, len(root), _BLOCK):
+        rotation = pose.rotation[k : k + _BLOCK]
+        moved = Pose(skeleton, np.zeros((len(rotation), 3)), rotation)
+        root[k : k + _BLOCK] -= np.asarray(forward_kinematics(moved)[0])[:, anchor]
     return Pose(skeleton, root, pose.rotation)
