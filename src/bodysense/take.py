@@ -52,7 +52,7 @@ class Take:
     """A completed recording."""
 
     clip: Clip  # at a constant rate, on the proportions believed at the end
-    estimate: Estimate  # of every frame that was tracked; of markers with the pose of `clip`
+    estimate: Estimate  # of every frame that was tracked; of markers, if not causal, with the pose of `clip`
     person: Person  # the wearer, as believed at the end
     time: np.ndarray  # (T,) s of the estimate's frames
     partial: PartialMotion | None = None  # the motion whose holes were filled, if it was one
@@ -169,8 +169,7 @@ def track(
         roll: of a video: degrees by which upright things lean to the right in the picture; estimated from the standing
             person if omitted.
         causal: complete each frame from the frames before it alone, exactly as a live session does. Holes of a motion
-            are filled so too, and may end with a step. Bodies of optical markers are moved to their hips afterwards,
-            as no live session does; where hips come and go this looks 0.25 s ahead.
+            are filled so too, and may end with a step. Bodies of optical markers are not moved to their hips.
         advance: called with the number of frames that are done, and of all.
 
     Raises BodysenseError, naming the source and the fix, for what cannot be tracked.
@@ -231,8 +230,10 @@ def _tracked(signal: Signal, completion: _Completion, markers: MarkerSource | No
         completion = replace(completion, settings=replace(settings, infer=False))
     estimate, believed = _completed(observation, signal.person, completion, interval)
     pose = pose_on(estimate, believed)
-    if markers is not None and (fitted := _on_markers(pose, observation, markers, interval)) is not pose:
-        pose, estimate = fitted, _with_pose(estimate, fitted, observation)
+    if markers is not None and not completion.causal:
+        fitted = _on_markers(pose, observation, markers, interval)
+        if fitted is not pose:
+            pose, estimate = fitted, _with_pose(estimate, fitted, observation)
     clip, warnings = Clip(signal.name, pose, 1 / interval), _released_height(signal.person, believed)
     if markers is not None:
         warnings += markers.warnings
