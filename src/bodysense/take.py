@@ -79,7 +79,7 @@ class Take:
                 file of a whole body was filled and is written as BVH, else our own.
 
         Raises BodysenseError for a rig that there is not, and for a whole BVH file that would be copied although its
-        unit, axis, floor or height was given.
+        unit, axis, floor or height was given, or filled although its height was given.
         """
         path = Path(path)
         if is_marker_file(path):
@@ -93,10 +93,16 @@ class Take:
             rig = SOURCE if self.file is not None and path.suffix.lower() == ".bvh" and not self.clip.lacks else OWN
         check_rig(path, rig, self.source)
         if rig == SOURCE and self.file is not None:
-            if self.partial is not None and self.partial.is_whole and (given := self.reading.for_the_world()):
+            is_whole = self.partial is not None and self.partial.is_whole
+            if is_whole and (given := self.reading.for_the_world()):
                 raise BodysenseError(
                     f"{self.source}: nothing is missing, and its own rig keeps the file's size and axes, so "
                     f"{', '.join(given)} would change nothing; leave that out, or write it with --rig bodysense"
+                )
+            if self.reading.height is not None:
+                raise BodysenseError(
+                    f"{self.source}: its own rig keeps the file's size, so --height {self.reading.height:g} would not "
+                    "change the body's; leave that out, or write it with --rig bodysense"
                 )
             self.file.write(path)
         elif rig == SOURCE and self.source is not None:
