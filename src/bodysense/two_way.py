@@ -13,10 +13,9 @@ from functools import cached_property
 
 import numpy as np
 
-from bodysense.body.gaps import smooth_step
 from bodysense.body.person import Person
 from bodysense.body.pose import Pose, forward_kinematics
-from bodysense.body.rotation import quaternion_exp, quaternion_multiply
+from bodysense.body.rotation import quaternion_exp, quaternion_multiply, smooth_step
 from bodysense.body.skeleton import Skeleton
 from bodysense.completion.bridging import LONGEST, bridged
 from bodysense.completion.joining import future_share, kept_turns, led, mean_rotation
