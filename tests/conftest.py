@@ -81,7 +81,7 @@ def packages_looked_up_once() -> Iterator[None]:
 
 @pytest.fixture(scope="session")
 def motion_data() -> Path:
-    """A folder of real motion laid out as docs/data.md says; the test is skipped where there is none."""
+    """Return a folder of real motion, laid out as in docs/data.md; skip the test if it is missing."""
     given = os.environ.get("BODYSENSE_DATA")
     candidates = [Path(given)] if given else [Path(__file__).parents[2] / "shared" / "data"]
     for folder in candidates:
@@ -124,7 +124,7 @@ def gloves(waving_clip: Clip) -> Observation:
 
 @pytest.fixture(scope="session")
 def hidden_gloves(gloves: Observation) -> Observation:
-    """The same with a fifth of the markers hidden at random, and one frame with none."""
+    """Hide a fifth of the markers at random, and all of one frame."""
     hidden = np.random.default_rng(0).random(gloves.has_position.shape) < 0.2
     hidden[7] = True
     return hide(gloves, hidden)
@@ -218,7 +218,7 @@ def small_arms_weights(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="session")
 def small_arms(exported_once: ExportedOnce, small_arms_weights: Path) -> Path:
-    """The same exported, which takes half a minute: for slow tests."""
+    """Export the network, which takes half a minute: for slow tests."""
     from bodysense_lab.pahmt.export import write_arms_onnx
     from bodysense_lab.pahmt.network import read_arms
 

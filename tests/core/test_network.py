@@ -32,7 +32,7 @@ def network(library: Path) -> NetworkLibrary:
 
 
 def scene(rng: np.random.Generator, people: int) -> np.ndarray:
-    """What is tracked of people: anything, of whom some points are seen."""
+    """Draw any tracked points of several people."""
     out = np.zeros(people, TRACKED)
     out["interval"] = 1 / 72
     out["position"] = rng.normal(size=(people, 65, 3))

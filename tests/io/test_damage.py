@@ -56,7 +56,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory, hidden_gloves: Observation) 
 
 @st.composite
 def damages(draw: st.DrawFn) -> Callable[[bytes], bytes]:
-    """What is done to a file: numbers and words become others, bytes change, are gone, or are there twice."""
+    """Damage a file: replace numbers and words, and change, remove or repeat bytes."""
     at, value = draw(st.integers(0, 1 << 20)), draw(st.binary(min_size=1, max_size=4))
     how, length = draw(st.sampled_from(["word", "change", "cut", "gone", "twice"])), draw(st.sampled_from([1, 4, 40]))
     word = draw(st.sampled_from(WORDS))

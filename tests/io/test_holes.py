@@ -1,4 +1,4 @@
-"""What is missing of a motion: names, ranges, what has no number, limbs that are held still."""
+"""Missing parts of a motion: names, ranges, NaN, limbs that are held still."""
 
 from __future__ import annotations
 

@@ -88,7 +88,7 @@ def test_the_drift_follows_the_way_travelled(speed: float) -> None:
 
 
 def test_at_rest_there_is_almost_no_white_noise() -> None:
-    """What changes from frame to frame is microns."""
+    """Errors change by microns from frame to frame."""
     position, rotation = errors(moving_head(0.0, seconds=60.0))
     fresh = np.diff(position, 2, axis=1)
     assert rms(fresh) / np.sqrt(6 * 3) < 0.01

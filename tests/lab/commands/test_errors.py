@@ -1,4 +1,4 @@
-"""What the laboratory's commands refuse: one line that names the value, and nothing written."""
+"""Refusals of the laboratory's commands: one line that names the value, and no file is written."""
 
 from __future__ import annotations
 

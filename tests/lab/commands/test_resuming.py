@@ -38,7 +38,7 @@ TRAININGS = {
     "completion-fingers": ("--steps 6 --warm-up 1", "net.jsonl", "net.ckpt"),
     "completion-joining": ("--steps 6 --warm-up 1 --frames 300", "net/joining.jsonl", "net.safetensors"),
 }
-# Of these the batch of a step is drawn by its number; the others draw anew where they go on.
+# These draw the batch of a step by its number; the others draw new batches after they resume.
 BY_STEP = ("arms", "gloves")
 # One is killed as a process. All write their checkpoint and log in `fit`, so the others are stopped there: no imports.
 AS_PROCESS = "gloves"

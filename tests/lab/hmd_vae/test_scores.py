@@ -1,4 +1,4 @@
-"""Scores of HMD-VAE: each measure is what its equation says, and claims are told as they are."""
+"""Scores of HMD-VAE: each measure follows its equation, and claims follow the numbers."""
 
 from __future__ import annotations
 
@@ -122,7 +122,7 @@ def test_claims_are_told_as_they_are(tmp_path: Path) -> None:
     pelvis = made_up(1, 3, 0.5, 0.1, "pelvis")
     report = vae_report([*shallow, *deep, pelvis], Census(), DataSet("made up", tmp_path))
     text = "\n".join(report.remarks)
-    # Of each model the deep one is better in validation, so it is that which is spoken of.
+    # The deep network of each model is better in validation, so claims are about it.
     assert "History helps the position, from scratch: holds (model 2 5.00, model 1 6.00 cm)" in text
     assert "At equal settings it holds in 2 of 2." in text
     assert "History helps the position, pretrained: holds (model 4 9.00, model 3 9.90 cm)" in text
