@@ -34,10 +34,7 @@ void limb_heading(const body *b, int limb, float *c, float *s) {
 }
 
 static uint8_t seen_by(const tracked *t, int limb) {
-    if (t->has_position[LIMB[limb].end]) return 2;
-    for (int k = 0; k < 5 && LIMB[limb].stand_in[k] >= 0; k++)
-        if (t->has_position[LIMB[limb].stand_in[k]]) return 1;
-    return 0;
+    return t->has_position[LIMB[limb].end] ? 2 : t->stands_in[limb];
 }
 
 /* The share of where a lost end was last seen, `lost` seconds later. */
@@ -83,7 +80,7 @@ void ease_limb(limb_task *task, const tracked *t, const bs_settings *settings, i
     vec3 middle_held = middle_found ? into_heading(l->middle_held, c, sine) : vec(0, 0, 0);
     float steepest = is_leg(limb) ? 0.0F : STEEPEST_ARM;
     end = eased(&l->end, end, add(l->end_output, end_held), l->end_speed, t->interval, end_breaks,
-                seen == 2 ? ease_seen : BLEND, steepest);
+                seen > 0 ? ease_seen : BLEND, steepest);
     middle = eased(&l->middle, middle, add(l->middle_output, middle_held), l->middle_speed, t->interval, middle_breaks,
                    middle_seen ? ease_seen : BLEND, steepest);
     task->end = from_heading(end, c, sine);

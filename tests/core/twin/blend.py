@@ -52,6 +52,7 @@ class LimbState:
     end_leaving: np.ndarray = field(default_factory=_zeros)  # m/s: how fast it then moved
     middle_kept: np.ndarray = field(default_factory=_zeros)
     lost: float | None = None  # s since the end was last seen; None: never, or not kept
+    stood: float = 0.0  # s for which points that stand in for the end have been seen
     seen: int = 0  # 2: the end, 1: points that stand in for it, 0: neither
     middle_seen: bool = False
     pull: Ease = field(default_factory=Ease)  # m, of a shoulder that its collar gives
@@ -66,6 +67,15 @@ def find_changes(seen: Tracked, had_position: np.ndarray, had_rotation: np.ndarr
     changed |= {GROUP[j] for j in range(BODY) if seen.turned(j) != had_rotation[j] and j not in WRISTS}
     changed |= {group for point, group in _SITES.items() if seen.has_position[point] != had_position[point]}
     return {*changed, *LIMBS} if "trunk" in changed else changed
+
+
+def find_stand_ins(seen: Tracked, ease: float, begun: bool, states: dict[str, LimbState]) -> None:
+    """Find which limbs have points that stand in for their ends: a finger only after `ease` seconds in sight."""
+    for name, limb in LIMBS.items():
+        has, state = bool(seen.has_position[list(limb.stand_in)].any()), states[name]
+        state.stood = 0.0 if not has else state.stood + seen.interval if begun else ease
+        if has and (limb.kind == "leg" or state.stood >= ease):
+            seen.stands_in.add(name)
 
 
 def limb_heading(body: Body, limb: Limb) -> np.ndarray:
@@ -91,7 +101,7 @@ def ease_limb(
 
     `turn` is world ← heading.
     """
-    now = 2 if task.end_seen else int(seen.has_position[list(limb.stand_in)].any())
+    now = 2 if task.end_seen else int(limb.name in seen.stands_in)
     end, middle = turn.T @ task.end, turn.T @ task.middle
     found = begun and now > state.seen
     if begun and now < state.seen and now == 0 and not task.middle_seen:
@@ -117,7 +127,7 @@ def ease_limb(
     end_before = state.end_output + found * (turn.T @ state.end_held)
     middle_before = state.middle_output + middle_found * (turn.T @ state.middle_held)
     steepest = STEEPEST_ARM if limb.kind == "arm" else 0.0
-    span = ease if now == 2 else BLEND
+    span = ease if now > 0 else BLEND
     end = state.end.vector(end, end_before, state.end_speed, seen.interval, end_breaks, span, steepest)
     span = ease if task.middle_seen else BLEND
     speed = state.middle_speed
