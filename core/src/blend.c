@@ -2,7 +2,7 @@
 #include "blend.h"
 
 /* A lost wrist or ankle keeps its velocity, which fades in LEAVING s, and is blended into the prediction. Half of the
- * distance remains after KEPT s, of a raised arm's after KEPT_RAISED s. Chosen on validation people. */
+ * distance remains after KEPT s, of a raised arm's after KEPT_RAISED s of a head that moves. Chosen on validation people. */
 static const float LEAVING = 0.08F, KEPT_LEG = 0.12F, KEPT_ARM = 0.35F, KEPT_RAISED = 3.0F;
 
 /* m/s: largest speed difference between a hand and its goal when it is found or lost. Feet swing too fast for it. */
@@ -37,15 +37,13 @@ static uint8_t seen_by(const tracked *t, int limb) {
     return t->has_position[LIMB[limb].end] ? 2 : t->stands_in[limb];
 }
 
-/* The share of where a lost end was last seen, `lost` seconds later. */
-static float kept_share(const limb_task *task, int limb, const limb_state *l) {
-    float half = KEPT_LEG;
-    if (!is_leg(limb)) {
-        float raised = l->end_kept.y / (length(task->upper) + length(task->lower));
-        float share = fminf(fmaxf((raised + 0.1F) / 0.4F, 0.0F), 1.0F);
-        half = KEPT_ARM + (KEPT_RAISED - KEPT_ARM) * share;
-    }
-    float u = l->lost / half;
+/* Let a lost end wane for a frame. Returns the share that is left of where it was last seen. */
+static float kept_share(const limb_task *task, const tracked *t, int limb, limb_state *l) {
+    float height = l->end_kept.y / (length(task->upper) + length(task->lower));
+    float raised = is_leg(limb) ? 0.0F : fminf(fmaxf((height + 0.1F) / 0.4F, 0.0F), 1.0F);
+    float half = is_leg(limb) ? KEPT_LEG : KEPT_ARM + (KEPT_RAISED - KEPT_ARM) * raised;
+    l->waned += t->interval + (t->waning - t->interval) * raised;
+    float u = l->waned / half;
     return exp2f(-u * u / (1.0F + u) * 2.0F);
 }
 
@@ -59,13 +57,13 @@ void ease_limb(limb_task *task, const tracked *t, const bs_settings *settings, i
         l->end_kept = l->end_output;
         l->middle_kept = l->middle_output;
         l->end_leaving = limited(l->end_speed, FASTEST);
-        l->lost = 0.0F;
+        l->lost = l->waned = 0.0F;
         l->end = l->middle = ease_begin(vec(0, 0, 0), 0.0F); /* what is kept is what was output, eased or not */
     }
     if (seen > 0 || middle_seen || !begun) l->lost = -1.0F;
     if (l->lost >= 0.0F) {
         l->lost += t->interval;
-        float share = kept_share(task, limb, l);
+        float share = kept_share(task, t, limb, l);
         float gone = LEAVING * (1.0F - expf(-l->lost / LEAVING));
         end = mix(end, along(l->end_kept, l->end_leaving, gone), share);
         middle = mix(middle, along(l->middle_kept, l->end_leaving, 0.5F * gone), share);

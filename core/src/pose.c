@@ -17,6 +17,10 @@
 
 static const float LEAST_DOUBT = 1e-6F; /* m */
 
+/* m/s: a head that moves so fast contradicts that arms stay raised. A still one contradicts it by CALM of that. Chosen on
+ * validation people. */
+static const float STIRRED = 0.1F, CALM = 0.1F;
+
 /* Joints that are turned by a measured point further on, with that point. Limbs are bent instead. */
 static const signed char DIRECTED[][2] = {
     {SPINE1, SPINE2},  {SPINE2, SPINE3},     {NECK, HEAD},           {HEAD, HEAD_TOP},      {LEFT_COLLAR, LEFT_SHOULDER},
@@ -64,6 +68,7 @@ void pose_start(pose_state *s) {
 }
 
 void pose_read(const bs_settings *settings, pose_state *s, tracked *t) {
+    t->waning = t->interval * fminf(fmaxf(length(s->head_speed) / STIRRED, CALM), 1.0F);
     find_stand_ins(settings, s, t);
     find_knuckles(t);
     imply_rotations(t);

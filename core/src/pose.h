@@ -15,6 +15,7 @@ typedef struct limb_state {
     vec3 middle_output, middle_speed;   /* m, m/s */
     vec3 end_kept, end_leaving, middle_kept; /* m, m/s, m: where the end was last seen, and how fast it moved */
     float lost;                         /* s since the end was last seen; below 0: never, or not kept */
+    float waned;                        /* s as `waning` counts them, by which the end is given up */
     float stood;                        /* s for which points that stand in for the end have been seen */
     uint8_t seen;                       /* 2: the end, 1: points that stand in for it, 0: neither */
     uint8_t middle_seen;

@@ -30,9 +30,10 @@ from .trunk import (
     placement,
     turn_neck,
 )
-from .vectors import heading, mix, turn_between, turned_onto
+from .vectors import heading, length, mix, turn_between, turned_onto
 
 LEAST_DOUBT = 1e-6  # m
+STIRRED, CALM = 0.1, 0.1  # m/s of a head that contradicts raised arms, and the share of that of a still one
 
 # Joints that are turned by a measured point further on, with that point. Limbs are bent instead.
 DIRECTED = [
@@ -86,6 +87,7 @@ def redirected(seen: Tracked, state: PoseState, joint: int) -> bool:
 
 def pose_read(settings: TrackerSettings, seen: Tracked, state: PoseState) -> None:
     """Find what measured points tell of others, before the network is asked."""
+    seen.waning = seen.interval * min(max(length(state.head_speed) / STIRRED, CALM), 1.0)
     find_stand_ins(seen, settings.ease, state.begun, state.limb)
     find_knuckles(seen)
     imply_rotations(seen)

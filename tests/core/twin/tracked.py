@@ -48,6 +48,7 @@ class Tracked:
     rest_offset: np.ndarray  # (65, 3) m
     deviation: np.ndarray  # (65,) m
     stands_in: set[str] = field(default_factory=set)  # limbs whose end is told by other points, unless it is measured
+    waning: float = 0.0  # s by which a raised arm that is lost is nearer to be given up
     at_once: bool = False  # a point of the body is seen again, and the settings ease nothing
 
     def turned(self, joint: int) -> bool:
