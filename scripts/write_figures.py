@@ -57,6 +57,8 @@ HMD-VAE. VAES comes from `bodysense train hmd-vae --sweep --grid one`.
     bodysense evaluate hmd-vae --data DATA --networks VAES --json FIGURES/hmd-vae.json
     bodysense train hmd-vae --data DATA -o FOLDER --sweep --grid all --limit 20 --steps 20 --batch 64
     python scripts/measure_figures.py FIGURES/hmd-vae-sweep.json FOLDER
+    bodysense evaluate hmd-vae-figure4 FIGURES/demo/truth.bvh --networks MODEL1 … MODEL4 -o figure4.png, saved as
+    docs/figures/hmd-vae-figure4.webp
     bodysense evaluate hmd-vae --data DATA --networks body_vae.onnx --json body-vae.json   (then `bodysense train card
     body_vae.onnx --figures body-vae.json`)
 

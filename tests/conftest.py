@@ -5,8 +5,10 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import cache
+from importlib.metadata import entry_points
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +21,7 @@ from xdist.scheduler import LoadScopeScheduling
 from bodysense.body.pose import Pose, standing_pose
 from bodysense.body.rotation import quaternion_canonical, quaternion_exp, quaternion_multiply
 from bodysense.body.skeleton import default_skeleton
-from bodysense.cli import main
+from bodysense.cli import main, packages
 from bodysense.completion.model import CompletionModel, packaged_model
 from bodysense.devices.simulated.glove import observe
 from bodysense.devices.simulated.noise import hide
@@ -37,7 +39,7 @@ ExportedOnce = Callable[[str, Callable[[Path], None]], Path]
 TESTS = Path(__file__).parent
 
 # How long an example takes says how busy a machine is, not what is wrong.
-settings.register_profile("bodysense", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.register_profile("bodysense", max_examples=40, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("bodysense")
 
 
@@ -67,6 +69,14 @@ class ByFile(LoadScopeScheduling):
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Producer) -> ByFile:
     """Return the scheduler of processes; groups by marks (`--dist loadgroup`) are lost with pytest 9.2."""
     return ByFile(config, log)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def packages_looked_up_once() -> Iterator[None]:
+    """Look up the installed packages once: each run of a command would search all of the environment again."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(packages, "entry_points", cache(entry_points))
+        yield
 
 
 @pytest.fixture(scope="session")

@@ -85,7 +85,7 @@ def test_a_filled_limb_is_near_does_not_jump_and_keeps_its_bones(take: Path, ste
     assert side_clearance(found, skeleton, "right").min() > min(0.0, lowest) - 0.01
 
 
-@pytest.mark.parametrize("count", [1, 3, 12, 40])
+@pytest.mark.parametrize("count", [1, 12, 40])
 @pytest.mark.parametrize("root", ["left_shoulder", "right_hip", "spine1"])
 def test_place_and_speed_go_on_at_both_edges(steps: Clip, root: str, count: int) -> None:
     """Velocities change over an edge no more than they do in the true motion, and what a turn of the limb needs."""

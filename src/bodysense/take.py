@@ -43,6 +43,7 @@ from bodysense.two_way import completed_both_ways, concatenated
 
 ANCHORS = ("head", "pelvis")  # what stays where it was measured, on whatever proportions; else what is measured most
 _FRAMES = 60  # that are completed in one call, between two reports of progress
+_BLOCK = 1000  # frames whose kinematics are computed at once
 _USUAL_RATE = 30.0  # Hz, of a motion of one frame
 
 
@@ -51,7 +52,7 @@ class Take:
     """A completed recording."""
 
     clip: Clip  # at a constant rate, on the proportions believed at the end
-    estimate: Estimate  # of every frame that was tracked; of markers with the pose of `clip`
+    estimate: Estimate  # of every frame that was tracked; of markers, if not causal, with the pose of `clip`
     person: Person  # the wearer, as believed at the end
     time: np.ndarray  # (T,) s of the estimate's frames
     partial: PartialMotion | None = None  # the motion whose holes were filled, if it was one
@@ -78,7 +79,7 @@ class Take:
                 file of a whole body was filled and is written as BVH, else our own.
 
         Raises BodysenseError for a rig that there is not, and for a whole BVH file that would be copied although its
-        unit, axis, floor or height was given.
+        unit, axis, floor or height was given, or filled although its height was given.
         """
         path = Path(path)
         if is_marker_file(path):
@@ -92,10 +93,16 @@ class Take:
             rig = SOURCE if self.file is not None and path.suffix.lower() == ".bvh" and not self.clip.lacks else OWN
         check_rig(path, rig, self.source)
         if rig == SOURCE and self.file is not None:
-            if self.partial is not None and self.partial.is_whole and (given := self.reading.for_the_world()):
+            is_whole = self.partial is not None and self.partial.is_whole
+            if is_whole and (given := self.reading.for_the_world()):
                 raise BodysenseError(
                     f"{self.source}: nothing is missing, and its own rig keeps the file's size and axes, so "
                     f"{', '.join(given)} would change nothing; leave that out, or write it with --rig bodysense"
+                )
+            if self.reading.height is not None:
+                raise BodysenseError(
+                    f"{self.source}: its own rig keeps the file's size, so --height {self.reading.height:g} would not "
+                    "change the body's; leave that out, or write it with --rig bodysense"
                 )
             self.file.write(path)
         elif rig == SOURCE and self.source is not None:
@@ -168,8 +175,7 @@ def track(
         roll: of a video: degrees by which upright things lean to the right in the picture; estimated from the standing
             person if omitted.
         causal: complete each frame from the frames before it alone, exactly as a live session does. Holes of a motion
-            are filled so too, and may end with a step. Bodies of optical markers are moved to their hips afterwards,
-            as no live session does; where hips come and go this looks 0.25 s ahead.
+            are filled so too, and may end with a step. Bodies of optical markers are not moved to their hips.
         advance: called with the number of frames that are done, and of all.
 
     Raises BodysenseError, naming the source and the fix, for what cannot be tracked.
@@ -230,8 +236,10 @@ def _tracked(signal: Signal, completion: _Completion, markers: MarkerSource | No
         completion = replace(completion, settings=replace(settings, infer=False))
     estimate, believed = _completed(observation, signal.person, completion, interval)
     pose = pose_on(estimate, believed)
-    if markers is not None and (fitted := _on_markers(pose, observation, markers, interval)) is not pose:
-        pose, estimate = fitted, _with_pose(estimate, fitted, observation)
+    if markers is not None and not completion.causal:
+        fitted = _on_markers(pose, observation, markers, interval)
+        if fitted is not pose:
+            pose, estimate = fitted, _with_pose(estimate, fitted, observation)
     clip, warnings = Clip(signal.name, pose, 1 / interval), _released_height(signal.person, believed)
     if markers is not None:
         warnings += markers.warnings
@@ -289,18 +297,24 @@ def _completed(
 ) -> tuple[Estimate, Person]:
     """Return the body, and the person as believed at the end; causal: as a live session outputs them."""
     if not completion.causal:
-        points = concatenated_frames(list(_body_points(observation, person)))
+        has_gloves = bool(glove_hands(observation.points))
+        points = concatenated_frames(list(_body_points(observation, person))) if has_gloves else observation
         return completed_both_ways(
             points, person, completion.network, completion.settings, interval, completion.advance
         )
     tracker = Tracker(person, network=completion.network, settings=completion.settings)
-    state, parts, done = tracker.start(), [], 0
-    for frames in _body_points(observation, person):
-        estimate, state = tracker.step(frames, state)
-        parts.append(estimate)
-        done += len(frames)
-        completion.advance(done, len(observation))
-    return concatenated(parts), state.person()
+    state = tracker.start()
+
+    def parts() -> Iterator[Estimate]:
+        nonlocal state
+        done = 0
+        for frames in _body_points(observation, person):
+            estimate, state = tracker.step(frames, state)
+            yield estimate
+            done += len(frames)
+            completion.advance(done, len(observation))
+
+    return concatenated(parts(), len(observation)), state.person()
 
 
 def _body_points(observation: Observation, person: Person) -> Iterator[Observation]:
@@ -357,6 +371,9 @@ def pose_on(estimate: Estimate, person: Person) -> Pose:
     share = estimate.measured.mean(axis=0)
     tracked = [name for name in ANCHORS if share[skeleton.index(name)] > 0]
     anchor = skeleton.index(tracked[0]) if tracked else int(share.argmax())  # nothing tracked: the root, which is first
-    moved = Pose(skeleton, np.zeros_like(pose.root_position), pose.rotation)
-    root = estimate.points[:, anchor] - np.asarray(forward_kinematics(moved)[0])[:, anchor]
+    root = estimate.points[:, anchor].copy()
+    for k in range(0, len(root), _BLOCK):
+        rotation = pose.rotation[k : k + _BLOCK]
+        moved = Pose(skeleton, np.zeros((len(rotation), 3)), rotation)
+        root[k : k + _BLOCK] -= np.asarray(forward_kinematics(moved)[0])[:, anchor]
     return Pose(skeleton, root, pose.rotation)

@@ -7,18 +7,17 @@ the person, by one pass forward → brief gaps bridged
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
-from bodysense.body.gaps import smooth_step
 from bodysense.body.person import Person
 from bodysense.body.pose import Pose, forward_kinematics
-from bodysense.body.rotation import quaternion_exp, quaternion_multiply
+from bodysense.body.rotation import quaternion_exp, quaternion_multiply, smooth_step
 from bodysense.body.skeleton import Skeleton
-from bodysense.completion.bridging import bridged
+from bodysense.completion.bridging import LONGEST, bridged
 from bodysense.completion.joining import future_share, kept_turns, led, mean_rotation
 from bodysense.completion.joining_network import JoiningNetwork, TwoAnswers, packaged_joining
 from bodysense.completion.meeting import bent_to, trunk_met
@@ -67,9 +66,8 @@ class TwoWayTracker:
         """Complete all frames of a recording (T, P), `seconds` apart; `advance` is called with frames that are done."""
         ends = np.flatnonzero(np.diff(observation.time) > self.settings.longest_gap) + 1
         spans = zip([0, *ends.tolist()], [*ends.tolist(), len(observation)], strict=True)
-        parts = (bridged(observation[a:b], seconds) for a, b in spans)
-        whole = concatenated([done for part in parts for done in self._windows(part, seconds, advance)])
-        return replace(whole, measured=np.asarray(observed_points(observation, self.person.skeleton)[2]))
+        parts = (part for a, b in spans for part in self._windows(observation[a:b], seconds, advance))
+        return concatenated(parts, len(observation), self.person.skeleton.rest_offset)
 
     def _windows(self, observation: Observation, seconds: float, advance: Callable[[int], None]) -> Iterator[Estimate]:
         """Estimates of consecutive frames of a recording without gaps, a window at a time."""
@@ -78,30 +76,31 @@ class TwoWayTracker:
         for begin in range(0, frames, size):
             end = begin + size if begin + size + beside < frames else frames
             first, last = max(begin - beside, 0), min(end + beside, frames)
-            forward, state = self._forward(observation, forward, first, last, state)
-            seen = observation[first:last]
+            margin = round(LONGEST / seconds) + 2  # frames that bridging looks beside a window
+            start = max(first - margin, 0)
+            seen = bridged(observation[start : last + margin], seconds)[first - start : last - start]
+            forward, state = self._forward(seen, forward, state)
             joined = self.joined(forward, self.backward(seen), self.turned(seen), seconds)
             lead = 0 if begin == 0 else half
             part = cut(joined, begin - lead - first, min(end + half, frames) - first)
             if before is not None:
                 part = faded(before, part, 2 * lead)
             stop = len(part.contact) - (2 * half if end < frames else 0)
-            yield cut(part, 0, stop)
+            tracked = observation[begin - lead : begin - lead + stop]
+            yield replace(cut(part, 0, stop), measured=observed_points(tracked, self.person.skeleton)[2])
             advance(stop)
             before = cut(part, stop, len(part.contact))
             if end == frames:
                 return
 
-    def _forward(
-        self, observation: Observation, known: Estimate | None, first: int, last: int, state: TrackerState
-    ) -> tuple[Estimate, TrackerState]:
-        """The forward answer of frames `first` to `last`, of which `known` has those before the state."""
+    def _forward(self, seen: Observation, known: Estimate | None, state: TrackerState) -> tuple[Estimate, TrackerState]:
+        """The forward answer of a window, of which `known` has the frames before the state."""
         if known is None:
-            return self.tracker.step(observation[first:last], state)
-        overlap = int(np.searchsorted(observation.time, state.time(), side="right"))
-        kept = cut(known, len(known.contact) - (overlap - first), len(known.contact))
-        more, state = self.tracker.step(observation[overlap:last], state)
-        return concatenated([kept, more]), state
+            return self.tracker.step(seen, state)
+        overlap = int(np.searchsorted(seen.time, state.time(), side="right"))
+        kept = cut(known, len(known.contact) - overlap, len(known.contact))
+        more, state = self.tracker.step(seen[overlap:], state)
+        return concatenated([kept, more], len(seen)), state
 
     def backward(self, observation: Observation) -> Estimate:
         """The answer of a tracker to which time runs backward, in the order of the frames."""
@@ -256,15 +255,26 @@ def cut(estimate: Estimate, first: int, end: int) -> Estimate:
     )
 
 
-def concatenated(parts: list[Estimate]) -> Estimate:
-    """Consecutive estimates as one."""
-    arrays = {name: np.concatenate([getattr(part, name) for part in parts]) for name in _ARRAYS}
-    pose = Pose(
-        parts[-1].pose.skeleton,
-        np.concatenate([part.pose.root_position for part in parts]),
-        np.concatenate([part.pose.rotation for part in parts]),
-    )
-    return Estimate(pose, **arrays)
+def concatenated(parts: Iterable[Estimate], frames: int, rest_offset: Array | None = None) -> Estimate:
+    """Return consecutive estimates, `frames` in all, as one; a part may be released when the next one is made.
+
+    `rest_offset` (P, 3) m is that of every frame, if it is fixed; it is stored once.
+    """
+    names = [name for name in _ARRAYS if name != "rest_offset" or rest_offset is None]
+    whole: dict[str, Array] = {}
+    done, skeleton = 0, None
+    for part in parts:
+        arrays = {name: getattr(part, name) for name in names}
+        arrays |= {"root_position": part.pose.root_position, "rotation": part.pose.rotation}
+        for name, values in arrays.items():
+            if not done:
+                whole[name] = np.empty((frames, *values.shape[1:]), values.dtype)
+            whole[name][done : done + len(values)] = values
+        done, skeleton = done + len(part.contact), part.pose.skeleton
+    assert skeleton is not None
+    if rest_offset is not None:
+        whole["rest_offset"] = np.broadcast_to(rest_offset, (frames, *rest_offset.shape))
+    return Estimate(Pose(skeleton, whole.pop("root_position"), whole.pop("rotation")), **whole)
 
 
 def faded(before: Estimate, after: Estimate, frames: int) -> Estimate:

@@ -31,7 +31,6 @@ def speed(rotation: np.ndarray) -> np.ndarray:
 
 
 @given(st.integers(2, 90), st.lists(st.tuples(st.integers(0, 89), st.integers(1, 60)), max_size=4), st.booleans())
-@settings(max_examples=60)
 def test_what_is_known_stays_bit_for_bit(frames: int, gaps: list[tuple[int, int]], guessing: bool) -> None:
     rotation, missing = swing(frames, 1), np.zeros(frames, dtype=bool)
     for first, count in gaps:
@@ -49,7 +48,7 @@ def turn_vectors(rotation: np.ndarray) -> np.ndarray:
 
 
 @given(st.integers(0, 10_000), st.integers(3, 60), st.integers(1, 117), st.booleans())
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=40, deadline=None)
 def test_place_and_speed_go_on_over_both_edges(seed: int, first: int, count: int, guessing: bool) -> None:
     """At the edges a gap moves on as the known frames do, whatever the guess says inside.
 

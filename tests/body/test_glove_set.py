@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from bodysense.body.glove import default_glove, glove_of, template
@@ -98,7 +98,6 @@ JSON = st.recursive(
 
 
 @given(key=st.sampled_from(["label", "name", "is", "segment", "near", "along", "offset", "accuracy"]), value=JSON)
-@settings(max_examples=40)
 def test_any_value_is_read_or_refused(key: str, value: Any) -> None:
     try:
         parse_set(stored(markers=[TIP | {key: value}]), "mine.json", standard_set())

@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from bodysense.body.shape import SPLITS, Measured, Split, sample_bodies, shape_space, stature
@@ -138,7 +138,6 @@ def test_deviations_say_how_far_bones_are_off() -> None:
     assert np.sqrt(np.mean(np.square(ratios))) == pytest.approx(1, abs=0.1)
 
 
-@settings(max_examples=50)
 @given(st.lists(st.floats(0.05, 1.5), min_size=7, max_size=7), st.floats(1.0, 2.3))
 def test_whatever_is_measured_gives_a_finite_body(values: list[float], height: float) -> None:
     lengths = {pair: Measured(value, 0.01) for pair, value in zip(LIMBS, values, strict=True)}

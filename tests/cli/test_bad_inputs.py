@@ -203,16 +203,23 @@ NEEDS_LAB = ("evaluate", "bench", "train")
 NEEDS_LIVE = ("serve", "calibrate", "page")
 
 
-@pytest.fixture
-def folder(tmp_path: Path, short_clip: Clip, monkeypatch: pytest.MonkeyPatch) -> Path:
-    write_bvh(tmp_path / "motion.bvh", short_clip)
-    (tmp_path / "text.txt").write_text("hello")
-    (tmp_path / "deep.json").write_text("[" * 100_000)
-    (tmp_path / "folder").mkdir()
+@pytest.fixture(scope="module")
+def inputs(tmp_path_factory: pytest.TempPathFactory, short_clip: Clip) -> Path:
+    """A folder of files that all commands share: commands that are refused change none."""
+    folder = tmp_path_factory.mktemp("inputs")
+    write_bvh(folder / "motion.bvh", short_clip)
+    (folder / "text.txt").write_text("hello")
+    (folder / "deep.json").write_text("[" * 100_000)
+    (folder / "folder").mkdir()
     for ending in ("bvh", "npz", "npy", "glb", "vrma", "c3d", "trc", "csv", "jsonl"):
-        (tmp_path / f"bytes.{ending}").write_bytes(bytes(range(256)) * 8)
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
+        (folder / f"bytes.{ending}").write_bytes(bytes(range(256)) * 8)
+    return folder
+
+
+@pytest.fixture
+def folder(inputs: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(inputs)
+    return inputs
 
 
 def files(folder: Path) -> list[str]:
@@ -253,15 +260,14 @@ def test_an_empty_path_is_not_the_current_folder(folder: Path, refused: Refused,
     assert files(folder) == before
 
 
-@pytest.mark.parametrize(
-    "command", ["train completion -o out.safetensors --data missing", "train arms -o a.onnx --data missing"]
-)
-def test_a_missing_folder_is_refused_without_pytorch(folder: Path, command: str) -> None:
+def test_a_missing_folder_is_refused_without_pytorch(folder: Path) -> None:
     pytest.importorskip("bodysense_lab", reason="needs packages/lab")
-    script = f"import sys; from bodysense.cli import main; status = main({command.split()}); "
-    script += "sys.exit(100 if 'torch' in sys.modules else status)"
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=120, check=False)
-    assert done.returncode == 2 and "--data missing: no such folder" in done.stderr
+    commands = ("train completion -o out.safetensors --data missing", "train arms -o a.onnx --data missing")
+    script = "import sys; from bodysense.cli import main\n"
+    script += "print(*(main(command.split()) for command in sys.argv[1:]), 'torch' in sys.modules)"
+    run = [sys.executable, "-c", script, *commands]
+    done = subprocess.run(run, capture_output=True, text=True, timeout=120, check=False)
+    assert done.stdout == "2 2 False\n" and done.stderr.count("--data missing: no such folder") == 2
 
 
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs /dev/full")
@@ -283,19 +289,20 @@ def test_a_full_disk_in_the_middle_is_one_line(folder: Path) -> None:
 
 
 def test_quiet_prints_nothing_but_warnings_and_errors(
-    folder: Path, capsys: pytest.CaptureFixture[str], refused: Refused
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], refused: Refused
 ) -> None:
     from bodysense.cli import main
     from bodysense.cli.quiet import quietly
 
-    assert main(["convert", "motion.bvh", "-o", "out.glb", "--quiet", "--json", "out.json"]) == 0
+    out = tmp_path / "out.json"
+    assert main(["convert", "motion.bvh", "-o", str(tmp_path / "out.glb"), "--quiet", "--json", str(out)]) == 0
     captured = capsys.readouterr()
     assert (
         captured.out == ""
         and captured.err.startswith("WARNING: limbs are held still")
         and captured.err.count("\n") == 1
     )
-    assert '"frames": 20' in (folder / "out.json").read_text()
+    assert '"frames": 20' in out.read_text()
     with quietly(True):
         print("wrote a file")
         print("WARNING: the arms are guessed")

@@ -186,6 +186,13 @@ def test_track_says_how_a_motion_was_read(inches: Path, tmp_path: Path, run) -> 
     assert "30 Hz is taken (--rate)" in run("track", tmp_path / "turns.npy", "-o", tmp_path / "out.glb")
 
 
+def test_a_filled_file_keeps_its_size_and_refuses_another(whole: Path, tmp_path: Path, run, refused) -> None:
+    """A height holds for our own rig alone; filling without it, or on our rig, works."""
+    filling = ("track", whole, "--missing", "left_hand:3-9", "-o", tmp_path / "out.bvh")
+    assert "--height 1.5 would not change the body's; leave that out" in refused(*filling, "--height", 1.5)
+    assert "wrote" in run(*filling, "--height", 1.5, "--rig", "bodysense") and "wrote" in run(*filling)
+
+
 def test_convert_warns_of_limbs_that_are_held_still(
     whole: Path, tmp_path: Path, run, capsys: pytest.CaptureFixture[str]
 ) -> None:

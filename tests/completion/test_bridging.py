@@ -85,7 +85,7 @@ def test_gaps_are_counted_in_seconds() -> None:
     assert not bridged(seen, SECONDS, longest=LONGEST / 2).has_position.all()
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(st.lists(st.booleans(), min_size=2, max_size=40), st.integers(0, 2**32 - 1))
 def test_known_frames_are_unchanged(known: list[bool], seed: int) -> None:
     rng = np.random.default_rng(seed)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from bodysense.body.rotation import normalize, quaternion_to_matrix
@@ -159,7 +159,6 @@ def test_accelerations_without_weights_change_nothing(library: Path) -> None:
 
 
 @given(st.integers(0, 8 + 6000), st.integers(0, 255), st.integers(0, 2**32 - 1))
-@settings(max_examples=80)
 def test_any_header_is_opened_or_refused(library: Path, at: int, byte: int, seed: int) -> None:
     """Bytes of the header are changed, and the file is cut."""
     rng, file = np.random.default_rng(seed), bytearray(WEIGHTS.read_bytes())

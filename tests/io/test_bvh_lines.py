@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
@@ -67,7 +67,6 @@ def test_what_has_no_number(tmp_path: Path) -> None:
 
 
 @given(st.integers(0, 2**20), st.sets(st.tuples(st.integers(0, 2), st.integers(0, 2)), min_size=1))
-@settings(max_examples=50)
 def test_only_what_changes_is_written(tmp_path_factory: pytest.TempPathFactory, seed: int, places: set) -> None:
     file = opened(tmp_path_factory.mktemp("bvh"))
     changed = np.zeros((3, 3), dtype=bool)

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from rig_files import joints_in
 from turned_joints import about, both
@@ -307,7 +307,6 @@ def test_real_bvh_files_pass_through_unbent(motion_data) -> None:
     assert result.has_fingers
 
 
-@settings(max_examples=60)
 @given(st.integers(0, 10**6))
 def test_any_skeleton_of_known_names_is_refused_or_finite(seed: int) -> None:
     """Trees and offsets at random, many of them zero or in one line."""

@@ -79,7 +79,7 @@ def damages(draw: st.DrawFn) -> Callable[[bytes], bytes]:
 
 
 @pytest.mark.parametrize("kind", READERS)
-@settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=10, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(done=st.lists(damages(), min_size=1, max_size=3))
 def test_a_damaged_file_is_read_or_refused_in_one_line(
     tmp_path: Path, whole: Path, kind: str, done: list[Callable[[bytes], bytes]]

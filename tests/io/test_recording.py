@@ -164,7 +164,6 @@ KEYS = ("format", "points", *FIELDS, "time", "joints", "end_sites", "parents", "
 SHAPES = arrays.array_shapes(min_dims=0, max_dims=4, min_side=0, max_side=6)
 
 
-@settings(max_examples=50)
 @given(key=st.sampled_from(KEYS), data=st.data())
 def test_an_array_of_any_kind(folder: Path, key: str, data: st.DataObject) -> None:
     """One array is replaced by one of any shape and type, or left out."""
@@ -188,7 +187,6 @@ JSON = st.recursive(
 )
 
 
-@settings(max_examples=50)
 @given(
     key=st.sampled_from(["format", "points", "skeleton", "joints", "parents", "rest_offset", *FIELDS[:2], "time"]),
     value=JSON,

@@ -1,4 +1,4 @@
-"""Checkpoints: a second stage begins where a first one did best."""
+"""Checkpoints, from which a second stage begins where a first one did best, and files of weights."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ import pytest
 import torch
 
 from bodysense.errors import BodysenseError
-from bodysense_lab.checkpoint import best_weights
+from bodysense_lab.checkpoint import best_weights, read_weights_file, write_weights_file
+from bodysense_lab.options import Schedule
 
 
 def test_a_second_stage_begins_with_the_best_weights_of_the_first(tmp_path: Path) -> None:
@@ -25,3 +26,12 @@ def test_a_second_stage_begins_with_the_best_weights_of_the_first(tmp_path: Path
     (tmp_path / "text.ckpt").write_text("text")
     with pytest.raises(BodysenseError, match="not a readable checkpoint"):
         best_weights(tmp_path / "text.ckpt", other)
+
+
+def test_weights_are_read_again_with_a_card_of_defaults(tmp_path: Path) -> None:
+    network, card = torch.nn.Linear(3, 2), {"steps": Schedule().steps, "errors": [0.5]}
+    write_weights_file(network, Schedule(steps=3), tmp_path / "a.pt", card)
+    again, read = read_weights_file(
+        tmp_path / "a.pt", lambda config: torch.nn.Linear(3, 2 * (config["steps"] == 3)), "", ""
+    )
+    assert read == card and torch.equal(again.weight, network.weight)

@@ -63,7 +63,8 @@ def test_few_clips_take_few_steps_unless_they_are_given(
     run_of: Callable[..., Any], command: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     usual = TRAININGS[command][1]
-    assert steps_of(run_of(command)) == usual
+    whole = steps_of(run_of(command))
+    assert whole == usual and type(whole) is type(usual)  # a subclass of int could not be read from a file of weights
     assert steps_of(run_of(command, "--limit", "1", "--steps", str(usual or 70))) == (usual or 70)
     assert "--steps" not in capsys.readouterr().out
     assert steps_of(run_of(command, "--limit", "1")) == 4

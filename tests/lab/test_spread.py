@@ -2,7 +2,13 @@
 
 from __future__ import annotations
 
+import os
+import signal
+import subprocess
+import sys
+import time
 from math import sqrt
+from pathlib import Path
 
 import pytest
 
@@ -20,6 +26,46 @@ def test_here() -> None:
 @pytest.mark.slow
 def test_in_processes() -> None:
     assert list(spread(sqrt, NUMBERS, 2)) == ROOTS
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
+@pytest.mark.parametrize("signal_sent", ["SIGTERM", "SIGKILL"])
+def test_workers_end_with_their_parent(tmp_path: Path, signal_sent: str) -> None:
+    (tmp_path / "long_work.py").write_text(
+        "import os, pathlib, time\n"
+        "def work(k):\n"
+        "    pathlib.Path(f'{k}.tmp').write_text(str(os.getpid()))\n"
+        "    os.replace(f'{k}.tmp', f'{k}.pid')\n"
+        "    time.sleep(60)\n"
+    )
+    script = "from bodysense_lab.spread import spread; from long_work import work; list(spread(work, range(2), 2))"
+    path = os.pathsep.join([str(tmp_path), *sys.path])
+    parent = subprocess.Popen([sys.executable, "-c", script], cwd=tmp_path, env={**os.environ, "PYTHONPATH": path})
+    try:
+        deadline = time.monotonic() + 60
+        while len(list(tmp_path.glob("*.pid"))) < 2:
+            assert time.monotonic() < deadline and parent.poll() is None
+            time.sleep(0.05)
+    finally:
+        parent.send_signal(getattr(signal, signal_sent))
+        parent.wait()
+    workers = [int(file.read_text()) for file in tmp_path.glob("*.pid")]
+    deadline = time.monotonic() + 10
+    while (alive := [worker for worker in workers if _runs(worker)]) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    for worker in alive:
+        os.kill(worker, signal.SIGKILL)
+    assert not alive
+
+
+def _runs(process: int) -> bool:
+    """Whether a process runs; one that ended and was not waited for does not."""
+    try:
+        os.kill(process, 0)
+        state = Path(f"/proc/{process}/stat")
+        return not (state.exists() and state.read_text().rpartition(")")[2].split()[0] == "Z")
+    except (ProcessLookupError, FileNotFoundError):
+        return False
 
 
 @pytest.mark.slow

@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from bodysense.errors import BodysenseError
@@ -53,7 +53,6 @@ def test_a_message_is_read_as_it_was_written(message: ClientMessage) -> None:
     assert read_message(write_message(message)) == message
 
 
-@settings(max_examples=100)
 @given(
     st.sampled_from([*CLIENT, "other"]),
     st.dictionaries(

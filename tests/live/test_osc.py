@@ -44,7 +44,6 @@ def by_the_library(address: str, values: list[tuple[str, Any]]) -> bytes:
     return builder.build().dgram
 
 
-@settings(max_examples=60)
 @given(TEXT, VALUES)
 def test_the_library_and_we_read_what_the_other_writes(path: str, values: list[tuple[str, Any]]) -> None:
     address, tags = f"/{path}", "".join(tag for tag, _ in values)
@@ -75,7 +74,6 @@ def test_bundles_in_bundles(messages: list[tuple[str, list[tuple[str, Any]]]], d
     assert [(one.address, list(one.arguments)) for one in found if isinstance(one, Message)] == wanted
 
 
-@settings(max_examples=40)
 @given(st.lists(st.integers(0, 400), max_size=40))
 def test_messages_are_shared_out_over_datagrams(sizes: list[int]) -> None:
     messages = [message_bytes("/m", "ib", k, bytes(size + 1)) for k, size in enumerate(sizes)]

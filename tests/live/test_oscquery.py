@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from pythonosc.osc_bundle_builder import OscBundleBuilder
 from pythonosc.osc_message_builder import OscMessageBuilder
@@ -53,7 +53,6 @@ def test_the_tree_has_what_vrchat_looks_for() -> None:
     assert SERVICE.answer("/avatar")[0] == 404 and SERVICE.answer("/?COLOUR")[0] == 400
 
 
-@settings(max_examples=50)
 @given(st.text(max_size=40) | st.binary(max_size=40).map(lambda data: data.decode("latin-1")))
 def test_whatever_is_asked_for_gets_an_answer(target: str) -> None:
     with suppress(ValueError):  # no address at all: the server answers 400
@@ -83,7 +82,6 @@ def test_head_and_wrists_of_vrchat() -> None:
     assert reader.observation(6.0, state) is None  # silence
 
 
-@settings(max_examples=80)
 @given(st.binary(max_size=200) | st.builds(lambda tail: pose("head")[:40] + tail, st.binary(max_size=60)))
 def test_nothing_that_comes_raises(packet: bytes) -> None:
     reader = VrchatReader()

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from bodysense.body.skeleton import default_skeleton
@@ -111,7 +111,6 @@ def test_a_pose_is_read_as_it_was_written() -> None:
         read_pose(write_pose(frame)[:-1], points)
 
 
-@settings(max_examples=80)
 @given(st.binary(max_size=400))
 def test_any_bytes_are_a_frame_or_refused(data: bytes) -> None:
     try:
@@ -120,7 +119,6 @@ def test_any_bytes_are_a_frame_or_refused(data: bytes) -> None:
         return
 
 
-@settings(max_examples=80)
 @given(st.integers(0, 100), st.lists(st.tuples(st.integers(0, 111), st.integers(0, 255)), max_size=6))
 def test_what_is_read_is_usable(seed: int, changes: list[tuple[int, int]]) -> None:
     data = bytearray(write_signal(random_signal(seed, 3)))

@@ -133,7 +133,6 @@ def test_buttons_batteries_and_features() -> None:
 PIECES = st.sampled_from([handshake(), info(1), turned(2, np.array([1.0, 0, 0, 0])), struct.pack(">IQ", 101, 3)])
 
 
-@settings(max_examples=80)
 @given(
     st.lists(
         st.binary(max_size=80)

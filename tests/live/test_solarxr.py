@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect as open_socket
@@ -51,7 +51,6 @@ def test_requests_are_read() -> None:
     assert read_bundle(b"") == "0 bytes are no bundle of SolarXR"
 
 
-@settings(max_examples=100)
 @given(st.binary(max_size=120), st.integers(0, 150), st.binary(max_size=12))
 def test_nothing_that_comes_raises(packet: bytes, place: int, changed: bytes) -> None:
     read_bundle(packet)

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from pythonosc.osc_message import OscMessage
 from pythonosc.osc_packet import OscPacket
@@ -69,7 +69,6 @@ def test_of_more_devices_the_controllers_are_named() -> None:
     assert found == {"headset", "right_controller", "left_ankle_tracker"}
 
 
-@settings(max_examples=80)
 @given(st.binary(max_size=200) | st.builds(lambda tail: device("HMD")[:28] + tail, st.binary(max_size=80)))
 def test_nothing_that_comes_raises(packet: bytes) -> None:
     reader = VmtReader()

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from array_api_compat import array_namespace
 
-from bodysense.body.gaps import runs, smooth_step
+from bodysense.body.gaps import runs
 from bodysense.body.pose import as_like
-from bodysense.body.rotation import Array
+from bodysense.body.rotation import Array, smooth_step
 from bodysense.body.skeleton import Skeleton
 
 SOLE_POINTS = tuple(f"{side}_{name}" for side in ("left", "right") for name in ("ankle", "foot", "toe"))

@@ -48,11 +48,6 @@ def runs(present: np.ndarray) -> list[tuple[int, int]]:
     return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
 
 
-def smooth_step(share: np.ndarray) -> np.ndarray:
-    """Return shares from 0 to 1 that begin and end without speed: 3x² - 2x³."""
-    return share**2 * (3 - 2 * share)
-
-
 def filled(
     rotation: np.ndarray,
     missing: np.ndarray,

@@ -162,6 +162,11 @@ def slerp(a: Array, b: Array, t: Array) -> Array:
     return quaternion_multiply(a, quaternion_exp(step * (t if isinstance(t, (int, float)) else t[..., None])))
 
 
+def smooth_step(share: Array) -> Array:
+    """Return shares from 0 to 1 that begin and end without speed: 3x² - 2x³."""
+    return share**2 * (3 - 2 * share)
+
+
 def shortest_arc(u: Array, v: Array) -> Array:
     """The smallest rotation that takes direction `u` to direction `v`: (..., 3), (..., 3) → (..., 4).
 

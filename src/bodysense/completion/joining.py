@@ -11,7 +11,6 @@ from functools import lru_cache
 
 import numpy as np
 
-from bodysense.body.gaps import smooth_step
 from bodysense.body.rotation import (
     normalize,
     quaternion_canonical,
@@ -19,6 +18,7 @@ from bodysense.body.rotation import (
     quaternion_exp,
     quaternion_log,
     quaternion_multiply,
+    smooth_step,
 )
 from bodysense.body.skeleton import ARM, BODY, LEG, Skeleton, default_skeleton
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from bodysense.body.gaps import runs, smooth_step
+from bodysense.body.gaps import runs
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.reach import reaching_all
 from bodysense.body.rotation import (
@@ -15,6 +15,7 @@ from bodysense.body.rotation import (
     quaternion_multiply,
     quaternion_rotate,
     shortest_arc,
+    smooth_step,
 )
 from bodysense.body.skeleton import Skeleton
 

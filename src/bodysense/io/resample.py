@@ -11,6 +11,7 @@ from bodysense.body.rotation import quaternion_canonical, slerp
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 
+_BLOCK = 1000  # frames that are computed at once
 _SAME = 1e-4  # frames: places nearer than this to a frame are that frame; Unix times are exact to 3e-7 s
 
 
@@ -46,9 +47,14 @@ def _between(pose: Pose, place: np.ndarray) -> Pose:
     last = len(pose.root_position) - 1
     nearest = np.round(place)
     place = np.clip(np.where(np.abs(place - nearest) < _SAME, nearest, place), 0, last)
-    before = np.floor(place).astype(int)
-    after = np.minimum(before + 1, last)
-    t = (place - before)[:, None]
-    root = (1 - t) * pose.root_position[before] + t * pose.root_position[after]
-    rotation = slerp(pose.rotation[before], pose.rotation[after], t)
-    return Pose(pose.skeleton, root, quaternion_canonical(rotation))
+    if np.array_equal(place, np.arange(last + 1)) and (pose.rotation[..., 0] >= 0).all():
+        return pose
+    root, rotation = np.empty((len(place), 3)), np.empty((len(place), *pose.rotation.shape[1:]))
+    for k in range(0, len(place), _BLOCK):
+        block = slice(k, k + _BLOCK)
+        before = np.floor(place[block]).astype(int)
+        after = np.minimum(before + 1, last)
+        t = (place[block] - before)[:, None]
+        root[block] = (1 - t) * pose.root_position[before] + t * pose.root_position[after]
+        rotation[block] = quaternion_canonical(slerp(pose.rotation[before], pose.rotation[after], t))
+    return Pose(pose.skeleton, root, rotation)

@@ -58,7 +58,7 @@ def rms(values: np.ndarray) -> float:
 
 @pytest.mark.parametrize("speed", [0.05, 0.5])
 def test_deviations_are_those_of_the_fit(speed: float) -> None:
-    position, rotation = errors(moving_head(speed, sessions=6))
+    position, rotation = errors(moving_head(speed))
     drift, wobble = 0.8 * (0.37 + 1.2 * speed), 0.65 * speed
     expected = np.sqrt(3 * (drift**2 + 0.145**2 + wobble**2 + 0.01**2))
     assert 0.7 < rms(position) / expected < 1.3
@@ -70,7 +70,7 @@ def test_deviations_are_those_of_the_fit(speed: float) -> None:
 def test_head_like_paths_err_as_was_measured() -> None:
     """Position 0.8 mm (slow) to 1.5 mm rms, 99 % within 1.5-3.7 mm; rotation 0.09-0.33°."""
     for speed in (0.2, 0.4):
-        position, rotation = errors(moving_head(speed, sessions=5))
+        position, rotation = errors(moving_head(speed))
         assert 0.7 * 0.8 < rms(position) < 1.3 * 1.5
         assert 0.7 * 1.5 < np.percentile(np.linalg.norm(position, axis=-1), 99) < 1.3 * 3.7
         assert 0.7 * 0.09 < rms(rotation) < 1.3 * 0.33

@@ -20,6 +20,7 @@ from bodysense.io.markers.marker_sets import marker_sets, recognised
 from bodysense.io.markers.raw_markers import MarkerFormat, points_alone, read_names
 from bodysense.io.markers.recording import read_markers
 from bodysense.take import track
+from bodysense.tracker import Tracker
 
 HARDEST = {"foot": 0.03, "neck": 0.03, "elbow": 0.028}  # m; other joints 1.5 cm
 Z_UP = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])  # our axes → those of most laboratories
@@ -306,11 +307,26 @@ def test_legs_alone_hang_the_arms(stranger: Clip, tmp_path: Path) -> None:
         assert np.median(shoulder[:, 1] - wrist[:, 1]) > 0.3
 
 
-@pytest.mark.parametrize("causal", [False, True])
+@pytest.mark.parametrize("names", [LEGS, PLUG_IN_GAIT])
+def test_a_causal_take_is_what_a_live_session_gives(stranger: Clip, tmp_path: Path, names: dict[str, str]) -> None:
+    """A frame at a time, with hips that come and go."""
+    raw = raw_of(stranger, names)
+    hips = [k for k, label in enumerate(raw.names) if label.endswith(("ASI", "PSI"))]
+    raw.position[20:30, hips] = np.nan
+    write_c3d(tmp_path / "walk.c3d", points_alone(raw.names, raw.position, raw.time), raw.frame_rate)
+    take = track(tmp_path / "walk.c3d", causal=True)
+    assert hips and take.markers is not None
+    tracker, seen = Tracker(), take.markers.recording.observation
+    state = tracker.start()
+    for k in range(len(seen)):
+        live, state = tracker.step(seen[k : k + 1], state)
+        np.testing.assert_array_equal(take.estimate.points[k], live.points[0])
+        np.testing.assert_array_equal(take.estimate.pose.rotation[k], live.pose.rotation[0])
+        np.testing.assert_array_equal(take.estimate.bound[k], live.bound[0])
+
+
 @pytest.mark.parametrize("names", [OPENSIM, PLUG_IN_GAIT])
-def test_a_guessed_head_does_not_move_the_legs(
-    stranger: Clip, tmp_path: Path, names: dict[str, str], causal: bool
-) -> None:
+def test_a_guessed_head_does_not_move_the_legs(stranger: Clip, tmp_path: Path, names: dict[str, str]) -> None:
     """Knees and ankles of a tracked body that bows are where the markers have them, however high the head is worn."""
     rotation, spine = np.array(stranger.pose.rotation), stranger.pose.skeleton.index("spine1")
     bow = quaternion_exp(np.sin(np.arange(len(rotation)) / 5)[:, None] ** 2 * [0.7, 0.0, 0.0])
@@ -319,7 +335,7 @@ def test_a_guessed_head_does_not_move_the_legs(
     on_head = np.array([label == "Top.Head" or label.endswith("HD") for label in raw.names])
     position = raw.position + on_head[:, None] * [0.0, 0.06, 0.0]
     write_c3d(tmp_path / "bow.c3d", points_alone(raw.names, position, raw.time), raw.frame_rate)
-    take = track(tmp_path / "bow.c3d", causal=causal)
+    take = track(tmp_path / "bow.c3d")
     assert take.markers is not None
     seen, skeleton = take.markers.recording.observation, take.clip.pose.skeleton
     for place in (take.estimate.points, np.asarray(forward_kinematics(take.clip.pose)[0])):

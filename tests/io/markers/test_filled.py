@@ -11,7 +11,7 @@ from pathlib import Path
 import ezc3d
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from virtual import PLUG_IN_GAIT, worn
@@ -225,7 +225,6 @@ def written(draw: st.DrawFn) -> Written:
 
 
 @pytest.mark.slow
-@settings(max_examples=150)
 @given(file=written(), data=st.data())
 def test_every_byte_outside_filled_cells_stays(
     tmp_path_factory: pytest.TempPathFactory, file: Written, data: st.DataObject

@@ -9,7 +9,7 @@ from pathlib import Path
 import ezc3d
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from bodysense.errors import BodysenseError
@@ -316,7 +316,6 @@ TIMED = list(LAYOUTS).index("TSV with frame and time")
     changes=st.lists(st.tuples(st.integers(0, 4000), st.integers(0, 255)), max_size=6),
     cut=st.one_of(st.none(), st.integers(0, 4000)),
 )
-@settings(max_examples=60)
 def test_damaged_files_are_read_or_refused_in_one_line(
     tmp_path_factory: pytest.TempPathFactory, which: int, changes: list[tuple[int, int]], cut: int | None
 ) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from itertools import islice
 
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from bodysense_lab.unoc.task import Episode, EpisodeBatch, collate, lanes, windows
@@ -43,7 +43,6 @@ def test_lanes_draw_by_weight() -> None:
     np.testing.assert_allclose(share, [0.25, 0.0, 0.75], atol=0.04)
 
 
-@settings(max_examples=60)
 @given(LENGTHS, st.integers(1, 9), st.integers(1, 4), st.integers(1, 16), st.integers(0, 99))
 def test_an_epoch_ends_a_window_at_each_frame_once(
     lengths: list[int], window: int, stride: int, batch_size: int, seed: int

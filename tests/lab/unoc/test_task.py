@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from lightning_fabric import Fabric
 
@@ -166,7 +166,6 @@ def test_learning_rate() -> None:
     assert windowed.rate(1) == windowed.rate(999) == 1e-3
 
 
-@settings(max_examples=50)
 @given(st.lists(st.integers(2, 40), min_size=1, max_size=6), st.integers(1, 5), st.integers(1, 30), st.integers(0, 9))
 def test_the_batches_suffice_for_all_steps(lengths: list[int], stride: int, batch: int, seed: int) -> None:
     """However clips and windows fall, the run reaches its last step, where it saves."""

@@ -107,9 +107,10 @@ Network = TypeVar("Network", bound=nn.Module)
 
 
 def write_weights_file(network: nn.Module, config: Any, path: Path, card: Mapping[str, Any]) -> None:
-    """Weights, configuration (a dataclass) and card (plain numbers and texts), whole or not at all."""
+    """Weights, configuration (a dataclass) and card (numbers and texts), whole or not at all."""
+    plain = json.loads(json.dumps(dict(card)))  # subclasses of numbers could not be read again
     with written_beside(path) as beside:
-        torch.save({"config": asdict(config), "weights": network.state_dict(), "card": dict(card)}, beside)
+        torch.save({"config": asdict(config), "weights": network.state_dict(), "card": plain}, beside)
 
 
 def read_weights_file(

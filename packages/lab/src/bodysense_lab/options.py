@@ -145,12 +145,13 @@ class MotionEvaluation:
 
 
 def trial_of(run: T) -> T:
-    """Return a run, with few steps if its clips are limited and its steps are not given; prints how many."""
+    """Return a run, with few steps if its clips are limited and its steps are not given; prints how many.
+
+    Numbers of the method are plain integers in what is returned, which files of weights can hold.
+    """
     limit, schedule = getattr(run, "limit", None), getattr(run, "schedule", None)
-    if limit is None:
-        return run
-    few, of_schedule = _few(run), _few(schedule)
-    if few or of_schedule:
+    few, of_schedule = _few(run, limit), _few(schedule, limit)
+    if limit is not None and (few or of_schedule):
         given = " ".join(f"--{name.replace('_', '-')} {count}" for name, count in (of_schedule | few).items())
         print(f"--limit {limit}: a trial with {given}; give these options for other numbers")
     if of_schedule:
@@ -158,10 +159,13 @@ def trial_of(run: T) -> T:
     return replace(run, **few)  # type: ignore[type-var]
 
 
-def _few(options: Any) -> dict[str, Any]:
-    """Return the numbers of a trial by the names of the options that are not given."""
+def _few(options: Any, limit: int | None) -> dict[str, Any]:
+    """Return the numbers of the options that are not given, by their names: a trial's if clips are limited."""
     found = {name: getattr(options, name, 0) for name in TRIAL}
-    return {name: TRIAL[name] for name, value in found.items() if value is None or isinstance(value, Usual)}
+    usual = {name: value for name, value in found.items() if value is None or isinstance(value, Usual)}
+    if limit is not None:
+        return {name: TRIAL[name] for name in usual}
+    return {name: int(value) for name, value in usual.items() if value is not None}
 
 
 def check_ending(out: Path, *endings: str, what: str = "the network") -> None:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import os
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from functools import partial
-from multiprocessing import get_context
+from multiprocessing import get_context, parent_process
+from threading import Thread
 from typing import Any, TypeVar
 
 from bodysense.errors import BodysenseError, missing_package
@@ -45,7 +47,7 @@ def _workers(jobs: int, scheduler: str | None) -> Iterator[tuple[Callable[..., A
     """Yield a function that submits work and returns a future, and the number of tasks at a time."""
     if scheduler is None:
         # Spawned, not forked: a fork of a process that has threads (a progress bar, BLAS, PyTorch) can hang.
-        with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
+        with ProcessPoolExecutor(jobs, mp_context=get_context("spawn"), initializer=end_with_parent) as pool:
             yield pool.submit, jobs
         return
     try:
@@ -61,3 +63,16 @@ def _workers(jobs: int, scheduler: str | None) -> Iterator[tuple[Callable[..., A
     with client:
         cores: Any = client.ncores()
         yield partial(client.submit, pure=False), max(1, sum(cores.values()))
+
+
+def end_with_parent() -> None:
+    """End this worker process when its parent ends, however that does; a killed parent does not shut its pool down."""
+    parent = parent_process()
+    if parent is None:
+        raise RuntimeError("end_with_parent: this process is no worker; give it as a pool's initializer")
+
+    def watch() -> None:
+        parent.join()
+        os._exit(1)
+
+    Thread(target=watch, daemon=True).start()

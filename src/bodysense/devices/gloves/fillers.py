@@ -13,9 +13,9 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from bodysense.body.gaps import smooth_step
 from bodysense.body.glove import Glove, default_glove, template
 from bodysense.body.registration import brought_back, moved, register
+from bodysense.body.rotation import smooth_step
 from bodysense.body.skeleton import Skeleton
 from bodysense.devices.gloves.networks import HandNetwork, known_shapes, size_ratios
 from bodysense.errors import BodysenseError

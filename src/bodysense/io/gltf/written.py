@@ -180,10 +180,10 @@ def animation(clip: Clip, joints: Any, arrays: Arrays) -> dict[str, Any]:
     times = arrays.add_bounded(clip.time.astype("<f4"))
     samplers = [{"input": times, "output": arrays.add(np.asarray(clip.pose.root_position).astype("<f4"))}]
     channels: list[dict[str, Any]] = [{"sampler": 0, "target": {"node": 0, "path": "translation"}}]
-    turns = _continuous(np.asarray(clip.pose.rotation, dtype=float))[..., [1, 2, 3, 0]]
     for joint in joints:
+        turns = _continuous(np.asarray(clip.pose.rotation[:, joint], dtype=float))[:, [1, 2, 3, 0]]
         channels.append({"sampler": len(samplers), "target": {"node": joint, "path": "rotation"}})
-        samplers.append({"input": times, "output": arrays.add(_unit(turns[:, joint]))})
+        samplers.append({"input": times, "output": arrays.add(_unit(turns))})
     return {"name": clip.name, "samplers": samplers, "channels": channels}
 
 
@@ -205,7 +205,7 @@ def write_binary(path: str | Path, document: dict[str, Any], arrays: Arrays) -> 
 
 
 def _continuous(rotation: np.ndarray) -> np.ndarray:
-    """Return rotations (T, J, 4) with signs chosen so that each quaternion is close to the one before."""
+    """Return rotations (T, 4) with signs chosen so that each quaternion is close to the one before."""
     flips = np.sign((rotation[1:] * rotation[:-1]).sum(axis=-1, keepdims=True))
     flips[flips == 0] = 1
     return np.concatenate([rotation[:1], rotation[1:] * np.cumprod(flips, axis=0)])

@@ -140,8 +140,9 @@ def _guessed(points: Collection[str], others: list[str], arms_hang: bool) -> lis
         if not any(point.startswith(tuple(f"{side}_{name}" for name in names)) for point in points)
     ]
     hanging = [limb for limb in bare if arms_hang and limb.endswith("arm")]
+    error = f"wrists ±{100 * HANGING_ERROR:.0f} cm in a walk"
     fates = {
-        f"hang at the sides, guessed (wrists ±{100 * HANGING_ERROR:.0f} cm in a walk)": hanging,
+        f"hang at the sides, guessed ({error}; with --causal by the network)": hanging,
         "guessed by the network": [limb for limb in bare if limb not in hanging],
     }
     labels = f"; unknown labels: {listed(others)}; name those that are there with --names (docs/markers.md)"

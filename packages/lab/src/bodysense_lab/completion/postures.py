@@ -11,11 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bodysense.body.rotation import matrix_to_quaternion, quaternion_exp, quaternion_to_matrix, slerp
+from bodysense.body.rotation import matrix_to_quaternion, quaternion_exp, quaternion_to_matrix, slerp, smooth_step
 from bodysense.body.skeleton import BODY, default_skeleton
 from bodysense_lab.completion.corpus import Corpus
 from bodysense_lab.completion.limbs import bend_limb, hips_of, limb_of
-from bodysense_lab.completion.wandering import smooth_step, wander
+from bodysense_lab.completion.wandering import wander
 
 # How often each is drawn. `standing` changes the arms only.
 KINDS = {

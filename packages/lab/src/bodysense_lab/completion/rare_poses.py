@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from bodysense.body.pose import Pose, forward_kinematics, standing_pose
-from bodysense.body.rotation import euler_to_quaternion, slerp
+from bodysense.body.rotation import euler_to_quaternion, slerp, smooth_step
 from bodysense.body.skeleton import Skeleton
 from bodysense.scoring import RATE
-from bodysense_lab.completion.wandering import smooth_step
 from bodysense_lab.completion.wearers import rest_heights
 
 Turn = tuple[float, float, float]  # degrees about x, y and z of the parent, in this order

@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-
-def smooth_step(share: np.ndarray) -> np.ndarray:
-    """Return shares from 0 to 1 that begin and end without speed: 3x² - 2x³."""
-    return share**2 * (3 - 2 * share)
+from bodysense.body.rotation import smooth_step
 
 
 def wander(frames: int, count: int, rate: float, seconds: float, rng: np.random.Generator) -> np.ndarray:

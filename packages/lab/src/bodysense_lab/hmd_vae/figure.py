@@ -46,17 +46,19 @@ def draw_reconstructions(path: Path, truth: Clip, rows: Mapping[str, np.ndarray]
     scale = ScalarMappable(Normalize(0, WORST), "viridis_r")
     figure, axis = pyplot.subplots(figsize=(1.3 * len(frames) + 2.3, 2.0 * (len(rows) + 1)))
     bones = [point for point in range(1, len(skeleton.points)) if skeleton.wrist_of[point] < 0]
+    lowest = 0.0
     for row, (name, position) in enumerate({"truth": true, **rows}.items()):
         base = (len(rows) - row) * _HEIGHT
         axis.text(-0.6 * _WIDTH, base + 1, row_label(name), va="center", ha="right", color=INK)
         for column, frame in enumerate(frames):
             drawn = _flat(truth, position[frame], int(frame)) + np.array([column * _WIDTH, base])
+            lowest = min(lowest, drawn[:, 1].min())
             error = joint_error(position[frame], true[frame])
             ends = [[point, skeleton.parents[point]] for point in bones]
             colours = INK if row == 0 else scale.to_rgba(np.array([error[pair].mean() for pair in ends]))
             axis.add_collection(LineCollection(list(drawn[ends]), colors=colours, linewidths=4.0, capstyle="round"))
     axis.set_xlim(-2 * _WIDTH, len(frames) * _WIDTH)
-    axis.set_ylim(-0.1, (len(rows) + 1) * _HEIGHT)
+    axis.set_ylim(lowest - 0.1, (len(rows) + 1) * _HEIGHT)
     axis.set_aspect("equal")
     axis.axis("off")
     figure.colorbar(scale, ax=axis, label="error of joints, cm", shrink=0.5)
