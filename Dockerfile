@@ -7,7 +7,8 @@ COPY . /src
 # The system has no C compiler here: the build takes the one of the package ziglang, which stays in this stage.
 RUN python -m venv --without-pip /venv \
     && pip --python /venv/bin/python install --no-cache-dir --no-compile -c /src/constraints.txt \
-        /src "/src/packages/live[shared]"
+        /src "/src/packages/live[shared]" \
+    && find /venv -type d -name tests -prune -exec rm -r {} +
 
 FROM ${BASE}
 COPY --from=build /venv /venv
