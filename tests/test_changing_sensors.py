@@ -14,7 +14,7 @@ from bodysense.demo import packaged_performance
 from bodysense.devices.simulated.sensors import THREE_POINT, observe
 from bodysense.io.clip import Clip
 from bodysense.observation import Observation
-from bodysense.tracker import Tracker
+from bodysense.tracker import Tracker, TrackerSettings
 
 ALWAYS = ("head", "left_wrist", "right_wrist")
 
@@ -26,10 +26,24 @@ def performance(body: int, frames: int) -> Clip:
     return replace(clip, pose=retargeted(clip.pose[:frames], skeleton))
 
 
-def completed(clip: Clip, observation: Observation) -> np.ndarray:
+def completed(clip: Clip, observation: Observation, ease: float = 0.25) -> np.ndarray:
     """Points of the body (T, 22, 3) m, of a known person."""
-    tracker = Tracker(Person(clip.pose.skeleton))
+    tracker = Tracker(Person(clip.pose.skeleton), settings=TrackerSettings(ease=ease))
     return tracker.step(observation, tracker.start())[0].points[:, : len(BODY)]
+
+
+def seen_at_times(clip: Clip, points: tuple[str, ...], has: np.ndarray) -> Observation:
+    """True positions of points, seen in some frames (T, P)."""
+    truth = np.asarray(forward_kinematics(clip.pose)[0])
+    return Observation(
+        points=points,
+        position=truth[:, clip.pose.skeleton.indices(points)],
+        rotation=np.tile([1.0, 0.0, 0.0, 0.0], (*has.shape, 1)),
+        has_position=has,
+        has_rotation=np.zeros_like(has),
+        accuracy=np.where(has, 1e-3, np.inf),
+        time=clip.time,
+    )
 
 
 @pytest.mark.parametrize(
@@ -38,21 +52,12 @@ def completed(clip: Clip, observation: Observation) -> np.ndarray:
 def test_a_body_does_not_leap_where_its_joints_come_and_go(parts: tuple[str, ...], most: float) -> None:
     """Joints are seen for half a second or so at a time: what nobody sees goes on as it moved."""
     clip = performance(1, 900)
-    skeleton = clip.pose.skeleton
     truth = np.asarray(forward_kinematics(clip.pose)[0])
     points = (*ALWAYS, *(f"{side}_{part}" for part in parts for side in ("left", "right")))
     rng, has = np.random.default_rng(1), np.ones((len(truth), len(points)), dtype=bool)
     for k in range(len(ALWAYS), len(points)):
         has[:, k] = np.cumsum(rng.uniform(size=len(truth)) < 0.06) % 2 == 0
-    observation = Observation(
-        points=points,
-        position=truth[:, skeleton.indices(points)],
-        rotation=np.tile([1.0, 0.0, 0.0, 0.0], (*has.shape, 1)),
-        has_position=has,
-        has_rotation=np.zeros_like(has),
-        accuracy=np.where(has, 1e-3, np.inf),
-        time=clip.time,
-    )
+    observation = seen_at_times(clip, points, has)
     path, true_path = (
         np.linalg.norm(np.diff(values[:, : len(BODY)], axis=0), axis=-1)
         for values in (completed(clip, observation), truth)
@@ -84,3 +89,39 @@ def test_the_rest_of_a_body_moves_on_where_a_hand_is_found_again() -> None:
             near = (found[:, None] + np.arange(-3, 4)).ravel()
             ratios.append(jerk[near].mean() / usual[near].mean())
     assert np.mean(ratios) < 1.8
+
+
+@pytest.mark.parametrize(
+    "parts", [("foot",), ("knee",), ("ankle",), ("shoulder",), ("elbow",), ("knee", "ankle", "foot")]
+)
+def test_a_point_that_is_seen_again_is_met_at_once_without_ease(parts: tuple[str, ...]) -> None:
+    """Its error in the frame of its return is that of a point that was never lost."""
+    clip = performance(1, 600)
+    points = (*ALWAYS, *(f"{side}_{part}" for part in parts for side in ("left", "right")))
+    rng, has = np.random.default_rng(2), np.ones((600, len(points)), dtype=bool)
+    has[:, len(ALWAYS) :] = np.cumsum(rng.uniform(size=(600, len(points) - len(ALWAYS))) < 0.06, axis=0) % 2 == 0
+    truth, joints = np.asarray(forward_kinematics(clip.pose)[0]), clip.pose.skeleton.indices(points)
+    lost, never = (
+        np.linalg.norm((completed(clip, seen_at_times(clip, points, mask), ease=0.0) - truth[:, : len(BODY)]), axis=-1)
+        for mask in (has, np.ones_like(has))
+    )
+    found = np.zeros_like(has)
+    found[1:] = has[1:] & ~has[:-1]
+    assert found.sum() > 25
+    assert np.percentile(lost[:, joints][found], 95) < np.percentile(never[:, joints][found], 95) + 0.01  # m
+
+
+def test_a_finger_that_blinks_moves_nothing_and_one_that_stays_leads_its_hand() -> None:
+    clip = performance(1, 300)
+    points, has = ("head", "left_index1"), np.ones((300, 2), dtype=bool)
+    frames, truth = np.arange(300), np.asarray(forward_kinematics(clip.pose)[0])
+    outputs = {}
+    for name, seen in (("never", frames < 0), ("blinks", frames // 3 % 2 == 1), ("stays", frames > 30)):
+        has[:, 1] = seen
+        outputs[name] = completed(clip, seen_at_times(clip, points, has.copy()))
+    np.testing.assert_array_equal(outputs["blinks"], outputs["never"])
+    wrist = clip.pose.skeleton.index("left_wrist")
+    error = {
+        name: np.linalg.norm(out - truth[:, : len(BODY)], axis=-1)[60:, wrist].mean() for name, out in outputs.items()
+    }
+    assert error["stays"] < error["never"] / 2

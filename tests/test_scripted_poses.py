@@ -173,6 +173,23 @@ def test_raised_hands_that_are_lost_stay_raised(body: int) -> None:
     assert over[top].min() > 55 and over[top : top + 45].min() > 50  # for 1.5 s
 
 
+@pytest.mark.parametrize(("pace", "least", "most"), [(0.0, 50, 90), (1.0, -90, 20)])
+def test_arms_raised_out_of_view_stay_raised_while_the_head_is_still(pace: float, least: float, most: float) -> None:
+    """8 s after both hands are lost; a wearer who walks on takes them down."""
+    up = {f"{side}_shoulder": sign * np.radians([0.0, 0.0, 135.0]) for side, sign in (("left", 1), ("right", -1))}
+    time = np.arange(12 * RATE) / RATE
+    pose = performed(stranger(0), {}, up)[np.minimum(np.arange(12 * RATE), round(2.25 * RATE))]
+    pose.root_position[:, 2] += pace * time
+    seen = observe(pose, time, THREE_POINT)
+    has = seen.has_position.copy()
+    has[4 * RATE :, [seen.points.index(name) for name in WRISTS]] = False
+    tracker = Tracker(Person(pose.skeleton))
+    output = tracker.step(replace(seen, has_position=has, has_rotation=has), tracker.start())[0].points[-1]
+    arm = output[pose.skeleton.indices(WRISTS)] - output[pose.skeleton.indices(["left_shoulder", "right_shoulder"])]
+    over = np.degrees(np.arctan2(arm[:, 1], np.hypot(arm[:, 0], arm[:, 2])))
+    assert least < over.min() and over.max() < most
+
+
 @pytest.mark.parametrize("body", [0, 3, 6])
 def test_hands_keep_their_speed_in_the_frame_in_which_they_are_lost_or_found(body: int) -> None:
     lost, found = 48, 54

@@ -35,7 +35,7 @@ void move_arm(body *b, const tracked *t, const mat3 goal[BODY_JOINTS], const bs_
         vec3 off = scale(sub(t->position[j->start], shoulder), 1.0F / (1.0F + doubt * doubt));
         shoulder = along(collar, unit(add(before, off)), length(before));
     }
-    limb_task task = limb_goal(t, limb, goal, shoulder);
+    limb_task task = limb_goal(t, limb, goal, b, shoulder);
     const limb_task measured = task; /* a wrist that is still on its way does not pull its shoulder along */
     float c, sine;
     limb_heading(b, limb, &c, &sine);

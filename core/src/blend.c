@@ -2,7 +2,7 @@
 #include "blend.h"
 
 /* A lost wrist or ankle keeps its velocity, which fades in LEAVING s, and is blended into the prediction. Half of the
- * distance remains after KEPT s, of a raised arm's after KEPT_RAISED s. Chosen on validation people. */
+ * distance remains after KEPT s, of a raised arm's after KEPT_RAISED s of a head that moves. Chosen on validation people. */
 static const float LEAVING = 0.08F, KEPT_LEG = 0.12F, KEPT_ARM = 0.35F, KEPT_RAISED = 3.0F;
 
 /* m/s: largest speed difference between a hand and its goal when it is found or lost. Feet swing too fast for it. */
@@ -34,21 +34,16 @@ void limb_heading(const body *b, int limb, float *c, float *s) {
 }
 
 static uint8_t seen_by(const tracked *t, int limb) {
-    if (t->has_position[LIMB[limb].end]) return 2;
-    for (int k = 0; k < 5 && LIMB[limb].stand_in[k] >= 0; k++)
-        if (t->has_position[LIMB[limb].stand_in[k]]) return 1;
-    return 0;
+    return t->has_position[LIMB[limb].end] ? 2 : t->stands_in[limb];
 }
 
-/* The share of where a lost end was last seen, `lost` seconds later. */
-static float kept_share(const limb_task *task, int limb, const limb_state *l) {
-    float half = KEPT_LEG;
-    if (!is_leg(limb)) {
-        float raised = l->end_kept.y / (length(task->upper) + length(task->lower));
-        float share = fminf(fmaxf((raised + 0.1F) / 0.4F, 0.0F), 1.0F);
-        half = KEPT_ARM + (KEPT_RAISED - KEPT_ARM) * share;
-    }
-    float u = l->lost / half;
+/* Let a lost end wane for a frame. Returns the share that is left of where it was last seen. */
+static float kept_share(const limb_task *task, const tracked *t, int limb, limb_state *l) {
+    float height = l->end_kept.y / (length(task->upper) + length(task->lower));
+    float raised = is_leg(limb) ? 0.0F : fminf(fmaxf((height + 0.1F) / 0.4F, 0.0F), 1.0F);
+    float half = is_leg(limb) ? KEPT_LEG : KEPT_ARM + (KEPT_RAISED - KEPT_ARM) * raised;
+    l->waned += t->interval + (t->waning - t->interval) * raised;
+    float u = l->waned / half;
     return exp2f(-u * u / (1.0F + u) * 2.0F);
 }
 
@@ -62,13 +57,13 @@ void ease_limb(limb_task *task, const tracked *t, const bs_settings *settings, i
         l->end_kept = l->end_output;
         l->middle_kept = l->middle_output;
         l->end_leaving = limited(l->end_speed, FASTEST);
-        l->lost = 0.0F;
+        l->lost = l->waned = 0.0F;
         l->end = l->middle = ease_begin(vec(0, 0, 0), 0.0F); /* what is kept is what was output, eased or not */
     }
     if (seen > 0 || middle_seen || !begun) l->lost = -1.0F;
     if (l->lost >= 0.0F) {
         l->lost += t->interval;
-        float share = kept_share(task, limb, l);
+        float share = kept_share(task, t, limb, l);
         float gone = LEAVING * (1.0F - expf(-l->lost / LEAVING));
         end = mix(end, along(l->end_kept, l->end_leaving, gone), share);
         middle = mix(middle, along(l->middle_kept, l->end_leaving, 0.5F * gone), share);
@@ -83,7 +78,7 @@ void ease_limb(limb_task *task, const tracked *t, const bs_settings *settings, i
     vec3 middle_held = middle_found ? into_heading(l->middle_held, c, sine) : vec(0, 0, 0);
     float steepest = is_leg(limb) ? 0.0F : STEEPEST_ARM;
     end = eased(&l->end, end, add(l->end_output, end_held), l->end_speed, t->interval, end_breaks,
-                seen == 2 ? ease_seen : BLEND, steepest);
+                seen > 0 ? ease_seen : BLEND, steepest);
     middle = eased(&l->middle, middle, add(l->middle_output, middle_held), l->middle_speed, t->interval, middle_breaks,
                    middle_seen ? ease_seen : BLEND, steepest);
     task->end = from_heading(end, c, sine);

@@ -33,7 +33,7 @@ void ease_advance(ease *e, float interval) {
 vec3 eased(ease *e, vec3 goal, vec3 output_before, vec3 speed, float interval, bool breaks, float span, float steepest) {
     if (breaks) {
         vec3 offset = sub(along(output_before, limited(speed, FASTEST), interval), goal);
-        *e = ease_begin(offset, span > 0.0F ? fmaxf(span, FASTER * length(offset) / FASTEST) : 0.0F);
+        *e = ease_begin(offset, span > interval ? fmaxf(span, FASTER * length(offset) / FASTEST) : 0.0F);
         e->speed = speed;
         e->goal = goal;
     } else {
@@ -45,7 +45,7 @@ vec3 eased(ease *e, vec3 goal, vec3 output_before, vec3 speed, float interval, b
 
 mat3 eased_turn(ease *e, mat3 goal, mat3 output_before, vec3 spin, float interval, bool breaks, float span) {
     if (breaks) {
-        *e = ease_begin(turn_between(goal, turned_by(output_before, scale(spin, interval))), span);
+        *e = ease_begin(turn_between(goal, turned_by(output_before, scale(spin, interval))), span > interval ? span : 0.0F);
     } else {
         ease_advance(e, interval);
     }

@@ -123,7 +123,7 @@ void fit_prediction(const tracked *t, pose_state *s, prediction *p) {
         p->rotation[j] = turned_onto(p->rotation[j], sub(b.point[end], b.point[j]), sub(found[end], found[j]));
     }
     /* Joints are turned without a jump if a measured point came or went. */
-    float left = expf(-t->interval / FADE);
+    float left = t->at_once ? 0.0F : expf(-t->interval / FADE);
     for (int j = 0; j < BODY_JOINTS; j++) {
         fitting *joint = &s->fitting[j];
         vec3 turn = turn_between(before[j], p->rotation[j]);

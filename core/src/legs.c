@@ -48,7 +48,8 @@ static void pull_pelvis(body *b, const tracked *t, pose_state *s, limb_task task
     }
     vec3 moved = sub(b->point[PELVIS], before);
     bool breaks = s->begun && pulling != s->pulling;
-    vec3 shown = eased(&s->pull, moved, s->pulled, s->pulled_speed, t->interval, breaks, BLEND, 0.0F);
+    float span = t->at_once ? 0.0F : BLEND;
+    vec3 shown = eased(&s->pull, moved, s->pulled, s->pulled_speed, t->interval, breaks, span, 0.0F);
     move_pelvis(b, t, task, sub(shown, moved));
     s->pulling = pulling;
     vec3 pulled = sub(b->point[PELVIS], before);
@@ -93,7 +94,7 @@ void move_legs(body *b, const tracked *t, const prediction *p, const mat3 goal[B
                       const bs_settings *settings, const bool changed[GROUPS], pose_state *s) {
     limb_task task[2];
     float c, sine;
-    for (int k = 0; k < 2; k++) task[k] = limb_goal(t, LEFT_LEG + k, goal, b->point[LEFT_HIP + k]);
+    for (int k = 0; k < 2; k++) task[k] = limb_goal(t, LEFT_LEG + k, goal, b, b->point[LEFT_HIP + k]);
     pull_pelvis(b, t, s, task);
     limb_heading(b, LEFT_LEG, &c, &sine);
     foot feet[2];

@@ -43,7 +43,18 @@ static vec3 natural_middle(const tracked *t, int limb, const limb_task *task, ma
     return add(unit(across(side, direction)), scale(cross(direction, hinge), HINGE));
 }
 
-limb_task limb_goal(const tracked *t, int limb, const mat3 rotation[BODY_JOINTS], vec3 start) {
+void find_stand_ins(const bs_settings *settings, pose_state *s, tracked *t) {
+    for (int limb = 0; limb < LIMBS; limb++) {
+        const signed char *point = LIMB[limb].stand_in;
+        float *stood = &s->limb[limb].stood, ease = (float)settings->ease;
+        bool any = false;
+        for (int k = 0; k < 5 && point[k] >= 0; k++) any |= t->has_position[point[k]];
+        *stood = !any ? 0.0F : s->begun ? *stood + t->interval : ease;
+        t->stands_in[limb] = any && (is_leg(limb) || *stood >= ease);
+    }
+}
+
+limb_task limb_goal(const tracked *t, int limb, const mat3 rotation[BODY_JOINTS], const body *b, vec3 start) {
     const limb_joints *j = &LIMB[limb];
     limb_task task = {
         .end_seen = t->has_position[j->end],
@@ -57,17 +68,17 @@ limb_task limb_goal(const tracked *t, int limb, const mat3 rotation[BODY_JOINTS]
     task.end = add(task.middle, task.lower);
     if (task.end_seen) {
         task.end = sub(t->position[j->end], start);
-    } else {
+    } else if (t->stands_in[limb]) {
         vec3 off = vec(0, 0, 0);
         float count = 0.0F;
         for (int k = 0; k < 5 && j->stand_in[k] >= 0; k++) {
             int p = j->stand_in[k];
             if (!t->has_position[p]) continue;
-            vec3 there = add(add(start, task.end), rotate(rotation[j->end], t->rest_offset[p]));
+            vec3 there = add(add(start, task.end), rotate(b->rotation[j->end], t->rest_offset[p]));
             off = add(off, sub(t->position[p], there));
             count += 1.0F;
         }
-        if (count > 0.0F) task.end = along(task.end, off, 1.0F / count);
+        task.end = along(task.end, off, 1.0F / count);
     }
     if (!task.middle_seen) {
         if (task.end_seen && task.middle_turned) {

@@ -23,10 +23,16 @@ typedef struct limb_task {
     vec3 upper, lower;           /* bones as their rotations carry them */
 } limb_task;
 
+/* Find which limbs have points that stand in for their ends.
+ *
+ * A finger does once it has been seen for `ease` seconds: a body that follows one that blinks jumps. */
+void find_stand_ins(const bs_settings *settings, pose_state *s, tracked *t);
+
 /* Where measured points, rotations and the prediction would have a limb, before easing.
  *
- * `rotation` are the goals of the body's joints, `start` is the place of the limb's start from base. */
-limb_task limb_goal(const tracked *t, int limb, const mat3 rotation[BODY_JOINTS], vec3 start);
+ * `rotation` are the goals of the body's joints, `b` is the body so far, with its hands and feet as they are output, and
+ * `start` the place of the limb's start from base. */
+limb_task limb_goal(const tracked *t, int limb, const mat3 rotation[BODY_JOINTS], const body *b, vec3 start);
 
 /* Middle and end from the start, as far as bones reach. */
 two_bones solve_limb(const limb_task *task);

@@ -14,7 +14,7 @@
 #define TALLEST 2.3
 #define HEAD_OVER_FLOOR (EVIDENCE - 1)
 
-#define STOOP 0.01             /* m by which people stand lower than at rest */
+#define STOOP 0.02             /* m by which people stand lower than at rest */
 #define BOB 0.06               /* m, of a walker's head, from top to bottom */
 #define LONG_ENOUGH 1.0        /* s that a head must have been so high */
 #define MEAN_STATURE 1.695     /* m, of adults */

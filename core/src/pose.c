@@ -17,6 +17,10 @@
 
 static const float LEAST_DOUBT = 1e-6F; /* m */
 
+/* m/s: a head that moves so fast contradicts that arms stay raised. A still one contradicts it by CALM of that. Chosen on
+ * validation people. */
+static const float STIRRED = 0.1F, CALM = 0.1F;
+
 /* Joints that are turned by a measured point further on, with that point. Limbs are bent instead. */
 static const signed char DIRECTED[][2] = {
     {SPINE1, SPINE2},  {SPINE2, SPINE3},     {NECK, HEAD},           {HEAD, HEAD_TOP},      {LEFT_COLLAR, LEFT_SHOULDER},
@@ -63,10 +67,14 @@ void pose_start(pose_state *s) {
     for (int k = 0; k < 2; k++) s->wrist_lost[k] = -1.0F;
 }
 
-void pose_read(const pose_state *s, tracked *t) {
+void pose_read(const bs_settings *settings, pose_state *s, tracked *t) {
+    t->waning = t->interval * fminf(fmaxf(length(s->head_speed) / STIRRED, CALM), 1.0F);
+    find_stand_ins(settings, s, t);
     find_knuckles(t);
     imply_rotations(t);
     place_head(t, s->begun ? s->point : NULL);
+    for (int k = 0; k < PLACED_POINTS && settings->ease == 0; k++)
+        t->at_once |= s->begun && t->has_position[PLACED[k]] && !s->had_position[PLACED[k]];
 }
 
 void pose_body(const bs_settings *settings, const tracked *t, prediction *p, pose_state *s, body *out) {
@@ -82,7 +90,7 @@ void pose_body(const bs_settings *settings, const tracked *t, prediction *p, pos
         bool wrist = j == LEFT_WRIST || j == RIGHT_WRIST;
         bool breaks = wrist ? came && known : came || (changed[GROUP[j]] && !known);
         breaks |= begun && !known && redirected(t, s, j);
-        float span = known ? (float)settings->ease : BLEND;
+        float span = known || t->at_once ? (float)settings->ease : BLEND;
         out->rotation[j] = eased_turn(&s->turn[j], goal[j], s->rotation[j], s->spin[j], interval, breaks, span);
     }
 
@@ -112,9 +120,9 @@ void pose_body(const bs_settings *settings, const tracked *t, prediction *p, pos
 
     /* Legs first: the pelvis may be moved for them, and the chest with it. */
     move_legs(out, t, p, goal, settings, changed, s);
+    keep_wrists(out, t, s);
     move_arm(out, t, goal, settings, LEFT_ARM, changed[LEFT_ARM], s);
     move_arm(out, t, goal, settings, RIGHT_ARM, changed[RIGHT_ARM], s);
-    keep_wrists(out, t, s);
     place(out, t, head);
 }
 

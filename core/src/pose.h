@@ -15,6 +15,8 @@ typedef struct limb_state {
     vec3 middle_output, middle_speed;   /* m, m/s */
     vec3 end_kept, end_leaving, middle_kept; /* m, m/s, m: where the end was last seen, and how fast it moved */
     float lost;                         /* s since the end was last seen; below 0: never, or not kept */
+    float waned;                        /* s as `waning` counts them, by which the end is given up */
+    float stood;                        /* s for which points that stand in for the end have been seen */
     uint8_t seen;                       /* 2: the end, 1: points that stand in for it, 0: neither */
     uint8_t middle_seen;
     ease pull;       /* m, easing of a shoulder that its collar gives */
@@ -70,8 +72,8 @@ typedef struct pose_state {
 
 void pose_start(pose_state *s);
 
-/* Rotations that measured points imply, and the head's place, before the network is asked. */
-void pose_read(const pose_state *s, tracked *t);
+/* Rotations that measured points imply, points that stand in for others, and the head's place, before the network. */
+void pose_read(const bs_settings *settings, pose_state *s, tracked *t);
 
 /* The body without its fingers: rotations of the body's joints, and all points of a body with flat hands. */
 void pose_body(const bs_settings *settings, const tracked *t, prediction *p, pose_state *s, body *out);

@@ -47,6 +47,7 @@ void settle(const tracked *t, pose_state *s, prediction *p) {
             }
             joint->spin = spin;
         }
+        if (t->at_once) joint->off = joint->speed = vec(0, 0, 0);
         joint->predicted = predicted;
         p->rotation[j] = turned_by(predicted, joint->off);
     }

@@ -154,7 +154,7 @@ static void prepare(const bs_model *model, const bs_settings *settings, const bs
         seen->rest_offset[p] = vec((float)own->shown[p][0], (float)own->shown[p][1], (float)own->shown[p][2]);
         seen->deviation[p] = (float)own->deviation[p];
     }
-    pose_read(&state->pose, seen);
+    pose_read(settings, &state->pose, seen);
 }
 
 /* Write what was completed as frame t. */

@@ -30,6 +30,7 @@ from bodysense.tracker import Tracker, TrackerSettings, TrackerState
 Array = np.ndarray
 WINDOW = 60.0  # s that are completed at a time
 BESIDE = 5.0  # s before and after a window that are completed with it; the backward pass warms up in those after
+_EASE = 1e-4  # s: points that are seen again are met at once, and the rest of the body is still eased
 FADE = 1.0  # s in which one window gives way to the next
 _FRAMES = 60  # tracked in one call of the pass that finds the person
 _ARRAYS = ("points", "measured", "confidence", "bound", "contact", "rest_offset")
@@ -51,13 +52,13 @@ class TwoWayTracker:
     @cached_property
     def tracker(self) -> Tracker:
         """The tracker of the pass forward in time: points that are seen again are met at once."""
-        return Tracker(self.person, self.network, replace(self.settings, infer=False, ease=0.0))
+        return Tracker(self.person, self.network, replace(self.settings, infer=False, ease=_EASE))
 
     @cached_property
     def backward_tracker(self) -> Tracker:
         """The tracker of the pass backward in time."""
         network = self.backward_network or self.network or packaged_model(backward=True)
-        return Tracker(self.person, network, replace(self.settings, infer=False, ease=0.0))
+        return Tracker(self.person, network, replace(self.settings, infer=False, ease=_EASE))
 
     def complete(
         self, observation: Observation, seconds: float, advance: Callable[[int], None] = lambda frames: None

@@ -44,7 +44,7 @@ def move_arm(
     if seen.has_position[limb.start] and not seen.turned(limb.carrier):
         off = (seen.position[limb.start] - shoulder) * _trust(seen.accuracy[limb.start])
         shoulder = collar + length(before) * unit(before + off)
-    task = limb_goal(seen, limb, goal, shoulder)
+    task = limb_goal(seen, limb, goal, body.rotation, shoulder)
     measured = replace(task)  # a wrist that is still on its way does not pull its shoulder along
     ease_limb(task, seen, ease, limb, changed, limb_heading(body, limb), begun, state)
     pulled = collar + pulled_shoulder(seen, limb, shoulder - collar, measured)

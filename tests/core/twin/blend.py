@@ -15,7 +15,7 @@ from .vectors import heading, limited, mix
 BLEND = 0.25  # s in which predicted joints are eased after sensors of their group came or went
 
 # A lost wrist or ankle goes on with its velocity, which fades in LEAVING s, and gives way to the prediction. Half of
-# the way remains after KEPT s; of an arm that was raised after KEPT_RAISED s.
+# the way remains after KEPT s; of an arm that was raised after KEPT_RAISED s of a head that moves.
 LEAVING, KEPT_LEG, KEPT_ARM, KEPT_RAISED = 0.08, 0.12, 0.35, 3.0
 STEEPEST_ARM = 3.0  # m/s: how much faster or slower than its goal a hand may be as it is found or lost
 
@@ -52,6 +52,8 @@ class LimbState:
     end_leaving: np.ndarray = field(default_factory=_zeros)  # m/s: how fast it then moved
     middle_kept: np.ndarray = field(default_factory=_zeros)
     lost: float | None = None  # s since the end was last seen; None: never, or not kept
+    waned: float = 0.0  # s as `waning` counts them, by which the end is given up
+    stood: float = 0.0  # s for which points that stand in for the end have been seen
     seen: int = 0  # 2: the end, 1: points that stand in for it, 0: neither
     middle_seen: bool = False
     pull: Ease = field(default_factory=Ease)  # m, of a shoulder that its collar gives
@@ -68,19 +70,28 @@ def find_changes(seen: Tracked, had_position: np.ndarray, had_rotation: np.ndarr
     return {*changed, *LIMBS} if "trunk" in changed else changed
 
 
+def find_stand_ins(seen: Tracked, ease: float, begun: bool, states: dict[str, LimbState]) -> None:
+    """Find which limbs have points that stand in for their ends: a finger only after `ease` seconds in sight."""
+    for name, limb in LIMBS.items():
+        has, state = bool(seen.has_position[list(limb.stand_in)].any()), states[name]
+        state.stood = 0.0 if not has else state.stood + seen.interval if begun else ease
+        if has and (limb.kind == "leg" or state.stood >= ease):
+            seen.stands_in.add(name)
+
+
 def limb_heading(body: Body, limb: Limb) -> np.ndarray:
     """The heading that a limb is eased in: the chest's for arms, the pelvis's for legs."""
     return heading(body.rotation[PELVIS if limb.kind == "leg" else SPINE3])
 
 
-def _kept_share(task: Task, limb: Limb, state: LimbState) -> float:
-    """The share of where a lost end was last seen, `lost` seconds later: 2^(-2 u² / (1 + u))."""
-    assert state.lost is not None
-    half = KEPT_LEG
+def _kept_share(task: Task, seen: Tracked, limb: Limb, state: LimbState) -> float:
+    """Let a lost end wane for a frame, and return the share left of where it was last seen: 2^(-2 u² / (1 + u))."""
+    half, raised = KEPT_LEG, 0.0
     if limb.kind == "arm":
-        raised = state.end_kept[1] / task.longest
-        half = KEPT_ARM + (KEPT_RAISED - KEPT_ARM) * min(max((raised + 0.1) / 0.4, 0.0), 1.0)
-    u = state.lost / half
+        raised = min(max((state.end_kept[1] / task.longest + 0.1) / 0.4, 0.0), 1.0)
+        half = KEPT_ARM + (KEPT_RAISED - KEPT_ARM) * raised
+    state.waned += seen.interval + (seen.waning - seen.interval) * raised
+    u = state.waned / half
     return 2 ** (-2 * u * u / (1 + u))
 
 
@@ -91,19 +102,20 @@ def ease_limb(
 
     `turn` is world ← heading.
     """
-    now = 2 if task.end_seen else int(seen.has_position[list(limb.stand_in)].any())
+    now = 2 if task.end_seen else int(limb.name in seen.stands_in)
     end, middle = turn.T @ task.end, turn.T @ task.middle
     found = begun and now > state.seen
     if begun and now < state.seen and now == 0 and not task.middle_seen:
         state.end_kept, state.middle_kept = state.end_output, state.middle_output
         state.end_leaving, state.lost = limited(state.end_speed, FASTEST), 0.0
+        state.waned = 0.0
         state.end.stop()  # what is kept is what was output, eased or not
         state.middle.stop()
     if now > 0 or task.middle_seen or not begun:
         state.lost = None
     if state.lost is not None:
         state.lost += seen.interval
-        share = _kept_share(task, limb, state)
+        share = _kept_share(task, seen, limb, state)
         gone = LEAVING * (1 - exp(-state.lost / LEAVING))
         end = mix(end, state.end_kept + state.end_leaving * gone, share)
         middle = mix(middle, state.middle_kept + state.end_leaving * gone / 2, share)
@@ -117,7 +129,7 @@ def ease_limb(
     end_before = state.end_output + found * (turn.T @ state.end_held)
     middle_before = state.middle_output + middle_found * (turn.T @ state.middle_held)
     steepest = STEEPEST_ARM if limb.kind == "arm" else 0.0
-    span = ease if now == 2 else BLEND
+    span = ease if now > 0 else BLEND
     end = state.end.vector(end, end_before, state.end_speed, seen.interval, end_breaks, span, steepest)
     span = ease if task.middle_seen else BLEND
     speed = state.middle_speed

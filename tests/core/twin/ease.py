@@ -74,7 +74,7 @@ class Ease:
         """
         if breaks:
             offset = before + limited(speed, FASTEST) * interval - goal
-            self.begin(offset, max(span, FASTER * length(offset) / FASTEST) if span > 0 else 0.0)
+            self.begin(offset, max(span, FASTER * length(offset) / FASTEST) if span > interval else 0.0)
             self.speed, self.goal = speed, goal
         else:
             if self.age == 0:
@@ -93,7 +93,7 @@ class Ease:
     ) -> np.ndarray:
         """The same for a rotation, with its spin in rad/s."""
         if breaks:
-            self.begin(turn_between(goal, turned_by(before, spin * interval)), span)
+            self.begin(turn_between(goal, turned_by(before, spin * interval)), span if span > interval else 0.0)
         else:
             self.advance(interval)
         return turned_by(goal, self.offset())

@@ -139,6 +139,6 @@ def fit_prediction(seen: Tracked, predicted: Prediction, state: PoseState) -> No
         turn = turn_between(before[j], predicted.rotation[j])
         if changed:
             joint.off = joint.turn - turn
-        joint.off = joint.off * exp(-seen.interval / FADE)
+        joint.off = np.zeros(3) if seen.at_once else joint.off * exp(-seen.interval / FADE)
         joint.turn = turn + joint.off
         predicted.rotation[j] = turned_by(before[j], joint.turn)

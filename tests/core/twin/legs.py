@@ -51,7 +51,8 @@ def pull_pelvis(body: Body, seen: Tracked, state: PoseState, tasks: list[Task]) 
             move_pelvis(body, seen, tasks, limited(moved + lack, MOST_MOVED) - moved)
     moved = body.point[PELVIS] - before
     breaks = state.begun and pulling != state.pulling
-    shown = state.pull.vector(moved, state.pulled, state.pulled_speed, seen.interval, breaks, BLEND)
+    span = 0.0 if seen.at_once else BLEND
+    shown = state.pull.vector(moved, state.pulled, state.pulled_speed, seen.interval, breaks, span)
     move_pelvis(body, seen, tasks, shown - moved)
     pulled = body.point[PELVIS] - before
     state.pulled_speed = (pulled - state.pulled) / seen.interval if state.begun else np.zeros(3)
@@ -100,7 +101,7 @@ def move_legs(
     state: PoseState,
 ) -> None:
     """Bend both legs, and move a pelvis that is not measured so far that they reach."""
-    tasks = [limb_goal(seen, leg, goal, body.point[leg.start]) for leg in LEGS]
+    tasks = [limb_goal(seen, leg, goal, body.rotation, body.point[leg.start]) for leg in LEGS]
     pull_pelvis(body, seen, state, tasks)
     turn, feet, free = limb_heading(body, LEGS[0]), [], []
     for k, (side, leg, task) in enumerate(zip(SIDES, LEGS, tasks, strict=True)):

@@ -17,6 +17,7 @@ HINGE = 2.0  # how much more measured rotations of pelvis and foot tell of a kne
 class Limb:
     """The joints of a limb, from the one that carries it, and points that tell of its end if that is not measured."""
 
+    name: str
     kind: str
     carrier: int
     start: int
@@ -32,7 +33,7 @@ def _limb(side: str, kind: str) -> Limb:
         carrier, joints = at(f"{side}_collar"), ("shoulder", "elbow", "wrist")
         stand_in = ("index1", "middle1", "ring1", "pinky1", "thumb1")
     start, middle, end = (at(f"{side}_{name}") for name in joints)
-    return Limb(kind, carrier, start, middle, end, tuple(at(f"{side}_{name}") for name in stand_in))
+    return Limb(f"{side}_{kind}", kind, carrier, start, middle, end, tuple(at(f"{side}_{name}") for name in stand_in))
 
 
 LIMBS = {f"{side}_{kind}": _limb(side, kind) for kind in ("arm", "leg") for side in SIDES}
@@ -57,8 +58,11 @@ class Task:
         return length(self.upper) + length(self.lower)
 
 
-def limb_goal(seen: Tracked, limb: Limb, rotation: np.ndarray, start: np.ndarray) -> Task:
-    """Where measured points, rotations (22, 3, 3) and the prediction would have a limb, before easing."""
+def limb_goal(seen: Tracked, limb: Limb, rotation: np.ndarray, output: np.ndarray, start: np.ndarray) -> Task:
+    """Where measured points, rotations (22, 3, 3) and the prediction would have a limb, before easing.
+
+    `output` has the rotations (52, 3, 3) of hands and feet as they are output.
+    """
     task = Task(
         end=np.zeros(3),
         middle=np.zeros(3),
@@ -73,8 +77,9 @@ def limb_goal(seen: Tracked, limb: Limb, rotation: np.ndarray, start: np.ndarray
     task.end = task.middle + task.lower
     if task.end_seen:
         task.end = seen.position[limb.end] - start
-    elif standing_in := [p for p in limb.stand_in if seen.has_position[p]]:
-        there = start + task.end + seen.rest_offset[standing_in] @ rotation[limb.end].T
+    elif limb.name in seen.stands_in:
+        standing_in = [p for p in limb.stand_in if seen.has_position[p]]
+        there = start + task.end + seen.rest_offset[standing_in] @ output[limb.end].T
         task.end = task.end + (seen.position[standing_in] - there).mean(axis=0)
     if not task.middle_seen:
         if task.end_seen and task.middle_turned:

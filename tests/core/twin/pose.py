@@ -9,15 +9,15 @@ import numpy as np
 from bodysense.tracker import TrackerSettings
 
 from .arms import kept_wrist, move_arm
-from .blend import BLEND, GROUP, find_changes, remember_limb
+from .blend import BLEND, GROUP, find_changes, find_stand_ins, remember_limb
 from .fit import fit_prediction
 from .legs import move_legs
 from .limbs import LIMBS
 from .network import Prediction
-from .points import BODY, HEAD, HIPS, PELVIS, POINTS, SPINE3, WRISTS, at
+from .points import BODY, HEAD, HIPS, PELVIS, PLACED, POINTS, SPINE3, WRISTS, at
 from .settle import settle
 from .state import PoseState
-from .tracked import Tracked
+from .tracked import Tracked, find_knuckles, imply_rotations, place_head
 from .trunk import (
     Body,
     bend_spine,
@@ -30,9 +30,10 @@ from .trunk import (
     placement,
     turn_neck,
 )
-from .vectors import heading, mix, turn_between, turned_onto
+from .vectors import heading, length, mix, turn_between, turned_onto
 
 LEAST_DOUBT = 1e-6  # m
+STIRRED, CALM = 0.1, 0.1  # m/s of a head that contradicts raised arms, and the share of that of a still one
 
 # Joints that are turned by a measured point further on, with that point. Limbs are bent instead.
 DIRECTED = [
@@ -84,6 +85,17 @@ def redirected(seen: Tracked, state: PoseState, joint: int) -> bool:
     return any(seen.has_position[pair].all() != state.had_position[pair].all() for pair in pairs)
 
 
+def pose_read(settings: TrackerSettings, seen: Tracked, state: PoseState) -> None:
+    """Find what measured points tell of others, before the network is asked."""
+    seen.waning = seen.interval * min(max(length(state.head_speed) / STIRRED, CALM), 1.0)
+    find_stand_ins(seen, settings.ease, state.begun, state.limb)
+    find_knuckles(seen)
+    imply_rotations(seen)
+    place_head(seen, state.point if state.begun else None)
+    found = (seen.has_position & ~state.had_position)[PLACED].any()
+    seen.at_once = settings.ease == 0 and state.begun and bool(found)
+
+
 def pose_body(settings: TrackerSettings, seen: Tracked, predicted: Prediction, state: PoseState) -> Body:
     """The body without its fingers: rotations of the body's joints, and all points of a body with flat hands."""
     body, begun, interval = empty_body(), state.begun, seen.interval
@@ -96,7 +108,7 @@ def pose_body(settings: TrackerSettings, seen: Tracked, predicted: Prediction, s
         came = begun and known != state.had_rotation[j]
         breaks = came and known if j in WRISTS else came or (GROUP[j] in changed and not known)
         breaks |= begun and not known and redirected(seen, state, j)
-        span = settings.ease if known else BLEND
+        span = settings.ease if known or seen.at_once else BLEND
         body.rotation[j] = state.turn[j].rotation(goal[j], state.rotation[j], state.spin[j], interval, breaks, span)
 
     # The body hangs on its head, or on its pelvis, or on what is seen.
@@ -126,9 +138,9 @@ def pose_body(settings: TrackerSettings, seen: Tracked, predicted: Prediction, s
 
     # Legs first: the pelvis may be moved for them, and the chest with it.
     move_legs(body, seen, predicted.contact, goal, settings, changed, state)
+    _keep_wrists(body, seen, state)
     for name in ("left_arm", "right_arm"):
         move_arm(body, seen, goal, settings.ease, LIMBS[name], name in changed, begun, state.limb[name])
-    _keep_wrists(body, seen, state)
     place(body, seen, head)
     return body
 

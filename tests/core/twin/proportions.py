@@ -20,7 +20,7 @@ LOOK, FIT_EVERY = 0.1, 0.5  # s between two looks at lengths, and between two fi
 QUICK = 0.4  # s in which half of what the body in use lacks is made up
 VAGUE = 0.06  # m: points that err more together measure nothing
 
-STOOP = 0.01  # m by which people stand lower than at rest
+STOOP = 0.02  # m by which people stand lower than at rest
 BOB = 0.06  # m, of a walker's head, from top to bottom
 LONG_ENOUGH = 1.0  # s that a head must have been so high
 MEAN_STATURE, STATURE_DEVIATION = 1.695, 0.09  # m, of adults

@@ -61,6 +61,8 @@ def settle(seen: Tracked, predicted: Prediction, state: PoseState) -> None:
                 carried = CARRIED * (joint.spin - spin)
                 joint.off, joint.speed = joint.off + seen.interval * carried, joint.speed + carried
             joint.spin = spin
+        if seen.at_once:
+            joint.off, joint.speed = np.zeros(3), np.zeros(3)
         joint.predicted = rotation
         predicted.rotation[j] = turned_by(rotation, joint.off)
     state.unsettled = changed

@@ -19,9 +19,9 @@ from .fingers import complete_fingers
 from .layers import tables
 from .network import Memory, first_memory, predict
 from .points import PARENT, PELVIS
-from .pose import pose_body, pose_finish
+from .pose import pose_body, pose_finish, pose_read
 from .state import PoseState
-from .tracked import choose_base, find_knuckles, gather, imply_rotations, place_head
+from .tracked import choose_base, gather
 
 WEIGHTS = Path(str(files("bodysense.weights") / "completion.safetensors"))
 
@@ -66,9 +66,7 @@ class Twin:
             mounts.step(self.person, interval, self.mounts, seen)
             proportions.step(self.person, seen, interval, own)
         seen.rest_offset, seen.deviation = own.shown, own.deviation
-        find_knuckles(seen)
-        imply_rotations(seen)
-        place_head(seen, self.pose.point if self.pose.begun else None)
+        pose_read(settings, seen, self.pose)
 
         predicted, head = predict(self.tables, seen, self.memory)
         body = pose_body(settings, seen, predicted, self.pose)
