@@ -21,3 +21,8 @@ def test_figures_that_do_not_exist_are_left_out(tmp_path: Path) -> None:
     numbers = json.loads(text, parse_constant=refuse)
     assert 0 < numbers.pop("cpu_seconds") <= sum(os.times()[:4]) + 0.01  # rounded
     assert numbers == {"processor": processor(), "error_cm": 1.5, "clips": 3}
+
+
+def test_the_time_of_a_part_is_not_written(tmp_path: Path) -> None:
+    write_numbers(tmp_path / "a.json", {"clips": 3}, timed=False)
+    assert json.loads((tmp_path / "a.json").read_text(encoding="utf-8")) == {"processor": processor(), "clips": 3}

@@ -26,16 +26,16 @@ def wide_console() -> Console:
     return console if console.is_terminal or "COLUMNS" in os.environ else Console(width=_WIDTH)
 
 
-def write_numbers(path: Path | None, numbers: dict[str, float]) -> None:
-    """Write one flat JSON object, if a path was given, with the processor and the time on it; NaN is left out."""
+def write_numbers(path: Path | None, numbers: dict[str, float], *, timed: bool = True) -> None:
+    """Write one flat JSON object, if a path was given, with the processor and the time on it; NaN is left out.
+
+    `timed=False` leaves out the time, where an earlier process did part of the work.
+    """
     if path is not None:
+        machine = {"processor": processor()} | ({"cpu_seconds": cpu_seconds()} if timed else {})
+        finite = {name: value for name, value in numbers.items() if np.isfinite(value)}
         with written_beside(path) as beside:
-            finite = {name: value for name, value in numbers.items() if np.isfinite(value)}
-            beside.write_text(
-                json.dumps({"processor": processor(), "cpu_seconds": cpu_seconds()} | finite, indent=1, allow_nan=False)
-                + "\n",
-                encoding="utf-8",
-            )
+            beside.write_text(json.dumps(machine | finite, indent=1, allow_nan=False) + "\n", encoding="utf-8")
 
 
 def cpu_seconds() -> float:

@@ -265,9 +265,11 @@ def test_the_command(
     files += ["--keep", str(tmp_path / "kept")]
     assert main([*arguments, *files]) == 0
     said = json.loads(numbers.read_text())
-    assert {"head_own_mpjpe_cm", "headset_camera_nothing_ratio", "head_ece", "clips"} <= set(said)
+    assert {"head_own_mpjpe_cm", "headset_camera_nothing_ratio", "head_ece", "clips", "cpu_seconds"} <= set(said)
     assert said["clips"] == 2 and not any(name.startswith("head_stranger") for name in said)
     assert measures.is_file() and picture.is_file() and "hidden joints" in capsys.readouterr().out
+    assert main([*arguments, *files]) == 0  # of kept clips
+    assert set(said) - set(json.loads(numbers.read_text())) == {"cpu_seconds"}
     assert main([*arguments, "--sets", "nose"]) == 2
     assert "--sets nose: unknown; valid are head, three_point" in capsys.readouterr().err
     assert main([*arguments, "--backward-model", "own.safetensors"]) == 2

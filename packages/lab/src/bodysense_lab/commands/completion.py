@@ -137,7 +137,7 @@ def completion_table(run: Flat[CompletionEvaluation]) -> None:
     reports = completion_reports(table, census, chosen, total)
     for report in reports:
         print_report(report, console)
-    write_numbers(run.json, reports[0].numbers)
+    write_numbers(run.json, reports[0].numbers, timed=kept is None or not kept.resumed)
     if run.csv is not None:
         write_csv(run.csv, reports[1])
     if run.picture is not None:

@@ -28,6 +28,7 @@ class KeptClips:
     """A folder with one file for each clip and truth: a table of that clip alone, without lattice and times."""
 
     folder: Path
+    resumed: bool = False  # whether an earlier run began it, so that this run's time is not that of all clips
 
     @classmethod
     def open(cls, folder: Path, settings: CompletionSettings, network: str) -> KeptClips:
@@ -38,7 +39,8 @@ class KeptClips:
         meant = {"format": FORMAT, "split": settings.split, "sets": list(settings.sets)}
         meant |= {"bodies": list(settings.bodies), "network": network, "takes": settings.takes}
         path = folder / "settings.json"
-        if path.is_file():
+        resumed = path.is_file()
+        if resumed:
             found = json.loads(path.read_text(encoding="utf-8"))
             for name, value in meant.items():
                 if found.get(name) != value:
@@ -50,7 +52,7 @@ class KeptClips:
             folder.mkdir(parents=True, exist_ok=True)
             with written_beside(path) as beside:
                 beside.write_text(json.dumps(meant, indent=1), encoding="utf-8")
-        return cls(folder)
+        return cls(folder, resumed)
 
     def find(self, clip: Clip, truth: Truth, settings: CompletionSettings) -> CompletionTable | None:
         """The table of a clip; None if it is not kept."""
