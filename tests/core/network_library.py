@@ -29,6 +29,9 @@ TRACKED = np.dtype(
         ("rotation", "<f4", (52, 3, 3)),  # axis by axis
         ("knuckle", "<f4", (2, 4, 3)),
         ("has_knuckles", "?", 2),
+        ("stands_in", "?", 4),
+        ("waning", "<f4"),
+        ("at_once", "?"),
         ("accuracy", "<f4", 65),
         ("acceleration", "<f4", (22, 3)),
         ("has_acceleration", "?", 22),
