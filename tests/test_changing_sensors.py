@@ -8,10 +8,11 @@ import pytest
 from bodysense.body.person import Person
 from bodysense.body.pose import forward_kinematics
 from bodysense.body.retarget import retargeted
+from bodysense.body.rotation import geodesic_angle
 from bodysense.body.shape import sample_bodies
 from bodysense.body.skeleton import BODY, default_skeleton
 from bodysense.demo import packaged_performance
-from bodysense.devices.simulated.sensors import THREE_POINT, observe
+from bodysense.devices.simulated.sensors import SENSOR_SETS, THREE_POINT, observe
 from bodysense.io.clip import Clip
 from bodysense.observation import Observation
 from bodysense.tracker import Tracker, TrackerSettings
@@ -66,6 +67,39 @@ def test_a_body_does_not_leap_where_its_joints_come_and_go(parts: tuple[str, ...
     beyond = (path - true_path).max(axis=-1)[changed]
     assert len(beyond) > 50
     assert np.percentile(beyond, 99) < most  # m in a frame
+
+
+def with_shins(clip: Clip, has: np.ndarray) -> Observation:
+    """What head, hands and the rotations of both shins say of a clip; shins in the frames `has` (T,) alone."""
+    sensors = SENSOR_SETS["three_point_imu_feet"]
+    seen = observe(clip.pose, clip.time, sensors)
+    shins = [name.endswith("knee") for name in seen.points]
+    return replace(seen, has_rotation=seen.has_rotation & (has[:, None] | ~np.array(shins)))
+
+
+@pytest.mark.parametrize("frames", [5, 7, 12])
+def test_knees_do_not_bend_backward_where_rotations_of_shins_come_and_go(frames: int) -> None:
+    clip = performance(0, 750)
+    tracker = Tracker(Person(clip.pose.skeleton))
+    seen = with_shins(clip, np.arange(len(clip)) // frames % 2 == 0)
+    rotation = tracker.step(seen, tracker.start())[0].pose.rotation
+    for side in ("left", "right"):
+        w, x, *_ = rotation[:, clip.pose.skeleton.index(f"{side}_knee")].T
+        assert np.degrees(2 * np.arctan2(np.sign(w) * x, np.abs(w))).min() > -2
+
+
+def test_a_shin_whose_rotation_is_found_again_does_not_leap() -> None:
+    clip = performance(0, 750)
+    tracker = Tracker(Person(clip.pose.skeleton))
+    has = np.arange(len(clip)) // 15 % 2 == 0
+    pose = tracker.step(with_shins(clip, has), tracker.start())[0].pose
+    knee = clip.pose.skeleton.index("left_knee")
+    shown, truth = (np.asarray(forward_kinematics(one)[1])[:, knee] for one in (pose, clip.pose))
+    step, true_step = (np.degrees(geodesic_angle(one[1:], one[:-1])) for one in (shown, truth))
+    found = has[1:] & ~has[:-1]
+    assert (step - true_step)[found].max() < 5
+    met = np.flatnonzero(found)[:, None] + np.arange(9, 14)  # a quarter of a second later, and on
+    np.testing.assert_allclose(geodesic_angle(shown[met], truth[met]), 0, atol=1e-3)
 
 
 def test_the_rest_of_a_body_moves_on_where_a_hand_is_found_again() -> None:

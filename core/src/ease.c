@@ -20,14 +20,16 @@ static float gone(float u) {
     return FASTER * (u - 0.5F * RAMP);
 }
 
+bool easing(const ease *e) { return e->age < e->span; }
+
 vec3 ease_offset(const ease *e) {
-    if (!(e->age < e->span)) return vec(0, 0, 0);
+    if (!easing(e)) return vec(0, 0, 0);
     float u = e->age / e->span;
     return along(scale(e->from, 1.0F - gone(u)), e->slope, e->span * u * (1.0F - u) * (1.0F - u));
 }
 
 void ease_advance(ease *e, float interval) {
-    if (e->age < e->span) e->age += interval;
+    if (easing(e)) e->age += interval;
 }
 
 vec3 eased(ease *e, vec3 goal, vec3 output_before, vec3 speed, float interval, bool breaks, float span, float steepest) {

@@ -26,6 +26,9 @@ ease ease_begin(vec3 offset, float span);
 /* The offset now. */
 vec3 ease_offset(const ease *e);
 
+/* Whether the offset is not gone yet. */
+bool easing(const ease *e);
+
 void ease_advance(ease *e, float interval);
 
 /* Ease a vector (m) toward its goal and return what to output.

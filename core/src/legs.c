@@ -102,6 +102,8 @@ void move_legs(body *b, const tracked *t, const prediction *p, const mat3 goal[B
     for (int k = 0; k < 2; k++) {
         const limb_joints *j = &LIMB[LEFT_LEG + k];
         ease_limb(&task[k], t, settings, LEFT_LEG + k, changed[LEFT_LEG + k], c, sine, s->begun, &s->limb[LEFT_LEG + k]);
+        if (easing(&s->limb[LEFT_LEG + k].end) || easing(&s->limb[LEFT_LEG + k].middle))
+            keep_forward(&task[k], t, LEFT_LEG + k, b->rotation[j->start]);
         two_bones to = free[k] = solve_limb(&task[k]);
         int ball = LEFT_FOOT + k, toe = LEFT_TOE + k;
         foot *f = &feet[k];

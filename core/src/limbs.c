@@ -43,6 +43,12 @@ static vec3 natural_middle(const tracked *t, int limb, const limb_task *task, ma
     return add(unit(across(side, direction)), scale(cross(direction, hinge), HINGE));
 }
 
+void keep_forward(limb_task *task, const tracked *t, int limb, mat3 thigh) {
+    vec3 upper = rotate(thigh, t->rest_offset[LIMB[limb].middle]);
+    vec3 backward = unnatural_side(limb, thigh, upper, unit(task->end));
+    task->middle = along(task->middle, backward, -fmaxf(dot(task->middle, backward), 0.0F));
+}
+
 void find_stand_ins(const bs_settings *settings, pose_state *s, tracked *t) {
     for (int limb = 0; limb < LIMBS; limb++) {
         const signed char *point = LIMB[limb].stand_in;
@@ -56,13 +62,17 @@ void find_stand_ins(const bs_settings *settings, pose_state *s, tracked *t) {
 
 limb_task limb_goal(const tracked *t, int limb, const mat3 rotation[BODY_JOINTS], const body *b, vec3 start) {
     const limb_joints *j = &LIMB[limb];
+    bool start_turned = known_rotation(t, j->start), middle_turned = known_rotation(t, j->middle);
+    mat3 upper = start_turned ? b->rotation[j->start] : rotation[j->start]; /* measured ones are eased already */
+    mat3 lower = middle_turned ? b->rotation[j->middle] : rotation[j->middle];
     limb_task task = {
         .end_seen = t->has_position[j->end],
         .middle_seen = t->has_position[j->middle],
-        .start_turned = known_rotation(t, j->start),
-        .middle_turned = known_rotation(t, j->middle),
-        .upper = rotate(rotation[j->start], t->rest_offset[j->middle]),
-        .lower = rotate(rotation[j->middle], t->rest_offset[j->end]),
+        .start_turned = start_turned,
+        .middle_turned = middle_turned,
+        .upper = rotate(upper, t->rest_offset[j->middle]),
+        .lower = rotate(lower, t->rest_offset[j->end]),
+        .ahead = is_leg(limb) ? lower.z : vec(0, 0, 0),
     };
     task.middle = task.middle_seen ? sub(t->position[j->middle], start) : task.upper;
     task.end = add(task.middle, task.lower);
@@ -98,7 +108,9 @@ two_bones solve_limb(const limb_task *task) {
     } else if (task->start_turned) {
         middle = task->upper;
     } else if (task->middle_turned) {
-        middle = scale(unit(sub(task->end, task->lower)), upper);
+        vec3 thigh = sub(task->end, task->lower);
+        float backward = task->end_seen ? 0.0F : fmaxf(-dot(thigh, task->ahead), 0.0F);
+        middle = scale(unit(along(thigh, task->ahead, backward)), upper);
     } else {
         return reach(task->end, upper, lower, task->middle);
     }

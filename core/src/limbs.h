@@ -21,6 +21,7 @@ typedef struct limb_task {
     bool end_seen, middle_seen;  /* measured */
     bool start_turned, middle_turned; /* rotation of the upper, of the lower bone is measured */
     vec3 upper, lower;           /* bones as their rotations carry them */
+    vec3 ahead;                  /* the shin's front, which a thigh is never behind; zero for arms */
 } limb_task;
 
 /* Find which limbs have points that stand in for their ends.
@@ -30,9 +31,12 @@ void find_stand_ins(const bs_settings *settings, pose_state *s, tracked *t);
 
 /* Where measured points, rotations and the prediction would have a limb, before easing.
  *
- * `rotation` are the goals of the body's joints, `b` is the body so far, with its hands and feet as they are output, and
- * `start` the place of the limb's start from base. */
+ * `rotation` are the goals of the body's joints, `b` is the body so far, with hands, feet and measured bones as they are
+ * output, and `start` the place of the limb's start from base. */
 limb_task limb_goal(const tracked *t, int limb, const mat3 rotation[BODY_JOINTS], const body *b, vec3 start);
+
+/* Keep a knee that is on its way to where it is measured from bending backward, seen from the thigh's rotation. */
+void keep_forward(limb_task *task, const tracked *t, int limb, mat3 thigh);
 
 /* Middle and end from the start, as far as bones reach. */
 two_bones solve_limb(const limb_task *task);

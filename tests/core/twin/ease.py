@@ -36,9 +36,14 @@ class Ease:
     speed: np.ndarray = field(default_factory=lambda: np.zeros(3))  # m/s, of the output before the start
     goal: np.ndarray = field(default_factory=lambda: np.zeros(3))  # m, at the start
 
+    @property
+    def runs(self) -> bool:
+        """Whether the offset is not gone yet."""
+        return self.age < self.span
+
     def offset(self) -> np.ndarray:
         """The offset now."""
-        if not self.age < self.span:
+        if not self.runs:
             return np.zeros(3)
         u = self.age / self.span
         return self.start * (1 - gone(u)) + self.slope * (self.span * u * (1 - u) ** 2)
@@ -53,7 +58,7 @@ class Ease:
 
     def advance(self, interval: float) -> None:
         """Let time pass."""
-        if self.age < self.span:
+        if self.runs:
             self.age += interval
 
     def vector(

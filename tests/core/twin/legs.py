@@ -8,7 +8,7 @@ from bodysense.tracker import TrackerSettings
 
 from .blend import BLEND, ease_limb, limb_heading
 from .feet import Foot, hold_feet
-from .limbs import LIMBS, Task, limb_goal, solve_limb, turn_limb
+from .limbs import LIMBS, Task, keep_forward, limb_goal, solve_limb, turn_limb
 from .points import HEAD, HIPS, PELVIS, SIDES, at, rest_height
 from .state import PoseState
 from .tracked import Tracked
@@ -107,6 +107,8 @@ def move_legs(
     for k, (side, leg, task) in enumerate(zip(SIDES, LEGS, tasks, strict=True)):
         name = f"{side}_leg"
         ease_limb(task, seen, settings.ease, leg, name in changed, turn, state.begun, state.limb[name])
+        if state.limb[name].end.runs or state.limb[name].middle.runs:
+            keep_forward(task, seen, leg, body.rotation[leg.start])
         free.append(solve_limb(task))
         end = free[k][1]
         ball, toe = at(f"{side}_foot"), at(f"{side}_toe")

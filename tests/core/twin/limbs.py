@@ -51,6 +51,7 @@ class Task:
     middle_turned: bool  # that of the lower bone
     upper: np.ndarray  # bones as their rotations carry them
     lower: np.ndarray
+    ahead: np.ndarray  # the shin's front, which a thigh is never behind; zero for arms
 
     @property
     def longest(self) -> float:
@@ -61,17 +62,21 @@ class Task:
 def limb_goal(seen: Tracked, limb: Limb, rotation: np.ndarray, output: np.ndarray, start: np.ndarray) -> Task:
     """Where measured points, rotations (22, 3, 3) and the prediction would have a limb, before easing.
 
-    `output` has the rotations (52, 3, 3) of hands and feet as they are output.
+    `output` has the rotations (52, 3, 3) of hands, feet and measured bones as they are output.
     """
+    start_turned, middle_turned = seen.turned(limb.start), seen.turned(limb.middle)
+    upper = (output if start_turned else rotation)[limb.start]  # measured ones are eased already
+    lower = (output if middle_turned else rotation)[limb.middle]
     task = Task(
         end=np.zeros(3),
         middle=np.zeros(3),
         end_seen=bool(seen.has_position[limb.end]),
         middle_seen=bool(seen.has_position[limb.middle]),
-        start_turned=seen.turned(limb.start),
-        middle_turned=seen.turned(limb.middle),
-        upper=rotation[limb.start] @ seen.rest_offset[limb.middle],
-        lower=rotation[limb.middle] @ seen.rest_offset[limb.end],
+        start_turned=start_turned,
+        middle_turned=middle_turned,
+        upper=upper @ seen.rest_offset[limb.middle],
+        lower=lower @ seen.rest_offset[limb.end],
+        ahead=lower[:, 2] if limb.kind == "leg" else np.zeros(3),
     )
     task.middle = seen.position[limb.middle] - start if task.middle_seen else task.upper
     task.end = task.middle + task.lower
@@ -89,13 +94,24 @@ def limb_goal(seen: Tracked, limb: Limb, rotation: np.ndarray, output: np.ndarra
     return task
 
 
+def unnatural_side(limb: Limb, start: np.ndarray, upper: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """The direction in which a limb's middle joint never goes, turned with the limb from its upper bone as predicted."""
+    return turned_onto(start, upper, unit(end))[:, 2] * (-1 if limb.kind == "leg" else 1)
+
+
+def keep_forward(task: Task, seen: Tracked, limb: Limb, thigh: np.ndarray) -> None:
+    """Keep a knee that is on its way to where it is measured from bending backward, seen from the thigh's rotation."""
+    backward = unnatural_side(limb, thigh, thigh @ seen.rest_offset[limb.middle], task.end)
+    task.middle = task.middle - max(task.middle @ backward, 0.0) * backward
+
+
 def natural_middle(seen: Tracked, limb: Limb, task: Task, start: np.ndarray) -> np.ndarray:
     """Where the middle joint should be if it is not measured: as predicted, but on its natural side.
 
     A knee never goes backward, and bends about the axis that measured rotations of pelvis and foot have to the left.
     """
     leg, direction = limb.kind == "leg", unit(task.end)
-    unnatural = turned_onto(start, task.upper, direction)[:, 2] * (-1 if leg else 1)
+    unnatural = unnatural_side(limb, start, task.upper, task.end)
     wrong = max(task.middle @ unnatural, 0.0) if leg else 0.0
     side = task.middle - (wrong + BENT[limb.kind] * task.longest) * unnatural
     if not leg or not seen.turned(limb.end) or not seen.has_position[limb.end]:
@@ -112,7 +128,8 @@ def solve_limb(task: Task) -> tuple[np.ndarray, np.ndarray]:
     elif task.start_turned:
         middle = task.upper
     elif task.middle_turned:
-        middle = upper * unit(task.end - task.lower)
+        thigh = task.end - task.lower
+        middle = upper * unit(thigh + (not task.end_seen) * max(-thigh @ task.ahead, 0.0) * task.ahead)
     else:
         return reach(task.end, upper, lower, task.middle)
     if task.middle_turned and not task.end_seen:
