@@ -95,7 +95,7 @@ def limb_goal(seen: Tracked, limb: Limb, rotation: np.ndarray, output: np.ndarra
 
 
 def unnatural_side(limb: Limb, start: np.ndarray, upper: np.ndarray, end: np.ndarray) -> np.ndarray:
-    """The direction in which a limb's middle joint never goes, turned with the limb from its upper bone as predicted."""
+    """The direction in which a limb's middle joint never goes, turned with it from its predicted upper bone."""
     return turned_onto(start, upper, unit(end))[:, 2] * (-1 if limb.kind == "leg" else 1)
 
 
