@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import json
 import re
 import struct
 from collections.abc import Callable
@@ -17,6 +18,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from virtual import PLUG_IN_GAIT, worn
 
+from bodysense.cli import main
 from bodysense.demo import performance_of_stranger
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
@@ -292,6 +294,19 @@ def test_gaps_come_back_near_the_truth_and_without_steps(
     k = 2 + 3 * names.index("ball")
     assert all(cell == "" for row in rows[50:60] for cell in row[k : k + 3])  # it is not worn
     assert [take.markers.found.raw.names[k] for k in take.filled_markers.foreign] == ["ball"]  # type: ignore[union-attr]
+
+
+def test_gaps_that_remain_are_a_warning(
+    tmp_path: Path, holed: dict[str, np.ndarray], capsys: pytest.CaptureFixture[str]
+) -> None:
+    hole = holed["ball"].copy()
+    hole[50:60] = np.nan
+    (tmp_path / "a.trc").write_bytes(trc(holed | {"ball": hole}))
+    paths = [str(tmp_path / name) for name in ("a.trc", "out.trc", "out.json")]
+    main(["track", paths[0], "-o", paths[1], "--json", paths[2], "--quiet"])
+    values, said = json.loads((tmp_path / "out.json").read_text()), capsys.readouterr().err
+    assert f"WARNING: {values['warnings'][-1]}" in said and said.rstrip().endswith("'ball'")
+    assert values["filled_frames"] == {name: end - first for name, (first, end) in GAPS.items()}
 
 
 def c3d_of(path: Path, markers: dict[str, np.ndarray]) -> None:
