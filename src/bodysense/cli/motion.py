@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -209,7 +210,7 @@ def track(  # noqa: PLR0915
         take = complete(
             opened,
             device=device,
-            missing=missing or (),
+            missing=() if missing is None else missing,
             person=wearer,
             height=height,
             noise=seeded,
@@ -278,12 +279,14 @@ def convert(
 def _held_still(opened: MotionSource) -> str:
     """Return a description of limbs of a BVH file that are held still, or an empty string without any."""
     try:
-        partial = None if opened.bvh is None else opened.with_holes(())
+        joints, held = opened.held_still()
     except BodysenseError:  # joints that do not hang on one another: no limb can be judged
         return ""
-    if partial is None or not partial.holes.any():
-        return ""
-    return f"limbs are held still while the body moves, as lost ones are ({_listed_holes(partial)})"
+    return (
+        f"limbs are held still while the body moves, as lost ones are ({_listed_holes(joints, held)})"
+        if held.any()
+        else ""
+    )
 
 
 def _check_outputs(file: Path, out: Path, rig: str | None, *more: Path | None) -> None:
@@ -340,16 +343,16 @@ def holes_line(partial: PartialMotion) -> str:
         )
     if partial.clip.lacks and not partial.holes.any():
         return f"completed {' and '.join(partial.clip.lacks)}, which the motion lacks"
-    return f"filled {_listed_holes(partial)}"
+    return f"filled {_listed_holes(partial.rig.joints, partial.holes)}"
 
 
-def _listed_holes(partial: PartialMotion) -> str:
+def _listed_holes(joints: Sequence[str], holes: np.ndarray) -> str:
     """Return how many frames of each joint are missing."""
-    count = partial.holes.sum(axis=0)
+    count = holes.sum(axis=0)
     order = [joint for joint in count.argsort(kind="stable")[::-1].tolist() if count[joint]]
-    named = ", ".join(f"{partial.rig.joints[joint]} {count[joint]}" for joint in order[:_LISTED])
+    named = ", ".join(f"{joints[joint]} {count[joint]}" for joint in order[:_LISTED])
     more = f" and {len(order) - _LISTED} more joints" if len(order) > _LISTED else ""
-    return f"frames, of {len(partial.holes)}: {named}{more}"
+    return f"frames, of {len(holes)}: {named}{more}"
 
 
 def _filled_markers_line(take: Take) -> str:
