@@ -208,7 +208,7 @@ def test_convert_warns_of_limbs_that_are_held_still(
     rotation[5:, elbow] = rotation[5, elbow]
     write_bvh(whole, replace(clip, pose=replace(clip.pose, rotation=rotation)))
     monkeypatch.setattr(filling, "read_rigged", None)  # the file's rig is recognised once
-    assert main(["convert", str(whole), "-o", str(out)]) == 0
-    said = capsys.readouterr().err
-    assert "WARNING: limbs are held still" in said and "left_elbow 2" in said
+    assert main(["convert", str(whole), "-o", str(out), "--json", str(tmp_path / "out.json")]) == 0
+    said, (line,) = capsys.readouterr().err, json.loads((tmp_path / "out.json").read_text())["warnings"]
+    assert f"WARNING: {line}" in said and "WARNING: limbs are held still" in said and "left_elbow 2" in said
     assert "complete them: bodysense track whole.bvh -o out.glb" in said

@@ -256,7 +256,7 @@ def convert(
             the motion is fitted.
         rate: frames a second of the output; those of the file if omitted.
         file_rate: frames a second of a file that does not say it.
-        json: file for the result as JSON: outputs, frames, frame rate, rig.
+        json: file for the result as JSON: outputs, frames, frame rate, rig, warnings.
         reading: what the file does not say of itself.
     """
     from bodysense.conversion import convert as converted
@@ -271,9 +271,12 @@ def convert(
     opened = open_motion(file, reading, file_rate, "--file-rate")
     clip = converted(opened, out, rig=rig, rate=rate)
     print(f"wrote {out}: {len(clip)} frames at {clip.frame_rate:g} Hz on {rig}")
-    if held := _held_still(opened):
-        print(f"WARNING: {held}; complete them: bodysense track {file.name} -o {out.name}", file=sys.stderr)
-    write_summary(json, [out], {"frames": len(clip), "frame_rate": round(clip.frame_rate, 6), "rig": rig})
+    held = _held_still(opened)
+    warnings = [f"{held}; complete them: bodysense track {file.name} -o {out.name}"] if held else []
+    for line in warnings:
+        print(f"WARNING: {line}", file=sys.stderr)
+    values = {"frames": len(clip), "frame_rate": round(clip.frame_rate, 6), "rig": rig, "warnings": warnings}
+    write_summary(json, [out], values)
 
 
 def _held_still(opened: MotionSource) -> str:
