@@ -42,6 +42,8 @@ from bodysense.observation import Observation, in_our_world
 _MANY_KINDS = (".npz", ".npy")  # of motions, recordings or places of joints: their content tells
 MOTION_ENDINGS = (".bvh", ".npz", ".npy", *io_gltf.ENDINGS)
 Kind = Literal["motion", "recording", "markers", "video"]
+HeldStill = tuple[tuple[str, ...], np.ndarray]  # joints of a file, and (T, J) bool: limbs held still as lost ones are
+_NOTHING_HELD: HeldStill = (), np.zeros((0, 0), dtype=bool)
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,6 +55,7 @@ class MotionSource:
     given: Clip | None = None  # the motion in memory
     options: ReadingOptions = AS_FOUND
     rate: float | None = None  # Hz, of a file that does not say it
+    watches_limbs: bool = False  # look for limbs of a BVH file that are held still, when it is read
 
     @property
     def bvh(self) -> Path | None:
@@ -77,31 +80,22 @@ class MotionSource:
         """Lines about what was recognised in the file."""
         return self._read[1]
 
+    @property
+    def held_still(self) -> HeldStill:
+        """Limbs of a BVH file that are held still, if they are watched."""
+        return self._read[2]
+
     @cached_property
-    def _read(self) -> tuple[Clip, tuple[str, ...]]:
+    def _read(self) -> tuple[Clip, tuple[str, ...], HeldStill]:
         if self.given is not None:
-            return self.given, ()
+            return self.given, (), _NOTHING_HELD
         assert self.path is not None
         if self.path.suffix.lower() in (*_MANY_KINDS, *io_gltf.ENDINGS):
-            return _read_motion(self.path, self.options, self.rate)
-        return self._rigged.clip, (f"read {self.path}: {self._rigged.rig.line()}",)
-
-    @cached_property
-    def _rigged(self) -> Rigged:
-        """The content of a BVH file."""
-        assert self.path is not None
-        data = MotionFile(self.path).read() if self.path.suffix.lower() == ZIP else read_bytes(self.path)
-        return read_rigged(data, self.path, self.options)
-
-    def held_still(self) -> tuple[tuple[str, ...], np.ndarray]:
-        """Return the joints of the motion's BVH file, and (T, J) bool: limbs that are held still as lost ones are.
-
-        Raises BodysenseError if the joints do not hang on one another, so that no limb can be judged.
-        """
-        if self.bvh is None:
-            return (), np.zeros((len(self.clip), 0), dtype=bool)
-        file = open_bvh(self.bvh)
-        return file.joints, flat_lined(file, joints_of_file(file, self._rigged))
+            return *_read_motion(self.path, self.options, self.rate), _NOTHING_HELD
+        data = MotionFile(self.path).read() if self.bvh is None else read_bytes(self.path)
+        rigged = read_rigged(data, self.path, self.options)
+        held = _NOTHING_HELD if self.bvh is None or not self.watches_limbs else _held_still(self.bvh, rigged)
+        return rigged.clip, (f"read {self.path}: {rigged.rig.line()}",), held
 
     def with_holes(self, missing: Sequence[Missing]) -> PartialMotion:
         """Return the motion with what is missing of it: the joints given, else what its BVH file itself shows."""
@@ -278,6 +272,14 @@ def _read_motion(path: Path, options: ReadingOptions, rate: float | None) -> tup
         )
     clip, placement = read_amass_source(MotionEntry(path, person="", split="test"), options)
     return clip, () if placement is None else (f"note: {placement.remark}",)
+
+
+def _held_still(path: Path, rigged: Rigged) -> HeldStill:
+    try:
+        file = open_bvh(path)
+        return file.joints, flat_lined(file, joints_of_file(file, rigged))
+    except BodysenseError:  # frames without lines, or joints that do not hang on one another: no limb can be judged
+        return _NOTHING_HELD
 
 
 def _check_video(name: str, reading: ReadingOptions, markers: MarkerOptions) -> None:

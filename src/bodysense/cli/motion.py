@@ -268,28 +268,17 @@ def convert(
     check_rate("--file-rate", file_rate)
     if json is not None:
         check_place(json)
-    opened = open_motion(file, reading, file_rate, "--file-rate")
+    opened = open_motion(file, reading, file_rate, "--file-rate", watches_limbs=True)
     clip = converted(opened, out, rig=rig, rate=rate)
     print(f"wrote {out}: {len(clip)} frames at {clip.frame_rate:g} Hz on {rig}")
-    held = _held_still(opened)
-    warnings = [f"{held}; complete them: bodysense track {file.name} -o {out.name}"] if held else []
-    for line in warnings:
-        print(f"WARNING: {line}", file=sys.stderr)
+    joints, held = opened.held_still
+    warnings = []
+    if held.any():
+        lost = f"limbs are held still while the body moves, as lost ones are ({_listed_holes(joints, held)})"
+        warnings.append(f"{lost}; complete them: bodysense track {file.name} -o {out.name}")
+        print(f"WARNING: {warnings[0]}", file=sys.stderr)
     values = {"frames": len(clip), "frame_rate": round(clip.frame_rate, 6), "rig": rig, "warnings": warnings}
     write_summary(json, [out], values)
-
-
-def _held_still(opened: MotionSource) -> str:
-    """Return a description of limbs of a BVH file that are held still, or an empty string without any."""
-    try:
-        joints, held = opened.held_still()
-    except BodysenseError:  # joints that do not hang on one another: no limb can be judged
-        return ""
-    return (
-        f"limbs are held still while the body moves, as lost ones are ({_listed_holes(joints, held)})"
-        if held.any()
-        else ""
-    )
 
 
 def _check_outputs(file: Path, out: Path, rig: str | None, *more: Path | None) -> None:
