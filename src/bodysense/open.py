@@ -19,11 +19,12 @@ from bodysense.errors import BodysenseError
 from bodysense.files import read_bytes
 from bodysense.filling import PartialMotion, open_partial
 from bodysense.io.archive import ZIP, MotionFile
+from bodysense.io.bvh_stream import open_bvh
 from bodysense.io.clip import Clip
 from bodysense.io.datasets.sources import Source as MotionEntry
 from bodysense.io.datasets.sources import as_told, read_amass_source
 from bodysense.io.gltf import motion as io_gltf
-from bodysense.io.holes import Missing
+from bodysense.io.holes import Missing, flat_lined
 from bodysense.io.markers.body import body_of
 from bodysense.io.markers.files import ENDINGS as MARKER_ENDINGS
 from bodysense.io.markers.files import is_marker_file, read_unlabelled
@@ -33,13 +34,16 @@ from bodysense.io.markers.raw_markers import RawMarkers
 from bodysense.io.markers.recording import MarkerRecording, read_markers, with_hands_of
 from bodysense.io.recording import Recording, is_recording, read_recording
 from bodysense.io.rigs.options import AS_FOUND, ReadingOptions
-from bodysense.io.rigs.rigged import read_rigged
-from bodysense.io.smpl import PICKLES, is_smpl, joint_places, read_smpl
+from bodysense.io.rigs.rigged import Rigged, read_rigged
+from bodysense.io.rigs.source_joints import joints_of_file
+from bodysense.io.smpl import PICKLES, RATE, is_smpl, joint_places, read_smpl
 from bodysense.observation import Observation, in_our_world
 
 _MANY_KINDS = (".npz", ".npy")  # of motions, recordings or places of joints: their content tells
 MOTION_ENDINGS = (".bvh", ".npz", ".npy", *io_gltf.ENDINGS)
 Kind = Literal["motion", "recording", "markers", "video"]
+HeldStill = tuple[tuple[str, ...], np.ndarray]  # joints of a file, and (T, J) bool: limbs held still as lost ones are
+_NOTHING_HELD: HeldStill = (), np.zeros((0, 0), dtype=bool)
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,6 +55,7 @@ class MotionSource:
     given: Clip | None = None  # the motion in memory
     options: ReadingOptions = AS_FOUND
     rate: float | None = None  # Hz, of a file that does not say it
+    watches_limbs: bool = False  # look for limbs of a BVH file that are held still, when it is read
 
     @property
     def bvh(self) -> Path | None:
@@ -75,12 +80,22 @@ class MotionSource:
         """Lines about what was recognised in the file."""
         return self._read[1]
 
+    @property
+    def held_still(self) -> HeldStill:
+        """Limbs of a BVH file that are held still, if they are watched."""
+        return self._read[2]
+
     @cached_property
-    def _read(self) -> tuple[Clip, tuple[str, ...]]:
+    def _read(self) -> tuple[Clip, tuple[str, ...], HeldStill]:
         if self.given is not None:
-            return self.given, ()
+            return self.given, (), _NOTHING_HELD
         assert self.path is not None
-        return _read_motion(self.path, self.options, self.rate)
+        if self.path.suffix.lower() in (*_MANY_KINDS, *io_gltf.ENDINGS):
+            return *_read_motion(self.path, self.options, self.rate), _NOTHING_HELD
+        data = MotionFile(self.path).read() if self.bvh is None else read_bytes(self.path)
+        rigged = read_rigged(data, self.path, self.options)
+        held = _NOTHING_HELD if self.bvh is None or not self.watches_limbs else _held_still(self.bvh, rigged)
+        return rigged.clip, (f"read {self.path}: {rigged.rig.line()}",), held
 
     def with_holes(self, missing: Sequence[Missing]) -> PartialMotion:
         """Return the motion with what is missing of it: the joints given, else what its BVH file itself shows."""
@@ -163,11 +178,17 @@ def _motion_source(path: Path, reading: ReadingOptions, markers: MarkerOptions) 
     if replace(markers, rate=None) != NO_OPTIONS:
         kinds = ", ".join(MARKER_ENDINGS)
         raise BodysenseError(f"{path}: a motion; --names, --unlabelled and their like are for markers, {kinds}")
-    if markers.rate is not None and not (path.suffix.lower() in _MANY_KINDS and is_smpl(path)):
+    if markers.rate is not None and _says_rate(path):
         raise BodysenseError(
             f"{path}: the file says its frame rate; leave --rate {markers.rate:g} out (bodysense convert resamples)"
         )
     return MotionSource(str(path), path, options=reading, rate=markers.rate)
+
+
+def _says_rate(path: Path) -> bool:
+    """Whether a motion says its frame rate; that of an SMPL file is a fact that an option may correct."""
+    is_archive = path.suffix.lower() in _MANY_KINDS
+    return not is_archive or (not is_smpl(path) and not array_shapes(path).keys().isdisjoint(RATE))
 
 
 def kind_of(source: str | Path) -> Kind:
@@ -240,7 +261,7 @@ def _check_images(path: Path) -> None:
 
 
 def _read_motion(path: Path, options: ReadingOptions, rate: float | None) -> tuple[Clip, tuple[str, ...]]:
-    """Read a motion in canonical form, and lines on what was recognised; `rate` Hz if its file does not say it."""
+    """Read an AMASS, SMPL or glTF file, and lines on what was recognised; `rate` Hz if its file does not say it."""
     if path.suffix.lower() in _MANY_KINDS and is_smpl(path):
         clip, remarks = read_smpl(path, rate, options.smpl_model)
         return as_told(clip, options, "results of SMPL", "y"), tuple(f"note: {remark}" for remark in remarks)
@@ -249,12 +270,16 @@ def _read_motion(path: Path, options: ReadingOptions, rate: float | None) -> tup
         return as_told(clip, replace(options, joints=None), "glTF files", "y"), tuple(
             f"note: {remark}" for remark in remarks
         )
-    if path.suffix.lower() == ".npz":
-        clip, placement = read_amass_source(MotionEntry(path, person="", split="test"), options)
-        return clip, () if placement is None else (f"note: {placement.remark}",)
-    data = MotionFile(path).read() if path.suffix.lower() == ZIP else read_bytes(path)
-    rigged = read_rigged(data, path, options)
-    return rigged.clip, (f"read {path}: {rigged.rig.line()}",)
+    clip, placement = read_amass_source(MotionEntry(path, person="", split="test"), options)
+    return clip, () if placement is None else (f"note: {placement.remark}",)
+
+
+def _held_still(path: Path, rigged: Rigged) -> HeldStill:
+    try:
+        file = open_bvh(path)
+        return file.joints, flat_lined(file, joints_of_file(file, rigged))
+    except BodysenseError:  # frames without lines, or joints that do not hang on one another: no limb can be judged
+        return _NOTHING_HELD
 
 
 def _check_video(name: str, reading: ReadingOptions, markers: MarkerOptions) -> None:

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bodysense import filling
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.cli import main
 from bodysense.demo import packaged_performance
@@ -155,6 +156,8 @@ def test_the_rate_of_a_file_that_says_it_is_refused(tmp_path: Path, motion: Path
     np.save(tmp_path / "turns.npy", np.zeros((5, 66)))
     assert "30 Hz is taken (--file-rate)" in run("convert", tmp_path / "turns.npy", "-o", out)
     assert "5 frames at 60 Hz" in run("convert", tmp_path / "turns.npy", "-o", out, "--file-rate", 60)
+    np.savez(tmp_path / "other.npz", joints=np.zeros((5, 22, 3)))
+    assert "no 'poses' in it" in refused("track", tmp_path / "other.npz", "-o", out, "--rate", 60)
 
 
 @pytest.fixture
@@ -188,13 +191,14 @@ def test_track_says_how_a_motion_was_read(inches: Path, tmp_path: Path, run) -> 
 
 def test_a_filled_file_keeps_its_size_and_refuses_another(whole: Path, tmp_path: Path, run, refused) -> None:
     """A height holds for our own rig alone; filling without it, or on our rig, works."""
+    assert "an item is empty; name joints" in refused("track", whole, "--missing", "", "-o", tmp_path / "out.bvh")
     filling = ("track", whole, "--missing", "left_hand:3-9", "-o", tmp_path / "out.bvh")
     assert "--height 1.5 would not change the body's; leave that out" in refused(*filling, "--height", 1.5)
     assert "wrote" in run(*filling, "--height", 1.5, "--rig", "bodysense") and "wrote" in run(*filling)
 
 
 def test_convert_warns_of_limbs_that_are_held_still(
-    whole: Path, tmp_path: Path, run, capsys: pytest.CaptureFixture[str]
+    whole: Path, tmp_path: Path, run, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     out = tmp_path / "out.glb"
     assert "WARNING" not in run("convert", whole, "-o", out)
@@ -203,7 +207,8 @@ def test_convert_warns_of_limbs_that_are_held_still(
     elbow = clip.pose.skeleton.index("left_elbow")
     rotation[5:, elbow] = rotation[5, elbow]
     write_bvh(whole, replace(clip, pose=replace(clip.pose, rotation=rotation)))
-    assert main(["convert", str(whole), "-o", str(out)]) == 0
-    said = capsys.readouterr().err
-    assert "WARNING: limbs are held still" in said and "left_elbow 2" in said
+    monkeypatch.setattr(filling, "read_rigged", None)  # the file's rig is recognised once
+    assert main(["convert", str(whole), "-o", str(out), "--json", str(tmp_path / "out.json")]) == 0
+    said, (line,) = capsys.readouterr().err, json.loads((tmp_path / "out.json").read_text())["warnings"]
+    assert f"WARNING: {line}" in said and "WARNING: limbs are held still" in said and "left_elbow 2" in said
     assert "complete them: bodysense track whole.bvh -o out.glb" in said

@@ -52,6 +52,7 @@ def test_ranges_and_what_hangs_on_a_joint() -> None:
     }  # fmt: skip
     assert told("mixamorig:LeftForeArm:4-4") == {(4, "mixamorig:LeftForeArm")}
     assert missing_items(["a", "b+:0-7"]) == (Missing("a"), Missing("b", True, (0, 7)))
+    assert missing_items("a , b : 0 - 7") == (Missing("a", False, (0, 7)), Missing("b", False, (0, 7)))
     assert below(4, PARENTS) == [4, 5, 6]
 
 
@@ -68,6 +69,7 @@ def test_ranges_and_what_hangs_on_a_joint() -> None:
         ("left_forearm;left_hand", "more than one joint"),
         ("LeftHand:5", "frames are given as FIRST-LAST, such as LeftHand:0-99"),
         ("mixamorig:LeftForeArm:5-", "as FIRST-LAST, such as mixamorig:LeftForeArm:0-99"),
+        ("LeftHand:5:8", "frames are given as FIRST-LAST, such as LeftHand:0-99"),
         ("", "an item is empty"),
     ],
 )

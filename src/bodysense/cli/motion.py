@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -20,14 +21,14 @@ from bodysense.devices.simulated.device import DeviceName
 from bodysense.errors import BodysenseError
 from bodysense.files import check_place
 from bodysense.io.markers.options import NO_OPTIONS, MarkerOptions
+from bodysense.io.markers.raw_markers import listed
 from bodysense.io.rigs.options import AS_FOUND
 from bodysense.ranges import Samples, Seed
 
 if TYPE_CHECKING:
     from bodysense.body.person import Person
     from bodysense.filling import PartialMotion
-    from bodysense.io.markers.gaps import FilledMarkers
-    from bodysense.open import MarkerSource, MotionSource
+    from bodysense.open import MotionSource
     from bodysense.take import Take
 
 _LISTED = 12  # joints or markers that a line lists
@@ -139,7 +140,7 @@ def track(  # noqa: PLR0915
             changes.
         samples: number of plausible bodies for one signal of head and wrists, OUT_1.bvh, OUT_2.bvh …, by HMD-VAE.
         seed: random seed of samples and noise.
-        json: file for the result as JSON: outputs, frames, height, filled frames of each joint, warnings.
+        json: file for the result as JSON: outputs, frames, height, filled frames of each joint or marker, warnings.
         reading: what the file does not say of itself. Of a recording: --floor; and --height, the wearer's, from which
             other proportions are inferred (if omitted, the body is the recording's, or inferred, too).
     """
@@ -209,7 +210,7 @@ def track(  # noqa: PLR0915
         take = complete(
             opened,
             device=device,
-            missing=missing or (),
+            missing=() if missing is None else missing,
             person=wearer,
             height=height,
             noise=seeded,
@@ -225,11 +226,14 @@ def track(  # noqa: PLR0915
         print(take.partial.line)
     take.save(out, rig)
     print(f"wrote {out}: {len(take.time)} frames at {rate:.0f} frames/s")
-    _say(take, out)
+    warnings = (*take.remarks, *(_gaps_left(take) if markers_out else ()))
+    _say(take, warnings, markers_out)
     if save_person is not None:
         take.person.save(save_person)
         print(f"wrote {save_person}")
-    write_summary(json, [out] if save_person is None else [out, save_person], take_values(take, rate))
+    write_summary(
+        json, [out] if save_person is None else [out, save_person], take_values(take, rate, warnings, markers_out)
+    )
 
 
 def convert(
@@ -252,7 +256,7 @@ def convert(
             the motion is fitted.
         rate: frames a second of the output; those of the file if omitted.
         file_rate: frames a second of a file that does not say it.
-        json: file for the result as JSON: outputs, frames, frame rate, rig.
+        json: file for the result as JSON: outputs, frames, frame rate, rig, warnings.
         reading: what the file does not say of itself.
     """
     from bodysense.conversion import convert as converted
@@ -264,23 +268,17 @@ def convert(
     check_rate("--file-rate", file_rate)
     if json is not None:
         check_place(json)
-    opened = open_motion(file, reading, file_rate, "--file-rate")
+    opened = open_motion(file, reading, file_rate, "--file-rate", watches_limbs=True)
     clip = converted(opened, out, rig=rig, rate=rate)
     print(f"wrote {out}: {len(clip)} frames at {clip.frame_rate:g} Hz on {rig}")
-    if held := _held_still(opened):
-        print(f"WARNING: {held}; complete them: bodysense track {file.name} -o {out.name}", file=sys.stderr)
-    write_summary(json, [out], {"frames": len(clip), "frame_rate": round(clip.frame_rate, 6), "rig": rig})
-
-
-def _held_still(opened: MotionSource) -> str:
-    """Return a description of limbs of a BVH file that are held still, or an empty string without any."""
-    try:
-        partial = None if opened.bvh is None else opened.with_holes(())
-    except BodysenseError:  # joints that do not hang on one another: no limb can be judged
-        return ""
-    if partial is None or not partial.holes.any():
-        return ""
-    return f"limbs are held still while the body moves, as lost ones are ({_listed_holes(partial)})"
+    joints, held = opened.held_still
+    warnings = []
+    if held.any():
+        lost = f"limbs are held still while the body moves, as lost ones are ({_listed_holes(joints, held)})"
+        warnings.append(f"{lost}; complete them: bodysense track {file.name} -o {out.name}")
+        print(f"WARNING: {warnings[0]}", file=sys.stderr)
+    values = {"frames": len(clip), "frame_rate": round(clip.frame_rate, 6), "rig": rig, "warnings": warnings}
+    write_summary(json, [out], values)
 
 
 def _check_outputs(file: Path, out: Path, rig: str | None, *more: Path | None) -> None:
@@ -303,18 +301,15 @@ def _check_outputs(file: Path, out: Path, rig: str | None, *more: Path | None) -
             check_place(path)
 
 
-def _say(take: Take, out: Path) -> None:
-    """Print what was found out of a recording."""
-    from bodysense.io.markers.files import is_marker_file
-
+def _say(take: Take, warnings: tuple[str, ...], markers_out: bool) -> None:
+    """Print what was found out of a recording, and what was filled."""
     if take.partial is not None:
         print(holes_line(take.partial))
-    for line in take.remarks:
+    for line in warnings:
         if take.markers is None or line not in take.markers.warnings:  # those were printed when the file was opened
             print(f"WARNING: {line}", file=sys.stderr)
-    if take.markers is not None and is_marker_file(out):
-        for line in marker_lines(take.filled_markers, take.markers):
-            print(line)
+    if markers_out:
+        print(_filled_markers_line(take))
     if take.person.bone_deviation.any():
         print(inferred_line(take.person))
 
@@ -340,36 +335,34 @@ def holes_line(partial: PartialMotion) -> str:
         )
     if partial.clip.lacks and not partial.holes.any():
         return f"completed {' and '.join(partial.clip.lacks)}, which the motion lacks"
-    return f"filled {_listed_holes(partial)}"
+    return f"filled {_listed_holes(partial.rig.joints, partial.holes)}"
 
 
-def _listed_holes(partial: PartialMotion) -> str:
+def _listed_holes(joints: Sequence[str], holes: np.ndarray) -> str:
     """Return how many frames of each joint are missing."""
-    count = partial.holes.sum(axis=0)
+    count = holes.sum(axis=0)
     order = [joint for joint in count.argsort(kind="stable")[::-1].tolist() if count[joint]]
-    named = ", ".join(f"{partial.rig.joints[joint]} {count[joint]}" for joint in order[:_LISTED])
+    named = ", ".join(f"{joints[joint]} {count[joint]}" for joint in order[:_LISTED])
     more = f" and {len(order) - _LISTED} more joints" if len(order) > _LISTED else ""
-    return f"frames, of {len(partial.holes)}: {named}{more}"
+    return f"frames, of {len(holes)}: {named}{more}"
 
 
-def marker_lines(done: FilledMarkers, markers: MarkerSource) -> list[str]:
-    """Lines about filled markers: frames of each, and markers that still have gaps."""
-    assert markers.found is not None
-    raw, counts = markers.found.raw, done.filled.sum(axis=0)
+def _filled_markers_line(take: Take) -> str:
+    """Return a line about how many frames of each marker were filled."""
+    assert take.markers is not None and take.markers.found is not None
+    raw, counts = take.markers.found.raw, take.filled_markers.filled.sum(axis=0)
     order = [k for k in counts.argsort(kind="stable")[::-1].tolist() if counts[k]]
     named = ", ".join(f"{raw.names[k]} {counts[k]}" for k in order[:_LISTED])
     more = f" and {len(order) - _LISTED} more markers" if len(order) > _LISTED else ""
-    lines = [
-        f"filled, in frames of {len(raw.time)}: {named}{more}" if order else "no marker has a gap: none was filled"
-    ]
-    still = [k for k in range(len(raw.names)) if not (np.isfinite(raw.position[:, k, 0]) | done.filled[:, k]).all()]
-    if still:
-        rest = ", ".join(raw.names[k] for k in still[:_LISTED])
-        lines.append(
-            f"warning: {len(still)} still have gaps, never seen, not worn on the body, or no markers: {rest}"
-            + (" …" if len(still) > _LISTED else "")
-        )
-    return lines
+    return f"filled, in frames of {len(raw.time)}: {named}{more}" if order else "no marker has a gap: none was filled"
+
+
+def _gaps_left(take: Take) -> tuple[str, ...]:
+    """Return a line about markers that still have gaps, if there are any."""
+    assert take.markers is not None and take.markers.found is not None
+    raw, filled = take.markers.found.raw, take.filled_markers.filled
+    still = [raw.names[k] for k in np.flatnonzero(~(np.isfinite(raw.position[..., 0]) | filled).all(axis=0)).tolist()]
+    return (f"gaps remain (never seen, not worn on the body, or no markers): {listed(still)}",) if still else ()
 
 
 def inferred_line(person: Person) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -22,8 +23,17 @@ def load_clip(file: Path, reading: ReadingOptions, rate: float | None = None) ->
     return open_motion(file, reading, rate).clip
 
 
-def open_motion(file: Path, reading: ReadingOptions, rate: float | None = None, option: str = "--rate") -> MotionSource:
+def open_motion(
+    file: Path,
+    reading: ReadingOptions,
+    rate: float | None = None,
+    option: str = "--rate",
+    *,
+    watches_limbs: bool = False,
+) -> MotionSource:
     """Open a user's motion, and print what was recognised; `option` gives the rate of a file that does not say it.
+
+    `watches_limbs` looks for limbs of a BVH file that are held still.
 
     Raises BodysenseError for every other kind of file.
     """
@@ -33,6 +43,7 @@ def open_motion(file: Path, reading: ReadingOptions, rate: float | None = None, 
     try:
         opened = open_source(file, reading, MarkerOptions(rate=rate)) if kind == "motion" else kind
         if isinstance(opened, MotionSource):
+            opened = replace(opened, watches_limbs=watches_limbs)
             for line in opened.remarks:
                 print(line.replace("--rate", option))
             return opened

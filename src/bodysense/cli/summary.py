@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -24,8 +24,11 @@ def write_summary(path: Path | None, outputs: list[Path], values: Mapping[str, A
         beside.write_text(json.dumps(whole, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
 
 
-def take_values(take: Take, speed: float) -> dict[str, Any]:
-    """Return values about a completed take: frames, Hz, speed, height in metres, filled frames and warnings."""
+def take_values(take: Take, speed: float, warnings: Sequence[str], of_markers: bool) -> dict[str, Any]:
+    """Return values about a completed take: frames, Hz, speed, height in metres, filled frames and warnings.
+
+    If `of_markers`, filled frames are those of its markers.
+    """
     from bodysense.body.shape import stature
 
     values: dict[str, Any] = {
@@ -34,10 +37,12 @@ def take_values(take: Take, speed: float) -> dict[str, Any]:
         "frames_per_second": round(speed, 1),
         "height": round(float(stature(take.person.skeleton.rest_offset)), 4),
         "height_is_inferred": bool(take.person.bone_deviation.any() and take.person.height is None),
-        "warnings": list(take.remarks),
+        "warnings": list(warnings),
     }
+    filled: dict[str, np.ndarray] = {}
     if take.partial is not None:
-        count = np.asarray(take.partial.holes.sum(axis=0))
-        names = take.partial.rig.joints
-        values["filled_frames"] = {str(names[k]): int(count[k]) for k in np.flatnonzero(count)}
+        filled = dict(zip(take.partial.rig.joints, take.partial.holes.T, strict=True))
+    elif of_markers and take.markers is not None and take.markers.found is not None:
+        filled = dict(zip(take.markers.found.raw.names, take.filled_markers.filled.T, strict=True))
+    values["filled_frames"] = {name: int(frames.sum()) for name, frames in filled.items() if frames.any()}
     return values

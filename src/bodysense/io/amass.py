@@ -85,7 +85,8 @@ def _axis_angle(path: Path, arrays: Mapping[str, np.ndarray]) -> np.ndarray:
         parts += [checked_array(path, arrays, key, (len(root), n)) for key, n in (("pose_body", 63), ("pose_hand", 90))]
     else:
         raise BodysenseError(
-            f"{path}: no 'poses' in it (nor 'root_orient'); save them as 'poses' and 'trans' (docs/data.md)"
+            f"{path}: no 'poses' in it (nor 'root_orient'); save them as 'poses' and 'trans' (docs/data.md), or joint "
+            "places (T, 22, 3) as 'poses' alone"
         )
     axis_angle = np.concatenate(parts, axis=1)
     if not len(axis_angle):

@@ -15,8 +15,8 @@ from bodysense.io.rigs.names import joint_of
 from bodysense.io.rigs.source_joints import SourceJoints
 
 FLAT = 0.5  # s: a limb whose numbers are constant for this long, while the trunk turns, was not tracked
-_ITEM = re.compile(r"(?P<name>.+?)(?P<below>\+?)(?::(?P<first>\d+)-(?P<last>\d+))?")
-_RANGE = re.compile(r":[^:A-Za-z]*\d[^:A-Za-z]*$")  # numbers after a colon that are no range
+_ITEM = re.compile(r"(?P<name>.+?)(?P<below>\+?)(?:\s*:\s*(?P<first>\d+)\s*-\s*(?P<last>\d+))?")
+_RANGE = re.compile(r"(\s*:[^:A-Za-z]*\d[^:A-Za-z]*)+$")  # numbers after a colon that are no range
 _BETWEEN = re.compile(r"[^\w:]+")  # between words: blanks, points, dashes …
 _SIDES = ("left", "right")
 # Joints whose numbers are never constant while the body moves. Knees at their stop, toes, fingers and collars may be.
@@ -139,9 +139,7 @@ def _joint(name: str, joints: Sequence[str], ours: Mapping[str, int]) -> int:
     if name in joints:
         return joints.index(name)
     if _RANGE.search(name):
-        raise BodysenseError(
-            f"missing {name!r}: frames are given as FIRST-LAST, such as {name.rpartition(':')[0]}:0-99"
-        )
+        raise BodysenseError(f"missing {name!r}: frames are given as FIRST-LAST, such as {_RANGE.sub('', name)}:0-99")
     parts = [part for part in _BETWEEN.split(name) if part]
     if len(parts) > 1 and all(part in joints or part in ours or joint_of(part) in ours for part in parts):
         raise BodysenseError(f"missing {name!r}: more than one joint; put commas between them: {','.join(parts)}")

@@ -115,7 +115,7 @@ def _is_body(place: np.ndarray) -> bool:
 def read_smpl(
     path: str | Path, rate: float | None = None, smpl_model: Path | None = None
 ) -> tuple[Clip, tuple[str, ...]]:
-    """Read the motion of a file in canonical form, and remarks; `rate` Hz is used if the file has no rate.
+    """Read the motion of a file in canonical form, and remarks; `rate` Hz is used in place of the file's.
 
     `smpl_model` is a model file, or a folder with one for each gender, for the bones of the body's `betas`.
 

@@ -169,6 +169,41 @@ NAMED = {
 }
 
 
+def key_points(clip: Clip) -> dict[str, np.ndarray]:
+    """(T, 3) of HALPE_26's key points, with toes, nose and the top of the head where our skin has them."""
+    place, points = np.asarray(forward_kinematics(clip.pose)[0]), clip.pose.skeleton.points
+    at = {name: place[:, k] for k, name in enumerate(points)}
+    skin = worn(clip.pose, {"heel": "LHeel", "forehead": "Nose"})
+    found = {"Hip": (at["left_hip"] + at["right_hip"]) / 2, "Neck": at["neck"], "Head": at["head_top"], **skin}
+    for side, own in (("left", "L"), ("right", "R")):
+        for part in ("hip", "knee", "ankle", "shoulder", "elbow", "wrist"):
+            found[f"{own}{part.title()}"] = at[f"{side}_{part}"]
+        found |= {f"{own}BigToe": at[f"{side}_toe"], f"{own}SmallToe": at[f"{side}_foot"]}
+    return found
+
+
+def test_key_points_of_a_video(stranger: Clip) -> None:
+    """Their middle of the hips is no pelvis, their head is the top of it, and their toes are no balls of the feet."""
+    marks = key_points(stranger)
+    raw = replace(raw_of(stranger, LEGS), names=tuple(marks), position=np.stack(list(marks.values()), axis=1))
+    known = recognised(raw.names)
+    assert known is not None and known.markers.name == "key points of a video"
+    far = errors(raw, stranger)
+    assert {"head", "left_foot", "right_wrist"} <= set(far) and "pelvis" not in far
+    for joint, error in far.items():
+        assert error < {"head": 0.045, "foot": 0.03}.get(joint.rpartition("_")[2], 0.001), joint
+
+
+def test_a_middle_of_the_hips_is_no_pelvis(stranger: Clip) -> None:
+    marks = {name.replace("L", "left_").replace("R", "right_"): place for name, place in key_points(stranger).items()}
+    limbs = {name: marks[name] for name in marks if name.endswith(("Hip", "Knee", "Ankle"))}
+    raw = replace(raw_of(stranger, LEGS), names=tuple(limbs), position=np.stack(list(limbs.values()), axis=1))
+    assert "left_hip" in errors(raw, stranger) and "pelvis" not in errors(raw, stranger)
+    assert "the pelvis is left out" in found(raw).remarks[1]
+    raised = replace(raw, position=raw.position + np.array([name == "Hip" for name in limbs])[:, None] * [0, 0.087, 0])
+    assert errors(raised, stranger)["pelvis"] < 0.03
+
+
 @pytest.mark.parametrize("style", NAMED)
 def test_markers_that_are_named_as_joints(style: str) -> None:
     known = recognised([f"A:{name}" for name in NAMED[style]])
@@ -250,7 +285,7 @@ def test_a_walking_trial_without_markers_on_knees_keeps_its_feet(stranger: Clip,
 
 def test_the_sets_hold_together() -> None:
     points = set().union(*({recipe.name for recipe in one.points} for one in marker_sets()))
-    assert len(marker_sets()) == 8 and {"left_hip", "right_wrist", "head"} <= points
+    assert len(marker_sets()) == 9 and {"left_hip", "right_wrist", "head"} <= points
     for one in marker_sets():
         labels = set(one.labels.values())
         made = {recipe.name for recipe in one.points}

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import csv
+import json
+import re
 import struct
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -16,6 +18,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from virtual import PLUG_IN_GAIT, worn
 
+from bodysense.cli import main
 from bodysense.demo import performance_of_stranger
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
@@ -181,10 +184,11 @@ def written(draw: st.DrawFn) -> Written:
     layout = draw(st.sampled_from(sorted(SEPARATORS)))
     separator = draw(st.sampled_from(SEPARATORS[layout]))
     frames, count = draw(st.integers(1, 5)), draw(st.integers(1, 4))
-    point = draw(st.sampled_from([".", ","])) if separator != "," else "."
-    zeros = [] if layout == "csv" else ["0.0"]  # there zero is a place
-    absent = draw(st.sampled_from(["", "nan", "NaN", "#N/A", *zeros]))
+    has_quotes = layout in ("nexus", "motive", "csv") and draw(st.booleans())
+    point = draw(st.sampled_from([".", ","])) if separator != "," or has_quotes else "."
+    absent = draw(st.sampled_from(["", "  ", "nan", "NaN", "#N/A", "0.0", *(['""', '" "'] if has_quotes else [])]))
     form = draw(st.sampled_from(["{:.3f}", "{:.1f}", "{:.6f}", "{:.5e}", "{:+.2f}", " {:.3f} "]))
+    form = f'"{form.strip()}"' if has_quotes else form
     unit = draw(st.sampled_from(["mm", "m", "cm"]))
     gone = draw(arrays(bool, (frames, count)))
     values = draw(arrays(float, (frames, count, 3), elements=st.floats(-3000, 3000).filter(lambda x: abs(x) > 1)))
@@ -195,7 +199,8 @@ def written(draw: st.DrawFn) -> Written:
         [absent if gone[t, k] else form.format(v).replace(".", point) for k in range(count) for v in values[t, k]]
         for t in range(frames)
     ]
-    before = [[str(t + 1), f"{t / 100:.3f}".replace(".", point)] for t in range(frames)]
+    quote = '"' if point == separator else ""
+    before = [[str(t + 1), quote + f"{t / 100:.3f}".replace(".", point) + quote] for t in range(frames)]
     if layout == "trc":
         head = [["PathFileType", "4"], ["DataRate", "CameraRate", "NumFrames", "NumMarkers", "Units"]]
         head += [["100", "100", str(frames), str(count), unit], ["Frame#", "Time", *triples]]
@@ -224,6 +229,11 @@ def written(draw: st.DrawFn) -> Written:
     return Written(ending, lines, end, draw(st.sampled_from(tails)), mark, columns, gone)
 
 
+def split_at(delimiter: str, line: str) -> list[str]:
+    """A line's cells with their quotes."""
+    return re.findall(rf'(?:^|{delimiter})("[^"]*"|[^{delimiter}]*)', line)
+
+
 @pytest.mark.slow
 @given(file=written(), data=st.data())
 def test_every_byte_outside_filled_cells_stays(
@@ -243,12 +253,22 @@ def test_every_byte_outside_filled_cells_stays(
     first = len(file.lines) - len(gone)
     assert len(after) == len(file.lines) and after[:first] == file.lines[:first]
     for t in range(len(gone)):
-        old, new = (rows[first + t].split(raw.cells.delimiter) for rows in (file.lines, after))
+        old, new = (split_at(raw.cells.delimiter, rows[first + t]) for rows in (file.lines, after))
         assert len(old) == len(new)
         allowed = {column for k in np.flatnonzero(filled[t]).tolist() for column in file.columns[k]}
         assert {column for column in range(len(old)) if old[column] != new[column]} == allowed
-        assert all(float(new[column].replace(",", ".")) == pytest.approx(1234.5, abs=0.5) for column in allowed)
+        assert all(
+            float(new[column].strip('"').replace(",", ".")) == pytest.approx(1234.5, abs=0.5) for column in allowed
+        )
     np.testing.assert_array_equal(read_raw(out).position[~filled], raw.position[~filled])
+
+
+def test_blank_cells_are_filled_and_decimal_commas_quoted(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text('time,a.x,a.y,a.z\n0,"1,5","2,5","3,5"\n1,  ,"",nan\n')
+    raw = read_raw(tmp_path / "a.csv")
+    filled = np.isnan(raw.position[..., 0])
+    write_filled(tmp_path / "a.csv", tmp_path / "b.csv", raw, np.full((2, 1, 3), 4.0), filled)
+    assert (tmp_path / "b.csv").read_text().splitlines()[1:] == ['0,"1,5","2,5","3,5"', '1,"4,0","4,0","4,0"']
 
 
 def test_gaps_come_back_near_the_truth_and_without_steps(
@@ -274,6 +294,19 @@ def test_gaps_come_back_near_the_truth_and_without_steps(
     k = 2 + 3 * names.index("ball")
     assert all(cell == "" for row in rows[50:60] for cell in row[k : k + 3])  # it is not worn
     assert [take.markers.found.raw.names[k] for k in take.filled_markers.foreign] == ["ball"]  # type: ignore[union-attr]
+
+
+def test_gaps_that_remain_are_a_warning(
+    tmp_path: Path, holed: dict[str, np.ndarray], capsys: pytest.CaptureFixture[str]
+) -> None:
+    hole = holed["ball"].copy()
+    hole[50:60] = np.nan
+    (tmp_path / "a.trc").write_bytes(trc(holed | {"ball": hole}))
+    paths = [str(tmp_path / name) for name in ("a.trc", "out.trc", "out.json")]
+    main(["track", paths[0], "-o", paths[1], "--json", paths[2], "--quiet"])
+    values, said = json.loads((tmp_path / "out.json").read_text()), capsys.readouterr().err
+    assert f"WARNING: {values['warnings'][-1]}" in said and said.rstrip().endswith("'ball'")
+    assert values["filled_frames"] == {name: end - first for name, (first, end) in GAPS.items()}
 
 
 def c3d_of(path: Path, markers: dict[str, np.ndarray]) -> None:

@@ -33,6 +33,7 @@ CLEAR = 0.7  # cosine between the body and a world axis above which the body sta
 FLOOR = 0.08  # m: a floor closer to 0 is taken as 0
 UNKNOWN = 0.5  # share of unknown labels from which the recognised set is doubtful
 SURE = 8  # joints that are enough for a set with that share of unknown labels
+BETWEEN = 0.04  # m from the middle of an adult's hips: a pelvis that is closer is that middle
 HANGING_ERROR = 0.26  # m: mean distance of walking people's wrists from hanging ones (20 validation clips of CMU)
 _UNNAMED = re.compile(r"(\*|unlabel|u_?\d|new \d|uname)", re.IGNORECASE)  # labels that programs give to unnamed points
 _LIMBS = (  # a bone's name, its end, its direction at rest; in Motive's words, then in ours
@@ -83,6 +84,9 @@ def body_of(
                 continue
             places[recipe.name] = centre_of(recipe, places, frames, size)
             accuracy[recipe.name] = recipe.accuracy * max(size, 0.5)
+        if _is_between_hips(places, accuracy, size):
+            del accuracy["pelvis"]
+            remarks.append("the pelvis is left out: it is the middle of the hips, and ours is 9 cm over it")
         for frame in markers.frames:
             if frame.joint is not None and frame.name in frames and frame.joint not in rotations:
                 rotations[frame.joint] = turns_of(frames[frame.name])
@@ -277,6 +281,14 @@ def _can(recipe: Recipe, places: Places, frames: Mapping[str, np.ndarray]) -> bo
     """Whether a recipe has its markers and its frame; a hinge needs no frame."""
     has_frame = recipe.how == "hinge" or all(name in frames for name in recipe.frames)
     return has_frame and all(name in places for name in recipe.markers)
+
+
+def _is_between_hips(places: Places, accuracy: Collection[str], size: float) -> bool:
+    """Whether the pelvis is the middle of the hips, as in key points of a video."""
+    if not {"pelvis", "left_hip", "right_hip"} <= set(accuracy):
+        return False
+    apart = np.linalg.norm(places["pelvis"] - (places["left_hip"] + places["right_hip"]) / 2, axis=-1)
+    return bool(np.isfinite(apart).any() and np.nanmedian(apart) < BETWEEN * size)
 
 
 def _check_mirror(markers: MarkerSet, places: Places, frames: Mapping[str, np.ndarray], place: str) -> None:

@@ -73,9 +73,9 @@ def _filled_text(path: Path, cells: Cells, position: np.ndarray, filled: np.ndar
             row = split[t]
             row += [""] * (max(*columns, flag or 0) + 1 - len(row))
             for column, value in zip(columns, position[t, marker].tolist(), strict=True):
-                row[column] = _replaced(row[column], f"{value:.{digits}f}".replace(".", point))
+                row[column] = _replaced(row[column], f"{value:.{digits}f}".replace(".", point), cells.delimiter)
             if flag is not None:
-                row[flag] = _replaced(row[flag], "1")
+                row[flag] = _replaced(row[flag], "1", cells.delimiter)
     for t in np.flatnonzero(filled.any(axis=1)).tolist():
         line = lines[cells.lines[t] - 1]
         lines[cells.lines[t] - 1] = cells.delimiter.join(split[t]) + line[len(line.rstrip("\r\n")) :]
@@ -94,10 +94,12 @@ def _unquoted(line: str, delimiter: str) -> str:
     return re.sub(r'"[^"]*"', lambda match: match[0].replace(delimiter, "\0"), line)
 
 
-def _replaced(cell: str, number: str) -> str:
-    """Return a cell with a new number; blanks and quotes around it are unchanged."""
-    content = cell.strip().strip('"').strip()
-    return cell.replace(content, number, 1) if content else cell.replace('""', f'"{number}"') or number
+def _replaced(cell: str, number: str, delimiter: str) -> str:
+    """Return a cell with a new number, in quotes if it holds the delimiter; blanks and quotes around it stay."""
+    content, has_quotes = cell.strip().strip('"').strip(), '"' in cell
+    if content and (has_quotes or delimiter not in number):
+        return cell.replace(content, number, 1)
+    return f'"{number}"' if has_quotes or delimiter in number else number
 
 
 def _form(rows: list[list[str]], columns: list[int]) -> tuple[int, str]:

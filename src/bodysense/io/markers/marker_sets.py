@@ -62,6 +62,7 @@ class MarkerSet:
     high: tuple[str, ...] = ()
     floor: tuple[tuple[str, float], ...] = ()  # usual heights on a standing body, m
     bones: Mapping[str, str] = field(default_factory=dict)  # label → the joint whose rotation it has
+    needs: str = ""  # a label without which a file is not of the set
 
 
 @dataclass(frozen=True)
@@ -134,7 +135,7 @@ def _columns(one: MarkerSet, names: Sequence[str]) -> dict[str, int]:
             if label is not None:
                 found.setdefault(label, k)
                 break
-    return found
+    return found if not one.needs or one.needs in found else {}
 
 
 _TURNED = ("pelvis", "spine3", "head", *(f"{side}_{part}" for side in _SIDES for part in ("wrist", "ankle")))
@@ -225,6 +226,7 @@ def _parsed(stored: dict[str, Any]) -> MarkerSet:
             for name, joint in stored.get("bones", {}).items()
             for side in _sides_of(name)
         },
+        needs=stored.get("needs", ""),
     )
     return _of_its_labels(whole) if "landmarks" in stored else whole
 
