@@ -258,8 +258,8 @@ def _read_motion(path: Path, options: ReadingOptions, rate: float | None) -> tup
 
 
 def _check_video(name: str, reading: ReadingOptions, markers: MarkerOptions) -> None:
-    if reading != ReadingOptions(height=reading.height):
-        raise BodysenseError(f"{name}: a video; of --unit, --up, --floor, --joints and --figure it has none")
+    for option in (*replace(reading, height=None).for_the_world(), *reading.for_motions()):
+        raise BodysenseError(f"{name}: {option} is not for videos; leave it out")
     if markers != NO_OPTIONS:
         raise BodysenseError(f"{name}: a video; options of markers are not for videos: leave --names and its like out")
 

@@ -116,6 +116,9 @@ def test_a_killed_run_goes_on_and_is_never_taken_for_whole(
 def test_a_finished_store_is_left_as_it_is(folder: Path, tmp_path: Path, monkeypatch, make_clip) -> None:
     path = tmp_path / "motion.zarr"
     prepare(folder, path, workers=1)
+    prepare(folder, tmp_path / "other.zarr", workers=1, options=ReadingOptions(smpl_model=tmp_path))
+    with pytest.raises(BodysenseError, match=rf"made with other options \(--smpl-model {tmp_path}\); give another"):
+        prepare(folder, tmp_path / "other.zarr", workers=1)
     monkeypatch.setattr(preparation, "_prepared", None)
     assert len(prepare(folder, path, workers=1).table.clips) == 5
     with pytest.raises(BodysenseError, match=r"is at 30 Hz, not 60; give another place or remove it"):

@@ -131,7 +131,7 @@ def _check_read_alike(path: Path, options: ReadingOptions) -> None:
     """Raise unless a store was made with these options."""
     before = zarr_package().open_group(path, mode="r").attrs.get("reading", {})
     if before != _reading_of(options):
-        said = " ".join(f"--{name} {value}" for name, value in before.items()) or "none"
+        said = " ".join(f"--{name.replace('_', '-')} {value}" for name, value in before.items()) or "none"
         raise BodysenseError(f"{path} was made with other options ({said}); give another place or remove it")
 
 
