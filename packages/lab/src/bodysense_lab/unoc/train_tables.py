@@ -190,10 +190,12 @@ def _make(run: TablesTraining, config: BodyNetworkConfig, split: Any) -> Iterato
     # Features of a clip do not depend on the weights or the size of a network.
     reader = replace(config, cell="gru", hidden=1, branch=(1,), judge_branch=(1,))
     make = partial(_episode, config=reader)
-    with worker_pool(max(1, run.jobs), partial(torch.set_num_threads, 1)) as pool:
-        total = learned_count(run.data, split, run.limit)
-        made = pool.map(make, read_clips(run.data, split, run.limit), chunksize=4)
-        yield from tracked(made, f"seeing the {split} split", total)
+    clips, total = read_clips(run.data, split, run.limit), learned_count(run.data, split, run.limit)
+    if run.jobs == 1:
+        yield from tracked(map(make, clips), f"seeing the {split} split", total)
+        return
+    with worker_pool(run.jobs, partial(torch.set_num_threads, 1)) as pool:
+        yield from tracked(pool.map(make, clips, chunksize=4), f"seeing the {split} split", total)
 
 
 def _episode(clip: Any, config: BodyNetworkConfig) -> Episode:
