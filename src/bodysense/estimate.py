@@ -24,6 +24,10 @@ class PointOfEstimate:
     bound: np.ndarray  # (..., T) m, within which the position error is in nine of ten cases
     rotation: np.ndarray | None  # (..., T, 4) wxyz, world ← joint; None: an end site, which does not turn
 
+    def __repr__(self) -> str:
+        frames = "×".join(map(str, self.measured.shape))
+        return f"PointOfEstimate({self.name}, {frames} frames, expected error {100 * self.confidence.mean():.1f} cm)"
+
 
 @dataclass(frozen=True, eq=False)
 class Estimate:

@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from os import PathLike
 from pathlib import Path
+from reprlib import repr as brief
 from typing import Literal
 
 import numpy as np
@@ -144,6 +146,8 @@ def open_source(source: Source, reading: ReadingOptions = AS_FOUND, markers: Mar
         return _recording_source("recording", source, reading)
     if isinstance(source, Observation):
         return _recording_source("observation", Recording(source, default_skeleton(), known=False), reading)
+    if not isinstance(source, (str, PathLike)):
+        raise BodysenseError(f"{brief(source)}: no source; give a file's path, or a Clip, Observation or Recording")
     path, kind = Path(source), kind_of(source)
     if kind == "motion" and path.suffix.lower() not in _MANY_KINDS:
         return _motion_source(path, reading, markers)

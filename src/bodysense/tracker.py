@@ -75,6 +75,10 @@ class TrackerState:
     model: CompletionModel
     memory: tuple[np.ndarray, ...]  # B of (N,) uint8: the core's states
 
+    def __repr__(self) -> str:
+        people = (f"{self.person(k)} at {self.time(k):.4g} s" for k in range(len(self.people)))
+        return f"TrackerState({', '.join(people)})"
+
     def person(self, k: int = 0) -> Person:
         """A person as believed now: a guess that `Person.save` keeps for the next time."""
         return self.model.core.person(self.memory[k], self.people[k])

@@ -68,6 +68,9 @@ class GloveDevice:
         if strange:
             raise BodysenseError(f"gloves: the hand {strange[0]!r} is not of this body; it has 'left' and 'right'")
 
+    def __repr__(self) -> str:
+        return f"GloveDevice({' and '.join(self.hands.hands)} hand)"
+
     @cached_property
     def points(self) -> tuple[str, ...]:
         """The observed points: of every hand the wrist, 15 finger joints and five fingertips."""
