@@ -77,6 +77,10 @@ def prepare(
     _check_read_alike(part, options)
     table = read_table(group)
     _check_same(part, table, rate, listed, whole=False)
+    if scheduler is not None:  # workers may run in another folder, so that they need whole paths
+        listed = {key: replace(source, path=source.path.resolve()) for key, source in listed.items()}
+        files = {name: value.resolve() for name, value in vars(options).items() if isinstance(value, Path)}
+        options = replace(options, **files)
     done = {row.source for row in (*table.clips, *table.skipped)}
     todo = {key: source for key, source in listed.items() if key not in done}
     table = replace(table, bodies=_find_bodies(group, listed, workers, scheduler, options))
