@@ -152,6 +152,8 @@ def test_a_killed_run_goes_on_and_is_never_taken_for_whole(
 def test_a_finished_store_is_left_as_it_is(folder: Path, tmp_path: Path, monkeypatch, make_clip) -> None:
     path = tmp_path / "motion.zarr"
     prepare(folder, path, workers=1)
+    with pytest.raises(BodysenseError, match=r"empty\.npz: the file is empty; copy or export it again"):
+        prepare(folder, tmp_path / "other.zarr", options=ReadingOptions(smpl_model=folder / "ben" / "empty.npz"))
     prepare(folder, tmp_path / "other.zarr", workers=1, options=ReadingOptions(smpl_model=tmp_path))
     with pytest.raises(BodysenseError, match=rf"made with other options \(--smpl-model {tmp_path}\); give another"):
         prepare(folder, tmp_path / "other.zarr", workers=1)

@@ -18,6 +18,7 @@ import numpy as np
 from bodysense.body.pose import Pose
 from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError
+from bodysense.io.body_model import read_model
 from bodysense.io.clip import Clip
 from bodysense.io.datasets.layouts import Layout
 from bodysense.io.datasets.reasons import lines_by_kind
@@ -64,6 +65,8 @@ def prepare(
     rate.
     """
     directory, store_path = Path(directory), Path(store_path)
+    if options.smpl_model is not None and not options.smpl_model.is_dir():
+        read_model(options.smpl_model)  # a wrong file is reported once, not as unreadable motions
     listed = {source.key(directory): source for source in sources or list_sources(directory, layout)}
     if is_store(store_path):
         store = read_store(store_path)
