@@ -106,6 +106,7 @@ Z_UP = [0, 2, 1]  # the columns of data with +Z up
         (lambda: bs.observe(0.0, {"head": HEAD[0]}), "observe: head is array([0.  , 1.65, 0.3 ]); give a pair"),  # pyright: ignore[reportArgumentType]
         (lambda: bs.track(3), "3: no source; give a file's path, or a Clip"),  # pyright: ignore[reportArgumentType]
         (lambda: bs.simulate("walk.bvh", "head"), "simulate: 'walk.bvh' is no motion; give a Clip, as read('walk"),  # pyright: ignore[reportArgumentType]
+        (lambda: bs.ReadingOptions(up="q"), "--up q: give the upward axis, y, z,"),  # pyright: ignore[reportArgumentType]
         (lambda: bs.Observation.from_arrays({"head": HEAD}, rate=0), "rate 0; give frames a second, such as 30"),
         (
             lambda: bs.Observation.from_arrays({"head": HEAD, "left_wrist": WRIST[1:]}),
@@ -239,7 +240,12 @@ def test_reprs_are_short(short: bs.Clip) -> None:
     seen = bs.simulate(short, "six_point")
     take = bs.track(seen, person=bs.Person(height=1.8))
     tracker = bs.Tracker(bs.Person(height=1.8))
-    _, state = tracker.step(seen, tracker.start())
+    estimate, state = tracker.step(seen, tracker.start())
+    with pytest.raises(bs.BodysenseError, match=r"estimate: of one person alone, .* leave of\(\) out"):
+        estimate.of(0)
+    assert repr(tracker.start()) == "TrackerState(Person(1.80 m, known height) no frame)"
+    gloves = bs.glove_device(short.pose.skeleton)
+    assert f"{gloves} {gloves.start()}" == "GloveDevice(left and right hand) GloveState(no frame)"
     assert repr(state) == "TrackerState(Person(1.80 m, known height) at 1.3 s)"
     assert re.fullmatch(r"PointOfEstimate\(head, 40 frames, expected error \d\.\d cm\)", repr(take.estimate["head"]))
     assert repr(seen) == (

@@ -50,6 +50,9 @@ class GloveState(NamedTuple):
     head: StandingHeadState
     virtual: tuple[SolvedHand, ...] = ()  # of hands with other than the standard markers
 
+    def __repr__(self) -> str:
+        return f"GloveState({'no frame' if self.hands.time is None else f'at {self.hands.time:.4g} s'})"
+
 
 @dataclass(frozen=True, eq=False)
 class GloveDevice:
