@@ -52,6 +52,8 @@ def commands(page: Path) -> Iterator[list[str]]:
         for line in block.replace("\\\n", " ").splitlines():
             if line.startswith("bodysense "):
                 yield shlex.split(line, comments=True)[1:]
+    for code in re.findall(r"`bodysense ([^`]+)`", FENCED.sub("", text)):
+        yield [word for word in shlex.split(code) if word != "…"]
 
 
 WITH_SNIPPETS = [page for page in PAGES if snippets(page)]
@@ -182,9 +184,27 @@ def options_of(*command: str) -> set[str]:
 @pytest.mark.parametrize("page", PAGES, ids=page_id)
 def test_commands_have_their_options(page: Path) -> None:
     for words in commands(page):
-        known = options_of(*words[: 2 if words[0] in GROUPS else 1])
-        given = {word for word in words if re.fullmatch(r"--?[a-zA-Z][\w-]*", word)} - {"--overwrite", "--quiet"}
-        assert given <= known, f"{page.name}: bodysense {' '.join(words)}: unknown {sorted(given - known)}"
+        check_options(page, words)
+
+
+def check_options(page: Path, words: list[str]) -> None:
+    known = options_of(*words[: 2 if words[0] in GROUPS else 1])
+    given = {word for word in words if re.fullmatch(r"--?[a-zA-Z][\w-]*", word)} - {"--overwrite", "--quiet"}
+    assert given <= known, f"{page.name}: bodysense {' '.join(words)}: unknown {sorted(given - known)}"
+
+
+def test_each_row_of_the_papers_has_commands_that_exist() -> None:
+    page = ROOT / "docs" / "reproduce.md"
+    rows = re.findall(r"^\| (\d\.\d+) \|[^|]*\|([^|]*)\|", page.read_text(), re.MULTILINE)
+    counts = {1: 18, 2: 12, 3: 10, 4: 15}  # of points of each paper
+    assert [number for number, _ in rows] == [f"{k}.{n}" for k, count in counts.items() for n in range(1, count + 1)]
+    for number, cell in rows:
+        given = [code.split() for code in re.findall(r"`([^`]+)`", cell)]
+        assert given, number
+        for words in given:
+            if words[0] == "measure_figures.py":
+                continue
+            check_options(page, words if len(words) > 1 or words == ["generate"] else [given[0][0], *words])
 
 
 def test_the_api_page_has_every_public_name() -> None:

@@ -102,6 +102,11 @@ Z_UP = [0, 2, 1]  # the columns of data with +Z up
         (lambda: bs.Observation.from_arrays({"head": HEAD[:, Z_UP]}), "say the axis: up='z'"),
         (lambda: bs.Observation.from_arrays({"head": HEAD}, unit="ell"), "unit ell: give m, cm, mm, in, ft, or the"),
         (lambda: bs.Observation.from_arrays({"head": HEAD}, up="w"), "up w: give the upward axis, y, z, -z, -y, x, -x"),
+        (lambda: bs.Observation.from_arrays({"head": HEAD[:, :2]}), "head has shape (60, 2); give (..., T, 3)"),
+        (lambda: bs.observe(0.0, {"head": HEAD[0]}), "observe: head is array([0.  , 1.65, 0.3 ]); give a pair"),  # pyright: ignore[reportArgumentType]
+        (lambda: bs.track(3), "3: no source; give a file's path, or a Clip"),  # pyright: ignore[reportArgumentType]
+        (lambda: bs.simulate("walk.bvh", "head"), "simulate: 'walk.bvh' is no motion; give a Clip, as read('walk"),  # pyright: ignore[reportArgumentType]
+        (lambda: bs.ReadingOptions(up="q"), "--up q: give the upward axis, y, z,"),  # pyright: ignore[reportArgumentType]
         (lambda: bs.Observation.from_arrays({"head": HEAD}, rate=0), "rate 0; give frames a second, such as 30"),
         (
             lambda: bs.Observation.from_arrays({"head": HEAD, "left_wrist": WRIST[1:]}),
@@ -140,9 +145,9 @@ def test_a_take_is_refused_or_converted_alike(short: bs.Clip, tmp_path) -> None:
     options = bs.ReadingOptions(unit="cm")
     whole, right = bs.track(wrong, reading=options, causal=True), bs.track(seen, causal=True)
     np.testing.assert_allclose(whole.estimate.points, right.estimate.points, atol=1e-9)
-    bs.write(tmp_path / "seen.npz", bs.Recording(wrong, short.pose.skeleton))
+    bs.write(tmp_path / "seen.npz", wrong)
     read = bs.read(tmp_path / "seen.npz", options)
-    assert isinstance(read, bs.Recording)
+    assert isinstance(read, bs.Recording) and not read.known
     np.testing.assert_allclose(read.observation.position, seen.position, atol=1e-5)
 
 
@@ -235,6 +240,14 @@ def test_reprs_are_short(short: bs.Clip) -> None:
     seen = bs.simulate(short, "six_point")
     take = bs.track(seen, person=bs.Person(height=1.8))
     tracker = bs.Tracker(bs.Person(height=1.8))
+    estimate, state = tracker.step(seen, tracker.start())
+    with pytest.raises(bs.BodysenseError, match=r"estimate: of one person alone, .* leave of\(\) out"):
+        estimate.of(0)
+    assert repr(tracker.start()) == "TrackerState(Person(1.80 m, known height) no frame)"
+    gloves = bs.glove_device(short.pose.skeleton)
+    assert f"{gloves} {gloves.start()}" == "GloveDevice(left and right hand) GloveState(no frame)"
+    assert repr(state) == "TrackerState(Person(1.80 m, known height) at 1.3 s)"
+    assert re.fullmatch(r"PointOfEstimate\(head, 40 frames, expected error \d\.\d cm\)", repr(take.estimate["head"]))
     assert repr(seen) == (
         "Observation(40 frames at 30 Hz, 100% tracked: head, left_wrist, right_wrist, pelvis, left_ankle, right_ankle)"
     )

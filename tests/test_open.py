@@ -43,8 +43,10 @@ def test_options_are_those_of_the_kind(tmp_path: Path, waving_clip: Clip) -> Non
     (tmp_path / "a.mp4").write_bytes(b"")
     with pytest.raises(BodysenseError, match="are for markers"):
         open_source(tmp_path / "a.bvh", markers=MarkerOptions(left_handed=True))
-    with pytest.raises(BodysenseError, match="a video; of --unit"):
-        open_source(tmp_path / "a.mp4", ReadingOptions(unit="mm"))
+    asked = ReadingOptions(unit="mm", height=1.8), ReadingOptions(smpl_model=tmp_path, height=1.8)
+    for options, said in zip(asked, ("--unit mm", "--smpl-model"), strict=True):
+        with pytest.raises(BodysenseError, match=rf"a\.mp4: {said} is not for videos; leave it out"):
+            open_source(tmp_path / "a.mp4", options)
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,7 @@ import numpy as np
 
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.rotation import quaternion_canonical
+from bodysense.errors import BodysenseError
 
 CONTACT_POINTS = ("left_ankle", "right_ankle", "left_foot", "right_foot")  # the feet are the balls
 
@@ -23,6 +24,10 @@ class PointOfEstimate:
     confidence: np.ndarray  # (..., T) m, expected position error, calibrated
     bound: np.ndarray  # (..., T) m, within which the position error is in nine of ten cases
     rotation: np.ndarray | None  # (..., T, 4) wxyz, world ← joint; None: an end site, which does not turn
+
+    def __repr__(self) -> str:
+        frames = "×".join(map(str, self.measured.shape))
+        return f"PointOfEstimate({self.name}, {frames} frames, expected error {100 * self.confidence.mean():.1f} cm)"
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,6 +73,8 @@ class Estimate:
 
     def of(self, person: int) -> Estimate:
         """Return one person's part of an estimate that leads with an axis of people."""
+        if self.measured.ndim < 3:
+            raise BodysenseError("estimate: of one person alone, so that it is that person's; leave of() out")
         offset = self.rest_offset[person]
         pose = Pose(
             self.pose.skeleton.with_offsets(offset[-1]), self.pose.root_position[person], self.pose.rotation[person]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import isfinite, isnan
+from reprlib import repr as brief
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -51,11 +52,9 @@ _HEADSET_POINTS = {"head", "left_wrist", "right_wrist", *RAW_POINTS}
 _HEADS = ("head", "headset")
 _HIGHEST_HEAD = 20.0  # m above the floor: a higher one, alone, is taken for one in another unit
 _WIDEST = 4.0  # m from the head to the middle of the other points, which no body reaches
-_LOW, _STANDING, _UPRIGHT = (
-    0.7,
-    (0.8, 2.3),
-    0.2,
-)  # m: a head too low, usual heights of one, and least rise over the rest
+_LOW = 0.7  # m: a head below this is too low for a body that stands
+_STANDING = (0.8, 2.3)  # m: usual heights of a head
+_UPRIGHT = 0.2  # m: least rise of the head over the other points
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,6 +158,8 @@ def observe(
         return {name: np.asarray(value, float)[..., None, :] for name, value in given.items() if value is not None}
 
     for name, pose in poses.items():
+        if not isinstance(pose, (tuple, list)) or len(pose) != 2:
+            raise BodysenseError(f"observe: {name} is {brief(pose)}; give a pair (position, rotation), each or None")
         for value, kind, size in zip(pose, ("position", "rotation"), (3, 4), strict=True):
             if value is not None and (np.ndim(value) == 0 or np.shape(value)[-1] != size):
                 raise BodysenseError(f"{name}: its {kind} has shape {np.shape(value)}; give {size} numbers, or None")
@@ -187,8 +188,10 @@ def _of_named(
     lead = given[0][1].shape[:-1] if given else np.shape([] if time is None else time)
     for point, values, size in given:
         if values.shape != (*lead, size) or not lead:
+            first, shape = given[0][0], given[0][1].shape
+            other = "" if values.shape[:-1] == lead else f", but {first} has {shape}"
             raise BodysenseError(
-                f"{name}: {point} has shape {values.shape}, but {given[0][0]} has {given[0][1].shape}; "
+                f"{name}: {point} has shape {values.shape}{other}; "
                 f"give (..., T, {size}), with equally many frames and people"
             )
     columns = {size: np.full((*lead, len(points), size), np.nan) for size in (3, 4)}

@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from os import PathLike
 from pathlib import Path
+from reprlib import repr as brief
 from typing import Literal
 
 import numpy as np
@@ -159,6 +161,8 @@ def open_source(source: Source, reading: ReadingOptions = AS_FOUND, markers: Mar
         return _recording_source("recording", source, reading)
     if isinstance(source, Observation):
         return _recording_source("observation", Recording(source, default_skeleton(), known=False), reading)
+    if not isinstance(source, (str, PathLike)):
+        raise BodysenseError(f"{brief(source)}: no source; give a file's path, or a Clip, Observation or Recording")
     path, kind = Path(source), kind_of(source)
     if kind == "motion" and path.suffix.lower() not in _MANY_KINDS:
         return _motion_source(path, reading, markers)
@@ -283,8 +287,8 @@ def _held_still(path: Path, rigged: Rigged) -> HeldStill:
 
 
 def _check_video(name: str, reading: ReadingOptions, markers: MarkerOptions) -> None:
-    if reading != ReadingOptions(height=reading.height):
-        raise BodysenseError(f"{name}: a video; of --unit, --up, --floor, --joints and --figure it has none")
+    for option in (*replace(reading, height=None).for_the_world(), *reading.for_motions()):
+        raise BodysenseError(f"{name}: {option} is not for videos; leave it out")
     if markers != NO_OPTIONS:
         raise BodysenseError(f"{name}: a video; options of markers are not for videos: leave --names and its like out")
 

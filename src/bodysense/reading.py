@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.io.motion_files import ENDINGS, write_motion
 from bodysense.io.recording import Recording, write_recording
 from bodysense.io.rigs.options import AS_FOUND, ReadingOptions
+from bodysense.observation import Observation
 from bodysense.open import MotionSource, VideoSource, open_source
 
 RECORDING_ENDINGS = (".npz", ".jsonl")
@@ -29,12 +31,14 @@ def read(path: str | Path, options: ReadingOptions = AS_FOUND) -> Clip | Recordi
     return opened.clip if isinstance(opened, MotionSource) else opened.recording
 
 
-def write(path: str | Path, content: Clip | Recording) -> None:
+def write(path: str | Path, content: Clip | Recording | Observation) -> None:
     """Write a clip (.bvh, .glb, .vrma, .mcap) or a recording (.npz, .jsonl); the file appears whole or not at all.
 
-    Raises BodysenseError where the ending is of another kind of file.
+    An observation is a recording of an unknown body. Raises BodysenseError if the ending is of another kind of file.
     """
     path = Path(path)
+    if isinstance(content, Observation):
+        content = Recording(content, default_skeleton(), known=False)
     if isinstance(content, Clip):
         write_motion(path, content)
     elif path.suffix.lower() in ENDINGS:

@@ -75,6 +75,11 @@ class TrackerState:
     model: CompletionModel
     memory: tuple[np.ndarray, ...]  # B of (N,) uint8: the core's states
 
+    def __repr__(self) -> str:
+        times = (self.time(k) for k in range(len(self.people)))
+        last = ("no frame" if np.isnan(time) else f"at {time:.4g} s" for time in times)
+        return f"TrackerState({', '.join(f'{self.person(k)} {when}' for k, when in enumerate(last))})"
+
     def person(self, k: int = 0) -> Person:
         """A person as believed now: a guess that `Person.save` keeps for the next time."""
         return self.model.core.person(self.memory[k], self.people[k])

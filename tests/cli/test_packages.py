@@ -24,6 +24,7 @@ def alone(monkeypatch: pytest.MonkeyPatch) -> None:
     ("command", "package"),
     [
         ("serve --port 0", "live"),
+        ("--quiet serve", "live"),
         ("conform x.bvh", "conform"),
         ("train gloves", "lab"),
         ("data prepare x", "lab"),

@@ -148,6 +148,9 @@ def test_a_flat_hand_calibration_makes_the_calibrated_pose_flat(
     flat = np.array([1.0, 0.0, 0.0, 0.0])
     bent, straight = (geodesic_angle(clip.pose.rotation[:, joints], flat).mean() for clip in (before, after))
     assert straight < bent
+    bare = MotionSource("bare", given=replace(short_clip, has_fingers=False))
+    with pytest.raises(BodysenseError, match="bare: its fingers are not recorded, so that its hands are relaxed"):
+        calibrate(bare, tmp_path / "bare.npz", options)
     np.savez(tmp_path / "left.npz", left=np.zeros((15, 4)))
     with pytest.raises(BodysenseError, match="no flat-hand calibration of the right hand"):
         SYSTEMS["two_hands"](opened, replace(options, calibration=tmp_path / "left.npz"))
@@ -164,7 +167,10 @@ def test_completion_is_the_tracker(short_clip: Clip) -> None:
         ("--method pahmt", "bodysense train arms --data DIR --model pahmt -o pahmt.onnx"),
         ("--method pahmt --variant ahmt", "bodysense train arms --data DIR --model ahmt -o ahmt.onnx"),
         ("--method hmd_vae --variant 1", "bodysense train hmd-vae --data DIR --model 1 -o model1.onnx"),
-        ("--method hmd_vae --variant 3", "--model 3 --decoder zero.pt -o model3.onnx"),
+        (
+            "--method hmd_vae --variant 3",
+            "--model 0 -o zero.pt, then bodysense train hmd-vae --data DIR --model 3 --decoder zero.pt -o model3.onnx",
+        ),
         ("--method hmd_vae --variant cnn", "valid are 0, 1, 2, 3, 4"),
         ("--method unoc --calibration flat.npz", "for --method two_hands, not for unoc"),
         ("--method completion --variant 2", "has no such variant; leave it out"),

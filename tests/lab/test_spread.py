@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+import bodysense_lab
 from bodysense.errors import BodysenseError
 from bodysense_lab.spread import spread
 
@@ -66,6 +67,11 @@ def _runs(process: int) -> bool:
         return not (state.exists() and state.read_text().rpartition(")")[2].split()[0] == "Z")
     except (ProcessLookupError, FileNotFoundError):
         return False
+
+
+def test_every_pool_ends_with_its_parent() -> None:
+    package = Path(bodysense_lab.__file__).parent
+    assert [path.name for path in package.rglob("*.py") if "ProcessPool" in path.read_text()] == ["spread.py"]
 
 
 @pytest.mark.slow

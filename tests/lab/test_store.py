@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -57,6 +60,39 @@ def test_a_store_holds_what_the_files_hold(folder: Path, tmp_path: Path, capsys)
     assert "skipped ben/broken.bvh:" in printed and "there is no MOTION section" in printed
     assert [row.source for row in store.table.skipped] == ["ben/broken.bvh", "ben/empty.npz"]
     assert "the file is empty" in store.table.skipped[1].reason
+
+
+@pytest.mark.slow
+def test_two_workers_elsewhere_share_nothing_but_the_folder(folder: Path, tmp_path: Path, monkeypatch) -> None:
+    distributed = pytest.importorskip("distributed")
+    monkeypatch.chdir(tmp_path)
+    model = made_up_model()
+    betas = betas_of(model, 1.7)
+    save_walk(Path("people/anna/walk.npz"), *walk(model, betas, 2.0), betas)
+    given = ReadingOptions(smpl_model=model.save(Path("model.npz")))
+    alone = {"files": prepare("files", "files-1.zarr", workers=1)}
+    alone["people"] = prepare("people", "people-1.zarr", workers=1, options=given)
+    away = tmp_path / "away"
+    away.mkdir()
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    with distributed.LocalCluster(n_workers=0, dashboard_address=None) as cluster:
+        command = [sys.executable, "-m", "distributed.cli.dask_worker", cluster.scheduler_address, "--no-dashboard"]
+        workers = [subprocess.Popen([*command, "--nthreads", "1"], cwd=away, env=environment) for _ in range(2)]
+        try:
+            with distributed.Client(cluster.scheduler_address) as client:
+                client.wait_for_workers(2, timeout=60)
+            address = cluster.scheduler_address
+            found = {"files": prepare("files", "files-2.zarr", scheduler=address)}
+            found["people"] = prepare("people", "people-2.zarr", scheduler=address, options=given)
+        finally:
+            for worker in workers:
+                worker.terminate()
+                worker.wait()
+    for name, store in found.items():
+        ours, theirs = store.table, alone[name].table
+        assert (ours.clips, ours.bodies, len(ours.skipped)) == (theirs.clips, theirs.bodies, len(theirs.skipped))
+        np.testing.assert_array_equal(store.rotation[:], alone[name].rotation[:])
+        np.testing.assert_array_equal(store.rest_offset, alone[name].rest_offset)
 
 
 def test_clips_of_a_store_open_like_those_of_a_folder(folder: Path, tmp_path: Path) -> None:
@@ -116,6 +152,11 @@ def test_a_killed_run_goes_on_and_is_never_taken_for_whole(
 def test_a_finished_store_is_left_as_it_is(folder: Path, tmp_path: Path, monkeypatch, make_clip) -> None:
     path = tmp_path / "motion.zarr"
     prepare(folder, path, workers=1)
+    with pytest.raises(BodysenseError, match=r"empty\.npz: the file is empty; copy or export it again"):
+        prepare(folder, tmp_path / "other.zarr", options=ReadingOptions(smpl_model=folder / "ben" / "empty.npz"))
+    prepare(folder, tmp_path / "other.zarr", workers=1, options=ReadingOptions(smpl_model=tmp_path))
+    with pytest.raises(BodysenseError, match=rf"made with other options \(--smpl-model {tmp_path}\); give another"):
+        prepare(folder, tmp_path / "other.zarr", workers=1)
     monkeypatch.setattr(preparation, "_prepared", None)
     assert len(prepare(folder, path, workers=1).table.clips) == 5
     with pytest.raises(BodysenseError, match=r"is at 30 Hz, not 60; give another place or remove it"):

@@ -24,11 +24,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
             print(f"bodysense {__version__}")
             return 0
         found = installed()
-        check_installed(found, given)
+        words = [word for word in given if word != QUIET]
+        check_installed(found, words)
         description = "\n\n".join([_description(), *lines_of_missing(found)])
         with quietly(QUIET in given):
             try:
-                status = run(application(found), description, [word for word in given if word != QUIET])
+                status = run(application(found), description, words)
             except ModuleNotFoundError as error:
                 raise missing_package(error) from None
     except BodysenseError as error:

@@ -12,11 +12,10 @@ import json
 import math
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence, Sized
-from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, wait
 from dataclasses import dataclass
 from datetime import timedelta
 from functools import partial
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -34,6 +33,7 @@ from bodysense.errors import BodysenseError
 from bodysense_lab.checkpoint import differences, identity, load_checkpoint, save_checkpoint
 from bodysense_lab.options import Run
 from bodysense_lab.precision import layer_precision
+from bodysense_lab.spread import worker_pool
 
 _PACE = (5.0, 600.0)  # s from the beginning to the first report of the pace, and the most from one to the next
 
@@ -350,7 +350,7 @@ def sweep(
         done = sum(count for name, count in steps.items() if name not in todo)
         bar = bars.add_task("training", total=sum(steps.values()), completed=done)
         if jobs > 1:
-            with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
+            with worker_pool(jobs) as pool:
                 waiting = {pool.submit(train, name, quietly if console.is_terminal else printed(name)) for name in todo}
                 while waiting:
                     ended, waiting = wait(waiting, timeout=1.0, return_when=FIRST_COMPLETED)

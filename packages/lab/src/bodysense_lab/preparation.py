@@ -18,6 +18,7 @@ import numpy as np
 from bodysense.body.pose import Pose
 from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError
+from bodysense.io.body_model import read_model
 from bodysense.io.clip import Clip
 from bodysense.io.datasets.layouts import Layout
 from bodysense.io.datasets.reasons import lines_by_kind
@@ -64,6 +65,8 @@ def prepare(
     rate.
     """
     directory, store_path = Path(directory), Path(store_path)
+    if options.smpl_model is not None and not options.smpl_model.is_dir():
+        read_model(options.smpl_model)  # a wrong file is reported once, not as unreadable motions
     listed = {source.key(directory): source for source in sources or list_sources(directory, layout)}
     if is_store(store_path):
         store = read_store(store_path)
@@ -77,6 +80,10 @@ def prepare(
     _check_read_alike(part, options)
     table = read_table(group)
     _check_same(part, table, rate, listed, whole=False)
+    if scheduler is not None:  # workers may run in another folder, so that they need whole paths
+        listed = {key: replace(source, path=source.path.resolve()) for key, source in listed.items()}
+        files = {name: value.resolve() for name, value in vars(options).items() if isinstance(value, Path)}
+        options = replace(options, **files)
     done = {row.source for row in (*table.clips, *table.skipped)}
     todo = {key: source for key, source in listed.items() if key not in done}
     table = replace(table, bodies=_find_bodies(group, listed, workers, scheduler, options))
@@ -131,7 +138,7 @@ def _check_read_alike(path: Path, options: ReadingOptions) -> None:
     """Raise unless a store was made with these options."""
     before = zarr_package().open_group(path, mode="r").attrs.get("reading", {})
     if before != _reading_of(options):
-        said = " ".join(f"--{name} {value}" for name, value in before.items()) or "none"
+        said = " ".join(f"--{name.replace('_', '-')} {value}" for name, value in before.items()) or "none"
         raise BodysenseError(f"{path} was made with other options ({said}); give another place or remove it")
 
 

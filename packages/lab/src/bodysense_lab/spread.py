@@ -42,12 +42,17 @@ def spread(
             yield done, future.result()
 
 
+def worker_pool(jobs: int | None, begin: Callable[[], object] | None = None) -> ProcessPoolExecutor:
+    """Return a pool of `jobs` processes (None: one a core) that end with this one; each calls `begin` first."""
+    # Spawned, not forked: a fork of a process that has threads (a progress bar, BLAS, PyTorch) can hang.
+    return ProcessPoolExecutor(jobs, mp_context=get_context("spawn"), initializer=_end_with_parent, initargs=(begin,))
+
+
 @contextmanager
 def _workers(jobs: int, scheduler: str | None) -> Iterator[tuple[Callable[..., Any], int]]:
     """Yield a function that submits work and returns a future, and the number of tasks at a time."""
     if scheduler is None:
-        # Spawned, not forked: a fork of a process that has threads (a progress bar, BLAS, PyTorch) can hang.
-        with ProcessPoolExecutor(jobs, mp_context=get_context("spawn"), initializer=end_with_parent) as pool:
+        with worker_pool(jobs) as pool:
             yield pool.submit, jobs
         return
     try:
@@ -65,14 +70,16 @@ def _workers(jobs: int, scheduler: str | None) -> Iterator[tuple[Callable[..., A
         yield partial(client.submit, pure=False), max(1, sum(cores.values()))
 
 
-def end_with_parent() -> None:
+def _end_with_parent(begin: Callable[[], object] | None) -> None:
     """End this worker process when its parent ends, however that does; a killed parent does not shut its pool down."""
     parent = parent_process()
     if parent is None:
-        raise RuntimeError("end_with_parent: this process is no worker; give it as a pool's initializer")
+        raise RuntimeError("_end_with_parent: this process is no worker; it is a pool's initializer")
 
     def watch() -> None:
         parent.join()
         os._exit(1)
 
     Thread(target=watch, daemon=True).start()
+    if begin is not None:
+        begin()

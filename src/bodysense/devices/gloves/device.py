@@ -50,6 +50,9 @@ class GloveState(NamedTuple):
     head: StandingHeadState
     virtual: tuple[SolvedHand, ...] = ()  # of hands with other than the standard markers
 
+    def __repr__(self) -> str:
+        return f"GloveState({'no frame' if self.hands.time is None else f'at {self.hands.time:.4g} s'})"
+
 
 @dataclass(frozen=True, eq=False)
 class GloveDevice:
@@ -67,6 +70,9 @@ class GloveDevice:
         strange = [name for name in self.hands.hands if name not in SIDES]
         if strange:
             raise BodysenseError(f"gloves: the hand {strange[0]!r} is not of this body; it has 'left' and 'right'")
+
+    def __repr__(self) -> str:
+        return f"GloveDevice({' and '.join(self.hands.hands)} hand)"
 
     @cached_property
     def points(self) -> tuple[str, ...]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from reprlib import repr as brief
 from typing import Literal, Protocol
 
 import numpy as np
@@ -99,6 +100,8 @@ def simulate(clip: Clip, device: str | Device, noise: int | None = None) -> Obse
 
     Raises BodysenseError for an unknown device, and for a device whose observation is not well formed.
     """
+    if not isinstance(clip, Clip):
+        raise BodysenseError(f"simulate: {brief(clip)} is no motion; give a Clip, as read('walk.bvh') returns")
     if isinstance(device, str):
         if device not in _BY_NAME:
             raise BodysenseError(f"unknown device {device!r}; valid are {', '.join(DEVICES)}")

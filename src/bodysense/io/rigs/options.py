@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from bodysense.body.person import SHORTEST, TALLEST
-from bodysense.body.world_axes import UpAxis, metres_of
+from bodysense.body.world_axes import UpAxis, metres_of, turn_of
 from bodysense.errors import BodysenseError
 
 
@@ -38,6 +38,8 @@ class ReadingOptions:
     def __post_init__(self) -> None:
         if self.unit is not None:
             _ = self.metres
+        if self.up is not None:
+            turn_of(self.up, "--up")
         if self.figure is not None and self.figure < 1:
             raise BodysenseError(f"--figure {self.figure}: bodies are counted from 1")
         if self.height is not None and not SHORTEST <= self.height <= TALLEST:
@@ -46,7 +48,6 @@ class ReadingOptions:
             )
         if self.floor is not None and not abs(self.floor) <= 1000:
             raise BodysenseError(f"floor {self.floor:g} m; give the floor's height in metres")
-
         if self.smpl_model is not None and not self.smpl_model.exists():
             raise BodysenseError(
                 f"--smpl-model {self.smpl_model}: no such file; give a model (.npz), or a folder of one for each gender"

@@ -71,6 +71,9 @@ class TrackedBy:
 
     model: Path | None
 
+    def __reduce__(self) -> tuple[type[TrackedBy], tuple[Path | None]]:
+        return TrackedBy, (_whole(self.model),)
+
     @property
     def network(self) -> CompletionModel:
         """The network, opened once in every process."""
@@ -92,6 +95,9 @@ class TakenBy:
     backward_model: Path | None = None
     joining_model: Path | None = None
 
+    def __reduce__(self) -> tuple[type[TakenBy], tuple[Path | None, ...]]:
+        return TakenBy, tuple(map(_whole, (self.model, self.backward_model, self.joining_model)))
+
     @property
     def networks(self) -> tuple[CompletionModel | None, CompletionModel | None, JoiningNetwork | None]:
         """The networks, opened once in every process: forward, backward, joining; None is the packaged one."""
@@ -106,6 +112,11 @@ class TakenBy:
             observation, person, network, settings, 1 / RATE, backward_network=backward, joining=joining
         )
         return Tracked.of([estimate])
+
+
+def _whole(path: Path | None) -> Path | None:
+    """Return a whole path: a worker may run in another folder."""
+    return None if path is None else path.resolve()
 
 
 @lru_cache(maxsize=2)

@@ -45,10 +45,11 @@ def complete(opened: Opened, options: PaperOptions) -> Clip:
 def _model(options: PaperOptions) -> BodyVaeModel:
     wanted = options.chosen("hmd_vae", MODELS, PACKAGED) if options.networks is None else options.variant
     if options.networks is None and wanted != PACKAGED:
-        decoder = " --decoder zero.pt" if wanted == "3" else ""
+        train = "bodysense train hmd-vae --data DIR --model"
+        before, decoder = (f"{train} 0 -o zero.pt, then ", " --decoder zero.pt") if wanted == "3" else ("", "")
         raise untrained(
             f"--variant {wanted}",
-            f"bodysense train hmd-vae --data DIR --model {wanted}{decoder} -o model{wanted}.onnx",
+            f"{before}{train} {wanted}{decoder} -o model{wanted}.onnx",
             f"--networks model{wanted}.onnx",
         )
     model = load_body_vae(options.networks)

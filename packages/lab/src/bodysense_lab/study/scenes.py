@@ -6,7 +6,7 @@ import json
 import math
 import shutil
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import as_completed
 from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib.resources import files
@@ -27,6 +27,7 @@ from bodysense.papers.ik_tracker import IkTracker, IkTrackerSettings
 from bodysense.pictures.animation import write_animation
 from bodysense.pictures.sheet import FollowingCamera, Lens, follow_body
 from bodysense.scoring import RATE, Hold, scored_points
+from bodysense_lab.spread import worker_pool
 from bodysense_lab.study.study import CONDITIONS, Condition, StudyKey, draw_key, write_key
 from bodysense_lab.unoc.learned import Learned, load_model
 
@@ -158,7 +159,7 @@ def build_study(
                 write_animation(path, pose, camera, RATE)
                 advance(done, len(work))
         else:
-            with ProcessPoolExecutor(jobs) as pool:
+            with worker_pool(jobs) as pool:
                 waiting = [pool.submit(write_animation, path, pose, camera, RATE) for path, pose, camera in work]
                 for done, future in enumerate(as_completed(waiting), start=1):
                     future.result()

@@ -20,7 +20,7 @@ from bodysense.errors import BodysenseError
 from bodysense.files import written_beside
 from bodysense.io.clip import Clip
 from bodysense.io.recording import Recording
-from bodysense.open import Opened
+from bodysense.open import MotionSource, Opened
 from bodysense.signals import Signal, signal_from
 from bodysense.take import track
 from bodysense_lab.paper_options import PaperOptions, Variant
@@ -49,6 +49,10 @@ def complete(opened: Opened, options: PaperOptions) -> Clip:
 
 def calibrate(opened: Opened, out: Path, options: PaperOptions) -> tuple[str, ...]:
     """Write the flat-hand calibration of a take to an .npz file; returns the hands in it."""
+    if isinstance(opened, MotionSource) and not opened.clip.has_fingers:
+        raise BodysenseError(
+            f"{opened.name}: its fingers are not recorded, so that its hands are relaxed; give a take of flat hands"
+        )
     device = _device(signal := _gloved(opened, options), networks_of(options))
     hands = device.hands.calibrated(signal.observation)
     assert hands.calibration is not None

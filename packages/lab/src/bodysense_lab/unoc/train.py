@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Literal, TypeVar
@@ -17,6 +16,7 @@ from bodysense.files import check_place
 from bodysense.io.clip import Clip
 from bodysense_lab.fit import announced, begin, fit
 from bodysense_lab.progress import read_clips, tracked
+from bodysense_lab.spread import worker_pool
 from bodysense_lab.unoc.network import PAPER, BodyNetwork, BodyNetworkConfig
 from bodysense_lab.unoc.options import BodyTraining, PointTraining
 from bodysense_lab.unoc.point_network import (
@@ -177,7 +177,7 @@ def _prepared(
     fingers takes the first `passes`.
     """
     work = partial(_varied, make=make, reader=reader, variations=variations, passes=passes, seed=seed)
-    with ProcessPoolExecutor(processes, initializer=torch.set_num_threads, initargs=(1,)) as pool:
+    with worker_pool(processes, partial(torch.set_num_threads, 1)) as pool:
         made = [pool.submit(work, numbered) for numbered in enumerate(clips)]
         done = tracked(made, "preparing episodes of the clips", len(made))
         return [episode for episodes in done for episode in episodes.result()]

@@ -7,7 +7,6 @@ import os
 import shutil
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
@@ -25,6 +24,7 @@ from bodysense_lab.checkpoint import identity
 from bodysense_lab.datasets import learned_count
 from bodysense_lab.fit import Report, announced, begin, fit, is_same, launched, line_of, sweep
 from bodysense_lab.progress import read_clips, tracked
+from bodysense_lab.spread import worker_pool
 from bodysense_lab.unoc.network import BodyNetwork, BodyNetworkConfig, write_weights
 from bodysense_lab.unoc.options import TablesTraining
 from bodysense_lab.unoc.task import BodySchedule, BodyTask, Episode, LossWeights, Variation, make_episode, step_count
@@ -190,10 +190,12 @@ def _make(run: TablesTraining, config: BodyNetworkConfig, split: Any) -> Iterato
     # Features of a clip do not depend on the weights or the size of a network.
     reader = replace(config, cell="gru", hidden=1, branch=(1,), judge_branch=(1,))
     make = partial(_episode, config=reader)
-    with ProcessPoolExecutor(max(1, run.jobs), initializer=torch.set_num_threads, initargs=(1,)) as pool:
-        total = learned_count(run.data, split, run.limit)
-        made = pool.map(make, read_clips(run.data, split, run.limit), chunksize=4)
-        yield from tracked(made, f"seeing the {split} split", total)
+    clips, total = read_clips(run.data, split, run.limit), learned_count(run.data, split, run.limit)
+    if run.jobs == 1:
+        yield from tracked(map(make, clips), f"seeing the {split} split", total)
+        return
+    with worker_pool(run.jobs, partial(torch.set_num_threads, 1)) as pool:
+        yield from tracked(pool.map(make, clips, chunksize=4), f"seeing the {split} split", total)
 
 
 def _episode(clip: Any, config: BodyNetworkConfig) -> Episode:
