@@ -182,7 +182,7 @@ def track(
     """
     opened = open_source(source, reading)
     completion = _Completion(settings, network, causal, advance)
-    items = missing_items(missing) if missing else ()
+    items = missing_items(missing)
     if isinstance(opened, MotionSource) and device is None:
         kind = "a motion whose holes are filled, which has a body of its own"
         refuse(opened.name, kind, person=person, height=height, noise=noise, follow=follow, roll=roll)

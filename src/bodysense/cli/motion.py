@@ -209,7 +209,7 @@ def track(  # noqa: PLR0915
         take = complete(
             opened,
             device=device,
-            missing=missing or (),
+            missing=() if missing is None else missing,
             person=wearer,
             height=height,
             noise=seeded,

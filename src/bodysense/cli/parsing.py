@@ -28,6 +28,7 @@ PROGRAM = "bodysense"
 _DEEPEST = 2  # words of a command: a group and its command
 _COMPLETION = ("--tyro-print-completion", "--tyro-write-completion")
 _NONE = "none"  # a default that is printed
+_EMPTY = '""'  # a value that is printed
 # The kind of a value by tyro's name of its type, and an example by a word of its help.
 _KINDS = {"FLOAT": "a number", "INT": "a whole number", "PATH": "a file or folder", "STR": "a text"}
 _EXAMPLES = {"metres": " in metres, such as 1.75", "seconds": " of seconds, such as 0.5", "UDP": ", such as 39539"}
@@ -133,12 +134,12 @@ def _reason(event: events.ParseErrorEvent, application: SubcommandApp, given: Se
         return f"{name} {event.offending_value}: takes no value; leave {event.offending_value!r} out"
     if isinstance(event, events.InvalidChoice):
         choices = ", ".join(sorted(choice for choice in event.choices if choice != "None"))
-        return f"{_name(event.argument)} {event.value}: give one of {choices}"
+        return f"{_name(event.argument)} {event.value or _EMPTY}: give one of {choices}"
     if isinstance(event, events.UnrecognizedArgs):
         return _unknown(event.tokens, application, given)
     if isinstance(event, events.InstantiationFailure) and event.argument is not None:
         name = _name(event.argument)
-        value = _value(name, given) or '""'
+        value = _value(name, given) or _EMPTY
         return f"{name} {value}: give {_wanted(event.argument)}"
     if isinstance(event, events.InstantiationFailure):
         return " ".join(event.message.split())
