@@ -52,7 +52,7 @@ def test_a_udp_port_in_use(refused: Refused) -> None:
         (("--device", "three_point"), "give it with --replay"),
         (("--device-names", "names.json"), "give --vmc-in, --vmt or --slimevr"),
         (("--vrchat", "--vrchat-host", "no.such.host.invalid"), "--vrchat-host no.such.host.invalid: no such host"),
-        (("--slimevr", "--slimevr-host", "no.such.host.invalid"), "--slimevr-port 6969: no.such.host.invalid"),
+        (("--slimevr", "--slimevr-host", "no.such.host.invalid"), "--slimevr-host no.such.host.invalid: no such host"),
         (("--workers", 2, "--solarxr"), "UDP goes with one process only"),
         (("--workers", 2, "--slimevr"), "UDP goes with one process only"),
         (("--bridge",), "--bridge has nowhere to send to; give --vmc-out"),

@@ -133,7 +133,10 @@ def named_of(table: Path | None, steamvr: bool, slimevr: bool) -> tuple[TrackedD
         raise BodysenseError(
             f"--device-names {table}: {next(iter(devices))!r} is a device of VMC or SteamVR; give --vmc-in or --vmt"
         )
-    return TrackedDevices(devices), joints
+    try:
+        return TrackedDevices(devices), joints
+    except BodysenseError as error:
+        raise BodysenseError(f"--device-names {table}: {error}") from None
 
 
 def access_of(
