@@ -233,10 +233,14 @@ _ELSEWHERE = {
 
 
 def _check_images(path: Path) -> None:
-    """Raise BodysenseError, with what to do, for a folder of files that are never read, such as JSON of key points."""
-    endings = {file.suffix.lower() for file in path.iterdir()} if path.is_dir() else set[str]()
-    if never := sorted(endings & _ELSEWHERE.keys() if endings.isdisjoint(IMAGES) else ()):
-        raise BodysenseError(f"{path}: a folder without images; {_ELSEWHERE[never[0]]}")
+    """Raise BodysenseError, with what to do, for a folder without images."""
+    if not path.is_dir():
+        return
+    endings = {file.suffix.lower() for file in path.iterdir()}
+    if endings.isdisjoint(IMAGES):
+        never = sorted(endings & _ELSEWHERE.keys())
+        fix = _ELSEWHERE[never[0]] if never else f"give one file, or a folder of {', '.join(IMAGES)}"
+        raise BodysenseError(f"{path}: a folder without images; {fix}")
 
 
 def _read_motion(path: Path, options: ReadingOptions, rate: float | None) -> tuple[Clip, tuple[str, ...]]:
