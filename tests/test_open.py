@@ -43,9 +43,9 @@ def test_every_kind_is_opened_as_what_it_is(tmp_path: Path, waving_clip: Clip) -
 def test_options_are_those_of_the_kind(tmp_path: Path, waving_clip: Clip) -> None:
     write_bvh(tmp_path / "a.bvh", waving_clip)
     (tmp_path / "a.mp4").write_bytes(b"")
-    with pytest.raises(BodysenseError, match="are for markers"):
+    with pytest.raises(BodysenseError, match=r"a motion; --left-handed: for markers \(\.c3d, .* leave it out"):
         open_source(tmp_path / "a.bvh", markers=MarkerOptions(left_handed=True))
-    with pytest.raises(BodysenseError, match="a video; of --unit"):
+    with pytest.raises(BodysenseError, match="a video; --unit: for motions and recordings, leave it out"):
         open_source(tmp_path / "a.mp4", ReadingOptions(unit="mm"))
 
 

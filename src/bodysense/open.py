@@ -32,7 +32,7 @@ from bodysense.io.markers.options import NO_OPTIONS, MarkerOptions
 from bodysense.io.markers.raw_markers import RawMarkers
 from bodysense.io.markers.recording import MarkerRecording, read_markers, with_hands_of
 from bodysense.io.recording import Recording, is_recording, read_recording
-from bodysense.io.rigs.options import AS_FOUND, ReadingOptions
+from bodysense.io.rigs.options import AS_FOUND, ReadingOptions, given_options
 from bodysense.io.rigs.rigged import read_rigged
 from bodysense.io.smpl import PICKLES, is_smpl, joint_places, read_smpl
 from bodysense.observation import Observation, in_our_world
@@ -160,9 +160,7 @@ def open_source(source: Source, reading: ReadingOptions = AS_FOUND, markers: Mar
 
 
 def _motion_source(path: Path, reading: ReadingOptions, markers: MarkerOptions) -> MotionSource:
-    if replace(markers, rate=None) != NO_OPTIONS:
-        kinds = ", ".join(MARKER_ENDINGS)
-        raise BodysenseError(f"{path}: a motion; --names, --unlabelled and their like are for markers, {kinds}")
+    _refuse_options(path, "a motion", replace(markers, rate=None))
     if markers.rate is not None and not (path.suffix.lower() in _MANY_KINDS and is_smpl(path)):
         raise BodysenseError(
             f"{path}: the file says its frame rate; leave --rate {markers.rate:g} out (bodysense convert resamples)"
@@ -262,16 +260,18 @@ def _read_motion(path: Path, options: ReadingOptions, rate: float | None) -> tup
 
 
 def _check_video(name: str, reading: ReadingOptions, markers: MarkerOptions) -> None:
-    if reading != ReadingOptions(height=reading.height):
-        raise BodysenseError(f"{name}: a video; of --unit, --up, --floor, --joints and --figure it has none")
-    if markers != NO_OPTIONS:
-        raise BodysenseError(f"{name}: a video; options of markers are not for videos: leave --names and its like out")
+    if options := given_options(replace(reading, height=None)):
+        raise BodysenseError(f"{name}: a video; {options}: for motions and recordings, leave it out")
+    _refuse_options(name, "a video", markers)
+
+
+def _refuse_options(name: str | Path, kind: str, markers: MarkerOptions) -> None:
+    if options := given_options(markers):
+        raise BodysenseError(f"{name}: {kind}; {options}: for markers ({', '.join(MARKER_ENDINGS)}), leave it out")
 
 
 def _open_recording(path: Path, reading: ReadingOptions, markers: MarkerOptions) -> RecordingSource:
-    if replace(markers, marker_set=None) != NO_OPTIONS:
-        kinds = ", ".join(MARKER_ENDINGS)
-        raise BodysenseError(f"{path}: --names, --unlabelled and their like are for marker files, {kinds}")
+    _refuse_options(path, "a recording", replace(markers, marker_set=None))
     recording = read_recording(path)
     if glove_hands(recording.observation.points):
         recording = replace(recording, worn=markers.worn())

@@ -77,7 +77,7 @@ BAD = {
     "track motion.bvh -o out.bvh --missing head:5-9999": "9999",
     "track motion.bvh -o out.bvh --joints text.txt": "text.txt",
     "track motion.bvh -o out.bvh --joints missing.json": "missing.json",
-    "track motion.bvh -o out.bvh --seconds 2": "not a video",
+    "track motion.bvh -o out.bvh --seconds 2": "motion.bvh: not a video; --seconds: for videos, leave it out",
     "convert motion.bvh -o out.bvh --rate nan": "--rate nan: give frames a second, such as 30",
     "convert motion.bvh -o out.bvh --rate 0": "--rate 0: give frames a second",
     "convert motion.bvh -o out.bvh --rate -30": "--rate -30: give frames a second",
