@@ -71,6 +71,7 @@ BAD = {
     "conform motion.bvh --floor nan": "--floor nan: give the floor's height in metres",
     "conform motion.bvh --watch vmc": "motion.bvh: --watch is for a server",
     "calibrate http://127.0.0.1:1/ --wait 0": "http://127.0.0.1:1/: Connection refused; is `bodysense serve` running?",
+    "serve --port 0 --up z --height 1.7": "--up is for a motion that is replayed; give it with --replay",
     "serve --port 0 --host 999.1.1.1": "--host 999.1.1.1: no such host",
     "serve --port 0 --slimevr --slimevr-host 192.0.2.1": "--slimevr-host 192.0.2.1: no address of this machine",
     "serve --port 0 --vmc-in 0 --device-names nose.json": "--device-names nose.json: 'nose' (for 'LHR-1') is no device",
