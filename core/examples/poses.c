@@ -33,8 +33,9 @@ static uint8_t numbers(const char *line, const char *member, const char *name, d
 }
 
 int main(int count, char **arguments) {
-    FILE *weights = count > 2 ? fopen(arguments[1], "rb") : NULL, *recording = count > 2 ? fopen(arguments[2], "r") : NULL;
-    if (!weights || !recording) return fprintf(stderr, "usage: poses completion.safetensors recording.jsonl\n"), 2;
+    if (count < 3) return fprintf(stderr, "usage: poses completion.safetensors recording.jsonl [height in metres]\n"), 2;
+    FILE *weights = fopen(arguments[1], "rb"), *recording = fopen(arguments[2], "r");
+    if (!weights || !recording) return fprintf(stderr, "%s cannot be read\n", arguments[weights ? 2 : 1]), 2;
     const bs_model *model;
     check(bs_model_open(file, fread(file, 1, sizeof file, weights), opened, sizeof opened, &model));
 

@@ -35,7 +35,7 @@ from bodysense.io.markers.options import NO_OPTIONS, MarkerOptions
 from bodysense.io.markers.raw_markers import RawMarkers
 from bodysense.io.markers.recording import MarkerRecording, read_markers, with_hands_of
 from bodysense.io.recording import Recording, is_recording, read_recording
-from bodysense.io.rigs.options import AS_FOUND, ReadingOptions
+from bodysense.io.rigs.options import AS_FOUND, ReadingOptions, given_options
 from bodysense.io.rigs.rigged import Rigged, read_rigged
 from bodysense.io.rigs.source_joints import joints_of_file
 from bodysense.io.smpl import PICKLES, RATE, is_smpl, joint_places, read_smpl
@@ -179,9 +179,7 @@ def open_source(source: Source, reading: ReadingOptions = AS_FOUND, markers: Mar
 
 
 def _motion_source(path: Path, reading: ReadingOptions, markers: MarkerOptions) -> MotionSource:
-    if replace(markers, rate=None) != NO_OPTIONS:
-        kinds = ", ".join(MARKER_ENDINGS)
-        raise BodysenseError(f"{path}: a motion; --names, --unlabelled and their like are for markers, {kinds}")
+    _refuse_options(path, "a motion", replace(markers, rate=None))
     if markers.rate is not None and _says_rate(path):
         raise BodysenseError(
             f"{path}: the file says its frame rate; leave --rate {markers.rate:g} out (bodysense convert resamples)"
@@ -258,10 +256,14 @@ _ELSEWHERE = {
 
 
 def _check_images(path: Path) -> None:
-    """Raise BodysenseError, with what to do, for a folder of files that are never read, such as JSON of key points."""
-    endings = {file.suffix.lower() for file in path.iterdir()} if path.is_dir() else set[str]()
-    if never := sorted(endings & _ELSEWHERE.keys() if endings.isdisjoint(IMAGES) else ()):
-        raise BodysenseError(f"{path}: a folder without images; {_ELSEWHERE[never[0]]}")
+    """Raise BodysenseError, with what to do, for a folder without images."""
+    if not path.is_dir():
+        return
+    endings = {file.suffix.lower() for file in path.iterdir()}
+    if endings.isdisjoint(IMAGES):
+        never = sorted(endings & _ELSEWHERE.keys())
+        fix = _ELSEWHERE[never[0]] if never else f"give one file, or a folder of {', '.join(IMAGES)}"
+        raise BodysenseError(f"{path}: a folder without images; {fix}")
 
 
 def _read_motion(path: Path, options: ReadingOptions, rate: float | None) -> tuple[Clip, tuple[str, ...]]:
@@ -287,16 +289,18 @@ def _held_still(path: Path, rigged: Rigged) -> HeldStill:
 
 
 def _check_video(name: str, reading: ReadingOptions, markers: MarkerOptions) -> None:
-    for option in (*replace(reading, height=None).for_the_world(), *reading.for_motions()):
-        raise BodysenseError(f"{name}: {option} is not for videos; leave it out")
-    if markers != NO_OPTIONS:
-        raise BodysenseError(f"{name}: a video; options of markers are not for videos: leave --names and its like out")
+    if options := given_options(replace(reading, height=None)):
+        raise BodysenseError(f"{name}: a video; {options}: for motions and recordings, leave it out")
+    _refuse_options(name, "a video", markers)
+
+
+def _refuse_options(name: str | Path, kind: str, markers: MarkerOptions) -> None:
+    if options := given_options(markers):
+        raise BodysenseError(f"{name}: {kind}; {options}: for markers ({', '.join(MARKER_ENDINGS)}), leave it out")
 
 
 def _open_recording(path: Path, reading: ReadingOptions, markers: MarkerOptions) -> RecordingSource:
-    if replace(markers, marker_set=None) != NO_OPTIONS:
-        kinds = ", ".join(MARKER_ENDINGS)
-        raise BodysenseError(f"{path}: --names, --unlabelled and their like are for marker files, {kinds}")
+    _refuse_options(path, "a recording", replace(markers, marker_set=None))
     recording = read_recording(path)
     if glove_hands(recording.observation.points):
         recording = replace(recording, worn=markers.worn())

@@ -14,7 +14,7 @@ from bodysense.io.clip import Clip
 
 from ..conftest import Refused
 
-# The command, and what its line says. FOLDER has motion.bvh, text.txt, deep.json and a folder.
+# The command, and what its line says. FOLDER has motion.bvh, text.txt, deep.json, nose.json, a folder and a site.
 BAD = {
     # commands
     "": "give one of bench, calibrate",
@@ -66,10 +66,19 @@ BAD = {
     "track motion.bvh -o out.bvh --rig lego": "lego",
     "track motion.bvh -o out.bvh --missing tail": "no such joint",
     "track motion.bvh -o out.bvh --missing head:9-3": "head:9-3",
+    "track motion.bvh -o out.bvh --missing=": "missing '': an item is empty",
+    "track motion.bvh -o out.bvh --device=": '--device "": give one of four_point, gloves',
+    "conform motion.bvh --floor nan": "--floor nan: give the floor's height in metres",
+    "conform motion.bvh --watch vmc": "motion.bvh: --watch is for a server",
+    "calibrate http://127.0.0.1:1/ --wait 0": "http://127.0.0.1:1/: Connection refused; is `bodysense serve` running?",
+    "serve --port 0 --up z --height 1.7": "--up is for a motion that is replayed; give it with --replay",
+    "serve --port 0 --host 999.1.1.1": "--host 999.1.1.1: no such host",
+    "serve --port 0 --slimevr --slimevr-host 192.0.2.1": "--slimevr-host 192.0.2.1: no address of this machine",
+    "serve --port 0 --vmc-in 0 --device-names nose.json": "--device-names nose.json: 'nose' (for 'LHR-1') is no device",
     "track motion.bvh -o out.bvh --missing head:5-9999": "9999",
     "track motion.bvh -o out.bvh --joints text.txt": "text.txt",
     "track motion.bvh -o out.bvh --joints missing.json": "missing.json",
-    "track motion.bvh -o out.bvh --seconds 2": "not a video",
+    "track motion.bvh -o out.bvh --seconds 2": "motion.bvh: not a video; --seconds: for videos, leave it out",
     "convert motion.bvh -o out.bvh --rate nan": "--rate nan: give frames a second, such as 30",
     "convert motion.bvh -o out.bvh --rate 0": "--rate 0: give frames a second",
     "convert motion.bvh -o out.bvh --rate -30": "--rate -30: give frames a second",
@@ -150,6 +159,11 @@ BAD = {
     "track motion.bvh -o out.xyz": "ends in '.xyz'; give a name that ends in .bvh",
     "track motion.bvh -o motion.bvh": "both read and written",
     "convert motion.bvh -o folder": "folder",
+    "convert folder -o out.bvh": "folder: a folder without images; give one file",
+    "track motion.bvh -o out.bvh --json out.bvh": "out.bvh: written by -o and by --json; give each a name of its own",
+    "track motion.bvh --out=out.bvh --json ./out.bvh --overwrite": "./out.bvh: written by --out and by --json",
+    "conform motion.bvh --html out.html --json out.html": "out.html: written by --html and by --json",
+    "page -o site": "--out site: its index.html is another page's; give another folder",
     "convert motion.bvh -o out.bvh --json folder": "folder is a folder",
     "serve --port 0 --allow-record /proc": "--allow-record /proc: nothing can be written there",
     "serve --port 0 --shared text.txt": "--shared text.txt: give the address of a Valkey or Redis",
@@ -201,6 +215,7 @@ _DAMAGED = ("bvh", "npz", "glb", "vrma")
 BAD |= {read.format(f"bytes.{end}"): f"bytes.{end}" for read in _READERS for end in _DAMAGED}
 NEEDS_LAB = ("evaluate", "bench", "train")
 NEEDS_LIVE = ("serve", "calibrate", "page")
+NEEDS_CONFORM = ("conform",)
 
 
 @pytest.fixture(scope="module")
@@ -211,6 +226,9 @@ def inputs(tmp_path_factory: pytest.TempPathFactory, short_clip: Clip) -> Path:
     (folder / "text.txt").write_text("hello")
     (folder / "deep.json").write_text("[" * 100_000)
     (folder / "folder").mkdir()
+    (folder / "site").mkdir()
+    (folder / "site" / "index.html").write_text("hello")
+    (folder / "nose.json").write_text('{"LHR-1": "nose"}')
     for ending in ("bvh", "npz", "npy", "glb", "vrma", "c3d", "trc", "csv", "jsonl"):
         (folder / f"bytes.{ending}").write_bytes(bytes(range(256)) * 8)
     return folder
@@ -233,6 +251,8 @@ def test_one_line_and_no_file(folder: Path, refused: Refused, command: str) -> N
         pytest.importorskip("bodysense_lab", reason="needs packages/lab")
     if first in (*NEEDS_LIVE, "", "dance", "tack"):
         pytest.importorskip("uvicorn", reason="needs packages/live")
+    if first in NEEDS_CONFORM:
+        pytest.importorskip("bodysense_conform", reason="needs packages/conform")
     if "/proc" in command and sys.platform != "linux":
         pytest.skip("needs a folder that nobody can write to")
     before = files(folder)

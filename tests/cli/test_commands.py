@@ -6,6 +6,7 @@ import json
 import re
 from dataclasses import replace
 from importlib.resources import files
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -134,6 +135,18 @@ def test_demo(tmp_path: Path, run) -> None:
     assert len(rows) == 4 and all(float(row[-1]) < float(row[-2]) for row in rows)  # better than doing nothing
 
 
+def test_lines_of_help_are_filled(capsys: pytest.CaptureFixture[str]) -> None:
+    """The next word does not fit on a line, in the first text (of a command) and in the last (of shared options)."""
+    with pytest.raises(SystemExit):
+        main(["track", "--help"])
+    lines = [line.strip(" │|").removeprefix("PATH ") for line in capsys.readouterr().out.splitlines()]
+    first = next(k for k, line in enumerate(lines) if line.strip().startswith("recording (.npz"))
+    last = next(k for k, line in enumerate(lines) if line.startswith("--smpl-model"))
+    for begin, count in ((first, 4), (last, 3)):
+        texts = [line.removeprefix("--smpl-model PATH").strip() for line in lines[begin : begin + count]]
+        assert all(len(line) + len(after.split()[0]) >= 56 for line, after in pairwise(texts)), texts
+
+
 def test_options_of_track_are_in_groups(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):
         main(["track", "--help"])
@@ -141,5 +154,5 @@ def test_options_of_track_are_in_groups(capsys: pytest.CaptureFixture[str]) -> N
     groups = dict(zip(parts[1::2], parts[2::2], strict=True))
     assert list(groups) == ["positional arguments", "options", "markers options", "video options", "reading options"]
     for option, group in (("--names", "markers"), ("--overlay", "video"), ("--unit", "reading"), ("--device", "")):
-        found = [name for name, text in groups.items() if re.search(rf"(?m)^ +{option}\b", text)]
+        found = [name for name, text in groups.items() if re.search(rf"(?m)^ {{1,4}}{option}\b", text)]
         assert found == [f"{group} options".strip()]

@@ -132,7 +132,7 @@ def test_a_video_of_nobody_is_refused(tmp_path: Path, landmarkers: Path, capsys:
         (("none.mp4",), "none.mp4: no such file"),
         (("text.mp4", "--device", "three_point"), "are not for videos"),
         (("text.mp4", "--samples", "2"), "are not for videos"),
-        (("text.mp4", "--names", "names.json"), "options of markers are not for videos"),
+        (("text.mp4", "--names", "names.json"), "a video; --names: for markers (.c3d"),
         (("text.mp4", "--look-ahead", "3"), "--look-ahead 3: give 0 to 0.5 s"),
         (("text.mp4", "--follow", "0"), "--follow 0: people are numbered from 1"),
         (("text.mp4", "--person", "2"), "--person 2: no such wearer's file; --follow 2 follows that person"),

@@ -9,10 +9,18 @@ import subprocess
 import sys
 import time
 import urllib.request
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from bodysense.body.person import Person
+from bodysense.devices.simulated.device import simulate
+from bodysense.io.clip import Clip
+from bodysense.io.recording import Recording, write_recording
+from bodysense.io.rigs.options import ReadingOptions
+from bodysense_live.commands.serve_settings import playable_of
 from bodysense_live.safety import Access
 from bodysense_live.settings import ServerSettings
 
@@ -52,7 +60,7 @@ def test_a_udp_port_in_use(refused: Refused) -> None:
         (("--device", "three_point"), "give it with --replay"),
         (("--device-names", "names.json"), "give --vmc-in, --vmt or --slimevr"),
         (("--vrchat", "--vrchat-host", "no.such.host.invalid"), "--vrchat-host no.such.host.invalid: no such host"),
-        (("--slimevr", "--slimevr-host", "no.such.host.invalid"), "--slimevr-port 6969: no.such.host.invalid"),
+        (("--slimevr", "--slimevr-host", "no.such.host.invalid"), "--slimevr-host no.such.host.invalid: no such host"),
         (("--workers", 2, "--solarxr"), "UDP goes with one process only"),
         (("--workers", 2, "--slimevr"), "UDP goes with one process only"),
         (("--bridge",), "--bridge has nowhere to send to; give --vmc-out"),
@@ -136,3 +144,12 @@ def test_nobody_to_calibrate(refused: Refused) -> None:
     assert "is `bodysense serve` running?" in refused("calibrate", f"http://127.0.0.1:{port}/")
     for address in ("localhost", "http://", "ftp://127.0.0.1/", "http://[::1", "http://127.0.0.1:99999/"):
         assert refused("calibrate", address).startswith(f"{address}: give the address that `bodysense serve` printed")
+
+
+def test_a_replayed_recording_is_read_as_its_options_say(tmp_path: Path, waving_clip: Clip, refused: Refused) -> None:
+    seen, path = simulate(waving_clip, "three_point"), tmp_path / "seen.npz"
+    write_recording(path, Recording(replace(seen, position=seen.position * 100), waving_clip.pose.skeleton))
+    played = playable_of(path, None, ReadingOptions(unit="cm"), Person())
+    assert played is not None
+    np.testing.assert_allclose(played.observation.position, seen.position, rtol=1e-6)
+    assert "--figure is for motions, not for recordings" in refused("serve", "--replay", path, "--figure", 1)

@@ -59,7 +59,7 @@ def test_a_receiver_puts_every_joint_where_it_is(waving_clip: Clip, frame: int) 
 
 def test_all_of_unitys_bones_are_sent_by_their_names_and_then_ok_and_time(waving_clip: Clip) -> None:
     packets = vmc_packets(posed(waving_clip, 5), 12.5, tracked=False)
-    assert len(packets) == 1
+    assert len(packets) == 1 and round(len(packets[0]) / 1000, 1) == 4.4  # kB, as docs/avatars.md says
     messages = read(packets)
     assert messages[0] == ("/VMC/Ext/Root/Pos", ["root", 0, 0, 0, 0, 0, 0, 1])
     assert messages[-2:] == [("/VMC/Ext/OK", [1, 3, 0, 0]), ("/VMC/Ext/T", [12.5])]

@@ -65,7 +65,7 @@ class Person:
         Args:
             skeleton: the wearer's proportions, if they are known.
             height: stature in metres, from the floor to the crown, without shoes. A plain number is known to 1 mm;
-            `Measured(1.75, 0.02)` is known to 2 cm.
+                `Measured(1.75, 0.02)` is known to 2 cm.
             lengths: distances between two points of the T-pose, by the points' names: `{("left_hip", "left_knee"):
                 0.43}`, metres, as for `height`.
             bone_deviation: standard deviation (P,), metres, of the length of every point's bone; 0 for all points

@@ -22,7 +22,7 @@ from bodysense.errors import BodysenseError
 from bodysense.files import check_place
 from bodysense.io.markers.options import NO_OPTIONS, MarkerOptions
 from bodysense.io.markers.raw_markers import listed
-from bodysense.io.rigs.options import AS_FOUND
+from bodysense.io.rigs.options import AS_FOUND, given_options
 from bodysense.ranges import Samples, Seed
 
 if TYPE_CHECKING:
@@ -170,8 +170,8 @@ def track(  # noqa: PLR0915
         track_video(opened.name, out, video, model, wearer, rig, settings, causal)
         write_summary(json, [out] if video.overlay is None else [out, video.overlay], {})
         return
-    if video != NO_VIDEO:
-        raise BodysenseError(f"{file}: not a video; --overlay, --people and their like are for videos")
+    if options := given_options(video):
+        raise BodysenseError(f"{file}: not a video; {options}: for videos, leave it out")
     if samples is not None and fingers == "synthesize":
         raise BodysenseError(f"--samples {samples} draws bodies as they are; leave --fingers synthesize out")
     if markers_out:

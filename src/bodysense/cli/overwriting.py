@@ -19,15 +19,15 @@ UPDATED = {"--person", "--save-person"}  # with one file for both, the command u
 def checked_arguments(arguments: Sequence[str]) -> list[str]:
     """Return the arguments of a command without `--overwrite`.
 
-    Raises BodysenseError, unless the flag is given, if a file to be written is also read: by its name, by a symbolic
-    or by a hard link. `--person X --save-person X` is allowed.
+    Raises BodysenseError if two options write one file, and, unless the flag is given, if a file to be written is also
+    read: by its name, by a symbolic or by a hard link. `--person X --save-person X` is allowed.
     """
+    _check_outputs_differ(arguments)
     if FLAG in arguments:
         return [argument for argument in arguments if argument != FLAG]
     seen: dict[tuple[int, int], tuple[str, str]] = {}  # by identity: name and option
     for before, argument in zip(["", *arguments], arguments, strict=False):
-        option, equals, value = argument.partition("=") if argument.startswith("--") else (before, "", argument)
-        name = value if equals or not argument.startswith("--") else argument
+        option, name = _option_and_value(before, argument)
         identity = _identity(name)
         if identity is None:
             continue
@@ -47,6 +47,24 @@ def check_apart(outputs: Sequence[Path], file: Path) -> None:
     for out in outputs:
         if _identity(str(out)) is not None and _identity(str(out)) == _identity(str(file)):
             raise BodysenseError(f"{out}: would be written over {file}, which is read; give -o another name")
+
+
+def _check_outputs_differ(arguments: Sequence[str]) -> None:
+    """Raise BodysenseError if two options name one output, which would keep the last of the two."""
+    options: dict[Path, str] = {}
+    for before, argument in zip(["", *arguments], arguments, strict=False):
+        option, name = _option_and_value(before, argument)
+        if option not in WRITTEN or not name or name.startswith("--"):
+            continue
+        first = options.setdefault(Path(name).absolute(), option)
+        if first != option:
+            raise BodysenseError(f"{name}: written by {first} and by {option}; give each a name of its own")
+
+
+def _option_and_value(before: str, argument: str) -> tuple[str, str]:
+    """Return the option of an argument and its value, from `--out=a.bvh` or from `--out a.bvh`."""
+    option, equals, value = argument.partition("=")
+    return (option, value) if equals and argument.startswith("--") else (before, argument)
 
 
 def _identity(name: str) -> tuple[int, int] | None:

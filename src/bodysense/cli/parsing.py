@@ -1,7 +1,8 @@
 """Parsing of the command line by tyro, with one line for each error.
 
 tyro prints errors as boxes of several lines, with choices in no order. Its hook for errors gives the parts for a line.
-The hook is not part of tyro's public interface; pyproject.toml names the versions that have it.
+The hook and the fields of options are not part of tyro's public interface; pyproject.toml names the versions that have
+them.
 """
 
 from __future__ import annotations
@@ -9,8 +10,8 @@ from __future__ import annotations
 import difflib
 import io
 import re
-from collections.abc import Sequence
-from contextlib import redirect_stdout, suppress
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, redirect_stdout, suppress
 from dataclasses import replace
 from itertools import takewhile
 from pathlib import Path
@@ -18,6 +19,7 @@ from types import NoneType, UnionType
 from typing import Any, Literal, Union, get_args, get_origin
 
 from tyro import _errors as events
+from tyro._fields import FieldDefinition
 from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec, PrimitiveTypeInfo
 from tyro.extras import SubcommandApp
 
@@ -28,6 +30,7 @@ PROGRAM = "bodysense"
 _DEEPEST = 2  # words of a command: a group and its command
 _COMPLETION = ("--tyro-print-completion", "--tyro-write-completion")
 _NONE = "none"  # a default that is printed
+_EMPTY = '""'  # a value that is printed
 # The kind of a value by tyro's name of its type, and an example by a word of its help.
 _KINDS = {"FLOAT": "a number", "INT": "a whole number", "PATH": "a file or folder", "STR": "a text"}
 _EXAMPLES = {"metres": " in metres, such as 1.75", "seconds": " of seconds, such as 0.5", "UDP": ", such as 39539"}
@@ -45,7 +48,7 @@ def run(application: SubcommandApp, description: str, given: Sequence[str]) -> A
         if reason is not None:
             raise BodysenseError(reason)
 
-    with _registry(), events.on_parse_error(refuse):
+    with _registry(), _unbroken_help(), events.on_parse_error(refuse):
         if completes:
             return _complete(application, description, given)
         return application.cli(prog=PROGRAM, description=description, args=given)
@@ -97,6 +100,27 @@ def _registry() -> ConstructorRegistry:
     return registry
 
 
+@contextmanager
+def _unbroken_help() -> Iterator[None]:
+    """Let tyro fill the lines of help texts; it keeps them broken where the source breaks and indents them."""
+    make = FieldDefinition.make
+
+    def filled(**field: Any) -> FieldDefinition:
+        text = field.pop("helptext")
+        return make(**field, helptext=lambda: _joined(text() if callable(text) else text))
+
+    FieldDefinition.make = staticmethod(filled)  # type: ignore[method-assign]
+    try:
+        yield
+    finally:
+        FieldDefinition.make = staticmethod(make)  # type: ignore[method-assign]
+
+
+def _joined(text: object) -> str | None:
+    """Return a text without line breaks; None for no text."""
+    return None if text is None else " ".join(str(text).split())
+
+
 def _path(words: list[str]) -> Path:
     """Return a path. Raises ValueError for an empty one, which Path takes for the current folder."""
     if not words[0]:
@@ -133,12 +157,12 @@ def _reason(event: events.ParseErrorEvent, application: SubcommandApp, given: Se
         return f"{name} {event.offending_value}: takes no value; leave {event.offending_value!r} out"
     if isinstance(event, events.InvalidChoice):
         choices = ", ".join(sorted(choice for choice in event.choices if choice != "None"))
-        return f"{_name(event.argument)} {event.value}: give one of {choices}"
+        return f"{_name(event.argument)} {event.value or _EMPTY}: give one of {choices}"
     if isinstance(event, events.UnrecognizedArgs):
         return _unknown(event.tokens, application, given)
     if isinstance(event, events.InstantiationFailure) and event.argument is not None:
         name = _name(event.argument)
-        value = _value(name, given) or '""'
+        value = _value(name, given) or _EMPTY
         return f"{name} {value}: give {_wanted(event.argument)}"
     if isinstance(event, events.InstantiationFailure):
         return " ".join(event.message.split())

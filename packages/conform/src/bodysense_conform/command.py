@@ -61,6 +61,8 @@ def conform(
     for path in (html, json):
         if path is not None:
             check_place(path)
+    if floor is not None and not abs(floor) <= 1000:
+        raise BodysenseError(f"--floor {floor:g}: give the floor's height in metres")
     if Path(source).is_dir():
         for option, value in {"script": script, "html": html, "reference": reference, "watch": watch}.items():
             if value is not None:
@@ -68,6 +70,8 @@ def conform(
         return _judge_folder(Path(source), floor, splits, json)
     if splits:
         raise BodysenseError(f"{source}: --splits is for folders; leave it out")
+    if watch is not None and not source.startswith(("ws://", "wss://")):
+        raise BodysenseError(f"{source}: --watch is for a server, ws://HOST:PORT/ws; leave it out")
     subject = _subject(source, seconds, watch)
     if script is None and not _is_stream(source):
         script = script_beside(Path(source))

@@ -118,7 +118,7 @@ class TableOptions:
     """score the first seconds of a few clips, in under a minute; the table says what was left out"""
     jobs: Processes | None = None
     """processes; all processors if omitted"""
-    out: Path = Path("bodysense-tables")
+    out: Output = Path("bodysense-tables")
     """folder for the table as CSV and as a picture (PNG)"""
     json: Path | None = None
     """file for the numbers, as one flat object"""

@@ -172,7 +172,8 @@ def _bound(option: str, host: str, port: int, kind: socket.SocketKind) -> socket
         family, _, _, _, address = socket.getaddrinfo(host, port, type=kind)[0]
         found = socket.socket(family, kind)
     except OSError:
-        raise BodysenseError(f"{option} {port}: {host}: no such host; give an address of this machine") from None
+        option = option.replace("port", "host")
+        raise BodysenseError(f"{option} {host}: no such host; give an address of this machine") from None
     try:
         if kind == socket.SOCK_STREAM:
             found.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -189,7 +190,7 @@ def _why(error: OSError, option: str, host: str, port: int) -> str:
     if error.errno == errno.EACCES:
         return f"{option} {port}: no permission to listen there; choose a {option} of 1024 or more"
     if error.errno == errno.EADDRNOTAVAIL:
-        return f"{option} {port}: {host} is no address of this machine; give one of its own, or 0.0.0.0 for all"
+        return f"{option.replace('port', 'host')} {host}: no address of this machine; give one, or 0.0.0.0 for all"
     return f"{option} {port}: {host} cannot be listened on ({error.strerror}); choose another {option}"
 
 

@@ -103,6 +103,8 @@ def write_page(out: Path, webcam: Path | None = None) -> list[tuple[str, int]]:
 
 
 def check_out(out: Path) -> None:
-    """Raise BodysenseError if no folder can be written there."""
+    """Raise BodysenseError if no folder can be written there, or if it is another page's."""
     if out.exists() and not out.is_dir():
         raise BodysenseError(f"--out {out}: it is a file; give a folder")
+    if (out / "index.html").exists() and not (out / ABOUT).exists():
+        raise BodysenseError(f"--out {out}: its index.html is another page's; give another folder, such as {out}/body")

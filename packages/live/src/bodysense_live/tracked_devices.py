@@ -81,7 +81,7 @@ class TrackedDevices:
     def __post_init__(self) -> None:
         for serial, point in self.names.items():
             if point not in POINTS:
-                raise BodysenseError(f"devices: {point!r} (for {serial!r}) is no device; valid are {', '.join(POINTS)}")
+                raise BodysenseError(f"{point!r} (for {serial!r}) is no device; valid are {', '.join(POINTS)}")
 
     def put(self, told: Iterable[tuple[str, TrackedDevice]], state: DeviceState) -> tuple[DeviceState, str | None]:
         """Take in serials and poses; the reason, too, where one of them is of no use."""

@@ -3,7 +3,7 @@
 Source: protocol.vmc.info, *Marionette*: Root/Pos (2.0) and Bone/Pos, named like Unity's `HumanBodyBones`, local to the
 parent, quaternions x, y, z, w, then /VMC/Ext/OK (2.5) and T. Rotations are relative to VRM's T-pose.
 
-A pose is one datagram of about 4.7 kB, because some receivers use the bones after each datagram. OK and T come last,
+A pose is one datagram of about 4.4 kB, because some receivers use the bones after each datagram. OK and T come last,
 because others keep the bones that they have when OK or T arrives.
 
 Headset, controllers and trackers come in as /VMC/Ext/Hmd|Con|Tra/Pos and …/Pos/Local. `VmcTrackers` reads packets and

@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
+from typing import Any
 
 from bodysense.body.person import SHORTEST, TALLEST
 from bodysense.body.world_axes import UpAxis, metres_of, turn_of
 from bodysense.errors import BodysenseError
+
+
+def given_options(options: Any) -> str:
+    """Return the options of a dataclass that are given, as '--names, --rate'; nothing if all have their defaults."""
+    names = (one.name for one in fields(options) if getattr(options, one.name) != one.default)
+    return ", ".join(f"--{name.replace('_', '-')}" for name in names)
 
 
 @dataclass(frozen=True)

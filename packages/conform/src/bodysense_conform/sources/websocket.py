@@ -44,7 +44,7 @@ def record_websocket(url: str, seconds: float, watch: str | None) -> Subject:
                 except TimeoutError:
                     break
     except (OSError, WebSocketException, ValueError) as error:
-        reason = " ".join(str(error).split()) or type(error).__name__
+        reason = getattr(error, "strerror", None) or " ".join(str(error).split()) or type(error).__name__
         if not messages:
             raise BodysenseError(
                 f"{url}: no server answers ({reason[:80]}); start it: bodysense serve --vmc-in 39539"

@@ -72,9 +72,8 @@ def calibrate(
             "printed, token included"
         ) from None
     except (OSError, WebSocketException) as error:
-        raise BodysenseError(
-            f"{address}: {str(error) or type(error).__name__}; is `bodysense serve` running?"
-        ) from None
+        reason = getattr(error, "strerror", None) or str(error) or type(error).__name__
+        raise BodysenseError(f"{address}: {reason}; is `bodysense serve` running?") from None
 
 
 def _place(address: str) -> SplitResult | None:

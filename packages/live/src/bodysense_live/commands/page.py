@@ -3,9 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Annotated
+
+import tyro
 
 
-def page(out: Path, webcam: bool = False, landmarkers: Path | None = None) -> None:
+def page(
+    out: Annotated[Path, tyro.conf.arg(aliases=("-o",))], webcam: bool = False, landmarkers: Path | None = None
+) -> None:
     """Write the page as a folder for any static host; all of it runs in the browser (docs/page.md).
 
     Args:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Literal
 
 from bodysense.errors import BodysenseError
 from bodysense.files import check_place
-from bodysense.io.rigs.options import ReadingOptions
+from bodysense.io.rigs.options import ReadingOptions, given_options
 from bodysense_live.commands.serve_options import (
     AccessOptions,
     InputOptions,
@@ -133,7 +133,10 @@ def named_of(table: Path | None, steamvr: bool, slimevr: bool) -> tuple[TrackedD
         raise BodysenseError(
             f"--device-names {table}: {next(iter(devices))!r} is a device of VMC or SteamVR; give --vmc-in or --vmt"
         )
-    return TrackedDevices(devices), joints
+    try:
+        return TrackedDevices(devices), joints
+    except BodysenseError as error:
+        raise BodysenseError(f"--device-names {table}: {error}") from None
 
 
 def access_of(
@@ -223,21 +226,24 @@ def playable_of(file: Path | None, device: str | None, reading: ReadingOptions, 
     from bodysense.body.person import Person
     from bodysense.cli.recordings import load_clip
     from bodysense.devices.simulated.device import DEVICES, simulate
-    from bodysense.io.recording import is_recording, read_recording
+    from bodysense.io.recording import is_recording
+    from bodysense.open import RecordingSource, open_source
     from bodysense_live.replay import Playable
 
     if file is None:
         if device is not None:
             raise BodysenseError("--device is for a motion that is replayed; give it with --replay")
-        for option in reading.for_motions():
-            raise BodysenseError(f"{option} is for a motion that is replayed; give it with --replay")
+        if options := given_options(replace(reading, height=None, floor=None)):
+            raise BodysenseError(f"{options} is for a motion that is replayed; give it with --replay")
         return None
     if not file.is_file():
         raise BodysenseError(f"--replay {file}: no such file")
     if is_recording(file):
         if device is not None:
             raise BodysenseError(f"--replay {file}: a recording; leave --device out")
-        recording = read_recording(file)
+        opened = open_source(file, reading)  # in metres and +Y up, by the options
+        assert isinstance(opened, RecordingSource)
+        recording = opened.recording
         is_known = recording.known and reading.height is None
         return Playable(recording.observation, Person(recording.skeleton) if is_known else wearer)
     if device is None:
