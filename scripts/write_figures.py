@@ -95,6 +95,7 @@ Live, with P processes and N sessions: 1 and 8; 2 and 8, 16, 24, 40.
     bodysense bench live --sessions 20 --share 0.4 --json FIGURES/live-share-20.json
     … the same with 10 sessions, into FIGURES/live-share-10.json
     python scripts/measure_page.py FIGURES/page.json
+    python scripts/measure_page.py FIGURES/page-endurance.json
     python scripts/build_image.py --json FIGURES/image.json
     bodysense bench live-soak --json FIGURES/live-soak.json
     bodysense bench live-fuzz --json FIGURES/live-fuzz.json

@@ -49,7 +49,28 @@ def visit(page: Numbers) -> str:
     )
 
 
+def headset(found: Numbers) -> str:
+    """Return the times and the memory of minutes in an emulated headset."""
+    text = (
+        f"{found['minutes']:.0f} minutes in an emulated headset at 72 Hz, without drawing "
+        f"(`python scripts/measure_page.py`): {found['rate_hz']:.1f} steps a second; a step took {found['step_p50_ms']:.1f} ms in the middle, "
+        f"{found['step_p99_ms']:.1f} ms in the slowest percent and {found['step_worst_ms']:.0f} ms at most. "
+    )
+    if "thread_computed_ms" in found:
+        text += (
+            f"The worker's thread computed for {found['thread_computed_ms']:.2f} ms a step and waited "
+            f"{found['thread_waited_ms']:.2f} ms for a processor. "
+        )
+    return text + (
+        f"A frame of the page's own thread, which never waits for a step, took {found['frame_p50_ms']:.1f} ms in the "
+        f"middle and {found['frame_p99_ms']:.1f} ms in the slowest percent. From when the timeline is full to the "
+        f"end the page's heap went from {found['heap_early_mb']:.1f} to {found['heap_late_mb']:.1f} MB and its process from "
+        f"{found['process_early_mb']:.0f} to {found['process_late_mb']:.0f} MB."
+    )
+
+
 BLOCKS = (
     Block("docs/results.md", "doors", doors, ("page", "live-share-20", "live-share-10", "image")),
     Block("docs/page.md", "visit", visit, ("page",)),
+    Block("docs/page.md", "headset", headset, ("page-endurance",)),
 )
