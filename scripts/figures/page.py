@@ -53,8 +53,9 @@ def headset(found: Numbers) -> str:
     """Return the times and the memory of minutes in an emulated headset."""
     text = (
         f"{found['minutes']:.0f} minutes in an emulated headset at 72 Hz, without drawing "
-        f"(`python scripts/measure_page.py`): {found['rate_hz']:.1f} steps a second; a step took {found['step_p50_ms']:.1f} ms in the middle, "
-        f"{found['step_p99_ms']:.1f} ms in the slowest percent and {found['step_worst_ms']:.0f} ms at most. "
+        f"(`python scripts/measure_page.py`): {found['rate_hz']:.1f} steps a second; a step took "
+        f"{found['step_p50_ms']:.1f} ms in the middle, {found['step_p99_ms']:.1f} ms in the slowest percent and "
+        f"{found['step_worst_ms']:.0f} ms at most. "
     )
     if "thread_computed_ms" in found:
         text += (
@@ -64,8 +65,8 @@ def headset(found: Numbers) -> str:
     return text + (
         f"A frame of the page's own thread, which never waits for a step, took {found['frame_p50_ms']:.1f} ms in the "
         f"middle and {found['frame_p99_ms']:.1f} ms in the slowest percent. From when the timeline is full to the "
-        f"end the page's heap went from {found['heap_early_mb']:.1f} to {found['heap_late_mb']:.1f} MB and its process from "
-        f"{found['process_early_mb']:.0f} to {found['process_late_mb']:.0f} MB."
+        f"end the page's heap went from {found['heap_early_mb']:.1f} to {found['heap_late_mb']:.1f} MB and its process "
+        f"from {found['process_early_mb']:.0f} to {found['process_late_mb']:.0f} MB."
     )
 
 
