@@ -27,6 +27,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from bodysense.cli.show import write_numbers
+
 ROOT = Path(__file__).resolve().parents[1]
 PROGRAMS = ("buildah", "mmdebstrap")
 LARGEST = 400  # MB, of the image unpacked
@@ -150,6 +152,7 @@ def main() -> None:
     """Build, measure and try."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--out", type=Path, help="file to write the image into, for `docker load` or `podman load`")
+    parser.add_argument("--json", type=Path, help="file to write the size into")
     arguments = parser.parse_args()
     hindrance = missing()
     if hindrance is not None:
@@ -160,6 +163,7 @@ def main() -> None:
         with image.running() as (container, address):
             user = image.said_in(container, "id", "-u")
             print(f"the image has {size:.0f} MB; as user {user} its server answers at {address}/healthz")
+        write_numbers(arguments.json, {"image_mb": size})
         if arguments.out is not None:
             said(image.buildah("push", image.name, f"docker-archive:{arguments.out.resolve()}:bodysense:latest"))
             print(f"wrote {arguments.out}")

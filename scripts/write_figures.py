@@ -92,6 +92,11 @@ Two hands. LEFT_OUT comes from `bodysense train gloves --leave-one-out`; PAPER i
 Live, with P processes and N sessions: 1 and 8; 2 and 8, 16, 24, 40.
 
     bodysense bench live --workers P --sessions N --json FIGURES/live-PxN.json
+    bodysense bench live --sessions 20 --share 0.4 --json FIGURES/live-share-20.json
+    … the same with 10 sessions, into FIGURES/live-share-10.json
+    python scripts/measure_page.py FIGURES/page.json
+    python scripts/measure_page.py FIGURES/page-endurance.json
+    python scripts/build_image.py --json FIGURES/image.json
     bodysense bench live-soak --json FIGURES/live-soak.json
     bodysense bench live-fuzz --json FIGURES/live-fuzz.json
 """
@@ -102,14 +107,14 @@ import shutil
 import sys
 from pathlib import Path
 
-from figures import completion, conform, gloves, hours, live, markers, occlusion, papers, speed, video
+from figures import completion, conform, gloves, hours, live, markers, occlusion, page, papers, speed, video
 from figures.blocks import ROOT, read_measured, write_blocks
 from figures.rows import write_rows
 from PIL import Image
 
 BLOCKS = tuple(
     block
-    for module in (completion, conform, gloves, hours, live, markers, occlusion, papers, speed, video)
+    for module in (completion, conform, gloves, hours, live, markers, occlusion, page, papers, speed, video)
     for block in module.BLOCKS
 )
 

@@ -39,9 +39,11 @@ def used(
 
 
 Used = tuple[Path, dict[str, Any]]
+Record = Callable[[str, object], None]
 
 
-def test_a_visit_fetches_little(used: Used) -> None:
+def test_a_visit_fetches_little(used: Used, record_property: Record) -> None:
+    record_property("visit_mb", used[1]["sent"] / 1e6)
     assert 4e6 < used[1]["sent"] <= 5e6  # bytes, by the page and by its service worker, of a host that packs nothing
     assert "3 points tracked" in used[1]["shown"]
 
