@@ -38,7 +38,8 @@ def recorded(folder: Path) -> dict[str, float]:
     """Run the tests that measure, and return what they recorded. Raises CalledProcessError if one fails."""
     report = folder / "report.xml"
     tests = [f"tests/web/{name}" for name in TESTS]
-    command = [sys.executable, "-m", "pytest", "-q", "-n", "0", "-m", "slow", f"--junitxml={report}", *tests]
+    report_to = (f"--junitxml={report}", "-o", "junit_family=xunit1")  # the older form has properties
+    command = [sys.executable, "-m", "pytest", "-q", "-n", "0", "-m", "slow", *report_to, *tests]
     subprocess.run(command, cwd=ROOT, check=True)
     properties = ElementTree.parse(report).iter("property")
     return {one.attrib["name"]: float(one.attrib["value"]) for one in properties}

@@ -105,7 +105,7 @@ FIGURES: dict[str, Callable[[Cells], str]] = {  # by row of the page
     ),
     "3.7": lambda at: f"{at('arm-windows', 'windows', 'Rocketbox')} windows of Rocketbox",
     "3.8": lambda at: (
-        f"packaged: hands {at('table1', 'hands m', 'packaged')}, overall {at('table1', 'overall m', 'packaged')} m"
+        f"PAHMT: hands {at('table1', 'hands m', 'PAHMT')}, overall {at('table1', 'overall m', 'PAHMT')} m"
     ),
     "3.9": lambda at: f"fingers {at('video', 'fingers cm', 'bodysense, from the video')} cm",
     "3.10": lambda at: f"{at('video', 'arms and hands cm', 'bodysense, from the video')} cm",

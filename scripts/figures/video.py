@@ -98,7 +98,7 @@ def table(numbers: Numbers, perfect: Numbers | None) -> str:
             losses = ("yes" if loss in row.losses else "" for loss in ("smooth", "fk"))
             published = [f"{value:.4f}" for value in row.published] + ["–"] * (3 - len(row.published))
             rows.append([row.title, *losses, *ours(name), *published])
-    for name, title in (("shipped", "packaged"), ("ik", "inverse kinematics, true positions")):
+    for name, title in (("shipped", "of --model"), ("ik", "inverse kinematics, true positions")):
         if f"{name}_hands_m" in numbers:
             rows.append([title, "", "", *ours(name), "–", "–", "–"])
     head = ["network", "smooth", "fk", *measures.values(), "without errors: overall m", "arms °"]
