@@ -26,5 +26,6 @@ def empty_split(name: str, split: str, splits: Iterable[str]) -> str:
     there = ", ".join(f"{counts[known]} of {known}" for known in SPLITS if counts[known])
     return (
         f"{name}: none of its {counts.total()} clips is of split {split!r} ({there or 'it has none'}); "
-        "people are split by their names: give motion of more people, or another --split"
+        "people are split by their names: give motion of more people, say their splits in splits.json, or choose "
+        "another --split if the command has one"
     )
