@@ -61,9 +61,9 @@ def visited(folder: Path) -> dict[str, float]:
     visits = [shown(folder, "first", folder / "first.png") for _ in range(VISITS)]
     times = {name: [visit[name] for visit in visits] for name in ("words", "moving", "completed")}
     return {
-        f"{name}_{statistic.__name__}_s": float(statistic(values))
+        f"{name}_{which}_s": float(statistic(values))
         for name, values in times.items()
-        for statistic in (np.min, np.median, np.max)
+        for which, statistic in (("min", np.min), ("median", np.median), ("max", np.max))
     }
 
 

@@ -12,7 +12,7 @@ def doors(page: Numbers, crowd: Numbers, few: Numbers, image: Numbers) -> str:
     rows = [
         [
             "first picture of a visit after at most 2 s",
-            f"{page['moving_median_s']:.1f} s in the median, {page['moving_amax_s']:.1f} s at most",
+            f"{page['moving_median_s']:.1f} s in the median, {page['moving_max_s']:.1f} s at most",
             "`python scripts/measure_page.py`",
         ],
         ["a visit of at most 5 MB", f"{page['visit_mb']:.1f} MB", "the same"],
@@ -37,7 +37,7 @@ def doors(page: Numbers, crowd: Numbers, few: Numbers, image: Numbers) -> str:
 def visit(page: Numbers) -> str:
     """Return when a first visit shows words and a body, what it loads, and how a webcam's body fits its film."""
     seen = {
-        name: f"{page[f'{name}_amin_s']:.1f} to {page[f'{name}_amax_s']:.1f} s (median {page[f'{name}_median_s']:.1f})"
+        name: f"{page[f'{name}_min_s']:.1f} to {page[f'{name}_max_s']:.1f} s (median {page[f'{name}_median_s']:.1f})"
         for name in ("words", "moving", "completed")
     }
     return (

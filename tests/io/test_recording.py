@@ -266,6 +266,10 @@ WRONG_LINES = {
     "not an object": (f"{HEADER}\n[0]", "line 2 is not a JSON object"),
     "deep": (f"{HEADER}\n" + "[" * 100_000, "line 2 is not JSON"),
     "no time": (f'{HEADER}\n{{"position": {{}}}}', "frame 0 has no 'time'; give seconds"),
+    "misspelt": (
+        f'{HEADER}\n{{"time": 0, "pozition": {{}}}}',
+        "frame 0 has 'pozition', which no frame has; valid are acceleration, accuracy, position, rotation, time",
+    ),
     "time as text": (f'{HEADER}\n{{"time": "0"}}', "frame 0 has no 'time'; give seconds"),
     "a number of 5000 digits": (f'{HEADER}\n{{"time": {"1" * 5000}}}', "line 2 is not JSON"),
     "an unlisted point": (

@@ -86,7 +86,7 @@ def read_lines(path: Path, version: str) -> tuple[Observation, dict[str, Any]]:
         "rotation": np.full((len(frames), count, 4), np.nan),
         "acceleration": np.full((len(frames), count, 3), np.nan),
     }
-    place = {name: p for p, name in enumerate(points)}
+    place, known = {name: p for p, name in enumerate(points)}, {"time", "accuracy", *values}
     time = np.zeros(len(frames))
     accuracy = np.tile(usual_accuracy(points), (len(frames), 1))
     for p, value in _accuracies(path, "the header", rows[0], place).items():
@@ -94,6 +94,9 @@ def read_lines(path: Path, version: str) -> tuple[Observation, dict[str, Any]]:
     for t, frame in enumerate(frames):
         if not _numbers([frame.get("time")], 1):
             raise BodysenseError(f"{path}: frame {t} has no 'time'; give seconds")
+        if unknown := sorted(set(frame) - known):
+            valid = ", ".join(sorted(known))
+            raise BodysenseError(f"{path}: frame {t} has {unknown[0]!r}, which no frame has; valid are {valid}")
         time[t] = frame["time"]
         for kind, target in values.items():
             for name, value in _entries(path, t, kind, frame):
