@@ -99,7 +99,7 @@ def main() -> None:
         numbers = MEASURES[path.stem](Path(folder))
     for name, value in numbers.items():
         print(f"{name:24} {value:.3f}")
-    write_numbers(path, numbers)
+    write_numbers(path, numbers, timed=False)  # Chromium's time is not known
 
 
 if __name__ == "__main__":

@@ -29,7 +29,7 @@ def wide_console() -> Console:
 def write_numbers(path: Path | None, numbers: dict[str, float], *, timed: bool = True) -> None:
     """Write one flat JSON object, if a path was given, with the processor and the time on it; NaN is left out.
 
-    `timed=False` leaves out the time, where an earlier process did part of the work.
+    `timed=False` leaves out the time, where other processes did part of the work.
     """
     if path is not None:
         machine = {"processor": processor()} | ({"cpu_seconds": cpu_seconds()} if timed else {})
