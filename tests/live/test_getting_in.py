@@ -1,4 +1,4 @@
-"""Getting in: certificates, tokens that are guessed, requests that never end, who leads, who watches."""
+"""Getting in and out: certificates, guessed tokens, requests that never end, who leads, who watches, an end."""
 
 from __future__ import annotations
 
@@ -170,3 +170,19 @@ def test_a_wrong_token_watches_nothing() -> None:
         return ""
 
     assert "its token is another" in asyncio.run(follow())
+
+
+@pytest.mark.parametrize("turns", range(4))
+def test_a_server_stops_in_whatever_turn_of_its_loop_a_client_left(turns: int) -> None:
+    async def left_and_stopped() -> None:
+        live, outbox = Live(Limits(), Metrics()), Outbox(8)
+        live.start()
+        seat = await live.admit(Hello(1, DEVICES), outbox)
+        await asyncio.sleep(0.15)  # until nothing is to be stored
+        live.leave(seat, outbox)
+        for _ in range(turns):
+            await asyncio.sleep(0)
+        async with asyncio.timeout(5):
+            await live.stop()
+
+    asyncio.run(left_and_stopped())

@@ -47,7 +47,8 @@ async def _hello(socket: WebSocket, live: Live) -> Hello | None:
     """The first message; None where the client went without one."""
     seconds = live.limits.seconds_to_hello
     try:
-        received = await asyncio.wait_for(socket.receive(), seconds)
+        async with asyncio.timeout(seconds):
+            received = await socket.receive()
     except TimeoutError:
         raise ProtocolError(f"no hello within {seconds:g} s; send it first", 1008) from None
     if received["type"] == "websocket.disconnect":

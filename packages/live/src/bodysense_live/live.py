@@ -343,8 +343,9 @@ class Live:
         """Store sessions, and end those that were not resumed, and replays without a watcher."""
         while True:
             await asyncio.sleep(_SHARE)
-            with suppress(TimeoutError):
-                await asyncio.wait_for(self._changed.wait(), _SWEEP - _SHARE)
+            with suppress(TimeoutError):  # `wait_for` of Python 3.11 may lose a cancellation
+                async with asyncio.timeout(_SWEEP - _SHARE):
+                    await self._changed.wait()
             self._changed.clear()
             await self._share()
             now = self._loop.time()

@@ -116,5 +116,6 @@ class Player:
             await asyncio.sleep(0)
         else:
             with suppress(TimeoutError):
-                await asyncio.wait_for(self._changed.wait(), seconds)
+                async with asyncio.timeout(seconds):  # `wait_for` of Python 3.11 may lose a cancellation
+                    await self._changed.wait()
         return not self._changed.is_set()
