@@ -21,7 +21,6 @@ from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError
 from bodysense.files import make_folder, written_beside
 from bodysense_lab.checkpoint import identity
-from bodysense_lab.datasets import learned_count
 from bodysense_lab.fit import Report, announced, begin, fit, is_same, launched, line_of, sweep
 from bodysense_lab.progress import read_clips, tracked
 from bodysense_lab.spread import worker_pool
@@ -190,12 +189,12 @@ def _make(run: TablesTraining, config: BodyNetworkConfig, split: Any) -> Iterato
     # Features of a clip do not depend on the weights or the size of a network.
     reader = replace(config, cell="gru", hidden=1, branch=(1,), judge_branch=(1,))
     make = partial(_episode, config=reader)
-    clips, total = read_clips(run.data, split, run.limit), learned_count(run.data, split, run.limit)
+    clips, what = list(read_clips(run.data, split, run.limit)), f"seeing the {split} split"
     if run.jobs == 1:
-        yield from tracked(map(make, clips), f"seeing the {split} split", total)
+        yield from tracked(map(make, clips), what, len(clips))
         return
     with worker_pool(run.jobs, partial(torch.set_num_threads, 1)) as pool:
-        yield from tracked(pool.map(make, clips, chunksize=4), f"seeing the {split} split", total)
+        yield from tracked(pool.map(make, clips, chunksize=4), what, len(clips))
 
 
 def _episode(clip: Any, config: BodyNetworkConfig) -> Episode:
