@@ -35,18 +35,19 @@ from bodysense.demo import performance_of_stranger
 from bodysense.devices.gloves.device import glove_device
 from bodysense.devices.gloves.hands import GloveModels, Hands, HandsSettings, load_glove_models
 from bodysense.devices.simulated.glove import observe
-from bodysense.io.augment import mirrored
 from bodysense.io.clip import Clip
 from bodysense.io.markers.c3d import write_c3d
 from bodysense.io.markers.raw_markers import points_alone
+from bodysense.last_known import KNOWN
 from bodysense.metrics import joint_error
 from bodysense.observation import EXACT_ACCURACY, Observation
 from bodysense.papers.point_model import load_point_model
-from bodysense.scoring import KNOWN, group_of
 from bodysense.take import Take, track
+from bodysense_lab.augment import mirrored
 from bodysense_lab.datasets import gathered, learned_clips, open_clips
 from bodysense_lab.pahmt.features import read_arm_recordings
 from bodysense_lab.paper_options import PaperOptions
+from bodysense_lab.scoring import group_of
 from bodysense_lab.synthesis.hands import RATE, synthesize_hand
 from bodysense_lab.two_hands.system import SETTINGS, networks_of
 from bodysense_lab.two_hands.trials import cut, hands_of, observed

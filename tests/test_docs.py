@@ -22,10 +22,10 @@ import bodysense as bs
 from bodysense.body.keypoints import ArmKeypoints
 from bodysense.cli import main
 from bodysense.demo import packaged_performance
-from bodysense.devices.simulated.camera_view import FRONT, sample_cameras, view, view_points
 from bodysense.devices.simulated.device import simulate
 from bodysense.devices.video.landmarker_files import find_landmarkers
 from bodysense.io.clip import Clip
+from bodysense_lab.pahmt.camera_view import FRONT, sample_cameras, view, view_points
 from bodysense_live.marker_stream import write_frame
 
 ROOT = Path(__file__).parents[1]

@@ -27,7 +27,6 @@ FLOORS: dict[str, float] = {
     "tensors": -0.5,
     "weights": -1,  # data, read by name
     "body": 0,
-    "intervals": 0,
     "metrics": 1,
     "observation": 1,
     "estimate": 1,
@@ -39,7 +38,7 @@ FLOORS: dict[str, float] = {
     "tracker": 4,
     "pictures": 4,
     "papers": 4,
-    "scoring": 4,
+    "last_known": 4,
     "reading": 5,
     "filling": 4.5,
     "two_way": 4.5,

@@ -12,8 +12,8 @@ from bodysense.body.pose import Pose, forward_kinematics, rest_pose
 from bodysense.body.retarget import leg_length, retargeted
 from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.errors import BodysenseError
-from bodysense.io.augment import with_limb_proportions
 from bodysense.io.clip import Clip
+from bodysense_lab.augment import with_limb_proportions
 
 SKELETON = default_skeleton()
 

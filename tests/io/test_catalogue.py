@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 
 from bodysense.errors import BodysenseError
-from bodysense.io.datasets.catalogue import CATALOGUE, entry, require
+from bodysense.io.datasets.catalogue import CATALOGUE
+from bodysense_lab.datasets import entry, require
 
 
 def test_every_set_says_where_it_is_and_under_which_licence() -> None:

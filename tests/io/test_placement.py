@@ -16,17 +16,10 @@ from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.io.datasets.sources import Source, read_source
-from bodysense.io.placement import (
-    BodyPlacement,
-    footing_of,
-    lines_of,
-    placement_of,
-    pooled,
-    read_placed,
-    standing_floor,
-)
+from bodysense.io.placement import BodyPlacement, footing_of, placement_of, read_placed, standing_floor
 from bodysense.io.rigs.options import ReadingOptions
 from bodysense.open import open_source
+from bodysense_lab.bodies import lines_of, pooled
 from bodysense_lab.datasets import open_clips
 
 TO_Y_UP = np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0]])

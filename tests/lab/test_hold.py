@@ -11,8 +11,8 @@ from bodysense.body.skeleton import default_skeleton
 from bodysense.devices.simulated.sensors import HEADSET_CAMERA, observe
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
+from bodysense.last_known import Hold
 from bodysense.observation import Observation
-from bodysense.scoring import Hold
 
 SKELETON = default_skeleton()
 FORWARD = [1.0, 0.0, 0.0, 0.0]

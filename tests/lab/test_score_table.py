@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from bodysense.scoring import Tally
 from bodysense_lab.chart import BarPanel
 from bodysense_lab.datasets import Census
 from bodysense_lab.score_table import (
@@ -17,6 +16,7 @@ from bodysense_lab.score_table import (
     ScoreTable,
     score_report,
 )
+from bodysense_lab.scoring import Tally
 
 TABLE = ScoreTable(
     name="t",

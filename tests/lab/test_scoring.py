@@ -10,8 +10,9 @@ import pytest
 from bodysense.body.pose import forward_kinematics
 from bodysense.body.skeleton import default_skeleton
 from bodysense.io.clip import Clip
+from bodysense.last_known import KNOWN
 from bodysense.papers.ik_tracker import IkTrackerSettings
-from bodysense.scoring import KNOWN, Tally, group_of, part_errors
+from bodysense_lab.scoring import Tally, group_of, part_errors
 from bodysense_lab.unoc.learned import track_clip
 
 SKELETON = default_skeleton()

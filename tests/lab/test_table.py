@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from bodysense.errors import BodysenseError
-from bodysense.intervals import Named
+from bodysense_lab.intervals import Named
 from bodysense_lab.table import Report, cell, finite, ordering, write_csv
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from bodysense.body.pose import forward_kinematics, standing_pose
 from bodysense.body.skeleton import default_skeleton
-from bodysense.devices.simulated.camera_view import Camera
+from bodysense.devices.video.device import Camera
 from bodysense.devices.video.person import PersonTrack
 from bodysense.errors import BodysenseError
 from bodysense.pictures.overlay import Overlay, numbered, side_by_side

@@ -14,7 +14,7 @@ from PIL import Image
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.skeleton import BODY
 from bodysense.demo import packaged_performance
-from bodysense.devices.simulated.camera_view import Camera
+from bodysense.devices.video.device import Camera
 from bodysense.io.bvh import read_bvh
 from bodysense_lab.rendering.scene import load_figure, sample_scene
 from bodysense_lab.rendering.stage import open_stage

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from bodysense.io.clip import Clip
     from bodysense.observation import Observation
 
+RATE = 30.0  # Hz at which the motion is completed
 PICTURES = 15.0  # Hz of the animation, about
 LONGEST = 8.0  # s of it, from the beginning of the motion
 DEVICES = {"three_point": "head and hands", "headset_camera": "headset cameras"}
@@ -62,7 +63,6 @@ def demo(
     from bodysense.io.resample import resample
     from bodysense.pictures.comparison import View, write_comparison, write_moments
     from bodysense.pictures.sheet import Lens
-    from bodysense.scoring import RATE
     from bodysense.take import track
 
     if json is not None:
@@ -102,9 +102,9 @@ def demo_rows(clip: Clip, seen: Observation, pose: Pose, device: str) -> list[De
 
     from bodysense.body.pose import forward_kinematics
     from bodysense.body.skeleton import BODY, LOWER_BODY
+    from bodysense.last_known import last_known
     from bodysense.metrics import joint_error
     from bodysense.observation import observed_points
-    from bodysense.scoring import last_known
 
     skeleton = clip.pose.skeleton
     truth = np.asarray(forward_kinematics(clip.pose)[0])

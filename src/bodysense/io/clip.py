@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -45,6 +45,13 @@ class Clip:
     def time(self) -> np.ndarray:
         """(T,) s, from 0."""
         return np.arange(len(self)) / self.frame_rate
+
+
+def at_height(clip: Clip, height: float) -> Clip:
+    """Scale the body to `height` m at unchanged proportions and rotations; the root's path is scaled with it."""
+    skeleton = clip.pose.skeleton.scaled(height)
+    root = clip.pose.root_position * (skeleton.height / clip.pose.skeleton.height)
+    return replace(clip, pose=Pose(skeleton, root, clip.pose.rotation))
 
 
 def parts_lacking(joints: Collection[str]) -> tuple[str, ...]:

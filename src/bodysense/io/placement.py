@@ -2,12 +2,11 @@
 
 A planted foot does not move, so while one is planted the pelvis moves against it as far as the legs are long: the
 ratio of both paths is the body's size. The floor is where feet stand, not at the lowest sole: toes of a foot without a
-toe joint go through the floor at the end of each step. Motions of one person are pooled.
+toe joint go through the floor at the end of each step.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
@@ -34,13 +33,12 @@ _FLAT = 0.03  # m: ankle and ball of a foot that stands are as far over their he
 _STANDING = 0.3  # s of standing that show a floor
 _FLOOR_SHARE = 25  # percentile of the heights of standing feet that is the floor, for those who climb began on it
 _STEP = 0.15  # m: what is farther from 0 is no floor but a step, a chair or equipment
-_LISTED = 12  # people who are described one by one
 _FLOOR = 0.01  # m; a nearer floor is taken as 0
 
 
 @dataclass(frozen=True, eq=False)
 class Footing:
-    """Evidence of motions for a body's size and floor; `pooled` joins that of one person's motions."""
+    """Evidence of motions for a body's size and floor."""
 
     sizes: np.ndarray  # counts (S,) of windows with a planted foot, by size
     pelvis: np.ndarray  # (N,) m, height of the pelvis
@@ -100,19 +98,6 @@ def footing_of(clip: Clip) -> Footing:
         stands=_standing_frames(point + root[:, None], skeleton, clip.frame_rate / stride),
         rate=clip.frame_rate / stride,
         stature=float(stature(skeleton.rest_offset)),
-    )
-
-
-def pooled(parts: Iterable[Footing]) -> Footing:
-    """Return what several motions of one person tell together."""
-    parts = list(parts)
-    return Footing(
-        sizes=np.sum([one.sizes for one in parts], axis=0),
-        pelvis=np.concatenate([one.pelvis for one in parts]),
-        sole=np.concatenate([one.sole for one in parts]),
-        stands=np.concatenate([one.stands for one in parts]),
-        rate=parts[0].rate,
-        stature=parts[0].stature,
     )
 
 
@@ -178,22 +163,3 @@ def read_placed(
     if known is None:
         known = placement_of(footing_of(clip), has_bones=smpl_model is not None)
     return placed(clip, known), known
-
-
-def lines_of(bodies: Mapping[str, BodyPlacement]) -> list[str]:
-    """Return a line for each person; of many, what they have together."""
-    if len(bodies) <= _LISTED:
-        return [f"{person or 'the body'}: {placement.remark}" for person, placement in bodies.items()]
-    lines = []
-    for source, text in (
-        ("model", "bones by the body model"),
-        ("steps", "as tall as their steps show (--smpl-model gives bodies their own bones)"),
-        ("default", "with too few steps for a height (--smpl-model)"),
-    ):
-        heights = [placement.height for placement in bodies.values() if placement.source == source]
-        if heights:
-            lines.append(f"{len(heights)} people {text}: {min(heights):.2f} to {max(heights):.2f} m")
-    moved = [placement.floor for placement in bodies.values() if placement.floor]
-    if moved:
-        lines.append(f"soles of {len(moved)} people at {min(moved):.2f} to {max(moved):.2f} m: moved to 0")
-    return lines

@@ -16,9 +16,10 @@ from bodysense.body.rigid import RigidTransform
 from bodysense.body.rotation import normalize, quaternion_exp, quaternion_multiply
 from bodysense.body.shape import sample_bodies, stature
 from bodysense.body.skeleton import Skeleton, default_skeleton
-from bodysense.devices.simulated.sensors import SENSOR_SETS, SensorSet, observe, random_edges
+from bodysense.devices.simulated.sensors import SENSOR_SETS, SensorSet, observe
 from bodysense.observation import Observation
 from bodysense.tracker import TrackerSettings
+from bodysense_lab.completion.lattice import random_edges
 
 _JOINTS = ("pelvis", "spine3", *(f"{side}_{name}" for side in ("left", "right") for name in ("hip", "knee", "elbow")))
 SETS = {**SENSOR_SETS, "inertial": SensorSet((), _JOINTS)}

@@ -9,15 +9,7 @@ from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.rotation import geodesic_angle
 from bodysense.body.skeleton import default_skeleton
 from bodysense.devices.simulated.inertial import ALONG, SMOOTHING
-from bodysense.devices.simulated.sensors import (
-    LATTICE_PARTS,
-    SENSOR_SETS,
-    TABLE_SETS,
-    SensorSet,
-    observe,
-    observe_points,
-    random_edges,
-)
+from bodysense.devices.simulated.sensors import SENSOR_SETS, SensorSet, observe, observe_points
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.observation import check_observation
@@ -55,7 +47,6 @@ def test_the_named_sets_have_their_points() -> None:
     }
     feet, pelvis = (SENSOR_SETS[name] for name in ("three_point_imu_feet", "three_point_imu_feet_pelvis"))
     assert pelvis.position == feet.position and set(pelvis.rotation) - set(feet.rotation) == {"pelvis"}
-    assert set(TABLE_SETS) < set(SENSOR_SETS)
 
 
 def test_what_cannot_be_is_refused(waving_clip: Clip) -> None:
@@ -66,26 +57,6 @@ def test_what_cannot_be_is_refused(waving_clip: Clip) -> None:
         observe(waving_clip.pose, waving_clip.time, SensorSet(("nose",), ()))
     with pytest.raises(BodysenseError, match="give `visible`"):
         observe_points(SKELETON, position, rotation, waving_clip.time, SENSOR_SETS["headset_camera"])
-
-
-def test_an_edge_adds_one_sensor() -> None:
-    edges = random_edges(300, np.random.default_rng(1))
-    assert len(edges) == 300
-    for edge in edges:
-        assert edge.sensor not in edge.fewer.points and set(edge.more.points) - set(edge.fewer.points) == {edge.sensor}
-        assert edge.more == edge.fewer.with_sensor(edge.sensor, edge.kind)
-        assert "head" in edge.fewer.position and "head" in edge.fewer.rotation and not edge.more.camera
-    names = {edge.sensor.removeprefix("left_").removeprefix("right_") for edge in edges}
-    assert names == {*LATTICE_PARTS, "wrist"}
-    assert {edge.kind for edge in edges} == {"position and rotation", "position", "rotation"}
-    size = [len(edge.fewer.points) for edge in edges]
-    assert min(size) == 1 and max(size) > 8
-
-
-def test_the_same_edges_are_drawn_again() -> None:
-    assert random_edges(20) == random_edges(20)
-    assert random_edges(20) == random_edges(200)[:20]
-    assert random_edges(20, np.random.default_rng(5)) != random_edges(20)
 
 
 def test_sensors_of_rotation_alone_feel_how_they_speed_up(waving_clip: Clip) -> None:

@@ -20,7 +20,6 @@ from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
 from bodysense.observation import Observation, check_observation
-from bodysense.scoring import RATE
 from bodysense_lab.completion.blinks import EVERY, FINGER, gap_seconds, lose_hands, with_finger
 from bodysense_lab.completion.kept import KeptClips
 from bodysense_lab.completion.quantiles import Quantiles
@@ -30,6 +29,7 @@ from bodysense_lab.completion.sight_scores import SightScores, count_body_jumps,
 from bodysense_lab.completion.tables import CompletionSettings, WorstFrame
 from bodysense_lab.completion.tracking import Tracked, track_people
 from bodysense_lab.completion.worst import draw_worst, worst_frames
+from bodysense_lab.scoring import RATE
 
 from .conftest import Oracle
 

@@ -14,14 +14,14 @@ import pytest
 from bodysense.body.person import Person
 from bodysense.body.skeleton import BODY, LOWER_BODY
 from bodysense.cli import main
-from bodysense.devices.simulated.sensors import SENSOR_SETS, TABLE_SETS
+from bodysense.devices.simulated.sensors import SENSOR_SETS
 from bodysense.io.bvh import write_bvh
 from bodysense.io.clip import Clip
 from bodysense.metrics import jitter
 from bodysense.observation import Observation
-from bodysense.scoring import scored_points
 from bodysense_lab.completion import scoring, tables
 from bodysense_lab.completion.blinks import FINGER, with_finger
+from bodysense_lab.completion.lattice import TABLE_SETS
 from bodysense_lab.completion.measures import count_jumps
 from bodysense_lab.completion.options import BODIES
 from bodysense_lab.completion.reliability import draw_reliability
@@ -36,6 +36,7 @@ from bodysense_lab.completion.tables import (
 )
 from bodysense_lab.completion.tracking import Tracked, TrackedBy, TrackPeople, choose_scenes, track_people
 from bodysense_lab.datasets import Census, DataSet
+from bodysense_lab.scoring import scored_points
 from bodysense_lab.spread import spread
 
 from .conftest import Oracle

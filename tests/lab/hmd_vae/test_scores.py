@@ -17,13 +17,13 @@ from bodysense.errors import BodysenseError
 from bodysense.io.bvh import write_bvh
 from bodysense.io.clip import Clip
 from bodysense.metrics import jitter, rotation_error, velocity_error
-from bodysense.scoring import Tally
 from bodysense_lab.datasets import Census, DataSet
 from bodysense_lab.hmd_vae.frames import BodyFrames, read_body_frames
 from bodysense_lab.hmd_vae.network import BodyVae, BodyVaeConfig, write_vae
 from bodysense_lab.hmd_vae.scores import JOINTS, Scored, answers, measures, over_sequences, score_vae, vaes_in
 from bodysense_lab.hmd_vae.tables import best_of, metrics_report, vae_report
 from bodysense_lab.hmd_vae.task import joint_errors
+from bodysense_lab.scoring import Tally
 
 SMALL = BodyVaeConfig(latent=4, width=16, sequence_width=8)
 HEAD = BODY.index("head")

@@ -15,11 +15,11 @@ from lightning_fabric import Fabric
 from bodysense.body.rotation import quaternion_to_matrix
 from bodysense.body.skeleton import BODY
 from bodysense.errors import BodysenseError
-from bodysense.io.augment import mirrored as mirrored_clip
 from bodysense.io.bvh import read_bvh, write_bvh
 from bodysense.io.clip import Clip
 from bodysense.io.datasets.splits import split_of
 from bodysense.papers.hmd_vae import load_body_vae
+from bodysense_lab.augment import mirrored as mirrored_clip
 from bodysense_lab.fit import Progress, fit, rate_at
 from bodysense_lab.hmd_vae.frames import BodyFrames, VaeBatch, make_batch, mirrored, read_body_frames
 from bodysense_lab.hmd_vae.network import BodyVae, read_vae, write_vae

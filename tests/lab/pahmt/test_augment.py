@@ -10,8 +10,8 @@ import pytest
 from bodysense.body.arms import ARM_JOINTS, arm_rotations
 from bodysense.body.pose import Pose
 from bodysense.body.rotation import geodesic_angle
-from bodysense.io.augment import mirrored
 from bodysense.io.clip import Clip
+from bodysense_lab.augment import mirrored
 from bodysense_lab.pahmt.features import with_arms_of, with_wandering_arms
 
 

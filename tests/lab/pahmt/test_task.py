@@ -12,12 +12,12 @@ import pytest
 import torch
 
 from bodysense.body.rotation import normalize, quaternion_canonical
-from bodysense.devices.simulated.camera_view import FRONT, sample_cameras, view, view_points
 from bodysense.errors import BodysenseError
-from bodysense.io.augment import mirrored as mirrored_clip
 from bodysense.io.bvh import write_bvh
 from bodysense.io.clip import Clip
+from bodysense_lab.augment import mirrored as mirrored_clip
 from bodysense_lab.fit import Progress, fit
+from bodysense_lab.pahmt.camera_view import FRONT, sample_cameras, view, view_points
 from bodysense_lab.pahmt.export import mirrored, mirrored_rotations, write_arms_onnx
 from bodysense_lab.pahmt.features import ArmBatch, ArmRecordings, Window, make_batch, read_arm_recordings, window_of
 from bodysense_lab.pahmt.network import ArmNetwork, ArmNetworkConfig, read_arms

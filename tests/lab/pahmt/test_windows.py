@@ -13,10 +13,10 @@ from bodysense.body.keypoints import arms_from_torso
 from bodysense.body.pose import Pose, forward_kinematics, rest_pose
 from bodysense.body.rotation import geodesic_angle
 from bodysense.body.skeleton import default_skeleton
-from bodysense.devices.simulated.camera_view import FRONT, view_points
 from bodysense.errors import BodysenseError
-from bodysense.io.augment import mirrored
 from bodysense.io.clip import Clip
+from bodysense_lab.augment import mirrored
+from bodysense_lab.pahmt.camera_view import FRONT, view_points
 from bodysense_lab.pahmt.features import ArmRecordings, Studio, arm_positions, film, make_batch, read_arm_recordings
 
 PLAIN = Studio(cameras=FRONT, keypoints="perfect", mirrored=False, begun=0.0)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from bodysense.body.pose import forward_kinematics
-from bodysense.devices.simulated.camera_view import view_points
+from bodysense_lab.pahmt.camera_view import view_points
 from bodysense_lab.rendering.scene import FIGURES
 from bodysense_lab.rendering.take import GESTURES, RenderedTake, gesture, plan_gestures
 

@@ -7,8 +7,9 @@ import pytest
 
 from bodysense.body.keypoints import ArmKeypoints
 from bodysense.body.rotation import normalize, quaternion_exp, quaternion_multiply
-from bodysense.devices.simulated.camera_view import FRONT, Camera, sample_cameras, view, view_points
+from bodysense.devices.video.device import Camera
 from bodysense.io.clip import Clip
+from bodysense_lab.pahmt.camera_view import FRONT, sample_cameras, view, view_points
 from bodysense_lab.pahmt.keypoint_noise import DetectorNoise, detect, flattened
 from bodysense_lab.rendering.keypoint_errors import ARM_BONES, keypoint_errors, noise_figures
 

@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bodysense.scoring import KNOWN, Tally
+from bodysense.last_known import KNOWN
 from bodysense_lab.datasets import Census, DataSet
+from bodysense_lab.scoring import Tally
 from bodysense_lab.unoc.cross_table import PUBLISHED_BODY, PUBLISHED_FINGERS, SETS, cross_report
 from bodysense_lab.unoc.kept_scores import Parts, Scores
 

@@ -7,9 +7,9 @@ import torch
 
 from bodysense.body.pose import forward_kinematics
 from bodysense.devices.simulated.sensors import HEADSET_CAMERA, observe
-from bodysense.io.augment import mirrored
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
+from bodysense_lab.augment import mirrored
 from bodysense_lab.unoc.network import BodyNetwork, BodyPrediction, TrackedBody
 from bodysense_lab.unoc.task import Variation, make_episode
 

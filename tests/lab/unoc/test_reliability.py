@@ -12,7 +12,7 @@ from scipy import stats
 from bodysense.body.pose import forward_kinematics
 from bodysense.devices.simulated.sensors import HEADSET_CAMERA, observe
 from bodysense.io.clip import Clip
-from bodysense.scoring import scored_points
+from bodysense_lab.scoring import scored_points
 from bodysense_lab.unoc.learned import Learned, load_model
 from bodysense_lab.unoc.reliability import ErrorPairs, binned, correlations, pairs_of_clip
 

@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bodysense.scoring import KNOWN, Tally
+from bodysense.last_known import KNOWN
 from bodysense_lab.datasets import Census, DataSet
+from bodysense_lab.scoring import Tally
 from bodysense_lab.unoc.kept_scores import (
     Scores,
     better_last_known,

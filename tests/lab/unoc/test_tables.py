@@ -7,10 +7,11 @@ from collections.abc import Mapping
 import numpy as np
 import pytest
 
-from bodysense.scoring import KNOWN, Tally
+from bodysense.last_known import KNOWN
 from bodysense_lab.chart import BarPanel
 from bodysense_lab.datasets import Census, DataSet
 from bodysense_lab.score_table import ScoreTable
+from bodysense_lab.scoring import Tally
 from bodysense_lab.unoc.kept_scores import Parts, Scores
 from bodysense_lab.unoc.tables import OWN_NAMES, TABLE_2, TABLE_3, TABLE_4, network_report, without_networks
 from bodysense_lab.unoc.variants import TABLES

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 from bodysense.devices.simulated.sensors import HEADSET_CAMERA, observe
-from bodysense.io.augment import mirrored
 from bodysense.io.bvh import write_bvh
 from bodysense.io.clip import Clip
 from bodysense.io.datasets.splits import split_of
+from bodysense_lab.augment import mirrored
 from bodysense_lab.unoc.learned import Learned, load_model
 from bodysense_lab.unoc.options import BodyTraining
 from bodysense_lab.unoc.train import train_body, variation_of

@@ -10,8 +10,8 @@ import pytest
 from bodysense.body.pose import forward_kinematics
 from bodysense.devices.simulated.sensors import HEADSET_CAMERA, observe
 from bodysense.io.clip import Clip
-from bodysense.scoring import scored_points
 from bodysense_lab.datasets import DataSet, census_of
+from bodysense_lab.scoring import scored_points
 from bodysense_lab.unoc.transitions import (
     EVENTS,
     METHODS,

@@ -17,9 +17,9 @@ from bodysense.devices.simulated.sensors import THREE_POINT, observe
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.io.datasets.sources import list_sources, read_source
+from bodysense.last_known import Hold
 from bodysense.observation import Observation, check_observation
 from bodysense.papers.ik_tracker import IkTracker
-from bodysense.scoring import Hold
 from bodysense_lab.unoc.upper_body_ik import UpperBodyIk, UpperBodyIkSettings
 
 SKELETON = default_skeleton()

@@ -15,8 +15,9 @@ from bodysense.body.skeleton import default_skeleton
 from bodysense.devices.simulated.sensors import HEADSET_CAMERA, observe
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
-from bodysense.scoring import KNOWN, UNOC_EVAL_JOINTS, Hold
+from bodysense.last_known import KNOWN, Hold
 from bodysense_lab.datasets import DataSet
+from bodysense_lab.scoring import UNOC_EVAL_JOINTS
 from bodysense_lab.unoc import variant_scores as variants
 from bodysense_lab.unoc.kept_scores import scores_path
 from bodysense_lab.unoc.network import PAPER, BodyNetwork, read_weights, tracked_of

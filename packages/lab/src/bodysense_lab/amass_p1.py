@@ -22,7 +22,6 @@ from bodysense.body.rotation import quaternion_exp, quaternion_log
 from bodysense.body.skeleton import BODY, LOWER_BODY
 from bodysense.devices.simulated.sensors import THREE_POINT, observe
 from bodysense.errors import BodysenseError
-from bodysense.intervals import Interval, interval
 from bodysense.io.amass import read_amass
 from bodysense.io.body_model import read_model
 from bodysense.io.clip import Clip
@@ -33,6 +32,7 @@ from bodysense.io.resample import resample
 from bodysense.metrics import jitter, joint_error, velocity_error
 from bodysense_lab.completion.tracking import TrackPeople
 from bodysense_lab.hmd_vae.tables import PUBLISHED
+from bodysense_lab.intervals import Interval, interval
 from bodysense_lab.table import Cell, Report
 
 RATE = 60.0  # Hz

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
-from bodysense.io.datasets.catalogue import CATALOGUE, entry, require
+from bodysense.io.datasets.catalogue import CATALOGUE, Entry
 from bodysense.io.datasets.layouts import Layout
 from bodysense.io.datasets.splits import SPLITS, Split, empty_split
 from bodysense.io.rigs.options import AS_FOUND, ReadingOptions
@@ -245,6 +245,39 @@ def named_data(text: str, split: Split | Literal["all"] = "test", quick: bool = 
     if not path.is_dir():
         raise BodysenseError(f"{path}: no such folder; give a folder of motion files, or a prepared store")
     return DataSet(name, path, split, quick)
+
+
+def entry(name: str) -> Entry:
+    """Return the collection of that name. Raises BodysenseError with the valid names."""
+    for one in CATALOGUE:
+        if one.name.lower() == name.lower():
+            return one
+    raise BodysenseError(f"unknown data set {name!r}; valid are {', '.join(one.name for one in CATALOGUE)}")
+
+
+def require(name: str, directory: str | Path | None) -> Path:
+    """Return the folder or store of a data set that a table needs.
+
+    Raises BodysenseError if no folder is given or it holds no motion. The message says which data set is missing,
+    where to get it and under which licence.
+    """
+    data = entry(name)
+    there = "no folder of it is given"
+    if directory is not None:
+        directory = Path(directory)
+        if (directory / "zarr.json").is_file():
+            return directory
+        from bodysense.io.datasets.sources import list_sources
+
+        try:
+            list_sources(directory)
+            return directory
+        except BodysenseError as error:
+            there = str(error).partition(";")[0]
+    raise BodysenseError(
+        f"the data set {data.name} is missing ({there}); get it at {data.where} (licence: {data.licence}) and give its "
+        "folder, or a store made of it by `bodysense data prepare`"
+    )
 
 
 def set_name(text: str) -> str:

@@ -21,13 +21,13 @@ from bodysense.body.rotation import (
     slerp,
 )
 from bodysense.filling import PartialMotion, filled_by, observed, open_partial
-from bodysense.intervals import Interval, interval
 from bodysense.io.clip import Clip
 from bodysense.io.holes import below, missing_items
 from bodysense.io.resample import resample
 from bodysense.tracker import TrackerSettings
 from bodysense.two_way import TwoWayTracker
 from bodysense_lab.chart import BarPanel, plain_bars
+from bodysense_lab.intervals import Interval, interval
 from bodysense_lab.table import Cell, Report, finite
 
 RATE, LEAD = 30.0, 1.0  # Hz; s of known frames that are used on either side of a gap

@@ -13,13 +13,14 @@ import onnx
 
 from bodysense.completion import joining_network
 from bodysense.devices.gloves import networks as glove
-from bodysense.devices.simulated.sensors import SENSOR_SETS, TABLE_SETS
+from bodysense.devices.simulated.sensors import SENSOR_SETS
 from bodysense.devices.video import arms
 from bodysense.errors import BodysenseError
 from bodysense.files import written_beside
 from bodysense.papers import hmd_vae as body_vae
 from bodysense.papers import point_model
 from bodysense_lab.completion import weights_file
+from bodysense_lab.completion.lattice import TABLE_SETS
 from bodysense_lab.unoc import learned
 
 Numbers = Mapping[str, float]

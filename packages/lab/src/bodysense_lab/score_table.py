@@ -10,10 +10,10 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from bodysense.intervals import Named
-from bodysense.scoring import GROUPS, Measure, Tally
 from bodysense_lab.chart import BarPanel, plain_bars
 from bodysense_lab.datasets import Census
+from bodysense_lab.intervals import Named
+from bodysense_lab.scoring import GROUPS, Measure, Tally
 from bodysense_lab.table import Cell, Report, bounds, cell, finite, ordering, surely
 
 At = Any  # the key of a place: a text or several

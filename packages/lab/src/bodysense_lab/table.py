@@ -9,8 +9,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from bodysense.files import written_beside
-from bodysense.intervals import Interval, Named, interval
 from bodysense_lab.chart import Panel
+from bodysense_lab.intervals import Interval, Named, interval
 
 Cell = float | str | None
 

@@ -5,8 +5,6 @@ and 100 °/s. Its error is a drift over the travelled distance, not over time: f
 a deviation that grows with speed; plus a slow drift at rest, a wobble at some 5 Hz in motion, and almost no white
 noise. Everything else here is an assumption: controllers and worn trackers have larger errors of the same kind;
 joints seen by cameras are off by millimetres for a fraction of a second; IMUs lose their heading.
-
-Tracking failures: spans in which a part of the body is lost although the camera sees it.
 """
 
 from __future__ import annotations
@@ -16,7 +14,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bodysense.body.rotation import geodesic_angle, quaternion_canonical, quaternion_exp, quaternion_multiply
-from bodysense.body.skeleton import FINGERS
 from bodysense.errors import BodysenseError
 from bodysense.observation import Observation
 
@@ -215,9 +212,6 @@ def _oscillator(rate: float, gap: float) -> tuple[float, float, float]:
     return float(last), float(lag), float(variance**-0.5)
 
 
-SHORTEST, LONGEST = 0.2, 3.0  # s
-
-
 def hide(observation: Observation, hidden: np.ndarray) -> Observation:
     """Hide the points of the mask `hidden` (..., T, P); their values become NaN."""
     felt = observation.acceleration
@@ -229,22 +223,3 @@ def hide(observation: Observation, hidden: np.ndarray) -> Observation:
         has_rotation=observation.has_rotation & ~hidden,
         acceleration=felt if felt is None else np.where(hidden[..., None], np.nan, felt),
     )
-
-
-def hide_hands(observation: Observation, per_minute: float, rng: np.random.Generator) -> Observation:
-    """Lose each hand, wrist and fingers together, in `per_minute` spans of 0.2-3 s on average."""
-    hidden = np.zeros(observation.has_position.shape, dtype=bool)
-    duration = float(observation.time[-1] - observation.time[0])
-    for side in ("left", "right"):
-        hand = [point for point, name in enumerate(observation.points) if _is_hand(name, side)]
-        for _ in range(rng.poisson(per_minute * duration / 60)):
-            begin = observation.time[0] + rng.uniform(0, duration)
-            # Short losses are more common than long ones: log-uniform.
-            end = begin + np.exp(rng.uniform(np.log(SHORTEST), np.log(LONGEST)))
-            lost = (observation.time >= begin) & (observation.time < end)
-            hidden[:, hand] |= lost[:, None]
-    return hide(observation, hidden)
-
-
-def _is_hand(name: str, side: str) -> bool:
-    return name.startswith(tuple(f"{side}_{part}" for part in ("wrist", *FINGERS)))

@@ -8,7 +8,6 @@ and gives its acceleration too (`inertial`).
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 
@@ -20,8 +19,6 @@ from bodysense.devices.simulated.inertial import felt_by
 from bodysense.errors import BodysenseError
 from bodysense.observation import EXACT_ACCURACY, STRAPPED, Observation, accuracy_like
 
-Kind = Literal["position and rotation", "position", "rotation"]
-KINDS: tuple[Kind, ...] = ("position and rotation", "position", "rotation")
 WRISTS = ("left_wrist", "right_wrist")
 
 
@@ -37,14 +34,6 @@ class SensorSet:
     def points(self) -> tuple[str, ...]:
         """The points that are tracked in every frame."""
         return tuple(dict.fromkeys((*self.position, *self.rotation)))
-
-    def with_sensor(self, name: str, kind: Kind = "position and rotation") -> SensorSet:
-        """Return the set with one more sensor."""
-        return SensorSet(
-            self.position if kind == "rotation" else (*self.position, name),
-            self.rotation if kind == "position" else (*self.rotation, name),
-            self.camera,
-        )
 
 
 def _posed(*names: str) -> SensorSet:
@@ -74,16 +63,6 @@ SENSOR_SETS = {
     "three_point_imu_shoes": SensorSet(THREE_POINTS, (*THREE_POINTS, *_pair("ankle"))),
     "three_point_imu_legs": SensorSet(THREE_POINTS, (*THREE_POINTS, *_pair("knee"), *_pair("ankle"))),
 }
-TABLE_SETS = (
-    "head",
-    "three_point",
-    "three_point_imu_feet",
-    "three_point_imu_feet_pelvis",
-    "four_point",
-    "six_point",
-    "ten_point",
-    "headset_camera",
-)
 
 
 def observe(pose: Pose, time: np.ndarray, sensors: SensorSet) -> Observation:
@@ -145,62 +124,3 @@ def observe_points(
         time=np.asarray(time, dtype=float),
         acceleration=acceleration,
     )
-
-
-@dataclass(frozen=True)
-class Edge:
-    """An edge of the lattice of sensor sets: a set, and the set with one more sensor."""
-
-    fewer: SensorSet
-    more: SensorSet
-    sensor: str  # the point of the sensor that is added
-    kind: Kind
-
-
-# Parts with sensors in the lattice, in addition to the head; left and right are separate sensors.
-LATTICE_PARTS = ("pelvis", "spine3", "knee", "elbow", "ankle", "hip", "shoulder")
-_WRISTS_SHARE, _BOTH_SIDES_SHARE, _MOST = 0.85, 0.8, 0.7
-_KIND_SHARES = (0.5, 0.25, 0.25)
-
-
-def random_edges(count: int = 200, rng: np.random.Generator | None = None) -> tuple[Edge, ...]:
-    """Draw edges of the lattice: the head with its pose, mostly both wrists, any other parts, each of any kind.
-
-    `rng` None always draws the same edges.
-    """
-    rng = rng or np.random.default_rng(2026)
-    edges: list[Edge] = []
-    while len(edges) < count:
-        fewer = _random_set(rng)
-        left_out = [name for name in (*WRISTS, *_lattice_joints()) if name not in fewer.points]
-        if left_out:
-            name, kind = left_out[int(rng.integers(len(left_out)))], _random_kind(rng)
-            edges.append(Edge(fewer, fewer.with_sensor(name, kind), name, kind))
-    return tuple(edges)
-
-
-def _random_set(rng: np.random.Generator) -> SensorSet:
-    sensors = SENSOR_SETS["head"]
-    if rng.uniform() < _WRISTS_SHARE:
-        sensors = SENSOR_SETS["three_point"]
-    share = rng.uniform(0, _MOST)
-    for part in LATTICE_PARTS:
-        if rng.uniform() < share:
-            kind, names = _random_kind(rng), _joints_of(part)
-            if rng.uniform() >= _BOTH_SIDES_SHARE:
-                names = (names[int(rng.integers(len(names)))],)
-            for name in names:
-                sensors = sensors.with_sensor(name, kind)
-    return sensors
-
-
-def _random_kind(rng: np.random.Generator) -> Kind:
-    return KINDS[int(rng.choice(len(KINDS), p=_KIND_SHARES))]
-
-
-def _joints_of(part: str) -> tuple[str, ...]:
-    return (part,) if part in ("pelvis", "spine3") else _pair(part)
-
-
-def _lattice_joints() -> tuple[str, ...]:
-    return tuple(name for part in LATTICE_PARTS for name in _joints_of(part))

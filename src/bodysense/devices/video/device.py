@@ -26,7 +26,6 @@ from bodysense.body.rotation import (
 )
 from bodysense.body.skeleton import ARM, Skeleton
 from bodysense.body.spring import spring_step
-from bodysense.devices.simulated.camera_view import Camera
 from bodysense.devices.video.arm_turns import along_arms, palm_rotations, with_palms
 from bodysense.devices.video.camera_level import CameraLevel, along_lines, rolled, tilted, upright, with_depths
 from bodysense.devices.video.landmark_points import LaidPoints, LandmarkPoints, located
@@ -71,6 +70,16 @@ class VideoSettings:
         for name, most in (("tilt", 90), ("roll", 180)):
             if (angle := getattr(self, name)) is not None and not abs(angle) <= most:
                 raise BodysenseError(f"--{name} {angle:g}: give -{most} to {most} degrees")
+
+
+@dataclass(frozen=True, eq=False)
+class Camera:
+    """A pinhole camera, or a batch of them. Its axes: x to the picture's right, y up, z away from the scene."""
+
+    position: np.ndarray  # (..., 3) m, world
+    axes: np.ndarray  # (..., 3, 3) world ← camera: its axes as columns
+    focal: np.ndarray  # (...) focal length in heights of the picture
+    aspect: np.ndarray  # (...) width / height of the picture
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,8 +16,7 @@ from bodysense.body.skeleton import Skeleton
 from bodysense.errors import BodysenseError
 from bodysense.io.amass import read_amass
 from bodysense.io.archive import SUFFIXES, ZIP, MotionFile, motion_files
-from bodysense.io.augment import at_height
-from bodysense.io.clip import Clip
+from bodysense.io.clip import Clip, at_height
 from bodysense.io.datasets.layouts import Layout, labelled, layout_of
 from bodysense.io.datasets.splits import SPLITS, Split
 from bodysense.io.placement import BodyPlacement, read_placed, standing_floor

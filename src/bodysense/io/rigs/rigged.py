@@ -18,9 +18,8 @@ from bodysense.body.pose import Pose
 from bodysense.body.rotation import quaternion_canonical, quaternion_conjugate, quaternion_multiply, quaternion_rotate
 from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.errors import BodysenseError
-from bodysense.io.augment import at_height
 from bodysense.io.bvh_text import BvhFile, parse_bvh
-from bodysense.io.clip import Clip
+from bodysense.io.clip import Clip, at_height
 from bodysense.io.rigs import words
 from bodysense.io.rigs.body import find_body
 from bodysense.io.rigs.canonical import canonical

@@ -179,8 +179,8 @@ def finger_synthesis(data: Data, split: Split = "test", model: Path | None = Non
         json: file for the numbers, as one flat object.
     """
     from bodysense.papers.point_model import load_point_model
-    from bodysense.scoring import group_of
     from bodysense_lab.datasets import gathered, named_data
+    from bodysense_lab.scoring import group_of
     from bodysense_lab.unoc.finger_scores import examples_of, finger_errors, finger_report
 
     check_places(json)

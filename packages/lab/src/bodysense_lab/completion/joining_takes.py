@@ -17,19 +17,20 @@ from bodysense.body.skeleton import BODY, LEG, Skeleton
 from bodysense.completion.bridging import bridged
 from bodysense.completion.joining_network import TwoAnswers, expected, features, placed_head
 from bodysense.devices.simulated.noise import hide
-from bodysense.devices.simulated.sensors import SENSOR_SETS, Edge, SensorSet, random_edges
-from bodysense.io.augment import mirrored
+from bodysense.devices.simulated.sensors import SENSOR_SETS, SensorSet
 from bodysense.io.clip import Clip
 from bodysense.io.datasets.splits import Split
 from bodysense.io.resample import resample
 from bodysense.observation import Observation
-from bodysense.scoring import RATE
 from bodysense.tracker import TrackerSettings
 from bodysense.two_way import TwoWayTracker
+from bodysense_lab.augment import mirrored
 from bodysense_lab.completion.blinks import lose_hands
+from bodysense_lab.completion.lattice import Edge, random_edges
 from bodysense_lab.completion.scenes import TrackedScene, body_split
 from bodysense_lab.completion.sensor_draws import spans
 from bodysense_lab.completion.straight_legs import straightened_pose
+from bodysense_lab.scoring import RATE
 
 # Kinds of takes and how often each is drawn: sets of sensors, sets of the lattice, and motions with missing limbs.
 KINDS = {

@@ -21,7 +21,6 @@ from bodysense.body.skeleton import BODY, default_skeleton
 from bodysense.completion.joining_network import DILATIONS, FORMAT, JOINTS, OUTPUTS
 from bodysense.files import written_beside
 from bodysense.io.datasets.splits import Split
-from bodysense.scoring import RATE
 from bodysense_lab.completion.joining_takes import JoinedTake, draw_takes, kept_takes, parents_of
 from bodysense_lab.completion.measures import JUMP
 from bodysense_lab.completion.options import JoiningTraining
@@ -31,6 +30,7 @@ from bodysense_lab.completion.weights_file import safetensors_bytes
 from bodysense_lab.fit import Task, begin, cut, fit
 from bodysense_lab.options import Schedule
 from bodysense_lab.progress import counted, read_clips
+from bodysense_lab.scoring import RATE
 
 _PARENTS, _HEAD = parents_of(default_skeleton()), BODY.index("head")
 _ARRAYS = (

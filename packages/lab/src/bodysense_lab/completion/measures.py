@@ -30,10 +30,10 @@ from bodysense.metrics import (
     velocity_error,
 )
 from bodysense.observation import Observation, observed_points
-from bodysense.scoring import RATE, scored_points
 from bodysense_lab.completion.scenes import TrackedScene
 from bodysense_lab.completion.sight import jump_frames
 from bodysense_lab.completion.tracking import Tracked
+from bodysense_lab.scoring import RATE, scored_points
 
 _SHORTEST, _LONGEST, _BINS = 1e-4, 10.0, 100  # m; beyond, the first and last bin
 _STEP = (_LONGEST / _SHORTEST) ** (1 / _BINS)

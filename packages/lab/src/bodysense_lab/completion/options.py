@@ -6,9 +6,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
-from bodysense.devices.simulated.sensors import SENSOR_SETS, TABLE_SETS
+from bodysense.devices.simulated.sensors import SENSOR_SETS
 from bodysense.errors import BodysenseError
 from bodysense.ranges import Count, Hours, Processes, within
+from bodysense_lab.completion.lattice import TABLE_SETS
 from bodysense_lab.options import (
     Card,
     Flat,

@@ -15,7 +15,7 @@ from rich.progress import track as progress
 
 from bodysense.body.skeleton import BODY
 from bodysense.completion.model import CompletionModel, load_completion
-from bodysense.devices.simulated.sensors import SENSOR_SETS, TABLE_SETS, SensorSet, random_edges
+from bodysense.devices.simulated.sensors import SENSOR_SETS, SensorSet
 from bodysense.io.clip import Clip
 from bodysense.io.datasets.splits import Split
 from bodysense.tracker import Tracker
@@ -29,6 +29,7 @@ from bodysense_lab.completion.error_map import (
     unchanged_errors,
 )
 from bodysense_lab.completion.fingers import FingerNetwork
+from bodysense_lab.completion.lattice import TABLE_SETS, random_edges
 from bodysense_lab.completion.network import CompletionNetwork
 from bodysense_lab.completion.options import BODIES, Body
 from bodysense_lab.completion.points import body_places

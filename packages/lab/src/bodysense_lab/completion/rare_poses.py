@@ -7,8 +7,8 @@ import numpy as np
 from bodysense.body.pose import Pose, forward_kinematics, standing_pose
 from bodysense.body.rotation import euler_to_quaternion, slerp, smooth_step
 from bodysense.body.skeleton import Skeleton
-from bodysense.scoring import RATE
 from bodysense_lab.completion.wearers import rest_heights
+from bodysense_lab.scoring import RATE
 
 Turn = tuple[float, float, float]  # degrees about x, y and z of the parent, in this order
 _STANDS, HELD, _ENDS = 1.0, 2.5, 5.0  # s at which a wearer begins to move, is in the pose, and the motion ends

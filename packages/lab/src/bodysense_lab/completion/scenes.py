@@ -24,8 +24,8 @@ from bodysense.io.datasets.splits import Split
 from bodysense.io.resample import resample
 from bodysense.metrics import joint_error
 from bodysense.observation import Observation
-from bodysense.scoring import RATE, group_of
 from bodysense_lab.completion.options import Body
+from bodysense_lab.scoring import RATE, group_of
 
 Truth = Literal["own", "stranger"]
 # The body that moves in each column; the last three differ in what the tracker knows of it.

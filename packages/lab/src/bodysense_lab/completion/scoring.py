@@ -9,14 +9,15 @@ from typing import TypeVar
 import numpy as np
 
 from bodysense.body.skeleton import BODY
-from bodysense.devices.simulated.sensors import SENSOR_SETS, random_edges
+from bodysense.devices.simulated.sensors import SENSOR_SETS
 from bodysense.io.clip import Clip
+from bodysense.last_known import last_known
 from bodysense.observation import Observation
-from bodysense.scoring import RATE, last_known
 from bodysense_lab.completion import sight
 from bodysense_lab.completion.baselines import MeanBody
 from bodysense_lab.completion.blinks import BLINKING, FINGER, lose_hands, rng_of, with_finger
 from bodysense_lab.completion.kept import KeptClips
+from bodysense_lab.completion.lattice import random_edges
 from bodysense_lab.completion.measures import (
     Averages,
     measure,
@@ -44,6 +45,7 @@ from bodysense_lab.completion.tracking import (
     step_times,
     track_people,
 )
+from bodysense_lab.scoring import RATE
 from bodysense_lab.spread import spread
 
 TIMED_FRAMES = 330  # of one wearer, to tell how long a step takes

@@ -13,13 +13,13 @@ from bodysense.body.rotation import geodesic_angle
 from bodysense.body.skeleton import BODY
 from bodysense.metrics import vector_length
 from bodysense.observation import Observation, observed_points
-from bodysense.scoring import RATE
 from bodysense_lab.completion import sight
 from bodysense_lab.completion.measures import JUMP, Averages
 from bodysense_lab.completion.quantiles import Quantiles
 from bodysense_lab.completion.scenes import TrackedScene
 from bodysense_lab.completion.sight import Moment
 from bodysense_lab.completion.tracking import Tracked
+from bodysense_lab.scoring import RATE
 
 _PERCENT = {  # percentile and factor of every quantile, by its key
     "standing_knee_deg": ("knee", 50, 1.0),

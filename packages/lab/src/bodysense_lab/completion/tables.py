@@ -9,16 +9,17 @@ from typing import Literal, TypeVar
 
 import numpy as np
 
-from bodysense.devices.simulated.sensors import TABLE_SETS
-from bodysense.intervals import Interval, interval
 from bodysense.io.datasets.splits import Split
-from bodysense.scoring import GROUPS, KNOWN
+from bodysense.last_known import KNOWN
+from bodysense_lab.completion.lattice import TABLE_SETS
 from bodysense_lab.completion.measures import REGIONS, Averages, Calibration
 from bodysense_lab.completion.options import BODIES, Body, Fault
 from bodysense_lab.completion.scenes import TRUTH_OF, Truth
 from bodysense_lab.completion.sight_scores import SightScores
 from bodysense_lab.completion.tracking import CLIPS, FRAMES, EdgeScore
 from bodysense_lab.datasets import Census, DataSet, describe
+from bodysense_lab.intervals import Interval, interval
+from bodysense_lab.scoring import GROUPS
 from bodysense_lab.table import Cell, Report, cell, finite
 
 Key = TypeVar("Key")

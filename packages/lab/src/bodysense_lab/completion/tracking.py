@@ -17,12 +17,13 @@ import numpy as np
 from bodysense.body.person import Person
 from bodysense.completion.joining_network import JoiningNetwork, load_joining
 from bodysense.completion.model import CompletionModel, load_completion, packaged_model
-from bodysense.devices.simulated.sensors import Edge, SensorSet
+from bodysense.devices.simulated.sensors import SensorSet
 from bodysense.observation import Observation
-from bodysense.scoring import RATE
 from bodysense.tracker import Estimate, Tracker, TrackerSettings, step_together
 from bodysense.two_way import completed_both_ways
+from bodysense_lab.completion.lattice import Edge
 from bodysense_lab.completion.scenes import TrackedScene, person_of
+from bodysense_lab.scoring import RATE
 
 _WARM_UP = 30  # frames that are not timed
 

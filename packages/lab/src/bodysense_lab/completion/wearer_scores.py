@@ -17,7 +17,6 @@ from bodysense.devices.simulated.sensors import SENSOR_SETS, observe
 from bodysense.estimate import Estimate
 from bodysense.metrics import joint_error, vector_length
 from bodysense.observation import Observation, observed_points
-from bodysense.scoring import RATE
 from bodysense.tracker import Tracker
 from bodysense_lab.completion import sight
 from bodysense_lab.completion.rare_poses import HELD, RARE, rare_pose
@@ -34,6 +33,7 @@ from bodysense_lab.completion.wearers import (
     standing_head,
     with_hands,
 )
+from bodysense_lab.scoring import RATE
 from bodysense_lab.table import Cell, Report
 
 SEATED_HEIGHTS = (1.55, 1.74, 1.88)  # m

@@ -25,7 +25,7 @@ from bodysense.body.skeleton import Skeleton, default_body, default_skeleton
 from bodysense.devices.simulated.sensors import WRISTS
 from bodysense.errors import BodysenseError
 from bodysense.observation import HEADSET_ACCURACY, Observation, accuracy_like
-from bodysense.scoring import RATE
+from bodysense_lab.scoring import RATE
 
 Palms = Literal["none", "hanging", "inward", "down"]
 PALMS: tuple[Palms, ...] = ("none", "hanging", "inward", "down")

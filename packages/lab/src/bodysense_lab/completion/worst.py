@@ -17,11 +17,11 @@ from bodysense.io.clip import Clip
 from bodysense.observation import observed_points
 from bodysense.pictures.comparison import View, draw_views
 from bodysense.pictures.sheet import Lens
-from bodysense.scoring import RATE
 from bodysense_lab.completion.options import Fault
 from bodysense_lab.completion.scenes import TRUTH_OF, TrackedScene, person_of, scene_of
 from bodysense_lab.completion.tables import CompletionSettings, WorstFrame
 from bodysense_lab.completion.tracking import TrackPeople
+from bodysense_lab.scoring import RATE
 
 _LENS = Lens(width=260, height=330, aim=0.9, view_height=2.2)
 _COLUMNS = 3  # pictures in a row

@@ -19,10 +19,8 @@ from bodysense.body.pose import body_skeleton, local_rotation
 from bodysense.body.rotation import geodesic_angle, quaternion_log
 from bodysense.body.skeleton import BODY, LOWER_BODY, default_skeleton
 from bodysense.errors import BodysenseError
-from bodysense.intervals import Named
 from bodysense.metrics import on_floor
 from bodysense.papers.hmd_vae import BodyVaeModel, load_body_vae
-from bodysense.scoring import Tally, group_named
 from bodysense_lab.datasets import Census, DataSet, census_of
 from bodysense_lab.hmd_vae.frames import (
     RATE,
@@ -36,6 +34,8 @@ from bodysense_lab.hmd_vae.frames import (
 )
 from bodysense_lab.hmd_vae.network import BodyVae, read_vae
 from bodysense_lab.hmd_vae.options import BodyVaeConfig
+from bodysense_lab.intervals import Named
+from bodysense_lab.scoring import Tally, group_named
 from bodysense_lab.windows import Windows
 
 LEGS = tuple(name for name in BODY if name.partition("_")[2] in ("knee", "ankle", "foot"))

@@ -7,10 +7,10 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from operator import attrgetter
 
-from bodysense.scoring import GROUPS
 from bodysense_lab.chart import BarPanel, Bars, plain_bars
 from bodysense_lab.datasets import Census, DataSet, describe, missing
 from bodysense_lab.hmd_vae.scores import Scored
+from bodysense_lab.scoring import GROUPS
 from bodysense_lab.table import Cell, Report, bounds, cell, finite, ordering, surely
 
 MODELS = {1: "1 static", 2: "2 sequence", 3: "3 static, pretrained", 4: "4 sequence, pretrained"}

@@ -33,11 +33,11 @@ from bodysense.body.rotation import (
     quaternion_to_matrix,
 )
 from bodysense.body.skeleton import ARM, Skeleton, default_skeleton
-from bodysense.devices.simulated.camera_view import sample_cameras, view, view_points
 from bodysense.errors import BodysenseError
-from bodysense.io.augment import with_limb_proportions
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
+from bodysense_lab.augment import with_limb_proportions
+from bodysense_lab.pahmt.camera_view import sample_cameras, view, view_points
 from bodysense_lab.pahmt.keypoint_noise import detect
 from bodysense_lab.pahmt.options import Studio
 from bodysense_lab.windows import Windows, find_windows

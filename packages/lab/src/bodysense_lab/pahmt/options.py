@@ -8,10 +8,10 @@ from typing import Annotated, Literal
 from tyro.conf import Suppress, arg
 
 from bodysense.body.arms import ARM_JOINTS, HAND_POINTS
-from bodysense.devices.simulated.camera_view import CameraRange
 from bodysense.errors import BodysenseError
 from bodysense.ranges import Count, Seed
 from bodysense_lab.options import Card, Flat, MotionRun, check_ending
+from bodysense_lab.pahmt.camera_view import CameraRange
 from bodysense_lab.pahmt.keypoint_noise import DetectorNoise
 
 Kind = Literal["cnn", "ahmt", "pahmt"]

@@ -6,7 +6,6 @@ import numpy as np
 
 from bodysense.body.keypoints import ArmKeypoints
 from bodysense.body.person import Person
-from bodysense.devices.simulated.camera_view import FRONT, sample_cameras, view, view_points
 from bodysense.devices.video.arms import ArmModel, Arms, load_arms
 from bodysense.devices.video.landmarker_files import LandmarkerFiles, find_landmarkers
 from bodysense.devices.video.landmarks import Landmarker, LandmarkerSettings
@@ -16,6 +15,7 @@ from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.io.resample import at_constant_rate
 from bodysense.open import MotionSource, Opened, VideoSource
+from bodysense_lab.pahmt.camera_view import FRONT, sample_cameras, view, view_points
 from bodysense_lab.paper_options import PaperOptions, Variant, untrained
 
 KINDS: tuple[Variant, ...] = ("cnn", "ahmt", "pahmt")

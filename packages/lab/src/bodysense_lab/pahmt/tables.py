@@ -20,13 +20,13 @@ from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
-from bodysense.scoring import GROUPS, Tally, group_named
 from bodysense_lab.chart import BarPanel, Line, LinePanel, plain_bars
 from bodysense_lab.datasets import Census, DataSet, census_of, describe
 from bodysense_lab.pahmt.errors import EVERY, table_errors
 from bodysense_lab.pahmt.features import FRAMES, RATE, film, read_arm_recordings, window_of
 from bodysense_lab.pahmt.network import ArmNetwork, read_arms
 from bodysense_lab.pahmt.options import TABLE_1, Studio, TableRow
+from bodysense_lab.scoring import GROUPS, Tally, group_named
 from bodysense_lab.table import Cell, Report, bounds, cell, finite, ordering, surely
 
 MEASURES = {

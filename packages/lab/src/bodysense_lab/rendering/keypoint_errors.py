@@ -17,8 +17,7 @@ from bodysense.body.keypoints import ArmKeypoints
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.rotation import normalize, quaternion_conjugate, quaternion_log, quaternion_multiply
 from bodysense.body.skeleton import Skeleton
-from bodysense.devices.simulated.camera_view import Camera
-from bodysense.devices.video.device import CALM, VideoSettings
+from bodysense.devices.video.device import CALM, Camera, VideoSettings
 from bodysense.devices.video.landmark_points import LandmarkPoints, along
 from bodysense.devices.video.landmark_smoothing import smoothed
 from bodysense.devices.video.landmarks import BODY_LANDMARKS

@@ -23,8 +23,9 @@ from bodysense.body.rotation import (
 )
 from bodysense.body.rotation import swing_twist as split
 from bodysense.body.skeleton import Skeleton, default_skeleton
-from bodysense.devices.simulated.camera_view import VIEW_POINTS, Camera, CameraRange, sample_cameras, view_points
+from bodysense.devices.video.device import Camera
 from bodysense.errors import BodysenseError
+from bodysense_lab.pahmt.camera_view import VIEW_POINTS, CameraRange, sample_cameras, view_points
 
 FigureName = Literal["woman", "man", "heavy"]
 FIGURES: tuple[FigureName, ...] = get_args(FigureName)

@@ -11,7 +11,7 @@ import numpy as np
 
 from bodysense.body.pose import Pose
 from bodysense.body.rotation import quaternion_exp, quaternion_rotate
-from bodysense.devices.simulated.camera_view import Camera
+from bodysense.devices.video.device import Camera
 from bodysense.errors import BodysenseError, how_to_install
 from bodysense_lab.rendering.scene import Character, Scene, load_figure
 

@@ -15,17 +15,15 @@ from bodysense.body.person import Person
 from bodysense.body.pose import Pose
 from bodysense.body.skeleton import default_skeleton
 from bodysense.completion.model import CompletionModel
-from bodysense.devices.simulated.camera_view import Camera
 from bodysense.devices.video.arms import ArmModel, Arms
-from bodysense.devices.video.device import VideoDevice
+from bodysense.devices.video.device import Camera, VideoDevice
 from bodysense.devices.video.landmarker_files import LandmarkerFiles
 from bodysense.devices.video.landmarks import LandmarkerSettings
 from bodysense.devices.video.person import PersonLandmarks, arm_keypoints, joined_landmarks
 from bodysense.errors import BodysenseError
-from bodysense.intervals import Named
-from bodysense.scoring import GROUPS, Tally, group_named
 from bodysense.tracker import Tracker, TrackerSettings
 from bodysense_lab.chart import BarPanel, plain_bars
+from bodysense_lab.intervals import Named
 from bodysense_lab.pahmt.errors import arm_errors
 from bodysense_lab.pahmt.system import watched
 from bodysense_lab.pahmt.tables import solved_from_positions
@@ -41,6 +39,7 @@ from bodysense_lab.rendering.keypoint_errors import (
     noise_figures,
 )
 from bodysense_lab.rendering.take import GESTURES, RenderedTake, read_take
+from bodysense_lab.scoring import GROUPS, Tally, group_named
 from bodysense_lab.table import Cell, Report, cell, finite, ordering
 
 METHODS = {  # key: how it is called in the table

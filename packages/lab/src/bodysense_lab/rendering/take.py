@@ -17,11 +17,12 @@ from bodysense.body.keypoints import ArmKeypoints
 from bodysense.body.pose import Pose, standing_pose
 from bodysense.body.rotation import quaternion_conjugate, quaternion_exp, quaternion_rotate, shortest_arc, slerp
 from bodysense.body.skeleton import default_skeleton
-from bodysense.devices.simulated.camera_view import VIEW_POINTS, Camera, CameraRange, view, view_points
+from bodysense.devices.video.device import Camera
 from bodysense.errors import BodysenseError, how_to_install
 from bodysense.files import written_beside
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
+from bodysense_lab.pahmt.camera_view import VIEW_POINTS, CameraRange, view, view_points
 from bodysense_lab.rendering.scene import (
     FIGURES,
     ROOM,

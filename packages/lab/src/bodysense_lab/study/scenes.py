@@ -22,11 +22,12 @@ from bodysense.devices.simulated.sensors import HEADSET_CAMERA, observe
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
+from bodysense.last_known import Hold
 from bodysense.metrics import joint_error
 from bodysense.papers.ik_tracker import IkTracker, IkTrackerSettings
 from bodysense.pictures.animation import write_animation
 from bodysense.pictures.sheet import FollowingCamera, Lens, follow_body
-from bodysense.scoring import RATE, Hold, scored_points
+from bodysense_lab.scoring import RATE, scored_points
 from bodysense_lab.spread import worker_pool
 from bodysense_lab.study.study import CONDITIONS, Condition, StudyKey, draw_key, write_key
 from bodysense_lab.unoc.learned import Learned, load_model

@@ -26,8 +26,8 @@ from bodysense.devices.gloves.networks import load_joint_network, load_marker_ne
 from bodysense.devices.simulated.glove_imu import GloveImuNoise, disturbed, joined
 from bodysense.metrics import joint_error
 from bodysense.observation import EXACT_ACCURACY, Observation
-from bodysense.scoring import GROUPS
 from bodysense_lab.datasets import DataSet, describe
+from bodysense_lab.scoring import GROUPS
 from bodysense_lab.synthesis.hands import RATE
 from bodysense_lab.table import Report, cell, finite
 from bodysense_lab.two_hands.foreign import FOREIGN, PLACES, STRANGER, ForeignModels, unseen_hand

@@ -14,8 +14,8 @@ from bodysense.body.pose import Pose
 from bodysense.body.skeleton import default_skeleton
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
-from bodysense.scoring import group_of
 from bodysense_lab.datasets import Census, gathered
+from bodysense_lab.scoring import group_of
 from bodysense_lab.spread import spread
 from bodysense_lab.synthesis.hands import RATE, varied_hand
 from bodysense_lab.synthesis.pairs import synthesize_pair

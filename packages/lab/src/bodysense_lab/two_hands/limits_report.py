@@ -6,9 +6,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 from bodysense.devices.simulated.camera_ring import CameraRing
-from bodysense.scoring import GROUPS
 from bodysense_lab.chart import BarPanel, plain_bars
 from bodysense_lab.datasets import Census, DataSet, describe
+from bodysense_lab.scoring import GROUPS
 from bodysense_lab.synthesis.hands import RATE
 from bodysense_lab.table import Cell, Report, finite
 from bodysense_lab.two_hands.limits import COUNTED, JUMP, SPIKES, TOUCHING, Findings

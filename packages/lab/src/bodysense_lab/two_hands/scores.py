@@ -17,8 +17,8 @@ from bodysense.devices.gloves.hands import GloveModels, HandsSettings
 from bodysense.devices.gloves.networks import load_joint_network, load_marker_network
 from bodysense.io.clip import Clip
 from bodysense.metrics import joint_error
-from bodysense.scoring import GROUPS, Tally, group_of
 from bodysense_lab.datasets import Census, DataSet, census_of
+from bodysense_lab.scoring import GROUPS, Tally, group_of
 from bodysense_lab.spread import spread
 from bodysense_lab.synthesis.hands import HandMotion, hand_motions, synthesize_hand
 from bodysense_lab.two_hands.baselines import AffineCombination, FingerLimits, LastKnown, MovingAverage, solve_fingers

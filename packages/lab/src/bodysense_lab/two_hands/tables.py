@@ -8,9 +8,9 @@ from functools import partial
 from pathlib import Path
 
 from bodysense.devices.gloves.networks import load_joint_network, load_marker_network
-from bodysense.intervals import Interval, interval
 from bodysense_lab.chart import BarPanel, plain_bars
 from bodysense_lab.datasets import DataSet, describe
+from bodysense_lab.intervals import Interval, interval
 from bodysense_lab.table import Cell, Report, cell, finite, ordering, surely
 from bodysense_lab.two_hands.foreign import ALONE, FEW_MANY, PLACES, WAYS, foreign_numbers
 from bodysense_lab.two_hands.scores import (

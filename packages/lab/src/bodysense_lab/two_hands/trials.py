@@ -20,7 +20,7 @@ from bodysense.devices.gloves.fillers import Filler
 from bodysense.devices.gloves.hands import GloveModels, Hands, HandsSettings
 from bodysense.metrics import joint_error
 from bodysense.observation import Observation
-from bodysense.scoring import Tally
+from bodysense_lab.scoring import Tally
 from bodysense_lab.synthesis.glove_stream import observed_markers
 from bodysense_lab.synthesis.hands import RATE, HandMotion
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from bodysense.body.skeleton import Skeleton
+from bodysense.last_known import last_known
 from bodysense.observation import Observation, observed_points
-from bodysense.scoring import last_known
 
 LONGEST = 0.5  # s for which a velocity is kept; later the point stays where it is
 

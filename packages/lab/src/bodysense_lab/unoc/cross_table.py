@@ -11,7 +11,6 @@ from bodysense.io.resample import resample
 from bodysense.metrics import joint_error
 from bodysense.papers.fingers import FingerSynthesis
 from bodysense.papers.point_model import PointModel
-from bodysense.scoring import RATE, Tally, group_of
 from bodysense_lab.datasets import DataSet, describe, missing
 from bodysense_lab.score_table import (
     BarChart,
@@ -23,6 +22,7 @@ from bodysense_lab.score_table import (
     ScoreTable,
     score_report,
 )
+from bodysense_lab.scoring import RATE, Tally, group_of
 from bodysense_lab.table import Report
 from bodysense_lab.unoc.finger_scores import finger_offsets
 from bodysense_lab.unoc.kept_scores import Scores, better_last_known

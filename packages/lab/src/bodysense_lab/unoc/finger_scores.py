@@ -24,15 +24,15 @@ from bodysense.body.rotation import (
     quaternion_rotate,
 )
 from bodysense.errors import BodysenseError
-from bodysense.io.augment import mirrored
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
 from bodysense.metrics import joint_error
 from bodysense.papers.fingers import FingerSynthesis, synthesize
 from bodysense.papers.point_model import PointModel
-from bodysense.scoring import RATE, Tally
+from bodysense_lab.augment import mirrored
 from bodysense_lab.datasets import Census, DataSet
 from bodysense_lab.score_table import ScoreColumn, ScoreRow, ScoreTable, score_report
+from bodysense_lab.scoring import RATE, Tally
 from bodysense_lab.table import Report
 
 METHODS = ("network", "bodysense", "mean_pose", "nearest")  # 'bodysense': after smoothing, on the wearer's rigid bones

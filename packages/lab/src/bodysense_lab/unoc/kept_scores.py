@@ -9,8 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from bodysense.files import written_beside
-from bodysense.scoring import KNOWN, Tally
+from bodysense.last_known import KNOWN
 from bodysense_lab.datasets import Census, DataSet
+from bodysense_lab.scoring import Tally
 
 FORMAT = 2  # of the files; another number makes them be counted again
 Parts = dict[tuple[str, str, str], Tally]  # by category group, part of the body, share of joints

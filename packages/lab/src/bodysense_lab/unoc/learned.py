@@ -16,9 +16,10 @@ from bodysense.devices.simulated.sensors import HEADSET_CAMERA, observe
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
+from bodysense.last_known import last_known
 from bodysense.observation import Observation, observed_points
 from bodysense.papers.ik_tracker import MEASURED_ERROR, IkTracker, IkTrackerSettings
-from bodysense.scoring import RATE, TrackedClip, last_known
+from bodysense_lab.scoring import RATE, TrackedClip
 from bodysense_lab.weights import packaged
 
 FORMAT = "bodysense body 1"

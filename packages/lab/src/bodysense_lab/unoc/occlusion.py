@@ -17,9 +17,9 @@ from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.devices.simulated.headset_camera import BODY_JOINTS, FOOT_POINTS, SIDES, HeadsetCamera, see
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
-from bodysense.scoring import MAIN
 from bodysense_lab.chart import BarPanel, plain_bars
 from bodysense_lab.datasets import Census, DataSet, describe, gathered, missing
+from bodysense_lab.scoring import MAIN
 from bodysense_lab.table import Cell, Report
 from bodysense_lab.unoc.contact import self_contact
 

@@ -17,9 +17,9 @@ from torch import Tensor
 from bodysense.body.pose import Pose, forward_kinematics, resting_offset
 from bodysense.body.rotation import quaternion_canonical, quaternion_exp, quaternion_multiply, swing_twist
 from bodysense.devices.simulated.sensors import THREE_POINTS
-from bodysense.io.augment import mirrored, with_limb_proportions
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
+from bodysense_lab.augment import mirrored, with_limb_proportions
 from bodysense_lab.fit import Task, cut, played
 from bodysense_lab.unoc.point_network import PointNetwork, PointPrediction, TrackedPoints
 from bodysense_lab.unoc.task import RATE, LossWeights, length_of, unlikelihood

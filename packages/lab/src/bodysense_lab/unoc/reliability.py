@@ -17,9 +17,9 @@ from bodysense.body.pose import forward_kinematics
 from bodysense.devices.simulated.sensors import HEADSET_CAMERA, observe
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
-from bodysense.scoring import RATE, group_of, part_errors
 from bodysense_lab.chart import BarPanel, plain_bars
 from bodysense_lab.datasets import Census, DataSet, describe
+from bodysense_lab.scoring import RATE, group_of, part_errors
 from bodysense_lab.table import Report, cell, finite
 from bodysense_lab.unoc.learned import Learned, load_model
 

@@ -20,7 +20,6 @@ from bodysense.io.clip import Clip
 from bodysense.metrics import acceleration
 from bodysense.observation import Observation
 from bodysense.papers.ik_tracker import IkTracker, IkTrackerSettings
-from bodysense.scoring import RATE, Tally, group_of, part_errors, scored_points
 from bodysense_lab.datasets import Census, DataSet, describe, missing
 from bodysense_lab.score_table import (
     BarChart,
@@ -32,6 +31,7 @@ from bodysense_lab.score_table import (
     ScoreTable,
     score_report,
 )
+from bodysense_lab.scoring import RATE, Tally, group_of, part_errors, scored_points
 from bodysense_lab.table import Report
 from bodysense_lab.unoc.learned import track_clip
 

@@ -18,14 +18,14 @@ import torch
 from torch import Tensor
 
 from bodysense.body.pose import forward_kinematics
-from bodysense.devices.simulated.noise import hide_hands
 from bodysense.devices.simulated.sensors import HEADSET_CAMERA, observe
-from bodysense.io.augment import mirrored, with_limb_proportions
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
-from bodysense.scoring import scored_points
+from bodysense_lab.augment import mirrored, with_limb_proportions
 from bodysense_lab.fit import Task, cut, played, rate_at
 from bodysense_lab.precision import layer_autocast
+from bodysense_lab.scoring import scored_points
+from bodysense_lab.unoc.lost_hands import hide_hands
 from bodysense_lab.unoc.network import BodyNetwork, BodyNetworkConfig, BodyPrediction, tracked_of
 
 

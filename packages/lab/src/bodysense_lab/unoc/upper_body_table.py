@@ -25,7 +25,6 @@ from bodysense.devices.simulated.sensors import THREE_POINT, observe
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
 from bodysense.metrics import joint_error
-from bodysense.scoring import GROUPS, RATE, Tally, group_of
 from bodysense_lab.datasets import Census, DataSet, describe, missing
 from bodysense_lab.score_table import (
     BarChart,
@@ -37,6 +36,7 @@ from bodysense_lab.score_table import (
     ScoreTable,
     score_report,
 )
+from bodysense_lab.scoring import GROUPS, RATE, Tally, group_of
 from bodysense_lab.table import Report
 
 METHODS = {"network": "network", "ik": "IK"}

@@ -17,18 +17,11 @@ from bodysense.devices.simulated.sensors import HEADSET_CAMERA, observe
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
+from bodysense.last_known import KNOWN, last_known
 from bodysense.observation import Observation
 from bodysense.papers.ik_tracker import IkTrackerSettings
-from bodysense.scoring import (
-    KNOWN,
-    RATE,
-    Tally,
-    group_of,
-    last_known,
-    part_errors,
-    scored_points,
-)
 from bodysense_lab.datasets import Census, DataSet, gathered
+from bodysense_lab.scoring import RATE, Tally, group_of, part_errors, scored_points
 from bodysense_lab.unoc.constant_velocity import constant_velocity
 from bodysense_lab.unoc.kept_scores import Parts, Scores, identity_of, read_scores, scores_path, write_scores
 from bodysense_lab.unoc.learned import PACKAGED, track_clip

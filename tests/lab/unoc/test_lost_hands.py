@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from bodysense.body.skeleton import default_skeleton
-from bodysense.devices.simulated.noise import LONGEST, SHORTEST, hide, hide_hands
+from bodysense.devices.simulated.noise import hide
 from bodysense.observation import Observation, check_observation
+from bodysense_lab.unoc.lost_hands import LONGEST, SHORTEST, hide_hands
 
 SKELETON = default_skeleton()
 FINGERS = ("index", "middle", "pinky", "ring", "thumb")

@@ -14,6 +14,7 @@ from bodysense.body.keypoints import ArmKeypoints, arm_directions, torso_rotatio
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.rotation import cross, normalize
 from bodysense.devices.simulated.rays import segment_meets_capsule
+from bodysense.devices.video.device import Camera
 from bodysense.errors import BodysenseError
 
 VIEW_POINTS = ("shoulder", "elbow", "hip", *HAND_POINTS)  # of a side: the points of all key-points
@@ -47,16 +48,6 @@ class CameraRange:
 
 
 FRONT = CameraRange((2.5, 2.5), (0.0, 0.0), (0.0, 0.0), (50.0, 50.0), (1.0, 1.0), (0.0, 0.0), (0.0, 0.0))
-
-
-@dataclass(frozen=True, eq=False)
-class Camera:
-    """A pinhole camera, or a batch of them. Its axes: x to the picture's right, y up, z away from the scene."""
-
-    position: np.ndarray  # (..., 3) m, world
-    axes: np.ndarray  # (..., 3, 3) world ← camera: its axes as columns
-    focal: np.ndarray  # (...) focal length in heights of the picture
-    aspect: np.ndarray  # (...) width / height of the picture
 
 
 def view_points(pose: Pose) -> np.ndarray:

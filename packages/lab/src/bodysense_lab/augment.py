@@ -35,13 +35,6 @@ def mirrored(clip: Clip) -> Clip:
     return replace(clip, pose=Pose(other, pose.root_position * flip, rotation))
 
 
-def at_height(clip: Clip, height: float) -> Clip:
-    """Scale the body to `height` m at unchanged proportions and rotations; the root's path is scaled with it."""
-    skeleton = clip.pose.skeleton.scaled(height)
-    root = clip.pose.root_position * (skeleton.height / clip.pose.skeleton.height)
-    return replace(clip, pose=Pose(skeleton, root, clip.pose.rotation))
-
-
 def with_limb_proportions(clip: Clip, spread: float, rng: np.random.Generator) -> Clip:
     """Scale each group of `LIMBS` by a random factor of its own; rotations are unchanged.
 

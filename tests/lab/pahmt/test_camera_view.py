@@ -12,17 +12,10 @@ from bodysense.body.keypoints import ArmKeypoints
 from bodysense.body.pose import rest_pose, standing_pose
 from bodysense.body.rotation import geodesic_angle, quaternion_exp
 from bodysense.body.skeleton import default_skeleton
-from bodysense.devices.simulated.camera_view import (
-    FRONT,
-    VIEW_POINTS,
-    Camera,
-    CameraRange,
-    sample_cameras,
-    view,
-    view_points,
-)
+from bodysense.devices.video.device import Camera
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
+from bodysense_lab.pahmt.camera_view import FRONT, VIEW_POINTS, CameraRange, sample_cameras, view, view_points
 
 
 def filmed(clip: Clip, seed: int) -> tuple[np.ndarray, Camera, ArmKeypoints]:

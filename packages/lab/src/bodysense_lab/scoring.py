@@ -1,0 +1,122 @@
+"""How completed motion is scored: errors by part of the body, share of joints and kind of motion."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+import numpy as np
+
+from bodysense.body.pose import Pose
+from bodysense.body.skeleton import Skeleton
+from bodysense.io.clip import Clip
+from bodysense.metrics import joint_error
+from bodysense.observation import Observation
+from bodysense_lab.intervals import Interval, Named, Shares, interval
+
+RATE = 30.0  # Hz at which motion is scored
+MAIN = ("sit", "talk_gesture", "conversation", "everyday", "locomotion")  # what a headset's wearer does
+# Scored joints of both sides.
+UNOC_EVAL_JOINTS = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle", "foot")
+GROUPS = ("main", "sport", "dance", "other")  # the categories that are scored together
+
+
+Measure = Literal["mpjpe", "rmsjpe"]
+
+
+@dataclass
+class Tally:
+    """Running sums of errors (cm), so that averages are over frames, not over clips; and the same by person."""
+
+    count: float = 0.0
+    total: float = 0.0
+    squared: float = 0.0
+    people: dict[str, Tally] = field(default_factory=dict, repr=False)
+
+    def add(self, error: np.ndarray, person: str = "") -> None:
+        """Count errors of any shape; whose they are, where that is known."""
+        one = Tally(error.size, float(error.sum()), float((error * error).sum()))
+        self.merge(replace(one, people={person: one}) if person else one)
+
+    def merge(self, other: Tally) -> None:
+        """Count what another has counted."""
+        self.count += other.count
+        self.total += other.total
+        self.squared += other.squared
+        for person, one in other.people.items():
+            self.people.setdefault(person, Tally()).merge(one)
+
+    def shares(self, measure: Measure = "mpjpe") -> Shares:
+        """By person: the mean (of RMSJPE its square) and its weight."""
+        people = {person: one for person, one in self.people.items() if one.count}
+        return {
+            person: ((one.total if measure == "mpjpe" else one.squared) / one.count, one.count)
+            for person, one in people.items()
+        }
+
+    def named(self, name: str, measure: Measure = "mpjpe") -> Named:
+        """A figure under a name, to be compared."""
+        return Named(name, getattr(self, measure), self.shares(measure))
+
+    def interval(self, measure: Measure = "mpjpe") -> Interval:
+        """Between what a figure lies, by bootstrap over people."""
+        found = interval(self.shares(measure))
+        if measure == "mpjpe":
+            return found
+        return Interval(math.sqrt(found.value), math.sqrt(found.low), math.sqrt(found.high))
+
+    @property
+    def mpjpe(self) -> float:
+        """Mean, cm."""
+        return self.total / self.count if self.count else math.nan
+
+    @property
+    def rmsjpe(self) -> float:
+        """Root of the mean square, cm."""
+        return math.sqrt(self.squared / self.count) if self.count else math.nan
+
+
+@dataclass(frozen=True, eq=False)
+class TrackedClip:
+    """A clip, what the headset saw of it, and what every method made of that."""
+
+    clip: Clip  # the truth, at 30 Hz
+    observation: Observation
+    pose: Pose  # of the tracker
+    position: dict[str, np.ndarray]  # method → (T, P, 3) m
+
+
+def part_errors(
+    position: np.ndarray, truth: np.ndarray, skeleton: Skeleton, fingers: bool
+) -> dict[str, tuple[np.ndarray, list[int]]]:
+    """Errors (T, N), cm, of every part of the body, and which N points it has: positions (T, P, 3) m in one frame.
+
+    Fingers are measured from their wrist, except in parts that include the body. Without fingers, these parts are
+    omitted.
+    """
+    finger, tested = np.flatnonzero(skeleton.wrist_of >= 0).tolist(), scored_points(skeleton)
+    wrist = skeleton.wrist_of[finger]
+    every = [p for p, name in enumerate(skeleton.points) if p not in finger and name != "head"]
+    error = joint_error(position, truth)
+    parts = {"body": (error[:, tested], tested), "every_point": (error[:, every], every)}
+    if fingers:
+        local = joint_error(position[:, finger] - position[:, wrist], truth[:, finger] - truth[:, wrist])
+        both = tested + finger
+        parts |= {"finger": (local, finger), "body_and_finger": (error[:, both], both)}
+    return parts
+
+
+def scored_points(skeleton: Skeleton) -> list[int]:
+    """The points that UNOC's tables test, of either side."""
+    return [p for p, name in enumerate(skeleton.points) if name.partition("_")[2] in UNOC_EVAL_JOINTS]
+
+
+def group_of(clip: Clip) -> str:
+    """The one of `GROUPS` with which a clip is scored."""
+    return group_named(clip.category)
+
+
+def group_named(category: str) -> str:
+    """The one of `GROUPS` with which clips of a category are scored."""
+    return "main" if category in (*MAIN, "") else category if category in GROUPS else "other"
