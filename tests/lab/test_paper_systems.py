@@ -25,7 +25,6 @@ from bodysense.metrics import joint_error
 from bodysense.observation import Observation
 from bodysense.open import MotionSource, RecordingSource, VideoSource
 from bodysense.papers.hmd_vae import BodyVaeEstimator, load_body_vae
-from bodysense.papers.ik_tracker import IkTracker
 from bodysense.take import track
 from bodysense_lab.hmd_vae.export import write_vae_onnx
 from bodysense_lab.hmd_vae.network import BodyVae, BodyVaeConfig
@@ -33,6 +32,7 @@ from bodysense_lab.pahmt import system as pahmt
 from bodysense_lab.paper_options import Method, PaperOptions, Variant
 from bodysense_lab.paper_systems import SYSTEMS
 from bodysense_lab.two_hands.system import calibrate
+from bodysense_lab.unoc.ik_tracker import IkTracker
 from bodysense_lab.unoc.learned import Learned, load_model
 
 

@@ -11,8 +11,8 @@ from bodysense.body.pose import forward_kinematics
 from bodysense.body.skeleton import default_skeleton
 from bodysense.io.clip import Clip
 from bodysense.last_known import KNOWN
-from bodysense.papers.ik_tracker import IkTrackerSettings
 from bodysense_lab.scoring import Tally, group_of, part_errors
+from bodysense_lab.unoc.ik_tracker import IkTrackerSettings
 from bodysense_lab.unoc.learned import track_clip
 
 SKELETON = default_skeleton()

@@ -72,7 +72,7 @@ def write_samples(recording: Recording, out: Path, count: int, seed: int, model:
     from bodysense.io.motion_files import write_motion
     from bodysense.io.resample import at_constant_rate
     from bodysense.papers.hmd_vae import BodyVaeEstimator, load_body_vae, sample_noise
-    from bodysense.papers.ik_tracker import IkTracker
+    from bodysense.papers.met_points import TargetIk
 
     observation = recording.observation
     other = [name for name in observation.points if name not in THREE_POINTS]
@@ -85,11 +85,13 @@ def write_samples(recording: Recording, out: Path, count: int, seed: int, model:
         raise BodysenseError("--samples: 'head' is tracked in none of its frames; record it with a headset")
     network = load_body_vae(model)
     noises = sample_noise(network, count, np.random.default_rng(seed))
-    paths = sample_paths(out, count)
+    paths, solver = sample_paths(out, count), TargetIk(recording.skeleton)
     interval = np.diff(observation.time)
     rate = 1 / float(np.median(interval)) if len(interval) else 30.0
     for path, noise in progress(list(zip(paths, noises, strict=True)), description="drawing bodies"):
-        tracker = IkTracker(BodyVaeEstimator(recording.skeleton, network, noise))
-        pose, _, _ = tracker.step(observation, tracker.start())
+        estimator = BodyVaeEstimator(recording.skeleton, network, noise)
+        estimate, _ = estimator.step(observation, estimator.start())
+        assert estimate.pose is not None
+        pose = solver.bent(estimate, estimate.pose, observation)
         write_motion(path, at_constant_rate(Clip(path.stem, pose, rate), observation.time))
     return paths

@@ -20,7 +20,7 @@ class PointEstimate:
     position: np.ndarray  # (..., T, P, 3) m, world: every point of the skeleton, before IK
     occluded: np.ndarray  # (..., T, P) probability that the point was hidden
     confidence: np.ndarray  # (..., T, P) expected position error, m
-    pose: Pose | None = None  # rotations, from methods that give them; otherwise `IkTracker` finds them
+    pose: Pose | None = None  # rotations, from methods that give them; otherwise inverse kinematics finds them
 
 
 class Estimator(Protocol):

@@ -1,1 +1,1 @@
-"""Networks and trackers of papers, as commands of the library use them: HMD-VAE, UNOC's fingers and tracker."""
+"""Networks of papers, as commands of the library use them: HMD-VAE, UNOC's fingers."""

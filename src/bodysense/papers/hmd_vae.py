@@ -26,7 +26,7 @@ from bodysense.devices.estimate import PointEstimate
 from bodysense.devices.simulated.sensors import THREE_POINTS
 from bodysense.errors import BodysenseError
 from bodysense.observation import FARTHEST, UNIT_TOLERANCE, Observation, check_order, observed_points
-from bodysense.papers.ik_tracker import MEASURED_ERROR
+from bodysense.papers.met_points import MEASURED_ERROR
 from bodysense.papers.point_model import HeadAndHands
 
 FORMAT = "bodysense body vae 1"

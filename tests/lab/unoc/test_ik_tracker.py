@@ -21,7 +21,7 @@ from bodysense.devices.simulated.sensors import HEADSET_CAMERA, observe
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.observation import Observation, accuracy_like, observed_points
-from bodysense.papers.ik_tracker import IkTracker, IkTrackerSettings, IkTrackerState, smooth
+from bodysense_lab.unoc.ik_tracker import IkTracker, IkTrackerSettings, IkTrackerState, smooth
 from bodysense_lab.unoc.learned import Learned, load_model
 
 SKELETON = default_skeleton()

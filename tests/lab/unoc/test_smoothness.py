@@ -12,8 +12,8 @@ from bodysense.devices.estimate import PointEstimate
 from bodysense.devices.simulated.sensors import HEADSET_CAMERA, observe
 from bodysense.io.clip import Clip
 from bodysense.metrics import acceleration
-from bodysense.papers.ik_tracker import IkTracker, IkTrackerSettings
 from bodysense_lab.scoring import scored_points
+from bodysense_lab.unoc.ik_tracker import IkTracker, IkTrackerSettings
 from bodysense_lab.unoc.smoothness import (
     RecordedEstimator,
     after_tracker,

@@ -19,7 +19,7 @@ from bodysense.io.clip import Clip
 from bodysense.io.datasets.sources import list_sources, read_source
 from bodysense.last_known import Hold
 from bodysense.observation import Observation, check_observation
-from bodysense.papers.ik_tracker import IkTracker
+from bodysense_lab.unoc.ik_tracker import IkTracker
 from bodysense_lab.unoc.upper_body_ik import UpperBodyIk, UpperBodyIkSettings
 
 SKELETON = default_skeleton()

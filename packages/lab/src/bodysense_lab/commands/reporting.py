@@ -15,9 +15,9 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from bodysense.io.clip import Clip
-    from bodysense.papers.ik_tracker import IkTrackerSettings
     from bodysense_lab.datasets import DataSet
     from bodysense_lab.table import Cell, Report
+    from bodysense_lab.unoc.ik_tracker import IkTrackerSettings
 
 
 def check_places(*paths: Path | None) -> None:
@@ -106,7 +106,7 @@ def show(report: Report, json: Path | None) -> None:
 
 def tracker_settings(half_life: float | None) -> IkTrackerSettings:
     """The settings of UNOC's tracker with another half-life, seconds; None keeps its own."""
-    from bodysense.papers.ik_tracker import IkTrackerSettings
+    from bodysense_lab.unoc.ik_tracker import IkTrackerSettings
 
     return IkTrackerSettings() if half_life is None else IkTrackerSettings(half_life=half_life)
 

@@ -24,12 +24,12 @@ from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
 from bodysense.last_known import Hold
 from bodysense.metrics import joint_error
-from bodysense.papers.ik_tracker import IkTracker, IkTrackerSettings
 from bodysense.pictures.animation import write_animation
 from bodysense.pictures.sheet import FollowingCamera, Lens, follow_body
 from bodysense_lab.scoring import RATE, scored_points
 from bodysense_lab.spread import worker_pool
 from bodysense_lab.study.study import CONDITIONS, Condition, StudyKey, draw_key, write_key
+from bodysense_lab.unoc.ik_tracker import IkTracker, IkTrackerSettings
 from bodysense_lab.unoc.learned import Learned, load_model
 
 FILES = ("index.html", "style.css", "study.js")

@@ -14,7 +14,7 @@ from bodysense.body.skeleton import Skeleton
 from bodysense.devices.estimate import PointEstimate
 from bodysense.devices.simulated.sensors import THREE_POINTS
 from bodysense.observation import Observation, observed_points
-from bodysense.papers.ik_tracker import MEASURED_ERROR
+from bodysense.papers.met_points import MEASURED_ERROR
 from bodysense.papers.point_model import HeadAndHands, PointModel, PointRunner, PointState, load_point_model
 from bodysense_lab.weights import packaged
 

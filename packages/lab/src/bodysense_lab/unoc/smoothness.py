@@ -19,7 +19,6 @@ from bodysense.devices.estimate import PointEstimate
 from bodysense.io.clip import Clip
 from bodysense.metrics import acceleration
 from bodysense.observation import Observation
-from bodysense.papers.ik_tracker import IkTracker, IkTrackerSettings
 from bodysense_lab.datasets import Census, DataSet, describe, missing
 from bodysense_lab.score_table import (
     BarChart,
@@ -33,6 +32,7 @@ from bodysense_lab.score_table import (
 )
 from bodysense_lab.scoring import RATE, Tally, group_of, part_errors, scored_points
 from bodysense_lab.table import Report
+from bodysense_lab.unoc.ik_tracker import IkTracker, IkTrackerSettings
 from bodysense_lab.unoc.learned import track_clip
 
 NETWORKS = ("gru", "mask_given")

@@ -6,10 +6,10 @@ from bodysense.body.pose import Pose
 from bodysense.io.clip import Clip
 from bodysense.observation import Observation
 from bodysense.open import Opened
-from bodysense.papers.ik_tracker import IkTracker, IkTrackerState
 from bodysense.signals import signal_from
 from bodysense_lab.paper_options import PaperOptions
 from bodysense_lab.tracked_clip import tracked_clip
+from bodysense_lab.unoc.ik_tracker import IkTracker, IkTrackerState
 from bodysense_lab.unoc.learned import Learned, load_model
 
 

@@ -14,11 +14,11 @@ import numpy as np
 
 from bodysense.body.pose import forward_kinematics
 from bodysense.io.clip import Clip
-from bodysense.papers.ik_tracker import IkTrackerSettings
 from bodysense_lab.datasets import Census, DataSet, describe
 from bodysense_lab.score_table import BarChart, ScoreColumn, ScoreRow, ScoreTable, score_report
 from bodysense_lab.scoring import RATE, Tally, group_of, part_errors, scored_points
 from bodysense_lab.table import Report
+from bodysense_lab.unoc.ik_tracker import IkTrackerSettings
 from bodysense_lab.unoc.learned import track_clip
 
 SECOND = round(RATE)  # frames

@@ -19,10 +19,10 @@ from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
 from bodysense.last_known import KNOWN, last_known
 from bodysense.observation import Observation
-from bodysense.papers.ik_tracker import IkTrackerSettings
 from bodysense_lab.datasets import Census, DataSet, gathered
 from bodysense_lab.scoring import RATE, Tally, group_of, part_errors, scored_points
 from bodysense_lab.unoc.constant_velocity import constant_velocity
+from bodysense_lab.unoc.ik_tracker import IkTrackerSettings
 from bodysense_lab.unoc.kept_scores import Parts, Scores, identity_of, read_scores, scores_path, write_scores
 from bodysense_lab.unoc.learned import PACKAGED, track_clip
 from bodysense_lab.unoc.network import BodyNetwork, TrackedBody, read_weights, tracked_of

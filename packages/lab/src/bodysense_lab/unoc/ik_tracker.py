@@ -13,21 +13,16 @@ from typing import Any
 
 import numpy as np
 
-from bodysense.body.ik import IkSettings, IkState, InverseKinematics
+from bodysense.body.ik import IkSettings, IkState
 from bodysense.body.pose import Pose
-from bodysense.body.products import CONJUGATE, exp, log, multiply, world_rotation
+from bodysense.body.products import CONJUGATE, exp, log, multiply
 from bodysense.body.spring import spring_step
 from bodysense.devices.estimate import Estimator, PointEstimate
 from bodysense.errors import BodysenseError
 from bodysense.observation import Observation, check_order, observed_points
+from bodysense.papers.met_points import COARSE, HEAD_WEIGHT, TargetIk
 
-MEASURED_ERROR = 0.002  # m: expected error of a tracked point
 _GUESSED_ARM_FACTOR = 5.0  # factor on the half-life of arm and hand joints without tracked points below them
-_DOUBT = 0.03  # m, expected error at which a predicted point pulls half as much in IK
-_MEASURED_WEIGHT = 10.0  # pull of a tracked point in IK, relative to a certain prediction's 1
-_FINGER_WEIGHT = 0.05  # factor on the pull of every point of a finger
-_HEAD_WEIGHT = 0.05  # m²/rad²: pull of the measured head orientation in IK
-_POSE_WEIGHT = 1e-3  # m²/rad²: pull of each rotation of the estimator
 _LONGEST_GAP = 1.0  # s without frames after which motion is reset
 
 
@@ -37,8 +32,7 @@ class IkTrackerSettings:
 
     # s in which the smoother closes half of a jump; 0 disables it. For estimators without rotations.
     half_life: float = 0.03
-    # Predictions are centimetres off: IK need not place them to hundredths of a millimetre.
-    ik: IkSettings = IkSettings(tolerance=1e-4)
+    ik: IkSettings = COARSE
 
     def __post_init__(self) -> None:
         if not 0 <= self.half_life < math.inf:
@@ -67,18 +61,8 @@ class IkTracker:
     settings: IkTrackerSettings = IkTrackerSettings()
 
     @cached_property
-    def _ik(self) -> InverseKinematics:
-        return InverseKinematics(self.estimator.skeleton, self.settings.ik)
-
-    @cached_property
-    def _is_finger(self) -> np.ndarray:
-        """(P,) bool."""
-        return self.estimator.skeleton.wrist_of >= 0
-
-    @cached_property
-    def _wrist_or_self(self) -> np.ndarray:
-        """(P,) the wrist of a finger's point; any other point itself."""
-        return np.where(self._is_finger, self.estimator.skeleton.wrist_of, np.arange(len(self._is_finger)))
+    def _solver(self) -> TargetIk:
+        return TargetIk(self.estimator.skeleton, self.settings.ik)
 
     @cached_property
     def _below(self) -> np.ndarray:
@@ -105,54 +89,32 @@ class IkTracker:
         Raises BodysenseError when time does not increase.
         """
         estimate, estimator_state = self.estimator.step(observation, state.estimator)
-        _, rotation, has_position, has_rotation = observed_points(observation, self.estimator.skeleton)
-        aims, aim_weight = self._aims(estimate, rotation, has_rotation)
-        if estimate.pose is not None:  # such an estimator reports what it took as tracked, by gloves too
-            has_position = estimate.occluded < 0.5
-        weight = self._weight(estimate.confidence, has_position)
+        skeleton, head = self.estimator.skeleton, self.estimator.skeleton.index("head")
+        _, rotation, has_position, has_rotation = observed_points(observation, skeleton)
+        if estimate.pose is not None:
+            pose, times = self._solver.bent(estimate, estimate.pose, observation), observation.time.tolist()
+            for before, time in zip((state.time, *times), times, strict=False):
+                check_order(time, before, "tracker")
+            return pose, estimate, IkTrackerState(estimator_state, time=times[-1])
+        aims = np.full((len(rotation), len(skeleton.joints), 4), np.nan)
+        aims[:, head] = rotation[:, head]
+        aim_weight = np.zeros(aims.shape[:2])
+        aim_weight[:, head] = np.where(has_rotation[:, head], HEAD_WEIGHT, 0.0)
+        weight = self._solver.weight(estimate.confidence, has_position)
         roots, rotations = [], []
         for t, time in enumerate(observation.time):
-            root = None if estimate.pose is None else estimate.pose.root_position[t]
             state = self._pose(
-                *(estimate.position[t], weight[t], aims[t], aim_weight[t], has_position[t], root, float(time), state)
+                estimate.position[t], weight[t], aims[t], aim_weight[t], has_position[t], float(time), state
             )
             roots.append(state.root_position)
             rotations.append(state.rotation)
-        pose = Pose(self.estimator.skeleton, np.stack(roots), np.stack(rotations))
+        pose = Pose(skeleton, np.stack(roots), np.stack(rotations))
         return pose, estimate, replace(state, estimator=estimator_state)
-
-    def _aims(
-        self, estimate: PointEstimate, rotation: np.ndarray, has_rotation: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Return wanted world rotations (T, J, 4) of joints, and their pull (T, J).
-
-        The measured head's; if the estimator gives rotations, all of them, with more weight for measured head and
-        wrists, which it may have moved slightly when one was lost or found again.
-        """
-        skeleton = self.estimator.skeleton
-        joints, head = len(skeleton.joints), skeleton.index("head")
-        if estimate.pose is None:
-            aims, weight = np.full((len(rotation), joints, 4), np.nan), np.zeros((len(rotation), joints))
-            aims[:, head] = rotation[:, head]
-            weight[:, head] = np.where(has_rotation[:, head], _HEAD_WEIGHT, 0.0)
-            return aims, weight
-        aims = np.stack([world_rotation(skeleton, local) for local in estimate.pose.rotation])
-        weight = np.where(has_rotation[:, :joints], _HEAD_WEIGHT, _POSE_WEIGHT)
-        return aims, weight
 
     def _missed(self, reached: np.ndarray, target: np.ndarray, measured: np.ndarray) -> np.ndarray:
         """Return the distance (P, 3) of each predicted finger's wrist from its target; 0 for every other point."""
-        guessed = self._is_finger & ~measured
-        return (reached - target).take(self._wrist_or_self, axis=0) * guessed[:, None]
-
-    def _weight(self, expected_error: np.ndarray, measured: np.ndarray) -> np.ndarray:
-        """Return the pull of every point in IK, (T, P)."""
-        # A finger's own error is that of its offset; its wrist's error is added.
-        squared = (expected_error / _DOUBT) ** 2
-        squared = squared + squared.take(self._wrist_or_self, axis=1) * self._is_finger
-        weight = np.where(measured, _MEASURED_WEIGHT, 1 / (1 + squared))
-        # The twenty points of a hand rotate it about its wrist; together they must not outweigh the wrist's position.
-        return np.where(self._is_finger, weight * _FINGER_WEIGHT, weight)
+        guessed = self._solver.is_finger & ~measured
+        return (reached - target).take(self._solver.wrist_or_self, axis=0) * guessed[:, None]
 
     def _pose(
         self,
@@ -161,34 +123,25 @@ class IkTracker:
         aim: np.ndarray,
         aim_weight: np.ndarray,
         measured: np.ndarray,
-        root: np.ndarray | None,
         time: float,
         state: IkTrackerState,
     ) -> IkTrackerState:
-        """Solve one frame: IK from the frame before, then smoothing; with a `root`, IK from the estimator's pose."""
+        """Solve one frame: IK from the frame before, then smoothing."""
         check_order(time, state.time, "tracker")
         gap = math.inf if state.time is None else time - state.time
-        if root is not None:
-            solved, ik = self._ik.solve(target, weight, aim, aim_weight, self._ik.at(root, aim))
-            return self._at_once(solved, ik, None, time, state)
         start = state.ik if gap <= _LONGEST_GAP else None
         if start is not None and state.missed is not None:
             # A predicted hand keeps its shape and direction relative to the actual wrist, not the wanted one.
             target = target + state.missed
-        solved, ik = self._ik.solve(target, weight, aim, aim_weight, start)
+        solved, ik = self._solver.ik.solve(target, weight, aim, aim_weight, start)
         missed = self._missed(ik.position, target, measured)
         if start is None or self.settings.half_life == 0:
-            return self._at_once(solved, ik, missed, time, state)
+            still = np.zeros((len(self.estimator.skeleton.joints), 3))
+            root, turns = solved.root_position, solved.rotation
+            return IkTrackerState(state.estimator, ik, missed, time, root, turns, np.zeros(3), still)
         slower = np.where(self._below @ measured < self._arm, _GUESSED_ARM_FACTOR, 1.0)
         root, root_velocity, rotation, spin = smooth(solved, state, gap, self.settings.half_life, slower)
         return IkTrackerState(state.estimator, ik, missed, time, root, rotation, root_velocity, spin)
-
-    def _at_once(
-        self, pose: Pose, ik: IkState, missed: np.ndarray | None, time: float, state: IkTrackerState
-    ) -> IkTrackerState:
-        """Return the state of a body that is output without smoothing."""
-        still = np.zeros((len(self.estimator.skeleton.joints), 3))
-        return IkTrackerState(state.estimator, ik, missed, time, pose.root_position, pose.rotation, np.zeros(3), still)
 
 
 def smooth(
