@@ -99,7 +99,7 @@ def write_film(path: Path) -> None:
     """Write a film of the performance on a figure that is no avatar's, as a camera in a room sees it."""
     import av
 
-    from bodysense.devices.video.device import Camera
+    from bodysense.body.keypoints import Camera
     from bodysense_lab.rendering.scene import load_figure, sample_scene
     from bodysense_lab.rendering.stage import open_stage
 

@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bodysense.body.keypoints import Camera
 from bodysense.body.pose import forward_kinematics, standing_pose
 from bodysense.body.skeleton import default_skeleton
-from bodysense.devices.video.device import Camera
 from bodysense.devices.video.person import PersonTrack
 from bodysense.errors import BodysenseError
 from bodysense.pictures.overlay import Overlay, numbered, side_by_side

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from bodysense.body.keypoints import Camera
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.skeleton import BODY
 from bodysense.demo import packaged_performance
-from bodysense.devices.video.device import Camera
 from bodysense.io.bvh import read_bvh
 from bodysense_lab.rendering.scene import load_figure, sample_scene
 from bodysense_lab.rendering.stage import open_stage

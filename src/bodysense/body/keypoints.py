@@ -27,6 +27,16 @@ _UNIT = 0.01  # how far from 1 the length of a direction or quaternion may be
 
 
 @dataclass(frozen=True, eq=False)
+class Camera:
+    """A pinhole camera, or a batch of them. Its axes: x to the picture's right, y up, z away from the scene."""
+
+    position: np.ndarray  # (..., 3) m, world
+    axes: np.ndarray  # (..., 3, 3) world ← camera: its axes as columns
+    focal: np.ndarray  # (...) focal length in heights of the picture
+    aspect: np.ndarray  # (...) width / height of the picture
+
+
+@dataclass(frozen=True, eq=False)
 class ArmKeypoints:
     """Arms, torso and hands over time; what was not found is NaN, or anything, where its mask is False."""
 

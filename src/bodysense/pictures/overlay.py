@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from bodysense.body.keypoints import Camera
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.skeleton import Skeleton
 from bodysense.body.skin import COLORS, BodySkin, fit_skin, place_skin
-from bodysense.devices.video.device import Camera
 from bodysense.devices.video.person import PersonTrack
 from bodysense.devices.video.pictures import Picture
 from bodysense.errors import BodysenseError

@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 
 from bodysense.body.arms import HAND_POINTS
-from bodysense.body.keypoints import ArmKeypoints
+from bodysense.body.keypoints import ArmKeypoints, Camera
 from bodysense.body.pose import rest_pose, standing_pose
 from bodysense.body.rotation import geodesic_angle, quaternion_exp
 from bodysense.body.skeleton import default_skeleton
-from bodysense.devices.video.device import Camera
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense_lab.pahmt.camera_view import FRONT, VIEW_POINTS, CameraRange, sample_cameras, view, view_points

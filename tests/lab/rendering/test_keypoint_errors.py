@@ -5,9 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bodysense.body.keypoints import ArmKeypoints
+from bodysense.body.keypoints import ArmKeypoints, Camera
 from bodysense.body.rotation import normalize, quaternion_exp, quaternion_multiply
-from bodysense.devices.video.device import Camera
 from bodysense.io.clip import Clip
 from bodysense_lab.pahmt.camera_view import FRONT, sample_cameras, view, view_points
 from bodysense_lab.pahmt.keypoint_noise import DetectorNoise, detect, flattened

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bodysense.body.keypoints import Camera
 from bodysense.body.pose import rest_pose
-from bodysense.devices.video.device import Camera
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense_lab.pahmt.camera_view import view, view_points

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bodysense.body.arms import ARM_JOINTS, ARM_POINTS, CHEST, SIDES, arm_rotations, arm_skeleton
-from bodysense.body.keypoints import arm_directions
+from bodysense.body.keypoints import Camera, arm_directions
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.rotation import (
     matrix_to_quaternion,
@@ -70,16 +70,6 @@ class VideoSettings:
         for name, most in (("tilt", 90), ("roll", 180)):
             if (angle := getattr(self, name)) is not None and not abs(angle) <= most:
                 raise BodysenseError(f"--{name} {angle:g}: give -{most} to {most} degrees")
-
-
-@dataclass(frozen=True, eq=False)
-class Camera:
-    """A pinhole camera, or a batch of them. Its axes: x to the picture's right, y up, z away from the scene."""
-
-    position: np.ndarray  # (..., 3) m, world
-    axes: np.ndarray  # (..., 3, 3) world ← camera: its axes as columns
-    focal: np.ndarray  # (...) focal length in heights of the picture
-    aspect: np.ndarray  # (...) width / height of the picture
 
 
 @dataclass(frozen=True, eq=False)

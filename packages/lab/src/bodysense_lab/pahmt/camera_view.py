@@ -10,11 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from bodysense.body.arms import HAND_POINTS, SIDES
-from bodysense.body.keypoints import ArmKeypoints, arm_directions, torso_rotation
+from bodysense.body.keypoints import ArmKeypoints, Camera, arm_directions, torso_rotation
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.rotation import cross, normalize
 from bodysense.devices.simulated.rays import segment_meets_capsule
-from bodysense.devices.video.device import Camera
 from bodysense.errors import BodysenseError
 
 VIEW_POINTS = ("shoulder", "elbow", "hip", *HAND_POINTS)  # of a side: the points of all key-points

@@ -13,11 +13,11 @@ import numpy as np
 
 from bodysense.body.arms import ARM_POINTS, HAND_POINTS, SIDES
 from bodysense.body.ik import IkSettings, IkState, InverseKinematics
-from bodysense.body.keypoints import ArmKeypoints
+from bodysense.body.keypoints import ArmKeypoints, Camera
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.rotation import normalize, quaternion_conjugate, quaternion_log, quaternion_multiply
 from bodysense.body.skeleton import Skeleton
-from bodysense.devices.video.device import CALM, Camera, VideoSettings
+from bodysense.devices.video.device import CALM, VideoSettings
 from bodysense.devices.video.landmark_points import LandmarkPoints, along
 from bodysense.devices.video.landmark_smoothing import smoothed
 from bodysense.devices.video.landmarks import BODY_LANDMARKS

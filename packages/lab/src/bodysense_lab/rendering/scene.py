@@ -12,6 +12,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
+from bodysense.body.keypoints import Camera
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.rotation import (
     matrix_to_quaternion,
@@ -23,7 +24,6 @@ from bodysense.body.rotation import (
 )
 from bodysense.body.rotation import swing_twist as split
 from bodysense.body.skeleton import Skeleton, default_skeleton
-from bodysense.devices.video.device import Camera
 from bodysense.errors import BodysenseError
 from bodysense_lab.pahmt.camera_view import VIEW_POINTS, CameraRange, sample_cameras, view_points
 

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from bodysense.body.keypoints import Camera
 from bodysense.body.pose import Pose
 from bodysense.body.rotation import quaternion_exp, quaternion_rotate
-from bodysense.devices.video.device import Camera
 from bodysense.errors import BodysenseError, how_to_install
 from bodysense_lab.rendering.scene import Character, Scene, load_figure
 

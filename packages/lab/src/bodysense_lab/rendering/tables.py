@@ -10,13 +10,13 @@ from pathlib import Path
 import numpy as np
 
 from bodysense.body.arms import arm_rotations
-from bodysense.body.keypoints import arms_from_torso
+from bodysense.body.keypoints import Camera, arms_from_torso
 from bodysense.body.person import Person
 from bodysense.body.pose import Pose
 from bodysense.body.skeleton import default_skeleton
 from bodysense.completion.model import CompletionModel
 from bodysense.devices.video.arms import ArmModel, Arms
-from bodysense.devices.video.device import Camera, VideoDevice
+from bodysense.devices.video.device import VideoDevice
 from bodysense.devices.video.landmarker_files import LandmarkerFiles
 from bodysense.devices.video.landmarks import LandmarkerSettings
 from bodysense.devices.video.person import PersonLandmarks, arm_keypoints, joined_landmarks

@@ -13,11 +13,10 @@ from pathlib import Path
 
 import numpy as np
 
-from bodysense.body.keypoints import ArmKeypoints
+from bodysense.body.keypoints import ArmKeypoints, Camera
 from bodysense.body.pose import Pose, standing_pose
 from bodysense.body.rotation import quaternion_conjugate, quaternion_exp, quaternion_rotate, shortest_arc, slerp
 from bodysense.body.skeleton import default_skeleton
-from bodysense.devices.video.device import Camera
 from bodysense.errors import BodysenseError, how_to_install
 from bodysense.files import written_beside
 from bodysense.io.clip import Clip
