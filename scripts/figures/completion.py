@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bodysense.devices.simulated.sensors import SENSOR_SETS
-from bodysense_lab.completion.lattice import TABLE_SETS
+from bodysense_lab.completion.options import TABLE_SETS
 from bodysense_lab.completion.wearer_scores import RARE_SETS, SEATED_HEIGHTS, SEATED_SETS
 from bodysense_lab.completion.wearers import PALMS, RAISES
 from bodysense_lab.hmd_vae.tables import PUBLISHED as THREE_POINT

@@ -21,9 +21,8 @@ from bodysense.metrics import jitter
 from bodysense.observation import Observation
 from bodysense_lab.completion import scoring, tables
 from bodysense_lab.completion.blinks import FINGER, with_finger
-from bodysense_lab.completion.lattice import TABLE_SETS
 from bodysense_lab.completion.measures import count_jumps
-from bodysense_lab.completion.options import BODIES
+from bodysense_lab.completion.options import BODIES, TABLE_SETS
 from bodysense_lab.completion.reliability import draw_reliability
 from bodysense_lab.completion.scenes import TrackedScene, scene_of
 from bodysense_lab.completion.scoring import evaluate_completion

@@ -20,7 +20,7 @@ from bodysense.files import written_beside
 from bodysense.papers import hmd_vae as body_vae
 from bodysense.papers import point_model
 from bodysense_lab.completion import weights_file
-from bodysense_lab.completion.lattice import TABLE_SETS
+from bodysense_lab.completion.options import TABLE_SETS
 from bodysense_lab.unoc import learned
 
 Numbers = Mapping[str, float]

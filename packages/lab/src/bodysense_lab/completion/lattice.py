@@ -1,4 +1,4 @@
-"""Sensor sets of the tables, and the lattice of sensor sets: sets, and the same with one more sensor."""
+"""The lattice of sensor sets: sets, and the same with one more sensor."""
 
 from __future__ import annotations
 
@@ -11,16 +11,6 @@ from bodysense.devices.simulated.sensors import SENSOR_SETS, WRISTS, SensorSet
 
 Kind = Literal["position and rotation", "position", "rotation"]
 KINDS: tuple[Kind, ...] = ("position and rotation", "position", "rotation")
-TABLE_SETS = (
-    "head",
-    "three_point",
-    "three_point_imu_feet",
-    "three_point_imu_feet_pelvis",
-    "four_point",
-    "six_point",
-    "ten_point",
-    "headset_camera",
-)
 
 
 def with_sensor(sensors: SensorSet, name: str, kind: Kind) -> SensorSet:

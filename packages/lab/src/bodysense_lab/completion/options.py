@@ -9,7 +9,6 @@ from typing import Annotated, Literal
 from bodysense.devices.simulated.sensors import SENSOR_SETS
 from bodysense.errors import BodysenseError
 from bodysense.ranges import Count, Hours, Processes, within
-from bodysense_lab.completion.lattice import TABLE_SETS
 from bodysense_lab.options import (
     Card,
     Flat,
@@ -27,6 +26,17 @@ BODIES: tuple[Body, ...] = ("own", "stranger", "height", "nothing")
 Fault = Literal["error", "leap"]  # by which a clip's worst frame is found
 
 FINGER_SCHEDULE = Schedule(steps=Usual(2000), learning_rate=2e-3, weight_decay=0.1, check_every=500)
+
+TABLE_SETS = (
+    "head",
+    "three_point",
+    "three_point_imu_feet",
+    "three_point_imu_feet_pelvis",
+    "four_point",
+    "six_point",
+    "ten_point",
+    "headset_camera",
+)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -29,9 +29,9 @@ from bodysense_lab.completion.error_map import (
     unchanged_errors,
 )
 from bodysense_lab.completion.fingers import FingerNetwork
-from bodysense_lab.completion.lattice import TABLE_SETS, random_edges
+from bodysense_lab.completion.lattice import random_edges
 from bodysense_lab.completion.network import CompletionNetwork
-from bodysense_lab.completion.options import BODIES, Body
+from bodysense_lab.completion.options import BODIES, TABLE_SETS, Body
 from bodysense_lab.completion.points import body_places
 from bodysense_lab.completion.rounding import round_weights, sample_moments
 from bodysense_lab.completion.scenes import TRUTH_OF, TrackedScene, Truth, batches, person_of, scene_of, stacked

@@ -11,9 +11,8 @@ import numpy as np
 
 from bodysense.io.datasets.splits import Split
 from bodysense.last_known import KNOWN
-from bodysense_lab.completion.lattice import TABLE_SETS
 from bodysense_lab.completion.measures import REGIONS, Averages, Calibration
-from bodysense_lab.completion.options import BODIES, Body, Fault
+from bodysense_lab.completion.options import BODIES, TABLE_SETS, Body, Fault
 from bodysense_lab.completion.scenes import TRUTH_OF, Truth
 from bodysense_lab.completion.sight_scores import SightScores
 from bodysense_lab.completion.tracking import CLIPS, FRAMES, EdgeScore
