@@ -23,7 +23,8 @@ from pythonosc.osc_packet import OscPacket
 from bodysense.body.rotation import geodesic_angle, quaternion_exp, quaternion_multiply
 from bodysense.errors import BodysenseError
 from bodysense.io.osc import message_bytes
-from bodysense.io.unity import ABOUT_Y, unity_euler
+from bodysense.io.unity import unity_euler
+from bodysense_live.driver_axes import ABOUT_Y
 from bodysense_live.messages import Calibrate, Recentre
 from bodysense_live.metrics import Metrics
 from bodysense_live.oscquery import OscService

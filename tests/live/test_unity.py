@@ -7,13 +7,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from bodysense.body.rotation import quaternion_exp
-from bodysense.io.unity import (
-    driver_rotation,
-    from_driver_rotation,
-    from_unity_rotation,
-    unity_euler,
-    unity_rotation,
-)
+from bodysense.io.unity import from_unity_rotation, unity_euler, unity_rotation
+from bodysense_live.driver_axes import driver_rotation, from_driver_rotation
 
 MIRROR = np.diag([-1.0, 1.0, 1.0])
 

@@ -3,10 +3,6 @@
 Our bodies face +Z too, with the left hand toward +X: the two worlds are mirror images in the plane x = 0. With this
 mirror (and not with z ↦ −z, which is for worlds where bodies face −Z, as OpenXR's) the rest pose is the identity on
 both sides, so that rotations of bones mean the same.
-
-Axes of drivers (OpenVR, OpenXR): right-handed, +Y up, −Z forward, metres, quaternions x, y, z, w.
-
-The world is ours as it stands; only what 'forward' means of a thing differs, and the order of a quaternion.
 """
 
 from __future__ import annotations
@@ -47,22 +43,3 @@ def one_finite_pose(pose: Pose) -> None:
     shape = np.shape(pose.rotation)
     if len(shape) != 2 or not (np.isfinite(pose.rotation).all() and np.isfinite(pose.root_position).all()):
         raise BodysenseError(f"an avatar takes one finite pose at a time, rotations (J, 4); got {shape}")
-
-
-ABOUT_Y = np.array([0.0, 0.0, 1.0, 0.0])  # half a turn: from axes whose +Z is forward to those whose −Z is, and back
-_OF_ABOUT_Y, _SIGNS = [2, 3, 0, 1], np.array([-1.0, -1.0, 1.0, 1.0])
-
-
-def turned_about(rotation: np.ndarray) -> np.ndarray:
-    """Rotations (..., 4) wxyz of things whose other end is forward: times `ABOUT_Y`."""
-    return rotation[..., _OF_ABOUT_Y] * _SIGNS
-
-
-def driver_rotation(rotation: np.ndarray) -> np.ndarray:
-    """Rotations (..., 4) wxyz of ours as x y z w of things whose −Z is forward."""
-    return np.roll(turned_about(rotation), -1, axis=-1)
-
-
-def from_driver_rotation(rotation: np.ndarray) -> np.ndarray:
-    """Rotations x y z w (..., 4) of things whose −Z is forward as ours."""
-    return turned_about(np.roll(rotation, 1, axis=-1))

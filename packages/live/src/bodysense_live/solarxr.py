@@ -21,7 +21,7 @@ from bodysense.body.products import multiply, rotate
 from bodysense.body.rotation import quaternion_exp, quaternion_multiply, shortest_arc
 from bodysense.body.skeleton import Skeleton
 from bodysense.errors import missing_package
-from bodysense.io.unity import ABOUT_Y
+from bodysense_live.driver_axes import ABOUT_Y
 
 POLL, START, UPDATE = 1, 2, 3  # kinds of data feed messages
 SETTINGS_REQUEST, SETTINGS_RESPONSE = 6, 7  # kinds of RPC messages

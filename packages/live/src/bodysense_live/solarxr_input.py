@@ -10,7 +10,7 @@ import struct
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
-from bodysense.io.unity import from_driver_rotation
+from bodysense_live.driver_axes import from_driver_rotation
 from bodysense_live.tracked_devices import DeviceReader, DeviceState, TrackedDevice, pose_of
 
 LARGEST = 1024  # bytes of a message

@@ -24,8 +24,8 @@ import numpy as np
 
 from bodysense.body.rotation import quaternion_conjugate, quaternion_rotate
 from bodysense.errors import BodysenseError
-from bodysense.io.unity import turned_about
 from bodysense.observation import FARTHEST, UNIT_TOLERANCE, Observation, usual_accuracy
+from bodysense_live.driver_axes import turned_about
 from bodysense_live.messages import Calibrate, Recentre
 from bodysense_live.webxr import UNDECIDED
 

@@ -13,7 +13,7 @@ from functools import lru_cache
 import numpy as np
 
 from bodysense.io.osc import Message, PacketForm, message_bytes, read_packet
-from bodysense.io.unity import driver_rotation, from_driver_rotation
+from bodysense_live.driver_axes import driver_rotation, from_driver_rotation
 from bodysense_live.tracked_devices import DeviceReader, DeviceState, TrackedDevice, pose_of
 
 DRIVER_PORT = 39570  # the driver listens here

@@ -19,9 +19,10 @@ from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.rotation import euler_to_quaternion
 from bodysense.errors import BodysenseError
 from bodysense.io.osc import Message, PacketForm, read_packet
-from bodysense.io.unity import one_finite_pose, turned_about, unity_euler, unity_position
+from bodysense.io.unity import one_finite_pose, unity_euler, unity_position
 from bodysense.observation import FARTHEST, Observation, usual_accuracy
 from bodysense_live.asked import commands_of
+from bodysense_live.driver_axes import turned_about
 from bodysense_live.messages import Calibrate, Recentre
 from bodysense_live.oscquery import OscAddress
 
