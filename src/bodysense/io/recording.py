@@ -22,24 +22,21 @@ from bodysense.errors import BodysenseError
 from bodysense.files import read_text, written_beside
 from bodysense.observation import Observation, check_observation, check_shapes, usual_accuracy, without_gloves
 
+FORMAT = "bodysense recording 1"
 SKELETON = ("joints", "end_sites", "parents", "rest_offset")
 
 
-def lines_of(version: str, seen: Observation, skeleton: Skeleton | None) -> list[str]:
+def lines_of(seen: Observation, skeleton: Skeleton | None) -> list[str]:
     """Return the lines of a recording; without a skeleton if the wearer's is unknown."""
     usual = [_first(values, mask) for values, mask in zip(seen.accuracy.T, seen.has_position.T, strict=True)]
     header: dict[str, Any] = {
-        "format": version,
+        "format": FORMAT,
         "points": seen.points,
         "accuracy": {name: value for name, value in zip(seen.points, usual, strict=True) if value is not None},
     }
     if skeleton is not None:
-        header["skeleton"] = {
-            "joints": skeleton.joints,
-            "end_sites": skeleton.end_sites,
-            "parents": skeleton.parents,
-            "rest_offset": np.round(skeleton.rest_offset, 6).tolist(),
-        }
+        fields = {name: getattr(skeleton, name) for name in SKELETON}
+        header["skeleton"] = fields | {"rest_offset": np.round(skeleton.rest_offset, 6).tolist()}
     lines = [json.dumps(header)]
     for t, time in enumerate(seen.time):
         frame: dict[str, Any] = {"time": round(float(time), 6), "position": {}, "rotation": {}}
@@ -67,13 +64,13 @@ def _rounded(metres: float) -> float:
     return float(f"{metres:.4g}")
 
 
-def read_lines(path: Path, version: str) -> tuple[Observation, dict[str, Any]]:
+def read_lines(path: Path) -> tuple[Observation, dict[str, Any]]:
     """Read an observation, its values unchecked, and the fields of the wearer's skeleton. Raises BodysenseError."""
     lines = read_text(path).splitlines()
     rows = [_object(path, number, line) for number, line in enumerate(lines, start=1) if line.strip()]
-    if not rows or rows[0].get("format") != version:
+    if not rows or rows[0].get("format") != FORMAT:
         found = rows[0].get("format") if rows else None
-        raise BodysenseError(f"{path}: the first line must be a header with format {version!r}, but it has {found!r}")
+        raise BodysenseError(f"{path}: the first line must be a header with format {FORMAT!r}, but it has {found!r}")
     points = rows[0].get("points")
     if not isinstance(points, list) or not points or not all(isinstance(name, str) for name in points):
         raise BodysenseError(f"{path}: the header needs 'points', a list of names")
@@ -166,9 +163,6 @@ def _numbers(value: Any, count: int) -> bool:
     )
 
 
-FORMAT = "bodysense recording 1"
-
-
 @dataclass(frozen=True)
 class Recording:
     """A tracked motion and its wearer."""
@@ -190,25 +184,18 @@ def write_recording(path: str | Path, recording: Recording) -> None:
             _write_npz(beside, recording)
         else:
             worn_by = recording.skeleton if recording.known else None
-            lines = lines_of(FORMAT, recording.observation, worn_by)
+            lines = lines_of(recording.observation, worn_by)
             beside.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
 def read_recording(path: str | Path) -> Recording:
     """Read a recording. Raises BodysenseError naming the file, what is wrong, and the fix."""
-    recording = parse_recording(path)
-    _check(Path(path), recording)
-    return recording
-
-
-def parse_recording(path: str | Path) -> Recording:
-    """Read a recording with unchecked values: they may be NaN, and times in any order. Raises BodysenseError."""
     path = Path(path)
     _check_ending(path)
     if not path.is_file():
         raise BodysenseError(f"{path}: no such file")
     recording = _read_npz(path) if path.suffix == ".npz" else _read_jsonl(path)
-    _check_shapes(path, recording.observation)
+    _check(path, recording)
     return recording
 
 
@@ -232,16 +219,6 @@ def _check_ending(path: Path) -> None:
 def _check(path: Path, recording: Recording) -> None:
     """Raise BodysenseError, naming the file, unless the recording is one motion of points of the skeleton."""
     seen = recording.observation
-    _check_shapes(path, seen)
-    check_observation(seen, str(path))
-    try:
-        recording.skeleton.indices(without_gloves(seen).points)
-    except BodysenseError as error:
-        raise BodysenseError(f"{path}: {error}") from None
-
-
-def _check_shapes(path: Path, seen: Observation) -> None:
-    """Raise BodysenseError, naming the file, unless the arrays are those of one motion."""
     if not len(seen.time) or not seen.points:
         raise BodysenseError(f"{path}: time and points must be lists of at least one value")
     check_shapes(seen, str(path))
@@ -250,10 +227,15 @@ def _check_shapes(path: Path, seen: Observation) -> None:
         raise BodysenseError(
             f"{path}: position has shape {seen.position.shape}; a recording is of one motion, {wanted}"
         )
+    check_observation(seen, str(path))
+    try:
+        recording.skeleton.indices(without_gloves(seen).points)
+    except BodysenseError as error:
+        raise BodysenseError(f"{path}: {error}") from None
 
 
 def _write_npz(path: Path, recording: Recording) -> None:
-    seen, skeleton = recording.observation, recording.skeleton
+    seen = recording.observation
     arrays: dict[str, Any] = {
         "format": np.array(FORMAT),
         "points": np.array(seen.points),
@@ -267,12 +249,7 @@ def _write_npz(path: Path, recording: Recording) -> None:
     if seen.acceleration is not None:
         arrays["acceleration"] = seen.acceleration.astype(np.float32)
     if recording.known:
-        arrays |= {
-            "joints": np.array(skeleton.joints),
-            "end_sites": np.array(skeleton.end_sites),
-            "parents": np.array(skeleton.parents),
-            "rest_offset": skeleton.rest_offset,
-        }
+        arrays |= {name: np.array(getattr(recording.skeleton, name)) for name in SKELETON}
     with path.open("wb") as file:
         np.savez_compressed(file, **arrays)
 
@@ -296,15 +273,10 @@ def _read_npz(path: Path) -> Recording:
     points = tuple(str(name) for name in arrays["points"])
     if "accuracy" not in arrays:
         arrays["accuracy"] = np.broadcast_to(usual_accuracy(points), (len(arrays["time"]), len(points)))
+    numbers = ("position", "rotation", "accuracy", "time", "acceleration")
+    floats = {name: arrays[name].astype(np.float64) for name in numbers if name in arrays}
     observation = Observation(
-        points=points,
-        position=arrays["position"].astype(np.float64),
-        rotation=arrays["rotation"].astype(np.float64),
-        has_position=arrays["has_position"],
-        has_rotation=arrays["has_rotation"],
-        accuracy=arrays["accuracy"].astype(np.float64),
-        time=arrays["time"].astype(np.float64),
-        acceleration=arrays["acceleration"].astype(np.float64) if "acceleration" in arrays else None,
+        points, has_position=arrays["has_position"], has_rotation=arrays["has_rotation"], **floats
     )
     return Recording(observation, _skeleton(path, arrays), known=_has_skeleton(arrays))
 
@@ -337,5 +309,5 @@ def _skeleton(path: Path, fields: dict[str, Any]) -> Skeleton:
 
 
 def _read_jsonl(path: Path) -> Recording:
-    observation, skeleton = read_lines(path, FORMAT)
+    observation, skeleton = read_lines(path)
     return Recording(observation, _skeleton(path, skeleton), known=_has_skeleton(skeleton))
