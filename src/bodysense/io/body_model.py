@@ -15,7 +15,7 @@ import numpy as np
 from bodysense.arrays import read_arrays
 from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.errors import BodysenseError
-from bodysense.io.amass import checked_array
+from bodysense.io.amass import checked_array, read_shape
 from bodysense.io.rigs.canonical import complete_skeleton
 
 GENDERS = ("female", "male", "neutral")  # in this order: 'female' contains 'male'
@@ -53,6 +53,12 @@ class BodyModel:
         names, rows = default_skeleton().joints, _ROWS[len(place)]
         offset = {joint: place[row] - place[self.parents[row]] for joint, row in zip(names[1:], rows[1:], strict=False)}
         return Shape(complete_skeleton(offset, np.array([0.0, place[0, 1] - lowest, 0.0])), place[0])
+
+
+def shape_in_file(path: Path, place: Path) -> Shape:
+    """Return the body of the `betas` and the gender in a file, by the model at `place`, as `model_for` takes it."""
+    betas, gender = read_shape(path)
+    return model_for(place, gender).shape(betas)
 
 
 def model_for(place: Path, gender: str) -> BodyModel:

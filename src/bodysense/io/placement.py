@@ -17,8 +17,8 @@ from bodysense.body.footing import side_clearance, sole_clearance
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.shape import stature
 from bodysense.body.skeleton import Skeleton
-from bodysense.io.amass import read_amass, read_shape
-from bodysense.io.body_model import model_for
+from bodysense.io.amass import read_amass
+from bodysense.io.body_model import shape_in_file
 from bodysense.io.clip import Clip
 
 _RATE = 30.0  # Hz at which motions are looked at, at most
@@ -73,8 +73,7 @@ def body_in_file(path: Path, smpl_model: Path | None) -> Clip:
     """Read an AMASS file on its own body: bones by its `betas` if there is a model, else the default body."""
     if smpl_model is None:
         return read_amass(path)
-    betas, gender = read_shape(path)
-    shape = model_for(smpl_model, gender).shape(betas)
+    shape = shape_in_file(path, smpl_model)
     return read_amass(path, shape.skeleton, shape.pelvis)
 
 

@@ -22,12 +22,11 @@ from bodysense.body.rotation import (
     quaternion_rotate,
 )
 from bodysense.body.shape import stature
-from bodysense.body.skeleton import Skeleton, default_skeleton
+from bodysense.body.skeleton import default_skeleton
 from bodysense.body.world_axes import TURNS
 from bodysense.errors import BodysenseError
 from bodysense.files import sound
-from bodysense.io.amass import read_shape
-from bodysense.io.body_model import model_for
+from bodysense.io.body_model import shape_in_file
 from bodysense.io.clip import Clip
 from bodysense.io.fingers import is_finger, with_fingers
 
@@ -39,6 +38,7 @@ BODY = ("body_pose", "pose_body")
 HANDS = {"left": ("left_hand_pose", "lhand_pose"), "right": ("right_hand_pose", "rhand_pose")}
 PLACE = ("transl", "trans", "smpl_trans", "trans_world", "translation", "root_trans", "global_transl", "cam_trans")
 RATE = ("fps", "mocap_framerate", "mocap_frame_rate", "frame_rate", "framerate")
+_KEYS = (*WHOLE, *ORIENT, *BODY, *HANDS["left"], *HANDS["right"], *PLACE, *RATE)
 _AMASS = {156, 165}  # widths of `poses` that `io.amass` reads
 _UPRIGHT = 0.5  # mean cosine above which a body stands along an axis
 _FLOOR = 0.1  # m: a floor closer to 0 is taken as 0
@@ -122,12 +122,15 @@ def read_smpl(
     Raises BodysenseError, naming the file and the fix, if the file holds no such motion.
     """
     path = Path(path)
-    arrays = {"poses": read_array(path)} if path.suffix.lower() == ".npy" else read_arrays(path, _keys())
+    arrays = {"poses": read_array(path)} if path.suffix.lower() == ".npy" else read_arrays(path, _KEYS)
     remarks: list[str] = []
     turns, rows = _rotations(path, arrays)
     skeleton, pelvis = default_skeleton(), np.zeros(3)
     if smpl_model is not None:
-        skeleton, pelvis = _body(path, smpl_model)
+        if path.suffix.lower() != ".npz":
+            raise BodysenseError(f"{path}: an array of poses has no betas for --smpl-model; leave it out")
+        shape = shape_in_file(path, smpl_model)
+        skeleton, pelvis = shape.skeleton, shape.pelvis
         remarks.append(f"bones by the body model, {float(stature(skeleton.rest_offset)):.2f} m tall")
     rotation = np.zeros((len(turns), len(skeleton.joints), 4))
     rotation[..., 0] = 1
@@ -154,19 +157,6 @@ def read_smpl(
         path.stem, Pose(skeleton, root, pose.rotation), _rate(path, arrays, rate, remarks), has_fingers=has_fingers
     )
     return clip, tuple(remarks)
-
-
-def _body(path: Path, smpl_model: Path) -> tuple[Skeleton, np.ndarray]:
-    """Return the skeleton of a file's `betas`, means over frames if there are many, and its pelvis at rest (3,)."""
-    if path.suffix.lower() != ".npz":
-        raise BodysenseError(f"{path}: an array of poses has no betas for --smpl-model; leave it out")
-    betas, gender = read_shape(path)
-    shape = model_for(smpl_model, gender).shape(betas)
-    return shape.skeleton, shape.pelvis
-
-
-def _keys() -> tuple[str, ...]:
-    return (*WHOLE, *ORIENT, *BODY, *HANDS["left"], *HANDS["right"], *PLACE, *RATE)
 
 
 def _first(arrays: Mapping[str, np.ndarray], names: tuple[str, ...]) -> tuple[str, np.ndarray] | None:

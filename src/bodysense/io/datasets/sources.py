@@ -12,7 +12,7 @@ from typing import Any, Literal
 import numpy as np
 
 from bodysense.body.pose import Pose
-from bodysense.body.skeleton import Skeleton
+from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.errors import BodysenseError
 from bodysense.io.amass import read_amass
 from bodysense.io.archive import SUFFIXES, ZIP, MotionFile, motion_files
@@ -126,8 +126,6 @@ def list_sources(directory: str | Path, layout: Layout | None = None) -> list[So
 
 def skeleton_from_entry(entry: dict[str, Any]) -> Skeleton:
     """The full skeleton of an entry of `skeletons.json`; what it lacks is the default's, scaled to fit."""
-    from bodysense.body.skeleton import default_skeleton
-
     ours = default_skeleton()
     offset = {name: np.array(row["offset"], dtype=float) for name, row in entry["joints"].items() if row["parent"]}
     for name, row in entry["end_sites"].items():
