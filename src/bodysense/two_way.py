@@ -82,14 +82,14 @@ class TwoWayTracker:
             forward, state = self._forward(seen, forward, state)
             joined = self.joined(forward, self.backward(seen), self.turned(seen), seconds)
             lead = 0 if begin == 0 else half
-            part = cut(joined, begin - lead - first, min(end + half, frames) - first)
+            part = cut(joined, slice(begin - lead - first, min(end + half, frames) - first))
             if before is not None:
                 part = faded(before, part, 2 * lead)
             stop = len(part.contact) - (2 * half if end < frames else 0)
             tracked = observation[begin - lead : begin - lead + stop]
-            yield replace(cut(part, 0, stop), measured=observed_points(tracked, self.person.skeleton)[2])
+            yield replace(cut(part, slice(stop)), measured=observed_points(tracked, self.person.skeleton)[2])
             advance(stop)
-            before = cut(part, stop, len(part.contact))
+            before = cut(part, slice(stop, None))
             if end == frames:
                 return
 
@@ -98,14 +98,14 @@ class TwoWayTracker:
         if known is None:
             return self.tracker.step(seen, state)
         overlap = int(np.searchsorted(seen.time, state.time(), side="right"))
-        kept = cut(known, len(known.contact) - overlap, len(known.contact))
+        kept = cut(known, slice(len(known.contact) - overlap, None))
         more, state = self.tracker.step(seen[overlap:], state)
         return concatenated([kept, more], len(seen)), state
 
     def backward(self, observation: Observation) -> Estimate:
         """The answer of a tracker to which time runs backward, in the order of the frames."""
         estimate, _ = self.backward_tracker.step(reversed_in_time(observation), self.backward_tracker.start())
-        return flipped(estimate)
+        return cut(estimate, slice(None, None, -1))
 
     def turned(self, observation: Observation) -> Array:
         """Return the joints (T, J) whose rotation is tracked."""
@@ -237,22 +237,10 @@ def reversed_in_time(observation: Observation) -> Observation:
     return replace(observation, **arrays, acceleration=acceleration, time=flip(-observation.time))
 
 
-def flipped(estimate: Estimate) -> Estimate:
-    """An estimate (T,) with its frames in the opposite order."""
-    return replace(
-        estimate,
-        pose=estimate.pose[::-1],
-        **{name: getattr(estimate, name)[::-1] for name in _ARRAYS},
-    )
-
-
-def cut(estimate: Estimate, first: int, end: int) -> Estimate:
-    """Frames `first` to `end` of an estimate (T,)."""
-    return replace(
-        estimate,
-        pose=estimate.pose[first:end],
-        **{name: getattr(estimate, name)[first:end] for name in _ARRAYS},
-    )
+def cut(estimate: Estimate, frames: slice) -> Estimate:
+    """Some frames of an estimate (T,)."""
+    arrays = {name: getattr(estimate, name)[frames] for name in _ARRAYS}
+    return replace(estimate, pose=estimate.pose[frames], **arrays)
 
 
 def concatenated(parts: Iterable[Estimate], frames: int, rest_offset: Array | None = None) -> Estimate:
