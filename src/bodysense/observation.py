@@ -440,6 +440,13 @@ def concatenated_frames(parts: Sequence[Observation]) -> Observation:
     return replace(parts[0], **{name: whole(name) for name in names}, acceleration=acceleration)
 
 
+def joined_points(observation: Observation, other: Observation) -> Observation:
+    """Return the points of two observations of the same moments as one."""
+    names = ("position", "rotation", "has_position", "has_rotation", "accuracy")
+    merged = {name: np.concatenate([getattr(observation, name), getattr(other, name)], axis=1) for name in names}
+    return replace(observation, points=(*observation.points, *other.points), **merged)
+
+
 def without_gloves(observation: Observation) -> Observation:
     """Return the observation without the markers of gloves."""
     return chosen_points(observation, [k for k, name in enumerate(observation.points) if not glove_marker(name)])

@@ -10,13 +10,10 @@ import numpy as np
 
 from bodysense.body.glove_set import GloveSet
 from bodysense.body.hand import hand_pose
-from bodysense.devices.simulated import glove, glove_imu
-from bodysense.devices.simulated.camera_ring import CameraRing
-from bodysense.devices.simulated.noise import NoiseSettings, disturb
 from bodysense.devices.simulated.sensors import SENSOR_SETS, SensorSet, observe
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
-from bodysense.observation import Observation, check_observation
+from bodysense.observation import Observation, check_observation, joined_points
 
 SensorSetName = Literal[
     "head",
@@ -54,7 +51,11 @@ class WornSensors:
     def observe(self, clip: Clip, rng: np.random.Generator | None) -> Observation:
         """Return the points of the set; with `rng` as real devices track them."""
         observation = observe(clip.pose, clip.time, self.sensors)
-        return observation if rng is None else disturb(observation, rng, NoiseSettings(cameras=self.sensors.camera))
+        if rng is None:
+            return observation
+        from bodysense.devices.simulated.noise import NoiseSettings, disturb
+
+        return disturb(observation, rng, NoiseSettings(cameras=self.sensors.camera))
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,6 +66,9 @@ class MarkerGloves:
 
     def observe(self, clip: Clip, rng: np.random.Generator | None) -> Observation:
         """Return the markers that cameras see; with `rng` with the noise of optical capture."""
+        from bodysense.devices.simulated import glove
+        from bodysense.devices.simulated.camera_ring import CameraRing
+
         capture = glove.GloveCapture(CameraRing(), noise=0.0 if rng is None else _GLOVE_NOISE)
         return glove.observe(clip.pose, clip.time, capture, rng, self.worn)
 
@@ -77,9 +81,11 @@ class InertialGloves:
 
     def observe(self, clip: Clip, rng: np.random.Generator | None) -> Observation:
         """Return markers that cameras see and rotations of sensors; with `rng` with noise and drift."""
+        from bodysense.devices.simulated import glove_imu
+
         markers = MarkerGloves(self.worn).observe(clip, rng)
         hands = {side: hand_pose(clip.pose, side) for side in ("left", "right")}
-        return glove_imu.joined(markers, glove_imu.observe_fingers(hands, clip.time, rng))
+        return joined_points(markers, glove_imu.observe_fingers(hands, clip.time, rng))
 
 
 _BY_NAME: dict[str, Device] = {

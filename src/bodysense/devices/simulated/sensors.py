@@ -14,7 +14,6 @@ import numpy as np
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.rotation import quaternion_canonical
 from bodysense.body.skeleton import Skeleton
-from bodysense.devices.simulated.headset_camera import see_points
 from bodysense.devices.simulated.inertial import felt_by
 from bodysense.errors import BodysenseError
 from bodysense.observation import EXACT_ACCURACY, STRAPPED, Observation, accuracy_like
@@ -76,7 +75,11 @@ def observe(pose: Pose, time: np.ndarray, sensors: SensorSet) -> Observation:
     Raises BodysenseError for points that the skeleton does not have, and for rotations of end sites.
     """
     position, rotation = (np.asarray(part) for part in forward_kinematics(pose))
-    visible = see_points(pose.skeleton, position, rotation).visible if sensors.camera else None
+    visible = None
+    if sensors.camera:
+        from bodysense.devices.simulated.headset_camera import see_points
+
+        visible = see_points(pose.skeleton, position, rotation).visible
     return observe_points(pose.skeleton, position, rotation, time, sensors, visible)
 
 

@@ -23,9 +23,9 @@ from bodysense.devices.gloves import inertial
 from bodysense.devices.gloves.fingers import hand_shape, in_order, reached
 from bodysense.devices.gloves.hands import GloveModels, HandsSettings
 from bodysense.devices.gloves.networks import load_joint_network, load_marker_network
-from bodysense.devices.simulated.glove_imu import GloveImuNoise, disturbed, joined
+from bodysense.devices.simulated.glove_imu import GloveImuNoise, disturbed
 from bodysense.metrics import joint_error
-from bodysense.observation import EXACT_ACCURACY, Observation
+from bodysense.observation import EXACT_ACCURACY, Observation, joined_points
 from bodysense_lab.datasets import DataSet, describe
 from bodysense_lab.scoring import GROUPS
 from bodysense_lab.synthesis.hands import RATE
@@ -107,7 +107,7 @@ def fusion_errors(
     seen, sensors = observed(trials, _hidden(lost), SEEN), disturbed(sensed(trials), GloveImuNoise(), rng)
     hands, frames = hands_of(trials, models, ALONE), list(SCORED)
     alone, _ = hands.step(seen, hands.start())
-    both, _ = hands.step(joined(seen, sensors), hands.start())
+    both, _ = hands.step(joined_points(seen, sensors), hands.start())
     poses = [answer.pose for answer in alone.values() if answer.pose is not None]
     root = np.stack([pose.root_position[frames] for pose in poses], axis=1)
     wrist = np.stack([pose.rotation[frames, 0] for pose in poses], axis=1)
@@ -124,7 +124,7 @@ def fused_errors(
 ) -> np.ndarray:
     """Return the errors of `fusion_errors` of the fused hands alone, with other settings."""
     hands = hands_of(trials, models, settings)
-    seen = joined(observed(trials, _hidden(lost), SEEN), disturbed(sensed(trials), GloveImuNoise(), rng))
+    seen = joined_points(observed(trials, _hidden(lost), SEEN), disturbed(sensed(trials), GloveImuNoise(), rng))
     return _errors(trials, lost, _scored(hands.step(seen, hands.start())[0]))
 
 
