@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -17,8 +17,8 @@ from bodysense.io.markers.centres import Places, axes_of, centre_of, turns_of
 from bodysense.io.markers.marker_sets import MarkerSet, Recipe, Recognised
 from bodysense.io.markers.raw_markers import (
     METRES,
-    FileWorld,
     MarkerFormat,
+    MarkerRecording,
     RawMarkers,
     Unit,
     in_our_world,
@@ -47,25 +47,14 @@ _LIMBS = (  # a bone's name, its end, its direction at rest; in Motive's words, 
 AGREES = np.deg2rad(25.0)  # rad; the rotations of a file are used if they take our bones this close to its own
 
 
-@dataclass(frozen=True, eq=False)
-class Found:
-    """A body's points, and remarks on the file."""
-
-    observation: Observation
-    remarks: tuple[str, ...]
-    world: FileWorld  # between the file's markers and our world
-    warnings: tuple[str, ...]  # labels that are dropped, and limbs that are guessed
-    arms_hang: bool  # nothing above the pelvis is known
-
-
 def body_of(
     raw: RawMarkers, form: MarkerFormat, known: Recognised, place: str, of_gloves: Mapping[str, str] = {}
-) -> Found:
+) -> MarkerRecording:
     """Compute the points of the body that wears a marker set; `of_gloves` names the markers of gloves in the same file.
 
     Raises BodysenseError, naming `place`, if the markers are not on a body.
     """
-    markers, columns = known.markers, known.columns
+    file_markers, markers, columns = raw, known.markers, known.columns
     share = np.isfinite(raw.position[..., 0]).mean(axis=0)
     here = {name: k for name, k in columns.items() if share[k] >= SEEN}
     file = {name: raw.position[:, k] for name, k in here.items()}
@@ -96,7 +85,17 @@ def body_of(
     points = [name for name, is_seen in zip(observation.points, seen, strict=True) if is_seen]
     arms_hang = not of_gloves and all(name.rpartition("_")[2] in ("pelvis", *LEG) for name in points)
     warnings = (*_doubled(raw, known), *_guessed([*points, *of_gloves.values()], others, arms_hang))
-    return Found(observation, tuple(remarks), world_of(raw, form, floor), warnings, arms_hang)
+    return MarkerRecording(
+        observation=observation,
+        frame_rate=raw.frame_rate,
+        sizes={},
+        remarks=tuple(remarks),
+        raw=file_markers,
+        world=world_of(raw, form, floor),
+        has_body=True,
+        warnings=warnings,
+        arms_hang=arms_hang,
+    )
 
 
 def _recognised(raw: RawMarkers, known: Recognised, here: Mapping[str, int]) -> str:

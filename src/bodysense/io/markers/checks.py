@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import combinations
+from typing import NoReturn
 
 import numpy as np
 
@@ -92,7 +93,7 @@ def _side(triangle: np.ndarray) -> float:
 
 
 def _check_size(markers: np.ndarray, hand: str, place: str, declared: Unit) -> None:
-    """Refuse a hand of impossible size; name the unit that would make it possible."""
+    """Refuse a hand of impossible size."""
     apart, ours = _side(markers[:, list(ALIGNMENT)]), _side(_shapes()[0, list(ALIGNMENT)])
     if SIZES[0] <= apart / ours <= SIZES[1]:
         return
@@ -100,14 +101,11 @@ def _check_size(markers: np.ndarray, hand: str, place: str, declared: Unit) -> N
         f"{place}: the three markers on the back of the {hand} hand are {apart:.3g} m apart; "
         f"on a hand it is about {ours:.2f} m"
     )
-    for unit, metres in METRES.items():
-        if SIZES[0] <= apart * metres / METRES[declared] / ours <= SIZES[1]:
-            raise BodysenseError(f"{text}: the numbers are {unit}, not {declared}; give --unit {unit}")
-    raise BodysenseError(f"{text}: see that the names are right (--names) and the unit (--unit)")
+    _refuse_size(text, "see that the names are right (--names)", apart / ours, SIZES, declared)
 
 
 def _check_span(observation: Observation, hand: str, place: str, declared: Unit) -> None:
-    """Refuse a glove of another marker set with an impossible span; name the unit that would make it possible."""
+    """Refuse a glove of another marker set with an impossible span."""
     here = [k for k, name in enumerate(observation.points) if name.startswith(f"{hand}_glove_")]
     frames = np.unique(np.linspace(0, len(observation) - 1, min(len(observation), FRAMES)).astype(int))
     seen = observation.position[frames][:, here]
@@ -118,10 +116,15 @@ def _check_span(observation: Observation, hand: str, place: str, declared: Unit)
     if SPANS[0] <= span <= SPANS[1]:
         return
     text = f"{place}: the markers of the {hand} glove are up to {span:.3g} m apart; on a hand it is about 0.2 m"
+    _refuse_size(text, "see that the labels are right (--marker-set)", span, SPANS, declared)
+
+
+def _refuse_size(text: str, names: str, size: float, limits: tuple[float, float], declared: Unit) -> NoReturn:
+    """Raise BodysenseError for an impossible size; name the unit that would make it possible."""
     for unit, metres in METRES.items():
-        if SPANS[0] <= span * metres / METRES[declared] <= SPANS[1]:
+        if limits[0] <= size * metres / METRES[declared] <= limits[1]:
             raise BodysenseError(f"{text}: the numbers are {unit}, not {declared}; give --unit {unit}")
-    raise BodysenseError(f"{text}: see that the labels are right (--marker-set) and the unit (--unit)")
+    raise BodysenseError(f"{text}: {names} and the unit (--unit)")
 
 
 def _size(markers: np.ndarray) -> float:

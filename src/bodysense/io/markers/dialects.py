@@ -30,7 +30,6 @@ from bodysense.io.markers.text import (
     OTHER_ENCODING,
     Rows,
     cells_in,
-    cells_of,
     markers_of,
     numbered,
     numbers,
@@ -82,10 +81,10 @@ def read_trc(path: Path, rate: float | None = None, unit: Unit | None = None) ->
     if len(rows) < frames:
         raise BodysenseError(f"{path}: NumFrames is {frames}, but there are {len(rows)}; was the file cut short?")
     values = numbers(path, rows, 2 + 3 * len(names))
-    position = np.asarray(values[:, 2:].reshape(len(rows), len(names), 3))
+    columns = 2 + np.arange(3 * len(names)).reshape(-1, 3)
     hertz = rate_of(path, header["datarate"], "DataRate", rate)
-    cells = cells_of(rows, delimiter, 2, len(names))
-    raw = markers_of(path, names, position, hertz, unit_of(path, header["units"], unit), cells=cells)
+    cells = Cells(delimiter, tuple(number for number, _ in rows), columns)
+    raw = markers_of(path, names, values, columns, hertz, unit_of(path, header["units"], unit), cells=cells)
     return replace(raw, remarks=_jumps(values[:, 1], rows, hertz))
 
 
@@ -164,15 +163,15 @@ def read_motive(path: Path, rate: float | None = None, unit: Unit | None = None)
     if not columns:
         raise BodysenseError(f"{path}: no column is a position; export markers, rigid bodies or bones from Motive")
     values = numbers(path, lines[start + 1 :], len(lines[start][1]))
-    position = np.stack([values[:, places["position"]] for places in columns.values()], axis=1)
     hertz = rate_of(path, header.get("Export Frame Rate") or header.get("Capture Frame Rate", ""), "its rate", rate)
     unit = unit_of(path, header.get("Length Units", "Meters"), unit)
-    labelled = np.array([places["position"] if "is_marker" in places else [-1] * 3 for places in columns.values()])
+    position = np.array([places["position"] for places in columns.values()])
+    labelled = np.where([["is_marker" in places] for places in columns.values()], position, -1)
     cells = Cells(",", tuple(number for number, _ in lines[start + 1 :]), labelled)
-    raw = markers_of(path, list(columns), position, hertz, unit, np.eye(3), cells)
+    raw = markers_of(path, list(columns), values, position, hertz, unit, np.eye(3), cells)
     if header.get("Rotation Type", "").lower() != "quaternion":
         return raw
-    rotation = np.full((*position.shape[:2], 4), np.nan)
+    rotation = np.full((*raw.position.shape[:2], 4), np.nan)
     for k, places in enumerate(columns.values()):
         if len(places.get("rotation", ())) == 4:
             rotation[:, k] = values[:, [places["rotation"][axis] for axis in (3, 0, 1, 2)]]
@@ -236,11 +235,10 @@ def read_nexus(path: Path, rate: float | None = None, unit: Unit | None = None) 
     units, frames = section[3][1] if has_units else [], section[4:] if has_units else section[3:]
     unit = unit_of(path, units[places[0]] if places[0] < len(units) else "mm", unit)
     values = numbers(path, frames, places[-1] + 3)
-    position = np.stack([values[:, k : k + 3] for k in places], axis=1)
     columns = np.array([[k, k + 1, k + 2] for k in places])
     cells = Cells(delimiter, tuple(number for number, _ in frames), columns)
     hertz = rate_of(path, section[0][1][0], "its rate", rate)
-    return markers_of(path, names, position, hertz, unit, AXES["z"], cells)
+    return markers_of(path, names, values, columns, hertz, unit, AXES["z"], cells)
 
 
 _LAYOUTS = {"MARKER_NAMES": ("NO_OF_MARKERS", 3), "BODY_NAMES": ("NO_OF_BODIES", 16)}
@@ -279,10 +277,10 @@ def read_tsv(path: Path, rate: float | None = None) -> RawMarkers:
     while len(rows) > frames and not any(rows[-1][1]):  # a spreadsheet adds lines
         rows = rows[:-1]
     before = _before(columns, rows, count * width)
-    values = numbers(path, rows, before + count * width)[:, before:]
-    position = values.reshape(len(rows), count, width)[..., :3]
-    cells = cells_of(rows, "\t", before, count) if width == 3 else None
-    return markers_of(path, names, position, _rate(path, header, rate), "mm", AXES["z"], cells)
+    values = numbers(path, rows, before + count * width)
+    places = before + np.arange(count * width).reshape(count, width)[:, :3]
+    cells = Cells("\t", tuple(number for number, _ in rows), places) if width == 3 else None
+    return markers_of(path, names, values, places, _rate(path, header, rate), "mm", AXES["z"], cells)
 
 
 def _segments(path: Path, header: Header, columns: list[str], rows: Rows, rate: float | None) -> RawMarkers:
@@ -294,12 +292,9 @@ def _segments(path: Path, header: Header, columns: list[str], rows: Rows, rate: 
     if not starts or not all(columns[k] for k in starts):
         raise BodysenseError(f"{path}: no segment is named before its X, Y, Z and QX to QW; export the skeleton again")
     values = numbers(path, rows, len(columns))
-    position, rotation = (
-        np.stack([values[:, [start + k for k in places]] for start in starts], axis=1)
-        for places in ((1, 2, 3), (7, 4, 5, 6))
-    )
-    raw = markers_of(path, [columns[k] for k in starts], position, _rate(path, header, rate), "mm", AXES["z"])
-    rotation = np.where(sound(rotation), rotation, np.nan)
+    position, rotation = (np.add.outer(starts, places) for places in ((1, 2, 3), (7, 4, 5, 6)))
+    raw = markers_of(path, [columns[k] for k in starts], values, position, _rate(path, header, rate), "mm", AXES["z"])
+    rotation = np.where(sound(values[:, rotation]), values[:, rotation], np.nan)
     length = np.linalg.norm(rotation, axis=-1, keepdims=True)
     known = np.isfinite(raw.position).all(axis=-1, keepdims=True) & (np.abs(length - 1) < _UNIT)
     return replace(raw, rotation=np.where(known, rotation / np.where(known, length, 1), np.nan))

@@ -69,6 +69,21 @@ class RawMarkers:
     remarks: tuple[str, ...] = ()  # what is doubtful in the file
 
 
+@dataclass(frozen=True, eq=False)
+class MarkerRecording:
+    """The content of a marker file."""
+
+    observation: Observation  # (T, …) joints of a body, and points '<hand>_glove_<marker>'; world
+    frame_rate: float  # Hz
+    sizes: dict[str, float]  # of every hand seen well, as a factor of the default skeleton's
+    remarks: tuple[str, ...]  # one sentence each: what was recognised, is doubtful or was left out
+    raw: RawMarkers  # unconverted
+    world: FileWorld  # between the file and our world
+    has_body: bool = False  # whether its proportions can be inferred
+    warnings: tuple[str, ...] = ()  # labels that are dropped, and limbs that are guessed
+    arms_hang: bool = False  # nothing above the pelvis is known
+
+
 @dataclass(frozen=True)
 class MarkerFormat:
     """Facts that a file omits or has wrong. None keeps the file's own; CSV is metres and +Y up."""
@@ -180,13 +195,6 @@ def _our_names(raw: RawMarkers, form: MarkerFormat, place: str) -> list[str | No
     twice = [name for name in raw.names if raw.names.count(name) > 1]
     if twice:
         raise BodysenseError(f"{place}: the marker {twice[0]!r} stands twice; every marker has one name")
-    if form.names is not None:
-        absent = [theirs for theirs in form.names if theirs not in raw.names]
-        if absent:
-            raise BodysenseError(
-                f"{place}: no marker is named {absent[0]!r}, which the table of names has; "
-                f"there are {listed(raw.names)}"
-            )
     ours = _named(raw.names, form)
     known = [name for name in ours if name is not None]
     if not known:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,8 +15,8 @@ from bodysense.io.markers.checks import check_gloves
 from bodysense.io.markers.files import read_raw
 from bodysense.io.markers.marker_sets import nearest, recognised
 from bodysense.io.markers.raw_markers import (
-    FileWorld,
     MarkerFormat,
+    MarkerRecording,
     RawMarkers,
     Unit,
     glove_labels,
@@ -24,24 +24,9 @@ from bodysense.io.markers.raw_markers import (
     observed_markers,
     world_of,
 )
-from bodysense.observation import Observation, check_observation
+from bodysense.observation import check_observation, joined_points
 
 _FARTHEST = 1e9  # m from the origin: well over what a wrong unit makes, which has a better message
-
-
-@dataclass(frozen=True, eq=False)
-class MarkerRecording:
-    """The content of a marker file."""
-
-    observation: Observation  # (T, …) joints of a body, and points '<hand>_glove_<marker>'; world
-    frame_rate: float  # Hz
-    sizes: dict[str, float]  # of every hand seen well, as a factor of the default skeleton's
-    remarks: tuple[str, ...]  # one sentence each: what was recognised, is doubtful or was left out
-    raw: RawMarkers  # unconverted
-    world: FileWorld  # between the file and our world
-    has_body: bool = False  # whether its proportions can be inferred
-    warnings: tuple[str, ...] = ()  # labels that are dropped, and limbs that are guessed
-    arms_hang: bool = False  # nothing above the pelvis is known
 
 
 def read_markers(path: str | Path, form: MarkerFormat = MarkerFormat()) -> MarkerRecording:
@@ -66,22 +51,12 @@ def read_markers(path: str | Path, form: MarkerFormat = MarkerFormat()) -> Marke
     if not found.observation.points:
         raise BodysenseError(f"{path}: no joint follows from what is seen of {known.markers.name}; label more markers")
     check_observation(found.observation, str(path))
-    body = MarkerRecording(
-        found.observation,
-        raw.frame_rate,
-        {},
-        (*raw.remarks, *found.remarks),
-        raw,
-        found.world,
-        True,
-        found.warnings,
-        found.arms_hang,
-    )
+    body = replace(found, remarks=(*raw.remarks, *found.remarks))
     if gloves is None:
         return body
     # The body determines unit, axes and floor better than the gloves.
     worn = found.world.to_ours(gloves.world.to_file(gloves.observation.position))
-    both = _joined(found.observation, replace(gloves.observation, position=worn))
+    both = joined_points(found.observation, replace(gloves.observation, position=worn))
     remarks = (*found.remarks, *(remark for remark in gloves.remarks if not remark.startswith("left out")))
     return replace(body, observation=both, sizes=gloves.sizes, remarks=remarks)
 
@@ -118,10 +93,3 @@ def _check_table(raw: RawMarkers, form: MarkerFormat, place: str) -> None:
         raise BodysenseError(
             f"{place}: no marker is named {absent[0]!r}, which the table of names has; there are {listed(raw.names)}"
         )
-
-
-def _joined(body: Observation, gloves: Observation) -> Observation:
-    """Return the points of both."""
-    names = ("position", "rotation", "has_position", "has_rotation", "accuracy")
-    parts = {name: np.concatenate([getattr(body, name), getattr(gloves, name)], axis=1) for name in names}
-    return Observation(points=(*body.points, *gloves.points), time=body.time, **parts)

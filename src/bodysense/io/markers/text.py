@@ -107,24 +107,23 @@ def rate_of(path: Path, text: str, name: str, given: float | None = None) -> flo
     return rate
 
 
-def cells_of(rows: Rows, delimiter: str, before: int, count: int) -> Cells:
-    """Return the cells of `count` markers in order, after `before` other columns."""
-    columns = before + np.arange(3 * count).reshape(count, 3)
-    return Cells(delimiter, tuple(number for number, _ in rows), columns)
-
-
 def markers_of(
     path: Path,
     names: Sequence[str],
-    position: np.ndarray,
+    values: np.ndarray,
+    columns: np.ndarray,
     rate: float,
     unit: Unit,
     axes: np.ndarray | None = None,
     cells: Cells | None = None,
 ) -> RawMarkers:
-    """Return markers (T, M, 3) at a constant rate; places that are zero, not finite or too far are missing."""
-    if not len(position) or not len(names):
-        raise BodysenseError(f"{path}: {len(position)} frames of {len(names)} markers; export the trajectories again")
+    """Return markers at a constant rate, whose x, y and z are in some `columns` (M, 3) of values (T, C).
+
+    Places that are zero, not finite or too far are missing.
+    """
+    if not len(values) or not len(names):
+        raise BodysenseError(f"{path}: {len(values)} frames of {len(names)} markers; export the trajectories again")
+    position = values[:, columns]
     missing = np.asarray(~sound(position).all(axis=-1) | ~position.any(axis=-1))
     missing |= (np.abs(position) >= NEVER).any(axis=-1)
     position = np.where(missing[..., None], np.nan, position)
