@@ -8,14 +8,13 @@ from functools import cached_property
 from os import PathLike
 from pathlib import Path
 from reprlib import repr as brief
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 from bodysense.arrays import array_shapes, conversion
 from bodysense.body.hand import Side, glove_hands, hand_skeleton
 from bodysense.body.skeleton import default_skeleton
-from bodysense.devices.gloves.labelling import Labeller
 from bodysense.devices.video.pictures import IMAGES, VIDEOS, is_video
 from bodysense.errors import BodysenseError
 from bodysense.files import read_bytes
@@ -25,15 +24,9 @@ from bodysense.io.bvh_stream import open_bvh
 from bodysense.io.clip import Clip
 from bodysense.io.datasets.sources import Source as MotionEntry
 from bodysense.io.datasets.sources import as_told, read_amass_source
-from bodysense.io.gltf import motion as io_gltf
 from bodysense.io.holes import Missing, flat_lined
-from bodysense.io.markers.body import body_of
-from bodysense.io.markers.files import ENDINGS as MARKER_ENDINGS
-from bodysense.io.markers.files import is_marker_file, read_unlabelled
-from bodysense.io.markers.marker_sets import recognised
-from bodysense.io.markers.options import NO_OPTIONS, MarkerOptions
-from bodysense.io.markers.raw_markers import RawMarkers
-from bodysense.io.markers.recording import MarkerRecording, read_markers, with_hands_of
+from bodysense.io.markers.options import ENDINGS as MARKER_ENDINGS
+from bodysense.io.markers.options import NO_OPTIONS, MarkerOptions, is_marker_file
 from bodysense.io.recording import Recording, is_recording, read_recording
 from bodysense.io.rigs.options import AS_FOUND, ReadingOptions, given_options
 from bodysense.io.rigs.rigged import Rigged, read_rigged
@@ -41,8 +34,12 @@ from bodysense.io.rigs.source_joints import joints_of_file
 from bodysense.io.smpl import PICKLES, RATE, is_smpl, joint_places, read_smpl
 from bodysense.observation import Observation, in_our_world
 
+if TYPE_CHECKING:
+    from bodysense.io.markers.raw_markers import MarkerRecording
+
 _MANY_KINDS = (".npz", ".npy")  # of motions, recordings or places of joints: their content tells
-MOTION_ENDINGS = (".bvh", ".npz", ".npy", *io_gltf.ENDINGS)
+_GLTF = (".glb", ".gltf", ".vrma", ".vrm")
+MOTION_ENDINGS = (".bvh", ".npz", ".npy", *_GLTF)
 Kind = Literal["motion", "recording", "markers", "video"]
 HeldStill = tuple[tuple[str, ...], np.ndarray]  # joints of a file, and (T, J) bool: limbs held still as lost ones are
 _NOTHING_HELD: HeldStill = (), np.zeros((0, 0), dtype=bool)
@@ -92,7 +89,7 @@ class MotionSource:
         if self.given is not None:
             return self.given, (), _NOTHING_HELD
         assert self.path is not None
-        if self.path.suffix.lower() in (*_MANY_KINDS, *io_gltf.ENDINGS):
+        if self.path.suffix.lower() in (*_MANY_KINDS, *_GLTF):
             return *_read_motion(self.path, self.options, self.rate), _NOTHING_HELD
         data = MotionFile(self.path).read() if self.bvh is None else read_bytes(self.path)
         rigged = read_rigged(data, self.path, self.options)
@@ -113,7 +110,6 @@ class RecordingSource:
 
     name: str
     recording: Recording
-    path: Path | None = None
     options: ReadingOptions = AS_FOUND
 
 
@@ -271,8 +267,10 @@ def _read_motion(path: Path, options: ReadingOptions, rate: float | None) -> tup
     if path.suffix.lower() in _MANY_KINDS and is_smpl(path):
         clip, remarks = read_smpl(path, rate, options.smpl_model)
         return as_told(clip, options, "results of SMPL", "y"), tuple(f"note: {remark}" for remark in remarks)
-    if path.suffix.lower() in io_gltf.ENDINGS:
-        clip, remarks = io_gltf.read_gltf(path, options.joints)
+    if path.suffix.lower() in _GLTF:
+        from bodysense.io.gltf.motion import read_gltf
+
+        clip, remarks = read_gltf(path, options.joints)
         return as_told(clip, replace(options, joints=None), "glTF files", "y"), tuple(
             f"note: {remark}" for remark in remarks
         )
@@ -304,17 +302,15 @@ def _open_recording(path: Path, reading: ReadingOptions, markers: MarkerOptions)
     recording = read_recording(path)
     if glove_hands(recording.observation.points):
         recording = replace(recording, worn=markers.worn())
-    return _recording_source(str(path), recording, reading, path)
+    return _recording_source(str(path), recording, reading)
 
 
-def _recording_source(
-    name: str, recording: Recording, reading: ReadingOptions, path: Path | None = None
-) -> RecordingSource:
+def _recording_source(name: str, recording: Recording, reading: ReadingOptions) -> RecordingSource:
     """Return a recording in metres and +Y up; options say which unit and upward axis it has."""
     for option in reading.for_motions():
         raise BodysenseError(f"{name}: {option} is for motions, not for recordings; leave it out")
     observation = in_our_world(recording.observation, reading.unit, reading.up)
-    return RecordingSource(name, replace(recording, observation=observation), path, reading)
+    return RecordingSource(name, replace(recording, observation=observation), reading)
 
 
 def _open_markers(path: Path, reading: ReadingOptions, markers: MarkerOptions) -> MarkerSource:
@@ -323,6 +319,8 @@ def _open_markers(path: Path, reading: ReadingOptions, markers: MarkerOptions) -
     Gloves alone are put on the default body of the given height, with hands of the gloves' size. The proportions of a
     body are inferred.
     """
+    from bodysense.io.markers.recording import read_markers, with_hands_of
+
     height = reading.height
     body = default_skeleton() if height is None else default_skeleton().scaled(height)
     if markers.unlabelled is not None:
@@ -353,6 +351,10 @@ def _open_places(
     markers: MarkerOptions,
 ) -> MarkerSource:
     """Open an array of joint places (T, 22, 3) as markers in the joints: the tracker finds how they turn."""
+    from bodysense.io.markers.body import body_of
+    from bodysense.io.markers.marker_sets import recognised
+    from bodysense.io.markers.raw_markers import RawMarkers
+
     form = markers.form(reading)
     names = default_skeleton().joints[: joints.shape[1]]
     known = recognised(names)
@@ -368,6 +370,9 @@ def _labelled(path: Path, options: MarkerOptions, reading: ReadingOptions) -> Ob
     """The gloves among the points of a file that does not tell them apart."""
     if options.names is not None:
         raise BodysenseError(f"--names {options.names}: --unlabelled takes no names; leave one of both out")
+    from bodysense.devices.gloves.labelling import Labeller
+    from bodysense.io.markers.files import read_unlabelled
+
     points, _ = read_unlabelled(path, options.form(reading))
     hands: tuple[Side, ...] = ("left", "right")
     sides: list[Side] = [side for side in hands if options.unlabelled in (side, "both")]

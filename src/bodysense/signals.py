@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 from bodysense.body.hand import glove_hands
 from bodysense.body.person import Person
-from bodysense.devices.gloves.device import calibrated_hands, has_standard_gloves
 from bodysense.devices.simulated.device import DEVICES, Device, simulate
 from bodysense.devices.video.pictures import open_video
 from bodysense.errors import BodysenseError
@@ -65,8 +64,11 @@ def _recorded(name: str, recording: Recording, person: Person | None, height: fl
     observation = recording.observation
     if person is None:
         hands = None
-        if glove_hands(observation.points) and (recording.measures_hands or not has_standard_gloves(observation)):
-            hands = calibrated_hands(observation, recording.worn)
+        if glove_hands(observation.points):
+            from bodysense.devices.gloves.device import calibrated_hands, has_standard_gloves
+
+            if recording.measures_hands or not has_standard_gloves(observation):
+                hands = calibrated_hands(observation, recording.worn)
         is_known = recording.known and height is None
         person = Person(recording.skeleton, hands=hands) if is_known else Person(height=height, hands=hands)
     _check(observation)

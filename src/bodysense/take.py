@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,7 +20,6 @@ from bodysense.body.rotation import quaternion_to_matrix
 from bodysense.body.skeleton import ARM
 from bodysense.completion.meeting import hips_met
 from bodysense.completion.model import CompletionModel
-from bodysense.devices.gloves.device import check_calibrated, glove_device, gloved_sides
 from bodysense.devices.simulated.device import Device
 from bodysense.errors import BodysenseError
 from bodysense.estimate import Estimate
@@ -27,9 +27,7 @@ from bodysense.filling import PartialMotion, check_causal, filled_by, observed, 
 from bodysense.io.bvh_stream import BvhLines
 from bodysense.io.clip import Clip
 from bodysense.io.holes import missing_items
-from bodysense.io.markers.files import is_marker_file
-from bodysense.io.markers.filled import check_fillable, fillable, write_filled
-from bodysense.io.markers.gaps import FilledMarkers, fill_markers
+from bodysense.io.markers.options import is_marker_file
 from bodysense.io.motion_files import write_motion
 from bodysense.io.resample import at_constant_rate
 from bodysense.io.rigs.named import OWN, SOURCE, check_rig
@@ -40,6 +38,9 @@ from bodysense.open import MarkerSource, MotionSource, RecordingSource, Source, 
 from bodysense.signals import Signal, refuse, signal_from
 from bodysense.tracker import Tracker, TrackerSettings
 from bodysense.two_way import completed_both_ways, concatenated
+
+if TYPE_CHECKING:
+    from bodysense.io.markers.gaps import FilledMarkers
 
 ANCHORS = ("head", "pelvis")  # what stays where it was measured, on whatever proportions; else what is measured most
 _FRAMES = 60  # that are completed in one call, between two reports of progress
@@ -85,6 +86,8 @@ class Take:
         if is_marker_file(path):
             check_marker_output(path, self.markers, rig)
             assert self.markers is not None and self.markers.found is not None
+            from bodysense.io.markers.filled import write_filled
+
             done = self.filled_markers
             world, raw = self.markers.found.world, self.markers.found.raw
             write_filled(self.markers.path, path, raw, world.to_file(done.position), done.filled)
@@ -115,6 +118,9 @@ class Take:
         """Fill the gaps of the markers that were tracked. Raises BodysenseError for a take of anything else."""
         if self.markers is None or self.markers.found is None:
             raise BodysenseError("this take is of no labelled markers; track a .c3d, .trc, .tsv or .csv file of them")
+        from bodysense.io.markers.filled import fillable
+        from bodysense.io.markers.gaps import fill_markers
+
         raw, world = self.markers.found.raw, self.markers.found.world
         pose = self.estimate.pose
         rotation = quaternion_to_matrix(np.asarray(forward_kinematics(pose)[1]))
@@ -132,6 +138,8 @@ def check_marker_output(path: Path, markers: MarkerSource | None, rig: str | Pat
         )
     if rig is not None:
         raise BodysenseError(f"{path}: --rig {rig}: markers have no rig; leave --rig out")
+    from bodysense.io.markers.filled import check_fillable
+
     check_fillable(markers.path, path, markers.found.raw)
 
 
@@ -323,6 +331,8 @@ def _body_points(observation: Observation, person: Person) -> Iterator[Observati
     if not glove_hands(observation.points):
         yield from parts
         return
+    from bodysense.devices.gloves.device import check_calibrated, glove_device, gloved_sides
+
     sides = gloved_sides(observation.points)
     check_calibrated(observation.points, sides, person.hands)
     gloves = glove_device(person.skeleton, sides, calibrated=person.hands)

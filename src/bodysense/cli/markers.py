@@ -26,7 +26,8 @@ def check_gloves_of(observation: Observation, place: Path) -> None:
 
 def write_seen(out: Path, recording: Recording, frame_rate: float) -> None:
     """Write a recording, or, by the ending of its name, the markers of its gloves."""
-    from bodysense.io.markers.files import is_marker_file, write_markers
+    from bodysense.io.markers.files import write_markers
+    from bodysense.io.markers.options import is_marker_file
     from bodysense.io.recording import write_recording
 
     if is_marker_file(out):

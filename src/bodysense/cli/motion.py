@@ -64,7 +64,8 @@ def simulate(
     from bodysense.cli.markers import write_seen
     from bodysense.devices.simulated.device import InertialGloves, MarkerGloves
     from bodysense.devices.simulated.device import simulate as simulated
-    from bodysense.io.markers.files import WRITTEN, is_marker_file
+    from bodysense.io.markers.files import WRITTEN
+    from bodysense.io.markers.options import is_marker_file
     from bodysense.io.recording import Recording
 
     check_place(out)
@@ -147,7 +148,7 @@ def track(  # noqa: PLR0915
     from rich.progress import Progress
 
     from bodysense.completion.model import load_completion
-    from bodysense.io.markers.files import is_marker_file
+    from bodysense.io.markers.options import is_marker_file
     from bodysense.io.recording import Recording
     from bodysense.open import MarkerSource, MotionSource, VideoSource
     from bodysense.papers.fingers import synthesize
@@ -283,7 +284,7 @@ def convert(
 
 def _check_outputs(file: Path, out: Path, rig: str | None, *more: Path | None) -> None:
     """Refuse, before any work, outputs that cannot be written."""
-    from bodysense.io.markers.files import is_marker_file
+    from bodysense.io.markers.options import is_marker_file
     from bodysense.io.motion_files import check_ending
     from bodysense.io.rigs.named import check_rig
 

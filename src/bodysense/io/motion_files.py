@@ -14,8 +14,6 @@ from bodysense.files import check_place, part_beside
 from bodysense.io.bvh import read_bvh, write_bvh
 from bodysense.io.bvh_stream import BvhStream
 from bodysense.io.clip import Clip
-from bodysense.io.gltf.written import write_glb, write_vrma
-from bodysense.io.mcap_take import load_writer, write_mcap
 from bodysense.io.rigs.named import OWN, check_rig, is_rig_file, on_rig, renamed
 from bodysense.io.rigs.rig_file import write_on_rig_of
 
@@ -31,6 +29,8 @@ def check_ending(path: Path) -> Path:
             ".vrma or .mcap"
         )
     if path.suffix.lower() == ".mcap":
+        from bodysense.io.mcap_take import load_writer
+
         load_writer()
     return path
 
@@ -45,11 +45,15 @@ def write_motion(path: Path, clip: Clip, rig: str | Path = OWN) -> None:
     if is_rig_file(rig):
         write_on_rig_of(path, clip, Path(rig))
         return
+    if ending == ".mcap":
+        from bodysense.io.mcap_take import write_mcap
+
+        write_mcap(path, clip)
+        return
+    from bodysense.io.gltf.written import write_glb, write_vrma
+
     if ending == ".vrma":
         write_vrma(path, clip)
-        return
-    if ending == ".mcap":
-        write_mcap(path, clip)
         return
     clip, names = on_rig(clip, str(rig))
     if ending == ".glb":

@@ -18,7 +18,8 @@ from bodysense.body.glove_set import packaged_sets
 from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError
 from bodysense.io.markers.checks import check_gloves
-from bodysense.io.markers.files import is_marker_file, read_unlabelled, write_markers
+from bodysense.io.markers.files import read_unlabelled, write_markers
+from bodysense.io.markers.options import is_marker_file
 from bodysense.io.markers.raw_markers import MarkerFormat, points_alone, read_names
 from bodysense.io.markers.recording import read_markers, with_hands_of
 from bodysense.io.markers.text import read_csv

@@ -100,7 +100,6 @@ def sampled(track: Track, time: np.ndarray, turns: bool) -> np.ndarray:
     return start * first + end * second
 
 
-ENDINGS = (".glb", ".gltf", ".vrma", ".vrm")
 HEIGHTS = (1.0, 2.6)  # m, of a resting body in metres
 USUAL = 1.7  # m, of a body in no known unit
 _STEADY = 0.02  # share by which the steps between frames may differ

@@ -9,17 +9,12 @@ from bodysense.errors import BodysenseError
 from bodysense.files import check_plain
 from bodysense.io.markers.c3d import read_c3d, write_c3d
 from bodysense.io.markers.dialects import is_motive, is_nexus, read_motive, read_nexus, read_trc, read_tsv
+from bodysense.io.markers.options import ENDINGS, is_marker_file
 from bodysense.io.markers.raw_markers import MarkerFormat, RawMarkers, Unit, in_our_world, points_alone
 from bodysense.io.markers.text import read_csv, write_csv
 from bodysense.observation import Observation, chosen_points
 
-ENDINGS = (".c3d", ".csv", ".trc", ".tsv")
 WRITTEN = (".csv", ".c3d")
-
-
-def is_marker_file(path: str | Path) -> bool:
-    """Whether a file is one of markers, by its ending."""
-    return Path(path).suffix.lower() in ENDINGS
 
 
 def read_raw(path: str | Path, rate: float | None = None, unit: Unit | None = None) -> RawMarkers:

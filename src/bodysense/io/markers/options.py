@@ -1,15 +1,27 @@
-"""Options of marker files: facts that a file omits or has wrong."""
+"""Marker files by their endings, and their options: facts that a file omits or has wrong.
+
+Opening any source needs these, so the modules that read markers are imported when they are used.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, cast
+from typing import TYPE_CHECKING, Literal, cast
 
-from bodysense.body.glove_set import GloveSet, read_set
 from bodysense.errors import BodysenseError
-from bodysense.io.markers.raw_markers import METRES, MarkerFormat, Unit, Up, read_names
 from bodysense.io.rigs.options import ReadingOptions
+
+if TYPE_CHECKING:
+    from bodysense.body.glove_set import GloveSet
+    from bodysense.io.markers.raw_markers import MarkerFormat, Unit, Up
+
+ENDINGS = (".c3d", ".csv", ".trc", ".tsv")
+
+
+def is_marker_file(path: str | Path) -> bool:
+    """Whether a file is one of markers, by its ending."""
+    return Path(path).suffix.lower() in ENDINGS
 
 
 @dataclass(frozen=True)
@@ -31,6 +43,8 @@ class MarkerOptions:
 
     def form(self, reading: ReadingOptions) -> MarkerFormat:
         """Return these options in the readers' format. Raises BodysenseError for values that marker files lack."""
+        from bodysense.io.markers.raw_markers import METRES, MarkerFormat, read_names
+
         for option, value, valid in (("--unit", reading.unit, (*METRES,)), ("--up", reading.up, ("y", "z"))):
             if value not in (None, *valid):
                 raise BodysenseError(f"{option} {value}: of marker files it is one of {', '.join(valid)}")
@@ -42,7 +56,11 @@ class MarkerOptions:
 
     def worn(self) -> GloveSet | None:
         """Return the gloves' marker set, if one is given."""
-        return None if self.marker_set is None else read_set(self.marker_set)
+        if self.marker_set is None:
+            return None
+        from bodysense.body.glove_set import read_set
+
+        return read_set(self.marker_set)
 
 
 NO_OPTIONS = MarkerOptions()
