@@ -1,15 +1,13 @@
-"""Interface of point estimators and their results; the tracker's own `Estimate` is in `observation.py`."""
+"""Results of point estimators; the tracker's own `Estimate` is in `estimate.py`."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Protocol
 
 import numpy as np
 
 from bodysense.body.pose import Pose
 from bodysense.body.skeleton import Skeleton
-from bodysense.observation import Observation
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,20 +19,3 @@ class PointEstimate:
     occluded: np.ndarray  # (..., T, P) probability that the point was hidden
     confidence: np.ndarray  # (..., T, P) expected position error, m
     pose: Pose | None = None  # rotations, from methods that give them; otherwise inverse kinematics finds them
-
-
-class Estimator(Protocol):
-    """A method that completes a body. State is an argument, so streaming, batches and replay are the same code."""
-
-    @property
-    def skeleton(self) -> Skeleton:
-        """The body that is completed."""
-        ...
-
-    def start(self) -> Any:
-        """The state before the first frame."""
-        ...
-
-    def step(self, observation: Observation, state: Any) -> tuple[PointEstimate, Any]:
-        """Complete the next T ≥ 1 frames: one call with T frames equals T calls with one."""
-        ...

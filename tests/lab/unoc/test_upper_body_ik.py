@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from bodysense.body.pose import Pose, forward_kinematics, standing_pose
 from bodysense.body.rotation import quaternion_canonical, quaternion_exp, quaternion_multiply, quaternion_rotate
 from bodysense.body.skeleton import default_skeleton
-from bodysense.devices.estimate import Estimator, PointEstimate
+from bodysense.devices.estimate import PointEstimate
 from bodysense.devices.simulated.noise import hide
 from bodysense.devices.simulated.sensors import THREE_POINT, observe
 from bodysense.errors import BodysenseError
@@ -19,7 +19,7 @@ from bodysense.io.clip import Clip
 from bodysense.io.datasets.sources import list_sources, read_source
 from bodysense.last_known import Hold
 from bodysense.observation import Observation, check_observation
-from bodysense_lab.unoc.ik_tracker import IkTracker
+from bodysense_lab.unoc.ik_tracker import Estimator, IkTracker
 from bodysense_lab.unoc.upper_body_ik import UpperBodyIk, UpperBodyIkSettings
 
 SKELETON = default_skeleton()

@@ -17,7 +17,6 @@ from typing import Literal
 import numpy as np
 
 from bodysense.body.pose import Pose, forward_kinematics
-from bodysense.devices.estimate import Estimator
 from bodysense.devices.simulated.sensors import HEADSET_CAMERA, observe
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
@@ -29,7 +28,7 @@ from bodysense.pictures.sheet import FollowingCamera, Lens, follow_body
 from bodysense_lab.scoring import RATE, scored_points
 from bodysense_lab.spread import worker_pool
 from bodysense_lab.study.study import CONDITIONS, Condition, StudyKey, draw_key, write_key
-from bodysense_lab.unoc.ik_tracker import IkTracker, IkTrackerSettings
+from bodysense_lab.unoc.ik_tracker import Estimator, IkTracker, IkTrackerSettings
 from bodysense_lab.unoc.learned import Learned, load_model
 
 FILES = ("index.html", "style.css", "study.js")

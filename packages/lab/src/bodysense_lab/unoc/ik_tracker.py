@@ -9,21 +9,39 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
 from bodysense.body.ik import IkSettings, IkState
 from bodysense.body.pose import Pose
 from bodysense.body.products import CONJUGATE, exp, log, multiply
+from bodysense.body.skeleton import Skeleton
 from bodysense.body.spring import spring_step
-from bodysense.devices.estimate import Estimator, PointEstimate
+from bodysense.devices.estimate import PointEstimate
 from bodysense.errors import BodysenseError
 from bodysense.observation import Observation, check_order, observed_points
 from bodysense.papers.met_points import COARSE, HEAD_WEIGHT, TargetIk
 
 _GUESSED_ARM_FACTOR = 5.0  # factor on the half-life of arm and hand joints without tracked points below them
 _LONGEST_GAP = 1.0  # s without frames after which motion is reset
+
+
+class Estimator(Protocol):
+    """A method that completes a body. State is an argument, so streaming, batches and replay are the same code."""
+
+    @property
+    def skeleton(self) -> Skeleton:
+        """The body that is completed."""
+        ...
+
+    def start(self) -> Any:
+        """The state before the first frame."""
+        ...
+
+    def step(self, observation: Observation, state: Any) -> tuple[PointEstimate, Any]:
+        """Complete the next T ≥ 1 frames: one call with T frames equals T calls with one."""
+        ...
 
 
 @dataclass(frozen=True)

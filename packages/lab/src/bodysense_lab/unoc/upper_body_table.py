@@ -20,7 +20,6 @@ import numpy as np
 
 from bodysense.body.pose import forward_kinematics
 from bodysense.body.skeleton import Skeleton
-from bodysense.devices.estimate import Estimator
 from bodysense.devices.simulated.sensors import THREE_POINT, observe
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
@@ -38,6 +37,7 @@ from bodysense_lab.score_table import (
 )
 from bodysense_lab.scoring import GROUPS, RATE, Tally, group_of
 from bodysense_lab.table import Report
+from bodysense_lab.unoc.ik_tracker import Estimator
 
 METHODS = {"network": "network", "ik": "IK"}
 POSES = {"all": "all poses", "standing": "standing"}
