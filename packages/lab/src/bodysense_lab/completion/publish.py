@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import itertools
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -35,7 +35,7 @@ from bodysense_lab.completion.points import body_places
 from bodysense_lab.completion.rounding import round_weights, sample_moments
 from bodysense_lab.completion.scenes import TRUTH_OF, TrackedScene, Truth, batches, person_of, scene_of, stacked
 from bodysense_lab.completion.settled_clips import settled_clips
-from bodysense_lab.completion.task import WORN, CompletionTask, CompletionTaskConfig, SequenceBatch
+from bodysense_lab.completion.task import WORN, CompletionTask, CompletionTaskConfig
 from bodysense_lab.completion.weights_file import TrainedNetworks, write_weights
 from bodysense_lab.datasets import learned_clips
 from bodysense_lab.options import Schedule
@@ -166,6 +166,20 @@ _STREAMS, _BATCHES, _ROUNDING_SEED = 96, 24, 8  # sequences side by side, and ba
 _LONGEST, _CLIPS = 9.0, 2  # s of a clip, and clips of a person who was learned from, that errors are judged by
 
 
+def rounded(body: CompletionNetwork, data: Path, limit: int | None = None, backward: bool = False) -> CompletionNetwork:
+    """Return the network with rounded weights, which are true to sequences as in training.
+
+    `limit` clips of the train split suffice for a trial. `backward`: the network is for time that runs backward.
+    """
+    body = copy.deepcopy(body)
+    corpus = read_corpus(data, "train", limit)
+    config = CompletionTaskConfig(body.config, streams=_STREAMS, backward=backward)
+    task = CompletionTask(body, config, Schedule(), corpus, {})
+    drawn = task.batches(np.random.default_rng(_ROUNDING_SEED))
+    round_weights(body, sample_moments(body.eval(), itertools.islice(drawn, _BATCHES if limit is None else 1)))
+    return body
+
+
 def publish(
     body: CompletionNetwork,
     fingers: FingerNetwork,
@@ -175,59 +189,22 @@ def publish(
     limit: int | None = None,
     backward: bool = False,
 ) -> None:
-    """Write both networks, their weights rounded, with true errors; `card`: what it was trained on, and its licence.
+    """Write both networks, of which the weights are rounded, with true errors.
 
-    `limit` clips of each split suffice for a trial. `backward`: the network is for time that runs backward.
+    `card` is what they were trained on, and their licence; `limit` and `backward` are those of `rounded`.
     """
-    body = copy.deepcopy(body)
-    round_weights(body, sample_moments(body.eval(), _training_batches(body, data, limit, backward)))
-    publish_rounded(body, fingers, data, out, card, limit, backward)
-
-
-def publish_rounded(
-    body: CompletionNetwork,
-    fingers: FingerNetwork,
-    data: Path,
-    out: Path,
-    card: dict[str, Any],
-    limit: int | None = None,
-    backward: bool = False,
-) -> None:
-    """Write both networks, of which the weights are rounded, with true errors."""
+    configured = {"network": asdict(body.config), "fingers": asdict(fingers.config)} | card
     start, apart = unchanged_errors(), shown_apart()
     beside = out.with_name(f"{out.stem}.uncalibrated.safetensors")
     try:
-        _write(body, fingers, start, apart, beside, {})
+        write_weights(TrainedNetworks(body, fingers, start, apart), beside, configured)
         learned, watched = (_scenes(data, (split,), limit, backward) for split in ("train", "val"))
         samples = sample_errors(learned, watched, load_completion(beside))
     finally:
         beside.unlink(missing_ok=True)
     steps = _FIT_STEPS if limit is None else _TRIAL_STEPS
     mean, bound = fit_error_map(samples, steps=steps), fit_error_map(samples, QUANTILE, steps)
-    _write(body, fingers, mean, bound, out, card)
-
-
-def _write(
-    body: CompletionNetwork,
-    fingers: FingerNetwork,
-    mean: ErrorMap,
-    bound: ErrorMap,
-    out: Path,
-    card: dict[str, Any],
-) -> None:
-    configured = {"network": asdict(body.config), "fingers": asdict(fingers.config)}
-    write_weights(TrainedNetworks(body, fingers, mean, bound), out, {**configured, **card})
-
-
-def _training_batches(
-    body: CompletionNetwork, data: Path, limit: int | None, backward: bool
-) -> Iterator[SequenceBatch]:
-    """Sequences as in training, to round weights by."""
-    corpus = read_corpus(data, "train", limit)
-    config = CompletionTaskConfig(body.config, streams=_STREAMS, backward=backward)
-    task = CompletionTask(body, config, Schedule(), corpus, {})
-    batches = task.batches(np.random.default_rng(_ROUNDING_SEED))
-    return itertools.islice(batches, _BATCHES if limit is None else 1)
+    write_weights(TrainedNetworks(body, fingers, mean, bound), out, configured)
 
 
 def _scenes(
