@@ -27,7 +27,7 @@ from bodysense_lab.completion.measures import count_jumps
 from bodysense_lab.completion.scenes import TrackedScene
 from bodysense_lab.completion.scores import histogram, percentile
 from bodysense_lab.completion.scoring import evaluate_completion
-from bodysense_lab.completion.sight_scores import SightScores, measure_sight, measure_transitions
+from bodysense_lab.completion.sight_scores import CellScores, measure_sight, measure_transitions
 from bodysense_lab.completion.tables import CompletionSettings, WorstFrame
 from bodysense_lab.completion.tracking import Tracked, track_people
 from bodysense_lab.completion.worst import draw_worst, worst_frames
@@ -158,7 +158,7 @@ def test_quantiles_are_true_to_one_percent(values: list[float], percent: float) 
 
 
 def test_scores_of_parts_are_those_of_the_whole(scenes: list[TrackedScene]) -> None:
-    whole, parts = SightScores(), []
+    whole, parts = CellScores(), []
     for scene in scenes[:2]:
         shaken = scene.placed[0] + np.random.default_rng(3).normal(0, 0.02, scene.placed[0].shape)
         parts.append(measure_sight(scene, scene.observe(SENSOR_SETS["headset_camera"]), exact(scene, shaken)))

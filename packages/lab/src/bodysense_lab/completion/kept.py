@@ -16,12 +16,11 @@ from bodysense.files import written_beside
 from bodysense.io.clip import Clip
 from bodysense_lab.completion.scenes import Truth
 from bodysense_lab.completion.scores import Calibration, RunningScores
-from bodysense_lab.completion.sight_scores import SightScores
+from bodysense_lab.completion.sight_scores import CellScores
 from bodysense_lab.completion.tables import CompletionSettings, CompletionTable, WorstFrame
 
 FORMAT = "bodysense-completion-clips-2"
-_MEANS = ("cells", "truths", "baselines", "people", "sights")  # fields of a table whose means are kept
-_SUMS = {"calibration": "calibrations", "quantiles": "sights", "curves": "sights", "moments": "sights"}  # by kind
+_MEANS = ("cells", "truths", "baselines", "people")  # fields of a table whose means are kept
 
 
 @dataclass(frozen=True)
@@ -78,9 +77,10 @@ def _arrays(table: CompletionTable) -> dict[str, np.ndarray]:
     rows: dict[str, Any] = {"worst": [asdict(one) for one in table.worst]}
     for field in _MEANS:
         rows[field] = [[*key, _row(one)] for key, one in getattr(table, field).items()]
+    rows["sights"] = [[*key, {}] for key in table.cells]  # of earlier versions, which kept them apart
     arrays = {
         "/".join((kind, *key, name)): values
-        for field in ("calibrations", "sights")
+        for field in ("calibrations", "cells")
         for key, one in getattr(table, field).items()
         for (kind, name), values in one.sums.items()
     }
@@ -90,17 +90,18 @@ def _arrays(table: CompletionTable) -> dict[str, np.ndarray]:
 def _from_arrays(stored: Mapping[str, np.ndarray], settings: CompletionSettings) -> CompletionTable:
     table, rows = CompletionTable(settings), json.loads(str(stored["rows"]))
     table.worst.extend(WorstFrame(**row) for row in rows["worst"])
-    for field in _MEANS:
+    for field in (*_MEANS, "sights"):
+        found = table.cells if field == "sights" else getattr(table, field)
         for *key, row in rows[field]:
-            one = getattr(table, field)[tuple(key)] = SightScores() if field == "sights" else RunningScores()
+            one = found.setdefault(tuple(key), CellScores() if found is table.cells else RunningScores())
             for name, (total, weight) in row.items():
                 one.total[name], one.weight[name] = total, weight
     for path in stored:
         kind, *key = path.split("/")
-        if kind in _SUMS:
+        if kind != "rows":
             name = key.pop()
-            found = getattr(table, _SUMS[kind]).setdefault(tuple(key), Calibration())
-            found.sums[kind, name] = stored[path]
+            found = getattr(table, "calibrations" if kind == "calibration" else "cells")
+            found.setdefault(tuple(key), Calibration()).sums[kind, name] = stored[path]
     return table
 
 

@@ -1,9 +1,9 @@
-"""Running scores: weighted means by name, and histograms and curves that add up; parts merge to those of the whole.
+"""Scores of parts of the work, which merge to those of the whole: means, and sums of histograms and curves.
 
-Whether expected errors are true: histograms of expected against true errors, and the figures that they give. Points
-that are tracked do not count. The *calibration error* (ECE) is the mean over points of the difference, in their bin of
-the expected error, between mean expected and mean true error, in shares of the overall mean error. *Coverage* is the
-share of points whose true error is within the 90 % bound that the tracker gives.
+`Calibration` compares expected errors with true ones. Points that are tracked do not count. The *calibration error*
+(ECE) is the mean over points of the difference, in their bin of the expected error, between mean expected and mean true
+error, in shares of the overall mean error. *Coverage* is the share of points whose true error is within the 90 % bound
+that the tracker gives.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ ROOTS = {"occluded_square": "occluded_rmsjpe_cm"}  # means of squares, and the k
 
 @dataclass
 class RunningScores:
-    """Running scores."""
+    """Means by name with their weights, and arrays that add up."""
 
     total: dict[str, float] = field(default_factory=dict)
     weight: dict[str, float] = field(default_factory=dict)

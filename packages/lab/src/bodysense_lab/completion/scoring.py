@@ -29,7 +29,14 @@ from bodysense_lab.completion.options import Body, Fault
 from bodysense_lab.completion.scenes import TRUTH_OF, TrackedScene, Truth, batches, person_of, scene_of
 from bodysense_lab.completion.scores import RunningScores
 from bodysense_lab.completion.sight_scores import TAKE, measure_sight, measure_transitions
-from bodysense_lab.completion.tables import TAKE_MEASURES, TAKE_SIGHTS, CompletionSettings, CompletionTable, WorstFrame
+from bodysense_lab.completion.tables import (
+    TAKE_MEASURES,
+    TAKE_SIGHTS,
+    CompletionSettings,
+    CompletionTable,
+    WorstFrame,
+    headline,
+)
 from bodysense_lab.completion.tracking import (
     StepTimes,
     Tracked,
@@ -122,7 +129,7 @@ def work_of(count: int, settings: CompletionSettings) -> int:
 
 @dataclass(frozen=True)
 class _Scorer:
-    """RunningScores clips of one truth, side by side; other processes get it pickled."""
+    """Scorer of clips of one truth, side by side; other processes get it pickled."""
 
     settings: CompletionSettings
     mean_body: MeanBody | None
@@ -153,14 +160,16 @@ class _Scorer:
         tracked = self.track(people, observations)
         for (table, scene), person, seen, one in zip(scored, people, observations, tracked, strict=True):
             cell = (sensors, body, scene.group)
-            scores = table.cells[cell] = measure(scene, one)
+            scores = table.cells[cell] = measure_sight(scene, seen, one)
+            scores.merge(measure(scene, one))
             if sensors == "headset_camera":
                 scores.merge(measure_hidden(one.position, scene))
             if self.takes is not None:
                 scores.merge(_take_scores(scene, sensors, seen, self.takes(person, seen)))
-            table.sights[cell] = measure_sight(scene, seen, one)
             if scene.group == "main":
-                table.people[sensors, body, scene.person] = scores
+                name = headline(sensors)
+                own = table.people[sensors, body, scene.person] = RunningScores()
+                own.add(name, scores.get(name), scores.weight.get(name, 0.0))
                 table.worst.extend(_worst_frames(sensors, body, scene, one))
                 for region, calibration in measure_confidence(scene, seen, one).items():
                     table.calibrations[sensors, body, region] = calibration
@@ -175,7 +184,7 @@ class _Scorer:
         lost = [lose_hands(seen, rng_of(scene.name)) for (_, scene), seen in zip(scored, observations, strict=True)]
         tracked = self.track(people, lost)
         for (table, scene), person, seen, one in zip(scored, people, lost, tracked, strict=True):
-            scores = table.sights[sensors, "own", scene.group]
+            scores = table.cells[sensors, "own", scene.group]
             scores.merge(measure_transitions(scene, seen, one))
             if self.takes is not None:
                 scores.merge(measure_transitions(scene, seen, self.takes(person, seen), TAKE))
@@ -199,7 +208,7 @@ class _Scorer:
         for (table, scene), steady, blinked in zip(scored, *jumps, strict=True):
             minutes = (len(scene) - 1) / RATE / 60
             extra = (blinked - steady) / minutes if minutes else 0.0
-            table.sights[sensors, "own", scene.group].add("extra_jumps_per_minute", extra, minutes)
+            table.cells[sensors, "own", scene.group].add("extra_jumps_per_minute", extra, minutes)
 
     def _score_baselines(self, table: CompletionTable, scene: TrackedScene, seen: Observation, truth: Truth) -> None:
         """Score methods that know nothing of this wearer's motion, on hidden joints."""
@@ -214,8 +223,8 @@ class _Scorer:
 
 def _take_scores(scene: TrackedScene, sensors: str, seen: Observation, taken: Tracked) -> RunningScores:
     """The measures of `TAKE_MEASURES` and `TAKE_SIGHTS`, and how true expected errors are, of a whole take."""
-    scores, named = measure(scene, taken), RunningScores()
-    scores.merge(measure_sight(scene, seen, taken))
+    scores, named = measure_sight(scene, seen, taken), RunningScores()
+    scores.merge(measure(scene, taken))
     if sensors == "headset_camera":
         scores.merge(measure_hidden(taken.position, scene))
     for name in (*TAKE_SIGHTS, *TAKE_MEASURES):

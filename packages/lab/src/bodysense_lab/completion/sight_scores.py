@@ -32,7 +32,7 @@ _PAIR = ("left", "right")
 TAKE = "take_"  # begins the keys of takes, completed with past and future
 
 
-class SightScores(RunningScores):
+class CellScores(RunningScores):
     """Running scores of one cell: means, histograms of which percentiles are wanted, and jerk curves by moment."""
 
     def numbers(self) -> dict[str, float]:
@@ -60,9 +60,9 @@ class SightScores(RunningScores):
             self.add_sum("quantiles", name, histogram(values))
 
 
-def measure_sight(scene: TrackedScene, seen: Observation, tracked: Tracked) -> SightScores:
+def measure_sight(scene: TrackedScene, seen: Observation, tracked: Tracked) -> CellScores:
     """Every measure of sight of one scene, of which the tracker saw `seen` (T, P)."""
-    scores, skeleton = SightScores(), scene.skeleton
+    scores, skeleton = CellScores(), scene.skeleton
     if len(scene) < 2:
         return scores
     body = skeleton.indices(BODY)
@@ -87,9 +87,9 @@ def measure_sight(scene: TrackedScene, seen: Observation, tracked: Tracked) -> S
     return scores
 
 
-def measure_transitions(scene: TrackedScene, seen: Observation, tracked: Tracked, kind: str = "") -> SightScores:
+def measure_transitions(scene: TrackedScene, seen: Observation, tracked: Tracked, kind: str = "") -> CellScores:
     """Jerk after each loss and each return of a hand, over the 22 joints; `kind` is `TAKE` for a take."""
-    scores, skeleton = SightScores(), scene.skeleton
+    scores, skeleton = CellScores(), scene.skeleton
     body, truth = skeleton.indices(BODY), scene.placed[0]
     for side in _PAIR:
         mask = observed_points(seen, skeleton)[2][:, skeleton.index(f"{side}_wrist")]
@@ -103,7 +103,7 @@ def measure_transitions(scene: TrackedScene, seen: Observation, tracked: Tracked
 
 
 def _measure_motion(
-    scores: SightScores, position: np.ndarray, truth: np.ndarray, has: np.ndarray, masks: np.ndarray
+    scores: CellScores, position: np.ndarray, truth: np.ndarray, has: np.ndarray, masks: np.ndarray
 ) -> None:
     """Jumps, frozen points and re-entries of the 22 joints."""
     jumps, near = sight.jump_frames(position, truth, JUMP / 100), sight.near_change(masks)[1:]
@@ -114,7 +114,7 @@ def _measure_motion(
     scores.add_values("reentry", sight.reentry_speeds(position, has, RATE))
 
 
-def _measure_stance(scores: SightScores, scene: TrackedScene, position: np.ndarray) -> None:
+def _measure_stance(scores: CellScores, scene: TrackedScene, position: np.ndarray) -> None:
     """Feet, knees and steps."""
     skeleton, truth = scene.skeleton, scene.placed[0]
     rest = rest_heights(skeleton)

@@ -18,7 +18,7 @@ from bodysense_lab.completion.measures import REGIONS
 from bodysense_lab.completion.options import BODIES, Body, Fault
 from bodysense_lab.completion.scenes import TRUTH_OF, Truth
 from bodysense_lab.completion.scores import Calibration, RunningScores
-from bodysense_lab.completion.sight_scores import SightScores
+from bodysense_lab.completion.sight_scores import CellScores
 from bodysense_lab.completion.tracking import CLIPS, FRAMES, EdgeScore
 from bodysense_lab.datasets import Census, DataSet, describe
 from bodysense_lab.table import Cell, Report, cell, finite
@@ -49,22 +49,21 @@ class WorstFrame:
 
 @dataclass(frozen=True)
 class CompletionTable:
-    """RunningScores of every cell by category group, calibrations of the main group, and baselines and other scores."""
+    """Scores of every cell by category group, calibrations of the main group, and baselines and other scores."""
 
     settings: CompletionSettings
-    cells: dict[tuple[str, Body, str], RunningScores] = field(default_factory=dict, repr=False)
+    cells: dict[tuple[str, Body, str], CellScores] = field(default_factory=dict, repr=False)
     calibrations: dict[tuple[str, Body, str], Calibration] = field(default_factory=dict, repr=False)  # by region
-    sights: dict[tuple[str, Body, str], SightScores] = field(default_factory=dict, repr=False)
     worst: list[WorstFrame] = field(default_factory=list, repr=False)  # of each fault, clip and cell, main group
     truths: dict[tuple[Truth, str], RunningScores] = field(default_factory=dict, repr=False)
     baselines: dict[tuple[str, Truth, str], RunningScores] = field(default_factory=dict, repr=False)
-    people: dict[tuple[str, Body, str], RunningScores] = field(default_factory=dict, repr=False)  # of the main group
+    people: dict[tuple[str, Body, str], RunningScores] = field(default_factory=dict, repr=False)  # headline, main group
     times: dict[tuple[str, Body], np.ndarray] = field(default_factory=dict, repr=False)  # (N,) s a step
     lattice: list[EdgeScore] = field(default_factory=list, repr=False)
 
     def merge(self, other: CompletionTable) -> None:
         """Count what another table of the same settings has counted."""
-        for name in ("cells", "calibrations", "sights", "truths", "baselines", "people"):
+        for name in ("cells", "calibrations", "truths", "baselines", "people"):
             ours = getattr(self, name)
             for key, scores in getattr(other, name).items():
                 ours.setdefault(key, type(scores)()).merge(scores)
@@ -128,7 +127,7 @@ class CompletionTable:
 
     def _by_cell(self) -> Iterator[tuple[str, str, RunningScores]]:
         """Yield how the keys of scores begin, their group, and the scores."""
-        for (sensors, body, group), one in (*self.cells.items(), *self.sights.items()):
+        for (sensors, body, group), one in self.cells.items():
             yield f"{sensors}_{body}", group, one
         for (truth, group), one in self.truths.items():
             yield f"truth_{truth}", group, one
