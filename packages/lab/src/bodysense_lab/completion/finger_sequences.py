@@ -8,6 +8,7 @@ from functools import partial
 
 import numpy as np
 
+from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.rotation import quaternion_conjugate, quaternion_exp, quaternion_multiply, quaternion_rotate
 from bodysense.body.skeleton import BODY, default_skeleton
 from bodysense_lab.completion.corpus import Corpus
@@ -260,18 +261,12 @@ def hand_kinematics(local: np.ndarray, rest_offset: np.ndarray) -> tuple[np.ndar
         local: (T, 2, 15, 4) wxyz, parent ← joint.
         rest_offset: (2, 20, 3) m.
     """
-    rotation = np.empty_like(local)
-    position = np.empty((*local.shape[:2], FINGER_POINTS, 3))
-    for point, above in enumerate(PARENT_PLACES):
-        if above < 0:
-            position[..., point, :] = rest_offset[:, point]
-        else:
-            bone = quaternion_rotate(rotation[..., above, :], rest_offset[:, point])
-            position[..., point, :] = position[..., above, :] + bone
-        if point < FINGER_JOINTS:
-            turned = local[..., point, :]
-            rotation[..., point, :] = turned if above < 0 else quaternion_multiply(rotation[..., above, :], turned)
-    return rotation, position
+    rotation = np.tile([1.0, 0.0, 0.0, 0.0], (len(local), len(default_skeleton().joints), 1))
+    offset = np.zeros_like(default_skeleton().rest_offset)  # of a body whose wrists are at the origin
+    rotation[:, HAND_JOINTS], offset[HAND_POINTS] = local, rest_offset
+    hands = Pose(default_skeleton().with_offsets(offset), np.zeros((len(local), 3)), rotation)
+    position, world = forward_kinematics(hands)
+    return np.asarray(world)[:, HAND_JOINTS], np.asarray(position)[:, HAND_POINTS]
 
 
 def _parent_places() -> list[int]:
