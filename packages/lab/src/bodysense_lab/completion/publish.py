@@ -95,14 +95,12 @@ def _sampled(
         if t % _STRIDE == 0:
             known = (estimate.points, estimate.confidence, estimate.bound, estimate.measured)
             deviations = np.array([state.person(k).bone_deviation[places] for k in range(len(batch))])
-            parts.append((t, *(each[:, 0, places] for each in known), deviations))
+            parts.append((*(each[:, 0, places] for each in known), deviations))
+    sampled = [np.stack(part) for part in zip(*parts, strict=True)]  # (F, B, 25, ...)
     rows = []
     for index, (scene, observation) in enumerate(zip(batch, seen, strict=True)):
-        own = [part for part in parts if part[0] < len(scene)]
-        frames = [part[0] for part in own]
-        position, expected, apart, measured, deviation = (
-            np.stack([part[k][index] for part in own]) for k in range(1, 6)
-        )
+        frames = np.arange(0, len(scene), _STRIDE)
+        position, expected, apart, measured, deviation = (part[: len(frames), index] for part in sampled)
         truth = scene.placed[0][frames][:, places]
         # The head is where it is measured: what is missed from it is missed in the world.
         position = position + (truth - position)[:, [BODY.index("head")]]
@@ -115,8 +113,8 @@ def _sampled(
         known = np.concatenate([log, measured, turned, CERTAINTY_SCALE * deviation, alike], axis=1)
         error = np.linalg.norm(position - truth, axis=-1)
         rows.append((known.astype(np.float32), error.astype(np.float32), ~measured))
-    columns = [np.concatenate(column) for column in zip(*rows, strict=True)]
-    return columns[0], columns[1], columns[2]
+    known, error, counts = (np.concatenate(column) for column in zip(*rows, strict=True))
+    return known, error, counts
 
 
 _FIT_STEPS, _TRIAL_STEPS = 3000, 100  # optimiser steps of an error map, and of one in a trial
@@ -198,7 +196,7 @@ def publish(
     beside = out.with_name(f"{out.stem}.uncalibrated.safetensors")
     try:
         write_weights(TrainedNetworks(body, fingers, start, apart), beside, configured)
-        learned, watched = (_scenes(data, (split,), limit, backward) for split in ("train", "val"))
+        learned, watched = (_scenes(data, split, limit, backward) for split in ("train", "val"))
         samples = sample_errors(learned, watched, load_completion(beside))
     finally:
         beside.unlink(missing_ok=True)
@@ -207,9 +205,7 @@ def publish(
     write_weights(TrainedNetworks(body, fingers, mean, bound), out, configured)
 
 
-def _scenes(
-    data: Path, splits: tuple[Split, ...], limit: int | None, backward: bool
-) -> dict[Truth, list[list[TrackedScene]]]:
+def _scenes(data: Path, split: Split, limit: int | None, backward: bool) -> dict[Truth, list[list[TrackedScene]]]:
     """Return batches of scenes of what wearers do, on their own bodies and on unseen ones.
 
     Validation people give all their clips; training people give a few each. The former are few, and how far errors
@@ -218,17 +214,16 @@ def _scenes(
     """
     truths: tuple[Truth, ...] = ("own", "stranger")
     scenes: dict[Truth, list[list[TrackedScene]]] = {truth: [] for truth in truths}
-    for split in splits:
-        clips = [_piece(clip) for clip in learned_clips(data, split, limit) if clip.category in WORN]
-        if split == "train":
-            clips = _few_of_each_person(clips)
-        clips += list(settled_clips(clips))
-        for batch in batches(clips):
-            for truth in truths:
-                found = [scene_of(clip, truth, split) for clip in batch]
-                if backward:
-                    found = [replace(scene, pose=scene.pose[::-1]) for scene in found]
-                scenes[truth].append(found)
+    clips = [_piece(clip) for clip in learned_clips(data, split, limit) if clip.category in WORN]
+    if split == "train":
+        clips = _few_of_each_person(clips)
+    clips += list(settled_clips(clips))
+    for batch in batches(clips):
+        for truth in truths:
+            found = [scene_of(clip, truth, split) for clip in batch]
+            if backward:
+                found = [replace(scene, pose=scene.pose[::-1]) for scene in found]
+            scenes[truth].append(found)
     return scenes
 
 
