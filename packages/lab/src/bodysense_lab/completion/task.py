@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sized
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
@@ -29,13 +30,12 @@ from bodysense_lab.completion.network import (
     turn_about_up,
 )
 from bodysense_lab.completion.options import CompletionTraining
-from bodysense_lab.completion.points import BODY_POINTS, CONTACT, HEAD, INPUT_POINTS, JOINTS, SPIN_PLACES
+from bodysense_lab.completion.points import BODY_POINTS, CONTACT, HEAD, JOINTS, SPIN_PLACES
 from bodysense_lab.completion.postures import low_share, standing_share
-from bodysense_lab.completion.sensor_draws import DrawnSensors, rotation_only
+from bodysense_lab.completion.sensor_draws import worn
 from bodysense_lab.completion.sequences import (
     Draw,
     Sequence,
-    Track,
     TrainingBody,
     draw_sequence,
     make_sequence,
@@ -287,7 +287,8 @@ def validation_batches(corpus: Corpus, stride: int, backward: bool = False) -> d
                 true = corpus.rest_offset[clip].astype(float) if whose == "own" else strangers[place]
                 body = TrainingBody(true, true, np.zeros(len(true)))
                 rng = np.random.default_rng([7, clip])
-                pieces.append(make_sequence(corpus, clip, Draw(body, track=_worn(name), backward=backward), rng))
+                drawn = Draw(body, track=partial(worn, SENSOR_SETS[name]), backward=backward)
+                pieces.append(make_sequence(corpus, clip, drawn, rng))
             batches[f"{name}_{whose}"] = whole_batches(pieces, collate)
     return batches
 
@@ -298,21 +299,6 @@ def whole_batches(sequences: list[S], collate: Callable[[list[tuple[S, int]], in
     return [
         collate([(one, 0) for one in group], max(map(len, group)), np.ones(len(group), dtype=bool)) for group in groups
     ]
-
-
-def _worn(name: str) -> Track:
-    """A named set of sensors."""
-
-    def track(visible: np.ndarray, interval: float, rng: np.random.Generator) -> DrawnSensors:
-        del interval, rng
-        sensors, frames = SENSOR_SETS[name], len(visible)
-        position, rotation = np.isin(INPUT_POINTS, sensors.position), np.isin(BODY, sensors.rotation)
-        has_position = (visible | position) if sensors.camera else np.tile(position, (frames, 1))
-        has_rotation = np.tile(rotation, (frames, 1))
-        felt = rotation_only(has_position, has_rotation)
-        return DrawnSensors(has_position, has_rotation, np.ones(frames, dtype=bool), felt)
-
-    return track
 
 
 _VALIDATION_STRIDE = 3  # of the validation clips every n-th is scored at a checkpoint
