@@ -91,7 +91,7 @@ def _from_arrays(stored: Mapping[str, np.ndarray], settings: CompletionSettings)
     table, rows = CompletionTable(settings), json.loads(str(stored["rows"]))
     table.worst.extend(WorstFrame(**row) for row in rows["worst"])
     for field in (*_MEANS, "sights"):
-        found = table.cells if field == "sights" else getattr(table, field)
+        found: Any = getattr(table, "cells" if field == "sights" else field)
         for *key, row in rows[field]:
             one = found.setdefault(tuple(key), CellScores() if found is table.cells else RunningScores())
             for name, (total, weight) in row.items():
