@@ -12,7 +12,7 @@ import argparse
 import json
 from pathlib import Path
 
-from bodysense_lab.completion.publish import publish_rounded
+from bodysense_lab.completion.publish import publish
 from bodysense_lab.completion.weights_file import read_safetensors, read_weights
 
 
@@ -27,7 +27,7 @@ def main() -> None:
     body, fingers = read_weights(args.network)
     _, metadata = read_safetensors(args.network)
     card = {name: json.loads(value) for name, value in metadata.items() if name != "format"}
-    publish_rounded(body, fingers, args.data, args.out, card, args.limit, card.get("backward", False))
+    publish(body, fingers, args.data, args.out, card, args.limit, card.get("backward", False))
 
 
 if __name__ == "__main__":

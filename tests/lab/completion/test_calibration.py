@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import spearmanr
 
-from bodysense_lab.completion.measures import Calibration
+from bodysense_lab.completion.scores import Calibration
 
 NORMAL = 1.567  # 90 % quantile of lengths of normal errors in space, by their mean
 
@@ -20,7 +20,7 @@ def normal_errors(count: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
 
 def of(expected: np.ndarray, error: np.ndarray) -> Calibration:
     one = Calibration()
-    one.add(expected, error, NORMAL * expected)
+    one.add_errors(expected, error, NORMAL * expected)
     return one
 
 
@@ -56,5 +56,5 @@ def test_parts_add_up() -> None:
 def test_nothing_counted_is_nan() -> None:
     one = Calibration()
     assert all(np.isnan(value) for value in (one.ece, one.coverage, one.rank_correlation))
-    one.add(np.zeros(0), np.zeros(0), np.zeros(0))
+    one.add_errors(np.zeros(0), np.zeros(0), np.zeros(0))
     assert one.count == 0 and np.isnan(one.ece)

@@ -26,7 +26,6 @@ from bodysense_lab.completion.joining_task import (
     JoiningTaskConfig,
     joined_rotation,
     make_errors_true,
-    multiplied,
     placed,
     write_joining,
 )
@@ -184,8 +183,7 @@ def test_the_true_error_is_the_cheapest_expectation(takes: list[JoinedTake]) -> 
 
 
 def multiplied_by(rotation: np.ndarray, angle: float) -> np.ndarray:
-    turn = torch.tensor([np.cos(angle / 2), 0.0, 0.0, np.sin(angle / 2)], dtype=torch.float64)
-    return multiplied(torch.from_numpy(rotation.astype(np.float64)), turn.expand(len(rotation), 4)).numpy()
+    return quaternion_multiply(rotation.astype(np.float64), quaternion_exp(np.array([0.0, 0.0, angle])))
 
 
 def test_every_kind_of_take_is_drawn(monkeypatch: pytest.MonkeyPatch) -> None:

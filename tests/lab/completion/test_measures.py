@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from bodysense.body.skeleton import default_skeleton
-from bodysense_lab.completion.measures import Averages, motion_measures
+from bodysense_lab.completion.measures import motion_measures
+from bodysense_lab.completion.scores import RunningScores
 
 BODY = default_skeleton()
 FEET = [BODY.index(f"{side}_foot") for side in ("left", "right")]
@@ -22,7 +23,7 @@ def sliding(frames: int, standing: int, speed: float) -> tuple[np.ndarray, np.nd
 
 
 def test_skate_is_averaged_over_standing_frames_not_over_clips() -> None:
-    whole = Averages()
+    whole = RunningScores()
     for frames, standing, speed in ((61, 61, 0.01), (201, 21, 0.1)):
         whole.merge(motion_measures(*sliding(frames, standing, speed), BODY))
     assert whole.get("skate_cm_s") == pytest.approx((60 * 1.0 + 20 * 10.0) / 80)

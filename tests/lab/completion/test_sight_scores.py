@@ -22,10 +22,11 @@ from bodysense.io.resample import resample
 from bodysense.observation import Observation, check_observation
 from bodysense_lab.completion.blinks import EVERY, FINGER, gap_seconds, lose_hands, with_finger
 from bodysense_lab.completion.kept import KeptClips
-from bodysense_lab.completion.quantiles import Quantiles
+from bodysense_lab.completion.measures import count_jumps
 from bodysense_lab.completion.scenes import TrackedScene
+from bodysense_lab.completion.scores import histogram, percentile
 from bodysense_lab.completion.scoring import evaluate_completion
-from bodysense_lab.completion.sight_scores import SightScores, count_body_jumps, measure_sight, measure_transitions
+from bodysense_lab.completion.sight_scores import CellScores, measure_sight, measure_transitions
 from bodysense_lab.completion.tables import CompletionSettings, WorstFrame
 from bodysense_lab.completion.tracking import Tracked, track_people
 from bodysense_lab.completion.worst import draw_worst, worst_frames
@@ -149,23 +150,20 @@ def test_a_finger_blinks_and_nothing_else_changes(scene: TrackedScene, seen: Obs
 
 @given(st.lists(st.floats(0, 100), min_size=1, max_size=50), st.sampled_from([5, 50, 95]))
 def test_quantiles_are_true_to_one_percent(values: list[float], percent: float) -> None:
-    quantiles = Quantiles()
-    quantiles.add(np.array(values[: len(values) // 2]))
-    other = Quantiles()
-    other.add(np.array(values[len(values) // 2 :]))
-    quantiles.merge(other)
+    half = len(values) // 2
+    count = histogram(np.array(values[:half])) + histogram(np.array(values[half:]))
     exact = float(np.percentile(values, percent, method="inverted_cdf"))
-    assert quantiles.at(percent) == pytest.approx(exact, rel=0.011, abs=2e-6)
-    assert math.isnan(Quantiles().at(50))
+    assert percentile(count, percent) == pytest.approx(exact, rel=0.011, abs=2e-6)
+    assert math.isnan(percentile(np.zeros(9), 50))
 
 
 def test_scores_of_parts_are_those_of_the_whole(scenes: list[TrackedScene]) -> None:
-    whole, parts = SightScores(), []
+    whole, parts = CellScores(), []
     for scene in scenes[:2]:
         shaken = scene.placed[0] + np.random.default_rng(3).normal(0, 0.02, scene.placed[0].shape)
         parts.append(measure_sight(scene, scene.observe(SENSOR_SETS["headset_camera"]), exact(scene, shaken)))
         whole.merge(parts[-1])
-    shares = [(one.averages.get("measured_covered"), one.averages.weight["measured_covered"]) for one in parts]
+    shares = [(one.get("measured_covered"), one.weight["measured_covered"]) for one in parts]
     mean = sum(value * weight for value, weight in shares) / sum(weight for _, weight in shares)
     assert whole.numbers()["measured_covered"] == pytest.approx(mean)
 
@@ -231,5 +229,5 @@ def test_a_finger_that_blinks_makes_no_body_jump(sensors: str) -> None:
     jumps = []
     for blinking in (False, True):
         (tracked,) = track_people([Person(scene.skeleton)], [with_finger(seen, place, blinking)])
-        jumps.append(count_body_jumps(scene, tracked.position))
+        jumps.append(count_jumps(tracked.position, scene))
     assert jumps[1] <= jumps[0]

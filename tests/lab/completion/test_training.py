@@ -86,7 +86,7 @@ def made(corpus: Corpus, offset: np.ndarray, mirrored: bool, position: np.ndarra
         frames = len(visible)
         has_position, has_rotation = np.tile(position, (frames, 1)), np.tile(rotation, (frames, 1))
         felt = rotation_only(has_position, has_rotation)
-        return DrawnSensors(has_position, has_rotation, np.ones(frames, dtype=bool), felt)
+        return DrawnSensors(has_position, has_rotation, felt)
 
     body = TrainingBody(offset, offset, np.zeros(len(offset)))
     return make_sequence(corpus, 0, Draw(body, track=track, mirrored=mirrored), np.random.default_rng(0))

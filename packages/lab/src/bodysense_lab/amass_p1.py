@@ -118,8 +118,7 @@ def _inside(line: str, name: str) -> PurePosixPath:
 
 
 def _spelling(path: Path | PurePosixPath) -> tuple[str, ...]:
-    *folders, name = path.with_suffix("").parts
-    plain = [re.sub(r"[\W_]", "", part.lower()) for part in (*folders, name)]
+    plain = [re.sub(r"[\W_]", "", part.lower()) for part in path.with_suffix("").parts]
     return (*plain[:-1], _ENDING.sub("", plain[-1]))
 
 
@@ -138,18 +137,14 @@ def read_clip(source: Source, model: Path | None) -> Clip:
     return replace(placed(clip, placement_of(footing_of(clip), has_bones=True)), person=source.person)
 
 
-def score(clip: Clip, track: TrackPeople) -> dict[str, float]:
-    """Return the measures of a clip tracked from head and hands, frame after frame, on its known body."""
+def score_source(source: Source, model: Path | None, track: TrackPeople) -> dict[str, float]:
+    """Return the measures of a file's motion, tracked from head and hands, frame after frame, on its known body."""
+    clip = read_clip(source, model)
     pose = clip.pose
     truth = np.asarray(forward_kinematics(pose)[0])[:, :22]
     seen = observe(pose, clip.time, THREE_POINT)
     (tracked,) = track([Person(pose.skeleton)], [seen])
     return measure(tracked.position[:, :22], tracked.rotation[:, :22], truth, pose.rotation[:, :22])
-
-
-def score_source(source: Source, model: Path | None, track: TrackPeople) -> dict[str, float]:
-    """Return the measures of a file's motion."""
-    return score(read_clip(source, model), track)
 
 
 def measure(

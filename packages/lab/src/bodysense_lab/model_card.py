@@ -37,7 +37,7 @@ class Kind:
     head: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]  # cells, with figures as `{name:.2f}`, in which `MODEL` is the card's model
     not_for: str
-    tags: tuple[str, ...]  # of the front matter
+    tags: tuple[str, ...] = ("human-pose", "virtual-reality")  # of the front matter, after the first
     has_optional_rows: bool = False  # whether rows but for the first are left out without their figures
 
     def filled(self, figures: Numbers, model: object) -> tuple[list[tuple[str, ...]], set[str]]:
@@ -138,13 +138,14 @@ def card_text(name: str, kind: Kind, fields: Mapping[str, str]) -> str:
             "",
             *(f"| {' | '.join(row)} |" for row in rows),
         ]
-    lines = [f"# {name}", "", kind.what, "", *network_lines(read), *tested, "", f"Not for: {kind.not_for}", ""]
+    unfit = f"Not for: {kind.not_for}; identifying people, medical judgement."
+    lines = [f"# {name}", "", kind.what, "", *network_lines(read), *tested, "", unfit, ""]
     return front_matter(name, kind, fields) + "\n".join(lines)
 
 
 def front_matter(name: str, kind: Kind, fields: Mapping[str, str]) -> str:
     """The YAML at the head of a card, by which model hubs list a network."""
-    tags = (*kind.tags, "onnx" if name.endswith(".onnx") else "safetensors")
+    tags = ("motion-capture", *kind.tags, "onnx" if name.endswith(".onnx") else "safetensors")
     licence = fields_read(fields)["licence"]
     return "\n".join(
         [
@@ -243,8 +244,6 @@ _ARMS = tuple(
         ("twist of the forearm, degrees", "forearm_twist_deg", 1),
     )
 )
-_NOBODY = "identifying people, medical judgement."
-
 KINDS = {
     (learned.FORMAT, ""): Kind(
         "Completes a body and its fingers from what a headset's cameras see (UNOC, Parger et al. 2021).",
@@ -253,8 +252,7 @@ KINDS = {
         ("part", "joints", "last known", "this network"),
         _BODY,
         "bodies whose limbs differ from the skeleton's; hands that hold things, for fingers were learned from half an "
-        f"hour of avatar animation; {_NOBODY}",
-        ("motion-capture", "human-pose", "virtual-reality"),
+        "hour of avatar animation",
         has_optional_rows=True,
     ),
     (point_model.FORMAT, "fingers"): Kind(
@@ -263,8 +261,7 @@ KINDS = {
         "Test actions, main motions, finger joints and tips from their wrist, RMSJPE / MPJPE in cm",
         ("method", "cm"),
         _FINGERS,
-        f"gestures that mean something, hands that hold or use things; {_NOBODY}",
-        ("motion-capture", "human-pose", "virtual-reality"),
+        "gestures that mean something, hands that hold or use things",
     ),
     (point_model.FORMAT, "upper-body"): Kind(
         "Places the upper body of a headset and two controllers (UNOC, Parger et al. 2021, section 5.2).",
@@ -272,8 +269,7 @@ KINDS = {
         "Test people, main motions, RMSJPE / MPJPE in cm, beside inverse kinematics after Parger et al. 2018",
         ("joints", "network", "inverse kinematics"),
         _UPPER_BODY,
-        f"legs, of which it knows nothing; floors that are not at y = 0; {_NOBODY}",
-        ("motion-capture", "human-pose", "virtual-reality"),
+        "legs, of which it knows nothing; floors that are not at y = 0",
     ),
     (weights_file.FORMAT, ""): Kind(
         "Completes a whole body, in rotations, from any points that are tracked, on any adult's proportions.",
@@ -282,8 +278,7 @@ KINDS = {
         "the recording's body, known; of a stranger's, known; only the height known; nothing known",
         ("sensors", "own", "stranger", "height", "nothing"),
         _COMPLETION,
-        f"children; people who carry or use things; {_NOBODY}",
-        ("motion-capture", "human-pose", "virtual-reality"),
+        "children; people who carry or use things",
     ),
     (joining_network.FORMAT, ""): Kind(
         "Joins the two answers of a recording, one that knows its past and one that knows its future, to one body.",
@@ -292,8 +287,7 @@ KINDS = {
         "and with the future, and local rotations with it, degrees",
         ("sensors", "live cm", "take cm", "take rotation °"),
         _TAKES,
-        f"live tracking; children; people who carry or use things; {_NOBODY}",
-        ("motion-capture", "human-pose", "virtual-reality"),
+        "live tracking; children; people who carry or use things",
     ),
     (glove.MARKER_FORMAT, ""): Kind(
         "Fills hidden markers of a glove from those that are seen (Pavllo et al. 2019, section 3.2.2).",
@@ -301,8 +295,8 @@ KINDS = {
         "Test actions, main motions, error of hidden markers on the last frame before they return, cm",
         _DURATIONS,
         _GLOVE,
-        f"gloves with markers in other places; hands that hold things; {_NOBODY}",
-        ("motion-capture", "hand-tracking", "gloves"),
+        "gloves with markers in other places; hands that hold things",
+        ("hand-tracking", "gloves"),
     ),
     (glove.JOINT_FORMAT, ""): Kind(
         "Tells the 26 angles of a hand from the nine markers of a glove (Pavllo et al. 2019, section 3.2.3).",
@@ -310,8 +304,8 @@ KINDS = {
         "Test actions, main motions, error of the joints of fingers through the whole pipeline, cm",
         _DURATIONS,
         (("0", "{nn_0_cm:.2f}", "", "", "", ""), *_GLOVE),
-        f"gloves with markers in other places; hands that hold things; {_NOBODY}",
-        ("motion-capture", "hand-tracking", "gloves"),
+        "gloves with markers in other places; hands that hold things",
+        ("hand-tracking", "gloves"),
     ),
     (arms.FORMAT, ""): Kind(
         "Turns arms and hands as key-points of a video show them (PAHMT, Liu et al. 2022).",
@@ -319,8 +313,8 @@ KINDS = {
         "Test actions, main motions, before simulated cameras whose detector errs",
         ("what", "this network", "inverse kinematics on the true positions"),
         _ARMS,
-        f"hands that hold things, for fingers were learned from avatar animation; {_NOBODY}",
-        ("motion-capture", "human-pose", "video"),
+        "hands that hold things, for fingers were learned from avatar animation",
+        ("human-pose", "video"),
     ),
     (body_vae.FORMAT, ""): Kind(
         "Draws whole bodies, several for one signal of head and hands or from nothing (HMD-VAE, Dittadi et al. 2021).",
@@ -329,7 +323,6 @@ KINDS = {
         "validation",
         ("joints", "position error, cm", "velocity error, cm/s", "acceleration, m/s²"),
         _VAE,
-        f"the most accurate body, which is the tracker's; floors that are not at y = 0; {_NOBODY}",
-        ("motion-capture", "human-pose", "virtual-reality"),
+        "the most accurate body, which is the tracker's; floors that are not at y = 0",
     ),
 }

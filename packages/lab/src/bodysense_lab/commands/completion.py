@@ -27,7 +27,7 @@ def completion(run: Flat[CompletionTraining]) -> None:
 
     Training resumes from the checkpoints in the folder of the run. The 6200 steps take an hour and a half of one core.
     """
-    from bodysense_lab.completion.publish import publish
+    from bodysense_lab.completion.publish import publish, rounded
     from bodysense_lab.completion.task import CompletionTask, train_completion
     from bodysense_lab.completion.train_fingers import fingers_of_completion
     from bodysense_lab.fit import announced
@@ -40,7 +40,8 @@ def completion(run: Flat[CompletionTraining]) -> None:
         return
     card = {"training_data": run.data_note or str(run.data.name), "licence": run.licence}
     card |= {"backward": run.backward, "seed": run.schedule.seed, "steps": run.schedule.steps}
-    publish(body.eval(), fingers.eval(), run.data, run.out, card, run.limit, run.backward)
+    body = rounded(body.eval(), run.data, run.limit, run.backward)
+    publish(body, fingers.eval(), run.data, run.out, card, run.limit, run.backward)
     print(f"wrote {run.out}")
 
 

@@ -18,14 +18,11 @@ def commands() -> SubcommandApp:
     group.command(unoc.finger_synthesis)
     group.command(name="hmd-vae")(hmd_vae.hmd_vae_figures)
     group.command(hmd_vae.hmd_vae_figure4)
-    for command in (arms.pahmt_table1, rendering.video_rendered, unoc.unoc_table1, unoc.unoc_table2, unoc.unoc_table3):
+    for command in (
+        *(arms.pahmt_table1, rendering.video_rendered, unoc.unoc_table1, unoc.unoc_table2, unoc.unoc_table3),
+        *(unoc.unoc_table4, unoc.unoc_table5, unoc.unoc_table6, unoc.unoc_smoothness, unoc.reliability),
+        *(unoc.transitions, gloves.gloves_occlusion, gloves.gloves_limits, gloves.gloves_table3),
+        *(gloves.gloves_table4, gloves.gloves_layouts, gloves.gloves_fusion, gloves.gloves_settings),
+    ):
         group.command(command)
-    for command in (unoc.unoc_table4, unoc.unoc_table5, unoc.unoc_table6, unoc.unoc_smoothness, unoc.reliability):
-        group.command(command)
-    for command in (unoc.transitions, gloves.gloves_occlusion, gloves.gloves_limits, gloves.gloves_table3):
-        group.command(command)
-    group.command(gloves.gloves_table4)
-    group.command(gloves.gloves_layouts)
-    group.command(gloves.gloves_fusion)
-    group.command(gloves.gloves_settings)
     return group

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+from scipy.ndimage import convolve1d
 
 from bodysense.body.pose import forward_kinematics
 from bodysense.body.rotation import heading, quaternion_conjugate, quaternion_rotate
@@ -19,6 +20,7 @@ from bodysense.errors import BodysenseError
 from bodysense.files import cache_folder, make_folder, written_beside
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
+from bodysense_lab.completion.wearers import rest_heights
 from bodysense_lab.datasets import count_clips, open_clips
 
 FORMAT = "bodysense-mean-body-2"
@@ -95,7 +97,7 @@ def cached_mean_body(data: Path, advance: Callable[[Clip], None] = lambda clip: 
 
 def _rest_height(skeleton: Skeleton) -> float:
     """Height of the head joint over the floor in the rest pose, metres."""
-    return float(skeleton.rest_offset[0, 1] + (skeleton.path @ skeleton.rest_offset)[skeleton.index("head"), 1])
+    return float(rest_heights(skeleton)[skeleton.index("head")])
 
 
 def _cells(
@@ -119,8 +121,5 @@ def _between(grid: np.ndarray, value: np.ndarray) -> tuple[np.ndarray, np.ndarra
 def _spread(table: np.ndarray) -> np.ndarray:
     """The sums of a table's cells and, with less weight, of their neighbours'."""
     for axis in (0, 1):
-        padded = np.pad(table, [(1, 1) if k == axis else (0, 0) for k in range(table.ndim)])
-        size = table.shape[axis]
-        shifted = np.stack([padded.take(range(k, k + size), axis) for k in range(3)], axis=-1)
-        table = shifted @ _SMOOTH
+        table = convolve1d(table, _SMOOTH, axis, mode="constant")
     return table

@@ -13,30 +13,31 @@ from bodysense_lab.completion.points import (
     ACCELERATED,
     BODY_POINTS,
     INPUT_POINTS,
-    JOINTS,
-    PLACED,
-    READ,
     SPIN_PLACES,
     SPINNING,
     partners,
 )
 
-# Per frame: what is read, and how many numbers it has.
-WIDTHS = {
-    "position": 3 * READ,
-    "has_position": READ,
-    "velocity": 3 * READ,
-    "accuracy": READ,
-    "axes": 6 * JOINTS,
-    "has_rotation": JOINTS,
-    "spin": 6 * len(SPINNING),
-    "bones": 3 * PLACED,
-    "certainty": PLACED,
-    "interval": 1,
-    # Features that networks of earlier releases do not read come last, so that their tables only lack columns.
-    "acceleration": 3 * len(ACCELERATED),
-    "has_acceleration": len(ACCELERATED),
+# Per frame: what is read, of which points. Features that networks of earlier releases do not read come last, so that
+# their tables only lack columns.
+_READ = {
+    "position": ("vector", INPUT_POINTS),
+    "has_position": ("number", INPUT_POINTS),
+    "velocity": ("vector", INPUT_POINTS),
+    "accuracy": ("number", INPUT_POINTS),
+    "axes": ("axes", BODY),
+    "has_rotation": ("number", BODY),
+    "spin": ("axes", SPINNING),
+    "bones": ("vector", BODY_POINTS),
+    "certainty": ("number", BODY_POINTS),
+    "interval": ("number", ("interval",)),
+    "acceleration": ("vector", ACCELERATED),
+    "has_acceleration": ("number", ACCELERATED),
 }
+# Signs of the numbers of each kind in a mirror. Axes are rows x, y, z of two columns: a mirrored rotation changes the
+# sign of its x row and of its x column.
+_MIRRORED = {"number": (1.0,), "vector": (-1.0, 1.0, 1.0), "axes": (1.0, -1.0, -1.0, 1.0, -1.0, 1.0)}
+WIDTHS = {name: len(_MIRRORED[kind]) * len(of) for name, (kind, of) in _READ.items()}
 _FASTEST, _SWIFTEST = 5.0, 15.0  # m/s, and change of axes per second: larger values are clipped
 _STRONGEST, _ACCELERATION_SCALE = 50.0, 0.1  # m/s², likewise; 10 m/s² is 1
 _USUAL_INTERVAL = 1 / 30  # s
@@ -109,46 +110,15 @@ def features_of(signal: TrackedSignal, usual_bones: Tensor) -> Tensor:
     return torch.cat(list(rows), dim=-1)
 
 
-def _mirror_parts() -> dict[str, tuple[list[int], list[float]]]:
-    """For each kind of feature where its mirror image comes from, and with which sign."""
-
-    def vectors(of: list[int]) -> tuple[list[int], list[float]]:
-        return [3 * k + axis for k in of for axis in range(3)], [-1.0, 1.0, 1.0] * len(of)
-
-    def axes(of: list[int]) -> tuple[list[int], list[float]]:
-        # Rows x, y, z of two columns: a mirrored rotation changes the sign of its x row and of its x column.
-        return [6 * k + part for k in of for part in range(6)], [1.0, -1.0, -1.0, 1.0, -1.0, 1.0] * len(of)
-
-    def plain(of: list[int]) -> tuple[list[int], list[float]]:
-        return of, [1.0] * len(of)
-
-    points, joints, placed = partners(INPUT_POINTS), partners(BODY), partners(BODY_POINTS)
-    accelerated = partners(ACCELERATED)
-    return {
-        "position": vectors(points),
-        "has_position": plain(points),
-        "velocity": vectors(points),
-        "accuracy": plain(points),
-        "axes": axes(joints),
-        "has_rotation": plain(joints),
-        "spin": axes(partners(SPINNING)),
-        "bones": vectors(placed),
-        "certainty": plain(placed),
-        "interval": plain([0]),
-        "acceleration": vectors(accelerated),
-        "has_acceleration": plain(accelerated),
-    }
-
-
 def mirror_places() -> list[int]:
     """(F,) where each feature's mirror image is read."""
-    places, first = [], 0
-    for name, width in WIDTHS.items():
-        places += [first + place for place in _mirror_parts()[name][0]]
-        first += width
+    places = list[int]()
+    for kind, of in _READ.values():
+        first, width = len(places), len(_MIRRORED[kind])
+        places += [first + width * point + part for point in partners(of) for part in range(width)]
     return places
 
 
 def mirror_signs() -> list[float]:
     """(F,) by what it is multiplied."""
-    return [sign for name in WIDTHS for sign in _mirror_parts()[name][1]]
+    return [sign for kind, of in _READ.values() for _ in of for sign in _MIRRORED[kind]]

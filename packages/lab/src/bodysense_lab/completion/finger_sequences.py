@@ -8,13 +8,15 @@ from functools import partial
 
 import numpy as np
 
+from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.rotation import quaternion_conjugate, quaternion_exp, quaternion_multiply, quaternion_rotate
 from bodysense.body.skeleton import BODY, default_skeleton
+from bodysense.devices.simulated.sensors import HEADSET_CAMERA
 from bodysense_lab.completion.corpus import Corpus
 from bodysense_lab.completion.fingers import FINGER_JOINTS, FINGER_POINTS, HAND_JOINTS, HAND_POINTS, SIDES
 from bodysense_lab.completion.generated_fingers import RATE
-from bodysense_lab.completion.points import ACCELERATED, HEAD, INPUT_POINTS, KNUCKLES, READ
-from bodysense_lab.completion.sensor_draws import DrawnSensors, spans
+from bodysense_lab.completion.points import HEAD, INPUT_POINTS, KNUCKLES
+from bodysense_lab.completion.sensor_draws import spans, worn
 from bodysense_lab.completion.sequences import (
     LONGEST,
     Draw,
@@ -133,7 +135,7 @@ def make_finger_sequence(
         moved: whether random motion is added to the recorded fingers.
     """
     # The headset's cameras stand for every device here: what they see of the hands is in the masks that come back.
-    body = make_sequence(corpus, clip, replace(draw, track=_camera), rng)
+    body = make_sequence(corpus, clip, replace(draw, track=partial(worn, HEADSET_CAMERA)), rng)
     rate = draw.rate
     local = _resampled(corpus, clip, draw) if local is None else local
     if moved:
@@ -260,18 +262,12 @@ def hand_kinematics(local: np.ndarray, rest_offset: np.ndarray) -> tuple[np.ndar
         local: (T, 2, 15, 4) wxyz, parent ← joint.
         rest_offset: (2, 20, 3) m.
     """
-    rotation = np.empty_like(local)
-    position = np.empty((*local.shape[:2], FINGER_POINTS, 3))
-    for point, above in enumerate(PARENT_PLACES):
-        if above < 0:
-            position[..., point, :] = rest_offset[:, point]
-        else:
-            bone = quaternion_rotate(rotation[..., above, :], rest_offset[:, point])
-            position[..., point, :] = position[..., above, :] + bone
-        if point < FINGER_JOINTS:
-            turned = local[..., point, :]
-            rotation[..., point, :] = turned if above < 0 else quaternion_multiply(rotation[..., above, :], turned)
-    return rotation, position
+    rotation = np.tile([1.0, 0.0, 0.0, 0.0], (len(local), len(default_skeleton().joints), 1))
+    offset = np.zeros_like(default_skeleton().rest_offset)  # of a body whose wrists are at the origin
+    rotation[:, HAND_JOINTS], offset[HAND_POINTS] = local, rest_offset
+    hands = Pose(default_skeleton().with_offsets(offset), np.zeros((len(local), 3)), rotation)
+    position, world = forward_kinematics(hands)
+    return np.asarray(world)[:, HAND_JOINTS], np.asarray(position)[:, HAND_POINTS]
 
 
 def _parent_places() -> list[int]:
@@ -281,15 +277,6 @@ def _parent_places() -> list[int]:
 
 
 PARENT_PLACES = _parent_places()
-
-
-def _camera(visible: np.ndarray, interval: float, rng: np.random.Generator) -> DrawnSensors:
-    """Draw the sensors of a headset: the points that its cameras see, and the head's pose."""
-    del interval, rng
-    known = np.ones(len(visible), dtype=bool)
-    assert visible.shape[1] == READ
-    turned, felt = (np.zeros((len(visible), count), dtype=bool) for count in (_BODY_JOINTS, len(ACCELERATED)))
-    return DrawnSensors(visible, turned, known, felt)
 
 
 def _resampled(corpus: Corpus, clip: int, draw: Draw) -> np.ndarray:

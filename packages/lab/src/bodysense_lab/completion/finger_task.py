@@ -37,6 +37,7 @@ from bodysense_lab.completion.fingers import (
     FingerSignal,
 )
 from bodysense_lab.completion.sequences import Draw, TrainingBody
+from bodysense_lab.completion.task import length, whole_batches
 from bodysense_lab.fit import Task, cut, played
 from bodysense_lab.options import Schedule
 from bodysense_lab.precision import layer_autocast
@@ -206,8 +207,7 @@ def finger_losses(rotation: Tensor, error: Tensor, batch: FingerBatch, weights: 
     pairs = both.sum().clamp(min=1) * 2
     too_fast = (missed[:, 1:] - missed[:, :-1]) / batch.signal.interval[:, 1:, None, None, None]
     # Laplace likelihood: its optimum is the mean distance. The positions are not pulled by it.
-    distance = torch.sqrt((missed.detach() ** 2).sum(dim=-1) + 1e-10)
-    likelihood = distance / error + torch.log(error)
+    likelihood = length(missed.detach()) / error + torch.log(error)
     terms = {
         "rotation": (angle * valid).sum() / count / FINGER_JOINTS * weights.rotation,
         "position": (missed.abs().mean(dim=-1) * valid).sum() / count / FINGER_POINTS * weights.position,
@@ -242,7 +242,6 @@ def collate_fingers(pieces: list[tuple[FingerSequence, int]], chunk: int, begins
 
 SETS = ("nothing", "camera", "tips")
 _BODY_JOINTS = int(HAND_JOINTS.min())
-_GROUP = 16  # sequences side by side
 _ROUNDS = 50  # of the mean hand's search
 
 
@@ -269,12 +268,8 @@ def finger_batches(corpus: Corpus, sets: tuple[str, ...]) -> dict[str, list[Fing
         for place, clip in enumerate(clips):
             for true in (corpus.rest_offset[clip].astype(float), strangers[place]):
                 body, rng = TrainingBody(true, true, np.zeros(len(true))), np.random.default_rng([7, clip])
-                pieces.append((make_finger_sequence(corpus, clip, Draw(body), _tracked(name), rng), 0))
-        groups = [pieces[first : first + _GROUP] for first in range(0, len(pieces), _GROUP)]
-        result[name] = [
-            collate_fingers(group, max(len(one) for one, _ in group), np.ones(len(group), dtype=bool))
-            for group in groups
-        ]
+                pieces.append(make_finger_sequence(corpus, clip, Draw(body), _tracked(name), rng))
+        result[name] = whole_batches(pieces, collate_fingers)
     return result
 
 

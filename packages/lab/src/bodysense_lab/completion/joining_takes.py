@@ -13,7 +13,7 @@ from bodysense.body.person import Person
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.retarget import retargeted
 from bodysense.body.shape import sample_bodies
-from bodysense.body.skeleton import BODY, LEG, Skeleton
+from bodysense.body.skeleton import BODY, LEG
 from bodysense.completion.bridging import bridged
 from bodysense.completion.joining_network import TwoAnswers, expected, features, placed_head
 from bodysense.devices.simulated.noise import hide
@@ -191,9 +191,3 @@ def kept_takes(
             break
     is_whole.write_text(asked, encoding="utf-8")
     return takes
-
-
-def parents_of(skeleton: Skeleton) -> list[int]:
-    """Return for each joint of `BODY` the place of its parent among them; -1 for the pelvis."""
-    body = skeleton.indices(BODY).tolist()
-    return [-1 if skeleton.parents[joint] < 0 else body.index(skeleton.parents[joint]) for joint in body]

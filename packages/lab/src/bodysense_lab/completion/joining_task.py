@@ -17,22 +17,29 @@ from lightning_fabric import Fabric
 from torch import Tensor, nn
 from torch.nn.functional import silu
 
+from bodysense.body.rotation import (
+    quaternion_conjugate,
+    quaternion_exp,
+    quaternion_multiply,
+    quaternion_rotate,
+)
 from bodysense.body.skeleton import BODY, default_skeleton
 from bodysense.completion.joining_network import DILATIONS, FORMAT, JOINTS, OUTPUTS
 from bodysense.files import written_beside
 from bodysense.io.datasets.splits import Split
-from bodysense_lab.completion.joining_takes import JoinedTake, draw_takes, kept_takes, parents_of
+from bodysense_lab.completion.joining_takes import JoinedTake, draw_takes, kept_takes
 from bodysense_lab.completion.measures import JUMP
 from bodysense_lab.completion.options import JoiningTraining
+from bodysense_lab.completion.points import partners
 from bodysense_lab.completion.publish import QUANTILE
-from bodysense_lab.completion.task import SLACK
+from bodysense_lab.completion.task import SLACK, length
 from bodysense_lab.completion.weights_file import safetensors_bytes
 from bodysense_lab.fit import Task, begin, cut, fit
 from bodysense_lab.options import Schedule
 from bodysense_lab.progress import counted, read_clips
 from bodysense_lab.scoring import RATE
 
-_PARENTS, _HEAD = parents_of(default_skeleton()), BODY.index("head")
+_PARENTS, _HEAD = default_skeleton().parents[:JOINTS], BODY.index("head")
 _ARRAYS = (
     *("features", "past", "future", "share", "world", "turned", "head", "truth", "true_head"),
     *("hidden", "expected"),
@@ -108,7 +115,7 @@ def joined_rotation(batch: dict[str, Tensor], turn: Tensor, odds: Tensor) -> Ten
     past, future = batch["past"], batch["future"]
     sign = torch.where((past * future).sum(dim=-1, keepdim=True) < 0, -1.0, 1.0)
     mean = nn.functional.normalize((1 - share) * past + share * sign * future, dim=-1)
-    return multiplied(mean, _exponential(turn))
+    return quaternion_multiply(mean, quaternion_exp(turn))
 
 
 def placed(
@@ -121,14 +128,14 @@ def placed(
     places, turns, local = list[Tensor](), list[Tensor](), list[Tensor]()
     for joint, parent in enumerate(_PARENTS):
         own = rotation[..., joint, :]
-        whole = own if parent < 0 else multiplied(turns[parent], own)
+        whole = own if parent < 0 else quaternion_multiply(turns[parent], own)
         if world is not None and turned is not None:
             whole = torch.where(turned[..., joint, None], world[..., joint, :], whole)
         turns.append(whole)
-        local.append(whole if parent < 0 else multiplied(_conjugate(turns[parent]), whole))
+        local.append(whole if parent < 0 else quaternion_multiply(quaternion_conjugate(turns[parent]), whole))
         bone = rest_offset[..., joint, :]
         zero = torch.zeros_like(whole[..., :3])
-        places.append(zero if parent < 0 else places[parent] + _rotated(turns[parent], bone))
+        places.append(zero if parent < 0 else places[parent] + quaternion_rotate(turns[parent], bone))
     position = torch.stack(places, dim=-2)
     return position - position[..., _HEAD : _HEAD + 1, :], torch.stack(local, dim=-2)
 
@@ -219,12 +226,12 @@ def _errors(network: JoiningModule, batch: dict[str, Tensor]) -> dict[str, Tenso
         (place + head[..., None, :]).diff(dim=1)
         for place, head in ((shown.position, batch["head"]), (shown.truth, batch["true_head"]))
     )
-    faster, error = _length(step) - _length(true_step), _length(shown.position - shown.truth)
+    faster, error = length(step) - length(true_step), length(shown.position - shown.truth)
     surprise = error.detach() * torch.exp(-shown.expected) + shown.expected
     return {
         "position": (error.mean(dim=-1) * valid).sum() / count,
         "rotation": (_angle(shown.local, batch["truth"]).mean(dim=-1) * valid).sum() / count,
-        "velocity": RATE * (_length(step - true_step).mean(dim=-1) * moving).sum() / count,
+        "velocity": RATE * (length(step - true_step).mean(dim=-1) * moving).sum() / count,
         "haste": RATE * ((faster - SLACK / RATE).clamp_min(0).sum(dim=-1) * moving).sum() / count / JOINTS,
         "certainty": (surprise * hidden).sum() / hidden.sum().clamp_min(1.0),
         "jumps": ((faster.max(dim=-1).values > JUMP / 100) * moving).sum() / count,
@@ -234,14 +241,12 @@ def _errors(network: JoiningModule, batch: dict[str, Tensor]) -> dict[str, Tenso
 @torch.no_grad()
 def make_errors_true(network: JoiningModule, takes: Sequence[JoinedTake]) -> None:
     """Set the network's offsets, equal for left and right, so that expected errors of takes are their mean errors."""
-    joints = default_skeleton()
-    partner = [BODY.index(joints.points[joints.mirror[joint]]) for joint in joints.indices(BODY)]
     parts = [(_shown(network, _batch([(take, 0)], len(take))), take) for take in takes]
-    error = torch.cat([_length(shown.position - shown.truth)[0] for shown, _ in parts]).numpy()
+    error = torch.cat([length(shown.position - shown.truth)[0] for shown, _ in parts]).numpy()
     logarithm = torch.cat([shown.expected[0] for shown, _ in parts]).numpy()
     hidden = np.concatenate([take.hidden for _, take in parts])
     spread = np.concatenate([take.spread for _, take in parts]).astype(float)
-    for joint, other in enumerate(partner):
+    for joint, other in enumerate(partners(BODY)):
         both = [joint, other]
         where = hidden[:, both]
         if not where.any():
@@ -289,33 +294,6 @@ def write_joining(network: JoiningModule, path: Path, card: dict[str, Any]) -> N
         beside.write_bytes(safetensors_bytes(tensors, {"format": FORMAT, **texts}))
 
 
-def multiplied(a: Tensor, b: Tensor) -> Tensor:
-    """Return products of quaternions (..., 4) wxyz."""
-    u, v = a[..., 1:], b[..., 1:]
-    real = a[..., :1] * b[..., :1] - (u * v).sum(dim=-1, keepdim=True)
-    rest = a[..., :1] * v + b[..., :1] * u + torch.linalg.cross(u, v)
-    return torch.cat([real, rest], dim=-1)
-
-
-def _conjugate(rotation: Tensor) -> Tensor:
-    return torch.cat([rotation[..., :1], -rotation[..., 1:]], dim=-1)
-
-
-def _rotated(rotation: Tensor, vector: Tensor) -> Tensor:
-    axis = rotation[..., 1:]
-    across = 2 * torch.linalg.cross(axis, vector.expand_as(axis))
-    return vector + rotation[..., :1] * across + torch.linalg.cross(axis, across)
-
-
-def _exponential(turn: Tensor) -> Tensor:
-    angle = torch.sqrt((turn * turn).sum(dim=-1, keepdim=True) + 1e-12)
-    return torch.cat([torch.cos(angle / 2), torch.sin(angle / 2) / angle * turn], dim=-1)
-
-
 def _angle(a: Tensor, b: Tensor) -> Tensor:
-    apart = multiplied(_conjugate(a), b)
-    return 2 * torch.atan2(_length(apart[..., 1:]), apart[..., 0].abs())
-
-
-def _length(vector: Tensor) -> Tensor:
-    return torch.sqrt((vector * vector).sum(dim=-1) + 1e-10)
+    apart = quaternion_multiply(quaternion_conjugate(a), b)
+    return 2 * torch.atan2(length(apart[..., 1:]), apart[..., 0].abs())

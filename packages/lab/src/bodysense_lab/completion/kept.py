@@ -14,13 +14,13 @@ import numpy as np
 from bodysense.errors import BodysenseError
 from bodysense.files import written_beside
 from bodysense.io.clip import Clip
-from bodysense_lab.completion.measures import Averages, Calibration
-from bodysense_lab.completion.quantiles import Quantiles
 from bodysense_lab.completion.scenes import Truth
-from bodysense_lab.completion.sight_scores import JerkCurves, SightScores
+from bodysense_lab.completion.scores import Calibration, RunningScores
+from bodysense_lab.completion.sight_scores import CellScores
 from bodysense_lab.completion.tables import CompletionSettings, CompletionTable, WorstFrame
 
 FORMAT = "bodysense-completion-clips-2"
+_MEANS = ("cells", "truths", "baselines", "people")  # fields of a table whose means are kept
 
 
 @dataclass(frozen=True)
@@ -73,65 +73,37 @@ class KeptClips:
 
 
 def _arrays(table: CompletionTable) -> dict[str, np.ndarray]:
-    """A table of one clip as arrays: averages as one text, histograms and curves by name."""
-    arrays: dict[str, np.ndarray] = {}
-    rows: dict[str, Any] = {
-        "cells": [[*key, _row(one)] for key, one in table.cells.items()],
-        "truths": [[*key, _row(one)] for key, one in table.truths.items()],
-        "baselines": [[*key, _row(one)] for key, one in table.baselines.items()],
-        "people": [[*key, person, _row(one)] for key, people in table.people.items() for person, one in people.items()],
-        "sights": [[*key, _row(one.averages)] for key, one in table.sights.items()],
-        "worst": [asdict(one) for one in table.worst],
+    """A table of one clip as arrays: means as one text, histograms and curves as KIND/KEY/NAME."""
+    rows: dict[str, Any] = {"worst": [asdict(one) for one in table.worst]}
+    for field in _MEANS:
+        rows[field] = [[*key, _row(one)] for key, one in getattr(table, field).items()]
+    rows["sights"] = [[*key, {}] for key in table.cells]  # of earlier versions, which kept them apart
+    arrays = {
+        "/".join((kind, *key, name)): values
+        for field in ("calibrations", "cells")
+        for key, one in getattr(table, field).items()
+        for (kind, name), values in one.sums.items()
     }
-    for key, one in table.calibrations.items():
-        name = "/".join(("calibration", *key))
-        arrays |= {f"{name}/pairs": one.pairs, f"{name}/sums": np.stack([one.expected, one.error])}
-        arrays[f"{name}/within"] = np.array(one.within)
-    for key, one in table.sights.items():
-        for name, quantiles in one.quantiles.items():
-            arrays["/".join(("quantiles", *key, name))] = quantiles.count
-        for moment, curves in one.curves.items():
-            arrays["/".join(("curves", *key, moment))] = np.stack([curves.output, curves.truth])
-            arrays["/".join(("moments", *key, moment))] = np.array(curves.count)
     return arrays | {"rows": np.array(json.dumps(rows))}
 
 
 def _from_arrays(stored: Mapping[str, np.ndarray], settings: CompletionSettings) -> CompletionTable:
     table, rows = CompletionTable(settings), json.loads(str(stored["rows"]))
-    for sensors, body, group, row in rows["cells"]:
-        table.cells[sensors, body, group] = _averages(row)
-    for truth, group, row in rows["truths"]:
-        table.truths[truth, group] = _averages(row)
-    for method, truth, group, row in rows["baselines"]:
-        table.baselines[method, truth, group] = _averages(row)
-    for sensors, body, person, row in rows["people"]:
-        table.people.setdefault((sensors, body), {})[person] = _averages(row)
-    for sensors, body, group, row in rows["sights"]:
-        table.sights[sensors, body, group] = SightScores(_averages(row))
     table.worst.extend(WorstFrame(**row) for row in rows["worst"])
-    for name in stored:
-        kind, *key = name.split("/")
-        if kind == "calibration" and key[-1] == "pairs":
-            sensors, body, region, _ = key
-            expected, error = stored[name.replace("/pairs", "/sums")]
-            within = float(stored[name.replace("/pairs", "/within")])
-            table.calibrations[sensors, body, region] = Calibration(stored[name], expected, error, within)  # type: ignore[index]
-        elif kind == "quantiles":
-            sensors, body, group, which = key
-            table.sights[sensors, body, group].quantiles[which] = Quantiles(stored[name])  # type: ignore[index]
-        elif kind == "curves":
-            sensors, body, group, moment = key
-            count = int(stored[name.replace("curves", "moments", 1)])
-            output, truth = stored[name]
-            table.sights[sensors, body, group].curves[moment] = JerkCurves(output, truth, count)  # type: ignore[index]
+    for field in (*_MEANS, "sights"):
+        found: Any = getattr(table, "cells" if field == "sights" else field)
+        for *key, row in rows[field]:
+            one = found.setdefault(tuple(key), CellScores() if found is table.cells else RunningScores())
+            for name, (total, weight) in row.items():
+                one.total[name], one.weight[name] = total, weight
+    for path in stored:
+        kind, *key = path.split("/")
+        if kind != "rows":
+            name = key.pop()
+            found = getattr(table, "calibrations" if kind == "calibration" else "cells")
+            found.setdefault(tuple(key), Calibration()).sums[kind, name] = stored[path]
     return table
 
 
-def _row(averages: Averages) -> dict[str, tuple[float, float]]:
-    return {name: (averages.total[name], weight) for name, weight in averages.weight.items()}
-
-
-def _averages(row: Mapping[str, tuple[float, float]]) -> Averages:
-    return Averages(
-        {name: total for name, (total, _) in row.items()}, {name: weight for name, (_, weight) in row.items()}
-    )
+def _row(scores: RunningScores) -> dict[str, tuple[float, float]]:
+    return {name: (scores.total[name], weight) for name, weight in scores.weight.items()}

@@ -147,16 +147,6 @@ def orthonormal(axes: Tensor) -> Tensor:
     return torch.stack([x, y, torch.linalg.cross(x, y)], dim=-1)
 
 
-def heading(rotation: Tensor) -> Tensor:
-    """(..., 3, 3) → (..., 3, 3): the turn about the vertical of world ← joint, as `Signal.turn`.
-
-    It is the twist about +Y, which stays steady when the head looks up or down.
-    """
-    cosine = rotation[..., 0, 0] + rotation[..., 2, 2]
-    sine = rotation[..., 0, 2] - rotation[..., 2, 0]
-    return turn_about_up(cosine, sine)
-
-
 def turn_about_up(cosine: Tensor, sine: Tensor) -> Tensor:
     """Turns (..., 3, 3) about +Y, for column vectors of the frame or row vectors of the world; not yet unit input."""
     length = torch.sqrt(cosine * cosine + sine * sine).clamp(min=1e-6)

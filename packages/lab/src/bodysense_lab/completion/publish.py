@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import itertools
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -36,7 +36,7 @@ from bodysense_lab.completion.points import body_places
 from bodysense_lab.completion.rounding import round_weights, sample_moments
 from bodysense_lab.completion.scenes import TRUTH_OF, TrackedScene, Truth, batches, person_of, scene_of, stacked
 from bodysense_lab.completion.settled_clips import settled_clips
-from bodysense_lab.completion.task import WORN, CompletionTask, CompletionTaskConfig, SequenceBatch
+from bodysense_lab.completion.task import WORN, CompletionTask, CompletionTaskConfig
 from bodysense_lab.completion.weights_file import TrainedNetworks, write_weights
 from bodysense_lab.datasets import learned_clips
 from bodysense_lab.options import Schedule
@@ -96,14 +96,12 @@ def _sampled(
         if t % _STRIDE == 0:
             known = (estimate.points, estimate.confidence, estimate.bound, estimate.measured)
             deviations = np.array([state.person(k).bone_deviation[places] for k in range(len(batch))])
-            parts.append((t, *(each[:, 0, places] for each in known), deviations))
+            parts.append((*(each[:, 0, places] for each in known), deviations))
+    sampled = [np.stack(part) for part in zip(*parts, strict=True)]  # (F, B, 25, ...)
     rows = []
     for index, (scene, observation) in enumerate(zip(batch, seen, strict=True)):
-        own = [part for part in parts if part[0] < len(scene)]
-        frames = [part[0] for part in own]
-        position, expected, apart, measured, deviation = (
-            np.stack([part[k][index] for part in own]) for k in range(1, 6)
-        )
+        frames = np.arange(0, len(scene), _STRIDE)
+        position, expected, apart, measured, deviation = (part[: len(frames), index] for part in sampled)
         truth = scene.placed[0][frames][:, places]
         # The head is where it is measured: what is missed from it is missed in the world.
         position = position + (truth - position)[:, [BODY.index("head")]]
@@ -116,8 +114,8 @@ def _sampled(
         known = np.concatenate([log, measured, turned, CERTAINTY_SCALE * deviation, alike], axis=1)
         error = np.linalg.norm(position - truth, axis=-1)
         rows.append((known.astype(np.float32), error.astype(np.float32), ~measured))
-    columns = [np.concatenate(column) for column in zip(*rows, strict=True)]
-    return columns[0], columns[1], columns[2]
+    known, error, counts = (np.concatenate(column) for column in zip(*rows, strict=True))
+    return known, error, counts
 
 
 _FIT_STEPS, _TRIAL_STEPS = 3000, 100  # optimiser steps of an error map, and of one in a trial
@@ -167,6 +165,20 @@ _STREAMS, _BATCHES, _ROUNDING_SEED = 96, 24, 8  # sequences side by side, and ba
 _LONGEST, _CLIPS = 9.0, 2  # s of a clip, and clips of a person who was learned from, that errors are judged by
 
 
+def rounded(body: CompletionNetwork, data: Path, limit: int | None = None, backward: bool = False) -> CompletionNetwork:
+    """Return the network with rounded weights, which are true to sequences as in training.
+
+    `limit` clips of the train split suffice for a trial. `backward`: the network is for time that runs backward.
+    """
+    body = copy.deepcopy(body)
+    corpus = read_corpus(data, "train", limit)
+    config = CompletionTaskConfig(body.config, streams=_STREAMS, backward=backward)
+    task = CompletionTask(body, config, Schedule(), corpus, {})
+    drawn = task.batches(np.random.default_rng(_ROUNDING_SEED))
+    round_weights(body, sample_moments(body.eval(), itertools.islice(drawn, _BATCHES if limit is None else 1)))
+    return body
+
+
 def publish(
     body: CompletionNetwork,
     fingers: FingerNetwork,
@@ -176,64 +188,25 @@ def publish(
     limit: int | None = None,
     backward: bool = False,
 ) -> None:
-    """Write both networks, their weights rounded, with true errors; `card`: what it was trained on, and its licence.
+    """Write both networks, of which the weights are rounded, with true errors.
 
-    `limit` clips of each split suffice for a trial. `backward`: the network is for time that runs backward.
+    `card` is what they were trained on, and their licence; `limit` and `backward` are those of `rounded`.
     """
-    body = copy.deepcopy(body)
-    round_weights(body, sample_moments(body.eval(), _training_batches(body, data, limit, backward)))
-    publish_rounded(body, fingers, data, out, card, limit, backward)
-
-
-def publish_rounded(
-    body: CompletionNetwork,
-    fingers: FingerNetwork,
-    data: Path,
-    out: Path,
-    card: dict[str, Any],
-    limit: int | None = None,
-    backward: bool = False,
-) -> None:
-    """Write both networks, of which the weights are rounded, with true errors."""
+    configured = {"network": asdict(body.config), "fingers": asdict(fingers.config)} | card
     start, apart = unchanged_errors(), shown_apart()
     beside = out.with_name(f"{out.stem}.uncalibrated.safetensors")
     try:
-        _write(body, fingers, start, apart, beside, {})
-        learned, watched = (_scenes(data, (split,), limit, backward) for split in ("train", "val"))
+        write_weights(TrainedNetworks(body, fingers, start, apart), beside, configured)
+        learned, watched = (_scenes(data, split, limit, backward) for split in ("train", "val"))
         samples = sample_errors(learned, watched, load_completion(beside))
     finally:
         beside.unlink(missing_ok=True)
     steps = _FIT_STEPS if limit is None else _TRIAL_STEPS
     mean, bound = fit_error_map(samples, steps=steps), fit_error_map(samples, QUANTILE, steps)
-    _write(body, fingers, mean, bound, out, card)
+    write_weights(TrainedNetworks(body, fingers, mean, bound), out, configured)
 
 
-def _write(
-    body: CompletionNetwork,
-    fingers: FingerNetwork,
-    mean: ErrorMap,
-    bound: ErrorMap,
-    out: Path,
-    card: dict[str, Any],
-) -> None:
-    configured = {"network": asdict(body.config), "fingers": asdict(fingers.config)}
-    write_weights(TrainedNetworks(body, fingers, mean, bound), out, {**configured, **card})
-
-
-def _training_batches(
-    body: CompletionNetwork, data: Path, limit: int | None, backward: bool
-) -> Iterator[SequenceBatch]:
-    """Sequences as in training, to round weights by."""
-    corpus = read_corpus(data, "train", limit)
-    config = CompletionTaskConfig(body.config, streams=_STREAMS, backward=backward)
-    task = CompletionTask(body, config, Schedule(), corpus, {})
-    batches = task.batches(np.random.default_rng(_ROUNDING_SEED))
-    return itertools.islice(batches, _BATCHES if limit is None else 1)
-
-
-def _scenes(
-    data: Path, splits: tuple[Split, ...], limit: int | None, backward: bool
-) -> dict[Truth, list[list[TrackedScene]]]:
+def _scenes(data: Path, split: Split, limit: int | None, backward: bool) -> dict[Truth, list[list[TrackedScene]]]:
     """Return batches of scenes of what wearers do, on their own bodies and on unseen ones.
 
     Validation people give all their clips; training people give a few each. The former are few, and how far errors
@@ -242,17 +215,16 @@ def _scenes(
     """
     truths: tuple[Truth, ...] = ("own", "stranger")
     scenes: dict[Truth, list[list[TrackedScene]]] = {truth: [] for truth in truths}
-    for split in splits:
-        clips = [_piece(clip) for clip in learned_clips(data, split, limit) if clip.category in WORN]
-        if split == "train":
-            clips = _few_of_each_person(clips)
-        clips += list(settled_clips(clips))
-        for batch in batches(clips):
-            for truth in truths:
-                found = [scene_of(clip, truth, split) for clip in batch]
-                if backward:
-                    found = [replace(scene, pose=scene.pose[::-1]) for scene in found]
-                scenes[truth].append(found)
+    clips = [_piece(clip) for clip in learned_clips(data, split, limit) if clip.category in WORN]
+    if split == "train":
+        clips = _few_of_each_person(clips)
+    clips += list(settled_clips(clips))
+    for batch in batches(clips):
+        for truth in truths:
+            found = [scene_of(clip, truth, split) for clip in batch]
+            if backward:
+                found = [replace(scene, pose=scene.pose[::-1]) for scene in found]
+            scenes[truth].append(found)
     return scenes
 
 

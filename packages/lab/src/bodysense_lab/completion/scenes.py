@@ -136,18 +136,11 @@ def batches(clips: Iterable[Clip]) -> Iterator[list[Clip]]:
 def stacked(observations: Sequence[Observation]) -> Observation:
     """Observations (T, P) of the same points as one (B, T, P); shorter ones end with copies of their last frame."""
     longest = max(observations, key=len)
-
-    def stack(name: str) -> np.ndarray:
-        last = [np.minimum(np.arange(len(longest)), len(one) - 1) for one in observations]
-        return np.stack([getattr(one, name)[frames] for one, frames in zip(observations, last, strict=True)])
-
-    return Observation(
-        points=longest.points,
-        position=stack("position"),
-        rotation=stack("rotation"),
-        has_position=stack("has_position"),
-        has_rotation=stack("has_rotation"),
-        accuracy=stack("accuracy"),
-        time=longest.time,
-        acceleration=None if longest.acceleration is None else stack("acceleration"),
-    )
+    last = [np.minimum(np.arange(len(longest)), len(one) - 1) for one in observations]
+    names = ["position", "rotation", "has_position", "has_rotation", "accuracy"]
+    names += [] if longest.acceleration is None else ["acceleration"]
+    values = {
+        name: np.stack([getattr(one, name)[frames] for one, frames in zip(observations, last, strict=True)])
+        for name in names
+    }
+    return replace(longest, **values)

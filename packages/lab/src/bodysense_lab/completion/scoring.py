@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from functools import partial
 from typing import TypeVar
 
@@ -19,7 +20,7 @@ from bodysense_lab.completion.blinks import BLINKING, FINGER, lose_hands, rng_of
 from bodysense_lab.completion.kept import KeptClips
 from bodysense_lab.completion.lattice import random_edges
 from bodysense_lab.completion.measures import (
-    Averages,
+    count_jumps,
     measure,
     measure_confidence,
     measure_hidden,
@@ -27,14 +28,16 @@ from bodysense_lab.completion.measures import (
 )
 from bodysense_lab.completion.options import Body, Fault
 from bodysense_lab.completion.scenes import TRUTH_OF, TrackedScene, Truth, batches, person_of, scene_of
-from bodysense_lab.completion.sight_scores import (
-    TAKE,
-    SightScores,
-    count_body_jumps,
-    measure_sight,
-    measure_transitions,
+from bodysense_lab.completion.scores import RunningScores
+from bodysense_lab.completion.sight_scores import TAKE, measure_sight, measure_transitions
+from bodysense_lab.completion.tables import (
+    TAKE_MEASURES,
+    TAKE_SIGHTS,
+    CompletionSettings,
+    CompletionTable,
+    WorstFrame,
+    headline,
 )
-from bodysense_lab.completion.tables import TAKE_MEASURES, TAKE_SIGHTS, CompletionSettings, CompletionTable, WorstFrame
 from bodysense_lab.completion.tracking import (
     StepTimes,
     Tracked,
@@ -54,6 +57,7 @@ Item = TypeVar("Item")
 Result = TypeVar("Result")
 # Runs work on items, results in order: here, or in other processes, to which the work must pickle.
 Spread = Callable[[Callable[[Item], Result], Iterable[Item]], Iterator[tuple[Item, Result]]]
+Scored = Sequence[tuple[CompletionTable, TrackedScene]]  # scenes of one truth, and the table of each
 
 
 def evaluate_completion(
@@ -84,7 +88,6 @@ def evaluate_completion(
     table = CompletionTable(settings)
     clips = list(clips)
     truths: tuple[Truth, ...] = tuple(dict.fromkeys(TRUTH_OF[body] for body in settings.bodies))
-    work = partial(_score_batch, settings=settings, mean_body=mean_body, track=track, takes=takes)
     jobs: list[tuple[list[Clip], Truth]] = []
     for truth in truths:
         missing: list[Clip] = []
@@ -97,7 +100,7 @@ def evaluate_completion(
         for batch in batches(missing):
             jobs.append((batch, truth))
         advance(_work_done(len(clips) - len(missing), settings, truth), "clips kept from before")
-    for (batch, truth), parts in spread(work, jobs):
+    for (batch, truth), parts in spread(_Scorer(settings, mean_body, track, takes), jobs):
         for clip, part in zip(batch, parts, strict=True):
             table.merge(part)
             if kept is not None:
@@ -121,128 +124,119 @@ def _work_done(count: int, settings: CompletionSettings, truth: Truth) -> int:
     return count * len(settings.sets) * sum(TRUTH_OF[body] == truth for body in settings.bodies)
 
 
-def _score_batch(
-    batch: tuple[Sequence[Clip], Truth],
-    settings: CompletionSettings,
-    mean_body: MeanBody | None,
-    track: TrackPeople,
-    takes: TrackTake | None,
-) -> list[CompletionTable]:
-    """The tables of some clips of one truth, one of each clip."""
-    clips, truth = batch
-    tables = [CompletionTable(settings) for _ in clips]
-    scenes = [scene_of(clip, truth, settings.split) for clip in clips]
-    for table, scene in zip(tables, scenes, strict=True):
-        position = scene.placed[0]
-        table.truths[truth, scene.group] = motion_measures(position, position, scene.skeleton)
-    for sensors in settings.sets:
-        _score_set(tables, scenes, truth, sensors, mean_body, track, takes)
-    return tables
-
-
 def work_of(count: int, settings: CompletionSettings) -> int:
     """Return the work that `advance` counts in all for `count` clips."""
     return count * len(settings.sets) * len(settings.bodies) + settings.edges
 
 
-def _score_set(
-    tables: Sequence[CompletionTable],
-    scenes: Sequence[TrackedScene],
-    truth: Truth,
-    sensors: str,
-    mean_body: MeanBody | None,
-    track: TrackPeople,
-    takes: TrackTake | None,
-) -> None:
-    """Score one set of sensors on scenes of one truth, once for each amount of knowledge about the body."""
-    observations = [scene.observe(SENSOR_SETS[sensors]) for scene in scenes]
-    if sensors == "headset_camera":
-        for table, scene, seen in zip(tables, scenes, observations, strict=True):
-            _score_baselines(table, scene, seen, truth, mean_body)
-    for body in tables[0].settings.bodies:
-        if TRUTH_OF[body] != truth:
-            continue
-        tracked = track([person_of(body, scene.skeleton) for scene in scenes], observations)
-        if body == "own" and sensors in BLINKING:
-            _score_blinks(tables, scenes, sensors, observations, tracked, track)
-            if "left_wrist" in observations[0].points:
-                _score_losses(tables, scenes, sensors, observations, track, takes)
-        for table, scene, seen, one in zip(tables, scenes, observations, tracked, strict=True):
-            scores = measure(scene, one)
+@dataclass(frozen=True)
+class _Scorer:
+    """Scorer of clips of one truth, side by side; other processes get it pickled."""
+
+    settings: CompletionSettings
+    mean_body: MeanBody | None
+    track: TrackPeople
+    takes: TrackTake | None
+
+    def __call__(self, batch: tuple[Sequence[Clip], Truth]) -> list[CompletionTable]:
+        """The tables of some clips, one of each clip."""
+        clips, truth = batch
+        scenes = [scene_of(clip, truth, self.settings.split) for clip in clips]
+        scored = [(CompletionTable(self.settings), scene) for scene in scenes]
+        for table, scene in scored:
+            position = scene.placed[0]
+            table.truths[truth, scene.group] = motion_measures(position, position, scene.skeleton)
+        for sensors in self.settings.sets:
+            observations = [scene.observe(SENSOR_SETS[sensors]) for scene in scenes]
+            if sensors == "headset_camera":
+                for (table, scene), seen in zip(scored, observations, strict=True):
+                    self._score_baselines(table, scene, seen, truth)
+            for body in self.settings.bodies:
+                if TRUTH_OF[body] == truth:
+                    self._score_cell(scored, observations, sensors, body)
+        return [table for table, _ in scored]
+
+    def _score_cell(self, scored: Scored, observations: Sequence[Observation], sensors: str, body: Body) -> None:
+        """Score one set of sensors on scenes, with one amount of knowledge about the body."""
+        people = [person_of(body, scene.skeleton) for _, scene in scored]
+        tracked = self.track(people, observations)
+        for (table, scene), person, seen, one in zip(scored, people, observations, tracked, strict=True):
+            cell = (sensors, body, scene.group)
+            scores = table.cells[cell] = measure_sight(scene, seen, one)
+            scores.merge(measure(scene, one))
             if sensors == "headset_camera":
                 scores.merge(measure_hidden(one.position, scene))
-            if takes is not None:
-                scores.merge(_take_scores(scene, sensors, seen, takes(person_of(body, scene.skeleton), seen)))
-            table.cells[sensors, body, scene.group] = scores
-            table.sights.setdefault((sensors, body, scene.group), SightScores()).merge(measure_sight(scene, seen, one))
+            if self.takes is not None:
+                scores.merge(_take_scores(scene, sensors, seen, self.takes(person, seen)))
             if scene.group == "main":
-                table.people[sensors, body] = {scene.person: scores}
+                name = headline(sensors)
+                own = table.people[sensors, body, scene.person] = RunningScores()
+                own.add(name, scores.get(name), scores.weight.get(name, 0.0))
                 table.worst.extend(_worst_frames(sensors, body, scene, one))
                 for region, calibration in measure_confidence(scene, seen, one).items():
                     table.calibrations[sensors, body, region] = calibration
+        if body == "own" and sensors in BLINKING:
+            self._score_blinks(scored, observations, sensors, tracked)
+            if "left_wrist" in observations[0].points:
+                self._score_losses(scored, observations, sensors)
+
+    def _score_losses(self, scored: Scored, observations: Sequence[Observation], sensors: str) -> None:
+        """Score the effect of lost hands on bodies of known proportions."""
+        people = [person_of("own", scene.skeleton) for _, scene in scored]
+        lost = [lose_hands(seen, rng_of(scene.name)) for (_, scene), seen in zip(scored, observations, strict=True)]
+        tracked = self.track(people, lost)
+        for (table, scene), person, seen, one in zip(scored, people, lost, tracked, strict=True):
+            scores = table.cells[sensors, "own", scene.group]
+            scores.merge(measure_transitions(scene, seen, one))
+            if self.takes is not None:
+                scores.merge(measure_transitions(scene, seen, self.takes(person, seen), TAKE))
+
+    def _score_blinks(
+        self, scored: Scored, observations: Sequence[Observation], sensors: str, tracked: Sequence[Tracked]
+    ) -> None:
+        """Score the effect of a blinking finger on bodies of known proportions.
+
+        `tracked` is without it, which a set without fingers need not track again.
+        """
+        people, jumps = [person_of("own", scene.skeleton) for _, scene in scored], []
+        for blinking in (False, True):
+            seen = [
+                with_finger(one, scene.placed[0][:, scene.skeleton.index(FINGER)], blinking)
+                for (_, scene), one in zip(scored, observations, strict=True)
+            ]
+            unchanged = not blinking and FINGER not in observations[0].points
+            each = tracked if unchanged else self.track(people, seen)
+            jumps.append([count_jumps(one.position, scene) for (_, scene), one in zip(scored, each, strict=True)])
+        for (table, scene), steady, blinked in zip(scored, *jumps, strict=True):
+            minutes = (len(scene) - 1) / RATE / 60
+            extra = (blinked - steady) / minutes if minutes else 0.0
+            table.cells[sensors, "own", scene.group].add("extra_jumps_per_minute", extra, minutes)
+
+    def _score_baselines(self, table: CompletionTable, scene: TrackedScene, seen: Observation, truth: Truth) -> None:
+        """Score methods that know nothing of this wearer's motion, on hidden joints."""
+        methods = last_known(seen, scene.skeleton)
+        if self.mean_body is not None:
+            head = scene.skeleton.index("head")
+            position, rotation = scene.placed
+            methods["mean_body"] = self.mean_body.positions(position[:, head], rotation[:, head], scene.skeleton)
+        for method, position in methods.items():
+            table.baselines[method, truth, scene.group] = measure_hidden(position, scene)
 
 
-def _take_scores(scene: TrackedScene, sensors: str, seen: Observation, taken: Tracked) -> Averages:
+def _take_scores(scene: TrackedScene, sensors: str, seen: Observation, taken: Tracked) -> RunningScores:
     """The measures of `TAKE_MEASURES` and `TAKE_SIGHTS`, and how true expected errors are, of a whole take."""
-    scores, named = measure(scene, taken), Averages()
-    sights = measure_sight(scene, seen, taken).averages
-    for name in TAKE_SIGHTS:
-        if name in sights.weight:
-            named.add(f"{TAKE}{name}", sights.get(name), sights.weight[name])
+    scores, named = measure_sight(scene, seen, taken), RunningScores()
+    scores.merge(measure(scene, taken))
     if sensors == "headset_camera":
         scores.merge(measure_hidden(taken.position, scene))
-    for name in TAKE_MEASURES:
+    for name in (*TAKE_SIGHTS, *TAKE_MEASURES):
         if name in scores.weight:
             named.add(f"{TAKE}{name}", scores.get(name), scores.weight[name])
     for one in measure_confidence(scene, seen, taken).values():
         named.add(f"{TAKE}cover90", one.coverage, one.count)
-        named.add(f"{TAKE}expected_cm", 100 * float(one.expected.sum()) / max(one.count, 1.0), one.count)
+        expected = float(one.expected_and_true[0].sum())
+        named.add(f"{TAKE}expected_cm", 100 * expected / max(one.count, 1.0), one.count)
     return named
-
-
-def _score_losses(
-    tables: Sequence[CompletionTable],
-    scenes: Sequence[TrackedScene],
-    sensors: str,
-    observations: Sequence[Observation],
-    track: TrackPeople,
-    takes: TrackTake | None,
-) -> None:
-    """Score the effect of lost hands on bodies of known proportions."""
-    people = [person_of("own", scene.skeleton) for scene in scenes]
-    lost = [lose_hands(seen, rng_of(scene.name)) for scene, seen in zip(scenes, observations, strict=True)]
-    for table, scene, seen, one in zip(tables, scenes, lost, track(people, lost), strict=True):
-        scores = measure_transitions(scene, seen, one)
-        if takes is not None:
-            scores.merge(measure_transitions(scene, seen, takes(person_of("own", scene.skeleton), seen), TAKE))
-        table.sights.setdefault((sensors, "own", scene.group), SightScores()).merge(scores)
-
-
-def _score_blinks(
-    tables: Sequence[CompletionTable],
-    scenes: Sequence[TrackedScene],
-    sensors: str,
-    observations: Sequence[Observation],
-    tracked: Sequence[Tracked],
-    track: TrackPeople,
-) -> None:
-    """Score the effect of a blinking finger on bodies of known proportions.
-
-    `tracked` is without it, which a set without fingers need not track again.
-    """
-    people, jumps = [person_of("own", scene.skeleton) for scene in scenes], []
-    for blinking in (False, True):
-        seen = [
-            with_finger(one, scene.placed[0][:, scene.skeleton.index(FINGER)], blinking)
-            for scene, one in zip(scenes, observations, strict=True)
-        ]
-        unchanged = not blinking and FINGER not in observations[0].points
-        each = tracked if unchanged else track(people, seen)
-        jumps.append([count_body_jumps(scene, one.position) for scene, one in zip(scenes, each, strict=True)])
-    for table, scene, steady, blinked in zip(tables, scenes, *jumps, strict=True):
-        minutes = (len(scene) - 1) / RATE / 60
-        averages = table.sights.setdefault((sensors, "own", scene.group), SightScores()).averages
-        averages.add("extra_jumps_per_minute", (blinked - steady) / minutes if minutes else 0.0, minutes)
 
 
 def _worst_frames(sensors: str, body: Body, scene: TrackedScene, tracked: Tracked) -> Iterator[WorstFrame]:
@@ -254,20 +248,6 @@ def _worst_frames(sensors: str, body: Body, scene: TrackedScene, tracked: Tracke
     for fault, sizes in faults.items():
         frame = int(sizes.argmax())
         yield WorstFrame(sensors, body, scene.name, frame, fault, float(sizes[frame]))
-
-
-def _score_baselines(
-    table: CompletionTable, scene: TrackedScene, seen: Observation, truth: Truth, mean_body: MeanBody | None
-) -> None:
-    """Errors of hidden joints of what knows nothing of this wearer's motion."""
-    methods = last_known(seen, scene.skeleton)
-    if mean_body is not None:
-        head = scene.skeleton.index("head")
-        position, rotation = scene.placed
-        methods["mean_body"] = mean_body.positions(position[:, head], rotation[:, head], scene.skeleton)
-    for method, position in methods.items():
-        averages = table.baselines.setdefault((method, truth, scene.group), Averages())
-        averages.merge(measure_hidden(position, scene))
 
 
 def _time_steps(table: CompletionTable, clip: Clip, times: StepTimes) -> None:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bodysense.body.skeleton import BODY
+from bodysense.devices.simulated.sensors import SensorSet
 from bodysense_lab.completion.points import ACCELERATED_PLACES, BODY_POINTS, INPUT_POINTS, KNUCKLES
 
 HEAD, WRISTS = "head", ("left_wrist", "right_wrist")
@@ -36,8 +37,21 @@ class DrawnSensors:
 
     has_position: np.ndarray  # (T, 27) bool
     has_rotation: np.ndarray  # (T, 22) bool
-    head_known: np.ndarray  # (T,) bool: position and rotation of the head are tracked
     has_acceleration: np.ndarray  # (T, 12) bool, of `ACCELERATED`
+
+    @property
+    def head_known(self) -> np.ndarray:
+        """(T,) bool: position and rotation of the head are tracked."""
+        return self.has_position[:, INPUT_POINTS.index(HEAD)] & self.has_rotation[:, BODY.index(HEAD)]
+
+
+def worn(sensors: SensorSet, visible: np.ndarray, interval: float, rng: np.random.Generator) -> DrawnSensors:
+    """Return what a set of sensors tracks of a body of which cameras see `visible` (T, 27); nothing is drawn."""
+    del interval, rng
+    position, rotation = np.isin(INPUT_POINTS, sensors.position), np.isin(BODY, sensors.rotation)
+    has_position = (visible | position) if sensors.camera else np.tile(position, (len(visible), 1))
+    has_rotation = np.tile(rotation, (len(visible), 1))
+    return DrawnSensors(has_position, has_rotation, rotation_only(has_position, has_rotation))
 
 
 def draw_tracked(visible: np.ndarray, interval: float, rng: np.random.Generator) -> DrawnSensors:
@@ -94,9 +108,8 @@ def draw_tracked(visible: np.ndarray, interval: float, rng: np.random.Generator)
         lost = spans(frames, interval, rng, 4.0, longest=1.0)
         has_position[lost, INPUT_POINTS.index(HEAD)] = False
         has_rotation[lost, BODY.index(HEAD)] = False
-    head_known = has_position[:, INPUT_POINTS.index(HEAD)] & has_rotation[:, BODY.index(HEAD)]
     felt = rotation_only(has_position, has_rotation) & (rng.uniform() < _FELT)
-    return DrawnSensors(has_position, has_rotation, head_known, felt)
+    return DrawnSensors(has_position, has_rotation, felt)
 
 
 def rotation_only(has_position: np.ndarray, has_rotation: np.ndarray) -> np.ndarray:

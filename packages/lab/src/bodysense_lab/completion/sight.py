@@ -12,6 +12,7 @@ from typing import Literal
 
 import numpy as np
 
+from bodysense.body.gaps import runs
 from bodysense.body.rotation import quaternion_conjugate, quaternion_rotate
 from bodysense.metrics import vector_length
 
@@ -131,7 +132,7 @@ def still_spans(foot: np.ndarray, rate: float, shortest: float = 0.1) -> list[tu
     """Spans [start, end) of frames in which a foot (T, 3) m stands: slow along the floor for `shortest` seconds."""
     speed = vector_length(np.diff(foot[:, [0, 2]], axis=0)) * rate
     slow = np.concatenate([speed[:1], speed]) < STILL
-    return [(start, end) for start, end in _runs(slow) if end - start >= shortest * rate]
+    return [(start, end) for start, end in runs(slow) if end - start >= shortest * rate]
 
 
 def false_steps(feet: np.ndarray, truth: np.ndarray, rate: float) -> int:
@@ -146,7 +147,7 @@ def false_steps(feet: np.ndarray, truth: np.ndarray, rate: float) -> int:
         for start, end in still_spans(truth[:, side], rate):
             still[start:end] = True
         both &= still
-    spans = [(start + round(SETTLED * rate), end) for start, end in _runs(both)]
+    spans = [(start + round(SETTLED * rate), end) for start, end in runs(both)]
     return sum(
         _moves(feet[start:end, side], truth[start:end, side])
         for start, end in spans
@@ -198,7 +199,7 @@ def transition_frames(tracked: np.ndarray, rate: float) -> dict[Moment, list[int
     """
     reach = round(TRANSITION * rate)
     found: dict[Moment, list[int]] = {"loss": [], "return": []}
-    for start, end in _runs(~tracked):
+    for start, end in runs(~tracked):
         if start > 2 and end - start >= reach and start + reach <= len(tracked):
             found["loss"].append(start)
         if start > 0 and end > 2 and end + reach <= len(tracked):
@@ -236,12 +237,6 @@ def _speed(position: np.ndarray, rate: float) -> np.ndarray:
 def _along_floor(vector: np.ndarray) -> np.ndarray:
     """Length (...,) of vectors (..., 3) along the floor."""
     return np.hypot(vector[..., 0], vector[..., 2])
-
-
-def _runs(mask: np.ndarray) -> list[tuple[int, int]]:
-    """Spans [start, end) of a mask (T,)."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(int)))
-    return [(int(start), int(end)) for start, end in edges.reshape(-1, 2)]
 
 
 def _moves(foot: np.ndarray, truth: np.ndarray) -> int:

@@ -3,25 +3,25 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
-from typing import Literal, TypeVar
+from typing import Literal
 
 import numpy as np
 
 from bodysense.io.datasets.splits import Split
 from bodysense.last_known import KNOWN
-from bodysense_lab.completion.measures import REGIONS, Averages, Calibration
+from bodysense_lab.completion.measures import REGIONS
 from bodysense_lab.completion.options import BODIES, TABLE_SETS, Body, Fault
 from bodysense_lab.completion.scenes import TRUTH_OF, Truth
-from bodysense_lab.completion.sight_scores import SightScores
+from bodysense_lab.completion.scores import Calibration, RunningScores
+from bodysense_lab.completion.sight_scores import CellScores
 from bodysense_lab.completion.tracking import CLIPS, FRAMES, EdgeScore
 from bodysense_lab.datasets import Census, DataSet, describe
 from bodysense_lab.intervals import Interval, interval
 from bodysense_lab.scoring import GROUPS
 from bodysense_lab.table import Cell, Report, cell, finite
-
-Key = TypeVar("Key")
 
 
 @dataclass(frozen=True)
@@ -49,37 +49,25 @@ class WorstFrame:
 
 @dataclass(frozen=True)
 class CompletionTable:
-    """Averages of every cell by category group, calibrations of the main group, and baselines and other scores."""
+    """Scores of every cell by category group, calibrations of the main group, and baselines and other scores."""
 
     settings: CompletionSettings
-    cells: dict[tuple[str, Body, str], Averages] = field(default_factory=dict, repr=False)
+    cells: dict[tuple[str, Body, str], CellScores] = field(default_factory=dict, repr=False)
     calibrations: dict[tuple[str, Body, str], Calibration] = field(default_factory=dict, repr=False)  # by region
-    sights: dict[tuple[str, Body, str], SightScores] = field(default_factory=dict, repr=False)
     worst: list[WorstFrame] = field(default_factory=list, repr=False)  # of each fault, clip and cell, main group
-    truths: dict[tuple[Truth, str], Averages] = field(default_factory=dict, repr=False)
-    baselines: dict[tuple[str, Truth, str], Averages] = field(default_factory=dict, repr=False)
-    people: dict[tuple[str, Body], dict[str, Averages]] = field(default_factory=dict, repr=False)  # of the main group
+    truths: dict[tuple[Truth, str], RunningScores] = field(default_factory=dict, repr=False)
+    baselines: dict[tuple[str, Truth, str], RunningScores] = field(default_factory=dict, repr=False)
+    people: dict[tuple[str, Body, str], RunningScores] = field(default_factory=dict, repr=False)  # headline, main group
     times: dict[tuple[str, Body], np.ndarray] = field(default_factory=dict, repr=False)  # (N,) s a step
     lattice: list[EdgeScore] = field(default_factory=list, repr=False)
 
     def merge(self, other: CompletionTable) -> None:
         """Count what another table of the same settings has counted."""
-        _merge(self.cells, other.cells)
-        _merge(self.truths, other.truths)
-        _merge(self.baselines, other.baselines)
-        for key, one in other.sights.items():
-            self.sights.setdefault(key, SightScores()).merge(one)
+        for name in ("cells", "calibrations", "truths", "baselines", "people"):
+            ours = getattr(self, name)
+            for key, scores in getattr(other, name).items():
+                ours.setdefault(key, type(scores)()).merge(scores)
         self.worst.extend(other.worst)
-        for key, one in other.calibrations.items():
-            self.calibrations.setdefault(key, Calibration()).merge(one)
-        for key, people in other.people.items():
-            _merge(self.people.setdefault(key, {}), people)
-
-    def get(self, sensors: str, body: Body, name: str, group: str = "main") -> float:
-        """One figure of one cell; NaN where nothing was counted."""
-        value = self.cells.get((sensors, body, group), Averages()).get(name)
-        sight = self.sights.get((sensors, body, group))
-        return value if sight is None or math.isfinite(value) else sight.numbers().get(name, math.nan)
 
     def calibration(self, sensors: str, body: Body | None = None, region: str | None = None) -> Calibration:
         """The calibration of a set, over all bodies and regions that are not named."""
@@ -96,44 +84,33 @@ class CompletionTable:
 
     def _by_person(self, sensors: str, body: Body | None) -> dict[str, tuple[float, float]]:
         name = headline(sensors)
-        people = {} if body is None else self.people.get((sensors, body), {})
-        return {person: (one.get(name), one.weight[name]) for person, one in people.items() if name in one.weight}
+        found = {key[2]: one for key, one in self.people.items() if key[:2] == (sensors, body)}
+        return {person: (one.get(name), one.weight[name]) for person, one in found.items() if name in one.weight}
 
-    def last_known(self, truth: Truth, group: str = "main") -> Averages:
+    def last_known(self, truth: Truth, group: str = "main") -> RunningScores:
         """The best of the last-known baselines, by the root of its mean square."""
-        known = [self.baselines.get((frame, truth, group), Averages()) for frame in KNOWN]
+        known = [self.baselines.get((frame, truth, group), RunningScores()) for frame in KNOWN]
         return min(known, key=lambda one: one.get("occluded_square"))
 
     def ratio(self, body: Body, group: str = "main") -> float:
         """RMSJPE of hidden joints by that of the best last-known baseline."""
-        cell = self.cells.get(("headset_camera", body, group), Averages())
+        cell = self.cells.get(("headset_camera", body, group), RunningScores())
         return cell.root("occluded_square") / self.last_known(TRUTH_OF[body], group).root("occluded_square")
 
     def numbers(self) -> dict[str, float]:
         """One flat object; keys without a group at their end are over the main categories."""
-        result: dict[str, float] = {}
-        for (sensors, body, group), one in self.cells.items():
-            suffix = "" if group == "main" else f"_{group}"
-            key = f"{sensors}_{body}"
-            result |= {f"{key}_{name}{suffix}": one.get(name) for name in one.weight if name != "occluded_square"}
+        result = {
+            f"{cell}_{name}{suffix_of(group)}": value
+            for cell, group, one in self._by_cell()
+            for name, value in one.numbers().items()
+        }
+        for sensors, body, group in self.cells:
             if sensors == "headset_camera":
-                result[f"{key}_occluded_rmsjpe_cm{suffix}"] = one.root("occluded_square")
-                result[f"{key}_ratio{suffix}"] = self.ratio(body, group)
-        for (sensors, body, group), one in self.sights.items():
-            suffix = "" if group == "main" else f"_{group}"
-            result |= {f"{sensors}_{body}_{name}{suffix}": value for name, value in one.numbers().items()}
-        for (truth, group), averages in self.truths.items():
-            suffix = "" if group == "main" else f"_{group}"
-            result |= {f"truth_{truth}_{name}{suffix}": averages.get(name) for name in averages.weight}
-        for (method, truth, group), averages in self.baselines.items():
-            key = f"{'last_known_' if method in KNOWN else ''}{method}_{truth}"
-            suffix = "" if group == "main" else f"_{group}"
-            result[f"{key}_occluded_mpjpe_cm{suffix}"] = averages.get("occluded_mpjpe_cm")
-            result[f"{key}_occluded_rmsjpe_cm{suffix}"] = averages.root("occluded_square")
-        for sensors, body in self.people:
+                result[f"{sensors}_{body}_ratio{suffix_of(group)}"] = self.ratio(body, group)
+        for sensors, body in self.scored_cells():
             one = self.interval(sensors, body)
             result |= {f"{sensors}_{body}_low_cm": one.low, f"{sensors}_{body}_high_cm": one.high}
-            if body != "own" and (sensors, "own") in self.people:
+            if body != "own" and (sensors, "own") in self.scored_cells():
                 beside = self.interval(sensors, body, "own")
                 parts = zip(("", "_low", "_high"), (beside.value, beside.low, beside.high), strict=True)
                 result |= {f"{sensors}_{body}_minus_own{part}_cm": value for part, value in parts}
@@ -148,6 +125,19 @@ class CompletionTable:
             }
         return result
 
+    def _by_cell(self) -> Iterator[tuple[str, str, RunningScores]]:
+        """Yield how the keys of scores begin, their group, and the scores."""
+        for (sensors, body, group), one in self.cells.items():
+            yield f"{sensors}_{body}", group, one
+        for (truth, group), one in self.truths.items():
+            yield f"truth_{truth}", group, one
+        for (method, truth, group), one in self.baselines.items():
+            yield f"{'last_known_' if method in KNOWN else ''}{method}_{truth}", group, one
+
+    def scored_cells(self) -> list[tuple[str, Body]]:
+        """Sets of sensors and bodies with people of the main group."""
+        return list(dict.fromkeys((sensors, body) for sensors, body, _ in self.people))
+
     def _confidence_numbers(self) -> dict[str, float]:
         result: dict[str, float] = {}
         for sensors in self.settings.sets:
@@ -161,9 +151,9 @@ class CompletionTable:
         return result
 
 
-def _merge(ours: dict[Key, Averages], theirs: dict[Key, Averages]) -> None:
-    for key, averages in theirs.items():
-        ours.setdefault(key, Averages()).merge(averages)
+def suffix_of(group: str) -> str:
+    """Return the end of the keys of a group of categories."""
+    return "" if group == "main" else f"_{group}"
 
 
 def headline(sensors: str) -> str:
@@ -231,16 +221,16 @@ def completion_reports(table: CompletionTable, census: Census, data: DataSet, to
 
     `total` is the number of clips of the split, of which `census` has those that were scored.
     """
-    bodies = table.settings.bodies
+    bodies, numbers = table.settings.bodies, finite(table.numbers())
     short = Report(
         name="completion",
         title="Completion: sensor sets × bodies (main categories, MPJPE in cm)",
         columns=("sensors", *bodies),
         rows=tuple(
-            (name.replace("_", " "), *(cell(table.get(name, body, headline(name))) for body in bodies))
+            (name.replace("_", " "), *(numbers.get(f"{name}_{body}_{headline(name)}") for body in bodies))
             for name in table.settings.sets
         ),
-        numbers=finite(table.numbers()) | census.numbers() | {"clips_in_split": total},
+        numbers=numbers | census.numbers() | {"clips_in_split": total},
         data=(describe(data, census), *_sample(table, census.clips, total)),
         remarks=tuple(_remarks(table)),
         remarks_title="Beside it",
@@ -253,7 +243,7 @@ def completion_reports(table: CompletionTable, census: Census, data: DataSet, to
         name="completion-measures",
         title="Completion: all measures",
         columns=("motion", "sensors", "body", *MEASURES, "ratio", "p50", "p99"),
-        rows=tuple(_rows(table)),
+        rows=tuple(_rows(table, numbers)),
         numbers={},
         caption="cm; local rotations, °; cm/s; jitter 10² m/s³; skate of feet that truly stand; depth of foot points; "
         "jumps: frames a minute in which a joint goes 5 cm farther than the truth; breaks: 5 cm farther from where its "
@@ -262,7 +252,7 @@ def completion_reports(table: CompletionTable, census: Census, data: DataSet, to
         "frames at 30 Hz.",
         digits=2,
     )
-    return short, whole, _sight_report(table), _interval_report(table), _confidence_report(table)
+    return short, whole, _sight_report(table, numbers), _interval_report(table), _confidence_report(table)
 
 
 def _sample(table: CompletionTable, clips: int, total: int) -> Iterator[str]:
@@ -279,39 +269,37 @@ def sample_remark(clips: int, total: int, figure: str, one: Interval) -> str:
     return text
 
 
-def _rows(table: CompletionTable) -> Iterator[tuple[Cell, ...]]:
-    blank = (None,) * 3
+def _rows(table: CompletionTable, numbers: dict[str, float]) -> Iterator[tuple[Cell, ...]]:
+    every = (*MEASURES.values(), "ratio", "p50_ms", "p99_ms")
     for group in groups_of(table):
         for name in table.settings.sets:
             for body in table.settings.bodies:
-                values = [cell(table.get(name, body, one, group)) for one in MEASURES.values()]
-                ratio = cell(table.ratio(body, group)) if name == "headset_camera" else None
-                times = table.times.get((name, body)) if group == "main" else None
-                taken = (None, None) if times is None else tuple(1000 * np.percentile(times, (50, 99)))
-                yield (group, name, body, *values, ratio, *taken)
-        for (truth, of_group), averages in table.truths.items():
+                yield (group, name, body, *_found(numbers, f"{name}_{body}", every, group))
+        for truth in (truth for truth, of_group in table.truths if of_group == group):
+            yield (group, "the motion itself", truth, *_found(numbers, f"truth_{truth}", every, group))
+        for method, truth, of_group in table.baselines:
             if of_group == group:
-                values = [cell(averages.get(one)) for one in MEASURES.values()]
-                yield (group, "the motion itself", truth, *values, *blank)
-        for (method, truth, of_group), averages in table.baselines.items():
-            if of_group == group:
-                hidden = cell(averages.get("occluded_mpjpe_cm"))
-                values = [hidden if one == "occluded_mpjpe_cm" else None for one in MEASURES.values()]
-                name = method.replace("_", " ") if method == "mean_body" else f"last known ({method})"
-                yield (group, name, truth, *values, *blank)
+                known = method in KNOWN
+                key, name = (f"last_known_{method}", f"last known ({method})") if known else (method, "mean body")
+                yield (group, name, truth, *_found(numbers, f"{key}_{truth}", every, group))
 
 
-def _sight_report(table: CompletionTable) -> Report:
+def _found(numbers: dict[str, float], cell: str, names: Iterable[str], group: str) -> list[Cell]:
+    """Return figures of a cell of the flat object, such as 'head_own'; None where nothing was counted."""
+    return [numbers.get(f"{cell}_{name}{suffix_of(group)}") for name in names]
+
+
+def _sight_report(table: CompletionTable, numbers: dict[str, float]) -> Report:
     """Report the faults that a wearer sees, by group, set and body."""
     rows: list[tuple[Cell, ...]] = []
     for group in groups_of(table):
         for name in table.settings.sets:
             for body in table.settings.bodies:
-                one = table.sights.get((name, body, group), SightScores()).numbers()
-                factors = {key: 100 if key.endswith(_SHARES) else 1 for key in SIGHT.values()}
-                figures = (cell(factor * one.get(key, math.nan)) for key, factor in factors.items())
-                if one:
-                    rows.append((group, name.replace("_", " "), body, *figures))
+                found = _found(numbers, f"{name}_{body}", SIGHT.values(), group)
+                if any(one is not None for one in found):
+                    factors = [100 if key.endswith(_SHARES) else 1 for key in SIGHT.values()]
+                    scaled = (one and factor * one for one, factor in zip(found, factors, strict=True))
+                    rows.append((group, name.replace("_", " "), body, *scaled))
     return Report(
         name="completion-sight",
         title="Completion: what the wearer sees",
@@ -332,11 +320,11 @@ def _interval_report(table: CompletionTable) -> Report:
         for body in table.settings.bodies:
             one = table.interval(name, body)
             beside: tuple[Cell, ...] = (None,) * 4
-            if body != "own" and (name, "own") in table.people:
+            if body != "own" and (name, "own") in table.scored_cells():
                 more = table.interval(name, body, "own")
                 beside = (cell(more.value), cell(more.low), cell(more.high), more.verdict)
             rows.append((name.replace("_", " "), body, cell(one.value), cell(one.low), cell(one.high), *beside))
-    people = max((len(people) for people in table.people.values()), default=0)
+    people = max(Counter(key[:2] for key in table.people).values(), default=0)
     return Report(
         name="completion-intervals",
         title="Completion: how sure (main categories, cm)",
@@ -377,11 +365,11 @@ def _remarks(table: CompletionTable) -> Iterator[str]:
                 f"The motion itself ({truth} bodies): jitter {averages.get('jitter'):.2f}, "
                 f"skate {averages.get('skate_cm_s'):.2f} cm/s, {averages.get('depth_cm'):.2f} cm under the floor."
             )
-        baselines = [(name, table.baselines.get((name, truth, "main"))) for name in ("last known", "mean_body")]
+        mean_body = table.baselines.get(("mean_body", truth, "main"), RunningScores())
         shown = [
-            f"{name.replace('_', ' ')} {one.get('occluded_mpjpe_cm'):.1f} cm ({one.root('occluded_square'):.1f} RMSJPE)"
-            for name, one in ((baselines[0][0], table.last_known(truth)), baselines[1])
-            if one is not None and one.weight
+            f"{name} {one.get('occluded_mpjpe_cm'):.1f} cm ({one.root('occluded_square'):.1f} RMSJPE)"
+            for name, one in (("last known", table.last_known(truth)), ("mean body", mean_body))
+            if one.weight
         ]
         if shown:
             yield f"Hidden joints ({truth} bodies): {', '.join(shown)}."

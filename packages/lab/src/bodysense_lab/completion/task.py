@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sized
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 import torch
@@ -16,6 +17,7 @@ from torch.nn.functional import binary_cross_entropy_with_logits
 from bodysense.body.rotation import quaternion_to_matrix
 from bodysense.body.shape import sample_bodies
 from bodysense.body.skeleton import BODY
+from bodysense.devices.simulated.sensors import SENSOR_SETS
 from bodysense.errors import BodysenseError
 from bodysense_lab.checkpoint import best_weights
 from bodysense_lab.completion.corpus import Corpus, read_corpus
@@ -28,13 +30,12 @@ from bodysense_lab.completion.network import (
     turn_about_up,
 )
 from bodysense_lab.completion.options import CompletionTraining
-from bodysense_lab.completion.points import BODY_POINTS, CONTACT, HEAD, INPUT_POINTS, JOINTS, SPIN_PLACES
+from bodysense_lab.completion.points import BODY_POINTS, CONTACT, HEAD, JOINTS, SPIN_PLACES
 from bodysense_lab.completion.postures import low_share, standing_share
-from bodysense_lab.completion.sensor_draws import DrawnSensors, rotation_only
+from bodysense_lab.completion.sensor_draws import worn
 from bodysense_lab.completion.sequences import (
     Draw,
     Sequence,
-    Track,
     TrainingBody,
     draw_sequence,
     make_sequence,
@@ -173,8 +174,17 @@ def losses(
     signal = batch.signal
     size = signal.size[:, None, None, None]
     missed, rotation, wanted = _missed(network, prediction, batch)
-    valid = batch.valid[..., None]
-    count = batch.valid.sum().clamp(min=1)
+    valid, both = batch.valid[..., None], (batch.valid[:, 1:] & batch.valid[:, :-1])[..., None]
+    count, pairs, points = batch.valid.sum().clamp(min=1), both.sum().clamp(min=1), missed.shape[-2]
+
+    def frames(values: Tensor, width: int) -> Tensor:
+        """The mean over frames and `width` joints or points."""
+        return (values * valid).sum() / count / width
+
+    def steps(values: Tensor) -> Tensor:
+        """The mean over pairs of frames and points."""
+        return (values * both).sum() / pairs / points
+
     turn_weight = torch.tensor([_TURN_WEIGHT.get(name.rpartition("_")[2], 1.0) for name in BODY])
     place_weight = torch.tensor([_PLACE_WEIGHT.get(name.rpartition("_")[2], 1.0) for name in BODY_POINTS])
     angle = (rotation - wanted).abs().mean(dim=(-2, -1)) * turn_weight
@@ -182,43 +192,35 @@ def losses(
     local, true_local = (turned[..., parents, :, :].mT @ turned[..., 1:, :, :] for turned in (rotation, wanted))
     bent = (local - true_local).abs().mean(dim=(-2, -1)) * turn_weight[1:]
     terms = {
-        "rotation": (angle * valid).sum() / count / JOINTS * weights.rotation,
-        "local": (bent * valid).sum() / count / JOINTS * weights.local,
-        "position": (missed.abs().mean(dim=-1) * place_weight * valid).sum()
-        / count
-        / missed.shape[-2]
-        * weights.position,
+        "rotation": frames(angle, JOINTS) * weights.rotation,
+        "local": frames(bent, JOINTS) * weights.local,
+        "position": frames(missed.abs().mean(dim=-1) * place_weight, points) * weights.position,
     }
     # Where the head is not tracked, the network says where it is.
-    place = ((batch.true_position[..., HEAD : HEAD + 1, :] - signal.origin[..., None, :]) @ signal.turn / size)[
-        ..., 0, :
-    ]
-    lost = (batch.valid & ~(signal.has_position[..., HEAD]))[..., None]
-    off = (prediction.head - place).abs()
-    terms["head"] = (off * lost).sum() / count / 3 * weights.position * 0.3
+    place = (batch.true_position[..., HEAD : HEAD + 1, :] - signal.origin[..., None, :]) @ signal.turn / size
+    lost = ~signal.has_position[..., HEAD, None]
+    terms["head"] = frames((prediction.head - place[..., 0, :]).abs() * lost, 3) * weights.position * 0.3
 
     world = missed @ signal.turn.mT
-    both = (batch.valid[:, 1:] & batch.valid[:, :-1])[..., None]
-    pairs = both.sum().clamp(min=1)
     too_fast = (world[:, 1:] - world[:, :-1]) / signal.interval[:, 1:, None, None]
-    terms["velocity"] = (too_fast.abs().mean(dim=-1) * both).sum() / pairs / missed.shape[-2] * weights.velocity
+    terms["velocity"] = steps(too_fast.abs().mean(dim=-1)) * weights.velocity
     true_step = (batch.true_position[:, 1:] - batch.true_position[:, :-1]) / size
     shown_step, interval = true_step + world[:, 1:] - world[:, :-1], signal.interval[:, 1:, None]
-    faster = (_length(shown_step) - _length(true_step)) / interval - SLACK / size[..., 0]
-    terms["haste"] = (faster.clamp_min(0.0) * both).sum() / pairs / missed.shape[-2] * weights.haste
+    faster = (length(shown_step) - length(true_step)) / interval - SLACK / size[..., 0]
+    terms["haste"] = steps(faster.clamp_min(0.0)) * weights.haste
     standing = (batch.contact[:, 1:] * batch.contact[:, :-1]) * both
-    skating = (_length(too_fast[..., _FEET, :]) * standing).sum() / standing.sum().clamp(min=1)
+    skating = (length(too_fast[..., _FEET, :]) * standing).sum() / standing.sum().clamp(min=1)
     terms["skate"] = skating * weights.skate
     contact = binary_cross_entropy_with_logits(prediction.contact_logit, batch.contact, reduction="none")
-    terms["contact"] = (contact * valid).sum() / count / len(CONTACT) * weights.contact
+    terms["contact"] = frames(contact, len(CONTACT)) * weights.contact
     # Laplace likelihood: its optimum is the mean distance. The positions are not pulled by it.
-    distance = _length(missed.detach())
-    likelihood = distance / prediction.error + torch.log(prediction.error)
-    terms["error"] = (likelihood * valid).sum() / count / missed.shape[-2] * weights.error
+    likelihood = length(missed.detach()) / prediction.error + torch.log(prediction.error)
+    terms["error"] = frames(likelihood, points) * weights.error
     return {"loss": torch.stack(list(terms.values())).sum(), **terms}
 
 
-def _length(vector: Tensor) -> Tensor:
+def length(vector: Tensor) -> Tensor:
+    """Length (...) of vectors (..., K), whose gradient is finite where it is 0."""
     return torch.sqrt((vector * vector).sum(dim=-1) + 1e-10)
 
 
@@ -265,17 +267,9 @@ def collate(pieces: list[tuple[Sequence, int]], chunk: int, begins: np.ndarray) 
 
 
 SETS = ("three_point", "head", "six_point", "headset_camera", "three_point_imu_feet")
-_HANDS = ("head", "left_wrist", "right_wrist")
-_SENSORS = {
-    "three_point": _HANDS,
-    "head": ("head",),
-    "six_point": (*_HANDS, "pelvis", "left_ankle", "right_ankle"),
-    "headset_camera": ("head",),
-    "three_point_imu_feet": _HANDS,
-}
-_TURNED = {"three_point_imu_feet": ("left_knee", "right_knee")}  # whose rotation alone is tracked
-
 _GROUP = 16  # sequences side by side
+S = TypeVar("S", bound=Sized)
+Batch = TypeVar("Batch")
 
 
 def validation_batches(corpus: Corpus, stride: int, backward: bool = False) -> dict[str, list[SequenceBatch]]:
@@ -293,28 +287,18 @@ def validation_batches(corpus: Corpus, stride: int, backward: bool = False) -> d
                 true = corpus.rest_offset[clip].astype(float) if whose == "own" else strangers[place]
                 body = TrainingBody(true, true, np.zeros(len(true)))
                 rng = np.random.default_rng([7, clip])
-                pieces.append((make_sequence(corpus, clip, Draw(body, track=_worn(name), backward=backward), rng), 0))
-            groups = [pieces[first : first + _GROUP] for first in range(0, len(pieces), _GROUP)]
-            batches[f"{name}_{whose}"] = [
-                collate(group, max(len(one) for one, _ in group), np.ones(len(group), dtype=bool)) for group in groups
-            ]
+                drawn = Draw(body, track=partial(worn, SENSOR_SETS[name]), backward=backward)
+                pieces.append(make_sequence(corpus, clip, drawn, rng))
+            batches[f"{name}_{whose}"] = whole_batches(pieces, collate)
     return batches
 
 
-def _worn(name: str) -> Track:
-    """A named set of sensors."""
-
-    def track(visible: np.ndarray, interval: float, rng: np.random.Generator) -> DrawnSensors:
-        del interval, rng
-        position = np.isin(INPUT_POINTS, _SENSORS[name])
-        rotation = np.isin(BODY, (*_SENSORS[name], *_TURNED.get(name, ())))
-        frames = len(visible)
-        has_position = (visible | position) if name == "headset_camera" else np.tile(position, (frames, 1))
-        has_rotation = np.tile(rotation, (frames, 1))
-        felt = rotation_only(has_position, has_rotation)
-        return DrawnSensors(has_position, has_rotation, np.ones(frames, dtype=bool), felt)
-
-    return track
+def whole_batches(sequences: list[S], collate: Callable[[list[tuple[S, int]], int, np.ndarray], Batch]) -> list[Batch]:
+    """Return batches of whole sequences, of similar lengths if these are in order."""
+    groups = [sequences[first : first + _GROUP] for first in range(0, len(sequences), _GROUP)]
+    return [
+        collate([(one, 0) for one in group], max(map(len, group)), np.ones(len(group), dtype=bool)) for group in groups
+    ]
 
 
 _VALIDATION_STRIDE = 3  # of the validation clips every n-th is scored at a checkpoint

@@ -8,7 +8,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache, lru_cache
 from itertools import pairwise
 from pathlib import Path
 
@@ -162,12 +162,14 @@ class EdgeScore:
 
 def score_lattice(edges: Sequence[Edge], scenes: Sequence[TrackedScene], track: TrackPeople) -> list[EdgeScore]:
     """Score edges on scenes of known proportions."""
-    known: dict[SensorSet, float] = {}
+    people = [person_of("stranger", scene.skeleton) for scene in scenes]
 
+    @cache
     def error_of(sensors: SensorSet) -> float:
-        if sensors not in known:
-            known[sensors] = _mean_error(scenes, sensors, track)
-        return known[sensors]
+        """MPJPE from the head, cm, mean over the scenes."""
+        tracked = track(people, [scene.observe(sensors) for scene in scenes])
+        errors = [scene.error_from_head(one.position).mean() for scene, one in zip(scenes, tracked, strict=True)]
+        return float(np.mean(errors))
 
     return [EdgeScore(edge, error_of(edge.fewer), error_of(edge.more)) for edge in edges]
 
@@ -178,11 +180,3 @@ def choose_scenes(scenes: Sequence[TrackedScene]) -> list[TrackedScene]:
     long = [scene for scene in main if len(scene) >= FRAMES] or main
     places = np.linspace(0, len(long) - 1, min(CLIPS, len(long))).round().astype(int)
     return [long[place].beginning(FRAMES) for place in places]
-
-
-def _mean_error(scenes: Sequence[TrackedScene], sensors: SensorSet, track: TrackPeople) -> float:
-    """MPJPE from the head, cm, mean over the scenes."""
-    people = [person_of("stranger", scene.skeleton) for scene in scenes]
-    tracked = track(people, [scene.observe(sensors) for scene in scenes])
-    errors = [scene.error_from_head(one.position).mean() for scene, one in zip(scenes, tracked, strict=True)]
-    return float(np.mean(errors))

@@ -71,11 +71,11 @@ def fingers_of_completion(run: CompletionTraining, fabric: Fabric) -> FingerNetw
 
 def without(corpus: Corpus, person: str) -> Corpus:
     """Return the corpus without the fingers of a person. Raises BodysenseError if it has no fingers of that person."""
-    theirs = np.array([str(name).split("/")[0] == person for name in corpus.name]) & (corpus.finger_start >= 0)
-    if not theirs.any():
-        people = sorted({str(corpus.name[clip]).split("/")[0] for clip in clips_with_fingers(corpus)})
+    theirs, others = person_clips(corpus, person)
+    if not len(theirs):
+        people = sorted({str(corpus.name[clip]).split("/")[0] for clip in others})
         raise BodysenseError(f"--leave-out {person}: no one of that name has fingers; valid are {', '.join(people)}")
-    return corpus.of(np.flatnonzero(~theirs))
+    return corpus.of(np.setdiff1d(np.arange(len(corpus)), theirs))
 
 
 def _generated(options: FingerTraining) -> np.ndarray:

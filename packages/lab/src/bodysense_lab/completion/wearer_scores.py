@@ -45,6 +45,7 @@ STANDS = 0.85  # of its standing height: a higher head means that the wearer sta
 SETTLES, BELIEVED = 3.0, 10.0  # s after which a seated pelvis is in place, and from which no height may shrink
 _GAZE = 1.0  # s after which a raised arm is looked at
 _PAIR = ("left", "right")
+_HELD = {palms: f"palms {palms}" if palms != "none" else "head alone" for palms in PALMS}
 
 
 @dataclass(frozen=True)
@@ -111,11 +112,9 @@ def _standing(network: CompletionModel | None) -> Iterator[SightScore]:
         knees = [
             _bent(body, one).mean() for (body, lowered), one in zip(bodies, position, strict=True) if lowered == 0.0
         ]
-        scene = f"stands, palms {palms}" if palms != "none" else "stands, head alone"
-        yield SightScore(
-            scene, "lower ball over rest, worst", f"standing_{palms}_ball_cm", 100 * float(max(balls)), "cm"
-        )
-        yield SightScore(scene, "knees, head at its height", f"standing_{palms}_knee_deg", float(np.mean(knees)), "°")
+        scene, key = f"stands, {_HELD[palms]}", f"standing_{palms}"
+        yield SightScore(scene, "lower ball over rest, worst", f"{key}_ball_cm", 100 * float(max(balls)), "cm")
+        yield SightScore(scene, "knees, head at its height", f"{key}_knee_deg", float(np.mean(knees)), "°")
 
 
 def _seated(network: CompletionModel | None) -> Iterator[SightScore]:
@@ -155,10 +154,8 @@ def _raised(network: CompletionModel | None) -> Iterator[SightScore]:
             shoulder, wrist = (position[frame, _points(skeleton, name)] for name in ("shoulder", "wrist"))
             arm = wrist - shoulder
             angle = np.degrees(np.arctan2(arm[:, 1], np.hypot(arm[:, 0], arm[:, 2]))).min()
-            scene = f"arms raised out of view, {way}"
-            yield SightScore(
-                scene, f"{what}: over the shoulder, 1 s after", f"raised_{way}_{key}deg", float(angle), "°"
-            )
+            scene, measure = f"arms raised out of view, {way}", f"{what}: over the shoulder, 1 s after"
+            yield SightScore(scene, measure, f"raised_{way}_{key}deg", float(angle), "°")
 
 
 def _rare(network: CompletionModel | None) -> Iterator[SightScore]:
@@ -199,6 +196,6 @@ def _headsets(network: CompletionModel | None, folder: Path) -> Iterator[SightSc
             (_lower_ball(skeleton, one[: len(path.position)]) > sight.FLOATING)[path.position[:, 1] > STANDS * standing]
             for path, one in zip(paths, position, strict=True)
         ]
-        scene = f"real headsets, palms {palms}" if palms != "none" else "real headsets, head alone"
         share = float(np.concatenate(floats).mean())
-        yield SightScore(scene, "float share", f"headset_{palms}_float_share", share, "of frames")
+        key = f"headset_{palms}_float_share"
+        yield SightScore(f"real headsets, {_HELD[palms]}", "float share", key, share, "of frames")

@@ -103,7 +103,16 @@ def with_hands(path: HeadPath, palms: Palms, skeleton: Skeleton) -> Observation:
         names.append(name)
         position.append(path.position + quaternion_rotate(turn, np.broadcast_to(offset, (count, 3))))
         rotation.append(quaternion_multiply(turn, np.broadcast_to(held, (count, 4))))
-    return _observed(tuple(names), np.stack(position, axis=1), np.stack(rotation, axis=1))
+    tracked = np.ones((count, len(names)), dtype=bool)
+    return Observation(
+        points=tuple(names),
+        position=np.stack(position, axis=1),
+        rotation=quaternion_canonical(np.stack(rotation, axis=1)),
+        has_position=tracked,
+        has_rotation=tracked.copy(),
+        accuracy=accuracy_like(tracked, HEADSET_ACCURACY),
+        time=np.arange(count) / RATE,
+    )
 
 
 def standing_head(skeleton: Skeleton, lowered: float, seconds: float = 4.0) -> HeadPath:
@@ -158,17 +167,3 @@ def arms_raised(skeleton: Skeleton, way: Raise, elevation: float = 75.0, seconds
         turned = quaternion_multiply(aside, quaternion_multiply(up, ahead))
         rotation[:, skeleton.index(f"{side}_shoulder")] = turned
     return Pose(skeleton, np.tile(pose.root_position, (len(time), 1)), rotation)
-
-
-def _observed(points: tuple[str, ...], position: np.ndarray, rotation: np.ndarray) -> Observation:
-    """Poses (T, P) that are all tracked."""
-    tracked = np.ones(position.shape[:-1], dtype=bool)
-    return Observation(
-        points=points,
-        position=position,
-        rotation=quaternion_canonical(rotation),
-        has_position=tracked,
-        has_rotation=tracked.copy(),
-        accuracy=accuracy_like(tracked, HEADSET_ACCURACY),
-        time=np.arange(len(position)) / RATE,
-    )

@@ -8,8 +8,8 @@ from __future__ import annotations
 import struct
 import subprocess
 import tempfile
-from collections.abc import Iterator, Sequence
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -89,7 +89,7 @@ def decode(count: int, rng: np.random.Generator, tshark: str | None) -> Iterator
         osc = [sent for sent in part if sent.moved is None]
         meant = [_meant(sent.data) for sent in osc]
         with ExitStack() as stack:
-            reading = None if tshark is None else stack.enter_context(_Wireshark(tshark, osc))
+            reading = None if tshark is None else stack.enter_context(_wireshark(tshark, osc))
             for sent, messages in zip(osc, meant, strict=True):
                 if _python_osc(sent.data) != messages:
                     raise BodysenseError(f"python-osc reads otherwise: {sent.data.hex()}")
@@ -97,7 +97,7 @@ def decode(count: int, rng: np.random.Generator, tshark: str | None) -> Iterator
             for sent in part:
                 found.solarxr += sent.moved is not None and _reads_body(sent.data, sent.moved)
             if reading is not None:
-                found.wireshark += reading.check([[address for address, _ in messages] for messages in meant])
+                found.wireshark += reading([[address for address, _ in messages] for messages in meant])
         yield found
 
 
@@ -130,42 +130,36 @@ def _reads_body(data: bytes, body: Moved) -> bool:
     return True
 
 
-class _Wireshark:
-    """Wireshark's dissector of OSC, which reads a capture of packets in a process of its own."""
+@contextmanager
+def _wireshark(tshark: str, sent: Sequence[Sent]) -> Iterator[Callable[[Sequence[Sequence[str]]], int]]:
+    """Let Wireshark's dissector of OSC read a capture of packets in a process of its own.
 
-    def __init__(self, tshark: str, sent: Sequence[Sent]) -> None:
-        self._tshark, self._sent = tshark, sent
+    Yields a function that waits for it and returns how many packets it read; it raises BodysenseError for a packet with
+    other addresses than those given, or with a fault.
+    """
+    with ExitStack() as stack:
+        folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="bodysense-")))
+        (folder / "sent.pcap").write_bytes(capture([(one.data, one.port) for one in sent]))
+        fields = ("osc.message.header.path", "_ws.malformed", "_ws.expert.severity")
+        command = [tshark, "-n", "-r", str(folder / "sent.pcap"), "--enable-heuristic", "osc_udp"]
+        command += ["-T", "fields", *(word for field in fields for word in ("-e", field))]
+        out = stack.enter_context((folder / "read.txt").open("w+"))
+        process = stack.enter_context(subprocess.Popen(command, stdout=out, stderr=subprocess.DEVNULL, text=True))
+        stack.callback(process.kill)
 
-    def __enter__(self) -> _Wireshark:
-        with ExitStack() as stack:
-            folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="bodysense-")))
-            (folder / "sent.pcap").write_bytes(capture([(one.data, one.port) for one in self._sent]))
-            fields = ("osc.message.header.path", "_ws.malformed", "_ws.expert.severity")
-            command = [self._tshark, "-n", "-r", str(folder / "sent.pcap"), "--enable-heuristic", "osc_udp"]
-            command += ["-T", "fields", *(word for field in fields for word in ("-e", field))]
-            self._out = stack.enter_context((folder / "read.txt").open("w+"))
-            self._process = stack.enter_context(
-                subprocess.Popen(command, stdout=self._out, stderr=subprocess.DEVNULL, text=True)
-            )
-            self._stack = stack.pop_all()
-        return self
+        def check(addresses: Sequence[Sequence[str]]) -> int:
+            if process.wait():
+                raise BodysenseError(f"{tshark} failed; run it by itself: {tshark} --version")
+            out.seek(0)
+            rows = [row.rstrip("\n").split("\t") for row in out]
+            if len(rows) != len(addresses):
+                raise BodysenseError(f"Wireshark reads {len(rows)} of {len(addresses)} packets")
+            for (paths, *faults), wanted in zip(rows, addresses, strict=True):
+                if paths.split(",") != wanted or any(faults):
+                    raise BodysenseError(f"Wireshark reads {paths} {faults}, not {wanted}")
+            return len(rows)
 
-    def __exit__(self, *_: object) -> None:
-        self._process.kill()
-        self._stack.close()
-
-    def check(self, addresses: Sequence[Sequence[str]]) -> int:
-        """How many packets it read; raises BodysenseError for one in which it finds other addresses, or a fault."""
-        if self._process.wait():
-            raise BodysenseError(f"{self._tshark} failed; run it by itself: {self._tshark} --version")
-        self._out.seek(0)
-        rows = [row.rstrip("\n").split("\t") for row in self._out]
-        if len(rows) != len(addresses):
-            raise BodysenseError(f"Wireshark reads {len(rows)} of {len(addresses)} packets")
-        for (paths, *faults), wanted in zip(rows, addresses, strict=True):
-            if paths.split(",") != wanted or any(faults):
-                raise BodysenseError(f"Wireshark reads {paths} {faults}, not {wanted}")
-        return len(rows)
+        yield check
 
 
 def capture(packets: Sequence[tuple[bytes, int]]) -> bytes:

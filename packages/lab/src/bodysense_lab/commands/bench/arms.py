@@ -7,16 +7,15 @@ from pathlib import Path
 import numpy as np
 
 from bodysense.ranges import Count
-from bodysense_lab.commands.bench.timing import percentiles, report
+from bodysense_lab.commands.bench.timing import Json, percentiles, report
 
 
-def arms(frames: Count = 2000, model: Path | None = None, json: Path | None = None) -> None:
+def arms(frames: Count = 2000, model: Path | None = None, json: Json = None) -> None:
     """Time the network of arms and hands on a window of 32 frames, and the estimator a frame at a time.
 
     Args:
         frames: Windows, and frames, to time, after 100 to warm up.
         model: A network written by `bodysense train arms`; the packaged one if omitted.
-        json: Write the numbers here, as one flat object.
     """
     from bodysense.demo import packaged_performance
     from bodysense.devices.video.arms import Arms, ArmSettings, load_arms

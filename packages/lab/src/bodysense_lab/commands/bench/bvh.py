@@ -7,15 +7,14 @@ from pathlib import Path
 
 import numpy as np
 
-from bodysense_lab.commands.bench.timing import report
+from bodysense_lab.commands.bench.timing import Json, report
 
 
-def bvh(megabytes: int = 60, json: Path | None = None) -> None:
+def bvh(megabytes: int = 60, json: Json = None) -> None:
     """Time reading a large BVH file, compared with parsing its floats by NumPy alone.
 
     Args:
         megabytes: Size of the file, written to a temporary folder.
-        json: Write the numbers here, as one flat object.
     """
     from dataclasses import replace
     from tempfile import TemporaryDirectory

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 from bodysense.ranges import Count
-from bodysense_lab.commands.bench.timing import percentiles, report, resident_memory, streamed
+from bodysense_lab.commands.bench.timing import Json, percentiles, report, resident_memory, streamed
 
 
-def gloves(frames: Count = 3000, json: Path | None = None) -> None:
+def gloves(frames: Count = 3000, json: Json = None) -> None:
     """Time gloves with one hidden marker a hand, a frame at a time, everything included: one hand, then two.
 
     Which marker is hidden changes every half second. `all` is with none hidden. The step that moves hands and fingers
@@ -16,7 +14,6 @@ def gloves(frames: Count = 3000, json: Path | None = None) -> None:
 
     Args:
         frames: Frames to time of each, after 100 to warm up.
-        json: Write the numbers here, as one flat object.
     """
     from bodysense.devices.gloves.hands import Hands, HandsSettings, load_glove_models
     from bodysense_lab.synthesis.glove_stream import glove_stream

@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 
 from bodysense.ranges import Count
-from bodysense_lab.commands.bench.timing import percentiles, report
+from bodysense_lab.commands.bench.timing import Json, percentiles, report
 
 
-def ik(frames: Count = 3000, noise: float = 0.0, json: Path | None = None) -> None:
+def ik(frames: Count = 3000, noise: float = 0.0, json: Json = None) -> None:
     """Time inverse kinematics of the whole body, a frame at a time, from the frame before.
 
     Args:
         frames: Frames to time, after 100 to warm up.
         noise: Metres; standard deviation added to every target.
-        json: Write the numbers here, as one flat object.
     """
     from bodysense.body.ik import InverseKinematics
     from bodysense.body.pose import forward_kinematics

@@ -3,21 +3,19 @@
 from __future__ import annotations
 
 import sys
-from pathlib import Path
 
 import numpy as np
 
-from bodysense_lab.commands.bench.timing import report
+from bodysense_lab.commands.bench.timing import Json, report
 
 
-def import_time(runs: int = 9, json: Path | None = None) -> None:
+def import_time(runs: int = 9, json: Json = None) -> None:
     """Time `import bodysense`, alone and with the tracker, in fresh processes; PyTorch must not be among it.
 
     numpy_seconds is `import numpy` alone, which is part of what the tracker takes.
 
     Args:
         runs: Number of processes; the median is printed.
-        json: Write the numbers here, as one flat object.
     """
     import subprocess
 

@@ -10,7 +10,6 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Annotated
 from urllib.parse import urlsplit
 
@@ -19,6 +18,7 @@ import psutil
 
 from bodysense.errors import BodysenseError
 from bodysense.ranges import Processes, Sessions, within
+from bodysense_lab.commands.bench.timing import Json
 from bodysense_lab.options import Rate, Seconds
 
 _POINTS = ("head", "left_wrist", "right_wrist")
@@ -36,7 +36,7 @@ def bench_live(
     workers: Processes = 1,
     most: bool = False,
     share: Annotated[float, within(float, 0.01, 1)] = 1.0,
-    json: Path | None = None,
+    json: Json = None,
 ) -> None:
     """Time live sessions of head and hands: a server process, or several, and clients of it on this machine.
 
@@ -50,7 +50,6 @@ def bench_live(
         workers: Processes of the server.
         most: Find also how many wearers one process serves with 99 % of their frames answered, as most_sessions.
         share: Share of the time in which the server may run, as on a slower machine.
-        json: Write the numbers here, as one flat object.
     """
     from bodysense_lab.commands.bench.timing import report
 

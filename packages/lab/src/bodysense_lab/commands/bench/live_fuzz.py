@@ -4,18 +4,17 @@ from __future__ import annotations
 
 import time
 from dataclasses import asdict
-from pathlib import Path
 
 from bodysense.ranges import Count, Seed
+from bodysense_lab.commands.bench.timing import Json
 
 
-def live_fuzz(frames: Count = 1_000_000, seed: Seed = 1, json: Path | None = None) -> None:
+def live_fuzz(frames: Count = 1_000_000, seed: Seed = 1, json: Json = None) -> None:
     """Send hostile messages to the server's code, without a network; fails where anything but a refusal comes out.
 
     Args:
         frames: Messages to send.
         seed: random seed of the messages.
-        json: Write the numbers here, as one flat object.
     """
     from rich.progress import Progress
 

@@ -16,6 +16,7 @@ import numpy as np
 
 from bodysense.errors import BodysenseError
 from bodysense.ranges import Count
+from bodysense_lab.commands.bench.timing import Json
 from bodysense_lab.options import Rate
 
 _WARM_UP = 100  # frames
@@ -23,7 +24,7 @@ _PATIENCE = 0.5  # s for a body that does not come
 _TO_START = 60.0  # s
 
 
-def live_outputs(frames: Count = 2000, rate: Rate = 72.0, json: Path | None = None) -> None:
+def live_outputs(frames: Count = 2000, rate: Rate = 72.0, json: Json = None) -> None:
     """Time the way through a server: headset and controllers in by VMC, bodies out by VMC, VRChat, VMT and SolarXR.
 
     From the moment that a packet is sent to the first packet of its body, as a program on this machine sees it; `all`
@@ -32,7 +33,6 @@ def live_outputs(frames: Count = 2000, rate: Rate = 72.0, json: Path | None = No
     Args:
         frames: bodies to time.
         rate: Hz; packets that come in.
-        json: Write the numbers here, as one flat object.
     """
     from bodysense_lab.commands.bench.timing import report
 

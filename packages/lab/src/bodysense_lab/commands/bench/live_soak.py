@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from pathlib import Path
 from typing import Annotated
 
 from bodysense.errors import BodysenseError
 from bodysense.ranges import Processes, Sessions, within
+from bodysense_lab.commands.bench.timing import Json
 from bodysense_lab.options import Rate
 
 
@@ -19,7 +19,7 @@ def live_soak(
     workers: Processes = 1,
     kill_every: float = 0.0,
     shared: str | None = None,
-    json: Path | None = None,
+    json: Json = None,
 ) -> None:
     """Run wearers against a server over a bad network; fails on growth, on NaN and on a session that is stuck.
 
@@ -34,7 +34,6 @@ def live_soak(
         workers: Processes of the server.
         kill_every: Seconds after which one of them is killed, repeatedly; 0: never.
         shared: Address of a Valkey or Redis, by which wearers of a killed process resume in another.
-        json: Write the numbers here, as one flat object.
     """
     import numpy as np
 

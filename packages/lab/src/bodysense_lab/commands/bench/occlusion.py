@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 import time
-from pathlib import Path
 
 import numpy as np
 
 from bodysense.ranges import Count
-from bodysense_lab.commands.bench.timing import report
+from bodysense_lab.commands.bench.timing import Json, report
 
 
-def occlusion(frames: Count = 30_000, json: Path | None = None) -> None:
+def occlusion(frames: Count = 30_000, json: Json = None) -> None:
     """Time the simulation of what a headset's cameras see: the median of five passes after one to warm up.
 
     Args:
         frames: Frames to see.
-        json: Write the numbers here, as one flat object.
     """
     from bodysense.demo import packaged_performance
     from bodysense.devices.simulated.headset_camera import see

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import time
 from dataclasses import asdict
-from pathlib import Path
 
 from bodysense.ranges import Count, Seed
+from bodysense_lab.commands.bench.timing import Json
 
 
-def packet_decoders(packets: Count = 1_000_000, seed: Seed = 1, json: Path | None = None) -> None:
+def packet_decoders(packets: Count = 1_000_000, seed: Seed = 1, json: Json = None) -> None:
     """Read all that goes out (VMC, VRChat, VMT, SolarXR) with decoders that are not ours; all must be read as meant.
 
     python-osc, Wireshark's tshark where it is installed, and a reader of SolarXR's public schema.
@@ -17,7 +17,6 @@ def packet_decoders(packets: Count = 1_000_000, seed: Seed = 1, json: Path | Non
     Args:
         packets: Packets to read.
         seed: random seed of the bodies.
-        json: Write the numbers here, as one flat object.
     """
     import shutil
 

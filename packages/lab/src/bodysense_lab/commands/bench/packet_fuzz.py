@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import time
-from pathlib import Path
 
 from bodysense.ranges import Count, Seed
+from bodysense_lab.commands.bench.timing import Json
 
 
-def packet_fuzz(packets: Count = 1_000_000, seed: Seed = 1, json: Path | None = None) -> None:
+def packet_fuzz(packets: Count = 1_000_000, seed: Seed = 1, json: Json = None) -> None:
     """Read hostile packets of all that comes in by UDP or sockets (VMC, VMT, VRChat, SlimeVR, SolarXR); none may raise.
 
     Args:
         packets: Packets to read.
         seed: random seed of the packets.
-        json: Write the numbers here, as one flat object.
     """
     import numpy as np
 

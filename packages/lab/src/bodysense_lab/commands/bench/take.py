@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 import time
-from pathlib import Path
 
 import numpy as np
 
-from bodysense_lab.commands.bench.timing import report
+from bodysense_lab.commands.bench.timing import Json, report
 
 RATE = 30.0  # Hz
 
 
-def take(minutes: float = 10.0, device: str = "three_point", json: Path | None = None) -> None:
+def take(minutes: float = 10.0, device: str = "three_point", json: Json = None) -> None:
     """Time completing a long recording of a known body: with past and future, and causally, as live.
 
     Args:
         minutes: Length of the recording; the packaged performance is played forward and backward.
         device: Simulated device.
-        json: Write the numbers here, as one flat object.
     """
     from dataclasses import replace
 

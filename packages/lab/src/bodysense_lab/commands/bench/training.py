@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 from bodysense.ranges import Count, Processes
-from bodysense_lab.commands.bench.timing import report
+from bodysense_lab.commands.bench.timing import Json, report
 
 
-def training(steps: Count = 6, threads: Processes = 1, json: Path | None = None) -> None:
+def training(steps: Count = 6, threads: Processes = 1, json: Json = None) -> None:
     """Time steps of `train completion`, and UNOC's training on windows and on whole sequences with carried state.
 
     A window teaches one frame, its last; a sequence teaches every frame that it plays.
@@ -16,7 +14,6 @@ def training(steps: Count = 6, threads: Processes = 1, json: Path | None = None)
     Args:
         steps: Optimiser steps of each, after one to warm up.
         threads: PyTorch threads.
-        json: Write the numbers here, as one flat object.
     """
     from bodysense.demo import packaged_performance
     from bodysense_lab.completion.pace import training_pace

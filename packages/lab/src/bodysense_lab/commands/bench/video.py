@@ -8,15 +8,14 @@ from typing import Annotated
 
 import tyro
 
-from bodysense_lab.commands.bench.timing import report, resident_memory
+from bodysense_lab.commands.bench.timing import Json, report, resident_memory
 
 
-def video(file: Annotated[Path, tyro.conf.Positional], json: Path | None = None) -> None:
+def video(file: Annotated[Path, tyro.conf.Positional], json: Json = None) -> None:
     """Measure the processor time of a picture: of reading it and finding landmarks, and of completing a body.
 
     Args:
         file: A video, or a folder of pictures.
-        json: Write the numbers here, as one flat object.
     """
     import bodysense as bs
     from bodysense.devices.video.landmarker_files import find_landmarkers
