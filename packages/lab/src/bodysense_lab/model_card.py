@@ -36,7 +36,7 @@ class Kind:
     head: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]  # cells, with figures as `{name:.2f}`, in which `MODEL` is the card's model
     not_for: str
-    tags: tuple[str, ...]  # of the front matter
+    tags: tuple[str, ...] = ("motion-capture", "human-pose", "virtual-reality")  # of the front matter
     has_optional_rows: bool = False  # whether rows but for the first are left out without their figures
 
     def filled(self, figures: Numbers, model: object) -> tuple[list[tuple[str, ...]], set[str]]:
@@ -253,7 +253,6 @@ KINDS = {
         _BODY,
         "bodies whose limbs differ from the skeleton's; hands that hold things, for fingers were learned from half an "
         f"hour of avatar animation; {_NOBODY}",
-        ("motion-capture", "human-pose", "virtual-reality"),
         has_optional_rows=True,
     ),
     (point_model.FORMAT, "fingers"): Kind(
@@ -263,7 +262,6 @@ KINDS = {
         ("method", "cm"),
         _FINGERS,
         f"gestures that mean something, hands that hold or use things; {_NOBODY}",
-        ("motion-capture", "human-pose", "virtual-reality"),
     ),
     (point_model.FORMAT, "upper-body"): Kind(
         "Places the upper body of a headset and two controllers (UNOC, Parger et al. 2021, section 5.2).",
@@ -272,7 +270,6 @@ KINDS = {
         ("joints", "network", "inverse kinematics"),
         _UPPER_BODY,
         f"legs, of which it knows nothing; floors that are not at y = 0; {_NOBODY}",
-        ("motion-capture", "human-pose", "virtual-reality"),
     ),
     (weights_file.FORMAT, ""): Kind(
         "Completes a whole body, in rotations, from any points that are tracked, on any adult's proportions.",
@@ -282,7 +279,6 @@ KINDS = {
         ("sensors", "own", "stranger", "height", "nothing"),
         _COMPLETION,
         f"children; people who carry or use things; {_NOBODY}",
-        ("motion-capture", "human-pose", "virtual-reality"),
     ),
     (joining_network.FORMAT, ""): Kind(
         "Joins the two answers of a recording, one that knows its past and one that knows its future, to one body.",
@@ -292,7 +288,6 @@ KINDS = {
         ("sensors", "live cm", "take cm", "take rotation °"),
         _TAKES,
         f"live tracking; children; people who carry or use things; {_NOBODY}",
-        ("motion-capture", "human-pose", "virtual-reality"),
     ),
     (glove.MARKER_FORMAT, ""): Kind(
         "Fills hidden markers of a glove from those that are seen (Pavllo et al. 2019, section 3.2.2).",
@@ -329,6 +324,5 @@ KINDS = {
         ("joints", "position error, cm", "velocity error, cm/s", "acceleration, m/s²"),
         _VAE,
         f"the most accurate body, which is the tracker's; floors that are not at y = 0; {_NOBODY}",
-        ("motion-capture", "human-pose", "virtual-reality"),
     ),
 }
