@@ -236,14 +236,15 @@ def untrained(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with every network of UNOC's tables, tiny."""
     import torch
 
-    from bodysense_lab.unoc.network import BodyNetwork, write_weights
+    from bodysense_lab.checkpoint import write_weights_file
+    from bodysense_lab.unoc.network import BodyNetwork
     from bodysense_lab.unoc.variants import VARIANTS
 
     folder = tmp_path_factory.mktemp("networks")
     torch.manual_seed(0)
     for name, variant in VARIANTS.items():
         config = replace(variant.config, hidden=8, branch=(8,), judge_branch=(8,))
-        write_weights(BodyNetwork(config, default_skeleton()), folder / f"{name}.pt")
+        write_weights_file(BodyNetwork(config, default_skeleton()), folder / f"{name}.pt", {})
     return folder
 
 

@@ -115,7 +115,7 @@ def write_weights_file(network: nn.Module, path: Path, card: Mapping[str, Any]) 
 
 
 def read_weights_file(
-    path: Path, make: Callable[[dict[str, Any]], Network], what: str, command: str
+    path: Path, make: Callable[[Any], Network], what: str, command: str
 ) -> tuple[Network, dict[str, Any]]:
     """The network that `make` builds of a configuration, with its weights, and its card.
 
@@ -133,4 +133,4 @@ def read_weights_file(
         raise BodysenseError(
             f"{path}: not the weights of {what} ({type(error).__name__}); give the .pt of `{command}`"
         ) from None
-    return network.eval(), saved["card"]
+    return network.eval(), saved.get("card", {})

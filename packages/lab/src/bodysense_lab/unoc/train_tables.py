@@ -20,11 +20,11 @@ from lightning_fabric import Fabric
 from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError
 from bodysense.files import make_folder, written_beside
-from bodysense_lab.checkpoint import identity
+from bodysense_lab.checkpoint import identity, write_weights_file
 from bodysense_lab.fit import Report, announced, begin, fit, is_same, launched, line_of, sweep
 from bodysense_lab.progress import read_clips, tracked
 from bodysense_lab.spread import worker_pool
-from bodysense_lab.unoc.network import BodyNetwork, BodyNetworkConfig, write_weights
+from bodysense_lab.unoc.network import BodyNetwork, BodyNetworkConfig
 from bodysense_lab.unoc.options import TablesTraining
 from bodysense_lab.unoc.task import BodySchedule, BodyTask, Episode, LossWeights, Variation, make_episode, step_count
 from bodysense_lab.unoc.variants import TABLES, VARIANTS
@@ -144,7 +144,7 @@ def train_network(run: TablesTraining, name: str, report: Report, fabric: Fabric
     task = BodyTask(network, schedule, episodes["train"], _few(episodes["val"]), run.limited or None)
     scores = fit(task, run.out / f"{name}.ckpt", report, fabric, report)
     if fabric.is_global_zero:
-        write_weights(network.cpu(), run.out / f"{name}.pt")
+        write_weights_file(network.cpu(), run.out / f"{name}.pt", {})
         with written_beside(run.out / f"{name}.json") as beside:
             trained = {"identity": identity(config, schedule, run.limited or None), "seconds": time.monotonic() - begun}
             beside.write_text(json.dumps(trained), encoding="utf-8")
