@@ -120,8 +120,8 @@ def cut(
     )
 
 
-def hide_some(trials: int, count: int, rng: np.random.Generator, of: int = len(MARKERS)) -> np.ndarray:
-    """(H, 9) bool: `count` random markers of each, or as many of `of` other things."""
+def hide_some(trials: int, count: int | np.ndarray, rng: np.random.Generator, of: int = len(MARKERS)) -> np.ndarray:
+    """(H, 9) bool: `count` random markers of each (a number, or (H, 1)), or as many of `of` other things."""
     return rng.random((trials, of)).argsort(axis=1).argsort(axis=1) < count
 
 
