@@ -168,8 +168,9 @@ def small_vae(exported_once: ExportedOnce) -> Path:
     """HMD-VAE's model 2, small and never trained, exported; its weights lie beside as .pt."""
     import torch
 
+    from bodysense_lab.checkpoint import write_weights_file
     from bodysense_lab.hmd_vae.export import write_vae_onnx
-    from bodysense_lab.hmd_vae.network import BodyVae, BodyVaeConfig, write_vae
+    from bodysense_lab.hmd_vae.network import BodyVae, BodyVaeConfig
 
     torch.manual_seed(0)
     card = {"identity": "{}", "licence": "Apache-2.0", "training_data": "nothing", "expected_error": [0.05] * 22}
@@ -180,7 +181,7 @@ def small_vae(exported_once: ExportedOnce) -> Path:
             torch.nn.init.constant_(parameter, 0.5)  # else the blocks do nothing
 
     def write(path: Path) -> None:
-        write_vae(network, path.with_suffix(".pt"), card)
+        write_weights_file(network, path.with_suffix(".pt"), card)
         write_vae_onnx(network, path, card)
 
     return exported_once("vae/model2.onnx", write)
@@ -191,7 +192,8 @@ def small_arms_weights(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """PAHMT's weights, small and never trained (.pt)."""
     import torch
 
-    from bodysense_lab.pahmt.network import ArmNetwork, ArmNetworkConfig, write_arms
+    from bodysense_lab.checkpoint import write_weights_file
+    from bodysense_lab.pahmt.network import ArmNetwork, ArmNetworkConfig
 
     torch.manual_seed(0)
     config = ArmNetworkConfig(
@@ -212,7 +214,7 @@ def small_arms_weights(tmp_path_factory: pytest.TempPathFactory) -> Path:
     card = {"identity": "{}", "licence": "Apache-2.0", "training_data": "nothing"}
     card |= {"validation": {"overall_m": 0.05, "hands_m": 0.02}}
     path = tmp_path_factory.mktemp("arms") / "arms.pt"
-    write_arms(network, path, card)
+    write_weights_file(network, path, card)
     return path
 
 
@@ -234,14 +236,15 @@ def untrained(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with every network of UNOC's tables, tiny."""
     import torch
 
-    from bodysense_lab.unoc.network import BodyNetwork, write_weights
+    from bodysense_lab.checkpoint import write_weights_file
+    from bodysense_lab.unoc.network import BodyNetwork
     from bodysense_lab.unoc.variants import VARIANTS
 
     folder = tmp_path_factory.mktemp("networks")
     torch.manual_seed(0)
     for name, variant in VARIANTS.items():
         config = replace(variant.config, hidden=8, branch=(8,), judge_branch=(8,))
-        write_weights(BodyNetwork(config, default_skeleton()), folder / f"{name}.pt")
+        write_weights_file(BodyNetwork(config, default_skeleton()), folder / f"{name}.pt", {})
     return folder
 
 

@@ -30,7 +30,8 @@ def test_a_second_stage_begins_with_the_best_weights_of_the_first(tmp_path: Path
 
 def test_weights_are_read_again_with_a_card_of_defaults(tmp_path: Path) -> None:
     network, card = torch.nn.Linear(3, 2), {"steps": Schedule().steps, "errors": [0.5]}
-    write_weights_file(network, Schedule(steps=3), tmp_path / "a.pt", card)
+    network.config = Schedule(steps=3)  # type: ignore[assignment]
+    write_weights_file(network, tmp_path / "a.pt", card)
     again, read = read_weights_file(
         tmp_path / "a.pt", lambda config: torch.nn.Linear(3, 2 * (config["steps"] == 3)), "", ""
     )

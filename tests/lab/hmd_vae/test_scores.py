@@ -17,13 +17,15 @@ from bodysense.errors import BodysenseError
 from bodysense.io.bvh import write_bvh
 from bodysense.io.clip import Clip
 from bodysense.metrics import jitter, rotation_error, velocity_error
+from bodysense_lab.checkpoint import write_weights_file
 from bodysense_lab.datasets import Census, DataSet
 from bodysense_lab.hmd_vae.frames import BodyFrames, read_body_frames
-from bodysense_lab.hmd_vae.network import BodyVae, BodyVaeConfig, write_vae
+from bodysense_lab.hmd_vae.network import BodyVae, BodyVaeConfig
 from bodysense_lab.hmd_vae.scores import JOINTS, Scored, answers, measures, over_sequences, score_vae, vaes_in
 from bodysense_lab.hmd_vae.tables import best_of, metrics_report, vae_report
 from bodysense_lab.hmd_vae.task import joint_errors
 from bodysense_lab.scoring import Tally
+from bodysense_lab.tallies import Tallies
 
 SMALL = BodyVaeConfig(latent=4, width=16, sequence_width=8)
 HEAD = BODY.index("head")
@@ -69,7 +71,7 @@ def test_a_score_is_what_training_watches(frames: BodyFrames, tmp_path: Path, or
     torch.manual_seed(0)
     network = BodyVae(replace(SMALL, model=2, origin=origin)).eval()
     card = {"validation_position_cm": 1.0, "within_position_cm": 1.0}
-    write_vae(network, tmp_path / "net.pt", card)
+    write_weights_file(network, tmp_path / "net.pt", card)
     scored = score_vae("net", tmp_path / "net.pt", frames)
     wanted = 100 * float(joint_errors(network, frames, frames.windows(16, stride=1)).mean())
     assert scored.get("full_position_cm") == pytest.approx(wanted, rel=1e-4)
@@ -96,16 +98,16 @@ def test_an_exported_network_has_the_scores_of_its_weights(frames: BodyFrames, s
 
 def test_models_0_are_not_scored(frames: BodyFrames, tmp_path: Path) -> None:
     card = {"validation_position_cm": 1.0}
-    write_vae(BodyVae(replace(SMALL, model=0)), tmp_path / "zero.pt", card)
+    write_weights_file(BodyVae(replace(SMALL, model=0)), tmp_path / "zero.pt", card)
     with pytest.raises(BodysenseError, match="no trained model 1 to 4 in it"):
         vaes_in(tmp_path)
-    write_vae(BodyVae(replace(SMALL, model=1)), tmp_path / "one.pt", card)
+    write_weights_file(BodyVae(replace(SMALL, model=1)), tmp_path / "one.pt", card)
     assert list(vaes_in(tmp_path)) == ["one"]
 
 
 def made_up(model: int, blocks: int, legs: float, validation: float = 1.0, origin: str = "head") -> Scored:
     """A network with these errors of the legs, in every measure, and half of them of the full body."""
-    tallies = {}
+    tallies = Tallies()
     for part, value in (("legs", legs), ("full", legs / 2)):
         for measure in ("position_cm", "velocity_cm_s", "acceleration_m_s2", "truth_acceleration_m_s2"):
             for name in (measure, f"{measure}_sequences"):

@@ -20,9 +20,10 @@ from bodysense.io.clip import Clip
 from bodysense.io.datasets.splits import split_of
 from bodysense.papers.hmd_vae import load_body_vae
 from bodysense_lab.augment import mirrored as mirrored_clip
+from bodysense_lab.checkpoint import write_weights_file
 from bodysense_lab.fit import Progress, fit, rate_at
 from bodysense_lab.hmd_vae.frames import BodyFrames, VaeBatch, make_batch, mirrored, read_body_frames
-from bodysense_lab.hmd_vae.network import BodyVae, read_vae, write_vae
+from bodysense_lab.hmd_vae.network import BodyVae, read_vae
 from bodysense_lab.hmd_vae.options import BodyVaeConfig, VaeRun, VaeSchedule
 from bodysense_lab.hmd_vae.task import VaeTask, joint_errors
 from bodysense_lab.hmd_vae.train import run_sweep, run_vae, sweep_configs, sweep_name
@@ -199,7 +200,7 @@ def test_a_sweep_looks_at_decoder_and_data(folder: Path, tmp_path: Path) -> None
     run_sweep(run, configs)
     zero, three = (run.out / f"{sweep_name(config)}.pt" for config in configs)
     torch.manual_seed(9)
-    write_vae(BodyVae(replace(SMALL, model=0)), zero, read_vae(zero)[1])
+    write_weights_file(BodyVae(replace(SMALL, model=0)), zero, read_vae(zero)[1])
     with pytest.raises(BodysenseError, match=r"model3.* is of another configuration \(source.decoder: "):
         run_sweep(run, configs)
     for path in (zero, zero.with_suffix(".ckpt")):

@@ -32,7 +32,7 @@ def test_both_hands_stand_where_the_recording_has_them(waving_clip: Clip) -> Non
 
 def test_clips_without_fingers_are_left_out(waving_clip: Clip) -> None:
     clips = [waving_clip, replace(waving_clip, has_fingers=False), waving_clip]
-    assert [motion.side for motion in hand_motions(clips, 30.0)] == ["left", "right"] * 2
+    assert [motion.side for motion in hand_motions(clips)] == ["left", "right"] * 2
 
 
 def test_recorded_hands_keep_to_the_26_degrees_of_freedom(motion_data: Path) -> None:

@@ -20,7 +20,7 @@ from bodysense_lab.datasets import Census
 from bodysense_lab.synthesis.hands import synthesize_hand
 from bodysense_lab.two_hands import choice, fusion
 from bodysense_lab.two_hands.scores import GloveTable, HandTask, _of_people
-from bodysense_lab.two_hands.trials import KeyedMeans, Trials, cut, hide_some
+from bodysense_lab.two_hands.trials import HandErrors, Trials, cut, hide_some
 
 
 @pytest.fixture(scope="module")
@@ -61,7 +61,7 @@ def test_the_longest_half_life_near_the_best_is_chosen() -> None:
 
 
 def test_a_report_names_the_chosen_values() -> None:
-    means = KeyedMeans()
+    means = HandErrors()
     for name, candidates in choice.CANDIDATES.items():
         for value in candidates.values:
             for seconds in candidates.seconds:

@@ -26,7 +26,7 @@ from bodysense_lab.two_hands.trials import (
     DURATIONS,
     HIDDEN,
     LAST,
-    KeyedMeans,
+    HandErrors,
     cut,
     finger_error,
     hide_some,
@@ -139,7 +139,7 @@ def test_reports_hold_the_figures_and_the_published_ones(networks: Path, motion:
 
 
 def test_synthesised_hands_have_keys_of_their_own_beside_recorded_ones() -> None:
-    means = KeyedMeans()
+    means = HandErrors()
     for group, error in (("main", 1.0), ("synthesised", 2.0)):
         for method in ("lk", "ls", "ma", "ac", "nn"):
             for hidden in HIDDEN:
@@ -151,14 +151,14 @@ def test_synthesised_hands_have_keys_of_their_own_beside_recorded_ones() -> None
 
 
 def test_means_merge_as_if_they_had_been_one() -> None:
-    one, other, both = KeyedMeans(), KeyedMeans(), KeyedMeans()
+    one, other, both = HandErrors(), HandErrors(), HandErrors()
     for means in (one, both):
         means.add(("a",), np.array([1.0, 2.0, np.nan]))
     for means in (other, both):
         means.add(("a",), np.array([[6.0]]))
     one.merge(other)
-    assert one.get("a") == both.get("a") == 3.0
-    assert np.isnan(one.get("b"))
+    assert one.mean("a") == both.mean("a") == 3.0
+    assert np.isnan(one.mean("b"))
 
 
 def test_packaged_networks_do_what_the_paper_s_do(motion: HandMotion) -> None:

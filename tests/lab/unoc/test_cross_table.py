@@ -10,8 +10,9 @@ import pytest
 from bodysense.last_known import KNOWN
 from bodysense_lab.datasets import Census, DataSet
 from bodysense_lab.scoring import Tally
+from bodysense_lab.tallies import Tallies
 from bodysense_lab.unoc.cross_table import PUBLISHED_BODY, PUBLISHED_FINGERS, SETS, cross_report
-from bodysense_lab.unoc.kept_scores import Parts, Scores
+from bodysense_lab.unoc.kept_scores import Scores
 
 
 def tally_of(error: float) -> Tally:
@@ -22,7 +23,7 @@ def tally_of(error: float) -> Tally:
 
 def made(error: float, fingers: bool = True) -> Scores:
     parts = ("body", "body_and_finger") if fingers else ("body",)
-    tallies: Parts = {("main", part, "occluded"): tally_of(error) for part in parts}
+    tallies = Tallies({("main", part, "occluded"): tally_of(error) for part in parts})
     return Scores(tallies, Census(2, frozenset("a"), 60.0, 2 * fingers, 60.0 * fingers))
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,7 +10,7 @@ import torch
 
 from bodysense.body.skeleton import default_skeleton
 from bodysense_lab.unoc.network import BodyNetwork, BodyNetworkConfig, BodyPrediction
-from bodysense_lab.unoc.task import LossWeights, Truth, body_loss
+from bodysense_lab.unoc.task import EpisodeBatch, LossWeights, body_loss
 
 SKELETON = default_skeleton()
 POINTS = len(SKELETON.points)
@@ -26,7 +25,7 @@ def network() -> BodyNetwork:
     return BodyNetwork(BodyNetworkConfig(hidden=4, branch=(4,)), SKELETON)
 
 
-def example(seed: int, frames: int = 3, batch: int = 2) -> tuple[BodyPrediction, Truth]:
+def example(seed: int, frames: int = 3, batch: int = 2) -> tuple[BodyPrediction, EpisodeBatch]:
     generator = torch.Generator().manual_seed(seed)
 
     def random(*shape: int) -> torch.Tensor:
@@ -39,16 +38,15 @@ def example(seed: int, frames: int = 3, batch: int = 2) -> tuple[BodyPrediction,
         torch.rand(batch, frames, POINTS, generator=generator) + 0.01,
     )
     visible = random(batch, frames, POINTS) > 0
-    return answer, Truth(
-        offset, visible, torch.ones(batch, frames, dtype=torch.bool), torch.ones(batch, dtype=torch.bool)
-    )
+    nothing, every = torch.zeros(batch, frames, 0), torch.ones(batch, frames, dtype=torch.bool)
+    return answer, EpisodeBatch(nothing, nothing, offset, visible, every, every[:, 0], every[:, 0])
 
 
 def length(vector: np.ndarray) -> float:
     return float(np.linalg.norm(vector))
 
 
-def by_hand(answer: BodyPrediction, truth: Truth) -> dict[str, float]:
+def by_hand(answer: BodyPrediction, truth: EpisodeBatch) -> dict[str, float]:
     """Point by point, with the numbers of reproduce.md 1.7 written out."""
     terms = dict.fromkeys(("position", "parent", "bone", "occlusion", "expected"), 0.0)
     count = 0
@@ -77,7 +75,7 @@ def by_hand(answer: BodyPrediction, truth: Truth) -> dict[str, float]:
 
 def test_against_sums_by_hand(network) -> None:
     answer, truth = example(1)
-    truth = replace(truth, fingers=torch.tensor([True, False]), valid=torch.tensor([[True, True, False], [True] * 3]))
+    truth = truth._replace(fingers=torch.tensor([True, False]), valid=torch.tensor([[True, True, False], [True] * 3]))
     terms = body_loss(network, answer, truth, LossWeights())
     expected = by_hand(answer, truth)
     for name, value in expected.items():

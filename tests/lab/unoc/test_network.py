@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+import json
+from dataclasses import asdict, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -21,6 +22,7 @@ from bodysense.body.rotation import quaternion_exp, quaternion_multiply, quatern
 from bodysense.body.skeleton import default_skeleton
 from bodysense.devices.simulated.sensors import HEADSET_CAMERA, observe
 from bodysense.errors import BodysenseError
+from bodysense_lab.checkpoint import write_weights_file
 from bodysense_lab.unoc.export import write_onnx
 from bodysense_lab.unoc.learned import load_model
 from bodysense_lab.unoc.network import (
@@ -32,7 +34,6 @@ from bodysense_lab.unoc.network import (
     WorldPrediction,
     read_weights,
     tracked_of,
-    write_weights,
 )
 
 CARRIED = BodyNetworkConfig(hidden=16, branch=(16,), finger_branch=(8,), judge_branch=(8,))
@@ -268,18 +269,21 @@ def test_convolutions_need_a_power_of_three(window: int | None) -> None:
 
 @pytest.mark.parametrize("form", FORMS)
 def test_weights_come_back(form: str, networks, tmp_path: Path) -> None:
-    write_weights(networks[form], tmp_path / "a.pt")
-    again = read_weights(tmp_path / "a.pt", SKELETON)
-    assert again.config == networks[form].config
-    tracked = motion(4, 1)
-    assert_same(complete(networks[form], tracked)[0], complete(again, tracked)[0], 0.0)
+    network, tracked = networks[form], motion(4, 1)
+    write_weights_file(network, tmp_path / "a.pt", {})
+    earlier = {"config": json.dumps(asdict(network.config)), "weights": network.state_dict()}  # without a card
+    torch.save(earlier, tmp_path / "earlier.pt")
+    for name in ("a.pt", "earlier.pt"):
+        again = read_weights(tmp_path / name, SKELETON)
+        assert again.config == network.config
+        assert_same(complete(network, tracked)[0], complete(again, tracked)[0], 0.0)
 
 
 def test_what_is_no_network_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(BodysenseError, match="no such network"):
+    with pytest.raises(BodysenseError, match="no such file; train it with `bodysense train unoc-tables`"):
         read_weights(tmp_path / "a.pt", SKELETON)
     (tmp_path / "a.pt").write_bytes(b"not a network")
-    with pytest.raises(BodysenseError, match="no network of these tables"):
+    with pytest.raises(BodysenseError, match="not the weights of a network of UNOC's tables"):
         read_weights(tmp_path / "a.pt", SKELETON)
 
 

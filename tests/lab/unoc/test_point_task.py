@@ -23,14 +23,13 @@ from bodysense_lab.unoc.point_task import (
     PointEpisode,
     PointSchedule,
     PointTask,
-    PointVariation,
     collate,
     make_point_episode,
     point_loss,
     validate_points,
     windows,
-    with_bent_wrists,
 )
+from bodysense_lab.unoc.task import Variation, with_bent_wrists
 from bodysense_lab.unoc.train import train_points as run_points
 
 SMALL = replace(UPPER_BODY, hidden=8, branch=(8,), judge_branch=(8,))
@@ -46,7 +45,7 @@ def network(config: PointNetworkConfig = SMALL) -> PointNetwork:
 @pytest.fixture(scope="module")
 def episodes(waving_clip: Clip) -> list[PointEpisode]:
     rng = np.random.default_rng(0)
-    varied = (PointVariation(), PointVariation(mirrored=True, limb_spread=0.05, wrist_bend=0.3))
+    varied = (Variation(), Variation(mirrored=True, limb_spread=0.05, wrist_bend=0.3))
     return [make_point_episode(waving_clip, network(), variation, rng) for variation in varied]
 
 
@@ -88,7 +87,7 @@ def test_the_truth_costs_nothing_and_terms_add_up(episodes: list[PointEpisode]) 
 def test_a_squared_distance_has_the_mean_as_its_optimum(waving_clip: Clip) -> None:
     """Of 0, 0 and 3 cm the best single answer is 1 cm; for the Euclidean one, 0."""
     model = network(SMALL_FINGERS)
-    episode = make_point_episode(waving_clip, model, PointVariation(), np.random.default_rng(0))
+    episode = make_point_episode(waving_clip, model, Variation(), np.random.default_rng(0))
     batch = collate([(episode, 0)], 3, np.ones(1, dtype=bool))
     truth = batch.offset[:, :1].expand_as(batch.offset).clone()
     truth[0, 2] += 0.03

@@ -17,8 +17,6 @@ def episodes(lengths: list[int]) -> list[Episode]:
     """Episodes whose features say which clip and frame they are of."""
     return [
         Episode(
-            name=f"clip {k}",
-            category="",
             features=np.stack([np.full(length, k), np.arange(length)], axis=-1).astype(np.float32),
             known=np.full((length, 2, 3), k, dtype=np.float32),
             offset=np.zeros((length, 2, 3), dtype=np.float32),

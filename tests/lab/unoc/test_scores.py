@@ -11,6 +11,7 @@ import pytest
 from bodysense.last_known import KNOWN
 from bodysense_lab.datasets import Census, DataSet
 from bodysense_lab.scoring import Tally
+from bodysense_lab.tallies import Tallies
 from bodysense_lab.unoc.kept_scores import (
     Scores,
     better_last_known,
@@ -24,7 +25,7 @@ from bodysense_lab.unoc.kept_scores import (
 def scores_with(error: float, group: str = "main") -> Scores:
     tally = Tally()
     tally.add(np.full(5, error))
-    return Scores({(group, "body", "occluded"): tally}, Census(2, frozenset({"a", "b"}), 3.5, 1, 0.5))
+    return Scores(Tallies({(group, "body", "occluded"): tally}), Census(2, frozenset({"a", "b"}), 3.5, 1, 0.5))
 
 
 def test_there_and_back(tmp_path: Path, data: DataSet) -> None:

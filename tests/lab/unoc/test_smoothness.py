@@ -8,14 +8,12 @@ import numpy as np
 import pytest
 
 from bodysense.body.pose import forward_kinematics
-from bodysense.devices.estimate import PointEstimate
 from bodysense.devices.simulated.sensors import HEADSET_CAMERA, observe
 from bodysense.io.clip import Clip
 from bodysense.metrics import acceleration
 from bodysense_lab.scoring import scored_points
-from bodysense_lab.unoc.ik_tracker import IkTracker, IkTrackerSettings
+from bodysense_lab.unoc.ik_tracker import IkTrackerSettings
 from bodysense_lab.unoc.smoothness import (
-    RecordedEstimator,
     after_tracker,
     smoothness_of,
 )
@@ -40,26 +38,6 @@ def test_counts_are_those_of_the_metric(waving_clip: Clip) -> None:
     short = replace(waving_clip, has_fingers=False, category="other")
     found = smoothness_of({"truth": truth[:2]}, truth[:2], hidden[:2], short)
     assert {key[:3] for key in found} == {("other", "body", "truth")}
-
-
-def test_a_replay_says_what_was_said(waving_clip: Clip) -> None:
-    """One call with all frames equals one call a frame."""
-    truth = np.asarray(forward_kinematics(waving_clip.pose)[0])[:12]
-    observation = observe(waving_clip.pose[:12], waving_clip.time[:12], HEADSET_CAMERA)
-    replay = RecordedEstimator(
-        PointEstimate(waving_clip.pose.skeleton, truth, np.zeros(truth.shape[:2]), np.zeros(truth.shape[:2]))
-    )
-    whole, end = replay.step(observation, replay.start())
-    np.testing.assert_array_equal(whole.position, truth)
-    state, rows = replay.start(), []
-    for t in range(12):
-        estimate, state = replay.step(observation[t : t + 1], state)
-        rows.append(estimate.position[0])
-    assert state == end == 12
-    np.testing.assert_array_equal(np.stack(rows), truth)
-    tracker = IkTracker(replay)
-    pose, _, _ = tracker.step(observation, tracker.start())
-    np.testing.assert_allclose(forward_kinematics(pose)[0][:, 0], truth[:, 0], atol=0.03)
 
 
 def test_the_tracker_keeps_bones_and_calms(waving_clip: Clip) -> None:

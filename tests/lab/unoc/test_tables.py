@@ -12,7 +12,8 @@ from bodysense_lab.chart import BarPanel
 from bodysense_lab.datasets import Census, DataSet
 from bodysense_lab.score_table import ScoreTable
 from bodysense_lab.scoring import Tally
-from bodysense_lab.unoc.kept_scores import Parts, Scores
+from bodysense_lab.tallies import Tallies
+from bodysense_lab.unoc.kept_scores import Scores
 from bodysense_lab.unoc.tables import OWN_NAMES, TABLE_2, TABLE_3, TABLE_4, network_report, without_networks
 from bodysense_lab.unoc.variants import TABLES
 
@@ -22,7 +23,7 @@ PARTS = ("body", "finger", "body_and_finger", "parent_body", "parent_all", "bone
 
 def made(error: float, fingers: bool = True, groups: tuple[str, ...] = ("main", "sport")) -> Scores:
     """A method whose errors are all alike; those of hidden joints twice as large, those of sport ten times."""
-    tallies: Parts = {}
+    tallies = Tallies()
     for group in groups:
         for part in PARTS if fingers else ("body", "parent_body", "bone_body"):
             for share, factor in (("occluded", 2.0), ("all", 1.0)):

@@ -217,8 +217,6 @@ def test_validation_by_hand(network: BodyNetwork, few_episodes: list[Episode]) -
 def episode_of(length: int, fingers: bool = False) -> Episode:
     """An empty episode of some length."""
     return Episode(
-        name="",
-        category="",
         features=np.zeros((length, 1), dtype=np.float32),
         known=np.zeros((length, 1, 3), dtype=np.float32),
         offset=np.zeros((length, 1, 3), dtype=np.float32),

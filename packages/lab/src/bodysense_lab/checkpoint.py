@@ -106,15 +106,16 @@ def _read(path: Path) -> dict[str, Any]:
 Network = TypeVar("Network", bound=nn.Module)
 
 
-def write_weights_file(network: nn.Module, config: Any, path: Path, card: Mapping[str, Any]) -> None:
-    """Weights, configuration (a dataclass) and card (numbers and texts), whole or not at all."""
+def write_weights_file(network: nn.Module, path: Path, card: Mapping[str, Any]) -> None:
+    """Write weights, `network.config` (a dataclass) and card (numbers and texts) in one file, whole or not at all."""
+    config: Any = network.config
     plain = json.loads(json.dumps(dict(card)))  # subclasses of numbers could not be read again
     with written_beside(path) as beside:
         torch.save({"config": asdict(config), "weights": network.state_dict(), "card": plain}, beside)
 
 
 def read_weights_file(
-    path: Path, make: Callable[[dict[str, Any]], Network], what: str, command: str
+    path: Path, make: Callable[[Any], Network], what: str, command: str
 ) -> tuple[Network, dict[str, Any]]:
     """The network that `make` builds of a configuration, with its weights, and its card.
 
@@ -132,4 +133,4 @@ def read_weights_file(
         raise BodysenseError(
             f"{path}: not the weights of {what} ({type(error).__name__}); give the .pt of `{command}`"
         ) from None
-    return network.eval(), saved["card"]
+    return network.eval(), saved.get("card", {})

@@ -50,11 +50,6 @@ class Progress:
     steps_per_second: float  # of this run, without the steps before a stop; 0 at the beginning
     machine: str  # device, precision of the layers, and processes
 
-    @property
-    def seconds_remaining(self) -> float:
-        """Time to the last step at the pace so far, s."""
-        return (self.steps - self.step) / self.steps_per_second if self.steps_per_second else math.inf
-
 
 Report = Callable[[Progress], None]
 
@@ -279,7 +274,7 @@ def line_of_progress(progress: Progress) -> str:
     done = f"step {progress.step}/{progress.steps}, {progress.seconds:.0f} s"
     if not progress.terms:
         return f"{done} · {progress.machine}"
-    remaining = timedelta(seconds=round(progress.seconds_remaining))
+    remaining = timedelta(seconds=round((progress.steps - progress.step) / progress.steps_per_second))
     pace = f"{progress.steps_per_second:.3g} steps/s, {remaining} remaining"
     parts = (done, pace, line_of(progress.terms, 4), line_of(progress.validation, 3))
     return " · ".join(part for part in parts if part)

@@ -36,7 +36,7 @@ from bodysense.body.rotation import (
 )
 from bodysense.body.skeleton import BODY, default_skeleton
 from bodysense.errors import BodysenseError
-from bodysense_lab.checkpoint import read_weights_file, write_weights_file
+from bodysense_lab.checkpoint import read_weights_file
 from bodysense_lab.hmd_vae.frames import Joints
 from bodysense_lab.hmd_vae.options import BodyVaeConfig
 
@@ -232,13 +232,8 @@ def pretrained(config: BodyVaeConfig, whole: BodyVae) -> BodyVae:
     return network
 
 
-def write_vae(network: BodyVae, path: Path, card: dict[str, Any]) -> None:
-    """Weights, configuration and card (plain numbers and texts) in one file, whole or not at all."""
-    write_weights_file(network, network.config, path, card)
-
-
 def read_vae(path: Path) -> tuple[BodyVae, dict[str, Any]]:
-    """The network and card of `write_vae`. Nothing is unpickled. Raises BodysenseError for other files."""
+    """The network and card of a weights file. Nothing is unpickled. Raises BodysenseError for other files."""
     return read_weights_file(
         path, lambda config: BodyVae(BodyVaeConfig(**config)), "a body VAE", "bodysense train hmd-vae"
     )

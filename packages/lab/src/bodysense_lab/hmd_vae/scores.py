@@ -34,8 +34,8 @@ from bodysense_lab.hmd_vae.frames import (
 )
 from bodysense_lab.hmd_vae.network import BodyVae, read_vae
 from bodysense_lab.hmd_vae.options import BodyVaeConfig
-from bodysense_lab.intervals import Named
-from bodysense_lab.scoring import Tally, group_named
+from bodysense_lab.scoring import group_named
+from bodysense_lab.tallies import Tallies
 from bodysense_lab.windows import Windows
 
 LEGS = tuple(name for name in BODY if name.partition("_")[2] in ("knee", "ankle", "foot"))
@@ -44,7 +44,6 @@ FEET = ("left_foot", "right_foot")
 _BATCH = 512  # windows that are computed together
 
 
-Tallies = dict[tuple[str, str], Tally]  # by category group and measure
 Answers = Callable[[BodyFrames, Windows], tuple[np.ndarray, np.ndarray]]
 
 
@@ -55,19 +54,11 @@ class Scored:
     name: str
     config: BodyVaeConfig
     card: Mapping[str, Any] = field(repr=False)
-    tallies: Tallies = field(repr=False)
+    tallies: Tallies = field(repr=False)  # by category group and measure
 
     def get(self, measure: str, group: str = "main") -> float:
         """A mean; NaN where nothing was counted."""
-        return self.tally(measure, group).mpjpe
-
-    def tally(self, measure: str, group: str = "main") -> Tally:
-        """One cell; empty where nothing was counted."""
-        return self.tallies.get((group, measure), Tally())
-
-    def named(self, name: str, measure: str, group: str = "main") -> Named:
-        """A mean under a name, with its shares by person."""
-        return self.tally(measure, group).named(name)
+        return self.tallies.mean(group, measure)
 
 
 def vaes_in(folder: Path) -> dict[str, Path]:
@@ -115,14 +106,14 @@ def score_vae(name: str, path: Path, frames: BodyFrames, threads: int | None = N
     if threads is not None:
         torch.set_num_threads(threads)
     config, card, answered = _opened(path)
-    tallies: Tallies = {}
+    tallies = Tallies()
     for clip in range(len(frames)):
         windows = frames.windows(max(config.length, TRAIN_LENGTH), stride=1, clips=np.array([clip]))
         position, local = answered(frames, windows)
         now = windows.frames()[:, -1]
         group = group_named(frames.category[clip])
         for measure, values in measures(position, local, frames.position[now], frames.rotation[now]).items():
-            tallies.setdefault((group, measure), Tally()).add(values, frames.person[clip])
+            tallies.add((group, measure), values, frames.person[clip])
     return Scored(name, config, card, tallies)
 
 

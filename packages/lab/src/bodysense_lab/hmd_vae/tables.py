@@ -7,11 +7,11 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from operator import attrgetter
 
-from bodysense_lab.chart import BarPanel, Bars, plain_bars
+from bodysense_lab.chart import BarPanel, plain_bars
 from bodysense_lab.datasets import Census, DataSet, describe, missing
 from bodysense_lab.hmd_vae.scores import Scored
 from bodysense_lab.scoring import GROUPS
-from bodysense_lab.table import Cell, Report, bounds, cell, finite, ordering, surely
+from bodysense_lab.table import Cell, Report, bounds, cell, finite, ordering
 
 MODELS = {1: "1 static", 2: "2 sequence", 3: "3 static, pretrained", 4: "4 sequence, pretrained"}
 PARTS = {"full": "full body", "legs": "legs"}
@@ -75,7 +75,7 @@ def vae_report(scored: Sequence[Scored], census: Census, data: DataSet) -> Repor
             others = (cell(one.get(f"{part}_position_cm", g)) for g in groups if g != main)
             within = one.card.get("within_position_cm") if part == "full" else None
             settings = (f"{c.beta:g}", str(c.latent), str(c.blocks), c.origin)
-            sure = bounds(one.tally(f"{part}_position_cm", main).interval())
+            sure = bounds(one.tallies[main, f"{part}_position_cm"].interval())
             rows.append((joints, MODELS[c.model], *settings, *ours, *sure, within, *others))
         truth = cell(scored[0].get(f"{part}_truth_acceleration_m_s2", main))
         rows.append(
@@ -111,7 +111,11 @@ def metrics_report(scored: Sequence[Scored], census: Census, data: DataSet) -> R
     truth = (cell(one.get("truth_jitter")) for one in list(best.values())[:1])
     rows.append(("ours", "truth", None, None, None, *truth, *(None,) * 5))
     rows += [("published", name, *values, *(None,) * 5) for name, values in PUBLISHED.items()]
-    compared = [row for row in rows if row[3] is not None]
+    compared = {str(row[1]): (row[0], float(row[3])) for row in rows if row[3] is not None}
+    bars = tuple(
+        plain_bars(one, [value if whose == one else None for whose, value in compared.values()])
+        for one in ("ours", "published")
+    )
     return Report(
         name="hmd-vae-metrics",
         title="HMD-VAE beside later methods",
@@ -126,7 +130,7 @@ def metrics_report(scored: Sequence[Scored], census: Census, data: DataSet) -> R
         "floor, cm. From the 16th frame on of clips of 64 or more. Ours at 30 Hz, the published on AMASS at 60 Hz: "
         "other people, other motion, another rate. The tracker's own figures: bodysense evaluate completion.",
         digits=2,
-        panels=(BarPanel("MPJPE", tuple(str(row[1]) for row in compared), _compared(compared), "cm"),),
+        panels=(BarPanel("MPJPE", tuple(compared), bars, "cm"),),
     )
 
 
@@ -138,14 +142,6 @@ def best_of(scored: Sequence[Scored]) -> dict[tuple[str, int], Scored]:
     return dict(sorted(best.items()))
 
 
-def _compared(rows: Sequence[tuple[Cell, ...]]) -> tuple[Bars, ...]:
-    """MPJPE of ours and of the published, in two colours."""
-    return tuple(
-        plain_bars(whose, [float(row[3]) if row[0] == whose and row[3] is not None else None for row in rows])
-        for whose in ("ours", "published")
-    )
-
-
 def _numbers(scored: Sequence[Scored]) -> dict[str, float]:
     """One flat object: 'model<k>_…' of the best in validation; 'pelvis_model<k>_…' of those with the paper's origin."""
     result: dict[str, float] = {"networks": len(scored)}
@@ -153,8 +149,7 @@ def _numbers(scored: Sequence[Scored]) -> dict[str, float]:
         prefix = f"model{model}" if origin == "head" else f"{origin}_model{model}"
         for group, measure in one.tallies:
             key = f"{prefix}_{measure}" + ("" if group == "main" else f"_{group}")
-            tally = one.tally(measure, group)
-            result |= {key: tally.mpjpe} | surely({key: tally.interval()})
+            result |= one.tallies.figures(key, group, measure)
         result[f"{prefix}_within_position_cm"] = float(one.card["within_position_cm"])
         result[f"{prefix}_validation_position_cm"] = float(one.card["validation_position_cm"])
     bests = [one.get("full_position_cm") for (origin, _), one in best_of(scored).items() if origin == "head"]
@@ -171,8 +166,8 @@ def _remarks(scored: Sequence[Scored], main: str) -> Iterator[str]:
         if low not in best or not set(high) <= set(best):
             continue
         name, unit = f"legs_{measure}", MEASURES[measure][1]
-        others = [best[k].named(f"model {k}", name, main) for k in high]
-        verdict = ordering(f"Legs: {text}", best[low].named(f"model {low}", name, main), others, unit)
+        others = [best[k].tallies[main, name].named(f"model {k}") for k in high]
+        verdict = ordering(f"Legs: {text}", best[low].tallies[main, name].named(f"model {low}"), others, unit)
         if verdict is None:
             continue
         settings = [at for at in _settings(scored, origin) if {low, *high} <= set(at)]

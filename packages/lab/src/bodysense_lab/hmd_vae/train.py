@@ -17,7 +17,7 @@ from lightning_fabric import Fabric
 
 from bodysense.errors import BodysenseError
 from bodysense.files import check_folder, check_place, make_folder, written_beside
-from bodysense_lab.checkpoint import identity
+from bodysense_lab.checkpoint import identity, write_weights_file
 from bodysense_lab.datasets import learned_count
 from bodysense_lab.fit import Report, announced, begin, fit, is_same, sweep
 from bodysense_lab.hmd_vae.frames import (
@@ -28,7 +28,7 @@ from bodysense_lab.hmd_vae.frames import (
     read_split_file,
     split_clips,
 )
-from bodysense_lab.hmd_vae.network import BodyVae, pretrained, read_vae, write_vae
+from bodysense_lab.hmd_vae.network import BodyVae, pretrained, read_vae
 from bodysense_lab.hmd_vae.options import MODELS, BodyVaeConfig, Grid, VaeRun
 from bodysense_lab.hmd_vae.task import VaeTask, joint_errors
 from bodysense_lab.progress import read_clips, tracked
@@ -132,7 +132,7 @@ def train_network(
         "expected_error": [round(float(value), 4) for value in error],
     }
     if fabric.is_global_zero:
-        write_vae(network, weights, card)
+        write_weights_file(network, weights, card)
     fabric.barrier()
 
 

@@ -45,7 +45,7 @@ from bodysense.body.rotation import (
     sixd_to_matrix,
 )
 from bodysense.body.skeleton import default_skeleton
-from bodysense_lab.checkpoint import read_weights_file, write_weights_file
+from bodysense_lab.checkpoint import read_weights_file
 from bodysense_lab.pahmt.features import SeenWindow, Window, more_points, seen_in
 from bodysense_lab.pahmt.options import ArmNetworkConfig
 
@@ -283,13 +283,8 @@ class ArmNetwork(nn.Module):
         return torch.cat(read, dim=-2)
 
 
-def write_arms(network: ArmNetwork, path: Path, card: dict[str, Any]) -> None:
-    """Weights, configuration and card (plain numbers and texts) in one file, whole or not at all."""
-    write_weights_file(network, network.config, path, card)
-
-
 def read_arms(path: Path) -> tuple[ArmNetwork, dict[str, Any]]:
-    """The network and card of `write_arms`. Nothing is unpickled. Raises BodysenseError for other files."""
+    """The network and card of a weights file. Nothing is unpickled. Raises BodysenseError for other files."""
     return read_weights_file(
         path, lambda config: ArmNetwork(ArmNetworkConfig(**config)), "arms", "bodysense train arms"
     )

@@ -26,8 +26,9 @@ from bodysense_lab.pahmt.errors import EVERY, table_errors
 from bodysense_lab.pahmt.features import FRAMES, RATE, film, read_arm_recordings, window_of
 from bodysense_lab.pahmt.network import ArmNetwork, read_arms
 from bodysense_lab.pahmt.options import TABLE_1, Studio, TableRow
-from bodysense_lab.scoring import GROUPS, Tally, group_named
-from bodysense_lab.table import Cell, Report, bounds, cell, finite, ordering, surely
+from bodysense_lab.scoring import GROUPS, group_named
+from bodysense_lab.table import Cell, Report, bounds, cell, finite, ordering
+from bodysense_lab.tallies import Tallies
 
 MEASURES = {
     "hands_m": "hands, m",
@@ -39,7 +40,6 @@ MEASURES = {
     "forearm_twist_deg": "of forearm, °",
 }
 _BATCH = 128  # windows that are computed together
-Tallies = dict[tuple[str, str], Tally]  # by category group and measure
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,21 +49,16 @@ class ScoredRow:
     name: str
     row: TableRow
     network: ArmNetwork | None = field(repr=False)  # None: inverse kinematics on the true positions of all joints
-    tallies: Tallies = field(default_factory=dict, repr=False)
+    tallies: Tallies = field(default_factory=Tallies, repr=False)  # by category group and measure
     learned: tuple[Mapping[str, float], ...] = field(default=(), repr=False)  # on the validation split, by "step"
 
     def get(self, measure: str, group: str = "main") -> float:
         """A mean over frames and joints; NaN where nothing was counted."""
-        return self.tally(measure, group).mpjpe
-
-    def tally(self, measure: str, group: str = "main") -> Tally:
-        """One cell; empty where nothing was counted."""
-        return self.tallies.get((group, measure), Tally())
+        return self.tallies.mean(group, measure)
 
 
 def rows_in(folder: Path, model: Path | None = None) -> list[ScoredRow]:
     """Return the table's networks in a folder, and one more. Raises BodysenseError if there are no networks."""
-    shipped = None if model is None else read_arms(model)[0]
     found = [
         ScoredRow(name, row, read_arms(folder / f"{name}.pt")[0], learned=_learned(folder / f"{name}.jsonl"))
         for name, row in TABLE_1.items()
@@ -74,9 +69,9 @@ def rows_in(folder: Path, model: Path | None = None) -> list[ScoredRow]:
             f"{folder}: none of the table's networks in it; train them with `bodysense train arms-table` into it"
         )
     found.append(ScoredRow("ik", TableRow("inverse kinematics, true positions", losses=()), None))
-    if model is not None and shipped is not None:
-        config = shipped.config
-        row = TableRow(f"{config.kind.upper()}, {model.stem}", config.kind, config.input)
+    if model is not None:
+        shipped, _ = read_arms(model)
+        row = TableRow(f"{shipped.config.kind.upper()}, {model.stem}", shipped.config.kind, shipped.config.input)
         found.append(ScoredRow("shipped", row, shipped))
     return found
 
@@ -97,16 +92,16 @@ def score_arms(
     advance: Callable[[Clip], None],
     studio: Studio = Studio(),
 ) -> tuple[list[ScoredRow], Census]:
-    """The rows with their figures on clips with fingers, and how much motion that was.
+    """Add the figures of clips with fingers to the rows; return these, and how much motion that was.
 
     `studio` sets cameras and errors. No window is mirrored or at the beginning of a video.
     """
     studio = replace(studio, mirrored=False, begun=0.0)
-    census, tallies = Census(), {row.name: dict[tuple[str, str], Tally]() for row in rows}
+    census = Census()
 
     def count(row: ScoredRow, clip: Clip, errors: dict[str, np.ndarray]) -> None:
         for measure, values in errors.items():
-            tallies[row.name].setdefault((group_named(clip.category), measure), Tally()).add(values, clip.person)
+            row.tallies.add((group_named(clip.category), measure), values, clip.person)
 
     for number, clip in enumerate(data.clips()):
         advance(clip)
@@ -130,7 +125,7 @@ def score_arms(
                 count(row, clip, table_errors(said, truth, row.network.config.joints))
     if not census.clips:
         raise BodysenseError(f"{data.path}: no clip with fingers of {FRAMES} frames; give motion with fingers")
-    return [replace(row, tallies=tallies[row.name]) for row in rows], census
+    return rows, census
 
 
 def solved_from_positions(truth: Pose) -> np.ndarray:
@@ -201,7 +196,7 @@ def _rows(rows: list[ScoredRow]) -> Iterator[tuple[Cell, ...]]:
             if any(value is not None for value in figures):
                 marks = ("yes" if loss in row.row.losses else "" for loss in ("smooth", "fk"))
                 published = [*row.row.published, None, None, None][:3] if group == "main" else [None] * 3
-                sure = bounds(row.tally("arms_deg", group).interval())
+                sure = bounds(row.tallies[group, "arms_deg"].interval())
                 yield (group, row.row.title, *marks, *figures, *sure, *published)
 
 
@@ -212,11 +207,10 @@ def _numbers(rows: list[ScoredRow]) -> dict[str, float]:
         for group in GROUPS:
             suffix = "" if group == "main" else f"_{group}"
             for measure in MEASURES:
-                value = row.get(measure, group)
                 key = f"{row.name.replace('-', '_')}_{measure}{suffix}"
-                numbers |= {key: value} | surely({key: row.tally(measure, group).interval()})
+                numbers |= row.tallies.figures(key, group, measure)
                 if measure.endswith("_m"):
-                    numbers[f"{key[:-2] if not suffix else key[: -len(suffix) - 2]}_cm{suffix}"] = 100 * value
+                    numbers[f"{key[:-2] if not suffix else key[: -len(suffix) - 2]}_cm{suffix}"] = 100 * numbers[key]
     return numbers
 
 
@@ -231,7 +225,7 @@ def _remarks(rows: Mapping[str, ScoredRow]) -> Iterator[str]:
     )
     for claim, better, worse, measure in claims:
         if better in rows and worse in rows:
-            figures = [rows[name].tally(measure).named(rows[name].row.title) for name in (better, worse)]
+            figures = [rows[name].tallies["main", measure].named(rows[name].row.title) for name in (better, worse)]
             said = ordering(claim, figures[0], figures[1:], MEASURES[measure].rpartition(", ")[2], 4)
             share = 1 - figures[0].value / figures[1].value
             if said is not None and math.isfinite(share):

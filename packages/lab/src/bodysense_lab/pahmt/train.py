@@ -12,10 +12,10 @@ from numpy.random import default_rng
 
 from bodysense.errors import BodysenseError
 from bodysense.files import check_place, make_folder
-from bodysense_lab.checkpoint import identity
+from bodysense_lab.checkpoint import identity, write_weights_file
 from bodysense_lab.fit import Report, announced, begin, fit, is_same, sweep
 from bodysense_lab.pahmt.features import ArmRecordings, read_arm_recordings
-from bodysense_lab.pahmt.network import ArmNetwork, read_arms, write_arms
+from bodysense_lab.pahmt.network import ArmNetwork, read_arms
 from bodysense_lab.pahmt.options import TABLE_1, ArmRun, ArmTableTraining, ArmTraining
 from bodysense_lab.pahmt.task import ArmTask, Pair, epoch_steps, step_count
 from bodysense_lab.progress import read_clips
@@ -111,7 +111,7 @@ def train_network(run: ArmRun, weights: Path, data: ArmData, fabric: Fabric, rep
         "validation": {name: round(value, 4) for name, value in figures.items()},
     }
     if fabric.is_global_zero:
-        write_arms(pair.network.cpu(), weights, card)
+        write_weights_file(pair.network.cpu(), weights, card)
     fabric.barrier()
 
 

@@ -206,7 +206,8 @@ def noise_figures(parts: Sequence[Errors]) -> dict[str, float]:
         ("torso", errors["torso"], np.degrees(1.0)),
         ("hand", errors["hand"], 1.0),
     ):
-        drift, jitter = _slow_and_fast(arrays)
+        jitter = _size([np.diff(array, 2, axis=0) for array in arrays]) / np.sqrt(6.0)  # of white noise, 1 − 2 + 1
+        drift = float(np.sqrt(np.maximum(_size(arrays) ** 2 - jitter**2, 0.0)))
         figures |= {f"{name}_drift": drift * scale, f"{name}_jitter": jitter * scale}
     return figures | {
         "depth": _size(along) / (_size(across) or np.nan),
@@ -224,12 +225,6 @@ def _line(found: Sequence[np.ndarray], true: Sequence[np.ndarray], bone: int) ->
         return float("nan"), float("nan")
     slope, begin = np.linalg.lstsq(np.stack([x, np.ones_like(x)], axis=-1)[known], y[known], rcond=None)[0].tolist()
     return slope, begin
-
-
-def _slow_and_fast(arrays: Sequence[np.ndarray]) -> tuple[float, float]:
-    """Root mean squares of the slow and the fast part of errors over time."""
-    fast = _size([np.diff(array, 2, axis=0) for array in arrays]) / np.sqrt(6.0)  # of white noise, 1 − 2 + 1
-    return float(np.sqrt(np.maximum(_size(arrays) ** 2 - fast**2, 0.0))), fast
 
 
 def _size(arrays: Sequence[np.ndarray]) -> float:

@@ -39,8 +39,9 @@ from bodysense_lab.rendering.keypoint_errors import (
     noise_figures,
 )
 from bodysense_lab.rendering.take import GESTURES, RenderedTake, read_take
-from bodysense_lab.scoring import GROUPS, Tally, group_named
+from bodysense_lab.scoring import GROUPS, group_named
 from bodysense_lab.table import Cell, Report, cell, finite, ordering
+from bodysense_lab.tallies import Tallies
 
 METHODS = {  # key: how it is called in the table
     "network": "video: network",
@@ -70,26 +71,26 @@ SHOWN = ("network", "landmarks_ik", "positions_ik")  # of which bones are compar
 class VideoTable:
     """Counts: errors by category group, method and measure, and detection rates."""
 
-    tallies: dict[tuple[str, str, str], Tally] = field(default_factory=dict)
-    found: dict[tuple[str, str], Tally] = field(default_factory=dict)  # shares by group: "body", "hand"
+    tallies: Tallies = field(default_factory=Tallies)
+    found: Tallies = field(default_factory=Tallies)  # shares by group: "body", "hand"
     detector: list[Errors] = field(default_factory=list)  # of each video
     videos: list[str] = field(default_factory=list)
     seconds: list[float] = field(default_factory=list)
 
     def get(self, method: str, measure: str, group: str = "main") -> float:
         """A mean over frames and joints; NaN where nothing was counted."""
-        return self.tallies.get((group, method, measure), Tally()).mpjpe
+        return self.tallies.mean(group, method, measure)
 
     def add(self, take: RenderedTake, person: PersonLandmarks, said: dict[str, np.ndarray]) -> None:
         """Count a video: what was found in it, and rotations (T, 38, 4), as of `arms_from_torso`, by method."""
         group, truth = _group(take), arms_from_torso(take.pose)
         for method, rotation in said.items():
             for measure, values in arm_errors(rotation, truth, take.pose.skeleton).items():
-                self.tallies.setdefault((group, method, measure), Tally()).add(values)
+                self.tallies.add((group, method, measure), values)
         true = take.keypoints()
         self.detector.append(keypoint_errors(arm_keypoints(person), true))
-        self.found.setdefault((group, "body"), Tally()).add(person.has_body.astype(float))
-        self.found.setdefault((group, "hand"), Tally()).add(person.has_hand[true.has_hand].astype(float))
+        self.found.add((group, "body"), person.has_body.astype(float))
+        self.found.add((group, "hand"), person.has_hand[true.has_hand].astype(float))
         self.videos.append(take.name)
         self.seconds.append(float(take.time[-1] - take.time[0]))
 
@@ -101,7 +102,7 @@ class VideoTable:
             pieces[f"{_group(take)}{_FIRST}"] = slice(int((take.time < take.time[0] + 1.0).sum()))
         for (group, piece), (method, bones) in product(pieces.items(), said.items()):
             for measure, values in bone_errors(bones[piece], truth[piece], interval).items():
-                self.tallies.setdefault((group, method, measure), Tally()).add(values)
+                self.tallies.add((group, method, measure), values)
 
     @property
     def groups(self) -> list[str]:
@@ -118,7 +119,7 @@ class VideoTable:
                 for measure in (*MEASURES, *BONES):
                     numbers[f"{method}_{measure}{suffix}"] = self.get(method, measure, group)
             for key, name in (("detection_rate", "body"), ("hand_detection_rate", "hand")):
-                numbers[f"{key}{suffix}"] = self.found.get((group, name), Tally()).mpjpe
+                numbers[f"{key}{suffix}"] = self.found.mean(group, name)
         for (group, method, measure), tally in self.tallies.items():
             if group.endswith(_FIRST):
                 numbers[f"{method}_{measure}_{group}"] = tally.mpjpe

@@ -35,6 +35,7 @@ from bodysense_lab.rendering.scene import (
     sample_scene,
 )
 from bodysense_lab.rendering.stage import open_stage
+from bodysense_lab.synthesis.gestures import minimum_jerk
 
 _ARM = tuple[tuple[float, float, float], tuple[float, float, float]]
 # Where upper arm and forearm of the left arm point from a chest that faces +z; the right arm's are mirrored.
@@ -85,8 +86,7 @@ def gesture(name: str) -> Clip:
     times = np.array([key[0] for key in keys])
     time = np.arange(round(times[-1] * RATE) + 1) / RATE
     after = np.clip(np.searchsorted(times, time, side="right"), 1, len(keys) - 1)
-    share = np.clip((time - times[after - 1]) / (times[after] - times[after - 1]), 0, 1)
-    share = share**3 * (10 - 15 * share + 6 * share**2)  # of least jerk
+    share = minimum_jerk((time - times[after - 1]) / (times[after] - times[after - 1]))
     pose = standing_pose(skeleton)
     rotation = np.tile(pose.rotation, (len(time), 1, 1))
     if name == "punches":

@@ -6,7 +6,6 @@ import json
 import math
 import shutil
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import as_completed
 from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib.resources import files
@@ -26,7 +25,7 @@ from bodysense.metrics import joint_error
 from bodysense.pictures.animation import write_animation
 from bodysense.pictures.sheet import FollowingCamera, Lens, follow_body
 from bodysense_lab.scoring import RATE, scored_points
-from bodysense_lab.spread import worker_pool
+from bodysense_lab.spread import spread
 from bodysense_lab.study.study import CONDITIONS, Condition, StudyKey, draw_key, write_key
 from bodysense_lab.unoc.ik_tracker import Estimator, IkTracker, IkTrackerSettings
 from bodysense_lab.unoc.learned import Learned, load_model
@@ -154,18 +153,14 @@ def build_study(
         place = write_study_page(site, key.study, [scene.ring for scene in key.scenes])
         work = _renderings(key, scenes, settings.lens, place)
         advance(0, len(work))
-        if jobs == 1:
-            for done, (path, pose, camera) in enumerate(work, start=1):
-                write_animation(path, pose, camera, RATE)
-                advance(done, len(work))
-        else:
-            with worker_pool(jobs) as pool:
-                waiting = [pool.submit(write_animation, path, pose, camera, RATE) for path, pose, camera in work]
-                for done, future in enumerate(as_completed(waiting), start=1):
-                    future.result()
-                    advance(done, len(work))
+        for done, _ in enumerate(spread(_render, work, jobs), start=1):
+            advance(done, len(work))
         write_key(beside / "key.json", key)
     return key, scenes
+
+
+def _render(work: tuple[Path, Pose, FollowingCamera]) -> None:
+    write_animation(*work, RATE)
 
 
 def _renderings(

@@ -194,9 +194,9 @@ def hand_pairs(clips: Iterable[Clip], rate: float = RATE) -> Iterator[tuple[Hand
             yield left, replace(left, pose=hand_pose(body.pose, "right"), side="right")
 
 
-def hand_motions(clips: Iterable[Clip], rate: float = RATE) -> Iterator[HandMotion]:
+def hand_motions(clips: Iterable[Clip]) -> Iterator[HandMotion]:
     """The hands of `hand_pairs`, one after the other."""
-    for pair in hand_pairs(clips, rate):
+    for pair in hand_pairs(clips):
         yield from pair
 
 

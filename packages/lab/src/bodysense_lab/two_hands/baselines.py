@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -24,8 +24,15 @@ from bodysense.body.skeleton import Skeleton
 from bodysense.devices.gloves.fillers import MARKER_COUNT, missing
 
 
+class WorldFiller:
+    """A filler whose markers are in the world's axes."""
+
+    def axes(self, markers: np.ndarray, state: Any) -> None:
+        """Return None."""
+
+
 @dataclass(frozen=True)
-class LastKnown:
+class LastKnown(WorldFiller):
     """A hidden marker stays where it was last known."""
 
     def start(self, hands: int) -> np.ndarray:
@@ -36,9 +43,6 @@ class LastKnown:
         """See `Filler`."""
         filled = np.where(np.isnan(markers), state, markers)
         return filled, filled
-
-    def axes(self, markers: np.ndarray, state: np.ndarray) -> None:
-        """Return None: filled markers are in the world's axes."""
 
 
 class AverageState(NamedTuple):
@@ -51,7 +55,7 @@ class AverageState(NamedTuple):
 
 
 @dataclass(frozen=True)
-class MovingAverage:
+class MovingAverage(WorldFiller):
     """A hidden marker moves on with its mean velocity over the last `seconds` in which it was known."""
 
     seconds: float = 1 / 3
@@ -73,9 +77,6 @@ class MovingAverage:
         mean = sum(step[1] for step in steps) / np.where(time > 0, time, 1.0)
         return filled, AverageState(filled, np.where(known[..., None], mean, state.velocity), known, steps)
 
-    def axes(self, markers: np.ndarray, state: AverageState) -> None:
-        """Return None: filled markers are in the world's axes."""
-
 
 class AffineState(NamedTuple):
     """The last complete frame, which markers were known in it and in the one before, and the weights in use."""
@@ -87,7 +88,7 @@ class AffineState(NamedTuple):
 
 
 @dataclass(frozen=True)
-class AffineCombination:
+class AffineCombination(WorldFiller):
     """A hidden marker is the affine combination of the known ones that it was in the frame before it was hidden.
 
     Equations 3 to 8. Weights are those of the frame before the last change of what is known; a marker that comes back
@@ -126,9 +127,6 @@ class AffineCombination:
         by = of * used[..., None]
         normal = by.swapaxes(1, 2) @ by + self.regularization * np.eye(4)
         return of @ np.linalg.solve(normal, by.swapaxes(1, 2))
-
-    def axes(self, markers: np.ndarray, state: AffineState) -> None:
-        """Return None: filled markers are in the world's axes."""
 
 
 def _mean(markers: np.ndarray, used: np.ndarray) -> np.ndarray:

@@ -25,7 +25,7 @@ from bodysense_lab.synthesis.hands import HandMotion, synthesize_hand
 from bodysense_lab.table import Report, cell, finite
 from bodysense_lab.two_hands.fusion import SCORED, SECONDS, STRIDE, fused_errors
 from bodysense_lab.two_hands.scores import ALONE, SYNTHESISED, SYNTHETIC_SECONDS, GloveTable, HandTask, measure
-from bodysense_lab.two_hands.trials import DURATIONS, LAST, KeyedMeans, Trials, cut, hide_some, marker_error, together
+from bodysense_lab.two_hands.trials import DURATIONS, LAST, HandErrors, Trials, cut, hide_some, marker_error, together
 
 CHOICE_SEED = 31  # of the drawn hands; no table has it
 HIDDEN_MARKERS = (1, 4)
@@ -57,9 +57,9 @@ CANDIDATES = {
 }
 
 
-def measure_settings(task: HandTask) -> KeyedMeans:
+def measure_settings(task: HandTask) -> HandErrors:
     """Errors, cm, under (setting, value, seconds)."""
-    means, models = KeyedMeans(task.person), load_glove_models()
+    means, models = HandErrors(task.person), load_glove_models()
     rng = np.random.default_rng([CHOICE_SEED, crc32(task.motions[0].name.encode())])
     worn = [(motion, draw_hand(rng)) for motion in task.motions]
     if task.group == SYNTHESISED:  # a motion of its own, too
@@ -103,7 +103,7 @@ def settings_report(table: GloveTable) -> Report:
     for name, candidates in CANDIDATES.items():
         means = {}
         for value in candidates.values:
-            errors = [table.means.get(name, value, seconds) for seconds in candidates.seconds]
+            errors = [table.means.mean(name, value, seconds) for seconds in candidates.seconds]
             known = [error for error in errors if np.isfinite(error)]
             means[value] = float(np.mean(known)) if known else np.inf
             rows.append((candidates.title, value_text(value), *map(cell, errors), cell(means[value])))

@@ -25,10 +25,9 @@ class ContinuousState(NamedTuple):
     measured: np.ndarray  # (H, 9, 3) m, NaN where it was missing
     shown: np.ndarray  # (H, 9, 3) m
     known: np.ndarray  # (H, 9) bool
-    never: np.ndarray | None  # (H,) bool, hands that were never seen; None: all were seen
+    never: np.ndarray  # (H,) bool, hands that were never seen
     offset: np.ndarray  # (H, 9, 3) m
-    closing: np.ndarray | None  # (H, 9, 1) m/s: speed at which the offsets of known markers shrink; None: no offsets
-    away: bool  # whether any offset is not 0
+    closing: np.ndarray  # (H, 9, 1) m/s: speed at which the offsets of known markers shrink
 
 
 @dataclass(frozen=True)
@@ -54,44 +53,32 @@ class Continuous:
     def start(self, hands: int) -> ContinuousState:
         """Return the initial state without any output."""
         shape = (hands, MARKER_COUNT, 3)
-        nothing, none = np.full(shape, np.nan), np.zeros(shape[:2], dtype=bool)
+        nothing, none, still = np.full(shape, np.nan), np.zeros(shape[:2], dtype=bool), np.zeros(shape)
         never = np.ones(hands, dtype=bool)
-        return ContinuousState(self.filler.start(hands), nothing, nothing, none, never, np.zeros(shape), None, False)
+        return ContinuousState(self.filler.start(hands), nothing, nothing, none, never, still, still[..., :1])
 
     def fill(self, markers: np.ndarray, interval: float, state: ContinuousState) -> tuple[np.ndarray, ContinuousState]:
         """See `Filler`."""
         known = ~missing(markers)
         shown, filler = self.filler.fill(markers, interval, state.filler)
-        offset, closing, away = state.offset, state.closing, state.away
-        if known.tobytes() != state.known.tobytes():
+        if (known != state.known).any():
             offset, closing = self._changed(markers, known, shown, filler, interval, state)
-        elif away:
-            offset, closing = self._shrunk(known, interval, state)
-        if offset is not state.offset:
-            away = bool(offset.any())
-        if away:
+        else:
+            offset, closing = self._shrunk(known, interval, state), state.closing
+        if offset.any():
             shown = shown + turned(self.filler.axes(markers, filler), offset)
-        never = state.never
-        if never is not None:
-            never = never & ~known.any(axis=1)
-            never = never if never.any() else None
-        return shown, ContinuousState(filler, markers, shown, known, never, offset, closing, away)
+        never = state.never & ~known.any(axis=1)
+        return shown, ContinuousState(filler, markers, shown, known, never, offset, closing)
 
-    def _shrunk(
-        self, known: np.ndarray, interval: float, state: ContinuousState
-    ) -> tuple[np.ndarray, np.ndarray | None]:
-        """Return offsets (H, 9, 3) m and closing speeds (H, 9, 1) m/s while the known markers are unchanged."""
-        offset, closing = state.offset, state.closing
+    def _shrunk(self, known: np.ndarray, interval: float, state: ContinuousState) -> np.ndarray:
+        """Return offsets (H, 9, 3) m while the known markers are unchanged."""
+        offset = state.offset
         if self.fading is not None:
             kept = np.where(known, 1.0, 0.5 ** (interval / self.fading))[..., None]
             if abs(offset).max() > 0.8 * self.speed * self.fading:  # rare: few markers turned the hand wrongly
                 kept = np.maximum(kept, 1 - self.speed * interval / np.maximum(_length(offset), 1e-12))
             offset = offset * kept
-        if closing is not None:
-            length = _length(offset)
-            offset = offset * np.maximum(1 - closing * interval / np.maximum(length, 1e-12), 0.0)
-            closing = closing if (offset.any(axis=-1) & known).any() else None
-        return offset, closing
+        return offset * np.maximum(1 - state.closing * interval / np.maximum(_length(offset), 1e-12), 0.0)
 
     def _changed(
         self,
@@ -101,7 +88,7 @@ class Continuous:
         filler: Any,
         interval: float,
         state: ContinuousState,
-    ) -> tuple[np.ndarray, np.ndarray | None]:
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Return offsets (H, 9, 3) m and closing speeds (H, 9, 1) m/s after a change of the known markers."""
         # The frame before, from markers known in both: the filler's error.
         common = (known & state.known)[..., None]
@@ -113,14 +100,10 @@ class Continuous:
         expected, now = self.filler.fill(fewer, interval, state.filler)
         expected = expected + turned(self.filler.axes(fewer, now), offset)
         offset = turned_back(self.filler.axes(markers, filler), expected - filled)
-        fresh = np.isnan(offset) if state.never is None else np.isnan(offset) | state.never[:, None, None]
-        offset = np.where(fresh, 0.0, offset)
-        length = _length(offset)
-        closing = np.maximum(self.speed, length / self.longest)
-        if state.closing is not None:  # offsets that already shrink keep their speed
-            closing = np.where((known & state.known)[..., None], state.closing, closing)
-        closing = closing * known[..., None]
-        return offset, closing if (closing * length).any() else None
+        offset = np.where(np.isnan(offset) | state.never[:, None, None], 0.0, offset)
+        # Offsets that already shrink keep their speed.
+        fresh = np.maximum(self.speed, _length(offset) / self.longest)
+        return offset, np.where((known & state.known)[..., None], state.closing, fresh) * known[..., None]
 
     def axes(self, markers: np.ndarray, state: ContinuousState) -> np.ndarray | None:
         """Return the filler's axes."""

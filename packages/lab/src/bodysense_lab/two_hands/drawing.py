@@ -20,10 +20,10 @@ from bodysense_lab.two_hands.frames import RATE, GloveFrames
 from bodysense_lab.two_hands.given_shapes import draw_shapes
 from bodysense_lab.two_hands.network import JointNetwork, MarkerNetwork
 from bodysense_lab.two_hands.task import GloveTask
+from bodysense_lab.two_hands.trials import FINGER_POINTS, hide_some
 
 _ROUND = 1e-3  # m: below, distances count squared
 _BASES = tuple(f"{finger}1" for finger in FINGERS)
-FINGER_POINTS = tuple(f"{finger}{k}" for finger in FINGERS for k in ("2", "3", "_tip"))
 _ALL_ALIKE = (0.25, 0.25, 0.25, 0.25)
 
 
@@ -123,8 +123,7 @@ def draw_markers(
 def hide(count: int, share: tuple[float, ...], rng: np.random.Generator) -> np.ndarray:
     """(count, 9) bool: one marker is hidden as often as the first of `share` says, two as the second …"""
     number = 1 + rng.choice(len(share), size=count, p=share)
-    rank = rng.random((count, len(MARKERS))).argsort(axis=1).argsort(axis=1)
-    return rank < number[:, None]
+    return hide_some(count, number[:, None], rng)
 
 
 def registered(markers: np.ndarray, hidden: np.ndarray, hand: np.ndarray, template: np.ndarray) -> Registered:

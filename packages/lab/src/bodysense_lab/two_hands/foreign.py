@@ -33,7 +33,7 @@ from bodysense.devices.gloves.networks import (
 from bodysense.errors import BodysenseError
 from bodysense_lab.synthesis.hands import HandMotion
 from bodysense_lab.two_hands.continuity import Continuous
-from bodysense_lab.two_hands.trials import DURATIONS, KeyedMeans, Trials, cut, finger_error, hide_some, marker_error
+from bodysense_lab.two_hands.trials import DURATIONS, HandErrors, Trials, cut, finger_error, hide_some, marker_error
 
 FOREIGN, STRANGER, TEMPLATE = "foreign", "stranger", "template"
 PLACES = {FOREIGN: "left-out hand", STRANGER: "unseen hands", TEMPLATE: "the paper's hand"}
@@ -71,9 +71,9 @@ class ForeignModels:
         return folder / MARKER_NETWORK, folder / JOINT_NETWORK
 
 
-def foreign_markers(motions: list[HandMotion], person: str, models: ForeignModels, stride: int) -> KeyedMeans:
+def foreign_markers(motions: list[HandMotion], person: str, models: ForeignModels, stride: int) -> HandErrors:
     """Errors of hidden markers, cm, under (place, way, hidden, duration)."""
-    means = KeyedMeans(person)
+    means = HandErrors(person)
     for place, files, trials, ways in _settings(motions, person, models, stride, calibrate=False):
         network = load_marker_network(files[0])
         fillers: dict[str, Filler] = {
@@ -90,9 +90,9 @@ def foreign_markers(motions: list[HandMotion], person: str, models: ForeignModel
 
 def foreign_fingers(
     motions: list[HandMotion], person: str, models: ForeignModels, settings: HandsSettings, stride: int
-) -> KeyedMeans:
+) -> HandErrors:
     """Errors of the joints of fingers, cm, under (place, way, hidden, duration); nothing hidden: (…, 0, 0.0)."""
-    means = KeyedMeans(person)
+    means = HandErrors(person)
     for place, files, trials, ways in _settings(motions, person, models, stride, calibrate=True):
         loaded = GloveModels(load_marker_network(files[0]), load_joint_network(files[1]))
         for count in FEW_MANY:
@@ -106,16 +106,16 @@ def foreign_fingers(
     return means
 
 
-def foreign_numbers(means: KeyedMeans) -> dict[str, float]:
+def foreign_numbers(means: HandErrors) -> dict[str, float]:
     """Return figures by flat keys: foreign_nn_1_0.1_cm, stranger_untold_…, foreign_network_alone_cm …"""
     numbers = {}
-    for place, way, count, duration in means.sums:
+    for place, way, count, duration in means:
         if place in PLACES and way in WAYS:
             name = f"{place}_{way}_{count}" if count == 0 else f"{place}_{way}_{count}_{duration:.1f}"
-            numbers[f"{name}_cm"] = means.get(place, way, count, duration)
+            numbers[f"{name}_cm"] = means.mean(place, way, count, duration)
     for place in PLACES:
         for count, suffix in zip(FEW_MANY, ("", f"_{FEW_MANY[-1]}"), strict=True):
-            worst = [means.get(place, ALONE, count, duration) for duration in DURATIONS]
+            worst = [means.mean(place, ALONE, count, duration) for duration in DURATIONS]
             if np.isfinite(worst).any():
                 numbers[f"{place}_{ALONE}{suffix}_cm"] = float(np.nanmax(worst))
     return numbers
@@ -166,11 +166,6 @@ def _calibrated(
     return fit_hand(markers + rng.normal(0.0, 3e-4, markers.shape), network=network).hand
 
 
-def paper_template() -> np.ndarray:
-    """(9, 3) m, the markers of the release's glove on a flat left hand, in our axes."""
-    return np.array(_TEMPLATE)[:, [1, 0, 2]] * [-1, -1, 1]
-
-
 @lru_cache(maxsize=1)
 def template_hand() -> GlovedHand:
     """A hand of the middle of the family whose markers are, when it is flat, those of the paper's template.
@@ -178,7 +173,7 @@ def template_hand() -> GlovedHand:
     Fingers are moved and the thumb is stretched to reach its markers; the thumb's middle one is worn 1 cm above.
     """
     glove, middle = default_glove(), hand_of(np.zeros(COUNT)).skeleton
-    wanted = dict(zip(glove.markers, paper_template(), strict=True))
+    wanted = dict(zip(glove.markers, np.array(_TEMPLATE)[:, [1, 0, 2]] * [-1, -1, 1], strict=True))  # in our axes
     rest = middle.rest_offset * (np.linalg.norm(wanted["middle_tip"]) / hand_size(middle))
     reached = middle.path @ rest
     for finger in FINGERS[1:]:

@@ -41,7 +41,7 @@ from bodysense_lab.two_hands.scores import (
 )
 from bodysense_lab.two_hands.trials import (
     FINGER_POINTS,
-    KeyedMeans,
+    HandErrors,
     Trials,
     cut,
     hands_of,
@@ -66,10 +66,10 @@ STRIDE = 240  # frames from one trial to the next
 
 def measure_fusion(
     task: HandTask, markers: Path | None = None, joints: Path | None = None, left_out: Path | None = None
-) -> KeyedMeans:
+) -> HandErrors:
     """Errors of hidden fingers, cm, under (place, method, hidden fingers, seconds)."""
     motions, group, person = task
-    means, files = KeyedMeans(person), ForeignModels(markers, joints, left_out)
+    means, files = HandErrors(person), ForeignModels(markers, joints, left_out)
     places = (FOREIGN, STRANGER) if group == GROUPS[0] else (SYNTHESISED,) if group == SYNTHESISED else ()
     for place in places:
         found = files.of(place, person)
@@ -86,7 +86,7 @@ def measure_fusion(
     return means
 
 
-def _add(means: KeyedMeans, place: str, trials: Trials, models: GloveModels, rng: np.random.Generator) -> None:
+def _add(means: HandErrors, place: str, trials: Trials, models: GloveModels, rng: np.random.Generator) -> None:
     """Score trials with every number of hidden fingers, all at once."""
     lost = np.concatenate([hide_some(len(trials), count, rng, len(FINGERS)) for count in FINGER_COUNTS])
     several = together([trials] * len(FINGER_COUNTS))
@@ -194,8 +194,8 @@ def fusion_report(table: GloveTable) -> Report:
     """Errors of hidden fingers by markers, by sensors and by both."""
     made = f"Synthesised: {table.synthesised} hands, {SYNTHETIC_SECONDS:g} s each, of a seed of their own."
     figures = {
-        f"{place}_{method}_{count}_{seconds:.1f}_cm": table.means.get(place, method, count, seconds)
-        for place, method, count, seconds in table.means.sums
+        f"{place}_{method}_{count}_{seconds:.1f}_cm": table.means.mean(place, method, count, seconds)
+        for place, method, count, seconds in table.means
     }
     return Report(
         name="gloves-fusion",
@@ -214,6 +214,6 @@ def _rows(table: GloveTable) -> Iterator[tuple[str | float | None, ...]]:
     for place, label in FUSION_PLACES.items():
         for count in FINGER_COUNTS:
             for method, name in METHODS.items():
-                row = [table.means.get(place, method, count, seconds) for seconds in SECONDS]
+                row = [table.means.mean(place, method, count, seconds) for seconds in SECONDS]
                 if np.isfinite(row).any():
                     yield label, name, str(count), *map(cell, row)

@@ -23,7 +23,7 @@ from bodysense.devices.gloves.hands import GloveModels, load_glove_models
 from bodysense_lab.synthesis.glove_stream import observed_markers
 from bodysense_lab.synthesis.hands import RATE, synthesize_hand
 from bodysense_lab.table import Report, finite
-from bodysense_lab.two_hands.trials import FINGER_POINTS, KeyedMeans
+from bodysense_lab.two_hands.trials import FINGER_POINTS, HandErrors
 
 SECONDS = 10.0  # that calibrate, and that are scored
 NOISE = 3e-4  # m along each axis
@@ -62,7 +62,7 @@ def layouts() -> tuple[Layout, ...]:
 
 def layout_table(hands: int, advance: Callable[[], None]) -> Report:
     """Score `hands` hands in each set."""
-    models, means = load_glove_models(), KeyedMeans()
+    models, means = load_glove_models(), HandErrors()
     for number in range(hands):
         for layout in layouts():
             for way, hidden, error in _scored(layout, number, models):
@@ -70,9 +70,9 @@ def layout_table(hands: int, advance: Callable[[], None]) -> Report:
             advance()
     rows, numbers = [], {}
     for layout in layouts():
-        figures = [means.get(layout.key, way, hidden) for way in _WAYS for hidden in (0, 1)]
+        figures = [means.mean(layout.key, way, hidden) for way in _WAYS for hidden in (0, 1)]
         rows.append((layout.title, len(layout.worn.markers), *figures))
-        numbers |= {f"{layout.key}_{way}_{n}_cm": means.get(layout.key, way, n) for way in _WAYS for n in (0, 1)}
+        numbers |= {f"{layout.key}_{way}_{n}_cm": means.mean(layout.key, way, n) for way in _WAYS for n in (0, 1)}
     return Report(
         name="gloves-layouts",
         title="Gloves of other marker sets: joints of fingers",

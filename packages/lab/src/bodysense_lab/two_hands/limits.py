@@ -26,6 +26,9 @@ from bodysense.devices.simulated.glove import GloveCapture, observe_hands
 from bodysense.errors import BodysenseError
 from bodysense.metrics import joint_error
 from bodysense.observation import Observation
+from bodysense_lab.scoring import Tally
+from bodysense_lab.table import finite
+from bodysense_lab.tallies import Tallies
 from bodysense_lab.two_hands.hand_pairs import HandPair
 
 COUNTED = 0.001  # m: a deeper penetration counts
@@ -46,39 +49,28 @@ class Networks:
 
 @dataclass
 class Findings:
-    """Sums, counts and largest values under names."""
+    """Means and largest values under names."""
 
-    sums: dict[str, tuple[float, int]] = field(default_factory=dict)
+    means: Tallies = field(default_factory=Tallies)
     largest: dict[str, float] = field(default_factory=dict)
 
     def add(self, name: str, values: np.ndarray) -> None:
         """Add values of any shape to a mean; there may be no values."""
-        total, count = self.sums.get(name, (0.0, 0))
-        self.sums[name] = (total + float(np.sum(values)), count + int(np.size(values)))
-
-    def add_share(self, name: str, share: float, count: int) -> None:
-        """Add a mean of `count` values."""
-        if count:
-            total, before = self.sums.get(name, (0.0, 0))
-            self.sums[name] = (total + count * share, before + count)
+        self.means.add((name,), values)
 
     def add_largest(self, name: str, values: np.ndarray) -> None:
         """Keep the largest of values of any shape."""
-        if np.size(values):
-            self.largest[name] = max(self.largest.get(name, -np.inf), float(np.max(values)))
+        self.largest[name] = float(np.max(values, initial=self.largest.get(name, -np.inf)))
 
     def merge(self, other: Findings) -> None:
         """Add the findings of another instance."""
-        for name, (more, number) in other.sums.items():
-            total, count = self.sums.get(name, (0.0, 0))
-            self.sums[name] = (total + more, count + number)
+        self.means.merge(other.means)
         for name, value in other.largest.items():
             self.add_largest(name, np.array(value))
 
     def numbers(self) -> dict[str, float]:
         """Return the figures as one flat object; missing ones are left out."""
-        means = {name: total / count for name, (total, count) in self.sums.items() if count}
-        return means | self.largest
+        return finite({name: tally.mpjpe for (name,), tally in self.means.items()} | self.largest)
 
 
 def measure_limits(pair: HandPair, rng: np.random.Generator, networks: Networks, cameras: CameraRing) -> Findings:
@@ -106,7 +98,9 @@ def measure_pair(pair: HandPair, models: GloveModels, cameras: CameraRing, rng: 
             told = completed(pair, noisy, models, HandsSettings(rejection=rejection))
             error = joint_error(points_of(told), points_of(pair))
             findings.add(f"spikes_{100 * share:g}_error_cm_{name}", error)
-    count_labels(findings, pair, watched, rng)
+    score = label_accuracy(watched, {name: pose.skeleton for name, pose in pair.hands.items()}, rng)
+    for name, share in (("label_accuracy_share", score.right), ("label_wrong_share", score.wrong)):
+        findings.means.merge({(name,): Tally(score.markers, score.markers * share)})
     return findings
 
 
@@ -183,20 +177,12 @@ def count_jumps(findings: Findings, name: str, told: np.ndarray, true: np.ndarra
     findings.add(f"error_step_share_{name}", error.max(axis=(1, 2), initial=0.0) > JUMP)
 
 
-def count_labels(findings: Findings, pair: HandPair, watched: Observation, rng: np.random.Generator) -> None:
-    """How many of the markers that are seen a labeller names rightly, and wrongly, when they come without names."""
-    score = label_accuracy(watched, {name: pose.skeleton for name, pose in pair.hands.items()}, rng)
-    findings.add_share("label_accuracy_share", score.right, score.markers)
-    findings.add_share("label_wrong_share", score.wrong, score.markers)
-
-
 @dataclass(frozen=True)
 class LabelScore:
     """How well points were labelled, as shares of the markers that were there to be seen."""
 
     right: float
     wrong: float  # got another marker's label
-    missed: float  # got none
     markers: int
 
 
@@ -230,7 +216,7 @@ def label_accuracy(
         total += int(marker.sum())
     if not total:
         raise BodysenseError("labelling: no marker is seen in any frame; there is nothing to label")
-    return LabelScore(right / total, wrong / total, 1 - (right + wrong) / total, total)
+    return LabelScore(right / total, wrong / total, total)
 
 
 @cache

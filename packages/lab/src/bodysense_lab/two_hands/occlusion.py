@@ -12,6 +12,7 @@ from typing import Literal
 
 import numpy as np
 
+from bodysense.body.gaps import runs
 from bodysense.body.glove import MARKERS
 from bodysense.devices.simulated.camera_ring import CameraRing
 from bodysense.devices.simulated.glove import visible
@@ -72,14 +73,9 @@ Counted = Mapping[str, Mapping[Setting, MarkerHiding]]  # by GROUPS
 def count_hidden(seen: np.ndarray, rate: float) -> MarkerHiding:
     """Count in one recording `seen` (T, N) bool at `rate` Hz."""
     hidden = ~seen
-    change = np.diff(hidden.T.astype(np.int8), axis=1)  # (N, T − 1)
-    spans = []
-    for row in change:
-        begins, ends = np.flatnonzero(row == 1), np.flatnonzero(row == -1)
-        ends = ends[ends > begins[0]] if len(begins) else ends[:0]
-        spans.append(ends - begins[: len(ends)])
+    spans = [end - begin for row in hidden.T for begin, end in runs(row) if begin and end < len(row)]
     at_once = np.bincount(hidden.sum(axis=1), minlength=seen.shape[1] + 1)
-    return MarkerHiding(at_once / rate, np.concatenate(spans) / rate)
+    return MarkerHiding(at_once / rate, np.array(spans, dtype=float) / rate)
 
 
 def count_pair(pair: HandPair, rng: np.random.Generator, cameras: CameraRing) -> Hidings:

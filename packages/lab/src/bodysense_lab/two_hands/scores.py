@@ -15,7 +15,6 @@ from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.devices.gloves.fillers import LastShape, NetworkFiller
 from bodysense.devices.gloves.hands import GloveModels, HandsSettings
 from bodysense.devices.gloves.networks import load_joint_network, load_marker_network
-from bodysense.io.clip import Clip
 from bodysense.metrics import joint_error
 from bodysense_lab.datasets import Census, DataSet, census_of
 from bodysense_lab.scoring import GROUPS, Tally, group_of
@@ -28,7 +27,7 @@ from bodysense_lab.two_hands.trials import (
     DURATIONS,
     FINGER_POINTS,
     HIDDEN,
-    KeyedMeans,
+    HandErrors,
     Trials,
     cut,
     finger_error,
@@ -60,7 +59,7 @@ SYNTHETIC_SECONDS, SYNTHETIC_SEED = 12.0, 2019
 class GloveTable:
     """Measured means in cm under (group, method, hidden, duration)."""
 
-    means: KeyedMeans
+    means: HandErrors
     census: Census
     data: DataSet | None  # None: synthesised motion alone
     synthesised: int  # hands
@@ -68,15 +67,15 @@ class GloveTable:
     @property
     def groups(self) -> list[str]:
         """Groups that have figures, first the one whose keys have no suffix."""
-        return [group for group in (*GROUPS, SYNTHESISED) if any(key[0] == group for key in self.means.sums)]
+        return [group for group in (*GROUPS, SYNTHESISED) if any(key[0] == group for key in self.means)]
 
     def get(self, method: str, hidden: int, duration: float, group: str | None = None) -> float:
         """One cell, cm; of the main group without one."""
-        return self.means.get(group or self.groups[0], method, hidden, duration)
+        return self.means.mean(group or self.groups[0], method, hidden, duration)
 
     def tally(self, method: str, hidden: int, duration: float, group: str | None = None) -> Tally:
         """One cell with its shares by person; of the main group without one."""
-        return self.means.tally(group or self.groups[0], method, hidden, duration)
+        return self.means[group or self.groups[0], method, hidden, duration]
 
     def suffix(self, group: str) -> str:
         """Return the suffix of the group's keys."""
@@ -84,7 +83,7 @@ class GloveTable:
 
 
 def measure(
-    work: Callable[[HandTask], KeyedMeans],
+    work: Callable[[HandTask], HandErrors],
     data: DataSet | None,
     synthesised: int,
     jobs: int,
@@ -95,14 +94,14 @@ def measure(
 
     `by_person` gives all motions of a person to `work` at once.
     """
-    means, census = KeyedMeans(), Census()
+    means, census = HandErrors(), Census()
 
     def tasks() -> Iterator[HandTask]:
         nonlocal census
         for clip in data.clips() if data is not None else ():
             if clip.has_fingers:
                 census += census_of(clip)
-                yield both_hands(clip)
+                yield HandTask(list(hand_motions([clip])), group_of(clip), clip.person)
             else:
                 advance()
         for number in range(synthesised):
@@ -122,11 +121,6 @@ def _of_people(tasks: Iterator[HandTask]) -> Iterator[HandTask]:
     return (HandTask(motions, group, person) for (group, person), motions in joined.items())
 
 
-def both_hands(clip: Clip) -> HandTask:
-    """Return the hands of a clip at 60 Hz, and its group."""
-    return HandTask(list(hand_motions([clip])), group_of(clip), clip.person)
-
-
 def synthetic_hand(number: int) -> HandMotion:
     """Return a synthesised hand, drawn with a seed that no training uses."""
     rng = np.random.default_rng([SYNTHETIC_SEED, number])
@@ -135,10 +129,10 @@ def synthetic_hand(number: int) -> HandMotion:
 
 def measure_markers(
     task: HandTask, model: Path | None = None, stride: int = STRIDE, left_out: Path | None = None
-) -> KeyedMeans:
+) -> HandErrors:
     """Table 3 of some motions: errors of hidden markers, cm, under (group, method, hidden, duration)."""
     motions, group, person = task
-    network, means = load_marker_network(model), KeyedMeans(person)
+    network, means = load_marker_network(model), HandErrors(person)
     for trials, count, hidden in _all_trials(motions, stride):
         fillers = {
             "lk": LastKnown(),
@@ -161,10 +155,10 @@ def measure_fingers(
     joints: Path | None = None,
     stride: int = STRIDE,
     left_out: Path | None = None,
-) -> KeyedMeans:
+) -> HandErrors:
     """Table 4 of some motions: errors of the joints of fingers, cm, under (group, method, hidden, duration)."""
     motions, group, person = task
-    models, means = GloveModels(load_marker_network(markers), load_joint_network(joints)), KeyedMeans(person)
+    models, means = GloveModels(load_marker_network(markers), load_joint_network(joints)), HandErrors(person)
     for method, limits in (("ik", None), ("ik_tuned", FingerLimits())):
         for motion in motions:
             means.add((group, method, 0, 0.0), descent_error(motion, limits, stride))

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from bodysense.devices.gloves.networks import load_joint_network, load_marker_network
 from bodysense_lab.chart import BarPanel, plain_bars
 from bodysense_lab.datasets import DataSet, describe
-from bodysense_lab.intervals import Interval, interval
-from bodysense_lab.table import Cell, Report, cell, finite, ordering, surely
+from bodysense_lab.intervals import interval
+from bodysense_lab.table import Cell, Report, cell, finite, ordering
 from bodysense_lab.two_hands.foreign import ALONE, FEW_MANY, PLACES, WAYS, foreign_numbers
 from bodysense_lab.two_hands.scores import (
     SEEDS,
@@ -93,53 +94,84 @@ def table4(
 
 def marker_report(table: GloveTable) -> Report:
     """Table 3, with the ratios of network and last known position."""
-    return Report(
-        name="gloves-table3",
-        title="Two hands, Table 3: hidden markers of a glove on the last frame before they return",
-        columns=("motion", "method", "hidden", *_columns()),
-        rows=tuple(_marker_rows(table)),
-        numbers=finite(_marker_numbers(table) | foreign_numbers(table.means)) | table.census.numbers(),
-        data=_data(table),
-        remarks=tuple(_marker_remarks(table)),
+    return _report(
+        table,
+        "gloves-table3",
+        "Table 3: hidden markers of a glove on the last frame before they return",
+        rows=_marker_rows(table),
+        numbers=_marker_numbers(table),
+        remarks=_marker_remarks(table),
         caption=f"Mean error of hidden markers, cm; {SEEDS} seeds, a trial every {STRIDE / 60:g} s each. Last known is "
         "where they were in the world, so that all of a hand's way counts; last shape, where they were on the hand.",
-        digits=2,
-        panels=tuple(_marker_panels(table)),
+        panels=_panels("network ÷ last known", partial(_ratio, table), published_ratio),
     )
 
 
 def finger_report(table: GloveTable) -> Report:
     """Table 4, with inverse kinematics by cyclic coordinate descent."""
-    return Report(
-        name="gloves-table4",
-        title="Two hands, Table 4: joints of fingers",
-        columns=("motion", "method", "hidden", *_columns()),
-        rows=tuple(_finger_rows(table)),
-        numbers=finite(_finger_numbers(table) | foreign_numbers(table.means)) | table.census.numbers(),
-        data=_data(table),
-        remarks=tuple(_finger_remarks(table)),
+    return _report(
+        table,
+        "gloves-table4",
+        "Table 4: joints of fingers",
+        rows=_finger_rows(table),
+        numbers=_finger_numbers(table),
+        remarks=_finger_remarks(table),
         caption="Mean error of the second and third joint and the tip of every finger (p1, p2, p3), in the world, cm; "
         f"{SEEDS} seeds, a trial every {STRIDE / 60:g} s at each, of one hand whose markers are right. "
         "With nothing hidden duration means nothing.",
-        digits=2,
-        panels=tuple(_finger_panels(table)),
+        panels=_panels("joints of fingers, cm", partial(table.get, "nn"), _published_point),
     )
 
 
-def _columns() -> tuple[str, ...]:
-    return (*(f"{duration:g} s" for duration in DURATIONS), *(f"paper's {duration:g} s" for duration in DURATIONS))
+def _report(
+    table: GloveTable,
+    name: str,
+    title: str,
+    rows: Iterable[tuple[Cell, ...]],
+    numbers: dict[str, float],
+    remarks: Iterable[str],
+    **more: Any,
+) -> Report:
+    """Return a table by duration, ours and the paper's; rows of unseen hands come last."""
+    made = f"Synthesised: {table.synthesised} different hands, {SYNTHETIC_SECONDS:g} s each, of a seed of their own."
+    data = (made,)
+    if table.data is not None:
+        data = (describe(table.data, table.census), f"{made} Their keys end in _{SYNTHESISED}.")
+    durations = [f"{duration:g} s" for duration in DURATIONS]
+    return Report(
+        name=name,
+        title=f"Two hands, {title}",
+        columns=("motion", "method", "hidden", *durations, *(f"paper's {duration}" for duration in durations)),
+        rows=(*rows, *_foreign_rows(table)),
+        numbers=finite(numbers | foreign_numbers(table.means)) | table.census.numbers(),
+        data=data,
+        remarks=tuple(remarks),
+        digits=2,
+        **more,
+    )
+
+
+def _panels(
+    measure: str, ours: Callable[[int, float], float], theirs: Callable[[int, float], float]
+) -> tuple[BarPanel, ...]:
+    """Bars by duration, of ours and of the published figures, with the fewest and the most markers hidden."""
+    return tuple(
+        BarPanel(
+            f"{hidden} hidden",
+            tuple(f"{duration:g} s" for duration in DURATIONS),
+            (
+                plain_bars("ours", [cell(ours(hidden, duration)) for duration in DURATIONS]),
+                plain_bars("published", [theirs(hidden, duration) for duration in DURATIONS]),
+            ),
+            measure,
+        )
+        for hidden in (HIDDEN[0], HIDDEN[-1])
+    )
 
 
 def _motion(table: GloveTable, group: str) -> str:
     """Return the name of a group in the table."""
     return group if group == SYNTHESISED or table.data is None else f"{table.data.name}, {group}"
-
-
-def _data(table: GloveTable) -> tuple[str, ...]:
-    made = f"Synthesised: {table.synthesised} different hands, {SYNTHETIC_SECONDS:g} s each, of a seed of their own."
-    if table.data is None:
-        return (made,)
-    return (describe(table.data, table.census), f"{made} Their keys end in _{SYNTHESISED}.")
 
 
 def _marker_rows(table: GloveTable) -> Iterator[tuple[Cell, ...]]:
@@ -158,7 +190,6 @@ def _marker_rows(table: GloveTable) -> Iterator[tuple[Cell, ...]]:
             ours = (cell(_ratio(table, hidden, duration, group)) for duration in DURATIONS)
             theirs = (published_ratio(hidden, duration) for duration in DURATIONS)
             yield (_motion(table, group), "network ÷ last known", str(hidden), *ours, *theirs)
-    yield from _foreign_rows(table)
 
 
 def _foreign_rows(table: GloveTable) -> Iterator[tuple[Cell, ...]]:
@@ -181,8 +212,7 @@ def _marker_numbers(table: GloveTable) -> dict[str, float]:
             for duration in DURATIONS:
                 at, suffix = f"{hidden}_{duration:.1f}", table.suffix(group)
                 for method in METHODS:
-                    tally, key = table.tally(method, hidden, duration, group), f"{method}_{at}_cm{suffix}"
-                    numbers |= {key: tally.mpjpe} | surely({key: tally.interval()})
+                    numbers |= table.means.figures(f"{method}_{at}_cm{suffix}", group, method, hidden, duration)
                 numbers[f"ratio_{at}{suffix}"] = _ratio(table, hidden, duration, group)
     return numbers
 
@@ -191,6 +221,10 @@ def published_ratio(hidden: int, duration: float) -> float:
     """Network ÷ last known position by the paper's table."""
     place = DURATIONS.index(duration)
     return PUBLISHED_MARKERS["nn", hidden][place] / PUBLISHED_MARKERS["lk", hidden][place]
+
+
+def _published_point(hidden: int, duration: float) -> float:
+    return PUBLISHED_POINTS[hidden][DURATIONS.index(duration)]
 
 
 def _ratio(table: GloveTable, hidden: int, duration: float, group: str | None = None) -> float:
@@ -211,25 +245,11 @@ def _marker_remarks(table: GloveTable) -> Iterator[str]:
         yield f"{_motion(table, group)}: network ÷ last known is at most the paper's: {verdict}."
     for method in ("lk", "ls", "ma", "ac"):
         better = all(table.get("nn", *one) < table.get(method, *one) for one in cells)
-        sure = sum(_less(table, "nn", method, *one).verdict == "better" for one in cells)
+        pairs = [(table.tally("nn", *one).shares(), table.tally(method, *one).shares()) for one in cells]
+        sure = sum(interval(ours, theirs).verdict == "better" for ours, theirs in pairs)
         held = "holds" if better else "does not hold"
         text = f"The network is better than {METHODS[method]} in every cell: {held}"
         yield f"{text}; the interval over people carries it in {sure} of {len(cells)}."
-
-
-def _less(table: GloveTable, method: str, other: str, hidden: int, duration: float) -> Interval:
-    """How much less one method errs than another."""
-    ours, theirs = (table.tally(one, hidden, duration).shares() for one in (method, other))
-    return interval(ours, theirs)
-
-
-def _marker_panels(table: GloveTable) -> Iterator[BarPanel]:
-    groups = tuple(f"{duration:g} s" for duration in DURATIONS)
-    for hidden in (HIDDEN[0], HIDDEN[-1]):
-        ours = [cell(_ratio(table, hidden, duration)) for duration in DURATIONS]
-        theirs = [published_ratio(hidden, duration) for duration in DURATIONS]
-        series = (plain_bars("ours", ours), plain_bars("published", theirs))
-        yield BarPanel(f"{hidden} hidden", groups, series, "network ÷ last known")
 
 
 def _finger_rows(table: GloveTable) -> Iterator[tuple[Cell, ...]]:
@@ -241,7 +261,6 @@ def _finger_rows(table: GloveTable) -> Iterator[tuple[Cell, ...]]:
         for hidden in HIDDEN:
             row = (cell(table.get("nn", hidden, duration, group)) for duration in DURATIONS)
             yield (_motion(table, group), "network", str(hidden), *row, *PUBLISHED_POINTS[hidden])
-    yield from _foreign_rows(table)
 
 
 def _finger_numbers(table: GloveTable) -> dict[str, float]:
@@ -249,12 +268,11 @@ def _finger_numbers(table: GloveTable) -> dict[str, float]:
     for group in table.groups:
         suffix = table.suffix(group)
         for method, key in (("ik", "ik_cm"), ("ik_tuned", "ik_tuned_cm"), ("nn", "nn_0_cm")):
-            tally = table.tally(method, 0, 0.0, group)
-            numbers |= {f"{key}{suffix}": tally.mpjpe} | surely({f"{key}{suffix}": tally.interval()})
+            numbers |= table.means.figures(f"{key}{suffix}", group, method, 0, 0.0)
         for hidden in HIDDEN:
             for duration in DURATIONS:
-                tally, key = table.tally("nn", hidden, duration, group), f"nn_{hidden}_{duration:.1f}_cm{suffix}"
-                numbers |= {key: tally.mpjpe} | surely({key: tally.interval()})
+                key = f"nn_{hidden}_{duration:.1f}_cm{suffix}"
+                numbers |= table.means.figures(key, group, "nn", hidden, duration)
     return numbers
 
 
@@ -264,11 +282,3 @@ def _finger_remarks(table: GloveTable) -> Iterator[str]:
         said = ordering(f"The network is better than {_STILL[method]}, nothing hidden", lower, [higher], "cm")
         if said is not None:
             yield said
-
-
-def _finger_panels(table: GloveTable) -> Iterator[BarPanel]:
-    groups = tuple(f"{duration:g} s" for duration in DURATIONS)
-    for hidden in (HIDDEN[0], HIDDEN[-1]):
-        ours = [cell(table.get("nn", hidden, duration)) for duration in DURATIONS]
-        series = (plain_bars("ours", ours), plain_bars("published", list(PUBLISHED_POINTS[hidden])))
-        yield BarPanel(f"{hidden} hidden", groups, series, "joints of fingers, cm")

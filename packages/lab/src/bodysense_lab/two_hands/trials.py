@@ -7,7 +7,7 @@ error after 0.1 s is what it would be had they returned then, so that one trial 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -20,9 +20,9 @@ from bodysense.devices.gloves.fillers import Filler
 from bodysense.devices.gloves.hands import GloveModels, Hands, HandsSettings
 from bodysense.metrics import joint_error
 from bodysense.observation import Observation
-from bodysense_lab.scoring import Tally
 from bodysense_lab.synthesis.glove_stream import observed_markers
 from bodysense_lab.synthesis.hands import RATE, HandMotion
+from bodysense_lab.tallies import Tallies
 
 HIDDEN = (1, 2, 3, 4)  # markers at once
 DURATIONS = (0.1, 0.2, 0.5, 1.0, 2.0)  # s
@@ -73,29 +73,16 @@ def together(several: Sequence[Trials]) -> Trials:
     )
 
 
-@dataclass
-class KeyedMeans:
-    """Means of added values, each under a key."""
+class HandErrors(Tallies):
+    """Errors of the hands of one person, under keys; NaN, of motions that end before, is left out."""
 
-    person: str = ""  # whose values are added
-    sums: dict[tuple, Tally] = field(default_factory=dict)
+    def __init__(self, person: str = "") -> None:
+        super().__init__()
+        self.person = person
 
-    def add(self, key: tuple, values: np.ndarray) -> None:
-        """Add values of any shape; NaN and infinite ones are left out."""
-        self.sums.setdefault(key, Tally()).add(values[np.isfinite(values)], self.person)
-
-    def merge(self, other: KeyedMeans) -> None:
-        """Add the values of another instance."""
-        for key, tally in other.sums.items():
-            self.sums.setdefault(key, Tally()).merge(tally)
-
-    def tally(self, *key: object) -> Tally:
-        """Return the sums under a key."""
-        return self.sums.get(key, Tally())
-
-    def get(self, *key: object) -> float:
-        """Return the mean under a key; NaN without values."""
-        return self.tally(*key).mpjpe
+    def add(self, key: tuple, errors: np.ndarray, person: str = "") -> None:
+        """Add errors of any shape, by default of the person."""
+        super().add(key, errors[np.isfinite(errors)], person or self.person)
 
 
 def cut(
@@ -133,8 +120,8 @@ def cut(
     )
 
 
-def hide_some(trials: int, count: int, rng: np.random.Generator, of: int = len(MARKERS)) -> np.ndarray:
-    """(H, 9) bool: `count` random markers of each, or as many of `of` other things."""
+def hide_some(trials: int, count: int | np.ndarray, rng: np.random.Generator, of: int = len(MARKERS)) -> np.ndarray:
+    """(H, 9) bool: `count` random markers of each (a number, or (H, 1)), or as many of `of` other things."""
     return rng.random((trials, of)).argsort(axis=1).argsort(axis=1) < count
 
 

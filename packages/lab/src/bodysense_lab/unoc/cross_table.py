@@ -24,6 +24,7 @@ from bodysense_lab.score_table import (
 )
 from bodysense_lab.scoring import RATE, Tally, group_of
 from bodysense_lab.table import Report
+from bodysense_lab.tallies import Tallies
 from bodysense_lab.unoc.finger_scores import finger_offsets
 from bodysense_lab.unoc.kept_scores import Scores, better_last_known
 
@@ -62,7 +63,7 @@ def cross_report(
     tests: Sequence[DataSet],
     scores: Mapping[Pair, Scores],
     last_known: Mapping[str, Mapping[str, Scores]],
-    fingers: Mapping[Pair, Tally] | None = None,
+    fingers: Mapping[tuple, Tally] | None = None,
 ) -> Report:
     """The table of every pair.
 
@@ -159,9 +160,9 @@ def _chart(joints: str, names: Mapping[str, str], cells: Cells) -> BarChart:
     return BarChart(joints, bars, "RMSJPE, cm", more=(("last known", 2),))
 
 
-def synthesis_errors(sets: Sequence[DataSet], models: Mapping[str, PointModel]) -> dict[Pair, Tally]:
+def synthesis_errors(sets: Sequence[DataSet], models: Mapping[str, PointModel]) -> Tallies:
     """Errors (cm) of finger synthesis by (trained on, tested on), over the main categories with recorded fingers."""
-    errors: dict[Pair, Tally] = {}
+    errors = Tallies()
     for data in sets:
         scored = (clip for clip in data.clips() if clip.has_fingers and group_of(clip) == "main")
         for clip in (resample(clip, RATE) for clip in scored):
@@ -169,8 +170,8 @@ def synthesis_errors(sets: Sequence[DataSet], models: Mapping[str, PointModel]) 
             for train, model in models.items():
                 method = FingerSynthesis(clip.pose.skeleton, model, half_life=0)
                 placed, _ = method.step(clip.pose, clip.time, method.start())
-                tally = errors.setdefault((train, data.name), Tally())
-                tally.add(joint_error(placed[:, np.argsort(method.places)], truth), clip.person)
+                error = joint_error(placed[:, np.argsort(method.places)], truth)
+                errors.add((train, data.name), error, clip.person)
     return errors
 
 

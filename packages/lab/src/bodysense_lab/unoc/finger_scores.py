@@ -34,6 +34,7 @@ from bodysense_lab.datasets import Census, DataSet
 from bodysense_lab.score_table import ScoreColumn, ScoreRow, ScoreTable, score_report
 from bodysense_lab.scoring import RATE, Tally
 from bodysense_lab.table import Report
+from bodysense_lab.tallies import Tallies
 
 METHODS = ("network", "bodysense", "mean_pose", "nearest")  # 'bodysense': after smoothing, on the wearer's rigid bones
 TABLE = ScoreTable(
@@ -86,18 +87,17 @@ def examples_of(clips: Iterable[Clip]) -> Examples:
     return Examples(np.concatenate(features).astype(np.float32), np.concatenate(hands).astype(np.float32))
 
 
-def finger_errors(clip: Clip, examples: Examples, model: PointModel) -> dict[tuple[str, str, str, str], Tally]:
+def finger_errors(clip: Clip, examples: Examples, model: PointModel) -> Tallies:
     """Errors (cm) of network and baselines on a clip with fingers, by group, 'fingers', method and measure."""
     clip = resample(clip, RATE)
     truth = finger_offsets(clip)
-    found: dict[tuple[str, str, str, str], Tally] = {}
+    found = Tallies()
     for method, offset in answers(clip, examples, model).items():
-        found["main", "fingers", method, "error"] = tally = Tally()
-        tally.add(joint_error(offset, truth))
+        found.add(("main", "fingers", method, "error"), joint_error(offset, truth))
     return found
 
 
-def finger_report(found: Mapping[tuple[str, str, str, str], Tally], census: Census, data: DataSet) -> Report:
+def finger_report(found: Mapping[tuple, Tally], census: Census, data: DataSet) -> Report:
     """Return the table. Raises BodysenseError if no clip was scored."""
     if not found:
         raise BodysenseError("finger synthesis: no clip of the split has fingers; give motion with recorded fingers")

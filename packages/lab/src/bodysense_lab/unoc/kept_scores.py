@@ -12,21 +12,21 @@ from bodysense.files import written_beside
 from bodysense.last_known import KNOWN
 from bodysense_lab.datasets import Census, DataSet
 from bodysense_lab.scoring import Tally
+from bodysense_lab.tallies import Tallies
 
 FORMAT = 2  # of the files; another number makes them be counted again
-Parts = dict[tuple[str, str, str], Tally]  # by category group, part of the body, share of joints
 
 
 @dataclass(frozen=True)
 class Scores:
     """Errors (cm) of one method by group of categories, part of the body, and share of the joints."""
 
-    tallies: Parts = field(repr=False)
+    tallies: Tallies = field(repr=False)
     census: Census
 
     def get(self, part: str, share: str, group: str = "main") -> Tally:
         """One cell; empty where nothing was counted."""
-        return self.tallies.get((group, part, share), Tally())
+        return self.tallies[group, part, share]
 
 
 def scores_path(folder: Path, method: str, data: DataSet) -> Path:
@@ -63,7 +63,7 @@ def read_scores(path: Path, identity: Mapping[str, Any]) -> Scores | None:
         kept = json.loads(path.read_text(encoding="utf-8"))
         if kept["identity"] != identity:
             return None
-        tallies: Parts = {}
+        tallies = Tallies()
         for key, sums in kept["tallies"].items():
             group, part, share = key.split("/")
             people = {person: Tally(*of_person) for person, of_person in sums["people"].items()}

@@ -25,6 +25,7 @@ from bodysense_lab.weights import packaged
 
 FORMAT = "bodysense body 1"
 PACKAGED = "body_gru.onnx"
+_DUE = 0.8  # share of the time between two steps after which a frame advances the state
 NETWORK = NetworkFormat(
     name=FORMAT,
     kind="body network",
@@ -76,11 +77,6 @@ class Learned:
             "height": np.array([self.skeleton.height], dtype=np.float32),
         }
 
-    @cached_property
-    def _step_interval(self) -> float:
-        """s between steps of the network; a frame a little early still counts."""
-        return 0.8 / float(self.model.card["fastest_rate"])
-
     def start(self) -> LearnedState:
         """Return the first state: a standing body that faces +Z."""
         standing, _ = forward_kinematics(standing_pose(self.skeleton))
@@ -131,7 +127,7 @@ class Learned:
             **self._constants,
         }
         answer, after = self.model.step(inputs, state.network)
-        if state.time is None or elapsed >= self._step_interval:
+        if state.time is None or elapsed >= _DUE / float(self.model.card["fastest_rate"]):
             state = replace(state, network=after, time=time)
         return answer, state
 

@@ -8,7 +8,7 @@ exported file and every run time share them.
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
@@ -18,9 +18,8 @@ from torch import Tensor, nn
 
 from bodysense.body.pose import forward_kinematics, standing_pose
 from bodysense.body.skeleton import Skeleton
-from bodysense.errors import BodysenseError
-from bodysense.files import written_beside
 from bodysense.observation import Observation, observed_points
+from bodysense_lab.checkpoint import read_weights_file
 from bodysense_lab.unoc.recurrent import Cell, Recurrent, branch
 
 REFERENCE_HEIGHT = 1.7  # m: bodies are scaled to it, so that the network meets one size
@@ -313,24 +312,12 @@ def tracked_of(observation: Observation, skeleton: Skeleton) -> TrackedBody:
     )
 
 
-def write_weights(model: BodyNetwork, path: Path) -> None:
-    """Write a network's configuration and weights, for evaluation in PyTorch; the file appears whole or not at all."""
-    with written_beside(path) as beside:
-        torch.save({"config": json.dumps(asdict(model.config)), "weights": model.state_dict()}, beside)
-
-
 def read_weights(path: Path, skeleton: Skeleton) -> BodyNetwork:
-    """A network that `write_weights` wrote. Raises BodysenseError for any other file."""
-    try:
-        saved = torch.load(path, map_location="cpu", weights_only=True)
-        fields: dict[str, Any] = {
-            name: tuple(value) if isinstance(value, list) else value
-            for name, value in json.loads(saved["config"]).items()
-        }
-        model = BodyNetwork(BodyNetworkConfig(**fields), skeleton)
-        model.load_state_dict(saved["weights"])
-    except FileNotFoundError:
-        raise BodysenseError(f"{path}: no such network; train it with `bodysense train unoc-tables`") from None
-    except Exception as error:  # PyTorch raises what it likes: pickle, zip, missing keys
-        raise BodysenseError(f"{path}: no network of these tables ({type(error).__name__}); train it again") from None
-    return model.eval()
+    """A network of UNOC's tables. Raises BodysenseError for any other file."""
+
+    def make(config: dict[str, Any] | str) -> BodyNetwork:
+        if isinstance(config, str):  # as JSON, in files of earlier versions
+            config = {name: tuple(v) if isinstance(v, list) else v for name, v in json.loads(config).items()}
+        return BodyNetwork(BodyNetworkConfig(**config), skeleton)
+
+    return read_weights_file(path, make, "a network of UNOC's tables", "bodysense train unoc-tables")[0]

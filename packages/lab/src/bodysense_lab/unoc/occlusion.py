@@ -19,7 +19,6 @@ from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense_lab.chart import BarPanel, plain_bars
 from bodysense_lab.datasets import Census, DataSet, describe, gathered, missing
-from bodysense_lab.scoring import MAIN
 from bodysense_lab.table import Cell, Report
 from bodysense_lab.unoc.contact import self_contact
 
@@ -102,40 +101,26 @@ class Column:
     hiding: Mapping[str, Hiding]  # by GROUPS
 
 
-def _published(*rows: tuple[float | None, float | None]) -> dict[str, Hiding]:
-    """Published percentages and seconds, in the order of GROUPS."""
-    return {
-        name: Hiding(None if percent is None else percent / 100, duration)
-        for name, (percent, duration) in zip(GROUPS, rows, strict=True)
+def _published(
+    name: str, frames: int, frame_rate: float, self_contact: float, hand_contact: float, hiding: str
+) -> Column:
+    """A column of the paper; `hiding` is percentage/seconds in the order of GROUPS."""
+    pairs = [pair.split("/") for pair in hiding.split()]
+    found = {
+        group: Hiding(float(percent) / 100 if percent else None, float(duration))
+        for group, (percent, duration) in zip(GROUPS, pairs, strict=True)
     }
+    return Column(name, frames, (frame_rate,), self_contact, hand_contact, found)
 
 
 # Table 1 of the paper. Mixamo's ratios of hand and hip cannot be read in the copy at hand.
 PUBLISHED = (
-    Column(
-        "UNOC",
-        1_800_000,
-        (120.0,),
-        0.24,
-        0.59,
-        _published((35, 3.02), (46, 5.61), (13, 2.40), (24, 1.50), (53, 7.28), (59, 3.74), (24, 0.78), (27, 2.00)),
+    _published("UNOC", 1_800_000, 120.0, 0.24, 0.59, "35/3.02 46/5.61 13/2.40 24/1.50 53/7.28 59/3.74 24/0.78 27/2.00"),
+    _published(
+        *("TWH16.2M", 16_200_000, 90.0, 0.025, 0.039),
+        "38/4.39 3/2.16 9/1.14 14/0.98 99/207.27 81/12.2 23/2.17 22/1.70",
     ),
-    Column(
-        "TWH16.2M",
-        16_200_000,
-        (90.0,),
-        0.025,
-        0.039,
-        _published((38, 4.39), (3, 2.16), (9, 1.14), (14, 0.98), (99, 207.27), (81, 12.2), (23, 2.17), (22, 1.70)),
-    ),
-    Column(
-        "Mixamo",
-        261_000,
-        (30.0,),
-        0.13,
-        0.24,
-        _published((47, 1.04), (68, 1.77), (45, 1.06), (None, 0.86), (None, 1.44), (35, 0.78), (41, 0.67), (35, 0.95)),
-    ),
+    _published("Mixamo", 261_000, 30.0, 0.13, 0.24, "47/1.04 68/1.77 45/1.06 /0.86 /1.44 35/0.78 41/0.67 35/0.95"),
 )
 
 
@@ -164,11 +149,16 @@ def column(name: str, counts: Iterable[Counts]) -> Column:
 Counted = dict[str, Counts]  # by category
 
 
+def count_clip(clip: Clip, camera: HeadsetCamera) -> Counted:
+    """Count occlusion and contact in a clip, under its category."""
+    return {clip.category or "(none)": count(clip.pose, clip.frame_rate, camera)}
+
+
 def count_clips(
     clips: Iterable[Clip], jobs: int, advance: Callable[[Clip], None], camera: HeadsetCamera = HeadsetCamera()
 ) -> tuple[Counted, Census]:
     """Count occlusion and contact in every clip, and the amount of motion. `advance` is called after every clip."""
-    return gathered(partial(_count, camera=camera), clips, jobs, advance)
+    return gathered(partial(count_clip, camera=camera), clips, jobs, advance)
 
 
 def columns_of(counted: Counted) -> list[Column]:
@@ -222,53 +212,41 @@ def occlusion_table(columns: Sequence[Column]) -> Report:
     )
 
 
-def _count(clip: Clip, camera: HeadsetCamera) -> Counted:
-    return {clip.category or "(none)": count(clip.pose, clip.frame_rate, camera)}
-
-
 def _rows(columns: Sequence[Column]) -> Iterator[tuple[Cell, ...]]:
+    def percent(label: str, shares: Iterable[float | None]) -> tuple[Cell, ...]:
+        return (f"{label}, %", *(None if share is None else 100 * share for share in shares))
+
     yield ("frames", *(one.frames for one in columns))
     yield ("frames/s", *(", ".join(f"{rate:g}" for rate in one.frame_rates) for one in columns))
-    yield ("self-contact, %", *(_percent(one.self_contact) for one in columns))
-    yield ("hand-body contact, %", *(_percent(one.hand_contact) for one in columns))
+    yield percent("self-contact", (one.self_contact for one in columns))
+    yield percent("hand-body contact", (one.hand_contact for one in columns))
     for group in GROUPS:
-        yield (f"{group} hidden, %", *(_percent(one.hiding[group].ratio) for one in columns))
+        yield percent(f"{group} hidden", (one.hiding[group].ratio for one in columns))
         yield (f"{group} span, s", *(one.hiding[group].duration for one in columns))
-
-
-def _percent(share: float | None) -> float | None:
-    return None if share is None else 100 * share
 
 
 def _remarks(columns: Sequence[Column]) -> Iterator[str]:
     """Which of our shares lie among the published ones."""
     for one in columns:
-        if one.name in MAIN or len(columns) == 1 or one.name not in ("all", "sport", "dance", "other"):
-            inside, outside = [], []
-            for group in GROUPS:
-                published = [ratio for known in PUBLISHED if (ratio := known.hiding[group].ratio) is not None]
-                ratio = one.hiding[group].ratio
-                if ratio is not None:
-                    shown = f"{group} {100 * ratio:.0f} %"
-                    low, high = min(published), max(published)
-                    if low <= ratio <= high:
-                        inside.append(shown)
-                    else:
-                        outside.append(f"{shown} (published {100 * low:.0f} to {100 * high:.0f} %)")
-            yield (
-                f"{one.name}: hidden within the published range: {', '.join(inside) or 'none'}; "
-                f"outside: {', '.join(outside) or 'none'}."
-            )
+        if len(columns) > 1 and one.name in ("all", "sport", "dance", "other"):
+            continue
+        found: dict[bool, list[str]] = {True: [], False: []}
+        for group in GROUPS:
+            published = [ratio for known in PUBLISHED if (ratio := known.hiding[group].ratio) is not None]
+            ratio, low, high = one.hiding[group].ratio, min(published), max(published)
+            if ratio is not None:
+                is_inside = low <= ratio <= high
+                span = "" if is_inside else f" (published {100 * low:.0f} to {100 * high:.0f} %)"
+                found[is_inside].append(f"{group} {100 * ratio:.0f} %{span}")
+        inside, outside = (", ".join(found[key]) or "none" for key in (True, False))
+        yield f"{one.name}: hidden within the published range: {inside}; outside: {outside}."
 
 
 def _panel(measure: str, columns: Sequence[Column], field: str, factor: float) -> BarPanel:
     """All of ours, or the only one, between UNOC and Talking With Hands."""
-    ours = columns[-len(PUBLISHED) - 1]
-    series = [ours, *PUBLISHED[:2]]
-    heights = [[getattr(one.hiding[group], field) for group in GROUPS] for one in series]
-    names = (ours.name, *(f"{one.name} (published)" for one in PUBLISHED[:2]))
-    bars = [
-        plain_bars(name, [None if value is None else factor * value for value in row])
-        for name, row in zip(names, heights, strict=True)
-    ]
+    bars = []
+    for one in (columns[-len(PUBLISHED) - 1], *PUBLISHED[:2]):
+        values = [getattr(one.hiding[group], field) for group in GROUPS]
+        heights = [None if value is None else factor * value for value in values]
+        bars.append(plain_bars(f"{one.name} (published)" if one in PUBLISHED else one.name, heights))
     return BarPanel(measure.partition(",")[0], GROUPS, tuple(bars), measure)

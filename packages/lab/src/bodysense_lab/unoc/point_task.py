@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -15,33 +15,17 @@ import torch
 from torch import Tensor
 
 from bodysense.body.pose import Pose, forward_kinematics, resting_offset
-from bodysense.body.rotation import quaternion_canonical, quaternion_exp, quaternion_multiply, swing_twist
 from bodysense.devices.simulated.sensors import THREE_POINTS
 from bodysense.io.clip import Clip
-from bodysense.io.resample import resample
-from bodysense_lab.augment import mirrored, with_limb_proportions
 from bodysense_lab.fit import Task, cut, played
 from bodysense_lab.unoc.point_network import PointNetwork, PointPrediction, TrackedPoints
-from bodysense_lab.unoc.task import RATE, LossWeights, length_of, unlikelihood
-
-STIFF = np.radians(2.0)  # wrists that never bend further than this were not recorded
-
-
-@dataclass(frozen=True)
-class PointVariation:
-    """How a pass over the data differs from the recording."""
-
-    mirrored: bool = False
-    limb_spread: float = 0.0  # standard deviation of the factors of limb lengths
-    wrist_bend: float = 0.0  # rad, standard deviation of the bending given to wrists of which none was recorded
+from bodysense_lab.unoc.task import LossWeights, Variation, last_frame, length_of, unlikelihood, varied
 
 
 @dataclass(frozen=True, eq=False)
 class PointEpisode:
     """One clip, ready to learn from: float32."""
 
-    name: str
-    category: str
     features: np.ndarray  # (T, F) what the network reads
     start: np.ndarray  # (O, 3) resting offsets
     known: np.ndarray  # (T, R, 3) offsets of the points that are read
@@ -63,22 +47,13 @@ class PointBatch(NamedTuple):
 
 
 def make_point_episode(
-    clip: Clip, network: PointNetwork, variation: PointVariation, rng: np.random.Generator
+    clip: Clip, network: PointNetwork, variation: Variation, rng: np.random.Generator
 ) -> PointEpisode:
     """Prepare a canonical clip, varied, for `network`."""
-    clip = resample(clip, RATE)
-    if variation.wrist_bend:
-        clip = with_bent_wrists(clip, variation.wrist_bend, rng)
-    if variation.mirrored:
-        clip = mirrored(clip)
-    if variation.limb_spread:
-        clip = with_limb_proportions(clip, variation.limb_spread, rng)
-    tracked, placed = tracked_of(clip.pose, network)
+    tracked, placed = tracked_of(varied(clip, variation, rng).pose, network)
     with torch.no_grad():
         prepared, offset = network.prepare(tracked), network.offsets(placed, tracked)
     return PointEpisode(
-        name=clip.name,
-        category=clip.category,
         features=prepared.features[0].numpy(),
         start=prepared.start[0].numpy(),
         known=prepared.known[0].numpy(),
@@ -99,27 +74,6 @@ def tracked_of(pose: Pose, network: PointNetwork) -> tuple[TrackedPoints, Tensor
         height=torch.tensor([skeleton.height], dtype=torch.float32),
     )
     return tracked, torch.from_numpy(position[..., places, :])
-
-
-def with_bent_wrists(clip: Clip, spread: float, rng: np.random.Generator) -> Clip:
-    """The clip with slow random bending of every wrist of which no bending was recorded; others are left alone.
-
-    `spread` is the standard deviation of either axis, radians. A wrist that only ever follows the forearm would tell a
-    network where the elbow is, which no hand does.
-    """
-    pose, rotation = clip.pose, clip.pose.rotation.copy()
-    for side in ("left", "right"):
-        wrist = pose.skeleton.index(f"{side}_wrist")
-        swing, _ = swing_twist(rotation[:, wrist], np.array([1.0, 0.0, 0.0]))
-        if (2 * np.arccos(np.clip(np.abs(swing[:, 0]), 0, 1))).max() > STIFF:
-            continue
-        bend = np.zeros((len(clip), 3))
-        for axis in (1, 2):
-            rate, phase = rng.uniform(0.05, 0.8, 2), rng.uniform(0, 2 * np.pi, 2)
-            waves = np.sin(2 * np.pi * rate * clip.time[:, None] + phase).sum(axis=1)
-            bend[:, axis] = spread * (rng.standard_normal() + waves) / np.sqrt(2)
-        rotation[:, wrist] = quaternion_canonical(quaternion_multiply(rotation[:, wrist], quaternion_exp(bend)))
-    return replace(clip, pose=Pose(pose.skeleton, pose.root_position, rotation))
 
 
 def collate(pieces: Sequence[tuple[PointEpisode, int]], length: int, begins: np.ndarray) -> PointBatch:
@@ -231,12 +185,6 @@ class PointTask(Task):
     def validate(self, network: PointNetwork) -> dict[str, float]:
         """RMSJPE, cm."""
         return {"rmsjpe_cm": validate_points(network, self.validation)}
-
-
-def last_frame(batch: PointBatch) -> PointBatch:
-    """Windows answer their last frame."""
-    fixed = {"start": batch.start, "begins": batch.begins}
-    return PointBatch(**{name: value[:, -1:] for name, value in batch._asdict().items() if name not in fixed}, **fixed)
 
 
 @torch.no_grad()

@@ -32,6 +32,7 @@ from bodysense_lab.score_table import (
 )
 from bodysense_lab.scoring import RATE, Tally, group_of, part_errors, scored_points
 from bodysense_lab.table import Report
+from bodysense_lab.tallies import Tallies
 from bodysense_lab.unoc.ik_tracker import IkTracker, IkTrackerSettings
 from bodysense_lab.unoc.learned import track_clip
 
@@ -48,7 +49,6 @@ METHODS = {
 PUBLISHED = {"truth": 0.2, "gru": 3.5, "mask_given": 6.1}  # %
 LIMIT = 9.0  # m/s²
 _GUESS = 0.05  # m: expected error of networks that do not predict it
-Sums = dict[tuple[str, str, str, str], Tally]  # by group of categories, part of the body, method and measure
 
 
 def _claim(text: str, lower: str, *higher: str) -> Claim:
@@ -95,43 +95,33 @@ TABLE = ScoreTable(
 
 
 @dataclass(frozen=True, eq=False)
-class RecordedEstimator:
-    """An estimator that ran before; the state is the frame that comes next."""
+class CompletedClip:
+    """An estimator that is asked once, for the positions that a network has already given all frames of a clip."""
 
-    estimate: PointEstimate
+    skeleton: Skeleton
+    position: np.ndarray  # (T, P, 3) m
 
-    @property
-    def skeleton(self) -> Skeleton:
-        """The body that is completed."""
-        return self.estimate.skeleton
+    def start(self) -> None:
+        """Return no state."""
 
-    def start(self) -> int:
-        """The first frame."""
-        return 0
-
-    def step(self, observation: Observation, state: int) -> tuple[PointEstimate, int]:
-        """Return the estimates of the next T frames."""
-        end = state + len(observation)
-        frames = slice(state, end)
-        said = self.estimate
-        return PointEstimate(said.skeleton, said.position[frames], said.occluded[frames], said.confidence[frames]), end
+    def step(self, observation: Observation, state: None) -> tuple[PointEstimate, None]:
+        """Return all positions."""
+        shape = self.position.shape[:-1]
+        return PointEstimate(self.skeleton, self.position, np.zeros(shape), np.full(shape, _GUESS)), None
 
 
 def after_tracker(
     position: np.ndarray, observation: Observation, skeleton: Skeleton, settings: IkTrackerSettings
 ) -> np.ndarray:
     """Positions (T, P, 3) m of a network after inverse kinematics and smoothing."""
-    shape = position.shape[:-1]
-    tracker = IkTracker(
-        RecordedEstimator(PointEstimate(skeleton, position, np.zeros(shape), np.full(shape, _GUESS))), settings
-    )
+    tracker = IkTracker(CompletedClip(skeleton, position), settings)
     pose, _, _ = tracker.step(observation, tracker.start())
     return np.asarray(forward_kinematics(pose)[0])
 
 
 def smoothness_of_clip(
     clip: Clip, networks: Mapping[str, Path], model: Path | None, settings: IkTrackerSettings
-) -> Sums:
+) -> Tallies:
     """All methods of `METHODS` on one clip, every frame."""
     from bodysense_lab.unoc.variant_scores import positions_of
 
@@ -145,14 +135,14 @@ def smoothness_of_clip(
     return smoothness_of(position, truth, ~observation.has_position, tracked.clip)
 
 
-def smoothness_of(position: Mapping[str, np.ndarray], truth: np.ndarray, hidden: np.ndarray, clip: Clip) -> Sums:
+def smoothness_of(position: Mapping[str, np.ndarray], truth: np.ndarray, hidden: np.ndarray, clip: Clip) -> Tallies:
     """Return percentages and errors (cm) of methods with positions (T, P, 3) m at 30 Hz; hidden (T, P)."""
     skeleton, group = clip.pose.skeleton, group_of(clip)
     points = {"body": scored_points(skeleton)}
     if clip.has_fingers:
         points["body_and_finger"] = points["body"] + np.flatnonzero(skeleton.wrist_of >= 0).tolist()
     true = acceleration(truth, RATE) > LIMIT
-    sums: Sums = {}
+    sums = Tallies()  # by group of categories, part of the body, method and measure
     for method, values in position.items():
         strong = acceleration(values, RATE) > LIMIT
         errors = part_errors(values, truth, skeleton, clip.has_fingers)
@@ -164,11 +154,11 @@ def smoothness_of(position: Mapping[str, np.ndarray], truth: np.ndarray, hidden:
                 ("occluded", error[hidden[:, places]]),
                 ("all", error),
             ):
-                sums.setdefault((group, part, method, measure), Tally()).add(counted)
+                sums.add((group, part, method, measure), counted)
     return sums
 
 
-def smoothness_report(sums: Sums, census: Census, data: DataSet) -> Report:
+def smoothness_report(sums: Mapping[tuple, Tally], census: Census, data: DataSet) -> Report:
     """Return the table of the methods, of the body and, if there are fingers, of both."""
     errors = {
         (method, share): sums.get(("main", "body", method, share), Tally()).rmsjpe

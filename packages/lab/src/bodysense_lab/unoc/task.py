@@ -10,14 +10,15 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from dataclasses import dataclass, field, replace
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from bodysense.body.pose import forward_kinematics
+from bodysense.body.pose import Pose, forward_kinematics
+from bodysense.body.rotation import quaternion_canonical, quaternion_exp, quaternion_multiply, swing_twist
 from bodysense.devices.simulated.sensors import HEADSET_CAMERA, observe
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
@@ -44,17 +45,21 @@ class LossWeights:
     sums: bool = False  # bones and occlusion are sums over points, as the paper prints L_kin and L_occ
 
 
-@dataclass(frozen=True)
-class Truth:
-    """True offsets and masks, in the network's own frame."""
+class EpisodeBatch(NamedTuple):
+    """A chunk of B episodes; `begins` marks those that start with this chunk."""
 
-    offset: Tensor  # (B, T, P, 3)
+    features: Tensor  # (B, T, F)
+    known: Tensor  # (B, T, P, 3)
+    offset: Tensor  # (B, T, P, 3) the truth in the network's own frame
     visible: Tensor  # (B, T, P) bool
     valid: Tensor  # (B, T) bool: frames that are part of the clip
     fingers: Tensor  # (B,) bool: clips with recorded fingers
+    begins: Tensor  # (B,) bool
 
 
-def body_loss(model: BodyNetwork, answer: BodyPrediction, truth: Truth, weights: LossWeights) -> dict[str, Tensor]:
+def body_loss(
+    model: BodyNetwork, answer: BodyPrediction, truth: EpisodeBatch, weights: LossWeights
+) -> dict[str, Tensor]:
     """The weighted terms and their sum, 'loss'. Distances are Euclidean; terms that a clip cannot teach are masked."""
     points, device = len(model.skeleton.points), truth.offset.device
     is_finger = torch.zeros(points, dtype=torch.bool, device=device)
@@ -112,6 +117,7 @@ class Variation:
 
     mirrored: bool = False
     limb_spread: float = 0.0  # standard deviation of the factors of limb lengths
+    wrist_bend: float = 0.0  # rad, standard deviation of the bending given to wrists of which none was recorded
     hand_dropouts_per_minute: float = 0.0
     rates: tuple[float, float] = (RATE, RATE)  # Hz: the frame rate is drawn between them
 
@@ -120,8 +126,6 @@ class Variation:
 class Episode:
     """One clip, ready to learn from."""
 
-    name: str
-    category: str
     features: np.ndarray  # (T, F) what the network reads
     known: np.ndarray  # (T, P, 3) last known offsets
     offset: np.ndarray  # (T, P, 3) the truth in the network's frame
@@ -132,16 +136,47 @@ class Episode:
         return len(self.features)
 
 
-def make_episode(clip: Clip, model: BodyNetwork, variation: Variation, rng: np.random.Generator) -> Episode:
-    """See a canonical clip through the headset's cameras and prepare it for `model`."""
+def varied(clip: Clip, variation: Variation, rng: np.random.Generator) -> Clip:
+    """Return a canonical clip at the rate of a pass and with its changes, but for lost hands."""
     low, high = variation.rates
-    rate = low if low == high else float(np.exp(rng.uniform(np.log(low), np.log(high))))
-    clip = resample(clip, rate)
+    clip = resample(clip, low if low == high else float(np.exp(rng.uniform(np.log(low), np.log(high)))))
+    if variation.wrist_bend:
+        clip = with_bent_wrists(clip, variation.wrist_bend, rng)
     if variation.mirrored:
         clip = mirrored(clip)
     if variation.limb_spread:
         # The network scales bodies to one stature itself: vary the proportions only.
         clip = with_limb_proportions(clip, variation.limb_spread, rng)
+    return clip
+
+
+STIFF = np.radians(2.0)  # wrists that never bend further than this were not recorded
+
+
+def with_bent_wrists(clip: Clip, spread: float, rng: np.random.Generator) -> Clip:
+    """The clip with slow random bending of every wrist of which no bending was recorded; others are left alone.
+
+    `spread` is the standard deviation of either axis, radians. A wrist that only ever follows the forearm would tell a
+    network where the elbow is, which no hand does.
+    """
+    pose, rotation = clip.pose, clip.pose.rotation.copy()
+    for side in ("left", "right"):
+        wrist = pose.skeleton.index(f"{side}_wrist")
+        swing, _ = swing_twist(rotation[:, wrist], np.array([1.0, 0.0, 0.0]))
+        if (2 * np.arccos(np.clip(np.abs(swing[:, 0]), 0, 1))).max() > STIFF:
+            continue
+        bend = np.zeros((len(clip), 3))
+        for axis in (1, 2):
+            rate, phase = rng.uniform(0.05, 0.8, 2), rng.uniform(0, 2 * np.pi, 2)
+            waves = np.sin(2 * np.pi * rate * clip.time[:, None] + phase).sum(axis=1)
+            bend[:, axis] = spread * (rng.standard_normal() + waves) / np.sqrt(2)
+        rotation[:, wrist] = quaternion_canonical(quaternion_multiply(rotation[:, wrist], quaternion_exp(bend)))
+    return replace(clip, pose=Pose(pose.skeleton, pose.root_position, rotation))
+
+
+def make_episode(clip: Clip, model: BodyNetwork, variation: Variation, rng: np.random.Generator) -> Episode:
+    """See a canonical clip through the headset's cameras and prepare it for `model`."""
+    clip = varied(clip, variation, rng)
     observation = observe(clip.pose, clip.time, HEADSET_CAMERA)
     if variation.hand_dropouts_per_minute:
         observation = hide_hands(observation, variation.hand_dropouts_per_minute, rng)
@@ -151,26 +186,12 @@ def make_episode(clip: Clip, model: BodyNetwork, variation: Variation, rng: np.r
         features, known, into, _ = model.prepare(tracked, model.start(1))
         offset = model.offsets(truth, into, tracked.height)
     return Episode(
-        name=clip.name,
-        category=clip.category,
         features=features[0].numpy(),
         known=known[0].numpy(),
         offset=offset[0].numpy(),
         visible=observation.has_position,
         fingers=clip.has_fingers,
     )
-
-
-class EpisodeBatch(NamedTuple):
-    """A chunk of B episodes; `begins` marks those that start with this chunk."""
-
-    features: Tensor  # (B, T, F)
-    known: Tensor  # (B, T, P, 3)
-    offset: Tensor  # (B, T, P, 3)
-    visible: Tensor  # (B, T, P) bool
-    valid: Tensor  # (B, T) bool
-    fingers: Tensor  # (B,) bool
-    begins: Tensor  # (B,) bool
 
 
 def lanes(
@@ -205,6 +226,15 @@ def windows(
         chosen = [ends[i] for i in order[begin : begin + batch]]
         pieces = [(episodes[k], end - window + 1) for k, end in chosen]
         yield collate(pieces, window, np.ones(len(pieces), dtype=bool))
+
+
+Batch = TypeVar("Batch", bound=NamedTuple)
+_OF_EPISODES = ("start", "fingers", "begins")  # fields of a batch without an axis of time
+
+
+def last_frame(batch: Batch) -> Batch:
+    """Return the last frame of windows, which is the one that they answer."""
+    return batch._replace(**{k: value[:, -1:] for k, value in batch._asdict().items() if k not in _OF_EPISODES})
 
 
 CARRIED_STEPS = 20_000
@@ -266,13 +296,10 @@ class BodyTask(Task):
             if network.config.window is None:
                 memory = torch.where(batch.begins[:, None], 0.0, memory.detach().float())
                 hidden, memory = network.recurrent(batch.features, memory)
-                answer = network.answer(batch.features, hidden, batch.known)
-                truth = Truth(batch.offset, batch.visible, batch.valid, batch.fingers)
             else:
-                last = network.recurrent.last(batch.features)
-                answer = network.answer(batch.features[:, -1:], last[:, None], batch.known[:, -1:])
-                truth = Truth(batch.offset[:, -1:], batch.visible[:, -1:], batch.valid[:, -1:], batch.fingers)
-            return body_loss(network, answer, truth, self.schedule.loss), memory
+                hidden, batch = network.recurrent.last(batch.features)[:, None], last_frame(batch)
+            answer = network.answer(batch.features, hidden, batch.known)
+            return body_loss(network, answer, batch, self.schedule.loss), memory
 
     def validate(self, network: BodyNetwork) -> dict[str, float]:
         """See `validate`."""

@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Literal, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 import numpy as np
 import torch
+from lightning_fabric import Fabric
 
 from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError
@@ -27,7 +28,7 @@ from bodysense_lab.unoc.point_network import (
     PointNetwork,
     PointNetworkConfig,
 )
-from bodysense_lab.unoc.point_task import PointEpisode, PointSchedule, PointTask, PointVariation, make_point_episode
+from bodysense_lab.unoc.point_task import PointEpisode, PointSchedule, PointTask, make_point_episode
 from bodysense_lab.unoc.task import RATE, BodySchedule, BodyTask, LossWeights, Variation, make_episode
 
 if TYPE_CHECKING:
@@ -48,21 +49,21 @@ CONFIGS: dict[tuple[Task, Form], PointNetworkConfig] = {
 }
 # As recorded and mirrored, then both on other bodies. Of the upper body there are many clips: three passes suffice, two
 # of them with wrists that bend where none were recorded; clips with fingers, which are few, take all.
-VARIATIONS: dict[Task, tuple[PointVariation, ...]] = {
+VARIATIONS: dict[Task, tuple[Variation, ...]] = {
     "fingers": (
-        PointVariation(),
-        PointVariation(mirrored=True),
-        *(PointVariation(mirrored=k % 2 == 1, limb_spread=0.05) for k in range(4)),
+        Variation(),
+        Variation(mirrored=True),
+        *(Variation(mirrored=k % 2 == 1, limb_spread=0.05) for k in range(4)),
     ),
     "upper-body": (
-        PointVariation(),
-        PointVariation(mirrored=True, limb_spread=0.05, wrist_bend=0.25),
-        PointVariation(limb_spread=0.05, wrist_bend=0.25),
-        *(PointVariation(mirrored=k % 2 == 0, limb_spread=0.05) for k in range(5)),
+        Variation(),
+        Variation(mirrored=True, limb_spread=0.05, wrist_bend=0.25),
+        Variation(limb_spread=0.05, wrist_bend=0.25),
+        *(Variation(mirrored=k % 2 == 0, limb_spread=0.05) for k in range(5)),
     ),
 }
 PASSES: dict[Task, int] = {"fingers": 6, "upper-body": 3}  # of clips without recorded hands
-PAPER_VARIATIONS = (PointVariation(), PointVariation(mirrored=True))
+PAPER_VARIATIONS = (Variation(), Variation(mirrored=True))
 SCHEDULES: dict[tuple[Task, Form], PointSchedule] = {
     ("fingers", "shipped"): PointSchedule(
         batch=64, distance="squared", average_decay=0.98, check_every=50, weight_decay=0.5
@@ -101,22 +102,13 @@ def train_body(run: BodyTraining) -> None:
     read = make_episode, partial(BodyNetwork, config, default_skeleton())
     episodes = _prepared(learned, *read, variations, run.passes, run.seed)
     validation = _prepared(watched, *read, (Variation(),), 1, run.seed)
-    minutes = sum(len(episode) for episode in episodes) / 30 / 60
-    fabric.print(f"{len(episodes)} clips, {minutes:.0f} minutes, {network.features} features a frame")
     task = BodyTask(network, schedule, episodes, validation, run.limited or None)
-    scores = fit(task, run.out.with_suffix(".ckpt"), fabric=fabric)
-    if not fabric.is_global_zero:
-        return
-    card = {
-        "licence": run.licence,
-        "training_data": run.data_note or f"{len(episodes)} clips, {minutes:.0f} minutes at 30 Hz",
-        "form": run.form,
-        "fastest_rate": VARIED_RATES[1] if shipped and len(variations) > 1 else RATE,
-        "seed": run.seed,
-        "validation": {f"{name}_occluded_rmsjpe_cm": round(value, 2) for name, value in scores.items()},
-    }
-    write_onnx(network.cpu(), run.out, card)
-    print(f"wrote {run.out} ({run.out.stat().st_size / 1e6:.1f} MB)")
+    _finish(
+        *(run, task, fabric, "clips"),
+        lambda card: write_onnx(network.cpu(), run.out, card),
+        lambda scores: {f"{name}_occluded_rmsjpe_cm": round(value, 2) for name, value in scores.items()},
+        fastest_rate=VARIED_RATES[1] if shipped and len(variations) > 1 else RATE,
+    )
 
 
 def train_points(run: PointTraining) -> None:
@@ -132,21 +124,33 @@ def train_points(run: PointTraining) -> None:
     variations = VARIATIONS[run.task] if run.form == "shipped" else PAPER_VARIATIONS
     reader = partial(PointNetwork, replace(config, hidden=1, branch=(1,)), default_skeleton())
     episodes = _points(run, reader, "train", variations)
-    validation = _points(run, reader, "val", (PointVariation(),))
-    minutes = sum(len(episode) for episode in episodes) / 1800
-    fabric.print(f"{len(episodes)} episodes, {minutes:.0f} minutes, {network.features} features a frame")
+    validation = _points(run, reader, "val", (Variation(),))
     task = PointTask(network, schedule, episodes, validation, run.limited or None)
+    _finish(
+        *(run, task, fabric, "episodes"),
+        lambda card: write_point_network(network.cpu(), run.out, run.task, card),
+        lambda scores: {"rmsjpe_cm": round(scores["rmsjpe_cm"], 2)},
+    )
+
+
+def _finish(
+    run: BodyTraining | PointTraining,
+    task: BodyTask | PointTask,
+    fabric: Fabric,
+    what: str,
+    write: Callable[[dict[str, Any]], None],
+    validation: Callable[[dict[str, float]], dict[str, float]],
+    **more: Any,
+) -> None:
+    """Train the network of a task on its episodes, which are called `what`, and write it with its card."""
+    amount = f"{len(task.episodes)} {what}, {sum(map(len, task.episodes)) / 30 / 60:.0f} minutes"
+    fabric.print(f"{amount}, {task.network.features} features a frame")
     scores = fit(task, run.out.with_suffix(".ckpt"), fabric=fabric)
     if not fabric.is_global_zero:
         return
-    card = {
-        "licence": run.licence,
-        "training_data": run.data_note or f"{len(episodes)} episodes, {minutes:.0f} minutes at 30 Hz",
-        "form": run.form,
-        "seed": run.seed,
-        "validation": {"rmsjpe_cm": round(scores["rmsjpe_cm"], 2)},
-    }
-    write_point_network(network.cpu(), run.out, run.task, card)
+    learned = run.data_note or f"{amount} at 30 Hz"
+    card = {"licence": run.licence, "training_data": learned, "form": run.form, **more, "seed": run.seed}
+    write({**card, "validation": validation(scores)})
     print(f"wrote {run.out} ({run.out.stat().st_size / 1e6:.1f} MB)")
 
 
@@ -203,7 +207,7 @@ def _points(
     run: PointTraining,
     reader: Callable[[], PointNetwork],
     split: Literal["train", "val"],
-    variations: tuple[PointVariation, ...],
+    variations: tuple[Variation, ...],
 ) -> list[PointEpisode]:
     """The clips of a split as episodes; for fingers, clips that have them."""
     clips = (clip for clip in read_clips(run.data, split, run.limit) if run.task != "fingers" or clip.has_fingers)

@@ -20,11 +20,11 @@ from lightning_fabric import Fabric
 from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError
 from bodysense.files import make_folder, written_beside
-from bodysense_lab.checkpoint import identity
+from bodysense_lab.checkpoint import identity, write_weights_file
 from bodysense_lab.fit import Report, announced, begin, fit, is_same, launched, line_of, sweep
 from bodysense_lab.progress import read_clips, tracked
 from bodysense_lab.spread import worker_pool
-from bodysense_lab.unoc.network import BodyNetwork, BodyNetworkConfig, write_weights
+from bodysense_lab.unoc.network import BodyNetwork, BodyNetworkConfig
 from bodysense_lab.unoc.options import TablesTraining
 from bodysense_lab.unoc.task import BodySchedule, BodyTask, Episode, LossWeights, Variation, make_episode, step_count
 from bodysense_lab.unoc.variants import TABLES, VARIANTS
@@ -50,7 +50,7 @@ def cached_episodes(folder: Path, identity: dict[str, Any], make: Callable[[], I
     episodes, start = [], 0
     for row in index["clips"]:
         part = {name: values[start : start + row["frames"]] for name, values in arrays.items()}
-        episodes.append(Episode(name=row["name"], category=row["category"], fingers=row["fingers"], **part))
+        episodes.append(Episode(fingers=row["fingers"], **part))
         start += row["frames"]
     return episodes
 
@@ -63,14 +63,7 @@ def _write(folder: Path, identity: dict[str, Any], episodes: Iterable[Episode]) 
         with ExitStack() as stack:
             files = {name: stack.enter_context((beside / f"{name}.raw").open("wb")) for name in _ARRAYS}
             for episode in episodes:
-                clips.append(
-                    {
-                        "name": episode.name,
-                        "category": episode.category,
-                        "fingers": episode.fingers,
-                        "frames": len(episode),
-                    }
-                )
+                clips.append({"fingers": episode.fingers, "frames": len(episode)})
                 for name in _ARRAYS:
                     values = np.ascontiguousarray(getattr(episode, name))
                     shapes[name], types[name] = values.shape[1:], values.dtype
@@ -102,9 +95,10 @@ def train_tables(run: TablesTraining) -> None:
     names = chosen_networks(run)
     make_folder(run.out)
     fabric = announced(run, BodyTask)
+    steps = {}
     for name in names:
-        episodes_of(run, VARIANTS[name].config)
-    steps = {name: step_count(VARIANTS[name].config, schedule_of(run, name), training_of(run, name)) for name in names}
+        learned = episodes_of(run, VARIANTS[name].config)["train"]
+        steps[name] = step_count(VARIANTS[name].config, schedule_of(run, name), learned)
     trained = fabric.broadcast([name for name in names if is_trained(run, name)])
     train = partial(train_network, run, fabric=None if run.jobs > 1 else fabric)
     sweep(steps, train, trained.__contains__, run.out, run.jobs, quiet=not fabric.is_global_zero)
@@ -146,13 +140,11 @@ def train_network(run: TablesTraining, name: str, report: Report, fabric: Fabric
     fabric = fabric or launched(run.devices, run.nodes)
     begin(run.seed, run.threads)
     config, schedule, begun = VARIANTS[name].config, schedule_of(run, name), time.monotonic()
-    network = BodyNetwork(config, default_skeleton())
-    task = BodyTask(
-        network, schedule, training_of(run, name), _few(episodes_of(run, config)["val"]), run.limited or None
-    )
+    network, episodes = BodyNetwork(config, default_skeleton()), episodes_of(run, config)
+    task = BodyTask(network, schedule, episodes["train"], _few(episodes["val"]), run.limited or None)
     scores = fit(task, run.out / f"{name}.ckpt", report, fabric, report)
     if fabric.is_global_zero:
-        write_weights(network.cpu(), run.out / f"{name}.pt")
+        write_weights_file(network.cpu(), run.out / f"{name}.pt", {})
         with written_beside(run.out / f"{name}.json") as beside:
             trained = {"identity": identity(config, schedule, run.limited or None), "seconds": time.monotonic() - begun}
             beside.write_text(json.dumps(trained), encoding="utf-8")
@@ -167,11 +159,6 @@ def is_trained(run: TablesTraining, name: str) -> bool:
         return False
     before = json.loads(path.read_text(encoding="utf-8"))["identity"]
     return is_same(path, before, identity(VARIANTS[name].config, schedule_of(run, name), run.limited or None))
-
-
-def training_of(run: TablesTraining, name: str) -> list[Episode]:
-    """The training people's episodes, as the network reads them."""
-    return episodes_of(run, VARIANTS[name].config)["train"]
 
 
 def episodes_of(run: TablesTraining, config: BodyNetworkConfig) -> dict[str, list[Episode]]:
@@ -211,7 +198,6 @@ def _few(episodes: Sequence[Episode]) -> list[Episode]:
         for episode in part[:: max(1, len(part) // 8)]:
             length = min(len(episode), 600, _VALIDATED // 2 - frames)
             if length > 0:
-                cut = {key: getattr(episode, key)[:length] for key in ("features", "known", "offset", "visible")}
-                chosen.append(replace(episode, **cut))
+                chosen.append(replace(episode, **{name: getattr(episode, name)[:length] for name in _ARRAYS}))
                 frames += length
     return chosen

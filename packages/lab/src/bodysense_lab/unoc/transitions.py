@@ -18,6 +18,7 @@ from bodysense_lab.datasets import Census, DataSet, describe
 from bodysense_lab.score_table import BarChart, ScoreColumn, ScoreRow, ScoreTable, score_report
 from bodysense_lab.scoring import RATE, Tally, group_of, part_errors, scored_points
 from bodysense_lab.table import Report
+from bodysense_lab.tallies import Tallies
 from bodysense_lab.unoc.ik_tracker import IkTrackerSettings
 from bodysense_lab.unoc.learned import track_clip
 
@@ -25,7 +26,6 @@ SECOND = round(RATE)  # frames
 EVENTS = {"regained": "seen again", "lost": "lost"}
 METHODS = {"truth": "truth", "last_known": "last known", "best": "shipped, before IK", "tracker": "shipped"}
 _FRAMES = "frames"  # the place of errors over all frames
-Transitions = dict[tuple[str, str, str, str], Tally]  # by group of categories, event, method and measure
 
 TABLE = ScoreTable(
     name="transitions",
@@ -80,7 +80,7 @@ def jerks_at(position: np.ndarray, where: np.ndarray) -> tuple[np.ndarray, np.nd
     return seconds.max(axis=1), seconds.sum(axis=1) / RATE
 
 
-def transitions_of_clip(clip: Clip, model: Path | None, settings: IkTrackerSettings) -> Transitions:
+def transitions_of_clip(clip: Clip, model: Path | None, settings: IkTrackerSettings) -> Tallies:
     """All methods on one clip."""
     tracked = track_clip(clip, model, settings)
     truth = np.asarray(forward_kinematics(tracked.clip.pose)[0])
@@ -89,13 +89,11 @@ def transitions_of_clip(clip: Clip, model: Path | None, settings: IkTrackerSetti
     return transitions_of(position, truth, tracked.observation.has_position, tracked.clip)
 
 
-def transitions_of(
-    position: Mapping[str, np.ndarray], truth: np.ndarray, visible: np.ndarray, clip: Clip
-) -> Transitions:
+def transitions_of(position: Mapping[str, np.ndarray], truth: np.ndarray, visible: np.ndarray, clip: Clip) -> Tallies:
     """Methods with positions (T, P, 3) m at 30 Hz; visible (T, P). Of the joints that UNOC's tables test."""
     group, tested = group_of(clip), scored_points(clip.pose.skeleton)
     where = moments(visible[:, tested])
-    found: Transitions = {}
+    found = Tallies()  # by group of categories, event, method and measure
     for method, values in position.items():
         error, points = part_errors(values, truth, clip.pose.skeleton, False)["body"]
         errors = {"occluded": error[~visible[:, points]], "all": error}
@@ -104,11 +102,11 @@ def transitions_of(
             if event != _FRAMES:
                 jerks["peak"], jerks["area"] = jerks_at(values[:, tested], where[event])
             for measure, counted in (jerks | errors).items():
-                found.setdefault((group, event, method, measure), Tally()).add(counted)
+                found.add((group, event, method, measure), counted)
     return found
 
 
-def transitions_report(found: Transitions, census: Census, data: DataSet) -> Report:
+def transitions_report(found: Mapping[tuple, Tally], census: Census, data: DataSet) -> Report:
     """Return the table of the methods at both events."""
     # Errors are in the rows of events with moments.
     moved = {key[:2] for key, tally in found.items() if key[3] == "peak" and tally.count}

@@ -37,6 +37,7 @@ from bodysense_lab.score_table import (
 )
 from bodysense_lab.scoring import GROUPS, RATE, Tally, group_of
 from bodysense_lab.table import Report
+from bodysense_lab.tallies import Tallies
 from bodysense_lab.unoc.ik_tracker import Estimator
 
 METHODS = {"network": "network", "ik": "IK"}
@@ -60,7 +61,6 @@ _PUBLISHED = {
 
 MakeEstimator = Callable[[Skeleton], Estimator]
 At = tuple[str, str]  # poses, joints
-Errors = dict[tuple[str, At, str, str], Tally]  # by group of clips, place, method and measure
 
 
 def published_on(data: str) -> dict[tuple[At, str], tuple[float, float]]:
@@ -118,7 +118,7 @@ TABLE = ScoreTable(
 )
 
 
-def upper_body_errors(clip: Clip, methods: Mapping[str, MakeEstimator]) -> Errors:
+def upper_body_errors(clip: Clip, methods: Mapping[str, MakeEstimator]) -> Tallies:
     """Errors (cm) of every method on one clip, at 30 Hz; a method makes the estimator for a wearer's skeleton."""
     clip = resample(clip, RATE)
     skeleton = clip.pose.skeleton
@@ -129,7 +129,7 @@ def upper_body_errors(clip: Clip, methods: Mapping[str, MakeEstimator]) -> Error
     shares = {"all": np.full(len(clip), True), "standing": is_standing(skeleton, truth)}
     group = group_of(clip)
     groups = [group, "bending_wrists"] if group == "main" and clip.has_fingers else [group]
-    found: Errors = {}
+    found = Tallies()  # by group of clips, place, method and measure
     for method, make in methods.items():
         estimator = make(skeleton)
         estimate, _ = estimator.step(observation, estimator.start())
@@ -138,7 +138,7 @@ def upper_body_errors(clip: Clip, methods: Mapping[str, MakeEstimator]) -> Error
             chosen = error[:, skeleton.indices(names)]
             for poses, mask in shares.items():
                 for one in groups:
-                    found.setdefault((one, (poses, joints), method, "error"), Tally()).add(chosen[mask], clip.person)
+                    found.add((one, (poses, joints), method, "error"), chosen[mask], clip.person)
     return found
 
 
@@ -151,7 +151,7 @@ def is_standing(skeleton: Skeleton, position: np.ndarray) -> np.ndarray:
     return high & (trunk[..., 1] > math.cos(STANDING_LEAN) * np.linalg.norm(trunk, axis=-1))
 
 
-def upper_body_report(found: Errors, census: Census, data: DataSet) -> Report:
+def upper_body_report(found: Mapping[tuple, Tally], census: Census, data: DataSet) -> Report:
     """Return the table of the network and inverse kinematics."""
     numbers = {"seconds": round(census.seconds, 1)}
     for group in (*GROUPS, "bending_wrists"):

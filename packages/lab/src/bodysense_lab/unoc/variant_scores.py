@@ -21,9 +21,10 @@ from bodysense.last_known import KNOWN, last_known
 from bodysense.observation import Observation
 from bodysense_lab.datasets import Census, DataSet, gathered
 from bodysense_lab.scoring import RATE, Tally, group_of, part_errors, scored_points
+from bodysense_lab.tallies import Tallies
 from bodysense_lab.unoc.constant_velocity import constant_velocity
 from bodysense_lab.unoc.ik_tracker import IkTrackerSettings
-from bodysense_lab.unoc.kept_scores import Parts, Scores, identity_of, read_scores, scores_path, write_scores
+from bodysense_lab.unoc.kept_scores import Scores, identity_of, read_scores, scores_path, write_scores
 from bodysense_lab.unoc.learned import PACKAGED, track_clip
 from bodysense_lab.unoc.network import BodyNetwork, TrackedBody, read_weights, tracked_of
 from bodysense_lab.weights import packaged
@@ -103,7 +104,7 @@ def positions_of(
     return result
 
 
-def score_clip(clip: Clip, work: Work) -> dict[tuple[str, str, str, str], Tally]:
+def score_clip(clip: Clip, work: Work) -> Tallies:
     """Errors on one clip by method, group, part and share.
 
     Methods are networks, 'last_known_<frame>' and, if asked for, 'best' and 'tracker'.
@@ -125,20 +126,21 @@ def score_clip(clip: Clip, work: Work) -> dict[tuple[str, str, str, str], Tally]
     methods |= positions_of(work.networks, observation, skeleton, frames)
     truth = np.asarray(forward_kinematics(clip.pose)[0])[frames]
     hidden = ~observation.has_position[frames]
-    return {(m, *key): one for m, at in methods.items() for key, one in errors_of(at, truth, hidden, clip).items()}
+    found = {(m, *key): one for m, at in methods.items() for key, one in errors_of(at, truth, hidden, clip).items()}
+    return Tallies(found)
 
 
-def errors_of(position: np.ndarray, truth: np.ndarray, hidden: np.ndarray, clip: Clip) -> Parts:
+def errors_of(position: np.ndarray, truth: np.ndarray, hidden: np.ndarray, clip: Clip) -> Tallies:
     """Errors of one method on a clip: positions and truth (N, P, 3) m, which points were hidden (N, P).
 
     Beside the parts of the headset table, for Table 4: 'parent_body', the error of the vectors to the tested points
     from their parents, 'parent_all', to points of fingers as well; 'bone_body' and 'bone_all', that of their lengths.
     """
     skeleton, group = clip.pose.skeleton, group_of(clip)
-    tallies: Parts = {}
+    tallies = Tallies()
     for part, (values, chosen) in part_errors(position, truth, skeleton, clip.has_fingers).items():
         for share, mask in (("occluded", hidden[:, chosen]), ("all", np.full(values.shape, True))):
-            tallies.setdefault((group, part, share), Tally()).add(values[mask], clip.person)
+            tallies.add((group, part, share), values[mask], clip.person)
     tested = scored_points(skeleton)
     bones = {"body": tested}
     if clip.has_fingers:
@@ -148,13 +150,13 @@ def errors_of(position: np.ndarray, truth: np.ndarray, hidden: np.ndarray, clip:
         ours, true = (points[:, chosen] - points[:, parents] for points in (position, truth))
         length = np.abs(np.linalg.norm(ours, axis=-1) - np.linalg.norm(true, axis=-1))
         for name, error in (("parent", np.linalg.norm(ours - true, axis=-1)), ("bone", length)):
-            tallies.setdefault((group, f"{name}_{part}", "all"), Tally()).add(100 * error, clip.person)
+            tallies.add((group, f"{name}_{part}", "all"), 100 * error, clip.person)
     return tallies
 
 
-def scores_of(method: str, tallies: Mapping[tuple[str, str, str, str], Tally], census: Census) -> Scores:
+def scores_of(method: str, tallies: Mapping[tuple, Tally], census: Census) -> Scores:
     """Return the scores of one method from the tallies of `score_clip`, gathered over clips."""
-    return Scores({key[1:]: tally for key, tally in tallies.items() if key[0] == method}, census)
+    return Scores(Tallies({key[1:]: tally for key, tally in tallies.items() if key[0] == method}), census)
 
 
 def score(data: DataSet, folder: Path, work: Work, jobs: int, advance: Callable[[Clip], None]) -> dict[str, Scores]:

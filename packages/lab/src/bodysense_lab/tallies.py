@@ -1,0 +1,34 @@
+"""Errors under keys, added up: what every table of scores is made of."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from bodysense_lab.scoring import Tally
+from bodysense_lab.table import surely
+
+
+class Tallies(dict[tuple, Tally]):
+    """Tallies of errors by their keys, such as method and measure; that of a key without errors is empty."""
+
+    def __missing__(self, key: tuple) -> Tally:
+        return Tally()
+
+    def add(self, key: tuple, errors: np.ndarray, person: str = "") -> None:
+        """Add errors of any shape; whose they are, if that is known."""
+        self.setdefault(key, Tally()).add(errors, person)
+
+    def merge(self, other: Mapping[tuple, Tally]) -> None:
+        """Add the errors of another collection."""
+        for key, tally in other.items():
+            self.setdefault(key, Tally()).merge(tally)
+
+    def mean(self, *key: object) -> float:
+        """Return the mean under a key; NaN without errors."""
+        return self[key].mpjpe
+
+    def figures(self, name: str, *key: object) -> dict[str, float]:
+        """Return the mean under a key as `name`, and its bounds."""
+        return {name: self.mean(*key)} | surely({name: self[key].interval()})
