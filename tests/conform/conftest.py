@@ -154,9 +154,8 @@ def performed() -> tuple[Pose, list[Step]]:
 
 def given_out(pose: Pose, steps: Sequence[Step]) -> Subject:
     """A performance as a tracker gives it out that loses a wrist for a second and is taken off once."""
-    position, rotation = forward_kinematics(pose)
-    time = np.arange(len(position)) / RATE
-    subject = pose_subject("clean", "MCAP", pose, time, position, rotation)
+    time = np.arange(len(pose.rotation)) / RATE
+    subject = pose_subject("clean", "MCAP", pose, time)
     off = next(step for step in steps if step.label == "remount")
     valid = np.broadcast_to((time < off.start) | (time > off.end - 0.2), subject.valid.T.shape).T.copy()
     measured = np.ones_like(valid)
