@@ -6,7 +6,6 @@ import struct
 from collections.abc import Sequence
 from dataclasses import replace
 from io import BytesIO
-from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -47,11 +46,12 @@ def read_mcap(path: Path) -> Subject:
             f"{path}: none of its {len(topics[first])} messages can be read as {BODY_SCHEMA}; export it again"
         )
     time = main["times"]["sample"] / 1e9
-    names, *values = zip(*(_part(kind, found, time) for kind, found in rows.items()), strict=True)
-    points = list(chain(*names))  # of a wrist that comes twice the body's counts
-    position, rotation, valid = (np.concatenate(parts, axis=1) for parts in values)
-    rotated = np.array([not name.endswith("_tip") for name in points])
-    messages, jumps = sum(len(topics[kind]) for kind in rows), [np.diff(found["sequence"]) for found in rows.values()]
+    parts = [_part(kind, found, time) for kind, found in rows.items()]
+    names = [name for part in parts for name in part[0]]  # of a wrist that comes twice the body's counts
+    position, rotation, valid = (np.concatenate([part[k] for part in parts], axis=1) for k in (1, 2, 3))
+    rotated = np.array([not name.endswith("_tip") for name in names])
+    messages = sum(len(topics[kind]) for kind in rows)
+    jumps = [np.diff(found["sequence"]) for found in rows.values()]
     transport = Transport(
         messages=messages,
         malformed=messages - sum(map(len, rows.values())),
@@ -61,7 +61,7 @@ def read_mcap(path: Path) -> Subject:
         device_time=main["times"]["device"] / 1e9,
         all_tracked=main["all_tracked"] if first == "body" else None,
     )
-    subject = points_subject(path.stem, "MCAP", points, time, position, rotation, rotated, valid)
+    subject = points_subject(path.stem, "MCAP", names, time, position, rotation, rotated, valid)
     return replace(subject, floor=0.0, transport=transport)
 
 

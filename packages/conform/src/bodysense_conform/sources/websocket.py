@@ -57,6 +57,7 @@ def record_websocket(url: str, seconds: float, watch: str | None) -> Subject:
 
 
 def _first_input(url: str, welcome: str | bytes) -> str:
+    """Return the first input that a welcome names."""
     sources = _object(welcome).get("sources") or []
     if not sources:
         raise BodysenseError(f"{url}: the server has no input of its own to watch; start it with --vmc-in or --replay")
