@@ -92,7 +92,7 @@ class Subject:
         return self.places[:, self._index[name]]
 
     def line(self, start: str, end: str) -> np.ndarray:
-        """Return the way (T, 3) from one point to another in metres, NaN if unknown."""
+        """Return vectors (T, 3) from one point to another in metres, NaN if unknown."""
         return self.at(end) - self.at(start)
 
     def length(self, start: str, end: str) -> np.ndarray:
@@ -150,10 +150,9 @@ class Subject:
         step = change(self.time)
         return change(self.places) / np.where(step >= SHORTEST_INTERVAL, step, np.nan)[:, None, None]
 
-    @cached_property
-    def speed(self) -> np.ndarray:
-        """(T, P) m/s."""
-        return np.linalg.norm(self.velocity, axis=-1)
+    def speed(self, names: Sequence[str]) -> np.ndarray:
+        """Return speeds (T, K) of some points in m/s."""
+        return np.linalg.norm(self.velocity[:, self.columns(names)], axis=-1)
 
     @cached_property
     def body(self) -> tuple[str, ...]:

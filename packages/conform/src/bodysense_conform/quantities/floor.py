@@ -84,11 +84,11 @@ def idle_steps(subject: Subject) -> Series:
     """Whether a foot begins to step while the head stands still and no step of the script moves the feet."""
     need(subject.has("head") and subject.feet, "no feet or no head")
     window = np.ones(2 * subject.frames(0.5) + 1)
-    head = np.nan_to_num(subject.speed[:, subject.columns(["head"])[0]], nan=9.0)
+    head = np.nan_to_num(subject.speed(["head"])[:, 0], nan=9.0)
     idle = np.convolve(head, window / len(window), "same")[: len(head)] < _IDLE
     idle &= ~subject.within("march", "left_leg_raise", "right_leg_raise", "other")
     ankles = [name for name in ("left_ankle", "right_ankle") if subject.has(name)]
-    fast = np.nan_to_num(subject.speed[:, subject.columns(ankles)]) > _STEP
+    fast = np.nan_to_num(subject.speed(ankles)) > _STEP
     begins = (np.diff(fast.astype(int), axis=0, prepend=1) > 0).sum(axis=1)
     need(not idle.sum() * subject.interval < 8, "the body stands still for less than 8 s")
     return np.where(idle, begins, np.nan)

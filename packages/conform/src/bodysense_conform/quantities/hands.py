@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import wraps
-from typing import Concatenate, ParamSpec
+from typing import Any
 
 import numpy as np
 
@@ -18,17 +18,14 @@ _FINGERS = ("index", "middle", "ring", "pinky")
 _ALL = ("thumb", *_FINGERS)
 _TOUCH = 0.04  # m; a thumb this near to a fingertip touches it
 _CURLED = 0.9  # straightness of fingers that are curled
-P = ParamSpec("P")
 
 
-def _each(
-    measure: Callable[Concatenate[Subject, str, P], np.ndarray | float],
-) -> Callable[Concatenate[Subject, P], Series]:
+def _each(measure: Callable[..., np.ndarray | float]) -> Callable[..., dict[str, Any]]:
     """Turn a figure of one side's hand into a quantity: a column, named by the wrist, for each whole hand."""
 
     @wraps(measure)
-    def of_both(subject: Subject, *args: P.args, **options: P.kwargs) -> Series:
-        return {f"{side}_wrist": measure(subject, side, *args, **options) for side in _hands(subject)}
+    def of_both(subject: Subject, *of: str) -> dict[str, Any]:
+        return {f"{side}_wrist": measure(subject, side, *of) for side in _hands(subject)}
 
     return of_both
 
@@ -89,7 +86,7 @@ def curl(subject: Subject, side: str) -> np.ndarray:
     along = subject.line(f"{side}_wrist", f"{side}_middle1")
     palm = np.cross(along, _knuckles(subject, side)) * (-1 if side == "right" else 1)
     ends = np.mean([subject.line(f"{side}_{finger}1", f"{side}_{finger}3") for finger in _FINGERS], axis=0)
-    return np.where(_straight(subject, side) < _CURLED, (ends * palm).sum(axis=-1), np.nan)
+    return np.where(straightness(subject)[f"{side}_wrist"] < _CURLED, (ends * palm).sum(axis=-1), np.nan)
 
 
 @_each
@@ -118,7 +115,8 @@ def leap(subject: Subject) -> Series:
 @_each
 def straightness(subject: Subject, side: str) -> np.ndarray:
     """Distance from root to tip of the fingers, as a share of their bones: 1 is straight."""
-    return _straight(subject, side)
+    chains = [_chain(subject, side, finger) for finger in _FINGERS]
+    return np.mean([subject.length(chain[0], chain[-1]) / subject.along(chain) for chain in chains], axis=0)
 
 
 @_each
@@ -171,11 +169,6 @@ def _chain(subject: Subject, side: str, finger: str) -> list[str]:
 
 def _knuckles(subject: Subject, side: str) -> np.ndarray:
     return subject.line(f"{side}_pinky1", f"{side}_index1")
-
-
-def _straight(subject: Subject, side: str) -> np.ndarray:
-    chains = [_chain(subject, side, finger) for finger in _FINGERS]
-    return np.mean([subject.length(chain[0], chain[-1]) / subject.along(chain) for chain in chains], axis=0)
 
 
 def _apart(subject: Subject, side: str) -> np.ndarray:

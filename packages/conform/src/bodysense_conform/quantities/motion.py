@@ -46,7 +46,8 @@ def pace(subject: Subject) -> Series:
     A repeated frame is 0, a skipped one 2, a jump back is negative. Steps are velocities: frames that are missing from
     an even motion whose times are right do not count.
     """
-    here, found = _velocity(subject), np.full(len(subject), np.nan)
+    here = subject.velocity[:, subject.columns(_without_feet(subject))]
+    found = np.full(len(subject), np.nan)
     if len(subject) <= 3:
         return found
     before, after = later(here, -1), later(here, 1)
@@ -64,7 +65,7 @@ def pace(subject: Subject) -> Series:
 
 def stalled(subject: Subject) -> Series:
     """Whether the body is in a stall: it stops within a frame and goes on within a frame."""
-    speed = np.linalg.norm(_velocity(subject), axis=-1)
+    speed = subject.speed(_without_feet(subject))
     known = np.asarray(np.isfinite(speed).all(axis=1))
     fast = np.percentile(np.where(known[:, None], speed, 0), 90, axis=1)
     stops = np.zeros(len(subject), dtype=bool)
@@ -139,7 +140,8 @@ def travel(subject: Subject) -> Series:
 
 def speed(subject: Subject) -> dict[str, np.ndarray]:
     """Speed of each joint, m/s."""
-    return named(_without_feet(subject), np.linalg.norm(_velocity(subject), axis=-1))
+    names = _without_feet(subject)
+    return named(names, subject.speed(names))
 
 
 def fastest(subject: Subject) -> Series:
@@ -175,8 +177,3 @@ def _without_feet(subject: Subject) -> list[str]:
     """Points of the body without feet and toes, which takes by markers spin."""
     found = [name for name in subject.body if not name.endswith(("_foot", "_toe"))]
     return need(found, "no point of the body is known")
-
-
-def _velocity(subject: Subject) -> np.ndarray:
-    """Return velocities (T, K, 3) of the body's points without feet and toes, m/s."""
-    return subject.velocity[:, subject.columns(_without_feet(subject))]

@@ -79,7 +79,7 @@ def lag(subject: Subject) -> Series:
     grid = np.arange(max(subject.time[0], other.time[0]), min(subject.time[-1], other.time[-1]), _EVERY)
     reach, window = round(_SEARCHED / _EVERY), round(_COMPARED / _EVERY)
     ours, theirs = (
-        np.stack([np.interp(grid, one.time[1:], np.nan_to_num(one.speed[1:, k])) for k in one.columns(names)])
+        np.stack([np.interp(grid, one.time[1:], speed) for speed in np.nan_to_num(one.speed(names)[1:]).T])
         for one in (subject, other)
     )
     found = np.full(len(subject), np.nan)
