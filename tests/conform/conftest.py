@@ -13,17 +13,17 @@ from bodysense.body.rotation import quaternion_exp
 from bodysense.body.shape import sample_bodies
 from bodysense.body.skeleton import BODY, Skeleton, default_skeleton
 from bodysense_conform.sources.files import pose_subject
-from bodysense_conform.subject import Step, Subject, Transport, is_finger
+from bodysense_conform.subject import SIDES, Step, Subject, Transport, is_finger
 
 RATE = 20
 LOST = slice(130, 150)  # frames in which the left wrist is completed
-SIDES = ("left", "right")
 FEET = ("left_ankle", "left_foot", "left_toe", "right_ankle", "right_foot", "right_toe")
 FINGERS = ("index", "middle", "ring", "pinky")
 Angles = dict[str, np.ndarray]  # rotation vectors (3,) by joint, rad
 
 
 def about(x: float = 0.0, y: float = 0.0, z: float = 0.0) -> np.ndarray:
+    """Return a rotation vector in rad of degrees."""
     return np.radians([x, y, z])
 
 
@@ -154,9 +154,8 @@ def performed() -> tuple[Pose, list[Step]]:
 
 def given_out(pose: Pose, steps: Sequence[Step]) -> Subject:
     """A performance as a tracker gives it out that loses a wrist for a second and is taken off once."""
-    position, rotation = forward_kinematics(pose)
-    time = np.arange(len(position)) / RATE
-    subject = pose_subject("clean", "MCAP", pose, time, position, rotation)
+    time = np.arange(len(pose.rotation)) / RATE
+    subject = pose_subject("clean", "MCAP", pose, time)
     off = next(step for step in steps if step.label == "remount")
     valid = np.broadcast_to((time < off.start) | (time > off.end - 0.2), subject.valid.T.shape).T.copy()
     measured = np.ones_like(valid)

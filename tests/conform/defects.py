@@ -11,11 +11,9 @@ import numpy as np
 from bodysense.body.pose import Pose
 from bodysense.body.rotation import quaternion_conjugate, quaternion_exp, quaternion_multiply, quaternion_rotate
 from bodysense.body.skeleton import default_skeleton
-from bodysense_conform.subject import Step, Subject, is_finger
+from bodysense_conform.subject import SIDES, Step, Subject, is_finger
 
-from .conftest import given_out
-
-SIDES = ("left", "right")
+from .conftest import about, given_out
 
 
 @dataclass(frozen=True)
@@ -80,26 +78,13 @@ def showing(subject: Subject, frames: np.ndarray) -> Subject:
 def kept(subject: Subject, frames: np.ndarray) -> Subject:
     """Return some frames of a subject, with their times."""
 
-    def cut(values: np.ndarray | None) -> np.ndarray | None:
-        return None if values is None else values[frames]
+    def cut(part: Any, *names: str) -> dict[str, np.ndarray | None]:
+        values = {name: getattr(part, name) for name in names}
+        return {name: None if value is None else value[frames] for name, value in values.items()}
 
-    old = subject.transport
-    transport = replace(
-        old,
-        log_time=cut(old.log_time),
-        available=cut(old.available),
-        device_time=cut(old.device_time),
-        all_tracked=cut(old.all_tracked),
-    )
-    return replace(
-        subject,
-        time=subject.time[frames],
-        position=subject.position[frames],
-        rotation=subject.rotation[frames],
-        valid=subject.valid[frames],
-        measured=cut(subject.measured),
-        transport=transport,
-    )
+    clocks = cut(subject.transport, "log_time", "available", "device_time", "all_tracked")
+    rows = cut(subject, "time", "position", "rotation", "valid", "measured")
+    return replace(subject, **rows, transport=replace(subject.transport, **clocks))
 
 
 def _lost(subject: Subject, share: float) -> Subject:
@@ -167,11 +152,6 @@ def _glide(subject: Subject, cm: float) -> Subject:
     """The feet go and come back twice within four seconds of standing, the knees with them."""
     there = cm / 200 * (1 - np.cos(np.pi * np.clip(subject.time - 3, 0, 4)))
     return moved(subject, [*below("left_knee"), *below("right_knee")], np.outer(there, [0, 0, 1]))
-
-
-def about(x: float = 0.0, y: float = 0.0, z: float = 0.0) -> np.ndarray:
-    """Return a rotation vector in rad of degrees."""
-    return np.radians([x, y, z])
 
 
 def _each(part: str, vector: np.ndarray) -> dict[str, np.ndarray]:

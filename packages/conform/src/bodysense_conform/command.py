@@ -53,8 +53,8 @@ def conform(
         splits: splits of a folder of motion data; all if omitted.
     """
     from bodysense_conform.evaluate import EXIT_STATUS, judge
-    from bodysense_conform.report.html import write_html
-    from bodysense_conform.report.text import record, write_json
+    from bodysense_conform.report.html import page
+    from bodysense_conform.report.text import as_json, record, write
     from bodysense_conform.script import read_script, script_beside
     from bodysense_conform.sources.files import read_subject
 
@@ -83,12 +83,8 @@ def conform(
     )
     verdict = judge(subject)
     _print(verdict)
-    if html is not None:
-        write_html(html, verdict)
-        print(f"wrote {html}")
-    if json is not None:
-        write_json(json, record(verdict))
-        print(f"wrote {json}")
+    write(html, lambda: page(verdict))
+    write(json, lambda: as_json(record(verdict)))
     return EXIT_STATUS[verdict.judgement]
 
 
@@ -132,7 +128,7 @@ def _print(verdict: Verdict) -> None:
 def _judge_folder(folder: Path, floor: float | None, splits: tuple[Split, ...], json: Path | None) -> int:
     """Judge every file of a folder; print a line for each that does not pass, and the sum."""
     from bodysense_conform.evaluate import EXIT_STATUS, Judgement, judge
-    from bodysense_conform.report.text import versions, write_json
+    from bodysense_conform.report.text import as_json, versions, write
     from bodysense_conform.sources.files import ENDINGS, folder_subjects
     from bodysense_conform.table import table
 
@@ -152,8 +148,6 @@ def _judge_folder(folder: Path, floor: float | None, splits: tuple[Split, ...], 
         kinds = ", ".join(ENDINGS)
         raise BodysenseError(f"{folder}: no file in it can be judged; give a folder of {kinds}, or leave --splits out")
     print(f"{len(rows)} judged: {', '.join(f'{count} {name}' for name, count in sorted(counts.items()))}")
-    if json is not None:
-        document = {"format": "bodysense conform folder 2", "versions": versions(table()), "counts": counts}
-        write_json(json, document | {"rows": rows})
-        print(f"wrote {json}")
+    document = {"format": "bodysense conform folder 2", "versions": versions(table()), "counts": counts, "rows": rows}
+    write(json, lambda: as_json(document))
     return EXIT_STATUS["fail"] if counts["fail"] else max(EXIT_STATUS[name] for name in counts)

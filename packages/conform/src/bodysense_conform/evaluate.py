@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
 from bodysense.body.gaps import runs
-from bodysense_conform.series import NotEnough
+from bodysense_conform.series import NotEnough, need
 from bodysense_conform.subject import Subject
 from bodysense_conform.table import Check, CheckTable, table
 
@@ -90,22 +90,22 @@ def find(check: Check, subject: Subject) -> Finding:
         return Finding(check, "not enough", reason=str(reason))
     if found is None:
         return Finding(check, "not enough", reason="too few frames with a value")
-    value, where, frame = found
     if check.most is None and check.least is None:
-        return Finding(check, "measured", value, where, frame)
-    if _excess(check, value) <= 0:
-        return Finding(check, "pass", value, where, frame)
-    return Finding(check, "retake" if check.blame == "performer" else "fail", value, where, frame)
+        return Finding(check, "measured", *found)
+    blamed = "retake" if check.blame == "performer" else "fail"
+    return Finding(check, "pass" if _excess(check, found[0]) <= 0 else blamed, *found)
 
 
 def _figures(check: Check, subject: Subject) -> Iterator[tuple[float, str, int | None]]:
     """Value, column and frame of every column in every window."""
     windows = _windows(check.window, subject)
-    found = check.measure(subject, *([check.of] if check.of else []))
-    constant = len(found.values) != len(subject)
+    found = check.measure(subject, *check.of)
+    columns = found if isinstance(found, Mapping) else {"": found}
     for during in windows:
-        for name, column in zip(found.names, found.values.T, strict=True):
-            kept = column if constant else np.where(during, column, np.nan)
+        for name, column in columns.items():
+            values = np.atleast_1d(np.asarray(column, dtype=float))
+            constant = len(values) != len(subject)
+            kept = values if constant else np.where(during, values, np.nan)
             if np.isfinite(kept).sum() < (1 if constant else check.enough):
                 continue
             value = reduced(check.statistic, kept, subject.frames(1.0), subject.interval)
@@ -118,13 +118,10 @@ def _windows(window: str, subject: Subject) -> list[np.ndarray]:
     """Frames (T,) of the take, or of every step with a label."""
     if window == "take":
         return [np.ones(len(subject), dtype=bool)]
-    held, label = window.startswith("held "), window.removeprefix("held ")
-    if not subject.steps:
-        raise NotEnough("no script")
-    steps = subject.labelled(label)
-    if not steps:
-        raise NotEnough(f"no step {label!r} in the script")
-    return [subject.during(step, _HELD if held else 1.0) for step in steps]
+    label = window.removeprefix("held ")
+    share = 1.0 if label == window else _HELD
+    steps = [step for step in need(subject.steps, "no script") if step.label == label]
+    return [subject.during(step, share) for step in need(steps, f"no step {label!r} in the script")]
 
 
 def _excess(check: Check, value: float) -> float:

@@ -10,10 +10,9 @@ from bodysense.errors import BodysenseError
 from bodysense_conform.subject import Step
 
 _FINGERS = ("index", "middle", "ring", "pinky")
-POSES = ("stand", "a_pose", "t_pose", "squat", "arms_up", "left_arm_raise", "right_arm_raise", "left_leg_raise",
-         "right_leg_raise", "march", "sit", "remount")  # fmt: skip
-GESTURES = ("flat", "fist", "wrist_rotate", *(f"pinch_{finger}" for finger in _FINGERS))
-LABELS = (*POSES, *GESTURES, "other")
+LABELS = ("stand", "a_pose", "t_pose", "squat", "arms_up", "left_arm_raise", "right_arm_raise", "left_leg_raise",
+          "right_leg_raise", "march", "sit", "remount", "flat", "fist", "wrist_rotate",
+          *(f"pinch_{finger}" for finger in _FINGERS), "other")  # fmt: skip
 _ALSO = {
     "neutral_stance": "stand",
     "a_pose_still": "a_pose",
@@ -63,12 +62,11 @@ def _step(path: Path, number: int, row: Any) -> Step:
     label = _ALSO.get(row["label"], row["label"])
     if label not in LABELS:
         raise BodysenseError(f"{path}: step {number}: unknown label {row['label']!r}; valid are {', '.join(LABELS)}")
-    times = [row.get(name, _seconds(row.get(f"{name}_ns"))) for name in ("start", "end")]
-    for name, time in zip(("start", "end"), times, strict=True):
-        if isinstance(time, bool) or not isinstance(time, (int, float)) or not abs(time) < 1e11:
+    times = []
+    for name in ("start", "end"):
+        nanoseconds = row.get(f"{name}_ns")
+        time = row.get(name, nanoseconds / 1e9 if type(nanoseconds) is int else None)
+        if type(time) not in (int, float) or not abs(time) < 1e11:
             raise BodysenseError(f"{path}: step {number} ({label}) has no {name!r}; give seconds, or {name}_ns")
-    return Step(label, float(times[0]), float(times[1]))
-
-
-def _seconds(nanoseconds: Any) -> Any:
-    return nanoseconds / 1e9 if isinstance(nanoseconds, int) and not isinstance(nanoseconds, bool) else None
+        times.append(float(time))
+    return Step(label, *times)

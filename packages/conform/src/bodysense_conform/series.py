@@ -1,34 +1,47 @@
-"""Series: values of a quantity over the frames of a subject, in named columns."""
+"""Series: values of a quantity over the frames of a subject, and the reason if there are none."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from typing import TypeAlias, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike
+
+T = TypeVar("T")
+# (T,) a value for each frame, NaN if it has none; a number of the whole subject; or columns of these, by joint, bone or
+# side.
+Series: TypeAlias = np.ndarray | float | Mapping[str, np.ndarray | float]
 
 
 class NotEnough(Exception):
     """A subject lacks what a quantity needs; the message is the reason for the reader."""
 
 
-@dataclass(frozen=True, eq=False)
-class Series:
-    """Values (T, K), or (1, K) of the whole subject; NaN if a frame has no value."""
+def need(found: T | None, reason: str) -> T:
+    """Return what a quantity needs, or raise NotEnough with the reason if it is None, False or empty.
 
-    values: np.ndarray
-    names: tuple[str, ...]  # (K,) of the columns: joints, bones, sides
-
-
-def series(values: ArrayLike, names: Sequence[str] = ("",)) -> Series:
-    """Return values (T,) or (T, K), or a number, as a series."""
-    values = np.asarray(values, dtype=float)
-    return Series(values.reshape(-1 if values.ndim else 1, len(names)), tuple(names))
+    An array is never too little, whatever it contains.
+    """
+    if found is None or not (isinstance(found, np.ndarray) or found):
+        raise NotEnough(reason)
+    return found
 
 
-def stacked(columns: dict[str, np.ndarray], otherwise: str) -> Series:
-    """Return columns (T,) by name as a series. Raises NotEnough with the reason `otherwise` if there is no column."""
-    if not columns:
-        raise NotEnough(otherwise)
-    return Series(np.stack(list(columns.values()), axis=-1).astype(float), tuple(columns))
+def named(names: Sequence[str], values: np.ndarray) -> dict[str, np.ndarray]:
+    """Return values (T, K) as columns by name."""
+    return dict(zip(names, values.T, strict=True))
+
+
+def later(values: np.ndarray, frames: int) -> np.ndarray:
+    """Return the values (T, …) of some frames later, or before if negative; NaN beyond the ends."""
+    found = np.full(values.shape, np.nan)
+    if frames < 0:
+        found[-frames:] = values[:frames]
+    else:
+        found[: max(len(values) - frames, 0)] = values[frames:]
+    return found
+
+
+def change(values: np.ndarray, frames: int = 1) -> np.ndarray:
+    """Return how values (T, …) differ from those of some frames before; NaN in the first frames."""
+    return values - later(values, -frames)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise
@@ -11,9 +11,13 @@ import numpy as np
 
 from bodysense.body.rotation import quaternion_conjugate, quaternion_multiply
 from bodysense.body.skeleton import FINGERS, default_skeleton
+from bodysense_conform.series import change
 
 SHORTEST_INTERVAL = 0.004  # s; speeds over shorter intervals measure the clock, not the body
-FOOT_POINTS = ("left_ankle", "right_ankle", "left_foot", "right_foot", "left_toe", "right_toe")
+USUAL_HEIGHT = 1.406  # m, ankle to head along the bones of the default skeleton, whose soles are as thick as its own
+SIDES = ("left", "right")
+UP = np.array([0.0, 1.0, 0.0])
+_TRUNK = ("pelvis", "spine1", "spine2", "spine3", "neck", "head")
 
 
 @dataclass(frozen=True)
@@ -73,11 +77,11 @@ class Subject:
 
     def has(self, *names: str) -> bool:
         """Whether all these points are known in at least one frame each."""
-        return all(name in self._present for name in names)
+        return self._present.issuperset(names)
 
     def has_rotation(self, *names: str) -> bool:
         """Whether all these points are known and have rotations."""
-        return self.has(*names) and all(bool(self.rotated[self._index[name]]) for name in names)
+        return self.has(*names) and bool(self.rotated[self.columns(names)].all())
 
     def columns(self, names: Sequence[str]) -> np.ndarray:
         """Columns of some points."""
@@ -87,9 +91,25 @@ class Subject:
         """Return places (T, 3) of a point in metres, NaN if unknown."""
         return self.places[:, self._index[name]]
 
+    def line(self, start: str, end: str) -> np.ndarray:
+        """Return vectors (T, 3) from one point to another in metres, NaN if unknown."""
+        return self.at(end) - self.at(start)
+
+    def length(self, start: str, end: str) -> np.ndarray:
+        """Return distances (T,) between two points in metres."""
+        return np.linalg.norm(self.line(start, end), axis=-1)
+
+    def along(self, chain: Sequence[str]) -> float:
+        """Return the length of a chain of points in metres: of each bone the median over time."""
+        return sum(float(np.nanmedian(self.length(a, b))) for a, b in pairwise(chain))
+
     def turn(self, name: str) -> np.ndarray:
         """Return unit quaternions (T, 4) world ← joint, NaN if unknown."""
         return self.turns[:, self._index[name]]
+
+    def local(self, parent: str, child: str) -> np.ndarray:
+        """Return quaternions (T, 4) parent ← child."""
+        return quaternion_multiply(quaternion_conjugate(self.turn(parent)), self.turn(child))
 
     @cached_property
     def known(self) -> np.ndarray:
@@ -127,16 +147,12 @@ class Subject:
     @cached_property
     def velocity(self) -> np.ndarray:
         """(T, P, 3) m/s from the frame before; NaN in the first frame and over intervals that are too short."""
-        step = np.diff(self.time, prepend=np.nan)
-        return (
-            np.diff(self.places, axis=0, prepend=np.nan)
-            / np.where(step >= SHORTEST_INTERVAL, step, np.nan)[:, None, None]
-        )
+        step = change(self.time)
+        return change(self.places) / np.where(step >= SHORTEST_INTERVAL, step, np.nan)[:, None, None]
 
-    @cached_property
-    def speed(self) -> np.ndarray:
-        """(T, P) m/s."""
-        return np.linalg.norm(self.velocity, axis=-1)
+    def speed(self, names: Sequence[str]) -> np.ndarray:
+        """Return speeds (T, K) of some points in m/s."""
+        return np.linalg.norm(self.velocity[:, self.columns(names)], axis=-1)
 
     @cached_property
     def body(self) -> tuple[str, ...]:
@@ -146,62 +162,47 @@ class Subject:
     @cached_property
     def bones(self) -> tuple[tuple[str, str], ...]:
         """Parent and child of every bone: a point and its nearest ancestor that is known too."""
-        ours = default_skeleton()
-        pairs = []
-        for name in self.points:
-            above = ours.parents[ours.index(name)]
-            while above >= 0 and not self.has(ours.points[above]):
-                above = ours.parents[above]
-            if above >= 0 and self.has(name):
-                pairs.append((ours.points[above], name))
-        return tuple(pairs)
-
-    def length(self, parent: str, child: str) -> np.ndarray:
-        """Return distances (T,) between two points in metres."""
-        return np.linalg.norm(self.at(child) - self.at(parent), axis=-1)
-
-    def local(self, parent: str, child: str) -> np.ndarray:
-        """Return quaternions (T, 4) parent ← child."""
-        return quaternion_multiply(quaternion_conjugate(self.turn(parent)), self.turn(child))
+        pairs = ((nearest_ancestor(name, self._present), name) for name in self.points if self.has(name))
+        return tuple((parent, name) for parent, name in pairs if parent is not None)
 
     @cached_property
     def height(self) -> float:
         """Length of the bones from ankle to head in metres, medians over time; NaN if the chain is broken."""
-        chain = [name for name in ("pelvis", "spine1", "spine2", "spine3", "neck", "head") if self.has(name)]
-        legs = [[f"{side}_{part}" for part in ("hip", "knee", "ankle")] for side in ("left", "right")]
+        legs = [[f"{side}_{part}" for part in ("hip", "knee", "ankle")] for side in SIDES]
         legs = [leg for leg in legs if self.has(*leg)]
         if not legs or not self.has("head", "pelvis"):
             return float("nan")
-        return self._along(chain) + float(np.mean([self._along(leg) for leg in legs]))
-
-    def _along(self, chain: Sequence[str]) -> float:
-        return sum(float(np.nanmedian(self.length(a, b))) for a, b in pairwise(chain))
+        return self.along([*filter(self.has, _TRUNK)]) + float(np.mean([self.along(leg) for leg in legs]))
 
     @cached_property
     def feet(self) -> tuple[str, ...]:
         """Known points of the feet."""
-        return tuple(name for name in FOOT_POINTS if self.has(name))
+        return tuple(name for name in self.points if name.endswith(("_ankle", "_foot", "_toe")) and self.has(name))
 
     @cached_property
     def soles(self) -> np.ndarray:
         """Heights (T, 2) of the left and right sole in metres, from the lowest point of each foot; NaN if unknown."""
         ours = default_skeleton()
         rest = (ours.path @ ours.rest_offset)[:, 1] + ours.rest_offset[0, 1]
-        size = self.height / _HEIGHT if np.isfinite(self.height) else 1.0
+        size = self.height / USUAL_HEIGHT if np.isfinite(self.height) else 1.0
         soles = np.full((len(self), 2), np.nan)
-        for k, side in enumerate(("left", "right")):
+        for k, side in enumerate(SIDES):
             foot = [name for name in self.feet if name.startswith(side)]
-            if foot:
-                thick = size * rest[ours.indices(foot)]  # m, from the sole to the point in the rest pose
-                soles[:, k] = nan_min(self.places[:, self.columns(foot), 1] - thick, axis=1)
+            thick = size * rest[ours.indices(foot)]  # m, from the sole to the point in the rest pose
+            soles[:, k] = np.fmin.reduce(self.places[:, self.columns(foot), 1] - thick, axis=1, initial=np.nan)
         return soles
+
+    @cached_property
+    def lower_sole(self) -> np.ndarray:
+        """Height (T,) of the lower sole in metres, NaN if unknown."""
+        return np.fmin(*self.soles.T)
 
     @cached_property
     def ground(self) -> float:
         """Height of the floor in metres: the known one, or the usual height of the lower sole."""
         if self.floor is not None:
             return self.floor
-        lower = nan_min(self.soles, axis=1)
+        lower = self.lower_sole
         return float(np.nanpercentile(lower, 10)) if np.isfinite(lower).any() else float("nan")
 
     def during(self, step: Step, share: float = 1.0) -> np.ndarray:
@@ -213,8 +214,9 @@ class Subject:
         """Return the steps with one of these labels, in order."""
         return [step for step in self.steps if step.label in labels]
 
-
-_HEIGHT = 1.406  # m, ankle to head along the bones of the default skeleton, for which soles are as thick as its own
+    def within(self, *labels: str) -> np.ndarray:
+        """Return which frames (T,) are in a step with one of these labels."""
+        return sum((self.during(step) for step in self.labelled(*labels)), np.zeros(len(self), dtype=bool))
 
 
 def is_finger(name: str) -> bool:
@@ -222,12 +224,36 @@ def is_finger(name: str) -> bool:
     return name.partition("_")[2].startswith(FINGERS)
 
 
-def ordered(names: Sequence[str]) -> tuple[str, ...]:
+def nearest_ancestor(name: str, names: Collection[str]) -> str | None:
+    """Return the nearest ancestor of a point in the default skeleton that is among some names, or None."""
+    ours = default_skeleton()
+    above = ours.parents[ours.index(name)]
+    while above >= 0 and ours.points[above] not in names:
+        above = ours.parents[above]
+    return ours.points[above] if above >= 0 else None
+
+
+def ordered(names: Collection[str]) -> tuple[str, ...]:
     """Return the names that the default skeleton has, in its order."""
-    return tuple(name for name in default_skeleton().points if name in set(names))
+    return tuple(name for name in default_skeleton().points if name in names)
 
 
-def nan_min(values: np.ndarray, axis: int) -> np.ndarray:
-    """Return the least value that is not NaN, or NaN if all are, without NumPy's warning."""
-    found = np.where(np.isnan(values), np.inf, values).min(axis=axis)
-    return np.where(np.isinf(found), np.nan, found)
+def points_subject(
+    name: str,
+    form: str,
+    names: Sequence[str],
+    time: np.ndarray,
+    position: np.ndarray,
+    rotation: np.ndarray,
+    rotated: np.ndarray,
+    valid: np.ndarray | None = None,
+) -> Subject:
+    """Return values of points by `names` as a subject: of a name that comes twice the first, of unknown names none.
+
+    Arrays are those of a subject; all points are valid if `valid` is omitted.
+    """
+    points = ordered(names)
+    keep = [names.index(point) for point in points]
+    valid = np.ones(position.shape[:-1], dtype=bool) if valid is None else valid
+    time, position = np.asarray(time, dtype=float), np.asarray(position, dtype=float)
+    return Subject(name, form, points, time, position[:, keep], rotation[:, keep], rotated[keep], valid[:, keep])

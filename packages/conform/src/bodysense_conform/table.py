@@ -51,12 +51,15 @@ class Check:
     @property
     def limit(self) -> str:
         """The limits in words."""
-        unit = self.unit if self.unit.startswith(("°", "%")) else f" {self.unit}" if self.unit else ""
         if self.least is not None and self.most is not None:
-            return f"{self.least:g} … {self.most:g}{unit}"
+            return self.with_unit(f"{self.least:g} … {self.most:g}")
         if self.most is not None:
-            return f"≤ {self.most:g}{unit}"
-        return f"≥ {self.least:g}{unit}" if self.least is not None else "–"
+            return self.with_unit(f"≤ {self.most:g}")
+        return "–" if self.least is None else self.with_unit(f"≥ {self.least:g}")
+
+    def with_unit(self, figure: str) -> str:
+        """Return a figure with the unit of the check."""
+        return figure + (self.unit if self.unit.startswith(("°", "%")) else f" {self.unit}" if self.unit else "")
 
     @property
     def measure(self) -> Callable[..., Series]:

@@ -6,60 +6,57 @@ from collections.abc import Callable
 
 import numpy as np
 
-from bodysense.body.rotation import quaternion_conjugate, quaternion_rotate
+from bodysense.body.rotation import normalize, quaternion_conjugate, quaternion_rotate
 from bodysense.body.skeleton import default_skeleton
-from bodysense_conform.quantities.shape import CORE, SIDES, angle, unit
-from bodysense_conform.series import NotEnough, Series, series, stacked
-from bodysense_conform.subject import Subject, is_finger
+from bodysense_conform.quantities.shape import CORE, angle
+from bodysense_conform.series import Series, need
+from bodysense_conform.subject import SIDES, UP, Subject, is_finger
 
 _TURNED = np.radians(20.0)  # bones whose parent turns less tell nothing about axes
-_UP = np.array([0.0, 1.0, 0.0])
 Reading = Callable[[np.ndarray], np.ndarray]
 
 
 def up_axis(subject: Subject) -> Series:
     """Angle between the mean direction from pelvis to head and +Y, of a body that stands, degrees."""
-    if not subject.has("pelvis", "head"):
-        raise NotEnough("no pelvis or no head")
-    trunk = unit(subject.at("head") - subject.at("pelvis"))
-    stands = subject.labelled("stand")
-    if stands:
-        mean = np.nanmean(np.concatenate([trunk[subject.during(step)] for step in stands]), axis=0)
-        return series(angle(mean, _UP)[None])
+    need(subject.has("pelvis", "head"), "no pelvis or no head")
+    trunk = normalize(subject.line("pelvis", "head"))
+    if subject.labelled("stand"):
+        return float(angle(np.nanmean(trunk[subject.within("stand")], axis=0), UP))
     mean = np.nanmean(trunk, axis=0)
-    if np.linalg.norm(mean) < 0.9:
-        raise NotEnough("the trunk keeps to no direction")
-    mean = unit(mean)
+    need(not np.linalg.norm(mean) < 0.9, "the trunk keeps to no direction")
+    mean = normalize(mean)
+    _check_stands(subject, mean)
+    return float(angle(mean, UP))
+
+
+def _check_stands(subject: Subject, up: np.ndarray) -> None:
+    """Raise NotEnough unless the legs are stretched under the trunk, no toe points down and an arm hangs."""
     way = np.nan_to_num(np.diff(subject.at("pelvis"), axis=0))
     far = np.linalg.norm(way, axis=-1).sum()
-    if far > 0.5 and np.abs(way @ mean).sum() > 0.6 * far:
-        raise NotEnough("the body moves along its trunk: it lies or swims")
-    # A body stands if its legs are stretched under the trunk, no toe points down and an arm hangs.
-    standing = ((("hip", "ankle"), -0.8), (("shoulder", "elbow"), -0.8))
-    for (a, b), most in standing:
-        limbs = [(f"{side}_{a}", f"{side}_{b}") for side in SIDES if subject.has(f"{side}_{a}", f"{side}_{b}")]
-        along = [float(np.nanmedian(unit(subject.at(d) - subject.at(c)) @ mean)) for c, d in limbs]
-        worst = (max if a == "hip" else min)(along, default=1.0)
-        if worst > most:
-            raise NotEnough("no stretched legs and hanging arm: the body does not stand")
-    toes = [(f"{s}_ankle", f"{s}_foot") for s in SIDES if subject.has(f"{s}_ankle", f"{s}_foot")]
-    if any(np.nanmedian(unit(subject.at(b) - subject.at(a)) @ mean) < -0.75 for a, b in toes) or not toes:
-        raise NotEnough("the toes point away from the head: the body does not stand")
-    return series(angle(mean, _UP)[None])
+    swims = far > 0.5 and np.abs(way @ up).sum() > 0.6 * far
+    need(not swims, "the body moves along its trunk: it lies or swims")
+
+    def along(start: str, end: str) -> list[float]:
+        """Return how far the limbs of both sides point up, from -1 to 1."""
+        limbs = [(f"{side}_{start}", f"{side}_{end}") for side in SIDES]
+        return [float(np.nanmedian(normalize(subject.line(*limb)) @ up)) for limb in limbs if subject.has(*limb)]
+
+    legs, arm = max(along("hip", "ankle"), default=1.0), min(along("shoulder", "elbow"), default=1.0)
+    need(not (legs > -0.8 or arm > -0.8), "no stretched legs and hanging arm: the body does not stand")
+    down = min(along("ankle", "foot"), default=-1.0) < -0.75
+    need(not down, "the toes point away from the head: the body does not stand")
 
 
 def handedness(subject: Subject) -> Series:
     """(left × up) · forward, forward from ankles to toes: 1 in a right-handed world, −1 in a mirror."""
-    columns = {}
+    found = []
     for side in SIDES:
         if subject.has("left_hip", "right_hip", f"{side}_ankle", f"{side}_knee", f"{side}_foot"):
-            across = unit(subject.at("left_hip") - subject.at("right_hip"))
-            up = unit(subject.at(f"{side}_knee") - subject.at(f"{side}_ankle"))
-            forward = unit(subject.at(f"{side}_foot") - subject.at(f"{side}_ankle"))
-            columns[side] = (np.cross(across, up) * forward).sum(axis=-1)
-    if not columns:
-        raise NotEnough("no feet")
-    return series(np.nanmean(np.stack(list(columns.values())), axis=0))
+            across = normalize(subject.line("right_hip", "left_hip"))
+            up = normalize(subject.line(f"{side}_ankle", f"{side}_knee"))
+            forward = normalize(subject.line(f"{side}_ankle", f"{side}_foot"))
+            found.append((np.cross(across, up) * forward).sum(axis=-1))
+    return np.nanmean(need(found, "no feet"), axis=0)
 
 
 def left_right(subject: Subject) -> Series:
@@ -67,22 +64,21 @@ def left_right(subject: Subject) -> Series:
     columns = {}
     for frame, part in (("pelvis", "hip"), ("spine3", "collar"), ("spine3", "shoulder")):
         if subject.has(f"left_{part}", f"right_{part}") and subject.has_rotation(frame):
-            apart = subject.at(f"left_{part}") - subject.at(f"right_{part}")
-            local = quaternion_rotate(quaternion_conjugate(subject.turn(frame)), apart)[:, 0]
+            across = subject.line(f"right_{part}", f"left_{part}")
+            local = quaternion_rotate(quaternion_conjugate(subject.turn(frame)), across)[:, 0]
             columns[frame] = np.where(np.abs(local) > 0.02, local < 0, np.nan)
-    return stacked(columns, "no rotations of the trunk")
+    return need(columns, "no rotations of the trunk")
 
 
 def mismatch(subject: Subject) -> Series:
     """Median over the bones of how far a child wanders in its parent's frame, % of the bone."""
-    return series(100 * np.median(_spreads(subject, lambda turn: turn)))
+    return float(100 * np.median(_spreads(subject)))
 
 
-def misread(subject: Subject, reading: tuple[str, ...]) -> Series:
+def misread(subject: Subject, reading: str) -> Series:
     """How many times better the places fit if quaternions are read as 'xyzw', or as 'inverse' rotations."""
-    other = quaternion_conjugate if reading == ("inverse",) else lambda turn: np.roll(turn, 1, axis=-1)
-    usual, better = (np.median(_spreads(subject, way)) for way in (lambda turn: turn, other))
-    return series(usual / max(better, 0.02))
+    other = quaternion_conjugate if reading == "inverse" else lambda turn: np.roll(turn, 1, axis=-1)
+    return float(np.median(_spreads(subject)) / max(np.median(_spreads(subject, other)), 0.02))
 
 
 def rest_axes(subject: Subject) -> Series:
@@ -90,12 +86,12 @@ def rest_axes(subject: Subject) -> Series:
     ours, columns = default_skeleton(), {}
     for parent, child in CORE:
         if subject.has(child) and subject.has_rotation(parent):
-            mean = np.nanmean(_local_bone(subject, parent, child, lambda turn: turn), axis=0)
-            columns[parent] = angle(mean, ours.rest_offset[ours.index(child)])[None]
-    return stacked(columns, "no rotations of limbs")
+            mean = np.nanmean(_local_bone(subject, parent, child), axis=0)
+            columns[parent] = angle(mean, ours.rest_offset[ours.index(child)])
+    return need(columns, "no rotations of limbs")
 
 
-def _spreads(subject: Subject, reading: Reading) -> list[float]:
+def _spreads(subject: Subject, reading: Reading = np.asarray) -> list[float]:
     """How far each child wanders in its parent's frame, as a share of the bone, of parents that turn."""
     found = []
     for parent, child in subject.bones:
@@ -104,8 +100,7 @@ def _spreads(subject: Subject, reading: Reading) -> list[float]:
             local = _local_bone(subject, parent, child, reading)
             wander = np.linalg.norm(local - np.nanmedian(local, axis=0), axis=-1)
             found.append(float(np.nanmean(wander)) / length)
-    if len(found) < 3:
-        raise NotEnough("fewer than three bones turn by 20°")
+    need(len(found) >= 3, "fewer than three bones turn by 20°")
     return found
 
 
@@ -115,7 +110,6 @@ def _turns(subject: Subject, joint: str) -> bool:
     return bool(2 * np.arccos(np.clip(np.abs(good @ good[0]), 0, 1)).max() > _TURNED)
 
 
-def _local_bone(subject: Subject, parent: str, child: str, reading: Reading) -> np.ndarray:
+def _local_bone(subject: Subject, parent: str, child: str, reading: Reading = np.asarray) -> np.ndarray:
     """Return a bone (T, 3), metres, in the frame of the joint that carries it."""
-    turn = reading(subject.turn(parent))
-    return quaternion_rotate(quaternion_conjugate(turn), subject.at(child) - subject.at(parent))
+    return quaternion_rotate(quaternion_conjugate(reading(subject.turn(parent))), subject.line(parent, child))

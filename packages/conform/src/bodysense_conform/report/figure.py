@@ -46,5 +46,5 @@ def _heading(subject: Subject, frame: int) -> float:
     """Heading of the hips, radians about +Y; 0 if they do not come."""
     if not subject.has("left_hip", "right_hip"):
         return 0.0
-    across = subject.at("left_hip")[frame] - subject.at("right_hip")[frame]
+    across = subject.line("right_hip", "left_hip")[frame]
     return float(np.arctan2(-across[2], across[0])) if np.isfinite(across).all() else 0.0

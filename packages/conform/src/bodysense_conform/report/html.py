@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from html import escape
 from importlib.resources import files
-from pathlib import Path
 
 import numpy as np
 
-from bodysense.files import written_beside
 from bodysense_conform.evaluate import Finding, Outcome, Verdict
 from bodysense_conform.report.figure import stick_figure
 from bodysense_conform.report.text import figure, sentence, shortened, versions
@@ -29,12 +27,6 @@ _OUTCOMES: dict[Outcome, tuple[str, str]] = {
     "not enough": ("–", "not enough to judge"),
 }
 _PICTURES = 12  # of the take
-
-
-def write_html(path: Path, verdict: Verdict) -> None:
-    """Write a page; the file appears whole or not at all."""
-    with written_beside(path) as beside:
-        beside.write_text(page(verdict), encoding="utf-8")
 
 
 def page(verdict: Verdict) -> str:

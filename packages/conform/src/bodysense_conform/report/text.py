@@ -5,8 +5,8 @@ from __future__ import annotations
 import json
 import math
 import platform
-from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -26,8 +26,7 @@ def figure(finding: Finding) -> str:
         return "–"
     value = finding.value
     digits = "0" if abs(value) < 5e-5 else f"{value:.0f}" if abs(value) >= 1000 else f"{value:.3g}"
-    unit = finding.check.unit
-    return digits + (unit if unit.startswith(("°", "%")) else f" {unit}" if unit else "")
+    return finding.check.with_unit(digits)
 
 
 def sentence(finding: Finding) -> str:
@@ -41,12 +40,11 @@ def sentence(finding: Finding) -> str:
 
 def shortened(ids: Sequence[str]) -> list[str]:
     """Return ids of checks, a group whose checks are all among them by its own name."""
-    groups = dict.fromkeys(name.partition(".")[0] for name in ids)
-    sizes = Counter(check.group for check in table().checks)
     found: list[str] = []
-    for group in groups:
-        mine = [name for name in ids if name.partition(".")[0] == group]
-        found += [group] if len(mine) == sizes[group] else mine
+    for group, members in groupby(ids, lambda name: name.partition(".")[0]):
+        mine = list(members)
+        whole = len(mine) == sum(check.group == group for check in table().checks)
+        found += [group] if whole else mine
     return found
 
 
@@ -97,10 +95,17 @@ def record(verdict: Verdict) -> dict[str, Any]:
     }
 
 
-def write_json(path: Path, document: Any) -> None:
-    """Write a document as JSON; the file appears whole or not at all."""
-    with written_beside(path) as beside:
-        beside.write_text(json.dumps(document, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+def as_json(document: Any) -> str:
+    """Return a document as the text of a JSON file."""
+    return json.dumps(document, indent=1, ensure_ascii=False) + "\n"
+
+
+def write(path: Path | None, text: Callable[[], str]) -> None:
+    """Write a report to a path, if there is one, and print so; the file appears whole or not at all."""
+    if path is not None:
+        with written_beside(path) as beside:
+            beside.write_text(text(), encoding="utf-8")
+        print(f"wrote {path}")
 
 
 def _number(value: float | None) -> float | None:

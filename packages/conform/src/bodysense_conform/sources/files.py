@@ -16,7 +16,7 @@ from bodysense.io.datasets.sources import list_sources, read_source
 from bodysense.observation import Observation
 from bodysense.open import MarkerSource, MotionSource, RecordingSource, open_source
 from bodysense_conform.sources.mcap_take import read_mcap
-from bodysense_conform.subject import Subject, is_finger, ordered
+from bodysense_conform.subject import Subject, is_finger, ordered, points_subject
 
 ENDINGS = (".bvh", ".npz", ".jsonl", ".glb", ".gltf", ".vrma", ".mcap", ".c3d", ".trc")
 
@@ -56,47 +56,30 @@ def folder_subjects(folder: Path, splits: Collection[str]) -> Iterator[tuple[str
 
 def clip_subject(clip: Clip, form: str) -> Subject:
     """Return a clip in canonical form as a subject; fingers that it does not have are left out."""
-    position, rotation = forward_kinematics(clip.pose)
-    return pose_subject(clip.name, form, clip.pose, clip.time, position, rotation, fingers=clip.has_fingers)
+    return pose_subject(clip.name, form, clip.pose, clip.time, fingers=clip.has_fingers)
 
 
 def pose_subject(
-    name: str, form: str, pose: Pose, time: np.ndarray, position: np.ndarray, rotation: np.ndarray, fingers: bool = True
+    name: str, form: str, pose: Pose, time: np.ndarray, rest_offset: np.ndarray | None = None, fingers: bool = True
 ) -> Subject:
-    """Return places (T, P, 3) and turns (T, J, 4) of a skeleton as a subject."""
-    skeleton = pose.skeleton
-    points = ordered([point for point in skeleton.points if fingers or not is_finger(point)])
-    keep, joints = skeleton.indices(points), len(skeleton.joints)
-    turns = np.full((len(time), len(skeleton.points), 4), np.nan)
-    turns[:, :joints] = rotation
-    return Subject(
-        name=name,
-        format=form,
-        points=points,
-        time=np.asarray(time, dtype=float),
-        position=np.asarray(position, dtype=float)[:, keep],
-        rotation=turns[:, keep],
-        rotated=np.asarray(keep < joints),
-        valid=np.ones((len(time), len(points)), dtype=bool),
-    )
+    """Return a pose (T, …) as a subject; `rest_offset` (T, P, 3) m is that of a body whose proportions change."""
+    position, rotation = forward_kinematics(pose, rest_offset)
+    turns = np.full((*position.shape[:-1], 4), np.nan)
+    turns[:, : rotation.shape[1]] = rotation
+    points = [point for point in pose.skeleton.points if fingers or not is_finger(point)]
+    keep = pose.skeleton.indices(points)
+    rotated = keep < len(pose.skeleton.joints)
+    return points_subject(name, form, points, time, position[:, keep], turns[:, keep], rotated)
 
 
 def observation_subject(seen: Observation, path: Path) -> Subject:
     """Return tracked points as a subject. Raises BodysenseError if no joint of the body is among them."""
-    points = ordered(seen.points)
-    if not points:
+    if not ordered(seen.points):
         raise BodysenseError(
             f"{path}: none of its points is a joint of the body ({', '.join(seen.points[:4])} …); complete it first: "
             f"bodysense track {path} -o take.mcap"
         )
-    keep = [seen.points.index(name) for name in points]
-    return Subject(
-        name=path.stem,
-        format="recording",
-        points=points,
-        time=seen.time,
-        position=seen.position[:, keep],
-        rotation=seen.rotation[:, keep],
-        rotated=np.asarray(seen.has_rotation[:, keep].any(axis=0)),
-        valid=seen.has_position[:, keep],
+    rotated = np.asarray(seen.has_rotation.any(axis=0))
+    return points_subject(
+        path.stem, "recording", seen.points, seen.time, seen.position, seen.rotation, rotated, seen.has_position
     )

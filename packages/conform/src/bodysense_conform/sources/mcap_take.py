@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import struct
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -25,70 +26,47 @@ from bodysense.io.mcap_take import (
     hand_rotation,
     ours_from,
 )
-from bodysense_conform.subject import Subject, Transport, ordered
+from bodysense_conform.subject import SIDES, Subject, Transport, points_subject
 
-_SIDES = ("left", "right")
 # Errors that reading a damaged file raises, apart from its format's own.
 _BROKEN = (ValueError, MemoryError, ArithmeticError, LookupError, struct.error, EOFError, RuntimeError)
 
 
-@dataclass(frozen=True, eq=False)
-class _Track:
-    """One topic: M messages that could be read."""
-
-    joints: np.ndarray  # (M, J) of a layout; all invalid if nothing is tracked
-    times: np.ndarray  # (M,) of TIMES
-    all_tracked: np.ndarray  # (M,) bool, the device's own summary
-    log_time: np.ndarray  # (M,) ns
-    sequence: np.ndarray  # (M,)
-    malformed: int
-
-
 def read_mcap(path: Path) -> Subject:
     """Read a take. Raises BodysenseError, naming the file and the fix, if it holds no body and no hand."""
-    found = _tracks(path)
-    readable = [kind for kind in ("body", *_SIDES) if kind in found and (kind == "body" or len(found[kind].times))]
-    tracks = {kind: found[kind] for kind in readable or found}
-    if not tracks:
+    topics = _messages(path)
+    rows = {kind: _rows(kind, topics[kind]) for kind in ("body", *SIDES) if kind in topics}
+    if "body" in rows or any(map(len, rows.values())):
+        rows = {kind: found for kind, found in rows.items() if kind == "body" or len(found)}
+    if not rows:
         raise BodysenseError(f"{path}: no message of {BODY_SCHEMA} or {HAND_SCHEMA} in it; export one of these schemas")
-    main = next(iter(tracks.values()))
-    if not len(main.times):
+    first, main = next(iter(rows.items()))
+    if not len(main):
         raise BodysenseError(
-            f"{path}: none of its {main.malformed} messages can be read as {BODY_SCHEMA}; export it again"
+            f"{path}: none of its {len(topics[first])} messages can be read as {BODY_SCHEMA}; export it again"
         )
-    time = main.times["sample"] / 1e9
-    parts = [_part(name, track, time) for name, track in tracks.items()]
-    points = ordered([name for part in parts for name in part[0]])
-    shape = (len(time), len(points))
-    position, rotation, valid = np.full((*shape, 3), np.nan), np.full((*shape, 4), np.nan), np.zeros(shape, dtype=bool)
-    for names, places, turns, good in reversed(parts):  # of a wrist that comes twice the body's counts
-        columns = [points.index(name) for name in names]
-        position[:, columns], rotation[:, columns], valid[:, columns] = places, turns, good
-    jumps = [np.diff(track.sequence) for track in tracks.values()]
-    return Subject(
-        name=path.stem,
-        format="MCAP",
-        points=points,
-        time=time,
-        position=position,
-        rotation=rotation,
-        rotated=np.array([not name.endswith("_tip") for name in points]),
-        valid=valid,
-        floor=0.0,
-        transport=Transport(
-            messages=sum(len(track.times) + track.malformed for track in tracks.values()),
-            malformed=sum(track.malformed for track in tracks.values()),
-            lost=int(sum((jump[jump > 1] - 1).sum() for jump in jumps)),
-            log_time=main.log_time / 1e9,
-            available=main.times["available"] / 1e9,
-            device_time=main.times["device"] / 1e9,
-            all_tracked=main.all_tracked if "body" in tracks else None,
-        ),
+    time = main["times"]["sample"] / 1e9
+    parts = [_part(kind, found, time) for kind, found in rows.items()]
+    names = [name for part in parts for name in part[0]]  # of a wrist that comes twice the body's counts
+    position, rotation, valid = (np.concatenate([part[k] for part in parts], axis=1) for k in (1, 2, 3))
+    rotated = np.array([not name.endswith("_tip") for name in names])
+    messages = sum(len(topics[kind]) for kind in rows)
+    jumps = [np.diff(found["sequence"]) for found in rows.values()]
+    transport = Transport(
+        messages=messages,
+        malformed=messages - sum(map(len, rows.values())),
+        lost=int(sum((jump[jump > 1] - 1).sum() for jump in jumps)),
+        log_time=main["log_time"] / 1e9,
+        available=main["times"]["available"] / 1e9,
+        device_time=main["times"]["device"] / 1e9,
+        all_tracked=main["all_tracked"] if first == "body" else None,
     )
+    subject = points_subject(path.stem, "MCAP", names, time, position, rotation, rotated, valid)
+    return replace(subject, floor=0.0, transport=transport)
 
 
-def _tracks(path: Path) -> dict[str, _Track]:
-    """Read the topics of a file: 'body', 'left', 'right'."""
+def _messages(path: Path) -> dict[str, list[Any]]:
+    """Return the messages of a file's topics: 'body', 'left', 'right'."""
     from mcap.exceptions import McapError
     from mcap.reader import make_reader
     from zstandard import ZstdError
@@ -106,7 +84,7 @@ def _tracks(path: Path) -> dict[str, _Track]:
     except (McapError, ZstdError, *_BROKEN) as error:
         reason = " ".join(str(error).split()) or type(error).__name__
         raise BodysenseError(f"{path}: not a whole MCAP file ({reason[:80]}); export it again") from None
-    return {kind: _track(kind, messages) for kind, messages in found.items()}
+    return found
 
 
 def _check_chunks(path: Path, data: bytes) -> None:
@@ -127,21 +105,16 @@ def _kind(topic: str, schema: str) -> str | None:
     if schema == BODY_SCHEMA:
         return "body"
     name = topic.rpartition("/")[2]
-    return next((side for side in _SIDES if name.startswith(side)), None) if schema == HAND_SCHEMA else None
+    return next((side for side in SIDES if name.startswith(side)), None) if schema == HAND_SCHEMA else None
 
 
-def _track(kind: str, messages: list[Any]) -> _Track:
+def _rows(kind: str, messages: list[Any]) -> np.ndarray:
+    """Return what the readable ones of M messages hold (≤ M,): all joints are invalid if nothing is tracked."""
     layout, count = (BODY_LAYOUT, len(BODY_JOINTS)) if kind == "body" else (HAND_LAYOUT, len(HAND_JOINTS))
-    rows = [(message, read_record(message.data, layout, count)) for message in messages]
-    good = [(message, row) for message, row in rows if row is not None]
-    return _Track(
-        joints=np.array([row[0] for _, row in good], dtype=layout).reshape(len(good), count),
-        times=np.array([row[1] for _, row in good], dtype=TIMES).reshape(len(good)),
-        all_tracked=np.array([row[2] for _, row in good], dtype=bool),
-        log_time=np.array([message.log_time for message, _ in good], dtype=np.int64),
-        sequence=np.array([message.sequence for message, _ in good], dtype=np.int64),
-        malformed=len(rows) - len(good),
-    )
+    read = ((message, read_record(message.data, layout, count)) for message in messages)
+    rows = [(*found, message.log_time, message.sequence) for message, found in read if found is not None]
+    summary = [("all_tracked", "?"), ("log_time", "<i8"), ("sequence", "<i8")]  # of the device; ns; count
+    return np.array(rows, dtype=[("joints", layout, (count,)), ("times", TIMES), *summary])
 
 
 def read_record(data: bytes, layout: np.dtype, count: int) -> tuple[np.ndarray, np.ndarray, bool] | None:
@@ -175,24 +148,21 @@ def _field(data: bytes, table: int, slot: int) -> int | None:
     return table + offset if offset else None
 
 
-def _part(kind: str, track: _Track, time: np.ndarray) -> tuple[list[str], np.ndarray, np.ndarray, np.ndarray]:
+def _part(kind: str, rows: np.ndarray, time: np.ndarray) -> tuple[Sequence[str], np.ndarray, np.ndarray, np.ndarray]:
     """Names, places, turns and validity of one topic at the times of the take."""
-    with np.errstate(invalid="ignore"):  # damaged numbers are NaN
-        position, rotation = (track.joints[name].astype(float) for name in ("position", "rotation"))
-    if kind == "body":
-        names: list[str | None] = [name if name in default_skeleton().points else None for name in BODY_JOINTS]
-        position, rotation = ours_from(position, rotation)
-    else:
-        names = [None if name is None else f"{kind}_{name}" for name in HAND_JOINTS]
-        axes = hand_axes(default_skeleton(), kind)
-        rotation = hand_rotation(rotation, np.array([axes.get(name or "", [1.0, 0, 0, 0]) for name in names]))
-        position = position * np.array([-1.0, 1.0, -1.0])
-    keep = [k for k, name in enumerate(names) if name is not None]
-    position, rotation, valid = position[:, keep], rotation[:, keep], track.joints["valid"][:, keep]
+    names, near = BODY_JOINTS, np.array(True)
     if kind != "body":
-        nearest, near = _nearest(track.times["sample"] / 1e9, time)
-        position, rotation, valid = position[nearest], rotation[nearest], valid[nearest] & near[:, None]
-    return [name for name in names if name is not None], position, rotation, valid
+        names = [f"{kind}_{name}" for name in HAND_JOINTS]
+        nearest, near = _nearest(rows["times"]["sample"] / 1e9, time)
+        rows = rows[nearest]
+    joints = rows["joints"]
+    with np.errstate(invalid="ignore"):  # damaged numbers are NaN
+        theirs = joints["rotation"].astype(float)
+        position, rotation = ours_from(joints["position"].astype(float), theirs)
+    if kind != "body":
+        axes = hand_axes(default_skeleton(), kind)
+        rotation = hand_rotation(theirs, np.array([axes.get(name, [1.0, 0, 0, 0]) for name in names]))
+    return names, position, rotation, joints["valid"] & near[..., None]
 
 
 def _nearest(sampled: np.ndarray, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -5,16 +5,17 @@ from __future__ import annotations
 import socket
 import time
 from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import replace
 
 import numpy as np
 
 from bodysense.body.rotation import normalize, quaternion_multiply, quaternion_rotate
-from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError
 from bodysense.io.gltf.humanoid import VRM_BONES, unity_bone
 from bodysense.io.osc import LARGEST, Message, read_packet
 from bodysense.io.unity import from_unity_rotation, unity_position
-from bodysense_conform.subject import Subject, Transport, ordered
+from bodysense_conform.subject import Subject, Transport, nearest_ancestor, ordered, points_subject
 
 _OURS = {unity_bone(bone): joint for joint, bone in VRM_BONES.items()}
 _TRANSFORM = 8  # arguments: a name and seven numbers
@@ -35,13 +36,11 @@ def record_vmc(source: str, seconds: float) -> Subject:
                 f"{source}: {error.strerror or error}; choose another port, or stop the program that has it"
             ) from None
         end = time.monotonic() + seconds
-        while (remaining := end - time.monotonic()) > 0:
-            receiver.settimeout(remaining)
-            try:
+        with suppress(TimeoutError):
+            while (remaining := end - time.monotonic()) > 0:
+                receiver.settimeout(remaining)
                 data = receiver.recv(LARGEST)
-            except TimeoutError:
-                break
-            packets.append((time.monotonic(), data))
+                packets.append((time.monotonic(), data))
     if not packets:
         raise BodysenseError(f"{source}: nothing came in {seconds:g} s; start the sender, and let it send to this port")
     return vmc_subject(packets, source)
@@ -53,19 +52,14 @@ def vmc_subject(packets: Sequence[Packet], name: str) -> Subject:
     times: list[float] = []
     current: dict[str, np.ndarray] = {}
     clock: float | None = None
-    malformed = messages = 0
+    malformed = 0
     for arrival, data in packets:
         found = read_packet(data)
-        messages += 1
         if isinstance(found, str):
             malformed += 1
             continue
         clock = _clock(found, clock)  # of all bones in the packet: senders put it before or after them
-        for message in found:
-            bone = _bone(message)
-            if bone is None:
-                continue
-            joint, values = bone
+        for joint, values in filter(None, map(_bone, found)):
             if joint in current and joint != "root":
                 frames.append(current)
                 current = {"root": current["root"]} if "root" in current else {}
@@ -73,13 +67,16 @@ def vmc_subject(packets: Sequence[Packet], name: str) -> Subject:
                 times.append(arrival if clock is None else clock)
             current[joint] = values
     # The last frame may be cut off by the end of the recording.
-    times = times[: len(frames)]
-    names = ordered(sorted({joint for frame in frames for joint in frame} - {"root"}))
+    names = ordered({joint for frame in frames for joint in frame})
     if len(frames) < 2 or "pelvis" not in names:
         raise BodysenseError(
             f"{name}: {len(packets)} packets with {len(frames)} frames of bones; send VMC's bones to it"
         )
-    return _placed(frames, np.array(times), names, name, Transport(messages=messages, malformed=malformed))
+    there = np.array([[joint in frame for joint in names] for frame in frames])
+    position, rotation = _placed(frames, names)
+    time, rotated = np.array(times[: len(frames)]), np.ones(len(names), dtype=bool)
+    subject = points_subject(name, "VMC", names, time, position, rotation, rotated, there)
+    return replace(subject, transport=Transport(messages=len(packets), malformed=malformed))
 
 
 def _clock(messages: Sequence[Message], before: float | None) -> float | None:
@@ -102,38 +99,16 @@ def _bone(message: Message) -> tuple[str, np.ndarray] | None:
     return None if joint is None else (joint, np.array(numbers, dtype=float))
 
 
-def _placed(
-    frames: list[dict[str, np.ndarray]], times: np.ndarray, names: tuple[str, ...], name: str, transport: Transport
-) -> Subject:
-    """Return frames of bones, local to their parents, as places in the world."""
-    table = np.full((len(frames), len(names) + 1, 7), np.nan)
-    for k, frame in enumerate(frames):
-        table[k, 0] = frame.get("root", [0, 0, 0, 0, 0, 0, 1.0])
-        for p, joint in enumerate(names, start=1):
-            if joint in frame:
-                table[k, p] = frame[joint]
-    move, turn = unity_position(table[..., :3]), from_unity_rotation(table[..., 3:])
-    ours = default_skeleton()
-    position, rotation = np.full_like(move, np.nan), np.full_like(turn, np.nan)
-    unit = np.full_like(turn, np.nan)  # children hang on rotations of unit length, whatever the joint's own length is
-    position[:, 0], rotation[:, 0], unit[:, 0] = move[:, 0], turn[:, 0], normalize(turn[:, 0])
-    for p, joint in enumerate(names, start=1):
-        above = ours.parents[ours.index(joint)]
-        while above >= 0 and ours.points[above] not in names:
-            above = ours.parents[above]
-        parent = names.index(ours.points[above]) + 1 if above >= 0 else 0
-        position[:, p] = position[:, parent] + quaternion_rotate(unit[:, parent], move[:, p])
-        rotation[:, p] = quaternion_multiply(unit[:, parent], turn[:, p])
-        unit[:, p] = normalize(rotation[:, p])
-    there = np.array([[joint in frame for joint in names] for frame in frames])
-    return Subject(
-        name=name,
-        format="VMC",
-        points=names,
-        time=times,
-        position=position[:, 1:],
-        rotation=rotation[:, 1:],
-        rotated=np.ones(len(names), dtype=bool),
-        valid=there,
-        transport=transport,
-    )
+def _placed(frames: list[dict[str, np.ndarray]], names: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray]:
+    """Return frames of bones, local to their parents, as places (T, P, 3) and turns (T, P, 4) in the world."""
+    unknown, still = np.full(7, np.nan), np.array([0, 0, 0, 0, 0, 0, 1.0])
+    table = np.array([[frame.get("root", still), *(frame.get(joint, unknown) for joint in names)] for frame in frames])
+    moves, turns = unity_position(table[..., :3]), from_unity_rotation(table[..., 3:])
+    position, rotation = {"root": moves[:, 0]}, {"root": turns[:, 0]}
+    for k, joint in enumerate(names, start=1):
+        parent = nearest_ancestor(joint, names) or "root"
+        unit = normalize(rotation[parent])  # children hang on rotations of unit length, whatever the joint's own is
+        position[joint] = position[parent] + quaternion_rotate(unit, moves[:, k])
+        rotation[joint] = quaternion_multiply(unit, turns[:, k])
+    places, turned = ([values[joint] for joint in names] for values in (position, rotation))
+    return np.stack(places, axis=1), np.stack(turned, axis=1)

@@ -5,12 +5,13 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from bodysense.body.pose import Pose, forward_kinematics
+from bodysense.body.pose import Pose
 from bodysense.body.skeleton import Skeleton
 from bodysense.errors import BodysenseError, missing_package
 from bodysense.io.protocol import POSE, SUBPROTOCOL, VERSION, PoseFrame, read_pose
@@ -25,24 +26,27 @@ def record_websocket(url: str, seconds: float, watch: str | None) -> Subject:
     """Watch a server's input for some seconds. Raises BodysenseError if it gives none."""
     try:
         from websockets.exceptions import WebSocketException
-        from websockets.sync.client import connect
+        from websockets.sync.client import ClientConnection, connect
+        from websockets.typing import Subprotocol
     except ImportError as error:
         raise missing_package(error) from None
     messages: list[str | bytes] = []
+
+    def connection(**more: str) -> ClientConnection:
+        """Return a connection to the server that has said hello."""
+        link = connect(url, subprotocols=[Subprotocol(SUBPROTOCOL)], max_size=_LARGEST, open_timeout=_WAIT)
+        link.send(json.dumps({"type": "hello", "version": VERSION, **more}))
+        return link
+
     try:
-        source = watch
-        if source is None:
-            with connect(url, subprotocols=[SUBPROTOCOL], max_size=_LARGEST, open_timeout=_WAIT) as link:  # type: ignore[list-item]
-                link.send(json.dumps({"type": "hello", "version": VERSION}))
-                source = _source(url, link.recv(timeout=_WAIT))
-        with connect(url, subprotocols=[SUBPROTOCOL], max_size=_LARGEST, open_timeout=_WAIT) as link:  # type: ignore[list-item]
-            link.send(json.dumps({"type": "hello", "version": VERSION, "watch": source}))
+        if watch is None:
+            with connection() as link:
+                watch = _first_input(url, link.recv(timeout=_WAIT))
+        with connection(watch=watch) as link:
             end = time.monotonic() + seconds
-            while (remaining := end - time.monotonic()) > 0:
-                try:
+            with suppress(TimeoutError):
+                while (remaining := end - time.monotonic()) > 0:
                     messages.append(link.recv(timeout=remaining))
-                except TimeoutError:
-                    break
     except (OSError, WebSocketException, ValueError) as error:
         reason = getattr(error, "strerror", None) or " ".join(str(error).split()) or type(error).__name__
         if not messages:
@@ -52,10 +56,9 @@ def record_websocket(url: str, seconds: float, watch: str | None) -> Subject:
     return messages_subject(messages, url)
 
 
-def _source(url: str, answer: str | bytes) -> str:
+def _first_input(url: str, welcome: str | bytes) -> str:
     """Return the first input that a welcome names."""
-    welcome = _object(answer)
-    sources = welcome.get("sources") or []
+    sources = _object(welcome).get("sources") or []
     if not sources:
         raise BodysenseError(f"{url}: the server has no input of its own to watch; start it with --vmc-in or --replay")
     return str(sources[0])
@@ -85,9 +88,8 @@ def messages_subject(messages: Sequence[str | bytes], name: str) -> Subject:
         raise BodysenseError(f"{name}: {len(messages)} messages and no pose; start a tracker first")
     frames = [frame for frame, _ in rows]
     pose = Pose(skeleton, np.stack([f.root_position for f in frames]), np.stack([f.rotation for f in frames]))
-    position, rotation = forward_kinematics(pose, np.stack([offset for _, offset in rows]))
-    moments = np.array([frame.time for frame in frames])
-    subject = pose_subject(name, "WebSocket", pose, moments, position, rotation)
+    moments, offsets = np.array([frame.time for frame in frames]), np.stack([offset for _, offset in rows])
+    subject = pose_subject(name, "WebSocket", pose, moments, offsets)
     hidden = np.stack([frame.hidden for frame in frames])[:, skeleton.indices(subject.points)]
     steps = np.diff([frame.sequence for frame in frames])
     transport = Transport(len(rows) + malformed, malformed, int((steps[steps > 1] - 1).sum()))
