@@ -36,8 +36,8 @@ from bodysense.io.markers.raw_markers import RawMarkers
 from bodysense.io.markers.recording import MarkerRecording, read_markers, with_hands_of
 from bodysense.io.recording import Recording, is_recording, read_recording
 from bodysense.io.rigs.options import AS_FOUND, ReadingOptions, given_options
+from bodysense.io.rigs.own_rig import joints_of_file
 from bodysense.io.rigs.rigged import Rigged, read_rigged
-from bodysense.io.rigs.source_joints import joints_of_file
 from bodysense.io.smpl import PICKLES, RATE, is_smpl, joint_places, read_smpl
 from bodysense.observation import Observation, in_our_world
 

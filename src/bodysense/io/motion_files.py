@@ -17,7 +17,7 @@ from bodysense.io.clip import Clip
 from bodysense.io.gltf.written import write_glb, write_vrma
 from bodysense.io.mcap_take import load_writer, write_mcap
 from bodysense.io.rigs.named import OWN, check_rig, is_rig_file, on_rig, renamed
-from bodysense.io.rigs.rig_file import write_on_rig_of
+from bodysense.io.rigs.own_rig import write_on_rig_of
 
 ENDINGS = (".bvh", ".glb", ".vrma", ".mcap")
 
