@@ -33,8 +33,8 @@ from bodysense.io.clip import Clip, part_joints
 from bodysense.io.fingers import is_finger
 from bodysense.io.holes import Missing, flat_lined, missing_mask
 from bodysense.io.rigs.options import AS_FOUND, ReadingOptions
+from bodysense.io.rigs.own_rig import SourceJoints, joints_of_file, own_joints
 from bodysense.io.rigs.rigged import read_rigged
-from bodysense.io.rigs.source_joints import SourceJoints, joints_of_file, own_joints
 from bodysense.observation import EXACT_ACCURACY, Observation
 
 Array = np.ndarray

@@ -32,7 +32,7 @@ from bodysense.io.motion_files import write_motion
 from bodysense.io.resample import at_constant_rate
 from bodysense.io.rigs.named import OWN, SOURCE, check_rig
 from bodysense.io.rigs.options import AS_FOUND, ReadingOptions
-from bodysense.io.rigs.rig_file import write_on_rig_of
+from bodysense.io.rigs.own_rig import write_on_rig_of
 from bodysense.observation import Observation, check_world, concatenated_frames, observed_points
 from bodysense.open import MarkerSource, MotionSource, RecordingSource, Source, open_source
 from bodysense.signals import Signal, refuse, signal_from

@@ -5,8 +5,7 @@ from __future__ import annotations
 import pytest
 
 from bodysense.body.skeleton import default_skeleton
-from bodysense.io.rigs import words
-from bodysense.io.rigs.names import joint_of, joints_of
+from bodysense.io.rigs.names import is_helper, joint_of, joints_of
 
 MIXAMO = """
 Hips Spine Spine1 Spine2 Neck Head HeadTop_End LeftShoulder LeftArm LeftForeArm LeftHand LeftHandThumb1
@@ -246,7 +245,7 @@ def test_what_people_call_a_joint() -> None:
 
 @pytest.mark.parametrize("name", ["CC_Base_L_ThighTwist01", "l_upperarmtwist1", "左腕捩", "LeftEye", "IK_foot_l"])
 def test_helpers(name: str) -> None:
-    assert words.is_helper(name) and not joints_of([name])
+    assert is_helper(name) and not joints_of([name])
 
 
 def test_a_skeleton_that_is_no_body() -> None:

@@ -17,7 +17,7 @@ from bodysense.io.bvh_stream import open_bvh
 from bodysense.io.clip import Clip
 from bodysense.io.rigs.named import on_rig as under_names
 from bodysense.io.rigs.named import renamed
-from bodysense.io.rigs.rig_file import on_rig, write_on_rig_of
+from bodysense.io.rigs.own_rig import on_rig, write_on_rig_of
 from bodysense.io.rigs.rigged import read_rigged
 from bodysense.reading import read
 from bodysense.take import track

@@ -14,6 +14,7 @@ from tyro.extras import SubcommandApp
 from bodysense.cli.found_files import FoundFile, Split, files_in, line_of, none_of, readable, table_of
 from bodysense.cli.options import Reading
 from bodysense.errors import BodysenseError
+from bodysense.files import written_beside
 from bodysense.io.datasets.layouts import Layout
 from bodysense.io.datasets.reasons import lines_by_kind
 from bodysense.io.rigs.options import AS_FOUND
@@ -105,9 +106,8 @@ def joints(
     """
     from bodysense.io.archive import MotionFile
     from bodysense.io.gltf.motion import figure_of_gltf
-    from bodysense.io.rigs.named import joint_map_text, write_joint_map
     from bodysense.io.rigs.names import joints_of
-    from bodysense.io.rigs.rig import recognise
+    from bodysense.io.rigs.rig import joint_map_text, recognise
     from bodysense.io.rigs.rigged import figure_of_file
 
     ending = file.suffix.lower()
@@ -124,9 +124,10 @@ def joints(
         given = {ours: name for name, ours in joints_of(figure.points).items()}
         said = f", by their names alone: {error}; name the others by hand"
     if out is None:
-        print(joint_map_text(figure, given), end="")
+        print(joint_map_text(figure.points, given), end="")
         return
-    write_joint_map(out, figure, given)
+    with written_beside(out) as beside:
+        beside.write_text(joint_map_text(figure.points, given), encoding="utf-8")
     print(f"wrote {out}: {len(given)} of {len(figure.points)} joints and end sites named{said}")
 
 

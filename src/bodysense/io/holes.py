@@ -12,7 +12,7 @@ from bodysense.body.gaps import runs
 from bodysense.errors import BodysenseError
 from bodysense.io.bvh_stream import BvhLines
 from bodysense.io.rigs.names import joint_of
-from bodysense.io.rigs.source_joints import SourceJoints
+from bodysense.io.rigs.own_rig import SourceJoints
 
 FLAT = 0.5  # s: a limb whose numbers are constant for this long, while the trunk turns, was not tracked
 _ITEM = re.compile(r"(?P<name>.+?)(?P<below>\+?)(?:\s*:\s*(?P<first>\d+)\s*-\s*(?P<last>\d+))?")

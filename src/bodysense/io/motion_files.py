@@ -15,7 +15,7 @@ from bodysense.io.bvh import read_bvh, write_bvh
 from bodysense.io.bvh_stream import BvhStream
 from bodysense.io.clip import Clip
 from bodysense.io.rigs.named import OWN, check_rig, is_rig_file, on_rig, renamed
-from bodysense.io.rigs.rig_file import write_on_rig_of
+from bodysense.io.rigs.own_rig import write_on_rig_of
 
 ENDINGS = (".bvh", ".glb", ".vrma", ".mcap")
 

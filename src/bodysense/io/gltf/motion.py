@@ -111,7 +111,7 @@ _LONGEST = 10**7  # frames × nodes
 def read_gltf(path: Path, joints: Path | None = None) -> tuple[Clip, tuple[str, ...]]:
     """The motion of a file in canonical form, and remarks. Raises BodysenseError for one without a moving humanoid.
 
-    `joints` is a file that names the joints (`io.rigs.named`); they are recognised if it is omitted.
+    `joints` is a file that names the joints (`io.rigs.rig`); they are recognised if it is omitted.
     """
     file = open_gltf(path)
     names, is_vrm = _names(file)

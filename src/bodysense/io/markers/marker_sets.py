@@ -13,8 +13,7 @@ from typing import Any
 from bodysense.body.glove_set import plain
 from bodysense.body.hand import FINGERS
 from bodysense.body.skeleton import default_skeleton
-from bodysense.io.rigs import words
-from bodysense.io.rigs.names import joints_of
+from bodysense.io.rigs.names import joints_of, words
 
 FEWEST = 4  # fewest points of a body
 JOINT_ACCURACY = 0.02  # m, of a marker named as a joint: the joint's centre, or a spot on the skin near it
@@ -146,7 +145,7 @@ _ON_MUSCLES = frozenset(("bicep", "biceps"))  # bones of rigs, but markers in th
 
 def _joints(names: Sequence[str]) -> dict[str, int]:
     """Return markers named as joints: 'LeftElbow', 'l_knee', 'RHJC', or a program's name of the joint."""
-    ours = joints_of([name for name in names if not _ON_MUSCLES & set(words.words(name))])
+    ours = joints_of([name for name in names if not _ON_MUSCLES & set(words(name))])
     return {ours[name]: k for k, name in enumerate(names) if name in ours}
 
 

@@ -37,8 +37,8 @@ from bodysense.io.rigs.rest_pose import (
     Vectors,
     across_of,
     alignment,
+    by_name,
     standing_rest,
-    turned_by_places,
     twisted_by_hinges,
 )
 
@@ -79,13 +79,16 @@ def canonical(
     if "pelvis" not in match:
         raise BodysenseError(f"{clip.name}: no joint is its pelvis, which carries the legs and the trunk")
     parents = _matched_parents(ours, match)
-    places = _places(clip.pose, match) if place is None else {name: place[:, k] for name, k in match.items()}
+    places = by_name(forward_kinematics(clip.pose)[0] if place is None else place, match)
     if turns:
         world, bone = _turned(clip, match, parents, must_stand)
     else:
-        world, bone = turned_by_places(ours, places, parents), {}
+        aligned = alignment(places, parents, exactly=True)
+        world, bone = {name: quaternion_conjugate(turn) for name, turn in aligned.items()}, {}
     if place is not None:
-        bone = {name: _usual(world[parent], places[name] - places[parent]) for name, parent in parents.items()}
+        for name, parent in parents.items():  # a bone that stretches has its usual place in its parent
+            bones = quaternion_rotate(quaternion_conjugate(world[parent]), places[name] - places[parent])
+            bone[name] = np.median(bones, axis=0)
     found = world.keys()
     skeleton = complete_skeleton(_between_filled(ours, bone, parents))
     world = _aimed(world, places, bone, parents)
@@ -110,19 +113,22 @@ def _turned(
             f"best {np.rad2deg(stance.torso):.0f}° from it); leave it out"
         )
     standing = rest_pose(clip.pose.skeleton) if stance.rest is None else _facing_forward(stance.rest, match)
-    align = alignment(default_skeleton(), _places(standing, match), parents)
+    (position, rotation), (rest_position, rest_rotation) = map(forward_kinematics, (clip.pose, standing))
+    rest = by_name(rest_position, match)
+
+    def turned(align: Vectors) -> Vectors:  # world rotations (T, 4) with these alignments
+        return {
+            name: quaternion_multiply(
+                rotation[:, match[name]], quaternion_conjugate(quaternion_multiply(turn, rest_rotation[match[name]]))
+            )
+            for name, turn in align.items()
+        }
+
+    align = alignment(rest, parents)
     if stance.rest is not None and not must_stand:
-        align = twisted_by_hinges(align, clip.pose, standing, match)
-    rotation, rest_rotation = forward_kinematics(clip.pose)[1], forward_kinematics(standing)[1]
-    world = {
-        name: quaternion_multiply(
-            rotation[:, match[name]], quaternion_conjugate(quaternion_multiply(turn, rest_rotation[match[name]]))
-        )
-        for name, turn in align.items()
-    }
-    at_rest = _places(standing, match)
-    bone = {name: quaternion_rotate(align[parent], at_rest[name] - at_rest[parent]) for name, parent in parents.items()}
-    return world, bone
+        align = twisted_by_hinges(align, by_name(position, match), turned(align))
+    bone = {name: quaternion_rotate(align[parent], rest[name] - rest[parent]) for name, parent in parents.items()}
+    return turned(align), bone
 
 
 def _still(world: Vectors, pelvis: np.ndarray, skeleton: Skeleton) -> Vectors:
@@ -143,11 +149,6 @@ def _still(world: Vectors, pelvis: np.ndarray, skeleton: Skeleton) -> Vectors:
             for side, turn in turns.items()
         }
     return {}
-
-
-def _usual(rotation: np.ndarray, bone: np.ndarray) -> np.ndarray:
-    """Vector (3,) in a joint's frame of a bone (T, 3) that stretches in the world: the median."""
-    return np.median(quaternion_rotate(quaternion_conjugate(rotation), bone), axis=0)
 
 
 def _aimed(world: Vectors, place: Vectors, bone: Vectors, parents: Mapping[str, str]) -> Vectors:
@@ -217,15 +218,9 @@ def _matched_parents(ours: Skeleton, match: Mapping[str, int]) -> dict[str, str]
     return parents
 
 
-def _places(pose: Pose, match: Mapping[str, int]) -> Vectors:
-    """World positions (..., 3) of the matched points."""
-    position, _ = forward_kinematics(pose)
-    return {name: position[..., index, :] for name, index in match.items()}
-
-
 def _facing_forward(pose: Pose, match: Mapping[str, int]) -> Pose:
     """One pose, turned about +Y so that its left hip (shoulder, where it has no hips) is toward +X of its right."""
-    across = across_of(_places(pose, match))
+    across = across_of(by_name(forward_kinematics(pose)[0], match))
     angle = np.arctan2(across[2], across[0])
     rotation = pose.rotation.copy()
     rotation[0] = quaternion_multiply(quaternion_exp(np.array([0.0, angle, 0.0])), rotation[0])

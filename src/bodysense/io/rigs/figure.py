@@ -12,6 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from bodysense.body.rotation import quaternion_multiply, quaternion_rotate
+from bodysense.io.rigs.names import is_end, is_helper, parts
 
 SAMPLE = 120  # frames, evenly spaced, in which lengths are measured
 _BRANCHES = 12  # longest branches of a joint that are searched
@@ -182,7 +183,7 @@ class Tree:
 
     def distance(self, a: int, b: int) -> float:
         """Return the median distance of two points."""
-        return float(np.median(np.linalg.norm(self.place[:, a] - self.place[:, b], axis=-1)))
+        return usual_length(self.place[:, a] - self.place[:, b])
 
     def way(self, start: int, chain: Sequence[int]) -> float:
         """Return the length of a chain from the point that carries it."""
@@ -193,14 +194,27 @@ class Tree:
         straight = np.linalg.norm(self.place[:, a] - self.place[:, c], axis=-1).min()
         return bool(straight > 0.97 * (self.length[b] + self.length[c]))
 
-    def branch_count(self, point: int) -> int:
-        """Return the number of chains that hang on a point, as fingers on a wrist and toes on a foot."""
-        return sum(self.reach[k] > 0 for k in self.figure.children[point])
-
     def branches(self, point: int) -> list[int]:
         """Return the longest branches below a point."""
         found = sorted(self.figure.children[point], key=lambda child: -(self.length[child] + self.reach[child]))
         return found[:_BRANCHES]
+
+    def name(self, point: int) -> str:
+        """Return the name of a point."""
+        return self.figure.points[point]
+
+    def means(self, point: int, *some: str) -> bool:
+        """Whether a point's name may mean one of some parts of a body."""
+        return not parts(self.name(point)).isdisjoint(some)
+
+    def is_aside(self, point: int) -> bool:
+        """Whether a point's name means a helper or the end of something."""
+        return is_helper(self.name(point)) or is_end(self.name(point))
+
+
+def usual_length(vectors: np.ndarray) -> float:
+    """Return the median length of vectors (S, 3)."""
+    return float(np.median(np.linalg.norm(vectors, axis=-1)))
 
 
 def measured(figure: Figure) -> Tree:

@@ -1,4 +1,4 @@
-"""Legs and arms of a tree: by the names of their joints, else by structure.
+"""Legs and arms of a tree: by the names of their joints, else by structure; and the joints at their ends.
 
 Names decide if they tell all six joints of both limbs and the tree agrees. Else a limb is a pair of chains that mirror
 each other, whose lengths and bends are those of a leg or an arm. Lengths are medians over frames, so neither the rest
@@ -9,15 +9,15 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import combinations
 from typing import Literal
 
 import numpy as np
 
 from bodysense.body.hand import FINGERS
-from bodysense.io.rigs import words
 from bodysense.io.rigs.figure import Tree
+from bodysense.io.rigs.names import every_part, first_is_left, is_end, is_helper, parts, words
 
 Kind = Literal["leg", "arm"]
 Pair = tuple[tuple[int, ...], tuple[int, ...]]  # chains of points of two mirrored limbs
@@ -38,10 +38,11 @@ _MOST = 8  # most chains of a hand
 _HELD = 2.0  # longer than most chains below a wrist by this factor: an object in the hand
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Limb:
     """A pair of limbs: the three joints of each, and their chains."""
 
+    tree: Tree = field(repr=False)
     hub: int  # the joint where both begin
     chains: Pair
     joints: tuple[tuple[int, ...], tuple[int, ...]]  # hip, knee, ankle or shoulder, elbow, wrist
@@ -59,6 +60,21 @@ class Limb:
         """The points of both chains."""
         return {point for chain in self.chains for point in chain}
 
+    @property
+    def width(self) -> float:
+        """Distance of the first joints of both limbs."""
+        return self.tree.distance(self.joints[0][0], self.joints[1][0])
+
+    @property
+    def middle(self) -> np.ndarray:
+        """Midpoint (S, 3) of the first joints of both limbs."""
+        return (self.tree.place[:, self.joints[0][0]] + self.tree.place[:, self.joints[1][0]]) / 2
+
+    @property
+    def across(self) -> np.ndarray:
+        """Vector (S, 3) from the first joint of the second limb to that of the first."""
+        return self.tree.place[:, self.joints[0][0]] - self.tree.place[:, self.joints[1][0]]
+
     def before(self, which: int) -> tuple[int, ...]:
         """Return the points between the hub and the first of the three joints."""
         return self.chains[which][: self.chains[which].index(self.joints[which][0])]
@@ -67,23 +83,14 @@ class Limb:
         """Return the points after the last of the three joints, along the chain."""
         return self.chains[which][self.chains[which].index(self.joints[which][2]) + 1 :]
 
-    def middle(self, tree: Tree) -> np.ndarray:
-        """Return the midpoint (S, 3) of the first joints of both limbs."""
-        return (tree.place[:, self.joints[0][0]] + tree.place[:, self.joints[1][0]]) / 2
-
-    def across(self, tree: Tree) -> np.ndarray:
-        """Return the vector (S, 3) from the first joint of the second limb to that of the first."""
-        return tree.place[:, self.joints[0][0]] - tree.place[:, self.joints[1][0]]
-
 
 def named_limb(tree: Tree, points: Mapping[str, int], kind: Kind) -> Limb | None:
     """Return the legs or arms that names tell ({ours: point}); None if one is missing or the tree contradicts."""
-    figure = tree.figure
     names = [[f"{side}_{role}" for role in ROLES[kind]] for side in ("left", "right")]
     if not {name for side in names for name in side} <= points.keys():
         return None
     joints = [tuple(points[name] for name in side) for side in names]
-    above = [figure.above(side[2]) for side in joints]
+    above = [tree.figure.above(side[2]) for side in joints]
     if any(list(side) != [k for k in way[::-1] if k in side] for side, way in zip(joints, above, strict=True)):
         return None
     hub = next((k for k in above[0] if k in above[1]), None)
@@ -94,20 +101,15 @@ def named_limb(tree: Tree, points: Mapping[str, int], kind: Kind) -> Limb | None
         return None
     one, other = ((*way[: way.index(hub)][::-1], *_onward(tree, way[0])) for way in above)
     upper, lower = bones.mean(axis=0)
-    return Limb(hub, (one, other), (joints[0], joints[1]), (float(upper), float(lower)), side=1)
+    return Limb(tree, hub, (one, other), (joints[0], joints[1]), (float(upper), float(lower)), side=1)
 
 
 def _onward(tree: Tree, point: int) -> list[int]:
     """Return the longest chain below a point; helpers and ends count as shorter."""
     chain: list[int] = []
     while below := tree.figure.children[chain[-1] if chain else point]:
-        chain.append(max(below, key=lambda k: (tree.length[k] + tree.reach[k]) * (1 - _ASIDE * _is_aside(tree, k))))
+        chain.append(max(below, key=lambda k: (tree.length[k] + tree.reach[k]) * (1 - _ASIDE * tree.is_aside(k))))
     return chain
-
-
-def _is_aside(tree: Tree, point: int) -> bool:
-    name = tree.figure.points[point]
-    return words.is_helper(name) or words.is_end(name)
 
 
 def mirrored_chains(tree: Tree) -> list[tuple[int, Pair]]:
@@ -156,7 +158,7 @@ def _alike(
         if abs(p - q) <= _ALIKE * max(p, q) + 0.01 * scale:
             way = min(p + tree.reach[x], q + tree.reach[y])
             unlike = abs(p - q) + 0.3 * min(abs(tree.reach[x] - tree.reach[y]), 0.25 * way)  # one hand may hold a sword
-            aside = _is_aside(tree, x) + _is_aside(tree, y)
+            aside = tree.is_aside(x) + tree.is_aside(y)
             fitting.append((way - 2 * unlike - _ASIDE * aside * way, x, y))
     return fitting
 
@@ -165,10 +167,15 @@ def limb_of_chains(tree: Tree, hub: int, chains: Pair, kind: Kind) -> Limb | Non
     """Return the three joints of a pair of chains that fit a leg or an arm best; None if nothing fits."""
     pairs = list(zip(*chains, strict=True))
     joints = sum(max(pair) < len(tree.figure.joints) for pair in pairs)
-    hand = next((k for k, (point, _) in enumerate(pairs) if tree.branch_count(point) >= _FINGERS), len(pairs))
+    branches = [sum(tree.reach[k] > 0 for k in tree.figure.children[point]) for point, _ in pairs]
+    hand = next((k for k, count in enumerate(branches) if count >= _FINGERS), len(pairs))
     last = hand if hand >= 2 else len(pairs)
-    names = [[tree.figure.points[k] for k in chain] for chain in chains]
-    side, (way, median, least) = words.side(*names), _distances(tree, hub, chains)
+    side = first_is_left(*([tree.name(k) for k in chain] for chain in chains))
+    # Distances (N, N) of the points of both chains, the hub among them: their median and least over time.
+    place = [tree.place[:, [hub, *chain]] for chain in chains]
+    apart = [np.linalg.norm(p[:, :, None] - p[:, None], axis=-1) for p in place]
+    median, least = np.mean([np.median(a, axis=0) for a in apart], axis=0), np.min([a.min(axis=0) for a in apart], 0)
+    way = np.concatenate([[0.0], np.cumsum(np.diagonal(median, offset=1))])  # (N,) from the hub along the chain
     best: Limb | None = None
     for picks in combinations(range(len(pairs)), 3):
         if picks[1] >= joints:
@@ -192,50 +199,40 @@ def limb_of_chains(tree: Tree, hub: int, chains: Pair, kind: Kind) -> Limb | Non
         # If joints coincide, the last hip or knee carries the whole rotation, but the first ankle or wrist does.
         penalty -= 1e-4 * (picks[0] + picks[1] - picks[2])
         if best is None or penalty < best.penalty - 1e-6:
-            best = Limb(hub, chains, (one, other), (upper, lower), side, float(penalty))
+            best = Limb(tree, hub, chains, (one, other), (upper, lower), side, float(penalty))
     return best
 
 
 def _is_shifted(tree: Tree, joints: tuple[int, ...], kind: Kind) -> bool:
     """Whether names mean that a joint is missing: a forearm is taken for a wrist, or an upper arm for an elbow."""
-    said = [set[str]() if _is_aside(tree, k) else words.every_part(tree.figure.points[k]) for k in joints]
+    said = [set[str]() if tree.is_aside(k) else every_part(tree.name(k)) for k in joints]
     one, two, three = ROLES[kind]
     is_third = three not in said[2] and bool(said[2] & {one, two})
     return is_third or (said[1] == {one} and bool(said[0] - {one}))
 
 
-def _distances(tree: Tree, hub: int, chains: Pair) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return distances of the points of a hub and a pair of chains, means of both chains.
-
-    The way (N,) from the hub along the chain, and distances (N, N) of any two: the median and the least over time.
-    """
-    place = [tree.place[:, [hub, *chain]] for chain in chains]
-    apart = [np.linalg.norm(p[:, :, None] - p[:, None], axis=-1) for p in place]
-    median = np.mean([np.median(a, axis=0) for a in apart], axis=0)
-    way = np.concatenate([[0.0], np.cumsum(np.diagonal(median, offset=1))])
-    return way, median, np.min([a.min(axis=0) for a in apart], axis=0)
+# --- the ends of limbs ---
 
 
-def collar_of(tree: Tree, arm: Limb, which: int) -> dict[str, int]:
+def collar_of(arm: Limb, which: int) -> dict[str, int]:
     """Return the joint that carries a shoulder: one named so, or the first that is closer to it than the elbow."""
-    shoulder = arm.joints[which][0]
+    tree, shoulder = arm.tree, arm.joints[which][0]
     before = [k for k in arm.before(which) if k < len(tree.figure.joints)]
-    named = [k for k in before if "collar" in words.parts(tree.figure.points[k])]
+    named = [k for k in before if tree.means(k, "collar")]
     near = [k for k in before if 0.05 * arm.lengths[0] < tree.distance(k, shoulder) < 0.9 * arm.lengths[0]]
-    found = named or near
-    return {"collar": found[0]} if found else {}
+    return {"collar": (named or near)[0]} if named or near else {}
 
 
-def foot_of(tree: Tree, leg: Limb, which: int, zero: float) -> dict[str, int]:
+def foot_of(leg: Limb, which: int, zero: float) -> dict[str, int]:
     """Return the ball of the foot and the tip of the toes; points closer than `zero` coincide."""
-    names, count, ankle = tree.figure.points, len(tree.figure.joints), leg.joints[which][2]
+    tree, ankle = leg.tree, leg.joints[which][2]
     chain = [k for k in leg.after(which) if tree.distance(k, ankle) > zero]
-    named = [k for k in chain if "foot" in words.parts(names[k]) and not words.is_end(names[k])]
-    balls = [k for k in named or chain if k < count]
+    named = [k for k in chain if tree.means(k, "foot") and not is_end(tree.name(k))]
+    balls = [k for k in named or chain if k < len(tree.figure.joints)]
     if not balls:
         return {}
-    sure = [k for k in balls if "ankle" not in words.parts(names[k]) and k != chain[-1]]
-    ball = (sure if named and sure else balls)[0]
+    sure = [k for k in balls if named and not tree.means(k, "ankle") and k != chain[-1]]
+    ball = (sure or balls)[0]
     tips = [k for k in chain[chain.index(ball) + 1 :] if tree.distance(k, ball) > zero]
     return {"foot": ball, "toe": tips[-1]} if tips else {"foot": ball}
 
@@ -246,8 +243,6 @@ def fingers_of(tree: Tree, wrist: int) -> dict[str, int]:
     Fingers are identified by their names, their numbers, or their positions on the hand.
     """
     count = len(tree.figure.joints)
-    if wrist >= count:
-        return {}
     found: dict[str, int] = {}
     for finger, chain in _which(tree, wrist, _finger_chains(tree, wrist)).items():
         joints = [k for k in chain if k < count]
@@ -266,7 +261,7 @@ def _finger_chains(tree: Tree, wrist: int) -> list[list[int]]:
     figure, leaves, todo = tree.figure, list[int](), [wrist]
     while todo:
         point = todo.pop()
-        children = [k for k in figure.children[point] if not words.is_helper(figure.points[k])]
+        children = [k for k in figure.children[point] if not is_helper(tree.name(k))]
         todo += children
         if not children and point != wrist:
             leaves.append(point)
@@ -280,17 +275,16 @@ def _finger_chains(tree: Tree, wrist: int) -> list[list[int]]:
 
 def _which(tree: Tree, wrist: int, chains: list[list[int]]) -> dict[str, list[int]]:
     """Return the chain of each finger."""
-    names = tree.figure.points
     named: dict[str, list[int]] = {}
     for chain in chains:
-        said = [part for k in chain for part in words.parts(names[k]) if part in FINGERS]
+        said = [part for k in chain for part in parts(tree.name(k)) if part in FINGERS]
         if said and said.count(said[0]) > 1:
             named.setdefault(said[0], chain)
     if named:
         return named
-    numbered = [chain for chain in chains if any(words.parts(names[k]) & {"finger"} for k in chain)]
+    numbered = [chain for chain in chains if any(tree.means(k, "finger") for k in chain)]
     if len(numbered) in (4, 5):
-        return dict(zip(FINGERS, sorted(numbered, key=lambda chain: names[chain[0]]), strict=False))
+        return dict(zip(FINGERS, sorted(numbered, key=lambda chain: tree.name(chain[0])), strict=False))
     usual = np.median([tree.way(wrist, chain) for chain in chains]) if chains else 0.0
     chains = [chain for chain in chains if tree.way(wrist, chain) < _HELD * usual]
     if len(chains) not in (4, 5):
@@ -299,15 +293,14 @@ def _which(tree: Tree, wrist: int, chains: list[list[int]]) -> dict[str, list[in
     ways /= np.maximum(np.linalg.norm(ways, axis=-1, keepdims=True), 1e-9)
     rest = (ways.sum(axis=0) - ways) / (len(chains) - 1)
     apart = np.median((ways * rest).sum(-1), axis=1)  # the thumb points elsewhere
-    thumb = chains[int(np.argmin(apart))]
-    others = [chain for chain in chains if chain is not thumb]
-    knuckles = np.stack([tree.place[:, chain[0]] - tree.place[:, wrist] for chain in others])
+    thumb = chains.pop(int(np.argmin(apart)))
+    knuckles = np.stack([tree.place[:, chain[0]] - tree.place[:, wrist] for chain in chains])
     along = knuckles.mean(axis=0)
     base = tree.place[:, thumb[0]] - tree.place[:, wrist]
     share = (base * along).sum(-1) / np.maximum((along * along).sum(-1), 1e-12)
     across = base - share[:, None] * along  # over the palm, towards the thumb
     ranks = -np.median((knuckles * across).sum(-1), axis=1)
-    return dict(zip(FINGERS, [thumb, *(others[k] for k in np.argsort(ranks))], strict=False))
+    return dict(zip(FINGERS, [thumb, *(chains[k] for k in np.argsort(ranks))], strict=False))
 
 
 def _begins_in_palm(tree: Tree, wrist: int, finger: str, chain: list[int], joints: list[int]) -> bool:
@@ -316,7 +309,7 @@ def _begins_in_palm(tree: Tree, wrist: int, finger: str, chain: list[int], joint
         return True
     if finger == "thumb" or len(joints) < 3:
         return False
-    said = words.words(tree.figure.points[joints[0]])
+    said = words(tree.name(joints[0]))
     if "carpal" in "".join(said) or "mc" in said:
         return True
     return len(chain) > 3 and bool(tree.distance(wrist, joints[0]) < _METACARPAL * tree.length[joints[1]])

@@ -33,7 +33,7 @@ from bodysense.body.rotation import (
     quaternion_rotate,
     shortest_arc,
 )
-from bodysense.body.skeleton import Skeleton
+from bodysense.body.skeleton import default_skeleton
 from bodysense.io.clip import Clip
 
 LIMB_TOLERANCE = np.deg2rad(15.0)
@@ -83,20 +83,20 @@ def standing_rest(clip: Clip, match: Mapping[str, int]) -> Stance:
     return Stance(_looking_ahead(clip.pose[int(frames[best])], index), torso)
 
 
-def _places(pose: Pose, index: dict[str, int]) -> Vectors:
-    position, _ = forward_kinematics(pose)
-    place = {name: position[..., k, :] for name, k in index.items()}
-    if "neck" not in place:
-        place["neck"] = _over(place)
-    return place
-
-
-def _over(place: Vectors) -> np.ndarray:
-    """Return a point up the trunk of a body without a neck: between the shoulders, on the spine, or over the legs."""
+def _places(pose: Pose, index: Mapping[str, int]) -> Vectors:
+    """Return positions, with a point up the trunk as the neck of a body without one."""
+    place = by_name(forward_kinematics(pose)[0], index)
+    if "neck" in place:
+        return place
     if "left_shoulder" in place:
-        return _middle(place, "shoulder")
+        return place | {"neck": _middle(place, "shoulder")}
     spine = [place[name] for name in ("spine3", "spine1") if name in place]
-    return spine[0] if spine else 2 * _middle(place, "hip") - _middle(place, "knee")
+    return place | {"neck": spine[0] if spine else 2 * _middle(place, "hip") - _middle(place, "knee")}
+
+
+def by_name(values: np.ndarray, index: Mapping[str, int]) -> Vectors:
+    """Return the values (..., n) of points (..., P, n), by our names."""
+    return {name: values[..., k, :] for name, k in index.items()}
 
 
 def _stands(place: Vectors) -> bool:
@@ -144,10 +144,11 @@ def _looking_ahead(pose: Pose, index: dict[str, int]) -> Pose:
     if not {"head", "head_top", *_EYES} <= index.keys():
         return pose
     position, world = forward_kinematics(pose)
-    place = {name: position[k] for name, k in index.items()}
-    across = across_of(place)
-    wanted = _axes(across, _UP)
-    found = _axes(place[_EYES[0]] - place[_EYES[1]], place["head_top"] - place["head"])
+    place = by_name(position, index)
+    wanted = _frame(across_of(place), _UP)
+    found = _frame(place[_EYES[0]] - place[_EYES[1]], place["head_top"] - place["head"])
+    if wanted is None or found is None:
+        return pose
     head = index["head"]
     turned = quaternion_multiply(matrix_to_quaternion(wanted @ found.T), world[head])
     rotation = pose.rotation.copy()
@@ -159,12 +160,6 @@ def across_of(place: Vectors) -> np.ndarray:
     """Return the horizontal unit vector from the right hip to the left one, or from shoulder to shoulder."""
     part = "hip" if "left_hip" in place else "shoulder"
     return _unit((place[f"left_{part}"] - place[f"right_{part}"]) * np.array([1.0, 0.0, 1.0]))
-
-
-def _axes(x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Return a right-handed frame (3, 3), axes as columns: along `x`, then as close to `y` as possible."""
-    x, z = _unit(x), _unit(np.cross(x, y))
-    return np.stack([x, np.cross(z, x), z], axis=1)
 
 
 def _unit(vector: np.ndarray) -> np.ndarray:
@@ -179,46 +174,32 @@ def _angle(u: np.ndarray, v: np.ndarray) -> np.ndarray:
 # --- alignment ---
 
 
-def alignment(ours: Skeleton, place: Vectors, parents: Mapping[str, str]) -> Vectors:
-    """Return for each matched joint the rotation (4,) from the source's rest bones to ours (see the module's text)."""
-    default_place = dict(zip(ours.points, ours.path @ ours.rest_offset, strict=True))
+def alignment(place: Vectors, parents: Mapping[str, str], *, exactly: bool = False) -> Vectors:
+    """Return for each matched joint the rotation (..., 4) from bones at `place` to ours (see the module's text).
+
+    `exactly`: without a tolerance, so that bones have the directions of ours.
+    """
+    ours = default_skeleton()
+    default = dict(zip(ours.points, ours.path @ ours.rest_offset, strict=True))
     align: Vectors = {}
     for name in (name for name in ours.joints if name in place):
-        turn = align[parents[name]] if name in parents else np.array([1.0, 0.0, 0.0, 0.0])
+        still = np.broadcast_to([1.0, 0.0, 0.0, 0.0], (*place[name].shape[:-1], 4))
+        turn = align[name] = align[parents[name]] if name in parents else still
         children = [child for child, parent in parents.items() if parent == name]
-        tolerance = LIMB_TOLERANCE if any(limb in name for limb in _LIMBS) else OTHER_TOLERANCE
         pairs = _two_directions(name, children, place)
-        wanted, found = (_frame(pairs, default_place), _frame(pairs, place)) if pairs else (None, None)
-        if wanted is not None and found is not None:
-            whole = matrix_to_quaternion(wanted @ found.T)
-            if geodesic_angle(whole, turn) > tolerance:
-                turn = whole
+        if pairs and (found := _frame(*(place[b] - place[a] for a, b in pairs))) is not None:
+            wanted = _frame(*(default[b] - default[a] for a, b in pairs))
+            aligned = matrix_to_quaternion(wanted @ np.swapaxes(found, -1, -2))
+            off = geodesic_angle(aligned, turn)
         elif len(children) == 1:
             bone = quaternion_rotate(turn, place[children[0]] - place[name])
-            wanted = default_place[children[0]] - default_place[name]
-            if _angle(bone, wanted) > tolerance:
-                turn = quaternion_multiply(shortest_arc(bone, wanted), turn)
-        align[name] = turn
+            wanted = np.broadcast_to(default[children[0]] - default[name], bone.shape)
+            aligned, off = quaternion_multiply(shortest_arc(bone, wanted), turn), _angle(bone, wanted)
+        else:
+            continue
+        tolerance = LIMB_TOLERANCE if any(limb in name for limb in _LIMBS) else OTHER_TOLERANCE
+        align[name] = aligned if exactly else np.where((off > tolerance)[..., None], aligned, turn)
     return align
-
-
-def turned_by_places(ours: Skeleton, place: Vectors, parents: Mapping[str, str]) -> Vectors:
-    """Return world rotations (T, 4) of joints with known positions (T, 3) only, with the least possible twist."""
-    default_place = dict(zip(ours.points, ours.path @ ours.rest_offset, strict=True))
-    world: Vectors = {}
-    for name in (name for name in ours.joints if name in place):
-        still = np.tile([1.0, 0.0, 0.0, 0.0], (len(place[name]), 1))
-        turn = world[parents[name]] if name in parents else still
-        children = [child for child, parent in parents.items() if parent == name]
-        pairs = _two_directions(name, children, place)
-        wanted, found = (_frame(pairs, default_place), _frame(pairs, place)) if pairs else (None, None)
-        if wanted is not None and found is not None:
-            turn = matrix_to_quaternion(found @ wanted.T)
-        elif len(children) == 1:
-            bone = quaternion_rotate(turn, default_place[children[0]] - default_place[name])
-            turn = quaternion_multiply(shortest_arc(bone, place[children[0]] - place[name]), turn)
-        world[name] = turn
-    return world
 
 
 def _two_directions(name: str, children: list[str], place: Vectors) -> list[tuple[str, str]]:
@@ -233,9 +214,11 @@ def _two_directions(name: str, children: list[str], place: Vectors) -> list[tupl
     return [across[0], up[0]] if across and across[0][0] in place and up else []
 
 
-def _frame(pairs: list[tuple[str, str]], place: Vectors) -> np.ndarray | None:
-    """Return orthonormal axes (..., 3, 3), as columns, from two directions; None if they are zero or parallel."""
-    first, second = (place[b] - place[a] for a, b in pairs)
+def _frame(first: np.ndarray, second: np.ndarray) -> np.ndarray | None:
+    """Return a right-handed frame (..., 3, 3), axes as columns: along `first`, then as close to `second` as possible.
+
+    None if they are zero or parallel.
+    """
     third = np.cross(first, second)
     size, across, area = (np.linalg.norm(vector, axis=-1, keepdims=True) for vector in (first, second, third))
     if (area < 1e-6 * np.maximum(1e-9, size * across)).any():
@@ -244,15 +227,14 @@ def _frame(pairs: list[tuple[str, str]], place: Vectors) -> np.ndarray | None:
     return np.stack([x, np.cross(z, x), z], axis=-1)
 
 
-def twisted_by_hinges(
-    align: dict[str, np.ndarray], pose: Pose, standing: Pose, match: Mapping[str, int]
-) -> dict[str, np.ndarray]:
-    """Twist the alignments (4,) of upper arms, thighs, forearms and shins so that they bend as ours do."""
-    position, rotation = forward_kinematics(pose)
-    rest = forward_kinematics(standing)[1]
+def twisted_by_hinges(align: Vectors, position: Vectors, turned: Vectors) -> Vectors:
+    """Twist the alignments (4,) of upper arms, thighs, forearms and shins so that they bend as ours do.
+
+    `position` (T, 3) are points in the motion, `turned` (T, 4) its joints' rotations with these alignments.
+    """
     twisted = dict(align)
-    for (first, second, third), hinge in (limb for limb in _HINGES if limb[0][0] in match):
-        upper, lower = (position[:, match[b]] - position[:, match[a]] for a, b in ((first, second), (second, third)))
+    for (first, second, third), hinge in (limb for limb in _HINGES if limb[0][0] in align):
+        upper, lower = (position[b] - position[a] for a, b in ((first, second), (second, third)))
         normal = np.cross(upper, lower)
         lengths = np.linalg.norm(upper, axis=-1) * np.linalg.norm(lower, axis=-1)
         bend = np.linalg.norm(normal, axis=-1) / np.maximum(lengths, 1e-12)  # sine
@@ -260,22 +242,17 @@ def twisted_by_hinges(
         if clear.sum() < 2:
             continue
         for joint, bone in ((first, upper), (second, lower)):
-            ours = quaternion_multiply(
-                rotation[clear, match[joint]],
-                quaternion_conjugate(quaternion_multiply(align[joint], rest[match[joint]])),
-            )
-            back = quaternion_conjugate(ours)
-            angle, agreement = _turn_about(
-                quaternion_rotate(back, bone[clear]), np.array(hinge), quaternion_rotate(back, normal[clear])
-            )
+            back = quaternion_conjugate(turned[joint][clear])
+            along = quaternion_rotate(back, bone[clear])
+            angle, agreement = _turn_about(along, np.array(hinge), quaternion_rotate(back, normal[clear]))
             if agreement > _LEAST_AGREEMENT:
-                axis = quaternion_rotate(back, bone[clear]).mean(axis=0)
+                axis = along.mean(axis=0)
                 axis /= max(float(np.linalg.norm(axis)), 1e-9)
                 # The joint's frame turns with its twist, so a direction in it turns the opposite way.
                 twist = quaternion_exp(-angle * axis)
                 twisted[joint] = quaternion_multiply(twist, align[joint])
                 hand = third.endswith("_wrist") and joint == second
-                if hand and third.replace("wrist", "index1") not in match:  # the palm would define it
+                if hand and third.replace("wrist", "index1") not in position:  # the palm would define it
                     twisted[third] = quaternion_multiply(twist, align[third])
     return twisted
 

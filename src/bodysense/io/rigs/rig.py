@@ -1,88 +1,54 @@
 """Rig: the recognised joints of a figure, and the transform between its world and ours.
 
-Names also tell the family of a rig, which is printed for the user and decides nothing.
+Joints are those of a joint map, if one is given: JSON, {name in the file: ours}, '' for joints that are omitted. Unit,
+upward axis and floor are inferred from gravity and a person's size, unless options say them.
 """
 
 from __future__ import annotations
 
-import re
+import difflib
+import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 
 from bodysense.body.rotation import quaternion_conjugate, quaternion_multiply, quaternion_rotate
-from bodysense.body.skeleton import BODY
+from bodysense.body.skeleton import BODY, default_skeleton
 from bodysense.body.world_axes import TURNS, UpAxis
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import parts_lacking
 from bodysense.io.rigs.body import WORST, find_body
-from bodysense.io.rigs.figure import Figure, measured
-from bodysense.io.rigs.named import read_joint_map
+from bodysense.io.rigs.figure import Figure, measured, usual_length
+from bodysense.io.rigs.names import ARMS, LEGS, family_of
 from bodysense.io.rigs.options import AS_FOUND, ReadingOptions
-from bodysense.io.rigs.words import NAMESPACE
-from bodysense.io.rigs.world import FLOOR_TOLERANCE, find_floor, find_unit, find_up, stature
 
-# The first family whose names are all present (lower case, no punctuation; '*' matches any beginning).
-_FAMILIES: tuple[tuple[str, tuple[str, ...]], ...] = (
-    ("Mixamo", ("*mixamorig",)),
-    ("Reallusion (CC, iClone)", ("*ccbase",)),
-    ("VRoid", ("*jbip",)),
-    ("3ds Max Biped", ("*bip",)),
-    ("CMU", ("lhipjoint", "leftupleg")),
-    ("Rocketbox", ("lowerback", "leftupleg", "lefthandindex1")),
-    ("cgspeed's Daz and 3ds Max rig", ("lbuttock", "lthigh", "lshldr")),
-    ("Daz, Poser", ("lshldr", "lforearm")),
-    ("MakeHuman, as MocapNET writes", ("lbuttock", "lhip", "lknee", "lelbow")),
-    ("Bandai-Namco", ("jointroot", "upperarml", "lowerarml")),
-    ("Xsens, lower-case names", ("lhip", "lknee", "lankle", "lclavicle")),
-    ("Xsens MVN", ("pelvis", "l5", "t8")),
-    ("Meta", ("broot", "blupleg")),
-    ("OpenNI", ("torso", "lefthip", "leftknee", "leftfoot")),
-    ("Kinect", ("spinebase", "hipleft")),
-    ("Blender Rigify", ("*def",)),
-    ("Blender's human metarig", ("thighl", "shinl", "upperarml")),
-    ("Unreal", ("pelvis", "thighl", "upperarml")),
-    ("Auto-Rig Pro", ("thighstretchl", "armstretchl")),
-    ("MakeHuman", ("upperarm01l", "lowerleg02l")),
-    ("Daz Genesis", ("lshldrbend", "lthighbend")),
-    ("Daz Genesis", ("lupperarm", "lshin", "abdomen")),
-    ("ARKit", ("hipsjoint", "spine7joint")),
-    ("mocopi", ("torso7", "luparm")),
-    ("Second Life", ("mpelvis", "mtorso")),
-    ("OptiTrack", ("luarm", "lfarm")),
-    ("CMU", ("lfemur", "ltibia", "lhumerus")),
-    ("Roblox", ("humanoidrootpart", "lowertorso")),
-    ("Rokoko", ("leftthigh", "leftshin", "leftarm")),
-    ("Unity, VRM", ("leftupperleg", "leftlowerleg")),
-    ("Perception Neuron", ("leftinhandindex",)),
-    ("SMPL", ("lefthip", "leftknee", "leftcollar", "spine1")),
-    ("SMPL", ("lhip", "lknee", "lcollar", "spine1")),
-    ("Biovision", ("lefthip", "leftknee", "leftankle", "leftcollar")),
-    ("Biovision", ("leftcollar", "leftuparm", "leftlowarm")),
-    ("3-D pose lifter", ("lefthip", "leftknee", "leftankle", "leftelbow")),
-    ("Vicon, MotionBuilder", ("leftupleg", "leftleg", "leftforearm")),
-    ("MikuMikuDance", ("センター",)),
-)
-
-
-def family_of(names: Sequence[str]) -> str | None:
-    """Return the family of rigs with such joint names; None if unknown."""
-    plain = {re.sub(r"[\W_]", "", NAMESPACE.sub("", name).lower()) for name in names}
-    whole = {re.sub(r"[\W_]", "", name.lower()) for name in names}
-    for family, needed in _FAMILIES:
-        if all(_has(word, plain, whole) for word in needed):
-            return family
-    return None
-
-
-def _has(word: str, plain: set[str], whole: set[str]) -> bool:
-    if word.startswith("*"):
-        return sum(name.startswith(word[1:]) for name in whole) > 5
-    return word in plain
-
-
+_PERSON = (1.3, 2.3)  # m: height of a person
+_CHILD = 0.9  # m: height of a smaller person, allowed in metres, centimetres or millimetres
+_USUAL_HEIGHT = 1.70  # m: height given to a body of unknown unit
+_FLOOR_TOLERANCE = 0.10  # m: soles this close to zero are on the floor
 _UNIT_NAMES = {"m": "metres", "cm": "centimetres", "mm": "millimetres", "in": "inches", "ft": "feet"}
+_KNOWN_UNITS = {
+    "metres": 1.0,
+    "centimetres": 0.01,
+    "millimetres": 0.001,
+    "inches": 0.0254,
+    "units of 0.056444 m": 0.056444,
+}
+_CMU_TENTH = ("units of 0.0056444 m", 0.0056444)
+
+_LEG = 0.496  # of a standing adult's height: hip to ankle
+_PELVIS = (0.15, 0.62)  # of a person's height: range of the pelvis's height while sitting or standing
+_SOLE = {"ankle": 0.08, "foot": 0.02, "toe": 0.0}  # of a leg's length: height of each joint above the sole
+_EXTENDED = 0.8  # of legs and trunk stretched out: a body this long stands or lies
+_UPRIGHT, _CLEAR = 0.5, 0.7  # mean cosine between a body and an axis: enough to keep y, enough to take another
+_NEVER_UPRIGHT = 0.1  # mean cosine below which no axis is upward
+
+_AXES: tuple[UpAxis, ...] = ("y", "z", "x", "-y", "-z", "-x")  # the first of equal ones is taken
+
+_Places = Mapping[str, np.ndarray]  # (S, 3) of points of ours, by name, file units
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,10 +70,11 @@ class Rig:
     count: int  # joints of the figure
     used: int  # of them, the joints that are ours
     notes: tuple[str, ...] = ()
-    turn: np.ndarray = field(init=False, repr=False)  # (4,) our world ← the file's
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "turn", TURNS[self.up])
+    @property
+    def turn(self) -> np.ndarray:
+        """Rotation (4,) of our world ← the file's."""
+        return TURNS[self.up]
 
     @property
     def hub(self) -> str:
@@ -176,24 +143,28 @@ def recognise(figure: Figure, options: ReadingOptions = AS_FOUND) -> Rig:
             found = find_body(tree)
             points, penalty, remarks = found.points, found.penalty, found.remarks
         else:
-            points, penalty, remarks = read_joint_map(options.joints, figure), 0.0, ("joints as given",)
+            points, penalty, remarks = _mapped(options.joints, figure.points), 0.0, ("joints as given",)
     except BodysenseError as error:
-        raise BodysenseError(f"{figure.name}: {error}{_way_on(figure, options)}") from None
-    family = family_of(figure.points)
-    size = stature(tree, points)
+        way_on = (
+            "; if it is a body, say which joint is which: "
+            f"bodysense data joints {figure.name} -o joints.json, and --joints"
+        )
+        raise BodysenseError(f"{figure.name}: {error}{'' if options.joints else way_on}") from None
+    place = {name: tree.place[:, point] for name, point in points.items()}
+    family, size = family_of(figure.points), _stature(place)
     if not size > 0:
         raise BodysenseError(f"{figure.name}: its bones have no length; export it with its skeleton")
     if options.metres is None:
-        unit_name, unit = find_unit(size, family == "CMU")
+        unit_name, unit = _find_unit(size, family == "CMU")
     else:
         unit_name, unit = _UNIT_NAMES.get(str(options.unit), f"units of {options.metres:g} m"), options.metres
-    up, upright = find_up(tree, points) if options.up is None else (options.up, 1.0)
-    if upright < 0.1:
+    up, upright = _find_up(place, size) if options.up is None else (options.up, 1.0)
+    if upright < _NEVER_UPRIGHT:
         raise BodysenseError(
             f"{figure.name}: it never stands upright, so that no upward axis was found; say which, as --up y or --up z"
         )
-    sole = find_floor(tree, points, up) * unit
-    lift = -options.floor if options.floor is not None else 0.0 if abs(sole) <= FLOOR_TOLERANCE else -sole
+    sole = _find_floor(place, size, up) * unit
+    lift = -options.floor if options.floor is not None else 0.0 if abs(sole) <= _FLOOR_TOLERANCE else -sole
     return Rig(
         family=family or "unnamed rig",
         joints={name: figure.points[point] for name, point in points.items()},
@@ -210,10 +181,121 @@ def recognise(figure: Figure, options: ReadingOptions = AS_FOUND) -> Rig:
     )
 
 
-def _way_on(figure: Figure, options: ReadingOptions) -> str:
-    """Return the advice for an unrecognised body without a joint map."""
-    if options.joints is not None:
-        return ""
-    return (
-        f"; if it is a body, say which joint is which: bodysense data joints {figure.name} -o joints.json, and --joints"
+# --- joint maps ---
+
+
+def joint_map(path: Path) -> dict[str, str]:
+    """Return a joint map, {name in the file: ours}, without omitted joints. Raises BodysenseError for other files."""
+    try:
+        table = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise BodysenseError(f"--joints {path}: cannot be read ({error.strerror})") from None
+    except ValueError as error:
+        raise BodysenseError(f"--joints {path}: not JSON ({error}); draft it with bodysense data joints") from None
+    if not isinstance(table, dict) or not all(isinstance(ours, str) for ours in table.values()):
+        raise BodysenseError(f'--joints {path}: must be one object of names, {{"name in the file": "our name"}}')
+    return {given: ours for given, ours in table.items() if ours}
+
+
+def _mapped(path: Path, points: Sequence[str]) -> dict[str, int]:
+    """Return the points that a joint map names, {ours: index}. Raises BodysenseError if it does not fit them."""
+    index, known = {name: point for point, name in enumerate(points)}, default_skeleton().points
+    found: dict[str, int] = {}
+    for given, ours in joint_map(path).items():
+        if given not in index:
+            raise BodysenseError(f"--joints {path}: the file has no joint {given!r}{_near(given, points)}")
+        if ours not in known:
+            raise BodysenseError(f"--joints {path}: no joint of ours is {ours!r}{_near(ours, known)}")
+        if ours in found:
+            raise BodysenseError(f"--joints {path}: {ours!r} stands twice; each joint of ours is one of the file's")
+        found[ours] = index[given]
+    halves = [half for half in (ARMS, LEGS) if found.keys() & set(half)] or [ARMS, LEGS]
+    if missing := [name for name in ("pelvis", *(name for half in halves for name in half)) if name not in found]:
+        raise BodysenseError(
+            f"--joints {path}: it names no {', '.join(missing[:4])}; a body needs a pelvis, and all {len(ARMS)} joints "
+            f"of its arms, all {len(LEGS)} of its legs, or both"
+        )
+    return found
+
+
+def _near(name: str, names: Sequence[str]) -> str:
+    """Return the nearest known names, for a message."""
+    near = difflib.get_close_matches(name, names, n=3, cutoff=0.5)
+    return f"; near are {', '.join(near)}" if near else ""
+
+
+def joint_map_text(points: Sequence[str], joints: Mapping[str, str]) -> str:
+    """Return the draft of a joint map: every point of a file, with our name for it or ''; `joints` is {ours: given}."""
+    ours = {given: name for name, given in joints.items()}
+    return json.dumps({name: ours.get(name, "") for name in points}, indent=1, ensure_ascii=False) + "\n"
+
+
+# --- units, upward axis and floor ---
+
+
+def _stature(place: _Places) -> float:
+    """Return the height of a body, sole to crown, in file units, from its legs and trunk, or arms and trunk."""
+    body = default_skeleton()
+    rest = body.path @ body.rest_offset
+    usual = {name: rest[None, body.index(name)] for name in place if name in body.points}
+    limb = ("hip", "knee", "ankle") if "left_hip" in place else ("shoulder", "elbow", "wrist")
+    found, default = (
+        sum(_bone(one, f"{side}_{a}", f"{side}_{b}") for side in ("left", "right") for a, b in pairwise(limb)) / 2
+        + usual_length(_trunk(one))
+        for one in (place, usual)
     )
+    return body.height * found / default
+
+
+def _bone(place: _Places, start: str, end: str) -> float:
+    return usual_length(place[start] - place[end])
+
+
+def _middle(place: _Places, part: str) -> np.ndarray:
+    """Return the midpoint (S, 3) of left and right; the pelvis of a body that lacks the part."""
+    return (place[f"left_{part}"] + place[f"right_{part}"]) / 2 if f"left_{part}" in place else place["pelvis"]
+
+
+def _trunk(place: _Places) -> np.ndarray:
+    """Return the vector (S, 3) from hips to shoulders, or to or from the pelvis of half a body."""
+    return _middle(place, "shoulder") - _middle(place, "hip")
+
+
+def _find_unit(height: float, is_cmu: bool) -> tuple[str, float]:
+    """Return name and metres of the unit in which a body measures `height`."""
+    low, high = _PERSON
+    for name, metres in [*_KNOWN_UNITS.items(), *([_CMU_TENTH] if is_cmu else [])]:
+        if low <= height * metres <= high:
+            return name, metres
+    for name in ("metres", "centimetres", "millimetres"):
+        if _CHILD <= height * _KNOWN_UNITS[name] < low:
+            return name, _KNOWN_UNITS[name]
+    return "", _USUAL_HEIGHT / height
+
+
+def _find_up(place: _Places, size: float) -> tuple[UpAxis, float]:
+    """Return the axis along which the body stands, and the mean cosine between both; y if it stands along no axis."""
+    trunk = ways = _trunk(place)
+    if "left_hip" in place:
+        whole = _middle(place, "shoulder") - _middle(place, "ankle")
+        extended = np.linalg.norm(whole, axis=-1) > _EXTENDED * (usual_length(trunk) + 0.85 * size * _LEG)
+        ways = whole[extended] if extended.any() else trunk + whole
+    ways = ways / np.maximum(np.linalg.norm(ways, axis=-1, keepdims=True), 1e-9)
+    score: dict[UpAxis, float] = {axis: float(quaternion_rotate(TURNS[axis], ways)[:, 1].mean()) for axis in _AXES}
+    best = max(score, key=lambda axis: score[axis])
+    return ("y", score["y"]) if score["y"] >= _UPRIGHT or score[best] < _CLEAR else (best, score[best])
+
+
+def _find_floor(place: _Places, size: float, up: UpAxis) -> float:
+    """Return the lowest height of the soles along the upward axis, file units.
+
+    Without legs it is 0 if the pelvis is at the height of a standing or sitting one, else inferred from the pelvis.
+    """
+    height = {name: quaternion_rotate(TURNS[up], at)[:, 1] for name, at in place.items()}
+    if "left_hip" not in place:
+        pelvis = float(np.median(height["pelvis"]))
+        body, (low, high) = default_skeleton(), _PELVIS
+        return 0.0 if low * size < pelvis < high * size else pelvis - size * body.rest_offset[0, 1] / body.height
+    leg = _bone(place, "left_hip", "left_knee") + _bone(place, "left_knee", "left_ankle")
+    soles = [height[name] - _SOLE[part] * leg for name in place if (part := name.partition("_")[2]) in _SOLE]
+    return float(np.percentile(np.min(soles, axis=0), 5))

@@ -20,14 +20,12 @@ from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.errors import BodysenseError
 from bodysense.io.bvh_text import BvhFile, parse_bvh
 from bodysense.io.clip import Clip, at_height
-from bodysense.io.rigs import words
 from bodysense.io.rigs.body import find_body
 from bodysense.io.rigs.canonical import canonical
 from bodysense.io.rigs.figure import Figure, measured
-from bodysense.io.rigs.named import ARMS, LEGS, table_of
-from bodysense.io.rigs.names import joints_of
+from bodysense.io.rigs.names import ARMS, LEGS, is_end, joints_of, parts, side_of
 from bodysense.io.rigs.options import AS_FOUND, ReadingOptions
-from bodysense.io.rigs.rig import Rig, recognise
+from bodysense.io.rigs.rig import Rig, joint_map, recognise
 
 BONES = (("shoulder", "elbow"), ("elbow", "wrist"), ("hip", "knee"), ("knee", "ankle"))
 
@@ -35,7 +33,7 @@ BONES = (("shoulder", "elbow"), ("elbow", "wrist"), ("hip", "knee"), ("knee", "a
 def hung(figures: list[Figure], options: ReadingOptions) -> list[Figure]:
     """Return the figures of a file; a flat tree becomes a body with unchanged joint positions and rotations."""
     names = [name for figure in figures for name in figure.joints]
-    given = table_of(options.joints) if options.joints is not None else joints_of(names)
+    given = joint_map(options.joints) if options.joints is not None else joints_of(names)
     ours = {of: name for name, of in given.items() if name in names}
     if not {"pelvis", *ARMS, *LEGS} <= ours.keys() or any(_hangs(figure, ours) for figure in figures):
         return figures
@@ -68,7 +66,7 @@ def hung(figures: list[Figure], options: ReadingOptions) -> list[Figure]:
 
 def _is_trunk(name: str) -> bool:
     """Whether a name means a joint between pelvis and head."""
-    return bool(words.parts(name) & {"spine", "neck"}) and not words.side_of(name) and not words.is_end(name)
+    return bool(parts(name) & {"spine", "neck"}) and not side_of(name) and not is_end(name)
 
 
 def _in_world(figures: list[Figure], names: list[str]) -> dict[str, tuple[np.ndarray, np.ndarray, int]]:
@@ -96,7 +94,7 @@ def _parents(ours: Mapping[str, str], trunk: list[str]) -> dict[str, str | None]
     below = ours["pelvis"]
     for name in trunk:
         parents[name], below = below, name
-    chest = next((name for name in reversed(trunk) if "neck" not in words.parts(name)), ours["pelvis"])
+    chest = next((name for name in reversed(trunk) if "neck" not in parts(name)), ours["pelvis"])
     for name in (name for name in body.points if name in ours and ours[name] not in parents):
         above = body.parents[body.index(name)]
         while body.points[above] not in ours:
