@@ -168,7 +168,7 @@ def test_two_processes_share_trainings(commands: list[str], recorded: Path, tmp_
 @pytest.mark.slow
 def test_two_nodes_share_a_training(recorded: Path, tmp_path: Path) -> None:
     """The loop's work, which all tasks have in common."""
-    words = ["-m", "bodysense", *asked("upper-body", recorded, tmp_path, 2), "--nodes", "2"]
+    words = ["-m", "bodysense", *asked("completion-fingers", recorded, tmp_path, 2), "--nodes", "2"]
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         port = str(probe.getsockname()[1])
@@ -176,7 +176,7 @@ def test_two_nodes_share_a_training(recorded: Path, tmp_path: Path) -> None:
     started = [distributed(tmp_path, *meeting, "--node-rank", str(rank), *words) for rank in range(2)]
     said = [process.communicate(timeout=600)[0] for process in started]
     assert [process.returncode for process in started] == [0, 0], said
-    written, log, _ = COMMANDS["upper-body"]
+    written, log, _ = COMMANDS["completion-fingers"]
     assert (tmp_path / written).is_file()
     check_log(tmp_path / log, "2 processes")
 
