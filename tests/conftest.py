@@ -6,10 +6,12 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import cache
 from importlib.metadata import entry_points
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,9 +20,10 @@ from hypothesis import HealthCheck, settings
 from xdist.remote import Producer
 from xdist.scheduler import LoadScopeScheduling
 
+from bodysense.body.hand import hand_skeleton
 from bodysense.body.pose import Pose, standing_pose
 from bodysense.body.rotation import quaternion_canonical, quaternion_exp, quaternion_multiply
-from bodysense.body.skeleton import default_skeleton
+from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.cli import main, packages
 from bodysense.completion.model import CompletionModel, packaged_model
 from bodysense.devices.simulated.glove import observe
@@ -114,6 +117,12 @@ def waving_clip() -> Clip:
         rotation[:, place] = quaternion_multiply(rotation[:, place], turn)
     root = standing.root_position + 0.05 * np.stack([np.sin(time), 0.2 * np.sin(3 * time), np.cos(time)], axis=-1)
     return Clip("waving", Pose(skeleton, root, rotation), 30.0)
+
+
+@pytest.fixture(scope="session")
+def hand() -> Skeleton:
+    """The left hand of the default body."""
+    return hand_skeleton(default_skeleton(), "left")
 
 
 @pytest.fixture(scope="session")
@@ -229,6 +238,21 @@ def small_arms(exported_once: ExportedOnce, small_arms_weights: Path) -> Path:
         write_arms_onnx(network.eval(), path, card)
 
     return exported_once("arms/arms.onnx", write)
+
+
+@pytest.fixture
+def short_training(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Train without what takes long and tests of trainings by two processes do: other processes, and exports.
+
+    What the others would do is done in a thread. A word is written in place of each .onnx file.
+    """
+
+    def export(*given: Any, **options: Any) -> None:
+        next(one for one in given if isinstance(one, Path)).write_bytes(b"trained")
+
+    for module in ("unoc.export", "hmd_vae.export", "pahmt.export", "two_hands.train"):
+        monkeypatch.setattr(f"bodysense_lab.{module}.export", export)
+    monkeypatch.setattr("bodysense_lab.spread.ProcessPoolExecutor", lambda *given, **options: ThreadPoolExecutor(1))
 
 
 @pytest.fixture(scope="session")

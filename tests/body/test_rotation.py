@@ -1,4 +1,4 @@
-"""Rotations: group axioms, SciPy and RoMa as oracles, NumPy = PyTorch, gradients."""
+"""Rotations: group axioms, SciPy and NumPy as oracles, NumPy = PyTorch, gradients."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-import roma
 import torch
 from scipy.spatial.transform import Rotation, Slerp
 
@@ -77,7 +76,6 @@ def test_matrices_are_scipys() -> None:
     np.testing.assert_allclose(m, scipy_rotation(q).as_matrix(), atol=1e-12)
     assert_same_rotation(r.matrix_to_quaternion(m), q)
     assert (r.matrix_to_quaternion(m)[:, 0] >= 0).all()
-    np.testing.assert_allclose(m, roma.unitquat_to_rotmat(torch.tensor(q[:, [1, 2, 3, 0]])).numpy(), atol=1e-12)
 
 
 @pytest.mark.parametrize("short_of", [0.0, 1e-12, 1e-9, 1e-6, 1e-3])
@@ -119,8 +117,9 @@ def test_sixd_round_trip_and_gram_schmidt() -> None:
     found = r.sixd_to_matrix(raw)
     np.testing.assert_allclose(found @ found.swapaxes(-1, -2), np.broadcast_to(np.eye(3), found.shape), atol=1e-10)
     np.testing.assert_allclose(np.linalg.det(found), 1, atol=1e-10)
-    columns = torch.tensor(raw.reshape(-1, 2, 3).swapaxes(1, 2).copy())
-    np.testing.assert_allclose(found, roma.special_gramschmidt(columns).numpy(), atol=1e-10)
+    columns, triangle = np.linalg.qr(raw.reshape(-1, 2, 3).swapaxes(1, 2))  # of any sign
+    columns = columns * np.sign(np.linalg.diagonal(triangle))[:, None]
+    np.testing.assert_allclose(found[..., :2], columns, atol=1e-10)
 
 
 @pytest.mark.parametrize("order", ORDERS)

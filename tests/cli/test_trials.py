@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import shlex
 import socket
 import subprocess
 import sys
@@ -46,6 +47,17 @@ COMMANDS = {
     "arms-table": ("nets/cnn.pt", "nets/cnn.jsonl", "--networks cnn --width 32 --batch 8"),
     "gloves": ("nets/glove_joints.onnx", "nets/glove_joints.jsonl", ""),
 }
+TRAINED = sorted(set(COMMANDS) - {"completion"})  # which rounds weights for minutes afterwards
+
+# A process that runs commands one after the other.
+ONE_BY_ONE = """
+import shlex, sys
+from bodysense.cli import main
+if __name__ == "__main__":
+    for command in sys.argv[1:]:
+        if main(shlex.split(command)):
+            sys.exit(command)
+"""
 
 
 @pytest.fixture(scope="module")
@@ -110,7 +122,8 @@ def test_a_trial_reads_as_many_clips_as_it_is_limited_to(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("command", sorted(set(COMMANDS) - {"completion"}))
+@pytest.mark.parametrize("command", TRAINED)
+@pytest.mark.usefixtures("short_training")
 def test_a_trial_names_its_machine_first(
     command: str, recorded: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -135,38 +148,48 @@ def test_a_trial_names_its_machine_first(
     assert re.search(r"step 0/2, \d+ s · cpu, (float32|bfloat16) layers, 1 process", first), said
 
 
-# Two nodes are the loop's work, which all tasks have in common. `completion` rounds weights for minutes afterwards.
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("command", "share"),
-    [("upper-body", "--nodes 2"), *((command, "--devices 2") for command in sorted(set(COMMANDS) - {"completion"}))],
-)
-def test_two_processes_share_a_training(command: str, share: str, recorded: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize("commands", [TRAINED[:5], TRAINED[5:]], ids=" ".join)
+def test_two_processes_share_trainings(commands: list[str], recorded: Path, tmp_path: Path) -> None:
+    """They train one network after the other, and end at the first that fails."""
+    (tmp_path / "commands.py").write_text(ONE_BY_ONE)
+    for command in commands:
+        (tmp_path / command).mkdir()
+    lines = [shlex.join([*asked(command, recorded, tmp_path / command, 2), "--devices", "2"]) for command in commands]
+    with distributed(tmp_path, "--standalone", "--nproc-per-node", "2", str(tmp_path / "commands.py"), *lines) as both:
+        said = both.communicate(timeout=600)[0]
+    assert both.returncode == 0, said
+    for command in commands:
+        written, log, _ = COMMANDS[command]
+        assert (tmp_path / command / written).is_file(), said
+        check_log(tmp_path / command / log, "2 processes")
+
+
+@pytest.mark.slow
+def test_two_nodes_share_a_training(recorded: Path, tmp_path: Path) -> None:
+    """The loop's work, which all tasks have in common."""
+    words = ["-m", "bodysense", *asked("completion-fingers", recorded, tmp_path, 2), "--nodes", "2"]
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
-    nodes = share == "--nodes 2"
-    started = [
-        subprocess.Popen(
-            [
-                *(sys.executable, "-m", "torch.distributed.run", "--nproc-per-node", "1" if nodes else "2"),
-                *(("--nnodes", "2", "--node-rank", str(rank)) if nodes else ()),
-                *("--master-addr", "127.0.0.1", "--master-port", str(port), "-m", "bodysense"),
-                *asked(command, recorded, tmp_path, 2),
-                *share.split(),
-            ],
-            env={**os.environ, "OMP_NUM_THREADS": "1", "XDG_CACHE_HOME": str(tmp_path / "cache")},
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-        )
-        for rank in range(2 if nodes else 1)
-    ]
+        port = str(probe.getsockname()[1])
+    meeting = ("--nnodes", "2", "--nproc-per-node", "1", "--master-addr", "127.0.0.1", "--master-port", port)
+    started = [distributed(tmp_path, *meeting, "--node-rank", str(rank), *words) for rank in range(2)]
     said = [process.communicate(timeout=600)[0] for process in started]
-    assert [process.returncode for process in started] == [0] * len(started), said
-    written, log, _ = COMMANDS[command]
+    assert [process.returncode for process in started] == [0, 0], said
+    written, log, _ = COMMANDS["completion-fingers"]
     assert (tmp_path / written).is_file()
     check_log(tmp_path / log, "2 processes")
+
+
+def distributed(folder: Path, *words: str) -> subprocess.Popen[str]:
+    """Start PyTorch's launcher with some words; caches are in a folder."""
+    return subprocess.Popen(
+        [sys.executable, "-m", "torch.distributed.run", *words],
+        env={**os.environ, "OMP_NUM_THREADS": "1", "XDG_CACHE_HOME": str(folder / "cache")},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    )
 
 
 def check_log(path: Path, processes: str) -> None:

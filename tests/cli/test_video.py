@@ -2,6 +2,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from importlib.resources import files
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ from bodysense.io.bvh import read_bvh
 from bodysense.io.clip import Clip
 
 av = pytest.importorskip("av")
-pytest.importorskip("mediapipe")
+pytestmark = pytest.mark.skipif(find_spec("mediapipe") is None, reason="needs mediapipe, of the extra video")
 
 
 def write(path: Path, pictures: np.ndarray, rate: int = 15) -> Path:

@@ -14,6 +14,8 @@ from bodysense.io.clip import Clip
 from bodysense.observation import Observation, check_observation
 from bodysense_lab.datasets import DataSet
 
+from ..conftest import ExportedOnce
+
 Seen = Mapping[str, Sequence[float]]
 MakeObservation = Callable[..., Observation]
 
@@ -42,6 +44,20 @@ def make_observation() -> MakeObservation:
         )
 
     return make
+
+
+@pytest.fixture(scope="session")
+def untrained_gloves(exported_once: ExportedOnce) -> Path:
+    """A folder with both networks of gloves, small and never trained."""
+    import torch
+
+    from bodysense_lab.two_hands.network import JointNetwork, JointNetworkConfig, MarkerNetwork, MarkerNetworkConfig
+    from bodysense_lab.two_hands.train import write_glove_network
+
+    torch.manual_seed(0)
+    markers, joints = MarkerNetwork(MarkerNetworkConfig((16,))), JointNetwork(JointNetworkConfig((16,)))
+    exported_once("gloves/glove_markers.onnx", lambda path: write_glove_network(markers, path, {}))
+    return exported_once("gloves/glove_joints.onnx", lambda path: write_glove_network(joints, path, {})).parent
 
 
 @pytest.fixture

@@ -22,16 +22,10 @@ from bodysense_live.settings import ServerSettings
 from bodysense_live.vmc import VmcTrackers
 from bodysense_live.worn_trackers import read_trackers
 
-from .conftest import Serving
-from .test_datagrams import free_port
+from .conftest import Serving, free_port
+from .test_worn_trackers import STRAPPED
 
 SKELETON = default_skeleton()
-# Where trackers are strapped, in their joints' axes, m and turned by so many rad: 8 to 14 cm off.
-STRAPPED = {
-    "pelvis": ((0.03, 0.05, 0.10), (0.0, 0.4, 0.0)),
-    "left_ankle": ((0.02, 0.05, 0.09), (0.6, 0.2, 0.0)),
-    "right_ankle": ((-0.02, 0.05, 0.07), (0.0, -0.7, 0.1)),
-}
 
 
 def devices(anonymous: bool) -> list[bytes]:

@@ -69,7 +69,9 @@ def test_a_udp_port_in_use(refused: Refused) -> None:
             "--vrchat-trackers hips: 'hips' is not a tracker of VRChat; give a list of hip",
         ),
         (("--smoothing", "nan"), "--smoothing nan: give seconds, 0 to 0.5"),
-        (("--vmt", "--vmt-first", 60), "give 0 to 48"),
+        (("--vmt", "--vmt-host", "no.such.host.invalid"), "--vmt-host no.such.host.invalid"),
+        (("--vmt", "--vmt-first", -1), "give 0 to 48"),
+        (("--vmt", "--vmt-first", 49), "give 0 to 48"),
     ],
 )
 def test_what_cannot_be_served(refused: Refused, arguments: tuple[object, ...], said: str) -> None:

@@ -14,7 +14,7 @@ from bodysense.body.glove_set import standard_set
 from bodysense.body.hand import hand_skeleton
 from bodysense.body.pose import Pose
 from bodysense.body.skeleton import default_skeleton
-from bodysense.io.osc import bundled, message_bytes, read_packet
+from bodysense.io.osc import bundled, message_bytes
 from bodysense.io.protocol import SignalFrame
 from bodysense_live.datagrams import MarkerInput, Receiver
 from bodysense_live.links import DeviceInput
@@ -23,13 +23,7 @@ from bodysense_live.settings import ServerSettings
 from bodysense_live.tracked_devices import SIGNALS
 from bodysense_live.vmc import VmcTrackers
 
-from .conftest import Connecting, Serving, signal
-
-
-def free_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as found:
-        found.bind(("127.0.0.1", 0))
-        return found.getsockname()[1]
+from .conftest import Connecting, Serving, free_port, signal
 
 
 def test_poses_go_to_an_avatar(server_of: Serving, connect: Connecting) -> None:
@@ -102,11 +96,6 @@ def test_a_flood_is_not_looked_at(kind: str) -> None:
     }
     assert sum(dropped.values()) == 10_000
     assert dropped["malformed packet"] < 8_000  # a burst, and what comes while it is looked at
-
-
-def test_the_reader_of_packets_is_ours() -> None:
-    """python-osc does not come back from some packets."""
-    assert not isinstance(read_packet(b"#bundle\x00" + bytes(8) + b"\xff\xff\xff\xff"), tuple)
 
 
 def test_hostile_packets_are_counted(server_of: Serving, connect: Connecting) -> None:

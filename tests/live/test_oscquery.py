@@ -204,11 +204,6 @@ def test_what_is_no_http_is_answered_or_closed(server_of: Serving, vrchat: Vrcha
             assert client.recv(100).startswith(b"HTTP/1.1 400")
 
 
-def test_a_host_that_is_none() -> None:
-    with pytest.raises(BodysenseError, match=r"--vrchat-host no\.such\.host\.invalid"):
-        VrchatLink(VrchatSettings("no.such.host.invalid"), Metrics(), VrchatReader(), VRCHAT_POINTS)
-
-
 def test_without_zeroconf_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "zeroconf", None)
     with pytest.raises(BodysenseError, match="needs the package zeroconf"):

@@ -33,8 +33,7 @@ from bodysense_live.settings import ServerSettings
 from bodysense_live.slimevr import MOST_TRACKERS, SlimevrState, Taken, heartbeat, take
 from bodysense_live.slimevr_link import SlimevrSettings
 
-from .conftest import Connecting, Serving
-from .test_datagrams import free_port
+from .conftest import Connecting, Serving, free_port
 
 SKELETON = default_skeleton()
 HERE = ("127.0.0.1", 50000)

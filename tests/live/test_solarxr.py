@@ -30,7 +30,7 @@ from bodysense_live.solarxr_link import INPUT, RPC, SolarxrLink, SolarxrSettings
 from bodysense_live.tracked_devices import SIGNALS
 from bodysense_live.webxr import between_eyes
 
-from .conftest import Connecting, Serving
+from .conftest import Connecting, Serving, free_port
 
 SKELETON = default_skeleton()
 EYES = between_eyes(SKELETON)
@@ -235,11 +235,6 @@ def test_a_runtime_gets_a_body(server_of: Serving, folder: Path, connect: Connec
         while time.monotonic() < until and update(runtime.heard()).rows(1)[0].value(2, "B") != 1:
             pass  # the headset was taken off
         assert time.monotonic() < until
-
-
-def free_port() -> int:
-    with socket.create_server(("127.0.0.1", 0)) as found:
-        return found.getsockname()[1]
 
 
 def test_slimevrs_programs_get_the_same_body_by_a_websocket(server_of: Serving, folder: Path) -> None:

@@ -23,6 +23,7 @@ from bodysense.io.gltf.motion import read_gltf
 pytestmark = pytest.mark.slow
 
 Scenario = Callable[..., dict[str, Any]]
+SOON = 10  # s until somebody moves, on a busy machine without a graphics card; docs/page.md: 2 s
 
 
 def picture_of(path: Path) -> np.ndarray:
@@ -49,8 +50,10 @@ def test_a_visit_fetches_little(used: Used, record_property: Record) -> None:
 
 
 def test_a_person_moves_soon(scenario: Scenario, site: Path, tmp_path: Path) -> None:
-    first = min((scenario("first", site, tmp_path / "first.png") for _ in range(2)), key=lambda facts: facts["moving"])
-    assert first["words"] < first["moving"] < 10  # s, on a busy machine without a graphics card; docs/page.md: 2 s
+    first = scenario("first", site, tmp_path / "first.png")
+    if first["moving"] >= SOON:
+        first = scenario("first", site, tmp_path / "first.png")
+    assert first["words"] < first["moving"] < SOON
     assert not set(first["before"]) & {"avatar.js", "avatar.vrm.gz"}
     assert picture_of(tmp_path / "first.png")[:, 560:720].std() > 20  # somebody is there
 

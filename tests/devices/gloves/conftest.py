@@ -8,18 +8,13 @@ import numpy as np
 import pytest
 
 from bodysense.body.glove import default_glove, glove_points, marker_positions, side_of
-from bodysense.body.hand import hand_skeleton, mirrored_vectors
-from bodysense.body.skeleton import Skeleton, default_skeleton
+from bodysense.body.hand import mirrored_vectors
+from bodysense.body.skeleton import Skeleton
 from bodysense.devices.gloves.hands import GloveModels
 from bodysense.observation import Observation, accuracy_like, check_observation
 from bodysense_lab.synthesis.hands import HandMotion, synthesize_hand
 
 MakeGloves = Callable[..., Observation]
-
-
-@pytest.fixture(scope="session")
-def hand() -> Skeleton:
-    return hand_skeleton(default_skeleton(), "left")
 
 
 @pytest.fixture(scope="session")

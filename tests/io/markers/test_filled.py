@@ -52,11 +52,11 @@ def holed(truth: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     return gapped | {"ball": np.cumsum(np.random.default_rng(1).normal(0, 60, (90, 3)), axis=0) + 900}
 
 
-def cells(row: list[np.ndarray], missing: str) -> list[str]:
-    return [missing if np.isnan(value) else f"{value:.3f}" for place in row for value in place]
+def cells(row: list[np.ndarray]) -> list[str]:
+    return ["" if np.isnan(value) else f"{value:.3f}" for place in row for value in place]
 
 
-def trc(markers: dict[str, np.ndarray], missing: str = "", ending: str = "\r\n") -> bytes:
+def trc(markers: dict[str, np.ndarray]) -> bytes:
     names, frames = list(markers), len(next(iter(markers.values())))
     lines = ["PathFileType\t4\t(X/Y/Z)\twalk.trc"]
     lines.append("DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\tOrigDataRate\tOrigDataStartFrame\tOrigNumFrames")
@@ -64,24 +64,8 @@ def trc(markers: dict[str, np.ndarray], missing: str = "", ending: str = "\r\n")
     lines.append("Frame#\tTime\t" + "\t\t\t".join(names) + "\t\t")
     lines += ["\t\t" + "\t".join(f"{axis}{k + 1}" for k in range(len(names)) for axis in "XYZ"), ""]
     for t in range(frames):
-        lines.append("\t".join([str(t + 1), f"{t / RATE:.5f}", *cells([at[t] for at in markers.values()], missing)]))
-    return (ending.join(lines) + ending).encode()
-
-
-def tsv(markers: dict[str, np.ndarray]) -> bytes:
-    frames = len(next(iter(markers.values())))
-    lines = [f"NO_OF_FRAMES\t{frames}", f"NO_OF_MARKERS\t{len(markers)}", f"FREQUENCY\t{RATE:g}", "DATA_INCLUDED\t3D"]
-    lines.append("MARKER_NAMES\t" + "\t".join(markers))
-    lines += ["\t".join(cells([at[t] for at in markers.values()], "0.000")) for t in range(frames)]
-    return ("\n".join(lines) + "\n").encode()
-
-
-def nexus(markers: dict[str, np.ndarray]) -> bytes:
-    frames = len(next(iter(markers.values())))
-    lines = ["Trajectories", f"{RATE:g}", ",," + ",,,".join(f'"Anna:{name}"' for name in markers) + ",,"]
-    lines += ["Frame,Sub Frame," + ",".join(["X,Y,Z"] * len(markers)), ",," + ",".join(["mm"] * 3 * len(markers))]
-    lines += [",".join([str(t + 1), "0", *cells([at[t] for at in markers.values()], "")]) for t in range(frames)]
-    return ("\ufeff" + "\n".join([*lines, "", "Events", "30", "Subject,Context,Name"]) + "\n").encode()
+        lines.append("\t".join([str(t + 1), f"{t / RATE:.5f}", *cells([at[t] for at in markers.values()])]))
+    return ("\r\n".join(lines) + "\r\n").encode()
 
 
 def motive(markers: dict[str, np.ndarray]) -> bytes:
@@ -95,7 +79,7 @@ def motive(markers: dict[str, np.ndarray]) -> bytes:
         "Frame,Time (Seconds)" + ",X,Y,Z" * (len(markers) + 1),
     ]
     for t in range(frames):
-        rows = cells([at[t] for at in markers.values()], "")
+        rows = cells([at[t] for at in markers.values()])
         lines.append(",".join([str(t), f"{t / RATE:.6f}", *(["", "", ""] if t == 3 else ["1", "2", "3"]), *rows]))
     return ("\r\n".join(lines) + "\r\n").encode()
 
@@ -115,19 +99,9 @@ def plain(markers: dict[str, np.ndarray]) -> bytes:
 
 TEXTS: dict[str, tuple[str, Callable[[dict[str, np.ndarray]], bytes]]] = {
     "TRC": ("a.trc", trc),
-    "TRC, nan": ("a.trc", lambda markers: trc(markers, "nan", "\n")),
-    "TRC, zeros": ("a.trc", lambda markers: trc(markers, "0.0")),
-    "TSV": ("a.tsv", tsv),
-    "Nexus": ("a.csv", nexus),
     "Motive": ("a.csv", motive),
     "CSV": ("a.csv", plain),
 }
-
-
-def tables(old: bytes, new: bytes) -> tuple[list[list[str]], list[list[str]]]:
-    """Two texts as tables, by Python's own reader."""
-    delimiter = "\t" if b"\t" in old else ","
-    return tuple(list(csv.reader(text.decode("utf-8").splitlines(), delimiter=delimiter)) for text in (old, new))  # type: ignore[return-value]
 
 
 @pytest.mark.parametrize("layout", TEXTS)
@@ -143,7 +117,8 @@ def test_cells_of_filled_markers_change_and_nothing_else(
     number = np.arange(raw.position.size).reshape(raw.position.shape) / 7
     write_filled(tmp_path / name, tmp_path / f"out{Path(name).suffix}", raw, number, filled)
     new = (tmp_path / f"out{Path(name).suffix}").read_bytes()
-    before, after = tables(old, new)
+    delimiter = "\t" if b"\t" in old else ","  # both texts as tables, by Python's own reader
+    before, after = (list(csv.reader(text.decode().splitlines(), delimiter=delimiter)) for text in (old, new))
     assert [len(row) for row in before] == [len(row) for row in after]
     flags = 4 if layout == "CSV" else 3
     changed = sum(a != b for one, other in zip(before, after, strict=True) for a, b in zip(one, other, strict=True))
@@ -234,7 +209,6 @@ def split_at(delimiter: str, line: str) -> list[str]:
     return re.findall(rf'(?:^|{delimiter})("[^"]*"|[^{delimiter}]*)', line)
 
 
-@pytest.mark.slow
 @given(file=written(), data=st.data())
 def test_every_byte_outside_filled_cells_stays(
     tmp_path_factory: pytest.TempPathFactory, file: Written, data: st.DataObject
@@ -338,7 +312,7 @@ def test_a_c3d_file_comes_back(tmp_path: Path, truth: dict[str, np.ndarray], hol
 
 
 @pytest.mark.parametrize(("processor", "mark"), [(84, "<"), (86, ">"), (85, "<")])
-def test_numbers_of_every_processor_are_written(tmp_path: Path, processor: int, mark: str) -> None:
+def test_numbers_of_every_processor_are_read_and_written(tmp_path: Path, processor: int, mark: str) -> None:
     """Whole numbers of Intel's and MIPS's, reals of DEC's."""
     real = processor == 85
     head = struct.pack(f"{mark}BBHHHHHfHHf", 2, 0x50, 1, 0, 1, 2, 0, 0.5, 3, 0, 50.0)
@@ -352,7 +326,8 @@ def test_numbers_of_every_processor_are_written(tmp_path: Path, processor: int, 
     (tmp_path / "a.c3d").write_bytes(head.ljust(512, b"\0") + parameters + body + b"rest")
     raw = read_raw(tmp_path / "a.c3d")
     filled = np.isnan(raw.position[..., 0])
-    assert filled.tolist() == [[False], [True]]
+    np.testing.assert_array_equal(raw.position[0], [[10, -20, 30] if real else [5, -10, 15]])
+    assert filled.tolist() == [[False], [True]] and raw.frame_rate == 50 and raw.names == ("unlabelled 1",)
     write_filled(tmp_path / "a.c3d", tmp_path / "b.c3d", raw, np.full((2, 1, 3), [7.5, -4.0, 0.5]), filled)
     again = read_raw(tmp_path / "b.c3d")
     np.testing.assert_array_equal(again.position[0], raw.position[0])

@@ -13,7 +13,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from bodysense.errors import BodysenseError
-from bodysense.io.markers.c3d import from_dec, read_c3d, write_c3d
+from bodysense.io.markers.c3d import read_c3d, write_c3d
 from bodysense.io.markers.files import read_raw
 from bodysense.io.markers.raw_markers import points_alone
 from bodysense.io.markers.recording import read_markers
@@ -213,27 +213,6 @@ def test_c3d_is_what_ezc3d_writes_and_reads(tmp_path: Path) -> None:
     assert raw.names == ("LASI", "RASI")  # what a model computed is no marker
     assert np.isnan(raw.position[2, 1]).all()
     np.testing.assert_allclose(raw.position[[0, 1, 3], :2], PLACE[[0, 1, 3], :2], rtol=1e-6)
-
-
-def test_reals_of_dec() -> None:
-    """1, -2 and 0.5 as VAX F_floating has them."""
-    raw = np.array([[0x80, 0x40, 0, 0, 0x00, 0xC1, 0, 0, 0x00, 0x40, 0, 0]], dtype="u1")
-    np.testing.assert_array_equal(from_dec(raw), [[1.0, -2.0, 0.5]])
-
-
-def test_whole_numbers_and_motorola_order(tmp_path: Path) -> None:
-    """A file of 16-bit numbers is a scale times them, in either order of bytes."""
-    import struct
-
-    for mark, processor in (("<", 84), (">", 86)):
-        header = struct.pack(f"{mark}BBHHHHHfHHf", 2, 0x50, 1, 0, 1, 2, 0, 0.5, 3, 0, 50.0).ljust(512, b"\0")
-        header = bytes([2, 0x50]) + header[2:]
-        parameters = bytes([1, 0x50, 1, processor]).ljust(512, b"\0")
-        body = struct.pack(f"{mark}8h", 10, -20, 30, 0, 1, 2, 3, -1)
-        (tmp_path / "a.c3d").write_bytes(header + parameters + body)
-        raw = read_c3d(tmp_path / "a.c3d")
-        np.testing.assert_array_equal(raw.position, [[[5, -10, 15]], [[np.nan] * 3]])
-        assert raw.frame_rate == 50 and raw.names == ("unlabelled 1",)
 
 
 WRONG = {

@@ -7,26 +7,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import torch
 
 from bodysense.body.hand import hand_skeleton
 from bodysense.body.skeleton import default_skeleton
 from bodysense.cli import main
 from bodysense_lab.synthesis.hands import HandMotion, synthesize_hand
 from bodysense_lab.two_hands import scores
-from bodysense_lab.two_hands.network import JointNetwork, JointNetworkConfig, MarkerNetwork, MarkerNetworkConfig
-from bodysense_lab.two_hands.train import write_glove_network
 
-
-@pytest.fixture(scope="module")
-def networks(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
-    """Small networks that were never trained, by the options that take them."""
-    torch.manual_seed(0)
-    folder = tmp_path_factory.mktemp("networks")
-    made = {"markers": MarkerNetwork(MarkerNetworkConfig((8,))), "joints": JointNetwork(JointNetworkConfig((8,)))}
-    for name, network in made.items():
-        write_glove_network(network, folder / f"{name}.onnx", {})
-    return {name: folder / f"{name}.onnx" for name in made}
+from ...conftest import Refused
 
 
 @pytest.mark.parametrize(
@@ -50,7 +38,7 @@ def test_the_network_of_an_option_is_scored(
     network: str,
     changed: str,
     kept: str,
-    networks: dict[str, Path],
+    untrained_gloves: Path,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -61,7 +49,7 @@ def test_the_network_of_an_option_is_scored(
 
     monkeypatch.setattr(scores, "synthetic_hand", short)
     found = []
-    for more in ((), (option, str(networks[network]))):
+    for more in ((), (option, str(untrained_gloves / f"glove_{network}.onnx"))):
         out = tmp_path / f"{len(found)}.json"
         assert (
             main(["evaluate", table, "--quick", "--jobs", "1", *more, "--out", str(tmp_path), "--json", str(out)]) == 0
@@ -71,10 +59,5 @@ def test_the_network_of_an_option_is_scored(
     assert found[1][kept] == pytest.approx(found[0][kept], abs=1e-9)
 
 
-@pytest.mark.slow
-def test_training_writes_into_a_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    few = ("--steps", "1", "--hand-minutes", "0.1", "--pair-minutes", "0.1", "--threads", "1")
-    assert main(["train", "gloves", "-o", str(tmp_path / "out"), "--network", "joints", *few]) == 0
-    assert (tmp_path / "out" / "glove_joints.onnx").is_file()
-    assert main(["train", "gloves", "-o", str(tmp_path / "one.onnx"), *few]) == 2
-    assert "several networks are written; give a folder" in capsys.readouterr().err
+def test_training_several_networks_needs_a_folder(tmp_path: Path, refused: Refused) -> None:
+    assert "several networks are written; give a folder" in refused("train", "gloves", "-o", tmp_path / "one.onnx")

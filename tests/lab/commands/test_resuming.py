@@ -90,6 +90,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("command", TRAININGS)
+@pytest.mark.usefixtures("short_training")
 def test_a_killed_training_goes_on(
     command: str, recorded: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

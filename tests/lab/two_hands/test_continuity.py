@@ -18,11 +18,6 @@ from bodysense_lab.two_hands.continuity import Continuous
 
 
 @pytest.fixture(scope="module")
-def hand() -> Skeleton:
-    return hand_skeleton(default_skeleton(), "left")
-
-
-@pytest.fixture(scope="module")
 def markers(hand: Skeleton) -> np.ndarray:
     """Ten seconds at 60 Hz: (T, 9, 3) m."""
     motion = synthesize_hand(hand, 10.0, np.random.default_rng(5))

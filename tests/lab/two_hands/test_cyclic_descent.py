@@ -5,19 +5,13 @@ from __future__ import annotations
 from functools import partial
 
 import numpy as np
-import pytest
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from bodysense.body.hand import FINGERS, HAND_JOINTS, hand_skeleton, joint_bases, limits, rotations_of
+from bodysense.body.hand import FINGERS, HAND_JOINTS, joint_bases, limits, rotations_of
 from bodysense.body.pose import Pose, forward_kinematics
-from bodysense.body.skeleton import Skeleton, default_skeleton
+from bodysense.body.skeleton import Skeleton
 from bodysense_lab.two_hands.baselines import FingerLimits, solve_fingers
-
-
-@pytest.fixture(scope="module")
-def hand() -> Skeleton:
-    return hand_skeleton(default_skeleton(), "left")
 
 
 def posed(hand: Skeleton, angles: np.ndarray) -> np.ndarray:

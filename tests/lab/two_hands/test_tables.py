@@ -7,20 +7,16 @@ from typing import Any
 
 import numpy as np
 import pytest
-import torch
 
 from bodysense.body.glove import default_glove, marker_positions
-from bodysense.body.hand import hand_skeleton
-from bodysense.body.skeleton import Skeleton, default_skeleton
+from bodysense.body.skeleton import Skeleton
 from bodysense.devices.gloves.hands import GloveModels
 from bodysense.devices.gloves.networks import load_joint_network, load_marker_network
 from bodysense_lab.datasets import Census
 from bodysense_lab.synthesis.hands import HandMotion, synthesize_hand
 from bodysense_lab.two_hands.baselines import LastKnown
-from bodysense_lab.two_hands.network import JointNetwork, JointNetworkConfig, MarkerNetwork, MarkerNetworkConfig
 from bodysense_lab.two_hands.scores import ALONE, GloveTable, HandTask, measure_fingers, measure_markers
 from bodysense_lab.two_hands.tables import finger_report, marker_report, published_ratio
-from bodysense_lab.two_hands.train import write_glove_network
 from bodysense_lab.two_hands.trials import (
     BEFORE,
     DURATIONS,
@@ -35,26 +31,8 @@ from bodysense_lab.two_hands.trials import (
 
 
 @pytest.fixture(scope="module")
-def hand() -> Skeleton:
-    return hand_skeleton(default_skeleton(), "left")
-
-
-@pytest.fixture(scope="module")
 def motion(hand: Skeleton) -> HandMotion:
     return synthesize_hand(hand, 2.8, np.random.default_rng(1))
-
-
-@pytest.fixture(scope="module")
-def networks(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder of small networks that were never trained."""
-    folder = tmp_path_factory.mktemp("gloves")
-    torch.manual_seed(0)
-    for name, network in {
-        "glove_markers": MarkerNetwork(MarkerNetworkConfig((16,))),
-        "glove_joints": JointNetwork(JointNetworkConfig((16,))),
-    }.items():
-        write_glove_network(network, folder / f"{name}.onnx", {})
-    return folder
 
 
 def test_trials_are_stretches_of_the_motion(motion: HandMotion) -> None:
@@ -114,9 +92,9 @@ def test_nothing_is_missed_of_fingers_by_a_network_that_knows_them(motion: HandM
 
 
 @pytest.mark.slow
-def test_reports_hold_the_figures_and_the_published_ones(networks: Path, motion: HandMotion) -> None:
+def test_reports_hold_the_figures_and_the_published_ones(untrained_gloves: Path, motion: HandMotion) -> None:
     task = HandTask([motion], "main")
-    markers, joints = networks / "glove_markers.onnx", networks / "glove_joints.onnx"
+    markers, joints = (untrained_gloves / f"glove_{name}.onnx" for name in ("markers", "joints"))
     table = GloveTable(measure_markers(task, markers, stride=60), Census(), None, 1)
     report = marker_report(table)
     for method in ("lk", "ls", "ma", "ac", "nn"):

@@ -45,7 +45,7 @@ await scenario({ viewport: { width: 900, height: 520 }, serviceWorkers: "block" 
     };
     await page.waitForFunction(isTaken, name, { polling: 100 });
     const seconds = (Date.now() - began) / 1000;
-    await page.waitForTimeout(2500);
+    if (await page.isHidden("#notice")) await page.waitForTimeout(2500); // a refusal may still come
     made[name] = await page.evaluate(
       (taken) => ({
         source: document.getElementById("source").textContent,
