@@ -18,6 +18,13 @@ export function choice<T extends string>(id: string, value: T, chosen: (value: T
   box.onchange = () => chosen(box.value as T);
 }
 
+/** Show whether a checkbox is ticked, and call back with what is chosen. */
+export function tick(id: string, isOn: boolean, chosen: (isOn: boolean) => void): void {
+  const box = input(id);
+  box.checked = isOn;
+  box.onchange = () => chosen(box.checked);
+}
+
 /** A labelled checkbox. */
 export function checkbox(text: string, checked: boolean, changed: (checked: boolean) => void): HTMLLabelElement {
   const label = document.createElement("label");

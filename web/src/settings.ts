@@ -3,7 +3,7 @@
 import { SENSOR_SETS, type SensorSet } from "./body/clip";
 import { COLOURINGS } from "./view/colours";
 import type { Shown } from "./view/bodies";
-import { HEIGHTS, measurementFrom, type Measurement } from "./wearer";
+import { HEIGHTS, isWithin, measurementFrom, type Measurement } from "./wearer";
 
 export const THEMES = ["auto", "light", "dark"] as const;
 export type Theme = (typeof THEMES)[number];
@@ -37,7 +37,7 @@ export function settingsFrom(text: string | null): Settings {
   const fallback = DEFAULT_SETTINGS;
   const { height } = saved;
   return {
-    height: typeof height === "number" && height >= HEIGHTS.least && height <= HEIGHTS.most ? height : fallback.height,
+    height: isWithin(height, HEIGHTS) ? height : fallback.height,
     measured: measurementFrom(saved["measured"]),
     sensors: oneOf(Object.keys(SENSOR_SETS) as SensorSet[], saved["sensors"]) ?? fallback.sensors,
     holdFeet: flag(saved["holdFeet"], fallback.holdFeet),

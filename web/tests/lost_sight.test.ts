@@ -54,7 +54,8 @@ async function worn() {
   const menu = { board: new Group(), point() {}, standBeside() {} };
   const tracker = new Tracker(model, skeleton);
   let body!: Completed;
-  const source = new Headset(view as unknown as View, { newest: null } as Live, skeleton, menu as unknown as VrMenu, {
+  const live = { skeleton, tree: skeleton } as Live;
+  const source = new Headset(view as unknown as View, live, menu as unknown as VrMenu, {
     tracked: (observation) => (body = tracker.step(observation)),
     left: () => undefined,
   });

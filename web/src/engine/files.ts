@@ -20,17 +20,6 @@ export function damaged(name: string): never {
   throw new Error(`${name} is damaged; load the page again.`);
 }
 
-export interface DefaultBody {
-  readonly skeleton: Skeleton;
-  readonly landmarks: ReadonlyMap<string, readonly [number, number, number]>; // m from the joint that carries each
-}
-
-export async function defaultBody(base: string): Promise<DefaultBody> {
-  const rows = JSON.parse(new TextDecoder().decode(await fetched(base, "default_body.json"))) as SkeletonRows & {
-    readonly landmarks: readonly { readonly name: string; readonly offset: readonly [number, number, number] }[];
-  };
-  return {
-    skeleton: skeletonOfRows(rows),
-    landmarks: new Map(rows.landmarks.map(({ name, offset }) => [name, offset])),
-  };
+export async function defaultSkeleton(base: string): Promise<Skeleton> {
+  return skeletonOfRows(JSON.parse(new TextDecoder().decode(await fetched(base, "default_body.json"))) as SkeletonRows);
 }

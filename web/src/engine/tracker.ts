@@ -3,8 +3,7 @@
 import type { Model, Person as Known, Settings, State } from "@bodysense/core";
 import type { Observation } from "../body/observation";
 import { restPoint, worldRotations, type Body, type Skeleton } from "../body/skeleton";
-import { DEVIATION } from "../calibration";
-import { NOBODY, type Person } from "../wearer";
+import { DEVIATION, NOBODY, type Person } from "../wearer";
 
 /** One whole body. Its arrays are in two buffers, which a worker gives away whole: what a take keeps, and the rest. */
 export interface Completed {

@@ -2,9 +2,22 @@
 
 import { openModel } from "@bodysense/core";
 import core from "@bodysense/core/core.wasm?url";
-import { defaultBody, fetched, unpacked } from "./files";
-import type { FromEngine, ToEngine } from "./messages";
-import { Tracker } from "./tracker";
+import type { Observation } from "../body/observation";
+import type { Person } from "../wearer";
+import { defaultSkeleton, fetched, unpacked } from "./files";
+import { Tracker, type Completed, type TrackerSettings } from "./tracker";
+
+export type ToEngine =
+  | { readonly type: "open"; readonly base: string } // address of the page's folder
+  | { readonly type: "start"; readonly person: Person; readonly settings: TrackerSettings }
+  | { readonly type: "person"; readonly person: Person }
+  | { readonly type: "settings"; readonly settings: TrackerSettings }
+  | { readonly type: "step"; readonly id: number; readonly observation: Observation };
+
+export type FromEngine =
+  | { readonly type: "opened" }
+  | { readonly type: "completed"; readonly id: number; readonly body: Completed; readonly milliseconds: number }
+  | { readonly type: "failed"; readonly id: number | null; readonly reason: string };
 
 const tell = (message: FromEngine, given: ArrayBuffer[] = []): void => postMessage(message, { transfer: given });
 let tracker: Tracker | null = null;
@@ -12,10 +25,10 @@ let opening: Promise<void> | null = null; // the page asks twice: before its mod
 let turn: Promise<void> = Promise.resolve(); // messages are taken one after the other
 
 async function open(base: string): Promise<void> {
-  const [weights, wasm, { skeleton }] = await Promise.all([
+  const [weights, wasm, skeleton] = await Promise.all([
     unpacked(base, "completion.safetensors.gz"),
     fetched(new URL(core, import.meta.url).href, "core.wasm"),
-    defaultBody(base),
+    defaultSkeleton(base),
   ]);
   tracker = new Tracker(await openModel(new Uint8Array(weights), wasm), skeleton);
 }

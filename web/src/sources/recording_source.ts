@@ -1,8 +1,9 @@
 /** A recording of what a device tracked, played at its own pace. */
 
 import type { Observation } from "../body/observation";
+import type { Live } from "../live";
 import { Rounds } from "./rounds";
-import type { Sink, Source } from "./source";
+import type { Source } from "./source";
 
 export class RecordingSource implements Source {
   readonly guide = "What the device tracked is completed anew; under Settings parts of it can be switched off.";
@@ -11,7 +12,7 @@ export class RecordingSource implements Source {
 
   constructor(
     private readonly frames: readonly Observation[],
-    private readonly sink: Sink,
+    private readonly live: Pick<Live, "track">,
     readonly title: string,
     ended?: (clock: number) => void,
   ) {
@@ -29,12 +30,8 @@ export class RecordingSource implements Source {
     const name = `${rounds.number}:${index}`;
     if (name === this.last) return;
     const time = rounds.clock(Math.max(this.timeOf(index), rounds.from));
-    if (this.sink.track({ ...this.frames[index], time }, null)) this.last = name;
+    if (this.live.track({ ...this.frames[index], time }, null)) this.last = name;
     else rounds.again();
-  }
-
-  stop(): void {
-    // Nothing runs.
   }
 
   /** Seconds of a frame after the first. */

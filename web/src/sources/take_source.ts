@@ -15,14 +15,6 @@ export class TakeSource implements Source {
     return this.take().name;
   }
 
-  frame(): void {
-    // The timeline holds its frames.
-  }
-
-  stop(): void {
-    // Nothing runs.
-  }
-
   /** Begin again where the part is over. */
   repeat(playback: Playback): void {
     const [from, to] = partOf(this.take());

@@ -1,7 +1,7 @@
 /** The wearer: height, measuring, sitting, the floor. */
 
 import type { Measurement } from "../wearer";
-import { button, element, input } from "../page";
+import { button, element, input, tick } from "../page";
 
 const HINT = element("calibrate-hint").textContent;
 
@@ -22,11 +22,8 @@ export class YouPanel {
     button("calibrate").onclick = () => events.measure();
     button("forget").onclick = () => events.forget();
     button("recentre").onclick = () => events.recentre();
-    const seated = input("seated");
-    seated.onchange = () => events.sit(seated.checked);
-    const hold = input("hold-feet");
-    hold.checked = holdFeet;
-    hold.onchange = () => events.holdFeet(hold.checked);
+    tick("seated", false, (isSeated) => events.sit(isSeated));
+    tick("hold-feet", holdFeet, (isHeld) => events.holdFeet(isHeld));
   }
 
   show(height: number | null, measured: Measurement | null): void {
