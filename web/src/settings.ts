@@ -64,14 +64,14 @@ export function saveSettings(storage: () => Pick<Storage, "setItem">, settings: 
   try {
     storage().setItem(KEY, JSON.stringify(settings));
   } catch (error) {
-    const why = isRefused(error) ? "This browser lets the page store nothing" : "This browser's storage is full";
-    throw new Error(`${why}: your settings count until you leave the page, and are not kept.`);
+    throw new Error(`${whyNotStored(error)}: your settings count until you leave the page, and are not kept.`);
   }
 }
 
-/** Whether storage is not allowed, rather than full. */
-export function isRefused(error: unknown): boolean {
-  return error instanceof DOMException && error.name === "SecurityError";
+/** Say why something could not be stored: it is not allowed, or there is no room. */
+export function whyNotStored(error: unknown): string {
+  const isRefused = error instanceof DOMException && error.name === "SecurityError";
+  return isRefused ? "This browser lets the page store nothing" : "This browser's storage is full";
 }
 
 function parsed(text: string | null): unknown {

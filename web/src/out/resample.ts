@@ -1,6 +1,6 @@
 /** The history at one even rate, as files of motion want it. */
 
-import { mixed, mixedTurn, quaternionAt, vectorAt } from "../body/math";
+import { mixed, mixedTurns, vectorAt } from "../body/math";
 import type { BodyFrame } from "../history";
 import { LONGEST_TAKE } from "../takes";
 
@@ -27,10 +27,7 @@ export function resample(moments: readonly BodyFrame[], joints: number): Motion 
     const [a, b] = [moments[before], moments[before + 1]];
     const share = Math.min(Math.max((time - a.time) / (b.time - a.time), 0), 1);
     root.set(mixed(vectorAt(a.rootPosition, 0), vectorAt(b.rootPosition, 0), share), 3 * frame);
-    for (let joint = 0; joint < joints; joint++) {
-      const turn = mixedTurn(quaternionAt(a.rotation, joint), quaternionAt(b.rotation, joint), share);
-      rotation.set(turn, 4 * (joints * frame + joint));
-    }
+    rotation.set(mixedTurns(a.rotation, b.rotation, share), 4 * joints * frame);
   }
   return { rate, root, rotation, frames };
 }

@@ -1,5 +1,6 @@
 /** A recording of what a device tracked, played at its own pace. */
 
+import { lastIndex } from "../body/math";
 import type { Observation } from "../body/observation";
 import type { Live } from "../live";
 import { Rounds } from "./rounds";
@@ -26,7 +27,8 @@ export class RecordingSource implements Source {
   frame(milliseconds: number): void {
     const { rounds } = this;
     if (!rounds.advance(milliseconds)) return;
-    const index = this.newest(rounds.time);
+    // The newest frame that is due: a page that was hidden does not catch up.
+    const index = lastIndex(this.frames.length, (frame) => this.timeOf(frame), rounds.time);
     const name = `${rounds.number}:${index}`;
     if (name === this.last) return;
     const time = rounds.clock(Math.max(this.timeOf(index), rounds.from));
@@ -37,16 +39,5 @@ export class RecordingSource implements Source {
   /** Seconds of a frame after the first. */
   private timeOf(index: number): number {
     return (this.frames[index]?.time ?? 0) - (this.frames[0]?.time ?? 0);
-  }
-
-  /** Index of the newest frame that is due at a time, s: a page that was hidden does not catch up. */
-  private newest(time: number): number {
-    let [low, high] = [0, this.frames.length - 1];
-    while (low < high) {
-      const middle = (low + high + 1) >> 1;
-      if (this.timeOf(middle) <= time) low = middle;
-      else high = middle - 1;
-    }
-    return low;
   }
 }

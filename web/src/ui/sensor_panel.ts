@@ -12,7 +12,6 @@ const PARTS: readonly (readonly [RegExp, string])[] = [
 
 export class SensorPanel {
   private offered = "";
-  private off = new Set<string>();
 
   constructor(
     set: SensorSet,
@@ -30,7 +29,7 @@ export class SensorPanel {
     const names = [...parts.keys()].join();
     if (names === this.offered) return;
     this.offered = names;
-    this.off = new Set();
+    const off = new Set<string>();
     this.hidden(new Set());
     const fieldset = element("parts");
     for (const label of fieldset.querySelectorAll("label")) label.remove();
@@ -39,9 +38,9 @@ export class SensorPanel {
       fieldset.append(
         checkbox(name, true, (on) => {
           for (const point of members)
-            if (on) this.off.delete(point);
-            else this.off.add(point);
-          this.hidden(new Set(this.off));
+            if (on) off.delete(point);
+            else off.add(point);
+          this.hidden(new Set(off));
         }),
       );
     }
