@@ -90,7 +90,7 @@ export class App {
       time: () => this.playback.time - this.live.history.first,
       fault: (error) => this.fault(error),
     });
-    this.timeline = new Timeline(this.playback, () => this.live.history);
+    this.timeline = new Timeline(this.playback, this.live.history);
     this.look = new LookPanel(
       this.settings,
       (change) => this.change(change),
@@ -104,10 +104,10 @@ export class App {
         this.tellServer({ hidden: [...hidden] });
       },
     );
-    this.you = new YouPanel(this.settings.height, this.settings.measured, this.settings.holdFeet, {
+    this.you = new YouPanel(this.settings, {
       height: (height) => this.attempt(async () => this.tellHeight(height)),
       measure: () => this.attempt(async () => this.measure()),
-      forget: () => this.forget(),
+      forget: () => this.know({ measured: null }),
       recentre: () => this.recentre(),
       sit: (isSeated) => this.sit(isSeated),
       holdFeet: (holdFeet) => {
@@ -228,7 +228,8 @@ export class App {
   /** A take on the stage; null: the performance, for the take is gone. */
   private async showTake(take: Take | null): Promise<void> {
     if (!take) return this.perform();
-    this.begin(new TakeSource(() => this.takes.takes.all.find(({ id }) => id === take.id) ?? take));
+    const now = (): Take => this.takes.takes.all.find(({ id }) => id === take.id) ?? take;
+    this.begin(new TakeSource(now, this.playback));
     this.live.replay(take.frames);
     this.playback.seek(0);
   }
@@ -273,10 +274,15 @@ export class App {
 
   private tellHeight(height: number | null): void {
     personOf(height); // refuses a height that no person has
-    this.change({ height });
-    if (this.source) this.live.tell(this.personOf(this.source));
+    this.know({ height });
     this.tellServer({ height });
-    this.you.show(height, this.settings.measured);
+  }
+
+  /** More, or less, is known of the user. */
+  private know(known: Partial<Pick<Settings, "height" | "measured">>): void {
+    this.change(known);
+    if (this.source) this.live.tell(this.personOf(this.source));
+    this.you.show(this.settings);
   }
 
   private measure(): void {
@@ -294,12 +300,6 @@ export class App {
     }
   }
 
-  private forget(): void {
-    this.change({ measured: null });
-    if (this.source) this.live.tell(this.personOf(this.source));
-    this.you.show(this.settings.height, null);
-  }
-
   private recentre(): void {
     if (this.source instanceof Watching) this.source.first.ask({ type: "recentre" });
     else this.headset.recentre();
@@ -315,9 +315,7 @@ export class App {
   private tracked(frame: Observation): void {
     const measured = this.measuring.take(frame);
     if (!measured) return;
-    this.change({ height: null, measured });
-    this.live.tell(personFrom(null, measured));
-    this.you.show(null, measured);
+    this.know({ height: null, measured });
     this.say("You are measured.");
   }
 
@@ -441,7 +439,6 @@ export class App {
     const seconds = Math.min(passed, LONGEST_STEP);
     this.shownAt = milliseconds;
     this.source?.frame?.(milliseconds, frame);
-    if (this.source instanceof TakeSource) this.source.repeat(this.playback);
     const moment = this.playback.step(this.live.history, seconds);
     if (!this.source) return;
     if (moment) {

@@ -6,7 +6,7 @@ import type { Engine, Step } from "./engine/engine";
 import { TRACKER_SETTINGS, type TrackerSettings } from "./engine/tracker";
 import { History, type BodyFrame, type Moment } from "./history";
 import { reasonOf } from "./notice";
-import { NOBODY, type Person } from "./wearer";
+import type { Person } from "./wearer";
 
 const MOST_WAITING = 2; // frames in the worker: newer ones are left out rather than queued
 const COUNTED = 600; // steps that times are taken of
@@ -15,7 +15,6 @@ export class Live {
   readonly times: number[] = []; // ms, of the last steps
   settings: TrackerSettings = TRACKER_SETTINGS;
   hidden: ReadonlySet<string> = new Set(); // points that are not looked at
-  person: Person = NOBODY;
   isReady = false; // the network is there
   private isPreview = false; // what the timeline holds was not completed
   private restOffset: Float32Array | null = null; // of the newest body
@@ -45,7 +44,6 @@ export class Live {
   /** Another source begins, perhaps of another wearer; the timeline starts anew. */
   begin(person: Person): void {
     this.take += 1;
-    this.person = person;
     this.restOffset = null;
     this.hidden = new Set();
     this.history.clear();
@@ -55,7 +53,6 @@ export class Live {
 
   /** The wearer told their height, or was measured; the timeline goes on. */
   tell(person: Person): void {
-    this.person = person;
     this.engine.tell({ type: "person", person });
   }
 
@@ -104,23 +101,13 @@ export class Live {
     this.history.add(momentOf(frame, truth, points));
   }
 
-  private keep({ body, milliseconds }: Step, { points }: Observation, truth: Body | null): void {
+  private keep({ completed, milliseconds }: Step, { points }: Observation, truth: Body | null): void {
+    const { time, ...body } = completed;
     this.restOffset = body.restOffset;
-    this.completed(body.time, body.placed);
+    this.completed(time, body.body);
     this.times.push(milliseconds);
     if (this.times.length > COUNTED) this.times.shift();
-    this.history.add({
-      sourceTime: body.time,
-      rootPosition: body.rootPosition,
-      rotation: body.rotation,
-      restOffset: body.restOffset,
-      body: body.placed,
-      signal: points,
-      truth,
-      expected: body.confidence,
-      measured: body.measured,
-      milliseconds,
-    });
+    this.history.add({ ...body, sourceTime: time, signal: points, truth, milliseconds });
   }
 }
 

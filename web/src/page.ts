@@ -25,13 +25,9 @@ export function tick(id: string, isOn: boolean, chosen: (isOn: boolean) => void)
   box.onchange = () => chosen(box.checked);
 }
 
-/** A labelled checkbox. */
-export function checkbox(text: string, checked: boolean, changed: (checked: boolean) => void): HTMLLabelElement {
-  const label = document.createElement("label");
-  const box = document.createElement("input");
-  box.type = "checkbox";
-  box.checked = checked;
-  box.onchange = () => changed(box.checked);
-  label.append(box, text);
-  return label;
+/** A new element, with the name that is read aloud. */
+export function made<K extends keyof HTMLElementTagNameMap>(kind: K, label: string, properties: object) {
+  const element = Object.assign(document.createElement(kind), properties);
+  element.setAttribute("aria-label", label);
+  return element;
 }

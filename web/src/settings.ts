@@ -29,24 +29,25 @@ export const DEFAULT_SETTINGS: Settings = {
   theme: "auto",
 };
 
+const CHOICES: Readonly<Record<string, readonly unknown[]>> = {
+  sensors: Object.keys(SENSOR_SETS),
+  figure: ["avatar", "figure"],
+  colouring: COLOURINGS,
+  theme: THEMES,
+  ...Object.fromEntries(["holdFeet", "truth", "signal", "ghosts"].map((name) => [name, [true, false]])),
+};
 const KEY = "bodysense.page";
 
 /** Return the valid settings in a text; invalid ones get their default. */
 export function settingsFrom(text: string | null): Settings {
-  const saved = record(parsed(text));
-  const fallback = DEFAULT_SETTINGS;
-  const { height } = saved;
+  const saved = parsed(text);
+  const { height, measured } = saved;
+  const chosen = Object.entries(CHOICES).filter(([name, choices]) => choices.includes(saved[name]));
   return {
-    height: isWithin(height, HEIGHTS) ? height : fallback.height,
-    measured: measurementFrom(saved["measured"]),
-    sensors: oneOf(Object.keys(SENSOR_SETS) as SensorSet[], saved["sensors"]) ?? fallback.sensors,
-    holdFeet: flag(saved["holdFeet"], fallback.holdFeet),
-    figure: oneOf(["avatar", "figure"] as const, saved["figure"]) ?? fallback.figure,
-    colouring: oneOf(COLOURINGS, saved["colouring"]) ?? fallback.colouring,
-    truth: flag(saved["truth"], fallback.truth),
-    signal: flag(saved["signal"], fallback.signal),
-    ghosts: flag(saved["ghosts"], fallback.ghosts),
-    theme: oneOf(THEMES, saved["theme"]) ?? fallback.theme,
+    ...DEFAULT_SETTINGS,
+    ...Object.fromEntries(chosen.map(([name]) => [name, saved[name]])),
+    height: isWithin(height, HEIGHTS) ? height : null,
+    measured: measurementFrom(measured),
   };
 }
 
@@ -74,22 +75,10 @@ export function whyNotStored(error: unknown): string {
   return isRefused ? "This browser lets the page store nothing" : "This browser's storage is full";
 }
 
-function parsed(text: string | null): unknown {
+function parsed(text: string | null): Record<string, unknown> {
   try {
-    return JSON.parse(text ?? "{}") as unknown;
+    return Object(JSON.parse(text ?? "{}")) as Record<string, unknown>;
   } catch {
     return {};
   }
-}
-
-function record(value: unknown): Record<string, unknown> {
-  return typeof value === "object" && value !== null ? (value as Record<string, unknown>) : {};
-}
-
-function flag(value: unknown, fallback: boolean): boolean {
-  return typeof value === "boolean" ? value : fallback;
-}
-
-function oneOf<T extends string>(choices: readonly T[], value: unknown): T | undefined {
-  return choices.find((choice) => choice === value);
 }

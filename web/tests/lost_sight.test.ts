@@ -83,7 +83,7 @@ function hold(mode: "controller" | "hand", left: Placed, right: Placed) {
   return both;
 }
 
-const jointOf = ({ placed: { position } }: Completed, joint: number): Vector => vectorAt(position, joint);
+const jointOf = ({ body: { position } }: Completed, joint: number): Vector => vectorAt(position, joint);
 /** The furthest that a joint moves from one body to the next, m. */
 function leap(before: Completed, after: Completed): number {
   const joints = Array.from({ length: skeleton.joints }, (_, joint) => joint);

@@ -5,7 +5,7 @@ import type { Completed } from "./tracker";
 import type { FromEngine, ToEngine } from "./worker";
 
 export interface Step {
-  readonly body: Completed;
+  readonly completed: Completed;
   readonly milliseconds: number; // that the step took in the worker
 }
 

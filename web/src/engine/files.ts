@@ -13,11 +13,9 @@ export async function fetched(base: string, name: string): Promise<ArrayBuffer> 
 /** A file that is kept packed, so that any host sends it small. */
 export async function unpacked(base: string, name: string): Promise<ArrayBuffer> {
   const bytes = await fetched(base, name);
-  return inflated(bytes, "gzip").catch(() => damaged(name));
-}
-
-export function damaged(name: string): never {
-  throw new Error(`${name} is damaged; load the page again.`);
+  return inflated(bytes, "gzip").catch(() => {
+    throw new Error(`${name} is damaged; load the page again.`);
+  });
 }
 
 export async function defaultSkeleton(base: string): Promise<Skeleton> {

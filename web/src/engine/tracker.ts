@@ -3,17 +3,14 @@
 import type { Model, Person as Known, Settings, State } from "@bodysense/core";
 import type { Observation } from "../body/observation";
 import { restPoint, worldRotations, type Body, type Skeleton } from "../body/skeleton";
+import type { BodyFrame } from "../history";
 import { DEVIATION, NOBODY, type Person } from "../wearer";
 
 /** One whole body. Its arrays are in two buffers, which a worker gives away whole: what a take keeps, and the rest. */
-export interface Completed {
-  readonly time: number; // s
-  readonly rootPosition: Float32Array; // (3) m
-  readonly rotation: Float32Array; // (joints × 4) wxyz, parent ← joint
-  readonly placed: Body;
-  readonly restOffset: Float32Array; // (points × 3) m
+export interface Completed extends BodyFrame {
+  readonly body: Body;
+  readonly expected: Float32Array; // (points) m, expected position error
   readonly measured: Uint8Array; // (points) 0 or 1
-  readonly confidence: Float32Array; // (points) m, expected position error
 }
 
 export type TrackerSettings = Pick<Settings, "floor" | "holdFeet">;
@@ -52,15 +49,15 @@ export class Tracker {
   step({ time, points }: Observation): Completed {
     const seen = points.filter(({ name }) => this.names.has(name));
     const estimate = this.state.step({ time, points: seen }, this.settings);
-    const body = emptyBody(time, this.skeleton);
-    body.rootPosition.set(estimate.rootPosition);
-    body.rotation.set(estimate.rotation);
-    body.placed.position.set(estimate.points);
-    worldRotations(this.skeleton, body.rotation, body.placed.rotation);
-    body.restOffset.set(estimate.restOffset);
-    body.confidence.set(estimate.confidence);
-    body.measured.set(estimate.measured);
-    return body;
+    const completed = emptyBody(time, this.skeleton);
+    completed.rootPosition.set(estimate.rootPosition);
+    completed.rotation.set(estimate.rotation);
+    completed.body.position.set(estimate.points);
+    worldRotations(this.skeleton, completed.rotation, completed.body.rotation);
+    completed.restOffset.set(estimate.restOffset);
+    completed.expected.set(estimate.confidence);
+    completed.measured.set(estimate.measured);
+    return completed;
   }
 
   private known({ head, ...person }: Person): Known {
@@ -78,9 +75,9 @@ function emptyBody(time: number, { joints, points }: Skeleton): Completed {
     time,
     rootPosition: motion.subarray(0, 3),
     rotation: motion.subarray(3),
-    placed: { position: rest.subarray(0, 3 * count), rotation: rest.subarray(3 * count, turned) },
+    body: { position: rest.subarray(0, 3 * count), rotation: rest.subarray(3 * count, turned) },
     restOffset: rest.subarray(turned, turned + 3 * count),
-    confidence: rest.subarray(turned + 3 * count, turned + 4 * count),
+    expected: rest.subarray(turned + 3 * count, turned + 4 * count),
     measured: new Uint8Array(rest.buffer, 4 * (turned + 4 * count), count),
   };
 }

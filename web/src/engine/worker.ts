@@ -16,7 +16,7 @@ export type ToEngine =
 
 export type FromEngine =
   | { readonly type: "opened" }
-  | { readonly type: "completed"; readonly id: number; readonly body: Completed; readonly milliseconds: number }
+  | { readonly type: "completed"; readonly id: number; readonly completed: Completed; readonly milliseconds: number }
   | { readonly type: "failed"; readonly id: number | null; readonly reason: string };
 
 const tell = (message: FromEngine, given: ArrayBuffer[] = []): void => postMessage(message, { transfer: given });
@@ -47,10 +47,10 @@ async function take(message: ToEngine): Promise<void> {
   else if (message.type === "settings") tracker.settings = message.settings;
   else {
     const began = performance.now();
-    const body = tracker.step(message.observation);
+    const completed = tracker.step(message.observation);
     const milliseconds = performance.now() - began;
-    const given = [body.rotation.buffer, body.restOffset.buffer] as ArrayBuffer[]; // the two that it has
-    tell({ type: "completed", id: message.id, body, milliseconds }, given);
+    const given = [completed.rotation.buffer, completed.restOffset.buffer] as ArrayBuffer[]; // the two that it has
+    tell({ type: "completed", id: message.id, completed, milliseconds }, given);
   }
 }
 

@@ -1,15 +1,11 @@
 /** The history at one even rate, as files of motion want it. */
 
+import type { Clip } from "../body/clip";
 import { mixed, mixedTurns, vectorAt } from "../body/math";
 import type { BodyFrame } from "../history";
 import { LONGEST_TAKE } from "../takes";
 
-export interface Motion {
-  readonly rate: number; // Hz
-  readonly root: Float32Array; // (frames × 3) m
-  readonly rotation: Float32Array; // (frames × joints × 4) wxyz, parent ← joint
-  readonly frames: number;
-}
+export type Motion = Pick<Clip, "rate" | "frames" | "root" | "rotation">;
 
 /** Between two moments positions are interpolated linearly, rotations along the shorter arc. Needs two moments. */
 export function resample(moments: readonly BodyFrame[], joints: number): Motion {

@@ -1,7 +1,7 @@
 /** The panel of sensors: simulated ones, and parts of the body that can be switched off. */
 
 import type { SensorSet } from "../body/clip";
-import { checkbox, choice, element } from "../page";
+import { choice, element } from "../page";
 
 const PARTS: readonly (readonly [RegExp, string])[] = [
   [/^(headset|head|neck|head_top|nose)$/, "Head"],
@@ -35,14 +35,16 @@ export class SensorPanel {
     for (const label of fieldset.querySelectorAll("label")) label.remove();
     fieldset.hidden = parts.size < 2;
     for (const [name, members] of parts) {
-      fieldset.append(
-        checkbox(name, true, (on) => {
-          for (const point of members)
-            if (on) off.delete(point);
-            else off.add(point);
-          this.hidden(new Set(off));
-        }),
-      );
+      const label = document.createElement("label");
+      const box = Object.assign(document.createElement("input"), { type: "checkbox", checked: true });
+      box.onchange = () => {
+        for (const point of members)
+          if (box.checked) off.delete(point);
+          else off.add(point);
+        this.hidden(new Set(off));
+      };
+      label.append(box, name);
+      fieldset.append(label);
     }
   }
 }
