@@ -83,7 +83,7 @@ export class App {
       (time, moved) => this.bridge.send(time, moved),
     );
     this.bridge = new BridgePanel(skeleton, (error) => this.fault(error));
-    this.live.settings = { floor: 0, holdFeet: this.settings.holdFeet };
+    this.live.holdFeet = this.settings.holdFeet;
     this.takes = new TakePanel(this.live.history, skeleton, {
       skeleton: () => this.tree,
       show: (take) => this.attempt(() => this.showTake(take)),
@@ -112,7 +112,7 @@ export class App {
       sit: (isSeated) => this.sit(isSeated),
       holdFeet: (holdFeet) => {
         this.change({ holdFeet });
-        this.live.change({ ...this.live.settings, holdFeet });
+        this.live.hold(holdFeet);
         this.tellServer({ hold_feet: holdFeet });
       },
     });

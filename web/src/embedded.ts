@@ -45,7 +45,6 @@ export class EmbeddedPage {
     this.skeleton = skeleton;
     this.bodies = new Bodies(view.stage);
     this.live = new Live(engine, skeleton, (reason) => this.fault(reason), undefined, new History(2));
-    this.live.settings = { floor: 0, holdFeet: DEFAULT_SETTINGS.holdFeet };
     themed(
       () => "auto",
       (look) => view.paint(look),

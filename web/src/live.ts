@@ -3,7 +3,6 @@
 import type { Observation, Point } from "./body/observation";
 import { place, withOffsets, type Body, type Skeleton } from "./body/skeleton";
 import type { Engine, Step } from "./engine/engine";
-import { TRACKER_SETTINGS, type TrackerSettings } from "./engine/tracker";
 import { History, type BodyFrame, type Moment } from "./history";
 import { reasonOf } from "./notice";
 import type { Person } from "./wearer";
@@ -13,7 +12,7 @@ const COUNTED = 600; // steps that times are taken of
 
 export class Live {
   readonly times: number[] = []; // ms, of the last steps
-  settings: TrackerSettings = TRACKER_SETTINGS;
+  holdFeet = true; // standing feet stay where they are
   hidden: ReadonlySet<string> = new Set(); // points that are not looked at
   isReady = false; // the network is there
   private isPreview = false; // what the timeline holds was not completed
@@ -48,7 +47,7 @@ export class Live {
     this.hidden = new Set();
     this.history.clear();
     this.isPreview = false;
-    this.engine.tell({ type: "start", person, settings: this.settings });
+    this.engine.tell({ type: "start", person, holdFeet: this.holdFeet });
   }
 
   /** The wearer told their height, or was measured; the timeline goes on. */
@@ -56,9 +55,9 @@ export class Live {
     this.engine.tell({ type: "person", person });
   }
 
-  change(settings: TrackerSettings): void {
-    this.settings = settings;
-    this.engine.tell({ type: "settings", settings });
+  hold(holdFeet: boolean): void {
+    this.holdFeet = holdFeet;
+    this.engine.tell({ type: "holdFeet", holdFeet });
   }
 
   /** Take an observation, and the true body if it is known. Returns whether there was time for it. */

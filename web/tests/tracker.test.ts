@@ -1,4 +1,5 @@
-/** The page's tracker over the core's WebAssembly. That its bodies are the library's: tests/web/test_tracker.py */
+/** The page's tracker over the core's WebAssembly. That the core's bodies are the library's:
+ * tests/web/test_core_package.py */
 
 import { readFileSync } from "node:fs";
 import { openModel } from "@bodysense/core";
@@ -46,15 +47,16 @@ it("goes on with the same motion when more is known, and begins anew when it sta
   expect(crown(tracker.step(frame(0, 1.4)).restOffset)).toBeCloseTo(1.5, 2);
 });
 
-it("takes settings from the next frame on", () => {
-  const lowest = (floor: number): number => {
+it("holds feet, or not, from the next frame on", () => {
+  const lowest = (holdFeet: boolean): number => {
     const tracker = new Tracker(model, skeleton);
-    tracker.step(frame(0, 1.6));
-    tracker.settings = { floor, holdFeet: true };
+    tracker.start({ height: 1.9 });
+    tracker.step(frame(0, 1.75));
+    tracker.holdFeet = holdFeet;
     const { position } = tracker.step(frame(1 / 60, 1.6)).body;
     return Math.min(...skeleton.points.map((_, point) => position[3 * point + 1]));
   };
-  expect(lowest(0.1) - lowest(0)).toBeGreaterThan(0.05);
+  expect(Math.abs(lowest(true) - lowest(false))).toBeGreaterThan(0.02);
 });
 
 it("leaves out points that the body does not have", () => {

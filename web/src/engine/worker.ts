@@ -5,13 +5,13 @@ import core from "@bodysense/core/core.wasm?url";
 import type { Observation } from "../body/observation";
 import type { Person } from "../wearer";
 import { defaultSkeleton, fetched, unpacked } from "./files";
-import { Tracker, type Completed, type TrackerSettings } from "./tracker";
+import { Tracker, type Completed } from "./tracker";
 
 export type ToEngine =
   | { readonly type: "open"; readonly base: string } // address of the page's folder
-  | { readonly type: "start"; readonly person: Person; readonly settings: TrackerSettings }
+  | { readonly type: "start"; readonly person: Person; readonly holdFeet: boolean }
   | { readonly type: "person"; readonly person: Person }
-  | { readonly type: "settings"; readonly settings: TrackerSettings }
+  | { readonly type: "holdFeet"; readonly holdFeet: boolean }
   | { readonly type: "step"; readonly id: number; readonly observation: Observation };
 
 export type FromEngine =
@@ -19,7 +19,7 @@ export type FromEngine =
   | { readonly type: "completed"; readonly id: number; readonly completed: Completed; readonly milliseconds: number }
   | { readonly type: "failed"; readonly id: number | null; readonly reason: string };
 
-const tell = (message: FromEngine, given: ArrayBuffer[] = []): void => postMessage(message, { transfer: given });
+const tell = (message: FromEngine): void => postMessage(message);
 let tracker: Tracker | null = null;
 let opening: Promise<void> | null = null; // the page asks twice: before its modules run, and when it can listen
 let turn: Promise<void> = Promise.resolve(); // messages are taken one after the other
@@ -41,16 +41,15 @@ async function take(message: ToEngine): Promise<void> {
   }
   if (!tracker) return;
   if (message.type === "start") {
-    tracker.settings = message.settings;
+    tracker.holdFeet = message.holdFeet;
     tracker.start(message.person);
   } else if (message.type === "person") tracker.tell(message.person);
-  else if (message.type === "settings") tracker.settings = message.settings;
+  else if (message.type === "holdFeet") tracker.holdFeet = message.holdFeet;
   else {
     const began = performance.now();
     const completed = tracker.step(message.observation);
     const milliseconds = performance.now() - began;
-    const given = [completed.rotation.buffer, completed.restOffset.buffer] as ArrayBuffer[]; // the two that it has
-    tell({ type: "completed", id: message.id, completed, milliseconds }, given);
+    tell({ type: "completed", id: message.id, completed, milliseconds });
   }
 }
 
