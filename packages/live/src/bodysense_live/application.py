@@ -18,7 +18,7 @@ from bodysense.io.protocol import SUBPROTOCOL
 from bodysense_live.answer import Answer
 from bodysense_live.connection import converse
 from bodysense_live.datagrams import InputLink, MarkerInput, PoseSender, marker_points
-from bodysense_live.links import DeviceInput, Link, Reader, listen_udp
+from bodysense_live.links import DeviceInput, Link, Reader, UdpPort
 from bodysense_live.live import Live
 from bodysense_live.metrics import Metrics
 from bodysense_live.page_files import library_routes
@@ -111,11 +111,11 @@ def links_of(settings: ServerSettings, metrics: Metrics) -> list[Link]:
         if settings.vmc_in is not None:
             reader, points = also(settings.vmc_trackers, SIGNALS)
             protocol = partial(DeviceInput, metrics=metrics, reader=reader, points=points)
-            links.append(InputLink("vmc", listen_udp("--vmc-in", host, settings.vmc_in), points, protocol))
+            links.append(InputLink("vmc", UdpPort("--vmc-in", host, settings.vmc_in), points, protocol))
         if settings.markers_in is not None:
-            bound = listen_udp("--markers-in", host, settings.markers_in)
+            port = UdpPort("--markers-in", host, settings.markers_in)
             protocol = partial(MarkerInput, metrics=metrics, worn=settings.worn)
-            links.append(InputLink("markers", bound, marker_points(settings.worn), protocol))
+            links.append(InputLink("markers", port, marker_points(settings.worn), protocol))
         if settings.receivers:
             links.append(PoseSender(settings.receivers, metrics))
         if settings.vmt is not None:

@@ -6,9 +6,11 @@ Sockets that the server listens on; errors name the option of a port.
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import errno
 import socket
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
 from typing import Any, Protocol
 
 import numpy as np
@@ -18,7 +20,7 @@ from bodysense.io.protocol import HAS_POSITION, HAS_ROTATION, SignalFrame, wire_
 from bodysense.observation import Observation
 from bodysense_live.answer import Answer
 from bodysense_live.live import Live
-from bodysense_live.messages import Calibrate, Recentre
+from bodysense_live.messages import Calibrate, Recentre, Source
 from bodysense_live.metrics import Metrics
 from bodysense_live.safety import RateLimit
 
@@ -132,6 +134,44 @@ class DeviceInput(asyncio.DatagramProtocol):
             self._play(signal_of(observation, self._points, self._sequence, now))
 
 
+class UdpPort:
+    """A bound UDP socket; packets go out, and come in, once it is open."""
+
+    def __init__(self, option: str, host: str, port: int) -> None:
+        self._bound = listen_udp(option, host, port)
+        self.number: int = self._bound.getsockname()[1]
+        self._transport: asyncio.DatagramTransport | None = None
+
+    async def open(self, protocol: asyncio.DatagramProtocol) -> None:
+        """Give packets that come in to a protocol."""
+        loop = asyncio.get_running_loop()
+        self._transport, _ = await loop.create_datagram_endpoint(lambda: protocol, sock=self._bound)
+
+    async def play(self, live: Live, source: Source, points: tuple[str, ...], protocol: Callable[..., Any]) -> Any:
+        """Play what comes in as a session of the server's own; return the protocol, made of `play` and `do`."""
+        seat = live.own(source, points)
+        taken = protocol(play=partial(live.receive, seat), do=partial(live.change, seat))
+        await self.open(taken)
+        if isinstance(taken, DeviceInput):
+            seat.serials = taken.serials
+        return taken
+
+    def send(self, packets: Iterable[bytes], address: Any) -> None:
+        """Send packets; those that the network does not take are lost."""
+        if self._transport is None or self._transport.is_closing():
+            return
+        for packet in packets:
+            with contextlib.suppress(OSError):  # no receiver now: the next one follows
+                self._transport.sendto(packet, address)
+
+    def close(self) -> None:
+        """Send and take no more."""
+        if self._transport is not None:
+            self._transport.close()
+        else:
+            self._bound.close()
+
+
 def signal_of(observation: Observation, points: tuple[str, ...], sequence: int, time: float) -> SignalFrame:
     """The first frame of an observation as a signal of `points`; others are left out."""
     here = [k for k, name in enumerate(observation.points) if name in points]
@@ -194,11 +234,19 @@ def _why(error: OSError, option: str, host: str, port: int) -> str:
     return f"{option} {port}: {host} cannot be listened on ({error.strerror}); choose another {option}"
 
 
+def host_address(option: str, host: str, program: str) -> str:
+    """Return the address of a program's machine. Raises BodysenseError, naming the option, for unknown hosts."""
+    try:
+        return socket.gethostbyname(host)
+    except OSError:
+        raise BodysenseError(f"{option} {host}: no such host; give the machine of {program}") from None
+
+
 def address_toward(host: str) -> str:
     """This machine's address as a host sees it."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
-            probe.connect((host, 9))
+            probe.connect((host, 9))  # nothing is sent
         except OSError:
             return "127.0.0.1"
         return probe.getsockname()[0]

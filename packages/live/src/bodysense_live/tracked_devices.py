@@ -46,7 +46,6 @@ POINTS = (
 )
 # As sessions name them, and trackers that say nothing.
 SIGNALS = ("headset", *HANDS, *(f"{point}_tracker" for point in POINTS[1 + len(HANDS) :]), *UNDECIDED)
-_ACCURACY = usual_accuracy(SIGNALS)[None]  # (1, P) m
 MOST_DEVICES = 32
 
 
@@ -121,18 +120,7 @@ class TrackedDevices:
                 rotation[place] = np.nan if device.rotation is None else device.rotation
                 if place <= len(HANDS):
                     rotation[place] = turned_about(rotation[place])
-        known = np.isfinite(newest)
-        if not known.any():
-            return None
-        return Observation(
-            points=SIGNALS,
-            position=position[None],
-            rotation=rotation[None],
-            has_position=known[None],
-            has_rotation=np.asarray(np.isfinite(rotation[None]).all(axis=-1)),
-            accuracy=_ACCURACY.copy(),
-            time=np.array([state.at]),
-        )
+        return one_frame(SIGNALS, position, rotation, state.at) if np.isfinite(newest).any() else None
 
     def is_whole(self, now: float, state: DeviceState) -> bool:
         """Whether at least one device is tracked, and all tracked devices came at `now`."""
@@ -211,6 +199,19 @@ class DeviceReader:
     def serials(self, state: Any) -> Mapping[str, str]:
         """Return the signal's names of trackers whose serials name no joint, by serial."""
         return state.devices.undecided
+
+
+def one_frame(points: tuple[str, ...], position: np.ndarray, rotation: np.ndarray, time: float) -> Observation:
+    """Return an observation of positions (P, 3) m and rotations (P, 4) wxyz, NaN if unknown, at `time` s."""
+    return Observation(
+        points=points,
+        position=position[None],
+        rotation=rotation[None],
+        has_position=np.asarray(np.isfinite(position[None]).all(axis=-1)),
+        has_rotation=np.asarray(np.isfinite(rotation[None]).all(axis=-1)),
+        accuracy=usual_accuracy(points)[None],
+        time=np.array([time]),
+    )
 
 
 def pose_of(numbers: Sequence[Any], what: str) -> tuple[np.ndarray, np.ndarray | None] | str:
