@@ -9,7 +9,7 @@ import asyncio
 import contextlib
 import errno
 import socket
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from functools import partial
 from typing import Any, Protocol
 
@@ -23,6 +23,7 @@ from bodysense_live.live import Live
 from bodysense_live.messages import Calibrate, Recentre, Source
 from bodysense_live.metrics import Metrics
 from bodysense_live.safety import RateLimit
+from bodysense_live.tracked_devices import DeviceReader
 
 TOGETHER = 0.002  # s: packets that come so soon after one another are one frame
 MOST_PACKETS = 2000.0  # a second that are looked at; twice as many in a burst
@@ -48,34 +49,6 @@ class Link(Protocol):
         ...
 
 
-class Reader(Protocol):
-    """A decoder of packets: `VmcTrackers`, `VmtReader` …"""
-
-    def start(self) -> Any:
-        """Nothing came yet."""
-        ...
-
-    def take(self, packet: bytes, now: float, state: Any) -> tuple[Any, str | None]:
-        """Take in a packet; the reason, too, where it or a part of it is of no use."""
-        ...
-
-    def observation(self, now: float, state: Any) -> Observation | None:
-        """One frame as of now."""
-        ...
-
-    def is_whole(self, now: float, state: Any) -> bool:
-        """Whether everything that is tracked came with the packet that was taken at `now`."""
-        ...
-
-    def commands(self, packet: bytes) -> Sequence[Command]:
-        """Return the commands in a packet."""
-        ...
-
-    def serials(self, state: Any) -> Mapping[str, str]:
-        """Return the names in the signal of trackers whose serials name no joint, by serial."""
-        ...
-
-
 class DeviceInput(asyncio.DatagramProtocol):
     """Turns packets into signal frames of `points`; packets within `together` seconds share a frame.
 
@@ -86,7 +59,7 @@ class DeviceInput(asyncio.DatagramProtocol):
         self,
         play: Callable[[SignalFrame], None],
         metrics: Metrics,
-        reader: Reader,
+        reader: DeviceReader,
         points: tuple[str, ...],
         do: Callable[[Command], None] = lambda command: None,
         sender: str | None = None,

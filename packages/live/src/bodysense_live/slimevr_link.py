@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -14,7 +14,7 @@ from bodysense.errors import BodysenseError
 from bodysense.observation import Observation
 from bodysense_live.answer import Answer
 from bodysense_live.inertial import IMUS, JOINTS
-from bodysense_live.links import Command, Reader, UdpPort, signal_of
+from bodysense_live.links import Command, UdpPort, signal_of
 from bodysense_live.live import Live
 from bodysense_live.metrics import Metrics
 from bodysense_live.safety import RateLimit
@@ -109,10 +109,6 @@ class SlimevrLink(asyncio.DatagramProtocol):
         nowhere, turned = np.full((len(found), 3), np.nan), np.stack([rotation for _, rotation in found.values()])
         return one_frame(tuple(found), nowhere, turned, max(at for at, _ in found.values()))
 
-    def joined(self, reader: Reader) -> Reader:
-        """Return another input's reader with these sensors in its frames."""
-        return _WithSensors(reader, self.observation)
-
     def show(self, answer: Answer) -> None:
         """Do nothing: trackers take no poses."""
 
@@ -159,21 +155,3 @@ class SlimevrLink(asyncio.DatagramProtocol):
             if observation is not None:
                 sequence = (sequence + 1) % 2**32
                 live.receive(seat, signal_of(observation, SENSORS, sequence, loop.time()))
-
-
-class _WithSensors:
-    """A reader (`links.Reader`) with the sensors' points added."""
-
-    def __init__(self, reader: Reader, sensors: Callable[[float], Observation | None]) -> None:
-        self._reader, self._sensors = reader, sensors
-        self.start, self.take, self.commands = reader.start, reader.take, reader.commands
-        self.is_whole, self.serials = reader.is_whole, reader.serials
-
-    def observation(self, now: float, state: Any) -> Observation | None:
-        """One frame as of now."""
-        found, sensors = self._reader.observation(now, state), self._sensors(now)
-        if found is None or sensors is None:
-            return found if sensors is None else sensors
-        names = ("position", "rotation", "has_position", "has_rotation", "accuracy")
-        both = {name: np.concatenate([getattr(found, name), getattr(sensors, name)], axis=1) for name in names}
-        return replace(found, points=(*found.points, *sensors.points), **both)

@@ -15,8 +15,9 @@ A device keeps its last pose for a moment and then counts as not tracked.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -178,15 +179,37 @@ class TrackedDevices:
         return kept | dict(zip(new, free, strict=False))
 
 
+def no_sensors(now: float) -> Observation | None:
+    """No other sensors are worn."""
+
+
 @dataclass(frozen=True)
-class DeviceReader:
-    """The common part of readers (`links.Reader`) whose state has `devices`; their packets have no commands."""
+class DeviceReader(ABC):
+    """A decoder of packets, whose state has `devices`: `VmcTrackers`, `VmtReader` …"""
 
     devices: TrackedDevices = TrackedDevices()
+    sensors: Callable[[float], Observation | None] = no_sensors  # frames of others on the same wearer
+
+    @abstractmethod
+    def start(self) -> Any:
+        """Nothing came yet."""
+
+    @abstractmethod
+    def take(self, packet: bytes, now: float, state: Any) -> tuple[Any, str | None]:
+        """Take in a packet that came at `now` s; the reason, too, where it or a part of it is of no use."""
+
+    def tracked(self, now: float, state: Any) -> Observation | None:
+        """One frame of the devices, as of the last one that came; None where none came lately."""
+        return self.devices.observation(now, state.devices)
 
     def observation(self, now: float, state: Any) -> Observation | None:
-        """One frame, as of the last device that came; None where none came lately."""
-        return self.devices.observation(now, state.devices)
+        """One frame of devices and sensors; None where none came lately."""
+        found, sensors = self.tracked(now, state), self.sensors(now)
+        if found is None or sensors is None:
+            return found if sensors is None else sensors
+        names = ("position", "rotation", "has_position", "has_rotation", "accuracy")
+        both = {name: np.concatenate([getattr(found, name), getattr(sensors, name)], axis=1) for name in names}
+        return replace(found, points=(*found.points, *sensors.points), **both)
 
     def is_whole(self, now: float, state: Any) -> bool:
         """Whether all devices that are tracked came at `now`."""

@@ -8,10 +8,10 @@ from functools import partial
 
 from bodysense.errors import BodysenseError
 from bodysense_live.answer import Answer
-from bodysense_live.links import LOST, DeviceInput, Reader, UdpPort, address_toward, host_address
+from bodysense_live.links import LOST, DeviceInput, UdpPort, address_toward, host_address
 from bodysense_live.live import Live
 from bodysense_live.metrics import Metrics
-from bodysense_live.tracked_devices import SIGNALS, TrackedDevices
+from bodysense_live.tracked_devices import SIGNALS, DeviceReader, TrackedDevices
 from bodysense_live.vmt import DRIVER_PORT, LAST_INDEX, TRACKERS, off_messages, subscriptions, tracker_packet
 from bodysense_live.vmt_hands import hand_packet
 
@@ -40,7 +40,7 @@ class VmtLink:
     """A link (`links.Link`)."""
 
     def __init__(
-        self, settings: VmtSettings, metrics: Metrics, reader: Reader, points: tuple[str, ...] = SIGNALS
+        self, settings: VmtSettings, metrics: Metrics, reader: DeviceReader, points: tuple[str, ...] = SIGNALS
     ) -> None:
         self._settings, self._metrics, self._reader, self._points = settings, metrics, reader, points
         address = host_address("--vmt-host", settings.host, "SteamVR")

@@ -68,11 +68,13 @@ def vrchat_packets(
 
 
 def parts_of(text: str) -> tuple[str, ...]:
-    """Return the parts of a list such as "hip,feet". Raises BodysenseError for an empty list or an unknown part."""
+    """Return the parts of a list such as "hip,feet". Raises BodysenseError, naming the option, for any other."""
     names = tuple(name.strip() for name in text.split(","))
     for name in names:
         if name not in PARTS:
-            raise BodysenseError(f"{name!r} is not a tracker of VRChat; give a list of {', '.join(PARTS)}")
+            raise BodysenseError(
+                f"--vrchat-trackers {text}: {name!r} is not a tracker of VRChat; give a list of {', '.join(PARTS)}"
+            )
     return names
 
 
@@ -124,7 +126,7 @@ class VrchatReader(DeviceReader):
                     seen[_POSES[message.address]] = found
         return VrchatState(DeviceState(seen)), wrong
 
-    def observation(self, now: float, state: VrchatState) -> Observation | None:
+    def tracked(self, now: float, state: VrchatState) -> Observation | None:
         """One frame of `VRCHAT_POINTS`; None where none came lately."""
         seen = state.devices.devices.items()
         fresh = {point: one for point, one in seen if now - one.at <= self.devices.longest_silence}

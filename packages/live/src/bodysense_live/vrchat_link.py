@@ -13,10 +13,11 @@ from typing import Any
 
 from bodysense.errors import BodysenseError, missing_package
 from bodysense_live.answer import Answer
-from bodysense_live.links import DeviceInput, Reader, UdpPort, address_toward, host_address
+from bodysense_live.links import DeviceInput, UdpPort, address_toward, host_address
 from bodysense_live.live import Live
 from bodysense_live.metrics import Metrics
 from bodysense_live.oscquery import OscQueryServer, OscService
+from bodysense_live.tracked_devices import DeviceReader
 from bodysense_live.vrchat import ADVISED, PORT, TAKEN, vrchat_packets
 
 _HTTP, _OSC = "_oscjson._tcp.local.", "_osc._udp.local."
@@ -40,7 +41,9 @@ class VrchatLink:
     Raises BodysenseError if zeroconf is missing, the host is unknown, or the network allows no discovery.
     """
 
-    def __init__(self, settings: VrchatSettings, metrics: Metrics, reader: Reader, points: tuple[str, ...]) -> None:
+    def __init__(
+        self, settings: VrchatSettings, metrics: Metrics, reader: DeviceReader, points: tuple[str, ...]
+    ) -> None:
         self._metrics, self._reader, self._points, self._parts = metrics, reader, points, settings.parts
         self._host = host_address("--vrchat-host", settings.host, "VRChat")
         self._usual = self.target = (self._host, settings.port)
