@@ -3,10 +3,10 @@
 import type { Clip } from "./body/clip";
 import { readNpz } from "./files/npz";
 import type { Skeleton } from "./body/skeleton";
-import { defaultSkeleton, fetched } from "./engine/files";
+import { defaultSkeleton, fetched, readJson } from "./engine/files";
 import { amassClip } from "./files/amass";
 import type { Moment } from "./history";
-import { aboutPage, type About } from "./offline";
+import type { About } from "./offline";
 
 const PERFORMANCE = "performance.npz";
 const MOVING = 2; // pictures of different moments
@@ -18,9 +18,12 @@ export interface FirstFiles {
 }
 
 export async function firstFiles(base: string): Promise<FirstFiles> {
-  const about = aboutPage(base);
-  const [skeleton, arrays] = await Promise.all([defaultSkeleton(base), fetched(base, PERFORMANCE).then(readNpz)]);
-  return { skeleton, about: await about, performance: amassClip(arrays, "performance", skeleton) };
+  const [about, skeleton, arrays] = await Promise.all([
+    readJson<About>(base, "page.json"),
+    defaultSkeleton(base),
+    fetched(base, PERFORMANCE).then(readNpz),
+  ]);
+  return { about, skeleton, performance: amassClip(arrays, "performance", skeleton) };
 }
 
 /** Marks when pictures of different moments were drawn, and then that a body was drawn which the network completed, for

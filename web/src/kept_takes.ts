@@ -2,7 +2,7 @@
 
 import type { BodyFrame } from "./history";
 import { whyNotStored } from "./settings";
-import type { Description, Keeper, Take } from "./takes";
+import type { Description, Take } from "./takes";
 
 const [NAME, STORE, VERSION] = ["bodysense", "takes", 2] as const;
 
@@ -14,7 +14,7 @@ interface Chunk {
   readonly restOffset: Float32Array; // (points × 3) m, of the last
 }
 
-export class KeptTakes implements Keeper {
+export class KeptTakes {
   private turn: Promise<void> = Promise.resolve(); // one after the other
   private failing: number | null = null; // the take that could not be kept: nothing more of it is
 

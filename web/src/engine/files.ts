@@ -18,6 +18,11 @@ export async function unpacked(base: string, name: string): Promise<ArrayBuffer>
   });
 }
 
+/** The content of a file of JSON. */
+export async function readJson<T>(base: string, name: string): Promise<T> {
+  return JSON.parse(new TextDecoder().decode(await fetched(base, name))) as T;
+}
+
 export async function defaultSkeleton(base: string): Promise<Skeleton> {
-  return skeletonOfRows(JSON.parse(new TextDecoder().decode(await fetched(base, "default_body.json"))) as SkeletonRows);
+  return skeletonOfRows(await readJson<SkeletonRows>(base, "default_body.json"));
 }
