@@ -18,6 +18,7 @@ import json
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -48,6 +49,7 @@ POINTS = (
 # As sessions name them, and trackers that say nothing.
 SIGNALS = ("headset", *HANDS, *(f"{point}_tracker" for point in POINTS[1 + len(HANDS) :]), *UNDECIDED)
 MOST_DEVICES = 32
+_usual = lru_cache(maxsize=64)(usual_accuracy)
 
 
 @dataclass(frozen=True, eq=False)
@@ -232,7 +234,7 @@ def one_frame(points: tuple[str, ...], position: np.ndarray, rotation: np.ndarra
         rotation=rotation[None],
         has_position=np.asarray(np.isfinite(position[None]).all(axis=-1)),
         has_rotation=np.asarray(np.isfinite(rotation[None]).all(axis=-1)),
-        accuracy=usual_accuracy(points)[None],
+        accuracy=_usual(points)[None].copy(),
         time=np.array([time]),
     )
 
