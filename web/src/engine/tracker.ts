@@ -45,14 +45,14 @@ export class Tracker {
   step({ time, points }: Observation): Completed {
     const seen = points.filter(({ name }) => this.names.has(name));
     const estimate = this.state.step({ time, points: seen }, { holdFeet: this.holdFeet });
-    const rotation = Float32Array.from(estimate.rotation);
+    const rotation = new Float32Array(estimate.rotation);
     return {
       time,
-      rootPosition: Float32Array.from(estimate.rootPosition),
+      rootPosition: new Float32Array(estimate.rootPosition),
       rotation,
-      restOffset: Float32Array.from(estimate.restOffset),
-      body: { position: Float32Array.from(estimate.points), rotation: worldRotations(this.skeleton, rotation) },
-      expected: Float32Array.from(estimate.confidence),
+      restOffset: new Float32Array(estimate.restOffset),
+      body: { position: new Float32Array(estimate.points), rotation: worldRotations(this.skeleton, rotation) },
+      expected: new Float32Array(estimate.confidence),
       measured: estimate.measured,
     };
   }
