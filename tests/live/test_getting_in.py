@@ -158,7 +158,7 @@ def test_a_session_is_watched_with_its_token(server_of: Serving, connect: Connec
 
 def test_a_wrong_token_watches_nothing() -> None:
     async def follow() -> str:
-        live = Live(Limits(), Metrics())
+        live = Live(ServerSettings(), Metrics())
         live.start()
         seat = await live.admit(Hello(1, DEVICES), Outbox(8))
         try:
@@ -175,7 +175,7 @@ def test_a_wrong_token_watches_nothing() -> None:
 @pytest.mark.parametrize("turns", range(4))
 def test_a_server_stops_in_whatever_turn_of_its_loop_a_client_left(turns: int) -> None:
     async def left_and_stopped() -> None:
-        live, outbox = Live(Limits(), Metrics()), Outbox(8)
+        live, outbox = Live(ServerSettings(), Metrics()), Outbox(8)
         live.start()
         seat = await live.admit(Hello(1, DEVICES), outbox)
         await asyncio.sleep(0.15)  # until nothing is to be stored

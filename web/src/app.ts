@@ -1,22 +1,21 @@
 /** The page: sources, the engine and the person meet here. */
 
-import type { Clip, SensorSet } from "./body/clip";
+import type { SensorSet } from "./body/clip";
 import type { Observation } from "./body/observation";
-import { restHeight, withOffsets, type Skeleton } from "./body/skeleton";
+import { restHeight, type Skeleton } from "./body/skeleton";
 import type { Engine } from "./engine/engine";
-import type { DefaultBody } from "./engine/files";
 import { FirstPicture, type FirstFiles } from "./first";
-import { HeadsetDoor } from "./headset_door";
 import { Live } from "./live";
 import { Measuring } from "./measuring";
-import { Notice, reasonOf } from "./notice";
-import { workOffline, type About } from "./offline";
+import { reasonOf, type Notice } from "./notice";
+import { workOffline } from "./offline";
 import { button, element } from "./page";
 import { Playback } from "./playback";
+import type { Settings as SessionSettings } from "./protocol";
 import { loadSettings, saveSettings, type Settings } from "./settings";
 import { ClipSource } from "./sources/clip_source";
 import { RecordingSource } from "./sources/recording_source";
-import type { Immersion } from "./sources/headset";
+import { Headset, missingForHeadset, type Immersion } from "./sources/headset";
 import { socketAddress } from "./server/connection";
 import type { Source } from "./sources/source";
 import { TakeSource } from "./sources/take_source";
@@ -29,14 +28,15 @@ import { LookPanel } from "./ui/look_panel";
 import { bindPanels } from "./ui/panels";
 import { SensorPanel } from "./ui/sensor_panel";
 import { showStatus } from "./ui/status";
-import { applyTheme, nextTheme, onSystemChange } from "./ui/theme";
+import { nextTheme, themed } from "./ui/theme";
 import { TakePanel } from "./ui/take_panel";
 import { Timeline } from "./ui/timeline";
 import { YouPanel } from "./ui/you_panel";
 import { Bodies } from "./view/bodies";
-import type { View } from "./view/scene";
+import type { Look, View } from "./view/scene";
+import { VrMenu, type MenuItem } from "./view/vr_menu";
 import { addOwn } from "./view/wardrobe";
-import { HEIGHTS, measurementOf, personFrom, personOf, type Person } from "./wearer";
+import { HEIGHTS, personFrom, personOf, type Person } from "./wearer";
 
 const FILE_GUIDE =
   "A simulated headset sees this motion, and the rest is completed. Settings choose what it sees; Truth shows the motion itself.";
@@ -49,10 +49,6 @@ export class App {
   private settings: Settings = loadSettings(() => localStorage);
   private source: Source | null = null;
   private awaited: Watching | null = null; // a server whose first body is not there yet
-  private tree: Skeleton; // of what is shown
-  private readonly performance: Clip;
-  private readonly body: DefaultBody;
-  private readonly about: About;
   private readonly welcome = element("lead").textContent;
   private readonly first = new FirstPicture(() => this.afterFirst());
   private shownAt = 0; // ms
@@ -60,7 +56,6 @@ export class App {
   private enteredAt = 0; // ms since 1970: when the headset was put on
   private readonly playback = new Playback();
   private readonly measuring = new Measuring((text) => this.say(text));
-  private readonly notice = new Notice();
   private readonly bodies: Bodies;
   private readonly live: Live;
   private readonly takes: TakePanel;
@@ -68,76 +63,67 @@ export class App {
   private readonly look: LookPanel;
   private readonly sensors: SensorPanel;
   private readonly you: YouPanel;
-  private readonly headset: HeadsetDoor;
+  private readonly menu = new VrMenu(this.menuItems());
+  private readonly headset: Headset;
   private readonly bridge: BridgePanel;
 
   constructor(
     private readonly view: View,
     engine: Engine,
-    { body, about, performance }: FirstFiles,
+    private readonly files: FirstFiles,
     private readonly base: string,
+    private readonly notice: Notice,
   ) {
-    this.body = body;
-    this.about = about;
-    this.performance = performance;
-    this.tree = body.skeleton;
+    const { skeleton, about } = files;
     this.bodies = new Bodies(view.stage);
     this.live = new Live(
       engine,
-      body.skeleton,
+      skeleton,
       (reason) => this.notice.fault(reason),
       (time, moved) => this.bridge.send(time, moved),
     );
-    this.bridge = new BridgePanel(body.skeleton, (error) => this.fault(error));
-    this.live.settings = { floor: 0, holdFeet: this.settings.holdFeet };
-    this.takes = new TakePanel(this.live.history, body.skeleton, {
+    this.bridge = new BridgePanel(skeleton, (error) => this.fault(error));
+    this.live.holdFeet = this.settings.holdFeet;
+    this.takes = new TakePanel(this.live.history, skeleton, {
       skeleton: () => this.tree,
       show: (take) => this.attempt(() => this.showTake(take)),
       time: () => this.playback.time - this.live.history.first,
       fault: (error) => this.fault(error),
     });
-    this.timeline = new Timeline(this.playback, () => this.live.history);
-    this.look = new LookPanel(this.settings, {
-      changed: (change) => this.change(change),
-      wear: (name) => this.bodies.wardrobe.wear(name),
-    });
+    this.timeline = new Timeline(this.playback, this.live.history);
+    this.look = new LookPanel(
+      this.settings,
+      (change) => this.change(change),
+      (name) => this.bodies.wardrobe.wear(name),
+    );
     this.sensors = new SensorPanel(
       this.settings.sensors,
       (set) => this.simulate(set),
       (hidden) => {
         this.live.hidden = hidden;
-        if (this.source instanceof Watching) this.source.tell({ hidden: [...hidden] });
+        this.tellServer({ hidden: [...hidden] });
       },
     );
-    this.you = new YouPanel(this.settings.height, this.settings.measured, this.settings.holdFeet, {
+    this.you = new YouPanel(this.settings, {
       height: (height) => this.attempt(async () => this.tellHeight(height)),
       measure: () => this.attempt(async () => this.measure()),
-      forget: () => this.forget(),
+      forget: () => this.know({ measured: null }),
       recentre: () => this.recentre(),
       sit: (isSeated) => this.sit(isSeated),
       holdFeet: (holdFeet) => {
         this.change({ holdFeet });
-        this.live.change({ ...this.live.settings, holdFeet });
-        if (this.source instanceof Watching) this.source.tell({ hold_feet: holdFeet });
+        this.live.hold(holdFeet);
+        this.tellServer({ hold_feet: holdFeet });
       },
     });
-    this.headset = new HeadsetDoor(view, this.live, body, {
-      begin: (source) => this.begin(source),
-      tracked: (frame) => this.attempt(async () => this.tracked(frame)),
-      measure: () => this.attempt(async () => this.measure()),
-      taller: (by) => this.attempt(async () => this.tellHeight(this.tallerBy(by))),
-      height: () => this.settings.height,
-      record: () => this.takes.takes.toggle(),
-      isRecording: () => this.takes.takes.isRecording,
-      lookName: () => this.lookName ?? "figure",
-      nextLook: () => this.showNext(),
-      seated: (isSeated) => this.you.showSeated(isSeated),
-      left: (text, isFault) => this.afterHeadset(text, isFault),
+    this.headset = new Headset(view, this.live, this.menu, {
+      tracked: (frame) => {
+        this.attempt(async () => this.tracked(frame));
+        this.live.track(frame, null);
+      },
+      left: (wasAsked) => this.afterHeadset(wasAsked),
     });
     this.bind();
-    this.repaint();
-    onSystemChange(() => this.repaint());
-    engine.open(); // in a worker, while the first picture is drawn
     engine.opened.catch((error: unknown) => {
       this.fault(error);
       this.afterFirst();
@@ -150,9 +136,13 @@ export class App {
   }
 
   private bind(): void {
+    const repaint = themed(
+      () => this.settings.theme,
+      (look) => this.paint(look),
+    );
     button("theme").onclick = () => {
       this.change({ theme: nextTheme(this.settings.theme) });
-      this.repaint();
+      repaint();
     };
     bindPanels(["takes", "settings"]);
     onFile((file) => this.attempt(() => this.open(file)));
@@ -160,7 +150,7 @@ export class App {
       this.notice.clear();
       return this.perform();
     });
-    button("door-server").hidden = !this.about.server;
+    button("door-server").hidden = !this.files.about.server;
     this.offer("door-server", () => this.watchServer());
     this.offer("door-headset", () => this.enterHeadset("immersive-vr"));
     this.offer("door-room", () => this.enterHeadset("immersive-ar"));
@@ -168,7 +158,7 @@ export class App {
       (isThere) => (button("door-room").hidden = !isThere),
       () => undefined, // a browser that forbids to ask
     );
-    button("door-webcam").hidden = !this.about.webcam;
+    button("door-webcam").hidden = !this.files.about.webcam;
     this.offer("door-webcam", () => this.watchWebcam());
     onKeys({
       " ": () => this.playback.toggle(),
@@ -192,20 +182,13 @@ export class App {
 
   /** The packaged performance, seen by a simulated headset. */
   private async perform(): Promise<void> {
-    this.begin(new ClipSource(this.performance, this.live, this.settings.sensors, "The page's own performance"));
+    this.begin(new ClipSource(this.files.performance, this.live, this.settings.sensors, "The page's own performance"));
   }
 
   private async watchServer(): Promise<void> {
-    let tree = this.body.skeleton;
     const events = {
-      skeleton: (skeleton: Skeleton) => {
-        tree = skeleton;
-        if (this.source === source) this.tree = tree;
-      },
       came: () => {
-        if (this.awaited !== source) return; // the connection broke in between
-        this.begin(source);
-        this.tree = tree;
+        if (this.awaited === source) this.begin(source); // else the connection broke in between
       },
       empty: () => {
         if (isAsked) this.say(NO_INPUT);
@@ -213,7 +196,7 @@ export class App {
       },
       connected: () => this.notice.clear(),
       said: (text: string) => this.say(text),
-      lost: (reason: string, again: boolean) => this.notice.fault(reason, again ? () => source.open() : null),
+      lost: (reason: string, again: boolean) => this.notice.fault(reason, again ? () => source.first.open() : null),
     };
     const isAsked = this.source !== null;
     if (!isAsked)
@@ -225,23 +208,28 @@ export class App {
   }
 
   private async enterHeadset(mode: Immersion): Promise<void> {
+    if (this.headset.isWorn) return;
+    const missing = await missingForHeadset();
+    if (missing) throw new Error(missing);
     await this.headset.enter(mode);
+    this.begin(this.headset);
     this.enteredAt = Date.now();
-    if (this.about.server) this.bridge.open(socketAddress({ href: this.base }));
+    if (this.files.about.server) this.bridge.open(socketAddress({ href: this.base }));
   }
 
   private async watchWebcam(): Promise<void> {
     const { openWebcam } = await import("./sources/webcam"); // MediaPipe is fetched when it is wanted
     const before = this.source;
-    const source = await openWebcam(this.base, this.live, this.body.skeleton, (text) => this.notice.fault(text));
+    const source = await openWebcam(this.base, this.live, (text) => this.notice.fault(text));
     if (this.source === before) this.begin(source);
-    else source.stop(); // something else was chosen in the meantime
+    else source.stop?.(); // something else was chosen in the meantime
   }
 
   /** A take on the stage; null: the performance, for the take is gone. */
   private async showTake(take: Take | null): Promise<void> {
     if (!take) return this.perform();
-    this.begin(new TakeSource(() => this.takes.takes.all.find(({ id }) => id === take.id) ?? take));
+    const now = (): Take => this.takes.takes.all.find(({ id }) => id === take.id) ?? take;
+    this.begin(new TakeSource(now, this.playback));
     this.live.replay(take.frames);
     this.playback.seek(0);
   }
@@ -250,17 +238,26 @@ export class App {
     this.takes.leave();
     if (this.awaited !== source) this.awaited?.stop();
     this.awaited = null;
-    if (this.source !== source) this.source?.stop(); // a headset that is worn again is the same source
+    if (this.source !== source) this.source?.stop?.(); // a headset that is worn again is the same source
     this.source = source;
-    this.tree = this.body.skeleton;
     this.live.begin(this.personOf(source));
     this.measuring.forget();
     this.bodies.clear(); // until the first body is there
     this.playback.goLive();
     element("lead").textContent = source.guide ?? this.welcome;
     this.sensors.offer(source.sensors, source instanceof ClipSource);
-    button("door-performance").hidden = source instanceof ClipSource && source.clip === this.performance;
+    button("door-performance").hidden = source instanceof ClipSource && source.clip === this.files.performance;
     this.view.reset();
+  }
+
+  /** The skeleton of what is shown. */
+  private get tree(): Skeleton {
+    return (this.source instanceof Watching ? this.source.first.skeleton : null) ?? this.files.skeleton;
+  }
+
+  /** Change settings of the server's session, if one is watched. */
+  private tellServer(change: Partial<SessionSettings>): void {
+    if (this.source instanceof Watching) this.source.first.tell(change);
   }
 
   private simulate(sensors: SensorSet): void {
@@ -277,16 +274,21 @@ export class App {
 
   private tellHeight(height: number | null): void {
     personOf(height); // refuses a height that no person has
-    this.change({ height });
+    this.know({ height });
+    this.tellServer({ height });
+  }
+
+  /** More, or less, is known of the user. */
+  private know(known: Partial<Pick<Settings, "height" | "measured">>): void {
+    this.change(known);
     if (this.source) this.live.tell(this.personOf(this.source));
-    if (this.source instanceof Watching) this.source.tell({ height });
-    this.you.show(height, this.settings.measured);
+    this.you.show(this.settings);
   }
 
   private measure(): void {
     if (this.source instanceof Watching)
       this.say(
-        this.source.ask({ type: "calibrate", arms_out: true })
+        this.source.first.ask({ type: "calibrate", arms_out: true })
           ? "Stand upright, arms out to the sides, and hold still: the server measures."
           : "You watch another wearer, whom only their own page measures.",
       );
@@ -298,40 +300,57 @@ export class App {
     }
   }
 
-  private forget(): void {
-    this.change({ measured: null });
-    if (this.source) this.live.tell(this.personOf(this.source));
-    this.you.show(this.settings.height, null);
-  }
-
   private recentre(): void {
-    if (this.source instanceof Watching) this.source.ask({ type: "recentre" });
+    if (this.source instanceof Watching) this.source.first.ask({ type: "recentre" });
     else this.headset.recentre();
   }
 
   private sit(isSeated: boolean): void {
-    if (this.source instanceof Watching) this.source.tell({ posture: isSeated ? "seated" : "standing" });
+    this.tellServer({ posture: isSeated ? "seated" : "standing" });
     this.headset.sit(isSeated);
+    this.you.showSeated(isSeated);
   }
 
   /** One frame of the headset. */
   private tracked(frame: Observation): void {
-    const person = this.measuring.take(frame);
-    if (!person) return;
-    this.change({ height: null, measured: measurementOf(person) });
-    this.live.tell(person);
-    this.you.show(null, this.settings.measured);
+    const measured = this.measuring.take(frame);
+    if (!measured) return;
+    this.know({ height: null, measured });
     this.say("You are measured.");
   }
 
-  /** The height of the body that is shown, m. */
-  private get bodyHeight(): number {
-    const { newest } = this.live;
-    return restHeight(newest ? withOffsets(this.body.skeleton, newest.restOffset) : this.body.skeleton);
+  private menuItems(): MenuItem[] {
+    const taller = (by: number): void => this.attempt(async () => this.tellHeight(this.tallerBy(by)));
+    const known = (height: number | null): string => (height === null ? "measured" : `${height.toFixed(2)} m`);
+    const isRecording = (): boolean => this.takes.takes.isRecording;
+    return [
+      { text: () => "Measure me", press: () => this.attempt(async () => this.measure()) },
+      { text: () => `Taller · ${known(this.settings.height)}`, press: () => taller(0.01) },
+      { text: () => "Shorter", press: () => taller(-0.01) },
+      { text: () => "Recentre", press: () => this.headset.recentre() },
+      {
+        text: () => "I am sitting",
+        isOn: () => this.headset.isSeated,
+        press: () => this.sit(!this.headset.isSeated),
+      },
+      {
+        text: () => "Mirror",
+        isOn: () => this.headset.isMirrorShown,
+        press: () => this.headset.showMirror(!this.headset.isMirrorShown),
+      },
+      { text: () => `Look · ${this.lookName ?? "figure"}`, press: () => this.showNext() },
+      {
+        text: () => (isRecording() ? "Stop recording" : "Record a take"),
+        isOn: isRecording,
+        press: () => this.takes.takes.toggle(),
+      },
+      { text: () => "Leave VR", press: () => this.headset.stop() },
+    ];
   }
 
+  /** The height of the body that is shown, or the one that is set, and `metres` more. */
   private tallerBy(metres: number): number {
-    const height = Math.round(100 * ((this.settings.height ?? this.bodyHeight) + metres)) / 100;
+    const height = Math.round(100 * ((this.settings.height ?? restHeight(this.live.tree)) + metres)) / 100;
     return Math.min(Math.max(height, HEIGHTS.least), HEIGHTS.most);
   }
 
@@ -346,7 +365,7 @@ export class App {
 
   private async open(file: File): Promise<void> {
     const { openFile } = await import("./files/open");
-    const opened = await openFile(file, this.body.skeleton);
+    const opened = await openFile(file, this.files.skeleton);
     this.notice.clear();
     if (opened.kind === "motion")
       this.begin(new ClipSource(opened.clip, this.live, this.settings.sensors, file.name, FILE_GUIDE));
@@ -374,28 +393,28 @@ export class App {
   /** Begin what the first picture of a completed body does not wait for; at once if there is no network. */
   private afterFirst(): void {
     this.attempt(() => addOwn(this.bodies.wardrobe, this.base));
-    workOffline(this.about, this.base);
+    workOffline(this.files.about, this.base);
   }
 
-  private afterHeadset(text: string, isFault: boolean): void {
+  private afterHeadset(wasAsked: boolean): void {
     const { takes } = this.takes;
     takes.end();
     const take = takes.all.find(({ id }) => id >= this.enteredAt);
     const kept = take ? ` Your take of ${partOf(take)[1].toFixed(1)} s is kept: it is under Takes.` : "";
     if (take) this.playback.seek(take.frames[0].time);
     this.playback.playing = true;
-    if (isFault) this.notice.fault(text + kept);
-    else this.say(text + kept);
+    if (wasAsked) this.say(`You are back.${kept}`);
+    else this.notice.fault(`The headset is off.${kept}`);
   }
 
   private say(text: string): void {
     this.notice.say(text);
-    this.headset.say(text);
+    this.menu.say(text);
   }
 
   private fault(error: unknown): void {
     this.notice.fault(reasonOf(error));
-    this.headset.say(reasonOf(error));
+    this.menu.say(reasonOf(error));
   }
 
   private change(change: Partial<Settings>): void {
@@ -403,9 +422,9 @@ export class App {
     this.attempt(async () => saveSettings(() => localStorage, this.settings));
   }
 
-  private repaint(): void {
+  private paint(look: Look): void {
     const { theme } = this.settings;
-    applyTheme(theme, (look) => this.view.paint(look));
+    this.view.paint(look);
     button("theme").textContent = { auto: "◐ Auto", light: "◐ Light", dark: "◐ Dark" }[theme];
     button("theme").setAttribute("aria-label", `Theme: ${theme}; change it`);
   }
@@ -419,8 +438,7 @@ export class App {
     const passed = (milliseconds - this.shownAt) / 1000;
     const seconds = Math.min(passed, LONGEST_STEP);
     this.shownAt = milliseconds;
-    this.source?.frame(milliseconds, frame);
-    if (this.source instanceof TakeSource) this.source.repeat(this.playback);
+    this.source?.frame?.(milliseconds, frame);
     const moment = this.playback.step(this.live.history, seconds);
     if (!this.source) return;
     if (moment) {

@@ -2,16 +2,14 @@
 
 import { distance, type Vector } from "./body/math";
 import type { Observation } from "./body/observation";
-import type { Person } from "./wearer";
+import { isWithin, REACHES, type Measurement } from "./wearer";
 
 export const LASTS = 2; // s
 const STILL = 0.05; // m: whose head moves farther does not stand still
-const SPAN = { least: 0.9, most: 2.0 } as const; // m between wrists of arms that are out
-export const DEVIATION = 0.02; // m
 const FEWEST = 3; // frames: a device that can hardly keep up is measured, too
 
 /** Measure a person standing still. Throws an Error of one line if the head moved or was not tracked. */
-export function calibrated(frames: readonly Observation[]): Person {
+export function calibrated(frames: readonly Observation[]): Measurement {
   const heads = frames.flatMap(({ points }) =>
     points.filter(({ name, position }) => name === "head" && position).map(({ position }) => position as Vector),
   );
@@ -28,12 +26,8 @@ export function calibrated(frames: readonly Observation[]): Person {
     );
     return left && right ? [distance(left, right)] : [];
   });
-  const span = spans.length > 0 ? median(spans) : 0;
-  const isOut = span > SPAN.least && span < SPAN.most;
-  return {
-    head: middle[1],
-    lengths: isOut ? [{ start: "left_wrist", end: "right_wrist", value: span, deviation: DEVIATION }] : [],
-  };
+  const reach = spans.length > 0 ? median(spans) : 0;
+  return { head: middle[1], reach: isWithin(reach, REACHES) ? reach : null }; // hanging arms tell none
 }
 
 function median(values: readonly number[]): number {

@@ -7,11 +7,11 @@ import type { Engine } from "./engine/engine";
 import type { FirstFiles } from "./first";
 import { History, type Moment } from "./history";
 import { Live } from "./live";
-import { Notice, reasonOf } from "./notice";
+import { reasonOf, type Notice } from "./notice";
 import { DEFAULT_SETTINGS } from "./settings";
 import { ClipSource } from "./sources/clip_source";
 import { RecordingSource } from "./sources/recording_source";
-import { applyTheme, onSystemChange } from "./ui/theme";
+import { themed } from "./ui/theme";
 import { Bodies } from "./view/bodies";
 import type { View } from "./view/scene";
 import { addOwn } from "./view/wardrobe";
@@ -28,7 +28,6 @@ export class EmbeddedPage {
   private readonly skeleton: Skeleton;
   private readonly bodies: Bodies;
   private readonly live: Live;
-  private readonly notice = new Notice();
   private readonly turns = { motion: 0, avatar: 0 }; // how often each was loaded: the newest counts
   private source: Played | null = null;
   private drawn: Moment | null = null;
@@ -38,19 +37,19 @@ export class EmbeddedPage {
   constructor(
     private readonly view: View,
     engine: Engine,
-    { body, performance }: FirstFiles,
+    { skeleton, performance }: FirstFiles,
     private readonly base: string,
+    private readonly notice: Notice,
     private readonly embedder: Embedder,
   ) {
-    this.skeleton = body.skeleton;
+    this.skeleton = skeleton;
     this.bodies = new Bodies(view.stage);
-    this.live = new Live(engine, body.skeleton, (reason) => this.fault(reason), undefined, new History(2));
-    this.live.settings = { floor: 0, holdFeet: DEFAULT_SETTINGS.holdFeet };
-    const paint = (): void => applyTheme("auto", (look) => view.paint(look));
-    paint();
-    onSystemChange(paint);
+    this.live = new Live(engine, skeleton, (reason) => this.fault(reason), undefined, new History(2));
+    themed(
+      () => "auto",
+      (look) => view.paint(look),
+    );
     view.letScroll();
-    engine.open();
     const named = new URLSearchParams(location.search);
     const [motion, avatar] = [named.get("motion"), named.get("avatar")];
     this.attempt(async () => {

@@ -2,24 +2,28 @@
 
 import type { Clip } from "./body/clip";
 import { readNpz } from "./files/npz";
-import { defaultBody, fetched, type DefaultBody } from "./engine/files";
+import type { Skeleton } from "./body/skeleton";
+import { defaultSkeleton, fetched, readJson } from "./engine/files";
 import { amassClip } from "./files/amass";
 import type { Moment } from "./history";
-import { aboutPage, type About } from "./offline";
+import type { About } from "./offline";
 
 const PERFORMANCE = "performance.npz";
 const MOVING = 2; // pictures of different moments
 
 export interface FirstFiles {
-  readonly body: DefaultBody;
+  readonly skeleton: Skeleton;
   readonly about: About;
   readonly performance: Clip;
 }
 
 export async function firstFiles(base: string): Promise<FirstFiles> {
-  const about = aboutPage(base);
-  const [body, arrays] = await Promise.all([defaultBody(base), fetched(base, PERFORMANCE).then(readNpz)]);
-  return { body, about: await about, performance: amassClip(arrays, "performance", body.skeleton) };
+  const [about, skeleton, arrays] = await Promise.all([
+    readJson<About>(base, "page.json"),
+    defaultSkeleton(base),
+    fetched(base, PERFORMANCE).then(readNpz),
+  ]);
+  return { about, skeleton, performance: amassClip(arrays, "performance", skeleton) };
 }
 
 /** Marks when pictures of different moments were drawn, and then that a body was drawn which the network completed, for

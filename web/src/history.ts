@@ -1,5 +1,6 @@
 /** The completed bodies, up to a limit; the timeline and saved files read them. */
 
+import { lastIndex } from "./body/math";
 import type { Point } from "./body/observation";
 import type { Body } from "./body/skeleton";
 
@@ -57,13 +58,7 @@ export class History {
 
   /** Index of the last moment at or before a time; 0 before the first, −1 if there are no moments. */
   indexAt(time: number): number {
-    let [low, high] = [0, this.moments.length - 1];
-    while (low < high) {
-      const middle = (low + high + 1) >> 1;
-      if (this.moments[middle].time <= time) low = middle;
-      else high = middle - 1;
-    }
-    return high < 0 ? -1 : low;
+    return lastIndex(this.moments.length, (index) => this.moments[index].time, time);
   }
 
   /** The longest stretch without a jump, the newest of the longest. */

@@ -1,8 +1,8 @@
 /** Takes in this browser's storage, so that a reload loses nothing. */
 
 import type { BodyFrame } from "./history";
-import { isRefused } from "./settings";
-import type { Description, Keeper, Take } from "./takes";
+import { whyNotStored } from "./settings";
+import type { Description, Take } from "./takes";
 
 const [NAME, STORE, VERSION] = ["bodysense", "takes", 2] as const;
 
@@ -14,7 +14,7 @@ interface Chunk {
   readonly restOffset: Float32Array; // (points × 3) m, of the last
 }
 
-export class KeptTakes implements Keeper {
+export class KeptTakes {
   private turn: Promise<void> = Promise.resolve(); // one after the other
   private failing: number | null = null; // the take that could not be kept: nothing more of it is
 
@@ -55,7 +55,7 @@ export class KeptTakes implements Keeper {
       })
       .catch((error: unknown) => {
         this.failing = id;
-        const why = isRefused(error) ? "This browser lets the page store nothing" : "This browser's storage is full";
+        const why = whyNotStored(error);
         this.failed(new Error(`${why}: your take is kept until you leave the page; save it as a file.`));
       });
   }
@@ -81,13 +81,9 @@ async function inStore<T>(mode: IDBTransactionMode, ask: (store: IDBObjectStore)
 }
 
 function chunkOf(frames: readonly BodyFrame[]): Chunk {
-  const joined = (parts: readonly Float32Array[]): Float32Array => {
-    const values = new Float32Array(parts.reduce((sum, part) => sum + part.length, 0));
-    let at = 0;
-    for (const part of parts) {
-      values.set(part, at);
-      at += part.length;
-    }
+  const joined = (rows: readonly Float32Array[]): Float32Array => {
+    const values = new Float32Array(rows.length * rows[0].length);
+    rows.forEach((row, k) => values.set(row, k * row.length));
     return values;
   };
   return {

@@ -3,23 +3,20 @@
 import type { Observation, Point } from "./body/observation";
 import { place, withOffsets, type Body, type Skeleton } from "./body/skeleton";
 import type { Engine, Step } from "./engine/engine";
-import { TRACKER_SETTINGS, type TrackerSettings } from "./engine/tracker";
 import { History, type BodyFrame, type Moment } from "./history";
-import type { Sink } from "./sources/source";
-import { NOBODY, type Person } from "./wearer";
+import { reasonOf } from "./notice";
+import type { Person } from "./wearer";
 
 const MOST_WAITING = 2; // frames in the worker: newer ones are left out rather than queued
 const COUNTED = 600; // steps that times are taken of
 
-export class Live implements Sink {
+export class Live {
   readonly times: number[] = []; // ms, of the last steps
-  settings: TrackerSettings = TRACKER_SETTINGS;
+  holdFeet = true; // standing feet stay where they are
   hidden: ReadonlySet<string> = new Set(); // points that are not looked at
-  person: Person = NOBODY;
-  left = 0; // frames that the worker had no time for
-  newest: Step["body"] | null = null;
   isReady = false; // the network is there
   private isPreview = false; // what the timeline holds was not completed
+  private restOffset: Float32Array | null = null; // of the newest body
   private take = 0; // answers to frames of an earlier source are dropped
 
   constructor(
@@ -38,42 +35,43 @@ export class Live implements Sink {
     );
   }
 
+  /** The skeleton with the proportions of the newest body. */
+  get tree(): Skeleton {
+    return withOffsets(this.skeleton, this.restOffset ?? this.skeleton.restOffset);
+  }
+
   /** Another source begins, perhaps of another wearer; the timeline starts anew. */
   begin(person: Person): void {
     this.take += 1;
-    this.person = person;
-    this.newest = null;
+    this.restOffset = null;
     this.hidden = new Set();
     this.history.clear();
     this.isPreview = false;
-    this.engine.start(person, this.settings);
+    this.engine.tell({ type: "start", person, holdFeet: this.holdFeet });
   }
 
   /** The wearer told their height, or was measured; the timeline goes on. */
   tell(person: Person): void {
-    this.person = person;
-    this.engine.person(person);
+    this.engine.tell({ type: "person", person });
   }
 
-  change(settings: TrackerSettings): void {
-    this.settings = settings;
-    this.engine.settings(settings);
+  hold(holdFeet: boolean): void {
+    this.holdFeet = holdFeet;
+    this.engine.tell({ type: "holdFeet", holdFeet });
   }
 
+  /** Take an observation, and the true body if it is known. Returns whether there was time for it. */
   track(observation: Observation, truth: Body | null): boolean {
     if (!this.isReady) {
       if (truth) this.preview(observation, truth);
       return true;
     }
-    if (this.engine.backlog >= MOST_WAITING) {
-      this.left += 1;
-      return false;
-    }
+    if (this.engine.backlog >= MOST_WAITING) return false;
     const take = this.take;
     const seen = { ...observation, points: observation.points.filter(({ name }) => !this.hidden.has(name)) };
     void this.engine.step(seen).then(
       (step) => take === this.take && this.keep(step, seen, truth),
-      (error: unknown) => take === this.take && this.failed(error instanceof Error ? error.message : String(error)),
+      (error: unknown) => take === this.take && this.failed(reasonOf(error)),
     );
     return true;
   }
@@ -102,23 +100,13 @@ export class Live implements Sink {
     this.history.add(momentOf(frame, truth, points));
   }
 
-  private keep({ body, milliseconds }: Step, { points }: Observation, truth: Body | null): void {
-    this.newest = body;
-    this.completed(body.time, body.placed);
+  private keep({ completed, milliseconds }: Step, { points }: Observation, truth: Body | null): void {
+    const { time, ...body } = completed;
+    this.restOffset = body.restOffset;
+    this.completed(time, body.body);
     this.times.push(milliseconds);
     if (this.times.length > COUNTED) this.times.shift();
-    this.history.add({
-      sourceTime: body.time,
-      rootPosition: body.rootPosition,
-      rotation: body.rotation,
-      restOffset: body.restOffset,
-      body: body.placed,
-      signal: points,
-      truth,
-      expected: body.confidence,
-      measured: body.measured,
-      milliseconds,
-    });
+    this.history.add({ ...body, sourceTime: time, signal: points, truth, milliseconds });
   }
 }
 

@@ -3,17 +3,16 @@ import { EmbeddedPage } from "./embedded";
 import { Embedder, originOf } from "./embedder";
 import { Engine } from "./engine/engine";
 import { firstFiles } from "./first";
-import { reasonOf } from "./notice";
+import { Notice, reasonOf } from "./notice";
 import { element, find } from "./page";
 import { View } from "./view/scene";
 
 const address = new URLSearchParams(location.search);
+const notice = new Notice();
 let embedder: Embedder | null = null;
 
 function fault(text: string): void {
-  element("notice-text").textContent = text;
-  element("notice").dataset["kind"] = "fault";
-  element("notice").hidden = false;
+  notice.fault(text);
   embedder?.tell({ bodysense: "error", reason: text });
 }
 
@@ -42,7 +41,7 @@ const canvas = find("view", HTMLCanvasElement);
 canvas.addEventListener("webglcontextlost", () =>
   fault("The graphics card stopped drawing; takes are kept. Load the page again if it does not come back."),
 );
-canvas.addEventListener("webglcontextrestored", () => (element("notice").hidden = true));
+canvas.addEventListener("webglcontextrestored", () => notice.clear());
 const base = document.baseURI;
 const files = firstFiles(base); // on their way while the 3-D view is made
 let pressed: HTMLButtonElement | null = null; // before there is an app that hears it
@@ -56,8 +55,8 @@ async function open(): Promise<void> {
   const view = viewOf(canvas);
   if (!view) return;
   const first = await files;
-  if (embedder) new EmbeddedPage(view, new Engine(base), first, base, embedder);
-  else new App(view, new Engine(base), first, base);
+  if (embedder) new EmbeddedPage(view, new Engine(base), first, base, notice, embedder);
+  else new App(view, new Engine(base), first, base, notice);
   removeEventListener("click", remember);
   pressed?.click();
 }

@@ -2,7 +2,7 @@
 
 import { calibrated, LASTS } from "./calibration";
 import type { Observation } from "./body/observation";
-import type { Person } from "./wearer";
+import type { Measurement } from "./wearer";
 
 const COUNTDOWN = 3; // s to stand up straight
 const LOWER = 0.12; // m under the highest head so far that looks like a crouch
@@ -30,8 +30,8 @@ export class Measuring {
     this.doubted = null;
   }
 
-  /** One frame of the headset: the person, once they are measured. Throws an Error of one line if they cannot be. */
-  take(frame: Observation): Person | null {
+  /** One frame of the headset: the result, once there is one. Throws an Error of one line if they cannot be. */
+  take(frame: Observation): Measurement | null {
     const head = frame.points.find(({ name, position }) => name === "head" && position)?.position?.[1];
     if (head === undefined) return null;
     this.highest = Math.max(this.highest, head);
@@ -52,13 +52,12 @@ export class Measuring {
     return this.believed(calibrated(frames));
   }
 
-  private believed(person: Person): Person {
-    const head = person.head ?? 0;
-    const reach = person.lengths?.[0]?.value ?? null;
+  private believed(measured: Measurement): Measurement {
+    const { head, reach } = measured;
     const isCrouch = head < this.highest - LOWER || (reach === null ? head < LOW : head < HEAD_OF_REACH * reach);
     const isSame = this.doubted !== null && Math.abs(head - this.doubted) < AGAIN;
     this.doubted = isCrouch && !isSame ? head : null;
-    if (this.doubted === null) return person;
+    if (this.doubted === null) return measured;
     throw new Error(
       `Your head is only ${head.toFixed(2)} m high: stand upright and measure again. If you do stand upright, measure once more.`,
     );

@@ -1,16 +1,10 @@
 /** Working without a network: after the first visit every file comes from this browser. */
 
-import { fetched } from "./engine/files";
-
 /** The description of a folder of the page (`page.json`). */
 export interface About {
   readonly server: boolean; // a server of bodysense is behind it
   readonly webcam: boolean; // MediaPipe's files are in it
   readonly version: string;
-}
-
-export async function aboutPage(base: string): Promise<About> {
-  return JSON.parse(new TextDecoder().decode(await fetched(base, "page.json"))) as About;
 }
 
 /** Keep the page's files; not where a server is behind it, which has newer ones. */

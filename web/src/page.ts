@@ -18,13 +18,16 @@ export function choice<T extends string>(id: string, value: T, chosen: (value: T
   box.onchange = () => chosen(box.value as T);
 }
 
-/** A labelled checkbox. */
-export function checkbox(text: string, checked: boolean, changed: (checked: boolean) => void): HTMLLabelElement {
-  const label = document.createElement("label");
-  const box = document.createElement("input");
-  box.type = "checkbox";
-  box.checked = checked;
-  box.onchange = () => changed(box.checked);
-  label.append(box, text);
-  return label;
+/** Show whether a checkbox is ticked, and call back with what is chosen. */
+export function tick(id: string, isOn: boolean, chosen: (isOn: boolean) => void): void {
+  const box = input(id);
+  box.checked = isOn;
+  box.onchange = () => chosen(box.checked);
+}
+
+/** A new element, with the name that is read aloud. */
+export function made<K extends keyof HTMLElementTagNameMap>(kind: K, label: string, properties: object) {
+  const element = Object.assign(document.createElement(kind), properties);
+  element.setAttribute("aria-label", label);
+  return element;
 }

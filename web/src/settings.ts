@@ -3,7 +3,7 @@
 import { SENSOR_SETS, type SensorSet } from "./body/clip";
 import { COLOURINGS } from "./view/colours";
 import type { Shown } from "./view/bodies";
-import { HEIGHTS, measurementFrom, type Measurement } from "./wearer";
+import { HEIGHTS, isWithin, measurementFrom, type Measurement } from "./wearer";
 
 export const THEMES = ["auto", "light", "dark"] as const;
 export type Theme = (typeof THEMES)[number];
@@ -29,24 +29,25 @@ export const DEFAULT_SETTINGS: Settings = {
   theme: "auto",
 };
 
+const CHOICES: Readonly<Record<string, readonly unknown[]>> = {
+  sensors: Object.keys(SENSOR_SETS),
+  figure: ["avatar", "figure"],
+  colouring: COLOURINGS,
+  theme: THEMES,
+  ...Object.fromEntries(["holdFeet", "truth", "signal", "ghosts"].map((name) => [name, [true, false]])),
+};
 const KEY = "bodysense.page";
 
 /** Return the valid settings in a text; invalid ones get their default. */
 export function settingsFrom(text: string | null): Settings {
-  const saved = record(parsed(text));
-  const fallback = DEFAULT_SETTINGS;
-  const { height } = saved;
+  const saved = parsed(text);
+  const { height, measured } = saved;
+  const chosen = Object.entries(CHOICES).filter(([name, choices]) => choices.includes(saved[name]));
   return {
-    height: typeof height === "number" && height >= HEIGHTS.least && height <= HEIGHTS.most ? height : fallback.height,
-    measured: measurementFrom(saved["measured"]),
-    sensors: oneOf(Object.keys(SENSOR_SETS) as SensorSet[], saved["sensors"]) ?? fallback.sensors,
-    holdFeet: flag(saved["holdFeet"], fallback.holdFeet),
-    figure: oneOf(["avatar", "figure"] as const, saved["figure"]) ?? fallback.figure,
-    colouring: oneOf(COLOURINGS, saved["colouring"]) ?? fallback.colouring,
-    truth: flag(saved["truth"], fallback.truth),
-    signal: flag(saved["signal"], fallback.signal),
-    ghosts: flag(saved["ghosts"], fallback.ghosts),
-    theme: oneOf(THEMES, saved["theme"]) ?? fallback.theme,
+    ...DEFAULT_SETTINGS,
+    ...Object.fromEntries(chosen.map(([name]) => [name, saved[name]])),
+    height: isWithin(height, HEIGHTS) ? height : null,
+    measured: measurementFrom(measured),
   };
 }
 
@@ -64,32 +65,20 @@ export function saveSettings(storage: () => Pick<Storage, "setItem">, settings: 
   try {
     storage().setItem(KEY, JSON.stringify(settings));
   } catch (error) {
-    const why = isRefused(error) ? "This browser lets the page store nothing" : "This browser's storage is full";
-    throw new Error(`${why}: your settings count until you leave the page, and are not kept.`);
+    throw new Error(`${whyNotStored(error)}: your settings count until you leave the page, and are not kept.`);
   }
 }
 
-/** Whether storage is not allowed, rather than full. */
-export function isRefused(error: unknown): boolean {
-  return error instanceof DOMException && error.name === "SecurityError";
+/** Say why something could not be stored: it is not allowed, or there is no room. */
+export function whyNotStored(error: unknown): string {
+  const isRefused = error instanceof DOMException && error.name === "SecurityError";
+  return isRefused ? "This browser lets the page store nothing" : "This browser's storage is full";
 }
 
-function parsed(text: string | null): unknown {
+function parsed(text: string | null): Record<string, unknown> {
   try {
-    return JSON.parse(text ?? "{}") as unknown;
+    return Object(JSON.parse(text ?? "{}")) as Record<string, unknown>;
   } catch {
     return {};
   }
-}
-
-function record(value: unknown): Record<string, unknown> {
-  return typeof value === "object" && value !== null ? (value as Record<string, unknown>) : {};
-}
-
-function flag(value: unknown, fallback: boolean): boolean {
-  return typeof value === "boolean" ? value : fallback;
-}
-
-function oneOf<T extends string>(choices: readonly T[], value: unknown): T | undefined {
-  return choices.find((choice) => choice === value);
 }

@@ -1,6 +1,7 @@
 /** Takes: the frames between two presses, each with a name and the part of it that counts. They outlive their sources. */
 
 import type { BodyFrame, History, Moment } from "./history";
+import type { KeptTakes } from "./kept_takes";
 
 export interface Take {
   readonly id: number; // ms since 1970, when it began
@@ -13,11 +14,7 @@ export interface Take {
 export type Description = Pick<Take, "id" | "name" | "part">;
 
 /** Keeps takes over a reload. */
-export interface Keeper {
-  add(id: number, frames: readonly BodyFrame[]): void;
-  describe(description: Description): void;
-  remove(id: number): void;
-}
+export type Keeper = Pick<KeptTakes, "add" | "describe" | "remove">;
 
 const NOWHERE: Keeper = { add: () => undefined, describe: () => undefined, remove: () => undefined };
 const KEPT_AT_A_TIME = 300; // frames: what a page that dies loses at most

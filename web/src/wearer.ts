@@ -1,7 +1,6 @@
 /** The wearer's measurements, kept from source to source and from visit to visit. */
 
 import type { Person as Known } from "@bodysense/core";
-import { DEVIATION } from "./calibration";
 
 export interface Person extends Known {
   readonly head?: number; // m: height of the standing wearer's head joint, from which an unknown height follows
@@ -16,12 +15,17 @@ export interface Measurement {
 export const NOBODY: Person = {};
 export const HEIGHTS = { least: 1.0, most: 2.3 } as const; // m
 const HEADS = { least: 0.8, most: 2.2 } as const; // m
-const REACHES = { least: 0.9, most: 2.0 } as const; // m
+export const REACHES = { least: 0.9, most: 2.0 } as const; // m
+export const DEVIATION = 0.02; // m, of what is measured
+
+export function isWithin(value: unknown, { least, most }: { least: number; most: number }): value is number {
+  return typeof value === "number" && value >= least && value <= most;
+}
 
 /** A person of a known height. Throws an Error of one line for a height that no person has. */
 export function personOf(height: number | null): Person {
   if (height === null) return NOBODY;
-  if (!(height >= HEIGHTS.least && height <= HEIGHTS.most)) {
+  if (!isWithin(height, HEIGHTS)) {
     throw new Error(`A height of ${height} m is not a person's; give ${HEIGHTS.least} to ${HEIGHTS.most} m.`);
   }
   return { height };
@@ -36,16 +40,9 @@ export function personFrom(height: number | null, measured: Measurement | null):
   return head === null ? NOBODY : { head, lengths };
 }
 
-/** Return the result of a calibration in the form that is stored. */
-export function measurementOf({ head, lengths }: Person): Measurement | null {
-  return head === undefined ? null : { head, reach: lengths?.[0]?.value ?? null };
-}
-
 /** Return a stored measurement; null if it is invalid or not a person's. */
 export function measurementFrom(value: unknown): Measurement | null {
   if (typeof value !== "object" || value === null) return null;
   const { head, reach } = value as Record<string, unknown>;
-  if (typeof head !== "number" || !(head >= HEADS.least && head <= HEADS.most)) return null;
-  const isReach = typeof reach === "number" && reach >= REACHES.least && reach <= REACHES.most;
-  return { head, reach: isReach ? reach : null };
+  return isWithin(head, HEADS) ? { head, reach: isWithin(reach, REACHES) ? reach : null } : null;
 }

@@ -1,5 +1,5 @@
 import { expect, it } from "vitest";
-import { followed } from "../src/view/follow";
+import { followed } from "../src/view/scene";
 
 /** How far the camera is behind somebody who walked for four seconds at 1.2 m/s. */
 function behind(picturesPerSecond: number): number {

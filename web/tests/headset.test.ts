@@ -41,8 +41,9 @@ async function worn() {
     showRoom: vi.fn(),
   };
   vi.stubGlobal("navigator", { xr: { requestSession: () => Promise.resolve(session) } });
-  const menu = new VrMenu(["first", "second"].map((id) => ({ id, text: () => id, press: () => pressed.push(id) })));
-  const headset = new Headset(view as unknown as View, { newest: null } as Live, skeleton, menu, {
+  const menu = new VrMenu(["first", "second"].map((id) => ({ text: () => id, press: () => pressed.push(id) })));
+  const live = { skeleton, tree: skeleton } as Live;
+  const headset = new Headset(view as unknown as View, live, menu, {
     tracked: (observation) => tracked.push(observation),
     left: (wasAsked) => left.push(wasAsked),
   });

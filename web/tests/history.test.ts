@@ -175,18 +175,19 @@ describe("a take on the stage", () => {
   it("repeats the part that counts, and stands still where it is paused", () => {
     const history = filled(Array.from({ length: 21 }, (_, k) => k / 10));
     const take = { id: 1, name: "Walk", frames: history.moments, part: [0.5, 1] as const };
-    const [source, playback] = [new TakeSource(() => take), new Playback()];
-    source.repeat(playback);
+    const playback = new Playback();
+    const source = new TakeSource(() => take, playback);
+    source.frame();
     const seen = new Set<number | undefined>();
     for (let k = 0; k < 20; k++) {
       seen.add(numberOf(playback.step(history, 0.1)));
-      source.repeat(playback);
+      source.frame();
     }
     const places = [...seen].map((number) => number ?? Number.NaN);
     expect([Math.min(...places) >= 5, Math.max(...places) <= 11, places.length >= 5]).toEqual([true, true, true]);
     playback.seek(1.7);
     playback.pause();
-    source.repeat(playback);
+    source.frame();
     expect(playback.time).toBe(1.7);
   });
 });

@@ -54,7 +54,8 @@ async function worn() {
   const menu = { board: new Group(), point() {}, standBeside() {} };
   const tracker = new Tracker(model, skeleton);
   let body!: Completed;
-  const source = new Headset(view as unknown as View, { newest: null } as Live, skeleton, menu as unknown as VrMenu, {
+  const live = { skeleton, tree: skeleton } as Live;
+  const source = new Headset(view as unknown as View, live, menu as unknown as VrMenu, {
     tracked: (observation) => (body = tracker.step(observation)),
     left: () => undefined,
   });
@@ -82,7 +83,7 @@ function hold(mode: "controller" | "hand", left: Placed, right: Placed) {
   return both;
 }
 
-const jointOf = ({ placed: { position } }: Completed, joint: number): Vector => vectorAt(position, joint);
+const jointOf = ({ body: { position } }: Completed, joint: number): Vector => vectorAt(position, joint);
 /** The furthest that a joint moves from one body to the next, m. */
 function leap(before: Completed, after: Completed): number {
   const joints = Array.from({ length: skeleton.joints }, (_, joint) => joint);

@@ -1,12 +1,13 @@
-/** The page's tracker over the core's WebAssembly. That its bodies are the library's: tests/web/test_tracker.py */
+/** The page's tracker over the core's WebAssembly. That the core's bodies are the library's:
+ * tests/web/test_core_package.py */
 
 import { readFileSync } from "node:fs";
 import { openModel } from "@bodysense/core";
 import { expect, it } from "vitest";
 import type { Observation, Point } from "../src/body/observation";
 import { place, restPoint, withOffsets } from "../src/body/skeleton";
-import { DEVIATION } from "../src/calibration";
 import { Tracker } from "../src/engine/tracker";
+import { DEVIATION } from "../src/wearer";
 import { skeleton } from "./body";
 
 const read = (path: string): Uint8Array<ArrayBuffer> => Uint8Array.from(readFileSync(new URL(path, import.meta.url)));
@@ -22,7 +23,7 @@ it("places joints where the body's own rotations put them", () => {
   const body = new Tracker(model, skeleton).step(frame(0, 1.6));
   const placed = place(withOffsets(skeleton, body.restOffset), body.rootPosition, body.rotation);
   for (const name of ["position", "rotation"] as const)
-    body.placed[name].forEach((value, k) => expect(value).toBeCloseTo(placed[name][k], 4));
+    body.body[name].forEach((value, k) => expect(value).toBeCloseTo(placed[name][k], 4));
   expect([...body.measured].filter(Boolean)).toHaveLength(1);
 });
 
@@ -46,15 +47,16 @@ it("goes on with the same motion when more is known, and begins anew when it sta
   expect(crown(tracker.step(frame(0, 1.4)).restOffset)).toBeCloseTo(1.5, 2);
 });
 
-it("takes settings from the next frame on", () => {
-  const lowest = (floor: number): number => {
+it("holds feet, or not, from the next frame on", () => {
+  const lowest = (holdFeet: boolean): number => {
     const tracker = new Tracker(model, skeleton);
-    tracker.step(frame(0, 1.6));
-    tracker.settings = { floor, holdFeet: true };
-    const { position } = tracker.step(frame(1 / 60, 1.6)).placed;
+    tracker.start({ height: 1.9 });
+    tracker.step(frame(0, 1.75));
+    tracker.holdFeet = holdFeet;
+    const { position } = tracker.step(frame(1 / 60, 1.6)).body;
     return Math.min(...skeleton.points.map((_, point) => position[3 * point + 1]));
   };
-  expect(lowest(0.1) - lowest(0)).toBeGreaterThan(0.05);
+  expect(Math.abs(lowest(true) - lowest(false))).toBeGreaterThan(0.02);
 });
 
 it("leaves out points that the body does not have", () => {

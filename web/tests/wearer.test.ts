@@ -33,8 +33,8 @@ describe("calibration", () => {
   it("takes the head's height and the reach of arms that are out", () => {
     const person = calibrated(frames(() => [0, 1.62, 0]));
     expect(person.head).toBeCloseTo(1.62, 6);
-    expect(person.lengths?.[0]?.value).toBeCloseTo(1.4, 6);
-    expect(calibrated(frames(() => [0, 1.62, 0], 0.5)).lengths).toEqual([]); // hanging arms tell no reach
+    expect(person.reach).toBeCloseTo(1.4, 6);
+    expect(calibrated(frames(() => [0, 1.62, 0], 0.5)).reach).toBeNull(); // hanging arms tell no reach
   });
 
   it("refuses whoever walks", () => {

@@ -1,6 +1,6 @@
 /** A motion and its observation by simulated sensors. */
 
-import { mixed, mixedTurn, quaternionAt, vectorAt } from "./math";
+import { mixed, mixedTurns, quaternionAt, vectorAt } from "./math";
 import { ACCURACY, type Observation } from "./observation";
 import { place, type Body, type Skeleton } from "./skeleton";
 
@@ -29,14 +29,10 @@ export function bodyAt(clip: Clip, time: number): Body {
   const first = Math.min(Math.floor(at), Math.max(clip.frames - 2, 0));
   const second = Math.min(first + 1, clip.frames - 1);
   const share = at - first;
-  const { joints } = clip.skeleton;
+  const width = 4 * clip.skeleton.joints;
+  const turns = (frame: number): Float32Array => clip.rotation.subarray(width * frame, width * (frame + 1));
   const root = mixed(vectorAt(clip.root, first), vectorAt(clip.root, second), share);
-  const rotation = new Float32Array(4 * joints);
-  for (let joint = 0; joint < joints; joint++) {
-    const [a, b] = [first, second].map((frame) => quaternionAt(clip.rotation, frame * joints + joint));
-    rotation.set(mixedTurn(a, b, share), 4 * joint);
-  }
-  return place(clip.skeleton, root, rotation);
+  return place(clip.skeleton, root, mixedTurns(turns(first), turns(second), share));
 }
 
 export function duration({ frames, rate }: Clip): number {

@@ -32,6 +32,25 @@ export function mixedTurn(a: Quaternion, b: Quaternion, share: number): Quaterni
   return normalized(b.map((value, k) => near * a[k] + share * value) as unknown as Quaternion);
 }
 
+/** Rotations of a pose (joints × 4, wxyz) between two poses, each along the shorter arc. */
+export function mixedTurns(a: Float32Array, b: Float32Array, share: number): Float32Array {
+  const mixed = new Float32Array(a.length);
+  for (let joint = 0; 4 * joint < a.length; joint++)
+    mixed.set(mixedTurn(quaternionAt(a, joint), quaternionAt(b, joint), share), 4 * joint);
+  return mixed;
+}
+
+/** Index of the last of `count` increasing values that is not over `most`; 0 where all are, −1 where there are none. */
+export function lastIndex(count: number, valueAt: (index: number) => number, most: number): number {
+  let [low, high] = [0, count - 1];
+  while (low < high) {
+    const middle = (low + high + 1) >> 1;
+    if (valueAt(middle) <= most) low = middle;
+    else high = middle - 1;
+  }
+  return Math.min(low, high);
+}
+
 export function axisAngle(axis: Vector, angle: number): Quaternion {
   const sine = Math.sin(angle / 2);
   return [Math.cos(angle / 2), axis[0] * sine, axis[1] * sine, axis[2] * sine];

@@ -45,10 +45,9 @@ export function withOffsets(skeleton: Skeleton, restOffset: Float32Array): Skele
 
 /** Forward kinematics: positions of all points from the root's place and rotations parent ← joint. */
 export function place(skeleton: Skeleton, root: ArrayLike<number>, local: ArrayLike<number>): Body {
-  const { joints, parents, restOffset } = skeleton;
+  const { parents, restOffset } = skeleton;
   const position = new Float32Array(3 * parents.length);
-  const rotation = new Float32Array(4 * joints);
-  worldRotations(skeleton, local, rotation);
+  const rotation = worldRotations(skeleton, local);
   parents.forEach((parent, point) => {
     const offset = parent < 0 ? vectorAt(root, 0) : rotate(quaternionAt(rotation, parent), vectorAt(restOffset, point));
     position.set(parent < 0 ? offset : add(vectorAt(position, parent), offset), 3 * point);
@@ -57,11 +56,13 @@ export function place(skeleton: Skeleton, root: ArrayLike<number>, local: ArrayL
 }
 
 /** Rotations world ← joint (joints × 4, wxyz) from those parent ← joint. */
-export function worldRotations({ joints, parents }: Skeleton, local: ArrayLike<number>, out: Float32Array): void {
+export function worldRotations({ joints, parents }: Skeleton, local: ArrayLike<number>): Float32Array {
+  const world = new Float32Array(4 * joints);
   for (let joint = 0; joint < joints; joint++) {
     const [parent, turn] = [parents[joint], quaternionAt(local, joint)];
-    out.set(parent < 0 ? turn : multiply(quaternionAt(out, parent), turn), 4 * joint);
+    world.set(parent < 0 ? turn : multiply(quaternionAt(world, parent), turn), 4 * joint);
   }
+  return world;
 }
 
 /** Height of the rest pose, lowest to highest point, metres. */

@@ -36,21 +36,14 @@ async function open(base: string): Promise<void> {
   tell({ type: "opened" });
 }
 
-function look(image: ImageBitmap, milliseconds: number): void {
+async function look(image: ImageBitmap, milliseconds: number): Promise<void> {
   const result = landmarker?.detectForVideo(image, milliseconds);
   const [world, picture] = [result?.worldLandmarks[0] ?? [], result?.landmarks[0] ?? []];
   tell({ type: "seen", world, picture, image, milliseconds }, [image]);
 }
 
 addEventListener("message", ({ data }: MessageEvent<ToCamera>) => {
-  const fail = (error: unknown): void =>
-    tell({ type: "failed", reason: error instanceof Error ? error.message : String(error) });
-  if (data.type === "open") void open(data.base).catch(fail);
-  else {
-    try {
-      look(data.picture, data.milliseconds);
-    } catch (error) {
-      fail(error);
-    }
-  }
+  void (data.type === "open" ? open(data.base) : look(data.picture, data.milliseconds)).catch((error: unknown) =>
+    tell({ type: "failed", reason: error instanceof Error ? error.message : String(error) }),
+  );
 });

@@ -13,24 +13,16 @@ export async function fetched(base: string, name: string): Promise<ArrayBuffer> 
 /** A file that is kept packed, so that any host sends it small. */
 export async function unpacked(base: string, name: string): Promise<ArrayBuffer> {
   const bytes = await fetched(base, name);
-  return inflated(bytes, "gzip").catch(() => damaged(name));
+  return inflated(bytes, "gzip").catch(() => {
+    throw new Error(`${name} is damaged; load the page again.`);
+  });
 }
 
-export function damaged(name: string): never {
-  throw new Error(`${name} is damaged; load the page again.`);
+/** The content of a file of JSON. */
+export async function readJson<T>(base: string, name: string): Promise<T> {
+  return JSON.parse(new TextDecoder().decode(await fetched(base, name))) as T;
 }
 
-export interface DefaultBody {
-  readonly skeleton: Skeleton;
-  readonly landmarks: ReadonlyMap<string, readonly [number, number, number]>; // m from the joint that carries each
-}
-
-export async function defaultBody(base: string): Promise<DefaultBody> {
-  const rows = JSON.parse(new TextDecoder().decode(await fetched(base, "default_body.json"))) as SkeletonRows & {
-    readonly landmarks: readonly { readonly name: string; readonly offset: readonly [number, number, number] }[];
-  };
-  return {
-    skeleton: skeletonOfRows(rows),
-    landmarks: new Map(rows.landmarks.map(({ name, offset }) => [name, offset])),
-  };
+export async function defaultSkeleton(base: string): Promise<Skeleton> {
+  return skeletonOfRows(await readJson<SkeletonRows>(base, "default_body.json"));
 }

@@ -2,20 +2,33 @@
 
 import { openModel } from "@bodysense/core";
 import core from "@bodysense/core/core.wasm?url";
-import { defaultBody, fetched, unpacked } from "./files";
-import type { FromEngine, ToEngine } from "./messages";
-import { Tracker } from "./tracker";
+import type { Observation } from "../body/observation";
+import type { Person } from "../wearer";
+import { defaultSkeleton, fetched, unpacked } from "./files";
+import { Tracker, type Completed } from "./tracker";
 
-const tell = (message: FromEngine, given: ArrayBuffer[] = []): void => postMessage(message, { transfer: given });
+export type ToEngine =
+  | { readonly type: "open"; readonly base: string } // address of the page's folder
+  | { readonly type: "start"; readonly person: Person; readonly holdFeet: boolean }
+  | { readonly type: "person"; readonly person: Person }
+  | { readonly type: "holdFeet"; readonly holdFeet: boolean }
+  | { readonly type: "step"; readonly id: number; readonly observation: Observation };
+
+export type FromEngine =
+  | { readonly type: "opened" }
+  | { readonly type: "completed"; readonly id: number; readonly completed: Completed; readonly milliseconds: number }
+  | { readonly type: "failed"; readonly id: number | null; readonly reason: string };
+
+const tell = (message: FromEngine): void => postMessage(message);
 let tracker: Tracker | null = null;
 let opening: Promise<void> | null = null; // the page asks twice: before its modules run, and when it can listen
 let turn: Promise<void> = Promise.resolve(); // messages are taken one after the other
 
 async function open(base: string): Promise<void> {
-  const [weights, wasm, { skeleton }] = await Promise.all([
+  const [weights, wasm, skeleton] = await Promise.all([
     unpacked(base, "completion.safetensors.gz"),
     fetched(new URL(core, import.meta.url).href, "core.wasm"),
-    defaultBody(base),
+    defaultSkeleton(base),
   ]);
   tracker = new Tracker(await openModel(new Uint8Array(weights), wasm), skeleton);
 }
@@ -28,16 +41,15 @@ async function take(message: ToEngine): Promise<void> {
   }
   if (!tracker) return;
   if (message.type === "start") {
-    tracker.settings = message.settings;
+    tracker.holdFeet = message.holdFeet;
     tracker.start(message.person);
   } else if (message.type === "person") tracker.tell(message.person);
-  else if (message.type === "settings") tracker.settings = message.settings;
+  else if (message.type === "holdFeet") tracker.holdFeet = message.holdFeet;
   else {
     const began = performance.now();
-    const body = tracker.step(message.observation);
+    const completed = tracker.step(message.observation);
     const milliseconds = performance.now() - began;
-    const given = [body.rotation.buffer, body.restOffset.buffer] as ArrayBuffer[]; // the two that it has
-    tell({ type: "completed", id: message.id, body, milliseconds }, given);
+    tell({ type: "completed", id: message.id, completed, milliseconds });
   }
 }
 

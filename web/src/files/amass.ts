@@ -10,10 +10,6 @@ const JOINTS = 52;
 const MOST_FRAMES = 60_000;
 export const AMASS_ARRAYS: readonly string[] = ["poses", "trans", "mocap_framerate", "mocap_frame_rate"]; // what is read of a file
 
-export function isAmass(archive: Archive): boolean {
-  return archive.has("poses") && archive.has("trans");
-}
-
 /** Throws an Error of a few words where it is no such motion. */
 export function amassClip(archive: Archive, name: string, skeleton: Skeleton): Clip {
   const poses = numbers(archive, "poses", [null, null]);

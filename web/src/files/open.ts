@@ -5,7 +5,7 @@ import { readNpz } from "./npz";
 import type { Observation } from "../body/observation";
 import type { Skeleton } from "../body/skeleton";
 import type { Avatar } from "../view/avatar";
-import { AMASS_ARRAYS, amassClip, isAmass } from "./amass";
+import { AMASS_ARRAYS, amassClip } from "./amass";
 import { readBvh } from "./bvh_read";
 import { RECORDING_ARRAYS, recordingOf, recordingOfLines } from "./recording";
 import { clipOf } from "./rig";
@@ -38,7 +38,7 @@ export async function openFile(
   const magic = bytes.byteLength >= 4 ? new DataView(bytes).getUint32(0, true) : 0;
   if (magic === ZIP_MAGIC) {
     const archive = await about(name, () => readNpz(bytes, READ));
-    if (isAmass(archive))
+    if (archive.has("poses") && archive.has("trans"))
       return { kind: "motion", clip: await about(name, async () => amassClip(archive, name, tree)) };
     return { kind: "recording", frames: await about(name, async () => recordingOf(archive)) };
   }

@@ -68,6 +68,9 @@ const [ALONG, ACROSS] = [0.7, 0.6]; // cosines of what points the same way, and 
 const LEVEL = 0.35; // of a leg's length: what stands on one floor
 const SOLE = 0.05; // m: the share of the frames in which the feet are that low does not matter
 
+/** Where one of our joints is in a pose of a rig. */
+type Placing = (pose: RigPose, joint: string) => Vector;
+
 /** Which of our joints each joint of a rig is. */
 export function jointsOf(names: readonly string[]): Map<string, number> {
   const found = new Map<string, number>();
@@ -129,16 +132,16 @@ export function clipOf(rig: RigMotion, tree: Skeleton): Clip {
   const joints = personJoints(rig.joints, rig.name);
   if (rig.frames.length < 2)
     throw new Error(`${rig.name} has ${rig.frames.length} frames; drop a motion of two or more.`);
-  if (rig.frames.filter((pose) => isOnFours(pose, joints)).length > rig.frames.length / 2)
+  const at: Placing = ({ position }, joint) => position[joints.get(joint) ?? 0];
+  if (rig.frames.filter((pose) => isOnFours(pose, at)).length > rig.frames.length / 2)
     throw new Error(
       `${rig.name} goes on four legs: it may be an animal; drop a motion of a person who stands, walks or sits.`,
     );
-  if (isLying(rig, joints))
+  if (isLying(rig, at))
     throw new Error(
       `${rig.name} lies down in most of its frames, or its axes are exchanged: its rest pose stands along another axis than its motion; drop a motion of a person who stands, walks or sits.`,
     );
-  const level = levelled(rig, joints);
-  const at = ({ position }: RigPose, joint: string): Vector => position[joints.get(joint) ?? 0];
+  const level = levelled(rig, at);
   const leg =
     ["left", "right"].reduce(
       (sum, side) =>
@@ -152,7 +155,7 @@ export function clipOf(rig: RigMotion, tree: Skeleton): Clip {
   );
   if (!(leg * unit_ > LEG.least && leg * unit_ < LEG.most))
     throw new Error(`${rig.name} has legs ${(leg * unit_).toFixed(2)} m long; drop the motion of an adult.`);
-  const tilt = level.frames.map((pose) => unit(subtract(at(pose, "head"), at(pose, "pelvis")))[1]);
+  const tilt = level.frames.map((pose) => spineOf(pose, at)[1]);
   if (tilt.filter((up) => up > 0.6).length < UPRIGHT_SHARE * tilt.length)
     throw new Error(
       `${rig.name} is never upright: it may be an animal, or lie on its side; drop a motion of a person with +Y or +Z up.`,
@@ -162,11 +165,8 @@ export function clipOf(rig: RigMotion, tree: Skeleton): Clip {
 }
 
 /** Whether arms and legs point the same way, across the spine, and reach as far; whichever way is up. */
-function isOnFours({ position }: RigPose, joints: ReadonlyMap<string, number>): boolean {
-  const middle = (part: string): Vector => {
-    const [left, right] = ["left", "right"].map((side) => position[joints.get(`${side}_${part}`) ?? 0]);
-    return scaled(add(left, right), 0.5);
-  };
+function isOnFours(pose: RigPose, at: Placing): boolean {
+  const middle = (part: string): Vector => scaled(add(at(pose, `left_${part}`), at(pose, `right_${part}`)), 0.5);
   const legs = subtract(middle("ankle"), middle("hip"));
   const arms = subtract(middle("wrist"), middle("shoulder"));
   const spine = subtract(middle("shoulder"), middle("hip"));
@@ -261,19 +261,19 @@ function frameOf(across: Vector, up: Vector): Quaternion {
 }
 
 /** Whether a rest pose stands along +Y, and most frames do not. */
-function isLying({ rest, frames }: RigMotion, joints: ReadonlyMap<string, number>): boolean {
-  const [head, pelvis] = ["head", "pelvis"].map((name) => joints.get(name) ?? 0);
-  const up = ({ position }: RigPose): number => unit(subtract(position[head], position[pelvis]))[1];
+function isLying({ rest, frames }: RigMotion, at: Placing): boolean {
+  const up = (pose: RigPose): number => spineOf(pose, at)[1];
   return up(rest) > STANDING && frames.filter((pose) => Math.abs(up(pose)) < LYING).length > frames.length / 2;
 }
 
+/** From pelvis to head, of length one. */
+function spineOf(pose: RigPose, at: Placing): Vector {
+  return unit(subtract(at(pose, "head"), at(pose, "pelvis")));
+}
+
 /** With +Y up: a rig with +Z up is turned. */
-function levelled(rig: RigMotion, joints: ReadonlyMap<string, number>): RigMotion {
-  const [head, pelvis] = ["head", "pelvis"].map((name) => joints.get(name) ?? 0);
-  const sum = rig.frames.reduce<Vector>(
-    (total, { position }) => add(total, unit(subtract(position[head], position[pelvis]))),
-    [0, 0, 0],
-  );
+function levelled(rig: RigMotion, at: Placing): RigMotion {
+  const sum = rig.frames.map((pose) => spineOf(pose, at)).reduce(add, [0, 0, 0]);
   if (Math.abs(sum[1]) >= Math.abs(sum[2])) return rig;
   const turn: Quaternion = [Math.SQRT1_2, -Math.SQRT1_2 * Math.sign(sum[2]), 0, 0];
   const turned = ({ position, rotation }: RigPose): RigPose => ({

@@ -1,5 +1,6 @@
 /** BVH: the skeleton's tree in centimetres; channels turn in the order Z, X, Y (R = Rz · Rx · Ry), as the library's. */
 
+import { Euler, Quaternion } from "three";
 import type { Motion } from "./resample";
 import type { Skeleton } from "../body/skeleton";
 
@@ -43,12 +44,7 @@ function hierarchy(skeleton: Skeleton, point: number, indent: string, order: num
 }
 
 /** Angles z, x, y (rad) of a wxyz quaternion with R = Rz · Rx · Ry. */
-export function eulerZXY([w, x, y, z]: ArrayLike<number> & Iterable<number>): [number, number, number] {
-  const sine = Math.min(Math.max(2 * (y * z + w * x), -1), 1); // R[2][1]
-  if (Math.abs(sine) > 0.9999999) return [2 * Math.atan2(z, w), Math.asin(sine), 0];
-  return [
-    Math.atan2(-2 * (x * y - w * z), 1 - 2 * (x * x + z * z)), // −R[0][1], R[1][1]
-    Math.asin(sine),
-    Math.atan2(-2 * (x * z - w * y), 1 - 2 * (x * x + y * y)), // −R[2][0], R[2][2]
-  ];
+export function eulerZXY([w, x, y, z]: Iterable<number>): [number, number, number] {
+  const euler = new Euler().setFromQuaternion(new Quaternion(x, y, z, w), "ZXY");
+  return [euler.z, euler.x, euler.y];
 }

@@ -1,15 +1,11 @@
 /** The history at one even rate, as files of motion want it. */
 
-import { mixed, mixedTurn, quaternionAt, vectorAt } from "../body/math";
+import type { Clip } from "../body/clip";
+import { mixed, mixedTurns, vectorAt } from "../body/math";
 import type { BodyFrame } from "../history";
 import { LONGEST_TAKE } from "../takes";
 
-export interface Motion {
-  readonly rate: number; // Hz
-  readonly root: Float32Array; // (frames × 3) m
-  readonly rotation: Float32Array; // (frames × joints × 4) wxyz, parent ← joint
-  readonly frames: number;
-}
+export type Motion = Pick<Clip, "rate" | "frames" | "root" | "rotation">;
 
 /** Between two moments positions are interpolated linearly, rotations along the shorter arc. Needs two moments. */
 export function resample(moments: readonly BodyFrame[], joints: number): Motion {
@@ -27,10 +23,7 @@ export function resample(moments: readonly BodyFrame[], joints: number): Motion 
     const [a, b] = [moments[before], moments[before + 1]];
     const share = Math.min(Math.max((time - a.time) / (b.time - a.time), 0), 1);
     root.set(mixed(vectorAt(a.rootPosition, 0), vectorAt(b.rootPosition, 0), share), 3 * frame);
-    for (let joint = 0; joint < joints; joint++) {
-      const turn = mixedTurn(quaternionAt(a.rotation, joint), quaternionAt(b.rotation, joint), share);
-      rotation.set(turn, 4 * (joints * frame + joint));
-    }
+    rotation.set(mixedTurns(a.rotation, b.rotation, share), 4 * joints * frame);
   }
   return { rate, root, rotation, frames };
 }

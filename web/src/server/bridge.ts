@@ -54,10 +54,6 @@ export class Bridge {
           this.wasWelcome = true;
           events.opened({ session, token: watch_token });
         },
-        signal: () => undefined,
-        pose: () => undefined,
-        truth: () => undefined,
-        message: () => undefined,
         lost: (reason, retryIn) => {
           if (retryIn === null) events.lost(`The bridge refused: ${reason}`, true);
           else {

@@ -23,10 +23,10 @@ const RETRY = { first: 500, longest: 8000 }; // ms
 
 export interface ConnectionEvents {
   welcome(message: Welcome): void;
-  signal(frame: SignalFrame): void;
-  pose(frame: PoseFrame): void;
-  truth(frame: PoseFrame): void;
-  message(message: Exclude<ServerMessage, Welcome>): void;
+  signal?(frame: SignalFrame): void;
+  pose?(frame: PoseFrame): void;
+  truth?(frame: PoseFrame): void;
+  message?(message: Exclude<ServerMessage, Welcome>): void;
   /** `retryIn` is null where the server refused for a reason and the page waits for the person. */
   lost(reason: string, retryIn: number | null): void;
 }
@@ -94,7 +94,7 @@ export class Connection {
         this.events.welcome(message);
       } else {
         if (message.type === "error") this.refusal = message.reason;
-        this.events.message(message);
+        this.events.message?.(message);
       }
     } catch (error) {
       if (!(error instanceof RangeError) && !(error instanceof SyntaxError)) throw error;
@@ -106,9 +106,9 @@ export class Connection {
 
   private receiveFrame(buffer: ArrayBuffer): void {
     const kind = kindOf(buffer);
-    if (kind === SIGNAL) this.events.signal(readSignal(buffer));
-    else if (kind === POSE) this.events.pose(readPose(buffer, this.points));
-    else if (kind === TRUTH) this.events.truth(readPose(buffer, this.points));
+    if (kind === SIGNAL) this.events.signal?.(readSignal(buffer));
+    else if (kind === POSE) this.events.pose?.(readPose(buffer, this.points));
+    else if (kind === TRUTH) this.events.truth?.(readPose(buffer, this.points));
     else throw new RangeError(`a frame of kind ${kind}`);
   }
 

@@ -1,15 +1,16 @@
 /** A motion, seen by simulated sensors. */
 
 import { bodyAt, duration, observe, SENSOR_SETS, type Clip, type SensorSet } from "../body/clip";
+import type { Live } from "../live";
 import { Rounds } from "./rounds";
-import type { Sink, Source } from "./source";
+import type { Source } from "./source";
 
 export class ClipSource implements Source {
   readonly rounds: Rounds;
 
   constructor(
     readonly clip: Clip,
-    private readonly sink: Sink,
+    private readonly live: Pick<Live, "track">,
     public set: SensorSet,
     readonly title: string,
     readonly guide: string | undefined = undefined,
@@ -27,10 +28,6 @@ export class ClipSource implements Source {
     if (!rounds.advance(milliseconds)) return;
     const body = bodyAt(this.clip, rounds.time);
     const seen = observe(body, this.clip.skeleton, this.sensors, rounds.clock(rounds.time));
-    if (!this.sink.track(seen, body)) rounds.again();
-  }
-
-  stop(): void {
-    // Nothing runs.
+    if (!this.live.track(seen, body)) rounds.again();
   }
 }

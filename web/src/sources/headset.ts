@@ -5,7 +5,7 @@ import { Matrix4, Quaternion, Vector3 } from "three";
 import { AS_IT_IS, placed, placedBy, type Placement } from "./placement";
 import type { Quaternion as Turn, Vector } from "../body/math";
 import type { Observation } from "../body/observation";
-import { restHeight, restPoint, withOffsets, type Skeleton } from "../body/skeleton";
+import { restHeight, restPoint } from "../body/skeleton";
 import type { Live } from "../live";
 import { Mirror } from "../view/mirror";
 import type { View } from "../view/scene";
@@ -37,31 +37,30 @@ export class Headset implements Source {
   readonly isYou = true;
   readonly guide =
     "Put the headset on: a menu stands beside the mirror. Measure me comes first; a take stays when you leave.";
-  readonly sensors: readonly string[];
+  readonly sensors = ["head", "left_wrist", "right_wrist"];
   isMirrorShown = true;
+  isSeated = false;
   private readonly mirror = new Mirror();
-  private readonly defaultHeight: number;
-  private readonly size = { height: Number.NaN, by: null as Float32Array | null };
   private reader = new HeadsetReader();
   private placement: Placement = AS_IT_IS;
   private isPlaced = false;
   private readonly clock = new WearerClock();
   private session: XRSession | null = null;
   private wasAsked = false;
-  private isSeated = false;
   private seat = 0; // m: how far somebody who sits is raised to standing
   private lift = 0; // m: how far they are raised now, less when they get up
 
   constructor(
     private readonly view: View,
     private readonly live: Live,
-    private readonly skeleton: Skeleton,
     private readonly menu: VrMenu,
     private readonly events: HeadsetEvents,
   ) {
-    this.sensors = ["head", "left_wrist", "right_wrist"];
-    this.defaultHeight = restHeight(skeleton);
     view.scene.add(this.mirror.frame, menu.board);
+  }
+
+  get isWorn(): boolean {
+    return this.session !== null;
   }
 
   /** From a click: in VR, or in the wearer's own room. Throws an Error of one line where the headset refuses. */
@@ -78,13 +77,13 @@ export class Headset implements Source {
       throw new Error("This device is held, not worn: open the page in a headset's browser to see your room.");
     }
     this.view.showRoom(mode === "immersive-ar");
-    this.session = session;
     this.wasAsked = false;
     this.isPlaced = false;
     this.reader = new HeadsetReader();
     session.addEventListener("end", () => this.leave());
     session.addEventListener("select", (event) => this.select(event));
     await this.view.renderer.xr.setSession(session);
+    this.session = session;
     this.view.renderer.xr.getReferenceSpace()?.addEventListener("reset", () => this.recentre());
     this.mirror.frame.visible = this.menu.board.visible = true;
     this.view.stage.matrixAutoUpdate = false;
@@ -109,7 +108,8 @@ export class Headset implements Source {
   frame(milliseconds: number, frame?: XRFrame): void {
     const space = this.view.renderer.xr.getReferenceSpace();
     if (!frame || !space || !this.session) return;
-    const points = this.reader.read(frame, space, this.session.inputSources, this.sizeOfWearer());
+    const size = restHeight(this.live.tree) / restHeight(this.live.skeleton);
+    const points = this.reader.read(frame, space, this.session.inputSources, size);
     const head = points.find(({ name }) => name === "head");
     if (head?.position && head.rotation) {
       if (!this.isPlaced) this.place(head.position, head.rotation, frame.getViewerPose(space));
@@ -178,19 +178,9 @@ export class Headset implements Source {
     if (pose) this.menu.press(new Matrix4().fromArray(pose.transform.matrix));
   }
 
-  private sizeOfWearer(): number {
-    const offsets = this.live.newest?.restOffset ?? null;
-    if (offsets !== this.size.by) {
-      this.size.by = offsets;
-      this.size.height = offsets ? restHeight(withOffsets(this.skeleton, offsets)) : this.defaultHeight;
-    }
-    return (Number.isNaN(this.size.height) ? this.defaultHeight : this.size.height) / this.defaultHeight;
-  }
-
   /** How high the head joint of the body that is shown stands, m. */
   private standingHead(): number {
-    const offsets = this.live.newest?.restOffset ?? this.skeleton.restOffset;
-    return restPoint(withOffsets(this.skeleton, offsets), "head")[1];
+    return restPoint(this.live.tree, "head")[1];
   }
 
   private leave(): void {

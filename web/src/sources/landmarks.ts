@@ -7,6 +7,7 @@
 import { Matrix3, Vector3 } from "three";
 import {
   add,
+  conjugate,
   cross,
   dot,
   fromAxes,
@@ -50,10 +51,30 @@ function mark(side: (typeof SIDES)[number], part: (typeof PARTS)[number]): numbe
   return 11 + 2 * PARTS.indexOf(part) + (side === "left" ? 0 : 1);
 }
 
-interface Laid {
-  readonly position: ReadonlyMap<string, Vector>; // m from the pelvis
-  readonly visible: ReadonlyMap<string, number>;
-  readonly rotation: ReadonlyMap<string, Quaternion>;
+/** A body laid along landmarks. */
+class Laid {
+  readonly rotation = new Map<string, Quaternion>();
+  private readonly points = new Map<string, { readonly place: Vector; readonly visible: number }>();
+
+  put(name: string, place: Vector, visible: number): void {
+    this.points.set(name, { place, visible });
+  }
+
+  /** Where a point is, m from the pelvis. */
+  at(name: string): Vector {
+    return this.points.get(name)?.place ?? [0, 0, 0];
+  }
+
+  /** How probable it is that a point is visible. */
+  visible(name: string): number {
+    return this.points.get(name)?.visible ?? 0;
+  }
+}
+
+/** Where the points of the rest pose are, m from the pelvis. */
+function restOf(skeleton: Skeleton): (name: string) => Vector {
+  const rest = restPoints(skeleton);
+  return (name) => rest[skeleton.points.indexOf(name)];
 }
 
 /** Points of the body in the room: the camera's axes, the lowest foot on the floor, z 0 where the person was first seen.
@@ -106,41 +127,30 @@ class SteadyPlace {
 }
 
 /** How high the pelvis is over the floor, m, if the lower foot is on it. */
-function standingHeight({ position }: Laid, skeleton: Skeleton): number {
+function standingHeight(laid: Laid, skeleton: Skeleton): number {
   const rest = restOf(skeleton);
   // By the ankles alone: how far toes point down is the least sure of all, and would lift the whole body.
-  const heights = SIDES.map((side) => {
-    const [laid, standing] = [position, rest].map((places) => places.get(`${side}_ankle`)?.[1] ?? 0);
-    return laid - standing - skeleton.restOffset[1];
-  });
+  const heights = SIDES.map((side) => laid.at(`${side}_ankle`)[1] - rest(`${side}_ankle`)[1] - skeleton.restOffset[1]);
   return -Math.min(...heights);
 }
 
-function pointsOf({ position, visible, rotation }: Laid, root: Vector): Point[] {
+function pointsOf(laid: Laid, root: Vector): Point[] {
   const legs = SIDES.flatMap((side) => ["knee", "ankle", "foot", "toe"].map((part) => `${side}_${part}`));
   const arms = SIDES.flatMap((side) => ["shoulder", "elbow", "wrist"].map((part) => `${side}_${part}`));
-  const isStanding = Math.max(...legs.map((name) => visible.get(name) ?? 0)) >= VISIBLE;
-  const error = ACCURACY.landmark * (isStanding ? 1 : UNSEEN_LEGS);
-  const names = ["head", ...arms, ...legs].filter((name) => (visible.get(name) ?? 0) >= VISIBLE);
-  const points = names.map((name): Point => {
-    const place = position.get(name);
-    return {
-      name,
-      position: place ? add(place, root) : null,
-      rotation: rotation.get(name) ?? null,
-      accuracy: error / (visible.get(name) ?? 1),
-    };
-  });
-  const chest = rotation.get("spine3");
-  return chest ? [...points, { name: "spine3", position: null, rotation: chest, accuracy: error }] : points;
+  const isSeen = (name: string): boolean => laid.visible(name) >= VISIBLE;
+  const error = ACCURACY.landmark * (legs.some(isSeen) ? 1 : UNSEEN_LEGS);
+  const turned = (name: string): Quaternion | null => laid.rotation.get(name) ?? null;
+  const points = ["head", ...arms, ...legs].filter(isSeen).map((name) => ({
+    name,
+    position: add(laid.at(name), root),
+    rotation: turned(name),
+    accuracy: error / laid.visible(name),
+  }));
+  return [...points, { name: "spine3", position: null, rotation: turned("spine3"), accuracy: error }];
 }
 
 function lay({ world, visible: seen }: Landmarks, skeleton: Skeleton): Laid {
-  const rest = restOf(skeleton);
-  const at = (name: string): Vector => rest.get(name) ?? [0, 0, 0];
-  const position = new Map<string, Vector>([["pelvis", [0, 0, 0]]]);
-  const visible = new Map<string, number>();
-  const rotation = new Map<string, Quaternion>();
+  const [laid, rest] = [new Laid(), restOf(skeleton)];
   const both = (part: (typeof PARTS)[number]) => SIDES.map((side) => world[mark(side, part)]);
   const middle = ([a, b]: readonly Vector[]): Vector => scaled(add(a, b), 0.5);
   const [shoulders, hips] = [both("shoulder"), both("hip")];
@@ -151,11 +161,11 @@ function lay({ world, visible: seen }: Landmarks, skeleton: Skeleton): Laid {
   const across = subtract(ears[0], ears[1]);
   const ahead = subtract(world[MARKS.nose], middle(ears));
   const head = frame(across, cross(ahead, across));
-  rotation.set("spine3", chest).set("head", head);
-  const neck = subtract(at("head"), at("neck"));
-  position.set("head", add(rotate(chest, at("neck")), scaled(add(rotate(chest, neck), rotate(head, neck)), 0.5)));
-  visible.set(
+  laid.rotation.set("spine3", chest).set("head", head);
+  const neck = subtract(rest("head"), rest("neck"));
+  laid.put(
     "head",
+    add(rotate(chest, rest("neck")), scaled(add(rotate(chest, neck), rotate(head, neck)), 0.5)),
     Math.min(seen[MARKS.left_ear], seen[MARKS.right_ear], ...SIDES.map((side) => seen[mark(side, "shoulder")])),
   );
   const [hx, , hz] = rotate(pelvis, [1, 0, 0]);
@@ -164,43 +174,33 @@ function lay({ world, visible: seen }: Landmarks, skeleton: Skeleton): Laid {
     for (const [part, turn] of [
       ["hip", pelvis],
       ["shoulder", chest],
-    ] as const) {
-      position.set(`${side}_${part}`, rotate(turn, at(`${side}_${part}`)));
-      visible.set(`${side}_${part}`, seen[mark(side, part)]);
-    }
+    ] as const)
+      laid.put(`${side}_${part}`, rotate(turn, rest(`${side}_${part}`)), seen[mark(side, part)]);
     for (const [start, end] of LIMBS) {
       const [first, last] = [`${side}_${start}`, `${side}_${end}`];
-      const bone = subtract(at(last), at(first));
+      const bone = subtract(rest(last), rest(first));
       const isSeen = Math.min(seen[mark(side, start)], seen[mark(side, end)]) >= VISIBLE;
       const isArm = start === "shoulder" || start === "elbow";
       const direction = subtract(world[mark(side, end)], world[mark(side, start)]);
-      const laid = isSeen || isArm ? scaled(unit(direction), size(bone)) : rotate(heading, bone); // an unseen leg stands
-      position.set(last, add(position.get(first) ?? [0, 0, 0], laid));
-      visible.set(last, Math.min(visible.get(first) ?? 0, seen[mark(side, end)]));
+      const along = isSeen || isArm ? scaled(unit(direction), size(bone)) : rotate(heading, bone); // an unseen leg stands
+      laid.put(last, add(laid.at(first), along), Math.min(laid.visible(first), seen[mark(side, end)]));
     }
-    ball(side, at, position, visible);
+    layBall(side, rest, laid);
     const hand = handOf(side, world);
     if (Math.min(seen[mark(side, "wrist")], seen[mark(side, "index")]) >= VISIBLE && hand)
-      rotation.set(`${side}_wrist`, hand);
+      laid.rotation.set(`${side}_wrist`, hand);
   }
-  return { position, visible, rotation };
+  return laid;
 }
 
-/** The ball of a foot, between its ankle and its toes. */
-function ball(
-  side: string,
-  at: (name: string) => Vector,
-  position: Map<string, Vector>,
-  visible: Map<string, number>,
-): void {
+/** Lay the ball of a foot, between its ankle and its toes. */
+function layBall(side: string, rest: (name: string) => Vector, laid: Laid): void {
   const [knee, ankle, toe, foot] = ["knee", "ankle", "toe", "foot"].map((part) => `${side}_${part}`);
-  const placed = (name: string): Vector => position.get(name) ?? [0, 0, 0];
-  const before = frame(subtract(at(toe), at(ankle)), subtract(at(knee), at(ankle)));
-  const after = frame(subtract(placed(toe), placed(ankle)), subtract(placed(knee), placed(ankle)));
-  const [w, x, y, z] = before;
-  const own = rotate([w, -x, -y, -z], subtract(at(foot), at(ankle)));
-  position.set(foot, add(placed(ankle), rotate(after, own)));
-  visible.set(foot, visible.get(toe) ?? 0);
+  const footOf = (at: (name: string) => Vector): Quaternion =>
+    frame(subtract(at(toe), at(ankle)), subtract(at(knee), at(ankle)));
+  const own = rotate(conjugate(footOf(rest)), subtract(rest(foot), rest(ankle)));
+  const turn = footOf((name) => laid.at(name));
+  laid.put(foot, add(laid.at(ankle), rotate(turn, own)), laid.visible(toe));
 }
 
 /** A hand's turn from the knuckles of index and little finger: fingers along ±X, the thumb's side along +Z. */
@@ -215,7 +215,7 @@ function handOf(side: (typeof SIDES)[number], world: readonly Vector[]): Quatern
 }
 
 /** Where the pelvis is in the camera's axes, so that joints are seen where the landmarks are: least squares. */
-function located({ position }: Laid, { picture, visible }: Landmarks, focal: number): Vector {
+function located(laid: Laid, { picture, visible }: Landmarks, focal: number): Vector {
   const normal = new Matrix3(0, 0, 0, 0, 0, 0, 0, 0, 0);
   const right = new Vector3();
   const addRow = (row: Vector, value: number, pull: number): void => {
@@ -224,7 +224,7 @@ function located({ position }: Laid, { picture, visible }: Landmarks, focal: num
   };
   for (const side of SIDES) {
     for (const part of ["shoulder", "elbow", "wrist", "hip", "knee", "ankle"] as const) {
-      const q = position.get(`${side}_${part}`) ?? [0, 0, 0];
+      const q = laid.at(`${side}_${part}`);
       const [u, v] = picture[mark(side, part)];
       const pull = PULL[part] * Math.min(Math.max(visible[mark(side, part)], 0.05), 1);
       addRow([focal, 0, -u], -focal * q[0] - u * q[2], pull);
@@ -240,10 +240,4 @@ function frame(across: Vector, up: Vector): Quaternion {
   const x = unit(across);
   const y = unit(subtract(up, scaled(x, dot(up, x))));
   return fromAxes(x, y, cross(x, y));
-}
-
-/** Points of the rest pose, m from the root. */
-function restOf(skeleton: Skeleton): Map<string, Vector> {
-  const rest = restPoints(skeleton);
-  return new Map(skeleton.points.map((name, point) => [name, rest[point]]));
 }

@@ -1,8 +1,10 @@
 /** A recording of what a device tracked, played at its own pace. */
 
+import { lastIndex } from "../body/math";
 import type { Observation } from "../body/observation";
+import type { Live } from "../live";
 import { Rounds } from "./rounds";
-import type { Sink, Source } from "./source";
+import type { Source } from "./source";
 
 export class RecordingSource implements Source {
   readonly guide = "What the device tracked is completed anew; under Settings parts of it can be switched off.";
@@ -11,7 +13,7 @@ export class RecordingSource implements Source {
 
   constructor(
     private readonly frames: readonly Observation[],
-    private readonly sink: Sink,
+    private readonly live: Pick<Live, "track">,
     readonly title: string,
     ended?: (clock: number) => void,
   ) {
@@ -25,31 +27,17 @@ export class RecordingSource implements Source {
   frame(milliseconds: number): void {
     const { rounds } = this;
     if (!rounds.advance(milliseconds)) return;
-    const index = this.newest(rounds.time);
+    // The newest frame that is due: a page that was hidden does not catch up.
+    const index = lastIndex(this.frames.length, (frame) => this.timeOf(frame), rounds.time);
     const name = `${rounds.number}:${index}`;
     if (name === this.last) return;
     const time = rounds.clock(Math.max(this.timeOf(index), rounds.from));
-    if (this.sink.track({ ...this.frames[index], time }, null)) this.last = name;
+    if (this.live.track({ ...this.frames[index], time }, null)) this.last = name;
     else rounds.again();
-  }
-
-  stop(): void {
-    // Nothing runs.
   }
 
   /** Seconds of a frame after the first. */
   private timeOf(index: number): number {
     return (this.frames[index]?.time ?? 0) - (this.frames[0]?.time ?? 0);
-  }
-
-  /** Index of the newest frame that is due at a time, s: a page that was hidden does not catch up. */
-  private newest(time: number): number {
-    let [low, high] = [0, this.frames.length - 1];
-    while (low < high) {
-      const middle = (low + high + 1) >> 1;
-      if (this.timeOf(middle) <= time) low = middle;
-      else high = middle - 1;
-    }
-    return low;
   }
 }

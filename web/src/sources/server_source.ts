@@ -1,6 +1,6 @@
 /** A server of bodysense: what it tracks is watched here, completed by it. */
 
-import type { Quaternion, Vector } from "../body/math";
+import { axisAngle } from "../body/math";
 import type { Point } from "../body/observation";
 import { place, type Body, type Skeleton } from "../body/skeleton";
 import type { History } from "../history";
@@ -11,47 +11,43 @@ import type {
   Resume,
   Settings,
   SignalFrame,
-  SignalPoint,
   Source as Input,
   Welcome,
 } from "../protocol";
 import { Connection, socketAddress } from "../server/connection";
-import type { Source } from "./source";
+import { AS_IT_IS, placed, type Placement } from "./placement";
 
 /** One of the server's own inputs, or the session of another client; null: the first of the inputs. */
 export type Watched = { readonly watch: Input } | { readonly follow: Resume } | null;
 
 export interface ServerEvents {
-  /** The skeleton of the server's body. */
-  skeleton(skeleton: Skeleton): void;
   /** The connection is there again. */
-  connected(): void;
+  connected?(): void;
   /** The first body of this input is there. */
   came(): void;
   /** The server has no input of its own. */
-  empty(): void;
-  said(text: string): void;
+  empty?(): void;
+  said?(text: string): void;
   /** The server has more inputs than the one that is watched. */
-  others(inputs: readonly Input[]): void;
+  others?(inputs: readonly Input[]): void;
   /** `again` where the page waits for the person. */
   lost(reason: string, again: boolean): void;
 }
 
 const WATCHING = "The server's own input";
 const SILENT = 5000; // ms without a body after which an input is silent
-const WAITING = 64; // signals and truths that wait for their pose
 
 /** One wearer of a server, watched. */
-export class ServerSource implements Source {
+export class ServerSource {
   title = WATCHING;
   sensors: readonly string[] = [];
   private readonly connection: Connection;
-  private readonly signals = new Map<number, SignalFrame>();
-  private readonly truths = new Map<number, Body>();
-  private skeleton: Skeleton | null = null;
+  private signal: SignalFrame | null = null; // signal and truth come right before the pose that answers them
+  private truth: PoseFrame | null = null;
+  skeleton: Skeleton | null = null;
   private heard: number | null = null; // ms, of the page's clock: the last body
   private welcome: Welcome | null = null;
-  private placement = { offset: [0, 0, 0] as readonly number[], heading: 0 };
+  private placement: Placement = AS_IT_IS;
 
   constructor(
     address: string,
@@ -71,15 +67,14 @@ export class ServerSource implements Source {
       }),
       {
         welcome: (message) => this.begin(message),
-        signal: (frame) => remember(this.signals, frame.sequence, frame),
-        truth: (frame) =>
-          this.skeleton &&
-          remember(this.truths, frame.sequence, place(this.skeleton, frame.rootPosition, frame.rotation)),
+        signal: (frame) => (this.signal = frame),
+        truth: (frame) => (this.truth = frame),
         pose: (frame) => this.show(frame),
         message: (message) => {
-          if (message.type === "placed") this.placement = message;
+          if (message.type === "placed")
+            this.placement = { turn: axisAngle([0, 1, 0], message.heading), offset: message.offset };
           else if (message.type === "proportions") this.grow(message.rest_offset);
-          else if (message.type === "said") this.events.said(message.text);
+          else if (message.type === "said") this.events.said?.(message.text);
           else if (message.type === "error") this.events.lost(message.reason, true);
         },
         lost: (reason, retryIn) => {
@@ -89,10 +84,6 @@ export class ServerSource implements Source {
       },
     );
     this.connection.open();
-  }
-
-  frame(): void {
-    // The server sends when it has something.
   }
 
   /** Whether bodies came, and come no more. */
@@ -125,7 +116,7 @@ export class ServerSource implements Source {
     const [offered, ...others] = message.sources;
     if (this.watched === null && offered !== undefined) {
       this.watched = { watch: offered };
-      this.events.others(others);
+      this.events.others?.(others);
       this.connection.open(); // hello again, with what there is to be watched
       return;
     }
@@ -133,10 +124,9 @@ export class ServerSource implements Source {
     this.sensors = message.signal;
     const { joints, points, parents, rest_offset } = message;
     this.skeleton = { joints: joints.length, points, parents, restOffset: Float32Array.from(rest_offset.flat()) };
-    this.events.skeleton(this.skeleton);
     this.title = this.watched && "follow" in this.watched ? "Another wearer" : WATCHING;
-    this.events.connected();
-    if (this.watched === null) this.events.empty();
+    this.events.connected?.();
+    if (this.watched === null) this.events.empty?.();
   }
 
   private grow(offset: Welcome["rest_offset"]): void {
@@ -145,17 +135,19 @@ export class ServerSource implements Source {
   }
 
   private show(pose: PoseFrame): void {
-    if (!this.skeleton) return;
+    const { skeleton, signal, truth } = this;
+    if (!skeleton) return;
+    const bodyOf = ({ rootPosition, rotation }: PoseFrame): Body => place(skeleton, rootPosition, rotation);
     if (this.heard === null) this.events.came();
     this.heard = performance.now();
     this.history.add({
       sourceTime: pose.time,
       rootPosition: pose.rootPosition,
       rotation: pose.rotation,
-      restOffset: this.skeleton.restOffset,
-      body: place(this.skeleton, pose.rootPosition, pose.rotation),
-      signal: this.points(this.signals.get(pose.sequence)?.points ?? []),
-      truth: this.truths.get(pose.sequence) ?? null,
+      restOffset: skeleton.restOffset,
+      body: bodyOf(pose),
+      signal: signal?.sequence === pose.sequence ? this.pointsOf(signal) : [],
+      truth: truth?.sequence === pose.sequence ? bodyOf(truth) : null,
       expected: pose.expectedError,
       measured: pose.hidden && pose.hidden.map((hidden) => (hidden < 128 ? 1 : 0)),
       milliseconds: pose.microseconds / 1000,
@@ -163,26 +155,13 @@ export class ServerSource implements Source {
   }
 
   /** The signal's points in the body's world. */
-  private points(signal: readonly SignalPoint[]): Point[] {
-    const { offset, heading } = this.placement;
-    const [sine, cosine] = [Math.sin(heading), Math.cos(heading)];
-    return signal.map(({ point, position, rotation }) => ({
+  private pointsOf({ points }: SignalFrame): Point[] {
+    const named = points.map(({ point, position, rotation }) => ({
       name: this.sensors[point] ?? "",
+      position,
+      rotation,
       accuracy: 0,
-      rotation: rotation as Quaternion | null,
-      position:
-        position &&
-        ([
-          cosine * position[0] + sine * position[2] + offset[0],
-          position[1] + offset[1],
-          cosine * position[2] - sine * position[0] + offset[2],
-        ] as Vector),
     }));
+    return placed(named, this.placement);
   }
-}
-
-function remember<T>(map: Map<number, T>, key: number, value: T): void {
-  map.set(key, value);
-  const oldest = map.keys().next();
-  if (map.size > WAITING && !oldest.done) map.delete(oldest.value);
 }

@@ -1,20 +1,11 @@
 /** A source: it gives the page observations to complete, or completed bodies. */
 
-import type { Observation } from "../body/observation";
-import type { Body } from "../body/skeleton";
-
-/** Where a source's frames go. */
-export interface Sink {
-  /** Take an observation, and the true body if it is known. Returns whether there was time for it. */
-  track(observation: Observation, truth: Body | null): boolean;
-}
-
 export interface Source {
   readonly title: string; // for the person
   readonly guide?: string | undefined; // what the person does now, in one line
   readonly isYou?: boolean; // tracks the person at this page, who may be measured
   readonly sensors: readonly string[]; // points that it tracks, as far as they are known
   /** Once a picture, at `milliseconds` of the page's clock. */
-  frame(milliseconds: number, frame?: XRFrame): void;
-  stop(): void;
+  frame?(milliseconds: number, frame?: XRFrame): void;
+  stop?(): void;
 }

@@ -9,22 +9,18 @@ export class TakeSource implements Source {
   readonly sensors: readonly string[] = [];
 
   /** `take`: as its name and part are now. */
-  constructor(private readonly take: () => Take) {}
+  constructor(
+    private readonly take: () => Take,
+    private readonly playback: Playback,
+  ) {}
 
   get title(): string {
     return this.take().name;
   }
 
-  frame(): void {
-    // The timeline holds its frames.
-  }
-
-  stop(): void {
-    // Nothing runs.
-  }
-
   /** Begin again where the part is over. */
-  repeat(playback: Playback): void {
+  frame(): void {
+    const { playback } = this;
     const [from, to] = partOf(this.take());
     if (playback.playing && (playback.live || playback.time > to || playback.time < from)) playback.seek(from);
   }

@@ -1,9 +1,8 @@
 /** The wearers of a server: the camera follows the first, the others are next to it. */
 
 import { Group, type Object3D } from "three";
-import type { Skeleton } from "../body/skeleton";
 import { History } from "../history";
-import type { Calibrate, Recentre, Resume, Settings } from "../protocol";
+import type { Resume } from "../protocol";
 import { Bodies, type Shown } from "../view/bodies";
 import { ServerSource, type ServerEvents, type Watched } from "./server_source";
 import type { Source } from "./source";
@@ -30,7 +29,6 @@ class Companion {
   private readonly history = new History(2);
   private readonly bodies = new Bodies(this.place);
   private readonly source: ServerSource;
-  private tree: Skeleton | null = null;
 
   constructor(
     address: string,
@@ -42,14 +40,8 @@ class Companion {
   ) {
     this.place.position.x = APART * Math.ceil(number / 2) * (number % 2 === 1 ? 1 : -1); // left, right, left …
     stage.add(this.place);
-    const nothing = (): void => undefined;
     this.source = new ServerSource(address, this.history, watched, {
-      skeleton: (skeleton) => (this.tree = skeleton),
-      connected: nothing,
       came,
-      empty: nothing,
-      said: nothing,
-      others: nothing,
       lost: (reason, again) => again && over(this, reason),
     });
   }
@@ -61,7 +53,8 @@ class Companion {
   draw(): void {
     const moment = this.history.moments.at(-1);
     this.place.visible = this.isThere;
-    if (moment && this.tree && this.isThere) this.bodies.show(moment, this.tree, LOOK, 0);
+    const { skeleton } = this.source;
+    if (moment && skeleton && this.isThere) this.bodies.show(moment, skeleton, LOOK, 0);
   }
 
   stop(): void {
@@ -72,7 +65,7 @@ class Companion {
 }
 
 export class Watching implements Source {
-  private readonly first: ServerSource;
+  readonly first: ServerSource;
   private companions: Companion[] = [];
 
   /** `followed`: sessions of others; without any the server's own inputs. */
@@ -110,20 +103,6 @@ export class Watching implements Source {
     for (const companion of this.companions.splice(0)) companion.stop();
   }
 
-  open(): void {
-    this.first.open();
-  }
-
-  /** Change settings of the session that is looked at. */
-  tell(change: Partial<Settings>): void {
-    this.first.tell(change);
-  }
-
-  /** Ask something of the session that is looked at; false if it is another client's. */
-  ask(message: Recentre | Calibrate): boolean {
-    return this.first.ask(message);
-  }
-
   private invite(others: readonly Watched[]): void {
     for (const watched of others) {
       const number = this.companions.length + 1;
@@ -131,7 +110,7 @@ export class Watching implements Source {
         new Companion(this.address, watched, number, this.stage, this.events.came, (companion, reason) => {
           companion.stop();
           this.companions = this.companions.filter((other) => other !== companion);
-          this.events.said(`One wearer is gone: ${reason}.`);
+          this.events.said?.(`One wearer is gone: ${reason}.`);
         }),
       );
     }

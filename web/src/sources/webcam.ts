@@ -2,7 +2,6 @@
 
 import { LandmarkPoints, type Landmarks } from "./landmarks";
 import { mixed, type Vector } from "../body/math";
-import { withOffsets, type Skeleton } from "../body/skeleton";
 import type { FromCamera, ToCamera } from "../engine/camera_worker";
 import type { Live } from "../live";
 import { CameraPicture } from "../ui/camera_picture";
@@ -22,12 +21,7 @@ const REFUSALS: Readonly<Record<string, string>> = {
 };
 
 /** Open the webcam. Throws an Error of one line that says what is missing. */
-export async function openWebcam(
-  base: string,
-  live: Live,
-  skeleton: Skeleton,
-  say: (text: string) => void,
-): Promise<Source> {
+export async function openWebcam(base: string, live: Live, say: (text: string) => void): Promise<Source> {
   if (!navigator.mediaDevices)
     throw new Error("A webcam needs a safe address: open this page by https, or at http://localhost.");
   const small = new CameraPicture();
@@ -45,7 +39,7 @@ export async function openWebcam(
   video.srcObject = stream;
   video.muted = video.playsInline = true;
   await video.play();
-  return new Webcam(stream, video, small, base, live, skeleton, say);
+  return new Webcam(stream, video, small, base, live, say);
 }
 
 class Webcam implements Source {
@@ -73,14 +67,13 @@ class Webcam implements Source {
     private readonly small: CameraPicture,
     base: string,
     private readonly live: Live,
-    private readonly skeleton: Skeleton,
     private readonly say: (text: string) => void,
   ) {
     const aspect = video.videoWidth / Math.max(video.videoHeight, 1);
     this.points = new LandmarkPoints(Math.max(aspect, 1) / 2 / Math.tan((FIELD_OF_VIEW * Math.PI) / 360));
     this.worker.onmessage = ({ data }: MessageEvent<FromCamera>) => this.hear(data);
     this.worker.onerror = () => say("This browser cannot run MediaPipe; use a newer one.");
-    this.ask({ type: "open", base });
+    this.worker.postMessage({ type: "open", base } satisfies ToCamera);
     small.say(LOADING);
     for (const track of stream.getTracks())
       track.onended = () =>
@@ -137,8 +130,7 @@ class Webcam implements Source {
           };
     const passed = Math.min((milliseconds - this.before) / 1000, 1);
     this.calm = found && this.calm ? smoothed(this.calm, found, 1 - 2 ** (-passed / CALM)) : found;
-    const body = withOffsets(this.skeleton, this.live.newest?.restOffset ?? this.skeleton.restOffset);
-    const points = found && this.calm && this.points.read(found, this.calm, body, passed);
+    const points = found && this.calm && this.points.read(found, this.calm, this.live.tree, passed);
     if (!this.presence.look(points !== null, milliseconds)) this.small.say(NOBODY);
     if (!points) {
       if (milliseconds - this.lonely > 1000 * LONELY && !this.hasSaid) {
@@ -152,10 +144,6 @@ class Webcam implements Source {
     this.hasSaid = false;
     this.sensors = points.map(({ name }) => name);
     this.live.track({ time: milliseconds / 1000, points }, null);
-  }
-
-  private ask(message: ToCamera): void {
-    this.worker.postMessage(message);
   }
 }
 

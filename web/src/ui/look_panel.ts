@@ -1,36 +1,24 @@
 /** How the body is shown: avatar or figure, its colours, truth and tracked points. */
 
-import { choice, element, input, select } from "../page";
+import { choice, element, select, tick } from "../page";
 import type { Settings } from "../settings";
-import { legend, type Colouring } from "../view/colours";
+import { legend } from "../view/colours";
 import type { Wardrobe } from "../view/wardrobe";
 
-export interface LookEvents {
-  changed(change: Partial<Settings>): void;
-  wear(name: string): void;
-}
-
 export class LookPanel {
-  private colouring: Colouring;
   private offered = "";
 
   constructor(
     settings: Settings,
-    private readonly events: LookEvents,
+    changed: (change: Partial<Settings>) => void,
+    private readonly wear: (name: string) => void,
   ) {
-    this.colouring = settings.colouring;
     for (const radio of document.querySelectorAll<HTMLInputElement>("input[name=figure]")) {
-      radio.onchange = () => events.changed({ figure: radio.value === "figure" ? "figure" : "avatar" });
+      radio.onchange = () => changed({ figure: radio.value === "figure" ? "figure" : "avatar" });
     }
-    choice("colouring", settings.colouring, (colouring) => {
-      this.colouring = colouring;
-      events.changed({ colouring });
-    });
-    for (const name of ["truth", "signal", "ghosts"] as const) {
-      const box = input(name);
-      box.checked = settings[name];
-      box.onchange = () => events.changed({ [name]: box.checked });
-    }
+    choice("colouring", settings.colouring, (colouring) => changed({ colouring }));
+    for (const name of ["truth", "signal", "ghosts"] as const)
+      tick(name, settings[name], (isOn) => changed({ [name]: isOn }));
   }
 
   /** Show the choices that are available now, and the meaning of the colours. */
@@ -42,7 +30,8 @@ export class LookPanel {
     element("avatar-row").hidden = isFigure || names.length < 2;
     element("colour-row").hidden = !isFigure;
     element("truth-row").hidden = !hasTruth;
-    const shown = isFigure && (this.colouring !== "error" || hasTruth) ? legend(this.colouring) : null;
+    const { colouring } = settings;
+    const shown = isFigure && (colouring !== "error" || hasTruth) ? legend(colouring) : null;
     element("legend").hidden = shown === null;
     if (!shown) return;
     element("legend-low").textContent = shown.low;
@@ -55,6 +44,6 @@ export class LookPanel {
     if (offered === this.offered || worn === null) return;
     this.offered = offered;
     select("avatar").replaceChildren(...names.map((name) => new Option(name)));
-    choice("avatar", worn, (name) => this.events.wear(name));
+    choice("avatar", worn, this.wear);
   }
 }

@@ -1,7 +1,7 @@
 /** The panel of sensors: simulated ones, and parts of the body that can be switched off. */
 
 import type { SensorSet } from "../body/clip";
-import { checkbox, choice, element } from "../page";
+import { choice, element } from "../page";
 
 const PARTS: readonly (readonly [RegExp, string])[] = [
   [/^(headset|head|neck|head_top|nose)$/, "Head"],
@@ -12,7 +12,6 @@ const PARTS: readonly (readonly [RegExp, string])[] = [
 
 export class SensorPanel {
   private offered = "";
-  private off = new Set<string>();
 
   constructor(
     set: SensorSet,
@@ -30,20 +29,22 @@ export class SensorPanel {
     const names = [...parts.keys()].join();
     if (names === this.offered) return;
     this.offered = names;
-    this.off = new Set();
+    const off = new Set<string>();
     this.hidden(new Set());
     const fieldset = element("parts");
     for (const label of fieldset.querySelectorAll("label")) label.remove();
     fieldset.hidden = parts.size < 2;
     for (const [name, members] of parts) {
-      fieldset.append(
-        checkbox(name, true, (on) => {
-          for (const point of members)
-            if (on) this.off.delete(point);
-            else this.off.add(point);
-          this.hidden(new Set(this.off));
-        }),
-      );
+      const label = document.createElement("label");
+      const box = Object.assign(document.createElement("input"), { type: "checkbox", checked: true });
+      box.onchange = () => {
+        for (const point of members)
+          if (box.checked) off.delete(point);
+          else off.add(point);
+        this.hidden(new Set(off));
+      };
+      label.append(box, name);
+      fieldset.append(label);
     }
   }
 }

@@ -29,12 +29,7 @@ export function showStatus(live: Live, moment: Moment | null, skeleton: Skeleton
   }
   element("shown").textContent = parts.join(" · ");
   if (live.times.length === 0) return;
-  const pace = live.times.length < FEWEST ? "" : `, ${paceOf(live.quantile(0.99))}`;
-  element("rate").textContent = `completed here${pace}`;
-}
-
-/** How a body moves whose slowest steps take so long, ms. */
-export function paceOf(milliseconds: number): string {
-  if (milliseconds <= SMOOTH) return "smoothly";
-  return milliseconds <= FLUENT ? "nearly smoothly" : "slowly on this device";
+  const slowest = live.quantile(0.99); // ms
+  const pace = slowest <= SMOOTH ? "smoothly" : slowest <= FLUENT ? "nearly smoothly" : "slowly on this device";
+  element("rate").textContent = live.times.length < FEWEST ? "completed here" : `completed here, ${pace}`;
 }

@@ -4,7 +4,7 @@ import type { Skeleton } from "../body/skeleton";
 import type { History } from "../history";
 import { KeptTakes } from "../kept_takes";
 import { FILE_KINDS, saveMotion, type FileKind } from "../out/save";
-import { button, element } from "../page";
+import { button, element, made } from "../page";
 import { partOf, Takes, type Take } from "../takes";
 
 export interface TakeEvents {
@@ -68,19 +68,17 @@ export class TakePanel {
 
   private row(take: Take): HTMLLIElement {
     const { id, name } = take;
-    const field = Object.assign(document.createElement("input"), { type: "text", value: name, id: `name-${id}` });
-    field.setAttribute("aria-label", `Name of ${name}`);
+    const length = lengthOf(take);
+    const field = made("input", `Name of ${name}`, { type: "text", value: name, id: `name-${id}` });
     field.onchange = () => this.takes.describe(id, { name: field.value.trim() || name });
-    const show = Object.assign(document.createElement("button"), { textContent: lengthOf(take), id: `show-${id}` });
-    show.setAttribute("aria-label", `Show ${name}, ${lengthOf(take)}`);
+    const show = made("button", `Show ${name}, ${length}`, { textContent: length, id: `show-${id}` });
     show.setAttribute("aria-pressed", String(id === this.takes.chosen?.id));
     show.onclick = () => {
       this.takes.choose(id);
       this.events.show(take);
       this.shown = id;
     };
-    const remove = Object.assign(document.createElement("button"), { textContent: "×", className: "quiet" });
-    remove.setAttribute("aria-label", `Delete ${name}`);
+    const remove = made("button", `Delete ${name}`, { textContent: "×", className: "quiet" });
     remove.onclick = () => {
       if (this.shown === id) this.events.show(null);
       this.takes.remove(id);

@@ -3,21 +3,18 @@
 import { THEMES, type Theme } from "../settings";
 import type { Look } from "../view/scene";
 
-const dark = matchMedia("(prefers-color-scheme: dark)");
-
-export function lookOf(theme: Theme): Look {
-  if (theme !== "auto") return theme;
-  return dark.matches ? "dark" : "light";
-}
-
-export function applyTheme(theme: Theme, paint: (look: Look) => void): void {
-  const look = lookOf(theme);
-  document.documentElement.dataset["look"] = look;
-  paint(look);
-}
-
-export function onSystemChange(changed: () => void): void {
-  dark.addEventListener("change", changed);
+/** Paint by the theme, now and where the system changes. Returns what paints again after another choice. */
+export function themed(theme: () => Theme, paint: (look: Look) => void): () => void {
+  const dark = matchMedia("(prefers-color-scheme: dark)");
+  const repaint = (): void => {
+    const chosen = theme();
+    const look = chosen === "auto" ? (dark.matches ? "dark" : "light") : chosen;
+    document.documentElement.dataset["look"] = look;
+    paint(look);
+  };
+  dark.addEventListener("change", repaint);
+  repaint();
+  return repaint;
 }
 
 export function nextTheme(theme: Theme): Theme {

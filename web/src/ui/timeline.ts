@@ -9,7 +9,7 @@ export class Timeline {
 
   constructor(
     private readonly playback: Playback,
-    private readonly history: () => History,
+    private readonly history: History,
   ) {
     button("play").onclick = () => playback.toggle();
     button("live").onclick = () => playback.goLive();
@@ -23,12 +23,11 @@ export class Timeline {
   }
 
   step(count: number): void {
-    this.playback.stepFrames(this.history(), count);
+    this.playback.stepFrames(this.history, count);
   }
 
   show(): void {
-    const { playback } = this;
-    const history = this.history();
+    const { playback, history } = this;
     const scrub = input("scrub");
     scrub.min = String(history.first);
     scrub.max = String(history.last);

@@ -1,7 +1,7 @@
 /** The wearer: height, measuring, sitting, the floor. */
 
-import type { Measurement } from "../wearer";
-import { button, element, input } from "../page";
+import type { Settings } from "../settings";
+import { button, element, input, tick } from "../page";
 
 const HINT = element("calibrate-hint").textContent;
 
@@ -15,21 +15,18 @@ export interface YouEvents {
 }
 
 export class YouPanel {
-  constructor(height: number | null, measured: Measurement | null, holdFeet: boolean, events: YouEvents) {
+  constructor(settings: Settings, events: YouEvents) {
     const field = input("height");
-    this.show(height, measured);
+    this.show(settings);
     field.onchange = () => events.height(field.value.trim() === "" ? null : Number(field.value));
     button("calibrate").onclick = () => events.measure();
     button("forget").onclick = () => events.forget();
     button("recentre").onclick = () => events.recentre();
-    const seated = input("seated");
-    seated.onchange = () => events.sit(seated.checked);
-    const hold = input("hold-feet");
-    hold.checked = holdFeet;
-    hold.onchange = () => events.holdFeet(hold.checked);
+    tick("seated", false, (isSeated) => events.sit(isSeated));
+    tick("hold-feet", settings.holdFeet, (isHeld) => events.holdFeet(isHeld));
   }
 
-  show(height: number | null, measured: Measurement | null): void {
+  show({ height, measured }: Pick<Settings, "height" | "measured">): void {
     input("height").value = height === null ? "" : height.toFixed(2);
     button("forget").hidden = measured === null;
     const reach = measured?.reach ? `, arms ${measured.reach.toFixed(2)} m from wrist to wrist` : "";

@@ -62,8 +62,8 @@ export class Bodies {
     this.skeleton = withOffsets(tree, restOffset);
     this.result?.dispose();
     this.truth?.dispose();
-    this.result = new BodyView(this.skeleton, { opacity: 1 });
-    this.truth = new BodyView(this.skeleton, { opacity: 0.3 });
+    this.result = new BodyView(this.skeleton, 1);
+    this.truth = new BodyView(this.skeleton, 0.3);
     this.stage.add(this.result.group, this.truth.group);
   }
 }

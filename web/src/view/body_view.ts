@@ -38,10 +38,6 @@ const HEAD = "head_top"; // the bone from the head's joint up to here is the hea
 const EGG = 1.5; // as tall as wide
 const ONE = new Vector3(1, 1, 1);
 
-export interface BodyLook {
-  readonly opacity: number;
-}
-
 export class BodyView {
   readonly group = new Group();
   private readonly balls: InstancedMesh;
@@ -52,12 +48,12 @@ export class BodyView {
 
   constructor(
     private readonly skeleton: Skeleton,
-    look: BodyLook,
+    opacity: number,
   ) {
     const count = skeleton.points.length;
     const height = restHeight(skeleton);
     const flesh = skeleton.points.map((name) => radii(name).map((share) => share * height) as [number, number]);
-    const material = materialOf(look);
+    const material = materialOf(opacity);
     const shapes = [new SphereGeometry(1, 16, 12), new CylinderGeometry(1, 1, 1, 20, 1, true)];
     [this.balls, this.bones] = shapes.map((shape) => new InstancedMesh(shape, material, count));
     const tapering = [new Float32Array(2 * count).fill(1), tapers(skeleton, flesh)];
@@ -65,7 +61,7 @@ export class BodyView {
     this.group.add(this.balls, this.bones);
     for (const mesh of [this.balls, this.bones]) {
       mesh.frustumCulled = false;
-      mesh.castShadow = look.opacity >= 1;
+      mesh.castShadow = opacity >= 1;
     }
     this.ballOfPoint = skeleton.points.map((_, point) => ballMatrix(skeleton, point, flesh));
     this.boneOfPoint = skeleton.points.map((_, point) => boneMatrix(skeleton, point, flesh));
@@ -108,7 +104,7 @@ function radii(name: string): readonly [number, number] {
 /** One material for balls and cylinders: a graphics card compiles it once. A cylinder's beginning is `taper` times as
  * thick as its end.
  */
-function materialOf({ opacity }: BodyLook): MeshLambertMaterial {
+function materialOf(opacity: number): MeshLambertMaterial {
   const material = new MeshLambertMaterial({ transparent: opacity < 1, opacity, depthWrite: opacity >= 1 });
   material.onBeforeCompile = (shader) => {
     shader.vertexShader = `attribute vec2 taper;\n${shader.vertexShader}`.replace(

@@ -2,10 +2,10 @@
 
 import { CapsuleGeometry, CylinderGeometry, Group, Mesh, MeshStandardMaterial, TorusGeometry } from "three";
 import { RoundedBoxGeometry } from "three/addons/geometries/RoundedBoxGeometry.js";
+import { UPRIGHT } from "../body/math";
 import type { Point } from "../body/observation";
 
 const MOST = 6; // points: more of them are a hand's or a picture's, not devices
-const UPRIGHT = [1, 0, 0, 0] as const; // wxyz
 
 export class GhostView {
   readonly group = new Group();

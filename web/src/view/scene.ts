@@ -19,7 +19,6 @@ import {
   WebGLRenderer,
 } from "three";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
-import { followed } from "./follow";
 import { Thrift } from "./thrift";
 
 export type Look = "light" | "dark";
@@ -32,6 +31,12 @@ const RADIUS = 4.5; // m, of the floor
 const [SHADE, SHADE_AT] = [1.65, [-0.38, 0, -0.56]] as const; // m: within what the light sees of the floor
 const CLEAR = 200; // pixels between the middle of the body and what is beside it
 const FINEST = 4; // anisotropy of textures
+const AFTER = 2.5; // per s: how fast the camera goes after somebody who walks
+
+/** The part of a distance, m, that the camera moves by within `seconds`; the same however many pictures are drawn. */
+export function followed(distance: number, seconds: number): number {
+  return distance * (1 - Math.exp(-AFTER * Math.max(seconds, 0)));
+}
 
 export class View {
   readonly scene = new Scene();

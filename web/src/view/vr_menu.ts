@@ -15,7 +15,6 @@ import {
 } from "three";
 
 export interface MenuItem {
-  readonly id: string;
   readonly text: () => string;
   readonly isOn?: () => boolean;
   readonly press: () => void;
@@ -34,7 +33,7 @@ export class VrMenu {
   private readonly caster = new Raycaster();
   private readonly height: number;
   private drawn = "";
-  private line = "";
+  private line = "Point and pinch, or pull the trigger.";
 
   constructor(private readonly items: readonly MenuItem[]) {
     this.height = HEAD + items.length * (ROW + GAP) + GAP;

@@ -10,7 +10,7 @@ const MOST = 4; // avatars: each holds its textures
 
 export class Wardrobe {
   private readonly avatars = new Map<string, Avatar>(); // in the order of their coming
-  private name: string | null = null; // of the one that is worn
+  wornName: string | null = null; // null: nothing is worn yet
 
   constructor(private readonly stage: Object3D) {}
 
@@ -18,12 +18,8 @@ export class Wardrobe {
     return [...this.avatars.keys()];
   }
 
-  get wornName(): string | null {
-    return this.name;
-  }
-
   get worn(): Avatar | null {
-    return this.avatars.get(this.name ?? "") ?? null;
+    return this.avatars.get(this.wornName ?? "") ?? null;
   }
 
   /** Put on another one, in place of one of the same name; where there are many, the oldest gives way. */
@@ -39,7 +35,7 @@ export class Wardrobe {
   /** Wear one that is here. */
   wear(name: string): void {
     if (!this.avatars.has(name)) return;
-    this.name = name;
+    this.wornName = name;
     for (const [other, { group }] of this.avatars) group.visible = other === name;
   }
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 from collections.abc import AsyncIterator
+from dataclasses import replace
 from functools import partial
 from importlib.resources import files
 from pathlib import Path
@@ -18,17 +19,16 @@ from bodysense.io.protocol import SUBPROTOCOL
 from bodysense_live.answer import Answer
 from bodysense_live.connection import converse
 from bodysense_live.datagrams import InputLink, MarkerInput, PoseSender, marker_points
-from bodysense_live.links import DeviceInput, Link, Reader, listen_udp
+from bodysense_live.links import DeviceInput, Link, UdpPort
 from bodysense_live.live import Live
 from bodysense_live.metrics import Metrics
 from bodysense_live.page_files import library_routes
 from bodysense_live.safety import Doorkeeper
-from bodysense_live.session_store import SessionStore
 from bodysense_live.settings import ServerSettings
 from bodysense_live.slimevr_link import SENSORS, SlimevrLink
 from bodysense_live.solarxr_input import InputReader
 from bodysense_live.solarxr_link import SolarxrLink
-from bodysense_live.tracked_devices import SIGNALS
+from bodysense_live.tracked_devices import SIGNALS, DeviceReader
 from bodysense_live.vmt import VmtReader
 from bodysense_live.vmt_link import VmtLink
 from bodysense_live.vrchat import VRCHAT_POINTS, VrchatReader
@@ -100,8 +100,10 @@ def links_of(settings: ServerSettings, metrics: Metrics) -> list[Link]:
     host, links = settings.access.host, list[Link]()
     sensors: SlimevrLink | None = None
 
-    def also(reader: Reader, points: tuple[str, ...]) -> tuple[Reader, tuple[str, ...]]:
-        return (reader, points) if sensors is None else (sensors.joined(reader), (*points, *SENSORS))
+    def also(reader: DeviceReader, points: tuple[str, ...]) -> tuple[DeviceReader, tuple[str, ...]]:
+        if sensors is None:
+            return reader, points
+        return replace(reader, sensors=sensors.observation), (*points, *SENSORS)
 
     try:
         if settings.slimevr is not None:
@@ -111,11 +113,11 @@ def links_of(settings: ServerSettings, metrics: Metrics) -> list[Link]:
         if settings.vmc_in is not None:
             reader, points = also(settings.vmc_trackers, SIGNALS)
             protocol = partial(DeviceInput, metrics=metrics, reader=reader, points=points)
-            links.append(InputLink("vmc", listen_udp("--vmc-in", host, settings.vmc_in), points, protocol))
+            links.append(InputLink("vmc", UdpPort("--vmc-in", host, settings.vmc_in), points, protocol))
         if settings.markers_in is not None:
-            bound = listen_udp("--markers-in", host, settings.markers_in)
+            port = UdpPort("--markers-in", host, settings.markers_in)
             protocol = partial(MarkerInput, metrics=metrics, worn=settings.worn)
-            links.append(InputLink("markers", bound, marker_points(settings.worn), protocol))
+            links.append(InputLink("markers", port, marker_points(settings.worn), protocol))
         if settings.receivers:
             links.append(PoseSender(settings.receivers, metrics))
         if settings.vmt is not None:
@@ -151,19 +153,7 @@ def application(settings: ServerSettings) -> Any:
         for link in links:
             link.show(answer)
 
-    live = Live(
-        settings.limits,
-        metrics,
-        settings.allow_record,
-        settings.playable,
-        show if links else None,
-        settings.person,
-        settings.wearer,
-        settings.recentre,
-        None if settings.shared is None else SessionStore(settings.shared, settings.limits.seconds_to_resume),
-        settings.save_person,
-        settings.trackers,
-    )
+    live = Live(settings, metrics, show if links else None)
     keeper = Doorkeeper(settings.access)
 
     async def websocket(client: WebSocket) -> None:

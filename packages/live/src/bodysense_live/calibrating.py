@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
-
-import numpy as np
+from dataclasses import dataclass, replace
 
 from bodysense.body.person import Person
 from bodysense.body.shape import stature
 from bodysense.completion.calibration import Stance, assigned, calibrated
-from bodysense.observation import Observation
+from bodysense.observation import Observation, concatenated_frames
 from bodysense_live.inertial import Inertial, has_sensors, stood_still
 from bodysense_live.webxr import UNDECIDED
 
@@ -39,7 +37,7 @@ def calibration(
 
     Raises BodysenseError for a wearer who moved, and where neither the head nor an inertial sensor is tracked.
     """
-    whole = joined(stood)
+    whole = concatenated_frames(stood)
     inertial = stood_still(whole, person.skeleton, stance, inertial)
     sensors = (f"{len(inertial.worn)} inertial sensors are worn as you stand",) if inertial.worn else ()
     head = whole.points.index("head") if "head" in whole.points else None
@@ -57,10 +55,3 @@ def calibration(
 def worn_text(trackers: Mapping[str, str]) -> str:
     """Return a line for the wearer about nameless trackers and the joints that they were found on."""
     return "worn: " + ", ".join(f"{name} on {joint}" for name, joint in trackers.items())
-
-
-def joined(frames: Sequence[Observation]) -> Observation:
-    """Observations of the same points, one after the other."""
-    names = [each.name for each in fields(Observation) if each.name not in ("points", "acceleration")]
-    arrays = {name: np.concatenate([getattr(one, name) for one in frames]) for name in names}
-    return replace(frames[0], **arrays, acceleration=None)

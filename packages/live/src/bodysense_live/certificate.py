@@ -5,12 +5,12 @@ from __future__ import annotations
 import datetime
 import ipaddress
 import os
-import socket
 from collections.abc import Sequence
 from pathlib import Path
 
 from bodysense.errors import BodysenseError, missing_package
 from bodysense.files import written_beside
+from bodysense_live.links import address_toward
 
 _DAYS = 397  # the longest that browsers take
 _NAME = "bodysense"
@@ -18,12 +18,7 @@ _NAME = "bodysense"
 
 def lan_address() -> str:
     """This machine's address on the local network. Raises BodysenseError where it has none."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        try:
-            probe.connect(("192.0.2.1", 9))  # nothing is sent
-            address = probe.getsockname()[0]
-        except OSError:
-            address = "127.0.0.1"
+    address = address_toward("192.0.2.1")
     if ipaddress.ip_address(address).is_loopback:
         raise BodysenseError("--lan: this machine is in no network; connect it, or leave --lan out")
     return address

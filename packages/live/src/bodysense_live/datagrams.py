@@ -6,7 +6,6 @@ import asyncio
 import socket
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import Any, Literal
 
 from bodysense.body.glove_set import GloveSet
@@ -14,7 +13,7 @@ from bodysense.errors import BodysenseError
 from bodysense.io.markers.raw_markers import MarkerFormat
 from bodysense.io.protocol import SignalFrame
 from bodysense_live.answer import Answer
-from bodysense_live.links import MOST_PACKETS, Command, DeviceInput, signal_of
+from bodysense_live.links import MOST_PACKETS, Command, UdpPort, signal_of
 from bodysense_live.live import Live
 from bodysense_live.marker_stream import read_frame
 from bodysense_live.messages import Source
@@ -119,32 +118,20 @@ class InputLink:
     def __init__(
         self,
         source: Source,
-        bound: socket.socket,
+        port: UdpPort,
         points: tuple[str, ...],
         protocol: Callable[..., asyncio.DatagramProtocol],  # of `play` and `do`
     ) -> None:
         self._source: Source = source
-        self._bound, self._points, self._protocol = bound, points, protocol
-        self._transport: asyncio.BaseTransport | None = None
+        self._port, self._points, self._protocol = port, points, protocol
 
     async def open(self, live: Live) -> None:
         """Begin to listen."""
-        seat = live.own(self._source, self._points)
-        play = partial(live.receive, seat)
-        do = partial(live.change, seat)
-        loop = asyncio.get_running_loop()
-        self._transport, found = await loop.create_datagram_endpoint(
-            lambda: self._protocol(play=play, do=do), sock=self._bound
-        )
-        if isinstance(found, DeviceInput):
-            seat.serials = found.serials
+        await self._port.play(live, self._source, self._points, self._protocol)
 
     def show(self, answer: Answer) -> None:
         """It sends nothing back."""
 
     def close(self) -> None:
         """Listen no more."""
-        if self._transport is not None:
-            self._transport.close()
-        else:
-            self._bound.close()
+        self._port.close()

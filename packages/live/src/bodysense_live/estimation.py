@@ -116,15 +116,6 @@ def step_many(jobs: Sequence[tuple[Pipeline, Observation, PipelineState]]) -> li
 def load() -> None:
     """Load and run the network once, so that no wearer's first frame waits for it."""
     pipeline = Pipeline(Tracker(Person()))
-    nowhere, unturned, none = np.full((1, 1, 3), np.nan), np.full((1, 1, 4), np.nan), np.zeros((1, 1), dtype=bool)
-    frame = Observation(
-        points=("head",),
-        position=nowhere,
-        rotation=unturned,
-        has_position=none,
-        has_rotation=none,
-        accuracy=np.full((1, 1), np.nan),
-        time=np.zeros(1),
-    )
+    frame = Observation.from_arrays({"head": np.full((1, 3), np.nan)})
     for sessions in (1, 2):
         step_many([(pipeline, frame, pipeline.start())] * sessions)

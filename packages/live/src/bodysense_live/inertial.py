@@ -20,7 +20,7 @@ from bodysense.body.rigid import RigidTransform
 from bodysense.body.rotation import heading, normalize, quaternion_conjugate, quaternion_multiply
 from bodysense.body.skeleton import Skeleton
 from bodysense.completion.calibration import Stance
-from bodysense.observation import Observation
+from bodysense.observation import Observation, chosen_points
 
 _MIDDLE = ("head", "neck", "spine3", "spine2", "spine1", "pelvis")
 _SIDED = ("hip", "knee", "ankle", "collar", "shoulder", "elbow", "wrist")
@@ -81,23 +81,16 @@ class Inertial:
             worn = self.worn.get(name)
             if worn is None or worn.heading is None or IMUS[name] in tracked:
                 continue
-            turned = quaternion_multiply(quaternion_multiply(worn.heading, observation.rotation[:, k]), worn.mount)
+            joint = quaternion_multiply(quaternion_multiply(worn.heading, observation.rotation[:, k]), worn.mount)
             if IMUS[name] in observation.points:  # of a tracker that is not seen now
                 there = observation.points.index(IMUS[name])
-                rotation[:, there] = np.where(has[:, k, None], turned, rotation[:, there])
+                rotation[:, there] = np.where(has[:, k, None], joint, rotation[:, there])
                 has[:, there] |= has[:, k]
             else:
-                points[k], rotation[:, k] = IMUS[name], turned
+                points[k], rotation[:, k] = IMUS[name], joint
                 keep.append(k)
-        return Observation(
-            points=tuple(points[k] for k in keep),
-            position=observation.position[:, keep],
-            rotation=rotation[:, keep],
-            has_position=observation.has_position[:, keep],
-            has_rotation=has[:, keep],
-            accuracy=observation.accuracy[:, keep],
-            time=observation.time,
-        )
+        turned = replace(observation, points=tuple(points), rotation=rotation, has_rotation=has)
+        return chosen_points(turned, keep)
 
     def headed(self, observation: Observation, skeleton: Skeleton) -> Inertial:
         """Return the sensors with headings of the new ones; the wearer must stand upright."""

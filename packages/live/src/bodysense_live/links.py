@@ -6,9 +6,11 @@ Sockets that the server listens on; errors name the option of a port.
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import errno
 import socket
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
+from functools import partial
 from typing import Any, Protocol
 
 import numpy as np
@@ -18,9 +20,10 @@ from bodysense.io.protocol import HAS_POSITION, HAS_ROTATION, SignalFrame, wire_
 from bodysense.observation import Observation
 from bodysense_live.answer import Answer
 from bodysense_live.live import Live
-from bodysense_live.messages import Calibrate, Recentre
+from bodysense_live.messages import Calibrate, Recentre, Source
 from bodysense_live.metrics import Metrics
 from bodysense_live.safety import RateLimit
+from bodysense_live.tracked_devices import DeviceReader
 
 TOGETHER = 0.002  # s: packets that come so soon after one another are one frame
 MOST_PACKETS = 2000.0  # a second that are looked at; twice as many in a burst
@@ -46,34 +49,6 @@ class Link(Protocol):
         ...
 
 
-class Reader(Protocol):
-    """A decoder of packets: `VmcTrackers`, `VmtReader` …"""
-
-    def start(self) -> Any:
-        """Nothing came yet."""
-        ...
-
-    def take(self, packet: bytes, now: float, state: Any) -> tuple[Any, str | None]:
-        """Take in a packet; the reason, too, where it or a part of it is of no use."""
-        ...
-
-    def observation(self, now: float, state: Any) -> Observation | None:
-        """One frame as of now."""
-        ...
-
-    def is_whole(self, now: float, state: Any) -> bool:
-        """Whether everything that is tracked came with the packet that was taken at `now`."""
-        ...
-
-    def commands(self, packet: bytes) -> Sequence[Command]:
-        """Return the commands in a packet."""
-        ...
-
-    def serials(self, state: Any) -> Mapping[str, str]:
-        """Return the names in the signal of trackers whose serials name no joint, by serial."""
-        ...
-
-
 class DeviceInput(asyncio.DatagramProtocol):
     """Turns packets into signal frames of `points`; packets within `together` seconds share a frame.
 
@@ -84,7 +59,7 @@ class DeviceInput(asyncio.DatagramProtocol):
         self,
         play: Callable[[SignalFrame], None],
         metrics: Metrics,
-        reader: Reader,
+        reader: DeviceReader,
         points: tuple[str, ...],
         do: Callable[[Command], None] = lambda command: None,
         sender: str | None = None,
@@ -130,6 +105,44 @@ class DeviceInput(asyncio.DatagramProtocol):
         if observation is not None:
             self._sequence = (self._sequence + 1) % 2**32
             self._play(signal_of(observation, self._points, self._sequence, now))
+
+
+class UdpPort:
+    """A bound UDP socket; packets go out, and come in, once it is open."""
+
+    def __init__(self, option: str, host: str, port: int) -> None:
+        self._bound = listen_udp(option, host, port)
+        self.number: int = self._bound.getsockname()[1]
+        self._transport: asyncio.DatagramTransport | None = None
+
+    async def open(self, protocol: asyncio.DatagramProtocol) -> None:
+        """Give packets that come in to a protocol."""
+        loop = asyncio.get_running_loop()
+        self._transport, _ = await loop.create_datagram_endpoint(lambda: protocol, sock=self._bound)
+
+    async def play(self, live: Live, source: Source, points: tuple[str, ...], protocol: Callable[..., Any]) -> Any:
+        """Play what comes in as a session of the server's own; return the protocol, made of `play` and `do`."""
+        seat = live.own(source, points)
+        taken = protocol(play=partial(live.receive, seat), do=partial(live.change, seat))
+        await self.open(taken)
+        if isinstance(taken, DeviceInput):
+            seat.serials = taken.serials
+        return taken
+
+    def send(self, packets: Iterable[bytes], address: Any) -> None:
+        """Send packets; those that the network does not take are lost."""
+        if self._transport is None or self._transport.is_closing():
+            return
+        for packet in packets:
+            with contextlib.suppress(OSError):  # no receiver now: the next one follows
+                self._transport.sendto(packet, address)
+
+    def close(self) -> None:
+        """Send and take no more."""
+        if self._transport is not None:
+            self._transport.close()
+        else:
+            self._bound.close()
 
 
 def signal_of(observation: Observation, points: tuple[str, ...], sequence: int, time: float) -> SignalFrame:
@@ -194,11 +207,19 @@ def _why(error: OSError, option: str, host: str, port: int) -> str:
     return f"{option} {port}: {host} cannot be listened on ({error.strerror}); choose another {option}"
 
 
+def host_address(option: str, host: str, program: str) -> str:
+    """Return the address of a program's machine. Raises BodysenseError, naming the option, for unknown hosts."""
+    try:
+        return socket.gethostbyname(host)
+    except OSError:
+        raise BodysenseError(f"{option} {host}: no such host; give the machine of {program}") from None
+
+
 def address_toward(host: str) -> str:
     """This machine's address as a host sees it."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
-            probe.connect((host, 9))
+            probe.connect((host, 9))  # nothing is sent
         except OSError:
             return "127.0.0.1"
         return probe.getsockname()[0]

@@ -5,14 +5,12 @@ from __future__ import annotations
 import asyncio
 import hmac
 import secrets
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
-from pathlib import Path
 from time import monotonic
-from types import MappingProxyType
+from typing import TYPE_CHECKING
 
-from bodysense.body.person import Person
 from bodysense.errors import BodysenseError
 from bodysense.io.protocol import ProtocolError, SignalFrame, write_pose, write_signal, write_truth
 from bodysense_live.answer import Answer
@@ -33,11 +31,13 @@ from bodysense_live.metrics import Metrics
 from bodysense_live.outbox import Outbox
 from bodysense_live.recordings import Recordings
 from bodysense_live.replay import Playable, Player
-from bodysense_live.safety import Limits
 from bodysense_live.scheduler import Scheduler
 from bodysense_live.seat import Leader, Seat, WearerFile
 from bodysense_live.session import Session
 from bodysense_live.session_store import Kept, SessionStore
+
+if TYPE_CHECKING:
+    from bodysense_live.settings import ServerSettings
 
 _SWEEP = 0.5  # s between looks for sessions that are over
 _SHARE = 0.05  # s between two times that sessions are stored, however often they change
@@ -48,39 +48,20 @@ class Live:
     """The sessions of a process. Used within its event loop only, between `start` and `stop`.
 
     Args:
-        limits: what one client may ask for.
+        settings: those of the server.
         metrics: counters.
-        allow_record: folder for recordings.
-        playable: motion or recording to replay.
         show: called with each answer that goes to avatars (`Leader`).
-        person: wearers whose height is not set.
-        settings: settings of the server's own inputs.
-        recentre: use their wearers' first position and heading as the origin.
-        store: sessions that other processes can resume.
-        save_person: file for their wearer, written after a calibration.
-        trackers: joints of their nameless trackers by serial, as the person's file had them.
     """
 
     def __init__(
-        self,
-        limits: Limits,
-        metrics: Metrics,
-        allow_record: Path | None = None,
-        playable: Playable | None = None,
-        show: Callable[[Answer], None] | None = None,
-        person: Person = Person(),
-        settings: Settings = Settings(),
-        recentre: bool = False,
-        store: SessionStore | None = None,
-        save_person: Path | None = None,
-        trackers: Mapping[str, str] = MappingProxyType({}),
+        self, settings: ServerSettings, metrics: Metrics, show: Callable[[Answer], None] | None = None
     ) -> None:
-        self._wearers = WearerFile(save_person, trackers)
-        self.limits, self.metrics = limits, metrics
-        self._settings, self._recentre, self._store, self._leader = settings, recentre, store, Leader()
-        self._recordings = Recordings(allow_record, limits.recording_seconds)
-        self._playable, self._show = playable, show
-        self._person = person
+        self._settings, self.metrics, self._show = settings, metrics, show
+        self.limits = settings.limits
+        shared = settings.shared
+        self._store = None if shared is None else SessionStore(shared, self.limits.seconds_to_resume)
+        self._wearers, self._leader = WearerFile(settings.save_person, settings.trackers), Leader()
+        self._recordings = Recordings(settings.allow_record, self.limits.recording_seconds)
         self._seats: dict[str, Seat] = {}
         self._inputs: dict[Source, Seat] = {}
         self._tasks: list[asyncio.Task[None]] = []
@@ -92,8 +73,8 @@ class Live:
         self._loop = asyncio.get_running_loop()
         self._scheduler: Scheduler[Seat] = Scheduler(self._deliver, self._refuse, self.metrics.stepping.inc)
         self._tasks = [self._loop.create_task(self._scheduler.run()), self._loop.create_task(self._sweep())]
-        if self._playable is not None and self._show is not None:
-            self._inputs["replay"] = self._play(self._playable, "replay", Settings())
+        if self._settings.playable is not None and self._show is not None:
+            self._inputs["replay"] = self._play(self._settings.playable, "replay", Settings())
 
     async def stop(self) -> None:
         """End every session and finish its recording."""
@@ -112,8 +93,9 @@ class Live:
 
     def own(self, source: Source, points: tuple[str, ...]) -> Seat:
         """A session for an input of the server's own."""
-        seat = self._seated(source, Session(points, self._person, self._settings, eased=True), source)
-        if self._recentre:
+        session = Session(points, self._settings.person, self._settings.wearer, eased=True)
+        seat = self._seated(source, session, source)
+        if self._settings.recentre:
             seat.session.change(Recentre())
         self._inputs[source] = seat
         return seat
@@ -121,7 +103,7 @@ class Live:
     @property
     def sources(self) -> tuple[Source, ...]:
         """Inputs that clients can watch."""
-        replay: tuple[Source, ...] = ("replay",) if self._playable is not None else ()
+        replay: tuple[Source, ...] = ("replay",) if self._settings.playable is not None else ()
         return (*replay, *(source for source in self._inputs if source != "replay"))
 
     async def admit(self, hello: Hello, outbox: Outbox) -> Seat:
@@ -193,11 +175,11 @@ class Live:
                 raise ProtocolError(f"the server has no input {hello.watch!r} to watch; it has {have}", 1008)
             if hello.watch != "replay":
                 return self._inputs[hello.watch]
-            assert self._playable is not None
+            assert self._settings.playable is not None
             self._make_room()
-            return self._play(self._playable, hello.name, settings)
+            return self._play(self._settings.playable, hello.name, settings)
         self._make_room()
-        return self._seated(hello.name, Session(hello.points, self._person, settings), None)
+        return self._seated(hello.name, Session(hello.points, self._settings.person, settings), None)
 
     def _make_room(self) -> None:
         """End the session without a connection that was left first, if the server is full."""

@@ -269,7 +269,8 @@ class Session:
             return
         before, self.settings = self.settings, changed(self.settings, message.settings)
         if self.settings.height != before.height or self._tracking != self._pipeline.tracker.settings:
-            self._retrack(before)
+            is_other = self.settings.height != before.height  # the body grows to another height
+            self._track(self._wearer() if is_other else self._pipeline.tracker.people[0])
         self._choose()
         self._showing.change(self.settings)
         # A person of another height is raised by another height.
@@ -279,10 +280,6 @@ class Session:
         ):
             self._reseats = True
         self.revision += 1
-
-    def _retrack(self, before: Settings) -> None:
-        """Track by other settings; the body grows to another height."""
-        self._track(self._wearer() if self.settings.height != before.height else self._pipeline.tracker.people[0])
 
     def _track(self, wearer: Person) -> None:
         self._pass_on(Pipeline(Tracker(wearer, settings=self._tracking), self._pipeline.device))

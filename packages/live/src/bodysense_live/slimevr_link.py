@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -12,15 +11,16 @@ from typing import Any
 import numpy as np
 
 from bodysense.errors import BodysenseError
-from bodysense.observation import Observation, usual_accuracy
+from bodysense.observation import Observation
 from bodysense_live.answer import Answer
 from bodysense_live.inertial import IMUS, JOINTS
-from bodysense_live.links import Command, Reader, listen_udp, signal_of
+from bodysense_live.links import Command, UdpPort, signal_of
 from bodysense_live.live import Live
 from bodysense_live.metrics import Metrics
 from bodysense_live.safety import RateLimit
 from bodysense_live.seat import Seat
 from bodysense_live.slimevr import HEARTBEAT_EVERY, PORT, SlimevrState, heartbeat, take
+from bodysense_live.tracked_devices import one_frame
 
 SENSORS = tuple(IMUS)
 LOST = 0.5  # s after which a sensor that does not come counts as not tracked
@@ -28,7 +28,6 @@ FRAMES = 90.0  # a second, where nothing else tracks the wearer
 _MOST_PACKETS = 10_000.0  # a second: 32 trackers, not bundled
 _MOST_SAID = 64
 _SERIAL = re.compile(r"((?:[0-9A-F]{2}:){5}[0-9A-F]{2})(?:/([0-9]{1,2}))?")
-_ACCURACY = float(usual_accuracy(["pelvis"])[0])
 
 
 @dataclass(frozen=True)
@@ -63,11 +62,10 @@ class SlimevrLink(asyncio.DatagramProtocol):
 
     def __init__(self, settings: SlimevrSettings, metrics: Metrics, alone: bool) -> None:
         self._settings, self._metrics, self._alone = settings, metrics, alone
-        self._bound = listen_udp("--slimevr-port", settings.host, settings.port)
+        self._port = UdpPort("--slimevr-port", settings.host, settings.port)
         self.state = SlimevrState()
         self._said: set[str] = set()
         self._rate = RateLimit(_MOST_PACKETS, 0.0)
-        self._transport: asyncio.DatagramTransport | None = None
         self._tasks: list[asyncio.Task[None]] = []
 
     async def open(self, live: Live) -> None:
@@ -75,7 +73,7 @@ class SlimevrLink(asyncio.DatagramProtocol):
         loop = asyncio.get_running_loop()
         self._ask: Callable[[Command], None] = live.change_inputs
         seat = live.own("slimevr", SENSORS) if self._alone else None
-        self._transport, _ = await loop.create_datagram_endpoint(lambda: self, sock=self._bound)
+        await self._port.open(self)
         self._tasks.append(loop.create_task(self._beat()))
         if seat is not None:
             self._tasks.append(loop.create_task(self._play(live, seat)))
@@ -90,8 +88,8 @@ class SlimevrLink(asyncio.DatagramProtocol):
         self.state = taken.state
         if taken.reason is not None:
             self._metrics.dropped("malformed packet")
-        for reply in taken.replies:
-            self._send(reply, addr)
+        self._port.send(taken.replies, addr)
+        if taken.replies:
             self._say()
         for command in taken.asked:
             self._ask(command)
@@ -108,20 +106,8 @@ class SlimevrLink(asyncio.DatagramProtocol):
                 found[name] = sensor.at, sensor.rotation
         if not found:
             return None
-        nowhere, turned = np.zeros((1, len(found)), dtype=bool), np.ones((1, len(found)), dtype=bool)
-        return Observation(
-            points=tuple(found),
-            position=np.full((1, len(found), 3), np.nan),
-            rotation=np.stack([rotation for _, rotation in found.values()])[None],
-            has_position=nowhere,
-            has_rotation=turned,
-            accuracy=np.full((1, len(found)), _ACCURACY),
-            time=np.array([max(at for at, _ in found.values())]),
-        )
-
-    def joined(self, reader: Reader) -> Reader:
-        """Return another input's reader with these sensors in its frames."""
-        return _WithSensors(reader, self.observation)
+        nowhere, turned = np.full((len(found), 3), np.nan), np.stack([rotation for _, rotation in found.values()])
+        return one_frame(tuple(found), nowhere, turned, max(at for at, _ in found.values()))
 
     def show(self, answer: Answer) -> None:
         """Do nothing: trackers take no poses."""
@@ -130,10 +116,7 @@ class SlimevrLink(asyncio.DatagramProtocol):
         """Listen no more."""
         for task in self._tasks:
             task.cancel()
-        if self._transport is not None:
-            self._transport.close()
-        else:
-            self._bound.close()
+        self._port.close()
 
     def _sensors(self) -> list[tuple[str, int, Any]]:
         trackers = self.state.trackers.items()
@@ -161,7 +144,7 @@ class SlimevrLink(asyncio.DatagramProtocol):
     async def _beat(self) -> None:
         while True:
             for tracker in self.state.trackers.values():
-                self._send(heartbeat(), tracker.address)
+                self._port.send([heartbeat()], tracker.address)
             await asyncio.sleep(HEARTBEAT_EVERY)
 
     async def _play(self, live: Live, seat: Seat) -> None:
@@ -172,32 +155,3 @@ class SlimevrLink(asyncio.DatagramProtocol):
             if observation is not None:
                 sequence = (sequence + 1) % 2**32
                 live.receive(seat, signal_of(observation, SENSORS, sequence, loop.time()))
-
-    def _send(self, packet: bytes, address: Any) -> None:
-        if self._transport is not None and not self._transport.is_closing():
-            with contextlib.suppress(OSError):  # it is out of reach now: the next one is on its way
-                self._transport.sendto(packet, address)
-
-
-class _WithSensors:
-    """A reader (`links.Reader`) with the sensors' points added."""
-
-    def __init__(self, reader: Reader, sensors: Callable[[float], Observation | None]) -> None:
-        self._reader, self._sensors = reader, sensors
-        self.start, self.take, self.commands = reader.start, reader.take, reader.commands
-        self.is_whole, self.serials = reader.is_whole, reader.serials
-
-    def observation(self, now: float, state: Any) -> Observation | None:
-        """One frame as of now."""
-        found, sensors = self._reader.observation(now, state), self._sensors(now)
-        if found is None or sensors is None:
-            return found if sensors is None else sensors
-        return Observation(
-            points=(*found.points, *sensors.points),
-            position=np.concatenate([found.position, sensors.position], axis=1),
-            rotation=np.concatenate([found.rotation, sensors.rotation], axis=1),
-            has_position=np.concatenate([found.has_position, sensors.has_position], axis=1),
-            has_rotation=np.concatenate([found.has_rotation, sensors.has_rotation], axis=1),
-            accuracy=np.concatenate([found.accuracy, sensors.accuracy], axis=1),
-            time=found.time,
-        )

@@ -26,12 +26,13 @@ from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.errors import BodysenseError
 from bodysense.io.protocol import SignalFrame
 from bodysense_live.answer import Answer
-from bodysense_live.links import LOST, DeviceInput, Reader, listen_tcp
+from bodysense_live.links import LOST, DeviceInput, listen_tcp
 from bodysense_live.live import Live
 from bodysense_live.metrics import Metrics
 from bodysense_live.safety import why_not_local
 from bodysense_live.solarxr import Updates, moved, read_bundle, settings_bundle, told_of
 from bodysense_live.solarxr_input import LARGEST
+from bodysense_live.tracked_devices import DeviceReader
 from bodysense_live.webxr import between_eyes
 
 if TYPE_CHECKING:
@@ -83,7 +84,9 @@ class _Client:
 class SolarxrLink:
     """A link (`links.Link`). Raises BodysenseError where its sockets cannot be had."""
 
-    def __init__(self, settings: SolarxrSettings, metrics: Metrics, reader: Reader, points: tuple[str, ...]) -> None:
+    def __init__(
+        self, settings: SolarxrSettings, metrics: Metrics, reader: DeviceReader, points: tuple[str, ...]
+    ) -> None:
         self._metrics, self._reader, self._points = metrics, reader, points
         self._clients: list[_Client] = []
         self._servers: list[Any] = []

@@ -15,8 +15,10 @@ A device keeps its last pose for a moment and then counts as not tracked.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -46,8 +48,8 @@ POINTS = (
 )
 # As sessions name them, and trackers that say nothing.
 SIGNALS = ("headset", *HANDS, *(f"{point}_tracker" for point in POINTS[1 + len(HANDS) :]), *UNDECIDED)
-_ACCURACY = usual_accuracy(SIGNALS)[None]  # (1, P) m
 MOST_DEVICES = 32
+_usual = lru_cache(maxsize=64)(usual_accuracy)
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,18 +123,7 @@ class TrackedDevices:
                 rotation[place] = np.nan if device.rotation is None else device.rotation
                 if place <= len(HANDS):
                     rotation[place] = turned_about(rotation[place])
-        known = np.isfinite(newest)
-        if not known.any():
-            return None
-        return Observation(
-            points=SIGNALS,
-            position=position[None],
-            rotation=rotation[None],
-            has_position=known[None],
-            has_rotation=np.asarray(np.isfinite(rotation[None]).all(axis=-1)),
-            accuracy=_ACCURACY.copy(),
-            time=np.array([state.at]),
-        )
+        return one_frame(SIGNALS, position, rotation, state.at) if np.isfinite(newest).any() else None
 
     def is_whole(self, now: float, state: DeviceState) -> bool:
         """Whether at least one device is tracked, and all tracked devices came at `now`."""
@@ -190,15 +181,37 @@ class TrackedDevices:
         return kept | dict(zip(new, free, strict=False))
 
 
+def no_sensors(now: float) -> Observation | None:
+    """No other sensors are worn."""
+
+
 @dataclass(frozen=True)
-class DeviceReader:
-    """The common part of readers (`links.Reader`) whose state has `devices`; their packets have no commands."""
+class DeviceReader(ABC):
+    """A decoder of packets, whose state has `devices`: `VmcTrackers`, `VmtReader` …"""
 
     devices: TrackedDevices = TrackedDevices()
+    sensors: Callable[[float], Observation | None] = no_sensors  # frames of others on the same wearer
+
+    @abstractmethod
+    def start(self) -> Any:
+        """Nothing came yet."""
+
+    @abstractmethod
+    def take(self, packet: bytes, now: float, state: Any) -> tuple[Any, str | None]:
+        """Take in a packet that came at `now` s; the reason, too, where it or a part of it is of no use."""
+
+    def tracked(self, now: float, state: Any) -> Observation | None:
+        """One frame of the devices, as of the last one that came; None where none came lately."""
+        return self.devices.observation(now, state.devices)
 
     def observation(self, now: float, state: Any) -> Observation | None:
-        """One frame, as of the last device that came; None where none came lately."""
-        return self.devices.observation(now, state.devices)
+        """One frame of devices and sensors; None where none came lately."""
+        found, sensors = self.tracked(now, state), self.sensors(now)
+        if found is None or sensors is None:
+            return found if sensors is None else sensors
+        names = ("position", "rotation", "has_position", "has_rotation", "accuracy")
+        both = {name: np.concatenate([getattr(found, name), getattr(sensors, name)], axis=1) for name in names}
+        return replace(found, points=(*found.points, *sensors.points), **both)
 
     def is_whole(self, now: float, state: Any) -> bool:
         """Whether all devices that are tracked came at `now`."""
@@ -211,6 +224,19 @@ class DeviceReader:
     def serials(self, state: Any) -> Mapping[str, str]:
         """Return the signal's names of trackers whose serials name no joint, by serial."""
         return state.devices.undecided
+
+
+def one_frame(points: tuple[str, ...], position: np.ndarray, rotation: np.ndarray, time: float) -> Observation:
+    """Return an observation of positions (P, 3) m and rotations (P, 4) wxyz, NaN if unknown, at `time` s."""
+    return Observation(
+        points=points,
+        position=position[None],
+        rotation=rotation[None],
+        has_position=np.asarray(np.isfinite(position[None]).all(axis=-1)),
+        has_rotation=np.asarray(np.isfinite(rotation[None]).all(axis=-1)),
+        accuracy=_usual(points)[None].copy(),
+        time=np.array([time]),
+    )
 
 
 def pose_of(numbers: Sequence[Any], what: str) -> tuple[np.ndarray, np.ndarray | None] | str:

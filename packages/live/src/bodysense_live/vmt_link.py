@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
-import socket
 from dataclasses import dataclass
 from functools import partial
 
 from bodysense.errors import BodysenseError
 from bodysense_live.answer import Answer
-from bodysense_live.links import LOST, DeviceInput, Reader, address_toward, listen_udp
+from bodysense_live.links import LOST, DeviceInput, UdpPort, address_toward, host_address
 from bodysense_live.live import Live
 from bodysense_live.metrics import Metrics
-from bodysense_live.tracked_devices import SIGNALS, TrackedDevices
+from bodysense_live.tracked_devices import SIGNALS, DeviceReader, TrackedDevices
 from bodysense_live.vmt import DRIVER_PORT, LAST_INDEX, TRACKERS, off_messages, subscriptions, tracker_packet
 from bodysense_live.vmt_hands import hand_packet
 
@@ -42,18 +40,13 @@ class VmtLink:
     """A link (`links.Link`)."""
 
     def __init__(
-        self, settings: VmtSettings, metrics: Metrics, reader: Reader, points: tuple[str, ...] = SIGNALS
+        self, settings: VmtSettings, metrics: Metrics, reader: DeviceReader, points: tuple[str, ...] = SIGNALS
     ) -> None:
         self._settings, self._metrics, self._reader, self._points = settings, metrics, reader, points
-        try:
-            address = socket.gethostbyname(settings.host)
-        except OSError:
-            raise BodysenseError(f"--vmt-host {settings.host}: no such host; give the machine of SteamVR") from None
+        address = host_address("--vmt-host", settings.host, "SteamVR")
         self._driver = (address, settings.driver_port)
         self._here = address_toward(address)
-        self._bound = listen_udp("--vmt-port", self._here, settings.port)
-        self._port = self._bound.getsockname()[1]
-        self._transport: asyncio.DatagramTransport | None = None
+        self._port = UdpPort("--vmt-port", self._here, settings.port)
         self._input: DeviceInput | None = None
         self._asking: asyncio.Task[None] | None = None
         self._shown: set[int] = set()  # indices of virtual devices that are on
@@ -61,16 +54,9 @@ class VmtLink:
 
     async def open(self, live: Live) -> None:
         """Begin to ask, and to listen."""
-        seat = live.own("vmt", self._points)
-        loop = asyncio.get_running_loop()
-
-        def protocol() -> DeviceInput:
-            play = partial(live.receive, seat)
-            return DeviceInput(play, self._metrics, self._reader, self._points, sender=self._driver[0])
-
-        self._transport, self._input = await loop.create_datagram_endpoint(protocol, sock=self._bound)
-        seat.serials = self._input.serials
-        self._asking = loop.create_task(self._ask())
+        taken = partial(DeviceInput, metrics=self._metrics, reader=self._reader, points=self._points)
+        self._input = await self._port.play(live, "vmt", self._points, partial(taken, sender=self._driver[0]))
+        self._asking = asyncio.get_running_loop().create_task(self._ask())
 
     def show(self, answer: Answer) -> None:
         """Send the virtual trackers of a body, and its hands where fingers are wanted."""
@@ -82,7 +68,7 @@ class VmtLink:
             for k, side in enumerate(_SIDES, start=first + len(TRACKERS)):
                 packets.append(hand_packet(side, k, answer.pose.skeleton, places, turns))
                 shown.add(k)
-        self._send(packets)
+        self._port.send(packets, self._driver)
         self._shown, self._last = shown, asyncio.get_running_loop().time()
 
     def close(self) -> None:
@@ -90,10 +76,7 @@ class VmtLink:
         if self._asking is not None:
             self._asking.cancel()
         self._switch_off()
-        if self._transport is not None:
-            self._transport.close()
-        else:
-            self._bound.close()
+        self._port.close()
 
     async def _ask(self) -> None:
         loop, asked = asyncio.get_running_loop(), -_ASK_EVERY
@@ -101,18 +84,11 @@ class VmtLink:
             now = loop.time()
             if now - asked >= _ASK_EVERY and self._input is not None:
                 asked = now
-                self._send(subscriptions(self._input.state, self._here, self._port))
+                self._port.send(subscriptions(self._input.state, self._here, self._port.number), self._driver)
             if now - self._last > LOST:
                 self._switch_off()
             await asyncio.sleep(LOST / 2)
 
     def _switch_off(self) -> None:
-        self._send(off_messages(sorted(self._shown)))
+        self._port.send(off_messages(sorted(self._shown)), self._driver)
         self._shown = set()
-
-    def _send(self, messages: list[bytes]) -> None:
-        if self._transport is None or self._transport.is_closing():
-            return
-        for message in messages:
-            with contextlib.suppress(OSError):  # no receiver now: the next one follows
-                self._transport.sendto(message, self._driver)

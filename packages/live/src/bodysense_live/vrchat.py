@@ -9,8 +9,8 @@ VRChat sends /tracking/vrsystem/…/pose to programs that ask by OSCQuery: six f
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Collection
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -20,11 +20,12 @@ from bodysense.body.rotation import euler_to_quaternion
 from bodysense.errors import BodysenseError
 from bodysense.io.osc import Message, PacketForm, read_packet
 from bodysense.io.unity import one_finite_pose, unity_euler, unity_position
-from bodysense.observation import FARTHEST, Observation, usual_accuracy
+from bodysense.observation import FARTHEST, Observation
 from bodysense_live.asked import commands_of
 from bodysense_live.driver_axes import turned_about
 from bodysense_live.messages import Calibrate, Recentre
 from bodysense_live.oscquery import OscAddress
+from bodysense_live.tracked_devices import DeviceReader, DeviceState, TrackedDevice, one_frame
 
 PORT = 9000
 # The point and the joint that give a tracker its position and rotation: knee trackers are worn on the thighs, elbow
@@ -68,11 +69,13 @@ def vrchat_packets(
 
 
 def parts_of(text: str) -> tuple[str, ...]:
-    """Return the parts of a list such as "hip,feet". Raises BodysenseError for an empty list or an unknown part."""
+    """Return the parts of a list such as "hip,feet". Raises BodysenseError, naming the option, for any other."""
     names = tuple(name.strip() for name in text.split(","))
     for name in names:
         if name not in PARTS:
-            raise BodysenseError(f"{name!r} is not a tracker of VRChat; give a list of {', '.join(PARTS)}")
+            raise BodysenseError(
+                f"--vrchat-trackers {text}: {name!r} is not a tracker of VRChat; give a list of {', '.join(PARTS)}"
+            )
     return names
 
 
@@ -92,28 +95,18 @@ TAKEN = {address: OscAddress("ffffff", "place in m, Euler angles in degrees") fo
     "/bodysense/calibrate": OscAddress("N", "stand upright and still for a second"),
     "/bodysense/recentre": OscAddress("N", "where the wearer stands, and faces, becomes the middle"),
 }
-_ACCURACY = usual_accuracy(VRCHAT_POINTS)[None]  # (1, P) m
-
-
-@dataclass(frozen=True, eq=False)
-class _SeenDevice:
-    position: np.ndarray  # (3,) m
-    rotation: np.ndarray | None  # (4,) wxyz
-    at: float  # s
 
 
 @dataclass(frozen=True, eq=False)
 class VrchatState:
     """Head and wrists that came in until now, by point."""
 
-    seen: Mapping[str, _SeenDevice] = field(default_factory=dict)
+    devices: DeviceState = DeviceState()
 
 
 @dataclass(frozen=True)
-class VrchatReader:
-    """How packets are read; satisfies the same questions as `VmcTrackers`."""
-
-    longest_silence: float = 0.25  # s after which a point that does not come counts as not tracked
+class VrchatReader(DeviceReader):
+    """How packets are read."""
 
     def start(self) -> VrchatState:
         """Nothing came yet."""
@@ -124,7 +117,7 @@ class VrchatReader:
         messages = read_packet(packet)
         if isinstance(messages, str):
             return state, messages
-        seen, wrong = dict(state.seen), None
+        seen, wrong = dict(state.devices.devices), None
         for message in messages:
             if message.address in _POSES:
                 found = _pose(message, now)
@@ -132,44 +125,28 @@ class VrchatReader:
                     wrong = found
                 else:
                     seen[_POSES[message.address]] = found
-        return VrchatState(seen), wrong
+        return VrchatState(DeviceState(seen)), wrong
 
-    def observation(self, now: float, state: VrchatState) -> Observation | None:
+    def tracked(self, now: float, state: VrchatState) -> Observation | None:
         """One frame of `VRCHAT_POINTS`; None where none came lately."""
-        fresh = {point: one for point, one in state.seen.items() if now - one.at <= self.longest_silence}
+        seen = state.devices.devices.items()
+        fresh = {point: one for point, one in seen if now - one.at <= self.devices.longest_silence}
         if not fresh:
             return None
-        position, rotation = np.full((1, len(VRCHAT_POINTS), 3), np.nan), np.full((1, len(VRCHAT_POINTS), 4), np.nan)
+        position, rotation = np.full((len(VRCHAT_POINTS), 3), np.nan), np.full((len(VRCHAT_POINTS), 4), np.nan)
         for point, one in fresh.items():
             k = VRCHAT_POINTS.index(point)
-            position[0, k] = one.position
+            position[k] = one.position
             if one.rotation is not None:
-                rotation[0, k] = one.rotation
-        return Observation(
-            points=VRCHAT_POINTS,
-            position=position,
-            rotation=rotation,
-            has_position=np.asarray(np.isfinite(position).all(axis=-1)),
-            has_rotation=np.asarray(np.isfinite(rotation).all(axis=-1)),
-            accuracy=_ACCURACY.copy(),
-            time=np.array([max(one.at for one in fresh.values())]),
-        )
-
-    def is_whole(self, now: float, state: VrchatState) -> bool:
-        """Whether all of head and wrists that are tracked came at `now`."""
-        fresh = [now - one.at for one in state.seen.values() if now - one.at <= self.longest_silence]
-        return bool(fresh) and max(fresh) == 0
+                rotation[k] = one.rotation
+        return one_frame(VRCHAT_POINTS, position, rotation, max(one.at for one in fresh.values()))
 
     def commands(self, packet: bytes) -> list[Calibrate | Recentre]:
         """Return the requests of a packet."""
         return commands_of(packet)
 
-    def serials(self, state: VrchatState) -> Mapping[str, str]:
-        """VRChat sends no trackers."""
-        return {}
 
-
-def _pose(message: Message, now: float) -> _SeenDevice | str:
+def _pose(message: Message, now: float) -> TrackedDevice | str:
     """Place and rotation of a message, or why it has none."""
     numbers = message.arguments
     if len(numbers) != 6 or not all(isinstance(x, float) for x in numbers):
@@ -180,7 +157,7 @@ def _pose(message: Message, now: float) -> _SeenDevice | str:
     turn = None
     if _POSES[message.address] == "headset":
         turn = turned_about(_from_unity_euler(values[3:]))  # a headset's −Z is forward
-    return _SeenDevice(unity_position(values[:3]), turn, now)
+    return TrackedDevice(_POSES[message.address], unity_position(values[:3]), turn, now, raw=True)
 
 
 def _from_unity_euler(angles: np.ndarray) -> np.ndarray:

@@ -13,10 +13,11 @@ from typing import Any
 
 from bodysense.errors import BodysenseError, missing_package
 from bodysense_live.answer import Answer
-from bodysense_live.links import DeviceInput, Reader, address_toward, listen_udp
+from bodysense_live.links import DeviceInput, UdpPort, address_toward, host_address
 from bodysense_live.live import Live
 from bodysense_live.metrics import Metrics
 from bodysense_live.oscquery import OscQueryServer, OscService
+from bodysense_live.tracked_devices import DeviceReader
 from bodysense_live.vrchat import ADVISED, PORT, TAKEN, vrchat_packets
 
 _HTTP, _OSC = "_oscjson._tcp.local.", "_osc._udp.local."
@@ -40,36 +41,31 @@ class VrchatLink:
     Raises BodysenseError if zeroconf is missing, the host is unknown, or the network allows no discovery.
     """
 
-    def __init__(self, settings: VrchatSettings, metrics: Metrics, reader: Reader, points: tuple[str, ...]) -> None:
+    def __init__(
+        self, settings: VrchatSettings, metrics: Metrics, reader: DeviceReader, points: tuple[str, ...]
+    ) -> None:
         self._metrics, self._reader, self._points, self._parts = metrics, reader, points, settings.parts
-        try:
-            self._host = socket.gethostbyname(settings.host)
-        except OSError:
-            raise BodysenseError(f"--vrchat-host {settings.host}: no such host; give the machine of VRChat") from None
+        self._host = host_address("--vrchat-host", settings.host, "VRChat")
         self._usual = self.target = (self._host, settings.port)
         self._here = address_toward(self._host)
-        self._bound = listen_udp("--vrchat", self._here, 0)
+        self._port = UdpPort("--vrchat", self._here, 0)
         self._web = socket.create_server((self._here, 0))
         name = f"bodysense-{secrets.token_hex(3)}"
-        self.service = OscService(name, self._here, self._bound.getsockname()[1], TAKEN)
+        self.service = OscService(name, self._here, self._port.number, TAKEN)
         self._query = OscQueryServer(self.service)
         try:
             self._found = _Discovery(self.service, self._web.getsockname()[1], self._host)
         except BodysenseError:
-            self._bound.close()
+            self._port.close()
             self._web.close()
             raise
-        self._transport: asyncio.DatagramTransport | None = None
 
     async def open(self, live: Live) -> None:
         """Begin to listen, to be found and to look."""
-        seat, loop = live.own("vrchat", self._points), asyncio.get_running_loop()
-        play, do = partial(live.receive, seat), partial(live.change, seat)
-        self._transport, _ = await loop.create_datagram_endpoint(
-            lambda: DeviceInput(play, self._metrics, self._reader, self._points, do, sender=self._host),
-            sock=self._bound,
-        )
+        taken = partial(DeviceInput, metrics=self._metrics, reader=self._reader, points=self._points)
+        await self._port.play(live, "vrchat", self._points, partial(taken, sender=self._host))
         await self._query.start(self._web)
+        loop = asyncio.get_running_loop()
 
         def found(target: tuple[str, int] | None) -> None:
             self.target = self._usual if target is None else target
@@ -78,21 +74,14 @@ class VrchatLink:
 
     def show(self, answer: Answer) -> None:
         """Send the trackers of a body to the VRChat that was found, or to where one usually listens."""
-        if self._transport is None or self._transport.is_closing():
-            return
-        for packet in vrchat_packets(answer.pose, (answer.points, answer.turns), self._parts):
-            with contextlib.suppress(OSError):  # no receiver now: the next one follows
-                self._transport.sendto(packet, self.target)
+        self._port.send(vrchat_packets(answer.pose, (answer.points, answer.turns), self._parts), self.target)
 
     def close(self) -> None:
         """Say goodbye to the network."""
         self._found.close()
         self._query.close()
         self._web.close()
-        if self._transport is not None:
-            self._transport.close()
-        else:
-            self._bound.close()
+        self._port.close()
 
 
 class _Discovery:

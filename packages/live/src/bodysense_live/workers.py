@@ -43,10 +43,6 @@ class _Worker:
     serves: bool = False
     count: int = 0
 
-    def end(self) -> None:
-        """Let go of a worker that is over."""
-        self.channel.close()
-
 
 class Workers:
     """The workers of one server: `count` that serve and one more, loaded, that takes the place of one that ends."""
@@ -85,7 +81,7 @@ class Workers:
         """Start another worker for one that ended. Raises BodysenseError where they end again and again."""
         now = time.monotonic()
         self._ended = [*(moment for moment in self._ended if now - moment < _SOON), now]
-        worker.end()
+        worker.channel.close()
         worker.process.join()
         if worker.process.pid is not None:
             _forget_metrics(worker.process.pid, self._folder)
@@ -101,7 +97,7 @@ class Workers:
                 os.kill(worker.process.pid, signal.SIGTERM)
         for worker in self.all:
             worker.process.join(5)
-            worker.end()
+            worker.channel.close()
 
     def _started(self) -> _Worker:
         here, there = socket.socketpair()

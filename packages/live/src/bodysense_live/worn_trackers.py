@@ -19,7 +19,7 @@ from bodysense.body.person import Person
 from bodysense.completion.calibration import CARRIERS, assigned
 from bodysense.errors import BodysenseError
 from bodysense.files import written_beside
-from bodysense.observation import Observation, chosen_points
+from bodysense.observation import Observation, chosen_points, concatenated_frames
 from bodysense_live.webxr import UNDECIDED
 
 _KEY = "trackers"  # in a person's file: serial → joint
@@ -83,7 +83,8 @@ class PlaceMatch:
         stood = (*self.stood, observation)
         if time - float(stood[0].time[0]) < _STANDING:
             return replace(self, stood=stood), {}
-        whole = _joined(stood)
+        whole = concatenated_frames(stood)
+        whole = chosen_points(whole, np.flatnonzero(whole.has_position.any(axis=0)).tolist())
         nameless = [name for name in whole.points if name in UNDECIDED]
         found = assigned(whole, nameless, person)
         worn = {name: joint for name, joint in found.items() if joint in person.mounts}
@@ -100,11 +101,3 @@ def _waits(observation: Observation, person: Person) -> bool:
         and not seen.isdisjoint(UNDECIDED)
         and any(joint in CARRIERS and joint not in seen for joint in person.mounts)
     )
-
-
-def _joined(frames: tuple[Observation, ...]) -> Observation:
-    """The frames, one after the other, of points that any of them tracks."""
-    from bodysense_live.calibrating import joined
-
-    whole = joined(frames)
-    return chosen_points(whole, np.flatnonzero(whole.has_position.any(axis=0)).tolist())

@@ -23,6 +23,7 @@ from bodysense_live.message_text import write_message
 from bodysense_live.messages import Change, Hello
 from bodysense_live.metrics import Metrics
 from bodysense_live.safety import Limits
+from bodysense_live.settings import ServerSettings
 
 _POINTS = ("headset", "left_controller", "right_controller", "left:wrist", "left:index-finger-tip", "hip")
 _WATCH_EVERY = 1000  # messages, after which the watchman looks
@@ -100,7 +101,7 @@ class FakeSocket:
 
 async def fuzz(frames: int, rng: np.random.Generator, counts: FuzzCounts) -> None:
     """Send `frames` messages and update `counts`."""
-    live = Live(_LIMITS, Metrics())
+    live = Live(ServerSettings(limits=_LIMITS), Metrics())
     live.start()
     watchman = FakeSocket()
     watching = asyncio.create_task(converse(watchman, live))  # type: ignore[arg-type]

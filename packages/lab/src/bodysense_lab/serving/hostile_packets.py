@@ -13,10 +13,10 @@ from bodysense.errors import BodysenseError
 from bodysense.io.osc import bundled, message_bytes
 from bodysense_lab.serving.hostile_clients import broken
 from bodysense_lab.serving.solarxr_client import request
-from bodysense_live.links import Reader
 from bodysense_live.slimevr import SlimevrState, take
 from bodysense_live.solarxr import read_bundle, settings_bundle
 from bodysense_live.solarxr_input import InputReader
+from bodysense_live.tracked_devices import DeviceReader
 from bodysense_live.vmc import VmcTrackers
 from bodysense_live.vmt import VmtReader
 from bodysense_live.vrchat import VrchatReader
@@ -24,7 +24,7 @@ from bodysense_live.vrchat import VrchatReader
 _POSE = (0.0, 1.6, 0.0, 0.0, 0.0, 0.0, 1.0)
 _HERE = ("127.0.0.1", 50000)
 _HELLO = struct.pack(">IQ7i", 3, 0, 4, 0, 0, 0, 0, 0, 22) + b"\x01x" + bytes(range(1, 7))
-_READERS: dict[str, tuple[Reader, tuple[bytes, ...]]] = {  # and valid packets
+_READERS: dict[str, tuple[DeviceReader, tuple[bytes, ...]]] = {  # and valid packets
     "vmc": (
         VmcTrackers(),
         tuple(
@@ -83,7 +83,7 @@ def _packet(good: tuple[bytes, ...], rng: np.random.Generator) -> bytes:
     return packet if chance < 0.3 else broken(packet, rng)
 
 
-def _read(reader: Reader, good: tuple[bytes, ...], rng: np.random.Generator, state: list[Any], k: int) -> None:
+def _read(reader: DeviceReader, good: tuple[bytes, ...], rng: np.random.Generator, state: list[Any], k: int) -> None:
     packet, now = _packet(good, rng), k * 1e-3
     state[0], _ = reader.take(packet, now, state[0])
     reader.commands(packet)

@@ -48,6 +48,7 @@ def settings_of(
     from bodysense_live.solarxr_link import SolarxrSettings, runtime_folder
     from bodysense_live.vmc import VmcTrackers
     from bodysense_live.vmt_link import VmtSettings
+    from bodysense_live.vrchat import parts_of
     from bodysense_live.vrchat_link import VrchatSettings
     from bodysense_live.worn_trackers import read_trackers
 
@@ -55,7 +56,7 @@ def settings_of(
         check_place(wearer.save_person)
     if not 0 <= wearer.smoothing <= LONGEST_HALF_LIFE:
         raise BodysenseError(f"--smoothing {wearer.smoothing:g}: give seconds, 0 to {LONGEST_HALF_LIFE:g}")
-    to, parts = programs, trackers_of(programs.vrchat_trackers)
+    to, parts = programs, parts_of(programs.vrchat_trackers)
     check_chosen(to)
     receives = inputs.vmc_in is not None or inputs.markers_in is not None
     sends = bool(to.vmc_out or to.vrchat_out or to.vrchat or to.vmt or to.solarxr)
@@ -209,16 +210,6 @@ def receiver_of(protocol: Literal["vmc", "vrchat"], address: str, parts: tuple[s
     if not host or not port.isdigit() or not 0 < int(port) < 65536:
         raise BodysenseError(f"--{protocol}-out {address}: give HOST:PORT, as 127.0.0.1:39539")
     return Receiver(protocol, host.strip("[]"), int(port), parts)
-
-
-def trackers_of(parts: str) -> tuple[str, ...]:
-    """Return the parts of the body whose trackers VRChat is sent. Raises BodysenseError, naming the option."""
-    from bodysense_live.vrchat import parts_of
-
-    try:
-        return parts_of(parts)
-    except BodysenseError as error:
-        raise BodysenseError(f"--vrchat-trackers {parts}: {error}") from None
 
 
 def playable_of(file: Path | None, device: str | None, reading: ReadingOptions, wearer: Person) -> Playable | None:
