@@ -126,6 +126,22 @@ def test_who_stands_still_stands_still(sensors: str) -> None:
     assert np.linalg.norm(estimate.points[settled] - truth[settled], axis=-1)[:, :22].mean() < 0.08
 
 
+@pytest.mark.parametrize(("amplitude", "frequency"), [(0.06, 0.25), (0.08, 0.15)])
+def test_feet_do_not_follow_a_wearer_who_sways(amplitude: float, frequency: float) -> None:
+    """Their speed over a tenth of a second, while head and hands sway to the sides (m, Hz)."""
+    pose = standing_pose(default_skeleton())
+    time = np.arange(900) / 60
+    still = Pose(pose.skeleton, np.tile(pose.root_position, (900, 1)), np.tile(pose.rotation, (900, 1, 1)))
+    seen = observe(still, time, THREE_POINT)
+    sway = amplitude * np.sin(2 * np.pi * frequency * time)[:, None] * [1.0, 0.6, 0.6]
+    position = seen.position.copy()
+    position[..., 0] += sway
+    tracker = Tracker(Person(pose.skeleton))
+    points = tracker.step(replace(seen, position=position), tracker.start())[0].points
+    feet = points[300:, pose.skeleton.indices(("left_ankle", "right_ankle"))]
+    assert np.linalg.norm(feet[6:] - feet[:-6], axis=-1).max() / 0.1 < 0.018  # m/s
+
+
 def test_a_point_that_is_seen_again_is_where_it_is_seen() -> None:
     pose = performed(stranger(6), RAISED_KNEE)
     time = np.arange(len(pose.root_position)) / RATE

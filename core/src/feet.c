@@ -4,7 +4,9 @@
 static const float HOLD = 0.5F, RELEASE = 0.1F; /* probability of contact from which a foot is held, and let go */
 static const float SURE = 0.7F;   /* probability of contact from which a foot is put on the floor entirely */
 static const float FADE = 0.16F;  /* s in which half of what a released foot was held back by fades */
-static const float DRAG = 0.06F;  /* m: a foot that its leg drags farther slides along */
+static const float DRAG = 0.04F;  /* m: a foot that its leg drags farther slides along */
+static const float DRAG_STILL = 0.12F; /* m: so far, if both feet stand for a while */
+static const float LEAK = 6.0F;   /* s in which half of what a standing foot is held back by is given up */
 static const float SETTLE = 0.06F; /* s in which half of a foot's height over the floor is taken away */
 static const float SOLE = 0.01F;  /* m: a foot that is over its rest height by less stands: recorded feet do */
 static const float FLAT_FROM = 0.15F; /* s: a foot that stands on its heel for longer is flat on the floor */
@@ -40,9 +42,10 @@ static int holding(const foot *f, int before) {
 }
 
 void hold_feet(const foot foot[2], float floor, float interval, float upright, foot_state state[2], vec3 move[2]) {
-    float fade = exp2f(-interval / FADE), settle = 1.0F - exp2f(-interval / SETTLE);
-    /* Those who stand still on both feet stand lower. */
-    float sole = SOLE * (1.0F - STILL * fminf(flatness(&state[0]), flatness(&state[1])));
+    float fade = exp2f(-interval / FADE), settle = 1.0F - exp2f(-interval / SETTLE), leak = exp2f(-interval / LEAK);
+    /* Those who stand still on both feet stand lower, and do not step because the prediction sways. */
+    float still = fminf(flatness(&state[0]), flatness(&state[1]));
+    float sole = SOLE * (1.0F - STILL * still), drag = DRAG + (DRAG_STILL - DRAG) * still;
     float hovering = fmaxf(fminf(height_over(&foot[0], floor, sole), height_over(&foot[1], floor, sole)), 0.0F);
     int part[2];
     for (int k = 0; k < 2; k++) {
@@ -56,10 +59,10 @@ void hold_feet(const foot foot[2], float floor, float interval, float upright, f
         float drop = 0.0F;
         if (part[k] != 0) {
             vec3 at = place(f, part[k]);
-            if (part[k] == s->held) slide = sub(s->anchor, at);
+            if (part[k] == s->held) slide = scale(sub(s->anchor, at), leak);
             slide.y = 0.0F;
-            float size = length(slide);
-            if (size > DRAG) slide = scale(slide, DRAG / size);
+            float size = length(slide), most = fmaxf(drag, fade * length(s->slide));
+            if (size > most) slide = scale(slide, most / size);
             s->anchor = add(at, slide);
             float contact = part[k] == 1 ? f->ankle_contact : f->ball_contact;
             drop = too_high(at.y, rest_height(f, part[k]), floor, sole);

@@ -140,6 +140,7 @@ void move_legs(body *b, const tracked *t, const prediction *p, const mat3 goal[B
         vec3 shift = sub(move[k], moved);
         task[k].end = add(task[k].end, shift);
         if (task[k].middle_seen) task[k].middle = sub(task[k].middle, moved);
+        else keep_forward(&task[k], t, LEFT_LEG + k, b->rotation[LEFT_HIP + k]);
         two_bones to = solve_limb(&task[k]);
         turn_limb(b, t, LEFT_LEG + k, to);
         limb_state *l = &s->limb[LEFT_LEG + k];

@@ -24,6 +24,6 @@ def test_expected_errors_are_true(device: str) -> None:
     guessed = ~estimate.measured[:, body]
     error = np.linalg.norm(estimate.points - truth, axis=-1)[:, body][guessed]
     expected, bound = estimate.confidence[:, body][guessed], estimate.bound[:, body][guessed]
-    assert 0.7 < expected.mean() / error.mean() < 1.5  # recorded people are less smooth
+    assert 0.7 < expected.mean() / error.mean() < 1.6  # recorded people are less smooth
     assert 0.78 < (error <= bound).mean() < 0.96
     assert np.asarray(spearmanr(expected, error))[0] > 0.6

@@ -1,6 +1,6 @@
 /** The headset's door without a headset: frames of a fake WebXR session. */
 
-import { Group, Scene } from "three";
+import { Group, Scene, Vector3 } from "three";
 import { afterEach, beforeEach, describe, expect, it, vi } from "vitest";
 import { axisAngle, rotate, type Quaternion, type Vector } from "../src/body/math";
 import type { Observation } from "../src/body/observation";
@@ -38,6 +38,7 @@ async function worn() {
     renderer: { xr: { getReferenceSpace: () => space, setSession: () => Promise.resolve() } },
     reset: vi.fn(),
     lightAt: vi.fn(),
+    floorAt: vi.fn(),
     showRoom: vi.fn(),
   };
   vi.stubGlobal("navigator", { xr: { requestSession: () => Promise.resolve(session) } });
@@ -105,6 +106,19 @@ describe("a headset", () => {
     for (const height of heights.slice(0, 4)) expect(height).toBeCloseTo(heights[0], 1); // standing all the while
     expect(heights[0]).toBeGreaterThan(1.4);
     expect(heights[4]).toBeCloseTo(heights[0] - 0.05, 2); // bowed in the seat
+  });
+
+  it("draws the floor under the feet of somebody who sits, while they rise and after they leave", async () => {
+    const { view, session, headset, frame } = await worn();
+    headset.sit(true);
+    const floor = () => view.floorAt.mock.lastCall?.[0] as number;
+    for (const [k, height] of [1.15, 1.3, 1.5].entries()) {
+      frame(1000 + 14 * k, [0, height, 0], [1, 0, 0, 0]);
+      expect(floor()).toBeLessThan(-0.05);
+      expect(new Vector3().applyMatrix4(view.stage.matrix).y).toBeCloseTo(floor(), 6); // the mirrored body's own floor
+    }
+    await session.end();
+    expect(floor()).toBe(0);
   });
 
   it("takes no hand from a transient pointer", async () => {

@@ -9,7 +9,9 @@ from .vectors import length
 HOLD, RELEASE = 0.5, 0.1  # probability of contact from which a foot is held, and let go
 SURE = 0.7  # probability of contact from which a foot is put on the floor entirely
 FADE = 0.16  # s in which half of what a released foot was held back by fades
-DRAG = 0.06  # m: a foot that its leg drags farther slides along
+DRAG = 0.04  # m: a foot that its leg drags farther slides along
+DRAG_STILL = 0.12  # m: so far, if both feet stand for a while
+LEAK = 6.0  # s in which half of what a standing foot is held back by is given up
 SETTLE = 0.06  # s in which half of a foot's height over the floor is taken away
 SOLE = 0.01  # m: a foot that is over its rest height by less stands: recorded feet do
 FLAT_FROM = 0.15  # s: a foot that stands on its heel for longer is flat on the floor
@@ -79,7 +81,9 @@ def hold_feet(
     `upright` is 1 if the body stands (then one foot at least is on the floor), 0 if it sits, lies or jumps.
     """
     fade, settle = 2 ** (-interval / FADE), 1 - 2 ** (-interval / SETTLE)
-    sole = SOLE * (1 - STILL * min(state.flatness for state in states))  # those who stand still stand lower
+    still = min(state.flatness for state in states)
+    sole = SOLE * (1 - STILL * still)  # those who stand still stand lower
+    drag = DRAG + (DRAG_STILL - DRAG) * still  # and do not step because the prediction sways
     heights = [
         too_high(place[1], rest, floor, sole)
         for foot in feet
@@ -93,10 +97,11 @@ def hold_feet(
         if part:
             place, rest, contact = foot.part(part)
             if part == state.held:
-                slide = state.anchor - place
+                slide = (state.anchor - place) * 2 ** (-interval / LEAK)
             slide = slide * [1, 0, 1]
-            if length(slide) > DRAG:
-                slide = slide * (DRAG / length(slide))
+            most = max(drag, fade * length(state.slide))
+            if length(slide) > most:
+                slide = slide * (most / length(slide))
             state.anchor = place + slide
             drop = too_high(place[1], rest, floor, sole)
             drop *= float(np.clip((contact - RELEASE) / (SURE - RELEASE), 0, 1))

@@ -139,7 +139,10 @@ def move_legs(
         SIDES, LEGS, tasks, moves, state.foot, free, strict=True
     ):
         task.end = task.end + move - moved  # feet stay where they are when the pelvis is lowered for them
-        task.middle = task.middle - moved * task.middle_seen
+        if task.middle_seen:
+            task.middle = task.middle - moved
+        else:
+            keep_forward(task, seen, leg, body.rotation[leg.start])
         middle, end = solve_limb(task)
         turn_limb(body.rotation, seen, leg, middle, end)
         own, refused = state.limb[f"{side}_leg"], np.zeros(3)

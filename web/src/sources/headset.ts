@@ -163,6 +163,7 @@ export class Headset implements Source {
     );
     this.view.stage.matrix.multiplyMatrices(this.mirror.reflection(), toBody.invert());
     this.view.stage.matrixWorldNeedsUpdate = true;
+    this.view.floorAt(-this.lift); // a raised body is mirrored at the wearer's eyes: its feet are below the real floor
   }
 
   private rays(frame: XRFrame, space: XRReferenceSpace): Matrix4[] {
@@ -191,6 +192,7 @@ export class Headset implements Source {
     this.view.stage.matrix.identity();
     this.view.stage.matrixAutoUpdate = true;
     this.view.stage.matrixWorldNeedsUpdate = true;
+    this.view.floorAt(0);
     this.view.reset();
     this.events.left(this.wasAsked);
   }

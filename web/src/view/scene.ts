@@ -136,7 +136,12 @@ export class View {
   lightAt(x: number, z: number): void {
     this.sun.position.set(x + 1.6, 4.2, z + 2.4);
     this.sun.target.position.set(x, 0.8, z);
-    this.floor.position.set(x, 0, z);
+    this.floor.position.setX(x).setZ(z);
+  }
+
+  /** Move the floor up or down to a height, m. */
+  floorAt(height: number): void {
+    this.floor.position.y = height;
   }
 
   /** Draw nothing but the body and its shadow, as recording programs overlay it, or all again. */
