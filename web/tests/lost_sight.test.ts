@@ -50,7 +50,7 @@ async function worn() {
       space = await begun.requestReferenceSpace("local-floor");
     },
   };
-  const view = { scene: new Scene(), stage: new Group(), renderer: { xr }, lightAt() {}, showRoom() {} };
+  const view = { scene: new Scene(), stage: new Group(), renderer: { xr }, lightAt() {}, floorAt() {}, showRoom() {} };
   const menu = { board: new Group(), point() {}, standBeside() {} };
   const tracker = new Tracker(model, skeleton);
   let body!: Completed;
