@@ -15,7 +15,6 @@ import numpy as np
 from bodysense.arrays import array_shapes, conversion
 from bodysense.body.hand import Side, glove_hands, hand_skeleton
 from bodysense.body.skeleton import default_skeleton
-from bodysense.devices.gloves.labelling import Labeller
 from bodysense.devices.video.pictures import IMAGES, VIDEOS, is_video
 from bodysense.errors import BodysenseError
 from bodysense.files import read_bytes
@@ -366,6 +365,8 @@ def _open_places(
 
 def _labelled(path: Path, options: MarkerOptions, reading: ReadingOptions) -> Observation:
     """The gloves among the points of a file that does not tell them apart."""
+    from bodysense.devices.gloves.labelling import Labeller
+
     if options.names is not None:
         raise BodysenseError(f"--names {options.names}: --unlabelled takes no names; leave one of both out")
     points, _ = read_unlabelled(path, options.form(reading))

@@ -19,7 +19,6 @@ from bodysense.body.rotation import quaternion_to_matrix
 from bodysense.body.skeleton import ARM
 from bodysense.completion.meeting import hips_met
 from bodysense.completion.model import CompletionModel
-from bodysense.devices.gloves.device import check_calibrated, glove_device, gloved_sides
 from bodysense.devices.simulated.device import Device
 from bodysense.errors import BodysenseError
 from bodysense.estimate import Estimate
@@ -323,6 +322,8 @@ def _body_points(observation: Observation, person: Person) -> Iterator[Observati
     if not glove_hands(observation.points):
         yield from parts
         return
+    from bodysense.devices.gloves.device import check_calibrated, glove_device, gloved_sides
+
     sides = gloved_sides(observation.points)
     check_calibrated(observation.points, sides, person.hands)
     gloves = glove_device(person.skeleton, sides, calibrated=person.hands)
