@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from bodysense.body.glove import Glove
-from bodysense.body.hand import FINGERS, FREEDOMS, joint_rotations, limits, own_axes, per_joint
+from bodysense.body.hand import FINGERS, FREEDOMS, closing_hand, joint_rotations, limits, own_axes, per_joint
 from bodysense.body.hand_family import HandShapes
 from bodysense.body.products import to_matrix
 from bodysense.body.registration import register
@@ -143,11 +143,7 @@ def relaxed() -> np.ndarray:
 @lru_cache(maxsize=1)
 def postures() -> np.ndarray:
     """Return (5, 26) rad: a relaxed hand, a flat one, half closed and nearly closed ones."""
-    high = limits()[1]
-    flexion = np.array([row.angle == "flexion" for row in FREEDOMS])
-    thumb = np.array([row.joint.startswith("thumb") for row in FREEDOMS])
-    shares = ((0.0, 0.0), (0.25, 0.2), (0.5, 0.4), (0.8, 0.6))  # of their range, fingers and thumb
-    return np.stack([relaxed(), *(np.where(thumb, t, f) * flexion * high for f, t in shares)])
+    return np.stack([relaxed(), *closing_hand()])
 
 
 def _place(point: str, carrier: str) -> Place:
