@@ -219,6 +219,13 @@ def test_the_tracker_starts_with_numpy_and_little_else() -> None:
     assert "bodysense.tracker" in added and len([name for name in added if name.startswith("bodysense.")]) < 17
 
 
+def test_a_motion_is_tracked_without_the_solver_of_gloves() -> None:
+    code = "clip = bs.demo.packaged_performance(); clip = bs.Clip('', clip.pose[:3], clip.frame_rate)"
+    names = modules_after(f"import bodysense as bs; {code}; bs.track(clip, device='three_point')")
+    assert "bodysense.take" in names
+    assert not [name for name in names if name.startswith("bodysense.devices.gloves")]
+
+
 def modules_after(code: str) -> set[str]:
     """Names of the modules that a fresh Python has imported after some code."""
     done = subprocess.run(

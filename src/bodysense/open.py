@@ -368,9 +368,10 @@ def _open_places(
 
 def _labelled(path: Path, options: MarkerOptions, reading: ReadingOptions) -> Observation:
     """The gloves among the points of a file that does not tell them apart."""
+    from bodysense.devices.gloves.labelling import Labeller
+
     if options.names is not None:
         raise BodysenseError(f"--names {options.names}: --unlabelled takes no names; leave one of both out")
-    from bodysense.devices.gloves.labelling import Labeller
     from bodysense.io.markers.files import read_unlabelled
 
     points, _ = read_unlabelled(path, options.form(reading))

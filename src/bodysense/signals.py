@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from bodysense.body.hand import glove_hands
 from bodysense.body.person import Person
@@ -13,6 +14,9 @@ from bodysense.io.recording import Recording
 from bodysense.observation import RAW_POINTS, Observation, check_observation, concatenated_frames
 from bodysense.open import MotionSource, Opened, VideoSource
 from bodysense.raw_poses import with_joints
+
+if TYPE_CHECKING:
+    from bodysense.body.hand_family import GlovedHand
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,18 +67,22 @@ def signal_from(
 def _recorded(name: str, recording: Recording, person: Person | None, height: float | None) -> Signal:
     observation = recording.observation
     if person is None:
-        hands = None
-        if glove_hands(observation.points):
-            from bodysense.devices.gloves.device import calibrated_hands, has_standard_gloves
-
-            if recording.measures_hands or not has_standard_gloves(observation):
-                hands = calibrated_hands(observation, recording.worn)
+        hands = _calibrated(recording) if glove_hands(observation.points) else None
         is_known = recording.known and height is None
         person = Person(recording.skeleton, hands=hands) if is_known else Person(height=height, hands=hands)
     _check(observation)
     if not RAW_POINTS.isdisjoint(observation.points):
         observation = with_joints(observation, person.skeleton)
     return Signal(name, observation, person)
+
+
+def _calibrated(recording: Recording) -> dict[str, GlovedHand] | None:
+    """Return the hands of a recording's gloves, by side; None for standard gloves on hands that are known."""
+    from bodysense.devices.gloves.device import calibrated_hands, has_standard_gloves
+
+    if not recording.measures_hands and has_standard_gloves(recording.observation):
+        return None
+    return calibrated_hands(recording.observation, recording.worn)
 
 
 def refuse(name: str, kind: str, **options: object) -> None:

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from bodysense.body.registration import brought_back, moved, register, registered_threes
+from bodysense.body.registration import brought_back, moved, register
 
 
 def test_equals_scipy_on_noisy_markers() -> None:
@@ -25,17 +25,6 @@ def test_equals_scipy_on_noisy_markers() -> None:
         oracle = Rotation.align_vectors(b - b.mean(axis=0), a - a.mean(axis=0))[0]
         np.testing.assert_allclose(rotation[k], oracle.as_matrix(), atol=2e-5)  # the pull toward the last rotation
         np.testing.assert_allclose(translation[k], b.mean(axis=0) - rotation[k] @ a.mean(axis=0), atol=1e-12)
-
-
-def test_threes_at_once_are_registered_as_one_by_one() -> None:
-    rng = np.random.default_rng(8)
-    template, markers = rng.normal(scale=0.05, size=(2, 9, 3)), rng.normal(scale=0.05, size=(9, 3))
-    known = np.array([np.isin(range(9), rng.choice(9, 3, replace=False)) for _ in range(30)])
-    fast = registered_threes(template, markers, known.T.astype(float))
-    for one, points in zip(fast, template, strict=True):
-        many = np.broadcast_to(points, (30, 9, 3))
-        slow = moved(many, *register(many, np.broadcast_to(markers, (30, 9, 3)), known))
-        np.testing.assert_allclose(one.transpose(2, 0, 1), slow, atol=1e-5)  # the pull toward the last rotation
 
 
 def test_of_mirrored_markers_the_best_proper_rotation() -> None:

@@ -8,7 +8,7 @@ from functools import lru_cache
 import numpy as np
 
 from bodysense.body.glove_set import GloveSet, standard_set
-from bodysense.body.hand import Side, glove_marker, hand_skeleton, joint_bases
+from bodysense.body.hand import HAND_JOINTS, Side, glove_marker, hand_skeleton, joint_bases
 from bodysense.body.pose import Pose, as_like, forward_kinematics
 from bodysense.body.rotation import Array, quaternion_multiply, quaternion_rotate
 from bodysense.body.skeleton import Skeleton, default_skeleton
@@ -58,20 +58,30 @@ def glove_of(worn: GloveSet, hand: Skeleton, axes: np.ndarray | None = None) -> 
 
     `axes` (15, 4) are the rest rotations of the joints' axes from the default hand's.
     """
-    turns = np.asarray(joint_bases())
-    if axes is not None:
-        turns = np.asarray(quaternion_multiply(axes, turns))
-    size, offset = hand_size(hand), np.zeros((len(worn.markers), 3))
-    for place, marker in enumerate(worn.markers):
-        more = np.array(marker.offset) * (size / _SIZE)
-        if marker.segment == "wrist":
-            offset[place] = more
-            continue
-        joint = hand.index(marker.segment)
-        bone = hand.rest_offset[hand.parents.index(joint)]
-        offset[place] = marker.along * bone + quaternion_rotate(turns[joint - 1], more)
-    carriers = tuple(marker.segment for marker in worn.markers)
-    return Glove(worn.names, tuple(marker.near for marker in worn.markers), carriers, offset, size)
+    turn = np.broadcast_to([1.0, 0.0, 0.0, 0.0], (len(HAND_JOINTS) - 1, 4)) if axes is None else axes
+    size = hand_size(hand)
+    own = np.array([marker.offset for marker in worn.markers]) * (size / _SIZE)
+    points, carriers = zip(*((marker.near, marker.segment) for marker in worn.markers), strict=True)
+    return Glove(worn.names, points, carriers, worn_offsets(worn, hand.rest_offset, turn, own), size)
+
+
+def worn_offsets(worn: GloveSet, rest: np.ndarray, axes: np.ndarray, own: np.ndarray) -> np.ndarray:
+    """Return offsets (..., M, 3) m of a set's markers from their points, in the frames of the joints that carry them.
+
+    Args:
+        worn: the set.
+        rest: (..., 21, 3) m, resting offsets of the hands.
+        axes: (..., 15, 4) rest rotations of their joints' axes from the default hand's.
+        own: (..., M, 3) m, the markers' offsets in the axes of their segments.
+    """
+    hand = hand_skeleton(default_skeleton(), "left")
+    carrier = hand.indices([marker.segment for marker in worn.markers])
+    bone = np.array([hand.parents.index(joint) for joint in carrier])
+    along = np.array([[marker.along] for marker in worn.markers])
+    turns = np.asarray(quaternion_multiply(axes, np.asarray(joint_bases())))
+    wrist = np.broadcast_to([1.0, 0.0, 0.0, 0.0], (*turns.shape[:-2], 1, 4))
+    turn = np.concatenate([wrist, turns], axis=-2)[..., carrier, :]
+    return along * rest[..., bone, :] + np.asarray(quaternion_rotate(turn, own))
 
 
 def hand_size(hand: Skeleton) -> float:

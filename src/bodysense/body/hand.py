@@ -69,6 +69,7 @@ FREEDOMS = _freedoms()
 _TILT = {"index": (12.0, 12.0), "middle": (-4.0, -4.0), "ring": (-6.0, -6.0), "pinky": (-18.0, -22.0)}
 _THUMB_FLEXION = (0.43, 0.84, 0.33)  # axis of the thumb's flexion at rest, also from recorded hands
 _THUMB_BONE = (0.70, -0.49, 0.52)  # approximate direction of the thumb at rest
+_CLOSED = ((0.0, 0.0), (0.25, 0.2), (0.5, 0.4), (0.8, 0.6))  # flexion of fingers and thumb, as a share of their range
 _COLUMN = {"flexion": 0, "abduction": 1, "twist": 2}
 
 
@@ -173,6 +174,13 @@ def default_axes() -> np.ndarray:
 def limits() -> tuple[np.ndarray, np.ndarray]:
     """Return smallest and largest angles (26,), (26,), radians."""
     return np.radians([row.low for row in FREEDOMS]), np.radians([row.high for row in FREEDOMS])
+
+
+def closing_hand() -> np.ndarray:
+    """Return angles (4, 26), radians: a flat hand, a relaxed one, half closed and nearly a fist."""
+    flexion = np.array([row.angle == "flexion" for row in FREEDOMS])
+    thumb = np.array([row.joint.startswith("thumb") for row in FREEDOMS])
+    return np.stack([np.where(thumb, of_thumb, share) * flexion * limits()[1] for share, of_thumb in _CLOSED])
 
 
 @lru_cache(maxsize=1)

@@ -18,15 +18,19 @@ import numpy as np
 
 from bodysense.body.capsules import fit_primitives, nearest_shares
 from bodysense.body.glove import hand_size
-from bodysense.body.hand import FINGERS, HAND_JOINTS, hand_skeleton, point_beyond
+from bodysense.body.hand import FINGERS, FINGERTIPS, HAND_JOINTS, hand_skeleton, point_beyond
 from bodysense.body.pose import Pose, forward_kinematics
-from bodysense.body.rotation import quaternion_to_matrix
 from bodysense.body.skeleton import Skeleton, default_skeleton
 
 PALM = tuple(f"palm_{finger}" for finger in FINGERS[1:])
 SEGMENTS = HAND_JOINTS[1:]
 NAMES = (*SEGMENTS, *PALM)  # 15 capsules of fingers, each named after the joint that carries it, then four of the palm
 GIVE = 0.2  # of the sum of two radii: depth by which touching flesh gives way
+_POINTS = (*HAND_JOINTS, *FINGERTIPS)
+_BASES = tuple(f"{finger}1" for finger in FINGERS[1:])
+# Indices of the joint that carries each capsule, and of the point to which its bone runs from there.
+_JOINT = np.array([*range(1, len(HAND_JOINTS)), *[0] * len(PALM)])
+_TOWARD = np.array([_POINTS.index(name) for name in (*map(point_beyond, SEGMENTS), *_BASES)])
 _ROOT_OF_PALM = 0.25  # start of a metacarpal's capsule, as a share of the distance from the wrist to the knuckle
 
 
@@ -36,6 +40,7 @@ class HandCapsules:
 
     names: tuple[str, ...]  # (C,) `NAMES`
     joint: np.ndarray = field(repr=False)  # (C,) index of the hand's joint that carries each
+    share: np.ndarray = field(repr=False)  # (C, 2) of the bone that begins there: where its axis starts and ends
     start: np.ndarray = field(repr=False)  # (C, 3) of a capsule's axis
     end: np.ndarray = field(repr=False)  # (C, 3)
     radius: np.ndarray = field(repr=False)  # (C,)
@@ -44,23 +49,15 @@ class HandCapsules:
 @lru_cache(maxsize=64)
 def hand_capsules(hand: Skeleton) -> HandCapsules:
     """Return the capsules of a hand's skeleton (`hand.hand_skeleton`)."""
-    default = hand_skeleton(default_skeleton(), "left")
-    scale = hand_size(hand) / hand_size(default)
+    scale = hand_size(hand) / hand_size(hand_skeleton(default_skeleton(), "left"))
     body = fit_primitives(default_skeleton())
-    rest = hand.path @ hand.rest_offset
-    radius = [scale * body.radius[body.names.index(f"left_{name}")] for name in SEGMENTS]
-    start, end = [np.zeros(3)] * len(SEGMENTS), []
-    for name, thickness in zip(SEGMENTS, radius, strict=True):
-        bone = hand.rest_offset[hand.index(point_beyond(name))]
-        end.append(_shortened(bone, thickness) if name.endswith("3") else bone)  # fingertips are on the skin
-    for name in PALM:
-        base = f"{name.removeprefix('palm_')}1"
-        knuckle, thickness = rest[hand.index(base)], radius[SEGMENTS.index(base)]
-        start.append(_ROOT_OF_PALM * knuckle)
-        end.append(_shortened(knuckle, thickness))
-        radius.append(thickness)
-    joint = hand.indices([*SEGMENTS, *["wrist"] * len(PALM)])
-    return HandCapsules(NAMES, joint, np.array(start), np.array(end), np.array(radius))
+    radius = scale * np.array([body.radius[body.names.index(f"left_{name}")] for name in (*SEGMENTS, *_BASES)])
+    rest, palm = hand.path @ hand.rest_offset, _JOINT == 0
+    bone = rest[_TOWARD] - rest[_JOINT]
+    shortened = np.maximum(0.0, 1 - radius / np.linalg.norm(bone, axis=-1))
+    last = np.array([name.endswith("3") for name in NAMES])  # fingertips are on the skin
+    share = np.stack([np.where(palm, _ROOT_OF_PALM, 0.0), np.where(palm | last, shortened, 1.0)], axis=-1)
+    return HandCapsules(NAMES, _JOINT, share, share[:, :1] * bone, share[:, 1:] * bone, radius)
 
 
 @lru_cache(maxsize=1)
@@ -76,10 +73,10 @@ def own_depth(pose: Pose) -> np.ndarray:
 
     It is negative for capsules that do not touch: minus the gap.
     """
-    capsules, (first, second) = hand_capsules(pose.skeleton), own_pairs()
+    radius, (first, second) = hand_capsules(pose.skeleton).radius, own_pairs()
     start, along = placed_axes(pose)
-    reach = (1 - GIVE) * (capsules.radius[first] + capsules.radius[second])
-    return reach - _distance(start[..., first, :], along[..., first, :], start[..., second, :], along[..., second, :])
+    points = nearest_points(start[..., first, :], along[..., first, :], start[..., second, :], along[..., second, :])
+    return (1 - GIVE) * (radius[first] + radius[second]) - np.linalg.norm(points[0] - points[1], axis=-1)
 
 
 def mutual_depth(left: Pose, right: Pose) -> np.ndarray:
@@ -90,25 +87,26 @@ def mutual_depth(left: Pose, right: Pose) -> np.ndarray:
     start, along = (part[..., :, None, :] for part in placed_axes(left))
     other, other_along = (part[..., None, :, :] * [-1.0, 1.0, 1.0] for part in placed_axes(right))
     radius = hand_capsules(left.skeleton).radius[:, None] + hand_capsules(right.skeleton).radius
-    return (1 - GIVE) * radius - _distance(start, along, other, other_along)
+    points = nearest_points(start, along, other, other_along)
+    return (1 - GIVE) * radius - np.linalg.norm(points[0] - points[1], axis=-1)
 
 
 def placed_axes(pose: Pose) -> tuple[np.ndarray, np.ndarray]:
     """Return the starts of posed hands' capsules (..., C, 3) m, and the vectors to their ends (..., C, 3) m."""
-    capsules = hand_capsules(pose.skeleton)
-    position, world = (np.asarray(part) for part in forward_kinematics(pose))
-    turn = quaternion_to_matrix(world[..., capsules.joint, :])
-    start = position[..., capsules.joint, :] + np.einsum("...cij,cj->...ci", turn, capsules.start)
-    return start, np.einsum("...cij,cj->...ci", turn, capsules.end - capsules.start)
+    return axes_between(np.asarray(forward_kinematics(pose)[0]), hand_capsules(pose.skeleton).share)
 
 
-def _shortened(bone: np.ndarray, length: float) -> np.ndarray:
-    """Shorten a bone (3,) m by `length`, at most to zero."""
-    return bone * max(0.0, 1 - length / np.linalg.norm(bone))
+def axes_between(position: np.ndarray, share: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return `placed_axes` of hands whose points are at (..., 21, 3) m, with their capsules' `share` (..., C, 2)."""
+    near = position[..., _JOINT, :]
+    bone = position[..., _TOWARD, :] - near
+    return near + share[..., :1] * bone, (share[..., 1:] - share[..., :1]) * bone
 
 
-def _distance(start: np.ndarray, along: np.ndarray, other: np.ndarray, other_along: np.ndarray) -> np.ndarray:
-    """Return the distance (...) of segments (..., 3) m."""
+def nearest_points(
+    start: np.ndarray, along: np.ndarray, other: np.ndarray, other_along: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the points (..., 3) m of two segments that are nearest to each other: each from its start, `along` it."""
 
     def dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
         return np.einsum("...i,...i->...", a, b)
@@ -118,7 +116,7 @@ def _distance(start: np.ndarray, along: np.ndarray, other: np.ndarray, other_alo
         *(dot(along, along), dot(other_along, other_along), dot(along, other_along)),
         *(dot(along, between), dot(other_along, between)),
     )
-    return np.linalg.norm(between + s[..., None] * along - t[..., None] * other_along, axis=-1)
+    return start + s[..., None] * along, other + t[..., None] * other_along
 
 
 def _joined(one: str, other: str) -> bool:

@@ -24,6 +24,7 @@ from bodysense.body.hand import (
     FREEDOMS,
     HAND_JOINTS,
     Side,
+    closing_hand,
     hand_skeleton,
     mirrored_vectors,
     rotations_of,
@@ -258,19 +259,10 @@ def _rows() -> tuple[list[int], list[list[int]]]:
     return bases, ends
 
 
-_CLOSED = ((0.0, 0.0), (0.25, 0.2), (0.5, 0.4), (0.8, 0.6))  # flexion of fingers and thumb, as a share of their range
-
-
 @lru_cache(maxsize=16)
 def hand_shapes(hand: Skeleton) -> np.ndarray:
     """Return markers (S, M, 3) m of a left hand, its wrist the origin: flat, relaxed, half closed, nearly a fist."""
-    rotation = np.zeros((len(_CLOSED), len(hand.joints), 4))
-    rotation[:, 0, 0] = 1.0
-    for shape, (fingers, thumb) in zip(rotation, _CLOSED, strict=True):
-        share = [thumb if row.joint.startswith("thumb") else fingers for row in FREEDOMS]
-        flexion = [np.radians(row.high) if row.angle == "flexion" else 0.0 for row in FREEDOMS]
-        shape[1:] = rotations_of(np.array(share) * flexion)
-    return np.asarray(marker_positions(default_glove(), Pose(hand, np.zeros((len(_CLOSED), 3)), rotation)))
+    return np.asarray(marker_positions(default_glove(), _at_origin(hand, closing_hand())))
 
 
 @lru_cache(maxsize=16)
@@ -291,11 +283,14 @@ def marker_ranges(hand: Skeleton) -> np.ndarray:
             angles[:, place] = turns[row.joint][:, 0]
         elif row.joint == "thumb1" and row.angle == "abduction":
             angles[:, place] = (-35 + 70 * aside)[:, 0]
-    rotation = np.zeros((len(base), len(hand.joints), 4))
-    rotation[:, 0, 0] = 1.0
-    rotation[:, 1:] = rotations_of(np.radians(angles))
-    pose = Pose(hand, np.zeros((len(base), 3)), rotation)
-    return np.ascontiguousarray(np.asarray(marker_positions(default_glove(), pose)).swapaxes(0, 1))
+    markers = marker_positions(default_glove(), _at_origin(hand, np.radians(angles)))
+    return np.ascontiguousarray(np.asarray(markers).swapaxes(0, 1))
+
+
+def _at_origin(hand: Skeleton, angles: np.ndarray) -> Pose:
+    """Return a hand with fingers at angles (N, 26) rad, its wrist the origin."""
+    wrist = np.broadcast_to([1.0, 0.0, 0.0, 0.0], (len(angles), 1, 4))
+    return Pose(hand, np.zeros((len(angles), 3)), np.concatenate([wrist, rotations_of(angles)], axis=1))
 
 
 def unlikeness(shapes: np.ndarray, markers: np.ndarray) -> np.ndarray:

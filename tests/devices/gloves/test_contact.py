@@ -13,7 +13,7 @@ from bodysense.body.rotation import geodesic_angle
 from bodysense.body.skeleton import default_skeleton
 from bodysense.devices.gloves.contact import Contact
 from bodysense.devices.gloves.contact_rows import ContactSettings
-from bodysense.devices.gloves.joints import HandPoses
+from bodysense.devices.gloves.fingers import HandPoses
 from bodysense.errors import BodysenseError
 
 HAND = hand_skeleton(default_skeleton(), "left")

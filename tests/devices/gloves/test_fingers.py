@@ -13,9 +13,20 @@ from bodysense.body.rotation import (
     shortest_arc,
 )
 from bodysense.body.skeleton import Skeleton
-from bodysense.devices.gloves.fingers import hand_shape, pointed, shortest_arcs
+from bodysense.devices.gloves.fingers import hand_shape, pointed, posed, shortest_arcs
 from bodysense.errors import BodysenseError
 from bodysense_lab.synthesis.hands import varied_hand
+
+
+def test_hands_are_where_forward_kinematics_has_them(hand: Skeleton) -> None:
+    rng = np.random.default_rng(0)
+    hands = [hand, hand.with_offsets(1.2 * hand.rest_offset), hand]
+    rotation, root = rng.normal(size=(3, 16, 4)), rng.normal(size=(3, 3))
+    rotation /= np.linalg.norm(rotation, axis=-1, keepdims=True)
+    offsets = np.stack([one.rest_offset for one in hands])
+    expected, _ = forward_kinematics(Pose(hand, root, rotation), offsets)
+    shape = hand_shape(hands, [default_glove()] * 3)
+    np.testing.assert_allclose(posed(shape, root, rotation).position, expected, atol=1e-12)
 
 
 def test_shortest_arcs_are_those_of_rotation() -> None:

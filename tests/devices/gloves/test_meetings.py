@@ -15,14 +15,13 @@ from bodysense.body.hand import (
     limits,
     rotations_of,
 )
-from bodysense.body.hand_capsules import mutual_depth, own_depth, own_pairs, placed_axes
+from bodysense.body.hand_capsules import axes_between, hand_capsules, mutual_depth, own_depth, own_pairs
 from bodysense.body.pose import Pose, forward_kinematics
-from bodysense.body.rotation import quaternion_to_matrix
+from bodysense.body.rotation import quaternion_conjugate, quaternion_log, quaternion_multiply
 from bodysense.body.skeleton import default_skeleton
-from bodysense.devices.gloves.contact_rows import ANGLES, PARTS, Ends, growth_rows, joined, tip_ends, tip_pairs
-from bodysense.devices.gloves.finger_chains import placed_fingers, turning_axes
-from bodysense.devices.gloves.fingers import hand_shape
-from bodysense.devices.gloves.meetings import COUNT, HandFlesh, meet, points_on
+from bodysense.devices.gloves.contact_rows import ANGLES, PARTS, growth_rows, tip_capsules, tip_pairs, turning_axes
+from bodysense.devices.gloves.fingers import HandPoses, hand_shape, posed
+from bodysense.devices.gloves.meetings import COUNT, HandFlesh
 
 SMALL = hand_skeleton(default_skeleton(), "left")
 LARGE = SMALL.with_offsets(1.15 * SMALL.rest_offset)
@@ -50,22 +49,12 @@ def test_pairs_are_as_near_as_depth_says(seed: int) -> None:
     poses, flesh = two_poses(seed), HandFlesh(HANDS, SIDES)
     position = points(poses)
     pairs = flesh.pairs(position)
-    meeting = meet(flesh.axes(position), pairs)
-    depth = pairs.reach - np.sqrt(meeting.squared)
+    meeting = flesh.meet(position, pairs)
+    depth = pairs.reach - meeting.distance
     count = len(own_pairs()[0])
     np.testing.assert_allclose(depth[:count], own_depth(poses[0]), atol=1e-9)
     np.testing.assert_allclose(depth[count : 2 * count], own_depth(poses[1]), atol=1e-9)
     np.testing.assert_allclose(depth[2 * count :], mutual_depth(*poses).ravel(), atol=1e-9)
-    start, end = points_on(meeting.axes, pairs.start, np.stack(meeting.along))
-    np.testing.assert_allclose(np.linalg.norm(end - start, axis=1) ** 2, meeting.squared, atol=1e-12)
-
-
-def test_capsules_lie_where_the_hands_are() -> None:
-    poses, flesh = two_poses(7), HandFlesh(HANDS, SIDES)
-    axes = flesh.axes(points(poses)).reshape(2, 2, COUNT, 3)
-    for hand, pose in enumerate(poses):
-        for part, expected in zip(axes[hand], placed_axes(pose), strict=True):
-            np.testing.assert_allclose(part, expected * FLIP[hand], atol=1e-12)
 
 
 def test_hands_far_from_each_other_are_not_compared() -> None:
@@ -75,39 +64,59 @@ def test_hands_far_from_each_other_are_not_compared() -> None:
     assert len(near.reach) == len(far.reach) + COUNT**2
 
 
+def test_axes_are_the_derivatives_of_rotations_by_angles() -> None:
+    rng, step = np.random.default_rng(2), 1e-6
+    angles, root, wrist = rng.uniform(-1, 1, (2, 15, 3)), np.zeros((2, 3)), rng.normal(size=(2, 1, 4))
+    wrist /= np.linalg.norm(wrist, axis=-1, keepdims=True)
+    shape = hand_shape([SMALL] * 2, [default_glove()] * 2)
+
+    def rotations(angles: np.ndarray) -> np.ndarray:
+        return np.concatenate([wrist, joint_rotations(angles, default_axes())], axis=1)
+
+    def world(angles: np.ndarray) -> np.ndarray:
+        return forward_kinematics(Pose(SMALL, root, rotations(angles)))[1][:, 1:]
+
+    axes = turning_axes(shape, posed(shape, root, rotations(angles)), angles)
+    for joint in range(15):
+        for angle in range(3):
+            change = np.zeros_like(angles)
+            change[:, joint, angle] = step
+            back = quaternion_conjugate(world(angles - change)[:, joint])
+            turn = quaternion_log(quaternion_multiply(world(angles + change)[:, joint], back)) / (2 * step)
+            np.testing.assert_allclose(axes[:, joint, angle], turn, atol=1e-6)
+
+
 def test_rows_are_the_derivative() -> None:
+    """Of the distance of points on capsules along directions, by each part of the change."""
     poses, shape, flesh = two_poses(2), hand_shape(HANDS, [default_glove()] * 2), HandFlesh(HANDS, SIDES)
     rotation, root = np.stack([pose.rotation for pose in poses]), np.stack([pose.root_position for pose in poses])
-    wrist, angles = quaternion_to_matrix(rotation[:, 0]), joint_angles(rotation[:, 1:], default_axes())
+    angles = joint_angles(rotation[:, 1:], default_axes())
     pairs = flesh.pairs(points(poses))
     rng = np.random.default_rng(3)
     chosen = rng.choice(len(pairs.reach), 20, replace=False)
-    capsule, begin = pairs.capsule[:, chosen], pairs.start[:, chosen]
-    along = rng.random((2, 20))
-    tips = np.array([1, 7]), np.array([9, 8])  # index of the left, middle of the right, and of what they may touch
-    toward = rng.normal(size=(20, 3))
+    tips = np.array([[1, 7], [9, 8]])  # index of the left, middle of the right, and of what they may touch
+    capsule = np.concatenate([pairs.capsule[:, chosen], tip_capsules(tips)], axis=1)
+    along, toward = rng.random((2, 22, 1)), rng.normal(size=(22, 3))
+    share = np.stack([hand_capsules(hand).share for hand in HANDS])
 
-    def ends(change: np.ndarray) -> tuple[Ends, Ends, np.ndarray]:
-        changed = joint_rotations(angles + change[:, :ANGLES].reshape(angles.shape), default_axes())
-        position = placed_fingers(shape, root + change[:, ANGLES:], wrist, changed).position
-        axes, tip = flesh.axes(position), (position[:, 16:] * FLIP[:, None]).reshape(-1, 3)
-        start, end = (
-            joined(Ends(which, place), tip_ends(mine, tip[mine]))
-            for which, place, mine in zip(capsule, points_on(axes, begin, along), tips, strict=True)
-        )
-        every = np.concatenate([toward, np.tile(np.eye(3), (2, 1))])
-        return start, end, np.sum((end.point - start.point) * every, axis=1)
+    def changed(change: np.ndarray) -> tuple[HandPoses, np.ndarray]:
+        """The hands after a change, and the points (2, 22, 3) in the world."""
+        local = joint_rotations(angles + change[:, :ANGLES].reshape(angles.shape), default_axes())
+        hands = posed(shape, root + change[:, ANGLES:], np.concatenate([rotation[:, :1], local], axis=1))
+        start, axis = (part.reshape(-1, 3)[capsule] for part in axes_between(hands.position * FLIP[:, None], share))
+        place = start + along * axis
+        place[:, 20:] = (hands.position[:, 16:] * FLIP[:, None]).reshape(-1, 3)[tips]
+        return hands, place
 
     nothing = np.zeros((2, PARTS))
-    placed = placed_fingers(shape, root, wrist, rotation[:, 1:])
-    start, end, _ = ends(nothing)
-    every = np.concatenate([toward, np.tile(np.eye(3), (2, 1))])
-    rows = growth_rows(placed, turning_axes(placed, angles), FLIP, start, end, every)
-    assert rows.shape == (26, 2 * PARTS)
+    hands, place = changed(nothing)
+    rows = growth_rows(hands, turning_axes(shape, hands, angles), FLIP, capsule, place, toward)
+    assert rows.shape == (22, 2 * PARTS)
     for part in range(2 * PARTS):
         step = nothing.copy()
         step.reshape(-1)[part] = 1e-6
-        expected = (ends(step)[2] - ends(-step)[2]) / 2e-6
+        grown = changed(step)[1] - changed(-step)[1]
+        expected = np.sum((grown[1] - grown[0]) * toward, axis=1) / 2e-6
         np.testing.assert_allclose(rows[:, part], expected, atol=1e-7)
 
 

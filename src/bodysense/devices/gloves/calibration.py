@@ -1,10 +1,9 @@
 """A hand and its glove from a few seconds of markers: least squares with the family of hands as prior.
 
 The unknowns are the parameters of the hand (`body.hand_family`) and the position of each marker of its set, common to
-all frames, and a pose of every frame (`hand_model`). Residuals are the distances of markers, normal parameters, and
+all frames, and a pose of every frame (`least_squares`). Residuals are the distances of markers, normal parameters, and
 weak priors of poses: usual poses first; then, for the standard markers, the joint network's angles for the hand found
-so far, because coordinated joints reveal bone lengths. Gauss-Newton with Levenberg's damping; unknowns of single
-frames are eliminated (Schur).
+so far, because coordinated joints reveal bone lengths.
 """
 
 from __future__ import annotations
@@ -14,24 +13,24 @@ from functools import cached_property
 
 import numpy as np
 
-from bodysense.body.glove import Glove, glove_of, hand_size
+from bodysense.body.glove import Glove, glove_of, hand_size, worn_offsets
 from bodysense.body.glove_set import GloveSet, standard_set
-from bodysense.body.hand import FINGERS, FREEDOMS, hand_skeleton, joint_bases
+from bodysense.body.hand import FINGERS, FREEDOMS, hand_skeleton
 from bodysense.body.hand_family import SHAPE, GlovedHand, HandShapes, bare_shapes_of
 from bodysense.body.products import to_matrix
 from bodysense.body.registration import brought_back, register
-from bodysense.body.rotation import quaternion_exp, quaternion_multiply, quaternion_rotate
+from bodysense.body.rotation import quaternion_exp
 from bodysense.body.skeleton import default_skeleton
 from bodysense.devices.gloves.hand_model import (
     ANGLES,
     POSE,
     MarkedHand,
     hardly_possible,
-    moved,
     postures,
     unusual,
 )
 from bodysense.devices.gloves.joints import JointReader
+from bodysense.devices.gloves.least_squares import LeastSquares
 from bodysense.devices.gloves.networks import HandNetwork, load_joint_network
 from bodysense.errors import BodysenseError
 
@@ -44,7 +43,7 @@ _TOLD = 0.2  # rad: standard deviation of an angle from the network's
 _ROUNDS, _AGAIN = 2, 12  # runs of the network, and steps after each
 _FAMILY = 0.7  # weight of the family's prior, which comes from few hands; the size has weight 1
 _SIZES, _TRIED = (-1.0, 0.5, 2.0), 12  # initial sizes in standard deviations, and steps of each
-_STEPS, _STEP = 30, 1e-4  # steps of the best one; step of the numerical derivative, of a parameter or rad
+_STEPS, _DAMPING = 30, 1e-2  # steps of the best one; Levenberg's damping at first
 _SURE = 0.015  # m: markers placed more accurately than this locate the hand at first
 _FITS, _MIRRORED = 0.008, 0.6  # m: largest error of a fitting hand; its share in a mirror
 _SIZE_PART = 0  # the parameter that is the hand's size
@@ -120,24 +119,18 @@ class _CalibrationProblem:
         return MarkedHand.of(glove_of(self.worn, hand_skeleton(default_skeleton(), "left")))
 
     @cached_property
-    def _sitting(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Carrier of every marker, the end of that bone, and its position in the set: along, offset, accuracy."""
-        rows, hand = self.worn.markers, hand_skeleton(default_skeleton(), "left")
-        carrier = hand.indices([row.segment for row in rows])
-        bone = np.array([hand.parents.index(k) for k in carrier])
-        along = np.array([row.along for row in rows])
-        return carrier, bone, along, np.array([row.offset for row in rows]), np.array([row.accuracy for row in rows])
+    def _given(self) -> tuple[np.ndarray, np.ndarray]:
+        """Offsets (M, 3) m of the markers in the set, and their accuracy (M, 3) m, in the axes of their segments."""
+        rows = self.worn.markers
+        return np.array([row.offset for row in rows]), np.array([row.accuracy for row in rows])
 
     def shapes(self, theta: np.ndarray) -> HandShapes:
         """Return hands and their marker positions from parameters (..., N)."""
         rest, axes = bare_shapes_of(theta[..., :SHAPE])
-        carrier, bone, along, offset, accuracy = self._sitting
+        offset, accuracy = self._given
         size = np.linalg.norm(rest[..., _MIDDLE, :].sum(axis=-2), axis=-1)[..., None, None] / _DEFAULT_SIZE
         own = size * (offset + accuracy * theta[..., SHAPE:].reshape(*theta.shape[:-1], -1, 3))
-        bases = np.concatenate([np.eye(4)[:1], np.asarray(joint_bases())])
-        whole = np.concatenate([np.broadcast_to(np.eye(4)[:1], (*axes.shape[:-2], 1, 4)), axes], axis=-2)
-        turn = np.asarray(quaternion_multiply(whole, bases))[..., carrier, :]
-        return HandShapes(rest, axes, along[:, None] * rest[..., bone, :] + np.asarray(quaternion_rotate(turn, own)))
+        return HandShapes(rest, axes, worn_offsets(self.worn, rest, axes, own))
 
     def hand(self, theta: np.ndarray) -> GlovedHand:
         """Return the hand of parameters (N,)."""
@@ -177,7 +170,7 @@ class _CalibrationProblem:
         best = np.argsort(cost)[: max(len(cost) // 4, 3)]
         turn = to_matrix(np.asarray(quaternion_exp(pose[best, -6:-3])))
         own = brought_back(self.seen[best], turn, pose[best, -3:])
-        shapes, (_, _, _, offset, accuracy) = self.shapes(theta), self._sitting
+        shapes, (offset, accuracy) = self.shapes(theta), self._given
         after = theta.copy()
         for k in np.flatnonzero(~sure & self.marked.on_hand & self.known[best].any(axis=0)):
             place = np.nanmedian(own[:, k], axis=0) - (self.marked.markers(shapes, np.zeros(POSE))[k] - shapes.worn[k])
@@ -216,6 +209,10 @@ class _CalibrationProblem:
             told[whole] = reader.angles(self.seen[whole])
         return replace(self, told=told)
 
+    def refined(self, theta: np.ndarray, pose: np.ndarray, steps: int) -> tuple[np.ndarray, np.ndarray, float]:
+        """Return parameters, poses and their cost after at most `steps` steps."""
+        return LeastSquares(self.residuals, self.prior).refined(theta, pose, steps, _DAMPING)
+
     def residuals(self, theta: np.ndarray, pose: np.ndarray) -> np.ndarray:
         """Return residuals (..., K, R) of every frame, in standard deviations, without those of the parameters."""
         far = self.marked.markers(self.shapes(theta), pose) - np.nan_to_num(self.seen)
@@ -227,47 +224,6 @@ class _CalibrationProblem:
         prior = np.concatenate([hardly_possible(pose), usual, angles * self.straight], axis=-1)
         prior = np.broadcast_to(prior, (*missed.shape[:-2], prior.shape[-1]))
         return np.concatenate([missed.reshape(*missed.shape[:-2], -1), prior], axis=-1)
-
-    def cost(self, theta: np.ndarray, pose: np.ndarray) -> float:
-        """Return the cost; half of it is the negative logarithm of the likelihood."""
-        return float((self.residuals(theta, pose) ** 2).sum() + ((self.prior * theta) ** 2).sum())
-
-    def refined(self, theta: np.ndarray, pose: np.ndarray, steps: int) -> tuple[np.ndarray, np.ndarray, float]:
-        """Return parameters, poses and their cost after at most `steps` steps."""
-        cost, damping = self.cost(theta, pose), 1e-2
-        for _ in range(steps):
-            step = self._step(theta, pose, damping)
-            trial = theta + step[0], moved(pose, step[1])
-            new = self.cost(*trial)
-            if new < cost:
-                done = cost - new < 1e-4 * cost
-                (theta, pose), cost, damping = trial, new, damping / 4
-                if done:
-                    break
-            else:
-                damping *= 6
-        return theta, pose, cost
-
-    def _step(self, theta: np.ndarray, pose: np.ndarray, damping: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return changes of the parameters (N,) and of the poses (K, 32), as `moved` takes them."""
-        count = len(theta)
-        now = self.residuals(theta, pose)
-        other = self.residuals((theta + _STEP * np.eye(count))[:, None], pose)
-        common = ((other - now) / _STEP).transpose(1, 2, 0)  # (K, R, N)
-        shifted = moved(pose[None], _STEP * np.eye(POSE)[:, None])
-        own = ((self.residuals(theta, shifted) - now) / _STEP).transpose(1, 2, 0)  # (K, R, 32)
-        drawn = own.swapaxes(1, 2) @ np.concatenate([own, common, now[..., None]], axis=-1)
-        inner, across = drawn[..., :POSE], drawn[..., POSE:]
-        inner += damping * inner * np.eye(POSE) + 1e-9 * np.eye(POSE)
-        solved = np.linalg.solve(inner, across)
-        # One large product over all frames is faster than many small ones.
-        every, left = common.reshape(-1, count), across[..., :-1].reshape(-1, count).T @ solved.reshape(-1, count + 1)
-        outer = every.T @ every + np.diag(self.prior**2)
-        outer += damping * outer * np.eye(count)
-        outer -= left[:, :-1]
-        slope = every.T @ now.ravel() + self.prior**2 * theta - left[:, -1]
-        change = -np.linalg.solve(outer, slope)
-        return change, -(solved[..., -1] + solved[..., :-1] @ change)
 
 
 _HAND = hand_skeleton(default_skeleton(), "left")

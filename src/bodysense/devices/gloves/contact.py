@@ -16,37 +16,28 @@ from functools import cached_property
 import numpy as np
 
 from bodysense.body.glove import ALIGNMENT, MARKERS, default_glove
-from bodysense.body.hand import FINGERS, Side, default_axes, joint_angles, joint_rotations
+from bodysense.body.hand import FINGERS, Side, default_axes, joint_angles, joint_places, joint_rotations, limits
 from bodysense.body.hand_capsules import GIVE
-from bodysense.body.products import CONJUGATE, multiply, to_matrix
+from bodysense.body.products import CONJUGATE, multiply
 from bodysense.body.skeleton import Skeleton
 from bodysense.devices.gloves.contact_rows import (
     ANGLES,
     PARTS,
     ContactSettings,
-    Ends,
     Pinches,
     growth_rows,
-    joined,
     least_change,
     pinches,
-    tip_ends,
+    tip_capsules,
     tip_pairs,
-)
-from bodysense.devices.gloves.finger_chains import (
-    FREE,
-    HIGH,
-    LOW,
-    PlacedFingers,
-    levers,
-    placed_fingers,
     turning_axes,
 )
-from bodysense.devices.gloves.fingers import HandShape, hand_shape
-from bodysense.devices.gloves.joints import HandPoses
-from bodysense.devices.gloves.meetings import HandFlesh, Meeting, Pairs, meet, points_on
+from bodysense.devices.gloves.fingers import CHAINS, HandPoses, HandShape, hand_shape, posed
+from bodysense.devices.gloves.meetings import HandFlesh, Meeting, Pairs
 from bodysense.errors import BodysenseError
 
+_PLACE, _FREE = joint_places()  # (15, 3) which angles a joint has: flexion, abduction, twist
+_LOW, _HIGH = (np.where(_FREE, of[_PLACE], 0.0) for of in limits())  # (15, 3) rad
 _TIP_MARKERS = [MARKERS.index(f"{finger}_tip") for finger in FINGERS]
 _LONGEST_STEP, _SHORT_STEP = 0.3, 0.01  # rad of a linear step; after a short one no other is needed
 _MOST_ROWS = 48  # of collisions at a time, the deepest
@@ -72,7 +63,7 @@ class _Given:
     """A frame before contact, to which a change is applied."""
 
     root: np.ndarray  # (H, 3)
-    wrist: np.ndarray  # (H, 3, 3)
+    wrist: np.ndarray  # (H, 1, 4)
     angles: np.ndarray  # (H, 15, 3) rad
     rest: np.ndarray  # (H, 15, 4) the rest of the joints' rotations after their angles
     pinches: Pinches
@@ -103,8 +94,9 @@ class Contact:
 
     @cached_property
     def _lever(self) -> np.ndarray:
-        """(H, 45) m from each angle's joint to its fingertip."""
-        return np.stack([levers(hand) for hand in self.hands]).repeat(3, axis=1)
+        """(H, 45) m from each angle's joint to its fingertip, with the finger straight."""
+        rest = np.stack([hand.path @ hand.rest_offset for hand in self.hands])[:, CHAINS]  # (H, 5, 4, 3)
+        return np.linalg.norm(rest[:, :, 3:] - rest[:, :, :3], axis=-1).reshape(-1, 15).repeat(3, axis=1)
 
     @cached_property
     def _reach(self) -> np.ndarray:
@@ -115,7 +107,7 @@ class Contact:
     def _ease(self) -> np.ndarray:
         """(H, 48) compliance of each part without seen markers; 0 if fixed."""
         shift = np.full((len(self.hands), PARTS - ANGLES), 1 / self.settings.hand_weight)
-        return np.concatenate([FREE.ravel() / self._lever**2, shift], axis=1)
+        return np.concatenate([_FREE.ravel() / self._lever**2, shift], axis=1)
 
     @cached_property
     def _tips(self) -> list[tuple[int, int]]:
@@ -141,15 +133,14 @@ class Contact:
             `posed` itself if nothing moves, and the state for the next frame.
         """
         pairs, pinching = self._flesh.pairs(posed.position), self._pinches(posed, markers, known)
-        meeting = meet(self._flesh.axes(posed.position), pairs)
-        needed = len(pinching.first) > 0 or self._collides(pairs, meeting).any()
+        meeting = self._flesh.meet(posed.position, pairs)
+        needed = len(pinching.offset) > 0 or self._collides(pairs, meeting).any()
         remaining = 0.5 ** (interval / self.settings.half_life)
         if not needed and remaining * state.way < _UNSEEN:
             return posed, ContactState(True)
         before = np.zeros((len(posed.root), PARTS)) if state.change is None else state.change
         given, rest = self._given(posed, pinching), remaining * before
-        farthest = self._farthest(pairs, meeting)
-        wanted, placed = self._solved(given, known, pairs, farthest, rest, meeting if state.change is None else None)
+        wanted, placed = self._solved(given, known, pairs, self._farthest(pairs, meeting), rest)
         limited, way = wanted, remaining * state.way if wanted is rest else self._way(wanted)
         if state.begun:
             moved = (1 - remaining) * state.way if wanted is rest else self._way(wanted - before)
@@ -163,7 +154,7 @@ class Contact:
 
     def _collides(self, pairs: Pairs, meeting: Meeting) -> np.ndarray:
         """(P,) whether pairs overlap by more than the tolerance."""
-        return meeting.squared < (pairs.reach - self.settings.tolerance - _SLACK) ** 2
+        return meeting.distance < pairs.reach - self.settings.tolerance - _SLACK
 
     def _farthest(self, pairs: Pairs, meeting: Meeting) -> np.ndarray:
         """Return the largest allowed distance (P,) m of pairs in a frame.
@@ -171,7 +162,7 @@ class Contact:
         Fingertips that touch, or nearly, keep their distance; other pairs are free.
         """
         farthest, tips = np.full(len(pairs.reach), np.inf), pairs.tips
-        distance, touch = np.sqrt(meeting.squared.take(tips)), pairs.reach.take(tips) / (1 - GIVE)
+        distance, touch = meeting.distance[tips], pairs.reach[tips] / (1 - GIVE)
         gap, keeping = np.maximum(distance - touch, 0.0), self.settings.keeping
         most = np.maximum(distance, touch) + gap * gap * gap / keeping**2
         farthest[tips] = np.where(gap < keeping, most, np.inf)
@@ -179,18 +170,18 @@ class Contact:
 
     def _pinches(self, posed: HandPoses, markers: np.ndarray, known: np.ndarray) -> Pinches:
         """Return fingertips whose markers are close to each other but which are farther apart than these."""
-        flip, settings = self._flesh.flip[:, None], self.settings
+        flip = self._flesh.flip[:, None]
         told = (markers.take(_TIP_MARKERS, axis=1) * flip).reshape(-1, 3)
         tips = (posed.position[:, -5:] * flip).reshape(-1, 3)
         seen = known.take(_TIP_MARKERS, axis=1).ravel()
-        return pinches(self._tips, told, tips, seen, settings.touching, settings.apart, settings.missed)
+        return pinches(self._tips, told, tips, seen, self.settings)
 
     def _given(self, posed: HandPoses, pinching: Pinches) -> _Given:
         """Split a frame into parts that may change and parts that are fixed."""
         local = posed.rotation[:, 1:]
-        angles = joint_angles(local, default_axes()) * FREE
+        angles = joint_angles(local, default_axes()) * _FREE
         rest = multiply(joint_rotations(angles, default_axes()) * CONJUGATE, local)
-        return _Given(posed.root, to_matrix(posed.rotation[:, 0]), angles, rest, pinching)
+        return _Given(posed.root, posed.rotation[:, :1], angles, rest, pinching)
 
     def _freedom(self, given: _Given, known: np.ndarray) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray]]:
         """Return the compliance of each part of a change (H · 48,), and its bounds (H · 48,), (H · 48,)."""
@@ -199,44 +190,36 @@ class Contact:
         seen[:, 5] = np.logical_and.reduce(known.take(_ALIGNMENT, axis=1), axis=1)
         ease = self._ease / (1 + (self.settings.seen_weight - 1) * seen).take(_WEIGHED, axis=1)
         low, high = np.full(ease.shape, -np.inf), np.full(ease.shape, np.inf)
-        low[:, :ANGLES] = np.minimum(LOW - given.angles, 0).reshape(-1, ANGLES)
-        high[:, :ANGLES] = np.maximum(HIGH - given.angles, 0).reshape(-1, ANGLES)
+        low[:, :ANGLES] = np.minimum(_LOW - given.angles, 0).reshape(-1, ANGLES)
+        high[:, :ANGLES] = np.maximum(_HIGH - given.angles, 0).reshape(-1, ANGLES)
         return ease.ravel(), (low.ravel(), high.ravel())
 
-    def _placed(self, given: _Given, change: np.ndarray) -> PlacedFingers:
+    def _placed(self, given: _Given, change: np.ndarray) -> HandPoses:
         """Return hands after a change (H, 48)."""
         local = multiply(joint_rotations(_angles(given, change), default_axes()), given.rest)
-        return placed_fingers(self._shape, given.root + change[:, ANGLES:], given.wrist, local)
+        return posed(self._shape, given.root + change[:, ANGLES:], np.concatenate([given.wrist, local], axis=1))
 
     def _solved(
-        self,
-        given: _Given,
-        known: np.ndarray,
-        pairs: Pairs,
-        farthest: np.ndarray,
-        rest: np.ndarray,
-        meeting: Meeting | None,
-    ) -> tuple[np.ndarray, PlacedFingers]:
+        self, given: _Given, known: np.ndarray, pairs: Pairs, farthest: np.ndarray, rest: np.ndarray
+    ) -> tuple[np.ndarray, HandPoses]:
         """Return the change (H, 48) after which nothing collides, and the hands after it.
 
-        Takes linear steps from the remaining correction of the last frame. `meeting` is known if nothing of it remains.
+        Takes linear steps from the remaining correction of the last frame, `rest`.
         """
         change, placed, freedom = rest, self._placed(given, rest), None
         for _ in range(self.settings.max_iterations):
-            if meeting is None:
-                meeting = meet(self._flesh.axes(placed.position), pairs)
-            if not len(given.pinches.first):
-                apart = meeting.squared > (farthest + _SLACK) ** 2
-                if not (apart | self._collides(pairs, meeting)).any():
-                    break
+            meeting = self._flesh.meet(placed.position, pairs)
+            wrong = self._collides(pairs, meeting) | (meeting.distance > farthest + _SLACK)
+            if not len(given.pinches.offset) and not wrong.any():
+                break
             rows, demand, softness = self._demands(given, change, placed, pairs, farthest, meeting)
             ease, (low, high) = freedom = freedom or self._freedom(given, known)
             bounds = (low - change.ravel(), high - change.ravel())
-            exact = np.arange(len(rows)) >= len(rows) - 3 * len(given.pinches.first)
+            exact = np.arange(len(rows)) >= len(rows) - 3 * len(given.pinches.offset)
             way = least_change(rows, demand, exact, ease, bounds, softness)
-            way = np.minimum(np.maximum(way, -_LONGEST_STEP), _LONGEST_STEP)
+            way = np.clip(way, -_LONGEST_STEP, _LONGEST_STEP)
             change = change + way.reshape(change.shape)
-            placed, meeting = self._placed(given, change), None
+            placed = self._placed(given, change)
             if np.abs(way).max() < _SHORT_STEP:
                 break
         return change, placed
@@ -245,7 +228,7 @@ class Contact:
         self,
         given: _Given,
         change: np.ndarray,
-        placed: PlacedFingers,
+        placed: HandPoses,
         pairs: Pairs,
         farthest: np.ndarray,
         meeting: Meeting,
@@ -254,29 +237,27 @@ class Contact:
 
         Collisions and fingertips that must stay in touch come first, then pinches, which are met exactly.
         """
-        distance = np.sqrt(meeting.squared)
+        distance = meeting.distance
         gap = distance - pairs.reach
         parting = distance > (pairs.reach + farthest) / 2  # of fingertips: closer to parting than to colliding
         close = (gap < self.settings.nearby) & ~parting
         if np.count_nonzero(close) > _MOST_ROWS:
             close[np.argsort(np.where(close, gap, np.inf))[_MOST_ROWS:]] = False
         which = np.flatnonzero(close | parting)
-        demand = np.where(parting, distance - farthest, -gap - self.settings.tolerance).take(which)
-        sign = np.where(parting, -1.0, 1.0).take(which)
-        along = np.stack([meeting.along[0].take(which), meeting.along[1].take(which)])
-        points = points_on(meeting.axes, pairs.start.take(which, axis=1), along)
-        start, end = map(Ends, pairs.capsule.take(which, axis=1), points)
-        toward = (end.point - start.point) * (sign / np.maximum(distance.take(which), 1e-9))[:, None]
-        softness = np.full(len(which), _SOFT)
-        if len(given.pinches.first):
-            tips = (placed.position[:, -5:] * self._flesh.flip[:, None]).reshape(-1, 3)
-            first, second, wanted = given.pinches
-            start, end = joined(start, tip_ends(first, tips[first])), joined(end, tip_ends(second, tips[second]))
-            toward = np.concatenate([toward, np.tile(np.eye(3), (len(first), 1))])
-            demand = np.concatenate([demand, (wanted - tips[second] + tips[first]).ravel()])
-            softness = np.concatenate([softness, np.full(3 * len(first), _SOFT_PINCH)])
-        axes = turning_axes(placed, _angles(given, change))
-        return growth_rows(placed, axes, self._flesh.flip, start, end, toward), demand, softness
+        demand = np.where(parting, distance - farthest, -gap - self.settings.tolerance)[which]
+        sign = np.where(parting, -1.0, 1.0) / np.maximum(distance, 1e-9)
+        place = meeting.place[:, which]
+        toward = (place[1] - place[0]) * sign[which, None]
+        tips, wanted = given.pinches
+        tip = (placed.position[:, -5:] * self._flesh.flip[:, None]).reshape(-1, 3)[tips]  # (2, N, 3)
+        # Each pinch makes three demands, one along each axis of the world.
+        capsule = np.concatenate([pairs.capsule[:, which], tip_capsules(tips).repeat(3, axis=1)], axis=1)
+        place = np.concatenate([place, tip.repeat(3, axis=1)], axis=1)
+        toward = np.concatenate([toward, np.tile(np.eye(3), (len(wanted), 1))])
+        demand = np.concatenate([demand, (wanted - tip[1] + tip[0]).ravel()])
+        softness = np.repeat([_SOFT, _SOFT_PINCH], [len(which), 3 * len(wanted)])
+        axes = turning_axes(self._shape, placed, _angles(given, change))
+        return growth_rows(placed, axes, self._flesh.flip, capsule, place, toward), demand, softness
 
     def _way(self, change: np.ndarray) -> float:
         """Return an upper bound (m) of a point's displacement by a change (H, 48)."""
@@ -290,7 +271,7 @@ def _angles(given: _Given, change: np.ndarray) -> np.ndarray:
     return given.angles + change[:, :ANGLES].reshape(given.angles.shape)
 
 
-def _moved(posed: HandPoses, change: np.ndarray, placed: PlacedFingers) -> HandPoses:
+def _moved(posed: HandPoses, change: np.ndarray, placed: HandPoses) -> HandPoses:
     """Return the hands after a change; untouched values are bit-identical."""
     touched = change != 0
     turned = touched[:, :ANGLES].reshape(-1, 5, 9).max(axis=-1)
@@ -298,6 +279,5 @@ def _moved(posed: HandPoses, change: np.ndarray, placed: PlacedFingers) -> HandP
     joints = turned.repeat(3, axis=1)
     points = shifted | np.concatenate([shifted, joints, turned], axis=1)
     position = np.where(points[..., None], placed.position, posed.position)
-    rotation = posed.rotation.copy()
-    rotation[:, 1:] = np.where(joints[..., None], placed.rotation, rotation[:, 1:])
+    rotation = np.where(np.insert(joints, 0, False, axis=1)[..., None], placed.rotation, posed.rotation)
     return HandPoses(position[:, 0], rotation, position)

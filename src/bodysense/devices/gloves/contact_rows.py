@@ -4,17 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from functools import lru_cache
 from itertools import combinations, product
-from math import dist
 from typing import NamedTuple
 
 import numpy as np
 
-from bodysense.body.hand import FINGERS, HAND_JOINTS
+from bodysense.body.hand import FINGERS, HAND_JOINTS, joint_bases
 from bodysense.body.hand_capsules import NAMES
-from bodysense.body.products import cross
-from bodysense.devices.gloves.finger_chains import PlacedFingers
+from bodysense.body.products import cross, to_matrix
+from bodysense.devices.gloves.fingers import HandPoses, HandShape, finger_chains
 from bodysense.devices.gloves.meetings import COUNT
 from bodysense.errors import BodysenseError
 
@@ -47,73 +45,70 @@ class ContactSettings:
             )
 
 
-_ONES, _EYE = np.ones(3), np.eye(3)
 ANGLES, PARTS = 45, 48  # of a hand's change: three angles a finger joint, then the wrist's shift
+_BASIS = to_matrix(np.array(joint_bases()))  # (15, 3, 3) the hand's axes ← the joint's own, at rest
 _JOINTS_OF = np.array([[joint[:-1] == name[:-1] and joint <= name for joint in HAND_JOINTS[1:]] for name in NAMES])
 # (C, 48): the parts of its hand's change that move a capsule: the joints before it in its finger, and the wrist.
 _MOVED_BY = np.concatenate([_JOINTS_OF.repeat(3, axis=1), np.ones((COUNT, 3), bool)], axis=1).astype(float)
 
 
-class Ends(NamedTuple):
-    """Points on capsules; capsule c of hand h is number h · C + c."""
-
-    capsule: np.ndarray  # (K,)
-    point: np.ndarray  # (K, 3) m, world
-
-
 class Pinches(NamedTuple):
     """Pairs of fingertips that are to be brought together."""
 
-    first: np.ndarray  # (N,) number of a fingertip, hand · 5 + finger
-    second: np.ndarray  # (N,)
+    tips: np.ndarray  # (2, N) numbers of fingertips, hand · 5 + finger
     offset: np.ndarray  # (N, 3) m world, wanted vector from the first to the second
 
 
-_NONE = Pinches(np.zeros(0, np.intp), np.zeros(0, np.intp), np.zeros((0, 3)))
-
-
-def joined(one: Ends, other: Ends) -> Ends:
-    """Both, one after the other."""
-    return Ends(np.concatenate([one.capsule, other.capsule]), np.concatenate([one.point, other.point]))
-
-
 def growth_rows(
-    placed: PlacedFingers, axes: np.ndarray, flip: np.ndarray, start: Ends, end: Ends, toward: np.ndarray
+    posed: HandPoses,
+    axes: np.ndarray,
+    flip: np.ndarray,
+    capsule: np.ndarray,
+    place: np.ndarray,
+    toward: np.ndarray,
 ) -> np.ndarray:
-    """Return how much each part of a change moves ends away from starts along `toward`: (K, H · 48).
+    """Return how much each part of a change moves pairs of points apart along `toward`: (K, H · 48).
 
     Args:
-        placed: H hands, each in its own mirrored world.
-        axes: (H, 15, 3, 3) of their joints' angles (`finger_chains.turning_axes`).
+        posed: H hands, each in its own mirrored world.
+        axes: (H, 15, 3, 3) of their joints' angles (`turning_axes`).
         flip: (H, 3) from a hand's own world to the world.
-        start: K points.
-        end: K points.
+        capsule: (2, K) that carry the points; capsule c of hand h is number h · C + c.
+        place: (2, K, 3) m, world, of the points.
         toward: (K, 3) directions, world.
     """
     hands, count = len(flip), len(toward)
-    both, away = joined(start, end), np.concatenate([-toward, toward])
-    own = flip.take(both.capsule // COUNT, axis=0)
-    away = away * own
-    # A joint at p that turns about a takes a point x along w by a · (x × w) + (p × a) · w: screws, all at once.
-    wrench = np.concatenate([cross(both.point * own, away), away], axis=1)
+    hand = capsule // COUNT
+    away = np.stack([-toward, toward]) * flip[hand]
+    # A joint at p that turns about a takes a point x along w by a · (x × w) + (p × a) · w.
+    wrench = np.concatenate([cross(place * flip[hand], away), away], axis=-1)
     screws = np.zeros((hands, PARTS, 6))
     screws[:, :ANGLES, :3] = axes.reshape(hands, ANGLES, 3)
-    screws[:, :ANGLES, 3:] = cross(placed.position[:, 1:16, None], axes).reshape(hands, ANGLES, 3)
-    screws[:, ANGLES:, 3:] = _EYE
-    parts = (wrench @ screws.reshape(-1, 6).T) * _moved_by(hands).take(both.capsule, axis=0)
-    return parts[:count] + parts[count:]
+    screws[:, :ANGLES, 3:] = cross(posed.position[:, 1:16, None], axes).reshape(hands, ANGLES, 3)
+    screws[:, ANGLES:, 3:] = np.eye(3)
+    parts = (screws[hand] @ wrench[..., None])[..., 0] * _MOVED_BY[capsule % COUNT]
+    rows = np.zeros((count, hands, PARTS))
+    for end in (0, 1):
+        rows[np.arange(count), hand[end]] += parts[end]
+    return rows.reshape(count, -1)
 
 
-@lru_cache(maxsize=8)
-def _moved_by(hands: int) -> np.ndarray:
-    """Return the parts of the change of all hands that move each capsule, (H · C, H · 48)."""
-    return np.kron(np.eye(hands), _MOVED_BY)
+def turning_axes(shape: HandShape, posed: HandPoses, angles: np.ndarray) -> np.ndarray:
+    """Return (H, 15, 3, 3) world: the axis (last index) of each joint's angle (third index); `angles` (H, 15, 3)."""
+    wrist = to_matrix(posed.rotation[:, 0])[:, None, None]
+    _, turned = finger_chains(shape.rest, posed.rotation[:, 1:])
+    parent = np.concatenate([np.broadcast_to(wrist, turned[:, :, :1].shape), wrist @ turned[:, :, :2]], axis=2)
+    (sf, sa), (cf, ca) = ((of[..., 0], of[..., 1]) for of in (np.sin(angles), np.cos(angles)))
+    own = np.zeros((*angles.shape, 3))
+    own[..., 0, 2] = -1.0
+    own[..., 1, 0], own[..., 1, 1] = sf, cf  # turned by the flexion
+    own[..., 2, 0], own[..., 2, 1], own[..., 2, 2] = ca * cf, -ca * sf, -sa  # and by the abduction
+    return own @ (parent.reshape(-1, 15, 3, 3) @ _BASIS).swapaxes(-1, -2)
 
 
-def tip_ends(tip: np.ndarray, place: np.ndarray) -> Ends:
-    """Return fingertips (N,), number hand · 5 + finger, at `place` (N, 3) m, three times each, once an axis."""
-    capsule = tip // len(FINGERS) * COUNT + tip % len(FINGERS) * 3 + 2
-    return Ends(capsule.repeat(3), place.repeat(3, axis=0))
+def tip_capsules(tips: np.ndarray) -> np.ndarray:
+    """Return the numbers of the capsules that end in fingertips, number hand · 5 + finger."""
+    return tips // len(FINGERS) * COUNT + tips % len(FINGERS) * 3 + 2
 
 
 def tip_pairs(hands: int) -> list[tuple[int, int]]:
@@ -130,9 +125,7 @@ def pinches(
     markers: np.ndarray,
     tips: np.ndarray,
     seen: np.ndarray,
-    touching: float,
-    apart: float,
-    missed: float,
+    settings: ContactSettings,
 ) -> Pinches:
     """Return fingertips that are farther apart than their markers, if these are close to each other.
 
@@ -141,22 +134,15 @@ def pinches(
         markers: (H · 5, 3) m, world; NaN if unknown.
         tips: (H · 5, 3) m, world.
         seen: (H · 5,) bool; a filled marker is not evidence of touch.
-        touching: m between markers below which fingertips are brought as close.
-        apart: m beyond which they are unchanged; in between they are brought closer in part.
-        missed: m; smaller distances are ignored.
+        settings: which distances are close.
     """
-    place, known = markers.tolist(), seen.tolist()
-    near = [(a, b) for a, b in pairs if dist(place[a], place[b]) < apart and known[a] and known[b]]
-    if not near:
-        return _NONE
-    one, other = np.array(near).T
-    offset, present = (of.take(other, axis=0) - of.take(one, axis=0) for of in (markers, tips))
-    distance = np.sqrt((offset * offset) @ _ONES)
-    wide = np.sqrt((present * present) @ _ONES) - distance > missed
-    if not wide.any():
-        return _NONE
-    share = np.minimum((apart - distance) / (apart - touching), 1.0)[:, None]
-    return Pinches(one[wide], other[wide], (present + share * (offset - present))[wide])
+    both = np.array(pairs).T
+    offset, present = (of[both[1]] - of[both[0]] for of in (markers, tips))
+    distance, gap = (np.linalg.norm(of, axis=-1) for of in (offset, present))
+    near = seen[both].all(axis=0) & (distance < settings.apart) & (gap - distance > settings.missed)
+    both, offset, present, distance = both[:, near], offset[near], present[near], distance[near]
+    share = np.minimum((settings.apart - distance) / (settings.apart - settings.touching), 1.0)[:, None]
+    return Pinches(both, present + share * (offset - present))
 
 
 _ROUNDS = 3  # of fixing values at a bound

@@ -1,67 +1,79 @@
-"""Fingers of left-model hands: placed, and turned to point at their markers."""
+"""Kinematics of left-model hands: fingers as chains of three joints, posed hands, and fingers that point at markers."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
 from bodysense.body.glove import Glove, hand_size
-from bodysense.body.hand import FINGERS
+from bodysense.body.hand import FINGERS, FINGERTIPS, HAND_JOINTS
 from bodysense.body.products import CONJUGATE, cross, multiply, to_matrix
+from bodysense.body.registration import moved
 from bodysense.body.skeleton import Skeleton
 from bodysense.errors import BodysenseError
 
-POINT_COUNT = 21  # of a hand: the wrist, 15 joints, 5 tips
+_POINTS = (*HAND_JOINTS, *FINGERTIPS)
+POINT_COUNT = len(_POINTS)  # of a hand: the wrist, 15 joints, 5 tips
+CHAINS = np.array([[_POINTS.index(f"{name}{end}") for end in ("1", "2", "3", "_tip")] for name in FINGERS])  # (5, 4)
 _ONES = np.ones((4, 1))
+
+
+class HandPoses(NamedTuple):
+    """H posed left-model hands in their worlds."""
+
+    root: np.ndarray  # (H, 3) m
+    rotation: np.ndarray  # (H, 16, 4) wxyz, parent ← joint, the wrist's world ← wrist; of either sign
+    position: np.ndarray  # (H, 21, 3) m, every point
 
 
 @dataclass(frozen=True, eq=False)
 class HandShape:
-    """Constants of H hands in a batch: finger bases, bones, and points that must aim at the markers.
+    """Constants of H hands in a batch: their bones, and the points that aim at the markers."""
 
-    Bones are columns, as turned one joint after the other. From joint 3: the tip and the aiming point. From joint 2:
-    these, joint 3 and the carrier of a middle marker. From the base: these, the base (0) and joint 2.
-    """
-
-    base: np.ndarray = field(repr=False)  # (H, 5, 3, 1) m, of each finger, from the wrist
-    last: np.ndarray = field(repr=False)  # (H, 5, 3, 2) m, from joint 3
-    middle: np.ndarray = field(repr=False)  # (H, 5, 3, 4) m, from joint 2: thrice joint 3, and the middle marker
-    first: np.ndarray = field(repr=False)  # (H, 5, 3, 1) m, from the base
+    rest: np.ndarray = field(repr=False)  # (H, 21, 3) m, resting offsets
+    aim: np.ndarray = field(repr=False)  # (H, 5, 3) m, from each fingertip to its marker, in the last segment's axes
+    middle: np.ndarray = field(repr=False)  # (H, 3) m, from the thumb's joint 2 to its middle marker, in that joint's
     markers: np.ndarray = field(repr=False)  # (6,) the marker for each finger's tip, and the thumb's middle one
 
 
 def hand_shape(hands: Sequence[Skeleton], gloves: Sequence[Glove]) -> HandShape:
     """Return the shape of hands with gloves; the point that aims at a marker is the marker's place on the glove."""
-    markers = np.array([gloves[0].markers.index(name) for name in (*(f"{f}_tip" for f in FINGERS), "thumb_middle")])
-    bones = np.zeros((len(hands), 5, 3, 6))
-    for place, (hand, glove) in enumerate(zip(hands, gloves, strict=True)):
-        scale = hand_size(hand) / glove.size
-        bones[place, 0, :, 5] = glove.offset[markers[5]] * scale
-        for row, finger in enumerate(FINGERS):
-            names = [f"{finger}1", f"{finger}2", f"{finger}3", f"{finger}_tip"]
-            bones[place, row, :, :4] = hand.rest_offset[hand.indices(names)].T
-            tip, marker = bones[place, row, :, 3], markers[row]
-            if (glove.points[marker], glove.carried_by[marker]) != (names[3], names[2]):
+    markers = np.array([gloves[0].markers.index(name) for name in (*FINGERTIPS, "thumb_middle")])
+    worn = []
+    for hand, glove in zip(hands, gloves, strict=True):
+        for finger, marker in zip(FINGERS, markers[:5], strict=True):
+            tip, joint = f"{finger}_tip", f"{finger}3"
+            if (glove.points[marker], glove.carried_by[marker]) != (tip, joint):
                 raise BodysenseError(
                     f"gloves: the marker {glove.markers[marker]!r} is worn at {glove.points[marker]!r}, carried by "
-                    f"{glove.carried_by[marker]!r}; it must be at {names[3]!r}, carried by {names[2]!r}"
+                    f"{glove.carried_by[marker]!r}; it must be at {tip!r}, carried by {joint!r}"
                 )
-            bones[place, row, :, 4] = tip + glove.offset[marker] * scale
-    first, middle, last = bones[..., 1:2].copy(), bones[..., [2, 2, 2, 5]], bones[..., 3:5].copy()
-    return HandShape(bones[..., :1].copy(), last, middle, first, markers)
+        worn.append(glove.offset[markers] * (hand_size(hand) / glove.size))
+    offset = np.stack(worn)
+    return HandShape(np.stack([hand.rest_offset for hand in hands]), offset[:, :5], offset[:, 5], markers)
 
 
-def reached(local: np.ndarray, shape: HandShape) -> np.ndarray:
-    """Return base (0), joints 2 and 3, tip, aiming point, and middle marker, (H, 5, 3, 6) m from each finger's base."""
-    turn = to_matrix(local).reshape(-1, 5, 3, 3, 3)
-    ways = np.zeros((len(local), 5, 3, 6))
-    ways[..., 3:5] = turn[:, :, 2] @ shape.last
-    ways[..., 2:] += shape.middle
-    ways[..., 2:] = turn[:, :, 1] @ ways[..., 2:]
-    ways[..., 1:] += shape.first
-    return turn[:, :, 0] @ ways
+def finger_chains(rest: np.ndarray, local: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the fingers' joints and tips (..., 5, 4, 3) m, and the joints' axes (..., 5, 3, 3, 3), in the hand's axes.
+
+    `rest` (..., 21, 3) m are the hands' resting offsets, `local` (..., 15, 4) their joints' rotations.
+    """
+    turn, bone = to_matrix(local).reshape(*local.shape[:-2], 5, 3, 3, 3), rest[..., CHAINS, :]
+    axes = turn.copy()
+    for joint in (1, 2):
+        axes[..., joint, :, :] = axes[..., joint - 1, :, :] @ turn[..., joint, :, :]
+    way = (axes @ bone[..., 1:, :, None])[..., 0]
+    base = np.broadcast_to(bone[..., :1, :], (*way.shape[:-2], 1, 3))
+    return np.concatenate([base, way], axis=-2).cumsum(axis=-2), axes
+
+
+def posed(shape: HandShape, root: np.ndarray, rotation: np.ndarray) -> HandPoses:
+    """Pose hands: their wrists at `root` (H, 3) m, their joints turned by `rotation` (H, 16, 4)."""
+    points, _ = finger_chains(shape.rest, rotation[:, 1:])
+    return HandPoses(root, rotation, moved(_in_order(points), to_matrix(rotation[:, 0]), root))
 
 
 def pointed(
@@ -79,29 +91,28 @@ def pointed(
 
     Returns the rotations, and all points of the hands, (H, 21, 3) m in their axes, from the wrist.
     """
-    ways = reached(local, shape)
-    toward = markers.take(shape.markers, axis=1)
-    toward[:, :5] -= shape.base[..., 0]
-    toward[:, 5] -= shape.base[:, 0, :, 0]
-    points, tip = ways[..., 4].copy(), toward[:, :1].copy()
-    points[:, 0] = ways[:, 0, :, 5]
-    toward[:, 0] = toward[:, 5]
-    arc = shortest_arcs(points, toward[:, :5], restraint)
+    points, axes = finger_chains(shape.rest, local)
+    base, toward = points[:, :, :1], markers.take(shape.markers, axis=1)
+    aim = points[:, :, 3:] + (axes[:, :, 2] @ shape.aim[..., None]).swapaxes(-1, -2)
+    ways = np.concatenate([points, aim], axis=2) - base  # (H, 5, 5, 3) from each finger's base
+    first, target = ways[:, :, 4].copy(), toward[:, :5] - base[:, :, 0]
+    first[:, 0] = ways[:, 0, 1] + (axes[:, 0, 1] @ shape.middle[..., None])[..., 0]
+    tip, target[:, 0] = target[:, :1].copy(), toward[:, 5] - base[:, 0, 0]
+    arc = shortest_arcs(first, target, restraint)
     local[:, 0::3] = multiply(arc, local[:, 0::3])
-    ways = to_matrix(arc) @ ways
-    joint = ways[:, :1, :, 1]
-    arc = shortest_arcs(ways[:, :1, :, 4] - joint, tip - joint, restraint)
-    base = local[:, :1]
-    local[:, 1:2] = multiply(multiply(base * CONJUGATE, arc), multiply(base, local[:, 1:2]))
-    ways[:, :1, :, 2:] = to_matrix(arc) @ (ways[:, :1, :, 2:] - joint[..., None]) + joint[..., None]
-    return local, in_order(ways, shape)
+    ways = ways @ to_matrix(arc).swapaxes(-1, -2)
+    joint = ways[:, :1, 1]
+    arc = shortest_arcs(ways[:, :1, 4] - joint, tip - joint, restraint)
+    thumb = local[:, :1]
+    local[:, 1:2] = multiply(multiply(thumb * CONJUGATE, arc), multiply(thumb, local[:, 1:2]))
+    ways[:, 0, 2:] = moved(ways[:, 0, 2:] - joint, to_matrix(arc[:, 0]), joint[:, 0])
+    return local, _in_order(ways[:, :, :4] + base)
 
 
-def in_order(ways: np.ndarray, shape: HandShape) -> np.ndarray:
-    """Return all points (H, 21, 3) m of hands in their axes, from the wrist, given those `reached` from the bases."""
-    places = (ways[..., :4] + shape.base).swapaxes(2, 3)  # (H, 5, 4, 3)
-    wrist, joints = np.zeros((len(ways), 1, 3)), places[:, :, :3].reshape(-1, 15, 3)
-    return np.concatenate([wrist, joints, places[:, :, 3]], axis=1)
+def _in_order(points: np.ndarray) -> np.ndarray:
+    """Return all points of hands (H, 21, 3) m, from the wrist, from those of their fingers (H, 5, 4, 3)."""
+    wrist = np.zeros((len(points), 1, 3))
+    return np.concatenate([wrist, points[:, :, :3].reshape(-1, 15, 3), points[:, :, 3]], axis=1)
 
 
 def shortest_arcs(u: np.ndarray, v: np.ndarray, restraint: float = 0.0) -> np.ndarray:

@@ -13,11 +13,12 @@ from typing import NamedTuple
 import numpy as np
 
 from bodysense.body.glove import Glove
-from bodysense.body.hand import FINGERS, FREEDOMS, HAND_JOINTS, joint_rotations, limits, own_axes, per_joint
+from bodysense.body.hand import FINGERS, FREEDOMS, closing_hand, joint_rotations, limits, own_axes, per_joint
 from bodysense.body.hand_family import HandShapes
 from bodysense.body.products import to_matrix
 from bodysense.body.registration import register
 from bodysense.body.rotation import matrix_to_quaternion, quaternion_exp, quaternion_multiply
+from bodysense.devices.gloves.fingers import finger_chains
 
 ANGLES = len(FREEDOMS)
 POSE = ANGLES + 6
@@ -64,24 +65,15 @@ class MarkedHand:
     def markers(self, shapes: HandShapes, pose: np.ndarray) -> np.ndarray:
         """Return markers (..., M, 3) m of hands (shapes …) with poses (..., 32)."""
         turn = joint_rotations(per_joint(pose[..., :ANGLES]), own_axes(shapes.axes))
-        matrix = to_matrix(np.asarray(turn)).reshape(*turn.shape[:-2], 5, 3, 3, 3)
-        rest = shapes.rest[..., _chains(), :][..., None]  # (..., 5, 4, 3, 1)
-        place, world, at, frame = rest[..., 0, :, :], matrix[..., 0, :, :], [], []
-        for joint in range(3):
-            at.append(place)
-            frame.append(world)
-            place = place + world @ rest[..., joint + 1, :, :]
-            if joint < 2:
-                world = world @ matrix[..., joint + 1, :, :]
-        at.append(place)
+        points, axes = finger_chains(shapes.rest, np.asarray(turn))
         wrist = to_matrix(np.asarray(quaternion_exp(pose[..., -6:-3])))
         batch = np.broadcast_shapes(shapes.rest.shape[:-2], pose.shape[:-1])
         local = np.empty((*batch, len(self.places), 3))
         for marker, (finger, point, carrier) in enumerate(self.places):
             offset = shapes.worn[..., marker, :]
             if carrier >= 0:
-                offset = (frame[carrier][..., finger, :, :] @ offset[..., None])[..., 0]
-            local[..., marker, :] = offset + (at[point][..., finger, :, 0] if finger >= 0 else 0.0)
+                offset = (axes[..., finger, carrier, :, :] @ offset[..., None])[..., 0]
+            local[..., marker, :] = offset + (points[..., finger, point, :] if finger >= 0 else 0.0)
         return local @ wrist.swapaxes(-1, -2) + pose[..., None, -3:]
 
     def placed(self, shapes: HandShapes, poses: np.ndarray, seen: np.ndarray, known: np.ndarray) -> np.ndarray:
@@ -151,11 +143,7 @@ def relaxed() -> np.ndarray:
 @lru_cache(maxsize=1)
 def postures() -> np.ndarray:
     """Return (5, 26) rad: a relaxed hand, a flat one, half closed and nearly closed ones."""
-    high = limits()[1]
-    flexion = np.array([row.angle == "flexion" for row in FREEDOMS])
-    thumb = np.array([row.joint.startswith("thumb") for row in FREEDOMS])
-    shares = ((0.0, 0.0), (0.25, 0.2), (0.5, 0.4), (0.8, 0.6))  # of their range, fingers and thumb
-    return np.stack([relaxed(), *(np.where(thumb, t, f) * flexion * high for f, t in shares)])
+    return np.stack([relaxed(), *closing_hand()])
 
 
 def _place(point: str, carrier: str) -> Place:
@@ -187,10 +175,3 @@ def _couples() -> tuple[list[int], list[int]]:
     """Return the flexions of the fingers' middle and last joints among the angles."""
     where = {row.joint: place for place, row in enumerate(FREEDOMS) if row.angle == "flexion"}
     return [where[f"{finger}2"] for finger in FINGERS[1:]], [where[f"{finger}3"] for finger in FINGERS[1:]]
-
-
-@lru_cache(maxsize=1)
-def _chains() -> np.ndarray:
-    """Return (5, 4) points of fingers."""
-    first = [HAND_JOINTS.index(f"{finger}1") for finger in FINGERS]
-    return np.array([[k, k + 1, k + 2, len(HAND_JOINTS) + row] for row, k in enumerate(first)])

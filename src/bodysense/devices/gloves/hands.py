@@ -39,9 +39,9 @@ from bodysense.devices.gloves.contact_rows import ContactSettings
 from bodysense.devices.gloves.continuity import FADING, Remembered
 from bodysense.devices.gloves.expectation import Influence, expected_error, influence
 from bodysense.devices.gloves.fillers import Filler, LastShape, NetworkFiller, Stack, missing
-from bodysense.devices.gloves.fingers import POINT_COUNT
+from bodysense.devices.gloves.fingers import POINT_COUNT, HandPoses
 from bodysense.devices.gloves.inertial import Fusion, InertialSettings, InertialState, Sensed
-from bodysense.devices.gloves.joints import HandPoses, JointReader
+from bodysense.devices.gloves.joints import JointReader
 from bodysense.devices.gloves.networks import HandNetwork, load_joint_network, load_marker_network
 from bodysense.devices.gloves.rejection import Rejection, RejectionSettings, RejectionState
 from bodysense.devices.gloves.settling import Settling, SettlingState

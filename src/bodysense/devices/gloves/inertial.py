@@ -19,11 +19,8 @@ from typing import NamedTuple
 import numpy as np
 
 from bodysense.body.hand import HAND_JOINTS, joint_angles, joint_rotations
-from bodysense.body.products import to_matrix
-from bodysense.body.registration import moved
 from bodysense.body.rotation import quaternion_conjugate, quaternion_multiply, quaternion_rotate
-from bodysense.devices.gloves.fingers import HandShape, in_order, reached
-from bodysense.devices.gloves.joints import HandPoses
+from bodysense.devices.gloves.fingers import HandPoses, HandShape, posed
 from bodysense.errors import BodysenseError
 
 _SEGMENTS = len(HAND_JOINTS) - 1
@@ -150,12 +147,7 @@ class Fusion:
         local = joint_rotations(solved + turn, self.axes)
         rotation, still = poses.rotation.copy(), np.asarray(~turn.any(axis=-1))
         rotation[:, 1:] = np.where(still[..., None], rotation[:, 1:], local)
-        points = moved(
-            in_order(reached(rotation[:, 1:], self.shape), self.shape), to_matrix(rotation[:, 0]), poses.root
-        )
-        return HandPoses(
-            poses.root, rotation, np.where(np.asarray(still.all(axis=1))[:, None, None], poses.position, points)
-        )
+        return posed(self.shape, poses.root, rotation)
 
     def _corrected(
         self, state: InertialState, more: np.ndarray, facing: np.ndarray, seen: np.ndarray, interval: float

@@ -9,26 +9,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 
 from bodysense.body.glove import ALIGNMENT, Glove, template
 from bodysense.body.hand import default_axes, joint_rotations, own_axes, per_joint
 from bodysense.body.products import multiply
-from bodysense.body.registration import Levers, brought_back, fit, levers, moved
+from bodysense.body.registration import brought_back, fit, moved
 from bodysense.body.rotation import quaternion_canonical
 from bodysense.body.skeleton import Skeleton
-from bodysense.devices.gloves.fingers import HandShape, hand_shape, pointed
+from bodysense.devices.gloves.fingers import HandPoses, HandShape, hand_shape, pointed
 from bodysense.devices.gloves.networks import HandNetwork, known_shapes, size_ratios
-
-
-class HandPoses(NamedTuple):
-    """H posed left-model hands in their worlds."""
-
-    root: np.ndarray  # (H, 3) m
-    rotation: np.ndarray  # (H, 16, 4) wxyz, parent ← joint, the wrist's world ← wrist; of either sign
-    position: np.ndarray  # (H, 21, 3) m, every point
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,15 +55,14 @@ class JointReader:
         return size_ratios(self.hands)[:, None, None]
 
     @cached_property
-    def _levers(self) -> Levers:
-        """Registration of the hands by their alignment markers."""
-        known = np.zeros((len(self.hands), len(self.gloves[0].markers)), dtype=bool)
-        known[:, list(ALIGNMENT)] = True
-        return levers(np.stack([template(*worn) for worn in zip(self.gloves, self.hands, strict=True)]), known)
+    def _back(self) -> np.ndarray:
+        """(H, 3, 3) m, the alignment markers on flat hands."""
+        flat = [template(*worn)[list(ALIGNMENT)] for worn in zip(self.gloves, self.hands, strict=True)]
+        return np.stack(flat)
 
     def read(self, markers: np.ndarray) -> HandPoses:
         """Return poses from markers (H, 9, 3) m without missing ones."""
-        quaternion, rotation, root = fit(self._levers, markers)
+        quaternion, rotation, root = self._placed(markers)
         own = brought_back(markers, rotation, root)
         local, points = pointed(self._local(own), own, self.shape, self.restraint)
         turned = np.empty((len(markers), 16, 4))
@@ -82,13 +72,18 @@ class JointReader:
 
     def angles(self, markers: np.ndarray) -> np.ndarray:
         """Return the network's angles (H, 26) rad for markers (H, 9, 3) m."""
-        _, rotation, root = fit(self._levers, markers)
+        _, rotation, root = self._placed(markers)
         return self._angles(brought_back(markers, rotation, root))
 
     def told(self, markers: np.ndarray) -> np.ndarray:
         """Return the network's local rotations (H, 15, 4), before fingers are aimed at their markers."""
-        _, rotation, root = fit(self._levers, markers)
+        _, rotation, root = self._placed(markers)
         return np.asarray(quaternion_canonical(self._local(brought_back(markers, rotation, root))))
+
+    def _placed(self, markers: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return the wrists' quaternions (H, 4), rotations (H, 3, 3) and places (H, 3) m by the alignment markers."""
+        seen = markers.take(ALIGNMENT, axis=1)
+        return fit(self._back, seen, np.ones(seen.shape[:2], dtype=bool))
 
     def _local(self, own: np.ndarray) -> np.ndarray:
         """Return the network's local rotations (H, 15, 4) for markers (H, 9, 3) m in the hands' axes, calibrated."""

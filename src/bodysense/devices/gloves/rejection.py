@@ -19,14 +19,14 @@ from typing import NamedTuple
 import numpy as np
 
 from bodysense.body.glove import ALIGNMENT, Glove, hand_size, template
-from bodysense.body.registration import fit, levers, moved, registered_threes
+from bodysense.body.registration import moved, register
 from bodysense.body.skeleton import Skeleton
 from bodysense.devices.gloves.fillers import missing
 from bodysense.errors import BodysenseError
 
 _ONES = np.ones(3)
 _SAME_PLACE = 0.005  # m: two identifiers nearer than this are one marker
-_TRIPLES = np.array([np.isin(range(9), three) for three in combinations(range(9), 3)], dtype=float).T  # (9, 84)
+_TRIPLES = np.array([np.isin(range(9), three) for three in combinations(range(9), 3)])  # (84, 9)
 
 
 @dataclass(frozen=True)
@@ -197,18 +197,21 @@ def _agreed(expected: np.ndarray, markers: np.ndarray, sure: np.ndarray, toleran
     origin = markers[sure.argmax()]  # small numbers are exact
     source = np.where(lacking[..., None], 0.0, expected - origin)
     target = np.where(sure[:, None], markers - origin, 0.0)
-    sure = sure & ~lacking
-    tried = (~sure).astype(float) @ _TRIPLES == 0  # (2, N)
-    away = registered_threes(source, target, _TRIPLES) - target[..., None]
-    away *= away
-    apart = np.sqrt(away[:, :, 0] + away[:, :, 1] + away[:, :, 2])  # (2, 9, N)
-    near = sure[..., None] & (apart < tolerance[:, None])
-    score = np.where(near, 1 - apart / (9 * tolerance[:, None]), 0.0).sum(axis=1)  # most, then nearest
-    best = near[(0, 1), :, np.where(tried, score, -1.0).argmax(axis=1)]
-    best = np.where(best.any(axis=1, keepdims=True), best, sure)
-    _, rotation, translation = fit(levers(source, best), target[None])
-    few = sure.sum(axis=1) < 3
-    return np.where((lacking | few[:, None])[..., None], np.nan, moved(source, rotation, translation) + origin)
+    sure = sure & ~lacking  # (2, 9)
+    agreed = []
+    for shape, usable in zip(source, sure, strict=True):
+        if usable.sum() < 3:
+            agreed.append(np.full_like(shape, np.nan))
+            continue
+        threes = _TRIPLES[~(_TRIPLES & ~usable).any(axis=1)]
+        tried = np.broadcast_to(shape, (len(threes), 9, 3))
+        apart = _length(moved(tried, *register(tried, np.broadcast_to(target, tried.shape), threes)) - target)
+        near = usable & (apart < tolerance)
+        score = np.where(near, 1 - apart / (9 * tolerance), 0.0).sum(axis=1)  # most, then nearest
+        best = near[score.argmax()]
+        best = best if best.any() else usable
+        agreed.append(moved(shape[None], *register(shape, target[None], best[None]))[0] + origin)
+    return np.where(lacking[..., None], np.nan, np.stack(agreed))
 
 
 def _length(vectors: np.ndarray) -> np.ndarray:

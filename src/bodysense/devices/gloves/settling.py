@@ -16,16 +16,13 @@ from typing import NamedTuple
 import numpy as np
 
 from bodysense.body.glove import Glove
-from bodysense.body.hand import FINGERS, HAND_JOINTS
+from bodysense.body.hand import FINGERS
 from bodysense.body.products import CONJUGATE, multiply, to_matrix
-from bodysense.body.registration import moved
-from bodysense.devices.gloves.fingers import POINT_COUNT, HandShape, in_order, reached, shortest_arcs
-from bodysense.devices.gloves.joints import HandPoses
+from bodysense.devices.gloves.fingers import CHAINS, POINT_COUNT, HandPoses, HandShape, posed, shortest_arcs
 
 _OVER = 1e-4  # m; smaller residuals are ignored
 _NOWHERE = 1e-14  # m²; shorter motions are ignored
-_BACK = np.array([0, *(HAND_JOINTS.index(f"{finger}1") for finger in FINGERS)])  # points that the fingers do not move
-_FINGERS = np.array([[*range(3 * k + 1, 3 * k + 4), len(HAND_JOINTS) + k] for k in range(len(FINGERS))])  # (5, 4)
+_BACK = np.array([0, *CHAINS[:, 0]])  # points that the fingers do not move
 _ALL = np.ones((1, 5))
 _ONES = np.ones(3)
 _STAY = np.array([1.0, 0.0, 0.0, 0.0])
@@ -66,13 +63,13 @@ class Settling:
             if joint == "wrist":
                 needed[marker] = 1.0
             else:
-                needed[marker, _FINGERS[FINGERS.index(joint[:-1]), 1:]] = 1.0
+                needed[marker, CHAINS[FINGERS.index(joint[:-1]), 1:]] = 1.0
         return needed
 
     @cached_property
     def _slowest(self) -> np.ndarray:
         """(H, 1) m/s."""
-        return np.full((len(self.shape.base), 1), self.speed)
+        return np.full((len(self.shape.rest), 1), self.speed)
 
     def step(
         self, told: HandPoses, without: HandPoses, known: np.ndarray, interval: float, state: SettlingState | None
@@ -104,8 +101,8 @@ class Settling:
 
         away = between(start, told)
         away = left(away, short(start, told, _BACK[None]), _ALL)
-        end = carried(told, away)
-        away = left(away, _ALL[:, :1], short(displaced(told, away, self.shape), end, _FINGERS))
+        end = displaced(told, left(away, _ALL[:, :1], 0 * _ALL), self.shape)
+        away = left(away, _ALL[:, :1], short(displaced(told, away, self.shape), end, CHAINS))
         shown = displaced(told, away, self.shape)
         arc = _back(shown, state.shown, reach)
         if arc is not None:
@@ -137,18 +134,7 @@ def displaced(told: HandPoses, away: Away | None, shape: HandShape) -> HandPoses
     """Apply an offset to hands; the same object if there is no offset."""
     if away is None:
         return told
-    root, rotation = told.root + away.root, multiply(away.turn, told.rotation)
-    points = in_order(reached(rotation[:, 1:], shape), shape)
-    return HandPoses(root, rotation, moved(points, to_matrix(rotation[:, 0]), root))
-
-
-def carried(told: HandPoses, away: Away) -> HandPoses:
-    """Apply an offset of the back of the hand; fingers keep their solved pose within the hand."""
-    root, turn = told.root + away.root, away.turn[:, :1]
-    rotation = told.rotation.copy()
-    rotation[:, :1] = multiply(turn, rotation[:, :1])
-    own = told.position - told.root[:, None]
-    return HandPoses(root, rotation, moved(own, to_matrix(turn[:, 0]), root))
+    return posed(shape, told.root + away.root, multiply(away.turn, told.rotation))
 
 
 def _share(step: np.ndarray, way: np.ndarray, reach: np.ndarray, most: np.ndarray) -> np.ndarray:
@@ -171,13 +157,13 @@ def _back(shown: HandPoses, before: np.ndarray, reach: np.ndarray) -> np.ndarray
     """
     way = shown.position - before
     length = _length(way)
-    over = (length - reach)[:, _FINGERS]
+    over = (length - reach)[:, CHAINS]
     if not (over > _OVER).any():
         return None
     worst = np.argmax(over, axis=-1, keepdims=True)
-    point = np.take_along_axis(np.broadcast_to(_FINGERS, over.shape), worst, axis=-1)[..., 0]
+    point = np.take_along_axis(np.broadcast_to(CHAINS, over.shape), worst, axis=-1)[..., 0]
     hand = np.arange(len(way))[:, None]
-    base, place = shown.position[:, _FINGERS[:, 0]], shown.position[hand, point]
+    base, place = shown.position[:, CHAINS[:, 0]], shown.position[hand, point]
     allowed = before[hand, point] + way[hand, point] * (reach / np.maximum(length, 1e-12))[hand, point][..., None]
     axes = to_matrix(shown.rotation[:, 0])
     arc = shortest_arcs((place - base) @ axes, (allowed - base) @ axes)

@@ -19,13 +19,13 @@ from bodysense.body.glove import MARKERS, glove_of, glove_points, hand_size, sid
 from bodysense.body.glove_set import standard_set
 from bodysense.body.hand import mirrored_vectors
 from bodysense.body.hand_family import GlovedHand, HandShapes
-from bodysense.devices.gloves.hand_model import POSE, MarkedHand, moved, postures, unlikely
+from bodysense.devices.gloves.hand_model import MarkedHand, postures, unlikely
+from bodysense.devices.gloves.least_squares import LeastSquares
 from bodysense.observation import Observation, accuracy_like
 
 _MARKER = 0.002  # m: standard deviation of a marker from its position on the hand
 _WRONG = 0.015  # m: a marker this far from its position on the hand has little weight, and yields no output
-_FIRST, _NEXT = 30, 2  # steps for a new hand, and for a followed one
-_STEP = 1e-5  # of the numerical derivative, rad and m
+_FIRST, _DAMPING = 30, 1e-3  # steps for a new hand; a followed one takes two. Levenberg's damping at first
 _FEWEST = 3  # markers needed to solve a hand
 _FORGOTTEN = 1.0  # s unseen after which a hand is found again from scratch
 
@@ -95,12 +95,17 @@ class VirtualGlove:
         if last is None:
             if by is back:  # the wrist is reliable
                 placed = marked.best(shapes, placed[None], target[None], known[None])
-            begun = [self._refined(pose, target, use, _FIRST) for pose in placed]
-            pose = min(begun, key=lambda one: float((self._off(one, target, use) ** 2).sum()))
+            fit = self._fit(target, use)
+            begun = [fit.refined(np.zeros(0), pose[None], _FIRST, _DAMPING) for pose in placed]
+            pose = min(begun, key=lambda one: one[2])[1][0]
         else:
-            pose = self._refined(placed[0], target, use, _NEXT - 1)
-        pose = self._refined(pose, target, self._believed(pose, target, known), 1)
+            pose = self._stepped(placed[0], target, use)
+        pose = self._stepped(pose, target, self._believed(pose, target, known))
         return pose, self._believed(pose, target, known)
+
+    def _stepped(self, pose: np.ndarray, target: np.ndarray, weight: np.ndarray) -> np.ndarray:
+        """Return a pose (32,) after one step."""
+        return self._fit(target, weight).step(np.zeros(0), pose[None], _DAMPING)[1][0]
 
     def _believed(self, pose: np.ndarray, target: np.ndarray, known: np.ndarray) -> np.ndarray:
         """Return weights (M,), smaller for markers far from their positions on the hand."""
@@ -108,34 +113,15 @@ class VirtualGlove:
         far = np.linalg.norm(marked.markers(shapes, pose) - target, axis=-1)
         return known / (1 + (far / _WRONG) ** 4)
 
-    def _off(self, pose: np.ndarray, target: np.ndarray, weight: np.ndarray) -> np.ndarray:
-        """Return residuals (..., R) of poses (..., 32), in standard deviations."""
+    def _fit(self, target: np.ndarray, weight: np.ndarray) -> LeastSquares:
+        """Return the problem of a frame's pose, without common parameters."""
         marked, shapes = self._own
-        missed = (marked.markers(shapes, pose) - target) * np.sqrt(weight)[:, None] / _MARKER
-        return np.concatenate([missed.reshape(*missed.shape[:-2], -1), unlikely(pose)], axis=-1)
 
-    def _refined(self, pose: np.ndarray, target: np.ndarray, weight: np.ndarray, steps: int) -> np.ndarray:
-        """Refine a pose by at most `steps` steps of Gauss-Newton with Levenberg's damping."""
-        damping = 1e-3
-        for _ in range(steps):
-            off = self._off(np.concatenate([pose[None], moved(pose, _STEP * np.eye(POSE))]), target, weight)
-            slope = (off[1:] - off[0]) / _STEP  # (32, R)
-            cost, inner, drawn = float(off[0] @ off[0]), slope @ slope.T, slope @ off[0]
-            while damping < 1e6:
-                damped = inner + np.diag(damping * inner.diagonal() + 1e-9)
-                trial = moved(pose, -np.linalg.solve(damped, drawn))
-                if steps == 1:
-                    return trial
-                after = float((self._off(trial, target, weight) ** 2).sum())
-                if after < cost:
-                    break
-                damping *= 8
-            else:
-                return pose
-            pose, damping = trial, damping / 4
-            if cost - after < 1e-4 * cost:
-                return pose
-        return pose
+        def off(_: np.ndarray, pose: np.ndarray) -> np.ndarray:
+            missed = (marked.markers(shapes, pose) - target) * np.sqrt(weight)[:, None] / _MARKER
+            return np.concatenate([missed.reshape(*missed.shape[:-2], -1), unlikely(pose)], axis=-1)
+
+        return LeastSquares(off, np.zeros(0))
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,9 +14,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bodysense.body.capsules import nearest_shares
 from bodysense.body.hand import FINGERS, FREEDOMS, HAND_JOINTS, Side, hand_pose, joint_bases, limits, rotations_of
-from bodysense.body.hand_capsules import GIVE, PALM, HandCapsules, hand_capsules, own_depth, own_pairs
+from bodysense.body.hand_capsules import (
+    GIVE,
+    PALM,
+    HandCapsules,
+    axes_between,
+    hand_capsules,
+    nearest_points,
+    own_depth,
+    own_pairs,
+)
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.rotation import (
     geodesic_angle,
@@ -128,8 +136,7 @@ def _measure(
 ) -> _Touch:
     """Return the contacts of angles (..., K, 26)."""
     position, world = forward_kinematics(posed(hand, np.zeros(3), _UNTURNED, angles))
-    begin = position[..., capsules.joint, :] + quaternion_rotate(world[..., capsules.joint, :], capsules.start)
-    bone = quaternion_rotate(world[..., capsules.joint, :], capsules.end - capsules.start)
+    begin, bone = axes_between(position, capsules.share)
     bases = np.array([(1.0, 0.0, 0.0, 0.0), *joint_bases()])
     thumb = capsules.names.index("thumb3")
     segment = np.array([[capsules.names.index(f"{name}{k}") for k in (3, 2, 2)] for name in FINGERS[1:]])
@@ -153,11 +160,8 @@ def _measure(
 def _thumb_depth(capsules: HandCapsules, begin: np.ndarray, bone: np.ndarray) -> np.ndarray:
     """How deep (..., M) m the thumb's capsules stand in others, from where all begin (..., C, 3) and their bones."""
     first, second = (places[own_pairs()[0] < 3] for places in own_pairs())
-    u, v, w = bone[..., first, :], bone[..., second, :], begin[..., first, :] - begin[..., second, :]
-    products = (np.einsum("...i,...i->...", a, b) for a, b in ((u, u), (v, v), (u, v), (u, w), (v, w)))
-    s, t = nearest_shares(*products)
-    distance = np.linalg.norm(w + s[..., None] * u - t[..., None] * v, axis=-1)
-    return (1 - GIVE) * (capsules.radius[first] + capsules.radius[second]) - distance
+    one, other = nearest_points(begin[..., first, :], bone[..., first, :], begin[..., second, :], bone[..., second, :])
+    return (1 - GIVE) * (capsules.radius[first] + capsules.radius[second]) - np.linalg.norm(one - other, axis=-1)
 
 
 RATE = 60.0  # Hz, the rate of the paper's recordings (two-hands, section 6.1.1)

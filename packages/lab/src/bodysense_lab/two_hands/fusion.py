@@ -16,11 +16,9 @@ import numpy as np
 
 from bodysense.body.glove import ALIGNMENT, MARKERS
 from bodysense.body.hand import FINGERS, HAND_JOINTS, joint_rotations, own_axes
-from bodysense.body.products import to_matrix
-from bodysense.body.registration import moved
 from bodysense.devices.estimate import PointEstimate
 from bodysense.devices.gloves import inertial
-from bodysense.devices.gloves.fingers import hand_shape, in_order, reached
+from bodysense.devices.gloves.fingers import hand_shape, posed
 from bodysense.devices.gloves.hands import GloveModels, HandsSettings
 from bodysense.devices.gloves.networks import load_joint_network, load_marker_network
 from bodysense.devices.simulated.glove_imu import GloveImuNoise, disturbed
@@ -169,9 +167,8 @@ def _by_sensors(trials: Trials, rotation: np.ndarray, root: np.ndarray, wrist: n
     flexion = inertial.sense(rotation, axes).flexion
     local = joint_rotations(np.stack([flexion, 0 * flexion, 0 * flexion], axis=-1), axes)
     shape = hand_shape(trials.hands, trials.gloves)
-    return np.stack(
-        [moved(in_order(reached(turns, shape), shape), to_matrix(wrist[k]), root[k]) for k, turns in enumerate(local)]
-    )
+    turned = np.concatenate([wrist[:, :, None], local], axis=2)
+    return np.stack([posed(shape, *frame).position for frame in zip(root, turned, strict=True)])
 
 
 def fusion_table(
