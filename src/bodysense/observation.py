@@ -440,6 +440,13 @@ def concatenated_frames(parts: Sequence[Observation]) -> Observation:
     return replace(parts[0], **{name: whole(name) for name in names}, acceleration=acceleration)
 
 
+def joined_points(one: Observation, other: Observation) -> Observation:
+    """Return two observations (T, P) of the same moments as one, without accelerations."""
+    names = ("position", "rotation", "has_position", "has_rotation", "accuracy")
+    merged = {name: np.concatenate([getattr(one, name), getattr(other, name)], axis=1) for name in names}
+    return Observation(points=(*one.points, *other.points), time=one.time, **merged)
+
+
 def without_gloves(observation: Observation) -> Observation:
     """Return the observation without the markers of gloves."""
     return chosen_points(observation, [k for k, name in enumerate(observation.points) if not glove_marker(name)])

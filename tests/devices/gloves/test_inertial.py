@@ -17,9 +17,9 @@ from bodysense.body.skeleton import Skeleton
 from bodysense.devices.estimate import PointEstimate
 from bodysense.devices.gloves import inertial
 from bodysense.devices.gloves.hands import GloveModels, Hands, HandsSettings
-from bodysense.devices.simulated.glove_imu import joined, observe_fingers
+from bodysense.devices.simulated.glove_imu import observe_fingers
 from bodysense.devices.simulated.noise import hide
-from bodysense.observation import Observation
+from bodysense.observation import Observation, joined_points
 from bodysense_lab.synthesis.hands import HandMotion
 
 FLEXIONS = [k for k, row in enumerate(FREEDOMS) if row.angle == "flexion"]
@@ -116,7 +116,7 @@ def test_with_everything_hidden_fingers_have_the_flexion_of_exact_sensors(
     moving: Pose, drawn: GlovedHand, markers_of_drawn: np.ndarray, observe_gloves: Callable, small_models: GloveModels
 ) -> None:
     nothing = observe_gloves(left=np.full_like(markers_of_drawn, np.nan))
-    seen = joined(nothing, observe_fingers({"left": moving}, nothing.time))
+    seen = joined_points(nothing, observe_fingers({"left": moving}, nothing.time))
     told = found(answered(solver(drawn, small_models), seen)["left"], drawn.axes)
     np.testing.assert_allclose(told[120:], flexions(moving, drawn.axes)[120:], atol=1e-4)
 
@@ -135,7 +135,7 @@ def test_drift_is_corrected_within_two_seconds_of_sight(
     errors = {}
     for start in (1, 120):
         hands = solver(drawn, GloveModels(Still(), Knowing(angles, start)))
-        told = found(answered(hands, joined(fingers_hidden(seen, start), wrong))["left"], drawn.axes)
+        told = found(answered(hands, joined_points(fingers_hidden(seen, start), wrong))["left"], drawn.axes)
         errors[start] = np.degrees(np.abs(told - truth)[130:].mean())
     assert errors[120] < 3.0
     assert errors[1] > 1.7 * errors[120]
@@ -147,7 +147,7 @@ def test_a_hand_without_sensors_is_unchanged(
     seen = fingers_hidden(observe_gloves(left=markers_of_drawn, right=markers_of_drawn), 60)
     hands = solver(drawn, small_models, "left", "right")
     without, sensors = answered(hands, seen), observe_fingers({"left": moving}, seen.time)
-    left_alone = answered(hands, joined(seen, sensors))
+    left_alone = answered(hands, joined_points(seen, sensors))
     assert np.abs(left_alone["left"].position - without["left"].position).max() > 0.01
     np.testing.assert_array_equal(left_alone["right"].position, without["right"].position)
     np.testing.assert_array_equal(left_alone["right"].confidence, without["right"].confidence)
@@ -155,7 +155,7 @@ def test_a_hand_without_sensors_is_unchanged(
     placed = replace(
         sensors, position=np.zeros((*sensors.has_position.shape, 3)), has_position=np.ones_like(sensors.has_position)
     )
-    tracked = answered(hands, joined(seen, placed))
+    tracked = answered(hands, joined_points(seen, placed))
     np.testing.assert_array_equal(tracked["left"].position, without["left"].position)
 
 
@@ -176,7 +176,7 @@ def test_joints_whose_sensors_stop_return_to_the_solved_pose_without_a_jump(
     stopped[200:] = True
     hands = solver(drawn, small_models)
     solved = found(answered(hands, seen)["left"], drawn.axes)
-    told = found(answered(hands, joined(seen, hide(bent, stopped)))["left"], drawn.axes)
+    told = found(answered(hands, joined_points(seen, hide(bent, stopped)))["left"], drawn.axes)
     assert np.abs(told - solved)[195].max() > 0.15
     np.testing.assert_allclose(told[320:], solved[320:], atol=1e-3)
     before, after = np.abs(told[199] - solved[199]).max(), np.abs(np.diff(told - solved, axis=0))[199:].max()
@@ -202,7 +202,7 @@ def test_fingers_with_sensors_are_expected_to_be_nearer(
     seen = fingers_hidden(observe_gloves(left=markers_of_drawn), 60)
     hands, tips = solver(drawn, small_models), slice(16, 21)
     without = answered(hands, seen)["left"].confidence[300, tips]
-    with_them = answered(hands, joined(seen, observe_fingers({"left": moving}, seen.time)))["left"].confidence[
+    with_them = answered(hands, joined_points(seen, observe_fingers({"left": moving}, seen.time)))["left"].confidence[
         300, tips
     ]
     assert (with_them < 0.6 * without).all()

@@ -16,7 +16,7 @@ from bodysense.devices.simulated.noise import NoiseSettings, disturb
 from bodysense.devices.simulated.sensors import SENSOR_SETS, SensorSet, observe
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
-from bodysense.observation import Observation, check_observation
+from bodysense.observation import Observation, check_observation, joined_points
 
 SensorSetName = Literal[
     "head",
@@ -79,7 +79,7 @@ class InertialGloves:
         """Return markers that cameras see and rotations of sensors; with `rng` with noise and drift."""
         markers = MarkerGloves(self.worn).observe(clip, rng)
         hands = {side: hand_pose(clip.pose, side) for side in ("left", "right")}
-        return glove_imu.joined(markers, glove_imu.observe_fingers(hands, clip.time, rng))
+        return joined_points(markers, glove_imu.observe_fingers(hands, clip.time, rng))
 
 
 _BY_NAME: dict[str, Device] = {

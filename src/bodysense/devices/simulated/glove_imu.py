@@ -78,10 +78,3 @@ def disturbed(sensors: Observation, noise: GloveImuNoise, rng: np.random.Generat
     rotation = quaternion_multiply(quaternion_exp(heading[..., None] * _UP), world)
     rotation = quaternion_multiply(rotation, quaternion_exp(strap + white))
     return replace(sensors, rotation=np.asarray(quaternion_canonical(rotation)))
-
-
-def joined(observation: Observation, other: Observation) -> Observation:
-    """Return two observations of the same moments as one."""
-    names = ("position", "rotation", "has_position", "has_rotation", "accuracy")
-    merged = {name: np.concatenate([getattr(observation, name), getattr(other, name)], axis=1) for name in names}
-    return replace(observation, points=(*observation.points, *other.points), **merged)

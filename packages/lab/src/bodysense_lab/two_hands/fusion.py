@@ -18,12 +18,12 @@ from bodysense.body.glove import ALIGNMENT, MARKERS
 from bodysense.body.hand import FINGERS, HAND_JOINTS, joint_rotations, own_axes
 from bodysense.devices.estimate import PointEstimate
 from bodysense.devices.gloves import inertial
-from bodysense.devices.gloves.fingers import hand_shape, posed
+from bodysense.devices.gloves.fingers import hand_shape, place_hands
 from bodysense.devices.gloves.hands import GloveModels, HandsSettings
 from bodysense.devices.gloves.networks import load_joint_network, load_marker_network
-from bodysense.devices.simulated.glove_imu import GloveImuNoise, disturbed, joined
+from bodysense.devices.simulated.glove_imu import GloveImuNoise, disturbed
 from bodysense.metrics import joint_error
-from bodysense.observation import EXACT_ACCURACY, Observation
+from bodysense.observation import EXACT_ACCURACY, Observation, joined_points
 from bodysense.scoring import GROUPS
 from bodysense_lab.datasets import DataSet, describe
 from bodysense_lab.synthesis.hands import RATE
@@ -105,7 +105,7 @@ def fusion_errors(
     seen, sensors = observed(trials, _hidden(lost), SEEN), disturbed(sensed(trials), GloveImuNoise(), rng)
     hands, frames = hands_of(trials, models, ALONE), list(SCORED)
     alone, _ = hands.step(seen, hands.start())
-    both, _ = hands.step(joined(seen, sensors), hands.start())
+    both, _ = hands.step(joined_points(seen, sensors), hands.start())
     poses = [answer.pose for answer in alone.values() if answer.pose is not None]
     root = np.stack([pose.root_position[frames] for pose in poses], axis=1)
     wrist = np.stack([pose.rotation[frames, 0] for pose in poses], axis=1)
@@ -122,7 +122,7 @@ def fused_errors(
 ) -> np.ndarray:
     """Return the errors of `fusion_errors` of the fused hands alone, with other settings."""
     hands = hands_of(trials, models, settings)
-    seen = joined(observed(trials, _hidden(lost), SEEN), disturbed(sensed(trials), GloveImuNoise(), rng))
+    seen = joined_points(observed(trials, _hidden(lost), SEEN), disturbed(sensed(trials), GloveImuNoise(), rng))
     return _errors(trials, lost, _scored(hands.step(seen, hands.start())[0]))
 
 
@@ -168,7 +168,7 @@ def _by_sensors(trials: Trials, rotation: np.ndarray, root: np.ndarray, wrist: n
     local = joint_rotations(np.stack([flexion, 0 * flexion, 0 * flexion], axis=-1), axes)
     shape = hand_shape(trials.hands, trials.gloves)
     turned = np.concatenate([wrist[:, :, None], local], axis=2)
-    return np.stack([posed(shape, *frame).position for frame in zip(root, turned, strict=True)])
+    return np.stack([place_hands(shape, *frame).position for frame in zip(root, turned, strict=True)])
 
 
 def fusion_table(
