@@ -440,11 +440,11 @@ def concatenated_frames(parts: Sequence[Observation]) -> Observation:
     return replace(parts[0], **{name: whole(name) for name in names}, acceleration=acceleration)
 
 
-def joined_points(observation: Observation, other: Observation) -> Observation:
-    """Return the points of two observations of the same moments as one."""
+def joined_points(one: Observation, other: Observation) -> Observation:
+    """Return two observations (T, P) of the same moments as one, without accelerations."""
     names = ("position", "rotation", "has_position", "has_rotation", "accuracy")
-    merged = {name: np.concatenate([getattr(observation, name), getattr(other, name)], axis=1) for name in names}
-    return replace(observation, points=(*observation.points, *other.points), **merged)
+    merged = {name: np.concatenate([getattr(one, name), getattr(other, name)], axis=1) for name in names}
+    return Observation(points=(*one.points, *other.points), time=one.time, **merged)
 
 
 def without_gloves(observation: Observation) -> Observation:

@@ -13,7 +13,7 @@ from bodysense.body.rotation import (
     shortest_arc,
 )
 from bodysense.body.skeleton import Skeleton
-from bodysense.devices.gloves.fingers import hand_shape, pointed, posed, shortest_arcs
+from bodysense.devices.gloves.fingers import hand_shape, place_hands, pointed, shortest_arcs
 from bodysense.errors import BodysenseError
 from bodysense_lab.synthesis.hands import varied_hand
 
@@ -26,7 +26,7 @@ def test_hands_are_where_forward_kinematics_has_them(hand: Skeleton) -> None:
     offsets = np.stack([one.rest_offset for one in hands])
     expected, _ = forward_kinematics(Pose(hand, root, rotation), offsets)
     shape = hand_shape(hands, [default_glove()] * 3)
-    np.testing.assert_allclose(posed(shape, root, rotation).position, expected, atol=1e-12)
+    np.testing.assert_allclose(place_hands(shape, root, rotation).position, expected, atol=1e-12)
 
 
 def test_shortest_arcs_are_those_of_rotation() -> None:

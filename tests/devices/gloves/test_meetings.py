@@ -20,7 +20,7 @@ from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.rotation import quaternion_conjugate, quaternion_log, quaternion_multiply
 from bodysense.body.skeleton import default_skeleton
 from bodysense.devices.gloves.contact_rows import ANGLES, PARTS, growth_rows, tip_capsules, tip_pairs, turning_axes
-from bodysense.devices.gloves.fingers import HandPoses, hand_shape, posed
+from bodysense.devices.gloves.fingers import HandPoses, hand_shape, place_hands
 from bodysense.devices.gloves.meetings import COUNT, HandFlesh
 
 SMALL = hand_skeleton(default_skeleton(), "left")
@@ -76,7 +76,7 @@ def test_axes_are_the_derivatives_of_rotations_by_angles() -> None:
     def world(angles: np.ndarray) -> np.ndarray:
         return forward_kinematics(Pose(SMALL, root, rotations(angles)))[1][:, 1:]
 
-    axes = turning_axes(shape, posed(shape, root, rotations(angles)), angles)
+    axes = turning_axes(shape, place_hands(shape, root, rotations(angles)), angles)
     for joint in range(15):
         for angle in range(3):
             change = np.zeros_like(angles)
@@ -102,7 +102,7 @@ def test_rows_are_the_derivative() -> None:
     def changed(change: np.ndarray) -> tuple[HandPoses, np.ndarray]:
         """The hands after a change, and the points (2, 22, 3) in the world."""
         local = joint_rotations(angles + change[:, :ANGLES].reshape(angles.shape), default_axes())
-        hands = posed(shape, root + change[:, ANGLES:], np.concatenate([rotation[:, :1], local], axis=1))
+        hands = place_hands(shape, root + change[:, ANGLES:], np.concatenate([rotation[:, :1], local], axis=1))
         start, axis = (part.reshape(-1, 3)[capsule] for part in axes_between(hands.position * FLIP[:, None], share))
         place = start + along * axis
         place[:, 20:] = (hands.position[:, 16:] * FLIP[:, None]).reshape(-1, 3)[tips]

@@ -32,7 +32,7 @@ from bodysense.devices.gloves.contact_rows import (
     tip_pairs,
     turning_axes,
 )
-from bodysense.devices.gloves.fingers import CHAINS, HandPoses, HandShape, hand_shape, posed
+from bodysense.devices.gloves.fingers import CHAINS, HandPoses, HandShape, hand_shape, place_hands
 from bodysense.devices.gloves.meetings import HandFlesh, Meeting, Pairs
 from bodysense.errors import BodysenseError
 
@@ -97,11 +97,6 @@ class Contact:
         """(H, 45) m from each angle's joint to its fingertip, with the finger straight."""
         rest = np.stack([hand.path @ hand.rest_offset for hand in self.hands])[:, CHAINS]  # (H, 5, 4, 3)
         return np.linalg.norm(rest[:, :, 3:] - rest[:, :, :3], axis=-1).reshape(-1, 15).repeat(3, axis=1)
-
-    @cached_property
-    def _reach(self) -> np.ndarray:
-        """(H, 45, 5) m a radian: motion of each fingertip by each angle."""
-        return self._lever[..., None] * np.eye(5).repeat(9, axis=0)
 
     @cached_property
     def _ease(self) -> np.ndarray:
@@ -197,7 +192,7 @@ class Contact:
     def _placed(self, given: _Given, change: np.ndarray) -> HandPoses:
         """Return hands after a change (H, 48)."""
         local = multiply(joint_rotations(_angles(given, change), default_axes()), given.rest)
-        return posed(self._shape, given.root + change[:, ANGLES:], np.concatenate([given.wrist, local], axis=1))
+        return place_hands(self._shape, given.root + change[:, ANGLES:], np.concatenate([given.wrist, local], axis=1))
 
     def _solved(
         self, given: _Given, known: np.ndarray, pairs: Pairs, farthest: np.ndarray, rest: np.ndarray
@@ -261,9 +256,8 @@ class Contact:
 
     def _way(self, change: np.ndarray) -> float:
         """Return an upper bound (m) of a point's displacement by a change (H, 48)."""
-        turned = (np.abs(change[:, None, :ANGLES]) @ self._reach)[:, 0]
-        shift = change[:, ANGLES:]
-        return float((turned.max(axis=1) + np.sqrt((shift * shift).sum(axis=1))).max())
+        turned = (np.abs(change[:, :ANGLES]) * self._lever).reshape(-1, 5, 9).sum(axis=-1)  # of every fingertip
+        return float((turned.max(axis=1) + np.linalg.norm(change[:, ANGLES:], axis=1)).max())
 
 
 def _angles(given: _Given, change: np.ndarray) -> np.ndarray:

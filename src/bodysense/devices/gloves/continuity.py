@@ -25,8 +25,7 @@ class RememberedState(NamedTuple):
     filler: Any
     measured: np.ndarray  # (H, 9, 3) m, NaN where it was missing
     filled: np.ndarray  # (H, 9, 3) m
-    known: np.ndarray  # (H, 9) bool
-    offset: np.ndarray | None  # (H, 9, 3) m, in axes that turn with the hand; None: 0
+    offset: np.ndarray  # (H, 9, 3) m, in axes that turn with the hand
 
 
 @dataclass(frozen=True)
@@ -47,45 +46,29 @@ class Remembered:
     def start(self, hands: int) -> RememberedState:
         """Return the initial state without any output."""
         nothing = np.full((hands, MARKER_COUNT, 3), np.nan)
-        return RememberedState(self.filler.start(hands), nothing, nothing, ~missing(nothing), None)
+        return RememberedState(self.filler.start(hands), nothing, nothing, np.zeros_like(nothing))
 
     def fill(self, markers: np.ndarray, interval: float, state: RememberedState) -> tuple[np.ndarray, RememberedState]:
         """See `Filler`."""
-        known, offset = ~missing(markers), state.offset
+        known, were_known = ~missing(markers), ~missing(state.measured)
         filled, filler = self.filler.fill(markers, interval, state.filler)
-        if offset is not None and self.fading is not None:
-            offset = offset * 0.5 ** (interval / self.fading)
-        if known.tobytes() != state.known.tobytes():
-            offset = self._changed(markers, known, filled, filler, interval, state._replace(offset=offset))
-        if offset is not None:
-            filled = filled + turned(self.filler.axes(markers, filler), offset)
-        return filled, RememberedState(filler, markers, filled, known, offset)
-
-    def _changed(
-        self,
-        markers: np.ndarray,
-        known: np.ndarray,
-        filled: np.ndarray,
-        filler: Any,
-        interval: float,
-        state: RememberedState,
-    ) -> np.ndarray | None:
-        """Return offsets (H, 9, 3) m if known markers differ from the frame before."""
-        offset = np.zeros(markers.shape) if state.offset is None else state.offset
-        common = (known & state.known)[..., None]
-        if (lost := state.known & ~known).any():
-            before, was = self.filler.fill(np.where(common, state.measured, np.nan), 0.0, state.filler)
+        offset = state.offset if self.fading is None else state.offset * 0.5 ** (interval / self.fading)
+        common, lost = known & were_known, were_known & ~known
+        if lost.any():  # output them where they were
+            before, was = self.filler.fill(np.where(common[..., None], state.measured, np.nan), 0.0, state.filler)
             kept = turned_back(self.filler.axes(before, was), state.filled - before)
             offset = np.where(np.any(lost, axis=1, keepdims=True)[..., None], kept, offset)
-        if offset.any() and (known & ~state.known).any():
-            fewer = np.where(common, markers, np.nan)
+        if offset.any() and (known & ~were_known).any():  # output the others where they would be without those found
+            fewer = np.where(common[..., None], markers, np.nan)
             there, now = self.filler.fill(fewer, interval, state.filler)
             there = there + turned(self.filler.axes(fewer, now), offset)
             kept = turned_back(self.filler.axes(markers, filler), there - filled)
-            shorter = (kept * kept).sum(axis=-1) < (offset * offset).sum(axis=-1)
+            shorter = np.linalg.norm(kept, axis=-1) < np.linalg.norm(offset, axis=-1)
             offset = np.where(shorter[..., None], kept, offset)
         offset = np.where(known[..., None] | np.isnan(offset), 0.0, offset)
-        return offset if offset.any() else None
+        if offset.any():
+            filled = filled + turned(self.filler.axes(markers, filler), offset)
+        return filled, RememberedState(filler, markers, filled, offset)
 
     def axes(self, markers: np.ndarray, state: RememberedState) -> np.ndarray | None:
         """Return the filler's axes."""

@@ -35,7 +35,8 @@ from bodysense.devices.gloves.hands import GloveModels, Hands, HandsSettings, Ha
 from bodysense.devices.gloves.standing_head import ACCURACY, StandingHead, StandingHeadState
 from bodysense.devices.gloves.virtual_markers import SolvedHand, VirtualGlove, VirtualMarkers, is_standard
 from bodysense.errors import BodysenseError
-from bodysense.observation import OPTICAL_ACCURACY, Observation, without_gloves
+from bodysense.io.markers.raw_markers import points_alone
+from bodysense.observation import OPTICAL_ACCURACY, Observation, joined_points, without_gloves
 
 SIDES: tuple[Side, ...] = ("left", "right")
 
@@ -98,7 +99,9 @@ class GloveDevice:
         alone = self.wearer is not None and not self._beside_sensors(others)
         assumed = ("head",) if alone else ()
         points = tuple(dict.fromkeys((*others.points, *self.points, *assumed)))
-        merged = _widened(others, points)
+        more = points[len(others.points) :]
+        unseen = np.full((len(observation), len(more), 3), np.nan)
+        merged = joined_points(others, points_alone(more, unseen, observation.time))
         for side, answer in answers.items():
             seen = np.flatnonzero(answer.confidence[:, 0] <= _LOST)  # the wrist's
             place = np.array([points.index(f"{side}_{name}") for name in (*HAND_JOINTS, *FINGERTIPS)])
@@ -239,21 +242,3 @@ def markers_of(observation: Observation, side: Side, worn: GloveSet) -> np.ndarr
             place = observation.points.index(point)
             markers[:, row] = np.where(observation.has_position[:, place, None], observation.position[:, place], np.nan)
     return mirrored_vectors(markers, side)
-
-
-def _widened(observation: Observation, points: tuple[str, ...]) -> Observation:
-    """Return a copy of an observation with more points after its own, hidden."""
-    frames, more = len(observation), len(points) - len(observation.points)
-
-    def wider(values: np.ndarray, filler: float | bool) -> np.ndarray:
-        return np.concatenate([values, np.full((frames, more, *values.shape[2:]), filler, values.dtype)], axis=1)
-
-    return Observation(
-        points=points,
-        position=wider(np.asarray(observation.position, dtype=float), np.nan),
-        rotation=wider(np.asarray(observation.rotation, dtype=float), np.nan),
-        has_position=wider(observation.has_position, False),
-        has_rotation=wider(observation.has_rotation, False),
-        accuracy=wider(np.asarray(observation.accuracy, dtype=float), OPTICAL_ACCURACY),
-        time=observation.time,
-    )

@@ -70,7 +70,7 @@ def finger_chains(rest: np.ndarray, local: np.ndarray) -> tuple[np.ndarray, np.n
     return np.concatenate([base, way], axis=-2).cumsum(axis=-2), axes
 
 
-def posed(shape: HandShape, root: np.ndarray, rotation: np.ndarray) -> HandPoses:
+def place_hands(shape: HandShape, root: np.ndarray, rotation: np.ndarray) -> HandPoses:
     """Pose hands: their wrists at `root` (H, 3) m, their joints turned by `rotation` (H, 16, 4)."""
     points, _ = finger_chains(shape.rest, rotation[:, 1:])
     return HandPoses(root, rotation, moved(_in_order(points), to_matrix(rotation[:, 0]), root))

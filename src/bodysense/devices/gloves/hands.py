@@ -52,7 +52,6 @@ from bodysense.observation import FARTHEST, Observation, check_order
 FIRST_INTERVAL = 1 / 60  # s: the time step of the first frame
 STILL = 5.0  # degrees: how far finger joints may turn in a calibration, on average
 NEVER = 1e6  # s: hidden time of a marker that was never seen
-_ONES = np.ones(3)
 
 
 @dataclass(frozen=True)
@@ -289,12 +288,9 @@ class Hands:
         self, told: HandPoses, filled: np.ndarray, known: np.ndarray, interval: float, state: HandsState
     ) -> HandPoses:
         """Return the hands without the markers (H, 9, 3) m that were found in this frame."""
-        if state.settling is None or known.tobytes() == state.settling.known.tobytes():
+        if state.settling is None or not (found := known & ~state.settling.known).any():
             return told
-        found = known & ~state.settling.known
-        if not found.any():
-            return told
-        found &= (state.hidden < NEVER).any(axis=1, keepdims=True)
+        found = found & (state.hidden < NEVER).any(axis=1, keepdims=True)
         kept = np.where((known & ~found)[..., None], filled, np.nan)
         fewer, _ = self._filler.fill(kept, interval, state.filler)
         return self._reader.read(np.where(np.isnan(fewer), filled, fewer))
@@ -310,24 +306,20 @@ class Hands:
 
     def _measured(self, observation: Observation) -> tuple[np.ndarray, np.ndarray]:
         """Return markers (T, H, 9, 3) m as of left hands, NaN where hidden, and where they are known (T, H, 9)."""
-        place, every = _where(observation.points, tuple(self.hands))
-        known = observation.has_position.take(place, axis=-1)
-        if not every:
-            known = known & (place >= 0)
-        markers = np.where(known[..., None], observation.position.take(place, axis=-2) * self._flip, np.nan)
-        near = (markers * markers) @ _ONES < FARTHEST**2  # NaN compares false
-        if near.tobytes() != known.tobytes():
-            known, markers = near, np.where(near[..., None], markers, np.nan)
-        return markers, known
+        place = _places(observation.points, tuple(map(glove_points, self.hands)))
+        known = observation.has_position[:, place] & (place >= 0)
+        markers = np.where(known[..., None], observation.position[:, place] * self._flip, np.nan)
+        known = np.linalg.norm(markers, axis=-1) < FARTHEST  # NaN compares false
+        return np.where(known[..., None], markers, np.nan), known
 
     def _sensed(self, observation: Observation) -> Sensed | None:
         """Return what inertial sensors measure (T, H, 15): rotations without positions. None without any."""
-        place = _sensors(observation.points, tuple(self.hands))
-        alone = observation.has_rotation & ~observation.has_position
-        known = alone.take(place, axis=-1) & (place >= 0)
+        joints = tuple(tuple(f"{hand}_{joint}" for joint in HAND_JOINTS) for hand in self.hands)
+        place = _places(observation.points, joints)
+        known = (observation.has_rotation & ~observation.has_position)[:, place] & (place >= 0)
         if not known.any():
             return None
-        rotation = observation.rotation.take(place, axis=-2) * self._turned_over
+        rotation = observation.rotation[:, place] * self._turned_over
         return inertial.sense(np.where(known[..., None], rotation, np.nan), self._fusion.axes)
 
 
@@ -345,18 +337,10 @@ def natural_markers(glove: Glove, hand: Skeleton) -> np.ndarray:
 
 
 @lru_cache(maxsize=64)
-def _where(points: tuple[str, ...], hands: tuple[str, ...]) -> tuple[np.ndarray, bool]:
-    """Return the indices of hands' markers among the points (H, 9), -1 if missing, and whether all are present."""
-    if len(set(points)) != len(points):
+def _places(points: tuple[str, ...], names: tuple[tuple[str, ...], ...]) -> np.ndarray:
+    """Return the indices of hands' names among the points (H, N), -1 if missing."""
+    index = {point: place for place, point in enumerate(points)}
+    if len(index) < len(points):
         twice = next(point for point in points if points.count(point) > 1)
         raise BodysenseError(f"gloves: the point {twice!r} is named twice; names must differ")
-    index = {point: place for place, point in enumerate(points)}
-    place = np.array([[index.get(point, -1) for point in glove_points(hand)] for hand in hands])
-    return place, bool((place >= 0).all())
-
-
-@lru_cache(maxsize=64)
-def _sensors(points: tuple[str, ...], hands: tuple[str, ...]) -> np.ndarray:
-    """Return the indices of hands' joints among the points (H, 16), -1 if missing."""
-    index = {point: place for place, point in enumerate(points)}
-    return np.array([[index.get(f"{hand}_{joint}", -1) for joint in HAND_JOINTS] for hand in hands])
+    return np.array([[index.get(name, -1) for name in hand] for hand in names])

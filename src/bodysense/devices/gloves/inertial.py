@@ -20,7 +20,7 @@ import numpy as np
 
 from bodysense.body.hand import HAND_JOINTS, joint_angles, joint_rotations
 from bodysense.body.rotation import quaternion_conjugate, quaternion_multiply, quaternion_rotate
-from bodysense.devices.gloves.fingers import HandPoses, HandShape, posed
+from bodysense.devices.gloves.fingers import HandPoses, HandShape, place_hands
 from bodysense.errors import BodysenseError
 
 _SEGMENTS = len(HAND_JOINTS) - 1
@@ -147,7 +147,8 @@ class Fusion:
         local = joint_rotations(solved + turn, self.axes)
         rotation, still = poses.rotation.copy(), np.asarray(~turn.any(axis=-1))
         rotation[:, 1:] = np.where(still[..., None], rotation[:, 1:], local)
-        return posed(self.shape, poses.root, rotation)
+        placed, whole = place_hands(self.shape, poses.root, rotation), np.asarray(still.all(axis=1))[:, None, None]
+        return placed._replace(position=np.where(whole, poses.position, placed.position))
 
     def _corrected(
         self, state: InertialState, more: np.ndarray, facing: np.ndarray, seen: np.ndarray, interval: float

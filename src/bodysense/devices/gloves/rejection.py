@@ -24,7 +24,6 @@ from bodysense.body.skeleton import Skeleton
 from bodysense.devices.gloves.fillers import missing
 from bodysense.errors import BodysenseError
 
-_ONES = np.ones(3)
 _SAME_PLACE = 0.005  # m: two identifiers nearer than this are one marker
 _TRIPLES = np.array([np.isin(range(9), three) for three in combinations(range(9), 3)])  # (84, 9)
 
@@ -138,21 +137,21 @@ class Rejection:
         sure = known & held
         if sure.sum() >= 4:
             shapes = _agreed(shapes, markers, sure, tolerance)
-            step = _length(shapes[1] - shapes[0])
+            step = np.linalg.norm(shapes[1] - shapes[0], axis=-1)
             tolerance = tolerance + settings.haste * np.where(np.isnan(step), 0.0, step)
-            outside = sure & ~(_length(markers - shapes) < tolerance).any(axis=0)
+            outside = sure & ~(np.linalg.norm(markers - shapes, axis=-1) < tolerance).any(axis=0)
             if 2 * outside.sum() <= sure.sum():  # otherwise the prediction of the hand is wrong
                 wrong = outside
         expected = np.where(np.isnan(shapes[1]), shapes[0], shapes[1])
         wrong = self._exchanged(markers, wrong, expected, tolerance)
         wrong = wrong | self._impossible(hand, np.where(wrong[:, None], np.nan, markers), expected)
         doubted = np.where(wrong[:, None], markers - np.where(held[:, None], expected, 0.0), np.nan)
-        moved_since = _length(doubted - state.doubted[hand])
+        moved_since = np.linalg.norm(doubted - state.doubted[hand], axis=-1)
         stays = wrong & (moved_since < tolerance)
         since[wrong] = np.where(stays, state.since[hand] + interval, 1e-9)[wrong]
         for marker in np.flatnonzero(stays & (since >= settings.patience)):
             trial = np.where(wrong[:, None], np.nan, markers)
-            others = _length(trial - markers[marker])
+            others = np.linalg.norm(trial - markers[marker], axis=-1)
             trial[marker] = markers[marker]
             if not (others < _SAME_PLACE).any() and not self._violations(hand, trial)[marker]:
                 wrong[marker], doubted[marker], since[marker] = False, np.nan, 0.0
@@ -160,7 +159,7 @@ class Rejection:
 
     def _violations(self, hand: int, markers: np.ndarray) -> np.ndarray:
         """Return (9,) numbers of others that each marker is impossibly far from, or impossibly close to."""
-        apart = _length(markers[:, None] - markers)
+        apart = np.linalg.norm(markers[:, None] - markers, axis=-1)
         return ((apart > self._farthest[hand]) | (apart < self._nearest[hand])).sum(axis=1)
 
     def _impossible(self, hand: int, markers: np.ndarray, expected: np.ndarray) -> np.ndarray:
@@ -168,7 +167,7 @@ class Rejection:
         trial, wrong = markers.copy(), np.zeros(9, dtype=bool)
         while (count := self._violations(hand, trial)).any():
             worst = np.flatnonzero(count == count.max())
-            apart = np.nan_to_num(_length(markers - expected))
+            apart = np.nan_to_num(np.linalg.norm(markers - expected, axis=-1))
             marker = worst[np.argmax(apart[worst])]
             trial[marker], wrong[marker] = np.nan, True
         return wrong
@@ -180,7 +179,7 @@ class Rejection:
         rows = np.flatnonzero(wrong)
         if len(rows) < 2:
             return wrong
-        apart = _length(markers[rows][:, None] - expected[rows])  # measured × expected
+        apart = np.linalg.norm(markers[rows][:, None] - expected[rows], axis=-1)  # measured × expected
         origin = np.argmin(apart, axis=0)  # for every wrong marker the measurement closest to its place
         fits = apart[origin, np.arange(len(rows))] < tolerance[rows]
         fits &= np.bincount(origin, minlength=len(rows))[origin] == 1
@@ -204,18 +203,14 @@ def _agreed(expected: np.ndarray, markers: np.ndarray, sure: np.ndarray, toleran
             agreed.append(np.full_like(shape, np.nan))
             continue
         threes = _TRIPLES[~(_TRIPLES & ~usable).any(axis=1)]
-        tried = np.broadcast_to(shape, (len(threes), 9, 3))
-        apart = _length(moved(tried, *register(tried, np.broadcast_to(target, tried.shape), threes)) - target)
+        tried, wanted = (np.broadcast_to(points, (len(threes), 9, 3)) for points in (shape, target))
+        apart = np.linalg.norm(moved(tried, *register(tried, wanted, threes)) - target, axis=-1)
         near = usable & (apart < tolerance)
         score = np.where(near, 1 - apart / (9 * tolerance), 0.0).sum(axis=1)  # most, then nearest
         best = near[score.argmax()]
         best = best if best.any() else usable
         agreed.append(moved(shape[None], *register(shape, target[None], best[None]))[0] + origin)
     return np.where(lacking[..., None], np.nan, np.stack(agreed))
-
-
-def _length(vectors: np.ndarray) -> np.ndarray:
-    return np.sqrt((vectors * vectors) @ _ONES)
 
 
 def _way(hand: Skeleton, glove: Glove) -> np.ndarray:

@@ -18,7 +18,7 @@ import numpy as np
 from bodysense.body.glove import Glove
 from bodysense.body.hand import FINGERS
 from bodysense.body.products import CONJUGATE, multiply, to_matrix
-from bodysense.devices.gloves.fingers import CHAINS, POINT_COUNT, HandPoses, HandShape, posed, shortest_arcs
+from bodysense.devices.gloves.fingers import CHAINS, POINT_COUNT, HandPoses, HandShape, place_hands, shortest_arcs
 
 _OVER = 1e-4  # m; smaller residuals are ignored
 _NOWHERE = 1e-14  # m²; shorter motions are ignored
@@ -87,11 +87,12 @@ class Settling:
             return told, SettlingState(told.position, told.position, known, None, self._slowest)
         start, speed = displaced(without, state.away, self.shape), state.speed
         if without is not told:
-            farthest = _length(start.position - told.position).max(axis=1, keepdims=True)
+            farthest = np.linalg.norm(start.position - told.position, axis=-1).max(axis=1, keepdims=True)
             speed = np.maximum(self.speed, farthest / self.longest)
         most = speed * interval
         sure = ~(known & state.known) @ self._needed == 0
-        reach = _length(without.position - state.told) + most * np.where(sure, 1.0, self.unseen_speed / self.speed)
+        way = np.linalg.norm(without.position - state.told, axis=-1)
+        reach = way + most * np.where(sure, 1.0, self.unseen_speed / self.speed)
 
         def short(begin: HandPoses, end: HandPoses, points: np.ndarray) -> np.ndarray:
             """Return (H, …): the share of the motion that remains when one of the points (…, N) reaches its limit."""
@@ -124,7 +125,7 @@ def left(away: Away, back: np.ndarray, fingers: np.ndarray) -> Away:
     share = np.empty(away.turn.shape[:2])
     share[:, :1], share[:, 1:] = back, fingers.repeat(3, axis=1)
     vector = away.turn[..., 1:]
-    sine = _length(vector)
+    sine = np.linalg.norm(vector, axis=-1)
     half = np.arctan2(sine, away.turn[..., 0]) * share
     vector = vector * (np.sin(half) / np.maximum(sine, 1e-12))[..., None]
     return Away(away.root * back, np.concatenate([np.cos(half)[..., None], vector], axis=-1))
@@ -134,7 +135,7 @@ def displaced(told: HandPoses, away: Away | None, shape: HandShape) -> HandPoses
     """Apply an offset to hands; the same object if there is no offset."""
     if away is None:
         return told
-    return posed(shape, told.root + away.root, multiply(away.turn, told.rotation))
+    return place_hands(shape, told.root + away.root, multiply(away.turn, told.rotation))
 
 
 def _share(step: np.ndarray, way: np.ndarray, reach: np.ndarray, most: np.ndarray) -> np.ndarray:
@@ -156,7 +157,7 @@ def _back(shown: HandPoses, before: np.ndarray, reach: np.ndarray) -> np.ndarray
     Each finger is judged by the point with the largest excess.
     """
     way = shown.position - before
-    length = _length(way)
+    length = np.linalg.norm(way, axis=-1)
     over = (length - reach)[:, CHAINS]
     if not (over > _OVER).any():
         return None
@@ -168,7 +169,3 @@ def _back(shown: HandPoses, before: np.ndarray, reach: np.ndarray) -> np.ndarray
     axes = to_matrix(shown.rotation[:, 0])
     arc = shortest_arcs((place - base) @ axes, (allowed - base) @ axes)
     return np.where(np.take_along_axis(over, worst, axis=-1) > _OVER, arc, _STAY)
-
-
-def _length(vectors: np.ndarray) -> np.ndarray:
-    return np.sqrt((vectors * vectors) @ _ONES)

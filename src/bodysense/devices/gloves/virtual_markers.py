@@ -9,7 +9,7 @@ a fingertip if its finger's nearest marker is hidden, the back of the hand if fe
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -21,7 +21,8 @@ from bodysense.body.hand import mirrored_vectors
 from bodysense.body.hand_family import GlovedHand, HandShapes
 from bodysense.devices.gloves.hand_model import MarkedHand, postures, unlikely
 from bodysense.devices.gloves.least_squares import LeastSquares
-from bodysense.observation import Observation, accuracy_like
+from bodysense.io.markers.raw_markers import points_alone
+from bodysense.observation import Observation, accuracy_like, chosen_points, joined_points
 
 _MARKER = 0.002  # m: standard deviation of a marker from its position on the hand
 _WRONG = 0.015  # m: a marker this far from its position on the hand has little weight, and yields no output
@@ -138,35 +139,21 @@ class VirtualMarkers:
         self, observation: Observation, state: tuple[SolvedHand, ...]
     ) -> tuple[Observation, tuple[SolvedHand, ...]]:
         """Replace the points '<hand>_glove_…' of these hands by the standard ones in T frames; others are unchanged."""
-        kept = [k for k, name in enumerate(observation.points) if name.partition("_glove_")[0] not in self.gloves]
-        points = tuple(observation.points[k] for k in kept)
-        columns = [np.asarray(observation.position, dtype=float)[:, kept]]
-        after = []
+        others = [k for k, name in enumerate(observation.points) if name.partition("_glove_")[0] not in self.gloves]
+        after, columns, time = [], [], observation.time
         for (hand, glove), last in zip(self.gloves.items(), state, strict=True):
             place = [self._column(observation, f"{hand}_glove_{name}") for name in glove.worn.glove.markers]
             known = observation.has_position[:, place] & (np.array(place) >= 0)
             seen = mirrored_vectors(np.where(known[..., None], observation.position[:, place], np.nan), side_of(hand))
             shown, solved = np.empty((len(observation), len(MARKERS), 3)), last
-            for frame, now in enumerate(observation.time.tolist()):
+            for frame, now in enumerate(time.tolist()):
                 shown[frame], solved = glove.step(seen[frame], now, solved)
             after.append(solved)
-            points += glove_points(hand)
             columns.append(mirrored_vectors(shown, side_of(hand)))
-        position = np.concatenate(columns, axis=1)
-        more = position.shape[1] - len(kept)
-        has = np.concatenate([observation.has_position[:, kept], ~np.isnan(position[:, len(kept) :, 0])], axis=1)
-        turned = np.full((len(position), more, 4), np.nan)
-        nothing = np.zeros((len(position), more), dtype=bool)
-        accuracy = accuracy_like(nothing, _MARKER)
-        return Observation(
-            points=points,
-            position=position,
-            rotation=np.concatenate([observation.rotation[:, kept], turned], axis=1),
-            has_position=has,
-            has_rotation=np.concatenate([observation.has_rotation[:, kept], nothing], axis=1),
-            accuracy=np.concatenate([observation.accuracy[:, kept], accuracy], axis=1),
-            time=observation.time,
-        ), tuple(after)
+        points = tuple(point for hand in self.gloves for point in glove_points(hand))
+        standard = points_alone(points, np.concatenate(columns, axis=1), time)
+        standard = replace(standard, accuracy=accuracy_like(standard.has_position, _MARKER))
+        return joined_points(chosen_points(observation, others), standard), tuple(after)
 
     def _column(self, observation: Observation, point: str) -> int:
         return observation.points.index(point) if point in observation.points else -1

@@ -18,7 +18,7 @@ from bodysense.body.glove import ALIGNMENT, MARKERS
 from bodysense.body.hand import FINGERS, HAND_JOINTS, joint_rotations, own_axes
 from bodysense.devices.estimate import PointEstimate
 from bodysense.devices.gloves import inertial
-from bodysense.devices.gloves.fingers import hand_shape, posed
+from bodysense.devices.gloves.fingers import hand_shape, place_hands
 from bodysense.devices.gloves.hands import GloveModels, HandsSettings
 from bodysense.devices.gloves.networks import load_joint_network, load_marker_network
 from bodysense.devices.simulated.glove_imu import GloveImuNoise, disturbed
@@ -168,7 +168,7 @@ def _by_sensors(trials: Trials, rotation: np.ndarray, root: np.ndarray, wrist: n
     local = joint_rotations(np.stack([flexion, 0 * flexion, 0 * flexion], axis=-1), axes)
     shape = hand_shape(trials.hands, trials.gloves)
     turned = np.concatenate([wrist[:, :, None], local], axis=2)
-    return np.stack([posed(shape, *frame).position for frame in zip(root, turned, strict=True)])
+    return np.stack([place_hands(shape, *frame).position for frame in zip(root, turned, strict=True)])
 
 
 def fusion_table(
