@@ -77,3 +77,9 @@ two_bones reach(vec3 end, float upper, float lower, vec3 side) {
     two_bones result = {along(scale(direction, forward), pole, aside), scale(direction, distance_to)};
     return result;
 }
+
+float standing_height(const tracked *t, int point) {
+    float height = 0.0F;
+    for (int p = point; p >= 0; p = PARENT[p]) height += t->rest_offset[p].y;
+    return height;
+}

@@ -34,4 +34,7 @@ typedef struct two_bones {
 /* `side` is where the middle should be, roughly; only its part across the way to the end counts. */
 two_bones reach(vec3 end, float upper, float lower, vec3 side);
 
+/* Height of a point over the floor in the rest pose (m). */
+float standing_height(const tracked *t, int point);
+
 #endif

@@ -57,15 +57,9 @@ static void pull_pelvis(body *b, const tracked *t, pose_state *s, limb_task task
     s->pulled = pulled;
 }
 
-static float rest_height(const tracked *t, int point) {
-    float height = 0.0F;
-    for (int p = point; p >= 0; p = PARENT[p]) height += t->rest_offset[p].y;
-    return height;
-}
-
 /* 1 if the body stands or walks, 0 if it sits, lies or jumps. */
 static float uprightness(const body *b, const tracked *t, const pose_state *s) {
-    float tall = rest_height(t, HEAD), high = b->point[HEAD].y - t->floor;
+    float tall = standing_height(t, HEAD), high = b->point[HEAD].y - t->floor;
     float risen = fminf(fmaxf((high / tall - 0.75F) / 0.1F, 0.0F), 1.0F);
     float calm = fminf(fmaxf((STEADY - fabsf(s->head_speed.y)) / (0.5F * STEADY), 0.0F), 1.0F);
     return high > tall + 0.03F ? 0.0F : risen * calm;
@@ -108,8 +102,8 @@ void move_legs(body *b, const tracked *t, const prediction *p, const mat3 goal[B
         int ball = LEFT_FOOT + k, toe = LEFT_TOE + k;
         foot *f = &feet[k];
         f->ankle = add(b->point[j->start], to.end);
-        f->ankle_rest = rest_height(t, j->end);
-        f->ball_rest = rest_height(t, ball);
+        f->ankle_rest = standing_height(t, j->end);
+        f->ball_rest = standing_height(t, ball);
         flatten_foot(b, t, j->end, ball, f->ankle_rest - f->ball_rest, flatness(&s->foot[k]));
         f->ball = add(f->ankle, rotate(b->rotation[j->end], t->rest_offset[ball]));
         f->toe = add(f->ball, rotate(b->rotation[ball], t->rest_offset[toe]));

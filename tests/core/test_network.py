@@ -10,11 +10,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bodysense.body.rotation import normalize, quaternion_to_matrix
+from bodysense.body.rotation import normalize, quaternion_exp, quaternion_to_matrix
 from bodysense.body.skeleton import default_skeleton
 from bodysense_lab.completion.weights_file import read_safetensors, safetensors_bytes
 
 from .network_library import BODY, PREDICTION, TRACKED, NetworkLibrary, compiled, filled, open_library
+from .twin.points import HEAD, rest_height
 
 WEIGHTS = Path(str(files("bodysense.weights") / "completion.safetensors"))
 
@@ -92,6 +93,31 @@ def test_a_measured_point_errs_at_least_by_how_far_it_is_off(network: NetworkLib
     confidence, bound = network.errors(seen, predicted, np.full(40, 0.01, np.float32), off)
     assert confidence[7] == np.float32(0.2) and confidence[8] == np.float32(0.01)
     assert (bound > confidence).all()
+
+
+def test_bounds_grow_with_heads_that_are_low_or_tilted(network: NetworkLibrary) -> None:
+    """Alone: expected errors stay what the map makes of the prediction."""
+    predicted, own = filled(PREDICTION, 1, {"error": 0.1, "unlike": 0.1}), default_skeleton().rest_offset
+    seen = scene(np.random.default_rng(6), 1)
+    seen["rest_offset"], seen["floor"], seen["has_position"], seen["has_rotation"] = own, 0.0, False, False
+    seen["has_position"][0, HEAD] = seen["has_rotation"][0, HEAD] = True
+    tall = rest_height(own, HEAD)
+
+    def errors(height: float, tilt: float) -> tuple[np.ndarray, np.ndarray]:
+        seen["position"][0, HEAD] = [0, height * tall, 0]
+        seen["rotation"][0, HEAD] = quaternion_to_matrix(quaternion_exp(np.array([tilt, 0.0, 0.0]))).T
+        return network.errors(seen, predicted, np.full(40, 0.01, np.float32), np.zeros(65, np.float32))
+
+    expected, least = errors(1.0, 0.0)
+    before = least
+    for height, tilt in ((0.9, 0.3), (0.7, 0.3), (0.6, 0.3), (0.4, 0.3), (0.4, 1.0), (0.2, 1.6)):
+        found, bound = errors(height, tilt)
+        np.testing.assert_array_equal(found, expected)
+        hidden = np.arange(22) != HEAD
+        grown = (bound / before)[:22][hidden]
+        assert (grown > 1.04).all() if (height, tilt) != (0.9, 0.3) else (grown == 1).all()
+        before = bound
+    assert (before / least).max() < 2.5
 
 
 OK, DAMAGED, FOREIGN, NEWER, INCOMPLETE = range(5)

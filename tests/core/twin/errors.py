@@ -9,12 +9,26 @@ from collections.abc import Mapping
 import numpy as np
 
 from .network import Prediction
-from .points import BODY, HAND_POINTS, PLACED, POINTS, WRISTS
+from .points import BODY, HAND_POINTS, HEAD, PLACED, POINTS, WRISTS, rest_height
 from .tracked import Tracked
 
 TRACKED_ERROR = 0.001  # m: stands for the expected error of points that are tracked
 TRACKED_UNLIKE = 0.01  # stands for how much predictions of tracked joints differ
 NORMAL_BOUND = 1.567  # 90 % quantile of the length of normal errors in space, by their mean
+LOW_FROM, LOW_AT = 0.8, 0.5  # of the standing height: a head that is lower is rare, and this low
+LOW_MORE, TILTED_MORE = 0.5, 0.8  # by how much bounds are larger for heads as low as `LOW_AT`, and for those that lie
+TILTED_FROM = 0.9  # cosine of a head's tilt: a head that is tilted farther is rare
+
+
+def rarity(seen: Tracked) -> float:
+    """By how much bounds are larger because a pose is rare: 1 for those who stand."""
+    low = tilted = 0.0
+    if seen.has_position[HEAD]:
+        height = (seen.position[HEAD][1] - seen.floor) / rest_height(seen.rest_offset, HEAD)
+        low = np.clip((LOW_FROM - height) / (LOW_FROM - LOW_AT), 0, 1)
+    if seen.has_rotation[HEAD]:
+        tilted = np.clip((TILTED_FROM - seen.rotation[HEAD][1, 1]) / TILTED_FROM, 0, 1)
+    return 1 + LOW_MORE * low + TILTED_MORE * tilted
 
 
 def expected_errors(
@@ -36,6 +50,7 @@ def expected_errors(
     )
     inside = np.tanh(of["errors.inward.weight"] @ known + of["errors.inward.bias"])
     mean, most = np.split(np.exp(of["errors.weight"] @ np.concatenate([known, inside]) + of["errors.bias"]), 2)
+    most = rarity(seen) * most
     confidence, bound = np.zeros(POINTS), np.zeros(POINTS)
     confidence[PLACED], bound[PLACED] = mean, most
     for wrist, points, errors in zip(WRISTS, HAND_POINTS, finger_error, strict=True):
