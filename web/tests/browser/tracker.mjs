@@ -26,13 +26,13 @@ async function complete({ person, settings, frames }) {
     });
   worker.postMessage({ type: "open", base: document.baseURI });
   await next();
-  worker.postMessage({ type: "start", person, settings });
+  worker.postMessage({ type: "start", person, holdFeet: settings.holdFeet ?? true });
   const bodies = [];
   for (const [id, observation] of frames.entries()) {
     worker.postMessage({ type: "step", id, observation });
-    const { body, milliseconds } = await next();
-    const { placed, time, ...arrays } = body;
-    const plain = { ...arrays, points: placed.position, world: placed.rotation };
+    const { completed, milliseconds } = await next();
+    const { body, expected, time, ...arrays } = completed;
+    const plain = { ...arrays, confidence: expected, points: body.position, world: body.rotation };
     const listed = Object.fromEntries(Object.entries(plain).map(([name, values]) => [name, [...values]]));
     bodies.push({ ...listed, time, milliseconds });
   }
