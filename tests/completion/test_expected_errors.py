@@ -14,8 +14,8 @@ from bodysense.devices.simulated.device import simulate
 from bodysense.tracker import Tracker
 
 
-@pytest.mark.parametrize("device", ["head", "three_point", "six_point"])
-def test_expected_errors_are_true(device: str) -> None:
+@pytest.mark.parametrize(("device", "most"), [("head", 1.5), ("three_point", 1.55), ("six_point", 1.5)])
+def test_expected_errors_are_true(device: str, most: float) -> None:
     clip = performance_of_stranger()
     body = clip.pose.skeleton.indices(BODY)
     tracker = Tracker(Person(skeleton=clip.pose.skeleton))
@@ -24,6 +24,6 @@ def test_expected_errors_are_true(device: str) -> None:
     guessed = ~estimate.measured[:, body]
     error = np.linalg.norm(estimate.points - truth, axis=-1)[:, body][guessed]
     expected, bound = estimate.confidence[:, body][guessed], estimate.bound[:, body][guessed]
-    assert 0.7 < expected.mean() / error.mean() < 1.6  # recorded people are less smooth
+    assert 0.7 < expected.mean() / error.mean() < most  # recorded people are less smooth
     assert 0.78 < (error <= bound).mean() < 0.96
     assert np.asarray(spearmanr(expected, error))[0] > 0.6

@@ -1,4 +1,4 @@
-"""Series: values of a quantity over the frames of a subject, and the reason if there are none."""
+"""Series: values of a quantity over the frames of a subject, or the reason why a subject has too few of them."""
 
 from __future__ import annotations
 

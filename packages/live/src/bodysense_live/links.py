@@ -121,7 +121,7 @@ class UdpPort:
         self._transport, _ = await loop.create_datagram_endpoint(lambda: protocol, sock=self._bound)
 
     async def play(self, live: Live, source: Source, points: tuple[str, ...], protocol: Callable[..., Any]) -> Any:
-        """Play what comes in as a session of the server's own; return the protocol, made of `play` and `do`."""
+        """Open the port, play its input as a session of the server, and return what `protocol` made for it."""
         seat = live.own(source, points)
         taken = protocol(play=partial(live.receive, seat), do=partial(live.change, seat))
         await self.open(taken)

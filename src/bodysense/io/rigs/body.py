@@ -163,7 +163,7 @@ def _half(tree: Tree, points: dict[str, int], named: dict[Kind, Limb], pairs: li
     return Body({name: point for name, point in body.points.items() if name not in gone}, 0.0, body.remarks)
 
 
-# --- what is no body ---
+# --- refusals ---
 
 
 def _unlikeness(limbs: _Limbs, longest: float) -> float:

@@ -217,7 +217,7 @@ def _two_directions(name: str, children: list[str], place: Vectors) -> list[tupl
 def _frame(first: np.ndarray, second: np.ndarray) -> np.ndarray | None:
     """Return a right-handed frame (..., 3, 3), axes as columns: along `first`, then as close to `second` as possible.
 
-    None if they are zero or parallel.
+    Return None for vectors that are zero or parallel.
     """
     third = np.cross(first, second)
     size, across, area = (np.linalg.norm(vector, axis=-1, keepdims=True) for vector in (first, second, third))
