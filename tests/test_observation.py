@@ -21,6 +21,7 @@ from bodysense.observation import (
     check_observation,
     check_order,
     chosen_points,
+    joined_points,
     observe,
     observed_points,
     usual_accuracy,
@@ -222,6 +223,18 @@ def test_accelerations_go_with_their_points_and_frames() -> None:
     chosen = chosen_points(told, [1]).acceleration
     assert chosen is not None and np.array_equal(chosen, felt[..., 1:, :], equal_nan=True)
     assert good[1:].acceleration is None and chosen_points(good, [0]).acceleration is None
+
+
+def test_points_that_are_joined_keep_their_accelerations() -> None:
+    bare = example(())
+    felt = np.random.default_rng(2).normal(size=bare.position.shape)
+    told = chosen_points(replace(bare, acceleration=felt), [0])
+    other = chosen_points(bare, [1])
+    assert joined_points(other, chosen_points(bare, [0])).acceleration is None
+    for parts, given in (((told, other), 0), ((other, told), 1)):
+        found = joined_points(*parts).acceleration
+        assert found is not None
+        assert np.array_equal(found[:, given], felt[:, 0]) and np.isnan(found[:, 1 - given]).all()
 
 
 def test_accelerations_that_no_body_has_are_refused() -> None:

@@ -441,9 +441,18 @@ def concatenated_frames(parts: Sequence[Observation]) -> Observation:
 
 
 def joined_points(one: Observation, other: Observation) -> Observation:
-    """Return two observations (T, P) of the same moments as one, without accelerations."""
+    """Return two observations (T, P) of the same moments as one."""
     names = ("position", "rotation", "has_position", "has_rotation", "accuracy")
     merged = {name: np.concatenate([getattr(one, name), getattr(other, name)], axis=1) for name in names}
+    accelerations = [part.acceleration for part in (one, other)]
+    if any(given is not None for given in accelerations):
+        merged["acceleration"] = np.concatenate(
+            [
+                np.full_like(part.position, np.nan) if given is None else given
+                for part, given in zip((one, other), accelerations, strict=True)
+            ],
+            axis=1,
+        )
     return Observation(points=(*one.points, *other.points), time=one.time, **merged)
 
 

@@ -123,6 +123,7 @@ def test_a_body_in_part_is_drafted_by_its_names(tmp_path: Path, run, refused) ->
     assert "5 of 8 joints and end sites named, by their names alone: " in run(
         "data", "joints", path, "-o", tmp_path / "joints.json"
     )
+    assert "the table for --joints is JSON" in refused("data", "joints", path, "-o", tmp_path / "out.bvh")
     drafted = json.loads((tmp_path / "joints.json").read_text())
     assert drafted["LeftForeArm"] == "left_elbow" and drafted["Hips"] == "pelvis" and drafted["Spine"] == ""
 

@@ -101,7 +101,7 @@ def joints(
 
     Args:
         file: .bvh, .glb or .gltf file.
-        out: JSON file; printed if omitted.
+        out: .json file; printed if omitted.
         reading: what the file does not say of itself.
     """
     from bodysense.io.archive import MotionFile
@@ -110,6 +110,8 @@ def joints(
     from bodysense.io.rigs.rig import joint_map_text, recognise
     from bodysense.io.rigs.rigged import figure_of_file
 
+    if out is not None and out.suffix.lower() != ".json":
+        raise BodysenseError(f"-o {out}: the table for --joints is JSON; give a name that ends in .json")
     ending = file.suffix.lower()
     if ending in (".glb", ".gltf"):
         figure, reading = figure_of_gltf(file), replace(reading, up="y", floor=0.0)
