@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bodysense.body.condensed import condensed_system
+from bodysense.body.normal_equations import NormalEquations
 from bodysense.body.pose import Pose
 from bodysense.body.posture import posture
 from bodysense.body.products import ACROSS, CONJUGATE, LEFT, MATRIX, TANGENT
@@ -88,7 +88,7 @@ class InverseKinematics:
     of upper arm and thigh: the twist at which elbow or knee bends naturally is preferred.
 
     The unknowns are the root's position and one world rotation a joint, R ← exp(φ) R, which makes a point a plain sum
-    of bones and avoids products along chains; `condensed.py` solves for them.
+    of bones and avoids products along chains; `NormalEquations` solves for them.
     """
 
     def __init__(self, skeleton: Skeleton, settings: IkSettings | None = None) -> None:
@@ -107,7 +107,7 @@ class InverseKinematics:
         self._minus_inverse_square = -2 * self._half_inverse_square
         # The lever of a joint, the length of its longest bone, makes turns comparable with distances.
         lever = np.array([length[parents == joint].max(initial=0.01) for joint in range(joints)])
-        self._system = condensed_system(skeleton, lever)
+        self._system = NormalEquations(skeleton, lever)
 
         anatomy = posture(skeleton)
         stiffness = np.sqrt(settings.posture_weight * anatomy.stiffness) * lever[:, None]
@@ -228,7 +228,7 @@ class InverseKinematics:
         return np.maximum(along * self._minus_inverse_square, 0.0)
 
     def _curvature(self, body: PosedBody, tension: np.ndarray) -> np.ndarray:
-        """Return (J, 12) contributions of tension to the joints' normal matrices and right sides, (3, 4) row by row.
+        """Return (J, 3, 4) contributions of tension to the joints' normal matrices and right sides.
 
         A bone that is pulled outward, its target beyond its length, resists turning more than in the linear model;
         without that second-order term Gauss-Newton overshoots on noisy targets. The opposite term, of pushed bones,
@@ -236,7 +236,7 @@ class InverseKinematics:
         """
         taut = body.bone * tension[:, None]
         outer = (taut[:, :, None] * body.bone[:, None, :]).reshape(-1, 9)
-        return self._incidence @ (outer @ ACROSS)
+        return (self._incidence @ (outer @ ACROSS)).reshape(-1, 3, 4)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -320,12 +320,12 @@ def _known(
 
 
 def _aim(problem: _Problem, body: PosedBody, away: np.ndarray) -> np.ndarray:
-    """Return normal matrices and right sides (A, 12) of the orientation targets, (3, 4) row by row.
+    """Return normal matrices and right sides (A, 3, 4) of the orientation targets.
 
     An error is twice the vector part of target⁻¹ · rotation, of either sign: the angle if it is small.
     """
     slope = body.world_matrix[problem.aimed] @ (away[:, :, 0] @ TANGENT).reshape(-1, 3, 3)
-    return (slope @ np.concatenate((slope.mT, 2 * away[:, 1:]), axis=2)).reshape(-1, 12)
+    return slope @ np.concatenate((slope.mT, 2 * away[:, 1:]), axis=2)
 
 
 def _turned(rotation: np.ndarray, turn: np.ndarray) -> np.ndarray:
