@@ -1,7 +1,8 @@
 """The normal equations of a posed skeleton: how its root should move and its joints turn, to be close to targets.
 
-The unknowns are the root's move and one world turn φ a joint. A point is `root + Σ bones`, so ∂pᵢ/∂φⱼ = −[b]× with b
-the bone that leaves joint j on the way to point i.
+The unknowns are the root's move and one world turn φ a joint. Joint c moves with its parent j by m_c = m_j − [b]× φ_j,
+with b the bone between them. So the least cost of all that hangs on a joint is a quadratic form of its move and its
+turn: from the tips to the root each joint's turn is eliminated, and from the root to the tips it is found.
 """
 
 from __future__ import annotations
@@ -12,6 +13,9 @@ from bodysense.body.skeleton import Skeleton
 
 _CROSS = np.zeros((3, 9))  # b @ _CROSS is −[b]×, row by row
 _CROSS[[2, 1, 2, 0, 1, 0], [1, 2, 3, 5, 6, 7]] = [1, -1, -1, 1, 1, -1]
+# A form is a symmetric matrix (7, 7) of a joint's move, its turn, and 1; with its parent's turn before the 1, (10, 10).
+_MOVE, _TURN, _ONE = slice(0, 3), slice(3, 6), 6
+_OWN = np.array([0, 1, 2, 7, 8, 9, 6])  # of a joint's form in that with its parent's turn
 
 
 class NormalEquations:
@@ -21,14 +25,13 @@ class NormalEquations:
         """Prepare a skeleton whose joints have levers (J,) m, which make turns comparable with distances."""
         joints = len(skeleton.joints)
         parents = np.array(skeleton.parents)
-        self._joint = 1 + np.arange(joints)  # place among the unknowns, after the root's move
-        self._above = 1 + np.maximum(parents[:joints], 0)
-        point, end = np.nonzero(skeleton.path)
-        self._point, self._bone, self._turned = point, end - 1, 1 + parents[end]
-        self._children = (np.arange(joints)[:, None] == self._above - 1).astype(float)
-        self._jacobian = np.zeros((len(skeleton.points), 3, 1 + joints, 3))
-        self._jacobian[:, :, 0] = np.eye(3)
-        self._damping = np.concatenate([np.ones(3), np.repeat(lever**2, 3)])
+        carrier = np.concatenate([np.arange(joints), parents[joints:]])
+        self._carried = (np.arange(joints)[:, None] == carrier).astype(float)  # (J, P)
+        self._square = lever[:, None, None] ** 2 * np.eye(3)
+        self._levels = [
+            (level, parents[level], (np.arange(joints)[:, None] == parents[level]).astype(float))
+            for level, _ in skeleton.levels[1:]
+        ]
 
     def solve(
         self,
@@ -55,24 +58,36 @@ class NormalEquations:
         Returns:
             The root's move (3,) m and the joints' turns (J, 3) rad, world.
         """
-        joint, above, count = self._joint, self._above, len(self._joint)
-        jacobian = self._jacobian.copy()
-        jacobian[self._point, :, self._turned] = (bone @ _CROSS).reshape(-1, 3, 3).take(self._bone, axis=0)
-        root = np.sqrt(weight)[:, None]
-        jacobian *= root[..., None, None]
-        rows = jacobian.reshape(error.size, -1)
-        normal, gradient = rows.T @ rows, ((root * error).ravel() @ rows).reshape(-1, 3)
+        joints, points = len(slope), len(error)
+        swing = np.concatenate([np.zeros((1, 9)), bone @ _CROSS]).reshape(points, 3, 3)
+        rows = np.zeros((points, 3, 7))
+        rows[:, :, _MOVE], rows[joints:, :, _TURN], rows[:, :, _ONE] = np.eye(3), swing[joints:], error
+        form = (self._carried @ ((rows * weight[:, None, None]).mT @ rows).reshape(points, 49)).reshape(joints, 7, 7)
+        form[:, _TURN, _TURN] += block[:, :, :3] + damping * self._square
+        form[:, _TURN, _ONE] += block[:, :, 3]
+        form[:, _ONE, _TURN] += block[:, :, 3]
+        stretch = np.zeros((joints, 3, 10))
+        stretch[:, :, 3:6], stretch[:, :, 6], stretch[:, :, 7:] = -slope.mT, spring, slope.mT
+        stretch = stretch.mT @ stretch
 
-        stiff = slope @ slope.mT
-        pulled = (slope @ spring[:, :, None])[:, :, 0]
-        blocks = normal.reshape(1 + count, 3, 1 + count, 3)
-        blocks[joint, :, joint] += (
-            stiff + block[:, :, :3] + (self._children @ stiff.reshape(count, 9)).reshape(-1, 3, 3)
-        )
-        blocks[joint[1:], :, above[1:]] -= stiff[1:]
-        blocks[above[1:], :, joint[1:]] -= stiff[1:]
-        gradient[1:] += pulled + block[:, :, 3] - self._children @ pulled
+        gain = []
+        for level, _, hung in reversed(self._levels):
+            whole = stretch[level]
+            whole[:, _OWN[:, None], _OWN] += form[level]
+            turn = -np.linalg.solve(whole[:, 7:, 7:], whole[:, 7:, :7])  # by the joint's move, its parent's turn, and 1
+            left = whole[:, :7, :7] + whole[:, :7, 7:] @ turn
+            left[:, :, _TURN] += left[:, :, _MOVE] @ swing[level]
+            left[:, _TURN] += swing[level].mT @ left[:, _MOVE]
+            form += (hung @ left.reshape(len(level), 49)).reshape(joints, 7, 7)
+            gain.append(turn)
 
-        normal.reshape(-1)[:: normal.shape[0] + 1] += damping * self._damping
-        solution = np.linalg.solve(normal, -gradient.ravel())
-        return solution[:3], solution[3:].reshape(-1, 3)
+        found = np.ones((joints, 7))
+        first = form[0, :6, :6].copy()
+        first[_MOVE, _MOVE] += damping * np.eye(3)
+        found[0, :6] = -np.linalg.solve(first, form[0, :6, 6])
+        for (level, above, _), turn in zip(self._levels, reversed(gain), strict=True):
+            after = found[above]
+            after[:, _MOVE] += (swing[level] @ after[:, _TURN, None])[:, :, 0]
+            found[level, _TURN] = (turn @ after[:, :, None])[:, :, 0]
+            found[level, _MOVE] = after[:, _MOVE]
+        return found[0, _MOVE], found[:, _TURN]
