@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from bodysense.body.pose import body_pose, body_skeleton, forward_kinematics, whole_pose
+from bodysense.body.body_joints import body_pose, body_skeleton, whole_pose
+from bodysense.body.pose import forward_kinematics
 from bodysense.body.skeleton import BODY, default_skeleton
 from bodysense.io.clip import Clip
 

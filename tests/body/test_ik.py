@@ -12,8 +12,9 @@ import pinocchio
 import pytest
 from scipy.optimize import least_squares
 
+from bodysense.body.body_joints import body_skeleton
 from bodysense.body.ik import IkSettings, IkState, InverseKinematics, solve_sequence
-from bodysense.body.pose import Pose, body_skeleton, forward_kinematics, local_rotation
+from bodysense.body.pose import Pose, forward_kinematics, local_rotation
 from bodysense.body.posture import posture
 from bodysense.body.rotation import (
     geodesic_angle,

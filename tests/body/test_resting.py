@@ -8,7 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from bodysense.body.pose import Pose, forward_kinematics, hand_length, local_offset, resting_offset
+from bodysense.body.pose import Pose, forward_kinematics
+from bodysense.body.resting import hand_length, local_offset, resting_offset
 from bodysense.body.rotation import normalize
 from bodysense.body.skeleton import default_skeleton
 

@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from bodysense.body.rotation import quaternion_exp
-from bodysense.io.unity import from_unity_rotation, unity_euler, unity_rotation
+from bodysense.io.unity import from_unity_rotation, unity_euler, unity_position, unity_rotation
 from bodysense_live.driver_axes import driver_rotation, from_driver_rotation
 
 MIRROR = np.diag([-1.0, 1.0, 1.0])
@@ -26,6 +26,10 @@ def test_a_rotation_is_the_same_one_in_the_mirror(turns: Rotation) -> None:
     theirs = Rotation.from_quat(unity_rotation(ours(turns))).as_matrix()
     np.testing.assert_allclose(theirs, MIRROR @ turns.as_matrix() @ MIRROR, atol=1e-12)
     np.testing.assert_allclose(from_unity_rotation(unity_rotation(ours(turns))), ours(turns), atol=0)
+
+
+def test_a_left_hand_is_toward_minus_x_and_who_faces_plus_z_still_does() -> None:
+    np.testing.assert_array_equal(unity_position(np.array([0.7, 1.4, 0.2])), [-0.7, 1.4, 0.2])
 
 
 def test_euler_angles_are_applied_about_z_then_x_then_y(turns: Rotation) -> None:

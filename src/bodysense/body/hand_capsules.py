@@ -16,10 +16,11 @@ from functools import lru_cache
 
 import numpy as np
 
-from bodysense.body.capsules import fit_primitives, nearest_shares
+from bodysense.body.capsules import fit_primitives
 from bodysense.body.glove import hand_size
 from bodysense.body.hand import FINGERS, FINGERTIPS, HAND_JOINTS, hand_skeleton, point_beyond
 from bodysense.body.pose import Pose, forward_kinematics
+from bodysense.body.segments import nearest_shares
 from bodysense.body.skeleton import Skeleton, default_skeleton
 
 PALM = tuple(f"palm_{finger}" for finger in FINGERS[1:])

@@ -1,12 +1,4 @@
-"""Pose: where the root is and how every joint is turned; forward kinematics.
-
-The 22 joints of `BODY` by themselves: a skeleton without hands, and back to the whole one.
-
-Where points of a body are measured from, and where a resting body has them.
-
-Points of a finger are measured from their wrist, in the wrist's axes (of the T-pose: +Y the back of the hand, +Z the
-thumb's side); every other point from the head, in the axes of the head's heading (+Y up, +Z ahead).
-"""
+"""Pose: where the root is and how every joint is turned; forward kinematics."""
 
 from __future__ import annotations
 
@@ -18,13 +10,12 @@ from array_api_compat import array_namespace
 
 from bodysense.body.rotation import (
     Array,
-    heading,
     quaternion_conjugate,
     quaternion_exp,
     quaternion_multiply,
     quaternion_rotate,
 )
-from bodysense.body.skeleton import BODY, Skeleton
+from bodysense.body.skeleton import Skeleton
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,49 +93,3 @@ def standing_pose(skeleton: Skeleton) -> Pose:
     known = [joint for joint in about_z if joint in skeleton.joints]
     pose.rotation[skeleton.indices(known)] = quaternion_exp(np.array([[0.0, 0.0, about_z[joint]] for joint in known]))
     return pose
-
-
-def body_skeleton(skeleton: Skeleton) -> Skeleton:
-    """The 22 joints of a skeleton that has them, each on the nearest of them above it."""
-    places = skeleton.indices(BODY)
-    order = {place: k for k, place in enumerate(places.tolist())}
-    parents = tuple(order.get(skeleton.parents[place], -1) for place in places.tolist())
-    return Skeleton(BODY, (), parents, skeleton.rest_offset[places])
-
-
-def body_pose(pose: Pose) -> Pose:
-    """The 22 joints of a pose (NumPy): the same world positions and rotations, without fingers."""
-    places = pose.skeleton.indices(BODY)
-    return Pose(body_skeleton(pose.skeleton), pose.root_position, pose.rotation[..., places, :])
-
-
-def whole_pose(skeleton: Skeleton, root_position: np.ndarray, rotation: np.ndarray) -> Pose:
-    """The pose of a whole skeleton from rotations (..., 22, 4) of `BODY`; fingers hang relaxed."""
-    whole = np.broadcast_to(standing_pose(skeleton).rotation, (*rotation.shape[:-2], len(skeleton.joints), 4)).copy()
-    whole[..., skeleton.indices(BODY), :] = rotation
-    return Pose(skeleton, root_position, whole)
-
-
-def local_offset(skeleton: Skeleton, position: np.ndarray, rotation: np.ndarray) -> np.ndarray:
-    """Offsets (..., P, 3) m of world positions (..., P, 3), by the world rotations (..., J, 4) of the joints."""
-    origin, turn = _frames(skeleton, rotation)
-    return quaternion_rotate(quaternion_conjugate(turn), position - position[..., origin, :])
-
-
-def resting_offset(skeleton: Skeleton) -> np.ndarray:
-    """(P, 3) m: the offsets of `standing_pose`, the arms hanging and the fingers a little curled."""
-    return local_offset(skeleton, *forward_kinematics(standing_pose(skeleton)))
-
-
-def hand_length(skeleton: Skeleton) -> float:
-    """From wrist to the knuckle of the middle finger, mean of both hands, metres: the size of a hand."""
-    return float(skeleton.bone_length[skeleton.indices(["left_middle1", "right_middle1"])].mean())
-
-
-def _frames(skeleton: Skeleton, rotation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Index (P,) of the point that each one is measured from, and the rotation (..., P, 4) of its axes."""
-    head = skeleton.index("head")
-    at_wrist = skeleton.wrist_of >= 0
-    origin = np.where(at_wrist, skeleton.wrist_of, head)
-    turn = np.where(at_wrist[:, None], rotation[..., origin, :], heading(rotation[..., head, :])[..., None, :])
-    return origin, turn

@@ -13,7 +13,8 @@ from functools import cached_property
 
 import numpy as np
 
-from bodysense.body.pose import Pose, forward_kinematics, local_offset
+from bodysense.body.pose import Pose, forward_kinematics
+from bodysense.body.resting import local_offset
 from bodysense.body.rotation import (
     quaternion_canonical,
     quaternion_conjugate,

@@ -12,7 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
-from bodysense.body.pose import Pose, body_skeleton, forward_kinematics, whole_pose
+from bodysense.body.body_joints import body_skeleton, whole_pose
+from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.rotation import (
     normalize,
     quaternion_conjugate,

@@ -9,7 +9,8 @@ from typing import Literal, Self
 
 import numpy as np
 
-from bodysense.body.pose import forward_kinematics, resting_offset, standing_pose
+from bodysense.body.pose import forward_kinematics, standing_pose
+from bodysense.body.resting import resting_offset
 from bodysense.body.rotation import heading, quaternion_conjugate, quaternion_multiply, quaternion_rotate
 from bodysense.body.skeleton import Skeleton
 from bodysense.completion.network import Network, NetworkFormat

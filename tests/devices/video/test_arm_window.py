@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from bodysense.devices.video.arms import calmed
+from bodysense.devices.video.arm_window import calmed
 
 TIME = np.arange(32) / 30
 CALM = 0.03

@@ -10,7 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bodysense.body.pose import body_skeleton, forward_kinematics
+from bodysense.body.body_joints import body_skeleton
+from bodysense.body.pose import forward_kinematics
 from bodysense.body.rotation import geodesic_angle
 from bodysense.body.skeleton import BODY, default_skeleton
 from bodysense.devices.estimate import PointEstimate

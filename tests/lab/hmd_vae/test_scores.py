@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 import torch
 
-from bodysense.body.pose import body_pose, forward_kinematics
+from bodysense.body.body_joints import body_pose
+from bodysense.body.pose import forward_kinematics
 from bodysense.body.rotation import quaternion_log
 from bodysense.body.skeleton import BODY
 from bodysense.errors import BodysenseError

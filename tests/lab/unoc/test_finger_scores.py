@@ -13,7 +13,8 @@ import pytest
 from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
-from bodysense.body.pose import Pose, hand_length
+from bodysense.body.pose import Pose
+from bodysense.body.resting import hand_length
 from bodysense.cli import main
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip

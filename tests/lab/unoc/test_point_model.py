@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 import bodysense.weights
-from bodysense.body.pose import Pose, forward_kinematics, local_offset
+from bodysense.body.pose import Pose, forward_kinematics
+from bodysense.body.resting import local_offset
 from bodysense.body.rotation import quaternion_exp
 from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.devices.simulated.sensors import THREE_POINT, observe

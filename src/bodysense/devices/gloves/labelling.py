@@ -18,7 +18,7 @@ import numpy as np
 
 from bodysense.body.glove import ALIGNMENT, MARKERS, default_glove, glove_points, side_of, template
 from bodysense.body.hand import mirrored_vectors
-from bodysense.body.hand_family import marker_ranges
+from bodysense.body.hand_shapes import marker_ranges
 from bodysense.body.registration import register
 from bodysense.body.skeleton import Skeleton
 from bodysense.devices.gloves.assignment import assigned_or_none, cost_of

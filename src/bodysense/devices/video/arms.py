@@ -7,8 +7,6 @@ one window that ends with it. One call with many frames equals many calls with o
 
 Frames may come at any rate; windows are resampled at the network's. After `longest_gap` without a frame everything
 is reset.
-
-Windows of key-points over time, from frames that came at any rate.
 """
 
 from __future__ import annotations
@@ -28,75 +26,9 @@ from bodysense.body.rotation import normalize, quaternion_canonical, quaternion_
 from bodysense.body.skeleton import Skeleton
 from bodysense.completion.network import Network, NetworkFormat
 from bodysense.devices.estimate import PointEstimate
+from bodysense.devices.video.arm_window import SAME, ArmFrame, alike, calmed, window_of
 from bodysense.errors import BodysenseError
 from bodysense.observation import check_order
-
-
-@dataclass(frozen=True, eq=False)
-class ArmFrame:
-    """One input frame: its key-points, and the predictions of windows for it."""
-
-    time: float
-    values: dict[str, np.ndarray]  # by field of `ArmKeypoints`, without the time axis
-    torso: np.ndarray  # (4,) the last that was found
-    said: np.ndarray | None = None  # (38, 4) weighted sum of rotations
-
-
-def window_of(frames: Sequence[ArmFrame], time: np.ndarray) -> dict[str, np.ndarray]:
-    """Interpolate key-points at `time` (T,) s, (T, …) by field, between frames; constant before the first.
-
-    Values found in both neighbours are interpolated; others are the nearer one's.
-    """
-    place = np.interp(time, [frame.time for frame in frames], np.arange(len(frames)))
-    before = np.minimum(np.floor(place + _SAME).astype(int), len(frames) - 1)
-    after = np.minimum(before + 1, len(frames) - 1)
-    share = np.clip(place - before, 0.0, 1.0).astype(np.float32)
-    window: dict[str, np.ndarray] = {}
-    for name in ("arm", "torso", "hand"):
-        mask, values = (np.stack([frame.values[key] for frame in frames]) for key in (f"has_{name}", name))
-        far = share >= 0.5
-        window[f"has_{name}"] = np.where(_shaped(far, mask), mask[after], mask[before])
-        first, second = values[before], values[after]
-        if name == "torso":
-            second = alike(second, first)
-        both = mask[before] & mask[after]
-        along = np.where(both, _shaped(share, mask), _shaped(far, mask))
-        between = first + along.reshape(*along.shape, *(1,) * (first.ndim - along.ndim)) * (second - first)
-        window[name] = (between if name == "hand" else np.asarray(normalize(between))).astype(np.float32)
-    return window
-
-
-def calmed(window: dict[str, np.ndarray], time: np.ndarray, calm: float) -> dict[str, np.ndarray]:
-    """Smooth a window over time by a Gaussian of standard deviation `calm` s, over found values only."""
-    near = np.exp(-0.5 * ((time[:, None] - time) / calm) ** 2)
-    smooth = dict(window)
-    for name in ("arm", "torso", "hand"):
-        values, mask = window[name], window[f"has_{name}"]
-        if name == "torso":
-            before = np.concatenate([[1.0], np.where((values[1:] * values[:-1]).sum(axis=-1) < 0, -1.0, 1.0)])
-            values = values * np.cumprod(before)[:, None]
-        flat = np.where(_shaped_as(mask, values), values, 0.0)
-        weight = np.tensordot(near, mask.astype(float), axes=1)
-        mean = np.tensordot(near, flat, axes=1) / np.maximum(_shaped_as(weight, values), 1e-9)
-        mean = mean if name == "hand" else np.asarray(normalize(mean))
-        smooth[name] = np.where(_shaped_as(mask, values), mean, window[name]).astype(np.float32)
-    return smooth
-
-
-def _shaped_as(mask: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Return a mask (T, …) with as many axes as its values."""
-    return mask.reshape(*mask.shape, *[1] * (values.ndim - mask.ndim))
-
-
-def _shaped(values: np.ndarray, like: np.ndarray) -> np.ndarray:
-    """Return (T,) values with as many axes as `like`."""
-    return values.reshape(-1, *(1,) * (like.ndim - 1))
-
-
-def alike(q: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """Return quaternions (..., 4) with the signs closer to others."""
-    return np.where((q * other).sum(axis=-1, keepdims=True) < 0, -q, q)
-
 
 FORMAT = "bodysense arms 1"
 NETWORK = NetworkFormat(
@@ -108,7 +40,6 @@ NETWORK = NetworkFormat(
 )
 UNSEEN_ERROR = 0.5  # m: of legs, which always stand
 _ENDS = 0.1  # weight of a window's last frame relative to its middle
-_SAME = 1e-6  # s, frames; smaller differences are equal
 _UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])
 
 
@@ -214,10 +145,10 @@ class Arms:
             torso = frame.torso if frame.values["has_torso"] else last.torso
             frames = (*state.frames, replace(frame, torso=torso))
             state = replace(state, frames=frames, waiting=state.waiting + 1)
-            due = sum(one.time + self.settings.look_ahead <= frame.time + _SAME for one in _waiting(state))
+            due = sum(one.time + self.settings.look_ahead <= frame.time + SAME for one in _waiting(state))
             answered_next = slice(len(state.frames) - state.waiting, len(state.frames) - state.waiting + due)
             unheard = due > 0 and state.window < state.frames[answered_next][-1].time
-            if unheard or frame.time - state.window >= self.settings.stride - _SAME:
+            if unheard or frame.time - state.window >= self.settings.stride - SAME:
                 state = self._windowed(state)
             answered += state.frames[answered_next]
             state = self._forgotten(replace(state, waiting=state.waiting - due))
@@ -252,7 +183,7 @@ class Arms:
         frames = list(state.frames[:begin])
         for frame in _waiting(state):
             place = max(count - 1 - (now - frame.time) * rate, 0.0)
-            before = min(int(place + _SAME), count - 2)
+            before = min(int(place + SAME), count - 2)
             share = place - before
             after = alike(said[before + 1], said[before])
             turn = np.asarray(normalize(said[before] + share * (after - said[before])))

@@ -2,13 +2,6 @@
 
 There are two angles: tilt, by which the camera looks down, and roll about its view axis. Landmarks are made upright
 first, because networks of bodies are trained on level cameras.
-
-Arms are aligned with their lines in the picture, which defines directions across it well, and depth badly.
-
-The directions of an arm's bones across the picture are measured. Their depths are predicted by landmarks and by a
-network, both roughly, and bounded by the seen lengths: a bone seen in full length points neither to the camera nor
-away from it. Seen lengths say little if the legs are hidden, because the distance is uncertain then: depths are the
-network's in that case.
 """
 
 from __future__ import annotations
@@ -18,7 +11,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bodysense.body.arms import SIDES
-from bodysense.body.rotation import normalize
 from bodysense.devices.video.landmarks import BODY_LANDMARKS
 from bodysense.devices.video.person import VISIBLE, PersonLandmarks
 
@@ -98,87 +90,3 @@ def _upright(person: PersonLandmarks) -> np.ndarray | None:
     straight = min(float(bone @ up) / max(float(np.linalg.norm(bone)), 1e-9) for bone in bones)
     level = abs(np.arctan2(up[2], np.hypot(up[0], up[1]))) < _STEEPEST and abs(np.arctan2(up[0], up[1])) < _MOST_ROLLED
     return up if straight > np.cos(_STRAIGHT) and level else None
-
-
-# Fitted on rendered gestures and videos of training people. Depths of upper arm and forearm are predicted by the
-# mean of network and landmarks; bias toward the camera, and error.
-_NEARER, _SAID_ERROR = np.array([0.0, 0.1]), np.array([0.25, 0.2])
-_LENGTH_ERROR = (0.08, 0.28)  # share of a seen length: with the whole body in view, and with its upper half only
-_WHOLE = (0.3, 0.8)  # seen share of the legs, below which depths are the network's, and above which these are used
-_SHARE = 0.5  # weight of this depth relative to the network's: chosen on videos of validation clips
-_DEPTHS = np.linspace(-0.98, 0.98, 50)
-_BLUNT = 0.13  # m: for bones seen shorter than this the picture is no better than the network
-
-
-def with_depths(
-    bones: np.ndarray,
-    landmarks: np.ndarray,
-    places: np.ndarray,
-    focal: float,
-    shoulder: np.ndarray,
-    length: np.ndarray,
-    whole: float,
-) -> np.ndarray:
-    """Return unit directions (2, 2, 3) of upper arm and forearm of both sides, with the likeliest depths.
-
-    Args:
-        bones: (2, 2, 3) unit directions in the camera's axes, by the network.
-        landmarks: (2, 2, 3) unit directions by the landmarks.
-        places: (2, 3, 2) shoulder, elbow and wrist in heights of the picture.
-        focal: focal length in heights of the picture.
-        shoulder: (2,) m from the camera, along its axis, to the shoulders.
-        length: (2, 2) m, of the bones.
-        whole: 0 to 1, visibility of the legs: without them distances are less certain.
-    """
-    result, away = np.array(bones), np.array(shoulder)
-    trust = float(np.interp(whole, _WHOLE, (0.0, _SHARE)))
-    if trust == 0:
-        return result
-    length_error = np.interp(whole, [0.0, 1.0], _LENGTH_ERROR[::-1])
-    for k in range(bones.shape[1]):
-        said = np.clip((bones[:, k, 2] + landmarks[:, k, 2]) / 2 - _NEARER[k], -1, 1)
-        line, middle = places[:, k + 1] - places[:, k], (places[:, k + 1] + places[:, k]) / 2
-        short = np.linalg.norm(line, axis=-1, keepdims=True)
-        wanted = _scale(line / np.maximum(short, 1e-9), middle, _DEPTHS[:, None, None], focal)[0][..., 0].T
-        distance = away[:, None] - length[:, k, None] / 2 * _DEPTHS
-        seen = short * distance / (focal * length[:, k, None])
-        unlikely = ((_DEPTHS - said[:, None]) / _SAID_ERROR[k]) ** 2 + ((seen - wanted) / length_error) ** 2
-        weight = np.exp(-0.5 * (unlikely - unlikely.min(axis=1, keepdims=True)))
-        depth = (weight * _DEPTHS).sum(axis=1) / weight.sum(axis=1)
-        depth = trust * depth + (1 - trust) * np.clip(bones[:, k, 2], -1, 1)
-        across = bones[:, k, :2] / np.maximum(np.linalg.norm(bones[:, k, :2], axis=-1, keepdims=True), 1e-9)
-        result[:, k] = np.concatenate([across * np.sqrt(1 - depth[:, None] ** 2), depth[:, None]], axis=-1)
-        away = away - length[:, k] * depth
-    return result
-
-
-def along_lines(bones: np.ndarray, places: np.ndarray, focal: float, distance: float) -> np.ndarray:
-    """Align unit directions (..., 2, 3) of upper arm and forearm with the landmarks in the picture.
-
-    Args:
-        bones: (..., 3) unit directions in the camera's axes, whose depths are kept.
-        places: (..., 3, 2) shoulder, elbow and wrist in heights of the picture.
-        focal: focal length in heights of the picture.
-        distance: m from the camera to the body.
-
-    A bone d in the middle of places m is seen along d_xy + m d_z / focal, which is to be s times the seen direction;
-    d has unit length.
-    """
-    line, middle = np.diff(places, axis=-2), (places[..., 1:, :] + places[..., :-1, :]) / 2
-    length = np.linalg.norm(line, axis=-1, keepdims=True)
-    seen, depth = line / np.maximum(length, 1e-9), bones[..., 2:]
-    scale, shift = _scale(seen, middle, depth, focal)
-    there = np.concatenate([scale * seen - shift, depth], axis=-1)
-    trust = length**4 / (length**4 + (_BLUNT * focal / distance) ** 4)
-    return np.asarray(normalize(trust * np.asarray(normalize(there)) + (1 - trust) * bones))
-
-
-def _scale(seen: np.ndarray, middle: np.ndarray, depth: np.ndarray, focal: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return the length (..., 1) of a unit bone of a depth (..., 1) across the picture, and its shift (..., 2).
-
-    The bone is along a direction (..., 2) in the picture, around a position (..., 2).
-    """
-    shift = middle * depth / focal
-    along = (seen * shift).sum(axis=-1, keepdims=True)
-    across = along**2 - (shift * shift).sum(axis=-1, keepdims=True) + 1 - depth**2
-    return along + np.sqrt(np.maximum(across, 0.0)), shift

@@ -26,8 +26,9 @@ from bodysense.body.rotation import (
 )
 from bodysense.body.skeleton import ARM, Skeleton
 from bodysense.body.spring import spring_step
+from bodysense.devices.video.arm_lines import along_lines, with_depths
 from bodysense.devices.video.arm_turns import along_arms, palm_rotations, with_palms
-from bodysense.devices.video.camera_level import CameraLevel, along_lines, rolled, tilted, upright, with_depths
+from bodysense.devices.video.camera_level import CameraLevel, rolled, tilted, upright
 from bodysense.devices.video.landmark_points import LaidPoints, LandmarkPoints, located
 from bodysense.devices.video.landmark_smoothing import REACH, smoothed
 from bodysense.devices.video.landmarks import BODY_LANDMARKS

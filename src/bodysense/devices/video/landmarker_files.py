@@ -1,15 +1,9 @@
-"""Where MediaPipe's model files are: in a folder that is given, in the cache, or fetched once and checked.
-
-Libraries of C++ that talk to the terminal by themselves.
-"""
+"""Where MediaPipe's model files are: in a folder that is given, in the cache, or fetched once and checked."""
 
 from __future__ import annotations
 
 import hashlib
-import os
-import sys
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -90,20 +84,3 @@ def _fetch(address: str, path: Path, checksum: str) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     with written_beside(path) as beside:
         beside.write_bytes(content)
-
-
-@contextmanager
-def silence(wanted: bool = True) -> Iterator[None]:
-    """Keep what libraries write to standard error, past Python, away from the terminal while the block runs."""
-    if not wanted:
-        yield
-        return
-    sys.stderr.flush()
-    kept, nothing = os.dup(2), os.open(os.devnull, os.O_WRONLY)
-    try:
-        os.dup2(nothing, 2)
-        yield
-    finally:
-        os.dup2(kept, 2)
-        os.close(kept)
-        os.close(nothing)

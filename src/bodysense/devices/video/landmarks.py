@@ -12,8 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from bodysense.devices.video.landmarker_files import LandmarkerFiles, silence
+from bodysense.devices.video.landmarker_files import LandmarkerFiles
 from bodysense.devices.video.pictures import Picture
+from bodysense.devices.video.silence import silence
 from bodysense.errors import BodysenseError, missing_package
 
 # fmt: off

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bodysense.devices.video.landmarker_files import silence
+from bodysense.devices.video.silence import silence
 from bodysense.errors import BodysenseError, missing_package
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ import numpy as np
 
 from bodysense.body.glove import ALIGNMENT, MARKERS, default_glove, glove_points, side_of, template
 from bodysense.body.hand import glove_hands, hand_skeleton, mirrored_vectors
-from bodysense.body.hand_family import hand_shapes, marker_ranges, unlikeness
+from bodysense.body.hand_shapes import hand_shapes, marker_ranges, unlikeness
 from bodysense.body.registration import register
 from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError

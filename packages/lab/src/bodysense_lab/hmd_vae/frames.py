@@ -24,7 +24,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from bodysense.body.pose import body_pose, body_skeleton, forward_kinematics
+from bodysense.body.body_joints import body_pose, body_skeleton
+from bodysense.body.pose import forward_kinematics
 from bodysense.body.rotation import heading, quaternion_conjugate, quaternion_multiply, quaternion_rotate
 from bodysense.body.skeleton import BODY, default_skeleton
 from bodysense.errors import BodysenseError

@@ -25,7 +25,8 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from bodysense.body.pose import Pose, body_skeleton, forward_kinematics
+from bodysense.body.body_joints import body_skeleton
+from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.rotation import (
     geodesic_angle,
     matrix_to_quaternion,

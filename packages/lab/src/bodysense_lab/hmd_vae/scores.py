@@ -15,7 +15,8 @@ from typing import Any
 import numpy as np
 import torch
 
-from bodysense.body.pose import body_skeleton, local_rotation
+from bodysense.body.body_joints import body_skeleton
+from bodysense.body.pose import local_rotation
 from bodysense.body.rotation import geodesic_angle, quaternion_log
 from bodysense.body.skeleton import BODY, LOWER_BODY, default_skeleton
 from bodysense.errors import BodysenseError

@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from bodysense.body.pose import Pose, body_skeleton, forward_kinematics, whole_pose
+from bodysense.body.body_joints import body_skeleton, whole_pose
+from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.skeleton import BODY
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip

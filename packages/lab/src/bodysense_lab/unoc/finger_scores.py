@@ -16,7 +16,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bodysense.body.pose import forward_kinematics, hand_length, local_offset
+from bodysense.body.pose import forward_kinematics
+from bodysense.body.resting import hand_length, local_offset
 from bodysense.body.rotation import (
     heading,
     quaternion_conjugate,

@@ -8,7 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from bodysense.body.pose import forward_kinematics, resting_offset, standing_pose
+from bodysense.body.pose import forward_kinematics, standing_pose
+from bodysense.body.resting import resting_offset
 from bodysense.body.rotation import quaternion_exp, quaternion_rotate
 from bodysense.body.skeleton import Skeleton
 from bodysense.devices.estimate import PointEstimate

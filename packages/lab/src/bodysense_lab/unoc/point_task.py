@@ -14,7 +14,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from bodysense.body.pose import Pose, forward_kinematics, resting_offset
+from bodysense.body.pose import Pose, forward_kinematics
+from bodysense.body.resting import resting_offset
 from bodysense.devices.simulated.sensors import THREE_POINTS
 from bodysense.io.clip import Clip
 from bodysense_lab.fit import Task, cut, played
