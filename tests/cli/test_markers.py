@@ -131,7 +131,7 @@ def test_names_units_and_axes(files: Path, motion: Path, gloves: Observation, ru
     theirs = tuple(f"M{k}" for k in range(18))
     # As of another program: millimetres, +Z up, left-handed, names of its own.
     other = gloves.position[..., [0, 2, 1]] * [-1, -1, 1] * 1000
-    from bodysense.io.markers.text import write_csv
+    from bodysense.io.markers.csv_table import write_csv
 
     write_csv(files / "other.csv", replace(gloves, points=theirs, position=other))
     (files / "names.json").write_text(json.dumps(dict(zip(theirs, gloves.points, strict=True))))
