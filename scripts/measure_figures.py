@@ -48,7 +48,8 @@ from bodysense_lab.datasets import gathered, learned_clips, open_clips
 from bodysense_lab.pahmt.features import read_arm_recordings
 from bodysense_lab.paper_options import PaperOptions
 from bodysense_lab.scoring import group_of
-from bodysense_lab.synthesis.hands import RATE, synthesize_hand
+from bodysense_lab.synthesis.hands import synthesize_hand
+from bodysense_lab.synthesis.motion import RATE
 from bodysense_lab.two_hands.system import SETTINGS, networks_of
 from bodysense_lab.two_hands.trials import cut, hands_of, observed
 from bodysense_lab.unoc.finger_scores import examples_of, finger_errors

@@ -12,7 +12,8 @@ from bodysense.body.hand import mirrored_vectors
 from bodysense.body.skeleton import Skeleton
 from bodysense.devices.gloves.hands import GloveModels
 from bodysense.observation import Observation, accuracy_like, check_observation
-from bodysense_lab.synthesis.hands import HandMotion, synthesize_hand
+from bodysense_lab.synthesis.hands import synthesize_hand
+from bodysense_lab.synthesis.motion import HandMotion
 
 MakeGloves = Callable[..., Observation]
 

@@ -17,7 +17,8 @@ from bodysense.devices.estimate import PointEstimate
 from bodysense.devices.gloves.hands import GloveModels, Hands, HandsSettings, load_glove_models, natural_pose
 from bodysense.errors import BodysenseError
 from bodysense.observation import Observation
-from bodysense_lab.synthesis.hands import HandMotion, synthesize_hand
+from bodysense_lab.synthesis.hands import synthesize_hand
+from bodysense_lab.synthesis.motion import HandMotion
 from bodysense_lab.two_hands.baselines import LastKnown
 
 FREE = HandsSettings(contact=None)

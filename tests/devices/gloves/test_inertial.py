@@ -20,7 +20,7 @@ from bodysense.devices.gloves.hands import GloveModels, Hands, HandsSettings
 from bodysense.devices.simulated.glove_imu import observe_fingers
 from bodysense.devices.simulated.noise import hide
 from bodysense.observation import Observation, joined_points
-from bodysense_lab.synthesis.hands import HandMotion
+from bodysense_lab.synthesis.motion import HandMotion
 
 FLEXIONS = [k for k, row in enumerate(FREEDOMS) if row.angle == "flexion"]
 ALONE = HandsSettings(rejection=None, contact=None)

@@ -62,7 +62,7 @@ def test_every_hand_is_judged_as_if_alone(hand: Skeleton, markers: np.ndarray) -
 def test_real_motion_is_believed(motion_data: object) -> None:
     from bodysense.body.glove import marker_positions
     from bodysense_lab.datasets import open_clips
-    from bodysense_lab.synthesis.hands import hand_motions
+    from bodysense_lab.synthesis.motion import hand_motions
 
     for motion in hand_motions(open_clips(f"{motion_data}/rocketbox", "train", at_most=3)):
         true = np.asarray(marker_positions(default_glove(), motion.pose))[:400]

@@ -62,7 +62,7 @@ def test_fingers_are_where_they_are_when_all_is_seen(hand: Skeleton, observe_glo
 @pytest.mark.slow
 def test_real_hands_do_not_jump(motion_data: Path, observe_gloves) -> None:
     from bodysense_lab.datasets import open_clips
-    from bodysense_lab.synthesis.hands import hand_motions
+    from bodysense_lab.synthesis.motion import hand_motions
 
     worst = []
     for motion in hand_motions(open_clips(motion_data / "rocketbox", "test", at_most=6)):

@@ -12,7 +12,7 @@ from bodysense.body.hand import FINGERTIPS, HAND_JOINTS, angles_of, limits, mirr
 from bodysense.body.pose import forward_kinematics
 from bodysense.io.clip import Clip
 from bodysense_lab.datasets import open_clips
-from bodysense_lab.synthesis.hands import hand_motions, hand_pairs
+from bodysense_lab.synthesis.motion import hand_motions, hand_pairs
 
 
 def test_both_hands_stand_where_the_recording_has_them(waving_clip: Clip) -> None:

@@ -14,18 +14,11 @@ from bodysense.body.pose import forward_kinematics
 from bodysense.body.rotation import geodesic_angle
 from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError
-from bodysense_lab.synthesis.gestures import (
-    GESTURES,
-    NAMES,
-    along,
-    along_rotations,
-    draw_key_poses,
-    draw_timing,
-    key_poses,
-    minimum_jerk,
-)
-from bodysense_lab.synthesis.hands import PRESSED, _measure, posed, settled, synthesize_hand, varied_hand
+from bodysense_lab.synthesis.flesh import PRESSED, _measure, posed, settled
+from bodysense_lab.synthesis.gestures import GESTURES, NAMES, draw_key_poses, key_poses
+from bodysense_lab.synthesis.hands import synthesize_hand, varied_hand
 from bodysense_lab.synthesis.pairs import MEETINGS, synthesize_pair
+from bodysense_lab.synthesis.paths import along, along_rotations, draw_timing, minimum_jerk
 
 HAND = hand_skeleton(default_skeleton(), "left")
 UNTURNED = np.array([1.0, 0.0, 0.0, 0.0])

@@ -13,7 +13,8 @@ from bodysense.body.skeleton import Skeleton
 from bodysense.devices.gloves.hands import GloveModels
 from bodysense.devices.gloves.networks import load_joint_network, load_marker_network
 from bodysense_lab.datasets import Census
-from bodysense_lab.synthesis.hands import HandMotion, synthesize_hand
+from bodysense_lab.synthesis.hands import synthesize_hand
+from bodysense_lab.synthesis.motion import HandMotion
 from bodysense_lab.two_hands.baselines import LastKnown
 from bodysense_lab.two_hands.scores import ALONE, GloveTable, HandTask, measure_fingers, measure_markers
 from bodysense_lab.two_hands.tables import finger_report, marker_report, published_ratio

@@ -17,7 +17,8 @@ from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.devices.gloves.networks import known_shapes, load_joint_network, load_marker_network, size_ratios
 from bodysense.errors import BodysenseError
 from bodysense_lab.fit import fit
-from bodysense_lab.synthesis.hands import HandMotion, synthesize_hand
+from bodysense_lab.synthesis.hands import synthesize_hand
+from bodysense_lab.synthesis.motion import HandMotion
 from bodysense_lab.two_hands.drawing import (
     FINGER_POINTS,
     JointTask,

@@ -35,7 +35,7 @@ from bodysense_lab.rendering.scene import (
     sample_scene,
 )
 from bodysense_lab.rendering.stage import open_stage
-from bodysense_lab.synthesis.gestures import minimum_jerk
+from bodysense_lab.synthesis.paths import minimum_jerk
 
 _ARM = tuple[tuple[float, float, float], tuple[float, float, float]]
 # Where upper arm and forearm of the left arm point from a chest that faces +z; the right arm's are mirrored.

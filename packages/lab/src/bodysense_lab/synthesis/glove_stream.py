@@ -10,7 +10,8 @@ from bodysense.body.glove import default_glove, glove_points, marker_positions, 
 from bodysense.body.hand import hand_skeleton, mirrored_vectors
 from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.observation import EXACT_ACCURACY, Observation, accuracy_like
-from bodysense_lab.synthesis.hands import RATE, synthesize_hand
+from bodysense_lab.synthesis.hands import synthesize_hand
+from bodysense_lab.synthesis.motion import RATE
 
 _EVERY = 30  # frames, after which other markers are hidden
 

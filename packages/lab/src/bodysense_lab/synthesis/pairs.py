@@ -21,18 +21,11 @@ from bodysense.body.rotation import (
     quaternion_rotate,
 )
 from bodysense.body.skeleton import Skeleton
-from bodysense_lab.synthesis.gestures import NAMES, Timing, along, along_rotations, draw_timing, key_poses
-from bodysense_lab.synthesis.hands import (
-    DIGIT,
-    FASTEST_FINGER,
-    FASTEST_TURN,
-    FASTEST_WRIST,
-    RATE,
-    HandMotion,
-    frame_times,
-    posed,
-    settled,
-)
+from bodysense_lab.synthesis.flesh import posed, settled
+from bodysense_lab.synthesis.gestures import NAMES, key_poses
+from bodysense_lab.synthesis.hands import DIGIT, FASTEST_FINGER, FASTEST_TURN, FASTEST_WRIST, frame_times
+from bodysense_lab.synthesis.motion import RATE, HandMotion
+from bodysense_lab.synthesis.paths import Timing, along, along_rotations, draw_timing
 
 Three = tuple[float, float, float]
 

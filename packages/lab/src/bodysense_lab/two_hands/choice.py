@@ -21,7 +21,8 @@ from bodysense.devices.gloves.fillers import NetworkFiller
 from bodysense.devices.gloves.hands import HandsSettings, load_glove_models
 from bodysense.devices.gloves.inertial import InertialSettings
 from bodysense_lab.datasets import DataSet, describe
-from bodysense_lab.synthesis.hands import HandMotion, synthesize_hand
+from bodysense_lab.synthesis.hands import synthesize_hand
+from bodysense_lab.synthesis.motion import HandMotion
 from bodysense_lab.table import Report, cell, finite
 from bodysense_lab.two_hands.fusion import SCORED, SECONDS, STRIDE, fused_errors
 from bodysense_lab.two_hands.scores import ALONE, SYNTHESISED, SYNTHETIC_SECONDS, GloveTable, HandTask, measure

@@ -31,7 +31,7 @@ from bodysense.devices.gloves.networks import (
     load_marker_network,
 )
 from bodysense.errors import BodysenseError
-from bodysense_lab.synthesis.hands import HandMotion
+from bodysense_lab.synthesis.motion import HandMotion
 from bodysense_lab.two_hands.continuity import Continuous
 from bodysense_lab.two_hands.trials import DURATIONS, HandErrors, Trials, cut, finger_error, hide_some, marker_error
 

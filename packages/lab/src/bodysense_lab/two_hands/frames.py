@@ -12,7 +12,7 @@ from bodysense.body.hand import angles_of
 from bodysense.body.hand_family import GlovedHand, carried_over, plain_hand
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.errors import BodysenseError
-from bodysense_lab.synthesis.hands import HandMotion
+from bodysense_lab.synthesis.motion import HandMotion
 
 RATE = 30.0  # Hz, of the frames that are learned
 

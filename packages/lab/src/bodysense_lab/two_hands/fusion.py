@@ -26,7 +26,7 @@ from bodysense.metrics import joint_error
 from bodysense.observation import EXACT_ACCURACY, Observation, joined_points
 from bodysense_lab.datasets import DataSet, describe
 from bodysense_lab.scoring import GROUPS
-from bodysense_lab.synthesis.hands import RATE
+from bodysense_lab.synthesis.motion import RATE
 from bodysense_lab.table import Report, cell, finite
 from bodysense_lab.two_hands.foreign import FOREIGN, PLACES, STRANGER, ForeignModels, unseen_hand
 from bodysense_lab.two_hands.scores import (

@@ -17,7 +17,8 @@ from bodysense.io.resample import resample
 from bodysense_lab.datasets import Census, gathered
 from bodysense_lab.scoring import group_of
 from bodysense_lab.spread import spread
-from bodysense_lab.synthesis.hands import RATE, varied_hand
+from bodysense_lab.synthesis.hands import varied_hand
+from bodysense_lab.synthesis.motion import RATE
 from bodysense_lab.synthesis.pairs import synthesize_pair
 
 SYNTHESISED_SECONDS, SPREAD = 20.0, 0.05  # s of a piece; the spread of the hands' sizes

@@ -21,7 +21,8 @@ from bodysense.devices.gloves.calibration import fit_hand
 from bodysense.devices.gloves.device import glove_device
 from bodysense.devices.gloves.hands import GloveModels, load_glove_models
 from bodysense_lab.synthesis.glove_stream import observed_markers
-from bodysense_lab.synthesis.hands import RATE, synthesize_hand
+from bodysense_lab.synthesis.hands import synthesize_hand
+from bodysense_lab.synthesis.motion import RATE
 from bodysense_lab.table import Report, finite
 from bodysense_lab.two_hands.trials import FINGER_POINTS, HandErrors
 

@@ -9,7 +9,7 @@ from bodysense.devices.simulated.camera_ring import CameraRing
 from bodysense_lab.chart import BarPanel, plain_bars
 from bodysense_lab.datasets import Census, DataSet, describe
 from bodysense_lab.scoring import GROUPS
-from bodysense_lab.synthesis.hands import RATE
+from bodysense_lab.synthesis.motion import RATE
 from bodysense_lab.table import Cell, Report, finite
 from bodysense_lab.two_hands.limits import COUNTED, JUMP, SPIKES, TOUCHING, Findings
 

@@ -19,7 +19,7 @@ from bodysense.devices.simulated.glove import visible
 from bodysense_lab.chart import BarPanel, plain_bars
 from bodysense_lab.datasets import Census, DataSet, describe
 from bodysense_lab.scoring import GROUPS
-from bodysense_lab.synthesis.hands import RATE
+from bodysense_lab.synthesis.motion import RATE
 from bodysense_lab.table import Cell, Report, cell, finite
 from bodysense_lab.two_hands.hand_pairs import HandPair
 

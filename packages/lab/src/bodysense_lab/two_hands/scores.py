@@ -19,7 +19,8 @@ from bodysense.metrics import joint_error
 from bodysense_lab.datasets import Census, DataSet, census_of
 from bodysense_lab.scoring import GROUPS, Tally, group_of
 from bodysense_lab.spread import spread
-from bodysense_lab.synthesis.hands import HandMotion, hand_motions, synthesize_hand
+from bodysense_lab.synthesis.hands import synthesize_hand
+from bodysense_lab.synthesis.motion import HandMotion, hand_motions
 from bodysense_lab.two_hands.baselines import AffineCombination, FingerLimits, LastKnown, MovingAverage, solve_fingers
 from bodysense_lab.two_hands.continuity import Continuous
 from bodysense_lab.two_hands.foreign import ForeignModels, foreign_fingers, foreign_markers

@@ -24,7 +24,8 @@ from bodysense_lab.datasets import open_clips
 from bodysense_lab.export import export
 from bodysense_lab.fit import announced, begin, fit, printed
 from bodysense_lab.progress import read_clips, tracked
-from bodysense_lab.synthesis.hands import HandMotion, hand_pairs, synthesize_hand
+from bodysense_lab.synthesis.hands import synthesize_hand
+from bodysense_lab.synthesis.motion import HandMotion, hand_pairs
 from bodysense_lab.synthesis.pairs import synthesize_pair
 from bodysense_lab.two_hands.drawing import JointTask, MarkerTask
 from bodysense_lab.two_hands.frames import RATE, GloveFrames, frames_of, join

@@ -21,7 +21,7 @@ from bodysense.devices.gloves.hands import GloveModels, Hands, HandsSettings
 from bodysense.metrics import joint_error
 from bodysense.observation import Observation
 from bodysense_lab.synthesis.glove_stream import observed_markers
-from bodysense_lab.synthesis.hands import RATE, HandMotion
+from bodysense_lab.synthesis.motion import RATE, HandMotion
 from bodysense_lab.tallies import Tallies
 
 HIDDEN = (1, 2, 3, 4)  # markers at once

@@ -1,0 +1,50 @@
+"""The motion of hands, cut from recordings of whole bodies: every hand as a left hand (`body.hand`)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+
+from bodysense.body.hand import Side, hand_pose
+from bodysense.body.pose import Pose
+from bodysense.io.clip import Clip
+from bodysense.io.resample import resample
+
+RATE = 60.0  # Hz, the rate of the paper's recordings (two-hands, section 6.1.1)
+
+
+@dataclass(frozen=True, eq=False)
+class HandMotion:
+    """One hand over time."""
+
+    name: str  # of the recording
+    pose: Pose  # (T, …) of a left hand; a right one is mirrored at the plane x = 0 of the world, root and all
+    frame_rate: float  # Hz
+    category: str  # what the person does, where known
+    side: Side  # which hand it is
+
+    def __len__(self) -> int:
+        return int(self.pose.root_position.shape[0])
+
+    @property
+    def seconds(self) -> float:
+        """Length of the motion."""
+        return len(self) / self.frame_rate
+
+
+def hand_pairs(clips: Iterable[Clip], rate: float = RATE) -> Iterator[tuple[HandMotion, HandMotion]]:
+    """Left and right hand of every clip whose fingers were recorded, at `rate` Hz, bones as long as the clip's.
+
+    Raises BodysenseError for a skeleton without fingers.
+    """
+    for clip in clips:
+        if clip.has_fingers:
+            body = resample(clip, rate)
+            left = HandMotion(clip.name, hand_pose(body.pose, "left"), body.frame_rate, clip.category, "left")
+            yield left, replace(left, pose=hand_pose(body.pose, "right"), side="right")
+
+
+def hand_motions(clips: Iterable[Clip]) -> Iterator[HandMotion]:
+    """The hands of `hand_pairs`, one after the other."""
+    for pair in hand_pairs(clips):
+        yield from pair
