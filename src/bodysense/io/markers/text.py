@@ -1,4 +1,4 @@
-"""What text formats of markers share: numbers, units and rates in tables, and their errors."""
+"""Numbers, units and rates that text formats of markers share, and errors in them."""
 
 from __future__ import annotations
 
