@@ -70,6 +70,11 @@ def moved(subject: Subject, names: Sequence[str], by: Any, frames: Any = slice(N
     return replace(subject, position=position)
 
 
+def _stands(subject: Subject) -> np.ndarray:
+    """Return the frames (T,) in which no step of the script moves the feet."""
+    return ~subject.within("march", "left_leg_raise", "right_leg_raise", "other")
+
+
 def showing(subject: Subject, frames: np.ndarray) -> Subject:
     """Return a subject that gives out the poses of other frames (T,) at its own times."""
     return replace(subject, position=subject.position[frames], rotation=subject.rotation[frames])
@@ -345,6 +350,11 @@ OTHERS: dict[str, Callable[[Performance], Subject]] = {
         p.subject,
         p.subject.points,
         np.outer(0.5 * np.clip(np.minimum(p.subject.time - 2, 8 - p.subject.time), 0, 1), [0, 1, 0]),
+    ),
+    "floor.idle_steps": lambda p: moved(
+        p.subject,
+        below("left_ankle"),
+        np.outer(_stands(p.subject) * 0.05 * np.sin(4 * np.pi * p.subject.time), [1, 0, 0]),
     ),
     "tracking.loss": lambda p: moved(p.subject, below("left_wrist"), [0, 0, 0.2], slice(130, 140)),
     "tracking.return": lambda p: moved(p.subject, below("left_wrist"), [0, 0, 0.2], slice(140, 150)),

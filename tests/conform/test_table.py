@@ -21,7 +21,7 @@ from bodysense_conform.sources.files import clip_subject
 from bodysense_conform.subject import Step, Subject, is_finger
 from bodysense_conform.table import Check, CheckTable, table
 
-from .defects import kept
+from .defects import kept, moved
 
 _LIMITED = [check for check in table().checks if check.least is not None or check.most is not None]
 _DATA_CLIPS = 24  # of the motion data, evenly spread
@@ -103,6 +103,11 @@ def test_hands_that_are_honestly_missing_do_not_fail(clean: Subject, garbage: fl
     verdict = judge(subject)
     assert verdict.judgement == "pass", _faults(verdict)
     assert "hands.size" in verdict.unanswered["no hand comes with all its fingers"]
+
+
+def test_an_unknown_floor_is_where_the_lower_sole_usually_is(clean: Subject) -> None:
+    leaps = moved(clean, clean.points, [0.0, 0.4, 0.0], np.arange(len(clean)) % 5 == 0)
+    assert abs(replace(leaps, floor=None).ground - clean.ground) < 0.03
 
 
 @pytest.mark.parametrize("frames", [1, 3, 25])
