@@ -1,4 +1,4 @@
-import { Matrix4, Quaternion, Vector3 } from "three";
+import { Box3, Matrix4, Quaternion, Vector3 } from "three";
 import { VRMHumanBoneList } from "@pixiv/three-vrm";
 import { describe, expect, it } from "vitest";
 import { Mirror } from "../src/view/mirror";
@@ -44,6 +44,16 @@ describe("the mirror", () => {
     const image = head.clone().applyMatrix4(mirror.reflection());
     expect(image.distanceTo(head.clone().addScaledVector(look, 3))).toBeLessThan(1e-6);
     expect(new Matrix4().copy(mirror.reflection()).determinant()).toBeCloseTo(-1, 6);
+  });
+
+  it("reaches down to a lower floor, its upper edge and what it shows unchanged", () => {
+    const mirror = new Mirror();
+    const [before, map] = [new Box3().setFromObject(mirror.frame), mirror.reflection()];
+    mirror.reachDown(-0.4);
+    const after = new Box3().setFromObject(mirror.frame);
+    expect(after.min.y - before.min.y).toBeCloseTo(-0.4, 6);
+    expect(after.max.y).toBeCloseTo(before.max.y, 1);
+    expect(mirror.reflection().equals(map)).toBe(true);
   });
 });
 

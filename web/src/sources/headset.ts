@@ -163,7 +163,9 @@ export class Headset implements Source {
     );
     this.view.stage.matrix.multiplyMatrices(this.mirror.reflection(), toBody.invert());
     this.view.stage.matrixWorldNeedsUpdate = true;
-    this.view.floorAt(-this.lift); // a raised body is mirrored at the wearer's eyes: its feet are below the real floor
+    // A raised body is mirrored at the wearer's eyes: its feet are below the real floor.
+    this.view.floorAt(-this.lift);
+    this.mirror.reachDown(-this.lift);
   }
 
   private rays(frame: XRFrame, space: XRReferenceSpace): Matrix4[] {

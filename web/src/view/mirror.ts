@@ -17,6 +17,7 @@ const [WIDTH, HEIGHT, RIM] = [1.5, 2.1, 0.035]; // m
 
 export class Mirror {
   readonly frame = new Group();
+  private readonly built = new Group();
 
   constructor() {
     const material = new MeshStandardMaterial({ color: "#d9d4c7", roughness: 0.5 });
@@ -25,7 +26,7 @@ export class Mirror {
       mesh.position.set(x, y, 0);
       return mesh;
     };
-    this.frame.add(
+    this.built.add(
       bar(WIDTH + 2 * RIM, RIM, 0, HEIGHT),
       bar(RIM, HEIGHT, -(WIDTH + RIM) / 2, HEIGHT / 2),
       bar(RIM, HEIGHT, (WIDTH + RIM) / 2, HEIGHT / 2),
@@ -34,7 +35,8 @@ export class Mirror {
     const pane = new Mesh(new PlaneGeometry(WIDTH, HEIGHT), glass);
     pane.position.y = HEIGHT / 2;
     pane.renderOrder = 3; // before whatever stands behind it
-    this.frame.add(pane);
+    this.built.add(pane);
+    this.frame.add(this.built);
     this.frame.visible = false;
   }
 
@@ -45,6 +47,12 @@ export class Mirror {
     if (look.length() < 0.1) look.set(0, 0, -1); // straight up or down
     this.frame.position.set(position[0], 0, position[2]).addScaledVector(look.normalize(), AWAY);
     this.frame.rotation.y = Math.atan2(-look.x, -look.z);
+  }
+
+  /** Reach down to a floor at a height of at most 0 m. */
+  reachDown(floor: number): void {
+    this.built.position.y = floor;
+    this.built.scale.y = (HEIGHT - floor) / HEIGHT;
   }
 
   /** The map of the world through this mirror. */
