@@ -20,7 +20,7 @@ from bodysense.errors import BodysenseError
 from bodysense.files import read_bytes
 from bodysense.filling import PartialMotion, open_partial
 from bodysense.io.archive import ZIP, MotionFile
-from bodysense.io.bvh_stream import open_bvh
+from bodysense.io.bvh_text import open_bvh
 from bodysense.io.clip import Clip
 from bodysense.io.datasets.sources import Source as MotionEntry
 from bodysense.io.datasets.sources import as_told, read_amass_source

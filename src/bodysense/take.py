@@ -24,7 +24,7 @@ from bodysense.devices.simulated.device import Device
 from bodysense.errors import BodysenseError
 from bodysense.estimate import Estimate
 from bodysense.filling import PartialMotion, check_causal, filled_by, observed, pose_of, with_parts
-from bodysense.io.bvh_stream import BvhLines
+from bodysense.io.bvh_text import BvhFile
 from bodysense.io.clip import Clip
 from bodysense.io.holes import missing_items
 from bodysense.io.markers.options import is_marker_file
@@ -59,7 +59,7 @@ class Take:
     partial: PartialMotion | None = None  # the motion whose holes were filled, if it was one
     source: Path | None = None  # the BVH file that was tracked, if it was one
     reading: ReadingOptions = AS_FOUND  # its options
-    file: BvhLines | None = None  # the same with its holes filled
+    file: BvhFile | None = None  # the same with its holes filled
     markers: MarkerSource | None = None  # the marker file that was tracked, if it was one
     remarks: tuple[str, ...] = ()  # warnings: dropped labels, guessed limbs, a known height that was released
 
