@@ -11,16 +11,18 @@ import sys
 import zipfile
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from bodysense.arrays import read_arrays
-from bodysense.body.glove_set import GloveSet
 from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.errors import BodysenseError
 from bodysense.files import read_text, written_beside
 from bodysense.observation import Observation, check_observation, check_shapes, usual_accuracy, without_gloves
+
+if TYPE_CHECKING:
+    from bodysense.body.glove_set import GloveSet
 
 FORMAT = "bodysense recording 1"
 SKELETON = ("joints", "end_sites", "parents", "rest_offset")
