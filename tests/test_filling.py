@@ -17,7 +17,7 @@ from bodysense.errors import BodysenseError
 from bodysense.estimate import CONTACT_POINTS
 from bodysense.filling import expected_deviations, filled, observed, on_feet, open_partial
 from bodysense.io.bvh import read_bvh, write_bvh
-from bodysense.io.bvh_stream import BvhLines, open_bvh
+from bodysense.io.bvh_text import BvhFile, open_bvh
 from bodysense.io.clip import Clip
 from bodysense.io.holes import missing_items
 from bodysense.io.motion_files import write_motion
@@ -49,7 +49,7 @@ def points(clip: Clip) -> np.ndarray:
     return np.asarray(forward_kinematics(clip.pose)[0])
 
 
-def changed_channels(before: BvhLines, after: BvhLines) -> np.ndarray:
+def changed_channels(before: BvhFile, after: BvhFile) -> np.ndarray:
     """(T, J) bool: some number of a joint stands otherwise."""
     words = [np.array([line.split() for line in file.lines]) for file in (before, after)]
     differs = words[0] != words[1]

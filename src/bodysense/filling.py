@@ -28,7 +28,7 @@ from bodysense.body.rotation import (
 from bodysense.body.skeleton import BODY, LEG
 from bodysense.errors import BodysenseError
 from bodysense.estimate import CONTACT_POINTS, Estimate
-from bodysense.io.bvh_stream import BvhLines, open_bvh
+from bodysense.io.bvh_text import BvhFile, open_bvh
 from bodysense.io.clip import Clip, part_joints
 from bodysense.io.fingers import is_finger
 from bodysense.io.holes import Missing, flat_lined, missing_mask
@@ -63,7 +63,7 @@ class PartialMotion:
     rotation: Array  # (T, J, 4) of these, parent ← joint; arbitrary where missing
     holes: Array  # (T, J) bool: missing in the source
     missing: Array  # (T, J) bool: the holes that remain after interpolating joints that carry the whole body
-    file: BvhLines | None = None  # its source
+    file: BvhFile | None = None  # its source
     line: str = ""  # describes its rig, if it is a file
 
     @property
@@ -95,7 +95,7 @@ def _partial_file(path: Path, missing: Sequence[Missing], options: ReadingOption
     holes = missing_mask(missing, file.joints, file.parents, len(file.lines), rig.ours) | ~file.has_number
     if not missing:
         holes |= flat_lined(file, rig)
-    rotation, rest = _rooted(str(path), rig, file.rotation, holes, file.interval)
+    rotation, rest = _rooted(str(path), rig, file.rotation, holes, 1 / file.frame_rate)
     rooted = holes & ~rest
     if rooted.any():
         file = file.without_places(rooted).mended.with_rotation(rotation, rooted)
@@ -103,7 +103,7 @@ def _partial_file(path: Path, missing: Sequence[Missing], options: ReadingOption
     return PartialMotion(clip, rig, rotation, holes, rest, file, f"read {path}: {line}")
 
 
-def _read(file: BvhLines, options: ReadingOptions) -> tuple[Clip, SourceJoints, str]:
+def _read(file: BvhFile, options: ReadingOptions) -> tuple[Clip, SourceJoints, str]:
     """Return the motion of a file on our joints, its own joints, and a line about its rig."""
     rigged = read_rigged(file.mended.text(), file.path, options)
     return rigged.clip, joints_of_file(file, rigged), rigged.rig.line()

@@ -15,26 +15,18 @@ import numpy as np
 from bodysense.arrays import array_shapes, conversion
 from bodysense.body.hand import Side, glove_hands, hand_skeleton
 from bodysense.body.skeleton import default_skeleton
-from bodysense.devices.video.pictures import IMAGES, VIDEOS, is_video
 from bodysense.errors import BodysenseError
-from bodysense.files import read_bytes
-from bodysense.filling import PartialMotion, open_partial
 from bodysense.io.archive import ZIP, MotionFile
-from bodysense.io.bvh_stream import open_bvh
 from bodysense.io.clip import Clip
-from bodysense.io.datasets.sources import Source as MotionEntry
-from bodysense.io.datasets.sources import as_told, read_amass_source
-from bodysense.io.holes import Missing, flat_lined
 from bodysense.io.markers.options import ENDINGS as MARKER_ENDINGS
 from bodysense.io.markers.options import NO_OPTIONS, MarkerOptions, is_marker_file
 from bodysense.io.recording import Recording, is_recording, read_recording
 from bodysense.io.rigs.options import AS_FOUND, ReadingOptions, given_options
-from bodysense.io.rigs.own_rig import joints_of_file
 from bodysense.io.rigs.rigged import Rigged, read_rigged
-from bodysense.io.smpl import PICKLES, RATE, is_smpl, joint_places, read_smpl
 from bodysense.observation import Observation, in_our_world
 
 if TYPE_CHECKING:
+    from bodysense.filling import PartialMotion
     from bodysense.io.markers.raw_markers import MarkerRecording
 
 _MANY_KINDS = (".npz", ".npy")  # of motions, recordings or places of joints: their content tells
@@ -91,15 +83,18 @@ class MotionSource:
         assert self.path is not None
         if self.path.suffix.lower() in (*_MANY_KINDS, *_GLTF):
             return *_read_motion(self.path, self.options, self.rate), _NOTHING_HELD
-        data = MotionFile(self.path).read() if self.bvh is None else read_bytes(self.path)
-        rigged = read_rigged(data, self.path, self.options)
+        rigged = read_rigged(MotionFile(self.path).read(), self.path, self.options)
         held = _NOTHING_HELD if self.bvh is None or not self.watches_limbs else _held_still(self.bvh, rigged)
         return rigged.clip, (f"read {self.path}: {rigged.rig.line()}",), held
 
-    def with_holes(self, missing: Sequence[Missing]) -> PartialMotion:
+    def with_holes(self, missing: str | Sequence[str]) -> PartialMotion:
         """Return the motion with what is missing of it: the joints given, else what its BVH file itself shows."""
+        from bodysense.filling import open_partial
+        from bodysense.io.holes import missing_items
+
+        items = missing_items(missing)
         try:
-            return open_partial(self.bvh or self.clip, missing, self.options)
+            return open_partial(self.bvh or self.clip, items, self.options)
         except BodysenseError as error:
             raise error if self.name in str(error) else BodysenseError(f"{self.name}: {error}") from None
 
@@ -169,6 +164,8 @@ def open_source(source: Source, reading: ReadingOptions = AS_FOUND, markers: Mar
         return _open_markers(path, reading, markers)
     if kind == "recording":
         return _open_recording(path, reading, markers)
+    from bodysense.io.smpl import joint_places
+
     if (places := joint_places(path, markers.rate)) is not None:
         return _open_places(path, *places, reading, markers)
     return _motion_source(path, reading, markers)
@@ -185,8 +182,11 @@ def _motion_source(path: Path, reading: ReadingOptions, markers: MarkerOptions) 
 
 def _says_rate(path: Path) -> bool:
     """Whether a motion says its frame rate; that of an SMPL file is a fact that an option may correct."""
-    is_archive = path.suffix.lower() in _MANY_KINDS
-    return not is_archive or (not is_smpl(path) and not array_shapes(path).keys().isdisjoint(RATE))
+    if path.suffix.lower() not in _MANY_KINDS:
+        return True
+    from bodysense.io.smpl import RATE, is_smpl
+
+    return not is_smpl(path) and not array_shapes(path).keys().isdisjoint(RATE)
 
 
 def kind_of(source: str | Path) -> Kind:
@@ -198,6 +198,8 @@ def kind_of(source: str | Path) -> Kind:
     ending = path.suffix.lower()
     if ending in MOTION_ENDINGS and ending not in _MANY_KINDS and path.is_file():
         return "motion"
+    from bodysense.devices.video.pictures import VIDEOS, is_video
+
     if is_video(str(source)):
         _check_images(path)
         return "video"
@@ -222,7 +224,7 @@ def check_kind(path: str | Path) -> None:
     ending = path.suffix.lower()
     if ending == ".gz":
         raise BodysenseError(f"{path}: compressed by gzip; unpack it: gunzip -k {path.name}")
-    if ending in PICKLES:
+    if ending in _PICKLES:
         raise BodysenseError(f"{path}: a pickle may run any code when it is read; {conversion(path)}")
     if ending == ".fbx":
         load = f"import bpy; bpy.ops.import_scene.fbx(filepath='{path.name}')"
@@ -240,6 +242,7 @@ def check_kind(path: str | Path) -> None:
         )
 
 
+_PICKLES = (".pkl", ".pickle", ".pt", ".pth", ".joblib")
 # Files that are often brought and never read, and what to do.
 _ELSEWHERE = {
     ".mvnx": "MVNX is not read; export the take from Xsens as .bvh (or .c3d): File, Export, in MVN",
@@ -255,6 +258,8 @@ def _check_images(path: Path) -> None:
     """Raise BodysenseError, with what to do, for a folder without images."""
     if not path.is_dir():
         return
+    from bodysense.devices.video.pictures import IMAGES
+
     endings = {file.suffix.lower() for file in path.iterdir()}
     if endings.isdisjoint(IMAGES):
         never = sorted(endings & _ELSEWHERE.keys())
@@ -264,6 +269,10 @@ def _check_images(path: Path) -> None:
 
 def _read_motion(path: Path, options: ReadingOptions, rate: float | None) -> tuple[Clip, tuple[str, ...]]:
     """Read an AMASS, SMPL or glTF file, and lines on what was recognised; `rate` Hz if its file does not say it."""
+    from bodysense.io.datasets.sources import Source as MotionEntry
+    from bodysense.io.datasets.sources import as_told, read_amass_source
+    from bodysense.io.smpl import is_smpl, read_smpl
+
     if path.suffix.lower() in _MANY_KINDS and is_smpl(path):
         clip, remarks = read_smpl(path, rate, options.smpl_model)
         return as_told(clip, options, "results of SMPL", "y"), tuple(f"note: {remark}" for remark in remarks)
@@ -279,6 +288,10 @@ def _read_motion(path: Path, options: ReadingOptions, rate: float | None) -> tup
 
 
 def _held_still(path: Path, rigged: Rigged) -> HeldStill:
+    from bodysense.io.bvh_text import open_bvh
+    from bodysense.io.holes import flat_lined
+    from bodysense.io.rigs.own_rig import joints_of_file
+
     try:
         file = open_bvh(path)
         return file.joints, flat_lined(file, joints_of_file(file, rigged))

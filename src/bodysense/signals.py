@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 from bodysense.body.hand import glove_hands
 from bodysense.body.person import Person
 from bodysense.devices.simulated.device import DEVICES, Device, simulate
-from bodysense.devices.video.pictures import open_video
 from bodysense.errors import BodysenseError
 from bodysense.io.recording import Recording
 from bodysense.observation import RAW_POINTS, Observation, check_observation, concatenated_frames
@@ -99,6 +98,7 @@ def _filmed(source: str, person: Person, follow: int | None, roll: float | None)
     from bodysense.devices.video.landmarker_files import find_landmarkers
     from bodysense.devices.video.landmarks import Landmarker, LandmarkerSettings
     from bodysense.devices.video.person import PersonSettings
+    from bodysense.devices.video.pictures import open_video
     from bodysense.devices.video.watching import Seen, watch
 
     settings, people = VideoSettings(roll=roll), PersonSettings(number=follow)

@@ -23,16 +23,10 @@ from bodysense.completion.model import CompletionModel
 from bodysense.devices.simulated.device import Device
 from bodysense.errors import BodysenseError
 from bodysense.estimate import Estimate
-from bodysense.filling import PartialMotion, check_causal, filled_by, observed, pose_of, with_parts
-from bodysense.io.bvh_stream import BvhLines
 from bodysense.io.clip import Clip
-from bodysense.io.holes import missing_items
 from bodysense.io.markers.options import is_marker_file
-from bodysense.io.motion_files import write_motion
 from bodysense.io.resample import at_constant_rate
-from bodysense.io.rigs.named import OWN, SOURCE, check_rig
 from bodysense.io.rigs.options import AS_FOUND, ReadingOptions
-from bodysense.io.rigs.own_rig import write_on_rig_of
 from bodysense.observation import Observation, check_world, concatenated_frames, observed_points
 from bodysense.open import MarkerSource, MotionSource, RecordingSource, Source, open_source
 from bodysense.signals import Signal, refuse, signal_from
@@ -40,6 +34,8 @@ from bodysense.tracker import Tracker, TrackerSettings
 from bodysense.two_way import completed_both_ways, concatenated
 
 if TYPE_CHECKING:
+    from bodysense.filling import PartialMotion
+    from bodysense.io.bvh_text import BvhFile
     from bodysense.io.markers.gaps import FilledMarkers
 
 ANCHORS = ("head", "pelvis")  # what stays where it was measured, on whatever proportions; else what is measured most
@@ -59,7 +55,7 @@ class Take:
     partial: PartialMotion | None = None  # the motion whose holes were filled, if it was one
     source: Path | None = None  # the BVH file that was tracked, if it was one
     reading: ReadingOptions = AS_FOUND  # its options
-    file: BvhLines | None = None  # the same with its holes filled
+    file: BvhFile | None = None  # the same with its holes filled
     markers: MarkerSource | None = None  # the marker file that was tracked, if it was one
     remarks: tuple[str, ...] = ()  # warnings: dropped labels, guessed limbs, a known height that was released
 
@@ -92,6 +88,10 @@ class Take:
             world, raw = self.markers.found.world, self.markers.found.raw
             write_filled(self.markers.path, path, raw, world.to_file(done.position), done.filled)
             return
+        from bodysense.io.motion_files import write_motion
+        from bodysense.io.rigs.named import OWN, SOURCE, check_rig
+        from bodysense.io.rigs.own_rig import write_on_rig_of
+
         if rig is None:
             rig = SOURCE if self.file is not None and path.suffix.lower() == ".bvh" and not self.clip.lacks else OWN
         check_rig(path, rig, self.source)
@@ -190,13 +190,12 @@ def track(
     """
     opened = open_source(source, reading)
     completion = _Completion(settings, network, causal, advance)
-    items = missing_items(missing)
     if isinstance(opened, MotionSource) and device is None:
         kind = "a motion whose holes are filled, which has a body of its own"
         refuse(opened.name, kind, person=person, height=height, noise=noise, follow=follow, roll=roll)
-        take = _filled(opened.with_holes(items), completion)
+        take = _filled(opened.with_holes(missing), completion)
         return replace(take, source=opened.bvh, reading=opened.options)
-    if items:
+    if missing not in ((), []):
         other = f"leave --device {device} out" if device is not None else "give a motion, such as a .bvh file"
         raise BodysenseError(f"{opened.name}: --missing is for a motion that no device watches; {other}")
     if isinstance(opened, RecordingSource):
@@ -225,6 +224,8 @@ class _Completion:
 
 def _filled(partial: PartialMotion, completion: _Completion) -> Take:
     """Return a motion whose holes are filled."""
+    from bodysense.filling import check_causal, filled_by, observed, pose_of, with_parts
+
     clip = partial.clip
     if completion.causal:
         check_causal(partial)

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from bodysense.body.rotation import geodesic_angle
 from bodysense.errors import BodysenseError
-from bodysense.io.bvh_stream import BvhLines, euler_near, open_bvh
+from bodysense.io.bvh_text import BvhFile, euler_near, open_bvh
 
 TEXT = """HIERARCHY\r
 ROOT Hips\r
@@ -42,7 +42,7 @@ Frame Time: 0.0333333\r
 0.0 92 -0 12 22.50 32 42 52 -1.#IND 9"""
 
 
-def opened(folder: Path, text: str = TEXT) -> BvhLines:
+def opened(folder: Path, text: str = TEXT) -> BvhFile:
     path = folder / "take.bvh"
     path.write_bytes(text.encode())
     return open_bvh(path)
@@ -53,6 +53,18 @@ def test_nothing_replaced_is_the_same_file(tmp_path: Path) -> None:
     assert opened(tmp_path, sound).text() == sound.encode()
     one_line = sound.replace("7 \r\n", "7 ")  # frames need not be lines
     assert (opened(tmp_path, one_line).values == opened(tmp_path, sound).values).all()
+
+
+def test_channels_of_an_end_site_are_of_no_joint(tmp_path: Path) -> None:
+    site = TEXT[TEXT.index("\t\t\tEnd Site") : TEXT.index("\t\t}\r\n\t}\r\n}")]
+    first = site.replace("10 5\r\n", "10 5\r\n\t\t\t\tCHANNELS 1 Xrotation\r\n")
+    text = TEXT.replace(site, "").replace("\tJOINT Leg", f"{first}\tJOINT Leg")
+    for row in ("0  92.000000000001 0 10 20 30", "0 92 0 +11 21 31", "0.0 92 -0 12 22.50 32"):
+        text = text.replace(row, f"{row} 99")
+    found, plain = opened(tmp_path, text), opened(tmp_path)
+    assert found.joints == plain.joints and found.values.shape == (3, 11)
+    np.testing.assert_array_equal(found.has_number, plain.has_number)
+    np.testing.assert_array_equal(found.rotation, plain.rotation)
 
 
 def test_what_has_no_number(tmp_path: Path) -> None:
@@ -101,6 +113,7 @@ def test_damaged_files_are_refused_by_name(tmp_path: Path) -> None:
     for spoilt, said in (
         (sound.replace("Frames: 3", "Frames: 4"), "announces"),
         (sound.replace("21 31", "21 x31"), "not a number"),
+        (sound.replace("CHANNELS 1 Xrotation", "CHANNELS 2 Xrotation Yrotation"), "'Frames: 3' announces 33 values"),
         (TEXT.replace("HIERARCHY", "HIERARCH"), "not a BVH file"),
         (TEXT.replace("CHANNELS 1 Xrotation", "CHANNELS 2 Xrotation"), "CHANNELS"),
         ("", "the file is empty"),

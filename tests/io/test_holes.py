@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from bodysense.errors import BodysenseError
 from bodysense.io.bvh import write_bvh
-from bodysense.io.bvh_stream import BvhLines, open_bvh
+from bodysense.io.bvh_text import BvhFile, open_bvh
 from bodysense.io.clip import Clip
 from bodysense.io.holes import Missing, below, flat_lined, missing_items, missing_mask
 from bodysense.io.rigs.own_rig import SourceJoints, joints_of_file
@@ -88,13 +88,13 @@ def test_any_text_is_understood_or_refused_in_one_line(text: str) -> None:
 
 
 @pytest.fixture
-def take(waving_clip: Clip, tmp_path: Path) -> tuple[BvhLines, SourceJoints]:
+def take(waving_clip: Clip, tmp_path: Path) -> tuple[BvhFile, SourceJoints]:
     write_bvh(tmp_path / "take.bvh", waving_clip)
     file = open_bvh(tmp_path / "take.bvh")
     return file, joints_of_file(file, read_rigged(file.text(), file.path))
 
 
-def held(file: BvhLines, joints: list[str], frames: slice, to: float | None = None) -> BvhLines:
+def held(file: BvhFile, joints: list[str], frames: slice, to: float | None = None) -> BvhFile:
     """The file with joints held where they were, or at a value."""
     values, changed = file.values.copy(), np.zeros(file.values.shape, dtype=bool)
     for name in joints:
@@ -105,7 +105,7 @@ def held(file: BvhLines, joints: list[str], frames: slice, to: float | None = No
 
 
 @pytest.mark.parametrize("to", [None, 0.0])
-def test_a_limb_that_is_held_still_is_missing(take: tuple[BvhLines, SourceJoints], to: float | None) -> None:
+def test_a_limb_that_is_held_still_is_missing(take: tuple[BvhFile, SourceJoints], to: float | None) -> None:
     file, rig = take
     arm = ["left_shoulder", "left_elbow"]
     found = flat_lined(held(file, arm, slice(30, 60), to), rig)
@@ -117,7 +117,7 @@ def test_a_limb_that_is_held_still_is_missing(take: tuple[BvhLines, SourceJoints
     assert (frames[0], frames[-1], len(frames)) == (30, 59, 30)
 
 
-def test_what_rests_is_not_missing(take: tuple[BvhLines, SourceJoints]) -> None:
+def test_what_rests_is_not_missing(take: tuple[BvhFile, SourceJoints]) -> None:
     """A pause of the whole body, a short one of a limb, and joints that the motion never turned."""
     file, rig = take
     turning = [file.joints[j] for j in range(len(file.joints)) if np.ptp(file.values[:, list(file.columns[j])]) > 0]

@@ -13,7 +13,7 @@ from bodysense.body.pose import forward_kinematics
 from bodysense.body.rotation import geodesic_angle
 from bodysense.body.shape import sample_bodies
 from bodysense.io.bvh import write_bvh
-from bodysense.io.bvh_stream import open_bvh
+from bodysense.io.bvh_text import open_bvh
 from bodysense.io.clip import Clip
 from bodysense.io.rigs.named import on_rig as under_names
 from bodysense.io.rigs.named import renamed

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from bodysense.devices.video.device import VideoDevice
     from bodysense.devices.video.person import PersonSettings
     from bodysense.devices.video.watching import Seen, Watched
-    from bodysense.io.bvh_stream import BvhStream
+    from bodysense.io.bvh import BvhStream
     from bodysense.observation import Observation
     from bodysense.tracker import TrackerSettings
     from bodysense.two_way import TwoWayTracker

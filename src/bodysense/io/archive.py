@@ -60,14 +60,11 @@ class MotionFile:
 
     def sha256(self) -> str:
         """Return the hash of its bytes as hexadecimal digits; '' if it cannot be read (`read` raises the reason)."""
-        digest = hashlib.sha256()
         try:
             with self._opened() as stream:
-                while block := stream.read(1 << 20):
-                    digest.update(block)
+                return hashlib.file_digest(stream, "sha256").hexdigest()  # type: ignore[arg-type]
         except BodysenseError:
             return ""
-        return digest.hexdigest()
 
     @contextmanager
     def _opened(self) -> Iterator[IO[bytes]]:

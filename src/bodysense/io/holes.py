@@ -5,14 +5,17 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from bodysense.body.gaps import runs
 from bodysense.errors import BodysenseError
-from bodysense.io.bvh_stream import BvhLines
 from bodysense.io.rigs.names import joint_of
-from bodysense.io.rigs.own_rig import SourceJoints
+
+if TYPE_CHECKING:
+    from bodysense.io.bvh_text import BvhFile
+    from bodysense.io.rigs.own_rig import SourceJoints
 
 FLAT = 0.5  # s: a limb whose numbers are constant for this long, while the trunk turns, was not tracked
 _ITEM = re.compile(r"(?P<name>.+?)(?P<below>\+?)(?:\s*:\s*(?P<first>\d+)\s*-\s*(?P<last>\d+))?")
@@ -89,7 +92,7 @@ def missing_mask(
     return mask
 
 
-def flat_lined(file: BvhLines, rig: SourceJoints) -> np.ndarray:
+def flat_lined(file: BvhFile, rig: SourceJoints) -> np.ndarray:
     """Return (T, J) bool: runs in which all numbers of a limb are constant while the trunk turns.
 
     Lost limbs are often written with their last pose, or at zero. Equally still descendants of such a joint are
@@ -97,7 +100,7 @@ def flat_lined(file: BvhLines, rig: SourceJoints) -> np.ndarray:
     """
     mask = np.zeros((len(file.lines), len(file.joints)), dtype=bool)
     still = np.stack([_still(file, joint) for joint in range(len(file.joints))], axis=1)
-    least = max(2, int(np.ceil(FLAT / file.interval)))
+    least = max(2, int(np.ceil(FLAT * file.frame_rate)))
     ours, body = rig.ours, still[:, rig.trunk[0]]
     for name in _RESTLESS:
         if name not in ours or not file.order[ours[name]]:
@@ -126,7 +129,7 @@ def below(joint: int, parents: Sequence[int]) -> list[int]:
     return found
 
 
-def _still(file: BvhLines, joint: int) -> np.ndarray:
+def _still(file: BvhFile, joint: int) -> np.ndarray:
     """Return (T,) bool: the joint's angles equal those of the frame before."""
     columns = file.columns_of(joint, "rotation")
     same = np.zeros(len(file.lines), dtype=bool)

@@ -11,8 +11,7 @@ from bodysense.body.pose import Pose
 from bodysense.body.skeleton import Skeleton
 from bodysense.errors import BodysenseError
 from bodysense.files import check_place, part_beside
-from bodysense.io.bvh import read_bvh, write_bvh
-from bodysense.io.bvh_stream import BvhStream
+from bodysense.io.bvh import BvhStream, read_bvh, write_bvh
 from bodysense.io.clip import Clip
 from bodysense.io.rigs.named import OWN, check_rig, is_rig_file, on_rig, renamed
 from bodysense.io.rigs.own_rig import write_on_rig_of

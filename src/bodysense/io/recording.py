@@ -11,16 +11,18 @@ import sys
 import zipfile
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from bodysense.arrays import read_arrays
-from bodysense.body.glove_set import GloveSet
 from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.errors import BodysenseError
 from bodysense.files import read_text, written_beside
 from bodysense.observation import Observation, check_observation, check_shapes, usual_accuracy, without_gloves
+
+if TYPE_CHECKING:
+    from bodysense.body.glove_set import GloveSet
 
 FORMAT = "bodysense recording 1"
 SKELETON = ("joints", "end_sites", "parents", "rest_offset")
@@ -82,12 +84,12 @@ def read_lines(path: Path) -> tuple[Observation, dict[str, Any]]:
         "position": np.full((len(frames), count, 3), np.nan),
         "rotation": np.full((len(frames), count, 4), np.nan),
         "acceleration": np.full((len(frames), count, 3), np.nan),
+        "accuracy": np.tile(usual_accuracy(points)[:, None], (len(frames), 1, 1)),
     }
-    place, known = {name: p for p, name in enumerate(points)}, {"time", "accuracy", *values}
+    place, known = {name: p for p, name in enumerate(points)}, {"time", *values}
     time = np.zeros(len(frames))
-    accuracy = np.tile(usual_accuracy(points), (len(frames), 1))
-    for p, value in _accuracies(path, "the header", rows[0], place).items():
-        accuracy[:, p] = value
+    for p, value in _entries(path, "the header", "accuracy", rows[0], place, 1).items():
+        values["accuracy"][:, p] = value
     for t, frame in enumerate(frames):
         if not _numbers([frame.get("time")], 1):
             raise BodysenseError(f"{path}: frame {t} has no 'time'; give seconds")
@@ -96,25 +98,15 @@ def read_lines(path: Path) -> tuple[Observation, dict[str, Any]]:
             raise BodysenseError(f"{path}: frame {t} has {unknown[0]!r}, which no frame has; valid are {valid}")
         time[t] = frame["time"]
         for kind, target in values.items():
-            for name, value in _entries(path, t, kind, frame):
-                if name not in place:
-                    raise BodysenseError(
-                        f"{path}: frame {t} has {kind} of {name!r}, which the header's points do not list"
-                    )
-                if not _numbers(value, target.shape[-1]):
-                    raise BodysenseError(
-                        f"{path}: frame {t}: {kind} of {name!r} is {str(value)[:60]}; give {target.shape[-1]} numbers"
-                    )
-                target[t, place[name]] = value
-        for p, value in _accuracies(path, f"frame {t}", frame, place).items():
-            accuracy[t, p] = value
+            for p, value in _entries(path, f"frame {t}", kind, frame, place, target.shape[-1]).items():
+                target[t, p] = value
     observation = Observation(
         points=tuple(points),
         position=values["position"],
         rotation=values["rotation"],
         has_position=np.isfinite(values["position"][..., 0]),  # a point's numbers are all there or all missing
         has_rotation=np.isfinite(values["rotation"][..., 0]),
-        accuracy=accuracy,
+        accuracy=values["accuracy"][..., 0],
         time=time,
         acceleration=values["acceleration"] if any("acceleration" in frame for frame in frames) else None,
     )
@@ -134,24 +126,22 @@ def _object(path: Path, number: int, line: str) -> dict[str, Any]:
     return value
 
 
-def _accuracies(path: Path, where: str, row: dict[str, Any], place: dict[str, int]) -> dict[int, float]:
-    """Return accuracies (m) in a header or a frame, by the index of their points."""
-    entries = row.get("accuracy", {})
+def _entries(
+    path: Path, where: str, kind: str, row: dict[str, Any], place: dict[str, int], count: int
+) -> dict[int, list[float]]:
+    """Return the numbers of one kind in a header or a frame, `count` each, by the index of their points."""
+    entries, unit = row.get(kind, {}), "metres" if kind == "accuracy" else "numbers"
     if not isinstance(entries, dict):
-        raise BodysenseError(f"{path}: {where}: accuracy must be an object from point names to metres")
+        raise BodysenseError(f"{path}: {where}: {kind} must be an object from point names to {unit}")
+    found = {}
     for name, value in entries.items():
         if name not in place:
-            raise BodysenseError(f"{path}: {where} has accuracy of {name!r}, which the header's points do not list")
-        if not _numbers([value], 1):
-            raise BodysenseError(f"{path}: {where}: accuracy of {name!r} is {str(value)[:60]}; give metres")
-    return {place[name]: float(value) for name, value in entries.items()}
-
-
-def _entries(path: Path, t: int, kind: str, frame: dict[str, Any]) -> list[tuple[str, Any]]:
-    entries = frame.get(kind, {})
-    if not isinstance(entries, dict):
-        raise BodysenseError(f"{path}: frame {t}: {kind} must be an object from point names to numbers")
-    return list(entries.items())
+            raise BodysenseError(f"{path}: {where} has {kind} of {name!r}, which the header's points do not list")
+        found[place[name]] = [value] if kind == "accuracy" else value
+        if not _numbers(found[place[name]], count):
+            wanted = unit if kind == "accuracy" else f"{count} {unit}"
+            raise BodysenseError(f"{path}: {where}: {kind} of {name!r} is {str(value)[:60]}; give {wanted}")
+    return found
 
 
 def _numbers(value: Any, count: int) -> bool:

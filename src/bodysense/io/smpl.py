@@ -30,7 +30,6 @@ from bodysense.io.body_model import shape_in_file
 from bodysense.io.clip import Clip
 from bodysense.io.fingers import is_finger, with_fingers
 
-PICKLES = (".pkl", ".pickle", ".pt", ".pth", ".joblib")
 USUAL_RATE = 30.0  # Hz, for files without a rate
 WHOLE = ("poses", "pose", "smpl_poses", "fullpose", "full_pose", "poses_body", "pose_world", "pose_aa", "smpl_thetas")
 ORIENT = ("global_orient", "root_orient", "root_pose", "global_orient_world")

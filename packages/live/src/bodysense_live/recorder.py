@@ -10,7 +10,7 @@ import numpy as np
 
 from bodysense.body.pose import Pose
 from bodysense.body.skeleton import Skeleton
-from bodysense.io.bvh_stream import BvhStream
+from bodysense.io.bvh import BvhStream
 from bodysense_live.answer import Answer
 
 RATE = 60.0  # Hz

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from reprlib import repr as brief
-from typing import Literal, Protocol
+from typing import TYPE_CHECKING, Literal, Protocol
 
 import numpy as np
 
-from bodysense.body.glove_set import GloveSet
 from bodysense.body.hand import hand_pose
 from bodysense.devices.simulated.sensors import SENSOR_SETS, SensorSet, observe
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.observation import Observation, check_observation, joined_points
+
+if TYPE_CHECKING:
+    from bodysense.body.glove_set import GloveSet
 
 SensorSetName = Literal[
     "head",

@@ -18,7 +18,7 @@ from bodysense.errors import BodysenseError
 from bodysense.files import LARGEST_TEXT, check_plain, read_bytes
 
 MOST_NODES = 5000
-_JSON, _BINARY = 0x4E4F534A, 0x004E4942
+JSON, BINARY = 0x4E4F534A, 0x004E4942  # kinds of a .glb's parts
 _KINDS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
 
@@ -125,9 +125,9 @@ def _chunks(path: Path, data: bytes) -> tuple[bytes, bytes]:
             raise BodysenseError(f"{path}: it ends within a part of {size} bytes; was it cut short? Copy it again")
         parts.setdefault(kind, data[at + 8 : at + 8 + size])
         at += 8 + size
-    if _JSON not in parts:
+    if JSON not in parts:
         raise BodysenseError(f"{path}: a .glb file without its JSON; was it cut short? Copy it again")
-    return parts[_JSON], parts.get(_BINARY, b"")
+    return parts[JSON], parts.get(BINARY, b"")
 
 
 def _buffer(path: Path, about: dict[str, Any], binary: bytes) -> bytes:

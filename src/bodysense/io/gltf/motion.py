@@ -19,10 +19,12 @@ import numpy as np
 from bodysense.body.pose import Pose, forward_kinematics, local_rotation
 from bodysense.body.rotation import (
     matrix_to_quaternion,
+    normalize,
     quaternion_canonical,
     quaternion_conjugate,
     quaternion_multiply,
     quaternion_to_matrix,
+    slerp,
 )
 from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.errors import BodysenseError
@@ -91,13 +93,8 @@ def sampled(track: Track, time: np.ndarray, turns: bool) -> np.ndarray:
         return np.where(share >= 1, second, first)
     if not turns:
         return first + share * (second - first)
-    cosine = (first * second).sum(axis=-1, keepdims=True)
-    second = np.where(cosine < 0, -second, second)
-    angle = np.arccos(np.clip(np.abs(cosine), 0, 1))
-    near = angle < 1e-6
-    sine = np.where(near, 1.0, np.sin(angle))
-    start, end = (np.where(near, part, np.sin(part * angle) / sine) for part in (1 - share, share))
-    return start * first + end * second
+    first, second = (normalize(np.roll(turn, 1, axis=-1)) for turn in (first, second))  # wxyz
+    return np.roll(slerp(first, second, share[:, 0]), -1, axis=-1)
 
 
 HEIGHTS = (1.0, 2.6)  # m, of a resting body in metres

@@ -25,6 +25,7 @@ from bodysense.body.skin import COLORS, fit_skin
 from bodysense.errors import BodysenseError
 from bodysense.files import written_beside
 from bodysense.io.clip import Clip
+from bodysense.io.gltf.file import BINARY, JSON
 from bodysense.io.gltf.humanoid import VRM_BONES, check_humanoid, t_posed
 
 _AROUND, _RINGS = 10, 4  # vertices around a link, and rings on each of its two balls
@@ -89,7 +90,6 @@ _FLOAT, _BYTE, _INT = 5126, 5121, 5125
 _KINDS = {np.dtype("<f4"): _FLOAT, np.dtype("u1"): _BYTE, np.dtype("<u4"): _INT}
 _SHAPES = {(): "SCALAR", (3,): "VEC3", (4,): "VEC4", (4, 4): "MAT4"}
 _VERTICES, _INDICES = 34962, 34963  # what a view is for
-_JSON, _BINARY = 0x4E4F534A, 0x004E4942
 
 
 class Arrays:
@@ -199,8 +199,8 @@ def write_binary(path: str | Path, document: dict[str, Any], arrays: Arrays) -> 
         raise BodysenseError(f"{path}: {size} bytes are more than a .glb file can hold (4 GiB); cut the motion")
     with written_beside(path) as part, part.open("wb") as file:
         file.write(struct.pack("<4sII", b"glTF", 2, size))
-        file.write(struct.pack("<II", len(text), _JSON) + text)
-        file.write(struct.pack("<II", len(arrays.binary), _BINARY))
+        file.write(struct.pack("<II", len(text), JSON) + text)
+        file.write(struct.pack("<II", len(arrays.binary), BINARY))
         file.write(arrays.binary)
 
 

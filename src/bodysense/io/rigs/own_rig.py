@@ -7,9 +7,8 @@ axes.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
@@ -26,7 +25,7 @@ from bodysense.body.rotation import (
 )
 from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.errors import BodysenseError
-from bodysense.io.bvh_stream import BvhLines, open_bvh
+from bodysense.io.bvh_text import BvhFile, open_bvh
 from bodysense.io.clip import Clip
 from bodysense.io.rigs.figure import placed
 from bodysense.io.rigs.options import AS_FOUND, ReadingOptions
@@ -108,7 +107,7 @@ def own_joints(skeleton: Skeleton, lacking: Sequence[str] = ()) -> SourceJoints:
     return SourceJoints(skeleton.joints, skeleton.parents[:count], ours, sites, turn, unturned)
 
 
-def joints_of_file(file: BvhLines, rigged: Rigged) -> SourceJoints:
+def joints_of_file(file: BvhFile, rigged: Rigged) -> SourceJoints:
     """The joints of a file, from what was read of it."""
     figure, rig, pose = rigged.figure, rigged.rig, rigged.clip.pose
     place = {node: joint for joint, node in enumerate(file.nodes)}
@@ -162,7 +161,7 @@ def write_on_rig_of(path: Path, clip: Clip, source: Path, options: ReadingOption
     on_rig(file, read_rigged(file.mended.text(), source, options), clip).write(path)
 
 
-def on_rig(file: BvhLines, rigged: Rigged, clip: Clip) -> BvhLines:
+def on_rig(file: BvhFile, rigged: Rigged, clip: Clip) -> BvhFile:
     """Return the clip as a file like `file`, from which `rigged` was read."""
     joints, body = joints_of_file(file, rigged), rigged.clip.pose.skeleton
     pose = clip.pose if np.allclose(clip.pose.skeleton.rest_offset, body.rest_offset) else on_body(clip.pose, body)
@@ -175,17 +174,17 @@ def on_rig(file: BvhLines, rigged: Rigged, clip: Clip) -> BvhLines:
         known = np.isfinite(wanted[:, joint]).all()
         local[:, joint] = quaternion_multiply(quaternion_conjugate(above), wanted[:, joint]) if known else rest[joint]
         world[:, joint] = quaternion_multiply(above, local[:, joint])
-    blank = _frames(file, np.median(file.mended.values, axis=0), frames, 1 / clip.frame_rate)
+    blank = file.with_frames(np.median(file.mended.values, axis=0), frames, clip.frame_rate)
     whole = np.ones(local.shape[:2], dtype=bool)
     turned = blank.with_rotation(np.asarray(quaternion_canonical(local)), whole)
     carrier, carried = _carried(file, turned, joints.above(joints.ours[anchor]), rigged.rig.to_file(place), world)
     values, changed = turned.values.copy(), np.zeros(turned.values.shape, dtype=bool)
     columns = file.columns_of(carrier, "position")
-    values[:, columns], changed[:, columns] = carried[:, _axes(file, carrier)], True
+    values[:, columns], changed[:, columns] = carried[:, file.axes_of(carrier)], True
     return turned.with_values(values, changed)
 
 
-def _carrier(file: BvhLines, chain: list[int]) -> int:
+def _carrier(file: BvhFile, chain: list[int]) -> int:
     """Return the joint that moves the body through the world, among a joint and its ancestors."""
     moving = [joint for joint in chain if len(file.columns_of(joint, "position")) == 3]
     if not moving:
@@ -194,7 +193,7 @@ def _carrier(file: BvhLines, chain: list[int]) -> int:
 
 
 def _carried(
-    rig: BvhLines, file: BvhLines, chain: list[int], target: np.ndarray, world: np.ndarray
+    rig: BvhFile, file: BvhFile, chain: list[int], target: np.ndarray, world: np.ndarray
 ) -> tuple[int, np.ndarray]:
     """Return the joint that moves a rig's body, and its position channels (T, 3) that bring a joint to `target` (T, 3).
 
@@ -210,33 +209,13 @@ def _carried(
         place = place - (step if file.parents[joint] < 0 else quaternion_rotate(world[:, file.parents[joint]], step))
     if file.parents[carrier] >= 0:
         place = quaternion_rotate(quaternion_conjugate(world[:, file.parents[carrier]]), place)
-    if carrier > 0 and not np.allclose(_offset(rig, carrier), _channels(rig, carrier)):  # they add to the offset
+    if carrier > 0 and not np.allclose(_offset(rig, carrier), rig.place(carrier)):  # they add to the offset
         place = place - rig.offset[carrier]
     return carrier, np.asarray(place)
 
 
-def _offset(file: BvhLines, joint: int) -> np.ndarray:
+def _offset(file: BvhFile, joint: int) -> np.ndarray:
     """Return the position (T, 3) of a joint in its parent, file units."""
     still = np.tile(file.offset[joint], (len(file.lines), 1))
-    given = {joint: _channels(file, joint)} if file.columns_of(joint, "position") else {}
+    given = {joint: file.place(joint)} if file.columns_of(joint, "position") else {}
     return placed(given, file.offset).get(joint, still)
-
-
-def _channels(file: BvhLines, joint: int) -> np.ndarray:
-    """Return the position channels (T, 3) of a joint; its offset along axes without a channel."""
-    given = np.tile(file.offset[joint], (len(file.lines), 1))
-    given[:, _axes(file, joint)] = file.mended.values[:, file.columns_of(joint, "position")]
-    return given
-
-
-def _axes(file: BvhLines, joint: int) -> list[int]:
-    """Return the axes of a joint's position channels, in their order."""
-    return ["XYZ".index(channel[0]) for channel in file.channels[joint] if channel.endswith("position")]
-
-
-def _frames(file: BvhLines, row: np.ndarray, count: int, interval: float) -> BvhLines:
-    """Return the file with `count` frames of one row (C,) of values."""
-    head = re.sub(rb"(Frames\s*:\s*)\d+", rb"\g<1>%d" % count, file.head, flags=re.IGNORECASE)
-    head = re.sub(rb"(Frame\s+Time\s*:\s*)\S+", rb"\g<1>%.10g" % interval, head, flags=re.IGNORECASE)
-    line = b" ".join(b"%.6f" % value for value in row) + b"\n"
-    return replace(file, head=head, lines=(line,) * count, values=np.tile(row, (count, 1)), interval=interval)

@@ -18,6 +18,7 @@ from bodysense.body.pose import Pose
 from bodysense.body.rotation import quaternion_canonical, quaternion_conjugate, quaternion_multiply, quaternion_rotate
 from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.errors import BodysenseError
+from bodysense.io.bvh import figures_of
 from bodysense.io.bvh_text import BvhFile, parse_bvh
 from bodysense.io.clip import Clip, at_height
 from bodysense.io.rigs.body import find_body
@@ -203,7 +204,7 @@ def figure_of_file(data: bytes, path: Path, options: ReadingOptions = AS_FOUND) 
 
 def _chosen(file: BvhFile, options: ReadingOptions) -> Figure:
     """Return the body that the options choose."""
-    path, figures = file.path, bodies_of([file.figure(root) for root in file.roots], options)
+    path, figures = file.path, bodies_of(figures_of(file), options)
     names = ", ".join(f"{rank} ({figure.joints[0]})" for rank, figure in enumerate(figures, start=1))
     if options.figure is None and len(figures) > 1:
         raise BodysenseError(f"{path}: {len(figures)} bodies in it: {names}; choose one with --figure 1")
