@@ -170,6 +170,7 @@ def least_change(
     """
     low, high = bounds
     pushing, stop, stopped = exact | (demand > 0), np.zeros_like(ease), ease == 0
+    x = stop
     for _ in range(_MOST_ROUNDS):
         eased = rows[pushing] * np.where(stopped, 0.0, ease)
         matrix = eased @ rows[pushing].T + np.diag(softness[pushing])

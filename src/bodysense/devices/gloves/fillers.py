@@ -140,7 +140,7 @@ class NetworkFiller:
         """Return the network's markers (H, 9, 3) m on the registered hand, and that hand's rotation and translation."""
         at = register(self._template, markers, known, last)
         local = np.where(known[..., None], brought_back(markers, *at) / self._ratio, 0.0)
-        shapes = np.broadcast_to(self._shapes, (len(markers), self._shapes.shape[1]))
+        shapes = self._shapes.repeat(len(markers) // len(self._shapes), axis=0)
         answer = self.model.run(local.astype(np.float32).reshape(len(markers), -1), shapes)
         return answer.reshape(-1, MARKER_COUNT, 3) * self._ratio, at
 
