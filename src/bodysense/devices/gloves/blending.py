@@ -114,7 +114,7 @@ class Blend:
 def between(output: HandPoses, solved: HandPoses) -> PoseOffset:
     """Return the offset of output hands from solved ones."""
     turn = multiply(output.rotation, solved.rotation * CONJUGATE)
-    return PoseOffset(output.root - solved.root, log(turn.reshape(-1, 4)).reshape(*turn.shape[:-1], 3))
+    return PoseOffset(output.root - solved.root, log(turn))
 
 
 def scaled(offset: PoseOffset, back: np.ndarray, fingers: np.ndarray) -> PoseOffset:
@@ -128,8 +128,7 @@ def displaced(solved: HandPoses, offset: PoseOffset | None, shape: HandShape) ->
     """Apply an offset to hands; the same object if there is no offset."""
     if offset is None:
         return solved
-    turn = exp(offset.turn.reshape(-1, 3)).reshape(solved.rotation.shape)
-    return place_hands(shape, solved.root + offset.root, multiply(turn, solved.rotation))
+    return place_hands(shape, solved.root + offset.root, multiply(exp(offset.turn), solved.rotation))
 
 
 def _share(step: np.ndarray, way: np.ndarray, reach: np.ndarray, most: np.ndarray) -> np.ndarray:

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bodysense.body.glove import Glove, hand_size
+from bodysense.body.glove import Glove
 from bodysense.body.hand import FINGERS, FINGERTIPS, HAND_JOINTS
 from bodysense.body.products import CONJUGATE, multiply, to_matrix
 from bodysense.body.registration import moved
@@ -67,7 +67,7 @@ def hand_shape(hands: Sequence[Skeleton], gloves: Sequence[Glove]) -> HandShape:
                     f"gloves: the marker {glove.markers[marker]!r} is worn at {glove.points[marker]!r}, carried by "
                     f"{glove.carried_by[marker]!r}; it must be at {tip!r}, carried by {joint!r}"
                 )
-        worn.append(glove.offset[markers] * (hand_size(hand) / glove.size))
+        worn.append(glove.offset_on(hand)[markers])
     offset = np.stack(worn)
     return HandShape(np.stack([hand.rest_offset for hand in hands]), offset[:, :5], offset[:, 5], markers)
 
