@@ -16,8 +16,8 @@ from bodysense.devices.simulated.headset_camera import HeadsetCamera
 from bodysense_lab.hmd_vae.frames import HELD_OUT, TRAIN_LENGTH
 from bodysense_lab.hmd_vae.options import BodyVaeConfig
 from bodysense_lab.pahmt.options import ArmNetworkConfig, ArmSchedule
-from bodysense_lab.two_hands.continuity import Continuous
 from bodysense_lab.two_hands.occlusion import SHORT
+from bodysense_lab.two_hands.system import SETTINGS
 from bodysense_lab.two_hands.task import PAPER_JOINT_SCHEDULE
 from bodysense_lab.unoc.network import PAPER
 from bodysense_lab.unoc.task import BodySchedule, LossWeights
@@ -120,7 +120,7 @@ FIGURES: dict[str, Callable[[Cells], str]] = {  # by row of the page
         f"{_range(at, 'gloves-table3', '2 s', 'recorded', 'affine', '1')}"
     ),
     "4.6": lambda at: f"{_range(at, 'gloves-paper', '2 s', '1', UNSEEN)}, one hidden, {UNSEEN}",
-    "4.7": lambda at: f"{100 * Continuous.speed:g} cm/s",
+    "4.7": lambda at: f"{100 * SETTINGS.speed:g} cm/s",
     "4.8": lambda at: f"{_card('glove_joints_paper.md', _ERROR)} cm in validation",
     "4.9": lambda at: (
         f"batches of {PAPER_JOINT_SCHEDULE.batch}, halved after {PAPER_JOINT_SCHEDULE.patience} checks; markers "

@@ -41,6 +41,10 @@ class Glove:
                 f"but got {len(self.points)}, {len(self.carried_by)} and {len(self.offset)}"
             )
 
+    def offset_on(self, hand: Skeleton) -> np.ndarray:
+        """Return the offsets (M, 3) m on a hand of its own size."""
+        return self.offset * (hand_size(hand) / self.size)
+
 
 @lru_cache(maxsize=1)
 def default_glove() -> Glove:
@@ -99,7 +103,7 @@ def marker_positions(glove: Glove, pose: Pose, offset: Array | None = None) -> A
     position, world = forward_kinematics(pose)
     points, carriers = hand.indices(glove.points), hand.indices(glove.carried_by)
     if offset is None:
-        offset = as_like(glove.offset * (hand_size(hand) / glove.size), position)
+        offset = as_like(glove.offset_on(hand), position)
     return position[..., points, :] + quaternion_rotate(world[..., carriers, :], offset)
 
 

@@ -67,6 +67,10 @@ FREEDOMS = _freedoms()
 # Degrees by which the hinges of the middle and last joint are tilted about the finger: flexed fingers point to one
 # spot at the base of the thumb. From recorded hands (Microsoft Rocketbox); both avatars agree within 4°.
 _TILT = {"index": (12.0, 12.0), "middle": (-4.0, -4.0), "ring": (-6.0, -6.0), "pinky": (-18.0, -22.0)}
+# Rz(−flexion) · Ry(abduction) · Rx(twist) from the eight products of a cosine or a sine of half of each.
+_TURNS = np.zeros((8, 4))
+_TURNS[[0b000, 0b001, 0b110, 0b010], [0, 1, 1, 2]] = 1.0
+_TURNS[[0b111, 0b101, 0b100, 0b011], [0, 2, 3, 3]] = -1.0
 _THUMB_FLEXION = (0.43, 0.84, 0.33)  # axis of the thumb's flexion at rest, also from recorded hands
 _THUMB_BONE = (0.70, -0.49, 0.52)  # approximate direction of the thumb at rest
 _CLOSED = ((0.0, 0.0), (0.25, 0.2), (0.5, 0.4), (0.8, 0.6))  # flexion of fingers and thumb, as a share of their range
@@ -134,12 +138,12 @@ def joint_rotations(angles: Array, axes: Array) -> Array:
     """
     xp = array_namespace(angles)
     half = angles / 2
-    cosine, sine = xp.cos(half), xp.sin(half)
-    (cz, cy, cx), (sz, sy, sx) = ([of[..., k] for k in range(3)] for of in (cosine, sine))
-    # Rz(−flexion) · Ry(abduction) · Rx(twist)
-    own = [cz * cy * cx - sz * sy * sx, cz * cy * sx + sz * sy * cx, cz * sy * cx - sz * cy * sx]
-    own = xp.stack([*own, -sz * cy * cx - cz * sy * sx], axis=-1)
-    return (own[..., None, :] @ axes)[..., 0, :]
+    both = xp.stack([xp.cos(half), xp.sin(half)], axis=-1)
+    each = both[..., 0, :, None, None] * both[..., 1, None, :, None] * both[..., 2, None, None, :]
+    own = xp.reshape(each, (*angles.shape[:-1], 1, 8)) @ (
+        _TURNS if isinstance(angles, np.ndarray) else as_like(_TURNS, angles)
+    )
+    return (own @ axes)[..., 0, :]
 
 
 def joint_angles(rotations: Array, axes: Array) -> Array:

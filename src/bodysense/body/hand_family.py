@@ -144,7 +144,7 @@ def hand_from_rows(
 
 def rows_of(hand: GlovedHand) -> dict[str, np.ndarray]:
     """Return the numbers from which `hand_from_rows` builds the hand."""
-    worn = hand.glove.offset * (hand_size(hand.skeleton) / hand.glove.size)
+    worn = hand.glove.offset_on(hand.skeleton)
     return {"points": hand.skeleton.rest_offset, "axes": hand.axes, "markers": worn}
 
 

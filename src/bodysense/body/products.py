@@ -82,16 +82,16 @@ def world_rotation(skeleton: Skeleton, local: np.ndarray) -> np.ndarray:
 
 
 def log(q: np.ndarray) -> np.ndarray:
-    """Unit quaternions to rotation vectors of at most π radians: (N, 4) → (N, 3)."""
-    vector = q[:, 1:] * np.copysign(1.0, q[:, :1])
-    sine = np.maximum(np.sqrt(np.einsum("ij,ij->i", vector, vector)), 1e-12)
-    return vector * (2 * np.arctan2(sine, np.abs(q[:, 0])) / sine)[:, None]
+    """Unit quaternions to rotation vectors of at most π radians: (..., 4) → (..., 3)."""
+    vector = q[..., 1:] * np.copysign(1.0, q[..., :1])
+    sine = np.maximum(np.sqrt(np.einsum("...j,...j->...", vector, vector)), 1e-12)
+    return vector * (2 * np.arctan2(sine, np.abs(q[..., 0])) / sine)[..., None]
 
 
 def exp(rotation_vector: np.ndarray) -> np.ndarray:
-    """Rotation vectors (radians) to quaternions: (N, 3) → (N, 4)."""
-    angle = np.sqrt(np.einsum("ij,ij->i", rotation_vector, rotation_vector))
-    q = np.empty((len(rotation_vector), 4))
-    q[:, 0] = np.cos(angle / 2)
-    q[:, 1:] = rotation_vector * (np.sin(angle / 2) / np.maximum(angle, 1e-12))[:, None]
+    """Rotation vectors (radians) to quaternions: (..., 3) → (..., 4)."""
+    angle = np.sqrt(np.einsum("...j,...j->...", rotation_vector, rotation_vector))
+    q = np.empty((*angle.shape, 4))
+    q[..., 0] = np.cos(angle / 2)
+    q[..., 1:] = rotation_vector * (np.sin(angle / 2) / np.maximum(angle, 1e-12))[..., None]
     return q

@@ -9,6 +9,7 @@ from bodysense.body.products import MATRIX, to_matrix
 # Freedoms that the markers do not determine, such as the turn about a line of two, keep the rotation given before: this
 # weight, m², pulls toward it. Three markers 3 cm apart pull with 1e-3 m².
 _PULL = 1e-9
+_STILL = np.eye(3)
 
 
 def register(
@@ -44,14 +45,15 @@ def fit(
     seen = np.where(known[..., None], markers, 0.0)
     base, middle = weight @ template, weight @ seen
     spread = (seen.swapaxes(1, 2) * weight) @ (template - base)  # Σ (template − base) is 0: no mean of markers
-    if (count < 4).any():
-        spread += _PULL * (np.eye(3) if last is None else last[0])
+    fewest = count.min(initial=4)
+    if fewest < 4:
+        spread += _PULL * (_STILL if last is None else last[0])
     # The rotation maximises Σ rotation · spread = qᵀ N q (Horn, Closed-form solution of absolute orientation, 1987).
     form = (spread.reshape(hands, 9) @ MATRIX.T).reshape(hands, 4, 4)
     quaternion = np.linalg.eigh(form)[1][:, :, 3]
     rotation = to_matrix(quaternion)
     translation = (middle - base @ rotation.swapaxes(1, 2))[:, 0]
-    if not count.all():
+    if fewest == 0:
         translation = np.where(count[:, None] > 0, translation, 0.0 if last is None else last[1])
     return quaternion, rotation, translation
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from bodysense.devices.gloves.contact_rows import forces, least_change
+from bodysense.devices.gloves.contact_rows import least_change
 
 SOFTNESS = 1e-9
 WIDE = (np.full(8, -np.inf), np.full(8, np.inf))
@@ -17,7 +17,7 @@ def problem(seed: int, demands: int) -> tuple[np.ndarray, np.ndarray, np.ndarray
     return rng.normal(size=(demands, 8)), rng.normal(size=demands), rng.uniform(0.1, 1.0, size=8)
 
 
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", range(6))
 def test_it_is_the_smallest_change_that_meets_the_demands(seed: int) -> None:
     rows, demand, ease = problem(seed, 6)
     exact = np.arange(6) == 0
@@ -50,13 +50,3 @@ def test_bounds_come_first_and_what_may_not_move_does_not() -> None:
     found = least_change(rows, 5 + np.abs(demand), np.zeros(4, bool), ease, bounds, np.full(4, 1e-3))
     assert (found >= -0.2).all() and (found <= 0.3).all() and found[2] == 0
     assert np.isin(found, [-0.2, 0.3]).any()
-
-
-@pytest.mark.parametrize("seed", range(2))
-def test_forces_push_only_where_they_must(seed: int) -> None:
-    rows, demand, _ = problem(seed, 12)
-    matrix = rows @ rows.T + 1e-3 * np.eye(12)
-    force = forces(matrix, demand, np.zeros(12, bool))
-    short = matrix @ force - demand
-    assert (force >= 0).all() and (short > -1e-9).all()
-    np.testing.assert_allclose(force * short, 0, atol=1e-9)

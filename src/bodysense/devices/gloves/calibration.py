@@ -17,9 +17,8 @@ from bodysense.body.glove import Glove, glove_of, hand_size, worn_offsets
 from bodysense.body.glove_set import GloveSet, standard_set
 from bodysense.body.hand import FINGERS, FREEDOMS, hand_skeleton
 from bodysense.body.hand_family import SHAPE, GlovedHand, HandShapes, bare_shapes_of
-from bodysense.body.products import to_matrix
+from bodysense.body.products import exp, to_matrix
 from bodysense.body.registration import brought_back, register
-from bodysense.body.rotation import quaternion_exp
 from bodysense.body.skeleton import default_skeleton
 from bodysense.devices.gloves.hand_model import (
     ANGLES,
@@ -168,7 +167,7 @@ class _CalibrationProblem:
         use = self.known & sure
         cost = ((far**2).sum(axis=-1) * use).sum(axis=1) / np.maximum(use.sum(axis=1), 1)
         best = np.argsort(cost)[: max(len(cost) // 4, 3)]
-        turn = to_matrix(np.asarray(quaternion_exp(pose[best, -6:-3])))
+        turn = to_matrix(exp(pose[best, -6:-3]))
         own = brought_back(self.seen[best], turn, pose[best, -3:])
         shapes, (offset, accuracy) = self.shapes(theta), self._given
         after = theta.copy()

@@ -145,9 +145,7 @@ def pinches(
     return Pinches(both, present + share * (offset - present))
 
 
-_ROUNDS = 3  # of fixing values at a bound
-_TRIES = 3  # block exchanges that may fail to improve before single ones
-_MOST_EXCHANGES = 60  # then the best solution so far is returned
+_MOST_ROUNDS = 40  # then the last solution is returned
 
 
 def least_change(
@@ -166,51 +164,23 @@ def least_change(
         ease: (N,) compliance of each part; 0 if fixed.
         bounds: (N,), (N,) smallest and largest x, 0 between them; they take precedence over demands.
         softness: (K,) > 0: a demand is missed by softness times the force that it takes.
+
+    Primal-dual active sets (Hintermüller, Ito and Kunisch, 2003): the demands that push are met as equations, until the
+    same ones push. Parts beyond their bounds then stop there for good.
     """
     low, high = bounds
-    x = fixed = np.zeros_like(ease)
-    moving = ease
-    for _ in range(_ROUNDS):
-        eased = rows * moving
-        matrix = eased @ rows.T
-        matrix.reshape(-1)[:: len(matrix) + 1] += softness  # its diagonal
-        x = fixed + forces(matrix, demand - rows @ fixed, exact) @ eased
-        over = ((x < low) | (x > high)) & (moving > 0)
-        if not over.any():
-            return x
-        fixed = np.where(over, np.clip(x, low, high), fixed)
-        moving = np.where(over, 0.0, moving)
+    pushing, stop, stopped = exact | (demand > 0), np.zeros_like(ease), ease == 0
+    x = stop
+    for _ in range(_MOST_ROUNDS):
+        eased = rows[pushing] * np.where(stopped, 0.0, ease)
+        matrix = eased @ rows[pushing].T + np.diag(softness[pushing])
+        force = np.zeros_like(demand)
+        force[pushing] = np.linalg.solve(matrix, demand[pushing] - rows[pushing] @ stop)
+        x = stop + force[pushing] @ eased
+        before, pushing = pushing, exact | np.where(pushing, force > 0, rows @ x < demand - 1e-12)
+        if (pushing == before).all():
+            over = ~stopped & ((x < low) | (x > high))
+            if not over.any():
+                break
+            stop, stopped = np.where(over, np.clip(x, low, high), stop), stopped | over
     return np.clip(x, low, high)
-
-
-def forces(matrix: np.ndarray, demand: np.ndarray, exact: np.ndarray) -> np.ndarray:
-    """Return the f (K,) with matrix · f ≥ demand, f ≥ 0, one of both an equation; equations alone where `exact`.
-
-    `matrix` (K, K) is symmetric and positive definite. Block principal pivoting (Júdice and Pires, 1994): it does not
-    depend on the order of the demands.
-    """
-    pushing = exact | (demand > 0)
-    force = np.zeros_like(demand)
-    fewest, tries = len(demand) + 1, _TRIES
-    for _ in range(_MOST_EXCHANGES):
-        chosen = np.flatnonzero(pushing)
-        force[:] = 0.0
-        if len(chosen) == len(demand):
-            force = np.linalg.solve(matrix, demand)
-        elif len(chosen):
-            force[chosen] = np.linalg.solve(matrix[chosen[:, None], chosen], demand[chosen])
-        short = matrix @ force - demand
-        wrong = (np.where(pushing, force, short) < -1e-12) & ~exact
-        if not wrong.any():
-            break
-        count = int(wrong.sum())
-        if count < fewest:
-            fewest, tries = count, _TRIES
-        elif tries:
-            tries -= 1
-        else:
-            last = np.flatnonzero(wrong)[-1]
-            wrong[:] = False
-            wrong[last] = True
-        pushing ^= wrong
-    return np.where(exact, force, np.maximum(force, 0.0))

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
-from bodysense.body.glove import Glove, hand_size
+from bodysense.body.glove import Glove
 from bodysense.body.hand import FINGERS, FINGERTIPS, HAND_JOINTS
-from bodysense.body.products import CONJUGATE, cross, multiply, to_matrix
+from bodysense.body.products import CONJUGATE, multiply, to_matrix
 from bodysense.body.registration import moved
 from bodysense.body.skeleton import Skeleton
 from bodysense.errors import BodysenseError
@@ -18,7 +19,11 @@ from bodysense.errors import BodysenseError
 _POINTS = (*HAND_JOINTS, *FINGERTIPS)
 POINT_COUNT = len(_POINTS)  # of a hand: the wrist, 15 joints, 5 tips
 CHAINS = np.array([[_POINTS.index(f"{name}{end}") for end in ("1", "2", "3", "_tip")] for name in FINGERS])  # (5, 4)
+_CARRIERS = np.array([0, 0, 1, 2, 2])  # joints that turn a finger's base, joints 2 and 3, tip and the point that aims
 _ONES = np.ones((4, 1))
+_DOT_CROSS = np.zeros((9, 4))  # (u ⊗ v) @ _DOT_CROSS is u · v, then u × v
+_DOT_CROSS[[0, 4, 8], 0] = _DOT_CROSS[[5, 6, 1], [1, 2, 3]] = 1.0
+_DOT_CROSS[[7, 2, 3], [1, 2, 3]] = -1.0
 
 
 class HandPoses(NamedTuple):
@@ -38,6 +43,17 @@ class HandShape:
     middle: np.ndarray = field(repr=False)  # (H, 3) m, from the thumb's joint 2 to its middle marker, in that joint's
     markers: np.ndarray = field(repr=False)  # (6,) the marker for each finger's tip, and the thumb's middle one
 
+    @cached_property
+    def base(self) -> np.ndarray:
+        """(H, 5, 1, 3) m, the fingers' bases."""
+        return self.rest[:, CHAINS[:, :1]]
+
+    @cached_property
+    def bones(self) -> np.ndarray:
+        """(H, 5, 5, 3, 1) m, of each finger 0, its bones, and from its tip to the point that aims, in joints' axes."""
+        bones = np.concatenate([0 * self.base, self.rest[:, CHAINS[:, 1:]], self.aim[:, :, None]], axis=2)
+        return bones[..., None]
+
 
 def hand_shape(hands: Sequence[Skeleton], gloves: Sequence[Glove]) -> HandShape:
     """Return the shape of hands with gloves; the point that aims at a marker is the marker's place on the glove."""
@@ -51,7 +67,7 @@ def hand_shape(hands: Sequence[Skeleton], gloves: Sequence[Glove]) -> HandShape:
                     f"gloves: the marker {glove.markers[marker]!r} is worn at {glove.points[marker]!r}, carried by "
                     f"{glove.carried_by[marker]!r}; it must be at {tip!r}, carried by {joint!r}"
                 )
-        worn.append(glove.offset[markers] * (hand_size(hand) / glove.size))
+        worn.append(glove.offset_on(hand)[markers])
     offset = np.stack(worn)
     return HandShape(np.stack([hand.rest_offset for hand in hands]), offset[:, :5], offset[:, 5], markers)
 
@@ -61,13 +77,18 @@ def finger_chains(rest: np.ndarray, local: np.ndarray) -> tuple[np.ndarray, np.n
 
     `rest` (..., 21, 3) m are the hands' resting offsets, `local` (..., 15, 4) their joints' rotations.
     """
-    turn, bone = to_matrix(local).reshape(*local.shape[:-2], 5, 3, 3, 3), rest[..., CHAINS, :]
-    axes = turn.copy()
-    for joint in (1, 2):
-        axes[..., joint, :, :] = axes[..., joint - 1, :, :] @ turn[..., joint, :, :]
+    axes, bone = _joint_axes(local), rest[..., CHAINS, :]
     way = (axes @ bone[..., 1:, :, None])[..., 0]
     base = np.broadcast_to(bone[..., :1, :], (*way.shape[:-2], 1, 3))
     return np.concatenate([base, way], axis=-2).cumsum(axis=-2), axes
+
+
+def _joint_axes(local: np.ndarray) -> np.ndarray:
+    """Return the axes (..., 5, 3, 3, 3) of the fingers' joints in the hand's, from local rotations (..., 15, 4)."""
+    axes = to_matrix(local).reshape(*local.shape[:-2], 5, 3, 3, 3)
+    for joint in (1, 2):
+        axes[..., joint, :, :] = axes[..., joint - 1, :, :] @ axes[..., joint, :, :]
+    return axes
 
 
 def place_hands(shape: HandShape, root: np.ndarray, rotation: np.ndarray) -> HandPoses:
@@ -91,10 +112,9 @@ def pointed(
 
     Returns the rotations, and all points of the hands, (H, 21, 3) m in their axes, from the wrist.
     """
-    points, axes = finger_chains(shape.rest, local)
-    base, toward = points[:, :, :1], markers.take(shape.markers, axis=1)
-    aim = points[:, :, 3:] + (axes[:, :, 2] @ shape.aim[..., None]).swapaxes(-1, -2)
-    ways = np.concatenate([points, aim], axis=2) - base  # (H, 5, 5, 3) from each finger's base
+    axes, base = _joint_axes(local), shape.base
+    ways = (axes.take(_CARRIERS, axis=2) @ shape.bones)[..., 0].cumsum(axis=2)  # (H, 5, 5, 3) from each finger's base
+    toward = markers.take(shape.markers, axis=1)
     first, target = ways[:, :, 4].copy(), toward[:, :5] - base[:, :, 0]
     first[:, 0] = ways[:, 0, 1] + (axes[:, 0, 1] @ shape.middle[..., None])[..., 0]
     tip, target[:, 0] = target[:, :1].copy(), toward[:, 5] - base[:, 0, 0]
@@ -121,7 +141,7 @@ def shortest_arcs(u: np.ndarray, v: np.ndarray, restraint: float = 0.0) -> np.nd
     A `restraint` reduces large arcs: at 4 those of 20° by 1 %, of 60° by a third, and more toward 180°, so that the
     arc is continuous in the vectors, even for nearly opposite ones.
     """
-    arc = np.concatenate([(u * v) @ _ONES[:3], cross(u, v)], axis=-1)
+    arc = (u[..., :, None] * v[..., None, :]).reshape(*u.shape[:-1], 9) @ _DOT_CROSS
     # |u|² |v|² = (u·v)² + |u×v|²; the small addition prevents a turn if both vanish.
     length = np.sqrt((arc * arc) @ _ONES) + 1e-15
     if restraint:

@@ -15,9 +15,9 @@ import numpy as np
 from bodysense.body.glove import Glove
 from bodysense.body.hand import FINGERS, FREEDOMS, closing_hand, joint_rotations, limits, own_axes, per_joint
 from bodysense.body.hand_family import HandShapes
-from bodysense.body.products import to_matrix
+from bodysense.body.products import exp, log, multiply, to_matrix
 from bodysense.body.registration import register
-from bodysense.body.rotation import matrix_to_quaternion, quaternion_exp, quaternion_multiply
+from bodysense.body.rotation import matrix_to_quaternion
 from bodysense.devices.gloves.fingers import finger_chains
 
 ANGLES = len(FREEDOMS)
@@ -66,7 +66,7 @@ class MarkedHand:
         """Return markers (..., M, 3) m of hands (shapes …) with poses (..., 32)."""
         turn = joint_rotations(per_joint(pose[..., :ANGLES]), own_axes(shapes.axes))
         points, axes = finger_chains(shapes.rest, np.asarray(turn))
-        wrist = to_matrix(np.asarray(quaternion_exp(pose[..., -6:-3])))
+        wrist = to_matrix(exp(pose[..., -6:-3]))
         batch = np.broadcast_shapes(shapes.rest.shape[:-2], pose.shape[:-1])
         local = np.empty((*batch, len(self.places), 3))
         for marker, (finger, point, carrier) in enumerate(self.places):
@@ -86,7 +86,7 @@ class MarkedHand:
             shown.repeat(count, axis=0),
             known.repeat(count, axis=0),
         )
-        turns = rotation_vectors(np.asarray(matrix_to_quaternion(rotation)))
+        turns = log(np.asarray(matrix_to_quaternion(rotation)))
         local[..., -6:-3], local[..., -3:] = turns.reshape(-1, count, 3), translation.reshape(-1, count, 3)
         return local
 
@@ -119,16 +119,8 @@ def unusual(pose: np.ndarray) -> np.ndarray:
 def moved(pose: np.ndarray, change: np.ndarray) -> np.ndarray:
     """Return poses after a change; its turn of the wrist is applied before the present one."""
     after = pose + change
-    turn = quaternion_multiply(quaternion_exp(change[..., -6:-3]), quaternion_exp(pose[..., -6:-3]))
-    after[..., -6:-3] = rotation_vectors(np.asarray(turn))
+    after[..., -6:-3] = log(multiply(exp(change[..., -6:-3]), exp(pose[..., -6:-3])))
     return after
-
-
-def rotation_vectors(turn: np.ndarray) -> np.ndarray:
-    """Return rotation vectors (..., 3) of quaternions (..., 4)."""
-    turn = turn * np.copysign(1.0, turn[..., :1])
-    sine = np.linalg.norm(turn[..., 1:], axis=-1, keepdims=True)
-    return turn[..., 1:] * np.where(sine > 1e-9, 2 * np.arctan2(sine, turn[..., :1]) / np.maximum(sine, 1e-12), 2.0)
 
 
 @lru_cache(maxsize=1)

@@ -133,7 +133,7 @@ def _triangles(
     if not len(rows):
         return np.zeros((0, 3, 3)), np.zeros((0, 3)), size
     scaled = size[:, None, None] * corners[likest]
-    rotation, translation = register(scaled, place[possible[rows]], np.ones(scaled.shape[:2], dtype=bool))[:2]
+    rotation, translation = register(scaled, place[possible[rows]], np.ones(scaled.shape[:2], dtype=bool))
     return rotation, translation, size
 
 

@@ -1,15 +1,15 @@
 """Hands from gloves: markers, some of them hidden or wrong, become posed hands with all their joints.
 
 Every hand is processed as a left one (right hands are mirrored first), all in one batch. The steps of a frame: wrong
-markers are dropped (`rejection`), hidden ones filled without jumps (`fillers`, `continuity`), the hand is placed and
-its fingers posed (`joints`), it settles if markers are found again (`settling`), and overlapping parts are moved
-apart (`contact`). Inertial sensors on fingers give the flexion of joints whose markers are hidden (`inertial`).
+markers are dropped (`rejection`), hidden ones filled without jumps (`fillers`), the hand is placed and its fingers
+posed (`joints`), it is blended if markers are found again (`blending`), and overlapping parts are moved apart
+(`contact`). Inertial sensors on fingers give the flexion of joints whose markers are hidden (`inertial`).
 
 Special cases:
 
 - All markers of a hand hidden: it stays in place for 0.5 s, then relaxes within 1 s, its wrist in place
 (`LastShape`), and its expected error grows. When found again, it moves there at 24 cm/s, or within 0.5 s if that is
-far (`settling`). A hand that was never seen is relaxed, at the origin.
+far (`blending`). A hand that was never seen is relaxed, at the origin.
 - Alignment markers hidden: the hand is placed by the filled ones. Fewer than three markers known: it keeps its last
 shape, moved onto the known markers.
 - Exchanged identifiers of markers are corrected; of two markers in one place one is dropped (`rejection`).
@@ -34,17 +34,16 @@ from bodysense.body.rotation import geodesic_angle, quaternion_canonical, quater
 from bodysense.body.skeleton import Skeleton
 from bodysense.devices.estimate import PointEstimate
 from bodysense.devices.gloves import inertial
+from bodysense.devices.gloves.blending import Blend, BlendState
 from bodysense.devices.gloves.contact import Contact, ContactState
 from bodysense.devices.gloves.contact_rows import ContactSettings
-from bodysense.devices.gloves.continuity import FADING, Remembered
 from bodysense.devices.gloves.expectation import Influence, expected_error, influence
-from bodysense.devices.gloves.fillers import Filler, LastShape, NetworkFiller, Stack, missing
+from bodysense.devices.gloves.fillers import FADING, Filler, LastShape, NetworkFiller, Stack, missing
 from bodysense.devices.gloves.fingers import POINT_COUNT, HandPoses
 from bodysense.devices.gloves.inertial import Fusion, InertialSettings, InertialState, Sensed
 from bodysense.devices.gloves.joints import JointReader
 from bodysense.devices.gloves.networks import HandNetwork, load_joint_network, load_marker_network
 from bodysense.devices.gloves.rejection import Rejection, RejectionSettings, RejectionState
-from bodysense.devices.gloves.settling import Settling, SettlingState
 from bodysense.errors import BodysenseError
 from bodysense.io.fingers import relaxed_rotation
 from bodysense.observation import FARTHEST, Observation, check_order
@@ -72,9 +71,9 @@ class HandsSettings:
     """Settings of the hand solver."""
 
     rejection: RejectionSettings | None = field(default_factory=RejectionSettings)  # if None, every marker is accepted
-    speed: float = 0.24  # m/s at which hands settle if markers are found again (`settling`); the paper: 0.25 (4.7)
+    speed: float = 0.24  # m/s at which hands go to markers that are found again (`blending`); the paper: 0.25 (4.7)
     unseen_speed: float = 0.12  # m/s, of points whose markers are not seen
-    fading: float | None = FADING  # s, half-life of a hidden marker's offset (`continuity`); None keeps it
+    fading: float | None = FADING  # s, half-life of the network's error of a hidden marker (`fillers`); None keeps it
     hold: float = 0.5  # s for which a hand without seen markers stays in place
     relaxing: float = 1.0  # s within which it then relaxes
     restraint: float = 4.0  # of fingers' large turns to their markers (`fingers.shortest_arcs`); 0 turns all the way
@@ -99,7 +98,7 @@ class HandsState(NamedTuple):
     filler: Any
     contact: ContactState
     hidden: np.ndarray  # (H, 9) s for which each marker has been hidden
-    settling: SettlingState | None  # before the first frame None
+    blend: BlendState | None  # before the first frame None
     inertial: InertialState
 
 
@@ -162,8 +161,8 @@ class Hands:
         hands = tuple(self.hands.values())
         natural = np.stack([natural_markers(glove, hand) for glove, hand in zip(self._gloves, hands, strict=True)])
         last = LastShape(natural, self.settings.hold, self.settings.relaxing)
-        network = NetworkFiller(self.models.markers, hands, self._gloves)
-        return Remembered(Stack((network, last)), self.settings.fading)
+        network = NetworkFiller(self.models.markers, hands, self._gloves, self.settings.fading)
+        return Stack((network, last))
 
     @cached_property
     def _rejection(self) -> Rejection:
@@ -175,8 +174,8 @@ class Hands:
         return Contact(tuple(self.hands.values()), sides, self.settings.contact or ContactSettings())
 
     @cached_property
-    def _settling(self) -> Settling:
-        return Settling(self._reader.shape, self.glove, self.settings.speed, self.settings.unseen_speed)
+    def _blend(self) -> Blend:
+        return Blend(self._reader.shape, self.glove, self.settings.speed, self.settings.unseen_speed)
 
     @cached_property
     def _fusion(self) -> Fusion:
@@ -276,19 +275,19 @@ class Hands:
             told, sensors = self._fusion.fuse(solved, sensed, hidden, interval, was)
             if without is solved:
                 without = told
-            elif state.settling is not None:
-                longer = (state.hidden + interval) * ~(known & state.settling.known)
+            elif state.blend is not None:
+                longer = (state.hidden + interval) * ~(known & state.blend.known)
                 without, _ = self._fusion.fuse(without, sensed, longer, interval, was)
-        poses, settling = self._settling.step(told, without, known, interval, state.settling)
+        poses, blend = self._blend.step(told, without, known, interval, state.blend)
         if self.settings.contact is not None:
             poses, contact = self._contact.step(poses, shown, known, interval, contact)
-        return poses, HandsState(state.time, rejection, filler, contact, hidden, settling, sensors)
+        return poses, HandsState(state.time, rejection, filler, contact, hidden, blend, sensors)
 
     def _without(
         self, told: HandPoses, filled: np.ndarray, known: np.ndarray, interval: float, state: HandsState
     ) -> HandPoses:
         """Return the hands without the markers (H, 9, 3) m that were found in this frame."""
-        if state.settling is None or not (found := known & ~state.settling.known).any():
+        if state.blend is None or not (found := known & ~state.blend.known).any():
             return told
         found = found & (state.hidden < NEVER).any(axis=1, keepdims=True)
         kept = np.where((known & ~found)[..., None], filled, np.nan)

@@ -19,7 +19,7 @@ import numpy as np
 from bodysense.body.glove import ALIGNMENT, MARKERS, default_glove, glove_points, side_of, template
 from bodysense.body.hand import mirrored_vectors
 from bodysense.body.hand_shapes import marker_ranges
-from bodysense.body.registration import register
+from bodysense.body.registration import brought_back, moved, register
 from bodysense.body.skeleton import Skeleton
 from bodysense.devices.gloves.assignment import assigned_or_none, cost_of
 from bodysense.devices.gloves.hand_search import SIDES, FoundHand, find_hands, surest, unlikeness
@@ -138,11 +138,11 @@ class Labeller:
         }
         check = now - state.checked >= _CHECK
         self._look_for(doubtful, set(range(len(hands))) if check else doubtful, points, labels, hands)
-        moved = [
+        after = [
             _with_velocity(hand, before, interval) if hand.velocity is _UNKNOWN else hand
             for hand, before in zip(hands, state.hands, strict=True)
         ]
-        return labels, LabelState(now, tuple(moved), doubt, now if check else state.checked)
+        return labels, LabelState(now, tuple(after), doubt, now if check else state.checked)
 
     def _followed(
         self, points: np.ndarray, expected: list[HandTrack], interval: float, doubt: float
@@ -177,8 +177,8 @@ class Labeller:
     def _unlike(self, k: int, points: np.ndarray, hand: HandTrack) -> np.ndarray:
         """Return (9, N) distances of points from possible positions of each marker: squared, 1 is the limit."""
         known = np.ones((1, len(_BACK)), dtype=bool)
-        rotation, translation = register(hand.size * self._templates[k][_BACK], hand.place[None, _BACK], known)[:2]
-        local = (points * self._flips[k] - translation[0]) @ rotation[0] / hand.size
+        at = register(hand.size * self._templates[k][_BACK], hand.place[None, _BACK], known)
+        local = brought_back((points * self._flips[k])[None], *at)[0] / hand.size
         return unlikeness(local, self._ranges[k], self._allowed)
 
     @cached_property
@@ -306,16 +306,15 @@ def _carried_on(hand: HandTrack, interval: float) -> HandTrack:
     if not hand.size or not interval:
         return hand
     seen = hand.hidden <= 0
-    moved = hand.place + hand.velocity * interval
-    place = np.where(seen[:, None], moved, _moved_along(hand.place, moved, seen))
+    ahead = hand.place + hand.velocity * interval
+    place = np.where(seen[:, None], ahead, _moved_along(hand.place, ahead, seen))
     return hand._replace(place=place, hidden=hand.hidden + interval)
 
 
 def _moved_along(before: np.ndarray, now: np.ndarray, seen: np.ndarray) -> np.ndarray:
     """Move all markers (9, 3) rigidly with the seen ones, mainly those on the back of the hand."""
     rows = _BACK * _FIRMNESS + list(range(_COUNT))
-    rotation, translation = register(before[rows], now[None, rows], seen[None, rows])[:2]
-    return before @ rotation[0].T + translation[0]
+    return moved(before[None], *register(before[rows], now[None, rows], seen[None, rows]))[0]
 
 
 def _of_hand(labels: np.ndarray, k: int) -> np.ndarray:

@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bodysense.body.glove import ALIGNMENT, Glove, hand_size, template
+from bodysense.body.glove import ALIGNMENT, Glove, template
 from bodysense.body.registration import moved, register
 from bodysense.body.skeleton import Skeleton
 from bodysense.devices.gloves.fillers import missing
@@ -219,7 +219,7 @@ def _way(hand: Skeleton, glove: Glove) -> np.ndarray:
     joints = hand.indices(glove.carried_by)
     length = hand.bone_length
     back = hand.index("wrist")
-    out = np.linalg.norm(glove.offset, axis=1) * (hand_size(hand) / glove.size)
+    out = np.linalg.norm(glove.offset_on(hand), axis=1)
     ways = np.zeros((9, 9))
     on_back = joints == back
     flat = template(glove, hand)

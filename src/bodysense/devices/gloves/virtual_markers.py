@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bodysense.body.glove import MARKERS, glove_of, glove_points, hand_size, side_of
+from bodysense.body.glove import MARKERS, glove_of, glove_points, side_of
 from bodysense.body.glove_set import standard_set
 from bodysense.body.hand import mirrored_vectors
 from bodysense.body.hand_family import GlovedHand, HandShapes
@@ -165,5 +165,5 @@ def is_standard(hand: GlovedHand) -> bool:
 
 
 def _numbers(hand: GlovedHand) -> tuple[MarkedHand, HandShapes]:
-    worn = hand.glove.offset * (hand_size(hand.skeleton) / hand.glove.size)
-    return MarkedHand.of(hand.glove), HandShapes(hand.skeleton.rest_offset, hand.axes, worn)
+    shapes = HandShapes(hand.skeleton.rest_offset, hand.axes, hand.glove.offset_on(hand.skeleton))
+    return MarkedHand.of(hand.glove), shapes

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -24,15 +24,8 @@ from bodysense.body.skeleton import Skeleton
 from bodysense.devices.gloves.fillers import MARKER_COUNT, missing
 
 
-class WorldFiller:
-    """A filler whose markers are in the world's axes."""
-
-    def axes(self, markers: np.ndarray, state: Any) -> None:
-        """Return None."""
-
-
 @dataclass(frozen=True)
-class LastKnown(WorldFiller):
+class LastKnown:
     """A hidden marker stays where it was last known."""
 
     def start(self, hands: int) -> np.ndarray:
@@ -55,7 +48,7 @@ class AverageState(NamedTuple):
 
 
 @dataclass(frozen=True)
-class MovingAverage(WorldFiller):
+class MovingAverage:
     """A hidden marker moves on with its mean velocity over the last `seconds` in which it was known."""
 
     seconds: float = 1 / 3
@@ -88,7 +81,7 @@ class AffineState(NamedTuple):
 
 
 @dataclass(frozen=True)
-class AffineCombination(WorldFiller):
+class AffineCombination:
     """A hidden marker is the affine combination of the known ones that it was in the frame before it was hidden.
 
     Equations 3 to 8. Weights are those of the frame before the last change of what is known; a marker that comes back

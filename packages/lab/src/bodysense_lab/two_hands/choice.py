@@ -16,7 +16,6 @@ import numpy as np
 
 from bodysense.body.hand import FINGERS
 from bodysense.body.hand_family import GlovedHand, draw_hand
-from bodysense.devices.gloves.continuity import Remembered
 from bodysense.devices.gloves.fillers import NetworkFiller
 from bodysense.devices.gloves.hands import HandsSettings, load_glove_models
 from bodysense.devices.gloves.inertial import InertialSettings
@@ -70,7 +69,7 @@ def measure_settings(task: HandTask) -> HandErrors:
         assert trials is not None
         hidden = hide_some(len(trials), count, rng)
         for value in CANDIDATES["fading"].values:
-            filler = Remembered(NetworkFiller(models.markers, trials.hands, trials.gloves), value)
+            filler = NetworkFiller(models.markers, trials.hands, trials.gloves, value)
             for seconds, error in zip(DURATIONS, marker_error(trials, hidden, filler), strict=True):
                 means.add(("fading", value, seconds), error)
     longer = _joined(worn, SCORED, rng)

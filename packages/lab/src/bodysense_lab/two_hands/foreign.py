@@ -32,13 +32,13 @@ from bodysense.devices.gloves.networks import (
 )
 from bodysense.errors import BodysenseError
 from bodysense_lab.synthesis.motion import HandMotion
-from bodysense_lab.two_hands.continuity import Continuous
 from bodysense_lab.two_hands.trials import DURATIONS, HandErrors, Trials, cut, finger_error, hide_some, marker_error
 
 FOREIGN, STRANGER, TEMPLATE = "foreign", "stranger", "template"
 PLACES = {FOREIGN: "left-out hand", STRANGER: "unseen hands", TEMPLATE: "the paper's hand"}
 WAYS = {"nn": "hand known", "untold": "size known", "calibrated": "hand calibrated"}
-ALONE = "network_alone"  # known hand, without continuity
+ALONE = "network_alone"  # known hand; the network's error is not kept
+_AT_ONCE = 1e-9  # s, half-life of that error
 FEW_MANY = (1, 4)  # markers hidden at once
 _LOOKED = 600  # frames that a calibration looks at: ten seconds
 
@@ -77,9 +77,9 @@ def foreign_markers(motions: list[HandMotion], person: str, models: ForeignModel
     for place, files, trials, ways in _settings(motions, person, models, stride, calibrate=False):
         network = load_marker_network(files[0])
         fillers: dict[str, Filler] = {
-            way: Continuous(NetworkFiller(network, taken.hands, taken.gloves)) for way, taken in ways.items()
+            way: NetworkFiller(network, taken.hands, taken.gloves) for way, taken in ways.items()
         }
-        fillers[ALONE] = NetworkFiller(network, trials.hands, trials.gloves)
+        fillers[ALONE] = NetworkFiller(network, trials.hands, trials.gloves, fading=_AT_ONCE)
         for count in FEW_MANY:
             hidden = hide_some(len(trials), count, np.random.default_rng(count))
             for way, filler in fillers.items():

@@ -22,7 +22,6 @@ from bodysense_lab.spread import spread
 from bodysense_lab.synthesis.hands import synthesize_hand
 from bodysense_lab.synthesis.motion import HandMotion, hand_motions
 from bodysense_lab.two_hands.baselines import AffineCombination, FingerLimits, LastKnown, MovingAverage, solve_fingers
-from bodysense_lab.two_hands.continuity import Continuous
 from bodysense_lab.two_hands.foreign import ForeignModels, foreign_fingers, foreign_markers
 from bodysense_lab.two_hands.trials import (
     DURATIONS,
@@ -140,7 +139,7 @@ def measure_markers(
             "ls": LastShape(np.zeros((1, 9, 3))),  # its natural shape is not needed: five markers are seen
             "ma": MovingAverage(),
             "ac": AffineCombination(),
-            "nn": Continuous(NetworkFiller(network, trials.hands)),
+            "nn": NetworkFiller(network, trials.hands),
         }
         for method, filler in fillers.items():
             for duration, error in zip(DURATIONS, marker_error(trials, hidden, filler), strict=True):

@@ -1,4 +1,4 @@
-"""No jump of a hand if markers are found again: it settles on them, no faster than its own motion allows.
+"""No jump of a hand if markers are found again: an offset of its pose takes up the change, and closes.
 
 Blending markers one by one deforms the hand, so blend poses: first position and rotation of the back of the hand, then
 every finger. A deformed back has no reliable position, and a finger's joints can move twice as far as its tip. Each
@@ -17,7 +17,7 @@ import numpy as np
 
 from bodysense.body.glove import Glove
 from bodysense.body.hand import FINGERS
-from bodysense.body.products import CONJUGATE, multiply, to_matrix
+from bodysense.body.products import CONJUGATE, exp, log, multiply, to_matrix
 from bodysense.devices.gloves.fingers import CHAINS, POINT_COUNT, HandPoses, HandShape, place_hands, shortest_arcs
 
 _OVER = 1e-4  # m; smaller residuals are ignored
@@ -28,26 +28,26 @@ _ONES = np.ones(3)
 _STAY = np.array([1.0, 0.0, 0.0, 0.0])
 
 
-class Away(NamedTuple):
-    """Offsets of H output hands from their solved poses."""
+class PoseOffset(NamedTuple):
+    """Differences of H output hands from the solved ones."""
 
     root: np.ndarray  # (H, 3) m
-    turn: np.ndarray  # (H, 16, 4) wxyz, w ≥ 0: output = turn · rotation, the wrist's in the world
+    turn: np.ndarray  # (H, 16, 3) rotation vectors that follow the solved rotations, the wrist's in the world
 
 
-class SettlingState(NamedTuple):
+class BlendState(NamedTuple):
     """The frame before."""
 
-    shown: np.ndarray  # (H, 21, 3) m
-    told: np.ndarray  # (H, 21, 3) m
+    output: np.ndarray  # (H, 21, 3) m
+    solved: np.ndarray  # (H, 21, 3) m
     known: np.ndarray  # (H, 9) bool
-    away: Away | None  # None: the output equals the solved poses
-    speed: np.ndarray  # (H, 1) m/s, maximum speed of the correction
+    offset: PoseOffset | None  # None: the output equals the solved poses
+    speed: np.ndarray  # (H, 1) m/s, at which the offset closes
 
 
 @dataclass(frozen=True, eq=False)
-class Settling:
-    """Settles hands of a `shape` with a glove. Speeds in m/s."""
+class Blend:
+    """Blends hands of a `shape` with a glove. Speeds in m/s."""
 
     shape: HandShape
     glove: Glove
@@ -66,76 +66,69 @@ class Settling:
                 needed[marker, CHAINS[FINGERS.index(joint[:-1]), 1:]] = 1.0
         return needed
 
-    @cached_property
-    def _slowest(self) -> np.ndarray:
-        """(H, 1) m/s."""
-        return np.full((len(self.shape.rest), 1), self.speed)
-
     def step(
-        self, told: HandPoses, without: HandPoses, known: np.ndarray, interval: float, state: SettlingState | None
-    ) -> tuple[HandPoses, SettlingState]:
+        self, solved: HandPoses, without: HandPoses, known: np.ndarray, interval: float, state: BlendState | None
+    ) -> tuple[HandPoses, BlendState]:
         """Return the output hands, the same object without an offset, and the state after them.
 
         Args:
-            told: solved hands.
-            without: solved hands without the markers found since the frame before; `told` itself without such markers.
+            solved: the hands by all markers.
+            without: the hands without the markers found since the frame before; `solved` itself without such markers.
             known: (H, 9) bool.
             interval: seconds since the frame before.
             state: after the frame before; None before the first.
         """
-        if state is None or (state.away is None and without is told):
-            return told, SettlingState(told.position, told.position, known, None, self._slowest)
-        start, speed = displaced(without, state.away, self.shape), state.speed
-        if without is not told:
-            farthest = np.linalg.norm(start.position - told.position, axis=-1).max(axis=1, keepdims=True)
+        if state is None or (state.offset is None and without is solved):
+            speed = np.full((len(known), 1), self.speed) if state is None else state.speed
+            return solved, BlendState(solved.position, solved.position, known, None, speed)
+        start, speed = displaced(without, state.offset, self.shape), state.speed
+        if without is not solved:
+            farthest = np.linalg.norm(start.position - solved.position, axis=-1).max(axis=1, keepdims=True)
             speed = np.maximum(self.speed, farthest / self.longest)
         most = speed * interval
         sure = ~(known & state.known) @ self._needed == 0
-        way = np.linalg.norm(without.position - state.told, axis=-1)
+        way = np.linalg.norm(without.position - state.solved, axis=-1)
         reach = way + most * np.where(sure, 1.0, self.unseen_speed / self.speed)
 
-        def short(begin: HandPoses, end: HandPoses, points: np.ndarray) -> np.ndarray:
+        def remaining(begin: HandPoses, end: HandPoses, points: np.ndarray) -> np.ndarray:
             """Return (H, …): the share of the motion that remains when one of the points (…, N) reaches its limit."""
-            step, way = begin.position - state.shown, end.position - begin.position
+            step, way = begin.position - state.output, end.position - begin.position
             step, way, far = (part.take(points, axis=1) for part in (step, way, reach))
             return 1 - _share(step, way, far, most).min(axis=-1)
 
-        away = between(start, told)
-        away = left(away, short(start, told, _BACK[None]), _ALL)
-        end = displaced(told, left(away, _ALL[:, :1], 0 * _ALL), self.shape)
-        away = left(away, _ALL[:, :1], short(displaced(told, away, self.shape), end, CHAINS))
-        shown = displaced(told, away, self.shape)
-        arc = _back(shown, state.shown, reach)
+        offset = between(start, solved)
+        offset = scaled(offset, remaining(start, solved, _BACK[None]), _ALL)
+        end = displaced(solved, scaled(offset, _ALL[:, :1], 0 * _ALL), self.shape)
+        offset = scaled(offset, _ALL[:, :1], remaining(displaced(solved, offset, self.shape), end, CHAINS))
+        output = displaced(solved, offset, self.shape)
+        arc = _back(output, state.output, reach)
         if arc is not None:
-            away.turn[:, 1::3] = multiply(arc, away.turn[:, 1::3])
-            shown = displaced(told, away, self.shape)
-        elif not away.root.any() and not away.turn[..., 1:].any():
-            return told, SettlingState(told.position, told.position, known, None, speed)
-        return shown, SettlingState(shown.position, told.position, known, away, speed)
+            output.rotation[:, 1::3] = multiply(arc, output.rotation[:, 1::3])
+            output = place_hands(self.shape, output.root, output.rotation)
+            offset = between(output, solved)
+        elif not offset.root.any() and not offset.turn.any():
+            return solved, BlendState(solved.position, solved.position, known, None, speed)
+        return output, BlendState(output.position, solved.position, known, offset, speed)
 
 
-def between(shown: HandPoses, told: HandPoses) -> Away:
+def between(output: HandPoses, solved: HandPoses) -> PoseOffset:
     """Return the offset of output hands from solved ones."""
-    turn = multiply(shown.rotation, told.rotation * CONJUGATE)
-    return Away(shown.root - told.root, turn * np.copysign(1.0, turn[..., :1]))
+    turn = multiply(output.rotation, solved.rotation * CONJUGATE)
+    return PoseOffset(output.root - solved.root, log(turn))
 
 
-def left(away: Away, back: np.ndarray, fingers: np.ndarray) -> Away:
+def scaled(offset: PoseOffset, back: np.ndarray, fingers: np.ndarray) -> PoseOffset:
     """Scale an offset by a share (H, 1) for the back of the hand and shares (H, 5) for the fingers, or (1, …)."""
-    share = np.empty(away.turn.shape[:2])
+    share = np.empty(offset.turn.shape[:2])
     share[:, :1], share[:, 1:] = back, fingers.repeat(3, axis=1)
-    vector = away.turn[..., 1:]
-    sine = np.linalg.norm(vector, axis=-1)
-    half = np.arctan2(sine, away.turn[..., 0]) * share
-    vector = vector * (np.sin(half) / np.maximum(sine, 1e-12))[..., None]
-    return Away(away.root * back, np.concatenate([np.cos(half)[..., None], vector], axis=-1))
+    return PoseOffset(offset.root * back, offset.turn * share[..., None])
 
 
-def displaced(told: HandPoses, away: Away | None, shape: HandShape) -> HandPoses:
+def displaced(solved: HandPoses, offset: PoseOffset | None, shape: HandShape) -> HandPoses:
     """Apply an offset to hands; the same object if there is no offset."""
-    if away is None:
-        return told
-    return place_hands(shape, told.root + away.root, multiply(away.turn, told.rotation))
+    if offset is None:
+        return solved
+    return place_hands(shape, solved.root + offset.root, multiply(exp(offset.turn), solved.rotation))
 
 
 def _share(step: np.ndarray, way: np.ndarray, reach: np.ndarray, most: np.ndarray) -> np.ndarray:
@@ -151,12 +144,12 @@ def _share(step: np.ndarray, way: np.ndarray, reach: np.ndarray, most: np.ndarra
     return np.minimum(np.maximum(share, 0.0), np.minimum(most, 1.0))
 
 
-def _back(shown: HandPoses, before: np.ndarray, reach: np.ndarray) -> np.ndarray | None:
+def _back(output: HandPoses, before: np.ndarray, reach: np.ndarray) -> np.ndarray | None:
     """Return arcs (H, 5, 4) about fingers' bases that bring points back within their limits; None: all are within.
 
     Each finger is judged by the point with the largest excess.
     """
-    way = shown.position - before
+    way = output.position - before
     length = np.linalg.norm(way, axis=-1)
     over = (length - reach)[:, CHAINS]
     if not (over > _OVER).any():
@@ -164,8 +157,8 @@ def _back(shown: HandPoses, before: np.ndarray, reach: np.ndarray) -> np.ndarray
     worst = np.argmax(over, axis=-1, keepdims=True)
     point = np.take_along_axis(np.broadcast_to(CHAINS, over.shape), worst, axis=-1)[..., 0]
     hand = np.arange(len(way))[:, None]
-    base, place = shown.position[:, CHAINS[:, 0]], shown.position[hand, point]
+    base, place = output.position[:, CHAINS[:, 0]], output.position[hand, point]
     allowed = before[hand, point] + way[hand, point] * (reach / np.maximum(length, 1e-12))[hand, point][..., None]
-    axes = to_matrix(shown.rotation[:, 0])
+    axes = to_matrix(output.rotation[:, 0])
     arc = shortest_arcs((place - base) @ axes, (allowed - base) @ axes)
     return np.where(np.take_along_axis(over, worst, axis=-1) > _OVER, arc, _STAY)
