@@ -46,7 +46,7 @@ def info(
             recording, or a folder of them, also .bvh in .zip.
         split: which people.
         layout: which published data set the folder is; recognised by what is in it if omitted.
-        picture: PNG file for stick figures of the first file that can be read.
+        picture: PNG file for bodies of a few frames of the first file that can be read.
         json: JSON file for the numbers, one flat object.
         reading: what the files do not say of themselves.
     """
@@ -175,14 +175,13 @@ def _minutes(row: Counter[str]) -> tuple[str, str, str]:
 
 
 def _draw(path: Path, clip: Clip) -> None:
-    """Stick figures of a few frames."""
+    """Draw bodies of a few frames."""
     import numpy as np
 
-    from bodysense.body.pose import forward_kinematics
     from bodysense.pictures.sheet import draw_sheet
 
     frames = np.unique(np.linspace(0, len(clip) - 1, PICTURED).astype(int))
-    draw_sheet(path, clip.pose.skeleton, np.asarray(forward_kinematics(clip.pose[frames])[0]))
+    draw_sheet(path, clip.pose[frames])
     print(f"wrote {path}")
 
 

@@ -61,8 +61,8 @@ def demo(
     from bodysense.io.bvh import write_bvh
     from bodysense.io.recording import Recording
     from bodysense.io.resample import resample
+    from bodysense.pictures.camera import Lens
     from bodysense.pictures.comparison import View, write_comparison, write_moments
-    from bodysense.pictures.sheet import Lens
     from bodysense.take import track
 
     if json is not None:

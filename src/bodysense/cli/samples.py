@@ -32,7 +32,6 @@ def generate(
     """
     import numpy as np
 
-    from bodysense.body.pose import forward_kinematics
     from bodysense.body.skeleton import default_skeleton
     from bodysense.io.bvh import write_bvh
     from bodysense.io.clip import Clip
@@ -46,7 +45,7 @@ def generate(
     skeleton = default_skeleton() if body.height is None else default_skeleton().scaled(body.height)
     pose = sample_prior(skeleton, load_body_vae(model), count, np.random.default_rng(seed))
     if out.suffix.lower() == ".png":
-        draw_sheet(out, skeleton, np.asarray(forward_kinematics(pose)[0]))
+        draw_sheet(out, pose)
     else:
         write_bvh(out, Clip(out.stem, pose, frame_rate=1.0))  # a frame a body, a second each
     print(f"wrote {out}: {count} bodies")
