@@ -24,8 +24,7 @@ PLACE = Path(__file__).parents[1] / "web" / "src" / "protocol.ts"
 def text() -> str:
     """The whole file."""
     numbers = {
-        **{name: getattr(protocol, name) for name in ("VERSION", "SIGNAL", "POSE", "TRUTH")},
-        **{name: getattr(protocol, name) for name in ("HAS_POSITION", "HAS_ROTATION")},
+        **{k: getattr(protocol, k) for k in ("VERSION", "SIGNAL", "POSE", "TRUTH", "HAS_POSITION", "HAS_ROTATION")},
         "SIGNAL_HEAD_BYTES": protocol.SIGNAL_HEAD.size,
         "POINT_BYTES": protocol.POINT.itemsize,
         "ACCURACY_UNIT": protocol.ACCURACY_UNIT,
