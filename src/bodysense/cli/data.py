@@ -147,6 +147,10 @@ class _Counts:
     def clips(self) -> int:
         return sum(row["clips"] for row in self._rows.values())
 
+    @property
+    def _everyone(self) -> int:
+        return len(set[str]().union(*self._people.values()))
+
     def table(self, title: str) -> Table:
         from rich.table import Table
 
@@ -156,14 +160,12 @@ class _Counts:
         for category, row in sorted(self._rows.items()):
             table.add_row(category, str(len(self._people[category])), *_minutes(row))
         table.add_section()
-        everyone = set().union(*self._people.values()) if self._people else set()
         whole = sum(self._rows.values(), Counter())
-        table.add_row("all", str(len(everyone)), *_minutes(whole))
+        table.add_row("all", str(self._everyone), *_minutes(whole))
         return table
 
     def numbers(self) -> dict[str, float]:
-        everyone = set().union(*self._people.values()) if self._people else set()
-        found: dict[str, float] = {"clips": self.clips, "people": len(everyone)}
+        found: dict[str, float] = {"clips": self.clips, "people": self._everyone}
         found["minutes"] = sum(row["seconds"] for row in self._rows.values()) / 60
         for category, row in self._rows.items():
             found |= {f"{category}_clips": row["clips"], f"{category}_minutes": row["seconds"] / 60}
@@ -183,9 +185,6 @@ def _draw(path: Path, clip: Clip) -> None:
     frames = np.unique(np.linspace(0, len(clip) - 1, PICTURED).astype(int))
     draw_sheet(path, clip.pose[frames])
     print(f"wrote {path}")
-
-
-Folder = Annotated[Path, tyro.conf.Positional]
 
 
 def commands() -> SubcommandApp:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from bodysense.cli.options import Reading
+from bodysense.cli.options import Output, Reading
 from bodysense.cli.summary import write_summary
 from bodysense.files import check_place, make_folder
 from bodysense.io.rigs.options import AS_FOUND
@@ -39,7 +39,7 @@ class DemoRow:
 
 def demo(
     file: Annotated[Path | None, tyro.conf.Positional] = None,
-    out: Annotated[Path, tyro.conf.arg(aliases=("-o",))] = Path("bodysense-demo"),
+    out: Output = Path("bodysense-demo"),
     json: Path | None = None,
     reading: Reading = AS_FOUND,
 ) -> None:

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-import tyro
-
+from bodysense.cli.options import Output
 from bodysense.errors import BodysenseError
 from bodysense.files import check_place
 from bodysense.io.rigs.options import ReadingOptions
@@ -14,8 +13,6 @@ from bodysense.ranges import Samples, Seed
 
 if TYPE_CHECKING:
     from bodysense.io.recording import Recording
-
-Output = Annotated[Path, tyro.conf.arg(aliases=("-o",))]
 
 
 def generate(
