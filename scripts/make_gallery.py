@@ -23,8 +23,8 @@ from bodysense.demo import packaged_performance, performance_of_stranger
 from bodysense.files import written_beside
 from bodysense.io.resample import resample
 from bodysense.observation import Observation
+from bodysense.pictures.camera import Lens
 from bodysense.pictures.comparison import View, draw_views
-from bodysense.pictures.sheet import Lens
 
 FIGURES = Path(__file__).resolve().parents[1] / "docs" / "figures"
 RATE = 30.0  # Hz, of the motion

@@ -300,7 +300,7 @@ def filmed() -> tuple[np.ndarray, Clip]:
     from bodysense.body.rotation import quaternion_exp, quaternion_multiply, quaternion_rotate
     from bodysense.demo import packaged_performance
     from bodysense.pictures.animation import draw_pose
-    from bodysense.pictures.sheet import Lens, follow_body
+    from bodysense.pictures.camera import Lens, follow_body
 
     clip = packaged_performance()
     pose = clip.pose[308:332:3]  # the performer stands, and was turned by 2.28 rad: turn it to the camera

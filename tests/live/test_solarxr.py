@@ -82,7 +82,7 @@ def test_a_body_is_where_it_is(facing: float) -> None:
     trackers, bones = told.rows(1), told.rows(2)
     assert len(trackers) == len(TRACKERS) and len(bones) == len(BONES) + 1
     numbers = set()
-    for tracker, (part, name, place, _) in zip(trackers, TRACKERS, strict=True):
+    for tracker, (part, name, place) in zip(trackers, TRACKERS, strict=True):
         identity, info = tracker.row(0), tracker.row(1)
         assert identity is not None and info is not None
         assert identity.at(0) is None  # of no device: an echo else

@@ -15,8 +15,9 @@ from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.io.gltf.humanoid import VRM_BONES, unity_bone
 from bodysense.io.osc import DATAGRAM
+from bodysense_live.virtual_trackers import TURNED_BY
 from bodysense_live.vmc import vmc_packets
-from bodysense_live.vrchat import PARTS, TRACKERS, parts_of, vrchat_packets
+from bodysense_live.vrchat import PARTS, parts_of, vrchat_packets
 
 MIRROR = np.diag([-1.0, 1.0, 1.0])
 # Unity's documentation, HumanBodyBones, without eyes and jaw.
@@ -89,7 +90,9 @@ def test_vrchats_trackers_are_joints_in_unitys_world(waving_clip: Clip, frame: i
     assert set(found) == {
         f"/tracking/trackers/{k}/{w}" for k in (*range(1, 9), "head") for w in ("position", "rotation")
     }
-    for name, (place, turn) in TRACKERS.items():
+    trackers = {number: point for named in PARTS.values() for number, point in named.items()} | {"head": "head"}
+    for name, place in trackers.items():
+        turn = TURNED_BY.get(place, place)
         there = np.array(found[f"/tracking/trackers/{name}/position"])
         np.testing.assert_allclose(MIRROR @ there, position[pose.skeleton.index(place)], atol=1e-6)
         x, y, z = found[f"/tracking/trackers/{name}/rotation"]

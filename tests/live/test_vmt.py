@@ -22,7 +22,8 @@ from bodysense_live.links import DeviceInput
 from bodysense_live.metrics import Metrics
 from bodysense_live.settings import ServerSettings
 from bodysense_live.tracked_devices import SIGNALS, TrackedDevices
-from bodysense_live.vmt import TRACKERS, VmtReader, VmtState, subscriptions
+from bodysense_live.virtual_trackers import TURNED_BY
+from bodysense_live.vmt import VmtReader, VmtState, subscriptions
 from bodysense_live.vmt_hands import BONES, hand_bones, hand_packet
 from bodysense_live.vmt_link import VmtSettings
 
@@ -190,7 +191,7 @@ def shown(driver: Driver, enable: int) -> set[int]:
     """Indices of virtual devices that are told to be on, or off, until all were."""
     found: set[int] = set()
     until = time.monotonic() + 10
-    while len(found) < len(TRACKERS) and time.monotonic() < until:
+    while len(found) < len(TURNED_BY) and time.monotonic() < until:
         if enable:
             driver.tracked()
         message = driver.heard()

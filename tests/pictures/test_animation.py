@@ -1,4 +1,4 @@
-"""The drawn body: rays against balls by brute force, what hides what, light, shadow, and the file."""
+"""The drawn body: what hides what, light, shadow, and the file."""
 
 from __future__ import annotations
 
@@ -15,8 +15,9 @@ from bodysense.body.skeleton import default_skeleton
 from bodysense.body.skin import COLORS, SHIRT, SKIN, BodySkin, fit_skin, place_skin
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
-from bodysense.pictures.animation import BodyRenderer, _meet_link, draw_pose, write_animation
-from bodysense.pictures.sheet import FollowingCamera, Lens, follow_body
+from bodysense.pictures.animation import draw_pose, write_animation
+from bodysense.pictures.camera import FollowingCamera, Lens, follow_body
+from bodysense.pictures.painter import BodyPainter
 
 SMALL = Lens(width=96, height=120)
 
@@ -31,6 +32,7 @@ def balls_in_front(*balls: tuple[float, float, float, float, int]) -> tuple[Body
         radius=np.array([ball[3] for ball in balls]),
         link=np.array([(k, k) for k in count]),
         color=np.array([ball[4] for ball in balls]),
+        part=np.arange(len(balls)),
     )
     return skin, center
 
@@ -57,47 +59,17 @@ def hue(picture: np.ndarray, color: int) -> np.ndarray:
     return np.linalg.norm(direction - COLORS[color] / np.linalg.norm(COLORS[color]), axis=-1)
 
 
-@pytest.mark.parametrize("seed", range(8))
-def test_rays_meet_links_as_they_meet_all_balls_between(seed: int) -> None:
-    """The hull of two balls is the union of the balls between them: the nearest of 4001 entries is the truth."""
-    generator = np.random.default_rng(seed)
-    first, second = generator.normal(size=(2, 3)) * 0.3 + [0, 0, -3]
-    r1, r2 = generator.uniform(0.05, 0.5, 2)
-    if seed == 0:
-        second, r2 = first + np.array([0.01, 0, 0]), r1 / 2  # one holds the other
-    if seed == 1:
-        second = first  # no axis at all
-    ray = generator.normal(size=(3, 40, 40)) * [[[0.25]], [[0.25]], [[0]]] + [[[0]], [[0]], [[-1]]]
-    ray /= np.linalg.norm(ray, axis=0)
-    share = np.linspace(0, 1, 4001)[:, None]
-    center, radius = first + share * (second - first), r1 + share[:, 0] * (r2 - r1)
-    along = center @ ray.reshape(3, -1)
-    root = along**2 - (center**2).sum(axis=1)[:, None] + radius[:, None] ** 2
-    entry = np.where(root >= 0, along - np.sqrt(np.maximum(root, 0)), np.inf)
-    nearest, which = entry.min(axis=0).reshape(40, 40), entry.argmin(axis=0).reshape(40, 40)
-
-    hit, distance, normal = _meet_link(
-        ray.astype(np.float32), first.astype(np.float32), second.astype(np.float32), r1, r2
-    )
-    grazing = np.abs(root.max(axis=0)).reshape(40, 40) < 1e-3
-    assert (hit == np.isfinite(nearest))[~grazing].all() and 30 < hit.sum() < 1600
-    sure = hit & ~grazing
-    np.testing.assert_allclose(distance[sure], nearest[sure], atol=2e-3)
-    outward = (nearest * ray)[:, sure] - center[which[sure]].T
-    np.testing.assert_allclose(normal[:, sure], outward / radius[which[sure]], atol=0.05)
-
-
 def test_what_is_nearer_hides_what_is_behind(level: FollowingCamera) -> None:
     for near, far in ((0.4, -0.4), (-0.4, 0.4)):
         skin, balls = balls_in_front((0, 1, near, 0.2, SKIN), (0, 1, far, 0.2, SHIRT))
-        seen = BodyRenderer(level).draw(skin, balls, 0)[60, 48].astype(float)
+        seen = BodyPainter(level).draw(skin, balls, level.eye(0))[60, 48].astype(float)
         assert hue(seen, SKIN if near > far else SHIRT) < 0.03
 
 
 def test_light_does_not_depend_on_what_is_elsewhere(level: FollowingCamera) -> None:
-    """Depths are weighted by an exponential: a ball far behind another, beside it, keeps its brightness."""
-    alone = BodyRenderer(level).draw(*balls_in_front((0.4, 1, -1.5, 0.2, SKIN)), 0)
-    both = BodyRenderer(level).draw(*balls_in_front((-0.3, 1, 0.4, 0.2, SHIRT), (0.4, 1, -1.5, 0.2, SKIN)), 0)
+    """A ball far behind another, beside it, keeps its brightness."""
+    alone = BodyPainter(level).draw(*balls_in_front((0.4, 1, -1.5, 0.2, SKIN)), level.eye(0))
+    both = BodyPainter(level).draw(*balls_in_front((-0.3, 1, 0.4, 0.2, SHIRT), (0.4, 1, -1.5, 0.2, SKIN)), level.eye(0))
     window = np.s_[40:80, 56:78]
     assert np.ptp(alone[window].astype(int)) > 60
     np.testing.assert_allclose(both[window].astype(int), alone[window].astype(int), atol=2)
@@ -106,28 +78,14 @@ def test_light_does_not_depend_on_what_is_elsewhere(level: FollowingCamera) -> N
 def test_a_ball_is_round_and_as_large_as_it_is(level: FollowingCamera) -> None:
     """Coverage against the cone that a ball fills: half angle asin(r / d)."""
     skin, balls = balls_in_front((0.3, 1.4, 0, 0.3, SKIN))
-    empty = BodyRenderer(level).draw(*balls_in_front((9, 1, 0, 0.1, SKIN)), 0).astype(int)
-    drawn = np.abs(BodyRenderer(level).draw(skin, balls, 0).astype(int) - empty).max(axis=-1) > 12
+    empty = BodyPainter(level).draw(*balls_in_front((9, 1, 0, 0.1, SKIN)), level.eye(0)).astype(int)
+    drawn = np.abs(BodyPainter(level).draw(skin, balls, level.eye(0)).astype(int) - empty).max(axis=-1) > 12
     toward = (balls[0] - level.eye(0)) @ level.axes
     angle = np.arccos(np.clip(level.rays() @ toward / np.linalg.norm(toward), -1, 1))
     limb = np.arcsin(0.3 / np.linalg.norm(toward))
     assert drawn[angle < limb - 0.005].all()
     sky = np.arange(120)[:, None] < 50  # its shadow is on the floor below
     assert not (drawn & sky)[angle > limb + 0.005].any()
-
-
-def test_windows_hold_all_that_is_seen(waving_clip: Clip, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The picture is the same when every link is tested on every sample."""
-    camera = follow_body(waving_clip.pose, 30, SMALL)
-    skin, balls = (
-        fit_skin(waving_clip.pose.skeleton),
-        place_skin(fit_skin(waving_clip.pose.skeleton), waving_clip.pose),
-    )
-    quick = BodyRenderer(camera).draw(skin, balls[40], 40)
-    zero, count = np.zeros(len(skin.link), dtype=int), len(skin.link)
-    whole = (zero, np.full(count, 192), zero, np.full(count, 240))
-    monkeypatch.setattr(BodyRenderer, "_windows", lambda *_: whole)
-    np.testing.assert_array_equal(BodyRenderer(camera).draw(skin, balls[40], 40), quick)
 
 
 def test_the_body_is_where_its_joints_are(waving_clip: Clip) -> None:
@@ -146,8 +104,8 @@ def test_the_body_is_where_its_joints_are(waving_clip: Clip) -> None:
 
 
 def test_a_shadow_lies_under_the_feet(level: FollowingCamera) -> None:
-    low = BodyRenderer(level).draw(*balls_in_front((0, 0.12, 0, 0.1, SKIN)), 0).astype(int)
-    high = BodyRenderer(level).draw(*balls_in_front((0, 1.9, 0, 0.1, SKIN)), 0).astype(int)
+    low = BodyPainter(level).draw(*balls_in_front((0, 0.12, 0, 0.1, SKIN)), level.eye(0)).astype(int)
+    high = BodyPainter(level).draw(*balls_in_front((0, 1.9, 0, 0.1, SKIN)), level.eye(0)).astype(int)
     at = pixel(level, np.array([0.12, 0.0, 0.1]))
     assert low[at].mean() < high[at].mean() - 10
     aside = pixel(level, np.array([0.9, 0.0, 0.1]))
@@ -225,12 +183,12 @@ def test_a_picture_is_drawn_in_little_time(waving_clip: Clip) -> None:
     import time
 
     camera = follow_body(waving_clip.pose, 30)
-    skin, renderer = fit_skin(waving_clip.pose.skeleton), BodyRenderer(camera)
+    skin, painter = fit_skin(waving_clip.pose.skeleton), BodyPainter(camera)
     balls = place_skin(skin, waving_clip.pose)
-    renderer.draw(skin, balls[0], 0)
+    painter.draw(skin, balls[0], camera.eye(0))
     spent = []
     for frame in range(20):
         begun = time.perf_counter()
-        renderer.draw(skin, balls[frame], frame)
+        painter.draw(skin, balls[frame], camera.eye(frame))
         spent.append(time.perf_counter() - begun)
     assert min(spent) < 0.09

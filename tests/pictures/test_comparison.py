@@ -10,8 +10,8 @@ import pytest
 from PIL import Image
 
 from bodysense.io.clip import Clip
+from bodysense.pictures.camera import Lens
 from bodysense.pictures.comparison import View, draw_views, write_comparison, write_moments
-from bodysense.pictures.sheet import Lens
 
 LENS = Lens(width=90, height=110)
 

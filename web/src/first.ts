@@ -43,18 +43,15 @@ export class FirstPicture {
 
   /** Before a picture of a moment is drawn. */
   draw(moment: Moment): void {
-    this.move(moment);
+    if (!this.isMoving) {
+      if (this.drawn === MOVING) performance.mark("moving");
+      if (this.drawn === MOVING || moment !== this.last) this.drawn += 1;
+      this.last = moment;
+    }
     if (this.state === "drawn" && this.isMoving) {
       performance.mark("completed");
       this.state = "over";
       this.completed();
     } else if (this.state === "waiting" && moment.expected) this.state = "drawn";
-  }
-
-  private move(moment: Moment): void {
-    if (this.isMoving) return;
-    if (this.drawn === MOVING) performance.mark("moving");
-    if (this.drawn === MOVING || moment !== this.last) this.drawn += 1;
-    this.last = moment;
   }
 }

@@ -63,12 +63,8 @@ export class History {
 
   /** The longest stretch without a jump, the newest of the longest. */
   longestRun(): readonly Moment[] {
-    const jumps = this.moments.flatMap(({ isJump }, index) => (isJump && index > 0 ? [index] : []));
-    const starts = [0, ...jumps, this.moments.length];
-    let best: [number, number] = [0, 0];
-    for (let k = 0; k + 1 < starts.length; k++) {
-      if (starts[k + 1] - starts[k] >= best[1] - best[0]) best = [starts[k], starts[k + 1]];
-    }
-    return this.moments.slice(...best);
+    const starts = this.moments.flatMap(({ isJump }, index) => (isJump || index === 0 ? [index] : []));
+    const runs = starts.map((start, k) => this.moments.slice(start, starts[k + 1]));
+    return runs.reduce((best, run) => (run.length >= best.length ? run : best), []);
   }
 }

@@ -79,11 +79,10 @@ export class Live {
   /** Frames that were completed before; of more than the timeline holds every second, third … */
   replay(frames: readonly BodyFrame[]): void {
     const step = Math.ceil(frames.length / this.history.limit);
-    frames.forEach((frame, k) => {
-      if (k % step > 0) return;
+    for (const frame of frames.filter((_, k) => k % step === 0)) {
       const { rootPosition, rotation, restOffset } = frame;
       this.history.add(momentOf(frame, place(withOffsets(this.skeleton, restOffset), rootPosition, rotation), []));
-    });
+    }
   }
 
   /** The share of steps that took at most so long, ms. */

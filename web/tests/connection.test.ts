@@ -1,6 +1,7 @@
 import { afterEach, beforeEach, describe, expect, it, vi } from "vitest";
 import { Connection, socketAddress } from "../src/server/connection";
-import type { PoseFrame, ServerMessage, SignalFrame, Welcome } from "../src/protocol";
+import type { ServerMessage, Welcome } from "../src/protocol";
+import type { PoseFrame, SignalFrame } from "../src/server/frames";
 
 class FakeSocket {
   static all: FakeSocket[] = [];

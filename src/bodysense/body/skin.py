@@ -55,6 +55,7 @@ class BodySkin:
     radius: np.ndarray = field(repr=False)  # (N,) m
     link: np.ndarray = field(repr=False)  # (L, 2) balls
     color: np.ndarray = field(repr=False)  # (L,) index into COLORS
+    part: np.ndarray = field(repr=False)  # (L,) number of the part of the body: trunk, head, a limb, a hand …
 
 
 @lru_cache(maxsize=64)
@@ -65,13 +66,13 @@ def fit_skin(skeleton: Skeleton) -> BodySkin:
     """
     primitives = fit_primitives(skeleton)
     balls: list[tuple[int, np.ndarray, float]] = []
-    links: list[tuple[int, int, int]] = []
+    links: list[tuple[int, int, str]] = []
     ends: dict[str, tuple[int, int]] = {}
 
     def add(name: str, joint: int, start: np.ndarray, end: np.ndarray, radius: float) -> None:
         ends[name] = (len(balls), len(balls) + 1)
         balls.extend([(joint, start, radius), (joint, end, radius)])
-        links.append((*ends[name], _color(name)))
+        links.append((*ends[name], name))
 
     capsules = len(primitives.radius)
     for n, name in enumerate(primitives.names[:capsules]):
@@ -81,7 +82,7 @@ def fit_skin(skeleton: Skeleton) -> BodySkin:
             add(f"{name}{k}", int(primitives.joint[capsules + n]), start, end, radius)
 
     def join(first: int, second: int, name: str) -> None:
-        links.append((first, second, _color(name)))
+        links.append((first, second, name))
 
     for below, above in pairwise(_TRUNK):
         for low, high in zip(ends[below], ends[above], strict=True):
@@ -112,12 +113,15 @@ def fit_skin(skeleton: Skeleton) -> BodySkin:
                 # Adjacent capsules of a limb share thickness and position where they meet.
                 radius[[end, start]] = radius[[end, start]].mean()
                 center[[end, start]] = (center + rest)[[end, start]].mean(axis=0) - rest[[end, start]]
+    link = np.array([(first, second) for first, second, _ in links])
+    parts = [_part(skeleton, name, *joint[[first, second]].tolist()) for first, second, name in links]
     return BodySkin(
         joint=joint,
         center=center,
         radius=radius,
-        link=np.array([(first, second) for first, second, _ in links]),
-        color=np.array([color for _, _, color in links]),
+        link=link,
+        color=np.array([_color(name) for _, _, name in links]),
+        part=np.unique(parts, return_inverse=True)[1],
     )
 
 
@@ -131,6 +135,17 @@ def place_skin(skin: BodySkin, pose: Pose) -> np.ndarray:
 def _color(name: str) -> int:
     """Return the clothing colour of a part of the body."""
     return next((color for part, color in _CLOTHES.items() if part in name), SKIN)
+
+
+def _part(skeleton: Skeleton, name: str, *joints: int) -> str:
+    """Return the part of the body of a link between balls of two joints: trunk, nose, limb, hand …"""
+    owners = [skeleton.joints[joint] for joint in joints]
+    if any(owner.partition("_")[2] in ("", "collar") and owner != "head" for owner in owners):
+        return "trunk"
+    if owners[-1] == "head":
+        return name
+    wrist = skeleton.wrist_of[joints[-1]]
+    return owners[-1] if wrist < 0 else skeleton.joints[wrist]
 
 
 def _rods(primitives: Primitives, box: int) -> list[tuple[np.ndarray, np.ndarray, float]]:

@@ -46,7 +46,7 @@ def info(
             recording, or a folder of them, also .bvh in .zip.
         split: which people.
         layout: which published data set the folder is; recognised by what is in it if omitted.
-        picture: PNG file for stick figures of the first file that can be read.
+        picture: PNG file for bodies of a few frames of the first file that can be read.
         json: JSON file for the numbers, one flat object.
         reading: what the files do not say of themselves.
     """
@@ -149,6 +149,10 @@ class _Counts:
     def clips(self) -> int:
         return sum(row["clips"] for row in self._rows.values())
 
+    @property
+    def _everyone(self) -> int:
+        return len(set[str]().union(*self._people.values()))
+
     def table(self, title: str) -> Table:
         from rich.table import Table
 
@@ -158,14 +162,12 @@ class _Counts:
         for category, row in sorted(self._rows.items()):
             table.add_row(category, str(len(self._people[category])), *_minutes(row))
         table.add_section()
-        everyone = set().union(*self._people.values()) if self._people else set()
         whole = sum(self._rows.values(), Counter())
-        table.add_row("all", str(len(everyone)), *_minutes(whole))
+        table.add_row("all", str(self._everyone), *_minutes(whole))
         return table
 
     def numbers(self) -> dict[str, float]:
-        everyone = set().union(*self._people.values()) if self._people else set()
-        found: dict[str, float] = {"clips": self.clips, "people": len(everyone)}
+        found: dict[str, float] = {"clips": self.clips, "people": self._everyone}
         found["minutes"] = sum(row["seconds"] for row in self._rows.values()) / 60
         for category, row in self._rows.items():
             found |= {f"{category}_clips": row["clips"], f"{category}_minutes": row["seconds"] / 60}
@@ -177,18 +179,14 @@ def _minutes(row: Counter[str]) -> tuple[str, str, str]:
 
 
 def _draw(path: Path, clip: Clip) -> None:
-    """Stick figures of a few frames."""
+    """Draw bodies of a few frames."""
     import numpy as np
 
-    from bodysense.body.pose import forward_kinematics
     from bodysense.pictures.sheet import draw_sheet
 
     frames = np.unique(np.linspace(0, len(clip) - 1, PICTURED).astype(int))
-    draw_sheet(path, clip.pose.skeleton, np.asarray(forward_kinematics(clip.pose[frames])[0]))
+    draw_sheet(path, clip.pose[frames])
     print(f"wrote {path}")
-
-
-Folder = Annotated[Path, tyro.conf.Positional]
 
 
 def commands() -> SubcommandApp:

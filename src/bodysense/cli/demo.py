@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from bodysense.cli.options import Reading
+from bodysense.cli.options import Output, Reading
 from bodysense.cli.summary import write_summary
 from bodysense.files import check_place, make_folder
 from bodysense.io.rigs.options import AS_FOUND
@@ -39,7 +39,7 @@ class DemoRow:
 
 def demo(
     file: Annotated[Path | None, tyro.conf.Positional] = None,
-    out: Annotated[Path, tyro.conf.arg(aliases=("-o",))] = Path("bodysense-demo"),
+    out: Output = Path("bodysense-demo"),
     json: Path | None = None,
     reading: Reading = AS_FOUND,
 ) -> None:
@@ -61,8 +61,8 @@ def demo(
     from bodysense.io.bvh import write_bvh
     from bodysense.io.recording import Recording
     from bodysense.io.resample import resample
+    from bodysense.pictures.camera import Lens
     from bodysense.pictures.comparison import View, write_comparison, write_moments
-    from bodysense.pictures.sheet import Lens
     from bodysense.take import track
 
     if json is not None:

@@ -46,6 +46,7 @@ def files_in(
     place: Path, split: Split, layout: Layout | None, reading: ReadingOptions
 ) -> tuple[int, Iterable[FoundFile]]:
     """How many files a place has, and each of them when its turn comes."""
+    from bodysense.io.archive import motion_files
     from bodysense.io.datasets.sources import Source, list_sources
 
     if (place / "zarr.json").is_file():
@@ -53,18 +54,12 @@ def files_in(
     if place.is_file():
         return 1, (_read(place.name, Source(place, person="", split="test"), reading) for _ in range(1))
     others = _others(place) if place.is_dir() and split == "all" else []
-    every = [] if others and not _has_motion(place) else list_sources(place, layout)
+    every = [] if others and not motion_files(place) else list_sources(place, layout)
     sources = [source for source in every if split in ("all", source.split)]
     if not sources and not others:
         raise BodysenseError(empty_split(str(place), split, (source.split for source in every)))
     sources += [Source(path, person="", split="test") for path in others]
     return len(sources), (_read(source.key(place), source, reading) for source in sources)
-
-
-def _has_motion(folder: Path) -> bool:
-    from bodysense.io.archive import motion_files
-
-    return bool(motion_files(folder))
 
 
 def _others(folder: Path) -> list[Path]:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import numpy as np
 import tyro
 
-from bodysense.cli.options import Reading, check_rate
+from bodysense.cli.options import Output, Reading, check_rate
 from bodysense.cli.overwriting import check_apart
 from bodysense.cli.recordings import load_clip, open_motion, open_recorded, person_of
 from bodysense.cli.summary import take_values, write_summary
@@ -32,7 +32,6 @@ if TYPE_CHECKING:
     from bodysense.take import Take
 
 _LISTED = 12  # joints or markers that a line lists
-Output = Annotated[Path, tyro.conf.arg(aliases=("-o",))]
 MotionFile = Annotated[Path, tyro.conf.Positional]
 
 
@@ -61,12 +60,11 @@ def simulate(
     from rich.console import Console
 
     from bodysense.body.glove_set import read_set
-    from bodysense.cli.markers import write_seen
     from bodysense.devices.simulated.device import InertialGloves, MarkerGloves
     from bodysense.devices.simulated.device import simulate as simulated
-    from bodysense.io.markers.files import WRITTEN
+    from bodysense.io.markers.files import WRITTEN, write_markers
     from bodysense.io.markers.options import is_marker_file
-    from bodysense.io.recording import Recording
+    from bodysense.io.recording import Recording, write_recording
 
     check_place(out)
     check_rate("--rate", rate)
@@ -87,7 +85,10 @@ def simulate(
         watching = gloves(read_set(marker_set))
     clip = load_clip(file, reading, rate)
     observation = simulated(clip, watching, seed if noise else None)
-    write_seen(out, Recording(observation, clip.pose.skeleton), clip.frame_rate)
+    if is_marker_file(out):
+        write_markers(out, observation, clip.frame_rate)
+    else:
+        write_recording(out, Recording(observation, clip.pose.skeleton))
     tracked = (observation.has_position | observation.has_rotation).mean()
     Console().print(f"wrote {out}: {len(observation)} frames, {tracked:.0%} of points tracked", highlight=False)
 
@@ -275,7 +276,8 @@ def convert(
     joints, held = opened.held_still
     warnings = []
     if held.any():
-        lost = f"limbs are held still while the body moves, as lost ones are ({_listed_holes(joints, held)})"
+        lost = f"frames, of {len(held)}: {_counted(joints, held, 'joints')}"
+        lost = f"limbs are held still while the body moves, as lost ones are ({lost})"
         warnings.append(f"{lost}; complete them: bodysense track {file.name} -o {out.name}")
         print(f"WARNING: {warnings[0]}", file=sys.stderr)
     values = {"frames": len(clip), "frame_rate": round(clip.frame_rate, 6), "rig": rig, "warnings": warnings}
@@ -336,26 +338,23 @@ def holes_line(partial: PartialMotion) -> str:
         )
     if partial.clip.lacks and not partial.holes.any():
         return f"completed {' and '.join(partial.clip.lacks)}, which the motion lacks"
-    return f"filled {_listed_holes(partial.rig.joints, partial.holes)}"
+    return f"filled frames, of {len(partial.holes)}: {_counted(partial.rig.joints, partial.holes, 'joints')}"
 
 
-def _listed_holes(joints: Sequence[str], holes: np.ndarray) -> str:
-    """Return how many frames of each joint are missing."""
-    count = holes.sum(axis=0)
-    order = [joint for joint in count.argsort(kind="stable")[::-1].tolist() if count[joint]]
-    named = ", ".join(f"{joints[joint]} {count[joint]}" for joint in order[:_LISTED])
-    more = f" and {len(order) - _LISTED} more joints" if len(order) > _LISTED else ""
-    return f"frames, of {len(holes)}: {named}{more}"
+def _counted(names: Sequence[str], frames: np.ndarray, kind: str) -> str:
+    """Return how many of the frames (T, N) each of N joints or markers has, the most first; nothing if none has any."""
+    counts = sorted(zip(names, frames.sum(axis=0).tolist(), strict=True), key=lambda row: row[1])[::-1]
+    found = [f"{name} {count}" for name, count in counts if count]
+    more = f" and {len(found) - _LISTED} more {kind}" if len(found) > _LISTED else ""
+    return ", ".join(found[:_LISTED]) + more
 
 
 def _filled_markers_line(take: Take) -> str:
     """Return a line about how many frames of each marker were filled."""
     assert take.markers is not None and take.markers.found is not None
-    raw, counts = take.markers.found.raw, take.filled_markers.filled.sum(axis=0)
-    order = [k for k in counts.argsort(kind="stable")[::-1].tolist() if counts[k]]
-    named = ", ".join(f"{raw.names[k]} {counts[k]}" for k in order[:_LISTED])
-    more = f" and {len(order) - _LISTED} more markers" if len(order) > _LISTED else ""
-    return f"filled, in frames of {len(raw.time)}: {named}{more}" if order else "no marker has a gap: none was filled"
+    raw = take.markers.found.raw
+    listed = _counted(raw.names, take.filled_markers.filled, "markers")
+    return f"filled, in frames of {len(raw.time)}: {listed}" if listed else "no marker has a gap: none was filled"
 
 
 def _gaps_left(take: Take) -> tuple[str, ...]:

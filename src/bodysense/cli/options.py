@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated
 
 import tyro
@@ -9,6 +10,7 @@ import tyro
 from bodysense.errors import BodysenseError
 from bodysense.io.rigs.options import ReadingOptions
 
+Output = Annotated[Path, tyro.conf.arg(aliases=("-o",))]
 Reading = Annotated[ReadingOptions, tyro.conf.OmitArgPrefixes]  # of a motion file: --unit, --up, --floor …
 
 _SLOWEST, _FASTEST = 0.1, 10_000.0  # Hz

@@ -7,7 +7,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bodysense.cli.markers import check_gloves_of
 from bodysense.errors import BodysenseError
 from bodysense.io.markers.options import NO_OPTIONS, MarkerOptions
 from bodysense.io.rigs.options import ReadingOptions
@@ -15,7 +14,10 @@ from bodysense.io.rigs.options import ReadingOptions
 if TYPE_CHECKING:
     from bodysense.body.person import Person
     from bodysense.io.clip import Clip
+    from bodysense.observation import Observation
     from bodysense.open import MotionSource, Opened
+
+_SIDES = ("left", "right")
 
 
 def load_clip(file: Path, reading: ReadingOptions, rate: float | None = None) -> Clip:
@@ -85,5 +87,17 @@ def open_recorded(
         if fingers:
             raise BodysenseError(f"{file}: its gloves have fingers; leave --fingers synthesize out")
         if isinstance(opened, RecordingSource):
-            check_gloves_of(opened.recording.observation, file)
+            _check_gloves(opened.recording.observation, file)
     return opened
+
+
+def _check_gloves(observation: Observation, place: Path) -> None:
+    """Look at the gloves of a recording; prints what is doubtful."""
+    from bodysense.body.hand import glove_hands
+    from bodysense.io.markers.checks import check_gloves
+
+    others = [hand for hand in glove_hands(observation.points) if hand not in _SIDES]
+    if others:
+        print(f"note: left out {', '.join(map(repr, others))}: a body has the hands 'left' and 'right'")
+    for remark in check_gloves(observation, str(place)).remarks:
+        print(f"note: {remark}")

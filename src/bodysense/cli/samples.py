@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-import tyro
-
+from bodysense.cli.options import Output
 from bodysense.errors import BodysenseError
 from bodysense.files import check_place
 from bodysense.io.rigs.options import ReadingOptions
@@ -14,8 +13,6 @@ from bodysense.ranges import Samples, Seed
 
 if TYPE_CHECKING:
     from bodysense.io.recording import Recording
-
-Output = Annotated[Path, tyro.conf.arg(aliases=("-o",))]
 
 
 def generate(
@@ -32,7 +29,6 @@ def generate(
     """
     import numpy as np
 
-    from bodysense.body.pose import forward_kinematics
     from bodysense.body.skeleton import default_skeleton
     from bodysense.io.bvh import write_bvh
     from bodysense.io.clip import Clip
@@ -46,7 +42,7 @@ def generate(
     skeleton = default_skeleton() if body.height is None else default_skeleton().scaled(body.height)
     pose = sample_prior(skeleton, load_body_vae(model), count, np.random.default_rng(seed))
     if out.suffix.lower() == ".png":
-        draw_sheet(out, skeleton, np.asarray(forward_kinematics(pose)[0]))
+        draw_sheet(out, pose)
     else:
         write_bvh(out, Clip(out.stem, pose, frame_rate=1.0))  # a frame a body, a second each
     print(f"wrote {out}: {count} bodies")

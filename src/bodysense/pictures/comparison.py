@@ -13,8 +13,9 @@ from bodysense.body.pose import Pose
 from bodysense.body.skeleton import Skeleton
 from bodysense.body.skin import UNSEEN, BodySkin, fit_skin, place_skin
 from bodysense.files import written_beside
-from bodysense.pictures.animation import BodyRenderer, write_pictures
-from bodysense.pictures.sheet import Lens, follow_body
+from bodysense.pictures.animation import write_pictures
+from bodysense.pictures.camera import Lens, follow_body
+from bodysense.pictures.painter import BodyPainter
 
 LENS = Lens(width=360, height=420, aim=0.93, view_height=2.0)
 _INK, _BAND = (34, 48, 60), 34  # colour of the captions, pixels of height they take
@@ -37,13 +38,13 @@ def draw_views(
     `frames` are drawn, all if omitted.
     """
     camera = follow_body(views[0].pose, rate, lens)
-    renderer, heading = BodyRenderer(camera), _captions(views, lens)
+    painter, heading = BodyPainter(camera), _captions(views, lens)
     bodies = [(fit_skin(view.pose.skeleton), place_skin(fit_skin(view.pose.skeleton), view.pose)) for view in views]
     for frame in range(len(camera)) if frames is None else frames:
         pictures = []
         for view, (skin, balls) in zip(views, bodies, strict=True):
             drawn = skin if view.tracked is None else _painted(skin, view.pose.skeleton, view.tracked[frame])
-            pictures.append(renderer.draw(drawn, balls[frame], frame))
+            pictures.append(painter.draw(drawn, balls[frame], camera.eye(frame)))
         yield np.concatenate([heading, np.concatenate(pictures, axis=1)])
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from contextlib import AbstractContextManager, ExitStack
 from fractions import Fraction
+from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,26 +13,22 @@ import numpy as np
 
 from bodysense.body.keypoints import Camera
 from bodysense.body.pose import Pose, forward_kinematics
-from bodysense.body.skeleton import Skeleton
-from bodysense.body.skin import COLORS, BodySkin, fit_skin, place_skin
+from bodysense.body.skin import fit_skin, place_skin
 from bodysense.devices.video.person import PersonTrack
 from bodysense.devices.video.pictures import Picture
 from bodysense.errors import BodysenseError
 from bodysense.files import written_beside
+from bodysense.pictures.camera import FollowingCamera, Lens
+from bodysense.pictures.painter import BodyPainter
 
 if TYPE_CHECKING:
     from PIL.Image import Image
-    from PIL.ImageDraw import ImageDraw
 
 _LEFT, _RIGHT, _MIDDLE = (255, 176, 46), (64, 200, 255), (255, 255, 255)  # the person's sides, and between them
 _DISC = (20, 24, 28)
 NUMBERED = 2.0  # s of a video in which people's numbers are displayed
 _FINE = 2  # samples a pixel, across and down, of what is drawn
-_WALL, _FLOOR, _LINE, _INK = (233, 237, 241), (212, 214, 217), (178, 183, 188), (70, 80, 90)
 _TURN = np.radians(28.0)  # direction from which the body on the right is seen
-_AWAY, _EYE, _AIM, _SHOWN = 4.2, 1.5, 0.88, 2.2  # m, for a body of 1.7 m: distance, heights, height of the picture
-_ROUND = ((1.0, 0.72), (0.74, 0.9), (0.42, 1.06))  # share of a link's radius, brightness: from its edge to its ridge
-_LAMP = np.array([-0.35, -0.6])  # by how much of a radius the ridge lies toward the lamp, across and down
 
 
 class Overlay(AbstractContextManager["Overlay"]):
@@ -120,7 +117,7 @@ def side_by_side(pixels: np.ndarray, pose: Pose, camera: Camera) -> np.ndarray:
     beside = round(0.8 * high / 2) * 2
     whole = Image.new("RGB", (wide + beside, high))
     whole.paste(_over(pixels[:high, :wide], pose, camera))
-    whole.paste(_beside((beside, high), pose), (wide, 0))
+    whole.paste(Image.fromarray(_beside((beside, high), pose)), (wide, 0))
     return np.array(whole)
 
 
@@ -150,95 +147,16 @@ def _color_of(name: str) -> tuple[int, int, int]:
     return _LEFT if name.startswith("left") else _RIGHT if name.startswith("right") else _MIDDLE
 
 
-def _beside(size: tuple[int, int], pose: Pose) -> Image:
-    """The body on a floor, from the camera's right, as links painted from far to near."""
-    from PIL import Image, ImageDraw
+@lru_cache(maxsize=4)
+def _painter(width: int, height: int, floor: float, scale: float) -> BodyPainter:
+    """Return the painter of the body on the right, for a body at the origin."""
+    lens = Lens(width, height, eye=1.5, view_height=2.2)
+    return BodyPainter(FollowingCamera(lens, follow=np.zeros((1, 2)), turn=_TURN, floor=floor, scale=scale))
 
+
+def _beside(size: tuple[int, int], pose: Pose) -> np.ndarray:
+    """Return a picture of the body on a floor, from the camera's right."""
     skeleton, skin = pose.skeleton, fit_skin(pose.skeleton)
-    wide, high = size[0] * _FINE, size[1] * _FINE
-    scale = skeleton.height / 1.7
-    rise = (_EYE - _AIM) / _AWAY
-    back = np.array([np.sin(_TURN), rise, np.cos(_TURN)]) / np.hypot(1, rise)
-    right = np.array([np.cos(_TURN), 0.0, -np.sin(_TURN)])
-    axes = np.stack([right, np.cross(back, right), back], axis=1)
-    root = np.asarray(pose.root_position)
     ground = float((skeleton.path @ skeleton.rest_offset + skeleton.rest_offset[0])[:, 1].min())
-    middle = np.array([root[0], ground + _AIM * scale, root[2]])
-    focus = np.hypot(_AWAY, _EYE - _AIM) / _SHOWN * high
-
-    def seen(points: np.ndarray) -> np.ndarray:
-        """Across, down, depth; in samples, and metres."""
-        local = (points - middle) @ axes
-        depth = np.hypot(_AWAY, _EYE - _AIM) * scale - local[..., 2]
-        return np.stack(
-            [wide / 2 + focus * local[..., 0] / depth, high / 2 - focus * local[..., 1] / depth, depth], axis=-1
-        )
-
-    image = Image.new("RGB", (wide, high), _WALL)
-    draw = ImageDraw.Draw(image)
-    _draw_floor(draw, seen, ground, root, (wide, high))
-    balls = seen(place_skin(skin, pose))
-    radius = skin.radius * focus / balls[:, 2]
-    parts = _parts(skeleton, skin)
-    depth = np.array([balls[skin.link[links], 2].mean() for links in parts])
-    for part in np.argsort(-depth):
-        for share, light in _ROUND:
-            for link in parts[part]:
-                color = tuple((np.clip(COLORS[skin.color[link]] * light, 0, 1) * 255).astype(int).tolist())
-                ends = [
-                    (balls[ball, :2] + (1 - share) * radius[ball] * _LAMP, float(radius[ball] * share))
-                    for ball in skin.link[link]
-                ]
-                _draw_link(draw, ends[0], ends[1], color)
-    return image.reduce(_FINE)
-
-
-def _parts(skeleton: Skeleton, skin: BodySkin) -> list[np.ndarray]:
-    """Links by the part of the body that is painted as one: trunk, head, and of each side upper arm, forearm …"""
-    names = []
-    for link in skin.link:
-        owners = [skeleton.joints[joint] for joint in skin.joint[link]]
-        of_trunk = any(owner.partition("_")[2] in ("", "collar") and owner != "head" for owner in owners)
-        owner = owners[-1]
-        wrist = skeleton.wrist_of[skeleton.index(owner)]
-        names.append("trunk" if of_trunk else owner if wrist < 0 else skeleton.joints[wrist])
-    return [np.flatnonzero(np.array(names) == name) for name in sorted(set(names))]
-
-
-def _draw_floor(draw: ImageDraw, seen: Any, ground: float, root: np.ndarray, size: tuple[int, int]) -> None:
-    """The floor to its horizon, with a line every half metre."""
-    far = 12.0  # m
-    horizon = float(seen(np.array([root[0], ground, root[2] - far]))[1])
-    draw.rectangle((0, min(horizon, size[1]), size[0], size[1]), fill=_FLOOR)
-    steps = np.arange(-8, 9) * 0.5
-    for along in (0, 2):
-        base = np.round(root[along] * 2) / 2
-        for step in steps:
-            ends = np.array([[0.0, ground, 0.0], [0.0, ground, 0.0]])
-            ends[:, along] = base + step
-            ends[:, 2 - along] = root[2 - along] + np.array([-4.0, 2.2])
-            places = seen(ends)
-            if (places[:, 2] > 0.3).all():
-                draw.line([tuple(place[:2]) for place in places], fill=_LINE, width=_FINE)
-
-
-def _draw_link(
-    draw: ImageDraw, first: tuple[np.ndarray, float], second: tuple[np.ndarray, float], color: tuple[int, ...]
-) -> None:
-    """The hull of two circles, each a middle (2,) and a radius."""
-    (a, a_radius), (b, b_radius) = first, second
-    for (x, y), size in (first, second):
-        draw.ellipse((x - size, y - size, x + size, y + size), fill=color)
-    line = b - a
-    length = float(np.linalg.norm(line))
-    if length <= abs(a_radius - b_radius) + 1e-6:
-        return
-    line = line / length
-    # Where the common tangents touch, as turned from the line between the middles.
-    cosine = (a_radius - b_radius) / length
-    sine = np.sqrt(1 - cosine**2)
-    normals = [
-        np.array([cosine * line[0] - s * line[1], cosine * line[1] + s * line[0]]) for s in (float(sine), -float(sine))
-    ]
-    hull = [a + a_radius * normals[0], b + b_radius * normals[0], b + b_radius * normals[1], a + a_radius * normals[1]]
-    draw.polygon([(float(x), float(y)) for x, y in hull], fill=color)
+    painter = _painter(*size, ground, skeleton.height / 1.7)
+    return painter.draw(skin, place_skin(skin, pose), painter.camera.eye(0) + pose.root_position * [1, 0, 1])

@@ -1,181 +1,31 @@
-"""Sheets of stick figures (PNG).
-
-FollowingCamera: where a camera stands while it watches a body, the same for all bodies that are to be compared.
-"""
+"""Sheets of bodies (PNG)."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bodysense.body.pose import Pose, forward_kinematics
-from bodysense.body.rotation import heading, quaternion_rotate
-from bodysense.body.skeleton import Skeleton
-from bodysense.body.skin import fit_skin, place_skin
-from bodysense.errors import BodysenseError
+from bodysense.body.pose import Pose
 from bodysense.files import written_beside
+from bodysense.pictures.animation import draw_pose
+from bodysense.pictures.camera import Lens, follow_body
 
-if TYPE_CHECKING:
-    from PIL.ImageDraw import ImageDraw
-
-INK, MUTED, _WHITE = "#22303c", "#b8c2cc", "#ffffff"
-_PIXELS, _FINE = 90, 3  # pixels a metre; samples a pixel, across and down
-_WIDTH, _HEIGHT, _MARGIN = 1.6, 2.3, 0.15  # m: a body's cell, and the edge of the sheet
-_BONE, _FINGER, _GROUND = 0.05, 0.017, 0.012  # m, widths of lines
-_HEAD = 0.1  # m, radius
+_LENS = Lens(width=144, height=207, view_height=2.3)
 
 
-def draw_sheet(path: str | Path, skeleton: Skeleton, position: np.ndarray, columns: int = 6) -> None:
-    """Write a PNG of bodies (N, P, 3) m in rows."""
-    from PIL import Image, ImageDraw
+def draw_sheet(path: str | Path, pose: Pose, columns: int = 6) -> None:
+    """Write a PNG of bodies (N, …) in rows, each from its front left."""
+    from PIL import Image
 
-    columns = min(columns, len(position))
-    rows = -(-len(position) // columns)
-    width, height = (
-        round(_PIXELS * (count * length + 2 * _MARGIN)) for count, length in ((columns, _WIDTH), (rows, _HEIGHT))
-    )
-    fine = Image.new("RGB", (_FINE * width, _FINE * height), _WHITE)
-    pen = ImageDraw.Draw(fine)
-    for body, points in enumerate(position):
-        row, column = divmod(body, columns)
-        _draw(pen, skeleton, points, (_MARGIN + (column + 0.5) * _WIDTH, (row + 1) * _HEIGHT))
+    pictures = []
+    for k in range(len(pose.root_position)):
+        body = pose[k : k + 1]
+        camera = replace(follow_body(body, 1.0, _LENS), follow=np.asarray(body.root_position)[:, [0, 2]])
+        pictures += draw_pose(body, camera)
+    columns = min(columns, len(pictures))
+    pictures += [np.full_like(pictures[0], 255)] * (-len(pictures) % columns)
+    rows = [np.concatenate(pictures[first : first + columns], axis=1) for first in range(0, len(pictures), columns)]
     with written_beside(path) as beside:
-        fine.resize((width, height), Image.Resampling.LANCZOS).save(beside)
-
-
-def _draw(pen: ImageDraw, skeleton: Skeleton, position: np.ndarray, place: tuple[float, float]) -> None:
-    """Draw one body (P, 3) m that stands at a place (m) of the sheet, from its front left, a little from above."""
-    center = position[0] * np.array([1.0, 0.0, 1.0])
-    across, up, near = _view(position - center, _facing(skeleton, position))
-    drawn = np.stack([place[0] + across, place[1] - up], axis=-1)
-    _line(pen, np.add(place, [[-0.5, 0.0], [0.5, 0.0]]), _GROUND, MUTED)
-    for point in sorted(range(1, len(position)), key=lambda point: near[point]):
-        width = _FINGER if skeleton.wrist_of[point] >= 0 else _BONE
-        _line(pen, drawn[[point, skeleton.parents[point]]], width, INK)
-    middle = drawn[[skeleton.index("head"), skeleton.index("head_top")]].mean(axis=0)
-    _disc(pen, middle, _HEAD + _BONE / 3, INK)
-    _disc(pen, middle, _HEAD - _BONE / 3, _WHITE)
-
-
-def _line(pen: ImageDraw, ends: np.ndarray, width: float, color: str) -> None:
-    """Draw a line between two places (2, 2), its ends round; all in m."""
-    scale = _PIXELS * _FINE
-    pen.line((scale * ends).ravel().tolist(), fill=color, width=round(scale * width))
-    for end in ends:
-        _disc(pen, end, width / 2, color)
-
-
-def _disc(pen: ImageDraw, middle: np.ndarray, radius: float, color: str) -> None:
-    scale = _PIXELS * _FINE
-    pen.ellipse((scale * np.concatenate([middle - radius, middle + radius])).tolist(), fill=color)
-
-
-def _facing(skeleton: Skeleton, position: np.ndarray) -> float:
-    """Heading of the hips, radians about +Y."""
-    left, right = (position[skeleton.index(f"{side}_hip")] for side in ("left", "right"))
-    across = left - right
-    return float(np.arctan2(-across[2], across[0]))
-
-
-def _view(position: np.ndarray, facing: float, azimuth: float = 0.5, elevation: float = 0.15) -> tuple[np.ndarray, ...]:
-    """Orthographic view: across (to the right of the picture), up, and nearness."""
-    turn = facing + azimuth
-    # The viewer stands in front of the body: its left is on the picture's right.
-    across = position[:, 0] * np.cos(turn) - position[:, 2] * np.sin(turn)
-    near = position[:, 0] * np.sin(turn) + position[:, 2] * np.cos(turn)
-    up = position[:, 1] * np.cos(elevation) - near * np.sin(elevation)
-    return across, up, near
-
-
-@dataclass(frozen=True)
-class Lens:
-    """Picture size and optics; lengths are for a body of 1.7 m and scale with it."""
-
-    width: int = 360  # pixels
-    height: int = 450
-    distance: float = 4.2  # m from the body, along the floor
-    eye: float = 1.6  # m above the floor
-    aim: float = 0.88  # m above the floor, where it looks
-    view_height: float = 2.25  # m of height in the picture, at the body
-    azimuth: float = 0.5  # rad from the body's front, toward its left
-
-    def __post_init__(self) -> None:
-        for name in ("width", "height", "distance", "eye", "view_height"):
-            if not getattr(self, name) > 0:
-                raise BodysenseError(f"lens: {name} is {getattr(self, name):g}; it must be positive")
-
-
-@dataclass(frozen=True, eq=False)
-class FollowingCamera:
-    """A camera over T frames: it keeps its height and direction, and follows the body along the floor."""
-
-    lens: Lens
-    follow: np.ndarray  # (T, 2) m, world x and z of what it looks at
-    turn: float  # rad about +Y, from +Z to where the camera stands
-    floor: float  # m, world height
-    scale: float  # height of the body by 1.7 m
-
-    def __len__(self) -> int:
-        return len(self.follow)
-
-    @cached_property
-    def axes(self) -> np.ndarray:
-        """(3, 3) world ← camera; its columns point right, up and back."""
-        rise = (self.lens.eye - self.lens.aim) / self.lens.distance
-        back = np.array([np.sin(self.turn), rise, np.cos(self.turn)]) / np.hypot(1, rise)
-        right = np.array([np.cos(self.turn), 0.0, -np.sin(self.turn)])
-        return np.stack([right, np.cross(back, right), back], axis=1)
-
-    def eye(self, frame: int) -> np.ndarray:
-        """(3,) m, world: where the camera is."""
-        x, z = self.follow[frame]
-        away, height = self.scale * self.lens.distance, self.scale * self.lens.eye
-        return np.array([x + away * np.sin(self.turn), self.floor + height, z + away * np.cos(self.turn)])
-
-    @property
-    def focal_length(self) -> float:
-        """Height of the picture at one metre from the camera, as a share of itself: pixels a radian, by the height."""
-        return float(np.hypot(self.lens.distance, self.lens.eye - self.lens.aim)) / self.lens.view_height
-
-    def rays(self, fine: int = 1) -> np.ndarray:
-        """(H, W, 3) unit directions through the pixels, or through `fine` times as many each way; camera's axes."""
-        high, wide = self.lens.height * fine, self.lens.width * fine
-        x = (np.arange(wide) + 0.5 - wide / 2) / (self.focal_length * high)
-        y = (high / 2 - np.arange(high) - 0.5) / (self.focal_length * high)
-        rays = np.stack([*np.meshgrid(x, y), np.full((high, wide), -1.0)], axis=-1)
-        return rays / np.linalg.norm(rays, axis=-1, keepdims=True)
-
-
-def follow_body(truth: Pose, rate: float, lens: Lens = Lens(), calm: float = 0.7) -> FollowingCamera:
-    """A camera that keeps a body (T, …) at `rate` Hz in the picture, from its front left.
-
-    The camera stands still if the head stays within 0.5 m of one place, and otherwise follows it, smoothed over `calm`
-    seconds: the head is where every method agrees, so nothing in the camera's motion tells which method is displayed.
-    """
-    position, rotation = forward_kinematics(truth)
-    skin = fit_skin(truth.skeleton)
-    head = truth.skeleton.index("head")
-    front = quaternion_rotate(heading(rotation[:, head]), np.array([0.0, 0.0, 1.0])).mean(axis=0)
-    path = position[:, head][:, [0, 2]]
-    middle = (path.min(axis=0) + path.max(axis=0)) / 2
-    stays = np.linalg.norm(path - middle, axis=-1).max() < 0.5 * truth.skeleton.height / 1.7
-    soles = (place_skin(skin, truth)[..., 1] - skin.radius).min(axis=-1)
-    return FollowingCamera(
-        lens=lens,
-        follow=np.tile(middle, (len(path), 1)) if stays else _smoothed(path, calm * rate),
-        turn=float(np.arctan2(front[0], front[2])) + lens.azimuth,
-        floor=float(np.percentile(soles, 5)),
-        scale=truth.skeleton.height / 1.7,
-    )
-
-
-def _smoothed(path: np.ndarray, width: float) -> np.ndarray:
-    """A path (T, D) under a Gaussian of `width` frames; its ends stay where they are for ever."""
-    reach = int(np.ceil(3 * width))
-    kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) / width) ** 2)
-    padded = np.pad(path, ((reach, reach), (0, 0)), mode="edge")
-    return np.stack([np.convolve(column, kernel / kernel.sum(), mode="valid") for column in padded.T], axis=-1)
+        Image.fromarray(np.concatenate(rows)).save(beside)

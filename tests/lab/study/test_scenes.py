@@ -14,7 +14,7 @@ from bodysense.body.pose import forward_kinematics
 from bodysense.devices.simulated.sensors import HEADSET_CAMERA, observe
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
-from bodysense.pictures.sheet import Lens
+from bodysense.pictures.camera import Lens
 from bodysense_lab.study.scenes import StudySettings, build_study, complete_clip, cut_scenes
 from bodysense_lab.study.study import read_key
 

@@ -35,10 +35,6 @@ export function bodyAt(clip: Clip, time: number): Body {
   return place(clip.skeleton, root, mixedTurns(turns(first), turns(second), share));
 }
 
-export function duration({ frames, rate }: Clip): number {
-  return (frames - 1) / rate;
-}
-
 /** Observe a body with simulated sensors. */
 export function observe(body: Body, skeleton: Skeleton, sensors: readonly string[], time: number): Observation {
   const points = sensors.map((name) => {

@@ -1,6 +1,6 @@
 /** Vectors and wxyz quaternions of one body: the package's, and what the page alone needs. */
 
-import { add, cross, dot, normalized, scaled, size, subtract, unit, UPRIGHT } from "@bodysense/core/math";
+import { add, normalized, scaled, size, subtract, UPRIGHT } from "@bodysense/core/math";
 import type { Quaternion, Vector } from "@bodysense/core";
 
 export * from "@bodysense/core/math";
@@ -26,17 +26,14 @@ export const quaternionAt = (values: ArrayLike<number>, row: number): Quaternion
 /** Between two places, `share` of the way. */
 export const mixed = (a: Vector, b: Vector, share: number): Vector => add(a, scaled(subtract(b, a), share));
 
-/** Between two rotations along the shorter arc, `share` of the way. */
-export function mixedTurn(a: Quaternion, b: Quaternion, share: number): Quaternion {
-  const near = (1 - share) * Math.sign(a.reduce((sum, value, k) => sum + value * b[k], 0) || 1);
-  return normalized(b.map((value, k) => near * a[k] + share * value) as unknown as Quaternion);
-}
-
-/** Rotations of a pose (joints × 4, wxyz) between two poses, each along the shorter arc. */
+/** Rotations of a pose (joints × 4, wxyz) between two poses, each along the shorter arc, `share` of the way. */
 export function mixedTurns(a: Float32Array, b: Float32Array, share: number): Float32Array {
   const mixed = new Float32Array(a.length);
-  for (let joint = 0; 4 * joint < a.length; joint++)
-    mixed.set(mixedTurn(quaternionAt(a, joint), quaternionAt(b, joint), share), 4 * joint);
+  for (let joint = 0; 4 * joint < a.length; joint++) {
+    const [from, to] = [quaternionAt(a, joint), quaternionAt(b, joint)];
+    const near = (1 - share) * Math.sign(from.reduce((sum, value, k) => sum + value * to[k], 0) || 1);
+    mixed.set(normalized(to.map((value, k) => near * from[k] + share * value) as unknown as Quaternion), 4 * joint);
+  }
   return mixed;
 }
 
@@ -54,18 +51,6 @@ export function lastIndex(count: number, valueAt: (index: number) => number, mos
 export function axisAngle(axis: Vector, angle: number): Quaternion {
   const sine = Math.sin(angle / 2);
   return [Math.cos(angle / 2), axis[0] * sine, axis[1] * sine, axis[2] * sine];
-}
-
-/** The shortest rotation from one direction to another. */
-export function between(from: Vector, to: Vector): Quaternion {
-  const [a, b] = [unit(from), unit(to)];
-  const cosine = dot(a, b);
-  if (cosine < -0.999999) {
-    const across = Math.abs(a[0]) < 0.9 ? cross(a, [1, 0, 0]) : cross(a, [0, 1, 0]);
-    return axisAngle(unit(across), Math.PI);
-  }
-  const [x, y, z] = cross(a, b);
-  return normalized([1 + cosine, x, y, z]);
 }
 
 /** The turn about +Y in a rotation. */

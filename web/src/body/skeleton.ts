@@ -90,9 +90,15 @@ export function restPoints({ parents, restOffset }: Skeleton): Vector[] {
   return found;
 }
 
+/** Where a named point of the rest pose is, metres from the root. */
+export function restOf(skeleton: Skeleton): (name: string) => Vector {
+  const rest = restPoints(skeleton);
+  return (name) => rest[skeleton.points.indexOf(name)];
+}
+
 /** Where a point of the rest pose is over the floor, metres. */
 export function restPoint(skeleton: Skeleton, name: string): Vector {
-  return add(restPoints(skeleton)[skeleton.points.indexOf(name)], vectorAt(skeleton.restOffset, 0));
+  return add(restOf(skeleton)(name), vectorAt(skeleton.restOffset, 0));
 }
 
 /** Mean distance of the joints of two placed bodies, metres. */

@@ -1,13 +1,10 @@
 /** The page's side of the worker: observations in, bodies out, the newest first where it cannot keep up. */
 
 import type { Observation } from "../body/observation";
-import type { Completed } from "./tracker";
 import type { FromEngine, ToEngine } from "./worker";
 
-export interface Step {
-  readonly completed: Completed;
-  readonly milliseconds: number; // that the step took in the worker
-}
+/** A completed body, and how long that took in the worker. */
+export type Step = Pick<Extract<FromEngine, { type: "completed" }>, "completed" | "milliseconds">;
 
 export class Engine {
   readonly opened: Promise<void>;

@@ -86,20 +86,15 @@ function poseOf(joints: readonly Joint[], values: readonly number[] | null): Rig
   const rotation: Quaternion[] = [];
   let at = 0;
   for (const { parent, offset, channels } of joints) {
-    let shift: Vector = offset;
     let turn: Quaternion = UPRIGHT;
-    const moved: [number, number, number] = [0, 0, 0];
-    let moves = false;
+    let moved: [number, number, number] | null = null;
     for (const channel of channels) {
       const value = values ? values[at++] : 0;
       const axis = AXES[channel[0]] ?? [0, 1, 0];
       if (channel.endsWith("rotation")) turn = multiply(turn, axisAngle(axis, (value * Math.PI) / 180));
-      else if (values) {
-        moved[axis.indexOf(1)] = value;
-        moves = true;
-      }
+      else if (values) (moved ??= [0, 0, 0])[axis.indexOf(1)] = value;
     }
-    if (moves) shift = moved;
+    const shift: Vector = moved ?? offset;
     position.push(parent < 0 ? shift : add(position[parent], rotate(rotation[parent], shift)));
     rotation.push(parent < 0 ? turn : multiply(rotation[parent], turn));
   }

@@ -103,11 +103,12 @@ function readNpy(bytes: ArrayBuffer, title: string): NumpyArray | readonly strin
     return Array.from({ length: count }, (_, k) => String.fromCodePoint(...codes(k).filter((code) => code > 0)));
   }
   if (count > MOST_NUMBERS) throw new Error(`its ${title} holds ${count} numbers, more than this page reads`);
-  const [width, read] = READERS[kind] ?? [];
-  if (!width || !read) throw new Error(`its ${title} holds ${kind || "what is unknown"}`);
-  if (data + width * count > bytes.byteLength) throw new Error(`its ${title} was cut short`);
-  const values = new Float64Array(count);
-  for (let k = 0; k < count; k++) values[k] = read(view, data + width * k);
+  const Numbers = KINDS[kind as keyof typeof KINDS] as (typeof KINDS)[keyof typeof KINDS] | undefined;
+  if (!Numbers) throw new Error(`its ${title} holds ${kind || "what is unknown"}`);
+  const content = bytes.slice(data, data + Numbers.BYTES_PER_ELEMENT * count);
+  if (content.byteLength < Numbers.BYTES_PER_ELEMENT * count) throw new Error(`its ${title} was cut short`);
+  const read = new Numbers(content);
+  const values = read instanceof BigInt64Array ? Float64Array.from(read, Number) : new Float64Array(read);
   return { shape, values: header.includes("'fortran_order': True") ? inRows(values, shape) : values };
 }
 
@@ -124,11 +125,11 @@ function inRows(values: Float64Array, shape: readonly number[]): Float64Array {
   return turned;
 }
 
-const READERS: Readonly<Record<string, readonly [number, (view: DataView, at: number) => number]>> = {
-  "<f4": [4, (view, at) => view.getFloat32(at, true)],
-  "<f8": [8, (view, at) => view.getFloat64(at, true)],
-  "<i4": [4, (view, at) => view.getInt32(at, true)],
-  "<i8": [8, (view, at) => Number(view.getBigInt64(at, true))],
-  "|b1": [1, (view, at) => view.getUint8(at)],
-  "|u1": [1, (view, at) => view.getUint8(at)],
-};
+const KINDS = {
+  "<f4": Float32Array,
+  "<f8": Float64Array,
+  "<i4": Int32Array,
+  "<i8": BigInt64Array,
+  "|b1": Uint8Array,
+  "|u1": Uint8Array,
+} as const;

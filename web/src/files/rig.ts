@@ -1,9 +1,9 @@
 /** A person's motion on any rig whose joints have common names, put on the page's own skeleton. */
 
+import { Quaternion as Turn, Vector3 } from "three";
 import type { Clip } from "../body/clip";
 import {
   add,
-  between,
   conjugate,
   cross,
   distance,
@@ -20,7 +20,7 @@ import {
   type Quaternion,
   type Vector,
 } from "../body/math";
-import { place, restPoints, type Skeleton } from "../body/skeleton";
+import { place, restOf, type Skeleton } from "../body/skeleton";
 
 /** A rig in world axes: where its joints are and how they are turned, at rest and in every frame. */
 export interface RigMotion {
@@ -142,14 +142,7 @@ export function clipOf(rig: RigMotion, tree: Skeleton): Clip {
       `${rig.name} lies down in most of its frames, or its axes are exchanged: its rest pose stands along another axis than its motion; drop a motion of a person who stands, walks or sits.`,
     );
   const level = levelled(rig, at);
-  const leg =
-    ["left", "right"].reduce(
-      (sum, side) =>
-        sum +
-        distance(at(level.rest, `${side}_hip`), at(level.rest, `${side}_knee`)) +
-        distance(at(level.rest, `${side}_knee`), at(level.rest, `${side}_ankle`)),
-      0,
-    ) / 2;
+  const leg = legOf((joint) => at(level.rest, joint));
   const unit_ = UNITS.reduce((best, metres) =>
     Math.abs(Math.log((leg * metres) / LEG.usual)) < Math.abs(Math.log((leg * best) / LEG.usual)) ? metres : best,
   );
@@ -160,7 +153,7 @@ export function clipOf(rig: RigMotion, tree: Skeleton): Clip {
     throw new Error(
       `${rig.name} is never upright: it may be an animal, or lie on its side; drop a motion of a person with +Y or +Z up.`,
     );
-  const skeleton = { ...tree, restOffset: tree.restOffset.map((value) => (value * leg * unit_) / legOf(tree)) };
+  const skeleton = { ...tree, restOffset: tree.restOffset.map((value) => (value * leg * unit_) / legOf(restOf(tree))) };
   return onSkeleton(level, joints, skeleton, unit_);
 }
 
@@ -217,11 +210,9 @@ const FEET = ["left_toe", "right_toe", "left_ankle", "right_ankle"];
 /** World rotations of our joints, in their T-pose's axes, while the rig rests. */
 export function correctionsOf(rest: RigPose, joints: ReadonlyMap<string, number>, skeleton: Skeleton): Quaternion[] {
   const at = (joint: string): Vector | null => rest.position[joints.get(joint) ?? -1] ?? null;
-  const ours = restPoints(skeleton);
-  const own = (joint: string): Vector => ours[skeleton.points.indexOf(joint)];
   const facing = multiply(
     facingOf((joint) => at(joint) ?? [0, 0, 0]),
-    conjugate(facingOf(own)),
+    conjugate(facingOf(restOf(skeleton))),
   );
   const corrections: Quaternion[] = [];
   for (let joint = 0; joint < skeleton.joints; joint++) {
@@ -238,26 +229,23 @@ export function correctionsOf(rest: RigPose, joints: ReadonlyMap<string, number>
       continue;
     }
     const bone = rotate(above, vectorAt(skeleton.restOffset, child));
-    corrections.push(multiply(between(bone, subtract(to, from)), above));
+    const turn = new Turn().setFromUnitVectors(new Vector3(...unit(bone)), new Vector3(...unit(subtract(to, from))));
+    corrections.push(multiply([turn.w, turn.x, turn.y, turn.z], above));
   }
   return corrections;
 }
 
 /** The axes of a standing body, from where its joints are. */
 function facingOf(at: (joint: string) => Vector): Quaternion {
-  return frameOf(subtract(at("left_hip"), at("right_hip")), subtract(at("head"), at("pelvis")));
+  const y = unit(subtract(at("head"), at("pelvis")));
+  const z = unit(cross(unit(subtract(at("left_hip"), at("right_hip"))), y));
+  return fromAxes(cross(y, z), y, z);
 }
 
 /** The point that a limb's bone leads to: the one with the same side and the next part. */
 function nextOf(name: string, { points, parents }: Skeleton): number {
   const children = points.flatMap((_, point) => (parents[point] === points.indexOf(name) ? [point] : []));
   return children.find((point) => points[point].endsWith("middle1")) ?? children[0] ?? -1;
-}
-
-function frameOf(across: Vector, up: Vector): Quaternion {
-  const y = unit(up);
-  const z = unit(cross(unit(across), y));
-  return fromAxes(cross(y, z), y, z);
 }
 
 /** Whether a rest pose stands along +Y, and most frames do not. */
@@ -283,7 +271,9 @@ function levelled(rig: RigMotion, at: Placing): RigMotion {
   return { ...rig, rest: turned(rig.rest), frames: rig.frames.map(turned) };
 }
 
-function legOf({ points, restOffset }: Skeleton): number {
-  const length = (name: string): number => size(vectorAt(restOffset, points.indexOf(name)));
-  return length("left_knee") + length("left_ankle");
+/** The mean length of two legs, from where their joints rest. */
+function legOf(at: (joint: string) => Vector): number {
+  const length = (side: string): number =>
+    distance(at(`${side}_hip`), at(`${side}_knee`)) + distance(at(`${side}_knee`), at(`${side}_ankle`));
+  return (length("left") + length("right")) / 2;
 }

@@ -19,7 +19,7 @@ import {
 } from "three";
 import { GLTFExporter } from "three/addons/exporters/GLTFExporter.js";
 import { mergeGeometries } from "three/addons/utils/BufferGeometryUtils.js";
-import type { Skeleton } from "../body/skeleton";
+import { restPoints, type Skeleton } from "../body/skeleton";
 import { boneOf } from "../view/retarget";
 import type { Motion } from "./resample";
 
@@ -41,10 +41,7 @@ export function glbBytes(skeleton: Skeleton, motion: Motion): Promise<ArrayBuffe
 /** A skinned mesh, and the bones that move it: the skeleton's joints and end sites in their rest pose. */
 function figure(skeleton: Skeleton): { readonly body: Group; readonly mesh: SkinnedMesh } {
   const bones = bonesOf(skeleton);
-  const places: Vector3[] = [];
-  skeleton.parents.forEach((parent, point) =>
-    places.push(bones[point].position.clone().add(places[parent] ?? new Vector3())),
-  );
+  const places = restPoints(skeleton).map((place) => new Vector3(...place).add(bones[0].position));
   const parts = skeleton.parents.flatMap((parent, point) => {
     const part = parent < 0 ? null : capsule(places[parent], bones[point].position, parent);
     return part ? [part] : [];

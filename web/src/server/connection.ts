@@ -1,22 +1,17 @@
 /** The WebSocket to the server: hello, frames both ways, and coming back after the line broke. */
 
 import {
-  kindOf,
   POSE,
-  readPose,
-  readSignal,
   SIGNAL,
   SUBPROTOCOL,
   TRUTH,
   VERSION,
-  writeSignal,
   type ClientMessage,
   type Hello,
-  type PoseFrame,
   type ServerMessage,
-  type SignalFrame,
   type Welcome,
 } from "../protocol";
+import { readPose, readSignal, writeSignal, type PoseFrame, type SignalFrame } from "./frames";
 
 const BACKLOG = 65_536; // bytes: while more waits to leave, newer signals are dropped rather than queued
 const RETRY = { first: 500, longest: 8000 }; // ms
@@ -105,7 +100,7 @@ export class Connection {
   }
 
   private receiveFrame(buffer: ArrayBuffer): void {
-    const kind = kindOf(buffer);
+    const kind = new DataView(buffer).getUint8(0);
     if (kind === SIGNAL) this.events.signal?.(readSignal(buffer));
     else if (kind === POSE) this.events.pose?.(readPose(buffer, this.points));
     else if (kind === TRUTH) this.events.truth?.(readPose(buffer, this.points));

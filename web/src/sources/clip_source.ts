@@ -1,6 +1,6 @@
 /** A motion, seen by simulated sensors. */
 
-import { bodyAt, duration, observe, SENSOR_SETS, type Clip, type SensorSet } from "../body/clip";
+import { bodyAt, observe, SENSOR_SETS, type Clip, type SensorSet } from "../body/clip";
 import type { Live } from "../live";
 import { Rounds } from "./rounds";
 import type { Source } from "./source";
@@ -16,7 +16,7 @@ export class ClipSource implements Source {
     readonly guide: string | undefined = undefined,
     ended?: (clock: number) => void,
   ) {
-    this.rounds = new Rounds(duration(clip), ended);
+    this.rounds = new Rounds((clip.frames - 1) / clip.rate, ended);
   }
 
   get sensors(): readonly string[] {

@@ -20,7 +20,7 @@ import {
   type Vector,
 } from "../body/math";
 import { ACCURACY, type Point } from "../body/observation";
-import { restPoints, type Skeleton } from "../body/skeleton";
+import { restOf, type Skeleton } from "../body/skeleton";
 
 /** MediaPipe's 33 landmarks of one frame; axes of the camera: x to the right of the picture, y up, z to the camera. */
 export interface Landmarks {
@@ -71,12 +71,6 @@ class Laid {
   }
 }
 
-/** Where the points of the rest pose are, m from the pelvis. */
-function restOf(skeleton: Skeleton): (name: string) => Vector {
-  const rest = restPoints(skeleton);
-  return (name) => rest[skeleton.points.indexOf(name)];
-}
-
 /** Points of the body in the room: the camera's axes, the lowest foot on the floor, z 0 where the person was first seen.
  *
  * The picture alone gives places in units of the body, whose height the tracker infers only later: metres follow from
@@ -91,8 +85,7 @@ export class LandmarkPoints {
 
   /** Null if no torso is seen. `calm` are the landmarks smoothed, `passed`: s since the frame before. */
   read(landmarks: Landmarks, calm: Landmarks, skeleton: Skeleton, passed: number): Point[] | null {
-    const torso = SIDES.flatMap((side) => [calm.visible[mark(side, "shoulder")], calm.visible[mark(side, "hip")]]);
-    if (Math.min(...torso.slice(0, 1), torso[2]) < VISIBLE) return null;
+    if (SIDES.some((side) => calm.visible[mark(side, "shoulder")] < VISIBLE)) return null;
     const laid = lay(calm, skeleton);
     const up = skeleton.restOffset[1]; // m: height of the pelvis at rest
     const [x, y, z] = this.place.follow(scaled(located(laid, landmarks, this.focal), 1 / up), passed);
@@ -171,11 +164,8 @@ function lay({ world, visible: seen }: Landmarks, skeleton: Skeleton): Laid {
   const [hx, , hz] = rotate(pelvis, [1, 0, 0]);
   const heading = frame([hx, 0, hz], [0, 1, 0]);
   for (const side of SIDES) {
-    for (const [part, turn] of [
-      ["hip", pelvis],
-      ["shoulder", chest],
-    ] as const)
-      laid.put(`${side}_${part}`, rotate(turn, rest(`${side}_${part}`)), seen[mark(side, part)]);
+    laid.put(`${side}_hip`, rotate(pelvis, rest(`${side}_hip`)), seen[mark(side, "hip")]);
+    laid.put(`${side}_shoulder`, rotate(chest, rest(`${side}_shoulder`)), seen[mark(side, "shoulder")]);
     for (const [start, end] of LIMBS) {
       const [first, last] = [`${side}_${start}`, `${side}_${end}`];
       const bone = subtract(rest(last), rest(first));

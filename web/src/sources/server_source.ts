@@ -2,19 +2,11 @@
 
 import { axisAngle } from "../body/math";
 import type { Point } from "../body/observation";
-import { place, type Body, type Skeleton } from "../body/skeleton";
+import { place, withOffsets, type Body, type Skeleton } from "../body/skeleton";
 import type { History } from "../history";
-import type {
-  Calibrate,
-  PoseFrame,
-  Recentre,
-  Resume,
-  Settings,
-  SignalFrame,
-  Source as Input,
-  Welcome,
-} from "../protocol";
+import type { Calibrate, Recentre, Resume, Settings, Source as Input, Welcome } from "../protocol";
 import { Connection, socketAddress } from "../server/connection";
+import type { PoseFrame, SignalFrame } from "../server/frames";
 import { AS_IT_IS, placed, type Placement } from "./placement";
 
 /** One of the server's own inputs, or the session of another client; null: the first of the inputs. */
@@ -73,7 +65,8 @@ export class ServerSource {
         message: (message) => {
           if (message.type === "placed")
             this.placement = { turn: axisAngle([0, 1, 0], message.heading), offset: message.offset };
-          else if (message.type === "proportions") this.grow(message.rest_offset);
+          else if (message.type === "proportions" && this.skeleton)
+            this.skeleton = withOffsets(this.skeleton, Float32Array.from(message.rest_offset.flat()));
           else if (message.type === "said") this.events.said?.(message.text);
           else if (message.type === "error") this.events.lost(message.reason, true);
         },
@@ -129,11 +122,6 @@ export class ServerSource {
     if (this.watched === null) this.events.empty?.();
   }
 
-  private grow(offset: Welcome["rest_offset"]): void {
-    if (!this.skeleton) return;
-    this.skeleton = { ...this.skeleton, restOffset: Float32Array.from(offset.flat()) };
-  }
-
   private show(pose: PoseFrame): void {
     const { skeleton, signal, truth } = this;
     if (!skeleton) return;
@@ -156,12 +144,7 @@ export class ServerSource {
 
   /** The signal's points in the body's world. */
   private pointsOf({ points }: SignalFrame): Point[] {
-    const named = points.map(({ point, position, rotation }) => ({
-      name: this.sensors[point] ?? "",
-      position,
-      rotation,
-      accuracy: 0,
-    }));
+    const named = points.map(({ point, ...seen }) => ({ ...seen, name: this.sensors[point] ?? "", accuracy: 0 }));
     return placed(named, this.placement);
   }
 }

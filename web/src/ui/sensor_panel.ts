@@ -29,20 +29,17 @@ export class SensorPanel {
     const names = [...parts.keys()].join();
     if (names === this.offered) return;
     this.offered = names;
-    const off = new Set<string>();
-    this.hidden(new Set());
+    const boxes: [HTMLInputElement, readonly string[]][] = [];
+    const tell = (): void => this.hidden(new Set(boxes.flatMap(([box, members]) => (box.checked ? [] : members))));
+    tell();
     const fieldset = element("parts");
     for (const label of fieldset.querySelectorAll("label")) label.remove();
     fieldset.hidden = parts.size < 2;
     for (const [name, members] of parts) {
       const label = document.createElement("label");
       const box = Object.assign(document.createElement("input"), { type: "checkbox", checked: true });
-      box.onchange = () => {
-        for (const point of members)
-          if (box.checked) off.delete(point);
-          else off.add(point);
-        this.hidden(new Set(off));
-      };
+      box.onchange = tell;
+      boxes.push([box, members]);
       label.append(box, name);
       fieldset.append(label);
     }
@@ -53,11 +50,7 @@ export class SensorPanel {
 export function partOf(point: string): string {
   for (const [pattern, label] of PARTS) {
     const match = pattern.exec(point);
-    if (match) return capitalised(label.replace("$1", match[1] ?? ""));
+    if (match) return label.replace("$1", match[1] ?? "").replace(/^./, (first) => first.toUpperCase());
   }
   return "Torso";
-}
-
-function capitalised(text: string): string {
-  return text.charAt(0).toUpperCase() + text.slice(1);
 }

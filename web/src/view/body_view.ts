@@ -12,6 +12,7 @@ import {
   SphereGeometry,
   Vector3,
 } from "three";
+import { quaternionAt } from "../body/math";
 import { restHeight, type Body, type Skeleton } from "../body/skeleton";
 
 /** Radii as shares of a body's height: across (left to right) and deep (back to front). */
@@ -52,7 +53,10 @@ export class BodyView {
   ) {
     const count = skeleton.points.length;
     const height = restHeight(skeleton);
-    const flesh = skeleton.points.map((name) => radii(name).map((share) => share * height) as [number, number]);
+    const flesh = skeleton.points.map((name): [number, number] => {
+      const [, across, deep] = FLESH.find(([pattern]) => pattern.test(name)) ?? [name, 0.02, 0.02];
+      return [across * height, deep * height];
+    });
     const material = materialOf(opacity);
     const shapes = [new SphereGeometry(1, 16, 12), new CylinderGeometry(1, 1, 1, 20, 1, true)];
     [this.balls, this.bones] = shapes.map((shape) => new InstancedMesh(shape, material, count));
@@ -71,8 +75,12 @@ export class BodyView {
   /** Show a pose; `colour` fills in the colour of a point. */
   show(body: Body, colour: (point: number, out: Color) => Color): void {
     const { parents, joints } = this.skeleton;
-    const [matrix, tint, other] = [new Matrix4(), new Color(), new Color()];
-    this.frames.forEach((frame, point) => setFrame(frame, body, point, point < joints ? point : parents[point]));
+    const [matrix, place, turn] = [new Matrix4(), new Vector3(), new Quaternion()];
+    const [tint, other] = [new Color(), new Color()];
+    this.frames.forEach((frame, point) => {
+      const [w, x, y, z] = quaternionAt(body.rotation, point < joints ? point : parents[point]);
+      frame.compose(place.fromArray(body.position, 3 * point), turn.set(x, y, z, w), ONE);
+    });
     parents.forEach((parent, point) => {
       colour(point, tint);
       this.balls.setMatrixAt(point, matrix.multiplyMatrices(this.frames[point], this.ballOfPoint[point]));
@@ -94,11 +102,6 @@ export class BodyView {
       mesh.dispose();
     }
   }
-}
-
-function radii(name: string): readonly [number, number] {
-  const row = FLESH.find(([pattern]) => pattern.test(name));
-  return row ? [row[1], row[2]] : [0.02, 0.02];
 }
 
 /** One material for balls and cylinders: a graphics card compiles it once. A cylinder's beginning is `taper` times as
@@ -140,10 +143,4 @@ function boneMatrix(skeleton: Skeleton, point: number, flesh: readonly [number, 
   const turn = new Quaternion().setFromUnitVectors(UP, length > 0 ? offset.clone().normalize() : UP);
   const size = new Vector3(flesh[point][0], length, flesh[point][1]);
   return new Matrix4().compose(offset.multiplyScalar(0.5), turn, size);
-}
-
-function setFrame(frame: Matrix4, { position, rotation }: Body, point: number, joint: number): void {
-  const place = new Vector3().fromArray(position, 3 * point);
-  const [w, x, y, z] = rotation.subarray(4 * joint, 4 * joint + 4);
-  frame.compose(place, new Quaternion(x, y, z, w), ONE);
 }

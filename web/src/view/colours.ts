@@ -15,12 +15,6 @@ export const SIGNAL_COLOUR = new Color("#b35cd6");
 
 const WORST = 0.15; // m: from here on a colour says "unsure", or "wrong"
 
-export interface Legend {
-  readonly low: string;
-  readonly high: string;
-  readonly css: string; // a gradient
-}
-
 /** Blue over yellow to red: colours that also colour-blind eyes order by brightness. */
 export function scale(metres: number, out: Color): Color {
   const place = Math.min(Math.max(metres / WORST, 0), 1) * (SCALE.length - 1);
@@ -39,17 +33,14 @@ export function pointColour(moment: Moment, point: number, colouring: Colouring,
   return out.copy(PLAIN);
 }
 
-export function legend(colouring: Colouring): Legend | null {
+/** The words at both ends of a scale, and its colours as a gradient of CSS; null for a colour without a meaning. */
+export function legend(colouring: Colouring): Readonly<Record<"low" | "high" | "css", string>> | null {
   const centimetres = `${WORST * 100} cm or more`;
   const css = gradient((share, out) => scale(share * WORST, out));
   if (colouring === "confidence") return { low: "sure (0 cm)", high: centimetres, css };
   if (colouring === "error") return { low: "0 cm off the truth", high: centimetres, css };
   if (colouring === "plain") return null;
-  return {
-    low: "seen",
-    high: "hidden",
-    css: gradient((share, out) => out.lerpColors(SEEN, HIDDEN, share)),
-  };
+  return { low: "seen", high: "hidden", css: gradient((share, out) => out.lerpColors(SEEN, HIDDEN, share)) };
 }
 
 function gradient(colour: (share: number, out: Color) => Color): string {

@@ -2,7 +2,7 @@
 
 import { CapsuleGeometry, CylinderGeometry, Group, Mesh, MeshStandardMaterial, TorusGeometry } from "three";
 import { RoundedBoxGeometry } from "three/addons/geometries/RoundedBoxGeometry.js";
-import { UPRIGHT } from "../body/math";
+import { UPRIGHT, type Vector } from "../body/math";
 import type { Point } from "../body/observation";
 
 const MOST = 6; // points: more of them are a hand's or a picture's, not devices
@@ -35,34 +35,31 @@ export class GhostView {
     const ghost = new Group();
     if (name === "head") ghost.add(...this.headset());
     else if (name.endsWith("_wrist")) ghost.add(...this.controller(name.startsWith("left") ? 1 : -1));
-    else ghost.add(this.part(new CylinderGeometry(0.045, 0.05, 0.03, 24), this.clear));
+    else ghost.add(this.part(new CylinderGeometry(0.045, 0.05, 0.03, 24), this.clear, [0, 0, 0]));
     this.ghosts.set(name, ghost);
     this.group.add(ghost);
     return ghost;
   }
 
   private headset(): Mesh[] {
-    const visor = this.part(new RoundedBoxGeometry(0.19, 0.1, 0.075, 4, 0.03), this.dark);
-    const strap = this.part(new TorusGeometry(0.095, 0.011, 10, 40), this.clear);
-    visor.position.set(0, 0.075, 0.125);
-    strap.position.set(0, 0.08, 0.02);
+    const visor = this.part(new RoundedBoxGeometry(0.19, 0.1, 0.075, 4, 0.03), this.dark, [0, 0.075, 0.125]);
+    const strap = this.part(new TorusGeometry(0.095, 0.011, 10, 40), this.clear, [0, 0.08, 0.02]);
     strap.rotation.x = Math.PI / 2;
     strap.scale.y = 1.15;
     return [visor, strap];
   }
 
   private controller(side: 1 | -1): Mesh[] {
-    const handle = this.part(new CapsuleGeometry(0.018, 0.08, 6, 16), this.dark);
-    const ring = this.part(new TorusGeometry(0.048, 0.008, 10, 32), this.clear);
-    handle.position.set(side * 0.075, -0.025, 0);
+    const handle = this.part(new CapsuleGeometry(0.018, 0.08, 6, 16), this.dark, [side * 0.075, -0.025, 0]);
+    const ring = this.part(new TorusGeometry(0.048, 0.008, 10, 32), this.clear, [side * 0.085, -0.01, 0.07]);
     handle.rotation.x = Math.PI / 2; // along what the fingers close around
-    ring.position.set(side * 0.085, -0.01, 0.07);
     ring.rotation.y = Math.PI / 8;
     return [handle, ring];
   }
 
-  private part(shape: ConstructorParameters<typeof Mesh>[0], material: MeshStandardMaterial): Mesh {
+  private part(shape: Mesh["geometry"], material: MeshStandardMaterial, at: Vector): Mesh {
     const mesh = new Mesh(shape, material);
+    mesh.position.set(...at);
     mesh.renderOrder = 1;
     return mesh;
   }

@@ -22,6 +22,7 @@ from bodysense.body.rotation import quaternion_exp, quaternion_multiply, shortes
 from bodysense.body.skeleton import Skeleton
 from bodysense.errors import missing_package
 from bodysense_live.driver_axes import ABOUT_Y
+from bodysense_live.virtual_trackers import TURNED_BY
 
 POLL, START, UPDATE = 1, 2, 3  # kinds of data feed messages
 SETTINGS_REQUEST, SETTINGS_RESPONSE = 6, 7  # kinds of RPC messages
@@ -264,15 +265,15 @@ Places = Mapping[str, np.ndarray]  # by the names of points or joints
 _DOWN = np.array([0.0, -1.0, 0.0])
 # Ours has the identity with arms level, theirs with arms that hang.
 _HANGING = {side: quaternion_exp(np.array([0.0, 0.0, sign * np.pi / 2])) for side, sign in (("left", 1), ("right", -1))}
-TRACKERS: tuple[tuple[int, str, str, str], ...] = (  # body part, name, where it is, which joint turns it
-    (5, "waist", "pelvis", "pelvis"),
-    (22, "chest", "spine3", "spine3"),
-    (10, "left foot", "left_ankle", "left_ankle"),
-    (11, "right foot", "right_ankle", "right_ankle"),
-    (6, "left knee", "left_knee", "left_hip"),
-    (7, "right knee", "right_knee", "right_hip"),
-    (16, "left elbow", "left_elbow", "left_shoulder"),
-    (17, "right elbow", "right_elbow", "right_shoulder"),
+TRACKERS: tuple[tuple[int, str, str], ...] = (  # body part, name, where it is
+    (5, "waist", "pelvis"),
+    (22, "chest", "spine3"),
+    (10, "left foot", "left_ankle"),
+    (11, "right foot", "right_ankle"),
+    (6, "left knee", "left_knee"),
+    (7, "right knee", "right_knee"),
+    (16, "left elbow", "left_elbow"),
+    (17, "right elbow", "right_elbow"),
 )
 
 
@@ -310,9 +311,9 @@ BONES: tuple[_Bone, ...] = (
 )
 _HEAD = 1  # from between the eyes back to the joint
 _ON_ARMS = ("shoulder", "elbow", "wrist")
-_PLACES = [place for _, _, place, _ in TRACKERS]
+_PLACES = [place for _, _, place in TRACKERS]
 _STARTS, _ENDS = [bone.start for bone in BONES], [bone.end for bone in BONES]
-_TURNS = [*(turn for _, _, _, turn in TRACKERS), "head", *(bone.turn for bone in BONES)]
+_TURNS = [*(TURNED_BY[place] for place in _PLACES), "head", *(bone.turn for bone in BONES)]
 _REST = np.array([(0.0, 0.0, 1.0), *(bone.rest for bone in BONES)])  # (1 + B, 3)
 
 
@@ -331,7 +332,7 @@ def told_of(skeleton: Skeleton, eyes: np.ndarray) -> Told:
     rest = skeleton.path @ skeleton.rest_offset
     apart = np.linalg.norm(rest[skeleton.indices(_ENDS)] - rest[skeleton.indices(_STARTS)], axis=1)
     bones = zip((bone.body_part for bone in BONES), apart.tolist(), strict=True)
-    trackers = tuple((part, name) for part, name, _, _ in TRACKERS)
+    trackers = tuple((part, name) for part, name, _ in TRACKERS)
     return Told(trackers, ((_HEAD, float(np.linalg.norm(eyes))), *bones))
 
 

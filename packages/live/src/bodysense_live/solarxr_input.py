@@ -9,6 +9,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from typing import ClassVar
 
 from bodysense_live.driver_axes import from_driver_rotation
 from bodysense_live.tracked_devices import DeviceReader, DeviceState, TrackedDevice, pose_of
@@ -34,9 +35,7 @@ class InputState:
 class InputReader(DeviceReader):
     """How messages are read."""
 
-    def start(self) -> InputState:
-        """Nothing came yet."""
-        return InputState()
+    nothing: ClassVar = InputState()
 
     def take(self, packet: bytes, now: float, state: InputState) -> tuple[InputState, str | None]:
         """Take in a message that came at `now` s; the reason, too, where it is of no use."""

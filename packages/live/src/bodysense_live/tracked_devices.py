@@ -20,7 +20,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -189,12 +189,13 @@ def no_sensors(now: float) -> Observation | None:
 class DeviceReader(ABC):
     """A decoder of packets, whose state has `devices`: `VmcTrackers`, `VmtReader` …"""
 
+    nothing: ClassVar[Any]  # the state before the first packet
     devices: TrackedDevices = TrackedDevices()
     sensors: Callable[[float], Observation | None] = no_sensors  # frames of others on the same wearer
 
-    @abstractmethod
     def start(self) -> Any:
-        """Nothing came yet."""
+        """Return the state before the first packet."""
+        return self.nothing
 
     @abstractmethod
     def take(self, packet: bytes, now: float, state: Any) -> tuple[Any, str | None]:

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import ClassVar
 
 import numpy as np
 
@@ -89,11 +90,8 @@ class VmcState:
 class VmcTrackers(DeviceReader):
     """How packets are read. See the module's text."""
 
+    nothing: ClassVar = VmcState()
     longest_delay: float = 1.0  # s: a sender's clock that goes back by more was restarted
-
-    def start(self) -> VmcState:
-        """Nothing came yet."""
-        return VmcState()
 
     def take(self, packet: bytes, now: float, state: VmcState) -> tuple[VmcState, str | None]:
         """Take in a packet that came at `now` s; the reason, too, where it or a part of it is of no use."""

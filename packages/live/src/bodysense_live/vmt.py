@@ -9,23 +9,18 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import ClassVar
 
 import numpy as np
 
 from bodysense.io.osc import Message, PacketForm, message_bytes, read_packet
 from bodysense_live.driver_axes import driver_rotation, from_driver_rotation
 from bodysense_live.tracked_devices import DeviceReader, DeviceState, TrackedDevice, pose_of
+from bodysense_live.virtual_trackers import TURNED_BY
 
 DRIVER_PORT = 39570  # the driver listens here
 LAST_INDEX = 57  # of a virtual device
 OFF, TRACKER, LEFT_HAND, RIGHT_HAND = 0, 1, 5, 6  # kinds of virtual devices; hands as an Index controller's
-# Where each virtual tracker is, and which joint turns it; their places in this order are their indices.
-TRACKERS: tuple[tuple[str, str], ...] = (
-    *(("pelvis", "pelvis"), ("spine3", "spine3")),
-    *((f"{side}_ankle", f"{side}_ankle") for side in ("left", "right")),
-    *((f"{side}_knee", f"{side}_hip") for side in ("left", "right")),
-    *((f"{side}_elbow", f"{side}_shoulder") for side in ("left", "right")),
-)
 _OURS = "VMT_"  # how serials of virtual devices begin
 _NOT_WORN = ("LHB-",)  # base stations
 _LONGEST_LIST = 4096
@@ -47,9 +42,7 @@ class VmtState:
 class VmtReader(DeviceReader):
     """How packets of the driver are read."""
 
-    def start(self) -> VmtState:
-        """Nothing came yet."""
-        return VmtState()
+    nothing: ClassVar = VmtState()
 
     def take(self, packet: bytes, now: float, state: VmtState) -> tuple[VmtState, str | None]:
         """Take in a packet that came at `now` s; the reason, too, where it or a part of it is of no use."""
@@ -121,16 +114,19 @@ def subscriptions(state: VmtState, address: str, port: int) -> list[bytes]:
 
 
 def tracker_packet(first: int, points: Mapping[str, np.ndarray], turns: Mapping[str, np.ndarray]) -> bytes:
-    """A bundle of all virtual trackers, from places (3,) m and rotations (4,) wxyz by name, in the driver's world."""
-    place = np.array([points[name] for name, _ in TRACKERS])
-    turn = driver_rotation(np.array([turns[joint] for _, joint in TRACKERS]))
+    """A bundle of all virtual trackers, from places (3,) m and rotations (4,) wxyz by name, in the driver's world.
+
+    Their indices are `first` and the next ones, in the order of `TURNED_BY`.
+    """
+    place = np.array([points[name] for name in TURNED_BY])
+    turn = driver_rotation(np.array([turns[joint] for joint in TURNED_BY.values()]))
     (packet,) = _form(first).filled(np.hstack([place, turn]).ravel())
     return packet
 
 
 @lru_cache
 def _form(first: int) -> PacketForm:
-    return PacketForm([device_message(first + k, TRACKER) for k in range(len(TRACKERS))])
+    return PacketForm([device_message(first + k, TRACKER) for k in range(len(TURNED_BY))])
 
 
 def device_message(index: int, kind: int) -> tuple[str, str, tuple[int, int, float]]:

@@ -12,7 +12,8 @@ from bodysense_live.links import LOST, DeviceInput, UdpPort, address_toward, hos
 from bodysense_live.live import Live
 from bodysense_live.metrics import Metrics
 from bodysense_live.tracked_devices import SIGNALS, DeviceReader, TrackedDevices
-from bodysense_live.vmt import DRIVER_PORT, LAST_INDEX, TRACKERS, off_messages, subscriptions, tracker_packet
+from bodysense_live.virtual_trackers import TURNED_BY
+from bodysense_live.vmt import DRIVER_PORT, LAST_INDEX, off_messages, subscriptions, tracker_packet
 from bodysense_live.vmt_hands import hand_packet
 
 _ASK_EVERY = 1.0  # s between requests: a restarted SteamVR has lost the earlier one
@@ -31,7 +32,7 @@ class VmtSettings:
     devices: TrackedDevices = TrackedDevices()
 
     def __post_init__(self) -> None:
-        most = LAST_INDEX + 1 - len(TRACKERS) - len(_SIDES)
+        most = LAST_INDEX + 1 - len(TURNED_BY) - len(_SIDES)
         if not 0 <= self.first <= most:
             raise BodysenseError(f"--vmt-first {self.first}: VMT has devices 0 to {LAST_INDEX}; give 0 to {most}")
 
@@ -63,9 +64,9 @@ class VmtLink:
         places, turns = answer.in_signal
         first = self._settings.first
         packets = [tracker_packet(first, places, turns)]
-        shown = set(range(first, first + len(TRACKERS)))
+        shown = set(range(first, first + len(TURNED_BY)))
         if self._settings.hands:
-            for k, side in enumerate(_SIDES, start=first + len(TRACKERS)):
+            for k, side in enumerate(_SIDES, start=first + len(TURNED_BY)):
                 packets.append(hand_packet(side, k, answer.pose.skeleton, places, turns))
                 shown.add(k)
         self._port.send(packets, self._driver)

@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Collection
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import ClassVar
 
 import numpy as np
 
@@ -26,28 +27,16 @@ from bodysense_live.driver_axes import turned_about
 from bodysense_live.messages import Calibrate, Recentre
 from bodysense_live.oscquery import OscAddress
 from bodysense_live.tracked_devices import DeviceReader, DeviceState, TrackedDevice, one_frame
+from bodysense_live.virtual_trackers import TURNED_BY
 
 PORT = 9000
-# The point and the joint that give a tracker its position and rotation: knee trackers are worn on the thighs, elbow
-# trackers on the upper arms.
-TRACKERS: dict[str, tuple[str, str]] = {
-    "1": ("pelvis", "pelvis"),
-    "2": ("left_ankle", "left_ankle"),
-    "3": ("right_ankle", "right_ankle"),
-    "4": ("left_knee", "left_hip"),
-    "5": ("right_knee", "right_hip"),
-    "6": ("spine3", "spine3"),
-    "7": ("left_elbow", "left_shoulder"),
-    "8": ("right_elbow", "right_shoulder"),
-    "head": ("head", "head"),  # the joint, not the eyes: VRChat aligns it with the avatar's head bone
-}
-# Parts of the body that trackers can be sent of, as options name them, and their numbers.
-PARTS: dict[str, tuple[str, ...]] = {
-    "hip": ("1",),
-    "feet": ("2", "3"),
-    "knees": ("4", "5"),
-    "chest": ("6",),
-    "elbows": ("7", "8"),
+# Parts of the body that trackers can be sent of, as options name them: points by the numbers of the trackers.
+PARTS: dict[str, dict[str, str]] = {
+    "hip": {"1": "pelvis"},
+    "feet": {"2": "left_ankle", "3": "right_ankle"},
+    "knees": {"4": "left_knee", "5": "right_knee"},
+    "chest": {"6": "spine3"},
+    "elbows": {"7": "left_elbow", "8": "right_elbow"},
 }
 ADVISED = ("hip", "feet")  # by VRChat's documentation, if positions are not accurate
 
@@ -62,10 +51,11 @@ def vrchat_packets(
     """
     one_finite_pose(pose)
     points, turns = forward_kinematics(pose) if world is None else world
-    wanted = (*(number for part, numbers in PARTS.items() if part in parts for number in numbers), "head")
-    places = pose.skeleton.indices([TRACKERS[name][0] for name in wanted])
-    joints = pose.skeleton.indices([TRACKERS[name][1] for name in wanted])
-    return _form(wanted).filled(np.hstack([unity_position(points[places]), unity_euler(turns[joints])]).ravel())
+    wanted = {number: point for part, named in PARTS.items() if part in parts for number, point in named.items()}
+    wanted["head"] = "head"  # the joint, not the eyes: VRChat aligns it with the avatar's head bone
+    places = pose.skeleton.indices(list(wanted.values()))
+    joints = pose.skeleton.indices([TURNED_BY.get(point, point) for point in wanted.values()])
+    return _form(tuple(wanted)).filled(np.hstack([unity_position(points[places]), unity_euler(turns[joints])]).ravel())
 
 
 def parts_of(text: str) -> tuple[str, ...]:
@@ -108,9 +98,7 @@ class VrchatState:
 class VrchatReader(DeviceReader):
     """How packets are read."""
 
-    def start(self) -> VrchatState:
-        """Nothing came yet."""
-        return VrchatState()
+    nothing: ClassVar = VrchatState()
 
     def take(self, packet: bytes, now: float, state: VrchatState) -> tuple[VrchatState, str | None]:
         """Take in a packet that came at `now` s; the reason, too, where it or a part of it is of no use."""

@@ -38,7 +38,7 @@ def info(
         split: people to include.
         layout: published data set that the folder is; recognised by its files if omitted.
         camera: the headset's, for --occlusion.
-        picture: PNG file for stick figures of the first file that can be read.
+        picture: PNG file for bodies of a few frames of the first file that can be read.
         json: JSON file for the numbers, one flat object.
         reading: properties that the files do not contain.
     """

@@ -15,8 +15,8 @@ from bodysense.errors import BodysenseError
 from bodysense.files import written_beside
 from bodysense.io.clip import Clip
 from bodysense.observation import observed_points
+from bodysense.pictures.camera import Lens
 from bodysense.pictures.comparison import View, draw_views
-from bodysense.pictures.sheet import Lens
 from bodysense_lab.completion.options import Fault
 from bodysense_lab.completion.scenes import TRUTH_OF, TrackedScene, person_of, scene_of
 from bodysense_lab.completion.tables import CompletionSettings, WorstFrame

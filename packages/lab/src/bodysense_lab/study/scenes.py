@@ -23,7 +23,7 @@ from bodysense.io.resample import resample
 from bodysense.last_known import Hold
 from bodysense.metrics import joint_error
 from bodysense.pictures.animation import write_animation
-from bodysense.pictures.sheet import FollowingCamera, Lens, follow_body
+from bodysense.pictures.camera import FollowingCamera, Lens, follow_body
 from bodysense_lab.scoring import RATE, scored_points
 from bodysense_lab.spread import spread
 from bodysense_lab.study.study import CONDITIONS, Condition, StudyKey, draw_key, write_key

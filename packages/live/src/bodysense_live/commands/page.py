@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
 
-import tyro
+from bodysense.cli.options import Output
 
 
-def page(
-    out: Annotated[Path, tyro.conf.arg(aliases=("-o",))], webcam: bool = False, landmarkers: Path | None = None
-) -> None:
+def page(out: Output, webcam: bool = False, landmarkers: Path | None = None) -> None:
     """Write the page as a folder for any static host; all of it runs in the browser (docs/page.md).
 
     Args:

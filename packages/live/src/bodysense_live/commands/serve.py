@@ -15,7 +15,6 @@ from bodysense_live.commands.serve_options import (
     ProgramOptions,
     WearerOptions,
 )
-from bodysense_live.commands.serve_settings import address_of, settings_of
 
 
 def serve(
@@ -40,6 +39,7 @@ def serve(
     from rich.console import Console
 
     from bodysense_live.certificate import qr_code
+    from bodysense_live.commands.serve_settings import address_of, settings_of
     from bodysense_live.launch import serve
     from bodysense_live.links import listen_tcp
     from bodysense_live.workers import serve_in_workers

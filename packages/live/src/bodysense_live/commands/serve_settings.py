@@ -4,13 +4,21 @@ from __future__ import annotations
 
 import os
 import secrets
+import tempfile
 from dataclasses import fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
+from bodysense.body.glove_set import GloveSet, read_set, standard_set
+from bodysense.body.person import Person
+from bodysense.cli.recordings import load_clip, person_of
+from bodysense.devices.simulated.device import DEVICES, simulate
 from bodysense.errors import BodysenseError
 from bodysense.files import check_place
+from bodysense.io.recording import is_recording
 from bodysense.io.rigs.options import ReadingOptions, given_options
+from bodysense.open import RecordingSource, open_source
+from bodysense_live.certificate import check_pair, lan_address, own_certificate, state_folder
 from bodysense_live.commands.serve_options import (
     AccessOptions,
     InputOptions,
@@ -18,15 +26,20 @@ from bodysense_live.commands.serve_options import (
     ProgramOptions,
     WearerOptions,
 )
-
-if TYPE_CHECKING:
-    from bodysense.body.glove_set import GloveSet
-    from bodysense.body.person import Person
-    from bodysense_live.datagrams import Receiver
-    from bodysense_live.replay import Playable
-    from bodysense_live.safety import Access
-    from bodysense_live.settings import ServerSettings
-    from bodysense_live.tracked_devices import TrackedDevices
+from bodysense_live.datagrams import Receiver
+from bodysense_live.messages import LONGEST_HALF_LIFE, Settings
+from bodysense_live.replay import Playable
+from bodysense_live.safety import ANY_ORIGIN, Access, Limits, is_loopback
+from bodysense_live.session_store import check_store
+from bodysense_live.settings import ServerSettings
+from bodysense_live.slimevr_link import SlimevrSettings, is_serial
+from bodysense_live.solarxr_link import SolarxrSettings, runtime_folder
+from bodysense_live.tracked_devices import TrackedDevices, read_device_names
+from bodysense_live.vmc import VmcTrackers
+from bodysense_live.vmt_link import VmtSettings
+from bodysense_live.vrchat import parts_of
+from bodysense_live.vrchat_link import VrchatSettings
+from bodysense_live.worn_trackers import read_trackers
 
 
 def settings_of(
@@ -38,20 +51,6 @@ def settings_of(
     reading: ReadingOptions,
 ) -> ServerSettings:
     """Return what a server runs with. Raises BodysenseError, naming the options, for what does not go together."""
-    from bodysense.body.person import Person
-    from bodysense.cli.recordings import person_of
-    from bodysense_live.messages import LONGEST_HALF_LIFE, Settings
-    from bodysense_live.safety import ANY_ORIGIN, Limits
-    from bodysense_live.session_store import check_store
-    from bodysense_live.settings import ServerSettings
-    from bodysense_live.slimevr_link import SlimevrSettings
-    from bodysense_live.solarxr_link import SolarxrSettings, runtime_folder
-    from bodysense_live.vmc import VmcTrackers
-    from bodysense_live.vmt_link import VmtSettings
-    from bodysense_live.vrchat import parts_of
-    from bodysense_live.vrchat_link import VrchatSettings
-    from bodysense_live.worn_trackers import read_trackers
-
     if wearer.save_person is not None:
         check_place(wearer.save_person)
     if not 0 <= wearer.smoothing <= LONGEST_HALF_LIFE:
@@ -118,9 +117,6 @@ def named_of(table: Path | None, steamvr: bool, slimevr: bool) -> tuple[TrackedD
 
     Raises BodysenseError, naming the option, for devices of an input that was not chosen.
     """
-    from bodysense_live.slimevr_link import is_serial
-    from bodysense_live.tracked_devices import TrackedDevices, read_device_names
-
     if table is not None and not steamvr and not slimevr:
         raise BodysenseError(
             "--device-names is for devices of VMC, SteamVR or SlimeVR; give --vmc-in, --vmt or --slimevr"
@@ -144,9 +140,6 @@ def access_of(
     host: str, token: str | None, origin: tuple[str, ...], lan: bool, certificate: Path | None, key: Path | None
 ) -> Access:
     """Return who may connect, and how. Raises BodysenseError, naming the options, for a wrong combination."""
-    from bodysense_live.certificate import check_pair, lan_address, own_certificate, state_folder
-    from bodysense_live.safety import ANY_ORIGIN, Access, is_loopback
-
     if (certificate is None) != (key is None):
         raise BodysenseError("--certificate and --key: give both, a certificate and its own key")
     if lan and is_loopback(host):
@@ -163,8 +156,6 @@ def access_of(
 
 def address_of(access: Access, port: int, lan: bool) -> str:
     """Return the address of the page, token included."""
-    from bodysense_live.certificate import lan_address
-
     host = lan_address() if lan and access.host == "0.0.0.0" else access.host
     bracketed = f"[{host}]" if ":" in host else host
     scheme = "http" if access.certificate is None else "https"
@@ -173,8 +164,6 @@ def address_of(access: Access, port: int, lan: bool) -> str:
 
 def worn_of(marker_set: str | None, port: int | None, wearer: Person) -> GloveSet:
     """Return the marker set of incoming gloves; all but the standard one need calibrated hands."""
-    from bodysense.body.glove_set import read_set, standard_set
-
     if marker_set is None:
         return standard_set()
     if port is None:
@@ -191,8 +180,6 @@ def worn_of(marker_set: str | None, port: int | None, wearer: Person) -> GloveSe
 
 def writable_folder(option: str, path: Path) -> Path:
     """Return a folder that can be written to. Raises BodysenseError, naming the option, for any other."""
-    import tempfile
-
     if not path.is_dir():
         raise BodysenseError(f"{option} {path}: no such folder; create it or choose another")
     try:
@@ -204,8 +191,6 @@ def writable_folder(option: str, path: Path) -> Path:
 
 def receiver_of(protocol: Literal["vmc", "vrchat"], address: str, parts: tuple[str, ...]) -> Receiver:
     """Return a receiver of poses by its HOST:PORT; `parts` are those whose trackers a VRChat is sent."""
-    from bodysense_live.datagrams import Receiver
-
     host, _, port = address.rpartition(":")
     if not host or not port.isdigit() or not 0 < int(port) < 65536:
         raise BodysenseError(f"--{protocol}-out {address}: give HOST:PORT, as 127.0.0.1:39539")
@@ -214,13 +199,6 @@ def receiver_of(protocol: Literal["vmc", "vrchat"], address: str, parts: tuple[s
 
 def playable_of(file: Path | None, device: str | None, reading: ReadingOptions, wearer: Person) -> Playable | None:
     """Return a recording to replay, or the signal of a device that watches a motion, with the true motion."""
-    from bodysense.body.person import Person
-    from bodysense.cli.recordings import load_clip
-    from bodysense.devices.simulated.device import DEVICES, simulate
-    from bodysense.io.recording import is_recording
-    from bodysense.open import RecordingSource, open_source
-    from bodysense_live.replay import Playable
-
     if file is None:
         if device is not None:
             raise BodysenseError("--device is for a motion that is replayed; give it with --replay")

@@ -1,0 +1,10 @@
+"""Virtual trackers that programs are given: where each is, and which joint turns it."""
+
+from __future__ import annotations
+
+# Knee trackers are worn on the thighs, elbow trackers on the upper arms.
+TURNED_BY: dict[str, str] = {
+    **{point: point for point in ("pelvis", "spine3", "left_ankle", "right_ankle")},
+    **{f"{side}_knee": f"{side}_hip" for side in ("left", "right")},
+    **{f"{side}_elbow": f"{side}_shoulder" for side in ("left", "right")},
+}

@@ -1,0 +1,103 @@
+"""Cameras that follow a body along the floor, the same for all bodies that are to be compared."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from bodysense.body.pose import Pose, forward_kinematics
+from bodysense.body.rotation import heading, quaternion_rotate
+from bodysense.body.skin import fit_skin, place_skin
+from bodysense.errors import BodysenseError
+
+
+@dataclass(frozen=True)
+class Lens:
+    """Picture size and optics; lengths are for a body of 1.7 m and scale with it."""
+
+    width: int = 360  # pixels
+    height: int = 450
+    distance: float = 4.2  # m from the body, along the floor
+    eye: float = 1.6  # m above the floor
+    aim: float = 0.88  # m above the floor, where it looks
+    view_height: float = 2.25  # m of height in the picture, at the body
+    azimuth: float = 0.5  # rad from the body's front, toward its left
+
+    def __post_init__(self) -> None:
+        for name in ("width", "height", "distance", "eye", "view_height"):
+            if not getattr(self, name) > 0:
+                raise BodysenseError(f"lens: {name} is {getattr(self, name):g}; it must be positive")
+
+
+@dataclass(frozen=True, eq=False)
+class FollowingCamera:
+    """A camera over T frames: it keeps its height and direction, and follows the body along the floor."""
+
+    lens: Lens
+    follow: np.ndarray  # (T, 2) m, world x and z of what it looks at
+    turn: float  # rad about +Y, from +Z to where the camera stands
+    floor: float  # m, world height
+    scale: float  # height of the body by 1.7 m
+
+    def __len__(self) -> int:
+        return len(self.follow)
+
+    @cached_property
+    def axes(self) -> np.ndarray:
+        """(3, 3) world ← camera; its columns point right, up and back."""
+        rise = (self.lens.eye - self.lens.aim) / self.lens.distance
+        back = np.array([np.sin(self.turn), rise, np.cos(self.turn)]) / np.hypot(1, rise)
+        right = np.array([np.cos(self.turn), 0.0, -np.sin(self.turn)])
+        return np.stack([right, np.cross(back, right), back], axis=1)
+
+    def eye(self, frame: int) -> np.ndarray:
+        """(3,) m, world: where the camera is."""
+        x, z = self.follow[frame]
+        away, height = self.scale * self.lens.distance, self.scale * self.lens.eye
+        return np.array([x + away * np.sin(self.turn), self.floor + height, z + away * np.cos(self.turn)])
+
+    @property
+    def focal_length(self) -> float:
+        """Height of the picture at one metre from the camera, as a share of itself: pixels a radian, by the height."""
+        return float(np.hypot(self.lens.distance, self.lens.eye - self.lens.aim)) / self.lens.view_height
+
+    def rays(self) -> np.ndarray:
+        """(H, W, 3) unit directions through the pixels, camera's axes."""
+        high, wide = self.lens.height, self.lens.width
+        x = (np.arange(wide) + 0.5 - wide / 2) / (self.focal_length * high)
+        y = (high / 2 - np.arange(high) - 0.5) / (self.focal_length * high)
+        rays = np.stack([*np.meshgrid(x, y), np.full((high, wide), -1.0)], axis=-1)
+        return rays / np.linalg.norm(rays, axis=-1, keepdims=True)
+
+
+def follow_body(truth: Pose, rate: float, lens: Lens = Lens(), calm: float = 0.7) -> FollowingCamera:
+    """A camera that keeps a body (T, …) at `rate` Hz in the picture, from its front left.
+
+    The camera stands still if the head stays within 0.5 m of one place, and otherwise follows it, smoothed over `calm`
+    seconds: the head is where every method agrees, so nothing in the camera's motion tells which method is displayed.
+    """
+    position, rotation = forward_kinematics(truth)
+    skin = fit_skin(truth.skeleton)
+    head = truth.skeleton.index("head")
+    front = quaternion_rotate(heading(rotation[:, head]), np.array([0.0, 0.0, 1.0])).mean(axis=0)
+    path = position[:, head][:, [0, 2]]
+    middle = (path.min(axis=0) + path.max(axis=0)) / 2
+    stays = np.linalg.norm(path - middle, axis=-1).max() < 0.5 * truth.skeleton.height / 1.7
+    soles = (place_skin(skin, truth)[..., 1] - skin.radius).min(axis=-1)
+    return FollowingCamera(
+        lens=lens,
+        follow=np.tile(middle, (len(path), 1)) if stays else _smoothed(path, calm * rate),
+        turn=float(np.arctan2(front[0], front[2])) + lens.azimuth,
+        floor=float(np.percentile(soles, 5)),
+        scale=truth.skeleton.height / 1.7,
+    )
+
+
+def _smoothed(path: np.ndarray, width: float) -> np.ndarray:
+    """A path (T, D) under a Gaussian of `width` frames; its ends stay where they are for ever."""
+    reach = int(np.ceil(3 * width))
+    kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) / width) ** 2)
+    padded = np.pad(path, ((reach, reach), (0, 0)), mode="edge")
+    return np.stack([np.convolve(column, kernel / kernel.sum(), mode="valid") for column in padded.T], axis=-1)
