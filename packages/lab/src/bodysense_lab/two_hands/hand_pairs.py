@@ -20,6 +20,7 @@ from bodysense_lab.spread import spread
 from bodysense_lab.synthesis.hands import RATE, varied_hand
 from bodysense_lab.synthesis.pairs import synthesize_pair
 
+SYNTHESISED = "synthesised"  # the group of synthesised hands
 SYNTHESISED_SECONDS, SPREAD = 20.0, 0.05  # s of a piece; the spread of the hands' sizes
 
 

@@ -6,9 +6,8 @@ equally: three for a foot, and in *all* every point of the hands as well.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 
 import numpy as np
 
@@ -18,7 +17,7 @@ from bodysense.devices.simulated.headset_camera import BODY_JOINTS, FOOT_POINTS,
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense_lab.chart import BarPanel, plain_bars
-from bodysense_lab.datasets import Census, DataSet, describe, gathered, missing
+from bodysense_lab.datasets import Census, DataSet, describe, missing
 from bodysense_lab.table import Cell, Report
 from bodysense_lab.unoc.contact import self_contact
 
@@ -149,16 +148,9 @@ def column(name: str, counts: Iterable[Counts]) -> Column:
 Counted = dict[str, Counts]  # by category
 
 
-def count_clip(clip: Clip, camera: HeadsetCamera) -> Counted:
+def count_clip(clip: Clip, camera: HeadsetCamera = HeadsetCamera()) -> Counted:
     """Count occlusion and contact in a clip, under its category."""
     return {clip.category or "(none)": count(clip.pose, clip.frame_rate, camera)}
-
-
-def count_clips(
-    clips: Iterable[Clip], jobs: int, advance: Callable[[Clip], None], camera: HeadsetCamera = HeadsetCamera()
-) -> tuple[Counted, Census]:
-    """Count occlusion and contact in every clip, and the amount of motion. `advance` is called after every clip."""
-    return gathered(partial(count_clip, camera=camera), clips, jobs, advance)
 
 
 def columns_of(counted: Counted) -> list[Column]:
