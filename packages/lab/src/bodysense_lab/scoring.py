@@ -120,3 +120,8 @@ def group_of(clip: Clip) -> str:
 def group_named(category: str) -> str:
     """The one of `GROUPS` with which clips of a category are scored."""
     return "main" if category in (*MAIN, "") else category if category in GROUPS else "other"
+
+
+def suffix_of(group: str) -> str:
+    """Return the end of the keys of a group of categories."""
+    return "" if group == "main" else f"_{group}"

@@ -15,6 +15,7 @@ from bodysense_lab.score_table import (
     ScoreColumn,
     ScoreRow,
     ScoreTable,
+    pairs,
     score_report,
 )
 from bodysense_lab.table import Report
@@ -75,11 +76,7 @@ def _table(
 ) -> ScoreTable:
     """A table with rows as the paper prints them, 'RMSJPE/MPJPE' of every place; `extra` are methods of ours."""
     methods = {method: name_of(method) for method in (*published, *extra)}
-    cells = {
-        (at, method): tuple(map(float, pair.split("/")))
-        for method, row in published.items()
-        for at, pair in zip(rows, row.split(), strict=True)
-    }
+    cells = {(at, method): pair for method, row in published.items() for at, pair in zip(rows, pairs(row), strict=True)}
     return ScoreTable(
         f"unoc-table{number}",
         f"UNOC, Table {number}: {title}",
