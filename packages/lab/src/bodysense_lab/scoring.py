@@ -8,7 +8,6 @@ from typing import Literal
 
 import numpy as np
 
-from bodysense.body.pose import Pose
 from bodysense.body.skeleton import Skeleton
 from bodysense.io.clip import Clip
 from bodysense.metrics import joint_error
@@ -83,7 +82,6 @@ class TrackedClip:
 
     clip: Clip  # the truth, at 30 Hz
     observation: Observation
-    pose: Pose  # of the tracker
     position: dict[str, np.ndarray]  # method → (T, P, 3) m
 
 
