@@ -220,12 +220,10 @@ def _network_table(
     rows: ScoreTable, data: str, networks: Path | None, stride: int, table: TableOptions, shipped: Shipped | None
 ) -> None:
     """Score the methods without kept scores, and report."""
-    from bodysense_lab.unoc.tables import OWN_NAMES, network_report, without_networks
+    from bodysense_lab.unoc.tables import OWN_NAMES, network_report
     from bodysense_lab.unoc.variant_scores import Work, networks_in, score
 
     chosen = open_data(data, table)
-    if networks is None:
-        rows = without_networks(rows)
     files = {} if networks is None else networks_in(networks, [n for n in rows.methods if n not in OWN_NAMES])
     work = Work(files, shipped, stride)
     with counting("scored", chosen.count()) as advance:

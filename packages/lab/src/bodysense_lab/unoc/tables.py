@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import replace
 from typing import Any
 
 from bodysense_lab.datasets import DataSet, describe, missing
@@ -177,24 +176,14 @@ TABLE_4 = _table(
 )
 
 
-def without_networks(table: ScoreTable) -> ScoreTable:
-    """Return a table of our own methods alone, and the claims about them."""
-    methods = {method: label for method, label in table.methods.items() if method in OWN_NAMES}
-    claims = tuple(one for one in table.claims if {one.lower.method, *(o.method for o in one.higher)} <= set(methods))
-    charts = tuple(
-        replace(chart, bars={label: at for label, at in chart.bars.items() if at[1] in methods})
-        for chart in table.charts
-    )
-    return replace(table, methods=methods, claims=claims, charts=charts)
-
-
 def network_report(table: ScoreTable, scores: Mapping[str, Scores], data: DataSet) -> Report:
-    """Return a table of networks. `scores` has every method, the last known ones under 'last_known_<frame>'."""
+    """Return a table of the methods in `scores`, the last known ones of which are 'last_known_<frame>' there."""
     frame = better_last_known(scores)
     scores = {**scores, "last_known": scores[f"last_known_{frame}"]}
     cells = {
         (group, (part, share), method, "error"): tally
         for method in dict.fromkeys((*table.methods, "last_known"))
+        if method in scores
         for (group, part, share), tally in scores[method].tallies.items()
     }
     census = next(iter(scores.values())).census
