@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
-from types import MappingProxyType
 from typing import Any
 
 from bodysense_lab.chart import BarPanel, plain_bars
@@ -59,18 +58,37 @@ class GloveLine:
     name: str  # of the method
     hidden: int
     published: tuple[float | None, ...]  # by duration, cm
+    is_ratio: bool = False  # figures are errors over those of the last known position
 
-    def keys(self) -> dict[str, tuple[str, int, float]]:
-        """Return the keys of figures in a `GloveTable` by their names in the flat object."""
+    @property
+    def durations(self) -> tuple[float, ...]:
+        """Durations of the figures, s; with nothing hidden there is one figure."""
+        return DURATIONS if self.hidden else (0.0,)
+
+    def key(self, duration: float) -> str:
+        """Return the name of a figure in the flat object."""
         if not self.hidden:
-            return {f"{_STILL_KEYS.get(self.method, self.method)}_cm": (self.method, 0, 0.0)}
-        return {f"{self.method}_{self.hidden}_{d:.1f}_cm": (self.method, self.hidden, d) for d in DURATIONS}
+            return f"{_STILL_KEYS.get(self.method, self.method)}_cm"
+        at = f"{self.hidden}_{duration:.1f}"
+        return f"ratio_{at}" if self.is_ratio else f"{self.method}_{at}_cm"
 
 
-MARKER_LINES = tuple(
-    GloveLine(method, name, hidden, PUBLISHED_MARKERS.get((method, hidden), _NONE))
-    for method, name in METHODS.items()
-    for hidden in HIDDEN
+def published_ratio(hidden: int, duration: float) -> float:
+    """Network ÷ last known position by the paper's table."""
+    place = DURATIONS.index(duration)
+    return PUBLISHED_MARKERS["nn", hidden][place] / PUBLISHED_MARKERS["lk", hidden][place]
+
+
+MARKER_LINES = (
+    *(
+        GloveLine(method, name, hidden, PUBLISHED_MARKERS.get((method, hidden), _NONE))
+        for method, name in METHODS.items()
+        for hidden in HIDDEN
+    ),
+    *(
+        GloveLine("nn", "network ÷ last known", n, tuple(published_ratio(n, d) for d in DURATIONS), is_ratio=True)
+        for n in HIDDEN
+    ),
 )
 FINGER_LINES = (
     *(GloveLine(method, name, 0, (PUBLISHED_STILL[method], *_NONE[1:])) for method, name in _STILL.items()),
@@ -80,19 +98,11 @@ FINGER_LINES = (
 
 def marker_report(table: GloveTable) -> Report:
     """Table 3, with the ratios of network and last known position."""
-    ratios = {
-        f"ratio_{hidden}_{duration:.1f}{table.suffix(group)}": _ratio(table, hidden, duration, group)
-        for group in table.groups
-        for hidden in HIDDEN
-        for duration in DURATIONS
-    }
     return _report(
         table,
         "gloves-table3",
         "Table 3: hidden markers of a glove on the last frame before they return",
         MARKER_LINES,
-        more_rows=partial(_ratio_rows, table),
-        more_numbers=ratios,
         remarks=_marker_remarks(table),
         caption=f"Mean error of hidden markers, cm; {SEEDS} seeds, a trial every {STRIDE / 60:g} s each. Last known is "
         "where they were in the world, so that all of a hand's way counts; last shape, where they were on the hand.",
@@ -123,28 +133,28 @@ def _report(
     title: str,
     lines: Sequence[GloveLine],
     remarks: Iterable[str],
-    more_rows: Callable[[str], Iterable[tuple[Cell, ...]]] = lambda group: (),
-    more_numbers: Mapping[str, float] = MappingProxyType({}),
     **more: Any,
 ) -> Report:
-    """Return a table by duration, ours and the paper's; rows of unseen hands come last.
-
-    `more_rows` gives more rows of a group.
-    """
+    """Return a table by duration, ours and the paper's; rows of unseen hands come last."""
     made = f"Synthesised: {table.synthesised} different hands, {SYNTHETIC_SECONDS:g} s each, of a seed of their own."
     data = (made,)
     if table.data is not None:
         data = (describe(table.data, table.census), f"{made} Their keys end in _{SYNTHESISED}.")
     durations = [f"{duration:g} s" for duration in DURATIONS]
-    rows, numbers = list[tuple[Cell, ...]](), dict(more_numbers)
+    rows, numbers = list[tuple[Cell, ...]](), dict[str, float]()
     for group in table.groups:
         for line in lines:
-            keys = line.keys()
-            ours = (*(cell(table.get(*key, group)) for key in keys.values()), *_NONE[len(keys) :])
-            rows.append((_motion(table, group), line.name, str(line.hidden), *ours, *line.published))
-            for key, of in keys.items():
-                numbers |= table.means.figures(f"{key}{table.suffix(group)}", group, *of)
-        rows += more_rows(group)
+            ours: list[Cell] = []
+            for duration in line.durations:
+                key = f"{line.key(duration)}{table.suffix(group)}"
+                if not line.is_ratio:
+                    figures = table.means.figures(key, group, line.method, line.hidden, duration)
+                else:
+                    figures = {key: _ratio(table, line.hidden, duration, group)}
+                ours.append(cell(figures[key]))
+                numbers |= figures
+            blank = _NONE[len(ours) :]
+            rows.append((_motion(table, group), line.name, str(line.hidden), *ours, *blank, *line.published))
     return Report(
         name=name,
         title=f"Two hands, {title}",
@@ -181,13 +191,6 @@ def _motion(table: GloveTable, group: str) -> str:
     return group if group == SYNTHESISED or table.data is None else f"{table.data.name}, {group}"
 
 
-def _ratio_rows(table: GloveTable, group: str) -> Iterator[tuple[Cell, ...]]:
-    for hidden in HIDDEN:
-        ours = (cell(_ratio(table, hidden, duration, group)) for duration in DURATIONS)
-        theirs = (published_ratio(hidden, duration) for duration in DURATIONS)
-        yield (_motion(table, group), "network ÷ last known", str(hidden), *ours, *theirs)
-
-
 def _foreign_rows(table: GloveTable) -> Iterator[tuple[Cell, ...]]:
     """Return the rows of unseen hands."""
     for place, label in PLACES.items():
@@ -198,12 +201,6 @@ def _foreign_rows(table: GloveTable) -> Iterator[tuple[Cell, ...]]:
                 row = [table.get(way, hidden, duration, place) for duration in DURATIONS]
                 if any(map(math.isfinite, row)):
                     yield (label, name, str(hidden), *map(cell, row), *_NONE)
-
-
-def published_ratio(hidden: int, duration: float) -> float:
-    """Network ÷ last known position by the paper's table."""
-    place = DURATIONS.index(duration)
-    return PUBLISHED_MARKERS["nn", hidden][place] / PUBLISHED_MARKERS["lk", hidden][place]
 
 
 def _ratio(table: GloveTable, hidden: int, duration: float, group: str | None = None) -> float:
