@@ -73,6 +73,12 @@ class Claim:
     higher: tuple[Compared, ...]
 
 
+def claim(text: str, names: Mapping[str, str], place: At, lower: str, *higher: str, figure: int = 0) -> Claim:
+    """Return the claim that a method has a smaller figure than others at the same place; `names` are the methods'."""
+    one, *others = (Compared(names[method], place, method, figure) for method in (lower, *higher))
+    return Claim(text, one, tuple(others))
+
+
 @dataclass(frozen=True)
 class BarChart:
     """A panel: bars of a figure, by label, of (place, method)."""

@@ -9,11 +9,11 @@ from bodysense_lab.datasets import DataSet, describe, missing
 from bodysense_lab.score_table import (
     BarChart,
     Claim,
-    Compared,
     Published,
     ScoreColumn,
     ScoreRow,
     ScoreTable,
+    claim,
     pairs,
     score_report,
 )
@@ -28,6 +28,7 @@ OWN_NAMES = {
     "best": "shipped, before IK",
     "tracker": "shipped",
 }
+NAMES = OWN_NAMES | {name: variant.title for name, variant in VARIANTS.items()}
 PLACES: dict[At, ScoreRow] = {
     **{
         (part, share): ScoreRow(f"{label}, {share}", f"{key}_{share}")
@@ -53,15 +54,9 @@ _BOTH: At = ("body_and_finger", "occluded")
 _ALL: At = ("body", "all")
 
 
-def name_of(method: str) -> str:
-    """Return the label of a method."""
-    return OWN_NAMES[method] if method in OWN_NAMES else VARIANTS[method].title
-
-
 def _claim(text: str, lower: str, higher: Collection[str], at: At = _BODY, figure: int = 0) -> Claim:
     """A claim on methods at one place."""
-    one, *others = (Compared(name_of(method), at, method, figure) for method in (lower, *higher))
-    return Claim(text, one, tuple(others))
+    return claim(text, NAMES, at, lower, *higher, figure=figure)
 
 
 def _table(
@@ -74,7 +69,7 @@ def _table(
     **more: Any,
 ) -> ScoreTable:
     """A table with rows as the paper prints them, 'RMSJPE/MPJPE' of every place; `extra` are methods of ours."""
-    methods = {method: name_of(method) for method in (*published, *extra)}
+    methods = {method: NAMES[method] for method in (*published, *extra)}
     cells = {(at, method): pair for method, row in published.items() for at, pair in zip(rows, pairs(row), strict=True)}
     return ScoreTable(
         f"unoc-table{number}",

@@ -33,6 +33,7 @@ from bodysense_lab.score_table import (
     ScoreColumn,
     ScoreRow,
     ScoreTable,
+    claim,
     pairs,
     score_report,
 )
@@ -96,11 +97,7 @@ TABLE = ScoreTable(
     ),
     claims=(
         *(
-            Claim(
-                f"{joints}, {label}: the network is better than IK",
-                Compared("network", (poses, joints), "network"),
-                (Compared("IK", (poses, joints), "ik"),),
-            )
+            claim(f"{joints}, {label}: the network is better than IK", METHODS, (poses, joints), "network", "ik")
             for poses, label in POSES.items()
             for joints in JOINTS
         ),
