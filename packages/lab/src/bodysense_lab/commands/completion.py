@@ -148,8 +148,8 @@ def completion_table(
         raise BodysenseError("--joining-model: only takes have two answers to join; give --takes as well")
     if not bodies:
         raise BodysenseError(f"--bodies: give at least one of {', '.join(BODIES)}")
-    for drawn in filter(None, (picture, sheet)):
-        check_ending(drawn, ".png", what="a picture")
+    for path in filter(None, (picture, sheet)):
+        check_ending(path, ".png", what="a picture")
     check_places(json, csv, picture, sheet)
     track = TrackedBy(model)
     both_ways = TakenBy(model, backward_model, joining_model) if takes else None
