@@ -28,21 +28,18 @@ def hidden(numbers: Numbers) -> str:
     rows = []
     for group in GROUPS_HIDDEN:
         ours = [f"{100 * numbers[f'{category}_{group}_hidden']:.0f} %" for category in categories]
-        published = [column.hiding[group].ratio for column in PUBLISHED]
+        published = [column.figures.get(f"{group}_hidden") for column in PUBLISHED]
         rows.append([group, *ours, *("–" if ratio is None else f"{100 * ratio:.0f} %" for ratio in published)])
     for name, label in (("self_contact", "self-contact"), ("hand_contact", "hand-body contact")):
         ours = [f"{100 * numbers[f'{category}_{name}']:.0f} %" for category in categories]
-        published = [getattr(column, name) for column in PUBLISHED]
+        published = [column.figures.get(name) for column in PUBLISHED]
         rows.append([label, *ours, *("–" if ratio is None else f"{100 * ratio:.0f} %" for ratio in published)])
     heads = [*categories, *(f"{column.name}, published" for column in PUBLISHED)]
-    spans = [
-        [
-            group,
-            *(f"{numbers[f'{category}_{group}_seconds']:.2f}" for category in categories),
-            *("–" if (span := column.hiding[group].duration) is None else f"{span:.2f}" for column in PUBLISHED),
-        ]
-        for group in GROUPS_HIDDEN
-    ]
+    spans = []
+    for group in GROUPS_HIDDEN:
+        ours = [f"{numbers[f'{category}_{group}_seconds']:.2f}" for category in categories]
+        published = [column.figures.get(f"{group}_seconds") for column in PUBLISHED]
+        spans.append([group, *ours, *("–" if span is None else f"{span:.2f}" for span in published)])
     amount = "; ".join(
         f"{column.name} {column.frames:,} frames at {column.frame_rates[0]:g} Hz" for column in PUBLISHED
     )
@@ -61,7 +58,7 @@ def cameras(*shares: Numbers) -> str:
         ]
         for numbers, label in zip(shares, CAMERAS.values(), strict=True)
     ]
-    ratios = [[column.hiding[group].ratio for column in PUBLISHED] for group in GROUPS_HIDDEN[:6]]
+    ratios = [[column.figures.get(f"{group}_hidden") for column in PUBLISHED] for group in GROUPS_HIDDEN[:6]]
     found = [[ratio for ratio in row if ratio is not None] for row in ratios]
     rows.append(["published, by data set", *(f"{100 * min(row):.0f}-{100 * max(row):.0f}" for row in found)])
     return markdown(["%, talk_gesture / sit", *GROUPS_HIDDEN[:6]], rows)

@@ -17,6 +17,7 @@ from bodysense.io.holes import missing_items
 from bodysense.take import track
 from bodysense_lab import holes
 from bodysense_lab.chart import draw_panels
+from bodysense_lab.tallies import Tallies
 
 
 def clip_of(seconds: float) -> Clip:
@@ -28,20 +29,19 @@ def clip_of(seconds: float) -> Clip:
 def test_every_part_is_taken_away_from_clips_that_are_long_enough() -> None:
     seen: list[Clip] = []
     gaps = holes.score_holes([clip_of(2.6)], advance=seen.append)
-    assert len(seen) == 1 and {gap.seconds for gap in gaps} == {0.1, 0.2, 0.5}
-    assert {gap.part for gap in gaps} == set(holes.PARTS) and {gap.method for gap in gaps} == set(holes.METHODS)
-    assert all(0 <= gap.error < 1 for gap in gaps)
+    assert len(seen) == 1
+    assert set(gaps) == {(p, s, m) for p in holes.PARTS for s in (0.1, 0.2, 0.5) for m in holes.METHODS}
+    assert all(tally.count == 1 and 0 <= tally.mpjpe < 100 for tally in gaps.values())
 
 
 def test_the_numbers_name_part_and_seconds_and_the_best_of_the_others(tmp_path: Path) -> None:
     errors = {"bodysense": 0.01, "slerp": 0.03, "cubic spline": 0.02, "inertialised": 0.025}
     errors |= {"intercorrelated": 0.035, "causal": 0.04}
-    gaps = [
-        holes.Gap(part, 0.5, method, more + error, person)
-        for part in holes.PARTS
-        for method, error in errors.items()
-        for person, more in (("one", 0.0), ("other", 0.0))
-    ]
+    gaps = Tallies()
+    for part in holes.PARTS:
+        for method, error in errors.items():
+            for person in ("one", "other"):
+                gaps.add((part, 0.5, method), np.array(100 * error), person)
     report = holes.report_of(gaps, "made up")
     assert [row[:3] for row in report.rows] == [(part.replace("_", " "), "0.5 s", 2) for part in holes.PARTS]
     assert report.numbers["upper_body_0.5_cm"] == pytest.approx(1.0)

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from bodysense.io.bvh import write_bvh
 from bodysense.io.clip import Clip
-from bodysense.io.datasets.splits import split_of
+
+from ..conftest import write_people
 
 SMALL = ("--width", 16, "--layers", 1, "--spatial-width", 8, "--spatial-layers", 1, "--epochs", 1, "--batch", 4)
 
@@ -17,11 +17,7 @@ SMALL = ("--width", 16, "--layers", 1, "--spatial-width", 8, "--spatial-layers",
 @pytest.fixture
 def people(tmp_path: Path, waving_clip: Clip) -> Path:
     """Somebody of every split."""
-    for split in ("train", "val", "test"):
-        person = next(f"p{number}" for number in range(100) if split_of(f"p{number}") == split)
-        (tmp_path / "data" / person).mkdir(parents=True)
-        write_bvh(tmp_path / "data" / person / "waving.bvh", waving_clip)
-    return tmp_path / "data"
+    return write_people(tmp_path / "data", {split: {"waving": waving_clip} for split in ("train", "val", "test")})
 
 
 @pytest.mark.slow

@@ -14,10 +14,10 @@ import pytest
 
 from bodysense.cli import main
 from bodysense.demo import packaged_performance
-from bodysense.io.bvh import write_bvh
-from bodysense.io.datasets.splits import split_of
 from bodysense_lab import fit
 from bodysense_lab.completion import publish
+
+from ..conftest import write_people
 
 # The command's options, its log, and what it writes. `fingers` is trained as `upper-body` is, tables as their networks.
 TRAININGS = {
@@ -80,12 +80,8 @@ def stop_after_first_checkpoint(arguments: list[str]) -> None:
 def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Three seconds of the packaged performance, of a person in training and of one in validation."""
     folder, clip = tmp_path_factory.mktemp("data"), packaged_performance()
-    for number, split in enumerate(("train", "val")):
-        person = next(name for name in map(str, range(99)) if split_of(name) == split)
-        (folder / person).mkdir()
-        frames = slice(100 + 200 * number, 200 + 200 * number)
-        write_bvh(folder / person / "moving.bvh", replace(clip, pose=clip.pose[frames]))
-    return folder
+    learned, watched = (replace(clip, pose=clip.pose[first : first + 100]) for first in (100, 300))
+    return write_people(folder, {"train": {"moving": learned}, "val": {"moving": watched}})
 
 
 @pytest.mark.slow

@@ -14,7 +14,7 @@ from bodysense_lab.score_table import ScoreTable
 from bodysense_lab.scoring import Tally
 from bodysense_lab.tallies import Tallies
 from bodysense_lab.unoc.kept_scores import Scores
-from bodysense_lab.unoc.tables import OWN_NAMES, TABLE_2, TABLE_3, TABLE_4, network_report, without_networks
+from bodysense_lab.unoc.tables import OWN_NAMES, TABLE_2, TABLE_3, TABLE_4, network_report
 from bodysense_lab.unoc.variants import TABLES
 
 ALL = (TABLE_2, TABLE_3, TABLE_4)
@@ -89,9 +89,9 @@ def test_changes_of_table_4(data: DataSet) -> None:
 
 
 def test_without_networks_our_own_methods_remain(data: DataSet) -> None:
-    alone = without_networks(TABLE_2)
-    report = network_report(alone, scores_of(alone, {}), data)
+    scores = scores_of(TABLE_2, {})
+    report = network_report(TABLE_2, {name: one for name, one in scores.items() if name not in TABLES["2"]}, data)
     assert {row[1] for row in report.rows} == set(OWN_NAMES.values())
     assert not [text for text in report.remarks if "GRU" in text]
     bars = {panel.groups for panel in report.panels if isinstance(panel, BarPanel)}
-    assert bars == {tuple(alone.methods.values())}
+    assert bars == {tuple(OWN_NAMES.values())}

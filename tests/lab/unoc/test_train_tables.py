@@ -10,9 +10,7 @@ import pytest
 
 from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError
-from bodysense.io.bvh import write_bvh
 from bodysense.io.clip import Clip
-from bodysense.io.datasets.splits import split_of
 from bodysense_lab.unoc import train_tables as tables
 from bodysense_lab.unoc import variants
 from bodysense_lab.unoc.network import PAPER, BodyNetworkConfig, read_weights
@@ -21,17 +19,16 @@ from bodysense_lab.unoc.task import Episode
 from bodysense_lab.unoc.train_tables import cached_episodes, chosen_networks, schedule_of, train_tables
 from bodysense_lab.unoc.variants import TABLES, VARIANTS, Variant
 
+from ..conftest import write_people
+
 SMALL = replace(PAPER, hidden=4, branch=(4,), judge_branch=(4,), window=9)
 
 
 @pytest.fixture
 def folder(tmp_path: Path, waving_clip: Clip) -> Path:
     """A person to train on and one to watch."""
-    for split in ("train", "val"):
-        person = next(name for name in map(str, range(99)) if split_of(name) == split)
-        (tmp_path / "data" / person).mkdir(parents=True)
-        write_bvh(tmp_path / "data" / person / "waving.bvh", waving_clip)
-    return tmp_path / "data"
+    waving = {"waving": waving_clip}
+    return write_people(tmp_path / "data", {"train": waving, "val": waving})
 
 
 @pytest.fixture

@@ -32,7 +32,8 @@ from bodysense.io.resample import resample
 from bodysense.metrics import jitter, joint_error, velocity_error
 from bodysense_lab.completion.tracking import TrackPeople
 from bodysense_lab.hmd_vae.tables import PUBLISHED
-from bodysense_lab.intervals import Interval, interval
+from bodysense_lab.intervals import Interval
+from bodysense_lab.scoring import Tally
 from bodysense_lab.table import Cell, Report
 
 RATE = 60.0  # Hz
@@ -167,10 +168,10 @@ def measure(
 
 def mpjpe_interval(people: Sequence[str], scores: Sequence[dict[str, float]]) -> Interval:
     """Return the mean MPJPE over clips and its interval, drawn over people; `people` are those of the clips."""
-    errors: dict[str, list[float]] = {}
+    errors = Tally()
     for person, one in zip(people, scores, strict=True):
-        errors.setdefault(person, []).append(one["mpjpe_cm"])
-    return interval({person: (float(np.mean(theirs)), len(theirs)) for person, theirs in errors.items()})
+        errors.add(np.array(one["mpjpe_cm"]), person)
+    return errors.interval()
 
 
 def report_of(scores: Sequence[dict[str, float]], remarks: Sequence[str], network: str) -> Report:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -27,8 +27,9 @@ from bodysense.io.resample import resample
 from bodysense.tracker import TrackerSettings
 from bodysense.two_way import TwoWayTracker
 from bodysense_lab.chart import BarPanel, plain_bars
-from bodysense_lab.intervals import Interval, interval
+from bodysense_lab.intervals import interval
 from bodysense_lab.table import Cell, Report, finite
+from bodysense_lab.tallies import Tallies
 
 RATE, LEAD = 30.0, 1.0  # Hz; s of known frames that are used on either side of a gap
 SECONDS = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)
@@ -58,33 +59,27 @@ OTHERS = ("slerp", "cubic spline", "inertialised", "intercorrelated", "causal")
 METHODS = (OURS, *OTHERS)  # the intercorrelation gives places alone
 
 
-@dataclass(frozen=True)
-class Gap:
-    """One gap, filled."""
-
-    part: str
-    seconds: float
-    method: str
-    error: float  # m, mean of the points over the gap
-    person: str
-
-
 def score_holes(
     clips: Iterable[Clip],
     seed: int = 1,
     parts: Sequence[str] = tuple(PARTS),
     advance: Callable[[Clip], None] = lambda clip: None,
-) -> list[Gap]:
-    """Fill a gap of each part and length in every clip that is long enough; its place is drawn."""
-    rng, found = np.random.default_rng(seed), []
+) -> Tallies:
+    """Fill a gap of each part and length in every clip that is long enough; its place is drawn.
+
+    Returns errors, cm, under (part, seconds, method); one for each gap, the mean of the part's points.
+    """
+    rng, found = np.random.default_rng(seed), Tallies()
     for clip in clips:
-        for gap in _gaps_in(resample(clip, RATE), parts, rng):
-            found += score_gap(*gap)
+        at_rate = resample(clip, RATE)
+        for part, seconds, begin in _gaps_in(at_rate, parts, rng):
+            for method, error in score_gap(at_rate, part, seconds, begin).items():
+                found.add((part, seconds, method), np.array(100 * error), clip.person or "unknown")
         advance(clip)
     return found
 
 
-def _gaps_in(clip: Clip, parts: Sequence[str], rng: np.random.Generator) -> Iterator[tuple[Clip, str, float, int]]:
+def _gaps_in(clip: Clip, parts: Sequence[str], rng: np.random.Generator) -> Iterator[tuple[str, float, int]]:
     """For each part and length: where a gap begins, with `LEAD` known seconds on either side."""
     lead = round(LEAD * RATE)
     for part in parts:
@@ -92,13 +87,13 @@ def _gaps_in(clip: Clip, parts: Sequence[str], rng: np.random.Generator) -> Iter
             count = round(seconds * RATE)
             if len(clip) < count + 2 * lead or (part == "fingers" and not clip.has_fingers):
                 continue
-            yield clip, part, seconds, lead + int(rng.integers(0, len(clip) - count - 2 * lead + 1))
+            yield part, seconds, lead + int(rng.integers(0, len(clip) - count - 2 * lead + 1))
 
 
-def score_gap(clip: Clip, part: str, seconds: float, begin: int) -> list[Gap]:
-    """A gap of a part from frame `begin` on, filled by every method.
+def score_gap(clip: Clip, part: str, seconds: float, begin: int) -> dict[str, float]:
+    """Return the mean error, m, of a part's points in a gap from frame `begin` on, by method.
 
-    All of them are given `LEAD` seconds on either side, the intercorrelation the whole clip.
+    All methods are given `LEAD` seconds on either side, the intercorrelation the whole clip.
     """
     roots, points = PARTS[part]
     first, count = round(LEAD * RATE), round(seconds * RATE)
@@ -117,10 +112,7 @@ def score_gap(clip: Clip, part: str, seconds: float, begin: int) -> list[Gap]:
     carrier = skeleton.parents[skeleton.index(roots[0])]
     found["intercorrelated"] = intercorrelated(clip.pose, carrier, gone, begin, begin + count)[:, places]
     truth = place(np.asarray(near.pose.rotation))
-    return [
-        Gap(part, seconds, method, float(np.linalg.norm(found[method] - truth, axis=-1).mean()), clip.person)
-        for method in METHODS
-    ]
+    return {method: float(np.linalg.norm(found[method] - truth, axis=-1).mean()) for method in METHODS}
 
 
 def filled_by_all(partial: PartialMotion) -> dict[str, np.ndarray]:
@@ -235,7 +227,7 @@ def _turn(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return np.asarray(quaternion_log(quaternion_multiply(np.broadcast_to(quaternion_conjugate(a), b.shape), b)))
 
 
-def report_of(gaps: list[Gap], name: str) -> Report:
+def report_of(gaps: Tallies, name: str) -> Report:
     """The table: a row a part and length, with intervals over people."""
     rows: list[tuple[Cell, ...]] = []
     numbers: dict[str, float] = {}
@@ -243,21 +235,20 @@ def report_of(gaps: list[Gap], name: str) -> Report:
     errors: dict[str, list[float]] = {OURS: [], "best other": []}
     for part in PARTS:
         for seconds in SECONDS:
-            those = [gap for gap in gaps if (gap.part, gap.seconds) == (part, seconds)]
-            if not those:
+            found = {method: gaps[part, seconds, method] for method in METHODS}
+            ours, count = found[OURS], int(found[OURS].count)
+            if not count:
                 continue
-            each = {m: _by_person([gap for gap in those if gap.method == m]) for m in METHODS}
-            found = {m: interval(each[m]) for m in METHODS}
-            best = min(OTHERS, key=lambda other: found[other].value)
-            more, words, key = interval(each[OURS], each[best]), part.replace("_", " "), f"{part}_{seconds:g}"
-            means = [found[m].value for m in METHODS]
-            rows.append((words, f"{seconds:g} s", len(those) // len(METHODS), *means, _lies(more)))
+            best = min((found[other] for other in OTHERS), key=lambda other: other.mpjpe)
+            own, more = ours.interval(), interval(ours.shares(), best.shares())
+            words, key = part.replace("_", " "), f"{part}_{seconds:g}"
+            more_text = f"{more.low:+.2f} to {more.high:+.2f}"
+            rows.append((words, f"{seconds:g} s", count, *(one.mpjpe for one in found.values()), more_text))
             labels.append(f"{words} {seconds:g} s")
-            numbers |= {f"{key}_cm": means[0], f"{key}_best_other_cm": found[best].value}
-            numbers |= {f"{key}_gaps": float(len(those) // len(METHODS))}
-            numbers |= {f"{key}_low_cm": found[OURS].low, f"{key}_high_cm": found[OURS].high}
-            errors[OURS].append(means[0])
-            errors["best other"].append(found[best].value)
+            numbers |= {f"{key}_cm": ours.mpjpe, f"{key}_best_other_cm": best.mpjpe, f"{key}_gaps": float(count)}
+            numbers |= {f"{key}_low_cm": own.low, f"{key}_high_cm": own.high}
+            errors[OURS].append(ours.mpjpe)
+            errors["best other"].append(best.mpjpe)
     return Report(
         name="holes",
         title=f"Parts missing in {name}, cm",
@@ -271,16 +262,3 @@ def report_of(gaps: list[Gap], name: str) -> Report:
         digits=2,
         panels=(BarPanel("error, cm", tuple(labels), tuple(plain_bars(*one) for one in errors.items()), "cm"),),
     )
-
-
-def _by_person(gaps: list[Gap]) -> Mapping[str, tuple[float, float]]:
-    """Mean error in cm of each person, and its number of gaps."""
-    errors: dict[str, list[float]] = {}
-    for gap in gaps:
-        errors.setdefault(gap.person, []).append(100 * gap.error)
-    return {person: (float(np.mean(each)), float(len(each))) for person, each in errors.items()}
-
-
-def _lies(more: Interval) -> str:
-    """An interval in words."""
-    return f"{more.low:+.2f} to {more.high:+.2f}"

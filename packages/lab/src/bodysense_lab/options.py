@@ -134,14 +134,7 @@ Data = Annotated[
     str, tyro.conf.arg(help="folder of motion files or a prepared store; NAME=FOLDER names it in the table")
 ]
 Stride = Annotated[Count, tyro.conf.arg(help="score every n-th frame")]
-
-
-@dataclass(frozen=True, kw_only=True)
-class MotionEvaluation:
-    """A table of recorded motion."""
-
-    data: str
-    """folder of motion files or a prepared store; NAME=FOLDER names it in the table"""
+Json = Annotated[Path | None, tyro.conf.arg(help="file for the numbers, as one flat object")]
 
 
 def trial_of(run: T) -> T:

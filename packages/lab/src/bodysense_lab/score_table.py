@@ -13,7 +13,7 @@ from typing import Any, Literal
 from bodysense_lab.chart import BarPanel, plain_bars
 from bodysense_lab.datasets import Census
 from bodysense_lab.intervals import Named
-from bodysense_lab.scoring import GROUPS, Measure, Tally
+from bodysense_lab.scoring import GROUPS, Measure, Tally, suffix_of
 from bodysense_lab.table import Cell, Report, bounds, cell, finite, ordering, surely
 
 At = Any  # the key of a place: a text or several
@@ -73,6 +73,12 @@ class Claim:
     higher: tuple[Compared, ...]
 
 
+def claim(text: str, names: Mapping[str, str], place: At, lower: str, *higher: str, figure: int = 0) -> Claim:
+    """Return the claim that a method has a smaller figure than others at the same place; `names` are the methods'."""
+    one, *others = (Compared(names[method], place, method, figure) for method in (lower, *higher))
+    return Claim(text, one, tuple(others))
+
+
 @dataclass(frozen=True)
 class BarChart:
     """A panel: bars of a figure, by label, of (place, method)."""
@@ -106,6 +112,11 @@ class ScoreTable:
     published_rows: bool = False  # whether rows without figures of ours are kept, after the others of a place
     unit: str = "cm"  # of the claims
     digits: int = 1
+
+
+def pairs(text: str) -> list[tuple[float, ...]]:
+    """Return published figures: of "5.9/4.0 4.3/3.1" (5.9, 4.0) and (4.3, 3.1)."""
+    return [tuple(map(float, pair.split("/"))) for pair in text.split()]
 
 
 def score_report(
@@ -164,7 +175,7 @@ def flat_numbers(table: ScoreTable, scores: Cells) -> dict[str, float]:
             continue
         for figure in table.figures:
             if figure.measure == measure and figure.key is not None:
-                key = figure.key.format(method=method, place=where) + ("" if group == "main" else f"_{group}")
+                key = figure.key.format(method=method, place=where) + suffix_of(group)
                 numbers[key] = getattr(tally, figure.average)
                 if figure.bounded:
                     numbers |= surely({key: tally.interval(_averaged(figure))})

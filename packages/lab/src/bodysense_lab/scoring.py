@@ -8,7 +8,6 @@ from typing import Literal
 
 import numpy as np
 
-from bodysense.body.pose import Pose
 from bodysense.body.skeleton import Skeleton
 from bodysense.io.clip import Clip
 from bodysense.metrics import joint_error
@@ -83,7 +82,6 @@ class TrackedClip:
 
     clip: Clip  # the truth, at 30 Hz
     observation: Observation
-    pose: Pose  # of the tracker
     position: dict[str, np.ndarray]  # method → (T, P, 3) m
 
 
@@ -120,3 +118,8 @@ def group_of(clip: Clip) -> str:
 def group_named(category: str) -> str:
     """The one of `GROUPS` with which clips of a category are scored."""
     return "main" if category in (*MAIN, "") else category if category in GROUPS else "other"
+
+
+def suffix_of(group: str) -> str:
+    """Return the end of the keys of a group of categories."""
+    return "" if group == "main" else f"_{group}"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -68,8 +68,13 @@ def ordering(claim: str, lower: Named, higher: Sequence[Named], unit: str, digit
 
 
 def write_csv(path: str | Path, report: Report) -> None:
-    """The table, unrounded; empty cells where there is no figure."""
+    """Write the table, unrounded; cells without a figure are empty."""
+    write_rows(path, report.columns, report.rows)
+
+
+def write_rows(path: str | Path, columns: Sequence[str], rows: Iterable[Sequence[Cell]]) -> None:
+    """Write rows as CSV below the names of their columns; None is an empty cell."""
     with written_beside(path) as beside, beside.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
-        writer.writerow(report.columns)
-        writer.writerows(["" if one is None else one for one in row] for row in report.rows)
+        writer.writerow(columns)
+        writer.writerows(rows)

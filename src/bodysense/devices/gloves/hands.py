@@ -23,6 +23,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -61,9 +62,9 @@ class GloveModels:
     joints: HandNetwork
 
 
-def load_glove_models() -> GloveModels:
-    """Load the packaged networks."""
-    return GloveModels(load_marker_network(), load_joint_network())
+def load_glove_models(markers: str | Path | None = None, joints: str | Path | None = None) -> GloveModels:
+    """Load both networks: paths, or None for packaged ones. Raises BodysenseError for other files."""
+    return GloveModels(load_marker_network(markers), load_joint_network(joints))
 
 
 @dataclass(frozen=True)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -13,7 +11,7 @@ import tyro
 
 from bodysense.errors import BodysenseError
 from bodysense.ranges import Count, Seed
-from bodysense_lab.commands.reporting import check_outputs, counting, finish, open_data, progress_over
+from bodysense_lab.commands.reporting import check_outputs, counting, finish, open_data
 from bodysense_lab.options import Flat, Table, TableOptions
 from bodysense_lab.two_hands.options import GloveTraining
 
@@ -21,7 +19,10 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from bodysense_lab.datasets import Census, DataSet
+    from bodysense_lab.table import Report
     from bodysense_lab.two_hands.hand_pairs import Figures, Piece, Work
+    from bodysense_lab.two_hands.scores import GloveTable, HandTask
+    from bodysense_lab.two_hands.trials import HandErrors
 
 F = TypeVar("F", bound="Figures")
 Hands = Annotated[
@@ -67,17 +68,13 @@ def gloves_occlusion(
     recorded hands are counted.
     """
     from bodysense.devices.simulated.camera_ring import CameraRing
-    from bodysense_lab.datasets import Census
+    from bodysense_lab.two_hands.hand_pairs import SYNTHESISED
     from bodysense_lab.two_hands.occlusion import SYNTHESISED_PIECES, count_pair, occlusion_report
 
     ring = CameraRing(count=cameras)
-    work = partial(count_pair, cameras=ring)
-    check_outputs(table)
-    if data is not None:
-        chosen, counted, census = _recorded_pairs(work, data, table)
-    else:
-        chosen, census = None, Census()
-        counted = {"main": _synthesised_pairs(work, _seeds(seed, SYNTHESISED_PIECES, table), table)}
+    seeds = _seeds(seed, SYNTHESISED_PIECES, table) if data is None else []
+    chosen, found, census = _pairs(partial(count_pair, cameras=ring), data, seeds, table)
+    counted = found if data is not None else {"main": found[SYNTHESISED]}
     finish(occlusion_report(counted, ring, chosen, census), table)
 
 
@@ -94,21 +91,17 @@ def gloves_limits(
     Two hands are watched by a ring of cameras and completed with and without the contact step; wrong samples are
     believed or rejected; markers that have lost their names are named again.
     """
+    from bodysense.devices.gloves.hands import load_glove_models
     from bodysense.devices.simulated.camera_ring import CameraRing
-    from bodysense_lab.datasets import Census
     from bodysense_lab.two_hands.hand_pairs import SYNTHESISED_SECONDS
-    from bodysense_lab.two_hands.limits import SYNTHESISED_PIECES, Findings, Networks, measure_limits, open_networks
-    from bodysense_lab.two_hands.limits_report import SYNTHESISED, limits_report
+    from bodysense_lab.two_hands.limits import SYNTHESISED_PIECES, measure_limits
+    from bodysense_lab.two_hands.limits_report import limits_report
 
-    ring, networks = CameraRing(count=cameras), Networks(markers, joints)
-    open_networks(networks)  # files that are no networks are refused before the work
-    work = partial(measure_limits, networks=networks, cameras=ring)
-    check_outputs(table)
-    chosen, found, census = None, dict[str, Findings](), Census()
-    if data is not None:
-        chosen, found, census = _recorded_pairs(work, data, table)
+    ring = CameraRing(count=cameras)
+    load_glove_models(markers, joints)  # other files are refused before the work
+    work = partial(measure_limits, cameras=ring, markers=markers, joints=joints)
     seeds = _seeds(seed, SYNTHESISED_PIECES, table)
-    found[SYNTHESISED] = _synthesised_pairs(work, seeds, table)
+    chosen, found, census = _pairs(work, data, seeds, table)
     finish(limits_report(found, ring, chosen, census, len(seeds) * SYNTHESISED_SECONDS), table)
 
 
@@ -119,11 +112,12 @@ def gloves_table3(
 
     One to four markers are hidden for 0.1 to 2 s.
     """
-    from bodysense_lab.two_hands.tables import table3
+    from bodysense.devices.gloves.networks import load_marker_network
+    from bodysense_lab.two_hands.scores import measure_markers
+    from bodysense_lab.two_hands.tables import marker_report
 
-    with _hands(data, table) as (chosen, synthesised, advance):
-        report = table3(chosen, synthesised, model, table.processes, advance, left_out)
-    finish(report, table)
+    load_marker_network(model)  # another file is refused before the work
+    _score_hands(partial(measure_markers, model=model, left_out=left_out), marker_report, data, table)
 
 
 def gloves_table4(
@@ -134,11 +128,13 @@ def gloves_table4(
     table: Table = TableOptions(),
 ) -> None:
     """Two hands, Table 4: finger joints by cyclic coordinate descent, and by the run time with hidden markers."""
-    from bodysense_lab.two_hands.tables import table4
+    from bodysense.devices.gloves.hands import load_glove_models
+    from bodysense_lab.two_hands.scores import measure_fingers
+    from bodysense_lab.two_hands.tables import finger_report
 
-    with _hands(data, table) as (chosen, synthesised, advance):
-        report = table4(chosen, synthesised, markers, joints, table.processes, advance, left_out)
-    finish(report, table)
+    load_glove_models(markers, joints)  # other files are refused before the work
+    work = partial(measure_fingers, markers=markers, joints=joints, left_out=left_out)
+    _score_hands(work, finger_report, data, table)
 
 
 def gloves_fusion(
@@ -152,12 +148,12 @@ def gloves_fusion(
 
     The hands are unseen: left out of training (--left-out), or drawn from the hand shape space.
     """
-    from bodysense_lab.two_hands.fusion import fusion_table
+    from bodysense.devices.gloves.hands import load_glove_models
+    from bodysense_lab.two_hands.fusion import fusion_report, measure_fusion
 
-    with _hands(data, table) as (chosen, synthesised, advance):
-        made = synthesised if chosen is None else 0
-        report = fusion_table(chosen, made, markers, joints, table.processes, advance, left_out)
-    finish(report, table)
+    load_glove_models(markers, joints)  # other files are refused before the work
+    work = partial(measure_fusion, markers=markers, joints=joints, left_out=left_out)
+    _score_hands(work, fusion_report, data, table, by_person=True)
 
 
 def gloves_settings(data: Hands = None, table: Table = TableOptions(split="val")) -> None:
@@ -165,11 +161,9 @@ def gloves_settings(data: Hands = None, table: Table = TableOptions(split="val")
 
     Hands are drawn with a seed of their own, and move as those of the validation split.
     """
-    from bodysense_lab.two_hands.choice import settings_table
+    from bodysense_lab.two_hands.choice import measure_settings, settings_report
 
-    with _hands(data, table) as (chosen, synthesised, advance):
-        report = settings_table(chosen, synthesised if chosen is None else 0, table.processes, advance)
-    finish(report, table)
+    _score_hands(measure_settings, settings_report, data, table, by_person=True)
 
 
 def gloves_layouts(hands: Count | None = None, table: Table = TableOptions()) -> None:
@@ -188,34 +182,50 @@ def gloves_layouts(hands: Count | None = None, table: Table = TableOptions()) ->
 
 
 def _seeds(seed: Seed, pieces: int, table: TableOptions) -> list[Piece]:
-    """The pieces of synthesised motion of a table: one with --quick."""
+    """Return the pieces of synthesised motion of a table: one with --quick."""
     return [(seed, piece) for piece in range(1 if table.quick else pieces)]
 
 
-def _recorded_pairs(work: Work[F], data: str, table: TableOptions) -> tuple[DataSet, dict[str, F], Census]:
-    """The data, and its figures by group. Raises BodysenseError if no clip has fingers."""
-    from bodysense_lab.two_hands.hand_pairs import over_clips
+def _pairs(
+    work: Work[F], data: str | None, seeds: list[Piece], table: TableOptions
+) -> tuple[DataSet | None, dict[str, F], Census]:
+    """Return the data, its figures by group and those of synthesised motion, and the amount of recorded motion.
 
-    chosen = open_data(data, table)
-    with progress_over([chosen]) as advance:
-        found, census = over_clips(work, chosen.clips(), table.processes, advance)
-    if not found:
-        raise BodysenseError(f"{data}: no clip has fingers; give motion with fingers, or leave --data out")
+    Raises BodysenseError if no clip of the data has fingers.
+    """
+    from bodysense_lab.datasets import Census
+    from bodysense_lab.two_hands.hand_pairs import SYNTHESISED, over_clips, over_seeds
+
+    check_outputs(table)
+    chosen, found, census = None, dict[str, F](), Census()
+    if data is not None:
+        chosen = open_data(data, table)
+        with counting("scored", chosen.count()) as advance:
+            found, census = over_clips(work, chosen.clips(), table.processes, advance)
+        if not found:
+            raise BodysenseError(f"{data}: no clip has fingers; give motion with fingers, or leave --data out")
+    if seeds:
+        with counting("synthesised hands", len(seeds)) as advance:
+            found[SYNTHESISED] = over_seeds(work, seeds, table.processes, advance)
     return chosen, found, census
 
 
-def _synthesised_pairs(work: Work[F], seeds: list[Piece], table: TableOptions) -> F:
-    """The figures of synthesised motion."""
-    from bodysense_lab.two_hands.hand_pairs import over_seeds
+def _score_hands(
+    work: Callable[[HandTask], HandErrors],
+    report: Callable[[GloveTable], Report],
+    data: str | None,
+    table: TableOptions,
+    by_person: bool = False,
+) -> None:
+    """Score recorded hands and synthesised ones, and report them.
 
-    with counting("synthesised hands", len(seeds)) as advance:
-        return over_seeds(work, seeds, table.processes, advance)
+    `by_person` gives all motions of a person to `work` at once; then hands are synthesised only without data.
+    """
+    from bodysense_lab.two_hands.scores import measure
 
-
-@contextmanager
-def _hands(data: str | None, table: TableOptions) -> Iterator[tuple[DataSet | None, int, Callable[[], None]]]:
-    """The data of a table and how many hands are synthesised, with a progress bar over both."""
     check_outputs(table)
-    chosen, synthesised = None if data is None else open_data(data, table), 2 if table.quick else 20
+    chosen = None if data is None else open_data(data, table)
+    synthesised = 0 if by_person and chosen is not None else 2 if table.quick else 20
     with counting("scoring hands", synthesised + (0 if chosen is None else chosen.count())) as advance:
-        yield chosen, synthesised, advance
+        measured = measure(work, chosen, synthesised, table.processes, advance, by_person)
+    finish(report(measured), table)

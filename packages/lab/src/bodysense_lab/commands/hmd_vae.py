@@ -9,10 +9,12 @@ from typing import Annotated
 import tyro
 
 from bodysense.cli.options import Reading
+from bodysense.errors import BodysenseError
 from bodysense.io.rigs.options import AS_FOUND
-from bodysense_lab.commands.reporting import finish, open_data, progress_over
-from bodysense_lab.hmd_vae.options import VaeEvaluation, VaeTraining
-from bodysense_lab.options import Flat, Output, check_ending
+from bodysense.ranges import Processes
+from bodysense_lab.commands.reporting import counted, counting, finish, open_data
+from bodysense_lab.hmd_vae.options import VaeTraining, check_list
+from bodysense_lab.options import Data, Flat, Output, Table, TableOptions, check_ending
 
 
 def hmd_vae(run: Flat[VaeTraining]) -> None:
@@ -57,25 +59,37 @@ def hmd_vae_figure4(
     print(f"wrote {out}")
 
 
-def hmd_vae_figures(run: Flat[VaeEvaluation]) -> None:
+def hmd_vae_figures(
+    data: Data,
+    networks: Path,
+    split_file: Path | None = None,
+    threads: Processes | None = None,
+    table: Table = TableOptions(),
+) -> None:
     """HMD-VAE, Figs 5 to 7: models 1 to 4 with and without history, from scratch and pretrained, 3 and 6 blocks.
 
     A second table has the measures of later papers, with published figures.
-    """
-    from rich.progress import track
 
+    Args:
+        networks: folder that `bodysense train hmd-vae` wrote, or one network as .onnx.
+        split_file: list that they were trained with: its motions 'PATH test' are scored instead of a split by person.
+        threads: PyTorch threads; its own choice if omitted.
+    """
     from bodysense_lab.hmd_vae.frames import read_split_file
     from bodysense_lab.hmd_vae.scores import read_test, score_vae, vaes_in
     from bodysense_lab.hmd_vae.tables import metrics_report, vae_report
 
-    chosen, files, split_file = open_data(run.data, run.table), vaes_in(run.networks), run.split_file
-    total = None if split_file is None else list(read_split_file(split_file).values()).count("test")
-    with progress_over([chosen], total) as advance:
+    check_list(split_file)
+    if split_file is not None and (table.split != "test" or table.quick):
+        raise BodysenseError("--split-file scores its own test motions; leave --split and --quick out")
+    chosen, files = open_data(data, table), vaes_in(networks)
+    total = chosen.count() if split_file is None else list(read_split_file(split_file).values()).count("test")
+    with counting("read", total) as advance:
         frames, census = read_test(chosen, advance, split_file)
-    scored = [score_vae(name, path, frames, run.threads) for name, path in track(files.items(), "scoring the networks")]
+    scored = [score_vae(name, files[name], frames, threads) for name in counted(files, "scored", len(files))]
     figures, later = vae_report(scored, census, chosen), metrics_report(scored, census, chosen)
     if split_file is not None:
         listed = f"Of it, the test motions of {split_file}."
         figures, later = (replace(one, data=(*one.data, listed)) for one in (figures, later))
-    finish(later, replace(run.table, json=None))
-    finish(replace(figures, numbers=later.numbers | figures.numbers), run.table)
+    finish(later, replace(table, json=None))
+    finish(replace(figures, numbers=later.numbers | figures.numbers), table)

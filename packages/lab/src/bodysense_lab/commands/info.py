@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -54,11 +55,13 @@ def info(
         say_info(place, split, total, every, picture, json)
         return
     from bodysense_lab.commands.reporting import print_report
-    from bodysense_lab.unoc.occlusion import columns_of, count_clips, occlusion_table
+    from bodysense_lab.datasets import gathered
+    from bodysense_lab.unoc.occlusion import columns_of, count_clip, occlusion_table
 
     found = list[FoundFile]()
     clips = readable(track(every, "looking", total), found)
-    report = occlusion_table(columns_of(count_clips(clips, 1, lambda clip: None, camera)[0]))
+    counted, _ = gathered(partial(count_clip, camera=camera), clips, 1, lambda clip: None)
+    report = occlusion_table(columns_of(counted))
     print_report(report, wide_console())
     write_numbers(json, report.numbers | {"skipped": say_skipped(place, total, found)})
 

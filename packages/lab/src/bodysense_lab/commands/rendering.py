@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
 
 from bodysense.errors import BodysenseError
 from bodysense.files import make_folder
-from bodysense_lab.options import Flat, TableOptions
-from bodysense_lab.rendering.options import Rendering, VideoEvaluation
+from bodysense_lab.options import Flat, Json, Output, TableOptions
+from bodysense_lab.rendering.options import Rendering
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     import numpy as np
 
     from bodysense_lab.rendering.scene import Scene
@@ -75,17 +76,30 @@ def _planned(run: Rendering, motion: Path, rng: np.random.Generator) -> list[tup
     return planned
 
 
-def video_rendered(run: Flat[VideoEvaluation]) -> None:
-    """PAHMT, Table 3: arms and hands from the pixels of rendered videos, and inverse kinematics of landmarks."""
+def video_rendered(
+    videos: Annotated[Path, tyro.conf.Positional],
+    model: Path | None = None,
+    landmarkers: Path | None = None,
+    out: Output = TableOptions.out,
+    json: Json = None,
+) -> None:
+    """PAHMT, Table 3: arms and hands from the pixels of rendered videos, and inverse kinematics of landmarks.
+
+    Args:
+        videos: folder that `bodysense data render` wrote.
+        model: network written by `bodysense train arms`; the packaged one if omitted.
+        landmarkers: folder of MediaPipe's model files; if omitted, they are fetched once into the cache.
+        out: folder for the table as CSV and as a picture (PNG).
+    """
     from bodysense.devices.video.arms import load_arms
     from bodysense.devices.video.landmarker_files import find_landmarkers
     from bodysense_lab.commands.reporting import check_outputs, counting, finish
     from bodysense_lab.rendering.tables import score_videos, video_report
     from bodysense_lab.rendering.take import list_takes
 
-    written = TableOptions(out=run.out, json=run.json)
+    written = TableOptions(out=out, json=json)
     check_outputs(written)
-    network, truths, files = load_arms(run.model), list_takes(run.videos), find_landmarkers(run.landmarkers)
+    network, truths, files = load_arms(model), list_takes(videos), find_landmarkers(landmarkers)
     with counting("watched", len(truths)) as advance:
         table = score_videos(truths, files, network, advance)
-    finish(video_report(table, run.videos.name), written)
+    finish(video_report(table, videos.name), written)

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 from bodysense.files import check_place, make_folder
 from bodysense_lab.options import TableOptions
@@ -14,10 +14,11 @@ from bodysense_lab.options import TableOptions
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from bodysense.io.clip import Clip
     from bodysense_lab.datasets import DataSet
     from bodysense_lab.table import Cell, Report
     from bodysense_lab.unoc.ik_tracker import IkTrackerSettings
+
+Piece = TypeVar("Piece")
 
 
 def check_places(*paths: Path | None) -> None:
@@ -34,16 +35,24 @@ def check_outputs(table: TableOptions) -> None:
 
 
 def open_data(data: str, table: TableOptions) -> DataSet:
-    """The data of a table, as the options have it; its outputs are known to be writable."""
+    """Return the data of a table, as the options have it; its outputs are known to be writable."""
+    return open_sets((data,), table)[0]
+
+
+def open_sets(data: Sequence[str], table: TableOptions) -> list[DataSet]:
+    """Return several data sets, as the options have them; the table's outputs are known to be writable."""
     from bodysense_lab.datasets import named_data
 
     check_outputs(table)
-    return named_data(data, table.split, table.quick)
+    return [named_data(one, table.split, table.quick) for one in data]
 
 
 @contextmanager
-def progress_over(sets: list[DataSet], count: int | None = None) -> Iterator[Callable[[Clip], None]]:
-    """Display progress over the clips of data sets, or `count` of them; yields a function to call after each clip."""
+def counting(what: str, total: int | None = None) -> Iterator[Callable[..., None]]:
+    """Display progress over `total` pieces; yields a function to call after each.
+
+    It takes the piece, whose name is displayed, or a name; and how many are done, one if omitted.
+    """
     from rich.progress import (
         BarColumn,
         MofNCompleteColumn,
@@ -55,18 +64,21 @@ def progress_over(sets: list[DataSet], count: int | None = None) -> Iterator[Cal
 
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     with Progress(*columns, TimeRemainingColumn()) as progress:
-        bar = progress.add_task("scoring", total=sum(data.count() for data in sets) if count is None else count)
-        yield lambda clip: progress.update(bar, advance=1, description=f"scored {clip.name}")
-
-
-@contextmanager
-def counting(what: str, total: int) -> Iterator[Callable[..., None]]:
-    """Display progress over `total` pieces; yields a function to call after each, with its name if it has one."""
-    from rich.progress import Progress
-
-    with Progress() as progress:
         bar = progress.add_task(what, total=total)
-        yield lambda *name: progress.update(bar, advance=1, description=" ".join((what, *name)))
+
+        def advance(piece: object = None, done: int = 1) -> None:
+            name = piece if isinstance(piece, str) else getattr(piece, "name", "")
+            progress.update(bar, advance=done, description=f"{what} {name}".rstrip())
+
+        yield advance
+
+
+def counted(pieces: Iterable[Piece], what: str, total: int) -> Iterator[Piece]:
+    """Yield pieces; display progress over them, `total` in all."""
+    with counting(what, total) as advance:
+        for piece in pieces:
+            yield piece
+            advance(piece)
 
 
 def finish(report: Report, table: TableOptions, data: DataSet | None = None) -> None:

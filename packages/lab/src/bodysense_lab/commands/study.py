@@ -15,7 +15,7 @@ from bodysense.files import check_place, make_folder
 from bodysense.io.rigs.options import AS_FOUND
 from bodysense.ranges import Count, Processes, Seed
 from bodysense_lab.commands.reporting import check_places, tracker_settings
-from bodysense_lab.options import Output
+from bodysense_lab.options import Json, Output
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -104,7 +104,7 @@ def build(
 def analyze(
     key: KeyFile,
     answers: Annotated[tuple[Path, ...], tyro.conf.Positional] = (),
-    json: Path | None = None,
+    json: Json = None,
     out: Path | None = None,
 ) -> None:
     """Mean preference of raters with standard error and t-test, per scene and over all (UNOC, Fig. 6).
@@ -112,7 +112,6 @@ def analyze(
     Args:
         key: The study's key.json.
         answers: Files that raters saved.
-        json: Write the numbers here, as one flat object.
         out: Folder for preferences.csv and preferences.png.
     """
     from rich.console import Console

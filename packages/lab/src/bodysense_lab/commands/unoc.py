@@ -12,15 +12,15 @@ import tyro
 
 from bodysense.errors import BodysenseError
 from bodysense_lab.commands.reporting import (
-    check_outputs,
     check_places,
+    counting,
     finish,
     open_data,
-    progress_over,
+    open_sets,
     show,
     tracker_settings,
 )
-from bodysense_lab.options import Data, Split, Stride, Table, TableOptions
+from bodysense_lab.options import Data, Json, Split, Stride, Table, TableOptions
 
 if TYPE_CHECKING:
     from bodysense.io.clip import Clip
@@ -42,13 +42,12 @@ Networks = Annotated[Path, tyro.conf.arg(help="folder that `bodysense train unoc
 
 def unoc_table1(data: Sets, table: Table = TableOptions(split="all")) -> None:
     """UNOC, Table 1: share and duration of occlusion, and share of self-contact; a column a data set, or a category."""
-    from bodysense_lab.datasets import named_data
-    from bodysense_lab.unoc.occlusion import count_clips, occlusion_report
+    from bodysense_lab.datasets import gathered
+    from bodysense_lab.unoc.occlusion import count_clip, occlusion_report
 
-    check_outputs(table)
-    sets = [named_data(one, table.split, table.quick) for one in data]
-    with progress_over(sets) as advance:
-        counted = [(one, *count_clips(one.clips(), table.processes, advance)) for one in sets]
+    sets = open_sets(data, table)
+    with counting("scored", sum(one.count() for one in sets)) as advance:
+        counted = [(one, *gathered(count_clip, one.clips(), table.processes, advance)) for one in sets]
     finish(occlusion_report(counted), table)
 
 
@@ -101,17 +100,15 @@ def unoc_table5(
         finger_networks: NAME=FILE for each training set, written by `bodysense train fingers --form paper`.
     """
     from bodysense.papers.point_model import load_point_model
-    from bodysense_lab.datasets import named_data
     from bodysense_lab.unoc.cross_table import cross_report, synthesis_errors
     from bodysense_lab.unoc.variant_scores import networks_in, score_pairs
 
-    check_outputs(table)
-    sets = [named_data(one, table.split, table.quick) for one in data]
+    sets = open_sets(data, table)
     folders = _named(networks, "--networks")
     files = _named(finger_networks, "--finger-networks")
     hands = {name: load_point_model("fingers", file) for name, file in files.items()}
     trained = {name: networks_in(folder, ["gru"])["gru"] for name, folder in folders.items()}
-    with progress_over(sets) as advance:
+    with counting("scored", sum(one.count() for one in sets)) as advance:
         scores, last_known = score_pairs(sets, trained, table.out, stride, table.processes, advance)
     fingers = synthesis_errors(sets, hands) if hands else None
     finish(cross_report(list(trained), sets, scores, last_known, fingers), table)
@@ -168,7 +165,7 @@ def transitions(data: Data, model: Predictor = None, half_life: HalfLife = None,
     _score(data, table, work, transitions_report)
 
 
-def finger_synthesis(data: Data, split: Split = "test", model: Path | None = None, json: Path | None = None) -> None:
+def finger_synthesis(data: Data, split: Split = "test", model: Path | None = None, json: Json = None) -> None:
     """Score finger synthesis (UNOC, Table 5, right) against the mean hand and the hand of the nearest body.
 
     Clips with fingers are scored; both baselines know the clips of the train split.
@@ -176,7 +173,6 @@ def finger_synthesis(data: Data, split: Split = "test", model: Path | None = Non
     Args:
         split: people or actions to score.
         model: network written by `bodysense train fingers`; the packaged one if omitted.
-        json: file for the numbers, as one flat object.
     """
     from bodysense.papers.point_model import load_point_model
     from bodysense_lab.datasets import gathered, named_data
@@ -186,7 +182,7 @@ def finger_synthesis(data: Data, split: Split = "test", model: Path | None = Non
     check_places(json)
     scored, known, network = named_data(data, split), named_data(data, "train"), load_point_model("fingers", model)
     clips = (clip for clip in scored.clips() if clip.has_fingers and group_of(clip) == "main")
-    with progress_over([scored]) as advance:
+    with counting("scored", scored.count()) as advance:
         work = partial(finger_errors, examples=examples_of(known.clips()), model=network)
         found, census = gathered(work, clips, 1, advance)
     show(finger_report(found, census, scored), json)
@@ -202,7 +198,7 @@ def _score(
     from bodysense_lab.datasets import gathered
 
     chosen = open_data(data, table)
-    with progress_over([chosen]) as advance:
+    with counting("scored", chosen.count()) as advance:
         found, census = gathered(work, chosen.clips(), table.processes, advance)
     finish(report(found, census, chosen), table, chosen)
 
@@ -224,14 +220,12 @@ def _network_table(
     rows: ScoreTable, data: str, networks: Path | None, stride: int, table: TableOptions, shipped: Shipped | None
 ) -> None:
     """Score the methods without kept scores, and report."""
-    from bodysense_lab.unoc.tables import OWN_NAMES, network_report, without_networks
+    from bodysense_lab.unoc.tables import OWN_NAMES, network_report
     from bodysense_lab.unoc.variant_scores import Work, networks_in, score
 
     chosen = open_data(data, table)
-    if networks is None:
-        rows = without_networks(rows)
     files = {} if networks is None else networks_in(networks, [n for n in rows.methods if n not in OWN_NAMES])
     work = Work(files, shipped, stride)
-    with progress_over([chosen]) as advance:
+    with counting("scored", chosen.count()) as advance:
         scores = score(chosen, networks or table.out, work, table.processes, advance)
     finish(network_report(rows, scores, chosen), table, chosen)

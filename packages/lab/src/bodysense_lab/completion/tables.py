@@ -20,7 +20,7 @@ from bodysense_lab.completion.sight_scores import CellScores
 from bodysense_lab.completion.tracking import CLIPS, FRAMES, EdgeScore
 from bodysense_lab.datasets import Census, DataSet, describe
 from bodysense_lab.intervals import Interval, interval
-from bodysense_lab.scoring import GROUPS
+from bodysense_lab.scoring import GROUPS, suffix_of
 from bodysense_lab.table import Cell, Report, cell, finite
 
 
@@ -149,11 +149,6 @@ class CompletionTable:
                 result[f"{sensors}{part}_cover90"] = one.coverage
                 result[f"{sensors}{part}_spearman"] = one.rank_correlation
         return result
-
-
-def suffix_of(group: str) -> str:
-    """Return the end of the keys of a group of categories."""
-    return "" if group == "main" else f"_{group}"
 
 
 def headline(sensors: str) -> str:

@@ -1,4 +1,4 @@
-"""Options of HMD-VAE's networks, training and tables; read by the command line, so without PyTorch."""
+"""Options of HMD-VAE's networks and training; read by the command line, so without PyTorch."""
 
 from __future__ import annotations
 
@@ -9,16 +9,8 @@ from typing import Literal, get_args
 from bodysense.body.skeleton import BODY
 from bodysense.devices.simulated.sensors import THREE_POINTS
 from bodysense.errors import BodysenseError
-from bodysense.ranges import Count, Processes, Seed
-from bodysense_lab.options import (
-    Card,
-    Flat,
-    MotionEvaluation,
-    MotionRun,
-    TableOptions,
-    Usual,
-    check_ending,
-)
+from bodysense.ranges import Count, Seed
+from bodysense_lab.options import Card, Flat, MotionRun, Usual, check_ending
 
 Model = Literal[0, 1, 2, 3, 4]
 MODELS: tuple[Model, ...] = get_args(Model)
@@ -127,7 +119,7 @@ class VaeTraining(VaeRun):
     latent 30, blocks 3 and 6: 20 networks. 'all': the paper's 30 settings, 150 networks"""
 
     def __post_init__(self) -> None:
-        _check_list(self.split_file)
+        check_list(self.split_file)
         if not self.sweep:
             self._check_one()
             return
@@ -156,24 +148,7 @@ class VaeTraining(VaeRun):
             )
 
 
-@dataclass(frozen=True, kw_only=True)
-class VaeEvaluation(MotionEvaluation):
-    """HMD-VAE, Figs 5 to 7, and the measures of later papers."""
-
-    networks: Path
-    """folder that `bodysense train hmd-vae` wrote, or one network as .onnx"""
-    split_file: Path | None = None
-    """list that they were trained with: its motions 'PATH test' are scored instead of a split by person"""
-    threads: Processes | None = None
-    """PyTorch threads; its own choice if omitted"""
-    table: Flat[TableOptions] = TableOptions()
-
-    def __post_init__(self) -> None:
-        _check_list(self.split_file)
-        if self.split_file is not None and (self.table.split != "test" or self.table.quick):
-            raise BodysenseError("--split-file scores its own test motions; leave --split and --quick out")
-
-
-def _check_list(path: Path | None) -> None:
+def check_list(path: Path | None) -> None:
+    """Raise BodysenseError if the list of a split is missing."""
     if path is not None and not path.is_file():
         raise BodysenseError(f"--split-file {path}: no such file; give a list of lines 'PATH train' or 'PATH test'")

@@ -10,7 +10,7 @@ from operator import attrgetter
 from bodysense_lab.chart import BarPanel, plain_bars
 from bodysense_lab.datasets import Census, DataSet, describe, missing
 from bodysense_lab.hmd_vae.scores import Scored
-from bodysense_lab.scoring import GROUPS
+from bodysense_lab.scoring import GROUPS, suffix_of
 from bodysense_lab.table import Cell, Report, bounds, cell, finite, ordering
 
 MODELS = {1: "1 static", 2: "2 sequence", 3: "3 static, pretrained", 4: "4 sequence, pretrained"}
@@ -148,7 +148,7 @@ def _numbers(scored: Sequence[Scored]) -> dict[str, float]:
     for (origin, model), one in best_of(scored).items():
         prefix = f"model{model}" if origin == "head" else f"{origin}_model{model}"
         for group, measure in one.tallies:
-            key = f"{prefix}_{measure}" + ("" if group == "main" else f"_{group}")
+            key = f"{prefix}_{measure}{suffix_of(group)}"
             result |= one.tallies.figures(key, group, measure)
         result[f"{prefix}_within_position_cm"] = float(one.card["within_position_cm"])
         result[f"{prefix}_validation_position_cm"] = float(one.card["validation_position_cm"])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import hashlib
 import itertools
 import json
@@ -16,7 +15,7 @@ import numpy as np
 from lightning_fabric import Fabric
 
 from bodysense.errors import BodysenseError
-from bodysense.files import check_folder, check_place, make_folder, written_beside
+from bodysense.files import check_folder, check_place, make_folder
 from bodysense_lab.checkpoint import identity, write_weights_file
 from bodysense_lab.datasets import learned_count
 from bodysense_lab.fit import Report, announced, begin, fit, is_same, sweep
@@ -32,6 +31,7 @@ from bodysense_lab.hmd_vae.network import BodyVae, pretrained, read_vae
 from bodysense_lab.hmd_vae.options import MODELS, BodyVaeConfig, Grid, VaeRun
 from bodysense_lab.hmd_vae.task import VaeTask, joint_errors
 from bodysense_lab.progress import read_clips, tracked
+from bodysense_lab.table import write_rows
 from bodysense_lab.windows import Windows
 
 BETAS, LATENTS, BLOCKS = (0.0001, 0.01, 0.1, 1.0, 5.0), (15, 30, 60), (3, 6)  # the paper's 30 settings
@@ -228,12 +228,11 @@ def _digest(*parts: bytes) -> str:
 def write_results(path: Path, weights: Sequence[Path]) -> None:
     """A row a network that is trained: its setting, time and errors."""
     settings = ("model", "beta", "latent", "blocks", "samples", "origin")
-    figures = ("steps", "seconds", "validation_position_cm", "within_position_cm", "seed")
-    with written_beside(path) as beside, beside.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow(("network", *settings, *figures))
-        for one in weights:
-            if one.is_file():
-                network, card = read_vae(one)
-                values: dict[str, Any] = {**vars(network.config), **card}
-                writer.writerow((one.stem, *(values[name] for name in (*settings, *figures))))
+    columns = (*settings, "steps", "seconds", "validation_position_cm", "within_position_cm", "seed")
+    rows = []
+    for one in weights:
+        if one.is_file():
+            network, card = read_vae(one)
+            values: dict[str, Any] = {**vars(network.config), **card}
+            rows.append((one.stem, *(values[name] for name in columns)))
+    write_rows(path, ("network", *columns), rows)

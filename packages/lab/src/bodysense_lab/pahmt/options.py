@@ -165,10 +165,7 @@ class ArmRun(MotionRun, Card):
 
 @dataclass(frozen=True, kw_only=True)
 class ArmTraining(ArmRun):
-    """Train arms and hands from key-points of a video (PAHMT), as NAME.onnx and NAME.pt, or NAME.pt alone.
-
-    Training takes the clips with fingers of the train split and keeps the weights that are best on the val split.
-    """
+    """Options of `bodysense train arms`."""
 
     def __post_init__(self) -> None:
         check_ending(self.out, ".onnx", ".pt")
@@ -204,7 +201,7 @@ TABLE_1 = {
 
 @dataclass(frozen=True, kw_only=True)
 class ArmTableTraining(ArmRun):
-    """Train every network of PAHMT's Table 1 into one folder; `bodysense evaluate pahmt-table1` reads it."""
+    """Options of `bodysense train arms-table`."""
 
     networks: tuple[str, ...] = ()
     """some of them only: cnn-hands, cnn-plain, cnn-smooth, cnn-fk, cnn, ahmt, pahmt"""

@@ -26,7 +26,7 @@ from bodysense_lab.pahmt.errors import EVERY, table_errors
 from bodysense_lab.pahmt.features import FRAMES, RATE, film, read_arm_recordings, window_of
 from bodysense_lab.pahmt.network import ArmNetwork, read_arms
 from bodysense_lab.pahmt.options import TABLE_1, Studio, TableRow
-from bodysense_lab.scoring import GROUPS, group_named
+from bodysense_lab.scoring import GROUPS, group_named, suffix_of
 from bodysense_lab.table import Cell, Report, bounds, cell, finite, ordering
 from bodysense_lab.tallies import Tallies
 
@@ -205,7 +205,7 @@ def _numbers(rows: list[ScoredRow]) -> dict[str, float]:
     numbers: dict[str, float] = {}
     for row in rows:
         for group in GROUPS:
-            suffix = "" if group == "main" else f"_{group}"
+            suffix = suffix_of(group)
             for measure in MEASURES:
                 key = f"{row.name.replace('-', '_')}_{measure}{suffix}"
                 numbers |= row.tallies.figures(key, group, measure)

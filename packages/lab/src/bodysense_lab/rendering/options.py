@@ -1,4 +1,4 @@
-"""Options of rendering and scoring videos."""
+"""Options of rendering videos."""
 
 from __future__ import annotations
 
@@ -39,19 +39,3 @@ class Rendering:
                 f"render: {self.videos} videos of {self.seconds:g} s, {self.pixels} pixels high; "
                 "give at least 1 video, 1 s, and an even height from 64 on"
             )
-
-
-@dataclass(frozen=True, kw_only=True)
-class VideoEvaluation:
-    """PAHMT, Table 3."""
-
-    videos: Positional[Path]
-    """folder that `bodysense data render` wrote"""
-    model: Path | None = None
-    """network written by `bodysense train arms`; the packaged one if omitted"""
-    landmarkers: Path | None = None
-    """folder of MediaPipe's model files; if omitted, they are fetched once into the cache"""
-    out: Path = Path("bodysense-tables")
-    """folder for the table as CSV and as a picture (PNG)"""
-    json: Path | None = None
-    """file for the numbers, as one flat object"""

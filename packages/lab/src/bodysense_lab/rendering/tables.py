@@ -39,7 +39,7 @@ from bodysense_lab.rendering.keypoint_errors import (
     noise_figures,
 )
 from bodysense_lab.rendering.take import GESTURES, RenderedTake, read_take
-from bodysense_lab.scoring import GROUPS, group_named
+from bodysense_lab.scoring import GROUPS, group_named, suffix_of
 from bodysense_lab.table import Cell, Report, cell, finite, ordering
 from bodysense_lab.tallies import Tallies
 
@@ -114,7 +114,7 @@ class VideoTable:
         numbers: dict[str, float] = {"videos": len(self.videos), "minutes": sum(self.seconds) / 60}
         numbers |= {f"detector_{name}": value for name, value in noise_figures(self.detector).items()}
         for group in self.groups:
-            suffix = "" if group == "main" else f"_{group}"
+            suffix = suffix_of(group)
             for method in METHODS:
                 for measure in (*MEASURES, *BONES):
                     numbers[f"{method}_{measure}{suffix}"] = self.get(method, measure, group)

@@ -8,7 +8,6 @@ because those of one rater are not independent. As in the paper, p is not correc
 
 from __future__ import annotations
 
-import csv
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -18,8 +17,8 @@ import numpy as np
 from scipy import stats
 
 from bodysense.errors import BodysenseError
-from bodysense.files import written_beside
 from bodysense_lab.study.study import COMPARISONS, CONDITIONS, Answers, Choice, Condition, StudyKey, pairs_for
+from bodysense_lab.table import write_rows
 
 
 @dataclass(frozen=True)
@@ -99,13 +98,20 @@ def preference(values: np.ndarray) -> Preference:
 
 def write_csv(path: str | Path, result: StudyResult) -> None:
     """A row for every scene and comparison, then those over all scenes."""
-    with written_beside(path) as beside, beside.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow(("scene", "comparison", "mean", "standard_error", "t", "p", "n"))
-        for scene, preferences in result.preferences.items():
-            for (first, second), one in zip(COMPARISONS, preferences, strict=True):
-                name = "(all)" if scene is None else scene
-                writer.writerow((name, f"{first} over {second}", one.mean, one.standard_error, one.t, one.p, one.n))
+    rows = [
+        (
+            scene or "(all)",
+            f"{first} over {second}",
+            one.mean,
+            one.standard_error,
+            one.t,
+            one.p,
+            one.n,
+        )
+        for scene, preferences in result.preferences.items()
+        for (first, second), one in zip(COMPARISONS, preferences, strict=True)
+    ]
+    write_rows(path, ("scene", "comparison", "mean", "standard_error", "t", "p", "n"), rows)
 
 
 def simulate_answers(

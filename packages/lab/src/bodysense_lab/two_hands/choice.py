@@ -8,7 +8,7 @@ ones.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from zlib import crc32
 
@@ -19,12 +19,13 @@ from bodysense.body.hand_family import GlovedHand, draw_hand
 from bodysense.devices.gloves.fillers import NetworkFiller
 from bodysense.devices.gloves.hands import HandsSettings, load_glove_models
 from bodysense.devices.gloves.inertial import InertialSettings
-from bodysense_lab.datasets import DataSet, describe
+from bodysense_lab.datasets import describe
 from bodysense_lab.synthesis.hands import synthesize_hand
 from bodysense_lab.synthesis.motion import HandMotion
 from bodysense_lab.table import Report, cell, finite
 from bodysense_lab.two_hands.fusion import SCORED, SECONDS, STRIDE, fused_errors
-from bodysense_lab.two_hands.scores import ALONE, SYNTHESISED, SYNTHETIC_SECONDS, GloveTable, HandTask, measure
+from bodysense_lab.two_hands.hand_pairs import SYNTHESISED
+from bodysense_lab.two_hands.scores import ALONE, SYNTHETIC_SECONDS, GloveTable, HandTask
 from bodysense_lab.two_hands.trials import DURATIONS, LAST, HandErrors, Trials, cut, hide_some, marker_error, together
 
 CHOICE_SEED = 31  # of the drawn hands; no table has it
@@ -90,11 +91,6 @@ def _joined(
     parts = [cut([motion], STRIDE, rng, hand, last) for motion, hand in worn]
     found = [part for part in parts if part is not None]
     return together(found) if found else None
-
-
-def settings_table(data: DataSet | None, synthesised: int, jobs: int, advance: Callable[[], None]) -> Report:
-    """Measure the settings and report the best of each."""
-    return settings_report(measure(measure_settings, data, synthesised, jobs, advance, by_person=True))
 
 
 def settings_report(table: GloveTable) -> Report:

@@ -22,7 +22,7 @@ from bodysense.body.hand_family import COUNT, GlovedHand, carried_over, draw_han
 from bodysense.body.skeleton import default_skeleton
 from bodysense.devices.gloves.calibration import FEWEST, fit_hand
 from bodysense.devices.gloves.fillers import Filler, NetworkFiller
-from bodysense.devices.gloves.hands import GloveModels, HandsSettings
+from bodysense.devices.gloves.hands import HandsSettings, load_glove_models
 from bodysense.devices.gloves.networks import (
     JOINT_NETWORK,
     MARKER_NETWORK,
@@ -94,7 +94,7 @@ def foreign_fingers(
     """Errors of the joints of fingers, cm, under (place, way, hidden, duration); nothing hidden: (…, 0, 0.0)."""
     means = HandErrors(person)
     for place, files, trials, ways in _settings(motions, person, models, stride, calibrate=True):
-        loaded = GloveModels(load_marker_network(files[0]), load_joint_network(files[1]))
+        loaded = load_glove_models(*files)
         for count in FEW_MANY:
             hidden = hide_some(len(trials), count, np.random.default_rng(count))
             for way, taken in ways.items():

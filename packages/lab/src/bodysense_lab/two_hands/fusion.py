@@ -7,8 +7,7 @@ alone; the sensors alone, calibrated a minute before, with resting spread, becau
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
-from functools import partial
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from zlib import crc32
 
@@ -19,24 +18,17 @@ from bodysense.body.hand import FINGERS, HAND_JOINTS, joint_rotations, own_axes
 from bodysense.devices.estimate import PointEstimate
 from bodysense.devices.gloves import inertial
 from bodysense.devices.gloves.fingers import hand_shape, place_hands
-from bodysense.devices.gloves.hands import GloveModels, HandsSettings
-from bodysense.devices.gloves.networks import load_joint_network, load_marker_network
+from bodysense.devices.gloves.hands import GloveModels, HandsSettings, load_glove_models
 from bodysense.devices.simulated.glove_imu import GloveImuNoise, disturbed
 from bodysense.metrics import joint_error
 from bodysense.observation import EXACT_ACCURACY, Observation, joined_points
-from bodysense_lab.datasets import DataSet, describe
+from bodysense_lab.datasets import describe
 from bodysense_lab.scoring import GROUPS
 from bodysense_lab.synthesis.motion import RATE
 from bodysense_lab.table import Report, cell, finite
 from bodysense_lab.two_hands.foreign import FOREIGN, PLACES, STRANGER, ForeignModels, unseen_hand
-from bodysense_lab.two_hands.scores import (
-    ALONE,
-    SYNTHESISED,
-    SYNTHETIC_SECONDS,
-    GloveTable,
-    HandTask,
-    measure,
-)
+from bodysense_lab.two_hands.hand_pairs import SYNTHESISED
+from bodysense_lab.two_hands.scores import ALONE, SYNTHETIC_SECONDS, GloveTable, HandTask
 from bodysense_lab.two_hands.trials import (
     FINGER_POINTS,
     HandErrors,
@@ -73,7 +65,7 @@ def measure_fusion(
         found = files.of(place, person)
         if found is None:
             continue
-        models = GloveModels(load_marker_network(found[0]), load_joint_network(found[1]))
+        models = load_glove_models(*found)
         rng, parts = np.random.default_rng([crc32(motions[0].name.encode()), len(place)]), []
         for motion in motions:
             hand = unseen_hand(FOREIGN if place == FOREIGN else STRANGER, motion, rng)
@@ -169,22 +161,6 @@ def _by_sensors(trials: Trials, rotation: np.ndarray, root: np.ndarray, wrist: n
     shape = hand_shape(trials.hands, trials.gloves)
     turned = np.concatenate([wrist[:, :, None], local], axis=2)
     return np.stack([place_hands(shape, *frame).position for frame in zip(root, turned, strict=True)])
-
-
-def fusion_table(
-    data: DataSet | None,
-    synthesised: int,
-    markers: Path | None,
-    joints: Path | None,
-    jobs: int,
-    advance: Callable[[], None],
-    left_out: Path | None = None,
-) -> Report:
-    """Measure the effect of the sensors and report it. Raises BodysenseError for files that are not these networks."""
-    load_marker_network(markers)
-    load_joint_network(joints)
-    work = partial(measure_fusion, markers=markers, joints=joints, left_out=left_out)
-    return fusion_report(measure(work, data, synthesised, jobs, advance, by_person=True))
 
 
 def fusion_report(table: GloveTable) -> Report:

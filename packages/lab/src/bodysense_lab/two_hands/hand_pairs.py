@@ -21,6 +21,7 @@ from bodysense_lab.synthesis.hands import varied_hand
 from bodysense_lab.synthesis.motion import RATE
 from bodysense_lab.synthesis.pairs import synthesize_pair
 
+SYNTHESISED = "synthesised"  # the group of synthesised hands
 SYNTHESISED_SECONDS, SPREAD = 20.0, 0.05  # s of a piece; the spread of the hands' sizes
 
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -18,9 +17,8 @@ from bodysense.body.hand import FINGERS, Side, mirrored_rotations, mirrored_vect
 from bodysense.body.hand_capsules import GIVE, NAMES, hand_capsules, mutual_depth, own_depth, own_pairs
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.skeleton import Skeleton
-from bodysense.devices.gloves.hands import GloveModels, Hands, HandsSettings
+from bodysense.devices.gloves.hands import GloveModels, Hands, HandsSettings, load_glove_models
 from bodysense.devices.gloves.labelling import Labeller
-from bodysense.devices.gloves.networks import load_joint_network, load_marker_network
 from bodysense.devices.simulated.camera_ring import CameraRing
 from bodysense.devices.simulated.glove import GloveCapture, observe_hands
 from bodysense.errors import BodysenseError
@@ -37,14 +35,6 @@ JUMP = 0.005  # m: a point that goes so much farther than in truth jumps
 SPIKES = (0.0, 0.01, 0.05)  # shares of the samples that are wrong
 SYNTHESISED_PIECES = 6
 _TIPS = [NAMES.index(f"{finger}3") for finger in FINGERS]
-
-
-@dataclass(frozen=True)
-class Networks:
-    """Files of the networks that run; None is the packaged one."""
-
-    markers: Path | None = None
-    joints: Path | None = None
 
 
 @dataclass
@@ -73,13 +63,15 @@ class Findings:
         return finite({name: tally.mpjpe for (name,), tally in self.means.items()} | self.largest)
 
 
-def measure_limits(pair: HandPair, rng: np.random.Generator, networks: Networks, cameras: CameraRing) -> Findings:
-    """Everything of one recording, under the keys of `limits_report`."""
-    return measure_pair(pair, open_networks(networks), cameras, rng)
+def measure_limits(
+    pair: HandPair, rng: np.random.Generator, cameras: CameraRing, markers: Path | None, joints: Path | None
+) -> Findings:
+    """Measure everything of one recording by networks of files (None: the packaged ones)."""
+    return measure_pair(pair, load_glove_models(markers, joints), cameras, rng)
 
 
 def measure_pair(pair: HandPair, models: GloveModels, cameras: CameraRing, rng: np.random.Generator) -> Findings:
-    """`measure_limits` with open networks."""
+    """Measure everything of one recording, under the keys of `limits_report`."""
     findings = Findings()
     watched = observe_hands(pair.hands, pair.time, GloveCapture(cameras), rng, pair.body)
     without = replace(HandsSettings(), contact=None)
@@ -217,9 +209,3 @@ def label_accuracy(
     if not total:
         raise BodysenseError("labelling: no marker is seen in any frame; there is nothing to label")
     return LabelScore(right / total, wrong / total, total)
-
-
-@cache
-def open_networks(networks: Networks) -> GloveModels:
-    """Open the files, once in every process. Raises BodysenseError for files that are not these networks."""
-    return GloveModels(load_marker_network(networks.markers), load_joint_network(networks.joints))

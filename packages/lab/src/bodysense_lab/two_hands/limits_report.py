@@ -11,9 +11,8 @@ from bodysense_lab.datasets import Census, DataSet, describe
 from bodysense_lab.scoring import GROUPS
 from bodysense_lab.synthesis.motion import RATE
 from bodysense_lab.table import Cell, Report, finite
+from bodysense_lab.two_hands.hand_pairs import SYNTHESISED
 from bodysense_lab.two_hands.limits import COUNTED, JUMP, SPIKES, TOUCHING, Findings
-
-SYNTHESISED = "synthesised"
 
 
 class LimitLine(NamedTuple):

@@ -18,7 +18,7 @@ from bodysense.devices.simulated.camera_ring import CameraRing
 from bodysense.devices.simulated.glove import visible
 from bodysense_lab.chart import BarPanel, plain_bars
 from bodysense_lab.datasets import Census, DataSet, describe
-from bodysense_lab.scoring import GROUPS
+from bodysense_lab.scoring import GROUPS, suffix_of
 from bodysense_lab.synthesis.motion import RATE
 from bodysense_lab.table import Cell, Report, cell, finite
 from bodysense_lab.two_hands.hand_pairs import HandPair
@@ -98,7 +98,7 @@ def numbers_of(counted: Counted) -> dict[str, float]:
     """
     numbers: dict[str, float] = {}
     for group, settings in counted.items():
-        suffix = "" if group == "main" else f"_{group}"
+        suffix = suffix_of(group)
         for setting, hiding in settings.items():
             rows = {f"{n}_share": float(share) for n, share in enumerate(hiding.shares)}
             rows |= {"hidden_share": hiding.hidden, "any_share": float(hiding.shares[1:].sum())}

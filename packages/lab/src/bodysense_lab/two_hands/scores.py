@@ -13,8 +13,8 @@ from bodysense.body.hand import FINGERS
 from bodysense.body.hand_family import draw_hand
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.devices.gloves.fillers import LastShape, NetworkFiller
-from bodysense.devices.gloves.hands import GloveModels, HandsSettings
-from bodysense.devices.gloves.networks import load_joint_network, load_marker_network
+from bodysense.devices.gloves.hands import HandsSettings, load_glove_models
+from bodysense.devices.gloves.networks import load_marker_network
 from bodysense.metrics import joint_error
 from bodysense_lab.datasets import Census, DataSet, census_of
 from bodysense_lab.scoring import GROUPS, Tally, group_of
@@ -23,6 +23,7 @@ from bodysense_lab.synthesis.hands import synthesize_hand
 from bodysense_lab.synthesis.motion import HandMotion, hand_motions
 from bodysense_lab.two_hands.baselines import AffineCombination, FingerLimits, LastKnown, MovingAverage, solve_fingers
 from bodysense_lab.two_hands.foreign import ForeignModels, foreign_fingers, foreign_markers
+from bodysense_lab.two_hands.hand_pairs import SYNTHESISED
 from bodysense_lab.two_hands.trials import (
     DURATIONS,
     FINGER_POINTS,
@@ -49,7 +50,6 @@ class HandTask(NamedTuple):
 
 # No marker of a trial is wrong, and every trial is a hand by itself, whose neighbours are not there.
 ALONE = HandsSettings(rejection=None, contact=None)
-SYNTHESISED = "synthesised"
 FOREIGN_STRIDE = 60  # frames from one trial to the next, on hands that were not learned
 STRIDE = 30  # frames at 60 Hz from one trial to the next, at each seed from another one on
 SYNTHETIC_SECONDS, SYNTHETIC_SEED = 12.0, 2019
@@ -158,7 +158,7 @@ def measure_fingers(
 ) -> HandErrors:
     """Table 4 of some motions: errors of the joints of fingers, cm, under (group, method, hidden, duration)."""
     motions, group, person = task
-    models, means = GloveModels(load_marker_network(markers), load_joint_network(joints)), HandErrors(person)
+    models, means = load_glove_models(markers, joints), HandErrors(person)
     for method, limits in (("ik", None), ("ik_tuned", FingerLimits())):
         for motion in motions:
             means.add((group, method, 0, 0.0), descent_error(motion, limits, stride))

@@ -3,27 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 from typing import Any
 
-from bodysense.devices.gloves.networks import load_joint_network, load_marker_network
 from bodysense_lab.chart import BarPanel, plain_bars
-from bodysense_lab.datasets import DataSet, describe
+from bodysense_lab.datasets import describe
 from bodysense_lab.intervals import interval
 from bodysense_lab.table import Cell, Report, cell, finite, ordering
 from bodysense_lab.two_hands.foreign import ALONE, FEW_MANY, PLACES, WAYS, foreign_numbers
-from bodysense_lab.two_hands.scores import (
-    SEEDS,
-    STRIDE,
-    SYNTHESISED,
-    SYNTHETIC_SECONDS,
-    GloveTable,
-    measure,
-    measure_fingers,
-    measure_markers,
-)
+from bodysense_lab.two_hands.hand_pairs import SYNTHESISED
+from bodysense_lab.two_hands.scores import SEEDS, STRIDE, SYNTHETIC_SECONDS, GloveTable
 from bodysense_lab.two_hands.trials import DURATIONS, HIDDEN
 
 METHODS = {
@@ -53,43 +44,56 @@ PUBLISHED_POINTS = {  # cm, by duration
 }
 PUBLISHED_STILL = {"ik": 1.87, "ik_tuned": 1.08, "nn": 0.07}  # cm, nothing hidden
 _STILL = {"ik": "CCD, no limits", "ik_tuned": "CCD, tuned limits", "nn": "network"}
+_STILL_KEYS = {"nn": "nn_0"}  # in the flat object, if another than the method's
 
 
-def table3(
-    data: DataSet | None,
-    synthesised: int,
-    model: Path | None,
-    jobs: int,
-    advance: Callable[[], None],
-    left_out: Path | None = None,
-) -> Report:
-    """Measure Table 3 and report it, of recorded hands and of `synthesised` synthesised ones.
-
-    `left_out` is a folder of networks that were trained without a person (`foreign`). Raises BodysenseError for a
-    file that is no marker network.
-    """
-    load_marker_network(model)
-    work = partial(measure_markers, model=model, left_out=left_out)
-    return marker_report(measure(work, data, synthesised, jobs, advance))
+_NONE = (None,) * len(DURATIONS)
 
 
-def table4(
-    data: DataSet | None,
-    synthesised: int,
-    markers: Path | None,
-    joints: Path | None,
-    jobs: int,
-    advance: Callable[[], None],
-    left_out: Path | None = None,
-) -> Report:
-    """Measure Table 4 and report it, of recorded hands and of `synthesised` synthesised ones.
+@dataclass(frozen=True)
+class GloveLine:
+    """A row of a table: a method with so many hidden markers, by duration."""
 
-    `left_out` as for Table 3. Raises BodysenseError for files that are not these networks.
-    """
-    load_marker_network(markers)
-    load_joint_network(joints)
-    work = partial(measure_fingers, markers=markers, joints=joints, left_out=left_out)
-    return finger_report(measure(work, data, synthesised, jobs, advance))
+    method: str
+    name: str  # of the method
+    hidden: int
+    published: tuple[float | None, ...]  # by duration, cm
+    is_ratio: bool = False  # figures are errors over those of the last known position
+
+    @property
+    def durations(self) -> tuple[float, ...]:
+        """Durations of the figures, s; with nothing hidden there is one figure."""
+        return DURATIONS if self.hidden else (0.0,)
+
+    def key(self, duration: float) -> str:
+        """Return the name of a figure in the flat object."""
+        if not self.hidden:
+            return f"{_STILL_KEYS.get(self.method, self.method)}_cm"
+        at = f"{self.hidden}_{duration:.1f}"
+        return f"ratio_{at}" if self.is_ratio else f"{self.method}_{at}_cm"
+
+
+def published_ratio(hidden: int, duration: float) -> float:
+    """Network ÷ last known position by the paper's table."""
+    place = DURATIONS.index(duration)
+    return PUBLISHED_MARKERS["nn", hidden][place] / PUBLISHED_MARKERS["lk", hidden][place]
+
+
+MARKER_LINES = (
+    *(
+        GloveLine(method, name, hidden, PUBLISHED_MARKERS.get((method, hidden), _NONE))
+        for method, name in METHODS.items()
+        for hidden in HIDDEN
+    ),
+    *(
+        GloveLine("nn", "network ÷ last known", n, tuple(published_ratio(n, d) for d in DURATIONS), is_ratio=True)
+        for n in HIDDEN
+    ),
+)
+FINGER_LINES = (
+    *(GloveLine(method, name, 0, (PUBLISHED_STILL[method], *_NONE[1:])) for method, name in _STILL.items()),
+    *(GloveLine("nn", "network", hidden, PUBLISHED_POINTS[hidden]) for hidden in HIDDEN),
+)
 
 
 def marker_report(table: GloveTable) -> Report:
@@ -98,8 +102,7 @@ def marker_report(table: GloveTable) -> Report:
         table,
         "gloves-table3",
         "Table 3: hidden markers of a glove on the last frame before they return",
-        rows=_marker_rows(table),
-        numbers=_marker_numbers(table),
+        MARKER_LINES,
         remarks=_marker_remarks(table),
         caption=f"Mean error of hidden markers, cm; {SEEDS} seeds, a trial every {STRIDE / 60:g} s each. Last known is "
         "where they were in the world, so that all of a hand's way counts; last shape, where they were on the hand.",
@@ -113,13 +116,14 @@ def finger_report(table: GloveTable) -> Report:
         table,
         "gloves-table4",
         "Table 4: joints of fingers",
-        rows=_finger_rows(table),
-        numbers=_finger_numbers(table),
+        FINGER_LINES,
         remarks=_finger_remarks(table),
         caption="Mean error of the second and third joint and the tip of every finger (p1, p2, p3), in the world, cm; "
         f"{SEEDS} seeds, a trial every {STRIDE / 60:g} s at each, of one hand whose markers are right. "
         "With nothing hidden duration means nothing.",
-        panels=_panels("joints of fingers, cm", partial(table.get, "nn"), _published_point),
+        panels=_panels(
+            "joints of fingers, cm", partial(table.get, "nn"), lambda n, d: PUBLISHED_POINTS[n][DURATIONS.index(d)]
+        ),
     )
 
 
@@ -127,8 +131,7 @@ def _report(
     table: GloveTable,
     name: str,
     title: str,
-    rows: Iterable[tuple[Cell, ...]],
-    numbers: dict[str, float],
+    lines: Sequence[GloveLine],
     remarks: Iterable[str],
     **more: Any,
 ) -> Report:
@@ -138,6 +141,20 @@ def _report(
     if table.data is not None:
         data = (describe(table.data, table.census), f"{made} Their keys end in _{SYNTHESISED}.")
     durations = [f"{duration:g} s" for duration in DURATIONS]
+    rows, numbers = list[tuple[Cell, ...]](), dict[str, float]()
+    for group in table.groups:
+        for line in lines:
+            ours: list[Cell] = []
+            for duration in line.durations:
+                key = f"{line.key(duration)}{table.suffix(group)}"
+                if not line.is_ratio:
+                    figures = table.means.figures(key, group, line.method, line.hidden, duration)
+                else:
+                    figures = {key: _ratio(table, line.hidden, duration, group)}
+                ours.append(cell(figures[key]))
+                numbers |= figures
+            blank = _NONE[len(ours) :]
+            rows.append((_motion(table, group), line.name, str(line.hidden), *ours, *blank, *line.published))
     return Report(
         name=name,
         title=f"Two hands, {title}",
@@ -174,57 +191,16 @@ def _motion(table: GloveTable, group: str) -> str:
     return group if group == SYNTHESISED or table.data is None else f"{table.data.name}, {group}"
 
 
-def _marker_rows(table: GloveTable) -> Iterator[tuple[Cell, ...]]:
-    for group in table.groups:
-        for method, name in METHODS.items():
-            for hidden in HIDDEN:
-                ours = (cell(table.get(method, hidden, duration, group)) for duration in DURATIONS)
-                yield (
-                    _motion(table, group),
-                    name,
-                    str(hidden),
-                    *ours,
-                    *PUBLISHED_MARKERS.get((method, hidden), (None,) * len(DURATIONS)),
-                )
-        for hidden in HIDDEN:
-            ours = (cell(_ratio(table, hidden, duration, group)) for duration in DURATIONS)
-            theirs = (published_ratio(hidden, duration) for duration in DURATIONS)
-            yield (_motion(table, group), "network ÷ last known", str(hidden), *ours, *theirs)
-
-
 def _foreign_rows(table: GloveTable) -> Iterator[tuple[Cell, ...]]:
     """Return the rows of unseen hands."""
-    blank = (None,) * len(DURATIONS)
     for place, label in PLACES.items():
         for way, name in (*WAYS.items(), (ALONE, "hand known, network alone")):
             if math.isfinite(still := table.get(way, 0, 0.0, place)):
-                yield (label, name, "0", cell(still), *blank[1:], *blank)
+                yield (label, name, "0", cell(still), *_NONE[1:], *_NONE)
             for hidden in FEW_MANY:
                 row = [table.get(way, hidden, duration, place) for duration in DURATIONS]
                 if any(map(math.isfinite, row)):
-                    yield (label, name, str(hidden), *map(cell, row), *blank)
-
-
-def _marker_numbers(table: GloveTable) -> dict[str, float]:
-    numbers = {}
-    for group in table.groups:
-        for hidden in HIDDEN:
-            for duration in DURATIONS:
-                at, suffix = f"{hidden}_{duration:.1f}", table.suffix(group)
-                for method in METHODS:
-                    numbers |= table.means.figures(f"{method}_{at}_cm{suffix}", group, method, hidden, duration)
-                numbers[f"ratio_{at}{suffix}"] = _ratio(table, hidden, duration, group)
-    return numbers
-
-
-def published_ratio(hidden: int, duration: float) -> float:
-    """Network ÷ last known position by the paper's table."""
-    place = DURATIONS.index(duration)
-    return PUBLISHED_MARKERS["nn", hidden][place] / PUBLISHED_MARKERS["lk", hidden][place]
-
-
-def _published_point(hidden: int, duration: float) -> float:
-    return PUBLISHED_POINTS[hidden][DURATIONS.index(duration)]
+                    yield (label, name, str(hidden), *map(cell, row), *_NONE)
 
 
 def _ratio(table: GloveTable, hidden: int, duration: float, group: str | None = None) -> float:
@@ -250,30 +226,6 @@ def _marker_remarks(table: GloveTable) -> Iterator[str]:
         held = "holds" if better else "does not hold"
         text = f"The network is better than {METHODS[method]} in every cell: {held}"
         yield f"{text}; the interval over people carries it in {sure} of {len(cells)}."
-
-
-def _finger_rows(table: GloveTable) -> Iterator[tuple[Cell, ...]]:
-    blank = (None,) * (len(DURATIONS) - 1)
-    for group in table.groups:
-        for method, name in _STILL.items():
-            ours = cell(table.get(method, 0, 0.0, group))
-            yield (_motion(table, group), name, "0", ours, *blank, PUBLISHED_STILL[method], *blank)
-        for hidden in HIDDEN:
-            row = (cell(table.get("nn", hidden, duration, group)) for duration in DURATIONS)
-            yield (_motion(table, group), "network", str(hidden), *row, *PUBLISHED_POINTS[hidden])
-
-
-def _finger_numbers(table: GloveTable) -> dict[str, float]:
-    numbers = {}
-    for group in table.groups:
-        suffix = table.suffix(group)
-        for method, key in (("ik", "ik_cm"), ("ik_tuned", "ik_tuned_cm"), ("nn", "nn_0_cm")):
-            numbers |= table.means.figures(f"{key}{suffix}", group, method, 0, 0.0)
-        for hidden in HIDDEN:
-            for duration in DURATIONS:
-                key = f"nn_{hidden}_{duration:.1f}_cm{suffix}"
-                numbers |= table.means.figures(key, group, "nn", hidden, duration)
-    return numbers
 
 
 def _finger_remarks(table: GloveTable) -> Iterator[str]:

@@ -20,6 +20,7 @@ from bodysense_lab.score_table import (
     ScoreColumn,
     ScoreRow,
     ScoreTable,
+    pairs,
     score_report,
 )
 from bodysense_lab.scoring import RATE, Tally, group_of
@@ -35,14 +36,13 @@ Cells = dict[tuple[str, Pair, str, str], Tally]  # by group, (joints, tested on)
 _KEYS = {BODY: "body_occluded", BOTH: "all_occluded", FINGERS: "finger_synthesis"}
 
 
-def _matrix(text: str) -> dict[Pair, tuple[float, float]]:
+def _matrix(text: str) -> dict[Pair, tuple[float, ...]]:
     """RMSJPE/MPJPE, a row for each test set, a column for each training set and, where there is one, the input."""
-    result = {}
-    for test, row in zip(SETS, text.strip().splitlines(), strict=True):
-        for train, pair in zip((*SETS, ""), row.split(), strict=False):
-            rmsjpe, mpjpe = pair.split("/")
-            result[train, test] = (float(rmsjpe), float(mpjpe))
-    return result
+    return {
+        (train, test): pair
+        for test, row in zip(SETS, text.strip().splitlines(), strict=True)
+        for train, pair in zip((*SETS, ""), pairs(row), strict=False)
+    }
 
 
 PUBLISHED_BODY = _matrix("""

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from bodysense.body.pose import Pose, forward_kinematics, standing_pose
+from bodysense.body.pose import forward_kinematics, standing_pose
 from bodysense.body.skeleton import Skeleton
 from bodysense.completion.network import Network, NetworkFormat
 from bodysense.devices.estimate import PointEstimate
@@ -133,16 +133,11 @@ class Learned:
 
 
 def track_clip(clip: Clip, model: Path | None, settings: IkTrackerSettings) -> TrackedClip:
-    """Run the tracker, frame by frame, and the baselines on what a headset sees of a canonical clip."""
+    """Run the tracker and the baselines on what a headset sees of a canonical clip."""
     clip = resample(clip, RATE)
     skeleton = clip.pose.skeleton
     observation = observe(clip.pose, clip.time, HEADSET_CAMERA)
     tracker = IkTracker(Learned(load_model(model), skeleton), settings)
-    state, poses, positions = tracker.start(), [], []
-    for frame in range(len(clip)):
-        pose, estimate, state = tracker.step(observation[frame : frame + 1], state)
-        poses.append(pose)
-        positions.append(estimate.position)
-    pose = Pose(skeleton, np.concatenate([p.root_position for p in poses]), np.concatenate([p.rotation for p in poses]))
-    position = {"bodysense": np.asarray(forward_kinematics(pose)[0]), "network": np.concatenate(positions)}
-    return TrackedClip(clip, observation, pose, position | last_known(observation, skeleton))
+    pose, estimate, _ = tracker.step(observation, tracker.start())
+    position = {"bodysense": np.asarray(forward_kinematics(pose)[0]), "network": estimate.position}
+    return TrackedClip(clip, observation, position | last_known(observation, skeleton))

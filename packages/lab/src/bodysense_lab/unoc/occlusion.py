@@ -6,9 +6,8 @@ equally: three for a foot, and in *all* every point of the hands as well.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 
 import numpy as np
 
@@ -18,7 +17,7 @@ from bodysense.devices.simulated.headset_camera import BODY_JOINTS, FOOT_POINTS,
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense_lab.chart import BarPanel, plain_bars
-from bodysense_lab.datasets import Census, DataSet, describe, gathered, missing
+from bodysense_lab.datasets import Census, DataSet, describe, missing
 from bodysense_lab.table import Cell, Report
 from bodysense_lab.unoc.contact import self_contact
 
@@ -81,36 +80,37 @@ def count(pose: Pose, frame_rate: float, camera: HeadsetCamera = HeadsetCamera()
     )
 
 
-@dataclass(frozen=True)
-class Hiding:
-    """How much a group of points is hidden; None where there is no figure."""
-
-    ratio: float | None  # share of time, 0 to 1
-    duration: float | None  # s, mean of the unbroken spans
+# Figures of a column by their keys: label in the table, and factor.
+FIGURES = {
+    "self_contact": ("self-contact, %", 100),
+    "hand_contact": ("hand-body contact, %", 100),
+    **{
+        f"{group}_{key}": (f"{group} {label}", factor)
+        for group in GROUPS
+        for key, label, factor in (("hidden", "hidden, %", 100), ("seconds", "span, s", 1))
+    },
+}
 
 
 @dataclass(frozen=True)
 class Column:
-    """One data set, or a part of one, as a column of Table 1; contacts are shares of time, 0 to 1."""
+    """One data set, or a part of one, as a column of Table 1."""
 
     name: str
     frames: int
     frame_rates: tuple[float, ...]  # Hz
-    self_contact: float | None
-    hand_contact: float | None
-    hiding: Mapping[str, Hiding]  # by GROUPS
+    figures: Mapping[str, float]  # by `FIGURES`; shares of time, 0 to 1, and s; missing ones are left out
 
 
 def _published(
     name: str, frames: int, frame_rate: float, self_contact: float, hand_contact: float, hiding: str
 ) -> Column:
     """A column of the paper; `hiding` is percentage/seconds in the order of GROUPS."""
-    pairs = [pair.split("/") for pair in hiding.split()]
-    found = {
-        group: Hiding(float(percent) / 100 if percent else None, float(duration))
-        for group, (percent, duration) in zip(GROUPS, pairs, strict=True)
-    }
-    return Column(name, frames, (frame_rate,), self_contact, hand_contact, found)
+    figures = {"self_contact": self_contact, "hand_contact": hand_contact}
+    for group, pair in zip(GROUPS, hiding.split(), strict=True):
+        percent, seconds = pair.split("/")
+        figures |= ({f"{group}_hidden": float(percent) / 100} if percent else {}) | {f"{group}_seconds": float(seconds)}
+    return Column(name, frames, (frame_rate,), figures)
 
 
 # Table 1 of the paper. Mixamo's ratios of hand and hip cannot be read in the copy at hand.
@@ -131,51 +131,28 @@ def column(name: str, counts: Iterable[Counts]) -> Column:
         total.merge(one)
     if total.frames == 0:
         raise BodysenseError(f"{name}: there are no frames to count; give at least one recording that is not empty")
-    sizes = [len(points) for points in group_points(default_skeleton()).values()]
-    rows = zip(GROUPS, total.hidden, total.spans, sizes, strict=True)
-    return Column(
-        name=name,
-        frames=total.frames,
-        frame_rates=tuple(sorted(total.frame_rates)),
-        self_contact=total.self_contact / total.seconds,
-        hand_contact=total.hand_contact / total.seconds,
-        hiding={
-            group: Hiding(float(hidden / (size * total.seconds)), float(hidden / spans) if spans else None)
-            for group, hidden, spans, size in rows
-        },
-    )
+    figures: dict[str, float] = {}
+    points = group_points(default_skeleton()).values()
+    for group, hidden, spans, of_group in zip(GROUPS, total.hidden, total.spans, points, strict=True):
+        figures[f"{group}_hidden"] = float(hidden / (len(of_group) * total.seconds))
+        if spans:
+            figures[f"{group}_seconds"] = float(hidden / spans)
+    figures |= {name: getattr(total, name) / total.seconds for name in ("self_contact", "hand_contact")}
+    return Column(name, total.frames, tuple(sorted(total.frame_rates)), figures)
 
 
 Counted = dict[str, Counts]  # by category
 
 
-def count_clip(clip: Clip, camera: HeadsetCamera) -> Counted:
+def count_clip(clip: Clip, camera: HeadsetCamera = HeadsetCamera()) -> Counted:
     """Count occlusion and contact in a clip, under its category."""
     return {clip.category or "(none)": count(clip.pose, clip.frame_rate, camera)}
-
-
-def count_clips(
-    clips: Iterable[Clip], jobs: int, advance: Callable[[Clip], None], camera: HeadsetCamera = HeadsetCamera()
-) -> tuple[Counted, Census]:
-    """Count occlusion and contact in every clip, and the amount of motion. `advance` is called after every clip."""
-    return gathered(partial(count_clip, camera=camera), clips, jobs, advance)
 
 
 def columns_of(counted: Counted) -> list[Column]:
     """A column a category, then all."""
     columns = [column(category, [counts]) for category, counts in sorted(counted.items())]
     return [*columns, column("all", counted.values())]
-
-
-def numbers_of(columns: Iterable[Column]) -> dict[str, float]:
-    """'<column>_<group>_hidden' (share of time), '…_seconds', '<column>_self_contact', '…_hand_contact'."""
-    numbers: dict[str, float] = {}
-    for one in columns:
-        rows = {f"{group}_{name}": getattr(hiding, field) for group, hiding in one.hiding.items() for name, field in
-                (("hidden", "ratio"), ("seconds", "duration"))}  # fmt: skip
-        rows |= {"self_contact": one.self_contact, "hand_contact": one.hand_contact}
-        numbers |= {f"{one.name}_{key}": value for key, value in rows.items() if value is not None}
-    return numbers
 
 
 def occlusion_report(counted: Sequence[tuple[DataSet, Counted, Census]]) -> Report:
@@ -205,24 +182,18 @@ def occlusion_table(columns: Sequence[Column]) -> Report:
         title="UNOC, Table 1: occlusion and contact",
         columns=("", *(one.name for one in columns), *(f"{one.name}, published" for one in PUBLISHED)),
         rows=tuple(_rows(every)),
-        numbers=numbers_of(columns),
+        numbers={f"{one.name}_{key}": value for one in columns for key, value in one.figures.items()},
         caption="Share of time hidden; mean length of the spans of hiding. What is hidden is the joint of either side, "
         "three points of a foot, every point of a hand.",
-        panels=(_panel("hidden, % of time", every, "ratio", 100.0), _panel("mean span, s", every, "duration", 1.0)),
+        panels=(_panel("hidden, % of time", every, "hidden", 100.0), _panel("mean span, s", every, "seconds", 1.0)),
     )
 
 
 def _rows(columns: Sequence[Column]) -> Iterator[tuple[Cell, ...]]:
-    def percent(label: str, shares: Iterable[float | None]) -> tuple[Cell, ...]:
-        return (f"{label}, %", *(None if share is None else 100 * share for share in shares))
-
     yield ("frames", *(one.frames for one in columns))
     yield ("frames/s", *(", ".join(f"{rate:g}" for rate in one.frame_rates) for one in columns))
-    yield percent("self-contact", (one.self_contact for one in columns))
-    yield percent("hand-body contact", (one.hand_contact for one in columns))
-    for group in GROUPS:
-        yield percent(f"{group} hidden", (one.hiding[group].ratio for one in columns))
-        yield (f"{group} span, s", *(one.hiding[group].duration for one in columns))
+    for key, (label, factor) in FIGURES.items():
+        yield (label, *(factor * one.figures[key] if key in one.figures else None for one in columns))
 
 
 def _remarks(columns: Sequence[Column]) -> Iterator[str]:
@@ -232,21 +203,21 @@ def _remarks(columns: Sequence[Column]) -> Iterator[str]:
             continue
         found: dict[bool, list[str]] = {True: [], False: []}
         for group in GROUPS:
-            published = [ratio for known in PUBLISHED if (ratio := known.hiding[group].ratio) is not None]
-            ratio, low, high = one.hiding[group].ratio, min(published), max(published)
-            if ratio is not None:
-                is_inside = low <= ratio <= high
-                span = "" if is_inside else f" (published {100 * low:.0f} to {100 * high:.0f} %)"
-                found[is_inside].append(f"{group} {100 * ratio:.0f} %{span}")
+            key = f"{group}_hidden"
+            published = [known.figures[key] for known in PUBLISHED if key in known.figures]
+            ratio, low, high = one.figures[key], min(published), max(published)
+            is_inside = low <= ratio <= high
+            span = "" if is_inside else f" (published {100 * low:.0f} to {100 * high:.0f} %)"
+            found[is_inside].append(f"{group} {100 * ratio:.0f} %{span}")
         inside, outside = (", ".join(found[key]) or "none" for key in (True, False))
         yield f"{one.name}: hidden within the published range: {inside}; outside: {outside}."
 
 
-def _panel(measure: str, columns: Sequence[Column], field: str, factor: float) -> BarPanel:
+def _panel(measure: str, columns: Sequence[Column], ending: str, factor: float) -> BarPanel:
     """All of ours, or the only one, between UNOC and Talking With Hands."""
     bars = []
     for one in (columns[-len(PUBLISHED) - 1], *PUBLISHED[:2]):
-        values = [getattr(one.hiding[group], field) for group in GROUPS]
+        values = [one.figures.get(f"{group}_{ending}") for group in GROUPS]
         heights = [None if value is None else factor * value for value in values]
         bars.append(plain_bars(f"{one.name} (published)" if one in PUBLISHED else one.name, heights))
     return BarPanel(measure.partition(",")[0], GROUPS, tuple(bars), measure)

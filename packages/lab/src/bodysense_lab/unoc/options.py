@@ -15,7 +15,7 @@ Epochs = Annotated[int, within(int, 1, EPOCHS)]
 
 @dataclass(frozen=True, kw_only=True)
 class BodyTraining(Training):
-    """Train the body network (UNOC) and write it as one .onnx file; training resumes after a stop."""
+    """Options of `bodysense train body-gru`."""
 
     form: Literal["shipped", "paper", "paper-world-axes"] = "shipped"
     """'shipped' carries its state and reads the headset's orientation and the mask; 'paper' sees windows of 27 frames
@@ -45,10 +45,7 @@ class BodyTraining(Training):
 
 @dataclass(frozen=True, kw_only=True)
 class TablesTraining(Training):
-    """Train the networks of UNOC's Tables 2 to 4 into one folder, which `bodysense evaluate unoc-table2` … read.
-
-    Training resumes after a stop. On several machines start it on each with `torchrun` and give --nodes.
-    """
+    """Options of `bodysense train unoc-tables`."""
 
     tables: tuple[str, ...] = ("2", "3", "4", "smoothness")
     """whose networks: 2, 3, 4, smoothness"""
@@ -93,10 +90,7 @@ class PointTraining(Training):
 
 @dataclass(frozen=True, kw_only=True)
 class FingersTraining(PointTraining):
-    """Train finger synthesis (UNOC, section 5.3) and write it as one .onnx file; training resumes after a stop.
-
-    The clips with fingers are learned, and the weights that do best on those of the val split are kept.
-    """
+    """Options of `bodysense train fingers`; clips with fingers are learned and watched."""
 
     steps: Count = Usual(500)
     """optimiser steps"""
@@ -105,10 +99,7 @@ class FingersTraining(PointTraining):
 
 @dataclass(frozen=True, kw_only=True)
 class UpperBodyTraining(PointTraining):
-    """Train the upper body of a headset and two controllers (UNOC, section 5.2) and write it as one .onnx file.
-
-    Training resumes after a stop; the weights that do best on the val split are kept.
-    """
+    """Options of `bodysense train upper-body`."""
 
     steps: Count = Usual(8000)
     """optimiser steps"""

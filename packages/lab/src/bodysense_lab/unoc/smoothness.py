@@ -22,12 +22,11 @@ from bodysense.observation import Observation
 from bodysense_lab.datasets import Census, DataSet, describe, missing
 from bodysense_lab.score_table import (
     BarChart,
-    Claim,
-    Compared,
     Published,
     ScoreColumn,
     ScoreRow,
     ScoreTable,
+    claim,
     score_report,
 )
 from bodysense_lab.scoring import RATE, Tally, group_of, part_errors, scored_points
@@ -49,12 +48,6 @@ METHODS = {
 PUBLISHED = {"truth": 0.2, "gru": 3.5, "mask_given": 6.1}  # %
 LIMIT = 9.0  # m/s²
 _GUESS = 0.05  # m: expected error of networks that do not predict it
-
-
-def _claim(text: str, lower: str, *higher: str) -> Claim:
-    """A claim on strong accelerations of the body."""
-    one, *others = (Compared(METHODS[method], "body", method) for method in (lower, *higher))
-    return Claim(text, one, tuple(others))
 
 
 TABLE = ScoreTable(
@@ -81,11 +74,14 @@ TABLE = ScoreTable(
             },
         ),
     ),
-    claims=(
-        _claim("A network that predicts the mask is smoother than one that is given it", "gru", "mask_given"),
-        _claim("The truth is smoother than either network", "truth", "gru", "mask_given"),
-        _claim("IK and smoothing make the network's motion smoother", "gru_tracker", "gru"),
-        _claim("Not in the paper: the shipped predictor is smoother than the paper's network", "tracker", "gru"),
+    claims=tuple(
+        claim(text, METHODS, "body", lower, *higher)
+        for text, lower, *higher in (
+            ("A network that predicts the mask is smoother than one that is given it", "gru", "mask_given"),
+            ("The truth is smoother than either network", "truth", "gru", "mask_given"),
+            ("IK and smoothing make the network's motion smoother", "gru_tracker", "gru"),
+            ("Not in the paper: the shipped predictor is smoother than the paper's network", "tracker", "gru"),
+        )
     ),
     charts=(BarChart("body", {label: ("body", one) for one, label in METHODS.items()}, "above 9 m/s², %"),),
     of_groups=(0, "{}, %"),

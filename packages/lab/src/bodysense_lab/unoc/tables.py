@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import replace
 from typing import Any
 
 from bodysense_lab.datasets import DataSet, describe, missing
 from bodysense_lab.score_table import (
     BarChart,
     Claim,
-    Compared,
     Published,
     ScoreColumn,
     ScoreRow,
     ScoreTable,
+    claim,
+    pairs,
     score_report,
 )
 from bodysense_lab.table import Report
@@ -28,6 +28,7 @@ OWN_NAMES = {
     "best": "shipped, before IK",
     "tracker": "shipped",
 }
+NAMES = OWN_NAMES | {name: variant.title for name, variant in VARIANTS.items()}
 PLACES: dict[At, ScoreRow] = {
     **{
         (part, share): ScoreRow(f"{label}, {share}", f"{key}_{share}")
@@ -53,15 +54,9 @@ _BOTH: At = ("body_and_finger", "occluded")
 _ALL: At = ("body", "all")
 
 
-def name_of(method: str) -> str:
-    """Return the label of a method."""
-    return OWN_NAMES[method] if method in OWN_NAMES else VARIANTS[method].title
-
-
 def _claim(text: str, lower: str, higher: Collection[str], at: At = _BODY, figure: int = 0) -> Claim:
     """A claim on methods at one place."""
-    one, *others = (Compared(name_of(method), at, method, figure) for method in (lower, *higher))
-    return Claim(text, one, tuple(others))
+    return claim(text, NAMES, at, lower, *higher, figure=figure)
 
 
 def _table(
@@ -74,12 +69,8 @@ def _table(
     **more: Any,
 ) -> ScoreTable:
     """A table with rows as the paper prints them, 'RMSJPE/MPJPE' of every place; `extra` are methods of ours."""
-    methods = {method: name_of(method) for method in (*published, *extra)}
-    cells = {
-        (at, method): tuple(map(float, pair.split("/")))
-        for method, row in published.items()
-        for at, pair in zip(rows, row.split(), strict=True)
-    }
+    methods = {method: NAMES[method] for method in (*published, *extra)}
+    cells = {(at, method): pair for method, row in published.items() for at, pair in zip(rows, pairs(row), strict=True)}
     return ScoreTable(
         f"unoc-table{number}",
         f"UNOC, Table {number}: {title}",
@@ -180,24 +171,14 @@ TABLE_4 = _table(
 )
 
 
-def without_networks(table: ScoreTable) -> ScoreTable:
-    """Return a table of our own methods alone, and the claims about them."""
-    methods = {method: label for method, label in table.methods.items() if method in OWN_NAMES}
-    claims = tuple(one for one in table.claims if {one.lower.method, *(o.method for o in one.higher)} <= set(methods))
-    charts = tuple(
-        replace(chart, bars={label: at for label, at in chart.bars.items() if at[1] in methods})
-        for chart in table.charts
-    )
-    return replace(table, methods=methods, claims=claims, charts=charts)
-
-
 def network_report(table: ScoreTable, scores: Mapping[str, Scores], data: DataSet) -> Report:
-    """Return a table of networks. `scores` has every method, the last known ones under 'last_known_<frame>'."""
+    """Return a table of the methods in `scores`, the last known ones of which are 'last_known_<frame>' there."""
     frame = better_last_known(scores)
     scores = {**scores, "last_known": scores[f"last_known_{frame}"]}
     cells = {
         (group, (part, share), method, "error"): tally
         for method in dict.fromkeys((*table.methods, "last_known"))
+        if method in scores
         for (group, part, share), tally in scores[method].tallies.items()
     }
     census = next(iter(scores.values())).census

@@ -44,7 +44,6 @@ from bodysense.body.rotation import (
 )
 from bodysense.body.skeleton import Skeleton
 from bodysense.devices.estimate import PointEstimate
-from bodysense.errors import BodysenseError
 from bodysense.observation import Observation, observed_points
 
 # m: mean error of points of either side on the train split; of wrists and head while they are lost, for up to a second.
@@ -56,46 +55,33 @@ EXPECTED_ERROR = {
 FINGER_ERROR = 0.01  # m, of a relaxed finger's place in its hand
 
 
-@dataclass(frozen=True)
-class UpperBodyIkSettings:
-    """The weights of the method: lengths as shares of the arm's, angles in radians.
+# The weights of the method: lengths as shares of the arm's, angles in radians. `_SWIVEL_BY_FLEXION` was chosen on clips
+# with recorded hands alone: where a wrist never bends, it gives the forearm away, and no gain would be too high.
 
-    `swivel_by_flexion` was chosen on clips with recorded hands alone: where a wrist never bends, it gives the forearm
-    away, and no gain would be too high.
-    """
+# Trunk: turn by the line between the hands, lean by the head.
+_TURN_GAIN = 0.56  # share of the turn of the line between the hands that the trunk takes
+_TURN_SOFTNESS = 0.18  # width below which hands are too near to each other to say much
+_LEAN_REST = 0.08  # of a standing body that looks straight ahead
+_LEAN_BY_PITCH = 0.2  # per radian that the head looks down
+_LEAN_BY_DROP = math.radians(142)  # per share of its standing height that the head is lower; released
+_LEAN_LIMIT = math.radians(50)  # released
+_TILT_BY_ROLL = 0.6  # sideways, per radian that the head is tilted
+_NECK_SHARE = 0.2  # of the turn from trunk to head that the neck takes
 
-    # Trunk: turn by the line between the hands, lean by the head.
-    turn_gain: float = 0.56  # share of the turn of the line between the hands that the trunk takes
-    turn_softness: float = 0.18  # width below which hands are too near to each other to say much
-    lean_rest: float = 0.08  # of a standing body that looks straight ahead
-    lean_by_pitch: float = 0.2  # per radian that the head looks down
-    lean_by_drop: float = math.radians(142)  # per share of its standing height that the head is lower; released
-    lean_limit: float = math.radians(50)  # released
-    tilt_by_roll: float = 0.6  # sideways, per radian that the head is tilted
-    neck_share: float = 0.2  # of the turn from trunk to head that the neck takes
+# Collarbones: radians per share that the hand is beyond `_COLLAR_START`, in front and above.
+_COLLAR_START = 0.5  # released
+_COLLAR_GAIN = math.radians(30)  # released
+_COLLAR_LIMIT = math.radians(33)  # released
+_REACH = 0.995  # of the arm's length: where a farther hand pulls the collarbone; released
+_REACH_LIMIT = math.radians(33)  # as `_COLLAR_LIMIT`
 
-    # Collarbones: radians per share that the hand is beyond `collar_start`, in front and above.
-    collar_start: float = 0.5  # released
-    collar_gain: float = math.radians(30)  # released
-    collar_limit: float = math.radians(33)  # released
-    reach: float = 0.995  # of the arm's length: where a farther hand pulls the collarbone; released
-    reach_limit: float = math.radians(33)  # as `collar_limit`
-
-    # Elbow: turn about the line from shoulder to hand, outward, for a hand at (outward, up, forward).
-    swivel_rest: float = math.radians(27)
-    swivel_by_outward: float = math.radians(-24)
-    swivel_by_up: float = math.radians(24)
-    swivel_by_forward: float = math.radians(-30)
-    swivel_by_twist: float = 0.25  # per sine of the forearm's twist that the hand asks for
-    swivel_by_flexion: float = 0.4  # per sine of the wrist's bending toward the palm or away from it
-
-    def __post_init__(self) -> None:
-        if not 0 < self.reach < 1:
-            raise BodysenseError(f"upper-body IK settings: reach is {self.reach:g}; it must lie between 0 and 1")
-        for name in ("turn_softness", "lean_limit", "collar_limit", "reach_limit"):
-            if not getattr(self, name) > 0:
-                raise BodysenseError(f"upper-body IK settings: {name} is {getattr(self, name):g}; it must be positive")
-
+# Elbow: turn about the line from shoulder to hand, outward, for a hand at (outward, up, forward).
+_SWIVEL_REST = math.radians(27)
+_SWIVEL_BY_OUTWARD = math.radians(-24)
+_SWIVEL_BY_UP = math.radians(24)
+_SWIVEL_BY_FORWARD = math.radians(-30)
+_SWIVEL_BY_TWIST = 0.25  # per sine of the forearm's twist that the hand asks for
+_SWIVEL_BY_FLEXION = 0.4  # per sine of the wrist's bending toward the palm or away from it
 
 # Where the reference of the elbow's turn starts: a hand in front of the body, its elbow down, back and outward. Turned
 # by the shortest arc to where the hand is, it is undefined only for a hand behind its shoulder, a little above it.
@@ -125,7 +111,6 @@ class UpperBodyIk:
     """
 
     skeleton: Skeleton
-    settings: UpperBodyIkSettings = UpperBodyIkSettings()
 
     @cached_property
     def _standing(self) -> Pose:
@@ -196,24 +181,24 @@ class UpperBodyIk:
         arm_length = float(self.skeleton.bone_length[self._arms[0, 2:]].sum())
         line = quaternion_rotate(quaternion_conjugate(front), wrists[:, 0] - wrists[:, 1]) / arm_length
         # Crossed hands say no more than hands one before the other.
-        across = np.maximum(line[:, 0], 0) + self.settings.turn_softness
-        return self.settings.turn_gain * np.arctan2(-line[:, 2], across)
+        across = np.maximum(line[:, 0], 0) + _TURN_SOFTNESS
+        return _TURN_GAIN * np.arctan2(-line[:, 2], across)
 
     def _trunk(
         self, head_position: np.ndarray, head_rotation: np.ndarray, front: np.ndarray, turn: np.ndarray
     ) -> tuple[Pose, np.ndarray, np.ndarray]:
         """A standing body (T,), trunk turned and leaned, head as measured; its points and joints in the world."""
-        settings, index = self.settings, self.skeleton.index
+        index = self.skeleton.index
         nod = quaternion_log(quaternion_multiply(quaternion_conjugate(front), head_rotation))
         drop = np.maximum(1 - head_position[:, 1] / self._standing_height, 0)
-        lean = settings.lean_rest + settings.lean_by_pitch * nod[:, 0] + settings.lean_by_drop * drop
-        lean = np.clip(lean, -settings.lean_limit, settings.lean_limit)
-        bend = np.stack([lean, 0 * lean, settings.tilt_by_roll * nod[:, 2]], axis=-1)
+        lean = _LEAN_REST + _LEAN_BY_PITCH * nod[:, 0] + _LEAN_BY_DROP * drop
+        lean = np.clip(lean, -_LEAN_LIMIT, _LEAN_LIMIT)
+        bend = np.stack([lean, 0 * lean, _TILT_BY_ROLL * nod[:, 2]], axis=-1)
 
         upright = quaternion_multiply(front, quaternion_exp(turn[:, None] * np.array([0.0, 1.0, 0.0])))
         chest = quaternion_multiply(upright, quaternion_exp(bend))
         toward = quaternion_multiply(quaternion_conjugate(chest), head_rotation)
-        neck = quaternion_exp(settings.neck_share * quaternion_log(toward))
+        neck = quaternion_exp(_NECK_SHARE * quaternion_log(toward))
         rotation = np.tile(self._standing.rotation, (len(turn), 1, 1))
         rotation[:, index("pelvis")] = upright
         rotation[:, [index(f"spine{k}") for k in (1, 2, 3)]] = quaternion_exp(bend / 3)[:, None]
@@ -229,26 +214,25 @@ class UpperBodyIk:
         Wrists (T, 2, 3) m and (T, 2, 4) are in the upper chest's frame. Right arms are solved as left ones, in the
         mirror: x runs outward, y up, z forward.
         """
-        settings = self.settings
         hand, hand_rotation = wrist * _MIRROR, wrist_rotation * _TURN_MIRROR
         root, collarbone, upper, fore = np.moveaxis(self.skeleton.rest_offset[self._arms] * _MIRROR[:, None], 1, 0)
         lengths = _length(upper), _length(fore)
         length = lengths[0] + lengths[1]
 
-        far = settings.collar_gain * ((hand - root - collarbone) / length - settings.collar_start)
-        far = np.clip(far, 0, settings.collar_limit)
+        far = _COLLAR_GAIN * ((hand - root - collarbone) / length - _COLLAR_START)
+        far = np.clip(far, 0, _COLLAR_LIMIT)
         collar = quaternion_exp(np.stack([0 * far[..., 0], -far[..., 2], far[..., 1]], axis=-1))
         bone = quaternion_rotate(collar, np.broadcast_to(collarbone, hand.shape))
-        farther = _turn_to_reach(bone, hand - root, settings.reach * length, settings.reach_limit)
+        farther = _turn_to_reach(bone, hand - root, _REACH * length, _REACH_LIMIT)
         collar = quaternion_multiply(farther, collar)
         to_hand = hand - root - quaternion_rotate(farther, bone)
 
-        by_place = np.array([settings.swivel_by_outward, settings.swivel_by_up, settings.swivel_by_forward])
-        swivel = settings.swivel_rest + (to_hand / length @ by_place)[..., None]
+        by_place = np.array([_SWIVEL_BY_OUTWARD, _SWIVEL_BY_UP, _SWIVEL_BY_FORWARD])
+        swivel = _SWIVEL_REST + (to_hand / length @ by_place)[..., None]
         asked = np.swapaxes(_two_bones(to_hand, swivel, *lengths)[..., 1, :, :], -1, -2)
         asked = asked @ quaternion_to_matrix(hand_rotation)  # hinge frame of the forearm ← hand
         twist, flexion = (asked[..., 2, 1] - asked[..., 1, 2]) / 2, asked[..., 1, 0]  # sines
-        swivel += (settings.swivel_by_twist * twist - settings.swivel_by_flexion * flexion)[..., None]
+        swivel += (_SWIVEL_BY_TWIST * twist - _SWIVEL_BY_FLEXION * flexion)[..., None]
         bones = matrix_to_quaternion(_two_bones(to_hand, swivel, *lengths))
         bones = quaternion_multiply(bones, shortest_arc(np.stack([upper, fore], axis=1), np.array([1.0, 0.0, 0.0])))
 

@@ -33,9 +33,11 @@ from bodysense_lab.score_table import (
     ScoreColumn,
     ScoreRow,
     ScoreTable,
+    claim,
+    pairs,
     score_report,
 )
-from bodysense_lab.scoring import GROUPS, RATE, Tally, group_of
+from bodysense_lab.scoring import GROUPS, RATE, Tally, group_of, suffix_of
 from bodysense_lab.table import Report
 from bodysense_lab.tallies import Tallies
 from bodysense_lab.unoc.ik_tracker import Estimator
@@ -63,14 +65,13 @@ MakeEstimator = Callable[[Skeleton], Estimator]
 At = tuple[str, str]  # poses, joints
 
 
-def published_on(data: str) -> dict[tuple[At, str], tuple[float, float]]:
+def published_on(data: str) -> dict[tuple[At, str], tuple[float, ...]]:
     """Return the paper's RMSJPE and MPJPE, cm, on one of `SETS`, by (poses, joints) and method."""
     first = 4 * SETS.index(data)
     return {
-        ((poses, joints), method): (float(rmsjpe), float(mpjpe))
+        ((poses, joints), method): pair
         for (method, poses), row in _PUBLISHED.items()
-        for joints, pair in zip(JOINTS, row.split()[first : first + 4], strict=True)
-        for rmsjpe, mpjpe in (pair.split("/"),)
+        for joints, pair in zip(JOINTS, pairs(row)[first : first + 4], strict=True)
     }
 
 
@@ -96,11 +97,7 @@ TABLE = ScoreTable(
     ),
     claims=(
         *(
-            Claim(
-                f"{joints}, {label}: the network is better than IK",
-                Compared("network", (poses, joints), "network"),
-                (Compared("IK", (poses, joints), "ik"),),
-            )
+            claim(f"{joints}, {label}: the network is better than IK", METHODS, (poses, joints), "network", "ik")
             for poses, label in POSES.items()
             for joints in JOINTS
         ),
@@ -157,5 +154,5 @@ def upper_body_report(found: Mapping[tuple, Tally], census: Census, data: DataSe
     for group in (*GROUPS, "bending_wrists"):
         every, standing = (found.get((group, (poses, "neck"), "ik", "error"), Tally()).count for poses in POSES)
         if every:
-            numbers["standing_share" + ("" if group == "main" else f"_{group}")] = standing / every
+            numbers[f"standing_share{suffix_of(group)}"] = standing / every
     return score_report(TABLE, found, census, (describe(data, census), *missing(SETS, [data])), numbers=numbers)

@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from bodysense.ranges import Count
-from bodysense_lab.commands.bench.timing import Json, percentiles, report
+from bodysense_lab.commands.bench.timing import percentiles, report
+from bodysense_lab.options import Json
 
 
 def arms(frames: Count = 2000, model: Path | None = None, json: Json = None) -> None:

@@ -7,7 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from bodysense_lab.commands.bench.timing import Json, report
+from bodysense_lab.commands.bench.timing import report
+from bodysense_lab.options import Json
 
 
 def bvh(megabytes: int = 60, json: Json = None) -> None:

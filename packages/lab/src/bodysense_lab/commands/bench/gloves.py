@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from bodysense.ranges import Count
-from bodysense_lab.commands.bench.timing import Json, percentiles, report, resident_memory, streamed
+from bodysense_lab.commands.bench.timing import percentiles, report, resident_memory, streamed
+from bodysense_lab.options import Json
 
 
 def gloves(frames: Count = 3000, json: Json = None) -> None:

@@ -6,7 +6,8 @@ import sys
 
 import numpy as np
 
-from bodysense_lab.commands.bench.timing import Json, report
+from bodysense_lab.commands.bench.timing import report
+from bodysense_lab.options import Json
 
 
 def import_time(runs: int = 9, json: Json = None) -> None:

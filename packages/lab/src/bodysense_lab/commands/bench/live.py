@@ -18,8 +18,7 @@ import psutil
 
 from bodysense.errors import BodysenseError
 from bodysense.ranges import Processes, Sessions, within
-from bodysense_lab.commands.bench.timing import Json
-from bodysense_lab.options import Rate, Seconds
+from bodysense_lab.options import Json, Rate, Seconds
 
 _POINTS = ("head", "left_wrist", "right_wrist")
 _BEAT = 240  # frames of motion that clients repeat

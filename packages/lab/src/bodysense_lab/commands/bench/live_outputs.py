@@ -16,8 +16,7 @@ import numpy as np
 
 from bodysense.errors import BodysenseError
 from bodysense.ranges import Count
-from bodysense_lab.commands.bench.timing import Json
-from bodysense_lab.options import Rate
+from bodysense_lab.options import Json, Rate
 
 _WARM_UP = 100  # frames
 _PATIENCE = 0.5  # s for a body that does not come

@@ -7,7 +7,8 @@ import time
 import numpy as np
 
 from bodysense.ranges import Count
-from bodysense_lab.commands.bench.timing import Json, report
+from bodysense_lab.commands.bench.timing import report
+from bodysense_lab.options import Json
 
 
 def occlusion(frames: Count = 30_000, json: Json = None) -> None:

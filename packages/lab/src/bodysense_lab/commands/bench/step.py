@@ -20,6 +20,7 @@ from bodysense.errors import BodysenseError
 from bodysense.observation import Observation
 from bodysense.ranges import Count
 from bodysense_lab.commands.bench.timing import percentiles, report, resident_memory, streamed
+from bodysense_lab.options import Json
 
 if TYPE_CHECKING:
     from bodysense.tracker import Tracker
@@ -34,7 +35,7 @@ def bench_step(
     people: Count = 16,
     model: Path | None = None,
     onnx: Path | None = None,
-    json: Path | None = None,
+    json: Json = None,
 ) -> None:
     """Time the tracker's whole step, a frame at a time: one wearer, and several in a batch.
 
@@ -48,7 +49,6 @@ def bench_step(
         people: wearers in the batch; its figure, ms a wearer, is called batch16_ms with 16.
         model: completion network of your own; the packaged one if omitted.
         onnx: completion.onnx of an earlier version (docs/completion.md says how to get it).
-        json: write the numbers here, as one flat object.
     """
     from bodysense.completion.model import PACKAGED, load_completion
     from bodysense.demo import performance_of_stranger

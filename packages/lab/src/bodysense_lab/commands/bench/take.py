@@ -6,7 +6,8 @@ import time
 
 import numpy as np
 
-from bodysense_lab.commands.bench.timing import Json, report
+from bodysense_lab.commands.bench.timing import report
+from bodysense_lab.options import Json
 
 RATE = 30.0  # Hz
 

@@ -6,14 +6,11 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
-import tyro
 
 from bodysense.observation import Observation
-
-Json = Annotated[Path | None, tyro.conf.arg(help="Write the numbers here, as one flat object.")]
 
 
 def percentiles(one: Callable[[int], None], frames: int) -> dict[str, float]:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from bodysense.ranges import Count, Processes
-from bodysense_lab.commands.bench.timing import Json, report
+from bodysense_lab.commands.bench.timing import report
+from bodysense_lab.options import Json
 
 
 def training(steps: Count = 6, threads: Processes = 1, json: Json = None) -> None:

@@ -8,7 +8,8 @@ from typing import Annotated
 
 import tyro
 
-from bodysense_lab.commands.bench.timing import Json, report, resident_memory
+from bodysense_lab.commands.bench.timing import report, resident_memory
+from bodysense_lab.options import Json
 
 
 def video(file: Annotated[Path, tyro.conf.Positional], json: Json = None) -> None:
