@@ -28,8 +28,8 @@ def completion(run: Flat[CompletionTraining]) -> None:
     Training resumes from the checkpoints in the folder of the run. The 6200 steps take an hour and a half of one core.
     """
     from bodysense_lab.completion.publish import publish, rounded
-    from bodysense_lab.completion.task import CompletionTask, train_completion
-    from bodysense_lab.completion.train_fingers import fingers_of_completion
+    from bodysense_lab.completion.task import CompletionTask
+    from bodysense_lab.completion.train import fingers_of_completion, train_completion
     from bodysense_lab.fit import announced
 
     check_place(run.out)
@@ -50,8 +50,8 @@ def completion_fingers(run: Flat[FingerTraining]) -> None:
 
     Training resumes from its checkpoint, the .ckpt that is written.
     """
-    from bodysense_lab.completion.finger_task import FingerTask
-    from bodysense_lab.completion.train_fingers import train_fingers
+    from bodysense_lab.completion.task import FingerTask
+    from bodysense_lab.completion.train import train_fingers
     from bodysense_lab.fit import announced
 
     check_place(run.out)
@@ -196,13 +196,13 @@ def sight(run: Flat[SightEvaluation]) -> None:
 def untracked_fingers(run: Flat[UntrackedFingerEvaluation]) -> None:
     """Score fingers that are not tracked, each network on the person without whom it was trained."""
     from bodysense_lab.completion.corpus import read_corpus
-    from bodysense_lab.completion.train_fingers import finger_report, load_finger_network, person_clips, score_fingers
+    from bodysense_lab.completion.finger_scores import finger_report, load_finger_network, score_fingers
 
     check_places(run.json)
     loaded = {path.name: load_finger_network(path) for path in run.networks}
     scored, learned = (read_corpus(run.data, part) for part in (run.split, "train"))
     for name, (_, task) in loaded.items():
-        if not task.left_out or not len(person_clips(scored, task.left_out)[0]):
+        if not task.left_out or not len(scored.finger_clips(task.left_out)[0]):
             raise BodysenseError(
                 f"{name}: left out {task.left_out or 'no one'!r}, "
                 f"who has no fingers in the {run.split} split of {run.data}; "

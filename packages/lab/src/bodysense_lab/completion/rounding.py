@@ -12,8 +12,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from bodysense_lab.completion.batches import SequenceBatch
 from bodysense_lab.completion.network import CompletionNetwork, advance
-from bodysense_lab.completion.task import SequenceBatch
 from bodysense_lab.completion.weights_file import row_step
 
 _DAMPING = 0.01  # of the mean square of what is read: what was never read must not be made up for
