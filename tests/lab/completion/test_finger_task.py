@@ -21,40 +21,21 @@ from bodysense.body.rotation import (
 )
 from bodysense.body.skeleton import BODY, default_skeleton
 from bodysense.errors import BodysenseError
-from bodysense_lab.completion import train_fingers as finger_training
+from bodysense_lab.completion import train as training
+from bodysense_lab.completion.batches import HandBatch, SequenceBatch, collate
 from bodysense_lab.completion.corpus import Corpus
-from bodysense_lab.completion.finger_sequences import (
-    KINDS,
-    FingerSequence,
-    draw_finger_sequence,
-    draw_fingers_tracked,
-    hand_kinematics,
-    make_finger_sequence,
-    with_other_hands,
-)
-from bodysense_lab.completion.finger_task import (
-    MOVING,
-    FingerBatch,
-    FingerLosses,
-    FingerTask,
-    FingerTaskConfig,
-    collate_fingers,
-    finger_losses,
-    finger_positions,
-    finger_validation,
-    last_known_error,
-    mean_hand,
-)
-from bodysense_lab.completion.fingers import HAND_JOINTS, HAND_POINTS, FingerConfig, FingerNetwork
+from bodysense_lab.completion.finger_errors import finger_validation, last_known_fingers, mean_hand
+from bodysense_lab.completion.finger_scores import finger_numbers, load_finger_network, score_fingers
+from bodysense_lab.completion.fingers import MOVING, FingerConfig, FingerNetwork, finger_positions
+from bodysense_lab.completion.hands import TrackFingers, TrainingHands, hand_kinematics
+from bodysense_lab.completion.losses import FingerLosses, finger_losses
 from bodysense_lab.completion.options import FingerTraining
-from bodysense_lab.completion.sequences import Draw, TrainingBody
-from bodysense_lab.completion.train_fingers import (
-    finger_numbers,
-    load_finger_network,
-    score_fingers,
-    train_fingers,
-    without,
-)
+from bodysense_lab.completion.points import HAND_JOINTS, HAND_POINTS
+from bodysense_lab.completion.sensor_draws import FINGER_KINDS, DrawnFingers, draw_fingers
+from bodysense_lab.completion.sequences import CAMERA, Draw, Sequence, draw_hands, make_sequence
+from bodysense_lab.completion.task import FingerTask, FingerTaskConfig
+from bodysense_lab.completion.train import train_fingers, without
+from bodysense_lab.completion.training_bodies import TrainingBody, with_other_hands
 from bodysense_lab.fit import launched
 from bodysense_lab.options import Schedule
 
@@ -90,17 +71,32 @@ def corpus() -> Corpus:
 
 def told() -> TrainingBody:
     own = SKELETON.rest_offset.copy()
-    return TrainingBody(own, own, np.zeros(len(own)))
+    return TrainingBody.known(own)
 
 
-def sequence(corpus: Corpus, kind: str, draw: Draw | None = None) -> FingerSequence:
-    draw = Draw(told()) if draw is None else draw
-    return make_finger_sequence(corpus, 1, draw, partial(draw_fingers_tracked, kind), np.random.default_rng(0))
+def sequence(corpus: Corpus, kind: str, draw: Draw | None = None) -> Sequence:
+    return seen_by(corpus, partial(draw_fingers, kind), Draw(told()) if draw is None else draw)
 
 
-def whole(*sequences: FingerSequence) -> FingerBatch:
+def seen_by(corpus: Corpus, track: TrackFingers, draw: Draw) -> Sequence:
+    """The clip with fingers."""
+    return make_sequence(corpus, 1, replace(draw, track=CAMERA, fingers=track), np.random.default_rng(0))
+
+
+def hands_of(one: Sequence) -> TrainingHands:
+    assert one.hands is not None
+    return one.hands
+
+
+def batch_of(*sequences: Sequence) -> SequenceBatch:
     longest = max(len(one) for one in sequences)
-    return collate_fingers([(one, 0) for one in sequences], longest, np.ones(len(sequences), dtype=bool))
+    return collate([(one, 0) for one in sequences], longest, np.ones(len(sequences), dtype=bool))
+
+
+def whole(*sequences: Sequence) -> HandBatch:
+    hands = batch_of(*sequences).hands
+    assert hands is not None
+    return hands
 
 
 def test_hands_are_where_forward_kinematics_has_them() -> None:
@@ -120,12 +116,12 @@ def test_hands_are_where_forward_kinematics_has_them() -> None:
     assert len(MOVING) == 15 and not any(SKELETON.points[HAND_POINTS[0, p]].endswith("1") for p in MOVING)
 
 
-@pytest.mark.parametrize("kind", list(KINDS))
+@pytest.mark.parametrize("kind", list(FINGER_KINDS))
 def test_sequences_are_finite_and_of_their_shapes(corpus: Corpus, kind: str) -> None:
-    one = sequence(corpus, kind, Draw(told(), rate=45.0, noisy=True, bent=True))
-    frames = len(one)
-    assert frames == 134 and one.interval == pytest.approx(1 / 45)
-    shapes = {name: value.shape for name, value in vars(one).items() if name != "interval"}
+    whole_body = sequence(corpus, kind, Draw(told(), rate=45.0, noisy=True, bent=True))
+    one, frames = hands_of(whole_body), len(whole_body)
+    assert frames == len(one) == 134 and whole_body.interval == pytest.approx(1 / 45)
+    shapes = {name: value.shape for name, value in vars(one).items()}
     assert shapes == {
         "true_position": (frames, 2, 20, 3),
         "true_rotation": (frames, 2, 15, 4),
@@ -143,7 +139,7 @@ def test_sequences_are_finite_and_of_their_shapes(corpus: Corpus, kind: str) -> 
 
 
 def test_what_is_tracked_without_noise_is_the_truth(corpus: Corpus) -> None:
-    one = sequence(corpus, "tracked")
+    one = hands_of(sequence(corpus, "tracked"))
     seen = one.has_position.all(axis=-1)
     assert seen.any()
     np.testing.assert_allclose(one.position[seen], one.true_position[seen], atol=2e-6)
@@ -160,7 +156,7 @@ def test_wrists_are_told_in_the_frame_under_the_head(corpus: Corpus) -> None:
         rotation=quaternion_multiply(spin, corpus.rotation.astype(float)).astype(np.float32),
         root=(quaternion_rotate(spin, corpus.root.astype(float)) + np.array([3.0, 0.0, -2.0])).astype(np.float32),
     )
-    one, other = sequence(corpus, "nothing"), sequence(elsewhere, "nothing")
+    one, other = (hands_of(sequence(each, "nothing")) for each in (corpus, elsewhere))
     for name in ("wrist", "wrist_velocity", "true_position"):
         np.testing.assert_allclose(getattr(one, name), getattr(other, name), atol=1e-4)
     apart = geodesic_angle(one.wrist_rotation.astype(float), other.wrist_rotation.astype(float))
@@ -171,11 +167,9 @@ def test_wrists_are_told_in_the_frame_under_the_head(corpus: Corpus) -> None:
 def test_a_mirror_image_is_the_same_to_the_network(corpus: Corpus) -> None:
     """Mirrored motion swaps the hands: features, losses and positions are those of the other hand, mirrored."""
     # Drawn masks and noise are not mirrored: with everything tracked and exact none are drawn.
-    one, other = (
-        make_finger_sequence(corpus, 1, Draw(told(), mirrored=flip), everything, np.random.default_rng(0))
-        for flip in (False, True)
-    )
-    np.testing.assert_allclose(other.true_position[:, ::-1], one.true_position * [-1.0, 1, 1], atol=1e-6)
+    one, other = (seen_by(corpus, everything, Draw(told(), mirrored=flip)) for flip in (False, True))
+    moved, image = (hands_of(each).true_position for each in (one, other))
+    np.testing.assert_allclose(image[:, ::-1], moved * [-1.0, 1, 1], atol=1e-6)
     network = FingerNetwork(FingerConfig(16, 16)).eval()
     plain, mirrored = whole(one), whole(other)
     features = network.read(plain.signal)
@@ -187,15 +181,15 @@ def test_a_mirror_image_is_the_same_to_the_network(corpus: Corpus) -> None:
     assert float(losses[0]["loss"].detach()) == pytest.approx(float(losses[1]["loss"].detach()), abs=1e-5)
 
 
-def everything(visible: np.ndarray, interval: float, rng: np.random.Generator):
+def everything(visible: np.ndarray, interval: float, rng: np.random.Generator) -> DrawnFingers:
     del interval
-    tracked = draw_fingers_tracked("nothing", visible, 1.0, rng)
+    tracked = draw_fingers("nothing", visible, 1.0, rng)
     tracked.has_position[:], tracked.has_wrist[:] = True, True
     return tracked
 
 
 def test_cameras_see_the_hands_that_the_corpus_says(corpus: Corpus) -> None:
-    one = sequence(corpus, "camera")
+    one = hands_of(sequence(corpus, "camera"))
     assert not one.has_position[~corpus.visible[40:][:, HAND_POINTS]].any() or one.has_position.all(axis=-1).any()
     # A hand is seen as a whole.
     np.testing.assert_array_equal(one.has_position.any(axis=-1), one.has_position.all(axis=-1))
@@ -227,14 +221,16 @@ def test_the_true_hand_has_no_loss_but_that_of_the_error(corpus: Corpus) -> None
 
 
 def test_the_last_known_hand_is_right_while_it_is_seen(corpus: Corpus) -> None:
-    one = make_finger_sequence(corpus, 1, Draw(told()), seen_in_part, np.random.default_rng(0))
-    error = last_known_error(whole(one), mean_hand(corpus))[0]
+    one = seen_by(corpus, seen_in_part, Draw(told()))
+    hands = whole(one)
+    position = finger_positions(last_known_fingers(mean_hand(corpus), hands), hands.signal.rest_offset)
+    error = (position - hands.true_position).norm(dim=-1)[0]
     assert float(error[:20].max()) < 1e-5 and float(error[35:].mean()) > 1e-3
-    held = one.true_position[19]
-    np.testing.assert_allclose(error[25], np.linalg.norm(held - one.true_position[25], axis=-1), atol=1e-5)
+    true = hands_of(one).true_position
+    np.testing.assert_allclose(error[25], np.linalg.norm(true[19] - true[25], axis=-1), atol=1e-5)
 
 
-def seen_in_part(visible: np.ndarray, interval: float, rng: np.random.Generator):
+def seen_in_part(visible: np.ndarray, interval: float, rng: np.random.Generator) -> DrawnFingers:
     tracked = everything(visible, interval, rng)
     tracked.has_position[20:] = False
     return tracked
@@ -253,7 +249,7 @@ def test_a_few_steps_reduce_the_loss(corpus: Corpus) -> None:
     """Of fingers that cannot be seen, too: the mean hand of the corpus is learned first."""
     torch.manual_seed(0)
     task = FingerTask(FingerNetwork(SMALL.network), SMALL, Schedule(), corpus, {})
-    batch = whole(sequence(corpus, "nothing"), sequence(corpus, "camera"))
+    batch = batch_of(sequence(corpus, "nothing"), sequence(corpus, "camera"))
     optimizer = torch.optim.AdamW(task.network.parameters(), lr=1e-2)
     first, last = 0.0, 0.0
     for step in range(40):
@@ -270,7 +266,7 @@ def test_a_few_steps_reduce_the_loss(corpus: Corpus) -> None:
 def test_training_goes_on_and_its_network_comes_back(
     corpus: Corpus, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(finger_training, "read_corpus", lambda data, split, limit: corpus)
+    monkeypatch.setattr(training, "read_corpus", lambda data, split, limit: corpus)
     fabric = launched()
     checkpoint = tmp_path / "fingers.ckpt"
     schedule = Schedule(steps=4, warm_up=1, check_every=2)
@@ -291,17 +287,17 @@ def test_training_goes_on_and_its_network_comes_back(
 
 def test_drawn_sequences_differ(corpus: Corpus) -> None:
     rng = np.random.default_rng(8)
-    drawn = [draw_finger_sequence(corpus, 1, rng) for _ in range(12)]
-    assert len({len(one) for one in drawn}) > 3 and len({float(one.rest_offset.sum()) for one in drawn}) > 8
+    drawn = [draw_hands(corpus, 1, rng) for _ in range(12)]
+    assert len({len(one) for one in drawn}) > 3 and len({float(hands_of(one).rest_offset.sum()) for one in drawn}) > 8
     assert len(BODY) == 22
 
 
 def test_a_clip_without_fingers_moves_generated_ones(corpus: Corpus) -> None:
     generated = quaternion_exp(np.random.default_rng(3).normal(0, 0.4, (2000, 30, 3))).astype(np.float16)
-    one, other = (draw_finger_sequence(corpus, 0, np.random.default_rng(k), generated) for k in (1, 2))
+    one, other = (hands_of(draw_hands(corpus, 0, np.random.default_rng(k), generated)) for k in (1, 2))
     assert len(one) > 10 and np.isfinite(one.true_position).all()
     assert not np.allclose(one.true_rotation[:10], other.true_rotation[:10])
-    task = FingerTask(FingerNetwork(SMALL.network), SMALL, Schedule(), corpus, {}, generated)
+    task = FingerTask(FingerNetwork(SMALL.network), SMALL, Schedule(), corpus, {}, generated=generated)
     assert next(task.batches(np.random.default_rng(0))).valid.any()
 
 

@@ -11,6 +11,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from bodysense.demo import packaged_performance
+from bodysense_lab.completion.batches import SequenceBatch
 from bodysense_lab.completion.corpus import corpus_of
 from bodysense_lab.completion.error_map import unchanged_errors
 from bodysense_lab.completion.features import WIDTHS
@@ -18,7 +19,7 @@ from bodysense_lab.completion.fingers import FingerConfig, FingerNetwork
 from bodysense_lab.completion.network import CompletionConfig, CompletionNetwork
 from bodysense_lab.completion.points import HEAD
 from bodysense_lab.completion.rounding import round_weights, rounded, sample_moments
-from bodysense_lab.completion.task import CompletionTask, CompletionTaskConfig, SequenceBatch
+from bodysense_lab.completion.task import CompletionTask, CompletionTaskConfig
 from bodysense_lab.completion.weights_file import TrainedNetworks, read_weights, row_step, write_weights
 from bodysense_lab.options import Schedule
 

@@ -19,6 +19,7 @@ from bodysense.errors import BodysenseError
 from bodysense.io.bvh import write_bvh
 from bodysense.io.datasets.splits import split_of
 from bodysense.observation import STRAPPED
+from bodysense_lab.completion.batches import collate
 from bodysense_lab.completion.corpus import Corpus
 from bodysense_lab.completion.network import CompletionConfig, CompletionNetwork
 from bodysense_lab.completion.options import CompletionTraining
@@ -31,9 +32,10 @@ from bodysense_lab.completion.sensor_draws import (
     lost_hand,
     rotation_only,
 )
-from bodysense_lab.completion.sequences import Draw, Sequence, TrainingBody, draw_sequence, make_sequence
-from bodysense_lab.completion.task import CompletionTask, CompletionTaskConfig, collate, train_completion
-from bodysense_lab.completion.train_fingers import fingers_of_completion
+from bodysense_lab.completion.sequences import Draw, Sequence, draw_sequence, make_sequence
+from bodysense_lab.completion.task import CompletionTask, CompletionTaskConfig
+from bodysense_lab.completion.train import fingers_of_completion, train_completion
+from bodysense_lab.completion.training_bodies import TrainingBody
 from bodysense_lab.completion.weights_file import read_weights
 from bodysense_lab.fit import launched, rate_at
 from bodysense_lab.options import Schedule
@@ -88,7 +90,7 @@ def made(corpus: Corpus, offset: np.ndarray, mirrored: bool, position: np.ndarra
         felt = rotation_only(has_position, has_rotation)
         return DrawnSensors(has_position, has_rotation, felt)
 
-    body = TrainingBody(offset, offset, np.zeros(len(offset)))
+    body = TrainingBody.known(offset)
     return make_sequence(corpus, 0, Draw(body, track=track, mirrored=mirrored), np.random.default_rng(0))
 
 
@@ -106,7 +108,7 @@ def test_a_sequence_moves_as_the_retargeted_clip(corpus: Corpus) -> None:
 
 def test_time_runs_backward_in_all_that_is_learned(corpus: Corpus) -> None:
     offset = sample_bodies("train", 1)[0]
-    body = TrainingBody(offset, offset, np.zeros(len(offset)))
+    body = TrainingBody.known(offset)
     ways = [make_sequence(corpus, 0, Draw(body, backward=way), np.random.default_rng(3)) for way in (False, True)]
     for name in ("true_position", "true_rotation", "contact", "position", "rotation", "acceleration"):
         forward, backward = (getattr(one, name) for one in ways)
@@ -173,7 +175,7 @@ def test_hands_are_lost_as_measured() -> None:
 
 def test_wrists_turn_and_arms_do_not(corpus: Corpus) -> None:
     offset = corpus.rest_offset[0].astype(float)
-    body = TrainingBody(offset, offset, np.zeros(65))
+    body = TrainingBody.known(offset)
     still, turned = (
         make_sequence(corpus, 0, Draw(body, bent=bent), np.random.default_rng(seed))
         for bent, seed in ((False, 1), (True, 1))

@@ -35,8 +35,8 @@ def completion(run: Flat[CompletionTraining]) -> None:
     Training resumes from the checkpoints in the folder of the run. The 6200 steps take an hour and a half of one core.
     """
     from bodysense_lab.completion.publish import publish, rounded
-    from bodysense_lab.completion.task import CompletionTask, train_completion
-    from bodysense_lab.completion.train_fingers import fingers_of_completion
+    from bodysense_lab.completion.task import CompletionTask
+    from bodysense_lab.completion.train import fingers_of_completion, train_completion
     from bodysense_lab.fit import announced
 
     check_place(run.out)
@@ -57,8 +57,8 @@ def completion_fingers(run: Flat[FingerTraining]) -> None:
 
     Training resumes from its checkpoint, the .ckpt that is written.
     """
-    from bodysense_lab.completion.finger_task import FingerTask
-    from bodysense_lab.completion.train_fingers import train_fingers
+    from bodysense_lab.completion.task import FingerTask
+    from bodysense_lab.completion.train import train_fingers
     from bodysense_lab.fit import announced
 
     check_place(run.out)
@@ -267,13 +267,13 @@ def untracked_fingers(
         split: which clips of these people.
     """
     from bodysense_lab.completion.corpus import read_corpus
-    from bodysense_lab.completion.train_fingers import finger_report, load_finger_network, person_clips, score_fingers
+    from bodysense_lab.completion.finger_scores import finger_report, load_finger_network, score_fingers
 
     check_places(json)
     loaded = {path.name: load_finger_network(path) for path in networks}
     scored, learned = (read_corpus(data, part) for part in (split, "train"))
     for name, (_, task) in loaded.items():
-        if not task.left_out or not len(person_clips(scored, task.left_out)[0]):
+        if not task.left_out or not len(scored.finger_clips(task.left_out)[0]):
             raise BodysenseError(
                 f"{name}: left out {task.left_out or 'no one'!r}, who has no fingers in the {split} split of {data}; "
                 "give networks trained with --leave-out NAME of someone who has"

@@ -49,6 +49,17 @@ class Corpus:
         return replace(self, **{name: getattr(self, name)[clips] for name in _OF_CLIPS})
 
     @property
+    def with_fingers(self) -> np.ndarray:
+        """Indices (N,) of the clips whose fingers were recorded."""
+        return np.flatnonzero(self.finger_start >= 0)
+
+    def finger_clips(self, person: str) -> tuple[np.ndarray, np.ndarray]:
+        """Return clips with fingers of a person, and of all others."""
+        clips = self.with_fingers
+        theirs = np.array([str(self.name[clip]).split("/")[0] == person for clip in clips], dtype=bool)
+        return clips[theirs], clips[~theirs]
+
+    @property
     def minutes(self) -> float:
         """Length of the motion."""
         return float((self.length / self.rate).sum() / 60)
@@ -120,3 +131,11 @@ def corpus_of(clips: Iterable[Clip]) -> Corpus:
         name=np.array([row[1] for row in about]),
         category=np.array([row[2] for row in about]),
     )
+
+
+def between(a: np.ndarray, b: np.ndarray, share: np.ndarray) -> np.ndarray:
+    """Rotations (T, J, 4) that are `share` (T,) of the way from a to b: float64."""
+    a, b = a.astype(float), b.astype(float)
+    b *= np.where((a * b).sum(axis=-1, keepdims=True) < 0, -1.0, 1.0)
+    mixed = a + share[:, None, None] * (b - a)
+    return mixed / np.linalg.norm(mixed, axis=-1, keepdims=True)

@@ -16,25 +16,16 @@ from bodysense.body.pose import forward_kinematics, standing_pose
 from bodysense.body.rotation import quaternion_to_matrix
 from bodysense.body.skeleton import default_skeleton
 from bodysense_lab.completion.network import orthonormal
+from bodysense_lab.completion.points import FINGER_JOINTS, FINGER_POINTS, HAND_JOINTS, HAND_POINTS
 
 _SKELETON = default_skeleton()
-SIDES = ("left", "right")
-HAND_JOINTS = np.array(
-    [
-        [j for j in range(len(_SKELETON.joints)) if _SKELETON.wrist_of[j] == _SKELETON.index(f"{side}_wrist")]
-        for side in SIDES
-    ]
-)  # (2, 15)
-HAND_POINTS = np.array(
-    [
-        [*joints, *(p for p in range(len(_SKELETON.joints), len(_SKELETON.points)) if _SKELETON.parents[p] in joints)]
-        for joints in HAND_JOINTS
-    ]
-)  # (2, 20) joints, then tips
-FINGER_JOINTS, FINGER_POINTS = HAND_JOINTS.shape[1], HAND_POINTS.shape[1]
-FLIP = torch.tensor(
-    [[1.0, 1, 1], [-1, 1, 1]]
-)  # what vectors of both hands are multiplied by: the right one in a mirror
+_JOINTS = HAND_JOINTS[0].tolist()
+_PARENTS = [_SKELETON.parents[point] for point in HAND_POINTS[0]]
+_CARRIED_BY = [1 + _JOINTS.index(above) if above in _JOINTS else 0 for above in _PARENTS]  # among [wrist, joints]
+_PATH = torch.tensor(_SKELETON.path[np.ix_(HAND_POINTS[0], HAND_POINTS[0])], dtype=torch.float32)
+MOVING = [point for point, above in enumerate(_CARRIED_BY) if above]  # points that bend with the fingers
+# What vectors of both hands are multiplied by: the right one in a mirror.
+FLIP = torch.tensor([[1.0, 1, 1], [-1, 1, 1]])
 SMALLEST_ERROR = 0.001  # m
 ERROR_BIAS = -4.0  # of the expected error before it is made positive
 _BONE_SCALE, _RATE = 10.0, 30.0
@@ -137,3 +128,21 @@ def relaxed_axes() -> Tensor:
     world = quaternion_to_matrix(forward_kinematics(standing_pose(_SKELETON))[1])
     relaxed = world[_SKELETON.index("left_wrist")].T @ world[HAND_JOINTS[0]]
     return torch.tensor(relaxed[..., :2], dtype=torch.float32)
+
+
+def with_measured(rotation: Tensor, signal: FingerSignal) -> Tensor:
+    """Rotations (B, T, 2, 15, 3, 3), measured ones in their place."""
+    return torch.where(signal.has_rotation[..., None, None], signal.rotation, rotation)
+
+
+def finger_positions(rotation: Tensor, rest_offset: Tensor) -> Tensor:
+    """Positions (B, T, 2, 20, 3) m from the wrist, in its frame.
+
+    Args:
+        rotation: (B, T, 2, 15, 3, 3) wrist ← joint.
+        rest_offset: (B, 2, 20, 3) m.
+    """
+    wrist = torch.eye(3).to(rotation).expand(*rotation.shape[:3], 1, 3, 3)
+    carrying = torch.cat([wrist, rotation], dim=3)[..., _CARRIED_BY, :, :]
+    bones = (carrying @ rest_offset[:, None, ..., None])[..., 0]
+    return _PATH.to(bones) @ bones

@@ -16,12 +16,12 @@ from bodysense.body.hand import HAND_JOINTS, Side, hand_skeleton, mirrored_rotat
 from bodysense.body.skeleton import BODY, default_skeleton
 from bodysense.errors import BodysenseError
 from bodysense.files import written_beside
+from bodysense_lab.completion.hands import GENERATED_RATE as RATE
 from bodysense_lab.progress import tracked
 from bodysense_lab.synthesis.hands import synthesize_hand
 from bodysense_lab.synthesis.pairs import synthesize_pair
 
 FORMAT = "bodysense-fingers-1"
-RATE = 30.0  # Hz
 _PIECE = 30.0  # s
 _PAIRS = 0.3  # share of pieces in which hands act on each other
 _SIDES: tuple[Side, Side] = ("left", "right")

@@ -28,11 +28,11 @@ from bodysense.completion.joining_network import DILATIONS, FORMAT, JOINTS, OUTP
 from bodysense.files import written_beside
 from bodysense.io.datasets.splits import Split
 from bodysense_lab.completion.joining_takes import JoinedTake, draw_takes, kept_takes
+from bodysense_lab.completion.losses import SLACK, length
 from bodysense_lab.completion.measures import JUMP
 from bodysense_lab.completion.options import JoiningTraining
 from bodysense_lab.completion.points import partners
 from bodysense_lab.completion.publish import QUANTILE
-from bodysense_lab.completion.task import SLACK, length
 from bodysense_lab.completion.weights_file import safetensors_bytes
 from bodysense_lab.fit import Task, begin, cut, fit
 from bodysense_lab.options import Schedule

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
-from bodysense.body.pose import Pose
+from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.rotation import quaternion_conjugate, quaternion_multiply
 from bodysense.body.skeleton import BODY, default_skeleton
 
@@ -70,12 +71,13 @@ def hips_of(pelvis: np.ndarray, offset: np.ndarray) -> np.ndarray:
     return np.einsum("tij,kj->tki", pelvis, offset[places])
 
 
-def with_world_rotations(pose: Pose, world: np.ndarray, root: np.ndarray) -> Pose:
-    """Return the pose (T,) whose joints of `BODY` have world rotations (T, 22, 4), with its root at (T, 3) m.
+def with_changed_body(pose: Pose, change: Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]) -> Pose:
+    """Return the pose (T,) with changed world rotations (T, 22, 4) of `BODY` and another path (T, 3) m of its root.
 
-    Fingers keep their local rotations.
+    `change` gives both for those of the pose. Fingers keep their local rotations.
     """
     joints = len(BODY)
+    world, root = change(np.asarray(forward_kinematics(pose)[1])[:, :joints], np.asarray(pose.root_position))
     local = np.array(pose.rotation, dtype=float)
     local[:, 0] = world[:, 0]
     parents = list(pose.skeleton.parents[1:joints])

@@ -122,23 +122,6 @@ class CompletionNetwork(nn.Module):
         return self.from_head @ bones[..., 0]
 
 
-def advance(gru: nn.GRU, features: Tensor, memory: list[Tensor]) -> tuple[Tensor, list[Tensor]]:
-    """A single frame through a GRU: (B, F), and (B, H) of each layer before → (B, H), and those after.
-
-    It is spelled out, for PyTorch does not give what lower layers remember.
-    """
-    above, after = features, []
-    for before, (of_input, of_state, input_bias, state_bias) in zip(memory, gru.all_weights, strict=True):
-        size = before.shape[-1]
-        given, given_new = nn.functional.linear(above, of_input, input_bias).split([2 * size, size], dim=-1)
-        kept, kept_new = nn.functional.linear(before, of_state, state_bias).split([2 * size, size], dim=-1)
-        reset, update = torch.sigmoid(given + kept).chunk(2, dim=-1)
-        candidate = torch.tanh(given_new + reset * kept_new)
-        above = candidate + update * (before - candidate)
-        after.append(above)
-    return above, after
-
-
 def orthonormal(axes: Tensor) -> Tensor:
     """Rotation matrices (..., 3, 3) from their first two columns (..., 3, 2) (Gram-Schmidt; Zhou et al. 2019)."""
     x = nn.functional.normalize(axes[..., 0], dim=-1, eps=1e-6)

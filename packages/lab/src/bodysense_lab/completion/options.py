@@ -29,11 +29,24 @@ TABLE_SETS = (
 
 
 @dataclass(frozen=True, kw_only=True)
-class CompletionTraining(MotionRun, Card):
-    """Train the completion network and write both networks as one .safetensors file."""
+class _FolderRun(MotionRun):
+    """A run with a folder of its own."""
 
     run: Path | None = None
     """folder of checkpoints; OUT without its ending if omitted"""
+    threads: Processes | None = 1
+    """PyTorch threads"""
+
+    @property
+    def folder(self) -> Path:
+        """The run's folder."""
+        return self.out.with_suffix("") if self.run is None else self.run
+
+
+@dataclass(frozen=True, kw_only=True)
+class CompletionTraining(_FolderRun, Card):
+    """Train the completion network and write both networks as one .safetensors file."""
+
     schedule: Flat[Schedule] = Schedule(steps=Usual(6200))
     begin_with: Path | None = None
     """checkpoint of an earlier run, or a completion network (.safetensors), whose weights the body begins with"""
@@ -43,13 +56,6 @@ class CompletionTraining(MotionRun, Card):
     """train the network that tracks recordings backward in time"""
     finger_steps: Annotated[int, within(int, 0, 10_000_000)] = FINGER_SCHEDULE.steps
     """optimiser steps of the fingers' network; with 0 fingers are those of a --begin-with .safetensors, or relaxed"""
-    threads: Processes | None = 1
-    """PyTorch threads"""
-
-    @property
-    def folder(self) -> Path:
-        """The run's folder."""
-        return self.out.with_suffix("") if self.run is None else self.run
 
     def __post_init__(self) -> None:
         check_ending(self.out, ".safetensors")
@@ -58,7 +64,7 @@ class CompletionTraining(MotionRun, Card):
 
 
 @dataclass(frozen=True, kw_only=True)
-class FingerTraining(MotionRun):
+class FingerTraining(_FolderRun):
     """Train the finger network of the completion network alone, as a checkpoint from which training resumes."""
 
     run: Path | None = None
@@ -68,8 +74,6 @@ class FingerTraining(MotionRun):
     """person excluded from training"""
     generated_hours: Hours = 0.0
     """hours of generated fingers that are mixed with recorded ones; 0: none"""
-    threads: Processes | None = 1
-    """PyTorch threads"""
 
     @property
     def folder(self) -> Path:
@@ -81,7 +85,7 @@ class FingerTraining(MotionRun):
 
 
 @dataclass(frozen=True, kw_only=True)
-class JoiningTraining(MotionRun, Card):
+class JoiningTraining(_FolderRun, Card):
     """Train the network that joins both answers of a take and write it as one .safetensors file."""
 
     run: Path | None = None
@@ -89,13 +93,6 @@ class JoiningTraining(MotionRun, Card):
     schedule: Flat[Schedule] = Schedule(steps=Usual(4000), check_every=500)
     frames: Count = Usual(500_000)
     """frames of takes to learn from, each completed in both directions first"""
-    threads: Processes | None = 1
-    """PyTorch threads"""
-
-    @property
-    def folder(self) -> Path:
-        """The run's folder."""
-        return self.out.with_suffix("") if self.run is None else self.run
 
     @property
     def checkpoint(self) -> Path:

@@ -20,6 +20,26 @@ ACCELERATED_PLACES = [BODY.index(name) for name in ACCELERATED]
 SPIN_PLACES = [BODY.index(name) for name in SPINNING]
 HEAD_HEIGHT = 1.5  # m: where the head joint of the reference stature rests above the soles
 
+SIDES = ("left", "right")
+FINGERS = ("index", "middle", "pinky", "ring", "thumb")
+WRISTS = [BODY.index(f"{side}_wrist") for side in SIDES]
+_SKELETON = default_skeleton()
+HAND_JOINTS = np.array(
+    [
+        [j for j in range(len(_SKELETON.joints)) if _SKELETON.wrist_of[j] == _SKELETON.index(f"{side}_wrist")]
+        for side in SIDES
+    ]
+)  # (2, 15)
+HAND_POINTS = np.array(
+    [
+        [*joints, *(p for p in range(len(_SKELETON.joints), len(_SKELETON.points)) if _SKELETON.parents[p] in joints)]
+        for joints in HAND_JOINTS
+    ]
+)  # (2, 20) joints, then tips
+FINGER_JOINTS, FINGER_POINTS = HAND_JOINTS.shape[1], HAND_POINTS.shape[1]
+# (20,) for each point of a hand: the place of its finger in `FINGERS`
+FINGER_OF = np.array([FINGERS.index(_SKELETON.points[p].split("_")[1].rstrip("123")) for p in HAND_POINTS[0]])
+
 
 def body_places() -> list[int]:
     """Indices of `BODY_POINTS` in the 65 points of a skeleton."""

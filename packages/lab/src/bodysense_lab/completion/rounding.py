@@ -12,8 +12,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from bodysense_lab.completion.network import CompletionNetwork, advance
-from bodysense_lab.completion.task import SequenceBatch
+from bodysense_lab.completion.batches import SequenceBatch
+from bodysense_lab.completion.network import CompletionNetwork
 from bodysense_lab.completion.weights_file import row_step
 
 _DAMPING = 0.01  # of the mean square of what is read: what was never read must not be made up for
@@ -28,16 +28,15 @@ def sample_moments(network: CompletionNetwork, batches: Iterable[SequenceBatch])
     They are of every `_STRIDE`-th frame of training sequences, and of their mirror images. Sequences play on from batch
     to batch.
     """
-    sums, frames, memory = dict[str, np.ndarray](), 0, list[Tensor]()
+    sums, frames, memory = dict[str, np.ndarray](), 0, None
     for batch in batches:
         people, length = batch.valid.shape
         features = network.read_both(batch.signal)
-        before = memory or list(network.begin(2 * people))
-        begins = batch.begins.repeat_interleave(2)[:, None]
-        memory = [torch.where(begins, 0.0, layer) for layer in before]
+        before = network.begin(2 * people) if memory is None else memory
+        memory = torch.where(batch.begins.repeat_interleave(2)[:, None], 0.0, before)
         for t in range(length):
             read, before = features[:, t].flatten(0, 1), memory
-            _, memory = advance(network.recurrent, read, before)
+            _, memory = network.recurrent(read[:, None], before)  # of all layers, for it is a single frame
             if t % _STRIDE == 0:
                 valid = batch.valid[:, t].repeat_interleave(2)
                 for name, rows in _read_by(read, before, memory).items():
@@ -47,7 +46,7 @@ def sample_moments(network: CompletionNetwork, batches: Iterable[SequenceBatch])
     return {name: moment / frames for name, moment in sums.items()}
 
 
-def _read_by(features: Tensor, before: list[Tensor], after: list[Tensor]) -> dict[str, Tensor]:
+def _read_by(features: Tensor, before: Tensor, after: Tensor) -> dict[str, Tensor]:
     """Return inputs (N, K) of products in a frame, by parameter."""
     rows = {"recurrent.weight_ih_l0": features, "turn_branch.0.weight": torch.cat([after[-1], features], dim=-1)}
     rows |= {f"recurrent.weight_hh_l{layer}": each for layer, each in enumerate(before)}

@@ -8,7 +8,17 @@ import numpy as np
 
 from bodysense.body.skeleton import BODY
 from bodysense.devices.simulated.sensors import SensorSet
-from bodysense_lab.completion.points import ACCELERATED_PLACES, BODY_POINTS, INPUT_POINTS, KNUCKLES
+from bodysense_lab.completion.points import (
+    ACCELERATED_PLACES,
+    BODY_POINTS,
+    FINGER_JOINTS,
+    FINGER_OF,
+    FINGER_POINTS,
+    FINGERS,
+    INPUT_POINTS,
+    KNUCKLES,
+    SIDES,
+)
 
 HEAD, WRISTS = "head", ("left_wrist", "right_wrist")
 # Kinds of sequences and how often each is drawn.
@@ -21,6 +31,12 @@ KINDS = {
     "mixed": 0.08,  # head, mostly hands, and a few parts, on one side or both, each with a sensor of its own kind
     "random": 0.04,  # any subset of points, each with a position, a rotation or both
     "headless": 0.03,  # recordings with holes, positions only, worn trackers without a headset
+}
+FINGER_KINDS = {
+    "nothing": 0.40,  # controllers, or no hands at all: fingers are synthesised
+    "tracked": 0.25,  # gloves or hand tracking: all positions, all rotations, or both
+    "camera": 0.25,  # what a headset's cameras see
+    "random": 0.10,  # some joints and tips, each with a position, a rotation or both
 }
 _GAPS = 0.4  # share of sequences with hands in which these are lost now and then, as `lost_hand` says
 _ONE_HAND, _NO_TURN = 0.12, 0.04  # share of three-point sequences with one hand only, and with hands without rotation
@@ -242,3 +258,77 @@ def spans(
         begin = rng.uniform(0, frames)
         lost[int(begin) : int(begin + np.exp(rng.uniform(np.log(0.2), np.log(longest))) / interval) + 1] = True
     return lost
+
+
+@dataclass(frozen=True, eq=False)
+class DrawnFingers:
+    """Masks of both hands of one sequence."""
+
+    has_position: np.ndarray  # (T, 2, 20) bool
+    has_rotation: np.ndarray  # (T, 2, 15) bool
+    has_wrist: np.ndarray  # (T, 2) bool: measured, not estimated
+
+    @classmethod
+    def wrists_only(cls, frames: int) -> DrawnFingers:
+        """Return masks of hands whose fingers are not tracked."""
+        joints, wrists = np.zeros((frames, 2, FINGER_JOINTS), dtype=bool), np.ones((frames, 2), dtype=bool)
+        return cls(np.zeros((frames, 2, FINGER_POINTS), dtype=bool), joints, wrists)
+
+
+def worn_fingers(name: str, visible: np.ndarray, interval: float, rng: np.random.Generator) -> DrawnFingers:
+    """Return what `nothing`, `tips` or a `camera` tracks of hands that cameras see (T, 2); nothing is drawn."""
+    del interval, rng
+    fingers = DrawnFingers.wrists_only(len(visible))
+    if name == "tips":
+        fingers.has_position[..., FINGER_JOINTS:] = True
+    if name == "camera":
+        fingers.has_position[:], fingers.has_wrist[:] = visible[..., None], visible
+    return fingers
+
+
+def draw_fingers(kind: str, visible: np.ndarray, interval: float, rng: np.random.Generator) -> DrawnFingers:
+    """Draw what a kind of `FINGER_KINDS` tracks in frames every `interval` s, in which cameras see hands (T, 2)."""
+    fingers = DrawnFingers.wrists_only(len(visible))
+    has_position, has_rotation, has_wrist = fingers.has_position, fingers.has_rotation, fingers.has_wrist
+
+    def hidden(per_minute: float, longest: float = 3.0) -> np.ndarray:
+        return np.stack([spans(len(visible), interval, rng, per_minute, longest) for _ in SIDES], axis=1)
+
+    if kind == "nothing":
+        drawn = rng.uniform()
+        if drawn < 0.15:  # a headset alone
+            has_wrist[:] = False
+        elif drawn < 0.35:
+            has_wrist[:] = ~hidden(8.0)
+    elif kind == "tracked":
+        drawn = rng.uniform()
+        has_position[:], has_rotation[:] = drawn < 0.7, drawn > 0.4
+        if rng.uniform() < 0.5:
+            lost = hidden(8.0) if rng.uniform() < 0.7 else hidden(3.0, 8.0)
+            has_position[lost], has_rotation[lost] = False, False
+            has_wrist[:] = ~lost | (rng.uniform() < 0.5)
+    elif kind == "camera":
+        seen = visible.copy() if rng.uniform() < 0.7 else np.ones_like(visible)
+        seen &= ~hidden(8.0)
+        has_position[:] = seen[..., None]
+        has_rotation[:] = (seen & (rng.uniform() < 0.3))[..., None]
+        has_wrist[:] = seen | (rng.uniform() < 0.25)
+    else:
+        _some_fingers(has_position, has_rotation, rng)
+        if rng.uniform() < 0.3:
+            lost = hidden(8.0)
+            has_position[lost], has_rotation[lost] = False, False
+    return fingers
+
+
+def _some_fingers(has_position: np.ndarray, has_rotation: np.ndarray, rng: np.random.Generator) -> None:
+    """Tips alone, whole fingers, or any joints and tips; alike on both hands."""
+    drawn, what = rng.uniform(), rng.uniform()
+    if drawn < 0.3:
+        points, what = np.arange(FINGER_POINTS) >= FINGER_JOINTS, 0.0  # tips have no rotation
+    elif drawn < 0.55:
+        points = rng.uniform(size=len(FINGERS))[FINGER_OF] < 0.5
+    else:
+        points = rng.uniform(size=FINGER_POINTS) < rng.uniform(0.1, 0.9)
+    has_position[:] = points & (what < 0.75)
+    has_rotation[:] = points[:FINGER_JOINTS] & (what > 0.5)

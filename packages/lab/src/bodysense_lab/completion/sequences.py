@@ -2,30 +2,46 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from bodysense.body.rotation import (
-    quaternion_canonical,
+    quaternion_conjugate,
     quaternion_exp,
     quaternion_multiply,
     quaternion_rotate,
     quaternion_to_matrix,
 )
-from bodysense.body.shape import Measured, shape_space
 from bodysense.body.skeleton import BODY, default_skeleton
 from bodysense.devices.simulated.headset_camera import see_points
 from bodysense.devices.simulated.inertial import ALONG as STRAPPED_ALONG
 from bodysense.devices.simulated.inertial import accelerations, strapped_places
-from bodysense_lab.completion.corpus import Corpus
+from bodysense.devices.simulated.sensors import HEADSET_CAMERA
+from bodysense_lab.completion.corpus import Corpus, between
+from bodysense_lab.completion.hands import (
+    RECORDED,
+    TrackFingers,
+    TrainingHands,
+    estimated,
+    generated_part,
+    hand_kinematics,
+    with_moved_fingers,
+)
 from bodysense_lab.completion.points import (
     ACCELERATED,
     BODY_POINTS,
     CONTACT,
+    HAND_POINTS,
     HEAD,
     JOINTS,
+    KNUCKLES,
+    READ,
+    SIDES,
+    WRISTS,
     body_places,
     bone_parents,
     partners,
@@ -33,8 +49,9 @@ from bodysense_lab.completion.points import (
     stature,
 )
 from bodysense_lab.completion.postures import draw_kind, settled
-from bodysense_lab.completion.sensor_draws import DrawnSensors, draw_tracked
+from bodysense_lab.completion.sensor_draws import FINGER_KINDS, DrawnSensors, draw_fingers, draw_tracked, worn
 from bodysense_lab.completion.straight_legs import straightened
+from bodysense_lab.completion.training_bodies import TrainingBody, draw_body, with_other_hands
 from bodysense_lab.completion.wandering import wander
 
 _PLACES = body_places()
@@ -42,10 +59,9 @@ _PARENTS = bone_parents()
 _PATH = path_from_head() - path_from_head()[0]  # from the pelvis
 _KNUCKLES = [
     default_skeleton().indices([f"{side}_{finger}1" for finger in ("index", "middle", "ring", "pinky")])
-    for side in ("left", "right")
+    for side in SIDES
 ]
-_WRISTS = [BODY.index("left_wrist"), BODY.index("right_wrist")]
-_SOLES = [BODY_POINTS.index(f"{side}_{part}") for side in ("left", "right") for part in ("ankle", "foot", "toe")]
+_SOLES = [BODY_POINTS.index(f"{side}_{part}") for side in SIDES for part in ("ankle", "foot", "toe")]
 _CONTACT = [BODY.index(name) for name in CONTACT]
 _MIRROR, _MIRROR_65 = partners(BODY), default_skeleton().mirror
 # A foot is in contact while it is at most this far above its rest height and at most this fast; standing feet of the
@@ -56,23 +72,11 @@ _LOW, _SLOW, _HALF_WINDOW = 0.05, 0.3, 0.04  # m, m/s, s
 _HELD = np.radians([40.0, 7.0, 17.0])
 _MOVING = np.radians([25.0, 10.0, 25.0])
 _FARTHEST = np.radians([100.0, 25.0, 60.0])
-# Distances that sensors measure while they run.
-LENGTHS = (
-    ("left_shoulder", "left_elbow"),
-    ("left_elbow", "left_wrist"),
-    ("left_hip", "left_knee"),
-    ("left_knee", "left_ankle"),
-    ("left_hip", "left_ankle"),
-    ("left_shoulder", "right_shoulder"),
-    ("left_hip", "right_hip"),
-    ("pelvis", "head"),
-)
 LONGEST, LONGEST_SETTLED = 15.0, 30.0  # s of a sequence, and of one in a posture that lasts
 _STRAIGHT = 0.3  # share of sequences whose standing legs are straightened
 _BENT = 0.45  # share of sequences whose wrists turn freely
 _STRAPPED_ALONG = (0.3, 0.95)  # where along a bone a sensor is strapped
 _ACCELERATION_NOISE = (0.03, 0.5)  # m/s², from and to
-_OWN, _BETWEEN = 0.2, 0.3  # shares of sequences on the recording's own body, and on one between it and a family's
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,76 +98,14 @@ class Sequence:
     certainty: np.ndarray  # (25,) float32 m
     size: float
     interval: float  # s
+    hands: TrainingHands | None = None  # where they are learned from
 
     def __len__(self) -> int:
         return len(self.contact)
 
 
-@dataclass(frozen=True)
-class TrainingBody:
-    """Rest offsets of a body (65, 3) m: the true ones, and those known to the tracker."""
-
-    true: np.ndarray
-    told: np.ndarray
-    certainty: np.ndarray  # (65,) m
-
-
-def draw_body(own: np.ndarray, rng: np.random.Generator) -> TrainingBody:
-    """Draw proportions: the recording's own, a body of the family, or one between; known, known in part, or unknown."""
-    space = shape_space()
-    drawn = rng.uniform()
-    true = own.copy()
-    if drawn >= _OWN:
-        true = space.offsets(np.clip(rng.standard_normal(len(space.components)), -2.5, 2.5))
-        if drawn < _OWN + _BETWEEN:
-            share = rng.uniform(-0.2, 1.0)
-            true = share * own + (1 - share) * true * (_height(own) / _height(true))
-        true = _jittered(true, rng)
-    return TrainingBody(true, *_told(true, rng))
-
-
-def _told(true: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """Draw what is known of a body: all of it, its height, a guess of the height, or some lengths too."""
-    drawn = rng.uniform()
-    if drawn < 0.55:
-        return true, np.zeros(len(true))
-    height, lengths = _height(true), {}
-    if drawn < 0.78:
-        measured = Measured(height, 0.005)
-    elif drawn < 0.9:
-        measured = Measured(height * (1 + rng.normal(0, 0.035)), 0.06)
-    else:
-        measured = Measured(height * (1 + rng.normal(0, 0.015)), 0.03)
-        place = default_skeleton().path @ true
-        for pair in LENGTHS:
-            if rng.uniform() < 0.5:
-                a, b = default_skeleton().indices(pair)
-                lengths[pair] = Measured(float(np.linalg.norm(place[a] - place[b])) * (1 + rng.normal(0, 0.01)), 0.01)
-    likeliest = shape_space().likeliest(lengths, measured)
-    return shape_space().offsets(likeliest.coefficients), likeliest.bone_deviation
-
-
-def _jittered(offset: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Offsets whose directions and lengths differ a little, alike on both sides."""
-    turn = quaternion_exp(rng.normal(0, np.radians(2.5), (len(offset), 3)))
-    scale = np.exp(rng.normal(0, 0.03, (len(offset), 1)))
-    changed = quaternion_rotate(turn, offset) * scale
-    mirrored = changed[_MIRROR_65] * np.array([-1.0, 1.0, 1.0])
-    # The left point of each pair decides; points of the middle stay in the middle.
-    left = np.array([name.startswith("left_") for name in default_skeleton().points])[:, None]
-    right = np.array([name.startswith("right_") for name in default_skeleton().points])[:, None]
-    changed = np.where(left, changed, np.where(right, mirrored, (changed + mirrored) / 2))
-    path = default_skeleton().path  # leaves out the root's own offset
-    sunk = (path @ offset)[:, 1].min() - (path @ changed)[:, 1].min()
-    changed[0] = offset[0] + [0.0, sunk, 0.0]
-    return changed
-
-
-def _height(offset: np.ndarray) -> float:
-    return float(np.ptp((default_skeleton().path @ offset)[:, 1]))
-
-
 Track = Callable[[np.ndarray, float, np.random.Generator], DrawnSensors]
+CAMERA = partial(worn, HEADSET_CAMERA)  # which stands for every device that tracks hands
 
 
 @dataclass(frozen=True)
@@ -182,6 +124,9 @@ class Draw:
     straight: float = 0.0  # how much standing legs are straightened; 1: wholly
     noisy: bool = False
     backward: bool = False  # time runs backward
+    fingers: TrackFingers | None = None  # None: hands are left out
+    local: np.ndarray | None = None  # (T, 2, 15, 4) wxyz, parent ← joint, of the drawn part; None: as recorded
+    moved: bool = False  # fingers move at random, too
 
 
 def draw_sequence(
@@ -210,6 +155,32 @@ def draw_sequence(
     return make_sequence(corpus, clip, drawn, rng)
 
 
+def draw_hands(corpus: Corpus, clip: int, rng: np.random.Generator, generated: np.ndarray | None = None) -> Sequence:
+    """Draw what may differ about a clip for its hands, whose wrists cameras see, and make its sequence.
+
+    A clip whose fingers were not recorded moves those of some part of `generated` (N, 30, 4). No clip is mirrored: the
+    network reads right hands in a mirror, so that a clip and its mirror image are the same.
+    """
+    seconds = float(corpus.length[clip] / corpus.rate[clip])
+    drawn = Draw(
+        body=with_other_hands(draw_body(corpus.rest_offset[clip].astype(float), rng), rng),
+        track=CAMERA,
+        rate=30.0 if rng.uniform() < 0.4 else float(np.exp(rng.uniform(np.log(22), np.log(60)))),
+        begin=max(0.0, float(rng.uniform(-LONGEST / 2, seconds - LONGEST / 2))),
+        longest=LONGEST,
+        bent=bool(rng.uniform() < 0.35),
+        noisy=bool(rng.uniform() < 0.6),
+    )
+    kind = str(rng.choice(list(FINGER_KINDS), p=list(FINGER_KINDS.values())))
+    moved = kind in ("tracked", "random") and bool(rng.uniform() < 0.5)
+    local = None
+    if corpus.finger_start[clip] < 0:
+        assert generated is not None
+        local = generated_part(generated, len(_frames_of(corpus, clip, drawn)[0]), drawn.rate, rng)
+    drawn = replace(drawn, fingers=partial(draw_fingers, kind), local=local, moved=moved)
+    return make_sequence(corpus, clip, drawn, rng)
+
+
 def make_sequence(corpus: Corpus, clip: int, draw: Draw, rng: np.random.Generator) -> Sequence:
     """The sequence of a clip as drawn."""
     rate, body = draw.rate, draw.body
@@ -231,7 +202,7 @@ def make_sequence(corpus: Corpus, clip: int, draw: Draw, rng: np.random.Generato
     knuckles = np.stack(
         [
             true_position[:, wrist] + matrix[:, wrist] @ body.true[places].mean(axis=0)
-            for wrist, places in zip(_WRISTS, _KNUCKLES, strict=True)
+            for wrist, places in zip(WRISTS, _KNUCKLES, strict=True)
         ],
         axis=1,
     )
@@ -240,12 +211,15 @@ def make_sequence(corpus: Corpus, clip: int, draw: Draw, rng: np.random.Generato
     tracked = draw.track(seen, 1 / rate, rng)
     position, turned, accuracy = points, rotation, np.full(points.shape[1], 0.001)
     if draw.noisy:
-        position, turned, accuracy = _disturbed(points, rotation, rate, rng)
+        accuracy = _accuracy(rng)
+        radians = np.minimum(np.radians(accuracy[:JOINTS] * 200), np.radians(4.0))  # 1 mm: 0.2°, 2 cm: 4°
+        position = points + _noise(points.shape, rate, rng) * accuracy[:, None] * rng.uniform(0.7, 1.3)
+        turned = _shaken(rotation, radians, rate, rng)
     order = slice(None, None, -1 if draw.backward else 1)  # accelerations are measured forward in time
     felt, has_felt = (values[order] for values in _felt(true_position[order], rate, rng, draw.noisy))
     anchor = _anchor(turned[:, HEAD], position[:, HEAD], tracked.head_known, rng, rate)
     told = body.told[_PLACES]
-    return Sequence(
+    sequence = Sequence(
         true_position=true_position.astype(np.float32),
         true_rotation=rotation.astype(np.float32),
         contact=in_contact(true_position[:, _CONTACT], _standing(body.true)[_CONTACT], rate),
@@ -262,18 +236,72 @@ def make_sequence(corpus: Corpus, clip: int, draw: Draw, rng: np.random.Generato
         size=float(stature(told)),
         interval=1 / rate,
     )
+    if draw.fingers is None:
+        return sequence
+    return replace(sequence, hands=_hands(corpus, clip, draw, sequence, seen[:, -len(KNUCKLES) :], rng))
+
+
+def _hands(
+    corpus: Corpus, clip: int, draw: Draw, body: Sequence, visible: np.ndarray, rng: np.random.Generator
+) -> TrainingHands:
+    """Return the hands of a sequence, which cameras see in some frames (T, 2)."""
+    assert draw.fingers is not None
+    local = _recorded_fingers(corpus, clip, draw) if draw.local is None else draw.local
+    if draw.moved:
+        local = with_moved_fingers(local, draw.rate, rng)
+    true_rotation, true_position = hand_kinematics(local, draw.body.true[HAND_POINTS])
+    tracked = draw.fingers(visible, 1 / draw.rate, rng)
+    true_wrist, true_place = body.true_rotation[:, WRISTS].astype(float), body.true_position[:, WRISTS].astype(float)
+    wrist, place = estimated(true_wrist, true_place, draw.rate, rng)
+    wrist = np.where(tracked.has_wrist[..., None], body.rotation[:, WRISTS], wrist)
+    place = np.where(tracked.has_wrist[..., None], body.position[:, WRISTS], place)
+
+    # The graph reads fingers in the frame of the tracked wrist, so convert to the world first, then to that frame.
+    position = quaternion_rotate(true_wrist[:, :, None], true_position) + true_place[:, :, None]
+    rotation = quaternion_multiply(true_wrist[:, :, None], true_rotation)
+    if draw.noisy:
+        accuracy = np.array(np.exp(rng.uniform(np.log(0.001), np.log(0.012))))  # m; 1 mm: 0.7°, 1 cm: 7°
+        position = position + _noise(position.shape, draw.rate, rng) * accuracy
+        rotation = _shaken(rotation, np.radians(accuracy * 700), draw.rate, rng)
+    into = quaternion_conjugate(wrist)[:, :, None]
+    moving = np.diff(place, axis=0, prepend=place[:1]) * draw.rate
+    angle = np.arctan2(body.anchor[:, 1], body.anchor[:, 0])
+    turn = quaternion_exp(angle[:, None, None] * [0.0, -1.0, 0.0])  # frame under the head ← world
+    values = {
+        "true_position": true_position,
+        "true_rotation": true_rotation,
+        "position": quaternion_rotate(into, position - place[:, :, None]),
+        "rotation": quaternion_multiply(into, rotation),
+        "wrist": quaternion_rotate(turn, place - body.position[:, HEAD : HEAD + 1]),
+        "wrist_rotation": quaternion_multiply(turn, wrist),
+        "wrist_velocity": quaternion_rotate(turn, np.clip(moving, -5, 5)),
+        "rest_offset": draw.body.told[HAND_POINTS],
+    }
+    return TrainingHands(
+        **{name: np.asarray(value, dtype=np.float32) for name, value in values.items()},
+        has_position=tracked.has_position & tracked.has_wrist[..., None],
+        has_rotation=tracked.has_rotation,
+    )
 
 
 def _resampled(corpus: Corpus, clip: int, draw: Draw) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """World rotations (T, 22, 4), the root's path (T, 3) and visibility (T, 65) of the part of a clip that is drawn."""
     first = int(corpus.start[clip])
-    low, high, share = frames_of(corpus, clip, draw)
+    low, high, share = _frames_of(corpus, clip, draw)
     mixed = between(corpus.rotation[first + low], corpus.rotation[first + high], share)
     root = corpus.root[first + low] * (1 - share[:, None]) + corpus.root[first + high] * share[:, None]
     return mixed, root, corpus.visible[first + low]
 
 
-def frames_of(corpus: Corpus, clip: int, draw: Draw) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _recorded_fingers(corpus: Corpus, clip: int, draw: Draw) -> np.ndarray:
+    """Return local rotations (T, 2, 15, 4) of the part of a clip that is drawn."""
+    low, high, share = _frames_of(corpus, clip, draw)
+    first = int(corpus.finger_start[clip])
+    hands = between(corpus.fingers[first + low], corpus.fingers[first + high], share)[:, RECORDED]
+    return hands[:, ::-1] * np.array([1.0, 1.0, -1.0, -1.0]) if draw.mirrored else hands
+
+
+def _frames_of(corpus: Corpus, clip: int, draw: Draw) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Frames (T,) of a clip before and after each frame of its sequence, and the share (T,) of the latter."""
     count, own = int(corpus.length[clip]), float(corpus.rate[clip]) * draw.pace
     begin = min(draw.begin * own, max(0.0, count - 1 - 2 * own))
@@ -281,14 +309,6 @@ def frames_of(corpus: Corpus, clip: int, draw: Draw) -> tuple[np.ndarray, np.nda
     place = np.arange(begin, end + 1e-6, own / draw.rate)
     low = np.minimum(place.astype(int), count - 1)
     return low, np.minimum(low + 1, count - 1), place - low
-
-
-def between(a: np.ndarray, b: np.ndarray, share: np.ndarray) -> np.ndarray:
-    """Rotations (T, J, 4) that are `share` (T,) of the way from a to b: float64."""
-    a, b = a.astype(float), b.astype(float)
-    b *= np.where((a * b).sum(axis=-1, keepdims=True) < 0, -1.0, 1.0)
-    mixed = a + share[:, None, None] * (b - a)
-    return mixed / np.linalg.norm(mixed, axis=-1, keepdims=True)
 
 
 def _retargeted(
@@ -340,7 +360,7 @@ def _with_turned_wrists(rotation: np.ndarray, rate: float, rng: np.random.Genera
     twist = quaternion_exp(bend * [1.0, 0.0, 0.0])
     turned = rotation.copy()
     across = quaternion_exp(bend * [0.0, 1.0, 1.0])
-    turned[:, _WRISTS] = quaternion_multiply(quaternion_multiply(rotation[:, _WRISTS], twist), across)
+    turned[:, WRISTS] = quaternion_multiply(quaternion_multiply(rotation[:, WRISTS], twist), across)
     return turned
 
 
@@ -366,23 +386,27 @@ def _felt(points: np.ndarray, rate: float, rng: np.random.Generator, noisy: bool
     return felt, known
 
 
-def _disturbed(
-    points: np.ndarray, rotation: np.ndarray, rate: float, rng: np.random.Generator
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Positions and rotations as trackers of some accuracy give them, and that accuracy (27,) m."""
-    accuracy = np.exp(rng.uniform(np.log(0.002), np.log(0.025), points.shape[1]))
+def _accuracy(rng: np.random.Generator) -> np.ndarray:
+    """Draw accuracies (27,) m of the body's trackers."""
+    accuracy = np.exp(rng.uniform(np.log(0.002), np.log(0.025), READ))
     accuracy[HEAD] = 0.001
     if rng.uniform() < 0.5:
-        accuracy[_WRISTS] = 0.002
-    shape = points.shape
-    drift = wander(shape[0], shape[1] * 3, rate, 1.0, rng).reshape(shape) * 0.4
+        accuracy[WRISTS] = 0.002
+    return accuracy
+
+
+def _noise(shape: tuple[int, ...], rate: float, rng: np.random.Generator) -> np.ndarray:
+    """Return errors (T, ..., 3) of trackers of accuracy 1: constant ones, drift and tremor."""
+    drift = wander(shape[0], math.prod(shape[1:]), rate, 1.0, rng).reshape(shape) * 0.4
     drift += rng.standard_normal(shape[1:]) * 0.4
-    quick = rng.standard_normal(shape) * (0.15 if rng.uniform() < 0.3 else 0.02)
-    sigma = accuracy[:, None] * rng.uniform(0.7, 1.3)
-    degrees = np.minimum(np.radians(accuracy[:JOINTS] * 200), np.radians(4.0))  # 1 mm: 0.2°, 2 cm: 4°
-    turns = wander(shape[0], JOINTS * 3, rate, 1.0, rng).reshape(-1, JOINTS, 3) * degrees[:, None] * 0.6
-    turned = quaternion_multiply(quaternion_exp(turns), rotation)
-    return points + (drift + quick) * sigma, quaternion_canonical(turned), accuracy
+    return drift + rng.standard_normal(shape) * (0.15 if rng.uniform() < 0.3 else 0.02)
+
+
+def _shaken(rotation: np.ndarray, radians: np.ndarray, rate: float, rng: np.random.Generator) -> np.ndarray:
+    """Return rotations (T, ..., 4) that drift by so many radians (...)."""
+    shape = (*rotation.shape[:-1], 3)
+    turns = wander(shape[0], math.prod(shape[1:]), rate, 1.0, rng).reshape(shape) * radians[..., None] * 0.6
+    return quaternion_multiply(quaternion_exp(turns), rotation)
 
 
 def _anchor(

@@ -7,10 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from bodysense.body.pose import forward_kinematics
-from bodysense.body.skeleton import BODY
 from bodysense.io.clip import Clip
-from bodysense_lab.completion.limbs import with_world_rotations
+from bodysense_lab.completion.limbs import with_changed_body
 from bodysense_lab.completion.postures import KINDS, settled, stands
 
 _MOSTLY = 0.7  # share of a clip in which its person stands
@@ -29,14 +27,8 @@ def settled_clips(clips: Iterable[Clip], seed: int = 9) -> Iterator[Clip]:
 
 def settled_clip(clip: Clip, kind: str, rng: np.random.Generator) -> Clip:
     """One clip, settled as one of `KINDS`; fingers move as they did."""
-    pose = clip.pose
-    world, root = settled(
-        np.asarray(forward_kinematics(pose)[1])[:, : len(BODY)],
-        np.asarray(pose.root_position),
-        pose.skeleton.rest_offset,
-        kind,
-        clip.frame_rate,
-        rng,
+    offset = clip.pose.skeleton.rest_offset
+    pose = with_changed_body(
+        clip.pose, lambda rotation, root: settled(rotation, root, offset, kind, clip.frame_rate, rng)
     )
-    name = f"{clip.name} ({kind})"
-    return replace(clip, name=name, category="sit", pose=with_world_rotations(pose, world, root))
+    return replace(clip, name=f"{clip.name} ({kind})", category="sit", pose=pose)

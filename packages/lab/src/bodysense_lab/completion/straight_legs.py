@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 from scipy.ndimage import minimum_filter1d, uniform_filter1d
 
-from bodysense.body.pose import Pose, forward_kinematics
+from bodysense.body.pose import Pose
 from bodysense.body.rotation import matrix_to_quaternion, quaternion_to_matrix
-from bodysense.body.skeleton import BODY
-from bodysense_lab.completion.limbs import bend_limb, hips_of, limb_of, with_world_rotations
+from bodysense_lab.completion.limbs import bend_limb, hips_of, limb_of, with_changed_body
 
 _SIDES = ("left", "right")
 _STRETCH = 0.999  # of both bones: how far a leg is stretched at most
@@ -18,9 +17,9 @@ _HALF_WINDOW = 0.1  # s over which the rise of the pelvis is smoothed
 
 def straightened_pose(pose: Pose, share: float, rate: float) -> Pose:
     """Return a pose (T,) whose legs are straight, or straighter, where they stand (`straightened`)."""
-    world = np.asarray(forward_kinematics(pose)[1])[:, : len(BODY)]
-    root = np.asarray(pose.root_position)
-    return with_world_rotations(pose, *straightened(world, root, pose.skeleton.rest_offset, share, rate))
+    return with_changed_body(
+        pose, lambda rotation, root: straightened(rotation, root, pose.skeleton.rest_offset, share, rate)
+    )
 
 
 def straightened(

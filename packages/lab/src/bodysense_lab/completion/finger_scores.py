@@ -1,0 +1,122 @@
+"""The table of `evaluate fingers`: untracked fingers of a person who was left out of training.
+
+Hidden fingers are those that the headset's cameras do not see; their baseline is the last known hand or, before the
+first, the mean hand of the training people. Synthesised fingers belong to hands with a tracked wrist only; their
+baseline is that mean hand. Errors are root mean squares of distances in the frame of the wrist, of points that bend.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from bodysense.errors import BodysenseError
+from bodysense_lab.checkpoint import best_weights, checkpoint_identity
+from bodysense_lab.completion.corpus import Corpus
+from bodysense_lab.completion.finger_errors import (
+    hand_batches,
+    last_known_fingers,
+    mean_hand,
+    predicted_fingers,
+    untracked_distances,
+)
+from bodysense_lab.completion.fingers import FingerConfig, FingerNetwork
+from bodysense_lab.completion.task import FingerTaskConfig
+from bodysense_lab.table import Report
+
+
+def load_finger_network(checkpoint: Path) -> tuple[FingerNetwork, FingerTaskConfig]:
+    """The finger network of a run, with the weights that did best on validation clips, and what it learned.
+
+    Raises BodysenseError where there is no checkpoint, or one of another network.
+    """
+    task = checkpoint_identity(checkpoint)["network"]
+    built = task.get("network", {})
+    if set(built) != {one.name for one in fields(FingerConfig)}:
+        raise BodysenseError(f"{checkpoint} is not of the finger network; give the .ckpt that train_fingers wrote")
+    network = FingerNetwork(FingerConfig(**built))
+    network.load_state_dict(best_weights(checkpoint, network))
+    return network.eval(), FingerTaskConfig(
+        network=network.config, generated_hours=task.get("generated_hours", 0.0), left_out=task.get("left_out", "")
+    )
+
+
+SETS = {"camera": "occluded", "nothing": "synthesised"}
+
+
+@dataclass(frozen=True)
+class FingerScore:
+    """One network on the person whom it does not know."""
+
+    network: str
+    task: FingerTaskConfig
+    sensors: str  # a key of `SETS`
+    error: float  # m
+    baseline: float  # m
+    points: int  # scored points, times frames
+
+    @property
+    def ratio(self) -> float:
+        """The network's error divided by the baseline's."""
+        return self.error / self.baseline
+
+
+@torch.no_grad()
+def score_fingers(
+    networks: Mapping[str, tuple[FingerNetwork, FingerTaskConfig]], scored: Corpus, learned: Corpus
+) -> list[FingerScore]:
+    """Score networks on the clips of the people whom they leave out; `learned` is the train split."""
+    scores = []
+    for name, (network, task) in networks.items():
+        mean = mean_hand(learned.of(learned.finger_clips(task.left_out)[1]))
+        theirs = scored.of(scored.finger_clips(task.left_out)[0])
+        for sensors in SETS:
+            batches = hand_batches(theirs, sensors)
+            found = untracked_distances(partial(predicted_fingers, network), batches)
+            known = untracked_distances(partial(last_known_fingers, mean), batches)
+            error, baseline = (float(distances.square().mean().sqrt()) for distances in (found, known))
+            scores.append(FingerScore(name, task, sensors, error, baseline, len(found)))
+    return scores
+
+
+def finger_report(scores: list[FingerScore], where: str) -> Report:
+    """A row a network and a kind of fingers; `where` says whose fingers."""
+    rows = tuple(
+        (
+            *(one.network, one.task.left_out, f"{one.task.generated_hours:g}", SETS[one.sensors]),
+            *(100 * one.error, 100 * one.baseline, one.ratio),
+        )
+        for one in scores
+    )
+    return Report(
+        name="fingers",
+        title=f"Fingers of people of whom nothing was learned ({where})",
+        columns=("network", "left out", "generated h", "fingers", "error", "baseline", "ratio"),
+        rows=rows,
+        numbers=finger_numbers(scores),
+        caption="RMSJPE of points that bend, from the wrist, cm; ratio: error by baseline.",
+        digits=2,
+    )
+
+
+def finger_numbers(scores: list[FingerScore]) -> dict[str, float]:
+    """One flat object: ratios over all people who were left out, with and without generated fingers."""
+    numbers: dict[str, float] = {}
+    for sensors, what in SETS.items():
+        for generated, ending in ((True, ""), (False, "_recorded_only")):
+            chosen = [one for one in scores if one.sensors == sensors and bool(one.task.generated_hours) == generated]
+            if chosen:
+                share = np.array([one.points for one in chosen], dtype=float)
+                error, baseline = (
+                    float(np.sqrt(np.average([getattr(one, name) ** 2 for one in chosen], weights=share)))
+                    for name in ("error", "baseline")
+                )
+                numbers[f"finger_{what}_ratio_foreign{ending}"] = error / baseline
+                numbers[f"finger_{what}_foreign{ending}_cm"] = 100 * error
+                numbers[f"finger_{what}_baseline_foreign{ending}_cm"] = 100 * baseline
+    return numbers

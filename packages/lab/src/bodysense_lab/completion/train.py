@@ -1,0 +1,125 @@
+"""Training of the completion networks, from recorded motion to the weights that did best."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import torch
+from lightning_fabric import Fabric
+from torch import Tensor
+
+from bodysense.errors import BodysenseError
+from bodysense_lab.checkpoint import best_weights
+from bodysense_lab.completion.corpus import Corpus, read_corpus
+from bodysense_lab.completion.finger_errors import finger_validation
+from bodysense_lab.completion.fingers import FingerConfig, FingerNetwork
+from bodysense_lab.completion.network import CompletionNetwork
+from bodysense_lab.completion.options import FINGER_SCHEDULE, CompletionTraining, FingerTraining
+from bodysense_lab.completion.task import (
+    CompletionTask,
+    CompletionTaskConfig,
+    FingerTask,
+    FingerTaskConfig,
+    validation_batches,
+)
+from bodysense_lab.fit import begin, fit
+
+_VALIDATION_STRIDE = 3  # of the validation clips every n-th is scored at a checkpoint
+
+
+def train_completion(options: CompletionTraining, fabric: Fabric) -> CompletionNetwork:
+    """Train, or resume, and return the network with the weights that did best on validation people.
+
+    With `keep` they are averaged with those that training began with (Wortsman et al. 2022, "Robust fine-tuning of
+    zero-shot models"): what training changes comes in part, at a smaller cost in accuracy.
+    """
+    train, val = _begin(options, fabric)
+    if options.finger_steps and not len(train.with_fingers):
+        raise BodysenseError(f"{options.data}: no training clip has fingers that move; give --finger-steps 0")
+    fabric.print(f"{train.minutes:.0f} minutes to learn from, {val.minutes:.0f} to validate")
+    config = CompletionTaskConfig(backward=options.backward)
+    network = CompletionNetwork(config.network)
+    earlier = network.state_dict() if options.begin_with is None else _weights(options.begin_with, network)
+    network.load_state_dict(earlier)
+    watched = validation_batches(val, _VALIDATION_STRIDE, options.backward)
+    task = CompletionTask(network, config, options.schedule, train, watched, options.limited or None)
+    fit(task, options.folder / "completion.ckpt", fabric=fabric)
+    network = network.cpu()
+    if options.keep:
+        trained = network.state_dict()
+        network.load_state_dict({name: torch.lerp(trained[name], earlier[name], options.keep) for name in trained})
+    return network
+
+
+def fingers_of_completion(run: CompletionTraining, fabric: Fabric) -> FingerNetwork:
+    """Return the finger network that is written beside a body: trained, or without steps that of `begin_with`.
+
+    Fingers stay relaxed where there is neither, and where time runs backward.
+    """
+    if run.finger_steps:
+        schedule = replace(FINGER_SCHEDULE, steps=run.finger_steps, seed=run.schedule.seed)
+        shared = {name: getattr(run, name) for name in ("data", "limit", "threads", "devices", "nodes")}
+        return train_fingers(FingerTraining(out=run.folder / "fingers.ckpt", schedule=schedule, **shared), fabric)
+    if run.begin_with is not None and run.begin_with.suffix == ".safetensors" and not run.backward:
+        from bodysense_lab.completion.weights_file import read_weights
+
+        return read_weights(run.begin_with)[1]
+    return FingerNetwork(FingerConfig()).relaxed_only()
+
+
+def train_fingers(
+    options: FingerTraining, fabric: Fabric, config: FingerTaskConfig = FingerTaskConfig()
+) -> FingerNetwork:
+    """Train, or resume, and return the network with the weights that did best on validation clips."""
+    train, val = _begin(options, fabric)
+    with fabric.rank_zero_first():
+        generated = _generated(options) if options.generated_hours else None
+    if options.leave_out:
+        train, val = (without(corpus, options.leave_out) for corpus in (train, val))
+    network = FingerNetwork(config.network)
+    config = replace(config, generated_hours=options.generated_hours, left_out=options.leave_out)
+    watched, source = finger_validation(val, train), options.limited or None
+    task = FingerTask(network, config, options.schedule, train, watched, source, generated=generated)
+    fit(task, options.out, fabric=fabric)
+    return network.cpu()
+
+
+def _begin(options: CompletionTraining | FingerTraining, fabric: Fabric) -> tuple[Corpus, Corpus]:
+    """Set seed and threads, and return the motion to learn from and to validate."""
+    begin(options.schedule.seed, options.threads)
+    with fabric.rank_zero_first():  # the others find what it read in the cache
+        return read_corpus(options.data, "train", options.limit), read_corpus(options.data, "val", options.limit)
+
+
+def _weights(path: Path, network: CompletionNetwork) -> dict[str, Tensor]:
+    """Weights to begin with: the best of a checkpoint, or those of a published file."""
+    from bodysense_lab.completion.weights_file import read_weights
+
+    if path.suffix != ".safetensors":
+        return best_weights(path, network)
+    published, _ = read_weights(path)
+    if published.config != network.config:
+        raise BodysenseError(f"{path}: built as {published.config}, wanted {network.config}; give another --begin-with")
+    return published.state_dict()
+
+
+def _generated(options: FingerTraining) -> np.ndarray:
+    """Generated fingers, kept in the folder of the run."""
+    from bodysense_lab.completion.generated_fingers import generate_fingers, read_fingers, write_fingers
+
+    hours, seed = options.generated_hours, options.schedule.seed
+    kept = options.folder / f"fingers-{hours:g}h-{seed}.npz"
+    if not kept.is_file():
+        write_fingers(kept, generate_fingers(hours, seed))
+    return read_fingers(kept)
+
+
+def without(corpus: Corpus, person: str) -> Corpus:
+    """Return the corpus without the fingers of a person. Raises BodysenseError if it has no fingers of that person."""
+    theirs, others = corpus.finger_clips(person)
+    if not len(theirs):
+        people = sorted({str(corpus.name[clip]).split("/")[0] for clip in others})
+        raise BodysenseError(f"--leave-out {person}: no one of that name has fingers; valid are {', '.join(people)}")
+    return corpus.of(np.setdiff1d(np.arange(len(corpus)), theirs))
