@@ -53,15 +53,12 @@ def pytest_configure() -> None:
 
 # Files with tests of a minute: they begin first, so that no process waits for another at the end.
 LONG = ("tests/extras/test_install.py", "tests/lab/commands/test_resuming.py", "tests/cli/test_trials.py")
-# Folders whose tests share what only one can have: free ports and each other's multicast, or one slow export.
-TOGETHER = ("tests/live/", "tests/lab/hmd_vae/")
+# Folders whose tests are not beside each other: of free ports and multicast, of one slow export, and of browsers.
+TOGETHER = ("tests/live/", "tests/lab/hmd_vae/", "tests/web/")
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Let tests of scenarios in a browser (tests/web) run with no other test beside them, and long ones first."""
-    for item in items:
-        if "scenario" in getattr(item, "fixturenames", ()):
-            item.add_marker("alone")
+    """Put long files first."""
     items.sort(key=lambda item: not item.nodeid.startswith(LONG))
 
 
@@ -259,10 +256,16 @@ def quick_completion(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture
-def short_training(quick_completion: None, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Train without what takes long and tests of trainings by two processes do: other processes, and exports.
+def in_threads(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What the laboratory would do in other processes is done in a thread: each process imports PyTorch."""
+    monkeypatch.setattr("bodysense_lab.spread.ProcessPoolExecutor", lambda *given, **options: ThreadPoolExecutor(1))
 
-    What the others would do is done in a thread. A word is written in place of each .onnx file.
+
+@pytest.fixture
+def short_training(quick_completion: None, in_threads: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Train without what takes long: other processes, exports, many sequences.
+
+    A word is written in place of each .onnx file.
     """
 
     def export(*given: Any, **options: Any) -> None:
@@ -270,7 +273,6 @@ def short_training(quick_completion: None, monkeypatch: pytest.MonkeyPatch) -> N
 
     for module in ("unoc.export", "hmd_vae.export", "pahmt.export", "two_hands.train"):
         monkeypatch.setattr(f"bodysense_lab.{module}.export", export)
-    monkeypatch.setattr("bodysense_lab.spread.ProcessPoolExecutor", lambda *given, **options: ThreadPoolExecutor(1))
 
 
 @pytest.fixture(scope="session")

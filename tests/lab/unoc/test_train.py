@@ -57,6 +57,7 @@ def asked(data: Path, out: Path) -> BodyTraining:
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("in_threads")
 def test_a_run_writes_a_network_that_tracks(
     folder: Path, tmp_path: Path, waving_clip: Clip, monkeypatch: pytest.MonkeyPatch
 ) -> None:
