@@ -8,7 +8,7 @@ import sys
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any
@@ -51,22 +51,24 @@ def pytest_configure() -> None:
     os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 
+# Files with tests of a minute: they begin first, so that no process waits for another at the end.
+LONG = ("tests/extras/test_install.py", "tests/lab/commands/test_resuming.py", "tests/cli/test_trials.py")
+# Folders whose tests are not beside each other: of free ports and multicast, of one slow export, and of browsers.
+TOGETHER = ("tests/live/", "tests/lab/hmd_vae/", "tests/web/")
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Let tests of scenarios in a browser (tests/web) run with no other test beside them."""
-    for item in items:
-        if "scenario" in getattr(item, "fixturenames", ()):
-            item.add_marker("alone")
+    """Put long files first."""
+    items.sort(key=lambda item: not item.nodeid.startswith(LONG))
 
 
 class ByFile(LoadScopeScheduling):
-    """Keeps the tests of a file in one process, which makes the file's fixtures once, and those of servers in one.
-
-    Servers and their clients take free ports and hear each other's multicast.
-    """
+    """Keeps the tests of a file in one process, which makes its fixtures once; long files are shared out."""
 
     def _split_scope(self, nodeid: str) -> str:
         path = nodeid.partition("::")[0]
-        return "servers" if path.startswith("tests/live/") else path
+        folder = next(filter(path.startswith, TOGETHER), None)
+        return folder or (nodeid if path in LONG else path)
 
 
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Producer) -> ByFile:
@@ -241,10 +243,29 @@ def small_arms(exported_once: ExportedOnce, small_arms_weights: Path) -> Path:
 
 
 @pytest.fixture
-def short_training(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Train without what takes long and tests of trainings by two processes do: other processes, and exports.
+def quick_completion(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Train the completion network on four sequences side by side instead of 96, and round no weights: both take long.
 
-    What the others would do is done in a thread. A word is written in place of each .onnx file.
+    tests/lab/completion/test_rounding.py rounds them.
+    """
+    from bodysense_lab.completion import publish, task
+
+    monkeypatch.setattr(task, "CompletionTaskConfig", partial(task.CompletionTaskConfig, streams=4))
+    monkeypatch.setattr(publish, "_STREAMS", 4)
+    monkeypatch.setattr(publish, "round_weights", lambda network, moments: None)
+
+
+@pytest.fixture
+def in_threads(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What the laboratory would do in other processes is done in a thread: each process imports PyTorch."""
+    monkeypatch.setattr("bodysense_lab.spread.ProcessPoolExecutor", lambda *given, **options: ThreadPoolExecutor(1))
+
+
+@pytest.fixture
+def short_training(quick_completion: None, in_threads: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Train without what takes long: other processes, exports, many sequences.
+
+    A word is written in place of each .onnx file.
     """
 
     def export(*given: Any, **options: Any) -> None:
@@ -252,7 +273,6 @@ def short_training(monkeypatch: pytest.MonkeyPatch) -> None:
 
     for module in ("unoc.export", "hmd_vae.export", "pahmt.export", "two_hands.train"):
         monkeypatch.setattr(f"bodysense_lab.{module}.export", export)
-    monkeypatch.setattr("bodysense_lab.spread.ProcessPoolExecutor", lambda *given, **options: ThreadPoolExecutor(1))
 
 
 @pytest.fixture(scope="session")

@@ -188,6 +188,6 @@ def test_a_longer_take_needs_no_more_memory_than_its_result(
         tracemalloc.stop()
         return np.array(found)
 
-    peaks(300)  # loads the networks
-    per_frame = (peaks(1800) - peaks(900)) / 900
+    peaks(150)  # loads the networks
+    per_frame = (peaks(900) - peaks(450)) / 450
     assert (per_frame < [5000, 5000, 6000]).all()

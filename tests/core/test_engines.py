@@ -136,6 +136,7 @@ def test_the_example_in_c(installed: Path, recording: Path, completed: np.ndarra
     assert np.ptp(found[:, 4:], axis=0).max() > 0.1  # somebody moves
 
 
+@pytest.mark.slow
 def test_the_example_names_what_is_wrong(installed: Path, recording: Path) -> None:
     poses = installed / "build" / "poses"
     for arguments, said in (((recording, recording), "safetensors"), ((WEIGHTS,), "usage")):
@@ -143,6 +144,7 @@ def test_the_example_names_what_is_wrong(installed: Path, recording: Path) -> No
         assert done.returncode and said in done.stderr
 
 
+@pytest.mark.slow
 def test_a_program_with_the_installed_library(installed: Path, recording: Path, completed: np.ndarray) -> None:
     """Compiled as pkg-config says, or as its file says where there is no pkg-config."""
     described = (installed / "lib" / "pkgconfig" / "bodysense.pc").read_text()

@@ -143,7 +143,6 @@ def test_the_steps_of_the_dockerfile_make_a_server(tmp_path: Path) -> None:
         has_page_and_network(address)
 
 
-@pytest.mark.alone
 def test_the_dockerfile_makes_an_image_that_serves(tmp_path: Path) -> None:
     """Built on a Debian base in place of the public one, and run as its own user."""
     hindrance = build_image.missing()

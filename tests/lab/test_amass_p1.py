@@ -157,6 +157,7 @@ def test_training_data_by_the_same_lists(amass: Path, run: object, tmp_path: Pat
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("quick_completion")
 def test_a_network_of_the_lists_is_trained_and_scored(
     amass: Path, run: Callable, refused: Callable, tmp_path: Path, monkeypatch
 ) -> None:

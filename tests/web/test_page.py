@@ -20,7 +20,7 @@ from bodysense.io.bvh import read_bvh, write_bvh
 from bodysense.io.clip import Clip
 from bodysense.io.gltf.motion import read_gltf
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.alone]
 
 Scenario = Callable[..., dict[str, Any]]
 SOON = 10  # s until somebody moves, on a busy machine without a graphics card; docs/page.md: 2 s

@@ -20,7 +20,7 @@ from bodysense_lab.rendering.scene import load_figure, sample_scene
 from bodysense_lab.rendering.stage import open_stage
 from bodysense_live.page_files import WEBCAM
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.alone]
 
 Scenario = Callable[..., dict[str, Any]]
 

@@ -67,19 +67,10 @@ def test_deviations_are_those_of_the_fit(speed: float) -> None:
     assert 0.7 < rms(rotation) / expected < 1.3
 
 
-def test_head_like_paths_err_as_was_measured() -> None:
-    """Position 0.8 mm (slow) to 1.5 mm rms, 99 % within 1.5-3.7 mm; rotation 0.09-0.33°."""
-    for speed in (0.2, 0.4):
-        position, rotation = errors(moving_head(speed))
-        assert 0.7 * 0.8 < rms(position) < 1.3 * 1.5
-        assert 0.7 * 1.5 < np.percentile(np.linalg.norm(position, axis=-1), 99) < 1.3 * 3.7
-        assert 0.7 * 0.09 < rms(rotation) < 1.3 * 0.33
-
-
 @pytest.mark.parametrize("speed", [0.2, 0.4])
 def test_the_drift_follows_the_way_travelled(speed: float) -> None:
     """Its correlation falls to 1/e after 0.23-0.39 m, whatever the speed."""
-    position, _ = errors(moving_head(speed, sessions=12, seconds=60.0))
+    position, _ = errors(moving_head(speed, sessions=8, seconds=60.0))
     slow = signal.sosfiltfilt(signal.butter(2, 3.0, fs=RATE, output="sos"), position, axis=1)
     lags = np.arange(1, round(1.0 / speed * RATE), 4)
     correlation = np.array([(slow[:, lag:] * slow[:, :-lag]).mean() for lag in lags]) / (slow**2).mean()
@@ -141,7 +132,7 @@ def in_bands(error: np.ndarray) -> np.ndarray:
 
 
 def test_controllers_err_more_and_cameras_most() -> None:
-    seen = moving_head(0.3, sessions=4, seconds=60.0, points=("head", "left_wrist"))
+    seen = moving_head(0.3, sessions=3, seconds=60.0, points=("head", "left_wrist"))
     position, rotation = errors(seen)
     assert 2.0 < rms(position[:, :, 1]) / rms(position[:, :, 0]) < 3.0
     assert 2.0 < rms(rotation[:, :, 1]) / rms(rotation[:, :, 0]) < 3.0
@@ -154,7 +145,7 @@ def test_controllers_err_more_and_cameras_most() -> None:
 
 
 def test_what_has_a_rotation_only_is_an_imu() -> None:
-    seen = moving_head(0.3, sessions=40, seconds=20.0, points=("head", "left_knee"))
+    seen = moving_head(0.3, sessions=20, seconds=20.0, points=("head", "left_knee"))
     seen.has_position[..., 1] = False
     seen.position[..., 1, :] = np.nan
     noisy = check_observation(disturb(seen, np.random.default_rng(0), STILL_MAP))

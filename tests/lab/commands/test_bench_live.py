@@ -55,7 +55,6 @@ def test_a_ping_is_answered() -> None:
     assert isinstance(frame, Frame) and (frame.opcode, bytes(frame.data)) == (Opcode.PONG, b"beat")
 
 
-@pytest.mark.alone
 @pytest.mark.slow
 def test_numbers_of_a_real_server(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("uvicorn", reason="needs packages/live")

@@ -81,8 +81,3 @@ def test_a_network_of_another_ending(tmp_path: Path, refused: Refused) -> None:
     line = refused("train", "body-gru", "--data", tmp_path, "-o", tmp_path / "a.pt")
     assert "written as .onnx; give a name that ends so" in line
     assert not files(tmp_path)
-
-
-def test_numbers_that_cannot_be(tmp_path: Path, refused: Refused) -> None:
-    assert "--jobs -1: give a whole number" in refused("evaluate", "unoc-table2", "--data", tmp_path, "--jobs", "-1")
-    assert "--frames 0: give a whole number" in refused("bench", "ik", "--frames", "0")

@@ -18,19 +18,14 @@ from bodysense_lab.two_hands import scores
 from ...conftest import Refused
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("table", "option", "network", "changed", "kept"),
     [
         ("gloves-table3", "--model", "markers", "nn_1_0.1_cm", "lk_1_0.1_cm"),
         ("gloves-table4", "--joints", "joints", "nn_0_cm", "ik_cm"),
-        pytest.param("gloves-table4", "--markers", "markers", "nn_1_0.1_cm", "ik_cm", marks=pytest.mark.slow),
-        *(
-            pytest.param("gloves-fusion", f"--{network}", network, changed, kept, marks=pytest.mark.slow)
-            for network, changed, kept in (
-                ("markers", "synthesised_markers_1_0.1_cm", "synthesised_imu_1_0.1_cm"),
-                ("joints", "synthesised_fused_1_0.1_cm", "synthesised_imu_1_0.1_cm"),
-            )
-        ),
+        ("gloves-table4", "--markers", "markers", "nn_1_0.1_cm", "ik_cm"),
+        ("gloves-fusion", "--joints", "joints", "synthesised_fused_1_0.1_cm", "synthesised_imu_1_0.1_cm"),
     ],
 )
 def test_the_network_of_an_option_is_scored(

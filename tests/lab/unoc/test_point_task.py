@@ -128,6 +128,7 @@ def test_only_wrists_that_were_not_recorded_are_bent(waving_clip: Clip) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("in_threads")
 def test_a_whole_run(waving_clip: Clip, tmp_path: Path) -> None:
     """From files to a network that loads; one person of each split."""
     clip = replace(waving_clip, pose=waving_clip.pose[:12])

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 import pytest
@@ -13,7 +12,9 @@ import pytest
 from bodysense.devices.simulated.sensors import HEADSET_CAMERA, observe
 from bodysense.io.clip import Clip
 from bodysense_lab.augment import mirrored
+from bodysense_lab.unoc import train
 from bodysense_lab.unoc.learned import Learned, load_model
+from bodysense_lab.unoc.network import PAPER
 from bodysense_lab.unoc.options import BodyTraining
 from bodysense_lab.unoc.train import train_body, variation_of
 
@@ -50,16 +51,18 @@ def asked(data: Path, out: Path) -> BodyTraining:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("form", ["paper"])
+@pytest.mark.usefixtures("in_threads")
 def test_a_run_writes_a_network_that_tracks(
-    folder: Path, tmp_path: Path, waving_clip: Clip, form: Literal["shipped", "paper"]
+    folder: Path, tmp_path: Path, waving_clip: Clip, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    run = replace(asked(folder, tmp_path / "net.onnx"), form=form)
+    """In the paper's form, with a window of 5 frames instead of 27: the export writes a step for each."""
+    monkeypatch.setattr(train, "PAPER", replace(PAPER, window=5))
+    run = replace(asked(folder, tmp_path / "net.onnx"), form="paper")
     train_body(run)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["data", "net.ckpt", "net.jsonl", "net.onnx"]
     model = load_model(tmp_path / "net.onnx")
     assert model.card["training_data"] == "somebody who waves"
-    assert (model.card["form"], model.card["seed"]) == (form, 1)
+    assert (model.card["form"], model.card["seed"], model.card["network"]["window"]) == ("paper", 1, 5)
     assert set(model.card["validation"]) == {
         f"{part}_occluded_rmsjpe_cm" for part in ("body", "body_known", "finger", "finger_known")
     }
