@@ -12,7 +12,7 @@ from PIL import Image
 from bodysense.body.capsules import fit_primitives, place
 from bodysense.body.pose import Pose, forward_kinematics, standing_pose
 from bodysense.body.skeleton import default_skeleton
-from bodysense.body.skin import COLORS, SHIRT, SKIN, BodySkin, fit_skin, place_skin
+from bodysense.body.skin import COLORS, HAIR, SHIRT, SKIN, BodySkin, fit_skin, place_skin
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.pictures.animation import draw_pose, write_animation
@@ -101,6 +101,17 @@ def test_the_body_is_where_its_joints_are(waving_clip: Clip) -> None:
         at = pixel(camera, position[30, skeleton.index(joint)], 30)
         assert np.abs(picture[at] - empty[at]).max() > 15, joint
     assert hue(picture[pixel(camera, position[30, skeleton.index("spine3")], 30)].astype(float), SHIRT) < 0.05
+
+
+def test_hair_hides_the_face_from_behind(waving_clip: Clip) -> None:
+    """The parts of a head are painted by their depth, whichever way it faces."""
+    pose, skeleton = waving_clip.pose[30:31], waving_clip.pose.skeleton
+    front = follow_body(pose, 30, replace(SMALL, azimuth=0.0))
+    head = np.asarray(forward_kinematics(pose)[0])[0, skeleton.indices(["head", "head_top"])].mean(axis=0)
+    for camera, color in ((front, SKIN), (replace(front, turn=front.turn + np.pi), HAIR)):
+        (picture,) = (picture.astype(float) for picture in draw_pose(pose, camera))
+        row, column = pixel(camera, head)
+        assert np.median(hue(picture[row - 2 : row + 3, column - 2 : column + 3], color)) < 0.05
 
 
 def test_a_shadow_lies_under_the_feet(level: FollowingCamera) -> None:

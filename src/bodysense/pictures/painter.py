@@ -26,12 +26,15 @@ _SHADOW_HEIGHT, _SHADOW_BLUR, _SHADOW_DEPTH = 0.35, 0.07, 0.5  # m, m, share: ho
 
 @dataclass(frozen=True, eq=False)
 class BodyPainter:
-    """Painter of the pictures of one camera."""
+    """Painter of the pictures of one camera, wherever it stands on its path."""
 
     camera: FollowingCamera
 
     def draw(self, skin: BodySkin, balls: np.ndarray, eye: np.ndarray) -> np.ndarray:
-        """Return a picture (H, W, 3) uint8 of a body with balls at (N, 3) m, seen from (3,) m, world."""
+        """Return a picture (H, W, 3) uint8 of a body.
+
+        Its balls are at (N, 3) m, and the camera at `eye` (3,) m (`FollowingCamera.eye`), both in the world.
+        """
         from PIL import Image, ImageDraw
 
         ground = self._ground(skin, balls, eye)
@@ -46,10 +49,11 @@ class BodyPainter:
             _outlines(skin, middle + (1 - share) * radius[:, None] * _LAMP, share * radius) for share, _ in _SHADES
         ]
         colors = np.round(255 * np.clip([COLORS[skin.color] * light for _, light in _SHADES], 0, 1)).astype(int)
-        behind = depth[skin.link].mean(axis=1)
-        part = np.bincount(skin.part, behind) / np.maximum(np.bincount(skin.part), 1)
-        order = np.lexsort((-skin.color, -part[skin.part]))
-        for links in np.split(order, np.flatnonzero(np.diff(skin.part[order] * len(COLORS) + skin.color[order])) + 1):
+        behind = np.bincount(skin.part, depth[skin.link].mean(axis=1)) / np.maximum(np.bincount(skin.part), 1)
+        # Within a part colours have a fixed order: by depth, shirt and trousers would take turns.
+        order = np.lexsort((-skin.color, -behind[skin.part]))
+        group = (skin.part * len(COLORS) + skin.color)[order]
+        for links in np.split(order, np.flatnonzero(np.diff(group)) + 1):
             for outline, color in zip(outlines, colors, strict=True):
                 for link in links:
                     pen.polygon(outline[link].ravel().tolist(), fill=tuple(color[link].tolist()))
@@ -107,10 +111,8 @@ class BodyPainter:
             [[1 / focus, 0, -wide / 2 / focus], [0, -1 / focus, high / 2 / focus], [0, 0, -1]]
         )
         cells = ((eye[1] - self.camera.floor) * ray[[0, 2]] - (eye[[0, 2]] - corner)[:, None] * ray[1]) / _CELL
-        turned = np.concatenate([cells.ravel(), -ray[1]]) / -ray[1, 2]
-        return above.transform(
-            (wide, high), Image.Transform.PERSPECTIVE, turned[:8].tolist(), Image.Resampling.BILINEAR
-        )
+        homography = (np.concatenate([cells.ravel(), -ray[1]]) / -ray[1, 2])[:8].tolist()
+        return above.transform((wide, high), Image.Transform.PERSPECTIVE, homography, Image.Resampling.BILINEAR)
 
 
 def _outlines(skin: BodySkin, middle: np.ndarray, radius: np.ndarray) -> np.ndarray:

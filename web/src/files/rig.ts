@@ -153,7 +153,8 @@ export function clipOf(rig: RigMotion, tree: Skeleton): Clip {
     throw new Error(
       `${rig.name} is never upright: it may be an animal, or lie on its side; drop a motion of a person with +Y or +Z up.`,
     );
-  const skeleton = { ...tree, restOffset: tree.restOffset.map((value) => (value * leg * unit_) / legOf(restOf(tree))) };
+  const own = legOf(restOf(tree));
+  const skeleton = { ...tree, restOffset: tree.restOffset.map((value) => (value * leg * unit_) / own) };
   return onSkeleton(level, joints, skeleton, unit_);
 }
 
