@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -24,10 +25,8 @@ from bodysense.devices.gloves.contact_rows import (
     ANGLES,
     PARTS,
     ContactSettings,
-    Pinches,
     growth_rows,
     least_change,
-    pinches,
     tip_capsules,
     tip_pairs,
     turning_axes,
@@ -58,6 +57,13 @@ class ContactState:
     way: float = 0.0  # m: upper bound of a point's displacement by it
 
 
+class _Pinches(NamedTuple):
+    """Pairs of fingertips that are to be brought together."""
+
+    tips: np.ndarray  # (2, N) numbers of fingertips, hand · 5 + finger
+    offset: np.ndarray  # (N, 3) m world, wanted vector from the first to the second
+
+
 @dataclass(frozen=True, eq=False)
 class _Given:
     """A frame before contact, to which a change is applied."""
@@ -66,7 +72,7 @@ class _Given:
     wrist: np.ndarray  # (H, 1, 4)
     angles: np.ndarray  # (H, 15, 3) rad
     rest: np.ndarray  # (H, 15, 4) the rest of the joints' rotations after their angles
-    pinches: Pinches
+    pinches: _Pinches
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,8 +111,9 @@ class Contact:
         return np.concatenate([_FREE.ravel() / self._lever**2, shift], axis=1)
 
     @cached_property
-    def _tips(self) -> list[tuple[int, int]]:
-        return tip_pairs(len(self.hands))
+    def _tips(self) -> np.ndarray:
+        """(2, N) numbers of fingertips that can pinch."""
+        return np.array(tip_pairs(len(self.hands))).T
 
     def start(self) -> ContactState:
         """The state before the first frame."""
@@ -163,15 +170,26 @@ class Contact:
         farthest[tips] = np.where(gap < keeping, most, np.inf)
         return farthest
 
-    def _pinches(self, posed: HandPoses, markers: np.ndarray, known: np.ndarray) -> Pinches:
-        """Return fingertips whose markers are close to each other but which are farther apart than these."""
-        flip = self._flesh.flip[:, None]
-        told = (markers.take(_TIP_MARKERS, axis=1) * flip).reshape(-1, 3)
-        tips = (posed.position[:, -5:] * flip).reshape(-1, 3)
-        seen = known.take(_TIP_MARKERS, axis=1).ravel()
-        return pinches(self._tips, told, tips, seen, self.settings)
+    def _pinches(self, posed: HandPoses, markers: np.ndarray, known: np.ndarray) -> _Pinches:
+        """Return fingertips whose markers are close to each other but which are farther apart than these.
 
-    def _given(self, posed: HandPoses, pinching: Pinches) -> _Given:
+        A filled marker is not evidence of touch.
+        """
+        tips, settings = self._tips, self.settings
+        told = (markers.take(_TIP_MARKERS, axis=1) * self._flesh.flip[:, None]).reshape(-1, 3)
+        offset, present = (of[tips[1]] - of[tips[0]] for of in (told, self._tip_points(posed)))
+        distance, gap = (np.linalg.norm(of, axis=-1) for of in (offset, present))
+        seen = known.take(_TIP_MARKERS, axis=1).ravel()[tips].all(axis=0)
+        near = seen & (distance < settings.apart) & (gap - distance > settings.missed)
+        offset, present, distance = offset[near], present[near], distance[near]
+        share = np.minimum((settings.apart - distance) / (settings.apart - settings.touching), 1.0)[:, None]
+        return _Pinches(tips[:, near], present + share * (offset - present))
+
+    def _tip_points(self, posed: HandPoses) -> np.ndarray:
+        """Return the fingertips (H · 5, 3) m, world."""
+        return (posed.position[:, -5:] * self._flesh.flip[:, None]).reshape(-1, 3)
+
+    def _given(self, posed: HandPoses, pinching: _Pinches) -> _Given:
         """Split a frame into parts that may change and parts that are fixed."""
         local = posed.rotation[:, 1:]
         angles = joint_angles(local, default_axes()) * _FREE
@@ -244,7 +262,7 @@ class Contact:
         place = meeting.place[:, which]
         toward = (place[1] - place[0]) * sign[which, None]
         tips, wanted = given.pinches
-        tip = (placed.position[:, -5:] * self._flesh.flip[:, None]).reshape(-1, 3)[tips]  # (2, N, 3)
+        tip = self._tip_points(placed)[tips]  # (2, N, 3)
         # Each pinch makes three demands, one along each axis of the world.
         capsule = np.concatenate([pairs.capsule[:, which], tip_capsules(tips).repeat(3, axis=1)], axis=1)
         place = np.concatenate([place, tip.repeat(3, axis=1)], axis=1)

@@ -1,11 +1,9 @@
-"""The linear problem of `contact`: motion of points by a hand's change, pinching fingertips, and the least change."""
+"""The linear problem of `contact`: motion of points by a hand's change, and the least change."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from itertools import combinations, product
-from typing import NamedTuple
 
 import numpy as np
 
@@ -50,13 +48,6 @@ _BASIS = to_matrix(np.array(joint_bases()))  # (15, 3, 3) the hand's axes ← th
 _JOINTS_OF = np.array([[joint[:-1] == name[:-1] and joint <= name for joint in HAND_JOINTS[1:]] for name in NAMES])
 # (C, 48): the parts of its hand's change that move a capsule: the joints before it in its finger, and the wrist.
 _MOVED_BY = np.concatenate([_JOINTS_OF.repeat(3, axis=1), np.ones((COUNT, 3), bool)], axis=1).astype(float)
-
-
-class Pinches(NamedTuple):
-    """Pairs of fingertips that are to be brought together."""
-
-    tips: np.ndarray  # (2, N) numbers of fingertips, hand · 5 + finger
-    offset: np.ndarray  # (N, 3) m world, wanted vector from the first to the second
 
 
 def growth_rows(
@@ -118,31 +109,6 @@ def tip_pairs(hands: int) -> list[tuple[int, int]]:
     for one, other in combinations(range(hands), 2):
         pairs += [(count * one + a, count * other + b) for a, b in product(range(count), repeat=2)]
     return pairs
-
-
-def pinches(
-    pairs: Sequence[tuple[int, int]],
-    markers: np.ndarray,
-    tips: np.ndarray,
-    seen: np.ndarray,
-    settings: ContactSettings,
-) -> Pinches:
-    """Return fingertips that are farther apart than their markers, if these are close to each other.
-
-    Args:
-        pairs: numbers of fingertips (`tip_pairs`).
-        markers: (H · 5, 3) m, world; NaN if unknown.
-        tips: (H · 5, 3) m, world.
-        seen: (H · 5,) bool; a filled marker is not evidence of touch.
-        settings: which distances are close.
-    """
-    both = np.array(pairs).T
-    offset, present = (of[both[1]] - of[both[0]] for of in (markers, tips))
-    distance, gap = (np.linalg.norm(of, axis=-1) for of in (offset, present))
-    near = seen[both].all(axis=0) & (distance < settings.apart) & (gap - distance > settings.missed)
-    both, offset, present, distance = both[:, near], offset[near], present[near], distance[near]
-    share = np.minimum((settings.apart - distance) / (settings.apart - settings.touching), 1.0)[:, None]
-    return Pinches(both, present + share * (offset - present))
 
 
 _MOST_ROUNDS = 40  # then the last solution is returned
