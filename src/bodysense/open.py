@@ -84,7 +84,7 @@ class MotionSource:
         if self.path.suffix.lower() in (*_MANY_KINDS, *_GLTF):
             return *_read_motion(self.path, self.options, self.rate), _NOTHING_HELD
         rigged = read_rigged(MotionFile(self.path).read(), self.path, self.options)
-        held = _NOTHING_HELD if self.bvh is None or not self.watches_limbs else _held_still(self.bvh, rigged)
+        held = _held_still(rigged) if self.bvh is not None and self.watches_limbs else _NOTHING_HELD
         return rigged.clip, (f"read {self.path}: {rigged.rig.line()}",), held
 
     def with_holes(self, missing: str | Sequence[str]) -> PartialMotion:
@@ -287,15 +287,13 @@ def _read_motion(path: Path, options: ReadingOptions, rate: float | None) -> tup
     return clip, () if placement is None else (f"note: {placement.remark}",)
 
 
-def _held_still(path: Path, rigged: Rigged) -> HeldStill:
-    from bodysense.io.bvh_text import open_bvh
+def _held_still(rigged: Rigged) -> HeldStill:
     from bodysense.io.holes import flat_lined
     from bodysense.io.rigs.own_rig import joints_of_file
 
     try:
-        file = open_bvh(path)
-        return file.joints, flat_lined(file, joints_of_file(file, rigged))
-    except BodysenseError:  # frames without lines, or joints that do not hang on one another: no limb can be judged
+        return rigged.file.joints, flat_lined(rigged.file, joints_of_file(rigged.file, rigged))
+    except BodysenseError:  # joints that do not hang on one another: no limb can be judged
         return _NOTHING_HELD
 
 

@@ -152,9 +152,10 @@ class BvhStream(AbstractContextManager["BvhStream"]):
         if self._last is None:
             self._begun, self._last = float(time[0]), tuple(part[:1] for part in parts)
         time, root, rotation = (np.concatenate(pair) for pair in zip(self._last, parts, strict=True))
-        due_by = np.maximum.accumulate(np.floor((time[1:] - self._begun) * self._rate + _SAME))
-        due = np.arange(self.frames, int(due_by[-1]) + 1)
-        before = np.searchsorted(due_by, due)
+        # The last frame of the file that is due at each moment, and the moment before each frame that is due now.
+        last_due = np.maximum.accumulate(np.floor((time[1:] - self._begun) * self._rate + _SAME))
+        due = np.arange(self.frames, int(last_due[-1]) + 1)
+        before = np.searchsorted(last_due, due)
         after = before + 1
         step = np.maximum(time[after] - time[before], 1e-9)
         share = ((self._begun + due / self._rate - time[before]) / step).clip(0, 1)[:, None]

@@ -121,12 +121,12 @@ class BvhFile:
         values = self.mended.values
         rotation = np.zeros((len(values), len(self.joints), 4))
         rotation[..., 0] = 1
-        joints_of = {order: [j for j, its in enumerate(self.order) if its == order] for order in {*self.order} - {""}}
-        columns_of = {order: [self.columns_of(j, "rotation") for j in joints] for order, joints in joints_of.items()}
-        for start in range(0, len(values), _BLOCK):  # in blocks that stay in the processor's cache
-            block = slice(start, start + _BLOCK)
-            for order, joints in joints_of.items():
-                angles = np.deg2rad(values[block][:, columns_of[order]])
+        for order in {*self.order} - {""}:
+            joints = [joint for joint, axes in enumerate(self.order) if axes == order]
+            columns = [self.columns_of(joint, "rotation") for joint in joints]
+            for start in range(0, len(values), _BLOCK):  # in blocks that stay in the processor's cache
+                block = slice(start, start + _BLOCK)
+                angles = np.deg2rad(values[block][:, columns])
                 rotation[block][:, joints] = quaternion_canonical(euler_to_quaternion(angles, order))
         return rotation
 
