@@ -181,6 +181,12 @@ def test_a_mirror_image_is_the_same_to_the_network(corpus: Corpus) -> None:
     assert float(losses[0]["loss"].detach()) == pytest.approx(float(losses[1]["loss"].detach()), abs=1e-5)
 
 
+def test_time_runs_backward_in_hands_too(corpus: Corpus) -> None:
+    one, other = (hands_of(seen_by(corpus, everything, Draw(told(), backward=way))) for way in (False, True))
+    for name in ("true_position", "position", "wrist"):
+        np.testing.assert_allclose(getattr(other, name)[::-1], getattr(one, name), atol=1e-5, err_msg=name)
+
+
 def everything(visible: np.ndarray, interval: float, rng: np.random.Generator) -> DrawnFingers:
     del interval
     tracked = draw_fingers("nothing", visible, 1.0, rng)

@@ -294,11 +294,13 @@ def _resampled(corpus: Corpus, clip: int, draw: Draw) -> tuple[np.ndarray, np.nd
 
 
 def _recorded_fingers(corpus: Corpus, clip: int, draw: Draw) -> np.ndarray:
-    """Return local rotations (T, 2, 15, 4) of the part of a clip that is drawn."""
+    """Local rotations (T, 2, 15, 4) of the part of a clip that is drawn, in the order of its frames."""
     low, high, share = _frames_of(corpus, clip, draw)
     first = int(corpus.finger_start[clip])
     hands = between(corpus.fingers[first + low], corpus.fingers[first + high], share)[:, RECORDED]
-    return hands[:, ::-1] * np.array([1.0, 1.0, -1.0, -1.0]) if draw.mirrored else hands
+    if draw.mirrored:
+        hands = hands[:, ::-1] * np.array([1.0, 1.0, -1.0, -1.0])
+    return hands[::-1] if draw.backward else hands
 
 
 def _frames_of(corpus: Corpus, clip: int, draw: Draw) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
