@@ -6,10 +6,9 @@ import json
 from pathlib import Path
 
 import pytest
+from split_people import write_people
 
-from bodysense.io.bvh import write_bvh
 from bodysense.io.clip import Clip
-from bodysense.io.datasets.splits import split_of
 
 SMALL = ("--width", 16, "--layers", 1, "--spatial-width", 8, "--spatial-layers", 1, "--epochs", 1, "--batch", 4)
 
@@ -17,11 +16,7 @@ SMALL = ("--width", 16, "--layers", 1, "--spatial-width", 8, "--spatial-layers",
 @pytest.fixture
 def people(tmp_path: Path, waving_clip: Clip) -> Path:
     """Somebody of every split."""
-    for split in ("train", "val", "test"):
-        person = next(f"p{number}" for number in range(100) if split_of(f"p{number}") == split)
-        (tmp_path / "data" / person).mkdir(parents=True)
-        write_bvh(tmp_path / "data" / person / "waving.bvh", waving_clip)
-    return tmp_path / "data"
+    return write_people(tmp_path / "data", {"train": [waving_clip], "val": [waving_clip], "test": [waving_clip]})
 
 
 @pytest.mark.slow

@@ -11,11 +11,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from split_people import write_people
 
 from bodysense.cli import main
 from bodysense.demo import packaged_performance
-from bodysense.io.bvh import write_bvh
-from bodysense.io.datasets.splits import split_of
 from bodysense_lab import fit
 from bodysense_lab.completion import publish
 
@@ -79,13 +78,9 @@ def stop_after_first_checkpoint(arguments: list[str]) -> None:
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Three seconds of the packaged performance, of a person in training and of one in validation."""
-    folder, clip = tmp_path_factory.mktemp("data"), packaged_performance()
-    for number, split in enumerate(("train", "val")):
-        person = next(name for name in map(str, range(99)) if split_of(name) == split)
-        (folder / person).mkdir()
-        frames = slice(100 + 200 * number, 200 + 200 * number)
-        write_bvh(folder / person / "moving.bvh", replace(clip, pose=clip.pose[frames]))
-    return folder
+    clip = packaged_performance()
+    learned, watched = (replace(clip, pose=clip.pose[first : first + 100]) for first in (100, 300))
+    return write_people(tmp_path_factory.mktemp("data"), {"train": [learned], "val": [watched]})
 
 
 @pytest.mark.slow

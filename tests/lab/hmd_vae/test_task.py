@@ -11,13 +11,12 @@ import numpy as np
 import pytest
 import torch
 from lightning_fabric import Fabric
+from split_people import person_of, write_people
 
 from bodysense.body.rotation import quaternion_to_matrix
 from bodysense.body.skeleton import BODY
 from bodysense.errors import BodysenseError
-from bodysense.io.bvh import read_bvh, write_bvh
 from bodysense.io.clip import Clip
-from bodysense.io.datasets.splits import split_of
 from bodysense.papers.hmd_vae import load_body_vae
 from bodysense_lab.augment import mirrored as mirrored_clip
 from bodysense_lab.checkpoint import write_weights_file
@@ -30,7 +29,6 @@ from bodysense_lab.hmd_vae.train import run_sweep, run_vae, sweep_configs, sweep
 
 SMALL = BodyVaeConfig(latent=4, width=16, sequence_width=8, length=8)
 SCHEDULE = VaeSchedule(steps=4, batch=8, check_every=2)
-PEOPLE = {which: next(f"person{k}" for k in range(99) if split_of(f"person{k}") == which) for which in ("train", "val")}
 
 
 @pytest.fixture(scope="module")
@@ -40,12 +38,8 @@ def frames(waving_clip: Clip) -> BodyFrames:
 
 @pytest.fixture
 def folder(tmp_path: Path, waving_clip: Clip) -> Path:
-    data = tmp_path / "data"
-    for which, person in PEOPLE.items():
-        (data / person).mkdir(parents=True)
-        write_bvh(data / person / f"{which}.bvh", waving_clip)
-    write_bvh(data / PEOPLE["train"] / "other.bvh", mirrored_clip(waving_clip))
-    return data
+    learned = [waving_clip, mirrored_clip(waving_clip)]
+    return write_people(tmp_path / "data", {"train": learned, "val": [waving_clip]})
 
 
 def same(ours: VaeBatch, theirs: VaeBatch) -> None:
@@ -185,10 +179,9 @@ def test_a_network_of_other_data_is_not_kept(folder: Path, tmp_path: Path) -> No
     moved = shutil.copytree(folder, tmp_path / "moved")
     with pytest.raises(BodysenseError, match=r"another configuration \(source.data: .*/data → .*/moved\)"):
         run_vae(replace(run, data=moved))
-    (folder / PEOPLE["train"] / "other.bvh").unlink()
     (tmp_path / "net.pt").unlink()  # half finished: the checkpoint is there
-    write_bvh(folder / PEOPLE["train"] / "more.bvh", read_bvh(moved / PEOPLE["train"] / "other.bvh"))
-    write_bvh(folder / PEOPLE["train"] / "most.bvh", read_bvh(moved / PEOPLE["train"] / "other.bvh"))
+    theirs = folder / person_of("train")
+    shutil.copy(theirs / "1.bvh", theirs / "2.bvh")
     learned = "source.learned.frames: 180 → 270, source.learned.sequences: 2 → 3"
     with pytest.raises(BodysenseError, match=rf"net\.ckpt belongs to another configuration \({learned}\)"):
         run_vae(run)
@@ -208,7 +201,8 @@ def test_a_sweep_looks_at_decoder_and_data(folder: Path, tmp_path: Path) -> None
     before = three.read_bytes()
     run_sweep(run, configs)  # the same decoder comes out again, and what was trained with it is kept
     assert three.read_bytes() == before
-    shutil.copy(folder / PEOPLE["train"] / "other.bvh", folder / PEOPLE["train"] / "more.bvh")
+    theirs = folder / person_of("train")
+    shutil.copy(theirs / "1.bvh", theirs / "2.bvh")
     with pytest.raises(
         BodysenseError, match=r"model0.* is of another configuration \(source.learned.frames: 180 → 270"
     ):

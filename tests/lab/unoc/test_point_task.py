@@ -10,11 +10,10 @@ import numpy as np
 import pytest
 import torch
 from scipy.spatial.transform import Rotation
+from split_people import write_people
 
 from bodysense.body.skeleton import default_skeleton
-from bodysense.io.bvh import write_bvh
 from bodysense.io.clip import Clip
-from bodysense.io.datasets.splits import split_of
 from bodysense.papers.point_model import load_point_model
 from bodysense_lab.fit import Progress, Report, fit
 from bodysense_lab.unoc.options import FingersTraining
@@ -131,14 +130,9 @@ def test_only_wrists_that_were_not_recorded_are_bent(waving_clip: Clip) -> None:
 @pytest.mark.usefixtures("in_threads")
 def test_a_whole_run(waving_clip: Clip, tmp_path: Path) -> None:
     """From files to a network that loads; one person of each split."""
-    for split in ("train", "val"):
-        person = next(name for k in range(100) if split_of(name := f"p{k}") == split)
-        (tmp_path / "data" / person).mkdir(parents=True)
-        write_bvh(tmp_path / "data" / person / "a.bvh", replace(waving_clip, pose=waving_clip.pose[:12]))
-    out = tmp_path / "net.onnx"
-    run_points(
-        FingersTraining(data=tmp_path / "data", out=out, steps=2, threads=1, licence="CC0-1.0", data_note="waving")
-    )
+    clip, out = replace(waving_clip, pose=waving_clip.pose[:12]), tmp_path / "net.onnx"
+    data = write_people(tmp_path / "data", {"train": [clip], "val": [clip]})
+    run_points(FingersTraining(data=data, out=out, steps=2, threads=1, licence="CC0-1.0", data_note="waving"))
     card = load_point_model("fingers", out).card
     assert (card["licence"], card["training_data"], card["form"]) == ("CC0-1.0", "waving", "shipped")
     rows = [json.loads(line) for line in out.with_suffix(".jsonl").read_text().splitlines()]

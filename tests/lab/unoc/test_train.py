@@ -8,11 +8,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from split_people import write_people
 
 from bodysense.devices.simulated.sensors import HEADSET_CAMERA, observe
-from bodysense.io.bvh import write_bvh
 from bodysense.io.clip import Clip
-from bodysense.io.datasets.splits import split_of
 from bodysense_lab.augment import mirrored
 from bodysense_lab.unoc import train
 from bodysense_lab.unoc.learned import Learned, load_model
@@ -20,18 +19,12 @@ from bodysense_lab.unoc.network import PAPER
 from bodysense_lab.unoc.options import BodyTraining
 from bodysense_lab.unoc.train import train_body, variation_of
 
-PEOPLE = {which: next(f"person{k}" for k in range(99) if split_of(f"person{k}") == which) for which in ("train", "val")}
-
 
 @pytest.fixture
 def folder(tmp_path: Path, waving_clip: Clip) -> Path:
-    data = tmp_path / "data"
-    for which, person in PEOPLE.items():
-        (data / person).mkdir(parents=True)
-        write_bvh(data / person / f"{which}.bvh", waving_clip)
-    write_bvh(data / PEOPLE["train"] / "other.bvh", mirrored(waving_clip))
-    write_bvh(data / PEOPLE["train"] / "short.bvh", replace(waving_clip, pose=waving_clip.pose[:1]))
-    return data
+    short = replace(waving_clip, pose=waving_clip.pose[:1])
+    learned = [waving_clip, mirrored(waving_clip), short]
+    return write_people(tmp_path / "data", {"train": learned, "val": [waving_clip]})
 
 
 def asked(data: Path, out: Path) -> BodyTraining:

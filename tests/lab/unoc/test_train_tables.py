@@ -7,12 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from split_people import write_people
 
 from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError
-from bodysense.io.bvh import write_bvh
 from bodysense.io.clip import Clip
-from bodysense.io.datasets.splits import split_of
 from bodysense_lab.unoc import train_tables as tables
 from bodysense_lab.unoc import variants
 from bodysense_lab.unoc.network import PAPER, BodyNetworkConfig, read_weights
@@ -27,11 +26,7 @@ SMALL = replace(PAPER, hidden=4, branch=(4,), judge_branch=(4,), window=9)
 @pytest.fixture
 def folder(tmp_path: Path, waving_clip: Clip) -> Path:
     """A person to train on and one to watch."""
-    for split in ("train", "val"):
-        person = next(name for name in map(str, range(99)) if split_of(name) == split)
-        (tmp_path / "data" / person).mkdir(parents=True)
-        write_bvh(tmp_path / "data" / person / "waving.bvh", waving_clip)
-    return tmp_path / "data"
+    return write_people(tmp_path / "data", {"train": [waving_clip], "val": [waving_clip]})
 
 
 @pytest.fixture
