@@ -42,7 +42,7 @@ ExportedOnce = Callable[[str, Callable[[Path], None]], Path]
 TESTS = Path(__file__).parent
 
 # How long an example takes says how busy a machine is, not what is wrong.
-settings.register_profile("bodysense", max_examples=40, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.register_profile("bodysense", max_examples=25, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("bodysense")
 
 

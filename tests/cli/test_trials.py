@@ -18,15 +18,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from split_people import write_people
 
 from bodysense.cli import main
 from bodysense.completion.model import load_completion
 from bodysense.demo import packaged_performance
 from bodysense.errors import BodysenseError
-from bodysense.io.bvh import write_bvh
 from bodysense.io.clip import Clip
 from bodysense.io.datasets.sources import Source
-from bodysense.io.datasets.splits import split_of
 from bodysense.tracker import Tracker
 from bodysense_lab import datasets, fit
 from bodysense_lab.commands import train
@@ -72,14 +71,9 @@ if __name__ == "__main__":
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Three clips of the packaged performance for training, three for validation."""
-    folder, clip = tmp_path_factory.mktemp("data"), packaged_performance()
-    for number, split in enumerate(("train", "val")):
-        person = next(name for name in map(str, range(99)) if split_of(name) == split)
-        (folder / person).mkdir()
-        for place in range(3):
-            first = 100 * (3 * number + place)
-            write_bvh(folder / person / f"moving{place}.bvh", replace(clip, pose=clip.pose[first : first + 90]))
-    return folder
+    clip = packaged_performance()
+    cut = [replace(clip, pose=clip.pose[first : first + 90]) for first in range(0, 600, 100)]
+    return write_people(tmp_path_factory.mktemp("data"), {"train": cut[:3], "val": cut[3:]})
 
 
 def asked(command: str, data: Path, out: Path, steps: int) -> list[str]:

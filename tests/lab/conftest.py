@@ -11,7 +11,6 @@ import pytest
 
 from bodysense.io.bvh import write_bvh
 from bodysense.io.clip import Clip
-from bodysense.io.datasets.splits import split_of
 from bodysense.observation import Observation, check_observation
 from bodysense_lab.datasets import DataSet
 
@@ -19,20 +18,6 @@ from ..conftest import ExportedOnce
 
 Seen = Mapping[str, Sequence[float]]
 MakeObservation = Callable[..., Observation]
-
-
-def person_of(split: str) -> str:
-    """Return the name of a person in a split."""
-    return next(name for name in map(str, range(99)) if split_of(name) == split)
-
-
-def write_people(folder: Path, clips: Mapping[str, Mapping[str, Clip]]) -> Path:
-    """Write clips by split and name, those of a split under one person. Returns the folder."""
-    for split, named in clips.items():
-        (folder / person_of(split)).mkdir(parents=True)
-        for name, clip in named.items():
-            write_bvh(folder / person_of(split) / f"{name}.bvh", clip)
-    return folder
 
 
 @pytest.fixture(scope="session")

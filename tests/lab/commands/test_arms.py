@@ -6,10 +6,9 @@ import json
 from pathlib import Path
 
 import pytest
+from split_people import write_people
 
 from bodysense.io.clip import Clip
-
-from ..conftest import write_people
 
 SMALL = ("--width", 16, "--layers", 1, "--spatial-width", 8, "--spatial-layers", 1, "--epochs", 1, "--batch", 4)
 
@@ -17,7 +16,7 @@ SMALL = ("--width", 16, "--layers", 1, "--spatial-width", 8, "--spatial-layers",
 @pytest.fixture
 def people(tmp_path: Path, waving_clip: Clip) -> Path:
     """Somebody of every split."""
-    return write_people(tmp_path / "data", {split: {"waving": waving_clip} for split in ("train", "val", "test")})
+    return write_people(tmp_path / "data", {"train": [waving_clip], "val": [waving_clip], "test": [waving_clip]})
 
 
 @pytest.mark.slow

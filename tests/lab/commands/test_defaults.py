@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from split_people import write_people
 
 from bodysense.io.clip import Clip
 from bodysense_lab.commands import arms, gloves
@@ -24,8 +25,6 @@ from bodysense_lab.pahmt import options as pahmt
 from bodysense_lab.rendering import options as rendering
 from bodysense_lab.two_hands import options as two_hands
 from bodysense_lab.unoc import options as unoc
-
-from ..conftest import write_people
 
 
 def asked(kind: Any) -> dict[str, Any]:
@@ -78,7 +77,7 @@ def test_scripted_wearers_are_tracked_by_the_network_that_is_given(tmp_path: Pat
 def test_a_table_opens_the_network_it_is_given(
     command: str, more: tuple[object, ...], tmp_path: Path, waving_clip: Clip, refused
 ) -> None:
-    write_people(tmp_path / "motion", {split: {"a": waving_clip} for split in ("train", "test")})
+    write_people(tmp_path / "motion", {"train": [waving_clip], "test": [waving_clip]})
     missing = tmp_path / "missing.onnx"
     said = refused("evaluate", command, "--data", tmp_path / "motion", "--model", missing, *more)
     assert "missing.onnx: no such" in said.lower()

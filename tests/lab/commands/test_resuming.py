@@ -11,13 +11,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from split_people import write_people
 
 from bodysense.cli import main
 from bodysense.demo import packaged_performance
 from bodysense_lab import fit
 from bodysense_lab.completion import publish
-
-from ..conftest import write_people
 
 # The command's options, its log, and what it writes. `fingers` is trained as `upper-body` is, tables as their networks.
 TRAININGS = {
@@ -79,9 +78,9 @@ def stop_after_first_checkpoint(arguments: list[str]) -> None:
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Three seconds of the packaged performance, of a person in training and of one in validation."""
-    folder, clip = tmp_path_factory.mktemp("data"), packaged_performance()
+    clip = packaged_performance()
     learned, watched = (replace(clip, pose=clip.pose[first : first + 100]) for first in (100, 300))
-    return write_people(folder, {"train": {"moving": learned}, "val": {"moving": watched}})
+    return write_people(tmp_path_factory.mktemp("data"), {"train": [learned], "val": [watched]})
 
 
 @pytest.mark.slow

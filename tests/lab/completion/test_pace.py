@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from split_people import person_of, write_people
 
 from bodysense.io.bvh import write_bvh
 from bodysense.io.clip import Clip
-from bodysense.io.datasets.splits import split_of
 from bodysense_lab.completion import corpus
 from bodysense_lab.completion.corpus import read_corpus
 from bodysense_lab.completion.pace import training_pace
@@ -23,9 +23,7 @@ def test_motion_is_read_once_until_it_changes(
     tmp_path: Path, waving_clip: Clip, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    person = next(name for name in map(str, range(99)) if split_of(name) == "train")
-    (tmp_path / "data" / person).mkdir(parents=True)
-    write_bvh(tmp_path / "data" / person / "a.bvh", waving_clip)
+    data = write_people(tmp_path / "data", {"train": [waving_clip]})
     reads, learned = [], corpus.read_clips
 
     def counted(*asked: object):
@@ -33,12 +31,12 @@ def test_motion_is_read_once_until_it_changes(
         return learned(*asked)  # pyright: ignore[reportArgumentType]
 
     monkeypatch.setattr(corpus, "read_clips", counted)
-    first, again = (read_corpus(tmp_path / "data", "train") for _ in range(2))
+    first, again = (read_corpus(data, "train") for _ in range(2))
     assert len(reads) == 1 and len(again) == 1
     np.testing.assert_array_equal(first.rotation, again.rotation)
-    write_bvh(tmp_path / "data" / person / "b.bvh", replace(waving_clip, pose=waving_clip.pose[:40]))
-    assert len(read_corpus(tmp_path / "data", "train")) == 2 and len(reads) == 2
-    assert len(read_corpus(tmp_path / "data", "train", 1)) == 1 and len(reads) == 3
+    write_bvh(data / person_of("train") / "1.bvh", replace(waving_clip, pose=waving_clip.pose[:40]))
+    assert len(read_corpus(data, "train")) == 2 and len(reads) == 2
+    assert len(read_corpus(data, "train", 1)) == 1 and len(reads) == 3
 
 
 def test_the_pace_is_timed_in_both_precisions(waving_clip: Clip) -> None:

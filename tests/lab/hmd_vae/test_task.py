@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 import torch
 from lightning_fabric import Fabric
+from split_people import person_of, write_people
 
 from bodysense.body.rotation import quaternion_to_matrix
 from bodysense.body.skeleton import BODY
 from bodysense.errors import BodysenseError
-from bodysense.io.bvh import read_bvh, write_bvh
 from bodysense.io.clip import Clip
 from bodysense.papers.hmd_vae import load_body_vae
 from bodysense_lab.augment import mirrored as mirrored_clip
@@ -27,11 +27,8 @@ from bodysense_lab.hmd_vae.options import BodyVaeConfig, VaeRun, VaeSchedule
 from bodysense_lab.hmd_vae.task import VaeTask, joint_errors
 from bodysense_lab.hmd_vae.train import run_sweep, run_vae, sweep_configs, sweep_name
 
-from ..conftest import person_of, write_people
-
 SMALL = BodyVaeConfig(latent=4, width=16, sequence_width=8, length=8)
 SCHEDULE = VaeSchedule(steps=4, batch=8, check_every=2)
-LEARNED = person_of("train")
 
 
 @pytest.fixture(scope="module")
@@ -41,8 +38,8 @@ def frames(waving_clip: Clip) -> BodyFrames:
 
 @pytest.fixture
 def folder(tmp_path: Path, waving_clip: Clip) -> Path:
-    learned = {"train": waving_clip, "other": mirrored_clip(waving_clip)}
-    return write_people(tmp_path / "data", {"train": learned, "val": {"val": waving_clip}})
+    learned = [waving_clip, mirrored_clip(waving_clip)]
+    return write_people(tmp_path / "data", {"train": learned, "val": [waving_clip]})
 
 
 def same(ours: VaeBatch, theirs: VaeBatch) -> None:
@@ -182,10 +179,9 @@ def test_a_network_of_other_data_is_not_kept(folder: Path, tmp_path: Path) -> No
     moved = shutil.copytree(folder, tmp_path / "moved")
     with pytest.raises(BodysenseError, match=r"another configuration \(source.data: .*/data → .*/moved\)"):
         run_vae(replace(run, data=moved))
-    (folder / LEARNED / "other.bvh").unlink()
     (tmp_path / "net.pt").unlink()  # half finished: the checkpoint is there
-    write_bvh(folder / LEARNED / "more.bvh", read_bvh(moved / LEARNED / "other.bvh"))
-    write_bvh(folder / LEARNED / "most.bvh", read_bvh(moved / LEARNED / "other.bvh"))
+    theirs = folder / person_of("train")
+    shutil.copy(theirs / "1.bvh", theirs / "2.bvh")
     learned = "source.learned.frames: 180 → 270, source.learned.sequences: 2 → 3"
     with pytest.raises(BodysenseError, match=rf"net\.ckpt belongs to another configuration \({learned}\)"):
         run_vae(run)
@@ -205,7 +201,8 @@ def test_a_sweep_looks_at_decoder_and_data(folder: Path, tmp_path: Path) -> None
     before = three.read_bytes()
     run_sweep(run, configs)  # the same decoder comes out again, and what was trained with it is kept
     assert three.read_bytes() == before
-    shutil.copy(folder / LEARNED / "other.bvh", folder / LEARNED / "more.bvh")
+    theirs = folder / person_of("train")
+    shutil.copy(theirs / "1.bvh", theirs / "2.bvh")
     with pytest.raises(
         BodysenseError, match=r"model0.* is of another configuration \(source.learned.frames: 180 → 270"
     ):

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from split_people import write_people
 
 from bodysense.body.rotation import normalize, quaternion_canonical
 from bodysense.errors import BodysenseError
-from bodysense.io.bvh import write_bvh
 from bodysense.io.clip import Clip
 from bodysense_lab.augment import mirrored as mirrored_clip
 from bodysense_lab.fit import Progress, fit
@@ -197,14 +197,7 @@ def test_a_network_of_hands_alone_is_not_exported(tmp_path: Path) -> None:
 @pytest.fixture
 def folder(tmp_path: Path, waving_clip: Clip) -> Path:
     """People for training and validation."""
-    from bodysense.io.datasets.splits import split_of
-
-    for number in range(40):
-        if split_of(f"p{number}") in ("train", "val"):
-            (tmp_path / "data" / f"p{number}").mkdir(parents=True)
-            if number < 3 or split_of(f"p{number}") == "val":
-                write_bvh(tmp_path / "data" / f"p{number}" / "waving.bvh", waving_clip)
-    return tmp_path / "data"
+    return write_people(tmp_path / "data", {"train": [waving_clip, waving_clip], "val": [waving_clip]})
 
 
 def test_the_table_is_trained_into_a_folder_once(folder: Path, tmp_path: Path) -> None:

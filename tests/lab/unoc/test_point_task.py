@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import torch
 from scipy.spatial.transform import Rotation
+from split_people import write_people
 
 from bodysense.body.skeleton import default_skeleton
 from bodysense.io.clip import Clip
@@ -29,8 +30,6 @@ from bodysense_lab.unoc.point_task import (
 )
 from bodysense_lab.unoc.task import Variation, with_bent_wrists
 from bodysense_lab.unoc.train import train_points as run_points
-
-from ..conftest import write_people
 
 SMALL = replace(UPPER_BODY, hidden=8, branch=(8,), judge_branch=(8,))
 SMALL_FINGERS = replace(FINGERS, hidden=8, branch=(8,), dropout=0.0)
@@ -131,8 +130,8 @@ def test_only_wrists_that_were_not_recorded_are_bent(waving_clip: Clip) -> None:
 @pytest.mark.usefixtures("in_threads")
 def test_a_whole_run(waving_clip: Clip, tmp_path: Path) -> None:
     """From files to a network that loads; one person of each split."""
-    clip = replace(waving_clip, pose=waving_clip.pose[:12])
-    data, out = write_people(tmp_path / "data", {"train": {"a": clip}, "val": {"a": clip}}), tmp_path / "net.onnx"
+    clip, out = replace(waving_clip, pose=waving_clip.pose[:12]), tmp_path / "net.onnx"
+    data = write_people(tmp_path / "data", {"train": [clip], "val": [clip]})
     run_points(FingersTraining(data=data, out=out, steps=2, threads=1, licence="CC0-1.0", data_note="waving"))
     card = load_point_model("fingers", out).card
     assert (card["licence"], card["training_data"], card["form"]) == ("CC0-1.0", "waving", "shipped")

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from split_people import write_people
 
 from bodysense.devices.simulated.sensors import HEADSET_CAMERA, observe
 from bodysense.io.clip import Clip
@@ -18,14 +19,12 @@ from bodysense_lab.unoc.network import PAPER
 from bodysense_lab.unoc.options import BodyTraining
 from bodysense_lab.unoc.train import train_body, variation_of
 
-from ..conftest import write_people
-
 
 @pytest.fixture
 def folder(tmp_path: Path, waving_clip: Clip) -> Path:
     short = replace(waving_clip, pose=waving_clip.pose[:1])
-    learned = {"train": waving_clip, "other": mirrored(waving_clip), "short": short}
-    return write_people(tmp_path / "data", {"train": learned, "val": {"val": waving_clip}})
+    learned = [waving_clip, mirrored(waving_clip), short]
+    return write_people(tmp_path / "data", {"train": learned, "val": [waving_clip]})
 
 
 def asked(data: Path, out: Path) -> BodyTraining:

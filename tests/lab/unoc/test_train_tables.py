@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from split_people import write_people
 
 from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError
@@ -19,16 +20,13 @@ from bodysense_lab.unoc.task import Episode
 from bodysense_lab.unoc.train_tables import cached_episodes, chosen_networks, schedule_of, train_tables
 from bodysense_lab.unoc.variants import TABLES, VARIANTS, Variant
 
-from ..conftest import write_people
-
 SMALL = replace(PAPER, hidden=4, branch=(4,), judge_branch=(4,), window=9)
 
 
 @pytest.fixture
 def folder(tmp_path: Path, waving_clip: Clip) -> Path:
     """A person to train on and one to watch."""
-    waving = {"waving": waving_clip}
-    return write_people(tmp_path / "data", {"train": waving, "val": waving})
+    return write_people(tmp_path / "data", {"train": [waving_clip], "val": [waving_clip]})
 
 
 @pytest.fixture

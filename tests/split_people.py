@@ -1,0 +1,24 @@
+"""Folders of motion with somebody of each split."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from bodysense.io.bvh import write_bvh
+from bodysense.io.clip import Clip
+from bodysense.io.datasets.splits import Split, split_of
+
+
+def person_of(split: Split) -> str:
+    """The name of somebody who belongs to a split."""
+    return next(name for name in map(str, range(99)) if split_of(name) == split)
+
+
+def write_people(folder: Path, clips: Mapping[Split, Sequence[Clip]]) -> Path:
+    """Write the clips of a person of each split as BVH files 0.bvh, 1.bvh, …; returns the folder."""
+    for split, theirs in clips.items():
+        (folder / person_of(split)).mkdir(parents=True)
+        for number, clip in enumerate(theirs):
+            write_bvh(folder / person_of(split) / f"{number}.bvh", clip)
+    return folder
