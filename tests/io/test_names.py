@@ -232,6 +232,9 @@ def test_the_order_of_names_does_not_matter(name: str) -> None:
     ("左人指１ 左人指２ 左足ＩＫ", "left_index1 left_index2 -"),
     ("왼쪽어깨 오른손목 오른발목", "left_shoulder right_wrist right_ankle"),
     ("右大腿 右小腿 右脚", "right_hip right_knee right_ankle"),
+    ("L_Finger01 L_Finger02 L_Finger11 L_Finger12", "left_thumb1 left_thumb2 left_index1 left_index2"),
+    ("L_Finger0 L_Finger01 L_Finger1 L_Finger11", "left_thumb1 left_thumb2 left_index1 left_index2"),
+    ("L_Finger11 L_Finger12 L_Finger21 L_Finger22", "left_thumb1 left_thumb2 left_index1 left_index2"),
 ])  # fmt: skip
 def test_some_names(text: str, ours: str) -> None:
     found = joints_of(text.split())

@@ -125,38 +125,16 @@ class Figure:
         An end site has its joint's rotation.
         """
         wanted = list(range(len(self.parents))) if points is None else points
-        needed = sorted({above for point in wanted for above in self.above(point)}) if points else wanted
         place: dict[int, np.ndarray] = {}
         turn: dict[int, np.ndarray] = {}
-        still = np.array([1.0, 0.0, 0.0, 0.0])
-        for level in self._levels(needed):
-            local = np.stack([self.position.get(k, np.broadcast_to(self.offset[k], (len(self), 3))) for k in level], 1)
-            joints = [k < len(self.joints) for k in level]
-            own = np.stack(
-                [
-                    self.rotation[:, k] if k < len(self.joints) else np.broadcast_to(still, (len(self), 4))
-                    for k in level
-                ],
-                1,
-            )
-            if self.parents[level[0]] >= 0:
-                above = np.stack([turn[self.parents[k]] for k in level], 1)
-                local = np.stack([place[self.parents[k]] for k in level], 1) + quaternion_rotate(above, local)
-                own = quaternion_multiply(above, own) if any(joints) else above
-            for column, k in enumerate(level):
-                place[k], turn[k] = local[:, column], own[:, column]
+        for k in sorted({above for point in points for above in self.above(point)}) if points else wanted:
+            at = self.position.get(k, np.broadcast_to(self.offset[k], (len(self), 3)))
+            if (parent := self.parents[k]) < 0:
+                place[k], turn[k] = at, self.rotation[:, k]
+                continue
+            place[k] = place[parent] + quaternion_rotate(turn[parent], at)
+            turn[k] = quaternion_multiply(turn[parent], self.rotation[:, k]) if k < len(self.joints) else turn[parent]
         return np.stack([place[k] for k in wanted], 1), np.stack([turn[k] for k in wanted], 1)
-
-    def _levels(self, points: list[int]) -> list[list[int]]:
-        """Points by depth below the root."""
-        depth: dict[int, int] = {}
-        levels: list[list[int]] = []
-        for point in sorted(points):
-            depth[point] = depth.get(self.parents[point], -1) + 1
-            if depth[point] == len(levels):
-                levels.append([])
-            levels[depth[point]].append(point)
-        return levels
 
 
 @dataclass(frozen=True, eq=False)

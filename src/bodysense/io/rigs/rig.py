@@ -20,8 +20,8 @@ from bodysense.body.skeleton import BODY, default_skeleton
 from bodysense.body.world_axes import TURNS, UpAxis
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import parts_lacking
-from bodysense.io.rigs.body import WORST, find_body
-from bodysense.io.rigs.figure import Figure, measured, usual_length
+from bodysense.io.rigs.body import WORST, Body, named_body
+from bodysense.io.rigs.figure import Figure, Tree, measured, usual_length
 from bodysense.io.rigs.names import ARMS, LEGS, family_of
 from bodysense.io.rigs.options import AS_FOUND, ReadingOptions
 
@@ -179,6 +179,15 @@ def recognise(figure: Figure, options: ReadingOptions = AS_FOUND) -> Rig:
         used=sum(point < len(figure.joints) for point in points.values()),
         notes=remarks,
     )
+
+
+def find_body(tree: Tree) -> Body:
+    """Return the body in a tree, by names, else by structure. Raises BodysenseError if there is no body."""
+    if (body := named_body(tree)) is not None:
+        return body
+    from bodysense.io.rigs.structure import searched_body
+
+    return searched_body(tree)
 
 
 # --- joint maps ---

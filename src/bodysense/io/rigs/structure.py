@@ -1,0 +1,347 @@
+"""Structure: the body in a tree whose names do not tell its limbs, by tree shape, symmetry, lengths and directions.
+
+A limb is a pair of chains that mirror each other, whose lengths and bends are those of a leg or an arm. Names count as
+evidence, and half a body is one by names alone. Without names feet and knees tell left from right, and positions tell
+one finger from another.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from itertools import combinations
+
+import numpy as np
+
+from bodysense.body.hand import FINGERS
+from bodysense.errors import BodysenseError
+from bodysense.io.rigs.body import (
+    ALIKE,
+    ASIDE,
+    HEADLESS,
+    NO_BODY,
+    ROLES,
+    WORST,
+    Body,
+    Kind,
+    Limb,
+    Limbs,
+    Pair,
+    body_of,
+    cosine,
+    named_limb,
+    named_points,
+    stands_on_arms,
+    unlikeness,
+)
+from bodysense.io.rigs.figure import Tree
+from bodysense.io.rigs.names import every_part, first_is_left, is_animal, is_helper, parts, words
+
+_CANDIDATES = 24  # legs and arms that are combined
+_WITH_HEAD = 8  # best combinations that are searched for a head
+_GUESS = 0.4  # of 6: below it, missing feet and straight knees do not decide left and right
+_OF: dict[Kind, tuple[str, ...]] = {  # points of a limb
+    "leg": ("hip", "knee", "ankle", "foot", "toe"),
+    "arm": ("collar", "shoulder", "elbow", "wrist", *FINGERS),
+}
+_LIMB = 0.5  # of the shorter limb: a longer pair of chains on the trunk is a pair of limbs
+_SKIRT = 0.8  # of a leg with its foot: a shorter pair of chains at the hips may be a skirt
+_SPLAYED = 1.0  # of a leg's length: feet farther apart than hips by more than this belong to a crab
+
+_SHORTEST = 0.12  # of the longest path down from the root; shorter chains are not limbs
+_FINGERS = 4  # chains on one joint that mark it as the end of a limb
+_LONGEST_CHAIN = 18  # points of a limb
+# Usual proportions, and weights of the penalty for each excess.
+_NARROWEST: dict[Kind, float] = {"leg": 0.08, "arm": 0.3}  # of a limb's length: between the first joints of a pair
+_RATIO: dict[Kind, tuple[float, float]] = {"leg": (1.0, 0.25), "arm": (1.05, 0.3)}  # upper to lower bone; log deviation
+_BEFORE: dict[Kind, tuple[float, float]] = {"leg": (0.6, 4.0), "arm": (1.2, 3.0)}  # of the upper bone: limit; weight
+_AFTER: dict[Kind, float] = {"leg": 0.8, "arm": 1.2}  # of the lower bone: longest chain after it
+_METACARPAL = 0.75  # of the next bone: a first joint closer to the wrist is inside the palm
+_MOST = 8  # most chains of a hand
+_HELD = 2.0  # longer than most chains below a wrist by this factor: an object in the hand
+
+
+def searched_body(tree: Tree) -> Body:
+    """Return the body in a tree. Raises BodysenseError if there is no body."""
+    points, pairs = named_points(tree), _mirrored_pairs(tree)
+    named: dict[Kind, Limb] = {kind: limb for kind in ROLES if (limb := named_limb(tree, points, kind))}
+    if len(named) < len(ROLES):  # otherwise names told a body that is not a person's
+        legs, arms = ([named[kind]] if kind in named else _candidates(tree, pairs, kind) for kind in ROLES)
+        if found := _best(legs, arms, pairs):
+            limbs, penalty = found
+            return body_of(limbs, points, penalty)
+    return _half(tree, points, named, pairs)
+
+
+def _candidates(tree: Tree, pairs: list[tuple[int, Pair]], kind: Kind) -> list[Limb]:
+    """Return the likeliest legs or arms among mirrored chains."""
+    found = [limb for hub, chains in pairs if (limb := _limb_of_chains(tree, hub, chains, kind))]
+    return sorted(found, key=lambda limb: limb.penalty)[:_CANDIDATES]
+
+
+def _best(legs: list[Limb], arms: list[Limb], pairs: list[tuple[int, Pair]]) -> tuple[Limbs, float] | None:
+    """Return the likeliest legs and arms, and how unlike a human body they are; None if they are not a person's."""
+    bodies = [limbs for leg in legs for arm in arms if (limbs := Limbs(leg, arm)).are_four]
+    longest = max((leg.length for leg in legs), default=0.0)
+    ranked = [(limbs, unlikeness(limbs) + 4 * (1 - limbs.leg.length / longest)) for limbs in bodies]
+    ranked = sorted(ranked, key=lambda pair: pair[1])[:_WITH_HEAD]
+    ranked = [(limbs, penalty + (0 if limbs.head else HEADLESS)) for limbs, penalty in ranked]
+    if not ranked:
+        return None
+    limbs, penalty = min(ranked, key=lambda pair: pair[1])
+    if penalty > WORST or _is_named_otherwise(limbs) or _is_crab(limbs, pairs) or stands_on_arms(limbs):
+        return None
+    return limbs, penalty
+
+
+def _half(tree: Tree, points: dict[str, int], named: dict[Kind, Limb], pairs: list[tuple[int, Pair]]) -> Body:
+    """Return the upper or lower half of a body, by names. Raises BodysenseError if there are more limbs, or none."""
+    count, joints = len(tree.figure.points), len(tree.figure.joints)
+    kind: Kind = "arm" if "arm" in named else "leg"
+    other: Kind = "leg" if kind == "arm" else "arm"
+    if kind not in named or all(any(tree.means(k, role) for k in range(count)) for role in ROLES[other]):
+        needed = [f"{side}_{role}" for role in (*ROLES["leg"], *ROLES["arm"]) for side in ("left", "right")]
+        gone = [name for name in needed if name not in points]
+        lacking = f", by name it has no {', '.join(gone)}" if 2 * len(gone) < len(needed) and gone else ""
+        raise BodysenseError(NO_BODY + lacking)
+    limb = named[kind]
+    hubs = {k for k in range(joints) if limb.points.isdisjoint(tree.figure.above(k))}
+    if more := _more_limbs(pairs, (limb,), hubs):
+        begin = " and ".join(repr(tree.name(chain[0])) for chain in more)
+        raise BodysenseError(f"not a humanoid: {begin} begin limbs, besides its {kind}s, that are no {other}s by name")
+    # The end of the trunk without limbs: the joint named so, or the farthest possible.
+    trunk, part = (tree.figure.above(limb.hub), "pelvis") if kind == "arm" else (list(range(joints)), "spine")
+    ends = [k for k in trunk if k not in limb.points and tree.means(k, part) and not is_helper(tree.name(k))]
+    end = (ends or trunk[-1:])[0] if kind == "arm" else (ends or [limb.hub])[-1]
+    stub = Limb(tree, end, ((end,), (end,)), ((end,) * 3, (end,) * 3), (limb.length / 2, limb.length / 2), side=1)
+    body = body_of(Limbs(stub, limb) if kind == "arm" else Limbs(limb, stub), points, penalty=0.0)
+    gone = [name for name in body.points if name.partition("_")[2].rstrip("123").removesuffix("_tip") in _OF[other]]
+    return Body({name: point for name, point in body.points.items() if name not in gone}, 0.0, body.remarks)
+
+
+def _mirrored_pairs(tree: Tree) -> list[tuple[int, Pair]]:
+    """Return every hub with two mirrored branches, and the chains down both; hair on a head is left out."""
+    least = _SHORTEST * max(tree.reach[0], 1e-9)
+    found = []
+    for hub in range(len(tree.figure.joints)):
+        if tree.reach[hub] < least or any("head" in words(tree.name(k)) for k in tree.figure.above(hub)[:-1]):
+            continue  # a root named so is no head
+        long = [c for c in tree.branches(hub) if tree.length[c] + tree.reach[c] >= least]
+        for a, b in combinations(long, 2):
+            chains = _mirrored(tree, hub, a, b)
+            if sum(tree.length[k] for k in chains[0]) >= least and len(chains[0]) >= 3:
+                found.append((hub, chains))
+    return found
+
+
+def _mirrored(tree: Tree, hub: int, a: int, b: int) -> Pair:
+    """Return the longest chains down two branches whose bones are alike, pair by pair."""
+    one: list[int] = []
+    other: list[int] = []
+    choices = [(a, b)]
+    while choices and len(one) < _LONGEST_CHAIN:
+        above = (one[-1], other[-1]) if one else (hub, hub)
+        fitting = _alike(tree, above, choices, tree.reach[hub])
+        if not fitting and one:  # one side may have an additional joint that does not bend, a twist
+            more = [(c, y) for x, y in choices for c in tree.branches(x) if tree.is_straight(above[0], x, c)]
+            more += [(x, d) for x, y in choices for d in tree.branches(y) if tree.is_straight(above[1], y, d)]
+            fitting = _alike(tree, above, more, tree.reach[hub])
+        if not fitting:
+            break
+        _, x, y = max(fitting)
+        one.append(x)
+        other.append(y)
+        choices = [(c, d) for c in tree.branches(x) for d in tree.branches(y)]
+    return tuple(one), tuple(other)
+
+
+def _alike(
+    tree: Tree, above: tuple[int, int], choices: list[tuple[int, int]], scale: float
+) -> list[tuple[float, int, int]]:
+    """Return pairs of points at equal distances from their parents, each with a score for continuing the chain."""
+    fitting = []
+    for x, y in choices:
+        p, q = tree.distance(above[0], x), tree.distance(above[1], y)
+        if abs(p - q) <= ALIKE * max(p, q) + 0.01 * scale:
+            way = min(p + tree.reach[x], q + tree.reach[y])
+            unlike = abs(p - q) + 0.3 * min(abs(tree.reach[x] - tree.reach[y]), 0.25 * way)  # one hand may hold a sword
+            aside = tree.is_aside(x) + tree.is_aside(y)
+            fitting.append((way - 2 * unlike - ASIDE * aside * way, x, y))
+    return fitting
+
+
+def _limb_of_chains(tree: Tree, hub: int, chains: Pair, kind: Kind) -> Limb | None:
+    """Return the three joints of a pair of chains that fit a leg or an arm best; None if nothing fits."""
+    pairs = list(zip(*chains, strict=True))
+    joints = sum(max(pair) < len(tree.figure.joints) for pair in pairs)
+    branches = [sum(tree.reach[k] > 0 for k in tree.figure.children[point]) for point, _ in pairs]
+    hand = next((k for k, count in enumerate(branches) if count >= _FINGERS), len(pairs))
+    last = hand if hand >= 2 else len(pairs)
+    side = first_is_left(*([tree.name(k) for k in chain] for chain in chains))
+    # Distances (N, N) of the points of both chains, the hub among them: their median and least over time.
+    place = [tree.place[:, [hub, *chain]] for chain in chains]
+    apart = [np.linalg.norm(p[:, :, None] - p[:, None], axis=-1) for p in place]
+    median, least = np.mean([np.median(a, axis=0) for a in apart], axis=0), np.min([a.min(axis=0) for a in apart], 0)
+    way = np.concatenate([[0.0], np.cumsum(np.diagonal(median, offset=1))])  # (N,) from the hub along the chain
+    best: Limb | None = None
+    for picks in combinations(range(len(pairs)), 3):
+        if picks[1] >= joints:
+            break
+        first, second, third = (k + 1 for k in picks)  # the tables begin with the hub
+        upper, lower = float(median[first, second]), float(median[second, third])
+        if picks[2] > last or min(upper, lower) < 0.08 * way[-1]:
+            continue
+        one, other = (tuple(chain[k] for k in picks) for chain in chains)
+        if any(_is_shifted(tree, side, kind) for side in (one, other)):
+            continue
+        usual, spread = _RATIO[kind]
+        limit, weight = _BEFORE[kind]
+        penalty = (np.log(upper / lower / usual) / spread) ** 2
+        penalty += 5 * max(0.0, 1 - tree.distance(one[0], other[0]) / (upper + lower) / _NARROWEST[kind])
+        penalty += weight * max(0.0, median[0, first] / upper - limit)
+        penalty += 5 * max(0.0, (way[-1] - way[third]) / lower - _AFTER[kind])
+        for a, b in ((first, second), (second, third)):  # a joint between two of the three should not bend
+            if b - a > 1:
+                penalty += 20 * max(0.0, 0.97 - least[a, b] / max(way[b] - way[a], 1e-9))
+        # If joints coincide, the last hip or knee carries the whole rotation, but the first ankle or wrist does.
+        penalty -= 1e-4 * (picks[0] + picks[1] - picks[2])
+        if best is None or penalty < best.penalty - 1e-6:
+            best = Limb(tree, hub, chains, (one, other), (upper, lower), side, float(penalty))
+    return best
+
+
+def _is_shifted(tree: Tree, joints: tuple[int, ...], kind: Kind) -> bool:
+    """Whether names mean that a joint is missing: a forearm is taken for a wrist, or an upper arm for an elbow."""
+    said = [set[str]() if tree.is_aside(k) else every_part(tree.name(k)) for k in joints]
+    one, two, three = ROLES[kind]
+    is_third = three not in said[2] and bool(said[2] & {one, two})
+    return is_third or (said[1] == {one} and bool(said[0] - {one}))
+
+
+def _is_named_otherwise(limbs: Limbs) -> bool:
+    """Whether the names of all joints of a leg mean something else, or joints of a limb are a wing's or a paw's."""
+    name = limbs.tree.name
+    said = [(role, parts(name(k))) for role, k in zip(ROLES["leg"], limbs.leg.joints[0], strict=True)]
+    animal = any(is_animal(name(k)) for limb in (limbs.leg, limbs.arm) for joints in limb.joints for k in joints)
+    return animal or all(meant and role not in meant for role, meant in said)
+
+
+def _is_crab(limbs: Limbs, pairs: list[tuple[int, Pair]]) -> bool:
+    """Whether its feet are far apart at most times, or a further pair of limbs begins on its trunk."""
+    splay = limbs.tree.distance(limbs.leg.joints[0][2], limbs.leg.joints[1][2]) - limbs.leg.width
+    if splay > _SPLAYED * limbs.leg.length:
+        return True
+    figure, leg, arm = limbs.tree.figure, limbs.leg, limbs.arm
+    trunk = set(figure.above(leg.hub)) | set(figure.above(arm.hub))
+    if leg.hub == arm.hub:  # no joint is certainly above the arms, where hair hangs
+        trunk = set(range(len(figure.joints)))
+    before = {k for limb in (leg, arm) for which in (0, 1) for k in (*limb.before(which), limb.joints[which][0])}
+    return _more_limbs(pairs, (leg, arm), (trunk - limbs.points) | before) is not None
+
+
+def _more_limbs(pairs: list[tuple[int, Pair]], limbs: Sequence[Limb], hubs: set[int]) -> Pair | None:
+    """Return a further pair of chains on some hubs that is as long as limbs; at the hips a skirt may be longer."""
+    first, tree = limbs[0], limbs[0].tree
+    taken = set[int]().union(*(limb.points for limb in limbs))
+    skirt, limb = _SKIRT * sum(tree.length[k] for k in first.chains[0]), _LIMB * min(limb.length for limb in limbs)
+    for hub, chains in pairs:
+        if hub not in hubs or not taken.isdisjoint((*chains[0], *chains[1])) or is_helper(tree.name(chains[0][0])):
+            continue
+        if sum(tree.length[k] for k in chains[0]) > (skirt if hub == first.hub else limb):
+            return chains
+    return None
+
+
+def left_of(limbs: Limbs) -> tuple[int, int, tuple[str, ...]]:
+    """Return the index of the left leg and of the left arm, and remarks."""
+    leg, arm = limbs.leg, limbs.arm
+    if leg.side and arm.side:
+        return int(leg.side < 0), int(arm.side < 0), ()
+    crossed = float(cosine(leg.across, arm.across).mean()) < 0
+    seen = _anatomical(limbs)
+    named = leg.side or (-arm.side if crossed else arm.side)
+    remarks: tuple[str, ...] = ()
+    if named and abs(seen) > 1 and (named > 0) != (seen > 0):
+        remarks = ("left and right are as its names say, though its feet point backward",)
+    elif not named and abs(seen) < _GUESS:
+        remarks = ("which side is left is a guess: no name, foot or knee tells",)
+    left_leg = int(named < 0 if named else seen <= 0)
+    return left_leg, 1 - left_leg if crossed else left_leg, remarks
+
+
+def _anatomical(limbs: Limbs) -> float:
+    """Return the confidence, 0 to 6, that by feet and knees the first leg is the left one; negative: the right one."""
+    tree, leg = limbs.tree, limbs.leg
+    votes = np.zeros(len(limbs.trunk))
+    for which in (0, 1):
+        hip, knee, ankle = (tree.place[:, k] for k in leg.joints[which])
+        toes = [k for k in leg.after(which) if tree.distance(k, leg.joints[which][2]) > 0.1 * leg.lengths[1]]
+        if toes:  # feet point forward, perpendicular to the shin
+            votes += 2 * cosine(np.cross(knee - ankle, tree.place[:, toes[-1]] - ankle), leg.across)
+        bend = knee - (hip + ankle) / 2
+        bent = np.linalg.norm(bend, axis=-1) / leg.length
+        votes += np.minimum(10 * bent, 1.0) * cosine(np.cross(limbs.trunk, bend), leg.across)
+    return float(votes.mean())
+
+
+# --- fingers ---
+
+
+def placed_fingers(tree: Tree, wrist: int) -> dict[str, int]:
+    """Return joints and tips of the fingers below a wrist, by their positions: 'index1', 'index2', 'index_tip' …"""
+    count = len(tree.figure.joints)
+    found: dict[str, int] = {}
+    for finger, chain in _told_apart(tree, wrist, _finger_chains(tree, wrist)).items():
+        joints = [k for k in chain if k < count]
+        joints = joints[_begins_in_palm(tree, wrist, finger, chain, joints) :][:3]
+        if len(joints) < 2:
+            continue
+        found |= {f"{finger}{k}": joint for k, joint in enumerate(joints, start=1)}
+        tips = chain[chain.index(joints[-1]) + 1 :]
+        if len(joints) == 3 and tips and tree.length[tips[0]] > 0:
+            found[f"{finger}_tip"] = tips[0]
+    return found
+
+
+def _finger_chains(tree: Tree, wrist: int) -> list[list[int]]:
+    """Return the branches below a wrist without further branching, from the wrist on, without held objects."""
+    figure, leaves, todo = tree.figure, list[int](), [wrist]
+    while todo:
+        point = todo.pop()
+        children = [k for k in figure.children[point] if not is_helper(tree.name(k))]
+        todo += children
+        if not children and point != wrist:
+            leaves.append(point)
+    if len(leaves) > 4 * _MOST:
+        return []
+    ways = [way[: way.index(wrist)][::-1] for way in map(figure.above, leaves)]
+    shared = Counter(k for way in ways for k in way)
+    chains = [[k for k in way if shared[k] == 1] for way in ways]
+    chains = [chain for chain in chains if sum(k < len(figure.joints) for k in chain) >= 2][:_MOST]
+    usual = np.median([tree.way(wrist, chain) for chain in chains]) if chains else 0.0
+    return [chain for chain in chains if tree.way(wrist, chain) < _HELD * usual]
+
+
+def _told_apart(tree: Tree, wrist: int, chains: list[list[int]]) -> dict[str, list[int]]:
+    """Return the chain of each finger: the thumb points elsewhere, and the others follow from it."""
+    if len(chains) not in (4, 5):
+        return {}
+    ways = np.stack([tree.place[:, chain[-1]] - tree.place[:, wrist] for chain in chains])
+    ways /= np.maximum(np.linalg.norm(ways, axis=-1, keepdims=True), 1e-9)
+    rest = (ways.sum(axis=0) - ways) / (len(chains) - 1)
+    thumb = chains.pop(int(np.argmin(np.median((ways * rest).sum(-1), axis=1))))
+    knuckles = np.stack([tree.place[:, chain[0]] - tree.place[:, wrist] for chain in chains])
+    along = knuckles.mean(axis=0)
+    base = tree.place[:, thumb[0]] - tree.place[:, wrist]
+    share = (base * along).sum(-1) / np.maximum((along * along).sum(-1), 1e-12)
+    across = base - share[:, None] * along  # over the palm, towards the thumb
+    ranks = -np.median((knuckles * across).sum(-1), axis=1)
+    return dict(zip(FINGERS, [thumb, *(chains[k] for k in np.argsort(ranks))], strict=False))
+
+
+def _begins_in_palm(tree: Tree, wrist: int, finger: str, chain: list[int], joints: list[int]) -> bool:
+    """Whether the first joint of a finger does not bend, because it is inside the palm: a fourth, or near the wrist."""
+    if len(joints) > 3 and len(chain) > len(joints):
+        return True
+    is_long = finger != "thumb" and len(joints) >= 3 and len(chain) > 3
+    return is_long and bool(tree.distance(wrist, joints[0]) < _METACARPAL * tree.length[joints[1]])
