@@ -29,7 +29,6 @@ from bodysense.io.markers.options import ENDINGS as MARKER_ENDINGS
 from bodysense.io.markers.options import NO_OPTIONS, MarkerOptions, is_marker_file
 from bodysense.io.recording import Recording, is_recording, read_recording
 from bodysense.io.rigs.options import AS_FOUND, ReadingOptions, given_options
-from bodysense.io.rigs.own_rig import joints_of_file
 from bodysense.io.rigs.rigged import Rigged, read_rigged
 from bodysense.io.smpl import PICKLES, RATE, is_smpl, joint_places, read_smpl
 from bodysense.observation import Observation, in_our_world
@@ -279,6 +278,8 @@ def _read_motion(path: Path, options: ReadingOptions, rate: float | None) -> tup
 
 
 def _held_still(path: Path, rigged: Rigged) -> HeldStill:
+    from bodysense.io.rigs.own_rig import joints_of_file
+
     try:
         file = open_bvh(path)
         return file.joints, flat_lined(file, joints_of_file(file, rigged))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,7 +13,9 @@ from bodysense.body.gaps import runs
 from bodysense.errors import BodysenseError
 from bodysense.io.bvh_stream import BvhLines
 from bodysense.io.rigs.names import joint_of
-from bodysense.io.rigs.own_rig import SourceJoints
+
+if TYPE_CHECKING:
+    from bodysense.io.rigs.own_rig import SourceJoints
 
 FLAT = 0.5  # s: a limb whose numbers are constant for this long, while the trunk turns, was not tracked
 _ITEM = re.compile(r"(?P<name>.+?)(?P<below>\+?)(?:\s*:\s*(?P<first>\d+)\s*-\s*(?P<last>\d+))?")
