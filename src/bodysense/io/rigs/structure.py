@@ -124,14 +124,15 @@ def _mirrored_pairs(tree: Tree) -> list[tuple[int, Pair]]:
     least = _SHORTEST * max(tree.reach[0], 1e-9)
     found = []
     for hub in range(len(tree.figure.joints)):
-        if tree.reach[hub] < least or any("head" in words(tree.name(k)) for k in tree.figure.above(hub)[:-1]):
-            continue  # a root named so is no head
+        if tree.reach[hub] < least:
+            continue
         long = [c for c in tree.branches(hub) if tree.length[c] + tree.reach[c] >= least]
         for a, b in combinations(long, 2):
             chains = _mirrored(tree, hub, a, b)
             if sum(tree.length[k] for k in chains[0]) >= least and len(chains[0]) >= 3:
                 found.append((hub, chains))
-    return found
+    on_head = {hub for hub, _ in found if any("head" in words(tree.name(k)) for k in tree.figure.above(hub)[:-1])}
+    return [(hub, chains) for hub, chains in found if hub not in on_head]  # a root named so is no head
 
 
 def _mirrored(tree: Tree, hub: int, a: int, b: int) -> Pair:
