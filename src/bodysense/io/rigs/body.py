@@ -15,6 +15,7 @@ import numpy as np
 
 from bodysense.body.hand import FINGERS
 from bodysense.errors import BodysenseError
+from bodysense.io.fingers import is_finger
 from bodysense.io.rigs.figure import Tree, usual_length
 from bodysense.io.rigs.names import is_animal, is_end, is_helper, joints_of, spread
 
@@ -281,20 +282,19 @@ def _foot_of(leg: Limb, which: int, zero: float) -> dict[str, int]:
 
 
 def _fingers_of(tree: Tree, side: str, wrist: int, named: Mapping[str, int]) -> dict[str, int]:
-    """Return joints and tips of a side's fingers below a wrist: those named so, or all by their positions."""
-    fingers = {
-        name: point
-        for name, point in named.items()
-        if name.startswith(side) and name.partition("_")[2].rstrip("123").removesuffix("_tip") in FINGERS
-    }
-    if fingers:
-        is_tip_apart = {name: not name.endswith("_tip") or tree.length[point] > 0 for name, point in fingers.items()}
-        return {name: k for name, k in fingers.items() if is_tip_apart[name] and wrist in tree.figure.above(k)}
-    if not any(tree.reach[k] > 0 for k in tree.figure.children[wrist]):
+    """Return joints and tips of a side's fingers: by name if names tell every joint of a finger below the wrist."""
+    figure = tree.figure
+    below = figure.under(wrist)[1:]
+    own = {name: k for name, k in named.items() if name.startswith(side) and is_finger(name.removesuffix("_tip"))}
+    told = {name: k for name, k in own.items() if k in below}
+    said = {k for k in below if k < len(figure.joints) and tree.means(k, "finger", *FINGERS)}
+    if told and said <= set(told.values()):
+        return {name: k for name, k in told.items() if not name.endswith("_tip") or tree.length[k] > 0}
+    if not any(tree.reach[k] > 0 for k in figure.children[wrist]):
         return {}
-    from bodysense.io.rigs.structure import placed_fingers
+    from bodysense.io.rigs.structure import fingers_of
 
-    return {f"{side}_{part}": point for part, point in placed_fingers(tree, wrist).items()}
+    return {f"{side}_{part}": point for part, point in fingers_of(tree, wrist).items()}
 
 
 def _spine_of(limbs: Limbs, zero: float) -> tuple[list[int], int, int | None]:

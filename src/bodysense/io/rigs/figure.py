@@ -70,15 +70,16 @@ class Figure:
             chain.append(self.parents[chain[-1]])
         return chain
 
+    def under(self, top: int) -> list[int]:
+        """A point and all that hang on it, parents first."""
+        found = [top]
+        for point in found:
+            found += self.children[point]
+        return sorted(found)
+
     def below(self, root: int) -> Figure:
         """The tree below a joint, which becomes the root and keeps its place in the file's world."""
-        keep = [root]
-        inside = {root}
-        for point, parent in enumerate(self.parents):
-            if parent in inside:
-                inside.add(point)
-                keep.append(point)
-        return self.only(keep)
+        return self.only(self.under(root))
 
     def only(self, keep: list[int]) -> Figure:
         """Some points: the first is above all others, and with a point all points between them are kept."""

@@ -132,7 +132,7 @@ def bodies_of(figures: list[Figure], options: ReadingOptions) -> list[Figure]:
 
 def _apart(figure: Figure, deepest: int) -> list[Figure]:
     """Return the bodies that share one root; the figure itself if it does not hold two."""
-    branches = [child for child in figure.children[0] if _size(figure, child) >= _FEWEST]
+    branches = [k for k in figure.children[0] if sum(j < len(figure.joints) for j in figure.under(k)) >= _FEWEST]
     if len(branches) > 1:
         parts = [figure.below(child) for child in branches]
         bodies = [part for part in parts if _is_body(part)]
@@ -142,16 +142,6 @@ def _apart(figure: Figure, deepest: int) -> list[Figure]:
         inner = _apart(figure.below(branches[0]), deepest - 1)
         return inner if len(inner) > 1 else [figure]
     return [figure]
-
-
-def _size(figure: Figure, point: int) -> int:
-    """Return the number of joints below a point, including itself."""
-    count, todo = 0, [point]
-    while todo:
-        here = todo.pop()
-        count += here < len(figure.joints)
-        todo += figure.children[here]
-    return count
 
 
 def _is_body(figure: Figure) -> bool:

@@ -124,14 +124,15 @@ def _mirrored_pairs(tree: Tree) -> list[tuple[int, Pair]]:
     least = _SHORTEST * max(tree.reach[0], 1e-9)
     found = []
     for hub in range(len(tree.figure.joints)):
-        if tree.reach[hub] < least or any("head" in words(tree.name(k)) for k in tree.figure.above(hub)[:-1]):
-            continue  # a root named so is no head
+        if tree.reach[hub] < least:
+            continue
         long = [c for c in tree.branches(hub) if tree.length[c] + tree.reach[c] >= least]
         for a, b in combinations(long, 2):
             chains = _mirrored(tree, hub, a, b)
             if sum(tree.length[k] for k in chains[0]) >= least and len(chains[0]) >= 3:
                 found.append((hub, chains))
-    return found
+    on_head = {hub for hub, _ in found if any("head" in words(tree.name(k)) for k in tree.figure.above(hub)[:-1])}
+    return [(hub, chains) for hub, chains in found if hub not in on_head]  # a root named so is no head
 
 
 def _mirrored(tree: Tree, hub: int, a: int, b: int) -> Pair:
@@ -287,11 +288,14 @@ def _anatomical(limbs: Limbs) -> float:
 # --- fingers ---
 
 
-def placed_fingers(tree: Tree, wrist: int) -> dict[str, int]:
-    """Return joints and tips of the fingers below a wrist, by their positions: 'index1', 'index2', 'index_tip' …"""
+def fingers_of(tree: Tree, wrist: int) -> dict[str, int]:
+    """Return joints and tips of the fingers below a wrist: 'index1', 'index2', 'index3', 'index_tip' …
+
+    Fingers are identified by their names, their numbers, or their positions on the hand.
+    """
     count = len(tree.figure.joints)
     found: dict[str, int] = {}
-    for finger, chain in _told_apart(tree, wrist, _finger_chains(tree, wrist)).items():
+    for finger, chain in _which(tree, wrist, _finger_chains(tree, wrist)).items():
         joints = [k for k in chain if k < count]
         joints = joints[_begins_in_palm(tree, wrist, finger, chain, joints) :][:3]
         if len(joints) < 2:
@@ -304,7 +308,7 @@ def placed_fingers(tree: Tree, wrist: int) -> dict[str, int]:
 
 
 def _finger_chains(tree: Tree, wrist: int) -> list[list[int]]:
-    """Return the branches below a wrist without further branching, from the wrist on, without held objects."""
+    """Return the branches below a wrist without further branching, from the wrist on."""
     figure, leaves, todo = tree.figure, list[int](), [wrist]
     while todo:
         point = todo.pop()
@@ -317,19 +321,30 @@ def _finger_chains(tree: Tree, wrist: int) -> list[list[int]]:
     ways = [way[: way.index(wrist)][::-1] for way in map(figure.above, leaves)]
     shared = Counter(k for way in ways for k in way)
     chains = [[k for k in way if shared[k] == 1] for way in ways]
-    chains = [chain for chain in chains if sum(k < len(figure.joints) for k in chain) >= 2][:_MOST]
+    return [chain for chain in chains if sum(k < len(figure.joints) for k in chain) >= 2][:_MOST]
+
+
+def _which(tree: Tree, wrist: int, chains: list[list[int]]) -> dict[str, list[int]]:
+    """Return the chain of each finger."""
+    named: dict[str, list[int]] = {}
+    for chain in chains:
+        said = [part for k in chain for part in parts(tree.name(k)) if part in FINGERS]
+        if said and said.count(said[0]) > 1:
+            named.setdefault(said[0], chain)
+    if named:
+        return named
+    numbered = [chain for chain in chains if any(tree.means(k, "finger") for k in chain)]
+    if len(numbered) in (4, 5):
+        return dict(zip(FINGERS, sorted(numbered, key=lambda chain: tree.name(chain[0])), strict=False))
     usual = np.median([tree.way(wrist, chain) for chain in chains]) if chains else 0.0
-    return [chain for chain in chains if tree.way(wrist, chain) < _HELD * usual]
-
-
-def _told_apart(tree: Tree, wrist: int, chains: list[list[int]]) -> dict[str, list[int]]:
-    """Return the chain of each finger: the thumb points elsewhere, and the others follow from it."""
+    chains = [chain for chain in chains if tree.way(wrist, chain) < _HELD * usual]
     if len(chains) not in (4, 5):
         return {}
     ways = np.stack([tree.place[:, chain[-1]] - tree.place[:, wrist] for chain in chains])
     ways /= np.maximum(np.linalg.norm(ways, axis=-1, keepdims=True), 1e-9)
     rest = (ways.sum(axis=0) - ways) / (len(chains) - 1)
-    thumb = chains.pop(int(np.argmin(np.median((ways * rest).sum(-1), axis=1))))
+    apart = np.median((ways * rest).sum(-1), axis=1)  # the thumb points elsewhere
+    thumb = chains.pop(int(np.argmin(apart)))
     knuckles = np.stack([tree.place[:, chain[0]] - tree.place[:, wrist] for chain in chains])
     along = knuckles.mean(axis=0)
     base = tree.place[:, thumb[0]] - tree.place[:, wrist]
@@ -340,8 +355,12 @@ def _told_apart(tree: Tree, wrist: int, chains: list[list[int]]) -> dict[str, li
 
 
 def _begins_in_palm(tree: Tree, wrist: int, finger: str, chain: list[int], joints: list[int]) -> bool:
-    """Whether the first joint of a finger does not bend, because it is inside the palm: a fourth, or near the wrist."""
-    if len(joints) > 3 and len(chain) > len(joints):
+    """Whether the first joint of a finger does not bend: a bone inside the palm, by name or distance to the wrist."""
+    if len(joints) > 3 and len(chain) > len(joints):  # four joints and a tip
         return True
-    is_long = finger != "thumb" and len(joints) >= 3 and len(chain) > 3
-    return is_long and bool(tree.distance(wrist, joints[0]) < _METACARPAL * tree.length[joints[1]])
+    if finger == "thumb" or len(joints) < 3:
+        return False
+    said = words(tree.name(joints[0]))
+    if "carpal" in "".join(said) or "mc" in said:
+        return True
+    return len(chain) > 3 and bool(tree.distance(wrist, joints[0]) < _METACARPAL * tree.length[joints[1]])
