@@ -67,15 +67,10 @@ def left_right(subject: Subject) -> Series:
     return need(columns, "no rotations of the trunk")
 
 
-def mismatch(subject: Subject) -> Series:
-    """Median over the bones of how far a child wanders in its parent's frame, % of the bone."""
-    return float(100 * np.median(_spreads(subject)))
-
-
 def misread(subject: Subject, reading: str) -> Series:
     """How many times better the places fit if quaternions are read as 'xyzw', or as 'inverse' rotations."""
     other = quaternion_conjugate if reading == "inverse" else lambda turn: np.roll(turn, 1, axis=-1)
-    return float(np.median(_spreads(subject)) / max(np.median(_spreads(subject, other)), 0.02))
+    return float(np.median(spreads(subject)) / max(np.median(spreads(subject, other)), 0.02))
 
 
 def rest_angle(subject: Subject, joint: str) -> Series:
@@ -85,8 +80,8 @@ def rest_angle(subject: Subject, joint: str) -> Series:
     return float(angle(mean, ours.rest_offset[ours.index(end)]))
 
 
-def _spreads(subject: Subject, reading: Reading = np.asarray) -> list[float]:
-    """How far each child wanders in its parent's frame, as a share of the bone, of parents that turn."""
+def spreads(subject: Subject, reading: Reading = np.asarray) -> list[float]:
+    """Return how far each child wanders in its parent's frame, as a share of the bone, of parents that turn."""
     found = []
     for parent, child in subject.bones:
         bone = subject.line(parent, child)

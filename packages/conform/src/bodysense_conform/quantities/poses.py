@@ -14,7 +14,7 @@ _LEGS = [[f"{side}_{part}" for part in ("hip", "knee", "ankle")] for side in SID
 _BOW = 0.5  # of the trunk's length: way of the head down if the trunk bends forward by 60°
 _BEAT = 4.0  # s; a longer time between two lifts is a pause
 _DEEP = 0.9  # of the deepest position of the head: frames of a squat that are judged
-_RAISED = 25  # degrees of a raised thigh from straight down
+RAISED = 25  # degrees of a raised thigh from straight down
 
 
 def line_of(subject: Subject, start: str, end: str) -> np.ndarray:
@@ -34,14 +34,9 @@ def from_down(subject: Subject, start: str, end: str) -> np.ndarray:
     return angle(line_of(subject, start, end), -UP)
 
 
-def both_raised(subject: Subject) -> Series:
-    """Whether both thighs are raised by 25°."""
-    return np.minimum(*(from_down(subject, *leg[:2]) for leg in _LEGS)) > _RAISED
-
-
 def lift_interval(subject: Subject) -> Series:
     """Time from one lift of the left thigh to the next, s, in frames in which it is lifted."""
-    raised = np.nan_to_num(from_down(subject, "left_hip", "left_knee")) > _RAISED
+    raised = np.nan_to_num(from_down(subject, "left_hip", "left_knee")) > RAISED
     lifts = np.flatnonzero(raised[1:] & ~raised[:-1]) + 1
     found = np.full(len(subject), np.nan)
     found[lifts[1:]] = np.diff(subject.time[lifts])

@@ -6,7 +6,6 @@ from itertools import pairwise
 
 import numpy as np
 
-from bodysense.body.skeleton import BODY
 from bodysense_conform.series import Series, change, need
 from bodysense_conform.subject import SIDES, Subject
 
@@ -80,12 +79,6 @@ def validity_trend(subject: Subject) -> Series:
     need(len(subject) >= 2 * _TREND, f"{len(subject)} frames; {2 * _TREND} are needed")
     share = np.nanmean(np.reshape([*validity(subject).values()], (-1, len(subject))), axis=0)
     return 100 * (np.nanmean(share[:_TREND]) - np.nanmean(share[-_TREND:]))
-
-
-def flag_wrong(subject: Subject) -> Series:
-    """Whether the device's flag 'all tracked' contradicts its joints."""
-    body = subject.valid[:, [name in BODY for name in subject.points]]
-    return need(subject.transport.all_tracked, "no flag 'all tracked'") != body.all(axis=1)
 
 
 def wrong_steps(subject: Subject) -> Series:
