@@ -12,20 +12,21 @@ def rows() -> str:
     found = []
     for group in table().groups:
         needs = f" (needs {', '.join(group.needs)})" if group.needs else ""
-        found += [f"### {group.title}: `{group.id}`{needs}", "", "| id | quantity | statistic | window | least | most |"
-                  " blame | why |", "|---|---|---|---|---|---|---|---|"]  # fmt: skip
+        head = "| id | quantity | of | statistic | window | least | most | blame | why |"
+        found += [f"### {group.title}: `{group.id}`{needs}", "", head, "|---|---|---|---|---|---|---|---|---|"]
         found += [_row(check) for check in table().checks if check.group == group.id]
         found.append("")
     return "\n".join(found[:-1])
 
 
 def _row(check: Check) -> str:
-    of = f"({', '.join(check.of)})" if check.of else ""
+    quantity = check.quantity.replace("|", "\\|")  # which ends a cell
+    of = check.of if isinstance(check.of, str) else "; ".join(check.of)
     limits = [f"{limit:g} {check.unit}".strip() if limit is not None else "" for limit in (check.least, check.most)]
     mark = " *" if check.gate else ""
     name = check.id.partition(".")[2]
     return (
-        f"| {name}{mark} | {check.quantity}{of} | {check.statistic} | {check.window} | {limits[0]} | {limits[1]} | "
+        f"| {name}{mark} | `{quantity}` | {of} | {check.statistic} | {check.window} | {limits[0]} | {limits[1]} | "
         f"{check.blame} | {check.why} |"
     )
 

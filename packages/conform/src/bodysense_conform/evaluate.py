@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal
 
@@ -13,6 +13,7 @@ from bodysense.body.gaps import runs
 from bodysense_conform.series import NotEnough, need
 from bodysense_conform.subject import Subject
 from bodysense_conform.table import Check, CheckTable, table
+from bodysense_conform.words import columns
 
 Outcome = Literal["pass", "fail", "retake", "measured", "not enough"]
 Judgement = Literal["pass", "fail", "retake", "not enough"]
@@ -99,10 +100,9 @@ def find(check: Check, subject: Subject) -> Finding:
 def _figures(check: Check, subject: Subject) -> Iterator[tuple[float, str, int | None]]:
     """Value, column and frame of every column in every window."""
     windows = _windows(check.window, subject)
-    found = check.measure(subject, *check.of)
-    columns = found if isinstance(found, Mapping) else {"": found}
+    found = columns(check, subject)
     for during in windows:
-        for name, column in columns.items():
+        for name, column in found.items():
             values = np.atleast_1d(np.asarray(column, dtype=float))
             constant = len(values) != len(subject)
             kept = values if constant else np.where(during, values, np.nan)

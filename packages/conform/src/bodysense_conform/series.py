@@ -1,20 +1,24 @@
-"""Series: values of a quantity over the frames of a subject, or the reason why a subject has too few of them."""
+"""Series: values over the frames of a subject, and the reason why a subject has too few of them."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import TypeAlias, TypeVar
 
 import numpy as np
 
 T = TypeVar("T")
-# (T,) a value for each frame, NaN if it has none; a number of the whole subject; or columns of these, by joint, bone or
-# side.
+# (T,) a value for each frame, NaN if it has none; (T, P) of each point; a number of the whole subject; or columns of
+# these, by joint, bone or side.
 Series: TypeAlias = np.ndarray | float | Mapping[str, np.ndarray | float]
 
 
 class NotEnough(Exception):
     """A subject lacks what a quantity needs; the message is the reason for the reader."""
+
+
+class Absent(NotEnough):
+    """A subject lacks a point, a rotation or a fact; the column of the table that needs it is left out."""
 
 
 def need(found: T | None, reason: str) -> T:
@@ -25,11 +29,6 @@ def need(found: T | None, reason: str) -> T:
     if found is None or not (isinstance(found, np.ndarray) or found):
         raise NotEnough(reason)
     return found
-
-
-def named(names: Sequence[str], values: np.ndarray) -> dict[str, np.ndarray]:
-    """Return values (T, K) as columns by name."""
-    return dict(zip(names, values.T, strict=True))
 
 
 def later(values: np.ndarray, frames: int) -> np.ndarray:
@@ -45,3 +44,18 @@ def later(values: np.ndarray, frames: int) -> np.ndarray:
 def change(values: np.ndarray, frames: int = 1) -> np.ndarray:
     """Return how values (T, …) differ from those of some frames before; NaN in the first frames."""
     return values - later(values, -frames)
+
+
+def norm(vectors: np.ndarray) -> np.ndarray:
+    """Return the lengths (...) of vectors (..., n)."""
+    return np.linalg.norm(vectors, axis=-1)
+
+
+def dot(u: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """Return the scalar products (...) of vectors (..., n)."""
+    return (u * v).sum(axis=-1)
+
+
+def angle(u: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """Return degrees (...) between vectors (..., 3)."""
+    return np.degrees(np.arctan2(norm(np.cross(u, v)), dot(u, v)))

@@ -9,9 +9,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from bodysense.body.rotation import quaternion_conjugate, quaternion_multiply
+from bodysense.body.rotation import quaternion_conjugate, quaternion_multiply, quaternion_rotate
 from bodysense.body.skeleton import FINGERS, default_skeleton
-from bodysense_conform.series import change
+from bodysense_conform.series import Absent, change, norm
 
 SHORTEST_INTERVAL = 0.004  # s; speeds over shorter intervals measure the clock, not the body
 USUAL_HEIGHT = 1.406  # m, ankle to head along the bones of the default skeleton, whose soles are as thick as its own
@@ -33,7 +33,7 @@ class Step:
 class Transport:
     """Facts about messages that only a container or a stream knows; None if it does not say."""
 
-    messages: int = 0  # received
+    messages: int | None = None  # received
     malformed: int = 0  # received and unreadable
     lost: int = 0  # absent from the sequence numbers
     log_time: np.ndarray | None = None  # (T,) s, when each was written
@@ -87,29 +87,45 @@ class Subject:
         """Columns of some points."""
         return np.array([self._index[name] for name in names], dtype=np.int64)
 
+    def column(self, name: str) -> int:
+        """Return the column of a known point. Raises Absent if it never comes."""
+        if not self.has(name):
+            raise Absent(f"no {name}")
+        return self._index[name]
+
     def at(self, name: str) -> np.ndarray:
-        """Return places (T, 3) of a point in metres, NaN if unknown."""
-        return self.places[:, self._index[name]]
+        """Return places (T, 3) of a point in metres, NaN in frames without it. Raises Absent if it never comes."""
+        return self.places[:, self.column(name)]
 
     def line(self, start: str, end: str) -> np.ndarray:
-        """Return vectors (T, 3) from one point to another in metres, NaN if unknown."""
+        """Return vectors (T, 3) from one point to another in metres."""
         return self.at(end) - self.at(start)
 
     def length(self, start: str, end: str) -> np.ndarray:
         """Return distances (T,) between two points in metres."""
-        return np.linalg.norm(self.line(start, end), axis=-1)
+        return norm(self.line(start, end))
 
     def along(self, chain: Sequence[str]) -> float:
         """Return the length of a chain of points in metres: of each bone the median over time."""
         return sum(float(np.nanmedian(self.length(a, b))) for a, b in pairwise(chain))
 
     def turn(self, name: str) -> np.ndarray:
-        """Return unit quaternions (T, 4) world ← joint, NaN if unknown."""
+        """Return unit quaternions (T, 4) world ← joint, NaN if unknown. Raises Absent if it has no rotation."""
+        if not self.rotated[self.column(name)]:
+            raise Absent(f"no rotation of {name}")
         return self.turns[:, self._index[name]]
 
     def local(self, parent: str, child: str) -> np.ndarray:
         """Return quaternions (T, 4) parent ← child."""
         return quaternion_multiply(quaternion_conjugate(self.turn(parent)), self.turn(child))
+
+    def axis(self, name: str, axis: str) -> np.ndarray:
+        """Return the axis 'x' (left), 'y' (up) or 'z' (ahead) of a joint in the world, (T, 3)."""
+        return quaternion_rotate(self.turn(name), np.eye(3)["xyz".index(axis)])
+
+    def carried(self, joint: str, vector: np.ndarray) -> np.ndarray:
+        """Return vectors (T, 3) in the frame of a joint."""
+        return quaternion_rotate(quaternion_conjugate(self.turn(joint)), vector)
 
     @cached_property
     def known(self) -> np.ndarray:
@@ -152,12 +168,24 @@ class Subject:
 
     def speed(self, names: Sequence[str]) -> np.ndarray:
         """Return speeds (T, K) of some points in m/s."""
-        return np.linalg.norm(self.velocity[:, self.columns(names)], axis=-1)
+        return norm(self.velocity[:, self.columns(names)])
 
     @cached_property
     def body(self) -> tuple[str, ...]:
         """Known points without fingers."""
         return tuple(name for name in self.points if not is_finger(name) and self.has(name))
+
+    @cached_property
+    def trunk_and_limbs(self) -> tuple[str, ...]:
+        """Known points of the body without feet and toes, which takes by markers spin."""
+        return tuple(name for name in self.body if not name.endswith(("_foot", "_toe")))
+
+    def parent(self, name: str) -> str:
+        """Return the nearest ancestor of a point that is known too. Raises Absent if there is none."""
+        found = nearest_ancestor(name, self._present)
+        if found is None:
+            raise Absent(f"no bone to {name}")
+        return found
 
     @cached_property
     def bones(self) -> tuple[tuple[str, str], ...]:
@@ -180,22 +208,22 @@ class Subject:
         return tuple(name for name in self.points if name.endswith(("_ankle", "_foot", "_toe")) and self.has(name))
 
     @cached_property
-    def soles(self) -> np.ndarray:
-        """Heights (T, 2) of the left and right sole in metres, from the lowest point of each foot; NaN if unknown."""
+    def soles(self) -> dict[str, np.ndarray]:
+        """Height (T,) of the sole of either side in metres, from the lowest point of each foot; NaN if unknown."""
         ours = default_skeleton()
         rest = (ours.path @ ours.rest_offset)[:, 1] + ours.rest_offset[0, 1]
         size = self.height / USUAL_HEIGHT if np.isfinite(self.height) else 1.0
-        soles = np.full((len(self), 2), np.nan)
-        for k, side in enumerate(SIDES):
+        soles = {}
+        for side in SIDES:
             foot = [name for name in self.feet if name.startswith(side)]
             thick = size * rest[ours.indices(foot)]  # m, from the sole to the point in the rest pose
-            soles[:, k] = np.fmin.reduce(self.places[:, self.columns(foot), 1] - thick, axis=1, initial=np.nan)
+            soles[side] = np.fmin.reduce(self.places[:, self.columns(foot), 1] - thick, axis=1, initial=np.nan)
         return soles
 
     @cached_property
     def lower_sole(self) -> np.ndarray:
         """Height (T,) of the lower sole in metres, NaN if unknown."""
-        return np.fmin(*self.soles.T)
+        return np.fmin(*self.soles.values())
 
     @cached_property
     def ground(self) -> float:

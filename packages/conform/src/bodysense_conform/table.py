@@ -4,14 +4,10 @@ from __future__ import annotations
 
 import hashlib
 import tomllib
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
-from importlib import import_module
 from importlib.resources import files
 from typing import Any, Literal
-
-from bodysense_conform.series import Series
 
 Blame = Literal["device", "performer"]
 
@@ -30,10 +26,11 @@ class Check:
     """A statistic of a quantity in a window, with its limits; without limits it is only measured."""
 
     id: str  # group.name
-    quantity: str  # module.function of bodysense_conform.quantities
+    quantity: str  # expression, see bodysense_conform.words
     statistic: str  # see evaluate.reduced
     why: str  # one sentence for users of the tracker
-    of: tuple[str, ...] = ()  # argument of the quantity
+    of: tuple[str, ...] | str = ("",)  # columns: joints, or bones as 'parent, child'; or an expression that lists them
+    lacking: str = ""  # reason if the points, rotations or facts in the expression never come
     window: str = "take"  # or a step of the script; 'held STEP' is its last 60 %
     enough: int = 1  # frames with a value that a judgement needs
     least: float | None = None
@@ -60,12 +57,6 @@ class Check:
     def with_unit(self, figure: str) -> str:
         """Return a figure with the unit of the check."""
         return figure + (self.unit if self.unit.startswith(("°", "%")) else f" {self.unit}" if self.unit else "")
-
-    @property
-    def measure(self) -> Callable[..., Series]:
-        """The function of the quantity."""
-        module, _, name = self.quantity.partition(".")
-        return getattr(import_module(f"bodysense_conform.quantities.{module}"), name)
 
 
 @dataclass(frozen=True)

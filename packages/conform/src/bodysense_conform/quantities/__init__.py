@@ -1,1 +1,1 @@
-"""Quantities: figures of a subject over time, by theme, as `checks.toml` names them."""
+"""Quantities of a subject that are more than an expression of `checks.toml`, by theme."""

@@ -8,8 +8,8 @@ import numpy as np
 
 from bodysense.body.rotation import normalize, quaternion_conjugate, quaternion_rotate
 from bodysense.body.skeleton import default_skeleton
-from bodysense_conform.quantities.shape import CORE, angle
-from bodysense_conform.series import Series, need
+from bodysense_conform.quantities.shape import LIMBS
+from bodysense_conform.series import Series, angle, dot, need, norm
 from bodysense_conform.subject import SIDES, UP, Subject, is_finger
 
 _TURNED = np.radians(20.0)  # bones whose parent turns less tell nothing about axes
@@ -18,7 +18,6 @@ Reading = Callable[[np.ndarray], np.ndarray]
 
 def up_axis(subject: Subject) -> Series:
     """Angle between the mean direction from pelvis to head and +Y, of a body that stands, degrees."""
-    need(subject.has("pelvis", "head"), "no pelvis or no head")
     trunk = normalize(subject.line("pelvis", "head"))
     if subject.labelled("stand"):
         return float(angle(np.nanmean(trunk[subject.within("stand")], axis=0), UP))
@@ -32,7 +31,7 @@ def up_axis(subject: Subject) -> Series:
 def _check_stands(subject: Subject, up: np.ndarray) -> None:
     """Raise NotEnough unless the legs are stretched under the trunk, no toe points down and an arm hangs."""
     way = np.nan_to_num(np.diff(subject.at("pelvis"), axis=0))
-    far = np.linalg.norm(way, axis=-1).sum()
+    far = norm(way).sum()
     swims = far > 0.5 and np.abs(way @ up).sum() > 0.6 * far
     need(not swims, "the body moves along its trunk: it lies or swims")
 
@@ -52,10 +51,9 @@ def handedness(subject: Subject) -> Series:
     found = []
     for side in SIDES:
         if subject.has("left_hip", "right_hip", f"{side}_ankle", f"{side}_knee", f"{side}_foot"):
-            across = normalize(subject.line("right_hip", "left_hip"))
-            up = normalize(subject.line(f"{side}_ankle", f"{side}_knee"))
-            forward = normalize(subject.line(f"{side}_ankle", f"{side}_foot"))
-            found.append((np.cross(across, up) * forward).sum(axis=-1))
+            lines = (("right_hip", "left_hip"), (f"{side}_ankle", f"{side}_knee"), (f"{side}_ankle", f"{side}_foot"))
+            across, up, forward = (normalize(subject.line(*line)) for line in lines)
+            found.append(dot(np.cross(across, up), forward))
     return np.nanmean(need(found, "no feet"), axis=0)
 
 
@@ -64,42 +62,33 @@ def left_right(subject: Subject) -> Series:
     columns = {}
     for frame, part in (("pelvis", "hip"), ("spine3", "collar"), ("spine3", "shoulder")):
         if subject.has(f"left_{part}", f"right_{part}") and subject.has_rotation(frame):
-            across = subject.line(f"right_{part}", f"left_{part}")
-            local = quaternion_rotate(quaternion_conjugate(subject.turn(frame)), across)[:, 0]
+            local = subject.carried(frame, subject.line(f"right_{part}", f"left_{part}"))[:, 0]
             columns[frame] = np.where(np.abs(local) > 0.02, local < 0, np.nan)
     return need(columns, "no rotations of the trunk")
-
-
-def mismatch(subject: Subject) -> Series:
-    """Median over the bones of how far a child wanders in its parent's frame, % of the bone."""
-    return float(100 * np.median(_spreads(subject)))
 
 
 def misread(subject: Subject, reading: str) -> Series:
     """How many times better the places fit if quaternions are read as 'xyzw', or as 'inverse' rotations."""
     other = quaternion_conjugate if reading == "inverse" else lambda turn: np.roll(turn, 1, axis=-1)
-    return float(np.median(_spreads(subject)) / max(np.median(_spreads(subject, other)), 0.02))
+    return float(np.median(spreads(subject)) / max(np.median(spreads(subject, other)), 0.02))
 
 
-def rest_axes(subject: Subject) -> Series:
+def rest_angle(subject: Subject, joint: str) -> Series:
     """Angle between a limb's bone in its joint's frame and the T-pose, degrees."""
-    ours, columns = default_skeleton(), {}
-    for parent, child in CORE:
-        if subject.has(child) and subject.has_rotation(parent):
-            mean = np.nanmean(_local_bone(subject, parent, child), axis=0)
-            columns[parent] = angle(mean, ours.rest_offset[ours.index(child)])
-    return need(columns, "no rotations of limbs")
+    ours, end = default_skeleton(), LIMBS[joint]
+    mean = np.nanmean(subject.carried(joint, subject.line(joint, end)), axis=0)
+    return float(angle(mean, ours.rest_offset[ours.index(end)]))
 
 
-def _spreads(subject: Subject, reading: Reading = np.asarray) -> list[float]:
-    """How far each child wanders in its parent's frame, as a share of the bone, of parents that turn."""
+def spreads(subject: Subject, reading: Reading = np.asarray) -> list[float]:
+    """Return how far each child wanders in its parent's frame, as a share of the bone, of parents that turn."""
     found = []
     for parent, child in subject.bones:
-        length = float(np.nanmedian(subject.length(parent, child)))
+        bone = subject.line(parent, child)
+        length = float(np.nanmedian(norm(bone)))
         if not is_finger(child) and length > 0.05 and subject.has_rotation(parent) and _turns(subject, parent):
-            local = _local_bone(subject, parent, child, reading)
-            wander = np.linalg.norm(local - np.nanmedian(local, axis=0), axis=-1)
-            found.append(float(np.nanmean(wander)) / length)
+            local = quaternion_rotate(quaternion_conjugate(reading(subject.turn(parent))), bone)
+            found.append(float(np.nanmean(norm(local - np.nanmedian(local, axis=0)))) / length)
     need(len(found) >= 3, "fewer than three bones turn by 20°")
     return found
 
@@ -108,8 +97,3 @@ def _turns(subject: Subject, joint: str) -> bool:
     turn = subject.turn(joint)
     good = turn[np.isfinite(turn).all(axis=-1)]
     return bool(2 * np.arccos(np.clip(np.abs(good @ good[0]), 0, 1)).max() > _TURNED)
-
-
-def _local_bone(subject: Subject, parent: str, child: str, reading: Reading = np.asarray) -> np.ndarray:
-    """Return a bone (T, 3), metres, in the frame of the joint that carries it."""
-    return quaternion_rotate(quaternion_conjugate(reading(subject.turn(parent))), subject.line(parent, child))

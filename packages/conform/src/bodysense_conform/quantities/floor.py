@@ -1,10 +1,10 @@
-"""Floor: soles, gliding feet, steps of a body that stands."""
+"""Floor: gliding feet, and steps of a body that stands."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from bodysense_conform.series import Series, change, later, named, need
+from bodysense_conform.series import Series, change, later, need, norm
 from bodysense_conform.subject import SIDES, Subject
 
 _FLAT = np.array([1.0, 0.0, 1.0])
@@ -16,11 +16,12 @@ _IDLE, _STEP = 0.06, 0.35  # m/s; a slower head stands still; a faster foot step
 _LEGS = tuple(f"{side}_{part}" for side in SIDES for part in ("ankle", "knee", "hip"))
 
 
-def glide(subject: Subject) -> Series:
+def glide(subject: Subject, side: str) -> Series:
     """Way of a foot along the floor within a second, cm, if it is not lifted and the body stands."""
     need(subject.has("pelvis", "head") and subject.feet, "no feet, no pelvis or no head")
     frames, spare = subject.frames(_GLIDE), subject.frames(_SPARE)
     need(len(subject) > frames + 2 * spare, "shorter than two seconds")
+    ankle, sole = subject.at(f"{side}_ankle"), subject.soles[side]
 
     def ranges(values: np.ndarray) -> np.ndarray:
         """Range of values (T, …) over the glide up to each frame, a little before and after; NaN if cut off."""
@@ -30,27 +31,9 @@ def glide(subject: Subject) -> Series:
         return found
 
     still = np.all([ranges(subject.at(name)).max(axis=-1) < _STANDS for name in ("pelvis", "head")], axis=0)
-    columns = {}
-    for side, sole in zip(SIDES, subject.soles.T, strict=True):
-        if subject.has(f"{side}_ankle"):
-            ankle = subject.at(f"{side}_ankle")
-            low = (ranges(sole) < _LIFTED) & (ranges(ankle[:, 1]) < _LIFTED)
-            low &= np.abs(later(sole, -frames) - subject.ground) < 2 * _LIFTED
-            way = np.linalg.norm(change(ankle, frames) * _FLAT, axis=-1)
-            columns[f"{side}_ankle"] = np.where(still & low, 100 * way, np.nan)
-    return need(columns, "no ankle")
-
-
-def lower_sole(subject: Subject) -> Series:
-    """Height of the lower sole over a known floor, cm."""
-    need(subject.floor is not None, "the height of the floor is unknown (--floor 0)")
-    return 100 * (subject.lower_sole - subject.ground)
-
-
-def soles(subject: Subject) -> Series:
-    """Height of each sole over the floor, cm."""
-    need(np.isfinite(subject.ground), "no feet")
-    return named(("left_foot", "right_foot"), 100 * (subject.soles - subject.ground))
+    low = (ranges(sole) < _LIFTED) & (ranges(ankle[:, 1]) < _LIFTED)
+    low &= np.abs(later(sole, -frames) - subject.ground) < 2 * _LIFTED
+    return np.where(still & low, 100 * norm(change(ankle, frames) * _FLAT), np.nan)
 
 
 def hovers(subject: Subject) -> Series:
@@ -65,14 +48,14 @@ def skate(subject: Subject) -> Series:
     half = subject.frames(0.5)
     pelvis = subject.at("pelvis")
     way = change(pelvis) * _FLAT
-    moved = np.linalg.norm(way, axis=-1)
+    moved = norm(way)
     ahead = way / np.maximum(moved, 1e-9)[:, None]
     feet = np.stack([change(subject.at(f"{side}_ankle")) * _FLAT for side in SIDES])
-    slower = np.nan_to_num(np.linalg.norm(feet, axis=-1), nan=np.inf).argmin(axis=0)
+    slower = np.nan_to_num(norm(feet), nan=np.inf).argmin(axis=0)
     along = (feet[slower, np.arange(len(way))] * ahead).sum(axis=-1)
     speed = moved / subject.interval
     far = (later(pelvis, half) - later(pelvis, -half)) * _FLAT  # over a whole second, too
-    goes = np.linalg.norm(far, axis=-1) > _WALKS * 2 * half * subject.interval
+    goes = norm(far) > _WALKS * 2 * half * subject.interval
     counted = goes & (speed > _WALKS) & (speed < _RUNS) & (subject.lower_sole - subject.ground < 0.2)
     left, right = ((subject.line(f"{side}_hip", f"{side}_knee") * ahead).sum(-1)[counted] for side in SIDES)
     walks = counted.sum() * subject.interval >= 2 and np.corrcoef(left, right)[0, 1] < -0.3

@@ -6,8 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from bodysense.body.skeleton import BODY
-from bodysense_conform.series import Series, change, named, need
+from bodysense_conform.series import Series, change, need
 from bodysense_conform.subject import SIDES, Subject
 
 _LIMBS = ("shoulder", "elbow", "hip", "knee", "ankle")
@@ -19,22 +18,7 @@ _EVERY = 0.01  # s between the lags that are tried
 _ALIKE = 0.8  # correlation with the reference from which a lag counts
 
 
-def bad_times(subject: Subject) -> Series:
-    """Whether the time of a frame is no finite number."""
-    return ~np.isfinite(subject.time)
-
-
-def interval(subject: Subject) -> Series:
-    """Time from the frame before, s."""
-    return change(subject.time)
-
-
-def rate(subject: Subject) -> Series:
-    """Frames a second."""
-    return 1 / subject.interval if subject.interval > 0 else np.nan
-
-
-def seconds(subject: Subject) -> Series:
+def take_seconds(subject: Subject) -> Series:
     """Length of the take, s."""
     found = f"{len(subject)} frames in {subject.seconds:.2f} s; judgement needs 10 frames and 1 s"
     need(len(subject) >= 10 and not subject.seconds < 1, found)
@@ -51,16 +35,6 @@ def absent(subject: Subject) -> Series:
     """Share of frames that the times miss, %, outside of steps that take the device off."""
     missing = np.nansum(np.maximum(np.round(intervals_away(subject)[1:]) - 1, 0))
     return 100 * missing / max(missing + len(subject), 1)
-
-
-def latency(subject: Subject) -> Series:
-    """Time from sample to availability, ms."""
-    return 1000 * (need(subject.transport.available, "no times of availability") - subject.time)
-
-
-def log_interval(subject: Subject) -> Series:
-    """Time from the writing of the message before, s."""
-    return change(need(subject.transport.log_time, "no times of writing"))
 
 
 def clock_drift(subject: Subject) -> Series:
@@ -94,52 +68,10 @@ def lag(subject: Subject) -> Series:
     return found
 
 
-def bad_messages(subject: Subject, kind: str) -> Series:
-    """Share of messages that are 'malformed' or 'lost', which the sequence numbers miss, %."""
-    messages = need(subject.transport.messages, "no messages in a file of motion")
-    count = getattr(subject.transport, kind)
-    return 100 * count / (messages + (count if kind == "lost" else 0))
-
-
-def missing_joints(subject: Subject) -> Series:
-    """Whether a needed joint never comes; wrists may honestly be missing."""
-    return {name: not subject.has(name) for name in NEEDED}
-
-
-def not_finite(subject: Subject) -> Series:
-    """Whether a valid point has a value that is no finite number."""
-    position = ~np.isfinite(subject.position).all(axis=-1)
-    rotation = subject.rotated & ~np.isfinite(subject.rotation).all(axis=-1)
-    return named(subject.points, subject.valid & (position | rotation))
-
-
-def at_zero(subject: Subject) -> Series:
-    """Whether a known point is exactly at (0, 0, 0), like memory that was never set."""
-    zero = named(subject.points, np.where(subject.known, (subject.position == 0).all(axis=-1), np.nan))
-    return {name: column for name, column in zero.items() if name != "pelvis"}
-
-
-def distance(subject: Subject) -> Series:
-    """Distance from the origin, m."""
-    return named(subject.points, np.linalg.norm(subject.places, axis=-1))
-
-
-def quaternion_error(subject: Subject) -> Series:
-    """Departure of a rotation's length from 1."""
-    error = np.abs(np.linalg.norm(subject.rotation, axis=-1) - 1)
-    return named(subject.points, np.where(subject.valid & subject.rotated, error, np.nan))
-
-
-def present(subject: Subject) -> Series:
-    """Whether a frame has any point, outside of steps that take the device off."""
-    return np.where(subject.within("remount"), np.nan, subject.valid.any(axis=1))
-
-
 def validity(subject: Subject) -> dict[str, np.ndarray]:
     """Whether a needed joint is valid, in frames with any point."""
-    names = [name for name in NEEDED if name in subject.points]
-    here = np.asarray(subject.valid.any(axis=1))
-    return named(names, np.where(here[:, None], subject.valid[:, subject.columns(names)], np.nan))
+    here, names = subject.valid.any(axis=1), [name for name in NEEDED if name in subject.points]
+    return {name: np.where(here, subject.valid[:, subject.points.index(name)], np.nan) for name in names}
 
 
 def validity_trend(subject: Subject) -> Series:
@@ -147,12 +79,6 @@ def validity_trend(subject: Subject) -> Series:
     need(len(subject) >= 2 * _TREND, f"{len(subject)} frames; {2 * _TREND} are needed")
     share = np.nanmean(np.reshape([*validity(subject).values()], (-1, len(subject))), axis=0)
     return 100 * (np.nanmean(share[:_TREND]) - np.nanmean(share[-_TREND:]))
-
-
-def flag_wrong(subject: Subject) -> Series:
-    """Whether the device's flag 'all tracked' contradicts its joints."""
-    body = subject.valid[:, [name in BODY for name in subject.points]]
-    return need(subject.transport.all_tracked, "no flag 'all tracked'") != body.all(axis=1)
 
 
 def wrong_steps(subject: Subject) -> Series:

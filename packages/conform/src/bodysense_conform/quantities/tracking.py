@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from bodysense_conform.quantities.shape import CORE
-from bodysense_conform.series import Series, change, named, need
+from bodysense_conform.series import Series, change, need, norm
 from bodysense_conform.subject import Subject
 
 _OFF = 0.5  # s without any point: the device was taken off
@@ -14,13 +13,13 @@ _WATCHED = 2.0  # s after a return in which jumps belong to it
 
 
 def jump(subject: Subject, moment: str) -> Series:
-    """Jump of a point, cm beyond its velocity, in the frame of its signal's 'loss' or 'return'."""
+    """Jump of each point, cm beyond its velocity, in the frame of its signal's 'loss' or 'return'."""
     measured = need(subject.measured, "no mark of which points are measured")
     here = change(measured.astype(float)) == (-1 if moment == "loss" else 1)
     here[:2] = False
     here[1:] &= subject.known[1:] & subject.known[:-1]
     need(here.any(), f"no {moment} of a signal while its point goes on")
-    return named(subject.points, np.where(here, 100 * _beyond(subject.places), np.nan))
+    return np.where(here, 100 * _beyond(subject.places), np.nan)
 
 
 def wait(subject: Subject) -> Series:
@@ -33,7 +32,7 @@ def wait(subject: Subject) -> Series:
 def unsettled(subject: Subject) -> Series:
     """Time since the device's return in frames in which a joint still jumps by 10 cm, s."""
     returns = _returns(subject)
-    jump = np.nan_to_num(_beyond(subject.places[:, subject.columns(subject.body)])).max(axis=1)
+    jump = np.nan_to_num(_beyond(subject.places[:, subject.columns(subject.body)])).max(axis=1, initial=0)
     jump *= min(1.0, (1 / 30 / subject.interval) ** 2)  # curvature grows with the interval
     found = np.zeros(len(subject))
     for back in returns:
@@ -42,23 +41,16 @@ def unsettled(subject: Subject) -> Series:
     return found
 
 
-def other_body(subject: Subject) -> Series:
-    """Change of each limb's length from before the device was taken off to after its return, %."""
-    columns = {}
-    for back in _returns(subject):
-        moment = subject.time[back]
-        for a, b in CORE:
-            if subject.has(a, b):
-                length = subject.length(a, b)
-                old = np.nanmedian(length[subject.time < moment])
-                new = np.nanmedian(length[subject.time > moment + _SETTLED])
-                columns[f"{a}, {b}"] = 100 * abs(new - old) / old
-    return need(columns, "no limb")
+def changed_length(subject: Subject, start: str, end: str) -> Series:
+    """Change of a limb's length from before the device was last taken off to after its return, %."""
+    moment, length = subject.time[_returns(subject)[-1]], subject.length(start, end)
+    old = np.nanmedian(length[subject.time < moment])
+    return 100 * abs(np.nanmedian(length[subject.time > moment + _SETTLED]) - old) / old
 
 
 def _beyond(places: np.ndarray) -> np.ndarray:
     """Return how far points (T, P, 3) are from where their velocity would have taken them, (T, P) m."""
-    return np.linalg.norm(change(change(places)), axis=-1)
+    return norm(change(change(places)))
 
 
 def _returns(subject: Subject) -> list[int]:

@@ -28,6 +28,7 @@ from bodysense.io.mcap_take import (
 )
 from bodysense_conform.subject import SIDES, Subject, Transport, points_subject
 
+_FIRST, _SECOND = 4, 6  # bytes; places of the fields of a FlatBuffers table in its list of fields
 # Errors that reading a damaged file raises, apart from its format's own.
 _BROKEN = (ValueError, MemoryError, ArithmeticError, LookupError, struct.error, EOFError, RuntimeError)
 
@@ -119,33 +120,24 @@ def _rows(kind: str, messages: list[Any]) -> np.ndarray:
 
 def read_record(data: bytes, layout: np.dtype, count: int) -> tuple[np.ndarray, np.ndarray, bool] | None:
     """Return joints (count,), times and 'all tracked' of one record, or None if it is damaged."""
+    from flatbuffers.table import Table
+
     try:
-        table = struct.unpack_from("<I", data, 0)[0]
-        stamp = _field(data, table, 1)
-        if stamp is None or stamp + TIMES.itemsize > len(data):
+        table = Table(data, struct.unpack_from("<I", data, 0)[0])
+        stamp = table.Offset(_SECOND)
+        if not stamp or table.Pos + stamp + TIMES.itemsize > len(data):
             return None
         joints, all_tracked = np.zeros(count, dtype=layout), False
-        payload = _field(data, table, 0)
-        if payload is not None:
-            payload += struct.unpack_from("<I", data, payload)[0]
-            place, flag = _field(data, payload, 0), _field(data, payload, 1)
-            if place is None or place + count * layout.itemsize > len(data):
+        if payload := table.Offset(_FIRST):
+            body = Table(data, table.Indirect(table.Pos + payload))
+            place, flag = body.Offset(_FIRST), body.Offset(_SECOND)
+            if not place or body.Pos + place + count * layout.itemsize > len(data):
                 return None
-            joints = np.frombuffer(data, layout, count, place)
-            all_tracked = flag is not None and data[flag] != 0
-        return joints, np.frombuffer(data, TIMES, 1, stamp)[0], all_tracked
-    except (struct.error, IndexError, ValueError):
+            joints = np.frombuffer(data, layout, count, body.Pos + place)
+            all_tracked = bool(flag) and data[body.Pos + flag] != 0
+        return joints, np.frombuffer(data, TIMES, 1, table.Pos + stamp)[0], all_tracked
+    except (struct.error, IndexError, ValueError, TypeError):  # of offsets that lead out of the record
         return None
-
-
-def _field(data: bytes, table: int, slot: int) -> int | None:
-    """Return the offset of a field of a FlatBuffers table, or None if it is absent."""
-    vtable = table - struct.unpack_from("<i", data, table)[0]
-    size = struct.unpack_from("<H", data, vtable)[0]
-    if vtable < 0 or 4 + 2 * slot >= size:
-        return None
-    offset = struct.unpack_from("<H", data, vtable + 4 + 2 * slot)[0]
-    return table + offset if offset else None
 
 
 def _part(kind: str, rows: np.ndarray, time: np.ndarray) -> tuple[Sequence[str], np.ndarray, np.ndarray, np.ndarray]:
