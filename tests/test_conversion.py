@@ -17,7 +17,7 @@ from bodysense.devices.simulated.device import simulate
 from bodysense.errors import BodysenseError
 from bodysense.io.bvh import write_bvh
 from bodysense.io.clip import Clip
-from bodysense.io.rigs.named import MIXAMO, RIGIFY, UNREAL
+from bodysense.io.target_rigs.named import MIXAMO, RIGIFY, UNREAL
 from bodysense.open import Source
 
 

@@ -15,8 +15,8 @@ from bodysense.errors import BodysenseError
 from bodysense.io.bvh import write_bvh
 from bodysense.io.clip import Clip
 from bodysense.io.markers.options import MarkerOptions
+from bodysense.io.reading_options import ReadingOptions
 from bodysense.io.recording import Recording, write_recording
-from bodysense.io.rigs.options import ReadingOptions
 from bodysense.io.smpl import joint_places
 from bodysense.open import MarkerSource, MotionSource, RecordingSource, VideoSource, kind_of, open_source
 from bodysense.take import track

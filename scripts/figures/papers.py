@@ -145,7 +145,7 @@ def _published_crossed() -> str:
     return markdown(["published", "tested on", *trained], rows)
 
 
-def _pair(figures: tuple[float, float] | None) -> str:
+def _pair(figures: tuple[float, ...] | None) -> str:
     return "–" if figures is None else f"{figures[0]:.1f} / {figures[1]:.1f}"
 
 

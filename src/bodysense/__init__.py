@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from bodysense.errors import BodysenseError
     from bodysense.estimate import Estimate
     from bodysense.io.clip import Clip
+    from bodysense.io.reading_options import ReadingOptions
     from bodysense.io.recording import Recording
-    from bodysense.io.rigs.options import ReadingOptions
     from bodysense.observation import Observation, observe
     from bodysense.reading import read, write
     from bodysense.take import Take, track
@@ -66,7 +66,7 @@ _HOMES = {
     "Observation": "observation",
     "Person": "body.person",
     "Pose": "body.pose",
-    "ReadingOptions": "io.rigs.options",
+    "ReadingOptions": "io.reading_options",
     "Recording": "io.recording",
     "Skeleton": "body.skeleton",
     "Take": "take",

@@ -8,10 +8,10 @@ from pathlib import Path
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.io.motion_files import check_ending, write_motion
+from bodysense.io.reading_options import AS_FOUND, ReadingOptions
 from bodysense.io.resample import resample
-from bodysense.io.rigs.named import OWN, SOURCE, check_rig
-from bodysense.io.rigs.options import AS_FOUND, ReadingOptions
-from bodysense.io.rigs.own_rig import write_on_rig_of
+from bodysense.io.target_rigs.named import OWN, SOURCE, check_rig
+from bodysense.io.target_rigs.own_rig import write_on_rig_of
 from bodysense.open import MotionSource, Source, open_source
 
 

@@ -33,12 +33,12 @@ from bodysense.io.bvh_text import BvhFile, open_bvh
 from bodysense.io.clip import Clip, part_joints
 from bodysense.io.fingers import is_finger
 from bodysense.io.holes import Missing, flat_lined, missing_mask
-from bodysense.io.rigs.options import AS_FOUND, ReadingOptions
-from bodysense.io.rigs.rigged import read_rigged
+from bodysense.io.reading_options import AS_FOUND, ReadingOptions
+from bodysense.io.rigged import read_rigged
 from bodysense.observation import EXACT_ACCURACY, Observation
 
 if TYPE_CHECKING:
-    from bodysense.io.rigs.own_rig import SourceJoints
+    from bodysense.io.target_rigs.own_rig import SourceJoints
 
 Array = np.ndarray
 # How much the tracker's prediction counts against the interpolation, by the last word of a joint's name: legs follow
@@ -84,7 +84,7 @@ def open_partial(source: Path | Clip, missing: Sequence[Missing], options: Readi
     """
     if isinstance(source, Path):
         return _partial_file(source, missing, options)
-    from bodysense.io.rigs.own_rig import own_joints
+    from bodysense.io.target_rigs.own_rig import own_joints
 
     clip = source
     lacking = part_joints(clip.lacks, clip.pose.skeleton.joints)
@@ -110,7 +110,7 @@ def _partial_file(path: Path, missing: Sequence[Missing], options: ReadingOption
 
 def _read(file: BvhFile, options: ReadingOptions) -> tuple[Clip, SourceJoints, str]:
     """Return the motion of a file on our joints, its own joints, and a line about its rig."""
-    from bodysense.io.rigs.own_rig import joints_of_file
+    from bodysense.io.target_rigs.own_rig import joints_of_file
 
     rigged = read_rigged(file.mended.text(), file.path, options)
     return rigged.clip, joints_of_file(file, rigged), rigged.rig.line()

@@ -20,9 +20,9 @@ from bodysense.io.archive import ZIP, MotionFile
 from bodysense.io.clip import Clip
 from bodysense.io.markers.options import ENDINGS as MARKER_ENDINGS
 from bodysense.io.markers.options import NO_OPTIONS, MarkerOptions, is_marker_file
+from bodysense.io.reading_options import AS_FOUND, ReadingOptions, given_options
 from bodysense.io.recording import Recording, is_recording, read_recording
-from bodysense.io.rigs.options import AS_FOUND, ReadingOptions, given_options
-from bodysense.io.rigs.rigged import Rigged, read_rigged
+from bodysense.io.rigged import Rigged, read_rigged
 from bodysense.observation import Observation, in_our_world
 
 if TYPE_CHECKING:
@@ -289,7 +289,7 @@ def _read_motion(path: Path, options: ReadingOptions, rate: float | None) -> tup
 
 def _held_still(rigged: Rigged) -> HeldStill:
     from bodysense.io.holes import flat_lined
-    from bodysense.io.rigs.own_rig import joints_of_file
+    from bodysense.io.target_rigs.own_rig import joints_of_file
 
     try:
         return rigged.file.joints, flat_lined(rigged.file, joints_of_file(rigged.file, rigged))

@@ -8,8 +8,8 @@ from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.io.motion_files import ENDINGS, write_motion
+from bodysense.io.reading_options import AS_FOUND, ReadingOptions
 from bodysense.io.recording import Recording, write_recording
-from bodysense.io.rigs.options import AS_FOUND, ReadingOptions
 from bodysense.observation import Observation
 from bodysense.open import MotionSource, VideoSource, open_source
 

@@ -25,8 +25,8 @@ from bodysense.errors import BodysenseError
 from bodysense.estimate import Estimate
 from bodysense.io.clip import Clip
 from bodysense.io.markers.options import is_marker_file
+from bodysense.io.reading_options import AS_FOUND, ReadingOptions
 from bodysense.io.resample import at_constant_rate
-from bodysense.io.rigs.options import AS_FOUND, ReadingOptions
 from bodysense.observation import Observation, check_world, concatenated_frames, observed_points
 from bodysense.open import MarkerSource, MotionSource, RecordingSource, Source, open_source
 from bodysense.signals import Signal, refuse, signal_from
@@ -89,8 +89,8 @@ class Take:
             write_filled(self.markers.path, path, raw, world.to_file(done.position), done.filled)
             return
         from bodysense.io.motion_files import write_motion
-        from bodysense.io.rigs.named import OWN, SOURCE, check_rig
-        from bodysense.io.rigs.own_rig import write_on_rig_of
+        from bodysense.io.target_rigs.named import OWN, SOURCE, check_rig
+        from bodysense.io.target_rigs.own_rig import write_on_rig_of
 
         if rig is None:
             rig = SOURCE if self.file is not None and path.suffix.lower() == ".bvh" and not self.clip.lacks else OWN

@@ -130,7 +130,7 @@ def test_a_body_in_part_is_drafted_by_its_names(tmp_path: Path, run, refused) ->
 
 def test_the_front_door_takes_the_same_options(inches: Path) -> None:
     import bodysense
-    from bodysense.io.rigs.options import ReadingOptions
+    from bodysense.io.reading_options import ReadingOptions
 
     clip = bodysense.read(inches, ReadingOptions(height=1.9))
     assert isinstance(clip, Clip) and clip.pose.skeleton.height == pytest.approx(1.9)

@@ -13,7 +13,7 @@ from bodysense.body.skeleton import Skeleton
 from bodysense.cli.recordings import load_clip
 from bodysense.io.bvh import write_bvh
 from bodysense.io.clip import Clip
-from bodysense.io.rigs.options import AS_FOUND
+from bodysense.io.reading_options import AS_FOUND
 
 
 def without_fingers(clip: Clip) -> Clip:

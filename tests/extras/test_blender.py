@@ -25,7 +25,7 @@ from bodysense.io.gltf.humanoid import VRM_BONES, unity_bone
 from bodysense.io.holes import missing_items
 from bodysense.io.motion_files import write_motion
 from bodysense.io.osc import bundled, message_bytes
-from bodysense.io.rigs.named import MIXAMO, RIGIFY, UNREAL
+from bodysense.io.target_rigs.named import MIXAMO, RIGIFY, UNREAL
 from bodysense_live.vmc import vmc_packets
 
 ROOT = Path(__file__).parents[2]

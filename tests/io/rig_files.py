@@ -13,8 +13,8 @@ from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.skeleton import default_skeleton
 from bodysense.demo import packaged_performance
 from bodysense.io.clip import Clip
+from bodysense.io.reading_options import ReadingOptions
 from bodysense.io.rigs.figure import Figure
-from bodysense.io.rigs.options import ReadingOptions
 from bodysense.io.rigs.rig import recognise
 
 FINGERS = ("thumb", "index", "middle", "ring", "pinky")

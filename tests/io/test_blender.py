@@ -14,7 +14,7 @@ from bodysense.body.pose import forward_kinematics
 from bodysense.demo import packaged_performance
 from bodysense.io.bvh import write_bvh
 from bodysense.io.clip import Clip
-from bodysense.io.rigs.rigged import read_rigged
+from bodysense.io.rigged import read_rigged
 
 IMPORT = """
 import bpy, json, sys

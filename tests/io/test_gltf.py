@@ -21,7 +21,7 @@ from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.io.gltf.motion import figure_of_gltf, read_gltf
 from bodysense.io.motion_files import write_motion
-from bodysense.io.rigs.options import ReadingOptions
+from bodysense.io.reading_options import ReadingOptions
 from bodysense.io.rigs.rig import recognise
 from bodysense.reading import read
 

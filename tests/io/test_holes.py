@@ -14,8 +14,8 @@ from bodysense.io.bvh import write_bvh
 from bodysense.io.bvh_text import BvhFile, open_bvh
 from bodysense.io.clip import Clip
 from bodysense.io.holes import Missing, below, flat_lined, missing_items, missing_mask
-from bodysense.io.rigs.own_rig import SourceJoints, joints_of_file
-from bodysense.io.rigs.rigged import read_rigged
+from bodysense.io.rigged import read_rigged
+from bodysense.io.target_rigs.own_rig import SourceJoints, joints_of_file
 
 JOINTS = ("Hips", "LeftUpLeg", "LeftFoot", "LeftToeBase", "mixamorig:LeftForeArm", "LeftHand", "LeftHandIndex1")
 PARENTS = (-1, 0, 1, 2, 0, 4, 5)

@@ -21,7 +21,7 @@ from bodysense.body.pose import forward_kinematics
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.io.datasets.sources import Source, read_source
-from bodysense.io.rigs.rigged import Rigged
+from bodysense.io.rigged import Rigged
 
 USUAL = ("Mixamo", "Unreal", "LaFAN1")
 OTHERS = (

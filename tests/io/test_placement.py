@@ -17,7 +17,7 @@ from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.io.datasets.sources import Source, read_source
 from bodysense.io.placement import BodyPlacement, footing_of, placement_of, read_placed, standing_floor
-from bodysense.io.rigs.options import ReadingOptions
+from bodysense.io.reading_options import ReadingOptions
 from bodysense.open import open_source
 from bodysense_lab.bodies import lines_of, pooled
 from bodysense_lab.datasets import open_clips

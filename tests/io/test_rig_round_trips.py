@@ -15,10 +15,10 @@ from bodysense.body.shape import sample_bodies
 from bodysense.io.bvh import write_bvh
 from bodysense.io.bvh_text import open_bvh
 from bodysense.io.clip import Clip
-from bodysense.io.rigs.named import on_rig as under_names
-from bodysense.io.rigs.named import renamed
-from bodysense.io.rigs.own_rig import on_rig, write_on_rig_of
-from bodysense.io.rigs.rigged import read_rigged
+from bodysense.io.rigged import read_rigged
+from bodysense.io.target_rigs.named import on_rig as under_names
+from bodysense.io.target_rigs.named import renamed
+from bodysense.io.target_rigs.own_rig import on_rig, write_on_rig_of
 from bodysense.reading import read
 from bodysense.take import track
 

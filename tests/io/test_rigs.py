@@ -20,8 +20,8 @@ from scipy.spatial.transform import Rotation
 from bodysense.body.pose import forward_kinematics
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
-from bodysense.io.rigs.options import ReadingOptions
-from bodysense.io.rigs.rigged import Rigged, read_rigged
+from bodysense.io.reading_options import ReadingOptions
+from bodysense.io.rigged import Rigged, read_rigged
 
 EVERY = LAYOUTS | MORE | FURTHER
 NEEDED = ["pelvis", "head"] + [

@@ -13,7 +13,7 @@ from bodysense.io.bvh import write_bvh
 from bodysense.io.clip import Clip
 from bodysense.io.datasets import sources
 from bodysense.io.datasets.sources import Source
-from bodysense.io.rigs.options import ReadingOptions
+from bodysense.io.reading_options import ReadingOptions
 from bodysense_lab.datasets import count_clips, open_clips
 
 

@@ -14,8 +14,8 @@ from smpl_people import betas_of, lowest_soles, made_up_model, save_walk, walk
 from bodysense.body.rotation import geodesic_angle
 from bodysense.errors import BodysenseError
 from bodysense.io.bvh import write_bvh
+from bodysense.io.reading_options import ReadingOptions
 from bodysense.io.resample import resample
-from bodysense.io.rigs.options import ReadingOptions
 from bodysense_lab import preparation
 from bodysense_lab.datasets import open_clips
 from bodysense_lab.preparation import prepare

@@ -17,7 +17,7 @@ from bodysense.errors import BodysenseError
 from bodysense.files import written_beside
 from bodysense.io.datasets.layouts import Layout
 from bodysense.io.datasets.reasons import lines_by_kind
-from bodysense.io.rigs.options import AS_FOUND
+from bodysense.io.reading_options import AS_FOUND
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -106,9 +106,9 @@ def joints(
     """
     from bodysense.io.archive import MotionFile
     from bodysense.io.gltf.motion import figure_of_gltf
+    from bodysense.io.rigged import figure_of_file
     from bodysense.io.rigs.names import joints_of
     from bodysense.io.rigs.rig import joint_map_text, recognise
-    from bodysense.io.rigs.rigged import figure_of_file
 
     if out is not None and out.suffix.lower() != ".json":
         raise BodysenseError(f"-o {out}: the table for --joints is JSON; give a name that ends in .json")

@@ -12,7 +12,7 @@ import tyro
 from bodysense.cli.options import Output, Reading
 from bodysense.cli.summary import write_summary
 from bodysense.files import check_place, make_folder
-from bodysense.io.rigs.options import AS_FOUND
+from bodysense.io.reading_options import AS_FOUND
 
 if TYPE_CHECKING:
     from rich.table import Table

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Literal
 from bodysense.errors import BodysenseError, how_to_install
 from bodysense.io.datasets.layouts import Layout
 from bodysense.io.datasets.splits import empty_split
-from bodysense.io.rigs.options import ReadingOptions
+from bodysense.io.reading_options import ReadingOptions
 
 if TYPE_CHECKING:
     from rich.table import Table

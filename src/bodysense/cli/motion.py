@@ -22,7 +22,7 @@ from bodysense.errors import BodysenseError
 from bodysense.files import check_place
 from bodysense.io.markers.options import NO_OPTIONS, MarkerOptions
 from bodysense.io.markers.raw_markers import listed
-from bodysense.io.rigs.options import AS_FOUND, given_options
+from bodysense.io.reading_options import AS_FOUND, given_options
 from bodysense.ranges import Samples, Seed
 
 if TYPE_CHECKING:
@@ -263,7 +263,7 @@ def convert(
     """
     from bodysense.conversion import convert as converted
     from bodysense.io.motion_files import check_ending
-    from bodysense.io.rigs.named import check_rig
+    from bodysense.io.target_rigs.named import check_rig
 
     check_rig(check_ending(out), rig, file if file.suffix.lower() == ".bvh" else None)
     check_rate("--rate", rate)
@@ -288,7 +288,7 @@ def _check_outputs(file: Path, out: Path, rig: str | None, *more: Path | None) -
     """Refuse, before any work, outputs that cannot be written."""
     from bodysense.io.markers.options import is_marker_file
     from bodysense.io.motion_files import check_ending
-    from bodysense.io.rigs.named import check_rig
+    from bodysense.io.target_rigs.named import check_rig
 
     if is_marker_file(out) and is_marker_file(file):
         check_place(out)

@@ -8,7 +8,7 @@ from typing import Annotated
 import tyro
 
 from bodysense.errors import BodysenseError
-from bodysense.io.rigs.options import ReadingOptions
+from bodysense.io.reading_options import ReadingOptions
 
 Output = Annotated[Path, tyro.conf.arg(aliases=("-o",))]
 Reading = Annotated[ReadingOptions, tyro.conf.OmitArgPrefixes]  # of a motion file: --unit, --up, --floor …

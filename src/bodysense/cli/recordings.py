@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from bodysense.errors import BodysenseError
 from bodysense.io.markers.options import NO_OPTIONS, MarkerOptions
-from bodysense.io.rigs.options import ReadingOptions
+from bodysense.io.reading_options import ReadingOptions
 
 if TYPE_CHECKING:
     from bodysense.body.person import Person

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from bodysense.cli.options import Output
 from bodysense.errors import BodysenseError
 from bodysense.files import check_place
-from bodysense.io.rigs.options import ReadingOptions
+from bodysense.io.reading_options import ReadingOptions
 from bodysense.ranges import Samples, Seed
 
 if TYPE_CHECKING:

@@ -79,7 +79,7 @@ def track_video(
     from bodysense.devices.video.pictures import VideoBrokenError, open_video
     from bodysense.devices.video.watching import Seen, watch
     from bodysense.io.motion_files import motion_stream
-    from bodysense.io.rigs.named import OWN
+    from bodysense.io.target_rigs.named import OWN
     from bodysense.pictures.overlay import Overlay
     from bodysense.tracker import Tracker
     from bodysense.two_way import TwoWayTracker

@@ -15,7 +15,7 @@ from bodysense.io.rigs.names import joint_of
 
 if TYPE_CHECKING:
     from bodysense.io.bvh_text import BvhFile
-    from bodysense.io.rigs.own_rig import SourceJoints
+    from bodysense.io.target_rigs.own_rig import SourceJoints
 
 FLAT = 0.5  # s: a limb whose numbers are constant for this long, while the trunk turns, was not tracked
 _ITEM = re.compile(r"(?P<name>.+?)(?P<below>\+?)(?:\s*:\s*(?P<first>\d+)\s*-\s*(?P<last>\d+))?")

@@ -13,8 +13,8 @@ from bodysense.errors import BodysenseError
 from bodysense.files import check_place, part_beside
 from bodysense.io.bvh import BvhStream, read_bvh, write_bvh
 from bodysense.io.clip import Clip
-from bodysense.io.rigs.named import OWN, check_rig, is_rig_file, on_rig, renamed
-from bodysense.io.rigs.own_rig import write_on_rig_of
+from bodysense.io.target_rigs.named import OWN, check_rig, is_rig_file, on_rig, renamed
+from bodysense.io.target_rigs.own_rig import write_on_rig_of
 
 ENDINGS = (".bvh", ".glb", ".vrma", ".mcap")
 

@@ -16,7 +16,7 @@ from bodysense.io.clip import Clip
 from bodysense.io.datasets.catalogue import CATALOGUE, Entry
 from bodysense.io.datasets.layouts import Layout
 from bodysense.io.datasets.splits import SPLITS, Split, empty_split
-from bodysense.io.rigs.options import AS_FOUND, ReadingOptions
+from bodysense.io.reading_options import AS_FOUND, ReadingOptions
 from bodysense_lab.spread import spread
 from bodysense_lab.store import read_store
 

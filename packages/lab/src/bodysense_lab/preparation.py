@@ -24,8 +24,8 @@ from bodysense.io.datasets.layouts import Layout
 from bodysense.io.datasets.reasons import lines_by_kind
 from bodysense.io.datasets.sources import Source, list_sources, read_source
 from bodysense.io.placement import BodyPlacement, Footing, body_in_file, footing_of, placement_of
+from bodysense.io.reading_options import AS_FOUND, ReadingOptions
 from bodysense.io.resample import resample
-from bodysense.io.rigs.options import AS_FOUND, ReadingOptions
 from bodysense_lab.bodies import lines_of, pooled
 from bodysense_lab.spread import spread
 from bodysense_lab.store import (

@@ -20,10 +20,10 @@ from bodysense.io.clip import Clip, at_height
 from bodysense.io.datasets.layouts import Layout, labelled, layout_of
 from bodysense.io.datasets.splits import SPLITS, Split
 from bodysense.io.placement import BodyPlacement, read_placed, standing_floor
+from bodysense.io.reading_options import AS_FOUND, ReadingOptions
+from bodysense.io.rigged import read_rigged
 from bodysense.io.rigs.canonical import complete_skeleton
-from bodysense.io.rigs.options import AS_FOUND, ReadingOptions
 from bodysense.io.rigs.rig import Rig
-from bodysense.io.rigs.rigged import read_rigged
 
 
 @dataclass(frozen=True)

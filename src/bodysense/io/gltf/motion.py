@@ -31,9 +31,9 @@ from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.io.gltf.file import GltfFile, open_gltf
 from bodysense.io.gltf.humanoid import VRM_BONES, from_t_posed
+from bodysense.io.reading_options import ReadingOptions
 from bodysense.io.rigs.canonical import canonical
 from bodysense.io.rigs.figure import Figure
-from bodysense.io.rigs.options import ReadingOptions
 from bodysense.io.rigs.rig import Rig, recognise
 
 

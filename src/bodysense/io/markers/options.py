@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal, cast
 
 from bodysense.errors import BodysenseError
-from bodysense.io.rigs.options import ReadingOptions
+from bodysense.io.reading_options import ReadingOptions
 
 if TYPE_CHECKING:
     from bodysense.body.glove_set import GloveSet

@@ -10,7 +10,7 @@ import tyro
 
 from bodysense.cli.options import Reading
 from bodysense.errors import BodysenseError
-from bodysense.io.rigs.options import AS_FOUND
+from bodysense.io.reading_options import AS_FOUND
 from bodysense.ranges import Processes
 from bodysense_lab.commands.reporting import counted, counting, finish, open_data
 from bodysense_lab.hmd_vae.options import VaeTraining, check_list

@@ -14,7 +14,7 @@ from bodysense.cli.found_files import FoundFile, Split, files_in, readable
 from bodysense.cli.options import Reading
 from bodysense.devices.simulated.headset_camera import HeadsetCamera
 from bodysense.io.datasets.layouts import Layout
-from bodysense.io.rigs.options import AS_FOUND, ReadingOptions
+from bodysense.io.reading_options import AS_FOUND, ReadingOptions
 
 
 def info(

@@ -15,7 +15,7 @@ from bodysense.devices.simulated.device import DeviceName
 from bodysense.errors import BodysenseError
 from bodysense.files import check_place
 from bodysense.io.markers.options import NO_OPTIONS, MarkerOptions
-from bodysense.io.rigs.options import AS_FOUND, ReadingOptions
+from bodysense.io.reading_options import AS_FOUND, ReadingOptions
 from bodysense.ranges import Seed
 from bodysense_lab.options import Output, check_ending
 from bodysense_lab.paper_options import Method, PaperOptions, Variant

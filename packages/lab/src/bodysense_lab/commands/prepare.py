@@ -11,7 +11,7 @@ from bodysense.cli.options import Reading, check_rate
 from bodysense.errors import BodysenseError
 from bodysense.files import check_place
 from bodysense.io.datasets.layouts import Layout
-from bodysense.io.rigs.options import AS_FOUND
+from bodysense.io.reading_options import AS_FOUND
 from bodysense.ranges import Hours, Processes, Seed
 from bodysense_lab.options import Output, check_ending
 

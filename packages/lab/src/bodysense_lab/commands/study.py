@@ -12,7 +12,7 @@ from tyro.extras import SubcommandApp
 from bodysense.cli.options import Reading
 from bodysense.errors import BodysenseError
 from bodysense.files import check_place, make_folder
-from bodysense.io.rigs.options import AS_FOUND
+from bodysense.io.reading_options import AS_FOUND
 from bodysense.ranges import Count, Processes, Seed
 from bodysense_lab.commands.reporting import check_places, tracker_settings
 from bodysense_lab.options import Json, Output

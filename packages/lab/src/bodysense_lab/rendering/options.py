@@ -8,7 +8,7 @@ from pathlib import Path
 from tyro.conf import Positional
 
 from bodysense.errors import BodysenseError
-from bodysense.io.rigs.options import AS_FOUND, ReadingOptions
+from bodysense.io.reading_options import AS_FOUND, ReadingOptions
 from bodysense.ranges import Count, Seed
 from bodysense_lab.options import Flat, Output, Split
 

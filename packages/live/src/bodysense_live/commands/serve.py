@@ -7,7 +7,7 @@ from typing import Annotated
 import tyro
 
 from bodysense.cli.options import Reading
-from bodysense.io.rigs.options import AS_FOUND
+from bodysense.io.reading_options import AS_FOUND
 from bodysense_live.commands.serve_options import (
     AccessOptions,
     InputOptions,

@@ -15,8 +15,8 @@ from bodysense.cli.recordings import load_clip, person_of
 from bodysense.devices.simulated.device import DEVICES, simulate
 from bodysense.errors import BodysenseError
 from bodysense.files import check_place
+from bodysense.io.reading_options import ReadingOptions, given_options
 from bodysense.io.recording import is_recording
-from bodysense.io.rigs.options import ReadingOptions, given_options
 from bodysense.open import RecordingSource, open_source
 from bodysense_live.certificate import check_pair, lan_address, own_certificate, state_folder
 from bodysense_live.commands.serve_options import (

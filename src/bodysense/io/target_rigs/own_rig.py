@@ -27,9 +27,9 @@ from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.errors import BodysenseError
 from bodysense.io.bvh_text import BvhFile, open_bvh
 from bodysense.io.clip import Clip
+from bodysense.io.reading_options import AS_FOUND, ReadingOptions
+from bodysense.io.rigged import Rigged, read_rigged
 from bodysense.io.rigs.figure import placed
-from bodysense.io.rigs.options import AS_FOUND, ReadingOptions
-from bodysense.io.rigs.rigged import Rigged, read_rigged
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,10 +21,10 @@ from bodysense.errors import BodysenseError
 from bodysense.io.bvh import figures_of
 from bodysense.io.bvh_text import BvhFile, parse_bvh
 from bodysense.io.clip import Clip, at_height
+from bodysense.io.reading_options import AS_FOUND, ReadingOptions
 from bodysense.io.rigs.canonical import canonical
 from bodysense.io.rigs.figure import Figure, measured
 from bodysense.io.rigs.names import ARMS, LEGS, is_end, joints_of, parts, side_of
-from bodysense.io.rigs.options import AS_FOUND, ReadingOptions
 from bodysense.io.rigs.rig import Rig, find_body, joint_map, recognise
 
 BONES = (("shoulder", "elbow"), ("elbow", "wrist"), ("hip", "knee"), ("knee", "ankle"))
