@@ -10,10 +10,8 @@ export interface About {
 /** Keep the page's files; not where a server is behind it, which has newer ones. */
 export function workOffline({ server }: About, base: string): void {
   if (server || !("serviceWorker" in navigator)) return;
-  const keep = (): void => {
-    // Without it the page works as long as there is a network.
-    void navigator.serviceWorker.register(new URL("sw.js", base)).catch(() => undefined);
-  };
+  // Without it the page works as long as there is a network.
+  const keep = () => void navigator.serviceWorker.register(new URL("sw.js", base)).catch(() => undefined);
   if (document.readyState === "complete") keep();
   else addEventListener("load", keep);
 }

@@ -77,8 +77,7 @@ export class Headset implements Source {
       throw new Error("This device is held, not worn: open the page in a headset's browser to see your room.");
     }
     this.view.showRoom(mode === "immersive-ar");
-    this.wasAsked = false;
-    this.isPlaced = false;
+    this.wasAsked = this.isPlaced = false;
     this.reader = new HeadsetReader();
     session.addEventListener("end", () => this.leave());
     session.addEventListener("select", (event) => this.select(event));
@@ -129,8 +128,7 @@ export class Headset implements Source {
   }
 
   private place(position: Vector, rotation: Turn, viewer: XRViewerPose | undefined): void {
-    this.seat = this.isSeated ? Math.max(this.standingHead() - position[1], 0) : 0;
-    this.lift = this.seat;
+    this.lift = this.seat = this.isSeated ? Math.max(this.standingHead() - position[1], 0) : 0;
     this.placement = placedBy(position, rotation, this.lift);
     if (viewer) {
       const { position: p, orientation: q } = viewer.transform;
@@ -191,9 +189,7 @@ export class Headset implements Source {
     this.mirror.frame.visible = this.menu.board.visible = false;
     this.view.showRoom(false);
     this.view.stage.visible = true;
-    this.view.stage.matrix.identity();
     this.view.stage.matrixAutoUpdate = true;
-    this.view.stage.matrixWorldNeedsUpdate = true;
     this.view.floorAt(0);
     this.view.reset();
     this.events.left(this.wasAsked);
