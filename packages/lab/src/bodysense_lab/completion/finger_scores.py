@@ -38,7 +38,9 @@ def load_finger_network(checkpoint: Path) -> tuple[FingerNetwork, FingerTaskConf
     task = checkpoint_identity(checkpoint)["network"]
     built = task.get("network", {})
     if set(built) != {one.name for one in fields(FingerConfig)}:
-        raise BodysenseError(f"{checkpoint} is not of the finger network; give the .ckpt that train_fingers wrote")
+        raise BodysenseError(
+            f"{checkpoint} is not of the finger network; give the .ckpt that `bodysense train completion-fingers` wrote"
+        )
     network = FingerNetwork(FingerConfig(**built))
     network.load_state_dict(best_weights(checkpoint, network))
     return network.eval(), FingerTaskConfig(
