@@ -18,7 +18,7 @@ from bodysense.body.skeleton import BODY
 from bodysense.files import written_beside
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
-from bodysense_lab.datasets import open_clips
+from bodysense_lab.clips import open_clips
 
 OUTPUT = Path(__file__).parents[1] / "src" / "bodysense" / "body" / FILE
 RATE = 30.0  # Hz

@@ -19,7 +19,7 @@ import numpy as np
 
 from bodysense.files import written_beside
 from bodysense.io.gltf.humanoid import VRM_BONES
-from bodysense_lab.rendering.scene import Character, load_figure
+from bodysense_lab.rendering.character import Character, load_figure
 
 OUTPUT = Path(__file__).parents[1] / "web" / "public" / "avatar.vrm.gz"
 SKIN, SHIRT, TROUSERS, SHOES, HAIR = range(5)

@@ -100,7 +100,8 @@ def write_film(path: Path) -> None:
     import av
 
     from bodysense.body.keypoints import Camera
-    from bodysense_lab.rendering.scene import load_figure, sample_scene
+    from bodysense_lab.rendering.character import load_figure
+    from bodysense_lab.rendering.scene import sample_scene
     from bodysense_lab.rendering.stage import open_stage
 
     clip = resample(packaged_performance(), RATE / STEP)

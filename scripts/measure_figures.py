@@ -44,8 +44,9 @@ from bodysense.observation import EXACT_ACCURACY, Observation
 from bodysense.papers.point_model import load_point_model
 from bodysense.take import Take, track
 from bodysense_lab.augment import mirrored
-from bodysense_lab.datasets import gathered, learned_clips, open_clips
-from bodysense_lab.pahmt.features import read_arm_recordings
+from bodysense_lab.clips import learned_clips, open_clips
+from bodysense_lab.datasets import gathered
+from bodysense_lab.pahmt.recordings import read_arm_recordings
 from bodysense_lab.paper_options import PaperOptions
 from bodysense_lab.scoring import group_of
 from bodysense_lab.synthesis.hands import synthesize_hand

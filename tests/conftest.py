@@ -181,7 +181,8 @@ def small_vae(exported_once: ExportedOnce) -> Path:
 
     from bodysense_lab.checkpoint import write_weights_file
     from bodysense_lab.hmd_vae.export import write_vae_onnx
-    from bodysense_lab.hmd_vae.network import BodyVae, BodyVaeConfig
+    from bodysense_lab.hmd_vae.network import BodyVae
+    from bodysense_lab.hmd_vae.options import BodyVaeConfig
 
     torch.manual_seed(0)
     card = {"identity": "{}", "licence": "Apache-2.0", "training_data": "nothing", "expected_error": [0.05] * 22}
@@ -204,7 +205,8 @@ def small_arms_weights(tmp_path_factory: pytest.TempPathFactory) -> Path:
     import torch
 
     from bodysense_lab.checkpoint import write_weights_file
-    from bodysense_lab.pahmt.network import ArmNetwork, ArmNetworkConfig
+    from bodysense_lab.pahmt.network import ArmNetwork
+    from bodysense_lab.pahmt.options import ArmNetworkConfig
 
     torch.manual_seed(0)
     config = ArmNetworkConfig(

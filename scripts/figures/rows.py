@@ -19,8 +19,9 @@ from bodysense_lab.pahmt.options import ArmNetworkConfig, ArmSchedule
 from bodysense_lab.two_hands.occlusion import SHORT
 from bodysense_lab.two_hands.system import SETTINGS
 from bodysense_lab.two_hands.task import PAPER_JOINT_SCHEDULE
+from bodysense_lab.unoc.losses import LossWeights
 from bodysense_lab.unoc.network import PAPER
-from bodysense_lab.unoc.task import BodySchedule, LossWeights
+from bodysense_lab.unoc.task import BodySchedule
 
 from .blocks import ROOT
 

@@ -27,7 +27,7 @@ from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.io.datasets.sources import Source
 from bodysense.tracker import Tracker
-from bodysense_lab import datasets, fit
+from bodysense_lab import clips, fit, sweep
 from bodysense_lab.commands import train
 from bodysense_lab.completion import publish
 
@@ -109,7 +109,7 @@ def test_a_trial_reads_as_many_clips_as_it_is_limited_to(
 ) -> None:
     """One of the three clips of each split is read; the training itself is skipped."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    read_clip, read = datasets._read, list[str]()
+    read_clip, read = clips._read, list[str]()
 
     def counted(source: Source, *rest: Any) -> Clip:
         read.append(source.split)
@@ -118,7 +118,7 @@ def test_a_trial_reads_as_many_clips_as_it_is_limited_to(
     def stop(*_: object) -> None:
         raise BodysenseError("enough")
 
-    monkeypatch.setattr(datasets, "_read", counted)
+    monkeypatch.setattr(clips, "_read", counted)
     monkeypatch.setattr(fit, "load_checkpoint", stop)
     assert main([*asked(command, recorded, tmp_path, 2), "--limit", "1"]) == 2
     assert capsys.readouterr().err == "bodysense: enough\n" and sorted(read) == ["train", "val"]
@@ -137,7 +137,8 @@ def test_a_trial_names_its_machine_first(
         marks.append(time.process_time())
         return line(progress)
 
-    monkeypatch.setattr(fit, "line_of_progress", marked)
+    for module in (fit, sweep):
+        monkeypatch.setattr(module, "line_of_progress", marked)
     begun = time.process_time()
     assert main([*asked(command, recorded, tmp_path, 2), "--devices", "1", "--nodes", "1"]) == 0
     assert marks[0] - begun < FIRST_LINE

@@ -19,7 +19,7 @@ from bodysense.io.datasets.layouts import LAYOUTS, layout_of
 from bodysense.io.datasets.sources import list_sources, read_source
 from bodysense.io.datasets.splits import split_of
 from bodysense.reading import read
-from bodysense_lab.datasets import open_clips
+from bodysense_lab.clips import open_clips
 
 MILLIMETRE = 1e-3
 

@@ -20,7 +20,7 @@ from bodysense.io.placement import BodyPlacement, footing_of, placement_of, read
 from bodysense.io.reading_options import ReadingOptions
 from bodysense.open import open_source
 from bodysense_lab.bodies import lines_of, pooled
-from bodysense_lab.datasets import open_clips
+from bodysense_lab.clips import open_clips
 
 TO_Y_UP = np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0]])
 PEOPLE = [(1.55, 0.10), (1.90, -0.12)]  # height, and that of the floor in the file, m

@@ -13,7 +13,7 @@ from bodysense.errors import BodysenseError
 from bodysense.io.bvh import write_bvh
 from bodysense.io.datasets.sources import Source, list_sources, read_source, skeleton_from_entry
 from bodysense.io.datasets.splits import SPLITS, split_of
-from bodysense_lab.datasets import open_clips
+from bodysense_lab.clips import open_clips
 
 
 def save_amass(path: Path, frames: int = 5, seed: int = 0) -> Path:

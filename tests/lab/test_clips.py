@@ -14,7 +14,7 @@ from bodysense.io.clip import Clip
 from bodysense.io.datasets import sources
 from bodysense.io.datasets.sources import Source
 from bodysense.io.reading_options import ReadingOptions
-from bodysense_lab.datasets import count_clips, open_clips
+from bodysense_lab.clips import count_clips, open_clips
 
 
 @pytest.fixture(scope="module")

@@ -27,7 +27,8 @@ from bodysense.open import MotionSource, RecordingSource, VideoSource
 from bodysense.papers.hmd_vae import BodyVaeEstimator, load_body_vae
 from bodysense.take import track
 from bodysense_lab.hmd_vae.export import write_vae_onnx
-from bodysense_lab.hmd_vae.network import BodyVae, BodyVaeConfig
+from bodysense_lab.hmd_vae.network import BodyVae
+from bodysense_lab.hmd_vae.options import BodyVaeConfig
 from bodysense_lab.pahmt import system as pahmt
 from bodysense_lab.paper_options import Method, PaperOptions, Variant
 from bodysense_lab.paper_systems import SYSTEMS

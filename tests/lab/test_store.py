@@ -17,7 +17,7 @@ from bodysense.io.bvh import write_bvh
 from bodysense.io.reading_options import ReadingOptions
 from bodysense.io.resample import resample
 from bodysense_lab import preparation
-from bodysense_lab.datasets import open_clips
+from bodysense_lab.clips import open_clips
 from bodysense_lab.preparation import prepare
 from bodysense_lab.store import is_store, read_store
 

@@ -16,7 +16,8 @@ from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.skeleton import BODY
 from bodysense.demo import packaged_performance
 from bodysense.io.bvh import read_bvh
-from bodysense_lab.rendering.scene import load_figure, sample_scene
+from bodysense_lab.rendering.character import load_figure
+from bodysense_lab.rendering.scene import sample_scene
 from bodysense_lab.rendering.stage import open_stage
 from bodysense_live.page_files import WEBCAM
 

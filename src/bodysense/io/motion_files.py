@@ -49,7 +49,8 @@ def write_motion(path: Path, clip: Clip, rig: str | Path = OWN) -> None:
 
         write_mcap(path, clip)
         return
-    from bodysense.io.gltf.written import write_glb, write_vrma
+    from bodysense.io.gltf.vrma import write_vrma
+    from bodysense.io.gltf.written import write_glb
 
     if ending == ".vrma":
         write_vrma(path, clip)

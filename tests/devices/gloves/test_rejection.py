@@ -61,7 +61,7 @@ def test_every_hand_is_judged_as_if_alone(hand: Skeleton, markers: np.ndarray) -
 
 def test_real_motion_is_believed(motion_data: object) -> None:
     from bodysense.body.glove import marker_positions
-    from bodysense_lab.datasets import open_clips
+    from bodysense_lab.clips import open_clips
     from bodysense_lab.synthesis.motion import hand_motions
 
     for motion in hand_motions(open_clips(f"{motion_data}/rocketbox", "train", at_most=3)):

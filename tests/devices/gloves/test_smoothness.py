@@ -61,7 +61,7 @@ def test_fingers_are_where_they_are_when_all_is_seen(hand: Skeleton, observe_glo
 
 @pytest.mark.slow
 def test_real_hands_do_not_jump(motion_data: Path, observe_gloves) -> None:
-    from bodysense_lab.datasets import open_clips
+    from bodysense_lab.clips import open_clips
     from bodysense_lab.synthesis.motion import hand_motions
 
     worst = []

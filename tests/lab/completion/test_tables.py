@@ -22,6 +22,7 @@ from bodysense.metrics import jitter
 from bodysense.observation import Observation
 from bodysense_lab.completion import scoring, tables
 from bodysense_lab.completion.blinks import FINGER, with_finger
+from bodysense_lab.completion.lattice_scores import choose_scenes
 from bodysense_lab.completion.options import BODIES, TABLE_SETS
 from bodysense_lab.completion.reliability import draw_reliability
 from bodysense_lab.completion.scenes import TrackedScene, scene_of
@@ -33,11 +34,10 @@ from bodysense_lab.completion.tables import (
     CompletionTable,
     completion_reports,
     headline,
-    suffix_of,
 )
-from bodysense_lab.completion.tracking import Tracked, TrackedBy, TrackPeople, choose_scenes, track_people
+from bodysense_lab.completion.tracking import Tracked, TrackedBy, TrackPeople, track_people
 from bodysense_lab.datasets import Census, DataSet
-from bodysense_lab.scoring import scored_points
+from bodysense_lab.scoring import scored_points, suffix_of
 from bodysense_lab.spread import spread
 
 from .conftest import Oracle

@@ -21,7 +21,8 @@ from bodysense.metrics import jitter, rotation_error, velocity_error
 from bodysense_lab.checkpoint import write_weights_file
 from bodysense_lab.datasets import Census, DataSet
 from bodysense_lab.hmd_vae.frames import BodyFrames, read_body_frames
-from bodysense_lab.hmd_vae.network import BodyVae, BodyVaeConfig
+from bodysense_lab.hmd_vae.network import BodyVae
+from bodysense_lab.hmd_vae.options import BodyVaeConfig
 from bodysense_lab.hmd_vae.scores import JOINTS, Scored, answers, measures, over_sequences, score_vae, vaes_in
 from bodysense_lab.hmd_vae.tables import best_of, metrics_report, vae_report
 from bodysense_lab.hmd_vae.task import joint_errors

@@ -21,7 +21,8 @@ from bodysense.papers.hmd_vae import load_body_vae
 from bodysense_lab.augment import mirrored as mirrored_clip
 from bodysense_lab.checkpoint import write_weights_file
 from bodysense_lab.fit import Progress, fit, rate_at
-from bodysense_lab.hmd_vae.frames import BodyFrames, VaeBatch, make_batch, mirrored, read_body_frames
+from bodysense_lab.hmd_vae.body_windows import VaeBatch, make_batch, mirrored
+from bodysense_lab.hmd_vae.frames import BodyFrames, read_body_frames
 from bodysense_lab.hmd_vae.network import BodyVae, read_vae
 from bodysense_lab.hmd_vae.options import BodyVaeConfig, VaeRun, VaeSchedule
 from bodysense_lab.hmd_vae.task import VaeTask, joint_errors

@@ -12,7 +12,7 @@ from bodysense.body.pose import Pose
 from bodysense.body.rotation import geodesic_angle
 from bodysense.io.clip import Clip
 from bodysense_lab.augment import mirrored
-from bodysense_lab.pahmt.features import with_arms_of, with_wandering_arms
+from bodysense_lab.pahmt.recordings import with_arms_of, with_wandering_arms
 
 
 def first(clip: Clip, frames: int) -> Clip:

@@ -19,17 +19,11 @@ from bodysense_lab.augment import mirrored as mirrored_clip
 from bodysense_lab.fit import Progress, fit
 from bodysense_lab.pahmt.camera_view import FRONT, sample_cameras, view, view_points
 from bodysense_lab.pahmt.export import mirrored, mirrored_rotations, write_arms_onnx
-from bodysense_lab.pahmt.features import ArmBatch, ArmRecordings, Window, make_batch, read_arm_recordings, window_of
-from bodysense_lab.pahmt.network import ArmNetwork, ArmNetworkConfig, read_arms
-from bodysense_lab.pahmt.options import ArmTableTraining, Studio
-from bodysense_lab.pahmt.task import (
-    ArmSchedule,
-    ArmTask,
-    Pair,
-    arm_loss,
-    batch_of,
-    validate_arms,
-)
+from bodysense_lab.pahmt.features import Window, window_of
+from bodysense_lab.pahmt.network import ArmNetwork, read_arms
+from bodysense_lab.pahmt.options import ArmNetworkConfig, ArmSchedule, ArmTableTraining, Studio
+from bodysense_lab.pahmt.recordings import ArmBatch, ArmRecordings, make_batch, read_arm_recordings
+from bodysense_lab.pahmt.task import ArmTask, Pair, arm_loss, batch_of, validate_arms
 from bodysense_lab.pahmt.train import row_run, run_table
 from bodysense_lab.precision import layer_autocast
 

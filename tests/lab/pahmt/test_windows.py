@@ -17,7 +17,8 @@ from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense_lab.augment import mirrored
 from bodysense_lab.pahmt.camera_view import FRONT, view_points
-from bodysense_lab.pahmt.features import ArmRecordings, Studio, arm_positions, film, make_batch, read_arm_recordings
+from bodysense_lab.pahmt.options import Studio
+from bodysense_lab.pahmt.recordings import ArmRecordings, arm_positions, film, make_batch, read_arm_recordings
 
 PLAIN = Studio(cameras=FRONT, keypoints="perfect", mirrored=False, begun=0.0)
 

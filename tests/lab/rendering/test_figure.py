@@ -8,7 +8,7 @@ from bodysense.body.rotation import quaternion_exp, quaternion_multiply, quatern
 from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
-from bodysense_lab.rendering.scene import FIGURES, FigureName, load_figure
+from bodysense_lab.rendering.character import FIGURES, FigureName, load_figure
 
 
 @pytest.mark.parametrize("name", FIGURES)

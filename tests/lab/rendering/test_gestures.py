@@ -5,7 +5,7 @@ import pytest
 
 from bodysense.body.pose import forward_kinematics
 from bodysense_lab.pahmt.camera_view import view_points
-from bodysense_lab.rendering.scene import FIGURES
+from bodysense_lab.rendering.character import FIGURES
 from bodysense_lab.rendering.take import GESTURES, RenderedTake, gesture, plan_gestures
 
 WRISTS = {  # s, and where the left wrist is then from its shoulder, in lengths of the arm

@@ -9,7 +9,7 @@ from bodysense.body.rotation import geodesic_angle, quaternion_exp, quaternion_m
 from bodysense.body.skeleton import default_skeleton
 from bodysense.devices.video.landmarks import BODY_LANDMARKS
 from bodysense.devices.video.person import PersonLandmarks
-from bodysense_lab.rendering.keypoint_errors import LandmarkIk
+from bodysense_lab.rendering.landmark_ik import LandmarkIk
 
 SKELETON = default_skeleton()
 MARK = {name: k for k, name in enumerate(BODY_LANDMARKS)}

@@ -12,7 +12,8 @@ from bodysense.body.pose import rest_pose
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense_lab.pahmt.camera_view import view, view_points
-from bodysense_lab.rendering.scene import FIGURES, Scene, load_figure, move_camera, sample_camera, sample_scene
+from bodysense_lab.rendering.character import FIGURES, load_figure
+from bodysense_lab.rendering.scene import Scene, move_camera, sample_camera, sample_scene
 from bodysense_lab.rendering.stage import Renderer, open_stage
 from bodysense_lab.rendering.take import RATE, film, list_takes, plan_takes, read_take, write_take
 

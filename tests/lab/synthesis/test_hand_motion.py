@@ -11,7 +11,7 @@ import pytest
 from bodysense.body.hand import FINGERTIPS, HAND_JOINTS, angles_of, limits, mirrored_vectors
 from bodysense.body.pose import forward_kinematics
 from bodysense.io.clip import Clip
-from bodysense_lab.datasets import open_clips
+from bodysense_lab.clips import open_clips
 from bodysense_lab.synthesis.motion import hand_motions, hand_pairs
 
 

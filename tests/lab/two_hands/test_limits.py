@@ -11,7 +11,7 @@ from bodysense.body.skeleton import default_skeleton
 from bodysense.devices.gloves.hands import GloveModels
 from bodysense.devices.simulated.camera_ring import CameraRing
 from bodysense_lab.datasets import Census
-from bodysense_lab.two_hands.hand_pairs import HandPair, synthesised_pair
+from bodysense_lab.two_hands.hand_pairs import SYNTHESISED, HandPair, synthesised_pair
 from bodysense_lab.two_hands.limits import (
     Findings,
     count_jumps,
@@ -21,7 +21,7 @@ from bodysense_lab.two_hands.limits import (
     measure_pair,
     points_of,
 )
-from bodysense_lab.two_hands.limits_report import LINES, SYNTHESISED, limits_report
+from bodysense_lab.two_hands.limits_report import LINES, limits_report
 
 HAND = hand_skeleton(default_skeleton(), "left")
 

@@ -20,7 +20,6 @@ from bodysense_lab.fit import fit
 from bodysense_lab.synthesis.hands import synthesize_hand
 from bodysense_lab.synthesis.motion import HandMotion
 from bodysense_lab.two_hands.drawing import (
-    FINGER_POINTS,
     JointTask,
     MarkerTask,
     draw_markers,
@@ -41,6 +40,7 @@ from bodysense_lab.two_hands.network import (
 )
 from bodysense_lab.two_hands.task import GloveSchedule, GloveTask
 from bodysense_lab.two_hands.train import write_glove_network
+from bodysense_lab.two_hands.trials import FINGER_POINTS
 
 SMALL = GloveSchedule(steps=60, batch=64, learning_rate=4e-3, check_every=30, warm_up=5, average_decay=0.8)
 

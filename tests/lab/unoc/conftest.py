@@ -10,8 +10,8 @@ import torch
 
 from bodysense.body.skeleton import default_skeleton
 from bodysense.io.clip import Clip
+from bodysense_lab.unoc.episodes import Episode, Variation, make_episode
 from bodysense_lab.unoc.network import BodyNetwork, BodyNetworkConfig
-from bodysense_lab.unoc.task import Episode, Variation, make_episode
 
 # Without layers of the fingers' own and their dropout, so that few steps tell.
 SMALL = BodyNetworkConfig(hidden=16, branch=(16,), finger_branch=None, judge_branch=(16,))

@@ -10,8 +10,8 @@ from bodysense.devices.simulated.sensors import HEADSET_CAMERA, observe
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
 from bodysense_lab.augment import mirrored
+from bodysense_lab.unoc.episodes import Variation, make_episode
 from bodysense_lab.unoc.network import BodyNetwork, BodyPrediction, TrackedBody
-from bodysense_lab.unoc.task import Variation, make_episode
 
 
 def test_the_truth_in_the_networks_frame_is_the_truth_in_the_world(waving_clip: Clip, network: BodyNetwork) -> None:

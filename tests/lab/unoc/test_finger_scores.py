@@ -19,7 +19,8 @@ from bodysense.cli import main
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.papers.point_model import load_point_model
-from bodysense_lab.datasets import Census, DataSet, census_of, gathered, open_clips
+from bodysense_lab.clips import open_clips
+from bodysense_lab.datasets import Census, DataSet, census_of, gathered
 from bodysense_lab.unoc.finger_scores import (
     METHODS,
     Examples,

@@ -9,8 +9,9 @@ import pytest
 import torch
 
 from bodysense.body.skeleton import default_skeleton
+from bodysense_lab.unoc.episodes import EpisodeBatch
+from bodysense_lab.unoc.losses import LossWeights, body_loss
 from bodysense_lab.unoc.network import BodyNetwork, BodyNetworkConfig, BodyPrediction
-from bodysense_lab.unoc.task import EpisodeBatch, LossWeights, body_loss
 
 SKELETON = default_skeleton()
 POINTS = len(SKELETON.points)

@@ -16,19 +16,11 @@ from bodysense.body.skeleton import default_skeleton
 from bodysense.io.clip import Clip
 from bodysense.papers.point_model import load_point_model
 from bodysense_lab.fit import Progress, Report, fit
+from bodysense_lab.unoc.episodes import Variation, with_bent_wrists
 from bodysense_lab.unoc.options import FingersTraining
+from bodysense_lab.unoc.point_episodes import PointEpisode, collate, make_point_episode, windows
 from bodysense_lab.unoc.point_network import FINGERS, UPPER_BODY, PointNetwork, PointNetworkConfig, PointPrediction
-from bodysense_lab.unoc.point_task import (
-    PointEpisode,
-    PointSchedule,
-    PointTask,
-    collate,
-    make_point_episode,
-    point_loss,
-    validate_points,
-    windows,
-)
-from bodysense_lab.unoc.task import Variation, with_bent_wrists
+from bodysense_lab.unoc.point_task import PointSchedule, PointTask, point_loss, validate_points
 from bodysense_lab.unoc.train import train_points as run_points
 
 SMALL = replace(UPPER_BODY, hidden=8, branch=(8,), judge_branch=(8,))

@@ -8,7 +8,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bodysense_lab.unoc.task import Episode, EpisodeBatch, collate, lanes, windows
+from bodysense_lab.unoc.episodes import Episode, EpisodeBatch, collate, lanes, windows
 
 LENGTHS = st.lists(st.integers(2, 30), min_size=1, max_size=5)
 

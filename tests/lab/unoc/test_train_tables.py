@@ -14,9 +14,9 @@ from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense_lab.unoc import train_tables as tables
 from bodysense_lab.unoc import variants
+from bodysense_lab.unoc.episodes import Episode
 from bodysense_lab.unoc.network import PAPER, BodyNetworkConfig, read_weights
 from bodysense_lab.unoc.options import TablesTraining
-from bodysense_lab.unoc.task import Episode
 from bodysense_lab.unoc.train_tables import cached_episodes, chosen_networks, schedule_of, train_tables
 from bodysense_lab.unoc.variants import TABLES, VARIANTS, Variant
 

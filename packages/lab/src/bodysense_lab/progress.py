@@ -16,7 +16,7 @@ from torch import distributed
 
 from bodysense.io.clip import Clip
 from bodysense.io.datasets.splits import Split
-from bodysense_lab.datasets import learned_clips, learned_count
+from bodysense_lab.clips import learned_clips, learned_count
 
 _EVERY = 15.0  # s from one line of a log to the next
 Item = TypeVar("Item")

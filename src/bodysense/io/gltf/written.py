@@ -2,19 +2,13 @@
 
 glTF's world is ours: right-handed, +Y up, metres, bodies face +Z; only quaternions are x, y, z, w. Every point of the
 skeleton is a node under its own name; in the rest pose nothing is rotated.
-
-VRM animation (.vrma, VRMC_vrm_animation 1.0): a motion that any VRM avatar can play.
-
-A glTF file without a mesh whose nodes are VRM's humanoid bones in VRM's T-pose, standing on y = 0. Bones turn; only
-the hips move. Players scale that way by the height of the hips, so that short and tall avatars take fitting steps.
-Source: vrm-c/vrm-specification, `VRMC_vrm_animation-1.0` and `VRMC_vrm-1.0/tpose.md`.
 """
 
 from __future__ import annotations
 
 import json
 import struct
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +20,6 @@ from bodysense.errors import BodysenseError
 from bodysense.files import written_beside
 from bodysense.io.clip import Clip
 from bodysense.io.gltf.file import BINARY, JSON
-from bodysense.io.gltf.humanoid import VRM_BONES, check_humanoid, t_posed
 
 _AROUND, _RINGS = 10, 4  # vertices around a link, and rings on each of its two balls
 
@@ -218,34 +211,3 @@ def _unit(values: np.ndarray) -> np.ndarray:
 def _linear(color: np.ndarray) -> np.ndarray:
     """Convert sRGB colours to linear ones, as glTF requires for vertices."""
     return np.where(color <= 0.04045, color / 12.92, ((color + 0.055) / 1.055) ** 2.4)
-
-
-_EXTENSION = "VRMC_vrm_animation"
-
-
-def write_vrma(path: str | Path, clip: Clip) -> None:
-    """Write a clip as a VRM animation of all 52 bones.
-
-    The file appears whole or not at all. Raises BodysenseError for a clip that is not one finite motion, for a skeleton
-    that is no humanoid, and for a folder that cannot be written.
-    """
-    check_motion(path, clip)
-    check_humanoid(clip.pose.skeleton)
-    if not clip.pose.skeleton.rest_offset[0, 1] > 0:
-        raise BodysenseError(
-            f"{path}: the rest pose has its pelvis at y = {clip.pose.skeleton.rest_offset[0, 1]:g} m; it must stand on "
-            "y = 0: bring the motion to the default skeleton with `bodysense.io.rigs.canonical`"
-        )
-    clip, arrays = replace(clip, pose=t_posed(clip.pose)), Arrays()
-    skeleton = clip.pose.skeleton
-    names = tuple(VRM_BONES.get(joint, joint) for joint in skeleton.joints)
-    nodes = skeleton_nodes(skeleton, names)
-    bones = {VRM_BONES[joint]: {"node": place} for place, joint in enumerate(skeleton.joints) if joint in VRM_BONES}
-    document = {
-        "extensionsUsed": [_EXTENSION],
-        "scenes": [{"nodes": [0]}],
-        "nodes": nodes,
-        "animations": [animation(clip, [bone["node"] for bone in bones.values()], arrays)],
-        "extensions": {_EXTENSION: {"specVersion": "1.0", "humanoid": {"humanBones": bones}}},
-    }
-    write_binary(path, document, arrays)

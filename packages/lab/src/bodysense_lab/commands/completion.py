@@ -128,6 +128,7 @@ def completion_table(
         sheet: file for a sheet of the worst frames, truth next to result (PNG).
     """
     from bodysense.cli.show import wide_console, write_numbers
+    from bodysense_lab.clips import open_clips
     from bodysense_lab.completion.baselines import cached_mean_body
     from bodysense_lab.completion.kept import KeptClips
     from bodysense_lab.completion.reliability import draw_reliability
@@ -135,19 +136,11 @@ def completion_table(
     from bodysense_lab.completion.tables import CompletionSettings, completion_reports
     from bodysense_lab.completion.tracking import TakenBy, TrackedBy, step_times
     from bodysense_lab.completion.worst import draw_worst
-    from bodysense_lab.datasets import Census, census_of, named_data, open_clips
+    from bodysense_lab.datasets import Census, census_of, named_data
     from bodysense_lab.spread import spread
     from bodysense_lab.table import write_csv
 
-    unknown = [name for name in sets if name not in SENSOR_SETS]
-    if unknown:
-        raise BodysenseError(f"--sets {unknown[0]}: unknown; valid are {', '.join(SENSOR_SETS)}")
-    if backward_model is not None and not takes:
-        raise BodysenseError("--backward-model: only takes are tracked backward in time; give --takes as well")
-    if joining_model is not None and not takes:
-        raise BodysenseError("--joining-model: only takes have two answers to join; give --takes as well")
-    if not bodies:
-        raise BodysenseError(f"--bodies: give at least one of {', '.join(BODIES)}")
+    _check_choice(sets, bodies, takes, backward_model, joining_model)
     for path in filter(None, (picture, sheet)):
         check_ending(path, ".png", what="a picture")
     check_places(json, csv, picture, sheet)
@@ -192,6 +185,21 @@ def completion_table(
         console.print(f"wrote {path}", highlight=False)
 
 
+def _check_choice(
+    sets: tuple[str, ...], bodies: tuple[Body, ...], takes: bool, backward: Path | None, joining: Path | None
+) -> None:
+    """Raise BodysenseError if there is nothing to score, or a network for takes that are not asked for."""
+    unknown = [name for name in sets if name not in SENSOR_SETS]
+    if unknown:
+        raise BodysenseError(f"--sets {unknown[0]}: unknown; valid are {', '.join(SENSOR_SETS)}")
+    if backward is not None and not takes:
+        raise BodysenseError("--backward-model: only takes are tracked backward in time; give --takes as well")
+    if joining is not None and not takes:
+        raise BodysenseError("--joining-model: only takes have two answers to join; give --takes as well")
+    if not bodies:
+        raise BodysenseError(f"--bodies: give at least one of {', '.join(BODIES)}")
+
+
 def amass_p1(
     amass: Path,
     split_lists: Path,
@@ -213,9 +221,9 @@ def amass_p1(
         jobs: processes.
     """
     from bodysense_lab.amass_p1 import listed_sources, mpjpe_interval, report_of, score_source
+    from bodysense_lab.clips import spread_evenly
     from bodysense_lab.completion.tables import sample_remark
     from bodysense_lab.completion.tracking import TrackedBy
-    from bodysense_lab.datasets import spread_evenly
     from bodysense_lab.spread import spread
 
     check_places(json)
@@ -293,7 +301,7 @@ def holes(
         clips: number of clips, spread evenly; all if omitted.
         parts: parts of the body to remove; all if omitted.
     """
-    from bodysense_lab.datasets import open_clips
+    from bodysense_lab.clips import open_clips
     from bodysense_lab.holes import PARTS, report_of, score_holes
 
     source = open_data(data, table)

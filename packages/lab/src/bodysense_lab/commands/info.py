@@ -72,7 +72,7 @@ def _clips_of(
     """Return the number of clips of a place, and the clips one by one."""
     from bodysense.io.datasets.reasons import lines_by_kind
     from bodysense_lab.bodies import lines_of
-    from bodysense_lab.datasets import count_clips, open_clips
+    from bodysense_lab.clips import count_clips, open_clips
     from bodysense_lab.store import is_store, read_store
 
     if not is_store(place):

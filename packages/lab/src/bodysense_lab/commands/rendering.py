@@ -53,7 +53,7 @@ def _planned(run: Rendering, motion: Path, rng: np.random.Generator) -> list[tup
     from rich.progress import track
 
     from bodysense.cli.recordings import load_clip
-    from bodysense_lab.datasets import count_clips, open_clips
+    from bodysense_lab.clips import count_clips, open_clips
     from bodysense_lab.rendering.take import plan_takes
 
     if motion.is_file():

@@ -87,7 +87,7 @@ def finish(report: Report, table: TableOptions, data: DataSet | None = None) -> 
 
     from bodysense.cli.show import write_numbers
     from bodysense_lab.chart import draw_panels
-    from bodysense_lab.datasets import count_clips
+    from bodysense_lab.clips import count_clips
     from bodysense_lab.table import write_csv
 
     console = Console()

@@ -20,8 +20,8 @@ from bodysense.errors import BodysenseError
 from bodysense.files import cache_folder, make_folder, written_beside
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
+from bodysense_lab.clips import count_clips, open_clips
 from bodysense_lab.completion.wearers import rest_heights
-from bodysense_lab.datasets import count_clips, open_clips
 
 FORMAT = "bodysense-mean-body-2"
 HEIGHTS = np.linspace(0.1, 1.3, 25)  # of the head, in shares of its height in the rest pose

@@ -19,6 +19,7 @@ from bodysense.devices.simulated.sensors import SENSOR_SETS, SensorSet
 from bodysense.io.clip import Clip
 from bodysense.io.datasets.splits import Split
 from bodysense.tracker import Tracker
+from bodysense_lab.clips import learned_clips
 from bodysense_lab.completion.corpus import read_corpus
 from bodysense_lab.completion.error_map import (
     CERTAINTY_SCALE,
@@ -38,7 +39,6 @@ from bodysense_lab.completion.scenes import TRUTH_OF, TrackedScene, Truth, batch
 from bodysense_lab.completion.settled_clips import settled_clips
 from bodysense_lab.completion.task import WORN, CompletionTask, CompletionTaskConfig
 from bodysense_lab.completion.weights_file import TrainedNetworks, write_weights
-from bodysense_lab.datasets import learned_clips
 from bodysense_lab.options import Schedule
 
 QUANTILE = 0.9

@@ -19,6 +19,7 @@ from bodysense_lab.completion.baselines import MeanBody
 from bodysense_lab.completion.blinks import BLINKING, FINGER, lose_hands, rng_of, with_finger
 from bodysense_lab.completion.kept import KeptClips
 from bodysense_lab.completion.lattice import random_edges
+from bodysense_lab.completion.lattice_scores import choose_scenes, score_lattice
 from bodysense_lab.completion.measures import (
     count_jumps,
     measure,
@@ -38,16 +39,7 @@ from bodysense_lab.completion.tables import (
     WorstFrame,
     headline,
 )
-from bodysense_lab.completion.tracking import (
-    StepTimes,
-    Tracked,
-    TrackPeople,
-    TrackTake,
-    choose_scenes,
-    score_lattice,
-    step_times,
-    track_people,
-)
+from bodysense_lab.completion.tracking import StepTimes, Tracked, TrackPeople, TrackTake, step_times, track_people
 from bodysense_lab.scoring import RATE
 from bodysense_lab.spread import spread
 

@@ -12,12 +12,12 @@ import numpy as np
 
 from bodysense.io.datasets.splits import Split
 from bodysense.last_known import KNOWN
+from bodysense_lab.completion.lattice_scores import CLIPS, FRAMES, EdgeScore
 from bodysense_lab.completion.measures import REGIONS
 from bodysense_lab.completion.options import BODIES, TABLE_SETS, Body, Fault
 from bodysense_lab.completion.scenes import TRUTH_OF, Truth
 from bodysense_lab.completion.scores import Calibration, RunningScores
 from bodysense_lab.completion.sight_scores import CellScores
-from bodysense_lab.completion.tracking import CLIPS, FRAMES, EdgeScore
 from bodysense_lab.datasets import Census, DataSet, describe
 from bodysense_lab.intervals import Interval, interval
 from bodysense_lab.scoring import GROUPS, suffix_of

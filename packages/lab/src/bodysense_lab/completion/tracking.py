@@ -1,14 +1,11 @@
-"""The tracker as the tables run it: many people in one call, and one person frame by frame against the clock.
-
-The lattice of sensor sets: whether one sensor more ever makes the body worse.
-"""
+"""The tracker as the tables run it: many people in one call, and one person frame by frame against the clock."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cache, lru_cache
+from functools import lru_cache
 from itertools import pairwise
 from pathlib import Path
 
@@ -17,12 +14,10 @@ import numpy as np
 from bodysense.body.person import Person
 from bodysense.completion.joining_network import JoiningNetwork, load_joining
 from bodysense.completion.model import CompletionModel, load_completion, packaged_model
-from bodysense.devices.simulated.sensors import SensorSet
+from bodysense.estimate import Estimate
 from bodysense.observation import Observation
-from bodysense.tracker import Estimate, Tracker, TrackerSettings, step_together
+from bodysense.tracker import Tracker, TrackerSettings, step_together
 from bodysense.two_way import completed_both_ways
-from bodysense_lab.completion.lattice import Edge
-from bodysense_lab.completion.scenes import TrackedScene, person_of
 from bodysense_lab.scoring import RATE
 
 _WARM_UP = 30  # frames that are not timed
@@ -140,43 +135,3 @@ def step_times(person: Person, observation: Observation, network: CompletionMode
         _, state = tracker.step(seen, state)
         taken.append(time.perf_counter() - begun)
     return np.array(taken[min(_WARM_UP, len(taken) // 2) :])
-
-
-TOLERANCE = 0.01  # share by which a mean error may grow
-CLIPS, FRAMES = 24, 300  # scenes of unseen bodies, and frames of each (10 s), that score an edge
-
-
-@dataclass(frozen=True)
-class EdgeScore:
-    """The errors at the two ends of an edge: MPJPE from the head, 22 joints, mean over clips, cm."""
-
-    edge: Edge
-    fewer: float
-    more: float
-
-    @property
-    def violates(self) -> bool:
-        """Whether the sensor makes the mean worse by more than `TOLERANCE`."""
-        return self.more > (1 + TOLERANCE) * self.fewer
-
-
-def score_lattice(edges: Sequence[Edge], scenes: Sequence[TrackedScene], track: TrackPeople) -> list[EdgeScore]:
-    """Score edges on scenes of known proportions."""
-    people = [person_of("stranger", scene.skeleton) for scene in scenes]
-
-    @cache
-    def error_of(sensors: SensorSet) -> float:
-        """MPJPE from the head, cm, mean over the scenes."""
-        tracked = track(people, [scene.observe(sensors) for scene in scenes])
-        errors = [scene.error_from_head(one.position).mean() for scene, one in zip(scenes, tracked, strict=True)]
-        return float(np.mean(errors))
-
-    return [EdgeScore(edge, error_of(edge.fewer), error_of(edge.more)) for edge in edges]
-
-
-def choose_scenes(scenes: Sequence[TrackedScene]) -> list[TrackedScene]:
-    """The beginnings of some main scenes, spread evenly over all that last long enough, or over all if none does."""
-    main = [scene for scene in scenes if scene.group == "main"] or list(scenes)
-    long = [scene for scene in main if len(scene) >= FRAMES] or main
-    places = np.linspace(0, len(long) - 1, min(CLIPS, len(long))).round().astype(int)
-    return [long[place].beginning(FRAMES) for place in places]

@@ -14,7 +14,8 @@ from bodysense.body.rotation import quaternion_canonical
 from bodysense.errors import BodysenseError
 from bodysense.papers.hmd_vae import FORMAT
 from bodysense_lab.export import export, in_bytes
-from bodysense_lab.hmd_vae.frames import RATE, Joints, frame_of, seen_from
+from bodysense_lab.hmd_vae.body_windows import Joints, frame_of, seen_from
+from bodysense_lab.hmd_vae.frames import RATE
 from bodysense_lab.hmd_vae.network import BodyVae
 
 INPUTS = ("position", "rotation", "trust", "noise", "rest_offset")

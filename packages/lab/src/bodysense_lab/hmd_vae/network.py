@@ -38,7 +38,7 @@ from bodysense.body.rotation import (
 from bodysense.body.skeleton import BODY, default_skeleton
 from bodysense.errors import BodysenseError
 from bodysense_lab.checkpoint import read_weights_file
-from bodysense_lab.hmd_vae.frames import Joints
+from bodysense_lab.hmd_vae.body_windows import Joints
 from bodysense_lab.hmd_vae.options import BodyVaeConfig
 
 

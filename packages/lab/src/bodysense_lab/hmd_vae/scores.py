@@ -23,13 +23,13 @@ from bodysense.errors import BodysenseError
 from bodysense.metrics import on_floor
 from bodysense.papers.hmd_vae import BodyVaeModel, load_body_vae
 from bodysense_lab.datasets import Census, DataSet, census_of
+from bodysense_lab.hmd_vae.body_windows import make_batch
 from bodysense_lab.hmd_vae.frames import (
     RATE,
     STRIDE,
     TEST_LENGTH,
     TRAIN_LENGTH,
     BodyFrames,
-    make_batch,
     read_body_frames,
     split_clips,
 )

@@ -12,13 +12,8 @@ from torch import Tensor
 
 from bodysense.body.skeleton import BODY
 from bodysense_lab.fit import Task
-from bodysense_lab.hmd_vae.frames import (
-    BodyFrames,
-    Joints,
-    VaeBatch,
-    make_batch,
-    mirrored,
-)
+from bodysense_lab.hmd_vae.body_windows import Joints, VaeBatch, make_batch, mirrored
+from bodysense_lab.hmd_vae.frames import BodyFrames
 from bodysense_lab.hmd_vae.network import BodyVae
 from bodysense_lab.hmd_vae.options import VaeSchedule
 from bodysense_lab.windows import Windows

@@ -17,8 +17,8 @@ from lightning_fabric import Fabric
 from bodysense.errors import BodysenseError
 from bodysense.files import check_folder, check_place, make_folder
 from bodysense_lab.checkpoint import identity, write_weights_file
-from bodysense_lab.datasets import learned_count
-from bodysense_lab.fit import Report, announced, begin, fit, is_same, sweep
+from bodysense_lab.clips import learned_count
+from bodysense_lab.fit import Report, announced, begin, fit
 from bodysense_lab.hmd_vae.frames import (
     TRAIN_LENGTH,
     BodyFrames,
@@ -31,6 +31,7 @@ from bodysense_lab.hmd_vae.network import BodyVae, pretrained, read_vae
 from bodysense_lab.hmd_vae.options import MODELS, BodyVaeConfig, Grid, VaeRun
 from bodysense_lab.hmd_vae.task import VaeTask, joint_errors
 from bodysense_lab.progress import read_clips, tracked
+from bodysense_lab.sweep import is_same, sweep
 from bodysense_lab.table import write_rows
 from bodysense_lab.windows import Windows
 

@@ -15,8 +15,9 @@ from bodysense.body.rotation import normalize, quaternion_canonical
 from bodysense.devices.video.arms import FORMAT
 from bodysense.errors import BodysenseError
 from bodysense_lab.export import export, in_bytes
-from bodysense_lab.pahmt.features import RATE, Window
+from bodysense_lab.pahmt.features import Window
 from bodysense_lab.pahmt.network import ArmNetwork
+from bodysense_lab.pahmt.recordings import RATE
 
 _MOST = 63  # of each sign: 7 bits change arms by 0.19° in the mean, and their error by nothing
 

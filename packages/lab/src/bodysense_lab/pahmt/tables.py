@@ -23,9 +23,10 @@ from bodysense.io.resample import resample
 from bodysense_lab.chart import BarPanel, Line, LinePanel, plain_bars
 from bodysense_lab.datasets import Census, DataSet, census_of, describe
 from bodysense_lab.pahmt.errors import EVERY, table_errors
-from bodysense_lab.pahmt.features import FRAMES, RATE, film, read_arm_recordings, window_of
+from bodysense_lab.pahmt.features import window_of
 from bodysense_lab.pahmt.network import ArmNetwork, read_arms
 from bodysense_lab.pahmt.options import TABLE_1, Studio, TableRow
+from bodysense_lab.pahmt.recordings import FRAMES, RATE, film, read_arm_recordings
 from bodysense_lab.scoring import GROUPS, group_named, suffix_of
 from bodysense_lab.table import Cell, Report, bounds, cell, finite, ordering
 from bodysense_lab.tallies import Tallies

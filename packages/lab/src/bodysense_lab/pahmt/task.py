@@ -17,9 +17,9 @@ from torch.nn.functional import binary_cross_entropy_with_logits
 from bodysense_lab.checkpoint import identity
 from bodysense_lab.fit import Task, seed_of
 from bodysense_lab.pahmt.errors import ARMS, table_errors
-from bodysense_lab.pahmt.features import ArmBatch, ArmRecordings, arm_positions, arms_alone, make_batch
 from bodysense_lab.pahmt.network import ArmNetwork
 from bodysense_lab.pahmt.options import ArmNetworkConfig, ArmSchedule, Studio
+from bodysense_lab.pahmt.recordings import ArmBatch, ArmRecordings, arm_positions, arms_alone, make_batch
 from bodysense_lab.precision import layer_autocast
 from bodysense_lab.windows import Windows
 

@@ -13,12 +13,13 @@ from numpy.random import default_rng
 from bodysense.errors import BodysenseError
 from bodysense.files import check_place, make_folder
 from bodysense_lab.checkpoint import identity, write_weights_file
-from bodysense_lab.fit import Report, announced, begin, fit, is_same, sweep
-from bodysense_lab.pahmt.features import ArmRecordings, read_arm_recordings
+from bodysense_lab.fit import Report, announced, begin, fit
 from bodysense_lab.pahmt.network import ArmNetwork, read_arms
 from bodysense_lab.pahmt.options import TABLE_1, ArmRun, ArmTableTraining, ArmTraining
+from bodysense_lab.pahmt.recordings import ArmRecordings, read_arm_recordings
 from bodysense_lab.pahmt.task import ArmTask, Pair, epoch_steps, step_count
 from bodysense_lab.progress import read_clips
+from bodysense_lab.sweep import is_same, sweep
 
 
 @dataclass(frozen=True, eq=False)

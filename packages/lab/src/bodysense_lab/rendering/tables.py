@@ -31,13 +31,13 @@ from bodysense_lab.rendering.keypoint_errors import MEASURES as BONES
 from bodysense_lab.rendering.keypoint_errors import (
     ArmBones,
     Errors,
-    LandmarkIk,
     bone_errors,
     bones_of,
     bones_of_landmarks,
     keypoint_errors,
     noise_figures,
 )
+from bodysense_lab.rendering.landmark_ik import LandmarkIk
 from bodysense_lab.rendering.take import GESTURES, RenderedTake, read_take
 from bodysense_lab.scoring import GROUPS, group_named, suffix_of
 from bodysense_lab.table import Cell, Report, cell, finite, ordering

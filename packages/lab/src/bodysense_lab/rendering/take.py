@@ -22,14 +22,13 @@ from bodysense.files import written_beside
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
 from bodysense_lab.pahmt.camera_view import VIEW_POINTS, CameraRange, view, view_points
+from bodysense_lab.rendering.character import FIGURES, load_figure
 from bodysense_lab.rendering.scene import (
-    FIGURES,
     ROOM,
     WEBCAM,
     WEBCAM_RISE,
     WHOLE,
     Scene,
-    load_figure,
     move_camera,
     sample_camera,
     sample_scene,

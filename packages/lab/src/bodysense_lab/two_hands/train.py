@@ -20,7 +20,7 @@ from bodysense.body.hand_family import draw_hand
 from bodysense.devices.gloves.networks import JOINT_FORMAT, MARKER_FORMAT
 from bodysense.errors import BodysenseError
 from bodysense.files import make_folder
-from bodysense_lab.datasets import open_clips
+from bodysense_lab.clips import open_clips
 from bodysense_lab.export import export
 from bodysense_lab.fit import announced, begin, fit, printed
 from bodysense_lab.progress import read_clips, tracked

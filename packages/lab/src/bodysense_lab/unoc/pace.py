@@ -11,8 +11,9 @@ import torch
 
 from bodysense.body.skeleton import default_skeleton
 from bodysense.io.clip import Clip
+from bodysense_lab.unoc.episodes import Variation, make_episode
 from bodysense_lab.unoc.network import PAPER, BodyNetwork
-from bodysense_lab.unoc.task import BodySchedule, BodyTask, Variation, make_episode
+from bodysense_lab.unoc.task import BodySchedule, BodyTask
 
 
 def throughput(clip: Clip, steps: int, threads: int) -> dict[str, float]:

@@ -18,8 +18,11 @@ from bodysense.io.clip import Clip
 from bodysense_lab.fit import announced, begin, fit
 from bodysense_lab.progress import read_clips, tracked
 from bodysense_lab.spread import worker_pool
+from bodysense_lab.unoc.episodes import RATE, Variation, make_episode
+from bodysense_lab.unoc.losses import LossWeights
 from bodysense_lab.unoc.network import PAPER, BodyNetwork, BodyNetworkConfig
 from bodysense_lab.unoc.options import BodyTraining, PointTraining
+from bodysense_lab.unoc.point_episodes import PointEpisode, make_point_episode
 from bodysense_lab.unoc.point_network import (
     FINGERS,
     PAPER_FINGERS,
@@ -28,8 +31,8 @@ from bodysense_lab.unoc.point_network import (
     PointNetwork,
     PointNetworkConfig,
 )
-from bodysense_lab.unoc.point_task import PointEpisode, PointSchedule, PointTask, make_point_episode
-from bodysense_lab.unoc.task import RATE, BodySchedule, BodyTask, LossWeights, Variation, make_episode
+from bodysense_lab.unoc.point_task import PointSchedule, PointTask
+from bodysense_lab.unoc.task import BodySchedule, BodyTask
 
 if TYPE_CHECKING:
     from bodysense.papers.point_model import Task

@@ -21,12 +21,15 @@ from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError
 from bodysense.files import make_folder, written_beside
 from bodysense_lab.checkpoint import identity, write_weights_file
-from bodysense_lab.fit import Report, announced, begin, fit, is_same, launched, line_of, sweep
+from bodysense_lab.fit import Report, announced, begin, fit, launched, line_of
 from bodysense_lab.progress import read_clips, tracked
 from bodysense_lab.spread import worker_pool
+from bodysense_lab.sweep import is_same, sweep
+from bodysense_lab.unoc.episodes import Episode, Variation, make_episode
+from bodysense_lab.unoc.losses import LossWeights
 from bodysense_lab.unoc.network import BodyNetwork, BodyNetworkConfig
 from bodysense_lab.unoc.options import TablesTraining
-from bodysense_lab.unoc.task import BodySchedule, BodyTask, Episode, LossWeights, Variation, make_episode, step_count
+from bodysense_lab.unoc.task import BodySchedule, BodyTask, step_count
 from bodysense_lab.unoc.variants import TABLES, VARIANTS
 
 _ARRAYS = ("features", "known", "offset", "visible")

@@ -1,0 +1,133 @@
+"""The clips of a place, whether it is a folder of motion files or a prepared store."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterator, Sequence
+from dataclasses import fields
+from itertools import islice
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
+
+from bodysense.errors import BodysenseError
+from bodysense.io.clip import Clip
+from bodysense.io.datasets.layouts import Layout
+from bodysense.io.datasets.splits import SPLITS, Split, empty_split
+from bodysense.io.reading_options import AS_FOUND, ReadingOptions
+from bodysense_lab.store import read_store
+
+if TYPE_CHECKING:
+    from bodysense.io.datasets.sources import Source
+
+Item = TypeVar("Item")
+LOOKED_THROUGH = 64  # clips, for some with fingers
+OPTIONS = tuple(field.name.replace("_", "-") for field in fields(ReadingOptions))
+
+
+def open_clips(
+    directory: str | Path,
+    split: Split | Literal["all"] = "all",
+    categories: Collection[str] | None = None,
+    layout: Layout | None = None,
+    at_most: int | None = None,
+    options: ReadingOptions = AS_FOUND,
+) -> Iterator[Clip]:
+    """The clips of a folder or a store one after the other, in canonical form, at their own frame rates.
+
+    `categories` None takes all; `layout` None recognises a folder's (`io.datasets.layouts`); `at_most` limits them,
+    spread evenly; `options` say what motion files do not. Raises BodysenseError where nothing is left, and for the
+    first file that cannot be read (`prepare` skips such files and says why).
+    """
+    chosen, clip_at = _choose(directory, split, categories, layout, options)
+    return map(clip_at, spread_evenly(chosen, at_most))
+
+
+def spread_evenly(items: Sequence[Item], at_most: int | None) -> Sequence[Item]:
+    """Return at most `at_most` items, spread evenly over all; None: all."""
+    if at_most is None or at_most >= len(items):
+        return items
+    return [items[(2 * k + 1) * len(items) // (2 * at_most)] for k in range(at_most)]
+
+
+def learned_clips(directory: str | Path, split: Split, limit: int | None = None) -> Iterator[Clip]:
+    """Return the clips of a split that a training reads: all, or `limit` of them for a trial.
+
+    A trial's are spread evenly, and half of them have fingers if there are any, for these are rare. Raises as
+    `open_clips` does.
+    """
+    if limit is None:
+        return open_clips(directory, split)
+    first = list(open_clips(directory, split, at_most=limit))
+    plain = [clip for clip in first if not clip.has_fingers]
+    known = {(clip.person, clip.name) for clip in first}
+    lacking = (limit + 1) // 2 - (len(first) - len(plain))
+    if lacking <= 0 or not plain:
+        return iter(first)
+    others = open_clips(directory, split, at_most=LOOKED_THROUGH)
+    fingers = (clip for clip in others if clip.has_fingers and (clip.person, clip.name) not in known)
+    more = list(islice(fingers, lacking))
+    dropped = {id(clip) for clip in plain[len(plain) - len(more) :]}
+    return iter([clip for clip in first if id(clip) not in dropped] + more)
+
+
+def learned_count(directory: str | Path, split: Split, limit: int | None = None) -> int:
+    """Return how many clips `learned_clips` gives at most. Raises as it does."""
+    total = count_clips(directory, split)
+    return total if limit is None else min(limit, total)
+
+
+def count_clips(directory: str | Path, split: Split | Literal["all"] = "all") -> int:
+    """How many clips `open_clips` gives. Raises as it does."""
+    return len(_choose(directory, split, None, None, AS_FOUND)[0])
+
+
+def _choose(
+    directory: str | Path,
+    split: Split | Literal["all"],
+    categories: Collection[str] | None,
+    layout: Layout | None,
+    options: ReadingOptions,
+) -> tuple[list[int], Callable[[int], Clip]]:
+    """Places of the clips asked for, and what reads the clip at a place."""
+    if split != "all" and split not in SPLITS:
+        raise BodysenseError(f"unknown split {split!r}; valid are {', '.join(SPLITS)} and all")
+    rows: Sequence[Any]
+    if (Path(directory) / "zarr.json").is_file():
+        if options != AS_FOUND:
+            raise BodysenseError(f"{directory}: a store was read when it was prepared; tell data prepare")
+        store = read_store(directory)
+        rows, clip_at = store.table.clips, store.clip
+    else:
+        from bodysense.io.datasets.sources import list_sources
+
+        sources = list_sources(directory, layout)
+        rows, clip_at = sources, lambda index: _read(sources[index], options, directory)
+    chosen = [
+        index
+        for index, row in enumerate(rows)
+        if split in ("all", row.split) and (categories is None or row.category in categories)
+    ]
+    if not chosen:
+        if categories is None:
+            raise BodysenseError(empty_split(str(directory), split, (row.split for row in rows)))
+        known = ", ".join(sorted({row.category for row in rows if row.category})) or "none"
+        raise BodysenseError(
+            f"{directory}: none of its {len(rows)} clips is of split {split!r} and of {', '.join(categories)}; "
+            f"its categories are {known}"
+        )
+    return chosen, clip_at
+
+
+def _read(source: Source, options: ReadingOptions, directory: str | Path) -> Clip:
+    """A clip of a folder. Not every command that reads folders has the options that its error may ask for."""
+    from bodysense.io.datasets.sources import read_source
+
+    try:
+        return read_source(source, options)
+    except BodysenseError as error:
+        asked = next((name for name in OPTIONS if f"--{name}" in str(error)), None)
+        if asked is None:
+            raise
+        raise BodysenseError(
+            f"{error}; where a command has no --{asked}, give it the store that `bodysense data prepare {directory} "
+            f"-o STORE.zarr --{asked} …` writes"
+        ) from None

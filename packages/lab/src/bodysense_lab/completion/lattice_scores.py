@@ -1,0 +1,53 @@
+"""The lattice of sensor sets, scored: whether one sensor more ever makes the body worse."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+
+from bodysense.devices.simulated.sensors import SensorSet
+from bodysense_lab.completion.lattice import Edge
+from bodysense_lab.completion.scenes import TrackedScene, person_of
+from bodysense_lab.completion.tracking import TrackPeople
+
+TOLERANCE = 0.01  # share by which a mean error may grow
+CLIPS, FRAMES = 24, 300  # scenes of unseen bodies, and frames of each (10 s), that score an edge
+
+
+@dataclass(frozen=True)
+class EdgeScore:
+    """The errors at the two ends of an edge: MPJPE from the head, 22 joints, mean over clips, cm."""
+
+    edge: Edge
+    fewer: float
+    more: float
+
+    @property
+    def violates(self) -> bool:
+        """Whether the sensor makes the mean worse by more than `TOLERANCE`."""
+        return self.more > (1 + TOLERANCE) * self.fewer
+
+
+def score_lattice(edges: Sequence[Edge], scenes: Sequence[TrackedScene], track: TrackPeople) -> list[EdgeScore]:
+    """Score edges on scenes of known proportions."""
+    people = [person_of("stranger", scene.skeleton) for scene in scenes]
+
+    @cache
+    def error_of(sensors: SensorSet) -> float:
+        """MPJPE from the head, cm, mean over the scenes."""
+        tracked = track(people, [scene.observe(sensors) for scene in scenes])
+        errors = [scene.error_from_head(one.position).mean() for scene, one in zip(scenes, tracked, strict=True)]
+        return float(np.mean(errors))
+
+    return [EdgeScore(edge, error_of(edge.fewer), error_of(edge.more)) for edge in edges]
+
+
+def choose_scenes(scenes: Sequence[TrackedScene]) -> list[TrackedScene]:
+    """The beginnings of some main scenes, spread evenly over all that last long enough, or over all if none does."""
+    main = [scene for scene in scenes if scene.group == "main"] or list(scenes)
+    long = [scene for scene in main if len(scene) >= FRAMES] or main
+    places = np.linspace(0, len(long) - 1, min(CLIPS, len(long))).round().astype(int)
+    return [long[place].beginning(FRAMES) for place in places]

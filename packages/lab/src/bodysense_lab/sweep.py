@@ -1,0 +1,83 @@
+"""Training many networks with one command: what is there is kept, several side by side, one progress bar."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from concurrent.futures import FIRST_COMPLETED, wait
+from pathlib import Path
+
+from rich.console import Console
+from rich.progress import BarColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import Progress as Bars
+
+from bodysense.errors import BodysenseError
+from bodysense_lab.checkpoint import differences
+from bodysense_lab.fit import Progress, Report, line_of_progress, printed
+from bodysense_lab.spread import worker_pool
+
+# Train the network of this name, telling a report how it goes; returns what to say of it.
+Train = Callable[[str, Report], str]
+
+
+def is_same(path: Path, before: str, now: str) -> bool:
+    """True where the network in `path` was trained as asked; both are identities. Raises BodysenseError otherwise."""
+    if json.loads(before) != json.loads(now):
+        raise BodysenseError(
+            f"{path} is of another configuration ({differences(before, now)}); give another --out, or those settings"
+        )
+    return True
+
+
+def sweep(
+    steps: Mapping[str, int],
+    train: Train,
+    is_trained: Callable[[str], bool],
+    logs: Path,
+    jobs: int = 1,
+    quiet: bool = False,
+) -> None:
+    """Train the networks that are not trained, in order, `jobs` at a time; `steps` are of each by its name.
+
+    With several jobs each has a process of its own, and `train` must be picklable; the folder `logs` holds NAME.jsonl.
+    A terminal displays one bar; without a terminal each network prints its lines of progress.
+    """
+    todo = [name for name in steps if not is_trained(name)]
+    console = Console(quiet=quiet)
+    columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.completed}/{task.total} steps"))
+    with Bars(*columns, TimeElapsedColumn(), TimeRemainingColumn(), console=console) as bars:
+        done = sum(count for name, count in steps.items() if name not in todo)
+        bar = bars.add_task("training", total=sum(steps.values()), completed=done)
+        if jobs > 1:
+            with worker_pool(jobs) as pool:
+                waiting = {pool.submit(train, name, quietly if console.is_terminal else printed(name)) for name in todo}
+                while waiting:
+                    ended, waiting = wait(waiting, timeout=1.0, return_when=FIRST_COMPLETED)
+                    bars.update(bar, completed=done + sum(_reached(logs, name, steps[name]) for name in todo))
+                    for future in ended:
+                        console.print(future.result(), highlight=False)
+            return
+        for name in todo:
+            bars.update(bar, description=name)
+
+            def report(progress: Progress, name: str = name, before: int = done) -> None:
+                if not (progress.terms and console.is_terminal):
+                    console.print(f"{name} {line_of_progress(progress)}", highlight=False, soft_wrap=True)
+                pace = f", {progress.steps_per_second:.3g} steps/s" if progress.terms else ""
+                bars.update(bar, completed=before + progress.step, description=f"{name}{pace}")
+
+            if not is_trained(name):  # a network it depends on may be unchanged
+                console.print(train(name, report), highlight=False)
+            done += steps[name]
+            bars.update(bar, completed=done)
+
+
+def quietly(progress: Progress) -> None:
+    """A report that says nothing: the log is read instead."""
+
+
+def _reached(logs: Path, name: str, steps: int) -> int:
+    """Return the step of the last line of a log."""
+    log = logs / f"{name}.jsonl"
+    lines = log.read_text(encoding="utf-8").splitlines() if log.is_file() else []
+    return min(steps, json.loads(lines[-1])["step"]) if lines else 0

@@ -1,0 +1,162 @@
+"""Episodes: motion seen through a simulated device and turned into what a network reads and should say."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple, TypeVar
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from bodysense.body.pose import Pose, forward_kinematics
+from bodysense.body.rotation import quaternion_canonical, quaternion_exp, quaternion_multiply, swing_twist
+from bodysense.devices.simulated.sensors import HEADSET_CAMERA, observe
+from bodysense.io.clip import Clip
+from bodysense.io.resample import resample
+from bodysense_lab.augment import mirrored, with_limb_proportions
+from bodysense_lab.fit import cut, played
+from bodysense_lab.unoc.lost_hands import hide_hands
+from bodysense_lab.unoc.network import BodyNetwork, tracked_of
+
+
+class EpisodeBatch(NamedTuple):
+    """A chunk of B episodes; `begins` marks those that start with this chunk."""
+
+    features: Tensor  # (B, T, F)
+    known: Tensor  # (B, T, P, 3)
+    offset: Tensor  # (B, T, P, 3) the truth in the network's own frame
+    visible: Tensor  # (B, T, P) bool
+    valid: Tensor  # (B, T) bool: frames that are part of the clip
+    fingers: Tensor  # (B,) bool: clips with recorded fingers
+    begins: Tensor  # (B,) bool
+
+
+RATE = 30.0  # Hz, of the paper
+
+
+@dataclass(frozen=True)
+class Variation:
+    """How a pass over the data differs from the recording."""
+
+    mirrored: bool = False
+    limb_spread: float = 0.0  # standard deviation of the factors of limb lengths
+    wrist_bend: float = 0.0  # rad, standard deviation of the bending given to wrists of which none was recorded
+    hand_dropouts_per_minute: float = 0.0
+    rates: tuple[float, float] = (RATE, RATE)  # Hz: the frame rate is drawn between them
+
+
+@dataclass(frozen=True)
+class Episode:
+    """One clip, ready to learn from."""
+
+    features: np.ndarray  # (T, F) what the network reads
+    known: np.ndarray  # (T, P, 3) last known offsets
+    offset: np.ndarray  # (T, P, 3) the truth in the network's frame
+    visible: np.ndarray  # (T, P) bool
+    fingers: bool
+
+    def __len__(self) -> int:
+        return len(self.features)
+
+
+def varied(clip: Clip, variation: Variation, rng: np.random.Generator) -> Clip:
+    """Return a canonical clip at the rate of a pass and with its changes, but for lost hands."""
+    low, high = variation.rates
+    clip = resample(clip, low if low == high else float(np.exp(rng.uniform(np.log(low), np.log(high)))))
+    if variation.wrist_bend:
+        clip = with_bent_wrists(clip, variation.wrist_bend, rng)
+    if variation.mirrored:
+        clip = mirrored(clip)
+    if variation.limb_spread:
+        # The network scales bodies to one stature itself: vary the proportions only.
+        clip = with_limb_proportions(clip, variation.limb_spread, rng)
+    return clip
+
+
+STIFF = np.radians(2.0)  # wrists that never bend further than this were not recorded
+
+
+def with_bent_wrists(clip: Clip, spread: float, rng: np.random.Generator) -> Clip:
+    """The clip with slow random bending of every wrist of which no bending was recorded; others are left alone.
+
+    `spread` is the standard deviation of either axis, radians. A wrist that only ever follows the forearm would tell a
+    network where the elbow is, which no hand does.
+    """
+    pose, rotation = clip.pose, clip.pose.rotation.copy()
+    for side in ("left", "right"):
+        wrist = pose.skeleton.index(f"{side}_wrist")
+        swing, _ = swing_twist(rotation[:, wrist], np.array([1.0, 0.0, 0.0]))
+        if (2 * np.arccos(np.clip(np.abs(swing[:, 0]), 0, 1))).max() > STIFF:
+            continue
+        bend = np.zeros((len(clip), 3))
+        for axis in (1, 2):
+            rate, phase = rng.uniform(0.05, 0.8, 2), rng.uniform(0, 2 * np.pi, 2)
+            waves = np.sin(2 * np.pi * rate * clip.time[:, None] + phase).sum(axis=1)
+            bend[:, axis] = spread * (rng.standard_normal() + waves) / np.sqrt(2)
+        rotation[:, wrist] = quaternion_canonical(quaternion_multiply(rotation[:, wrist], quaternion_exp(bend)))
+    return replace(clip, pose=Pose(pose.skeleton, pose.root_position, rotation))
+
+
+def make_episode(clip: Clip, model: BodyNetwork, variation: Variation, rng: np.random.Generator) -> Episode:
+    """See a canonical clip through the headset's cameras and prepare it for `model`."""
+    clip = varied(clip, variation, rng)
+    observation = observe(clip.pose, clip.time, HEADSET_CAMERA)
+    if variation.hand_dropouts_per_minute:
+        observation = hide_hands(observation, variation.hand_dropouts_per_minute, rng)
+    tracked = tracked_of(observation, clip.pose.skeleton)
+    truth = torch.from_numpy(np.asarray(forward_kinematics(clip.pose)[0], dtype=np.float32))[None]
+    with torch.no_grad():
+        features, known, into, _ = model.prepare(tracked, model.start(1))
+        offset = model.offsets(truth, into, tracked.height)
+    return Episode(
+        features=features[0].numpy(),
+        known=known[0].numpy(),
+        offset=offset[0].numpy(),
+        visible=observation.has_position,
+        fingers=clip.has_fingers,
+    )
+
+
+def lanes(
+    episodes: Sequence[Episode], weight: np.ndarray, lane_count: int, chunk: int, rng: np.random.Generator
+) -> Iterator[EpisodeBatch]:
+    """Endless chunks for truncated backpropagation: each of B lanes plays whole clips, drawn by `weight`.
+
+    The state of a lane carries over from batch to batch, except where `begins`. A clip's last chunk is padded.
+    """
+    share = weight / weight.sum()
+    for pieces, begins in played(lambda: episodes[int(rng.choice(len(episodes), p=share))], lane_count, chunk):
+        yield collate(pieces, chunk, begins)
+
+
+def collate(pieces: Sequence[tuple[Episode, int]], chunk: int, begins: np.ndarray) -> EpisodeBatch:
+    """Cut `chunk` frames from each episode at its start frame (see `cut`)."""
+    return EpisodeBatch(
+        **cut(pieces, chunk, ("features", "known", "offset", "visible")),
+        fingers=torch.tensor([episode.fingers for episode, _ in pieces]),
+        begins=torch.from_numpy(begins),
+    )
+
+
+def windows(
+    episodes: Sequence[Episode], window: int, stride: int, batch: int, rng: np.random.Generator
+) -> Iterator[EpisodeBatch]:
+    """One epoch of windows that end at every `stride`-th frame of every clip, shuffled (reproduce.md 1.5)."""
+    first = [int(rng.integers(min(stride, len(episode)))) for episode in episodes]
+    ends = [(k, end) for k, episode in enumerate(episodes) for end in range(first[k], len(episode), stride)]
+    order = rng.permutation(len(ends))
+    for begin in range(0, len(order), batch):
+        chosen = [ends[i] for i in order[begin : begin + batch]]
+        pieces = [(episodes[k], end - window + 1) for k, end in chosen]
+        yield collate(pieces, window, np.ones(len(pieces), dtype=bool))
+
+
+Batch = TypeVar("Batch", bound=NamedTuple)
+_OF_EPISODES = ("start", "fingers", "begins")  # fields of a batch without an axis of time
+
+
+def last_frame(batch: Batch) -> Batch:
+    """Return the last frame of windows, which is the one that they answer."""
+    return batch._replace(**{k: value[:, -1:] for k, value in batch._asdict().items() if k not in _OF_EPISODES})
