@@ -181,7 +181,7 @@ class Subject:
         return tuple(name for name in self.body if not name.endswith(("_foot", "_toe")))
 
     def parent(self, name: str) -> str:
-        """Return the nearest ancestor of a point that is known too. Raises Absent if there is none."""
+        """Return the nearest ancestor of a point that is known too. Raises Absent if no ancestor is known."""
         found = nearest_ancestor(name, self._present)
         if found is None:
             raise Absent(f"no bone to {name}")

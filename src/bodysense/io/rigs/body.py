@@ -135,7 +135,7 @@ class Limbs:
 
     @cached_property
     def head(self) -> Head | None:
-        """The joints over the shoulders; None if there are none."""
+        """The joints over the shoulders; None without such joints."""
         return _head_of(self)
 
     def over_hips(self, point: int) -> float:
@@ -316,7 +316,7 @@ def _spine_of(limbs: Limbs, zero: float) -> tuple[list[int], int, int | None]:
 
 
 def _head_of(limbs: Limbs) -> Head | None:
-    """Return the joints over the shoulders of a body with these limbs; None if there are none."""
+    """Return the joints over the shoulders of a body with these limbs; None without such joints."""
     tree, figure, taken = limbs.tree, limbs.tree.figure, limbs.points
     # Heights (P,) of all points over the shoulders and distances (P,) from the middle, in lengths of the trunk.
     length = np.maximum(np.linalg.norm(limbs.trunk, axis=-1, keepdims=True), 1e-9)

@@ -24,7 +24,7 @@ _PARENTS = [_SKELETON.parents[point] for point in HAND_POINTS[0]]
 _CARRIED_BY = [1 + _JOINTS.index(above) if above in _JOINTS else 0 for above in _PARENTS]  # among [wrist, joints]
 _PATH = torch.tensor(_SKELETON.path[np.ix_(HAND_POINTS[0], HAND_POINTS[0])], dtype=torch.float32)
 MOVING = [point for point, above in enumerate(_CARRIED_BY) if above]  # points that bend with the fingers
-# What vectors of both hands are multiplied by: the right one in a mirror.
+# Factors of vectors of both hands: the right one in a mirror.
 FLIP = torch.tensor([[1.0, 1, 1], [-1, 1, 1]])
 SMALLEST_ERROR = 0.001  # m
 ERROR_BIAS = -4.0  # of the expected error before it is made positive

@@ -405,7 +405,7 @@ def _noise(shape: tuple[int, ...], rate: float, rng: np.random.Generator) -> np.
 
 
 def _shaken(rotation: np.ndarray, radians: np.ndarray, rate: float, rng: np.random.Generator) -> np.ndarray:
-    """Return rotations (T, ..., 4) that drift by so many radians (...)."""
+    """Return rotations (T, ..., 4) that drift; `radians` (...) scale how far."""
     shape = (*rotation.shape[:-1], 3)
     turns = wander(shape[0], math.prod(shape[1:]), rate, 1.0, rng).reshape(shape) * radians[..., None] * 0.6
     return quaternion_multiply(quaternion_exp(turns), rotation)

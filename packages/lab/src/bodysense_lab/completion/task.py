@@ -127,7 +127,7 @@ class CompletionTask(Task):
 
 @dataclass(frozen=True, eq=False)
 class FingerTask(CompletionTask):
-    """The same for the fingers' network, which reads and places the hands of the sequences."""
+    """Task for the fingers' network, which reads and places the hands of the sequences."""
 
     generated: np.ndarray | None = None  # (N, 30, 4)
 

@@ -52,7 +52,7 @@ _NONE = (None,) * len(DURATIONS)
 
 @dataclass(frozen=True)
 class GloveLine:
-    """A row of a table: a method with so many hidden markers, by duration."""
+    """A row of a table: a method with some number of hidden markers, by duration."""
 
     method: str
     name: str  # of the method
