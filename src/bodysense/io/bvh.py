@@ -117,7 +117,7 @@ def write_bvh(path: str | Path, clip: Clip, unit: float = _UNIT, order: str = _O
     hierarchy, written = _hierarchy(pose.skeleton, unit, order)
     with written_beside(path) as part, part.open("w", encoding="utf-8", newline="\n") as file:
         file.write(f"{hierarchy}MOTION\nFrames: {len(rotation)}\nFrame Time: {1 / frame_rate:.10g}\n")
-        _write_frames(file, root, rotation[:, written], unit, order)
+        _write_frames(file, root, rotation, written, unit, order)
 
 
 class BvhStream(AbstractContextManager["BvhStream"]):
@@ -148,7 +148,7 @@ class BvhStream(AbstractContextManager["BvhStream"]):
         """Add a motion (T, …) whose frames were taken at increasing `time` (T,) s."""
         if not len(time):
             return
-        parts = time, np.asarray(pose.root_position), np.asarray(pose.rotation)[:, self._order]
+        parts = time, np.asarray(pose.root_position), np.asarray(pose.rotation)
         if self._last is None:
             self._begun, self._last = float(time[0]), tuple(part[:1] for part in parts)
         time, root, rotation = (np.concatenate(pair) for pair in zip(self._last, parts, strict=True))
@@ -174,16 +174,18 @@ class BvhStream(AbstractContextManager["BvhStream"]):
         self._stack.__exit__(*error)  # type: ignore[arg-type]
 
     def _write(self, root: np.ndarray, rotation: np.ndarray) -> None:
-        _write_frames(self._file, root, rotation, _UNIT, _ORDER)
+        _write_frames(self._file, root, rotation, self._order, _UNIT, _ORDER)
         self.frames += len(root)
 
 
-def _write_frames(file: TextIO, root: np.ndarray, rotation: np.ndarray, unit: float, order: str) -> None:
-    """Write frames: root (T, 3) m, local rotations (T, J, 4) in the order of the HIERARCHY section."""
-    row = " ".join(["%.6f"] * (3 + 3 * rotation.shape[1])) + "\n"
+def _write_frames(
+    file: TextIO, root: np.ndarray, rotation: np.ndarray, written: list[int], unit: float, order: str
+) -> None:
+    """Write frames: root (T, 3) m, local rotations (T, J, 4) of joints `written`, in the order of the HIERARCHY."""
+    row = " ".join(["%.6f"] * (3 + 3 * len(written))) + "\n"
     for start in range(0, len(root), _BLOCK):
         block = slice(start, start + _BLOCK)
-        angles = np.rad2deg(quaternion_to_euler(rotation[block], order))
+        angles = np.rad2deg(quaternion_to_euler(rotation[block][:, written], order))
         values = np.concatenate([root[block] / unit, angles.reshape(len(angles), -1)], axis=1)
         file.write(row * len(values) % tuple(values.ravel().tolist()))  # one formatting call, for speed
 
