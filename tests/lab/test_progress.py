@@ -13,7 +13,7 @@ import pytest
 import torch
 from torch import Tensor, nn
 
-from bodysense_lab import fit, progress
+from bodysense_lab import fit, progress, sweep
 from bodysense_lab.options import Schedule
 
 
@@ -89,7 +89,7 @@ def test_a_log_of_many_networks_has_their_pace(
 ) -> None:
     monkeypatch.delenv("FORCE_COLOR", raising=False)
     monkeypatch.syspath_prepend(Path(__file__).parents[2])  # where a process of its own finds `small`
-    fit.sweep({"a": 4, "b": 4}, partial(small, tmp_path), lambda name: False, tmp_path, jobs)
+    sweep.sweep({"a": 4, "b": 4}, partial(small, tmp_path), lambda name: False, tmp_path, jobs)
     said = capfd.readouterr().out
     for name in "ab":
         lines = [line for line in said.splitlines() if line.startswith(f"{name} step ")]

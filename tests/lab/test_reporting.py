@@ -22,7 +22,7 @@ def test_a_report_without_panels(tmp_path: Path, capsys: pytest.CaptureFixture[s
 
 @pytest.mark.parametrize("quick", [True, False])
 def test_a_quick_table_says_of_how_many_clips(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, quick: bool) -> None:
-    monkeypatch.setattr("bodysense_lab.datasets.count_clips", lambda path, split: 38)
+    monkeypatch.setattr("bodysense_lab.clips.count_clips", lambda path, split: 38)
     report = Report("plain", "A table", ("what", "cm"), (("one", 1.0),), {"clips": 12.0})
     out = tmp_path / "plain.json"
     finish(report, TableOptions(out=tmp_path, json=out, quick=quick), DataSet("some", tmp_path))
