@@ -46,6 +46,6 @@ def write_pictures(path: str | Path, drawn: Iterable[np.ndarray], rate: float) -
             append_images=pictures[1:],
             duration=np.diff(ends).tolist(),
             loop=0,
-            quality=80,
+            quality=76,
             method=2,
         )
