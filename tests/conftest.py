@@ -53,7 +53,7 @@ def pytest_configure() -> None:
 
 # Files with tests of a minute: they begin first, so that no process waits for another at the end.
 LONG = ("tests/extras/test_install.py", "tests/lab/commands/test_resuming.py", "tests/cli/test_trials.py")
-# Folders whose tests are not beside each other: of free ports and multicast, of one slow export, and of browsers.
+# Folders whose tests run in one process: they take free ports and multicast, share one slow export, or drive browsers.
 TOGETHER = ("tests/live/", "tests/lab/hmd_vae/", "tests/web/")
 
 
@@ -259,7 +259,7 @@ def quick_completion(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture
 def in_threads(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What the laboratory would do in other processes is done in a thread: each process imports PyTorch."""
+    """Run the laboratory's other processes as threads: each process would import PyTorch."""
     monkeypatch.setattr("bodysense_lab.spread.ProcessPoolExecutor", lambda *given, **options: ThreadPoolExecutor(1))
 
 

@@ -24,7 +24,7 @@ def files(folder: Path) -> list[str]:
 def broken(tmp_path: Path, motion: Path, short_clip: Clip) -> Path:
     """A folder of files each of which is wrong in its own way; good ones are `motion.bvh` and `seen.npz`.
 
-    What else can be wrong in a file, tests of its reader say: all errors become a line in the same way.
+    Tests of readers cover other faults of files: all errors become a line in the same way.
     """
     lines = motion.read_text().splitlines()
     start = next(k for k, line in enumerate(lines) if line.startswith("Frame Time"))

@@ -67,6 +67,15 @@ def test_deviations_are_those_of_the_fit(speed: float) -> None:
     assert 0.7 < rms(rotation) / expected < 1.3
 
 
+def test_head_like_paths_err_as_was_measured() -> None:
+    """Position 0.8 mm (slow) to 1.5 mm rms, 99 % within 1.5-3.7 mm; rotation 0.09-0.33°."""
+    for speed in (0.2, 0.4):
+        position, rotation = errors(moving_head(speed))
+        assert 0.7 * 0.8 < rms(position) < 1.3 * 1.5
+        assert 0.7 * 1.5 < np.percentile(np.linalg.norm(position, axis=-1), 99) < 1.3 * 3.7
+        assert 0.7 * 0.09 < rms(rotation) < 1.3 * 0.33
+
+
 @pytest.mark.parametrize("speed", [0.2, 0.4])
 def test_the_drift_follows_the_way_travelled(speed: float) -> None:
     """Its correlation falls to 1/e after 0.23-0.39 m, whatever the speed."""

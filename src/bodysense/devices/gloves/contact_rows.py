@@ -14,6 +14,8 @@ from bodysense.devices.gloves.fingers import HandPoses, HandShape, finger_chains
 from bodysense.devices.gloves.meetings import COUNT
 from bodysense.errors import BodysenseError
 
+_MOST_ROUNDS = 40  # of active sets; then the last solution is returned
+
 
 @dataclass(frozen=True)
 class ContactSettings:
@@ -109,9 +111,6 @@ def tip_pairs(hands: int) -> list[tuple[int, int]]:
     for one, other in combinations(range(hands), 2):
         pairs += [(count * one + a, count * other + b) for a, b in product(range(count), repeat=2)]
     return pairs
-
-
-_MOST_ROUNDS = 40  # then the last solution is returned
 
 
 def least_change(

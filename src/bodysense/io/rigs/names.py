@@ -240,7 +240,7 @@ def _finger_of(name: _Name, names: Sequence[_Name]) -> tuple[str, int] | None:
     if part == "finger" and numbers:  # Finger0, Finger01, Finger0Nub; Finger01, Finger11; Finger1Proximal
         others = [other.after for other in names if other.word == "finger"]
         firsts = {word[0] for after in others for word in [word for word in after if word.isdigit()][:1]}
-        is_bare = any("0" in after for after in others)  # the first joint of a finger has no number
+        is_bare = any("0" in after for after in others)  # the first joint of a finger is not numbered
         is_zero_based = is_bare or {"0"} < firsts
         which, numbers = int(numbers[0][0]) - (not is_zero_based), [numbers[0][1:], *numbers[1:]]
         joint = next((int(number) + is_bare for number in numbers if number), 1 if is_bare else -1)
