@@ -77,8 +77,9 @@ def test_every_pool_ends_with_its_parent() -> None:
 @pytest.mark.slow
 def test_on_a_scheduler() -> None:
     distributed = pytest.importorskip("distributed")
+    anywhere = "127.0.0.1:0"  # by default each cluster's page takes port 8787
     with distributed.LocalCluster(
-        n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None
+        n_workers=1, threads_per_worker=1, processes=False, dashboard_address=anywhere
     ) as cluster:
         assert list(spread(sqrt, NUMBERS, 1, cluster.scheduler_address)) == ROOTS
 

@@ -75,7 +75,8 @@ def test_two_workers_elsewhere_share_nothing_but_the_folder(folder: Path, tmp_pa
     away = tmp_path / "away"
     away.mkdir()
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
-    with distributed.LocalCluster(n_workers=0, dashboard_address=None) as cluster:
+    anywhere = "127.0.0.1:0"  # by default each cluster's page takes port 8787
+    with distributed.LocalCluster(n_workers=0, dashboard_address=anywhere) as cluster:
         command = [sys.executable, "-m", "distributed.cli.dask_worker", cluster.scheduler_address, "--no-dashboard"]
         workers = [subprocess.Popen([*command, "--nthreads", "1"], cwd=away, env=environment) for _ in range(2)]
         try:
