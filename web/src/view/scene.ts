@@ -31,7 +31,7 @@ const RADIUS = 4.5; // m, of the floor
 const [SHADE, SHADE_AT] = [1.65, [-0.38, 0, -0.56]] as const; // m: within what the light sees of the floor
 const CLEAR = 200; // pixels between the middle of the body and what is beside it
 const FINEST = 4; // anisotropy of textures
-const AFTER = 2.5; // per s: how fast the camera goes after somebody who walks
+const AFTER = 4; // per s: how fast the camera goes after somebody who walks
 
 /** The part of a distance, m, that the camera moves by within `seconds`; the same however many pictures are drawn. */
 export function followed(distance: number, seconds: number): number {
@@ -139,6 +139,11 @@ export class View {
     this.floor.position.setX(x).setZ(z);
   }
 
+  /** Whether bodies cast shadows; a device that is too slow for it has none. */
+  get castsShadows(): boolean {
+    return this.renderer.shadowMap.enabled;
+  }
+
   /** Move the floor up or down to a height, m. */
   floorAt(height: number): void {
     this.floor.position.y = height;
@@ -184,7 +189,7 @@ export class View {
       if (!this.renderer.xr.isPresenting) {
         this.controls.update();
         if (this.thrift.frame(milliseconds)) this.resize();
-        this.shade.visible = this.renderer.shadowMap.enabled;
+        this.shade.visible = this.castsShadows;
       }
       if (isDue) this.renderer.render(this.scene, this.camera);
     });
