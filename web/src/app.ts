@@ -448,9 +448,6 @@ export class App {
       const ghosts = this.settings.ghosts && !this.source.isYou && !this.view.isClear && this.first.isMoving;
       const shown = { ...this.settings, ghosts };
       this.bodies.show(moment, this.tree, shown, seconds);
-      const { contactShadow } = this.bodies;
-      contactShadow.group.visible = !this.view.castsShadows && !this.headset.isWorn;
-      contactShadow.show(moment.body, this.tree.points);
       if (!this.headset.isWorn) this.view.follow(moment.rootPosition[0], moment.rootPosition[2], passed);
     }
     if (milliseconds - this.toldAt < FACTS_EVERY) return;

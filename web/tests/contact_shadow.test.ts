@@ -1,6 +1,6 @@
-import { Vector3 } from "three";
+import { PerspectiveCamera, Vector3 } from "three";
 import { describe, expect, it } from "vitest";
-import { ContactShadow } from "../src/view/contact_shadow";
+import { CONTACT_SHADOWS, ContactShadow } from "../src/view/contact_shadow";
 
 const NAMES = ["left_hip", "right_hip", "left_ankle", "right_ankle", "left_toe", "right_toe"];
 /** Feet 0.2 m apart; the right one stands ahead by `ahead` m, the left one is lifted by `lift` m and turned by `turn`. */
@@ -44,5 +44,13 @@ describe("contact shadows", () => {
     expect(darkness[1]).toBeGreaterThan(darkness[2]);
     expect(darkness[3]).toBe(0);
     expect(spots(0, -0.02)[0].material.opacity).toBe(darkness[0]); // a toe below the floor
+  });
+
+  it("are drawn by cameras that ask for them alone", () => {
+    const camera = new PerspectiveCamera();
+    const drawn = () => spots(0, 0).filter(({ layers }) => layers.test(camera.layers)).length;
+    expect(drawn()).toBe(0);
+    camera.layers.enable(CONTACT_SHADOWS);
+    expect(drawn()).toBe(3);
   });
 });

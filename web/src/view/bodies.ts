@@ -27,7 +27,7 @@ export class Bodies {
   private skeleton: Skeleton | null = null; // that the figures are built for
   private readonly signal = new SignalView();
   private readonly ghosts = new GhostView();
-  readonly contactShadow = new ContactShadow();
+  private readonly contactShadow = new ContactShadow();
 
   constructor(private readonly stage: Object3D) {
     stage.add(this.signal.group, this.ghosts.group, this.contactShadow.group);
@@ -50,6 +50,8 @@ export class Bodies {
     this.signal.show(moment.signal);
     this.ghosts.group.visible = shown.ghosts;
     this.ghosts.show(moment.signal);
+    this.contactShadow.group.visible = true;
+    this.contactShadow.show(moment.body, tree.points);
   }
 
   /** Nothing is on the stage. */

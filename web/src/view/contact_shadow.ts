@@ -18,6 +18,7 @@ const SPOTS: readonly Spot[] = [
   { points: ["left_hip", "right_hip"], width: 0.9, length: 0.9, darkness: 0.35, reach: 2.5 },
 ];
 const SIZE = 32; // pixels of the texture
+export const CONTACT_SHADOWS = 3; // layer: cameras that see it draw contact shadows
 
 export class ContactShadow {
   readonly group = new Group();
@@ -31,6 +32,7 @@ export class ContactShadow {
       const spot = new Mesh(shape, new MeshBasicMaterial(look));
       spot.scale.set(width, 1, length);
       spot.renderOrder = -1; // after the floor
+      spot.layers.set(CONTACT_SHADOWS);
       return spot;
     });
     this.group.add(...this.spots);

@@ -19,6 +19,7 @@ import {
   WebGLRenderer,
 } from "three";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
+import { CONTACT_SHADOWS } from "./contact_shadow";
 import { Thrift } from "./thrift";
 
 export type Look = "light" | "dark";
@@ -139,11 +140,6 @@ export class View {
     this.floor.position.setX(x).setZ(z);
   }
 
-  /** Whether bodies cast shadows; a device that is too slow for it has none. */
-  get castsShadows(): boolean {
-    return this.renderer.shadowMap.enabled;
-  }
-
   /** Move the floor up or down to a height, m. */
   floorAt(height: number): void {
     this.floor.position.y = height;
@@ -189,8 +185,10 @@ export class View {
       if (!this.renderer.xr.isPresenting) {
         this.controls.update();
         if (this.thrift.frame(milliseconds)) this.resize();
-        this.shade.visible = this.castsShadows;
+        this.shade.visible = this.renderer.shadowMap.enabled;
       }
+      const isShaded = !this.renderer.xr.isPresenting && !this.renderer.shadowMap.enabled;
+      this.camera.layers[isShaded ? "enable" : "disable"](CONTACT_SHADOWS);
       if (isDue) this.renderer.render(this.scene, this.camera);
     });
   }
