@@ -29,7 +29,7 @@ class Oracle:
         return [self.of_scene(self.find(one)) for one in observations]
 
     def of_scene(self, scene: TrackedScene) -> Tracked:
-        truth = scene.placed[0]
+        truth = scene.world_pose[0]
         position = self.change(truth.copy(), scene)
         error = np.linalg.norm(position - truth, axis=-1)
         confidence = error if self.confidence is None else np.full(error.shape, self.confidence)
@@ -43,7 +43,7 @@ class Oracle:
 
 
 def _head(scene: TrackedScene) -> np.ndarray:
-    return scene.placed[0][:, scene.skeleton.index("head")]
+    return scene.world_pose[0][:, scene.skeleton.index("head")]
 
 
 @pytest.fixture(scope="session")

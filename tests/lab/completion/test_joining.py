@@ -1,4 +1,4 @@
-"""Training of the joining network: PyTorch gives what NumPy gives, losses are of the shown body, takes are kept."""
+"""Training of the joining network: PyTorch agrees with NumPy, the losses are of the joined body, takes are cached."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ from bodysense.completion.joining_network import load_joining, moved_share
 from bodysense.demo import packaged_performance
 from bodysense.errors import BodysenseError
 from bodysense_lab.completion import joining_takes
-from bodysense_lab.completion.joining_takes import KINDS, JoinedTake, draw_takes, kept_takes
+from bodysense_lab.completion.joining_takes import KINDS, JoinedTake, cached_takes, draw_takes
 from bodysense_lab.completion.joining_task import (
     JoiningConfig,
     JoiningModule,
     JoiningTask,
     JoiningTaskConfig,
+    calibrate_errors,
+    head_relative_kinematics,
     joined_rotation,
-    make_errors_true,
-    placed,
     write_joining,
 )
 from bodysense_lab.options import Schedule
@@ -67,10 +67,10 @@ def test_a_network_of_more_blocks_is_refused(takes: list[JoinedTake], tmp_path: 
         load_joining(tmp_path / "net.safetensors")
 
 
-def test_expected_errors_are_made_true(takes: list[JoinedTake]) -> None:
-    """On the takes themselves errors are as expected in the mean, and nine in ten are below their bounds."""
+def test_expected_errors_are_calibrated(takes: list[JoinedTake]) -> None:
+    """On these takes the mean error equals the expected one, and nine in ten errors are below their bounds."""
     network = module_of(takes[0])
-    make_errors_true(network, takes)
+    calibrate_errors(network, takes)
     error, expected, bound = list[np.ndarray](), list[np.ndarray](), list[np.ndarray]()
     for take in takes:
         batch = {
@@ -81,10 +81,10 @@ def test_expected_errors_are_made_true(takes: list[JoinedTake]) -> None:
         with torch.no_grad():
             turn, odds, larger = network(batch["features"])
             offset = batch["rest_offset"][:, None]
-            shown, _ = placed(joined_rotation(batch, turn, odds), offset, batch["world"], turned)
-            truth, _ = placed(batch["truth"], offset)
+            position, _ = head_relative_kinematics(joined_rotation(batch, turn, odds), offset, batch["world"], turned)
+            truth, _ = head_relative_kinematics(batch["truth"], offset)
         logarithm = take.expected + larger[0].numpy() + network.error_offset.numpy()
-        error.append(np.linalg.norm((shown - truth)[0].numpy(), axis=-1))
+        error.append(np.linalg.norm((position - truth)[0].numpy(), axis=-1))
         expected.append(np.exp(logarithm))
         bound.append(np.exp(logarithm + take.spread + network.bound_offset.numpy()))
     hidden = np.concatenate([take.hidden for take in takes])
@@ -95,41 +95,41 @@ def test_expected_errors_are_made_true(takes: list[JoinedTake]) -> None:
     assert network.error_offset[pair[0]] == network.error_offset[pair[1]] != 0
 
 
-def test_the_learned_body_is_the_shown_one(takes: list[JoinedTake]) -> None:
-    """Shares, turns and tracked rotations give the body that `two_way` joins."""
+def test_training_and_tracker_join_the_same_body(takes: list[JoinedTake]) -> None:
+    """The same shares, turns and tracked rotations give the body that `two_way` computes."""
     skeleton, take = packaged_performance().pose.skeleton, takes[0]
     rng = np.random.default_rng(6)
     turn = rng.normal(0, 0.3, (len(take), len(BODY), 3))
     odds = rng.normal(0, 1, (len(take), len(BODY)))
     turned = rng.random(odds.shape) < 0.2
     batch = {name: torch.from_numpy(getattr(take, name).astype(np.float64)) for name in ("past", "future", "share")}
-    learned = joined_rotation(batch, torch.from_numpy(turn), torch.from_numpy(odds))
+    joined = joined_rotation(batch, torch.from_numpy(turn), torch.from_numpy(odds))
     world, offset = (torch.from_numpy(one.astype(np.float64)) for one in (take.world, take.rest_offset))
-    _, local = placed(learned, offset, world, torch.from_numpy(turned))
+    _, local = head_relative_kinematics(joined, offset, world, torch.from_numpy(turned))
 
     share = moved_share(take.share.astype(float)[:, None], odds)
     mean = mean_rotation(take.past.astype(float), take.future.astype(float), share[..., None])
-    shown = np.zeros((len(take), len(skeleton.joints), 4))
-    shown[..., 0] = 1
+    rotation = np.zeros((len(take), len(skeleton.joints), 4))
+    rotation[..., 0] = 1
     body = skeleton.indices(BODY)
-    whole, has = shown.copy(), np.zeros(shown.shape[:2], dtype=bool)
-    shown[:, body] = quaternion_multiply(mean, quaternion_exp(turn))
+    whole, has = rotation.copy(), np.zeros(rotation.shape[:2], dtype=bool)
+    rotation[:, body] = quaternion_multiply(mean, quaternion_exp(turn))
     whole[:, body], has[:, body] = take.world, turned
-    shown = kept_turns(skeleton, shown, whole, has)
-    assert geodesic_angle(local.numpy(), shown[:, body]).max() < 1e-3  # quaternions of a file have three digits
+    rotation = kept_turns(skeleton, rotation, whole, has)
+    assert geodesic_angle(local.numpy(), rotation[:, body]).max() < 1e-3  # quaternions of a file have three digits
 
 
-def test_places_are_those_of_forward_kinematics() -> None:
+def test_positions_are_those_of_forward_kinematics() -> None:
     pose = packaged_performance().pose[:40]
     body, head = pose.skeleton.indices(BODY), pose.skeleton.index("head")
     position = np.asarray(forward_kinematics(pose)[0])
-    found, _ = placed(
+    found, _ = head_relative_kinematics(
         torch.from_numpy(np.asarray(pose.rotation)[:, body]), torch.from_numpy(pose.skeleton.rest_offset[body])
     )
     np.testing.assert_allclose(found.numpy(), position[:, body] - position[:, [head]], atol=1e-9)
 
 
-def test_a_short_training_comes_nearer(takes: list[JoinedTake]) -> None:
+def test_a_short_training_lowers_the_score(takes: list[JoinedTake]) -> None:
     config = JoiningTaskConfig(JoiningConfig(takes[0].features.shape[1], width=24), takes=2, frames=60)
     torch.manual_seed(0)
     network = JoiningModule(config.network)
@@ -146,8 +146,8 @@ def test_a_short_training_comes_nearer(takes: list[JoinedTake]) -> None:
 
 
 @pytest.mark.parametrize("term", ["position", "rotation", "velocity", "haste", "certainty"])
-def test_each_term_counts(takes: list[JoinedTake], term: str) -> None:
-    """A body that is wrong in what the term is about costs more than the truth."""
+def test_each_term_penalises_its_error(takes: list[JoinedTake], term: str) -> None:
+    """A body with an error of the kind that the term measures has a larger term than the truth."""
     take = takes[0]
     exact = replace(take, past=take.truth, future=take.truth, head=take.true_head, turned=np.zeros_like(take.turned))
     wrong = exact.past.copy()
@@ -168,8 +168,8 @@ def cost_of(term: str, take: JoinedTake) -> float:
     return float(terms[term].detach())
 
 
-def test_the_true_error_is_the_cheapest_expectation(takes: list[JoinedTake]) -> None:
-    """The term is the error by its expectation, and the logarithm of that: least where the expectation is the error."""
+def test_the_true_error_is_the_expectation_of_least_loss(takes: list[JoinedTake]) -> None:
+    """The term is error / expectation + log(expectation), which is least if the expectation equals the error."""
     weight = JoiningTaskConfig(JoiningConfig(1)).losses.certainty
 
     def cost(expected: float) -> float:
@@ -196,7 +196,7 @@ def test_every_kind_of_take_is_drawn(monkeypatch: pytest.MonkeyPatch) -> None:
         assert np.abs(np.linalg.norm(take.past.astype(float), axis=-1) - 1).max() < 1e-2
 
 
-def test_takes_are_kept_once_they_are_whole(takes: list[JoinedTake], tmp_path: Path) -> None:
+def test_takes_are_cached_once_all_are_drawn(takes: list[JoinedTake], tmp_path: Path) -> None:
     drawn = list[int]()
 
     def draw() -> Iterator[JoinedTake]:
@@ -204,13 +204,13 @@ def test_takes_are_kept_once_they_are_whole(takes: list[JoinedTake], tmp_path: P
             drawn.append(number)
             yield takes[number % 2]
 
-    def kept() -> list[JoinedTake]:
-        return kept_takes(tmp_path / "train", draw, 2 * len(takes[0]))
+    def cached() -> list[JoinedTake]:
+        return cached_takes(tmp_path / "train", draw, 2 * len(takes[0]))
 
-    first, again = kept(), kept()
+    first, again = cached(), cached()
     assert len(first) == len(again) == len(drawn) >= 2
-    fewer = kept_takes(tmp_path / "train", draw, 1)
-    assert len(fewer) == 1 == len(list((tmp_path / "train").glob("*.npz"))) and len(kept()) == len(first)
+    fewer = cached_takes(tmp_path / "train", draw, 1)
+    assert len(fewer) == 1 == len(list((tmp_path / "train").glob("*.npz"))) and len(cached()) == len(first)
     for one, other in zip(first, again, strict=True):
         np.testing.assert_array_equal(one.features, other.features)
         np.testing.assert_array_equal(one.true_head, other.true_head)

@@ -14,20 +14,21 @@ from bodysense.devices.simulated.sensors import SENSOR_SETS
 from bodysense.io.clip import Clip
 from bodysense.observation import check_observation
 from bodysense_lab.completion.scenes import (
-    STRANGERS,
+    UNSEEN_BODIES,
     TrackedScene,
     batches,
     body_split,
     person_of,
     scene_of,
-    stacked,
-    stranger_of,
+    stack_observations,
+    unseen_body,
 )
 
 
-def test_strangers_are_in_no_other_split() -> None:
+def test_unseen_bodies_are_in_no_other_split() -> None:
     bodies = {
-        split: sample_bodies(split, STRANGERS).reshape(STRANGERS, -1) for split in ("train", "validation", "test")
+        split: sample_bodies(split, UNSEEN_BODIES).reshape(UNSEEN_BODIES, -1)
+        for split in ("train", "validation", "test")
     }
     for split in ("train", "validation"):
         assert cdist(bodies["test"], bodies[split]).min() > 1e-3
@@ -39,19 +40,19 @@ def test_strangers_are_in_no_other_split() -> None:
     )
 
 
-def test_a_clip_always_moves_on_the_same_stranger(clips: list[Clip]) -> None:
-    bodies = sample_bodies("test", STRANGERS)
-    one = stranger_of(clips[0], "test")
+def test_a_clip_always_has_the_same_unseen_body(clips: list[Clip]) -> None:
+    bodies = sample_bodies("test", UNSEEN_BODIES)
+    one = unseen_body(clips[0], "test")
     assert any((one.rest_offset == body).all() for body in bodies)
     np.testing.assert_array_equal(
-        stranger_of(replace(clips[0], pose=clips[1].pose), "test").rest_offset, one.rest_offset
+        unseen_body(replace(clips[0], pose=clips[1].pose), "test").rest_offset, one.rest_offset
     )
-    assert (stranger_of(clips[1], "test").rest_offset != one.rest_offset).any()
-    assert (stranger_of(clips[0], "val").rest_offset != one.rest_offset).any()
+    assert (unseen_body(clips[1], "test").rest_offset != one.rest_offset).any()
+    assert (unseen_body(clips[0], "val").rest_offset != one.rest_offset).any()
 
 
-def test_what_the_tracker_is_told(clips: list[Clip]) -> None:
-    skeleton = stranger_of(clips[0], "test")
+def test_the_tracker_knows_the_body_in_the_given_part(clips: list[Clip]) -> None:
+    skeleton = unseen_body(clips[0], "test")
     for body in ("own", "stranger"):
         person = person_of(body, skeleton)
         assert person.skeleton is skeleton and not person.bone_deviation.any()
@@ -60,7 +61,7 @@ def test_what_the_tracker_is_told(clips: list[Clip]) -> None:
         float(stature(skeleton.rest_offset)), abs=0.002
     )
     assert (of_height.skeleton.rest_offset != skeleton.rest_offset).any()
-    other = person_of("nothing", stranger_of(clips[1], "test"))
+    other = person_of("nothing", unseen_body(clips[1], "test"))
     np.testing.assert_array_equal(of_nothing.skeleton.rest_offset, other.skeleton.rest_offset)
     assert of_nothing.bone_deviation.mean() > of_height.bone_deviation.mean() > 0
 
@@ -81,7 +82,7 @@ def test_batches_are_of_clips_of_similar_length(clips: list[Clip]) -> None:
 
 def test_shorter_observations_end_with_their_last_frame(scenes: list[TrackedScene]) -> None:
     seen = [scene.observe(SENSOR_SETS["headset_camera"]) for scene in scenes]
-    batch = check_observation(stacked(seen))
+    batch = check_observation(stack_observations(seen))
     assert batch.position.shape == (len(scenes), 90, 65, 3)
     for index, one in enumerate(seen):
         np.testing.assert_array_equal(batch.position[index, : len(one)], one.position)

@@ -38,9 +38,9 @@ SMALL = CompletionSettings(sets=("three_point", "headset_camera"), edges=0)
 
 
 def exact(scene: TrackedScene, position: np.ndarray | None = None) -> Tracked:
-    shape = scene.placed[0].shape[:2]
+    shape = scene.world_pose[0].shape[:2]
     return Tracked(
-        position=scene.placed[0].copy() if position is None else position,
+        position=scene.world_pose[0].copy() if position is None else position,
         rotation=scene.pose.rotation.copy(),
         confidence=np.full(shape, 0.01),
         bound=np.full(shape, 0.02),
@@ -60,7 +60,7 @@ def seen(scene: TrackedScene) -> Observation:
 
 def test_measured_points_that_are_off_are_found(scene: TrackedScene, seen: Observation) -> None:
     """A wrist that is 3 cm off is one of three measured points, and beyond its bound of 2 cm."""
-    position = scene.placed[0].copy()
+    position = scene.world_pose[0].copy()
     position[:, scene.skeleton.index("left_wrist"), 0] += 0.03
     numbers = measure_sight(scene, seen, exact(scene, position)).numbers()
     assert numbers["measured_p95_cm"] == pytest.approx(3, rel=0.01)
@@ -82,10 +82,10 @@ def test_measured_rotations_that_are_turned_are_found(scene: TrackedScene, seen:
 
 
 def test_jumps_are_split_by_where_they_are(scene: TrackedScene, seen: Observation) -> None:
-    lost = with_finger(seen, scene.placed[0][:, scene.skeleton.index(FINGER)], False)
+    lost = with_finger(seen, scene.world_pose[0][:, scene.skeleton.index(FINGER)], False)
     lost.has_position[30, lost.points.index(FINGER)] = True  # changes in frames 30 and 31
     lost.position[30, lost.points.index(FINGER)] = 0.0
-    position = scene.placed[0].copy()
+    position = scene.world_pose[0].copy()
     position[31:, scene.skeleton.index("left_knee"), 1] += 0.2
     position[50:, scene.skeleton.index("left_knee"), 1] += 0.2
     numbers = measure_sight(scene, lost, exact(scene, position)).numbers()
@@ -99,7 +99,7 @@ def test_a_hand_that_leaps_back_has_a_higher_peak(scene: TrackedScene, seen: Obs
     assert (~lost.has_position[:, 1]).any()
     same = measure_transitions(scene, lost, exact(scene)).numbers()
     assert same["pj_ratio"] == 1 and same["auj"] == 0
-    position = scene.placed[0].copy()
+    position = scene.world_pose[0].copy()
     hidden = ~lost.has_position[:, lost.points.index("left_wrist")]
     position[hidden, scene.skeleton.index("left_wrist"), 1] -= 0.3
     leapt = measure_transitions(scene, lost, exact(scene, position)).numbers()
@@ -134,7 +134,7 @@ def test_hands_are_lost_alone_and_nothing_else_is(seed: int) -> None:
 
 
 def test_a_finger_blinks_and_nothing_else_changes(scene: TrackedScene, seen: Observation) -> None:
-    place = scene.placed[0][:, scene.skeleton.index(FINGER)]
+    place = scene.world_pose[0][:, scene.skeleton.index(FINGER)]
     blinking, steady = (check_observation(with_finger(seen, place, on)) for on in (True, False))
     on = blinking.has_position[:, -1]
     np.testing.assert_array_equal(np.flatnonzero(np.diff(on.astype(int))) + 1, np.arange(EVERY, len(scene), EVERY))
@@ -160,7 +160,7 @@ def test_quantiles_are_true_to_one_percent(values: list[float], percent: float) 
 def test_scores_of_parts_are_those_of_the_whole(scenes: list[TrackedScene]) -> None:
     whole, parts = CellScores(), []
     for scene in scenes[:2]:
-        shaken = scene.placed[0] + np.random.default_rng(3).normal(0, 0.02, scene.placed[0].shape)
+        shaken = scene.world_pose[0] + np.random.default_rng(3).normal(0, 0.02, scene.world_pose[0].shape)
         parts.append(measure_sight(scene, scene.observe(SENSOR_SETS["headset_camera"]), exact(scene, shaken)))
         whole.merge(parts[-1])
     shares = [(one.get("measured_covered"), one.weight["measured_covered"]) for one in parts]
@@ -225,7 +225,7 @@ def test_a_finger_that_blinks_makes_no_body_jump(sensors: str) -> None:
     """The packaged network: the 22 joints jump no more often while a finger blinks than while it is never tracked."""
     clip = resample(performance_of_stranger(), RATE)
     scene = TrackedScene(clip.name, "main", clip.pose)
-    seen, place = scene.observe(SENSOR_SETS[sensors]), scene.placed[0][:, scene.skeleton.index(FINGER)]
+    seen, place = scene.observe(SENSOR_SETS[sensors]), scene.world_pose[0][:, scene.skeleton.index(FINGER)]
     jumps = []
     for blinking in (False, True):
         (tracked,) = track_people([Person(scene.skeleton)], [with_finger(seen, place, blinking)])

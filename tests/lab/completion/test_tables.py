@@ -84,7 +84,7 @@ def test_the_truth_scores_nothing(clips: list[Clip], scenes: list[TrackedScene])
     assert table.ratio("stranger") == pytest.approx(0, abs=1e-9)
     assert np.isnan(figure(table, "three_point", "own", "occluded_mpjpe_cm"))
     own = next(scene for scene in scenes if scene.name == "cleo/cleo-waves")
-    assert table.truths["own", "sport"].get("jitter") == pytest.approx(jitter(own.placed[0][:, : len(BODY)], 30.0))
+    assert table.truths["own", "sport"].get("jitter") == pytest.approx(jitter(own.world_pose[0][:, : len(BODY)], 30.0))
 
 
 def test_a_known_displacement_gives_known_figures(clips: list[Clip], scenes: list[TrackedScene]) -> None:
@@ -245,7 +245,7 @@ def test_a_finger_that_is_never_tracked_changes_nothing(clips: list[Clip]) -> No
     """So the table's steady finger is the set without it."""
     scene = scene_of(clips[0], "own", "test").beginning(40)
     seen = scene.observe(SENSOR_SETS["three_point"])
-    grown = with_finger(seen, scene.placed[0][:, scene.skeleton.index(FINGER)], blinking=False)
+    grown = with_finger(seen, scene.world_pose[0][:, scene.skeleton.index(FINGER)], blinking=False)
     assert FINGER in grown.points and FINGER not in seen.points
     without, steady = (track_people([Person(scene.skeleton)], [one])[0].position for one in (seen, grown))
     np.testing.assert_array_equal(without, steady)

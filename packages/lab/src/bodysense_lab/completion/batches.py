@@ -105,14 +105,14 @@ def _stacked(items: Iterable[Any], name: str) -> Tensor:
 
 
 def whole_clips(corpus: Corpus, clips: Iterable[int], bodies: tuple[str, ...], **drawn: Any) -> list[SequenceBatch]:
-    """Return batches of whole clips, of similar lengths, on known bodies: their `own`, an unseen `stranger`, or both.
+    """Return batches of whole clips, of similar lengths, on known bodies: their `own`, an unseen `unseen`, or both.
 
     `drawn` are choices of `Draw` besides the body.
     """
     clips = sorted(clips, key=lambda clip: corpus.length[clip] / corpus.rate[clip])
     sequences = []
-    for clip, stranger in zip(clips, sample_bodies("validation", len(clips)), strict=True):
-        offsets: Mapping[str, np.ndarray] = {"own": corpus.rest_offset[clip].astype(float), "stranger": stranger}
+    for clip, unseen in zip(clips, sample_bodies("validation", len(clips)), strict=True):
+        offsets: Mapping[str, np.ndarray] = {"own": corpus.rest_offset[clip].astype(float), "stranger": unseen}
         for body in bodies:
             draw = Draw(TrainingBody.known(offsets[body]), **drawn)
             sequences.append(make_sequence(corpus, clip, draw, np.random.default_rng([7, clip])))

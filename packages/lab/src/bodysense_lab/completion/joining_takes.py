@@ -46,7 +46,7 @@ KINDS = {
 LONGEST, SHORTEST = 900, 30  # frames of a take
 _STRAIGHT = 0.3  # share of takes in training whose standing legs are straightened, by 0.3 to 1
 _LOST = 0.35  # share of takes with hands in which these are lost now and then, by the measured law
-_STRANGERS = 256  # bodies of the family on which every other take is
+_UNSEEN_BODIES = 256  # bodies of the family on which every other take is
 _GAPS, _LONGEST_GAP, _IN_HOLES = 6.0, 8.0, 0.4  # gaps a minute of a limb, s, and share of limbs that have some
 _ARM = ("shoulder", "elbow", "wrist")
 
@@ -85,7 +85,7 @@ class JoinedTake:
 
 def draw_takes(clips: Sequence[Clip], split: Split, rng: np.random.Generator) -> Iterator[JoinedTake]:
     """Yield takes of the clips in random order, again and again, completed by the packaged networks."""
-    bodies = sample_bodies(body_split(split), _STRANGERS)
+    bodies = sample_bodies(body_split(split), _UNSEEN_BODIES)
     while True:
         for place in rng.permutation(len(clips)):
             clip = clips[place] if rng.uniform() < 0.5 else mirrored(clips[place])
@@ -97,12 +97,12 @@ def draw_takes(clips: Sequence[Clip], split: Split, rng: np.random.Generator) ->
             if split == "train" and rng.uniform() < _STRAIGHT:
                 pose = straightened_pose(pose, float(rng.uniform(0.3, 1.0)), RATE)
             if rng.uniform() < 0.5:
-                pose = retargeted(pose, pose.skeleton.with_offsets(bodies[int(rng.integers(_STRANGERS))]))
+                pose = retargeted(pose, pose.skeleton.with_offsets(bodies[int(rng.integers(_UNSEEN_BODIES))]))
             scene = TrackedScene(clip.name, "", pose)
-            yield take_of(scene, drawn_observation(scene, rng))
+            yield complete_take(scene, draw_observation(scene, rng))
 
 
-def drawn_observation(scene: TrackedScene, rng: np.random.Generator) -> Observation:
+def draw_observation(scene: TrackedScene, rng: np.random.Generator) -> Observation:
     """Return what sensors of a drawn kind see of a scene."""
     kind = str(rng.choice(list(KINDS), p=list(KINDS.values())))
     if kind == "lattice":
@@ -132,17 +132,17 @@ def _with_holes(scene: TrackedScene, rng: np.random.Generator) -> Observation:
     return hide(seen, hidden)
 
 
-def take_of(scene: TrackedScene, seen: Observation) -> JoinedTake:
+def complete_take(scene: TrackedScene, seen: Observation) -> JoinedTake:
     """Return both answers of a scene of a known body, and the truth."""
     tracker = TwoWayTracker(Person(scene.skeleton), None, TrackerSettings())
     seen = bridged(seen, 1 / RATE)
     forward, _ = tracker.tracker.step(seen, tracker.tracker.start())
     answers = tracker.answers(forward, tracker.backward(seen), tracker.turned(seen), 1 / RATE)
     world = np.asarray(forward_kinematics(forward.pose)[1])
-    return _as_learned(answers, world, scene.pose)
+    return _training_take(answers, world, scene.pose)
 
 
-def _as_learned(answers: TwoAnswers, world: np.ndarray, truth: Pose) -> JoinedTake:
+def _training_take(answers: TwoAnswers, world: np.ndarray, truth: Pose) -> JoinedTake:
     skeleton = answers.skeleton
     body = skeleton.indices(BODY)
     place = np.asarray(forward_kinematics(truth)[0])[:, skeleton.index("head")]
@@ -165,7 +165,7 @@ def _as_learned(answers: TwoAnswers, world: np.ndarray, truth: Pose) -> JoinedTa
     )
 
 
-def kept_takes(
+def cached_takes(
     folder: Path,
     draw: Callable[[], Iterator[JoinedTake]],
     frames: int,
@@ -176,9 +176,9 @@ def kept_takes(
     Takes of another number of frames or of another `source`, and those of a run that was ended, are drawn anew.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    is_whole, asked = folder / "whole", f"{frames} frames of {source}"
+    is_whole, request = folder / "whole", f"{frames} frames of {source}"
     takes, count, there = list[JoinedTake](), 0, sorted(folder.glob("*.npz"))
-    if is_whole.is_file() and is_whole.read_text(encoding="utf-8") == asked:
+    if is_whole.is_file() and is_whole.read_text(encoding="utf-8") == request:
         return [JoinedTake.load(path) for path in there]
     is_whole.unlink(missing_ok=True)
     for path in there:
@@ -189,5 +189,5 @@ def kept_takes(
         count += len(take)
         if count >= frames:
             break
-    is_whole.write_text(asked, encoding="utf-8")
+    is_whole.write_text(request, encoding="utf-8")
     return takes

@@ -27,7 +27,7 @@ from bodysense.body.skeleton import BODY, default_skeleton
 from bodysense.completion.joining_network import DILATIONS, FORMAT, JOINTS, OUTPUTS
 from bodysense.files import written_beside
 from bodysense.io.datasets.splits import Split
-from bodysense_lab.completion.joining_takes import JoinedTake, draw_takes, kept_takes
+from bodysense_lab.completion.joining_takes import JoinedTake, cached_takes, draw_takes
 from bodysense_lab.completion.losses import SLACK, length
 from bodysense_lab.completion.measures import JUMP
 from bodysense_lab.completion.options import JoiningTraining
@@ -118,7 +118,7 @@ def joined_rotation(batch: dict[str, Tensor], turn: Tensor, odds: Tensor) -> Ten
     return quaternion_multiply(mean, quaternion_exp(turn))
 
 
-def placed(
+def head_relative_kinematics(
     rotation: Tensor, rest_offset: Tensor, world: Tensor | None = None, turned: Tensor | None = None
 ) -> tuple[Tensor, Tensor]:
     """Return positions (..., 22, 3) m from the head, and local rotations (..., 22, 4).
@@ -147,19 +147,19 @@ class JoiningTask(Task):
     network: JoiningModule
     configuration: JoiningTaskConfig
     schedule: Schedule
-    learned: Sequence[JoinedTake]
-    watched: Sequence[JoinedTake]
+    training_takes: Sequence[JoinedTake]
+    validation_takes: Sequence[JoinedTake]
     source: Any = None
 
     def batches(self, rng: np.random.Generator, done: int = 0) -> Iterator[dict[str, Tensor]]:
         """Cut frames from random takes, longer ones more often."""
         size = self.configuration.frames
-        weight = np.array([min(len(take), 3 * size) for take in self.learned], dtype=float)
+        weight = np.array([min(len(take), 3 * size) for take in self.training_takes], dtype=float)
         weight /= weight.sum()
         while True:
             pieces = []
-            for place in rng.choice(len(self.learned), self.configuration.takes, p=weight):
-                take = self.learned[place]
+            for place in rng.choice(len(self.training_takes), self.configuration.takes, p=weight):
+                take = self.training_takes[place]
                 pieces.append((take, int(rng.integers(0, max(1, len(take) - size + 1)))))
             yield _batch(pieces, size)
 
@@ -175,7 +175,7 @@ class JoiningTask(Task):
     def validate(self, network: JoiningModule) -> dict[str, float]:
         """Return the loss, errors in cm and degrees, and jumps a minute of validation takes."""
         sums, frames = dict[str, float](), 0
-        for take in self.watched:
+        for take in self.validation_takes:
             error = _errors(network, _batch([(take, 0)], len(take)))
             frames += len(take)
             for name, value in error.items():
@@ -199,7 +199,7 @@ def _batch(pieces: list[tuple[JoinedTake, int]], frames: int) -> dict[str, Tenso
 
 
 @dataclass(frozen=True, eq=False)
-class _Shown:
+class _JoinedBodies:
     """Joined bodies of a batch, from their heads."""
 
     position: Tensor  # (B, T, 22, 3) m
@@ -208,29 +208,29 @@ class _Shown:
     expected: Tensor  # (B, T, 22) logarithm of expected errors in m
 
 
-def _shown(network: JoiningModule, batch: dict[str, Tensor]) -> _Shown:
+def _joined_bodies(network: JoiningModule, batch: dict[str, Tensor]) -> _JoinedBodies:
     turn, odds, larger = network(batch["features"])
     rotation = joined_rotation(batch, turn, odds)
-    position, local = placed(rotation, batch["rest_offset"], batch["world"], batch["turned"])
+    position, local = head_relative_kinematics(rotation, batch["rest_offset"], batch["world"], batch["turned"])
     with torch.no_grad():
-        truth, _ = placed(batch["truth"], batch["rest_offset"])
-    return _Shown(position, local, truth, batch["expected"] + larger)
+        truth, _ = head_relative_kinematics(batch["truth"], batch["rest_offset"])
+    return _JoinedBodies(position, local, truth, batch["expected"] + larger)
 
 
 def _errors(network: JoiningModule, batch: dict[str, Tensor]) -> dict[str, Tensor]:
     """The terms of the loss without their weights, and the share of frames in which a joint jumps."""
-    shown = _shown(network, batch)
+    bodies = _joined_bodies(network, batch)
     valid, hidden = batch["valid"].float(), batch["hidden"].float() * batch["valid"][..., None]
     count, moving = valid.sum(), valid[:, 1:]
     step, true_step = (
         (place + head[..., None, :]).diff(dim=1)
-        for place, head in ((shown.position, batch["head"]), (shown.truth, batch["true_head"]))
+        for place, head in ((bodies.position, batch["head"]), (bodies.truth, batch["true_head"]))
     )
-    faster, error = length(step) - length(true_step), length(shown.position - shown.truth)
-    surprise = error.detach() * torch.exp(-shown.expected) + shown.expected
+    faster, error = length(step) - length(true_step), length(bodies.position - bodies.truth)
+    surprise = error.detach() * torch.exp(-bodies.expected) + bodies.expected
     return {
         "position": (error.mean(dim=-1) * valid).sum() / count,
-        "rotation": (_angle(shown.local, batch["truth"]).mean(dim=-1) * valid).sum() / count,
+        "rotation": (_angle(bodies.local, batch["truth"]).mean(dim=-1) * valid).sum() / count,
         "velocity": RATE * (length(step - true_step).mean(dim=-1) * moving).sum() / count,
         "haste": RATE * ((faster - SLACK / RATE).clamp_min(0).sum(dim=-1) * moving).sum() / count / JOINTS,
         "certainty": (surprise * hidden).sum() / hidden.sum().clamp_min(1.0),
@@ -239,11 +239,11 @@ def _errors(network: JoiningModule, batch: dict[str, Tensor]) -> dict[str, Tenso
 
 
 @torch.no_grad()
-def make_errors_true(network: JoiningModule, takes: Sequence[JoinedTake]) -> None:
+def calibrate_errors(network: JoiningModule, takes: Sequence[JoinedTake]) -> None:
     """Set the network's offsets, equal for left and right, so that expected errors of takes are their mean errors."""
-    parts = [(_shown(network, _batch([(take, 0)], len(take))), take) for take in takes]
-    error = torch.cat([length(shown.position - shown.truth)[0] for shown, _ in parts]).numpy()
-    logarithm = torch.cat([shown.expected[0] for shown, _ in parts]).numpy()
+    parts = [(_joined_bodies(network, _batch([(take, 0)], len(take))), take) for take in takes]
+    error = torch.cat([length(bodies.position - bodies.truth)[0] for bodies, _ in parts]).numpy()
+    logarithm = torch.cat([bodies.expected[0] for bodies, _ in parts]).numpy()
     hidden = np.concatenate([take.hidden for _, take in parts])
     spread = np.concatenate([take.spread for _, take in parts]).astype(float)
     for joint, other in enumerate(partners(BODY)):
@@ -261,14 +261,18 @@ def train_joining(options: JoiningTraining, fabric: Fabric) -> JoiningModule:
     """Train, or resume, and return the network with the weights that did best on validation takes."""
     begin(options.schedule.seed, options.threads)
     with fabric.rank_zero_first():  # the others find the takes in the folder of the run
-        learned = _takes(options, "train", options.frames, options.schedule.seed)
-        watched = _takes(options, "val", min(options.frames, _VALIDATION_FRAMES), _VALIDATION_SEED)
-    config = JoiningTaskConfig(JoiningConfig(learned[0].features.shape[1]))
+        training_takes = _takes(options, "train", options.frames, options.schedule.seed)
+        validation_takes = _takes(options, "val", min(options.frames, _VALIDATION_FRAMES), _VALIDATION_SEED)
+    config = JoiningTaskConfig(JoiningConfig(training_takes[0].features.shape[1]))
     network = JoiningModule(config.network)
     source = options.limited | {"frames": options.frames}
-    fit(JoiningTask(network, config, options.schedule, learned, watched, source), options.checkpoint, fabric=fabric)
+    fit(
+        JoiningTask(network, config, options.schedule, training_takes, validation_takes, source),
+        options.checkpoint,
+        fabric=fabric,
+    )
     network = network.cpu()
-    make_errors_true(network, watched)
+    calibrate_errors(network, validation_takes)
     return network
 
 
@@ -281,7 +285,7 @@ def _takes(options: JoiningTraining, split: Split, frames: int, seed: int) -> li
                 yield take
 
     source = f"{FORMAT}, {options.data.resolve()}, limit {options.limit}, seed {seed}"
-    return kept_takes(options.folder / split, draw, frames, source)
+    return cached_takes(options.folder / split, draw, frames, source)
 
 
 def write_joining(network: JoiningModule, path: Path, card: dict[str, Any]) -> None:

@@ -36,7 +36,7 @@ def measure(scene: TrackedScene, tracked: Tracked) -> RunningScores:
     """Every measure of a scene's frames but those of hidden joints."""
     scores, skeleton, frames = RunningScores(), scene.skeleton, len(scene)
     body = skeleton.indices(BODY)
-    truth, position = scene.placed[0], tracked.position
+    truth, position = scene.world_pose[0], tracked.position
     error = scene.error_from_head(position)
     scores.add("mpjpe_cm", mpjpe(error), frames)
     for region, names in REGIONS.items():
@@ -72,14 +72,14 @@ def count_jumps(position: np.ndarray, scene: TrackedScene, order: int = 1) -> in
     With `order` 2: farther from where its velocity leads.
     """
     body = scene.skeleton.indices(BODY)
-    return int(jump_frames(position[:, body], scene.placed[0][:, body], JUMP / 100, order).sum())
+    return int(jump_frames(position[:, body], scene.world_pose[0][:, body], JUMP / 100, order).sum())
 
 
 def measure_hidden(position: np.ndarray, scene: TrackedScene) -> RunningScores:
     """Errors, in the world, of positions (T, P, 3) m of the joints that UNOC tests, where cameras do not see them."""
     scores, tested = RunningScores(), scored_points(scene.skeleton)
     hidden = ~scene.visible[:, tested]
-    error = joint_error(position[:, tested], scene.placed[0][:, tested])[hidden]
+    error = joint_error(position[:, tested], scene.world_pose[0][:, tested])[hidden]
     if error.size:
         scores.add("occluded_mpjpe_cm", float(error.mean()), error.size)
         scores.add("occluded_square", float((error**2).mean()), error.size)
@@ -89,7 +89,7 @@ def measure_hidden(position: np.ndarray, scene: TrackedScene) -> RunningScores:
 def measure_confidence(scene: TrackedScene, seen: Observation, tracked: Tracked) -> dict[str, Calibration]:
     """By region: expected and true errors, in the world, of joints that are not tracked; `seen` is (T, P)."""
     known = observed_points(seen, scene.skeleton)[2]
-    error = joint_error(tracked.position, scene.placed[0]) / 100
+    error = joint_error(tracked.position, scene.world_pose[0]) / 100
     regions = {}
     for region, names in REGIONS.items():
         places = scene.skeleton.indices(names)

@@ -35,7 +35,15 @@ from bodysense_lab.completion.network import CompletionNetwork
 from bodysense_lab.completion.options import BODIES, TABLE_SETS, Body
 from bodysense_lab.completion.points import body_places
 from bodysense_lab.completion.rounding import round_weights, sample_moments
-from bodysense_lab.completion.scenes import TRUTH_OF, TrackedScene, Truth, batches, person_of, scene_of, stacked
+from bodysense_lab.completion.scenes import (
+    TRUTH_OF,
+    TrackedScene,
+    Truth,
+    batches,
+    person_of,
+    scene_of,
+    stack_observations,
+)
 from bodysense_lab.completion.settled_clips import settled_clips
 from bodysense_lab.completion.task import WORN, CompletionTask, CompletionTaskConfig
 from bodysense_lab.completion.weights_file import TrainedNetworks, write_weights
@@ -89,7 +97,7 @@ def _sampled(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     seen = [scene.observe(sensors) for scene in batch]
     tracker = Tracker([person_of(body, scene.skeleton) for scene in batch], model)
-    whole, places, state = stacked(seen), body_places(), tracker.start()
+    whole, places, state = stack_observations(seen), body_places(), tracker.start()
     parts = []
     for t in range(len(whole.time)):
         estimate, state = tracker.step(whole[t : t + 1], state)
@@ -102,7 +110,7 @@ def _sampled(
     for index, (scene, observation) in enumerate(zip(batch, seen, strict=True)):
         frames = np.arange(0, len(scene), _STRIDE)
         position, expected, apart, measured, deviation = (part[: len(frames), index] for part in sampled)
-        truth = scene.placed[0][frames][:, places]
+        truth = scene.world_pose[0][frames][:, places]
         # The head is where it is measured: what is missed from it is missed in the world.
         position = position + (truth - position)[:, [BODY.index("head")]]
         turned = np.zeros((len(frames), len(BODY)), dtype=bool)

@@ -30,7 +30,7 @@ from bodysense_lab.scoring import RATE, group_of
 Truth = Literal["own", "stranger"]
 # The body that moves in each column; the last three differ in what the tracker knows of it.
 TRUTH_OF: dict[Body, Truth] = {"own": "own", "stranger": "stranger", "height": "stranger", "nothing": "stranger"}
-STRANGERS = 512  # bodies of a split; each clip gets one
+UNSEEN_BODIES = 512  # bodies of a split; each clip gets one
 _MOST_CLIPS, _MOST_FRAMES = 32, 24_000  # of a batch; as many as the longest for each clip
 
 
@@ -57,7 +57,7 @@ class TrackedScene:
         return np.arange(len(self)) / RATE
 
     @cached_property
-    def placed(self) -> tuple[np.ndarray, np.ndarray]:
+    def world_pose(self) -> tuple[np.ndarray, np.ndarray]:
         """World positions (T, P, 3) m and world rotations (T, J, 4) wxyz."""
         position, rotation = forward_kinematics(self.pose)
         return np.asarray(position), np.asarray(rotation)
@@ -65,21 +65,21 @@ class TrackedScene:
     @cached_property
     def facing(self) -> np.ndarray:
         """(T, 4) wxyz: the heading of the pelvis."""
-        return np.asarray(heading(self.placed[1][:, 0]))
+        return np.asarray(heading(self.world_pose[1][:, 0]))
 
     @cached_property
     def visible(self) -> np.ndarray:
         """(T, P) bool: what the cameras of a headset see of the body."""
-        return see_points(self.skeleton, *self.placed).visible
+        return see_points(self.skeleton, *self.world_pose).visible
 
     def observe(self, sensors: SensorSet) -> Observation:
         """Return the observation of a set of sensors."""
         visible = self.visible if sensors.camera else None
-        return observe_points(self.skeleton, *self.placed, self.time, sensors, visible)
+        return observe_points(self.skeleton, *self.world_pose, self.time, sensors, visible)
 
     def error_from_head(self, position: np.ndarray) -> np.ndarray:
         """Errors (T, 22) of the joints of `BODY` from the head, cm, of positions (T, P, 3) m."""
-        body, head, truth = self.skeleton.indices(BODY), self.skeleton.index("head"), self.placed[0]
+        body, head, truth = self.skeleton.indices(BODY), self.skeleton.index("head"), self.world_pose[0]
         return joint_error(position[:, body] - position[:, [head]], truth[:, body] - truth[:, [head]])
 
     def beginning(self, frames: int) -> TrackedScene:
@@ -90,13 +90,13 @@ class TrackedScene:
 def scene_of(clip: Clip, truth: Truth, split: Split | Literal["all"]) -> TrackedScene:
     """Return a clip at `RATE`, on its own body or on the unseen body drawn by its name."""
     clip = resample(clip, RATE)
-    pose = clip.pose if truth == "own" else retargeted(clip.pose, stranger_of(clip, split))
+    pose = clip.pose if truth == "own" else retargeted(clip.pose, unseen_body(clip, split))
     return TrackedScene(f"{clip.person}/{clip.name}", group_of(clip), pose, clip.person)
 
 
-def stranger_of(clip: Clip, split: Split | Literal["all"]) -> Skeleton:
+def unseen_body(clip: Clip, split: Split | Literal["all"]) -> Skeleton:
     """Return the unseen body of a clip: fixed by the clip's name, from the bodies of the split."""
-    bodies = _strangers(body_split(split))
+    bodies = _unseen_bodies(body_split(split))
     digest = hashlib.sha256(f"{clip.person}/{clip.name}".encode()).digest()
     return clip.pose.skeleton.with_offsets(bodies[int.from_bytes(digest[:8], "big") % len(bodies)])
 
@@ -109,8 +109,8 @@ def body_split(split: Split | Literal["all"]) -> BodySplit:
 
 
 @lru_cache(maxsize=3)
-def _strangers(split: BodySplit) -> np.ndarray:
-    return sample_bodies(split, STRANGERS)
+def _unseen_bodies(split: BodySplit) -> np.ndarray:
+    return sample_bodies(split, UNSEEN_BODIES)
 
 
 def person_of(body: Body, skeleton: Skeleton) -> Person:
@@ -133,7 +133,7 @@ def batches(clips: Iterable[Clip]) -> Iterator[list[Clip]]:
         yield batch
 
 
-def stacked(observations: Sequence[Observation]) -> Observation:
+def stack_observations(observations: Sequence[Observation]) -> Observation:
     """Observations (T, P) of the same points as one (B, T, P); shorter ones end with copies of their last frame."""
     longest = max(observations, key=len)
     last = [np.minimum(np.arange(len(longest)), len(one) - 1) for one in observations]

@@ -136,7 +136,7 @@ class _Scorer:
         scenes = [scene_of(clip, truth, self.settings.split) for clip in clips]
         scored = [(CompletionTable(self.settings), scene) for scene in scenes]
         for table, scene in scored:
-            position = scene.placed[0]
+            position = scene.world_pose[0]
             table.truths[truth, scene.group] = motion_measures(position, position, scene.skeleton)
         for sensors in self.settings.sets:
             observations = [scene.observe(SENSOR_SETS[sensors]) for scene in scenes]
@@ -193,7 +193,7 @@ class _Scorer:
         people, jumps = [person_of("own", scene.skeleton) for _, scene in scored], []
         for blinking in (False, True):
             seen = [
-                with_finger(one, scene.placed[0][:, scene.skeleton.index(FINGER)], blinking)
+                with_finger(one, scene.world_pose[0][:, scene.skeleton.index(FINGER)], blinking)
                 for (_, scene), one in zip(scored, observations, strict=True)
             ]
             unchanged = not blinking and FINGER not in observations[0].points
@@ -209,7 +209,7 @@ class _Scorer:
         methods = last_known(seen, scene.skeleton)
         if self.mean_body is not None:
             head = scene.skeleton.index("head")
-            position, rotation = scene.placed
+            position, rotation = scene.world_pose
             methods["mean_body"] = self.mean_body.positions(position[:, head], rotation[:, head], scene.skeleton)
         for method, position in methods.items():
             table.baselines[method, truth, scene.group] = measure_hidden(position, scene)
@@ -234,7 +234,7 @@ def _take_scores(scene: TrackedScene, sensors: str, seen: Observation, taken: Tr
 def _worst_frames(sensors: str, body: Body, scene: TrackedScene, tracked: Tracked) -> Iterator[WorstFrame]:
     """The frames with the largest mean error of 22 joints, from the head, and with the largest leap of one."""
     joints = scene.skeleton.indices(BODY)
-    leaps = 100 * sight.leaps(tracked.position[:, joints], scene.placed[0][:, joints])
+    leaps = 100 * sight.leaps(tracked.position[:, joints], scene.world_pose[0][:, joints])
     faults: dict[Fault, np.ndarray] = {"error": scene.error_from_head(tracked.position).mean(axis=-1)}
     faults["leap"] = np.concatenate([[0.0], leaps])
     for fault, sizes in faults.items():

@@ -66,7 +66,7 @@ def measure_sight(scene: TrackedScene, seen: Observation, tracked: Tracked) -> C
     if len(scene) < 2:
         return scores
     body = skeleton.indices(BODY)
-    truth, position = scene.placed[0], tracked.position
+    truth, position = scene.world_pose[0], tracked.position
     _, measured, has, has_rotation = (values[:, body] for values in observed_points(seen, skeleton))
     masks = np.concatenate([seen.has_position, seen.has_rotation], axis=-1)
     _measure_motion(scores, position[:, body], truth[:, body], has, masks)
@@ -90,7 +90,7 @@ def measure_sight(scene: TrackedScene, seen: Observation, tracked: Tracked) -> C
 def measure_transitions(scene: TrackedScene, seen: Observation, tracked: Tracked, kind: str = "") -> CellScores:
     """Jerk after each loss and each return of a hand, over the 22 joints; `kind` is `TAKE` for a take."""
     scores, skeleton = CellScores(), scene.skeleton
-    body, truth = skeleton.indices(BODY), scene.placed[0]
+    body, truth = skeleton.indices(BODY), scene.world_pose[0]
     for side in _PAIR:
         mask = observed_points(seen, skeleton)[2][:, skeleton.index(f"{side}_wrist")]
         for moment, frames in sight.transition_frames(mask, RATE).items():
@@ -116,7 +116,7 @@ def _measure_motion(
 
 def _measure_stance(scores: CellScores, scene: TrackedScene, position: np.ndarray) -> None:
     """Feet, knees and steps."""
-    skeleton, truth = scene.skeleton, scene.placed[0]
+    skeleton, truth = scene.skeleton, scene.world_pose[0]
     rest = rest_heights(skeleton)
 
     def pair(name: str, values: np.ndarray) -> np.ndarray:

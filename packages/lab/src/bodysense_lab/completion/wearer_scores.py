@@ -20,7 +20,7 @@ from bodysense.observation import Observation, observed_points
 from bodysense.tracker import Tracker
 from bodysense_lab.completion import sight
 from bodysense_lab.completion.rare_poses import HELD, RARE, rare_pose
-from bodysense_lab.completion.scenes import stacked
+from bodysense_lab.completion.scenes import stack_observations
 from bodysense_lab.completion.wearers import (
     HEIGHT,
     PALMS,
@@ -82,7 +82,7 @@ def sight_report(scores: list[SightScore]) -> Report:
 def _track(people: Sequence[Person], seen: Sequence[Observation], network: CompletionModel | None) -> Estimate:
     """People (B, T), all in one call; of shorter observations the last frame is repeated."""
     tracker = Tracker(people, network)
-    return tracker.step(stacked(seen), tracker.start())[0]
+    return tracker.step(stack_observations(seen), tracker.start())[0]
 
 
 def _points(skeleton: Skeleton, *names: str) -> np.ndarray:
@@ -170,7 +170,7 @@ def _rare(network: CompletionModel | None) -> Iterator[SightScore]:
     for sensors in RARE_SETS:
         seen = [observe(pose, time, SENSOR_SETS[sensors]) for pose in poses]
         estimate = _track([Person(skeleton)] * len(poses), seen, network)
-        hidden = ~observed_points(stacked(seen), skeleton)[2][:, held][..., body]
+        hidden = ~observed_points(stack_observations(seen), skeleton)[2][:, held][..., body]
         off = vector_length(estimate.points[:, held][..., body, :] - truth)
         within = off <= estimate.bound[:, held][..., body]
         by_pose = [float(one[counted].mean()) for one, counted in zip(within, hidden, strict=True)]
