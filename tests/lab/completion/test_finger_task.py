@@ -27,12 +27,12 @@ from bodysense_lab.completion.corpus import Corpus
 from bodysense_lab.completion.finger_errors import finger_validation, last_known_fingers, mean_hand
 from bodysense_lab.completion.finger_scores import finger_numbers, load_finger_network, score_fingers
 from bodysense_lab.completion.fingers import MOVING, FingerConfig, FingerNetwork, finger_positions
-from bodysense_lab.completion.hands import TrackFingers, TrainingHands, hand_kinematics
+from bodysense_lab.completion.hands import DrawFingers, TrainingHands, hand_kinematics
 from bodysense_lab.completion.losses import FingerLosses, finger_losses
 from bodysense_lab.completion.options import FingerTraining
 from bodysense_lab.completion.points import HAND_JOINTS, HAND_POINTS
-from bodysense_lab.completion.sensor_draws import FINGER_KINDS, DrawnFingers, draw_fingers
-from bodysense_lab.completion.sequences import CAMERA, Draw, Sequence, draw_hands, make_sequence
+from bodysense_lab.completion.sensor_draws import FINGER_KINDS, FingerMasks, draw_fingers
+from bodysense_lab.completion.sequences import CAMERA, Sequence, SequenceAugmentation, draw_hands, make_sequence
 from bodysense_lab.completion.task import FingerTask, FingerTaskConfig
 from bodysense_lab.completion.train import train_fingers, without
 from bodysense_lab.completion.training_bodies import TrainingBody, with_other_hands
@@ -69,18 +69,17 @@ def corpus() -> Corpus:
     )
 
 
-def told() -> TrainingBody:
-    own = SKELETON.rest_offset.copy()
-    return TrainingBody.known(own)
+def known_body() -> TrainingBody:
+    return TrainingBody.fully_known(SKELETON.rest_offset.copy())
 
 
-def sequence(corpus: Corpus, kind: str, draw: Draw | None = None) -> Sequence:
-    return seen_by(corpus, partial(draw_fingers, kind), Draw(told()) if draw is None else draw)
+def sequence(corpus: Corpus, kind: str, augmentation: SequenceAugmentation | None = None) -> Sequence:
+    return seen_by(corpus, partial(draw_fingers, kind), augmentation or SequenceAugmentation(known_body()))
 
 
-def seen_by(corpus: Corpus, track: TrackFingers, draw: Draw) -> Sequence:
+def seen_by(corpus: Corpus, fingers: DrawFingers, augmentation: SequenceAugmentation) -> Sequence:
     """The clip with fingers."""
-    return make_sequence(corpus, 1, replace(draw, track=CAMERA, fingers=track), np.random.default_rng(0))
+    return make_sequence(corpus, 1, replace(augmentation, sensors=CAMERA, fingers=fingers), np.random.default_rng(0))
 
 
 def hands_of(one: Sequence) -> TrainingHands:
@@ -108,8 +107,8 @@ def test_hands_are_where_forward_kinematics_has_them() -> None:
     into = quaternion_conjugate(world[:, wrists])[:, :, None]
     expected = quaternion_rotate(into, position[:, HAND_POINTS] - position[:, wrists][:, :, None])
     offset = SKELETON.rest_offset[HAND_POINTS]
-    turned, placed = hand_kinematics(rotation[:, HAND_JOINTS], offset)
-    np.testing.assert_allclose(placed, expected, atol=1e-12)
+    turned, found = hand_kinematics(rotation[:, HAND_JOINTS], offset)
+    np.testing.assert_allclose(found, expected, atol=1e-12)
     assert float(geodesic_angle(turned, quaternion_multiply(into, world[:, HAND_JOINTS])).max()) < 1e-6
     found = finger_positions(torch.tensor(quaternion_to_matrix(turned))[None], torch.tensor(offset)[None])
     np.testing.assert_allclose(found[0], expected, atol=1e-6)
@@ -118,7 +117,7 @@ def test_hands_are_where_forward_kinematics_has_them() -> None:
 
 @pytest.mark.parametrize("kind", list(FINGER_KINDS))
 def test_sequences_are_finite_and_of_their_shapes(corpus: Corpus, kind: str) -> None:
-    whole_body = sequence(corpus, kind, Draw(told(), rate=45.0, noisy=True, bent=True))
+    whole_body = sequence(corpus, kind, SequenceAugmentation(known_body(), rate=45.0, noisy=True, free_wrists=True))
     one, frames = hands_of(whole_body), len(whole_body)
     assert frames == len(one) == 134 and whole_body.interval == pytest.approx(1 / 45)
     shapes = {name: value.shape for name, value in vars(one).items()}
@@ -148,7 +147,7 @@ def test_what_is_tracked_without_noise_is_the_truth(corpus: Corpus) -> None:
     assert not turned.any() or float(apart.max()) < 2e-3
 
 
-def test_wrists_are_told_in_the_frame_under_the_head(corpus: Corpus) -> None:
+def test_wrists_are_given_in_the_frame_under_the_head(corpus: Corpus) -> None:
     """Another heading and place in the world change nothing."""
     spin = quaternion_exp(np.array([0.0, 1.1, 0.0]))
     elsewhere = replace(
@@ -167,9 +166,11 @@ def test_wrists_are_told_in_the_frame_under_the_head(corpus: Corpus) -> None:
 def test_a_mirror_image_is_the_same_to_the_network(corpus: Corpus) -> None:
     """Mirrored motion swaps the hands: features, losses and positions are those of the other hand, mirrored."""
     # Drawn masks and noise are not mirrored: with everything tracked and exact none are drawn.
-    one, other = (seen_by(corpus, everything, Draw(told(), mirrored=flip)) for flip in (False, True))
-    moved, image = (hands_of(each).true_position for each in (one, other))
-    np.testing.assert_allclose(image[:, ::-1], moved * [-1.0, 1, 1], atol=1e-6)
+    one, other = (
+        seen_by(corpus, everything, SequenceAugmentation(known_body(), mirrored=flip)) for flip in (False, True)
+    )
+    plain, image = (hands_of(each).true_position for each in (one, other))
+    np.testing.assert_allclose(image[:, ::-1], plain * [-1.0, 1, 1], atol=1e-6)
     network = FingerNetwork(FingerConfig(16, 16)).eval()
     plain, mirrored = whole(one), whole(other)
     features = network.read(plain.signal)
@@ -182,12 +183,14 @@ def test_a_mirror_image_is_the_same_to_the_network(corpus: Corpus) -> None:
 
 
 def test_time_runs_backward_in_hands_too(corpus: Corpus) -> None:
-    one, other = (hands_of(seen_by(corpus, everything, Draw(told(), backward=way))) for way in (False, True))
+    one, other = (
+        hands_of(seen_by(corpus, everything, SequenceAugmentation(known_body(), backward=way))) for way in (False, True)
+    )
     for name in ("true_position", "position", "wrist"):
         np.testing.assert_allclose(getattr(other, name)[::-1], getattr(one, name), atol=1e-5, err_msg=name)
 
 
-def everything(visible: np.ndarray, interval: float, rng: np.random.Generator) -> DrawnFingers:
+def everything(visible: np.ndarray, interval: float, rng: np.random.Generator) -> FingerMasks:
     del interval
     tracked = draw_fingers("nothing", visible, 1.0, rng)
     tracked.has_position[:], tracked.has_wrist[:] = True, True
@@ -202,16 +205,16 @@ def test_cameras_see_the_hands_that_the_corpus_says(corpus: Corpus) -> None:
 
 
 def test_other_hands_keep_the_body_and_stay_symmetric() -> None:
-    body = told()
+    body = known_body()
     other = with_other_hands(body, np.random.default_rng(3))
-    assert other.told is other.true
+    assert other.known is other.true
     rest = np.setdiff1d(np.arange(65), HAND_POINTS.ravel())
     np.testing.assert_array_equal(other.true[rest], body.true[rest])
     np.testing.assert_allclose(other.true[HAND_POINTS[1]], other.true[HAND_POINTS[0]] * [-1.0, 1, 1])
     length = np.linalg.norm(other.true[HAND_POINTS[0]], axis=-1) / np.linalg.norm(body.true[HAND_POINTS[0]], axis=-1)
     assert 0.01 < np.std(length) < 0.1 and 0.7 < length.min() < length.max() < 1.3
-    untold = with_other_hands(replace(body, certainty=np.full(65, 0.01)), np.random.default_rng(3))
-    assert untold.told is body.told
+    partly_known = with_other_hands(replace(body, certainty=np.full(65, 0.01)), np.random.default_rng(3))
+    assert partly_known.known is body.known
 
 
 def test_the_true_hand_has_no_loss_but_that_of_the_error(corpus: Corpus) -> None:
@@ -227,7 +230,7 @@ def test_the_true_hand_has_no_loss_but_that_of_the_error(corpus: Corpus) -> None
 
 
 def test_the_last_known_hand_is_right_while_it_is_seen(corpus: Corpus) -> None:
-    one = seen_by(corpus, seen_in_part, Draw(told()))
+    one = seen_by(corpus, seen_in_part, SequenceAugmentation(known_body()))
     hands = whole(one)
     position = finger_positions(last_known_fingers(mean_hand(corpus), hands), hands.signal.rest_offset)
     error = (position - hands.true_position).norm(dim=-1)[0]
@@ -236,7 +239,7 @@ def test_the_last_known_hand_is_right_while_it_is_seen(corpus: Corpus) -> None:
     np.testing.assert_allclose(error[25], np.linalg.norm(true[19] - true[25], axis=-1), atol=1e-5)
 
 
-def seen_in_part(visible: np.ndarray, interval: float, rng: np.random.Generator) -> DrawnFingers:
+def seen_in_part(visible: np.ndarray, interval: float, rng: np.random.Generator) -> FingerMasks:
     tracked = everything(visible, interval, rng)
     tracked.has_position[20:] = False
     return tracked

@@ -7,7 +7,7 @@ from bodysense.body.pose import forward_kinematics
 from bodysense.body.rotation import quaternion_conjugate, quaternion_multiply, quaternion_to_matrix
 from bodysense.body.skeleton import BODY, Skeleton, default_skeleton
 from bodysense.io.clip import Clip
-from bodysense_lab.completion.postures import KINDS, settled
+from bodysense_lab.completion.postures import KINDS, apply_posture
 
 RATE = 30.0
 Standing = tuple[np.ndarray, np.ndarray, np.ndarray]
@@ -22,7 +22,9 @@ def standing(waving_clip: Clip) -> Standing:
     return np.asarray(rotation), np.asarray(pose.root_position), pose.skeleton.rest_offset
 
 
-def placed(rotation: np.ndarray, root: np.ndarray, offset: np.ndarray, skeleton: Skeleton) -> dict[str, np.ndarray]:
+def joint_positions(
+    rotation: np.ndarray, root: np.ndarray, offset: np.ndarray, skeleton: Skeleton
+) -> dict[str, np.ndarray]:
     matrix, places = quaternion_to_matrix(rotation), {"pelvis": root}
     for name in BODY[1:]:
         point = skeleton.index(name)
@@ -35,10 +37,10 @@ def placed(rotation: np.ndarray, root: np.ndarray, offset: np.ndarray, skeleton:
 def test_every_posture_is_a_body(kind: str, standing: Standing) -> None:
     skeleton = default_skeleton()
     for seed in range(4):
-        rotation, root = settled(*standing, kind, RATE, np.random.default_rng(seed))
+        rotation, root = apply_posture(*standing, kind, RATE, np.random.default_rng(seed))
         assert np.allclose(np.linalg.norm(rotation, axis=-1), 1, atol=1e-6)
         assert np.isfinite(root).all()
-        places = placed(rotation, root, standing[2], skeleton)
+        places = joint_positions(rotation, root, standing[2], skeleton)
         assert min(places[name][:, 1].min() for name in BODY) > -0.35
         assert np.abs(np.diff(root, axis=0)).max() < 0.15
         for side in ("left", "right"):
@@ -50,11 +52,11 @@ def test_every_posture_is_a_body(kind: str, standing: Standing) -> None:
                 assert (flexed[drawn] > -2).all(), (kind, seed)
 
 
-def test_who_sits_is_low_and_their_feet_stand(standing: Standing) -> None:
+def test_a_seated_body_is_low_and_its_feet_stand(standing: Standing) -> None:
     seated = 0
     for seed in range(12):
-        rotation, root = settled(*standing, "chair", RATE, np.random.default_rng(seed))
-        places = placed(rotation, root, standing[2], default_skeleton())
+        rotation, root = apply_posture(*standing, "chair", RATE, np.random.default_rng(seed))
+        places = joint_positions(rotation, root, standing[2], default_skeleton())
         sits = root[:, 1] < 0.85 * np.median(standing[1][:, 1])
         if not sits.all():
             continue
@@ -69,16 +71,16 @@ def test_who_sits_is_low_and_their_feet_stand(standing: Standing) -> None:
 def test_knees_rest_on_the_floor(standing: Standing) -> None:
     heights = []
     for seed in range(12):
-        rotation, root = settled(*standing, "kneeling", RATE, np.random.default_rng(seed))
-        places = placed(rotation, root, standing[2], default_skeleton())
+        rotation, root = apply_posture(*standing, "kneeling", RATE, np.random.default_rng(seed))
+        places = joint_positions(rotation, root, standing[2], default_skeleton())
         if (root[:, 1] < 0.75 * np.median(standing[1][:, 1])).all():
             heights.append([np.median(places[f"{side}_knee"][:, 1]) for side in ("left", "right")])
     assert len(heights) >= 3
     assert np.abs(np.array(heights) - 0.06).max() < 0.1
 
 
-def test_what_was_recorded_stays_where_nobody_settles(standing: Standing) -> None:
-    drawn = (settled(*standing, "crouch", RATE, np.random.default_rng(seed)) for seed in range(30))
+def test_frames_outside_the_posture_stay_as_recorded(standing: Standing) -> None:
+    drawn = (apply_posture(*standing, "crouch", RATE, np.random.default_rng(seed)) for seed in range(30))
     kept = ((rotation, (root == standing[1]).all(axis=1)) for rotation, root in drawn)
     rotation, upright = next((one, upright) for one, upright in kept if 0.1 < upright.mean() < 0.9)
     same = quaternion_multiply(quaternion_conjugate(rotation[upright]), standing[0][upright])

@@ -8,7 +8,7 @@ from bodysense.body.rotation import quaternion_to_matrix
 from bodysense.body.skeleton import BODY
 from bodysense.demo import packaged_performance
 from bodysense_lab.completion.limbs import hips_of, limb_of
-from bodysense_lab.completion.postures import settled
+from bodysense_lab.completion.postures import apply_posture
 from bodysense_lab.completion.straight_legs import straightened
 
 Motion = tuple[np.ndarray, np.ndarray, np.ndarray, float]
@@ -44,8 +44,8 @@ def test_standing_legs_straighten_over_feet_that_stay(walking: Motion) -> None:
     assert 0.001 < rise.max() <= 0.05 and (rise >= 0).all()
     assert np.abs((raised - root)[:, [0, 2]]).max() == 0
     np.testing.assert_allclose(ankles_after, ankles, atol=2e-3)
-    moved = rise > 0.002
-    assert np.median(bent_after.min(axis=1)[moved]) < np.median(bent.min(axis=1)[moved]) - 2
+    raised_frames = rise > 0.002
+    assert np.median(bent_after.min(axis=1)[raised_frames]) < np.median(bent.min(axis=1)[raised_frames]) - 2
     others = [k for k, name in enumerate(BODY) if name.rpartition("_")[2] not in ("hip", "knee")]
     turned = quaternion_to_matrix(after[:, others]) - quaternion_to_matrix(rotation[:, others])
     assert np.abs(turned).max() < 1e-6
@@ -67,7 +67,7 @@ def test_the_pelvis_rises_smoothly(walking: Motion) -> None:
 def test_legs_that_are_far_from_straight_stay(walking: Motion, kind: str) -> None:
     rotation, root, offset, rate = walking
     for seed in range(6):
-        seated, path = settled(rotation, root, offset, kind, rate, np.random.default_rng(seed))
+        seated, path = apply_posture(rotation, root, offset, kind, rate, np.random.default_rng(seed))
         if path[:, 1].max() > 0.7 * offset[0, 1]:
             continue
         after, raised = straightened(seated, path, offset, 1.0, rate)

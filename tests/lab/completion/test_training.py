@@ -26,13 +26,13 @@ from bodysense_lab.completion.options import CompletionTraining
 from bodysense_lab.completion.points import BODY_POINTS, HEAD, INPUT_POINTS, partners
 from bodysense_lab.completion.sensor_draws import (
     KINDS,
-    DrawnSensors,
-    draw_tracked,
+    SensorMasks,
+    draw_sensors,
     loss_durations,
     lost_hand,
     rotation_only,
 )
-from bodysense_lab.completion.sequences import Draw, Sequence, draw_sequence, make_sequence
+from bodysense_lab.completion.sequences import Sequence, SequenceAugmentation, draw_sequence, make_sequence
 from bodysense_lab.completion.task import CompletionTask, CompletionTaskConfig
 from bodysense_lab.completion.train import fingers_of_completion, train_completion
 from bodysense_lab.completion.training_bodies import TrainingBody
@@ -78,20 +78,22 @@ def test_every_drawn_sequence_is_whole(corpus: Corpus) -> None:
 def test_kinds_of_sensors_are_shares_and_track_something() -> None:
     assert sum(KINDS.values()) == pytest.approx(1.0)
     rng, visible = np.random.default_rng(2), np.ones((60, len(INPUT_POINTS)), dtype=bool)
-    drawn = [draw_tracked(visible, 1 / 30, rng) for _ in range(200)]
+    drawn = [draw_sensors(visible, 1 / 30, rng) for _ in range(200)]
     assert np.mean([one.has_position.any() or one.has_rotation.any() for one in drawn]) > 0.95
     assert 0.8 < np.mean([one.head_known.mean() for one in drawn]) < 1.0
 
 
 def made(corpus: Corpus, offset: np.ndarray, mirrored: bool, position: np.ndarray, rotation: np.ndarray) -> Sequence:
-    def track(visible: np.ndarray, interval: float, rng: np.random.Generator) -> DrawnSensors:
+    def sensors(visible: np.ndarray, interval: float, rng: np.random.Generator) -> SensorMasks:
         frames = len(visible)
         has_position, has_rotation = np.tile(position, (frames, 1)), np.tile(rotation, (frames, 1))
         felt = rotation_only(has_position, has_rotation)
-        return DrawnSensors(has_position, has_rotation, felt)
+        return SensorMasks(has_position, has_rotation, felt)
 
-    body = TrainingBody.known(offset)
-    return make_sequence(corpus, 0, Draw(body, track=track, mirrored=mirrored), np.random.default_rng(0))
+    body = TrainingBody.fully_known(offset)
+    return make_sequence(
+        corpus, 0, SequenceAugmentation(body, sensors=sensors, mirrored=mirrored), np.random.default_rng(0)
+    )
 
 
 def test_a_sequence_moves_as_the_retargeted_clip(corpus: Corpus) -> None:
@@ -108,8 +110,11 @@ def test_a_sequence_moves_as_the_retargeted_clip(corpus: Corpus) -> None:
 
 def test_time_runs_backward_in_all_that_is_learned(corpus: Corpus) -> None:
     offset = sample_bodies("train", 1)[0]
-    body = TrainingBody.known(offset)
-    ways = [make_sequence(corpus, 0, Draw(body, backward=way), np.random.default_rng(3)) for way in (False, True)]
+    body = TrainingBody.fully_known(offset)
+    ways = [
+        make_sequence(corpus, 0, SequenceAugmentation(body, backward=way), np.random.default_rng(3))
+        for way in (False, True)
+    ]
     for name in ("true_position", "true_rotation", "contact", "position", "rotation", "acceleration"):
         forward, backward = (getattr(one, name) for one in ways)
         np.testing.assert_allclose(backward[::-1], forward, atol=1e-5, err_msg=name)
@@ -175,10 +180,10 @@ def test_hands_are_lost_as_measured() -> None:
 
 def test_wrists_turn_and_arms_do_not(corpus: Corpus) -> None:
     offset = corpus.rest_offset[0].astype(float)
-    body = TrainingBody.known(offset)
+    body = TrainingBody.fully_known(offset)
     still, turned = (
-        make_sequence(corpus, 0, Draw(body, bent=bent), np.random.default_rng(seed))
-        for bent, seed in ((False, 1), (True, 1))
+        make_sequence(corpus, 0, SequenceAugmentation(body, free_wrists=free_wrists), np.random.default_rng(seed))
+        for free_wrists, seed in ((False, 1), (True, 1))
     )
     wrists = [BODY.index(f"{side}_wrist") for side in ("left", "right")]
     arms = [k for k in range(len(BODY)) if k not in wrists]

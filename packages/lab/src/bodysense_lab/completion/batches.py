@@ -17,7 +17,7 @@ from bodysense_lab.completion.fingers import FingerSignal
 from bodysense_lab.completion.hands import TrainingHands
 from bodysense_lab.completion.network import turn_about_up
 from bodysense_lab.completion.points import SPIN_PLACES
-from bodysense_lab.completion.sequences import Draw, Sequence, make_sequence
+from bodysense_lab.completion.sequences import Sequence, SequenceAugmentation, make_sequence
 from bodysense_lab.completion.training_bodies import TrainingBody
 from bodysense_lab.fit import cut
 
@@ -104,18 +104,18 @@ def _stacked(items: Iterable[Any], name: str) -> Tensor:
     return torch.from_numpy(np.stack([np.asarray(getattr(one, name), dtype=np.float32) for one in items]))
 
 
-def whole_clips(corpus: Corpus, clips: Iterable[int], bodies: tuple[str, ...], **drawn: Any) -> list[SequenceBatch]:
-    """Return batches of whole clips, of similar lengths, on known bodies: their `own`, an unseen `unseen`, or both.
+def whole_clips(corpus: Corpus, clips: Iterable[int], bodies: tuple[str, ...], **choices: Any) -> list[SequenceBatch]:
+    """Return batches of whole clips, of similar lengths, on known bodies: `own`, `stranger` (an unseen body), or both.
 
-    `drawn` are choices of `Draw` besides the body.
+    `choices` are further fields of `SequenceAugmentation`.
     """
     clips = sorted(clips, key=lambda clip: corpus.length[clip] / corpus.rate[clip])
     sequences = []
     for clip, unseen in zip(clips, sample_bodies("validation", len(clips)), strict=True):
         offsets: Mapping[str, np.ndarray] = {"own": corpus.rest_offset[clip].astype(float), "stranger": unseen}
         for body in bodies:
-            draw = Draw(TrainingBody.known(offsets[body]), **drawn)
-            sequences.append(make_sequence(corpus, clip, draw, np.random.default_rng([7, clip])))
+            augmentation = SequenceAugmentation(TrainingBody.fully_known(offsets[body]), **choices)
+            sequences.append(make_sequence(corpus, clip, augmentation, np.random.default_rng([7, clip])))
     groups = [sequences[first : first + _GROUP] for first in range(0, len(sequences), _GROUP)]
     return [
         collate([(one, 0) for one in group], max(map(len, group)), np.ones(len(group), dtype=bool)) for group in groups

@@ -22,7 +22,7 @@ from bodysense_lab.store import is_store
 
 FORMAT = "bodysense-corpus-2"
 _JOINTS = len(BODY)
-_OF_CLIPS = ("rest_offset", "start", "length", "rate", "finger_start", "name", "category")
+_CLIP_FIELDS = ("rest_offset", "start", "length", "rate", "finger_start", "name", "category")
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +46,7 @@ class Corpus:
 
     def of(self, clips: np.ndarray) -> Corpus:
         """Some of the clips (N,), of the same frames."""
-        return replace(self, **{name: getattr(self, name)[clips] for name in _OF_CLIPS})
+        return replace(self, **{name: getattr(self, name)[clips] for name in _CLIP_FIELDS})
 
     @property
     def with_fingers(self) -> np.ndarray:
@@ -70,9 +70,9 @@ def read_corpus(data: Path, split: Split, limit: int | None = None) -> Corpus:
 
     The result is kept in the user's cache until the data change. Raises BodysenseError where there is no motion.
     """
-    asked = f"{data.resolve()} {split} {limit}"
-    kept = cache_folder() / f"corpus-{hashlib.sha256(asked.encode()).hexdigest()[:16]}.npz"
-    content = content_of(data)
+    request = f"{data.resolve()} {split} {limit}"
+    kept = cache_folder() / f"corpus-{hashlib.sha256(request.encode()).hexdigest()[:16]}.npz"
+    content = content_digest(data)
     if kept.is_file():
         with np.load(kept, allow_pickle=False) as saved:
             if str(saved["content"]) == content:
@@ -84,7 +84,7 @@ def read_corpus(data: Path, split: Split, limit: int | None = None) -> Corpus:
     return corpus
 
 
-def content_of(data: Path) -> str:
+def content_digest(data: Path) -> str:
     """Return a digest that changes with the motion in a folder or a store, and with the form of a corpus."""
     if is_store(data):
         seen = [(data / "zarr.json").read_text(encoding="utf-8")]
@@ -121,19 +121,19 @@ def corpus_of(clips: Iterable[Clip]) -> Corpus:
         raise BodysenseError("there is no motion to learn from; give at least one clip")
     whole = {name: np.concatenate([row[name] for row in rows]) for name in rows[0]}
     length = np.array([len(row["root"]) for row in rows])
-    of_fingers = np.array([len(row["fingers"]) for row in rows])
+    finger_frames = np.array([len(row["fingers"]) for row in rows])
     return Corpus(
         **whole,
         start=np.cumsum(length) - length,
         length=length,
         rate=np.array([row[0] for row in about]),
-        finger_start=np.where(of_fingers > 0, np.cumsum(of_fingers) - of_fingers, -1),
+        finger_start=np.where(finger_frames > 0, np.cumsum(finger_frames) - finger_frames, -1),
         name=np.array([row[1] for row in about]),
         category=np.array([row[2] for row in about]),
     )
 
 
-def between(a: np.ndarray, b: np.ndarray, share: np.ndarray) -> np.ndarray:
+def interpolate(a: np.ndarray, b: np.ndarray, share: np.ndarray) -> np.ndarray:
     """Rotations (T, J, 4) that are `share` (T,) of the way from a to b: float64."""
     a, b = a.astype(float), b.astype(float)
     b *= np.where((a * b).sum(axis=-1, keepdims=True) < 0, -1.0, 1.0)

@@ -19,7 +19,7 @@ from bodysense_lab.completion.corpus import Corpus
 from bodysense_lab.completion.fingers import MOVING, FingerNetwork, finger_positions, with_measured
 from bodysense_lab.completion.hands import RECORDED, hand_kinematics
 from bodysense_lab.completion.points import FINGER_JOINTS, FINGER_POINTS
-from bodysense_lab.completion.sensor_draws import worn_fingers
+from bodysense_lab.completion.sensor_draws import fixed_fingers
 from bodysense_lab.completion.sequences import CAMERA
 
 _SETS = ("nothing", "camera", "tips")
@@ -47,9 +47,9 @@ def finger_validation(corpus: Corpus, train: Corpus) -> dict[str, FingerValidati
 
 
 def hand_batches(corpus: Corpus, sensors: str) -> list[HandBatch]:
-    """Return whole clips with fingers, on their own and on unseen hands, both known, as `worn_fingers` tracks them."""
-    bodies, fingers = ("own", "stranger"), partial(worn_fingers, sensors)
-    found = whole_clips(corpus, corpus.with_fingers.tolist(), bodies, track=CAMERA, fingers=fingers)
+    """Return whole clips with fingers, on their own and on unseen hands, both known, as `fixed_fingers` tracks them."""
+    bodies, fingers = ("own", "stranger"), partial(fixed_fingers, sensors)
+    found = whole_clips(corpus, corpus.with_fingers.tolist(), bodies, sensors=CAMERA, fingers=fingers)
     return [batch.hands for batch in found if batch.hands is not None]
 
 

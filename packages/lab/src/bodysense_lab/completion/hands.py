@@ -10,9 +10,9 @@ import numpy as np
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.rotation import quaternion_exp, quaternion_multiply
 from bodysense.body.skeleton import BODY, default_skeleton
-from bodysense_lab.completion.corpus import between
+from bodysense_lab.completion.corpus import interpolate
 from bodysense_lab.completion.points import FINGER_JOINTS, FINGER_OF, FINGERS, HAND_JOINTS, HAND_POINTS
-from bodysense_lab.completion.sensor_draws import DrawnFingers
+from bodysense_lab.completion.sensor_draws import FingerMasks
 from bodysense_lab.completion.wandering import wander
 
 GENERATED_RATE = 30.0  # Hz of generated fingers
@@ -41,7 +41,7 @@ class TrainingHands:
 
 
 # Draw what is tracked, from the frames in which cameras see each hand (T, 2), the interval in s, and random numbers.
-TrackFingers = Callable[[np.ndarray, float, np.random.Generator], DrawnFingers]
+DrawFingers = Callable[[np.ndarray, float, np.random.Generator], FingerMasks]
 
 
 def generated_part(fingers: np.ndarray, frames: int, rate: float, rng: np.random.Generator) -> np.ndarray:
@@ -49,10 +49,10 @@ def generated_part(fingers: np.ndarray, frames: int, rate: float, rng: np.random
     place = np.arange(frames) * (GENERATED_RATE / rate)
     place += rng.uniform(0, max(0.0, len(fingers) - 2 - place[-1]))
     low = np.minimum(place.astype(int), len(fingers) - 1)
-    return between(fingers[low], fingers[np.minimum(low + 1, len(fingers) - 1)], place - low)[:, RECORDED]
+    return interpolate(fingers[low], fingers[np.minimum(low + 1, len(fingers) - 1)], place - low)[:, RECORDED]
 
 
-def with_moved_fingers(local: np.ndarray, rate: float, rng: np.random.Generator) -> np.ndarray:
+def with_finger_noise(local: np.ndarray, rate: float, rng: np.random.Generator) -> np.ndarray:
     """Add slow random bending and spreading to local finger rotations (T, 2, 15, 4)."""
     frames = len(local)
     count = len(FINGERS)
@@ -81,7 +81,7 @@ def hand_kinematics(local: np.ndarray, rest_offset: np.ndarray) -> tuple[np.ndar
     return np.asarray(world)[:, HAND_JOINTS], np.asarray(position)[:, HAND_POINTS]
 
 
-def estimated(
+def with_wrist_error(
     wrist: np.ndarray, place: np.ndarray, rate: float, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
     """Wrists turned (T, 2, 4) at (T, 2, 3) m as a body that is completed has them."""

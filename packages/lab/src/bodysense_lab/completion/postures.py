@@ -28,7 +28,7 @@ KINDS = {
     "lying": 0.03,
     "standing": 0.05,
 }
-_LASTS = 0.55  # share of sequences that begin and end in the posture
+_WHOLE_SEQUENCE = 0.55  # share of sequences that begin and end in the posture
 _RESTING, _HOLDING = 0.4, 0.25  # shares of sequences whose hands rest on the thighs, and are held still in front
 _TALL = 0.95  # m: how high the pelvis of the body rests for which the heights here are
 _SIDES = ("left", "right")
@@ -40,7 +40,7 @@ _SWAY, _TURNING = 0.15, 0.3  # share of the standing person's horizontal motion,
 _LYING = [f"{side}_{part}" for side in _SIDES for part in ("shoulder", "hip", "knee", "ankle")]
 _KNEE, _SOLE = 0.06, 0.08  # m: how high a knee rests on the floor, and the ankle of a standing foot
 _BACK = np.radians(120)  # feet that point down by more lie on their backs, toes too
-_CALM, _UPRIGHT = 0.3, 0.85  # m/s, share of the rest height: a slower and higher pelvis stands
+_STILL, _UPRIGHT = 0.3, 0.85  # m/s, share of the rest height: a slower and higher pelvis stands
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,14 +68,14 @@ def standing_share(corpus: Corpus) -> np.ndarray:
     for clip in range(len(corpus)):
         first, count = int(corpus.start[clip]), int(corpus.length[clip])
         rest = float(corpus.rest_offset[clip, 0, 1])
-        shares[clip] = stands(corpus.root[first : first + count], rest, float(corpus.rate[clip])).mean()
+        shares[clip] = is_standing(corpus.root[first : first + count], rest, float(corpus.rate[clip])).mean()
     return shares
 
 
-def stands(root: np.ndarray, rest: float, rate: float) -> np.ndarray:
+def is_standing(root: np.ndarray, rest: float, rate: float) -> np.ndarray:
     """Return (T,) bool: whether a pelvis on the path (T, 3) m, with rest height `rest` in m, belongs to a stander."""
     speed = np.linalg.norm(np.gradient(root[:, [0, 2]], axis=0), axis=-1) * rate
-    return (root[:, 1] > _UPRIGHT * rest) & (speed < _CALM)
+    return (root[:, 1] > _UPRIGHT * rest) & (speed < _STILL)
 
 
 def low_share(corpus: Corpus) -> np.ndarray:
@@ -93,7 +93,7 @@ def draw_kind(rng: np.random.Generator) -> str:
     return str(rng.choice(list(KINDS), p=list(KINDS.values())))
 
 
-def settled(
+def apply_posture(
     rotation: np.ndarray, root: np.ndarray, offset: np.ndarray, kind: str, rate: float, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
     """Change a standing person's world rotations (T, 22, 4) wxyz and pelvis path (T, 3) m to a posture of `KINDS`.
@@ -101,24 +101,24 @@ def settled(
     `offset` (65, 3) m are the person's rest offsets.
     """
     if kind == "lying":
-        return _laid(rotation, root, offset, rate, rng)
+        return _lie_down(rotation, root, offset, rate, rng)
     before = quaternion_to_matrix(rotation.astype(float))
     frames = len(root)
-    share = np.zeros(frames) if kind == "standing" else _when(frames, rate, rng)
+    share = np.zeros(frames) if kind == "standing" else _posture_share(frames, rate, rng)
     matrix, path = before.copy(), root.astype(float).copy()
     if kind != "standing":
-        matrix, path = _lowered(before, path, offset, _DRAWN[kind](_bones_of(offset), rng), share, rate, rng)
+        matrix, path = _lower_body(before, path, offset, _POSTURES[kind](_bones_of(offset), rng), share, rate, rng)
     drawn = rng.uniform()
     if kind == "standing" or drawn < _HOLDING:
-        matrix = _with_held_hands(matrix, path, offset, rate, rng)
+        matrix = _hold_hands_in_front(matrix, path, offset, rate, rng)
     elif drawn < _HOLDING + _RESTING and kind in ("chair", "kneeling", "half kneeling", "floor"):
-        matrix = _with_resting_hands(matrix, path, offset, share, rate, rng)
+        matrix = _rest_hands_on_thighs(matrix, path, offset, share, rate, rng)
     return matrix_to_quaternion(matrix), path
 
 
-def _when(frames: int, rate: float, rng: np.random.Generator) -> np.ndarray:
+def _posture_share(frames: int, rate: float, rng: np.random.Generator) -> np.ndarray:
     """(T,) from 0, as recorded, to 1, in the posture."""
-    if rng.uniform() < _LASTS:
+    if rng.uniform() < _WHOLE_SEQUENCE:
         return np.ones(frames)
     times, values, now = [0.0], [float(rng.uniform() < 0.5)], 0.0
     while now < frames / rate:
@@ -154,7 +154,7 @@ def _degrees(mean: float, deviation: float, rng: np.random.Generator) -> float:
     return float(np.radians(rng.normal(mean, deviation)))
 
 
-def _planted(
+def _standing_leg(
     bones: _Bones,
     forward: float,
     sideways: float,
@@ -170,7 +170,7 @@ def _planted(
     return _Leg(ankle, np.array([knees_out, 1.0, 0.7]), toes_down, float(np.radians(rng.uniform(-5, 28))))
 
 
-def _kneeled(bones: _Bones, height: float, sideways: float, rng: np.random.Generator) -> _Leg:
+def _kneeling_leg(bones: _Bones, height: float, sideways: float, rng: np.random.Generator) -> _Leg:
     """A knee on the floor, and the shin behind it."""
     down = min(height - _KNEE, 0.995 * bones.thigh)
     behind = float(np.sqrt(bones.thigh**2 - down**2)) - 0.99 * bones.shin
@@ -180,17 +180,17 @@ def _kneeled(bones: _Bones, height: float, sideways: float, rng: np.random.Gener
     return _Leg(ankle, np.array([0.0, -0.6, 1.0]), float(np.radians(turned)), 0.0)
 
 
-def _apart(bones: _Bones, rng: np.random.Generator) -> float:
+def _foot_spread(bones: _Bones, rng: np.random.Generator) -> float:
     """How far a foot is outward of its hip, m."""
     return float(rng.uniform(-0.05, 0.22)) * bones.scale
 
 
-def _either_first(front: _Leg, rear: _Leg, rng: np.random.Generator) -> tuple[_Leg, _Leg]:
+def _in_random_order(front: _Leg, rear: _Leg, rng: np.random.Generator) -> tuple[_Leg, _Leg]:
     return (front, rear) if rng.uniform() < 0.5 else (rear, front)
 
 
-def _on_a_chair(bones: _Bones, rng: np.random.Generator) -> _Posture:
-    height, out = float(rng.uniform(0.26, 0.72)) * bones.scale, _apart(bones, rng)
+def _sit_on_chair(bones: _Bones, rng: np.random.Generator) -> _Posture:
+    height, out = float(rng.uniform(0.26, 0.72)) * bones.scale, _foot_spread(bones, rng)
     reach = float(np.sqrt(max(0.02, (0.97 * bones.leg) ** 2 - (height - _SOLE * bones.scale) ** 2)))
     forward, spread = float(rng.uniform(0.12, max(0.2, reach))), float(rng.uniform(-0.1, 0.5))
     unlike = 0.18 if rng.uniform() < 0.25 else 0.03
@@ -198,20 +198,20 @@ def _on_a_chair(bones: _Bones, rng: np.random.Generator) -> _Posture:
     def leg() -> _Leg:
         ahead = float(np.clip(forward + rng.normal(0, unlike), 0.05, reach))
         raised = bool(rng.uniform() < 0.2)
-        return _planted(bones, ahead, out + float(rng.normal(0, 0.03)), rng, raised=raised, knees_out=spread)
+        return _standing_leg(bones, ahead, out + float(rng.normal(0, 0.03)), rng, raised=raised, knees_out=spread)
 
     back = float(rng.uniform(0.2, 0.5)) * bones.scale
     return _Posture(height, back, _degrees(-8, 10, rng), _degrees(4, 9, rng), (leg(), leg()))
 
 
-def _on_the_floor(bones: _Bones, rng: np.random.Generator) -> _Posture:
+def _sit_on_floor(bones: _Bones, rng: np.random.Generator) -> _Posture:
     """Cross-legged, or with legs in front."""
-    crossed, out = rng.uniform() < 0.55, _apart(bones, rng)
+    crossed, out = rng.uniform() < 0.55, _foot_spread(bones, rng)
     forward = float(rng.uniform(0.3, 0.96)) * bones.leg
 
     def leg() -> _Leg:
         if not crossed:
-            return _planted(bones, float(np.clip(forward + rng.normal(0, 0.1), 0.25, 0.97 * bones.leg)), out, rng)
+            return _standing_leg(bones, float(np.clip(forward + rng.normal(0, 0.1), 0.25, 0.97 * bones.leg)), out, rng)
         ankle = np.array([rng.uniform(-0.22, -0.02), 0.07, rng.uniform(0.16, 0.34)]) * bones.scale
         pole = np.array([1.0, rng.uniform(0.1, 0.5), 0.35])
         return _Leg(ankle, pole, float(np.radians(rng.uniform(10, 50))), float(np.radians(rng.uniform(20, 60))))
@@ -220,51 +220,51 @@ def _on_the_floor(bones: _Bones, rng: np.random.Generator) -> _Posture:
     return _Posture(height, back, _degrees(-22, 10, rng), _degrees(12, 10, rng), (leg(), leg()))
 
 
-def _on_both_knees(bones: _Bones, rng: np.random.Generator) -> _Posture:
+def _kneel(bones: _Bones, rng: np.random.Generator) -> _Posture:
     """From sitting on the heels to upright."""
-    height, out = float(rng.uniform(0.2 * bones.scale, bones.thigh + _KNEE)), _apart(bones, rng)
-    legs = _kneeled(bones, height, out, rng), _kneeled(bones, height + float(rng.normal(0, 0.01)), out, rng)
+    height, out = float(rng.uniform(0.2 * bones.scale, bones.thigh + _KNEE)), _foot_spread(bones, rng)
+    legs = _kneeling_leg(bones, height, out, rng), _kneeling_leg(bones, height + float(rng.normal(0, 0.01)), out, rng)
     return _Posture(height, 0.0, _degrees(0, 8, rng), _degrees(5, 10, rng), legs)
 
 
-def _on_one_knee(bones: _Bones, rng: np.random.Generator) -> _Posture:
+def _half_kneel(bones: _Bones, rng: np.random.Generator) -> _Posture:
     height = float(rng.uniform(0.32 * bones.scale, bones.thigh + _KNEE))
-    front = _planted(bones, float(rng.uniform(0.2, 0.5)) * bones.scale, _apart(bones, rng), rng)
-    legs = _either_first(front, _kneeled(bones, height, 0.02, rng), rng)
+    front = _standing_leg(bones, float(rng.uniform(0.2, 0.5)) * bones.scale, _foot_spread(bones, rng), rng)
+    legs = _in_random_order(front, _kneeling_leg(bones, height, 0.02, rng), rng)
     return _Posture(height, 0.0, _degrees(3, 8, rng), _degrees(8, 10, rng), legs)
 
 
-def _lunging(bones: _Bones, rng: np.random.Generator) -> _Posture:
+def _lunge(bones: _Bones, rng: np.random.Generator) -> _Posture:
     height = float(rng.uniform(0.45, 0.75)) * bones.scale
-    front = _planted(bones, float(rng.uniform(0.25, 0.55)) * bones.scale, 0.02, rng)
+    front = _standing_leg(bones, float(rng.uniform(0.25, 0.55)) * bones.scale, 0.02, rng)
     ankle = np.array([0.02, 0.14 * bones.scale, -float(rng.uniform(0.3, 0.6)) * bones.scale])
     rear = _Leg(ankle, np.array([0.0, -0.5, 1.0]), float(np.radians(rng.uniform(35, 65))), 0.0)
-    return _Posture(height, 0.0, _degrees(8, 8, rng), _degrees(8, 10, rng), _either_first(front, rear, rng))
+    return _Posture(height, 0.0, _degrees(8, 8, rng), _degrees(8, 10, rng), _in_random_order(front, rear, rng))
 
 
-def _crouching(bones: _Bones, rng: np.random.Generator) -> _Posture:
+def _crouch(bones: _Bones, rng: np.random.Generator) -> _Posture:
     height, back = float(rng.uniform(0.18, 0.72)) * bones.scale, float(rng.uniform(0.0, 0.2)) * bones.scale
-    raised, spread, out = bool(rng.uniform() < 0.5), float(rng.uniform(0.0, 0.8)), _apart(bones, rng)
+    raised, spread, out = bool(rng.uniform() < 0.5), float(rng.uniform(0.0, 0.8)), _foot_spread(bones, rng)
     forward = back + float(rng.uniform(-0.02, 0.1)) * bones.scale
 
     def leg() -> _Leg:
-        return _planted(bones, forward + float(rng.normal(0, 0.04)), out, rng, raised=raised, knees_out=spread)
+        return _standing_leg(bones, forward + float(rng.normal(0, 0.04)), out, rng, raised=raised, knees_out=spread)
 
     tilt, lean = np.radians(rng.uniform(5, 35)), np.radians(rng.uniform(10, 55))
     return _Posture(height, back, float(tilt), float(lean), (leg(), leg()))
 
 
-_DRAWN = {
-    "chair": _on_a_chair,
-    "floor": _on_the_floor,
-    "kneeling": _on_both_knees,
-    "half kneeling": _on_one_knee,
-    "lunge": _lunging,
-    "crouch": _crouching,
+_POSTURES = {
+    "chair": _sit_on_chair,
+    "floor": _sit_on_floor,
+    "kneeling": _kneel,
+    "half kneeling": _half_kneel,
+    "lunge": _lunge,
+    "crouch": _crouch,
 }
 
 
-def _lowered(
+def _lower_body(
     before: np.ndarray,
     root: np.ndarray,
     offset: np.ndarray,
@@ -298,7 +298,7 @@ def _lowered(
     still = np.median(place, axis=0)
     level = _about_up(np.full(1, np.median(kept)))[0]
     path = root + share[:, None] * (place - root)
-    mixed = _mixed(before, after, share)
+    mixed = _blend(before, after, share)
     old = hips_of(before[:, 0], offset)
     now = hips_of(mixed[:, 0], offset)
     for k, (side_name, leg) in enumerate(zip(_SIDES, posture.legs, strict=True)):
@@ -322,13 +322,13 @@ def _lowered(
         toes = leg.toes_down if leg.toes_down > _BACK else min(leg.toes_down, 0.3)
         for joint, down in zip(ends, (leg.toes_down, toes), strict=True):
             pitched = foot @ quaternion_to_matrix(quaternion_exp(np.array([down, 0.0, 0.0])))
-            mixed[:, joint] = _mixed(before[:, joint], np.broadcast_to(pitched, before[:, joint].shape), share)
+            mixed[:, joint] = _blend(before[:, joint], np.broadcast_to(pitched, before[:, joint].shape), share)
     recorded = share == 0
     mixed[recorded], path[recorded] = before[recorded], root[recorded]
     return mixed, path
 
 
-def _laid(
+def _lie_down(
     rotation: np.ndarray, root: np.ndarray, offset: np.ndarray, rate: float, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
     """Lay a standing person on their back, belly or side, with the pose unchanged."""
@@ -345,32 +345,32 @@ def _laid(
     middle = np.median(root, axis=0)
     path = middle + np.einsum("tij,tj->ti", turn, (root - middle) * [_SWAY, 0.3, _SWAY])
     after = turn[:, None] @ before
-    low = [_place_of(after, path, offset, name)[:, 1] for name in _LYING]
+    low = [_joint_position(after, path, offset, name)[:, 1] for name in _LYING]
     path[:, 1] += rng.uniform(0.06, 0.14) + rng.uniform(0, 0.5) * (rng.uniform() < 0.4) - np.quantile(low, 0.03)
     return matrix_to_quaternion(after), path
 
 
-def _with_held_hands(
+def _hold_hands_in_front(
     matrix: np.ndarray, root: np.ndarray, offset: np.ndarray, rate: float, rng: np.random.Generator
 ) -> np.ndarray:
     """Hands held in front, as those that hold controllers, now and then."""
     facing = matrix[:, 0, :, 2]
     square = _about_up(np.arctan2(facing[:, 0], facing[:, 2]))
-    both = _spells(len(root), rate, rng)
+    both = _random_activation(len(root), rate, rng)
     place = np.array([rng.uniform(0.04, 0.3), rng.uniform(-0.5, -0.05), rng.uniform(0.15, 0.5)]) * offset[0, 1]
     after = matrix.copy()
     for side in _SIDES:
         mirror = np.array([1.0 if side == "left" else -1.0, 1.0, 1.0])
-        shoulder = _place_of(after, root, offset, f"{side}_shoulder")
-        chest = _place_of(after, root, offset, "neck")
+        shoulder = _joint_position(after, root, offset, f"{side}_shoulder")
+        chest = _joint_position(after, root, offset, "neck")
         moving = wander(len(root), 3, rate, 1.5, rng) * 0.03 + rng.normal(0, 0.03, 3)
         target = chest + np.einsum("tij,tj->ti", square, (place + moving) * mirror)
         pole = np.einsum("tij,j->ti", square, np.array([0.35, -1.0, -0.35]) * mirror)
-        after = _reached(after, root, offset, side, shoulder, target, pole, both, None)
+        after = _move_arm(after, root, offset, side, shoulder, target, pole, both, None)
     return after
 
 
-def _with_resting_hands(
+def _rest_hands_on_thighs(
     matrix: np.ndarray, root: np.ndarray, offset: np.ndarray, share: np.ndarray, rate: float, rng: np.random.Generator
 ) -> np.ndarray:
     """Hands that rest on the thighs, now and then, while these are level."""
@@ -380,10 +380,10 @@ def _with_resting_hands(
         if rng.uniform() < 0.15:
             continue
         sign = 1.0 if side == "left" else -1.0
-        hip, knee = (_place_of(matrix, root, offset, f"{side}_{name}") for name in ("hip", "knee"))
+        hip, knee = (_joint_position(matrix, root, offset, f"{side}_{name}") for name in ("hip", "knee"))
         thigh = knee - hip
         level = np.linalg.norm(thigh[:, [0, 2]], axis=-1) / np.linalg.norm(thigh, axis=-1)
-        often = _spells(len(root), rate, rng) * share * np.clip((level - 0.5) * 4, 0, 1)
+        often = _random_activation(len(root), rate, rng) * share * np.clip((level - 0.5) * 4, 0, 1)
         direction = thigh / np.linalg.norm(thigh, axis=-1, keepdims=True)
         up = np.array([0.0, 1.0, 0.0]) - direction[:, 1:2] * direction
         up /= np.maximum(np.linalg.norm(up, axis=-1, keepdims=True), 0.1)
@@ -391,16 +391,16 @@ def _with_resting_hands(
         jitter = wander(len(root), 2, rate, 2.0, rng) * 0.015 + rng.normal(0, 0.03, 2)
         target = hip + (along + float(rng.normal(0, 0.07)) + jitter[:, :1]) * thigh - 0.08 * direction
         target += 0.09 * up + (jitter[:, 1:] + sign * 0.02) * across
-        shoulder = _place_of(after, root, offset, f"{side}_shoulder")
+        shoulder = _joint_position(after, root, offset, f"{side}_shoulder")
         pole = sign * across * 0.6 + np.array([0.0, -0.5, 0.0]) - 0.4 * direction
         inward = quaternion_to_matrix(quaternion_exp(up * -sign * np.radians(rng.uniform(-10, 35))))
         pointing = np.einsum("tij,tj->ti", inward, direction) * sign
         hand = np.stack([pointing, up, np.cross(pointing, up)], axis=-1)
-        after = _reached(after, root, offset, side, shoulder, target, pole, often, hand)
+        after = _move_arm(after, root, offset, side, shoulder, target, pole, often, hand)
     return after
 
 
-def _reached(
+def _move_arm(
     matrix: np.ndarray,
     root: np.ndarray,
     offset: np.ndarray,
@@ -421,13 +421,13 @@ def _reached(
     after = matrix.copy()
     if hand is None:
         hand = second
-    moved = share > 0
-    after[moved, limb.first], after[moved, limb.second] = first[moved], second[moved]
-    after[:, limb.end] = _mixed(matrix[:, limb.end], hand, share)
+    active = share > 0
+    after[active, limb.first], after[active, limb.second] = first[active], second[active]
+    after[:, limb.end] = _blend(matrix[:, limb.end], hand, share)
     return after
 
 
-def _spells(frames: int, rate: float, rng: np.random.Generator) -> np.ndarray:
+def _random_activation(frames: int, rate: float, rng: np.random.Generator) -> np.ndarray:
     """(T,) 0 to 1: always, or now and then."""
     if rng.uniform() < 0.5:
         return np.ones(frames)
@@ -435,7 +435,7 @@ def _spells(frames: int, rate: float, rng: np.random.Generator) -> np.ndarray:
     return smooth_step(np.clip(wave * 1.5 + 0.7, 0, 1))
 
 
-def _mixed(a: np.ndarray, b: np.ndarray, share: np.ndarray) -> np.ndarray:
+def _blend(a: np.ndarray, b: np.ndarray, share: np.ndarray) -> np.ndarray:
     """Matrices (T, ..., 3, 3) that are `share` (T,) of the way from a to b."""
     begin, end = matrix_to_quaternion(a), matrix_to_quaternion(b)
     weight = np.broadcast_to(share.reshape(-1, *(1,) * (begin.ndim - 2)), begin.shape[:-1])
@@ -447,7 +447,7 @@ def _about_up(angle: np.ndarray) -> np.ndarray:
     return quaternion_to_matrix(quaternion_exp(np.array([0.0, 1.0, 0.0]) * angle[:, None]))
 
 
-def _place_of(matrix: np.ndarray, root: np.ndarray, offset: np.ndarray, name: str) -> np.ndarray:
+def _joint_position(matrix: np.ndarray, root: np.ndarray, offset: np.ndarray, name: str) -> np.ndarray:
     """(T, 3) m: a joint of a body whose joints are turned (T, 22, 3, 3)."""
     skeleton = default_skeleton()
     place, point = root.copy(), skeleton.index(name)

@@ -34,6 +34,7 @@ from bodysense_lab.completion.lattice import random_edges
 from bodysense_lab.completion.network import CompletionNetwork
 from bodysense_lab.completion.options import BODIES, TABLE_SETS, Body
 from bodysense_lab.completion.points import body_places
+from bodysense_lab.completion.posture_clips import posture_clips
 from bodysense_lab.completion.rounding import round_weights, sample_moments
 from bodysense_lab.completion.scenes import (
     TRUTH_OF,
@@ -44,7 +45,6 @@ from bodysense_lab.completion.scenes import (
     scene_of,
     stack_observations,
 )
-from bodysense_lab.completion.settled_clips import settled_clips
 from bodysense_lab.completion.task import WORN, CompletionTask, CompletionTaskConfig
 from bodysense_lab.completion.weights_file import TrainedNetworks, write_weights
 from bodysense_lab.options import Schedule
@@ -226,7 +226,7 @@ def _scenes(data: Path, split: Split, limit: int | None, backward: bool) -> dict
     clips = [_piece(clip) for clip in learned_clips(data, split, limit) if clip.category in WORN]
     if split == "train":
         clips = _few_of_each_person(clips)
-    clips += list(settled_clips(clips))
+    clips += list(posture_clips(clips))
     for batch in batches(clips):
         for truth in truths:
             found = [scene_of(clip, truth, split) for clip in batch]

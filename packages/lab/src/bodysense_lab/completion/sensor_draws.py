@@ -39,16 +39,19 @@ FINGER_KINDS = {
     "random": 0.10,  # some joints and tips, each with a position, a rotation or both
 }
 _GAPS = 0.4  # share of sequences with hands in which these are lost now and then, as `lost_hand` says
-_ONE_HAND, _NO_TURN = 0.12, 0.04  # share of three-point sequences with one hand only, and with hands without rotation
+_ONE_HAND, _NO_ROTATION = (
+    0.12,
+    0.04,
+)  # share of three-point sequences with one hand only, and with hands without rotation
 _CHANGES = 0.2  # share of sequences with other sensors in which those come and go
-_FELT = 0.8  # share of sequences whose rotation-only sensors give their acceleration
+_ACCELERATION_SHARE = 0.8  # share of sequences whose rotation-only sensors give their acceleration
 _PAIRS = ("ankle", "knee", "elbow", "hip", "shoulder", "foot")
 _IMU_JOINTS = ("knee", "ankle", "hip", "elbow", "shoulder")
-_WHAT = ("both", "position", "rotation")
+_SENSOR_KINDS = ("both", "position", "rotation")
 
 
 @dataclass(frozen=True, eq=False)
-class DrawnSensors:
+class SensorMasks:
     """Masks of one sequence."""
 
     has_position: np.ndarray  # (T, 27) bool
@@ -61,16 +64,16 @@ class DrawnSensors:
         return self.has_position[:, INPUT_POINTS.index(HEAD)] & self.has_rotation[:, BODY.index(HEAD)]
 
 
-def worn(sensors: SensorSet, visible: np.ndarray, interval: float, rng: np.random.Generator) -> DrawnSensors:
+def fixed_sensors(sensors: SensorSet, visible: np.ndarray, interval: float, rng: np.random.Generator) -> SensorMasks:
     """Return what a set of sensors tracks of a body of which cameras see `visible` (T, 27); nothing is drawn."""
     del interval, rng
     position, rotation = np.isin(INPUT_POINTS, sensors.position), np.isin(BODY, sensors.rotation)
     has_position = (visible | position) if sensors.camera else np.tile(position, (len(visible), 1))
     has_rotation = np.tile(rotation, (len(visible), 1))
-    return DrawnSensors(has_position, has_rotation, rotation_only(has_position, has_rotation))
+    return SensorMasks(has_position, has_rotation, rotation_only(has_position, has_rotation))
 
 
-def draw_tracked(visible: np.ndarray, interval: float, rng: np.random.Generator) -> DrawnSensors:
+def draw_sensors(visible: np.ndarray, interval: float, rng: np.random.Generator) -> SensorMasks:
     """Draw what is tracked in a sequence of frames every `interval` s, of which cameras see `visible` (T, 27)."""
     frames = len(visible)
     kind = str(rng.choice(list(KINDS), p=list(KINDS.values())))
@@ -88,7 +91,7 @@ def draw_tracked(visible: np.ndarray, interval: float, rng: np.random.Generator)
             add(wrist)
     if kind == "three_point" and rng.uniform() < _ONE_HAND:
         _remove(position, rotation, WRISTS[int(rng.integers(2))])
-    if kind == "three_point" and rng.uniform() < _NO_TURN:
+    if kind == "three_point" and rng.uniform() < _NO_ROTATION:
         rotation[[BODY.index(wrist) for wrist in WRISTS]] = False
     if kind == "trackers":
         _add_trackers(add, rng)
@@ -100,12 +103,12 @@ def draw_tracked(visible: np.ndarray, interval: float, rng: np.random.Generator)
         share = rng.uniform(0.05, 0.8)
         for name in INPUT_POINTS:
             if rng.uniform() < share:
-                add(name, str(rng.choice(_WHAT)))
+                add(name, str(rng.choice(_SENSOR_KINDS)))
     if kind == "headless":
         _headless(position, rotation, add, rng)
     has_position, has_rotation = np.tile(position, (frames, 1)), np.tile(rotation, (frames, 1))
     if kind == "camera":
-        has_position, has_rotation = _seen(visible)
+        has_position, has_rotation = _camera_masks(visible)
     if rng.uniform() < _GAPS:
         for wrist, knuckles in zip(WRISTS, KNUCKLES, strict=True):
             lost = lost_hand(frames, interval, rng)
@@ -124,8 +127,8 @@ def draw_tracked(visible: np.ndarray, interval: float, rng: np.random.Generator)
         lost = spans(frames, interval, rng, 4.0, longest=1.0)
         has_position[lost, INPUT_POINTS.index(HEAD)] = False
         has_rotation[lost, BODY.index(HEAD)] = False
-    felt = rotation_only(has_position, has_rotation) & (rng.uniform() < _FELT)
-    return DrawnSensors(has_position, has_rotation, felt)
+    felt = rotation_only(has_position, has_rotation) & (rng.uniform() < _ACCELERATION_SHARE)
+    return SensorMasks(has_position, has_rotation, felt)
 
 
 def rotation_only(has_position: np.ndarray, has_rotation: np.ndarray) -> np.ndarray:
@@ -177,7 +180,7 @@ def _add_mixed(add, rng: np.random.Generator) -> None:
     share = rng.uniform(0.05, 0.5)
     for part in ("pelvis", "spine3", *_PAIRS):
         if rng.uniform() < share:
-            what = str(rng.choice(_WHAT))
+            what = str(rng.choice(_SENSOR_KINDS))
             sides = ("left", "right") if rng.uniform() < 0.5 else (str(rng.choice(["left", "right"])),)
             for name in (part,) if part in BODY else tuple(f"{side}_{part}" for side in sides):
                 add(name, what)
@@ -209,7 +212,7 @@ def _headless(position: np.ndarray, rotation: np.ndarray, add, rng: np.random.Ge
                 add(name)
 
 
-def _seen(visible: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _camera_masks(visible: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Positions of what cameras see, the head's pose, and the rotation of hands that are seen: knuckles imply it."""
     has_position = visible.copy()
     has_rotation = np.zeros((len(visible), len(BODY)), dtype=bool)
@@ -261,7 +264,7 @@ def spans(
 
 
 @dataclass(frozen=True, eq=False)
-class DrawnFingers:
+class FingerMasks:
     """Masks of both hands of one sequence."""
 
     has_position: np.ndarray  # (T, 2, 20) bool
@@ -269,16 +272,16 @@ class DrawnFingers:
     has_wrist: np.ndarray  # (T, 2) bool: measured, not estimated
 
     @classmethod
-    def wrists_only(cls, frames: int) -> DrawnFingers:
+    def wrists_only(cls, frames: int) -> FingerMasks:
         """Return masks of hands whose fingers are not tracked."""
         joints, wrists = np.zeros((frames, 2, FINGER_JOINTS), dtype=bool), np.ones((frames, 2), dtype=bool)
         return cls(np.zeros((frames, 2, FINGER_POINTS), dtype=bool), joints, wrists)
 
 
-def worn_fingers(name: str, visible: np.ndarray, interval: float, rng: np.random.Generator) -> DrawnFingers:
+def fixed_fingers(name: str, visible: np.ndarray, interval: float, rng: np.random.Generator) -> FingerMasks:
     """Return what `nothing`, `tips` or a `camera` tracks of hands that cameras see (T, 2); nothing is drawn."""
     del interval, rng
-    fingers = DrawnFingers.wrists_only(len(visible))
+    fingers = FingerMasks.wrists_only(len(visible))
     if name == "tips":
         fingers.has_position[..., FINGER_JOINTS:] = True
     if name == "camera":
@@ -286,9 +289,9 @@ def worn_fingers(name: str, visible: np.ndarray, interval: float, rng: np.random
     return fingers
 
 
-def draw_fingers(kind: str, visible: np.ndarray, interval: float, rng: np.random.Generator) -> DrawnFingers:
+def draw_fingers(kind: str, visible: np.ndarray, interval: float, rng: np.random.Generator) -> FingerMasks:
     """Draw what a kind of `FINGER_KINDS` tracks in frames every `interval` s, in which cameras see hands (T, 2)."""
-    fingers = DrawnFingers.wrists_only(len(visible))
+    fingers = FingerMasks.wrists_only(len(visible))
     has_position, has_rotation, has_wrist = fingers.has_position, fingers.has_rotation, fingers.has_wrist
 
     def hidden(per_minute: float, longest: float = 3.0) -> np.ndarray:

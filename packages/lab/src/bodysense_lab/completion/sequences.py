@@ -21,15 +21,15 @@ from bodysense.devices.simulated.headset_camera import see_points
 from bodysense.devices.simulated.inertial import ALONG as STRAPPED_ALONG
 from bodysense.devices.simulated.inertial import accelerations, strapped_places
 from bodysense.devices.simulated.sensors import HEADSET_CAMERA
-from bodysense_lab.completion.corpus import Corpus, between
+from bodysense_lab.completion.corpus import Corpus, interpolate
 from bodysense_lab.completion.hands import (
     RECORDED,
-    TrackFingers,
+    DrawFingers,
     TrainingHands,
-    estimated,
     generated_part,
     hand_kinematics,
-    with_moved_fingers,
+    with_finger_noise,
+    with_wrist_error,
 )
 from bodysense_lab.completion.points import (
     ACCELERATED,
@@ -48,8 +48,8 @@ from bodysense_lab.completion.points import (
     path_from_head,
     stature,
 )
-from bodysense_lab.completion.postures import draw_kind, settled
-from bodysense_lab.completion.sensor_draws import FINGER_KINDS, DrawnSensors, draw_fingers, draw_tracked, worn
+from bodysense_lab.completion.postures import apply_posture, draw_kind
+from bodysense_lab.completion.sensor_draws import FINGER_KINDS, SensorMasks, draw_fingers, draw_sensors, fixed_sensors
 from bodysense_lab.completion.straight_legs import straightened
 from bodysense_lab.completion.training_bodies import TrainingBody, draw_body, with_other_hands
 from bodysense_lab.completion.wandering import wander
@@ -69,12 +69,12 @@ _MIRROR, _MIRROR_65 = partners(BODY), default_skeleton().mirror
 _LOW, _SLOW, _HALF_WINDOW = 0.05, 0.3, 0.04  # m, m/s, s
 # radians: wrists about the forearm, sideways and toward the palm: spread of the held angle, spread of the motion, and
 # limit
-_HELD = np.radians([40.0, 7.0, 17.0])
-_MOVING = np.radians([25.0, 10.0, 25.0])
-_FARTHEST = np.radians([100.0, 25.0, 60.0])
-LONGEST, LONGEST_SETTLED = 15.0, 30.0  # s of a sequence, and of one in a posture that lasts
-_STRAIGHT = 0.3  # share of sequences whose standing legs are straightened
-_BENT = 0.45  # share of sequences whose wrists turn freely
+_HELD_ANGLE = np.radians([40.0, 7.0, 17.0])
+_MOVING_ANGLE = np.radians([25.0, 10.0, 25.0])
+_ANGLE_LIMIT = np.radians([100.0, 25.0, 60.0])
+LONGEST, LONGEST_POSTURE = 15.0, 30.0  # s of a sequence, and of one in a posture that lasts
+_STRAIGHTENED = 0.3  # share of sequences whose standing legs are straightened
+_FREE_WRISTS = 0.45  # share of sequences whose wrists turn freely
 _STRAPPED_ALONG = (0.3, 0.95)  # where along a bone a sensor is strapped
 _ACCELERATION_NOISE = (0.03, 0.5)  # m/s², from and to
 
@@ -104,51 +104,51 @@ class Sequence:
         return len(self.contact)
 
 
-Track = Callable[[np.ndarray, float, np.random.Generator], DrawnSensors]
-CAMERA = partial(worn, HEADSET_CAMERA)  # which stands for every device that tracks hands
+DrawSensors = Callable[[np.ndarray, float, np.random.Generator], SensorMasks]
+CAMERA = partial(fixed_sensors, HEADSET_CAMERA)  # which stands for every device that tracks hands
 
 
 @dataclass(frozen=True)
-class Draw:
+class SequenceAugmentation:
     """Choices that vary between sequences of one clip."""
 
     body: TrainingBody
-    track: Track = draw_tracked
+    sensors: DrawSensors = draw_sensors
     rate: float = 30.0  # Hz
     pace: float = 1.0  # how fast the motion is played
     begin: float = 0.0  # s
     longest: float = np.inf  # s
     mirrored: bool = False
-    bent: bool = False  # wrists turn freely
+    free_wrists: bool = False  # wrists turn freely
     posture: str | None = None  # of `postures.KINDS`; None: as recorded
-    straight: float = 0.0  # how much standing legs are straightened; 1: wholly
+    straightening: float = 0.0  # how much standing legs are straightened; 1: wholly
     noisy: bool = False
     backward: bool = False  # time runs backward
-    fingers: TrackFingers | None = None  # None: hands are left out
+    fingers: DrawFingers | None = None  # None: hands are left out
     local: np.ndarray | None = None  # (T, 2, 15, 4) wxyz, parent ← joint, of the drawn part; None: as recorded
-    moved: bool = False  # fingers move at random, too
+    finger_noise: bool = False  # fingers move at random, too
 
 
 def draw_sequence(
-    corpus: Corpus, clip: int, rng: np.random.Generator, settles: bool = False, backward: bool = False
+    corpus: Corpus, clip: int, rng: np.random.Generator, change_posture: bool = False, backward: bool = False
 ) -> Sequence:
     """Draw everything that may differ about a clip of the corpus, and make its sequence.
 
-    With `settles`, a standing person takes another posture.
+    With `change_posture`, a standing person takes another posture.
     """
-    posture = draw_kind(rng) if settles else None
-    longest = LONGEST if posture is None else LONGEST_SETTLED
+    posture = draw_kind(rng) if change_posture else None
+    longest = LONGEST if posture is None else LONGEST_POSTURE
     seconds = float(corpus.length[clip] / corpus.rate[clip])
-    drawn = Draw(
+    drawn = SequenceAugmentation(
         body=draw_body(corpus.rest_offset[clip].astype(float), rng),
         rate=30.0 if rng.uniform() < 0.5 else float(np.exp(rng.uniform(np.log(22), np.log(60)))),
         pace=float(np.exp(rng.uniform(-0.2, 0.2))) if rng.uniform() < 0.5 else 1.0,
         begin=max(0.0, float(rng.uniform(-longest / 2, seconds - longest / 2))),
         longest=longest,
         mirrored=bool(rng.uniform() < 0.5),
-        bent=bool(rng.uniform() < _BENT),
+        free_wrists=bool(rng.uniform() < _FREE_WRISTS),
         posture=posture,
-        straight=float(rng.uniform(0.3, 1.0)) if rng.uniform() < _STRAIGHT else 0.0,
+        straightening=float(rng.uniform(0.3, 1.0)) if rng.uniform() < _STRAIGHTENED else 0.0,
         noisy=bool(rng.uniform() < 0.6),
         backward=backward,
     )
@@ -162,41 +162,41 @@ def draw_hands(corpus: Corpus, clip: int, rng: np.random.Generator, generated: n
     network reads right hands in a mirror, so that a clip and its mirror image are the same.
     """
     seconds = float(corpus.length[clip] / corpus.rate[clip])
-    drawn = Draw(
+    drawn = SequenceAugmentation(
         body=with_other_hands(draw_body(corpus.rest_offset[clip].astype(float), rng), rng),
-        track=CAMERA,
+        sensors=CAMERA,
         rate=30.0 if rng.uniform() < 0.4 else float(np.exp(rng.uniform(np.log(22), np.log(60)))),
         begin=max(0.0, float(rng.uniform(-LONGEST / 2, seconds - LONGEST / 2))),
         longest=LONGEST,
-        bent=bool(rng.uniform() < 0.35),
+        free_wrists=bool(rng.uniform() < 0.35),
         noisy=bool(rng.uniform() < 0.6),
     )
     kind = str(rng.choice(list(FINGER_KINDS), p=list(FINGER_KINDS.values())))
-    moved = kind in ("tracked", "random") and bool(rng.uniform() < 0.5)
+    finger_noise = kind in ("tracked", "random") and bool(rng.uniform() < 0.5)
     local = None
     if corpus.finger_start[clip] < 0:
         assert generated is not None
         local = generated_part(generated, len(_frames_of(corpus, clip, drawn)[0]), drawn.rate, rng)
-    drawn = replace(drawn, fingers=partial(draw_fingers, kind), local=local, moved=moved)
+    drawn = replace(drawn, fingers=partial(draw_fingers, kind), local=local, finger_noise=finger_noise)
     return make_sequence(corpus, clip, drawn, rng)
 
 
-def make_sequence(corpus: Corpus, clip: int, draw: Draw, rng: np.random.Generator) -> Sequence:
+def make_sequence(corpus: Corpus, clip: int, augmentation: SequenceAugmentation, rng: np.random.Generator) -> Sequence:
     """The sequence of a clip as drawn."""
-    rate, body = draw.rate, draw.body
-    rotation, root, visible = _resampled(corpus, clip, draw)
+    rate, body = augmentation.rate, augmentation.body
+    rotation, root, visible = _resampled(corpus, clip, augmentation)
     own = corpus.rest_offset[clip].astype(float)
-    if draw.posture is not None:
-        rotation, root = settled(rotation, root, own, draw.posture, rate, rng)
-        visible = _seen(rotation, root, own)
-    if draw.straight:
-        rotation, root = straightened(rotation, root, own, draw.straight, rate)
-    if draw.mirrored:
+    if augmentation.posture is not None:
+        rotation, root = apply_posture(rotation, root, own, augmentation.posture, rate, rng)
+        visible = _visible_points(rotation, root, own)
+    if augmentation.straightening:
+        rotation, root = straightened(rotation, root, own, augmentation.straightening, rate)
+    if augmentation.mirrored:
         rotation = rotation[:, _MIRROR] * np.array([1.0, 1.0, -1.0, -1.0])
         root, visible = root * [-1.0, 1.0, 1.0], visible[:, _MIRROR_65]
-    if draw.bent:
+    if augmentation.free_wrists:
         rotation = _with_turned_wrists(rotation, rate, rng)
-    if draw.backward:
+    if augmentation.backward:
         rotation, root, visible = rotation[::-1], root[::-1], visible[::-1]
     true_position, matrix = _retargeted(rotation, root, own, body.true)
     knuckles = np.stack(
@@ -208,63 +208,70 @@ def make_sequence(corpus: Corpus, clip: int, draw: Draw, rng: np.random.Generato
     )
     points = np.concatenate([true_position, knuckles], axis=1)
     seen = np.concatenate([visible[:, _PLACES], visible[:, [places[0] for places in _KNUCKLES]]], axis=1)
-    tracked = draw.track(seen, 1 / rate, rng)
+    tracked = augmentation.sensors(seen, 1 / rate, rng)
     position, turned, accuracy = points, rotation, np.full(points.shape[1], 0.001)
-    if draw.noisy:
+    if augmentation.noisy:
         accuracy = _accuracy(rng)
         radians = np.minimum(np.radians(accuracy[:JOINTS] * 200), np.radians(4.0))  # 1 mm: 0.2°, 2 cm: 4°
-        position = points + _noise(points.shape, rate, rng) * accuracy[:, None] * rng.uniform(0.7, 1.3)
-        turned = _shaken(rotation, radians, rate, rng)
-    order = slice(None, None, -1 if draw.backward else 1)  # accelerations are measured forward in time
-    felt, has_felt = (values[order] for values in _felt(true_position[order], rate, rng, draw.noisy))
-    anchor = _anchor(turned[:, HEAD], position[:, HEAD], tracked.head_known, rng, rate)
-    told = body.told[_PLACES]
+        position = points + _position_noise(points.shape, rate, rng) * accuracy[:, None] * rng.uniform(0.7, 1.3)
+        turned = _with_rotation_noise(rotation, radians, rate, rng)
+    order = slice(None, None, -1 if augmentation.backward else 1)  # accelerations are measured forward in time
+    acceleration, is_known = (
+        values[order] for values in _accelerations(true_position[order], rate, rng, augmentation.noisy)
+    )
+    anchor = _head_frame(turned[:, HEAD], position[:, HEAD], tracked.head_known, rng, rate)
+    known = body.known[_PLACES]
     sequence = Sequence(
         true_position=true_position.astype(np.float32),
         true_rotation=rotation.astype(np.float32),
-        contact=in_contact(true_position[:, _CONTACT], _standing(body.true)[_CONTACT], rate),
+        contact=in_contact(true_position[:, _CONTACT], _rest_heights(body.true)[_CONTACT], rate),
         position=position.astype(np.float32),
         rotation=turned.astype(np.float32),
         has_position=tracked.has_position,
         has_rotation=tracked.has_rotation,
-        acceleration=felt.astype(np.float32),
-        has_acceleration=tracked.has_acceleration & has_felt[:, None],
+        acceleration=acceleration.astype(np.float32),
+        has_acceleration=tracked.has_acceleration & is_known[:, None],
         anchor=anchor.astype(np.float32),
         accuracy=accuracy.astype(np.float32),
-        rest_offset=told.astype(np.float32),
+        rest_offset=known.astype(np.float32),
         certainty=body.certainty[_PLACES].astype(np.float32),
-        size=float(stature(told)),
+        size=float(stature(known)),
         interval=1 / rate,
     )
-    if draw.fingers is None:
+    if augmentation.fingers is None:
         return sequence
-    return replace(sequence, hands=_hands(corpus, clip, draw, sequence, seen[:, -len(KNUCKLES) :], rng))
+    return replace(sequence, hands=_hands(corpus, clip, augmentation, sequence, seen[:, -len(KNUCKLES) :], rng))
 
 
 def _hands(
-    corpus: Corpus, clip: int, draw: Draw, body: Sequence, visible: np.ndarray, rng: np.random.Generator
+    corpus: Corpus,
+    clip: int,
+    augmentation: SequenceAugmentation,
+    body: Sequence,
+    visible: np.ndarray,
+    rng: np.random.Generator,
 ) -> TrainingHands:
     """Return the hands of a sequence, which cameras see in some frames (T, 2)."""
-    assert draw.fingers is not None
-    local = _recorded_fingers(corpus, clip, draw) if draw.local is None else draw.local
-    if draw.moved:
-        local = with_moved_fingers(local, draw.rate, rng)
-    true_rotation, true_position = hand_kinematics(local, draw.body.true[HAND_POINTS])
-    tracked = draw.fingers(visible, 1 / draw.rate, rng)
+    assert augmentation.fingers is not None
+    local = _recorded_fingers(corpus, clip, augmentation) if augmentation.local is None else augmentation.local
+    if augmentation.finger_noise:
+        local = with_finger_noise(local, augmentation.rate, rng)
+    true_rotation, true_position = hand_kinematics(local, augmentation.body.true[HAND_POINTS])
+    tracked = augmentation.fingers(visible, 1 / augmentation.rate, rng)
     true_wrist, true_place = body.true_rotation[:, WRISTS].astype(float), body.true_position[:, WRISTS].astype(float)
-    wrist, place = estimated(true_wrist, true_place, draw.rate, rng)
+    wrist, place = with_wrist_error(true_wrist, true_place, augmentation.rate, rng)
     wrist = np.where(tracked.has_wrist[..., None], body.rotation[:, WRISTS], wrist)
     place = np.where(tracked.has_wrist[..., None], body.position[:, WRISTS], place)
 
     # The graph reads fingers in the frame of the tracked wrist, so convert to the world first, then to that frame.
     position = quaternion_rotate(true_wrist[:, :, None], true_position) + true_place[:, :, None]
     rotation = quaternion_multiply(true_wrist[:, :, None], true_rotation)
-    if draw.noisy:
+    if augmentation.noisy:
         accuracy = np.array(np.exp(rng.uniform(np.log(0.001), np.log(0.012))))  # m; 1 mm: 0.7°, 1 cm: 7°
-        position = position + _noise(position.shape, draw.rate, rng) * accuracy
-        rotation = _shaken(rotation, np.radians(accuracy * 700), draw.rate, rng)
+        position = position + _position_noise(position.shape, augmentation.rate, rng) * accuracy
+        rotation = _with_rotation_noise(rotation, np.radians(accuracy * 700), augmentation.rate, rng)
     into = quaternion_conjugate(wrist)[:, :, None]
-    moving = np.diff(place, axis=0, prepend=place[:1]) * draw.rate
+    moving = np.diff(place, axis=0, prepend=place[:1]) * augmentation.rate
     angle = np.arctan2(body.anchor[:, 1], body.anchor[:, 0])
     turn = quaternion_exp(angle[:, None, None] * [0.0, -1.0, 0.0])  # frame under the head ← world
     values = {
@@ -275,7 +282,7 @@ def _hands(
         "wrist": quaternion_rotate(turn, place - body.position[:, HEAD : HEAD + 1]),
         "wrist_rotation": quaternion_multiply(turn, wrist),
         "wrist_velocity": quaternion_rotate(turn, np.clip(moving, -5, 5)),
-        "rest_offset": draw.body.told[HAND_POINTS],
+        "rest_offset": augmentation.body.known[HAND_POINTS],
     }
     return TrainingHands(
         **{name: np.asarray(value, dtype=np.float32) for name, value in values.items()},
@@ -284,31 +291,35 @@ def _hands(
     )
 
 
-def _resampled(corpus: Corpus, clip: int, draw: Draw) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _resampled(
+    corpus: Corpus, clip: int, augmentation: SequenceAugmentation
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """World rotations (T, 22, 4), the root's path (T, 3) and visibility (T, 65) of the part of a clip that is drawn."""
     first = int(corpus.start[clip])
-    low, high, share = _frames_of(corpus, clip, draw)
-    mixed = between(corpus.rotation[first + low], corpus.rotation[first + high], share)
+    low, high, share = _frames_of(corpus, clip, augmentation)
+    mixed = interpolate(corpus.rotation[first + low], corpus.rotation[first + high], share)
     root = corpus.root[first + low] * (1 - share[:, None]) + corpus.root[first + high] * share[:, None]
     return mixed, root, corpus.visible[first + low]
 
 
-def _recorded_fingers(corpus: Corpus, clip: int, draw: Draw) -> np.ndarray:
+def _recorded_fingers(corpus: Corpus, clip: int, augmentation: SequenceAugmentation) -> np.ndarray:
     """Local rotations (T, 2, 15, 4) of the part of a clip that is drawn, in the order of its frames."""
-    low, high, share = _frames_of(corpus, clip, draw)
+    low, high, share = _frames_of(corpus, clip, augmentation)
     first = int(corpus.finger_start[clip])
-    hands = between(corpus.fingers[first + low], corpus.fingers[first + high], share)[:, RECORDED]
-    if draw.mirrored:
+    hands = interpolate(corpus.fingers[first + low], corpus.fingers[first + high], share)[:, RECORDED]
+    if augmentation.mirrored:
         hands = hands[:, ::-1] * np.array([1.0, 1.0, -1.0, -1.0])
-    return hands[::-1] if draw.backward else hands
+    return hands[::-1] if augmentation.backward else hands
 
 
-def _frames_of(corpus: Corpus, clip: int, draw: Draw) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _frames_of(
+    corpus: Corpus, clip: int, augmentation: SequenceAugmentation
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Frames (T,) of a clip before and after each frame of its sequence, and the share (T,) of the latter."""
-    count, own = int(corpus.length[clip]), float(corpus.rate[clip]) * draw.pace
-    begin = min(draw.begin * own, max(0.0, count - 1 - 2 * own))
-    end = min(count - 1, begin + draw.longest * own)
-    place = np.arange(begin, end + 1e-6, own / draw.rate)
+    count, own = int(corpus.length[clip]), float(corpus.rate[clip]) * augmentation.pace
+    begin = min(augmentation.begin * own, max(0.0, count - 1 - 2 * own))
+    end = min(count - 1, begin + augmentation.longest * own)
+    place = np.arange(begin, end + 1e-6, own / augmentation.rate)
     low = np.minimum(place.astype(int), count - 1)
     return low, np.minimum(low + 1, count - 1), place - low
 
@@ -320,21 +331,21 @@ def _retargeted(
     matrix = quaternion_to_matrix(rotation)
     carrying = matrix[:, _PARENTS]
 
-    def placed(offset: np.ndarray) -> np.ndarray:
+    def from_pelvis(offset: np.ndarray) -> np.ndarray:
         return _PATH @ (carrying @ offset[_PLACES][1:, :, None])[..., 0]
 
     if other is own:
-        return placed(own) + root[:, None], matrix
-    before, after = placed(own) + root[:, None], placed(other)
+        return from_pelvis(own) + root[:, None], matrix
+    before, after = from_pelvis(own) + root[:, None], from_pelvis(other)
     legs = other[0, 1] / own[0, 1]
-    clearance = (before[:, _SOLES, 1] - _standing(own)[_SOLES]).min(axis=1) * legs
-    moved = after + (root * legs)[:, None]
-    lift = clearance - (moved[:, _SOLES, 1] - _standing(other)[_SOLES]).min(axis=1)
-    moved[..., 1] += lift[:, None]
-    return moved, matrix
+    clearance = (before[:, _SOLES, 1] - _rest_heights(own)[_SOLES]).min(axis=1) * legs
+    position = after + (root * legs)[:, None]
+    lift = clearance - (position[:, _SOLES, 1] - _rest_heights(other)[_SOLES]).min(axis=1)
+    position[..., 1] += lift[:, None]
+    return position, matrix
 
 
-def _standing(offset: np.ndarray) -> np.ndarray:
+def _rest_heights(offset: np.ndarray) -> np.ndarray:
     """(25,) m: how high the points rest above the floor."""
     return (default_skeleton().path @ offset)[_PLACES, 1] + offset[0, 1]
 
@@ -354,11 +365,11 @@ def _with_turned_wrists(rotation: np.ndarray, rate: float, rng: np.random.Genera
 
     Only the wrists change; arms and recorded bending stay.
     """
-    held = rng.normal(0, 1, (2, 3)) * _HELD
+    held = rng.normal(0, 1, (2, 3)) * _HELD_ANGLE
     if rng.uniform() < 0.5:  # both hands alike
         held[1] = held[0] * [1, -1, -1]
-    moving = wander(len(rotation), 2 * 3, rate, float(rng.uniform(0.4, 2.5)), rng).reshape(-1, 2, 3) * _MOVING
-    bend = np.clip(held + moving * rng.uniform(0.2, 1.0), -_FARTHEST, _FARTHEST)
+    moving = wander(len(rotation), 2 * 3, rate, float(rng.uniform(0.4, 2.5)), rng).reshape(-1, 2, 3) * _MOVING_ANGLE
+    bend = np.clip(held + moving * rng.uniform(0.2, 1.0), -_ANGLE_LIMIT, _ANGLE_LIMIT)
     twist = quaternion_exp(bend * [1.0, 0.0, 0.0])
     turned = rotation.copy()
     across = quaternion_exp(bend * [0.0, 1.0, 1.0])
@@ -366,7 +377,7 @@ def _with_turned_wrists(rotation: np.ndarray, rate: float, rng: np.random.Genera
     return turned
 
 
-def _seen(rotation: np.ndarray, root: np.ndarray, offset: np.ndarray) -> np.ndarray:
+def _visible_points(rotation: np.ndarray, root: np.ndarray, offset: np.ndarray) -> np.ndarray:
     """(T, 65) bool: what a headset's cameras see of a body with straight fingers."""
     skeleton = default_skeleton().with_offsets(offset)
     count = len(skeleton.joints)
@@ -377,15 +388,17 @@ def _seen(rotation: np.ndarray, root: np.ndarray, offset: np.ndarray) -> np.ndar
     return see_points(skeleton, skeleton.path @ bones + root[:, None], world).visible
 
 
-def _felt(points: np.ndarray, rate: float, rng: np.random.Generator, noisy: bool) -> tuple[np.ndarray, np.ndarray]:
+def _accelerations(
+    points: np.ndarray, rate: float, rng: np.random.Generator, noisy: bool
+) -> tuple[np.ndarray, np.ndarray]:
     """Accelerations (T, 12, 3) m/s² of sensors strapped to a body of points (T, 25, 3), and from when (T,) bool."""
     along = rng.uniform(*_STRAPPED_ALONG, len(ACCELERATED)) if noisy else np.full(len(ACCELERATED), STRAPPED_ALONG)
-    felt, known = accelerations(strapped_places(points, BODY_POINTS, along), 1 / rate)
+    acceleration, known = accelerations(strapped_places(points, BODY_POINTS, along), 1 / rate)
     if noisy:
-        shape = felt.shape
-        felt = felt + np.exp(rng.uniform(*np.log(_ACCELERATION_NOISE))) * rng.standard_normal(shape)
-        felt += 0.15 * rng.standard_normal(shape[1:])
-    return felt, known
+        shape = acceleration.shape
+        acceleration = acceleration + np.exp(rng.uniform(*np.log(_ACCELERATION_NOISE))) * rng.standard_normal(shape)
+        acceleration += 0.15 * rng.standard_normal(shape[1:])
+    return acceleration, known
 
 
 def _accuracy(rng: np.random.Generator) -> np.ndarray:
@@ -397,21 +410,23 @@ def _accuracy(rng: np.random.Generator) -> np.ndarray:
     return accuracy
 
 
-def _noise(shape: tuple[int, ...], rate: float, rng: np.random.Generator) -> np.ndarray:
+def _position_noise(shape: tuple[int, ...], rate: float, rng: np.random.Generator) -> np.ndarray:
     """Return errors (T, ..., 3) of trackers of accuracy 1: constant ones, drift and tremor."""
     drift = wander(shape[0], math.prod(shape[1:]), rate, 1.0, rng).reshape(shape) * 0.4
     drift += rng.standard_normal(shape[1:]) * 0.4
     return drift + rng.standard_normal(shape) * (0.15 if rng.uniform() < 0.3 else 0.02)
 
 
-def _shaken(rotation: np.ndarray, radians: np.ndarray, rate: float, rng: np.random.Generator) -> np.ndarray:
+def _with_rotation_noise(
+    rotation: np.ndarray, radians: np.ndarray, rate: float, rng: np.random.Generator
+) -> np.ndarray:
     """Return rotations (T, ..., 4) that drift; `radians` (...) scale how far."""
     shape = (*rotation.shape[:-1], 3)
     turns = wander(shape[0], math.prod(shape[1:]), rate, 1.0, rng).reshape(shape) * radians[..., None] * 0.6
     return quaternion_multiply(quaternion_exp(turns), rotation)
 
 
-def _anchor(
+def _head_frame(
     head: np.ndarray, place: np.ndarray, known: np.ndarray, rng: np.random.Generator, rate: float
 ) -> np.ndarray:
     """The frame under the head (T, 4); where the head is not tracked, one that errs as an estimate of it does."""

@@ -24,7 +24,7 @@ from bodysense_lab.completion.losses import FingerLosses, Losses, finger_losses,
 from bodysense_lab.completion.network import CompletionConfig
 from bodysense_lab.completion.points import JOINTS
 from bodysense_lab.completion.postures import low_share, standing_share
-from bodysense_lab.completion.sensor_draws import worn
+from bodysense_lab.completion.sensor_draws import fixed_sensors
 from bodysense_lab.completion.sequences import Sequence, draw_hands, draw_sequence
 from bodysense_lab.fit import Task, played
 from bodysense_lab.options import Schedule
@@ -170,7 +170,9 @@ def validation_batches(corpus: Corpus, stride: int, backward: bool = False) -> d
     if not clips:
         raise BodysenseError("the val split has no everyday motion; give --data with some, or without categories")
     return {
-        f"{name}_{body}": whole_clips(corpus, clips, (body,), track=partial(worn, SENSOR_SETS[name]), backward=backward)
+        f"{name}_{body}": whole_clips(
+            corpus, clips, (body,), sensors=partial(fixed_sensors, SENSOR_SETS[name]), backward=backward
+        )
         for name in SETS
         for body in ("own", "stranger")
     }

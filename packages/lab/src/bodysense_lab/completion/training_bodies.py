@@ -32,11 +32,11 @@ class TrainingBody:
     """Rest offsets of a body (65, 3) m: the true ones, and those known to the tracker."""
 
     true: np.ndarray
-    told: np.ndarray
+    known: np.ndarray
     certainty: np.ndarray  # (65,) m
 
     @classmethod
-    def known(cls, offset: np.ndarray) -> TrainingBody:
+    def fully_known(cls, offset: np.ndarray) -> TrainingBody:
         """Return a body all of whose rest offsets are known."""
         return cls(offset, offset, np.zeros(len(offset)))
 
@@ -52,7 +52,7 @@ def draw_body(own: np.ndarray, rng: np.random.Generator) -> TrainingBody:
             share = rng.uniform(-0.2, 1.0)
             true = share * own + (1 - share) * true * (_height(own) / _height(true))
         true = _jittered(true, rng)
-    return TrainingBody(true, *_told(true, rng))
+    return TrainingBody(true, *_draw_known(true, rng))
 
 
 def with_other_hands(body: TrainingBody, rng: np.random.Generator) -> TrainingBody:
@@ -66,10 +66,10 @@ def with_other_hands(body: TrainingBody, rng: np.random.Generator) -> TrainingBo
     turn = quaternion_exp(rng.normal(0, np.radians(2.5), left.shape))
     changed = quaternion_rotate(turn, left) * scale
     true[HAND_POINTS[0]], true[HAND_POINTS[1]] = changed, changed * _MIRRORED
-    return TrainingBody(true, body.told if body.certainty.any() else true, body.certainty)
+    return TrainingBody(true, body.known if body.certainty.any() else true, body.certainty)
 
 
-def _told(true: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+def _draw_known(true: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     """Draw what is known of a body: all of it, its height, a guess of the height, or some lengths too."""
     drawn = rng.uniform()
     if drawn < 0.55:

@@ -9,26 +9,26 @@ import numpy as np
 
 from bodysense.io.clip import Clip
 from bodysense_lab.completion.limbs import with_changed_body
-from bodysense_lab.completion.postures import KINDS, settled, stands
+from bodysense_lab.completion.postures import KINDS, apply_posture, is_standing
 
 _MOSTLY = 0.7  # share of a clip in which its person stands
 
 
-def settled_clips(clips: Iterable[Clip], seed: int = 9) -> Iterator[Clip]:
+def posture_clips(clips: Iterable[Clip], seed: int = 9) -> Iterator[Clip]:
     """Yield one changed clip of each clip whose person mostly stands; postures take turns."""
     rng, kinds, turn = np.random.default_rng(seed), [kind for kind in KINDS if kind != "standing"], 0
     for clip in clips:
         root, rest = clip.pose.root_position, clip.pose.skeleton.rest_offset
-        if len(clip) < 2 or stands(root, float(rest[0, 1]), clip.frame_rate).mean() < _MOSTLY:
+        if len(clip) < 2 or is_standing(root, float(rest[0, 1]), clip.frame_rate).mean() < _MOSTLY:
             continue
         kind, turn = kinds[turn % len(kinds)], turn + 1
-        yield settled_clip(clip, kind, rng)
+        yield posture_clip(clip, kind, rng)
 
 
-def settled_clip(clip: Clip, kind: str, rng: np.random.Generator) -> Clip:
+def posture_clip(clip: Clip, kind: str, rng: np.random.Generator) -> Clip:
     """One clip, settled as one of `KINDS`; fingers move as they did."""
     offset = clip.pose.skeleton.rest_offset
     pose = with_changed_body(
-        clip.pose, lambda rotation, root: settled(rotation, root, offset, kind, clip.frame_rate, rng)
+        clip.pose, lambda rotation, root: apply_posture(rotation, root, offset, kind, clip.frame_rate, rng)
     )
     return replace(clip, name=f"{clip.name} ({kind})", category="sit", pose=pose)
