@@ -45,7 +45,7 @@ from bodysense_lab.completion.scenes import (
     scene_of,
     stack_observations,
 )
-from bodysense_lab.completion.task import WORN, CompletionTask, CompletionTaskConfig
+from bodysense_lab.completion.task import HEADSET_CATEGORIES, CompletionTask, CompletionTaskConfig
 from bodysense_lab.completion.weights_file import TrainedNetworks, write_weights
 from bodysense_lab.options import Schedule
 
@@ -223,7 +223,7 @@ def _scenes(data: Path, split: Split, limit: int | None, backward: bool) -> dict
     """
     truths: tuple[Truth, ...] = ("own", "stranger")
     scenes: dict[Truth, list[list[TrackedScene]]] = {truth: [] for truth in truths}
-    clips = [_piece(clip) for clip in learned_clips(data, split, limit) if clip.category in WORN]
+    clips = [_piece(clip) for clip in learned_clips(data, split, limit) if clip.category in HEADSET_CATEGORIES]
     if split == "train":
         clips = _few_of_each_person(clips)
     clips += list(posture_clips(clips))
