@@ -1,4 +1,4 @@
-"""The losses of the completion network: each term by hand, with loops in plain NumPy."""
+"""Losses of the completion network, compared with loops in plain NumPy."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def of_part(weights: dict[str, float], name: str) -> float:
 
 
 def random_case(seed: int) -> tuple[Prediction, SequenceBatch]:
-    """Arbitrary numbers: no rotation is tracked, the head sometimes, one frame is padding."""
+    """Return random numbers: no rotation is tracked, the head in some frames, one frame is padding."""
     rng = np.random.default_rng(seed)
 
     def number(*shape: int, scale: float = 1.0) -> torch.Tensor:
@@ -74,12 +74,12 @@ def random_case(seed: int) -> tuple[Prediction, SequenceBatch]:
         valid=torch.from_numpy(valid),
         begins=torch.ones(BATCH, dtype=torch.bool),
     )
-    axes = turned(FRAMES, JOINTS)[..., :2]  # two columns at right angles: what they mean is beyond doubt
+    axes = turned(FRAMES, JOINTS)[..., :2]  # orthonormal columns, which define the rotation without Gram-Schmidt
     return Prediction(axes, number(FRAMES, 3), number(FRAMES, 4), 0.01 + number(FRAMES, POINTS).abs()), batch
 
 
-def by_hand(prediction: Prediction, batch: SequenceBatch, weights: Losses) -> dict[str, float]:
-    """The terms, frame by frame and joint by joint."""
+def direct_losses(prediction: Prediction, batch: SequenceBatch, weights: Losses) -> dict[str, float]:
+    """Compute the terms frame by frame and joint by joint."""
     signal = batch.signal
 
     def n(values: torch.Tensor) -> Any:
@@ -94,26 +94,26 @@ def by_hand(prediction: Prediction, batch: SequenceBatch, weights: Losses) -> di
         for t in range(FRAMES):
             turn, valid = n(signal.turn)[b, t], bool(batch.valid[b, t])
             first, second = n(prediction.axes)[b, t, :, :, 0], n(prediction.axes)[b, t, :, :, 1]
-            said = np.stack([first, second, np.cross(first, second)], axis=-1)
-            wanted = np.stack([turn.T @ matrix for matrix in n(batch.true_rotation)[b, t]])
+            predicted = np.stack([first, second, np.cross(first, second)], axis=-1)
+            true_rotation = np.stack([turn.T @ matrix for matrix in n(batch.true_rotation)[b, t]])
             place = np.zeros((POINTS, 3))
             for k in range(1, POINTS):
-                place[k] = place[PARENT[k]] + said[PARENT[k]] @ (n(signal.rest_offset)[b, k] / size)
+                place[k] = place[PARENT[k]] + predicted[PARENT[k]] @ (n(signal.rest_offset)[b, k] / size)
             place = place - place[HEAD]
             true = n(batch.true_position)[b, t]
-            missed = place - (true - true[HEAD]) @ turn / size
-            world = missed @ turn.T
+            error = place - (true - true[HEAD]) @ turn / size
+            world = error @ turn.T
             if valid:
                 frames += 1
                 for j, name in enumerate(BODY):
                     weight = of_part(TURN_WEIGHT, name)
-                    sums["rotation"] += weight * np.abs(said[j] - wanted[j]).mean() / JOINTS
+                    sums["rotation"] += weight * np.abs(predicted[j] - true_rotation[j]).mean() / JOINTS
                     if j:
-                        bent = said[PARENT[j]].T @ said[j] - wanted[PARENT[j]].T @ wanted[j]
+                        bent = predicted[PARENT[j]].T @ predicted[j] - true_rotation[PARENT[j]].T @ true_rotation[j]
                         sums["local"] += weight * np.abs(bent).mean() / JOINTS
                 for k, name in enumerate(BODY_POINTS):
-                    sums["position"] += of_part(PLACE_WEIGHT, name) * np.abs(missed[k]).mean() / POINTS
-                    far, expected = np.linalg.norm(missed[k]), n(prediction.error)[b, t, k]
+                    sums["position"] += of_part(PLACE_WEIGHT, name) * np.abs(error[k]).mean() / POINTS
+                    far, expected = np.linalg.norm(error[k]), n(prediction.error)[b, t, k]
                     sums["error"] += (far / expected + np.log(expected)) / POINTS
                 if not signal.has_position[b, t, HEAD]:
                     there = (true[HEAD] - n(signal.origin)[b, t]) @ turn / size
@@ -122,30 +122,32 @@ def by_hand(prediction: Prediction, batch: SequenceBatch, weights: Losses) -> di
                     sums["contact"] += np.log1p(np.exp(-logit if contact else logit)) / 4
             if before is not None and valid and batch.valid[b, t - 1]:
                 pairs += 1
-                too_fast = (world - before) / float(signal.interval[b, t])
-                sums["velocity"] += np.abs(too_fast).mean()
+                velocity_error = (world - before) / float(signal.interval[b, t])
+                sums["velocity"] += np.abs(velocity_error).mean()
                 step = (true - n(batch.true_position)[b, t - 1]) / float(signal.interval[b, t]) / size
-                faster = np.linalg.norm(step + too_fast, axis=-1) - np.linalg.norm(step, axis=-1) - SLACK / size
-                sums["haste"] += np.maximum(faster, 0.0).mean()
+                excess_speed = (
+                    np.linalg.norm(step + velocity_error, axis=-1) - np.linalg.norm(step, axis=-1) - SLACK / size
+                )
+                sums["haste"] += np.maximum(excess_speed, 0.0).mean()
                 for k, foot in enumerate(FEET):
                     if batch.contact[b, t, k] and batch.contact[b, t - 1, k]:
                         standing += 1
-                        sums["skate"] += float(np.linalg.norm(too_fast[foot]))
+                        sums["skate"] += float(np.linalg.norm(velocity_error[foot]))
             before = world
     shares = {name: frames for name in sums} | {"velocity": pairs, "haste": pairs, "skate": standing}
     factors = vars(weights) | {"head": 0.3 * weights.position}
     return {name: factors[name] * sums[name] / shares[name] for name in sums}
 
 
-def test_every_term_is_what_it_is_by_hand() -> None:
+def test_every_term_equals_a_direct_computation() -> None:
     torch.manual_seed(0)
     network = CompletionNetwork(CompletionConfig(hidden=8, branch=8, judge_branch=8))
     weights = Losses(rotation=1.1, local=0.7, position=3.0, velocity=0.5, haste=0.6, skate=0.2, contact=0.3, error=0.4)
     for seed in range(3):
         prediction, batch = random_case(seed)
         terms = losses(network, prediction, batch, weights)
-        wanted = by_hand(prediction, batch, weights)
-        wanted["loss"] = sum(wanted.values())
-        assert terms.keys() == wanted.keys()
-        for name, value in wanted.items():
+        expected = direct_losses(prediction, batch, weights)
+        expected["loss"] = sum(expected.values())
+        assert terms.keys() == expected.keys()
+        for name, value in expected.items():
             np.testing.assert_allclose(float(terms[name]), value, rtol=2e-4, err_msg=name)

@@ -20,7 +20,7 @@ from bodysense_lab.completion.batches import SequenceBatch, collate, whole_clips
 from bodysense_lab.completion.corpus import Corpus
 from bodysense_lab.completion.finger_errors import FingerValidation, predicted_fingers, untracked_distances
 from bodysense_lab.completion.fingers import FingerConfig
-from bodysense_lab.completion.losses import FingerLosses, Losses, finger_losses, losses, missed_by
+from bodysense_lab.completion.losses import FingerLosses, Losses, finger_losses, losses, prediction_errors
 from bodysense_lab.completion.network import CompletionConfig
 from bodysense_lab.completion.points import JOINTS
 from bodysense_lab.completion.postures import low_share, standing_share
@@ -96,7 +96,7 @@ class CompletionTask(Task):
             far, turned, count = 0.0, 0.0, 0.0
             for batch in batches:
                 raw, _ = network.predict(network.read(batch.signal), network.begin(len(batch.begins)))
-                missed, rotation, wanted = missed_by(network, network.prediction(*raw), batch)
+                missed, rotation, wanted = prediction_errors(network, network.prediction(*raw), batch)
                 angle = (rotation - wanted).abs().mean(dim=(-2, -1))
                 distance = missed[..., :JOINTS, :].norm(dim=-1).mean(dim=-1) * batch.signal.size[:, None]
                 far += float((distance * batch.valid).sum())
