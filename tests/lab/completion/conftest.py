@@ -12,7 +12,7 @@ from bodysense.body.person import Person
 from bodysense.io.clip import Clip
 from bodysense.observation import Observation
 from bodysense_lab.completion.scenes import TrackedScene, Truth, scene_of
-from bodysense_lab.completion.tracking import Tracked
+from bodysense_lab.completion.tracking import TrackedMotion
 
 Change = Callable[[np.ndarray, TrackedScene], np.ndarray]  # positions (T, P, 3) m of a scene → what is said of them
 
@@ -25,16 +25,16 @@ class Oracle:
     change: Change = lambda position, scene: position
     confidence: float | None = None  # m; None: the true error
 
-    def __call__(self, people: Sequence[Person], observations: Sequence[Observation]) -> list[Tracked]:
+    def __call__(self, people: Sequence[Person], observations: Sequence[Observation]) -> list[TrackedMotion]:
         return [self.of_scene(self.find(one)) for one in observations]
 
-    def of_scene(self, scene: TrackedScene) -> Tracked:
+    def of_scene(self, scene: TrackedScene) -> TrackedMotion:
         truth = scene.world_pose[0]
         position = self.change(truth.copy(), scene)
         error = np.linalg.norm(position - truth, axis=-1)
         confidence = error if self.confidence is None else np.full(error.shape, self.confidence)
         contact = np.zeros((len(scene), 4))
-        return Tracked(position, scene.pose.rotation, confidence, 1.001 * confidence, contact)
+        return TrackedMotion(position, scene.pose.rotation, confidence, 1.001 * confidence, contact)
 
     def find(self, seen: Observation) -> TrackedScene:
         """The scene whose head moves so."""

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from bodysense.demo import packaged_performance
 from bodysense_lab.completion.batches import SequenceBatch
 from bodysense_lab.completion.corpus import corpus_of
-from bodysense_lab.completion.error_map import unchanged_errors
+from bodysense_lab.completion.error_map import identity_map
 from bodysense_lab.completion.features import WIDTHS
 from bodysense_lab.completion.fingers import FingerConfig, FingerNetwork
 from bodysense_lab.completion.network import CompletionConfig, CompletionNetwork
@@ -92,7 +92,7 @@ def test_a_network_is_rounded_as_it_is_stored(batches: list[SequenceBatch], tmp_
     moments, path = sample_moments(body, batches), tmp_path / "rounded.safetensors"
     round_weights(body, moments)
     configured = {"network": asdict(body.config), "fingers": asdict(fingers.config)}
-    write_weights(TrainedNetworks(body, fingers, *[unchanged_errors()] * 2), path, configured)
+    write_weights(TrainedNetworks(body, fingers, *[identity_map()] * 2), path, configured)
     stored, _ = read_weights(path)
     of, read = dict(body.named_parameters()), dict(stored.named_parameters())
     for name in moments:

@@ -21,14 +21,14 @@ from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
 from bodysense.observation import Observation, check_observation
 from bodysense_lab.completion.blinks import EVERY, FINGER, gap_seconds, lose_hands, with_finger
-from bodysense_lab.completion.kept import KeptClips
+from bodysense_lab.completion.clip_results import ClipResults
 from bodysense_lab.completion.measures import count_jumps
 from bodysense_lab.completion.scenes import TrackedScene
 from bodysense_lab.completion.scores import histogram, percentile
 from bodysense_lab.completion.scoring import evaluate_completion
 from bodysense_lab.completion.sight_scores import CellScores, measure_sight, measure_transitions
 from bodysense_lab.completion.tables import CompletionSettings, WorstFrame
-from bodysense_lab.completion.tracking import Tracked, track_people
+from bodysense_lab.completion.tracking import TrackedMotion, track_people
 from bodysense_lab.completion.worst import draw_worst, worst_frames
 from bodysense_lab.scoring import RATE
 
@@ -37,9 +37,9 @@ from .conftest import Oracle
 SMALL = CompletionSettings(sets=("three_point", "headset_camera"), edges=0)
 
 
-def exact(scene: TrackedScene, position: np.ndarray | None = None) -> Tracked:
+def exact(scene: TrackedScene, position: np.ndarray | None = None) -> TrackedMotion:
     shape = scene.world_pose[0].shape[:2]
-    return Tracked(
+    return TrackedMotion(
         position=scene.world_pose[0].copy() if position is None else position,
         rotation=scene.pose.rotation.copy(),
         confidence=np.full(shape, 0.01),
@@ -168,25 +168,27 @@ def test_scores_of_parts_are_those_of_the_whole(scenes: list[TrackedScene]) -> N
     assert whole.numbers()["measured_covered"] == pytest.approx(mean)
 
 
-def test_kept_clips_are_not_scored_again(clips: list[Clip], scenes: list[TrackedScene], tmp_path: Path) -> None:
+def test_clips_with_saved_results_are_not_scored_again(
+    clips: list[Clip], scenes: list[TrackedScene], tmp_path: Path
+) -> None:
     def shaken(position: np.ndarray, scene: TrackedScene) -> np.ndarray:
         return position + np.random.default_rng(len(scene)).normal(0, 0.02, position.shape)
 
-    def refuse(people: object, observations: object) -> list[Tracked]:
+    def refuse(people: object, observations: object) -> list[TrackedMotion]:
         raise AssertionError("a kept clip was tracked")
 
     track = Oracle(scenes, shaken)
     fresh = evaluate_completion(clips, SMALL, track=track, times=None)
-    kept = KeptClips.open(tmp_path / "kept", SMALL, "packaged")
-    evaluate_completion(clips[:2], SMALL, track=track, times=None, kept=kept)
-    evaluate_completion(clips, SMALL, track=track, times=None, kept=kept)
+    results = ClipResults.open(tmp_path / "kept", SMALL, "packaged")
+    evaluate_completion(clips[:2], SMALL, track=track, times=None, results=results)
+    evaluate_completion(clips, SMALL, track=track, times=None, results=results)
     again = evaluate_completion(
-        clips, SMALL, track=refuse, times=None, kept=KeptClips.open(kept.folder, SMALL, "packaged")
+        clips, SMALL, track=refuse, times=None, results=ClipResults.open(results.folder, SMALL, "packaged")
     )
     assert again.numbers() == pytest.approx(fresh.numbers(), nan_ok=True)
     assert set(again.worst) == set(fresh.worst)
     with pytest.raises(BodysenseError, match=r"--keep .*scored with network 'packaged', not 'mine.onnx'"):
-        KeptClips.open(kept.folder, SMALL, "mine.onnx")
+        ClipResults.open(results.folder, SMALL, "mine.onnx")
 
 
 def test_the_sheet_has_the_worst_frames(clips: list[Clip], scenes: list[TrackedScene], tmp_path: Path) -> None:

@@ -35,7 +35,7 @@ from bodysense_lab.completion.tables import (
     completion_reports,
     headline,
 )
-from bodysense_lab.completion.tracking import Tracked, TrackedBy, TrackPeople, track_people
+from bodysense_lab.completion.tracking import PeopleTracker, TrackedMotion, TrackPeople, track_people
 from bodysense_lab.datasets import Census, DataSet
 from bodysense_lab.scoring import scored_points, suffix_of
 from bodysense_lab.spread import spread
@@ -159,7 +159,7 @@ def test_the_lattice_finds_sensors_that_harm(clips: list[Clip], scenes: list[Tra
     chosen = [scene for scene in scenes if scene.name.startswith("anna")]
     assert [scene.name for scene in choose_scenes([*chosen, *scenes])][:1] == ["anna/anna-waves"]
 
-    def harmed(people: Sequence[Person], observations: Sequence[Observation]) -> list[Tracked]:
+    def harmed(people: Sequence[Person], observations: Sequence[Observation]) -> list[TrackedMotion]:
         harm = 0.01 * len(observations[0].points)
         return Oracle(scenes, lambda position, scene: position * [1, 1, 1 + harm])(people, observations)
 
@@ -172,7 +172,7 @@ def test_the_lattice_finds_sensors_that_harm(clips: list[Clip], scenes: list[Tra
 def test_takes_are_measured_as_live_tracking_is(clips: list[Clip]) -> None:
     """Takes completed by live tracking have its figures; without `takes` there are no figures of takes."""
 
-    def live(person: Person, seen: Observation) -> Tracked:
+    def live(person: Person, seen: Observation) -> TrackedMotion:
         return track_people([person], [seen])[0]
 
     settings = CompletionSettings(sets=("headset_camera",), bodies=("own",), edges=0, takes=True)
@@ -254,7 +254,7 @@ def test_a_finger_that_is_never_tracked_changes_nothing(clips: list[Clip]) -> No
 @pytest.mark.slow
 def test_processes_share_the_work(clips: list[Clip]) -> None:
     settings = CompletionSettings(sets=("three_point",), bodies=("own", "stranger"), edges=2)
-    score_with = partial(evaluate_completion, clips, settings, track=TrackedBy(None), times=None)
+    score_with = partial(evaluate_completion, clips, settings, track=PeopleTracker(None), times=None)
     one, two = score_with().numbers(), score_with(spread=partial(spread, jobs=2)).numbers()
     assert one == pytest.approx(two, nan_ok=True)
 
@@ -267,9 +267,9 @@ def test_the_command(
         (tmp_path / "motion" / clip.person).mkdir(parents=True)
         write_bvh(tmp_path / "motion" / clip.person / "a.bvh", clip)
 
-    def still(people: Sequence[Person], observations: Sequence[Observation]) -> list[Tracked]:
+    def still(people: Sequence[Person], observations: Sequence[Observation]) -> list[TrackedMotion]:
         shapes = ((65, 3), (52, 4), (65,), (65,), (4,))
-        return [Tracked(*(np.zeros((len(one), *shape)) for shape in shapes)) for one in observations]
+        return [TrackedMotion(*(np.zeros((len(one), *shape)) for shape in shapes)) for one in observations]
 
     known = partial(evaluate_completion, track=still, times=None)
     monkeypatch.setattr(scoring, "evaluate_completion", known)

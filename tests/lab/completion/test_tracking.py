@@ -10,7 +10,7 @@ import pytest
 
 from bodysense.devices.simulated.sensors import SENSOR_SETS
 from bodysense_lab.completion.scenes import TrackedScene, person_of
-from bodysense_lab.completion.tracking import TakenBy, TrackedBy, step_times, track_people
+from bodysense_lab.completion.tracking import PeopleTracker, TakeTracker, step_times, track_people
 
 
 def test_company_changes_no_bit(scenes: list[TrackedScene]) -> None:
@@ -35,8 +35,10 @@ def test_steps_are_timed(scenes: list[TrackedScene]) -> None:
 def test_workers_in_another_folder_find_networks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     one, two = Path("one.safetensors"), Path("two.safetensors")
-    sent = [pickle.dumps(work) for work in (TrackedBy(one), TrackedBy(None), TakenBy(one, joining_model=two))]
+    sent = [
+        pickle.dumps(work) for work in (PeopleTracker(one), PeopleTracker(None), TakeTracker(one, joining_model=two))
+    ]
     monkeypatch.chdir("/")
     whole = tmp_path / one
-    expected = [TrackedBy(whole), TrackedBy(None), TakenBy(whole, None, tmp_path / two)]
+    expected = [PeopleTracker(whole), PeopleTracker(None), TakeTracker(whole, None, tmp_path / two)]
     assert [pickle.loads(work) for work in sent] == expected

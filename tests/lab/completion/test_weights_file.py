@@ -11,7 +11,7 @@ import torch
 
 from bodysense.completion.model import load_completion
 from bodysense.errors import BodysenseError
-from bodysense_lab.completion.error_map import CERTAINTY_SCALE, KNOWN, POINTS, ErrorMap, unchanged_errors
+from bodysense_lab.completion.error_map import CERTAINTY_SCALE, INPUTS, POINTS, ErrorMap, identity_map
 from bodysense_lab.completion.fingers import FingerConfig, FingerNetwork
 from bodysense_lab.completion.network import CompletionConfig, CompletionNetwork
 from bodysense_lab.completion.weights_file import (
@@ -31,7 +31,7 @@ SMALL = {"network": {"hidden": 16, "branch": 16, "judge_branch": 8}, "fingers": 
 def small_networks() -> TrainedNetworks:
     torch.manual_seed(5)
     rng = np.random.default_rng(5)
-    errors = ErrorMap(*(rng.normal(size=table.shape) for table in vars(unchanged_errors()).values()))
+    errors = ErrorMap(*(rng.normal(size=table.shape) for table in vars(identity_map()).values()))
     body, fingers = CompletionConfig(**SMALL["network"]), FingerConfig(**SMALL["fingers"])
     return TrainedNetworks(CompletionNetwork(body).eval(), FingerNetwork(fingers).eval(), errors, errors)
 
@@ -56,7 +56,7 @@ def test_both_error_maps_are_one_table(tmp_path: Path) -> None:
     shapes = {name: table.shape for name, table in vars(networks.mean).items()}
     networks = replace(networks, bound=ErrorMap(*(rng.normal(size=shape) for shape in shapes.values())))
     tables = tables_of(networks)
-    known = rng.normal(size=KNOWN)
+    known = rng.normal(size=INPUTS)
     metres = known.copy()
     metres[-POINTS - 22 : -22] /= CERTAINTY_SCALE
     write_weights(networks, path, SMALL)

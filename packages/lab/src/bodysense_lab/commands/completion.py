@@ -34,7 +34,7 @@ def completion(run: Flat[CompletionTraining]) -> None:
 
     Training resumes from the checkpoints in the folder of the run. The 6200 steps take an hour and a half of one core.
     """
-    from bodysense_lab.completion.publish import publish, rounded
+    from bodysense_lab.completion.publish import publish, round_network
     from bodysense_lab.completion.task import CompletionTask
     from bodysense_lab.completion.train import fingers_of_completion, train_completion
     from bodysense_lab.fit import announced
@@ -47,7 +47,7 @@ def completion(run: Flat[CompletionTraining]) -> None:
         return
     card = {"training_data": run.data_note or str(run.data.name), "licence": run.licence}
     card |= {"backward": run.backward, "seed": run.schedule.seed, "steps": run.schedule.steps}
-    body = rounded(body.eval(), run.data, run.limit, run.backward)
+    body = round_network(body.eval(), run.data, run.limit, run.backward)
     publish(body, fingers.eval(), run.data, run.out, card, run.limit, run.backward)
     print(f"wrote {run.out}")
 
@@ -130,11 +130,11 @@ def completion_table(
     from bodysense.cli.show import wide_console, write_numbers
     from bodysense_lab.clips import open_clips
     from bodysense_lab.completion.baselines import cached_mean_body
-    from bodysense_lab.completion.kept import KeptClips
+    from bodysense_lab.completion.clip_results import ClipResults
     from bodysense_lab.completion.reliability import draw_reliability
     from bodysense_lab.completion.scoring import evaluate_completion, work_of
     from bodysense_lab.completion.tables import CompletionSettings, completion_reports
-    from bodysense_lab.completion.tracking import TakenBy, TrackedBy, step_times
+    from bodysense_lab.completion.tracking import PeopleTracker, TakeTracker, step_times
     from bodysense_lab.completion.worst import draw_worst
     from bodysense_lab.datasets import Census, census_of, named_data
     from bodysense_lab.spread import spread
@@ -144,13 +144,13 @@ def completion_table(
     for path in filter(None, (picture, sheet)):
         check_ending(path, ".png", what="a picture")
     check_places(json, csv, picture, sheet)
-    track = TrackedBy(model)
-    both_ways = TakenBy(model, backward_model, joining_model) if takes else None
+    track = PeopleTracker(model)
+    both_ways = TakeTracker(model, backward_model, joining_model) if takes else None
     _ = track.network, both_ways and both_ways.networks  # refuses files of other things before any work
     chosen = named_data(data, split)
     settings = CompletionSettings(split, sets, bodies, 200 if lattice else 0, takes)
     network = "packaged" if model is None else str(model.resolve())
-    kept = None if keep is None else KeptClips.open(keep, settings, network)
+    results = None if keep is None else ClipResults.open(keep, settings, network)
     total = chosen.count()
     clips = list(counted(open_clips(chosen.path, split, at_most=limit), "read", min(total, limit or total)))
     census = sum(map(census_of, clips), start=Census())
@@ -167,14 +167,14 @@ def completion_table(
             times=partial(step_times, network=track.network),
             spread=partial(spread, jobs=jobs or os.cpu_count() or 1, scheduler=scheduler),
             mean_body=mean_body,
-            kept=kept,
+            results=results,
             advance=lambda done, what: advance(what, done),
         )
     console = wide_console()
     reports = completion_reports(table, census, chosen, total)
     for report in reports:
         print_report(report, console)
-    write_numbers(json, reports[0].numbers, timed=kept is None or not kept.resumed)
+    write_numbers(json, reports[0].numbers, timed=results is None or not results.resumed)
     if csv is not None:
         write_csv(csv, reports[1])
     if picture is not None:
@@ -223,14 +223,14 @@ def amass_p1(
     from bodysense_lab.amass_p1 import listed_sources, mpjpe_interval, report_of, score_source
     from bodysense_lab.clips import spread_evenly
     from bodysense_lab.completion.tables import sample_remark
-    from bodysense_lab.completion.tracking import TrackedBy
+    from bodysense_lab.completion.tracking import PeopleTracker
     from bodysense_lab.spread import spread
 
     check_places(json)
     listed, missing = listed_sources(amass, split_lists)
     test = [source for source in listed if source.split == "test"]
     chosen = spread_evenly(test, limit)
-    work = partial(score_source, model=smpl_model, track=TrackedBy(model))
+    work = partial(score_source, model=smpl_model, track=PeopleTracker(model))
     scores = [one for _, one in counted(spread(work, chosen, jobs), "scored", len(chosen))]
     remarks = [f"{len(chosen)} of {len(test)} test clips in {amass}."]
     if len(chosen) < len(test):
@@ -252,12 +252,12 @@ def sight(headset: Path | None = None, model: Network = None, json: Json = None)
     """
     from rich.console import Console
 
-    from bodysense_lab.completion.tracking import TrackedBy
+    from bodysense_lab.completion.tracking import PeopleTracker
     from bodysense_lab.completion.wearer_scores import score_wearers, sight_report
 
     check_places(json)
     with Console().status("tracking …"):
-        scores = score_wearers(TrackedBy(model).network, headset)
+        scores = score_wearers(PeopleTracker(model).network, headset)
     show(sight_report(scores), json)
 
 

@@ -1,4 +1,4 @@
-"""The map that makes expected errors true: its form."""
+"""The map that calibrates the network's expected errors."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ import numpy as np
 from bodysense.body.skeleton import BODY
 from bodysense_lab.completion.points import BODY_POINTS
 
-MASKS = len(BODY_POINTS) + len(BODY)  # what is tracked: positions of 25 points, rotations of 22 joints
+MASKS = len(BODY_POINTS) + len(BODY)  # inputs that say what is tracked: positions of 25 points, rotations of 22 joints
 POINTS = len(BODY_POINTS)
-LOG_TRACKED = math.log(0.001)  # stands for the expected error of points that are tracked
-# Log expected errors, what is tracked, certainty of the bones, and the log of how far apart the network's two answers
-# are about each joint.
-KNOWN = POINTS + MASKS + POINTS + len(BODY)
-LOG_ALIKE = math.log(0.01)  # stands for that of joints that are tracked
-CERTAINTY_SCALE = 20.0  # 1/m
-HIDDEN = 48
+LOG_TRACKED_ERROR = math.log(0.001)  # log m; the input for points that are tracked
+# Number of inputs: log expected errors, masks, deviations of the bones, and the log of each joint's disagreement, the
+# distance between the network's answers for the body and for its mirror image.
+INPUTS = POINTS + MASKS + POINTS + len(BODY)
+LOG_TRACKED_DISAGREEMENT = math.log(0.01)  # log m; the input for joints that are tracked
+CERTAINTY_SCALE = 20.0  # 1/m; a deviation of 5 cm is 1
+HIDDEN = 48  # hidden units
 
 
 @dataclass(frozen=True, eq=False)
 class ErrorMap:
-    """log error = known @ weight + tanh(known @ inward + inward_offset) @ outward + offset, for each of 25 points."""
+    """log error = inputs @ weight + tanh(inputs @ inward + inward_offset) @ outward + offset, for each of 25 points."""
 
     weight: np.ndarray  # (119, 25)
     inward: np.ndarray  # (119, 48)
@@ -32,19 +32,19 @@ class ErrorMap:
     offset: np.ndarray  # (25,)
 
 
-def shown_apart() -> ErrorMap:
-    """The map that gives, of joints that are not tracked, how far apart the network's two answers are."""
-    start = unchanged_errors()
-    weight = np.zeros((KNOWN, POINTS))
+def disagreement_map() -> ErrorMap:
+    """Return the map whose output is the disagreement of the network's two answers, for joints that are not tracked."""
+    start = identity_map()
+    weight = np.zeros((INPUTS, POINTS))
     weight[-len(BODY) :, : len(BODY)] = np.eye(len(BODY))
     return replace(start, weight=weight)
 
 
-def unchanged_errors() -> ErrorMap:
+def identity_map() -> ErrorMap:
     """Return the map that leaves expected errors unchanged."""
     return ErrorMap(
-        np.eye(KNOWN, POINTS),
-        np.zeros((KNOWN, HIDDEN)),
+        np.eye(INPUTS, POINTS),
+        np.zeros((INPUTS, HIDDEN)),
         np.zeros(HIDDEN),
         np.zeros((HIDDEN, POINTS)),
         np.zeros(POINTS),
@@ -52,12 +52,12 @@ def unchanged_errors() -> ErrorMap:
 
 
 def error_tables(mean: ErrorMap, bound: ErrorMap) -> dict[str, np.ndarray]:
-    """Return both maps as the tables that the core reads: rows of 25 means, then of 25 bounds.
+    """Return both maps as the tables that the core reads; rows of 25 means come before rows of 25 bounds.
 
-    `inward` (96, 119) and its `bias` (96,), `weight` (50, 119 + 96) and its `bias` (50,). They read deviations of bones
-    in metres.
+    The tables are `inward.weight` (96, 119), `inward.bias` (96,), `weight` (50, 119 + 96) and `bias` (50,). Their input
+    has deviations of bones in metres.
     """
-    scale = np.ones((KNOWN, 1))
+    scale = np.ones((INPUTS, 1))
     scale[-POINTS - len(BODY) : -len(BODY)] = CERTAINTY_SCALE
     outward = np.zeros((2 * HIDDEN, 2 * POINTS))
     outward[:HIDDEN, :POINTS], outward[HIDDEN:, POINTS:] = mean.outward, bound.outward

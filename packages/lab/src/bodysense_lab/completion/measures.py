@@ -23,7 +23,7 @@ from bodysense.observation import Observation, observed_points
 from bodysense_lab.completion.scenes import TrackedScene
 from bodysense_lab.completion.scores import Calibration, RunningScores
 from bodysense_lab.completion.sight import jump_frames
-from bodysense_lab.completion.tracking import Tracked
+from bodysense_lab.completion.tracking import TrackedMotion
 from bodysense_lab.scoring import RATE, scored_points
 
 JUMP = 5.0  # cm in a frame, beyond the way of the truth
@@ -32,7 +32,7 @@ _BALLS = ("left_foot", "right_foot")
 _FEET = (*_BALLS, "left_ankle", "right_ankle", "left_toe", "right_toe")
 
 
-def measure(scene: TrackedScene, tracked: Tracked) -> RunningScores:
+def measure(scene: TrackedScene, tracked: TrackedMotion) -> RunningScores:
     """Every measure of a scene's frames but those of hidden joints."""
     scores, skeleton, frames = RunningScores(), scene.skeleton, len(scene)
     body = skeleton.indices(BODY)
@@ -86,7 +86,7 @@ def measure_hidden(position: np.ndarray, scene: TrackedScene) -> RunningScores:
     return scores
 
 
-def measure_confidence(scene: TrackedScene, seen: Observation, tracked: Tracked) -> dict[str, Calibration]:
+def measure_confidence(scene: TrackedScene, seen: Observation, tracked: TrackedMotion) -> dict[str, Calibration]:
     """By region: expected and true errors, in the world, of joints that are not tracked; `seen` is (T, P)."""
     known = observed_points(seen, scene.skeleton)[2]
     error = joint_error(tracked.position, scene.world_pose[0]) / 100

@@ -1,4 +1,4 @@
-"""From trained weights to the packaged file: expected errors made true, then one file of weights with its card."""
+"""The file of a trained network: round the weights, calibrate the expected errors, write both with a model card."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ from bodysense_lab.clips import learned_clips
 from bodysense_lab.completion.corpus import read_corpus
 from bodysense_lab.completion.error_map import (
     CERTAINTY_SCALE,
-    LOG_ALIKE,
-    LOG_TRACKED,
+    LOG_TRACKED_DISAGREEMENT,
+    LOG_TRACKED_ERROR,
     ErrorMap,
-    shown_apart,
-    unchanged_errors,
+    disagreement_map,
+    identity_map,
 )
 from bodysense_lab.completion.fingers import FingerNetwork
 from bodysense_lab.completion.lattice import random_edges
@@ -50,30 +50,32 @@ from bodysense_lab.completion.weights_file import TrainedNetworks, write_weights
 from bodysense_lab.options import Schedule
 
 QUANTILE = 0.9
-_STRIDE = 4  # frames: neighbours tell little more
-_BATCH, _RATE = 2048, 5e-3  # of the fit
-_PULL = 1e-4  # toward errors as expected
+_STRIDE = 4  # frames between samples; neighbouring frames are alike
+_BATCH, _RATE = 2048, 5e-3  # samples of a step of the fit, and learning rate
+_PULL = 1e-4  # weight of the pull toward the identity map
 
 
 @dataclass(frozen=True, eq=False)
 class ErrorSamples:
-    """Inputs of the error map and the errors that were measured, N frames."""
+    """Inputs of the error map and measured errors, N frames."""
 
-    known: np.ndarray  # (N, 119) float32: see `error_map.KNOWN`
+    inputs: np.ndarray  # (N, 119) float32: see `error_map.INPUTS`
     error: np.ndarray  # (N, 25) float32 m
-    counts: np.ndarray  # (N, 25) bool: the point was not tracked
-    learned: np.ndarray  # (N,) bool: person in the training data
-    group: np.ndarray  # (N,) index of the draw of sensors and body
+    untracked: np.ndarray  # (N, 25) bool: the point was not tracked
+    in_training: np.ndarray  # (N,) bool: the person is in the training data
+    group: np.ndarray  # (N,) index of the pair of sensors and body
 
 
 Scenes = Mapping[Truth, Sequence[Sequence[TrackedScene]]]
 
 
-def sample_errors(learned: Scenes, watched: Scenes, model: CompletionModel, seed: int = 5) -> ErrorSamples:
-    """Run the tracker over batches of scenes, 'own' and 'stranger', of people in the training data, and of others.
+def sample_errors(
+    training_scenes: Scenes, validation_scenes: Scenes, model: CompletionModel, seed: int = 5
+) -> ErrorSamples:
+    """Run the tracker over batches of scenes of training and of validation people, and sample its errors.
 
-    The model gives the network's own expected errors and, in place of their bounds, the distance between the network's
-    two answers (`unchanged_errors`, `shown_apart`).
+    `model` must return the network's own expected errors (`identity_map`) and, instead of their bounds, the distance
+    between the network's two answers (`disagreement_map`).
     """
     rng = np.random.default_rng(seed)
     draws: list[tuple[SensorSet, Body]] = [(SENSOR_SETS[name], body) for name in TABLE_SETS for body in BODIES]
@@ -81,18 +83,18 @@ def sample_errors(learned: Scenes, watched: Scenes, model: CompletionModel, seed
         draws.append((edge.more, BODIES[int(rng.integers(len(BODIES)))]))
     jobs: list[tuple[SensorSet, Body, Sequence[TrackedScene], bool, int]] = []
     for group, (sensors, body) in enumerate(draws):
-        for known, scenes in ((True, learned), (False, watched)):
+        for in_training, scenes in ((True, training_scenes), (False, validation_scenes)):
             for batch in scenes[TRUTH_OF[body]]:
-                jobs.append((sensors, body, batch, known, group))
+                jobs.append((sensors, body, batch, in_training, group))
     parts = []
-    for sensors, body, batch, known, group in progress(jobs, "expected and true errors"):
-        columns = _sampled(sensors, body, batch, model)
+    for sensors, body, batch, in_training, group in progress(jobs, "expected and true errors"):
+        columns = _sample_batch(sensors, body, batch, model)
         rows = len(columns[0])
-        parts.append((*columns, np.full(rows, known), np.full(rows, group)))
+        parts.append((*columns, np.full(rows, in_training), np.full(rows, group)))
     return ErrorSamples(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
 
 
-def _sampled(
+def _sample_batch(
     sensors: SensorSet, body: Body, batch: Sequence[TrackedScene], model: CompletionModel
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     seen = [scene.observe(sensors) for scene in batch]
@@ -102,31 +104,31 @@ def _sampled(
     for t in range(len(whole.time)):
         estimate, state = tracker.step(whole[t : t + 1], state)
         if t % _STRIDE == 0:
-            known = (estimate.points, estimate.confidence, estimate.bound, estimate.measured)
+            outputs = (estimate.points, estimate.confidence, estimate.bound, estimate.measured)
             deviations = np.array([state.person(k).bone_deviation[places] for k in range(len(batch))])
-            parts.append((*(each[:, 0, places] for each in known), deviations))
+            parts.append((*(each[:, 0, places] for each in outputs), deviations))
     sampled = [np.stack(part) for part in zip(*parts, strict=True)]  # (F, B, 25, ...)
     rows = []
     for index, (scene, observation) in enumerate(zip(batch, seen, strict=True)):
         frames = np.arange(0, len(scene), _STRIDE)
-        position, expected, apart, measured, deviation = (part[: len(frames), index] for part in sampled)
+        position, expected, disagreement, measured, deviation = (part[: len(frames), index] for part in sampled)
         truth = scene.world_pose[0][frames][:, places]
-        # The head is where it is measured: what is missed from it is missed in the world.
+        # Errors are relative to the head, as it is measured.
         position = position + (truth - position)[:, [BODY.index("head")]]
         turned = np.zeros((len(frames), len(BODY)), dtype=bool)
         for k, name in enumerate(observation.points):
             if name in BODY:
                 turned[:, BODY.index(name)] = observation.has_rotation[frames, k]
-        log = np.where(measured, LOG_TRACKED, np.log(expected))
-        alike = np.where(measured, LOG_ALIKE, np.log(apart))[:, : len(BODY)]
-        known = np.concatenate([log, measured, turned, CERTAINTY_SCALE * deviation, alike], axis=1)
+        log = np.where(measured, LOG_TRACKED_ERROR, np.log(expected))
+        log_disagreement = np.where(measured, LOG_TRACKED_DISAGREEMENT, np.log(disagreement))[:, : len(BODY)]
+        inputs = np.concatenate([log, measured, turned, CERTAINTY_SCALE * deviation, log_disagreement], axis=1)
         error = np.linalg.norm(position - truth, axis=-1)
-        rows.append((known.astype(np.float32), error.astype(np.float32), ~measured))
-    known, error, counts = (np.concatenate(column) for column in zip(*rows, strict=True))
-    return known, error, counts
+        rows.append((inputs.astype(np.float32), error.astype(np.float32), ~measured))
+    inputs, error, untracked = (np.concatenate(column) for column in zip(*rows, strict=True))
+    return inputs, error, untracked
 
 
-_FIT_STEPS, _TRIAL_STEPS = 3000, 100  # optimiser steps of an error map, and of one in a trial
+_FIT_STEPS, _TRIAL_STEPS = 3000, 100  # optimiser steps of an error map; the second for trials
 
 
 def fit_error_map(
@@ -134,17 +136,17 @@ def fit_error_map(
 ) -> ErrorMap:
     """Fit the mean error, or a quantile of it, to samples, in `steps` optimiser steps.
 
-    Most people were in the training data, and their errors are smaller. The fit learns how errors spread from
-    everybody, and how large they are from the other people. For that it reads who was in the training data as one more
-    input, which the fitted map does not have: the map assumes unseen people.
+    Most samples are of training people, whose errors are smaller. The fit therefore reads `in_training` as one more
+    input. It learns the distribution of errors from all people and their size from validation people. The returned map
+    lacks this input: it assumes an unseen person.
     """
-    known = torch.from_numpy(np.column_stack([samples.known, samples.learned]).astype(np.float32))
+    inputs = torch.from_numpy(np.column_stack([samples.inputs, samples.in_training]).astype(np.float32))
     error = torch.from_numpy(samples.error.astype(np.float32)).clamp(min=1e-4)
-    counts = torch.from_numpy(samples.counts.astype(np.float32))
+    untracked = torch.from_numpy(samples.untracked.astype(np.float32))
     generator = torch.Generator().manual_seed(seed)
-    start = unchanged_errors()
+    start = identity_map()
     parts = [torch.tensor(getattr(start, name), dtype=torch.float32) for name in vars(start)]
-    parts[:2] = [torch.cat([part, torch.zeros(1, part.shape[1])]) for part in parts[:2]]  # `learned`
+    parts[:2] = [torch.cat([part, torch.zeros(1, part.shape[1])]) for part in parts[:2]]  # `in_training`
     parts[1] = torch.randn(parts[1].shape, generator=generator) * 0.1
     weight, inward, inward_offset, outward, offset = parts = [part.requires_grad_() for part in parts]
     optimizer = torch.optim.AdamW(parts, lr=_RATE, weight_decay=0.0)
@@ -152,8 +154,8 @@ def fit_error_map(
     for step in range(steps):
         for group in optimizer.param_groups:
             group["lr"] = _RATE * (1 - step / steps)
-        rows = torch.randint(len(known), (_BATCH,), generator=generator)
-        x, counted = known[rows], counts[rows]
+        rows = torch.randint(len(inputs), (_BATCH,), generator=generator)
+        x, counted = inputs[rows], untracked[rows]
         expected = x @ weight + torch.tanh(x @ inward + inward_offset) @ outward + offset
         missed = torch.log(error[rows]) - expected
         if quantile is None:
@@ -169,21 +171,27 @@ def fit_error_map(
     return ErrorMap(tables[0][:-1], tables[1][:-1], *tables[2:])
 
 
-_STREAMS, _BATCHES, _ROUNDING_SEED = 96, 24, 8  # sequences side by side, and batches, that weights are rounded by
-_LONGEST, _CLIPS = 9.0, 2  # s of a clip, and clips of a person who was learned from, that errors are judged by
+_STREAMS, _BATCHES, _ROUNDING_SEED = 96, 24, 8  # parallel sequences and batches for rounding, and their seed
+_LONGEST, _CLIPS = 9.0, 2  # s of a clip, and clips of each training person, for error samples
 
 
-def rounded(body: CompletionNetwork, data: Path, limit: int | None = None, backward: bool = False) -> CompletionNetwork:
-    """Return the network with rounded weights, which are true to sequences as in training.
+def round_network(
+    body: CompletionNetwork, data: Path, limit: int | None = None, backward: bool = False
+) -> CompletionNetwork:
+    """Return a copy of the network whose weights are rounded so that it changes least on training sequences.
 
-    `limit` clips of the train split suffice for a trial. `backward`: the network is for time that runs backward.
+    Args:
+        body: the trained network.
+        data: folder of motion or store; its train split is used.
+        limit: number of clips to read, for a trial; None: all.
+        backward: whether the network is for time that runs backward.
     """
     body = copy.deepcopy(body)
     corpus = read_corpus(data, "train", limit)
     config = CompletionTaskConfig(body.config, streams=_STREAMS, backward=backward)
     task = CompletionTask(body, config, Schedule(), corpus, {})
-    drawn = task.batches(np.random.default_rng(_ROUNDING_SEED))
-    round_weights(body, sample_moments(body.eval(), itertools.islice(drawn, _BATCHES if limit is None else 1)))
+    batches = task.batches(np.random.default_rng(_ROUNDING_SEED))
+    round_weights(body, sample_moments(body.eval(), itertools.islice(batches, _BATCHES if limit is None else 1)))
     return body
 
 
@@ -196,34 +204,34 @@ def publish(
     limit: int | None = None,
     backward: bool = False,
 ) -> None:
-    """Write both networks, of which the weights are rounded, with true errors.
+    """Calibrate the expected errors of rounded networks, and write both as one file.
 
-    `card` is what they were trained on, and their licence; `limit` and `backward` are those of `rounded`.
+    `card` has the training data and the licence. For `limit` and `backward` see `round_network`.
     """
-    configured = {"network": asdict(body.config), "fingers": asdict(fingers.config)} | card
-    start, apart = unchanged_errors(), shown_apart()
+    full_card = {"network": asdict(body.config), "fingers": asdict(fingers.config)} | card
+    start, disagreement = identity_map(), disagreement_map()
     beside = out.with_name(f"{out.stem}.uncalibrated.safetensors")
     try:
-        write_weights(TrainedNetworks(body, fingers, start, apart), beside, configured)
-        learned, watched = (_scenes(data, split, limit, backward) for split in ("train", "val"))
-        samples = sample_errors(learned, watched, load_completion(beside))
+        write_weights(TrainedNetworks(body, fingers, start, disagreement), beside, full_card)
+        training_scenes, validation_scenes = (_scenes(data, split, limit, backward) for split in ("train", "val"))
+        samples = sample_errors(training_scenes, validation_scenes, load_completion(beside))
     finally:
         beside.unlink(missing_ok=True)
     steps = _FIT_STEPS if limit is None else _TRIAL_STEPS
     mean, bound = fit_error_map(samples, steps=steps), fit_error_map(samples, QUANTILE, steps)
-    write_weights(TrainedNetworks(body, fingers, mean, bound), out, configured)
+    write_weights(TrainedNetworks(body, fingers, mean, bound), out, full_card)
 
 
 def _scenes(data: Path, split: Split, limit: int | None, backward: bool) -> dict[Truth, list[list[TrackedScene]]]:
-    """Return batches of scenes of what wearers do, on their own bodies and on unseen ones.
+    """Return batches of scenes of motions of headset wearers, on their own bodies and on unseen ones.
 
-    Validation people give all their clips; training people give a few each. The former are few, and how far errors
-    spread is visible over many people only. Clips of standing people are added in other postures. `backward` puts the
-    frames in the opposite order.
+    All clips of validation people are used, and a few of each training person: the distribution of errors needs many
+    people, and validation people are few. Clips of standing people are added in other postures. `backward` reverses
+    time.
     """
     truths: tuple[Truth, ...] = ("own", "stranger")
     scenes: dict[Truth, list[list[TrackedScene]]] = {truth: [] for truth in truths}
-    clips = [_piece(clip) for clip in learned_clips(data, split, limit) if clip.category in HEADSET_CATEGORIES]
+    clips = [_middle_part(clip) for clip in learned_clips(data, split, limit) if clip.category in HEADSET_CATEGORIES]
     if split == "train":
         clips = _few_of_each_person(clips)
     clips += list(posture_clips(clips))
@@ -236,8 +244,8 @@ def _scenes(data: Path, split: Split, limit: int | None, backward: bool) -> dict
     return scenes
 
 
-def _piece(clip: Clip) -> Clip:
-    """The middle of a clip."""
+def _middle_part(clip: Clip) -> Clip:
+    """Return the middle `_LONGEST` seconds of a clip."""
     frames = int(np.ceil(_LONGEST * clip.frame_rate))
     first = max(0, (len(clip) - frames) // 2)
     return replace(clip, pose=clip.pose[first : first + frames])

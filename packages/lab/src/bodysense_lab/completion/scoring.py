@@ -17,7 +17,7 @@ from bodysense.observation import Observation
 from bodysense_lab.completion import sight
 from bodysense_lab.completion.baselines import MeanBody
 from bodysense_lab.completion.blinks import BLINKING, FINGER, lose_hands, rng_of, with_finger
-from bodysense_lab.completion.kept import KeptClips
+from bodysense_lab.completion.clip_results import ClipResults
 from bodysense_lab.completion.lattice import random_edges
 from bodysense_lab.completion.lattice_scores import choose_scenes, score_lattice
 from bodysense_lab.completion.measures import (
@@ -39,7 +39,7 @@ from bodysense_lab.completion.tables import (
     WorstFrame,
     headline,
 )
-from bodysense_lab.completion.tracking import StepTimes, Tracked, TrackPeople, TrackTake, step_times, track_people
+from bodysense_lab.completion.tracking import StepTimes, TrackedMotion, TrackPeople, TrackTake, step_times, track_people
 from bodysense_lab.scoring import RATE
 from bodysense_lab.spread import spread
 
@@ -61,7 +61,7 @@ def evaluate_completion(
     takes: TrackTake | None = None,
     times: StepTimes | None = step_times,
     spread: Spread = partial(spread, jobs=1),
-    kept: KeptClips | None = None,
+    results: ClipResults | None = None,
     advance: Callable[[int, str], None] = lambda count, what: None,
 ) -> CompletionTable:
     """Score the tracker on clips.
@@ -84,7 +84,7 @@ def evaluate_completion(
     for truth in truths:
         missing: list[Clip] = []
         for clip in clips:
-            part = None if kept is None else kept.find(clip, truth, settings)
+            part = None if results is None else results.load(clip, truth, settings)
             if part is None:
                 missing.append(clip)
             else:
@@ -95,8 +95,8 @@ def evaluate_completion(
     for (batch, truth), parts in spread(_Scorer(settings, mean_body, track, takes), jobs):
         for clip, part in zip(batch, parts, strict=True):
             table.merge(part)
-            if kept is not None:
-                kept.keep(clip, truth, part)
+            if results is not None:
+                results.save(clip, truth, part)
         advance(_work_done(len(batch), settings, truth), f"{len(batch)} clips, {truth} bodies")
     groups = list(batches(clips))
     if times is not None and groups:
@@ -184,7 +184,7 @@ class _Scorer:
                 scores.merge(measure_transitions(scene, seen, self.takes(person, seen), TAKE))
 
     def _score_blinks(
-        self, scored: Scored, observations: Sequence[Observation], sensors: str, tracked: Sequence[Tracked]
+        self, scored: Scored, observations: Sequence[Observation], sensors: str, tracked: Sequence[TrackedMotion]
     ) -> None:
         """Score the effect of a blinking finger on bodies of known proportions.
 
@@ -215,7 +215,7 @@ class _Scorer:
             table.baselines[method, truth, scene.group] = measure_hidden(position, scene)
 
 
-def _take_scores(scene: TrackedScene, sensors: str, seen: Observation, taken: Tracked) -> RunningScores:
+def _take_scores(scene: TrackedScene, sensors: str, seen: Observation, taken: TrackedMotion) -> RunningScores:
     """The measures of `TAKE_MEASURES` and `TAKE_SIGHTS`, and how true expected errors are, of a whole take."""
     scores, named = measure_sight(scene, seen, taken), RunningScores()
     scores.merge(measure(scene, taken))
@@ -231,7 +231,7 @@ def _take_scores(scene: TrackedScene, sensors: str, seen: Observation, taken: Tr
     return named
 
 
-def _worst_frames(sensors: str, body: Body, scene: TrackedScene, tracked: Tracked) -> Iterator[WorstFrame]:
+def _worst_frames(sensors: str, body: Body, scene: TrackedScene, tracked: TrackedMotion) -> Iterator[WorstFrame]:
     """The frames with the largest mean error of 22 joints, from the head, and with the largest leap of one."""
     joints = scene.skeleton.indices(BODY)
     leaps = 100 * sight.leaps(tracked.position[:, joints], scene.world_pose[0][:, joints])

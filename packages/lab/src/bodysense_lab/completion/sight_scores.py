@@ -18,7 +18,7 @@ from bodysense_lab.completion.measures import JUMP
 from bodysense_lab.completion.scenes import TrackedScene
 from bodysense_lab.completion.scores import RunningScores, histogram, percentile
 from bodysense_lab.completion.sight import Moment
-from bodysense_lab.completion.tracking import Tracked
+from bodysense_lab.completion.tracking import TrackedMotion
 from bodysense_lab.completion.wearers import rest_heights
 from bodysense_lab.scoring import RATE
 
@@ -60,7 +60,7 @@ class CellScores(RunningScores):
             self.add_sum("quantiles", name, histogram(values))
 
 
-def measure_sight(scene: TrackedScene, seen: Observation, tracked: Tracked) -> CellScores:
+def measure_sight(scene: TrackedScene, seen: Observation, tracked: TrackedMotion) -> CellScores:
     """Every measure of sight of one scene, of which the tracker saw `seen` (T, P)."""
     scores, skeleton = CellScores(), scene.skeleton
     if len(scene) < 2:
@@ -87,7 +87,7 @@ def measure_sight(scene: TrackedScene, seen: Observation, tracked: Tracked) -> C
     return scores
 
 
-def measure_transitions(scene: TrackedScene, seen: Observation, tracked: Tracked, kind: str = "") -> CellScores:
+def measure_transitions(scene: TrackedScene, seen: Observation, tracked: TrackedMotion, kind: str = "") -> CellScores:
     """Jerk after each loss and each return of a hand, over the 22 joints; `kind` is `TAKE` for a take."""
     scores, skeleton = CellScores(), scene.skeleton
     body, truth = skeleton.indices(BODY), scene.world_pose[0]

@@ -24,7 +24,7 @@ _WARM_UP = 30  # frames that are not timed
 
 
 @dataclass(frozen=True, eq=False)
-class Tracked:
+class TrackedMotion:
     """A tracker's estimates for one person, T frames."""
 
     position: np.ndarray  # (T, P, 3) m, world
@@ -34,21 +34,21 @@ class Tracked:
     contact: np.ndarray  # (T, 4) probability: left ankle and ball, right ankle and ball
 
     @classmethod
-    def of(cls, parts: Sequence[Estimate]) -> Tracked:
+    def of(cls, parts: Sequence[Estimate]) -> TrackedMotion:
         """Join the estimates of consecutive frames."""
         names = {"position": "points", "confidence": "confidence", "bound": "bound", "contact": "contact"}
         joined = {name: np.concatenate([getattr(part, own) for part in parts]) for name, own in names.items()}
         return cls(rotation=np.concatenate([part.pose.rotation for part in parts]), **joined)
 
 
-TrackTake = Callable[[Person, Observation], Tracked]
-TrackPeople = Callable[[Sequence[Person], Sequence[Observation]], list[Tracked]]
+TrackTake = Callable[[Person, Observation], TrackedMotion]
+TrackPeople = Callable[[Sequence[Person], Sequence[Observation]], list[TrackedMotion]]
 StepTimes = Callable[[Person, Observation], np.ndarray]
 
 
 def track_people(
     people: Sequence[Person], observations: Sequence[Observation], network: CompletionModel | None = None
-) -> list[Tracked]:
+) -> list[TrackedMotion]:
     """Track people side by side, each to the end of an observation (T, P); None: the packaged network."""
     trackers = [Tracker(person, network) for person in people]
     states, parts = [tracker.start() for tracker in trackers], [[] for _ in people]
@@ -58,30 +58,30 @@ def track_people(
         for k, (estimate, state) in zip(tracked, step_together(jobs), strict=True):
             parts[k].append(estimate)
             states[k] = state
-    return [Tracked.of(own) for own in parts]
+    return [TrackedMotion.of(own) for own in parts]
 
 
 @dataclass(frozen=True)
-class TrackedBy:
+class PeopleTracker:
     """`track_people` by the network of a file (None: the packaged one), which every process opens for itself."""
 
     model: Path | None
 
-    def __reduce__(self) -> tuple[type[TrackedBy], tuple[Path | None]]:
-        return TrackedBy, (_whole(self.model),)
+    def __reduce__(self) -> tuple[type[PeopleTracker], tuple[Path | None]]:
+        return PeopleTracker, (_absolute(self.model),)
 
     @property
     def network(self) -> CompletionModel:
         """The network, opened once in every process."""
-        return _opened(self.model)
+        return _load_model(self.model)
 
-    def __call__(self, people: Sequence[Person], observations: Sequence[Observation]) -> list[Tracked]:
+    def __call__(self, people: Sequence[Person], observations: Sequence[Observation]) -> list[TrackedMotion]:
         """Track people."""
         return track_people(people, observations, self.network)
 
 
 @dataclass(frozen=True)
-class TakenBy:
+class TakeTracker:
     """Whole takes, completed with past and future by the networks of files (None: the packaged ones).
 
     A network of one's own serves both directions if it is the only one.
@@ -91,37 +91,37 @@ class TakenBy:
     backward_model: Path | None = None
     joining_model: Path | None = None
 
-    def __reduce__(self) -> tuple[type[TakenBy], tuple[Path | None, ...]]:
-        return TakenBy, tuple(map(_whole, (self.model, self.backward_model, self.joining_model)))
+    def __reduce__(self) -> tuple[type[TakeTracker], tuple[Path | None, ...]]:
+        return TakeTracker, tuple(map(_absolute, (self.model, self.backward_model, self.joining_model)))
 
     @property
     def networks(self) -> tuple[CompletionModel | None, CompletionModel | None, JoiningNetwork | None]:
         """The networks, opened once in every process: forward, backward, joining; None is the packaged one."""
-        network, backward = (None if path is None else _opened(path) for path in (self.model, self.backward_model))
-        return network, backward, None if self.joining_model is None else _joining(self.joining_model)
+        network, backward = (None if path is None else _load_model(path) for path in (self.model, self.backward_model))
+        return network, backward, None if self.joining_model is None else _load_joining(self.joining_model)
 
-    def __call__(self, person: Person, observation: Observation) -> Tracked:
+    def __call__(self, person: Person, observation: Observation) -> TrackedMotion:
         """Complete a take (T, P) of one person."""
         network, backward, joining = self.networks
         settings = TrackerSettings()
         estimate, _ = completed_both_ways(
             observation, person, network, settings, 1 / RATE, backward_network=backward, joining=joining
         )
-        return Tracked.of([estimate])
+        return TrackedMotion.of([estimate])
 
 
-def _whole(path: Path | None) -> Path | None:
+def _absolute(path: Path | None) -> Path | None:
     """Return a whole path: a worker may run in another folder."""
     return None if path is None else path.resolve()
 
 
 @lru_cache(maxsize=2)
-def _opened(model: Path | None) -> CompletionModel:
+def _load_model(model: Path | None) -> CompletionModel:
     return packaged_model() if model is None else load_completion(model)
 
 
 @lru_cache(maxsize=1)
-def _joining(model: Path) -> JoiningNetwork:
+def _load_joining(model: Path) -> JoiningNetwork:
     return load_joining(model)
 
 

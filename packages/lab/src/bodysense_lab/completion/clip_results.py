@@ -24,14 +24,14 @@ _MEANS = ("cells", "truths", "baselines", "people")  # fields of a table whose m
 
 
 @dataclass(frozen=True)
-class KeptClips:
+class ClipResults:
     """A folder with one file for each clip and truth: a table of that clip alone, without lattice and times."""
 
     folder: Path
     resumed: bool = False  # whether an earlier run began it, so that this run's time is not that of all clips
 
     @classmethod
-    def open(cls, folder: Path, settings: CompletionSettings, network: str) -> KeptClips:
+    def open(cls, folder: Path, settings: CompletionSettings, network: str) -> ClipResults:
         """Make the folder, or go on with it.
 
         Raises BodysenseError if it holds results of other settings or of another network.
@@ -54,7 +54,7 @@ class KeptClips:
                 beside.write_text(json.dumps(meant, indent=1), encoding="utf-8")
         return cls(folder, resumed)
 
-    def find(self, clip: Clip, truth: Truth, settings: CompletionSettings) -> CompletionTable | None:
+    def load(self, clip: Clip, truth: Truth, settings: CompletionSettings) -> CompletionTable | None:
         """The table of a clip; None if it is not kept."""
         path = self._path(clip, truth)
         if not path.is_file():
@@ -62,7 +62,7 @@ class KeptClips:
         with np.load(path, allow_pickle=False) as stored:
             return _from_arrays(stored, settings)
 
-    def keep(self, clip: Clip, truth: Truth, table: CompletionTable) -> None:
+    def save(self, clip: Clip, truth: Truth, table: CompletionTable) -> None:
         """Write the table of a clip."""
         with written_beside(self._path(clip, truth)) as beside, beside.open("wb") as file:
             np.savez_compressed(file, allow_pickle=False, **_arrays(table))
