@@ -35,22 +35,22 @@ def turned(clip: Clip, angle: float) -> Clip:
     return replace(clip, pose=Pose(clip.pose.skeleton, quaternion_rotate(yaw, clip.pose.root_position), rotation))
 
 
-def test_the_height_of_the_head_tells_the_legs() -> None:
+def test_the_height_of_the_head_gives_the_legs() -> None:
     standing, sitting = posed(0.0, 0.0), posed(0.5, 1.5)
     body = fit_mean_body([standing, sitting])
     head = SKELETON.index("head")
     for clip in (standing, turned(standing, 2.0), at_height(sitting, 1.5), turned(at_height(sitting, 1.9), -1.0)):
         position, rotation = forward_kinematics(clip.pose)
-        said = body.positions(position[:, head], rotation[:, head], clip.pose.skeleton)
-        np.testing.assert_allclose(said, position, atol=0.02)
-        np.testing.assert_allclose(said[:, head], position[:, head], atol=1e-9)
+        found = body.positions(position[:, head], rotation[:, head], clip.pose.skeleton)
+        np.testing.assert_allclose(found, position, atol=0.02)
+        np.testing.assert_allclose(found[:, head], position[:, head], atol=1e-9)
 
 
 def test_heads_that_were_never_there_have_a_body(waving_clip: Clip) -> None:
     body = fit_mean_body([waving_clip])
     heads = np.array([[0.0, -3.0, 0.0], [1.0, 9.0, 2.0], [0.0, 1.0, 0.0]])
-    said = body.positions(heads, np.tile([0.6, 0.8, 0.0, 0.0], (3, 1)), SKELETON)
-    assert np.isfinite(said).all() and np.abs(said - heads[:, None]).max() < 3
+    found = body.positions(heads, np.tile([0.6, 0.8, 0.0, 0.0], (3, 1)), SKELETON)
+    assert np.isfinite(found).all() and np.abs(found - heads[:, None]).max() < 3
     with pytest.raises(BodysenseError, match="needs motion"):
         fit_mean_body([])
 

@@ -75,6 +75,6 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
     out = tmp_path / "fingers.npz"
     assert main(["data", "fingers", "-o", str(out), "--hours", "0.005"]) == 0
     assert read_fingers(out).shape == (540, 30, 4) and "540 frames" in capsys.readouterr().out
-    for arguments, said in ((["-o", str(out), "--hours", "0"], "--hours 0"), (["-o", "a.bvh"], "written as .npz")):
+    for arguments, expected in ((["-o", str(out), "--hours", "0"], "--hours 0"), (["-o", "a.bvh"], "written as .npz")):
         assert main(["data", "fingers", *arguments]) == 2
-        assert said in capsys.readouterr().err
+        assert expected in capsys.readouterr().err

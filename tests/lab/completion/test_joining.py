@@ -168,7 +168,7 @@ def cost_of(term: str, take: JoinedTake) -> float:
     return float(terms[term].detach())
 
 
-def test_the_true_error_is_the_expectation_of_least_loss(takes: list[JoinedTake]) -> None:
+def test_the_true_error_is_the_expected_error_of_least_loss(takes: list[JoinedTake]) -> None:
     """The term is error / expectation + log(expectation), which is least if the expectation equals the error."""
     weight = JoiningTaskConfig(JoiningConfig(1)).losses.certainty
 

@@ -24,11 +24,11 @@ def test_motion_is_read_once_until_it_changes(
 ) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     data = write_people(tmp_path / "data", {"train": [waving_clip]})
-    reads, learned = [], corpus.read_clips
+    reads, read_clips = [], corpus.read_clips
 
-    def counted(*asked: object):
-        reads.append(asked)
-        return learned(*asked)  # pyright: ignore[reportArgumentType]
+    def counted(*arguments: object):
+        reads.append(arguments)
+        return read_clips(*arguments)  # pyright: ignore[reportArgumentType]
 
     monkeypatch.setattr(corpus, "read_clips", counted)
     first, again = (read_corpus(data, "train") for _ in range(2))

@@ -65,10 +65,10 @@ def test_measures_do_not_depend_on_the_place_in_the_world(seed: int, turn: float
             sight.transition_jerks(output, [10], RATE).sum(),
         ]
 
-    def moved(values: np.ndarray) -> np.ndarray:
+    def transformed(values: np.ndarray) -> np.ndarray:
         return values @ matrix.T + [x, 0.0, z]
 
-    there = figures(moved(output), moved(truth), np.tile(about, (len(truth), 1)))
+    there = figures(transformed(output), transformed(truth), np.tile(about, (len(truth), 1)))
     assert there == pytest.approx(figures(output, truth, facing), rel=1e-6)
 
 
@@ -107,7 +107,7 @@ def test_feet_float_over_the_floor_that_the_truth_stands_on() -> None:
     np.testing.assert_array_equal(sight.floating_frames(output, high, 0.02), np.zeros(4, dtype=bool))
 
 
-def test_who_stands_is_upright_with_a_foot_that_is_low_and_still() -> None:
+def test_a_standing_body_is_upright_with_a_low_and_still_foot() -> None:
     balls, pelvis = np.zeros((30, 2, 3)), np.tile([0.0, 0.95, 0.0], (30, 1))
     balls[..., 1] = 0.02
 

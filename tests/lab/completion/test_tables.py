@@ -54,7 +54,7 @@ def figure(table: CompletionTable, sensors: str, body: str, name: str) -> float:
     return table.numbers().get(f"{sensors}_{body}_{name}", math.nan)
 
 
-def legs_moved(position: np.ndarray, scene: TrackedScene) -> np.ndarray:
+def shift_legs(position: np.ndarray, scene: TrackedScene) -> np.ndarray:
     position[:, scene.skeleton.indices(LOWER_BODY)] += [0.0, 0.0, 0.05]
     return position
 
@@ -89,7 +89,7 @@ def test_the_truth_scores_nothing(clips: list[Clip], scenes: list[TrackedScene])
 
 def test_a_known_displacement_gives_known_figures(clips: list[Clip], scenes: list[TrackedScene]) -> None:
     """Nine of 22 joints are off by 5 cm, from the head and in the world; what is expected is the true error."""
-    table = score(clips, Oracle(scenes, legs_moved))
+    table = score(clips, Oracle(scenes, shift_legs))
     for body in BODIES:
         assert figure(table, "three_point", body, "lower_mpjpe_cm") == pytest.approx(5)
         assert figure(table, "three_point", body, "upper_mpjpe_cm") == pytest.approx(0, abs=1e-9)
@@ -109,12 +109,12 @@ def test_a_known_displacement_gives_known_figures(clips: list[Clip], scenes: lis
     one = table.calibration("three_point", region="lower")
     assert (one.ece, one.coverage) == (pytest.approx(0, abs=1e-9), 1.0)
     assert one.count == 9 * 4 * sum(len(scene) for scene in main)
-    doubted = score(clips, Oracle(scenes, legs_moved, confidence=0.1)).calibration("three_point", "own", "lower")
+    doubted = score(clips, Oracle(scenes, shift_legs, confidence=0.1)).calibration("three_point", "own", "lower")
     assert doubted.ece == pytest.approx(1.0)
 
 
 def test_what_is_tracked_is_no_test_of_confidence(clips: list[Clip], scenes: list[TrackedScene]) -> None:
-    counted = score(clips, Oracle(scenes, legs_moved)).calibration("three_point", "own", "upper").count
+    counted = score(clips, Oracle(scenes, shift_legs)).calibration("three_point", "own", "upper").count
     assert counted == (13 - 3) * (90 + 60)  # without head and wrists
 
 
@@ -166,7 +166,7 @@ def test_the_lattice_finds_sensors_that_harm(clips: list[Clip], scenes: list[Tra
     settings = replace(SMALL, sets=("head",), bodies=("stranger",), edges=12)
     numbers = score(clips, harmed, settings).numbers()
     assert (numbers["lattice_violations"], numbers["lattice_edges"]) == (12, 12)
-    assert score(clips, Oracle(scenes, legs_moved), settings).numbers()["lattice_violations"] == 0
+    assert score(clips, Oracle(scenes, shift_legs), settings).numbers()["lattice_violations"] == 0
 
 
 def test_takes_are_measured_as_live_tracking_is(clips: list[Clip]) -> None:
@@ -194,7 +194,7 @@ def test_takes_are_measured_as_live_tracking_is(clips: list[Clip]) -> None:
 def table(clips: list[Clip], scenes: list[TrackedScene]) -> CompletionTable:
     settings = CompletionSettings(edges=4)
     return evaluate_completion(
-        clips, settings, track=Oracle(scenes, legs_moved), times=lambda person, seen: np.full(len(seen), 0.001)
+        clips, settings, track=Oracle(scenes, shift_legs), times=lambda person, seen: np.full(len(seen), 0.001)
     )
 
 
@@ -279,12 +279,12 @@ def test_the_command(
     files = ["--json", str(numbers), "--csv", str(measures), "--picture", str(picture)]
     files += ["--keep", str(tmp_path / "kept")]
     assert main([*arguments, *files]) == 0
-    said = json.loads(numbers.read_text())
-    assert {"head_own_mpjpe_cm", "headset_camera_nothing_ratio", "head_ece", "clips", "cpu_seconds"} <= set(said)
-    assert said["clips"] == 2 and not any(name.startswith("head_stranger") for name in said)
+    found = json.loads(numbers.read_text())
+    assert {"head_own_mpjpe_cm", "headset_camera_nothing_ratio", "head_ece", "clips", "cpu_seconds"} <= set(found)
+    assert found["clips"] == 2 and not any(name.startswith("head_stranger") for name in found)
     assert measures.is_file() and picture.is_file() and "hidden joints" in capsys.readouterr().out
     assert main([*arguments, *files]) == 0  # of kept clips
-    assert set(said) - set(json.loads(numbers.read_text())) == {"cpu_seconds"}
+    assert set(found) - set(json.loads(numbers.read_text())) == {"cpu_seconds"}
     assert main([*arguments, "--sets", "nose"]) == 2
     assert "--sets nose: unknown; valid are head, three_point" in capsys.readouterr().err
     assert main([*arguments, "--backward-model", "own.safetensors"]) == 2

@@ -192,9 +192,9 @@ def test_wrists_turn_and_arms_do_not(corpus: Corpus) -> None:
     bend = np.degrees(geodesic_angle(still.true_rotation, turned.true_rotation))
     assert np.ptp(bend[:, wrists], axis=0).min() > 5
     assert np.abs(np.diff(bend[:, wrists], axis=0)).max() < 15  # smooth
-    moved = np.linalg.norm(still.position - turned.position, axis=-1).max(axis=0)
+    distance = np.linalg.norm(still.position - turned.position, axis=-1).max(axis=0)
     knuckles = [INPUT_POINTS.index(f"{side}_knuckles") for side in ("left", "right")]
-    assert moved[knuckles].min() > 0.01
+    assert distance[knuckles].min() > 0.01
 
 
 def test_inertial_sensors_feel_how_bones_speed_up(corpus: Corpus) -> None:

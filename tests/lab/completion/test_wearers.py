@@ -35,7 +35,7 @@ from bodysense_lab.completion.wearers import (
 
 
 @pytest.mark.parametrize("height", [1.55, 1.88])
-def test_who_sits_has_the_feet_on_the_floor_and_thighs_level(height: float) -> None:
+def test_a_seated_wearer_has_feet_on_the_floor_and_level_thighs(height: float) -> None:
     skeleton = known_body(height)
     position = np.asarray(forward_kinematics(seated(skeleton))[0])
     at = skeleton.index
@@ -60,7 +60,7 @@ def test_raised_arms_are_seen_first_and_then_lost(way: Raise) -> None:
     assert (position[90:, wrists, 1] > position[90:, skeleton.index("head"), 1][:, None] + 0.2).all()
 
 
-def test_palms_face_where_they_are_said_to() -> None:
+def test_palms_face_the_given_direction() -> None:
     skeleton = known_body(1.7)
     path = standing_head(skeleton, 0.0)
     expected: dict[Palms, list[int]] = {"down": [0, -1, 0], "inward": [-1, 0, 0], "hanging": [-1, 0, 0]}

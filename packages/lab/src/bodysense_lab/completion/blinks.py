@@ -18,12 +18,12 @@ from bodysense.observation import Observation
 # Share of the gaps that last at most `_SECONDS`.
 _SHARE = np.array([0.0, 0.10, 0.50, 0.61, 0.89, 0.90, 0.99, 1.0])
 _SECONDS = np.array([0.02, 0.03, 0.10, 0.20, 1.00, 1.10, 6.70, 17.0])
-APART, USUALLY = 1.0, 2.0  # s between gaps: at least, and on average beyond that
+SHORTEST_BETWEEN, MEAN_BETWEEN = 1.0, 2.0  # s between gaps: at least, and on average beyond that
 BLINKING = ("head", "three_point", "six_point", "headset_camera")  # sets that are scored with them
 FINGER, EVERY = "left_index1", 3  # the joint that blinks, and after how many frames its mask changes
 
 
-def rng_of(name: str) -> np.random.Generator:
+def clip_rng(name: str) -> np.random.Generator:
     """The generator of a clip's losses: always the same one."""
     return np.random.default_rng(int.from_bytes(hashlib.sha256(name.encode()).digest()[:8], "big"))
 
@@ -40,13 +40,13 @@ def lose_hands(observation: Observation, rng: np.random.Generator) -> Observatio
     for side in ("left", "right"):
         parts = tuple(f"{side}_{part}" for part in ("wrist", *FINGERS))
         hand = [place for place, name in enumerate(observation.points) if name.startswith(parts)]
-        begin = time[0] + APART + rng.exponential(USUALLY)
+        begin = time[0] + SHORTEST_BETWEEN + rng.exponential(MEAN_BETWEEN)
         while begin < time[-1]:
             # A gap that is shorter than a frame still hides the frame after it begins.
             first = int(np.searchsorted(time, begin))
             end = max(begin + gap_seconds(1, rng)[0], time[first] + 1e-6)
             hidden[:, hand] |= ((time >= begin) & (time < end))[:, None]
-            begin = end + APART + rng.exponential(USUALLY)
+            begin = end + SHORTEST_BETWEEN + rng.exponential(MEAN_BETWEEN)
     return hide(observation, hidden)
 
 
@@ -68,15 +68,15 @@ def with_finger(observation: Observation, position: np.ndarray, blinking: bool) 
         hidden[:, place] = ~(on & observation.has_position[:, wrist])
         return hide(observation, hidden)
 
-    def grown(values: np.ndarray, column: np.ndarray) -> np.ndarray:
+    def with_column(values: np.ndarray, column: np.ndarray) -> np.ndarray:
         return np.concatenate([values, column[:, None]], axis=1)
 
     return replace(
         observation,
         points=(*observation.points, FINGER),
-        position=grown(observation.position, np.where(on[:, None], position, np.nan)),
-        rotation=grown(observation.rotation, np.full((len(observation), 4), np.nan)),
-        has_position=grown(observation.has_position, on),
-        has_rotation=grown(observation.has_rotation, np.zeros(len(observation), dtype=bool)),
-        accuracy=grown(observation.accuracy, observation.accuracy[:, 0]),
+        position=with_column(observation.position, np.where(on[:, None], position, np.nan)),
+        rotation=with_column(observation.rotation, np.full((len(observation), 4), np.nan)),
+        has_position=with_column(observation.has_position, on),
+        has_rotation=with_column(observation.has_rotation, np.zeros(len(observation), dtype=bool)),
+        accuracy=with_column(observation.accuracy, observation.accuracy[:, 0]),
     )

@@ -114,12 +114,12 @@ class FingerNetwork(nn.Module):
         features = self.read(signal)
         batch = features.shape[0]
         hidden, memory = self.recurrent(features.flatten(0, 1), memory)
-        said = self.branch(torch.cat([hidden, features.flatten(0, 1).to(hidden)], dim=-1)).float()
-        said = said.unflatten(0, (batch, 2)).transpose(1, 2)
-        axes = said[..., : 6 * FINGER_JOINTS].unflatten(-1, (FINGER_JOINTS, 3, 2)) + self.relaxed
+        output = self.branch(torch.cat([hidden, features.flatten(0, 1).to(hidden)], dim=-1)).float()
+        output = output.unflatten(0, (batch, 2)).transpose(1, 2)
+        axes = output[..., : 6 * FINGER_JOINTS].unflatten(-1, (FINGER_JOINTS, 3, 2)) + self.relaxed
         flip = (FLIP[:, :, None] * FLIP[:, None, :]).to(axes.device)
         rotation = orthonormal(axes) * flip[None, None, :, None]
-        error = nn.functional.softplus(said[..., 6 * FINGER_JOINTS :] + ERROR_BIAS) + SMALLEST_ERROR
+        error = nn.functional.softplus(output[..., 6 * FINGER_JOINTS :] + ERROR_BIAS) + SMALLEST_ERROR
         return rotation, error, memory.float()
 
 

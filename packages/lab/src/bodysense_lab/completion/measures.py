@@ -44,8 +44,8 @@ def measure(scene: TrackedScene, tracked: TrackedMotion) -> RunningScores:
     turned = rotation_error(tracked.rotation[:, body], scene.pose.rotation[:, body])
     scores.add("rotation_deg", turned, frames)
     if frames > 1:
-        moved = velocity_error(position[:, body], truth[:, body], RATE)
-        scores.add("velocity_cm_s", moved, frames - 1)
+        velocity = velocity_error(position[:, body], truth[:, body], RATE)
+        scores.add("velocity_cm_s", velocity, frames - 1)
         minutes = (frames - 1) / RATE / 60
         for order, name in ((1, "jumps"), (2, "breaks")):
             scores.add(f"{name}_per_minute", count_jumps(position, scene, order) / minutes, minutes)

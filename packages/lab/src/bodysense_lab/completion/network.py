@@ -21,10 +21,10 @@ from bodysense.body.rotation import quaternion_to_matrix
 from bodysense.body.skeleton import default_skeleton
 from bodysense_lab.completion.features import WIDTHS, TrackedSignal, features_of, mirror_places, mirror_signs
 from bodysense_lab.completion.points import (
+    BODY_POINT_COUNT,
     CONTACT,
     HEAD_HEIGHT,
     JOINTS,
-    PLACED,
     bone_parents,
     path_from_head,
     reference_offsets,
@@ -69,7 +69,9 @@ class CompletionNetwork(nn.Module):
             nn.Linear(both, config.branch), nn.ReLU(), nn.Linear(config.branch, 6 * JOINTS + 3)
         )
         self.judge_branch = nn.Sequential(
-            nn.Linear(both, config.judge_branch), nn.ReLU(), nn.Linear(config.judge_branch, len(CONTACT) + PLACED)
+            nn.Linear(both, config.judge_branch),
+            nn.ReLU(),
+            nn.Linear(config.judge_branch, len(CONTACT) + BODY_POINT_COUNT),
         )
         standing = forward_kinematics(standing_pose(default_skeleton()))[1][:JOINTS]
         constants = {

@@ -52,13 +52,13 @@ def graph_inputs(observation: Observation, people: Sequence[Person]) -> Iterator
         has_position[:, place], has_rotation[:, place[joint]] = seen, turned
         accuracy[:, place] = np.where(seen, observation.accuracy[:, t], _ABSENT)
         strapped = [observation.points.index(name) for name in STRAPPED if name in observation.points]
-        worn = [STRAPPED.index(observation.points[point]) for point in strapped]
+        sensor_rows = [STRAPPED.index(observation.points[point]) for point in strapped]
         acceleration = np.zeros((count, len(STRAPPED), 3), np.float32)
         has_acceleration = np.zeros((count, len(STRAPPED)), bool)
         if observation.acceleration is not None and strapped:
-            felt = observation.acceleration[:, t][:, strapped]
-            has_acceleration[:, worn] = np.isfinite(felt).all(axis=-1)
-            acceleration[:, worn] = np.nan_to_num(felt)
+            acceleration_rows = observation.acceleration[:, t][:, strapped]
+            has_acceleration[:, sensor_rows] = np.isfinite(acceleration_rows).all(axis=-1)
+            acceleration[:, sensor_rows] = np.nan_to_num(acceleration_rows)
         yield {
             "acceleration": acceleration,
             "has_acceleration": has_acceleration,

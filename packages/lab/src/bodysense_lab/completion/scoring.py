@@ -16,7 +16,7 @@ from bodysense.last_known import last_known
 from bodysense.observation import Observation
 from bodysense_lab.completion import sight
 from bodysense_lab.completion.baselines import MeanBody
-from bodysense_lab.completion.blinks import BLINKING, FINGER, lose_hands, rng_of, with_finger
+from bodysense_lab.completion.blinks import BLINKING, FINGER, clip_rng, lose_hands, with_finger
 from bodysense_lab.completion.clip_results import ClipResults
 from bodysense_lab.completion.lattice import random_edges
 from bodysense_lab.completion.lattice_scores import choose_scenes, score_lattice
@@ -170,12 +170,12 @@ class _Scorer:
         if body == "own" and sensors in BLINKING:
             self._score_blinks(scored, observations, sensors, tracked)
             if "left_wrist" in observations[0].points:
-                self._score_losses(scored, observations, sensors)
+                self._score_lost_hands(scored, observations, sensors)
 
-    def _score_losses(self, scored: Scored, observations: Sequence[Observation], sensors: str) -> None:
+    def _score_lost_hands(self, scored: Scored, observations: Sequence[Observation], sensors: str) -> None:
         """Score the effect of lost hands on bodies of known proportions."""
         people = [person_of("own", scene.skeleton) for _, scene in scored]
-        lost = [lose_hands(seen, rng_of(scene.name)) for (_, scene), seen in zip(scored, observations, strict=True)]
+        lost = [lose_hands(seen, clip_rng(scene.name)) for (_, scene), seen in zip(scored, observations, strict=True)]
         tracked = self.track(people, lost)
         for (table, scene), person, seen, one in zip(scored, people, lost, tracked, strict=True):
             scores = table.cells[sensors, "own", scene.group]

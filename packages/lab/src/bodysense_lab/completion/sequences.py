@@ -37,9 +37,9 @@ from bodysense_lab.completion.points import (
     CONTACT,
     HAND_POINTS,
     HEAD,
+    INPUT_POINT_COUNT,
     JOINTS,
     KNUCKLES,
-    READ,
     SIDES,
     WRISTS,
     body_places,
@@ -403,7 +403,7 @@ def _accelerations(
 
 def _accuracy(rng: np.random.Generator) -> np.ndarray:
     """Draw accuracies (27,) m of the body's trackers."""
-    accuracy = np.exp(rng.uniform(np.log(0.002), np.log(0.025), READ))
+    accuracy = np.exp(rng.uniform(np.log(0.002), np.log(0.025), INPUT_POINT_COUNT))
     accuracy[HEAD] = 0.001
     if rng.uniform() < 0.5:
         accuracy[WRISTS] = 0.002

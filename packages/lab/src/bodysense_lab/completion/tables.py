@@ -361,13 +361,13 @@ def _remarks(table: CompletionTable) -> Iterator[str]:
                 f"skate {averages.get('skate_cm_s'):.2f} cm/s, {averages.get('depth_cm'):.2f} cm under the floor."
             )
         mean_body = table.baselines.get(("mean_body", truth, "main"), RunningScores())
-        shown = [
+        known = [
             f"{name} {one.get('occluded_mpjpe_cm'):.1f} cm ({one.root('occluded_square'):.1f} RMSJPE)"
             for name, one in (("last known", table.last_known(truth)), ("mean body", mean_body))
             if one.weight
         ]
-        if shown:
-            yield f"Hidden joints ({truth} bodies): {', '.join(shown)}."
+        if known:
+            yield f"Hidden joints ({truth} bodies): {', '.join(known)}."
     if table.lattice:
         worse = [score for score in table.lattice if score.violates]
         yield (

@@ -77,8 +77,8 @@ def _picture(one: WorstFrame, scene: TrackedScene, track: TrackPeople) -> np.nda
     if one.fault == "leap":
         titles = {max(one.frame - 1, 0): "a frame before"} | titles
     for frame, title in titles.items():
-        shown = _posed(scene.skeleton, tracked.position[frame], tracked.rotation[frame : frame + 1])
-        views.append(View(title, shown))
+        output = _posed(scene.skeleton, tracked.position[frame], tracked.rotation[frame : frame + 1])
+        views.append(View(title, output))
     return next(iter(draw_views(views, RATE, [0], _LENS)))
 
 
