@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bodysense.devices.simulated.sensors import SENSOR_SETS
-from bodysense_lab.completion.options import TABLE_SETS
+from bodysense_lab.completion.options import BODIES, BODY_TITLES, TABLE_SETS
 from bodysense_lab.completion.wearer_scores import RARE_SETS, SEATED_HEIGHTS, SEATED_SETS
 from bodysense_lab.completion.wearers import PALMS, RAISES
 from bodysense_lab.hmd_vae.tables import PUBLISHED as THREE_POINT
@@ -16,7 +16,6 @@ from .blocks import ROOT, Block, Numbers, between, figure, markdown, sampled
 CARD = "src/bodysense/weights/completion.md"
 BACKWARD_CARD = "src/bodysense/weights/completion_backward.md"
 JOINING_CARD = "src/bodysense/weights/completion_joining.md"
-BODIES = ("own", "stranger", "height", "nothing")
 
 
 def network(validation: Numbers | None) -> str:
@@ -97,7 +96,7 @@ def completion(numbers: Numbers, sample: Numbers) -> str:
         for name in TABLE_SETS
         if f"{name}_own_{_position(name)}" in numbers
     ]
-    head = ["sensors", "own body", "stranger's", "only height known", "nothing known"]
+    head = ["sensors", *(BODY_TITLES[body] for body in BODIES)]
     text = [
         f"`bodysense evaluate completion --data DIR{_limit(numbers)}`: {numbers['clips']:.0f} clips, main motions, cm.",
         "22 joints from the head; of the headset's cameras the joints that they do not see, in the world.",
@@ -105,8 +104,8 @@ def completion(numbers: Numbers, sample: Numbers) -> str:
     if "headset_camera_stranger_ratio" in numbers:
         ratio = [numbers[f"headset_camera_{body}_ratio"] for body in ("own", "stranger")]
         text.append(
-            f"These are {ratio[0]:.2f} (own body) and {ratio[1]:.2f} (stranger's) of the best way to keep the last "
-            "known place (RMSJPE)."
+            f"These are {ratio[0]:.2f} (own body) and {ratio[1]:.2f} (unseen body) of the errors of the best way "
+            "to hold the last known position (RMSJPE)."
         )
     if "lattice_edges" in sample:
         text.append(
@@ -122,7 +121,7 @@ def _limit(numbers: Numbers) -> str:
 
 
 def completion_measures(numbers: Numbers) -> str:
-    """Every measure of every set, told bodies; and confidence."""
+    """Return every measure of every sensor set and body, intervals, and how true expected errors are."""
     measures = {
         "rotation °": "rotation_deg",
         "lower cm": "lower_mpjpe_cm",
@@ -136,7 +135,7 @@ def completion_measures(numbers: Numbers) -> str:
     rows = [
         [
             _sensors(name),
-            body,
+            BODY_TITLES[body],
             figure(numbers, f"{name}_{body}_{_position(name)}"),
             *(figure(numbers, f"{name}_{body}_{measure}") for measure in measures.values()),
         ]
@@ -157,7 +156,7 @@ def completion_measures(numbers: Numbers) -> str:
     sure = [
         [
             _sensors(name),
-            body,
+            BODY_TITLES[body],
             _between(numbers, f"{name}_{body}"),
             "" if body == "own" else _between(numbers, f"{name}_{body}_minus_own", signed=True),
         ]
@@ -222,7 +221,7 @@ def sight(numbers: Numbers) -> str:
         [_sensors(sensors), *(_scaled(numbers, f"{sensors}_{body}_cover90", 100) for body in BODIES)]
         for sensors in scored
     ]
-    tables.append(markdown(["90 % bound covers, %", *BODIES], covers))
+    tables.append(markdown(["90 % bound covers, %", *(BODY_TITLES[body] for body in BODIES)], covers))
     return "\n\n".join(tables)
 
 
@@ -278,7 +277,7 @@ def published(numbers: Numbers) -> str:
     """Return the figures of three points, next to published ones."""
     columns = ("mpjpe_cm", "velocity_cm_s", "jitter")
     rows = [
-        [f"bodysense, {body}", *(figure(numbers, f"three_point_{body}_{column}") for column in columns)]
+        [f"bodysense, {BODY_TITLES[body]}", *(figure(numbers, f"three_point_{body}_{column}") for column in columns)]
         for body in BODIES
         if f"three_point_{body}_mpjpe_cm" in numbers
     ]

@@ -94,7 +94,7 @@ FIGURES: dict[str, Callable[[Cells], str]] = {  # by row of the page
     "2.9": lambda at: re.findall(r"\n\n(\d+ networks, \d+ steps each)", at("hmd-vae-sweep", "text"))[0],
     "2.10": lambda at: f"{at('hmd-vae', 'full body cm', '4, as 2, pretrained')} cm, model 4",
     "2.11": lambda at: f"{_default(generate, 'count')} bodies in a picture, each of {VAE.latent} numbers",
-    "2.12": lambda at: f"{at('completion', 'MPJPE cm', 'head', 'nothing')} cm, the tracker, head alone",
+    "2.12": lambda at: f"{at('completion', 'MPJPE cm', 'head', 'nothing known')} cm, the tracker, head alone",
     "3.1": lambda at: f"{ARMS.frames} frames of {ARMS.tokens} points",
     "3.2": lambda at: f"{len(HAND_POINTS)} points a hand",
     "3.3": lambda at: f"overall {at('table1', 'overall m', 'AHMT')} m",

@@ -23,7 +23,7 @@ from bodysense.observation import Observation
 from bodysense_lab.completion import scoring, tables
 from bodysense_lab.completion.blinks import FINGER, with_finger
 from bodysense_lab.completion.lattice_scores import choose_scenes
-from bodysense_lab.completion.options import BODIES, TABLE_SETS
+from bodysense_lab.completion.options import BODIES, BODY_TITLES, TABLE_SETS
 from bodysense_lab.completion.reliability import draw_reliability
 from bodysense_lab.completion.scenes import TrackedScene, scene_of
 from bodysense_lab.completion.scoring import evaluate_completion
@@ -217,7 +217,7 @@ def test_reports_and_picture(table: CompletionTable, tmp_path: Path) -> None:
     data = DataSet("motion", tmp_path, "test")
     short, whole, sight, sure, confidence = completion_reports(table, Census(3, frozenset("a"), 6.0), data, 3)
     assert [row[0] for row in short.rows] == [name.replace("_", " ") for name in TABLE_SETS]
-    assert short.columns == ("sensors", *BODIES) and short.numbers["clips"] == 3
+    assert short.columns == ("sensors", *BODY_TITLES.values()) and short.numbers["clips"] == 3
     assert {len(row) for row in whole.rows} == {len(whole.columns)}
     assert {row[0] for row in whole.rows} == {"main", "sport"}
     assert {len(row) for row in sight.rows} == {len(sight.columns)} and len(sight.rows) == 2 * len(TABLE_SETS) * len(

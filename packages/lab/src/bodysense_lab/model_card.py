@@ -20,7 +20,7 @@ from bodysense.files import written_beside
 from bodysense.papers import hmd_vae as body_vae
 from bodysense.papers import point_model
 from bodysense_lab.completion import weights_file
-from bodysense_lab.completion.options import TABLE_SETS
+from bodysense_lab.completion.options import BODIES, BODY_TITLES, TABLE_SETS
 from bodysense_lab.unoc import learned
 
 Numbers = Mapping[str, float]
@@ -203,10 +203,7 @@ _UPPER_BODY = tuple(
 _COMPLETION = tuple(
     (
         name.replace("_", " "),
-        *(
-            f"{{{name}_{body}_{'occluded_' if SENSOR_SETS[name].camera else ''}mpjpe_cm:.2f}}"
-            for body in ("own", "stranger", "height", "nothing")
-        ),
+        *(f"{{{name}_{body}_{'occluded_' if SENSOR_SETS[name].camera else ''}mpjpe_cm:.2f}}" for body in BODIES),
     )
     for name in TABLE_SETS
 )
@@ -274,9 +271,9 @@ KINDS = {
     (weights_file.FORMAT, ""): Kind(
         "Completes a whole body, in rotations, from any points that are tracked, on any adult's proportions.",
         "bodysense evaluate completion",
-        "Test people and test bodies, main motions: MPJPE from the head, cm, with a camera that of hidden joints; of "
-        "the recording's body, known; of a stranger's, known; only the height known; nothing known",
-        ("sensors", "own", "stranger", "height", "nothing"),
+        "Test people and test bodies, main motions: MPJPE from the head, cm, with a camera that of hidden joints; "
+        "the recording's own body and an unseen body are known",
+        ("sensors", *(BODY_TITLES[body] for body in BODIES)),
         _COMPLETION,
         "children; people who carry or use things",
     ),

@@ -1,4 +1,4 @@
-"""Options of the tracker's training and names in its tables; read by the command line, so without PyTorch."""
+"""Options of the training of the completion networks, and names in the tables. Imports no PyTorch."""
 
 from __future__ import annotations
 
@@ -12,7 +12,14 @@ from bodysense_lab.options import Card, Flat, MotionRun, Schedule, Usual, check_
 
 Body = Literal["own", "stranger", "height", "nothing"]
 BODIES: tuple[Body, ...] = ("own", "stranger", "height", "nothing")
-Fault = Literal["error", "leap"]  # by which a clip's worst frame is found
+# What a table calls each body and what the tracker knows of it. An unseen body (`stranger`) was not used in training.
+BODY_TITLES: dict[Body, str] = {
+    "own": "own body",
+    "stranger": "unseen body",
+    "height": "only height known",
+    "nothing": "nothing known",
+}
+Fault = Literal["error", "leap"]  # which error defines the worst frame of a clip
 
 FINGER_SCHEDULE = Schedule(steps=Usual(2000), learning_rate=2e-3, weight_decay=0.1, check_every=500)
 
@@ -30,7 +37,7 @@ TABLE_SETS = (
 
 @dataclass(frozen=True, kw_only=True)
 class _FolderRun(MotionRun):
-    """A run with a folder of its own."""
+    """A training with a folder for its checkpoints."""
 
     run: Path | None = None
     """folder of checkpoints; OUT without its ending if omitted"""
@@ -49,13 +56,13 @@ class CompletionTraining(_FolderRun, Card):
 
     schedule: Flat[Schedule] = Schedule(steps=Usual(6200))
     begin_with: Path | None = None
-    """checkpoint of an earlier run, or a completion network (.safetensors), whose weights the body begins with"""
+    """checkpoint of an earlier run, or completion network (.safetensors), with the body's initial weights"""
     keep: Annotated[float, within(float, 0, 1)] = 0.0
-    """share of the weights of --begin-with in the network that is written, the rest of the trained ones"""
+    """share of the weights of --begin-with in the average with the trained weights that is written"""
     backward: bool = False
     """train the network that tracks recordings backward in time"""
     finger_steps: Annotated[int, within(int, 0, 10_000_000)] = FINGER_SCHEDULE.steps
-    """optimiser steps of the fingers' network; with 0 fingers are those of a --begin-with .safetensors, or relaxed"""
+    """optimiser steps of the fingers' network; 0: fingers of a --begin-with .safetensors, or else relaxed ones"""
 
     def __post_init__(self) -> None:
         check_ending(self.out, ".safetensors")
@@ -65,7 +72,7 @@ class CompletionTraining(_FolderRun, Card):
 
 @dataclass(frozen=True, kw_only=True)
 class FingerTraining(_FolderRun):
-    """Train the finger network of the completion network alone, as a checkpoint from which training resumes."""
+    """Train the finger network alone; write a checkpoint from which training resumes."""
 
     run: Path | None = None
     """folder of generated fingers; OUT's folder if omitted"""
@@ -73,7 +80,7 @@ class FingerTraining(_FolderRun):
     leave_out: str = ""
     """person excluded from training"""
     generated_hours: Hours = 0.0
-    """hours of generated fingers that are mixed with recorded ones; 0: none"""
+    """hours of generated finger motion to mix with recorded motion; 0: none"""
 
     @property
     def folder(self) -> Path:
@@ -86,17 +93,17 @@ class FingerTraining(_FolderRun):
 
 @dataclass(frozen=True, kw_only=True)
 class JoiningTraining(_FolderRun, Card):
-    """Train the network that joins both answers of a take and write it as one .safetensors file."""
+    """Train the network that joins the forward and the backward estimate of a take; write it as .safetensors."""
 
     run: Path | None = None
     """folder of checkpoint and takes; OUT without its ending if omitted"""
     schedule: Flat[Schedule] = Schedule(steps=Usual(4000), check_every=500)
     frames: Count = Usual(500_000)
-    """frames of takes to learn from, each completed in both directions first"""
+    """frames of takes to train on; each take is first completed forward and backward in time"""
 
     @property
     def checkpoint(self) -> Path:
-        """Where training resumes from."""
+        """The checkpoint from which training resumes."""
         return self.folder / "joining.ckpt"
 
     def __post_init__(self) -> None:

@@ -27,7 +27,7 @@ from bodysense_lab.completion.measures import (
     measure_hidden,
     motion_measures,
 )
-from bodysense_lab.completion.options import Body, Fault
+from bodysense_lab.completion.options import BODY_TITLES, Body, Fault
 from bodysense_lab.completion.scenes import TRUTH_OF, TrackedScene, Truth, batches, person_of, scene_of
 from bodysense_lab.completion.scores import RunningScores
 from bodysense_lab.completion.sight_scores import TAKE, measure_sight, measure_transitions
@@ -97,7 +97,7 @@ def evaluate_completion(
             table.merge(part)
             if results is not None:
                 results.save(clip, truth, part)
-        advance(_work_done(len(batch), settings, truth), f"{len(batch)} clips, {truth} bodies")
+        advance(_work_done(len(batch), settings, truth), f"{len(batch)} clips, {BODY_TITLES[truth]}")
     groups = list(batches(clips))
     if times is not None and groups:
         _time_steps(table, groups[0][0], times)  # the longest clip

@@ -14,7 +14,7 @@ from bodysense.io.datasets.splits import Split
 from bodysense.last_known import KNOWN
 from bodysense_lab.completion.lattice_scores import CLIPS, FRAMES, EdgeScore
 from bodysense_lab.completion.measures import REGIONS
-from bodysense_lab.completion.options import BODIES, TABLE_SETS, Body, Fault
+from bodysense_lab.completion.options import BODIES, BODY_TITLES, TABLE_SETS, Body, Fault
 from bodysense_lab.completion.scenes import TRUTH_OF, Truth
 from bodysense_lab.completion.scores import Calibration, RunningScores
 from bodysense_lab.completion.sight_scores import CellScores
@@ -161,12 +161,6 @@ def groups_of(table: CompletionTable) -> tuple[str, ...]:
     return tuple(group for group in GROUPS if any(key[-1] == group for key in table.cells))
 
 
-BODY_WORDS = {
-    "own": "the recording's body, known",
-    "stranger": "another body, known",
-    "height": "another body, only its height known",
-    "nothing": "another body, nothing known",
-}
 # Measures of takes that are completed with past and future; in a cell their names begin with "take_".
 TAKE_MEASURES = ("mpjpe_cm", "occluded_mpjpe_cm", "rotation_deg", "jumps_per_minute")
 TAKE_SIGHTS = ("float_share", "false_steps_per_minute", "wrong_foot_share", "elbow_deg")
@@ -220,7 +214,7 @@ def completion_reports(table: CompletionTable, census: Census, data: DataSet, to
     short = Report(
         name="completion",
         title="Completion: sensor sets × bodies (main categories, MPJPE in cm)",
-        columns=("sensors", *bodies),
+        columns=("sensors", *(BODY_TITLES[body] for body in bodies)),
         rows=tuple(
             (name.replace("_", " "), *(numbers.get(f"{name}_{body}_{headline(name)}") for body in bodies))
             for name in table.settings.sets
@@ -228,10 +222,9 @@ def completion_reports(table: CompletionTable, census: Census, data: DataSet, to
         numbers=numbers | census.numbers() | {"clips_in_split": total},
         data=(describe(data, census), *_sample(table, census.clips, total)),
         remarks=tuple(_remarks(table)),
-        remarks_title="Beside it",
-        caption="22 joints from the head; headset camera: hidden joints, in the world. "
-        + "; ".join(f"{body}: {BODY_WORDS[body]}" for body in bodies)
-        + ".",
+        remarks_title="For comparison",
+        caption="22 joints from the head; headset camera: hidden joints, in the world. Own body: the recording's, "
+        "known; unseen body: known, not used in training; the other columns: unseen bodies.",
         digits=2,
     )
     whole = Report(
@@ -253,7 +246,9 @@ def completion_reports(table: CompletionTable, census: Census, data: DataSet, to
 def _sample(table: CompletionTable, clips: int, total: int) -> Iterator[str]:
     if clips < total:
         sensors, body = table.settings.sets[0], table.settings.bodies[0]
-        yield sample_remark(clips, total, f"{sensors.replace('_', ' ')}, {body}", table.interval(sensors, body))
+        yield sample_remark(
+            clips, total, f"{sensors.replace('_', ' ')}, {BODY_TITLES[body]}", table.interval(sensors, body)
+        )
 
 
 def sample_remark(clips: int, total: int, figure: str, one: Interval) -> str:
@@ -269,14 +264,15 @@ def _rows(table: CompletionTable, numbers: dict[str, float]) -> Iterator[tuple[C
     for group in groups_of(table):
         for name in table.settings.sets:
             for body in table.settings.bodies:
-                yield (group, name, body, *_found(numbers, f"{name}_{body}", every, group))
-        for truth in (truth for truth, of_group in table.truths if of_group == group):
-            yield (group, "the motion itself", truth, *_found(numbers, f"truth_{truth}", every, group))
+                yield (group, name, BODY_TITLES[body], *_found(numbers, f"{name}_{body}", every, group))
+        for truth, of_group in table.truths:
+            if of_group == group:
+                yield (group, "the motion itself", BODY_TITLES[truth], *_found(numbers, f"truth_{truth}", every, group))
         for method, truth, of_group in table.baselines:
             if of_group == group:
                 known = method in KNOWN
                 key, name = (f"last_known_{method}", f"last known ({method})") if known else (method, "mean body")
-                yield (group, name, truth, *_found(numbers, f"{key}_{truth}", every, group))
+                yield (group, name, BODY_TITLES[truth], *_found(numbers, f"{key}_{truth}", every, group))
 
 
 def _found(numbers: dict[str, float], cell: str, names: Iterable[str], group: str) -> list[Cell]:
@@ -294,7 +290,7 @@ def _sight_report(table: CompletionTable, numbers: dict[str, float]) -> Report:
                 if any(one is not None for one in found):
                     factors = [100 if key.endswith(_SHARES) else 1 for key in SIGHT.values()]
                     scaled = (one and factor * one for one, factor in zip(found, factors, strict=True))
-                    rows.append((group, name.replace("_", " "), body, *scaled))
+                    rows.append((group, name.replace("_", " "), BODY_TITLES[body], *scaled))
     return Report(
         name="completion-sight",
         title="Completion: what the wearer sees",
@@ -318,7 +314,9 @@ def _interval_report(table: CompletionTable) -> Report:
             if body != "own" and (name, "own") in table.scored_cells():
                 more = table.interval(name, body, "own")
                 beside = (cell(more.value), cell(more.low), cell(more.high), more.verdict)
-            rows.append((name.replace("_", " "), body, cell(one.value), cell(one.low), cell(one.high), *beside))
+            rows.append(
+                (name.replace("_", " "), BODY_TITLES[body], cell(one.value), cell(one.low), cell(one.high), *beside)
+            )
     people = max(Counter(key[:2] for key in table.people).values(), default=0)
     return Report(
         name="completion-intervals",
@@ -357,7 +355,7 @@ def _remarks(table: CompletionTable) -> Iterator[str]:
         averages = table.truths.get((truth, "main"))
         if averages is not None:
             yield (
-                f"The motion itself ({truth} bodies): jitter {averages.get('jitter'):.2f}, "
+                f"The motion itself ({BODY_TITLES[truth]}): jitter {averages.get('jitter'):.2f}, "
                 f"skate {averages.get('skate_cm_s'):.2f} cm/s, {averages.get('depth_cm'):.2f} cm under the floor."
             )
         mean_body = table.baselines.get(("mean_body", truth, "main"), RunningScores())
@@ -367,7 +365,7 @@ def _remarks(table: CompletionTable) -> Iterator[str]:
             if one.weight
         ]
         if known:
-            yield f"Hidden joints ({truth} bodies): {', '.join(known)}."
+            yield f"Hidden joints ({BODY_TITLES[truth]}): {', '.join(known)}."
     if table.lattice:
         worse = [score for score in table.lattice if score.violates]
         yield (
