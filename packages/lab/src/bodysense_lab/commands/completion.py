@@ -10,21 +10,20 @@ from typing import Annotated, Literal
 
 import tyro
 
-from bodysense.devices.simulated.sensors import SENSOR_SETS
 from bodysense.errors import BodysenseError
 from bodysense.files import check_place
 from bodysense.ranges import Count, Processes
 from bodysense_lab.commands.reporting import check_places, counted, counting, finish, open_data, print_report, show
 from bodysense_lab.completion.options import (
-    BODIES,
-    TABLE_SETS,
-    Body,
     CompletionTraining,
-    Fault,
+    EvaluationFiles,
+    EvaluationNetworks,
+    EvaluationScope,
+    EvaluationWork,
     FingerTraining,
     JoiningTraining,
 )
-from bodysense_lab.options import Data, Flat, Json, Split, Table, TableOptions, check_ending
+from bodysense_lab.options import Data, Flat, Json, Table, TableOptions
 
 Network = Annotated[Path | None, tyro.conf.arg(help="completion network of your own; the packaged one if omitted")]
 
@@ -87,46 +86,12 @@ def completion_joining(run: Flat[JoiningTraining]) -> None:
 
 
 def completion_table(
-    data: Data,
-    split: Split = "test",
-    sets: tuple[str, ...] = TABLE_SETS,
-    bodies: tuple[Body, ...] = BODIES,
-    limit: Count | None = None,
-    model: Network = None,
-    backward_model: Path | None = None,
-    joining_model: Path | None = None,
-    lattice: bool = False,
-    takes: bool = False,
-    keep: Path | None = None,
-    jobs: Processes | None = None,
-    scheduler: str | None = None,
-    json: Json = None,
-    csv: Path | None = None,
-    picture: Path | None = None,
-    worst: Count = 12,
-    worst_by: Fault = "error",
-    sheet: Path | None = None,
+    scope: Flat[EvaluationScope],
+    networks: Flat[EvaluationNetworks],
+    work: Flat[EvaluationWork],
+    files: Flat[EvaluationFiles],
 ) -> None:
-    """Score the tracker on any sensors and proportions: errors, motion, feet, confidence, lattice of sensors.
-
-    Args:
-        split: people, and unseen bodies, to score.
-        sets: sensor sets.
-        bodies: proportions: the recording's, or an unseen body's of which all, the height or nothing is known.
-        limit: number of clips, spread evenly, for a sample with its intervals; all if omitted.
-        backward_model: completion network of your own for time that runs backward, in takes; MODEL if omitted.
-        joining_model: joining network of your own, in takes; the packaged one if omitted.
-        lattice: score 200 random edges of the lattice of sensor sets as well, which takes as long as half of all clips.
-        takes: score takes as well, completed with past and future, which takes three times as long.
-        keep: folder that keeps the results of every clip; clips that are in it are not scored again.
-        jobs: processes; all processors if omitted. Steps are timed afterwards, alone.
-        scheduler: address of a Dask scheduler to run on instead of this machine, like tcp://host:8786.
-        csv: file for the table of all measures.
-        picture: file for the reliability diagram (PNG).
-        worst: number of frames on the sheet, at most one of a clip.
-        worst_by: frames on the sheet: those with the largest mean error, or the largest leap of a joint within a frame.
-        sheet: file for a sheet of the worst frames, truth next to result (PNG).
-    """
+    """Score the tracker on any sensors and proportions: errors, motion, feet, confidence, lattice of sensors."""
     from bodysense.cli.show import wide_console, write_numbers
     from bodysense_lab.clips import open_clips
     from bodysense_lab.completion.baselines import cached_mean_body
@@ -140,64 +105,54 @@ def completion_table(
     from bodysense_lab.spread import spread
     from bodysense_lab.table import write_csv
 
-    _check_choice(sets, bodies, takes, backward_model, joining_model)
-    for path in filter(None, (picture, sheet)):
-        check_ending(path, ".png", what="a picture")
-    check_places(json, csv, picture, sheet)
-    track = PeopleTracker(model)
-    both_ways = TakeTracker(model, backward_model, joining_model) if takes else None
-    _ = track.network, both_ways and both_ways.networks  # refuses files of other things before any work
-    chosen = named_data(data, split)
-    settings = CompletionSettings(split, sets, bodies, 200 if lattice else 0, takes)
-    network = "packaged" if model is None else str(model.resolve())
-    results = None if keep is None else ClipResults.open(keep, settings, network)
-    total = chosen.count()
-    clips = list(counted(open_clips(chosen.path, split, at_most=limit), "read", min(total, limit or total)))
+    if networks.backward_model is not None and not scope.takes:
+        raise BodysenseError("--backward-model: only takes are tracked backward in time; give --takes as well")
+    if networks.joining_model is not None and not scope.takes:
+        raise BodysenseError("--joining-model: only takes have two answers to join; give --takes as well")
+    check_places(files.json, files.csv, files.picture, files.sheet)
+    track = PeopleTracker(networks.model)
+    take_tracker = None
+    if scope.takes:
+        take_tracker = TakeTracker(networks.model, networks.backward_model, networks.joining_model)
+    _ = track.network, take_tracker and take_tracker.networks  # refuse other files before any work
+    data = named_data(scope.data, scope.split)
+    settings = CompletionSettings(scope.split, scope.sets, scope.bodies, 200 if scope.lattice else 0, scope.takes)
+    network = "packaged" if networks.model is None else str(networks.model.resolve())
+    results = None if work.keep is None else ClipResults.open(work.keep, settings, network)
+    total = data.count()
+    clips = list(
+        counted(open_clips(data.path, scope.split, at_most=scope.limit), "read", min(total, scope.limit or total))
+    )
     census = sum(map(census_of, clips), start=Census())
     mean_body = None
-    if "headset_camera" in sets:
+    if "headset_camera" in scope.sets:
         with counting("averaging bodies") as advance:
-            mean_body = cached_mean_body(chosen.path, advance)
+            mean_body = cached_mean_body(data.path, advance)
     with counting("scored", work_of(len(clips), settings)) as advance:
         table = evaluate_completion(
             clips,
             settings,
             track=track,
-            takes=both_ways,
+            takes=take_tracker,
             times=partial(step_times, network=track.network),
-            spread=partial(spread, jobs=jobs or os.cpu_count() or 1, scheduler=scheduler),
+            spread=partial(spread, jobs=work.jobs or os.cpu_count() or 1, scheduler=work.scheduler),
             mean_body=mean_body,
             results=results,
             advance=lambda done, what: advance(what, done),
         )
     console = wide_console()
-    reports = completion_reports(table, census, chosen, total)
+    reports = completion_reports(table, census, data, total)
     for report in reports:
         print_report(report, console)
-    write_numbers(json, reports[0].numbers, timed=results is None or not results.resumed)
-    if csv is not None:
-        write_csv(csv, reports[1])
-    if picture is not None:
-        draw_reliability(picture, table)
-    if sheet is not None:
-        draw_worst(sheet, table.worst, clips, settings, track, worst, worst_by)
-    for path in filter(None, (json, csv, picture, sheet)):
+    write_numbers(files.json, reports[0].numbers, timed=results is None or not results.resumed)
+    if files.csv is not None:
+        write_csv(files.csv, reports[1])
+    if files.picture is not None:
+        draw_reliability(files.picture, table)
+    if files.sheet is not None:
+        draw_worst(files.sheet, table.worst, clips, settings, track, files.worst, files.worst_by)
+    for path in filter(None, (files.json, files.csv, files.picture, files.sheet)):
         console.print(f"wrote {path}", highlight=False)
-
-
-def _check_choice(
-    sets: tuple[str, ...], bodies: tuple[Body, ...], takes: bool, backward: Path | None, joining: Path | None
-) -> None:
-    """Raise BodysenseError if there is nothing to score, or a network for takes that are not asked for."""
-    unknown = [name for name in sets if name not in SENSOR_SETS]
-    if unknown:
-        raise BodysenseError(f"--sets {unknown[0]}: unknown; valid are {', '.join(SENSOR_SETS)}")
-    if backward is not None and not takes:
-        raise BodysenseError("--backward-model: only takes are tracked backward in time; give --takes as well")
-    if joining is not None and not takes:
-        raise BodysenseError("--joining-model: only takes have two answers to join; give --takes as well")
-    if not bodies:
-        raise BodysenseError(f"--bodies: give at least one of {', '.join(BODIES)}")
 
 
 def amass_p1(

@@ -6,9 +6,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
+from bodysense.devices.simulated.sensors import SENSOR_SETS
 from bodysense.errors import BodysenseError
 from bodysense.ranges import Count, Hours, Processes, within
-from bodysense_lab.options import Card, Flat, MotionRun, Schedule, Usual, check_ending
+from bodysense_lab.options import Card, Data, Flat, Json, MotionRun, Schedule, Split, Usual, check_ending
 
 Body = Literal["own", "stranger", "height", "nothing"]
 BODIES: tuple[Body, ...] = ("own", "stranger", "height", "nothing")
@@ -108,3 +109,74 @@ class JoiningTraining(_FolderRun, Card):
 
     def __post_init__(self) -> None:
         check_ending(self.out, ".safetensors")
+
+
+@dataclass(frozen=True, kw_only=True)
+class EvaluationScope:
+    """What `evaluate completion` scores."""
+
+    data: Data
+    split: Split = "test"
+    """people, and unseen bodies, to score"""
+    sets: tuple[str, ...] = TABLE_SETS
+    """sensor sets"""
+    bodies: tuple[Body, ...] = BODIES
+    """bodies: the recording's own, known; an unseen one (stranger), known; unseen ones, height or nothing known"""
+    limit: Count | None = None
+    """number of clips, spread evenly, for a sample with its intervals; all if omitted"""
+    lattice: bool = False
+    """score 200 random edges of the lattice of sensor sets as well, which takes as long as half of all clips"""
+    takes: bool = False
+    """score takes as well, completed with past and future, which takes three times as long"""
+
+    def __post_init__(self) -> None:
+        unknown = [name for name in self.sets if name not in SENSOR_SETS]
+        if unknown:
+            raise BodysenseError(f"--sets {unknown[0]}: unknown; valid are {', '.join(SENSOR_SETS)}")
+        if not self.bodies:
+            raise BodysenseError(f"--bodies: give at least one of {', '.join(BODIES)}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class EvaluationNetworks:
+    """Networks that `evaluate completion` scores."""
+
+    model: Path | None = None
+    """completion network of your own; the packaged one if omitted"""
+    backward_model: Path | None = None
+    """completion network of your own for time that runs backward, in takes; MODEL if omitted"""
+    joining_model: Path | None = None
+    """joining network of your own, in takes; the packaged one if omitted"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class EvaluationWork:
+    """Where `evaluate completion` computes, and where it keeps results of clips."""
+
+    keep: Path | None = None
+    """folder that keeps the results of every clip; clips that are in it are not scored again"""
+    jobs: Processes | None = None
+    """processes; all processors if omitted. Steps are timed afterwards, alone"""
+    scheduler: str | None = None
+    """address of a Dask scheduler to run on instead of this machine, like tcp://host:8786"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class EvaluationFiles:
+    """Files that `evaluate completion` writes."""
+
+    json: Json = None
+    csv: Path | None = None
+    """file for the table of all measures"""
+    picture: Path | None = None
+    """file for the reliability diagram (PNG)"""
+    worst: Count = 12
+    """number of frames on the sheet, at most one of a clip"""
+    worst_by: Fault = "error"
+    """frames on the sheet: those with the largest mean error, or the largest leap of a joint within a frame"""
+    sheet: Path | None = None
+    """file for a sheet of the worst frames, truth next to result (PNG)"""
+
+    def __post_init__(self) -> None:
+        for path in filter(None, (self.picture, self.sheet)):
+            check_ending(path, ".png", what="a picture")
