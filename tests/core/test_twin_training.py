@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from torch import Tensor
 
-from bodysense_lab.completion.features import Before, TrackedSignal, mirror_places, mirror_signs
+from bodysense_lab.completion.features import Before, TrackedSignal, mirror_indices, mirror_signs
 from bodysense_lab.completion.fingers import FingerNetwork, FingerSignal
 from bodysense_lab.completion.network import CompletionNetwork, orthonormal
 from bodysense_lab.completion.weights_file import read_weights
@@ -107,7 +107,7 @@ def test_features_and_the_network_are_the_twins(
     signal = signal_of(frames)
     with torch.no_grad():
         read = network.read(signal)[0]
-        image = read[:, mirror_places()] * torch.tensor(mirror_signs())
+        image = read[:, mirror_indices()] * torch.tensor(mirror_signs())
         memory, predicted = network.begin(2), list[Tensor]()
         for t in range(len(frames)):
             raw, memory = network.predict(torch.stack([read[t], image[t]])[:, None], memory)

@@ -5,9 +5,9 @@ import torch
 from torch import Tensor
 
 from bodysense.observation import STRAPPED
-from bodysense_lab.completion.features import WIDTHS, Before, TrackedSignal, mirror_places, mirror_signs
+from bodysense_lab.completion.features import WIDTHS, Before, TrackedSignal, mirror_indices, mirror_signs
 from bodysense_lab.completion.network import CompletionConfig, CompletionNetwork
-from bodysense_lab.completion.points import SPIN_PLACES, reference_offsets
+from bodysense_lab.completion.points import SPIN_INDICES, reference_offsets
 
 PEOPLE, FRAMES = 3, 5
 
@@ -47,9 +47,9 @@ def spelled_out(of: TrackedSignal) -> dict[str, Tensor]:
     size, into, interval = of.size[:, None, None, None], of.turn.mT[:, :, None], of.interval[..., None]
     both = (of.has_position & of.before.has_position)[..., None]
     known = of.has_rotation[..., None, None]
-    spun = (of.has_rotation[..., SPIN_PLACES] & of.before.has_rotation)[..., None, None]
+    spun = (of.has_rotation[..., SPIN_INDICES] & of.before.has_rotation)[..., None, None]
     velocity = (of.position - of.before.position) @ of.turn / (size * interval[..., None])
-    spin = into @ (of.rotation[:, :, SPIN_PLACES] - of.before.rotation)[..., :2] / interval[..., None, None]
+    spin = into @ (of.rotation[:, :, SPIN_INDICES] - of.before.rotation)[..., :2] / interval[..., None, None]
     bones = (of.rest_offset / of.size[:, None, None] - torch.tensor(reference_offsets()).float()) * 20
     bones[:, 0] = 0
     return {
@@ -81,6 +81,6 @@ def test_the_mirror_image_is_read_beside(signal: TrackedSignal) -> None:
     features = network.read(signal)
     both = network.read_both(signal)
     assert torch.equal(both[..., 0, :], features)
-    image = features[..., mirror_places()] * torch.tensor(mirror_signs())
+    image = features[..., mirror_indices()] * torch.tensor(mirror_signs())
     assert torch.allclose(both[..., 1, :], image, atol=1e-6)
-    assert torch.allclose(image[..., mirror_places()] * torch.tensor(mirror_signs()), features)
+    assert torch.allclose(image[..., mirror_indices()] * torch.tensor(mirror_signs()), features)

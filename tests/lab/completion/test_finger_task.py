@@ -26,7 +26,7 @@ from bodysense_lab.completion.batches import HandBatch, SequenceBatch, collate
 from bodysense_lab.completion.corpus import Corpus
 from bodysense_lab.completion.finger_errors import finger_validation, last_known_fingers, mean_hand
 from bodysense_lab.completion.finger_scores import finger_numbers, load_finger_network, score_fingers
-from bodysense_lab.completion.fingers import MOVING, FingerConfig, FingerNetwork, finger_positions
+from bodysense_lab.completion.fingers import BENDING_POINTS, FingerConfig, FingerNetwork, finger_positions
 from bodysense_lab.completion.hands import DrawFingers, TrainingHands, hand_kinematics
 from bodysense_lab.completion.losses import FingerLosses, finger_losses
 from bodysense_lab.completion.options import FingerTraining
@@ -34,7 +34,7 @@ from bodysense_lab.completion.points import HAND_JOINTS, HAND_POINTS
 from bodysense_lab.completion.sensor_draws import FINGER_KINDS, FingerMasks, draw_fingers
 from bodysense_lab.completion.sequences import CAMERA, Sequence, SequenceAugmentation, draw_hands, make_sequence
 from bodysense_lab.completion.task import FingerTask, FingerTaskConfig
-from bodysense_lab.completion.train import train_fingers, without
+from bodysense_lab.completion.train import train_fingers, without_person
 from bodysense_lab.completion.training_bodies import TrainingBody, with_other_hands
 from bodysense_lab.fit import launched
 from bodysense_lab.options import Schedule
@@ -112,7 +112,9 @@ def test_hands_are_where_forward_kinematics_has_them() -> None:
     assert float(geodesic_angle(turned, quaternion_multiply(into, world[:, HAND_JOINTS])).max()) < 1e-6
     found = finger_positions(torch.tensor(quaternion_to_matrix(turned))[None], torch.tensor(offset)[None])
     np.testing.assert_allclose(found[0], expected, atol=1e-6)
-    assert len(MOVING) == 15 and not any(SKELETON.points[HAND_POINTS[0, p]].endswith("1") for p in MOVING)
+    assert len(BENDING_POINTS) == 15 and not any(
+        SKELETON.points[HAND_POINTS[0, p]].endswith("1") for p in BENDING_POINTS
+    )
 
 
 @pytest.mark.parametrize("kind", list(FINGER_KINDS))
@@ -312,10 +314,10 @@ def test_a_clip_without_fingers_moves_generated_ones(corpus: Corpus) -> None:
 
 def test_scores_are_of_those_who_were_left_out(corpus: Corpus) -> None:
     people = replace(
-        corpus.of(np.array([1, 1])), name=np.array(["anna/waves", "bert/waves"]), category=np.array(["sit", "sit"])
+        corpus.select(np.array([1, 1])), name=np.array(["anna/waves", "bert/waves"]), category=np.array(["sit", "sit"])
     )
     task = replace(SMALL, left_out="bert")
-    assert without(people, "bert").name.tolist() == ["anna/waves"]
+    assert without_person(people, "bert").name.tolist() == ["anna/waves"]
     scores = score_fingers({"a": (FingerNetwork(SMALL.network).eval(), task)}, people, people)
     assert {one.sensors for one in scores} == {"camera", "nothing"} and all(one.ratio > 0 for one in scores)
     numbers = finger_numbers(scores)
@@ -325,4 +327,4 @@ def test_scores_are_of_those_who_were_left_out(corpus: Corpus) -> None:
         numbers["finger_synthesised_foreign_cm"] / numbers["finger_synthesised_baseline_foreign_cm"]
     )
     with pytest.raises(BodysenseError, match=r"--leave-out carl.*valid are anna, bert"):
-        without(people, "carl")
+        without_person(people, "carl")

@@ -53,9 +53,9 @@ def test_the_file_is_the_network(takes: list[JoinedTake], tmp_path: Path) -> Non
     write_joining(network, tmp_path / "net.safetensors", {"seed": 3})
     read = takes[0].features.astype(np.float32)
     with torch.no_grad():
-        turn, odds, larger = network(torch.from_numpy(read)[None])
+        turn, odds, log_scale = network(torch.from_numpy(read)[None])
     opened = load_joining(tmp_path / "net.safetensors")
-    expected = np.concatenate([turn[0].flatten(-2).numpy(), odds[0].numpy(), larger[0].numpy()], axis=-1)
+    expected = np.concatenate([turn[0].flatten(-2).numpy(), odds[0].numpy(), log_scale[0].numpy()], axis=-1)
     np.testing.assert_allclose(opened.outputs(read), expected, atol=2e-5)
     assert opened.card["seed"] == 3
 
@@ -79,11 +79,11 @@ def test_expected_errors_are_calibrated(takes: list[JoinedTake]) -> None:
         }
         turned = torch.from_numpy(take.turned)[None]
         with torch.no_grad():
-            turn, odds, larger = network(batch["features"])
+            turn, odds, log_scale = network(batch["features"])
             offset = batch["rest_offset"][:, None]
             position, _ = head_relative_kinematics(joined_rotation(batch, turn, odds), offset, batch["world"], turned)
             truth, _ = head_relative_kinematics(batch["truth"], offset)
-        logarithm = take.expected + larger[0].numpy() + network.error_offset.numpy()
+        logarithm = take.expected + log_scale[0].numpy() + network.error_offset.numpy()
         error.append(np.linalg.norm((position - truth)[0].numpy(), axis=-1))
         expected.append(np.exp(logarithm))
         bound.append(np.exp(logarithm + take.spread + network.bound_offset.numpy()))

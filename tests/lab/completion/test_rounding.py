@@ -38,13 +38,13 @@ def read_by(seed: int, inputs: int) -> tuple[np.ndarray, np.ndarray]:
 def test_products_stay_nearer(seed: int, inputs: int) -> None:
     weights, frames = read_by(seed, inputs)
     step = row_step(weights)
-    made_up = rounded(weights, frames.T @ frames / len(frames))
-    assert (made_up == np.round(made_up / step) * step).all()
-    assert (row_step(made_up) == step).all()
+    compensated = rounded(weights, frames.T @ frames / len(frames))
+    assert (compensated == np.round(compensated / step) * step).all()
+    assert (row_step(compensated) == step).all()
     nearest = np.round(weights / step) * step
-    missed = [np.linalg.norm(frames @ (values - weights).T, axis=0) for values in (made_up, nearest)]
-    assert (missed[0] <= missed[1] * (1 + 1e-4)).all()
-    assert np.linalg.norm(missed[0]) < np.linalg.norm(missed[1]) or inputs < 10
+    errors = [np.linalg.norm(frames @ (values - weights).T, axis=0) for values in (compensated, nearest)]
+    assert (errors[0] <= errors[1] * (1 + 1e-4)).all()
+    assert np.linalg.norm(errors[0]) < np.linalg.norm(errors[1]) or inputs < 10
 
 
 def test_what_was_never_read_is_rounded_to_the_nearest() -> None:

@@ -34,7 +34,7 @@ from bodysense_lab.completion.sensor_draws import (
 )
 from bodysense_lab.completion.sequences import Sequence, SequenceAugmentation, draw_sequence, make_sequence
 from bodysense_lab.completion.task import CompletionTask, CompletionTaskConfig
-from bodysense_lab.completion.train import fingers_of_completion, train_completion
+from bodysense_lab.completion.train import completion_finger_network, train_completion
 from bodysense_lab.completion.training_bodies import TrainingBody
 from bodysense_lab.completion.weights_file import read_weights
 from bodysense_lab.fit import launched, rate_at
@@ -233,10 +233,10 @@ def test_weights_are_kept_in_part(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
 
 def test_without_steps_fingers_are_those_of_the_network_that_training_begins_with(tmp_path: Path) -> None:
     run = CompletionTraining(data=tmp_path, out=tmp_path / "net.safetensors", begin_with=PACKAGED, finger_steps=0)
-    kept = fingers_of_completion(run, launched(1, 1)).state_dict()
+    kept = completion_finger_network(run, launched(1, 1)).state_dict()
     assert all(torch.equal(kept[name], one) for name, one in read_weights(PACKAGED)[1].state_dict().items())
     for other in (replace(run, begin_with=None), replace(run, backward=True)):
-        relaxed = fingers_of_completion(other, launched(1, 1))
+        relaxed = completion_finger_network(other, launched(1, 1))
         assert not any(last.any() for last in relaxed.branch[-1].parameters())
 
 

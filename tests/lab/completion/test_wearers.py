@@ -23,7 +23,7 @@ from bodysense_lab.completion.wearers import (
     RAISES,
     TAKES,
     Palms,
-    Raise,
+    RaiseDirection,
     arms_raised,
     head_paths,
     known_body,
@@ -49,7 +49,7 @@ def test_a_seated_wearer_has_feet_on_the_floor_and_level_thighs(height: float) -
 
 
 @pytest.mark.parametrize("way", RAISES)
-def test_raised_arms_are_seen_first_and_then_lost(way: Raise) -> None:
+def test_raised_arms_are_seen_first_and_then_lost(way: RaiseDirection) -> None:
     skeleton = known_body(1.7)
     pose = arms_raised(skeleton, way)
     time = np.arange(len(pose.root_position)) / 30

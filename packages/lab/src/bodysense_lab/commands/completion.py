@@ -35,13 +35,13 @@ def completion(run: Flat[CompletionTraining]) -> None:
     """
     from bodysense_lab.completion.publish import publish, round_network
     from bodysense_lab.completion.task import CompletionTask
-    from bodysense_lab.completion.train import fingers_of_completion, train_completion
+    from bodysense_lab.completion.train import completion_finger_network, train_completion
     from bodysense_lab.fit import announced
 
     check_place(run.out)
     fabric = announced(run, CompletionTask)
     body = train_completion(run, fabric)
-    fingers = fingers_of_completion(run, fabric)
+    fingers = completion_finger_network(run, fabric)
     if not fabric.is_global_zero:
         return
     card = {"training_data": run.data_note or str(run.data.name), "licence": run.licence}

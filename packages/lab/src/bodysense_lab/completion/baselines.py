@@ -63,9 +63,9 @@ def fit_mean_body(clips: Iterable[Clip]) -> MeanBody:
     if not total.size:
         raise BodysenseError("a mean body needs motion; give at least one clip")
     shape = (len(HEIGHTS), len(PITCHES))
-    everywhere = 1e-3 * total.sum(axis=0) / count.sum()
-    total, count = _spread(total.reshape(*shape, *total.shape[1:])), _spread(count.reshape(shape))
-    return MeanBody((total + everywhere) / (count + 1e-3)[..., None, None])
+    overall = 1e-3 * total.sum(axis=0) / count.sum()
+    total, count = _smooth(total.reshape(*shape, *total.shape[1:])), _smooth(count.reshape(shape))
+    return MeanBody((total + overall) / (count + 1e-3)[..., None, None])
 
 
 def cached_mean_body(data: Path, advance: Callable[[Clip], None] = lambda clip: None) -> MeanBody | None:
@@ -77,11 +77,11 @@ def cached_mean_body(data: Path, advance: Callable[[Clip], None] = lambda clip: 
         count = count_clips(data, "train")
     except BodysenseError:
         return None
-    known = hashlib.sha256(f"{FORMAT} {data.resolve()} {count}".encode()).hexdigest()[:16]
-    path = cache_folder() / f"mean-body-{known}.npz"
+    digest = hashlib.sha256(f"{FORMAT} {data.resolve()} {count}".encode()).hexdigest()[:16]
+    path = cache_folder() / f"mean-body-{digest}.npz"
     if path.is_file():
-        with np.load(path, allow_pickle=False) as kept:
-            return MeanBody(kept["place"])
+        with np.load(path, allow_pickle=False) as stored:
+            return MeanBody(stored["place"])
 
     def read() -> Iterable[Clip]:
         for clip in open_clips(data, "train"):
@@ -105,20 +105,20 @@ def _cells(
 ) -> tuple[tuple[np.ndarray, ...], tuple[np.ndarray, ...]]:
     """The four cells (T,) around a head's height and pitch, as places in the flat table, and their weights (T,)."""
     ahead = np.asarray(quaternion_rotate(rotation, np.broadcast_to([0.0, 0.0, 1.0], position.shape)))
-    row, high = _between(HEIGHTS, position[:, 1] / _rest_height(skeleton))
-    column, far = _between(PITCHES, -np.arcsin(np.clip(ahead[:, 1], -1, 1)))
+    row, high = _grid_position(HEIGHTS, position[:, 1] / _rest_height(skeleton))
+    column, far = _grid_position(PITCHES, -np.arcsin(np.clip(ahead[:, 1], -1, 1)))
     cell = row * len(PITCHES) + column
     weights = ((1 - high) * (1 - far), (1 - high) * far, high * (1 - far), high * far)
     return (cell, cell + 1, cell + len(PITCHES), cell + len(PITCHES) + 1), weights
 
 
-def _between(grid: np.ndarray, value: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _grid_position(grid: np.ndarray, value: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The index of the grid line below each value, and how far it is toward the next, from 0 to 1."""
     place = np.clip((value - grid[0]) / (grid[1] - grid[0]), 0, len(grid) - 1 - 1e-9)
     return place.astype(int), place - np.floor(place)
 
 
-def _spread(table: np.ndarray) -> np.ndarray:
+def _smooth(table: np.ndarray) -> np.ndarray:
     """The sums of a table's cells and, with less weight, of their neighbours'."""
     for axis in (0, 1):
         table = convolve1d(table, _SMOOTH, axis, mode="constant")

@@ -16,7 +16,7 @@ from bodysense_lab.completion.features import Before, TrackedSignal
 from bodysense_lab.completion.fingers import FingerSignal
 from bodysense_lab.completion.hands import TrainingHands
 from bodysense_lab.completion.network import turn_about_up
-from bodysense_lab.completion.points import SPIN_PLACES
+from bodysense_lab.completion.points import SPIN_INDICES
 from bodysense_lab.completion.sequences import Sequence, SequenceAugmentation, make_sequence
 from bodysense_lab.completion.training_bodies import TrainingBody
 from bodysense_lab.fit import cut
@@ -68,8 +68,8 @@ def collate(pieces: list[tuple[Sequence, int]], chunk: int, begins: np.ndarray) 
         before=Before(
             position=earlier["position"],
             has_position=earlier["has_position"] & has_before,
-            rotation=quaternion_to_matrix(earlier["rotation"][..., SPIN_PLACES, :]),
-            has_rotation=earlier["has_rotation"][..., SPIN_PLACES] & has_before,
+            rotation=quaternion_to_matrix(earlier["rotation"][..., SPIN_INDICES, :]),
+            has_rotation=earlier["has_rotation"][..., SPIN_INDICES] & has_before,
         ),
         **{name: _stacked(sequences, name) for name in ("rest_offset", "certainty", "size")},
     )

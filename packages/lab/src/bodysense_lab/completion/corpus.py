@@ -44,8 +44,8 @@ class Corpus:
     def __len__(self) -> int:
         return len(self.length)
 
-    def of(self, clips: np.ndarray) -> Corpus:
-        """Some of the clips (N,), of the same frames."""
+    def select(self, clips: np.ndarray) -> Corpus:
+        """Return a corpus of the clips with indices (N,). It shares the frames of this one."""
         return replace(self, **{name: getattr(self, name)[clips] for name in _CLIP_FIELDS})
 
     @property

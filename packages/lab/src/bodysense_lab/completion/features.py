@@ -10,36 +10,36 @@ from torch import Tensor
 
 from bodysense.body.skeleton import BODY
 from bodysense_lab.completion.points import (
-    ACCELERATED,
+    ACCELERATION_POINTS,
     BODY_POINTS,
     INPUT_POINTS,
-    SPIN_PLACES,
-    SPINNING,
+    SPIN_INDICES,
+    SPIN_JOINTS,
     partners,
 )
 
 # Per frame: what is read, of which points. Features that networks of earlier releases do not read come last, so that
 # their tables only lack columns.
-_READ = {
+_INPUTS = {
     "position": ("vector", INPUT_POINTS),
     "has_position": ("number", INPUT_POINTS),
     "velocity": ("vector", INPUT_POINTS),
     "accuracy": ("number", INPUT_POINTS),
     "axes": ("axes", BODY),
     "has_rotation": ("number", BODY),
-    "spin": ("axes", SPINNING),
+    "spin": ("axes", SPIN_JOINTS),
     "bones": ("vector", BODY_POINTS),
     "certainty": ("number", BODY_POINTS),
     "interval": ("number", ("interval",)),
-    "acceleration": ("vector", ACCELERATED),
-    "has_acceleration": ("number", ACCELERATED),
+    "acceleration": ("vector", ACCELERATION_POINTS),
+    "has_acceleration": ("number", ACCELERATION_POINTS),
 }
 # Signs of the numbers of each kind in a mirror. Axes are rows x, y, z of two columns: a mirrored rotation changes the
 # sign of its x row and of its x column.
-_MIRRORED = {"number": (1.0,), "vector": (-1.0, 1.0, 1.0), "axes": (1.0, -1.0, -1.0, 1.0, -1.0, 1.0)}
-WIDTHS = {name: len(_MIRRORED[kind]) * len(of) for name, (kind, of) in _READ.items()}
-_FASTEST, _SWIFTEST = 5.0, 15.0  # m/s, and change of axes per second: larger values are clipped
-_STRONGEST, _ACCELERATION_SCALE = 50.0, 0.1  # m/s², likewise; 10 m/s² is 1
+_MIRROR_SIGNS = {"number": (1.0,), "vector": (-1.0, 1.0, 1.0), "axes": (1.0, -1.0, -1.0, 1.0, -1.0, 1.0)}
+WIDTHS = {name: len(_MIRROR_SIGNS[kind]) * len(of) for name, (kind, of) in _INPUTS.items()}
+_MAX_VELOCITY, _MAX_SPIN = 5.0, 15.0  # m/s, and change of axes per second: larger values are clipped
+_MAX_ACCELERATION, _ACCELERATION_SCALE = 50.0, 0.1  # m/s², likewise; 10 m/s² is 1
 _USUAL_INTERVAL = 1 / 30  # s
 _BONE_SCALE, _CERTAINTY_SCALE = 20.0, 20.0  # 1/m: a deviation of 5 cm is 1
 
@@ -59,7 +59,7 @@ class TrackedSignal(NamedTuple):
     rest_offset: Tensor  # (B, 25, 3) m, known or estimated
     certainty: Tensor  # (B, 25) m, standard deviation of each of those lengths; 0 if known
     size: Tensor  # (B,) the wearer's stature divided by the reference stature
-    acceleration: Tensor  # (B, T, 12, 3) m/s², world, of `ACCELERATED`
+    acceleration: Tensor  # (B, T, 12, 3) m/s², world, of `ACCELERATION_POINTS`
     has_acceleration: Tensor  # (B, T, 12) bool
 
 
@@ -68,7 +68,7 @@ class Before(NamedTuple):
 
     position: Tensor  # (B, T, 27, 3) m, world
     has_position: Tensor  # (B, T, 27) bool
-    rotation: Tensor  # (B, T, 3, 3, 3) of `SPINNING`
+    rotation: Tensor  # (B, T, 3, 3, 3) of `SPIN_JOINTS`
     has_rotation: Tensor  # (B, T, 3) bool
 
 
@@ -85,24 +85,24 @@ def features_of(signal: TrackedSignal, usual_bones: Tensor) -> Tensor:
     size, interval = signal.size[:, None, None, None], signal.interval[..., None, None]
     known = signal.has_rotation[..., None, None]
     moving = (signal.has_position & before.has_position)[..., None]
-    spinning = (signal.has_rotation[..., SPIN_PLACES] & before.has_rotation)[..., None, None]
+    spinning = (signal.has_rotation[..., SPIN_INDICES] & before.has_rotation)[..., None, None]
     velocity = (signal.position - before.position) @ into / size / interval
-    spin = turn @ (signal.rotation[..., SPIN_PLACES, :, :] - before.rotation)[..., :2] / interval[..., None]
+    spin = turn @ (signal.rotation[..., SPIN_INDICES, :, :] - before.rotation)[..., :2] / interval[..., None]
     bones = (signal.rest_offset / size[..., 0] - usual_bones) * _BONE_SCALE
-    felt = signal.acceleration @ into / size * signal.has_acceleration[..., None]
+    acceleration = signal.acceleration @ into / size * signal.has_acceleration[..., None]
     parts = {
         "position": (signal.position - signal.origin[..., None, :]) @ into / size * signal.has_position[..., None],
         "has_position": signal.has_position,
-        "velocity": (velocity * moving).clamp(-_FASTEST, _FASTEST),
+        "velocity": (velocity * moving).clamp(-_MAX_VELOCITY, _MAX_VELOCITY),
         "accuracy": (torch.log(signal.accuracy) / math.log(10) + 3) * signal.has_position,
         "axes": turn @ signal.rotation[..., :2] * known,
         "has_rotation": signal.has_rotation,
-        "spin": (spin * spinning).clamp(-_SWIFTEST, _SWIFTEST),
+        "spin": (spin * spinning).clamp(-_MAX_SPIN, _MAX_SPIN),
         # The pelvis has no parent.
         "bones": torch.cat([torch.zeros_like(bones[:, :1]), bones[:, 1:]], dim=1)[:, None],
         "certainty": signal.certainty[:, None] * _CERTAINTY_SCALE,
         "interval": signal.interval[..., None] / _USUAL_INTERVAL,
-        "acceleration": felt.clamp(-_STRONGEST, _STRONGEST) * _ACCELERATION_SCALE,
+        "acceleration": acceleration.clamp(-_MAX_ACCELERATION, _MAX_ACCELERATION) * _ACCELERATION_SCALE,
         "has_acceleration": signal.has_acceleration,
     }
     frames = signal.interval.shape
@@ -110,15 +110,15 @@ def features_of(signal: TrackedSignal, usual_bones: Tensor) -> Tensor:
     return torch.cat(list(rows), dim=-1)
 
 
-def mirror_places() -> list[int]:
+def mirror_indices() -> list[int]:
     """(F,) where each feature's mirror image is read."""
     places = list[int]()
-    for kind, of in _READ.values():
-        first, width = len(places), len(_MIRRORED[kind])
+    for kind, of in _INPUTS.values():
+        first, width = len(places), len(_MIRROR_SIGNS[kind])
         places += [first + width * point + part for point in partners(of) for part in range(width)]
     return places
 
 
 def mirror_signs() -> list[float]:
     """(F,) by what it is multiplied."""
-    return [sign for kind, of in _READ.values() for _ in of for sign in _MIRRORED[kind]]
+    return [sign for kind, of in _INPUTS.values() for _ in of for sign in _MIRROR_SIGNS[kind]]

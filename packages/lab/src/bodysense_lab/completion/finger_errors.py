@@ -16,7 +16,7 @@ from torch import Tensor
 from bodysense.body.rotation import quaternion_to_matrix
 from bodysense_lab.completion.batches import HandBatch, whole_clips
 from bodysense_lab.completion.corpus import Corpus
-from bodysense_lab.completion.fingers import MOVING, FingerNetwork, finger_positions, with_measured
+from bodysense_lab.completion.fingers import BENDING_POINTS, FingerNetwork, finger_positions, with_measured
 from bodysense_lab.completion.hands import RECORDED, hand_kinematics
 from bodysense_lab.completion.points import FINGER_JOINTS, FINGER_POINTS
 from bodysense_lab.completion.sensor_draws import fixed_fingers
@@ -54,15 +54,15 @@ def hand_batches(corpus: Corpus, sensors: str) -> list[HandBatch]:
 
 
 def untracked_distances(rotations: Callable[[HandBatch], Tensor], batches: list[HandBatch]) -> Tensor:
-    """Return distances (N,), m, of the points `MOVING` that are not tracked from true ones.
+    """Return distances (N,), m, of the points `BENDING_POINTS` that are not tracked from true ones.
 
     `rotations` gives the rotations (B, T, 2, 15, 3, 3) of a batch; measured ones take their place.
     """
     parts = list[Tensor]()
     for hands in batches:
         position = finger_positions(with_measured(rotations(hands), hands.signal), hands.signal.rest_offset)
-        distance = (position - hands.true_position).norm(dim=-1)[..., MOVING]
-        parts.append(distance[~hands.signal.has_position[..., MOVING] & hands.valid[..., None, None]])
+        distance = (position - hands.true_position).norm(dim=-1)[..., BENDING_POINTS]
+        parts.append(distance[~hands.signal.has_position[..., BENDING_POINTS] & hands.valid[..., None, None]])
     return torch.cat(parts)
 
 

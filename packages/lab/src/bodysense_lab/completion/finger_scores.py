@@ -70,24 +70,24 @@ class FingerScore:
 
 @torch.no_grad()
 def score_fingers(
-    networks: Mapping[str, tuple[FingerNetwork, FingerTaskConfig]], scored: Corpus, learned: Corpus
+    networks: Mapping[str, tuple[FingerNetwork, FingerTaskConfig]], scored: Corpus, train: Corpus
 ) -> list[FingerScore]:
-    """Score networks on the clips of the people whom they leave out; `learned` is the train split."""
+    """Score networks on the clips of the people whom they leave out; `train` is the train split."""
     scores = []
     for name, (network, task) in networks.items():
-        mean = mean_hand(learned.of(learned.finger_clips(task.left_out)[1]))
-        theirs = scored.of(scored.finger_clips(task.left_out)[0])
+        mean = mean_hand(train.select(train.finger_clips(task.left_out)[1]))
+        test = scored.select(scored.finger_clips(task.left_out)[0])
         for sensors in SETS:
-            batches = hand_batches(theirs, sensors)
-            found = untracked_distances(partial(predicted_fingers, network), batches)
-            known = untracked_distances(partial(last_known_fingers, mean), batches)
-            error, baseline = (float(distances.square().mean().sqrt()) for distances in (found, known))
-            scores.append(FingerScore(name, task, sensors, error, baseline, len(found)))
+            batches = hand_batches(test, sensors)
+            errors = untracked_distances(partial(predicted_fingers, network), batches)
+            baselines = untracked_distances(partial(last_known_fingers, mean), batches)
+            error, baseline = (float(distances.square().mean().sqrt()) for distances in (errors, baselines))
+            scores.append(FingerScore(name, task, sensors, error, baseline, len(errors)))
     return scores
 
 
-def finger_report(scores: list[FingerScore], where: str) -> Report:
-    """A row a network and a kind of fingers; `where` says whose fingers."""
+def finger_report(scores: list[FingerScore], data_name: str) -> Report:
+    """A row a network and a kind of fingers; `data_name` says whose fingers."""
     rows = tuple(
         (
             *(one.network, one.task.left_out, f"{one.task.generated_hours:g}", SETS[one.sensors]),
@@ -97,7 +97,7 @@ def finger_report(scores: list[FingerScore], where: str) -> Report:
     )
     return Report(
         name="fingers",
-        title=f"Fingers of people of whom nothing was learned ({where})",
+        title=f"Fingers of people of whom nothing was learned ({data_name})",
         columns=("network", "left out", "generated h", "fingers", "error", "baseline", "ratio"),
         rows=rows,
         numbers=finger_numbers(scores),
@@ -113,9 +113,9 @@ def finger_numbers(scores: list[FingerScore]) -> dict[str, float]:
         for generated, ending in ((True, ""), (False, "_recorded_only")):
             chosen = [one for one in scores if one.sensors == sensors and bool(one.task.generated_hours) == generated]
             if chosen:
-                share = np.array([one.points for one in chosen], dtype=float)
+                points = np.array([one.points for one in chosen], dtype=float)
                 error, baseline = (
-                    float(np.sqrt(np.average([getattr(one, name) ** 2 for one in chosen], weights=share)))
+                    float(np.sqrt(np.average([getattr(one, name) ** 2 for one in chosen], weights=points)))
                     for name in ("error", "baseline")
                 )
                 numbers[f"finger_{what}_ratio_foreign{ending}"] = error / baseline

@@ -21,9 +21,9 @@ from bodysense_lab.completion.points import FINGER_JOINTS, FINGER_POINTS, HAND_J
 _SKELETON = default_skeleton()
 _JOINTS = HAND_JOINTS[0].tolist()
 _PARENTS = [_SKELETON.parents[point] for point in HAND_POINTS[0]]
-_CARRIED_BY = [1 + _JOINTS.index(above) if above in _JOINTS else 0 for above in _PARENTS]  # among [wrist, joints]
+_PARENT_ROWS = [1 + _JOINTS.index(above) if above in _JOINTS else 0 for above in _PARENTS]  # among [wrist, joints]
 _PATH = torch.tensor(_SKELETON.path[np.ix_(HAND_POINTS[0], HAND_POINTS[0])], dtype=torch.float32)
-MOVING = [point for point, above in enumerate(_CARRIED_BY) if above]  # points that bend with the fingers
+BENDING_POINTS = [point for point, above in enumerate(_PARENT_ROWS) if above]  # points that bend with the fingers
 # Factors of vectors of both hands: the right one in a mirror.
 FLIP = torch.tensor([[1.0, 1, 1], [-1, 1, 1]])
 SMALLEST_ERROR = 0.001  # m
@@ -143,6 +143,6 @@ def finger_positions(rotation: Tensor, rest_offset: Tensor) -> Tensor:
         rest_offset: (B, 2, 20, 3) m.
     """
     wrist = torch.eye(3).to(rotation).expand(*rotation.shape[:3], 1, 3, 3)
-    carrying = torch.cat([wrist, rotation], dim=3)[..., _CARRIED_BY, :, :]
+    carrying = torch.cat([wrist, rotation], dim=3)[..., _PARENT_ROWS, :, :]
     bones = (carrying @ rest_offset[:, None, ..., None])[..., 0]
     return _PATH.to(bones) @ bones

@@ -13,7 +13,7 @@ from bodysense.body.skeleton import BODY, default_skeleton
 from bodysense_lab.completion.corpus import interpolate
 from bodysense_lab.completion.points import FINGER_JOINTS, FINGER_OF, FINGERS, HAND_JOINTS, HAND_POINTS
 from bodysense_lab.completion.sensor_draws import FingerMasks
-from bodysense_lab.completion.wandering import wander
+from bodysense_lab.completion.smooth_noise import smooth_noise
 
 GENERATED_RATE = 30.0  # Hz of generated fingers
 RECORDED = HAND_JOINTS - len(BODY)  # (2, 15) places of the joints in recorded and in generated fingers
@@ -56,7 +56,7 @@ def with_finger_noise(local: np.ndarray, rate: float, rng: np.random.Generator) 
     """Add slow random bending and spreading to local finger rotations (T, 2, 15, 4)."""
     frames = len(local)
     count = len(FINGERS)
-    noise = wander(frames, 2 * count * 3, rate, 0.8, rng).reshape(frames, 2, count, 3)
+    noise = smooth_noise(frames, 2 * count * 3, rate, 0.8, rng).reshape(frames, 2, count, 3)
     # Fingers bend about z: those of the left hand the negative way. They spread about y, at the knuckles.
     bend = (noise[..., 0] * 0.35 + rng.normal(0, 0.3, (2, count)))[..., FINGER_OF[:FINGER_JOINTS]]
     spread = (noise[..., 1] * 0.12)[..., FINGER_OF[:FINGER_JOINTS]] * _FIRST
@@ -86,6 +86,6 @@ def with_wrist_error(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Wrists turned (T, 2, 4) at (T, 2, 3) m as a body that is completed has them."""
     frames = len(wrist)
-    error = wander(frames, 2 * 6, rate, 1.5, rng).reshape(frames, 2, 6)
+    error = smooth_noise(frames, 2 * 6, rate, 1.5, rng).reshape(frames, 2, 6)
     turn = quaternion_exp(error[..., :3] * np.radians(_WRIST_DEGREES))
     return quaternion_multiply(turn, wrist), place + error[..., 3:] * _WRIST_PLACE

@@ -104,8 +104,8 @@ class JoiningModule(nn.Module):
         for convolution, mix in zip(self.convolutions, self.mixing, strict=True):
             hidden = hidden + mix(self.dropout(silu(convolution(hidden.transpose(1, 2)).transpose(1, 2))))
         found = self.outward(silu(hidden))
-        turn, odds, larger = found.split((3 * JOINTS, JOINTS, JOINTS), dim=-1)
-        return turn.unflatten(-1, (JOINTS, 3)), odds, larger
+        turn, odds, log_scale = found.split((3 * JOINTS, JOINTS, JOINTS), dim=-1)
+        return turn.unflatten(-1, (JOINTS, 3)), odds, log_scale
 
 
 def joined_rotation(batch: dict[str, Tensor], turn: Tensor, odds: Tensor) -> Tensor:
@@ -209,12 +209,12 @@ class _JoinedBodies:
 
 
 def _joined_bodies(network: JoiningModule, batch: dict[str, Tensor]) -> _JoinedBodies:
-    turn, odds, larger = network(batch["features"])
+    turn, odds, log_scale = network(batch["features"])
     rotation = joined_rotation(batch, turn, odds)
     position, local = head_relative_kinematics(rotation, batch["rest_offset"], batch["world"], batch["turned"])
     with torch.no_grad():
         truth, _ = head_relative_kinematics(batch["truth"], batch["rest_offset"])
-    return _JoinedBodies(position, local, truth, batch["expected"] + larger)
+    return _JoinedBodies(position, local, truth, batch["expected"] + log_scale)
 
 
 def _errors(network: JoiningModule, batch: dict[str, Tensor]) -> dict[str, Tensor]:
@@ -252,9 +252,9 @@ def calibrate_errors(network: JoiningModule, takes: Sequence[JoinedTake]) -> Non
         if not where.any():
             continue
         true, guess = error[:, both][where], np.exp(logarithm[:, both][where])
-        larger = true.mean() / guess.mean()
-        bound = np.quantile(true / (larger * guess * np.exp(spread[:, both][where])), QUANTILE)
-        network.error_offset[joint], network.bound_offset[joint] = float(np.log(larger)), float(np.log(bound))
+        scale = true.mean() / guess.mean()
+        bound = np.quantile(true / (scale * guess * np.exp(spread[:, both][where])), QUANTILE)
+        network.error_offset[joint], network.bound_offset[joint] = float(np.log(scale)), float(np.log(bound))
 
 
 def train_joining(options: JoiningTraining, fabric: Fabric) -> JoiningModule:

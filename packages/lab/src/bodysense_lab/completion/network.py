@@ -19,7 +19,7 @@ from torch import Tensor, nn
 from bodysense.body.pose import forward_kinematics, standing_pose
 from bodysense.body.rotation import quaternion_to_matrix
 from bodysense.body.skeleton import default_skeleton
-from bodysense_lab.completion.features import WIDTHS, TrackedSignal, features_of, mirror_places, mirror_signs
+from bodysense_lab.completion.features import WIDTHS, TrackedSignal, features_of, mirror_indices, mirror_signs
 from bodysense_lab.completion.points import (
     BODY_POINT_COUNT,
     CONTACT,
@@ -83,7 +83,7 @@ class CompletionNetwork(nn.Module):
         for name, values in constants.items():
             self.register_buffer(name, torch.tensor(np.asarray(values), dtype=torch.float32), persistent=False)
         self.register_buffer("bone_parents", torch.tensor(bone_parents()), persistent=False)
-        self.register_buffer("image", torch.tensor(mirror_places()), persistent=False)
+        self.register_buffer("image", torch.tensor(mirror_indices()), persistent=False)
 
     standing_axes: Tensor
     from_head: Tensor

@@ -11,13 +11,13 @@ SITES = ("head_top", "left_toe", "right_toe")
 BODY_POINTS = (*BODY, *SITES)  # what has a rest offset here
 KNUCKLES = ("left_knuckles", "right_knuckles")  # the mean of the four fingers' first joints
 INPUT_POINTS = (*BODY_POINTS, *KNUCKLES)
-SPINNING = ("head", "left_wrist", "right_wrist")  # whose angular velocity is read
-ACCELERATED = STRAPPED  # inertial sensors whose acceleration is read
+SPIN_JOINTS = ("head", "left_wrist", "right_wrist")  # whose angular velocity is read
+ACCELERATION_POINTS = STRAPPED  # inertial sensors whose acceleration is read
 CONTACT = ("left_ankle", "right_ankle", "left_foot", "right_foot")
 JOINTS, BODY_POINT_COUNT, INPUT_POINT_COUNT = len(BODY), len(BODY_POINTS), len(INPUT_POINTS)
 HEAD = BODY.index("head")
-ACCELERATED_PLACES = [BODY.index(name) for name in ACCELERATED]
-SPIN_PLACES = [BODY.index(name) for name in SPINNING]
+ACCELERATION_INDICES = [BODY.index(name) for name in ACCELERATION_POINTS]
+SPIN_INDICES = [BODY.index(name) for name in SPIN_JOINTS]
 HEAD_HEIGHT = 1.5  # m: where the head joint of the reference stature rests above the soles
 
 SIDES = ("left", "right")
@@ -41,7 +41,7 @@ FINGER_JOINTS, FINGER_POINTS = HAND_JOINTS.shape[1], HAND_POINTS.shape[1]
 FINGER_OF = np.array([FINGERS.index(_SKELETON.points[p].split("_")[1].rstrip("123")) for p in HAND_POINTS[0]])
 
 
-def body_places() -> list[int]:
+def body_indices() -> list[int]:
     """Indices of `BODY_POINTS` in the 65 points of a skeleton."""
     return [int(place) for place in default_skeleton().indices(BODY_POINTS)]
 
@@ -49,19 +49,19 @@ def body_places() -> list[int]:
 def bone_parents() -> list[int]:
     """(24,) for each of `BODY_POINTS` but the pelvis the joint that carries it."""
     skeleton = default_skeleton()
-    return [skeleton.parents[place] for place in body_places()[1:]]
+    return [skeleton.parents[place] for place in body_indices()[1:]]
 
 
 def path_from_head() -> np.ndarray:
     """(25, 24): bones in the world → positions of `BODY_POINTS` from the head."""
     skeleton = default_skeleton()
-    path = skeleton.path[np.ix_(body_places(), body_places()[1:])]
+    path = skeleton.path[np.ix_(body_indices(), body_indices()[1:])]
     return path - path[HEAD]
 
 
 def reference_offsets() -> np.ndarray:
     """(25, 3) m: rest offsets of the default body at the reference stature."""
-    offset = default_skeleton().rest_offset[body_places()]
+    offset = default_skeleton().rest_offset[body_indices()]
     return offset / float(stature(offset[None])[0])
 
 

@@ -15,7 +15,7 @@ from bodysense.body.rotation import matrix_to_quaternion, quaternion_exp, quater
 from bodysense.body.skeleton import BODY, default_skeleton
 from bodysense_lab.completion.corpus import Corpus
 from bodysense_lab.completion.limbs import bend_limb, hips_of, limb_of
-from bodysense_lab.completion.wandering import wander
+from bodysense_lab.completion.smooth_noise import smooth_noise
 
 # How often each is drawn. `standing` changes the arms only.
 KINDS = {
@@ -278,7 +278,7 @@ def _lower_body(
     yaw = np.unwrap(np.arctan2(facing[:, 0], facing[:, 2]))
     kept = yaw.mean() + _TURNING * (yaw - yaw.mean())
     turn, square = _about_up(kept - yaw), _about_up(kept)
-    slow = wander(len(root), 2, rate, 2.5, rng) * np.radians([2.0, 5.0])
+    slow = smooth_noise(len(root), 2, rate, 2.5, rng) * np.radians([2.0, 5.0])
     tilt = posture.tilt + slow[:, 0]
     # People lean forward while they sit down or get up.
     lean = posture.lean + slow[:, 1] + 4 * share * (1 - share) * np.radians(rng.uniform(15, 45))
@@ -340,7 +340,7 @@ def _lie_down(
     axis = level @ (np.array([-1.0, 0, 0]) if drawn < 0.6 else np.array([1.0, 0, 0]) if drawn < 0.75 else [0, 0, 1.0])
     if drawn >= 0.87:
         axis = -axis
-    angle = np.radians(rng.uniform(65, 92)) + wander(len(root), 1, rate, 3.0, rng)[:, 0] * np.radians(3)
+    angle = np.radians(rng.uniform(65, 92)) + smooth_noise(len(root), 1, rate, 3.0, rng)[:, 0] * np.radians(3)
     turn = quaternion_to_matrix(quaternion_exp(axis * angle[:, None]))
     middle = np.median(root, axis=0)
     path = middle + np.einsum("tij,tj->ti", turn, (root - middle) * [_SWAY, 0.3, _SWAY])
@@ -363,7 +363,7 @@ def _hold_hands_in_front(
         mirror = np.array([1.0 if side == "left" else -1.0, 1.0, 1.0])
         shoulder = _joint_position(after, root, offset, f"{side}_shoulder")
         chest = _joint_position(after, root, offset, "neck")
-        moving = wander(len(root), 3, rate, 1.5, rng) * 0.03 + rng.normal(0, 0.03, 3)
+        moving = smooth_noise(len(root), 3, rate, 1.5, rng) * 0.03 + rng.normal(0, 0.03, 3)
         target = chest + np.einsum("tij,tj->ti", square, (place + moving) * mirror)
         pole = np.einsum("tij,j->ti", square, np.array([0.35, -1.0, -0.35]) * mirror)
         after = _move_arm(after, root, offset, side, shoulder, target, pole, both, None)
@@ -388,7 +388,7 @@ def _rest_hands_on_thighs(
         up = np.array([0.0, 1.0, 0.0]) - direction[:, 1:2] * direction
         up /= np.maximum(np.linalg.norm(up, axis=-1, keepdims=True), 0.1)
         across = np.cross(up, direction)
-        jitter = wander(len(root), 2, rate, 2.0, rng) * 0.015 + rng.normal(0, 0.03, 2)
+        jitter = smooth_noise(len(root), 2, rate, 2.0, rng) * 0.015 + rng.normal(0, 0.03, 2)
         target = hip + (along + float(rng.normal(0, 0.07)) + jitter[:, :1]) * thigh - 0.08 * direction
         target += 0.09 * up + (jitter[:, 1:] + sign * 0.02) * across
         shoulder = _joint_position(after, root, offset, f"{side}_shoulder")
@@ -431,7 +431,7 @@ def _random_activation(frames: int, rate: float, rng: np.random.Generator) -> np
     """(T,) 0 to 1: always, or now and then."""
     if rng.uniform() < 0.5:
         return np.ones(frames)
-    wave = wander(frames, 1, rate, 3.0, rng)[:, 0]
+    wave = smooth_noise(frames, 1, rate, 3.0, rng)[:, 0]
     return smooth_step(np.clip(wave * 1.5 + 0.7, 0, 1))
 
 

@@ -33,7 +33,7 @@ from bodysense_lab.completion.fingers import FingerNetwork
 from bodysense_lab.completion.lattice import random_edges
 from bodysense_lab.completion.network import CompletionNetwork
 from bodysense_lab.completion.options import BODIES, TABLE_SETS, Body
-from bodysense_lab.completion.points import body_places
+from bodysense_lab.completion.points import body_indices
 from bodysense_lab.completion.posture_clips import posture_clips
 from bodysense_lab.completion.rounding import round_weights, sample_moments
 from bodysense_lab.completion.scenes import (
@@ -99,7 +99,7 @@ def _sample_batch(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     seen = [scene.observe(sensors) for scene in batch]
     tracker = Tracker([person_of(body, scene.skeleton) for scene in batch], model)
-    whole, places, state = stack_observations(seen), body_places(), tracker.start()
+    whole, places, state = stack_observations(seen), body_indices(), tracker.start()
     parts = []
     for t in range(len(whole.time)):
         estimate, state = tracker.step(whole[t : t + 1], state)

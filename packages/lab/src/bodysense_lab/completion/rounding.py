@@ -17,7 +17,7 @@ from bodysense_lab.completion.network import CompletionNetwork
 from bodysense_lab.completion.weights_file import row_step
 
 _DAMPING = 0.01  # of the mean square of what is read: what was never read must not be made up for
-_MOST = 127
+_LARGEST = 127
 _STRIDE = 10  # frames: neighbours tell little more
 
 
@@ -68,22 +68,22 @@ def rounded(values: np.ndarray, moment: np.ndarray) -> np.ndarray:
     A row that misses more than its nearest multiples do is rounded to these; that happens for few inputs.
     """
     step = row_step(values)[:, 0].astype(np.float64)
-    left, counts = values.astype(np.float64).copy(), np.empty(values.shape)
+    remaining, counts = values.astype(np.float64).copy(), np.empty(values.shape)
     widest = np.abs(values).argmax(axis=1)
     damped = moment + _DAMPING * np.trace(moment) / len(moment) * np.eye(len(moment))
     order = np.argsort(-np.diag(moment))  # what is read most is rounded first
     inverse = np.linalg.cholesky(np.linalg.inv(damped[np.ix_(order, order)])).T
     for place, column in enumerate(order):
-        count = np.clip(np.round(left[:, column] / step), -_MOST, _MOST)
+        count = np.clip(np.round(remaining[:, column] / step), -_LARGEST, _LARGEST)
         # The widest stays so: by it the step is found again.
         count = np.where(widest == column, np.round(values[:, column] / step), count)
-        missed = (left[:, column] - count * step) / inverse[place, place]
+        error = (remaining[:, column] - count * step) / inverse[place, place]
         later = order[place + 1 :]
-        left[:, later] -= missed[:, None] * inverse[place, place + 1 :]
+        remaining[:, later] -= error[:, None] * inverse[place, place + 1 :]
         counts[:, column] = count
     nearest = np.round(values / step[:, None])
-    missed, plain = (_squares(each * step[:, None] - values, moment) for each in (counts, nearest))
-    counts = np.where((missed < plain)[:, None], counts, nearest)
+    error, plain = (_squares(each * step[:, None] - values, moment) for each in (counts, nearest))
+    counts = np.where((error < plain)[:, None], counts, nearest)
     return (counts * step[:, None]).astype(np.float32)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from bodysense.body.skeleton import BODY
 from bodysense.devices.simulated.sensors import SensorSet
 from bodysense_lab.completion.points import (
-    ACCELERATED_PLACES,
+    ACCELERATION_INDICES,
     BODY_POINTS,
     FINGER_JOINTS,
     FINGER_OF,
@@ -56,7 +56,7 @@ class SensorMasks:
 
     has_position: np.ndarray  # (T, 27) bool
     has_rotation: np.ndarray  # (T, 22) bool
-    has_acceleration: np.ndarray  # (T, 12) bool, of `ACCELERATED`
+    has_acceleration: np.ndarray  # (T, 12) bool, of `ACCELERATION_POINTS`
 
     @property
     def head_known(self) -> np.ndarray:
@@ -132,8 +132,8 @@ def draw_sensors(visible: np.ndarray, interval: float, rng: np.random.Generator)
 
 
 def rotation_only(has_position: np.ndarray, has_rotation: np.ndarray) -> np.ndarray:
-    """(T, 12) bool: which of `ACCELERATED` carry a sensor that knows its rotation and not its place."""
-    return has_rotation[:, ACCELERATED_PLACES] & ~has_position[:, ACCELERATED_PLACES]
+    """(T, 12) bool: which of `ACCELERATION_POINTS` carry a sensor that knows its rotation and not its place."""
+    return has_rotation[:, ACCELERATION_INDICES] & ~has_position[:, ACCELERATION_INDICES]
 
 
 def _add_trackers(add, rng: np.random.Generator) -> None:

@@ -32,7 +32,7 @@ from bodysense_lab.completion.hands import (
     with_wrist_error,
 )
 from bodysense_lab.completion.points import (
-    ACCELERATED,
+    ACCELERATION_POINTS,
     BODY_POINTS,
     CONTACT,
     HAND_POINTS,
@@ -42,7 +42,7 @@ from bodysense_lab.completion.points import (
     KNUCKLES,
     SIDES,
     WRISTS,
-    body_places,
+    body_indices,
     bone_parents,
     partners,
     path_from_head,
@@ -50,11 +50,11 @@ from bodysense_lab.completion.points import (
 )
 from bodysense_lab.completion.postures import apply_posture, draw_kind
 from bodysense_lab.completion.sensor_draws import FINGER_KINDS, SensorMasks, draw_fingers, draw_sensors, fixed_sensors
+from bodysense_lab.completion.smooth_noise import smooth_noise
 from bodysense_lab.completion.straight_legs import straightened
 from bodysense_lab.completion.training_bodies import TrainingBody, draw_body, with_other_hands
-from bodysense_lab.completion.wandering import wander
 
-_PLACES = body_places()
+_PLACES = body_indices()
 _PARENTS = bone_parents()
 _PATH = path_from_head() - path_from_head()[0]  # from the pelvis
 _KNUCKLES = [
@@ -90,7 +90,7 @@ class Sequence:
     rotation: np.ndarray  # (T, 22, 4) float32 wxyz, as tracked
     has_position: np.ndarray  # (T, 27) bool
     has_rotation: np.ndarray  # (T, 22) bool
-    acceleration: np.ndarray  # (T, 12, 3) float32 m/s², world, of `ACCELERATED`
+    acceleration: np.ndarray  # (T, 12, 3) float32 m/s², world, of `ACCELERATION_POINTS`
     has_acceleration: np.ndarray  # (T, 12) bool
     anchor: np.ndarray  # (T, 4) float32: cosine and sine of the heading, x and z of the frame under the head
     accuracy: np.ndarray  # (27,) float32 m
@@ -368,7 +368,9 @@ def _with_turned_wrists(rotation: np.ndarray, rate: float, rng: np.random.Genera
     held = rng.normal(0, 1, (2, 3)) * _HELD_ANGLE
     if rng.uniform() < 0.5:  # both hands alike
         held[1] = held[0] * [1, -1, -1]
-    moving = wander(len(rotation), 2 * 3, rate, float(rng.uniform(0.4, 2.5)), rng).reshape(-1, 2, 3) * _MOVING_ANGLE
+    moving = (
+        smooth_noise(len(rotation), 2 * 3, rate, float(rng.uniform(0.4, 2.5)), rng).reshape(-1, 2, 3) * _MOVING_ANGLE
+    )
     bend = np.clip(held + moving * rng.uniform(0.2, 1.0), -_ANGLE_LIMIT, _ANGLE_LIMIT)
     twist = quaternion_exp(bend * [1.0, 0.0, 0.0])
     turned = rotation.copy()
@@ -392,7 +394,11 @@ def _accelerations(
     points: np.ndarray, rate: float, rng: np.random.Generator, noisy: bool
 ) -> tuple[np.ndarray, np.ndarray]:
     """Accelerations (T, 12, 3) m/s² of sensors strapped to a body of points (T, 25, 3), and from when (T,) bool."""
-    along = rng.uniform(*_STRAPPED_ALONG, len(ACCELERATED)) if noisy else np.full(len(ACCELERATED), STRAPPED_ALONG)
+    along = (
+        rng.uniform(*_STRAPPED_ALONG, len(ACCELERATION_POINTS))
+        if noisy
+        else np.full(len(ACCELERATION_POINTS), STRAPPED_ALONG)
+    )
     acceleration, known = accelerations(strapped_places(points, BODY_POINTS, along), 1 / rate)
     if noisy:
         shape = acceleration.shape
@@ -412,7 +418,7 @@ def _accuracy(rng: np.random.Generator) -> np.ndarray:
 
 def _position_noise(shape: tuple[int, ...], rate: float, rng: np.random.Generator) -> np.ndarray:
     """Return errors (T, ..., 3) of trackers of accuracy 1: constant ones, drift and tremor."""
-    drift = wander(shape[0], math.prod(shape[1:]), rate, 1.0, rng).reshape(shape) * 0.4
+    drift = smooth_noise(shape[0], math.prod(shape[1:]), rate, 1.0, rng).reshape(shape) * 0.4
     drift += rng.standard_normal(shape[1:]) * 0.4
     return drift + rng.standard_normal(shape) * (0.15 if rng.uniform() < 0.3 else 0.02)
 
@@ -422,7 +428,7 @@ def _with_rotation_noise(
 ) -> np.ndarray:
     """Return rotations (T, ..., 4) that drift; `radians` (...) scale how far."""
     shape = (*rotation.shape[:-1], 3)
-    turns = wander(shape[0], math.prod(shape[1:]), rate, 1.0, rng).reshape(shape) * radians[..., None] * 0.6
+    turns = smooth_noise(shape[0], math.prod(shape[1:]), rate, 1.0, rng).reshape(shape) * radians[..., None] * 0.6
     return quaternion_multiply(quaternion_exp(turns), rotation)
 
 
@@ -434,7 +440,7 @@ def _head_frame(
     angle = np.arctan2(twist[:, 1], twist[:, 0])
     where = place[:, [0, 2]].astype(float)
     if not known.all():
-        error = wander(len(head), 3, rate, 2.0, rng) * [np.radians(12.0), 0.04, 0.04]
+        error = smooth_noise(len(head), 3, rate, 2.0, rng) * [np.radians(12.0), 0.04, 0.04]
         angle = np.where(known, angle, angle + error[:, 0])
         where = np.where(known[:, None], where, where + error[:, 1:])
     return np.column_stack([np.cos(angle), np.sin(angle), where])

@@ -166,11 +166,11 @@ def missed_steps(feet: np.ndarray, truth: np.ndarray, rate: float) -> tuple[int,
     for side in range(2):
         spans = still_spans(truth[:, side], rate)
         for (_, left), (landed, _) in pairwise(spans):
-            length = _along_floor(truth[landed, side] - truth[left - 1, side])
+            length = _horizontal_length(truth[landed, side] - truth[left - 1, side])
             if length < TRUE_STEP:
                 continue
             begin, end = max(0, left - 1 - slack // 2), min(len(feet), landed + slack)
-            gone = _along_floor(feet[begin:end, side] - feet[begin, side]).max()
+            gone = _horizontal_length(feet[begin:end, side] - feet[begin, side]).max()
             steps, missed = steps + 1, missed + int(gone < length / 2)
     return missed, steps
 
@@ -234,7 +234,7 @@ def _speed(position: np.ndarray, rate: float) -> np.ndarray:
     return vector_length(np.diff(position, axis=0)) * rate
 
 
-def _along_floor(vector: np.ndarray) -> np.ndarray:
+def _horizontal_length(vector: np.ndarray) -> np.ndarray:
     """Length (...,) of vectors (..., 3) along the floor."""
     return np.hypot(vector[..., 0], vector[..., 2])
 
@@ -244,7 +244,7 @@ def _moves(foot: np.ndarray, truth: np.ndarray) -> int:
     moves, first = 0, 0
     while True:
         gone, truly = foot[first:] - foot[first], truth[first:] - truth[first]
-        away = np.minimum(_along_floor(gone), _along_floor(gone - truly)) > STEP
+        away = np.minimum(_horizontal_length(gone), _horizontal_length(gone - truly)) > STEP
         if not away.any():
             return moves
         moves, first = moves + 1, first + int(away.argmax())

@@ -34,7 +34,7 @@ class TrackedMotion:
     contact: np.ndarray  # (T, 4) probability: left ankle and ball, right ankle and ball
 
     @classmethod
-    def of(cls, parts: Sequence[Estimate]) -> TrackedMotion:
+    def join(cls, parts: Sequence[Estimate]) -> TrackedMotion:
         """Join the estimates of consecutive frames."""
         names = {"position": "points", "confidence": "confidence", "bound": "bound", "contact": "contact"}
         joined = {name: np.concatenate([getattr(part, own) for part in parts]) for name, own in names.items()}
@@ -58,7 +58,7 @@ def track_people(
         for k, (estimate, state) in zip(tracked, step_together(jobs), strict=True):
             parts[k].append(estimate)
             states[k] = state
-    return [TrackedMotion.of(own) for own in parts]
+    return [TrackedMotion.join(own) for own in parts]
 
 
 @dataclass(frozen=True)
@@ -107,7 +107,7 @@ class TakeTracker:
         estimate, _ = completed_both_ways(
             observation, person, network, settings, 1 / RATE, backward_network=backward, joining=joining
         )
-        return TrackedMotion.of([estimate])
+        return TrackedMotion.join([estimate])
 
 
 def _absolute(path: Path | None) -> Path | None:

@@ -41,19 +41,19 @@ def train_completion(options: CompletionTraining, fabric: Fabric) -> CompletionN
     fabric.print(f"{train.minutes:.0f} minutes to learn from, {val.minutes:.0f} to validate")
     config = CompletionTaskConfig(backward=options.backward)
     network = CompletionNetwork(config.network)
-    earlier = network.state_dict() if options.begin_with is None else _weights(options.begin_with, network)
-    network.load_state_dict(earlier)
-    watched = validation_batches(val, _VALIDATION_STRIDE, options.backward)
-    task = CompletionTask(network, config, options.schedule, train, watched, options.limited or None)
+    initial = network.state_dict() if options.begin_with is None else _weights(options.begin_with, network)
+    network.load_state_dict(initial)
+    validation = validation_batches(val, _VALIDATION_STRIDE, options.backward)
+    task = CompletionTask(network, config, options.schedule, train, validation, options.limited or None)
     fit(task, options.folder / "completion.ckpt", fabric=fabric)
     network = network.cpu()
     if options.keep:
         trained = network.state_dict()
-        network.load_state_dict({name: torch.lerp(trained[name], earlier[name], options.keep) for name in trained})
+        network.load_state_dict({name: torch.lerp(trained[name], initial[name], options.keep) for name in trained})
     return network
 
 
-def fingers_of_completion(run: CompletionTraining, fabric: Fabric) -> FingerNetwork:
+def completion_finger_network(run: CompletionTraining, fabric: Fabric) -> FingerNetwork:
     """Return the finger network that is written beside a body: trained, or without steps that of `begin_with`.
 
     Fingers stay relaxed where there is neither, and where time runs backward.
@@ -75,13 +75,13 @@ def train_fingers(
     """Train, or resume, and return the network with the weights that did best on validation clips."""
     train, val = _begin(options, fabric)
     with fabric.rank_zero_first():
-        generated = _generated(options) if options.generated_hours else None
+        generated = _generated_fingers(options) if options.generated_hours else None
     if options.leave_out:
-        train, val = (without(corpus, options.leave_out) for corpus in (train, val))
+        train, val = (without_person(corpus, options.leave_out) for corpus in (train, val))
     network = FingerNetwork(config.network)
     config = replace(config, generated_hours=options.generated_hours, left_out=options.leave_out)
-    watched, source = finger_validation(val, train), options.limited or None
-    task = FingerTask(network, config, options.schedule, train, watched, source, generated=generated)
+    validation, source = finger_validation(val, train), options.limited or None
+    task = FingerTask(network, config, options.schedule, train, validation, source, generated=generated)
     fit(task, options.out, fabric=fabric)
     return network.cpu()
 
@@ -105,7 +105,7 @@ def _weights(path: Path, network: CompletionNetwork) -> dict[str, Tensor]:
     return published.state_dict()
 
 
-def _generated(options: FingerTraining) -> np.ndarray:
+def _generated_fingers(options: FingerTraining) -> np.ndarray:
     """Generated fingers, kept in the folder of the run."""
     from bodysense_lab.completion.generated_fingers import generate_fingers, read_fingers, write_fingers
 
@@ -116,10 +116,10 @@ def _generated(options: FingerTraining) -> np.ndarray:
     return read_fingers(kept)
 
 
-def without(corpus: Corpus, person: str) -> Corpus:
+def without_person(corpus: Corpus, person: str) -> Corpus:
     """Return the corpus without the fingers of a person. Raises BodysenseError if it has no fingers of that person."""
     theirs, others = corpus.finger_clips(person)
     if not len(theirs):
         people = sorted({str(corpus.name[clip]).split("/")[0] for clip in others})
         raise BodysenseError(f"--leave-out {person}: no one of that name has fingers; valid are {', '.join(people)}")
-    return corpus.of(np.setdiff1d(np.arange(len(corpus)), theirs))
+    return corpus.select(np.setdiff1d(np.arange(len(corpus)), theirs))

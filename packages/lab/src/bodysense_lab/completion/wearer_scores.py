@@ -42,10 +42,10 @@ RARE_SETS = ("three_point", "headset_camera", "head", "six_point")  # sets that 
 STANDING_HEIGHTS = (1.55, 1.70, 1.85)  # m
 LOWERED = (0.0, 0.05, 0.10, 0.15)  # m by which a standing head is lowered
 STANDS = 0.85  # of its standing height: a higher head means that the wearer stands
-SETTLES, BELIEVED = 3.0, 10.0  # s after which a seated pelvis is in place, and from which no height may shrink
-_GAZE = 1.0  # s after which a raised arm is looked at
+SETTLED_AFTER, HEIGHT_SETTLED_AFTER = 3.0, 10.0  # s; earlier errors and inferred heights do not count
+_RAISED_FOR = 1.0  # s between the loss of raised arms and their measurement
 _PAIR = ("left", "right")
-_HELD = {palms: f"palms {palms}" if palms != "none" else "head alone" for palms in PALMS}
+_PALM_TITLES = {palms: f"palms {palms}" if palms != "none" else "head alone" for palms in PALMS}
 
 
 @dataclass(frozen=True)
@@ -112,7 +112,7 @@ def _standing(network: CompletionModel | None) -> Iterator[SightScore]:
         knees = [
             _bent(body, one).mean() for (body, lowered), one in zip(bodies, position, strict=True) if lowered == 0.0
         ]
-        scene, key = f"stands, {_HELD[palms]}", f"standing_{palms}"
+        scene, key = f"stands, {_PALM_TITLES[palms]}", f"standing_{palms}"
         yield SightScore(scene, "lower ball over rest, worst", f"{key}_ball_cm", 100 * float(max(balls)), "cm")
         yield SightScore(scene, "knees, head at its height", f"{key}_knee_deg", float(np.mean(knees)), "°")
 
@@ -122,20 +122,22 @@ def _seated(network: CompletionModel | None) -> Iterator[SightScore]:
     bodies = [known_body(height) for height in SEATED_HEIGHTS]
     poses = [seated(skeleton) for skeleton in bodies]
     time = np.arange(len(poses[0].root_position)) / RATE
-    settled = time >= SETTLES
+    settled = time >= SETTLED_AFTER
     for sensors in SEATED_SETS:
         seen = [observe(pose, time, SENSOR_SETS[sensors]) for pose in poses]
         estimate = _track([Person()] * len(bodies), seen, network)
         for k, (height, skeleton, pose) in enumerate(zip(SEATED_HEIGHTS, bodies, poses, strict=True)):
             truth = np.asarray(forward_kinematics(pose)[0])
             error = joint_error(estimate.points[k], truth)[settled]
-            believed = np.asarray(stature(estimate.rest_offset[k]))[time >= BELIEVED].min()
+            believed = np.asarray(stature(estimate.rest_offset[k]))[time >= HEIGHT_SETTLED_AFTER].min()
             scene, key = f"sits, {height:g} m, {sensors.replace('_', ' ')}", f"seated_{round(100 * height)}_{sensors}"
             yield SightScore(scene, "pelvis after 3 s", f"{key}_pelvis_cm", float(error[:, 0].mean()), "cm")
             body = skeleton.indices(BODY)
             yield SightScore(scene, "mean error after 3 s", f"{key}_error_cm", float(error[:, body].mean()), "cm")
-            less = 100 * float(believed - stature(skeleton.rest_offset))
-            yield SightScore(scene, "shortest believed height after 10 s", f"{key}_height_cm", less, "cm from true")
+            height_error = 100 * float(believed - stature(skeleton.rest_offset))
+            yield SightScore(
+                scene, "shortest believed height after 10 s", f"{key}_height_cm", height_error, "cm from true"
+            )
 
 
 def _raised(network: CompletionModel | None) -> Iterator[SightScore]:
@@ -147,7 +149,7 @@ def _raised(network: CompletionModel | None) -> Iterator[SightScore]:
         seen = observe(pose, time, SENSOR_SETS["headset_camera"])
         wrists = seen.has_position[:, _points(skeleton, "wrist")]
         lost = int(np.flatnonzero(wrists.any(axis=-1)).max(initial=0)) + 1
-        frame = min(lost + round(_GAZE * RATE), len(time) - 1)
+        frame = min(lost + round(_RAISED_FOR * RATE), len(time) - 1)
         truth = np.asarray(forward_kinematics(pose)[0])
         estimate = _track([Person(skeleton)], [seen], network)
         for what, key, position in (("truth", "truth_", truth), ("output", "", estimate.points[0])):
@@ -198,4 +200,4 @@ def _headsets(network: CompletionModel | None, folder: Path) -> Iterator[SightSc
         ]
         share = float(np.concatenate(floats).mean())
         key = f"headset_{palms}_float_share"
-        yield SightScore(f"real headsets, {_HELD[palms]}", "float share", key, share, "of frames")
+        yield SightScore(f"real headsets, {_PALM_TITLES[palms]}", "float share", key, share, "of frames")

@@ -29,8 +29,8 @@ from bodysense_lab.scoring import RATE
 
 Palms = Literal["none", "hanging", "inward", "down"]
 PALMS: tuple[Palms, ...] = ("none", "hanging", "inward", "down")
-Raise = Literal["ahead", "sideways"]
-RAISES: tuple[Raise, ...] = ("ahead", "sideways")
+RaiseDirection = Literal["ahead", "sideways"]
+RAISES: tuple[RaiseDirection, ...] = ("ahead", "sideways")
 TAKES = ("quest2_traj1", "quest2_traj2", "quest_pro_traj1", "quest_pro_traj2")  # heads of people who stand and play
 FILE = "headset_takes.npz"
 LONGEST = 60.0  # s of each of them
@@ -149,7 +149,7 @@ def seated(skeleton: Skeleton, seconds: float = 15.0) -> Pose:
     return Pose(skeleton, root, rotation)
 
 
-def arms_raised(skeleton: Skeleton, way: Raise, elevation: float = 75.0, seconds: float = 6.0) -> Pose:
+def arms_raised(skeleton: Skeleton, way: RaiseDirection, elevation: float = 75.0, seconds: float = 6.0) -> Pose:
     """Return a standing wearer with the arms low ahead for 2 s, who then raises them over the shoulders within 0.7 s.
 
     The wrists go up ahead of the body, or out to the sides and up. `elevation` is in degrees.

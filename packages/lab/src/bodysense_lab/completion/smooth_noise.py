@@ -7,7 +7,7 @@ import numpy as np
 from bodysense.body.rotation import smooth_step
 
 
-def wander(frames: int, count: int, rate: float, seconds: float, rng: np.random.Generator) -> np.ndarray:
+def smooth_noise(frames: int, count: int, rate: float, seconds: float, rng: np.random.Generator) -> np.ndarray:
     """(T, count) smooth noise of standard deviation 1 that changes within `seconds`."""
     knots = int(np.ceil(frames / (rate * seconds))) + 2
     values = rng.standard_normal((knots, count)) * 1.2
