@@ -1,1 +1,1 @@
-"""The completion network: how it is built, taught and scored."""
+"""Architecture, training and evaluation of the completion network."""

@@ -1,6 +1,6 @@
-"""The baseline of hidden joints: the mean body of people whose head has a similar height and pitch.
+"""Baseline for hidden joints: the mean body of people whose head has a similar height and pitch.
 
-If cameras never saw a joint, its last known position is that of a standing dummy; a mean body is a better baseline.
+For joints that cameras never saw, it is a better baseline than the last known position, that of a standing body.
 """
 
 from __future__ import annotations
@@ -24,22 +24,21 @@ from bodysense_lab.clips import count_clips, open_clips
 from bodysense_lab.completion.wearers import rest_heights
 
 FORMAT = "bodysense-mean-body-2"
-HEIGHTS = np.linspace(0.1, 1.3, 25)  # of the head, in shares of its height in the rest pose
-PITCHES = np.radians(np.linspace(-90, 90, 19))  # of the head, downward
+HEIGHTS = np.linspace(0.1, 1.3, 25)  # heights of the head, divided by its height in the rest pose
+PITCHES = np.radians(np.linspace(-90, 90, 19))  # radians, downward pitch of the head
 _RATE = 5.0  # Hz at which training motion is read
-_SMOOTH = np.array([0.25, 1.0, 0.25])  # weights of neighbouring cells
+_KERNEL = np.array([0.25, 1.0, 0.25])  # weights of neighbouring cells
 
 
 @dataclass(frozen=True, eq=False)
 class MeanBody:
-    """Mean places of all points under the head, by its height and pitch."""
+    """Mean positions of all points relative to the head, by the head's height and pitch."""
 
-    place: np.ndarray = field(
-        repr=False
-    )  # (H, K, P, 3) in the head's heading, from the head, by the head's rest height
+    # (H, K, P, 3) relative to the head, in the frame of its heading, divided by its rest height
+    place: np.ndarray = field(repr=False)
 
     def positions(self, position: np.ndarray, rotation: np.ndarray, skeleton: Skeleton) -> np.ndarray:
-        """Points (T, P, 3) m, world, of a wearer whose head is at `position` (T, 3) m with `rotation` (T, 4)."""
+        """Return world positions (T, P, 3) m of the body under a head at `position` (T, 3) m with `rotation` (T, 4)."""
         rows, weights = _cells(position, rotation, skeleton)
         flat = self.place.reshape(-1, *self.place.shape[2:])
         place = np.einsum("kt,ktpc->tpc", weights, flat[np.stack(rows)])
@@ -48,7 +47,7 @@ class MeanBody:
 
 
 def fit_mean_body(clips: Iterable[Clip]) -> MeanBody:
-    """Average the bodies of clips, in canonical form. Raises BodysenseError if `clips` is empty."""
+    """Average the bodies of canonical clips. Raises BodysenseError if there are no clips."""
     total, count = np.zeros(0), np.zeros(len(HEIGHTS) * len(PITCHES))
     for clip in (resample(clip, _RATE) for clip in clips):
         skeleton = clip.pose.skeleton
@@ -69,9 +68,9 @@ def fit_mean_body(clips: Iterable[Clip]) -> MeanBody:
 
 
 def cached_mean_body(data: Path, advance: Callable[[Clip], None] = lambda clip: None) -> MeanBody | None:
-    """Return the mean body of the train split of a folder or store, cached for the user; None without that split.
+    """Return the mean body of the train split of a folder or store, or None if it has no train split.
 
-    `advance` is called for every clip that is read.
+    The body is cached in the user's cache folder. `advance` is called for every clip that is read.
     """
     try:
         count = count_clips(data, "train")
@@ -96,14 +95,14 @@ def cached_mean_body(data: Path, advance: Callable[[Clip], None] = lambda clip: 
 
 
 def _rest_height(skeleton: Skeleton) -> float:
-    """Height of the head joint over the floor in the rest pose, metres."""
+    """Return the height of the head joint over the floor in the rest pose, m."""
     return float(rest_heights(skeleton)[skeleton.index("head")])
 
 
 def _cells(
     position: np.ndarray, rotation: np.ndarray, skeleton: Skeleton
 ) -> tuple[tuple[np.ndarray, ...], tuple[np.ndarray, ...]]:
-    """The four cells (T,) around a head's height and pitch, as places in the flat table, and their weights (T,)."""
+    """Return flat indices (T,) of the four cells around a head's height and pitch, and their weights (T,)."""
     ahead = np.asarray(quaternion_rotate(rotation, np.broadcast_to([0.0, 0.0, 1.0], position.shape)))
     row, high = _grid_position(HEIGHTS, position[:, 1] / _rest_height(skeleton))
     column, far = _grid_position(PITCHES, -np.arcsin(np.clip(ahead[:, 1], -1, 1)))
@@ -113,13 +112,13 @@ def _cells(
 
 
 def _grid_position(grid: np.ndarray, value: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The index of the grid line below each value, and how far it is toward the next, from 0 to 1."""
+    """Return the index of the grid line below each value, and the fraction of the step to the next line."""
     place = np.clip((value - grid[0]) / (grid[1] - grid[0]), 0, len(grid) - 1 - 1e-9)
     return place.astype(int), place - np.floor(place)
 
 
 def _smooth(table: np.ndarray) -> np.ndarray:
-    """The sums of a table's cells and, with less weight, of their neighbours'."""
+    """Add to each cell of a table its neighbours, with less weight."""
     for axis in (0, 1):
-        table = convolve1d(table, _SMOOTH, axis, mode="constant")
+        table = convolve1d(table, _KERNEL, axis, mode="constant")
     return table

@@ -1,4 +1,4 @@
-"""Batches of training sequences: frames of the body and, where sequences have them, of both hands."""
+"""Batches of training sequences: frames of the body and, if the sequences have them, of both hands."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ from bodysense_lab.completion.sequences import Sequence, SequenceAugmentation, m
 from bodysense_lab.completion.training_bodies import TrainingBody
 from bodysense_lab.fit import cut
 
-_GROUP = 16  # whole sequences side by side
+_GROUP = 16  # whole sequences in a batch
 
 
 class HandBatch(NamedTuple):
     """Frames of both hands of B sequences."""
 
     signal: FingerSignal
-    true_position: Tensor  # (B, T, 2, 20, 3) m, from the wrist, in its frame
+    true_position: Tensor  # (B, T, 2, 20, 3) m, in the frame of the wrist
     true_rotation: Tensor  # (B, T, 2, 15, 3, 3) wrist ← joint
     valid: Tensor  # (B, T) bool
 
@@ -46,7 +46,7 @@ class SequenceBatch(NamedTuple):
 
 
 def collate(pieces: list[tuple[Sequence, int]], chunk: int, begins: np.ndarray) -> SequenceBatch:
-    """Cut `chunk` frames from each sequence at its start (see `cut`)."""
+    """Return a batch of `chunk` frames of each sequence, from its start frame on (see `cut`)."""
     kept = ("position", "has_position", "has_rotation", "acceleration", "has_acceleration")
     now = cut(pieces, chunk, (*kept, "rotation", "anchor", "true_position", "true_rotation", "contact"))
     earlier = cut([(one, start - 1) for one, start in pieces], chunk, (*kept[:3], "rotation"))
@@ -105,9 +105,13 @@ def _stacked(items: Iterable[Any], name: str) -> Tensor:
 
 
 def whole_clips(corpus: Corpus, clips: Iterable[int], bodies: tuple[str, ...], **choices: Any) -> list[SequenceBatch]:
-    """Return batches of whole clips, of similar lengths, on known bodies: `own`, `stranger` (an unseen body), or both.
+    """Return batches of whole clips of similar lengths, on known bodies.
 
-    `choices` are further fields of `SequenceAugmentation`.
+    Args:
+        corpus: recorded motion.
+        clips: indices of clips.
+        bodies: `own`, `stranger` (an unseen body), or both.
+        **choices: further fields of `SequenceAugmentation`.
     """
     clips = sorted(clips, key=lambda clip: corpus.length[clip] / corpus.rate[clip])
     sequences = []

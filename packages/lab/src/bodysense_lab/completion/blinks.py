@@ -1,7 +1,7 @@
-"""Sensors that blink: hands that cameras lose for measured durations, and a finger that comes and goes.
+"""Simulated losses of sensors: hands that cameras lose, and a finger that is tracked on and off.
 
-How long a hand is lost was measured on headsets that track hands: 1,518 gaps in 129 recordings, the two hands
-independent of each other. How often is an assumption.
+The durations of losses were measured on headsets that track hands: 1,518 gaps in 129 recordings, the two hands
+independent of each other. The rate of losses is an assumption.
 """
 
 from __future__ import annotations
@@ -15,26 +15,26 @@ from bodysense.body.skeleton import FINGERS
 from bodysense.devices.simulated.noise import hide
 from bodysense.observation import Observation
 
-# Share of the gaps that last at most `_SECONDS`.
+# Cumulative distribution of the durations of gaps: `_SHARE` of them last at most `_SECONDS`.
 _SHARE = np.array([0.0, 0.10, 0.50, 0.61, 0.89, 0.90, 0.99, 1.0])
 _SECONDS = np.array([0.02, 0.03, 0.10, 0.20, 1.00, 1.10, 6.70, 17.0])
-SHORTEST_BETWEEN, MEAN_BETWEEN = 1.0, 2.0  # s between gaps: at least, and on average beyond that
-BLINKING = ("head", "three_point", "six_point", "headset_camera")  # sets that are scored with them
-FINGER, EVERY = "left_index1", 3  # the joint that blinks, and after how many frames its mask changes
+SHORTEST_BETWEEN, MEAN_BETWEEN = 1.0, 2.0  # s between gaps: minimum, and mean of the exponential time beyond it
+BLINKING = ("head", "three_point", "six_point", "headset_camera")  # sensor sets that are scored with a blinking finger
+FINGER, EVERY = "left_index1", 3  # the joint that blinks, and frames between changes of its mask
 
 
 def clip_rng(name: str) -> np.random.Generator:
-    """The generator of a clip's losses: always the same one."""
+    """Return the random generator for a clip's losses, seeded by the clip's name."""
     return np.random.default_rng(int.from_bytes(hashlib.sha256(name.encode()).digest()[:8], "big"))
 
 
 def gap_seconds(count: int, rng: np.random.Generator) -> np.ndarray:
-    """Draw how long hands are lost (count,), s."""
+    """Draw durations of losses of a hand (count,), s."""
     return np.exp(np.interp(rng.uniform(size=count), _SHARE, np.log(_SECONDS)))
 
 
 def lose_hands(observation: Observation, rng: np.random.Generator) -> Observation:
-    """Lose each hand, wrist and fingers together, by the measured law."""
+    """Hide each hand, wrist and fingers together, for durations of the measured distribution."""
     hidden = np.zeros(observation.has_position.shape, dtype=bool)
     time = observation.time
     for side in ("left", "right"):
@@ -42,7 +42,7 @@ def lose_hands(observation: Observation, rng: np.random.Generator) -> Observatio
         hand = [place for place, name in enumerate(observation.points) if name.startswith(parts)]
         begin = time[0] + SHORTEST_BETWEEN + rng.exponential(MEAN_BETWEEN)
         while begin < time[-1]:
-            # A gap that is shorter than a frame still hides the frame after it begins.
+            # A gap shorter than a frame hides the first frame after its begin.
             first = int(np.searchsorted(time, begin))
             end = max(begin + gap_seconds(1, rng)[0], time[first] + 1e-6)
             hidden[:, hand] |= ((time >= begin) & (time < end))[:, None]
@@ -51,14 +51,14 @@ def lose_hands(observation: Observation, rng: np.random.Generator) -> Observatio
 
 
 def with_finger(observation: Observation, position: np.ndarray, blinking: bool) -> Observation:
-    """The observation with a finger joint that blinks every `EVERY` frames, or that is never tracked.
+    """Return the observation with a finger joint whose mask changes every `EVERY` frames, or that is never tracked.
 
-    A finger that the observation has is tracked in no frame in which it was not, nor without its wrist.
+    If the observation already has this joint, frames in which it or its wrist is not tracked stay so.
 
     Args:
         observation: (T, P).
-        position: (T, 3) m, where the finger truly is.
-        blinking: whether it blinks.
+        position: (T, 3) m, true position of the finger joint.
+        blinking: whether the joint is tracked on and off; False: never tracked.
     """
     on = (np.arange(len(observation)) // EVERY % 2 == 1) & blinking
     if FINGER in observation.points:

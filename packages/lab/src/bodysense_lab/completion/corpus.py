@@ -1,4 +1,4 @@
-"""Recorded motion in the form that training reads: world rotations of the body's joints, frame after frame."""
+"""Recorded motion in the form that training reads: world rotations of the body's joints in consecutive frames."""
 
 from __future__ import annotations
 
@@ -27,17 +27,17 @@ _CLIP_FIELDS = ("rest_offset", "start", "length", "rate", "finger_start", "name"
 
 @dataclass(frozen=True, eq=False)
 class Corpus:
-    """Clips of one split, their frames one after the other, at their own rates."""
+    """Clips of one split at their own rates. The arrays have the frames of all clips, one after the other."""
 
     rotation: np.ndarray  # (N, 22, 4) float32 wxyz, world ← joint
     root: np.ndarray  # (N, 3) float32 m, the pelvis
-    visible: np.ndarray  # (N, 65) bool: what a headset's cameras see of the wearer's own body
+    visible: np.ndarray  # (N, 65) bool: points that a headset's cameras see
     fingers: np.ndarray  # (M, 30, 4) float32 wxyz, parent ← joint; frames of clips with fingers only
     rest_offset: np.ndarray  # (C, 65, 3) float32 m, the body of each clip
     start: np.ndarray  # (C,) first frame
     length: np.ndarray  # (C,) frames
     rate: np.ndarray  # (C,) Hz
-    finger_start: np.ndarray  # (C,) first row of `fingers`; -1 without
+    finger_start: np.ndarray  # (C,) first row of `fingers`; -1: no fingers
     name: np.ndarray  # (C,) str
     category: np.ndarray  # (C,) str
 
@@ -54,38 +54,38 @@ class Corpus:
         return np.flatnonzero(self.finger_start >= 0)
 
     def finger_clips(self, person: str) -> tuple[np.ndarray, np.ndarray]:
-        """Return clips with fingers of a person, and of all others."""
+        """Return indices of the clips with fingers of a person, and of all other people."""
         clips = self.with_fingers
         theirs = np.array([str(self.name[clip]).split("/")[0] == person for clip in clips], dtype=bool)
         return clips[theirs], clips[~theirs]
 
     @property
     def minutes(self) -> float:
-        """Length of the motion."""
+        """Duration of all clips, minutes."""
         return float((self.length / self.rate).sum() / 60)
 
 
 def read_corpus(data: Path, split: Split, limit: int | None = None) -> Corpus:
     """Read the clips of a split of `data`, a folder of motion or a store, or `limit` of them for a trial.
 
-    The result is kept in the user's cache until the data change. Raises BodysenseError where there is no motion.
+    The corpus is cached in the user's cache folder until the data change. Raises BodysenseError if there is no motion.
     """
     request = f"{data.resolve()} {split} {limit}"
-    kept = cache_folder() / f"corpus-{hashlib.sha256(request.encode()).hexdigest()[:16]}.npz"
+    cached = cache_folder() / f"corpus-{hashlib.sha256(request.encode()).hexdigest()[:16]}.npz"
     content = content_digest(data)
-    if kept.is_file():
-        with np.load(kept, allow_pickle=False) as saved:
+    if cached.is_file():
+        with np.load(cached, allow_pickle=False) as saved:
             if str(saved["content"]) == content:
                 return Corpus(**{name: saved[name] for name in saved.files if name != "content"})
     corpus = corpus_of(read_clips(data, split, limit))
-    make_folder(kept.parent)
-    with written_beside(kept) as beside, beside.open("wb") as file:
+    make_folder(cached.parent)
+    with written_beside(cached) as beside, beside.open("wb") as file:
         np.savez(file, content=content, **vars(corpus))
     return corpus
 
 
 def content_digest(data: Path) -> str:
-    """Return a digest that changes with the motion in a folder or a store, and with the form of a corpus."""
+    """Return a digest that changes with the motion in a folder or store and with the format of a corpus."""
     if is_store(data):
         seen = [(data / "zarr.json").read_text(encoding="utf-8")]
     else:
@@ -134,7 +134,7 @@ def corpus_of(clips: Iterable[Clip]) -> Corpus:
 
 
 def interpolate(a: np.ndarray, b: np.ndarray, share: np.ndarray) -> np.ndarray:
-    """Rotations (T, J, 4) that are `share` (T,) of the way from a to b: float64."""
+    """Interpolate rotations (T, J, 4) linearly from a to b by `share` (T,), in float64, and normalise them."""
     a, b = a.astype(float), b.astype(float)
     b *= np.where((a * b).sum(axis=-1, keepdims=True) < 0, -1.0, 1.0)
     mixed = a + share[:, None, None] * (b - a)

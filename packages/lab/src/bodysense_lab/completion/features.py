@@ -1,4 +1,4 @@
-"""The features of the completion network, of training sequences. The core computes them for a single frame."""
+"""Features of the completion network for training sequences. The compiled core computes them for single frames."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from bodysense_lab.completion.points import (
     partners,
 )
 
-# Per frame: what is read, of which points. Features that networks of earlier releases do not read come last, so that
-# their tables only lack columns.
+# Kind and points of each input. Inputs that networks of earlier releases lack come last, so that only the last columns
+# are missing in their weights.
 _INPUTS = {
     "position": ("vector", INPUT_POINTS),
     "has_position": ("number", INPUT_POINTS),
@@ -34,18 +34,18 @@ _INPUTS = {
     "acceleration": ("vector", ACCELERATION_POINTS),
     "has_acceleration": ("number", ACCELERATION_POINTS),
 }
-# Signs of the numbers of each kind in a mirror. Axes are rows x, y, z of two columns: a mirrored rotation changes the
-# sign of its x row and of its x column.
+# Signs of each kind of input in a mirror image. Axes are rows x, y, z of two columns: a mirrored rotation changes the
+# signs of its x row and of its x column.
 _MIRROR_SIGNS = {"number": (1.0,), "vector": (-1.0, 1.0, 1.0), "axes": (1.0, -1.0, -1.0, 1.0, -1.0, 1.0)}
 WIDTHS = {name: len(_MIRROR_SIGNS[kind]) * len(of) for name, (kind, of) in _INPUTS.items()}
-_MAX_VELOCITY, _MAX_SPIN = 5.0, 15.0  # m/s, and change of axes per second: larger values are clipped
-_MAX_ACCELERATION, _ACCELERATION_SCALE = 50.0, 0.1  # m/s², likewise; 10 m/s² is 1
-_USUAL_INTERVAL = 1 / 30  # s
+_MAX_VELOCITY, _MAX_SPIN = 5.0, 15.0  # m/s, and change of axes per second; larger values are clipped
+_MAX_ACCELERATION, _ACCELERATION_SCALE = 50.0, 0.1  # m/s², clipped likewise; 10 m/s² is 1
+_USUAL_INTERVAL = 1 / 30  # s; this interval is 1
 _BONE_SCALE, _CERTAINTY_SCALE = 20.0, 20.0  # 1/m: a deviation of 5 cm is 1
 
 
 class TrackedSignal(NamedTuple):
-    """Tracked points in T frames of B sequences, and the known proportions of wearers. Absent values are finite."""
+    """Tracked points in T frames of B sequences, and known proportions. Untracked points have any finite values."""
 
     position: Tensor  # (B, T, 27, 3) m, world
     rotation: Tensor  # (B, T, 22, 3, 3) world ← joint
@@ -53,11 +53,11 @@ class TrackedSignal(NamedTuple):
     has_rotation: Tensor  # (B, T, 22) bool
     accuracy: Tensor  # (B, T, 27) m
     interval: Tensor  # (B, T) s
-    turn: Tensor  # (B, T, 3, 3) row vectors of the world @ turn are those of the frame under the head
-    origin: Tensor  # (B, T, 3) m, of that frame
+    turn: Tensor  # (B, T, 3, 3) row vectors in the world @ turn = row vectors in the frame under the head
+    origin: Tensor  # (B, T, 3) m, world, of that frame
     before: Before
     rest_offset: Tensor  # (B, 25, 3) m, known or estimated
-    certainty: Tensor  # (B, 25) m, standard deviation of each of those lengths; 0 if known
+    certainty: Tensor  # (B, 25) m, standard deviation of each bone length; 0 if known
     size: Tensor  # (B,) the wearer's stature divided by the reference stature
     acceleration: Tensor  # (B, T, 12, 3) m/s², world, of `ACCELERATION_POINTS`
     has_acceleration: Tensor  # (B, T, 12) bool
@@ -73,12 +73,12 @@ class Before(NamedTuple):
 
 
 def features_of(signal: TrackedSignal, usual_bones: Tensor) -> Tensor:
-    """Features (B, T, F) of a signal, in the order of `WIDTHS`.
+    """Return features (B, T, F) of a signal, in the order of `WIDTHS`.
 
-    Vectors are in the frame under the head and at the reference stature, axes of joints row by row: x and y.
+    Vectors are in the frame under the head and at the reference stature. Rotations are x and y axes, row by row.
 
     Args:
-        signal: what is tracked.
+        signal: tracked points.
         usual_bones: (25, 3) m, rest offsets of the reference body.
     """
     into, turn, before = signal.turn, signal.turn.mT[:, :, None], signal.before
@@ -111,7 +111,7 @@ def features_of(signal: TrackedSignal, usual_bones: Tensor) -> Tensor:
 
 
 def mirror_indices() -> list[int]:
-    """(F,) where each feature's mirror image is read."""
+    """Return the index of the mirror image of each feature (F,)."""
     places = list[int]()
     for kind, of in _INPUTS.values():
         first, width = len(places), len(_MIRROR_SIGNS[kind])
@@ -120,5 +120,5 @@ def mirror_indices() -> list[int]:
 
 
 def mirror_signs() -> list[float]:
-    """(F,) by what it is multiplied."""
+    """Return the sign by which each mirrored feature is multiplied (F,)."""
     return [sign for kind, of in _INPUTS.values() for _ in of for sign in _MIRROR_SIGNS[kind]]

@@ -1,4 +1,4 @@
-"""Errors of fingers that are not tracked, of whole clips: a network's, and those of the hand last seen.
+"""Errors of untracked fingers in whole clips: of a network, and of the last known hand.
 
 Errors are distances in the frame of the wrist.
 """
@@ -23,20 +23,20 @@ from bodysense_lab.completion.sensor_draws import fixed_fingers
 from bodysense_lab.completion.sequences import CAMERA
 
 _SETS = ("nothing", "camera", "tips")
-_ROUNDS = 50  # of the mean hand's search
+_ROUNDS = 50  # iterations of `mean_hand`
 
 
 class FingerValidation(NamedTuple):
-    """A set of sensors: its sequences, and how much a baseline misses on them."""
+    """Sequences of a sensor set, and the mean error of a baseline on them."""
 
     batches: list[HandBatch]
     baseline: float  # m
 
 
 def finger_validation(corpus: Corpus, train: Corpus) -> dict[str, FingerValidation]:
-    """Return the clips of `hand_batches` by set of sensors, with a baseline.
+    """Return the batches of `hand_batches` and the error of a baseline, by sensor set.
 
-    The baseline is the last known hand, or the mean hand of `train` before the first.
+    The baseline is the last known hand, or the mean hand of `train` before a hand is first seen.
     """
     mean, result = mean_hand(train), dict[str, FingerValidation]()
     for name in _SETS:
@@ -47,16 +47,16 @@ def finger_validation(corpus: Corpus, train: Corpus) -> dict[str, FingerValidati
 
 
 def hand_batches(corpus: Corpus, sensors: str) -> list[HandBatch]:
-    """Return whole clips with fingers, on their own and on unseen hands, both known, as `fixed_fingers` tracks them."""
+    """Return whole clips with fingers, on their own and on unseen hands, both known, tracked by `fixed_fingers`."""
     bodies, fingers = ("own", "stranger"), partial(fixed_fingers, sensors)
     found = whole_clips(corpus, corpus.with_fingers.tolist(), bodies, sensors=CAMERA, fingers=fingers)
     return [batch.hands for batch in found if batch.hands is not None]
 
 
 def untracked_distances(rotations: Callable[[HandBatch], Tensor], batches: list[HandBatch]) -> Tensor:
-    """Return distances (N,), m, of the points `BENDING_POINTS` that are not tracked from true ones.
+    """Return distances (N,) m between estimated and true positions of untracked `BENDING_POINTS`.
 
-    `rotations` gives the rotations (B, T, 2, 15, 3, 3) of a batch; measured ones take their place.
+    `rotations` returns the estimated rotations (B, T, 2, 15, 3, 3) of a batch. Measured rotations replace them.
     """
     parts = list[Tensor]()
     for hands in batches:
@@ -67,14 +67,14 @@ def untracked_distances(rotations: Callable[[HandBatch], Tensor], batches: list[
 
 
 def predicted_fingers(network: FingerNetwork, hands: HandBatch) -> Tensor:
-    """Return rotations (B, T, 2, 15, 3, 3) that a network predicts for whole sequences."""
+    """Return the network's rotations (B, T, 2, 15, 3, 3) for whole sequences."""
     return network(hands.signal, network.begin(len(hands.valid)))[0]
 
 
 def mean_hand(corpus: Corpus) -> Tensor:
-    """The rotations (15, 3, 3) wrist ← joint of a left hand that miss the recorded ones least, right ones mirrored.
+    """Return the mean rotations (15, 3, 3), wrist ← joint, of the recorded hands as left hands.
 
-    The least sum of distances of matrices (Weiszfeld 1937), projected on rotations.
+    It is the geometric median of the matrices (Weiszfeld 1937), projected on rotations. Right hands are mirrored.
     """
     frames = np.concatenate(
         [np.arange(int(corpus.length[clip])) + corpus.finger_start[clip] for clip in corpus.with_fingers]
@@ -93,7 +93,7 @@ def mean_hand(corpus: Corpus) -> Tensor:
 
 
 def last_known_fingers(mean: Tensor, hands: HandBatch) -> Tensor:
-    """Return rotations (B, T, 2, 15, 3, 3) of the hand last seen; before the first, of the hand `mean` (15, 3, 3)."""
+    """Return rotations (B, T, 2, 15, 3, 3) of the last seen hand, or of `mean` (15, 3, 3) before a hand is seen."""
     mirror = torch.tensor([[1.0, -1, -1], [-1.0, 1, 1], [-1.0, 1, 1]])
     held = torch.stack([mean, mean * mirror])[None].expand(len(hands.valid), -1, -1, -1, -1)
     seen = hands.signal.has_position.all(dim=-1)[..., None, None, None]

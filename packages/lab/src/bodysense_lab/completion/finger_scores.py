@@ -1,8 +1,9 @@
-"""The table of `evaluate fingers`: untracked fingers of a person who was left out of training.
+"""Table of `evaluate fingers`: untracked fingers of a person who was left out of training.
 
-Hidden fingers are those that the headset's cameras do not see; their baseline is the last known hand or, before the
-first, the mean hand of the training people. Synthesised fingers belong to hands with a tracked wrist only; their
-baseline is that mean hand. Errors are root mean squares of distances in the frame of the wrist, of points that bend.
+Hidden fingers are those that the headset's cameras do not see. Their baseline is the last known hand or, before a hand
+is first seen, the mean hand of the training people. Synthesised fingers belong to hands of which only the wrist is
+tracked. Their baseline is that mean hand. Errors are root mean squares of distances in the frame of the wrist, of
+points that bend.
 """
 
 from __future__ import annotations
@@ -31,9 +32,9 @@ from bodysense_lab.table import Report
 
 
 def load_finger_network(checkpoint: Path) -> tuple[FingerNetwork, FingerTaskConfig]:
-    """The finger network of a run, with the weights that did best on validation clips, and what it learned.
+    """Return the finger network of a run, with the best weights on validation clips, and its task's settings.
 
-    Raises BodysenseError where there is no checkpoint, or one of another network.
+    Raises BodysenseError if there is no checkpoint, or if it is of another network.
     """
     task = checkpoint_identity(checkpoint)["network"]
     built = task.get("network", {})
@@ -48,12 +49,12 @@ def load_finger_network(checkpoint: Path) -> tuple[FingerNetwork, FingerTaskConf
     )
 
 
-SETS = {"camera": "occluded", "nothing": "synthesised"}
+SETS = {"camera": "occluded", "nothing": "synthesised"}  # names of sensor sets in keys of figures
 
 
 @dataclass(frozen=True)
 class FingerScore:
-    """One network on the person whom it does not know."""
+    """Score of a network on the person who was left out of its training."""
 
     network: str
     task: FingerTaskConfig
@@ -72,7 +73,7 @@ class FingerScore:
 def score_fingers(
     networks: Mapping[str, tuple[FingerNetwork, FingerTaskConfig]], scored: Corpus, train: Corpus
 ) -> list[FingerScore]:
-    """Score networks on the clips of the people whom they leave out; `train` is the train split."""
+    """Score each network on the clips of the person whom it left out. `train` is the train split, for baselines."""
     scores = []
     for name, (network, task) in networks.items():
         mean = mean_hand(train.select(train.finger_clips(task.left_out)[1]))
@@ -87,7 +88,7 @@ def score_fingers(
 
 
 def finger_report(scores: list[FingerScore], data_name: str) -> Report:
-    """A row a network and a kind of fingers; `data_name` says whose fingers."""
+    """Return a table with a row for each network and kind of fingers. `data_name` is part of the title."""
     rows = tuple(
         (
             *(one.network, one.task.left_out, f"{one.task.generated_hours:g}", SETS[one.sensors]),
@@ -97,7 +98,7 @@ def finger_report(scores: list[FingerScore], data_name: str) -> Report:
     )
     return Report(
         name="fingers",
-        title=f"Fingers of people of whom nothing was learned ({data_name})",
+        title=f"Fingers of people left out of training ({data_name})",
         columns=("network", "left out", "generated h", "fingers", "error", "baseline", "ratio"),
         rows=rows,
         numbers=finger_numbers(scores),
@@ -107,7 +108,7 @@ def finger_report(scores: list[FingerScore], data_name: str) -> Report:
 
 
 def finger_numbers(scores: list[FingerScore]) -> dict[str, float]:
-    """One flat object: ratios over all people who were left out, with and without generated fingers."""
+    """Return ratios and errors over all left-out people, with and without generated fingers, by flat keys."""
     numbers: dict[str, float] = {}
     for sensors, what in SETS.items():
         for generated, ending in ((True, ""), (False, "_recorded_only")):

@@ -1,6 +1,6 @@
-"""The finger network: fingers of both hands from any of their joints and tips that are tracked, and from the wrist.
+"""Finger network: predicts the fingers of both hands from the wrists and any tracked finger joints and tips.
 
-Each hand is read in its wrist's frame, the right one in a mirror, by one network for both.
+One network reads both hands, each in the frame of its wrist. Right hands are mirrored.
 """
 
 from __future__ import annotations
@@ -23,19 +23,19 @@ _JOINTS = HAND_JOINTS[0].tolist()
 _PARENTS = [_SKELETON.parents[point] for point in HAND_POINTS[0]]
 _PARENT_ROWS = [1 + _JOINTS.index(above) if above in _JOINTS else 0 for above in _PARENTS]  # among [wrist, joints]
 _PATH = torch.tensor(_SKELETON.path[np.ix_(HAND_POINTS[0], HAND_POINTS[0])], dtype=torch.float32)
-BENDING_POINTS = [point for point, above in enumerate(_PARENT_ROWS) if above]  # points that bend with the fingers
-# Factors of vectors of both hands: the right one in a mirror.
+BENDING_POINTS = [point for point, above in enumerate(_PARENT_ROWS) if above]  # points that move when the fingers bend
+# (2, 3) factors of vectors of the left and the right hand: right hands are mirrored.
 FLIP = torch.tensor([[1.0, 1, 1], [-1, 1, 1]])
-SMALLEST_ERROR = 0.001  # m
-ERROR_BIAS = -4.0  # of the expected error before it is made positive
-_BONE_SCALE, _RATE = 10.0, 30.0
-# Numbers of a hand in a frame: points, joints, bones, the wrist's place, axes and velocity, the interval.
+SMALLEST_ERROR = 0.001  # m; no expected error is smaller
+ERROR_BIAS = -4.0  # of the expected error, before softplus
+_BONE_SCALE, _RATE = 10.0, 30.0  # factors of bone deviations and of the interval in s
+# Inputs of a hand in a frame: points, joints, bones, the wrist's position, axes and velocity, the interval.
 FEATURES = 4 * FINGER_POINTS + 7 * FINGER_JOINTS + 3 * FINGER_POINTS + 12 + 1
 
 
 @dataclass(frozen=True)
 class FingerConfig:
-    """How the network is built."""
+    """Size of the network."""
 
     hidden: int = 160
     branch: int = 160
@@ -44,19 +44,19 @@ class FingerConfig:
 class FingerSignal(NamedTuple):
     """Tracked points of both hands, in T frames of B sequences; the hand axis is left, right."""
 
-    position: Tensor  # (B, T, 2, 20, 3) m, from the wrist, in its frame; absent ones 0
+    position: Tensor  # (B, T, 2, 20, 3) m, in the frame of the wrist; 0 if untracked
     has_position: Tensor  # (B, T, 2, 20) bool
     rotation: Tensor  # (B, T, 2, 15, 3, 3) wrist ← joint
     has_rotation: Tensor  # (B, T, 2, 15) bool
     rest_offset: Tensor  # (B, 2, 20, 3) m
-    wrist: Tensor  # (B, T, 2, 3) m, in the frame under the head, from the head
+    wrist: Tensor  # (B, T, 2, 3) m, in the frame under the head, relative to the head
     wrist_rotation: Tensor  # (B, T, 2, 3, 3) frame under the head ← wrist
     wrist_velocity: Tensor  # (B, T, 2, 3) m/s, in that frame
     interval: Tensor  # (B, T) s
 
 
 class FingerNetwork(nn.Module):
-    """One recurrent layer and one branch."""
+    """GRU with one layer, and a branch that predicts rotations and expected errors."""
 
     def __init__(self, config: FingerConfig) -> None:
         super().__init__()
@@ -73,21 +73,21 @@ class FingerNetwork(nn.Module):
         self.register_buffer("usual_bones", torch.tensor(usual, dtype=torch.float32), persistent=False)
         self.register_buffer("relaxed", relaxed_axes(), persistent=False)
 
-    usual_bones: Tensor  # (20, 3) of a left hand, by its size
-    relaxed: Tensor
+    usual_bones: Tensor  # (20, 3) rest offsets of a left hand, divided by its size
+    relaxed: Tensor  # (15, 3, 2) of `relaxed_axes`
 
     def relaxed_only(self) -> FingerNetwork:
-        """This network with a last layer of zeros, so that fingers rest where nothing tracks them."""
+        """Set the last layer to zero, so that untracked fingers are relaxed, and return the network."""
         for parameter in self.branch[-1].parameters():
             nn.init.zeros_(parameter)
         return self
 
     def begin(self, batch: int) -> Tensor:
-        """The memory (1, 2 · batch, hidden) before the first frame."""
+        """Return the memory (1, 2 · batch, hidden) before the first frame."""
         return self.relaxed.new_zeros(1, 2 * batch, self.config.hidden)
 
     def read(self, signal: FingerSignal) -> Tensor:
-        """Features (B, 2, T, F): those of the right hand in a mirror, both by the size of the hand."""
+        """Return features (B, 2, T, F), divided by the size of the hand. Those of the right hand are mirrored."""
         frames = signal.interval.shape
         flip = FLIP.to(signal.position)[:, None]  # of vectors (2, N, 3)
         turned = (FLIP[:, :, None] * FLIP[:, None, :2]).to(signal.position)[:, None]  # of axes (2, N, 3, 2)
@@ -110,7 +110,7 @@ class FingerNetwork(nn.Module):
         return torch.cat(rows, dim=-1).transpose(1, 2)
 
     def forward(self, signal: FingerSignal, memory: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """Rotations wrist ← joint (B, T, 2, 15, 3, 3), expected errors (B, T, 2, 20) m, and the memory after."""
+        """Return rotations wrist ← joint (B, T, 2, 15, 3, 3), expected errors (B, T, 2, 20) m, and the new memory."""
         features = self.read(signal)
         batch = features.shape[0]
         hidden, memory = self.recurrent(features.flatten(0, 1), memory)
@@ -124,19 +124,19 @@ class FingerNetwork(nn.Module):
 
 
 def relaxed_axes() -> Tensor:
-    """(15, 3, 2): x and y axes of the joints of a relaxed left hand, as columns."""
+    """Return x and y axes (15, 3, 2) of the joints of a relaxed left hand, as columns."""
     world = quaternion_to_matrix(forward_kinematics(standing_pose(_SKELETON))[1])
     relaxed = world[_SKELETON.index("left_wrist")].T @ world[HAND_JOINTS[0]]
     return torch.tensor(relaxed[..., :2], dtype=torch.float32)
 
 
 def with_measured(rotation: Tensor, signal: FingerSignal) -> Tensor:
-    """Rotations (B, T, 2, 15, 3, 3), measured ones in their place."""
+    """Replace rotations (B, T, 2, 15, 3, 3) by measured ones if there are any."""
     return torch.where(signal.has_rotation[..., None, None], signal.rotation, rotation)
 
 
 def finger_positions(rotation: Tensor, rest_offset: Tensor) -> Tensor:
-    """Positions (B, T, 2, 20, 3) m from the wrist, in its frame.
+    """Return positions (B, T, 2, 20, 3) m in the frame of the wrist.
 
     Args:
         rotation: (B, T, 2, 15, 3, 3) wrist ← joint.

@@ -1,8 +1,8 @@
-"""Fingers that no one recorded: gestures, pinches, counts, hands that act on each other, at speeds of real ones.
+"""Synthetic finger motion: gestures, pinches, counting and hands that touch each other, at realistic speeds.
 
-`lab.synthesis.hands` moves single hands, `lab.synthesis.pairs` both together: handshapes within the limits of joints,
-synergies between fingers, tips on palm, thumb and the other hand. Every piece has a generator of its own, so that the
-first hour is the same however many follow.
+`lab.synthesis.hands` moves single hands, and `lab.synthesis.pairs` both hands together. Handshapes respect joint limits
+and synergies between fingers; tips touch the palm, the thumb and the other hand. Each piece is seeded by its number, so
+the first hour is the same for any total duration.
 """
 
 from __future__ import annotations
@@ -22,15 +22,15 @@ from bodysense_lab.synthesis.hands import synthesize_hand
 from bodysense_lab.synthesis.pairs import synthesize_pair
 
 FORMAT = "bodysense-fingers-1"
-_PIECE = 30.0  # s
-_PAIRS = 0.3  # share of pieces in which hands act on each other
+_PIECE = 30.0  # s of one seeded piece
+_PAIRS = 0.3  # share of pieces in which both hands interact
 _SIDES: tuple[Side, Side] = ("left", "right")
 
 
 def generate_fingers(hours: float, seed: int = 1) -> np.ndarray:
-    """Local rotations (N, 30, 4) float16 of the fingers of both hands at `RATE`, as a corpus has recorded ones.
+    """Return local rotations (N, 30, 4) float16 of the fingers of both hands at `RATE`, in the order of a corpus.
 
-    Raises BodysenseError for no time at all.
+    Raises BodysenseError if `hours` is not between 0 and 1000.
     """
     if not 0 < hours < 1000:
         raise BodysenseError(f"--hours {hours:g}: give more than 0 and less than 1000 hours")
@@ -60,7 +60,7 @@ def write_fingers(path: Path, fingers: np.ndarray) -> None:
 
 
 def read_fingers(path: Path) -> np.ndarray:
-    """Read the file that `write_fingers` wrote. Raises BodysenseError for every other file."""
+    """Read a file of `write_fingers`. Raises BodysenseError for any other file."""
     try:
         with np.load(path, allow_pickle=False) as saved:
             if str(saved["format"]) == FORMAT:
