@@ -1,4 +1,4 @@
-"""Results by clip, kept in a folder: an evaluation that was interrupted goes on, and new clips are scored alone."""
+"""Results of single clips in a folder, so that an evaluation can resume, and only new clips are scored."""
 
 from __future__ import annotations
 
@@ -20,29 +20,29 @@ from bodysense_lab.completion.sight_scores import CellScores
 from bodysense_lab.completion.tables import CompletionSettings, CompletionTable, WorstFrame
 
 FORMAT = "bodysense-completion-clips-2"
-_MEANS = ("cells", "truths", "baselines", "people")  # fields of a table whose means are kept
+_MEANS = ("cells", "truths", "baselines", "people")  # fields of a table with means
 
 
 @dataclass(frozen=True)
 class ClipResults:
-    """A folder with one file for each clip and truth: a table of that clip alone, without lattice and times."""
+    """Folder with a file for each clip and body: the table of that clip alone, without lattice and times."""
 
     folder: Path
-    resumed: bool = False  # whether an earlier run began it, so that this run's time is not that of all clips
+    resumed: bool = False  # an earlier run wrote results, so this run does not time all clips
 
     @classmethod
     def open(cls, folder: Path, settings: CompletionSettings, network: str) -> ClipResults:
-        """Make the folder, or go on with it.
+        """Make the folder, or open an existing one.
 
-        Raises BodysenseError if it holds results of other settings or of another network.
+        Raises BodysenseError if it has results of other settings or of another network.
         """
-        meant = {"format": FORMAT, "split": settings.split, "sets": list(settings.sets)}
-        meant |= {"bodies": list(settings.bodies), "network": network, "takes": settings.takes}
+        wanted = {"format": FORMAT, "split": settings.split, "sets": list(settings.sets)}
+        wanted |= {"bodies": list(settings.bodies), "network": network, "takes": settings.takes}
         path = folder / "settings.json"
         resumed = path.is_file()
         if resumed:
             found = json.loads(path.read_text(encoding="utf-8"))
-            for name, value in meant.items():
+            for name, value in wanted.items():
                 if found.get(name) != value:
                     raise BodysenseError(
                         f"--keep {folder}: its clips were scored with {name} {found.get(name)!r}, not {value!r}; "
@@ -51,11 +51,11 @@ class ClipResults:
         else:
             folder.mkdir(parents=True, exist_ok=True)
             with written_beside(path) as beside:
-                beside.write_text(json.dumps(meant, indent=1), encoding="utf-8")
+                beside.write_text(json.dumps(wanted, indent=1), encoding="utf-8")
         return cls(folder, resumed)
 
     def load(self, clip: Clip, truth: Truth, settings: CompletionSettings) -> CompletionTable | None:
-        """The table of a clip; None if it is not kept."""
+        """Read the table of a clip; None if there is none."""
         path = self._path(clip, truth)
         if not path.is_file():
             return None
@@ -73,11 +73,11 @@ class ClipResults:
 
 
 def _arrays(table: CompletionTable) -> dict[str, np.ndarray]:
-    """A table of one clip as arrays: means as one text, histograms and curves as KIND/KEY/NAME."""
+    """Return a table of one clip as arrays: means as JSON in `rows`, histograms and curves as KIND/KEY/NAME."""
     rows: dict[str, Any] = {"worst": [asdict(one) for one in table.worst]}
     for field in _MEANS:
         rows[field] = [[*key, _row(one)] for key, one in getattr(table, field).items()]
-    rows["sights"] = [[*key, {}] for key in table.cells]  # of earlier versions, which kept them apart
+    rows["sights"] = [[*key, {}] for key in table.cells]  # earlier versions stored these means apart
     arrays = {
         "/".join((kind, *key, name)): values
         for field in ("calibrations", "cells")

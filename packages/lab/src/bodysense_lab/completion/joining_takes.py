@@ -1,4 +1,4 @@
-"""Training data of the joining network: both answers of recorded takes that drawn sensors watch, and the truth."""
+"""Training data of the joining network: forward and backward estimates of simulated takes, and the truth."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from bodysense_lab.completion.sensor_draws import spans
 from bodysense_lab.completion.straight_legs import straightened_pose
 from bodysense_lab.scoring import RATE
 
-# Kinds of takes and how often each is drawn: sets of sensors, sets of the lattice, and motions with missing limbs.
+# Shares of the kinds of takes: sensor sets, sets of the lattice, and motions with missing limbs.
 KINDS = {
     "three_point": 0.28,
     "head": 0.12,
@@ -44,30 +44,34 @@ KINDS = {
     "holes": 0.07,
 }
 LONGEST, SHORTEST = 900, 30  # frames of a take
-_STRAIGHT = 0.3  # share of takes in training whose standing legs are straightened, by 0.3 to 1
-_LOST = 0.35  # share of takes with hands in which these are lost now and then, by the measured law
-_UNSEEN_BODIES = 256  # bodies of the family on which every other take is
-_GAPS, _LONGEST_GAP, _IN_HOLES = 6.0, 8.0, 0.4  # gaps a minute of a limb, s, and share of limbs that have some
+_STRAIGHT = 0.3  # share of training takes whose standing legs are straightened, by 0.3 to 1
+_LOST = 0.35  # share of takes with hands in which hands are lost at times (`blinks.lose_hands`)
+_UNSEEN_BODIES = 256  # bodies of the shape space for every other take
+_GAPS, _LONGEST_GAP, _IN_HOLES = (
+    6.0,
+    8.0,
+    0.4,
+)  # gaps per minute of a limb, longest gap in s, and share of limbs with gaps
 _ARM = ("shoulder", "elbow", "wrist")
 
 
 @dataclass(frozen=True, eq=False)
 class JoinedTake:
-    """Both answers of a take at `RATE`, and the truth; joints are those of `BODY`."""
+    """Forward and backward estimates of a take at `RATE`, and the truth; joints are those of `BODY`."""
 
     features: np.ndarray  # (T, F) float16
-    past: np.ndarray  # (T, 22, 4) float16 wxyz, local rotations
-    future: np.ndarray  # (T, 22, 4) float16
-    share: np.ndarray  # (T,) float32
-    world: np.ndarray  # (T, 22, 4) float16: where `turned`, the rotation in the world
-    turned: np.ndarray  # (T, 22) bool
+    past: np.ndarray  # (T, 22, 4) float16 wxyz, local rotations of the forward estimate
+    future: np.ndarray  # (T, 22, 4) float16 wxyz, local rotations of the backward estimate
+    share: np.ndarray  # (T,) float32, weight of the backward estimate in the plain mean
+    world: np.ndarray  # (T, 22, 4) float16 wxyz, world rotations; valid if `turned`
+    turned: np.ndarray  # (T, 22) bool: the rotation is tracked
     head: np.ndarray  # (T, 3) float32 m, of the joined body
     truth: np.ndarray  # (T, 22, 4) float16, local rotations
     true_head: np.ndarray  # (T, 3) float32 m
     rest_offset: np.ndarray  # (22, 3) float32 m
-    hidden: np.ndarray  # (T, 22) bool: points whose place is not tracked
-    expected: np.ndarray  # (T, 22) float16: logarithm of the mean of both expected errors in m
-    spread: np.ndarray  # (T, 22) float16: logarithm of the bound of nine in ten errors, less that
+    hidden: np.ndarray  # (T, 22) bool: points whose position is not tracked
+    expected: np.ndarray  # (T, 22) float16: logarithm of the mean of both expected errors, m
+    spread: np.ndarray  # (T, 22) float16: logarithm of the 90 % bound, minus `expected`
 
     def __len__(self) -> int:
         return len(self.share)
@@ -84,7 +88,7 @@ class JoinedTake:
 
 
 def draw_takes(clips: Sequence[Clip], split: Split, rng: np.random.Generator) -> Iterator[JoinedTake]:
-    """Yield takes of the clips in random order, again and again, completed by the packaged networks."""
+    """Yield takes of the clips in random order, without end, completed by the packaged networks."""
     bodies = sample_bodies(body_split(split), _UNSEEN_BODIES)
     while True:
         for place in rng.permutation(len(clips)):
@@ -103,7 +107,7 @@ def draw_takes(clips: Sequence[Clip], split: Split, rng: np.random.Generator) ->
 
 
 def draw_observation(scene: TrackedScene, rng: np.random.Generator) -> Observation:
-    """Return what sensors of a drawn kind see of a scene."""
+    """Return the observation of a scene by sensors of a random kind of `KINDS`."""
     kind = str(rng.choice(list(KINDS), p=list(KINDS.values())))
     if kind == "lattice":
         edges = _edges()
@@ -120,7 +124,7 @@ def _edges() -> tuple[Edge, ...]:
 
 
 def _with_holes(scene: TrackedScene, rng: np.random.Generator) -> Observation:
-    """A motion of which limbs are missing for a while: an arm, a leg, both legs."""
+    """Return the observation of all joints with gaps of whole limbs: an arm, a leg or both legs."""
     seen = scene.observe(SensorSet((*BODY, "left_toe", "right_toe"), BODY))
     limbs = [[f"{side}_{part}" for part in parts] for side in ("left", "right") for parts in (_ARM, LEG)]
     hidden = np.zeros(seen.has_position.shape, dtype=bool)
@@ -133,7 +137,7 @@ def _with_holes(scene: TrackedScene, rng: np.random.Generator) -> Observation:
 
 
 def complete_take(scene: TrackedScene, seen: Observation) -> JoinedTake:
-    """Return both answers of a scene of a known body, and the truth."""
+    """Complete a scene of a known body forward and backward in time, and add the truth."""
     tracker = TwoWayTracker(Person(scene.skeleton), None, TrackerSettings())
     seen = bridged(seen, 1 / RATE)
     forward, _ = tracker.tracker.step(seen, tracker.tracker.start())
@@ -171,9 +175,10 @@ def cached_takes(
     frames: int,
     source: str = "",
 ) -> list[JoinedTake]:
-    """Return takes of `frames` frames in all, from a folder, in which new ones are kept.
+    """Return takes with `frames` frames in total, from a folder if it has them, else from `draw`.
 
-    Takes of another number of frames or of another `source`, and those of a run that was ended, are drawn anew.
+    New takes are written to the folder. Takes in it are drawn again if `frames` or `source` differ, or if the run that
+    wrote them did not finish.
     """
     folder.mkdir(parents=True, exist_ok=True)
     is_whole, request = folder / "whole", f"{frames} frames of {source}"

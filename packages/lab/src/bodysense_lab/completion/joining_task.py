@@ -1,6 +1,6 @@
-"""Training of the joining network: the network in PyTorch, its losses, validation takes, true errors, and its file.
+"""Training of the joining network in PyTorch: network, losses, validation, calibration of expected errors, file.
 
-The network is `bodysense.completion.joining_network`'s; features are computed there.
+The network and its features are defined in `bodysense.completion.joining_network`.
 """
 
 from __future__ import annotations
@@ -59,27 +59,27 @@ class JoiningConfig:
 
 @dataclass(frozen=True)
 class JoiningLosses:
-    """Weights of the terms, each a mean over frames and joints of `BODY`."""
+    """Weights of the terms of the loss, each a mean over frames and joints of `BODY`."""
 
-    position: float = 1.0  # per metre, from the head
+    position: float = 1.0  # per metre, of positions relative to the head
     rotation: float = 0.15  # per radian, of local rotations
     velocity: float = 0.045  # per m/s, difference of velocities in the world
-    haste: float = 3.0  # per m/s by which a joint is faster than the true one, beyond `SLACK`
-    certainty: float = 0.02  # error by its expectation, and the logarithm of that, of points that are not tracked
+    haste: float = 3.0  # per m/s that a joint is faster than the true one, beyond `SLACK`
+    certainty: float = 0.02  # error / expected + log(expected), of points that are not tracked
 
 
 @dataclass(frozen=True)
 class JoiningTaskConfig:
-    """Batches and losses."""
+    """Settings of batches and losses."""
 
     network: JoiningConfig
-    takes: int = 24  # of a batch
-    frames: int = 160  # of each
+    takes: int = 24  # takes in a batch
+    frames: int = 160  # frames of each take
     losses: JoiningLosses = field(default_factory=JoiningLosses)
 
 
 class JoiningModule(nn.Module):
-    """The network, in training."""
+    """The joining network in PyTorch."""
 
     def __init__(self, config: JoiningConfig) -> None:
         super().__init__()
@@ -93,13 +93,13 @@ class JoiningModule(nn.Module):
         self.outward = nn.Linear(width, OUTPUTS)
         self.error_offset: Tensor
         self.bound_offset: Tensor
-        nn.init.zeros_(self.outward.weight)  # a plain mean at first
+        nn.init.zeros_(self.outward.weight)  # begin with the plain mean of both estimates
         nn.init.zeros_(self.outward.bias)
-        for name in ("error_offset", "bound_offset"):  # logarithms, of validation takes
+        for name in ("error_offset", "bound_offset"):  # logarithms of factors that `calibrate_errors` sets
             self.register_buffer(name, torch.zeros(JOINTS))
 
     def forward(self, features: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """Return turns (B, T, 22, 3) rad, log odds and larger errors (B, T, 22) for features (B, T, F)."""
+        """Return turns (B, T, 22, 3) rad, log odds and log factors of errors (B, T, 22) for features (B, T, F)."""
         hidden = self.inward(features)
         for convolution, mix in zip(self.convolutions, self.mixing, strict=True):
             hidden = hidden + mix(self.dropout(silu(convolution(hidden.transpose(1, 2)).transpose(1, 2))))
@@ -109,7 +109,7 @@ class JoiningModule(nn.Module):
 
 
 def joined_rotation(batch: dict[str, Tensor], turn: Tensor, odds: Tensor) -> Tensor:
-    """Return local rotations (B, T, 22, 4) before tracked ones are put back."""
+    """Return joined local rotations (B, T, 22, 4), in which tracked rotations are not yet restored."""
     share = batch["share"].clamp(1e-3, 1 - 1e-3)[..., None]
     share = torch.sigmoid(torch.logit(share) + odds)[..., None]
     past, future = batch["past"], batch["future"]
@@ -121,9 +121,13 @@ def joined_rotation(batch: dict[str, Tensor], turn: Tensor, odds: Tensor) -> Ten
 def head_relative_kinematics(
     rotation: Tensor, rest_offset: Tensor, world: Tensor | None = None, turned: Tensor | None = None
 ) -> tuple[Tensor, Tensor]:
-    """Return positions (..., 22, 3) m from the head, and local rotations (..., 22, 4).
+    """Return positions (..., 22, 3) m relative to the head, and local rotations (..., 22, 4).
 
-    Joints that are `turned` (..., 22) keep their rotation in the `world` (..., 22, 4).
+    Args:
+        rotation: (..., 22, 4) wxyz, local rotations.
+        rest_offset: (..., 22, 3) m.
+        world: (..., 22, 4) wxyz, world rotations of joints with a true `turned`.
+        turned: (..., 22) bool: joints whose world rotation is given.
     """
     places, turns, local = list[Tensor](), list[Tensor](), list[Tensor]()
     for joint, parent in enumerate(_PARENTS):
@@ -142,7 +146,7 @@ def head_relative_kinematics(
 
 @dataclass(eq=False)
 class JoiningTask(Task):
-    """Losses and validation."""
+    """Training task of the joining network."""
 
     network: JoiningModule
     configuration: JoiningTaskConfig
@@ -152,7 +156,7 @@ class JoiningTask(Task):
     source: Any = None
 
     def batches(self, rng: np.random.Generator, done: int = 0) -> Iterator[dict[str, Tensor]]:
-        """Cut frames from random takes, longer ones more often."""
+        """Yield batches of random parts of takes; longer takes are drawn more often."""
         size = self.configuration.frames
         weight = np.array([min(len(take), 3 * size) for take in self.training_takes], dtype=float)
         weight /= weight.sum()
@@ -164,7 +168,7 @@ class JoiningTask(Task):
             yield _batch(pieces, size)
 
     def loss(self, batch: dict[str, Tensor], memory: Any) -> tuple[dict[str, Tensor], Any]:
-        """Return the weighted terms."""
+        """Return the weighted terms and their sum, 'loss'. There is no memory."""
         del memory
         error = _errors(self.network, batch)
         weights = asdict(self.configuration.losses)
@@ -173,7 +177,7 @@ class JoiningTask(Task):
 
     @torch.no_grad()
     def validate(self, network: JoiningModule) -> dict[str, float]:
-        """Return the loss, errors in cm and degrees, and jumps a minute of validation takes."""
+        """Return the score, errors in cm and degrees, and jumps per minute, of validation takes."""
         sums, frames = dict[str, float](), 0
         for take in self.validation_takes:
             error = _errors(network, _batch([(take, 0)], len(take)))
@@ -181,7 +185,7 @@ class JoiningTask(Task):
             for name, value in error.items():
                 sums[name] = sums.get(name, 0.0) + float(value) * len(take)
         mean = {name: value / frames for name, value in sums.items()}
-        weights = asdict(self.configuration.losses) | {"certainty": 0.0}  # errors that are true, not small
+        weights = asdict(self.configuration.losses) | {"certainty": 0.0}  # the score has errors, not expected errors
         score = sum(weight * mean[name] for name, weight in weights.items())
         return {
             "score": 100 * score,
@@ -200,12 +204,12 @@ def _batch(pieces: list[tuple[JoinedTake, int]], frames: int) -> dict[str, Tenso
 
 @dataclass(frozen=True, eq=False)
 class _JoinedBodies:
-    """Joined bodies of a batch, from their heads."""
+    """Joined bodies of a batch; positions are relative to the head."""
 
     position: Tensor  # (B, T, 22, 3) m
     local: Tensor  # (B, T, 22, 4)
     truth: Tensor  # (B, T, 22, 3) m
-    expected: Tensor  # (B, T, 22) logarithm of expected errors in m
+    expected: Tensor  # (B, T, 22) logarithm of expected errors, m
 
 
 def _joined_bodies(network: JoiningModule, batch: dict[str, Tensor]) -> _JoinedBodies:
@@ -218,7 +222,7 @@ def _joined_bodies(network: JoiningModule, batch: dict[str, Tensor]) -> _JoinedB
 
 
 def _errors(network: JoiningModule, batch: dict[str, Tensor]) -> dict[str, Tensor]:
-    """The terms of the loss without their weights, and the share of frames in which a joint jumps."""
+    """Return the terms of the loss without weights, and the share of frames in which a joint jumps."""
     bodies = _joined_bodies(network, batch)
     valid, hidden = batch["valid"].float(), batch["hidden"].float() * batch["valid"][..., None]
     count, moving = valid.sum(), valid[:, 1:]
@@ -240,7 +244,10 @@ def _errors(network: JoiningModule, batch: dict[str, Tensor]) -> dict[str, Tenso
 
 @torch.no_grad()
 def calibrate_errors(network: JoiningModule, takes: Sequence[JoinedTake]) -> None:
-    """Set the network's offsets, equal for left and right, so that expected errors of takes are their mean errors."""
+    """Set the network's offsets so that expected errors equal mean errors on takes, and bounds cover 90 %.
+
+    Left and right joints have the same offsets.
+    """
     parts = [(_joined_bodies(network, _batch([(take, 0)], len(take))), take) for take in takes]
     error = torch.cat([length(bodies.position - bodies.truth)[0] for bodies, _ in parts]).numpy()
     logarithm = torch.cat([bodies.expected[0] for bodies, _ in parts]).numpy()
@@ -258,9 +265,9 @@ def calibrate_errors(network: JoiningModule, takes: Sequence[JoinedTake]) -> Non
 
 
 def train_joining(options: JoiningTraining, fabric: Fabric) -> JoiningModule:
-    """Train, or resume, and return the network with the weights that did best on validation takes."""
+    """Train or resume, and return the network with the best weights on validation takes."""
     begin(options.schedule.seed, options.threads)
-    with fabric.rank_zero_first():  # the others find the takes in the folder of the run
+    with fabric.rank_zero_first():  # other processes find the takes in the folder of the run
         training_takes = _takes(options, "train", options.frames, options.schedule.seed)
         validation_takes = _takes(options, "val", min(options.frames, _VALIDATION_FRAMES), _VALIDATION_SEED)
     config = JoiningTaskConfig(JoiningConfig(training_takes[0].features.shape[1]))
@@ -289,7 +296,7 @@ def _takes(options: JoiningTraining, split: Split, frames: int, seed: int) -> li
 
 
 def write_joining(network: JoiningModule, path: Path, card: dict[str, Any]) -> None:
-    """Write a network's file, in half precision; `card` is what it says besides its form."""
+    """Write the network's file in half precision. `card` has further fields of the metadata."""
     weights = sum(values.numel() for values in network.parameters())
     card = {"network": asdict(network.config), "weights": weights, "rate": RATE} | card
     tensors = {name: values.detach().numpy().astype(np.float16) for name, values in network.state_dict().items()}

@@ -1,4 +1,4 @@
-"""The lattice of sensor sets: sets, and the same with one more sensor."""
+"""Lattice of sensor sets: pairs of a set and the same set with one more sensor."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ KINDS: tuple[Kind, ...] = ("position and rotation", "position", "rotation")
 
 
 def with_sensor(sensors: SensorSet, name: str, kind: Kind) -> SensorSet:
-    """Return a set with one more sensor."""
+    """Return the set with one more sensor, of a point and a kind."""
     return SensorSet(
         sensors.position if kind == "rotation" else (*sensors.position, name),
         sensors.rotation if kind == "position" else (*sensors.rotation, name),
@@ -34,14 +34,14 @@ class Edge:
 
 # Parts with sensors in the lattice, in addition to the head; left and right are separate sensors.
 LATTICE_PARTS = ("pelvis", "spine3", "knee", "elbow", "ankle", "hip", "shoulder")
-_WRISTS_SHARE, _BOTH_SIDES_SHARE, _MOST = 0.85, 0.8, 0.7
-_KIND_SHARES = (0.5, 0.25, 0.25)
+_WRISTS_SHARE, _BOTH_SIDES_SHARE, _MOST = 0.85, 0.8, 0.7  # shares: sets with wrists, pairs; highest share of parts
+_KIND_SHARES = (0.5, 0.25, 0.25)  # of `KINDS`
 
 
 def random_edges(count: int = 200, rng: np.random.Generator | None = None) -> tuple[Edge, ...]:
-    """Draw edges of the lattice: the head with its pose, mostly both wrists, any other parts, each of any kind.
+    """Draw edges of the lattice: the head's pose, mostly both wrists, and any other parts with any kind of sensor.
 
-    `rng` None always draws the same edges.
+    Without `rng`, the same edges are drawn each time.
     """
     rng = rng or np.random.default_rng(2026)
     edges: list[Edge] = []

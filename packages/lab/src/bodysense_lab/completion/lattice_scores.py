@@ -1,4 +1,4 @@
-"""The lattice of sensor sets, scored: whether one sensor more ever makes the body worse."""
+"""Scores of the lattice of sensor sets: does one sensor more ever make the body worse?"""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ CLIPS, FRAMES = 24, 300  # scenes of unseen bodies, and frames of each (10 s), t
 
 @dataclass(frozen=True)
 class EdgeScore:
-    """The errors at the two ends of an edge: MPJPE from the head, 22 joints, mean over clips, cm."""
+    """Errors of both sets of an edge: MPJPE of 22 joints relative to the head, mean over clips, cm."""
 
     edge: Edge
     fewer: float
@@ -27,7 +27,7 @@ class EdgeScore:
 
     @property
     def violates(self) -> bool:
-        """Whether the sensor makes the mean worse by more than `TOLERANCE`."""
+        """Whether the added sensor raises the error by more than `TOLERANCE`."""
         return self.more > (1 + TOLERANCE) * self.fewer
 
 
@@ -37,7 +37,7 @@ def score_lattice(edges: Sequence[Edge], scenes: Sequence[TrackedScene], track: 
 
     @cache
     def error_of(sensors: SensorSet) -> float:
-        """MPJPE from the head, cm, mean over the scenes."""
+        """Return the MPJPE relative to the head, cm, mean over the scenes."""
         tracked = track(people, [scene.observe(sensors) for scene in scenes])
         errors = [scene.error_from_head(one.position).mean() for scene, one in zip(scenes, tracked, strict=True)]
         return float(np.mean(errors))
@@ -46,7 +46,10 @@ def score_lattice(edges: Sequence[Edge], scenes: Sequence[TrackedScene], track: 
 
 
 def choose_scenes(scenes: Sequence[TrackedScene]) -> list[TrackedScene]:
-    """The beginnings of some main scenes, spread evenly over all that last long enough, or over all if none does."""
+    """Return the first `FRAMES` frames of up to `CLIPS` main scenes, spread evenly over all that are long enough.
+
+    If none is long enough, shorter scenes are used.
+    """
     main = [scene for scene in scenes if scene.group == "main"] or list(scenes)
     long = [scene for scene in main if len(scene) >= FRAMES] or main
     places = np.linspace(0, len(long) - 1, min(CLIPS, len(long))).round().astype(int)

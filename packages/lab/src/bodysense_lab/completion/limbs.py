@@ -1,4 +1,4 @@
-"""Limbs of two bones: where they begin, how they turn to reach a place, and the pose of turns in the world."""
+"""Inverse kinematics of limbs of two bones, and poses from world rotations."""
 
 from __future__ import annotations
 
@@ -14,23 +14,23 @@ from bodysense.body.skeleton import BODY, default_skeleton
 
 @dataclass(frozen=True)
 class BonePair:
-    """Two bones, and the hinge between them."""
+    """Two bones and the hinge between them."""
 
     first: int  # the joint that carries the upper bone
-    second: int
-    end: int
-    upper: np.ndarray  # (3,) m, from the first to the second at rest
-    lower: np.ndarray  # (3,) m
-    hinge: np.ndarray  # (3,) about which the lower bone bends
+    second: int  # the joint that carries the lower bone
+    end: int  # the joint at the end of the lower bone
+    upper: np.ndarray  # (3,) m, from the first to the second joint in the rest pose
+    lower: np.ndarray  # (3,) m, from the second to the end joint in the rest pose
+    hinge: np.ndarray  # (3,) axis about which the lower bone bends
 
     @property
     def front(self) -> np.ndarray:
-        """(3,) toward where the middle joint goes when the limb bends, at rest."""
+        """Direction (3,) in which the middle joint moves when the limb bends, in the rest pose."""
         return np.cross(self.upper, self.hinge) / np.linalg.norm(self.upper)
 
 
 def limb_of(kind: str, side: str, offset: np.ndarray) -> BonePair:
-    """A leg or an arm of a body with offsets (65, 3)."""
+    """Return a leg or an arm of a body with rest offsets (65, 3) m."""
     names = ("hip", "knee", "ankle") if kind == "leg" else ("shoulder", "elbow", "wrist")
     first, second, end = (BODY.index(f"{side}_{name}") for name in names)
     upper, lower = offset[default_skeleton().indices([BODY[second], BODY[end]])]
@@ -40,7 +40,10 @@ def limb_of(kind: str, side: str, offset: np.ndarray) -> BonePair:
 
 
 def bend_limb(limb: BonePair, start: np.ndarray, end: np.ndarray, pole: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Turns (T, 3, 3) of both bones of a limb from `start` to `end` (T, 3), the middle joint toward the `pole`."""
+    """Return rotations (T, 3, 3) of both bones of a limb from `start` to `end` (T, 3) m.
+
+    The middle joint is on the side of the direction `pole` (T, 3).
+    """
     upper, lower = float(np.linalg.norm(limb.upper)), float(np.linalg.norm(limb.lower))
     way = end - start
     length = np.linalg.norm(way, axis=-1, keepdims=True)
@@ -57,7 +60,7 @@ def bend_limb(limb: BonePair, start: np.ndarray, end: np.ndarray, pole: np.ndarr
 
 
 def _turning(bone: np.ndarray, hinge: np.ndarray, direction: np.ndarray, axis: np.ndarray) -> np.ndarray:
-    """Turns (T, 3, 3) that take a bone and its hinge at rest to a direction and an axis at right angles to it."""
+    """Return rotations (T, 3, 3) that turn a bone and its hinge in the rest pose to a direction and a normal axis."""
     bone = bone / np.linalg.norm(bone)
     hinge = hinge - (hinge @ bone) * bone
     hinge = hinge / np.linalg.norm(hinge)
@@ -66,15 +69,16 @@ def _turning(bone: np.ndarray, hinge: np.ndarray, direction: np.ndarray, axis: n
 
 
 def hips_of(pelvis: np.ndarray, offset: np.ndarray) -> np.ndarray:
-    """(T, 2, 3) m: both hips from the pelvis, whose turn (T, 3, 3) is given."""
+    """Return both hips (T, 2, 3) m relative to the pelvis, for its rotations `pelvis` (T, 3, 3)."""
     places = default_skeleton().indices(["left_hip", "right_hip"])
     return np.einsum("tij,kj->tki", pelvis, offset[places])
 
 
 def with_changed_body(pose: Pose, change: Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]) -> Pose:
-    """Return the pose (T,) with changed world rotations (T, 22, 4) of `BODY` and another path (T, 3) m of its root.
+    """Return the pose (T,) with other world rotations of the body and another path of its root.
 
-    `change` gives both for those of the pose. Fingers keep their local rotations.
+    `change` maps world rotations (T, 22, 4) of `BODY` and the root's path (T, 3) m to new ones. Local rotations of
+    fingers are unchanged.
     """
     joints = len(BODY)
     world, root = change(np.asarray(forward_kinematics(pose)[1])[:, :joints], np.asarray(pose.root_position))

@@ -1,7 +1,7 @@
-"""The measures of one tracked clip (docs: metrics): errors, motion, feet and jumps, as running scores over frames.
+"""Measures of one tracked clip as running scores over frames: errors, motion, feet and jumps.
 
-Positions are of the 22 joints of `BODY`, from the head; rotations are local ones, parent ← joint, of the same.
-Velocities, jitter, skate, depth under the floor and jumps are of the world. Everything is at `RATE`.
+Positions are relative to the head and rotations to the parent, for the 22 joints of `BODY`. Velocities, jitter, skate,
+depth under the floor and jumps are in the world. Everything is at `RATE`.
 """
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ from bodysense_lab.completion.sight import jump_frames
 from bodysense_lab.completion.tracking import TrackedMotion
 from bodysense_lab.scoring import RATE, scored_points
 
-JUMP = 5.0  # cm in a frame, beyond the way of the truth
+JUMP = 5.0  # cm in a frame, beyond the distance of the true joint
 REGIONS = {"lower": LOWER_BODY, "upper": tuple(name for name in BODY if name not in LOWER_BODY)}
 _BALLS = ("left_foot", "right_foot")
 _FEET = (*_BALLS, "left_ankle", "right_ankle", "left_toe", "right_toe")
 
 
 def measure(scene: TrackedScene, tracked: TrackedMotion) -> RunningScores:
-    """Every measure of a scene's frames but those of hidden joints."""
+    """Return all measures of a scene but those of hidden joints."""
     scores, skeleton, frames = RunningScores(), scene.skeleton, len(scene)
     body = skeleton.indices(BODY)
     truth, position = scene.world_pose[0], tracked.position
@@ -54,7 +54,7 @@ def measure(scene: TrackedScene, tracked: TrackedMotion) -> RunningScores:
 
 
 def motion_measures(position: np.ndarray, truth: np.ndarray, skeleton: Skeleton) -> RunningScores:
-    """Jitter, skate and depth under the floor of positions (T, P, 3) m, or of the truth itself."""
+    """Return jitter, skate and depth under the floor of positions (T, P, 3) m; `truth` may be the same positions."""
     scores, frames = RunningScores(), len(position)
     if frames > 1:
         balls = skeleton.indices(_BALLS)
@@ -67,16 +67,16 @@ def motion_measures(position: np.ndarray, truth: np.ndarray, skeleton: Skeleton)
 
 
 def count_jumps(position: np.ndarray, scene: TrackedScene, order: int = 1) -> int:
-    """Frames in which some joint of `BODY` of positions (T, P, 3) m goes more than `JUMP` farther than its truth goes.
+    """Count frames in which a joint of `BODY` moves `JUMP` farther than the true joint; positions are (T, P, 3) m.
 
-    With `order` 2: farther from where its velocity leads.
+    With `order` 2, the distance is that from the position to which its velocity leads.
     """
     body = scene.skeleton.indices(BODY)
     return int(jump_frames(position[:, body], scene.world_pose[0][:, body], JUMP / 100, order).sum())
 
 
 def measure_hidden(position: np.ndarray, scene: TrackedScene) -> RunningScores:
-    """Errors, in the world, of positions (T, P, 3) m of the joints that UNOC tests, where cameras do not see them."""
+    """Return world errors of positions (T, P, 3) m of joints that UNOC tests, in frames in which cameras miss them."""
     scores, tested = RunningScores(), scored_points(scene.skeleton)
     hidden = ~scene.visible[:, tested]
     error = joint_error(position[:, tested], scene.world_pose[0][:, tested])[hidden]
@@ -87,7 +87,7 @@ def measure_hidden(position: np.ndarray, scene: TrackedScene) -> RunningScores:
 
 
 def measure_confidence(scene: TrackedScene, seen: Observation, tracked: TrackedMotion) -> dict[str, Calibration]:
-    """By region: expected and true errors, in the world, of joints that are not tracked; `seen` is (T, P)."""
+    """Return expected and true world errors of untracked joints, by region; `seen` is (T, P)."""
     known = observed_points(seen, scene.skeleton)[2]
     error = joint_error(tracked.position, scene.world_pose[0]) / 100
     regions = {}

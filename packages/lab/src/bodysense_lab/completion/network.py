@@ -1,10 +1,10 @@
-"""The completion network: any points of a body, on any proportions, → rotations, contacts and expected errors.
+"""Completion network: predicts rotations, contacts and expected errors from any points, for any proportions.
 
-It reads any of 27 points that are tracked (the 22 joints of `BODY`, head top and toe tips, and the middle of each
-hand's knuckles), each with a position, a rotation, both or neither, and the known lengths of the wearer's bones.
-It works in the frame under the head (x, z from the head, the floor at y = 0, turned by the head's heading) and at one
-stature: a body that is elsewhere, turned or larger gets the same answer. It states every joint's rotation from that
-frame, not from its parent's, so that a bone depends on one rotation and errors do not add up along a chain.
+It reads 27 points (the 22 joints of `BODY`, head top, toe tips, and the middle of each hand's knuckles), each with a
+position, a rotation, both or neither, and the known lengths of the wearer's bones. It works in the frame under the head
+(x and z of the head, the floor at y = 0, turned by the head's heading) and at a reference stature, so its prediction does
+not depend on the body's place, heading and size. It predicts each joint's rotation relative to that frame, not to the
+parent, so that errors do not add up along a chain.
 """
 
 from __future__ import annotations
@@ -30,39 +30,39 @@ from bodysense_lab.completion.points import (
     reference_offsets,
 )
 
-SMALLEST_ERROR = 0.002  # m: no expected error is smaller
-ERROR_BIAS = -3.0  # of the expected error before it is made positive
+SMALLEST_ERROR = 0.002  # m; no expected error is smaller
+ERROR_BIAS = -3.0  # of the expected error, before softplus
 
 
 @dataclass(frozen=True)
 class CompletionConfig:
-    """How the network is built."""
+    """Size of the network."""
 
     hidden: int = 512
     layers: int = 2  # recurrent layers
-    branch: int = 512  # units of the layer that turns the joints
-    judge_branch: int = 128  # units of the layer that judges contact and expected error
+    branch: int = 512  # units of the branch of rotations
+    judge_branch: int = 128  # units of the branch of contact and expected error
     dropout: float = 0.15  # of the recurrent layers' outputs, in training
 
 
 class Prediction(NamedTuple):
     """The network's prediction, in the frame under the head, at the reference stature."""
 
-    axes: Tensor  # (B, T, 22, 3, 2) first two columns of frame ← joint, not yet orthonormal
-    head: Tensor  # (B, T, 3) m, where the head is if it is not tracked
-    contact_logit: Tensor  # (B, T, 4) of `CONTACT`
+    axes: Tensor  # (B, T, 22, 3, 2) first two columns of frame ← joint, not orthonormal
+    head: Tensor  # (B, T, 3) m, position of the head, used if it is not tracked
+    contact_logit: Tensor  # (B, T, 4) for `CONTACT`
     error: Tensor  # (B, T, 25) m, expected position error
 
 
 class CompletionNetwork(nn.Module):
-    """Two recurrent layers, a skip connection, and two branches: one turns the joints, one judges."""
+    """GRU with a skip connection and two branches: rotations, and contact with expected errors."""
 
     def __init__(self, config: CompletionConfig) -> None:
         super().__init__()
         self.config = config
         self.features = sum(WIDTHS.values())
         self.recurrent = nn.GRU(self.features, config.hidden, config.layers, batch_first=True)
-        # Whole units, over all frames alike: what changes from frame to frame would tremble.
+        # Drop whole units for all frames: a mask that changes between frames would make the output tremble.
         self.dropout = nn.Dropout1d(config.dropout)
         both = config.hidden + self.features
         self.turn_branch = nn.Sequential(
@@ -93,20 +93,20 @@ class CompletionNetwork(nn.Module):
     image_sign: Tensor
 
     def read(self, signal: TrackedSignal) -> Tensor:
-        """Features (B, T, F) of a signal."""
+        """Return features (B, T, F) of a signal."""
         return features_of(signal, self.usual_bones)
 
     def read_both(self, signal: TrackedSignal) -> Tensor:
-        """Features (B, T, 2, F) of a signal and of its mirror image at the plane x = 0 of the frame under the head."""
+        """Return features (B, T, 2, F) of a signal and of its mirror image at x = 0 of the frame under the head."""
         features = self.read(signal)
         return torch.stack([features, features[..., self.image] * self.image_sign], dim=-2)
 
     def begin(self, batch: int) -> Tensor:
-        """The memory (layers, batch, hidden) before the first frame."""
+        """Return the memory (layers, batch, hidden) before the first frame."""
         return self.standing_axes.new_zeros(self.config.layers, batch, self.config.hidden)
 
     def predict(self, features: Tensor, memory: Tensor) -> tuple[tuple[Tensor, Tensor], Tensor]:
-        """Raw outputs of both branches for features (B, T, F), and the memory after them."""
+        """Return raw outputs of both branches for features (B, T, F), and the memory after them."""
         hidden, memory = self.recurrent(features, memory)
         both = torch.cat([self.dropout(hidden.mT).mT, features.to(hidden)], dim=-1)
         return (self.turn_branch(both), self.judge_branch(both)), memory
@@ -119,13 +119,13 @@ class CompletionNetwork(nn.Module):
         return Prediction(axes, raised, contact, nn.functional.softplus(error + ERROR_BIAS) + SMALLEST_ERROR)
 
     def places(self, rotation: Tensor, rest_offset: Tensor) -> Tensor:
-        """Positions (B, T, 25, 3) from the head of joints turned (B, T, 22, 3, 3), with offsets (B, 25, 3)."""
+        """Return positions (B, T, 25, 3) relative to the head, from rotations (B, T, 22, 3, 3) and offsets (B, 25, 3)."""
         bones = rotation[..., self.bone_parents, :, :] @ rest_offset[:, None, 1:, :, None]
         return self.from_head @ bones[..., 0]
 
 
 def orthonormal(axes: Tensor) -> Tensor:
-    """Rotation matrices (..., 3, 3) from their first two columns (..., 3, 2) (Gram-Schmidt; Zhou et al. 2019)."""
+    """Return rotation matrices (..., 3, 3) from their first two columns (..., 3, 2) (Gram-Schmidt; Zhou et al. 2019)."""
     x = nn.functional.normalize(axes[..., 0], dim=-1, eps=1e-6)
     y = axes[..., 1] - x * (x * axes[..., 1]).sum(dim=-1, keepdim=True)
     y = nn.functional.normalize(y, dim=-1, eps=1e-6)
@@ -133,7 +133,10 @@ def orthonormal(axes: Tensor) -> Tensor:
 
 
 def turn_about_up(cosine: Tensor, sine: Tensor) -> Tensor:
-    """Turns (..., 3, 3) about +Y, for column vectors of the frame or row vectors of the world; not yet unit input."""
+    """Return rotation matrices (..., 3, 3) about +Y from cosine and sine (...), which are normalised first.
+
+    They map column vectors of the turned frame to the world, and row vectors of the world to the turned frame.
+    """
     length = torch.sqrt(cosine * cosine + sine * sine).clamp(min=1e-6)
     c, s = cosine / length, sine / length
     zero, one = torch.zeros_like(c), torch.ones_like(c)

@@ -1,4 +1,4 @@
-"""The step as an ONNX graph of an earlier version: its inputs, to time the core against."""
+"""Inputs of an earlier version's ONNX graph of the tracker's step, to compare its time with the core's."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from bodysense.completion.network import Network, NetworkFormat
 from bodysense.observation import STRAPPED, Observation
 
 POINTS, JOINTS = len(default_skeleton().points), len(default_skeleton().joints)
-_FIRST, _LONGEST = 1 / 30, 0.1  # s, the interval that a first frame counts as, and the longest one
-_ABSENT = 0.001  # m, accuracy of points that are not tracked: any positive number
+_FIRST, _LONGEST = 1 / 30, 0.1  # s, interval before the first frame, and the longest interval
+_ABSENT = 0.001  # m, accuracy of untracked points; any positive number will do
 
 FORMAT = "bodysense-completion-1"
 GRAPH = NetworkFormat(
@@ -25,12 +25,12 @@ GRAPH = NetworkFormat(
 
 
 def open_graph(path: Path) -> Network:
-    """Open the graph of a file. Raises BodysenseError for any other file."""
+    """Open a graph's file. Raises BodysenseError for any other file."""
     return Network.open(path, GRAPH)
 
 
 def graph_inputs(observation: Observation, people: Sequence[Person]) -> Iterator[dict[str, np.ndarray]]:
-    """Yield a graph's inputs, frame by frame, of an observation (B, T, P) of people with constant proportions."""
+    """Yield the graph's inputs for each frame of an observation (B, T, P) of people with constant proportions."""
     count = len(people)
     place = default_skeleton().indices(observation.points)
     joint = np.flatnonzero(place < JOINTS)

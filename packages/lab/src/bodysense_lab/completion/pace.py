@@ -1,4 +1,4 @@
-"""How many steps a second the training of the completion network takes, in float32 and in bfloat16."""
+"""Speed of the training of the completion network, in float32 and in bfloat16."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from bodysense_lab.precision import layer_precision
 def training_pace(
     clip: Clip, steps: int, threads: int, config: CompletionTaskConfig = CompletionTaskConfig()
 ) -> dict[str, float]:
-    """Return steps a second on sequences of a clip, drawing them included, and the processor's time for a step, s.
+    """Return training steps per second on sequences of a clip, and processor seconds per step, by flat keys.
 
-    `steps_per_second` is in the precision in which `train completion` runs on this machine, and so is
-    `processor_seconds_per_step`, which other work on the machine hardly changes. Emulated bfloat16 is timed on a single
-    step.
+    The time includes drawing the sequences. `steps_per_second` and `processor_seconds_per_step` are for the precision in
+    which `train completion` runs on this machine. Other load hardly changes the latter. Emulated bfloat16 is timed on a
+    single step.
     """
     fabric, corpus = launched(), corpus_of([clip])
     torch.set_num_threads(threads)
@@ -40,7 +40,7 @@ def training_pace(
 
 
 def _pace(corpus: Corpus, config: CompletionTaskConfig, steps: int, precision: torch.dtype) -> tuple[float, float]:
-    """Return steps a second, and the processor's time for a step, s; after one step to warm up."""
+    """Return steps per second and processor seconds per step, after one step to warm up."""
     fabric = launched()
     torch.manual_seed(0)
     network = CompletionNetwork(config.network).to(fabric.device)
