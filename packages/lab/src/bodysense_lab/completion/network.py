@@ -2,8 +2,8 @@
 
 It reads 27 points (the 22 joints of `BODY`, head top, toe tips, and the middle of each hand's knuckles), each with a
 position, a rotation, both or neither, and the known lengths of the wearer's bones. It works in the frame under the head
-(x and z of the head, the floor at y = 0, turned by the head's heading) and at a reference stature, so its prediction does
-not depend on the body's place, heading and size. It predicts each joint's rotation relative to that frame, not to the
+(x and z of the head, the floor at y = 0, turned by the head's heading) and at a reference stature, so its prediction is
+independent of the body's place, heading and size. It predicts each joint's rotation relative to that frame, not to the
 parent, so that errors do not add up along a chain.
 """
 
@@ -119,13 +119,13 @@ class CompletionNetwork(nn.Module):
         return Prediction(axes, raised, contact, nn.functional.softplus(error + ERROR_BIAS) + SMALLEST_ERROR)
 
     def places(self, rotation: Tensor, rest_offset: Tensor) -> Tensor:
-        """Return positions (B, T, 25, 3) relative to the head, from rotations (B, T, 22, 3, 3) and offsets (B, 25, 3)."""
+        """Return positions (B, T, 25, 3) from the head, for rotations (B, T, 22, 3, 3) and offsets (B, 25, 3)."""
         bones = rotation[..., self.bone_parents, :, :] @ rest_offset[:, None, 1:, :, None]
         return self.from_head @ bones[..., 0]
 
 
 def orthonormal(axes: Tensor) -> Tensor:
-    """Return rotation matrices (..., 3, 3) from their first two columns (..., 3, 2) (Gram-Schmidt; Zhou et al. 2019)."""
+    """Return rotations (..., 3, 3) from their first two columns (..., 3, 2) (Gram-Schmidt; Zhou et al. 2019)."""
     x = nn.functional.normalize(axes[..., 0], dim=-1, eps=1e-6)
     y = axes[..., 1] - x * (x * axes[..., 1]).sum(dim=-1, keepdim=True)
     y = nn.functional.normalize(y, dim=-1, eps=1e-6)

@@ -22,9 +22,9 @@ def training_pace(
 ) -> dict[str, float]:
     """Return training steps per second on sequences of a clip, and processor seconds per step, by flat keys.
 
-    The time includes drawing the sequences. `steps_per_second` and `processor_seconds_per_step` are for the precision in
-    which `train completion` runs on this machine. Other load hardly changes the latter. Emulated bfloat16 is timed on a
-    single step.
+    The time includes drawing the sequences. `steps_per_second` and `processor_seconds_per_step` are for the precision
+    of `train completion` on this machine. Other load hardly changes the latter. Emulated bfloat16 is timed on a single
+    step.
     """
     fabric, corpus = launched(), corpus_of([clip])
     torch.set_num_threads(threads)

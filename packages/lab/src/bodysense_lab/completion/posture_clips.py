@@ -1,4 +1,4 @@
-"""Recorded clips of standing people, changed to a posture that is rare in recordings (`postures`)."""
+"""Recorded clips of standing people, changed to rare postures (see `postures`)."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from bodysense.io.clip import Clip
 from bodysense_lab.completion.limbs import with_changed_body
 from bodysense_lab.completion.postures import KINDS, apply_posture, is_standing
 
-_MOSTLY = 0.7  # share of a clip in which its person stands
+_MOSTLY = 0.7  # smallest share of a clip in which its person stands
 
 
 def posture_clips(clips: Iterable[Clip], seed: int = 9) -> Iterator[Clip]:
-    """Yield one changed clip of each clip whose person mostly stands; postures take turns."""
+    """Yield a changed copy of each clip whose person mostly stands; the postures alternate."""
     rng, kinds, turn = np.random.default_rng(seed), [kind for kind in KINDS if kind != "standing"], 0
     for clip in clips:
         root, rest = clip.pose.root_position, clip.pose.skeleton.rest_offset
@@ -26,7 +26,7 @@ def posture_clips(clips: Iterable[Clip], seed: int = 9) -> Iterator[Clip]:
 
 
 def posture_clip(clip: Clip, kind: str, rng: np.random.Generator) -> Clip:
-    """One clip, settled as one of `KINDS`; fingers move as they did."""
+    """Return a clip changed to a posture of `KINDS`; its fingers are unchanged."""
     offset = clip.pose.skeleton.rest_offset
     pose = with_changed_body(
         clip.pose, lambda rotation, root: apply_posture(rotation, root, offset, kind, clip.frame_rate, rng)

@@ -1,8 +1,8 @@
-"""Postures that are rare in recordings: a standing person's upper body moved onto a seat, onto the knees or lying.
+"""Postures that are rare in recordings, made from standing people: seated, kneeling, crouching, lying.
 
-People with a headset sit most of the time, and recorded people rarely do. This module takes a standing person, moves
-the pelvis to another height, puts the feet or knees on the floor below it, and places the legs between them by their
-bone lengths; hands rest on thighs or hold still in front. A posture lasts for a whole sequence or for a part of it.
+People with a headset sit most of the time, but recorded people rarely do. This module moves the pelvis of a standing
+person to another height, puts feet or knees on the floor, and solves the legs between them by inverse kinematics. Hands
+rest on the thighs or are held in front. A posture lasts for a whole sequence or for parts of it.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from bodysense_lab.completion.corpus import Corpus
 from bodysense_lab.completion.limbs import bend_limb, hips_of, limb_of
 from bodysense_lab.completion.smooth_noise import smooth_noise
 
-# How often each is drawn. `standing` changes the arms only.
+# Shares of the postures. `standing` changes the arms only.
 KINDS = {
     "chair": 0.46,
     "floor": 0.10,
@@ -28,42 +28,44 @@ KINDS = {
     "lying": 0.03,
     "standing": 0.05,
 }
-_WHOLE_SEQUENCE = 0.55  # share of sequences that begin and end in the posture
+_WHOLE_SEQUENCE = 0.55  # share of sequences that are in the posture throughout
 _RESTING, _HOLDING = 0.4, 0.25  # shares of sequences whose hands rest on the thighs, and are held still in front
-_TALL = 0.95  # m: how high the pelvis of the body rests for which the heights here are
+_TALL = 0.95  # m, rest height of the pelvis of the body to which the heights below refer
 _SIDES = ("left", "right")
 _UPPER = [k for k, name in enumerate(BODY) if name.rpartition("_")[2] not in ("hip", "knee", "ankle", "foot")]
-# By how much of the lean, and of the pelvis's own tilt, each joint of the upper body turns.
+# Shares of the trunk's lean, and of the pelvis's tilt, by which each joint of the upper body turns.
 _LEANS = {"pelvis": 0.0, "spine1": 0.5, "spine2": 0.85, "neck": 0.6, "head": 0.25}
 _TILTS = {"pelvis": 1.0, "spine1": 0.5, "spine2": 0.1}
-_SWAY, _TURNING = 0.15, 0.3  # share of the standing person's horizontal motion, and of the turning, that is kept
+_SWAY, _TURNING = 0.15, 0.3  # shares of the standing person's horizontal motion and turning that remain
 _LYING = [f"{side}_{part}" for side in _SIDES for part in ("shoulder", "hip", "knee", "ankle")]
-_KNEE, _SOLE = 0.06, 0.08  # m: how high a knee rests on the floor, and the ankle of a standing foot
-_BACK = np.radians(120)  # feet that point down by more lie on their backs, toes too
-_STILL, _UPRIGHT = 0.3, 0.85  # m/s, share of the rest height: a slower and higher pelvis stands
+_KNEE, _SOLE = 0.06, 0.08  # m, heights of a knee on the floor, and of the ankle of a standing foot
+_BACK = np.radians(120)  # radians; feet that point down by more lie on their backs, toes too
+_STILL, _UPRIGHT = 0.3, 0.85  # m/s, and share of the rest height; a slower and higher pelvis is that of a standing body
 
 
 @dataclass(frozen=True, eq=False)
 class _Leg:
-    """Where a posture has an ankle and toward where its knee points, from the hip, forward being +Z and left +X."""
+    """A leg of a posture, relative to the hip: +Z is forward, and +X is outward, to the left of a left leg."""
 
     ankle: np.ndarray  # (3,) m; its height is over the floor
-    pole: np.ndarray  # (3,)
+    pole: np.ndarray  # (3,) direction of the knee
     toes_down: float  # radians
-    toes_out: float
+    toes_out: float  # radians
 
 
 @dataclass(frozen=True, eq=False)
 class _Posture:
+    """Pelvis, trunk and legs of a posture."""
+
     height: float  # m, of the hips over the floor
-    back: float  # m, of the pelvis behind where it stood
+    back: float  # m by which the pelvis moves backward
     tilt: float  # radians, of the pelvis, forward
     lean: float  # radians, of the trunk, forward
     legs: tuple[_Leg, _Leg]
 
 
 def standing_share(corpus: Corpus) -> np.ndarray:
-    """Return (C,): the share of each clip in which its person stands still."""
+    """Return the share of frames of each clip (C,) in which its person stands still."""
     shares = np.zeros(len(corpus))
     for clip in range(len(corpus)):
         first, count = int(corpus.start[clip]), int(corpus.length[clip])
@@ -73,13 +75,13 @@ def standing_share(corpus: Corpus) -> np.ndarray:
 
 
 def is_standing(root: np.ndarray, rest: float, rate: float) -> np.ndarray:
-    """Return (T,) bool: whether a pelvis on the path (T, 3) m, with rest height `rest` in m, belongs to a stander."""
+    """Return (T,) bool: whether a body stands, given its pelvis path (T, 3) m and the pelvis's rest height, m."""
     speed = np.linalg.norm(np.gradient(root[:, [0, 2]], axis=0), axis=-1) * rate
     return (root[:, 1] > _UPRIGHT * rest) & (speed < _STILL)
 
 
 def low_share(corpus: Corpus) -> np.ndarray:
-    """Return (C,): the share of each clip in which the pelvis is below four fifths of its height at rest."""
+    """Return the share of frames of each clip (C,) in which the pelvis is below 80 % of its rest height."""
     return np.array(
         [
             (corpus.root[first : first + count, 1] < 0.8 * rest[0, 1]).mean()
@@ -89,7 +91,7 @@ def low_share(corpus: Corpus) -> np.ndarray:
 
 
 def draw_kind(rng: np.random.Generator) -> str:
-    """One of `KINDS`."""
+    """Draw one of `KINDS`."""
     return str(rng.choice(list(KINDS), p=list(KINDS.values())))
 
 
@@ -117,7 +119,7 @@ def apply_posture(
 
 
 def _posture_share(frames: int, rate: float, rng: np.random.Generator) -> np.ndarray:
-    """(T,) from 0, as recorded, to 1, in the posture."""
+    """Draw the weight (T,) of the posture over time: 0, as recorded, to 1, in the posture."""
     if rng.uniform() < _WHOLE_SEQUENCE:
         return np.ones(frames)
     times, values, now = [0.0], [float(rng.uniform() < 0.5)], 0.0
@@ -133,9 +135,9 @@ def _posture_share(frames: int, rate: float, rng: np.random.Generator) -> np.nda
 
 @dataclass(frozen=True)
 class _Bones:
-    """Lengths (m) that a posture is drawn by."""
+    """Lengths of a body that scale postures, m."""
 
-    scale: float  # of the body, relative to the one that the heights here are given for
+    scale: float  # size of the body relative to that of `_TALL`; no unit
     thigh: float
     shin: float
 
@@ -150,7 +152,7 @@ def _bones_of(offset: np.ndarray) -> _Bones:
 
 
 def _degrees(mean: float, deviation: float, rng: np.random.Generator) -> float:
-    """A normal angle, radians."""
+    """Draw a normally distributed angle, given in degrees, and return it in radians."""
     return float(np.radians(rng.normal(mean, deviation)))
 
 
@@ -163,7 +165,7 @@ def _standing_leg(
     raised: bool = False,
     knees_out: float = 0.0,
 ) -> _Leg:
-    """A foot that stands, flat or on its ball."""
+    """Return a leg whose foot stands flat or, if `raised`, on its ball."""
     heel = float(rng.uniform(0.03, 0.1)) * bones.scale if raised else 0.0
     toes_down = float(np.radians(rng.uniform(15, 45))) if raised else 0.0
     ankle = np.array([sideways, _SOLE * bones.scale + heel, forward])
@@ -171,7 +173,7 @@ def _standing_leg(
 
 
 def _kneeling_leg(bones: _Bones, height: float, sideways: float, rng: np.random.Generator) -> _Leg:
-    """A knee on the floor, and the shin behind it."""
+    """Return a leg with its knee on the floor and the shin behind it."""
     down = min(height - _KNEE, 0.995 * bones.thigh)
     behind = float(np.sqrt(bones.thigh**2 - down**2)) - 0.99 * bones.shin
     tucked = rng.uniform() < 0.5  # toes on the floor, or the back of the foot
@@ -181,7 +183,7 @@ def _kneeling_leg(bones: _Bones, height: float, sideways: float, rng: np.random.
 
 
 def _foot_spread(bones: _Bones, rng: np.random.Generator) -> float:
-    """How far a foot is outward of its hip, m."""
+    """Draw the distance of a foot outward from its hip, m."""
     return float(rng.uniform(-0.05, 0.22)) * bones.scale
 
 
@@ -205,7 +207,7 @@ def _sit_on_chair(bones: _Bones, rng: np.random.Generator) -> _Posture:
 
 
 def _sit_on_floor(bones: _Bones, rng: np.random.Generator) -> _Posture:
-    """Cross-legged, or with legs in front."""
+    """Return a body that sits on the floor, cross-legged or with the legs in front."""
     crossed, out = rng.uniform() < 0.55, _foot_spread(bones, rng)
     forward = float(rng.uniform(0.3, 0.96)) * bones.leg
 
@@ -221,7 +223,7 @@ def _sit_on_floor(bones: _Bones, rng: np.random.Generator) -> _Posture:
 
 
 def _kneel(bones: _Bones, rng: np.random.Generator) -> _Posture:
-    """From sitting on the heels to upright."""
+    """Return a body on both knees, from sitting on the heels to upright."""
     height, out = float(rng.uniform(0.2 * bones.scale, bones.thigh + _KNEE)), _foot_spread(bones, rng)
     legs = _kneeling_leg(bones, height, out, rng), _kneeling_leg(bones, height + float(rng.normal(0, 0.01)), out, rng)
     return _Posture(height, 0.0, _degrees(0, 8, rng), _degrees(5, 10, rng), legs)
@@ -273,7 +275,7 @@ def _lower_body(
     rate: float,
     rng: np.random.Generator,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Matrices (T, 22, 3, 3) and the pelvis's path of a posture blended in by `share` (T,)."""
+    """Return matrices (T, 22, 3, 3) and the pelvis's path (T, 3) m, blended with a posture by `share` (T,)."""
     facing = before[:, 0, :, 2]
     yaw = np.unwrap(np.arctan2(facing[:, 0], facing[:, 2]))
     kept = yaw.mean() + _TURNING * (yaw - yaw.mean())
@@ -294,7 +296,7 @@ def _lower_body(
     place[:, [0, 2]] = middle + _SWAY * (root[:, [0, 2]] - middle) - posture.back * square[:, [0, 2], 2]
     hips = hips_of(after[:, 0], offset)
     place[:, 1] = posture.height - hips[..., 1].mean(axis=1) + _SWAY * (root[:, 1] - np.median(root[:, 1]))
-    # Feet stay where they are, although the pelvis moves: they are placed from where it is on average.
+    # Feet stay still while the pelvis moves: they are relative to its median position.
     still = np.median(place, axis=0)
     level = _about_up(np.full(1, np.median(kept)))[0]
     path = root + share[:, None] * (place - root)
@@ -353,7 +355,7 @@ def _lie_down(
 def _hold_hands_in_front(
     matrix: np.ndarray, root: np.ndarray, offset: np.ndarray, rate: float, rng: np.random.Generator
 ) -> np.ndarray:
-    """Hands held in front, as those that hold controllers, now and then."""
+    """Hold the hands in front of the body at times, as with controllers."""
     facing = matrix[:, 0, :, 2]
     square = _about_up(np.arctan2(facing[:, 0], facing[:, 2]))
     both = _random_activation(len(root), rate, rng)
@@ -373,7 +375,7 @@ def _hold_hands_in_front(
 def _rest_hands_on_thighs(
     matrix: np.ndarray, root: np.ndarray, offset: np.ndarray, share: np.ndarray, rate: float, rng: np.random.Generator
 ) -> np.ndarray:
-    """Hands that rest on the thighs, now and then, while these are level."""
+    """Rest the hands on the thighs at times, while the thighs are level."""
     after = matrix.copy()
     along = float(rng.uniform(0.4, 1.0))
     for side in _SIDES:
@@ -428,7 +430,7 @@ def _move_arm(
 
 
 def _random_activation(frames: int, rate: float, rng: np.random.Generator) -> np.ndarray:
-    """(T,) 0 to 1: always, or now and then."""
+    """Draw a weight (T,) from 0 to 1: either always 1, or smoothly on and off."""
     if rng.uniform() < 0.5:
         return np.ones(frames)
     wave = smooth_noise(frames, 1, rate, 3.0, rng)[:, 0]
@@ -436,19 +438,19 @@ def _random_activation(frames: int, rate: float, rng: np.random.Generator) -> np
 
 
 def _blend(a: np.ndarray, b: np.ndarray, share: np.ndarray) -> np.ndarray:
-    """Matrices (T, ..., 3, 3) that are `share` (T,) of the way from a to b."""
+    """Interpolate matrices (T, ..., 3, 3) from a to b by `share` (T,)."""
     begin, end = matrix_to_quaternion(a), matrix_to_quaternion(b)
     weight = np.broadcast_to(share.reshape(-1, *(1,) * (begin.ndim - 2)), begin.shape[:-1])
     return quaternion_to_matrix(slerp(begin, end, weight))
 
 
 def _about_up(angle: np.ndarray) -> np.ndarray:
-    """(T,) → (T, 3, 3)."""
+    """Return rotation matrices (T, 3, 3) about +Y by angles (T,), radians."""
     return quaternion_to_matrix(quaternion_exp(np.array([0.0, 1.0, 0.0]) * angle[:, None]))
 
 
 def _joint_position(matrix: np.ndarray, root: np.ndarray, offset: np.ndarray, name: str) -> np.ndarray:
-    """(T, 3) m: a joint of a body whose joints are turned (T, 22, 3, 3)."""
+    """Return positions (T, 3) m of a joint, for world rotations (T, 22, 3, 3) of all joints."""
     skeleton = default_skeleton()
     place, point = root.copy(), skeleton.index(name)
     while skeleton.parents[point] >= 0:

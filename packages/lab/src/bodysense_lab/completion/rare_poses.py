@@ -1,4 +1,4 @@
-"""Scripted poses that are rare in recordings: on the hands, the floor or the knees, bent, or with hidden arms."""
+"""Scripted poses that are rare in recordings: handstand, lying, plank, lunge, kneeling, crouch, bow and others."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from bodysense_lab.completion.wearers import rest_heights
 from bodysense_lab.scoring import RATE
 
 Turn = tuple[float, float, float]  # degrees about x, y and z of the parent, in this order
-_STANDS, HELD, _ENDS = 1.0, 2.5, 5.0  # s at which a wearer begins to move, is in the pose, and the motion ends
-_CLEARANCE = 0.05  # m: how high any point but a foot's is at least
+_STANDS, HELD, _ENDS = 1.0, 2.5, 5.0  # s at which the wearer begins to move, is in the pose, and the motion ends
+_CLEARANCE = 0.05  # m, smallest height of points that are not of a foot
 _SOLES = ("ankle", "foot", "toe")
 
 
 def _both(**turns: Turn) -> dict[str, Turn]:
-    """Joints of the left side, and of the right side in the mirror."""
+    """Return turns of joints of both sides, given those of the left side."""
     mirrored = {f"right_{name}": (x, -y, -z) for name, (x, y, z) in turns.items()}
     return {f"left_{name}": turn for name, turn in turns.items()} | mirrored
 
@@ -58,7 +58,7 @@ RARE: dict[str, dict[str, Turn]] = {
 
 
 def rare_pose(skeleton: Skeleton, name: str) -> Pose:
-    """Return a motion from standing into a pose of `RARE`, which is then held with its lowest point on the floor."""
+    """Return a motion from standing into a pose of `RARE` that is then held; its lowest point is on the floor."""
     time = np.arange(round(_ENDS * RATE)) / RATE
     share = smooth_step(np.clip((time - _STANDS) / (HELD - _STANDS), 0, 1))
     pose = standing_pose(skeleton)

@@ -1,4 +1,4 @@
-"""The reliability diagram of `evaluate completion`: expected against true errors, by set of sensors."""
+"""Reliability diagram of `evaluate completion`: expected against true errors, by sensor set."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _RANGE, _TICKS = (0.1, 60.0), (0.1, 1, 10)  # cm
 
 
 def draw_reliability(path: str | Path, table: CompletionTable) -> None:
-    """Write a PNG: expected and true errors of joints that are not tracked, by region, over all bodies."""
+    """Write a PNG of expected and true errors of untracked joints, by region, over all bodies."""
     pyplot = load_pyplot()
     sets = table.settings.sets
     rows = -(-len(sets) // _COLUMNS)

@@ -1,7 +1,7 @@
-"""Weights rounded to bytes so that products stay what they are, for what the network really reads.
+"""Rounding of weights to bytes that keeps the network's products accurate on its real inputs.
 
-Rounding each weight to the nearest byte moves a product by what all its errors add up to. Here columns are rounded one
-after the other, and what one misses is made up for by those that are still to come (Frantar et al. 2023, GPTQ).
+If each weight is rounded to the nearest byte, rounding errors of a row add up in its product. Here columns are rounded
+one after the other, and the remaining columns compensate for the error of each (Frantar et al. 2023, GPTQ).
 """
 
 from __future__ import annotations
@@ -16,17 +16,16 @@ from bodysense_lab.completion.batches import SequenceBatch
 from bodysense_lab.completion.network import CompletionNetwork
 from bodysense_lab.completion.weights_file import row_step
 
-_DAMPING = 0.01  # of the mean square of what is read: what was never read must not be made up for
-_LARGEST = 127
-_STRIDE = 10  # frames: neighbours tell little more
+_DAMPING = 0.01  # of the inputs' mean square; keeps inputs that were always 0 from compensating
+_LARGEST = 127  # of a byte
+_STRIDE = 10  # frames between samples; neighbouring frames are alike
 
 
 @torch.no_grad()
 def sample_moments(network: CompletionNetwork, batches: Iterable[SequenceBatch]) -> dict[str, np.ndarray]:
-    """Second moments (K, K) of what each of the body's large products reads, by parameter.
+    """Return second moments (K, K) of the inputs of each large product of the body's network, by parameter.
 
-    They are of every `_STRIDE`-th frame of training sequences, and of their mirror images. Sequences play on from batch
-    to batch.
+    Every `_STRIDE`-th frame of the sequences and of their mirror images counts. Sequences continue from batch to batch.
     """
     sums, frames, memory = dict[str, np.ndarray](), 0, None
     for batch in batches:
@@ -36,7 +35,9 @@ def sample_moments(network: CompletionNetwork, batches: Iterable[SequenceBatch])
         memory = torch.where(batch.begins.repeat_interleave(2)[:, None], 0.0, before)
         for t in range(length):
             read, before = features[:, t].flatten(0, 1), memory
-            _, memory = network.recurrent(read[:, None], before)  # of all layers, for it is a single frame
+            _, memory = network.recurrent(
+                read[:, None], before
+            )  # a single frame, so memory is the output of all layers
             if t % _STRIDE == 0:
                 valid = batch.valid[:, t].repeat_interleave(2)
                 for name, rows in _read_by(read, before, memory).items():
@@ -47,14 +48,14 @@ def sample_moments(network: CompletionNetwork, batches: Iterable[SequenceBatch])
 
 
 def _read_by(features: Tensor, before: Tensor, after: Tensor) -> dict[str, Tensor]:
-    """Return inputs (N, K) of products in a frame, by parameter."""
+    """Return the inputs (N, K) of the products of a frame, by parameter."""
     rows = {"recurrent.weight_ih_l0": features, "turn_branch.0.weight": torch.cat([after[-1], features], dim=-1)}
     rows |= {f"recurrent.weight_hh_l{layer}": each for layer, each in enumerate(before)}
     return rows | {f"recurrent.weight_ih_l{layer}": each for layer, each in enumerate(after[:-1], start=1)}
 
 
 def round_weights(network: CompletionNetwork, moments: Mapping[str, np.ndarray]) -> None:
-    """Round the weights, in place, that have moments."""
+    """Round the weights that have moments, in place."""
     parameters = dict(network.named_parameters())
     with torch.no_grad():
         for name, moment in moments.items():
@@ -63,19 +64,20 @@ def round_weights(network: CompletionNetwork, moments: Mapping[str, np.ndarray])
 
 
 def rounded(values: np.ndarray, moment: np.ndarray) -> np.ndarray:
-    """Weights (N, K) as multiples of `row_step`, which they keep, for inputs of a second moment (K, K).
+    """Round weights (N, K) to multiples of `row_step`, for inputs with second moment `moment` (K, K).
 
-    A row that misses more than its nearest multiples do is rounded to these; that happens for few inputs.
+    Each row keeps its step. A row whose products would be less accurate than with nearest rounding, which happens with
+    few inputs, is rounded to the nearest.
     """
     step = row_step(values)[:, 0].astype(np.float64)
     remaining, counts = values.astype(np.float64).copy(), np.empty(values.shape)
     widest = np.abs(values).argmax(axis=1)
     damped = moment + _DAMPING * np.trace(moment) / len(moment) * np.eye(len(moment))
-    order = np.argsort(-np.diag(moment))  # what is read most is rounded first
+    order = np.argsort(-np.diag(moment))  # the largest inputs are rounded first
     inverse = np.linalg.cholesky(np.linalg.inv(damped[np.ix_(order, order)])).T
     for place, column in enumerate(order):
         count = np.clip(np.round(remaining[:, column] / step), -_LARGEST, _LARGEST)
-        # The widest stays so: by it the step is found again.
+        # The largest weight is not compensated: it defines the row's step.
         count = np.where(widest == column, np.round(values[:, column] / step), count)
         error = (remaining[:, column] - count * step) / inverse[place, place]
         later = order[place + 1 :]
@@ -88,5 +90,5 @@ def rounded(values: np.ndarray, moment: np.ndarray) -> np.ndarray:
 
 
 def _squares(off: np.ndarray, moment: np.ndarray) -> np.ndarray:
-    """Mean squares (N,) of the products that weights miss by being off (N, K)."""
+    """Return mean squares (N,) of the errors of products, for errors of weights (N, K)."""
     return np.einsum("nk,nk->n", off @ moment, off)
