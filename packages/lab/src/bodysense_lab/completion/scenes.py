@@ -1,4 +1,4 @@
-"""The scenes that the tables score: recorded clips on own and on unseen bodies, and what the tracker knows of each."""
+"""Scenes that the tables score: recorded clips on their own and on unseen bodies, and what the tracker knows."""
 
 from __future__ import annotations
 
@@ -28,18 +28,18 @@ from bodysense_lab.completion.options import Body
 from bodysense_lab.scoring import RATE, group_of
 
 Truth = Literal["own", "stranger"]
-# The body that moves in each column; the last three differ in what the tracker knows of it.
+# The body that moves in each column of a table. The last three differ in what the tracker knows of it.
 TRUTH_OF: dict[Body, Truth] = {"own": "own", "stranger": "stranger", "height": "stranger", "nothing": "stranger"}
-UNSEEN_BODIES = 512  # bodies of a split; each clip gets one
-_MOST_CLIPS, _MOST_FRAMES = 32, 24_000  # of a batch; as many as the longest for each clip
+UNSEEN_BODIES = 512  # unseen bodies of a split; each clip moves one of them
+_MOST_CLIPS, _MOST_FRAMES = 32, 24_000  # limits of a batch: clips, and frames after padding
 
 
 @dataclass(frozen=True, eq=False)
 class TrackedScene:
-    """A clip on one body, at `RATE`: the truth."""
+    """A clip on one body at `RATE`, as ground truth."""
 
     name: str
-    group: str  # category group: main, sport, dance, other
+    group: str  # category group: main, sport, dance or other
     pose: Pose  # (T,)
     person: str = ""
 
@@ -48,12 +48,12 @@ class TrackedScene:
 
     @property
     def skeleton(self) -> Skeleton:
-        """The wearer's proportions."""
+        """Proportions of the body."""
         return self.pose.skeleton
 
     @property
     def time(self) -> np.ndarray:
-        """(T,) s."""
+        """Times of the frames (T,), s."""
         return np.arange(len(self)) / RATE
 
     @cached_property
@@ -64,45 +64,45 @@ class TrackedScene:
 
     @cached_property
     def facing(self) -> np.ndarray:
-        """(T, 4) wxyz: the heading of the pelvis."""
+        """Heading of the pelvis (T, 4), wxyz."""
         return np.asarray(heading(self.world_pose[1][:, 0]))
 
     @cached_property
     def visible(self) -> np.ndarray:
-        """(T, P) bool: what the cameras of a headset see of the body."""
+        """Points of the body that the cameras of a headset see (T, P), bool."""
         return see_points(self.skeleton, *self.world_pose).visible
 
     def observe(self, sensors: SensorSet) -> Observation:
-        """Return the observation of a set of sensors."""
+        """Return the observation of the scene by a sensor set."""
         visible = self.visible if sensors.camera else None
         return observe_points(self.skeleton, *self.world_pose, self.time, sensors, visible)
 
     def error_from_head(self, position: np.ndarray) -> np.ndarray:
-        """Errors (T, 22) of the joints of `BODY` from the head, cm, of positions (T, P, 3) m."""
+        """Return errors (T, 22), cm, of the joints of `BODY` relative to the head, for positions (T, P, 3) m."""
         body, head, truth = self.skeleton.indices(BODY), self.skeleton.index("head"), self.world_pose[0]
         return joint_error(position[:, body] - position[:, [head]], truth[:, body] - truth[:, [head]])
 
     def beginning(self, frames: int) -> TrackedScene:
-        """The first frames of the scene."""
+        """Return the first `frames` frames of the scene."""
         return replace(self, pose=self.pose[:frames])
 
 
 def scene_of(clip: Clip, truth: Truth, split: Split | Literal["all"]) -> TrackedScene:
-    """Return a clip at `RATE`, on its own body or on the unseen body drawn by its name."""
+    """Return the scene of a clip on its own body, or on the unseen body of its name."""
     clip = resample(clip, RATE)
     pose = clip.pose if truth == "own" else retargeted(clip.pose, unseen_body(clip, split))
     return TrackedScene(f"{clip.person}/{clip.name}", group_of(clip), pose, clip.person)
 
 
 def unseen_body(clip: Clip, split: Split | Literal["all"]) -> Skeleton:
-    """Return the unseen body of a clip: fixed by the clip's name, from the bodies of the split."""
+    """Return the unseen body of a clip: one of the split's bodies, chosen by a hash of the clip's name."""
     bodies = _unseen_bodies(body_split(split))
     digest = hashlib.sha256(f"{clip.person}/{clip.name}".encode()).digest()
     return clip.pose.skeleton.with_offsets(bodies[int.from_bytes(digest[:8], "big") % len(bodies)])
 
 
 def body_split(split: Split | Literal["all"]) -> BodySplit:
-    """The bodies that belong to a split of motion; test bodies for all of it."""
+    """Return the split of bodies for a split of motion; `all` has test bodies."""
     if split == "train":
         return "train"
     return "validation" if split == "val" else "test"
@@ -114,14 +114,14 @@ def _unseen_bodies(split: BodySplit) -> np.ndarray:
 
 
 def person_of(body: Body, skeleton: Skeleton) -> Person:
-    """Return what the tracker knows of a wearer with these proportions."""
+    """Return the person that the tracker is given, for a wearer with these proportions."""
     if body == "height":
         return Person(height=float(stature(skeleton.rest_offset)))
     return Person() if body == "nothing" else Person(skeleton)
 
 
 def batches(clips: Iterable[Clip]) -> Iterator[list[Clip]]:
-    """Clips of similar duration together, the longest first: few enough that padding and memory stay small."""
+    """Yield batches of clips of similar duration, the longest first, small enough to limit padding and memory."""
     batch: list[Clip] = []
     for clip in sorted(clips, key=lambda clip: clip.seconds, reverse=True):
         longest = batch[0].seconds if batch else 0.0
@@ -134,7 +134,7 @@ def batches(clips: Iterable[Clip]) -> Iterator[list[Clip]]:
 
 
 def stack_observations(observations: Sequence[Observation]) -> Observation:
-    """Observations (T, P) of the same points as one (B, T, P); shorter ones end with copies of their last frame."""
+    """Stack observations (T, P) of the same points to one (B, T, P); shorter ones repeat their last frame."""
     longest = max(observations, key=len)
     last = [np.minimum(np.arange(len(longest)), len(one) - 1) for one in observations]
     names = ["position", "rotation", "has_position", "has_rotation", "accuracy"]

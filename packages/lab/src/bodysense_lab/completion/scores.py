@@ -1,9 +1,9 @@
-"""Scores of parts of the work, which merge to those of the whole: means, and sums of histograms and curves.
+"""Running scores that can be merged: means, and sums of histograms and curves.
 
-`Calibration` compares expected errors with true ones. Points that are tracked do not count. The *calibration error*
-(ECE) is the mean over points of the difference, in their bin of the expected error, between mean expected and mean true
-error, in shares of the overall mean error. *Coverage* is the share of points whose true error is within the 90 % bound
-that the tracker gives.
+`Calibration` compares expected with true errors of untracked points. Points are sorted into bins by expected error. The
+*calibration error* (ECE) is the mean over points of the difference between mean expected and mean true error of their
+bin, divided by the overall mean error. *Coverage* is the share of points whose true error is within the tracker's 90 %
+bound.
 """
 
 from __future__ import annotations
@@ -13,14 +13,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-_ERRORS = (1e-4, 1e5 ** (1 / 100), 100)  # m of the first bin, width of each in multiples of the one before, and number
+_ERRORS = (1e-4, 1e5 ** (1 / 100), 100)  # upper edge of the first bin in m, ratio of neighbouring edges, number of bins
 _QUANTILES = (1e-6, 1.01, 2400)
-ROOTS = {"occluded_square": "occluded_rmsjpe_cm"}  # means of squares, and the keys of their roots
+ROOTS = {"occluded_square": "occluded_rmsjpe_cm"}  # names of means of squares, and keys of their roots
 
 
 @dataclass
 class RunningScores:
-    """Means by name with their weights, and arrays that add up."""
+    """Weighted means by name, and arrays that add up."""
 
     total: dict[str, float] = field(default_factory=dict)
     weight: dict[str, float] = field(default_factory=dict)
@@ -33,41 +33,41 @@ class RunningScores:
             self.weight[name] = self.weight.get(name, 0.0) + weight
 
     def add_share(self, name: str, mask: np.ndarray) -> None:
-        """Add the share of a mask (N,) that is true."""
+        """Add the share of true values of a mask (N,)."""
         if mask.size:
             self.add(name, float(mask.mean()), mask.size)
 
     def add_sum(self, kind: str, name: str, values: np.ndarray) -> None:
-        """Add values to those of an earlier call."""
+        """Add values to the sum of a kind and name."""
         before = self.sums.get((kind, name))
         self.sums[kind, name] = values if before is None else before + values
 
     def merge(self, other: RunningScores) -> None:
-        """Add the scores of another part."""
+        """Add the scores of another part of the work."""
         for name, weight in other.weight.items():
             self.add(name, other.total[name] / weight, weight)
         for (kind, name), values in other.sums.items():
             self.add_sum(kind, name, values)
 
     def get(self, name: str) -> float:
-        """One mean; NaN where nothing was counted."""
+        """Return a mean; NaN if nothing was counted."""
         return self.total[name] / self.weight[name] if name in self.weight else math.nan
 
     def root(self, name: str) -> float:
-        """The root of a mean of squares."""
+        """Return the root of a mean of squares."""
         return math.sqrt(self.get(name))
 
     def numbers(self) -> dict[str, float]:
-        """Every mean by its key, of squares the root."""
+        """Return all means by key; of squares the root."""
         roots = {ROOTS[name]: self.root(name) for name in ROOTS if name in self.weight}
         return {name: self.get(name) for name in self.weight if name not in ROOTS} | roots
 
 
 class Calibration(RunningScores):
-    """Histograms over points and frames."""
+    """Histograms of expected and true errors over points and frames."""
 
     def add_errors(self, expected: np.ndarray, error: np.ndarray, bound: np.ndarray) -> None:
-        """Count expected errors, true errors and 90 % bounds (N,), m, of points."""
+        """Count points by their expected errors, true errors and 90 % bounds (N,), m."""
         count, (rows, columns) = _ERRORS[2], (_bins(values, *_ERRORS) for values in (expected, error))
         pairs = np.bincount(rows * count + columns, minlength=count**2).reshape(count, count)
         sums = np.stack([np.bincount(rows, values, count) for values in (expected, error)])
@@ -76,34 +76,34 @@ class Calibration(RunningScores):
 
     @property
     def pairs(self) -> np.ndarray:
-        """(B, B) number of points by expected and by true error."""
+        """Number of points by bins of expected and true error (B, B)."""
         return self.sums.get(("calibration", "pairs"), np.zeros((_ERRORS[2], _ERRORS[2])))
 
     @property
     def expected_and_true(self) -> np.ndarray:
-        """(2, B) m: sums of expected and of true errors by expected error."""
+        """Sums of expected and of true errors (2, B), m, by bin of the expected error."""
         return self.sums.get(("calibration", "sums"), np.zeros((2, _ERRORS[2])))
 
     @property
     def count(self) -> float:
-        """Points and frames."""
+        """Number of points, over all frames."""
         return float(self.pairs.sum())
 
     @property
     def ece(self) -> float:
-        """Calibration error, in shares of the mean error; NaN where nothing was counted."""
+        """Calibration error divided by the mean error; NaN if nothing was counted."""
         expected, error = self.expected_and_true
         total = float(error.sum())
         return float(np.abs(error - expected).sum()) / total if total else math.nan
 
     @property
     def coverage(self) -> float:
-        """Share of points within their 90 % bound; NaN where nothing was counted."""
+        """Share of points within their 90 % bound; NaN if nothing was counted."""
         return float(self.sums["calibration", "within"]) / self.count if self.count else math.nan
 
     @property
     def rank_correlation(self) -> float:
-        """Spearman's correlation of expected and true error, up to the width of the bins."""
+        """Spearman's correlation of expected and true error, at the resolution of the bins."""
         if not self.count:
             return math.nan
         counts = [self.pairs.sum(axis=axis) for axis in (1, 0)]
@@ -112,7 +112,7 @@ class Calibration(RunningScores):
         return float(a @ self.pairs @ b) / scale if scale else math.nan
 
     def curve(self, fewest: float = 1e-3) -> tuple[np.ndarray, np.ndarray]:
-        """Mean expected and mean true error (N,), m, of the bins with at least this share of the points."""
+        """Return mean expected and mean true errors (N,), m, of bins with at least a share `fewest` of the points."""
         count = self.pairs.sum(axis=1)
         chosen = count > fewest * count.sum()
         expected, error = self.expected_and_true[:, chosen] / count[chosen]
@@ -120,12 +120,12 @@ class Calibration(RunningScores):
 
 
 def histogram(values: np.ndarray) -> np.ndarray:
-    """Count values of any shape, 0 or more, in bins that are 1 % wide."""
+    """Return a histogram of non-negative values of any shape, in bins that are 1 % wide."""
     return np.bincount(_bins(np.ravel(values), *_QUANTILES), minlength=_QUANTILES[2]).astype(float)
 
 
 def percentile(count: np.ndarray, percent: float) -> float:
-    """Return a percentile of the values of a `histogram`, to 1 %; NaN without values."""
+    """Return a percentile of the values of a `histogram`, accurate to 1 %; NaN without values."""
     smallest, step, _ = _QUANTILES
     total = np.cumsum(count)
     if not total[-1]:
@@ -135,6 +135,6 @@ def percentile(count: np.ndarray, percent: float) -> float:
 
 
 def _bins(values: np.ndarray, smallest: float, step: float, count: int) -> np.ndarray:
-    """The bin (N,) of each value; the first and the last one have all that is beyond them."""
+    """Return the bin (N,) of each value; the first and the last bin have all values beyond them."""
     place = np.log(np.maximum(values, smallest) / smallest) / math.log(step)
     return place.clip(0, count - 1).astype(int)

@@ -1,4 +1,4 @@
-"""How `bodysense evaluate completion` scores: the tracker runs over the clips of a split, set of sensors by set."""
+"""Scoring of `bodysense evaluate completion`: run the tracker over the clips of a split, sensor set by sensor set."""
 
 from __future__ import annotations
 
@@ -43,13 +43,13 @@ from bodysense_lab.completion.tracking import StepTimes, TrackedMotion, TrackPeo
 from bodysense_lab.scoring import RATE
 from bodysense_lab.spread import spread
 
-TIMED_FRAMES = 330  # of one wearer, to tell how long a step takes
-_EDGES = 10  # of the lattice that one process scores at a time
+TIMED_FRAMES = 330  # frames of one wearer whose steps are timed
+_EDGES = 10  # edges of the lattice that a process scores at a time
 Item = TypeVar("Item")
 Result = TypeVar("Result")
-# Runs work on items, results in order: here, or in other processes, to which the work must pickle.
+# Applies a function to items and yields results in order, in this or in other processes; the function must pickle.
 Spread = Callable[[Callable[[Item], Result], Iterable[Item]], Iterator[tuple[Item, Result]]]
-Scored = Sequence[tuple[CompletionTable, TrackedScene]]  # scenes of one truth, and the table of each
+Scored = Sequence[tuple[CompletionTable, TrackedScene]]  # scenes on one kind of body, and the table of each
 
 
 def evaluate_completion(
@@ -68,14 +68,14 @@ def evaluate_completion(
 
     Args:
         clips: the motion, canonical.
-        settings: what is scored.
-        mean_body: a baseline of hidden joints; None leaves it out.
-        track: tracks people side by side.
-        takes: completes whole takes with past and future; None leaves them out.
-        times: times the steps of one wearer; None leaves this out.
-        spread: where the work is done.
-        kept: results of clips that are scored already, and where those of others are kept.
-        advance: called with the number of clips of a cell, or edges of the lattice, that are done, and their kind.
+        settings: sensor sets, bodies and other settings of the table.
+        mean_body: a baseline for hidden joints; None: left out.
+        track: tracks several people.
+        takes: completes whole takes with past and future; None: left out.
+        times: times the steps of one wearer; None: left out.
+        spread: runs the work, in this or in other processes.
+        results: folder with results of clips; new results are added.
+        advance: called with the number of finished units of work (see `work_of`) and a text about them.
     """
     table = CompletionTable(settings)
     clips = list(clips)
@@ -91,7 +91,7 @@ def evaluate_completion(
                 table.merge(part)
         for batch in batches(missing):
             jobs.append((batch, truth))
-        advance(_work_done(len(clips) - len(missing), settings, truth), "clips kept from before")
+        advance(_work_done(len(clips) - len(missing), settings, truth), "clips scored before")
     for (batch, truth), parts in spread(_Scorer(settings, mean_body, track, takes), jobs):
         for clip, part in zip(batch, parts, strict=True):
             table.merge(part)
@@ -102,28 +102,28 @@ def evaluate_completion(
     if times is not None and groups:
         _time_steps(table, groups[0][0], times)  # the longest clip
     if settings.edges:
-        judged = [scene_of(clip, "stranger", settings.split) for batch in groups for clip in batch]
+        scenes = [scene_of(clip, "stranger", settings.split) for batch in groups for clip in batch]
         edges = random_edges(settings.edges)
-        some = [edges[first : first + _EDGES] for first in range(0, len(edges), _EDGES)]
-        for of, scores in spread(partial(score_lattice, scenes=choose_scenes(judged), track=track), some):
+        groups_of_edges = [edges[first : first + _EDGES] for first in range(0, len(edges), _EDGES)]
+        for group, scores in spread(partial(score_lattice, scenes=choose_scenes(scenes), track=track), groups_of_edges):
             table.lattice.extend(scores)
-            advance(len(of), "edges")
+            advance(len(group), "edges")
     return table
 
 
 def _work_done(count: int, settings: CompletionSettings, truth: Truth) -> int:
-    """Return the work that `advance` counts for clips of one truth."""
+    """Return the units of work for clips on one kind of body."""
     return count * len(settings.sets) * sum(TRUTH_OF[body] == truth for body in settings.bodies)
 
 
 def work_of(count: int, settings: CompletionSettings) -> int:
-    """Return the work that `advance` counts in all for `count` clips."""
+    """Return all units of work for `count` clips: one for each clip, sensor set and body, one for each edge."""
     return count * len(settings.sets) * len(settings.bodies) + settings.edges
 
 
 @dataclass(frozen=True)
 class _Scorer:
-    """Scorer of clips of one truth, side by side; other processes get it pickled."""
+    """Scorer of a batch of clips on one kind of body; it can be pickled."""
 
     settings: CompletionSettings
     mean_body: MeanBody | None
@@ -131,7 +131,7 @@ class _Scorer:
     takes: TrackTake | None
 
     def __call__(self, batch: tuple[Sequence[Clip], Truth]) -> list[CompletionTable]:
-        """The tables of some clips, one of each clip."""
+        """Return the table of each clip."""
         clips, truth = batch
         scenes = [scene_of(clip, truth, self.settings.split) for clip in clips]
         scored = [(CompletionTable(self.settings), scene) for scene in scenes]
@@ -149,7 +149,7 @@ class _Scorer:
         return [table for table, _ in scored]
 
     def _score_cell(self, scored: Scored, observations: Sequence[Observation], sensors: str, body: Body) -> None:
-        """Score one set of sensors on scenes, with one amount of knowledge about the body."""
+        """Score a sensor set on scenes, for one kind of knowledge about the body."""
         people = [person_of(body, scene.skeleton) for _, scene in scored]
         tracked = self.track(people, observations)
         for (table, scene), person, seen, one in zip(scored, people, observations, tracked, strict=True):
@@ -173,7 +173,7 @@ class _Scorer:
                 self._score_lost_hands(scored, observations, sensors)
 
     def _score_lost_hands(self, scored: Scored, observations: Sequence[Observation], sensors: str) -> None:
-        """Score the effect of lost hands on bodies of known proportions."""
+        """Score the effect of lost hands, for known proportions."""
         people = [person_of("own", scene.skeleton) for _, scene in scored]
         lost = [lose_hands(seen, clip_rng(scene.name)) for (_, scene), seen in zip(scored, observations, strict=True)]
         tracked = self.track(people, lost)
@@ -186,9 +186,9 @@ class _Scorer:
     def _score_blinks(
         self, scored: Scored, observations: Sequence[Observation], sensors: str, tracked: Sequence[TrackedMotion]
     ) -> None:
-        """Score the effect of a blinking finger on bodies of known proportions.
+        """Score the effect of a blinking finger, for known proportions.
 
-        `tracked` is without it, which a set without fingers need not track again.
+        `tracked` is the result without that finger; it is reused for sensor sets that have no fingers.
         """
         people, jumps = [person_of("own", scene.skeleton) for _, scene in scored], []
         for blinking in (False, True):
@@ -205,7 +205,7 @@ class _Scorer:
             table.cells[sensors, "own", scene.group].add("extra_jumps_per_minute", extra, minutes)
 
     def _score_baselines(self, table: CompletionTable, scene: TrackedScene, seen: Observation, truth: Truth) -> None:
-        """Score methods that know nothing of this wearer's motion, on hidden joints."""
+        """Score baselines on hidden joints: last known positions and the mean body."""
         methods = last_known(seen, scene.skeleton)
         if self.mean_body is not None:
             head = scene.skeleton.index("head")
@@ -216,7 +216,7 @@ class _Scorer:
 
 
 def _take_scores(scene: TrackedScene, sensors: str, seen: Observation, taken: TrackedMotion) -> RunningScores:
-    """The measures of `TAKE_MEASURES` and `TAKE_SIGHTS`, and how true expected errors are, of a whole take."""
+    """Return measures of a whole take: `TAKE_MEASURES`, `TAKE_SIGHTS`, coverage and expected error."""
     scores, named = measure_sight(scene, seen, taken), RunningScores()
     scores.merge(measure(scene, taken))
     if sensors == "headset_camera":
@@ -232,7 +232,7 @@ def _take_scores(scene: TrackedScene, sensors: str, seen: Observation, taken: Tr
 
 
 def _worst_frames(sensors: str, body: Body, scene: TrackedScene, tracked: TrackedMotion) -> Iterator[WorstFrame]:
-    """The frames with the largest mean error of 22 joints, from the head, and with the largest leap of one."""
+    """Yield the frame with the largest mean error of 22 joints from the head, and that with the largest leap."""
     joints = scene.skeleton.indices(BODY)
     leaps = 100 * sight.leaps(tracked.position[:, joints], scene.world_pose[0][:, joints])
     faults: dict[Fault, np.ndarray] = {"error": scene.error_from_head(tracked.position).mean(axis=-1)}
@@ -243,7 +243,7 @@ def _worst_frames(sensors: str, body: Body, scene: TrackedScene, tracked: Tracke
 
 
 def _time_steps(table: CompletionTable, clip: Clip, times: StepTimes) -> None:
-    """Time the steps of one wearer in every cell."""
+    """Time the steps of one wearer for each sensor set and body."""
     for body in table.settings.bodies:
         scene = scene_of(clip, TRUTH_OF[body], table.settings.split).beginning(TIMED_FRAMES)
         for sensors in table.settings.sets:

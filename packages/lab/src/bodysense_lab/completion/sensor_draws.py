@@ -1,4 +1,4 @@
-"""Which sensors a training sequence has, frame by frame: the distribution that the network learns from."""
+"""Random sensors of training sequences: the distribution of tracked points that the network learns from."""
 
 from __future__ import annotations
 
@@ -21,30 +21,30 @@ from bodysense_lab.completion.points import (
 )
 
 HEAD, WRISTS = "head", ("left_wrist", "right_wrist")
-# Kinds of sequences and how often each is drawn.
+# Shares of the kinds of sequences.
 KINDS = {
     "three_point": 0.27,
     "head": 0.08,
-    "trackers": 0.14,  # head and hands, and worn trackers
-    "imus": 0.15,  # head and hands, and sensors of rotation only
-    "camera": 0.21,  # what a headset's cameras see
-    "mixed": 0.08,  # head, mostly hands, and a few parts, on one side or both, each with a sensor of its own kind
+    "trackers": 0.14,  # head, hands and worn trackers
+    "imus": 0.15,  # head, hands and sensors with rotation only
+    "camera": 0.21,  # points that a headset's cameras see
+    "mixed": 0.08,  # head, mostly hands, and a few parts on one or both sides, with sensors of different kinds
     "random": 0.04,  # any subset of points, each with a position, a rotation or both
     "headless": 0.03,  # recordings with holes, positions only, worn trackers without a headset
 }
 FINGER_KINDS = {
-    "nothing": 0.40,  # controllers, or no hands at all: fingers are synthesised
+    "nothing": 0.40,  # controllers or no hands: fingers are synthesised
     "tracked": 0.25,  # gloves or hand tracking: all positions, all rotations, or both
-    "camera": 0.25,  # what a headset's cameras see
+    "camera": 0.25,  # points that a headset's cameras see
     "random": 0.10,  # some joints and tips, each with a position, a rotation or both
 }
-_GAPS = 0.4  # share of sequences with hands in which these are lost now and then, as `lost_hand` says
+_GAPS = 0.4  # share of sequences with hands in which `lost_hand` hides hands at times
 _ONE_HAND, _NO_ROTATION = (
     0.12,
     0.04,
-)  # share of three-point sequences with one hand only, and with hands without rotation
-_CHANGES = 0.2  # share of sequences with other sensors in which those come and go
-_ACCELERATION_SHARE = 0.8  # share of sequences whose rotation-only sensors give their acceleration
+)  # shares of three-point sequences with one hand, and with hands without rotation
+_CHANGES = 0.2  # share of sequences with other sensors in which sensors are lost at times
+_ACCELERATION_SHARE = 0.8  # share of sequences whose sensors with rotation only have accelerations
 _PAIRS = ("ankle", "knee", "elbow", "hip", "shoulder", "foot")
 _IMU_JOINTS = ("knee", "ankle", "hip", "elbow", "shoulder")
 _SENSOR_KINDS = ("both", "position", "rotation")
@@ -52,7 +52,7 @@ _SENSOR_KINDS = ("both", "position", "rotation")
 
 @dataclass(frozen=True, eq=False)
 class SensorMasks:
-    """Masks of one sequence."""
+    """Masks of tracked points of one sequence."""
 
     has_position: np.ndarray  # (T, 27) bool
     has_rotation: np.ndarray  # (T, 22) bool
@@ -60,12 +60,12 @@ class SensorMasks:
 
     @property
     def head_known(self) -> np.ndarray:
-        """(T,) bool: position and rotation of the head are tracked."""
+        """Frames (T,), bool, in which position and rotation of the head are tracked."""
         return self.has_position[:, INPUT_POINTS.index(HEAD)] & self.has_rotation[:, BODY.index(HEAD)]
 
 
 def fixed_sensors(sensors: SensorSet, visible: np.ndarray, interval: float, rng: np.random.Generator) -> SensorMasks:
-    """Return what a set of sensors tracks of a body of which cameras see `visible` (T, 27); nothing is drawn."""
+    """Return the masks of a sensor set for a body of which cameras see `visible` (T, 27). Nothing is random."""
     del interval, rng
     position, rotation = np.isin(INPUT_POINTS, sensors.position), np.isin(BODY, sensors.rotation)
     has_position = (visible | position) if sensors.camera else np.tile(position, (len(visible), 1))
@@ -74,7 +74,7 @@ def fixed_sensors(sensors: SensorSet, visible: np.ndarray, interval: float, rng:
 
 
 def draw_sensors(visible: np.ndarray, interval: float, rng: np.random.Generator) -> SensorMasks:
-    """Draw what is tracked in a sequence of frames every `interval` s, of which cameras see `visible` (T, 27)."""
+    """Draw masks for frames every `interval` s, of a body of which cameras see `visible` (T, 27)."""
     frames = len(visible)
     kind = str(rng.choice(list(KINDS), p=list(KINDS.values())))
     position, rotation = np.zeros(len(INPUT_POINTS), dtype=bool), np.zeros(len(BODY), dtype=bool)
@@ -123,7 +123,7 @@ def draw_sensors(visible: np.ndarray, interval: float, rng: np.random.Generator)
             has_position[lost, INPUT_POINTS.index(name)] = False
             if name in BODY:
                 has_rotation[lost, BODY.index(name)] = False
-    if rng.uniform() < 0.03:  # a headset that loses its place for a moment
+    if rng.uniform() < 0.03:  # a headset that loses tracking for a moment
         lost = spans(frames, interval, rng, 4.0, longest=1.0)
         has_position[lost, INPUT_POINTS.index(HEAD)] = False
         has_rotation[lost, BODY.index(HEAD)] = False
@@ -132,12 +132,12 @@ def draw_sensors(visible: np.ndarray, interval: float, rng: np.random.Generator)
 
 
 def rotation_only(has_position: np.ndarray, has_rotation: np.ndarray) -> np.ndarray:
-    """(T, 12) bool: which of `ACCELERATION_POINTS` carry a sensor that knows its rotation and not its place."""
+    """Return (T, 12) bool: `ACCELERATION_POINTS` with a tracked rotation and no tracked position."""
     return has_rotation[:, ACCELERATION_INDICES] & ~has_position[:, ACCELERATION_INDICES]
 
 
 def _add_trackers(add, rng: np.random.Generator) -> None:
-    """Worn trackers: the sets that are sold, and any others."""
+    """Add worn trackers: usual sets, or random ones."""
     drawn = rng.uniform()
     if drawn < 0.75:
         add("pelvis")
@@ -161,7 +161,7 @@ def _add_trackers(add, rng: np.random.Generator) -> None:
 
 
 def _add_imus(add, rng: np.random.Generator) -> None:
-    """Sensors that know their rotation alone."""
+    """Add sensors with rotation only."""
     drawn = rng.uniform()
     parts = ["knee"] if drawn < 0.45 else ["ankle"] if drawn < 0.6 else ["knee", "ankle"] if drawn < 0.7 else []
     parts = parts or [part for part in _IMU_JOINTS if rng.uniform() < 0.5]
@@ -176,7 +176,7 @@ def _add_imus(add, rng: np.random.Generator) -> None:
 
 
 def _add_mixed(add, rng: np.random.Generator) -> None:
-    """A few parts of the body, each with a sensor of its own kind, as often on one side as on both."""
+    """Add sensors of random kinds to a few parts of the body, as often on one side as on both."""
     share = rng.uniform(0.05, 0.5)
     for part in ("pelvis", "spine3", *_PAIRS):
         if rng.uniform() < share:
@@ -187,7 +187,7 @@ def _add_mixed(add, rng: np.random.Generator) -> None:
 
 
 def _headless(position: np.ndarray, rotation: np.ndarray, add, rng: np.random.Generator) -> None:
-    """Without a headset: motion capture with holes, positions alone, or worn trackers."""
+    """Draw sensors without a headset: recordings with holes, positions only, gloves only, or worn trackers."""
     drawn = rng.uniform()
     if drawn < 0.35:  # a recording with holes
         for name in BODY_POINTS:
@@ -213,7 +213,7 @@ def _headless(position: np.ndarray, rotation: np.ndarray, add, rng: np.random.Ge
 
 
 def _camera_masks(visible: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Positions of what cameras see, the head's pose, and the rotation of hands that are seen: knuckles imply it."""
+    """Return masks of seen positions, the head's pose, and rotations of seen hands, which knuckles imply."""
     has_position = visible.copy()
     has_rotation = np.zeros((len(visible), len(BODY)), dtype=bool)
     has_position[:, INPUT_POINTS.index(HEAD)] = True
@@ -228,14 +228,14 @@ def _remove(position: np.ndarray, rotation: np.ndarray, name: str) -> None:
     rotation[BODY.index(name)] = False
 
 
-# How long hand tracking loses a hand: shares, medians (s) and log deviations of two log-normal laws, and the longest.
-# Quest recordings: a tenth of the losses under 0.03 s, half under 0.1, 61 % under 0.2, 89 % under 1, 99 % under 6.7.
+# Durations of losses of a hand: shares, medians (s) and log deviations of two log-normal laws, and the longest.
+# Measured on Quest recordings: 10 % under 0.03 s, 50 % under 0.1 s, 61 % under 0.2 s, 89 % under 1 s, 99 % under 6.7 s.
 _LOSSES, _LONGEST_LOSS = ((0.52, 0.06, 0.7), (0.48, 0.45, 1.25)), 17.0
-_LOSS_RATES = (3.0, 30.0)  # a minute, from and to, log-uniform
+_LOSS_RATES = (3.0, 30.0)  # losses per minute, from and to, log-uniform
 
 
 def loss_durations(count: int, rng: np.random.Generator) -> np.ndarray:
-    """(N,) s for which hand tracking loses a hand."""
+    """Draw durations (N,) s of losses of a hand."""
     brief = rng.uniform(size=count) < _LOSSES[0][0]
     median = np.where(brief, _LOSSES[0][1], _LOSSES[1][1])
     spread = np.where(brief, _LOSSES[0][2], _LOSSES[1][2])
@@ -243,7 +243,7 @@ def loss_durations(count: int, rng: np.random.Generator) -> np.ndarray:
 
 
 def lost_hand(frames: int, interval: float, rng: np.random.Generator) -> np.ndarray:
-    """(T,) bool: when one hand is lost, by itself."""
+    """Draw frames (T,), bool, in which one hand is lost."""
     lost = np.zeros(frames, dtype=bool)
     low, high = np.log(_LOSS_RATES)
     count = rng.poisson(np.exp(rng.uniform(low, high)) * frames * interval / 60)
@@ -255,7 +255,7 @@ def lost_hand(frames: int, interval: float, rng: np.random.Generator) -> np.ndar
 def spans(
     frames: int, interval: float, rng: np.random.Generator, per_minute: float, longest: float = 3.0
 ) -> np.ndarray:
-    """Return (T,) bool: spans of 0.2 s to `longest`, log-uniform, `per_minute` a minute on average."""
+    """Draw frames (T,), bool, in spans of 0.2 s to `longest` s, log-uniform, `per_minute` a minute on average."""
     lost = np.zeros(frames, dtype=bool)
     for _ in range(rng.poisson(per_minute * frames * interval / 60)):
         begin = rng.uniform(0, frames)
@@ -265,11 +265,11 @@ def spans(
 
 @dataclass(frozen=True, eq=False)
 class FingerMasks:
-    """Masks of both hands of one sequence."""
+    """Masks of tracked fingers of both hands of one sequence."""
 
     has_position: np.ndarray  # (T, 2, 20) bool
     has_rotation: np.ndarray  # (T, 2, 15) bool
-    has_wrist: np.ndarray  # (T, 2) bool: measured, not estimated
+    has_wrist: np.ndarray  # (T, 2) bool: the wrist is measured, not estimated
 
     @classmethod
     def wrists_only(cls, frames: int) -> FingerMasks:
@@ -279,7 +279,7 @@ class FingerMasks:
 
 
 def fixed_fingers(name: str, visible: np.ndarray, interval: float, rng: np.random.Generator) -> FingerMasks:
-    """Return what `nothing`, `tips` or a `camera` tracks of hands that cameras see (T, 2); nothing is drawn."""
+    """Return the masks of `nothing`, `tips` or a `camera` for hands that cameras see (T, 2). Nothing is random."""
     del interval, rng
     fingers = FingerMasks.wrists_only(len(visible))
     if name == "tips":
@@ -290,7 +290,7 @@ def fixed_fingers(name: str, visible: np.ndarray, interval: float, rng: np.rando
 
 
 def draw_fingers(kind: str, visible: np.ndarray, interval: float, rng: np.random.Generator) -> FingerMasks:
-    """Draw what a kind of `FINGER_KINDS` tracks in frames every `interval` s, in which cameras see hands (T, 2)."""
+    """Draw masks of a kind of `FINGER_KINDS`, for frames every `interval` s in which cameras see hands (T, 2)."""
     fingers = FingerMasks.wrists_only(len(visible))
     has_position, has_rotation, has_wrist = fingers.has_position, fingers.has_rotation, fingers.has_wrist
 
@@ -325,7 +325,7 @@ def draw_fingers(kind: str, visible: np.ndarray, interval: float, rng: np.random
 
 
 def _some_fingers(has_position: np.ndarray, has_rotation: np.ndarray, rng: np.random.Generator) -> None:
-    """Tips alone, whole fingers, or any joints and tips; alike on both hands."""
+    """Draw tips only, whole fingers, or any joints and tips; equal on both hands."""
     drawn, what = rng.uniform(), rng.uniform()
     if drawn < 0.3:
         points, what = np.arange(FINGER_POINTS) >= FINGER_JOINTS, 0.0  # tips have no rotation

@@ -1,4 +1,4 @@
-"""Training sequences: a recorded clip on a body of the family, seen by noisy sensors, proportions known in part."""
+"""Training sequences: a recorded clip on a random body, tracked by noisy sensors, with partly known proportions."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ from bodysense_lab.completion.training_bodies import TrainingBody, draw_body, wi
 
 _PLACES = body_indices()
 _PARENTS = bone_parents()
-_PATH = path_from_head() - path_from_head()[0]  # from the pelvis
+_PATH = path_from_head() - path_from_head()[0]  # relative to the pelvis
 _KNUCKLES = [
     default_skeleton().indices([f"{side}_{finger}1" for finger in ("index", "middle", "ring", "pinky")])
     for side in SIDES
@@ -64,24 +64,24 @@ _KNUCKLES = [
 _SOLES = [BODY_POINTS.index(f"{side}_{part}") for side in SIDES for part in ("ankle", "foot", "toe")]
 _CONTACT = [BODY.index(name) for name in CONTACT]
 _MIRROR, _MIRROR_65 = partners(BODY), default_skeleton().mirror
-# A foot is in contact while it is at most this far above its rest height and at most this fast; standing feet of the
-# CMU recordings slide by 0.13 m/s.
+# Contact of a foot: largest height over rest, largest speed, and half the window of the speed. Standing feet
+# in the CMU recordings slide at 0.13 m/s.
 _LOW, _SLOW, _HALF_WINDOW = 0.05, 0.3, 0.04  # m, m/s, s
-# radians: wrists about the forearm, sideways and toward the palm: spread of the held angle, spread of the motion, and
-# limit
+# Angles of wrists about the forearm, sideways and toward the palm, radians: deviation of the constant part, deviation
+# of the motion, and limit.
 _HELD_ANGLE = np.radians([40.0, 7.0, 17.0])
 _MOVING_ANGLE = np.radians([25.0, 10.0, 25.0])
 _ANGLE_LIMIT = np.radians([100.0, 25.0, 60.0])
-LONGEST, LONGEST_POSTURE = 15.0, 30.0  # s of a sequence, and of one in a posture that lasts
+LONGEST, LONGEST_POSTURE = 15.0, 30.0  # s, longest sequence, and longest one in a posture
 _STRAIGHTENED = 0.3  # share of sequences whose standing legs are straightened
 _FREE_WRISTS = 0.45  # share of sequences whose wrists turn freely
-_STRAPPED_ALONG = (0.3, 0.95)  # where along a bone a sensor is strapped
-_ACCELERATION_NOISE = (0.03, 0.5)  # m/s², from and to
+_STRAPPED_ALONG = (0.3, 0.95)  # position of a strapped sensor along its bone, from and to
+_ACCELERATION_NOISE = (0.03, 0.5)  # m/s², standard deviation, from and to, log-uniform
 
 
 @dataclass(frozen=True, eq=False)
 class Sequence:
-    """One clip, ready to learn from. World: +Y up, the floor at y = 0."""
+    """A clip as training data. World: +Y up, the floor at y = 0."""
 
     true_position: np.ndarray  # (T, 25, 3) float32 m
     true_rotation: np.ndarray  # (T, 22, 4) float32 wxyz, world ← joint
@@ -92,49 +92,49 @@ class Sequence:
     has_rotation: np.ndarray  # (T, 22) bool
     acceleration: np.ndarray  # (T, 12, 3) float32 m/s², world, of `ACCELERATION_POINTS`
     has_acceleration: np.ndarray  # (T, 12) bool
-    anchor: np.ndarray  # (T, 4) float32: cosine and sine of the heading, x and z of the frame under the head
+    anchor: np.ndarray  # (T, 4) float32: the frame under the head; cosine and sine of its heading, x and z
     accuracy: np.ndarray  # (27,) float32 m
     rest_offset: np.ndarray  # (25, 3) float32 m, as known to the tracker
-    certainty: np.ndarray  # (25,) float32 m
-    size: float
+    certainty: np.ndarray  # (25,) float32 m, standard deviation of the known bone lengths
+    size: float  # known stature divided by the reference stature
     interval: float  # s
-    hands: TrainingHands | None = None  # where they are learned from
+    hands: TrainingHands | None = None  # None: not used
 
     def __len__(self) -> int:
         return len(self.contact)
 
 
 DrawSensors = Callable[[np.ndarray, float, np.random.Generator], SensorMasks]
-CAMERA = partial(fixed_sensors, HEADSET_CAMERA)  # which stands for every device that tracks hands
+CAMERA = partial(fixed_sensors, HEADSET_CAMERA)  # stands for any device that tracks hands
 
 
 @dataclass(frozen=True)
 class SequenceAugmentation:
-    """Choices that vary between sequences of one clip."""
+    """Augmentation of a clip: its body, sensors, time, posture and noise."""
 
     body: TrainingBody
     sensors: DrawSensors = draw_sensors
     rate: float = 30.0  # Hz
-    pace: float = 1.0  # how fast the motion is played
-    begin: float = 0.0  # s
-    longest: float = np.inf  # s
+    pace: float = 1.0  # factor of the playback speed
+    begin: float = 0.0  # s of the clip
+    longest: float = np.inf  # s of the clip
     mirrored: bool = False
     free_wrists: bool = False  # wrists turn freely
     posture: str | None = None  # of `postures.KINDS`; None: as recorded
-    straightening: float = 0.0  # how much standing legs are straightened; 1: wholly
+    straightening: float = 0.0  # share by which standing legs are straightened; 1: fully
     noisy: bool = False
     backward: bool = False  # time runs backward
     fingers: DrawFingers | None = None  # None: hands are left out
-    local: np.ndarray | None = None  # (T, 2, 15, 4) wxyz, parent ← joint, of the drawn part; None: as recorded
-    finger_noise: bool = False  # fingers move at random, too
+    local: np.ndarray | None = None  # (T, 2, 15, 4) wxyz finger rotations, parent ← joint; None: as recorded
+    finger_noise: bool = False  # fingers have random motion in addition
 
 
 def draw_sequence(
     corpus: Corpus, clip: int, rng: np.random.Generator, change_posture: bool = False, backward: bool = False
 ) -> Sequence:
-    """Draw everything that may differ about a clip of the corpus, and make its sequence.
+    """Draw an augmentation of a clip of the corpus, and make its sequence.
 
-    With `change_posture`, a standing person takes another posture.
+    With `change_posture`, a standing person takes a rare posture. `backward` reverses time.
     """
     posture = draw_kind(rng) if change_posture else None
     longest = LONGEST if posture is None else LONGEST_POSTURE
@@ -156,10 +156,10 @@ def draw_sequence(
 
 
 def draw_hands(corpus: Corpus, clip: int, rng: np.random.Generator, generated: np.ndarray | None = None) -> Sequence:
-    """Draw what may differ about a clip for its hands, whose wrists cameras see, and make its sequence.
+    """Draw an augmentation of a clip for training of fingers, and make its sequence with hands.
 
-    A clip whose fingers were not recorded moves those of some part of `generated` (N, 30, 4). No clip is mirrored: the
-    network reads right hands in a mirror, so that a clip and its mirror image are the same.
+    Clips without recorded fingers have those of a random part of `generated` (N, 30, 4). Clips are not mirrored: the
+    network mirrors right hands, so a clip and its mirror image are equal to it.
     """
     seconds = float(corpus.length[clip] / corpus.rate[clip])
     drawn = SequenceAugmentation(
@@ -182,7 +182,7 @@ def draw_hands(corpus: Corpus, clip: int, rng: np.random.Generator, generated: n
 
 
 def make_sequence(corpus: Corpus, clip: int, augmentation: SequenceAugmentation, rng: np.random.Generator) -> Sequence:
-    """The sequence of a clip as drawn."""
+    """Make the sequence of a clip with an augmentation; `rng` draws noise and masks."""
     rate, body = augmentation.rate, augmentation.body
     rotation, root, visible = _resampled(corpus, clip, augmentation)
     own = corpus.rest_offset[clip].astype(float)
@@ -251,7 +251,7 @@ def _hands(
     visible: np.ndarray,
     rng: np.random.Generator,
 ) -> TrainingHands:
-    """Return the hands of a sequence, which cameras see in some frames (T, 2)."""
+    """Return the hands of a sequence; `visible` (T, 2) are frames in which cameras see them."""
     assert augmentation.fingers is not None
     local = _recorded_fingers(corpus, clip, augmentation) if augmentation.local is None else augmentation.local
     if augmentation.finger_noise:
@@ -263,7 +263,7 @@ def _hands(
     wrist = np.where(tracked.has_wrist[..., None], body.rotation[:, WRISTS], wrist)
     place = np.where(tracked.has_wrist[..., None], body.position[:, WRISTS], place)
 
-    # The graph reads fingers in the frame of the tracked wrist, so convert to the world first, then to that frame.
+    # The network reads fingers in the frame of the tracked wrist, so convert to the world first, then to that frame.
     position = quaternion_rotate(true_wrist[:, :, None], true_position) + true_place[:, :, None]
     rotation = quaternion_multiply(true_wrist[:, :, None], true_rotation)
     if augmentation.noisy:
@@ -294,7 +294,7 @@ def _hands(
 def _resampled(
     corpus: Corpus, clip: int, augmentation: SequenceAugmentation
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """World rotations (T, 22, 4), the root's path (T, 3) and visibility (T, 65) of the part of a clip that is drawn."""
+    """Return world rotations (T, 22, 4), root positions (T, 3) m and visibility (T, 65) of the part of a clip."""
     first = int(corpus.start[clip])
     low, high, share = _frames_of(corpus, clip, augmentation)
     mixed = interpolate(corpus.rotation[first + low], corpus.rotation[first + high], share)
@@ -303,7 +303,7 @@ def _resampled(
 
 
 def _recorded_fingers(corpus: Corpus, clip: int, augmentation: SequenceAugmentation) -> np.ndarray:
-    """Local rotations (T, 2, 15, 4) of the part of a clip that is drawn, in the order of its frames."""
+    """Return local finger rotations (T, 2, 15, 4) of the part of a clip."""
     low, high, share = _frames_of(corpus, clip, augmentation)
     first = int(corpus.finger_start[clip])
     hands = interpolate(corpus.fingers[first + low], corpus.fingers[first + high], share)[:, RECORDED]
@@ -315,7 +315,7 @@ def _recorded_fingers(corpus: Corpus, clip: int, augmentation: SequenceAugmentat
 def _frames_of(
     corpus: Corpus, clip: int, augmentation: SequenceAugmentation
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Frames (T,) of a clip before and after each frame of its sequence, and the share (T,) of the latter."""
+    """Return the clip's frames (T,) before and after each frame of its sequence, and the weight (T,) of the latter."""
     count, own = int(corpus.length[clip]), float(corpus.rate[clip]) * augmentation.pace
     begin = min(augmentation.begin * own, max(0.0, count - 1 - 2 * own))
     end = min(count - 1, begin + augmentation.longest * own)
@@ -327,7 +327,7 @@ def _frames_of(
 def _retargeted(
     rotation: np.ndarray, root: np.ndarray, own: np.ndarray, other: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Positions (T, 25, 3) of the motion on another body, and matrices (T, 22, 3, 3): the twin of `body.retarget`."""
+    """Return positions (T, 25, 3) m of the motion on another body, and matrices (T, 22, 3, 3), as `body.retarget`."""
     matrix = quaternion_to_matrix(rotation)
     carrying = matrix[:, _PARENTS]
 
@@ -346,12 +346,12 @@ def _retargeted(
 
 
 def _rest_heights(offset: np.ndarray) -> np.ndarray:
-    """(25,) m: how high the points rest above the floor."""
+    """Return heights (25,) m of the points over the floor in the rest pose."""
     return (default_skeleton().path @ offset)[_PLACES, 1] + offset[0, 1]
 
 
 def in_contact(feet: np.ndarray, standing: np.ndarray, rate: float) -> np.ndarray:
-    """(T, 4) bool: whether ankles and balls of the feet (T, 4, 3) m stand, which rest `standing` (4,) m high."""
+    """Return (T, 4) bool: contact of ankles and balls of the feet (T, 4, 3) m, with rest heights `standing` (4,) m."""
     reach = max(1, round(_HALF_WINDOW * rate))
     place = np.arange(len(feet))
     before, after = np.maximum(place - reach, 0), np.minimum(place + reach, len(feet) - 1)
@@ -361,9 +361,9 @@ def in_contact(feet: np.ndarray, standing: np.ndarray, rate: float) -> np.ndarra
 
 
 def _with_turned_wrists(rotation: np.ndarray, rate: float, rng: np.random.Generator) -> np.ndarray:
-    """Wrists that turn freely: about the forearm, as palms are held down, inward or up, and across it.
+    """Turn the wrists about the forearm (palms down, inward or up) and across it.
 
-    Only the wrists change; arms and recorded bending stay.
+    Arms are unchanged; recorded bending of the wrists remains.
     """
     held = rng.normal(0, 1, (2, 3)) * _HELD_ANGLE
     if rng.uniform() < 0.5:  # both hands alike
@@ -380,7 +380,7 @@ def _with_turned_wrists(rotation: np.ndarray, rate: float, rng: np.random.Genera
 
 
 def _visible_points(rotation: np.ndarray, root: np.ndarray, offset: np.ndarray) -> np.ndarray:
-    """(T, 65) bool: what a headset's cameras see of a body with straight fingers."""
+    """Return (T, 65) bool: points that a headset's cameras see of a body with straight fingers."""
     skeleton = default_skeleton().with_offsets(offset)
     count = len(skeleton.joints)
     carriers = np.where(np.arange(count) < len(BODY), np.arange(count), skeleton.wrist_of[:count])
@@ -393,7 +393,7 @@ def _visible_points(rotation: np.ndarray, root: np.ndarray, offset: np.ndarray) 
 def _accelerations(
     points: np.ndarray, rate: float, rng: np.random.Generator, noisy: bool
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Accelerations (T, 12, 3) m/s² of sensors strapped to a body of points (T, 25, 3), and from when (T,) bool."""
+    """Return accelerations (T, 12, 3) m/s² of strapped sensors on points (T, 25, 3) m, and valid frames (T,), bool."""
     along = (
         rng.uniform(*_STRAPPED_ALONG, len(ACCELERATION_POINTS))
         if noisy
@@ -408,7 +408,7 @@ def _accelerations(
 
 
 def _accuracy(rng: np.random.Generator) -> np.ndarray:
-    """Draw accuracies (27,) m of the body's trackers."""
+    """Draw the accuracies (27,) m of tracked points."""
     accuracy = np.exp(rng.uniform(np.log(0.002), np.log(0.025), INPUT_POINT_COUNT))
     accuracy[HEAD] = 0.001
     if rng.uniform() < 0.5:
@@ -417,7 +417,7 @@ def _accuracy(rng: np.random.Generator) -> np.ndarray:
 
 
 def _position_noise(shape: tuple[int, ...], rate: float, rng: np.random.Generator) -> np.ndarray:
-    """Return errors (T, ..., 3) of trackers of accuracy 1: constant ones, drift and tremor."""
+    """Draw errors (T, ..., 3) of trackers with accuracy 1: offset, drift and tremor."""
     drift = smooth_noise(shape[0], math.prod(shape[1:]), rate, 1.0, rng).reshape(shape) * 0.4
     drift += rng.standard_normal(shape[1:]) * 0.4
     return drift + rng.standard_normal(shape) * (0.15 if rng.uniform() < 0.3 else 0.02)
@@ -426,7 +426,7 @@ def _position_noise(shape: tuple[int, ...], rate: float, rng: np.random.Generato
 def _with_rotation_noise(
     rotation: np.ndarray, radians: np.ndarray, rate: float, rng: np.random.Generator
 ) -> np.ndarray:
-    """Return rotations (T, ..., 4) that drift; `radians` (...) scale how far."""
+    """Add drift with standard deviations `radians` (...) to rotations (T, ..., 4)."""
     shape = (*rotation.shape[:-1], 3)
     turns = smooth_noise(shape[0], math.prod(shape[1:]), rate, 1.0, rng).reshape(shape) * radians[..., None] * 0.6
     return quaternion_multiply(quaternion_exp(turns), rotation)
@@ -435,7 +435,7 @@ def _with_rotation_noise(
 def _head_frame(
     head: np.ndarray, place: np.ndarray, known: np.ndarray, rng: np.random.Generator, rate: float
 ) -> np.ndarray:
-    """The frame under the head (T, 4); where the head is not tracked, one that errs as an estimate of it does."""
+    """Return the frame under the head (T, 4), with errors of an estimate in frames without a tracked head."""
     twist = np.stack([head[:, 0] ** 2 - head[:, 2] ** 2, 2 * head[:, 0] * head[:, 2]], axis=-1)
     angle = np.arctan2(twist[:, 1], twist[:, 0])
     where = place[:, [0, 2]].astype(float)

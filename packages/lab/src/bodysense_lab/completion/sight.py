@@ -1,7 +1,7 @@
-"""Measures of sight: what a wearer sees go wrong, each a function of true and output positions.
+"""Measures of faults that a wearer sees, as functions of true and output positions.
 
-Positions are (T, P, 3) m in the world (+Y up) at `rate` Hz, masks of what is tracked are (T, P) bool. A mean error does
-not count these faults: a body that freezes for a frame and then leaps, feet that hover, knees that bend while the
+Positions are (T, P, 3) m in the world (+Y up) at `rate` Hz, and masks of tracked points are (T, P) bool. A mean error
+does not show these faults: a body that freezes for a frame and then leaps, feet that float, knees that bend while the
 wearer stands, steps that the wearer did not take, hands that fly back into view.
 """
 
@@ -16,62 +16,62 @@ from bodysense.body.gaps import runs
 from bodysense.body.rotation import quaternion_conjugate, quaternion_rotate
 from bodysense.metrics import vector_length
 
-FAST = 1.0  # m/s: a hidden point that truly moves faster is seen to move
-FROZEN = 0.25  # of the true speed: a point that is output slower is frozen
-FLOATING = 0.03  # m over its rest height: a ball that is higher does not touch the floor
-STANDING = 0.10  # m over its rest height: the true ball that carries the body is lower, even on tiptoe
-UPRIGHT = 0.8  # of its rest height: a standing pelvis is higher
-STRAIGHT = 10.0  # °: a true knee that is bent less is straight
-BACKWARD = 5.0  # °: a knee that is bent farther the wrong way bends backward
-STRIDE = 0.20  # m between the ankles, along the pelvis' heading
-STEP = 0.08  # m along the floor: a foot that moves less did not step
-TRUE_STEP = 0.20  # m: a true step that is as long is not to be missed
-STILL = 0.25  # m/s along the floor: a foot that is slower stands
-SETTLED = 0.3  # s after a true step within which the output foot may still finish it
-EASE = 0.25  # s after its return within which a point is brought where it is measured
-SEEN_FOR = 0.3  # s after its return from which a measured point is where it was measured
-TRANSITION = 0.5  # s after a loss or a return over which jerk is compared
+FAST = 1.0  # m/s; faster hidden points are checked for freezing
+FROZEN = 0.25  # of the true speed; a slower output point is frozen
+FLOATING = 0.03  # m over its rest height; a higher ball of a foot does not touch the floor
+STANDING = 0.10  # m over its rest height; a true ball that carries the body is lower, even on tiptoe
+UPRIGHT = 0.8  # of its rest height; a standing pelvis is higher
+STRAIGHT = 10.0  # °; a true knee that is bent less is straight
+BACKWARD = 5.0  # °; a knee that is bent farther in the wrong direction bends backward
+STRIDE = 0.20  # m between the ankles along the pelvis's heading; less is no stride
+STEP = 0.08  # m along the floor; a foot that moves less did not step
+TRUE_STEP = 0.20  # m; only true steps of this length count as missed
+STILL = 0.25  # m/s along the floor; a slower foot stands
+SETTLED = 0.3  # s after a true step in which the output foot may finish its step
+EASE = 0.25  # s after its return in which a point is eased to its measured position
+SEEN_FOR = 0.3  # s after its return from which a point must be at its measured position
+TRANSITION = 0.5  # s after a loss or a return in which jerk is compared
 Moment = Literal["loss", "return"]
 
 
 def changed_frames(tracked: np.ndarray) -> np.ndarray:
-    """(T,) bool: frames whose mask (T, …) differs from the frame before; never the first."""
+    """Return (T,) bool: frames whose mask (T, …) differs from that of the previous frame; False for the first."""
     flat = tracked.reshape(len(tracked), -1)
     return np.concatenate([[False], (flat[1:] != flat[:-1]).any(axis=-1)])
 
 
 def near_change(tracked: np.ndarray) -> np.ndarray:
-    """(T,) bool: the frame of a mask change, and the next."""
+    """Return (T,) bool: the frames of mask changes and the frames after them."""
     changed = changed_frames(tracked)
     return changed | np.concatenate([[False], changed[:-1]])
 
 
 def leaps(position: np.ndarray, truth: np.ndarray, order: int = 1) -> np.ndarray:
-    """(T − order,) m: the most that a point goes farther than its truth goes, in each frame after the first.
+    """Return (T − order,) m: the largest distance that a point moves beyond that of the true point, in each frame.
 
-    A foot that swings while the true one stands does so as well; with `order` 2 the distance is the one from where the
-    velocity leads, so that only breaks in the motion count.
+    With `order` 1, a foot that swings while the true foot stands counts, too. With `order` 2, distances are from the
+    position to which the velocity leads, so only breaks in the motion count.
     """
-    gone, truly = (vector_length(np.diff(values, order, axis=0)) for values in (position, truth))
-    return (gone - truly).max(axis=-1)
+    distance, true_distance = (vector_length(np.diff(values, order, axis=0)) for values in (position, truth))
+    return (distance - true_distance).max(axis=-1)
 
 
 def jump_frames(position: np.ndarray, truth: np.ndarray, most: float, order: int = 1) -> np.ndarray:
-    """(T − order,) bool: frames with a leap (`leaps`) of more than `most` metres."""
+    """Return (T − order,) bool: frames with a leap (see `leaps`) of more than `most` metres."""
     return leaps(position, truth, order) > most
 
 
 def frozen_points(position: np.ndarray, truth: np.ndarray, tracked: np.ndarray, rate: float) -> np.ndarray:
-    """(N,) bool over hidden points that truly move faster than `FAST`: whether they are output almost still."""
-    truly, output = (_speed(values, rate) for values in (truth, position))
-    counted = ~tracked[1:] & (truly > FAST)
-    return output[counted] < FROZEN * truly[counted]
+    """Return (N,) bool for hidden points with a true speed above `FAST`: the output point is almost still."""
+    true_speed, speed = (_speed(values, rate) for values in (truth, position))
+    counted = ~tracked[1:] & (true_speed > FAST)
+    return speed[counted] < FROZEN * true_speed[counted]
 
 
 def standing_frames(
     balls: np.ndarray, pelvis: np.ndarray, ball_rest: float, pelvis_rest: float, rate: float
 ) -> np.ndarray:
-    """(T,) bool: frames in which a body stands upright, or walks: at least one ball is low and still.
+    """Return (T,) bool: frames in which a body stands or walks upright; at least one ball of a foot is low and still.
 
     Args:
         balls: true balls of the feet (T, 2, 3) m.
@@ -87,33 +87,33 @@ def standing_frames(
 
 
 def floating_frames(balls: np.ndarray, truth: np.ndarray, ball_rest: float) -> np.ndarray:
-    """(T,) bool: frames in which the lower ball of output feet (T, 2, 3) m is `FLOATING` too high.
+    """Return (T,) bool: frames in which the lower ball of the output feet (T, 2, 3) m floats.
 
-    Too high is over its rest height, and over the lower one of the true balls (T, 2, 3) m: recorded feet are not always
-    on the floor.
+    It floats if it is `FLOATING` above its rest height and above the lower true ball (T, 2, 3) m; recorded feet are not
+    always on the floor.
     """
-    lowest, truly = (values[..., 1].min(axis=-1) for values in (balls, truth))
-    return lowest > np.maximum(truly, ball_rest) + FLOATING
+    lowest, true_lowest = (values[..., 1].min(axis=-1) for values in (balls, truth))
+    return lowest > np.maximum(true_lowest, ball_rest) + FLOATING
 
 
 def knee_flexion(hip: np.ndarray, knee: np.ndarray, ankle: np.ndarray) -> np.ndarray:
-    """Angle (...,) between thigh and shin, degrees, of points (..., 3); 0: straight."""
+    """Return the angle (...,) between thigh and shin, degrees, for points (..., 3); 0: straight."""
     thigh, shin = knee - hip, ankle - knee
     scale = np.maximum(vector_length(thigh) * vector_length(shin), 1e-12)
     return np.degrees(np.arccos(np.clip((thigh * shin).sum(axis=-1) / scale, -1, 1)))
 
 
 def backward_knees(rotation: np.ndarray) -> np.ndarray:
-    """(...,) bool: knees that bend backward, from local rotations (..., 4) wxyz, thigh ← shin.
+    """Return (...,) bool: knees that bend backward, from local rotations (..., 4) wxyz, thigh ← shin.
 
-    The thigh's +X points to the body's left: turning about it takes the shin back, as knees bend.
+    The thigh's +X points to the body's left. Knees bend by positive turns about it.
     """
     sign = np.where(rotation[..., 0] < 0, -1.0, 1.0)
     return np.degrees(2 * np.arctan2(sign * rotation[..., 1], np.abs(rotation[..., 0]))) < -BACKWARD
 
 
 def wrong_feet(ankles: np.ndarray, truth: np.ndarray, facing: np.ndarray) -> np.ndarray:
-    """(N,) bool over frames with a true stride: whether the other foot is output in front.
+    """Return (N,) bool for frames with a true stride: the output has the other foot in front.
 
     Args:
         ankles: output ankles (T, 2, 3) m, left and right.
@@ -121,25 +121,25 @@ def wrong_feet(ankles: np.ndarray, truth: np.ndarray, facing: np.ndarray) -> np.
         facing: heading of the true pelvis (T, 4) wxyz.
     """
     back = quaternion_conjugate(facing)
-    ahead, truly = (
+    ahead, true_ahead = (
         np.asarray(quaternion_rotate(back, values[:, 0] - values[:, 1]))[:, 2] for values in (ankles, truth)
     )
-    stride = np.abs(truly) > STRIDE
-    return ahead[stride] * truly[stride] < 0
+    stride = np.abs(true_ahead) > STRIDE
+    return ahead[stride] * true_ahead[stride] < 0
 
 
 def still_spans(foot: np.ndarray, rate: float, shortest: float = 0.1) -> list[tuple[int, int]]:
-    """Spans [start, end) of frames in which a foot (T, 3) m stands: slow along the floor for `shortest` seconds."""
+    """Return spans [start, end) of frames in which a foot (T, 3) m stands: slow along the floor for `shortest` s."""
     speed = vector_length(np.diff(foot[:, [0, 2]], axis=0)) * rate
     slow = np.concatenate([speed[:1], speed]) < STILL
     return [(start, end) for start, end in runs(slow) if end - start >= shortest * rate]
 
 
 def false_steps(feet: np.ndarray, truth: np.ndarray, rate: float) -> int:
-    """How often an output foot steps while both true feet stand.
+    """Count the steps of output feet (T, 2, 3) m while both true feet (T, 2, 3) m stand.
 
-    A foot has stepped when it is `STEP` from where it was at the last step, along the floor, beyond what the true one
-    slides; the first `SETTLED` seconds of standing do not count. Feet are (T, 2, 3) m.
+    A foot steps when it has moved by `STEP` along the floor since its last step, beyond the sliding of the true foot.
+    The first `SETTLED` seconds of standing do not count.
     """
     both = np.ones(len(truth), dtype=bool)
     for side in range(2):
@@ -157,26 +157,26 @@ def false_steps(feet: np.ndarray, truth: np.ndarray, rate: float) -> int:
 
 
 def missed_steps(feet: np.ndarray, truth: np.ndarray, rate: float) -> tuple[int, int]:
-    """How many true steps the output feet do not take, and how many true steps there are.
+    """Return the number of true steps that the output feet miss, and the number of true steps.
 
-    A true step leads a foot `TRUE_STEP` or more from one stand to the next. The output foot misses it if, from just
-    before to `SETTLED` seconds after, it goes less than half as far. Feet are (T, 2, 3) m.
+    A true step moves a foot by `TRUE_STEP` or more between two spans of standing. The output foot misses it if it moves
+    less than half as far, from just before the step to `SETTLED` seconds after. Feet are (T, 2, 3) m.
     """
     missed, steps, slack = 0, 0, round(SETTLED * rate)
     for side in range(2):
         spans = still_spans(truth[:, side], rate)
-        for (_, left), (landed, _) in pairwise(spans):
-            length = _horizontal_length(truth[landed, side] - truth[left - 1, side])
+        for (_, lifted), (landed, _) in pairwise(spans):
+            length = _horizontal_length(truth[landed, side] - truth[lifted - 1, side])
             if length < TRUE_STEP:
                 continue
-            begin, end = max(0, left - 1 - slack // 2), min(len(feet), landed + slack)
-            gone = _horizontal_length(feet[begin:end, side] - feet[begin, side]).max()
-            steps, missed = steps + 1, missed + int(gone < length / 2)
+            begin, end = max(0, lifted - 1 - slack // 2), min(len(feet), landed + slack)
+            moved = _horizontal_length(feet[begin:end, side] - feet[begin, side]).max()
+            steps, missed = steps + 1, missed + int(moved < length / 2)
     return missed, steps
 
 
 def reentry_speeds(position: np.ndarray, tracked: np.ndarray, rate: float) -> np.ndarray:
-    """(N,) m/s: the greatest output speed of every point that is tracked again, within `EASE` seconds of its return."""
+    """Return (N,) m/s: the largest output speed of each point that returns, within `EASE` seconds of its return."""
     speed, reach = _speed(position, rate), round(EASE * rate)
     frames, points = np.nonzero(tracked[1:] & ~tracked[:-1])  # speed k leads to frame k + 1
     if not len(frames):
@@ -186,16 +186,16 @@ def reentry_speeds(position: np.ndarray, tracked: np.ndarray, rate: float) -> np
 
 
 def long_seen(tracked: np.ndarray, rate: float) -> np.ndarray:
-    """(T, P) bool: points that have been tracked for `SEEN_FOR` seconds without a gap."""
+    """Return (T, P) bool: points that have been tracked for `SEEN_FOR` seconds without a gap."""
     frame = np.arange(len(tracked))[:, None]
     last_lost = np.maximum.accumulate(np.where(tracked, -1, frame))
     return frame - last_lost > round(SEEN_FOR * rate)
 
 
 def transition_frames(tracked: np.ndarray, rate: float) -> dict[Moment, list[int]]:
-    """Frames at which a hand with mask (T,) is lost, and returns, with `TRANSITION` seconds of the take after them.
+    """Return the frames of losses and returns of a hand with mask (T,) that have `TRANSITION` seconds after them.
 
-    A loss shorter than `TRANSITION` has a return but no loss of its own (RPM, Barquero et al. 2025).
+    A loss shorter than `TRANSITION` counts as a return only (RPM, Barquero et al. 2025).
     """
     reach = round(TRANSITION * rate)
     found: dict[Moment, list[int]] = {"loss": [], "return": []}
@@ -208,9 +208,9 @@ def transition_frames(tracked: np.ndarray, rate: float) -> dict[Moment, list[int
 
 
 def transition_jerks(position: np.ndarray, frames: list[int], rate: float) -> np.ndarray:
-    """(len(frames), K) m/s³: the largest jerk of all points, in each of the K frames that begin at each of `frames`.
+    """Return (len(frames), K) m/s³: the largest jerk of all points in the K frames from each of `frames` on.
 
-    Jerk is the third difference; the one of frame t leads to frame t.
+    Jerk is the third difference of positions; that of frame t ends at frame t.
     """
     reach = round(TRANSITION * rate)
     if not frames:
@@ -220,31 +220,31 @@ def transition_jerks(position: np.ndarray, frames: list[int], rate: float) -> np
 
 
 def peak_jerk_ratio(output: np.ndarray, truth: np.ndarray) -> float:
-    """PJ by that of the truth: peaks of mean jerk curves (K,) after a moment (RPM)."""
+    """Return the peak of a mean jerk curve (K,) divided by that of the true one (PJ ratio, RPM)."""
     return float(output.max() / truth.max())
 
 
 def area_under_jerk(output: np.ndarray, truth: np.ndarray) -> float:
-    """AUJ, m/s³: what mean jerk curves (K,) differ by, summed over the frames after a moment (RPM)."""
+    """Return the summed absolute difference of mean jerk curves (K,), m/s³ (AUJ, RPM)."""
     return float(np.abs(output - truth).sum())
 
 
 def _speed(position: np.ndarray, rate: float) -> np.ndarray:
-    """(T − 1, P) m/s."""
+    """Return speeds (T − 1, P), m/s, of positions (T, P, 3) m."""
     return vector_length(np.diff(position, axis=0)) * rate
 
 
 def _horizontal_length(vector: np.ndarray) -> np.ndarray:
-    """Length (...,) of vectors (..., 3) along the floor."""
+    """Return the length (...,) of the horizontal part of vectors (..., 3)."""
     return np.hypot(vector[..., 0], vector[..., 2])
 
 
 def _moves(foot: np.ndarray, truth: np.ndarray) -> int:
-    """How often a foot (T, 3) m gets `STEP` away, both from where it last rested and from the way of the truth."""
+    """Count the moves of a foot (T, 3) m by `STEP` since its last move, also relative to the true foot's motion."""
     moves, first = 0, 0
     while True:
-        gone, truly = foot[first:] - foot[first], truth[first:] - truth[first]
-        away = np.minimum(_horizontal_length(gone), _horizontal_length(gone - truly)) > STEP
+        path, true_path = foot[first:] - foot[first], truth[first:] - truth[first]
+        away = np.minimum(_horizontal_length(path), _horizontal_length(path - true_path)) > STEP
         if not away.any():
             return moves
         moves, first = moves + 1, first + int(away.argmax())

@@ -1,4 +1,4 @@
-"""The measures of sight over many clips: shares, rates, percentiles and mean jerk curves."""
+"""Measures of visible faults over many clips: shares, rates, percentiles and mean jerk curves."""
 
 from __future__ import annotations
 
@@ -22,21 +22,21 @@ from bodysense_lab.completion.tracking import TrackedMotion
 from bodysense_lab.completion.wearers import rest_heights
 from bodysense_lab.scoring import RATE
 
-_PERCENT = {  # percentile and factor of every quantile, by its key
+_PERCENT = {  # key of a figure: name of its histogram, percentile and factor
     "standing_knee_deg": ("knee", 50, 1.0),
     "reentry_speed_m_s": ("reentry", 99, 1.0),
     "measured_p95_cm": ("measured", 95, 100.0),
     "measured_rotation_deg": ("measured_rotation", 95, 1.0),
 }
 _PAIR = ("left", "right")
-TAKE = "take_"  # begins the keys of takes, completed with past and future
+TAKE = "take_"  # prefix of keys of takes, which are completed with past and future
 
 
 class CellScores(RunningScores):
-    """Running scores of one cell: means, histograms of which percentiles are wanted, and jerk curves by moment."""
+    """Running scores of one cell: means, histograms for percentiles, and jerk curves after losses and returns."""
 
     def numbers(self) -> dict[str, float]:
-        """Every figure by its key; those of which nothing was counted are left out."""
+        """Return all figures by key, without those for which nothing was counted."""
         result = super().numbers()
         for key, (name, percent, factor) in _PERCENT.items():
             if ("quantiles", name) in self.sums:
@@ -55,13 +55,13 @@ class CellScores(RunningScores):
         return {name: value for name, value in result.items() if math.isfinite(value)}
 
     def add_values(self, name: str, values: np.ndarray) -> None:
-        """Add values of which a percentile is wanted."""
+        """Add values to the histogram of a percentile."""
         if values.size:
             self.add_sum("quantiles", name, histogram(values))
 
 
 def measure_sight(scene: TrackedScene, seen: Observation, tracked: TrackedMotion) -> CellScores:
-    """Every measure of sight of one scene, of which the tracker saw `seen` (T, P)."""
+    """Return all measures of visible faults of a scene; `seen` (T, P) is the tracker's input."""
     scores, skeleton = CellScores(), scene.skeleton
     if len(scene) < 2:
         return scores
@@ -72,8 +72,8 @@ def measure_sight(scene: TrackedScene, seen: Observation, tracked: TrackedMotion
     _measure_motion(scores, position[:, body], truth[:, body], has, masks)
     _measure_stance(scores, scene, position)
     knees = skeleton.indices([f"{side}_knee" for side in _PAIR])
-    back, truly = (sight.backward_knees(values[:, knees]) for values in (tracked.rotation, scene.pose.rotation))
-    scores.add_share("backward_knee_share", back & ~truly)
+    back, true_back = (sight.backward_knees(values[:, knees]) for values in (tracked.rotation, scene.pose.rotation))
+    scores.add_share("backward_knee_share", back & ~true_back)
     elbows = skeleton.indices([f"{side}_elbow" for side in _PAIR])
     turned = np.degrees(geodesic_angle(tracked.rotation[:, elbows], scene.pose.rotation[:, elbows]))
     scores.add("elbow_deg", float(turned.mean()), len(scene))
@@ -88,16 +88,16 @@ def measure_sight(scene: TrackedScene, seen: Observation, tracked: TrackedMotion
 
 
 def measure_transitions(scene: TrackedScene, seen: Observation, tracked: TrackedMotion, kind: str = "") -> CellScores:
-    """Jerk after each loss and each return of a hand, over the 22 joints; `kind` is `TAKE` for a take."""
+    """Return jerk curves of the 22 joints after each loss and return of a hand; `kind` is `TAKE` for a take."""
     scores, skeleton = CellScores(), scene.skeleton
     body, truth = skeleton.indices(BODY), scene.world_pose[0]
     for side in _PAIR:
         mask = observed_points(seen, skeleton)[2][:, skeleton.index(f"{side}_wrist")]
         for moment, frames in sight.transition_frames(mask, RATE).items():
-            output, truly = (
+            output, true_output = (
                 sight.transition_jerks(values[:, body], frames, RATE) for values in (tracked.position, truth)
             )
-            scores.add_sum("curves", f"{kind}{moment}", np.stack([output.sum(axis=0), truly.sum(axis=0)]))
+            scores.add_sum("curves", f"{kind}{moment}", np.stack([output.sum(axis=0), true_output.sum(axis=0)]))
             scores.add_sum("moments", f"{kind}{moment}", np.array(len(frames)))
     return scores
 
@@ -105,7 +105,7 @@ def measure_transitions(scene: TrackedScene, seen: Observation, tracked: Tracked
 def _measure_motion(
     scores: CellScores, position: np.ndarray, truth: np.ndarray, has: np.ndarray, masks: np.ndarray
 ) -> None:
-    """Jumps, frozen points and re-entries of the 22 joints."""
+    """Add jumps, frozen points and re-entry speeds of the 22 joints."""
     jumps, near = sight.jump_frames(position, truth, JUMP / 100), sight.near_change(masks)[1:]
     minutes = len(jumps) / RATE / 60
     for name, mask in (("at_change", near), ("elsewhere", ~near)):
@@ -115,7 +115,7 @@ def _measure_motion(
 
 
 def _measure_stance(scores: CellScores, scene: TrackedScene, position: np.ndarray) -> None:
-    """Feet, knees and steps."""
+    """Add measures of feet, knees and steps."""
     skeleton, truth = scene.skeleton, scene.world_pose[0]
     rest = rest_heights(skeleton)
 
@@ -127,13 +127,13 @@ def _measure_stance(scores: CellScores, scene: TrackedScene, position: np.ndarra
     stands = sight.standing_frames(true_balls, truth[:, 0], ball_rest, float(rest[0]), RATE)
     scores.add_share("float_share", sight.floating_frames(balls, true_balls, ball_rest)[stands])
 
-    bent, truly = (
+    bent, true_bent = (
         sight.knee_flexion(pair("hip", values), pair("knee", values), pair("ankle", values))
         for values in (position, truth)
     )
-    scores.add_values("knee", bent[(truly < sight.STRAIGHT).all(axis=-1)])
+    scores.add_values("knee", bent[(true_bent < sight.STRAIGHT).all(axis=-1)])
     if stands.any():
-        scores.add("knee_excess_deg", float((bent - truly)[stands].mean()), int(stands.sum()))
+        scores.add("knee_excess_deg", float((bent - true_bent)[stands].mean()), int(stands.sum()))
 
     ankles, true_ankles = (pair("ankle", values) for values in (position, truth))
     minutes = len(truth) / RATE / 60

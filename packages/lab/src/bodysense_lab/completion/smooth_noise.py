@@ -1,4 +1,4 @@
-"""Smooth noise: how sensors drift, hands turn and people sway."""
+"""Smooth noise for drift of sensors, turning hands and swaying people."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from bodysense.body.rotation import smooth_step
 
 
 def smooth_noise(frames: int, count: int, rate: float, seconds: float, rng: np.random.Generator) -> np.ndarray:
-    """(T, count) smooth noise of standard deviation 1 that changes within `seconds`."""
+    """Return smooth noise (T, count) of standard deviation 1 that changes within `seconds`, at `rate` Hz."""
     knots = int(np.ceil(frames / (rate * seconds))) + 2
     values = rng.standard_normal((knots, count)) * 1.2
     place = np.arange(frames) / (rate * seconds) + rng.uniform(0, 1)

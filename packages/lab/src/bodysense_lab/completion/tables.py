@@ -1,4 +1,4 @@
-"""The tables of `bodysense evaluate completion`, sensor sets by bodies: short, all measures, confidence, sight."""
+"""Tables of `bodysense evaluate completion`: sensor sets × bodies, all measures, confidence, visible faults."""
 
 from __future__ import annotations
 
@@ -31,8 +31,8 @@ class CompletionSettings:
     split: Split | Literal["all"] = "test"
     sets: tuple[str, ...] = TABLE_SETS
     bodies: tuple[Body, ...] = BODIES
-    edges: int = 200  # of the lattice; 0 leaves it out
-    takes: bool = False  # whether takes are scored, completed with past and future
+    edges: int = 200  # edges of the lattice to score; 0: none
+    takes: bool = False  # also score takes, completed with past and future
 
 
 @dataclass(frozen=True)
@@ -44,12 +44,12 @@ class WorstFrame:
     clip: str  # the scene's name
     frame: int
     fault: Fault
-    size: float  # cm: mean error of 22 joints from the head, or how much farther one goes than the truth
+    size: float  # cm: mean error of 22 joints from the head, or the farthest leap of one beyond the truth
 
 
 @dataclass(frozen=True)
 class CompletionTable:
-    """Scores of every cell by category group, calibrations of the main group, and baselines and other scores."""
+    """Scores of all cells (sensor set, body) by category group, and baselines, calibrations, times and the lattice."""
 
     settings: CompletionSettings
     cells: dict[tuple[str, Body, str], CellScores] = field(default_factory=dict, repr=False)
@@ -62,7 +62,7 @@ class CompletionTable:
     lattice: list[EdgeScore] = field(default_factory=list, repr=False)
 
     def merge(self, other: CompletionTable) -> None:
-        """Count what another table of the same settings has counted."""
+        """Add the scores of another table with the same settings."""
         for name in ("cells", "calibrations", "truths", "baselines", "people"):
             ours = getattr(self, name)
             for key, scores in getattr(other, name).items():
@@ -70,7 +70,7 @@ class CompletionTable:
         self.worst.extend(other.worst)
 
     def calibration(self, sensors: str, body: Body | None = None, region: str | None = None) -> Calibration:
-        """The calibration of a set, over all bodies and regions that are not named."""
+        """Return the calibration of a sensor set, over all bodies and regions if these are omitted."""
         whole = Calibration()
         for (of_sensors, of_body, of_region), one in self.calibrations.items():
             if of_sensors == sensors and body in (None, of_body) and region in (None, of_region):
@@ -78,9 +78,9 @@ class CompletionTable:
         return whole
 
     def interval(self, sensors: str, body: Body, minus: Body | None = None) -> Interval:
-        """The headline of a cell, or what it has more than another body's, and between what it lies: main group."""
-        of, other = (self._by_person(sensors, one) for one in (body, minus))
-        return interval(of, None if minus is None else other)
+        """Return the main measure of a cell, or its difference to another body's, with its 95 % interval."""
+        scores, other = (self._by_person(sensors, one) for one in (body, minus))
+        return interval(scores, None if minus is None else other)
 
     def _by_person(self, sensors: str, body: Body | None) -> dict[str, tuple[float, float]]:
         name = headline(sensors)
@@ -88,17 +88,17 @@ class CompletionTable:
         return {person: (one.get(name), one.weight[name]) for person, one in found.items() if name in one.weight}
 
     def last_known(self, truth: Truth, group: str = "main") -> RunningScores:
-        """The best of the last-known baselines, by the root of its mean square."""
+        """Return the best of the last-known baselines, by mean square error."""
         known = [self.baselines.get((frame, truth, group), RunningScores()) for frame in KNOWN]
         return min(known, key=lambda one: one.get("occluded_square"))
 
     def ratio(self, body: Body, group: str = "main") -> float:
-        """RMSJPE of hidden joints by that of the best last-known baseline."""
+        """Return the RMSJPE of hidden joints divided by that of the best last-known baseline."""
         cell = self.cells.get(("headset_camera", body, group), RunningScores())
         return cell.root("occluded_square") / self.last_known(TRUTH_OF[body], group).root("occluded_square")
 
     def numbers(self) -> dict[str, float]:
-        """One flat object; keys without a group at their end are over the main categories."""
+        """Return all figures by flat keys; keys without a group at their end are of the main categories."""
         result = {
             f"{cell}_{name}{suffix_of(group)}": value
             for cell, group, one in self._by_cell()
@@ -111,8 +111,8 @@ class CompletionTable:
             one = self.interval(sensors, body)
             result |= {f"{sensors}_{body}_low_cm": one.low, f"{sensors}_{body}_high_cm": one.high}
             if body != "own" and (sensors, "own") in self.scored_cells():
-                beside = self.interval(sensors, body, "own")
-                parts = zip(("", "_low", "_high"), (beside.value, beside.low, beside.high), strict=True)
+                difference = self.interval(sensors, body, "own")
+                parts = zip(("", "_low", "_high"), (difference.value, difference.low, difference.high), strict=True)
                 result |= {f"{sensors}_{body}_minus_own{part}_cm": value for part, value in parts}
         for (sensors, body), times in self.times.items():
             for percent in (50, 99):
@@ -126,7 +126,7 @@ class CompletionTable:
         return result
 
     def _by_cell(self) -> Iterator[tuple[str, str, RunningScores]]:
-        """Yield how the keys of scores begin, their group, and the scores."""
+        """Yield the beginning of the keys of scores, their group, and the scores."""
         for (sensors, body, group), one in self.cells.items():
             yield f"{sensors}_{body}", group, one
         for (truth, group), one in self.truths.items():
@@ -135,7 +135,7 @@ class CompletionTable:
             yield f"{'last_known_' if method in KNOWN else ''}{method}_{truth}", group, one
 
     def scored_cells(self) -> list[tuple[str, Body]]:
-        """Sets of sensors and bodies with people of the main group."""
+        """Return sensor sets and bodies with people of the main group."""
         return list(dict.fromkeys((sensors, body) for sensors, body, _ in self.people))
 
     def _confidence_numbers(self) -> dict[str, float]:
@@ -157,14 +157,14 @@ def headline(sensors: str) -> str:
 
 
 def groups_of(table: CompletionTable) -> tuple[str, ...]:
-    """Return the category groups that have motion."""
+    """Return the category groups with motion."""
     return tuple(group for group in GROUPS if any(key[-1] == group for key in table.cells))
 
 
-# Measures of takes that are completed with past and future; in a cell their names begin with "take_".
+# Measures of takes, which are completed with past and future; their names in a cell begin with "take_".
 TAKE_MEASURES = ("mpjpe_cm", "occluded_mpjpe_cm", "rotation_deg", "jumps_per_minute")
 TAKE_SIGHTS = ("float_share", "false_steps_per_minute", "wrong_foot_share", "elbow_deg")
-# Measures of a cell, in the order of the columns, by what a column is called.
+# Measures of a cell by title of their column, in the order of the columns.
 MEASURES = {
     "MPJPE": "mpjpe_cm",
     "lower": "lower_mpjpe_cm",
@@ -202,13 +202,13 @@ SIGHT = {
     "seen °": "measured_rotation_deg",
     "bound %": "measured_covered",
 }
-_SHARES = ("_share", "_covered")  # how keys of shares end; columns are percent
+_SHARES = ("_share", "_covered")  # endings of keys of shares, whose columns are in percent
 
 
 def completion_reports(table: CompletionTable, census: Census, data: DataSet, total: int) -> tuple[Report, ...]:
-    """Return the short table, all measures and groups, intervals, confidence; the numbers are the first's.
+    """Return the short table, all measures, visible faults, intervals and confidence. The first has all numbers.
 
-    `total` is the number of clips of the split, of which `census` has those that were scored.
+    `census` counts the scored clips, and `total` is the number of clips of the split.
     """
     bodies, numbers = table.settings.bodies, finite(table.numbers())
     short = Report(
@@ -235,7 +235,7 @@ def completion_reports(table: CompletionTable, census: Census, data: DataSet, to
         numbers={},
         caption="cm; local rotations, °; cm/s; jitter 10² m/s³; skate of feet that truly stand; depth of foot points; "
         "jumps: frames a minute in which a joint goes 5 cm farther than the truth; breaks: 5 cm farther from where its "
-        "velocity led; ratio: RMSJPE of hidden joints by the best last known; "
+        "velocity led; ratio: RMSJPE of hidden joints divided by that of the best last known; "
         "take: with past and future; ms of one wearer's step. Averages over "
         "frames at 30 Hz.",
         digits=2,
@@ -276,12 +276,12 @@ def _rows(table: CompletionTable, numbers: dict[str, float]) -> Iterator[tuple[C
 
 
 def _found(numbers: dict[str, float], cell: str, names: Iterable[str], group: str) -> list[Cell]:
-    """Return figures of a cell of the flat object, such as 'head_own'; None where nothing was counted."""
+    """Return figures of a cell, such as 'head_own', from flat keys; None for those that are missing."""
     return [numbers.get(f"{cell}_{name}{suffix_of(group)}") for name in names]
 
 
 def _sight_report(table: CompletionTable, numbers: dict[str, float]) -> Report:
-    """Report the faults that a wearer sees, by group, set and body."""
+    """Return the table of faults that a wearer sees, by group, sensor set and body."""
     rows: list[tuple[Cell, ...]] = []
     for group in groups_of(table):
         for name in table.settings.sets:
@@ -293,44 +293,44 @@ def _sight_report(table: CompletionTable, numbers: dict[str, float]) -> Report:
                     rows.append((group, name.replace("_", " "), BODY_TITLES[body], *scaled))
     return Report(
         name="completion-sight",
-        title="Completion: what the wearer sees",
+        title="Completion: faults that the wearer sees",
         columns=("motion", "sensors", "body", *SIGHT),
         rows=tuple(rows),
         numbers={},
         caption="docs/evaluation.md defines the columns. Frozen: hidden points that truly move; jumps and steps a "
         "minute; float: the lower foot too high while the truth stands; knee: median where the true knees are under "
-        "10°; re-entry: m/s, 99th percentile; PJ (ratio), AUJ (m/s³): hands lost by the measured law; seen: p95.",
+        "10°; re-entry: m/s, 99th percentile; PJ (ratio), AUJ (m/s³): hands lost for measured durations; seen: p95.",
         digits=2,
     )
 
 
 def _interval_report(table: CompletionTable) -> Report:
-    """Between what the short table's figures lie, and which differences between bodies carry."""
+    """Return the table of intervals of the short table's figures, and of differences between bodies."""
     rows: list[tuple[Cell, ...]] = []
     for name in table.settings.sets:
         for body in table.settings.bodies:
             one = table.interval(name, body)
-            beside: tuple[Cell, ...] = (None,) * 4
+            difference: tuple[Cell, ...] = (None,) * 4
             if body != "own" and (name, "own") in table.scored_cells():
                 more = table.interval(name, body, "own")
-                beside = (cell(more.value), cell(more.low), cell(more.high), more.verdict)
+                difference = (cell(more.value), cell(more.low), cell(more.high), more.verdict)
             rows.append(
-                (name.replace("_", " "), BODY_TITLES[body], cell(one.value), cell(one.low), cell(one.high), *beside)
+                (name.replace("_", " "), BODY_TITLES[body], cell(one.value), cell(one.low), cell(one.high), *difference)
             )
     people = max(Counter(key[:2] for key in table.people).values(), default=0)
     return Report(
         name="completion-intervals",
-        title="Completion: how sure (main categories, cm)",
+        title="Completion: 95 % intervals (main categories, cm)",
         columns=("sensors", "body", "error", "low", "high", "more than own", "low", "high", "difference"),
         rows=tuple(rows),
         numbers={},
-        caption=f"95 % intervals by bootstrap over {people} people; a difference is none where it may be 0.",
+        caption=f"95 % intervals by bootstrap over {people} people; a difference is none if its interval contains 0.",
         digits=2,
     )
 
 
 def _confidence_report(table: CompletionTable) -> Report:
-    """Calibration by set and region, over all bodies."""
+    """Return the table of calibrations by sensor set and region, over all bodies."""
     rows: list[tuple[Cell, ...]] = []
     for name in table.settings.sets:
         for region in (None, *REGIONS):
@@ -344,7 +344,7 @@ def _confidence_report(table: CompletionTable) -> Report:
         columns=("sensors", "region", "joints × frames", "ECE", "within 90 %, %", "Spearman"),
         rows=tuple(rows),
         numbers={},
-        caption="ECE: mean difference of expected and true error, in bins of the expected one, by the mean error.",
+        caption="ECE: mean difference of expected and true error in bins of expected error, divided by the mean error.",
         digits=3,
     )
 

@@ -1,4 +1,4 @@
-"""The tracker as the tables run it: many people in one call, and one person frame by frame against the clock."""
+"""The tracker as the tables run it: many people in one call, or one person frame by frame for timing."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ _WARM_UP = 30  # frames that are not timed
 
 @dataclass(frozen=True, eq=False)
 class TrackedMotion:
-    """A tracker's estimates for one person, T frames."""
+    """Estimates of a tracker for one person, T frames."""
 
     position: np.ndarray  # (T, P, 3) m, world
     rotation: np.ndarray  # (T, J, 4) wxyz, parent ← joint
-    confidence: np.ndarray  # (T, P) m, expected error of every position
-    bound: np.ndarray  # (T, P) m, within which nine of ten errors are
+    confidence: np.ndarray  # (T, P) m, expected error of each position
+    bound: np.ndarray  # (T, P) m, radius that contains nine of ten errors
     contact: np.ndarray  # (T, 4) probability: left ankle and ball, right ankle and ball
 
     @classmethod
@@ -49,7 +49,7 @@ StepTimes = Callable[[Person, Observation], np.ndarray]
 def track_people(
     people: Sequence[Person], observations: Sequence[Observation], network: CompletionModel | None = None
 ) -> list[TrackedMotion]:
-    """Track people side by side, each to the end of an observation (T, P); None: the packaged network."""
+    """Track several people, each for the length of an observation (T, P), by a network (None: the packaged one)."""
     trackers = [Tracker(person, network) for person in people]
     states, parts = [tracker.start() for tracker in trackers], [[] for _ in people]
     for first, last in pairwise(sorted({0, *map(len, observations)})):
@@ -63,7 +63,7 @@ def track_people(
 
 @dataclass(frozen=True)
 class PeopleTracker:
-    """`track_people` by the network of a file (None: the packaged one), which every process opens for itself."""
+    """`track_people` with the network of a file (None: the packaged one). When pickled, only the path is sent."""
 
     model: Path | None
 
@@ -72,7 +72,7 @@ class PeopleTracker:
 
     @property
     def network(self) -> CompletionModel:
-        """The network, opened once in every process."""
+        """The network, opened once in each process."""
         return _load_model(self.model)
 
     def __call__(self, people: Sequence[Person], observations: Sequence[Observation]) -> list[TrackedMotion]:
@@ -82,9 +82,9 @@ class PeopleTracker:
 
 @dataclass(frozen=True)
 class TakeTracker:
-    """Whole takes, completed with past and future by the networks of files (None: the packaged ones).
+    """Completes whole takes with past and future, with the networks of files (None: the packaged ones).
 
-    A network of one's own serves both directions if it is the only one.
+    If only `model` is given, it is used in both directions.
     """
 
     model: Path | None
@@ -96,7 +96,7 @@ class TakeTracker:
 
     @property
     def networks(self) -> tuple[CompletionModel | None, CompletionModel | None, JoiningNetwork | None]:
-        """The networks, opened once in every process: forward, backward, joining; None is the packaged one."""
+        """Forward, backward and joining network, opened once in each process; None: the packaged one."""
         network, backward = (None if path is None else _load_model(path) for path in (self.model, self.backward_model))
         return network, backward, None if self.joining_model is None else _load_joining(self.joining_model)
 
@@ -111,7 +111,7 @@ class TakeTracker:
 
 
 def _absolute(path: Path | None) -> Path | None:
-    """Return a whole path: a worker may run in another folder."""
+    """Return the absolute path: a worker may run in another folder."""
     return None if path is None else path.resolve()
 
 
@@ -126,7 +126,7 @@ def _load_joining(model: Path) -> JoiningNetwork:
 
 
 def step_times(person: Person, observation: Observation, network: CompletionModel | None = None) -> np.ndarray:
-    """Seconds (N,) of every step of one wearer's tracker on an observation (T, P), after some that are not counted."""
+    """Return seconds (N,) of each step of the tracker on an observation (T, P) of one person, after a warm-up."""
     tracker = Tracker(person, network)
     state, taken = tracker.start(), []
     for frame in range(len(observation)):

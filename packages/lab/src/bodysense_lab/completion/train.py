@@ -1,4 +1,4 @@
-"""Training of the completion networks, from recorded motion to the weights that did best."""
+"""Training of the completion networks, from recorded motion to the best weights on validation people."""
 
 from __future__ import annotations
 
@@ -26,19 +26,20 @@ from bodysense_lab.completion.task import (
 )
 from bodysense_lab.fit import begin, fit
 
-_VALIDATION_STRIDE = 3  # of the validation clips every n-th is scored at a checkpoint
+_VALIDATION_STRIDE = 3  # every n-th validation clip is scored at a checkpoint
 
 
 def train_completion(options: CompletionTraining, fabric: Fabric) -> CompletionNetwork:
-    """Train, or resume, and return the network with the weights that did best on validation people.
+    """Train or resume, and return the network with the best weights on validation people.
 
-    With `keep` they are averaged with those that training began with (Wortsman et al. 2022, "Robust fine-tuning of
-    zero-shot models"): what training changes comes in part, at a smaller cost in accuracy.
+    With `options.keep`, they are averaged with the initial weights (Wortsman et al. 2022, "Robust fine-tuning of
+    zero-shot models"), which keeps part of the training's effect at a smaller loss of accuracy. Raises BodysenseError
+    if fingers are to be trained and no training clip has fingers.
     """
     train, val = _begin(options, fabric)
     if options.finger_steps and not len(train.with_fingers):
         raise BodysenseError(f"{options.data}: no training clip has fingers that move; give --finger-steps 0")
-    fabric.print(f"{train.minutes:.0f} minutes to learn from, {val.minutes:.0f} to validate")
+    fabric.print(f"{train.minutes:.0f} minutes of motion to train on, {val.minutes:.0f} to validate")
     config = CompletionTaskConfig(backward=options.backward)
     network = CompletionNetwork(config.network)
     initial = network.state_dict() if options.begin_with is None else _weights(options.begin_with, network)
@@ -54,9 +55,10 @@ def train_completion(options: CompletionTraining, fabric: Fabric) -> CompletionN
 
 
 def completion_finger_network(run: CompletionTraining, fabric: Fabric) -> FingerNetwork:
-    """Return the finger network that is written beside a body: trained, or without steps that of `begin_with`.
+    """Return the finger network for the file of a body's network.
 
-    Fingers stay relaxed where there is neither, and where time runs backward.
+    It is trained for `run.finger_steps`. With 0 steps it is that of `run.begin_with`, or one with relaxed fingers if
+    there is none or if time runs backward.
     """
     if run.finger_steps:
         schedule = replace(FINGER_SCHEDULE, steps=run.finger_steps, seed=run.schedule.seed)
@@ -72,7 +74,7 @@ def completion_finger_network(run: CompletionTraining, fabric: Fabric) -> Finger
 def train_fingers(
     options: FingerTraining, fabric: Fabric, config: FingerTaskConfig = FingerTaskConfig()
 ) -> FingerNetwork:
-    """Train, or resume, and return the network with the weights that did best on validation clips."""
+    """Train or resume, and return the finger network with the best weights on validation clips."""
     train, val = _begin(options, fabric)
     with fabric.rank_zero_first():
         generated = _generated_fingers(options) if options.generated_hours else None
@@ -87,14 +89,17 @@ def train_fingers(
 
 
 def _begin(options: CompletionTraining | FingerTraining, fabric: Fabric) -> tuple[Corpus, Corpus]:
-    """Set seed and threads, and return the motion to learn from and to validate."""
+    """Set seed and threads, and return the training and the validation motion."""
     begin(options.schedule.seed, options.threads)
-    with fabric.rank_zero_first():  # the others find what it read in the cache
+    with fabric.rank_zero_first():  # other processes find the corpus in the cache
         return read_corpus(options.data, "train", options.limit), read_corpus(options.data, "val", options.limit)
 
 
 def _weights(path: Path, network: CompletionNetwork) -> dict[str, Tensor]:
-    """Weights to begin with: the best of a checkpoint, or those of a published file."""
+    """Return initial weights: the best ones of a checkpoint, or those of a published file.
+
+    Raises BodysenseError if the published network has another size.
+    """
     from bodysense_lab.completion.weights_file import read_weights
 
     if path.suffix != ".safetensors":
@@ -106,7 +111,7 @@ def _weights(path: Path, network: CompletionNetwork) -> dict[str, Tensor]:
 
 
 def _generated_fingers(options: FingerTraining) -> np.ndarray:
-    """Generated fingers, kept in the folder of the run."""
+    """Return generated fingers, which are stored in the folder of the run."""
     from bodysense_lab.completion.generated_fingers import generate_fingers, read_fingers, write_fingers
 
     hours, seed = options.generated_hours, options.schedule.seed

@@ -1,4 +1,4 @@
-"""Bodies of training sequences: their proportions, and those that the tracker knows."""
+"""Bodies of training sequences: true proportions, and proportions known to the tracker."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from bodysense.body.shape import Measured, shape_space
 from bodysense.body.skeleton import default_skeleton
 from bodysense_lab.completion.points import FINGER_OF, FINGERS, HAND_POINTS
 
-# Distances that sensors measure while they run.
+# Distances between points that sensors can measure.
 _LENGTHS = (
     ("left_shoulder", "left_elbow"),
     ("left_elbow", "left_wrist"),
@@ -22,27 +22,27 @@ _LENGTHS = (
     ("left_hip", "right_hip"),
     ("pelvis", "head"),
 )
-_OWN, _BETWEEN = 0.2, 0.3  # shares of sequences on the recording's own body, and on one between it and a family's
-_IMAGES = default_skeleton().mirror  # of the 65 points
+_OWN, _BETWEEN = 0.2, 0.3  # shares of sequences on the recording's own body, and on one between it and a random body
+_IMAGES = default_skeleton().mirror  # indices of the mirror images of the 65 points
 _MIRRORED = np.array([-1.0, 1.0, 1.0])
 
 
 @dataclass(frozen=True)
 class TrainingBody:
-    """Rest offsets of a body (65, 3) m: the true ones, and those known to the tracker."""
+    """Rest offsets of a body (65, 3) m: true ones, and ones known to the tracker."""
 
     true: np.ndarray
     known: np.ndarray
-    certainty: np.ndarray  # (65,) m
+    certainty: np.ndarray  # (65,) m, standard deviation of the known bone lengths; 0: exact
 
     @classmethod
     def fully_known(cls, offset: np.ndarray) -> TrainingBody:
-        """Return a body all of whose rest offsets are known."""
+        """Return a body whose true rest offsets are known."""
         return cls(offset, offset, np.zeros(len(offset)))
 
 
 def draw_body(own: np.ndarray, rng: np.random.Generator) -> TrainingBody:
-    """Draw proportions: the recording's own, a body of the family, or one between; known, known in part, or unknown."""
+    """Draw true proportions (the recording's own, a random body's, or between both) and how much of them is known."""
     space = shape_space()
     drawn = rng.uniform()
     true = own.copy()
@@ -56,7 +56,7 @@ def draw_body(own: np.ndarray, rng: np.random.Generator) -> TrainingBody:
 
 
 def with_other_hands(body: TrainingBody, rng: np.random.Generator) -> TrainingBody:
-    """Vary the hands of a body: their size, the lengths of fingers and the directions in which these rest.
+    """Vary the hands of a body: their size, and the lengths and rest directions of the fingers.
 
     If the proportions are known, the varied hands are known too; otherwise the known offsets stay unchanged.
     """
@@ -70,7 +70,10 @@ def with_other_hands(body: TrainingBody, rng: np.random.Generator) -> TrainingBo
 
 
 def _draw_known(true: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """Draw what is known of a body: all of it, its height, a guess of the height, or some lengths too."""
+    """Draw known rest offsets (65, 3) m and their deviations (65,) m.
+
+    Known are all offsets, the height, a guess of the height, or a guess and some lengths.
+    """
     drawn = rng.uniform()
     if drawn < 0.55:
         return true, np.zeros(len(true))
@@ -91,12 +94,12 @@ def _draw_known(true: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray,
 
 
 def _jittered(offset: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Offsets whose directions and lengths differ a little, alike on both sides."""
+    """Vary directions and lengths of offsets a little, equally on both sides."""
     turn = quaternion_exp(rng.normal(0, np.radians(2.5), (len(offset), 3)))
     scale = np.exp(rng.normal(0, 0.03, (len(offset), 1)))
     changed = quaternion_rotate(turn, offset) * scale
     mirrored = changed[_IMAGES] * _MIRRORED
-    # The left point of each pair decides; points of the middle stay in the middle.
+    # The left point of each pair is mirrored to the right; points in the middle stay in the middle.
     left = np.array([name.startswith("left_") for name in default_skeleton().points])[:, None]
     right = np.array([name.startswith("right_") for name in default_skeleton().points])[:, None]
     changed = np.where(left, changed, np.where(right, mirrored, (changed + mirrored) / 2))

@@ -1,4 +1,4 @@
-"""`bodysense evaluate sight`: scores of scripted wearers and real headset signals."""
+"""Scores of scripted wearers and of recorded headsets, for `bodysense evaluate sight`."""
 
 from __future__ import annotations
 
@@ -38,10 +38,10 @@ from bodysense_lab.table import Cell, Report
 
 SEATED_HEIGHTS = (1.55, 1.74, 1.88)  # m
 SEATED_SETS = ("head", "three_point")
-RARE_SETS = ("three_point", "headset_camera", "head", "six_point")  # sets that see poses of `RARE`
+RARE_SETS = ("three_point", "headset_camera", "head", "six_point")  # sensor sets that track the poses of `RARE`
 STANDING_HEIGHTS = (1.55, 1.70, 1.85)  # m
 LOWERED = (0.0, 0.05, 0.10, 0.15)  # m by which a standing head is lowered
-STANDS = 0.85  # of its standing height: a higher head means that the wearer stands
+STANDS = 0.85  # of its standing height; a higher head is that of a standing wearer
 SETTLED_AFTER, HEIGHT_SETTLED_AFTER = 3.0, 10.0  # s; earlier errors and inferred heights do not count
 _RAISED_FOR = 1.0  # s between the loss of raised arms and their measurement
 _PAIR = ("left", "right")
@@ -50,7 +50,7 @@ _PALM_TITLES = {palms: f"palms {palms}" if palms != "none" else "head alone" for
 
 @dataclass(frozen=True)
 class SightScore:
-    """One figure."""
+    """A figure of the table."""
 
     scene: str
     what: str
@@ -60,13 +60,16 @@ class SightScore:
 
 
 def score_wearers(network: CompletionModel | None = None, headset: Path | None = None) -> list[SightScore]:
-    """All figures of a network (None: the packaged one); `headset` is a folder of recorded headsets."""
+    """Return all figures of a network (None: the packaged one).
+
+    `headset` is a folder of recorded headsets (None: left out).
+    """
     scores = [one for part in (_standing, _seated, _raised, _rare) for one in part(network)]
     return scores if headset is None else [*scores, *_headsets(network, headset)]
 
 
 def sight_report(scores: list[SightScore]) -> Report:
-    """The table of the figures."""
+    """Return the table of the figures."""
     rows: list[tuple[Cell, ...]] = [(one.scene, one.what, one.value, one.unit) for one in scores]
     return Report(
         name="sight",
@@ -80,7 +83,7 @@ def sight_report(scores: list[SightScore]) -> Report:
 
 
 def _track(people: Sequence[Person], seen: Sequence[Observation], network: CompletionModel | None) -> Estimate:
-    """People (B, T), all in one call; of shorter observations the last frame is repeated."""
+    """Track all people in one call, (B, T); shorter observations repeat their last frame."""
     tracker = Tracker(people, network)
     return tracker.step(stack_observations(seen), tracker.start())[0]
 
@@ -90,19 +93,19 @@ def _points(skeleton: Skeleton, *names: str) -> np.ndarray:
 
 
 def _lower_ball(skeleton: Skeleton, position: np.ndarray) -> np.ndarray:
-    """(T,) m of the lower ball over its rest height."""
+    """Return the height (T,) of the lower ball of the feet over its rest height, m."""
     balls = _points(skeleton, "foot")
     return position[:, balls, 1].min(axis=-1) - rest_heights(skeleton)[balls[0]]
 
 
 def _bent(skeleton: Skeleton, position: np.ndarray) -> np.ndarray:
-    """(T, 2) degrees of the knees."""
+    """Return the flexion of the knees (T, 2), degrees."""
     hip, knee, ankle = (position[:, _points(skeleton, name)] for name in ("hip", "knee", "ankle"))
     return sight.knee_flexion(hip, knee, ankle)
 
 
 def _standing(network: CompletionModel | None) -> Iterator[SightScore]:
-    """Score standing still at known height: how high the feet are, and how bent the knees."""
+    """Score still standing at known height: height of the feet and flexion of the knees."""
     bodies = [(known_body(height), lowered) for height in STANDING_HEIGHTS for lowered in LOWERED]
     people = [Person(height=height) for height in STANDING_HEIGHTS for _ in LOWERED]
     for palms in PALMS:
@@ -118,7 +121,7 @@ def _standing(network: CompletionModel | None) -> Iterator[SightScore]:
 
 
 def _seated(network: CompletionModel | None) -> Iterator[SightScore]:
-    """Score an unknown body that sits from the first frame."""
+    """Score an unknown body that sits from the first frame on."""
     bodies = [known_body(height) for height in SEATED_HEIGHTS]
     poses = [seated(skeleton) for skeleton in bodies]
     time = np.arange(len(poses[0].root_position)) / RATE
@@ -141,7 +144,7 @@ def _seated(network: CompletionModel | None) -> Iterator[SightScore]:
 
 
 def _raised(network: CompletionModel | None) -> Iterator[SightScore]:
-    """Score arms raised out of the cameras' view: how high the wrists are 1 s after the second is lost."""
+    """Score arms raised out of the cameras' view: elevation of the wrists 1 s after both are lost."""
     skeleton = known_body(HEIGHT)
     for way in RAISES:
         pose = arms_raised(skeleton, way)
@@ -161,7 +164,7 @@ def _raised(network: CompletionModel | None) -> Iterator[SightScore]:
 
 
 def _rare(network: CompletionModel | None) -> Iterator[SightScore]:
-    """Score poses of `RARE` of a known body: bounds of joints that are not tracked, and knees that bend backward."""
+    """Score poses of `RARE` of a known body: bounds of untracked joints, and knees that bend backward."""
     skeleton = known_body(HEIGHT)
     poses = [rare_pose(skeleton, name) for name in RARE]
     time = np.arange(len(poses[0].root_position)) / RATE
@@ -187,7 +190,7 @@ def _rare(network: CompletionModel | None) -> Iterator[SightScore]:
 
 
 def _headsets(network: CompletionModel | None, folder: Path) -> Iterator[SightScore]:
-    """Heads of real people who stand and play: how often both feet are over the floor."""
+    """Score recorded heads of people who stand and play: share of frames in which both feet float."""
     skeleton = known_body(HEIGHT)
     standing = rest_heights(skeleton)[skeleton.index("head")]
     paths = list(head_paths(folder, skeleton))

@@ -1,6 +1,6 @@
-"""Scripted wearers: standing, seated, arms raised, and the head of a real headset with hands held to it.
+"""Scripted wearers: standing, seated, with raised arms, and recorded headset paths with hands held to the head.
 
-Everything is synthesised but the paths of real headsets, which are read from a folder of recordings.
+Only the headset paths are real; they are read from a folder of recordings.
 """
 
 from __future__ import annotations
@@ -31,17 +31,22 @@ Palms = Literal["none", "hanging", "inward", "down"]
 PALMS: tuple[Palms, ...] = ("none", "hanging", "inward", "down")
 RaiseDirection = Literal["ahead", "sideways"]
 RAISES: tuple[RaiseDirection, ...] = ("ahead", "sideways")
-TAKES = ("quest2_traj1", "quest2_traj2", "quest_pro_traj1", "quest_pro_traj2")  # heads of people who stand and play
+TAKES = (
+    "quest2_traj1",
+    "quest2_traj2",
+    "quest_pro_traj1",
+    "quest_pro_traj2",
+)  # recordings of people who stand and play
 FILE = "headset_takes.npz"
-LONGEST = 60.0  # s of each of them
+LONGEST = 60.0  # s of each recording
 HEIGHT = 1.70  # m, of wearers whose height is not varied
-_GRIP = np.array([0.11, -0.50, 0.28])  # m from the head of a wearer of HEIGHT: the left wrist in front of the body
+_GRIP = np.array([0.11, -0.50, 0.28])  # m from the head to the left wrist, in front of the body, of a wearer of HEIGHT
 _SIGNS = {"left_wrist": 1.0, "right_wrist": -1.0}
 
 
 @dataclass(frozen=True, eq=False)
 class HeadPath:
-    """The head of a real wearer at `RATE`: its joint, with the feet on y = 0."""
+    """Path of a head joint at `RATE`, with the feet on y = 0."""
 
     name: str
     position: np.ndarray  # (T, 3) m
@@ -49,17 +54,17 @@ class HeadPath:
 
 
 def known_body(height: float) -> Skeleton:
-    """The likeliest proportions of a height, m."""
+    """Return the likeliest proportions for a height, m."""
     return Person(height=height).skeleton
 
 
 def rest_heights(skeleton: Skeleton) -> np.ndarray:
-    """(P,) m over the floor in the rest pose."""
+    """Return the heights (P,) of the points over the floor in the rest pose, m."""
     return skeleton.rest_offset[0, 1] + (skeleton.path @ skeleton.rest_offset)[:, 1]
 
 
 def head_paths(folder: Path, skeleton: Skeleton) -> Iterator[HeadPath]:
-    """The heads of `TAKES`, so high that one in twenty frames is over the standing height of a skeleton's head.
+    """Yield the head paths of `TAKES`, shifted so that the head of the skeleton stands at their 95th percentile.
 
     Raises BodysenseError if the folder has no recordings of headsets.
     """
@@ -75,7 +80,7 @@ def head_paths(folder: Path, skeleton: Skeleton) -> Iterator[HeadPath]:
         for name in TAKES:
             begin, end = stored[f"{name}__moving_from_to_s"]
             time, end = stored[f"{name}__time_s"].astype(float), min(end, begin + LONGEST)
-            # The nearest recorded frame: 72 Hz are enough for 30.
+            # Take recorded frames without interpolation: they are at 72 Hz.
             chosen = np.searchsorted(time, np.arange(begin, min(end, time[-1]), 1 / RATE))
             rotation = stored[f"{name}__device_quat_xyzw"][chosen][:, [3, 0, 1, 2]].astype(float)
             rotation = quaternion_canonical(rotation / np.linalg.norm(rotation, axis=-1, keepdims=True))
@@ -86,7 +91,10 @@ def head_paths(folder: Path, skeleton: Skeleton) -> Iterator[HeadPath]:
 
 
 def with_hands(path: HeadPath, palms: Palms, skeleton: Skeleton) -> Observation:
-    """A head's path, and wrists held to it: in front of the body, palms down or inward, or hanging; or no wrists."""
+    """Return the observation of a head path and of wrists held rigidly to it.
+
+    The wrists are in front of the body with palms down or inward, or hanging; or there are none.
+    """
     count = len(path.position)
     turn = np.asarray(heading(path.rotation))
     standing, turned = forward_kinematics(standing_pose(skeleton))
@@ -116,7 +124,7 @@ def with_hands(path: HeadPath, palms: Palms, skeleton: Skeleton) -> Observation:
 
 
 def standing_head(skeleton: Skeleton, lowered: float, seconds: float = 4.0) -> HeadPath:
-    """A head that is still, 3 cm ahead of its place in the rest pose, and `lowered` metres."""
+    """Return a still head, 3 cm ahead of its position in the rest pose and lowered by `lowered` metres."""
     place = (skeleton.path @ skeleton.rest_offset)[skeleton.index("head")] + [0.0, skeleton.rest_offset[0, 1], 0.03]
     count = round(seconds * RATE)
     position = np.tile(place - [0.0, lowered, 0.0], (count, 1))
@@ -124,7 +132,7 @@ def standing_head(skeleton: Skeleton, lowered: float, seconds: float = 4.0) -> H
 
 
 def seated(skeleton: Skeleton, seconds: float = 15.0) -> Pose:
-    """Return a wearer seated upright on a seat of shin height, hands before the lap, who looks around a little."""
+    """Return a pose sequence of a wearer who sits upright, hands before the lap, and looks around a little."""
     time = np.arange(round(seconds * RATE)) / RATE
     pose = standing_pose(skeleton)
     rotation = np.tile(pose.rotation, (len(time), 1, 1))
@@ -150,9 +158,10 @@ def seated(skeleton: Skeleton, seconds: float = 15.0) -> Pose:
 
 
 def arms_raised(skeleton: Skeleton, way: RaiseDirection, elevation: float = 75.0, seconds: float = 6.0) -> Pose:
-    """Return a standing wearer with the arms low ahead for 2 s, who then raises them over the shoulders within 0.7 s.
+    """Return a pose sequence of a standing wearer who raises the arms over the shoulders.
 
-    The wrists go up ahead of the body, or out to the sides and up. `elevation` is in degrees.
+    The arms are low in front for 2 s, then rise within 0.7 s, in front of the body or at its sides, to `elevation`
+    degrees.
     """
     time = np.arange(round(seconds * RATE)) / RATE
     share = np.clip((time - 2.0) / 0.7, 0, 1)

@@ -1,7 +1,7 @@
-"""The file of a completion network's weights, as the core opens it: safetensors, with a card.
+"""Weights file of a completion network, as the core reads it: safetensors with a model card as metadata.
 
-A file is eight bytes of length, a JSON header and the numbers. `__metadata__` is the card: `format` names what the
-network is, every other field is JSON. Large tables are bytes that count in a `.step` of each row.
+A file has eight bytes of length, a JSON header and the numbers. `__metadata__` is the model card: `format` is the kind
+of network, and all other fields are JSON. Large tables are bytes in units of a `.step` for each row.
 """
 
 from __future__ import annotations
@@ -27,16 +27,16 @@ from bodysense_lab.completion.network import CompletionConfig, CompletionNetwork
 from bodysense_lab.completion.points import reference_offsets
 
 FORMAT = "bodysense-completion-2"
-# Tables that are multiplied most. What turns the body's joints in the end keeps half precision, and so do maps of
-# errors: in bytes, which count in the largest weight of a row, bounds of 90 % covered 79 % of some sensor sets' errors.
+# Tables that are multiplied most. The last layer of rotations and the error maps keep half precision: with error maps
+# in bytes, bounds of 90 % covered only 79 % of the errors of some sensor sets.
 _IN_BYTES = ("body.recurrent.weight", "body.turn_branch.0.weight", "body.judge_branch", "fingers")
 _EXACT = ("usual_bones", "standing", "relaxed", "errors.bias", "errors.inward.bias")
-_ALIGNMENT = 64  # bytes, of the header with its length: numbers begin where a memory map can use them
+_ALIGNMENT = 64  # bytes, of length and header together, so that numbers are aligned in a memory map
 
 
 @dataclass(frozen=True, eq=False)
 class TrainedNetworks:
-    """Contents of a file: both networks, and maps that make their expected errors and bounds true."""
+    """Contents of a file: both networks, and the maps that calibrate expected errors and their bounds."""
 
     body: CompletionNetwork
     fingers: FingerNetwork
@@ -45,7 +45,7 @@ class TrainedNetworks:
 
 
 def write_weights(networks: TrainedNetworks, path: Path, card: Mapping[str, Any]) -> None:
-    """Write trained networks, rounded, with `card`: training data, licence, figures.
+    """Write trained networks in the types of a file, with `card`: training data, licence, figures.
 
     The file appears whole or not at all.
     """
@@ -63,7 +63,7 @@ def write_weights(networks: TrainedNetworks, path: Path, card: Mapping[str, Any]
 
 
 def tables_of(networks: TrainedNetworks) -> dict[str, np.ndarray]:
-    """All numbers that the core reads, by name."""
+    """Return all tables that the core reads, by name."""
     body, fingers = networks.body, networks.fingers
     tables = {f"body.{name}": value for name, value in body.named_parameters()}
     tables |= {f"fingers.{name}": value for name, value in fingers.named_parameters()}
@@ -79,7 +79,7 @@ def tables_of(networks: TrainedNetworks) -> dict[str, np.ndarray]:
 
 
 def read_weights(path: Path) -> tuple[CompletionNetwork, FingerNetwork]:
-    """Read the body's and the fingers' network of a file, with the rounded weights that it stores.
+    """Read the body's and the fingers' network of a file.
 
     Raises BodysenseError for a file that is missing or is not a completion network.
     """
@@ -106,15 +106,15 @@ def read_weights(path: Path) -> tuple[CompletionNetwork, FingerNetwork]:
 
 
 def _widened(values: np.ndarray, columns: int) -> np.ndarray:
-    """A table with columns of zeros for inputs that its network was not trained on; they come last."""
+    """Add columns of zeros for inputs, at the end, that the network was not trained on."""
     missing = max(columns - values.shape[1], 0)
     return np.pad(values, ((0, 0), (0, missing)))
 
 
 def row_step(values: np.ndarray) -> np.ndarray:
-    """(..., 1) float32: in what each row of values counts in bytes.
+    """Return the unit (..., 1), float32, of each row of values when stored in bytes.
 
-    It has few digits, so that its multiples are exact: rounding rounded values again changes nothing.
+    It has few digits, so that its multiples are exact and rounding is idempotent.
     """
     largest = np.abs(values).max(axis=-1, keepdims=True, initial=0.0).astype(np.float64)
     digits, exponent = np.frexp(np.where(largest > 0, largest, 1.0) / 127)
@@ -122,10 +122,10 @@ def row_step(values: np.ndarray) -> np.ndarray:
 
 
 def safetensors_bytes(tensors: Mapping[str, np.ndarray], metadata: Mapping[str, str]) -> bytes:
-    """Tensors and texts as a safetensors file."""
+    """Return tensors and metadata as the bytes of a safetensors file."""
     header: dict[str, Any] = {"__metadata__": dict(metadata)}
     kinds, parts, place = {np.dtype(kind): name for name, kind in TYPES.items()}, list[bytes](), 0
-    # Wide numbers first, so that each is where its type wants it.
+    # Wide types come first, so that each table is aligned.
     for name, values in sorted(tensors.items(), key=lambda item: -item[1].itemsize):
         parts.append(np.ascontiguousarray(values).tobytes())
         size = len(parts[-1])
@@ -141,14 +141,14 @@ def safetensors_bytes(tensors: Mapping[str, np.ndarray], metadata: Mapping[str, 
 
 
 def read_safetensors(path: Path) -> tuple[dict[str, np.ndarray], dict[str, str]]:
-    """Tensors and texts of a file. Raises BodysenseError for one that is not there, damaged, or of other types."""
+    """Read tensors and metadata of a file. Raises BodysenseError if it is missing, damaged or of other types."""
     if not path.is_file():
         raise BodysenseError(f"{path}: no such file; give a completion network (.safetensors)")
     return tensors_of(path.read_bytes(), str(path))
 
 
 def _stored(tables: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Tables in the types of a file: bytes with the step of each row, half precision, or floats."""
+    """Convert tables to the types of a file: bytes with the step of each row, half precision, or float32."""
     stored = dict[str, np.ndarray]()
     for name, values in tables.items():
         half = values.astype(np.float16)

@@ -1,4 +1,4 @@
-"""A sheet of the worst frames of an evaluation: the truth and, next to it, the tracker's estimate."""
+"""Sheet of the worst frames of an evaluation: the truth next to the tracker's estimate."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _COLUMNS = 3  # pictures in a row
 
 
 def worst_frames(found: Sequence[WorstFrame], count: int, fault: Fault) -> list[WorstFrame]:
-    """The frames with the largest faults of a kind, at most one of a clip, the worst first."""
+    """Return the frames with the largest faults of a kind, the worst first, at most one of a clip."""
     by_clip: dict[str, WorstFrame] = {}
     for one in sorted(found, key=lambda one: one.size, reverse=True):
         if one.fault == fault:
@@ -45,10 +45,10 @@ def draw_worst(
     count: int,
     fault: Fault,
 ) -> None:
-    """Write a PNG of the worst frames: the true body, untracked points in red, next to the result.
+    """Write a PNG of the worst frames: the true body, with untracked points in red, next to the result.
 
-    A leap also has the result of the frame before, between the two. The clips of these frames are tracked once more, up
-    to them. Raises BodysenseError if there are no such frames.
+    For a leap, the result of the previous frame is between the two. The clips are tracked again up to these frames.
+    Raises BodysenseError if there are no such frames.
     """
     from PIL import Image
 
@@ -67,7 +67,7 @@ def draw_worst(
 
 
 def _picture(one: WorstFrame, scene: TrackedScene, track: TrackPeople) -> np.ndarray:
-    """The last frame of a scene (H, W, 3) uint8."""
+    """Draw the last frame of a scene, (H, W, 3) uint8."""
     seen = scene.observe(SENSOR_SETS[one.sensors])
     (tracked,) = track([person_of(one.body, scene.skeleton)], [seen])
     last = slice(one.frame, one.frame + 1)
@@ -75,7 +75,7 @@ def _picture(one: WorstFrame, scene: TrackedScene, track: TrackPeople) -> np.nda
     views = [View(f"{one.clip.split('/')[-1]}, {one.frame / RATE:.1f} s", scene.pose[last], tracked_points)]
     titles = {one.frame: f"{one.sensors} {one.body}: {one.size:.0f} cm"}
     if one.fault == "leap":
-        titles = {max(one.frame - 1, 0): "a frame before"} | titles
+        titles = {max(one.frame - 1, 0): "previous frame"} | titles
     for frame, title in titles.items():
         output = _posed(scene.skeleton, tracked.position[frame], tracked.rotation[frame : frame + 1])
         views.append(View(title, output))
@@ -83,7 +83,7 @@ def _picture(one: WorstFrame, scene: TrackedScene, track: TrackPeople) -> np.nda
 
 
 def _posed(skeleton: Skeleton, position: np.ndarray, rotation: np.ndarray) -> Pose:
-    """The pose (1,) with points (P, 3) m and local rotations (1, J, 4); its bones are as long as the points say."""
+    """Return the pose (1,) with points (P, 3) m and local rotations (1, J, 4); bones have the points' distances."""
     turned = np.asarray(forward_kinematics(Pose(skeleton, position[None, 0], rotation))[1])[0]
     parents = np.array(skeleton.parents[1:])
     offset = skeleton.rest_offset.copy()
