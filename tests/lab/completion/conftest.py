@@ -1,4 +1,4 @@
-"""Motion for the tables of completion, and a tracker that knows the truth."""
+"""Motion for tests of the completion tables, and a tracker that returns the truth."""
 
 from __future__ import annotations
 
@@ -14,15 +14,17 @@ from bodysense.observation import Observation
 from bodysense_lab.completion.scenes import TrackedScene, Truth, scene_of
 from bodysense_lab.completion.tracking import TrackedMotion
 
-Change = Callable[[np.ndarray, TrackedScene], np.ndarray]  # positions (T, P, 3) m of a scene → what is said of them
+PositionChange = Callable[
+    [np.ndarray, TrackedScene], np.ndarray
+]  # true positions (T, P, 3) m of a scene → output positions
 
 
 @dataclass(frozen=True)
 class Oracle:
-    """Knows every scene, and says of it what `change` makes of the truth."""
+    """Tracker that returns the true body of a known scene, changed by `change`."""
 
     scenes: Sequence[TrackedScene]
-    change: Change = lambda position, scene: position
+    change: PositionChange = lambda position, scene: position
     confidence: float | None = None  # m; None: the true error
 
     def __call__(self, people: Sequence[Person], observations: Sequence[Observation]) -> list[TrackedMotion]:
@@ -37,7 +39,7 @@ class Oracle:
         return TrackedMotion(position, scene.pose.rotation, confidence, 1.001 * confidence, contact)
 
     def find(self, seen: Observation) -> TrackedScene:
-        """The scene whose head moves so."""
+        """Return the scene with the head's motion of an observation."""
         head = seen.position[:, seen.points.index("head")]
         return next(one for one in self.scenes if len(one) == len(head) and np.array_equal(_head(one), head))
 
@@ -48,7 +50,7 @@ def _head(scene: TrackedScene) -> np.ndarray:
 
 @pytest.fixture(scope="session")
 def clips(waving_clip: Clip) -> list[Clip]:
-    """Three clips of different length, the last one sport."""
+    """Return three clips of different lengths; the last one is sport."""
     frames = (slice(0, 90), slice(5, 65), slice(20, 50))
     names = (("anna", "sit"), ("ben", "everyday"), ("cleo", "sport"))
     return [
@@ -59,6 +61,6 @@ def clips(waving_clip: Clip) -> list[Clip]:
 
 @pytest.fixture(scope="session")
 def scenes(clips: list[Clip]) -> list[TrackedScene]:
-    """Their scenes, on their own bodies and on strangers, and the beginnings of them."""
+    """Return the scenes of the clips on their own and on unseen bodies."""
     truths: tuple[Truth, ...] = ("own", "stranger")
     return [scene_of(clip, truth, "test") for clip in clips for truth in truths]

@@ -1,4 +1,4 @@
-"""The mean body: what it was fitted on it gives back, on bodies of other sizes and facing elsewhere too."""
+"""The mean body reproduces the bodies that it was fitted on, also at other sizes and headings."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ SKELETON = default_skeleton()
 
 
 def posed(drop: float, bend: float) -> Clip:
-    """Two seconds of somebody who stands, lower by `drop` m, knees bent by some radians."""
+    """Return two seconds of a still standing body, lowered by `drop` m, with knees bent by `bend` radians."""
     pose = standing_pose(SKELETON)
     turn = [np.cos(bend / 2), np.sin(bend / 2), 0.0, 0.0]
     pose.rotation[SKELETON.indices(["left_knee", "right_knee"])] = turn
@@ -29,7 +29,7 @@ def posed(drop: float, bend: float) -> Clip:
 
 
 def turned(clip: Clip, angle: float) -> Clip:
-    """The clip turned about +Y, through the origin."""
+    """Return the clip turned about +Y at the origin."""
     yaw, rotation = quaternion_exp(np.array([0.0, angle, 0.0])), clip.pose.rotation.copy()
     rotation[:, 0] = quaternion_multiply(yaw, rotation[:, 0])
     return replace(clip, pose=Pose(clip.pose.skeleton, quaternion_rotate(yaw, clip.pose.root_position), rotation))
@@ -46,7 +46,7 @@ def test_the_height_of_the_head_gives_the_legs() -> None:
         np.testing.assert_allclose(found[:, head], position[:, head], atol=1e-9)
 
 
-def test_heads_that_were_never_there_have_a_body(waving_clip: Clip) -> None:
+def test_heads_outside_the_training_motion_have_a_body(waving_clip: Clip) -> None:
     body = fit_mean_body([waving_clip])
     heads = np.array([[0.0, -3.0, 0.0], [1.0, 9.0, 2.0], [0.0, 1.0, 0.0]])
     found = body.positions(heads, np.tile([0.6, 0.8, 0.0, 0.0], (3, 1)), SKELETON)
@@ -55,7 +55,7 @@ def test_heads_that_were_never_there_have_a_body(waving_clip: Clip) -> None:
         fit_mean_body([])
 
 
-def test_it_is_kept(tmp_path: Path, waving_clip: Clip, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_mean_body_is_cached(tmp_path: Path, waving_clip: Clip, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     people = ("anna", "ben", "cleo", "dora", "emil", "fay", "gus", "hana")  # most of them are of the train split
     for person in people:

@@ -1,4 +1,4 @@
-"""Features against what they mean, spelled out; of sequences and of single frames."""
+"""Features of sequences, compared with their definitions."""
 
 import pytest
 import torch
@@ -43,7 +43,7 @@ def signal() -> TrackedSignal:
     )
 
 
-def spelled_out(of: TrackedSignal) -> dict[str, Tensor]:
+def direct_features(of: TrackedSignal) -> dict[str, Tensor]:
     size, into, interval = of.size[:, None, None, None], of.turn.mT[:, :, None], of.interval[..., None]
     both = (of.has_position & of.before.has_position)[..., None]
     known = of.has_rotation[..., None, None]
@@ -68,15 +68,15 @@ def spelled_out(of: TrackedSignal) -> dict[str, Tensor]:
     }
 
 
-def test_features_mean_what_they_should(signal: TrackedSignal) -> None:
+def test_features_equal_their_definitions(signal: TrackedSignal) -> None:
     features = CompletionNetwork(CompletionConfig(hidden=8)).read(signal)
     for (name, wanted), part in zip(
-        spelled_out(signal).items(), features.split(list(WIDTHS.values()), dim=-1), strict=True
+        direct_features(signal).items(), features.split(list(WIDTHS.values()), dim=-1), strict=True
     ):
         assert torch.allclose(part, wanted.flatten(2), atol=2e-5), name
 
 
-def test_the_mirror_image_is_read_beside(signal: TrackedSignal) -> None:
+def test_both_features_and_their_mirror_image_are_returned(signal: TrackedSignal) -> None:
     network = CompletionNetwork(CompletionConfig(hidden=8))
     features = network.read(signal)
     both = network.read_both(signal)

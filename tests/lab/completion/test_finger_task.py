@@ -1,4 +1,4 @@
-"""What the finger network learns: sequences of a tiny corpus, kinematics of hands, losses, the training of it."""
+"""Training of the finger network: sequences of a tiny corpus, kinematics of hands, losses, training, scores."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ SKELETON = default_skeleton()
 
 @pytest.fixture(scope="module")
 def corpus() -> Corpus:
-    """Two clips of a body that waves: fingers of the second one were recorded, and bend with the wrists."""
+    """Return two clips of a waving body; the second has recorded fingers that bend with the wrists."""
     rng, length = np.random.default_rng(5), np.array([40, 90])
     frames = int(length.sum())
     swing = np.sin(np.arange(frames) / 9)[:, None]
@@ -78,7 +78,7 @@ def sequence(corpus: Corpus, kind: str, augmentation: SequenceAugmentation | Non
 
 
 def seen_by(corpus: Corpus, fingers: DrawFingers, augmentation: SequenceAugmentation) -> Sequence:
-    """The clip with fingers."""
+    """Return the sequence of the clip with fingers, with given masks of fingers."""
     return make_sequence(corpus, 1, replace(augmentation, sensors=CAMERA, fingers=fingers), np.random.default_rng(0))
 
 
@@ -98,8 +98,8 @@ def whole(*sequences: Sequence) -> HandBatch:
     return hands
 
 
-def test_hands_are_where_forward_kinematics_has_them() -> None:
-    """The truth and the task's positions agree with the whole body's forward kinematics."""
+def test_hand_kinematics_agrees_with_the_whole_body() -> None:
+    """True positions and `finger_positions` agree with forward kinematics of the whole body."""
     rng = np.random.default_rng(1)
     rotation = quaternion_exp(rng.normal(0, 0.5, (7, 52, 3)))
     position, world = forward_kinematics(Pose(SKELETON, np.zeros((7, 3)), rotation))
@@ -118,7 +118,7 @@ def test_hands_are_where_forward_kinematics_has_them() -> None:
 
 
 @pytest.mark.parametrize("kind", list(FINGER_KINDS))
-def test_sequences_are_finite_and_of_their_shapes(corpus: Corpus, kind: str) -> None:
+def test_hands_are_finite_and_of_their_shapes(corpus: Corpus, kind: str) -> None:
     whole_body = sequence(corpus, kind, SequenceAugmentation(known_body(), rate=45.0, noisy=True, free_wrists=True))
     one, frames = hands_of(whole_body), len(whole_body)
     assert frames == len(one) == 134 and whole_body.interval == pytest.approx(1 / 45)
@@ -139,7 +139,7 @@ def test_sequences_are_finite_and_of_their_shapes(corpus: Corpus, kind: str) -> 
     assert bool(one.has_position.any() or one.has_rotation.any()) == (kind != "nothing")
 
 
-def test_what_is_tracked_without_noise_is_the_truth(corpus: Corpus) -> None:
+def test_tracked_values_without_noise_are_true(corpus: Corpus) -> None:
     one = hands_of(sequence(corpus, "tracked"))
     seen = one.has_position.all(axis=-1)
     assert seen.any()
@@ -150,7 +150,7 @@ def test_what_is_tracked_without_noise_is_the_truth(corpus: Corpus) -> None:
 
 
 def test_wrists_are_given_in_the_frame_under_the_head(corpus: Corpus) -> None:
-    """Another heading and place in the world change nothing."""
+    """Heading and place in the world have no effect."""
     spin = quaternion_exp(np.array([0.0, 1.1, 0.0]))
     elsewhere = replace(
         corpus,
@@ -166,8 +166,8 @@ def test_wrists_are_given_in_the_frame_under_the_head(corpus: Corpus) -> None:
 
 
 def test_a_mirror_image_is_the_same_to_the_network(corpus: Corpus) -> None:
-    """Mirrored motion swaps the hands: features, losses and positions are those of the other hand, mirrored."""
-    # Drawn masks and noise are not mirrored: with everything tracked and exact none are drawn.
+    """Mirrored motion swaps the hands: their features, losses and positions are those of the other hand."""
+    # Random masks and noise are not mirrored, so track everything, exactly.
     one, other = (
         seen_by(corpus, everything, SequenceAugmentation(known_body(), mirrored=flip)) for flip in (False, True)
     )
@@ -184,7 +184,7 @@ def test_a_mirror_image_is_the_same_to_the_network(corpus: Corpus) -> None:
     assert float(losses[0]["loss"].detach()) == pytest.approx(float(losses[1]["loss"].detach()), abs=1e-5)
 
 
-def test_time_runs_backward_in_hands_too(corpus: Corpus) -> None:
+def test_backward_time_reverses_the_hands(corpus: Corpus) -> None:
     one, other = (
         hands_of(seen_by(corpus, everything, SequenceAugmentation(known_body(), backward=way))) for way in (False, True)
     )
@@ -199,14 +199,14 @@ def everything(visible: np.ndarray, interval: float, rng: np.random.Generator) -
     return tracked
 
 
-def test_cameras_see_the_hands_that_the_corpus_says(corpus: Corpus) -> None:
+def test_cameras_track_the_visible_hands_of_the_corpus(corpus: Corpus) -> None:
     one = hands_of(sequence(corpus, "camera"))
     assert not one.has_position[~corpus.visible[40:][:, HAND_POINTS]].any() or one.has_position.all(axis=-1).any()
     # A hand is seen as a whole.
     np.testing.assert_array_equal(one.has_position.any(axis=-1), one.has_position.all(axis=-1))
 
 
-def test_other_hands_keep_the_body_and_stay_symmetric() -> None:
+def test_varied_hands_are_symmetric_and_keep_the_body() -> None:
     body = known_body()
     other = with_other_hands(body, np.random.default_rng(3))
     assert other.known is other.true
@@ -219,7 +219,7 @@ def test_other_hands_keep_the_body_and_stay_symmetric() -> None:
     assert partly_known.known is body.known
 
 
-def test_the_true_hand_has_no_loss_but_that_of_the_error(corpus: Corpus) -> None:
+def test_the_true_hand_has_only_the_loss_of_the_expected_error(corpus: Corpus) -> None:
     batch = whole(sequence(corpus, "nothing"), sequence(corpus, "camera"))
     small, large = (
         finger_losses(batch.true_rotation, torch.full(batch.true_position.shape[:-1], expected), batch, FingerLosses())
@@ -231,7 +231,7 @@ def test_the_true_hand_has_no_loss_but_that_of_the_error(corpus: Corpus) -> None
     assert float(small["loss"]) == pytest.approx(sum(float(small[name]) for name in small if name != "loss"))
 
 
-def test_the_last_known_hand_is_right_while_it_is_seen(corpus: Corpus) -> None:
+def test_the_last_known_hand_is_exact_while_it_is_seen(corpus: Corpus) -> None:
     one = seen_by(corpus, seen_in_part, SequenceAugmentation(known_body()))
     hands = whole(one)
     position = finger_positions(last_known_fingers(mean_hand(corpus), hands), hands.signal.rest_offset)
@@ -247,8 +247,8 @@ def seen_in_part(visible: np.ndarray, interval: float, rng: np.random.Generator)
     return tracked
 
 
-def test_the_mean_hand_of_hands_that_hold_still(corpus: Corpus) -> None:
-    """Left and right are one hand and its mirror image."""
+def test_the_mean_hand_of_still_hands_is_that_hand(corpus: Corpus) -> None:
+    """If left and right hands are mirror images, their mean is that hand."""
     bend = np.zeros((90, 30, 3))
     bend[:, :15, 2], bend[:, 15:, 2] = -0.4, 0.4
     still = replace(corpus, fingers=quaternion_exp(bend).astype(np.float32))
@@ -257,7 +257,7 @@ def test_the_mean_hand_of_hands_that_hold_still(corpus: Corpus) -> None:
 
 
 def test_a_few_steps_reduce_the_loss(corpus: Corpus) -> None:
-    """Of fingers that cannot be seen, too: the mean hand of the corpus is learned first."""
+    """The loss of hidden fingers falls, too: the network learns the mean hand of the corpus first."""
     torch.manual_seed(0)
     task = FingerTask(FingerNetwork(SMALL.network), SMALL, Schedule(), corpus, {})
     batch = batch_of(sequence(corpus, "nothing"), sequence(corpus, "camera"))
@@ -274,7 +274,7 @@ def test_a_few_steps_reduce_the_loss(corpus: Corpus) -> None:
     assert last < 0.6 * first
 
 
-def test_training_goes_on_and_its_network_comes_back(
+def test_training_writes_a_network_and_refuses_other_settings(
     corpus: Corpus, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(training, "read_corpus", lambda data, split, limit: corpus)
@@ -303,7 +303,7 @@ def test_drawn_sequences_differ(corpus: Corpus) -> None:
     assert len(BODY) == 22
 
 
-def test_a_clip_without_fingers_moves_generated_ones(corpus: Corpus) -> None:
+def test_a_clip_without_fingers_has_generated_ones(corpus: Corpus) -> None:
     generated = quaternion_exp(np.random.default_rng(3).normal(0, 0.4, (2000, 30, 3))).astype(np.float16)
     one, other = (hands_of(draw_hands(corpus, 0, np.random.default_rng(k), generated)) for k in (1, 2))
     assert len(one) > 10 and np.isfinite(one.true_position).all()
@@ -312,7 +312,7 @@ def test_a_clip_without_fingers_moves_generated_ones(corpus: Corpus) -> None:
     assert next(task.batches(np.random.default_rng(0))).valid.any()
 
 
-def test_scores_are_of_those_who_were_left_out(corpus: Corpus) -> None:
+def test_each_network_is_scored_on_the_person_it_left_out(corpus: Corpus) -> None:
     people = replace(
         corpus.select(np.array([1, 1])), name=np.array(["anna/waves", "bert/waves"]), category=np.array(["sit", "sit"])
     )

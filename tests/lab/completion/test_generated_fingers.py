@@ -1,4 +1,4 @@
-"""Generated fingers: seeded, within the limits of joints, no faster than fingers are, lent to clips without them."""
+"""Generated fingers: seeded, within joint limits, at realistic speeds; their file and command."""
 
 from pathlib import Path
 
@@ -22,7 +22,7 @@ def fingers() -> np.ndarray:
 
 
 def left_and_right(fingers: np.ndarray) -> list[np.ndarray]:
-    """Local rotations (N, 15, 4) of both hands as left ones, in the order of `HAND_JOINTS`."""
+    """Return local rotations (N, 15, 4) of both hands as left ones, in the order of `HAND_JOINTS`."""
     skeleton = default_skeleton()
     hands = []
     for side in ("left", "right"):
@@ -31,13 +31,13 @@ def left_and_right(fingers: np.ndarray) -> list[np.ndarray]:
     return hands
 
 
-def test_an_hour_is_an_hour_and_more_begins_alike(fingers: np.ndarray) -> None:
+def test_the_duration_is_exact_and_longer_motion_begins_equally(fingers: np.ndarray) -> None:
     assert fingers.shape == (round(HOURS * 3600 * RATE), 30, 4)
     np.testing.assert_array_equal(generate_fingers(0.01), fingers[: round(0.01 * 3600 * RATE)])
     assert not np.array_equal(generate_fingers(0.01, seed=2), fingers[: round(0.01 * 3600 * RATE)])
 
 
-def test_joints_keep_to_their_limits(fingers: np.ndarray) -> None:
+def test_joints_are_within_their_limits(fingers: np.ndarray) -> None:
     low, high = limits()
     for hand in left_and_right(fingers):
         angles = angles_of(hand)
@@ -55,7 +55,7 @@ def test_hands_move_differently_and_at_speeds_of_fingers(fingers: np.ndarray) ->
         assert np.percentile(speed, 99.9) < 2 * FASTEST_FINGER and speed.mean() > 0.1
 
 
-def test_files_come_back_and_others_are_refused(fingers: np.ndarray, tmp_path: Path) -> None:
+def test_files_are_read_back_and_others_are_refused(fingers: np.ndarray, tmp_path: Path) -> None:
     write_fingers(tmp_path / "some" / "fingers.npz", fingers)
     np.testing.assert_array_equal(read_fingers(tmp_path / "some" / "fingers.npz"), fingers)
     np.savez(tmp_path / "other.npz", values=np.zeros(3))

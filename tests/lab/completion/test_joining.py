@@ -48,7 +48,7 @@ def module_of(take: JoinedTake, spread: float = 0.05) -> JoiningModule:
     return network.eval()
 
 
-def test_the_file_is_the_network(takes: list[JoinedTake], tmp_path: Path) -> None:
+def test_a_written_network_has_the_same_outputs(takes: list[JoinedTake], tmp_path: Path) -> None:
     network = module_of(takes[0])
     write_joining(network, tmp_path / "net.safetensors", {"seed": 3})
     read = takes[0].features.astype(np.float32)
@@ -96,7 +96,7 @@ def test_expected_errors_are_calibrated(takes: list[JoinedTake]) -> None:
 
 
 def test_training_and_tracker_join_the_same_body(takes: list[JoinedTake]) -> None:
-    """The same shares, turns and tracked rotations give the body that `two_way` computes."""
+    """With equal shares, turns and tracked rotations, the body equals that of `two_way`."""
     skeleton, take = packaged_performance().pose.skeleton, takes[0]
     rng = np.random.default_rng(6)
     turn = rng.normal(0, 0.3, (len(take), len(BODY), 3))
@@ -159,7 +159,7 @@ def test_each_term_penalises_its_error(takes: list[JoinedTake], term: str) -> No
 
 
 def cost_of(term: str, take: JoinedTake) -> float:
-    """A weighted term of the loss of the plain mean."""
+    """Return a weighted term of the loss for the plain mean of both estimates."""
     network = module_of(take, 0.0)
     torch.nn.init.zeros_(network.outward.bias)
     config = JoiningTaskConfig(network.config, takes=1, frames=90)

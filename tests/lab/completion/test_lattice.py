@@ -1,4 +1,4 @@
-"""The lattice of sensor sets."""
+"""Random edges of the lattice of sensor sets."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from bodysense_lab.completion.lattice import LATTICE_PARTS, random_edges, with_s
 from bodysense_lab.completion.options import TABLE_SETS
 
 
-def test_the_sets_of_the_tables_are_named_ones() -> None:
+def test_the_tables_have_known_sensor_sets() -> None:
     assert set(TABLE_SETS) < set(SENSOR_SETS)
 
 

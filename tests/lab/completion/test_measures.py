@@ -1,4 +1,4 @@
-"""Measures of clips, and how they are added up."""
+"""Measures of clips, merged over clips."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ FEET = [BODY.index(f"{side}_foot") for side in ("left", "right")]
 
 
 def sliding(frames: int, standing: int, speed: float) -> tuple[np.ndarray, np.ndarray]:
-    """Predicted and true positions (T, P, 3): feet stand for the first frames, then hang; the prediction slides."""
+    """Return predicted and true positions (T, P, 3): true feet stand, then hang; the predicted body slides."""
     truth = np.ones((frames, len(BODY.points), 3))
     truth[:standing, FEET, 1] = 0.0
     predicted = truth.copy()

@@ -1,4 +1,4 @@
-"""The pace of training, timed, and the motion that it reads, kept until the data change."""
+"""Speed of training, and the corpus cache that is valid until the data change."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""People who stand, settled: bones keep their lengths, knees bend as knees do, and feet stay on the floor."""
+"""Postures made from standing people: rotations are valid, knees bend forward, and feet stay on the floor."""
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ Standing = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 @pytest.fixture
 def standing(waving_clip: Clip) -> Standing:
-    """World rotations, the pelvis's path and offsets of somebody who stands and waves, to and fro."""
+    """Return world rotations, pelvis path and offsets of a standing person who waves, played forward and backward."""
     there = np.arange(len(waving_clip))
     pose = waving_clip.pose[np.tile(np.concatenate([there, there[::-1]]), 3)]
     rotation = forward_kinematics(pose)[1][:, : len(BODY)]
@@ -34,7 +34,7 @@ def joint_positions(
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_every_posture_is_a_body(kind: str, standing: Standing) -> None:
+def test_every_posture_is_a_valid_body(kind: str, standing: Standing) -> None:
     skeleton = default_skeleton()
     for seed in range(4):
         rotation, root = apply_posture(*standing, kind, RATE, np.random.default_rng(seed))
@@ -47,7 +47,7 @@ def test_every_posture_is_a_body(kind: str, standing: Standing) -> None:
             hip, knee = (BODY.index(f"{side}_{name}") for name in ("hip", "knee"))
             bend = quaternion_to_matrix(quaternion_multiply(quaternion_conjugate(rotation[:, hip]), rotation[:, knee]))
             flexed = np.degrees(np.arctan2(bend[:, 2, 1], bend[:, 2, 2]))
-            drawn = np.abs(root - standing[1]).max(axis=1) > 0.01  # elsewhere knees are the recorded ones
+            drawn = np.abs(root - standing[1]).max(axis=1) > 0.01  # other frames have the recorded knees
             if kind not in ("lying", "standing"):
                 assert (flexed[drawn] > -2).all(), (kind, seed)
 
@@ -63,7 +63,7 @@ def test_a_seated_body_is_low_and_its_feet_stand(standing: Standing) -> None:
         seated += 1
         for side in ("left", "right"):
             ankle = places[f"{side}_ankle"]
-            assert np.ptp(ankle, axis=0).max() < 0.02  # it stays where it is
+            assert np.ptp(ankle, axis=0).max() < 0.02  # the foot stands still
             assert ankle[:, 1].min() > 0.02 and ankle[:, 1].max() < 0.25
     assert seated >= 3
 

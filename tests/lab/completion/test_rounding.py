@@ -1,4 +1,4 @@
-"""Weights rounded for what a network reads: whole multiples of the same step, products nearer than by nearest ones."""
+"""Rounding of weights for given inputs: multiples of a step, with more accurate products than nearest rounding."""
 
 import itertools
 from dataclasses import asdict
@@ -27,15 +27,15 @@ SMALL = CompletionConfig(hidden=16, branch=16, judge_branch=8)
 
 
 def read_by(seed: int, inputs: int) -> tuple[np.ndarray, np.ndarray]:
-    """Weights (6, K), and frames (500, K) of few kinds of motion, as a network reads them."""
+    """Return weights (6, K) and correlated inputs (500, K), like those of motion."""
     rng = np.random.default_rng(seed)
     frames = rng.normal(size=(500, 4)) @ rng.normal(size=(4, inputs)) + 0.05 * rng.normal(size=(500, inputs))
     return rng.normal(size=(6, inputs)).astype(np.float32), frames
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(5, 40))
-@example(seed=3617, inputs=10)  # one row after the other would miss more than the nearest multiples
-def test_products_stay_nearer(seed: int, inputs: int) -> None:
+@example(seed=3617, inputs=10)  # compensation in a row would be less accurate than nearest rounding
+def test_products_are_more_accurate_than_with_nearest_rounding(seed: int, inputs: int) -> None:
     weights, frames = read_by(seed, inputs)
     step = row_step(weights)
     compensated = rounded(weights, frames.T @ frames / len(frames))
@@ -47,7 +47,7 @@ def test_products_stay_nearer(seed: int, inputs: int) -> None:
     assert np.linalg.norm(errors[0]) < np.linalg.norm(errors[1]) or inputs < 10
 
 
-def test_what_was_never_read_is_rounded_to_the_nearest() -> None:
+def test_weights_of_unused_inputs_are_rounded_to_the_nearest() -> None:
     weights, frames = read_by(3, 12)
     frames[:, 5:] = 0
     step = row_step(weights)
@@ -57,7 +57,7 @@ def test_what_was_never_read_is_rounded_to_the_nearest() -> None:
 
 @pytest.fixture(scope="module")
 def batches() -> list[SequenceBatch]:
-    """Two batches of training sequences that play on."""
+    """Return two consecutive batches of training sequences."""
     network = CompletionNetwork(SMALL)
     config = CompletionTaskConfig(network.config, streams=3, chunk=21)
     task = CompletionTask(network, config, Schedule(), corpus_of([packaged_performance()]), {})
@@ -69,7 +69,7 @@ def small_network() -> CompletionNetwork:
     return CompletionNetwork(SMALL).eval()
 
 
-def test_moments_are_of_what_products_read(batches: list[SequenceBatch]) -> None:
+def test_moments_are_of_the_inputs_of_products(batches: list[SequenceBatch]) -> None:
     body = small_network()
     moments = sample_moments(body, batches)
     of = dict(body.named_parameters())

@@ -1,4 +1,4 @@
-"""Scenes: strangers come from the split's bodies, retargeted; batches are of bounded size; what the tracker is told."""
+"""Scenes: unseen bodies of a split, batches of limited size, and the knowledge that the tracker is given."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def test_a_clip_always_has_the_same_unseen_body(clips: list[Clip]) -> None:
     assert (unseen_body(clips[0], "val").rest_offset != one.rest_offset).any()
 
 
-def test_the_tracker_knows_the_body_in_the_given_part(clips: list[Clip]) -> None:
+def test_the_person_has_only_what_the_tracker_may_know(clips: list[Clip]) -> None:
     skeleton = unseen_body(clips[0], "test")
     for body in ("own", "stranger"):
         person = person_of(body, skeleton)
@@ -66,7 +66,7 @@ def test_the_tracker_knows_the_body_in_the_given_part(clips: list[Clip]) -> None
     assert of_nothing.bone_deviation.mean() > of_height.bone_deviation.mean() > 0
 
 
-def test_batches_are_of_clips_of_similar_length(clips: list[Clip]) -> None:
+def test_batches_have_clips_of_similar_length(clips: list[Clip]) -> None:
     def of_frames(frames: int) -> Clip:
         pose = clips[0].pose
         return replace(clips[0], pose=Pose(pose.skeleton, np.zeros((frames, 3)), np.zeros((frames, 52, 4))))

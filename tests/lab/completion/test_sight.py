@@ -1,4 +1,4 @@
-"""Measures of sight: each takes a known value in a motion made by hand, and is zero for the truth."""
+"""Measures of visible faults have known values for constructed motions and are zero for the truth."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ UP, AHEAD = np.array([0.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0])
 
 
 def motions(seed: int, frames: int = 60, points: int = 4) -> np.ndarray:
-    """A random smooth walk of points (T, P, 3) m."""
+    """Return smooth random paths of points (T, P, 3) m."""
     rng = np.random.default_rng(seed)
     speed = np.cumsum(rng.normal(0, 0.01, (frames, points, 3)), axis=0)
     return np.cumsum(speed, axis=0)
 
 
 def stepping(lifts: list[tuple[float, float]], seconds: float = 4.0, length: float = 0.5) -> np.ndarray:
-    """Two feet (T, 2, 3) m that stand 10 cm high ankles; the left one moves ahead in each span of seconds."""
+    """Return two ankles (T, 2, 3) m at 10 cm height; the left one moves ahead in each of the spans, s."""
     time = np.arange(round(seconds * RATE)) / RATE
     feet = np.zeros((len(time), 2, 3))
     feet[..., 0] = [0.1, -0.1]
@@ -81,8 +81,8 @@ def test_a_change_is_counted_in_its_frame_and_the_next() -> None:
     np.testing.assert_array_equal(np.flatnonzero(sight.near_change(tracked)), [4, 5, 7, 8])
 
 
-def test_points_that_stop_while_they_should_move_are_frozen() -> None:
-    """One of two hidden points stands for 3 of 9 fast frames; slow and tracked ones do not count."""
+def test_still_points_with_moving_truth_are_frozen() -> None:
+    """One of two hidden points is still in 3 of 9 fast frames; slow and tracked points do not count."""
     truth = np.arange(10)[:, None, None] / RATE * np.array([2.0, 2.0, 0.9, 2.0])[:, None] * AHEAD
     output = truth.copy()
     output[4:7, 0] = output[3, 0]  # then a leap
@@ -95,7 +95,7 @@ def test_points_that_stop_while_they_should_move_are_frozen() -> None:
     assert not sight.frozen_points(creeping, truth[:, :1], tracked[:, :1], RATE).any()
 
 
-def test_feet_float_over_the_floor_that_the_truth_stands_on() -> None:
+def test_feet_float_above_rest_height_and_truth() -> None:
     balls = np.zeros((4, 2, 3))
     balls[..., 1] = 0.02  # their rest height
     output = balls.copy()
@@ -137,7 +137,7 @@ def test_knees_bend_backward_about_the_negative_axis(angle: float, sign: float) 
     assert bool(sight.backward_knees(turned)) == (angle < -sight.BACKWARD)
 
 
-def test_the_wrong_foot_is_counted_where_there_is_a_stride() -> None:
+def test_wrong_feet_are_counted_in_strides() -> None:
     truth = np.zeros((6, 2, 3))
     truth[:, 0, 2] = [0.3, 0.3, -0.3, 0.1, 0.3, -0.3]
     output = truth.copy()
@@ -158,7 +158,7 @@ def test_a_foot_steps_while_both_stand() -> None:
     assert sight.false_steps(standing, slid, RATE) == 0  # the truth slides, the output does not
 
 
-def test_steps_that_are_not_taken_are_missed() -> None:
+def test_missed_steps_are_counted() -> None:
     truth = stepping([(0.5, 1.0), (2.0, 2.5)])
     assert sight.missed_steps(truth, truth, RATE) == (0, 2)
     assert sight.missed_steps(stepping([(0.5, 1.0)]), truth, RATE) == (1, 2)
@@ -180,13 +180,13 @@ def test_reentry_speed_is_the_greatest_within_the_ease() -> None:
     assert sight.reentry_speeds(position, np.ones_like(tracked), RATE).size == 0
 
 
-def test_points_are_long_seen_after_a_while_without_a_gap() -> None:
+def test_points_are_long_seen_after_0_3_s_without_a_gap() -> None:
     tracked = np.ones((30, 1), dtype=bool)
     tracked[[3, 20]] = False
     np.testing.assert_array_equal(np.flatnonzero(sight.long_seen(tracked, RATE)), np.arange(13, 20))
 
 
-def test_short_losses_have_a_return_alone() -> None:
+def test_short_losses_count_as_returns_only() -> None:
     tracked = np.ones(120, dtype=bool)
     tracked[20:30], tracked[60:80] = False, False
     assert sight.transition_frames(tracked, RATE) == {"loss": [60], "return": [30, 80]}
@@ -195,7 +195,7 @@ def test_short_losses_have_a_return_alone() -> None:
 
 
 def test_jerk_of_a_leap_at_the_moment_is_known() -> None:
-    """A step of s metres has third differences s, −2s, s: in that frame and the two after it."""
+    """A step of s metres has third differences s, −2s and s, in its frame and the two after it."""
     position = np.zeros((60, 3, 3))
     position[30:, 1, 0] = 0.1
     curve = sight.transition_jerks(position, [30], RATE)[0]

@@ -1,4 +1,4 @@
-"""Scores of sight over clips: known faults come out as known figures, and kept results equal fresh ones."""
+"""Scores of visible faults over clips: known faults give known figures, and saved results equal new ones."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def seen(scene: TrackedScene) -> Observation:
     return scene.observe(SENSOR_SETS["three_point"])
 
 
-def test_measured_points_that_are_off_are_found(scene: TrackedScene, seen: Observation) -> None:
+def test_errors_of_measured_points_are_counted(scene: TrackedScene, seen: Observation) -> None:
     """A wrist that is 3 cm off is one of three measured points, and beyond its bound of 2 cm."""
     position = scene.world_pose[0].copy()
     position[:, scene.skeleton.index("left_wrist"), 0] += 0.03
@@ -68,8 +68,8 @@ def test_measured_points_that_are_off_are_found(scene: TrackedScene, seen: Obser
     assert measure_sight(scene, seen, exact(scene)).numbers()["measured_covered"] == 1
 
 
-def test_measured_rotations_that_are_turned_are_found(scene: TrackedScene, seen: Observation) -> None:
-    """A head that is turned by 4° is one of three measured joints; what is turned for 0.3 s only does not count."""
+def test_errors_of_measured_rotations_are_counted(scene: TrackedScene, seen: Observation) -> None:
+    """One of three measured joints, the head, is turned by 4°; a turn of only 0.3 s does not count."""
     head, turned = scene.skeleton.index("head"), exact(scene)
     turn = quaternion_exp(np.radians([4.0, 0.0, 0.0]))
     turned.rotation[:, head] = quaternion_multiply(turned.rotation[:, head], turn)
@@ -81,7 +81,7 @@ def test_measured_rotations_that_are_turned_are_found(scene: TrackedScene, seen:
     assert measure_sight(scene, seen, turned).numbers()["measured_rotation_deg"] == pytest.approx(0, abs=1e-3)
 
 
-def test_jumps_are_split_by_where_they_are(scene: TrackedScene, seen: Observation) -> None:
+def test_jumps_at_and_away_from_mask_changes_are_separate(scene: TrackedScene, seen: Observation) -> None:
     lost = with_finger(seen, scene.world_pose[0][:, scene.skeleton.index(FINGER)], False)
     lost.has_position[30, lost.points.index(FINGER)] = True  # changes in frames 30 and 31
     lost.position[30, lost.points.index(FINGER)] = 0.0
@@ -94,7 +94,7 @@ def test_jumps_are_split_by_where_they_are(scene: TrackedScene, seen: Observatio
     assert numbers["jumps_elsewhere_per_minute"] * minutes == pytest.approx(1)
 
 
-def test_a_hand_that_leaps_back_has_a_higher_peak(scene: TrackedScene, seen: Observation) -> None:
+def test_a_hand_that_leaps_back_has_a_higher_peak_of_jerk(scene: TrackedScene, seen: Observation) -> None:
     lost = lose_hands(seen, np.random.default_rng(0))
     assert (~lost.has_position[:, 1]).any()
     same = measure_transitions(scene, lost, exact(scene)).numbers()
@@ -106,7 +106,7 @@ def test_a_hand_that_leaps_back_has_a_higher_peak(scene: TrackedScene, seen: Obs
     assert leapt["pj_ratio"] > 1.5 and leapt["auj"] > 0
 
 
-def test_gaps_are_as_long_as_they_were_measured() -> None:
+def test_gaps_have_the_measured_durations() -> None:
     gaps = gap_seconds(200_000, np.random.default_rng(1))
     assert np.median(gaps) == pytest.approx(0.1, rel=0.05)
     assert (gaps < 0.2).mean() == pytest.approx(0.61, abs=0.01)
@@ -116,7 +116,7 @@ def test_gaps_are_as_long_as_they_were_measured() -> None:
 
 
 @given(st.integers(0, 100))
-def test_hands_are_lost_alone_and_nothing_else_is(seed: int) -> None:
+def test_only_hands_are_lost_and_each_on_its_own(seed: int) -> None:
     frames, points = 1800, ("head", "left_wrist", "left_index1", "right_wrist")
     seen = Observation(
         points,
@@ -157,7 +157,7 @@ def test_quantiles_are_true_to_one_percent(values: list[float], percent: float) 
     assert math.isnan(percentile(np.zeros(9), 50))
 
 
-def test_scores_of_parts_are_those_of_the_whole(scenes: list[TrackedScene]) -> None:
+def test_merged_scores_equal_the_whole(scenes: list[TrackedScene]) -> None:
     whole, parts = CellScores(), []
     for scene in scenes[:2]:
         shaken = scene.world_pose[0] + np.random.default_rng(3).normal(0, 0.02, scene.world_pose[0].shape)
@@ -175,7 +175,7 @@ def test_clips_with_saved_results_are_not_scored_again(
         return position + np.random.default_rng(len(scene)).normal(0, 0.02, position.shape)
 
     def refuse(people: object, observations: object) -> list[TrackedMotion]:
-        raise AssertionError("a kept clip was tracked")
+        raise AssertionError("a clip with saved results was tracked")
 
     track = Oracle(scenes, shaken)
     fresh = evaluate_completion(clips, SMALL, track=track, times=None)
@@ -193,7 +193,7 @@ def test_clips_with_saved_results_are_not_scored_again(
 
 def test_the_sheet_has_the_worst_frames(clips: list[Clip], scenes: list[TrackedScene], tmp_path: Path) -> None:
     def leapt(position: np.ndarray, scene: TrackedScene) -> np.ndarray:
-        """The body drifts from the head by a millimetre a frame; a knee leaps by 30 cm within it."""
+        """Let the body drift from the head by a millimetre a frame, and a knee leap by 30 cm."""
         position[:, scene.skeleton.indices(LOWER_BODY), 1] += 0.001 * np.arange(len(position))[:, None] + 0.1
         if len(position) > 40:
             position[40:, scene.skeleton.index("left_knee"), 0] += 0.3
@@ -216,7 +216,7 @@ def test_the_sheet_has_the_worst_frames(clips: list[Clip], scenes: list[TrackedS
     assert [one.frame for one in worst_frames(some, 5, "error")] == [2] and not worst_frames(some, 5, "leap")
 
 
-def test_a_finger_blinks_beside_a_head_alone(clips: list[Clip], scenes: list[TrackedScene]) -> None:
+def test_a_finger_blinks_with_a_tracked_head_alone(clips: list[Clip], scenes: list[TrackedScene]) -> None:
     settings = CompletionSettings(sets=("head",), bodies=("own",), edges=0)
     numbers = evaluate_completion(clips, settings, track=Oracle(scenes), times=None).numbers()
     assert numbers["head_own_extra_jumps_per_minute"] == 0 and "head_own_pj_ratio" not in numbers
@@ -224,7 +224,7 @@ def test_a_finger_blinks_beside_a_head_alone(clips: list[Clip], scenes: list[Tra
 
 @pytest.mark.parametrize("sensors", ["three_point", "headset_camera", "six_point"])
 def test_a_finger_that_blinks_makes_no_body_jump(sensors: str) -> None:
-    """The packaged network: the 22 joints jump no more often while a finger blinks than while it is never tracked."""
+    """With the packaged network, a blinking finger causes no more jumps than a finger that is never tracked."""
     clip = resample(unseen_body_performance(), RATE)
     scene = TrackedScene(clip.name, "main", clip.pose)
     seen, place = scene.observe(SENSOR_SETS[sensors]), scene.world_pose[0][:, scene.skeleton.index(FINGER)]

@@ -1,4 +1,4 @@
-"""Legs that are straightened: feet stay where they were, knees straighten, and squats stay as they are."""
+"""Straightened legs: feet keep their positions, knees straighten, and squats are unchanged."""
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ Motion = tuple[np.ndarray, np.ndarray, np.ndarray, float]
 
 @pytest.fixture(scope="module")
 def walking() -> Motion:
-    """World rotations, the pelvis's path, offsets and rate of a walk whose legs that stand are bent."""
+    """Return world rotations, pelvis path, offsets and rate of a walk with bent standing legs."""
     clip = packaged_performance()
     pose = clip.pose[: round(4 * clip.frame_rate)]
     rotation = np.asarray(forward_kinematics(pose)[1])[:, : len(BODY)]
@@ -24,7 +24,7 @@ def walking() -> Motion:
 
 
 def legs(rotation: np.ndarray, root: np.ndarray, offset: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Ankles (T, 2, 3) m, and how far both knees are bent (T, 2), degrees."""
+    """Return ankles (T, 2, 3) m and flexion of the knees (T, 2), degrees."""
     matrix = quaternion_to_matrix(rotation)
     hips, ankles, bent = root[:, None] + hips_of(matrix[:, 0], offset), [], []
     for k, side in enumerate(("left", "right")):
@@ -51,7 +51,7 @@ def test_standing_legs_straighten_over_feet_that_stay(walking: Motion) -> None:
     assert np.abs(turned).max() < 1e-6
 
 
-def test_a_share_of_the_way_rises_by_that_share(walking: Motion) -> None:
+def test_a_share_of_straightening_raises_by_that_share(walking: Motion) -> None:
     rotation, root, offset, rate = walking
     whole, half = (straightened(rotation, root, offset, share, rate)[1] - root for share in (1.0, 0.5))
     np.testing.assert_allclose(half, whole / 2, atol=1e-12)
@@ -64,7 +64,7 @@ def test_the_pelvis_rises_smoothly(walking: Motion) -> None:
 
 
 @pytest.mark.parametrize("kind", ["chair", "crouch", "kneeling"])
-def test_legs_that_are_far_from_straight_stay(walking: Motion, kind: str) -> None:
+def test_legs_far_from_straight_are_unchanged(walking: Motion, kind: str) -> None:
     rotation, root, offset, rate = walking
     for seed in range(6):
         seated, path = apply_posture(rotation, root, offset, kind, rate, np.random.default_rng(seed))

@@ -1,4 +1,4 @@
-"""The table of completion: known errors come out as known figures, padding does not count, all keys are there."""
+"""Tables of completion: known errors give known figures, padding does not count, all keys are present."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def score(clips: list[Clip], track: TrackPeople, settings: CompletionSettings = 
 
 
 def figure(table: CompletionTable, sensors: str, body: str, name: str) -> float:
-    """A figure of a cell of the main categories; NaN where nothing was counted."""
+    """Return a figure of a cell of the main categories; NaN if nothing was counted."""
     return table.numbers().get(f"{sensors}_{body}_{name}", math.nan)
 
 
@@ -88,7 +88,7 @@ def test_the_truth_scores_nothing(clips: list[Clip], scenes: list[TrackedScene])
 
 
 def test_a_known_displacement_gives_known_figures(clips: list[Clip], scenes: list[TrackedScene]) -> None:
-    """Nine of 22 joints are off by 5 cm, from the head and in the world; what is expected is the true error."""
+    """Nine of 22 joints are off by 5 cm, and expected errors equal true errors."""
     table = score(clips, Oracle(scenes, shift_legs))
     for body in BODIES:
         assert figure(table, "three_point", body, "lower_mpjpe_cm") == pytest.approx(5)
@@ -113,13 +113,13 @@ def test_a_known_displacement_gives_known_figures(clips: list[Clip], scenes: lis
     assert doubted.ece == pytest.approx(1.0)
 
 
-def test_what_is_tracked_is_no_test_of_confidence(clips: list[Clip], scenes: list[TrackedScene]) -> None:
+def test_tracked_joints_do_not_count_for_calibration(clips: list[Clip], scenes: list[TrackedScene]) -> None:
     counted = score(clips, Oracle(scenes, shift_legs)).calibration("three_point", "own", "upper").count
     assert counted == (13 - 3) * (90 + 60)  # without head and wrists
 
 
-def test_company_does_not_count(clips: list[Clip], scenes: list[TrackedScene]) -> None:
-    """Each clip scores alone what it scores beside longer ones; averages are over frames."""
+def test_other_clips_in_a_batch_change_no_score(clips: list[Clip], scenes: list[TrackedScene]) -> None:
+    """A clip has the same scores alone and in a batch with longer clips; averages are over frames."""
 
     def drifting(position: np.ndarray, scene: TrackedScene) -> np.ndarray:
         body = [point for point in range(65) if scene.skeleton.points[point] != "head"]
@@ -169,7 +169,7 @@ def test_the_lattice_finds_sensors_that_harm(clips: list[Clip], scenes: list[Tra
     assert score(clips, Oracle(scenes, shift_legs), settings).numbers()["lattice_violations"] == 0
 
 
-def test_takes_are_measured_as_live_tracking_is(clips: list[Clip]) -> None:
+def test_takes_have_the_measures_of_live_tracking(clips: list[Clip]) -> None:
     """Takes completed by live tracking have its figures; without `takes` there are no figures of takes."""
 
     def live(person: Person, seen: Observation) -> TrackedMotion:
@@ -198,7 +198,7 @@ def table(clips: list[Clip], scenes: list[TrackedScene]) -> CompletionTable:
     )
 
 
-def test_all_keys_are_there(table: CompletionTable) -> None:
+def test_all_keys_are_present(table: CompletionTable) -> None:
     numbers = table.numbers()
     for name in TABLE_SETS:
         for body in BODIES:
@@ -242,7 +242,7 @@ def test_reports_and_picture(table: CompletionTable, tmp_path: Path) -> None:
 
 
 def test_a_finger_that_is_never_tracked_changes_nothing(clips: list[Clip]) -> None:
-    """So the table's steady finger is the set without it."""
+    """The table can therefore reuse the result of the set without that finger."""
     scene = scene_of(clips[0], "own", "test").beginning(40)
     seen = scene.observe(SENSOR_SETS["three_point"])
     grown = with_finger(seen, scene.world_pose[0][:, scene.skeleton.index(FINGER)], blinking=False)
@@ -283,7 +283,7 @@ def test_the_command(
     assert {"head_own_mpjpe_cm", "headset_camera_nothing_ratio", "head_ece", "clips", "cpu_seconds"} <= set(found)
     assert found["clips"] == 2 and not any(name.startswith("head_stranger") for name in found)
     assert measures.is_file() and picture.is_file() and "hidden joints" in capsys.readouterr().out
-    assert main([*arguments, *files]) == 0  # of kept clips
+    assert main([*arguments, *files]) == 0  # with saved results of clips
     assert set(found) - set(json.loads(numbers.read_text())) == {"cpu_seconds"}
     assert main([*arguments, "--sets", "nose"]) == 2
     assert "--sets nose: unknown; valid are head, three_point" in capsys.readouterr().err

@@ -1,4 +1,4 @@
-"""The tracker as tables run it: a batch is what each person gets alone, and every step is timed."""
+"""The tracker as tables run it: a batch equals each person alone, and steps are timed."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from bodysense_lab.completion.scenes import TrackedScene, person_of
 from bodysense_lab.completion.tracking import PeopleTracker, TakeTracker, step_times, track_people
 
 
-def test_company_changes_no_bit(scenes: list[TrackedScene]) -> None:
+def test_other_people_in_a_batch_change_no_bit(scenes: list[TrackedScene]) -> None:
     some = [scene.beginning(frames) for scene, frames in zip(scenes[1::2], (12, 20, 8), strict=True)]
     seen = [scene.observe(SENSOR_SETS["headset_camera"]) for scene in some]
     people = [person_of("height", scene.skeleton) for scene in some]

@@ -1,4 +1,4 @@
-"""Sequences to learn from, and the loop that learns: shapes, twins, mirror images, resumption."""
+"""Training sequences and training: shapes, retargeting, mirror images, lost sensors, averaged weights."""
 
 from dataclasses import replace
 from importlib.resources import files
@@ -63,7 +63,7 @@ def corpus() -> Corpus:
     )
 
 
-def test_every_drawn_sequence_is_whole(corpus: Corpus) -> None:
+def test_drawn_sequences_are_finite_and_of_their_shapes(corpus: Corpus) -> None:
     rng = np.random.default_rng(1)
     for _ in range(30):
         one = draw_sequence(corpus, 0, rng)
@@ -75,7 +75,7 @@ def test_every_drawn_sequence_is_whole(corpus: Corpus) -> None:
         assert (one.accuracy > 0).all() and 0.8 < one.size < 1.3 and 1 / 61 < one.interval < 1 / 21
 
 
-def test_kinds_of_sensors_are_shares_and_track_something() -> None:
+def test_shares_of_sensors_sum_to_one_and_most_sequences_are_tracked() -> None:
     assert sum(KINDS.values()) == pytest.approx(1.0)
     rng, visible = np.random.default_rng(2), np.ones((60, len(INPUT_POINTS)), dtype=bool)
     drawn = [draw_sensors(visible, 1 / 30, rng) for _ in range(200)]
@@ -83,7 +83,9 @@ def test_kinds_of_sensors_are_shares_and_track_something() -> None:
     assert 0.8 < np.mean([one.head_known.mean() for one in drawn]) < 1.0
 
 
-def made(corpus: Corpus, offset: np.ndarray, mirrored: bool, position: np.ndarray, rotation: np.ndarray) -> Sequence:
+def fixed_sequence(
+    corpus: Corpus, offset: np.ndarray, mirrored: bool, position: np.ndarray, rotation: np.ndarray
+) -> Sequence:
     def sensors(visible: np.ndarray, interval: float, rng: np.random.Generator) -> SensorMasks:
         frames = len(visible)
         has_position, has_rotation = np.tile(position, (frames, 1)), np.tile(rotation, (frames, 1))
@@ -97,18 +99,18 @@ def made(corpus: Corpus, offset: np.ndarray, mirrored: bool, position: np.ndarra
 
 
 def test_a_sequence_moves_as_the_retargeted_clip(corpus: Corpus) -> None:
-    """The training's own retargeting is the twin of `body.retarget`."""
+    """Retargeting in training agrees with `body.retarget`."""
     clip = packaged_performance()
     offset = sample_bodies("train", 1)[0]
     everything = np.ones(len(INPUT_POINTS), dtype=bool)
-    one = made(corpus, offset, False, everything, np.ones(len(BODY), dtype=bool))
+    one = fixed_sequence(corpus, offset, False, everything, np.ones(len(BODY), dtype=bool))
     pose = clip.pose[:FRAMES]
     pose = retargeted(Pose(pose.skeleton, pose.root_position, pose.rotation), pose.skeleton.with_offsets(offset))
     places = pose.skeleton.indices(BODY_POINTS)
     assert np.abs(forward_kinematics(pose)[0][:, places] - one.true_position).max() < 0.02
 
 
-def test_time_runs_backward_in_all_that_is_learned(corpus: Corpus) -> None:
+def test_backward_time_reverses_the_sequence(corpus: Corpus) -> None:
     offset = sample_bodies("train", 1)[0]
     body = TrainingBody.fully_known(offset)
     ways = [
@@ -118,7 +120,7 @@ def test_time_runs_backward_in_all_that_is_learned(corpus: Corpus) -> None:
     for name in ("true_position", "true_rotation", "contact", "position", "rotation", "acceleration"):
         forward, backward = (getattr(one, name) for one in ways)
         np.testing.assert_allclose(backward[::-1], forward, atol=1e-5, err_msg=name)
-    assert np.linalg.norm(np.diff(ways[0].true_position, axis=0), axis=-1).max() > 0.01, "nobody moves"
+    assert np.linalg.norm(np.diff(ways[0].true_position, axis=0), axis=-1).max() > 0.01, "the body does not move"
 
 
 def test_features_of_a_mirror_image_are_mirrored(corpus: Corpus) -> None:
@@ -128,8 +130,8 @@ def test_features_of_a_mirror_image_are_mirrored(corpus: Corpus) -> None:
     offset = sample_bodies("train", 1)[0]
     swap = [np.array(partners(names)) for names in (INPUT_POINTS, BODY)]
     pair = [
-        made(corpus, offset, False, position, rotation),
-        made(corpus, offset, True, position[swap[0]], rotation[swap[1]]),
+        fixed_sequence(corpus, offset, False, position, rotation),
+        fixed_sequence(corpus, offset, True, position[swap[0]], rotation[swap[1]]),
     ]
     network = CompletionNetwork(CompletionConfig(hidden=8, branch=8, judge_branch=8))
     plain, mirrored = (collate([(one, 0)], 40, np.ones(1, dtype=bool)).signal for one in pair)
@@ -139,7 +141,9 @@ def test_features_of_a_mirror_image_are_mirrored(corpus: Corpus) -> None:
 def task_of(corpus: Corpus, schedule: Schedule = Schedule()) -> CompletionTask:
     torch.manual_seed(0)
     config = CompletionTaskConfig(CompletionConfig(hidden=24, branch=24, judge_branch=8), streams=6, chunk=16)
-    one = made(corpus, corpus.rest_offset[0].astype(float), False, np.ones(27, dtype=bool), np.ones(22, dtype=bool))
+    one = fixed_sequence(
+        corpus, corpus.rest_offset[0].astype(float), False, np.ones(27, dtype=bool), np.ones(22, dtype=bool)
+    )
     watched = {"everything": [collate([(one, 0)], len(one), np.ones(1, dtype=bool))]}
     return CompletionTask(CompletionNetwork(config.network), config, schedule, corpus, watched)
 
@@ -164,7 +168,7 @@ def test_the_rate_rises_then_falls() -> None:
     assert rates[0] < rates[1] == schedule.learning_rate > rates[2] > rates[3] > 0
 
 
-def test_hands_are_lost_as_measured() -> None:
+def test_training_loses_hands_for_measured_durations() -> None:
     rng = np.random.default_rng(3)
     seconds = loss_durations(200_000, rng)
     assert np.median(seconds) == pytest.approx(0.1, abs=0.03)
@@ -178,7 +182,7 @@ def test_hands_are_lost_as_measured() -> None:
     assert both < 0.5 * either  # one is lost without the other
 
 
-def test_wrists_turn_and_arms_do_not(corpus: Corpus) -> None:
+def test_free_wrists_turn_and_arms_do_not(corpus: Corpus) -> None:
     offset = corpus.rest_offset[0].astype(float)
     body = TrainingBody.fully_known(offset)
     still, turned = (
@@ -197,8 +201,10 @@ def test_wrists_turn_and_arms_do_not(corpus: Corpus) -> None:
     assert distance[knuckles].min() > 0.01
 
 
-def test_inertial_sensors_feel_how_bones_speed_up(corpus: Corpus) -> None:
-    one = made(corpus, corpus.rest_offset[0].astype(float), False, np.arange(27) == HEAD, np.ones(22, dtype=bool))
+def test_inertial_sensors_measure_the_acceleration_of_bones(corpus: Corpus) -> None:
+    one = fixed_sequence(
+        corpus, corpus.rest_offset[0].astype(float), False, np.arange(27) == HEAD, np.ones(22, dtype=bool)
+    )
     assert not one.has_acceleration[:4].any() and one.has_acceleration[4:].all()
     elbow, wrist = (one.true_position[:, BODY.index(f"right_{name}")].astype(float) for name in ("elbow", "wrist"))
     place = elbow + 0.8 * (wrist - elbow)
@@ -208,8 +214,8 @@ def test_inertial_sensors_feel_how_bones_speed_up(corpus: Corpus) -> None:
 
 
 @pytest.mark.slow
-def test_weights_are_kept_in_part(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A quarter of the earlier weights, and three quarters of the trained ones; trained ones are others."""
+def test_keep_averages_trained_and_initial_weights(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """`keep` 0.25 averages a quarter of the initial with three quarters of the trained weights."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     clip = packaged_performance()
     for split in ("train", "val"):
@@ -231,7 +237,7 @@ def test_weights_are_kept_in_part(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
         torch.testing.assert_close(mixed[name], 0.25 * earlier[name] + 0.75 * trained[name])
 
 
-def test_without_steps_fingers_are_those_of_the_network_that_training_begins_with(tmp_path: Path) -> None:
+def test_without_steps_fingers_are_those_of_begin_with(tmp_path: Path) -> None:
     run = CompletionTraining(data=tmp_path, out=tmp_path / "net.safetensors", begin_with=PACKAGED, finger_steps=0)
     kept = completion_finger_network(run, launched(1, 1)).state_dict()
     assert all(torch.equal(kept[name], one) for name, one in read_weights(PACKAGED)[1].state_dict().items())
@@ -240,6 +246,6 @@ def test_without_steps_fingers_are_those_of_the_network_that_training_begins_wit
         assert not any(last.any() for last in relaxed.branch[-1].parameters())
 
 
-def test_keeping_needs_earlier_weights(tmp_path: Path) -> None:
+def test_keep_without_begin_with_is_refused(tmp_path: Path) -> None:
     with pytest.raises(BodysenseError, match=r"--keep 0\.5 is a share of earlier weights; give --begin-with, too"):
         CompletionTraining(data=tmp_path, out=tmp_path / "a.safetensors", keep=0.5)

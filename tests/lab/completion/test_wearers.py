@@ -1,4 +1,4 @@
-"""Scripted wearers: they stand, sit and raise their arms as they should, and every figure is there."""
+"""Scripted wearers stand, sit and raise their arms as described, and all figures are present."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def test_palms_face_the_given_direction() -> None:
     assert with_hands(path, "none", skeleton).points == ("head",)
 
 
-def test_real_heads_stand_on_the_floor(tmp_path: Path) -> None:
+def test_recorded_heads_stand_on_the_floor(tmp_path: Path) -> None:
     with pytest.raises(BodysenseError, match=r"--headset .*: it has no headset_takes.npz"):
         list(head_paths(tmp_path, known_body(1.7)))
     time = np.arange(300) / 72
@@ -90,7 +90,7 @@ def test_real_heads_stand_on_the_floor(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", RARE)
-def test_a_rare_pose_is_on_the_floor_and_bends_as_bodies_do(name: str) -> None:
+def test_a_rare_pose_is_on_the_floor_with_knees_bent_forward(name: str) -> None:
     skeleton = known_body(1.7)
     pose = rare_pose(skeleton, name)
     position = np.asarray(forward_kinematics(pose)[0])
@@ -151,7 +151,7 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
     assert "arms raised out of view" in capsys.readouterr().out
 
 
-def test_a_body_at_rest_floats_by_nothing() -> None:
+def test_a_body_at_rest_does_not_float() -> None:
     skeleton = known_body(1.8)
     rest = np.tile(rest_heights(skeleton)[:, None] * [0.0, 1.0, 0.0], (3, 1, 1))
     np.testing.assert_allclose(wearer_scores._lower_ball(skeleton, rest), 0, atol=1e-9)

@@ -1,4 +1,4 @@
-"""Files of weights: what is read back is what was rounded, and the core opens them."""
+"""Weights files: they are read back as rounded, and the core opens them."""
 
 import json
 from dataclasses import replace
@@ -81,8 +81,8 @@ def test_the_packaged_networks_are_read() -> None:
     assert WEIGHTS.stat().st_size <= 4.5e6
 
 
-def test_numbers_are_where_their_type_wants_them() -> None:
-    """The numbers of a file that is mapped into memory are aligned."""
+def test_numbers_of_a_file_are_aligned() -> None:
+    """Numbers are aligned if the file is mapped into memory."""
     data = safetensors_bytes({"a": np.zeros(3, np.int8), "b": np.zeros(2), "c": np.zeros(5, np.float16)}, {"x": "ü"})
     size = int.from_bytes(data[:8], "little")
     assert (8 + size) % 64 == 0

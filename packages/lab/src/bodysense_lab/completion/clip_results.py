@@ -55,7 +55,7 @@ class ClipResults:
         return cls(folder, resumed)
 
     def load(self, clip: Clip, truth: Truth, settings: CompletionSettings) -> CompletionTable | None:
-        """Read the table of a clip; None if there is none."""
+        """Read the table of a clip, or return None if it has no file."""
         path = self._path(clip, truth)
         if not path.is_file():
             return None

@@ -1,8 +1,8 @@
 """Table of `evaluate fingers`: untracked fingers of a person who was left out of training.
 
 Hidden fingers are those that the headset's cameras do not see. Their baseline is the last known hand or, before a hand
-is first seen, the mean hand of the training people. Synthesised fingers belong to hands of which only the wrist is
-tracked. Their baseline is that mean hand. Errors are root mean squares of distances in the frame of the wrist, of
+is first seen, the mean hand of the training people. Synthesised fingers belong to hands with a tracked wrist
+only. Their baseline is that mean hand. Errors are root mean squares of distances in the frame of the wrist, of
 points that bend.
 """
 

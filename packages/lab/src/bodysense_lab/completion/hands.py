@@ -17,9 +17,8 @@ from bodysense_lab.completion.smooth_noise import smooth_noise
 
 GENERATED_RATE = 30.0  # Hz of generated fingers
 RECORDED = HAND_JOINTS - len(BODY)  # (2, 15) indices of the joints in recorded and generated fingers
-_FIRST = np.array(
-    [default_skeleton().joints[j].endswith("1") for j in HAND_JOINTS[0]]
-)  # (15,) whether the joint is at a knuckle
+# (15,) whether the joint is at a knuckle
+_FIRST = np.array([default_skeleton().joints[j].endswith("1") for j in HAND_JOINTS[0]])
 _WRIST_DEGREES, _WRIST_PLACE = 15.0, 0.06  # standard deviations, degrees and m, of errors of an estimated wrist
 
 

@@ -47,11 +47,8 @@ LONGEST, SHORTEST = 900, 30  # frames of a take
 _STRAIGHT = 0.3  # share of training takes whose standing legs are straightened, by 0.3 to 1
 _LOST = 0.35  # share of takes with hands in which hands are lost at times (`blinks.lose_hands`)
 _UNSEEN_BODIES = 256  # bodies of the shape space for every other take
-_GAPS, _LONGEST_GAP, _IN_HOLES = (
-    6.0,
-    8.0,
-    0.4,
-)  # gaps per minute of a limb, longest gap in s, and share of limbs with gaps
+# Gaps per minute of a limb, longest gap in s, and share of limbs with gaps.
+_GAPS, _LONGEST_GAP, _IN_HOLES = 6.0, 8.0, 0.4
 _ARM = ("shoulder", "elbow", "wrist")
 
 

@@ -48,7 +48,7 @@ def score_lattice(edges: Sequence[Edge], scenes: Sequence[TrackedScene], track: 
 def choose_scenes(scenes: Sequence[TrackedScene]) -> list[TrackedScene]:
     """Return the first `FRAMES` frames of up to `CLIPS` main scenes, spread evenly over all that are long enough.
 
-    If none is long enough, shorter scenes are used.
+    Shorter scenes are used if all are too short.
     """
     main = [scene for scene in scenes if scene.group == "main"] or list(scenes)
     long = [scene for scene in main if len(scene) >= FRAMES] or main

@@ -13,7 +13,7 @@ from bodysense_lab.options import Card, Data, Flat, Json, MotionRun, Schedule, S
 
 Body = Literal["own", "stranger", "height", "nothing"]
 BODIES: tuple[Body, ...] = ("own", "stranger", "height", "nothing")
-# What a table calls each body and what the tracker knows of it. An unseen body (`stranger`) was not used in training.
+# Titles of the bodies in tables. An unseen body (`stranger`) was not used in training; the last two are unseen, too.
 BODY_TITLES: dict[Body, str] = {
     "own": "own body",
     "stranger": "unseen body",
@@ -113,7 +113,7 @@ class JoiningTraining(_FolderRun, Card):
 
 @dataclass(frozen=True, kw_only=True)
 class EvaluationScope:
-    """What `evaluate completion` scores."""
+    """Motion, sensors and bodies that `evaluate completion` scores."""
 
     data: Data
     split: Split = "test"

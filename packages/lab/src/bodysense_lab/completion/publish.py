@@ -113,7 +113,7 @@ def _sample_batch(
         frames = np.arange(0, len(scene), _STRIDE)
         position, expected, disagreement, measured, deviation = (part[: len(frames), index] for part in sampled)
         truth = scene.world_pose[0][frames][:, places]
-        # Errors are relative to the head, as it is measured.
+        # Errors are relative to the measured head.
         position = position + (truth - position)[:, [BODY.index("head")]]
         turned = np.zeros((len(frames), len(BODY)), dtype=bool)
         for k, name in enumerate(observation.points):

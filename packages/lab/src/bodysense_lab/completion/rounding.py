@@ -35,9 +35,8 @@ def sample_moments(network: CompletionNetwork, batches: Iterable[SequenceBatch])
         memory = torch.where(batch.begins.repeat_interleave(2)[:, None], 0.0, before)
         for t in range(length):
             read, before = features[:, t].flatten(0, 1), memory
-            _, memory = network.recurrent(
-                read[:, None], before
-            )  # a single frame, so memory is the output of all layers
+            # For a single frame, the memory is the output of all layers.
+            _, memory = network.recurrent(read[:, None], before)
             if t % _STRIDE == 0:
                 valid = batch.valid[:, t].repeat_interleave(2)
                 for name, rows in _read_by(read, before, memory).items():

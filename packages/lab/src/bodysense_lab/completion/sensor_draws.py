@@ -39,10 +39,7 @@ FINGER_KINDS = {
     "random": 0.10,  # some joints and tips, each with a position, a rotation or both
 }
 _GAPS = 0.4  # share of sequences with hands in which `lost_hand` hides hands at times
-_ONE_HAND, _NO_ROTATION = (
-    0.12,
-    0.04,
-)  # shares of three-point sequences with one hand, and with hands without rotation
+_ONE_HAND, _NO_ROTATION = 0.12, 0.04  # shares of three-point sequences: with one hand, with hands without rotation
 _CHANGES = 0.2  # share of sequences with other sensors in which sensors are lost at times
 _ACCELERATION_SHARE = 0.8  # share of sequences whose sensors with rotation only have accelerations
 _PAIRS = ("ankle", "knee", "elbow", "hip", "shoulder", "foot")
@@ -65,7 +62,7 @@ class SensorMasks:
 
 
 def fixed_sensors(sensors: SensorSet, visible: np.ndarray, interval: float, rng: np.random.Generator) -> SensorMasks:
-    """Return the masks of a sensor set for a body of which cameras see `visible` (T, 27). Nothing is random."""
+    """Return the masks of a sensor set, given the points that cameras see, `visible` (T, 27). Nothing is random."""
     del interval, rng
     position, rotation = np.isin(INPUT_POINTS, sensors.position), np.isin(BODY, sensors.rotation)
     has_position = (visible | position) if sensors.camera else np.tile(position, (len(visible), 1))
@@ -74,7 +71,7 @@ def fixed_sensors(sensors: SensorSet, visible: np.ndarray, interval: float, rng:
 
 
 def draw_sensors(visible: np.ndarray, interval: float, rng: np.random.Generator) -> SensorMasks:
-    """Draw masks for frames every `interval` s, of a body of which cameras see `visible` (T, 27)."""
+    """Draw masks for frames every `interval` s, given the points that cameras see, `visible` (T, 27)."""
     frames = len(visible)
     kind = str(rng.choice(list(KINDS), p=list(KINDS.values())))
     position, rotation = np.zeros(len(INPUT_POINTS), dtype=bool), np.zeros(len(BODY), dtype=bool)

@@ -197,7 +197,7 @@ def _with_score(figures: dict[str, float], ending: str) -> dict[str, float]:
 def validation_batches(corpus: Corpus, stride: int, backward: bool = False) -> dict[str, list[SequenceBatch]]:
     """Return whole clips of the motions of headset wearers, on their own and on unseen bodies, by sensor set and body.
 
-    Every `stride`-th clip is used. Raises BodysenseError if there are none.
+    Every `stride`-th clip is used. Raises BodysenseError if the split has no such motion.
     """
     clips = [k for k in range(len(corpus)) if corpus.category[k] in HEADSET_CATEGORIES][::stride]
     if not clips:

@@ -57,8 +57,8 @@ def train_completion(options: CompletionTraining, fabric: Fabric) -> CompletionN
 def completion_finger_network(run: CompletionTraining, fabric: Fabric) -> FingerNetwork:
     """Return the finger network for the file of a body's network.
 
-    It is trained for `run.finger_steps`. With 0 steps it is that of `run.begin_with`, or one with relaxed fingers if
-    there is none or if time runs backward.
+    It is trained for `run.finger_steps`. With 0 steps it is that of the file `run.begin_with`; without that file, or if
+    time runs backward, it is one with relaxed fingers.
     """
     if run.finger_steps:
         schedule = replace(FINGER_SCHEDULE, steps=run.finger_steps, seed=run.schedule.seed)

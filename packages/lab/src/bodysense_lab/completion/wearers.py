@@ -31,12 +31,8 @@ Palms = Literal["none", "hanging", "inward", "down"]
 PALMS: tuple[Palms, ...] = ("none", "hanging", "inward", "down")
 RaiseDirection = Literal["ahead", "sideways"]
 RAISES: tuple[RaiseDirection, ...] = ("ahead", "sideways")
-TAKES = (
-    "quest2_traj1",
-    "quest2_traj2",
-    "quest_pro_traj1",
-    "quest_pro_traj2",
-)  # recordings of people who stand and play
+# Recordings of people who stand and play.
+TAKES = ("quest2_traj1", "quest2_traj2", "quest_pro_traj1", "quest_pro_traj2")
 FILE = "headset_takes.npz"
 LONGEST = 60.0  # s of each recording
 HEIGHT = 1.70  # m, of wearers whose height is not varied
@@ -93,7 +89,7 @@ def head_paths(folder: Path, skeleton: Skeleton) -> Iterator[HeadPath]:
 def with_hands(path: HeadPath, palms: Palms, skeleton: Skeleton) -> Observation:
     """Return the observation of a head path and of wrists held rigidly to it.
 
-    The wrists are in front of the body with palms down or inward, or hanging; or there are none.
+    The wrists are in front of the body with palms down or inward, or hanging. `none` has no wrists.
     """
     count = len(path.position)
     turn = np.asarray(heading(path.rotation))
@@ -132,7 +128,7 @@ def standing_head(skeleton: Skeleton, lowered: float, seconds: float = 4.0) -> H
 
 
 def seated(skeleton: Skeleton, seconds: float = 15.0) -> Pose:
-    """Return a pose sequence of a wearer who sits upright, hands before the lap, and looks around a little."""
+    """Return a pose sequence of an upright seated wearer with hands before the lap, looking around a little."""
     time = np.arange(round(seconds * RATE)) / RATE
     pose = standing_pose(skeleton)
     rotation = np.tile(pose.rotation, (len(time), 1, 1))
