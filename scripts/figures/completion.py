@@ -99,13 +99,13 @@ def completion(numbers: Numbers, sample: Numbers) -> str:
     head = ["sensors", *(BODY_TITLES[body] for body in BODIES)]
     text = [
         f"`bodysense evaluate completion --data DIR{_limit(numbers)}`: {numbers['clips']:.0f} clips, main motions, cm.",
-        "22 joints from the head; of the headset's cameras the joints that they do not see, in the world.",
+        "22 joints relative to the head; for the headset camera, the joints that it does not see, in the world.",
     ]
     if "headset_camera_stranger_ratio" in numbers:
         ratio = [numbers[f"headset_camera_{body}_ratio"] for body in ("own", "stranger")]
         text.append(
-            f"These are {ratio[0]:.2f} (own body) and {ratio[1]:.2f} (unseen body) of the errors of the best way "
-            "to hold the last known position (RMSJPE)."
+            "RMSJPE of these hidden joints, relative to the best way to hold the last known position: "
+            f"{ratio[0]:.2f} (own body), {ratio[1]:.2f} (unseen body)."
         )
     if "lattice_edges" in sample:
         text.append(
