@@ -89,8 +89,8 @@ def fixed_sequence(
     def sensors(visible: np.ndarray, interval: float, rng: np.random.Generator) -> SensorMasks:
         frames = len(visible)
         has_position, has_rotation = np.tile(position, (frames, 1)), np.tile(rotation, (frames, 1))
-        felt = rotation_only(has_position, has_rotation)
-        return SensorMasks(has_position, has_rotation, felt)
+        has_acceleration = rotation_only(has_position, has_rotation)
+        return SensorMasks(has_position, has_rotation, has_acceleration)
 
     body = TrainingBody.fully_known(offset)
     return make_sequence(

@@ -23,7 +23,10 @@ HIDDEN = 48  # hidden units
 
 @dataclass(frozen=True, eq=False)
 class ErrorMap:
-    """log error = inputs @ weight + tanh(inputs @ inward + inward_offset) @ outward + offset, for each of 25 points."""
+    """Network with a hidden layer that maps `INPUTS` inputs to the logarithm of the error in m of each of 25 points.
+
+    log error = inputs @ weight + tanh(inputs @ inward + inward_offset) @ outward + offset
+    """
 
     weight: np.ndarray  # (119, 25)
     inward: np.ndarray  # (119, 48)

@@ -109,7 +109,7 @@ def apply_posture(
     share = np.zeros(frames) if kind == "standing" else _posture_share(frames, rate, rng)
     matrix, path = before.copy(), root.astype(float).copy()
     if kind != "standing":
-        matrix, path = _lower_body(before, path, offset, _POSTURES[kind](_bones_of(offset), rng), share, rate, rng)
+        matrix, path = _blend_posture(before, path, offset, _POSTURES[kind](_bones_of(offset), rng), share, rate, rng)
     drawn = rng.uniform()
     if kind == "standing" or drawn < _HOLDING:
         matrix = _hold_hands_in_front(matrix, path, offset, rate, rng)
@@ -191,7 +191,7 @@ def _in_random_order(front: _Leg, rear: _Leg, rng: np.random.Generator) -> tuple
     return (front, rear) if rng.uniform() < 0.5 else (rear, front)
 
 
-def _sit_on_chair(bones: _Bones, rng: np.random.Generator) -> _Posture:
+def _chair_posture(bones: _Bones, rng: np.random.Generator) -> _Posture:
     height, out = float(rng.uniform(0.26, 0.72)) * bones.scale, _foot_spread(bones, rng)
     reach = float(np.sqrt(max(0.02, (0.97 * bones.leg) ** 2 - (height - _SOLE * bones.scale) ** 2)))
     forward, spread = float(rng.uniform(0.12, max(0.2, reach))), float(rng.uniform(-0.1, 0.5))
@@ -206,8 +206,8 @@ def _sit_on_chair(bones: _Bones, rng: np.random.Generator) -> _Posture:
     return _Posture(height, back, _degrees(-8, 10, rng), _degrees(4, 9, rng), (leg(), leg()))
 
 
-def _sit_on_floor(bones: _Bones, rng: np.random.Generator) -> _Posture:
-    """Return a body that sits on the floor, cross-legged or with the legs in front."""
+def _floor_posture(bones: _Bones, rng: np.random.Generator) -> _Posture:
+    """Draw a posture on the floor, cross-legged or with the legs in front."""
     crossed, out = rng.uniform() < 0.55, _foot_spread(bones, rng)
     forward = float(rng.uniform(0.3, 0.96)) * bones.leg
 
@@ -222,21 +222,21 @@ def _sit_on_floor(bones: _Bones, rng: np.random.Generator) -> _Posture:
     return _Posture(height, back, _degrees(-22, 10, rng), _degrees(12, 10, rng), (leg(), leg()))
 
 
-def _kneel(bones: _Bones, rng: np.random.Generator) -> _Posture:
-    """Return a body on both knees, from sitting on the heels to upright."""
+def _kneeling_posture(bones: _Bones, rng: np.random.Generator) -> _Posture:
+    """Draw a posture on both knees, from sitting on the heels to upright."""
     height, out = float(rng.uniform(0.2 * bones.scale, bones.thigh + _KNEE)), _foot_spread(bones, rng)
     legs = _kneeling_leg(bones, height, out, rng), _kneeling_leg(bones, height + float(rng.normal(0, 0.01)), out, rng)
     return _Posture(height, 0.0, _degrees(0, 8, rng), _degrees(5, 10, rng), legs)
 
 
-def _half_kneel(bones: _Bones, rng: np.random.Generator) -> _Posture:
+def _half_kneeling_posture(bones: _Bones, rng: np.random.Generator) -> _Posture:
     height = float(rng.uniform(0.32 * bones.scale, bones.thigh + _KNEE))
     front = _standing_leg(bones, float(rng.uniform(0.2, 0.5)) * bones.scale, _foot_spread(bones, rng), rng)
     legs = _in_random_order(front, _kneeling_leg(bones, height, 0.02, rng), rng)
     return _Posture(height, 0.0, _degrees(3, 8, rng), _degrees(8, 10, rng), legs)
 
 
-def _lunge(bones: _Bones, rng: np.random.Generator) -> _Posture:
+def _lunge_posture(bones: _Bones, rng: np.random.Generator) -> _Posture:
     height = float(rng.uniform(0.45, 0.75)) * bones.scale
     front = _standing_leg(bones, float(rng.uniform(0.25, 0.55)) * bones.scale, 0.02, rng)
     ankle = np.array([0.02, 0.14 * bones.scale, -float(rng.uniform(0.3, 0.6)) * bones.scale])
@@ -244,7 +244,7 @@ def _lunge(bones: _Bones, rng: np.random.Generator) -> _Posture:
     return _Posture(height, 0.0, _degrees(8, 8, rng), _degrees(8, 10, rng), _in_random_order(front, rear, rng))
 
 
-def _crouch(bones: _Bones, rng: np.random.Generator) -> _Posture:
+def _crouch_posture(bones: _Bones, rng: np.random.Generator) -> _Posture:
     height, back = float(rng.uniform(0.18, 0.72)) * bones.scale, float(rng.uniform(0.0, 0.2)) * bones.scale
     raised, spread, out = bool(rng.uniform() < 0.5), float(rng.uniform(0.0, 0.8)), _foot_spread(bones, rng)
     forward = back + float(rng.uniform(-0.02, 0.1)) * bones.scale
@@ -257,16 +257,16 @@ def _crouch(bones: _Bones, rng: np.random.Generator) -> _Posture:
 
 
 _POSTURES = {
-    "chair": _sit_on_chair,
-    "floor": _sit_on_floor,
-    "kneeling": _kneel,
-    "half kneeling": _half_kneel,
-    "lunge": _lunge,
-    "crouch": _crouch,
+    "chair": _chair_posture,
+    "floor": _floor_posture,
+    "kneeling": _kneeling_posture,
+    "half kneeling": _half_kneeling_posture,
+    "lunge": _lunge_posture,
+    "crouch": _crouch_posture,
 }
 
 
-def _lower_body(
+def _blend_posture(
     before: np.ndarray,
     root: np.ndarray,
     offset: np.ndarray,

@@ -124,8 +124,8 @@ def draw_sensors(visible: np.ndarray, interval: float, rng: np.random.Generator)
         lost = spans(frames, interval, rng, 4.0, longest=1.0)
         has_position[lost, INPUT_POINTS.index(HEAD)] = False
         has_rotation[lost, BODY.index(HEAD)] = False
-    felt = rotation_only(has_position, has_rotation) & (rng.uniform() < _ACCELERATION_SHARE)
-    return SensorMasks(has_position, has_rotation, felt)
+    has_acceleration = rotation_only(has_position, has_rotation) & (rng.uniform() < _ACCELERATION_SHARE)
+    return SensorMasks(has_position, has_rotation, has_acceleration)
 
 
 def rotation_only(has_position: np.ndarray, has_rotation: np.ndarray) -> np.ndarray:
