@@ -14,9 +14,8 @@ from bodysense.observation import Observation
 from bodysense_lab.completion.scenes import TrackedScene, Truth, scene_of
 from bodysense_lab.completion.tracking import TrackedMotion
 
-PositionChange = Callable[
-    [np.ndarray, TrackedScene], np.ndarray
-]  # true positions (T, P, 3) m of a scene → output positions
+# True positions (T, P, 3) m of a scene → output positions.
+PositionChange = Callable[[np.ndarray, TrackedScene], np.ndarray]
 
 
 @dataclass(frozen=True)

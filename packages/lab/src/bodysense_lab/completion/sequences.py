@@ -426,7 +426,7 @@ def _position_noise(shape: tuple[int, ...], rate: float, rng: np.random.Generato
 def _with_rotation_noise(
     rotation: np.ndarray, radians: np.ndarray, rate: float, rng: np.random.Generator
 ) -> np.ndarray:
-    """Add drift with standard deviations `radians` (...) to rotations (T, ..., 4)."""
+    """Add smooth random drift to rotations (T, ..., 4); `radians` (...) scale it."""
     shape = (*rotation.shape[:-1], 3)
     turns = smooth_noise(shape[0], math.prod(shape[1:]), rate, 1.0, rng).reshape(shape) * radians[..., None] * 0.6
     return quaternion_multiply(quaternion_exp(turns), rotation)
