@@ -170,8 +170,8 @@ def missed_steps(feet: np.ndarray, truth: np.ndarray, rate: float) -> tuple[int,
             if length < TRUE_STEP:
                 continue
             begin, end = max(0, lifted - 1 - slack // 2), min(len(feet), landed + slack)
-            moved = _horizontal_length(feet[begin:end, side] - feet[begin, side]).max()
-            steps, missed = steps + 1, missed + int(moved < length / 2)
+            distance = _horizontal_length(feet[begin:end, side] - feet[begin, side]).max()
+            steps, missed = steps + 1, missed + int(distance < length / 2)
     return missed, steps
 
 
