@@ -252,7 +252,7 @@ def test_a_wearer_who_waves_stands_with_straight_knees():
 @pytest.mark.parametrize("device", ["head", "three_point"])
 def test_a_wearer_who_sits_down_keeps_a_foot_on_the_floor(device: str) -> None:
     """From standing to a chair within 1.5 s, and seated: both feet once rose by 8 cm while the head went down."""
-    clip = performance_of_stranger()
+    clip = unseen_body_performance()
     seat = replace(clip, pose=clip.pose[6 * RATE : 14 * RATE])
     truth, _ = forward_kinematics(seat.pose)
     points = track(seat, device=device, person=Person(seat.pose.skeleton), causal=True).estimate.points
