@@ -181,6 +181,7 @@ def _between(numbers: Numbers, key: str, signed: bool = False) -> str:
 
 LEGS = {  # measures of sight of legs: column, and the factor of its figures
     "float_share": ("float %", 100),
+    "low_float_share": ("low float %", 100),
     "standing_knee_deg": ("standing knee °", 1),
     "knee_excess_deg": ("knee over °", 1),
     "backward_knee_share": ("knee back %", 100),

@@ -107,20 +107,25 @@ def test_feet_float_above_rest_height_and_truth() -> None:
     np.testing.assert_array_equal(sight.floating_frames(output, high, 0.02), np.zeros(4, dtype=bool))
 
 
-def test_a_standing_body_is_upright_with_a_low_and_still_foot() -> None:
-    balls, pelvis = np.zeros((30, 2, 3)), np.tile([0.0, 0.95, 0.0], (30, 1))
+def test_a_low_and_still_foot_rests() -> None:
+    balls = np.zeros((30, 2, 3))
     balls[..., 1] = 0.02
 
-    def share(balls: np.ndarray = balls, pelvis: np.ndarray = pelvis) -> float:
-        return float(sight.standing_frames(balls, pelvis, 0.02, 1.0, RATE).mean())
+    def share(balls: np.ndarray) -> float:
+        return float(sight.resting_frames(balls, 0.02, RATE).mean())
 
-    assert share() == 1.0
-    assert share(pelvis=pelvis - 0.3 * UP) == 0.0  # sits
+    assert share(balls) == 1.0
     assert share(balls + 0.3 * UP) == 0.0  # jumps
     gliding = balls + np.arange(30)[:, None, None] * 0.02 * AHEAD
     assert share(gliding) == 0.0
     gliding[:, 1] = balls[:, 1]
     assert share(gliding) == 1.0  # one foot swings
+
+
+def test_a_standing_body_is_upright_and_a_seated_one_is_not() -> None:
+    pelvis = np.tile([0.0, 0.95, 0.0], (30, 1))
+    assert sight.upright_frames(pelvis, 1.0).all()
+    assert not sight.upright_frames(pelvis - 0.3 * UP, 1.0).any()
 
 
 @pytest.mark.parametrize("angle", [0.0, 12.0, 90.0, 150.0])

@@ -68,22 +68,22 @@ def frozen_points(position: np.ndarray, truth: np.ndarray, tracked: np.ndarray, 
     return speed[counted] < FROZEN * true_speed[counted]
 
 
-def standing_frames(
-    balls: np.ndarray, pelvis: np.ndarray, ball_rest: float, pelvis_rest: float, rate: float
-) -> np.ndarray:
-    """Return (T,) bool: frames in which a body stands or walks upright; at least one ball of a foot is low and still.
+def resting_frames(balls: np.ndarray, ball_rest: float, rate: float) -> np.ndarray:
+    """Return (T,) bool: frames in which at least one ball of a foot is low and still.
 
     Args:
         balls: true balls of the feet (T, 2, 3) m.
-        pelvis: true pelvis (T, 3) m.
         ball_rest: height of the balls in the rest pose, m.
-        pelvis_rest: height of the pelvis in the rest pose, m.
         rate: Hz.
     """
     speed = _speed(balls, rate)
     still = np.concatenate([speed[:1], speed]) < STILL
-    carried = (still & (balls[..., 1] < ball_rest + STANDING)).any(axis=-1)
-    return carried & (pelvis[:, 1] > UPRIGHT * pelvis_rest)
+    return (still & (balls[..., 1] < ball_rest + STANDING)).any(axis=-1)
+
+
+def upright_frames(pelvis: np.ndarray, pelvis_rest: float) -> np.ndarray:
+    """Return (T,) bool: frames in which the true pelvis (T, 3) m is not much below its height in the rest pose (m)."""
+    return pelvis[:, 1] > UPRIGHT * pelvis_rest
 
 
 def floating_frames(balls: np.ndarray, truth: np.ndarray, ball_rest: float) -> np.ndarray:

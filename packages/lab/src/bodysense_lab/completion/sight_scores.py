@@ -124,8 +124,11 @@ def _measure_stance(scores: CellScores, scene: TrackedScene, position: np.ndarra
 
     balls, true_balls = (pair("foot", values) for values in (position, truth))
     ball_rest = float(rest[skeleton.index("left_foot")])
-    stands = sight.standing_frames(true_balls, truth[:, 0], ball_rest, float(rest[0]), RATE)
-    scores.add_share("float_share", sight.floating_frames(balls, true_balls, ball_rest)[stands])
+    rests = sight.resting_frames(true_balls, ball_rest, RATE)
+    upright = sight.upright_frames(truth[:, 0], float(rest[0]))
+    stands, floats = rests & upright, sight.floating_frames(balls, true_balls, ball_rest)
+    scores.add_share("float_share", floats[stands])
+    scores.add_share("low_float_share", floats[rests & ~upright])
 
     bent, true_bent = (
         sight.knee_flexion(pair("hip", values), pair("knee", values), pair("ankle", values))

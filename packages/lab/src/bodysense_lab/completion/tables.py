@@ -188,6 +188,7 @@ SIGHT = {
     "other jumps": "jumps_elsewhere_per_minute",
     "by a blink": "extra_jumps_per_minute",
     "float %": "float_share",
+    "low float %": "low_float_share",
     "knee °": "standing_knee_deg",
     "knee over °": "knee_excess_deg",
     "knee back %": "backward_knee_share",
