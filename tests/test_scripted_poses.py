@@ -10,7 +10,7 @@ from bodysense.body.pose import Pose, forward_kinematics, standing_pose
 from bodysense.body.rotation import geodesic_angle, quaternion_exp, quaternion_multiply, quaternion_rotate
 from bodysense.body.shape import sample_bodies
 from bodysense.body.skeleton import Skeleton, default_skeleton
-from bodysense.demo import unseen_body_performance
+from bodysense.demo import performance_of_unseen_body
 from bodysense.devices.simulated.sensors import SENSOR_SETS, THREE_POINT, WRISTS, observe
 from bodysense.io.recording import Recording
 from bodysense.take import track
@@ -238,7 +238,7 @@ def test_shins_keep_their_measured_rotation_while_ankles_are_free(body: int) -> 
 
 def test_a_wearer_who_waves_stands_with_straight_knees():
     """Both feet rest while an arm waves: feet that floated by 2 cm bent the knees by 10° more."""
-    clip = unseen_body_performance()
+    clip = performance_of_unseen_body()
     skeleton, waves = clip.pose.skeleton, slice(round(7 * clip.frame_rate), round(8 * clip.frame_rate))
     seen = observe(clip.pose, np.arange(len(clip)) / clip.frame_rate, THREE_POINT)
     shown = track(Recording(seen, skeleton), person=Person(skeleton)).clip.pose
@@ -252,7 +252,7 @@ def test_a_wearer_who_waves_stands_with_straight_knees():
 @pytest.mark.parametrize("device", ["head", "three_point"])
 def test_a_wearer_who_sits_down_keeps_a_foot_on_the_floor(device: str) -> None:
     """From standing to a chair within 1.5 s, and seated: both feet once rose by 8 cm while the head went down."""
-    clip = unseen_body_performance()
+    clip = performance_of_unseen_body()
     seat = replace(clip, pose=clip.pose[6 * RATE : 14 * RATE])
     truth, _ = forward_kinematics(seat.pose)
     points = track(seat, device=device, person=Person(seat.pose.skeleton), causal=True).estimate.points

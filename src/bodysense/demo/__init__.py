@@ -20,7 +20,7 @@ def packaged_performance() -> Clip:
         return replace(read_amass(path), name="performance")
 
 
-def unseen_body_performance() -> Clip:
+def performance_of_unseen_body() -> Clip:
     """Return the packaged performance on proportions that no network was trained on."""
     from bodysense.body.retarget import retargeted
     from bodysense.body.shape import sample_bodies

@@ -83,7 +83,7 @@ def resting_frames(balls: np.ndarray, ball_rest: float, rate: float) -> np.ndarr
 
 def upright_frames(pelvis: np.ndarray, pelvis_rest: float) -> np.ndarray:
     """Return (T,) bool: frames in which the true pelvis (T, 3) m is not much below its height in the rest pose (m)."""
-    return pelvis[:, 1] > UPRIGHT * pelvis_rest
+    return np.asarray(pelvis[:, 1] > UPRIGHT * pelvis_rest)
 
 
 def floating_frames(balls: np.ndarray, truth: np.ndarray, ball_rest: float) -> np.ndarray:
