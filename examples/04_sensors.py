@@ -2,7 +2,7 @@
 
 import bodysense as bs
 
-clip = bs.demo.performance_of_stranger()
+clip = bs.demo.performance_of_unseen_body()
 clip = bs.Clip(clip.name, clip.pose[:300], clip.frame_rate)  # ten seconds
 truth, _ = bs.forward_kinematics(clip.pose)
 print(f"the wearer is {bs.Person(clip.pose.skeleton).stature:.2f} m tall")

@@ -19,7 +19,7 @@ from PIL import Image
 import bodysense as bs
 from bodysense.body.skeleton import Skeleton
 from bodysense.cli import main as bodysense
-from bodysense.demo import packaged_performance, performance_of_stranger
+from bodysense.demo import packaged_performance, performance_of_unseen_body
 from bodysense.files import written_beside
 from bodysense.io.resample import resample
 from bodysense.observation import Observation
@@ -39,7 +39,7 @@ FROM, TURNED = 2.7, np.radians(125)  # m from the figure to the camera, and the 
 
 def part(seconds: tuple[float, float]) -> bs.Clip:
     """Return a part of the performance, on a body that no network was trained on."""
-    clip = resample(performance_of_stranger(), RATE)
+    clip = resample(performance_of_unseen_body(), RATE)
     first, last = (round(RATE * second) for second in seconds)
     return replace(clip, pose=clip.pose[first:last])
 

@@ -31,7 +31,7 @@ from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.rotation import geodesic_angle
 from bodysense.body.skeleton import BODY, default_skeleton
 from bodysense.cli.show import write_numbers
-from bodysense.demo import performance_of_stranger
+from bodysense.demo import performance_of_unseen_body
 from bodysense.devices.gloves.device import glove_device
 from bodysense.devices.gloves.hands import GloveModels, Hands, HandsSettings, load_glove_models
 from bodysense.devices.simulated.glove import observe
@@ -77,7 +77,7 @@ def marker_sets() -> dict[str, float]:
     """Errors of joints by set, cm, and of the 22 joints after tracking."""
     from virtual import LABORATORIES, SETS, errors, raw_of, worn  # pyright: ignore[reportMissingImports]
 
-    clip, found = performance_of_stranger(), {}
+    clip, found = performance_of_unseen_body(), {}
     for name, labels in (SETS | LABORATORIES).items():
         for joint, error in _of_both_sides(errors(raw_of(clip, labels), clip)).items():
             found[f"{name}_{joint}_cm"] = 100 * error
@@ -95,7 +95,7 @@ def marker_gaps() -> dict[str, float]:
     """Errors of filled gaps of a marker, cm: by the tracker, a cubic spline, a straight line; one marker at a time."""
     from virtual import PLUG_IN_GAIT, worn  # pyright: ignore[reportMissingImports]
 
-    clip = performance_of_stranger()
+    clip = performance_of_unseen_body()
     places = worn(clip.pose, PLUG_IN_GAIT)
     truth = np.stack(list(places.values()), axis=1)
     noisy = truth + np.random.default_rng(0).normal(0, NOISE, truth.shape)
@@ -300,7 +300,7 @@ def _fingers_off(hands: Hands, seen: Observation, true: Pose) -> tuple[float, fl
 
 def _mirror_difference(models: GloveModels) -> float:
     """Return how far the hands of a mirrored performance are from the mirror image of the performance's hands, cm."""
-    answers, performance = [], performance_of_stranger()
+    answers, performance = [], performance_of_unseen_body()
     for clip in (performance, mirrored(performance)):
         hands = glove_device(clip.pose.skeleton, models=models, settings=SETTINGS).hands
         answers.append(hands.step(observe(clip.pose, clip.time), hands.start())[0])

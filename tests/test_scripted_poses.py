@@ -10,7 +10,7 @@ from bodysense.body.pose import Pose, forward_kinematics, standing_pose
 from bodysense.body.rotation import geodesic_angle, quaternion_exp, quaternion_multiply, quaternion_rotate
 from bodysense.body.shape import sample_bodies
 from bodysense.body.skeleton import Skeleton, default_skeleton
-from bodysense.demo import performance_of_stranger
+from bodysense.demo import performance_of_unseen_body
 from bodysense.devices.simulated.sensors import SENSOR_SETS, THREE_POINT, WRISTS, observe
 from bodysense.io.recording import Recording
 from bodysense.take import track
@@ -20,7 +20,7 @@ RATE, SECONDS = 30, 6
 FEET = ("left_ankle", "left_foot", "left_toe", "right_ankle", "right_foot", "right_toe")
 
 
-def stranger(body: int) -> Skeleton:
+def unseen_body(body: int) -> Skeleton:
     return default_skeleton().with_offsets(sample_bodies("test", body + 1)[body])
 
 
@@ -85,7 +85,7 @@ def knees_forward(estimate, skeleton: Skeleton) -> np.ndarray:
 
 @pytest.mark.parametrize("body", [0, 3])
 def test_a_squat_with_pelvis_and_ankles_tracked_is_as_deep_as_it_was(body: int) -> None:
-    pose = performed(stranger(body), SQUAT)
+    pose = performed(unseen_body(body), SQUAT)
     estimate, _, (truth, _) = tracked(pose, "six_point")
     apart = knee_angles(estimate.points, pose.skeleton) - knee_angles(truth, pose.skeleton)
     assert np.abs(apart[RATE:]).max() < 12
@@ -94,7 +94,7 @@ def test_a_squat_with_pelvis_and_ankles_tracked_is_as_deep_as_it_was(body: int) 
 
 @pytest.mark.parametrize("body", [1, 4])
 def test_a_raised_knee_bends_forward(body: int) -> None:
-    pose = performed(stranger(body), RAISED_KNEE)
+    pose = performed(unseen_body(body), RAISED_KNEE)
     estimate, _, (truth, _) = tracked(pose, "six_point")
     knee = pose.skeleton.index("left_knee")
     assert np.linalg.norm(estimate.points[:, knee] - truth[:, knee], axis=-1).max() < 0.15  # m; once 0.52
@@ -102,7 +102,7 @@ def test_a_raised_knee_bends_forward(body: int) -> None:
 
 @pytest.mark.parametrize("body", [0, 2])
 def test_a_squat_seen_by_cameras_keeps_pelvis_and_head(body: int) -> None:
-    pose = performed(stranger(body), SQUAT)
+    pose = performed(unseen_body(body), SQUAT)
     estimate, _, (truth, rotation) = tracked(pose, "headset_camera")
     turned = forward_kinematics(estimate.pose)[1]
     assert np.degrees(geodesic_angle(turned[:, 0], rotation[:, 0])).max() < 60
@@ -115,7 +115,7 @@ def test_a_squat_seen_by_cameras_keeps_pelvis_and_head(body: int) -> None:
 
 @pytest.mark.parametrize("sensors", ["three_point", "headset_camera", "six_point"])
 def test_who_stands_still_stands_still(sensors: str) -> None:
-    pose = performed(stranger(5), {})
+    pose = performed(unseen_body(5), {})
     estimate, _, (truth, _) = tracked(pose, sensors)
     feet = pose.skeleton.indices(FEET)
     settled = slice(RATE, None)
@@ -143,7 +143,7 @@ def test_feet_do_not_follow_a_wearer_who_sways(amplitude: float, frequency: floa
 
 
 def test_a_point_that_is_seen_again_is_where_it_is_seen() -> None:
-    pose = performed(stranger(6), RAISED_KNEE)
+    pose = performed(unseen_body(6), RAISED_KNEE)
     time = np.arange(len(pose.root_position)) / RATE
     observation = observe(pose, time, SENSOR_SETS["six_point"])
     has = observation.has_position.copy()
@@ -166,7 +166,7 @@ def hands_lost(body: int, frames: slice, ease: float = 0.25) -> tuple[Skeleton, 
     Returns the skeleton, and points (T, P, 3) m: output and true.
     """
     arms = {f"{side}_shoulder": sign * np.radians([0.0, 0.0, 135.0]) for side, sign in (("left", 1), ("right", -1))}
-    pose = performed(stranger(body), {}, arms)
+    pose = performed(unseen_body(body), {}, arms)
     observation = observe(pose, np.arange(len(pose.root_position)) / RATE, THREE_POINT)
     has = observation.has_position.copy()
     has[frames, [[observation.points.index(name)] for name in WRISTS]] = False
@@ -194,7 +194,7 @@ def test_arms_raised_out_of_view_stay_raised_while_the_head_is_still(pace: float
     """8 s after both hands are lost; a wearer who walks on takes them down."""
     up = {f"{side}_shoulder": sign * np.radians([0.0, 0.0, 135.0]) for side, sign in (("left", 1), ("right", -1))}
     time = np.arange(12 * RATE) / RATE
-    pose = performed(stranger(0), {}, up)[np.minimum(np.arange(12 * RATE), round(2.25 * RATE))]
+    pose = performed(unseen_body(0), {}, up)[np.minimum(np.arange(12 * RATE), round(2.25 * RATE))]
     pose.root_position[:, 2] += pace * time
     seen = observe(pose, time, THREE_POINT)
     has = seen.has_position.copy()
@@ -229,7 +229,7 @@ def test_hands_that_are_found_elsewhere_come_there_at_no_more_than_10_m_s(body: 
 
 @pytest.mark.parametrize("body", [0, 3, 6])
 def test_shins_keep_their_measured_rotation_while_ankles_are_free(body: int) -> None:
-    pose = performed(stranger(body), SQUAT)
+    pose = performed(unseen_body(body), SQUAT)
     estimate, _, (_, truth) = tracked(pose, "three_point_imu_feet")
     shins = pose.skeleton.indices(["left_knee", "right_knee"])
     rotation = np.asarray(forward_kinematics(estimate.pose)[1])
@@ -238,7 +238,7 @@ def test_shins_keep_their_measured_rotation_while_ankles_are_free(body: int) -> 
 
 def test_a_wearer_who_waves_stands_with_straight_knees():
     """Both feet rest while an arm waves: feet that floated by 2 cm bent the knees by 10° more."""
-    clip = performance_of_stranger()
+    clip = performance_of_unseen_body()
     skeleton, waves = clip.pose.skeleton, slice(round(7 * clip.frame_rate), round(8 * clip.frame_rate))
     seen = observe(clip.pose, np.arange(len(clip)) / clip.frame_rate, THREE_POINT)
     shown = track(Recording(seen, skeleton), person=Person(skeleton)).clip.pose

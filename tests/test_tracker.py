@@ -25,7 +25,7 @@ UP, AWAY = np.array([0.0, 2.0, 0.0]), np.array([3.0, 0.0, -7.0])  # m
 
 
 def performance(body: int | None = None, frames: int = FRAMES):
-    """The packaged performance on its own body, or on a stranger's."""
+    """The packaged performance, on its own body or on an unseen one."""
     clip = packaged_performance()
     clip = replace(clip, pose=clip.pose[:frames])
     if body is None:

@@ -18,7 +18,7 @@ from bodysense_lab.augment import with_limb_proportions
 SKELETON = default_skeleton()
 
 
-def stranger(clip: Clip, seed: int) -> Skeleton:
+def unseen_body(clip: Clip, seed: int) -> Skeleton:
     """Another body, its soles on the floor."""
     skeleton = with_limb_proportions(clip, 0.1, np.random.default_rng(seed)).pose.skeleton
     offset = skeleton.rest_offset.copy()
@@ -33,7 +33,7 @@ def test_bones_and_rotations_are_kept_and_so_is_the_clearance(waving_clip: Clip,
         np.broadcast_to(waving_clip.pose.root_position, (*batch, 90, 3)),
         np.broadcast_to(waving_clip.pose.rotation, (*batch, 90, 52, 4)),
     )
-    skeleton = stranger(waving_clip, 1)
+    skeleton = unseen_body(waving_clip, 1)
     other = retargeted(pose, skeleton)
     before, after = forward_kinematics(pose)[0], forward_kinematics(other)[0]
     assert other.skeleton is skeleton and after.shape == before.shape
@@ -54,7 +54,7 @@ def test_the_own_skeleton_changes_nothing(waving_clip: Clip) -> None:
 
 
 def test_there_and_back_is_the_same_motion(waving_clip: Clip) -> None:
-    back = retargeted(retargeted(waving_clip.pose, stranger(waving_clip, 2)), SKELETON)
+    back = retargeted(retargeted(waving_clip.pose, unseen_body(waving_clip, 2)), SKELETON)
     np.testing.assert_allclose(back.root_position, waving_clip.pose.root_position, atol=1e-9)
 
 
@@ -63,7 +63,7 @@ def test_feet_are_never_deeper_than_before(waving_clip: Clip, sink: float) -> No
     """At the scale of the legs; a body that jumps stays in the air."""
     root = waving_clip.pose.root_position - [0.0, sink, 0.0]
     pose = replace(waving_clip.pose, root_position=root)
-    skeleton = stranger(waving_clip, 3)
+    skeleton = unseen_body(waving_clip, 3)
     scale = leg_length(skeleton) / leg_length(SKELETON)
     before = sole_clearance(forward_kinematics(pose)[0], SKELETON)
     after = sole_clearance(forward_kinematics(retargeted(pose, skeleton))[0], skeleton)
@@ -72,7 +72,7 @@ def test_feet_are_never_deeper_than_before(waving_clip: Clip, sink: float) -> No
 
 
 def test_the_rest_pose_stands_on_the_floor(waving_clip: Clip) -> None:
-    for skeleton in (SKELETON, stranger(waving_clip, 4)):
+    for skeleton in (SKELETON, unseen_body(waving_clip, 4)):
         position = forward_kinematics(rest_pose(skeleton))[0]
         assert sole_clearance(position, skeleton) == pytest.approx(0, abs=1e-12)
         raised = position.copy()
@@ -82,7 +82,7 @@ def test_the_rest_pose_stands_on_the_floor(waving_clip: Clip) -> None:
 
 def test_torch_gives_the_same(waving_clip: Clip) -> None:
     torch = pytest.importorskip("torch")
-    skeleton = stranger(waving_clip, 5)
+    skeleton = unseen_body(waving_clip, 5)
     pose = waving_clip.pose
     expected = retargeted(pose, skeleton)
     given = Pose(SKELETON, torch.tensor(pose.root_position), torch.tensor(pose.rotation))

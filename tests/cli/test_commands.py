@@ -122,7 +122,7 @@ def test_demo_of_ones_own_motion(tmp_path: Path, motion: Path, run) -> None:
 @pytest.mark.slow
 def test_demo(tmp_path: Path, run) -> None:
     said = run("demo", "-o", tmp_path / "demo")
-    assert "stranger" in said
+    assert "unseen body" in said
     assert 100_000 < (tmp_path / "demo" / "demo.webp").stat().st_size < 1_500_000
     rows = [line.split() for line in said.splitlines() if "the " in line and line.strip().startswith("head")]
     assert len(rows) == 4 and all(float(row[-1]) < float(row[-2]) for row in rows)  # better than doing nothing

@@ -21,7 +21,7 @@ FRAMES = 30
 
 
 def standing(body: int, arms_out: bool = False, name: str = "six_point") -> tuple[Observation, Pose]:
-    """A stranger who stands still, turned by 1 rad, away from the origin, and what is tracked of it."""
+    """An unseen body that stands still, turned by 1 rad and away from the origin, and its tracked points."""
     skeleton = default_skeleton().with_offsets(sample_bodies("test", body + 1)[body])
     pose = rest_pose(skeleton) if arms_out else standing_pose(skeleton)
     turn = quaternion_exp(np.array([0.0, 1.0, 0.0]))

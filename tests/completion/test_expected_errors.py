@@ -9,14 +9,14 @@ from scipy.stats import spearmanr
 from bodysense.body.person import Person
 from bodysense.body.pose import forward_kinematics
 from bodysense.body.skeleton import BODY
-from bodysense.demo import performance_of_stranger
+from bodysense.demo import performance_of_unseen_body
 from bodysense.devices.simulated.device import simulate
 from bodysense.tracker import Tracker
 
 
 @pytest.mark.parametrize(("device", "most"), [("head", 1.5), ("three_point", 1.55), ("six_point", 1.5)])
 def test_expected_errors_are_true(device: str, most: float) -> None:
-    clip = performance_of_stranger()
+    clip = performance_of_unseen_body()
     body = clip.pose.skeleton.indices(BODY)
     tracker = Tracker(Person(skeleton=clip.pose.skeleton))
     estimate, _ = tracker.step(simulate(clip, device), tracker.start())

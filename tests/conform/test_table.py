@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bodysense.body.rotation import quaternion_exp, quaternion_multiply, quaternion_rotate
-from bodysense.demo import packaged_performance, performance_of_stranger
+from bodysense.demo import packaged_performance, performance_of_unseen_body
 from bodysense.io.clip import Clip
 from bodysense.io.datasets.sources import list_sources, read_source
 from bodysense_conform.evaluate import Verdict, find, judge, reduced
@@ -37,7 +37,7 @@ def test_a_faultless_performance_answers_every_check_and_passes(clean: Subject) 
     assert verdict.judgement == "pass"
 
 
-@pytest.mark.parametrize("clip", [packaged_performance(), performance_of_stranger()], ids=lambda clip: clip.name)
+@pytest.mark.parametrize("clip", [packaged_performance(), performance_of_unseen_body()], ids=lambda clip: clip.name)
 def test_packaged_performances_pass(clip: Clip) -> None:
     assert _faults(judge(clip_subject(clip, "clip"))) == {}
 

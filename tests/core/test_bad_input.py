@@ -9,7 +9,7 @@ import pytest
 from bodysense.body.person import Person
 from bodysense.completion import core
 from bodysense.completion.model import packaged_model
-from bodysense.demo import performance_of_stranger
+from bodysense.demo import performance_of_unseen_body
 from bodysense.devices.simulated.sensors import SENSOR_SETS, observe
 from bodysense.errors import BodysenseError
 from bodysense.observation import Observation
@@ -21,7 +21,7 @@ MOST_PEOPLE = 4096  # BS_MOST_PEOPLE
 @pytest.fixture(scope="module")
 def frame() -> Observation:
     """One frame of head, hands and shins, whose accelerations are measured."""
-    clip = performance_of_stranger()
+    clip = performance_of_unseen_body()
     return observe(clip.pose, clip.time, SENSOR_SETS["three_point_imu_feet"])[30:31]
 
 

@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from bodysense.body.pose import forward_kinematics
 from bodysense.body.rotation import geodesic_angle
 from bodysense.body.skeleton import BODY
-from bodysense.demo import performance_of_stranger
+from bodysense.demo import performance_of_unseen_body
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.io.gltf.motion import figure_of_gltf, read_gltf
@@ -40,7 +40,7 @@ MIXAMO = {
 
 @pytest.fixture(scope="module")
 def stranger() -> Clip:
-    clip = performance_of_stranger()
+    clip = performance_of_unseen_body()
     return replace(clip, pose=clip.pose[300:340], name="walk")
 
 

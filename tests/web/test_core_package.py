@@ -22,7 +22,7 @@ from bodysense.body.pose import forward_kinematics
 from bodysense.body.rigid import RigidTransform
 from bodysense.body.rotation import geodesic_angle
 from bodysense.body.shape import Measured
-from bodysense.demo import performance_of_stranger
+from bodysense.demo import performance_of_unseen_body
 from bodysense.devices.simulated.device import simulate
 from bodysense.estimate import Estimate
 from bodysense.observation import Observation
@@ -57,7 +57,7 @@ CASES = {
     "height": Case("headset_camera", Person(height=1.83), TrackerSettings(floor=0.25, hold_feet=False)),
     "lengths": Case("head", Person(lengths={_LOWER_LEFT: Measured(0.41, 0.01), _LOWER_RIGHT: Measured(0.4, 0.02)})),
     "mounts": Case("six_point", Person(height=Measured(1.7, 0.03), mounts={"left_ankle": _WORN})),
-    "sensors": Case("three_point_imu_feet", Person(performance_of_stranger().pose.skeleton)),
+    "sensors": Case("three_point_imu_feet", Person(performance_of_unseen_body().pose.skeleton)),
 }
 
 
@@ -81,7 +81,7 @@ def run_in(folder: Path, *command: str) -> str:
 
 
 def observed(case: Case) -> Observation:
-    return simulate(performance_of_stranger(), case.device, noise=1)[:FRAMES]
+    return simulate(performance_of_unseen_body(), case.device, noise=1)[:FRAMES]
 
 
 def recording(case: Case, observation: Observation) -> dict[str, Any]:

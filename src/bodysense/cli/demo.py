@@ -56,7 +56,7 @@ def demo(
 
     from bodysense.body.person import Person
     from bodysense.cli.recordings import load_clip
-    from bodysense.demo import performance_of_stranger
+    from bodysense.demo import performance_of_unseen_body
     from bodysense.devices.simulated.device import simulate
     from bodysense.io.bvh import write_bvh
     from bodysense.io.recording import Recording
@@ -69,7 +69,7 @@ def demo(
         check_place(json)
     check_place(make_folder(out) / "demo.png")
     console = Console()
-    clip = resample(load_clip(file, reading) if file is not None else performance_of_stranger(), RATE)
+    clip = resample(load_clip(file, reading) if file is not None else performance_of_unseen_body(), RATE)
     skeleton, rows, poses = clip.pose.skeleton, list[DemoRow](), list["Pose"]()
     frames = picture_frames(clip)
     views = [View("the wearer", clip.pose[frames])]

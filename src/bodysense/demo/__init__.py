@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from bodysense.io.clip import Clip
 
-STRANGER = 0  # which of the shape space's test bodies performs
+UNSEEN_BODY = 0  # index of the performer among the test bodies of the shape space
 
 
 def packaged_performance() -> Clip:
@@ -20,11 +20,11 @@ def packaged_performance() -> Clip:
         return replace(read_amass(path), name="performance")
 
 
-def performance_of_stranger() -> Clip:
+def performance_of_unseen_body() -> Clip:
     """Return the packaged performance on proportions that no network was trained on."""
     from bodysense.body.retarget import retargeted
     from bodysense.body.shape import sample_bodies
 
     clip = packaged_performance()
-    skeleton = clip.pose.skeleton.with_offsets(sample_bodies("test", STRANGER + 1)[STRANGER])
-    return replace(clip, name="performance of a stranger", pose=retargeted(clip.pose, skeleton))
+    skeleton = clip.pose.skeleton.with_offsets(sample_bodies("test", UNSEEN_BODY + 1)[UNSEEN_BODY])
+    return replace(clip, name="performance on an unseen body", pose=retargeted(clip.pose, skeleton))

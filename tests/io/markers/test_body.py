@@ -12,7 +12,7 @@ from virtual import LABORATORIES, LEGS, OPENSIM, PAIRS, PLUG_IN_GAIT, SETS, VARI
 from bodysense.body.pose import forward_kinematics
 from bodysense.body.rotation import geodesic_angle, quaternion_exp, quaternion_multiply
 from bodysense.body.skeleton import BODY
-from bodysense.demo import performance_of_stranger
+from bodysense.demo import performance_of_unseen_body
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.io.markers.c3d import write_c3d
@@ -29,7 +29,7 @@ Z_UP = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])  # our axes → those of m
 @pytest.fixture(scope="module")
 def stranger() -> Clip:
     """Somebody on proportions that nothing was fitted to, 60 frames of standing, sitting and steps."""
-    clip = performance_of_stranger()
+    clip = performance_of_unseen_body()
     return replace(clip, pose=clip.pose[:: len(clip) // 60], frame_rate=10.0)
 
 
@@ -302,7 +302,7 @@ def test_the_sets_hold_together() -> None:
 @pytest.mark.parametrize("name", ["Plug-in Gait", *(pytest.param(n, marks=pytest.mark.slow) for n in list(SETS)[1:])])
 def test_a_body_is_tracked_from_markers(tmp_path: Path, name: str) -> None:
     """The whole way: a file of somebody of unknown size, with trembling markers, becomes a body to 3 cm on average."""
-    clip = performance_of_stranger()
+    clip = performance_of_unseen_body()
     clip = replace(clip, pose=clip.pose[300:510:3], frame_rate=10.0)
     places = worn(clip.pose, SETS[name])
     position = np.stack(list(places.values()), axis=1)

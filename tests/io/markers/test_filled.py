@@ -19,7 +19,7 @@ from hypothesis.extra.numpy import arrays
 from virtual import PLUG_IN_GAIT, worn
 
 from bodysense.cli import main
-from bodysense.demo import performance_of_stranger
+from bodysense.demo import performance_of_unseen_body
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.io.markers.c3d import write_c3d
@@ -34,7 +34,7 @@ GAPS = {"LKNE": (20, 50), "LTHI": (0, 15), "C7": (70, 90), "LFHD": (30, 33), "RA
 
 @pytest.fixture(scope="module")
 def clip() -> Clip:
-    whole = performance_of_stranger()
+    whole = performance_of_unseen_body()
     return replace(whole, pose=whole.pose[300:390])
 
 

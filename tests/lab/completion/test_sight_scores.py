@@ -14,7 +14,7 @@ from PIL import Image
 from bodysense.body.person import Person
 from bodysense.body.rotation import quaternion_exp, quaternion_multiply
 from bodysense.body.skeleton import LOWER_BODY
-from bodysense.demo import performance_of_stranger
+from bodysense.demo import performance_of_unseen_body
 from bodysense.devices.simulated.sensors import SENSOR_SETS
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
@@ -223,7 +223,7 @@ def test_a_finger_blinks_beside_a_head_alone(clips: list[Clip], scenes: list[Tra
 @pytest.mark.parametrize("sensors", ["three_point", "headset_camera", "six_point"])
 def test_a_finger_that_blinks_makes_no_body_jump(sensors: str) -> None:
     """The packaged network: the 22 joints jump no more often while a finger blinks than while it is never tracked."""
-    clip = resample(performance_of_stranger(), RATE)
+    clip = resample(performance_of_unseen_body(), RATE)
     scene = TrackedScene(clip.name, "main", clip.pose)
     seen, place = scene.observe(SENSOR_SETS[sensors]), scene.placed[0][:, scene.skeleton.index(FINGER)]
     jumps = []

@@ -51,11 +51,11 @@ def bench_step(
         onnx: completion.onnx of an earlier version (docs/completion.md says how to get it).
     """
     from bodysense.completion.model import PACKAGED, load_completion
-    from bodysense.demo import performance_of_stranger
+    from bodysense.demo import performance_of_unseen_body
     from bodysense.devices.simulated.sensors import SENSOR_SETS, observe
     from bodysense.tracker import Tracker
 
-    clip = performance_of_stranger()
+    clip = performance_of_unseen_body()
     observation = observe(clip.pose, clip.time, SENSOR_SETS[device])
     tracker = Tracker(Person(clip.pose.skeleton), network=None if model is None else load_completion(model))
     graphs = None if onnx is None else [_graph(onnx, observation, tracker.people * count) for count in (1, people)]
