@@ -81,8 +81,8 @@ def test_what_cannot_be_converted(tmp_path: Path, take: Path, waving_clip: Clip)
         (take, {"rig": "maya"}, "unknown rig 'maya'; valid are bodysense"),
         (waving_clip, {"rig": "source"}, r"only a \.bvh file has a rig of its own"),
     )
-    for given, options, said in cases:
-        with pytest.raises(BodysenseError, match=said):
+    for given, options, message in cases:
+        with pytest.raises(BodysenseError, match=message):
             bodysense.convert(given, out, **options)
     with pytest.raises(BodysenseError, match=r"give a name that ends in \.bvh, \.glb"):
         bodysense.convert(take, tmp_path / "out.fbx")

@@ -210,7 +210,7 @@ def test_a_motion_in_memory_and_the_front_door(steps: Clip, tmp_path: Path) -> N
 
 
 @pytest.mark.parametrize(
-    ("missing", "said"),
+    ("missing", "message"),
     [
         ("left_han", "valid are pelvis, left_hip"),
         ("pelvis", "'pelvis' is missing in every frame, and everything hangs on it"),
@@ -218,8 +218,8 @@ def test_a_motion_in_memory_and_the_front_door(steps: Clip, tmp_path: Path) -> N
         ("left_wrist:70-90", "frames 0 to 79"),
     ],
 )
-def test_what_cannot_be_filled(take: Path, missing: str, said: str) -> None:
-    with pytest.raises(BodysenseError, match=said):
+def test_what_cannot_be_filled(take: Path, missing: str, message: str) -> None:
+    with pytest.raises(BodysenseError, match=message):
         track(take, missing=missing)
 
 

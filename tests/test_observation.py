@@ -199,7 +199,7 @@ def test_a_frame_of_named_poses_is_an_observation() -> None:
 
 
 @pytest.mark.parametrize(
-    ("pose", "said"),
+    ("pose", "message"),
     [
         (([0.0, 1.6], None), r"head: its position has shape \(2,\); give 3 numbers, or None"),
         ((None, [1.0, 0.0, 0.0]), r"head: its rotation has shape \(3,\); give 4 numbers, or None"),
@@ -207,8 +207,8 @@ def test_a_frame_of_named_poses_is_an_observation() -> None:
         ((None, [1.0, 1.0, 0.0, 0.0]), "give unit quaternions"),
     ],
 )
-def test_what_is_no_pose_is_refused(pose: tuple, said: str) -> None:
-    with pytest.raises(BodysenseError, match=said):
+def test_what_is_no_pose_is_refused(pose: tuple, message: str) -> None:
+    with pytest.raises(BodysenseError, match=message):
         observe(0.0, {"head": pose})
 
 
@@ -216,11 +216,11 @@ def test_accelerations_go_with_their_points_and_frames() -> None:
     good = example((2,))
     felt = np.random.default_rng(1).normal(size=good.position.shape)
     felt[..., 0, 1, :] = np.nan
-    told = replace(good, acceleration=felt)
-    assert check_observation(told) is told
-    part = told[1:3].acceleration
+    measured = replace(good, acceleration=felt)
+    assert check_observation(measured) is measured
+    part = measured[1:3].acceleration
     assert part is not None and np.array_equal(part, felt[..., 1:3, :, :])
-    chosen = chosen_points(told, [1]).acceleration
+    chosen = chosen_points(measured, [1]).acceleration
     assert chosen is not None and np.array_equal(chosen, felt[..., 1:, :], equal_nan=True)
     assert good[1:].acceleration is None and chosen_points(good, [0]).acceleration is None
 
@@ -228,10 +228,10 @@ def test_accelerations_go_with_their_points_and_frames() -> None:
 def test_points_that_are_joined_keep_their_accelerations() -> None:
     bare = example(())
     felt = np.random.default_rng(2).normal(size=bare.position.shape)
-    told = chosen_points(replace(bare, acceleration=felt), [0])
+    measured = chosen_points(replace(bare, acceleration=felt), [0])
     other = chosen_points(bare, [1])
     assert joined_points(other, chosen_points(bare, [0])).acceleration is None
-    for parts, given in (((told, other), 0), ((other, told), 1)):
+    for parts, given in (((measured, other), 0), ((other, measured), 1)):
         found = joined_points(*parts).acceleration
         assert found is not None
         assert np.array_equal(found[:, given], felt[:, 0]) and np.isnan(found[:, 1 - given]).all()

@@ -45,13 +45,16 @@ def test_options_are_those_of_the_kind(tmp_path: Path, waving_clip: Clip) -> Non
     (tmp_path / "a.mp4").write_bytes(b"")
     with pytest.raises(BodysenseError, match=r"a motion; --left-handed: for markers \(\.c3d, .* leave it out"):
         open_source(tmp_path / "a.bvh", markers=MarkerOptions(left_handed=True))
-    for options, said in (ReadingOptions(unit="mm"), "--unit"), (ReadingOptions(smpl_model=tmp_path), "--smpl-model"):
-        with pytest.raises(BodysenseError, match=f"a video; {said}: for motions and recordings, leave it out"):
+    for options, message in (
+        (ReadingOptions(unit="mm"), "--unit"),
+        (ReadingOptions(smpl_model=tmp_path), "--smpl-model"),
+    ):
+        with pytest.raises(BodysenseError, match=f"a video; {message}: for motions and recordings, leave it out"):
             open_source(tmp_path / "a.mp4", options)
 
 
 @pytest.mark.parametrize(
-    ("name", "said"),
+    ("name", "message"),
     [
         ("take.fbx", "convert it with Blender"),
         ("take.mvnx", r"export the take from Xsens as \.bvh"),
@@ -62,9 +65,9 @@ def test_options_are_those_of_the_kind(tmp_path: Path, waving_clip: Clip) -> Non
         ("take.txt", r"unknown kind of file .* markers \(\.c3d, .*recordings \(\.npz, .*videos \(\.mp4"),
     ],
 )
-def test_what_is_never_read_is_refused_with_the_way_on(tmp_path: Path, name: str, said: str) -> None:
+def test_what_is_never_read_is_refused_with_the_way_on(tmp_path: Path, name: str, message: str) -> None:
     (tmp_path / name).write_bytes(b"{}")
-    with pytest.raises(BodysenseError, match=rf"{name}: .*{said}"):
+    with pytest.raises(BodysenseError, match=rf"{name}: .*{message}"):
         kind_of(tmp_path / name)
 
 

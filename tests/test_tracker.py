@@ -38,20 +38,20 @@ def seen(clip, name: str) -> Observation:
     return observe(clip.pose, clip.time, SENSOR_SETS[name])
 
 
-def person_of(clip, told: str) -> Person:
+def person_of(clip, known: str) -> Person:
     skeleton = clip.pose.skeleton
-    if told == "height":
+    if known == "height":
         return Person(height=float(stature(skeleton.rest_offset)))
-    return Person(skeleton) if told == "all" else Person()
+    return Person(skeleton) if known == "all" else Person()
 
 
 @pytest.mark.parametrize(
-    ("name", "told"),
+    ("name", "known"),
     [("three_point", "nothing"), ("three_point_imu_feet", "all"), ("ten_point", "nothing"), ("headset_camera", "all")],
 )
-def test_whole_equals_stream(name: str, told: str) -> None:
+def test_whole_equals_stream(name: str, known: str) -> None:
     clip = performance(1)
-    observation, tracker = seen(clip, name), Tracker(person_of(clip, told))
+    observation, tracker = seen(clip, name), Tracker(person_of(clip, known))
     whole, _ = tracker.step(observation, tracker.start())
     state, points, rotations = tracker.start(), [], []
     for t in range(len(observation)):
@@ -64,7 +64,7 @@ def test_whole_equals_stream(name: str, told: str) -> None:
 
 def test_many_equal_each_alone() -> None:
     clips = [performance(k) for k in range(3)]
-    people = [person_of(clip, told) for clip, told in zip(clips, ("all", "height", "nothing"), strict=True)]
+    people = [person_of(clip, known) for clip, known in zip(clips, ("all", "height", "nothing"), strict=True)]
     parts = [seen(clip, "three_point") for clip in clips]
     arrays = ("position", "rotation", "has_position", "has_rotation", "accuracy")
     together = replace(parts[0], **{name: np.stack([getattr(part, name) for part in parts]) for name in arrays})
@@ -158,11 +158,11 @@ def test_a_worn_tracker_gives_its_joint() -> None:
     clip = performance(7)
     observation = seen(clip, "four_point")
     mount = RigidTransform(np.array([0.0, 0.05, -0.12]), quaternion_exp(np.array([0.3, 2.0, -0.5])))
-    worn = strapped(observation, {"pelvis": mount})
-    told, knowing = Person(clip.pose.skeleton), Person(clip.pose.skeleton, mounts={"pelvis": mount})
+    strapped_on = strapped(observation, {"pelvis": mount})
+    plain_person, mounted_person = Person(clip.pose.skeleton), Person(clip.pose.skeleton, mounts={"pelvis": mount})
     plain, mounted = (
         tracker.step(part, tracker.start())[0]
-        for tracker, part in ((Tracker(told), observation), (Tracker(knowing), worn))
+        for tracker, part in ((Tracker(plain_person), observation), (Tracker(mounted_person), strapped_on))
     )
     assert np.abs(plain.points - mounted.points).max() < 1e-4
 
@@ -174,9 +174,11 @@ def test_worn_trackers_are_refined_alike_whole_streamed_and_with_others() -> Non
     rng = np.random.default_rng(0)
     joints = ("pelvis", "left_ankle", "right_ankle", "spine3", "left_knee", "right_elbow")
     mounts = [{name: RigidTransform(0.05 * rng.standard_normal(3)) for name in joints} for _ in clips]
-    wrong = [{name: RigidTransform(mount.translation + 0.03) for name, mount in worn.items()} for worn in mounts]
+    wrong = [
+        {name: RigidTransform(mount.translation + 0.03) for name, mount in by_joint.items()} for by_joint in mounts
+    ]
     people = [Person(height=1.7, mounts=wrong[0]), Person(mounts=wrong[1])]
-    parts = [strapped(seen(one, "ten_point"), worn) for one, worn in zip(clips, mounts, strict=True)]
+    parts = [strapped(seen(one, "ten_point"), by_joint) for one, by_joint in zip(clips, mounts, strict=True)]
     trackers = [Tracker(person) for person in people]
     states = [tracker.start() for tracker in trackers]
     streamed = []
@@ -194,7 +196,7 @@ def test_worn_trackers_are_refined_alike_whole_streamed_and_with_others() -> Non
             assert 1e-4 < np.abs(learned - tracker.people[0].mounts[joint].translation).max() < 0.05
 
 
-def test_after_a_gap_motion_starts_afresh_and_the_person_stays() -> None:
+def test_a_long_gap_resets_motion_and_keeps_the_person() -> None:
     clip = performance(8)
     observation, tracker = seen(clip, "three_point"), Tracker()
     before, state = tracker.step(observation, tracker.start())

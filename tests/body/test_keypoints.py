@@ -71,7 +71,7 @@ def test_good_key_points_pass_and_hidden_values_may_be_anything() -> None:
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("change", "message"),
     [
         ({"time": np.array([0.0, 0.1, 0.1, 0.2])}, r"time goes from 0\.1 s to 0\.1 s at frame 2"),
         ({"time": np.array([0.0, np.nan, 0.1, 0.2])}, "a time is not a number"),
@@ -82,8 +82,8 @@ def test_good_key_points_pass_and_hidden_values_may_be_anything() -> None:
         ({"arm": np.full((4, 2, 2, 3), 3**-0.5) * np.array([1.0, 2])[:, None]}, "arm has length 2"),
     ],
 )
-def test_what_is_wrong_is_named(change: dict[str, np.ndarray], said: str) -> None:
-    with pytest.raises(BodysenseError, match=said):
+def test_what_is_wrong_is_named(change: dict[str, np.ndarray], message: str) -> None:
+    with pytest.raises(BodysenseError, match=message):
         check_keypoints(replace(keypoints(), **change))
 
 

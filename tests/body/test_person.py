@@ -44,7 +44,7 @@ def bone(person: Person, name: str) -> float:
 
 
 @pytest.mark.parametrize("height", [1.0, 1.3, 1.45, 1.6, 1.8, 2.05, 2.3])
-def test_a_told_height_is_hit(height: float) -> None:
+def test_stature_equals_the_known_height(height: float) -> None:
     person = Person(height=height)
     assert stature(person.skeleton.rest_offset) == pytest.approx(height, abs=2e-3)
     assert (person.skeleton.bone_length[1:] > 0).all()
@@ -58,26 +58,26 @@ def test_nobody_in_particular_is_the_mean_adult() -> None:
     assert not person.mounts
 
 
-def test_told_proportions_are_certain() -> None:
+def test_known_proportions_are_certain() -> None:
     person = Person.known(default_skeleton())
     assert person.skeleton is default_skeleton()
     np.testing.assert_array_equal(person.bone_deviation, 0)
 
 
-def test_lengths_are_told_or_measured() -> None:
+def test_lengths_are_known_or_measured() -> None:
     thigh = ("left_hip", "left_knee")
-    told = Person(lengths={thigh: 0.46}, height=1.75)
-    assert bone(told, "left_knee") == pytest.approx(0.46, abs=1e-3)
-    assert bone(told, "right_knee") == pytest.approx(bone(told, "left_knee"), abs=1e-12)
-    assert stature(told.skeleton.rest_offset) == pytest.approx(1.75, abs=2e-3)
+    exact = Person(lengths={thigh: 0.46}, height=1.75)
+    assert bone(exact, "left_knee") == pytest.approx(0.46, abs=1e-3)
+    assert bone(exact, "right_knee") == pytest.approx(bone(exact, "left_knee"), abs=1e-12)
+    assert stature(exact.skeleton.rest_offset) == pytest.approx(1.75, abs=2e-3)
     guessed, measured = Person(height=1.75), Person(lengths={thigh: Measured(0.46, 0.02)}, height=1.75)
-    assert bone(guessed, "left_knee") < bone(measured, "left_knee") < bone(told, "left_knee")
-    knee = told.skeleton.index("left_knee")
-    assert told.bone_deviation[knee] < measured.bone_deviation[knee] < guessed.bone_deviation[knee]
+    assert bone(guessed, "left_knee") < bone(measured, "left_knee") < bone(exact, "left_knee")
+    knee = exact.skeleton.index("left_knee")
+    assert exact.bone_deviation[knee] < measured.bone_deviation[knee] < guessed.bone_deviation[knee]
 
 
 def test_a_child_has_its_own_lengths() -> None:
-    """Outside of the adults' statures the space is scaled, and told lengths still hold."""
+    """Outside of the adults' statures the space is scaled, and known lengths still hold."""
     child = Person(lengths={("left_elbow", "left_wrist"): 0.17}, height=1.2)
     assert bone(child, "left_wrist") == pytest.approx(0.17, abs=1e-3)
     assert stature(child.skeleton.rest_offset) == pytest.approx(1.2, abs=2e-3)

@@ -91,10 +91,10 @@ def test_proportions_are_those_of_adults() -> None:
 
 
 @pytest.mark.parametrize("seed", range(2))
-def test_the_likeliest_body_has_the_told_lengths(seed: int) -> None:
+def test_the_likeliest_body_has_the_known_lengths(seed: int) -> None:
     truth = SPACE.offsets(somebody(seed))
-    told = {pair: Measured(float(distance(truth, *pair)), 0.001) for pair in LIMBS}
-    found = SPACE.likeliest(told, Measured(float(stature(truth)), 0.001))
+    known = {pair: Measured(float(distance(truth, *pair)), 0.001) for pair in LIMBS}
+    found = SPACE.likeliest(known, Measured(float(stature(truth)), 0.001))
     offsets = SPACE.offsets(found.coefficients)
     for pair in LIMBS:
         assert distance(offsets, *pair) == pytest.approx(distance(truth, *pair), abs=1e-3)
@@ -102,7 +102,7 @@ def test_the_likeliest_body_has_the_told_lengths(seed: int) -> None:
 
 
 @pytest.mark.parametrize("height", [1.45, 1.6, 1.8, 2.05])
-def test_a_told_height_is_hit(height: float) -> None:
+def test_stature_equals_the_known_height(height: float) -> None:
     found = SPACE.likeliest(height=Measured(height, 0.001))
     assert SPACE.stature(found.coefficients) == pytest.approx(height, abs=2e-3)
     np.testing.assert_array_equal(found.skeleton.rest_offset, SPACE.offsets(found.coefficients))

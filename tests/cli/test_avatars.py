@@ -36,7 +36,7 @@ def test_samples_and_fingers_go_there_too(tmp_path: Path, motion: Path, run) -> 
 
 
 def test_what_cannot_be_written(tmp_path: Path, motion: Path, refused) -> None:
-    said = refused("track", motion, "--device", "three_point", "-o", tmp_path / "a.gltf")
-    assert said.endswith("a.gltf: the output ends in '.gltf'; give a name that ends in .bvh, .glb, .vrma or .mcap")
-    said = refused("track", tmp_path / "film.mp4", "-o", tmp_path / "a.gltf")
-    assert said.endswith("a.gltf: the output ends in '.gltf'; give a name that ends in .bvh, .glb, .vrma or .mcap")
+    output = refused("track", motion, "--device", "three_point", "-o", tmp_path / "a.gltf")
+    assert output.endswith("a.gltf: the output ends in '.gltf'; give a name that ends in .bvh, .glb, .vrma or .mcap")
+    output = refused("track", tmp_path / "film.mp4", "-o", tmp_path / "a.gltf")
+    assert output.endswith("a.gltf: the output ends in '.gltf'; give a name that ends in .bvh, .glb, .vrma or .mcap")

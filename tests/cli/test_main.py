@@ -73,7 +73,7 @@ def test_a_package_that_nothing_brings_is_a_fault_of_ours() -> None:
 
 
 @pytest.mark.parametrize(
-    ("error", "status", "said"),
+    ("error", "status", "message"),
     [
         (KeyboardInterrupt(), 130, "bodysense: stopped\n"),
         (
@@ -84,7 +84,7 @@ def test_a_package_that_nothing_brings_is_a_fault_of_ours() -> None:
     ],
 )
 def test_what_stops_a_command_from_outside(
-    error: BaseException, status: int, said: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    error: BaseException, status: int, message: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Also while it is still loading."""
 
@@ -94,4 +94,4 @@ def test_what_stops_a_command_from_outside(
 
     monkeypatch.setitem(sys.modules, "bodysense.cli.application", Stopped("application"))
     assert main(["data", "info", "."]) == status
-    assert capsys.readouterr().err == said
+    assert capsys.readouterr().err == message

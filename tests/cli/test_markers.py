@@ -84,8 +84,8 @@ def test_a_guessed_limb_is_a_warning(tmp_path: Path, short_clip: Clip, capsys: p
 
 @pytest.mark.parametrize("ending", ["csv", "npz"])
 def test_gloves_become_a_body(files: Path, motion: Path, run: Command, ending: str) -> None:
-    said = run("track", files / f"gloves.{ending}", "-o", files / "hands.bvh")
-    assert "wrote" in said and "note" not in said
+    output = run("track", files / f"gloves.{ending}", "-o", files / "hands.bvh")
+    assert "wrote" in output and "note" not in output
     # The hands of a file without its wearer's skeleton are as large as its gloves look, to within a few percent.
     np.testing.assert_allclose(backs(files / "hands.bvh"), backs(motion), atol=0.002 if ending == "npz" else 0.02)
 
@@ -170,8 +170,8 @@ def test_doubts_are_said(files: Path, run: Command) -> None:
     text = (files / "gloves.csv").read_text()
     swapped = text.replace("left_glove_index_tip", "x").replace("left_glove_thumb_tip", "left_glove_index_tip")
     (files / "swapped.csv").write_text(swapped.replace("x.", "left_glove_thumb_tip."))
-    said = run("track", files / "swapped.csv", "-o", files / "a.bvh")
-    assert "'index_tip' and 'thumb_tip' exchanged" in said
+    output = run("track", files / "swapped.csv", "-o", files / "a.bvh")
+    assert "'index_tip' and 'thumb_tip' exchanged" in output
 
 
 def test_a_third_hand_is_left_out(files: Path, gloves: Observation, short_clip: Clip, run: Command) -> None:

@@ -28,8 +28,8 @@ def test_the_input_is_kept(tmp_path: Path, motion: Path, refused: Command, link:
     else:
         os.link(motion, out)
     before = motion.read_bytes()
-    said = refused("track", motion, "--device", "head", "-o", out)
-    assert "both read and written; give the output another name, or add --overwrite" in said
+    output = refused("track", motion, "--device", "head", "-o", out)
+    assert "both read and written; give the output another name, or add --overwrite" in output
     assert "both read and written" in refused("track", motion, "--device=head", f"--out={out}")
     assert motion.read_bytes() == before
 
@@ -63,8 +63,8 @@ def test_files_that_are_not_read_are_named_with_the_way_on(tmp_path: Path, motio
     (tmp_path / "c.bvh").write_text(motion.read_text(), encoding="utf-16")
     assert "c.bvh: UTF-16" in refused("simulate", tmp_path / "c.bvh", "-o", tmp_path / "c.npz")
     (tmp_path / "d.csv").write_text("time,a.x,a.y,a.z\n0,1,2,3")
-    said = refused("track", tmp_path / "d.csv", "-o", out)
-    assert "no marker of a glove and no marker set of a body among 'a'" in said and "--names" in said
+    output = refused("track", tmp_path / "d.csv", "-o", out)
+    assert "no marker of a glove and no marker set of a body among 'a'" in output and "--names" in output
 
 
 def test_other_motions_are_taken(tmp_path: Path, motion: Path, run: Command) -> None:
@@ -73,8 +73,8 @@ def test_other_motions_are_taken(tmp_path: Path, motion: Path, run: Command) -> 
     run("track", motion, "--fingers", "synthesize", "-o", tmp_path / "a.glb")
     assert "20 frames" in run("simulate", tmp_path / "a.glb", "--device", "three_point", "-o", tmp_path / "b.npz")
     np.savez(tmp_path / "video.npz", poses=np.zeros((12, 72)), transl=np.zeros((12, 3)))
-    said = run("track", tmp_path / "video.npz", "--device", "head", "--rate", "25", "-o", tmp_path / "c.bvh")
-    assert "note: the feet stand at y" in said and "12 frames" in said
+    output = run("track", tmp_path / "video.npz", "--device", "head", "--rate", "25", "-o", tmp_path / "c.bvh")
+    assert "note: the feet stand at y" in output and "12 frames" in output
 
 
 def test_a_person_may_be_read_and_written_in_one_command(tmp_path: Path) -> None:

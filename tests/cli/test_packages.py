@@ -59,19 +59,19 @@ def test_a_store_needs_the_laboratory(tmp_path: Path, refused: Refused) -> None:
 
 @pytest.mark.usefixtures("alone")
 def test_help_lists_what_is_not_installed(capsys: pytest.CaptureFixture[str]) -> None:
-    said = help_text(capsys)
-    assert said.count("Not installed:") == 3
+    output = help_text(capsys)
+    assert output.count("Not installed:") == 3
     for package in packages.PACKAGES:
-        assert f"pip install -c constraints.txt -e packages/{package.name}" in said
+        assert f"pip install -c constraints.txt -e packages/{package.name}" in output
         for name, what in package.commands.items():
-            assert f"{' '.join(name)} ({what})" in said
+            assert f"{' '.join(name)} ({what})" in output
 
 
 def test_with_all_packages_help_describes_every_command_in_a_line(capsys: pytest.CaptureFixture[str]) -> None:
-    said = help_text(capsys)
-    assert "Not installed" not in said
+    output = help_text(capsys)
+    assert "Not installed" not in output
     for name in application(packages.installed())._subcommands:
-        assert any(words[:2] == ["•", name] and len(words) > 3 for words in map(str.split, _inside(said))), name
+        assert any(words[:2] == ["•", name] and len(words) > 3 for words in map(str.split, _inside(output))), name
 
 
 def help_text(capsys: pytest.CaptureFixture[str]) -> str:

@@ -30,16 +30,20 @@ def inches(tmp_path: Path, short_clip: Clip) -> Path:
 
 
 def test_info_says_what_was_recognised(inches: Path, tmp_path: Path, run) -> None:
-    said = run("data", "info", inches, "--picture", tmp_path / "figures.png", "--json", tmp_path / "numbers.json")
-    assert "inches.bvh: SMPL, 52 joints, inches, 1.6" in said and "y up, floor at -0.5" in said and "confidence" in said
+    output = run("data", "info", inches, "--picture", tmp_path / "figures.png", "--json", tmp_path / "numbers.json")
+    assert (
+        "inches.bvh: SMPL, 52 joints, inches, 1.6" in output
+        and "y up, floor at -0.5" in output
+        and "confidence" in output
+    )
     assert (tmp_path / "figures.png").read_bytes().startswith(b"\x89PNG")
     assert json.loads((tmp_path / "numbers.json").read_text())["clips"] == 1
 
 
 def test_info_of_a_folder_skips_and_counts_what_it_cannot_read(inches: Path, tmp_path: Path, run, refused) -> None:
     (tmp_path / "torn.bvh").write_text(inches.read_text()[:500])
-    said = " ".join(run("data", "info", tmp_path).split())
-    assert "inches" in said and "skipped 1 of 2 files" in said and "torn.bvh: there is no MOTION section" in said
+    output = " ".join(run("data", "info", tmp_path).split())
+    assert "inches" in output and "skipped 1 of 2 files" in output and "torn.bvh: there is no MOTION section" in output
     inches.rename(tmp_path / "also_torn.bvh").write_text("HIERARCHY")
     assert "none of its 2 files can be read; the first: " in refused("data", "info", tmp_path)
 
@@ -61,14 +65,14 @@ def test_info_knows_files_without_a_rig(tmp_path: Path, short_clip: Clip, run, r
         assert kind in run("data", "info", tmp_path / name)
     (tmp_path / "take.fbx").write_bytes(b"Kaydara")
     assert "convert it with Blender" in refused("data", "info", tmp_path / "take.fbx")
-    said = run("data", "info", tmp_path)
-    assert "take.fbx: FBX is not read" in said and "skipped 1 of 6 files" in said
+    output = run("data", "info", tmp_path)
+    assert "take.fbx: FBX is not read" in output and "skipped 1 of 6 files" in output
 
 
 def test_options_of_every_command_that_reads_motion(inches: Path, tmp_path: Path, run, refused) -> None:
     out = tmp_path / "out.bvh"
-    said = run("track", inches, "--device", "head", "-o", out)
-    assert "read " in said and "inches, " in said
+    output = run("track", inches, "--device", "head", "-o", out)
+    assert "read " in output and "inches, " in output
     run(
         "simulate",
         inches,
@@ -91,9 +95,9 @@ def test_options_of_every_command_that_reads_motion(inches: Path, tmp_path: Path
 
 def test_a_table_of_joints_is_drafted_edited_and_read(inches: Path, tmp_path: Path, run, refused) -> None:
     table, seen = tmp_path / "joints.json", tmp_path / "seen.npz"
-    said = run("data", "joints", inches, "-o", table)
+    output = run("data", "joints", inches, "-o", table)
     drafted = json.loads(table.read_text())
-    assert "65 of 65 joints and end sites named" in said and drafted["Gelenk"] == "left_elbow"
+    assert "65 of 65 joints and end sites named" in output and drafted["Gelenk"] == "left_elbow"
     table.write_text(json.dumps(drafted | {"left_index1": ""}))
     run("simulate", inches, "-o", seen, "--joints", table)
     for change, message in (
@@ -150,10 +154,10 @@ def test_joint_places_are_tracked_and_no_motion(tmp_path: Path, run, refused) ->
 
 def test_the_rate_of_a_file_that_says_it_is_refused(tmp_path: Path, motion: Path, run, refused) -> None:
     out = tmp_path / "out.glb"
-    said = "the file says its frame rate; leave {} 60 out"
-    assert said.format("--rate") in refused("track", motion, "-o", out, "--rate", 60)
-    assert said.format("--rate") in refused("simulate", motion, "-o", tmp_path / "out.npz", "--rate", 60)
-    assert said.format("--file-rate") in refused("convert", motion, "-o", out, "--file-rate", 60)
+    message = "the file says its frame rate; leave {} 60 out"
+    assert message.format("--rate") in refused("track", motion, "-o", out, "--rate", 60)
+    assert message.format("--rate") in refused("simulate", motion, "-o", tmp_path / "out.npz", "--rate", 60)
+    assert message.format("--file-rate") in refused("convert", motion, "-o", out, "--file-rate", 60)
     np.save(tmp_path / "turns.npy", np.zeros((5, 66)))
     assert "30 Hz is taken (--file-rate)" in run("convert", tmp_path / "turns.npy", "-o", out)
     assert "5 frames at 60 Hz" in run("convert", tmp_path / "turns.npy", "-o", out, "--file-rate", 60)
@@ -210,6 +214,6 @@ def test_convert_warns_of_limbs_that_are_held_still(
     write_bvh(whole, replace(clip, pose=replace(clip.pose, rotation=rotation)))
     monkeypatch.setattr(filling, "read_rigged", None)  # the file's rig is recognised once
     assert main(["convert", str(whole), "-o", str(out), "--json", str(tmp_path / "out.json")]) == 0
-    said, (line,) = capsys.readouterr().err, json.loads((tmp_path / "out.json").read_text())["warnings"]
-    assert f"WARNING: {line}" in said and "WARNING: limbs are held still" in said and "left_elbow 2" in said
-    assert "complete them: bodysense track whole.bvh -o out.glb" in said
+    output, (line,) = capsys.readouterr().err, json.loads((tmp_path / "out.json").read_text())["warnings"]
+    assert f"WARNING: {line}" in output and "WARNING: limbs are held still" in output and "left_elbow 2" in output
+    assert "complete them: bodysense track whole.bvh -o out.glb" in output

@@ -48,10 +48,10 @@ def test_a_video_comes_out_as_motion(
     assert clip.pose.skeleton.joints[0] == "mixamorig:Hips"
     assert clip.pose.skeleton.height == pytest.approx(1.6, abs=0.1)  # to the top of the head
     with av.open(str(overlay)) as container:
-        shown = [frame.to_ndarray(format="rgb24") for frame in container.decode(video=0)]
-    assert len(shown) == len(clip) and shown[0].shape == (320, 320 + 256, 3)
-    said = " ".join(capsys.readouterr().out.split())
-    assert "8 frames the person in 100% of the pictures, their left hand in 100%, right in 100%" in said
+        frames = [frame.to_ndarray(format="rgb24") for frame in container.decode(video=0)]
+    assert len(frames) == len(clip) and frames[0].shape == (320, 320 + 256, 3)
+    output = " ".join(capsys.readouterr().out.split())
+    assert "8 frames the person in 100% of the pictures, their left hand in 100%, right in 100%" in output
 
 
 @pytest.mark.slow
@@ -81,7 +81,7 @@ def test_a_video_that_breaks_off_gives_a_part(
     rest = ("--landmarkers", landmarkers, "--people", 1)
     assert track(tmp_path / "cut.mkv", "-o", out, *rest) == 0
     assert 3 <= len(read_bvh(out)) < 24
-    assert "warning" in (said := capsys.readouterr().out) and "damaged" in said
+    assert "warning" in (output := capsys.readouterr().out) and "damaged" in output
 
 
 def test_a_webcam_is_answered_at_once_and_ended_by_ctrl_c(
@@ -160,6 +160,6 @@ def test_what_cannot_be(
     if "--landmarkers" in arguments:
         write(Path("text.mp4"), np.zeros((1, 64, 64, 3), np.uint8))
     assert track(*arguments, "-o", "out.bvh") == 2
-    said = capsys.readouterr().err
-    assert message in said and said.count("\n") == 1
+    output = capsys.readouterr().err
+    assert message in output and output.count("\n") == 1
     assert not Path("out.bvh").exists()

@@ -68,12 +68,12 @@ def test_trackers_strapped_beside_their_joints_are_found() -> None:
             away = rng.standard_normal(3)
             away *= rng.uniform(0.08, 0.14) / np.linalg.norm(away)
             mounts[name] = RigidTransform(away, rng.standard_normal(4))
-        worn = strapped(observation, mounts)
-        person = calibrated(worn, Person())
+        tracked = strapped(observation, mounts)
+        person = calibrated(tracked, Person())
         truth = forward_kinematics(pose)[0][0]
         for name, errors in apart.items():
             k = observation.points.index(name)
-            joint = RigidTransform(worn.position[0, k], worn.rotation[0, k]) @ person.mounts[name].inverse()
+            joint = RigidTransform(tracked.position[0, k], tracked.rotation[0, k]) @ person.mounts[name].inverse()
             errors.append(float(np.linalg.norm(joint.translation - truth[pose.skeleton.index(name)])))
     # Standing still does not tell how a height is shared between legs and torso, which leaves hips 2 cm unsure.
     assert max(apart["left_ankle"] + apart["right_ankle"]) < 0.03
@@ -81,15 +81,15 @@ def test_trackers_strapped_beside_their_joints_are_found() -> None:
 
 
 @pytest.mark.parametrize("body", range(2))
-def test_trackers_are_told_apart_by_where_they_are(body: int) -> None:
+def test_trackers_are_assigned_by_position(body: int) -> None:
     observation, _ = standing(body, name="ten_point")
     rng = np.random.default_rng(body)
     held = {"head", "left_wrist", "right_wrist"}
-    worn = [name for name in observation.points if name not in held]
-    rng.shuffle(worn)
-    names = {joint: f"tracker_{k + 1}" for k, joint in enumerate(worn)}
+    tracked = [name for name in observation.points if name not in held]
+    rng.shuffle(tracked)
+    names = {joint: f"tracker_{k + 1}" for k, joint in enumerate(tracked)}
     mounts = {}
-    for joint in worn:
+    for joint in tracked:
         away = rng.standard_normal(3)
         mounts[joint] = RigidTransform(rng.uniform(0.05, 0.09) * away / np.linalg.norm(away), rng.standard_normal(4))
     seen = strapped(observation, mounts)
@@ -99,7 +99,7 @@ def test_trackers_are_told_apart_by_where_they_are(body: int) -> None:
     assert assigned(seen, some, Person()).keys() == set(some)
 
 
-def test_what_lies_aside_is_worn_by_nobody() -> None:
+def test_a_tracker_far_from_the_body_is_not_assigned() -> None:
     observation, _ = standing(0)
     points = tuple("tracker_1" if name == "pelvis" else name for name in observation.points)
     position = observation.position.copy()
@@ -110,7 +110,7 @@ def test_what_lies_aside_is_worn_by_nobody() -> None:
     assert assigned(blind, ["tracker_1"], Person()) == {}
 
 
-def test_who_moves_or_wears_no_headset_is_told() -> None:
+def test_calibration_refuses_motion_and_a_missing_headset() -> None:
     observation, _ = standing(0)
     restless = observation.position.copy()
     restless[:, observation.points.index("head"), 0] += np.linspace(0, 0.3, FRAMES)

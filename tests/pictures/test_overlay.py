@@ -55,8 +55,8 @@ def test_numbers_are_drawn_on_people() -> None:
     places = {1: np.array([-0.4, 0.1]), 2: np.array([0.3, -0.2])}
     people = [PersonTrack(0.0, place, np.zeros(2), 0.3, np.zeros(3), number) for number, place in places.items()]
     grey = np.full((240, 320, 3), 128, np.uint8)
-    shown = numbered(grey, people)
-    changed = (shown != grey).any(axis=2)
+    frames = numbered(grey, people)
+    changed = (frames != grey).any(axis=2)
     for place in places.values():
         x, y = np.round(place * [240, -240] + [160, 120]).astype(int)
         assert changed[y - 8 : y + 8, x - 8 : x + 8].all()
