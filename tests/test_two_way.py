@@ -22,7 +22,7 @@ from bodysense.io.clip import Clip
 from bodysense.observation import Observation, concatenated_frames
 from bodysense.take import track
 from bodysense.tracker import Tracker, TrackerSettings
-from bodysense.two_way import TwoWayTracker, found_person, reversed_in_time
+from bodysense.two_way import TwoWayTracker, infer_person, reverse_time
 
 SECONDS = 1 / 30
 
@@ -132,7 +132,7 @@ def test_a_recording_that_pauses_is_two(seen: Observation, person: Person) -> No
 def test_each_direction_has_a_network(seen: Observation, person: Person) -> None:
     ways, own = TwoWayTracker(person, None, TrackerSettings()), packaged_model()
     alone = TwoWayTracker(person, own, TrackerSettings())
-    reverse = reversed_in_time(seen)
+    reverse = reverse_time(seen)
     for tracker, model in ((ways, packaged_model(backward=True)), (alone, own)):
         expected, _ = (one := Tracker(person, model, tracker.tracker.settings)).step(reverse, one.start())
         np.testing.assert_array_equal(tracker.backward(seen).points[::-1], expected.points)
@@ -147,10 +147,10 @@ def test_few_frames(seen: Observation, person: Person, frames: int) -> None:
 def test_reversed_twice_is_unchanged(seen: Observation) -> None:
     rng = np.random.default_rng(1)
     felt = replace(seen, acceleration=rng.normal(size=seen.position.shape))
-    back = reversed_in_time(reversed_in_time(felt))
+    back = reverse_time(reverse_time(felt))
     for name in ("position", "rotation", "has_position", "time", "acceleration"):
         np.testing.assert_array_equal(getattr(back, name), getattr(felt, name))
-    once = reversed_in_time(felt)
+    once = reverse_time(felt)
     assert (np.diff(once.time) > 0).all() and once.acceleration is not None
     np.testing.assert_array_equal(once.acceleration[0], felt.acceleration[-1])  # type: ignore[index]
 
@@ -160,7 +160,7 @@ def test_the_person_is_found_before_both_passes(waving_clip: Clip) -> None:
     tall = waving_clip.pose.skeleton.scaled(1.9)
     clip = Clip("tall", Pose(tall, waving_clip.pose.root_position * 1.1, waving_clip.pose.rotation), 30.0)
     seen = simulate(clip, "six_point")
-    found = found_person(seen, Person(), None, TrackerSettings())
+    found = infer_person(seen, Person(), None, TrackerSettings())
     estimate = complete(found, seen)
     assert (estimate.rest_offset == estimate.rest_offset[0]).all()
     np.testing.assert_allclose(estimate.rest_offset[0], found.skeleton.rest_offset, atol=1e-6)

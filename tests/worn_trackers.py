@@ -13,7 +13,7 @@ from bodysense.body.rigid import RigidTransform
 from bodysense.body.rotation import quaternion_exp, quaternion_multiply, quaternion_rotate
 from bodysense.body.shape import sample_bodies
 from bodysense.body.skeleton import Skeleton, default_skeleton
-from bodysense.completion.calibration import calibrated
+from bodysense.completion.calibration import calibrate
 from bodysense.devices.simulated.sensors import SENSOR_SETS, observe
 from bodysense.observation import Observation
 from bodysense.tracker import Tracker, TrackerState
@@ -67,7 +67,7 @@ def calibrated_wearer(body: int, sensors: str, *goals: dict[str, float]) -> tupl
             away *= rng.uniform(0.08, 0.14) / np.linalg.norm(away)
             mounts[name] = RigidTransform(away, rng.standard_normal(4))
     observation = strapped(observation, mounts)
-    return observation, calibrated(observation[:RATE], Person()), pose
+    return observation, calibrate(observation[:RATE], Person()), pose
 
 
 def tracked(observation: Observation, person: Person) -> TrackerState:
@@ -98,7 +98,7 @@ def errors_of_all_bodies(sensors: str, *goals: dict[str, float]) -> dict[str, np
 
 
 def numbers() -> dict[str, float]:
-    """Return mean and largest errors, cm: after the calibration, after two bows, after a bow and a squat with ten trackers."""
+    """Return mean and largest errors in cm: calibrated, after two bows, after a bow and a squat with ten trackers."""
     bows, squats = errors_of_all_bodies("six_point", BOW, BOW), errors_of_all_bodies("ten_point", BOW, SQUAT)
     found = {}
     for part in ("pelvis", "ankle", "knee", "elbow"):

@@ -18,7 +18,7 @@ from bodysense.body.person import Person
 from bodysense.body.pose import Pose, forward_kinematics, standing_pose
 from bodysense.body.rotation import quaternion_to_matrix
 from bodysense.body.skeleton import ARM
-from bodysense.completion.meeting import hips_met
+from bodysense.completion.fitting import fit_hips
 from bodysense.completion.model import CompletionModel
 from bodysense.devices.simulated.device import Device
 from bodysense.errors import BodysenseError
@@ -31,7 +31,7 @@ from bodysense.observation import Observation, check_world, concatenated_frames,
 from bodysense.open import MarkerSource, MotionSource, RecordingSource, Source, open_source
 from bodysense.signals import Signal, refuse, signal_from
 from bodysense.tracker import Tracker, TrackerSettings
-from bodysense.two_way import completed_both_ways, concatenated
+from bodysense.two_way import complete_both_ways, concatenate_estimates
 
 if TYPE_CHECKING:
     from bodysense.filling import PartialMotion
@@ -275,7 +275,7 @@ def _on_markers(pose: Pose, observation: Observation, markers: MarkerSource, int
     points, _, measured, turned = observed_points(observation, pose.skeleton)
     error = dict(zip(observation.points, np.median(observation.accuracy, axis=0), strict=True))
     if {"head", "left_hip", "right_hip"} <= set(error) and error["head"] >= error["left_hip"]:
-        pose = hips_met(pose, points, measured, turned, interval)
+        pose = fit_hips(pose, points, measured, turned, interval)
     if markers.found is not None and markers.found.arms_hang:
         rotation, skeleton = np.array(pose.rotation), pose.skeleton
         arms = skeleton.indices([f"{side}_{part}" for side in ("left", "right") for part in ARM])
@@ -308,9 +308,7 @@ def _completed(
     if not completion.causal:
         has_gloves = bool(glove_hands(observation.points))
         points = concatenated_frames(list(_body_points(observation, person))) if has_gloves else observation
-        return completed_both_ways(
-            points, person, completion.network, completion.settings, interval, completion.advance
-        )
+        return complete_both_ways(points, person, completion.network, completion.settings, interval, completion.advance)
     tracker = Tracker(person, network=completion.network, settings=completion.settings)
     state = tracker.start()
 
@@ -323,7 +321,7 @@ def _completed(
             done += len(frames)
             completion.advance(done, len(observation))
 
-    return concatenated(parts(), len(observation)), state.person()
+    return concatenate_estimates(parts(), len(observation)), state.person()
 
 
 def _body_points(observation: Observation, person: Person) -> Iterator[Observation]:

@@ -12,7 +12,7 @@ from bodysense.body.rigid import RigidTransform
 from bodysense.body.rotation import quaternion_exp, quaternion_multiply
 from bodysense.body.shape import sample_bodies, stature
 from bodysense.body.skeleton import default_skeleton
-from bodysense.completion.calibration import assigned, calibrated
+from bodysense.completion.calibration import assign_trackers, calibrate
 from bodysense.devices.simulated.sensors import SENSOR_SETS, observe
 from bodysense.errors import BodysenseError
 from bodysense.observation import Observation
@@ -35,14 +35,14 @@ def standing(body: int, arms_out: bool = False, name: str = "six_point") -> tupl
 @pytest.mark.parametrize("body", range(3))
 def test_height_is_measured_to_the_spread_of_necks(body: int) -> None:
     observation, pose = standing(body)
-    person = calibrated(observation, Person())
+    person = calibrate(observation, Person())
     assert abs(stature(person.skeleton.rest_offset) - stature(pose.skeleton.rest_offset)) < 0.04
 
 
 def test_height_is_measured_from_the_floor() -> None:
     observation, _ = standing(1)
     raised = replace(observation, position=observation.position + np.array([0.0, 0.3, 0.0]))
-    on_floor, on_platform = calibrated(observation, Person()), calibrated(raised, Person(), floor=0.3)
+    on_floor, on_platform = calibrate(observation, Person()), calibrate(raised, Person(), floor=0.3)
     assert on_platform.skeleton.height == pytest.approx(on_floor.skeleton.height)
 
 
@@ -54,7 +54,7 @@ def test_arms_out_measure_their_reach() -> None:
         place = skeleton.path @ skeleton.rest_offset
         return float(np.linalg.norm(place[wrists[0]] - place[wrists[1]]))
 
-    person = calibrated(observation, Person(), "arms out")
+    person = calibrate(observation, Person(), "arms out")
     assert abs(span(person.skeleton) - span(pose.skeleton)) < 0.02
 
 
@@ -69,7 +69,7 @@ def test_trackers_strapped_beside_their_joints_are_found() -> None:
             away *= rng.uniform(0.08, 0.14) / np.linalg.norm(away)
             mounts[name] = RigidTransform(away, rng.standard_normal(4))
         tracked = strapped(observation, mounts)
-        person = calibrated(tracked, Person())
+        person = calibrate(tracked, Person())
         truth = forward_kinematics(pose)[0][0]
         for name, errors in apart.items():
             k = observation.points.index(name)
@@ -94,9 +94,9 @@ def test_trackers_are_assigned_by_position(body: int) -> None:
         mounts[joint] = RigidTransform(rng.uniform(0.05, 0.09) * away / np.linalg.norm(away), rng.standard_normal(4))
     seen = strapped(observation, mounts)
     seen = replace(seen, points=tuple(names.get(name, name) for name in seen.points))
-    assert assigned(seen, list(names.values()), Person()) == {name: joint for joint, name in names.items()}
+    assert assign_trackers(seen, list(names.values()), Person()) == {name: joint for joint, name in names.items()}
     some = [name for joint, name in names.items() if joint not in ("left_knee", "spine3")]
-    assert assigned(seen, some, Person()).keys() == set(some)
+    assert assign_trackers(seen, some, Person()).keys() == set(some)
 
 
 def test_a_tracker_far_from_the_body_is_not_assigned() -> None:
@@ -105,9 +105,9 @@ def test_a_tracker_far_from_the_body_is_not_assigned() -> None:
     position = observation.position.copy()
     position[:, points.index("tracker_1")] += np.array([0.0, 0.0, 1.0])
     aside = replace(observation, points=points, position=position)
-    assert assigned(aside, ["tracker_1"], Person()) == {}
+    assert assign_trackers(aside, ["tracker_1"], Person()) == {}
     blind = replace(aside, has_position=np.zeros_like(aside.has_position))
-    assert assigned(blind, ["tracker_1"], Person()) == {}
+    assert assign_trackers(blind, ["tracker_1"], Person()) == {}
 
 
 def test_calibration_refuses_motion_and_a_missing_headset() -> None:
@@ -115,6 +115,6 @@ def test_calibration_refuses_motion_and_a_missing_headset() -> None:
     restless = observation.position.copy()
     restless[:, observation.points.index("head"), 0] += np.linspace(0, 0.3, FRAMES)
     with pytest.raises(BodysenseError, match="stand still"):
-        calibrated(replace(observation, position=restless), Person())
+        calibrate(replace(observation, position=restless), Person())
     with pytest.raises(BodysenseError, match="stand for a second"):
-        calibrated(observation[:2], Person())
+        calibrate(observation[:2], Person())

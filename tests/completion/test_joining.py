@@ -7,7 +7,7 @@ import pytest
 
 from bodysense.body.rotation import geodesic_angle, quaternion_exp
 from bodysense.body.skeleton import default_skeleton
-from bodysense.completion.joining import BACKWARD_SHARE, LEAD, future_share, led, mean_rotation
+from bodysense.completion.joining import BACKWARD_SHARE, LEAD, future_share, lead_to_returns, mean_rotation
 
 SECONDS = 1 / 30
 FRAMES, RETURN = 90, 50  # a wrist is hidden until it is seen again in this frame
@@ -47,7 +47,7 @@ def leaping() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 def test_hidden_frames_lead_to_a_return() -> None:
     rotation, head, seen = leaping()
-    found, _ = led(rotation, head, seen, SECONDS)
+    found, _ = lead_to_returns(rotation, head, seen, SECONDS)
     steps = geodesic_angle(found[1:, ELBOW], found[:-1, ELBOW])
     assert steps.max() < 0.15 < geodesic_angle(rotation[1:, ELBOW], rotation[:-1, ELBOW]).max()
     np.testing.assert_array_equal(found[RETURN:], rotation[RETURN:])
@@ -58,7 +58,7 @@ def test_hidden_frames_lead_to_a_return() -> None:
 
 def test_what_is_seen_all_the_time_is_not_led() -> None:
     rotation, head, seen = leaping()
-    found, _ = led(rotation, head, np.ones_like(seen), SECONDS)
+    found, _ = lead_to_returns(rotation, head, np.ones_like(seen), SECONDS)
     np.testing.assert_array_equal(found, rotation)
 
 

@@ -14,7 +14,7 @@ LONGEST = 0.2  # s of a gap that is bridged
 DRIFT = 0.05  # m/s: how fast the expected error of a bridged position grows with the time from known frames
 
 
-def bridged(observation: Observation, seconds: float, longest: float = LONGEST) -> Observation:
+def bridge_gaps(observation: Observation, seconds: float, longest: float = LONGEST) -> Observation:
     """Interpolate positions and rotations over gaps between two known frames that are no longer than `longest` s.
 
     Args:
@@ -28,14 +28,14 @@ def bridged(observation: Observation, seconds: float, longest: float = LONGEST) 
     accuracy = observation.accuracy.copy()
     for point in range(len(observation.points)):
         for first, end in _gaps(observation.has_position[:, point], most):
-            known, at = _beside(observation.has_position[:, point], first, end)
+            known, at = _neighbours(observation.has_position[:, point], first, end)
             position[first:end, point] = interpolated_places(position[known, point], at, at + end - first, fading)
             away = seconds * np.minimum(np.arange(1, end - first + 1), np.arange(end - first, 0, -1))
             beside = max(accuracy[first - 1, point], accuracy[end, point])
             accuracy[first:end, point] = beside + DRIFT * away
             has_position[first:end, point] = True
         for first, end in _gaps(observation.has_rotation[:, point], most):
-            known, at = _beside(observation.has_rotation[:, point], first, end)
+            known, at = _neighbours(observation.has_rotation[:, point], first, end)
             rotation[first:end, point] = interpolated(rotation[known, point], at, at + end - first, fading)
             has_rotation[first:end, point] = True
     return replace(
@@ -54,7 +54,7 @@ def _gaps(known: Array, most: int) -> list[tuple[int, int]]:
     return [(first, end) for first, end in found if first > 0 and end < len(known) and end - first <= most]
 
 
-def _beside(known: Array, first: int, end: int) -> tuple[slice, int]:
+def _neighbours(known: Array, first: int, end: int) -> tuple[slice, int]:
     """A gap with two known frames on either side, or one where there are no more, and where it begins among these."""
     before = 2 if first > 1 and known[first - 2] else 1
     after = 2 if end < len(known) - 1 and known[end + 1] else 1

@@ -45,7 +45,7 @@ def groups() -> dict[str, tuple[int, ...]]:
     return {group: tuple(points) for group, points in found.items()}
 
 
-def turned_joints(group: str) -> list[int]:
+def joints_of_group(group: str) -> list[int]:
     """Return joints that turn if points of a group are seen again: all of the body for the trunk, else its own."""
     count = len(default_skeleton().joints)
     if group == "trunk":
@@ -53,7 +53,7 @@ def turned_joints(group: str) -> list[int]:
     return [point for point in groups()[group] if point < count]
 
 
-def led(rotation: Array, head: Array, seen: Array, seconds: float) -> tuple[Array, Array]:
+def lead_to_returns(rotation: Array, head: Array, seen: Array, seconds: float) -> tuple[Array, Array]:
     """Adjust the hidden frames of an estimate so that they lead to points that are seen again.
 
     Args:
@@ -65,10 +65,10 @@ def led(rotation: Array, head: Array, seen: Array, seconds: float) -> tuple[Arra
     rotation, head = rotation.copy(), head.copy()
     top = default_skeleton().index("head")
     for group, points in groups().items():
-        joints = turned_joints(group)
+        joints = joints_of_group(group)
         for frame, came in _returns(seen[:, points]):
             around = rotation[max(frame - 2, 0) : frame + 2, joints]
-            turn = _leap(around, min(frame, 2), FASTEST_TURN * seconds)
+            turn = _jump(around, min(frame, 2), FASTEST_TURN * seconds)
             wanted = max(LEAD, LEAD_PER_TURN * float(np.linalg.norm(turn, axis=-1).max())) / seconds
             count = _hidden_before(seen[:, points], frame, came, max(1, round(wanted)))
             share = smooth_step(np.arange(1, count + 1) / count)
@@ -93,7 +93,7 @@ def _hidden_before(seen: Array, frame: int, came: Array, most: int) -> int:
     return int(before.argmax()) if before.any() else len(before)
 
 
-def _leap(rotation: Array, frame: int, most: float) -> Array:
+def _jump(rotation: Array, frame: int, most: float) -> Array:
     """Return rotation vectors (J, 3) from the extrapolation of local rotations (≤ 4, J, 4) to those in `frame`.
 
     They lead there at the mean speed of before and after, at most `most` rad a frame.
@@ -130,7 +130,7 @@ def mean_rotation(a: Array, b: Array, share: Array | float = 0.5) -> Array:
     return np.asarray(quaternion_canonical(normalize((1 - share) * a + share * sign * b)))
 
 
-def kept_turns(skeleton: Skeleton, rotation: Array, world: Array, turned: Array) -> Array:
+def keep_tracked_rotations(skeleton: Skeleton, rotation: Array, world: Array, turned: Array) -> Array:
     """Return local rotations (T, J, 4); joints that are `turned` (T, J) get their rotation in the `world` (T, J, 4)."""
     rotation, placed = rotation.copy(), np.empty_like(rotation)
     for joint, parent in enumerate(skeleton.parents[: rotation.shape[1]]):

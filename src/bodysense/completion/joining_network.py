@@ -49,7 +49,7 @@ _OTHER_SIDE = [2, 3, 0, 1]  # of `CONTACT_POINTS`
 
 
 @dataclass(frozen=True, eq=False)
-class TwoAnswers:
+class PassPair:
     """Two answers of the same T frames, of which one knows the past and one the future."""
 
     skeleton: Skeleton
@@ -80,9 +80,9 @@ class Joining:
     bound: Array  # (T, P) m, above nine in ten errors
 
 
-def mirrored(answers: TwoAnswers) -> TwoAnswers:
+def mirrored(passes: PassPair) -> PassPair:
     """Return both answers as a mirror at x = 0 shows them, on the mirrored body."""
-    skeleton = answers.skeleton
+    skeleton = passes.skeleton
     points = np.asarray(skeleton.mirror)
     joints = points[: len(skeleton.joints)]
 
@@ -90,71 +90,68 @@ def mirrored(answers: TwoAnswers) -> TwoAnswers:
         return rotation[:, joints] * np.array([1.0, 1.0, -1.0, -1.0])
 
     return replace(
-        answers,
+        passes,
         skeleton=skeleton.with_offsets(skeleton.rest_offset[points] * _FLIP),
-        past=turns(answers.past),
-        future=turns(answers.future),
-        past_points=answers.past_points[:, points] * _FLIP,
-        future_points=answers.future_points[:, points] * _FLIP,
-        past_error=answers.past_error[:, points],
-        future_error=answers.future_error[:, points],
-        past_bound=answers.past_bound[:, points],
-        future_bound=answers.future_bound[:, points],
-        past_contact=answers.past_contact[:, _OTHER_SIDE],
-        future_contact=answers.future_contact[:, _OTHER_SIDE],
-        measured=answers.measured[:, points],
-        turned=answers.turned[:, joints],
+        past=turns(passes.past),
+        future=turns(passes.future),
+        past_points=passes.past_points[:, points] * _FLIP,
+        future_points=passes.future_points[:, points] * _FLIP,
+        past_error=passes.past_error[:, points],
+        future_error=passes.future_error[:, points],
+        past_bound=passes.past_bound[:, points],
+        future_bound=passes.future_bound[:, points],
+        past_contact=passes.past_contact[:, _OTHER_SIDE],
+        future_contact=passes.future_contact[:, _OTHER_SIDE],
+        measured=passes.measured[:, points],
+        turned=passes.turned[:, joints],
     )
 
 
-def features(answers: TwoAnswers) -> Array:
+def features(passes: PassPair) -> Array:
     """Return what the network reads of each frame (T, F): the mean body, how the answers differ, and what is tracked.
 
     Places are in the heading of the mean pelvis, so that a walk to the north is a walk to the east. Numbers are scaled
     to about 1.
     """
-    skeleton, frames = answers.skeleton, len(answers.share)
+    skeleton, frames = passes.skeleton, len(passes.share)
     body, head = skeleton.indices(BODY), skeleton.index("head")
-    mean = mean_rotation(answers.past, answers.future, answers.share[:, None, None])
+    mean = mean_rotation(passes.past, passes.future, passes.share[:, None, None])
     position = np.asarray(forward_kinematics(Pose(skeleton, np.zeros((frames, 3)), mean))[0])
     level = quaternion_conjugate(heading(mean[:, 0]))
-    top = placed_head(answers)
+    top = joined_head(passes)
 
     def ahead(vector: Array) -> Array:
         return quaternion_rotate(level.reshape(-1, *(1,) * (vector.ndim - 2), 4), vector)
 
     turn = np.concatenate([quaternion_multiply(level, mean[:, 0])[:, None], mean[:, body[1:]]], axis=1)
     from_head = position[:, body] - position[:, [head]]
-    apart = quaternion_log(quaternion_multiply(quaternion_conjugate(answers.past[:, body]), answers.future[:, body]))
-    between = answers.future_points[:, body] - answers.past_points[:, body]
-    speed = np.diff(top, axis=0, prepend=top[:1]) / answers.seconds
+    apart = quaternion_log(quaternion_multiply(quaternion_conjugate(passes.past[:, body]), passes.future[:, body]))
+    between = passes.future_points[:, body] - passes.past_points[:, body]
+    speed = np.diff(top, axis=0, prepend=top[:1]) / passes.seconds
     length = np.linalg.norm(skeleton.rest_offset[body], axis=-1)
     parts = (
         quaternion_to_matrix(turn)[..., :2],
         2 * apart,
         2 * ahead(from_head),
         5 * ahead(between),
-        answers.measured[:, body],
-        answers.turned[:, body],
-        *(
-            (np.log(np.maximum(one[:, body], _LEAST_ERROR)) + 3) / 2
-            for one in (answers.past_error, answers.future_error)
-        ),
-        answers.past_contact,
-        answers.future_contact,
-        answers.share[:, None],
-        1.5 * (top[:, None, 1] + from_head[..., 1] - answers.floor),
+        passes.measured[:, body],
+        passes.turned[:, body],
+        *((np.log(np.maximum(one[:, body], _LEAST_ERROR)) + 3) / 2 for one in (passes.past_error, passes.future_error)),
+        passes.past_contact,
+        passes.future_contact,
+        passes.share[:, None],
+        1.5 * (top[:, None, 1] + from_head[..., 1] - passes.floor),
         ahead(speed),
         np.broadcast_to(3 * length, (frames, len(length))),
     )
     return np.concatenate([np.asarray(part, dtype=np.float32).reshape(frames, -1) for part in parts], axis=1)
 
 
-def placed_head(answers: TwoAnswers) -> Array:
+def joined_head(passes: PassPair) -> Array:
     """Return where the joined head is, (T, 3) m: where it is tracked, else between both answers."""
-    head = answers.skeleton.index("head")
-    past, future = answers.past_points[:, head], answers.future_points[:, head]
-    share = np.where(answers.measured[:, head], 0.5, answers.share)[:, None]
+    head = passes.skeleton.index("head")
+    past, future = passes.past_points[:, head], passes.future_points[:, head]
+    share = np.where(passes.measured[:, head], 0.5, passes.share)[:, None]
     return (1 - share) * past + share * future
 
 
@@ -165,46 +162,46 @@ class JoiningNetwork:
     tensors: Mapping[str, Array]  # float32
     card: dict[str, Any]  # the file's metadata
 
-    def __call__(self, answers: TwoAnswers) -> Joining:
+    def __call__(self, passes: PassPair) -> Joining:
         """Return how both answers become one.
 
         A joint outside `BODY` follows the plain mean, and so does a trunk whose pelvis, chest and head are tracked.
         """
-        skeleton = answers.skeleton
+        skeleton = passes.skeleton
         body, partner = np.array(skeleton.indices(BODY)), np.asarray(skeleton.mirror)
         places = {joint: place for place, joint in enumerate(body.tolist())}
         swap = [places[int(partner[joint])] for joint in body]
-        turn, odds, larger = self._asked(answers)
-        other_turn, other_odds, other_larger = self._asked(mirrored(answers))
+        turn, odds, larger = self._run(passes)
+        other_turn, other_odds, other_larger = self._run(mirrored(passes))
         turn = (turn + other_turn[:, swap] * np.array([1.0, -1.0, -1.0])) / 2
         odds = (odds + other_odds[:, swap]) / 2
         larger = (larger + other_larger[:, swap]) / 2
-        share = np.repeat(answers.share[:, None], len(skeleton.joints), axis=1)
+        share = np.repeat(passes.share[:, None], len(skeleton.joints), axis=1)
         beyond = np.zeros((*share.shape, 3))
-        share[:, body] = moved_share(share[:, body], odds)
+        share[:, body] = shift_share(share[:, body], odds)
         beyond[:, body] = turn
-        held = answers.measured[:, skeleton.indices(_HOLDING)].all(axis=1)
+        held = passes.measured[:, skeleton.indices(_HOLDING)].all(axis=1)
         for joint in skeleton.indices(_TRUNK).tolist():
-            share[held, joint], beyond[held, joint] = answers.share[held], 0.0
-        return Joining(share, beyond, *self._errors(answers, larger))
+            share[held, joint], beyond[held, joint] = passes.share[held], 0.0
+        return Joining(share, beyond, *self._errors(passes, larger))
 
-    def _errors(self, answers: TwoAnswers, larger: Array) -> tuple[Array, Array]:
+    def _errors(self, passes: PassPair, larger: Array) -> tuple[Array, Array]:
         """The expected errors (T, P) m and their bounds, from by how much their logarithms (T, 22) are larger."""
-        body = answers.skeleton.indices(BODY)
-        error = (answers.past_error + answers.future_error) / 2
-        bound = (answers.past_bound + answers.future_bound) / 2
-        hidden, (middle, spread) = ~answers.measured[:, body], expected(answers)
+        body = passes.skeleton.indices(BODY)
+        error = (passes.past_error + passes.future_error) / 2
+        bound = (passes.past_bound + passes.future_bound) / 2
+        hidden, (middle, spread) = ~passes.measured[:, body], expected_log_errors(passes)
         found = np.exp(middle + larger + self.tensors["error_offset"])
         error[:, body] = np.where(hidden, found, error[:, body])
         bound[:, body] = np.where(hidden, found * np.exp(spread + self.tensors["bound_offset"]), bound[:, body])
         return error, bound
 
-    def _asked(self, answers: TwoAnswers) -> tuple[Array, Array, Array]:
+    def _run(self, passes: PassPair) -> tuple[Array, Array, Array]:
         """The turn (T, 22, 3) rad, and what is added to the log odds (T, 22) of shares and to logarithms of errors."""
-        frames = len(answers.share)
-        time = np.arange(frames) * answers.seconds
+        frames = len(passes.share)
+        time = np.arange(frames) * passes.seconds
         ticks = np.arange(int(np.ceil(time[-1] * RATE - 1e-6)) + 1) / RATE
-        found = _interpolated(time, self.outputs(_interpolated(ticks, features(answers), time)), ticks)
+        found = _interpolated(time, self.outputs(_interpolated(ticks, features(passes), time)), ticks)
         turn, odds, larger = np.split(found, [3 * JOINTS, 4 * JOINTS], axis=1)
         return turn.reshape(frames, JOINTS, 3), odds, larger
 
@@ -222,17 +219,17 @@ class JoiningNetwork:
         return _silu(hidden) @ given["outward.weight"].T + given["outward.bias"]
 
 
-def expected(answers: TwoAnswers) -> tuple[Array, Array]:
+def expected_log_errors(passes: PassPair) -> tuple[Array, Array]:
     """Return logarithms (T, 22) of the mean of both expected errors in m, and of how much larger bounds are."""
-    body = answers.skeleton.indices(BODY)
+    body = passes.skeleton.indices(BODY)
     one, other, low, high = (
         np.log(np.maximum(values[:, body], _LEAST_ERROR))
-        for values in (answers.past_error, answers.future_error, answers.past_bound, answers.future_bound)
+        for values in (passes.past_error, passes.future_error, passes.past_bound, passes.future_bound)
     )
     return (one + other) / 2, (low + high - one - other) / 2
 
 
-def moved_share(share: Array, odds: Array) -> Array:
+def shift_share(share: Array, odds: Array) -> Array:
     """Return shares (...,) whose log odds are larger by `odds`."""
     share = np.clip(share, 1e-3, 1 - 1e-3)
     return 1 / (1 + (1 - share) / share * np.exp(-odds))

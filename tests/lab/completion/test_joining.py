@@ -13,8 +13,8 @@ import torch
 from bodysense.body.pose import forward_kinematics
 from bodysense.body.rotation import geodesic_angle, quaternion_exp, quaternion_multiply
 from bodysense.body.skeleton import BODY
-from bodysense.completion.joining import kept_turns, mean_rotation
-from bodysense.completion.joining_network import load_joining, moved_share
+from bodysense.completion.joining import keep_tracked_rotations, mean_rotation
+from bodysense.completion.joining_network import load_joining, shift_share
 from bodysense.demo import packaged_performance
 from bodysense.errors import BodysenseError
 from bodysense_lab.completion import joining_takes
@@ -107,7 +107,7 @@ def test_the_learned_body_is_the_shown_one(takes: list[JoinedTake]) -> None:
     world, offset = (torch.from_numpy(one.astype(np.float64)) for one in (take.world, take.rest_offset))
     _, local = placed(learned, offset, world, torch.from_numpy(turned))
 
-    share = moved_share(take.share.astype(float)[:, None], odds)
+    share = shift_share(take.share.astype(float)[:, None], odds)
     mean = mean_rotation(take.past.astype(float), take.future.astype(float), share[..., None])
     shown = np.zeros((len(take), len(skeleton.joints), 4))
     shown[..., 0] = 1
@@ -115,7 +115,7 @@ def test_the_learned_body_is_the_shown_one(takes: list[JoinedTake]) -> None:
     whole, has = shown.copy(), np.zeros(shown.shape[:2], dtype=bool)
     shown[:, body] = quaternion_multiply(mean, quaternion_exp(turn))
     whole[:, body], has[:, body] = take.world, turned
-    shown = kept_turns(skeleton, shown, whole, has)
+    shown = keep_tracked_rotations(skeleton, shown, whole, has)
     assert geodesic_angle(local.numpy(), shown[:, body]).max() < 1e-3  # quaternions of a file have three digits
 
 

@@ -14,8 +14,8 @@ from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.retarget import retargeted
 from bodysense.body.shape import sample_bodies
 from bodysense.body.skeleton import BODY, LEG
-from bodysense.completion.bridging import bridged
-from bodysense.completion.joining_network import TwoAnswers, expected, features, placed_head
+from bodysense.completion.bridging import bridge_gaps
+from bodysense.completion.joining_network import PassPair, expected_log_errors, features, joined_head
 from bodysense.devices.simulated.noise import hide
 from bodysense.devices.simulated.sensors import SENSOR_SETS, SensorSet
 from bodysense.io.clip import Clip
@@ -135,31 +135,31 @@ def _with_holes(scene: TrackedScene, rng: np.random.Generator) -> Observation:
 def take_of(scene: TrackedScene, seen: Observation) -> JoinedTake:
     """Return both answers of a scene of a known body, and the truth."""
     tracker = TwoWayTracker(Person(scene.skeleton), None, TrackerSettings())
-    seen = bridged(seen, 1 / RATE)
+    seen = bridge_gaps(seen, 1 / RATE)
     forward, _ = tracker.tracker.step(seen, tracker.tracker.start())
-    answers = tracker.answers(forward, tracker.backward(seen), tracker.turned(seen), 1 / RATE)
+    passes = tracker.passes(forward, tracker.backward(seen), tracker.turned(seen), 1 / RATE)
     world = np.asarray(forward_kinematics(forward.pose)[1])
-    return _as_learned(answers, world, scene.pose)
+    return _as_learned(passes, world, scene.pose)
 
 
-def _as_learned(answers: TwoAnswers, world: np.ndarray, truth: Pose) -> JoinedTake:
-    skeleton = answers.skeleton
+def _as_learned(passes: PassPair, world: np.ndarray, truth: Pose) -> JoinedTake:
+    skeleton = passes.skeleton
     body = skeleton.indices(BODY)
     place = np.asarray(forward_kinematics(truth)[0])[:, skeleton.index("head")]
     half, single = np.float16, np.float32
-    middle, spread = expected(answers)
+    middle, spread = expected_log_errors(passes)
     return JoinedTake(
-        features=features(answers).astype(half),
-        past=answers.past[:, body].astype(half),
-        future=answers.future[:, body].astype(half),
-        share=answers.share.astype(single),
+        features=features(passes).astype(half),
+        past=passes.past[:, body].astype(half),
+        future=passes.future[:, body].astype(half),
+        share=passes.share.astype(single),
         world=world[:, body].astype(half),
-        turned=answers.turned[:, body],
-        head=placed_head(answers).astype(single),
+        turned=passes.turned[:, body],
+        head=joined_head(passes).astype(single),
         truth=np.asarray(truth.rotation)[:, body].astype(half),
         true_head=place.astype(single),
         rest_offset=skeleton.rest_offset[body].astype(single),
-        hidden=~answers.measured[:, body],
+        hidden=~passes.measured[:, body],
         expected=middle.astype(half),
         spread=spread.astype(half),
     )

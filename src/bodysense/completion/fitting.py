@@ -20,12 +20,12 @@ from bodysense.body.rotation import (
 from bodysense.body.skeleton import Skeleton
 
 Array = np.ndarray
-BESIDE = 0.25  # s in which a limb comes to a place where it is tracked, and leaves it
+FADE_TIME = 0.25  # s in which a limb comes to a place where it is tracked, and leaves it
 STRAIGHT = 0.02  # m from the line of a limb to its middle joint: if it is nearer, the side on which it is means little
 ENDS = ("left_wrist", "right_wrist", "left_ankle", "right_ankle")
 
 
-def bent_to(pose: Pose, points: Array, measured: Array, seconds: float) -> Pose:
+def fit_limbs(pose: Pose, points: Array, measured: Array, seconds: float) -> Pose:
     """The pose (T,) with wrists and ankles that are `measured` at their points, and elbows and knees likewise.
 
     A limb bends in the plane in which it lies; hands and feet keep their rotations in the world. Before and after
@@ -50,7 +50,7 @@ def bent_to(pose: Pose, points: Array, measured: Array, seconds: float) -> Pose:
         middle = skeleton.parents[tip]
         seen, ends = measured[:, middle], measured[:, tip]
         if seen.any():
-            angle = carried_beside(_swivel(met, tip, points)[:, None], seen, seconds)[:, 0]
+            angle = fade_offsets(_swivel(met, tip, points)[:, None], seen, seconds)[:, 0]
             beside = ends & ~seen & (angle != 0)
             _turn_about_limb(met[beside], tip, angle[beside], beside, rotation)
             _turn_at_middle(met[seen], tip, points[seen], seen, rotation)
@@ -58,28 +58,28 @@ def bent_to(pose: Pose, points: Array, measured: Array, seconds: float) -> Pose:
     return Pose(skeleton, pose.root_position, rotation)
 
 
-def _fade_turns(pose: Pose, world: Array, tip: int, moved: Array, seconds: float, rotation: Array) -> None:
-    """Fade by what a limb was turned in frames that `moved` (T,), in local rotations (T, J, 4) of frames beside them.
+def _fade_turns(pose: Pose, world: Array, tip: int, tracked: Array, seconds: float, rotation: Array) -> None:
+    """Fade by what a limb was turned in frames that `tracked` (T,), in local rotations (T, J, 4) of frames beside them.
 
     Turns fade, not places: a leg that is nearly straight bends far for a small change of its length.
     """
-    if moved.all() or not moved.any():
+    if tracked.all() or not tracked.any():
         return
     skeleton, middle = pose.skeleton, pose.skeleton.parents[tip]
     first = skeleton.parents[middle]
     joints = [first, middle]
     before = np.asarray(pose.rotation)[:, joints]
     turn = quaternion_log(quaternion_multiply(quaternion_conjugate(before), rotation[:, joints]))
-    turn = carried_beside(np.asarray(turn).reshape(len(moved), 6), moved, seconds).reshape(-1, 2, 3)
-    beside = ~moved & turn.any(axis=(1, 2))
+    turn = fade_offsets(np.asarray(turn).reshape(len(tracked), 6), tracked, seconds).reshape(-1, 2, 3)
+    beside = ~tracked & turn.any(axis=(1, 2))
     local = quaternion_multiply(before[beside], quaternion_exp(turn[beside]))
     above = quaternion_multiply(world[beside, skeleton.parents[first]], local[:, 0])
     _set_limb(skeleton, tip, world[beside], above, quaternion_multiply(above, local[:, 1]), beside, rotation)
 
 
-def carried_beside(offset: Array, measured: Array, seconds: float) -> Array:
+def fade_offsets(offset: Array, measured: Array, seconds: float) -> Array:
     """Return offsets (T, N) in which those of frames that are `measured` (T,) go on into the others, and fade there."""
-    found, count = np.where(measured[:, None], offset, 0.0), max(1, round(BESIDE / seconds))
+    found, count = np.where(measured[:, None], offset, 0.0), max(1, round(FADE_TIME / seconds))
     for first, end in runs(~measured):
         for frame, steps in ((first - 1, np.arange(1, end - first + 1)), (end, np.arange(end - first, 0, -1))):
             if 0 <= frame < len(offset):
@@ -97,12 +97,12 @@ def _swivel(pose: Pose, tip: int, points: Array) -> Array:
     start = position[:, pose.skeleton.parents[middle]]
     axis = position[:, tip] - start
     axis = axis / np.maximum(np.linalg.norm(axis, axis=-1, keepdims=True), 1e-9)
-    shown, wanted = (
+    current, wanted = (
         place - start - ((place - start) * axis).sum(axis=-1, keepdims=True) * axis
         for place in (position[:, middle], points[:, middle])
     )
-    bent = np.minimum(np.linalg.norm(shown, axis=-1), np.linalg.norm(wanted, axis=-1)) > STRAIGHT
-    angle = np.arctan2((np.cross(shown, wanted) * axis).sum(axis=-1), (shown * wanted).sum(axis=-1))
+    bent = np.minimum(np.linalg.norm(current, axis=-1), np.linalg.norm(wanted, axis=-1)) > STRAIGHT
+    angle = np.arctan2((np.cross(current, wanted) * axis).sum(axis=-1), (current * wanted).sum(axis=-1))
     return np.where(bent, angle, 0.0)
 
 
@@ -144,7 +144,7 @@ def _set_limb(
         rotation[where, joint] = quaternion_canonical(quaternion_multiply(quaternion_conjugate(base), to))
 
 
-def trunk_met(pose: Pose, points: Array, measured: Array) -> Pose:
+def fit_trunk(pose: Pose, points: Array, measured: Array) -> Pose:
     """The pose (T,) whose spine points from the head to the pelvis, where both are `measured` and the chest is not.
 
     The spine turns about the head as one piece; head and pelvis keep their rotations in the world. What is left is how
@@ -174,10 +174,10 @@ def trunk_met(pose: Pose, points: Array, measured: Array) -> Pose:
     return Pose(skeleton, root, rotation)
 
 
-def hips_met(pose: Pose, points: Array, measured: Array, turned: Array, seconds: float) -> Pose:
+def fit_hips(pose: Pose, points: Array, measured: Array, turned: Array, seconds: float) -> Pose:
     """The pose (T,) moved so that both hips, where they are `measured`, are at their points.
 
-    Limbs bend as in `bent_to`; collars and feet turn to measured shoulders and balls.
+    Limbs bend as in `fit_limbs`; collars and feet turn to measured shoulders and balls.
 
     Args:
         pose: (T,).
@@ -189,18 +189,18 @@ def hips_met(pose: Pose, points: Array, measured: Array, turned: Array, seconds:
     position = np.asarray(forward_kinematics(pose)[0])
     hips = pose.skeleton.indices(["left_hip", "right_hip"])
     seen = np.asarray(measured[:, hips].all(axis=1))
-    off = carried_beside((points - position)[:, hips].mean(axis=1), seen, seconds)
+    off = fade_offsets((points - position)[:, hips].mean(axis=1), seen, seconds)
     pose = Pose(pose.skeleton, pose.root_position + off, pose.rotation)
     for side in ("left", "right"):
-        pose = _aimed(pose, f"{side}_collar", f"{side}_shoulder", points, measured & ~turned)
+        pose = _aim_joint(pose, f"{side}_collar", f"{side}_shoulder", points, measured & ~turned)
     position = np.asarray(forward_kinematics(pose)[0])
-    pose = bent_to(pose, np.where(measured[..., None], points, position), measured, seconds)
+    pose = fit_limbs(pose, np.where(measured[..., None], points, position), measured, seconds)
     for side in ("left", "right"):
-        pose = _aimed(pose, f"{side}_ankle", f"{side}_foot", points, measured & ~turned)
+        pose = _aim_joint(pose, f"{side}_ankle", f"{side}_foot", points, measured & ~turned)
     return pose
 
 
-def _aimed(pose: Pose, joint: str, end: str, points: Array, measured: Array) -> Pose:
+def _aim_joint(pose: Pose, joint: str, end: str, points: Array, measured: Array) -> Pose:
     """Turn a joint so that its `end` is toward its `measured` point (T, P, 3); the end keeps its rotation."""
     skeleton, (position, world) = pose.skeleton, (np.asarray(part) for part in forward_kinematics(pose))
     first, last = skeleton.indices([joint, end])

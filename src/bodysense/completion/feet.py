@@ -8,8 +8,8 @@ from bodysense.body.footing import side_clearance, stopped_slide
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.reach import reaching
 from bodysense.body.skeleton import Skeleton
+from bodysense.completion.fitting import fade_offsets
 from bodysense.completion.joining import smoothed
-from bodysense.completion.meeting import carried_beside
 from bodysense.estimate import CONTACT_POINTS
 
 Array = np.ndarray
@@ -25,7 +25,7 @@ STEADY = 0.7  # m/s: a head that moves faster up or down jumps, sits down or ris
 _SIDES = ("left", "right")
 
 
-def on_floor(pose: Pose, contact: Array, measured: Array, turned: Array, floor: float, seconds: float) -> Pose:
+def plant_feet(pose: Pose, contact: Array, measured: Array, turned: Array, floor: float, seconds: float) -> Pose:
     """The pose (T,) with feet that stand held in place and low, and soles that are not under the floor.
 
     One foot of a body that stands is on the floor at least.
@@ -50,8 +50,8 @@ def on_floor(pose: Pose, contact: Array, measured: Array, turned: Array, floor: 
         for side in _SIDES
     }
     stands = {side: np.clip((one.max(axis=1) - LOW) / (LOWEST - LOW), 0.0, 1.0) for side, one in chances.items()}
-    sole = HOVER * (1 - STILL * lasting(np.minimum(*stands.values()), seconds))
-    hovers = upright(position, skeleton, floor, seconds) * (np.minimum(*clearance.values()) - sole)
+    sole = HOVER * (1 - STILL * sustained(np.minimum(*stands.values()), seconds))
+    hovers = upright_share(position, skeleton, floor, seconds) * (np.minimum(*clearance.values()) - sole)
     hovers = np.where(np.logical_and(*free.values()), np.clip(hovers, 0.0, FARTHEST_DOWN), 0.0)
     for side in _SIDES:
         if not free[side].any():
@@ -63,13 +63,13 @@ def on_floor(pose: Pose, contact: Array, measured: Array, turned: Array, floor: 
         over = np.maximum(stands[side] * np.clip(clearance[side] - sole, 0.0, FARTHEST), hovers)
         lower = away * smoothed(over, LOWERING / seconds)
         deep = np.maximum(0.0, -clearance[side])
-        allowed = carried_beside(deep[:, None], ~free[side], seconds)[:, 0]  # tracked feet may be under the floor
+        allowed = fade_offsets(deep[:, None], ~free[side], seconds)[:, 0]  # tracked feet may be under the floor
         shift[:, 1] = np.where(free[side], np.maximum(0.0, deep - allowed) - lower, 0.0)
         pose = reaching(pose, f"{side}_ankle", position[:, skeleton.index(f"{side}_ankle")] + shift)
     return pose
 
 
-def lasting(share: Array, seconds: float) -> Array:
+def sustained(share: Array, seconds: float) -> Array:
     """Return shares (T,) of what is so for `LASTING` seconds, before or after a frame, smoothed over that time."""
     frames = max(1, round(LASTING / seconds))
     padded = np.pad(share, frames, mode="edge")
@@ -77,7 +77,7 @@ def lasting(share: Array, seconds: float) -> Array:
     return smoothed(np.maximum(least[:-frames], least[frames:]), LASTING / 2 / seconds)
 
 
-def upright(position: Array, skeleton: Skeleton, floor: float, seconds: float) -> Array:
+def upright_share(position: Array, skeleton: Skeleton, floor: float, seconds: float) -> Array:
     """Return how surely a body stands or walks, (T,) in [0, 1]: 0 if it sits, lies or jumps.
 
     Args:

@@ -9,7 +9,7 @@ from body_poses import no_points, places_of
 from bodysense.body.footing import side_clearance
 from bodysense.body.pose import Pose
 from bodysense.body.rotation import quaternion_exp
-from bodysense.completion.standing import lasting, on_floor
+from bodysense.completion.feet import plant_feet, sustained
 from bodysense.estimate import CONTACT_POINTS
 
 SECONDS = 1 / 30
@@ -28,7 +28,7 @@ def heights(pose: Pose, chance: float, floor: float) -> tuple[np.ndarray, np.nda
     """How high the soles (T,) are over the floor, before and after feet of these contacts are held."""
     shins = np.zeros((len(pose.rotation), len(pose.skeleton.joints)), dtype=bool)
     contact = np.full((len(pose.rotation), len(CONTACT_POINTS)), chance)
-    held = on_floor(pose, contact, no_points(pose), shins, floor, SECONDS)
+    held = plant_feet(pose, contact, no_points(pose), shins, floor, SECONDS)
     before, after = (side_clearance(places_of(one)[0], pose.skeleton, "left") - floor for one in (pose, held))
     return before, after
 
@@ -77,7 +77,7 @@ def test_those_who_stand_still_stand_low(pose: Pose, still: bool) -> None:
     if not still:
         contact[:, [place for place, name in enumerate(CONTACT_POINTS) if name.startswith("right")]] = 0.0
     shins = np.zeros((len(bent.rotation), len(pose.skeleton.joints)), dtype=bool)
-    held = on_floor(bent, contact, no_points(bent), shins, floor, SECONDS)
+    held = plant_feet(bent, contact, no_points(bent), shins, floor, SECONDS)
     height = side_clearance(places_of(held)[0], pose.skeleton, "left") - floor
     assert height.max() < 0.006 if still else height.min() > 0.0085
 
@@ -89,7 +89,7 @@ def test_a_tracked_foot_under_the_floor_comes_up_gradually(pose: Pose) -> None:
     measured[30:60, pose.skeleton.index("left_ankle")] = True
     shins = np.zeros((len(pose.rotation), len(pose.skeleton.joints)), dtype=bool)
     contact = np.zeros((len(pose.rotation), len(CONTACT_POINTS)))
-    held = on_floor(pose, contact, measured, shins, floor, SECONDS)
+    held = plant_feet(pose, contact, measured, shins, floor, SECONDS)
     height = side_clearance(places_of(held)[0], pose.skeleton, "left") - floor
     before = side_clearance(places_of(pose)[0], pose.skeleton, "left") - floor
     np.testing.assert_allclose(height[30:60], before[30:60], atol=1e-3)
@@ -102,7 +102,7 @@ def test_what_lasts() -> None:
     share = np.zeros(90)
     share[10:13] = 1.0
     share[40:60] = 1.0
-    found = lasting(share, SECONDS)
+    found = sustained(share, SECONDS)
     assert found[:30].max() < 0.01 and found[46:54].min() > 0.9
     assert np.abs(np.diff(found)).max() < 0.15
 
@@ -113,7 +113,7 @@ def test_feet_that_stand_are_held_but_for_legs_with_tracked_shins(pose: Pose) ->
     contact, shins = np.ones((frames, len(CONTACT_POINTS))), np.zeros((frames, len(skeleton.joints)), dtype=bool)
     shins[:, skeleton.index("left_knee")] = True
     low = places_of(pose)[0][..., 1].min()
-    held = on_floor(sliding, contact, no_points(pose), shins, low, SECONDS)
+    held = plant_feet(sliding, contact, no_points(pose), shins, low, SECONDS)
     left, right = (
         [skeleton.index(f"{side}_{part}") for part in ("hip", "knee", "ankle")] for side in ("left", "right")
     )
