@@ -7,7 +7,7 @@ import pytest
 
 from bodysense.body.person import Person
 from bodysense.body.pose import forward_kinematics
-from bodysense.body.retarget import retargeted
+from bodysense.body.retarget import retarget
 from bodysense.body.rotation import geodesic_angle
 from bodysense.body.shape import sample_bodies
 from bodysense.body.skeleton import BODY, default_skeleton
@@ -24,7 +24,7 @@ def performance(body: int, frames: int) -> Clip:
     """The packaged performance on a body that was never in training."""
     clip = packaged_performance()
     skeleton = default_skeleton().with_offsets(sample_bodies("test", body + 1)[body])
-    return replace(clip, pose=retargeted(clip.pose[:frames], skeleton))
+    return replace(clip, pose=retarget(clip.pose[:frames], skeleton))
 
 
 def completed(clip: Clip, observation: Observation, ease: float = 0.25) -> np.ndarray:

@@ -15,7 +15,7 @@ from bodysense.body.rotation import geodesic_angle
 from bodysense.demo import packaged_performance
 from bodysense.errors import BodysenseError
 from bodysense.estimate import CONTACT_POINTS
-from bodysense.filling import expected_deviations, filled, observed, on_feet, open_partial
+from bodysense.filling import expected_deviations, fill_rotations, hold_filled_feet, known_points, open_partial
 from bodysense.io.bvh import read_bvh, write_bvh
 from bodysense.io.bvh_text import BvhFile, open_bvh
 from bodysense.io.clip import Clip
@@ -155,7 +155,7 @@ def test_the_same_hole_on_a_rig_with_other_axes_is_filled_alike(steps: Clip, tmp
 
 
 def test_what_is_there_is_observed_exactly(take: Path, steps: Clip) -> None:
-    seen = observed(open_partial(take, missing_items("left_elbow:10-20")))
+    seen = known_points(open_partial(take, missing_items("left_elbow:10-20")))
     skeleton = steps.pose.skeleton
     hidden = {name for name, has in zip(seen.points, seen.has_position[15], strict=True) if not has}
     assert {"left_wrist", "left_index1", "left_thumb_tip"} <= hidden
@@ -238,8 +238,8 @@ def test_filled_feet_that_stand_do_not_slide(steps: Clip) -> None:
     """Beside legs that are filled and left as they are; frames and joints that are known keep every bit."""
     partial = open_partial(steps, missing_items("left_hip+:20-60"))
     done = track(steps, missing="left_hip+:20-60")
-    contact, rotation = done.estimate.contact, filled(partial, done.estimate.pose)
-    held, free = (on_feet(partial, rotation, chance, 0.0) for chance in (contact, np.zeros_like(contact)))
+    contact, rotation = done.estimate.contact, fill_rotations(partial, done.estimate.pose)
+    held, free = (hold_filled_feet(partial, rotation, chance, 0.0) for chance in (contact, np.zeros_like(contact)))
     np.testing.assert_array_equal(held[~partial.missing], partial.rotation[~partial.missing])
     rests = contact[:, [CONTACT_POINTS.index("left_ankle"), CONTACT_POINTS.index("left_foot")]].max(axis=1) > 0.6
     both = rests[21:60] & rests[20:59]

@@ -247,7 +247,7 @@ def test_reprs_are_short(short: bs.Clip) -> None:
     gloves = bs.glove_device(short.pose.skeleton)
     assert f"{gloves} {gloves.start()}" == "GloveDevice(left and right hand) GloveState(no frame)"
     assert repr(state) == "TrackerState(Person(1.80 m, known height) at 1.3 s)"
-    assert re.fullmatch(r"PointOfEstimate\(head, 40 frames, expected error \d\.\d cm\)", repr(take.estimate["head"]))
+    assert re.fullmatch(r"EstimatedPoint\(head, 40 frames, expected error \d\.\d cm\)", repr(take.estimate["head"]))
     assert repr(seen) == (
         "Observation(40 frames at 30 Hz, 100% tracked: head, left_wrist, right_wrist, pelvis, left_ankle, right_ankle)"
     )

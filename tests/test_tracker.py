@@ -8,7 +8,7 @@ from worn_trackers import strapped
 
 from bodysense.body.person import Person
 from bodysense.body.pose import forward_kinematics
-from bodysense.body.retarget import retargeted
+from bodysense.body.retarget import retarget
 from bodysense.body.rigid import RigidTransform
 from bodysense.body.rotation import quaternion_exp, quaternion_multiply, quaternion_rotate
 from bodysense.body.shape import sample_bodies, stature
@@ -31,7 +31,7 @@ def performance(body: int | None = None, frames: int = FRAMES):
     if body is None:
         return clip
     skeleton = default_skeleton().with_offsets(sample_bodies("test", body + 1)[body])
-    return replace(clip, pose=retargeted(clip.pose, skeleton))
+    return replace(clip, pose=retarget(clip.pose, skeleton))
 
 
 def seen(clip, name: str) -> Observation:

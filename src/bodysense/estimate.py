@@ -15,7 +15,7 @@ CONTACT_POINTS = ("left_ankle", "right_ankle", "left_foot", "right_foot")  # the
 
 
 @dataclass(frozen=True, eq=False)
-class PointOfEstimate:
+class EstimatedPoint:
     """One point of an estimate, over its frames."""
 
     name: str
@@ -27,7 +27,7 @@ class PointOfEstimate:
 
     def __repr__(self) -> str:
         frames = "×".join(map(str, self.measured.shape))
-        return f"PointOfEstimate({self.name}, {frames} frames, expected error {100 * self.confidence.mean():.1f} cm)"
+        return f"EstimatedPoint({self.name}, {frames} frames, expected error {100 * self.confidence.mean():.1f} cm)"
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,11 +47,11 @@ class Estimate:
     contact: np.ndarray  # (..., T, 4) probability that each of `CONTACT_POINTS` rests on something
     rest_offset: np.ndarray  # (..., T, P, 3) m
 
-    def __getitem__(self, name: str) -> PointOfEstimate:
+    def __getitem__(self, name: str) -> EstimatedPoint:
         """Return a point by its name. Raises BodysenseError, with the nearest names, for an unknown one."""
         skeleton = self.pose.skeleton
         k = skeleton.index(name)
-        return PointOfEstimate(
+        return EstimatedPoint(
             name,
             self.points[..., k, :],
             self.measured[..., k],

@@ -17,9 +17,9 @@ import numpy as np
 
 from bodysense.body import gaps
 from bodysense.body.coordination import ROOT, coordination, deviations
-from bodysense.body.footing import side_clearance, stopped_slide
+from bodysense.body.footing import side_clearance, stop_sliding
 from bodysense.body.pose import Pose, forward_kinematics, local_rotation
-from bodysense.body.reach import reaching
+from bodysense.body.reach import reach
 from bodysense.body.rotation import (
     quaternion_canonical,
     quaternion_conjugate,
@@ -90,7 +90,7 @@ def open_partial(source: Path | Clip, missing: Sequence[Missing], options: Readi
     lacking = part_joints(clip.lacks, clip.pose.skeleton.joints)
     rig, whole = own_joints(clip.pose.skeleton, lacking), np.asarray(clip.pose.rotation, dtype=float)
     holes = missing_mask(missing, rig.joints, rig.parents, len(clip), rig.ours)
-    rotation, rest = _rooted(clip.name, rig, whole, holes, 1 / clip.frame_rate)
+    rotation, rest = _fill_trunk(clip.name, rig, whole, holes, 1 / clip.frame_rate)
     return PartialMotion(replace(clip, pose=replace(clip.pose, rotation=rotation)), rig, rotation, holes, rest)
 
 
@@ -100,7 +100,7 @@ def _partial_file(path: Path, missing: Sequence[Missing], options: ReadingOption
     holes = missing_mask(missing, file.joints, file.parents, len(file.lines), rig.ours) | ~file.has_number
     if not missing:
         holes |= flat_lined(file, rig)
-    rotation, rest = _rooted(str(path), rig, file.rotation, holes, 1 / file.frame_rate)
+    rotation, rest = _fill_trunk(str(path), rig, file.rotation, holes, 1 / file.frame_rate)
     rooted = holes & ~rest
     if rooted.any():
         file = file.without_places(rooted).mended.with_rotation(rotation, rooted)
@@ -116,7 +116,7 @@ def _read(file: BvhFile, options: ReadingOptions) -> tuple[Clip, SourceJoints, s
     return rigged.clip, joints_of_file(file, rigged), rigged.rig.line()
 
 
-def _rooted(name: str, rig: SourceJoints, rotation: Array, holes: Array, seconds: float) -> tuple[Array, Array]:
+def _fill_trunk(name: str, rig: SourceJoints, rotation: Array, holes: Array, seconds: float) -> tuple[Array, Array]:
     """Interpolate the joints that carry the whole body over their gaps; return rotations and remaining holes."""
     rotation, holes = rotation.copy(), holes.copy()
     for joint in rig.trunk:
@@ -125,12 +125,12 @@ def _rooted(name: str, rig: SourceJoints, rotation: Array, holes: Array, seconds
                 f"{name}: {rig.joints[joint]!r} is missing in every frame, and everything hangs on it; "
                 f"give the frames in which it is, as {rig.joints[joint]}:10-40"
             )
-        rotation[:, joint] = gaps.filled(rotation[:, joint], holes[:, joint], seconds)
+        rotation[:, joint] = gaps.fill(rotation[:, joint], holes[:, joint], seconds)
         holes[:, joint] = False
     return rotation, holes
 
 
-def observed(motion: PartialMotion) -> Observation:
+def known_points(motion: PartialMotion) -> Observation:
     """Return the known parts as exact points of our skeleton."""
     clip, skeleton = motion.clip, motion.clip.pose.skeleton
     position, rotation = (np.asarray(part) for part in forward_kinematics(clip.pose))
@@ -159,15 +159,17 @@ def check_causal(motion: PartialMotion) -> None:
         )
 
 
-def filled_by(motion: PartialMotion, estimate: Estimate, floor: float = 0.0, *, causal: bool = False) -> Array:
+def fill_motion(motion: PartialMotion, estimate: Estimate, floor: float = 0.0, *, causal: bool = False) -> Array:
     """Return local rotations (T, J, 4) of the motion's joints, filled from a completed body (T,), with feet that stand.
 
     `floor` is the height of the floor in m. If `causal`, each frame is filled from itself and the frames before it.
     """
-    return on_feet(motion, filled(motion, estimate.pose, causal=causal), estimate.contact, floor, causal=causal)
+    return hold_filled_feet(
+        motion, fill_rotations(motion, estimate.pose, causal=causal), estimate.contact, floor, causal=causal
+    )
 
 
-def filled(motion: PartialMotion, estimate: Pose, *, causal: bool = False) -> Array:
+def fill_rotations(motion: PartialMotion, estimate: Pose, *, causal: bool = False) -> Array:
     """Return local rotations (T, J, 4) of the motion's joints: unchanged if known, else filled.
 
     `estimate` (T,) is the completed body on our joints. A joint that we do not have is interpolated over the gap, or
@@ -188,10 +190,10 @@ def filled(motion: PartialMotion, estimate: Pose, *, causal: bool = False) -> Ar
             gap, own = missing[:, joint], local[:, joint]
             if turn is None:
                 at_frame = partial(_trust_at, rig.ours, joint, missing)
-                local[:, joint] = gaps.continued(own, gap, seconds, given, at_frame, coasting)
+                local[:, joint] = gaps.continue_into_gaps(own, gap, seconds, given, at_frame, coasting)
             else:
                 trust = _trust(rig.ours, joint, missing)
-                local[:, joint] = gaps.filled(own, gap, seconds, given, trust, coasting, turn[:, joint])
+                local[:, joint] = gaps.fill(own, gap, seconds, given, trust, coasting, turn[:, joint])
         world[:, joint] = quaternion_multiply(above, local[:, joint])
     return local
 
@@ -226,7 +228,9 @@ def expected_deviations(motion: PartialMotion) -> Array:
     return result
 
 
-def on_feet(motion: PartialMotion, rotation: Array, contact: Array, floor: float, *, causal: bool = False) -> Array:
+def hold_filled_feet(
+    motion: PartialMotion, rotation: Array, contact: Array, floor: float, *, causal: bool = False
+) -> Array:
     """Bend the filled legs of a motion (T, J, 4) so that feet stand still and no sole is too low.
 
     A foot stands if `contact` (T, 4), the probability that each of `CONTACT_POINTS` rests on something, is high. A
@@ -240,7 +244,7 @@ def on_feet(motion: PartialMotion, rotation: Array, contact: Array, floor: float
     for side in ("left", "right"):
         leg = [rig.ours.get(f"{side}_{part}", -1) for part in ("hip", "knee", "ankle")]
         gone = np.asarray(motion.missing[:, leg].all(axis=1)) & (min(leg) >= 0)
-        gone = gone if causal else _long(gone, SHORT * motion.clip.frame_rate)
+        gone = gone if causal else _long_runs(gone, SHORT * motion.clip.frame_rate)
         if not gone.any():
             continue
         position = np.asarray(forward_kinematics(pose)[0])
@@ -248,19 +252,19 @@ def on_feet(motion: PartialMotion, rotation: Array, contact: Array, floor: float
         known = np.minimum(0.0, np.where(gone, 0.0, clearance))
         lowest = np.minimum.accumulate(known) if causal else known.min()
         resting = [name for name in CONTACT_POINTS if name.startswith(side)]
-        shift = stopped_slide(
+        shift = stop_sliding(
             position[:, skeleton.indices(resting)],
             contact[:, [CONTACT_POINTS.index(name) for name in resting]],
             gone & (not causal),
             1 / motion.clip.frame_rate,
         )
         shift[:, 1] = np.where(gone, np.maximum(0.0, lowest - clearance), 0.0)
-        pose = reaching(pose, f"{side}_ankle", position[:, skeleton.index(f"{side}_ankle")] + shift)
+        pose = reach(pose, f"{side}_ankle", position[:, skeleton.index(f"{side}_ankle")] + shift)
         bent[:, leg] |= shift.any(axis=1, keepdims=True)
-    return _turned_to(rig, rotation, rig.world(pose), bent)
+    return _with_world_rotations(rig, rotation, rig.world(pose), bent)
 
 
-def _turned_to(rig: SourceJoints, rotation: Array, wanted: Array, where: Array) -> Array:
+def _with_world_rotations(rig: SourceJoints, rotation: Array, wanted: Array, where: Array) -> Array:
     """Return local rotations (T, J, 4) that give joints `wanted` world rotations (T, J, 4) where `where` (T, J)."""
     local, world = np.array(rotation), np.zeros_like(rotation)
     for joint, parent in enumerate(rig.parents):
@@ -294,7 +298,7 @@ def _trust_at(ours: Mapping[str, int], joint: int, missing: Array, frame: int) -
     return _trust(ours, joint, missing[frame : frame + 1])
 
 
-def _long(gone: Array, fewest: float) -> Array:
+def _long_runs(gone: Array, fewest: float) -> Array:
     """Return the runs of (T,) bool with at least `fewest` frames."""
     result = np.zeros_like(gone)
     for first, end in gaps.runs(gone):
@@ -302,7 +306,7 @@ def _long(gone: Array, fewest: float) -> Array:
     return result
 
 
-def with_parts(motion: PartialMotion, estimate: Pose) -> PartialMotion:
+def with_missing_limbs(motion: PartialMotion, estimate: Pose) -> PartialMotion:
     """Take missing legs, arms or head of the motion from the completed body (T,)."""
     clip, skeleton = motion.clip, motion.clip.pose.skeleton
     own = [skeleton.index(name) for name in part_joints(clip.lacks, skeleton.joints) if name not in motion.rig.ours]

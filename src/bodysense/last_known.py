@@ -75,14 +75,14 @@ class Hold:
         """Complete T frames, one after the other."""
         position, rotation, has_position, has_rotation = observed_points(observation, self.skeleton)
         turned = np.where(has_rotation[:, self._head, None], rotation[:, self._head], [1.0, 0.0, 0.0, 0.0])
-        head = _held(position[:, self._head], has_position[:, self._head], state.head_position)
-        turn = _held(np.asarray(heading(turned)), has_rotation[:, self._head], state.head_heading)
+        head = _hold_values(position[:, self._head], has_position[:, self._head], state.head_position)
+        turn = _hold_values(np.asarray(heading(turned)), has_rotation[:, self._head], state.head_heading)
         axes = turn[:, None] if self.frame == "heading" else np.array([1.0, 0.0, 0.0, 0.0])
         middle = np.where(self._is_finger, 0.0, head[:, None])  # of points that are kept with the head
         origin = np.zeros(3) if self.frame == "world" else middle
         base = np.where(self._is_finger, position[:, self._origin], origin)
         measured = has_position & has_position[:, self._origin]
-        place = _held(quaternion_rotate(quaternion_conjugate(axes), position - base), measured, state.place)
+        place = _hold_values(quaternion_rotate(quaternion_conjugate(axes), position - base), measured, state.place)
         seen = np.logical_or.accumulate(np.concatenate([state.seen[None], measured]))[1:]
         standing = quaternion_rotate(turn[:, None], self._standing) + middle
         guess = np.where(seen[..., None], quaternion_rotate(axes, place) + origin, standing)
@@ -98,7 +98,7 @@ class Hold:
         return estimate, HoldState(place[-1], seen[-1], head[-1], turn[-1])
 
 
-def _held(values: np.ndarray, known: np.ndarray, first: np.ndarray) -> np.ndarray:
+def _hold_values(values: np.ndarray, known: np.ndarray, first: np.ndarray) -> np.ndarray:
     """Return values (T, …, D) in which those that are not known (T, …) are the last known ones, before them `first`."""
     frame = np.arange(len(values)).reshape(-1, *[1] * (known.ndim - 1))
     last = np.maximum.accumulate(np.where(known, frame, -1))[..., None]

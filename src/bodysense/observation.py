@@ -124,8 +124,8 @@ class Observation:
         """
         if not rate > 0:
             raise BodysenseError(f"from_arrays: rate {rate:g}; give frames a second, such as 30")
-        made = _of_named(position, rotation or {}, time, rate, accuracy, "from_arrays")
-        made = check_observation(in_our_world(made, unit, up), "from_arrays")
+        made = _from_named_points(position, rotation or {}, time, rate, accuracy, "from_arrays")
+        made = check_observation(convert_world(made, unit, up), "from_arrays")
         check_world(made, "from_arrays", unit=unit, up=up)
         return made
 
@@ -163,13 +163,13 @@ def observe(
         for value, kind, size in zip(pose, ("position", "rotation"), (3, 4), strict=True):
             if value is not None and (np.ndim(value) == 0 or np.shape(value)[-1] != size):
                 raise BodysenseError(f"{name}: its {kind} has shape {np.shape(value)}; give {size} numbers, or None")
-    made = _of_named(frames(0), frames(1), [time], 1.0, accuracy, "observe", tuple(poses))
-    made = check_observation(in_our_world(made, unit, up), "observe")
+    made = _from_named_points(frames(0), frames(1), [time], 1.0, accuracy, "observe", tuple(poses))
+    made = check_observation(convert_world(made, unit, up), "observe")
     check_world(made, "observe", unit=unit, up="y")  # one frame may be of a person who lies
     return made
 
 
-def _of_named(
+def _from_named_points(
     position: Mapping[str, ArrayLike],
     rotation: Mapping[str, ArrayLike],
     time: ArrayLike | None,
@@ -198,20 +198,20 @@ def _of_named(
     for point, values, size in given:
         columns[size][..., points.index(point), :] = values
     places, turns = columns[3], columns[4]
-    known, turned = (np.asarray(~np.isnan(values).all(axis=-1)) for values in (places, turns))
+    known, rotation_ok = (np.asarray(~np.isnan(values).all(axis=-1)) for values in (places, turns))
     usual = usual_accuracy(points) if accuracy is None else accuracy
     return Observation(
         points,
         places,
         turns,
         known,
-        turned,
+        rotation_ok,
         accuracy_like(known, usual),
         np.arange(lead[-1]) / rate if time is None else np.asarray(time, dtype=float),
     )
 
 
-def in_our_world(observation: Observation, unit: str | None, up: str | None) -> Observation:
+def convert_world(observation: Observation, unit: str | None, up: str | None) -> Observation:
     """Return an observation in metres and +Y up, from its unit and its upward axis; None: ours.
 
     Raises BodysenseError for units and axes that there are not.
@@ -250,7 +250,7 @@ def check_world(
         return
     top = observation.position[..., head, :][seen]  # (N, 3)
     height, depth = float(np.median(top[:, 1])) - floor, float(np.median(top[:, 2]))
-    rise = _rise(observation, head)
+    rise = _head_above_points(observation, head)
     size = abs(height) if rise is None else float(np.linalg.norm(rise))
     if unit is None and size > (_HIGHEST_HEAD if rise is None else _WIDEST):
         likely = "cm" if size < 100 * _WIDEST else "mm"
@@ -267,7 +267,7 @@ def check_world(
         )
 
 
-def _rise(observation: Observation, head: int) -> np.ndarray | None:
+def _head_above_points(observation: Observation, head: int) -> np.ndarray | None:
     """Return the median vector (3,) m from the middle of the other points of the body to its head; None without any."""
     others = [k for k, point in enumerate(observation.points) if k != head and glove_marker(point) is None]
     known = observation.has_position[..., others] & observation.has_position[..., [head]]
@@ -325,8 +325,8 @@ def check_observation(observation: Observation, name: str = "observation", farth
             f"{name}: time goes from {before} to {after} at frame {k}; "
             "times must increase: sort the frames and drop repeats"
         )
-    if not _is_sound(observation, farthest):
-        _refuse(observation, name, farthest)
+    if not _is_valid(observation, farthest):
+        _raise_invalid(observation, name, farthest)
     if observation.acceleration is not None:
         _check_acceleration(observation, observation.acceleration, name)
     return observation
@@ -346,16 +346,16 @@ def _check_acceleration(observation: Observation, acceleration: np.ndarray, name
         )
 
 
-def _is_sound(observation: Observation, farthest: float) -> bool:
+def _is_valid(observation: Observation, farthest: float) -> bool:
     """Whether everything that is tracked is finite, near, turned by unit quaternions and of positive accuracy."""
     accuracy, rotation = observation.accuracy, observation.rotation
     with np.errstate(all="ignore"):  # NaN compares false
-        placed = (np.abs(observation.position) <= farthest).all(axis=-1) & (accuracy > 0) & (accuracy < np.inf)
-        turned = np.abs(np.sqrt(np.einsum("...i,...i->...", rotation, rotation)) - 1) < UNIT_TOLERANCE
-    return bool((placed | ~observation.has_position).all() and (turned | ~observation.has_rotation).all())
+        position_ok = (np.abs(observation.position) <= farthest).all(axis=-1) & (accuracy > 0) & (accuracy < np.inf)
+        rotation_ok = np.abs(np.sqrt(np.einsum("...i,...i->...", rotation, rotation)) - 1) < UNIT_TOLERANCE
+    return bool((position_ok | ~observation.has_position).all() and (rotation_ok | ~observation.has_rotation).all())
 
 
-def _refuse(observation: Observation, name: str, farthest: float) -> None:
+def _raise_invalid(observation: Observation, name: str, farthest: float) -> None:
     """Raise BodysenseError for the first of the tracked values that is not as it must be."""
     for mask, field in (("has_position", "position"), ("has_rotation", "rotation")):
         present = getattr(observation, mask)

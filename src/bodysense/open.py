@@ -23,7 +23,7 @@ from bodysense.io.markers.options import NO_OPTIONS, MarkerOptions, is_marker_fi
 from bodysense.io.reading_options import AS_FOUND, ReadingOptions, given_options
 from bodysense.io.recording import Recording, is_recording, read_recording
 from bodysense.io.rigged import Rigged, read_rigged
-from bodysense.observation import Observation, in_our_world
+from bodysense.observation import Observation, convert_world
 
 if TYPE_CHECKING:
     from bodysense.filling import PartialMotion
@@ -84,7 +84,7 @@ class MotionSource:
         if self.path.suffix.lower() in (*_MANY_KINDS, *_GLTF):
             return *_read_motion(self.path, self.options, self.rate), _NOTHING_HELD
         rigged = read_rigged(MotionFile(self.path).read(), self.path, self.options)
-        held = _held_still(rigged) if self.bvh is not None and self.watches_limbs else _NOTHING_HELD
+        held = _still_limbs(rigged) if self.bvh is not None and self.watches_limbs else _NOTHING_HELD
         return rigged.clip, (f"read {self.path}: {rigged.rig.line()}",), held
 
     def with_holes(self, missing: str | Sequence[str]) -> PartialMotion:
@@ -167,20 +167,20 @@ def open_source(source: Source, reading: ReadingOptions = AS_FOUND, markers: Mar
     from bodysense.io.smpl import joint_places
 
     if (places := joint_places(path, markers.rate)) is not None:
-        return _open_places(path, *places, reading, markers)
+        return _open_joint_positions(path, *places, reading, markers)
     return _motion_source(path, reading, markers)
 
 
 def _motion_source(path: Path, reading: ReadingOptions, markers: MarkerOptions) -> MotionSource:
     _refuse_options(path, "a motion", replace(markers, rate=None))
-    if markers.rate is not None and _says_rate(path):
+    if markers.rate is not None and _has_rate(path):
         raise BodysenseError(
             f"{path}: the file says its frame rate; leave --rate {markers.rate:g} out (bodysense convert resamples)"
         )
     return MotionSource(str(path), path, options=reading, rate=markers.rate)
 
 
-def _says_rate(path: Path) -> bool:
+def _has_rate(path: Path) -> bool:
     """Whether a motion says its frame rate; that of an SMPL file is a fact that an option may correct."""
     if path.suffix.lower() not in _MANY_KINDS:
         return True
@@ -233,8 +233,8 @@ def check_kind(path: str | Path) -> None:
             f"blender -b --python-expr \"{load}; bpy.ops.export_scene.gltf(filepath='{path.stem}.glb')\""
         )
 
-    if ending in _ELSEWHERE:
-        raise BodysenseError(f"{path}: {_ELSEWHERE[ending]}")
+    if ending in _UNSUPPORTED:
+        raise BodysenseError(f"{path}: {_UNSUPPORTED[ending]}")
     if ending == ".npz" and "results" in array_shapes(path):
         raise BodysenseError(
             f"{path}: results of ROMP or BEV, a pickle within an archive, which may run any code when it is read; "
@@ -244,7 +244,7 @@ def check_kind(path: str | Path) -> None:
 
 _PICKLES = (".pkl", ".pickle", ".pt", ".pth", ".joblib")
 # Files that are often brought and never read, and what to do.
-_ELSEWHERE = {
+_UNSUPPORTED = {
     ".mvnx": "MVNX is not read; export the take from Xsens as .bvh (or .c3d): File, Export, in MVN",
     ".mvn": "Xsens's own format is not read; export the take as .bvh (or .c3d): File, Export, in MVN",
     ".vmd": "VMD, a motion of MikuMikuDance, is not read; import model and motion in Blender with MMD Tools, and "
@@ -262,8 +262,8 @@ def _check_images(path: Path) -> None:
 
     endings = {file.suffix.lower() for file in path.iterdir()}
     if endings.isdisjoint(IMAGES):
-        never = sorted(endings & _ELSEWHERE.keys())
-        fix = _ELSEWHERE[never[0]] if never else f"give one file, or a folder of {', '.join(IMAGES)}"
+        never = sorted(endings & _UNSUPPORTED.keys())
+        fix = _UNSUPPORTED[never[0]] if never else f"give one file, or a folder of {', '.join(IMAGES)}"
         raise BodysenseError(f"{path}: a folder without images; {fix}")
 
 
@@ -287,7 +287,7 @@ def _read_motion(path: Path, options: ReadingOptions, rate: float | None) -> tup
     return clip, () if placement is None else (f"note: {placement.remark}",)
 
 
-def _held_still(rigged: Rigged) -> HeldStill:
+def _still_limbs(rigged: Rigged) -> HeldStill:
     from bodysense.io.holes import flat_lined
     from bodysense.io.target_rigs.own_rig import joints_of_file
 
@@ -320,7 +320,7 @@ def _recording_source(name: str, recording: Recording, reading: ReadingOptions) 
     """Return a recording in metres and +Y up; options say which unit and upward axis it has."""
     for option in reading.for_motions():
         raise BodysenseError(f"{name}: {option} is for motions, not for recordings; leave it out")
-    observation = in_our_world(recording.observation, reading.unit, reading.up)
+    observation = convert_world(recording.observation, reading.unit, reading.up)
     return RecordingSource(name, replace(recording, observation=observation), reading)
 
 
@@ -335,7 +335,7 @@ def _open_markers(path: Path, reading: ReadingOptions, markers: MarkerOptions) -
     height = reading.height
     body = default_skeleton() if height is None else default_skeleton().scaled(height)
     if markers.unlabelled is not None:
-        return MarkerSource(str(path), path, Recording(_labelled(path, markers, reading), body), ())
+        return MarkerSource(str(path), path, Recording(_label_gloves(path, markers, reading), body), ())
     found = read_markers(path, markers.form(reading))
     sized = (
         f"the {hand} hand is {size:.2f} times the size of the default body's" for hand, size in found.sizes.items()
@@ -353,7 +353,7 @@ def _open_markers(path: Path, reading: ReadingOptions, markers: MarkerOptions) -
     return MarkerSource(str(path), path, recording, remarks, found.warnings, found)
 
 
-def _open_places(
+def _open_joint_positions(
     path: Path,
     joints: np.ndarray,
     rate: float,
@@ -377,7 +377,7 @@ def _open_places(
     return MarkerSource(str(path), path, recording, lines, found.warnings)
 
 
-def _labelled(path: Path, options: MarkerOptions, reading: ReadingOptions) -> Observation:
+def _label_gloves(path: Path, options: MarkerOptions, reading: ReadingOptions) -> Observation:
     """The gloves among the points of a file that does not tell them apart."""
     from bodysense.devices.gloves.labelling import Labeller
 

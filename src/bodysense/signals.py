@@ -45,7 +45,7 @@ def signal_from(
     if isinstance(opened, VideoSource):
         refuse(name, "a video, not a motion", device=device, noise=noise)
         wearer = Person(height=height) if person is None else person
-        return Signal(name, _filmed(name, wearer, follow, roll), wearer, infer=False)
+        return Signal(name, _video_observation(name, wearer, follow, roll), wearer, infer=False)
     refuse(name, "not a video, which alone has people to choose from and a camera", follow=follow, roll=roll)
     if isinstance(opened, MotionSource):
         if device is None:
@@ -58,15 +58,15 @@ def signal_from(
         refuse(name, "a recording, not a motion", device=device, noise=noise)
         recording = opened.recording
     try:
-        return _recorded(name, recording, person, height)
+        return _recording_signal(name, recording, person, height)
     except BodysenseError as error:
         raise BodysenseError(f"{name}: {str(error).removeprefix('observation: ')}") from None
 
 
-def _recorded(name: str, recording: Recording, person: Person | None, height: float | None) -> Signal:
+def _recording_signal(name: str, recording: Recording, person: Person | None, height: float | None) -> Signal:
     observation = recording.observation
     if person is None:
-        hands = _calibrated(recording) if glove_hands(observation.points) else None
+        hands = _calibrated_hands(recording) if glove_hands(observation.points) else None
         is_known = recording.known and height is None
         person = Person(recording.skeleton, hands=hands) if is_known else Person(height=height, hands=hands)
     _check(observation)
@@ -75,7 +75,7 @@ def _recorded(name: str, recording: Recording, person: Person | None, height: fl
     return Signal(name, observation, person)
 
 
-def _calibrated(recording: Recording) -> dict[str, GlovedHand] | None:
+def _calibrated_hands(recording: Recording) -> dict[str, GlovedHand] | None:
     """Return the hands of a recording's gloves, by side; None for standard gloves on hands that are known."""
     from bodysense.devices.gloves.device import calibrated_hands, has_standard_gloves
 
@@ -91,7 +91,7 @@ def refuse(name: str, kind: str, **options: object) -> None:
             raise BodysenseError(f"{name}: {kind}; leave --{option} out")
 
 
-def _filmed(source: str, person: Person, follow: int | None, roll: float | None) -> Observation:
+def _video_observation(source: str, person: Person, follow: int | None, roll: float | None) -> Observation:
     """Return the observation of person number `follow` in a video, of a camera rolled by `roll` degrees."""
     from bodysense.devices.video.arms import Arms, load_arms
     from bodysense.devices.video.device import VideoDevice, VideoSettings

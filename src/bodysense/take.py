@@ -193,7 +193,7 @@ def track(
     if isinstance(opened, MotionSource) and device is None:
         kind = "a motion whose holes are filled, which has a body of its own"
         refuse(opened.name, kind, person=person, height=height, noise=noise, follow=follow, roll=roll)
-        take = _filled(opened.with_holes(missing), completion)
+        take = _fill_take(opened.with_holes(missing), completion)
         return replace(take, source=opened.bvh, reading=opened.options)
     if missing not in ((), []):
         other = f"leave --device {device} out" if device is not None else "give a motion, such as a .bvh file"
@@ -203,7 +203,7 @@ def track(
         check_world(seen, opened.name, unit=given.unit, up=given.up, floor=settings.floor)
     signal = signal_from(opened, device=device, person=person, height=height, noise=noise, follow=follow, roll=roll)
     try:
-        take = _tracked(signal, completion, opened if isinstance(opened, MarkerSource) else None)
+        take = _track_signal(signal, completion, opened if isinstance(opened, MarkerSource) else None)
     except BodysenseError as error:
         text = str(error)
         raise error if signal.name in text else BodysenseError(f"{signal.name}: {text}") from None
@@ -222,41 +222,41 @@ class _Completion:
     advance: Callable[[int, int], None]
 
 
-def _filled(partial: PartialMotion, completion: _Completion) -> Take:
+def _fill_take(partial: PartialMotion, completion: _Completion) -> Take:
     """Return a motion whose holes are filled."""
-    from bodysense.filling import check_causal, filled_by, observed, pose_of, with_parts
+    from bodysense.filling import check_causal, fill_motion, known_points, pose_of, with_missing_limbs
 
     clip = partial.clip
     if completion.causal:
         check_causal(partial)
-    take = _tracked(Signal(clip.name, observed(partial), Person(clip.pose.skeleton)), completion)
-    partial = with_parts(partial, take.estimate.pose)
-    rotation = filled_by(partial, take.estimate, completion.settings.floor, causal=completion.causal)
+    take = _track_signal(Signal(clip.name, known_points(partial), Person(clip.pose.skeleton)), completion)
+    partial = with_missing_limbs(partial, take.estimate.pose)
+    rotation = fill_motion(partial, take.estimate, completion.settings.floor, causal=completion.causal)
     file = None if partial.file is None else partial.file.with_rotation(rotation, partial.missing)
     whole = clip if partial.is_whole else replace(clip, pose=pose_of(partial, rotation))
     return replace(take, clip=whole, partial=partial, file=file)
 
 
-def _tracked(signal: Signal, completion: _Completion, markers: MarkerSource | None = None) -> Take:
+def _track_signal(signal: Signal, completion: _Completion, markers: MarkerSource | None = None) -> Take:
     observation, settings = signal.observation, completion.settings
     interval = _interval(observation, settings)
     _check_height(observation, settings.floor)
     if not signal.infer:
         completion = replace(completion, settings=replace(settings, infer=False))
-    estimate, believed = _completed(observation, signal.person, completion, interval)
+    estimate, believed = _complete(observation, signal.person, completion, interval)
     pose = pose_on(estimate, believed)
     if markers is not None and not completion.causal:
-        fitted = _on_markers(pose, observation, markers, interval)
+        fitted = _fit_to_markers(pose, observation, markers, interval)
         if fitted is not pose:
             pose, estimate = fitted, _with_pose(estimate, fitted, observation)
-    clip, warnings = Clip(signal.name, pose, 1 / interval), _released_height(signal.person, believed)
+    clip, warnings = Clip(signal.name, pose, 1 / interval), _height_warnings(signal.person, believed)
     if markers is not None:
         warnings += markers.warnings
     at_rate = at_constant_rate(clip, observation.time)
     return Take(at_rate, estimate, believed, observation.time, markers=markers, remarks=warnings)
 
 
-def _released_height(known: Person, believed: Person) -> tuple[str, ...]:
+def _height_warnings(known: Person, believed: Person) -> tuple[str, ...]:
     """Return a line about a known height that the tracker released because the head was too high for it, if it was."""
     if known.height is None or believed.height is not None:
         return ()
@@ -266,7 +266,7 @@ def _released_height(known: Person, believed: Person) -> tuple[str, ...]:
     )
 
 
-def _on_markers(pose: Pose, observation: Observation, markers: MarkerSource, interval: float) -> Pose:
+def _fit_to_markers(pose: Pose, observation: Observation, markers: MarkerSource, interval: float) -> Pose:
     """Return the pose of a body of markers: met at the hips, unless the head is more certain, and hanging arms.
 
     The tracker puts the head where it is measured, which would lift pelvis and legs under a head that is guessed. It
@@ -301,7 +301,7 @@ def _with_pose(estimate: Estimate, pose: Pose, observation: Observation) -> Esti
     )
 
 
-def _completed(
+def _complete(
     observation: Observation, person: Person, completion: _Completion, interval: float
 ) -> tuple[Estimate, Person]:
     """Return the body, and the person as believed at the end; causal: as a live session outputs them."""

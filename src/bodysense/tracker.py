@@ -168,9 +168,9 @@ class Tracker:
                 f"observation: batch axes {lead}, but the tracker is of "
                 f"{'one person: give (T, P, 3)' if alone else f'{count} people: give ({count}, T, P, 3)'}"
             )
-        each = [observation] if alone else [_one_of(observation, k) for k in range(count)]
-        each = [_of_joints(one, person) for one, person in zip(each, self.people, strict=True)]
-        made, memory = _stepped(self.model, self.settings, each, state.memory)
+        each = [observation] if alone else [_person_slice(observation, k) for k in range(count)]
+        each = [_joints_only(one, person) for one, person in zip(each, self.people, strict=True)]
+        made, memory = _step_core(self.model, self.settings, each, state.memory)
         estimate = _estimate({name: values[0] for name, values in made.items()} if alone else made)
         return estimate, TrackerState(state.people, state.model, memory)
 
@@ -188,8 +188,8 @@ def step_together(
     for _, observation, _ in jobs:
         check_shapes(observation)
     memory = [state.memory[0] for _, _, state in jobs]
-    each = [_of_joints(observation, tracker.people[0]) for tracker, observation, _ in jobs]
-    made, after = _stepped(first.model, first.settings, each, memory)
+    each = [_joints_only(observation, tracker.people[0]) for tracker, observation, _ in jobs]
+    made, after = _step_core(first.model, first.settings, each, memory)
     return [
         (
             _estimate({name: values[k] for name, values in made.items()}),
@@ -199,7 +199,7 @@ def step_together(
     ]
 
 
-def _stepped(
+def _step_core(
     model: CompletionModel,
     settings: TrackerSettings,
     observations: Sequence[Observation],
@@ -216,7 +216,7 @@ def _stepped(
     return made, after
 
 
-def _of_joints(observation: Observation, person: Person) -> Observation:
+def _joints_only(observation: Observation, person: Person) -> Observation:
     """Return an observation of joints alone: raw poses of devices become the joints that carry them."""
     if RAW_POINTS.isdisjoint(observation.points):
         return observation
@@ -225,7 +225,7 @@ def _of_joints(observation: Observation, person: Person) -> Observation:
     return with_joints(observation, person.skeleton)
 
 
-def _one_of(observation: Observation, k: int) -> Observation:
+def _person_slice(observation: Observation, k: int) -> Observation:
     """One person's part of an observation that leads with an axis of people."""
     names = ["position", "rotation", "has_position", "has_rotation", "accuracy"]
     if observation.acceleration is not None:

@@ -71,7 +71,7 @@ def test_deviations_lead_from_the_interpolation_to_the_truth(first: int, count: 
     rotation, root = motion()
     end = first + count
     found = deviations(rotation, root, first, end, 1 / RATE)
-    inside = gaps.interpolated(rotation, first, end, gaps.COASTING * RATE)
+    inside = gaps.interpolate(rotation, first, end, gaps.COASTING * RATE)
     turned = np.asarray(quaternion_multiply(inside, quaternion_exp(found[:, :ROOT])))
     np.testing.assert_allclose(np.abs((turned * rotation[first:end]).sum(axis=-1)), 1, atol=1e-9)
 

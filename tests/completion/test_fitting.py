@@ -7,7 +7,7 @@ import pytest
 from body_poses import no_points, places_of
 
 from bodysense.body.pose import Pose
-from bodysense.body.reach import reaching
+from bodysense.body.reach import reach
 from bodysense.body.rotation import geodesic_angle, quaternion_exp, quaternion_multiply
 from bodysense.completion.fitting import FADE_TIME, fade_offsets, fit_limbs, fit_trunk
 
@@ -81,7 +81,7 @@ def test_a_straight_leg_does_not_leap_where_its_foot_is_seen(pose: Pose) -> None
         pose.skeleton, np.zeros_like(pose.root_position), np.tile([1.0, 0, 0, 0], (*pose.rotation.shape[:2], 1))
     )
     truth, tip = places_of(straight)[0], pose.skeleton.index("left_ankle")
-    bent = reaching(straight, "left_ankle", truth[:, tip] + [0.0, 0.004, 0.0])
+    bent = reach(straight, "left_ankle", truth[:, tip] + [0.0, 0.004, 0.0])
     measured = no_points(pose)
     measured[30:60, tip] = True
     found = places_of(fit_limbs(bent, truth, measured, SECONDS))[0]

@@ -1,7 +1,7 @@
 """Coordination: known joints tell how missing ones move in a gap.
 
 An arm swings with the opposite leg, and the chest leans against the hips. So if known joints deviate from their
-interpolation over a gap (`gaps.interpolated`), missing joints deviate from theirs, too. The deviations of all joints
+interpolation over a gap (`gaps.interpolate`), missing joints deviate from theirs, too. The deviations of all joints
 are modelled as one normal distribution, for gaps of each length; those of missing joints are expected from those of
 known ones. At the sides of a gap all deviations are zero, with their speeds.
 
@@ -74,9 +74,9 @@ def deviations(rotation: np.ndarray, root: np.ndarray, first: int, end: int, sec
         seconds: between frames.
     """
     fading = gaps.COASTING / seconds
-    inside = gaps.interpolated(rotation, first, end, fading)
+    inside = gaps.interpolate(rotation, first, end, fading)
     turned = quaternion_log(quaternion_multiply(quaternion_conjugate(inside), rotation[first:end]))
-    off = root[first:end] - gaps.interpolated_places(root, first, end, fading)
+    off = root[first:end] - gaps.interpolate_positions(root, first, end, fading)
     moved = quaternion_rotate(quaternion_conjugate(inside[:, 0]), off)
     return np.concatenate([np.asarray(turned), np.asarray(moved)[:, None]], axis=1)
 

@@ -35,7 +35,7 @@ def side_clearance(position: Array, skeleton: Skeleton, side: str) -> Array:
     return xp.min(height, axis=-1)
 
 
-def stopped_slide(
+def stop_sliding(
     place: np.ndarray,
     contact: np.ndarray,
     free: np.ndarray,
@@ -63,7 +63,7 @@ def stopped_slide(
         resting = _resting(contact[first:end], *hold)
         stands = [(first + a, first + b) for a, b in runs(resting >= 0)]
         for number, (start, stop) in enumerate(stands):
-            shift[start:stop] = _still(place, resting[start - first : stop - first], start, stop, (first, end))
+            shift[start:stop] = _stop_shift(place, resting[start - first : stop - first], start, stop, (first, end))
             before = stands[number - 1][1] if number else first
             after = stands[number + 1][0] if number + 1 < len(stands) else end
             for side, count in ((-1, start - before), (1, after - stop)):
@@ -87,21 +87,21 @@ def _resting(contact: np.ndarray, hold: float, release: float) -> np.ndarray:
     return result
 
 
-def _still(place: np.ndarray, resting: np.ndarray, start: int, stop: int, span: tuple[int, int]) -> np.ndarray:
+def _stop_shift(place: np.ndarray, resting: np.ndarray, start: int, stop: int, span: tuple[int, int]) -> np.ndarray:
     """Shift (N, 3) of frames `start` to `stop`, in which point `resting` (N,) of the foot stays where it is."""
     first, end = span
-    is_led, is_met = start == first > 0, stop == end < len(place)
-    frames = np.arange(start, stop + is_met)
+    is_fixed_before, is_fixed_after = start == first > 0, stop == end < len(place)
+    frames = np.arange(start, stop + is_fixed_after)
     point = np.append(resting, resting[-1:])[: len(frames)]
     steps = place[frames, point] - place[np.maximum(frames - 1, 0), point]
     steps[:, 1] = 0
-    if not is_led:
+    if not is_fixed_before:
         steps[0] = 0
     slid = np.cumsum(steps, axis=0)
-    if is_led and is_met:
+    if is_fixed_before and is_fixed_after:
         back = slid - slid[-1] * (np.arange(len(frames)) + 1)[:, None] / len(frames)
-    elif is_met:
+    elif is_fixed_after:
         back = slid - slid[-1]
     else:
-        back = slid if is_led else slid - slid.mean(axis=0)
+        back = slid if is_fixed_before else slid - slid.mean(axis=0)
     return -back[: stop - start]

@@ -35,11 +35,11 @@ class Trust:
     seconds: float = 1.0  # s from known frames at which it has half of that
     one_sided: float = 1.0  # s from known frames at which it has weight one half, if only one side is known
 
-    def weight(self, away: np.ndarray, both_sides: bool) -> np.ndarray:
-        """Return the weight (N,) of the guess in frames that are `away` (N,) s from known ones."""
+    def weight(self, distance: np.ndarray, both_sides: bool) -> np.ndarray:
+        """Return the weight (N,) of the guess in frames that are `distance` (N,) s from known ones."""
         if both_sides:
-            return self.share * away**2 / (away**2 + self.seconds**2)
-        return away**2 / (away**2 + self.one_sided**2)
+            return self.share * distance**2 / (distance**2 + self.seconds**2)
+        return distance**2 / (distance**2 + self.one_sided**2)
 
 
 def runs(present: np.ndarray) -> list[tuple[int, int]]:
@@ -48,7 +48,7 @@ def runs(present: np.ndarray) -> list[tuple[int, int]]:
     return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
 
 
-def filled(
+def fill(
     rotation: np.ndarray,
     missing: np.ndarray,
     seconds: float,
@@ -75,19 +75,19 @@ def filled(
         inside = result[first:end]
         if sided:
             speeds = first > 1 and not missing[first - 2], end < len(missing) - 1 and not missing[end + 1]
-            inside = interpolated(result, first, end, coasting / seconds, speeds)
+            inside = interpolate(result, first, end, coasting / seconds, speeds)
             if deviation is not None:
                 inside = np.asarray(quaternion_multiply(inside, quaternion_exp(deviation[first:end])))
         if guess is not None and not sided:
             inside = guess[first:end]
         elif guess is not None and end - first > 1 and not (both and (end - first) * seconds <= BRIEF):
-            share = trust.weight(_away(first, end, len(missing)) * seconds, both)
-            inside = slerp(inside, _bent(result, guess[first:end], first, end, seconds), share)
+            share = trust.weight(_distance(first, end, len(missing)) * seconds, both)
+            inside = slerp(inside, _bend_guess(result, guess[first:end], first, end, seconds), share)
         result[first:end] = quaternion_canonical(inside)
     return result
 
 
-def continued(
+def continue_into_gaps(
     rotation: np.ndarray,
     missing: np.ndarray,
     seconds: float,
@@ -95,26 +95,28 @@ def continued(
     trust: Callable[[int], Trust] = lambda first: Trust(),
     coasting: float = COASTING,
 ) -> np.ndarray:
-    """Return rotations (T, 4) as `filled` does, but each from the frames before it and the guess of its own frame.
+    """Return rotations (T, 4) as `fill` does, but each from the frames before it and the guess of its own frame.
 
     `trust` is that of a gap by its first frame. Before the first known frame the guess counts alone.
     """
     result = np.array(rotation)
     for first, end in runs(missing):
-        inside, away, fading = result[first:end], np.arange(1, end - first + 1), coasting / seconds
+        inside, distance, fading = result[first:end], np.arange(1, end - first + 1), coasting / seconds
         if first > 0:
             before, still = result[first - 1], np.zeros(3)
-            led = _difference(result[first - 2], before) if first > 1 and not missing[first - 2] else None
-            way = _way(still, (led, None), max(end - first, int(np.ceil(fading))), fading, False)[: end - first]
-            inside = np.asarray(quaternion_multiply(np.broadcast_to(before, (len(way), 4)), quaternion_exp(way)))
+            entry = _difference(result[first - 2], before) if first > 1 and not missing[first - 2] else None
+            path = _displacement(still, (entry, None), max(end - first, int(np.ceil(fading))), fading, False)[
+                : end - first
+            ]
+            inside = np.asarray(quaternion_multiply(np.broadcast_to(before, (len(path), 4)), quaternion_exp(path)))
         if guess is not None:
-            share = trust(first).weight(away * seconds, False) if first > 0 else np.ones(len(away))
+            share = trust(first).weight(distance * seconds, False) if first > 0 else np.ones(len(distance))
             inside = slerp(inside, guess[first:end], share)
         result[first:end] = quaternion_canonical(inside)
     return result
 
 
-def interpolated(
+def interpolate(
     rotation: np.ndarray, first: int, end: int, fading: float, speeds: tuple[bool, bool] = (True, True)
 ) -> np.ndarray:
     """Interpolate rotations (N, ..., 4) of joints (T, ..., 4) from one side of a gap to the other.
@@ -133,21 +135,21 @@ def interpolated(
     frames = len(rotation)
     before, after = rotation[first - 1 if first else end], rotation[end if end < frames else first - 1]
     whole = _difference(before, after)
-    led = _difference(rotation[first - 2], before) if speeds[0] and first > 1 else None
-    left = _rate_at(whole, _difference(after, rotation[end + 1])) if speeds[1] and end < frames - 1 else None
-    way = _way(whole, (led, left), end - first, fading, first > 0 and end < frames)
-    return np.asarray(quaternion_multiply(np.broadcast_to(before, (*way.shape[:-1], 4)), quaternion_exp(way)))
+    entry = _difference(rotation[first - 2], before) if speeds[0] and first > 1 else None
+    leaving = _rate_at(whole, _difference(after, rotation[end + 1])) if speeds[1] and end < frames - 1 else None
+    path = _displacement(whole, (entry, leaving), end - first, fading, first > 0 and end < frames)
+    return np.asarray(quaternion_multiply(np.broadcast_to(before, (*path.shape[:-1], 4)), quaternion_exp(path)))
 
 
-def interpolated_places(place: np.ndarray, first: int, end: int, fading: float) -> np.ndarray:
-    """Interpolate places (N, 3) of a point (T, 3) over a gap with known frames on both sides, as `interpolated`."""
+def interpolate_positions(place: np.ndarray, first: int, end: int, fading: float) -> np.ndarray:
+    """Interpolate places (N, 3) of a point (T, 3) over a gap with known frames on both sides, as `interpolate`."""
     before, after = place[first - 1], place[end]
-    led = before - place[first - 2] if first > 1 else None
-    left = place[end + 1] - after if end < len(place) - 1 else None
-    return before + _way(after - before, (led, left), end - first, fading, True)
+    entry = before - place[first - 2] if first > 1 else None
+    leaving = place[end + 1] - after if end < len(place) - 1 else None
+    return before + _displacement(after - before, (entry, leaving), end - first, fading, True)
 
 
-def _way(
+def _displacement(
     whole: np.ndarray, speeds: tuple[np.ndarray | None, np.ndarray | None], count: int, fading: float, both: bool
 ) -> np.ndarray:
     """Return vectors (N, ..., 3) from the frame before a gap to its `count` frames.
@@ -157,13 +159,16 @@ def _way(
     """
     span = count + 1
     step, coasting = whole / span, min(fading, span)
-    led, left = (np.zeros_like(whole) if speed is None else speed - step for speed in speeds)  # excess speeds
+    entry, leaving = (np.zeros_like(whole) if speed is None else speed - step for speed in speeds)  # excess speeds
     # Speeds at the sides, whose chords are the speeds to the next frame outside.
     own, other = (1 + 1 / coasting) ** 2, (span + 1) / span**2 if coasting == span and both else 0
-    led, left = (own * led - other * left) / (own**2 - other**2), (own * left - other * led) / (own**2 - other**2)
+    entry, leaving = (
+        (own * entry - other * leaving) / (own**2 - other**2),
+        (own * leaving - other * entry) / (own**2 - other**2),
+    )
     gone = np.arange(1.0, count + 1).reshape(-1, *[1] * whole.ndim)
-    way = gone * step + gone * _fading(gone / coasting) * led
-    return way - (span - gone) * _fading((span - gone) / coasting) * left
+    path = gone * step + gone * _fading(gone / coasting) * entry
+    return path - (span - gone) * _fading((span - gone) / coasting) * leaving
 
 
 def _rate_at(turn: np.ndarray, speed: np.ndarray) -> np.ndarray:
@@ -177,7 +182,7 @@ def _fading(share: np.ndarray) -> np.ndarray:
     return np.maximum(0.0, 1 - share) ** 2
 
 
-def _away(first: int, end: int, frames: int) -> np.ndarray:
+def _distance(first: int, end: int, frames: int) -> np.ndarray:
     """Return the distance (N,) of a gap's frames from known ones, in frames: harmonic between two sides."""
     count = np.arange(1.0, end - first + 1)
     before = count if first > 0 else np.full(len(count), np.inf)
@@ -185,7 +190,7 @@ def _away(first: int, end: int, frames: int) -> np.ndarray:
     return 1 / (1 / before + 1 / after)
 
 
-def _bent(kept: np.ndarray, guess: np.ndarray, first: int, end: int, seconds: float) -> np.ndarray:
+def _bend_guess(kept: np.ndarray, guess: np.ndarray, first: int, end: int, seconds: float) -> np.ndarray:
     """Bend the guess (N, 4), N ≥ 2, in a gap so that it continues the frame before and leads to the frame after.
 
     The difference at either side is added in full there and fades toward the other side.
@@ -193,9 +198,9 @@ def _bent(kept: np.ndarray, guess: np.ndarray, first: int, end: int, seconds: fl
     inside = _smooth(guess, SMOOTH / seconds)
     lacking = np.zeros((2, 3))
     if first > 0:
-        lacking[0] = _difference(_beyond(inside[1::-1]), kept[first - 1])
+        lacking[0] = _difference(_extrapolate(inside[1::-1]), kept[first - 1])
     if end < len(kept):
-        lacking[1] = _difference(_beyond(inside[-2:]), kept[end])
+        lacking[1] = _difference(_extrapolate(inside[-2:]), kept[end])
     steps = (np.arange(1.0, end - first + 1) / (end - first + 1))[:, None]
     return np.asarray(quaternion_multiply(inside, quaternion_exp((1 - steps) * lacking[0] + steps * lacking[1])))
 
@@ -211,7 +216,7 @@ def _smooth(rotation: np.ndarray, frames: float) -> np.ndarray:
     return np.asarray(normalize(np.einsum("nk,nkc->nc", np.broadcast_to(weights, places.shape), whole[places])))
 
 
-def _beyond(pair: np.ndarray) -> np.ndarray:
+def _extrapolate(pair: np.ndarray) -> np.ndarray:
     """Return the rotation (4,) that follows two (2, 4) at constant speed."""
     return np.asarray(quaternion_multiply(pair[1], quaternion_multiply(quaternion_conjugate(pair[0]), pair[1])))
 

@@ -29,7 +29,7 @@ SHORTEST, TALLEST = 1.0, 2.3  # m: heights of a person
 SOLE = 0.05  # m: a skeleton may be this much lower than its person, because its lowest points are above the sole
 SENSOR = "_imu"  # suffix of a joint that carries an inertial sensor
 CROWN, FLOOR = "crown", "floor"  # ends of a height, in a file
-KNOWN_TO = 0.001  # m: standard deviation of a length that is given without one
+EXACT_DEVIATION = 0.001  # m: standard deviation of a length that is given without one
 
 
 @dataclass(frozen=True, eq=False, init=False)
@@ -119,9 +119,9 @@ class Person:
 
     def __repr__(self) -> str:
         known = "known proportions" if self.is_known else "inferred" if self.height is None else "known height"
-        worn = f", trackers on {', '.join(self.mounts)}" if self.mounts else ""
+        trackers = f", trackers on {', '.join(self.mounts)}" if self.mounts else ""
         hands = f", hands calibrated: {', '.join(self.hands)}" if self.hands else ""
-        return f"Person({self.stature:.2f} m, {known}{worn}{hands})"
+        return f"Person({self.stature:.2f} m, {known}{trackers}{hands})"
 
     @cached_property
     def stature(self) -> float:
@@ -147,7 +147,7 @@ class Person:
         """Return the likeliest person given a few lengths and a stature, as the constructor takes them."""
         return cls(height=height, lengths=lengths)
 
-    def wearing(self, mounts: Mapping[str, RigidTransform]) -> Person:
+    def with_mounts(self, mounts: Mapping[str, RigidTransform]) -> Person:
         """Return this person with these mounts added; mounts of other joints are unchanged."""
         return Person(
             self.skeleton,
@@ -232,11 +232,11 @@ class Person:
         lengths = {(row["start"], row["end"]): Measured(row["length"], row["deviation"]) for row in known}
         height = lengths.pop((CROWN, FLOOR), None)
         mounts = _rows(stored, "mounts", {"joint": 0, "translation": 3, "rotation": 4})
-        worn: dict[str, RigidTransform] = {}
+        mounts_by_joint: dict[str, RigidTransform] = {}
         for row in mounts:
-            if row["joint"] in worn:
+            if row["joint"] in mounts_by_joint:
                 raise BodysenseError(f"two rows of 'mounts' are of {row['joint']!r}; remove one")
-            worn[row["joint"]] = RigidTransform(np.array(row["translation"]), np.array(row["rotation"]))
+            mounts_by_joint[row["joint"]] = RigidTransform(np.array(row["translation"]), np.array(row["rotation"]))
         deviation = np.array([row["deviation"] for row in joints + end_sites], dtype=np.float64)
         skeleton = skeleton_from_table(joints, end_sites)
         hands: dict[str, GlovedHand] = {}
@@ -247,12 +247,14 @@ class Person:
                 np.array(row[name]).reshape(-1, size) for name, size in (("points", 3), ("axes", 4), ("markers", 3))
             )
             hands[row["side"]] = hand_from_rows(points, axes, markers, row.get("sitting", ()))
-        return cls(skeleton, height=height, bone_deviation=deviation, mounts=worn, lengths=lengths, hands=hands)
+        return cls(
+            skeleton, height=height, bone_deviation=deviation, mounts=mounts_by_joint, lengths=lengths, hands=hands
+        )
 
 
 def _measured(value: Measured | float, what: str) -> Measured:
     """Return a length as measured; a height must be a person's."""
-    length = value if isinstance(value, Measured) else Measured(value, KNOWN_TO)
+    length = value if isinstance(value, Measured) else Measured(value, EXACT_DEVIATION)
     if what == "height" and not SHORTEST <= length.value <= TALLEST:
         raise BodysenseError(
             f"person: height {length.value:g} m; people are {SHORTEST} to {TALLEST} m high, give metres"

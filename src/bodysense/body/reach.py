@@ -22,17 +22,17 @@ _FLAT = 0.02  # sine below which two bones lie in no plane
 _HINGES = {"knee": (1.0, 0.0, 0.0), "left_elbow": (0.0, -1.0, 0.0), "right_elbow": (0.0, 1.0, 0.0)}
 
 
-def reaching(pose: Pose, end: str, target: np.ndarray) -> Pose:
+def reach(pose: Pose, end: str, target: np.ndarray) -> Pose:
     """The pose (...) with the wrist or ankle `end` at `target` (..., 3) m, world, or as near as its bones let it.
 
     The limb bends in the plane in which it lies; where it is straight, as its elbow or knee does. The hand or foot
     keeps its rotation in the world.
     """
-    return reaching_all(pose, {end: target})
+    return reach_all(pose, {end: target})
 
 
-def reaching_all(pose: Pose, targets: Mapping[str, np.ndarray]) -> Pose:
-    """`reaching` of several limbs, by their wrists and ankles."""
+def reach_all(pose: Pose, targets: Mapping[str, np.ndarray]) -> Pose:
+    """`reach` of several limbs, by their wrists and ankles."""
     skeleton, rotation = pose.skeleton, np.array(pose.rotation)
     position, world = (np.asarray(part) for part in forward_kinematics(pose))
     for end, target in targets.items():

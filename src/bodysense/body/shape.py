@@ -161,7 +161,7 @@ def _measurement_rows(
         rows.append(skeleton.path[skeleton.index(end)] - skeleton.path[skeleton.index(start)])
     measured = list(lengths.values())
     if height is not None:
-        rows.append(_up())
+        rows.append(_crown_path())
         measured.append(height)
     value = np.array([length.value for length in measured])
     deviation = np.array([length.deviation for length in measured])
@@ -169,7 +169,7 @@ def _measurement_rows(
 
 
 @lru_cache(maxsize=1)
-def _up() -> np.ndarray:
+def _crown_path() -> np.ndarray:
     """The sum (P,) of offsets that leads from the floor to the crown."""
     skeleton = default_skeleton()
     up = skeleton.path[skeleton.index("head_top")].copy()
@@ -179,7 +179,7 @@ def _up() -> np.ndarray:
 
 def stature(offsets: np.ndarray) -> np.ndarray:
     """Height (...,), metres, of the crown over the floor, of rest offsets (..., 65, 3) whose soles are on y = 0."""
-    return np.asarray(offsets)[..., 1] @ _up()
+    return np.asarray(offsets)[..., 1] @ _crown_path()
 
 
 def stature_of_head(head: float, deviation: float) -> Measured:

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from bodysense.body.gaps import COASTING, interpolated, interpolated_places, runs
+from bodysense.body.gaps import COASTING, interpolate, interpolate_positions, runs
 from bodysense.observation import Observation
 
 Array = np.ndarray
@@ -29,14 +29,14 @@ def bridge_gaps(observation: Observation, seconds: float, longest: float = LONGE
     for point in range(len(observation.points)):
         for first, end in _gaps(observation.has_position[:, point], most):
             known, at = _neighbours(observation.has_position[:, point], first, end)
-            position[first:end, point] = interpolated_places(position[known, point], at, at + end - first, fading)
+            position[first:end, point] = interpolate_positions(position[known, point], at, at + end - first, fading)
             away = seconds * np.minimum(np.arange(1, end - first + 1), np.arange(end - first, 0, -1))
             beside = max(accuracy[first - 1, point], accuracy[end, point])
             accuracy[first:end, point] = beside + DRIFT * away
             has_position[first:end, point] = True
         for first, end in _gaps(observation.has_rotation[:, point], most):
             known, at = _neighbours(observation.has_rotation[:, point], first, end)
-            rotation[first:end, point] = interpolated(rotation[known, point], at, at + end - first, fading)
+            rotation[first:end, point] = interpolate(rotation[known, point], at, at + end - first, fading)
             has_rotation[first:end, point] = True
     return replace(
         observation,

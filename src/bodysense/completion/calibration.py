@@ -66,7 +66,7 @@ def calibrate(observation: Observation, person: Person, stance: Stance = "standi
                 lengths["left_wrist", "right_wrist"] = Measured(span, _SPAN_DEVIATION)
         person = Person(height=height, lengths=lengths, mounts=person.mounts, hands=person.hands)
     stood = _standing_pose(person, place, _mean(observation.rotation[known, head]), stance)
-    return person.wearing(_mounts(observation, stood))
+    return person.with_mounts(_mounts(observation, stood))
 
 
 def assign_trackers(

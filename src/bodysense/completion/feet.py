@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from bodysense.body.footing import side_clearance, stopped_slide
+from bodysense.body.footing import side_clearance, stop_sliding
 from bodysense.body.pose import Pose, forward_kinematics
-from bodysense.body.reach import reaching
+from bodysense.body.reach import reach
 from bodysense.body.skeleton import Skeleton
 from bodysense.completion.fitting import fade_offsets
 from bodysense.completion.joining import smoothed
@@ -57,7 +57,7 @@ def plant_feet(pose: Pose, contact: Array, measured: Array, turned: Array, floor
         if not free[side].any():
             continue
         place = position[:, skeleton.indices([name for name in CONTACT_POINTS if name.startswith(side)])]
-        shift = stopped_slide(place, chances[side], free[side], seconds, FARTHEST, FADE, (HOLD, RELEASE))
+        shift = stop_sliding(place, chances[side], free[side], seconds, FARTHEST, FADE, (HOLD, RELEASE))
         known = smoothed(free[side].astype(float), LOWERING / seconds)
         away = np.clip(2 * known - 1, 0.0, 1.0)  # from frames that are known
         over = np.maximum(stands[side] * np.clip(clearance[side] - sole, 0.0, FARTHEST), hovers)
@@ -65,7 +65,7 @@ def plant_feet(pose: Pose, contact: Array, measured: Array, turned: Array, floor
         deep = np.maximum(0.0, -clearance[side])
         allowed = fade_offsets(deep[:, None], ~free[side], seconds)[:, 0]  # tracked feet may be under the floor
         shift[:, 1] = np.where(free[side], np.maximum(0.0, deep - allowed) - lower, 0.0)
-        pose = reaching(pose, f"{side}_ankle", position[:, skeleton.index(f"{side}_ankle")] + shift)
+        pose = reach(pose, f"{side}_ankle", position[:, skeleton.index(f"{side}_ankle")] + shift)
     return pose
 
 

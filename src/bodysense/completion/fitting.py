@@ -6,7 +6,7 @@ import numpy as np
 
 from bodysense.body.gaps import runs
 from bodysense.body.pose import Pose, forward_kinematics
-from bodysense.body.reach import reaching_all
+from bodysense.body.reach import reach_all
 from bodysense.body.rotation import (
     quaternion_canonical,
     quaternion_conjugate,
@@ -40,7 +40,7 @@ def fit_limbs(pose: Pose, points: Array, measured: Array, seconds: float) -> Pos
     skeleton, (position, world) = pose.skeleton, (np.asarray(part) for part in forward_kinematics(pose))
     tips = {end: skeleton.index(end) for end in ENDS}
     goals = {end: np.where(measured[:, [tip]], points[:, tip], position[:, tip]) for end, tip in tips.items()}
-    bent = reaching_all(pose, goals)
+    bent = reach_all(pose, goals)
     rotation = np.array(pose.rotation)
     for tip in tips.values():
         for joint in (skeleton.parents[skeleton.parents[tip]], skeleton.parents[tip], tip):

@@ -22,9 +22,9 @@ def packaged_performance() -> Clip:
 
 def performance_of_unseen_body() -> Clip:
     """Return the packaged performance on proportions that no network was trained on."""
-    from bodysense.body.retarget import retargeted
+    from bodysense.body.retarget import retarget
     from bodysense.body.shape import sample_bodies
 
     clip = packaged_performance()
     skeleton = clip.pose.skeleton.with_offsets(sample_bodies("test", UNSEEN_BODY + 1)[UNSEEN_BODY])
-    return replace(clip, name="performance on an unseen body", pose=retargeted(clip.pose, skeleton))
+    return replace(clip, name="performance on an unseen body", pose=retarget(clip.pose, skeleton))

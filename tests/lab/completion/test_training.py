@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from bodysense.body.pose import Pose, forward_kinematics
-from bodysense.body.retarget import retargeted
+from bodysense.body.retarget import retarget
 from bodysense.body.rotation import geodesic_angle
 from bodysense.body.shape import sample_bodies
 from bodysense.body.skeleton import BODY
@@ -101,7 +101,7 @@ def test_a_sequence_moves_as_the_retargeted_clip(corpus: Corpus) -> None:
     everything = np.ones(len(INPUT_POINTS), dtype=bool)
     one = made(corpus, offset, False, everything, np.ones(len(BODY), dtype=bool))
     pose = clip.pose[:FRAMES]
-    pose = retargeted(Pose(pose.skeleton, pose.root_position, pose.rotation), pose.skeleton.with_offsets(offset))
+    pose = retarget(Pose(pose.skeleton, pose.root_position, pose.rotation), pose.skeleton.with_offsets(offset))
     places = pose.skeleton.indices(BODY_POINTS)
     assert np.abs(forward_kinematics(pose)[0][:, places] - one.true_position).max() < 0.02
 

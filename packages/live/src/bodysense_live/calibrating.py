@@ -46,7 +46,7 @@ def calibration(
     undecided = [name for name in whole.points if name in UNDECIDED]
     found = assign_trackers(whole, undecided, person, stance) if undecided else {}
     renamed = replace(whole, points=tuple(found.get(name, name) for name in whole.points))
-    wearer = calibrate(renamed, person.wearing(inertial.mounts), stance, floor)
+    wearer = calibrate(renamed, person.with_mounts(inertial.mounts), stance, floor)
     height = f"you are {float(stature(wearer.skeleton.rest_offset)):.2f} m tall"
     where = (worn_text(found),) if found else ()
     return Calibrated(wearer, found, inertial, (*where, *sensors, height))

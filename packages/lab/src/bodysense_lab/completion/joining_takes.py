@@ -11,7 +11,7 @@ import numpy as np
 
 from bodysense.body.person import Person
 from bodysense.body.pose import Pose, forward_kinematics
-from bodysense.body.retarget import retargeted
+from bodysense.body.retarget import retarget
 from bodysense.body.shape import sample_bodies
 from bodysense.body.skeleton import BODY, LEG
 from bodysense.completion.bridging import bridge_gaps
@@ -97,7 +97,7 @@ def draw_takes(clips: Sequence[Clip], split: Split, rng: np.random.Generator) ->
             if split == "train" and rng.uniform() < _STRAIGHT:
                 pose = straightened_pose(pose, float(rng.uniform(0.3, 1.0)), RATE)
             if rng.uniform() < 0.5:
-                pose = retargeted(pose, pose.skeleton.with_offsets(bodies[int(rng.integers(_STRANGERS))]))
+                pose = retarget(pose, pose.skeleton.with_offsets(bodies[int(rng.integers(_STRANGERS))]))
             scene = TrackedScene(clip.name, "", pose)
             yield take_of(scene, drawn_observation(scene, rng))
 
