@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from bodysense.cli.overwriting import check_apart, checked_arguments
+from bodysense.cli.overwriting import check_apart, check_arguments
 from bodysense.errors import BodysenseError
 
 Command = Callable[..., str]
@@ -49,7 +49,7 @@ def test_names_that_follow_from_others(tmp_path: Path, motion: Path) -> None:
 
 def test_what_is_no_file_is_left_alone(tmp_path: Path) -> None:
     given = ["track", "0", "0", str(tmp_path), str(tmp_path), "a\0.b", "--height", "1.7", "--height=1.7"]
-    assert checked_arguments(given) == given
+    assert check_arguments(given) == given
 
 
 def test_files_that_are_not_read_are_named_with_the_way_on(tmp_path: Path, motion: Path, refused: Command) -> None:
@@ -81,6 +81,6 @@ def test_a_person_may_be_read_and_written_in_one_command(tmp_path: Path) -> None
     path = tmp_path / "me.json"
     path.write_text("{}")
     given = ["serve", "--person", str(path), "--save-person", str(path)]
-    assert checked_arguments(given) == given
+    assert check_arguments(given) == given
     with pytest.raises(BodysenseError, match="both read and written"):
-        checked_arguments(["track", str(path), "--save-person", str(path)])
+        check_arguments(["track", str(path), "--save-person", str(path)])

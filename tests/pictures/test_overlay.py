@@ -10,7 +10,7 @@ from bodysense.body.pose import forward_kinematics, standing_pose
 from bodysense.body.skeleton import default_skeleton
 from bodysense.devices.video.person import PersonTrack
 from bodysense.errors import BodysenseError
-from bodysense.pictures.overlay import Overlay, numbered, side_by_side
+from bodysense.pictures.overlay import Overlay, draw_numbers, side_by_side
 
 SKELETON = default_skeleton()
 POSE = standing_pose(SKELETON)
@@ -55,7 +55,7 @@ def test_numbers_are_drawn_on_people() -> None:
     places = {1: np.array([-0.4, 0.1]), 2: np.array([0.3, -0.2])}
     people = [PersonTrack(0.0, place, np.zeros(2), 0.3, np.zeros(3), number) for number, place in places.items()]
     grey = np.full((240, 320, 3), 128, np.uint8)
-    frames = numbered(grey, people)
+    frames = draw_numbers(grey, people)
     changed = (frames != grey).any(axis=2)
     for place in places.values():
         x, y = np.round(place * [240, -240] + [160, 120]).astype(int)

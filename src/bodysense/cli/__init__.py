@@ -14,12 +14,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line. Returns the exit status: a command's own, or 2 for an error of the user's input."""
     try:  # the first imports take a while, in which Ctrl-C may come
         from bodysense.cli.application import application
-        from bodysense.cli.overwriting import checked_arguments
+        from bodysense.cli.overwriting import check_arguments
         from bodysense.cli.packages import check_installed, installed, lines_of_missing
         from bodysense.cli.parsing import run
         from bodysense.cli.quiet import QUIET, quietly
 
-        given = checked_arguments(sys.argv[1:] if arguments is None else arguments)
+        given = check_arguments(sys.argv[1:] if arguments is None else arguments)
         if list(given) == ["--version"]:
             print(f"bodysense {__version__}")
             return 0

@@ -11,7 +11,15 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 from tyro.extras import SubcommandApp
 
-from bodysense.cli.found_files import FoundFile, Split, files_in, line_of, none_of, readable, table_of
+from bodysense.cli.found_files import (
+    FoundFile,
+    Split,
+    description_of,
+    files_in,
+    no_readable_file,
+    readable_clips,
+    table_of,
+)
 from bodysense.cli.options import Reading
 from bodysense.errors import BodysenseError
 from bodysense.files import written_beside
@@ -54,10 +62,10 @@ def info(
 
     if picture is not None:
         check_picture(picture)
-    say_info(place, split, *files_in(place, split, layout, reading), picture, json)
+    print_info(place, split, *files_in(place, split, layout, reading), picture, json)
 
 
-def say_info(
+def print_info(
     place: Path, split: Split, total: int, every: Iterable[FoundFile], picture: Path | None, json: Path | None
 ) -> None:
     """Print what `total` files hold, and write the picture of the first and the numbers."""
@@ -66,24 +74,24 @@ def say_info(
     from bodysense.cli.show import wide_console, write_numbers
 
     found, counts = list[FoundFile](), _Counts()
-    for clip in readable(track(every, "reading", total) if total > 1 else every, found):
+    for clip in readable_clips(track(every, "reading", total) if total > 1 else every, found):
         counts.add(clip)
         if picture is not None and counts.clips == 1:
             _draw(picture, clip)
     if total == 1:
-        print(*(line_of(one) for one in found if not one.reason), end="" if found[0].reason else "\n")
+        print(*(description_of(one) for one in found if not one.reason), end="" if found[0].reason else "\n")
     else:
         console = wide_console()
         console.print(table_of(found))
         console.print(counts.table(f"{place} ({split})"))
-    write_numbers(json, counts.numbers() | {"skipped": say_skipped(place, total, found)})
+    write_numbers(json, counts.numbers() | {"skipped": print_skipped(place, total, found)})
 
 
-def say_skipped(place: Path, total: int, found: list[FoundFile]) -> int:
+def print_skipped(place: Path, total: int, found: list[FoundFile]) -> int:
     """Print which files could not be read, and return how many. Raises BodysenseError where that is all of them."""
     skipped = [one for one in found if one.reason]
     if len(skipped) == len(found):
-        raise BodysenseError(skipped[0].reason if total == 1 else none_of(place, skipped))
+        raise BodysenseError(skipped[0].reason if total == 1 else no_readable_file(place, skipped))
     print(*lines_by_kind((one.key, one.reason) for one in skipped), sep="\n", end="\n" if skipped else "")
     if skipped:
         print(f"skipped {len(skipped)} of {len(found)} files")
@@ -121,16 +129,16 @@ def joints(
         raise BodysenseError(f"{file}: joints are named in .bvh, .glb and .gltf files only; give one")
     try:
         rig = recognise(figure, reading)
-        given, said = dict(rig.joints), f"; {rig.line()}"
+        given, note = dict(rig.joints), f"; {rig.line()}"
     except BodysenseError as error:
         given = {ours: name for name, ours in joints_of(figure.points).items()}
-        said = f", by their names alone: {error}; name the others by hand"
+        note = f", by their names alone: {error}; name the others by hand"
     if out is None:
         print(joint_map_text(figure.points, given), end="")
         return
     with written_beside(out) as beside:
         beside.write_text(joint_map_text(figure.points, given), encoding="utf-8")
-    print(f"wrote {out}: {len(given)} of {len(figure.points)} joints and end sites named{said}")
+    print(f"wrote {out}: {len(given)} of {len(figure.points)} joints and end sites named{note}")
 
 
 class _Counts:
@@ -150,7 +158,7 @@ class _Counts:
         return sum(row["clips"] for row in self._rows.values())
 
     @property
-    def _everyone(self) -> int:
+    def _people_count(self) -> int:
         return len(set[str]().union(*self._people.values()))
 
     def table(self, title: str) -> Table:
@@ -163,11 +171,11 @@ class _Counts:
             table.add_row(category, str(len(self._people[category])), *_minutes(row))
         table.add_section()
         whole = sum(self._rows.values(), Counter())
-        table.add_row("all", str(self._everyone), *_minutes(whole))
+        table.add_row("all", str(self._people_count), *_minutes(whole))
         return table
 
     def numbers(self) -> dict[str, float]:
-        found: dict[str, float] = {"clips": self.clips, "people": self._everyone}
+        found: dict[str, float] = {"clips": self.clips, "people": self._people_count}
         found["minutes"] = sum(row["seconds"] for row in self._rows.values()) / 60
         for category, row in self._rows.items():
             found |= {f"{category}_clips": row["clips"], f"{category}_minutes": row["seconds"] / 60}

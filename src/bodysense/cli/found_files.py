@@ -37,7 +37,7 @@ class FoundFile:
     clip: Clip | None = None
     rig: Rig | None = None
     kind: str = "AMASS"  # what it is, where it has no rig
-    said: str = ""  # what was found of it, where it has no rig
+    summary: str = ""  # what was found of it, where it has no rig
     rate: float = 0.0  # Hz
     reason: str = ""  # why it cannot be read
 
@@ -91,20 +91,20 @@ def _read_other(key: str, source: Source, reading: ReadingOptions) -> FoundFile:
         raise BodysenseError(f"{source.path}: a video; complete it: bodysense track {source.path.name} -o motion.bvh")
     if isinstance(opened, MotionSource):
         clip = replace(opened.clip, person=source.person, category=source.category)
-        said = "; ".join(line.removeprefix("note: ") for line in opened.remarks)
+        summary = "; ".join(line.removeprefix("note: ") for line in opened.remarks)
         kind = KINDS.get(source.path.suffix.lower(), "AMASS or SMPL")
-        return FoundFile(key, clip, kind=kind, said=said, rate=clip.frame_rate)
+        return FoundFile(key, clip, kind=kind, summary=summary, rate=clip.frame_rate)
     seen = opened.recording.observation
     rate = (len(seen) - 1) / max(float(seen.time[-1] - seen.time[0]), 1e-9)
     if isinstance(opened, MarkerSource):
-        said = f"{len(seen.points)} points of {'gloves' if opened.recording.known else 'a body'}"
+        summary = f"{len(seen.points)} points of {'gloves' if opened.recording.known else 'a body'}"
         lines = (line.removeprefix("note: ") for line in opened.remarks)
         rate = rate if opened.found is None else opened.found.frame_rate
-        return FoundFile(key, kind="markers", said="; ".join((said, *lines, *opened.warnings)), rate=rate)
-    return FoundFile(key, kind="recording", said=f"{len(seen.points)} points, {len(seen)} frames", rate=rate)
+        return FoundFile(key, kind="markers", summary="; ".join((summary, *lines, *opened.warnings)), rate=rate)
+    return FoundFile(key, kind="recording", summary=f"{len(seen.points)} points, {len(seen)} frames", rate=rate)
 
 
-def readable(every: Iterable[FoundFile], found: list[FoundFile]) -> Iterator[Clip]:
+def readable_clips(every: Iterable[FoundFile], found: list[FoundFile]) -> Iterator[Clip]:
     """The clips that can be read; all that was found is kept without its motion."""
     for one in every:
         if one.clip is not None:
@@ -116,10 +116,10 @@ def _without_motion(clip: Clip) -> Clip:
     return replace(clip, pose=clip.pose[:1])
 
 
-def line_of(one: FoundFile) -> str:
+def description_of(one: FoundFile) -> str:
     """The content of one file."""
     if one.rig is None:
-        return f"{one.key}: {one.kind}, {one.rate:g} Hz" + (f"; {one.said}" if one.said else "")
+        return f"{one.key}: {one.kind}, {one.rate:g} Hz" + (f"; {one.summary}" if one.summary else "")
     sure = f"confidence {one.rig.confidence:.0%}"
     left_out = (
         f"; of its {one.rig.count} joints {one.rig.count - one.rig.used} are left out"
@@ -142,15 +142,15 @@ def table_of(found: list[FoundFile]) -> Table:
     rows: dict[tuple[str, ...], list[FoundFile]] = {}
     for one in found:
         if not one.reason:
-            rows.setdefault((one.key,) if alone else _alike(one), []).append(one)
+            rows.setdefault((one.key,) if alone else _group_key(one), []).append(one)
     for alike in rows.values():
         least = [one.rig.confidence for one in alike if one.rig is not None]
         sure = f"{min(least):.0%}" if least else ""
-        table.add_row(alike[0].key if alone else str(len(alike)), *_alike(alike[0]), sure)
+        table.add_row(alike[0].key if alone else str(len(alike)), *_group_key(alike[0]), sure)
     return table
 
 
-def _alike(one: FoundFile) -> tuple[str, ...]:
+def _group_key(one: FoundFile) -> tuple[str, ...]:
     """Return the line of a file without its name and confidence."""
     if one.rig is None:
         return (one.kind, "", "", "", "", f"{one.rate:g}", "")
@@ -167,6 +167,6 @@ def _alike(one: FoundFile) -> tuple[str, ...]:
     )
 
 
-def none_of(place: Path, skipped: list[FoundFile]) -> str:
+def no_readable_file(place: Path, skipped: list[FoundFile]) -> str:
     """Return the error of a folder without a readable file."""
     return f"{place}: none of its {len(skipped)} files can be read; the first: {skipped[0].reason}"

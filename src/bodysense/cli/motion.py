@@ -228,8 +228,8 @@ def track(  # noqa: PLR0915
         print(take.partial.line)
     take.save(out, rig)
     print(f"wrote {out}: {len(take.time)} frames at {rate:.0f} frames/s")
-    warnings = (*take.remarks, *(_gaps_left(take) if markers_out else ()))
-    _say(take, warnings, markers_out)
+    warnings = (*take.remarks, *(_remaining_gaps(take) if markers_out else ()))
+    _print_result(take, warnings, markers_out)
     if save_person is not None:
         take.person.save(save_person)
         print(f"wrote {save_person}")
@@ -276,7 +276,7 @@ def convert(
     joints, held = opened.held_still
     warnings = []
     if held.any():
-        lost = f"frames, of {len(held)}: {_counted(joints, held, 'joints')}"
+        lost = f"frames, of {len(held)}: {_frame_counts(joints, held, 'joints')}"
         lost = f"limbs are held still while the body moves, as lost ones are ({lost})"
         warnings.append(f"{lost}; complete them: bodysense track {file.name} -o {out.name}")
         print(f"WARNING: {warnings[0]}", file=sys.stderr)
@@ -304,7 +304,7 @@ def _check_outputs(file: Path, out: Path, rig: str | None, *more: Path | None) -
             check_place(path)
 
 
-def _say(take: Take, warnings: tuple[str, ...], markers_out: bool) -> None:
+def _print_result(take: Take, warnings: tuple[str, ...], markers_out: bool) -> None:
     """Print what was found out of a recording, and what was filled."""
     if take.partial is not None:
         print(holes_line(take.partial))
@@ -338,10 +338,10 @@ def holes_line(partial: PartialMotion) -> str:
         )
     if partial.clip.lacks and not partial.holes.any():
         return f"completed {' and '.join(partial.clip.lacks)}, which the motion lacks"
-    return f"filled frames, of {len(partial.holes)}: {_counted(partial.rig.joints, partial.holes, 'joints')}"
+    return f"filled frames, of {len(partial.holes)}: {_frame_counts(partial.rig.joints, partial.holes, 'joints')}"
 
 
-def _counted(names: Sequence[str], frames: np.ndarray, kind: str) -> str:
+def _frame_counts(names: Sequence[str], frames: np.ndarray, kind: str) -> str:
     """Return how many of the frames (T, N) each of N joints or markers has, the most first; nothing if none has any."""
     counts = sorted(zip(names, frames.sum(axis=0).tolist(), strict=True), key=lambda row: row[1])[::-1]
     found = [f"{name} {count}" for name, count in counts if count]
@@ -353,11 +353,11 @@ def _filled_markers_line(take: Take) -> str:
     """Return a line about how many frames of each marker were filled."""
     assert take.markers is not None and take.markers.found is not None
     raw = take.markers.found.raw
-    listed = _counted(raw.names, take.filled_markers.filled, "markers")
+    listed = _frame_counts(raw.names, take.filled_markers.filled, "markers")
     return f"filled, in frames of {len(raw.time)}: {listed}" if listed else "no marker has a gap: none was filled"
 
 
-def _gaps_left(take: Take) -> tuple[str, ...]:
+def _remaining_gaps(take: Take) -> tuple[str, ...]:
     """Return a line about markers that still have gaps, if there are any."""
     assert take.markers is not None and take.markers.found is not None
     raw, filled = take.markers.found.raw, take.filled_markers.filled

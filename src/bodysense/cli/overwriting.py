@@ -16,7 +16,7 @@ WRITTEN = ("-o", "--out", "--json", "--csv", "--picture", "--overlay", "--html",
 UPDATED = {"--person", "--save-person"}  # with one file for both, the command updates it
 
 
-def checked_arguments(arguments: Sequence[str]) -> list[str]:
+def check_arguments(arguments: Sequence[str]) -> list[str]:
     """Return the arguments of a command without `--overwrite`.
 
     Raises BodysenseError if two options write one file, and, unless the flag is given, if a file to be written is also

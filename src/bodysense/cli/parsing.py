@@ -107,7 +107,7 @@ def _unbroken_help() -> Iterator[None]:
 
     def filled(**field: Any) -> FieldDefinition:
         text = field.pop("helptext")
-        return make(**field, helptext=lambda: _joined(text() if callable(text) else text))
+        return make(**field, helptext=lambda: _one_line(text() if callable(text) else text))
 
     FieldDefinition.make = staticmethod(filled)  # type: ignore[method-assign]
     try:
@@ -116,7 +116,7 @@ def _unbroken_help() -> Iterator[None]:
         FieldDefinition.make = staticmethod(make)  # type: ignore[method-assign]
 
 
-def _joined(text: object) -> str | None:
+def _one_line(text: object) -> str | None:
     """Return a text without line breaks; None for no text."""
     return None if text is None else " ".join(str(text).split())
 
@@ -144,16 +144,15 @@ def _reason(event: events.ParseErrorEvent, application: SubcommandApp, given: Se
     if isinstance(event, events.MissingArgs):
         names = " and ".join(_name(one.arg) for one in event.missing_arguments)
         spare = f", and {' '.join(event.unrecognized_tokens)} is unknown" if event.unrecognized_tokens else ""
-        return (
-            f"{names} {'is' if len(event.missing_arguments) == 1 else 'are'} missing{spare}{_see(application, given)}"
-        )
+        verb = "is" if len(event.missing_arguments) == 1 else "are"
+        return f"{names} {verb} missing{spare}{_help_hint(application, given)}"
     if isinstance(event, events.MissingSubcommand):
         group = _command(_help(application, given))
         return f"{f'{group}: ' if group else ''}give one of {', '.join(sorted(event.subcommand_spec.parser_from_name))}"
     if isinstance(event, events.BadValue):
         name = _name(event.argument)
         if event.reason == "too_few_values":
-            return f"{name}: the value is missing; give {_wanted(event.argument)}"
+            return f"{name}: the value is missing; give {_expected_value(event.argument)}"
         return f"{name} {event.offending_value}: takes no value; leave {event.offending_value!r} out"
     if isinstance(event, events.InvalidChoice):
         choices = ", ".join(sorted(choice for choice in event.choices if choice != "None"))
@@ -163,7 +162,7 @@ def _reason(event: events.ParseErrorEvent, application: SubcommandApp, given: Se
     if isinstance(event, events.InstantiationFailure) and event.argument is not None:
         name = _name(event.argument)
         value = _value(name, given) or _EMPTY
-        return f"{name} {value}: give {_wanted(event.argument)}"
+        return f"{name} {value}: give {_expected_value(event.argument)}"
     if isinstance(event, events.InstantiationFailure):
         return " ".join(event.message.split())
     return None
@@ -176,7 +175,7 @@ def _name(argument: Any) -> str:
     return max(argument.lowered.name_or_flags, key=len)
 
 
-def _wanted(argument: Any) -> str:
+def _expected_value(argument: Any) -> str:
     """Return what an argument takes, with an example if its help has a unit."""
     metavar, found = str(argument.lowered.metavar), argument.field.helptext
     text = str((found() if callable(found) else found) or "")
@@ -205,10 +204,10 @@ def _unknown(tokens: Sequence[str], application: SubcommandApp, given: Sequence[
     known = re.findall(r"--[a-z][a-z0-9-]*", text) if is_option else names
     near = difflib.get_close_matches(first.partition("=")[0], sorted(set(known)), 1)
     kind = "option" if is_option else "command" if names else "argument"
-    return f"{first}: unknown {kind}" + (f"; did you mean {near[0]}?" if near else _see(application, given))
+    return f"{first}: unknown {kind}" + (f"; did you mean {near[0]}?" if near else _help_hint(application, given))
 
 
-def _see(application: SubcommandApp, given: Sequence[str]) -> str:
+def _help_hint(application: SubcommandApp, given: Sequence[str]) -> str:
     """Return where the options of the command are listed."""
     return f"; see {' '.join([PROGRAM, _command(_help(application, given))]).strip()} --help"
 

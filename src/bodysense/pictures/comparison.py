@@ -43,7 +43,7 @@ def draw_views(
     for frame in range(len(camera)) if frames is None else frames:
         pictures = []
         for view, (skin, balls) in zip(views, bodies, strict=True):
-            drawn = skin if view.tracked is None else _painted(skin, view.pose.skeleton, view.tracked[frame])
+            drawn = skin if view.tracked is None else _with_untracked_red(skin, view.pose.skeleton, view.tracked[frame])
             pictures.append(painter.draw(drawn, balls[frame], camera.eye(frame)))
         yield np.concatenate([heading, np.concatenate(pictures, axis=1)])
 
@@ -65,7 +65,7 @@ def write_moments(path: str | Path, views: Sequence[View], rate: float, moments:
         Image.fromarray(np.concatenate(rows)).save(beside)
 
 
-def _painted(skin: BodySkin, skeleton: Skeleton, tracked: np.ndarray) -> BodySkin:
+def _with_untracked_red(skin: BodySkin, skeleton: Skeleton, tracked: np.ndarray) -> BodySkin:
     """Skin whose links are red where what is nearest to either of their ends is not tracked (P,)."""
     seen = tracked[_nearest_points(skeleton)]
     return replace(skin, color=np.where(seen[skin.link].all(axis=1), skin.color, UNSEEN))

@@ -67,7 +67,7 @@ class Overlay(AbstractContextManager["Overlay"]):
             seen_by = Camera(*(values[k] for values in vars(camera).values()))
             pixels = picture.pixels
             if people and len(people[k]) > 1 and picture.time < NUMBERED:
-                pixels = numbered(pixels, people[k])
+                pixels = draw_numbers(pixels, people[k])
             self.show(picture.time, pixels, pose[k], seen_by)
 
     def show(self, time: float, pixels: np.ndarray, pose: Pose, camera: Camera) -> None:
@@ -91,7 +91,7 @@ class Overlay(AbstractContextManager["Overlay"]):
         self._stack.__exit__(*error)  # type: ignore[arg-type]
 
 
-def numbered(pixels: np.ndarray, people: Sequence[PersonTrack]) -> np.ndarray:
+def draw_numbers(pixels: np.ndarray, people: Sequence[PersonTrack]) -> np.ndarray:
     """(H, W, 3) a picture with each person's number on their trunk."""
     from PIL import Image, ImageDraw, ImageFont
 
@@ -116,12 +116,12 @@ def side_by_side(pixels: np.ndarray, pose: Pose, camera: Camera) -> np.ndarray:
     high, wide = (size // 2 * 2 for size in pixels.shape[:2])
     beside = round(0.8 * high / 2) * 2
     whole = Image.new("RGB", (wide + beside, high))
-    whole.paste(_over(pixels[:high, :wide], pose, camera))
-    whole.paste(Image.fromarray(_beside((beside, high), pose)), (wide, 0))
+    whole.paste(_draw_over(pixels[:high, :wide], pose, camera))
+    whole.paste(Image.fromarray(_draw_side_view((beside, high), pose)), (wide, 0))
     return np.array(whole)
 
 
-def _over(pixels: np.ndarray, pose: Pose, camera: Camera) -> Image:
+def _draw_over(pixels: np.ndarray, pose: Pose, camera: Camera) -> Image:
     """The picture with the skeleton's bones over it."""
     from PIL import Image, ImageDraw
 
@@ -154,7 +154,7 @@ def _painter(width: int, height: int, floor: float, scale: float) -> BodyPainter
     return BodyPainter(FollowingCamera(lens, follow=np.zeros((1, 2)), turn=_TURN, floor=floor, scale=scale))
 
 
-def _beside(size: tuple[int, int], pose: Pose) -> np.ndarray:
+def _draw_side_view(size: tuple[int, int], pose: Pose) -> np.ndarray:
     """Return a picture of the body on a floor, from the camera's right."""
     skeleton, skin = pose.skeleton, fit_skin(pose.skeleton)
     ground = float((skeleton.path @ skeleton.rest_offset + skeleton.rest_offset[0])[:, 1].min())
