@@ -50,7 +50,7 @@ def seen_at_times(clip: Clip, points: tuple[str, ...], has: np.ndarray) -> Obser
 @pytest.mark.parametrize(
     ("parts", "most"), [(("knee",), 0.14), (("hip", "knee"), 0.07), (("elbow",), 0.088), (("knee", "ankle"), 0.12)]
 )
-def test_a_body_does_not_leap_where_its_joints_come_and_go(parts: tuple[str, ...], most: float) -> None:
+def test_a_body_does_not_jump_when_points_are_lost_or_found(parts: tuple[str, ...], most: float) -> None:
     """Joints are seen for half a second or so at a time: what nobody sees goes on as it moved."""
     clip = performance(1, 900)
     truth = np.asarray(forward_kinematics(clip.pose)[0])
@@ -78,7 +78,7 @@ def with_shins(clip: Clip, has: np.ndarray) -> Observation:
 
 
 @pytest.mark.parametrize("frames", [5, 7, 12])
-def test_knees_do_not_bend_backward_where_rotations_of_shins_come_and_go(frames: int) -> None:
+def test_knees_do_not_bend_backward_when_shin_rotations_are_lost_or_found(frames: int) -> None:
     clip = performance(0, 750)
     tracker = Tracker(Person(clip.pose.skeleton))
     seen = with_shins(clip, np.arange(len(clip)) // frames % 2 == 0)
@@ -88,7 +88,7 @@ def test_knees_do_not_bend_backward_where_rotations_of_shins_come_and_go(frames:
         assert np.degrees(2 * np.arctan2(np.sign(w) * x, np.abs(w))).min() > -2
 
 
-def test_a_shin_whose_rotation_is_found_again_does_not_leap() -> None:
+def test_a_shin_does_not_jump_when_its_rotation_is_found_again() -> None:
     clip = performance(0, 750)
     tracker = Tracker(Person(clip.pose.skeleton))
     has = np.arange(len(clip)) // 15 % 2 == 0
@@ -102,7 +102,7 @@ def test_a_shin_whose_rotation_is_found_again_does_not_leap() -> None:
     np.testing.assert_allclose(geodesic_angle(shown[met], truth[met]), 0, atol=1e-3)
 
 
-def test_the_rest_of_a_body_moves_on_where_a_hand_is_found_again() -> None:
+def test_the_rest_of_a_body_keeps_moving_when_a_hand_is_found_again() -> None:
     """Jerk of trunk and legs at a return beside that of a hand that was never lost."""
     ratios = []
     for body in (1, 2):
@@ -128,7 +128,7 @@ def test_the_rest_of_a_body_moves_on_where_a_hand_is_found_again() -> None:
 @pytest.mark.parametrize(
     "parts", [("foot",), ("knee",), ("ankle",), ("shoulder",), ("elbow",), ("knee", "ankle", "foot")]
 )
-def test_a_point_that_is_seen_again_is_met_at_once_without_ease(parts: tuple[str, ...]) -> None:
+def test_a_found_point_is_reached_at_once_without_ease(parts: tuple[str, ...]) -> None:
     """Its error in the frame of its return is that of a point that was never lost."""
     clip = performance(1, 600)
     points = (*ALWAYS, *(f"{side}_{part}" for part in parts for side in ("left", "right")))
@@ -145,7 +145,7 @@ def test_a_point_that_is_seen_again_is_met_at_once_without_ease(parts: tuple[str
     assert np.percentile(lost[:, joints][found], 95) < np.percentile(never[:, joints][found], 95) + 0.01  # m
 
 
-def test_a_finger_that_blinks_moves_nothing_and_one_that_stays_leads_its_hand() -> None:
+def test_a_blinking_finger_moves_nothing_and_a_lasting_one_leads_its_hand() -> None:
     clip = performance(1, 300)
     points, has = ("head", "left_index1"), np.ones((300, 2), dtype=bool)
     frames, truth = np.arange(300), np.asarray(forward_kinematics(clip.pose)[0])

@@ -71,7 +71,7 @@ def test_the_rig_of_the_file_is_kept(tmp_path: Path, take: Path, waving_clip: Cl
     np.testing.assert_allclose(places(back), places(waving_clip)[::2], atol=1e-3)
 
 
-def test_what_cannot_be_converted(tmp_path: Path, take: Path, waving_clip: Clip) -> None:
+def test_invalid_conversions_are_refused(tmp_path: Path, take: Path, waving_clip: Clip) -> None:
     out = tmp_path / "out.bvh"
     seen = simulate(waving_clip, "three_point", None)
     cases: tuple[tuple[Source, dict[str, Any], str], ...] = (

@@ -242,7 +242,7 @@ def test_every_public_name_has_an_example() -> None:
     assert unused == ["Skeleton", "Take"]  # made by default_skeleton and track
 
 
-def test_links_lead_somewhere() -> None:
+def test_link_targets_exist() -> None:
     for page in PAGES:
         for target in re.findall(r"\]\(([^)#\s]+)(?:#[^)]*)?\)", page.read_text()):
             if "://" not in target:

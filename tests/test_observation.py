@@ -49,7 +49,7 @@ def example(batch: tuple[int, ...] = (), frames: int = 4) -> Observation:
 
 
 @pytest.mark.parametrize("batch", [(), (1,), (3, 1, 2)])
-def test_what_agrees_passes(batch: tuple[int, ...]) -> None:
+def test_valid_observations_pass(batch: tuple[int, ...]) -> None:
     observation = example(batch)
     assert check_observation(observation) is observation
 
@@ -65,7 +65,7 @@ def test_shapes_that_do_not_agree_are_refused(field: str) -> None:
             check_observation(replace(good, **{field: bad}), "mine")
 
 
-def test_times_are_a_list() -> None:
+def test_times_have_one_axis() -> None:
     with pytest.raises(BodysenseError, match=r"mine: time has shape \(4, 1\); give one number a frame, in seconds"):
         check_observation(replace(example(), time=np.arange(4.0)[:, None]), "mine")
 
@@ -102,7 +102,7 @@ def test_far_positions_are_refused() -> None:
     check_observation(observation)
 
 
-def test_unix_time_is_a_time() -> None:
+def test_unix_times_are_valid() -> None:
     check_observation(replace(example(), time=1.7e9 + np.arange(4) / 90))
     with pytest.raises(BodysenseError, match=r"time goes from 1700000000 s to 1699999999\.98889 s"):
         check_observation(replace(example(), time=1.7e9 - np.arange(4) / 90))
@@ -131,7 +131,7 @@ def test_usual_accuracies() -> None:
     accuracy_like(mask, 0.01)[0, 0, 0] = 1.0  # its own memory
 
 
-def test_a_slice_is_of_frames() -> None:
+def test_a_slice_selects_frames() -> None:
     observation = example(frames=6)
     part = observation[2:5]
     assert len(part) == 3 and len(observation) == 6
@@ -141,7 +141,7 @@ def test_a_slice_is_of_frames() -> None:
 
 
 @pytest.mark.parametrize("batch", [(), (3, 1, 2)])
-def test_points_find_their_place(batch: tuple[int, ...]) -> None:
+def test_points_are_put_in_the_order_of_the_skeleton(batch: tuple[int, ...]) -> None:
     observation = example(batch)
     position, rotation, has_position, has_rotation = observed_points(observation, SKELETON)
     assert position.shape == (*batch, 4, len(SKELETON.points), 3)
@@ -207,12 +207,12 @@ def test_a_frame_of_named_poses_is_an_observation() -> None:
         ((None, [1.0, 1.0, 0.0, 0.0]), "give unit quaternions"),
     ],
 )
-def test_what_is_no_pose_is_refused(pose: tuple, message: str) -> None:
+def test_invalid_poses_are_refused(pose: tuple, message: str) -> None:
     with pytest.raises(BodysenseError, match=message):
         observe(0.0, {"head": pose})
 
 
-def test_accelerations_go_with_their_points_and_frames() -> None:
+def test_accelerations_follow_points_and_frames() -> None:
     good = example((2,))
     felt = np.random.default_rng(1).normal(size=good.position.shape)
     felt[..., 0, 1, :] = np.nan
@@ -225,7 +225,7 @@ def test_accelerations_go_with_their_points_and_frames() -> None:
     assert good[1:].acceleration is None and chosen_points(good, [0]).acceleration is None
 
 
-def test_points_that_are_joined_keep_their_accelerations() -> None:
+def test_joined_points_keep_their_accelerations() -> None:
     bare = example(())
     felt = np.random.default_rng(2).normal(size=bare.position.shape)
     measured = chosen_points(replace(bare, acceleration=felt), [0])
@@ -237,7 +237,7 @@ def test_points_that_are_joined_keep_their_accelerations() -> None:
         assert np.array_equal(found[:, given], felt[:, 0]) and np.isnan(found[:, 1 - given]).all()
 
 
-def test_accelerations_that_no_body_has_are_refused() -> None:
+def test_impossible_accelerations_are_refused() -> None:
     good = example()
     for broken, text in ((np.inf, "inf m/s²"), (-2000.0, "2000 m/s², but at most 1000")):
         felt = np.zeros(good.position.shape)

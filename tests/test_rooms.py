@@ -49,7 +49,7 @@ FLOORS: dict[str, float] = {
     "cli": 8,
     "__main__": 9,
 }
-FRONT_DOOR = "bodysense"  # names what the library offers, and imports it when it is asked for
+LIBRARY = "bodysense"  # imports each public name when it is first used
 LIGHT = {"numpy", "array_api_compat", "tyro", "rich"}  # what run-time modules may import at once
 
 
@@ -102,17 +102,17 @@ def ours(names: frozenset[str]) -> set[str]:
     return {name for name in names if package(name) in SOURCES}
 
 
-def test_the_packages_are_those_that_are_meant() -> None:
+def test_every_package_has_import_rules() -> None:
     assert set(SOURCES) == set(MAY_IMPORT)
     assert {package(module) for module in MODULES} == set(MAY_IMPORT)
 
 
 def test_every_module_of_the_library_has_a_floor() -> None:
-    modules = [module for module in MODULES if package(module) == "bodysense" and module != FRONT_DOOR]
+    modules = [module for module in MODULES if package(module) == "bodysense" and module != LIBRARY]
     assert not [module for module in modules if room(module) not in FLOORS]
 
 
-def test_what_is_imported_exists() -> None:
+def test_imported_modules_exist() -> None:
     offenders = [
         f"{module} imports {other}"
         for module in MODULES
@@ -125,15 +125,15 @@ def test_what_is_imported_exists() -> None:
 def test_modules_of_the_library_import_from_lower_floors_only() -> None:
     offenders = []
     for module in MODULES:
-        if package(module) != "bodysense" or module == FRONT_DOOR:
+        if package(module) != "bodysense" or module == LIBRARY:
             continue
-        for other in ours(imported(module, everywhere=True)) - {FRONT_DOOR}:
+        for other in ours(imported(module, everywhere=True)) - {LIBRARY}:
             if room(other) != room(module) and FLOORS.get(room(other), 10) >= FLOORS[room(module)]:
                 offenders.append(f"{module} imports {other}")
     assert not offenders
 
 
-def test_packages_import_what_they_may() -> None:
+def test_packages_import_only_allowed_packages() -> None:
     """The library, its commands included, imports none of the packages, and they hardly import each other."""
     offenders = [
         f"{module} imports {other}"
@@ -144,7 +144,7 @@ def test_packages_import_what_they_may() -> None:
     assert not offenders
 
 
-def test_commands_are_on_top() -> None:
+def test_only_commands_import_commands() -> None:
     offenders = [
         f"{module} imports {other}"
         for module in MODULES
@@ -193,13 +193,13 @@ def test_no_two_classes_share_a_name() -> None:
     assert not {name: modules for name, modules in found.items() if len(modules) > 1}
 
 
-def test_the_run_time_is_light() -> None:
+def test_run_time_modules_import_only_light_packages() -> None:
     heavier = {name: heavy(name, set()) - LIGHT for name in MODULES if package(name) != "bodysense_lab"}
     assert not {name: packages for name, packages in heavier.items() if packages}
-    assert heavy(FRONT_DOOR, set()) == set()
+    assert heavy(LIBRARY, set()) == set()
 
 
-def test_the_check_sees_what_is_heavy() -> None:
+def test_the_check_finds_heavy_packages() -> None:
     assert "torch" in heavy("bodysense_lab.unoc.network", set())
     assert {"torch", "onnx"} <= heavy("bodysense_lab.unoc.export", set())
 

@@ -84,7 +84,7 @@ def knees_forward(estimate, skeleton: Skeleton) -> np.ndarray:
 
 
 @pytest.mark.parametrize("body", [0, 3])
-def test_a_squat_with_pelvis_and_ankles_tracked_is_as_deep_as_it_was(body: int) -> None:
+def test_a_squat_with_tracked_pelvis_and_ankles_has_the_true_depth(body: int) -> None:
     pose = performed(unseen_body(body), SQUAT)
     estimate, _, (truth, _) = tracked(pose, "six_point")
     apart = knee_angles(estimate.points, pose.skeleton) - knee_angles(truth, pose.skeleton)
@@ -114,7 +114,7 @@ def test_a_squat_seen_by_cameras_keeps_pelvis_and_head(body: int) -> None:
 
 
 @pytest.mark.parametrize("sensors", ["three_point", "headset_camera", "six_point"])
-def test_who_stands_still_stands_still(sensors: str) -> None:
+def test_a_still_wearer_does_not_move(sensors: str) -> None:
     pose = performed(unseen_body(5), {})
     estimate, _, (truth, _) = tracked(pose, sensors)
     feet = pose.skeleton.indices(FEET)
@@ -142,7 +142,7 @@ def test_feet_do_not_follow_a_wearer_who_sways(amplitude: float, frequency: floa
     assert np.linalg.norm(feet[6:] - feet[:-6], axis=-1).max() / 0.1 < 0.018  # m/s
 
 
-def test_a_point_that_is_seen_again_is_where_it_is_seen() -> None:
+def test_a_found_point_is_at_its_measured_position() -> None:
     pose = performed(unseen_body(6), RAISED_KNEE)
     time = np.arange(len(pose.root_position)) / RATE
     observation = observe(pose, time, SENSOR_SETS["six_point"])
@@ -181,7 +181,7 @@ def speeds(points: np.ndarray, places: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("body", [0, 3, 6])
-def test_raised_hands_that_are_lost_stay_raised(body: int) -> None:
+def test_lost_raised_hands_stay_raised(body: int) -> None:
     top = round(2.25 * RATE)
     skeleton, output, _ = hands_lost(body, slice(top + 1, None))
     arm = output[:, skeleton.indices(WRISTS)] - output[:, skeleton.indices(["left_shoulder", "right_shoulder"])]
@@ -217,7 +217,7 @@ def test_hands_keep_their_speed_in_the_frame_in_which_they_are_lost_or_found(bod
 
 
 @pytest.mark.parametrize("body", [0, 3, 6])
-def test_hands_that_are_found_elsewhere_come_there_at_no_more_than_10_m_s(body: int) -> None:
+def test_hands_found_elsewhere_move_there_at_most_at_10_m_s(body: int) -> None:
     """However short the ease: they were lost low and are found raised."""
     found = round(2.25 * RATE)
     skeleton, output, truth = hands_lost(body, slice(20, found), ease=0.05)

@@ -47,7 +47,7 @@ def lost(seen: Observation, name: str, first: int, end: int) -> Observation:
     return hide(seen, hidden)
 
 
-def test_measured_points_are_met(seen: Observation, person: Person) -> None:
+def test_measured_points_are_reached(seen: Observation, person: Person) -> None:
     """As near as in the causal answer: a spine of this length does not always reach from the head to the pelvis."""
     places = person.skeleton.indices(seen.points)
     causal, _ = (tracker := Tracker(person)).step(seen, tracker.start())
@@ -66,9 +66,7 @@ def test_bones_keep_their_lengths_and_points_are_of_the_pose(seen: Observation, 
 
 
 @pytest.mark.parametrize("frames", [1, 3, 15, 45])
-def test_a_wrist_that_is_seen_again_does_not_leap(
-    seen: Observation, person: Person, waving_clip: Clip, frames: int
-) -> None:
+def test_a_found_wrist_does_not_jump(seen: Observation, person: Person, waving_clip: Clip, frames: int) -> None:
     first = 25
     gap = lost(seen, "left_wrist", first, first + frames)
     wrist = person.skeleton.index("left_wrist")
@@ -78,7 +76,7 @@ def test_a_wrist_that_is_seen_again_does_not_leap(
     assert (path[edges] < truth.max() + 0.05).all()
 
 
-def test_a_moment_that_is_bridged_is_not_measured(seen: Observation, person: Person, waving_clip: Clip) -> None:
+def test_bridged_frames_are_not_measured(seen: Observation, person: Person, waving_clip: Clip) -> None:
     """A wrist that is lost for a tenth of a second is nearly where it was, and said to be hidden."""
     wrist = person.skeleton.index("left_wrist")
     estimate = complete(person, lost(seen, "left_wrist", 30, 33))
@@ -97,7 +95,7 @@ def test_tracked_rotations_are_kept(person: Person, waving_clip: Clip) -> None:
         assert np.degrees(off).max() < 0.5, name
 
 
-def test_the_future_counts(seen: Observation, person: Person) -> None:
+def test_later_frames_improve_the_estimate(seen: Observation, person: Person) -> None:
     """Before a wrist is first seen, the causal answer cannot know where it is; the other one leads there."""
     late = lost(seen, "left_wrist", 0, 40)
     wrist = person.skeleton.index("left_wrist")
@@ -108,7 +106,7 @@ def test_the_future_counts(seen: Observation, person: Person) -> None:
     assert off < 0.06 and off < alone
 
 
-def test_windows_are_one_motion(seen: Observation, person: Person, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_windows_join_into_one_motion(seen: Observation, person: Person, monkeypatch: pytest.MonkeyPatch) -> None:
     whole = complete(person, seen)
     for name, value in (("WINDOW", 1.0), ("BESIDE", 0.6), ("FADE", 0.4)):
         monkeypatch.setattr(two_way, name, value)
@@ -120,7 +118,7 @@ def test_windows_are_one_motion(seen: Observation, person: Person, monkeypatch: 
     assert step < usual + 0.02
 
 
-def test_a_recording_that_pauses_is_two(seen: Observation, person: Person) -> None:
+def test_a_recording_with_a_pause_is_split(seen: Observation, person: Person) -> None:
     """After a pause of more than a second nothing that moved is remembered, in either direction."""
     time = seen.time + np.where(np.arange(len(seen)) < 45, 0.0, 10.0)
     paused = complete(person, replace(seen, time=time))
@@ -155,7 +153,7 @@ def test_reversed_twice_is_unchanged(seen: Observation) -> None:
     np.testing.assert_array_equal(once.acceleration[0], felt.acceleration[-1])  # type: ignore[index]
 
 
-def test_the_person_is_found_before_both_passes(waving_clip: Clip) -> None:
+def test_the_person_is_inferred_before_both_passes(waving_clip: Clip) -> None:
     """An unknown body has one size in all frames: the one that is believed after the last."""
     tall = waving_clip.pose.skeleton.scaled(1.9)
     clip = Clip("tall", Pose(tall, waving_clip.pose.root_position * 1.1, waving_clip.pose.rotation), 30.0)

@@ -31,7 +31,7 @@ def test_a_foot_that_stands_does_not_slide() -> None:
     np.testing.assert_allclose((place[:, 0] + shift)[9:], np.tile(place[9, 0], (51, 1)), atol=1e-12)
 
 
-def test_between_two_known_places_it_moves_evenly() -> None:
+def test_a_foot_moves_evenly_between_two_known_positions() -> None:
     place, gap = sliding(60, 0.0), free(60, 10, 50)
     place[10:50, :, 0] += 0.03 * np.sin(np.linspace(0, np.pi, 40))[:, None]  # there and back
     place[50:, :, 0] += 0.01
@@ -41,7 +41,7 @@ def test_between_two_known_places_it_moves_evenly() -> None:
     assert not shift[~gap].any()
 
 
-def test_heel_then_ball() -> None:
+def test_the_foot_rolls_from_heel_to_ball() -> None:
     """What rests stays, also while the foot rolls from one to the other."""
     place = sliding(40, 0.04)
     place[20:, 0, 1] += 0.002 * np.arange(20)  # the heel rises
@@ -52,7 +52,7 @@ def test_heel_then_ball() -> None:
     assert steps[:19, 0].max() < 1e-12 and steps[20:, 1].max() < 1e-12
 
 
-def test_a_lifted_foot_goes_where_it_went_without_a_jump() -> None:
+def test_a_lifted_foot_returns_to_its_path_without_a_jump() -> None:
     place, gap = sliding(90, 0.1), free(90, 5, 85)
     contact = np.zeros((90, 2))
     contact[30:45] = 0.9
@@ -64,11 +64,11 @@ def test_a_lifted_foot_goes_where_it_went_without_a_jump() -> None:
 
 
 @pytest.mark.parametrize("contact", [0.0, 0.5])
-def test_a_foot_that_hardly_touches_is_let_be(contact: float) -> None:
+def test_a_foot_with_low_contact_is_unchanged(contact: float) -> None:
     assert not stop_sliding(sliding(30, 0.3), np.full((30, 2), contact), free(30, 5, 25), 1 / RATE).any()
 
 
-def test_it_is_never_moved_far() -> None:
+def test_the_shift_is_bounded() -> None:
     shift = stop_sliding(sliding(90, 2.0), np.ones((90, 2)), free(90, 0, 90), 1 / RATE)
     assert np.linalg.norm(shift, axis=-1).max() <= FARTHEST + 1e-12
 

@@ -31,7 +31,7 @@ def speed(rotation: np.ndarray) -> np.ndarray:
 
 
 @given(st.integers(2, 90), st.lists(st.tuples(st.integers(0, 89), st.integers(1, 60)), max_size=4), st.booleans())
-def test_what_is_known_stays_bit_for_bit(frames: int, gaps: list[tuple[int, int]], guessing: bool) -> None:
+def test_known_frames_are_bit_identical(frames: int, gaps: list[tuple[int, int]], guessing: bool) -> None:
     rotation, missing = swing(frames, 1), np.zeros(frames, dtype=bool)
     for first, count in gaps:
         missing[first : first + count] = True
@@ -49,7 +49,7 @@ def turn_vectors(rotation: np.ndarray) -> np.ndarray:
 
 @given(st.integers(0, 10_000), st.integers(3, 60), st.integers(1, 117), st.booleans())
 @settings(max_examples=40, deadline=None)
-def test_place_and_speed_go_on_over_both_edges(seed: int, first: int, count: int, guessing: bool) -> None:
+def test_position_and_speed_are_continuous_at_both_edges(seed: int, first: int, count: int, guessing: bool) -> None:
     """At the edges a gap moves on as the known frames do, whatever the guess says inside.
 
     Between two frames of 1/60 s the true motion changes its velocity by up to `usual`; a filled gap by three times that
@@ -71,7 +71,7 @@ def test_place_and_speed_go_on_over_both_edges(seed: int, first: int, count: int
     )
 
 
-def test_a_short_gap_goes_on_as_it_was() -> None:
+def test_a_short_gap_continues_the_motion() -> None:
     truth = swing(90, 3)
     missing = np.zeros(90, dtype=bool)
     missing[40:44] = True
@@ -91,7 +91,7 @@ def test_an_accelerating_joint_keeps_its_speed_at_both_edges_of_a_gap() -> None:
         assert abs(found[inside] - wanted[beside]) < 0.15 * wanted[beside]
 
 
-def test_far_from_both_sides_the_guess_counts() -> None:
+def test_the_guess_counts_far_from_both_sides() -> None:
     truth = swing(1500, 6)
     missing = np.zeros(1500, dtype=bool)
     missing[150:1350] = True
@@ -102,7 +102,7 @@ def test_far_from_both_sides_the_guess_counts() -> None:
     assert with_guess < 0.15 * without
 
 
-def test_a_gap_with_one_side_or_none() -> None:
+def test_a_gap_with_one_known_side_or_none() -> None:
     truth, guess = swing(60, 4), swing(60, 5)
     missing = np.zeros(60, dtype=bool)
     missing[:50] = True
@@ -123,14 +123,14 @@ def test_a_gap_of_one_frame_is_the_cubic_through_its_neighbours() -> None:
     assert geodesic_angle(found, truth).max() < 1e-4
 
 
-def test_joints_are_interpolated_together_as_each_alone() -> None:
+def test_joints_interpolated_together_equal_each_alone() -> None:
     joints = np.stack([swing(60, seed) for seed in range(3)], axis=1)
     together = interpolate(joints, 20, 50, 24.0)
     for k in range(3):
         np.testing.assert_allclose(together[:, k], interpolate(joints[:, k], 20, 50, 24.0), atol=1e-12)
 
 
-def test_places_are_interpolated_as_rotations_about_one_axis() -> None:
+def test_positions_are_interpolated_as_rotations_about_one_axis() -> None:
     angle = np.cumsum(np.random.default_rng(2).normal(scale=0.02, size=60))
     place, rotation = angle[:, None] * [1.0, 0.0, 0.0], np.asarray(quaternion_exp(angle[:, None] * [1.0, 0.0, 0.0]))
     turned = np.asarray(quaternion_log(interpolate(rotation, 20, 50, 24.0)))
@@ -147,7 +147,7 @@ def test_an_expected_deviation_is_added_to_the_interpolation() -> None:
     np.testing.assert_allclose(turned, more, atol=1e-9)
 
 
-def test_trust_grows_from_known_frames_to_its_share() -> None:
+def test_trust_grows_with_the_distance_from_known_frames() -> None:
     away, trust = np.array([0.0, 0.2, 1e3]), Trust(0.8, 0.2, 0.5)
     np.testing.assert_allclose(trust.weight(away, True), [0.0, 0.4, 0.8], atol=1e-6)
     np.testing.assert_allclose(trust.weight(np.array([0.0, 0.5, 1e3]), False), [0.0, 0.5, 1.0], atol=1e-6)

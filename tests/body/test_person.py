@@ -51,7 +51,7 @@ def test_stature_equals_the_known_height(height: float) -> None:
     assert (person.bone_deviation[1:] > 0).all()
 
 
-def test_nobody_in_particular_is_the_mean_adult() -> None:
+def test_a_person_without_arguments_is_the_mean_adult() -> None:
     person = Person()
     np.testing.assert_array_equal(person.skeleton.rest_offset, shape_space().mean)
     assert (Person(height=1.7).bone_deviation <= person.bone_deviation).all()  # whose height is known is known better
@@ -76,7 +76,7 @@ def test_lengths_are_known_or_measured() -> None:
     assert exact.bone_deviation[knee] < measured.bone_deviation[knee] < guessed.bone_deviation[knee]
 
 
-def test_a_child_has_its_own_lengths() -> None:
+def test_small_people_keep_known_lengths() -> None:
     """Outside of the adults' statures the space is scaled, and known lengths still hold."""
     child = Person(lengths={("left_elbow", "left_wrist"): 0.17}, height=1.2)
     assert bone(child, "left_wrist") == pytest.approx(0.17, abs=1e-3)
@@ -149,7 +149,7 @@ json_values = st.recursive(
 
 @SETTINGS
 @given(st.data())
-def test_other_contents_are_one_error(tmp_path: Path, stored: str, data: st.DataObject) -> None:
+def test_other_contents_are_refused_in_one_line(tmp_path: Path, stored: str, data: st.DataObject) -> None:
     """Any value in place of any other."""
     contents = json.loads(stored)
     place: Any = contents
@@ -212,7 +212,7 @@ def test_files_that_are_refused(tmp_path: Path, stored: str) -> None:
     refused("a skeleton 4.* m high; people are 1.0 to 2.3 m", rewritten(stored, path, joints=rows))
 
 
-def test_what_is_refused(tmp_path: Path) -> None:
+def test_invalid_arguments_are_refused(tmp_path: Path) -> None:
     with pytest.raises(BodysenseError, match=r"height 180 m; people are 1\.0 to 2\.3 m high, give metres"):
         Person(height=180)
     for height in (0.99, 2.31, Measured(0.5, 0.1)):

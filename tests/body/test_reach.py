@@ -18,7 +18,7 @@ ENDS = ("left_wrist", "right_wrist", "left_ankle", "right_ankle")
 
 
 @pytest.mark.parametrize("end", ENDS)
-def test_the_end_comes_to_its_place(waving_clip: Clip, end: str) -> None:
+def test_the_end_reaches_its_target(waving_clip: Clip, end: str) -> None:
     pose, k = waving_clip.pose, waving_clip.pose.skeleton.index(end)
     position, rotation = forward_kinematics(pose)
     target = position[:, k] + [0.02, 0.05, -0.03]
@@ -30,7 +30,7 @@ def test_the_end_comes_to_its_place(waving_clip: Clip, end: str) -> None:
     assert geodesic_angle(turned[:, k], rotation[:, k]).max() < 1e-7
 
 
-def test_knees_and_elbows_bend_the_way_they_can() -> None:
+def test_knees_and_elbows_bend_in_the_possible_direction() -> None:
     """From a straight T-pose: knees go forward, elbows backward."""
     skeleton = default_skeleton()
     pose = rest_pose(skeleton)
@@ -42,12 +42,12 @@ def test_knees_and_elbows_bend_the_way_they_can() -> None:
     assert forward_kinematics(pulled)[0][elbow, 2] < position[elbow, 2] - 0.05
 
 
-def test_out_of_reach_is_stretched_toward(waving_clip: Clip) -> None:
+def test_limbs_stretch_toward_targets_out_of_reach(waving_clip: Clip) -> None:
     found = reach(waving_clip.pose, "left_wrist", np.full((90, 3), [5.0, 1.0, 0.0]))
     assert np.isfinite(forward_kinematics(found)[0]).all()
 
 
-def test_another_body_stands_on_the_floor_and_its_hands_are_where_they_were(waving_clip: Clip) -> None:
+def test_transfer_keeps_feet_on_the_floor_and_hands_in_place(waving_clip: Clip) -> None:
     pose = waving_clip.pose
     for offset in sample_bodies("test", 3):
         body = pose.skeleton.with_offsets(offset)

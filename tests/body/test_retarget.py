@@ -27,7 +27,7 @@ def unseen_body(clip: Clip, seed: int) -> Skeleton:
 
 
 @pytest.mark.parametrize("batch", [(), (2,), (2, 3)])
-def test_bones_and_rotations_are_kept_and_so_is_the_clearance(waving_clip: Clip, batch: tuple[int, ...]) -> None:
+def test_bones_rotations_and_clearance_are_kept(waving_clip: Clip, batch: tuple[int, ...]) -> None:
     pose = Pose(
         SKELETON,
         np.broadcast_to(waving_clip.pose.root_position, (*batch, 90, 3)),
@@ -47,7 +47,7 @@ def test_bones_and_rotations_are_kept_and_so_is_the_clearance(waving_clip: Clip,
     np.testing.assert_allclose(other.root_position[..., [0, 2]], scale * pose.root_position[..., [0, 2]], atol=1e-12)
 
 
-def test_the_own_skeleton_changes_nothing(waving_clip: Clip) -> None:
+def test_the_same_skeleton_changes_nothing(waving_clip: Clip) -> None:
     same = retarget(waving_clip.pose, SKELETON.with_offsets(SKELETON.rest_offset))
     np.testing.assert_array_equal(same.root_position, waving_clip.pose.root_position)
     np.testing.assert_array_equal(same.rotation, waving_clip.pose.rotation)

@@ -21,7 +21,7 @@ from bodysense.io.recording import read_recording, write_recording
 
 
 @pytest.mark.parametrize("ending", ["npz", "jsonl"])
-def test_from_motion_to_signals_to_motion(tmp_path: Path, motion: Path, run, ending: str) -> None:
+def test_simulate_and_track_a_motion(tmp_path: Path, motion: Path, run, ending: str) -> None:
     seen, out = tmp_path / f"seen.{ending}", tmp_path / "out.bvh"
     assert f"wrote {seen}: 20 frames" in run("simulate", motion, "-o", seen)
     assert len(read_recording(seen).observation) == 20
@@ -34,7 +34,7 @@ def test_from_motion_to_signals_to_motion(tmp_path: Path, motion: Path, run, end
     assert np.linalg.norm(found - wanted, axis=-1).max() < 0.002
 
 
-def test_a_motion_is_tracked_in_one_go(tmp_path: Path, motion: Path, run) -> None:
+def test_a_motion_is_tracked_in_one_command(tmp_path: Path, motion: Path, run) -> None:
     """With --device the recording is not written, and the result is the same."""
     run("simulate", motion, "--device", "headset_camera", "-o", tmp_path / "seen.npz")
     run("track", tmp_path / "seen.npz", "-o", tmp_path / "two.bvh")
@@ -55,7 +55,7 @@ def test_a_motion_is_converted(tmp_path: Path, motion: Path, run, capsys: pytest
     assert (tmp_path / "same.bvh").read_bytes() == (tmp_path / "whole.bvh").read_bytes()
 
 
-def test_the_wearer(tmp_path: Path, motion: Path, run) -> None:
+def test_options_of_the_wearer(tmp_path: Path, motion: Path, run) -> None:
     """The body is the recording's, or of a given height, or inferred, printed and saved."""
     run("simulate", motion, "-o", tmp_path / "tall.npz", "--height", 1.9)
     recording = read_recording(tmp_path / "tall.npz")
@@ -81,13 +81,13 @@ def test_noise_feet_and_floor(tmp_path: Path, motion: Path, run) -> None:
     run(*given, "--no-hold-feet", "--floor", -0.02)
 
 
-def test_a_network_of_ones_own(tmp_path: Path, motion: Path, run) -> None:
+def test_a_network_file_is_used(tmp_path: Path, motion: Path, run) -> None:
     packaged = files("bodysense.weights") / "completion.safetensors"
     (tmp_path / "own.safetensors").write_bytes(packaged.read_bytes())
     run("track", motion, "--device", "head", "-o", tmp_path / "a.bvh", "--model", tmp_path / "own.safetensors")
 
 
-def test_samples_of_one_signal(tmp_path: Path, motion: Path, run) -> None:
+def test_samples_of_one_recording(tmp_path: Path, motion: Path, run) -> None:
     run("simulate", motion, "--device", "three_point", "-o", tmp_path / "seen.npz")
     arguments = ("track", tmp_path / "seen.npz", "--samples", 2)
     run(*arguments, "-o", tmp_path / "a.bvh")
@@ -110,7 +110,7 @@ def test_data_sources(run) -> None:
     assert "AMASS" in run("data", "sources")
 
 
-def test_demo_of_ones_own_motion(tmp_path: Path, motion: Path, run) -> None:
+def test_demo_of_a_file(tmp_path: Path, motion: Path, run) -> None:
     output = run("demo", motion, "-o", tmp_path / "demo")
     assert "cm from head and hands" in output and "cm from headset cameras" in output
     names = sorted(path.name for path in (tmp_path / "demo").iterdir())

@@ -30,7 +30,7 @@ def test_bodies_from_the_prior(run, small_vae: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_what_generate_refuses(refused, small_vae: Path, tmp_path: Path) -> None:
+def test_invalid_arguments_of_generate_are_refused(refused, small_vae: Path, tmp_path: Path) -> None:
     output = refused("generate", "-o", tmp_path / "bodies.txt", "--model", small_vae)
     assert output.endswith("bodies.txt: the output ends in '.txt'; valid are .png and .bvh")
     output = refused("generate", "-o", tmp_path / "bodies.bvh", "--model", small_vae, "--count", 0)

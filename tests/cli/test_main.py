@@ -51,7 +51,7 @@ def without(source: str, folder: Path, *arguments: str) -> subprocess.CompletedP
         (".[mcap]", ("track one/a.bvh -o a.mcap", "convert one/a.bvh -o a.mcap")),
     ],
 )
-def test_one_line_says_what_to_install(
+def test_a_missing_package_gives_the_install_line(
     source: str, commands: tuple[str, ...], tmp_path: Path, short_clip: Clip
 ) -> None:
     (tmp_path / "one").mkdir()
@@ -67,7 +67,7 @@ def test_the_version(capsys: pytest.CaptureFixture[str]) -> None:
     assert capsys.readouterr().out == f"bodysense {bs.__version__}\n"
 
 
-def test_a_package_that_nothing_brings_is_a_fault_of_ours() -> None:
+def test_an_unknown_missing_package_raises() -> None:
     with pytest.raises(ImportError, match="colour"):
         missing_package(ModuleNotFoundError("No module named 'colour'", name="colour"))
 
@@ -83,7 +83,7 @@ def test_a_package_that_nothing_brings_is_a_fault_of_ours() -> None:
         ),
     ],
 )
-def test_what_stops_a_command_from_outside(
+def test_interrupts_and_full_disks_give_one_line(
     error: BaseException, status: int, message: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Also while it is still loading."""

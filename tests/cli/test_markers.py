@@ -90,7 +90,7 @@ def test_gloves_become_a_body(files: Path, motion: Path, run: Command, ending: s
     np.testing.assert_allclose(backs(files / "hands.bvh"), backs(motion), atol=0.002 if ending == "npz" else 0.02)
 
 
-def test_fingers_of_the_file_are_the_gloves(files: Path, run: Command, gloves: Observation, short_clip: Clip) -> None:
+def test_finger_columns_are_gloves(files: Path, run: Command, gloves: Observation, short_clip: Clip) -> None:
     from bodysense.body.hand import hand_skeleton
     from bodysense.body.rotation import geodesic_angle
 
@@ -145,7 +145,7 @@ def test_names_units_and_axes(files: Path, motion: Path, gloves: Observation, ru
     np.testing.assert_allclose(backs(files / "b.bvh"), backs(motion), atol=0.02)
 
 
-def test_what_goes_wrong_is_one_line(files: Path, motion: Path, refused: Command) -> None:
+def test_wrong_markers_give_one_line(files: Path, motion: Path, refused: Command) -> None:
     out = files / "out.bvh"
     arguments = ("track", files / "gloves.csv", "-o", out)
     assert "leave --fingers synthesize out" in refused(*arguments, "--fingers", "synthesize")
@@ -166,7 +166,7 @@ def test_what_goes_wrong_is_one_line(files: Path, motion: Path, refused: Command
 
 
 @pytest.mark.slow
-def test_doubts_are_said(files: Path, run: Command) -> None:
+def test_doubtful_labels_are_noted(files: Path, run: Command) -> None:
     text = (files / "gloves.csv").read_text()
     swapped = text.replace("left_glove_index_tip", "x").replace("left_glove_thumb_tip", "left_glove_index_tip")
     (files / "swapped.csv").write_text(swapped.replace("x.", "left_glove_thumb_tip."))

@@ -16,7 +16,7 @@ Command = Callable[..., str]
 
 
 @pytest.mark.parametrize("link", ["same", "dots", "symbolic", "hard"])
-def test_the_input_is_kept(tmp_path: Path, motion: Path, refused: Command, link: str) -> None:
+def test_the_input_is_not_overwritten(tmp_path: Path, motion: Path, refused: Command, link: str) -> None:
     out = tmp_path / "out.bvh"
     if link == "same":
         out = motion
@@ -34,25 +34,25 @@ def test_the_input_is_kept(tmp_path: Path, motion: Path, refused: Command, link:
     assert motion.read_bytes() == before
 
 
-def test_it_is_overwritten_where_the_user_says_so(motion: Path, run: Command) -> None:
+def test_the_flag_allows_overwriting(motion: Path, run: Command) -> None:
     before = motion.read_bytes()
     run("track", motion, "--fingers", "synthesize", "-o", motion, "--overwrite")
     assert motion.read_bytes() != before
 
 
-def test_names_that_follow_from_others(tmp_path: Path, motion: Path) -> None:
+def test_derived_names_are_not_overwritten(tmp_path: Path, motion: Path) -> None:
     os.link(motion, tmp_path / "a_2.bvh")
     with pytest.raises(BodysenseError, match=r"a_2\.bvh: would be written over .*motion\.bvh, which is read"):
         check_apart([tmp_path / f"a_{k}.bvh" for k in (1, 2, 3)], motion)
     check_apart([tmp_path / "b_1.bvh"], motion)
 
 
-def test_what_is_no_file_is_left_alone(tmp_path: Path) -> None:
+def test_values_that_are_no_files_are_ignored(tmp_path: Path) -> None:
     given = ["track", "0", "0", str(tmp_path), str(tmp_path), "a\0.b", "--height", "1.7", "--height=1.7"]
     assert check_arguments(given) == given
 
 
-def test_files_that_are_not_read_are_named_with_the_way_on(tmp_path: Path, motion: Path, refused: Command) -> None:
+def test_unsupported_files_are_refused_with_the_fix(tmp_path: Path, motion: Path, refused: Command) -> None:
     out = tmp_path / "out.bvh"
     (tmp_path / "a.fbx").write_bytes(b"Kaydara FBX Binary  \x00")
     assert "convert it with Blender: blender -b --python-expr" in refused("track", tmp_path / "a.fbx", "-o", out)
@@ -67,7 +67,7 @@ def test_files_that_are_not_read_are_named_with_the_way_on(tmp_path: Path, motio
     assert "no marker of a glove and no marker set of a body among 'a'" in output and "--names" in output
 
 
-def test_other_motions_are_taken(tmp_path: Path, motion: Path, run: Command) -> None:
+def test_other_motion_files_are_read(tmp_path: Path, motion: Path, run: Command) -> None:
     import numpy as np
 
     run("track", motion, "--fingers", "synthesize", "-o", tmp_path / "a.glb")

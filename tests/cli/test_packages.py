@@ -31,14 +31,14 @@ def alone(monkeypatch: pytest.MonkeyPatch) -> None:
     ],
 )
 @pytest.mark.usefixtures("alone")
-def test_a_command_of_a_package_that_is_not_installed(command: str, package: str, refused: Refused) -> None:
+def test_a_command_of_a_missing_package_gives_the_install_line(command: str, package: str, refused: Refused) -> None:
     line = refused(*command.split())
     assert f"this command is part of bodysense-{package}, which is not installed; in a clone of" in line
     assert line.endswith(f"pip install -c constraints.txt -e packages/{package}")
 
 
 @pytest.mark.usefixtures("alone")
-def test_the_library_alone(run: Command) -> None:
+def test_the_library_runs_without_the_packages(run: Command) -> None:
     assert "CMU" in run("data", "sources")
     assert set(application(packages.installed())._subcommands) == {
         "demo",
@@ -94,7 +94,7 @@ def test_every_command_of_a_package_is_known_where_it_is_not_installed() -> None
         assert added - {("data", "info")} == set(package.commands)
 
 
-def test_a_package_of_somebody_else(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_third_party_package_adds_commands(monkeypatch: pytest.MonkeyPatch) -> None:
     point = EntryPoint("other", "bodysense_conform.command:add_commands", packages.GROUP)
     monkeypatch.setattr(packages, "entry_points", lambda group: (point,))
     assert "conform" in application(packages.installed())._subcommands

@@ -29,7 +29,7 @@ def inches(tmp_path: Path, short_clip: Clip) -> Path:
     return path
 
 
-def test_info_says_what_was_recognised(inches: Path, tmp_path: Path, run) -> None:
+def test_info_reports_the_recognised_rig(inches: Path, tmp_path: Path, run) -> None:
     output = run("data", "info", inches, "--picture", tmp_path / "figures.png", "--json", tmp_path / "numbers.json")
     assert (
         "inches.bvh: SMPL, 52 joints, inches, 1.6" in output
@@ -48,7 +48,7 @@ def test_info_of_a_folder_skips_and_counts_what_it_cannot_read(inches: Path, tmp
     assert "none of its 2 files can be read; the first: " in refused("data", "info", tmp_path)
 
 
-def test_info_knows_files_without_a_rig(tmp_path: Path, short_clip: Clip, run, refused) -> None:
+def test_info_describes_files_without_a_rig(tmp_path: Path, short_clip: Clip, run, refused) -> None:
     """glTF, VRM animations, results of SMPL, recordings and markers; what is refused says what to do."""
     write_motion(tmp_path / "body.glb", short_clip)
     write_motion(tmp_path / "body.vrma", short_clip)
@@ -112,7 +112,7 @@ def test_a_table_of_joints_is_drafted_edited_and_read(inches: Path, tmp_path: Pa
     assert "not JSON" in refused("simulate", inches, "-o", seen, "--joints", table)
 
 
-def test_a_body_in_part_is_drafted_by_its_names(tmp_path: Path, run, refused) -> None:
+def test_an_incomplete_body_is_drafted_by_joint_names(tmp_path: Path, run, refused) -> None:
     """Upper bodies are recognised by the names of their joints."""
     tree = "JOINT Spine\n{\nOFFSET 0 20 0\nCHANNELS 1 Zrotation\n"
     tree += "".join(
@@ -132,7 +132,7 @@ def test_a_body_in_part_is_drafted_by_its_names(tmp_path: Path, run, refused) ->
     assert drafted["LeftForeArm"] == "left_elbow" and drafted["Hips"] == "pelvis" and drafted["Spine"] == ""
 
 
-def test_the_front_door_takes_the_same_options(inches: Path) -> None:
+def test_the_library_takes_the_same_options(inches: Path) -> None:
     import bodysense
     from bodysense.io.reading_options import ReadingOptions
 
@@ -141,7 +141,7 @@ def test_the_front_door_takes_the_same_options(inches: Path) -> None:
     assert np.abs(read_bvh(inches, unit=0.0254).pose.root_position).max() < 2
 
 
-def test_joint_places_are_tracked_and_no_motion(tmp_path: Path, run, refused) -> None:
+def test_joint_positions_are_tracked_and_not_converted(tmp_path: Path, run, refused) -> None:
     """Every command asks the same reader: places that are read as rotations are a knotted body."""
     clip = packaged_performance()
     places, out = tmp_path / "places.npy", tmp_path / "out.bvh"
@@ -152,7 +152,7 @@ def test_joint_places_are_tracked_and_no_motion(tmp_path: Path, run, refused) ->
     assert "the body is completed from them" in run("track", places, "-o", out)
 
 
-def test_the_rate_of_a_file_that_says_it_is_refused(tmp_path: Path, motion: Path, run, refused) -> None:
+def test_a_rate_is_refused_if_the_file_has_one(tmp_path: Path, motion: Path, run, refused) -> None:
     out = tmp_path / "out.glb"
     message = "the file says its frame rate; leave {} 60 out"
     assert message.format("--rate") in refused("track", motion, "-o", out, "--rate", 60)
@@ -172,7 +172,7 @@ def whole(tmp_path: Path) -> Path:
     return tmp_path / "whole.bvh"
 
 
-def test_a_whole_file_is_not_copied_where_options_would_change_it(whole: Path, tmp_path: Path, run, refused) -> None:
+def test_a_complete_file_is_refused_if_options_would_change_it(whole: Path, tmp_path: Path, run, refused) -> None:
     out = tmp_path / "out.bvh"
     for option in (("--height", 1.5), ("--up", "y"), ("--unit", "cm"), ("--floor", 0.1)):
         assert f"{option[0]} {option[1]} would change nothing; leave that out, or write it with --rig bodysense" in (
@@ -183,7 +183,7 @@ def test_a_whole_file_is_not_copied_where_options_would_change_it(whole: Path, t
     assert read_bvh(out).pose.skeleton.height == pytest.approx(1.5, abs=1e-3)
 
 
-def test_track_says_how_a_motion_was_read(inches: Path, tmp_path: Path, run) -> None:
+def test_track_reports_how_a_motion_was_read(inches: Path, tmp_path: Path, run) -> None:
     """The line is printed for files with holes (NaN), too."""
     assert "inches, 1.6" in run("track", inches, "-o", tmp_path / "out.bvh")
     lines = inches.read_text().splitlines()

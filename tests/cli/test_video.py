@@ -32,7 +32,7 @@ def track(*arguments: object) -> int:
     return main(["track", *map(str, arguments)])
 
 
-def test_a_video_comes_out_as_motion(
+def test_a_video_becomes_a_motion(
     tmp_path: Path,
     landmarkers: Path,
     filmed: tuple[np.ndarray, Clip],
@@ -84,7 +84,7 @@ def test_a_video_that_breaks_off_gives_a_part(
     assert "warning" in (output := capsys.readouterr().out) and "damaged" in output
 
 
-def test_a_webcam_is_answered_at_once_and_ended_by_ctrl_c(
+def test_a_webcam_is_tracked_live_until_ctrl_c(
     tmp_path: Path,
     landmarkers: Path,
     filmed: tuple[np.ndarray, Clip],
@@ -107,7 +107,7 @@ def test_a_webcam_is_answered_at_once_and_ended_by_ctrl_c(
 
 
 @pytest.mark.slow
-def test_the_person_of_a_number(
+def test_the_person_of_the_given_number_is_followed(
     tmp_path: Path, landmarkers: Path, filmed: tuple[np.ndarray, Clip], capsys: pytest.CaptureFixture[str]
 ) -> None:
     video, out = write(tmp_path / "in.mp4", filmed[0]), tmp_path / "out.bvh"
@@ -119,7 +119,9 @@ def test_the_person_of_a_number(
     assert "--follow 2: only 1 was found in in.mp4; give 1, or" in capsys.readouterr().err and not out.exists()
 
 
-def test_a_video_of_nobody_is_refused(tmp_path: Path, landmarkers: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_video_without_a_person_is_refused(
+    tmp_path: Path, landmarkers: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     video = write(tmp_path / "empty.mp4", np.full((3, 96, 128, 3), 120, np.uint8))
     assert track(video, "-o", tmp_path / "a.bvh", "--landmarkers", landmarkers) == 2
     assert "empty.mp4: no person was found in its 3 pictures" in capsys.readouterr().err
@@ -147,7 +149,7 @@ def test_a_video_of_nobody_is_refused(tmp_path: Path, landmarkers: Path, capsys:
         (("text.mp4", "--landmarkers", "."), "there is no pose_landmarker_full.task"),
     ],
 )
-def test_what_cannot_be(
+def test_invalid_options_are_refused(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],

@@ -54,19 +54,19 @@ def test_a_brief_gap_is_bridged(count: int) -> None:
         assert geodesic_angle(found.rotation, whole.rotation).max() < 1e-6
 
 
-def test_a_longer_gap_is_not() -> None:
+def test_a_longer_gap_is_not_bridged() -> None:
     seen = without(moving(), 1, *range(20, 21 + MOST))
     found = bridge_gaps(seen, SECONDS)
     np.testing.assert_array_equal(found.has_position, seen.has_position)
     np.testing.assert_array_equal(found.position, seen.position)
 
 
-def test_beginnings_and_ends_have_one_side() -> None:
+def test_gaps_at_beginning_and_end_are_not_bridged() -> None:
     seen = without(moving(), 0, 0, 1, FRAMES - 1)
     np.testing.assert_array_equal(bridge_gaps(seen, SECONDS).has_position, seen.has_position)
 
 
-def test_a_point_that_is_seen_in_every_other_frame_is_bridged() -> None:
+def test_a_point_seen_in_every_other_frame_is_bridged() -> None:
     whole = moving()
     found = bridge_gaps(without(whole, 1, *range(1, FRAMES - 1, 2)), SECONDS)
     assert found.has_position[1:-1].all() and np.abs(found.position - whole.position)[1:-1].max() < 0.004

@@ -46,7 +46,7 @@ def test_height_is_measured_from_the_floor() -> None:
     assert on_platform.skeleton.height == pytest.approx(on_floor.skeleton.height)
 
 
-def test_arms_out_measure_their_reach() -> None:
+def test_arms_out_measure_the_arm_span() -> None:
     observation, pose = standing(2, arms_out=True, name="three_point")
     wrists = pose.skeleton.indices(["left_wrist", "right_wrist"])
 

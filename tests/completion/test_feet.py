@@ -33,7 +33,7 @@ def heights(pose: Pose, chance: float, floor: float) -> tuple[np.ndarray, np.nda
     return before, after
 
 
-def test_a_foot_that_stands_is_low(pose: Pose) -> None:
+def test_a_standing_foot_is_on_the_floor(pose: Pose) -> None:
     """A foot comes down if it is in contact, else it stays where it is while the other one is on the floor."""
     bent = hovering(pose, ("left",))
     floor = float(side_clearance(places_of(bent)[0], pose.skeleton, "right")[0])
@@ -47,7 +47,7 @@ def test_a_foot_that_stands_is_low(pose: Pose) -> None:
 
 
 @pytest.mark.parametrize("does", ["stands", "jumps", "sits"])
-def test_nobody_who_stands_hovers(pose: Pose, does: str) -> None:
+def test_a_standing_body_does_not_hover(pose: Pose, does: str) -> None:
     """Both feet come down without a sign of contact, unless the body jumps or sits."""
     floor, bent = float(side_clearance(places_of(pose)[0], pose.skeleton, "left")[0]), hovering(pose, ("left", "right"))
     if does == "jumps":
@@ -69,7 +69,7 @@ def test_nobody_who_stands_hovers(pose: Pose, does: str) -> None:
 
 
 @pytest.mark.parametrize("still", [True, False])
-def test_those_who_stand_still_stand_low(pose: Pose, still: bool) -> None:
+def test_still_feet_are_lowered_to_the_floor(pose: Pose, still: bool) -> None:
     """Feet that are 9 mm up stay there, unless both stand and go on standing."""
     bent = hovering(pose, ("left", "right"))
     floor = float(side_clearance(places_of(bent)[0], pose.skeleton, "left")[0]) - 0.009
@@ -97,7 +97,7 @@ def test_a_tracked_foot_under_the_floor_comes_up_gradually(pose: Pose) -> None:
     assert np.abs(np.diff(height)).max() < 0.3 * np.abs(before).max()
 
 
-def test_what_lasts() -> None:
+def test_sustained_shares() -> None:
     """A third of a second counts, a tenth does not, and the change is gradual."""
     share = np.zeros(90)
     share[10:13] = 1.0
@@ -107,7 +107,7 @@ def test_what_lasts() -> None:
     assert np.abs(np.diff(found)).max() < 0.15
 
 
-def test_feet_that_stand_are_held_but_for_legs_with_tracked_shins(pose: Pose) -> None:
+def test_standing_feet_are_held_unless_their_shins_are_tracked(pose: Pose) -> None:
     skeleton, frames = pose.skeleton, len(pose.root_position)
     sliding = Pose(skeleton, pose.root_position + np.linspace(0, 0.1, frames)[:, None] * [1.0, 0.0, 0.0], pose.rotation)
     contact, shins = np.ones((frames, len(CONTACT_POINTS))), np.zeros((frames, len(skeleton.joints)), dtype=bool)

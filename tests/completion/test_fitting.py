@@ -43,7 +43,7 @@ def test_a_spine_points_from_the_head_to_the_pelvis(pose: Pose) -> None:
 
 
 @pytest.mark.parametrize("end", ["left_wrist", "right_ankle"])
-def test_tracked_ends_are_met_and_other_limbs_are_unchanged(pose: Pose, end: str) -> None:
+def test_tracked_ends_are_reached_and_other_limbs_are_unchanged(pose: Pose, end: str) -> None:
     skeleton, measured = pose.skeleton, no_points(pose)
     tip = skeleton.index(end)
     first = skeleton.parents[skeleton.parents[tip]]
@@ -59,7 +59,7 @@ def test_tracked_ends_are_met_and_other_limbs_are_unchanged(pose: Pose, end: str
 
 
 @pytest.mark.parametrize("gap", [slice(0, 20), slice(20, 60), slice(30, 33), slice(50, 90)])
-def test_what_is_measured_goes_on_and_fades(gap: slice) -> None:
+def test_offsets_of_measured_frames_fade_into_others(gap: slice) -> None:
     """An offset does not leap at an edge, is 0 in the middle of a long gap, and unchanged in measured frames."""
     offset = np.tile([0.03, -0.01, 0.02], (90, 1))
     measured = np.ones(90, dtype=bool)
@@ -75,7 +75,7 @@ def test_what_is_measured_goes_on_and_fades(gap: slice) -> None:
     assert not fade_offsets(offset, np.zeros(90, dtype=bool), SECONDS).any()
 
 
-def test_a_straight_leg_does_not_leap_where_its_foot_is_seen(pose: Pose) -> None:
+def test_a_straight_leg_does_not_jump_when_its_foot_is_seen(pose: Pose) -> None:
     """The truth stands straight, the answer with feet 4 mm higher: knees come 5 cm forward, but not within a frame."""
     straight = Pose(
         pose.skeleton, np.zeros_like(pose.root_position), np.tile([1.0, 0, 0, 0], (*pose.rotation.shape[:2], 1))
@@ -91,7 +91,7 @@ def test_a_straight_leg_does_not_leap_where_its_foot_is_seen(pose: Pose) -> None
     np.testing.assert_allclose(found[30:60, tip], truth[30:60, tip], atol=1e-3)
 
 
-def test_a_limb_whose_middle_is_seen_for_a_while_turns_there_gradually(pose: Pose) -> None:
+def test_a_limb_turns_gradually_to_a_middle_joint_seen_for_a_while(pose: Pose) -> None:
     """The wrist is tracked all the time, the elbow in frames 30 to 60: beside these the arm swivels."""
     wrist, elbow = (pose.skeleton.index(f"right_{part}") for part in ("wrist", "elbow"))
     truth, rotation = places_of(pose)[0], np.array(pose.rotation)

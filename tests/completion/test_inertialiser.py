@@ -58,7 +58,7 @@ def begun(rng: np.random.Generator, batch: tuple[int, ...]) -> tuple[Pose, Pose,
 @pytest.mark.parametrize("batch", BATCHES)
 @settings(max_examples=10)
 @given(seed=seeds)
-def test_the_pose_goes_on_where_it_was(batch: tuple[int, ...], seed: int) -> None:
+def test_the_pose_is_continuous(batch: tuple[int, ...], seed: int) -> None:
     output, target, offset = begun(np.random.default_rng(seed), batch)
     after, _ = ONE.apply(target, 0.0, offset)
     np.testing.assert_allclose(after.root_position, output.root_position, atol=1e-9)
@@ -68,7 +68,7 @@ def test_the_pose_goes_on_where_it_was(batch: tuple[int, ...], seed: int) -> Non
 @pytest.mark.parametrize("batch", BATCHES)
 @settings(max_examples=10)
 @given(seed=seeds)
-def test_the_velocity_goes_on_as_it_was(batch: tuple[int, ...], seed: int) -> None:
+def test_the_velocity_is_continuous(batch: tuple[int, ...], seed: int) -> None:
     """The output keeps its velocity, also if the target moves."""
     rng = np.random.default_rng(seed)
     output, target = random_pose(rng, batch), random_pose(rng, batch, 1.0)
@@ -95,7 +95,7 @@ def test_the_output_equals_the_target_in_the_end(seed: int) -> None:
 
 @settings(max_examples=10)
 @given(seed=seeds, steps=st.lists(st.floats(1e-3, 0.1), min_size=2, max_size=6))
-def test_any_frame_rate_is_the_same(seed: int, steps: list[float]) -> None:
+def test_the_result_is_independent_of_the_frame_rate(seed: int, steps: list[float]) -> None:
     _, target, offset = begun(np.random.default_rng(seed), (2,))
     at_once, _ = ONE.apply(target, sum(steps), offset)
     after = target
@@ -126,7 +126,7 @@ def test_joints_that_follow_are_exact(batch: tuple[int, ...], seed: int) -> None
     assert (np.abs(np.asarray(after.rotation) - np.asarray(target.rotation)).max(axis=-1)[others] > 0).all()
 
 
-def test_only_those_break_who_do() -> None:
+def test_only_given_people_break() -> None:
     """A second break of one of two people leaves the other's offset as it is."""
     rng = np.random.default_rng(0)
     output, target, offset = begun(rng, (2,))
@@ -143,7 +143,7 @@ def test_only_those_break_who_do() -> None:
         np.testing.assert_allclose(both.rotation[k], alone.rotation, atol=1e-15)
 
 
-def test_another_skeleton_turns_as_the_one_before() -> None:
+def test_a_change_of_skeleton_is_continuous() -> None:
     output, target, _ = begun(np.random.default_rng(1), ())
     taller = Pose(SKELETON.scaled(1.9), target.root_position, target.rotation)
     after, _ = ONE.apply(taller, 0.0, ONE.start(output, taller, ONE.rest(taller)))
@@ -160,6 +160,6 @@ def test_the_output_is_the_target_without_an_offset() -> None:
 
 
 @pytest.mark.parametrize("half_life", [0.0, -1.0, np.nan, np.inf])
-def test_half_lives_that_cannot_be(half_life: float) -> None:
+def test_invalid_half_lives_are_refused(half_life: float) -> None:
     with pytest.raises(BodysenseError, match=r"half-life .* s; give a positive number of seconds"):
         Inertialiser(half_life)

@@ -16,7 +16,7 @@ WRIST, ELBOW, KNEE = (SKELETON.index(name) for name in ("left_wrist", "left_elbo
 
 
 @pytest.mark.parametrize("times", [1.0, 2.0, 8.0])
-def test_the_surer_answer_counts_more(times: float) -> None:
+def test_the_more_certain_pass_counts_more(times: float) -> None:
     past = np.full((FRAMES, len(SKELETON.points)), 0.05)
     share = future_share(past, past / times, SECONDS)
     other = future_share(past / times, past, SECONDS)
@@ -56,7 +56,7 @@ def test_hidden_frames_lead_to_a_return() -> None:
     np.testing.assert_array_equal(found[:, KNEE], rotation[:, KNEE])
 
 
-def test_what_is_seen_all_the_time_is_not_led() -> None:
+def test_points_seen_in_all_frames_are_unchanged() -> None:
     rotation, head, seen = leaping()
     found, _ = lead_to_returns(rotation, head, np.ones_like(seen), SECONDS)
     np.testing.assert_array_equal(found, rotation)

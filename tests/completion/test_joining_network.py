@@ -59,18 +59,18 @@ def moved(passes: PassPair, yaw: float, shift: np.ndarray) -> PassPair:
     )
 
 
-def test_a_walk_to_the_north_is_a_walk_to_the_east(passes: PassPair) -> None:
+def test_features_are_independent_of_heading_and_position(passes: PassPair) -> None:
     elsewhere = moved(passes, 2.1, np.array([3.0, 0.0, -7.0]))
     np.testing.assert_allclose(features(elsewhere), features(passes), atol=2e-4)
 
 
-def test_heights_are_over_the_floor(passes: PassPair) -> None:
+def test_features_have_heights_above_the_floor(passes: PassPair) -> None:
     upstairs = replace(moved(passes, 0.0, np.array([0.0, 2.5, 0.0])), floor=2.5)
     np.testing.assert_allclose(features(upstairs), features(passes), atol=1e-5)
     assert np.abs(features(replace(upstairs, floor=0.0)) - features(passes)).max() > 1
 
 
-def test_no_side_is_better(passes: PassPair) -> None:
+def test_mirrored_input_gives_mirrored_output(passes: PassPair) -> None:
     """The answer to a mirror image is the mirror image of the answer."""
     partner = np.asarray(passes.skeleton.mirror)[: len(passes.skeleton.joints)]
     found, other = PACKAGED(passes), PACKAGED(mirrored(passes))
@@ -81,7 +81,7 @@ def test_no_side_is_better(passes: PassPair) -> None:
     assert np.abs(found.turn).max() > 0.02
 
 
-def test_the_rate_of_the_frames_does_not_matter(passes: PassPair) -> None:
+def test_the_result_is_independent_of_the_frame_rate(passes: PassPair) -> None:
     """Every frame twice, at twice the rate: the same answer, up to what lies between two frames."""
 
     def doubled(values: np.ndarray) -> np.ndarray:
@@ -107,7 +107,7 @@ def test_few_frames(passes: PassPair, frames: int) -> None:
     assert np.isfinite(found.turn).all() and (found.error > 0).all() and (found.bound > 0).all()
 
 
-def test_a_network_that_says_nothing_leaves_the_mean(passes: PassPair) -> None:
+def test_zero_output_gives_the_mean(passes: PassPair) -> None:
     silent = {
         name: values * ("outward" not in name and "offset" not in name) for name, values in PACKAGED.tensors.items()
     }
@@ -128,7 +128,7 @@ def test_errors_of_tracked_points_and_fingers_are_means(passes: PassPair) -> Non
     assert (changed > 1e-4).mean() > 0.9
 
 
-def test_a_bound_is_moved_with_its_error(passes: PassPair) -> None:
+def test_a_bound_changes_with_its_error(passes: PassPair) -> None:
     """Offsets are logarithms: that of errors moves both, that of bounds the bound alone."""
     hidden = np.ix_(np.arange(len(passes.share)), passes.skeleton.indices(["left_knee", "pelvis"]))
     found = PACKAGED(passes)
@@ -147,7 +147,7 @@ def test_fingers_follow_the_mean(passes: PassPair) -> None:
     assert not beyond[:, fingers].any()
 
 
-def test_a_trunk_that_is_tracked_follows_the_mean(passes: PassPair) -> None:
+def test_a_tracked_trunk_follows_the_mean(passes: PassPair) -> None:
     skeleton, measured = passes.skeleton, passes.measured.copy()
     measured[30:60, skeleton.indices(["pelvis", "spine3", "head"])] = True
     measured[60:, skeleton.indices(["pelvis", "head"])] = True
@@ -160,12 +160,12 @@ def test_a_trunk_that_is_tracked_follows_the_mean(passes: PassPair) -> None:
     assert np.abs(beyond[held, skeleton.index("left_shoulder")]).max() > 0.001
 
 
-def test_shares_move_by_their_odds() -> None:
+def test_shares_are_shifted_by_odds() -> None:
     np.testing.assert_allclose(shift_share(np.array([0.5, 0.2]), np.array([0.0, 0.0])), [0.5, 0.2])
     assert shift_share(np.array(0.5), np.log(3.0)) == pytest.approx(0.75)
 
 
-def test_turned_joints_keep_their_rotation_in_the_world(passes: PassPair) -> None:
+def test_tracked_joints_keep_their_world_rotation(passes: PassPair) -> None:
     rng = np.random.default_rng(4)
     skeleton, frames = passes.skeleton, len(passes.share)
     wanted = rng.normal(size=passes.past.shape)

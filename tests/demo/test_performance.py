@@ -40,7 +40,7 @@ def distance_to_segment(point: np.ndarray, start: np.ndarray, end: np.ndarray) -
     return np.linalg.norm(point - start - np.clip(along, 0, 1)[:, None] * (end - start), axis=-1)
 
 
-def test_file_is_small_and_says_whose_it_is():
+def test_file_is_small_and_names_its_source():
     assert FILE.stat().st_size < 400_000
     with np.load(FILE, allow_pickle=False) as file:
         assert file["poses"].shape == (len(CLIP), 156)
@@ -86,7 +86,7 @@ def test_no_frame_jumps():
     assert (acceleration > 15).mean() < 0.01  # feet that swing
 
 
-def test_joints_turn_as_a_persons_do():
+def test_joints_stay_in_their_ranges():
     for side, inward in (("left", -1.0), ("right", 1.0)):
         elbow = quaternion_rotate(CLIP.pose.rotation[:, SKELETON.index(f"{side}_elbow")], np.array([-inward, 0.0, 0.0]))
         knee = quaternion_rotate(CLIP.pose.rotation[:, SKELETON.index(f"{side}_knee")], np.array([0.0, -1.0, 0.0]))
@@ -121,7 +121,7 @@ def test_hands_stay_out_of_trunk_and_head(solid: str):
             assert depth.max() < 0.003, name
 
 
-def test_holds_are_alive():
+def test_held_poses_move_a_little():
     for start, end in ((6.9, 8.0), (10.0, 10.8), (11.7, 13.0), (24.3, 25.0)):
         when = during(start, end)
         assert np.ptp(at("head_top")[when], axis=0).max() > 0.002

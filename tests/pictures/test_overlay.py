@@ -30,7 +30,7 @@ def test_bones_lie_where_the_camera_sees_them() -> None:
     assert not picture[:100, :100].any()  # what is not covered stays as it was
 
 
-def test_the_body_beside_stands_in_the_middle_on_the_floor() -> None:
+def test_the_body_on_the_right_is_centred_on_the_floor() -> None:
     beside = side_by_side(np.zeros((240, 320, 3), np.uint8), POSE, CAMERA)[:, 320:].astype(int)
     wall = beside[2, 2]
     middle = (np.abs(beside[:, 76:116] - wall).sum(axis=2) > 120).any(axis=1)
@@ -64,7 +64,7 @@ def test_numbers_are_drawn_on_people() -> None:
     assert not changed.any() and (grey == 128).all()
 
 
-def test_nothing_is_left_of_a_video_that_failed(tmp_path: Path) -> None:
+def test_a_failed_video_leaves_no_file(tmp_path: Path) -> None:
     pytest.importorskip("av")
     with pytest.raises(BodysenseError, match="stop"), Overlay(tmp_path / "a.mp4", 30.0) as overlay:
         overlay.show(0.0, np.zeros((96, 128, 3), np.uint8), POSE, CAMERA)
@@ -72,7 +72,7 @@ def test_nothing_is_left_of_a_video_that_failed(tmp_path: Path) -> None:
     assert not list(tmp_path.iterdir())
 
 
-def test_a_name_that_is_no_videos(tmp_path: Path) -> None:
+def test_names_that_are_no_videos_are_refused(tmp_path: Path) -> None:
     pytest.importorskip("av")
     with pytest.raises(BodysenseError, match=r"name it \.mp4"), Overlay(tmp_path / "a.xyz", 30.0):
         pass
