@@ -18,7 +18,7 @@ from bodysense.devices.simulated.headset_camera import see
 from bodysense.errors import BodysenseError
 from bodysense.io.bvh import write_bvh
 from bodysense.io.datasets.splits import split_of
-from bodysense.observation import STRAPPED
+from bodysense.observation import INERTIAL_POINTS
 from bodysense_lab.completion.batches import collate
 from bodysense_lab.completion.corpus import Corpus
 from bodysense_lab.completion.network import CompletionConfig, CompletionNetwork
@@ -198,7 +198,7 @@ def test_inertial_sensors_feel_how_bones_speed_up(corpus: Corpus) -> None:
     elbow, wrist = (one.true_position[:, BODY.index(f"right_{name}")].astype(float) for name in ("elbow", "wrist"))
     place = elbow + 0.8 * (wrist - elbow)
     wanted = (place[4:] - 2 * place[2:-2] + place[:-4]) * (1 / (2 * one.interval)) ** 2
-    assert np.allclose(one.acceleration[4:, STRAPPED.index("right_elbow")], wanted, atol=0.02)
+    assert np.allclose(one.acceleration[4:, INERTIAL_POINTS.index("right_elbow")], wanted, atol=0.02)
     assert np.abs(wanted).max() > 0.5
 
 

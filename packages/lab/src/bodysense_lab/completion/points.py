@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from bodysense.body.skeleton import BODY, default_skeleton
-from bodysense.observation import STRAPPED
+from bodysense.observation import INERTIAL_POINTS
 
 SITES = ("head_top", "left_toe", "right_toe")
 BODY_POINTS = (*BODY, *SITES)  # what has a rest offset here
 KNUCKLES = ("left_knuckles", "right_knuckles")  # the mean of the four fingers' first joints
 INPUT_POINTS = (*BODY_POINTS, *KNUCKLES)
 SPINNING = ("head", "left_wrist", "right_wrist")  # whose angular velocity is read
-ACCELERATED = STRAPPED  # inertial sensors whose acceleration is read
+ACCELERATED = INERTIAL_POINTS  # inertial sensors whose acceleration is read
 CONTACT = ("left_ankle", "right_ankle", "left_foot", "right_foot")
 JOINTS, PLACED, READ = len(BODY), len(BODY_POINTS), len(INPUT_POINTS)
 HEAD = BODY.index("head")
