@@ -1,8 +1,8 @@
-"""Gaps in a joint's rotation, filled from the known frames on both sides; a guess may describe the motion inside.
+"""Gaps in a joint's rotation, filled from the known frames on both sides and an optional guess of the motion inside.
 
-Near the sides of a gap interpolation is accurate, and its error grows with the distance from them; a guess is equally
-accurate everywhere. So a guess is first bent to begin and end at the known rotations, and its weight grows with the
-distance from the sides. Known frames are never changed.
+Interpolation is accurate near the sides of a gap, and its error grows with the distance from them. A guess is equally
+accurate everywhere. So the guess is first bent to begin and end at the known rotations, and its weight grows with the
+distance from the sides. Known frames never change.
 """
 
 from __future__ import annotations
@@ -23,17 +23,17 @@ from bodysense.body.rotation import (
 )
 
 COASTING = 0.8  # s in which the speed at a gap's edge fades; shorter gaps are cubics. Chosen on validation people
-BRIEF = 0.25  # s: in a gap no longer than this, known on both sides, a guess adds nothing
-SMOOTH = 0.07  # s, deviation of the Gaussian that removes jitter from the tracker's guess
+BRIEF = 0.25  # s; gaps that are no longer, with two known sides, are interpolated without the guess
+SMOOTH = 0.07  # s; standard deviation of the Gaussian that removes jitter from the guess
 
 
 @dataclass(frozen=True)
 class Trust:
-    """How much a guess counts against the interpolation, by the distance from known frames."""
+    """Weight of a guess against the interpolation, by the distance from known frames."""
 
-    share: float = 1.0  # its weight far from both sides of a gap
-    seconds: float = 1.0  # s from known frames at which it has half of that
-    one_sided: float = 1.0  # s from known frames at which it has weight one half, if only one side is known
+    share: float = 1.0  # weight far from both sides of a gap
+    seconds: float = 1.0  # s from known frames at which the weight is half of `share`
+    one_sided: float = 1.0  # s from known frames at which the weight is one half, if only one side is known
 
     def weight(self, distance: np.ndarray, both_sides: bool) -> np.ndarray:
         """Return the weight (N,) of the guess in frames that are `distance` (N,) s from known ones."""
@@ -43,7 +43,7 @@ class Trust:
 
 
 def runs(present: np.ndarray) -> list[tuple[int, int]]:
-    """Return the runs where (T,) bool is true: the first frame of each, and the one after its last."""
+    """Return the runs of true values in a mask (T,): first frame of each, and the frame after its last."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], present, [False]]).astype(np.int8)))
     return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
 
@@ -57,14 +57,14 @@ def fill(
     coasting: float = COASTING,
     deviation: np.ndarray | None = None,
 ) -> np.ndarray:
-    """Return rotations (T, 4) of one joint, filled where `missing` (T,).
+    """Fill the `missing` frames of one joint's rotations (T, 4).
 
     Args:
-        rotation: (T, 4), arbitrary where missing.
+        rotation: (T, 4), arbitrary if missing.
         missing: (T,) bool.
-        seconds: between frames.
-        guess: (T, 4) of all frames; None interpolates from one side of every gap to the other.
-        trust: how much the guess counts.
+        seconds: time between frames.
+        guess: (T, 4) of all frames; without it every gap is interpolated.
+        trust: weight of the guess.
         coasting: s in which the speed at a gap's edge fades.
         deviation: (T, 3) rad, expected turn from the interpolation to the truth in the joint's axes; 0 if omitted.
     """
@@ -121,15 +121,14 @@ def interpolate(
 ) -> np.ndarray:
     """Interpolate rotations (N, ..., 4) of joints (T, ..., 4) from one side of a gap to the other.
 
-    If only one side is known, the joint comes to rest. The speed on either side continues and fades within `fading`
-    frames; in between, the speed is constant. A gap shorter than that is the cubic through the two known frames on
-    either side.
+    If only one side is known, the joint comes to rest. The speed at each side continues and fades within `fading`
+    frames; in between, the speed is constant. A shorter gap is the cubic through the two known frames on each side.
 
     Args:
-        rotation: (T, ..., 4), known on one side of the gap at least.
-        first: the gap's first frame.
-        end: the frame after its last.
-        fading: frames.
+        rotation: (T, ..., 4), known on at least one side of the gap.
+        first: first frame of the gap.
+        end: frame after its last.
+        fading: number of frames in which the speed at a side fades.
         speeds: whether two frames are known before and after the gap.
     """
     frames = len(rotation)
@@ -152,15 +151,15 @@ def interpolate_positions(place: np.ndarray, first: int, end: int, fading: float
 def _displacement(
     whole: np.ndarray, speeds: tuple[np.ndarray | None, np.ndarray | None], count: int, fading: float, both: bool
 ) -> np.ndarray:
-    """Return vectors (N, ..., 3) from the frame before a gap to its `count` frames.
+    """Return displacements (N, ..., 3) from the frame before a gap to its `count` frames.
 
-    `whole` (..., 3) is the vector to the frame after it; `speeds` are vectors a frame before and after the gap, None if
-    unknown.
+    `whole` (..., 3) is the displacement to the frame after the gap. `speeds` are displacements per frame before and
+    after the gap; None if unknown.
     """
     span = count + 1
     step, coasting = whole / span, min(fading, span)
     entry, leaving = (np.zeros_like(whole) if speed is None else speed - step for speed in speeds)  # excess speeds
-    # Speeds at the sides, whose chords are the speeds to the next frame outside.
+    # Convert speeds to the next frame outside (chords) to speeds at the sides (tangents).
     own, other = (1 + 1 / coasting) ** 2, (span + 1) / span**2 if coasting == span and both else 0
     entry, leaving = (
         (own * entry - other * leaving) / (own**2 - other**2),
@@ -183,7 +182,7 @@ def _fading(share: np.ndarray) -> np.ndarray:
 
 
 def _distance(first: int, end: int, frames: int) -> np.ndarray:
-    """Return the distance (N,) of a gap's frames from known ones, in frames: harmonic between two sides."""
+    """Return the distance (N,) of a gap's frames from known frames, in frames: harmonic between two sides."""
     count = np.arange(1.0, end - first + 1)
     before = count if first > 0 else np.full(len(count), np.inf)
     after = count[::-1] if end < frames else np.full(len(count), np.inf)
@@ -191,9 +190,9 @@ def _distance(first: int, end: int, frames: int) -> np.ndarray:
 
 
 def _bend_guess(kept: np.ndarray, guess: np.ndarray, first: int, end: int, seconds: float) -> np.ndarray:
-    """Bend the guess (N, 4), N ≥ 2, in a gap so that it continues the frame before and leads to the frame after.
+    """Bend the guess (N, 4), N ≥ 2, so that it continues the frame before the gap and leads to the frame after it.
 
-    The difference at either side is added in full there and fades toward the other side.
+    The correction at each side fades toward the other side.
     """
     inside = _smooth(guess, SMOOTH / seconds)
     lacking = np.zeros((2, 3))
@@ -217,7 +216,7 @@ def _smooth(rotation: np.ndarray, frames: float) -> np.ndarray:
 
 
 def _extrapolate(pair: np.ndarray) -> np.ndarray:
-    """Return the rotation (4,) that follows two (2, 4) at constant speed."""
+    """Extrapolate two rotations (2, 4) by one frame at constant speed."""
     return np.asarray(quaternion_multiply(pair[1], quaternion_multiply(quaternion_conjugate(pair[0]), pair[1])))
 
 

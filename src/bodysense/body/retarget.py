@@ -14,8 +14,8 @@ from bodysense.errors import BodysenseError
 def retarget(clip_pose: Pose, skeleton: Skeleton) -> Pose:
     """Transfer a motion to another skeleton of the same tree.
 
-    Rotations are unchanged, the root's path is scaled with the length of the legs, and every frame is then moved
-    vertically, so that the lowest sole has its clearance (`sole_clearance`) at that scale.
+    Rotations are unchanged. The root's path is scaled with the length of the legs. Then every frame is moved
+    vertically, so that the clearance of the lowest sole (`sole_clearance`) is that of the source at this scale.
 
     Args:
         clip_pose: poses (..., T), world, with y = 0 as the floor.
@@ -41,8 +41,12 @@ def retarget(clip_pose: Pose, skeleton: Skeleton) -> Pose:
 def transfer_motion(pose: Pose, skeleton: Skeleton) -> Pose:
     """Transfer a motion to another body of the same tree, with feet on the floor and hands in place.
 
-    The world is scaled with the length of the legs. In it ankles and wrists (poses (..., T), NumPy) keep their
-    positions as far as legs and arms reach, so that hands that met still meet; feet and hands keep their rotation.
+    The world is scaled with the length of the legs. In the scaled world ankles and wrists keep their positions, as far
+    as legs and arms reach, so hands that touched still touch. Feet and hands keep their rotations.
+
+    Args:
+        pose: poses (..., T), NumPy.
+        skeleton: the other body.
     """
     scale = leg_length(skeleton) / leg_length(pose.skeleton)
     place = scale * forward_kinematics(pose)[0]

@@ -134,8 +134,8 @@ def _check_acceleration(observation: Observation, acceleration: np.ndarray, name
         *_, frame, point = place = tuple(np.argwhere(broken)[0])
         raise BodysenseError(
             f"{name}: the acceleration of {observation.points[point]!r} at frame {frame} is "
-            f"{np.abs(acceleration[place]).max():.4g} m/s², but at most {LARGEST_ACCELERATION:g} is possible; give m/s² "
-            "in the world without gravity, or NaN where there is none"
+            f"{np.abs(acceleration[place]).max():.4g} m/s², but at most {LARGEST_ACCELERATION:g} is possible; give "
+            "m/s² in the world without gravity, or NaN where there is none"
         )
 
 
