@@ -95,9 +95,9 @@ def continue_into_gaps(
     trust: Callable[[int], Trust] = lambda first: Trust(),
     coasting: float = COASTING,
 ) -> np.ndarray:
-    """Return rotations (T, 4) as `fill` does, but each from the frames before it and the guess of its own frame.
+    """Fill rotations (T, 4) like `fill`, but each frame only from the frames before it and its own guess.
 
-    `trust` is that of a gap by its first frame. Before the first known frame the guess counts alone.
+    `trust` maps the first frame of a gap to its `Trust`. Before the first known frame the result is the guess.
     """
     result = np.array(rotation)
     for first, end in runs(missing):
@@ -141,7 +141,7 @@ def interpolate(
 
 
 def interpolate_positions(place: np.ndarray, first: int, end: int, fading: float) -> np.ndarray:
-    """Interpolate places (N, 3) of a point (T, 3) over a gap with known frames on both sides, as `interpolate`."""
+    """Interpolate positions (N, 3) of a point (T, 3) over a gap with known frames on both sides, like `interpolate`."""
     before, after = place[first - 1], place[end]
     entry = before - place[first - 2] if first > 1 else None
     leaving = place[end + 1] - after if end < len(place) - 1 else None

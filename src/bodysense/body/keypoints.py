@@ -64,7 +64,7 @@ def arm_directions(points: np.ndarray) -> np.ndarray:
 def torso_rotation(shoulders: np.ndarray, hips: np.ndarray) -> np.ndarray:
     """Return the rotation (..., 4) of the torso from left and right shoulder (..., 2, 3) and hip (..., 2, 3).
 
-    Its +y points from the middle of the hips to the middle of the shoulders, its +x from the right to the left shoulder.
+    Its +y points from the middle of the hips to the middle of the shoulders, its +x from right to left shoulder.
     """
     up = normalize(shoulders.mean(axis=-2) - hips.mean(axis=-2))
     across = shoulders[..., 0, :] - shoulders[..., 1, :]

@@ -32,7 +32,7 @@ def reach(pose: Pose, end: str, target: np.ndarray) -> Pose:
 
 
 def reach_all(pose: Pose, targets: Mapping[str, np.ndarray]) -> Pose:
-    """`reach` of several limbs, by their wrists and ankles."""
+    """Bend several limbs like `reach`; `targets` are by wrist or ankle."""
     skeleton, rotation = pose.skeleton, np.array(pose.rotation)
     position, world = (np.asarray(part) for part in forward_kinematics(pose))
     for end, target in targets.items():

@@ -18,7 +18,7 @@ from bodysense.body.skeleton import Skeleton
 
 
 def local_offset(skeleton: Skeleton, position: np.ndarray, rotation: np.ndarray) -> np.ndarray:
-    """Return local offsets (..., P, 3) m of points, from positions (..., P, 3) and joint rotations (..., J, 4), world."""
+    """Return local offsets (..., P, 3) m from world positions (..., P, 3) and joint rotations (..., J, 4)."""
     origin, turn = _frames(skeleton, rotation)
     return quaternion_rotate(quaternion_conjugate(turn), position - position[..., origin, :])
 

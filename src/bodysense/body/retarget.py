@@ -51,7 +51,7 @@ def transfer_motion(pose: Pose, skeleton: Skeleton) -> Pose:
     scale = leg_length(skeleton) / leg_length(pose.skeleton)
     place = scale * forward_kinematics(pose)[0]
     moved = retarget(pose, skeleton)
-    # The height of an ankle over the floor is its own foot's.
+    # The height of an ankle above the floor follows from the foot, not from the legs.
     thicker = _ankle_height(skeleton) - scale * _ankle_height(pose.skeleton)
     for part, rise in (("ankle", thicker), ("wrist", 0.0)):
         for end in (f"left_{part}", f"right_{part}"):

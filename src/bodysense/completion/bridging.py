@@ -1,4 +1,4 @@
-"""Bridging: points that a recording loses for a moment are interpolated before it is completed."""
+"""Bridging: interpolation of points that a recording loses for a moment, before it is completed."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from bodysense.body.gaps import COASTING, interpolate, interpolate_positions, ru
 from bodysense.observation import Observation
 
 Array = np.ndarray
-LONGEST = 0.2  # s of a gap that is bridged
-DRIFT = 0.05  # m/s: how fast the expected error of a bridged position grows with the time from known frames
+LONGEST = 0.2  # s; longest gap that is bridged
+DRIFT = 0.05  # m/s; growth of the expected error of a bridged position with the time from known frames
 
 
 def bridge_gaps(observation: Observation, seconds: float, longest: float = LONGEST) -> Observation:
     """Interpolate positions and rotations over gaps between two known frames that are no longer than `longest` s.
 
     Args:
-        observation: (T, P), frames `seconds` apart.
-        seconds: between frames.
-        longest: s.
+        observation: (T, P).
+        seconds: time between frames.
+        longest: longest gap, s.
     """
     most, fading = int(longest / seconds + 1e-6), COASTING / seconds
     position, rotation = observation.position.copy(), observation.rotation.copy()
@@ -49,13 +49,13 @@ def bridge_gaps(observation: Observation, seconds: float, longest: float = LONGE
 
 
 def _gaps(known: Array, most: int) -> list[tuple[int, int]]:
-    """Return the gaps of a mask (T,) between known frames that last at most `most` frames."""
+    """Return the gaps of a mask (T,) between known frames: those of at most `most` frames."""
     found = runs(~known)
     return [(first, end) for first, end in found if first > 0 and end < len(known) and end - first <= most]
 
 
 def _neighbours(known: Array, first: int, end: int) -> tuple[slice, int]:
-    """A gap with two known frames on either side, or one where there are no more, and where it begins among these."""
+    """Return the slice of a gap with one or two known frames on each side, and the begin of the gap in it."""
     before = 2 if first > 1 and known[first - 2] else 1
     after = 2 if end < len(known) - 1 and known[end + 1] else 1
     return slice(first - before, end + after), before

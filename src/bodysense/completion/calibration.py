@@ -125,7 +125,7 @@ def _standing_pose(person: Person, head: np.ndarray, rotation: np.ndarray, stanc
 
 
 def _mounts(observation: Observation, stood: Pose) -> dict[str, RigidTransform]:
-    """Return T_joint_tracker of every tracker with a pose, from its joint's position while the wearer stands."""
+    """Return T_joint_tracker of every tracker with a pose, from the pose of its joint while the wearer stands."""
     position, rotation = forward_kinematics(stood)
     skeleton, mounts = stood.skeleton, {}
     for k, name in enumerate(observation.points):
@@ -140,7 +140,7 @@ def _mounts(observation: Observation, stood: Pose) -> dict[str, RigidTransform]:
 
 
 def _mean(rotation: np.ndarray) -> np.ndarray:
-    """Return the mean (4,) of rotations (N, 4) that differ little."""
+    """Return the mean (4,) of similar rotations (N, 4)."""
     same = rotation * np.sign((rotation * rotation[:1]).sum(axis=1, keepdims=True))
     mean = same.mean(axis=0)
     return mean / np.linalg.norm(mean)

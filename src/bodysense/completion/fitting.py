@@ -1,4 +1,4 @@
-"""Meeting: limbs and spine of a joined body bend to where its joints are measured."""
+"""Fitting: limbs and spine of a joined body bend so that its joints reach their measured positions."""
 
 from __future__ import annotations
 
@@ -20,22 +20,22 @@ from bodysense.body.rotation import (
 from bodysense.body.skeleton import Skeleton
 
 Array = np.ndarray
-FADE_TIME = 0.25  # s in which a limb comes to a place where it is tracked, and leaves it
-STRAIGHT = 0.02  # m from the line of a limb to its middle joint: if it is nearer, the side on which it is means little
+FADE_TIME = 0.25  # s in which a limb moves to its tracked position, and away from it
+STRAIGHT = 0.02  # m from the line of a limb to its middle joint; nearer ones do not determine how the limb is turned
 ENDS = ("left_wrist", "right_wrist", "left_ankle", "right_ankle")
 
 
 def fit_limbs(pose: Pose, points: Array, measured: Array, seconds: float) -> Pose:
-    """The pose (T,) with wrists and ankles that are `measured` at their points, and elbows and knees likewise.
+    """Bend limbs so that `measured` wrists, ankles, elbows and knees are at their points.
 
-    A limb bends in the plane in which it lies; hands and feet keep their rotations in the world. Before and after
-    frames in which it is tracked its turns there fade, so that it does not leap.
+    A limb bends in its plane. Hands and feet keep their world rotations. The corrections fade into the frames before
+    and after, so that the limb does not jump.
 
     Args:
         pose: (T,).
-        points: (T, P, 3) m, world: where points are measured, elsewhere where they are believed.
+        points: (T, P, 3) m, world: measured positions of tracked points, estimated positions of all others.
         measured: (T, P) bool: points that are tracked.
-        seconds: between frames.
+        seconds: time between frames.
     """
     skeleton, (position, world) = pose.skeleton, (np.asarray(part) for part in forward_kinematics(pose))
     tips = {end: skeleton.index(end) for end in ENDS}
@@ -59,9 +59,9 @@ def fit_limbs(pose: Pose, points: Array, measured: Array, seconds: float) -> Pos
 
 
 def _fade_turns(pose: Pose, world: Array, tip: int, tracked: Array, seconds: float, rotation: Array) -> None:
-    """Fade by what a limb was turned in frames that `tracked` (T,), in local rotations (T, J, 4) of frames beside them.
+    """Fade the corrections of a limb from `tracked` (T,) frames into their neighbours, in local rotations (T, J, 4).
 
-    Turns fade, not places: a leg that is nearly straight bends far for a small change of its length.
+    Turns fade, not positions: a nearly straight leg bends far for a small change of its length.
     """
     if tracked.all() or not tracked.any():
         return
@@ -78,7 +78,7 @@ def _fade_turns(pose: Pose, world: Array, tip: int, tracked: Array, seconds: flo
 
 
 def fade_offsets(offset: Array, measured: Array, seconds: float) -> Array:
-    """Return offsets (T, N) in which those of frames that are `measured` (T,) go on into the others, and fade there."""
+    """Extend offsets (T, N) of `measured` (T,) frames into the other frames, where they fade within `FADE_TIME`."""
     found, count = np.where(measured[:, None], offset, 0.0), max(1, round(FADE_TIME / seconds))
     for first, end in runs(~measured):
         for frame, steps in ((first - 1, np.arange(1, end - first + 1)), (end, np.arange(end - first, 0, -1))):
@@ -89,9 +89,9 @@ def fade_offsets(offset: Array, measured: Array, seconds: float) -> Array:
 
 
 def _swivel(pose: Pose, tip: int, points: Array) -> Array:
-    """Return by how much a limb has to turn about the line from its first joint to its end, (T,) rad, (-pi, pi].
+    """Return the angle (T,) rad in (-pi, pi] that turns a limb's middle joint to the side of its point (T, P, 3).
 
-    Its middle joint then is on the side of its point (T, P, 3); a limb that is straight has none.
+    The axis is the line from the first joint to the end. The angle is 0 for a straight limb.
     """
     position, middle = np.asarray(forward_kinematics(pose)[0]), pose.skeleton.parents[tip]
     start = position[:, pose.skeleton.parents[middle]]
@@ -107,7 +107,7 @@ def _swivel(pose: Pose, tip: int, points: Array) -> Array:
 
 
 def _turn_about_limb(pose: Pose, tip: int, angle: Array, where: Array, rotation: Array) -> None:
-    """Turn a limb about the line from its first joint to its end in local rotations (T, J, 4), frames `where`."""
+    """Turn a limb about the line from first joint to end; writes local rotations (T, J, 4) of frames `where`."""
     skeleton, (position, world) = pose.skeleton, (np.asarray(part) for part in forward_kinematics(pose))
     middle = skeleton.parents[tip]
     axis = position[:, tip] - position[:, skeleton.parents[middle]]
@@ -118,7 +118,7 @@ def _turn_about_limb(pose: Pose, tip: int, angle: Array, where: Array, rotation:
 
 
 def _turn_at_middle(pose: Pose, tip: int, points: Array, where: Array, rotation: Array) -> None:
-    """Turn a limb's bones in local rotations (T, J, 4), frames `where`, so that middle and end come to their points."""
+    """Turn a limb so that middle and end reach their points; writes local rotations (T, J, 4) of frames `where`."""
     skeleton = pose.skeleton
     middle = skeleton.parents[tip]
     first = skeleton.parents[middle]
@@ -136,7 +136,7 @@ def _turn_at_middle(pose: Pose, tip: int, points: Array, where: Array, rotation:
 def _set_limb(
     skeleton: Skeleton, tip: int, world: Array, above: Array, below: Array, where: Array, rotation: Array
 ) -> None:
-    """Give a limb's bones rotations in the world, and keep that of its end, in local rotations, frames `where`."""
+    """Set world rotations of a limb's bones and keep that of its end; writes local rotations of frames `where`."""
     middle = skeleton.parents[tip]
     first = skeleton.parents[middle]
     parent = world[:, skeleton.parents[first]]
@@ -145,10 +145,10 @@ def _set_limb(
 
 
 def fit_trunk(pose: Pose, points: Array, measured: Array) -> Pose:
-    """The pose (T,) whose spine points from the head to the pelvis, where both are `measured` and the chest is not.
+    """Turn the spine to point from head to pelvis if both are `measured` and the chest is not.
 
-    The spine turns about the head as one piece; head and pelvis keep their rotations in the world. What is left is how
-    much longer or shorter than measured the spine is.
+    The spine turns about the head as one piece. Head and pelvis keep their world rotations. The remaining error is the
+    difference between the length of the spine and the measured distance.
 
     Args:
         pose: (T,).
@@ -175,16 +175,16 @@ def fit_trunk(pose: Pose, points: Array, measured: Array) -> Pose:
 
 
 def fit_hips(pose: Pose, points: Array, measured: Array, turned: Array, seconds: float) -> Pose:
-    """The pose (T,) moved so that both hips, where they are `measured`, are at their points.
+    """Move the pose (T,) so that both hips are at their points if they are `measured`.
 
-    Limbs bend as in `fit_limbs`; collars and feet turn to measured shoulders and balls.
+    Limbs bend as in `fit_limbs`. Collars turn to measured shoulders, and feet to measured balls.
 
     Args:
         pose: (T,).
         points: (T, P, 3) m, world.
         measured: (T, P) bool: points that are tracked.
         turned: (T, P) bool: points whose rotation is tracked.
-        seconds: between frames.
+        seconds: time between frames.
     """
     position = np.asarray(forward_kinematics(pose)[0])
     hips = pose.skeleton.indices(["left_hip", "right_hip"])
@@ -201,7 +201,7 @@ def fit_hips(pose: Pose, points: Array, measured: Array, turned: Array, seconds:
 
 
 def _aim_joint(pose: Pose, joint: str, end: str, points: Array, measured: Array) -> Pose:
-    """Turn a joint so that its `end` is toward its `measured` point (T, P, 3); the end keeps its rotation."""
+    """Turn a joint so that its `end` points to its `measured` point (T, P, 3); the end keeps its world rotation."""
     skeleton, (position, world) = pose.skeleton, (np.asarray(part) for part in forward_kinematics(pose))
     first, last = skeleton.indices([joint, end])
     where, rotation, above = measured[:, last], np.array(pose.rotation), world[:, skeleton.parents[first]]

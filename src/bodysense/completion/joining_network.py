@@ -1,9 +1,9 @@
-"""The joining network: how much each joint of a joined body follows either answer, how far it turns beyond, its error.
+"""The joining network: for each joint the weight of both passes, an additional turn, and the expected error.
 
-features of both answers → 30 Hz → blocks of dilated convolutions, two seconds wide → each joint's share, turn and error
+features of both passes → 30 Hz → blocks of dilated convolutions, two seconds wide → each joint's share, turn and error
 → the rate of the frames
 
-A body and its mirror image are both asked, so that the network has no better side.
+The network runs on the body and on its mirror image, so that its results are symmetric.
 """
 
 from __future__ import annotations
@@ -41,16 +41,16 @@ RATE = 30.0  # Hz at which the network works
 DILATIONS = (1, 2, 4, 8, 16)  # frames between the three taps of each block's convolution
 _BLOCKS = {str(block) for block in range(len(DILATIONS))}
 JOINTS = len(BODY)
-OUTPUTS = 5 * JOINTS  # of all joints three numbers of turn, then one of share, then one of error
+OUTPUTS = 5 * JOINTS  # three numbers of turn for each joint, then one of share for each, then one of error for each
 _TRUNK, _HOLDING = ("spine1", "spine2", "spine3", "neck"), ("pelvis", "spine3", "head")
-_FLIP = np.array([-1.0, 1.0, 1.0])  # mirrors a place at x = 0
+_FLIP = np.array([-1.0, 1.0, 1.0])  # mirrors a position at x = 0
 _LEAST_ERROR = 1e-3  # m
 _OTHER_SIDE = [2, 3, 0, 1]  # of `CONTACT_POINTS`
 
 
 @dataclass(frozen=True, eq=False)
 class PassPair:
-    """Two answers of the same T frames, of which one knows the past and one the future."""
+    """Estimates of the same T frames by the forward pass (past) and the backward pass (future)."""
 
     skeleton: Skeleton
     past: Array  # (T, J, 4) wxyz, local rotations
@@ -64,7 +64,7 @@ class PassPair:
     past_contact: Array  # (T, 4) probability
     future_contact: Array  # (T, 4)
     share: Array  # (T,) weight of the future in a plain mean
-    measured: Array  # (T, P) bool: points whose place is tracked
+    measured: Array  # (T, P) bool: points whose position is tracked
     turned: Array  # (T, J) bool: joints whose rotation is tracked
     floor: float  # m
     seconds: float  # between frames
@@ -72,7 +72,7 @@ class PassPair:
 
 @dataclass(frozen=True, eq=False)
 class Joining:
-    """How both answers become one."""
+    """Weights and errors by which both passes become one estimate."""
 
     share: Array  # (T, J) weight of the future
     turn: Array  # (T, J, 3) rad beyond the mean
@@ -81,7 +81,7 @@ class Joining:
 
 
 def mirrored(passes: PassPair) -> PassPair:
-    """Return both answers as a mirror at x = 0 shows them, on the mirrored body."""
+    """Return both passes mirrored at x = 0, on the mirrored body."""
     skeleton = passes.skeleton
     points = np.asarray(skeleton.mirror)
     joints = points[: len(skeleton.joints)]
@@ -108,10 +108,10 @@ def mirrored(passes: PassPair) -> PassPair:
 
 
 def features(passes: PassPair) -> Array:
-    """Return what the network reads of each frame (T, F): the mean body, how the answers differ, and what is tracked.
+    """Return the network's input (T, F): the mean body, the difference of the passes, and the tracked points.
 
-    Places are in the heading of the mean pelvis, so that a walk to the north is a walk to the east. Numbers are scaled
-    to about 1.
+    Positions are in the heading of the mean pelvis, so that they do not depend on the walking direction. Numbers are
+    scaled to about 1.
     """
     skeleton, frames = passes.skeleton, len(passes.share)
     body, head = skeleton.indices(BODY), skeleton.index("head")
@@ -148,7 +148,7 @@ def features(passes: PassPair) -> Array:
 
 
 def joined_head(passes: PassPair) -> Array:
-    """Return where the joined head is, (T, 3) m: where it is tracked, else between both answers."""
+    """Return the position (T, 3) m of the joined head: measured if it is tracked, else between both passes."""
     head = passes.skeleton.index("head")
     past, future = passes.past_points[:, head], passes.future_points[:, head]
     share = np.where(passes.measured[:, head], 0.5, passes.share)[:, None]
@@ -163,9 +163,9 @@ class JoiningNetwork:
     card: dict[str, Any]  # the file's metadata
 
     def __call__(self, passes: PassPair) -> Joining:
-        """Return how both answers become one.
+        """Return the weights and errors for both passes.
 
-        A joint outside `BODY` follows the plain mean, and so does a trunk whose pelvis, chest and head are tracked.
+        Joints outside `BODY` follow the plain mean, and so does a trunk with tracked pelvis, chest and head.
         """
         skeleton = passes.skeleton
         body, partner = np.array(skeleton.indices(BODY)), np.asarray(skeleton.mirror)
@@ -186,7 +186,7 @@ class JoiningNetwork:
         return Joining(share, beyond, *self._errors(passes, larger))
 
     def _errors(self, passes: PassPair, larger: Array) -> tuple[Array, Array]:
-        """The expected errors (T, P) m and their bounds, from by how much their logarithms (T, 22) are larger."""
+        """Return expected errors (T, P) m and their bounds; `larger` (T, 22) is added to logarithms of the errors."""
         body = passes.skeleton.indices(BODY)
         error = (passes.past_error + passes.future_error) / 2
         bound = (passes.past_bound + passes.future_bound) / 2
@@ -197,7 +197,7 @@ class JoiningNetwork:
         return error, bound
 
     def _run(self, passes: PassPair) -> tuple[Array, Array, Array]:
-        """The turn (T, 22, 3) rad, and what is added to the log odds (T, 22) of shares and to logarithms of errors."""
+        """Return turns (T, 22, 3) rad, and changes (T, 22) of log odds of shares and of logarithms of errors."""
         frames = len(passes.share)
         time = np.arange(frames) * passes.seconds
         ticks = np.arange(int(np.ceil(time[-1] * RATE - 1e-6)) + 1) / RATE
@@ -220,7 +220,7 @@ class JoiningNetwork:
 
 
 def expected_log_errors(passes: PassPair) -> tuple[Array, Array]:
-    """Return logarithms (T, 22) of the mean of both expected errors in m, and of how much larger bounds are."""
+    """Return the mean logarithms (T, 22) of both expected errors in m, and of the ratios of bounds to errors."""
     body = passes.skeleton.indices(BODY)
     one, other, low, high = (
         np.log(np.maximum(values[:, body], _LEAST_ERROR))
@@ -230,7 +230,7 @@ def expected_log_errors(passes: PassPair) -> tuple[Array, Array]:
 
 
 def shift_share(share: Array, odds: Array) -> Array:
-    """Return shares (...,) whose log odds are larger by `odds`."""
+    """Return shares (...) with `odds` added to their log odds."""
     share = np.clip(share, 1e-3, 1 - 1e-3)
     return 1 / (1 + (1 - share) / share * np.exp(-odds))
 
@@ -278,7 +278,7 @@ def _silu(values: Array) -> Array:
 
 
 def _interpolated(at: Array, values: Array, known: Array) -> Array:
-    """Return values (T, N) at times `known` (T,), interpolated linearly at times `at` (S,); the last goes on."""
+    """Interpolate values (T, N) of times `known` (T,) linearly at times `at` (S,); the last value is extended."""
     if len(known) == 1:
         return np.repeat(values, len(at), axis=0)
     before = np.clip(np.searchsorted(known, at, side="right") - 1, 0, len(known) - 2)
