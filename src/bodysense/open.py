@@ -1,4 +1,4 @@
-"""Sources: `open_source` asks once whether a source is a motion, a recording, markers or a video, and opens it."""
+"""Sources: `open_source` recognises motions, recordings, markers and videos, and opens them."""
 
 from __future__ import annotations
 
@@ -29,28 +29,28 @@ if TYPE_CHECKING:
     from bodysense.filling import PartialMotion
     from bodysense.io.markers.raw_markers import MarkerRecording
 
-_MANY_KINDS = (".npz", ".npy")  # of motions, recordings or places of joints: their content tells
+_MANY_KINDS = (".npz", ".npy")  # motions, recordings or joint positions, depending on their content
 _GLTF = (".glb", ".gltf", ".vrma", ".vrm")
 MOTION_ENDINGS = (".bvh", ".npz", ".npy", *_GLTF)
 Kind = Literal["motion", "recording", "markers", "video"]
-HeldStill = tuple[tuple[str, ...], np.ndarray]  # joints of a file, and (T, J) bool: limbs held still as lost ones are
+HeldStill = tuple[tuple[str, ...], np.ndarray]  # joints of a file, and (T, J) bool: limbs with constant values
 _NOTHING_HELD: HeldStill = (), np.zeros((0, 0), dtype=bool)
 
 
 @dataclass(frozen=True, eq=False)
 class MotionSource:
-    """A motion, in a file or in memory. A file is read when its clip or its holes are first asked for."""
+    """A motion, in a file or in memory. A file is read when its clip or its holes are first used."""
 
     name: str  # for messages
     path: Path | None = None  # None: in memory
     given: Clip | None = None  # the motion in memory
     options: ReadingOptions = AS_FOUND
-    rate: float | None = None  # Hz, of a file that does not say it
-    watches_limbs: bool = False  # look for limbs of a BVH file that are held still, when it is read
+    rate: float | None = None  # Hz, for a file without a frame rate
+    watches_limbs: bool = False  # look for limbs with constant values in a BVH file
 
     @property
     def bvh(self) -> Path | None:
-        """The file, if it is a BVH file, whose rig and text can be kept."""
+        """The file if it is a BVH file, whose rig and text can be kept; else None."""
         return self.path if self.path is not None and self.path.suffix.lower() == ".bvh" else None
 
     def __post_init__(self) -> None:
@@ -68,12 +68,12 @@ class MotionSource:
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """Lines about what was recognised in the file."""
+        """Lines that describe the file as recognised."""
         return self._read[1]
 
     @property
     def held_still(self) -> HeldStill:
-        """Limbs of a BVH file that are held still, if they are watched."""
+        """Limbs with constant values in a BVH file, if `watches_limbs`."""
         return self._read[2]
 
     @cached_property
@@ -88,7 +88,7 @@ class MotionSource:
         return rigged.clip, (f"read {self.path}: {rigged.rig.line()}",), held
 
     def with_holes(self, missing: str | Sequence[str]) -> PartialMotion:
-        """Return the motion with what is missing of it: the joints given, else what its BVH file itself shows."""
+        """Return the motion with its holes: the `missing` joints, or if none are given, the holes found in the file."""
         from bodysense.filling import open_partial
         from bodysense.io.holes import missing_items
 
@@ -110,14 +110,14 @@ class RecordingSource:
 
 @dataclass(frozen=True, eq=False)
 class MarkerSource:
-    """A file of optical markers, and the recording of joints and gloves that follows from them."""
+    """A file of optical markers, and the recording of joints and gloves computed from them."""
 
     name: str
     path: Path
     recording: Recording
-    remarks: tuple[str, ...]  # lines about what was recognised, is doubtful or was left out
-    warnings: tuple[str, ...] = ()  # labels that are dropped, and limbs that are guessed
-    found: MarkerRecording | None = None  # None: its points have no labels
+    remarks: tuple[str, ...]  # lines about recognised, doubtful and dropped markers
+    warnings: tuple[str, ...] = ()  # dropped labels and guessed limbs
+    found: MarkerRecording | None = None  # None: points without labels
 
 
 @dataclass(frozen=True)
@@ -133,16 +133,16 @@ Source = str | Path | InMemory | Opened
 
 
 def open_source(source: Source, reading: ReadingOptions = AS_FOUND, markers: MarkerOptions = NO_OPTIONS) -> Opened:
-    """Open a source as the kind that it is.
+    """Recognise and open a source.
 
     Args:
         source: a file (motion, recording, markers, video), a folder of images, a webcam's index, or a Clip, Observation
             or Recording in memory. An opened source is returned unchanged.
-        reading: what the file does not say of itself: unit, upward axis, floor, height, joints, which body.
-        markers: the same of marker files; `rate` is also for motions.
+        reading: facts that the file omits: unit, upward axis, floor, height, joints, which body.
+        markers: facts that a marker file omits; `rate` is also for motions.
 
-    Raises BodysenseError, naming the file and the fix, for files that are never read and for options that this kind of
-    source does not have.
+    Raises BodysenseError, naming the file and the fix, for unsupported files and for options that this kind of source
+    does not have.
     """
     if isinstance(source, (MotionSource, RecordingSource, MarkerSource, VideoSource)):
         return source
@@ -181,7 +181,7 @@ def _motion_source(path: Path, reading: ReadingOptions, markers: MarkerOptions) 
 
 
 def _has_rate(path: Path) -> bool:
-    """Whether a motion says its frame rate; that of an SMPL file is a fact that an option may correct."""
+    """Whether a motion file has a frame rate. That of an SMPL file does not count, because an option may correct it."""
     if path.suffix.lower() not in _MANY_KINDS:
         return True
     from bodysense.io.smpl import RATE, is_smpl
@@ -219,7 +219,7 @@ def kind_of(source: str | Path) -> Kind:
 
 
 def check_kind(path: str | Path) -> None:
-    """Raise BodysenseError, with what to do, for kinds of files that are never read: FBX, gzip, pickles, MVNX …"""
+    """Raise BodysenseError, with the fix, for unsupported kinds of files: FBX, gzip, pickles, MVNX …"""
     path = Path(path)
     ending = path.suffix.lower()
     if ending == ".gz":
@@ -243,7 +243,7 @@ def check_kind(path: str | Path) -> None:
 
 
 _PICKLES = (".pkl", ".pickle", ".pt", ".pth", ".joblib")
-# Files that are often brought and never read, and what to do.
+# Unsupported files that users often have, and the fix for each.
 _UNSUPPORTED = {
     ".mvnx": "MVNX is not read; export the take from Xsens as .bvh (or .c3d): File, Export, in MVN",
     ".mvn": "Xsens's own format is not read; export the take as .bvh (or .c3d): File, Export, in MVN",
@@ -255,7 +255,7 @@ _UNSUPPORTED = {
 
 
 def _check_images(path: Path) -> None:
-    """Raise BodysenseError, with what to do, for a folder without images."""
+    """Raise BodysenseError, with the fix, for a folder without images."""
     if not path.is_dir():
         return
     from bodysense.devices.video.pictures import IMAGES
@@ -268,7 +268,7 @@ def _check_images(path: Path) -> None:
 
 
 def _read_motion(path: Path, options: ReadingOptions, rate: float | None) -> tuple[Clip, tuple[str, ...]]:
-    """Read an AMASS, SMPL or glTF file, and lines on what was recognised; `rate` Hz if its file does not say it."""
+    """Read an AMASS, SMPL or glTF file; return its clip and lines that describe it. `rate` Hz if the file has none."""
     from bodysense.io.datasets.sources import Source as MotionEntry
     from bodysense.io.datasets.sources import as_told, read_amass_source
     from bodysense.io.smpl import is_smpl, read_smpl
@@ -317,7 +317,7 @@ def _open_recording(path: Path, reading: ReadingOptions, markers: MarkerOptions)
 
 
 def _recording_source(name: str, recording: Recording, reading: ReadingOptions) -> RecordingSource:
-    """Return a recording in metres and +Y up; options say which unit and upward axis it has."""
+    """Return the source of a recording, converted from the given unit and upward axis to metres and +Y up."""
     for option in reading.for_motions():
         raise BodysenseError(f"{name}: {option} is for motions, not for recordings; leave it out")
     observation = convert_world(recording.observation, reading.unit, reading.up)
@@ -325,9 +325,9 @@ def _recording_source(name: str, recording: Recording, reading: ReadingOptions) 
 
 
 def _open_markers(path: Path, reading: ReadingOptions, markers: MarkerOptions) -> MarkerSource:
-    """Open a marker file as the body or the gloves that its markers show.
+    """Open a marker file of a body, of gloves, or of both.
 
-    Gloves alone are put on the default body of the given height, with hands of the gloves' size. The proportions of a
+    Gloves alone are put on the default body of the given height, with hands of the size of the gloves. Proportions of a
     body are inferred.
     """
     from bodysense.io.markers.recording import read_markers, with_hands_of
@@ -361,7 +361,7 @@ def _open_joint_positions(
     reading: ReadingOptions,
     markers: MarkerOptions,
 ) -> MarkerSource:
-    """Open an array of joint places (T, 22, 3) as markers in the joints: the tracker finds how they turn."""
+    """Open an array of joint positions (T, 22, 3) as markers in the joints; the tracker finds the rotations."""
     from bodysense.io.markers.body import body_of
     from bodysense.io.markers.marker_sets import recognised
     from bodysense.io.markers.raw_markers import RawMarkers
@@ -378,7 +378,7 @@ def _open_joint_positions(
 
 
 def _label_gloves(path: Path, options: MarkerOptions, reading: ReadingOptions) -> Observation:
-    """The gloves among the points of a file that does not tell them apart."""
+    """Find the gloves among the unlabelled points of a file."""
     from bodysense.devices.gloves.labelling import Labeller
 
     if options.names is not None:

@@ -35,8 +35,8 @@ def test_points_and_indices() -> None:
 @pytest.mark.parametrize(
     ("change", "text"),
     [
-        ({"joints": ("root", "left_hip", "right_hip", "left_hip")}, "the name 'left_hip' stands twice; .* rename one"),
-        ({"end_sites": ("root", "tail")}, "the name 'root' stands twice"),
+        ({"joints": ("root", "left_hip", "right_hip", "left_hip")}, "the name 'left_hip' appears twice; .* rename one"),
+        ({"end_sites": ("root", "tail")}, "the name 'root' appears twice"),
         ({"parents": (-1, 0, 0)}, r"6 points need 6 parents and offsets \(6, 3\), but got 3 and \(6, 3\)"),
         ({"rest_offset": OFFSET[:5]}, r"but got 6 and \(5, 3\)"),
         ({"parents": (0, 0, 0, 1, 3, 0)}, "the first joint must be the root, with parent -1"),

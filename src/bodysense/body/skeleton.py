@@ -50,7 +50,7 @@ class Skeleton:
         names = self.points
         if len(set(names)) != len(names):
             twice = sorted({name for name in names if names.count(name) > 1})
-            raise BodysenseError(f"skeleton: the name {twice[0]!r} is there twice; names must differ, rename one")
+            raise BodysenseError(f"skeleton: the name {twice[0]!r} appears twice; names must differ, rename one")
         if len(self.parents) != len(names) or offset.shape != (len(names), 3):
             raise BodysenseError(
                 f"skeleton: {len(names)} points need {len(names)} parents and offsets ({len(names)}, 3), "

@@ -1,4 +1,4 @@
-"""`bodysense data`: what motion there is (`info`), and preparing it for training."""
+"""`bodysense data`: descriptions of motion files (`info`), tables of joints, and the list of public data."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from bodysense.io.clip import Clip
 
 
-PICTURED = 6  # frames of a picture
+PICTURED = 6  # number of frames in a picture
 
 
 def info(
@@ -52,11 +52,11 @@ def info(
     Args:
         place: a motion file (.bvh, AMASS or SMPL .npz, .npy, .glb, .gltf, .vrma), markers (.c3d, .trc, .tsv, .csv), a
             recording, or a folder of them, also .bvh in .zip.
-        split: which people.
-        layout: which published data set the folder is; recognised by what is in it if omitted.
-        picture: PNG file for bodies of a few frames of the first file that can be read.
+        split: people of this split.
+        layout: published data set of the folder; recognised by its content if omitted.
+        picture: PNG file for bodies of a few frames of the first readable file.
         json: JSON file for the numbers, one flat object.
-        reading: what the files do not say of themselves.
+        reading: facts that the files omit.
     """
     from bodysense.files import check_picture
 
@@ -68,7 +68,7 @@ def info(
 def print_info(
     place: Path, split: Split, total: int, every: Iterable[FoundFile], picture: Path | None, json: Path | None
 ) -> None:
-    """Print what `total` files hold, and write the picture of the first and the numbers."""
+    """Print a description of `total` files; write the numbers and a picture of the first file."""
     from rich.progress import track
 
     from bodysense.cli.show import wide_console, write_numbers
@@ -88,7 +88,7 @@ def print_info(
 
 
 def print_skipped(place: Path, total: int, found: list[FoundFile]) -> int:
-    """Print which files could not be read, and return how many. Raises BodysenseError where that is all of them."""
+    """Print the files that cannot be read and return their number. Raises BodysenseError if no file can be read."""
     skipped = [one for one in found if one.reason]
     if len(skipped) == len(found):
         raise BodysenseError(skipped[0].reason if total == 1 else no_readable_file(place, skipped))
@@ -103,14 +103,14 @@ def joints(
     out: Annotated[Path | None, tyro.conf.arg(aliases=("-o",))] = None,
     reading: Reading = AS_FOUND,
 ) -> None:
-    """Draft the table for --joints: every joint of a BVH or glTF file, and which of ours it was taken for.
+    """Draft the table for --joints: every joint of a BVH or glTF file, and the joint of ours that it matches.
 
-    Where no body is recognised, it holds what the names of the joints tell.
+    If no body is recognised, joints are matched by their names alone.
 
     Args:
         file: .bvh, .glb or .gltf file.
         out: .json file; printed if omitted.
-        reading: what the file does not say of itself.
+        reading: facts that the file omits.
     """
     from bodysense.io.archive import MotionFile
     from bodysense.io.gltf.motion import figure_of_gltf
@@ -187,7 +187,7 @@ def _minutes(row: Counter[str]) -> tuple[str, str, str]:
 
 
 def _draw(path: Path, clip: Clip) -> None:
-    """Draw bodies of a few frames."""
+    """Draw a sheet of bodies in a few frames of a clip."""
     import numpy as np
 
     from bodysense.pictures.sheet import draw_sheet
@@ -198,7 +198,7 @@ def _draw(path: Path, clip: Clip) -> None:
 
 
 def commands() -> SubcommandApp:
-    """The group's commands."""
+    """Return the commands of the group."""
     group = SubcommandApp()
     for command in (info, joints, sources):
         group.command(command)
@@ -206,7 +206,7 @@ def commands() -> SubcommandApp:
 
 
 def sources() -> None:
-    """List public motion data that bodysense reads, with licence and where to get it."""
+    """List public motion data that bodysense reads, with licences and download pages."""
     from rich.console import Console
     from rich.table import Table
 

@@ -1,4 +1,4 @@
-"""Contents of files that were found, how each was read, or why it cannot be read."""
+"""Descriptions of motion files in a folder: their content, how each was read, or why it cannot be read."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ if TYPE_CHECKING:
     from bodysense.io.rigs.rig import Rig
 
 Split = Literal["train", "val", "test", "all"]
-LISTED = 40  # files of a folder that are listed one by one; of more, those alike are counted
+LISTED = 40  # largest number of files that are listed one by one; in larger folders equal ones are counted
 OTHERS = (
     *(".glb", ".gltf", ".vrma", ".npy", ".c3d", ".trc", ".tsv", ".csv", ".jsonl"),
-    *(".fbx", ".pkl", ".pickle", ".gz"),  # with what to do about them
+    *(".fbx", ".pkl", ".pickle", ".gz"),  # unsupported, listed with the fix
 )
 LAB = "packages/lab"
 KINDS = {".glb": "glTF", ".gltf": "glTF", ".vrma": "VRM animation", ".npy": "SMPL"}
@@ -31,13 +31,13 @@ KINDS = {".glb": "glTF", ".gltf": "glTF", ".vrma": "VRM animation", ".npy": "SMP
 
 @dataclass(frozen=True)
 class FoundFile:
-    """A file and what it holds, or why it cannot be read."""
+    """A file with its content, or the reason why it cannot be read."""
 
     key: str
     clip: Clip | None = None
     rig: Rig | None = None
-    kind: str = "AMASS"  # what it is, where it has no rig
-    summary: str = ""  # what was found of it, where it has no rig
+    kind: str = "AMASS"  # kind of a file without a rig
+    summary: str = ""  # content of a file without a rig
     rate: float = 0.0  # Hz
     reason: str = ""  # why it cannot be read
 
@@ -45,7 +45,7 @@ class FoundFile:
 def files_in(
     place: Path, split: Split, layout: Layout | None, reading: ReadingOptions
 ) -> tuple[int, Iterable[FoundFile]]:
-    """How many files a place has, and each of them when its turn comes."""
+    """Return the number of files in a place, and an iterable that reads one after the other."""
     from bodysense.io.archive import motion_files
     from bodysense.io.datasets.sources import Source, list_sources
 
@@ -63,7 +63,7 @@ def files_in(
 
 
 def _others(folder: Path) -> list[Path]:
-    """Files of a folder that are no part of a data set: markers, glTF, recordings, and what is refused by name."""
+    """Return files of a folder that belong to no data set: markers, glTF, recordings, and unsupported kinds."""
     if (folder / "splits.json").exists():
         return []
     return sorted(path for path in folder.rglob("*") if path.suffix.lower() in OTHERS and path.is_file())
@@ -83,7 +83,7 @@ def _read(key: str, source: Source, reading: ReadingOptions) -> FoundFile:
 
 
 def _read_other(key: str, source: Source, reading: ReadingOptions) -> FoundFile:
-    """A file that has no rig: AMASS, results of SMPL, glTF; markers and recordings, which are no motion yet."""
+    """Read a file without a rig: AMASS, results of SMPL, glTF, or markers and recordings, which have no clip."""
     from bodysense.open import MarkerSource, MotionSource, VideoSource, open_source
 
     opened = open_source(source.path, reading)
@@ -105,7 +105,7 @@ def _read_other(key: str, source: Source, reading: ReadingOptions) -> FoundFile:
 
 
 def readable_clips(every: Iterable[FoundFile], found: list[FoundFile]) -> Iterator[Clip]:
-    """The clips that can be read; all that was found is kept without its motion."""
+    """Yield the readable clips, and append every file to `found`, without its motion."""
     for one in every:
         if one.clip is not None:
             yield one.clip
@@ -117,7 +117,7 @@ def _without_motion(clip: Clip) -> Clip:
 
 
 def description_of(one: FoundFile) -> str:
-    """The content of one file."""
+    """Return a line that describes one file."""
     if one.rig is None:
         return f"{one.key}: {one.kind}, {one.rate:g} Hz" + (f"; {one.summary}" if one.summary else "")
     sure = f"confidence {one.rig.confidence:.0%}"
@@ -130,7 +130,7 @@ def description_of(one: FoundFile) -> str:
 
 
 def table_of(found: list[FoundFile]) -> Table:
-    """How the files were read: one by one, or, of many, those alike together."""
+    """Return the table of files: one row per file, or, for many files, one row per group of equal ones."""
     from rich import box
     from rich.table import Table
 
@@ -151,7 +151,7 @@ def table_of(found: list[FoundFile]) -> Table:
 
 
 def _group_key(one: FoundFile) -> tuple[str, ...]:
-    """Return the line of a file without its name and confidence."""
+    """Return the columns of a file without its name and confidence."""
     if one.rig is None:
         return (one.kind, "", "", "", "", f"{one.rate:g}", "")
     rig = one.rig
@@ -168,5 +168,5 @@ def _group_key(one: FoundFile) -> tuple[str, ...]:
 
 
 def no_readable_file(place: Path, skipped: list[FoundFile]) -> str:
-    """Return the error of a folder without a readable file."""
+    """Return the message about a folder without a readable file."""
     return f"{place}: none of its {len(skipped)} files can be read; the first: {skipped[0].reason}"

@@ -1,4 +1,4 @@
-"""The packaged demo performance: a motion of the project's own, made by `scripts/make_performance.py`."""
+"""The packaged demo performance, made by `scripts/make_performance.py`."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ UNSEEN_BODY = 0  # index of the performer among the test bodies of the shape spa
 
 
 def packaged_performance() -> Clip:
-    """The project's own motion: a wearer who walks, turns, waves, sits, gestures, reaches and points."""
+    """Return the packaged motion: a wearer walks, turns, waves, sits, gestures, reaches and points."""
     from bodysense.io.amass import read_amass
 
     with as_file(files("bodysense.demo").joinpath("performance.npz")) as path:
@@ -21,7 +21,7 @@ def packaged_performance() -> Clip:
 
 
 def performance_of_unseen_body() -> Clip:
-    """Return the packaged performance on proportions that no network was trained on."""
+    """Return the packaged performance on a body that was in no network's training data."""
     from bodysense.body.retarget import retarget
     from bodysense.body.shape import sample_bodies
 
