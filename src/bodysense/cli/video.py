@@ -68,8 +68,7 @@ def track_video(
 ) -> None:
     """Write the motion of the person in a video on a rig, and the video with the body over it.
 
-    The motion is completed with past and future, if not `causal` and the video is a file; the body over the video is
-    the causal one.
+    The motion of a file is completed with past and future, unless `causal`. The body over the video is always causal.
     """
     from rich.progress import Progress, SpinnerColumn
 
@@ -88,7 +87,7 @@ def track_video(
     person = Person() if wearer is None else wearer
     look_ahead = _look_ahead(source, options)
     make_device = _device_factory(person.skeleton, options, model, look_ahead)
-    # A picture's lengths are guesses, of which proportions cannot be inferred.
+    # Lengths in a video are guesses, so proportions cannot be inferred.
     tracker = Tracker(person, settings=replace(settings, infer=False))
     state, tally, broken = tracker.start(), _Tally(Seen()), None
     with ExitStack() as stack:
@@ -125,12 +124,12 @@ def track_video(
 
 
 def _frame_count(count: float) -> int | None:
-    """A number of frames; None for a webcam, which has no end."""
+    """Return a number of frames; None for a webcam, which has no end."""
     return None if count == float("inf") else round(count)
 
 
 def _report(text: str, warning: str | None, overlay: Path | None) -> None:
-    """Say what was done."""
+    """Print the result, with a warning if the video broke off."""
     from rich.console import Console
 
     console = Console(highlight=False)
@@ -178,11 +177,11 @@ class _Motion:
     """The motion of a video: written frame by frame, or completed with past and future at the end."""
 
     file: BvhStream
-    two_way: TwoWayTracker | None  # None: at once
+    two_way: TwoWayTracker | None  # None: each frame is written at once
     kept: list[Observation] = field(default_factory=list)
 
     def add(self, frames: Observation, pose: Pose) -> None:
-        """Take the next frames and their causal poses (T,)."""
+        """Add the next frames and their causal poses (T,)."""
         if self.two_way is None:
             self.file.append(frames.time, pose)
         else:
