@@ -1,4 +1,4 @@
-"""Arrays are measured before they are unpacked."""
+"""Sizes of arrays are checked before unpacking."""
 
 from __future__ import annotations
 

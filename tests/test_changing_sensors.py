@@ -1,4 +1,4 @@
-"""Sensors that come and go: what they say is met, and nothing else of the body leaps for it."""
+"""Sensors that are lost and found: measured points are reached, and the rest of the body does not jump."""
 
 from dataclasses import replace
 
@@ -51,7 +51,7 @@ def seen_at_times(clip: Clip, points: tuple[str, ...], has: np.ndarray) -> Obser
     ("parts", "most"), [(("knee",), 0.14), (("hip", "knee"), 0.07), (("elbow",), 0.088), (("knee", "ankle"), 0.12)]
 )
 def test_a_body_does_not_jump_when_points_are_lost_or_found(parts: tuple[str, ...], most: float) -> None:
-    """Joints are seen for half a second or so at a time: what nobody sees goes on as it moved."""
+    """Joints are seen for about half a second at a time; hidden ones keep moving."""
     clip = performance(1, 900)
     truth = np.asarray(forward_kinematics(clip.pose)[0])
     points = (*ALWAYS, *(f"{side}_{part}" for part in parts for side in ("left", "right")))
@@ -70,7 +70,7 @@ def test_a_body_does_not_jump_when_points_are_lost_or_found(parts: tuple[str, ..
 
 
 def with_shins(clip: Clip, has: np.ndarray) -> Observation:
-    """What head, hands and the rotations of both shins say of a clip; shins in the frames `has` (T,) alone."""
+    """Return the tracking of head, hands and shin rotations of a clip; shins only in the frames `has` (T,)."""
     sensors = SENSOR_SETS["three_point_imu_feet"]
     seen = observe(clip.pose, clip.time, sensors)
     shins = [name.endswith("knee") for name in seen.points]
@@ -103,7 +103,7 @@ def test_a_shin_does_not_jump_when_its_rotation_is_found_again() -> None:
 
 
 def test_the_rest_of_a_body_keeps_moving_when_a_hand_is_found_again() -> None:
-    """Jerk of trunk and legs at a return beside that of a hand that was never lost."""
+    """The jerk of trunk and legs at a return is compared with that without a loss."""
     ratios = []
     for body in (1, 2):
         clip = performance(body, 600)
@@ -129,7 +129,7 @@ def test_the_rest_of_a_body_keeps_moving_when_a_hand_is_found_again() -> None:
     "parts", [("foot",), ("knee",), ("ankle",), ("shoulder",), ("elbow",), ("knee", "ankle", "foot")]
 )
 def test_a_found_point_is_reached_at_once_without_ease(parts: tuple[str, ...]) -> None:
-    """Its error in the frame of its return is that of a point that was never lost."""
+    """The error in the frame of return equals that of a point that was never lost."""
     clip = performance(1, 600)
     points = (*ALWAYS, *(f"{side}_{part}" for part in parts for side in ("left", "right")))
     rng, has = np.random.default_rng(2), np.ones((600, len(points)), dtype=bool)

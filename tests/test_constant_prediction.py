@@ -24,7 +24,7 @@ CURLED = {"pelvis": -20.0, "spine2": 40.0, "neck": -20.0, "left_hip": 20.0, "rig
 
 
 def bent_legs(hip: float, knee: float, ankle: float) -> dict[str, float]:
-    """Degrees about x of both legs."""
+    """Return rotations of both legs about x, degrees."""
     parts = {"hip": hip, "knee": knee, "ankle": ankle}
     return {f"{side}_{part}": angle for side in ("left", "right") for part, angle in parts.items()}
 
@@ -93,6 +93,6 @@ def test_feet_of_a_jumping_body_stay_in_the_air(skeleton: Skeleton) -> None:
 
 @pytest.mark.parametrize("skeleton", BODIES)
 def test_a_pelvis_is_lowered_if_straight_legs_do_not_reach_the_floor(skeleton: Skeleton) -> None:
-    """The spine is predicted curled, which takes the pelvis and the straight legs up: it straightens."""
+    """A curled prediction of the spine lifts pelvis and straight legs; the spine is straightened."""
     free, held = balls(skeleton, network(skeleton, CURLED, 9.0), np.ones(2 * RATE))
     assert free[-1].min() > 0.04 and held[-1].max() < 0.03

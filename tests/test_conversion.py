@@ -1,4 +1,4 @@
-"""Conversion: the same motion under other names, in other files, at other rates."""
+"""Conversion of a motion to other joint names, files and rates."""
 
 from __future__ import annotations
 

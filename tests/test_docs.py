@@ -1,4 +1,4 @@
-"""What README and docs show: every Python snippet runs, every command has those options."""
+"""README and docs: every Python snippet runs, and every command has the options that they use."""
 
 from __future__ import annotations
 

@@ -28,7 +28,7 @@ CONSTANTS = {  # tables by the first cell of their head and page: no figures of 
 
 
 class Figures(defaultdict):
-    """Every figure there is, all the same; of whole clips."""
+    """Every possible figure with one value, of whole clips."""
 
     def __init__(self) -> None:
         super().__init__(lambda: 1.25)

@@ -1,4 +1,4 @@
-"""Motions with holes: what is there stays bit for bit, what is missing comes back, without jumps, over the floor."""
+"""Motions with holes: known frames are bit-identical, missing ones are filled without jumps and above the floor."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def points(clip: Clip) -> np.ndarray:
 
 
 def changed_channels(before: BvhFile, after: BvhFile) -> np.ndarray:
-    """(T, J) bool: some number of a joint stands otherwise."""
+    """Return the mask (T, J) of joints with a changed value."""
     words = [np.array([line.split() for line in file.lines]) for file in (before, after)]
     differs = words[0] != words[1]
     return np.stack([differs[:, list(columns)].any(axis=1) for columns in before.columns], axis=1)
@@ -88,7 +88,7 @@ def test_a_filled_limb_is_accurate_and_smooth_and_keeps_its_bones(take: Path, st
 @pytest.mark.parametrize("count", [1, 12, 40])
 @pytest.mark.parametrize("root", ["left_shoulder", "right_hip", "spine1"])
 def test_position_and_speed_are_continuous_at_both_edges(steps: Clip, root: str, count: int) -> None:
-    """Velocities change over an edge no more than they do in the true motion, and what a turn of the limb needs."""
+    """Velocities change at an edge by no more than in the true motion, plus the change for a turn of the limb."""
     first, skeleton = 18, steps.pose.skeleton
     end = first + count
     tip = skeleton.index({"left_shoulder": "left_wrist", "right_hip": "right_ankle", "spine1": "head"}[root])
@@ -166,7 +166,7 @@ def test_known_joints_are_observed_exactly(take: Path, steps: Clip) -> None:
 
 
 def test_holes_are_found_in_the_file(take: Path, tmp_path: Path) -> None:
-    """Numbers that are none, and an arm that is held still."""
+    """NaN values and an arm with constant values are holes."""
     file = open_bvh(take)
     values, changed = file.values.copy(), np.zeros(file.values.shape, dtype=bool)
     arm = [c for j in ("left_shoulder", "left_elbow", "left_wrist") for c in file.columns[file.joints.index(j)]]
@@ -235,7 +235,7 @@ def test_missing_is_for_motions(take: Path, steps: Clip) -> None:
 
 
 def test_filled_standing_feet_do_not_slide(steps: Clip) -> None:
-    """Beside legs that are filled and left as they are; frames and joints that are known keep every bit."""
+    """Filled feet slide less than without correction; known frames and joints are bit-identical."""
     partial = open_partial(steps, missing_items("left_hip+:20-60"))
     done = track(steps, missing="left_hip+:20-60")
     contact, rotation = done.estimate.contact, fill_rotations(partial, done.estimate.pose)

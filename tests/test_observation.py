@@ -1,4 +1,4 @@
-"""The waist: what an observation must agree on, and how its points find their place on a skeleton."""
+"""Observations: checks, construction, and the order of their points on a skeleton."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ SKELETON = default_skeleton()
 
 
 def example(batch: tuple[int, ...] = (), frames: int = 4) -> Observation:
-    """Two points, of which the second is hidden in the first frame; the first is turned by nothing."""
+    """Two points: the second is hidden in the first frame, and the first has the identity as rotation."""
     rng = np.random.default_rng(0)
     position = rng.normal(size=(*batch, frames, 2, 3))
     rotation = np.full((*batch, frames, 2, 4), np.nan)

@@ -1,4 +1,4 @@
-"""Sources are asked once what they are."""
+"""Recognition and opening of sources."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def test_results_of_romp_are_refused(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("ending", ["npy", "npz"])
 def test_joint_positions_are_opened_as_markers(tmp_path: Path, ending: str) -> None:
-    """In the axes of most laboratories, as an array (T, 22, 3), which rotation vectors may be, too."""
+    """An array (T, 22, 3) with +Z up; rotation vectors can have the same shape."""
     clip = packaged_performance()
     truth = np.asarray(forward_kinematics(clip.pose)[0])[200:230, :22]
     path, up = tmp_path / f"a.{ending}", truth[:, :, [0, 2, 1]] * [1, -1, 1]
@@ -97,7 +97,7 @@ def _places() -> np.ndarray:
 
 @pytest.mark.parametrize("how", ["noise", "whole millimetres", "flat", "hidden joint"])
 def test_joint_positions_may_be_noisy(tmp_path: Path, how: str) -> None:
-    """Read as rotation vectors, they would be a whole motion of a knotted body."""
+    """Positions with noise are not read as rotation vectors, which would give a knotted body."""
     truth = _places()
     hidden = truth.copy()
     hidden[10:20, 20] = np.nan

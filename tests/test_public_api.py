@@ -1,4 +1,4 @@
-"""The front door: names of `bodysense`, observations from numbers, points by name, devices of one's own, reprs."""
+"""Public names of `bodysense`: observations from numbers, points by name, custom devices, reprs."""
 
 from __future__ import annotations
 

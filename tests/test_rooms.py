@@ -1,4 +1,4 @@
-"""The layers of docs/architecture.md: who imports whom, and what the run time never imports."""
+"""The layers of docs/architecture.md: allowed imports, and packages that the run time never imports."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def parsed(module: str) -> ast.Module:
 
 @cache
 def imported(module: str, everywhere: bool) -> frozenset[str]:
-    """Modules that a module imports: `everywhere` in it, or only at the moment when it is itself imported."""
+    """Return the modules that a module imports: `everywhere` in it, or only on its own import."""
     found: set[str] = set()
     todo: list[ast.AST] = [parsed(module)]
     while todo:
@@ -93,7 +93,7 @@ def imported(module: str, everywhere: bool) -> frozenset[str]:
 
 
 def waits(node: ast.AST) -> bool:
-    """Whether what stands in a node does not run on import."""
+    """Whether the code of a node does not run on import."""
     is_function = isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef, ast.Lambda))
     return is_function or (isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING")
 
@@ -134,7 +134,7 @@ def test_modules_of_the_library_import_from_lower_floors_only() -> None:
 
 
 def test_packages_import_only_allowed_packages() -> None:
-    """The library, its commands included, imports none of the packages, and they hardly import each other."""
+    """The library and its commands import no other package; other packages import those of `MAY_IMPORT`."""
     offenders = [
         f"{module} imports {other}"
         for module in MODULES
@@ -166,7 +166,7 @@ def test_the_commands_of_the_laboratory_load_without_the_server_and_the_referee(
 
 
 def test_no_modules_import_each_other() -> None:
-    """No circles: modules in an order in which each imports from those before it alone."""
+    """There is an order of modules in which each imports only from earlier ones."""
     left = {module: ours(imported(module, everywhere=False)) & set(MODULES) - {module} for module in MODULES}
     while free := {module for module, others in left.items() if not others & set(left)}:
         left = {module: others for module, others in left.items() if module not in free}
@@ -174,7 +174,7 @@ def test_no_modules_import_each_other() -> None:
 
 
 def heavy(module: str, seen: set[str]) -> set[str]:
-    """What comes along from outside the standard library when a module is imported."""
+    """Return the packages outside the standard library that the import of a module loads."""
     if module in seen:
         return set()
     seen.add(module)
@@ -211,7 +211,7 @@ def test_the_command_starts_without_the_libraries_of_training() -> None:
 
 
 def test_the_tracker_starts_with_numpy_and_little_else() -> None:
-    """Held as a set of modules: the time that it takes differs among machines."""
+    """The set of modules is checked, because the import time differs among machines."""
     added = modules_after("import bodysense; bodysense.Tracker") - modules_after("import numpy")
     packages = {name.partition(".")[0] for name in added} - sys.stdlib_module_names
     assert packages == {"bodysense", "array_api_compat"}

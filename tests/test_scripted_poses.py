@@ -1,4 +1,4 @@
-"""Scripted poses that once failed: squats, raised knees, standing still, points that come back."""
+"""Scripted poses that once failed: squats, raised knees, standing still, lost and found points."""
 
 from dataclasses import replace
 
@@ -62,7 +62,7 @@ def tracked(pose: Pose, sensors: str):
 
 
 def knee_angles(position: np.ndarray, skeleton: Skeleton) -> np.ndarray:
-    """(T, 2) degrees by which the knees are bent."""
+    """Return the bend (T, 2) of the knees in degrees."""
     angles = []
     for side in ("left", "right"):
         hip, knee, ankle = (position[:, skeleton.index(f"{side}_{part}")] for part in ("hip", "knee", "ankle"))
@@ -73,7 +73,7 @@ def knee_angles(position: np.ndarray, skeleton: Skeleton) -> np.ndarray:
 
 
 def knees_forward(estimate, skeleton: Skeleton) -> np.ndarray:
-    """(T, 2) m by which the knees stand before the line from hip to ankle, as the pelvis faces."""
+    """Return the distance (T, 2) m of the knees in front of the line from hip to ankle, in the pelvis's direction."""
     _, rotation = forward_kinematics(estimate.pose)
     ahead = quaternion_rotate(rotation[:, 0], np.tile([0.0, 0.0, 1.0], (len(rotation), 1)))
     sides = []
@@ -128,7 +128,7 @@ def test_a_still_wearer_does_not_move(sensors: str) -> None:
 
 @pytest.mark.parametrize(("amplitude", "frequency"), [(0.06, 0.25), (0.08, 0.15)])
 def test_feet_do_not_follow_a_wearer_who_sways(amplitude: float, frequency: float) -> None:
-    """Their speed over a tenth of a second, while head and hands sway to the sides (m, Hz)."""
+    """The speed of feet over a tenth of a second is small while head and hands sway sideways (m, Hz)."""
     pose = standing_pose(default_skeleton())
     time = np.arange(900) / 60
     still = Pose(pose.skeleton, np.tile(pose.root_position, (900, 1)), np.tile(pose.rotation, (900, 1, 1)))
@@ -176,7 +176,7 @@ def hands_lost(body: int, frames: slice, ease: float = 0.25) -> tuple[Skeleton, 
 
 
 def speeds(points: np.ndarray, places: np.ndarray) -> np.ndarray:
-    """(T - 1, P) m/s."""
+    """Return speeds (T - 1, P) m/s."""
     return np.linalg.norm(np.diff(points[:, places], axis=0), axis=-1) * RATE
 
 
@@ -191,7 +191,7 @@ def test_lost_raised_hands_stay_raised(body: int) -> None:
 
 @pytest.mark.parametrize(("pace", "least", "most"), [(0.0, 50, 90), (1.0, -90, 20)])
 def test_arms_raised_out_of_view_stay_raised_while_the_head_is_still(pace: float, least: float, most: float) -> None:
-    """8 s after both hands are lost; a wearer who walks on takes them down."""
+    """Arms stay raised 8 s after both hands are lost, and sink when the wearer walks on."""
     up = {f"{side}_shoulder": sign * np.radians([0.0, 0.0, 135.0]) for side, sign in (("left", 1), ("right", -1))}
     time = np.arange(12 * RATE) / RATE
     pose = performed(unseen_body(0), {}, up)[np.minimum(np.arange(12 * RATE), round(2.25 * RATE))]
@@ -218,7 +218,7 @@ def test_hands_keep_their_speed_in_the_frame_in_which_they_are_lost_or_found(bod
 
 @pytest.mark.parametrize("body", [0, 3, 6])
 def test_hands_found_elsewhere_move_there_at_most_at_10_m_s(body: int) -> None:
-    """However short the ease: they were lost low and are found raised."""
+    """Hands are lost low and found raised, with any ease."""
     found = round(2.25 * RATE)
     skeleton, output, truth = hands_lost(body, slice(20, found), ease=0.05)
     wrists = skeleton.indices(WRISTS)
@@ -237,7 +237,7 @@ def test_shins_keep_their_measured_rotation_while_ankles_are_free(body: int) -> 
 
 
 def test_a_wearer_who_waves_stands_with_straight_knees():
-    """Both feet rest while an arm waves: feet that floated by 2 cm bent the knees by 10° more."""
+    """Both feet rest while an arm waves; feet that floated by 2 cm would bend the knees by 10° more."""
     clip = performance_of_unseen_body()
     skeleton, waves = clip.pose.skeleton, slice(round(7 * clip.frame_rate), round(8 * clip.frame_rate))
     seen = observe(clip.pose, np.arange(len(clip)) / clip.frame_rate, THREE_POINT)

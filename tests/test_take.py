@@ -1,4 +1,4 @@
-"""Whole recordings: with past and future or the same as live; files, persons, and input that cannot be."""
+"""Takes: causal or with past and future; files, persons, and invalid input."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def positions(pose: Pose) -> np.ndarray:
 
 
 def test_a_causal_take_equals_live_tracking(three_points: Observation) -> None:
-    """A causal take is what a tracker gives frame by frame."""
+    """A causal take equals the output of a tracker frame by frame."""
     take = track(Recording(three_points, default_skeleton()), causal=True)
     tracker = Tracker(Person(default_skeleton()))
     state = tracker.start()
@@ -53,7 +53,7 @@ def test_a_causal_take_equals_live_tracking(three_points: Observation) -> None:
 
 
 def test_the_command_has_a_causal_option(three_points: Observation, tmp_path: Path) -> None:
-    """`track --causal` writes what a live session shows; without it the written motion is another one."""
+    """`track --causal` writes the motion of a live session; without it another motion is written."""
     write_recording(tmp_path / "seen.npz", Recording(three_points, default_skeleton()))
     for name, options in (("both", []), ("causal", ["--causal"])):
         assert main(["track", str(tmp_path / "seen.npz"), "-o", str(tmp_path / f"{name}.bvh"), *options]) == 0
@@ -75,7 +75,7 @@ def test_the_command_line_knows_the_devices() -> None:
 
 
 def test_the_measured_head_stays_on_inferred_proportions(three_points: Observation) -> None:
-    """The clip is on the body believed at the end; its head is where it was measured, its bones keep their lengths."""
+    """The clip is on the finally inferred body. Its head is at measured positions, and its bones keep their lengths."""
     take = track(three_points, height=1.85)
     skeleton = take.clip.pose.skeleton
     assert float(stature(skeleton.rest_offset)) == pytest.approx(1.85, abs=0.02)
@@ -93,7 +93,7 @@ def test_measured_points_stay_without_a_head(short: Clip, three_points: Observat
 
 
 def test_the_wearer_is_given_by_person_or_height(three_points: Observation, tmp_path: Path) -> None:
-    """A person, a height, the recording's own body, or nothing, in this order."""
+    """The order of preference is person, height, body of the recording, unknown body."""
     tall = default_skeleton().scaled(1.9)
     path = tmp_path / "seen.npz"
     write_recording(path, Recording(three_points, tall))
@@ -128,7 +128,7 @@ def test_a_height_that_the_head_contradicts_is_a_remark(
 
 
 def test_unix_times_and_uneven_times(three_points: Observation) -> None:
-    """Frames come out at a constant rate; a Unix time is a time like any other."""
+    """Takes have a constant rate, and Unix times are valid times."""
     kept = np.delete(np.arange(40), [3, 4, 9, 15])
     odd = replace(three_points[:36], time=1.7e9 + kept / 60)
     take = track(odd)
@@ -217,7 +217,7 @@ def test_a_video_is_tracked(pictures: Path) -> None:
 
 
 def test_person_number_and_camera_roll_are_options(pictures: Path) -> None:
-    """A camera that is told to be rolled shows a person who stands the more obliquely."""
+    """With a given camera roll the person stands more obliquely."""
     level, rolled = (track(pictures, height=1.7, follow=1, roll=roll) for roll in (0.0, 20.0))
     spine = []
     for take in (level, rolled):
@@ -247,7 +247,7 @@ def test_reading_and_writing(short: Clip, three_points: Observation, tmp_path: P
 
 
 def test_importing_the_library_imports_nothing_else() -> None:
-    """Nothing is imported before it is used."""
+    """Modules are imported when they are first used."""
     code = "import sys, bodysense; print(*sorted(n for n in sys.modules if n.startswith(('numpy', 'bodysense'))))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.split() == ["bodysense"]

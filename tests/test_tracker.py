@@ -1,4 +1,4 @@
-"""One tracker for everything: whole equals stream equals batch, measured points stay, nothing jumps without cause."""
+"""The tracker: whole recordings, streams and batches agree, measured points stay, and nothing jumps."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Recordings completed with past and future: measured points met, no leaps, windows, people, reversed time."""
+"""Recordings completed with past and future: measured points, no jumps, windows, people, reversed time."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def lost(seen: Observation, name: str, first: int, end: int) -> Observation:
 
 
 def test_measured_points_are_reached(seen: Observation, person: Person) -> None:
-    """As near as in the causal answer: a spine of this length does not always reach from the head to the pelvis."""
+    """Points are as near as in the causal result; the spine is not always long enough to reach from head to pelvis."""
     places = person.skeleton.indices(seen.points)
     causal, _ = (tracker := Tracker(person)).step(seen, tracker.start())
     off, alone = (
@@ -77,7 +77,7 @@ def test_a_found_wrist_does_not_jump(seen: Observation, person: Person, waving_c
 
 
 def test_bridged_frames_are_not_measured(seen: Observation, person: Person, waving_clip: Clip) -> None:
-    """A wrist that is lost for a tenth of a second is nearly where it was, and said to be hidden."""
+    """A wrist that is lost for a tenth of a second is near its true position, and reported as hidden."""
     wrist = person.skeleton.index("left_wrist")
     estimate = complete(person, lost(seen, "left_wrist", 30, 33))
     truth = np.asarray(forward_kinematics(waving_clip.pose)[0])[:, wrist]
@@ -96,7 +96,7 @@ def test_tracked_rotations_are_kept(person: Person, waving_clip: Clip) -> None:
 
 
 def test_later_frames_improve_the_estimate(seen: Observation, person: Person) -> None:
-    """Before a wrist is first seen, the causal answer cannot know where it is; the other one leads there."""
+    """Before a wrist is first seen, the causal result cannot know its position; the two-way result leads to it."""
     late = lost(seen, "left_wrist", 0, 40)
     wrist = person.skeleton.index("left_wrist")
     causal, _ = (tracker := Tracker(person)).step(late, tracker.start())
@@ -119,7 +119,7 @@ def test_windows_join_into_one_motion(seen: Observation, person: Person, monkeyp
 
 
 def test_a_recording_with_a_pause_is_split(seen: Observation, person: Person) -> None:
-    """After a pause of more than a second nothing that moved is remembered, in either direction."""
+    """A pause of more than a second resets the motion in both directions."""
     time = seen.time + np.where(np.arange(len(seen)) < 45, 0.0, 10.0)
     paused = complete(person, replace(seen, time=time))
     first, second = (complete(person, seen[part]) for part in (slice(0, 45), slice(45, None)))
@@ -154,7 +154,7 @@ def test_reversed_twice_is_unchanged(seen: Observation) -> None:
 
 
 def test_the_person_is_inferred_before_both_passes(waving_clip: Clip) -> None:
-    """An unknown body has one size in all frames: the one that is believed after the last."""
+    """An unknown body has one size in all frames: the one inferred after the last frame."""
     tall = waving_clip.pose.skeleton.scaled(1.9)
     clip = Clip("tall", Pose(tall, waving_clip.pose.root_position * 1.1, waving_clip.pose.rotation), 30.0)
     seen = simulate(clip, "six_point")
@@ -169,7 +169,7 @@ def test_the_person_is_inferred_before_both_passes(waving_clip: Clip) -> None:
 def test_a_longer_take_needs_no_more_memory_than_its_result(
     seen: Observation, person: Person, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Intermediate results are of windows. A frame adds 4.3 kB of estimate, 0.1 kB of points, and 0.8 kB of GLB."""
+    """Memory is needed for windows; each frame adds 4.3 kB of estimate, 0.1 kB of points, and 0.8 kB of GLB."""
     monkeypatch.setattr(two_way, "WINDOW", 2.0)
     monkeypatch.setattr(two_way, "BESIDE", 1.0)
 

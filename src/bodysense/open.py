@@ -88,7 +88,7 @@ class MotionSource:
         return rigged.clip, (f"read {self.path}: {rigged.rig.line()}",), held
 
     def with_holes(self, missing: str | Sequence[str]) -> PartialMotion:
-        """Return the motion with its holes: the `missing` joints, or if none are given, the holes found in the file."""
+        """Return the motion with its holes: `missing` joints, or without any, the holes found in the file."""
         from bodysense.filling import open_partial
         from bodysense.io.holes import missing_items
 

@@ -42,7 +42,7 @@ def test_a_foot_moves_evenly_between_two_known_positions() -> None:
 
 
 def test_the_foot_rolls_from_heel_to_ball() -> None:
-    """What rests stays, also while the foot rolls from one to the other."""
+    """The resting point stays in place, also while the foot rolls from heel to ball."""
     place = sliding(40, 0.04)
     place[20:, 0, 1] += 0.002 * np.arange(20)  # the heel rises
     contact = np.zeros((40, 2))

@@ -160,7 +160,7 @@ def test_same_points_as_pinocchio(seed: int, noise: float) -> None:
     assert distance(state.position, pinocchio_solution(target, weight, truth)) < 1e-3
 
 
-# What comes out
+# Results
 
 
 def test_state_holds_the_points_of_the_pose() -> None:
@@ -258,7 +258,7 @@ def test_symmetric_targets_give_a_symmetric_body() -> None:
     assert distance(mirrored.position, state.position[BODY.mirror] * flip) < 1e-6
 
 
-# What positions leave open
+# Freedom that positions do not determine
 
 
 @pytest.mark.parametrize("bend", [20, 100])

@@ -77,7 +77,7 @@ def test_lengths_are_known_or_measured() -> None:
 
 
 def test_small_people_keep_known_lengths() -> None:
-    """Outside of the adults' statures the space is scaled, and known lengths still hold."""
+    """Outside the statures of adults the space is scaled, and known lengths still hold."""
     child = Person(lengths={("left_elbow", "left_wrist"): 0.17}, height=1.2)
     assert bone(child, "left_wrist") == pytest.approx(0.17, abs=1e-3)
     assert stature(child.skeleton.rest_offset) == pytest.approx(1.2, abs=2e-3)
@@ -150,7 +150,7 @@ json_values = st.recursive(
 @SETTINGS
 @given(st.data())
 def test_other_contents_are_refused_in_one_line(tmp_path: Path, stored: str, data: st.DataObject) -> None:
-    """Any value in place of any other."""
+    """Any value may be replaced by any other."""
     contents = json.loads(stored)
     place: Any = contents
     while True:

@@ -1,4 +1,4 @@
-"""The products of run time against their slow twins in `rotation.py`."""
+"""Fast quaternion products against their slow twins in `rotation.py`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Limbs that reach: ends come to their places, bones keep their lengths, hands and feet their rotations."""
+"""Two-bone inverse kinematics: ends reach targets; bones keep lengths, hands and feet keep rotations."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def test_the_end_reaches_its_target(waving_clip: Clip, end: str) -> None:
 
 
 def test_knees_and_elbows_bend_in_the_possible_direction() -> None:
-    """From a straight T-pose: knees go forward, elbows backward."""
+    """From a straight T-pose knees bend forward and elbows backward."""
     skeleton = default_skeleton()
     pose = rest_pose(skeleton)
     position = forward_kinematics(pose)[0]

@@ -19,7 +19,7 @@ SKELETON = default_skeleton()
 
 
 def unseen_body(clip: Clip, seed: int) -> Skeleton:
-    """Another body, its soles on the floor."""
+    """Return another body with its soles on the floor."""
     skeleton = with_limb_proportions(clip, 0.1, np.random.default_rng(seed)).pose.skeleton
     offset = skeleton.rest_offset.copy()
     offset[0, 1] -= offset[0, 1] + (skeleton.path @ offset)[:, 1].min() - 0.01
@@ -60,7 +60,7 @@ def test_there_and_back_is_the_same_motion(waving_clip: Clip) -> None:
 
 @pytest.mark.parametrize("sink", [0.0, 0.03, -0.4])
 def test_feet_are_never_deeper_than_before(waving_clip: Clip, sink: float) -> None:
-    """At the scale of the legs; a body that jumps stays in the air."""
+    """Depths are compared at the scale of the legs; a jumping body stays in the air."""
     root = waving_clip.pose.root_position - [0.0, sink, 0.0]
     pose = replace(waving_clip.pose, root_position=root)
     skeleton = unseen_body(waving_clip, 3)

@@ -126,7 +126,7 @@ def test_known_lengths_reduce_the_remaining_uncertainty() -> None:
 
 
 def test_deviations_predict_the_errors_of_bones() -> None:
-    """Over people and noise, errors of bones over their deviations have the size 1."""
+    """Over people and noise, the ratio of bone errors to deviations is about 1."""
     rng = np.random.default_rng(5)
     ratios = []
     for coefficients in rng.standard_normal((200, SPACE.size)):

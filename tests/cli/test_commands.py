@@ -1,4 +1,4 @@
-"""The commands, each on a motion of less than a second: what they write can be read, and says what it must."""
+"""Commands on motions of less than a second: outputs are readable and have the right content."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def test_simulate_and_track_a_motion(tmp_path: Path, motion: Path, run, ending: 
 
 
 def test_a_motion_is_tracked_in_one_command(tmp_path: Path, motion: Path, run) -> None:
-    """With --device the recording is not written, and the result is the same."""
+    """The result of track --device equals that of simulate and track."""
     run("simulate", motion, "--device", "headset_camera", "-o", tmp_path / "seen.npz")
     run("track", tmp_path / "seen.npz", "-o", tmp_path / "two.bvh")
     run("track", motion, "--device", "headset_camera", "-o", tmp_path / "one.bvh")
@@ -56,7 +56,7 @@ def test_a_motion_is_converted(tmp_path: Path, motion: Path, run, capsys: pytest
 
 
 def test_options_of_the_wearer(tmp_path: Path, motion: Path, run) -> None:
-    """The body is the recording's, or of a given height, or inferred, printed and saved."""
+    """The body is that of the recording, of a given height, or inferred; it is printed and saved."""
     run("simulate", motion, "-o", tmp_path / "tall.npz", "--height", 1.9)
     recording = read_recording(tmp_path / "tall.npz")
     assert recording.skeleton.height == pytest.approx(1.9)

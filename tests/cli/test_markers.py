@@ -31,7 +31,7 @@ Command = Callable[..., str]
 
 
 class Fixed:
-    """A network that answers the same whatever it is asked: these tests are of the command."""
+    """A network with a constant output, because these tests are of the command."""
 
     def __init__(self, values: int) -> None:
         self.values = values
@@ -49,7 +49,7 @@ def small_models(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture(scope="module")
 def gloves(short_clip: Clip) -> Observation:
-    """Both gloves of the short clip, every marker seen."""
+    """Both gloves of the short clip, with every marker seen."""
     return observe(short_clip.pose, short_clip.time)
 
 

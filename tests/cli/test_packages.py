@@ -1,4 +1,4 @@
-"""Packages add commands; those of a package that is not installed say what to install."""
+"""Packages add commands; commands of missing packages print the install line."""
 
 from __future__ import annotations
 

@@ -20,7 +20,7 @@ from bodysense.io.motion_files import write_motion
 
 @pytest.fixture
 def inches(tmp_path: Path, short_clip: Clip) -> Path:
-    """A motion in inches whose floor lies 20 inches too low, under names that say nothing of the left elbow."""
+    """A motion in inches with a floor 20 inches too low, and an unrecognisable name for the left elbow."""
     pose = short_clip.pose
     low = Clip("low", Pose(pose.skeleton, pose.root_position - [0.0, 0.508, 0.0], pose.rotation), short_clip.frame_rate)
     path = tmp_path / "inches.bvh"
@@ -49,7 +49,7 @@ def test_info_of_a_folder_skips_and_counts_what_it_cannot_read(inches: Path, tmp
 
 
 def test_info_describes_files_without_a_rig(tmp_path: Path, short_clip: Clip, run, refused) -> None:
-    """glTF, VRM animations, results of SMPL, recordings and markers; what is refused says what to do."""
+    """glTF, VRM animations, results of SMPL, recordings and markers; refusals name the fix."""
     write_motion(tmp_path / "body.glb", short_clip)
     write_motion(tmp_path / "body.vrma", short_clip)
     np.savez(tmp_path / "video.npz", poses=np.zeros((5, 72)), trans=np.tile([0.0, 0.9, 0.0], (5, 1)))
@@ -142,7 +142,7 @@ def test_the_library_takes_the_same_options(inches: Path) -> None:
 
 
 def test_joint_positions_are_tracked_and_not_converted(tmp_path: Path, run, refused) -> None:
-    """Every command asks the same reader: places that are read as rotations are a knotted body."""
+    """All commands use one reader; positions that are read as rotations would give a knotted body."""
     clip = packaged_performance()
     places, out = tmp_path / "places.npy", tmp_path / "out.bvh"
     np.save(places, np.asarray(forward_kinematics(clip.pose)[0])[200:220, :22])
@@ -167,7 +167,7 @@ def test_a_rate_is_refused_if_the_file_has_one(tmp_path: Path, motion: Path, run
 
 @pytest.fixture
 def whole(tmp_path: Path) -> Path:
-    """A motion in which nothing is missing, in centimetres."""
+    """A complete motion in centimetres."""
     write_bvh(tmp_path / "whole.bvh", replace(packaged_performance(), pose=packaged_performance().pose[200:230]))
     return tmp_path / "whole.bvh"
 

@@ -1,4 +1,4 @@
-"""`bodysense track --fingers synthesize`: fingers for any motion, its body as it was."""
+"""`bodysense track --fingers synthesize`: fingers for any motion; its body is unchanged."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from bodysense.io.reading_options import AS_FOUND
 
 
 def without_fingers(clip: Clip) -> Clip:
-    """The same motion on a skeleton that ends at the wrists."""
+    """Return the motion on a skeleton that ends at the wrists."""
     whole = clip.pose.skeleton
     joints = [k for k in range(len(whole.joints)) if whole.wrist_of[k] < 0]
     skeleton = Skeleton(

@@ -1,4 +1,4 @@
-"""A second of standing tells height, reach and mounts."""
+"""Height, arm span and mounts are calibrated from one second of standing."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Expected errors of the packaged network: about as large as the true ones, and larger where those are."""
+"""Expected errors of the packaged network match true errors in size and rank."""
 
 from __future__ import annotations
 

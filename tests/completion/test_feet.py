@@ -1,4 +1,4 @@
-"""Standing of a joined body: feet that stand are held and low, those that do not are left alone."""
+"""Feet of a joined body: standing feet are held on the floor, and others are unchanged."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def hovering(pose: Pose, sides: tuple[str, ...]) -> Pose:
 
 
 def heights(pose: Pose, chance: float, floor: float) -> tuple[np.ndarray, np.ndarray]:
-    """How high the soles (T,) are over the floor, before and after feet of these contacts are held."""
+    """Return heights (T,) of the soles above the floor, before and after feet with these contacts are held."""
     shins = np.zeros((len(pose.rotation), len(pose.skeleton.joints)), dtype=bool)
     contact = np.full((len(pose.rotation), len(CONTACT_POINTS)), chance)
     held = plant_feet(pose, contact, no_points(pose), shins, floor, SECONDS)
@@ -34,7 +34,7 @@ def heights(pose: Pose, chance: float, floor: float) -> tuple[np.ndarray, np.nda
 
 
 def test_a_standing_foot_is_on_the_floor(pose: Pose) -> None:
-    """A foot comes down if it is in contact, else it stays where it is while the other one is on the floor."""
+    """A foot in contact is lowered; another foot is unchanged while the first is on the floor."""
     bent = hovering(pose, ("left",))
     floor = float(side_clearance(places_of(bent)[0], pose.skeleton, "right")[0])
     for chance in (0.0, 1.0):
@@ -48,7 +48,7 @@ def test_a_standing_foot_is_on_the_floor(pose: Pose) -> None:
 
 @pytest.mark.parametrize("does", ["stands", "jumps", "sits"])
 def test_a_standing_body_does_not_hover(pose: Pose, does: str) -> None:
-    """Both feet come down without a sign of contact, unless the body jumps or sits."""
+    """Both feet are lowered without contact, unless the body jumps or sits."""
     floor, bent = float(side_clearance(places_of(pose)[0], pose.skeleton, "left")[0]), hovering(pose, ("left", "right"))
     if does == "jumps":
         time = np.arange(len(bent.root_position))[:, None] * SECONDS
@@ -70,7 +70,7 @@ def test_a_standing_body_does_not_hover(pose: Pose, does: str) -> None:
 
 @pytest.mark.parametrize("still", [True, False])
 def test_still_feet_are_lowered_to_the_floor(pose: Pose, still: bool) -> None:
-    """Feet that are 9 mm up stay there, unless both stand and go on standing."""
+    """Feet at a height of 9 mm are lowered only if both stand for some time."""
     bent = hovering(pose, ("left", "right"))
     floor = float(side_clearance(places_of(bent)[0], pose.skeleton, "left")[0]) - 0.009
     contact = np.ones((len(bent.rotation), len(CONTACT_POINTS)))
@@ -83,7 +83,7 @@ def test_still_feet_are_lowered_to_the_floor(pose: Pose, still: bool) -> None:
 
 
 def test_a_tracked_foot_under_the_floor_comes_up_gradually(pose: Pose) -> None:
-    """Tracked feet stay where they are, 2 cm under the floor; beside these frames they rise within a quarter second."""
+    """Tracked feet stay 2 cm under the floor; next to these frames feet rise within a quarter second."""
     floor = float(side_clearance(places_of(pose)[0], pose.skeleton, "left").max()) + 0.02
     measured = no_points(pose)
     measured[30:60, pose.skeleton.index("left_ankle")] = True

@@ -1,4 +1,4 @@
-"""Meeting what is tracked: a joined body comes there, all else keeps its rotation."""
+"""Fitting of a joined body: tracked points are reached, and other joints keep their rotations."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def test_tracked_ends_are_reached_and_other_limbs_are_unchanged(pose: Pose, end:
 
 @pytest.mark.parametrize("gap", [slice(0, 20), slice(20, 60), slice(30, 33), slice(50, 90)])
 def test_offsets_of_measured_frames_fade_into_others(gap: slice) -> None:
-    """An offset does not leap at an edge, is 0 in the middle of a long gap, and unchanged in measured frames."""
+    """An offset is continuous at an edge, 0 in the middle of a long gap, and unchanged in measured frames."""
     offset = np.tile([0.03, -0.01, 0.02], (90, 1))
     measured = np.ones(90, dtype=bool)
     measured[gap] = False
@@ -76,7 +76,7 @@ def test_offsets_of_measured_frames_fade_into_others(gap: slice) -> None:
 
 
 def test_a_straight_leg_does_not_jump_when_its_foot_is_seen(pose: Pose) -> None:
-    """The truth stands straight, the answer with feet 4 mm higher: knees come 5 cm forward, but not within a frame."""
+    """The true body is straight, and feet of the pose are 4 mm higher: knees move 5 cm forward in several frames."""
     straight = Pose(
         pose.skeleton, np.zeros_like(pose.root_position), np.tile([1.0, 0, 0, 0], (*pose.rotation.shape[:2], 1))
     )
@@ -92,7 +92,7 @@ def test_a_straight_leg_does_not_jump_when_its_foot_is_seen(pose: Pose) -> None:
 
 
 def test_a_limb_turns_gradually_to_a_middle_joint_seen_for_a_while(pose: Pose) -> None:
-    """The wrist is tracked all the time, the elbow in frames 30 to 60: beside these the arm swivels."""
+    """The wrist is always tracked, the elbow in frames 30 to 60; the arm swivels next to these."""
     wrist, elbow = (pose.skeleton.index(f"right_{part}") for part in ("wrist", "elbow"))
     truth, rotation = places_of(pose)[0], np.array(pose.rotation)
     shoulder = pose.skeleton.index("right_shoulder")
@@ -110,7 +110,7 @@ def test_a_limb_turns_gradually_to_a_middle_joint_seen_for_a_while(pose: Pose) -
 
 
 def test_a_stretched_limb_that_is_not_tracked_keeps_its_rotation(pose: Pose) -> None:
-    """To reach where it is already, a straight leg would be bent a little."""
+    """Fitting an untracked straight leg to its own position would bend it a little."""
     rotation = np.array(pose.rotation)
     knees = pose.skeleton.indices(["left_knee", "right_knee"])
     rotation[:, knees] = [1.0, 0.0, 0.0, 0.0]

@@ -1,4 +1,4 @@
-"""The inertialiser's promises: no jump in pose or velocity, the same at any frame rate, an end, exact followers."""
+"""The inertialiser: no jump in pose or velocity, independence of the frame rate, an exact end, exact followers."""
 
 from __future__ import annotations
 
@@ -37,14 +37,14 @@ def random_velocity(rng: np.random.Generator, batch: tuple[int, ...]) -> Velocit
 
 
 def moved(pose: Pose, velocity: Velocity, seconds: float) -> Pose:
-    """A pose after it moved on steadily."""
+    """Return a pose after steady motion."""
     turn = np.asarray(quaternion_exp(velocity.spin * seconds))
     root = pose.root_position + velocity.root * seconds
     return Pose(pose.skeleton, root, quaternion_multiply(turn, np.asarray(pose.rotation)))
 
 
 def apart(one: Pose, other: Pose) -> float:
-    """The farthest that roots (m) or joints (rad) are apart."""
+    """Return the largest distance of roots (m) or joints (rad)."""
     root = np.linalg.norm(one.root_position - other.root_position, axis=-1).max()
     return max(float(root), float(np.max(geodesic_angle(np.asarray(one.rotation), np.asarray(other.rotation)))))
 
@@ -127,7 +127,7 @@ def test_joints_that_follow_are_exact(batch: tuple[int, ...], seed: int) -> None
 
 
 def test_only_given_people_break() -> None:
-    """A second break of one of two people leaves the other's offset as it is."""
+    """A second break of one of two people does not change the offset of the other."""
     rng = np.random.default_rng(0)
     output, target, offset = begun(rng, (2,))
     elsewhere = random_pose(rng, (2,))

@@ -1,4 +1,4 @@
-"""Joining of two answers before the network: shares by certainty, and hidden frames that lead to a return."""
+"""Joining of two passes without the network: shares by certainty, and hidden frames that lead to a return."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def test_shares_change_slowly() -> None:
 
 
 def leaping() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Rotations (T, J, 4) of an elbow that leaps by a radian where its wrist is seen again, heads, and what is seen."""
+    """Return rotations (T, J, 4) of an elbow that jumps when its wrist is seen again, heads, and seen points."""
     rotation = np.zeros((FRAMES, len(SKELETON.joints), 4))
     rotation[..., 0] = 1
     rotation[RETURN:, ELBOW] = quaternion_exp(np.array([0.0, 1.0, 0.0]))

@@ -1,4 +1,4 @@
-"""The joining network at run time: no side, heading or rate is better, and tracked rotations are kept."""
+"""The joining network at run time: independence of side, heading and rate; tracked rotations are kept."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def passes(waving_clip: Clip) -> PassPair:
 
 
 def moved(passes: PassPair, yaw: float, shift: np.ndarray) -> PassPair:
-    """Turn answers about +Y and move them."""
+    """Turn passes about +Y and move them."""
     turn = quaternion_exp(np.array([0.0, yaw, 0.0]))
 
     def turned(rotation: np.ndarray) -> np.ndarray:
@@ -71,7 +71,7 @@ def test_features_have_heights_above_the_floor(passes: PassPair) -> None:
 
 
 def test_mirrored_input_gives_mirrored_output(passes: PassPair) -> None:
-    """The answer to a mirror image is the mirror image of the answer."""
+    """The output for a mirror image is the mirror image of the output."""
     partner = np.asarray(passes.skeleton.mirror)[: len(passes.skeleton.joints)]
     found, other = PACKAGED(passes), PACKAGED(mirrored(passes))
     np.testing.assert_allclose(other.share[:, partner], found.share, atol=1e-5)
@@ -82,7 +82,7 @@ def test_mirrored_input_gives_mirrored_output(passes: PassPair) -> None:
 
 
 def test_the_result_is_independent_of_the_frame_rate(passes: PassPair) -> None:
-    """Every frame twice, at twice the rate: the same answer, up to what lies between two frames."""
+    """With every frame twice at twice the rate the output is nearly unchanged."""
 
     def doubled(values: np.ndarray) -> np.ndarray:
         between = values.copy()
@@ -129,7 +129,7 @@ def test_errors_of_tracked_points_and_fingers_are_means(passes: PassPair) -> Non
 
 
 def test_a_bound_changes_with_its_error(passes: PassPair) -> None:
-    """Offsets are logarithms: that of errors moves both, that of bounds the bound alone."""
+    """Offsets are logarithms: that of errors changes error and bound, that of bounds only the bound."""
     hidden = np.ix_(np.arange(len(passes.share)), passes.skeleton.indices(["left_knee", "pelvis"]))
     found = PACKAGED(passes)
     for name, factor in (("error_offset", 2.0), ("bound_offset", 1.0)):

@@ -1,4 +1,4 @@
-"""How trackers are calibrated_wearer is refined where motion tells, and only there."""
+"""Motion refines the mounts of trackers."""
 
 from dataclasses import replace
 from pathlib import Path

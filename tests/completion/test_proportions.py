@@ -1,4 +1,4 @@
-"""Proportions and posture are inferred from what sensors measure, without a jump, and what is known stays."""
+"""Proportions and posture are inferred from measurements without jumps; known ones are unchanged."""
 
 import numpy as np
 import pytest
@@ -46,7 +46,7 @@ def head_at(height: np.ndarray, along: np.ndarray | float = 0.0) -> Observation:
 
 
 def statures(observation: Observation, person: Person = Person()) -> tuple[np.ndarray, TrackerState]:
-    """Height of the body in use (T,) m, and the last state."""
+    """Return the height (T,) m of the body in use, and the last state."""
     tracker = Tracker(person)
     estimate, state = tracker.step(observation, tracker.start())
     return stature(estimate.rest_offset), state
@@ -99,7 +99,7 @@ def test_stairs_and_kneeling_do_not_change_the_height(lowered: float) -> None:
 
 
 def sits_then_walks(height: float) -> np.ndarray:
-    """Height of the body in use (T,) m of a wearer who sits for 15 s, rises within 1 s and walks for 10 s."""
+    """Return the height (T,) m of the body in use; the wearer sits for 15 s, rises within 1 s and walks for 10 s."""
     standing, sitting = heads(height)
     still = sitting + 0.005 * np.sin(np.arange(15 * RATE) / RATE)
     rising, walking = np.linspace(sitting, standing, RATE), np.full(10 * RATE, standing - 0.01)

@@ -1,4 +1,4 @@
-"""The packaged performance: a plausible body that does what a wearer does, and the script that made it."""
+"""The packaged performance: plausible motion of a wearer, and the script that made it."""
 
 import subprocess
 import sys
@@ -22,12 +22,12 @@ POSITION, ROTATION = (np.asarray(part) for part in forward_kinematics(CLIP.pose)
 
 
 def during(start: float, end: float) -> slice:
-    """Frames from one time to another, s."""
+    """Return the frames from one time to another, s."""
     return slice(round(start * CLIP.frame_rate), round(end * CLIP.frame_rate))
 
 
 def at(name: str, offset: tuple[float, float, float] = (0, 0, 0)) -> np.ndarray:
-    """(T, 3) a point's place in the world, or that of an offset (m) in a joint's frame."""
+    """Return the world position (T, 3) of a point, or of an offset (m) in a joint's frame."""
     index = SKELETON.index(name)
     if not any(offset):
         return POSITION[:, index]
@@ -67,7 +67,7 @@ def test_starts_upright_at_the_origin_and_faces_forward():
 
 
 def test_leans_over_the_foot_that_stands():
-    """Walkers' heads go to the side of the foot on the floor; those who stand have their hips ahead of their ankles."""
+    """While walking the head moves over the standing foot; while standing the hips are in front of the ankles."""
     heading = quaternion_rotate(ROTATION[:, 0], np.array([0.0, 0.0, 1.0])) * [1, 0, 1]
     ankles = (at("left_ankle") + at("right_ankle")) / 2
     lifted = at("right_ankle")[:, 1] - at("left_ankle")[:, 1]  # above 0: the left foot stands

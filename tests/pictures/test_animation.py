@@ -1,4 +1,4 @@
-"""The drawn body: what hides what, light, shadow, and the file."""
+"""The drawn body: occlusion, light, shadow, and files."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def test_near_parts_hide_far_ones(level: FollowingCamera) -> None:
 
 
 def test_shading_does_not_depend_on_nearer_balls(level: FollowingCamera) -> None:
-    """A ball far behind another, beside it, keeps its brightness."""
+    """A ball far behind a nearer one keeps its brightness."""
     alone = BodyPainter(level).draw(*balls_in_front((0.4, 1, -1.5, 0.2, SKIN)), level.eye(0))
     both = BodyPainter(level).draw(*balls_in_front((-0.3, 1, 0.4, 0.2, SHIRT), (0.4, 1, -1.5, 0.2, SKIN)), level.eye(0))
     window = np.s_[40:80, 56:78]
@@ -124,7 +124,7 @@ def test_a_shadow_lies_under_the_feet(level: FollowingCamera) -> None:
 
 
 def test_the_skin_encloses_the_primitives() -> None:
-    """What is drawn reaches as far as the solids that hide joints, to a few millimetres; knees and trunk are joined."""
+    """The skin encloses the solids that hide joints to a few millimetres; knees and trunk are connected."""
     skeleton = default_skeleton()
     skin, pose = fit_skin(skeleton), standing_pose(skeleton)
     balls = place_skin(skin, pose)
@@ -190,7 +190,7 @@ def test_invalid_lenses_are_refused() -> None:
 @pytest.mark.alone
 @pytest.mark.slow
 def test_a_picture_is_drawn_in_little_time(waving_clip: Clip) -> None:
-    """The aim is 30 ms on a core of its own; thrice that is a defect."""
+    """The aim is 30 ms on one core; three times that is a defect."""
     import time
 
     camera = follow_body(waving_clip.pose, 30)

@@ -1,4 +1,4 @@
-"""Bodies side by side: what is not tracked is red, times are right, nothing else differs."""
+"""Bodies side by side: untracked parts are red, times are right, and nothing else differs."""
 
 from __future__ import annotations
 

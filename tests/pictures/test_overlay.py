@@ -27,7 +27,7 @@ def test_bones_lie_where_the_camera_sees_them() -> None:
         x, y = places[SKELETON.index(name)] * [240, -240] + [160, 120]
         around = picture[round(y) - 2 : round(y) + 3, round(x) - 2 : round(x) + 3].reshape(-1, 3).astype(int)
         assert np.abs(around - color).sum(axis=1).min() < 120, name
-    assert not picture[:100, :100].any()  # what is not covered stays as it was
+    assert not picture[:100, :100].any()  # pixels that are not covered are unchanged
 
 
 def test_the_body_on_the_right_is_centred_on_the_floor() -> None:

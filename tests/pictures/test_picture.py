@@ -1,4 +1,4 @@
-"""Sheets of bodies: of the right kind, and whole or not there."""
+"""Sheets of bodies: file kinds and failed writing."""
 
 from __future__ import annotations
 

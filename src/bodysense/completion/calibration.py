@@ -21,7 +21,7 @@ DEVICES_AT_JOINTS = ("head", "left_wrist", "right_wrist")  # points of headset a
 _SIDES = ("left", "right")
 TRACKER_JOINTS = ("pelvis", "spine3", *(f"{side}_{part}" for part in ("ankle", "knee", "elbow") for side in _SIDES))
 _FARTHEST_TRACKER = 0.35  # m; largest distance of a tracker from its joint
-_STILL = 0.05  # m; largest movement of the head of a person who stands still
+_STILL = 0.05  # m; largest movement of the head during calibration
 _SHORT = 0.3  # s; shortest calibration
 _HEAD_DEVIATION, _SPAN_DEVIATION = 0.02, 0.02  # m; standard deviations of head height and arm span
 
