@@ -1,4 +1,4 @@
-"""Fixtures that every room shares."""
+"""Fixtures shared by all tests."""
 
 from __future__ import annotations
 
@@ -97,7 +97,7 @@ def motion_data() -> Path:
 
 @pytest.fixture(scope="session")
 def waving_clip() -> Clip:
-    """Three seconds at 30 Hz: somebody stands, looks around, sways and waves, so that hands come into sight and go."""
+    """Three seconds at 30 Hz of a person who stands, looks around, sways and waves; hands enter and leave the view."""
     skeleton = default_skeleton()
     standing, time = standing_pose(skeleton), np.arange(90) / 30
     rotation = np.tile(standing.rotation, (len(time), 1, 1))
@@ -129,7 +129,7 @@ def hand() -> Skeleton:
 
 @pytest.fixture(scope="session")
 def gloves(waving_clip: Clip) -> Observation:
-    """Both gloves of somebody who waves, every marker seen."""
+    """Both gloves of a waving person, with every marker seen."""
     return observe(waving_clip.pose, waving_clip.time)
 
 
@@ -163,7 +163,7 @@ def exported_once(tmp_path_factory: pytest.TempPathFactory) -> ExportedOnce:
 
 @pytest.fixture(scope="session")
 def small_network(exported_once: ExportedOnce) -> Path:
-    """A small network that was never trained, exported: what holds of every network holds of it."""
+    """A small untrained network, exported."""
     import torch
 
     from bodysense_lab.unoc.export import write_onnx
@@ -176,7 +176,7 @@ def small_network(exported_once: ExportedOnce) -> Path:
 
 @pytest.fixture(scope="session")
 def small_vae(exported_once: ExportedOnce) -> Path:
-    """HMD-VAE's model 2, small and never trained, exported; its weights lie beside as .pt."""
+    """HMD-VAE's model 2, small and untrained, exported; its weights are next to it as .pt."""
     import torch
 
     from bodysense_lab.checkpoint import write_weights_file
@@ -356,7 +356,7 @@ def motion(tmp_path: Path, short_clip: Clip) -> Path:
 
 @pytest.fixture
 def run(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Command:
-    """Run a command that must succeed; returns what it printed."""
+    """Run a command that must succeed, and return its output."""
     monkeypatch.setenv("COLUMNS", "250")  # no line is broken
 
     def call(*arguments: object) -> str:

@@ -1,4 +1,4 @@
-"""Folders of motion with somebody of each split."""
+"""Folders of motion with one person of each split."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from bodysense.io.datasets.splits import Split, split_of
 
 
 def person_of(split: Split) -> str:
-    """The name of somebody who belongs to a split."""
+    """Return the name of a person of a split."""
     return next(name for name in map(str, range(99)) if split_of(name) == split)
 
 

@@ -1,4 +1,4 @@
-"""Arrays are measured before they are unpacked."""
+"""Sizes of arrays are checked before unpacking."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def bomb(path: Path, name: str, size: int, begin: bytes = b"") -> None:
 
 @pytest.mark.parametrize("fortran", [False, True])
 @pytest.mark.parametrize("kind", ["<f4", ">f8", "?", "<U5", "<i8"])
-def test_arrays_are_as_numpy_reads_them(tmp_path: Path, fortran: bool, kind: str) -> None:
+def test_arrays_equal_those_read_by_numpy(tmp_path: Path, fortran: bool, kind: str) -> None:
     values = np.arange(24).reshape(2, 3, 4).astype(kind)
     values = np.asfortranarray(values) if fortran else values
     np.savez_compressed(tmp_path / "a.npz", a=values, b=np.array(3))
@@ -55,7 +55,7 @@ def test_an_archive_that_fills_memory_is_refused(tmp_path: Path, monkeypatch: py
         MotionFile(tmp_path / "b.zip", "walk.bvh").read()
 
 
-def test_a_header_may_not_lie(tmp_path: Path) -> None:
+def test_headers_that_contradict_the_file_are_refused(tmp_path: Path) -> None:
     (tmp_path / "a.npy").write_bytes(header((10**9, 72)) + bytes(288))
     with pytest.raises(BodysenseError, match=r"announces \(1000000000, 72\) of float32, 268 GiB, but has 288 bytes"):
         read_array(tmp_path / "a.npy")
@@ -71,7 +71,7 @@ def test_a_header_may_not_lie(tmp_path: Path) -> None:
         read_array(tmp_path / "d.npy")
 
 
-def test_what_is_not_there(tmp_path: Path) -> None:
+def test_missing_files_and_arrays_are_refused(tmp_path: Path) -> None:
     for call in (read_array, read_arrays):
         with pytest.raises(BodysenseError, match="no such file"):
             call(tmp_path / "missing.npz")

@@ -1,4 +1,4 @@
-"""Sensors that come and go: what they say is met, and nothing else of the body leaps for it."""
+"""Sensors that are lost and found: measured points are reached, and the rest of the body does not jump."""
 
 from dataclasses import replace
 
@@ -7,7 +7,7 @@ import pytest
 
 from bodysense.body.person import Person
 from bodysense.body.pose import forward_kinematics
-from bodysense.body.retarget import retargeted
+from bodysense.body.retarget import retarget
 from bodysense.body.rotation import geodesic_angle
 from bodysense.body.shape import sample_bodies
 from bodysense.body.skeleton import BODY, default_skeleton
@@ -24,7 +24,7 @@ def performance(body: int, frames: int) -> Clip:
     """The packaged performance on a body that was never in training."""
     clip = packaged_performance()
     skeleton = default_skeleton().with_offsets(sample_bodies("test", body + 1)[body])
-    return replace(clip, pose=retargeted(clip.pose[:frames], skeleton))
+    return replace(clip, pose=retarget(clip.pose[:frames], skeleton))
 
 
 def completed(clip: Clip, observation: Observation, ease: float = 0.25) -> np.ndarray:
@@ -50,8 +50,8 @@ def seen_at_times(clip: Clip, points: tuple[str, ...], has: np.ndarray) -> Obser
 @pytest.mark.parametrize(
     ("parts", "most"), [(("knee",), 0.14), (("hip", "knee"), 0.07), (("elbow",), 0.088), (("knee", "ankle"), 0.12)]
 )
-def test_a_body_does_not_leap_where_its_joints_come_and_go(parts: tuple[str, ...], most: float) -> None:
-    """Joints are seen for half a second or so at a time: what nobody sees goes on as it moved."""
+def test_a_body_does_not_jump_when_points_are_lost_or_found(parts: tuple[str, ...], most: float) -> None:
+    """Joints are seen for about half a second at a time; hidden ones keep moving."""
     clip = performance(1, 900)
     truth = np.asarray(forward_kinematics(clip.pose)[0])
     points = (*ALWAYS, *(f"{side}_{part}" for part in parts for side in ("left", "right")))
@@ -70,7 +70,7 @@ def test_a_body_does_not_leap_where_its_joints_come_and_go(parts: tuple[str, ...
 
 
 def with_shins(clip: Clip, has: np.ndarray) -> Observation:
-    """What head, hands and the rotations of both shins say of a clip; shins in the frames `has` (T,) alone."""
+    """Return the tracking of head, hands and shin rotations of a clip; shins only in the frames `has` (T,)."""
     sensors = SENSOR_SETS["three_point_imu_feet"]
     seen = observe(clip.pose, clip.time, sensors)
     shins = [name.endswith("knee") for name in seen.points]
@@ -78,7 +78,7 @@ def with_shins(clip: Clip, has: np.ndarray) -> Observation:
 
 
 @pytest.mark.parametrize("frames", [5, 7, 12])
-def test_knees_do_not_bend_backward_where_rotations_of_shins_come_and_go(frames: int) -> None:
+def test_knees_do_not_bend_backward_when_shin_rotations_are_lost_or_found(frames: int) -> None:
     clip = performance(0, 750)
     tracker = Tracker(Person(clip.pose.skeleton))
     seen = with_shins(clip, np.arange(len(clip)) // frames % 2 == 0)
@@ -88,7 +88,7 @@ def test_knees_do_not_bend_backward_where_rotations_of_shins_come_and_go(frames:
         assert np.degrees(2 * np.arctan2(np.sign(w) * x, np.abs(w))).min() > -2
 
 
-def test_a_shin_whose_rotation_is_found_again_does_not_leap() -> None:
+def test_a_shin_does_not_jump_when_its_rotation_is_found_again() -> None:
     clip = performance(0, 750)
     tracker = Tracker(Person(clip.pose.skeleton))
     has = np.arange(len(clip)) // 15 % 2 == 0
@@ -102,8 +102,8 @@ def test_a_shin_whose_rotation_is_found_again_does_not_leap() -> None:
     np.testing.assert_allclose(geodesic_angle(shown[met], truth[met]), 0, atol=1e-3)
 
 
-def test_the_rest_of_a_body_moves_on_where_a_hand_is_found_again() -> None:
-    """Jerk of trunk and legs at a return beside that of a hand that was never lost."""
+def test_the_rest_of_a_body_keeps_moving_when_a_hand_is_found_again() -> None:
+    """The jerk of trunk and legs at a return is compared with that without a loss."""
     ratios = []
     for body in (1, 2):
         clip = performance(body, 600)
@@ -128,8 +128,8 @@ def test_the_rest_of_a_body_moves_on_where_a_hand_is_found_again() -> None:
 @pytest.mark.parametrize(
     "parts", [("foot",), ("knee",), ("ankle",), ("shoulder",), ("elbow",), ("knee", "ankle", "foot")]
 )
-def test_a_point_that_is_seen_again_is_met_at_once_without_ease(parts: tuple[str, ...]) -> None:
-    """Its error in the frame of its return is that of a point that was never lost."""
+def test_a_found_point_is_reached_at_once_without_ease(parts: tuple[str, ...]) -> None:
+    """The error in the frame of return equals that of a point that was never lost."""
     clip = performance(1, 600)
     points = (*ALWAYS, *(f"{side}_{part}" for part in parts for side in ("left", "right")))
     rng, has = np.random.default_rng(2), np.ones((600, len(points)), dtype=bool)
@@ -145,7 +145,7 @@ def test_a_point_that_is_seen_again_is_met_at_once_without_ease(parts: tuple[str
     assert np.percentile(lost[:, joints][found], 95) < np.percentile(never[:, joints][found], 95) + 0.01  # m
 
 
-def test_a_finger_that_blinks_moves_nothing_and_one_that_stays_leads_its_hand() -> None:
+def test_a_blinking_finger_moves_nothing_and_a_lasting_one_leads_its_hand() -> None:
     clip = performance(1, 300)
     points, has = ("head", "left_index1"), np.ones((300, 2), dtype=bool)
     frames, truth = np.arange(300), np.asarray(forward_kinematics(clip.pose)[0])

@@ -24,7 +24,7 @@ CURLED = {"pelvis": -20.0, "spine2": 40.0, "neck": -20.0, "left_hip": 20.0, "rig
 
 
 def bent_legs(hip: float, knee: float, ankle: float) -> dict[str, float]:
-    """Degrees about x of both legs."""
+    """Return rotations of both legs about x, degrees."""
     parts = {"hip": hip, "knee": knee, "ankle": ankle}
     return {f"{side}_{part}": angle for side in ("left", "right") for part, angle in parts.items()}
 
@@ -75,14 +75,14 @@ def balls(skeleton: Skeleton, predicts: CompletionModel, head: np.ndarray) -> tu
 
 
 @pytest.mark.parametrize("skeleton", BODIES)
-def test_nobody_who_stands_hovers(skeleton: Skeleton) -> None:
+def test_a_standing_body_does_not_hover(skeleton: Skeleton) -> None:
     """Legs that are predicted bent, without a sign of contact, are straightened down to the floor."""
     free, held = balls(skeleton, network(skeleton, bent_legs(-30, 60, -30), -9.0), np.ones(2 * RATE))
     assert free[-1].min() > 0.1 and held[-1].max() < 0.025 and held[-1].min() > -1e-3
 
 
 @pytest.mark.parametrize("skeleton", BODIES)
-def test_feet_of_those_who_jump_stay_up(skeleton: Skeleton) -> None:
+def test_feet_of_a_jumping_body_stay_in_the_air(skeleton: Skeleton) -> None:
     """The head rises at 1.2 m/s from a crouch to 20 % over its standing height, with the legs tucked."""
     head = np.r_[np.full(10, 0.7), np.linspace(0.7, 1.2, 20)]
     free, held = balls(skeleton, network(skeleton, bent_legs(-90, 120, -30), -9.0), head)
@@ -92,7 +92,7 @@ def test_feet_of_those_who_jump_stay_up(skeleton: Skeleton) -> None:
 
 
 @pytest.mark.parametrize("skeleton", BODIES)
-def test_a_pelvis_is_lowered_for_standing_feet_that_straight_legs_do_not_reach(skeleton: Skeleton) -> None:
-    """The spine is predicted curled, which takes the pelvis and the straight legs up: it straightens."""
+def test_a_pelvis_is_lowered_if_straight_legs_do_not_reach_the_floor(skeleton: Skeleton) -> None:
+    """A curled prediction of the spine lifts pelvis and straight legs; the spine is straightened."""
     free, held = balls(skeleton, network(skeleton, CURLED, 9.0), np.ones(2 * RATE))
     assert free[-1].min() > 0.04 and held[-1].max() < 0.03

@@ -1,4 +1,4 @@
-"""Conversion: the same motion under other names, in other files, at other rates."""
+"""Conversion of a motion to other joint names, files and rates."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def test_the_rig_of_the_file_is_kept(tmp_path: Path, take: Path, waving_clip: Cl
     np.testing.assert_allclose(places(back), places(waving_clip)[::2], atol=1e-3)
 
 
-def test_what_cannot_be_converted(tmp_path: Path, take: Path, waving_clip: Clip) -> None:
+def test_invalid_conversions_are_refused(tmp_path: Path, take: Path, waving_clip: Clip) -> None:
     out = tmp_path / "out.bvh"
     seen = simulate(waving_clip, "three_point", None)
     cases: tuple[tuple[Source, dict[str, Any], str], ...] = (
@@ -81,8 +81,8 @@ def test_what_cannot_be_converted(tmp_path: Path, take: Path, waving_clip: Clip)
         (take, {"rig": "maya"}, "unknown rig 'maya'; valid are bodysense"),
         (waving_clip, {"rig": "source"}, r"only a \.bvh file has a rig of its own"),
     )
-    for given, options, said in cases:
-        with pytest.raises(BodysenseError, match=said):
+    for given, options, message in cases:
+        with pytest.raises(BodysenseError, match=message):
             bodysense.convert(given, out, **options)
     with pytest.raises(BodysenseError, match=r"give a name that ends in \.bvh, \.glb"):
         bodysense.convert(take, tmp_path / "out.fbx")

@@ -1,4 +1,4 @@
-"""What README and docs show: every Python snippet runs, every command has those options."""
+"""README and docs: every Python snippet runs, and every command has the options that they use."""
 
 from __future__ import annotations
 
@@ -242,7 +242,7 @@ def test_every_public_name_has_an_example() -> None:
     assert unused == ["Skeleton", "Take"]  # made by default_skeleton and track
 
 
-def test_links_lead_somewhere() -> None:
+def test_link_targets_exist() -> None:
     for page in PAGES:
         for target in re.findall(r"\]\(([^)#\s]+)(?:#[^)]*)?\)", page.read_text()):
             if "://" not in target:

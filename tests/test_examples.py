@@ -23,7 +23,7 @@ def test_example(example: Path, capsys: pytest.CaptureFixture[str]) -> None:
 
 
 @pytest.mark.parametrize("example", EXAMPLES, ids=lambda path: path.stem)
-def test_examples_need_the_front_door_alone(example: Path) -> None:
+def test_examples_import_only_public_names(example: Path) -> None:
     nodes = list(ast.walk(ast.parse(example.read_text(encoding="utf-8"))))
     names = {alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names}
     names |= {node.module or "" for node in nodes if isinstance(node, ast.ImportFrom)}

@@ -28,7 +28,7 @@ CONSTANTS = {  # tables by the first cell of their head and page: no figures of 
 
 
 class Figures(defaultdict):
-    """Every figure there is, all the same; of whole clips."""
+    """Every possible figure with one value, of whole clips."""
 
     def __init__(self) -> None:
         super().__init__(lambda: 1.25)
@@ -51,7 +51,7 @@ def test_a_table_with_figures_is_between_markers(page: Path) -> None:
         assert not figures or (name, head[0]) in CONSTANTS, f"{name}, {head}: put {figures[:3]} between markers"
 
 
-def test_what_counts_as_a_figure() -> None:
+def test_numbers_that_count_as_figures() -> None:
     assert all(
         map(FIGURE.fullmatch, ("0.91", "1.8, 4.3 cm", "13.3 (0.63)", "37 %", "0.22, 0.32 ms", "8.4 / 5.7", "-0.98"))
     )
@@ -206,7 +206,7 @@ def test_a_row_names_the_command_that_prints_its_figure() -> None:
             assert any(prints(file) in named[row] for file in tables[block]), (row, named[row], tables[block])
 
 
-def test_a_table_of_a_sample_says_so() -> None:
+def test_a_table_of_a_sample_is_marked() -> None:
     figures = Figures()
     figures |= {"clips": 36.0, "clips_in_split": 285.0}
     assert "--data DIR --limit 36`: 36 clips" in completion.completion(figures, figures)

@@ -24,7 +24,7 @@ def test_a_file_appears_when_the_block_ends(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt, BodysenseError])
-def test_a_block_that_fails_leaves_what_was_there(tmp_path: Path, error: type[BaseException]) -> None:
+def test_a_failing_block_keeps_the_old_file(tmp_path: Path, error: type[BaseException]) -> None:
     path = tmp_path / "a.txt"
     path.write_text("before")
     with pytest.raises(error, match="no"), written_beside(path) as beside:
@@ -34,7 +34,7 @@ def test_a_block_that_fails_leaves_what_was_there(tmp_path: Path, error: type[Ba
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_places_that_cannot_be_written(tmp_path: Path) -> None:
+def test_unwritable_paths_are_refused(tmp_path: Path) -> None:
     def write(path: Path) -> None:
         with written_beside(path) as beside:
             beside.write_text("x")
@@ -50,7 +50,7 @@ def test_places_that_cannot_be_written(tmp_path: Path) -> None:
         write(tmp_path / "file" / "a.txt")
 
 
-def test_a_full_disk_is_said_in_words(tmp_path: Path) -> None:
+def test_a_full_disk_gives_a_message(tmp_path: Path) -> None:
     text = r"a\.txt cannot be written \(No space left on device\); choose a place that can"
     with pytest.raises(BodysenseError, match=text), written_beside(tmp_path / "a.txt") as beside:
         beside.write_text("half")
@@ -58,7 +58,7 @@ def test_a_full_disk_is_said_in_words(tmp_path: Path) -> None:
     assert not list(tmp_path.iterdir())
 
 
-def test_what_a_killed_writer_left_is_removed_by_the_next(tmp_path: Path) -> None:
+def test_leftovers_of_a_killed_writer_are_removed(tmp_path: Path) -> None:
     code = (
         "import sys, os, signal\nfrom bodysense.files import part_beside, read_text, written_beside\n"
         "with written_beside(sys.argv[1]) as beside:\n"
@@ -85,12 +85,12 @@ def test_what_a_killed_writer_left_is_removed_by_the_next(tmp_path: Path) -> Non
         (b"\xff\xff\xff", "not text in UTF-8; export it again"),
     ],
 )
-def test_texts_that_are_none_are_named(tmp_path: Path, data: bytes, message: str) -> None:
+def test_files_that_are_no_text_are_refused(tmp_path: Path, data: bytes, message: str) -> None:
     (tmp_path / "a.csv").write_bytes(data)
     with pytest.raises(BodysenseError, match=message):
         read_text(tmp_path / "a.csv")
 
 
-def test_a_mark_at_the_begin_is_no_text(tmp_path: Path) -> None:
+def test_a_byte_order_mark_is_dropped(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text("Zoë", encoding="utf-8-sig")
     assert read_text(tmp_path / "a.csv") == "Zoë"

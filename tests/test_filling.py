@@ -1,4 +1,4 @@
-"""Motions with holes: what is there stays bit for bit, what is missing comes back, without jumps, over the floor."""
+"""Motions with holes: known frames are bit-identical, missing ones are filled without jumps and above the floor."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from bodysense.body.rotation import geodesic_angle
 from bodysense.demo import packaged_performance
 from bodysense.errors import BodysenseError
 from bodysense.estimate import CONTACT_POINTS
-from bodysense.filling import expected_deviations, filled, observed, on_feet, open_partial
+from bodysense.filling import expected_deviations, fill_rotations, hold_filled_feet, known_points, open_partial
 from bodysense.io.bvh import read_bvh, write_bvh
 from bodysense.io.bvh_text import BvhFile, open_bvh
 from bodysense.io.clip import Clip
@@ -50,14 +50,14 @@ def points(clip: Clip) -> np.ndarray:
 
 
 def changed_channels(before: BvhFile, after: BvhFile) -> np.ndarray:
-    """(T, J) bool: some number of a joint stands otherwise."""
+    """Return the mask (T, J) of joints with a changed value."""
     words = [np.array([line.split() for line in file.lines]) for file in (before, after)]
     differs = words[0] != words[1]
     return np.stack([differs[:, list(columns)].any(axis=1) for columns in before.columns], axis=1)
 
 
 @pytest.mark.parametrize("missing", ["left_elbow+:20-59", "right_hip+:30-60,left_wrist:0-10", "right_thumb1+", "head"])
-def test_the_rest_is_kept_bit_for_bit(take: Path, tmp_path: Path, missing: str) -> None:
+def test_known_frames_are_bit_identical(take: Path, tmp_path: Path, missing: str) -> None:
     done = track(take, missing=missing)
     done.save(tmp_path / "out.bvh")
     before, after = open_bvh(take), open_bvh(tmp_path / "out.bvh")
@@ -69,7 +69,7 @@ def test_the_rest_is_kept_bit_for_bit(take: Path, tmp_path: Path, missing: str) 
     np.testing.assert_allclose(points(motion_of(tmp_path / "out.bvh")), points(done.clip), atol=2e-4)
 
 
-def test_a_filled_limb_is_near_does_not_jump_and_keeps_its_bones(take: Path, steps: Clip) -> None:
+def test_a_filled_limb_is_accurate_and_smooth_and_keeps_its_bones(take: Path, steps: Clip) -> None:
     done, skeleton = track(take, missing="left_shoulder+:25-55,right_hip+:30-60"), steps.pose.skeleton
     truth, found = points(steps), points(done.clip)
     for name, frames in (("left_wrist", slice(25, 56)), ("right_ankle", slice(30, 61))):
@@ -87,8 +87,8 @@ def test_a_filled_limb_is_near_does_not_jump_and_keeps_its_bones(take: Path, ste
 
 @pytest.mark.parametrize("count", [1, 12, 40])
 @pytest.mark.parametrize("root", ["left_shoulder", "right_hip", "spine1"])
-def test_place_and_speed_go_on_at_both_edges(steps: Clip, root: str, count: int) -> None:
-    """Velocities change over an edge no more than they do in the true motion, and what a turn of the limb needs."""
+def test_position_and_speed_are_continuous_at_both_edges(steps: Clip, root: str, count: int) -> None:
+    """Velocities change at an edge by no more than in the true motion, plus the change for a turn of the limb."""
     first, skeleton = 18, steps.pose.skeleton
     end = first + count
     tip = skeleton.index({"left_shoulder": "left_wrist", "right_hip": "right_ankle", "spine1": "head"}[root])
@@ -119,7 +119,7 @@ def test_causal_filling_does_not_depend_on_later_frames(steps: Clip, missing: st
     np.testing.assert_array_equal(np.asarray(one.clip.pose.rotation)[known], np.asarray(pose.rotation)[known])
 
 
-def test_causal_filling_goes_on_from_what_is_known_and_stays_near(steps: Clip) -> None:
+def test_causal_filling_continues_known_frames_and_is_accurate(steps: Clip) -> None:
     missing, skeleton = "left_shoulder+:25-55,right_hip+:30-60", steps.pose.skeleton
     truth, found = points(steps), points(track(steps, missing=missing, causal=True).clip)
     for name, first, end in (("left_wrist", 25, 56), ("right_ankle", 30, 61)):
@@ -131,12 +131,12 @@ def test_causal_filling_goes_on_from_what_is_known_and_stays_near(steps: Clip) -
     assert side_clearance(found, skeleton, "right").min() > min(0.0, lowest) - 0.01
 
 
-def test_what_carries_the_body_is_not_filled_causally(steps: Clip) -> None:
+def test_root_joints_are_not_filled_causally(steps: Clip) -> None:
     with pytest.raises(BodysenseError, match=r"steps: 'pelvis' is missing in some frames.*leave --causal out"):
         track(steps, missing="pelvis:20-30", causal=True)
 
 
-def test_what_known_joints_let_expect_is_within_gaps_with_two_sides(steps: Clip) -> None:
+def test_deviations_are_predicted_only_in_gaps_with_two_known_sides(steps: Clip) -> None:
     partial = open_partial(steps, missing_items("left_shoulder+:20-50,right_hip+:0-10,left_thumb1:30-40"))
     found = expected_deviations(partial)
     joints = partial.rig.joints
@@ -154,8 +154,8 @@ def test_the_same_hole_on_a_rig_with_other_axes_is_filled_alike(steps: Clip, tmp
     assert np.linalg.norm(points(theirs.clip) - ours, axis=-1)[20:61, places].max() < 0.02
 
 
-def test_what_is_there_is_observed_exactly(take: Path, steps: Clip) -> None:
-    seen = observed(open_partial(take, missing_items("left_elbow:10-20")))
+def test_known_joints_are_observed_exactly(take: Path, steps: Clip) -> None:
+    seen = known_points(open_partial(take, missing_items("left_elbow:10-20")))
     skeleton = steps.pose.skeleton
     hidden = {name for name, has in zip(seen.points, seen.has_position[15], strict=True) if not has}
     assert {"left_wrist", "left_index1", "left_thumb_tip"} <= hidden
@@ -166,7 +166,7 @@ def test_what_is_there_is_observed_exactly(take: Path, steps: Clip) -> None:
 
 
 def test_holes_are_found_in_the_file(take: Path, tmp_path: Path) -> None:
-    """Numbers that are none, and an arm that is held still."""
+    """NaN values and an arm with constant values are holes."""
     file = open_bvh(take)
     values, changed = file.values.copy(), np.zeros(file.values.shape, dtype=bool)
     arm = [c for j in ("left_shoulder", "left_elbow", "left_wrist") for c in file.columns[file.joints.index(j)]]
@@ -192,14 +192,14 @@ def test_holes_are_found_in_the_file(take: Path, tmp_path: Path) -> None:
     assert whole.partial is not None and whole.partial.is_whole
 
 
-def test_the_root_comes_back_between_what_is_known(take: Path, steps: Clip, tmp_path: Path) -> None:
+def test_the_root_is_interpolated_between_known_frames(take: Path, steps: Clip, tmp_path: Path) -> None:
     track(take, missing="pelvis:30-34").save(tmp_path / "out.bvh")
     found = read_bvh(tmp_path / "out.bvh")
     error = np.linalg.norm(found.pose.root_position - steps.pose.root_position, axis=-1)
     assert 0 < error[30:35].max() < 0.02 and np.delete(error, range(30, 35)).max() < 1e-6
 
 
-def test_a_motion_in_memory_and_the_front_door(steps: Clip, tmp_path: Path) -> None:
+def test_a_clip_is_filled_through_the_public_interface(steps: Clip, tmp_path: Path) -> None:
     done = bodysense.track(steps, missing=("left_hand", "right_forearm+:10-20"))
     kept = np.ones(done.clip.pose.rotation.shape[:2], dtype=bool)
     assert done.partial is not None and done.file is None
@@ -210,7 +210,7 @@ def test_a_motion_in_memory_and_the_front_door(steps: Clip, tmp_path: Path) -> N
 
 
 @pytest.mark.parametrize(
-    ("missing", "said"),
+    ("missing", "message"),
     [
         ("left_han", "valid are pelvis, left_hip"),
         ("pelvis", "'pelvis' is missing in every frame, and everything hangs on it"),
@@ -218,8 +218,8 @@ def test_a_motion_in_memory_and_the_front_door(steps: Clip, tmp_path: Path) -> N
         ("left_wrist:70-90", "frames 0 to 79"),
     ],
 )
-def test_what_cannot_be_filled(take: Path, missing: str, said: str) -> None:
-    with pytest.raises(BodysenseError, match=said):
+def test_invalid_items_are_refused(take: Path, missing: str, message: str) -> None:
+    with pytest.raises(BodysenseError, match=message):
         track(take, missing=missing)
 
 
@@ -234,12 +234,12 @@ def test_missing_is_for_motions(take: Path, steps: Clip) -> None:
     assert replace(recording, source=take).source == take
 
 
-def test_filled_feet_that_stand_do_not_slide(steps: Clip) -> None:
-    """Beside legs that are filled and left as they are; frames and joints that are known keep every bit."""
+def test_filled_standing_feet_do_not_slide(steps: Clip) -> None:
+    """Filled feet slide less than without correction; known frames and joints are bit-identical."""
     partial = open_partial(steps, missing_items("left_hip+:20-60"))
     done = track(steps, missing="left_hip+:20-60")
-    contact, rotation = done.estimate.contact, filled(partial, done.estimate.pose)
-    held, free = (on_feet(partial, rotation, chance, 0.0) for chance in (contact, np.zeros_like(contact)))
+    contact, rotation = done.estimate.contact, fill_rotations(partial, done.estimate.pose)
+    held, free = (hold_filled_feet(partial, rotation, chance, 0.0) for chance in (contact, np.zeros_like(contact)))
     np.testing.assert_array_equal(held[~partial.missing], partial.rotation[~partial.missing])
     rests = contact[:, [CONTACT_POINTS.index("left_ankle"), CONTACT_POINTS.index("left_foot")]].max(axis=1) > 0.6
     both = rests[21:60] & rests[20:59]

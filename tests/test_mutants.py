@@ -12,7 +12,7 @@ MUTANTS = tomllib.loads((ROOT / "scripts/mutants.toml").read_text(encoding="utf-
 
 
 @pytest.mark.parametrize("mutant", MUTANTS, ids=lambda mutant: mutant["name"])
-def test_a_mutant_can_be_made(mutant: dict[str, str]) -> None:
+def test_each_mutant_applies_to_the_code(mutant: dict[str, str]) -> None:
     assert (ROOT / mutant["file"]).read_text(encoding="utf-8").count(mutant["old"]) == 1
     for test in mutant["tests"]:
         path, _, name = test.partition("::")

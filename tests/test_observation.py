@@ -1,4 +1,4 @@
-"""The waist: what an observation must agree on, and how its points find their place on a skeleton."""
+"""Observations: checks, construction, and the order of their points on a skeleton."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ SKELETON = default_skeleton()
 
 
 def example(batch: tuple[int, ...] = (), frames: int = 4) -> Observation:
-    """Two points, of which the second is hidden in the first frame; the first is turned by nothing."""
+    """Two points: the second is hidden in the first frame, and the first has the identity as rotation."""
     rng = np.random.default_rng(0)
     position = rng.normal(size=(*batch, frames, 2, 3))
     rotation = np.full((*batch, frames, 2, 4), np.nan)
@@ -49,7 +49,7 @@ def example(batch: tuple[int, ...] = (), frames: int = 4) -> Observation:
 
 
 @pytest.mark.parametrize("batch", [(), (1,), (3, 1, 2)])
-def test_what_agrees_passes(batch: tuple[int, ...]) -> None:
+def test_valid_observations_pass(batch: tuple[int, ...]) -> None:
     observation = example(batch)
     assert check_observation(observation) is observation
 
@@ -65,7 +65,7 @@ def test_shapes_that_do_not_agree_are_refused(field: str) -> None:
             check_observation(replace(good, **{field: bad}), "mine")
 
 
-def test_times_are_a_list() -> None:
+def test_times_have_one_axis() -> None:
     with pytest.raises(BodysenseError, match=r"mine: time has shape \(4, 1\); give one number a frame, in seconds"):
         check_observation(replace(example(), time=np.arange(4.0)[:, None]), "mine")
 
@@ -102,7 +102,7 @@ def test_far_positions_are_refused() -> None:
     check_observation(observation)
 
 
-def test_unix_time_is_a_time() -> None:
+def test_unix_times_are_valid() -> None:
     check_observation(replace(example(), time=1.7e9 + np.arange(4) / 90))
     with pytest.raises(BodysenseError, match=r"time goes from 1700000000 s to 1699999999\.98889 s"):
         check_observation(replace(example(), time=1.7e9 - np.arange(4) / 90))
@@ -131,7 +131,7 @@ def test_usual_accuracies() -> None:
     accuracy_like(mask, 0.01)[0, 0, 0] = 1.0  # its own memory
 
 
-def test_a_slice_is_of_frames() -> None:
+def test_a_slice_selects_frames() -> None:
     observation = example(frames=6)
     part = observation[2:5]
     assert len(part) == 3 and len(observation) == 6
@@ -141,7 +141,7 @@ def test_a_slice_is_of_frames() -> None:
 
 
 @pytest.mark.parametrize("batch", [(), (3, 1, 2)])
-def test_points_find_their_place(batch: tuple[int, ...]) -> None:
+def test_points_are_put_in_the_order_of_the_skeleton(batch: tuple[int, ...]) -> None:
     observation = example(batch)
     position, rotation, has_position, has_rotation = observed_points(observation, SKELETON)
     assert position.shape == (*batch, 4, len(SKELETON.points), 3)
@@ -199,7 +199,7 @@ def test_a_frame_of_named_poses_is_an_observation() -> None:
 
 
 @pytest.mark.parametrize(
-    ("pose", "said"),
+    ("pose", "message"),
     [
         (([0.0, 1.6], None), r"head: its position has shape \(2,\); give 3 numbers, or None"),
         ((None, [1.0, 0.0, 0.0]), r"head: its rotation has shape \(3,\); give 4 numbers, or None"),
@@ -207,37 +207,37 @@ def test_a_frame_of_named_poses_is_an_observation() -> None:
         ((None, [1.0, 1.0, 0.0, 0.0]), "give unit quaternions"),
     ],
 )
-def test_what_is_no_pose_is_refused(pose: tuple, said: str) -> None:
-    with pytest.raises(BodysenseError, match=said):
+def test_invalid_poses_are_refused(pose: tuple, message: str) -> None:
+    with pytest.raises(BodysenseError, match=message):
         observe(0.0, {"head": pose})
 
 
-def test_accelerations_go_with_their_points_and_frames() -> None:
+def test_accelerations_follow_points_and_frames() -> None:
     good = example((2,))
     felt = np.random.default_rng(1).normal(size=good.position.shape)
     felt[..., 0, 1, :] = np.nan
-    told = replace(good, acceleration=felt)
-    assert check_observation(told) is told
-    part = told[1:3].acceleration
+    measured = replace(good, acceleration=felt)
+    assert check_observation(measured) is measured
+    part = measured[1:3].acceleration
     assert part is not None and np.array_equal(part, felt[..., 1:3, :, :])
-    chosen = chosen_points(told, [1]).acceleration
+    chosen = chosen_points(measured, [1]).acceleration
     assert chosen is not None and np.array_equal(chosen, felt[..., 1:, :], equal_nan=True)
     assert good[1:].acceleration is None and chosen_points(good, [0]).acceleration is None
 
 
-def test_points_that_are_joined_keep_their_accelerations() -> None:
+def test_joined_points_keep_their_accelerations() -> None:
     bare = example(())
     felt = np.random.default_rng(2).normal(size=bare.position.shape)
-    told = chosen_points(replace(bare, acceleration=felt), [0])
+    measured = chosen_points(replace(bare, acceleration=felt), [0])
     other = chosen_points(bare, [1])
     assert joined_points(other, chosen_points(bare, [0])).acceleration is None
-    for parts, given in (((told, other), 0), ((other, told), 1)):
+    for parts, given in (((measured, other), 0), ((other, measured), 1)):
         found = joined_points(*parts).acceleration
         assert found is not None
         assert np.array_equal(found[:, given], felt[:, 0]) and np.isnan(found[:, 1 - given]).all()
 
 
-def test_accelerations_that_no_body_has_are_refused() -> None:
+def test_impossible_accelerations_are_refused() -> None:
     good = example()
     for broken, text in ((np.inf, "inf m/s²"), (-2000.0, "2000 m/s², but at most 1000")):
         felt = np.zeros(good.position.shape)

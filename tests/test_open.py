@@ -1,4 +1,4 @@
-"""Sources are asked once what they are."""
+"""Recognition and opening of sources."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from bodysense.open import MarkerSource, MotionSource, RecordingSource, VideoSou
 from bodysense.take import track
 
 
-def test_every_kind_is_opened_as_what_it_is(tmp_path: Path, waving_clip: Clip) -> None:
+def test_every_kind_of_source_is_recognised(tmp_path: Path, waving_clip: Clip) -> None:
     seen = simulate(waving_clip, "three_point", None)
     write_bvh(tmp_path / "a.bvh", waving_clip)
     write_recording(tmp_path / "a.npz", Recording(seen, waving_clip.pose.skeleton))
@@ -45,13 +45,16 @@ def test_options_are_those_of_the_kind(tmp_path: Path, waving_clip: Clip) -> Non
     (tmp_path / "a.mp4").write_bytes(b"")
     with pytest.raises(BodysenseError, match=r"a motion; --left-handed: for markers \(\.c3d, .* leave it out"):
         open_source(tmp_path / "a.bvh", markers=MarkerOptions(left_handed=True))
-    for options, said in (ReadingOptions(unit="mm"), "--unit"), (ReadingOptions(smpl_model=tmp_path), "--smpl-model"):
-        with pytest.raises(BodysenseError, match=f"a video; {said}: for motions and recordings, leave it out"):
+    for options, message in (
+        (ReadingOptions(unit="mm"), "--unit"),
+        (ReadingOptions(smpl_model=tmp_path), "--smpl-model"),
+    ):
+        with pytest.raises(BodysenseError, match=f"a video; {message}: for motions and recordings, leave it out"):
             open_source(tmp_path / "a.mp4", options)
 
 
 @pytest.mark.parametrize(
-    ("name", "said"),
+    ("name", "message"),
     [
         ("take.fbx", "convert it with Blender"),
         ("take.mvnx", r"export the take from Xsens as \.bvh"),
@@ -62,9 +65,9 @@ def test_options_are_those_of_the_kind(tmp_path: Path, waving_clip: Clip) -> Non
         ("take.txt", r"unknown kind of file .* markers \(\.c3d, .*recordings \(\.npz, .*videos \(\.mp4"),
     ],
 )
-def test_what_is_never_read_is_refused_with_the_way_on(tmp_path: Path, name: str, said: str) -> None:
+def test_unsupported_files_are_refused_with_the_fix(tmp_path: Path, name: str, message: str) -> None:
     (tmp_path / name).write_bytes(b"{}")
-    with pytest.raises(BodysenseError, match=rf"{name}: .*{said}"):
+    with pytest.raises(BodysenseError, match=rf"{name}: .*{message}"):
         kind_of(tmp_path / name)
 
 
@@ -75,8 +78,8 @@ def test_results_of_romp_are_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("ending", ["npy", "npz"])
-def test_joint_places_are_places(tmp_path: Path, ending: str) -> None:
-    """In the axes of most laboratories, as an array (T, 22, 3), which rotation vectors may be, too."""
+def test_joint_positions_are_opened_as_markers(tmp_path: Path, ending: str) -> None:
+    """An array (T, 22, 3) with +Z up; rotation vectors can have the same shape."""
     clip = packaged_performance()
     truth = np.asarray(forward_kinematics(clip.pose)[0])[200:230, :22]
     path, up = tmp_path / f"a.{ending}", truth[:, :, [0, 2, 1]] * [1, -1, 1]
@@ -93,8 +96,8 @@ def _places() -> np.ndarray:
 
 
 @pytest.mark.parametrize("how", ["noise", "whole millimetres", "flat", "hidden joint"])
-def test_joint_places_need_not_be_exact(tmp_path: Path, how: str) -> None:
-    """Read as rotation vectors, they would be a whole motion of a knotted body."""
+def test_joint_positions_may_be_noisy(tmp_path: Path, how: str) -> None:
+    """Positions with noise are not read as rotation vectors, which would give a knotted body."""
     truth = _places()
     hidden = truth.copy()
     hidden[10:20, 20] = np.nan
@@ -112,14 +115,14 @@ def test_joint_places_need_not_be_exact(tmp_path: Path, how: str) -> None:
     assert np.linalg.norm(seen.position - truth, axis=-1)[seen.has_position].max() < 0.06
 
 
-def test_joint_places_have_the_rate_of_their_file(tmp_path: Path) -> None:
+def test_joint_positions_have_the_rate_of_their_file(tmp_path: Path) -> None:
     np.savez(tmp_path / "a.npz", poses=_places(), fps=60.0)
     opened = open_source(tmp_path / "a.npz")
     assert isinstance(opened, MarkerSource) and not any("no frame rate" in line for line in opened.remarks)
     assert np.diff(opened.recording.observation.time) == pytest.approx(1 / 60)
 
 
-def test_a_folder_of_what_is_never_read_is_no_folder_of_images(tmp_path: Path) -> None:
+def test_a_folder_of_unsupported_files_is_refused(tmp_path: Path) -> None:
     (tmp_path / "film_000000000000_keypoints.json").write_text("{}")
     with pytest.raises(BodysenseError, match="a folder without images; JSON of key points"):
         open_source(tmp_path)
@@ -128,7 +131,7 @@ def test_a_folder_of_what_is_never_read_is_no_folder_of_images(tmp_path: Path) -
 
 
 @pytest.mark.parametrize("held", [False, True])
-def test_rotation_vectors_are_no_places(tmp_path: Path, held: bool) -> None:
+def test_rotation_vectors_are_not_taken_for_positions(tmp_path: Path, held: bool) -> None:
     turns = np.asarray(quaternion_log(packaged_performance().pose.rotation[200:230, :22]))
     np.save(tmp_path / "a.npy", np.tile(turns[:1], (30, 1, 1)) if held else turns)
     assert joint_places(tmp_path / "a.npy") is None

@@ -1,4 +1,4 @@
-"""The layers of docs/architecture.md: who imports whom, and what the run time never imports."""
+"""The layers of docs/architecture.md: allowed imports, and packages that the run time never imports."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ FLOORS: dict[str, float] = {
     "cli": 8,
     "__main__": 9,
 }
-FRONT_DOOR = "bodysense"  # names what the library offers, and imports it when it is asked for
+LIBRARY = "bodysense"  # imports each public name when it is first used
 LIGHT = {"numpy", "array_api_compat", "tyro", "rich"}  # what run-time modules may import at once
 
 
@@ -76,7 +76,7 @@ def parsed(module: str) -> ast.Module:
 
 @cache
 def imported(module: str, everywhere: bool) -> frozenset[str]:
-    """Modules that a module imports: `everywhere` in it, or only at the moment when it is itself imported."""
+    """Return the modules that a module imports: `everywhere` in it, or only on its own import."""
     found: set[str] = set()
     todo: list[ast.AST] = [parsed(module)]
     while todo:
@@ -93,7 +93,7 @@ def imported(module: str, everywhere: bool) -> frozenset[str]:
 
 
 def waits(node: ast.AST) -> bool:
-    """Whether what stands in a node does not run on import."""
+    """Whether the code of a node does not run on import."""
     is_function = isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef, ast.Lambda))
     return is_function or (isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING")
 
@@ -102,17 +102,17 @@ def ours(names: frozenset[str]) -> set[str]:
     return {name for name in names if package(name) in SOURCES}
 
 
-def test_the_packages_are_those_that_are_meant() -> None:
+def test_every_package_has_import_rules() -> None:
     assert set(SOURCES) == set(MAY_IMPORT)
     assert {package(module) for module in MODULES} == set(MAY_IMPORT)
 
 
 def test_every_module_of_the_library_has_a_floor() -> None:
-    modules = [module for module in MODULES if package(module) == "bodysense" and module != FRONT_DOOR]
+    modules = [module for module in MODULES if package(module) == "bodysense" and module != LIBRARY]
     assert not [module for module in modules if room(module) not in FLOORS]
 
 
-def test_what_is_imported_exists() -> None:
+def test_imported_modules_exist() -> None:
     offenders = [
         f"{module} imports {other}"
         for module in MODULES
@@ -125,16 +125,16 @@ def test_what_is_imported_exists() -> None:
 def test_modules_of_the_library_import_from_lower_floors_only() -> None:
     offenders = []
     for module in MODULES:
-        if package(module) != "bodysense" or module == FRONT_DOOR:
+        if package(module) != "bodysense" or module == LIBRARY:
             continue
-        for other in ours(imported(module, everywhere=True)) - {FRONT_DOOR}:
+        for other in ours(imported(module, everywhere=True)) - {LIBRARY}:
             if room(other) != room(module) and FLOORS.get(room(other), 10) >= FLOORS[room(module)]:
                 offenders.append(f"{module} imports {other}")
     assert not offenders
 
 
-def test_packages_import_what_they_may() -> None:
-    """The library, its commands included, imports none of the packages, and they hardly import each other."""
+def test_packages_import_only_allowed_packages() -> None:
+    """The library and its commands import no other package; other packages import those of `MAY_IMPORT`."""
     offenders = [
         f"{module} imports {other}"
         for module in MODULES
@@ -144,7 +144,7 @@ def test_packages_import_what_they_may() -> None:
     assert not offenders
 
 
-def test_commands_are_on_top() -> None:
+def test_only_commands_import_commands() -> None:
     offenders = [
         f"{module} imports {other}"
         for module in MODULES
@@ -166,7 +166,7 @@ def test_the_commands_of_the_laboratory_load_without_the_server_and_the_referee(
 
 
 def test_no_modules_import_each_other() -> None:
-    """No circles: modules in an order in which each imports from those before it alone."""
+    """There is an order of modules in which each imports only from earlier ones."""
     left = {module: ours(imported(module, everywhere=False)) & set(MODULES) - {module} for module in MODULES}
     while free := {module for module, others in left.items() if not others & set(left)}:
         left = {module: others for module, others in left.items() if module not in free}
@@ -174,7 +174,7 @@ def test_no_modules_import_each_other() -> None:
 
 
 def heavy(module: str, seen: set[str]) -> set[str]:
-    """What comes along from outside the standard library when a module is imported."""
+    """Return the packages outside the standard library that the import of a module loads."""
     if module in seen:
         return set()
     seen.add(module)
@@ -193,13 +193,13 @@ def test_no_two_classes_share_a_name() -> None:
     assert not {name: modules for name, modules in found.items() if len(modules) > 1}
 
 
-def test_the_run_time_is_light() -> None:
+def test_run_time_modules_import_only_light_packages() -> None:
     heavier = {name: heavy(name, set()) - LIGHT for name in MODULES if package(name) != "bodysense_lab"}
     assert not {name: packages for name, packages in heavier.items() if packages}
-    assert heavy(FRONT_DOOR, set()) == set()
+    assert heavy(LIBRARY, set()) == set()
 
 
-def test_the_check_sees_what_is_heavy() -> None:
+def test_the_check_finds_heavy_packages() -> None:
     assert "torch" in heavy("bodysense_lab.unoc.network", set())
     assert {"torch", "onnx"} <= heavy("bodysense_lab.unoc.export", set())
 
@@ -211,12 +211,12 @@ def test_the_command_starts_without_the_libraries_of_training() -> None:
 
 
 def test_the_tracker_starts_with_numpy_and_little_else() -> None:
-    """Held as a set of modules: the time that it takes differs among machines."""
+    """The set of modules is checked, because the import time differs among machines."""
     added = modules_after("import bodysense; bodysense.Tracker") - modules_after("import numpy")
     packages = {name.partition(".")[0] for name in added} - sys.stdlib_module_names
     assert packages == {"bodysense", "array_api_compat"}
     assert not added & {"importlib.resources", "tempfile", "zipfile", "tomllib", "bodysense.body.glove"}
-    assert "bodysense.tracker" in added and len([name for name in added if name.startswith("bodysense.")]) < 17
+    assert "bodysense.tracker" in added and len([name for name in added if name.startswith("bodysense.")]) < 19
 
 
 def test_a_motion_is_tracked_without_the_solver_of_gloves() -> None:

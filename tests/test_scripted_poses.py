@@ -1,4 +1,4 @@
-"""Scripted poses that once failed: squats, raised knees, standing still, points that come back."""
+"""Scripted poses that once failed: squats, raised knees, standing still, lost and found points."""
 
 from dataclasses import replace
 
@@ -20,7 +20,7 @@ RATE, SECONDS = 30, 6
 FEET = ("left_ankle", "left_foot", "left_toe", "right_ankle", "right_foot", "right_toe")
 
 
-def stranger(body: int) -> Skeleton:
+def unseen_body(body: int) -> Skeleton:
     return default_skeleton().with_offsets(sample_bodies("test", body + 1)[body])
 
 
@@ -62,7 +62,7 @@ def tracked(pose: Pose, sensors: str):
 
 
 def knee_angles(position: np.ndarray, skeleton: Skeleton) -> np.ndarray:
-    """(T, 2) degrees by which the knees are bent."""
+    """Return the bend (T, 2) of the knees in degrees."""
     angles = []
     for side in ("left", "right"):
         hip, knee, ankle = (position[:, skeleton.index(f"{side}_{part}")] for part in ("hip", "knee", "ankle"))
@@ -73,7 +73,7 @@ def knee_angles(position: np.ndarray, skeleton: Skeleton) -> np.ndarray:
 
 
 def knees_forward(estimate, skeleton: Skeleton) -> np.ndarray:
-    """(T, 2) m by which the knees stand before the line from hip to ankle, as the pelvis faces."""
+    """Return the distance (T, 2) m of the knees in front of the line from hip to ankle, in the pelvis's direction."""
     _, rotation = forward_kinematics(estimate.pose)
     ahead = quaternion_rotate(rotation[:, 0], np.tile([0.0, 0.0, 1.0], (len(rotation), 1)))
     sides = []
@@ -84,8 +84,8 @@ def knees_forward(estimate, skeleton: Skeleton) -> np.ndarray:
 
 
 @pytest.mark.parametrize("body", [0, 3])
-def test_a_squat_with_pelvis_and_ankles_tracked_is_as_deep_as_it_was(body: int) -> None:
-    pose = performed(stranger(body), SQUAT)
+def test_a_squat_with_tracked_pelvis_and_ankles_has_the_true_depth(body: int) -> None:
+    pose = performed(unseen_body(body), SQUAT)
     estimate, _, (truth, _) = tracked(pose, "six_point")
     apart = knee_angles(estimate.points, pose.skeleton) - knee_angles(truth, pose.skeleton)
     assert np.abs(apart[RATE:]).max() < 12
@@ -94,7 +94,7 @@ def test_a_squat_with_pelvis_and_ankles_tracked_is_as_deep_as_it_was(body: int) 
 
 @pytest.mark.parametrize("body", [1, 4])
 def test_a_raised_knee_bends_forward(body: int) -> None:
-    pose = performed(stranger(body), RAISED_KNEE)
+    pose = performed(unseen_body(body), RAISED_KNEE)
     estimate, _, (truth, _) = tracked(pose, "six_point")
     knee = pose.skeleton.index("left_knee")
     assert np.linalg.norm(estimate.points[:, knee] - truth[:, knee], axis=-1).max() < 0.15  # m; once 0.52
@@ -102,7 +102,7 @@ def test_a_raised_knee_bends_forward(body: int) -> None:
 
 @pytest.mark.parametrize("body", [0, 2])
 def test_a_squat_seen_by_cameras_keeps_pelvis_and_head(body: int) -> None:
-    pose = performed(stranger(body), SQUAT)
+    pose = performed(unseen_body(body), SQUAT)
     estimate, _, (truth, rotation) = tracked(pose, "headset_camera")
     turned = forward_kinematics(estimate.pose)[1]
     assert np.degrees(geodesic_angle(turned[:, 0], rotation[:, 0])).max() < 60
@@ -114,8 +114,8 @@ def test_a_squat_seen_by_cameras_keeps_pelvis_and_head(body: int) -> None:
 
 
 @pytest.mark.parametrize("sensors", ["three_point", "headset_camera", "six_point"])
-def test_who_stands_still_stands_still(sensors: str) -> None:
-    pose = performed(stranger(5), {})
+def test_a_still_wearer_does_not_move(sensors: str) -> None:
+    pose = performed(unseen_body(5), {})
     estimate, _, (truth, _) = tracked(pose, sensors)
     feet = pose.skeleton.indices(FEET)
     settled = slice(RATE, None)
@@ -128,7 +128,7 @@ def test_who_stands_still_stands_still(sensors: str) -> None:
 
 @pytest.mark.parametrize(("amplitude", "frequency"), [(0.06, 0.25), (0.08, 0.15)])
 def test_feet_do_not_follow_a_wearer_who_sways(amplitude: float, frequency: float) -> None:
-    """Their speed over a tenth of a second, while head and hands sway to the sides (m, Hz)."""
+    """The speed of feet over a tenth of a second is small while head and hands sway sideways (m, Hz)."""
     pose = standing_pose(default_skeleton())
     time = np.arange(900) / 60
     still = Pose(pose.skeleton, np.tile(pose.root_position, (900, 1)), np.tile(pose.rotation, (900, 1, 1)))
@@ -142,8 +142,8 @@ def test_feet_do_not_follow_a_wearer_who_sways(amplitude: float, frequency: floa
     assert np.linalg.norm(feet[6:] - feet[:-6], axis=-1).max() / 0.1 < 0.018  # m/s
 
 
-def test_a_point_that_is_seen_again_is_where_it_is_seen() -> None:
-    pose = performed(stranger(6), RAISED_KNEE)
+def test_a_found_point_is_at_its_measured_position() -> None:
+    pose = performed(unseen_body(6), RAISED_KNEE)
     time = np.arange(len(pose.root_position)) / RATE
     observation = observe(pose, time, SENSOR_SETS["six_point"])
     has = observation.has_position.copy()
@@ -166,7 +166,7 @@ def hands_lost(body: int, frames: slice, ease: float = 0.25) -> tuple[Skeleton, 
     Returns the skeleton, and points (T, P, 3) m: output and true.
     """
     arms = {f"{side}_shoulder": sign * np.radians([0.0, 0.0, 135.0]) for side, sign in (("left", 1), ("right", -1))}
-    pose = performed(stranger(body), {}, arms)
+    pose = performed(unseen_body(body), {}, arms)
     observation = observe(pose, np.arange(len(pose.root_position)) / RATE, THREE_POINT)
     has = observation.has_position.copy()
     has[frames, [[observation.points.index(name)] for name in WRISTS]] = False
@@ -176,12 +176,12 @@ def hands_lost(body: int, frames: slice, ease: float = 0.25) -> tuple[Skeleton, 
 
 
 def speeds(points: np.ndarray, places: np.ndarray) -> np.ndarray:
-    """(T - 1, P) m/s."""
+    """Return speeds (T - 1, P) m/s."""
     return np.linalg.norm(np.diff(points[:, places], axis=0), axis=-1) * RATE
 
 
 @pytest.mark.parametrize("body", [0, 3, 6])
-def test_raised_hands_that_are_lost_stay_raised(body: int) -> None:
+def test_lost_raised_hands_stay_raised(body: int) -> None:
     top = round(2.25 * RATE)
     skeleton, output, _ = hands_lost(body, slice(top + 1, None))
     arm = output[:, skeleton.indices(WRISTS)] - output[:, skeleton.indices(["left_shoulder", "right_shoulder"])]
@@ -191,10 +191,10 @@ def test_raised_hands_that_are_lost_stay_raised(body: int) -> None:
 
 @pytest.mark.parametrize(("pace", "least", "most"), [(0.0, 50, 90), (1.0, -90, 20)])
 def test_arms_raised_out_of_view_stay_raised_while_the_head_is_still(pace: float, least: float, most: float) -> None:
-    """8 s after both hands are lost; a wearer who walks on takes them down."""
+    """Arms stay raised 8 s after both hands are lost, and sink when the wearer walks on."""
     up = {f"{side}_shoulder": sign * np.radians([0.0, 0.0, 135.0]) for side, sign in (("left", 1), ("right", -1))}
     time = np.arange(12 * RATE) / RATE
-    pose = performed(stranger(0), {}, up)[np.minimum(np.arange(12 * RATE), round(2.25 * RATE))]
+    pose = performed(unseen_body(0), {}, up)[np.minimum(np.arange(12 * RATE), round(2.25 * RATE))]
     pose.root_position[:, 2] += pace * time
     seen = observe(pose, time, THREE_POINT)
     has = seen.has_position.copy()
@@ -217,8 +217,8 @@ def test_hands_keep_their_speed_in_the_frame_in_which_they_are_lost_or_found(bod
 
 
 @pytest.mark.parametrize("body", [0, 3, 6])
-def test_hands_that_are_found_elsewhere_come_there_at_no_more_than_10_m_s(body: int) -> None:
-    """However short the ease: they were lost low and are found raised."""
+def test_hands_found_elsewhere_move_there_at_most_at_10_m_s(body: int) -> None:
+    """Hands are lost low and found raised, with any ease."""
     found = round(2.25 * RATE)
     skeleton, output, truth = hands_lost(body, slice(20, found), ease=0.05)
     wrists = skeleton.indices(WRISTS)
@@ -229,7 +229,7 @@ def test_hands_that_are_found_elsewhere_come_there_at_no_more_than_10_m_s(body: 
 
 @pytest.mark.parametrize("body", [0, 3, 6])
 def test_shins_keep_their_measured_rotation_while_ankles_are_free(body: int) -> None:
-    pose = performed(stranger(body), SQUAT)
+    pose = performed(unseen_body(body), SQUAT)
     estimate, _, (_, truth) = tracked(pose, "three_point_imu_feet")
     shins = pose.skeleton.indices(["left_knee", "right_knee"])
     rotation = np.asarray(forward_kinematics(estimate.pose)[1])
@@ -237,7 +237,7 @@ def test_shins_keep_their_measured_rotation_while_ankles_are_free(body: int) -> 
 
 
 def test_a_wearer_who_waves_stands_with_straight_knees():
-    """Both feet rest while an arm waves: feet that floated by 2 cm bent the knees by 10° more."""
+    """Both feet rest while an arm waves; feet that floated by 2 cm would bend the knees by 10° more."""
     clip = performance_of_unseen_body()
     skeleton, waves = clip.pose.skeleton, slice(round(7 * clip.frame_rate), round(8 * clip.frame_rate))
     seen = observe(clip.pose, np.arange(len(clip)) / clip.frame_rate, THREE_POINT)

@@ -1,4 +1,4 @@
-"""Whole recordings: with past and future or the same as live; files, persons, and input that cannot be."""
+"""Takes: causal or with past and future; files, persons, and invalid input."""
 
 from __future__ import annotations
 
@@ -41,8 +41,8 @@ def positions(pose: Pose) -> np.ndarray:
     return np.asarray(forward_kinematics(pose)[0])
 
 
-def test_causal_is_live(three_points: Observation) -> None:
-    """A causal take is what a tracker gives frame by frame."""
+def test_a_causal_take_equals_live_tracking(three_points: Observation) -> None:
+    """A causal take equals the output of a tracker frame by frame."""
     take = track(Recording(three_points, default_skeleton()), causal=True)
     tracker = Tracker(Person(default_skeleton()))
     state = tracker.start()
@@ -52,8 +52,8 @@ def test_causal_is_live(three_points: Observation) -> None:
         np.testing.assert_allclose(positions(take.clip.pose[k]), estimate.points[0], atol=1e-3)
 
 
-def test_the_command_is_causal_if_asked(three_points: Observation, tmp_path: Path) -> None:
-    """`track --causal` writes what a live session shows; without it the written motion is another one."""
+def test_the_command_has_a_causal_option(three_points: Observation, tmp_path: Path) -> None:
+    """`track --causal` writes the motion of a live session; without it another motion is written."""
     write_recording(tmp_path / "seen.npz", Recording(three_points, default_skeleton()))
     for name, options in (("both", []), ("causal", ["--causal"])):
         assert main(["track", str(tmp_path / "seen.npz"), "-o", str(tmp_path / f"{name}.bvh"), *options]) == 0
@@ -75,7 +75,7 @@ def test_the_command_line_knows_the_devices() -> None:
 
 
 def test_the_measured_head_stays_on_inferred_proportions(three_points: Observation) -> None:
-    """The clip is on the body believed at the end; its head is where it was measured, its bones keep their lengths."""
+    """The clip is on the finally inferred body. Its head is at measured positions, and its bones keep their lengths."""
     take = track(three_points, height=1.85)
     skeleton = take.clip.pose.skeleton
     assert float(stature(skeleton.rest_offset)) == pytest.approx(1.85, abs=0.02)
@@ -84,7 +84,7 @@ def test_the_measured_head_stays_on_inferred_proportions(three_points: Observati
     np.testing.assert_allclose(head, three_points.position[:, 0], atol=1e-3)
 
 
-def test_without_a_head_what_is_measured_stays(short: Clip, three_points: Observation) -> None:
+def test_measured_points_stay_without_a_head(short: Clip, three_points: Observation) -> None:
     wrist = replace(three_points, has_position=three_points.has_position & [False, True, False])
     wrist = replace(wrist, has_rotation=wrist.has_position)
     take = track(wrist, height=1.6)
@@ -92,8 +92,8 @@ def test_without_a_head_what_is_measured_stays(short: Clip, three_points: Observ
     np.testing.assert_allclose(positions(take.clip.pose)[:, place], three_points.position[:, 1], atol=5e-3)
 
 
-def test_what_is_known_of_the_wearer(three_points: Observation, tmp_path: Path) -> None:
-    """A person, a height, the recording's own body, or nothing, in this order."""
+def test_the_wearer_is_given_by_person_or_height(three_points: Observation, tmp_path: Path) -> None:
+    """The order of preference is person, height, body of the recording, unknown body."""
     tall = default_skeleton().scaled(1.9)
     path = tmp_path / "seen.npz"
     write_recording(path, Recording(three_points, tall))
@@ -127,8 +127,8 @@ def test_a_height_that_the_head_contradicts_is_a_remark(
     assert main(command) == 0 and f"WARNING: {track(seen, height=1.5).remarks[0]}" in capsys.readouterr().err
 
 
-def test_unix_times_and_odd_ones(three_points: Observation) -> None:
-    """Frames come out at a constant rate; a Unix time is a time like any other."""
+def test_unix_times_and_uneven_times(three_points: Observation) -> None:
+    """Takes have a constant rate, and Unix times are valid times."""
     kept = np.delete(np.arange(40), [3, 4, 9, 15])
     odd = replace(three_points[:36], time=1.7e9 + kept / 60)
     take = track(odd)
@@ -177,14 +177,14 @@ def broken(observation: Observation, what: str) -> Recording | Observation:
         ("backwards", "times must increase"),
     ],
 )
-def test_input_that_cannot_be(three_points: Observation, what: str, message: str) -> None:
+def test_invalid_input_is_refused(three_points: Observation, what: str, message: str) -> None:
     with pytest.raises(BodysenseError, match=message) as error:
         track(broken(three_points, what))
     assert "\n" not in str(error.value)
     assert str(error.value).startswith(("recording: ", "observation: "))
 
 
-def test_motions_and_recordings_are_told_apart(short: Clip, three_points: Observation, tmp_path: Path) -> None:
+def test_motions_and_recordings_are_distinguished(short: Clip, three_points: Observation, tmp_path: Path) -> None:
     write_bvh(tmp_path / "a.bvh", short)
     with pytest.raises(BodysenseError, match="unknown device 'kinect'; valid are head, three_point"):
         track(tmp_path / "a.bvh", device="kinect")
@@ -216,8 +216,8 @@ def test_a_video_is_tracked(pictures: Path) -> None:
         track(pictures, device="head")
 
 
-def test_the_person_of_a_number_and_a_rolled_camera(pictures: Path) -> None:
-    """A camera that is told to be rolled shows a person who stands the more obliquely."""
+def test_person_number_and_camera_roll_are_options(pictures: Path) -> None:
+    """With a given camera roll the person stands more obliquely."""
     level, rolled = (track(pictures, height=1.7, follow=1, roll=roll) for roll in (0.0, 20.0))
     spine = []
     for take in (level, rolled):
@@ -229,7 +229,7 @@ def test_the_person_of_a_number_and_a_rolled_camera(pictures: Path) -> None:
     assert np.degrees(np.arccos(spine[0] @ spine[1])) == pytest.approx(20, abs=5)
 
 
-def test_who_is_followed_is_asked_of_videos_alone(short: Clip, three_points: Observation) -> None:
+def test_follow_is_refused_except_for_videos(short: Clip, three_points: Observation) -> None:
     with pytest.raises(BodysenseError, match="which alone has people to choose from and a camera; leave --follow out"):
         track(three_points, follow=1)
     with pytest.raises(BodysenseError, match="leave --roll out"):
@@ -246,8 +246,8 @@ def test_reading_and_writing(short: Clip, three_points: Observation, tmp_path: P
         write(tmp_path / "b.bvh", recording)
 
 
-def test_the_front_door_opens_at_once() -> None:
-    """Nothing is imported before it is used."""
+def test_importing_the_library_imports_nothing_else() -> None:
+    """Modules are imported when they are first used."""
     code = "import sys, bodysense; print(*sorted(n for n in sys.modules if n.startswith(('numpy', 'bodysense'))))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.split() == ["bodysense"]

@@ -1,4 +1,4 @@
-"""One tracker for everything: whole equals stream equals batch, measured points stay, nothing jumps without cause."""
+"""The tracker: whole recordings, streams and batches agree, measured points stay, and nothing jumps."""
 
 from dataclasses import replace
 
@@ -8,7 +8,7 @@ from worn_trackers import strapped
 
 from bodysense.body.person import Person
 from bodysense.body.pose import forward_kinematics
-from bodysense.body.retarget import retargeted
+from bodysense.body.retarget import retarget
 from bodysense.body.rigid import RigidTransform
 from bodysense.body.rotation import quaternion_exp, quaternion_multiply, quaternion_rotate
 from bodysense.body.shape import sample_bodies, stature
@@ -25,33 +25,33 @@ UP, AWAY = np.array([0.0, 2.0, 0.0]), np.array([3.0, 0.0, -7.0])  # m
 
 
 def performance(body: int | None = None, frames: int = FRAMES):
-    """The packaged performance on its own body, or on a stranger's."""
+    """The packaged performance, on its own body or on an unseen one."""
     clip = packaged_performance()
     clip = replace(clip, pose=clip.pose[:frames])
     if body is None:
         return clip
     skeleton = default_skeleton().with_offsets(sample_bodies("test", body + 1)[body])
-    return replace(clip, pose=retargeted(clip.pose, skeleton))
+    return replace(clip, pose=retarget(clip.pose, skeleton))
 
 
 def seen(clip, name: str) -> Observation:
     return observe(clip.pose, clip.time, SENSOR_SETS[name])
 
 
-def person_of(clip, told: str) -> Person:
+def person_of(clip, known: str) -> Person:
     skeleton = clip.pose.skeleton
-    if told == "height":
+    if known == "height":
         return Person(height=float(stature(skeleton.rest_offset)))
-    return Person(skeleton) if told == "all" else Person()
+    return Person(skeleton) if known == "all" else Person()
 
 
 @pytest.mark.parametrize(
-    ("name", "told"),
+    ("name", "known"),
     [("three_point", "nothing"), ("three_point_imu_feet", "all"), ("ten_point", "nothing"), ("headset_camera", "all")],
 )
-def test_whole_equals_stream(name: str, told: str) -> None:
+def test_whole_equals_stream(name: str, known: str) -> None:
     clip = performance(1)
-    observation, tracker = seen(clip, name), Tracker(person_of(clip, told))
+    observation, tracker = seen(clip, name), Tracker(person_of(clip, known))
     whole, _ = tracker.step(observation, tracker.start())
     state, points, rotations = tracker.start(), [], []
     for t in range(len(observation)):
@@ -62,9 +62,9 @@ def test_whole_equals_stream(name: str, told: str) -> None:
     assert np.abs(np.concatenate(rotations) - whole.pose.rotation).max() < 1e-6
 
 
-def test_many_equal_each_alone() -> None:
+def test_many_people_equal_each_alone() -> None:
     clips = [performance(k) for k in range(3)]
-    people = [person_of(clip, told) for clip, told in zip(clips, ("all", "height", "nothing"), strict=True)]
+    people = [person_of(clip, known) for clip, known in zip(clips, ("all", "height", "nothing"), strict=True)]
     parts = [seen(clip, "three_point") for clip in clips]
     arrays = ("position", "rotation", "has_position", "has_rotation", "accuracy")
     together = replace(parts[0], **{name: np.stack([getattr(part, name) for part in parts]) for name in arrays})
@@ -85,7 +85,7 @@ def test_many_equal_each_alone() -> None:
 
 
 @pytest.mark.parametrize("name", SETS)
-def test_head_hands_and_ankles_are_where_they_are_measured(name: str) -> None:
+def test_head_hands_and_ankles_are_at_their_measured_positions(name: str) -> None:
     clip = performance(2)
     observation = seen(clip, name)
     tracker = Tracker(Person(clip.pose.skeleton), settings=TrackerSettings(ease=0.0))
@@ -111,7 +111,7 @@ def test_the_pose_gives_the_points_and_bones_stay_rigid(name: str) -> None:
     assert np.abs(length - clip.pose.skeleton.bone_length[1:]).max() < 2e-4
 
 
-def test_no_foot_is_under_the_floor_wherever_that_is() -> None:
+def test_no_foot_is_under_a_floor_of_any_height() -> None:
     clip = performance(4)
     observation = seen(clip, "three_point")
     raised = replace(observation, position=observation.position + UP)
@@ -127,7 +127,7 @@ def test_no_foot_is_under_the_floor_wherever_that_is() -> None:
     assert np.abs(high.points - level.points - UP).max() < 1e-3
 
 
-def test_the_body_goes_where_its_signal_goes() -> None:
+def test_the_body_follows_its_signal() -> None:
     clip = performance(5)
     observation, turn = seen(clip, "six_point"), quaternion_exp(np.array([0.0, 2.0, 0.0]))
     moved = replace(
@@ -154,29 +154,31 @@ def test_sensors_may_change_at_every_frame() -> None:
     assert (estimate.confidence > 0).all()
 
 
-def test_a_worn_tracker_gives_its_joint() -> None:
+def test_a_tracker_with_a_mount_gives_its_joint() -> None:
     clip = performance(7)
     observation = seen(clip, "four_point")
     mount = RigidTransform(np.array([0.0, 0.05, -0.12]), quaternion_exp(np.array([0.3, 2.0, -0.5])))
-    worn = strapped(observation, {"pelvis": mount})
-    told, knowing = Person(clip.pose.skeleton), Person(clip.pose.skeleton, mounts={"pelvis": mount})
+    strapped_on = strapped(observation, {"pelvis": mount})
+    plain_person, mounted_person = Person(clip.pose.skeleton), Person(clip.pose.skeleton, mounts={"pelvis": mount})
     plain, mounted = (
         tracker.step(part, tracker.start())[0]
-        for tracker, part in ((Tracker(told), observation), (Tracker(knowing), worn))
+        for tracker, part in ((Tracker(plain_person), observation), (Tracker(mounted_person), strapped_on))
     )
     assert np.abs(plain.points - mounted.points).max() < 1e-4
 
 
-def test_worn_trackers_are_refined_alike_whole_streamed_and_with_others() -> None:
+def test_mounts_are_refined_alike_whole_streamed_and_in_batches() -> None:
     clip = performance(7)
     clips = [replace(clip, pose=clip.pose[10:]), performance(8)]
     clips = [replace(one, pose=one.pose[:30]) for one in clips]
     rng = np.random.default_rng(0)
     joints = ("pelvis", "left_ankle", "right_ankle", "spine3", "left_knee", "right_elbow")
     mounts = [{name: RigidTransform(0.05 * rng.standard_normal(3)) for name in joints} for _ in clips]
-    wrong = [{name: RigidTransform(mount.translation + 0.03) for name, mount in worn.items()} for worn in mounts]
+    wrong = [
+        {name: RigidTransform(mount.translation + 0.03) for name, mount in by_joint.items()} for by_joint in mounts
+    ]
     people = [Person(height=1.7, mounts=wrong[0]), Person(mounts=wrong[1])]
-    parts = [strapped(seen(one, "ten_point"), worn) for one, worn in zip(clips, mounts, strict=True)]
+    parts = [strapped(seen(one, "ten_point"), by_joint) for one, by_joint in zip(clips, mounts, strict=True)]
     trackers = [Tracker(person) for person in people]
     states = [tracker.start() for tracker in trackers]
     streamed = []
@@ -194,7 +196,7 @@ def test_worn_trackers_are_refined_alike_whole_streamed_and_with_others() -> Non
             assert 1e-4 < np.abs(learned - tracker.people[0].mounts[joint].translation).max() < 0.05
 
 
-def test_after_a_gap_motion_starts_afresh_and_the_person_stays() -> None:
+def test_a_long_gap_resets_motion_and_keeps_the_person() -> None:
     clip = performance(8)
     observation, tracker = seen(clip, "three_point"), Tracker()
     before, state = tracker.step(observation, tracker.start())
@@ -209,7 +211,7 @@ def test_after_a_gap_motion_starts_afresh_and_the_person_stays() -> None:
 
 
 @pytest.mark.parametrize("name", ["three_point", "headset_camera"])
-def test_a_stored_state_goes_on_as_if_it_had_not_been(name: str) -> None:
+def test_a_restored_state_continues_identically(name: str) -> None:
     observation, tracker = seen(performance(9), name), Tracker([Person(height=1.7)])
     lead = ("position", "rotation", "has_position", "has_rotation", "accuracy")
     observation = replace(observation, **{part: getattr(observation, part)[None] for part in lead})
@@ -254,7 +256,7 @@ def test_any_positive_accuracy_gives_a_finite_estimate(accuracy: float) -> None:
 
 
 @pytest.mark.parametrize("field", ["floor", "ease", "longest_gap", "first_interval", "longest_interval"])
-def test_settings_that_cannot_be(field: str) -> None:
+def test_invalid_settings_are_refused(field: str) -> None:
     replace(TrackerSettings(), **{field: 10.0})
     refused = {"floor": [-1001.0, 1001.0], "longest_gap": [-1.0, 0.0], "ease": [-1.0, 10.1]}
     for value in (np.nan, np.inf, *refused.get(field, [-1.0, 0.0, 10.1])):
@@ -274,7 +276,7 @@ def test_time_must_increase(origin: float) -> None:
         tracker.step(replace(observation, time=np.array([origin - 0.5])), state)
 
 
-def test_what_is_refused() -> None:
+def test_invalid_input_is_refused() -> None:
     clip = performance()
     observation, tracker = seen(clip, "three_point"), Tracker()
     _, state = tracker.step(observation, tracker.start())
@@ -287,7 +289,7 @@ def test_what_is_refused() -> None:
 
 
 @pytest.mark.parametrize("lost", [["left_wrist", "right_wrist"], ["left_ankle"], ["pelvis"], ["left_elbow"]])
-def test_nothing_jumps_where_sensors_are_lost(lost: list[str]) -> None:
+def test_nothing_jumps_when_sensors_are_lost(lost: list[str]) -> None:
     """Points that are predicted from one frame to the next are eased: 10 m/s is never exceeded."""
     clip = performance(1)
     still = replace(clip, pose=clip.pose[np.zeros(len(clip), dtype=int)])

@@ -1,4 +1,4 @@
-"""Recordings completed with past and future: measured points met, no leaps, windows, people, reversed time."""
+"""Recordings completed with past and future: measured points, no jumps, windows, people, reversed time."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from bodysense.io.clip import Clip
 from bodysense.observation import Observation, concatenated_frames
 from bodysense.take import track
 from bodysense.tracker import Tracker, TrackerSettings
-from bodysense.two_way import TwoWayTracker, found_person, reversed_in_time
+from bodysense.two_way import TwoWayTracker, infer_person, reverse_time
 
 SECONDS = 1 / 30
 
@@ -47,8 +47,8 @@ def lost(seen: Observation, name: str, first: int, end: int) -> Observation:
     return hide(seen, hidden)
 
 
-def test_measured_points_are_met(seen: Observation, person: Person) -> None:
-    """As near as in the causal answer: a spine of this length does not always reach from the head to the pelvis."""
+def test_measured_points_are_reached(seen: Observation, person: Person) -> None:
+    """Points are as near as in the causal result; the spine is not always long enough to reach from head to pelvis."""
     places = person.skeleton.indices(seen.points)
     causal, _ = (tracker := Tracker(person)).step(seen, tracker.start())
     off, alone = (
@@ -66,9 +66,7 @@ def test_bones_keep_their_lengths_and_points_are_of_the_pose(seen: Observation, 
 
 
 @pytest.mark.parametrize("frames", [1, 3, 15, 45])
-def test_a_wrist_that_is_seen_again_does_not_leap(
-    seen: Observation, person: Person, waving_clip: Clip, frames: int
-) -> None:
+def test_a_found_wrist_does_not_jump(seen: Observation, person: Person, waving_clip: Clip, frames: int) -> None:
     first = 25
     gap = lost(seen, "left_wrist", first, first + frames)
     wrist = person.skeleton.index("left_wrist")
@@ -78,8 +76,8 @@ def test_a_wrist_that_is_seen_again_does_not_leap(
     assert (path[edges] < truth.max() + 0.05).all()
 
 
-def test_a_moment_that_is_bridged_is_not_measured(seen: Observation, person: Person, waving_clip: Clip) -> None:
-    """A wrist that is lost for a tenth of a second is nearly where it was, and said to be hidden."""
+def test_bridged_frames_are_not_measured(seen: Observation, person: Person, waving_clip: Clip) -> None:
+    """A wrist that is lost for a tenth of a second is near its true position, and reported as hidden."""
     wrist = person.skeleton.index("left_wrist")
     estimate = complete(person, lost(seen, "left_wrist", 30, 33))
     truth = np.asarray(forward_kinematics(waving_clip.pose)[0])[:, wrist]
@@ -97,8 +95,8 @@ def test_tracked_rotations_are_kept(person: Person, waving_clip: Clip) -> None:
         assert np.degrees(off).max() < 0.5, name
 
 
-def test_the_future_counts(seen: Observation, person: Person) -> None:
-    """Before a wrist is first seen, the causal answer cannot know where it is; the other one leads there."""
+def test_later_frames_improve_the_estimate(seen: Observation, person: Person) -> None:
+    """Before a wrist is first seen, the causal result cannot know its position; the two-way result leads to it."""
     late = lost(seen, "left_wrist", 0, 40)
     wrist = person.skeleton.index("left_wrist")
     causal, _ = (tracker := Tracker(person)).step(late, tracker.start())
@@ -108,7 +106,7 @@ def test_the_future_counts(seen: Observation, person: Person) -> None:
     assert off < 0.06 and off < alone
 
 
-def test_windows_are_one_motion(seen: Observation, person: Person, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_windows_join_into_one_motion(seen: Observation, person: Person, monkeypatch: pytest.MonkeyPatch) -> None:
     whole = complete(person, seen)
     for name, value in (("WINDOW", 1.0), ("BESIDE", 0.6), ("FADE", 0.4)):
         monkeypatch.setattr(two_way, name, value)
@@ -120,8 +118,8 @@ def test_windows_are_one_motion(seen: Observation, person: Person, monkeypatch: 
     assert step < usual + 0.02
 
 
-def test_a_recording_that_pauses_is_two(seen: Observation, person: Person) -> None:
-    """After a pause of more than a second nothing that moved is remembered, in either direction."""
+def test_a_recording_with_a_pause_is_split(seen: Observation, person: Person) -> None:
+    """A pause of more than a second resets the motion in both directions."""
     time = seen.time + np.where(np.arange(len(seen)) < 45, 0.0, 10.0)
     paused = complete(person, replace(seen, time=time))
     first, second = (complete(person, seen[part]) for part in (slice(0, 45), slice(45, None)))
@@ -132,7 +130,7 @@ def test_a_recording_that_pauses_is_two(seen: Observation, person: Person) -> No
 def test_each_direction_has_a_network(seen: Observation, person: Person) -> None:
     ways, own = TwoWayTracker(person, None, TrackerSettings()), packaged_model()
     alone = TwoWayTracker(person, own, TrackerSettings())
-    reverse = reversed_in_time(seen)
+    reverse = reverse_time(seen)
     for tracker, model in ((ways, packaged_model(backward=True)), (alone, own)):
         expected, _ = (one := Tracker(person, model, tracker.tracker.settings)).step(reverse, one.start())
         np.testing.assert_array_equal(tracker.backward(seen).points[::-1], expected.points)
@@ -147,20 +145,20 @@ def test_few_frames(seen: Observation, person: Person, frames: int) -> None:
 def test_reversed_twice_is_unchanged(seen: Observation) -> None:
     rng = np.random.default_rng(1)
     felt = replace(seen, acceleration=rng.normal(size=seen.position.shape))
-    back = reversed_in_time(reversed_in_time(felt))
+    back = reverse_time(reverse_time(felt))
     for name in ("position", "rotation", "has_position", "time", "acceleration"):
         np.testing.assert_array_equal(getattr(back, name), getattr(felt, name))
-    once = reversed_in_time(felt)
+    once = reverse_time(felt)
     assert (np.diff(once.time) > 0).all() and once.acceleration is not None
     np.testing.assert_array_equal(once.acceleration[0], felt.acceleration[-1])  # type: ignore[index]
 
 
-def test_the_person_is_found_before_both_passes(waving_clip: Clip) -> None:
-    """An unknown body has one size in all frames: the one that is believed after the last."""
+def test_the_person_is_inferred_before_both_passes(waving_clip: Clip) -> None:
+    """An unknown body has one size in all frames: the one inferred after the last frame."""
     tall = waving_clip.pose.skeleton.scaled(1.9)
     clip = Clip("tall", Pose(tall, waving_clip.pose.root_position * 1.1, waving_clip.pose.rotation), 30.0)
     seen = simulate(clip, "six_point")
-    found = found_person(seen, Person(), None, TrackerSettings())
+    found = infer_person(seen, Person(), None, TrackerSettings())
     estimate = complete(found, seen)
     assert (estimate.rest_offset == estimate.rest_offset[0]).all()
     np.testing.assert_allclose(estimate.rest_offset[0], found.skeleton.rest_offset, atol=1e-6)
@@ -171,7 +169,7 @@ def test_the_person_is_found_before_both_passes(waving_clip: Clip) -> None:
 def test_a_longer_take_needs_no_more_memory_than_its_result(
     seen: Observation, person: Person, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Intermediate results are of windows. A frame adds 4.3 kB of estimate, 0.1 kB of points, and 0.8 kB of GLB."""
+    """Memory is needed for windows; each frame adds 4.3 kB of estimate, 0.1 kB of points, and 0.8 kB of GLB."""
     monkeypatch.setattr(two_way, "WINDOW", 2.0)
     monkeypatch.setattr(two_way, "BESIDE", 1.0)
 

@@ -1,4 +1,4 @@
-"""Trackers strapped to unseen bodies, calibrated in a second of standing, and how well motion refines their mounts."""
+"""Trackers strapped to unseen bodies: calibration while standing, and refinement of their mounts by motion."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from bodysense.body.rigid import RigidTransform
 from bodysense.body.rotation import quaternion_exp, quaternion_multiply, quaternion_rotate
 from bodysense.body.shape import sample_bodies
 from bodysense.body.skeleton import Skeleton, default_skeleton
-from bodysense.completion.calibration import calibrated
+from bodysense.completion.calibration import calibrate
 from bodysense.devices.simulated.sensors import SENSOR_SETS, observe
 from bodysense.observation import Observation
 from bodysense.tracker import Tracker, TrackerState
 
 RATE = 30
-WORN = ("pelvis", "left_knee", "right_knee", "left_ankle", "right_ankle", "left_elbow", "right_elbow")
+TRACKER_JOINTS = ("pelvis", "left_knee", "right_knee", "left_ankle", "right_ankle", "left_elbow", "right_elbow")
 BODIES = sample_bodies("test", 16)
 BOW = {"pelvis": 60.0, "left_hip": -60.0, "right_hip": -60.0}  # degrees about x; the legs stay straight
 SQUAT = {f"{side}_{part}": angle for side in ("left", "right") for part, angle in (("hip", -80.0), ("knee", 110.0))}
@@ -37,7 +37,7 @@ def strapped(observation: Observation, mounts: Mapping[str, RigidTransform]) -> 
     return replace(observation, position=position, rotation=rotation)
 
 
-def moved(skeleton: Skeleton, *goals: dict[str, float]) -> Pose:
+def posed_motion(skeleton: Skeleton, *goals: dict[str, float]) -> Pose:
     """Stand for a second, then go to each pose and back, in 4 s; the ankles stay where they are."""
     pose = standing_pose(skeleton)
     rotation = np.tile(pose.rotation, (RATE * (1 + 4 * len(goals)), 1, 1))
@@ -53,50 +53,53 @@ def moved(skeleton: Skeleton, *goals: dict[str, float]) -> Pose:
     return Pose(skeleton, root + ankle[0] - ankle, rotation)
 
 
-def worn(body: int, sensors: str, *goals: dict[str, float]) -> tuple[Observation, Person, Pose]:
-    """An unseen body with trackers 8-14 cm off, calibrated in the first second, that moves then."""
-    pose = moved(default_skeleton().with_offsets(BODIES[body]), *goals)
+def calibrated_wearer(body: int, sensors: str, *goals: dict[str, float]) -> tuple[Observation, Person, Pose]:
+    """Return the tracking, the calibrated person and the motion of an unseen body with trackers 8-14 cm off its joints.
+
+    The body stands for one second, which calibrates it, and then moves.
+    """
+    pose = posed_motion(default_skeleton().with_offsets(BODIES[body]), *goals)
     observation = observe(pose, np.arange(len(pose.root_position)) / RATE, SENSOR_SETS[sensors])
     rng, mounts = np.random.default_rng(body), {}
     for name in observation.points:
-        if name in WORN:
+        if name in TRACKER_JOINTS:
             away = rng.standard_normal(3)
             away *= rng.uniform(0.08, 0.14) / np.linalg.norm(away)
             mounts[name] = RigidTransform(away, rng.standard_normal(4))
     observation = strapped(observation, mounts)
-    return observation, calibrated(observation[:RATE], Person()), pose
+    return observation, calibrate(observation[:RATE], Person()), pose
 
 
 def tracked(observation: Observation, person: Person) -> TrackerState:
-    """The state after a whole observation."""
+    """Return the state of the tracker after a whole observation."""
     tracker = Tracker(person)
     return tracker.step(observation, tracker.start())[1]
 
 
 def errors(observation: Observation, pose: Pose, *people: Person) -> dict[str, list[float]]:
-    """Distance (m), by joint, from where it is in the last frame to where each person's mounts put it."""
+    """Return the distance (m) of each joint in the last frame from its place by each person's mounts."""
     truth = forward_kinematics(pose)[0][-1]
     found: dict[str, list[float]] = {}
     for k, name in enumerate(observation.points):
-        if name in WORN:
+        if name in TRACKER_JOINTS:
             tracker = RigidTransform(observation.position[-1, k], observation.rotation[-1, k])
             joints = [(tracker @ person.mounts[name].inverse()).translation for person in people]
             found[name] = [float(np.linalg.norm(joint - truth[pose.skeleton.index(name)])) for joint in joints]
     return found
 
 
-def of_all(sensors: str, *goals: dict[str, float]) -> dict[str, np.ndarray]:
-    """(16, 2) m by joint, of unseen bodies: as calibrated, and as refined."""
+def errors_of_all_bodies(sensors: str, *goals: dict[str, float]) -> dict[str, np.ndarray]:
+    """Return the errors (16, 2) m of unseen bodies by joint: after calibration, and after refinement."""
     rows = []
     for body in range(len(BODIES)):
-        observation, person, pose = worn(body, sensors, *goals)
+        observation, person, pose = calibrated_wearer(body, sensors, *goals)
         rows.append(errors(observation, pose, person, tracked(observation, person).person()))
     return {name: np.array([row[name] for row in rows]) for name in rows[0]}
 
 
 def numbers() -> dict[str, float]:
-    """Mean and largest errors, cm: after the calibration, after two bows, after a bow and a squat with ten trackers."""
-    bows, squats = of_all("six_point", BOW, BOW), of_all("ten_point", BOW, SQUAT)
+    """Return mean and largest errors in cm: calibrated, after two bows, after a bow and a squat with ten trackers."""
+    bows, squats = errors_of_all_bodies("six_point", BOW, BOW), errors_of_all_bodies("ten_point", BOW, SQUAT)
     found = {}
     for part in ("pelvis", "ankle", "knee", "elbow"):
         for stage, after, column in (("calibrated", squats, 0), ("bows", bows, 1), ("squat", squats, 1)):

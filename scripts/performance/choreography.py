@@ -104,7 +104,7 @@ def facing(side: str, to: Spot, share: float = 0.0005) -> Meeting:
     return Meeting(on(f"{side}_wrist", 0, -1, 0), to, share, direction=True)
 
 
-def reaching(side: str, to: Spot, share: float = 0.0005) -> Meeting:
+def reach(side: str, to: Spot, share: float = 0.0005) -> Meeting:
     """The hand runs along a direction."""
     return Meeting(on(f"{side}_wrist", 1 if side == "left" else -1, 0, 0), to, share, direction=True)
 
@@ -193,7 +193,7 @@ def actions() -> list[Action]:
     for side, sign in (("left", 1.0), ("right", -1.0)):
         laps += [
             Meeting(palm(side), on(f"{side}_hip", -0.006 * sign, -0.285, 0.081)),
-            reaching(side, on(f"{side}_hip", -0.15 * sign, -1, 0)),
+            reach(side, on(f"{side}_hip", -0.15 * sign, -1, 0)),
             facing(side, on(f"{side}_hip", 0, 0, -1)),
         ]
     beat = 0.05 * np.sin(2 * np.pi * 1.1 * time)
@@ -215,7 +215,7 @@ def actions() -> list[Action]:
     target = np.array(here(-1.6, 1.7, 3.0)) - np.array(here(-0.17, 1.4, 0.0))
     aim = target / np.linalg.norm(target)
     point = [
-        reaching("right", Spot("world", aim), 0.002),
+        reach("right", Spot("world", aim), 0.002),
         Meeting(on("right_shoulder", -1, 0, 0), Spot("world", aim), 0.0005, direction=True),
         Meeting(on("right_index2", -1, 0, 0), Spot("world", aim), 0.002, direction=True),
     ]

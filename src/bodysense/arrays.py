@@ -1,4 +1,4 @@
-"""Arrays in .npz and .npy files, measured before they are unpacked. Nothing is unpickled."""
+"""Arrays in .npz and .npy files. Sizes are checked before unpacking, and nothing is unpickled."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ import numpy as np
 
 from bodysense.errors import BodysenseError
 
-FREE = 256 << 20  # bytes that any archive may unpack to
-RATIO = 50  # beyond them: how many times its own size
-LARGEST = 16 << 30  # bytes of all arrays together
-_HEADER = 1 << 16  # bytes within which an array begins
+FREE = 256 << 20  # bytes to which any archive may unpack
+RATIO = 50  # largest ratio of unpacked to packed size, for archives beyond `FREE`
+LARGEST = 16 << 30  # bytes; largest size of all arrays together
+_HEADER = 1 << 16  # bytes; largest header of an array
 _MAGIC = b"\x93NUMPY"
 
 
 def read_arrays(path: str | Path, keys: Sequence[str] | None = None) -> dict[str, np.ndarray]:
-    """Return the arrays of an .npz file, or those named by `keys` that it holds.
+    """Read the arrays of an .npz file, or those of `keys` that it holds.
 
-    Raises BodysenseError if it is empty or no .npz file, unpacks to far more than its size, holds arrays of objects
-    (only unpickling reads them), or announces a shape that its data does not have.
+    Raises BodysenseError if the file is empty or no .npz file, unpacks to far more than its size, holds arrays of
+    objects (only unpickling reads them), or announces a shape that its data does not have.
     """
     path = Path(path)
     if path.is_file() and path.stat().st_size == 0:
@@ -42,13 +42,13 @@ def read_arrays(path: str | Path, keys: Sequence[str] | None = None) -> dict[str
         raise BodysenseError(f"{path}: no such file") from None
     except BodysenseError:
         raise
-    except Exception as error:  # a damaged zip file raises what it likes: zlib, struct, zipfile, Value, Memory errors
+    except Exception as error:  # damaged zip files raise many kinds: zlib, struct, zipfile, ValueError, MemoryError
         reason = " ".join(str(error).split()) or type(error).__name__
         raise BodysenseError(f"{path}: cannot be read as an .npz file ({reason}); copy or export it again") from error
 
 
 def read_array(path: str | Path) -> np.ndarray:
-    """The array of an .npy file. Raises BodysenseError as `read_arrays` does."""
+    """Read the array of an .npy file. Raises BodysenseError like `read_arrays`."""
     path = Path(path)
     try:
         size = path.stat().st_size
@@ -68,13 +68,13 @@ def array_shapes(path: str | Path) -> dict[str, tuple[int, ...]]:
             for entry in archive.infolist():
                 with archive.open(entry) as stream:
                     shapes[entry.filename.removesuffix(".npy")] = _header(stream.read(_HEADER))[0]
-    except Exception:  # as a damaged file raises; reading it says what is wrong
+    except Exception:  # a damaged file; reading it later reports the damage
         return shapes
     return shapes
 
 
 def check_sizes(place: Path, unpacked: int, packed: int) -> None:
-    """Raise BodysenseError for what unpacks to far more than it is, bytes."""
+    """Raise BodysenseError for a file of `packed` bytes that unpacks to far more."""
     if unpacked > LARGEST or unpacked > max(FREE, RATIO * packed):
         raise BodysenseError(
             f"{place}: {_size(packed)} that unpack to {_size(unpacked)}; beyond {_size(FREE)} no more than {RATIO} "
@@ -83,12 +83,12 @@ def check_sizes(place: Path, unpacked: int, packed: int) -> None:
 
 
 def check_member(place: Path, entry: zipfile.ZipInfo) -> None:
-    """Raise BodysenseError for a file in a zip file that unpacks to far more than it is."""
+    """Raise BodysenseError for a member of a zip file that unpacks to far more than its packed size."""
     check_sizes(place, entry.file_size, entry.compress_size)
 
 
 def _read(stream: IO[bytes], size: int, what: str, path: Path) -> np.ndarray:
-    """One array of the .npy format of `size` bytes, its header checked against them before memory is taken."""
+    """Read one array of the .npy format from `size` bytes; the header is checked before memory is allocated."""
     if size > LARGEST:
         raise BodysenseError(f"{what} has {_size(size)}; at most {_size(LARGEST)} are read: cut it in parts")
     head = stream.read(min(size, _HEADER))
@@ -96,7 +96,7 @@ def _read(stream: IO[bytes], size: int, what: str, path: Path) -> np.ndarray:
         raise BodysenseError(f"{what} is no array of NumPy's; export it again")
     try:
         shape, fortran, dtype, at = _header(head)
-    except Exception as error:  # the header is text that is evaluated with care; it raises what it likes
+    except Exception as error:  # NumPy raises many kinds for a damaged header
         reason = " ".join(str(error).split())[:80]
         raise BodysenseError(f"{what} has a damaged header ({reason}); export it again") from None
     if dtype.hasobject:
@@ -121,7 +121,7 @@ def _read(stream: IO[bytes], size: int, what: str, path: Path) -> np.ndarray:
 
 
 def _header(head: bytes) -> tuple[tuple[int, ...], bool, np.dtype, int]:
-    """Shape, order, type and begin of the data of an array in the .npy format."""
+    """Return shape, order (True: Fortran), type and first byte of the data of an array in the .npy format."""
     start = io.BytesIO(head)
     version = np.lib.format.read_magic(start)
     read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
@@ -130,7 +130,7 @@ def _header(head: bytes) -> tuple[tuple[int, ...], bool, np.dtype, int]:
 
 
 def conversion(path: Path) -> str:
-    """Return how to convert a file that only unpickling could read."""
+    """Return the fix for a file that only unpickling can read: a command that converts it."""
     if path.suffix in (".npy", ".npz"):
         load = f"r = np.load('{path.name}', allow_pickle=True)"
         load += "; r = r.item()" if path.suffix == ".npy" else ""

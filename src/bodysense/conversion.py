@@ -1,4 +1,4 @@
-"""Conversion: a whole motion as another kind of file, on another rig, at another rate."""
+"""Conversion of a complete motion to another kind of file, another rig or another rate."""
 
 from __future__ import annotations
 
@@ -26,15 +26,15 @@ def convert(
     """Write a motion as another kind of file, and return it.
 
     Args:
-        source: a motion: a file (.bvh, AMASS or SMPL .npz, .npy, .glb, .gltf, .vrma), a Clip, or what `open_source`
-            opened.
+        source: a motion: a file (.bvh, AMASS or SMPL .npz, .npy, .glb, .gltf, .vrma), a Clip, or a source opened by
+            `open_source`.
         out: .bvh, .glb (animated glTF), .vrma (for VRM avatars) or .mcap (for robots' tools).
-        rig: whose joints it is written on: one of `RIGS`, or a BVH file; 'source' is the rig of the BVH file read.
-        rate: frames a second; those of the motion if omitted. Rotations in between are interpolated by slerp.
-        reading: what the file does not say of itself: unit, upward axis, floor, height, joints, which body.
+        rig: target rig: one of `RIGS`, or a BVH file; 'source' is the rig of the BVH file that is read.
+        rate: frames a second; that of the motion if omitted. Rotations are interpolated by slerp.
+        reading: facts that the file omits: unit, upward axis, floor, height, joints, which body.
 
-    Raises BodysenseError, naming the file and the fix, for a source that is no whole motion, and before any work for an
-    output that cannot be written.
+    Raises BodysenseError, naming the file and the fix, for a source that is no complete motion, and before any work for
+    an output that cannot be written.
     """
     out = check_ending(Path(out))
     opened = open_source(source, reading)

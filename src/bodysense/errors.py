@@ -1,4 +1,4 @@
-"""The one family of errors that bodysense raises on purpose."""
+"""Errors that bodysense raises for invalid input, and install lines of missing packages."""
 
 # Part of the repository to install, from a clone of it, for each optional package.
 SOURCES = {
@@ -35,11 +35,11 @@ SOURCES = {
 
 
 class BodysenseError(Exception):
-    """Something the user gave cannot be used. The text names the value, what would be valid, and the fix."""
+    """Error for input that cannot be used. The message names the value, valid values, and the fix."""
 
 
 def missing_package(error: ImportError) -> BodysenseError:
-    """Return the error for a package that is not installed; raise `error` itself if no part of ours installs it."""
+    """Return the error for a missing package with its install line; raise `error` itself for an unknown package."""
     package = (error.name or "").split(".")[0]
     if package not in SOURCES:
         raise error
@@ -47,6 +47,6 @@ def missing_package(error: ImportError) -> BodysenseError:
 
 
 def how_to_install(source: str) -> str:
-    """Return how to install a part of the repository from a clone of it."""
+    """Return the install line of a part of the repository, for a clone of it."""
     quoted = f"'{source}'" if "[" in source else source
     return f"in a clone of the repository: pip install -c constraints.txt -e {quoted}"

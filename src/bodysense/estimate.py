@@ -15,19 +15,19 @@ CONTACT_POINTS = ("left_ankle", "right_ankle", "left_foot", "right_foot")  # the
 
 
 @dataclass(frozen=True, eq=False)
-class PointOfEstimate:
+class EstimatedPoint:
     """One point of an estimate, over its frames."""
 
     name: str
     position: np.ndarray  # (..., T, 3) m, world
-    measured: np.ndarray  # (..., T) bool: pinned to a measurement
+    measured: np.ndarray  # (..., T) bool: position is measured
     confidence: np.ndarray  # (..., T) m, expected position error, calibrated
-    bound: np.ndarray  # (..., T) m, within which the position error is in nine of ten cases
-    rotation: np.ndarray | None  # (..., T, 4) wxyz, world ← joint; None: an end site, which does not turn
+    bound: np.ndarray  # (..., T) m, bound of the position error in 90 % of cases
+    rotation: np.ndarray | None  # (..., T, 4) wxyz, world ← joint; None for end sites, which do not turn
 
     def __repr__(self) -> str:
         frames = "×".join(map(str, self.measured.shape))
-        return f"PointOfEstimate({self.name}, {frames} frames, expected error {100 * self.confidence.mean():.1f} cm)"
+        return f"EstimatedPoint({self.name}, {frames} frames, expected error {100 * self.confidence.mean():.1f} cm)"
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,23 +35,23 @@ class Estimate:
     """A whole body for every frame of an observation. P counts all points of the pose's skeleton.
 
     `estimate["left_elbow"]` is one point of it. Inferred proportions change while the tracker runs: `points` and
-    `rest_offset` are those of each frame, the pose's skeleton has those of the last one. For several people the pose's
-    skeleton is the first one's; `of` gives each person's own.
+    `rest_offset` are those of each frame, and the pose's skeleton has those of the last frame. For several people the
+    pose's skeleton is that of the first person; `of` returns the estimate of one person.
     """
 
     pose: Pose  # (..., T), on the person's skeleton
     points: np.ndarray  # (..., T, P, 3) m, world
-    measured: np.ndarray  # (..., T, P) bool: pinned to a measurement
+    measured: np.ndarray  # (..., T, P) bool: position is measured
     confidence: np.ndarray  # (..., T, P) m, expected position error, calibrated
-    bound: np.ndarray  # (..., T, P) m, within which the position error is in nine of ten cases
+    bound: np.ndarray  # (..., T, P) m, bound of the position error in 90 % of cases
     contact: np.ndarray  # (..., T, 4) probability that each of `CONTACT_POINTS` rests on something
     rest_offset: np.ndarray  # (..., T, P, 3) m
 
-    def __getitem__(self, name: str) -> PointOfEstimate:
+    def __getitem__(self, name: str) -> EstimatedPoint:
         """Return a point by its name. Raises BodysenseError, with the nearest names, for an unknown one."""
         skeleton = self.pose.skeleton
         k = skeleton.index(name)
-        return PointOfEstimate(
+        return EstimatedPoint(
             name,
             self.points[..., k, :],
             self.measured[..., k],
@@ -72,7 +72,7 @@ class Estimate:
         return np.asarray(quaternion_canonical(forward_kinematics(self.pose)[1]))
 
     def of(self, person: int) -> Estimate:
-        """Return one person's part of an estimate that leads with an axis of people."""
+        """Return the estimate of one person from one that leads with an axis of people."""
         if self.measured.ndim < 3:
             raise BodysenseError("estimate: of one person alone, so that it is that person's; leave of() out")
         offset = self.rest_offset[person]

@@ -1,4 +1,4 @@
-"""Files: written so that they appear whole or not at all, and looked at before they are read."""
+"""Files: atomic writing, checks of paths before any work, and checked reading of text."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ import numpy as np
 
 from bodysense.errors import BodysenseError
 
-LARGEST_TEXT = 1 << 30  # bytes of a text that is read whole
-HUGE = 1e9  # larger angles (any unit) and positions are damage
+LARGEST_TEXT = 1 << 30  # bytes; largest text file that is read
+HUGE = 1e9  # larger angles and positions, in any unit, are damaged values
 _GZIP = b"\x1f\x8b"
 _UTF16 = (b"\xff\xfe", b"\xfe\xff")
 _ZIP = b"PK\x03\x04"
@@ -40,14 +40,14 @@ def check_place(path: str | Path) -> Path:
 
 
 def check_picture(path: Path) -> None:
-    """Raise BodysenseError, before any work, if a picture cannot be written there, or is no PNG by its name."""
+    """Raise BodysenseError, before any work, if a picture cannot be written or its name does not end in .png."""
     if path.suffix.lower() != ".png":
         raise BodysenseError(f"{path}: a picture is a PNG; give a name that ends in .png")
     check_place(path)
 
 
 def check_folder(path: str | Path) -> Path:
-    """Return the path of a folder to be made; raise BodysenseError, before any work, where none can be."""
+    """Return the path of a folder to be made. Raises BodysenseError, before any work, if it cannot be made."""
     path = Path(path)
     nearest = next(place for place in (path, *path.absolute().parents) if place.exists())
     if not nearest.is_dir():
@@ -56,7 +56,7 @@ def check_folder(path: str | Path) -> Path:
 
 
 def make_folder(path: str | Path) -> Path:
-    """Make a folder, and those above it. Raises BodysenseError where none can be."""
+    """Make a folder and its parents. Raises BodysenseError if it cannot be made."""
     path = check_folder(path)
     try:
         path.mkdir(parents=True, exist_ok=True)
@@ -66,7 +66,7 @@ def make_folder(path: str | Path) -> Path:
 
 
 def cache_folder() -> Path:
-    """Return the folder in the user's cache for files that can be made or fetched again."""
+    """Return our folder in the user's cache, for files that can be made or fetched again."""
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "bodysense"
 
 
@@ -75,9 +75,9 @@ def _no_folder(path: Path, reason: str | None) -> BodysenseError:
 
 
 def part_beside(path: Path) -> Path:
-    """Return the hidden name beside `path` under which this process writes it.
+    """Return the hidden name next to `path` under which this process writes it.
 
-    Removes such files of processes of this machine that were killed.
+    Remove hidden files of killed processes of this machine.
     """
     import platform
     import shutil
@@ -87,7 +87,7 @@ def part_beside(path: Path) -> Path:
     for left in path.parent.glob(".*.bodysense-part*"):
         match = part.fullmatch(left.name)
         if match and not _is_running(int(match["process"])):
-            with suppress(OSError):  # somebody else's, or open
+            with suppress(OSError):  # of another user, or open
                 if left.is_dir():
                     shutil.rmtree(left)
                 else:
@@ -98,9 +98,9 @@ def part_beside(path: Path) -> Path:
 
 @contextmanager
 def written_beside(path: str | Path) -> Iterator[Path]:
-    """Give a path beside `path` to write to; it takes the name when the block ends well, and is removed when not.
+    """Yield a hidden path next to `path` to write to. It is renamed to `path` if the block succeeds, else removed.
 
-    Raises BodysenseError where the folder does not exist or cannot be written to.
+    Raises BodysenseError if the folder does not exist or cannot be written to.
     """
     path = check_place(path)
     beside = part_beside(path)
@@ -130,7 +130,7 @@ def read_bytes(path: str | Path, largest: int = LARGEST_TEXT, fix: str = "cut it
 
 
 def sound(values: np.ndarray) -> np.ndarray:
-    """Return which numbers are finite and at most `HUGE`."""
+    """Return the mask of numbers that are finite and at most `HUGE`."""
     with np.errstate(invalid="ignore"):
         return np.abs(values) <= HUGE
 
@@ -152,11 +152,11 @@ def check_plain(head: bytes, place: str | Path) -> None:
 
 
 def read_text(path: str | Path, other: str | None = None) -> str:
-    """The whole of a text file in UTF-8 or ASCII, with or without a mark at its begin; names keep odd characters.
+    """Read a text file in UTF-8, with or without a byte order mark.
 
-    `other` is the encoding of a file that is not in UTF-8, if there may be one.
+    `other` is the encoding that is tried if the file is not in UTF-8.
 
-    Raises BodysenseError, naming the fix, for other files, compressed ones, and ones larger than `LARGEST_TEXT`.
+    Raises BodysenseError, naming the fix, for other files, compressed files, and files larger than `LARGEST_TEXT`.
     """
     data = read_bytes(path)
     check_plain(data[:64], path)
@@ -169,10 +169,10 @@ def read_text(path: str | Path, other: str | None = None) -> str:
 
 
 def _is_running(process: int) -> bool:
-    """Whether a process of this machine has a number."""
+    """Whether a process with this number runs on this machine."""
     if process == os.getpid():
         return True
-    if os.name == "nt":  # what is open cannot be removed there, and signals end processes
+    if os.name == "nt":  # open files cannot be removed on Windows, and `os.kill` would end the process
         return False
     try:
         os.kill(process, 0)

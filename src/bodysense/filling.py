@@ -1,8 +1,7 @@
 """Motions with holes: known parts are observed, missing ones are completed, and the rest is bit-identical.
 
-Joints with known rotation and position in the world become exact points of an Observation; the one tracker completes
-the others. Its prediction fills the gaps (`body.gaps`) in the joints' local rotations, so that bones keep their
-lengths.
+Joints with known world rotation and position become exact points of an Observation, and the tracker completes the
+others. Its prediction fills the gaps (`body.gaps`) in the local rotations of joints, so bones keep their lengths.
 """
 
 from __future__ import annotations
@@ -17,9 +16,9 @@ import numpy as np
 
 from bodysense.body import gaps
 from bodysense.body.coordination import ROOT, coordination, deviations
-from bodysense.body.footing import side_clearance, stopped_slide
+from bodysense.body.footing import side_clearance, stop_sliding
 from bodysense.body.pose import Pose, forward_kinematics, local_rotation
-from bodysense.body.reach import reaching
+from bodysense.body.reach import reach
 from bodysense.body.rotation import (
     quaternion_canonical,
     quaternion_conjugate,
@@ -41,9 +40,9 @@ if TYPE_CHECKING:
     from bodysense.io.target_rigs.own_rig import SourceJoints
 
 Array = np.ndarray
-# How much the tracker's prediction counts against the interpolation, by the last word of a joint's name: legs follow
-# from the rest of the body and the floor, arms little, trunk and hands least. Fitted on validation people of CMU and
-# Rocketbox. If one side of a gap is known only, the prediction counts alone in the end.
+# Weight of the tracker's prediction against the interpolation, by the last word of a joint's name. The rest of the body
+# and the floor determine legs well, arms little, trunk and hands least. Fitted on validation people of CMU and
+# Rocketbox. If only one side of a gap is known, the weight grows to 1.
 TRUST = {
     **dict.fromkeys(("hip", "knee"), gaps.Trust(0.8, 0.2, 0.3)),
     **dict.fromkeys(("ankle", "foot"), gaps.Trust(0.4, 0.2, 0.3)),
@@ -54,20 +53,20 @@ TRUST = {
 }
 TRUNK, TRUST_WITHOUT = ("spine1", "spine2", "spine3"), gaps.Trust(0.1, 0.2, 30.0)  # of joints on a missing trunk
 FINGERS_COAST = 1.2  # s in which the speed of fingers at a gap's edge fades; longer than for limbs
-SHORT = 0.3  # s: in shorter gaps a leg is not corrected for the floor, because interpolation is more accurate
+SHORT = 0.3  # s; in shorter gaps a leg is not corrected for the floor, because interpolation is more accurate
 
 
 @dataclass(frozen=True, eq=False)
 class PartialMotion:
     """A motion with missing parts."""
 
-    clip: Clip  # on our joints; arbitrary where missing
-    rig: SourceJoints  # its own joints
-    rotation: Array  # (T, J, 4) of these, parent ← joint; arbitrary where missing
+    clip: Clip  # on our joints; arbitrary in missing parts
+    rig: SourceJoints  # joints of the source
+    rotation: Array  # (T, J, 4) of the source's joints, parent ← joint; arbitrary in missing parts
     holes: Array  # (T, J) bool: missing in the source
-    missing: Array  # (T, J) bool: the holes that remain after interpolating joints that carry the whole body
-    file: BvhFile | None = None  # its source
-    line: str = ""  # describes its rig, if it is a file
+    missing: Array  # (T, J) bool: holes that remain after interpolating joints that carry the whole body
+    file: BvhFile | None = None  # the source, if it is a file
+    line: str = ""  # description of the file's rig
 
     @property
     def is_whole(self) -> bool:
@@ -76,9 +75,9 @@ class PartialMotion:
 
 
 def open_partial(source: Path | Clip, missing: Sequence[Missing], options: ReadingOptions = AS_FOUND) -> PartialMotion:
-    """Open a BVH file or a clip with its holes: given missing joints, and values that are not numbers.
+    """Open a BVH file or a clip with its holes: `missing` joints and NaN values.
 
-    If no missing joints are given, limbs with constant values in the file are missing.
+    If no missing joints are given, limbs with constant values in the file are missing, too.
 
     Raises BodysenseError for invalid items, and if a joint that carries the whole body is missing in all frames.
     """
@@ -90,7 +89,7 @@ def open_partial(source: Path | Clip, missing: Sequence[Missing], options: Readi
     lacking = part_joints(clip.lacks, clip.pose.skeleton.joints)
     rig, whole = own_joints(clip.pose.skeleton, lacking), np.asarray(clip.pose.rotation, dtype=float)
     holes = missing_mask(missing, rig.joints, rig.parents, len(clip), rig.ours)
-    rotation, rest = _rooted(clip.name, rig, whole, holes, 1 / clip.frame_rate)
+    rotation, rest = _fill_trunk(clip.name, rig, whole, holes, 1 / clip.frame_rate)
     return PartialMotion(replace(clip, pose=replace(clip.pose, rotation=rotation)), rig, rotation, holes, rest)
 
 
@@ -100,7 +99,7 @@ def _partial_file(path: Path, missing: Sequence[Missing], options: ReadingOption
     holes = missing_mask(missing, file.joints, file.parents, len(file.lines), rig.ours) | ~file.has_number
     if not missing:
         holes |= flat_lined(file, rig)
-    rotation, rest = _rooted(str(path), rig, file.rotation, holes, 1 / file.frame_rate)
+    rotation, rest = _fill_trunk(str(path), rig, file.rotation, holes, 1 / file.frame_rate)
     rooted = holes & ~rest
     if rooted.any():
         file = file.without_places(rooted).mended.with_rotation(rotation, rooted)
@@ -116,8 +115,8 @@ def _read(file: BvhFile, options: ReadingOptions) -> tuple[Clip, SourceJoints, s
     return rigged.clip, joints_of_file(file, rigged), rigged.rig.line()
 
 
-def _rooted(name: str, rig: SourceJoints, rotation: Array, holes: Array, seconds: float) -> tuple[Array, Array]:
-    """Interpolate the joints that carry the whole body over their gaps; return rotations and remaining holes."""
+def _fill_trunk(name: str, rig: SourceJoints, rotation: Array, holes: Array, seconds: float) -> tuple[Array, Array]:
+    """Interpolate joints that carry the whole body over their gaps; return rotations and remaining holes."""
     rotation, holes = rotation.copy(), holes.copy()
     for joint in rig.trunk:
         if holes[:, joint].all():
@@ -125,13 +124,13 @@ def _rooted(name: str, rig: SourceJoints, rotation: Array, holes: Array, seconds
                 f"{name}: {rig.joints[joint]!r} is missing in every frame, and everything hangs on it; "
                 f"give the frames in which it is, as {rig.joints[joint]}:10-40"
             )
-        rotation[:, joint] = gaps.filled(rotation[:, joint], holes[:, joint], seconds)
+        rotation[:, joint] = gaps.fill(rotation[:, joint], holes[:, joint], seconds)
         holes[:, joint] = False
     return rotation, holes
 
 
-def observed(motion: PartialMotion) -> Observation:
-    """Return the known parts as exact points of our skeleton."""
+def known_points(motion: PartialMotion) -> Observation:
+    """Return an observation of the known parts, as exact points of our skeleton."""
     clip, skeleton = motion.clip, motion.clip.pose.skeleton
     position, rotation = (np.asarray(part) for part in forward_kinematics(clip.pose))
     has_position, turned = motion.rig.seen(~motion.missing)
@@ -150,7 +149,7 @@ def observed(motion: PartialMotion) -> Observation:
 
 
 def check_causal(motion: PartialMotion) -> None:
-    """Raise BodysenseError if a joint that carries the whole body has gaps: only later frames tell its way."""
+    """Raise BodysenseError if a joint that carries the whole body has gaps, which only later frames could fill."""
     carried = np.flatnonzero((motion.holes & ~motion.missing).any(axis=0)).tolist()
     if carried:
         raise BodysenseError(
@@ -159,19 +158,21 @@ def check_causal(motion: PartialMotion) -> None:
         )
 
 
-def filled_by(motion: PartialMotion, estimate: Estimate, floor: float = 0.0, *, causal: bool = False) -> Array:
-    """Return local rotations (T, J, 4) of the motion's joints, filled from a completed body (T,), with feet that stand.
+def fill_motion(motion: PartialMotion, estimate: Estimate, floor: float = 0.0, *, causal: bool = False) -> Array:
+    """Fill a motion from a completed body (T,) and hold its feet; return local rotations (T, J, 4) of its joints.
 
     `floor` is the height of the floor in m. If `causal`, each frame is filled from itself and the frames before it.
     """
-    return on_feet(motion, filled(motion, estimate.pose, causal=causal), estimate.contact, floor, causal=causal)
+    return hold_filled_feet(
+        motion, fill_rotations(motion, estimate.pose, causal=causal), estimate.contact, floor, causal=causal
+    )
 
 
-def filled(motion: PartialMotion, estimate: Pose, *, causal: bool = False) -> Array:
+def fill_rotations(motion: PartialMotion, estimate: Pose, *, causal: bool = False) -> Array:
     """Return local rotations (T, J, 4) of the motion's joints: unchanged if known, else filled.
 
-    `estimate` (T,) is the completed body on our joints. A joint that we do not have is interpolated over the gap, or
-    if `causal` continued into it.
+    `estimate` (T,) is the completed body on our joints. Joints that our skeleton lacks are interpolated over the gap,
+    or, if `causal`, continued into it.
     """
     rig, missing, seconds = motion.rig, motion.missing, 1 / motion.clip.frame_rate
     guessed, local = rig.world(estimate), np.array(motion.rotation)
@@ -188,19 +189,18 @@ def filled(motion: PartialMotion, estimate: Pose, *, causal: bool = False) -> Ar
             gap, own = missing[:, joint], local[:, joint]
             if turn is None:
                 at_frame = partial(_trust_at, rig.ours, joint, missing)
-                local[:, joint] = gaps.continued(own, gap, seconds, given, at_frame, coasting)
+                local[:, joint] = gaps.continue_into_gaps(own, gap, seconds, given, at_frame, coasting)
             else:
                 trust = _trust(rig.ours, joint, missing)
-                local[:, joint] = gaps.filled(own, gap, seconds, given, trust, coasting, turn[:, joint])
+                local[:, joint] = gaps.fill(own, gap, seconds, given, trust, coasting, turn[:, joint])
         world[:, joint] = quaternion_multiply(above, local[:, joint])
     return local
 
 
 def expected_deviations(motion: PartialMotion) -> Array:
-    """Return turns (T, J, 3) rad of the motion's joints from interpolation, as known joints let expect them.
+    """Return deviations (T, J, 3) rad of the motion's joints from interpolation, as predicted from known joints.
 
-    They are 0 outside gaps, in gaps without known frames on both sides, and for joints that we do not have or that are
-    not in `BODY`.
+    They are 0 outside gaps, in gaps without known frames on both sides, and for joints that are not in `BODY`.
     """
     rig, pose, frames = motion.rig, motion.clip.pose, len(motion.clip)
     result, seconds = np.zeros((*motion.missing.shape, 3)), 1 / motion.clip.frame_rate
@@ -226,12 +226,14 @@ def expected_deviations(motion: PartialMotion) -> Array:
     return result
 
 
-def on_feet(motion: PartialMotion, rotation: Array, contact: Array, floor: float, *, causal: bool = False) -> Array:
+def hold_filled_feet(
+    motion: PartialMotion, rotation: Array, contact: Array, floor: float, *, causal: bool = False
+) -> Array:
     """Bend the filled legs of a motion (T, J, 4) so that feet stand still and no sole is too low.
 
-    A foot stands if `contact` (T, 4), the probability that each of `CONTACT_POINTS` rests on something, is high. A
-    sole is no lower than in known frames; without any it is over the floor, height `floor` m. If `causal`, known frames
-    are those before, and feet that stand may slide, because where they will be known is not.
+    A foot stands if `contact` (T, 4), the probability that each of `CONTACT_POINTS` rests on something, is high. Soles
+    are not lower than in known frames, or than the floor at height `floor` m. If `causal`, only earlier frames are
+    known, and standing feet may slide, because their next known position is unknown.
     """
     rig, skeleton = motion.rig, motion.clip.pose.skeleton
     if not any(motion.missing[:, rig.ours[name]].any() for name in ("left_hip", "right_hip") if name in rig.ours):
@@ -240,7 +242,7 @@ def on_feet(motion: PartialMotion, rotation: Array, contact: Array, floor: float
     for side in ("left", "right"):
         leg = [rig.ours.get(f"{side}_{part}", -1) for part in ("hip", "knee", "ankle")]
         gone = np.asarray(motion.missing[:, leg].all(axis=1)) & (min(leg) >= 0)
-        gone = gone if causal else _long(gone, SHORT * motion.clip.frame_rate)
+        gone = gone if causal else _long_runs(gone, SHORT * motion.clip.frame_rate)
         if not gone.any():
             continue
         position = np.asarray(forward_kinematics(pose)[0])
@@ -248,20 +250,20 @@ def on_feet(motion: PartialMotion, rotation: Array, contact: Array, floor: float
         known = np.minimum(0.0, np.where(gone, 0.0, clearance))
         lowest = np.minimum.accumulate(known) if causal else known.min()
         resting = [name for name in CONTACT_POINTS if name.startswith(side)]
-        shift = stopped_slide(
+        shift = stop_sliding(
             position[:, skeleton.indices(resting)],
             contact[:, [CONTACT_POINTS.index(name) for name in resting]],
             gone & (not causal),
             1 / motion.clip.frame_rate,
         )
         shift[:, 1] = np.where(gone, np.maximum(0.0, lowest - clearance), 0.0)
-        pose = reaching(pose, f"{side}_ankle", position[:, skeleton.index(f"{side}_ankle")] + shift)
+        pose = reach(pose, f"{side}_ankle", position[:, skeleton.index(f"{side}_ankle")] + shift)
         bent[:, leg] |= shift.any(axis=1, keepdims=True)
-    return _turned_to(rig, rotation, rig.world(pose), bent)
+    return _with_world_rotations(rig, rotation, rig.world(pose), bent)
 
 
-def _turned_to(rig: SourceJoints, rotation: Array, wanted: Array, where: Array) -> Array:
-    """Return local rotations (T, J, 4) that give joints `wanted` world rotations (T, J, 4) where `where` (T, J)."""
+def _with_world_rotations(rig: SourceJoints, rotation: Array, wanted: Array, where: Array) -> Array:
+    """Return local rotations (T, J, 4) that give joints in `where` (T, J) the `wanted` world rotations (T, J, 4)."""
     local, world = np.array(rotation), np.zeros_like(rotation)
     for joint, parent in enumerate(rig.parents):
         own = local[:, joint]
@@ -279,7 +281,7 @@ def _our_name(ours: Mapping[str, int], joint: int) -> str:
 
 
 def _trust(ours: Mapping[str, int], joint: int, missing: Array) -> gaps.Trust:
-    """Return how much the prediction of a joint counts; for one that we do not have, as for the body."""
+    """Return the weight of the prediction for a joint; joints that our skeleton lacks have that of the body."""
     name = _our_name(ours, joint)
     part = name.rpartition("_")[2]
     trunk = [ours[name] for name in TRUNK if name in ours]
@@ -290,11 +292,11 @@ def _trust(ours: Mapping[str, int], joint: int, missing: Array) -> gaps.Trust:
 
 
 def _trust_at(ours: Mapping[str, int], joint: int, missing: Array, frame: int) -> gaps.Trust:
-    """Return how much the prediction of a joint counts, by what is missing in one frame."""
+    """Return the weight of the prediction for a joint, by the missing joints of one frame."""
     return _trust(ours, joint, missing[frame : frame + 1])
 
 
-def _long(gone: Array, fewest: float) -> Array:
+def _long_runs(gone: Array, fewest: float) -> Array:
     """Return the runs of (T,) bool with at least `fewest` frames."""
     result = np.zeros_like(gone)
     for first, end in gaps.runs(gone):
@@ -302,7 +304,7 @@ def _long(gone: Array, fewest: float) -> Array:
     return result
 
 
-def with_parts(motion: PartialMotion, estimate: Pose) -> PartialMotion:
+def with_missing_limbs(motion: PartialMotion, estimate: Pose) -> PartialMotion:
     """Take missing legs, arms or head of the motion from the completed body (T,)."""
     clip, skeleton = motion.clip, motion.clip.pose.skeleton
     own = [skeleton.index(name) for name in part_joints(clip.lacks, skeleton.joints) if name not in motion.rig.ours]

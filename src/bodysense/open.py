@@ -1,4 +1,4 @@
-"""Sources: `open_source` asks once whether a source is a motion, a recording, markers or a video, and opens it."""
+"""Sources: `open_source` recognises motions, recordings, markers and videos, and opens them."""
 
 from __future__ import annotations
 
@@ -23,34 +23,34 @@ from bodysense.io.markers.options import NO_OPTIONS, MarkerOptions, is_marker_fi
 from bodysense.io.reading_options import AS_FOUND, ReadingOptions, given_options
 from bodysense.io.recording import Recording, is_recording, read_recording
 from bodysense.io.rigged import Rigged, read_rigged
-from bodysense.observation import Observation, in_our_world
+from bodysense.observation import Observation, convert_world
 
 if TYPE_CHECKING:
     from bodysense.filling import PartialMotion
     from bodysense.io.markers.raw_markers import MarkerRecording
 
-_MANY_KINDS = (".npz", ".npy")  # of motions, recordings or places of joints: their content tells
+_MANY_KINDS = (".npz", ".npy")  # motions, recordings or joint positions, depending on their content
 _GLTF = (".glb", ".gltf", ".vrma", ".vrm")
 MOTION_ENDINGS = (".bvh", ".npz", ".npy", *_GLTF)
 Kind = Literal["motion", "recording", "markers", "video"]
-HeldStill = tuple[tuple[str, ...], np.ndarray]  # joints of a file, and (T, J) bool: limbs held still as lost ones are
+HeldStill = tuple[tuple[str, ...], np.ndarray]  # joints of a file, and (T, J) bool: limbs with constant values
 _NOTHING_HELD: HeldStill = (), np.zeros((0, 0), dtype=bool)
 
 
 @dataclass(frozen=True, eq=False)
 class MotionSource:
-    """A motion, in a file or in memory. A file is read when its clip or its holes are first asked for."""
+    """A motion, in a file or in memory. A file is read when its clip or its holes are first used."""
 
     name: str  # for messages
     path: Path | None = None  # None: in memory
     given: Clip | None = None  # the motion in memory
     options: ReadingOptions = AS_FOUND
-    rate: float | None = None  # Hz, of a file that does not say it
-    watches_limbs: bool = False  # look for limbs of a BVH file that are held still, when it is read
+    rate: float | None = None  # Hz, for a file without a frame rate
+    watches_limbs: bool = False  # look for limbs with constant values in a BVH file
 
     @property
     def bvh(self) -> Path | None:
-        """The file, if it is a BVH file, whose rig and text can be kept."""
+        """The file if it is a BVH file, whose rig and text can be kept; else None."""
         return self.path if self.path is not None and self.path.suffix.lower() == ".bvh" else None
 
     def __post_init__(self) -> None:
@@ -68,12 +68,12 @@ class MotionSource:
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """Lines about what was recognised in the file."""
+        """Lines that describe the file as recognised."""
         return self._read[1]
 
     @property
     def held_still(self) -> HeldStill:
-        """Limbs of a BVH file that are held still, if they are watched."""
+        """Limbs with constant values in a BVH file, if `watches_limbs`."""
         return self._read[2]
 
     @cached_property
@@ -84,11 +84,11 @@ class MotionSource:
         if self.path.suffix.lower() in (*_MANY_KINDS, *_GLTF):
             return *_read_motion(self.path, self.options, self.rate), _NOTHING_HELD
         rigged = read_rigged(MotionFile(self.path).read(), self.path, self.options)
-        held = _held_still(rigged) if self.bvh is not None and self.watches_limbs else _NOTHING_HELD
+        held = _still_limbs(rigged) if self.bvh is not None and self.watches_limbs else _NOTHING_HELD
         return rigged.clip, (f"read {self.path}: {rigged.rig.line()}",), held
 
     def with_holes(self, missing: str | Sequence[str]) -> PartialMotion:
-        """Return the motion with what is missing of it: the joints given, else what its BVH file itself shows."""
+        """Return the motion with its holes: `missing` joints, or without any, the holes found in the file."""
         from bodysense.filling import open_partial
         from bodysense.io.holes import missing_items
 
@@ -110,14 +110,14 @@ class RecordingSource:
 
 @dataclass(frozen=True, eq=False)
 class MarkerSource:
-    """A file of optical markers, and the recording of joints and gloves that follows from them."""
+    """A file of optical markers, and the recording of joints and gloves computed from them."""
 
     name: str
     path: Path
     recording: Recording
-    remarks: tuple[str, ...]  # lines about what was recognised, is doubtful or was left out
-    warnings: tuple[str, ...] = ()  # labels that are dropped, and limbs that are guessed
-    found: MarkerRecording | None = None  # None: its points have no labels
+    remarks: tuple[str, ...]  # lines about recognised, doubtful and dropped markers
+    warnings: tuple[str, ...] = ()  # dropped labels and guessed limbs
+    found: MarkerRecording | None = None  # None: points without labels
 
 
 @dataclass(frozen=True)
@@ -133,16 +133,16 @@ Source = str | Path | InMemory | Opened
 
 
 def open_source(source: Source, reading: ReadingOptions = AS_FOUND, markers: MarkerOptions = NO_OPTIONS) -> Opened:
-    """Open a source as the kind that it is.
+    """Recognise and open a source.
 
     Args:
         source: a file (motion, recording, markers, video), a folder of images, a webcam's index, or a Clip, Observation
             or Recording in memory. An opened source is returned unchanged.
-        reading: what the file does not say of itself: unit, upward axis, floor, height, joints, which body.
-        markers: the same of marker files; `rate` is also for motions.
+        reading: facts that the file omits: unit, upward axis, floor, height, joints, which body.
+        markers: facts that a marker file omits; `rate` is also for motions.
 
-    Raises BodysenseError, naming the file and the fix, for files that are never read and for options that this kind of
-    source does not have.
+    Raises BodysenseError, naming the file and the fix, for unsupported files and for options that this kind of source
+    does not have.
     """
     if isinstance(source, (MotionSource, RecordingSource, MarkerSource, VideoSource)):
         return source
@@ -167,21 +167,21 @@ def open_source(source: Source, reading: ReadingOptions = AS_FOUND, markers: Mar
     from bodysense.io.smpl import joint_places
 
     if (places := joint_places(path, markers.rate)) is not None:
-        return _open_places(path, *places, reading, markers)
+        return _open_joint_positions(path, *places, reading, markers)
     return _motion_source(path, reading, markers)
 
 
 def _motion_source(path: Path, reading: ReadingOptions, markers: MarkerOptions) -> MotionSource:
     _refuse_options(path, "a motion", replace(markers, rate=None))
-    if markers.rate is not None and _says_rate(path):
+    if markers.rate is not None and _has_rate(path):
         raise BodysenseError(
             f"{path}: the file says its frame rate; leave --rate {markers.rate:g} out (bodysense convert resamples)"
         )
     return MotionSource(str(path), path, options=reading, rate=markers.rate)
 
 
-def _says_rate(path: Path) -> bool:
-    """Whether a motion says its frame rate; that of an SMPL file is a fact that an option may correct."""
+def _has_rate(path: Path) -> bool:
+    """Whether a motion file has a frame rate. That of an SMPL file does not count, because an option may correct it."""
     if path.suffix.lower() not in _MANY_KINDS:
         return True
     from bodysense.io.smpl import RATE, is_smpl
@@ -219,7 +219,7 @@ def kind_of(source: str | Path) -> Kind:
 
 
 def check_kind(path: str | Path) -> None:
-    """Raise BodysenseError, with what to do, for kinds of files that are never read: FBX, gzip, pickles, MVNX …"""
+    """Raise BodysenseError, with the fix, for unsupported kinds of files: FBX, gzip, pickles, MVNX …"""
     path = Path(path)
     ending = path.suffix.lower()
     if ending == ".gz":
@@ -233,8 +233,8 @@ def check_kind(path: str | Path) -> None:
             f"blender -b --python-expr \"{load}; bpy.ops.export_scene.gltf(filepath='{path.stem}.glb')\""
         )
 
-    if ending in _ELSEWHERE:
-        raise BodysenseError(f"{path}: {_ELSEWHERE[ending]}")
+    if ending in _UNSUPPORTED:
+        raise BodysenseError(f"{path}: {_UNSUPPORTED[ending]}")
     if ending == ".npz" and "results" in array_shapes(path):
         raise BodysenseError(
             f"{path}: results of ROMP or BEV, a pickle within an archive, which may run any code when it is read; "
@@ -243,8 +243,8 @@ def check_kind(path: str | Path) -> None:
 
 
 _PICKLES = (".pkl", ".pickle", ".pt", ".pth", ".joblib")
-# Files that are often brought and never read, and what to do.
-_ELSEWHERE = {
+# Unsupported files that users often have, and the fix for each.
+_UNSUPPORTED = {
     ".mvnx": "MVNX is not read; export the take from Xsens as .bvh (or .c3d): File, Export, in MVN",
     ".mvn": "Xsens's own format is not read; export the take as .bvh (or .c3d): File, Export, in MVN",
     ".vmd": "VMD, a motion of MikuMikuDance, is not read; import model and motion in Blender with MMD Tools, and "
@@ -255,20 +255,20 @@ _ELSEWHERE = {
 
 
 def _check_images(path: Path) -> None:
-    """Raise BodysenseError, with what to do, for a folder without images."""
+    """Raise BodysenseError, with the fix, for a folder without images."""
     if not path.is_dir():
         return
     from bodysense.devices.video.pictures import IMAGES
 
     endings = {file.suffix.lower() for file in path.iterdir()}
     if endings.isdisjoint(IMAGES):
-        never = sorted(endings & _ELSEWHERE.keys())
-        fix = _ELSEWHERE[never[0]] if never else f"give one file, or a folder of {', '.join(IMAGES)}"
+        never = sorted(endings & _UNSUPPORTED.keys())
+        fix = _UNSUPPORTED[never[0]] if never else f"give one file, or a folder of {', '.join(IMAGES)}"
         raise BodysenseError(f"{path}: a folder without images; {fix}")
 
 
 def _read_motion(path: Path, options: ReadingOptions, rate: float | None) -> tuple[Clip, tuple[str, ...]]:
-    """Read an AMASS, SMPL or glTF file, and lines on what was recognised; `rate` Hz if its file does not say it."""
+    """Read an AMASS, SMPL or glTF file; return its clip and lines that describe it. `rate` Hz if the file has none."""
     from bodysense.io.datasets.sources import Source as MotionEntry
     from bodysense.io.datasets.sources import as_told, read_amass_source
     from bodysense.io.smpl import is_smpl, read_smpl
@@ -287,7 +287,7 @@ def _read_motion(path: Path, options: ReadingOptions, rate: float | None) -> tup
     return clip, () if placement is None else (f"note: {placement.remark}",)
 
 
-def _held_still(rigged: Rigged) -> HeldStill:
+def _still_limbs(rigged: Rigged) -> HeldStill:
     from bodysense.io.holes import flat_lined
     from bodysense.io.target_rigs.own_rig import joints_of_file
 
@@ -317,17 +317,17 @@ def _open_recording(path: Path, reading: ReadingOptions, markers: MarkerOptions)
 
 
 def _recording_source(name: str, recording: Recording, reading: ReadingOptions) -> RecordingSource:
-    """Return a recording in metres and +Y up; options say which unit and upward axis it has."""
+    """Return the source of a recording, converted from the given unit and upward axis to metres and +Y up."""
     for option in reading.for_motions():
         raise BodysenseError(f"{name}: {option} is for motions, not for recordings; leave it out")
-    observation = in_our_world(recording.observation, reading.unit, reading.up)
+    observation = convert_world(recording.observation, reading.unit, reading.up)
     return RecordingSource(name, replace(recording, observation=observation), reading)
 
 
 def _open_markers(path: Path, reading: ReadingOptions, markers: MarkerOptions) -> MarkerSource:
-    """Open a marker file as the body or the gloves that its markers show.
+    """Open a marker file of a body, of gloves, or of both.
 
-    Gloves alone are put on the default body of the given height, with hands of the gloves' size. The proportions of a
+    Gloves alone are put on the default body of the given height, with hands of the size of the gloves. Proportions of a
     body are inferred.
     """
     from bodysense.io.markers.recording import read_markers, with_hands_of
@@ -335,7 +335,7 @@ def _open_markers(path: Path, reading: ReadingOptions, markers: MarkerOptions) -
     height = reading.height
     body = default_skeleton() if height is None else default_skeleton().scaled(height)
     if markers.unlabelled is not None:
-        return MarkerSource(str(path), path, Recording(_labelled(path, markers, reading), body), ())
+        return MarkerSource(str(path), path, Recording(_label_gloves(path, markers, reading), body), ())
     found = read_markers(path, markers.form(reading))
     sized = (
         f"the {hand} hand is {size:.2f} times the size of the default body's" for hand, size in found.sizes.items()
@@ -353,7 +353,7 @@ def _open_markers(path: Path, reading: ReadingOptions, markers: MarkerOptions) -
     return MarkerSource(str(path), path, recording, remarks, found.warnings, found)
 
 
-def _open_places(
+def _open_joint_positions(
     path: Path,
     joints: np.ndarray,
     rate: float,
@@ -361,7 +361,7 @@ def _open_places(
     reading: ReadingOptions,
     markers: MarkerOptions,
 ) -> MarkerSource:
-    """Open an array of joint places (T, 22, 3) as markers in the joints: the tracker finds how they turn."""
+    """Open an array of joint positions (T, 22, 3) as markers in the joints; the tracker finds the rotations."""
     from bodysense.io.markers.body import body_of
     from bodysense.io.markers.marker_sets import recognised
     from bodysense.io.markers.raw_markers import RawMarkers
@@ -377,8 +377,8 @@ def _open_places(
     return MarkerSource(str(path), path, recording, lines, found.warnings)
 
 
-def _labelled(path: Path, options: MarkerOptions, reading: ReadingOptions) -> Observation:
-    """The gloves among the points of a file that does not tell them apart."""
+def _label_gloves(path: Path, options: MarkerOptions, reading: ReadingOptions) -> Observation:
+    """Find the gloves among the unlabelled points of a file."""
     from bodysense.devices.gloves.labelling import Labeller
 
     if options.names is not None:

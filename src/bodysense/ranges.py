@@ -1,4 +1,4 @@
-"""Numbers of the command line, each with a range; others are refused before any work."""
+"""Types of numbers with a range, for options of the command line. Other values are refused before any work."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from tyro.constructors import PrimitiveConstructorSpec
 
 
 def within(kind: type[int] | type[float], least: float, most: float) -> PrimitiveConstructorSpec[Any]:
-    """Return the rule of tyro for a number from `least` to `most`; its metavar names the range."""
+    """Return tyro's rule for a number from `least` to `most`; its metavar names the range."""
 
     def read(words: list[str]) -> float:
         value = kind(words[0])

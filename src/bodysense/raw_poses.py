@@ -1,8 +1,8 @@
-"""Raw poses of a headset and its controllers as points of the body.
+"""Conversion of raw poses of a headset and its controllers to joints of the body.
 
-WebXR and OpenXR: a headset looks along −Z, +Y up. A grip's −Z points to the thumb's end of a rod that is held, its +X
-out of the back of a right hand (WebXR device API, `gripSpace`). Ours: the identity in the T-pose, facing +Z, left hand
-toward +X, palms down.
+In WebXR and OpenXR a headset looks along −Z, with +Y up. A grip's −Z points to the thumb's end of a held rod, and its
++X out of the back of a right hand (WebXR device API, `gripSpace`). Our joints have the identity in the T-pose, which
+faces +Z, with the left hand toward +X and palms down.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ AXES = {
     "left_controller": [[0.0, -1, 0], [-1, 0, 0], [0, 0, -1]],
     "right_controller": [[0.0, 1, 0], [1, 0, 0], [0, 0, -1]],
 }
-# The joint that carries each device, and the landmark of it at which the device is.
+# The joint that carries each device, and the landmark of the joint at which the device is.
 _CARRIED = {
     "headset": ("head", "between_eyes"),
     "left_controller": ("left_wrist", "left_palm"),
@@ -38,12 +38,12 @@ _CARRIED = {
 
 
 def with_joints(observation: Observation, skeleton: Skeleton) -> Observation:
-    """Return an observation with the joints that carry the raw points of a headset; others are unchanged.
+    """Convert raw points of an observation to the joints that carry the devices; other points are unchanged.
 
     Args:
-        observation: points (..., T, P), of which some may be `RAW_POINTS`.
-        skeleton: the wearer's, whose height says how far the joints are from the devices. A device without a known
-            rotation is taken for the joint's own place.
+        observation: points (..., T, P), some of which may be `RAW_POINTS`.
+        skeleton: the wearer's skeleton; its height scales the distance of joints from devices. Without a known rotation
+            the joint gets the position of the device.
 
     Raises BodysenseError if the joint of a raw point is tracked, too.
     """
@@ -66,7 +66,7 @@ def with_joints(observation: Observation, skeleton: Skeleton) -> Observation:
 
 @lru_cache(maxsize=len(AXES))
 def _mount(name: str) -> tuple[np.ndarray, np.ndarray]:
-    """Return the rotation (4,) device ← joint, and the joint's place (3,) m from the device in the joint's axes."""
+    """Return the rotation (4,) device ← joint, and the offset (3,) m of the joint from the device in its own axes."""
     _, landmark = _CARRIED[name]
     offset = next(np.array(row["offset"]) for row in default_body()["landmarks"] if row["name"] == landmark)
     return quaternion_conjugate(matrix_to_quaternion(np.array(AXES[name]))), -offset

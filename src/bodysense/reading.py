@@ -1,4 +1,4 @@
-"""Files as what they hold: `read` gives a motion or a recording, `write` writes either."""
+"""Reading and writing of motions and recordings: `read` and `write`."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ RECORDING_ENDINGS = (".npz", ".jsonl")
 
 
 def read(path: str | Path, options: ReadingOptions = AS_FOUND) -> Clip | Recording:
-    """Read a motion (.bvh, AMASS or SMPL .npz, .npy, .glb, .gltf, .vrma) as a Clip.
+    """Read a motion (.bvh, AMASS or SMPL .npz, .npy, .glb, .gltf, .vrma) as a Clip, anything else as a Recording.
 
-    A recording or markers (.c3d, .csv, .trc, .tsv) are read as a Recording.
+    Recordings (.npz, .jsonl) and markers (.c3d, .csv, .trc, .tsv) become a Recording. A clip is in canonical form:
+    metres, +Y up, the skeleton of 65 points. `options` are facts that a motion file omits or has wrong: unit, upward
+    axis, floor, height, joints, which body.
 
-    A clip is in canonical form: metres, +Y up, the skeleton of 65 points. Of a motion, `options` say what the file does
-    not or says wrongly: unit, upward axis, floor, height, joints, which body. Raises BodysenseError, naming the file
-    and the fix, for every other file.
+    Raises BodysenseError, naming the file and the fix, for every other file.
     """
     opened = open_source(path, options)
     if isinstance(opened, VideoSource):
@@ -32,9 +32,10 @@ def read(path: str | Path, options: ReadingOptions = AS_FOUND) -> Clip | Recordi
 
 
 def write(path: str | Path, content: Clip | Recording | Observation) -> None:
-    """Write a clip (.bvh, .glb, .vrma, .mcap) or a recording (.npz, .jsonl); the file appears whole or not at all.
+    """Write a clip (.bvh, .glb, .vrma, .mcap) or a recording (.npz, .jsonl). The file appears whole or not at all.
 
-    An observation is a recording of an unknown body. Raises BodysenseError if the ending is of another kind of file.
+    An observation is written as a recording of an unknown body. Raises BodysenseError if the ending is of another kind
+    of file.
     """
     path = Path(path)
     if isinstance(content, Observation):

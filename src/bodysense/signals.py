@@ -1,4 +1,4 @@
-"""Signals: the observation of a source (a recording, a motion that a device watches, a video) and the person in it."""
+"""Signals: the observation and the person of a source (recording, motion seen by a simulated device, or video)."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Signal:
-    """Observation of a person, and that person as known before the first frame."""
+    """Observation of a person, and the known properties of that person."""
 
-    name: str  # what messages call it
+    name: str  # for messages
     observation: Observation
     person: Person
-    infer: bool = True  # False: its lengths are guesses, of which proportions cannot be inferred
+    infer: bool = True  # False: measured lengths are guesses, so proportions cannot be inferred
 
 
 def signal_from(
@@ -38,14 +38,14 @@ def signal_from(
     follow: int | None = None,
     roll: float | None = None,
 ) -> Signal:
-    """Return the signal of an opened source; arguments as those of `track`."""
+    """Return the signal of an opened source; arguments as for `track`."""
     name = opened.name
     if person is not None and height is not None:
         raise BodysenseError(f"both a person and a height of {height:g} m were given; give one of them")
     if isinstance(opened, VideoSource):
         refuse(name, "a video, not a motion", device=device, noise=noise)
         wearer = Person(height=height) if person is None else person
-        return Signal(name, _filmed(name, wearer, follow, roll), wearer, infer=False)
+        return Signal(name, _video_observation(name, wearer, follow, roll), wearer, infer=False)
     refuse(name, "not a video, which alone has people to choose from and a camera", follow=follow, roll=roll)
     if isinstance(opened, MotionSource):
         if device is None:
@@ -58,15 +58,15 @@ def signal_from(
         refuse(name, "a recording, not a motion", device=device, noise=noise)
         recording = opened.recording
     try:
-        return _recorded(name, recording, person, height)
+        return _recording_signal(name, recording, person, height)
     except BodysenseError as error:
         raise BodysenseError(f"{name}: {str(error).removeprefix('observation: ')}") from None
 
 
-def _recorded(name: str, recording: Recording, person: Person | None, height: float | None) -> Signal:
+def _recording_signal(name: str, recording: Recording, person: Person | None, height: float | None) -> Signal:
     observation = recording.observation
     if person is None:
-        hands = _calibrated(recording) if glove_hands(observation.points) else None
+        hands = _calibrated_hands(recording) if glove_hands(observation.points) else None
         is_known = recording.known and height is None
         person = Person(recording.skeleton, hands=hands) if is_known else Person(height=height, hands=hands)
     _check(observation)
@@ -75,8 +75,8 @@ def _recorded(name: str, recording: Recording, person: Person | None, height: fl
     return Signal(name, observation, person)
 
 
-def _calibrated(recording: Recording) -> dict[str, GlovedHand] | None:
-    """Return the hands of a recording's gloves, by side; None for standard gloves on hands that are known."""
+def _calibrated_hands(recording: Recording) -> dict[str, GlovedHand] | None:
+    """Return the hands in the gloves of a recording, by side; None for standard gloves on known hands."""
     from bodysense.devices.gloves.device import calibrated_hands, has_standard_gloves
 
     if not recording.measures_hands and has_standard_gloves(recording.observation):
@@ -85,13 +85,13 @@ def _calibrated(recording: Recording) -> dict[str, GlovedHand] | None:
 
 
 def refuse(name: str, kind: str, **options: object) -> None:
-    """Refuse options that a kind of source cannot have."""
+    """Raise BodysenseError for given options that this kind of source does not have."""
     for option, value in options.items():
         if value is not None:
             raise BodysenseError(f"{name}: {kind}; leave --{option} out")
 
 
-def _filmed(source: str, person: Person, follow: int | None, roll: float | None) -> Observation:
+def _video_observation(source: str, person: Person, follow: int | None, roll: float | None) -> Observation:
     """Return the observation of person number `follow` in a video, of a camera rolled by `roll` degrees."""
     from bodysense.devices.video.arms import Arms, load_arms
     from bodysense.devices.video.device import VideoDevice, VideoSettings
@@ -122,7 +122,7 @@ def _filmed(source: str, person: Person, follow: int | None, roll: float | None)
 
 
 def _check(observation: Observation) -> None:
-    """Refuse what nothing can be made of."""
+    """Raise BodysenseError for an observation that cannot be completed."""
     check_observation(observation)
     if observation.position.ndim != 3:
         raise BodysenseError(f"position has shape {observation.position.shape}; a take is of one person: (T, P, 3)")

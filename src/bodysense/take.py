@@ -1,6 +1,6 @@
-"""Whole recordings: `track` completes one with past and future, or as a live session would; a `Take` is the result.
+"""Whole recordings: `track` completes one with past and future, or like a live session, and returns a `Take`.
 
-There is one path: a source becomes an Observation, the tracker makes an Estimate of it, and that becomes a Clip.
+A source becomes an Observation, the tracker completes it to an Estimate, and the Estimate becomes a Clip.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from bodysense.body.person import Person
 from bodysense.body.pose import Pose, forward_kinematics, standing_pose
 from bodysense.body.rotation import quaternion_to_matrix
 from bodysense.body.skeleton import ARM
-from bodysense.completion.meeting import hips_met
+from bodysense.completion.fitting import fit_hips
 from bodysense.completion.model import CompletionModel
 from bodysense.devices.simulated.device import Device
 from bodysense.errors import BodysenseError
@@ -31,26 +31,26 @@ from bodysense.observation import Observation, check_world, concatenated_frames,
 from bodysense.open import MarkerSource, MotionSource, RecordingSource, Source, open_source
 from bodysense.signals import Signal, refuse, signal_from
 from bodysense.tracker import Tracker, TrackerSettings
-from bodysense.two_way import completed_both_ways, concatenated
+from bodysense.two_way import complete_both_ways, concatenate_estimates
 
 if TYPE_CHECKING:
     from bodysense.filling import PartialMotion
     from bodysense.io.bvh_text import BvhFile
     from bodysense.io.markers.gaps import FilledMarkers
 
-ANCHORS = ("head", "pelvis")  # what stays where it was measured, on whatever proportions; else what is measured most
-_FRAMES = 60  # that are completed in one call, between two reports of progress
+ANCHORS = ("head", "pelvis")  # points that keep their measured position if proportions change, in order of preference
+_FRAMES = 60  # frames in one call, between two reports of progress
 _BLOCK = 1000  # frames whose kinematics are computed at once
-_USUAL_RATE = 30.0  # Hz, of a motion of one frame
+_USUAL_RATE = 30.0  # Hz, assumed for a single frame
 
 
 @dataclass(frozen=True, eq=False)
 class Take:
     """A completed recording."""
 
-    clip: Clip  # at a constant rate, on the proportions believed at the end
-    estimate: Estimate  # of every frame that was tracked; of markers, if not causal, with the pose of `clip`
-    person: Person  # the wearer, as believed at the end
+    clip: Clip  # at a constant rate, on the proportions inferred at the end
+    estimate: Estimate  # of every tracked frame; of markers, if not causal, with the pose of `clip`
+    person: Person  # the wearer, as inferred at the end
     time: np.ndarray  # (T,) s of the estimate's frames
     partial: PartialMotion | None = None  # the motion whose holes were filled, if it was one
     source: Path | None = None  # the BVH file that was tracked, if it was one
@@ -64,19 +64,19 @@ class Take:
         return f"Take({self.clip!r}, {self.person!r}, expected error {error:.1f} cm)"
 
     def save(self, path: str | Path, rig: str | Path | None = None) -> None:
-        """Write the motion: .bvh, .glb (animated glTF), .vrma (for VRM avatars) or .mcap (for robots' tools).
+        """Write the motion as .bvh, .glb (animated glTF), .vrma (for VRM avatars) or .mcap (for robots' tools).
 
         A take of markers is also written as the kind of file that was tracked (.trc, .c3d, .tsv, .csv): the same file
         with the gaps of its markers filled.
 
         Args:
-            path: where to, its format chosen by its ending.
-            rig: whose joints it is written on: one of `RIGS`, or a BVH file. 'source' is the rig of the BVH file that
-                was tracked; if that was filled, the file itself with its holes filled. If omitted, 'source' where a BVH
-                file of a whole body was filled and is written as BVH, else our own.
+            path: output file; its ending determines the format.
+            rig: target rig: one of `RIGS`, or a BVH file. 'source' is the rig of the tracked BVH file; if its holes
+                were filled, it is the file itself with filled holes. If omitted: 'source' if a BVH file of a whole
+                body was filled and the output is BVH, else our own rig.
 
-        Raises BodysenseError for a rig that there is not, and for a whole BVH file that would be copied although its
-        unit, axis, floor or height was given, or filled although its height was given.
+        Raises BodysenseError for an unknown rig. Raises it also for a complete BVH file whose unit, axis, floor or
+        height was given, because its copy would not change, and for a filled BVH file whose height was given.
         """
         path = Path(path)
         if is_marker_file(path):
@@ -131,7 +131,7 @@ class Take:
 
 
 def check_marker_output(path: Path, markers: MarkerSource | None, rig: str | Path | None = None) -> None:
-    """Raise BodysenseError, before any work, where a marker file cannot be written from what is tracked."""
+    """Raise BodysenseError, before any work, if a marker file cannot be written for the tracked source."""
     if markers is None or markers.found is None:
         raise BodysenseError(
             f"{path}: only a file of labelled markers comes back as markers; give a name that ends in .bvh or .glb"
@@ -164,36 +164,36 @@ def track(
     Args:
         source: a file (a recording, a motion, markers, a video), a folder of images, a Clip, Observation or Recording
             in memory, or what `open_source` opened.
-        device: if the source is a motion: the simulated device that watches it, by its name or an object with a method
-            `observe`, as `Device` has it. Of a motion without one, holes are filled and the rest is kept; a whole
-            motion is returned unchanged.
-        missing: joints of a motion that are missing, by its own names or ours: "left_hand", with all that hangs on it
-            "LeftForeArm+", in some frames "left_hand:100-240" (counted from 0, both ends included). Values that are
-            NaN are missing, too. If omitted, so are limbs of a BVH file that are held still to the last digit for half
-            a second while the body moves.
-        person: what is known of the wearer. If omitted, the body of the recording or motion; if that is unknown, the
-            likeliest adult, whose proportions are inferred.
-        height: the wearer's height in metres, in place of a person; the other proportions are inferred.
+        device: motions: simulated device that tracks the motion, by name or as a `Device` (an object with a method
+            `observe`). Without a device, holes of the motion are filled and known frames are kept; a complete motion is
+            returned unchanged.
+        missing: motions: missing joints, by the motion's names or ours: "left_hand"; "LeftForeArm+" with all its
+            descendants; "left_hand:100-240" in some frames (from 0, both ends included). NaN values are missing, too.
+            If omitted, limbs of a BVH file are also missing if their values are constant for half a second while the
+            body moves.
+        person: known properties of the wearer. If omitted: the body of the recording or motion, or the likeliest adult,
+            whose proportions are inferred, if that is unknown.
+        height: height of the wearer in metres, instead of a person; other proportions are inferred.
         noise: random seed of the errors of a simulated device; it tracks exactly if omitted.
-        settings: the floor, whether feet are held, whether proportions are inferred.
-        network: a completion network; the packaged ones, one for each direction in time, if omitted.
+        settings: floor, whether feet are held, whether proportions are inferred.
+        network: completion network; the packaged ones, one for each direction in time, if omitted.
         reading: facts that the source omits: unit and upward axis; of a motion also floor and joints.
-        follow: of a video: number of the person to follow, as people are numbered from left to right when they are
-            first seen; the largest if omitted.
-        roll: of a video: degrees by which upright things lean to the right in the picture; estimated from the standing
+        follow: videos: number of the person to follow; people are numbered from left to right when they are first
+            seen. The largest person if omitted.
+        roll: videos: degrees by which upright things lean to the right in the picture; estimated from the standing
             person if omitted.
-        causal: complete each frame from the frames before it alone, exactly as a live session does. Holes of a motion
-            are filled so too, and may end with a step. Bodies of optical markers are not moved to their hips.
-        advance: called with the number of frames that are done, and of all.
+        causal: complete each frame only from the frames before it, exactly like a live session. Holes of a motion are
+            filled in the same way, and may end with a step. Bodies of optical markers are not moved to their hips.
+        advance: called with the number of done frames, and of all.
 
-    Raises BodysenseError, naming the source and the fix, for what cannot be tracked.
+    Raises BodysenseError, naming the source and the fix, for sources that cannot be tracked.
     """
     opened = open_source(source, reading)
     completion = _Completion(settings, network, causal, advance)
     if isinstance(opened, MotionSource) and device is None:
         kind = "a motion whose holes are filled, which has a body of its own"
         refuse(opened.name, kind, person=person, height=height, noise=noise, follow=follow, roll=roll)
-        take = _filled(opened.with_holes(missing), completion)
+        take = _fill_take(opened.with_holes(missing), completion)
         return replace(take, source=opened.bvh, reading=opened.options)
     if missing not in ((), []):
         other = f"leave --device {device} out" if device is not None else "give a motion, such as a .bvh file"
@@ -203,7 +203,7 @@ def track(
         check_world(seen, opened.name, unit=given.unit, up=given.up, floor=settings.floor)
     signal = signal_from(opened, device=device, person=person, height=height, noise=noise, follow=follow, roll=roll)
     try:
-        take = _tracked(signal, completion, opened if isinstance(opened, MarkerSource) else None)
+        take = _track_signal(signal, completion, opened if isinstance(opened, MarkerSource) else None)
     except BodysenseError as error:
         text = str(error)
         raise error if signal.name in text else BodysenseError(f"{signal.name}: {text}") from None
@@ -214,7 +214,7 @@ def track(
 
 @dataclass(frozen=True, eq=False)
 class _Completion:
-    """How a take is completed; fields as the arguments of `track`."""
+    """Options of the completion; fields as the arguments of `track`."""
 
     settings: TrackerSettings
     network: CompletionModel | None
@@ -222,42 +222,42 @@ class _Completion:
     advance: Callable[[int, int], None]
 
 
-def _filled(partial: PartialMotion, completion: _Completion) -> Take:
-    """Return a motion whose holes are filled."""
-    from bodysense.filling import check_causal, filled_by, observed, pose_of, with_parts
+def _fill_take(partial: PartialMotion, completion: _Completion) -> Take:
+    """Fill the holes of a motion."""
+    from bodysense.filling import check_causal, fill_motion, known_points, pose_of, with_missing_limbs
 
     clip = partial.clip
     if completion.causal:
         check_causal(partial)
-    take = _tracked(Signal(clip.name, observed(partial), Person(clip.pose.skeleton)), completion)
-    partial = with_parts(partial, take.estimate.pose)
-    rotation = filled_by(partial, take.estimate, completion.settings.floor, causal=completion.causal)
+    take = _track_signal(Signal(clip.name, known_points(partial), Person(clip.pose.skeleton)), completion)
+    partial = with_missing_limbs(partial, take.estimate.pose)
+    rotation = fill_motion(partial, take.estimate, completion.settings.floor, causal=completion.causal)
     file = None if partial.file is None else partial.file.with_rotation(rotation, partial.missing)
     whole = clip if partial.is_whole else replace(clip, pose=pose_of(partial, rotation))
     return replace(take, clip=whole, partial=partial, file=file)
 
 
-def _tracked(signal: Signal, completion: _Completion, markers: MarkerSource | None = None) -> Take:
+def _track_signal(signal: Signal, completion: _Completion, markers: MarkerSource | None = None) -> Take:
     observation, settings = signal.observation, completion.settings
     interval = _interval(observation, settings)
     _check_height(observation, settings.floor)
     if not signal.infer:
         completion = replace(completion, settings=replace(settings, infer=False))
-    estimate, believed = _completed(observation, signal.person, completion, interval)
+    estimate, believed = _complete(observation, signal.person, completion, interval)
     pose = pose_on(estimate, believed)
     if markers is not None and not completion.causal:
-        fitted = _on_markers(pose, observation, markers, interval)
+        fitted = _fit_to_markers(pose, observation, markers, interval)
         if fitted is not pose:
             pose, estimate = fitted, _with_pose(estimate, fitted, observation)
-    clip, warnings = Clip(signal.name, pose, 1 / interval), _released_height(signal.person, believed)
+    clip, warnings = Clip(signal.name, pose, 1 / interval), _height_warnings(signal.person, believed)
     if markers is not None:
         warnings += markers.warnings
     at_rate = at_constant_rate(clip, observation.time)
     return Take(at_rate, estimate, believed, observation.time, markers=markers, remarks=warnings)
 
 
-def _released_height(known: Person, believed: Person) -> tuple[str, ...]:
-    """Return a line about a known height that the tracker released because the head was too high for it, if it was."""
+def _height_warnings(known: Person, believed: Person) -> tuple[str, ...]:
+    """Return a line about a known height that the tracker released because the head was too high; else nothing."""
     if known.height is None or believed.height is not None:
         return ()
     return (
@@ -266,16 +266,16 @@ def _released_height(known: Person, believed: Person) -> tuple[str, ...]:
     )
 
 
-def _on_markers(pose: Pose, observation: Observation, markers: MarkerSource, interval: float) -> Pose:
-    """Return the pose of a body of markers: met at the hips, unless the head is more certain, and hanging arms.
+def _fit_to_markers(pose: Pose, observation: Observation, markers: MarkerSource, interval: float) -> Pose:
+    """Fit the pose of a body of markers to its hips, unless the head is more certain, and let unknown arms hang.
 
-    The tracker puts the head where it is measured, which would lift pelvis and legs under a head that is guessed. It
-    knows no set of legs alone, and would raise the arms.
+    The tracker keeps the head at its measured position. If that is a guess, pelvis and legs would be lifted. It was
+    not trained on markers of legs alone, for which it would raise the arms.
     """
     points, _, measured, turned = observed_points(observation, pose.skeleton)
     error = dict(zip(observation.points, np.median(observation.accuracy, axis=0), strict=True))
     if {"head", "left_hip", "right_hip"} <= set(error) and error["head"] >= error["left_hip"]:
-        pose = hips_met(pose, points, measured, turned, interval)
+        pose = fit_hips(pose, points, measured, turned, interval)
     if markers.found is not None and markers.found.arms_hang:
         rotation, skeleton = np.array(pose.rotation), pose.skeleton
         arms = skeleton.indices([f"{side}_{part}" for side in ("left", "right") for part in ARM])
@@ -285,7 +285,7 @@ def _on_markers(pose: Pose, observation: Observation, markers: MarkerSource, int
 
 
 def _with_pose(estimate: Estimate, pose: Pose, observation: Observation) -> Estimate:
-    """Return an estimate with another pose; points that are off where they are measured are less certain by that."""
+    """Replace the pose of an estimate; expected errors are at least the distance from measured positions."""
     points, (seen, _, measured, _) = (
         np.asarray(forward_kinematics(pose)[0]),
         observed_points(observation, pose.skeleton),
@@ -301,16 +301,14 @@ def _with_pose(estimate: Estimate, pose: Pose, observation: Observation) -> Esti
     )
 
 
-def _completed(
+def _complete(
     observation: Observation, person: Person, completion: _Completion, interval: float
 ) -> tuple[Estimate, Person]:
-    """Return the body, and the person as believed at the end; causal: as a live session outputs them."""
+    """Return the completed body, and the person as inferred at the end; if causal, exactly like a live session."""
     if not completion.causal:
         has_gloves = bool(glove_hands(observation.points))
         points = concatenated_frames(list(_body_points(observation, person))) if has_gloves else observation
-        return completed_both_ways(
-            points, person, completion.network, completion.settings, interval, completion.advance
-        )
+        return complete_both_ways(points, person, completion.network, completion.settings, interval, completion.advance)
     tracker = Tracker(person, network=completion.network, settings=completion.settings)
     state = tracker.start()
 
@@ -323,11 +321,11 @@ def _completed(
             done += len(frames)
             completion.advance(done, len(observation))
 
-    return concatenated(parts(), len(observation)), state.person()
+    return concatenate_estimates(parts(), len(observation)), state.person()
 
 
 def _body_points(observation: Observation, person: Person) -> Iterator[Observation]:
-    """The points of the body, some frames at a time: markers of gloves become joints of hands."""
+    """Yield the points of the body, some frames at a time; markers of gloves become joints of hands."""
     parts = [observation[k : k + _FRAMES] for k in range(0, len(observation), _FRAMES)]
     if not glove_hands(observation.points):
         yield from parts
@@ -344,7 +342,7 @@ def _body_points(observation: Observation, person: Person) -> Iterator[Observati
 
 
 def _interval(observation: Observation, settings: TrackerSettings) -> float:
-    """Median seconds between frames. Raises BodysenseError where they are too far apart to be one motion."""
+    """Return the median seconds between frames. Raises BodysenseError if they are too far apart for one motion."""
     if len(observation) < 2:
         return 1 / _USUAL_RATE
     interval = float(np.median(np.diff(observation.time)))
@@ -357,7 +355,7 @@ def _interval(observation: Observation, settings: TrackerSettings) -> float:
 
 
 def _check_height(observation: Observation, floor: float) -> None:
-    """Refuse a head that is below the floor: heights over it are needed."""
+    """Raise BodysenseError if the head is below the floor."""
     if "head" not in observation.points:
         return
     head = observation.points.index("head")
@@ -373,8 +371,8 @@ def _check_height(observation: Observation, floor: float) -> None:
 def pose_on(estimate: Estimate, person: Person) -> Pose:
     """Return the pose of an estimate on the skeleton of a person, which may have other proportions.
 
-    Rotations are unchanged. The root is placed so that the head stays where it was measured; without a tracked head
-    the pelvis, else the point that was tracked most.
+    Rotations are unchanged. The root is placed so that the head keeps its measured position; without a tracked head
+    the pelvis, else the point that was tracked in most frames.
     """
     skeleton, pose = person.skeleton, estimate.pose
     if (estimate.rest_offset == skeleton.rest_offset).all():

@@ -1,4 +1,4 @@
-"""Read safetensors files: tensors by name, and texts.
+"""Reading of safetensors files: tensors by name, and metadata.
 
 A file is eight bytes of length, a JSON header and the numbers.
 """
@@ -18,7 +18,7 @@ _MOST_HEADER = 100_000_000  # bytes; safetensors' own limit
 
 
 def tensors_of(data: bytes, name: str) -> tuple[dict[str, np.ndarray], dict[str, str]]:
-    """Return the tensors and the texts of a file's bytes; `name` is the file's, for messages.
+    """Return the tensors and the metadata of a file's bytes; `name` is the name of the file in messages.
 
     Raises BodysenseError for a damaged file and for tensors of other types than `TYPES`.
     """

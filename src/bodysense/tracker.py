@@ -1,7 +1,7 @@
-"""The tracker: observations of people in, whole moving bodies out. The one thing that completes a body.
+"""The tracker: observations of people in, whole moving bodies out.
 
-Offline, live, in tables and for many people at once it is this class, a network file and the compiled core, which
-does everything between an observation and an estimate.
+Offline, live, in tables and for batches of people the same class completes a body, with a network file and the compiled
+core, which does all work between an observation and an estimate.
 """
 
 from __future__ import annotations
@@ -32,11 +32,11 @@ class TrackerSettings:
 
     floor: float = 0.0  # m, height of the floor
     hold_feet: bool = True  # standing feet are held still, and feet stay above the floor
-    infer: bool = True  # unknown proportions, and how trackers are worn, are inferred from what is tracked
+    infer: bool = True  # unknown proportions and mounts of trackers are inferred from tracked points
     ease: float = 0.25  # s in which a point that is seen again is reached; 0: at once
-    longest_gap: float = 1.0  # s without frames after which motion starts anew
-    first_interval: float = 1 / 30  # s, the interval that a first frame counts as
-    longest_interval: float = 0.1  # s: a longer interval that is no gap counts as this
+    longest_gap: float = 1.0  # s without frames after which the motion is reset
+    first_interval: float = 1 / 30  # s, assumed interval before the first frame
+    longest_interval: float = 0.1  # s; longer intervals, up to `longest_gap`, count as this
 
     def __post_init__(self) -> None:
         if not abs(self.floor) < FARTHEST:
@@ -55,7 +55,7 @@ class TrackerSettings:
 
     @cached_property
     def struct(self) -> core.SettingsStruct:
-        """The settings as the core has them."""
+        """The settings as a struct of the core."""
         return core.SettingsStruct(
             floor=self.floor,
             ease=self.ease,
@@ -69,11 +69,11 @@ class TrackerSettings:
 
 @dataclass(frozen=True, eq=False)
 class TrackerState:
-    """Everything that the next frame of B people depends on. Immutable."""
+    """State of the tracker of B people between frames. Immutable."""
 
-    people: tuple[Person, ...]  # who they were known to be beforehand
+    people: tuple[Person, ...]  # their known properties, as given
     model: CompletionModel
-    memory: tuple[np.ndarray, ...]  # B of (N,) uint8: the core's states
+    memory: tuple[np.ndarray, ...]  # B states of the core, (N,) uint8
 
     def __repr__(self) -> str:
         times = (self.time(k) for k in range(len(self.people)))
@@ -81,11 +81,11 @@ class TrackerState:
         return f"TrackerState({', '.join(f'{self.person(k)} {when}' for k, when in enumerate(last))})"
 
     def person(self, k: int = 0) -> Person:
-        """A person as believed now: a guess that `Person.save` keeps for the next time."""
+        """Return a person as inferred so far; `Person.save` stores it for the next session."""
         return self.model.core.person(self.memory[k], self.people[k])
 
     def time(self, k: int = 0) -> float:
-        """Time (s) of a person's last frame; NaN before the first."""
+        """Return the time (s) of a person's last frame; NaN before the first."""
         return core.time_of(self.memory[k])
 
     def contradicts_height(self, k: int = 0) -> bool:
@@ -93,16 +93,16 @@ class TrackerState:
         return core.contradicts_height(self.memory[k])
 
     def with_people(self, people: Sequence[Person]) -> TrackerState:
-        """Return the state with more known about the people; evidence and motion are unchanged.
+        """Return the state with new known properties of the people. Evidence and motion are unchanged.
 
-        The body in use grows toward what is believed now, and is used at once if all of it is known. Mountings that
-        were learned are kept if the person's are unchanged, else they start anew.
+        The body in use changes gradually to the inferred one, and at once if all proportions are known. Learned mounts
+        are kept if the mounts of the person are unchanged, else they are reset.
         """
         rows = zip(self.memory, people, strict=True)
         return TrackerState(tuple(people), self.model, tuple(self.model.core.updated(*row) for row in rows))
 
     def to_bytes(self) -> bytes:
-        """The state as bytes, which `Tracker.restore` reads."""
+        """Return the state as bytes, which `Tracker.restore` reads."""
         return b"".join(memory.tobytes() for memory in self.memory)
 
 
@@ -110,9 +110,9 @@ class TrackerState:
 class Tracker:
     """Completes the bodies of one person or of several, at any input rate. Immutable; state is an argument.
 
-    With one `person` observations have no batch axis; with a sequence of B they lead with one of B. Without any, the
-    likeliest adult is taken, and proportions are inferred while the tracker runs. Points are joints and end sites by
-    name, or 'headset', 'left_controller' and 'right_controller', raw poses of these devices.
+    With one `person` observations have no batch axis; with a sequence of B people they lead with an axis of B. If it
+    is omitted, the tracker begins with the likeliest adult and infers the proportions. Points are joints and end sites
+    by name, or 'headset', 'left_controller' and 'right_controller': raw poses of these devices.
     """
 
     person: Person | Sequence[Person] = field(default_factory=Person)
@@ -134,15 +134,15 @@ class Tracker:
 
     @cached_property
     def model(self) -> CompletionModel:
-        """The network that completes."""
+        """The completion network."""
         return packaged_model() if self.network is None else self.network
 
     def start(self) -> TrackerState:
-        """The state before the first frame."""
+        """Return the state before the first frame."""
         return TrackerState(self.people, self.model, tuple(self.model.core.start(person) for person in self.people))
 
     def restore(self, stored: bytes) -> TrackerState:
-        """A state of these people that `TrackerState.to_bytes` gave, possibly in another process.
+        """Return the state of these people from bytes of `TrackerState.to_bytes`, possibly of another process.
 
         Raises BodysenseError for any other bytes, and for a state of another network or of another number of people.
         """
@@ -156,9 +156,9 @@ class Tracker:
         return TrackerState(self.people, self.model, tuple(self.model.core.opened(part) for part in parts))
 
     def step(self, observation: Observation, state: TrackerState) -> tuple[Estimate, TrackerState]:
-        """Complete the next T ≥ 1 frames; one call with T frames equals T calls with one.
+        """Complete the next T ≥ 1 frames. One call with T frames equals T calls with one frame.
 
-        Raises BodysenseError when time does not increase, and for points that no body has.
+        Raises BodysenseError if time does not increase, and for unknown points.
         """
         alone = isinstance(self.person, Person)
         check_shapes(observation)
@@ -168,9 +168,9 @@ class Tracker:
                 f"observation: batch axes {lead}, but the tracker is of "
                 f"{'one person: give (T, P, 3)' if alone else f'{count} people: give ({count}, T, P, 3)'}"
             )
-        each = [observation] if alone else [_one_of(observation, k) for k in range(count)]
-        each = [_of_joints(one, person) for one, person in zip(each, self.people, strict=True)]
-        made, memory = _stepped(self.model, self.settings, each, state.memory)
+        each = [observation] if alone else [_person_slice(observation, k) for k in range(count)]
+        each = [_joints_only(one, person) for one, person in zip(each, self.people, strict=True)]
+        made, memory = _step_core(self.model, self.settings, each, state.memory)
         estimate = _estimate({name: values[0] for name, values in made.items()} if alone else made)
         return estimate, TrackerState(state.people, state.model, memory)
 
@@ -178,9 +178,10 @@ class Tracker:
 def step_together(
     jobs: Sequence[tuple[Tracker, Observation, TrackerState]],
 ) -> list[tuple[Estimate, TrackerState]]:
-    """Complete equally many frames each of many trackers of one person, with one network and settings, in one run.
+    """Complete frames of many trackers, each of one person, in one run of their common network.
 
-    Each gets what its own `step` gives. Raises BodysenseError as `step` does, for the first that it concerns.
+    All trackers have the same network and settings, and all observations the same number of frames. The results equal
+    those of `step` for each tracker. Raises BodysenseError like `step`, for the first tracker with an error.
     """
     if not jobs:
         raise BodysenseError("step_together: no jobs; give at least one")
@@ -188,8 +189,8 @@ def step_together(
     for _, observation, _ in jobs:
         check_shapes(observation)
     memory = [state.memory[0] for _, _, state in jobs]
-    each = [_of_joints(observation, tracker.people[0]) for tracker, observation, _ in jobs]
-    made, after = _stepped(first.model, first.settings, each, memory)
+    each = [_joints_only(observation, tracker.people[0]) for tracker, observation, _ in jobs]
+    made, after = _step_core(first.model, first.settings, each, memory)
     return [
         (
             _estimate({name: values[k] for name, values in made.items()}),
@@ -199,16 +200,16 @@ def step_together(
     ]
 
 
-def _stepped(
+def _step_core(
     model: CompletionModel,
     settings: TrackerSettings,
     observations: Sequence[Observation],
     memory: Sequence[np.ndarray],
 ) -> tuple[dict[str, np.ndarray], tuple[np.ndarray, ...]]:
-    """Estimates (B, T, …) and states of B people after T frames each."""
+    """Return arrays (B, T, …) of estimates, and the states of B people, after T frames each."""
     result, k, made, after = model.core.step(settings.struct, observations, memory)
     if result != core.OK:
-        # The core names a person and a reason; the observation knows which point and frame.
+        # The core reports a person and a reason; the checks of the observation find point and frame.
         check_observation(observations[k])
         if result == core.TIME_DISORDERED:
             check_order(observations[k].time[0], core.time_of(memory[k]), "tracker")
@@ -216,8 +217,8 @@ def _stepped(
     return made, after
 
 
-def _of_joints(observation: Observation, person: Person) -> Observation:
-    """Return an observation of joints alone: raw poses of devices become the joints that carry them."""
+def _joints_only(observation: Observation, person: Person) -> Observation:
+    """Convert raw poses of devices to the joints that carry them."""
     if RAW_POINTS.isdisjoint(observation.points):
         return observation
     from bodysense.raw_poses import with_joints
@@ -225,8 +226,8 @@ def _of_joints(observation: Observation, person: Person) -> Observation:
     return with_joints(observation, person.skeleton)
 
 
-def _one_of(observation: Observation, k: int) -> Observation:
-    """One person's part of an observation that leads with an axis of people."""
+def _person_slice(observation: Observation, k: int) -> Observation:
+    """Return the observation of person `k` from one that leads with an axis of people."""
     names = ["position", "rotation", "has_position", "has_rotation", "accuracy"]
     if observation.acceleration is not None:
         names.append("acceleration")
@@ -234,7 +235,7 @@ def _one_of(observation: Observation, k: int) -> Observation:
 
 
 def _estimate(made: dict[str, np.ndarray]) -> Estimate:
-    """The core's arrays as an estimate."""
+    """Return an estimate of the core's arrays."""
     offset = made["rest_offset"]
     last = offset.reshape(-1, *offset.shape[-3:])[0, -1]
     return Estimate(
@@ -250,5 +251,5 @@ def _estimate(made: dict[str, np.ndarray]) -> Estimate:
 
 @lru_cache(maxsize=256)
 def _skeleton_with(offset: bytes) -> Skeleton:
-    """The skeleton with rest offsets (P, 3) float64; one object as long as proportions stay."""
+    """Return the skeleton with rest offsets (P, 3) float64; cached, so that equal proportions share one object."""
     return default_skeleton().with_offsets(np.frombuffer(offset).reshape(-1, 3))

@@ -19,14 +19,14 @@ def random_pose(batch: tuple[int, ...], seed: int = 0) -> Pose:
     return Pose(skeleton, rng.standard_normal((*batch, 3)), rotation)
 
 
-def test_the_joints_are_those_of_the_arms_in_the_order_of_the_body() -> None:
+def test_arm_joints_are_in_the_order_of_the_body() -> None:
     assert len(ARM_JOINTS) == 38 and len(set(ARM_JOINTS)) == 38 and len(set(HAND_POINTS)) == 21
     order = default_skeleton().indices(ARM_JOINTS)
     assert (np.diff(order.reshape(2, 19)[:, :4]) > 0).all() and (np.diff(order.reshape(2, 19)[:, 4:]) == 1).all()
 
 
 @pytest.mark.parametrize("batch", [(), (3,), (2, 3)])
-def test_alone_they_are_where_they_are_on_the_body(batch: tuple[int, ...]) -> None:
+def test_the_arm_skeleton_has_the_arm_positions_of_the_body(batch: tuple[int, ...]) -> None:
     pose, alone = random_pose(batch), arm_skeleton(default_skeleton())
     position, world = forward_kinematics(pose)
     chest = pose.skeleton.index(CHEST)
@@ -38,7 +38,7 @@ def test_alone_they_are_where_they_are_on_the_body(batch: tuple[int, ...]) -> No
     np.testing.assert_allclose(ours, quaternion_rotate(away, from_chest), atol=1e-12)
 
 
-def test_arms_are_put_on_a_body() -> None:
+def test_with_arms_replaces_the_arms_of_a_body() -> None:
     pose, standing = random_pose((5,)), standing_pose(default_skeleton())
     dressed = with_arms(standing, arm_rotations(pose))
     np.testing.assert_array_equal(arm_rotations(dressed), arm_rotations(pose))
@@ -46,6 +46,6 @@ def test_arms_are_put_on_a_body() -> None:
     np.testing.assert_array_equal(dressed.rotation[:, others], np.tile(standing.rotation[others], (5, 1, 1)))
 
 
-def test_a_body_without_hands_has_no_arms() -> None:
+def test_a_skeleton_without_hands_is_refused() -> None:
     with pytest.raises(BodysenseError, match="unknown joint 'left_index1'"):
         arm_skeleton(body_skeleton(default_skeleton()))

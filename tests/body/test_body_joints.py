@@ -10,7 +10,7 @@ from bodysense.body.skeleton import BODY, default_skeleton
 from bodysense.io.clip import Clip
 
 
-def test_the_22_joints_are_where_the_whole_body_has_them(waving_clip: Clip) -> None:
+def test_the_body_without_hands_keeps_positions_and_rotations(waving_clip: Clip) -> None:
     places = waving_clip.pose.skeleton.indices(BODY)
     for alone, whole in zip(
         forward_kinematics(body_pose(waving_clip.pose)), forward_kinematics(waving_clip.pose), strict=True
@@ -18,7 +18,7 @@ def test_the_22_joints_are_where_the_whole_body_has_them(waving_clip: Clip) -> N
         np.testing.assert_allclose(alone, whole[:, places], atol=1e-12)
 
 
-def test_back_to_the_whole_body(waving_clip: Clip) -> None:
+def test_whole_pose_restores_the_body(waving_clip: Clip) -> None:
     skeleton = waving_clip.pose.skeleton
     alone = body_pose(waving_clip.pose)
     whole = whole_pose(skeleton, alone.root_position, alone.rotation)

@@ -35,7 +35,7 @@ def test_the_packaged_covariances_are_symmetric_positive_and_grow_with_the_gap()
 
 @given(st.integers(0, 10_000), st.floats(0.05, 30.0))
 @settings(max_examples=30, deadline=None)
-def test_what_is_known_stays_and_no_deviation_expects_none(seed: int, seconds: float) -> None:
+def test_known_deviations_are_unchanged_and_zero_predicts_zero(seed: int, seconds: float) -> None:
     rng = np.random.default_rng(seed)
     known, is_known = rng.normal(scale=0.1, size=(4, ROOT + 1, 3)), rng.random(ROOT + 1) < 0.6
     found = coordination().expected(known, is_known, seconds)
@@ -46,13 +46,13 @@ def test_what_is_known_stays_and_no_deviation_expects_none(seed: int, seconds: f
 
 
 @pytest.mark.parametrize("are_known", [False, True])
-def test_all_or_nothing_known(are_known: bool) -> None:
+def test_all_known_or_nothing_known(are_known: bool) -> None:
     known = np.ones((2, ROOT + 1, 3))
     found = coordination().expected(known, np.full(ROOT + 1, are_known), 1.0)
     np.testing.assert_array_equal(found, known * are_known)
 
 
-def test_the_expectation_is_that_of_a_normal_distribution() -> None:
+def test_predicted_deviations_are_conditional_means() -> None:
     """Two coordinates of a made-up distribution, in which one is half of the other."""
     size = 3 * (ROOT + 1)
     covariance = np.eye(size)
@@ -67,16 +67,16 @@ def test_the_expectation_is_that_of_a_normal_distribution() -> None:
 
 @given(st.integers(2, 100), st.integers(1, 60))
 @settings(max_examples=20, deadline=None)
-def test_deviations_lead_from_the_interpolation_to_the_truth(first: int, count: int) -> None:
+def test_interpolation_plus_deviation_is_the_truth(first: int, count: int) -> None:
     rotation, root = motion()
     end = first + count
     found = deviations(rotation, root, first, end, 1 / RATE)
-    inside = gaps.interpolated(rotation, first, end, gaps.COASTING * RATE)
+    inside = gaps.interpolate(rotation, first, end, gaps.COASTING * RATE)
     turned = np.asarray(quaternion_multiply(inside, quaternion_exp(found[:, :ROOT])))
     np.testing.assert_allclose(np.abs((turned * rotation[first:end]).sum(axis=-1)), 1, atol=1e-9)
 
 
-def test_a_motion_of_constant_speed_deviates_nowhere() -> None:
+def test_motion_of_constant_speed_has_no_deviation() -> None:
     time = np.arange(60.0)[:, None, None]
     axes = np.random.default_rng(1).normal(size=(1, ROOT, 3))
     rotation = np.asarray(quaternion_exp(0.01 * time * axes))

@@ -58,7 +58,7 @@ def test_a_file_of_ones_own(tmp_path: Path, ending: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("changes", "said"),
+    ("changes", "message"),
     [
         ({"name": 3}, "has a name"),
         ({"colour": "red"}, "'colour' is unknown; valid are markers, name"),
@@ -76,8 +76,8 @@ def test_a_file_of_ones_own(tmp_path: Path, ending: str) -> None:
         ({"plates": []}, "1 markers; a hand needs 4"),
     ],
 )
-def test_what_is_wrong_is_said(changes: dict[str, Any], said: str) -> None:
-    with pytest.raises(BodysenseError, match=said) as error:
+def test_what_is_wrong_is_said(changes: dict[str, Any], message: str) -> None:
+    with pytest.raises(BodysenseError, match=message) as error:
         parse_set(stored(**changes), "mine.toml", standard_set())
     assert "\n" not in str(error.value) and str(error.value).startswith("mine.toml")
 

@@ -160,7 +160,7 @@ def test_same_points_as_pinocchio(seed: int, noise: float) -> None:
     assert distance(state.position, pinocchio_solution(target, weight, truth)) < 1e-3
 
 
-# What comes out
+# Results
 
 
 def test_state_holds_the_points_of_the_pose() -> None:
@@ -176,7 +176,7 @@ def test_state_holds_the_points_of_the_pose() -> None:
 
 
 @pytest.mark.parametrize("spread", [0.1, 1.0])
-def test_reachable_targets_are_reached_from_nothing(spread: float) -> None:
+def test_reachable_targets_are_reached_from_any_start(spread: float) -> None:
     rng = np.random.default_rng(1)
     for _ in range(6):
         target = points(random_pose(rng, spread))
@@ -258,7 +258,7 @@ def test_symmetric_targets_give_a_symmetric_body() -> None:
     assert distance(mirrored.position, state.position[BODY.mirror] * flip) < 1e-6
 
 
-# What positions leave open
+# Freedom that positions do not determine
 
 
 @pytest.mark.parametrize("bend", [20, 100])
@@ -311,7 +311,7 @@ def test_points_of_weight_zero_are_ignored_whatever_they_hold() -> None:
     np.testing.assert_array_equal(results[0], results[2])
 
 
-def test_nothing_visible_keeps_the_body_where_it_was() -> None:
+def test_the_body_is_unchanged_without_visible_points() -> None:
     nothing = np.full((len(BODY.points), 3), np.nan)
     _, state = EXACT.solve(points(random_pose(np.random.default_rng(8), 0.2)))
     _, after = IK.solve(nothing, np.zeros(len(BODY.points)), state=state)
@@ -403,7 +403,7 @@ def test_other_trees_are_solved() -> None:
 # State and sequences
 
 
-def test_sequence_is_frame_after_frame_and_leaves_states_alone() -> None:
+def test_sequence_equals_single_frames_and_keeps_states() -> None:
     rng = np.random.default_rng(11)
     target = points(random_pose(rng)) + rng.normal(0, 0.01, (6, len(BODY.points), 3))
     weight = rng.uniform(0.1, 1, (6, len(BODY.points)))
@@ -421,7 +421,7 @@ def test_sequence_is_frame_after_frame_and_leaves_states_alone() -> None:
         state = after
 
 
-def test_no_frames_are_no_poses() -> None:
+def test_no_frames_give_no_poses() -> None:
     pose = solve_sequence(IK, np.zeros((0, len(BODY.points), 3)))
     assert pose.root_position.shape == (0, 3)
     assert pose.rotation.shape == (0, len(BODY.joints), 4)

@@ -53,7 +53,7 @@ def test_a_torso_turns_with_the_body(batch: tuple[int, ...]) -> None:
     np.testing.assert_allclose(np.abs((found * wanted).sum(axis=-1)), 1, atol=1e-12)
 
 
-def test_who_faces_the_camera_has_the_left_hand_at_its_right() -> None:
+def test_the_left_hand_of_a_person_facing_the_camera_is_on_the_right() -> None:
     facing = torso_rotation(np.array([[0.2, 0.5, 0], [-0.2, 0.5, 0]]), np.array([[0.1, 0, 0], [-0.1, 0, 0]]))
     np.testing.assert_allclose(facing, [1, 0, 0, 0], atol=1e-12)
 
@@ -71,7 +71,7 @@ def test_good_key_points_pass_and_hidden_values_may_be_anything() -> None:
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("change", "message"),
     [
         ({"time": np.array([0.0, 0.1, 0.1, 0.2])}, r"time goes from 0\.1 s to 0\.1 s at frame 2"),
         ({"time": np.array([0.0, np.nan, 0.1, 0.2])}, "a time is not a number"),
@@ -82,12 +82,12 @@ def test_good_key_points_pass_and_hidden_values_may_be_anything() -> None:
         ({"arm": np.full((4, 2, 2, 3), 3**-0.5) * np.array([1.0, 2])[:, None]}, "arm has length 2"),
     ],
 )
-def test_what_is_wrong_is_named(change: dict[str, np.ndarray], said: str) -> None:
-    with pytest.raises(BodysenseError, match=said):
+def test_invalid_key_points_are_refused_by_name(change: dict[str, np.ndarray], message: str) -> None:
+    with pytest.raises(BodysenseError, match=message):
         check_keypoints(replace(keypoints(), **change))
 
 
-def test_arms_from_the_torso_hang_as_they_do_in_the_world(waving_clip: Clip) -> None:
+def test_arms_from_the_torso_keep_their_world_rotations(waving_clip: Clip) -> None:
     """On a body whose chest stands in the torso as at rest, they turn all arm joints as the pose turns them."""
     pose = waving_clip.pose[::9]
     skeleton, bent = pose.skeleton, pose.rotation.copy()

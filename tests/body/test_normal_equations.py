@@ -39,7 +39,7 @@ def cross_matrix(v: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("name", SKELETONS)
 @pytest.mark.parametrize("visible", [0.5, 0.0])
-def test_solution_is_that_of_rows_written_one_by_one(name: str, visible: float) -> None:
+def test_solution_equals_that_of_explicit_rows(name: str, visible: float) -> None:
     skeleton = SKELETONS[name]()
     rng = np.random.default_rng(1)
     joints, points = len(skeleton.joints), len(skeleton.points)

@@ -44,40 +44,40 @@ def bone(person: Person, name: str) -> float:
 
 
 @pytest.mark.parametrize("height", [1.0, 1.3, 1.45, 1.6, 1.8, 2.05, 2.3])
-def test_a_told_height_is_hit(height: float) -> None:
+def test_stature_equals_the_known_height(height: float) -> None:
     person = Person(height=height)
     assert stature(person.skeleton.rest_offset) == pytest.approx(height, abs=2e-3)
     assert (person.skeleton.bone_length[1:] > 0).all()
     assert (person.bone_deviation[1:] > 0).all()
 
 
-def test_nobody_in_particular_is_the_mean_adult() -> None:
+def test_a_person_without_arguments_is_the_mean_adult() -> None:
     person = Person()
     np.testing.assert_array_equal(person.skeleton.rest_offset, shape_space().mean)
     assert (Person(height=1.7).bone_deviation <= person.bone_deviation).all()  # whose height is known is known better
     assert not person.mounts
 
 
-def test_told_proportions_are_certain() -> None:
+def test_known_proportions_are_certain() -> None:
     person = Person.known(default_skeleton())
     assert person.skeleton is default_skeleton()
     np.testing.assert_array_equal(person.bone_deviation, 0)
 
 
-def test_lengths_are_told_or_measured() -> None:
+def test_lengths_are_known_or_measured() -> None:
     thigh = ("left_hip", "left_knee")
-    told = Person(lengths={thigh: 0.46}, height=1.75)
-    assert bone(told, "left_knee") == pytest.approx(0.46, abs=1e-3)
-    assert bone(told, "right_knee") == pytest.approx(bone(told, "left_knee"), abs=1e-12)
-    assert stature(told.skeleton.rest_offset) == pytest.approx(1.75, abs=2e-3)
+    exact = Person(lengths={thigh: 0.46}, height=1.75)
+    assert bone(exact, "left_knee") == pytest.approx(0.46, abs=1e-3)
+    assert bone(exact, "right_knee") == pytest.approx(bone(exact, "left_knee"), abs=1e-12)
+    assert stature(exact.skeleton.rest_offset) == pytest.approx(1.75, abs=2e-3)
     guessed, measured = Person(height=1.75), Person(lengths={thigh: Measured(0.46, 0.02)}, height=1.75)
-    assert bone(guessed, "left_knee") < bone(measured, "left_knee") < bone(told, "left_knee")
-    knee = told.skeleton.index("left_knee")
-    assert told.bone_deviation[knee] < measured.bone_deviation[knee] < guessed.bone_deviation[knee]
+    assert bone(guessed, "left_knee") < bone(measured, "left_knee") < bone(exact, "left_knee")
+    knee = exact.skeleton.index("left_knee")
+    assert exact.bone_deviation[knee] < measured.bone_deviation[knee] < guessed.bone_deviation[knee]
 
 
-def test_a_child_has_its_own_lengths() -> None:
-    """Outside of the adults' statures the space is scaled, and told lengths still hold."""
+def test_small_people_keep_known_lengths() -> None:
+    """Outside the statures of adults the space is scaled, and known lengths still hold."""
     child = Person(lengths={("left_elbow", "left_wrist"): 0.17}, height=1.2)
     assert bone(child, "left_wrist") == pytest.approx(0.17, abs=1e-3)
     assert stature(child.skeleton.rest_offset) == pytest.approx(1.2, abs=2e-3)
@@ -149,8 +149,8 @@ json_values = st.recursive(
 
 @SETTINGS
 @given(st.data())
-def test_other_contents_are_one_error(tmp_path: Path, stored: str, data: st.DataObject) -> None:
-    """Any value in place of any other."""
+def test_other_contents_are_refused_in_one_line(tmp_path: Path, stored: str, data: st.DataObject) -> None:
+    """Any value may be replaced by any other."""
     contents = json.loads(stored)
     place: Any = contents
     while True:
@@ -212,7 +212,7 @@ def test_files_that_are_refused(tmp_path: Path, stored: str) -> None:
     refused("a skeleton 4.* m high; people are 1.0 to 2.3 m", rewritten(stored, path, joints=rows))
 
 
-def test_what_is_refused(tmp_path: Path) -> None:
+def test_invalid_arguments_are_refused(tmp_path: Path) -> None:
     with pytest.raises(BodysenseError, match=r"height 180 m; people are 1\.0 to 2\.3 m high, give metres"):
         Person(height=180)
     for height in (0.99, 2.31, Measured(0.5, 0.1)):

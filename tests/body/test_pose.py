@@ -44,7 +44,7 @@ def loop(pose: Pose, offset: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 @pytest.mark.parametrize("shape", SHAPES)
-def test_forward_kinematics_is_the_plain_loop(shape: tuple[int, ...]) -> None:
+def test_forward_kinematics_equals_the_plain_loop(shape: tuple[int, ...]) -> None:
     pose = random_pose(shape)
     position, rotation = forward_kinematics(pose)
     assert position.shape == (*shape, len(BODY.points), 3)
@@ -55,7 +55,7 @@ def test_forward_kinematics_is_the_plain_loop(shape: tuple[int, ...]) -> None:
         np.testing.assert_allclose(quaternion_to_matrix(rotation[index]), matrix, atol=1e-12)
 
 
-def test_forward_kinematics_is_pinocchios() -> None:
+def test_forward_kinematics_equals_pinocchio() -> None:
     pose = random_pose()
     model = pinocchio.Model()
     joints: list[int] = []

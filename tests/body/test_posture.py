@@ -62,7 +62,9 @@ def test_joints_without_a_row_are_free() -> None:
         ("hip", "knee", (0, 0, 1)),
     ],
 )
-def test_relaxed_joints_bend_the_way_they_do(side: str, joint: str, point: str, direction: tuple[int, ...]) -> None:
+def test_relaxed_joints_bend_in_the_right_direction(
+    side: str, joint: str, point: str, direction: tuple[int, ...]
+) -> None:
     skeleton = default_skeleton()
     turn = np.zeros((len(skeleton.joints), 3))
     index = skeleton.index(f"{side}_{joint}")

@@ -1,4 +1,4 @@
-"""The products of run time against their slow twins in `rotation.py`."""
+"""Fast quaternion products against their slow twins in `rotation.py`."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def turns(seed: int, count: int = 20) -> np.ndarray:
 
 
 @given(seed=st.integers(0, 9999))
-def test_they_are_the_rotations_of_the_slow_twin(seed: int) -> None:
+def test_products_equal_the_slow_twin(seed: int) -> None:
     a, b = turns(seed), turns(seed + 1)
     np.testing.assert_allclose(products.multiply(a, b), rotation.quaternion_multiply(a, b), atol=1e-15)
     np.testing.assert_allclose(products.log(a), rotation.quaternion_log(a), atol=1e-12)
@@ -30,7 +30,7 @@ def test_they_are_the_rotations_of_the_slow_twin(seed: int) -> None:
 
 
 @pytest.mark.parametrize("size", [0.0, 1e-300, 1e-15, 1e-9, 1e-5, 3.14159])
-def test_small_and_large_turns_come_back(size: float) -> None:
+def test_log_inverts_exp_for_small_and_large_turns(size: float) -> None:
     vector = np.array([[0.6, -0.8, 0.0], [0.0, 0.0, 1.0]]) * size
     there = products.exp(vector)
     np.testing.assert_allclose(np.linalg.norm(there, axis=1), 1, atol=1e-15)
@@ -40,7 +40,7 @@ def test_small_and_large_turns_come_back(size: float) -> None:
 
 @settings(max_examples=20)
 @given(seed=st.integers(0, 9999))
-def test_world_rotations_are_those_of_forward_kinematics(seed: int) -> None:
+def test_world_rotations_equal_forward_kinematics(seed: int) -> None:
     skeleton = default_skeleton()
     local = turns(seed, len(skeleton.joints))
     _, world = forward_kinematics(Pose(skeleton, np.zeros(3), local))

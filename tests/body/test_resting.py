@@ -44,7 +44,7 @@ def test_a_turned_body_has_the_same_offsets(seed: int, yaw: float) -> None:
 
 
 def test_fingers_are_rigid_in_the_axes_of_their_wrist() -> None:
-    """A knuckle hangs on its wrist: it is always where the T-pose has it."""
+    """A knuckle has a constant offset from its wrist."""
     offset = local_offset(SKELETON, *forward_kinematics(some_pose(1)))
     for name in ("left_index1", "right_thumb1"):
         point = SKELETON.index(name)

@@ -22,7 +22,7 @@ def matrix(transform: RigidTransform) -> np.ndarray:
     return result
 
 
-def test_composition_is_that_of_matrices() -> None:
+def test_composition_equals_products_of_matrices() -> None:
     a, b, c = random_transforms(3)
     np.testing.assert_allclose(matrix(a @ b), matrix(a) @ matrix(b), atol=1e-12)
     np.testing.assert_allclose(matrix((a @ b) @ c), matrix(a @ (b @ c)), atol=1e-12)
@@ -57,6 +57,6 @@ def test_rotations_are_kept_as_unit_quaternions() -> None:
         ([0, 0, 0], [0, 0, 0, 0], "is no rotation; give a quaternion"),
     ],
 )
-def test_what_is_refused(translation: list[float], rotation: list[float], text: str) -> None:
+def test_invalid_transforms_are_refused(translation: list[float], rotation: list[float], text: str) -> None:
     with pytest.raises(BodysenseError, match=text):
         RigidTransform(np.array(translation), np.array(rotation))

@@ -70,7 +70,7 @@ def test_canonical_is_the_same_rotation_with_positive_w() -> None:
 # Forms
 
 
-def test_matrices_are_scipys() -> None:
+def test_matrices_equal_scipy() -> None:
     q = random_quaternion()
     m = r.quaternion_to_matrix(q)
     np.testing.assert_allclose(m, scipy_rotation(q).as_matrix(), atol=1e-12)
@@ -88,7 +88,7 @@ def test_half_turns_survive_every_form(short_of: float) -> None:
     assert np.linalg.norm(r.quaternion_log(q), axis=-1).max() <= np.pi + 1e-12
 
 
-def test_exponential_and_logarithm_are_scipys_and_inverse() -> None:
+def test_exponential_and_logarithm_equal_scipy_and_are_inverse() -> None:
     v = random_vector((2000,))
     q = r.quaternion_exp(v)
     np.testing.assert_allclose(np.linalg.norm(q, axis=-1), 1, atol=1e-12)
@@ -123,7 +123,7 @@ def test_sixd_round_trip_and_gram_schmidt() -> None:
 
 
 @pytest.mark.parametrize("order", ORDERS)
-def test_euler_angles_are_scipys_intrinsic_ones(order: str) -> None:
+def test_euler_angles_equal_intrinsic_ones_of_scipy(order: str) -> None:
     rng = np.random.default_rng(0)
     angles = rng.uniform([-np.pi, -np.pi / 2, -np.pi], [np.pi, np.pi / 2, np.pi], (300, 3))
     q = r.euler_to_quaternion(angles, order)
@@ -157,7 +157,7 @@ def test_euler_angles_of_fewer_or_repeated_axes() -> None:
 # Between rotations
 
 
-def test_slerp_is_scipys_on_the_shorter_arc() -> None:
+def test_slerp_equals_scipy_on_the_shorter_arc() -> None:
     a, b = random_quaternion((50,), 0), random_quaternion((50,), 1)
     t = np.random.default_rng(2).uniform(size=50)
     found = r.slerp(a, b, t)
@@ -170,7 +170,7 @@ def test_slerp_is_scipys_on_the_shorter_arc() -> None:
     assert_same_rotation(r.slerp(a, a, 0.3), a)
 
 
-def test_geodesic_angle_is_scipys() -> None:
+def test_geodesic_angle_equals_scipy() -> None:
     a, b = random_quaternion(seed=0), random_quaternion(seed=1)
     expected = (scipy_rotation(a).inv() * scipy_rotation(b)).magnitude()
     np.testing.assert_allclose(r.geodesic_angle(a, b), expected, atol=1e-9)
@@ -198,7 +198,7 @@ def test_shortest_arc_of_opposite_directions(off: float) -> None:
     np.testing.assert_allclose(r.geodesic_angle(np.broadcast_to(IDENTITY, q.shape), q), np.pi - off, atol=1e-6)
 
 
-def test_shortest_arc_of_nothing_is_the_identity() -> None:
+def test_shortest_arc_of_zero_vectors_is_the_identity() -> None:
     np.testing.assert_array_equal(r.shortest_arc(np.zeros(3), np.ones(3)), IDENTITY)
     np.testing.assert_array_equal(r.shortest_arc(np.ones(3), np.zeros(3)), IDENTITY)
 

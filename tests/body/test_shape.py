@@ -66,7 +66,7 @@ def test_samples_stand_in_a_t_pose(split: Split) -> None:
     assert (np.diff(column, axis=0) > 0.02).all()
 
 
-def test_splits_share_nobody_and_a_longer_draw_begins_alike() -> None:
+def test_splits_are_disjoint_and_longer_draws_begin_alike() -> None:
     bodies = {split: sample_bodies(split, 300) for split in SPLITS}
     everybody = np.concatenate(list(bodies.values())).reshape(900, -1)
     assert len(np.unique(everybody, axis=0)) == 900
@@ -91,10 +91,10 @@ def test_proportions_are_those_of_adults() -> None:
 
 
 @pytest.mark.parametrize("seed", range(2))
-def test_the_likeliest_body_has_the_told_lengths(seed: int) -> None:
+def test_the_likeliest_body_has_the_known_lengths(seed: int) -> None:
     truth = SPACE.offsets(somebody(seed))
-    told = {pair: Measured(float(distance(truth, *pair)), 0.001) for pair in LIMBS}
-    found = SPACE.likeliest(told, Measured(float(stature(truth)), 0.001))
+    known = {pair: Measured(float(distance(truth, *pair)), 0.001) for pair in LIMBS}
+    found = SPACE.likeliest(known, Measured(float(stature(truth)), 0.001))
     offsets = SPACE.offsets(found.coefficients)
     for pair in LIMBS:
         assert distance(offsets, *pair) == pytest.approx(distance(truth, *pair), abs=1e-3)
@@ -102,13 +102,13 @@ def test_the_likeliest_body_has_the_told_lengths(seed: int) -> None:
 
 
 @pytest.mark.parametrize("height", [1.45, 1.6, 1.8, 2.05])
-def test_a_told_height_is_hit(height: float) -> None:
+def test_stature_equals_the_known_height(height: float) -> None:
     found = SPACE.likeliest(height=Measured(height, 0.001))
     assert SPACE.stature(found.coefficients) == pytest.approx(height, abs=2e-3)
     np.testing.assert_array_equal(found.skeleton.rest_offset, SPACE.offsets(found.coefficients))
 
 
-def test_what_is_known_shrinks_what_is_unknown() -> None:
+def test_known_lengths_reduce_the_remaining_uncertainty() -> None:
     truth = SPACE.offsets(somebody(1))
     estimates = [SPACE.likeliest()]
     np.testing.assert_array_equal(estimates[0].coefficients, 0)
@@ -125,8 +125,8 @@ def test_what_is_known_shrinks_what_is_unknown() -> None:
     assert estimates[-1].bone_deviation[elbow] < 0.6 * estimates[0].bone_deviation[elbow]
 
 
-def test_deviations_say_how_far_bones_are_off() -> None:
-    """Over people and noise, errors of bones over their deviations have the size 1."""
+def test_deviations_predict_the_errors_of_bones() -> None:
+    """Over people and noise, the ratio of bone errors to deviations is about 1."""
     rng = np.random.default_rng(5)
     ratios = []
     for coefficients in rng.standard_normal((200, SPACE.size)):
@@ -139,7 +139,7 @@ def test_deviations_say_how_far_bones_are_off() -> None:
 
 
 @given(st.lists(st.floats(0.05, 1.5), min_size=7, max_size=7), st.floats(1.0, 2.3))
-def test_whatever_is_measured_gives_a_finite_body(values: list[float], height: float) -> None:
+def test_any_measurements_give_a_finite_body(values: list[float], height: float) -> None:
     lengths = {pair: Measured(value, 0.01) for pair, value in zip(LIMBS, values, strict=True)}
     found = SPACE.likeliest(lengths, Measured(height, 0.01))
     assert np.isfinite(found.coefficients).all()
@@ -157,7 +157,7 @@ def test_batches_and_single_shapes_agree() -> None:
     assert SPACE.stature(shapes[0, 0]) == pytest.approx(skeleton.height, abs=0.025)
 
 
-def test_what_is_refused() -> None:
+def test_invalid_measurements_are_refused() -> None:
     with pytest.raises(BodysenseError, match="split 'tset' of bodies is unknown; give 'train', 'validation', 'test'"):
         sample_bodies("tset", 1)  # pyright: ignore[reportArgumentType]
     with pytest.raises(BodysenseError, match="-1 bodies cannot be drawn; give a count"):

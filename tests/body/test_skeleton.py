@@ -35,8 +35,8 @@ def test_points_and_indices() -> None:
 @pytest.mark.parametrize(
     ("change", "text"),
     [
-        ({"joints": ("root", "left_hip", "right_hip", "left_hip")}, "the name 'left_hip' stands twice; .* rename one"),
-        ({"end_sites": ("root", "tail")}, "the name 'root' stands twice"),
+        ({"joints": ("root", "left_hip", "right_hip", "left_hip")}, "the name 'left_hip' appears twice; .* rename one"),
+        ({"end_sites": ("root", "tail")}, "the name 'root' appears twice"),
         ({"parents": (-1, 0, 0)}, r"6 points need 6 parents and offsets \(6, 3\), but got 3 and \(6, 3\)"),
         ({"rest_offset": OFFSET[:5]}, r"but got 6 and \(5, 3\)"),
         ({"parents": (0, 0, 0, 1, 3, 0)}, "the first joint must be the root, with parent -1"),
@@ -78,7 +78,7 @@ def test_table_becomes_a_skeleton() -> None:
     np.testing.assert_array_equal(skeleton.rest_offset, np.tile([0, 0.1, 0], (3, 1)))
 
 
-def test_offsets_cannot_be_changed_behind_its_back() -> None:
+def test_offsets_are_immutable() -> None:
     mine = OFFSET.copy()
     skeleton = Skeleton(JOINTS, SITES, PARENTS, mine)
     mine[0] = 7
@@ -132,7 +132,7 @@ def test_scaling_keeps_proportions(height: float) -> None:
 
 
 @pytest.mark.parametrize("height", [0.0, -1.7, 17.0, 170.0, float("nan")])
-def test_heights_of_nobody_are_refused(height: float) -> None:
+def test_impossible_heights_are_refused(height: float) -> None:
     with pytest.raises(
         BodysenseError, match=rf"height {height:g} m is not a person's; give metres between 0.3 and 3.0"
     ):

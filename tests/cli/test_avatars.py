@@ -27,7 +27,7 @@ def test_a_completed_motion_is_an_animation(tmp_path: Path, motion: Path, run, e
     assert ("VRMC_vrm_animation" in document.get("extensions", {})) == (ending == "vrma")
 
 
-def test_samples_and_fingers_go_there_too(tmp_path: Path, motion: Path, run) -> None:
+def test_samples_and_fingers_are_written_as_animations(tmp_path: Path, motion: Path, run) -> None:
     options = ("--device", "three_point", "--samples", 2)
     run("track", motion, *options, "-o", tmp_path / "body.glb")
     assert [header(tmp_path / f"body_{k}.glb")["animations"][0]["name"] for k in (1, 2)] == ["body_1", "body_2"]
@@ -35,8 +35,8 @@ def test_samples_and_fingers_go_there_too(tmp_path: Path, motion: Path, run) -> 
     assert len(header(tmp_path / "hands.vrma")["animations"][0]["channels"]) == 53
 
 
-def test_what_cannot_be_written(tmp_path: Path, motion: Path, refused) -> None:
-    said = refused("track", motion, "--device", "three_point", "-o", tmp_path / "a.gltf")
-    assert said.endswith("a.gltf: the output ends in '.gltf'; give a name that ends in .bvh, .glb, .vrma or .mcap")
-    said = refused("track", tmp_path / "film.mp4", "-o", tmp_path / "a.gltf")
-    assert said.endswith("a.gltf: the output ends in '.gltf'; give a name that ends in .bvh, .glb, .vrma or .mcap")
+def test_invalid_outputs_are_refused(tmp_path: Path, motion: Path, refused) -> None:
+    output = refused("track", motion, "--device", "three_point", "-o", tmp_path / "a.gltf")
+    assert output.endswith("a.gltf: the output ends in '.gltf'; give a name that ends in .bvh, .glb, .vrma or .mcap")
+    output = refused("track", tmp_path / "film.mp4", "-o", tmp_path / "a.gltf")
+    assert output.endswith("a.gltf: the output ends in '.gltf'; give a name that ends in .bvh, .glb, .vrma or .mcap")

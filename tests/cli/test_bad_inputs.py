@@ -250,7 +250,7 @@ def files(folder: Path) -> list[str]:
 
 
 @pytest.mark.parametrize("command", BAD)
-def test_one_line_and_no_file(folder: Path, refused: Refused, command: str) -> None:
+def test_bad_inputs_give_one_line_and_no_file(folder: Path, refused: Refused, command: str) -> None:
     first = command.split(" ", maxsplit=1)[0]
     if first in (*NEEDS_LAB, "", "dance", "tack", "data"):
         pytest.importorskip("bodysense_lab", reason="needs packages/lab")
@@ -296,7 +296,7 @@ def test_a_missing_folder_is_refused_without_pytorch(folder: Path) -> None:
 
 
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs /dev/full")
-def test_a_full_disk_in_the_middle_is_one_line(folder: Path) -> None:
+def test_a_full_disk_gives_one_line(folder: Path) -> None:
     """Also where the output stream itself is full."""
     with open("/dev/full", "w") as full:
         done = subprocess.run(

@@ -1,4 +1,4 @@
-"""The commands, each on a motion of less than a second: what they write can be read, and says what it must."""
+"""Commands on motions of less than a second: outputs are readable and have the right content."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from bodysense.io.recording import read_recording, write_recording
 
 
 @pytest.mark.parametrize("ending", ["npz", "jsonl"])
-def test_from_motion_to_signals_to_motion(tmp_path: Path, motion: Path, run, ending: str) -> None:
+def test_simulate_and_track_a_motion(tmp_path: Path, motion: Path, run, ending: str) -> None:
     seen, out = tmp_path / f"seen.{ending}", tmp_path / "out.bvh"
     assert f"wrote {seen}: 20 frames" in run("simulate", motion, "-o", seen)
     assert len(read_recording(seen).observation) == 20
@@ -34,8 +34,8 @@ def test_from_motion_to_signals_to_motion(tmp_path: Path, motion: Path, run, end
     assert np.linalg.norm(found - wanted, axis=-1).max() < 0.002
 
 
-def test_a_motion_is_tracked_in_one_go(tmp_path: Path, motion: Path, run) -> None:
-    """With --device the recording is not written, and the result is the same."""
+def test_a_motion_is_tracked_in_one_command(tmp_path: Path, motion: Path, run) -> None:
+    """The result of track --device equals that of simulate and track."""
     run("simulate", motion, "--device", "headset_camera", "-o", tmp_path / "seen.npz")
     run("track", tmp_path / "seen.npz", "-o", tmp_path / "two.bvh")
     run("track", motion, "--device", "headset_camera", "-o", tmp_path / "one.bvh")
@@ -45,29 +45,29 @@ def test_a_motion_is_tracked_in_one_go(tmp_path: Path, motion: Path, run) -> Non
 
 def test_a_motion_is_converted(tmp_path: Path, motion: Path, run, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["convert", str(motion), "-o", str(tmp_path / "out.glb"), "--rig", "unreal", "--rate", "60"]) == 0
-    said = capsys.readouterr()
-    assert "wrote " in said.out and "39 frames at 60 Hz on unreal" in said.out
-    assert "WARNING: limbs are held still" in said.err  # the short clip's legs never move
+    output = capsys.readouterr()
+    assert "wrote " in output.out and "39 frames at 60 Hz on unreal" in output.out
+    assert "WARNING: limbs are held still" in output.err  # the short clip's legs never move
     whole = packaged_performance()
     write_bvh(tmp_path / "whole.bvh", replace(whole, pose=whole.pose[:20]))
-    said = run("track", tmp_path / "whole.bvh", "-o", tmp_path / "same.bvh")
-    assert "nothing is missing in this motion: it is unchanged" in said
+    output = run("track", tmp_path / "whole.bvh", "-o", tmp_path / "same.bvh")
+    assert "nothing is missing in this motion: it is unchanged" in output
     assert (tmp_path / "same.bvh").read_bytes() == (tmp_path / "whole.bvh").read_bytes()
 
 
-def test_the_wearer(tmp_path: Path, motion: Path, run) -> None:
-    """The body is the recording's, or of a given height, or inferred, printed and saved."""
+def test_options_of_the_wearer(tmp_path: Path, motion: Path, run) -> None:
+    """The body is that of the recording, of a given height, or inferred; it is printed and saved."""
     run("simulate", motion, "-o", tmp_path / "tall.npz", "--height", 1.9)
     recording = read_recording(tmp_path / "tall.npz")
     assert recording.skeleton.height == pytest.approx(1.9)
     assert "inferred" not in run("track", tmp_path / "tall.npz", "-o", tmp_path / "a.bvh")
     assert read_bvh(tmp_path / "a.bvh").pose.skeleton.height == pytest.approx(1.9, abs=1e-3)
-    said = run("track", tmp_path / "tall.npz", "-o", tmp_path / "a.bvh", "--height", 1.75)
-    assert "height 1.75 m known, other proportions inferred" in said
+    output = run("track", tmp_path / "tall.npz", "-o", tmp_path / "a.bvh", "--height", 1.75)
+    assert "height 1.75 m known, other proportions inferred" in output
     write_recording(tmp_path / "unknown.npz", replace(recording, known=False))
     saved = ("--save-person", tmp_path / "me.json")
-    said = run("track", tmp_path / "unknown.npz", "-o", tmp_path / "a.bvh", *saved)
-    assert re.search(r"height \d\.\d\d m inferred", said) and "me.json" in said
+    output = run("track", tmp_path / "unknown.npz", "-o", tmp_path / "a.bvh", *saved)
+    assert re.search(r"height \d\.\d\d m inferred", output) and "me.json" in output
     assert Person.load(tmp_path / "me.json").bone_deviation.any()
     run("track", tmp_path / "unknown.npz", "-o", tmp_path / "b.bvh", "--person", tmp_path / "me.json")
 
@@ -81,13 +81,13 @@ def test_noise_feet_and_floor(tmp_path: Path, motion: Path, run) -> None:
     run(*given, "--no-hold-feet", "--floor", -0.02)
 
 
-def test_a_network_of_ones_own(tmp_path: Path, motion: Path, run) -> None:
+def test_a_network_file_is_used(tmp_path: Path, motion: Path, run) -> None:
     packaged = files("bodysense.weights") / "completion.safetensors"
     (tmp_path / "own.safetensors").write_bytes(packaged.read_bytes())
     run("track", motion, "--device", "head", "-o", tmp_path / "a.bvh", "--model", tmp_path / "own.safetensors")
 
 
-def test_samples_of_one_signal(tmp_path: Path, motion: Path, run) -> None:
+def test_samples_of_one_recording(tmp_path: Path, motion: Path, run) -> None:
     run("simulate", motion, "--device", "three_point", "-o", tmp_path / "seen.npz")
     arguments = ("track", tmp_path / "seen.npz", "--samples", 2)
     run(*arguments, "-o", tmp_path / "a.bvh")
@@ -110,9 +110,9 @@ def test_data_sources(run) -> None:
     assert "AMASS" in run("data", "sources")
 
 
-def test_demo_of_ones_own_motion(tmp_path: Path, motion: Path, run) -> None:
-    said = run("demo", motion, "-o", tmp_path / "demo")
-    assert "cm from head and hands" in said and "cm from headset cameras" in said
+def test_demo_of_a_file(tmp_path: Path, motion: Path, run) -> None:
+    output = run("demo", motion, "-o", tmp_path / "demo")
+    assert "cm from head and hands" in output and "cm from headset cameras" in output
     names = sorted(path.name for path in (tmp_path / "demo").iterdir())
     assert names == ["demo.png", "demo.webp", "hands.bvh", "result.bvh", "truth.bvh"]
     truth, result = (read_bvh(tmp_path / "demo" / f"{name}.bvh") for name in ("truth", "result"))
@@ -121,10 +121,10 @@ def test_demo_of_ones_own_motion(tmp_path: Path, motion: Path, run) -> None:
 
 @pytest.mark.slow
 def test_demo(tmp_path: Path, run) -> None:
-    said = run("demo", "-o", tmp_path / "demo")
-    assert "unseen body" in said
+    output = run("demo", "-o", tmp_path / "demo")
+    assert "unseen body" in output
     assert 100_000 < (tmp_path / "demo" / "demo.webp").stat().st_size < 1_500_000
-    rows = [line.split() for line in said.splitlines() if "the " in line and line.strip().startswith("head")]
+    rows = [line.split() for line in output.splitlines() if "the " in line and line.strip().startswith("head")]
     assert len(rows) == 4 and all(float(row[-1]) < float(row[-2]) for row in rows)  # better than doing nothing
 
 

@@ -55,14 +55,14 @@ def test_every_option_of_a_long_command_is_one_candidate(script: Path) -> None:
 
 
 @pytest.mark.skipif(shutil.which("zsh") is None, reason="needs zsh")
-def test_the_script_of_zsh_is_one(tmp_path: Path) -> None:
+def test_the_zsh_script_is_valid(tmp_path: Path) -> None:
     path = tmp_path / "_bodysense"
     assert main(["--tyro-write-completion", "zsh", str(path)]) == 0
     subprocess.run(["zsh", "-n", str(path)], check=True)
 
 
 @pytest.mark.parametrize("shell", ["bash", "zsh"])
-def test_a_help_is_one_line_of_both_scripts(capsys: pytest.CaptureFixture[str], shell: str) -> None:
+def test_help_texts_are_one_line_in_both_scripts(capsys: pytest.CaptureFixture[str], shell: str) -> None:
     assert main(["--tyro-print-completion", shell]) == 0
     (line,) = [line for line in capsys.readouterr().out.splitlines() if line.startswith("COMPLETION_SPEC = ")]
     assert r"\n" not in line and "its known frames are unchanged" in line

@@ -1,4 +1,4 @@
-"""Whatever is wrong with what the user gives: one line that names it, status 2, no traceback, no file left behind."""
+"""Wrong files: one line that names the fault, status 2, no traceback, and no remaining file."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from bodysense.io.recording import Recording, write_recording
 
 
 def files(folder: Path) -> list[str]:
-    """Names of all files below a folder, also hidden ones."""
+    """Return the names of all files below a folder, including hidden ones."""
     return sorted(str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file())
 
 

@@ -18,8 +18,8 @@ from bodysense.io.recording import Recording
 @pytest.mark.slow
 def test_bodies_from_the_prior(run, small_vae: Path, tmp_path: Path) -> None:
     for name in ("bodies.bvh", "bodies.png"):
-        said = run("generate", "-o", tmp_path / name, "--model", small_vae, "--count", 5, "--seed", 2)
-        assert said == f"wrote {tmp_path / name}: 5 bodies\n"
+        output = run("generate", "-o", tmp_path / name, "--model", small_vae, "--count", 5, "--seed", 2)
+        assert output == f"wrote {tmp_path / name}: 5 bodies\n"
     sheet = read_bvh(tmp_path / "bodies.bvh")
     assert len(sheet) == 5
     assert (tmp_path / "bodies.png").read_bytes().startswith(b"\x89PNG")
@@ -30,11 +30,11 @@ def test_bodies_from_the_prior(run, small_vae: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_what_generate_refuses(refused, small_vae: Path, tmp_path: Path) -> None:
-    said = refused("generate", "-o", tmp_path / "bodies.txt", "--model", small_vae)
-    assert said.endswith("bodies.txt: the output ends in '.txt'; valid are .png and .bvh")
-    said = refused("generate", "-o", tmp_path / "bodies.bvh", "--model", small_vae, "--count", 0)
-    assert said == "--count 0: give a whole number, 1 to 1000"
+def test_invalid_arguments_of_generate_are_refused(refused, small_vae: Path, tmp_path: Path) -> None:
+    output = refused("generate", "-o", tmp_path / "bodies.txt", "--model", small_vae)
+    assert output.endswith("bodies.txt: the output ends in '.txt'; valid are .png and .bvh")
+    output = refused("generate", "-o", tmp_path / "bodies.bvh", "--model", small_vae, "--count", 0)
+    assert output == "--count 0: give a whole number, 1 to 1000"
     assert "no such model file" in refused("generate", "-o", tmp_path / "a.bvh", "--model", tmp_path / "gone.onnx")
 
 

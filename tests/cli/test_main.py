@@ -51,7 +51,7 @@ def without(source: str, folder: Path, *arguments: str) -> subprocess.CompletedP
         (".[mcap]", ("track one/a.bvh -o a.mcap", "convert one/a.bvh -o a.mcap")),
     ],
 )
-def test_one_line_says_what_to_install(
+def test_a_missing_package_gives_the_install_line(
     source: str, commands: tuple[str, ...], tmp_path: Path, short_clip: Clip
 ) -> None:
     (tmp_path / "one").mkdir()
@@ -67,13 +67,13 @@ def test_the_version(capsys: pytest.CaptureFixture[str]) -> None:
     assert capsys.readouterr().out == f"bodysense {bs.__version__}\n"
 
 
-def test_a_package_that_nothing_brings_is_a_fault_of_ours() -> None:
+def test_an_unknown_missing_package_raises() -> None:
     with pytest.raises(ImportError, match="colour"):
         missing_package(ModuleNotFoundError("No module named 'colour'", name="colour"))
 
 
 @pytest.mark.parametrize(
-    ("error", "status", "said"),
+    ("error", "status", "message"),
     [
         (KeyboardInterrupt(), 130, "bodysense: stopped\n"),
         (
@@ -83,8 +83,8 @@ def test_a_package_that_nothing_brings_is_a_fault_of_ours() -> None:
         ),
     ],
 )
-def test_what_stops_a_command_from_outside(
-    error: BaseException, status: int, said: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+def test_interrupts_and_full_disks_give_one_line(
+    error: BaseException, status: int, message: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Also while it is still loading."""
 
@@ -94,4 +94,4 @@ def test_what_stops_a_command_from_outside(
 
     monkeypatch.setitem(sys.modules, "bodysense.cli.application", Stopped("application"))
     assert main(["data", "info", "."]) == status
-    assert capsys.readouterr().err == said
+    assert capsys.readouterr().err == message

@@ -31,7 +31,7 @@ Command = Callable[..., str]
 
 
 class Fixed:
-    """A network that answers the same whatever it is asked: these tests are of the command."""
+    """A network with a constant output, because these tests are of the command."""
 
     def __init__(self, values: int) -> None:
         self.values = values
@@ -49,7 +49,7 @@ def small_models(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture(scope="module")
 def gloves(short_clip: Clip) -> Observation:
-    """Both gloves of the short clip, every marker seen."""
+    """Both gloves of the short clip, with every marker seen."""
     return observe(short_clip.pose, short_clip.time)
 
 
@@ -84,13 +84,13 @@ def test_a_guessed_limb_is_a_warning(tmp_path: Path, short_clip: Clip, capsys: p
 
 @pytest.mark.parametrize("ending", ["csv", "npz"])
 def test_gloves_become_a_body(files: Path, motion: Path, run: Command, ending: str) -> None:
-    said = run("track", files / f"gloves.{ending}", "-o", files / "hands.bvh")
-    assert "wrote" in said and "note" not in said
+    output = run("track", files / f"gloves.{ending}", "-o", files / "hands.bvh")
+    assert "wrote" in output and "note" not in output
     # The hands of a file without its wearer's skeleton are as large as its gloves look, to within a few percent.
     np.testing.assert_allclose(backs(files / "hands.bvh"), backs(motion), atol=0.002 if ending == "npz" else 0.02)
 
 
-def test_fingers_of_the_file_are_the_gloves(files: Path, run: Command, gloves: Observation, short_clip: Clip) -> None:
+def test_finger_columns_are_gloves(files: Path, run: Command, gloves: Observation, short_clip: Clip) -> None:
     from bodysense.body.hand import hand_skeleton
     from bodysense.body.rotation import geodesic_angle
 
@@ -145,7 +145,7 @@ def test_names_units_and_axes(files: Path, motion: Path, gloves: Observation, ru
     np.testing.assert_allclose(backs(files / "b.bvh"), backs(motion), atol=0.02)
 
 
-def test_what_goes_wrong_is_one_line(files: Path, motion: Path, refused: Command) -> None:
+def test_wrong_markers_give_one_line(files: Path, motion: Path, refused: Command) -> None:
     out = files / "out.bvh"
     arguments = ("track", files / "gloves.csv", "-o", out)
     assert "leave --fingers synthesize out" in refused(*arguments, "--fingers", "synthesize")
@@ -166,12 +166,12 @@ def test_what_goes_wrong_is_one_line(files: Path, motion: Path, refused: Command
 
 
 @pytest.mark.slow
-def test_doubts_are_said(files: Path, run: Command) -> None:
+def test_doubtful_labels_are_noted(files: Path, run: Command) -> None:
     text = (files / "gloves.csv").read_text()
     swapped = text.replace("left_glove_index_tip", "x").replace("left_glove_thumb_tip", "left_glove_index_tip")
     (files / "swapped.csv").write_text(swapped.replace("x.", "left_glove_thumb_tip."))
-    said = run("track", files / "swapped.csv", "-o", files / "a.bvh")
-    assert "'index_tip' and 'thumb_tip' exchanged" in said
+    output = run("track", files / "swapped.csv", "-o", files / "a.bvh")
+    assert "'index_tip' and 'thumb_tip' exchanged" in output
 
 
 def test_a_third_hand_is_left_out(files: Path, gloves: Observation, short_clip: Clip, run: Command) -> None:

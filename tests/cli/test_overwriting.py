@@ -9,14 +9,14 @@ from pathlib import Path
 
 import pytest
 
-from bodysense.cli.overwriting import check_apart, checked_arguments
+from bodysense.cli.overwriting import check_apart, check_arguments
 from bodysense.errors import BodysenseError
 
 Command = Callable[..., str]
 
 
 @pytest.mark.parametrize("link", ["same", "dots", "symbolic", "hard"])
-def test_the_input_is_kept(tmp_path: Path, motion: Path, refused: Command, link: str) -> None:
+def test_the_input_is_not_overwritten(tmp_path: Path, motion: Path, refused: Command, link: str) -> None:
     out = tmp_path / "out.bvh"
     if link == "same":
         out = motion
@@ -28,31 +28,31 @@ def test_the_input_is_kept(tmp_path: Path, motion: Path, refused: Command, link:
     else:
         os.link(motion, out)
     before = motion.read_bytes()
-    said = refused("track", motion, "--device", "head", "-o", out)
-    assert "both read and written; give the output another name, or add --overwrite" in said
+    output = refused("track", motion, "--device", "head", "-o", out)
+    assert "both read and written; give the output another name, or add --overwrite" in output
     assert "both read and written" in refused("track", motion, "--device=head", f"--out={out}")
     assert motion.read_bytes() == before
 
 
-def test_it_is_overwritten_where_the_user_says_so(motion: Path, run: Command) -> None:
+def test_the_flag_allows_overwriting(motion: Path, run: Command) -> None:
     before = motion.read_bytes()
     run("track", motion, "--fingers", "synthesize", "-o", motion, "--overwrite")
     assert motion.read_bytes() != before
 
 
-def test_names_that_follow_from_others(tmp_path: Path, motion: Path) -> None:
+def test_derived_names_are_not_overwritten(tmp_path: Path, motion: Path) -> None:
     os.link(motion, tmp_path / "a_2.bvh")
     with pytest.raises(BodysenseError, match=r"a_2\.bvh: would be written over .*motion\.bvh, which is read"):
         check_apart([tmp_path / f"a_{k}.bvh" for k in (1, 2, 3)], motion)
     check_apart([tmp_path / "b_1.bvh"], motion)
 
 
-def test_what_is_no_file_is_left_alone(tmp_path: Path) -> None:
+def test_values_that_are_no_files_are_ignored(tmp_path: Path) -> None:
     given = ["track", "0", "0", str(tmp_path), str(tmp_path), "a\0.b", "--height", "1.7", "--height=1.7"]
-    assert checked_arguments(given) == given
+    assert check_arguments(given) == given
 
 
-def test_files_that_are_not_read_are_named_with_the_way_on(tmp_path: Path, motion: Path, refused: Command) -> None:
+def test_unsupported_files_are_refused_with_the_fix(tmp_path: Path, motion: Path, refused: Command) -> None:
     out = tmp_path / "out.bvh"
     (tmp_path / "a.fbx").write_bytes(b"Kaydara FBX Binary  \x00")
     assert "convert it with Blender: blender -b --python-expr" in refused("track", tmp_path / "a.fbx", "-o", out)
@@ -63,24 +63,24 @@ def test_files_that_are_not_read_are_named_with_the_way_on(tmp_path: Path, motio
     (tmp_path / "c.bvh").write_text(motion.read_text(), encoding="utf-16")
     assert "c.bvh: UTF-16" in refused("simulate", tmp_path / "c.bvh", "-o", tmp_path / "c.npz")
     (tmp_path / "d.csv").write_text("time,a.x,a.y,a.z\n0,1,2,3")
-    said = refused("track", tmp_path / "d.csv", "-o", out)
-    assert "no marker of a glove and no marker set of a body among 'a'" in said and "--names" in said
+    output = refused("track", tmp_path / "d.csv", "-o", out)
+    assert "no marker of a glove and no marker set of a body among 'a'" in output and "--names" in output
 
 
-def test_other_motions_are_taken(tmp_path: Path, motion: Path, run: Command) -> None:
+def test_other_motion_files_are_read(tmp_path: Path, motion: Path, run: Command) -> None:
     import numpy as np
 
     run("track", motion, "--fingers", "synthesize", "-o", tmp_path / "a.glb")
     assert "20 frames" in run("simulate", tmp_path / "a.glb", "--device", "three_point", "-o", tmp_path / "b.npz")
     np.savez(tmp_path / "video.npz", poses=np.zeros((12, 72)), transl=np.zeros((12, 3)))
-    said = run("track", tmp_path / "video.npz", "--device", "head", "--rate", "25", "-o", tmp_path / "c.bvh")
-    assert "note: the feet stand at y" in said and "12 frames" in said
+    output = run("track", tmp_path / "video.npz", "--device", "head", "--rate", "25", "-o", tmp_path / "c.bvh")
+    assert "note: the feet stand at y" in output and "12 frames" in output
 
 
 def test_a_person_may_be_read_and_written_in_one_command(tmp_path: Path) -> None:
     path = tmp_path / "me.json"
     path.write_text("{}")
     given = ["serve", "--person", str(path), "--save-person", str(path)]
-    assert checked_arguments(given) == given
+    assert check_arguments(given) == given
     with pytest.raises(BodysenseError, match="both read and written"):
-        checked_arguments(["track", str(path), "--save-person", str(path)])
+        check_arguments(["track", str(path), "--save-person", str(path)])

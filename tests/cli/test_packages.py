@@ -1,4 +1,4 @@
-"""Packages add commands; those of a package that is not installed say what to install."""
+"""Packages add commands; commands of missing packages print the install line."""
 
 from __future__ import annotations
 
@@ -31,14 +31,14 @@ def alone(monkeypatch: pytest.MonkeyPatch) -> None:
     ],
 )
 @pytest.mark.usefixtures("alone")
-def test_a_command_of_a_package_that_is_not_installed(command: str, package: str, refused: Refused) -> None:
+def test_a_command_of_a_missing_package_gives_the_install_line(command: str, package: str, refused: Refused) -> None:
     line = refused(*command.split())
     assert f"this command is part of bodysense-{package}, which is not installed; in a clone of" in line
     assert line.endswith(f"pip install -c constraints.txt -e packages/{package}")
 
 
 @pytest.mark.usefixtures("alone")
-def test_the_library_alone(run: Command) -> None:
+def test_the_library_runs_without_the_packages(run: Command) -> None:
     assert "CMU" in run("data", "sources")
     assert set(application(packages.installed())._subcommands) == {
         "demo",
@@ -59,19 +59,19 @@ def test_a_store_needs_the_laboratory(tmp_path: Path, refused: Refused) -> None:
 
 @pytest.mark.usefixtures("alone")
 def test_help_lists_what_is_not_installed(capsys: pytest.CaptureFixture[str]) -> None:
-    said = help_text(capsys)
-    assert said.count("Not installed:") == 3
+    output = help_text(capsys)
+    assert output.count("Not installed:") == 3
     for package in packages.PACKAGES:
-        assert f"pip install -c constraints.txt -e packages/{package.name}" in said
+        assert f"pip install -c constraints.txt -e packages/{package.name}" in output
         for name, what in package.commands.items():
-            assert f"{' '.join(name)} ({what})" in said
+            assert f"{' '.join(name)} ({what})" in output
 
 
 def test_with_all_packages_help_describes_every_command_in_a_line(capsys: pytest.CaptureFixture[str]) -> None:
-    said = help_text(capsys)
-    assert "Not installed" not in said
+    output = help_text(capsys)
+    assert "Not installed" not in output
     for name in application(packages.installed())._subcommands:
-        assert any(words[:2] == ["•", name] and len(words) > 3 for words in map(str.split, _inside(said))), name
+        assert any(words[:2] == ["•", name] and len(words) > 3 for words in map(str.split, _inside(output))), name
 
 
 def help_text(capsys: pytest.CaptureFixture[str]) -> str:
@@ -94,7 +94,7 @@ def test_every_command_of_a_package_is_known_where_it_is_not_installed() -> None
         assert added - {("data", "info")} == set(package.commands)
 
 
-def test_a_package_of_somebody_else(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_third_party_package_adds_commands(monkeypatch: pytest.MonkeyPatch) -> None:
     point = EntryPoint("other", "bodysense_conform.command:add_commands", packages.GROUP)
     monkeypatch.setattr(packages, "entry_points", lambda group: (point,))
     assert "conform" in application(packages.installed())._subcommands

@@ -20,7 +20,7 @@ from bodysense.io.motion_files import write_motion
 
 @pytest.fixture
 def inches(tmp_path: Path, short_clip: Clip) -> Path:
-    """A motion in inches whose floor lies 20 inches too low, under names that say nothing of the left elbow."""
+    """A motion in inches with a floor 20 inches too low, and an unrecognisable name for the left elbow."""
     pose = short_clip.pose
     low = Clip("low", Pose(pose.skeleton, pose.root_position - [0.0, 0.508, 0.0], pose.rotation), short_clip.frame_rate)
     path = tmp_path / "inches.bvh"
@@ -29,23 +29,27 @@ def inches(tmp_path: Path, short_clip: Clip) -> Path:
     return path
 
 
-def test_info_says_what_was_recognised(inches: Path, tmp_path: Path, run) -> None:
-    said = run("data", "info", inches, "--picture", tmp_path / "figures.png", "--json", tmp_path / "numbers.json")
-    assert "inches.bvh: SMPL, 52 joints, inches, 1.6" in said and "y up, floor at -0.5" in said and "confidence" in said
+def test_info_reports_the_recognised_rig(inches: Path, tmp_path: Path, run) -> None:
+    output = run("data", "info", inches, "--picture", tmp_path / "figures.png", "--json", tmp_path / "numbers.json")
+    assert (
+        "inches.bvh: SMPL, 52 joints, inches, 1.6" in output
+        and "y up, floor at -0.5" in output
+        and "confidence" in output
+    )
     assert (tmp_path / "figures.png").read_bytes().startswith(b"\x89PNG")
     assert json.loads((tmp_path / "numbers.json").read_text())["clips"] == 1
 
 
 def test_info_of_a_folder_skips_and_counts_what_it_cannot_read(inches: Path, tmp_path: Path, run, refused) -> None:
     (tmp_path / "torn.bvh").write_text(inches.read_text()[:500])
-    said = " ".join(run("data", "info", tmp_path).split())
-    assert "inches" in said and "skipped 1 of 2 files" in said and "torn.bvh: there is no MOTION section" in said
+    output = " ".join(run("data", "info", tmp_path).split())
+    assert "inches" in output and "skipped 1 of 2 files" in output and "torn.bvh: there is no MOTION section" in output
     inches.rename(tmp_path / "also_torn.bvh").write_text("HIERARCHY")
     assert "none of its 2 files can be read; the first: " in refused("data", "info", tmp_path)
 
 
-def test_info_knows_files_without_a_rig(tmp_path: Path, short_clip: Clip, run, refused) -> None:
-    """glTF, VRM animations, results of SMPL, recordings and markers; what is refused says what to do."""
+def test_info_describes_files_without_a_rig(tmp_path: Path, short_clip: Clip, run, refused) -> None:
+    """glTF, VRM animations, results of SMPL, recordings and markers; refusals name the fix."""
     write_motion(tmp_path / "body.glb", short_clip)
     write_motion(tmp_path / "body.vrma", short_clip)
     np.savez(tmp_path / "video.npz", poses=np.zeros((5, 72)), trans=np.tile([0.0, 0.9, 0.0], (5, 1)))
@@ -61,14 +65,14 @@ def test_info_knows_files_without_a_rig(tmp_path: Path, short_clip: Clip, run, r
         assert kind in run("data", "info", tmp_path / name)
     (tmp_path / "take.fbx").write_bytes(b"Kaydara")
     assert "convert it with Blender" in refused("data", "info", tmp_path / "take.fbx")
-    said = run("data", "info", tmp_path)
-    assert "take.fbx: FBX is not read" in said and "skipped 1 of 6 files" in said
+    output = run("data", "info", tmp_path)
+    assert "take.fbx: FBX is not read" in output and "skipped 1 of 6 files" in output
 
 
 def test_options_of_every_command_that_reads_motion(inches: Path, tmp_path: Path, run, refused) -> None:
     out = tmp_path / "out.bvh"
-    said = run("track", inches, "--device", "head", "-o", out)
-    assert "read " in said and "inches, " in said
+    output = run("track", inches, "--device", "head", "-o", out)
+    assert "read " in output and "inches, " in output
     run(
         "simulate",
         inches,
@@ -91,9 +95,9 @@ def test_options_of_every_command_that_reads_motion(inches: Path, tmp_path: Path
 
 def test_a_table_of_joints_is_drafted_edited_and_read(inches: Path, tmp_path: Path, run, refused) -> None:
     table, seen = tmp_path / "joints.json", tmp_path / "seen.npz"
-    said = run("data", "joints", inches, "-o", table)
+    output = run("data", "joints", inches, "-o", table)
     drafted = json.loads(table.read_text())
-    assert "65 of 65 joints and end sites named" in said and drafted["Gelenk"] == "left_elbow"
+    assert "65 of 65 joints and end sites named" in output and drafted["Gelenk"] == "left_elbow"
     table.write_text(json.dumps(drafted | {"left_index1": ""}))
     run("simulate", inches, "-o", seen, "--joints", table)
     for change, message in (
@@ -108,7 +112,7 @@ def test_a_table_of_joints_is_drafted_edited_and_read(inches: Path, tmp_path: Pa
     assert "not JSON" in refused("simulate", inches, "-o", seen, "--joints", table)
 
 
-def test_a_body_in_part_is_drafted_by_its_names(tmp_path: Path, run, refused) -> None:
+def test_an_incomplete_body_is_drafted_by_joint_names(tmp_path: Path, run, refused) -> None:
     """Upper bodies are recognised by the names of their joints."""
     tree = "JOINT Spine\n{\nOFFSET 0 20 0\nCHANNELS 1 Zrotation\n"
     tree += "".join(
@@ -128,7 +132,7 @@ def test_a_body_in_part_is_drafted_by_its_names(tmp_path: Path, run, refused) ->
     assert drafted["LeftForeArm"] == "left_elbow" and drafted["Hips"] == "pelvis" and drafted["Spine"] == ""
 
 
-def test_the_front_door_takes_the_same_options(inches: Path) -> None:
+def test_the_library_takes_the_same_options(inches: Path) -> None:
     import bodysense
     from bodysense.io.reading_options import ReadingOptions
 
@@ -137,8 +141,8 @@ def test_the_front_door_takes_the_same_options(inches: Path) -> None:
     assert np.abs(read_bvh(inches, unit=0.0254).pose.root_position).max() < 2
 
 
-def test_joint_places_are_tracked_and_no_motion(tmp_path: Path, run, refused) -> None:
-    """Every command asks the same reader: places that are read as rotations are a knotted body."""
+def test_joint_positions_are_tracked_and_not_converted(tmp_path: Path, run, refused) -> None:
+    """All commands use one reader; positions that are read as rotations would give a knotted body."""
     clip = packaged_performance()
     places, out = tmp_path / "places.npy", tmp_path / "out.bvh"
     np.save(places, np.asarray(forward_kinematics(clip.pose)[0])[200:220, :22])
@@ -148,12 +152,12 @@ def test_joint_places_are_tracked_and_no_motion(tmp_path: Path, run, refused) ->
     assert "the body is completed from them" in run("track", places, "-o", out)
 
 
-def test_the_rate_of_a_file_that_says_it_is_refused(tmp_path: Path, motion: Path, run, refused) -> None:
+def test_a_rate_is_refused_if_the_file_has_one(tmp_path: Path, motion: Path, run, refused) -> None:
     out = tmp_path / "out.glb"
-    said = "the file says its frame rate; leave {} 60 out"
-    assert said.format("--rate") in refused("track", motion, "-o", out, "--rate", 60)
-    assert said.format("--rate") in refused("simulate", motion, "-o", tmp_path / "out.npz", "--rate", 60)
-    assert said.format("--file-rate") in refused("convert", motion, "-o", out, "--file-rate", 60)
+    message = "the file says its frame rate; leave {} 60 out"
+    assert message.format("--rate") in refused("track", motion, "-o", out, "--rate", 60)
+    assert message.format("--rate") in refused("simulate", motion, "-o", tmp_path / "out.npz", "--rate", 60)
+    assert message.format("--file-rate") in refused("convert", motion, "-o", out, "--file-rate", 60)
     np.save(tmp_path / "turns.npy", np.zeros((5, 66)))
     assert "30 Hz is taken (--file-rate)" in run("convert", tmp_path / "turns.npy", "-o", out)
     assert "5 frames at 60 Hz" in run("convert", tmp_path / "turns.npy", "-o", out, "--file-rate", 60)
@@ -163,12 +167,12 @@ def test_the_rate_of_a_file_that_says_it_is_refused(tmp_path: Path, motion: Path
 
 @pytest.fixture
 def whole(tmp_path: Path) -> Path:
-    """A motion in which nothing is missing, in centimetres."""
+    """A complete motion in centimetres."""
     write_bvh(tmp_path / "whole.bvh", replace(packaged_performance(), pose=packaged_performance().pose[200:230]))
     return tmp_path / "whole.bvh"
 
 
-def test_a_whole_file_is_not_copied_where_options_would_change_it(whole: Path, tmp_path: Path, run, refused) -> None:
+def test_a_complete_file_is_refused_if_options_would_change_it(whole: Path, tmp_path: Path, run, refused) -> None:
     out = tmp_path / "out.bvh"
     for option in (("--height", 1.5), ("--up", "y"), ("--unit", "cm"), ("--floor", 0.1)):
         assert f"{option[0]} {option[1]} would change nothing; leave that out, or write it with --rig bodysense" in (
@@ -179,7 +183,7 @@ def test_a_whole_file_is_not_copied_where_options_would_change_it(whole: Path, t
     assert read_bvh(out).pose.skeleton.height == pytest.approx(1.5, abs=1e-3)
 
 
-def test_track_says_how_a_motion_was_read(inches: Path, tmp_path: Path, run) -> None:
+def test_track_reports_how_a_motion_was_read(inches: Path, tmp_path: Path, run) -> None:
     """The line is printed for files with holes (NaN), too."""
     assert "inches, 1.6" in run("track", inches, "-o", tmp_path / "out.bvh")
     lines = inches.read_text().splitlines()
@@ -210,6 +214,6 @@ def test_convert_warns_of_limbs_that_are_held_still(
     write_bvh(whole, replace(clip, pose=replace(clip.pose, rotation=rotation)))
     monkeypatch.setattr(filling, "read_rigged", None)  # the file's rig is recognised once
     assert main(["convert", str(whole), "-o", str(out), "--json", str(tmp_path / "out.json")]) == 0
-    said, (line,) = capsys.readouterr().err, json.loads((tmp_path / "out.json").read_text())["warnings"]
-    assert f"WARNING: {line}" in said and "WARNING: limbs are held still" in said and "left_elbow 2" in said
-    assert "complete them: bodysense track whole.bvh -o out.glb" in said
+    output, (line,) = capsys.readouterr().err, json.loads((tmp_path / "out.json").read_text())["warnings"]
+    assert f"WARNING: {line}" in output and "WARNING: limbs are held still" in output and "left_elbow 2" in output
+    assert "complete them: bodysense track whole.bvh -o out.glb" in output

@@ -11,7 +11,7 @@ import pytest
 from bodysense.cli.show import processor, write_numbers
 
 
-def test_figures_that_do_not_exist_are_left_out(tmp_path: Path) -> None:
+def test_nan_figures_are_left_out(tmp_path: Path) -> None:
     write_numbers(tmp_path / "a.json", {"error_cm": 1.5, "ratio": float("nan"), "peak": float("inf"), "clips": 3})
 
     def refuse(word: str) -> float:

@@ -1,4 +1,4 @@
-"""`bodysense track --fingers synthesize`: fingers for any motion, its body as it was."""
+"""`bodysense track --fingers synthesize`: fingers for any motion; its body is unchanged."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from bodysense.io.reading_options import AS_FOUND
 
 
 def without_fingers(clip: Clip) -> Clip:
-    """The same motion on a skeleton that ends at the wrists."""
+    """Return the motion on a skeleton that ends at the wrists."""
     whole = clip.pose.skeleton
     joints = [k for k in range(len(whole.joints)) if whole.wrist_of[k] < 0]
     skeleton = Skeleton(
@@ -41,7 +41,7 @@ def places(file: Path) -> tuple[Clip, np.ndarray]:
     return clip, np.asarray(forward_kinematics(clip.pose)[0])
 
 
-def test_a_body_gets_fingers_and_stays_as_it_was(tmp_path: Path, bare: Path, run) -> None:
+def test_a_body_gets_fingers_and_is_otherwise_unchanged(tmp_path: Path, bare: Path, run) -> None:
     out = tmp_path / "out.bvh"
     assert "20 frames with synthesized fingers" in run("track", bare, "--fingers", "synthesize", "-o", out)
     (before, was), (after, now) = places(bare), places(out)
@@ -55,7 +55,7 @@ def test_a_body_gets_fingers_and_stays_as_it_was(tmp_path: Path, bare: Path, run
     np.testing.assert_allclose(length, np.tile(before.pose.skeleton.bone_length[1:], (20, 1)), atol=1e-4)
 
 
-def test_fingers_for_what_a_device_tracked(tmp_path: Path, motion: Path, run) -> None:
+def test_fingers_for_a_simulated_device(tmp_path: Path, motion: Path, run) -> None:
     """Only fingers differ from what is tracked without."""
     arguments = ("track", motion, "--device", "three_point", "-o")
     run(*arguments, tmp_path / "plain.bvh")
@@ -66,7 +66,7 @@ def test_fingers_for_what_a_device_tracked(tmp_path: Path, motion: Path, run) ->
     assert np.abs(one[:, finger] - two[:, finger]).max() > 1e-3
 
 
-def test_what_cannot_be_is_refused(tmp_path: Path, motion: Path, refused) -> None:
+def test_invalid_combinations_are_refused(tmp_path: Path, motion: Path, refused) -> None:
     other = files("bodysense.weights") / "body_vae.onnx"
     out = tmp_path / "out.bvh"
     assert "a.bvh: no such file" in refused("track", tmp_path / "a.bvh", "--fingers", "synthesize", "-o", out)

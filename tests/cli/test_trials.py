@@ -76,7 +76,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_people(tmp_path_factory.mktemp("data"), {"train": cut[:3], "val": cut[3:]})
 
 
-def asked(command: str, data: Path, out: Path, steps: int) -> list[str]:
+def arguments(command: str, data: Path, out: Path, steps: int) -> list[str]:
     written, _, small = COMMANDS[command]
     place = out / written.split("/")[0]
     trial = f"--limit 2 --steps {steps} --threads 1 {small}"
@@ -95,7 +95,7 @@ def test_the_completion_network_is_trained_and_published(
 ) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     monkeypatch.setattr(publish, "_LONGEST", 1.0)  # s of a clip that errors are judged by
-    assert main(asked("completion", recorded, tmp_path, 2)) == 0
+    assert main(arguments("completion", recorded, tmp_path, 2)) == 0
     network = load_completion(tmp_path / COMMANDS["completion"][0])
     assert Tracker(network=network).start().model is network
     check_log(tmp_path / COMMANDS["completion"][1], "1 process")
@@ -120,7 +120,7 @@ def test_a_trial_reads_as_many_clips_as_it_is_limited_to(
 
     monkeypatch.setattr(clips, "_read", counted)
     monkeypatch.setattr(fit, "load_checkpoint", stop)
-    assert main([*asked(command, recorded, tmp_path, 2), "--limit", "1"]) == 2
+    assert main([*arguments(command, recorded, tmp_path, 2), "--limit", "1"]) == 2
     assert capsys.readouterr().err == "bodysense: enough\n" and sorted(read) == ["train", "val"]
 
 
@@ -140,16 +140,16 @@ def test_a_trial_names_its_machine_first(
     for module in (fit, sweep):
         monkeypatch.setattr(module, "line_of_progress", marked)
     begun = time.process_time()
-    assert main([*asked(command, recorded, tmp_path, 2), "--devices", "1", "--nodes", "1"]) == 0
+    assert main([*arguments(command, recorded, tmp_path, 2), "--devices", "1", "--nodes", "1"]) == 0
     assert marks[0] - begun < FIRST_LINE
     written, log, _ = COMMANDS[command]
     assert (tmp_path / written).is_file()
     check_log(tmp_path / log, "1 process")
-    said = capsys.readouterr().out
-    assert re.match(r"training on cpu, \w+ layers, 1 process\nreading the train split: 0/2\n", said)
-    assert said.index("reading the train split: 2/2, ") < said.index("reading the val split: 2/2, ")
-    first = next(line for line in said.splitlines() if "step " in line)
-    assert re.search(r"step 0/2, \d+ s · cpu, (float32|bfloat16) layers, 1 process", first), said
+    output = capsys.readouterr().out
+    assert re.match(r"training on cpu, \w+ layers, 1 process\nreading the train split: 0/2\n", output)
+    assert output.index("reading the train split: 2/2, ") < output.index("reading the val split: 2/2, ")
+    first = next(line for line in output.splitlines() if "step " in line)
+    assert re.search(r"step 0/2, \d+ s · cpu, (float32|bfloat16) layers, 1 process", first), output
 
 
 @pytest.mark.slow
@@ -159,27 +159,29 @@ def test_two_processes_share_trainings(commands: list[str], recorded: Path, tmp_
     (tmp_path / "commands.py").write_text(ONE_BY_ONE)
     for command in commands:
         (tmp_path / command).mkdir()
-    lines = [shlex.join([*asked(command, recorded, tmp_path / command, 2), "--devices", "2"]) for command in commands]
+    lines = [
+        shlex.join([*arguments(command, recorded, tmp_path / command, 2), "--devices", "2"]) for command in commands
+    ]
     with distributed(tmp_path, "--standalone", "--nproc-per-node", "2", str(tmp_path / "commands.py"), *lines) as both:
-        said = both.communicate(timeout=600)[0]
-    assert both.returncode == 0, said
+        output = both.communicate(timeout=600)[0]
+    assert both.returncode == 0, output
     for command in commands:
         written, log, _ = COMMANDS[command]
-        assert (tmp_path / command / written).is_file(), said
+        assert (tmp_path / command / written).is_file(), output
         check_log(tmp_path / command / log, "2 processes")
 
 
 @pytest.mark.slow
 def test_two_nodes_share_a_training(recorded: Path, tmp_path: Path) -> None:
     """The loop's work, which all tasks have in common."""
-    words = ["-m", "bodysense", *asked("completion-fingers", recorded, tmp_path, 2), "--nodes", "2"]
+    words = ["-m", "bodysense", *arguments("completion-fingers", recorded, tmp_path, 2), "--nodes", "2"]
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         port = str(probe.getsockname()[1])
     meeting = ("--nnodes", "2", "--nproc-per-node", "1", "--master-addr", "127.0.0.1", "--master-port", port)
     started = [distributed(tmp_path, *meeting, "--node-rank", str(rank), *words) for rank in range(2)]
-    said = [process.communicate(timeout=600)[0] for process in started]
-    assert [process.returncode for process in started] == [0, 0], said
+    output = [process.communicate(timeout=600)[0] for process in started]
+    assert [process.returncode for process in started] == [0, 0], output
     written, log, _ = COMMANDS["completion-fingers"]
     assert (tmp_path / written).is_file()
     check_log(tmp_path / log, "2 processes")

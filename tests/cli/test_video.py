@@ -32,7 +32,7 @@ def track(*arguments: object) -> int:
     return main(["track", *map(str, arguments)])
 
 
-def test_a_video_comes_out_as_motion(
+def test_a_video_becomes_a_motion(
     tmp_path: Path,
     landmarkers: Path,
     filmed: tuple[np.ndarray, Clip],
@@ -48,10 +48,10 @@ def test_a_video_comes_out_as_motion(
     assert clip.pose.skeleton.joints[0] == "mixamorig:Hips"
     assert clip.pose.skeleton.height == pytest.approx(1.6, abs=0.1)  # to the top of the head
     with av.open(str(overlay)) as container:
-        shown = [frame.to_ndarray(format="rgb24") for frame in container.decode(video=0)]
-    assert len(shown) == len(clip) and shown[0].shape == (320, 320 + 256, 3)
-    said = " ".join(capsys.readouterr().out.split())
-    assert "8 frames the person in 100% of the pictures, their left hand in 100%, right in 100%" in said
+        frames = [frame.to_ndarray(format="rgb24") for frame in container.decode(video=0)]
+    assert len(frames) == len(clip) and frames[0].shape == (320, 320 + 256, 3)
+    output = " ".join(capsys.readouterr().out.split())
+    assert "8 frames the person in 100% of the pictures, their left hand in 100%, right in 100%" in output
 
 
 @pytest.mark.slow
@@ -81,10 +81,10 @@ def test_a_video_that_breaks_off_gives_a_part(
     rest = ("--landmarkers", landmarkers, "--people", 1)
     assert track(tmp_path / "cut.mkv", "-o", out, *rest) == 0
     assert 3 <= len(read_bvh(out)) < 24
-    assert "warning" in (said := capsys.readouterr().out) and "damaged" in said
+    assert "warning" in (output := capsys.readouterr().out) and "damaged" in output
 
 
-def test_a_webcam_is_answered_at_once_and_ended_by_ctrl_c(
+def test_a_webcam_is_tracked_live_until_ctrl_c(
     tmp_path: Path,
     landmarkers: Path,
     filmed: tuple[np.ndarray, Clip],
@@ -107,7 +107,7 @@ def test_a_webcam_is_answered_at_once_and_ended_by_ctrl_c(
 
 
 @pytest.mark.slow
-def test_the_person_of_a_number(
+def test_the_person_of_the_given_number_is_followed(
     tmp_path: Path, landmarkers: Path, filmed: tuple[np.ndarray, Clip], capsys: pytest.CaptureFixture[str]
 ) -> None:
     video, out = write(tmp_path / "in.mp4", filmed[0]), tmp_path / "out.bvh"
@@ -119,7 +119,9 @@ def test_the_person_of_a_number(
     assert "--follow 2: only 1 was found in in.mp4; give 1, or" in capsys.readouterr().err and not out.exists()
 
 
-def test_a_video_of_nobody_is_refused(tmp_path: Path, landmarkers: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_video_without_a_person_is_refused(
+    tmp_path: Path, landmarkers: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     video = write(tmp_path / "empty.mp4", np.full((3, 96, 128, 3), 120, np.uint8))
     assert track(video, "-o", tmp_path / "a.bvh", "--landmarkers", landmarkers) == 2
     assert "empty.mp4: no person was found in its 3 pictures" in capsys.readouterr().err
@@ -147,7 +149,7 @@ def test_a_video_of_nobody_is_refused(tmp_path: Path, landmarkers: Path, capsys:
         (("text.mp4", "--landmarkers", "."), "there is no pose_landmarker_full.task"),
     ],
 )
-def test_what_cannot_be(
+def test_invalid_options_are_refused(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
@@ -160,6 +162,6 @@ def test_what_cannot_be(
     if "--landmarkers" in arguments:
         write(Path("text.mp4"), np.zeros((1, 64, 64, 3), np.uint8))
     assert track(*arguments, "-o", "out.bvh") == 2
-    said = capsys.readouterr().err
-    assert message in said and said.count("\n") == 1
+    output = capsys.readouterr().err
+    assert message in output and output.count("\n") == 1
     assert not Path("out.bvh").exists()

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bodysense.body.rotation import geodesic_angle, quaternion_exp
-from bodysense.completion.bridging import DRIFT, LONGEST, bridged
+from bodysense.completion.bridging import DRIFT, LONGEST, bridge_gaps
 from bodysense.devices.simulated.noise import hide
 from bodysense.observation import Observation
 
@@ -48,32 +48,32 @@ def test_a_brief_gap_is_bridged(count: int) -> None:
     whole = moving()
     gap = range(20, 20 + count)
     for point, most in ((0, 1e-9), (1, 0.004)):
-        found = bridged(without(whole, point, *gap), SECONDS)
+        found = bridge_gaps(without(whole, point, *gap), SECONDS)
         assert found.has_position.all() and found.has_rotation.all()
         assert np.abs(found.position - whole.position).max() < most
         assert geodesic_angle(found.rotation, whole.rotation).max() < 1e-6
 
 
-def test_a_longer_gap_is_not() -> None:
+def test_a_longer_gap_is_not_bridged() -> None:
     seen = without(moving(), 1, *range(20, 21 + MOST))
-    found = bridged(seen, SECONDS)
+    found = bridge_gaps(seen, SECONDS)
     np.testing.assert_array_equal(found.has_position, seen.has_position)
     np.testing.assert_array_equal(found.position, seen.position)
 
 
-def test_beginnings_and_ends_have_one_side() -> None:
+def test_gaps_at_beginning_and_end_are_not_bridged() -> None:
     seen = without(moving(), 0, 0, 1, FRAMES - 1)
-    np.testing.assert_array_equal(bridged(seen, SECONDS).has_position, seen.has_position)
+    np.testing.assert_array_equal(bridge_gaps(seen, SECONDS).has_position, seen.has_position)
 
 
-def test_a_point_that_is_seen_in_every_other_frame_is_bridged() -> None:
+def test_a_point_seen_in_every_other_frame_is_bridged() -> None:
     whole = moving()
-    found = bridged(without(whole, 1, *range(1, FRAMES - 1, 2)), SECONDS)
+    found = bridge_gaps(without(whole, 1, *range(1, FRAMES - 1, 2)), SECONDS)
     assert found.has_position[1:-1].all() and np.abs(found.position - whole.position)[1:-1].max() < 0.004
 
 
 def test_the_middle_of_a_gap_is_least_certain() -> None:
-    found = bridged(without(moving(), 1, *range(20, 25)), SECONDS)
+    found = bridge_gaps(without(moving(), 1, *range(20, 25)), SECONDS)
     expected = 0.002 + DRIFT * SECONDS * np.array([1, 2, 3, 2, 1])
     np.testing.assert_allclose(found.accuracy[20:25, 1], expected)
     np.testing.assert_array_equal(found.accuracy[:, 0], 0.002)
@@ -81,8 +81,8 @@ def test_the_middle_of_a_gap_is_least_certain() -> None:
 
 def test_gaps_are_counted_in_seconds() -> None:
     seen = without(moving(), 1, *range(20, 20 + MOST))
-    assert not bridged(seen, 2 * SECONDS).has_position.all()
-    assert not bridged(seen, SECONDS, longest=LONGEST / 2).has_position.all()
+    assert not bridge_gaps(seen, 2 * SECONDS).has_position.all()
+    assert not bridge_gaps(seen, SECONDS, longest=LONGEST / 2).has_position.all()
 
 
 @settings(max_examples=40, deadline=None)
@@ -91,7 +91,7 @@ def test_known_frames_are_unchanged(known: list[bool], seed: int) -> None:
     rng = np.random.default_rng(seed)
     hidden = np.flatnonzero(~np.array(known))
     seen = without(moving(len(known)), int(rng.integers(2)), *hidden.tolist())
-    found = bridged(seen, SECONDS)
+    found = bridge_gaps(seen, SECONDS)
     for name, has in (("position", "has_position"), ("rotation", "has_rotation")):
         before = getattr(seen, has)
         np.testing.assert_array_equal(getattr(found, name)[before], getattr(seen, name)[before])

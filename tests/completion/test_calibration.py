@@ -1,4 +1,4 @@
-"""A second of standing tells height, reach and mounts."""
+"""Height, arm span and mounts are calibrated from one second of standing."""
 
 from dataclasses import replace
 
@@ -12,7 +12,7 @@ from bodysense.body.rigid import RigidTransform
 from bodysense.body.rotation import quaternion_exp, quaternion_multiply
 from bodysense.body.shape import sample_bodies, stature
 from bodysense.body.skeleton import default_skeleton
-from bodysense.completion.calibration import assigned, calibrated
+from bodysense.completion.calibration import assign_trackers, calibrate
 from bodysense.devices.simulated.sensors import SENSOR_SETS, observe
 from bodysense.errors import BodysenseError
 from bodysense.observation import Observation
@@ -21,7 +21,7 @@ FRAMES = 30
 
 
 def standing(body: int, arms_out: bool = False, name: str = "six_point") -> tuple[Observation, Pose]:
-    """A stranger who stands still, turned by 1 rad, away from the origin, and what is tracked of it."""
+    """An unseen body that stands still, turned by 1 rad and away from the origin, and its tracked points."""
     skeleton = default_skeleton().with_offsets(sample_bodies("test", body + 1)[body])
     pose = rest_pose(skeleton) if arms_out else standing_pose(skeleton)
     turn = quaternion_exp(np.array([0.0, 1.0, 0.0]))
@@ -35,18 +35,18 @@ def standing(body: int, arms_out: bool = False, name: str = "six_point") -> tupl
 @pytest.mark.parametrize("body", range(3))
 def test_height_is_measured_to_the_spread_of_necks(body: int) -> None:
     observation, pose = standing(body)
-    person = calibrated(observation, Person())
+    person = calibrate(observation, Person())
     assert abs(stature(person.skeleton.rest_offset) - stature(pose.skeleton.rest_offset)) < 0.04
 
 
 def test_height_is_measured_from_the_floor() -> None:
     observation, _ = standing(1)
     raised = replace(observation, position=observation.position + np.array([0.0, 0.3, 0.0]))
-    on_floor, on_platform = calibrated(observation, Person()), calibrated(raised, Person(), floor=0.3)
+    on_floor, on_platform = calibrate(observation, Person()), calibrate(raised, Person(), floor=0.3)
     assert on_platform.skeleton.height == pytest.approx(on_floor.skeleton.height)
 
 
-def test_arms_out_measure_their_reach() -> None:
+def test_arms_out_measure_the_arm_span() -> None:
     observation, pose = standing(2, arms_out=True, name="three_point")
     wrists = pose.skeleton.indices(["left_wrist", "right_wrist"])
 
@@ -54,7 +54,7 @@ def test_arms_out_measure_their_reach() -> None:
         place = skeleton.path @ skeleton.rest_offset
         return float(np.linalg.norm(place[wrists[0]] - place[wrists[1]]))
 
-    person = calibrated(observation, Person(), "arms out")
+    person = calibrate(observation, Person(), "arms out")
     assert abs(span(person.skeleton) - span(pose.skeleton)) < 0.02
 
 
@@ -68,12 +68,12 @@ def test_trackers_strapped_beside_their_joints_are_found() -> None:
             away = rng.standard_normal(3)
             away *= rng.uniform(0.08, 0.14) / np.linalg.norm(away)
             mounts[name] = RigidTransform(away, rng.standard_normal(4))
-        worn = strapped(observation, mounts)
-        person = calibrated(worn, Person())
+        tracked = strapped(observation, mounts)
+        person = calibrate(tracked, Person())
         truth = forward_kinematics(pose)[0][0]
         for name, errors in apart.items():
             k = observation.points.index(name)
-            joint = RigidTransform(worn.position[0, k], worn.rotation[0, k]) @ person.mounts[name].inverse()
+            joint = RigidTransform(tracked.position[0, k], tracked.rotation[0, k]) @ person.mounts[name].inverse()
             errors.append(float(np.linalg.norm(joint.translation - truth[pose.skeleton.index(name)])))
     # Standing still does not tell how a height is shared between legs and torso, which leaves hips 2 cm unsure.
     assert max(apart["left_ankle"] + apart["right_ankle"]) < 0.03
@@ -81,40 +81,40 @@ def test_trackers_strapped_beside_their_joints_are_found() -> None:
 
 
 @pytest.mark.parametrize("body", range(2))
-def test_trackers_are_told_apart_by_where_they_are(body: int) -> None:
+def test_trackers_are_assigned_by_position(body: int) -> None:
     observation, _ = standing(body, name="ten_point")
     rng = np.random.default_rng(body)
     held = {"head", "left_wrist", "right_wrist"}
-    worn = [name for name in observation.points if name not in held]
-    rng.shuffle(worn)
-    names = {joint: f"tracker_{k + 1}" for k, joint in enumerate(worn)}
+    tracked = [name for name in observation.points if name not in held]
+    rng.shuffle(tracked)
+    names = {joint: f"tracker_{k + 1}" for k, joint in enumerate(tracked)}
     mounts = {}
-    for joint in worn:
+    for joint in tracked:
         away = rng.standard_normal(3)
         mounts[joint] = RigidTransform(rng.uniform(0.05, 0.09) * away / np.linalg.norm(away), rng.standard_normal(4))
     seen = strapped(observation, mounts)
     seen = replace(seen, points=tuple(names.get(name, name) for name in seen.points))
-    assert assigned(seen, list(names.values()), Person()) == {name: joint for joint, name in names.items()}
+    assert assign_trackers(seen, list(names.values()), Person()) == {name: joint for joint, name in names.items()}
     some = [name for joint, name in names.items() if joint not in ("left_knee", "spine3")]
-    assert assigned(seen, some, Person()).keys() == set(some)
+    assert assign_trackers(seen, some, Person()).keys() == set(some)
 
 
-def test_what_lies_aside_is_worn_by_nobody() -> None:
+def test_a_tracker_far_from_the_body_is_not_assigned() -> None:
     observation, _ = standing(0)
     points = tuple("tracker_1" if name == "pelvis" else name for name in observation.points)
     position = observation.position.copy()
     position[:, points.index("tracker_1")] += np.array([0.0, 0.0, 1.0])
     aside = replace(observation, points=points, position=position)
-    assert assigned(aside, ["tracker_1"], Person()) == {}
+    assert assign_trackers(aside, ["tracker_1"], Person()) == {}
     blind = replace(aside, has_position=np.zeros_like(aside.has_position))
-    assert assigned(blind, ["tracker_1"], Person()) == {}
+    assert assign_trackers(blind, ["tracker_1"], Person()) == {}
 
 
-def test_who_moves_or_wears_no_headset_is_told() -> None:
+def test_calibration_refuses_motion_and_a_missing_headset() -> None:
     observation, _ = standing(0)
     restless = observation.position.copy()
     restless[:, observation.points.index("head"), 0] += np.linspace(0, 0.3, FRAMES)
     with pytest.raises(BodysenseError, match="stand still"):
-        calibrated(replace(observation, position=restless), Person())
+        calibrate(replace(observation, position=restless), Person())
     with pytest.raises(BodysenseError, match="stand for a second"):
-        calibrated(observation[:2], Person())
+        calibrate(observation[:2], Person())

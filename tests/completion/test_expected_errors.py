@@ -1,4 +1,4 @@
-"""Expected errors of the packaged network: about as large as the true ones, and larger where those are."""
+"""Expected errors of the packaged network match true errors in size and rank."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from bodysense.tracker import Tracker
 
 
 @pytest.mark.parametrize(("device", "most"), [("head", 1.5), ("three_point", 1.55), ("six_point", 1.5)])
-def test_expected_errors_are_true(device: str, most: float) -> None:
+def test_expected_errors_match_true_errors(device: str, most: float) -> None:
     clip = performance_of_unseen_body()
     body = clip.pose.skeleton.indices(BODY)
     tracker = Tracker(Person(skeleton=clip.pose.skeleton))

@@ -1,4 +1,4 @@
-"""The inertialiser's promises: no jump in pose or velocity, the same at any frame rate, an end, exact followers."""
+"""The inertialiser: no jump in pose or velocity, independence of the frame rate, an exact end, exact followers."""
 
 from __future__ import annotations
 
@@ -37,65 +37,65 @@ def random_velocity(rng: np.random.Generator, batch: tuple[int, ...]) -> Velocit
 
 
 def moved(pose: Pose, velocity: Velocity, seconds: float) -> Pose:
-    """A pose after it moved on steadily."""
+    """Return a pose after steady motion."""
     turn = np.asarray(quaternion_exp(velocity.spin * seconds))
     root = pose.root_position + velocity.root * seconds
     return Pose(pose.skeleton, root, quaternion_multiply(turn, np.asarray(pose.rotation)))
 
 
 def apart(one: Pose, other: Pose) -> float:
-    """The farthest that roots (m) or joints (rad) are apart."""
+    """Return the largest distance of roots (m) or joints (rad)."""
     root = np.linalg.norm(one.root_position - other.root_position, axis=-1).max()
     return max(float(root), float(np.max(geodesic_angle(np.asarray(one.rotation), np.asarray(other.rotation)))))
 
 
 def begun(rng: np.random.Generator, batch: tuple[int, ...]) -> tuple[Pose, Pose, Offset]:
-    """What was shown, the target, and the offset from one to the other."""
-    shown, target = random_pose(rng, batch), random_pose(rng, batch)
-    return shown, target, ONE.start(shown, target, ONE.rest(target), velocity=random_velocity(rng, batch))
+    """Return an output, a target, and the offset between them."""
+    output, target = random_pose(rng, batch), random_pose(rng, batch)
+    return output, target, ONE.start(output, target, ONE.rest(target), velocity=random_velocity(rng, batch))
 
 
 @pytest.mark.parametrize("batch", BATCHES)
 @settings(max_examples=10)
 @given(seed=seeds)
-def test_the_pose_goes_on_where_it_was(batch: tuple[int, ...], seed: int) -> None:
-    shown, target, offset = begun(np.random.default_rng(seed), batch)
+def test_the_pose_is_continuous(batch: tuple[int, ...], seed: int) -> None:
+    output, target, offset = begun(np.random.default_rng(seed), batch)
     after, _ = ONE.apply(target, 0.0, offset)
-    np.testing.assert_allclose(after.root_position, shown.root_position, atol=1e-9)
-    np.testing.assert_allclose(forward_kinematics(after)[0], forward_kinematics(shown)[0], atol=1e-9)
+    np.testing.assert_allclose(after.root_position, output.root_position, atol=1e-9)
+    np.testing.assert_allclose(forward_kinematics(after)[0], forward_kinematics(output)[0], atol=1e-9)
 
 
 @pytest.mark.parametrize("batch", BATCHES)
 @settings(max_examples=10)
 @given(seed=seeds)
-def test_the_velocity_goes_on_as_it_was(batch: tuple[int, ...], seed: int) -> None:
-    """Both of what was shown and of a target that moves itself."""
+def test_the_velocity_is_continuous(batch: tuple[int, ...], seed: int) -> None:
+    """The output keeps its velocity, also if the target moves."""
     rng = np.random.default_rng(seed)
-    shown, target = random_pose(rng, batch), random_pose(rng, batch, 1.0)
+    output, target = random_pose(rng, batch), random_pose(rng, batch, 1.0)
     before, own = random_velocity(rng, batch), random_velocity(rng, batch)
-    offset = ONE.start(shown, target, ONE.rest(target), velocity=before, target_velocity=own)
+    offset = ONE.start(output, target, ONE.rest(target), velocity=before, target_velocity=own)
     step = 1e-7
     after, _ = ONE.apply(moved(target, own, step), step, offset)
-    turn = quaternion_multiply(after.rotation, quaternion_conjugate(shown.rotation))
-    np.testing.assert_allclose((after.root_position - shown.root_position) / step, before.root, atol=1e-3)
+    turn = quaternion_multiply(after.rotation, quaternion_conjugate(output.rotation))
+    np.testing.assert_allclose((after.root_position - output.root_position) / step, before.root, atol=1e-3)
     np.testing.assert_allclose(quaternion_log(turn) / step, before.spin, atol=2e-3)
 
 
 @settings(max_examples=4)
 @given(seed=seeds)
-def test_the_target_is_reached_and_then_shown_to_the_bit(seed: int) -> None:
+def test_the_output_equals_the_target_in_the_end(seed: int) -> None:
     _, target, offset = begun(np.random.default_rng(seed), (2,))
     distance = []
     for _ in range(200):
-        shown, offset = ONE.apply(target, 1 / 60, offset)
-        distance.append(apart(shown, target))
+        output, offset = ONE.apply(target, 1 / 60, offset)
+        distance.append(apart(output, target))
     assert max(distance[60:]) < 1e-3 and max(distance[120:]) < 1e-6
     assert ONE.apply(target, 1 / 60, offset)[0] is target
 
 
 @settings(max_examples=10)
 @given(seed=seeds, steps=st.lists(st.floats(1e-3, 0.1), min_size=2, max_size=6))
-def test_any_frame_rate_is_the_same(seed: int, steps: list[float]) -> None:
+def test_the_result_is_independent_of_the_frame_rate(seed: int, steps: list[float]) -> None:
     _, target, offset = begun(np.random.default_rng(seed), (2,))
     at_once, _ = ONE.apply(target, sum(steps), offset)
     after = target
@@ -105,10 +105,10 @@ def test_any_frame_rate_is_the_same(seed: int, steps: list[float]) -> None:
 
 
 def test_half_of_an_offset_at_rest_decays_in_the_half_life() -> None:
-    shown, target, _ = begun(np.random.default_rng(0), (3,))
-    offset = ONE.start(shown, target, ONE.rest(target))
+    output, target, _ = begun(np.random.default_rng(0), (3,))
+    offset = ONE.start(output, target, ONE.rest(target))
     after, _ = ONE.apply(target, ONE.half_life, offset)
-    np.testing.assert_allclose(after.root_position, (shown.root_position + target.root_position) / 2, atol=1e-12)
+    np.testing.assert_allclose(after.root_position, (output.root_position + target.root_position) / 2, atol=1e-12)
 
 
 @pytest.mark.parametrize("batch", BATCHES)
@@ -116,9 +116,9 @@ def test_half_of_an_offset_at_rest_decays_in_the_half_life() -> None:
 @given(seed=seeds)
 def test_joints_that_follow_are_exact(batch: tuple[int, ...], seed: int) -> None:
     rng = np.random.default_rng(seed)
-    shown, target = random_pose(rng, batch), random_pose(rng, batch)
+    output, target = random_pose(rng, batch), random_pose(rng, batch)
     follow = rng.random((*batch, JOINTS)) < 0.4
-    offset = ONE.start(shown, target, ONE.rest(target), follow=follow, velocity=random_velocity(rng, batch))
+    offset = ONE.start(output, target, ONE.rest(target), follow=follow, velocity=random_velocity(rng, batch))
     after, _ = ONE.apply(target, 0.01, offset)
     np.testing.assert_array_equal(np.asarray(after.rotation)[follow], np.asarray(target.rotation)[follow])
     np.testing.assert_array_equal(after.root_position[follow[..., 0]], target.root_position[follow[..., 0]])
@@ -126,12 +126,12 @@ def test_joints_that_follow_are_exact(batch: tuple[int, ...], seed: int) -> None
     assert (np.abs(np.asarray(after.rotation) - np.asarray(target.rotation)).max(axis=-1)[others] > 0).all()
 
 
-def test_only_those_break_who_do() -> None:
-    """A second break of one of two people leaves the other's offset as it is."""
+def test_only_given_people_break() -> None:
+    """A second break of one of two people does not change the offset of the other."""
     rng = np.random.default_rng(0)
-    shown, target, offset = begun(rng, (2,))
+    output, target, offset = begun(rng, (2,))
     elsewhere = random_pose(rng, (2,))
-    again = ONE.start(shown, elsewhere, offset, people=np.array([False, True]))
+    again = ONE.start(output, elsewhere, offset, people=np.array([False, True]))
     for before, after in ((offset.root, again.root), (offset.rotation, again.rotation)):
         np.testing.assert_array_equal(after[0], before[0])
         assert (after[1] != before[1]).any()
@@ -143,15 +143,15 @@ def test_only_those_break_who_do() -> None:
         np.testing.assert_allclose(both.rotation[k], alone.rotation, atol=1e-15)
 
 
-def test_another_skeleton_turns_as_the_one_before() -> None:
-    shown, target, _ = begun(np.random.default_rng(1), ())
+def test_a_change_of_skeleton_is_continuous() -> None:
+    output, target, _ = begun(np.random.default_rng(1), ())
     taller = Pose(SKELETON.scaled(1.9), target.root_position, target.rotation)
-    after, _ = ONE.apply(taller, 0.0, ONE.start(shown, taller, ONE.rest(taller)))
+    after, _ = ONE.apply(taller, 0.0, ONE.start(output, taller, ONE.rest(taller)))
     assert after.skeleton is taller.skeleton
-    assert apart(after, shown) < 1e-9
+    assert apart(after, output) < 1e-9
 
 
-def test_without_an_offset_the_target_is_shown() -> None:
+def test_the_output_is_the_target_without_an_offset() -> None:
     target = random_pose(np.random.default_rng(0), (2,))
     rest = ONE.rest(target)
     assert ONE.apply(target, 1 / 60, rest) == (target, rest)
@@ -160,6 +160,6 @@ def test_without_an_offset_the_target_is_shown() -> None:
 
 
 @pytest.mark.parametrize("half_life", [0.0, -1.0, np.nan, np.inf])
-def test_half_lives_that_cannot_be(half_life: float) -> None:
+def test_invalid_half_lives_are_refused(half_life: float) -> None:
     with pytest.raises(BodysenseError, match=r"half-life .* s; give a positive number of seconds"):
         Inertialiser(half_life)

@@ -1,4 +1,4 @@
-"""Joining of two answers before the network: shares by certainty, and hidden frames that lead to a return."""
+"""Joining of two passes without the network: shares by certainty, and hidden frames that lead to a return."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import pytest
 
 from bodysense.body.rotation import geodesic_angle, quaternion_exp
 from bodysense.body.skeleton import default_skeleton
-from bodysense.completion.joining import BACKWARD_SHARE, LEAD, future_share, led, mean_rotation
+from bodysense.completion.joining import BACKWARD_SHARE, LEAD, future_share, lead_to_returns, mean_rotation
 
 SECONDS = 1 / 30
 FRAMES, RETURN = 90, 50  # a wrist is hidden until it is seen again in this frame
@@ -16,7 +16,7 @@ WRIST, ELBOW, KNEE = (SKELETON.index(name) for name in ("left_wrist", "left_elbo
 
 
 @pytest.mark.parametrize("times", [1.0, 2.0, 8.0])
-def test_the_surer_answer_counts_more(times: float) -> None:
+def test_the_more_certain_pass_counts_more(times: float) -> None:
     past = np.full((FRAMES, len(SKELETON.points)), 0.05)
     share = future_share(past, past / times, SECONDS)
     other = future_share(past / times, past, SECONDS)
@@ -36,7 +36,7 @@ def test_shares_change_slowly() -> None:
 
 
 def leaping() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Rotations (T, J, 4) of an elbow that leaps by a radian where its wrist is seen again, heads, and what is seen."""
+    """Return rotations (T, J, 4) of an elbow that jumps when its wrist is seen again, heads, and seen points."""
     rotation = np.zeros((FRAMES, len(SKELETON.joints), 4))
     rotation[..., 0] = 1
     rotation[RETURN:, ELBOW] = quaternion_exp(np.array([0.0, 1.0, 0.0]))
@@ -47,7 +47,7 @@ def leaping() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 def test_hidden_frames_lead_to_a_return() -> None:
     rotation, head, seen = leaping()
-    found, _ = led(rotation, head, seen, SECONDS)
+    found, _ = lead_to_returns(rotation, head, seen, SECONDS)
     steps = geodesic_angle(found[1:, ELBOW], found[:-1, ELBOW])
     assert steps.max() < 0.15 < geodesic_angle(rotation[1:, ELBOW], rotation[:-1, ELBOW]).max()
     np.testing.assert_array_equal(found[RETURN:], rotation[RETURN:])
@@ -56,9 +56,9 @@ def test_hidden_frames_lead_to_a_return() -> None:
     np.testing.assert_array_equal(found[:, KNEE], rotation[:, KNEE])
 
 
-def test_what_is_seen_all_the_time_is_not_led() -> None:
+def test_points_seen_in_all_frames_are_unchanged() -> None:
     rotation, head, seen = leaping()
-    found, _ = led(rotation, head, np.ones_like(seen), SECONDS)
+    found, _ = lead_to_returns(rotation, head, np.ones_like(seen), SECONDS)
     np.testing.assert_array_equal(found, rotation)
 
 

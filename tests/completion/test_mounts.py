@@ -1,19 +1,19 @@
-"""How trackers are worn is refined where motion tells, and only there."""
+"""Motion refines the mounts of trackers."""
 
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from worn_trackers import BOW, RATE, SQUAT, errors, of_all, tracked, worn
+from worn_trackers import BOW, RATE, SQUAT, calibrated_wearer, errors, errors_of_all_bodies, tracked
 
 from bodysense.body.person import Person
 from bodysense.body.rigid import RigidTransform
 from bodysense.tracker import Tracker, TrackerSettings
 
 
-def test_bows_with_straight_legs_tell_where_the_hips_are() -> None:
-    found = of_all("six_point", BOW, BOW)
+def test_bows_with_straight_legs_locate_the_hips() -> None:
+    found = errors_of_all_bodies("six_point", BOW, BOW)
     before, after = found["pelvis"].T
     assert after.mean() < 0.6 * before.mean()
     assert np.percentile(after, 90) < 0.03
@@ -21,24 +21,24 @@ def test_bows_with_straight_legs_tell_where_the_hips_are() -> None:
     assert max(found["left_ankle"].max(), found["right_ankle"].max()) < 0.03
 
 
-def test_more_trackers_tell_more() -> None:
-    found = of_all("ten_point", BOW, SQUAT)
+def test_more_trackers_refine_all_mounts() -> None:
+    found = errors_of_all_bodies("ten_point", BOW, SQUAT)
     for name, apart in found.items():
         before, after = apart.T
         assert after.max() < 0.03, name
         assert after.mean() < 0.8 * before.mean(), name
 
 
-def test_bent_legs_tell_nothing() -> None:
+def test_bent_legs_make_no_mount_worse() -> None:
     for body in range(4):
-        observation, person, pose = worn(body, "six_point", SQUAT)
+        observation, person, pose = calibrated_wearer(body, "six_point", SQUAT)
         for before, after in errors(observation, pose, person, tracked(observation, person).person()).values():
             assert after < before + 0.003
 
 
-def test_nothing_jumps() -> None:
-    """Less than 1 mm a frame: what the refinement adds to the pelvis, which is output where it is measured."""
-    observation, person, pose = worn(3, "ten_point", BOW, SQUAT)
+def test_refinement_causes_no_jump() -> None:
+    """The refinement moves the pelvis by less than 3 mm a frame."""
+    observation, person, pose = calibrated_wearer(3, "ten_point", BOW, SQUAT)
     pelvis = pose.skeleton.index("pelvis")
     refined, plain = (
         tracker.step(observation, tracker.start())[0].points[:, pelvis]
@@ -49,8 +49,8 @@ def test_nothing_jumps() -> None:
 
 
 @pytest.mark.parametrize("kind", ["wild", "still"])
-def test_errors_of_tracking_do_no_harm(kind: str) -> None:
-    observation, person, _ = worn(2, "ten_point", BOW)
+def test_tracking_errors_hardly_change_mounts(kind: str) -> None:
+    observation, person, _ = calibrated_wearer(2, "ten_point", BOW)
     rng = np.random.default_rng(5)
     position = observation.position.copy()
     if kind == "wild":
@@ -62,8 +62,8 @@ def test_errors_of_tracking_do_no_harm(kind: str) -> None:
         assert np.abs(after.mounts[name].translation - mount.translation).max() <= 0.05 + 1e-9
 
 
-def test_what_was_learned_is_kept_in_the_persons_file(tmp_path: Path) -> None:
-    observation, person, pose = worn(1, "ten_point", BOW, SQUAT)
+def test_learned_mounts_are_kept_in_the_persons_file(tmp_path: Path) -> None:
+    observation, person, pose = calibrated_wearer(1, "ten_point", BOW, SQUAT)
     state = tracked(observation, person)
     state.person().save(tmp_path / "me.json")
     again = Person.load(tmp_path / "me.json")
@@ -73,8 +73,8 @@ def test_what_was_learned_is_kept_in_the_persons_file(tmp_path: Path) -> None:
     assert again.mounts.keys() == person.mounts.keys()
 
 
-def test_known_mounts_are_kept_and_new_ones_begin_anew() -> None:
-    observation, person, _ = worn(1, "ten_point", BOW)
+def test_unchanged_mounts_keep_their_refinement() -> None:
+    observation, person, _ = calibrated_wearer(1, "ten_point", BOW)
     state = tracked(observation, person)
     learned = state.person().mounts["pelvis"].translation
     same = state.with_people([Person(height=1.7, mounts=person.mounts)])
@@ -86,6 +86,9 @@ def test_known_mounts_are_kept_and_new_ones_begin_anew() -> None:
     assert not state.with_people([Person()]).person().mounts
 
 
-def test_an_inertial_sensor_s_mount_is_left_to_the_device() -> None:
+def test_mounts_of_inertial_sensors_are_unchanged() -> None:
     mounts = {"left_knee_imu": RigidTransform(rotation=np.array([0.0, 1.0, 0.0, 0.0]))}
-    assert tracked(worn(1, "six_point", BOW)[0], Person(mounts=mounts)).person().mounts.keys() == mounts.keys()
+    assert (
+        tracked(calibrated_wearer(1, "six_point", BOW)[0], Person(mounts=mounts)).person().mounts.keys()
+        == mounts.keys()
+    )

@@ -1,4 +1,4 @@
-"""The loader of network files: a made-up network that adds what it reads to what it remembers."""
+"""Loading of network files, with a small network that adds its input to its state."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def test_each_start_has_its_own_memory(write: Write) -> None:
 
 
 def test_cards_of_older_files_start_the_same(write: Write) -> None:
-    """With the batch axis in their shapes, `values`, or inputs' whole names."""
+    """Older cards have a batch axis in their shapes, `values`, or full names of inputs."""
     older = {"state_sum": {"shape": [1, 2, 3], "dtype": "float32", "values": list(range(6))}}
     expected = Network.open(write(), FORMAT).start()
     found = Network.open(write(name="older.onnx", state=older), FORMAT).start()

@@ -1,4 +1,4 @@
-"""Proportions and posture are inferred from what sensors measure, without a jump, and what is known stays."""
+"""Proportions and posture are inferred from measurements without jumps; known ones are unchanged."""
 
 import numpy as np
 import pytest
@@ -46,7 +46,7 @@ def head_at(height: np.ndarray, along: np.ndarray | float = 0.0) -> Observation:
 
 
 def statures(observation: Observation, person: Person = Person()) -> tuple[np.ndarray, TrackerState]:
-    """Height of the body in use (T,) m, and the last state."""
+    """Return the height (T,) m of the body in use, and the last state."""
     tracker = Tracker(person)
     estimate, state = tracker.step(observation, tracker.start())
     return stature(estimate.rest_offset), state
@@ -60,7 +60,7 @@ def heads(height: float) -> tuple[float, float]:
 
 
 @pytest.mark.parametrize("body", range(3))
-def test_the_height_is_found_from_the_head(body: int) -> None:
+def test_the_height_is_inferred_from_the_head(body: int) -> None:
     estimate, _, truth = inferred(body, Person(), SENSOR_SETS["head"])
     assert abs(stature(estimate.rest_offset[-1]) - stature(truth)) < 0.05
 
@@ -82,7 +82,7 @@ def test_nothing_jumps_and_a_still_wearer_grows_slowly() -> None:
         assert np.abs(np.diff(stature(estimate.rest_offset))).max() < 0.0205 / RATE
 
 
-def test_what_is_known_stays() -> None:
+def test_known_proportions_are_unchanged() -> None:
     skeleton = unseen_body(8)
     estimate, _, _ = inferred(2, Person(skeleton), EVERYTHING)
     assert np.array_equal(estimate.rest_offset, np.broadcast_to(skeleton.rest_offset, estimate.rest_offset.shape))
@@ -93,13 +93,13 @@ def test_what_is_known_stays() -> None:
 
 
 @pytest.mark.parametrize("lowered", [-0.8, 0.7], ids=["on stairs", "kneeling"])
-def test_who_stands_on_stairs_or_kneels_is_as_tall_as_before(lowered: float) -> None:
+def test_stairs_and_kneeling_do_not_change_the_height(lowered: float) -> None:
     estimate, _, _ = inferred(3, Person(), SENSOR_SETS["head"], lowered)
     assert abs(stature(estimate.rest_offset[-1]) - stature(Person().skeleton.rest_offset)) < 0.01
 
 
 def sits_then_walks(height: float) -> np.ndarray:
-    """Height of the body in use (T,) m of a wearer who sits for 15 s, rises within 1 s and walks for 10 s."""
+    """Return the height (T,) m of the body in use; the wearer sits for 15 s, rises within 1 s and walks for 10 s."""
     standing, sitting = heads(height)
     still = sitting + 0.005 * np.sin(np.arange(15 * RATE) / RATE)
     rising, walking = np.linspace(sitting, standing, RATE), np.full(10 * RATE, standing - 0.01)
@@ -124,7 +124,7 @@ def test_a_seated_wearer_keeps_their_height(height: float) -> None:
     assert sits_then_walks(height)[10 * RATE :].min() > height - 0.04
 
 
-def test_a_small_body_that_walks_is_not_taken_for_a_tall_one_that_sits() -> None:
+def test_a_small_walking_body_is_not_taken_for_a_tall_seated_one() -> None:
     standing, _ = heads(1.47)
     still, walking = np.full(5 * RATE, standing), np.full(15 * RATE, standing - 0.01)
     along = np.concatenate([np.zeros(5 * RATE), np.arange(15 * RATE) / RATE])
@@ -143,7 +143,7 @@ def test_a_known_height_that_the_head_contradicts_is_released() -> None:
     assert abs(on_tiptoe[-1] - 1.7) < 0.005 and not state.contradicts_height()
 
 
-def test_an_inferred_person_goes_on_as_it_was_believed() -> None:
+def test_an_inferred_person_continues_with_the_same_proportions() -> None:
     _, state, _ = inferred(4, Person(), EVERYTHING)
     person = state.person()
     estimate, _ = (tracker := Tracker(person)).step(head_at(np.full(1, 1.5)), tracker.start())
@@ -152,7 +152,7 @@ def test_an_inferred_person_goes_on_as_it_was_believed() -> None:
     assert np.array_equal(known.person().skeleton.rest_offset, unseen_body(4).rest_offset)
 
 
-def test_the_core_s_likeliest_person_is_ours() -> None:
+def test_the_core_and_python_agree_on_the_likeliest_person() -> None:
     import ctypes
 
     from bodysense.completion import core

@@ -1,4 +1,4 @@
-"""The packaged performance: a plausible body that does what a wearer does, and the script that made it."""
+"""The packaged performance: plausible motion of a wearer, and the script that made it."""
 
 import subprocess
 import sys
@@ -22,12 +22,12 @@ POSITION, ROTATION = (np.asarray(part) for part in forward_kinematics(CLIP.pose)
 
 
 def during(start: float, end: float) -> slice:
-    """Frames from one time to another, s."""
+    """Return the frames from one time to another, s."""
     return slice(round(start * CLIP.frame_rate), round(end * CLIP.frame_rate))
 
 
 def at(name: str, offset: tuple[float, float, float] = (0, 0, 0)) -> np.ndarray:
-    """(T, 3) a point's place in the world, or that of an offset (m) in a joint's frame."""
+    """Return the world position (T, 3) of a point, or of an offset (m) in a joint's frame."""
     index = SKELETON.index(name)
     if not any(offset):
         return POSITION[:, index]
@@ -40,7 +40,7 @@ def distance_to_segment(point: np.ndarray, start: np.ndarray, end: np.ndarray) -
     return np.linalg.norm(point - start - np.clip(along, 0, 1)[:, None] * (end - start), axis=-1)
 
 
-def test_file_is_small_and_says_whose_it_is():
+def test_file_is_small_and_names_its_source():
     assert FILE.stat().st_size < 400_000
     with np.load(FILE, allow_pickle=False) as file:
         assert file["poses"].shape == (len(CLIP), 156)
@@ -67,7 +67,7 @@ def test_starts_upright_at_the_origin_and_faces_forward():
 
 
 def test_leans_over_the_foot_that_stands():
-    """Walkers' heads go to the side of the foot on the floor; those who stand have their hips ahead of their ankles."""
+    """While walking the head moves over the standing foot; while standing the hips are in front of the ankles."""
     heading = quaternion_rotate(ROTATION[:, 0], np.array([0.0, 0.0, 1.0])) * [1, 0, 1]
     ankles = (at("left_ankle") + at("right_ankle")) / 2
     lifted = at("right_ankle")[:, 1] - at("left_ankle")[:, 1]  # above 0: the left foot stands
@@ -86,7 +86,7 @@ def test_no_frame_jumps():
     assert (acceleration > 15).mean() < 0.01  # feet that swing
 
 
-def test_joints_turn_as_a_persons_do():
+def test_joints_stay_in_their_ranges():
     for side, inward in (("left", -1.0), ("right", 1.0)):
         elbow = quaternion_rotate(CLIP.pose.rotation[:, SKELETON.index(f"{side}_elbow")], np.array([-inward, 0.0, 0.0]))
         knee = quaternion_rotate(CLIP.pose.rotation[:, SKELETON.index(f"{side}_knee")], np.array([0.0, -1.0, 0.0]))
@@ -121,7 +121,7 @@ def test_hands_stay_out_of_trunk_and_head(solid: str):
             assert depth.max() < 0.003, name
 
 
-def test_holds_are_alive():
+def test_held_poses_move_a_little():
     for start, end in ((6.9, 8.0), (10.0, 10.8), (11.7, 13.0), (24.3, 25.0)):
         when = during(start, end)
         assert np.ptp(at("head_top")[when], axis=0).max() > 0.002

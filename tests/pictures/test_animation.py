@@ -1,4 +1,4 @@
-"""The drawn body: what hides what, light, shadow, and the file."""
+"""The drawn body: occlusion, light, shadow, and files."""
 
 from __future__ import annotations
 
@@ -59,15 +59,15 @@ def hue(picture: np.ndarray, color: int) -> np.ndarray:
     return np.linalg.norm(direction - COLORS[color] / np.linalg.norm(COLORS[color]), axis=-1)
 
 
-def test_what_is_nearer_hides_what_is_behind(level: FollowingCamera) -> None:
+def test_near_parts_hide_far_ones(level: FollowingCamera) -> None:
     for near, far in ((0.4, -0.4), (-0.4, 0.4)):
         skin, balls = balls_in_front((0, 1, near, 0.2, SKIN), (0, 1, far, 0.2, SHIRT))
         seen = BodyPainter(level).draw(skin, balls, level.eye(0))[60, 48].astype(float)
         assert hue(seen, SKIN if near > far else SHIRT) < 0.03
 
 
-def test_light_does_not_depend_on_what_is_elsewhere(level: FollowingCamera) -> None:
-    """A ball far behind another, beside it, keeps its brightness."""
+def test_shading_does_not_depend_on_nearer_balls(level: FollowingCamera) -> None:
+    """A ball far behind a nearer one keeps its brightness."""
     alone = BodyPainter(level).draw(*balls_in_front((0.4, 1, -1.5, 0.2, SKIN)), level.eye(0))
     both = BodyPainter(level).draw(*balls_in_front((-0.3, 1, 0.4, 0.2, SHIRT), (0.4, 1, -1.5, 0.2, SKIN)), level.eye(0))
     window = np.s_[40:80, 56:78]
@@ -75,7 +75,7 @@ def test_light_does_not_depend_on_what_is_elsewhere(level: FollowingCamera) -> N
     np.testing.assert_allclose(both[window].astype(int), alone[window].astype(int), atol=2)
 
 
-def test_a_ball_is_round_and_as_large_as_it_is(level: FollowingCamera) -> None:
+def test_a_ball_is_round_and_of_the_right_size(level: FollowingCamera) -> None:
     """Coverage against the cone that a ball fills: half angle asin(r / d)."""
     skin, balls = balls_in_front((0.3, 1.4, 0, 0.3, SKIN))
     empty = BodyPainter(level).draw(*balls_in_front((9, 1, 0, 0.1, SKIN)), level.eye(0)).astype(int)
@@ -123,8 +123,8 @@ def test_a_shadow_lies_under_the_feet(level: FollowingCamera) -> None:
     assert abs(low[aside].mean() - high[aside].mean()) <= 1
 
 
-def test_flesh_holds_the_primitives() -> None:
-    """What is drawn reaches as far as the solids that hide joints, to a few millimetres; knees and trunk are joined."""
+def test_the_skin_encloses_the_primitives() -> None:
+    """The skin encloses the solids that hide joints to a few millimetres; knees and trunk are connected."""
     skeleton = default_skeleton()
     skin, pose = fit_skin(skeleton), standing_pose(skeleton)
     balls = place_skin(skin, pose)
@@ -141,7 +141,7 @@ def test_flesh_holds_the_primitives() -> None:
     assert trunk <= {int(skin.joint[k]) for k in reached}, "the trunk hangs together"
 
 
-def test_the_file(tmp_path: Path, waving_clip: Clip) -> None:
+def test_an_animation_is_written(tmp_path: Path, waving_clip: Clip) -> None:
     pose = waving_clip.pose[:7]
     write_animation(tmp_path / "a.webp", pose, follow_body(pose, 30, SMALL), 30)
     with Image.open(tmp_path / "a.webp") as image:
@@ -160,7 +160,7 @@ def test_the_file(tmp_path: Path, waving_clip: Clip) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["a.webp"]
 
 
-def test_the_camera_sees_the_face_and_keeps_calm(waving_clip: Clip) -> None:
+def test_the_camera_sees_the_face_and_moves_smoothly(waving_clip: Clip) -> None:
     pose, skeleton = waving_clip.pose, waving_clip.pose.skeleton
     camera = follow_body(pose, 30, SMALL)
     assert len(camera) == 90 and (camera.follow == camera.follow[0]).all(), (
@@ -182,7 +182,7 @@ def test_the_camera_sees_the_face_and_keeps_calm(waving_clip: Clip) -> None:
     assert moved.floor - camera.floor == pytest.approx(2)
 
 
-def test_a_lens_that_cannot_be() -> None:
+def test_invalid_lenses_are_refused() -> None:
     with pytest.raises(BodysenseError, match="lens: width is 0; it must be positive"):
         Lens(width=0)
 
@@ -190,7 +190,7 @@ def test_a_lens_that_cannot_be() -> None:
 @pytest.mark.alone
 @pytest.mark.slow
 def test_a_picture_is_drawn_in_little_time(waving_clip: Clip) -> None:
-    """The aim is 30 ms on a core of its own; thrice that is a defect."""
+    """The aim is 30 ms on one core; three times that is a defect."""
     import time
 
     camera = follow_body(waving_clip.pose, 30)

@@ -1,4 +1,4 @@
-"""Bodies side by side: what is not tracked is red, times are right, nothing else differs."""
+"""Bodies side by side: untracked parts are red, times are right, and nothing else differs."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def reds(picture: np.ndarray) -> int:
     return int(((red > 1.6 * green) & (red > 1.6 * blue)).sum())
 
 
-def test_what_is_not_tracked_is_red(views: list[View]) -> None:
+def test_untracked_parts_are_red(views: list[View]) -> None:
     pictures = list(draw_views(views, 30.0, lens=LENS))
     assert len(pictures) == 6 and all(picture.shape[1] == 180 for picture in pictures)
     left, right = pictures[5][:, :90], pictures[5][:, 90:]
@@ -38,7 +38,7 @@ def test_what_is_not_tracked_is_red(views: list[View]) -> None:
     np.testing.assert_array_equal(next(whole), pictures[0])
 
 
-def test_files(views: list[View], tmp_path: Path) -> None:
+def test_files_are_written(views: list[View], tmp_path: Path) -> None:
     write_comparison(tmp_path / "a.webp", views, 10.0, LENS)
     with Image.open(tmp_path / "a.webp") as animation:
         frames = [animation.seek(k) or (animation.load(), animation.info["duration"])[1] for k in range(6)]

@@ -10,7 +10,7 @@ from bodysense.body.pose import forward_kinematics, standing_pose
 from bodysense.body.skeleton import default_skeleton
 from bodysense.devices.video.person import PersonTrack
 from bodysense.errors import BodysenseError
-from bodysense.pictures.overlay import Overlay, numbered, side_by_side
+from bodysense.pictures.overlay import Overlay, draw_numbers, side_by_side
 
 SKELETON = default_skeleton()
 POSE = standing_pose(SKELETON)
@@ -27,10 +27,10 @@ def test_bones_lie_where_the_camera_sees_them() -> None:
         x, y = places[SKELETON.index(name)] * [240, -240] + [160, 120]
         around = picture[round(y) - 2 : round(y) + 3, round(x) - 2 : round(x) + 3].reshape(-1, 3).astype(int)
         assert np.abs(around - color).sum(axis=1).min() < 120, name
-    assert not picture[:100, :100].any()  # what is not covered stays as it was
+    assert not picture[:100, :100].any()  # pixels that are not covered are unchanged
 
 
-def test_the_body_beside_stands_in_the_middle_on_the_floor() -> None:
+def test_the_body_on_the_right_is_centred_on_the_floor() -> None:
     beside = side_by_side(np.zeros((240, 320, 3), np.uint8), POSE, CAMERA)[:, 320:].astype(int)
     wall = beside[2, 2]
     middle = (np.abs(beside[:, 76:116] - wall).sum(axis=2) > 120).any(axis=1)
@@ -55,8 +55,8 @@ def test_numbers_are_drawn_on_people() -> None:
     places = {1: np.array([-0.4, 0.1]), 2: np.array([0.3, -0.2])}
     people = [PersonTrack(0.0, place, np.zeros(2), 0.3, np.zeros(3), number) for number, place in places.items()]
     grey = np.full((240, 320, 3), 128, np.uint8)
-    shown = numbered(grey, people)
-    changed = (shown != grey).any(axis=2)
+    frames = draw_numbers(grey, people)
+    changed = (frames != grey).any(axis=2)
     for place in places.values():
         x, y = np.round(place * [240, -240] + [160, 120]).astype(int)
         assert changed[y - 8 : y + 8, x - 8 : x + 8].all()
@@ -64,7 +64,7 @@ def test_numbers_are_drawn_on_people() -> None:
     assert not changed.any() and (grey == 128).all()
 
 
-def test_nothing_is_left_of_a_video_that_failed(tmp_path: Path) -> None:
+def test_a_failed_video_leaves_no_file(tmp_path: Path) -> None:
     pytest.importorskip("av")
     with pytest.raises(BodysenseError, match="stop"), Overlay(tmp_path / "a.mp4", 30.0) as overlay:
         overlay.show(0.0, np.zeros((96, 128, 3), np.uint8), POSE, CAMERA)
@@ -72,7 +72,7 @@ def test_nothing_is_left_of_a_video_that_failed(tmp_path: Path) -> None:
     assert not list(tmp_path.iterdir())
 
 
-def test_a_name_that_is_no_videos(tmp_path: Path) -> None:
+def test_names_that_are_no_videos_are_refused(tmp_path: Path) -> None:
     pytest.importorskip("av")
     with pytest.raises(BodysenseError, match=r"name it \.mp4"), Overlay(tmp_path / "a.xyz", 30.0):
         pass

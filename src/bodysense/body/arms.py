@@ -1,8 +1,8 @@
-"""Both arms with their hands: the joints that turn, the points that a camera sees, and the arms by themselves.
+"""Both arms with their hands: their joints, the points that a camera sees, and a skeleton of the arms alone.
 
-PAHMT (Liu et al. 2022) estimates 48 rotations of a Mixamo character, 24 an arm: collar, upper arm, forearm, hand and
-four joints a finger, of which the last is the fingertip. A fingertip does not turn; without the ten of them there are
-38, and those are `ARM_JOINTS`.
+PAHMT (Liu et al. 2022) estimates 48 rotations of a Mixamo character, 24 for each arm: collar, upper arm, forearm, hand
+and four joints for each finger. The last joint of a finger is its tip, which does not turn. Without the ten tips there
+are the 38 `ARM_JOINTS`.
 """
 
 from __future__ import annotations
@@ -17,19 +17,19 @@ from bodysense.body.skeleton import ARM, FINGERS, Skeleton
 SIDES = ("left", "right")
 FINGER_JOINTS = tuple(f"{finger}{k}" for finger in FINGERS for k in (1, 2, 3))  # of a hand, in the order of SMPL-H
 ARM_JOINTS = tuple(f"{side}_{part}" for side in SIDES for part in (*ARM, *FINGER_JOINTS))  # 2 × 19
-ARM_POINTS = ("shoulder", "elbow", "wrist")  # between them upper arm and forearm
-# A hand's points in the order of MediaPipe's hand landmarks; thumb1 is its CMC joint, the others' 1 their knuckle.
+ARM_POINTS = ("shoulder", "elbow", "wrist")  # ends of upper arm and forearm
+# Points of a hand in the order of MediaPipe's hand landmarks. thumb1 is the CMC joint, index1 and others the knuckles.
 HAND_POINTS = (
     "wrist",
     *(f"{finger}{end}" for finger in ("thumb", "index", "middle", "ring", "pinky") for end in ("1", "2", "3", "_tip")),
 )
-CHEST = "spine3"  # what both arms hang on
+CHEST = "spine3"  # parent of both arms
 
 
 def arm_skeleton(skeleton: Skeleton) -> Skeleton:
-    """Both arms alone: the chest, at the origin, then `ARM_JOINTS` and the ten fingertips.
+    """Return the skeleton of both arms alone: the chest at the origin, then `ARM_JOINTS` and the ten fingertips.
 
-    Raises BodysenseError where the skeleton lacks one of them.
+    Raises BodysenseError if the skeleton lacks one of them.
     """
     joints = (CHEST, *ARM_JOINTS)
     tips = tuple(f"{side}_{finger}_tip" for side in SIDES for finger in FINGERS)
@@ -42,12 +42,12 @@ def arm_skeleton(skeleton: Skeleton) -> Skeleton:
 
 
 def arm_rotations(pose: Pose) -> np.ndarray:
-    """Local rotations (..., 38, 4) of `ARM_JOINTS`."""
+    """Return the local rotations (..., 38, 4) of `ARM_JOINTS`."""
     return np.asarray(pose.rotation[..., pose.skeleton.indices(ARM_JOINTS), :])
 
 
 def with_arms(pose: Pose, rotation: np.ndarray) -> Pose:
-    """The pose with local rotations (..., 38, 4) of `ARM_JOINTS` in place of its own."""
+    """Replace the local rotations (..., 38, 4) of `ARM_JOINTS` in a pose."""
     turned = np.array(np.broadcast_to(pose.rotation, (*rotation.shape[:-2], *pose.rotation.shape[-2:])))
     turned[..., pose.skeleton.indices(ARM_JOINTS), :] = rotation
     root = np.broadcast_to(pose.root_position, (*rotation.shape[:-2], 3))

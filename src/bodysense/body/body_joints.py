@@ -1,4 +1,4 @@
-"""The 22 joints of `BODY` by themselves: a skeleton without hands, and back to the whole one."""
+"""The 22 joints of `BODY` alone: conversion to a skeleton without hands, and back."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from bodysense.body.skeleton import BODY, Skeleton
 
 
 def body_skeleton(skeleton: Skeleton) -> Skeleton:
-    """The 22 joints of a skeleton that has them, each on the nearest of them above it."""
+    """Return the skeleton of the 22 joints of `BODY`; each hangs on its nearest ancestor among them."""
     places = skeleton.indices(BODY)
     order = {place: k for k, place in enumerate(places.tolist())}
     parents = tuple(order.get(skeleton.parents[place], -1) for place in places.tolist())
@@ -17,13 +17,13 @@ def body_skeleton(skeleton: Skeleton) -> Skeleton:
 
 
 def body_pose(pose: Pose) -> Pose:
-    """The 22 joints of a pose (NumPy): the same world positions and rotations, without fingers."""
+    """Return the 22 joints of a pose (NumPy); world positions and rotations are unchanged."""
     places = pose.skeleton.indices(BODY)
     return Pose(body_skeleton(pose.skeleton), pose.root_position, pose.rotation[..., places, :])
 
 
 def whole_pose(skeleton: Skeleton, root_position: np.ndarray, rotation: np.ndarray) -> Pose:
-    """The pose of a whole skeleton from rotations (..., 22, 4) of `BODY`; fingers hang relaxed."""
+    """Return the pose of a whole skeleton from local rotations (..., 22, 4) of `BODY`, with relaxed fingers."""
     whole = np.broadcast_to(standing_pose(skeleton).rotation, (*rotation.shape[:-2], len(skeleton.joints), 4)).copy()
     whole[..., skeleton.indices(BODY), :] = rotation
     return Pose(skeleton, root_position, whole)

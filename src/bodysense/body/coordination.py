@@ -1,11 +1,11 @@
-"""Coordination: known joints tell how missing ones move in a gap.
+"""Coordination of joints: a prediction of missing joints in a gap from known joints.
 
 An arm swings with the opposite leg, and the chest leans against the hips. So if known joints deviate from their
-interpolation over a gap (`gaps.interpolated`), missing joints deviate from theirs, too. The deviations of all joints
-are modelled as one normal distribution, for gaps of each length; those of missing joints are expected from those of
-known ones. At the sides of a gap all deviations are zero, with their speeds.
+interpolation over a gap (`gaps.interpolate`), missing joints deviate from theirs, too. The deviations of all joints
+have one normal distribution for each length of gap. The prediction for missing joints is the conditional mean, given
+the known joints. Deviations and their speeds are zero at the sides of a gap.
 
-The covariances are of training people. `scripts/fit_coordination.py` measures them.
+`scripts/fit_coordination.py` measures the covariances on training people.
 """
 
 from __future__ import annotations
@@ -26,24 +26,24 @@ from bodysense.body.rotation import (
 from bodysense.body.skeleton import BODY
 
 FILE = "coordination.npz"  # in this package
-ROOT = len(BODY)  # number of the root's place, after the joints
+ROOT = len(BODY)  # index of the root's position, after the joints
 NOISE = 1e-5  # rad² (m²) added to the variances of known joints, so that small differences do not count
 
 
 @dataclass(frozen=True, eq=False)
 class Coordination:
-    """Covariances of the deviations of joints in `BODY`, rad in their axes, and of the root's place, m in its axes."""
+    """Covariances of deviations: of joints in `BODY`, rad in their axes, and of the root's position, m in its axes."""
 
     seconds: np.ndarray  # (L,) lengths of gaps, increasing
     covariance: np.ndarray  # (L, 3 (J + 1), 3 (J + 1))
 
     def expected(self, known: np.ndarray, is_known: np.ndarray, seconds: float) -> np.ndarray:
-        """Return deviations (N, J + 1, 3) of a gap: missing ones are their expectation, given the known ones.
+        """Return deviations (N, J + 1, 3) of a gap, with missing ones replaced by their conditional mean.
 
         Args:
-            known: (N, J + 1, 3) rad, the last m; arbitrary where missing.
+            known: (N, J + 1, 3) rad, the last in m; arbitrary if missing.
             is_known: (J + 1,) bool.
-            seconds: length of the gap; between two measured lengths covariances are interpolated.
+            seconds: length of the gap. Covariances are interpolated between measured lengths.
         """
         frames, result = len(known), np.array(known)
         result[:, ~is_known] = 0
@@ -57,7 +57,7 @@ class Coordination:
         return result
 
     def _at(self, seconds: float) -> np.ndarray:
-        """Return the covariance for a length, interpolated over its logarithm."""
+        """Return the covariance for a length of gap, interpolated over its logarithm."""
         place = np.interp(np.log(seconds), np.log(self.seconds), np.arange(len(self.seconds)))
         low = min(int(place), len(self.seconds) - 2)
         return (low + 1 - place) * self.covariance[low] + (place - low) * self.covariance[low + 1]
@@ -68,15 +68,15 @@ def deviations(rotation: np.ndarray, root: np.ndarray, first: int, end: int, sec
 
     Args:
         rotation: (T, J, 4) local rotations of the joints in `BODY`.
-        root: (T, 3) m, place of the root.
-        first: the gap's first frame, > 0.
-        end: the frame after its last, < T.
-        seconds: between frames.
+        root: (T, 3) m, position of the root.
+        first: first frame of the gap, > 0.
+        end: frame after its last, < T.
+        seconds: time between frames.
     """
     fading = gaps.COASTING / seconds
-    inside = gaps.interpolated(rotation, first, end, fading)
+    inside = gaps.interpolate(rotation, first, end, fading)
     turned = quaternion_log(quaternion_multiply(quaternion_conjugate(inside), rotation[first:end]))
-    off = root[first:end] - gaps.interpolated_places(root, first, end, fading)
+    off = root[first:end] - gaps.interpolate_positions(root, first, end, fading)
     moved = quaternion_rotate(quaternion_conjugate(inside[:, 0]), off)
     return np.concatenate([np.asarray(turned), np.asarray(moved)[:, None]], axis=1)
 

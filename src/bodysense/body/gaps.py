@@ -1,8 +1,8 @@
-"""Gaps in a joint's rotation, filled from the known frames on both sides; a guess may describe the motion inside.
+"""Gaps in a joint's rotation, filled from the known frames on both sides and an optional guess of the motion inside.
 
-Near the sides of a gap interpolation is accurate, and its error grows with the distance from them; a guess is equally
-accurate everywhere. So a guess is first bent to begin and end at the known rotations, and its weight grows with the
-distance from the sides. Known frames are never changed.
+Interpolation is accurate near the sides of a gap, and its error grows with the distance from them. A guess is equally
+accurate everywhere. So the guess is first bent to begin and end at the known rotations, and its weight grows with the
+distance from the sides. Known frames never change.
 """
 
 from __future__ import annotations
@@ -23,32 +23,32 @@ from bodysense.body.rotation import (
 )
 
 COASTING = 0.8  # s in which the speed at a gap's edge fades; shorter gaps are cubics. Chosen on validation people
-BRIEF = 0.25  # s: in a gap no longer than this, known on both sides, a guess adds nothing
-SMOOTH = 0.07  # s, deviation of the Gaussian that removes jitter from the tracker's guess
+BRIEF = 0.25  # s; gaps that are no longer, with two known sides, are interpolated without the guess
+SMOOTH = 0.07  # s; standard deviation of the Gaussian that removes jitter from the guess
 
 
 @dataclass(frozen=True)
 class Trust:
-    """How much a guess counts against the interpolation, by the distance from known frames."""
+    """Weight of a guess against the interpolation, by the distance from known frames."""
 
-    share: float = 1.0  # its weight far from both sides of a gap
-    seconds: float = 1.0  # s from known frames at which it has half of that
-    one_sided: float = 1.0  # s from known frames at which it has weight one half, if only one side is known
+    share: float = 1.0  # weight far from both sides of a gap
+    seconds: float = 1.0  # s from known frames at which the weight is half of `share`
+    one_sided: float = 1.0  # s from known frames at which the weight is one half, if only one side is known
 
-    def weight(self, away: np.ndarray, both_sides: bool) -> np.ndarray:
-        """Return the weight (N,) of the guess in frames that are `away` (N,) s from known ones."""
+    def weight(self, distance: np.ndarray, both_sides: bool) -> np.ndarray:
+        """Return the weight (N,) of the guess in frames that are `distance` (N,) s from known ones."""
         if both_sides:
-            return self.share * away**2 / (away**2 + self.seconds**2)
-        return away**2 / (away**2 + self.one_sided**2)
+            return self.share * distance**2 / (distance**2 + self.seconds**2)
+        return distance**2 / (distance**2 + self.one_sided**2)
 
 
 def runs(present: np.ndarray) -> list[tuple[int, int]]:
-    """Return the runs where (T,) bool is true: the first frame of each, and the one after its last."""
+    """Return the runs of true values in a mask (T,): first frame of each, and the frame after its last."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], present, [False]]).astype(np.int8)))
     return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
 
 
-def filled(
+def fill(
     rotation: np.ndarray,
     missing: np.ndarray,
     seconds: float,
@@ -57,14 +57,14 @@ def filled(
     coasting: float = COASTING,
     deviation: np.ndarray | None = None,
 ) -> np.ndarray:
-    """Return rotations (T, 4) of one joint, filled where `missing` (T,).
+    """Fill the `missing` frames of one joint's rotations (T, 4).
 
     Args:
-        rotation: (T, 4), arbitrary where missing.
+        rotation: (T, 4), arbitrary if missing.
         missing: (T,) bool.
-        seconds: between frames.
-        guess: (T, 4) of all frames; None interpolates from one side of every gap to the other.
-        trust: how much the guess counts.
+        seconds: time between frames.
+        guess: (T, 4) of all frames; without it every gap is interpolated.
+        trust: weight of the guess.
         coasting: s in which the speed at a gap's edge fades.
         deviation: (T, 3) rad, expected turn from the interpolation to the truth in the joint's axes; 0 if omitted.
     """
@@ -75,19 +75,19 @@ def filled(
         inside = result[first:end]
         if sided:
             speeds = first > 1 and not missing[first - 2], end < len(missing) - 1 and not missing[end + 1]
-            inside = interpolated(result, first, end, coasting / seconds, speeds)
+            inside = interpolate(result, first, end, coasting / seconds, speeds)
             if deviation is not None:
                 inside = np.asarray(quaternion_multiply(inside, quaternion_exp(deviation[first:end])))
         if guess is not None and not sided:
             inside = guess[first:end]
         elif guess is not None and end - first > 1 and not (both and (end - first) * seconds <= BRIEF):
-            share = trust.weight(_away(first, end, len(missing)) * seconds, both)
-            inside = slerp(inside, _bent(result, guess[first:end], first, end, seconds), share)
+            share = trust.weight(_distance(first, end, len(missing)) * seconds, both)
+            inside = slerp(inside, _bend_guess(result, guess[first:end], first, end, seconds), share)
         result[first:end] = quaternion_canonical(inside)
     return result
 
 
-def continued(
+def continue_into_gaps(
     rotation: np.ndarray,
     missing: np.ndarray,
     seconds: float,
@@ -95,75 +95,79 @@ def continued(
     trust: Callable[[int], Trust] = lambda first: Trust(),
     coasting: float = COASTING,
 ) -> np.ndarray:
-    """Return rotations (T, 4) as `filled` does, but each from the frames before it and the guess of its own frame.
+    """Fill rotations (T, 4) like `fill`, but each frame only from the frames before it and its own guess.
 
-    `trust` is that of a gap by its first frame. Before the first known frame the guess counts alone.
+    `trust` maps the first frame of a gap to its `Trust`. Before the first known frame the result is the guess.
     """
     result = np.array(rotation)
     for first, end in runs(missing):
-        inside, away, fading = result[first:end], np.arange(1, end - first + 1), coasting / seconds
+        inside, distance, fading = result[first:end], np.arange(1, end - first + 1), coasting / seconds
         if first > 0:
             before, still = result[first - 1], np.zeros(3)
-            led = _difference(result[first - 2], before) if first > 1 and not missing[first - 2] else None
-            way = _way(still, (led, None), max(end - first, int(np.ceil(fading))), fading, False)[: end - first]
-            inside = np.asarray(quaternion_multiply(np.broadcast_to(before, (len(way), 4)), quaternion_exp(way)))
+            entry = _difference(result[first - 2], before) if first > 1 and not missing[first - 2] else None
+            path = _displacement(still, (entry, None), max(end - first, int(np.ceil(fading))), fading, False)[
+                : end - first
+            ]
+            inside = np.asarray(quaternion_multiply(np.broadcast_to(before, (len(path), 4)), quaternion_exp(path)))
         if guess is not None:
-            share = trust(first).weight(away * seconds, False) if first > 0 else np.ones(len(away))
+            share = trust(first).weight(distance * seconds, False) if first > 0 else np.ones(len(distance))
             inside = slerp(inside, guess[first:end], share)
         result[first:end] = quaternion_canonical(inside)
     return result
 
 
-def interpolated(
+def interpolate(
     rotation: np.ndarray, first: int, end: int, fading: float, speeds: tuple[bool, bool] = (True, True)
 ) -> np.ndarray:
     """Interpolate rotations (N, ..., 4) of joints (T, ..., 4) from one side of a gap to the other.
 
-    If only one side is known, the joint comes to rest. The speed on either side continues and fades within `fading`
-    frames; in between, the speed is constant. A gap shorter than that is the cubic through the two known frames on
-    either side.
+    If only one side is known, the joint comes to rest. The speed at each side continues and fades within `fading`
+    frames; in between, the speed is constant. A shorter gap is the cubic through the two known frames on each side.
 
     Args:
-        rotation: (T, ..., 4), known on one side of the gap at least.
-        first: the gap's first frame.
-        end: the frame after its last.
-        fading: frames.
+        rotation: (T, ..., 4), known on at least one side of the gap.
+        first: first frame of the gap.
+        end: frame after its last.
+        fading: number of frames in which the speed at a side fades.
         speeds: whether two frames are known before and after the gap.
     """
     frames = len(rotation)
     before, after = rotation[first - 1 if first else end], rotation[end if end < frames else first - 1]
     whole = _difference(before, after)
-    led = _difference(rotation[first - 2], before) if speeds[0] and first > 1 else None
-    left = _rate_at(whole, _difference(after, rotation[end + 1])) if speeds[1] and end < frames - 1 else None
-    way = _way(whole, (led, left), end - first, fading, first > 0 and end < frames)
-    return np.asarray(quaternion_multiply(np.broadcast_to(before, (*way.shape[:-1], 4)), quaternion_exp(way)))
+    entry = _difference(rotation[first - 2], before) if speeds[0] and first > 1 else None
+    leaving = _rate_at(whole, _difference(after, rotation[end + 1])) if speeds[1] and end < frames - 1 else None
+    path = _displacement(whole, (entry, leaving), end - first, fading, first > 0 and end < frames)
+    return np.asarray(quaternion_multiply(np.broadcast_to(before, (*path.shape[:-1], 4)), quaternion_exp(path)))
 
 
-def interpolated_places(place: np.ndarray, first: int, end: int, fading: float) -> np.ndarray:
-    """Interpolate places (N, 3) of a point (T, 3) over a gap with known frames on both sides, as `interpolated`."""
+def interpolate_positions(place: np.ndarray, first: int, end: int, fading: float) -> np.ndarray:
+    """Interpolate positions (N, 3) of a point (T, 3) over a gap with known frames on both sides, like `interpolate`."""
     before, after = place[first - 1], place[end]
-    led = before - place[first - 2] if first > 1 else None
-    left = place[end + 1] - after if end < len(place) - 1 else None
-    return before + _way(after - before, (led, left), end - first, fading, True)
+    entry = before - place[first - 2] if first > 1 else None
+    leaving = place[end + 1] - after if end < len(place) - 1 else None
+    return before + _displacement(after - before, (entry, leaving), end - first, fading, True)
 
 
-def _way(
+def _displacement(
     whole: np.ndarray, speeds: tuple[np.ndarray | None, np.ndarray | None], count: int, fading: float, both: bool
 ) -> np.ndarray:
-    """Return vectors (N, ..., 3) from the frame before a gap to its `count` frames.
+    """Return displacements (N, ..., 3) from the frame before a gap to its `count` frames.
 
-    `whole` (..., 3) is the vector to the frame after it; `speeds` are vectors a frame before and after the gap, None if
-    unknown.
+    `whole` (..., 3) is the displacement to the frame after the gap. `speeds` are displacements per frame before and
+    after the gap; None if unknown.
     """
     span = count + 1
     step, coasting = whole / span, min(fading, span)
-    led, left = (np.zeros_like(whole) if speed is None else speed - step for speed in speeds)  # excess speeds
-    # Speeds at the sides, whose chords are the speeds to the next frame outside.
+    entry, leaving = (np.zeros_like(whole) if speed is None else speed - step for speed in speeds)  # excess speeds
+    # Convert speeds to the next frame outside (chords) to speeds at the sides (tangents).
     own, other = (1 + 1 / coasting) ** 2, (span + 1) / span**2 if coasting == span and both else 0
-    led, left = (own * led - other * left) / (own**2 - other**2), (own * left - other * led) / (own**2 - other**2)
+    entry, leaving = (
+        (own * entry - other * leaving) / (own**2 - other**2),
+        (own * leaving - other * entry) / (own**2 - other**2),
+    )
     gone = np.arange(1.0, count + 1).reshape(-1, *[1] * whole.ndim)
-    way = gone * step + gone * _fading(gone / coasting) * led
-    return way - (span - gone) * _fading((span - gone) / coasting) * left
+    path = gone * step + gone * _fading(gone / coasting) * entry
+    return path - (span - gone) * _fading((span - gone) / coasting) * leaving
 
 
 def _rate_at(turn: np.ndarray, speed: np.ndarray) -> np.ndarray:
@@ -177,25 +181,25 @@ def _fading(share: np.ndarray) -> np.ndarray:
     return np.maximum(0.0, 1 - share) ** 2
 
 
-def _away(first: int, end: int, frames: int) -> np.ndarray:
-    """Return the distance (N,) of a gap's frames from known ones, in frames: harmonic between two sides."""
+def _distance(first: int, end: int, frames: int) -> np.ndarray:
+    """Return the distance (N,) of a gap's frames from known frames, in frames: harmonic between two sides."""
     count = np.arange(1.0, end - first + 1)
     before = count if first > 0 else np.full(len(count), np.inf)
     after = count[::-1] if end < frames else np.full(len(count), np.inf)
     return 1 / (1 / before + 1 / after)
 
 
-def _bent(kept: np.ndarray, guess: np.ndarray, first: int, end: int, seconds: float) -> np.ndarray:
-    """Bend the guess (N, 4), N ≥ 2, in a gap so that it continues the frame before and leads to the frame after.
+def _bend_guess(kept: np.ndarray, guess: np.ndarray, first: int, end: int, seconds: float) -> np.ndarray:
+    """Bend the guess (N, 4), N ≥ 2, so that it continues the frame before the gap and leads to the frame after it.
 
-    The difference at either side is added in full there and fades toward the other side.
+    The correction at each side fades toward the other side.
     """
     inside = _smooth(guess, SMOOTH / seconds)
     lacking = np.zeros((2, 3))
     if first > 0:
-        lacking[0] = _difference(_beyond(inside[1::-1]), kept[first - 1])
+        lacking[0] = _difference(_extrapolate(inside[1::-1]), kept[first - 1])
     if end < len(kept):
-        lacking[1] = _difference(_beyond(inside[-2:]), kept[end])
+        lacking[1] = _difference(_extrapolate(inside[-2:]), kept[end])
     steps = (np.arange(1.0, end - first + 1) / (end - first + 1))[:, None]
     return np.asarray(quaternion_multiply(inside, quaternion_exp((1 - steps) * lacking[0] + steps * lacking[1])))
 
@@ -211,8 +215,8 @@ def _smooth(rotation: np.ndarray, frames: float) -> np.ndarray:
     return np.asarray(normalize(np.einsum("nk,nkc->nc", np.broadcast_to(weights, places.shape), whole[places])))
 
 
-def _beyond(pair: np.ndarray) -> np.ndarray:
-    """Return the rotation (4,) that follows two (2, 4) at constant speed."""
+def _extrapolate(pair: np.ndarray) -> np.ndarray:
+    """Extrapolate two rotations (2, 4) by one frame at constant speed."""
     return np.asarray(quaternion_multiply(pair[1], quaternion_multiply(quaternion_conjugate(pair[0]), pair[1])))
 
 

@@ -1,7 +1,7 @@
-"""Key-points of a person in a picture: 3-D arms, the torso's turn, and 2-D hands. What a video gives over time.
+"""Key-points of a person in a video: 3-D arms, rotation of the torso, and 2-D hands.
 
-Axes are the camera's, turned to ours: +x to the picture's right, +y up, +z toward the camera. A person that faces the
-camera faces +z, their left hand toward +x. Left and right are the person's.
+Axes are those of the camera: +x to the picture's right, +y up, +z toward the camera. A person who faces the camera
+faces +z, with the left hand toward +x. Left and right are the person's.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from bodysense.body.rotation import (
 )
 from bodysense.errors import BodysenseError
 
-_UNIT = 0.01  # how far from 1 the length of a direction or quaternion may be
+_UNIT = 0.01  # largest difference of the length of a direction or quaternion from 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +38,7 @@ class Camera:
 
 @dataclass(frozen=True, eq=False)
 class ArmKeypoints:
-    """Arms, torso and hands over time; what was not found is NaN, or anything, where its mask is False."""
+    """Arms, torso and hands over time. Values are arbitrary if their mask is False."""
 
     time: np.ndarray  # (T,) s, increasing
     arm: np.ndarray  # (..., T, 2, 2, 3) unit directions of left and right: upper arm, forearm
@@ -49,7 +49,7 @@ class ArmKeypoints:
     has_hand: np.ndarray  # (..., T, 2) bool
 
     def __getitem__(self, key: slice) -> ArmKeypoints:
-        """Frames `key` (a slice) of key-points without batch axes."""
+        """Return the frames `key` (a slice) of key-points without batch axes."""
         return ArmKeypoints(**{field.name: getattr(self, field.name)[key] for field in fields(self)})
 
     def __len__(self) -> int:
@@ -57,14 +57,14 @@ class ArmKeypoints:
 
 
 def arm_directions(points: np.ndarray) -> np.ndarray:
-    """Unit directions (..., 2, 3) of upper arm and forearm from shoulder, elbow and wrist (..., 3, 3)."""
+    """Return unit directions (..., 2, 3) of upper arm and forearm from shoulder, elbow and wrist (..., 3, 3)."""
     return np.asarray(normalize(points[..., 1:, :] - points[..., :-1, :]))
 
 
 def torso_rotation(shoulders: np.ndarray, hips: np.ndarray) -> np.ndarray:
-    """The torso's turn (..., 4) from left and right shoulder (..., 2, 3) and hip (..., 2, 3).
+    """Return the rotation (..., 4) of the torso from left and right shoulder (..., 2, 3) and hip (..., 2, 3).
 
-    Its +y goes from the middle of the hips to that of the shoulders, its +x as the shoulders, right to left.
+    Its +y points from the middle of the hips to the middle of the shoulders, its +x from right to left shoulder.
     """
     up = normalize(shoulders.mean(axis=-2) - hips.mean(axis=-2))
     across = shoulders[..., 0, :] - shoulders[..., 1, :]
@@ -73,7 +73,7 @@ def torso_rotation(shoulders: np.ndarray, hips: np.ndarray) -> np.ndarray:
 
 
 def body_torso(pose: Pose) -> np.ndarray:
-    """The torso's turn (..., 4) of a posed body in the world (`torso_rotation`)."""
+    """Return the rotation (..., 4) of the torso of a posed body in the world (`torso_rotation`)."""
     position = np.asarray(forward_kinematics(pose)[0])
     shoulders, hips = (
         position[..., pose.skeleton.indices([f"{side}_{name}" for side in SIDES]), :] for name in ("shoulder", "hip")
@@ -82,9 +82,9 @@ def body_torso(pose: Pose) -> np.ndarray:
 
 
 def arms_from_torso(pose: Pose) -> np.ndarray:
-    """`arm_rotations` (..., 38, 4) with the collars turned as if the chest stood in the torso as it does at rest.
+    """Return `arm_rotations` (..., 38, 4) with collars relative to a chest that is at rest in the torso.
 
-    That is what key-points can tell: they show the torso, and not how the chest leans in it.
+    Key-points determine the torso, but not how the chest leans in it.
     """
     rotation = np.array(arm_rotations(pose))
     world = np.asarray(forward_kinematics(pose)[1])

@@ -1,8 +1,8 @@
-"""The normal equations of a posed skeleton: how its root should move and its joints turn, to be close to targets.
+"""Normal equations of a posed skeleton: the move of the root and turns of the joints that bring it close to targets.
 
-The unknowns are the root's move and one world turn φ a joint. Joint c moves with its parent j by m_c = m_j − [b]× φ_j,
-with b the bone between them. So the least cost of all that hangs on a joint is a quadratic form of its move and its
-turn: from the tips to the root each joint's turn is eliminated, and from the root to the tips it is found.
+The unknowns are the move of the root and one world turn φ for each joint. Joint c moves with its parent j by
+m_c = m_j − [b]× φ_j, with b the bone between them. So the least cost of a joint's subtree is a quadratic form of its
+move and turn. From the tips to the root the turn of each joint is eliminated; from the root to the tips it is solved.
 """
 
 from __future__ import annotations

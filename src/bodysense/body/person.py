@@ -1,4 +1,4 @@
-"""A person: the wearer's proportions, their uncertainty, and the mounts of trackers."""
+"""Persons: proportions of a wearer, their uncertainty, and mounts of trackers."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ if TYPE_CHECKING:
     from bodysense.body.hand_family import GlovedHand
 
 FORMAT = "bodysense-person-1"
-SHORTEST, TALLEST = 1.0, 2.3  # m: heights of a person
-SOLE = 0.05  # m: a skeleton may be this much lower than its person, because its lowest points are above the sole
+SHORTEST, TALLEST = 1.0, 2.3  # m; heights of a person
+SOLE = 0.05  # m; largest height of a skeleton's lowest point above the sole
 SENSOR = "_imu"  # suffix of a joint that carries an inertial sensor
 CROWN, FLOOR = "crown", "floor"  # ends of a height, in a file
-KNOWN_TO = 0.001  # m: standard deviation of a length that is given without one
+EXACT_DEVIATION = 0.001  # m; standard deviation of a length that is given without one
 
 
 @dataclass(frozen=True, eq=False, init=False)
@@ -40,12 +40,12 @@ class Person:
     known proportions, `Person(lengths={…})` the likeliest with those lengths.
     """
 
-    skeleton: Skeleton  # the best guess of the wearer's proportions
+    skeleton: Skeleton  # likeliest proportions of the wearer
     bone_deviation: np.ndarray = field(repr=False)  # (P,) m, standard deviation of each bone's length; 0: exact
-    # T_joint_tracker by the joint that carries the tracker; for an inertial sensor, which has a known rotation only,
-    # by the joint and `SENSOR`.
+    # T_joint_tracker by the joint that carries the tracker. Inertial sensors, of which only the rotation is known, have
+    # the name of the joint and the suffix `SENSOR`.
     mounts: Mapping[str, RigidTransform]
-    # Evidence for the guess, to which a tracker adds its own measurements while it runs.
+    # Evidence for the proportions; a running tracker adds its own measurements.
     height: Measured | None
     lengths: Mapping[tuple[str, str], Measured]
     hands: Mapping[str, GlovedHand]  # 'left' and 'right', if their gloves were calibrated
@@ -70,7 +70,7 @@ class Person:
                 0.43}`, metres, as for `height`.
             bone_deviation: standard deviation (P,), metres, of the length of every point's bone; 0 for all points
                 of a known skeleton.
-            hands: 'left' and 'right', from a calibration of their gloves; the skeleton gets them.
+            hands: hands by side, 'left' and 'right', from a calibration of their gloves; they replace the skeleton's.
             mounts: T_joint_tracker of trackers, by the joint that carries each.
         """
         stature = None if height is None else _measured(height, "height")
@@ -119,13 +119,13 @@ class Person:
 
     def __repr__(self) -> str:
         known = "known proportions" if self.is_known else "inferred" if self.height is None else "known height"
-        worn = f", trackers on {', '.join(self.mounts)}" if self.mounts else ""
+        trackers = f", trackers on {', '.join(self.mounts)}" if self.mounts else ""
         hands = f", hands calibrated: {', '.join(self.hands)}" if self.hands else ""
-        return f"Person({self.stature:.2f} m, {known}{worn}{hands})"
+        return f"Person({self.stature:.2f} m, {known}{trackers}{hands})"
 
     @cached_property
     def stature(self) -> float:
-        """Height in metres of the crown above the soles, as believed."""
+        """Likeliest height in metres of the crown above the soles."""
         return float(stature_of(self.skeleton.rest_offset))
 
     @cached_property
@@ -144,11 +144,11 @@ class Person:
         lengths: Mapping[tuple[str, str], Measured | float] | None = None,
         height: Measured | float | None = None,
     ) -> Person:
-        """Return the likeliest person given a few lengths and a stature, as the constructor takes them."""
+        """Return the likeliest person given a few lengths and a stature (as for the constructor)."""
         return cls(height=height, lengths=lengths)
 
-    def wearing(self, mounts: Mapping[str, RigidTransform]) -> Person:
-        """Return this person with these mounts added; mounts of other joints are unchanged."""
+    def with_mounts(self, mounts: Mapping[str, RigidTransform]) -> Person:
+        """Add mounts of trackers; mounts of other joints are unchanged."""
         return Person(
             self.skeleton,
             height=self.height,
@@ -209,7 +209,7 @@ class Person:
 
     @classmethod
     def from_json(cls, text: str, name: str = "the text") -> Person:
-        """Read what `to_json` returned. Raises BodysenseError, with the text's name, for any other text."""
+        """Read a text of `to_json`. Raises BodysenseError, beginning with `name`, for any other text."""
         try:
             stored = json.loads(text)
         except (ValueError, RecursionError) as error:
@@ -232,11 +232,11 @@ class Person:
         lengths = {(row["start"], row["end"]): Measured(row["length"], row["deviation"]) for row in known}
         height = lengths.pop((CROWN, FLOOR), None)
         mounts = _rows(stored, "mounts", {"joint": 0, "translation": 3, "rotation": 4})
-        worn: dict[str, RigidTransform] = {}
+        mounts_by_joint: dict[str, RigidTransform] = {}
         for row in mounts:
-            if row["joint"] in worn:
+            if row["joint"] in mounts_by_joint:
                 raise BodysenseError(f"two rows of 'mounts' are of {row['joint']!r}; remove one")
-            worn[row["joint"]] = RigidTransform(np.array(row["translation"]), np.array(row["rotation"]))
+            mounts_by_joint[row["joint"]] = RigidTransform(np.array(row["translation"]), np.array(row["rotation"]))
         deviation = np.array([row["deviation"] for row in joints + end_sites], dtype=np.float64)
         skeleton = skeleton_from_table(joints, end_sites)
         hands: dict[str, GlovedHand] = {}
@@ -247,12 +247,14 @@ class Person:
                 np.array(row[name]).reshape(-1, size) for name, size in (("points", 3), ("axes", 4), ("markers", 3))
             )
             hands[row["side"]] = hand_from_rows(points, axes, markers, row.get("sitting", ()))
-        return cls(skeleton, height=height, bone_deviation=deviation, mounts=worn, lengths=lengths, hands=hands)
+        return cls(
+            skeleton, height=height, bone_deviation=deviation, mounts=mounts_by_joint, lengths=lengths, hands=hands
+        )
 
 
 def _measured(value: Measured | float, what: str) -> Measured:
-    """Return a length as measured; a height must be a person's."""
-    length = value if isinstance(value, Measured) else Measured(value, KNOWN_TO)
+    """Return a length with its deviation. Raises BodysenseError for an impossible height."""
+    length = value if isinstance(value, Measured) else Measured(value, EXACT_DEVIATION)
     if what == "height" and not SHORTEST <= length.value <= TALLEST:
         raise BodysenseError(
             f"person: height {length.value:g} m; people are {SHORTEST} to {TALLEST} m high, give metres"
@@ -263,7 +265,7 @@ def _measured(value: Measured | float, what: str) -> Measured:
 def _estimate(lengths: Mapping[tuple[str, str], Measured], height: Measured | None) -> tuple[ShapeEstimate, float]:
     """Return the likeliest shape, and the scale for its skeleton.
 
-    A person taller or shorter than the adults of the shape space has the proportions of its tallest or shortest.
+    People outside the statures of the shape space get the proportions of its tallest or shortest adults, scaled.
     """
     space = shape_space()
     if height is None:
@@ -296,7 +298,7 @@ def _one_row_a_line(table: Iterable[dict]) -> str:
 
 
 def _rows(stored: dict, table: str, columns: Mapping[str, int]) -> list[dict]:
-    """Return the rows of a table of a person's file with checked columns: 0 for a text, else how many numbers."""
+    """Return the checked rows of a table of a person's file. `columns`: 0 for a text, else the count of numbers."""
     rows = stored.get(table)
     if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
         raise BodysenseError(f"{table!r} must be a list of rows with {', '.join(columns)}")
@@ -314,7 +316,7 @@ def _rows(stored: dict, table: str, columns: Mapping[str, int]) -> list[dict]:
 
 
 def _hand_rows(stored: dict) -> list[dict]:
-    """Return the rows of 'hands'; `sitting` has the number of markers, otherwise nine."""
+    """Return the rows of 'hands'. The number of markers is that of `sitting`, nine if it is omitted."""
     found = []
     for row in _rows(stored, "hands", {"side": 0}):
         sitting = row.get("sitting", [])

@@ -1,4 +1,4 @@
-"""Pose: where the root is and how every joint is turned; forward kinematics."""
+"""Poses: position of the root and rotations of all joints; forward kinematics."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from bodysense.body.skeleton import Skeleton
 
 @dataclass(frozen=True, eq=False)
 class Pose:
-    """A posed skeleton, or many: any leading batch axes, time last among them."""
+    """A posed skeleton, or many of them along leading batch axes; time is the last batch axis."""
 
     skeleton: Skeleton
     root_position: Array  # (..., 3) m, world
@@ -35,10 +35,10 @@ class Pose:
 
 
 def forward_kinematics(pose: Pose, rest_offset: Array | None = None) -> tuple[Array, Array]:
-    """World position of every point (..., P, 3) and world rotation of every joint (..., J, 4) of a pose.
+    """Return world positions (..., P, 3) of all points and world rotations (..., J, 4) of all joints of a pose.
 
-    `rest_offset` (..., P, 3) replaces the skeleton's own, so that bodies of many sizes share a batch. Works on NumPy
-    arrays and, differentiable, on PyTorch tensors. Bone lengths are kept exactly.
+    `rest_offset` (..., P, 3) replaces the skeleton's own, so that bodies of different sizes can share a batch. Works on
+    NumPy arrays and, differentiably, on PyTorch tensors. Bone lengths are kept exactly.
     """
     skeleton = pose.skeleton
     xp = array_namespace(pose.rotation)
@@ -58,7 +58,7 @@ def forward_kinematics(pose: Pose, rest_offset: Array | None = None) -> tuple[Ar
 
 
 def local_rotation(skeleton: Skeleton, world_rotation: Array) -> Array:
-    """Parent-relative rotations from world rotations: (..., J, 4) → (..., J, 4)."""
+    """Return parent-relative rotations from world rotations: (..., J, 4) → (..., J, 4)."""
     xp = array_namespace(world_rotation)
     parents = list(skeleton.parents[1 : len(skeleton.joints)])
     child = quaternion_multiply(quaternion_conjugate(world_rotation[..., parents, :]), world_rotation[..., 1:, :])
@@ -66,14 +66,14 @@ def local_rotation(skeleton: Skeleton, world_rotation: Array) -> Array:
 
 
 def rest_pose(skeleton: Skeleton, batch: tuple[int, ...] = ()) -> Pose:
-    """The T-pose at the skeleton's own root offset, with the given leading axes (NumPy, float64)."""
+    """Return the T-pose at the skeleton's own root offset, with the given leading axes (NumPy, float64)."""
     rotation = np.zeros((*batch, len(skeleton.joints), 4))
     rotation[..., 0] = 1
     return Pose(skeleton, np.broadcast_to(skeleton.rest_offset[0], (*batch, 3)).copy(), rotation)
 
 
 def as_like(values: Any, like: Array) -> Array:
-    """`values` as an array of the same library, dtype and device as `like`."""
+    """Convert `values` to an array of the library, dtype and device of `like`."""
     if hasattr(like, "detach"):
         if hasattr(values, "detach"):
             return values.to(like)
@@ -83,7 +83,7 @@ def as_like(values: Any, like: Array) -> Array:
 
 
 def standing_pose(skeleton: Skeleton) -> Pose:
-    """Standing, arms hanging, fingers a little curled: the guess for a body of which nothing was seen."""
+    """Return a standing pose with hanging arms and slightly curled fingers: the prior for an unseen body."""
     pose = rest_pose(skeleton)
     turns = {"shoulder": 1.25, "elbow": 0.1}
     turns |= {f"{finger}{k}": 0.3 for finger in ("index", "middle", "ring", "pinky") for k in (1, 2, 3)}

@@ -67,8 +67,9 @@ def posture(skeleton: Skeleton) -> Posture:
     Recording, 1965 (elbow 0-150°, pronation and supination 80°, wrist flexion 80° and extension 70°, radial 20° and
     ulnar deviation 30°, hip flexion 120° and extension 30°, knee 0-135°, ankle 20° and 50°, neck 45° and 60°, finger
     joints 90°, 100° and 90°), the turn of spine and neck shared among their joints, and widened to what recorded
-    motion shows: a fitted skeleton's axes are not the body's own. They bound single components, so that a joint may
-    turn further about a slanting axis. Inverse kinematics measures a turn by θ along its axis as 2 sin(θ/2).
+    motion contains, because the axes of a fitted skeleton differ from those of the body. They bound single components,
+    so a joint may turn further about a slanting axis. Inverse kinematics measures a turn by θ along its axis as
+    2 sin(θ/2).
     """
     joints = len(skeleton.joints)
     relaxed, stiffness = np.zeros((joints, 3)), np.ones((joints, 3))

@@ -1,6 +1,6 @@
-"""Products of quaternions (wxyz) as constant matrices, so that a whole body takes one NumPy call each.
+"""Fast products of quaternions (wxyz) by constant matrices: one NumPy call for a whole body.
 
-For the loops of run time, a frame at a time: `rotation.py` is the same for any array and batch, and its slow twin.
+For loops at run time over single frames. `rotation.py` has the same functions for any array library and batch.
 """
 
 from __future__ import annotations
@@ -48,18 +48,18 @@ CONJUGATE = np.array([1.0, -1.0, -1.0, -1.0])
 
 
 def multiply(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Hamilton products: (..., 4), (..., 4) → (..., 4)."""
+    """Return Hamilton products: (..., 4), (..., 4) → (..., 4)."""
     return ((a @ LEFT).reshape(*a.shape, 4) @ b[..., None])[..., 0]
 
 
 def to_matrix(q: np.ndarray) -> np.ndarray:
-    """Unit quaternions to matrices: (..., 4) → (..., 3, 3)."""
+    """Convert unit quaternions to matrices: (..., 4) → (..., 3, 3)."""
     square = q[..., :, None] * q[..., None, :]
     return (square.reshape(*q.shape[:-1], 16) @ MATRIX).reshape(*q.shape[:-1], 3, 3)
 
 
 def rotate(q: np.ndarray, vector: np.ndarray) -> np.ndarray:
-    """Vectors turned by unit quaternions: (..., 4), (..., 3) → (..., 3)."""
+    """Rotate vectors by unit quaternions: (..., 4), (..., 3) → (..., 3)."""
     return (to_matrix(q) @ vector[..., None])[..., 0]
 
 
@@ -67,13 +67,13 @@ _YZX, _ZXY = [1, 2, 0], [2, 0, 1]
 
 
 def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Vector products (..., 3), without the overhead of NumPy's."""
+    """Return vector products (..., 3), without the overhead of NumPy's function."""
     one, other = a.take(_YZX, axis=-1) * b.take(_ZXY, axis=-1), a.take(_ZXY, axis=-1) * b.take(_YZX, axis=-1)
     return one - other
 
 
 def world_rotation(skeleton: Skeleton, local: np.ndarray) -> np.ndarray:
-    """World rotations of all joints of a pose from their local ones: (J, 4) → (J, 4)."""
+    """Return world rotations of all joints from local ones: (J, 4) → (J, 4)."""
     world = local.copy()
     for joints, _ in skeleton.levels[1:]:
         above = [skeleton.parents[joint] for joint in joints]
@@ -82,14 +82,14 @@ def world_rotation(skeleton: Skeleton, local: np.ndarray) -> np.ndarray:
 
 
 def log(q: np.ndarray) -> np.ndarray:
-    """Unit quaternions to rotation vectors of at most π radians: (..., 4) → (..., 3)."""
+    """Convert unit quaternions to rotation vectors of at most π radians: (..., 4) → (..., 3)."""
     vector = q[..., 1:] * np.copysign(1.0, q[..., :1])
     sine = np.maximum(np.sqrt(np.einsum("...j,...j->...", vector, vector)), 1e-12)
     return vector * (2 * np.arctan2(sine, np.abs(q[..., 0])) / sine)[..., None]
 
 
 def exp(rotation_vector: np.ndarray) -> np.ndarray:
-    """Rotation vectors (radians) to quaternions: (..., 3) → (..., 4)."""
+    """Convert rotation vectors (radians) to quaternions: (..., 3) → (..., 4)."""
     angle = np.sqrt(np.einsum("...j,...j->...", rotation_vector, rotation_vector))
     q = np.empty((*angle.shape, 4))
     q[..., 0] = np.cos(angle / 2)

@@ -1,4 +1,4 @@
-"""Reaching: two bones bend so that what they carry comes to a place; an arm to its hand's, a leg to its foot's."""
+"""Two-bone inverse kinematics: arms bend so that hands reach their targets, legs so that feet do."""
 
 from __future__ import annotations
 
@@ -16,23 +16,23 @@ from bodysense.body.rotation import (
     shortest_arc,
 )
 
-STRAIGHT = 0.9999  # share of both bones' length that a limb is stretched to at most
-_FLAT = 0.02  # sine below which two bones lie in no plane
-# About which axis of the middle joint a limb flexes, in the T-pose.
+STRAIGHT = 0.9999  # longest stretch of a limb, as a share of the length of both bones
+_FLAT = 0.02  # sine of the bend; below it the limb counts as straight
+# Axis of the middle joint about which a limb flexes, in the T-pose.
 _HINGES = {"knee": (1.0, 0.0, 0.0), "left_elbow": (0.0, -1.0, 0.0), "right_elbow": (0.0, 1.0, 0.0)}
 
 
-def reaching(pose: Pose, end: str, target: np.ndarray) -> Pose:
-    """The pose (...) with the wrist or ankle `end` at `target` (..., 3) m, world, or as near as its bones let it.
+def reach(pose: Pose, end: str, target: np.ndarray) -> Pose:
+    """Bend a limb so that its wrist or ankle `end` is at `target` (..., 3) m, world, or as near as possible.
 
-    The limb bends in the plane in which it lies; where it is straight, as its elbow or knee does. The hand or foot
-    keeps its rotation in the world.
+    The limb bends in its plane; a straight limb bends about the hinge of its elbow or knee. The hand or foot keeps its
+    world rotation. Return the pose (...).
     """
-    return reaching_all(pose, {end: target})
+    return reach_all(pose, {end: target})
 
 
-def reaching_all(pose: Pose, targets: Mapping[str, np.ndarray]) -> Pose:
-    """`reaching` of several limbs, by their wrists and ankles."""
+def reach_all(pose: Pose, targets: Mapping[str, np.ndarray]) -> Pose:
+    """Bend several limbs like `reach`; `targets` are by wrist or ankle."""
     skeleton, rotation = pose.skeleton, np.array(pose.rotation)
     position, world = (np.asarray(part) for part in forward_kinematics(pose))
     for end, target in targets.items():
@@ -58,7 +58,7 @@ def reaching_all(pose: Pose, targets: Mapping[str, np.ndarray]) -> Pose:
 
 
 def _plane(upper: np.ndarray, lower: np.ndarray, hinge: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The axis (..., 3) about which a limb bends, and how much (...) it is bent, radians."""
+    """Return the axis (..., 3) about which a limb bends, and its angle (...) in radians; 0 for a straight limb."""
     normal = np.cross(upper, lower)
     size = np.linalg.norm(normal, axis=-1)
     along = (upper * lower).sum(axis=-1)
@@ -68,6 +68,6 @@ def _plane(upper: np.ndarray, lower: np.ndarray, hinge: np.ndarray) -> tuple[np.
 
 
 def _hinge(middle: str, world: np.ndarray) -> np.ndarray:
-    """The axis (..., 3), world, about which an elbow or knee flexes."""
+    """Return the axis (..., 3), world, about which an elbow or knee flexes."""
     axis = np.array(_HINGES.get(middle, _HINGES["knee"]))
     return np.asarray(quaternion_rotate(world, np.broadcast_to(axis, (*world.shape[:-1], 3))))

@@ -1,7 +1,7 @@
-"""Where points of a body are measured from, and where a resting body has them.
+"""Local offsets of a body's points, and those of a resting body.
 
-Points of a finger are measured from their wrist, in the wrist's axes (of the T-pose: +Y the back of the hand, +Z the
-thumb's side); every other point from the head, in the axes of the head's heading (+Y up, +Z ahead).
+Points of fingers are relative to their wrist, in the wrist's axes (in the T-pose +Y is the back of the hand, +Z the
+thumb's side). All other points are relative to the head, in the axes of its heading (+Y up, +Z ahead).
 """
 
 from __future__ import annotations
@@ -18,23 +18,23 @@ from bodysense.body.skeleton import Skeleton
 
 
 def local_offset(skeleton: Skeleton, position: np.ndarray, rotation: np.ndarray) -> np.ndarray:
-    """Offsets (..., P, 3) m of world positions (..., P, 3), by the world rotations (..., J, 4) of the joints."""
+    """Return local offsets (..., P, 3) m from world positions (..., P, 3) and joint rotations (..., J, 4)."""
     origin, turn = _frames(skeleton, rotation)
     return quaternion_rotate(quaternion_conjugate(turn), position - position[..., origin, :])
 
 
 def resting_offset(skeleton: Skeleton) -> np.ndarray:
-    """(P, 3) m: the offsets of `standing_pose`, the arms hanging and the fingers a little curled."""
+    """Return the local offsets (P, 3) m of `standing_pose`: hanging arms and slightly curled fingers."""
     return local_offset(skeleton, *forward_kinematics(standing_pose(skeleton)))
 
 
 def hand_length(skeleton: Skeleton) -> float:
-    """From wrist to the knuckle of the middle finger, mean of both hands, metres: the size of a hand."""
+    """Return the size of the hands: distance from wrist to knuckle of the middle finger, mean of both hands, metres."""
     return float(skeleton.bone_length[skeleton.indices(["left_middle1", "right_middle1"])].mean())
 
 
 def _frames(skeleton: Skeleton, rotation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Index (P,) of the point that each one is measured from, and the rotation (..., P, 4) of its axes."""
+    """Return the index (P,) of each point's origin, and the rotation (..., P, 4) of its axes."""
     head = skeleton.index("head")
     at_wrist = skeleton.wrist_of >= 0
     origin = np.where(at_wrist, skeleton.wrist_of, head)

@@ -6,16 +6,16 @@ import numpy as np
 
 from bodysense.body.footing import sole_clearance
 from bodysense.body.pose import Pose, as_like, forward_kinematics
-from bodysense.body.reach import reaching
+from bodysense.body.reach import reach
 from bodysense.body.skeleton import Skeleton
 from bodysense.errors import BodysenseError
 
 
-def retargeted(clip_pose: Pose, skeleton: Skeleton) -> Pose:
+def retarget(clip_pose: Pose, skeleton: Skeleton) -> Pose:
     """Transfer a motion to another skeleton of the same tree.
 
-    Rotations are unchanged, the root's path is scaled with the length of the legs, and every frame is then moved
-    vertically, so that the lowest sole has its clearance (`sole_clearance`) at that scale.
+    Rotations are unchanged. The root's path is scaled with the length of the legs. Then every frame is moved
+    vertically, so that the clearance of the lowest sole (`sole_clearance`) is that of the source at this scale.
 
     Args:
         clip_pose: poses (..., T), world, with y = 0 as the floor.
@@ -38,21 +38,25 @@ def retargeted(clip_pose: Pose, skeleton: Skeleton) -> Pose:
     return Pose(skeleton, moved.root_position + rise[..., None] * as_like([0.0, 1.0, 0.0], rise), clip_pose.rotation)
 
 
-def on_body(pose: Pose, skeleton: Skeleton) -> Pose:
+def transfer_motion(pose: Pose, skeleton: Skeleton) -> Pose:
     """Transfer a motion to another body of the same tree, with feet on the floor and hands in place.
 
-    The world is scaled with the length of the legs. In it ankles and wrists (poses (..., T), NumPy) keep their
-    positions as far as legs and arms reach, so that hands that met still meet; feet and hands keep their rotation.
+    The world is scaled with the length of the legs. In the scaled world ankles and wrists keep their positions, as far
+    as legs and arms reach, so hands that touched still touch. Feet and hands keep their rotations.
+
+    Args:
+        pose: poses (..., T), NumPy.
+        skeleton: the other body.
     """
     scale = leg_length(skeleton) / leg_length(pose.skeleton)
     place = scale * forward_kinematics(pose)[0]
-    moved = retargeted(pose, skeleton)
-    # The height of an ankle over the floor is its own foot's.
+    moved = retarget(pose, skeleton)
+    # The height of an ankle above the floor follows from the foot, not from the legs.
     thicker = _ankle_height(skeleton) - scale * _ankle_height(pose.skeleton)
     for part, rise in (("ankle", thicker), ("wrist", 0.0)):
         for end in (f"left_{part}", f"right_{part}"):
             target = place[..., skeleton.index(end), :] + np.array([0.0, rise, 0.0])
-            moved = reaching(moved, end, target)
+            moved = reach(moved, end, target)
     return moved
 
 

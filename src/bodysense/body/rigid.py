@@ -1,4 +1,4 @@
-"""Rigid transforms: a turn and a shift."""
+"""Rigid transforms: rotation and translation."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ def _identity_rotation() -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class RigidTransform:
-    """T_a_b: takes coordinates in frame b to coordinates in frame a; its translation is b's origin in a.
+    """T_a_b: maps coordinates in frame b to coordinates in frame a; its translation is the origin of b in a.
 
-    Names are chosen by frames that cancel: `T_a_b @ T_b_c` is T_a_c. The rotation is normalised, its w ≥ 0.
+    In products the inner frames cancel: `T_a_b @ T_b_c` is T_a_c. The rotation is normalised, with w ≥ 0.
     """
 
     translation: np.ndarray = field(default_factory=lambda: np.zeros(3))  # (3,) m
@@ -45,7 +45,7 @@ class RigidTransform:
         self.rotation.setflags(write=False)
 
     def compose(self, inner: RigidTransform) -> RigidTransform:
-        """T_a_c, from this T_a_b and an inner T_b_c."""
+        """Return T_a_c from this T_a_b and an inner T_b_c."""
         translation = self.translation + quaternion_rotate(self.rotation, inner.translation)
         return RigidTransform(translation, quaternion_multiply(self.rotation, inner.rotation))
 
@@ -53,10 +53,10 @@ class RigidTransform:
         return self.compose(inner)
 
     def inverse(self) -> RigidTransform:
-        """T_b_a, from this T_a_b."""
+        """Return T_b_a from this T_a_b."""
         back = quaternion_conjugate(self.rotation)
         return RigidTransform(-quaternion_rotate(back, self.translation), back)
 
     def apply(self, positions: np.ndarray) -> np.ndarray:
-        """Positions (..., 3), metres, in frame a, from positions in frame b."""
+        """Return positions (..., 3), metres, in frame a from positions in frame b."""
         return self.translation + quaternion_rotate(self.rotation, np.asarray(positions, dtype=np.float64))

@@ -1,7 +1,7 @@
 """Rotations: unit quaternions (wxyz), matrices, 6-D, axis-angle, Euler angles.
 
-Every function takes arrays with any leading batch axes, of NumPy or of PyTorch (through the Array API), is
-differentiable on PyTorch, and returns what it was given. Quaternions act as active rotations, `child → parent`.
+All functions take arrays of NumPy or PyTorch (through the Array API) with any leading batch axes, and return arrays of
+the same library. They are differentiable on PyTorch. Quaternions are active rotations, `child → parent`.
 """
 
 from __future__ import annotations
@@ -10,26 +10,26 @@ from typing import Any, TypeAlias
 
 from array_api_compat import array_namespace
 
-Array: TypeAlias = Any  # a NumPy array or a PyTorch tensor; one geometry serves both
+Array: TypeAlias = Any  # a NumPy array or a PyTorch tensor
 
 _AXES = {"X": 0, "Y": 1, "Z": 2}
 
 
 def quaternion_identity(like: Array) -> Array:
-    """Identity quaternions (..., 4) for the leading axes of `like` (..., n), with its dtype and device."""
+    """Return identity quaternions (..., 4) for the leading axes of `like` (..., n), with its dtype and device."""
     xp = array_namespace(like)
     one = xp.ones_like(like[..., :1])
     return xp.concat([one, xp.zeros_like(one), xp.zeros_like(one), xp.zeros_like(one)], axis=-1)
 
 
 def dot(a: Array, b: Array) -> Array:
-    """Inner product over the last axis, kept: (..., n), (..., n) → (..., 1)."""
+    """Return the inner product over the last axis, which is kept: (..., n), (..., n) → (..., 1)."""
     xp = array_namespace(a, b)
     return xp.sum(a * b, axis=-1, keepdims=True)
 
 
 def safe_norm(a: Array, floor: float = 1e-12) -> Array:
-    """Length over the last axis, kept; its gradient is zero, not NaN, where the length is below `floor`."""
+    """Return the length over the last axis, which is kept; the gradient is zero, not NaN, for lengths below `floor`."""
     xp = array_namespace(a)
     squared = dot(a, a)
     tiny = squared < floor * floor
@@ -44,7 +44,7 @@ def normalize(a: Array) -> Array:
 
 
 def cross(a: Array, b: Array) -> Array:
-    """Vector product over the last axis: (..., 3), (..., 3) → (..., 3)."""
+    """Return the vector product over the last axis: (..., 3), (..., 3) → (..., 3)."""
     xp = array_namespace(a, b)
     ax, ay, az = a[..., 0], a[..., 1], a[..., 2]
     bx, by, bz = b[..., 0], b[..., 1], b[..., 2]
@@ -52,7 +52,7 @@ def cross(a: Array, b: Array) -> Array:
 
 
 def quaternion_multiply(a: Array, b: Array) -> Array:
-    """Hamilton product: first `b`, then `a`. (..., 4), (..., 4) → (..., 4)."""
+    """Return the Hamilton product: first `b`, then `a`. (..., 4), (..., 4) → (..., 4)."""
     xp = array_namespace(a, b)
     aw, ax, ay, az = a[..., 0], a[..., 1], a[..., 2], a[..., 3]
     bw, bx, by, bz = b[..., 0], b[..., 1], b[..., 2], b[..., 3]
@@ -68,7 +68,7 @@ def quaternion_multiply(a: Array, b: Array) -> Array:
 
 
 def quaternion_conjugate(q: Array) -> Array:
-    """The inverse of a unit quaternion."""
+    """Return the inverse of a unit quaternion."""
     xp = array_namespace(q)
     return xp.concat([q[..., :1], -q[..., 1:]], axis=-1)
 
@@ -86,7 +86,7 @@ def quaternion_rotate(q: Array, v: Array) -> Array:
 
 
 def quaternion_to_matrix(q: Array) -> Array:
-    """(..., 4) → (..., 3, 3)."""
+    """Convert quaternions to matrices: (..., 4) → (..., 3, 3)."""
     xp = array_namespace(q)
     w, x, y, z = q[..., 0], q[..., 1], q[..., 2], q[..., 3]
     rows = [
@@ -98,7 +98,7 @@ def quaternion_to_matrix(q: Array) -> Array:
 
 
 def matrix_to_quaternion(m: Array) -> Array:
-    """Convert (..., 3, 3) → (..., 4), w ≥ 0, by the best conditioned of Shepperd's four forms at each element."""
+    """Convert matrices (..., 3, 3) to quaternions (..., 4), w ≥ 0, by the best conditioned of Shepperd's four forms."""
     xp = array_namespace(m)
     m00, m11, m22 = m[..., 0, 0], m[..., 1, 1], m[..., 2, 2]
     a, b, c = m[..., 2, 1] - m[..., 1, 2], m[..., 0, 2] - m[..., 2, 0], m[..., 1, 0] - m[..., 0, 1]
@@ -118,7 +118,7 @@ def matrix_to_quaternion(m: Array) -> Array:
 
 
 def quaternion_exp(rotation_vector: Array) -> Array:
-    """Axis-angle vectors (radians) to quaternions: (..., 3) → (..., 4)."""
+    """Convert axis-angle vectors (radians) to quaternions: (..., 3) → (..., 4)."""
     xp = array_namespace(rotation_vector)
     squared = dot(rotation_vector, rotation_vector)
     small = squared < 1e-8
@@ -129,7 +129,7 @@ def quaternion_exp(rotation_vector: Array) -> Array:
 
 
 def quaternion_log(q: Array) -> Array:
-    """Quaternions to axis-angle vectors of at most π radians: (..., 4) → (..., 3)."""
+    """Convert quaternions to axis-angle vectors of at most π radians: (..., 4) → (..., 3)."""
     xp = array_namespace(q)
     q = quaternion_canonical(q)
     w, v = q[..., :1], q[..., 1:]
@@ -142,13 +142,13 @@ def quaternion_log(q: Array) -> Array:
 
 
 def matrix_to_sixd(m: Array) -> Array:
-    """The first two columns, one after the other: (..., 3, 3) → (..., 6). Zhou et al. 2019."""
+    """Return the first two columns, one after the other: (..., 3, 3) → (..., 6). Zhou et al. 2019."""
     xp = array_namespace(m)
     return xp.concat([m[..., :, 0], m[..., :, 1]], axis=-1)
 
 
 def sixd_to_matrix(sixd: Array) -> Array:
-    """Gram-Schmidt on two 3-vectors: (..., 6) → (..., 3, 3). Zhou et al. 2019, eq. 15."""
+    """Orthonormalise two 3-vectors by Gram-Schmidt: (..., 6) → (..., 3, 3). Zhou et al. 2019, eq. 15."""
     xp = array_namespace(sixd)
     x = normalize(sixd[..., :3])
     second = sixd[..., 3:]
@@ -157,18 +157,18 @@ def sixd_to_matrix(sixd: Array) -> Array:
 
 
 def slerp(a: Array, b: Array, t: Array) -> Array:
-    """Constant-speed interpolation on the shorter arc: (..., 4), (..., 4), (...,) or a number → (..., 4)."""
+    """Interpolate at constant speed on the shorter arc: (..., 4), (..., 4), (...,) or a number → (..., 4)."""
     step = quaternion_log(quaternion_multiply(quaternion_conjugate(a), b))
     return quaternion_multiply(a, quaternion_exp(step * (t if isinstance(t, (int, float)) else t[..., None])))
 
 
 def smooth_step(share: Array) -> Array:
-    """Return shares from 0 to 1 that begin and end without speed: 3x² - 2x³."""
+    """Return 3x² - 2x³, which goes from 0 to 1 with zero slope at both ends."""
     return share**2 * (3 - 2 * share)
 
 
 def shortest_arc(u: Array, v: Array) -> Array:
-    """The smallest rotation that takes direction `u` to direction `v`: (..., 3), (..., 3) → (..., 4).
+    """Return the smallest rotation that takes direction `u` to direction `v`: (..., 3), (..., 3) → (..., 4).
 
     Opposite directions turn by π about an axis at right angles to `u`; a zero vector gives the identity.
     """
@@ -186,9 +186,9 @@ def shortest_arc(u: Array, v: Array) -> Array:
 
 
 def swing_twist(q: Array, axis: Array) -> tuple[Array, Array]:
-    """Split q = swing · twist, the twist about unit `axis` (..., 3), the swing about an axis at right angles to it.
+    """Split q = swing · twist: twist about the unit `axis` (..., 3), swing about an axis at right angles to it.
 
-    Where the swing is a half turn the twist is not defined; the identity is returned for it.
+    The twist is undefined if the swing is a half turn; it is the identity then.
     """
     xp = array_namespace(q)
     along = dot(q[..., 1:], axis) * axis
@@ -201,21 +201,24 @@ def swing_twist(q: Array, axis: Array) -> tuple[Array, Array]:
 
 
 def heading(q: Array) -> Array:
-    """The turn about +Y in `q`: exact for yaw · pitch, defined unless the pitch is a half turn. (..., 4) → (..., 4)."""
+    """Return the rotation about +Y in `q`: the yaw of yaw · pitch, unless pitch is a half turn. (..., 4) → (..., 4)."""
     xp = array_namespace(q)
     zero = xp.zeros_like(q[..., :1])
     return swing_twist(q, xp.concat([zero, zero + 1, zero], axis=-1))[1]
 
 
 def geodesic_angle(a: Array, b: Array) -> Array:
-    """Angle of the rotation from `a` to `b`, radians in [0, π]: (..., 4), (..., 4) → (...,)."""
+    """Return the angle of the rotation from `a` to `b`, radians in [0, π]: (..., 4), (..., 4) → (...,)."""
     xp = array_namespace(a, b)
     difference = quaternion_multiply(quaternion_conjugate(a), b)
     return 2 * xp.atan2(safe_norm(difference[..., 1:])[..., 0], xp.abs(difference[..., 0]))
 
 
 def euler_to_quaternion(angles: Array, order: str) -> Array:
-    """Intrinsic Euler angles (radians), a column an axis of `order` ('ZXY': R = Rz · Rx · Ry): (..., n) → (..., 4)."""
+    """Convert intrinsic Euler angles (radians), one column per axis of `order`, to quaternions: (..., n) → (..., 4).
+
+    'ZXY' is R = Rz · Rx · Ry.
+    """
     xp = array_namespace(angles)
     result = None
     for column, axis in enumerate(order):
@@ -228,7 +231,10 @@ def euler_to_quaternion(angles: Array, order: str) -> Array:
 
 
 def quaternion_to_euler(q: Array, order: str) -> Array:
-    """Intrinsic Euler angles (radians) for three different axes: (..., 4) → (..., 3). In gimbal lock the last is 0."""
+    """Convert quaternions to intrinsic Euler angles (radians) of three different axes: (..., 4) → (..., 3).
+
+    In gimbal lock the last angle is 0.
+    """
     xp = array_namespace(q)
     i, j, k = (_AXES[axis] for axis in order)
     if len({i, j, k}) != 3:

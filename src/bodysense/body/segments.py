@@ -1,4 +1,4 @@
-"""Where two segments are nearest to each other."""
+"""Nearest points of two segments."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The shape space: which skeletons adults have, and the likeliest one given a few lengths."""
+"""The shape space: the distribution of adult skeletons, and the likeliest skeleton given a few lengths."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ import numpy as np
 from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.errors import BodysenseError
 
-SHORTEST, TALLEST = 1.45, 2.05  # m: statures of sampled bodies
-FARTHEST = 2.5  # standard deviations: the largest coefficient of a sampled body
+SHORTEST, TALLEST = 1.45, 2.05  # m; statures of sampled bodies
+FARTHEST = 2.5  # standard deviations; largest coefficient of a sampled body
 SPLITS = ("train", "validation", "test")
 Split = Literal["train", "validation", "test"]
-_BLOCK = 256  # bodies drawn at once, so that the first bodies of a split do not depend on how many are wanted
+_BLOCK = 256  # bodies drawn at once, so that the first bodies of a split do not depend on the count
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class ShapeEstimate:
 
     @property
     def deviation(self) -> np.ndarray:
-        """Standard deviation (K,) of every coefficient; 1 where nothing is known."""
+        """Standard deviation (K,) of every coefficient; 1 without measurements."""
         return np.sqrt(np.diag(self.covariance))
 
     @property
@@ -88,7 +88,7 @@ class ShapeSpace:
 
     @property
     def size(self) -> int:
-        """How many coefficients a shape has."""
+        """Number of coefficients of a shape."""
         return len(self.components)
 
     @cached_property
@@ -96,7 +96,7 @@ class ShapeSpace:
         return self.components.reshape(self.size, -1)
 
     def offsets(self, coefficients: np.ndarray) -> np.ndarray:
-        """Rest offsets (..., P, 3), metres, of shapes (..., K)."""
+        """Return rest offsets (..., P, 3), metres, of shapes (..., K)."""
         coefficients = np.asarray(coefficients, dtype=np.float64)
         if coefficients.ndim == 0 or coefficients.shape[-1] != self.size:
             raise BodysenseError(
@@ -106,11 +106,11 @@ class ShapeSpace:
         return self.mean + (coefficients @ self._flat).reshape(*coefficients.shape[:-1], *self.mean.shape)
 
     def skeleton_of(self, coefficients: np.ndarray) -> Skeleton:
-        """The skeleton of a shape (K,)."""
+        """Return the skeleton of a shape (K,)."""
         return default_skeleton().with_offsets(self.offsets(coefficients))
 
     def stature(self, coefficients: np.ndarray) -> np.ndarray:
-        """Height (...,), metres, of the crown over the floor in the rest pose, of shapes (..., K)."""
+        """Return the height (...), metres, of the crown above the floor in the rest pose, of shapes (..., K)."""
         return stature(self.offsets(coefficients))
 
     def likeliest(
@@ -118,8 +118,9 @@ class ShapeSpace:
     ) -> ShapeEstimate:
         """Return the likeliest shape given measured lengths, with its remaining uncertainty.
 
-        The maximum a posteriori under the standard normal prior, by Gauss-Newton; the covariance is Laplace's. With
-        nothing measured it is the mean adult, with the covariance of the population.
+        The result is the maximum a posteriori under the standard normal prior, by Gauss-Newton, with Laplace's
+        approximation of the covariance. Without measurements it is the mean adult with the covariance of the
+        population.
 
         Args:
             lengths: distances between two points in the rest pose, by the points' names, such as
@@ -152,7 +153,7 @@ class ShapeSpace:
 def _measurement_rows(
     lengths: Mapping[tuple[str, str], Measured], height: Measured | None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Sums of offsets (M, P) that give the measured vectors, with values (M,) and deviations (M,); height is last."""
+    """Return rows (M, P) that sum offsets to measured vectors, with values (M,) and deviations (M,); height is last."""
     skeleton = default_skeleton()
     rows = []
     for start, end in lengths:
@@ -161,7 +162,7 @@ def _measurement_rows(
         rows.append(skeleton.path[skeleton.index(end)] - skeleton.path[skeleton.index(start)])
     measured = list(lengths.values())
     if height is not None:
-        rows.append(_up())
+        rows.append(_crown_path())
         measured.append(height)
     value = np.array([length.value for length in measured])
     deviation = np.array([length.deviation for length in measured])
@@ -169,8 +170,8 @@ def _measurement_rows(
 
 
 @lru_cache(maxsize=1)
-def _up() -> np.ndarray:
-    """The sum (P,) of offsets that leads from the floor to the crown."""
+def _crown_path() -> np.ndarray:
+    """Return the row (P,) that sums offsets from the floor to the crown."""
     skeleton = default_skeleton()
     up = skeleton.path[skeleton.index("head_top")].copy()
     up[0] = 1.0
@@ -178,12 +179,12 @@ def _up() -> np.ndarray:
 
 
 def stature(offsets: np.ndarray) -> np.ndarray:
-    """Height (...,), metres, of the crown over the floor, of rest offsets (..., 65, 3) whose soles are on y = 0."""
-    return np.asarray(offsets)[..., 1] @ _up()
+    """Return the height (...), metres, of the crown, for rest offsets (..., 65, 3) with the soles on y = 0."""
+    return np.asarray(offsets)[..., 1] @ _crown_path()
 
 
 def stature_of_head(head: float, deviation: float) -> Measured:
-    """Stature of a person whose head joint is at height `head`, by the mean adult's proportions."""
+    """Return the stature of a person with the head joint at height `head` m, by the proportions of the mean adult."""
     mean = shape_space().mean
     joint = (default_skeleton().path @ mean)[default_skeleton().index("head"), 1] + mean[0, 1]
     ratio = float(stature(mean)) / joint
@@ -192,7 +193,7 @@ def stature_of_head(head: float, deviation: float) -> Measured:
 
 @lru_cache(maxsize=1)
 def shape_space() -> ShapeSpace:
-    """The packaged shape space of adults."""
+    """Return the packaged shape space of adults."""
     from importlib.resources import files
 
     with (files("bodysense.body") / "shape_space.npz").open("rb") as file, np.load(file, allow_pickle=False) as stored:
@@ -200,14 +201,14 @@ def shape_space() -> ShapeSpace:
 
 
 def sample_bodies(split: Split, count: int, seed: int = 0) -> np.ndarray:
-    """Rest offsets (count, 65, 3), metres, of people drawn from the shape space: float64.
+    """Draw people from the shape space; return rest offsets (count, 65, 3), metres, float64.
 
-    No coefficient is beyond 2.5 standard deviations, and statures lie within 1.45 and 2.05 m. Bodies of different
-    splits come from independent random streams. The first bodies do not change with `count`.
+    No coefficient is beyond 2.5 standard deviations, and statures are 1.45 to 2.05 m. Bodies of different splits come
+    from independent random streams. The first bodies do not change with `count`.
 
     Args:
         split: "train", "validation" or "test".
-        count: how many people.
+        count: number of people.
         seed: random seed, the same for all splits.
     """
     if split not in SPLITS:

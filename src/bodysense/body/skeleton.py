@@ -30,8 +30,8 @@ LOWER_BODY = tuple(name for name in BODY if name.split("_")[-1] in ("pelvis", "h
 class Skeleton:
     """A tree of joints, with end sites (fingertips, toe tips, head top) at its leaves.
 
-    A *point* is a joint or an end site: points are the joints, in order, then the end sites. Parents come before
-    their children. In the rest pose every rotation is the identity; the body stands in a T-pose, faces +Z, its left
+    A *point* is a joint or an end site. Points are the joints in order, then the end sites. Parents come before their
+    children. In the rest pose every rotation is the identity: the body stands in a T-pose and faces +Z, with its left
     hand toward +X (world: +Y up, metres).
     """
 
@@ -50,7 +50,7 @@ class Skeleton:
         names = self.points
         if len(set(names)) != len(names):
             twice = sorted({name for name in names if names.count(name) > 1})
-            raise BodysenseError(f"skeleton: the name {twice[0]!r} stands twice; names must differ, rename one")
+            raise BodysenseError(f"skeleton: the name {twice[0]!r} appears twice; names must differ, rename one")
         if len(self.parents) != len(names) or offset.shape != (len(names), 3):
             raise BodysenseError(
                 f"skeleton: {len(names)} points need {len(names)} parents and offsets ({len(names)}, 3), "
@@ -77,7 +77,7 @@ class Skeleton:
         return {name: index for index, name in enumerate(self.points)}
 
     def index(self, name: str) -> int:
-        """Index of a point. Raises BodysenseError with the nearest names for an unknown one."""
+        """Return the index of a point. Raises BodysenseError, with the nearest names, for an unknown name."""
         if name not in self._index:
             import difflib
 
@@ -86,7 +86,7 @@ class Skeleton:
         return self._index[name]
 
     def indices(self, names: Sequence[str]) -> np.ndarray:
-        """Indices (N,) of several points."""
+        """Return the indices (N,) of several points."""
         return np.array([self.index(name) for name in names], dtype=np.int64)
 
     @cached_property
@@ -129,7 +129,7 @@ class Skeleton:
 
     @cached_property
     def mirror(self) -> np.ndarray:
-        """(P,) index of each point's partner on the other side; points of the middle are their own."""
+        """(P,) index of each point's partner on the other side; points of the middle are their own partners."""
         swap = {"left": "right", "right": "left"}
         partners = []
         for name in self.points:
@@ -151,7 +151,7 @@ class Skeleton:
         return length
 
     def with_offsets(self, rest_offset: np.ndarray) -> Skeleton:
-        """Return the tree with other rest offsets (P, 3), metres."""
+        """Return the skeleton with other rest offsets (P, 3), metres."""
         offset = np.array(rest_offset, dtype=np.float64)
         if offset.shape != self.rest_offset.shape or not np.isfinite(offset).all():
             return replace(self, rest_offset=offset)  # raises the error
@@ -171,7 +171,7 @@ class Skeleton:
 
 
 def default_body() -> dict:
-    """The packaged description of an average adult: joints, end sites, landmarks, primitives (see docs/credits.md)."""
+    """Read the packaged description of an average adult: joints, end sites, landmarks, primitives (docs/credits.md)."""
     from importlib.resources import files
 
     return json.loads(files("bodysense.body").joinpath("default_body.json").read_text(encoding="utf-8"))
@@ -179,12 +179,12 @@ def default_body() -> dict:
 
 @lru_cache(maxsize=1)
 def default_skeleton() -> Skeleton:
-    """The 52 joints of SMPL-H and 13 end sites, with the offsets of an average adult."""
+    """Return the 52 joints of SMPL-H and 13 end sites, with the offsets of an average adult."""
     return skeleton_from_table(default_body()["joints"], default_body()["end_sites"])
 
 
 def skeleton_from_table(joints: Sequence[dict], end_sites: Sequence[dict]) -> Skeleton:
-    """A skeleton from rows with `name`, `parent` (a name, or null for the root) and `offset` (metres)."""
+    """Build a skeleton from rows with `name`, `parent` (a name, or null for the root) and `offset` (metres)."""
     index = {row["name"]: place for place, row in enumerate(joints)}
     rows = [*joints, *end_sites]
     for row in rows:

@@ -1,4 +1,4 @@
-"""Skin: the balls and links of a body's drawn skin, built from its primitives."""
+"""The drawn skin of a body: balls and links, built from its primitives."""
 
 from __future__ import annotations
 

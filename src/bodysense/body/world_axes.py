@@ -1,4 +1,4 @@
-"""Units of length and upward axes of data from elsewhere, and the turn of each axis to +Y."""
+"""Units of length and upward axes of other data, and the rotation of each axis to +Y."""
 
 from __future__ import annotations
 
@@ -22,7 +22,10 @@ TURNS: dict[str, np.ndarray] = {  # quaternions wxyz, our world ← data whose u
 
 
 def metres_of(unit: str, option: str) -> float:
-    """Return the metres of one unit: a name of `UNITS`, or a number. Raises BodysenseError, naming the option."""
+    """Return the length of a unit in metres: a name of `UNITS`, or a number. Errors name the option.
+
+    Raises BodysenseError for an unknown unit.
+    """
     try:
         metres = UNITS.get(unit) or float(unit)
     except ValueError:
@@ -33,7 +36,10 @@ def metres_of(unit: str, option: str) -> float:
 
 
 def turn_of(up: str, option: str) -> np.ndarray:
-    """Return the quaternion (4,) wxyz from data with this upward axis. Raises BodysenseError, naming the option."""
+    """Return the quaternion (4,) wxyz, our world ← data with this upward axis. Errors name the option.
+
+    Raises BodysenseError for an unknown axis.
+    """
     if up not in TURNS:
         raise BodysenseError(f"{option} {up}: give the upward axis, {', '.join(TURNS)}")
     return TURNS[up]

@@ -1,4 +1,4 @@
-"""The command `bodysense`: one function for each subcommand. Heavy imports wait until a command needs them."""
+"""The command `bodysense`: one function for each subcommand. Heavy modules are imported only when a command runs."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from bodysense.errors import BodysenseError, missing_package
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line. Returns the exit status: a command's own, or 2 for an error of the user's input."""
-    try:  # the first imports take a while, in which Ctrl-C may come
+    try:  # imports take some time, during which the user may press Ctrl-C
         from bodysense.cli.application import application
-        from bodysense.cli.overwriting import checked_arguments
+        from bodysense.cli.overwriting import check_arguments
         from bodysense.cli.packages import check_installed, installed, lines_of_missing
         from bodysense.cli.parsing import run
         from bodysense.cli.quiet import QUIET, quietly
 
-        given = checked_arguments(sys.argv[1:] if arguments is None else arguments)
+        given = check_arguments(sys.argv[1:] if arguments is None else arguments)
         if list(given) == ["--version"]:
             print(f"bodysense {__version__}")
             return 0
@@ -48,7 +48,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _line_of(error: OSError) -> str:
-    """Return a line about a file or a device that failed."""
+    """Return a message about a failed file or device."""
     if error.errno in (errno.ENOSPC, errno.EDQUOT):
         where = f" for {error.filename}" if error.filename else ""
         return f"the disk is full{where}; free some space and run the same command again"

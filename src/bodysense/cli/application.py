@@ -11,7 +11,7 @@ from bodysense.cli import data, demo, motion, packages, samples
 
 
 def application(found: Mapping[str, EntryPoint]) -> SubcommandApp:
-    """All commands: `bodysense demo`, `bodysense data info` …, and those of the packages that were found."""
+    """Return the tree of all commands (`bodysense demo`, `bodysense data info` …), with those of the found packages."""
     root, data_group = SubcommandApp(), data.commands()
     for command in (demo.demo, motion.track, motion.convert, motion.simulate, samples.generate):
         root.command(command)

@@ -1,4 +1,4 @@
-"""`bodysense data`: what motion there is (`info`), and preparing it for training."""
+"""`bodysense data`: descriptions of motion files (`info`), tables of joints, and the list of public data."""
 
 from __future__ import annotations
 
@@ -11,7 +11,15 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 from tyro.extras import SubcommandApp
 
-from bodysense.cli.found_files import FoundFile, Split, files_in, line_of, none_of, readable, table_of
+from bodysense.cli.found_files import (
+    FoundFile,
+    Split,
+    description_of,
+    files_in,
+    no_readable_file,
+    readable_clips,
+    table_of,
+)
 from bodysense.cli.options import Reading
 from bodysense.errors import BodysenseError
 from bodysense.files import written_beside
@@ -25,7 +33,7 @@ if TYPE_CHECKING:
     from bodysense.io.clip import Clip
 
 
-PICTURED = 6  # frames of a picture
+PICTURED = 6  # number of frames in a picture
 
 
 def info(
@@ -44,46 +52,46 @@ def info(
     Args:
         place: a motion file (.bvh, AMASS or SMPL .npz, .npy, .glb, .gltf, .vrma), markers (.c3d, .trc, .tsv, .csv), a
             recording, or a folder of them, also .bvh in .zip.
-        split: which people.
-        layout: which published data set the folder is; recognised by what is in it if omitted.
-        picture: PNG file for bodies of a few frames of the first file that can be read.
+        split: people of this split.
+        layout: published data set of the folder; recognised by its content if omitted.
+        picture: PNG file for bodies of a few frames of the first readable file.
         json: JSON file for the numbers, one flat object.
-        reading: what the files do not say of themselves.
+        reading: facts that the files omit.
     """
     from bodysense.files import check_picture
 
     if picture is not None:
         check_picture(picture)
-    say_info(place, split, *files_in(place, split, layout, reading), picture, json)
+    print_info(place, split, *files_in(place, split, layout, reading), picture, json)
 
 
-def say_info(
+def print_info(
     place: Path, split: Split, total: int, every: Iterable[FoundFile], picture: Path | None, json: Path | None
 ) -> None:
-    """Print what `total` files hold, and write the picture of the first and the numbers."""
+    """Print a description of `total` files; write the numbers and a picture of the first file."""
     from rich.progress import track
 
     from bodysense.cli.show import wide_console, write_numbers
 
     found, counts = list[FoundFile](), _Counts()
-    for clip in readable(track(every, "reading", total) if total > 1 else every, found):
+    for clip in readable_clips(track(every, "reading", total) if total > 1 else every, found):
         counts.add(clip)
         if picture is not None and counts.clips == 1:
             _draw(picture, clip)
     if total == 1:
-        print(*(line_of(one) for one in found if not one.reason), end="" if found[0].reason else "\n")
+        print(*(description_of(one) for one in found if not one.reason), end="" if found[0].reason else "\n")
     else:
         console = wide_console()
         console.print(table_of(found))
         console.print(counts.table(f"{place} ({split})"))
-    write_numbers(json, counts.numbers() | {"skipped": say_skipped(place, total, found)})
+    write_numbers(json, counts.numbers() | {"skipped": print_skipped(place, total, found)})
 
 
-def say_skipped(place: Path, total: int, found: list[FoundFile]) -> int:
-    """Print which files could not be read, and return how many. Raises BodysenseError where that is all of them."""
+def print_skipped(place: Path, total: int, found: list[FoundFile]) -> int:
+    """Print the files that cannot be read and return their number. Raises BodysenseError if no file can be read."""
     skipped = [one for one in found if one.reason]
     if len(skipped) == len(found):
-        raise BodysenseError(skipped[0].reason if total == 1 else none_of(place, skipped))
+        raise BodysenseError(skipped[0].reason if total == 1 else no_readable_file(place, skipped))
     print(*lines_by_kind((one.key, one.reason) for one in skipped), sep="\n", end="\n" if skipped else "")
     if skipped:
         print(f"skipped {len(skipped)} of {len(found)} files")
@@ -95,14 +103,14 @@ def joints(
     out: Annotated[Path | None, tyro.conf.arg(aliases=("-o",))] = None,
     reading: Reading = AS_FOUND,
 ) -> None:
-    """Draft the table for --joints: every joint of a BVH or glTF file, and which of ours it was taken for.
+    """Draft the table for --joints: every joint of a BVH or glTF file, and the joint of ours that it matches.
 
-    Where no body is recognised, it holds what the names of the joints tell.
+    If no body is recognised, joints are matched by their names alone.
 
     Args:
         file: .bvh, .glb or .gltf file.
         out: .json file; printed if omitted.
-        reading: what the file does not say of itself.
+        reading: facts that the file omits.
     """
     from bodysense.io.archive import MotionFile
     from bodysense.io.gltf.motion import figure_of_gltf
@@ -121,16 +129,16 @@ def joints(
         raise BodysenseError(f"{file}: joints are named in .bvh, .glb and .gltf files only; give one")
     try:
         rig = recognise(figure, reading)
-        given, said = dict(rig.joints), f"; {rig.line()}"
+        given, note = dict(rig.joints), f"; {rig.line()}"
     except BodysenseError as error:
         given = {ours: name for name, ours in joints_of(figure.points).items()}
-        said = f", by their names alone: {error}; name the others by hand"
+        note = f", by their names alone: {error}; name the others by hand"
     if out is None:
         print(joint_map_text(figure.points, given), end="")
         return
     with written_beside(out) as beside:
         beside.write_text(joint_map_text(figure.points, given), encoding="utf-8")
-    print(f"wrote {out}: {len(given)} of {len(figure.points)} joints and end sites named{said}")
+    print(f"wrote {out}: {len(given)} of {len(figure.points)} joints and end sites named{note}")
 
 
 class _Counts:
@@ -150,7 +158,7 @@ class _Counts:
         return sum(row["clips"] for row in self._rows.values())
 
     @property
-    def _everyone(self) -> int:
+    def _people_count(self) -> int:
         return len(set[str]().union(*self._people.values()))
 
     def table(self, title: str) -> Table:
@@ -163,11 +171,11 @@ class _Counts:
             table.add_row(category, str(len(self._people[category])), *_minutes(row))
         table.add_section()
         whole = sum(self._rows.values(), Counter())
-        table.add_row("all", str(self._everyone), *_minutes(whole))
+        table.add_row("all", str(self._people_count), *_minutes(whole))
         return table
 
     def numbers(self) -> dict[str, float]:
-        found: dict[str, float] = {"clips": self.clips, "people": self._everyone}
+        found: dict[str, float] = {"clips": self.clips, "people": self._people_count}
         found["minutes"] = sum(row["seconds"] for row in self._rows.values()) / 60
         for category, row in self._rows.items():
             found |= {f"{category}_clips": row["clips"], f"{category}_minutes": row["seconds"] / 60}
@@ -179,7 +187,7 @@ def _minutes(row: Counter[str]) -> tuple[str, str, str]:
 
 
 def _draw(path: Path, clip: Clip) -> None:
-    """Draw bodies of a few frames."""
+    """Draw a sheet of bodies in a few frames of a clip."""
     import numpy as np
 
     from bodysense.pictures.sheet import draw_sheet
@@ -190,7 +198,7 @@ def _draw(path: Path, clip: Clip) -> None:
 
 
 def commands() -> SubcommandApp:
-    """The group's commands."""
+    """Return the commands of the group."""
     group = SubcommandApp()
     for command in (info, joints, sources):
         group.command(command)
@@ -198,7 +206,7 @@ def commands() -> SubcommandApp:
 
 
 def sources() -> None:
-    """List public motion data that bodysense reads, with licence and where to get it."""
+    """List public motion data that bodysense reads, with licences and download pages."""
     from rich.console import Console
     from rich.table import Table
 

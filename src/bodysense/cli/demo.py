@@ -1,4 +1,4 @@
-"""`bodysense demo`: a motion, completed from head and hands, and from what a headset's cameras see."""
+"""`bodysense demo`: a motion completed from head and hands, and from the cameras of a headset."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ if TYPE_CHECKING:
     from bodysense.io.clip import Clip
     from bodysense.observation import Observation
 
-RATE = 30.0  # Hz at which the motion is completed
-PICTURES = 15.0  # Hz of the animation, about
-LONGEST = 8.0  # s of it, from the beginning of the motion
+RATE = 30.0  # Hz of the completed motion
+PICTURES = 15.0  # approximate Hz of the animation
+LONGEST = 8.0  # s; longest animation, from the beginning of the motion
 DEVICES = {"three_point": "head and hands", "headset_camera": "headset cameras"}
 
 
@@ -33,7 +33,7 @@ class DemoRow:
 
     device: str
     joints: str
-    last_known: float  # cm, of the best of three ways to keep the last known place
+    last_known: float  # cm, of the best of three baselines that hold the last known position
     completed: float  # cm
 
 
@@ -43,14 +43,13 @@ def demo(
     json: Path | None = None,
     reading: Reading = AS_FOUND,
 ) -> None:
-    """Complete a motion from head and hands, and from what a headset's cameras see; write BVH files and pictures.
+    """Complete a motion from head and hands, and from the cameras of a headset; write BVH files and pictures.
 
     Args:
-        file: motion of your own, .bvh or AMASS .npz; without one, the packaged performance, on a body that no network
-            was trained on.
+        file: motion, .bvh or AMASS .npz; the packaged performance on an unseen body if omitted.
         out: folder for truth.bvh, hands.bvh, result.bvh, demo.webp and demo.png.
         json: file for the result as JSON: outputs, and the mean errors of hidden joints in cm.
-        reading: what the file does not say of itself.
+        reading: facts that the file omits.
     """
     from rich.console import Console
 
@@ -97,7 +96,7 @@ def demo(
 
 
 def demo_rows(clip: Clip, seen: Observation, pose: Pose, device: str) -> list[DemoRow]:
-    """Errors, in the world, of the joints of the body that a device does not track, and of the legs among them."""
+    """Return mean world errors of the joints that a device does not track: of the whole body, and of the legs."""
     import numpy as np
 
     from bodysense.body.pose import forward_kinematics
@@ -125,14 +124,14 @@ def demo_rows(clip: Clip, seen: Observation, pose: Pose, device: str) -> list[De
 
 
 def sentence(clip: Clip, rows: Sequence[DemoRow]) -> str:
-    """The result in one sentence."""
+    """Return the result as one sentence."""
     whole = [row for row in rows if row.joints == "the whole body"]
     errors = ", and ".join(f"{row.completed:.1f} cm from {row.device}" for row in whole)
     return f"In {clip.name} ({clip.seconds:.0f} s) joints that are not tracked are off by {errors}."
 
 
 def demo_table(rows: Sequence[DemoRow]) -> Table:
-    """Mean errors in cm, and those of the best last known place."""
+    """Return the table of mean errors in cm, next to those of the best baseline."""
     from rich import box
     from rich.table import Table
 
@@ -145,6 +144,6 @@ def demo_table(rows: Sequence[DemoRow]) -> Table:
 
 
 def picture_frames(clip: Clip) -> slice:
-    """The frames of the animation: the first `LONGEST` seconds, about `PICTURES` a second."""
+    """Return the frames of the animation: the first `LONGEST` seconds, about `PICTURES` a second."""
     step = max(1, round(clip.frame_rate / PICTURES))
     return slice(0, min(len(clip), round(LONGEST * clip.frame_rate)), step)

@@ -1,4 +1,4 @@
-"""Contents of files that were found, how each was read, or why it cannot be read."""
+"""Descriptions of motion files in a folder: their content, how each was read, or why it cannot be read."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ if TYPE_CHECKING:
     from bodysense.io.rigs.rig import Rig
 
 Split = Literal["train", "val", "test", "all"]
-LISTED = 40  # files of a folder that are listed one by one; of more, those alike are counted
+LISTED = 40  # largest number of files that are listed one by one; in larger folders equal ones are counted
 OTHERS = (
     *(".glb", ".gltf", ".vrma", ".npy", ".c3d", ".trc", ".tsv", ".csv", ".jsonl"),
-    *(".fbx", ".pkl", ".pickle", ".gz"),  # with what to do about them
+    *(".fbx", ".pkl", ".pickle", ".gz"),  # unsupported, listed with the fix
 )
 LAB = "packages/lab"
 KINDS = {".glb": "glTF", ".gltf": "glTF", ".vrma": "VRM animation", ".npy": "SMPL"}
@@ -31,13 +31,13 @@ KINDS = {".glb": "glTF", ".gltf": "glTF", ".vrma": "VRM animation", ".npy": "SMP
 
 @dataclass(frozen=True)
 class FoundFile:
-    """A file and what it holds, or why it cannot be read."""
+    """A file with its content, or the reason why it cannot be read."""
 
     key: str
     clip: Clip | None = None
     rig: Rig | None = None
-    kind: str = "AMASS"  # what it is, where it has no rig
-    said: str = ""  # what was found of it, where it has no rig
+    kind: str = "AMASS"  # kind of a file without a rig
+    summary: str = ""  # content of a file without a rig
     rate: float = 0.0  # Hz
     reason: str = ""  # why it cannot be read
 
@@ -45,7 +45,7 @@ class FoundFile:
 def files_in(
     place: Path, split: Split, layout: Layout | None, reading: ReadingOptions
 ) -> tuple[int, Iterable[FoundFile]]:
-    """How many files a place has, and each of them when its turn comes."""
+    """Return the number of files in a place, and an iterable that reads one after the other."""
     from bodysense.io.archive import motion_files
     from bodysense.io.datasets.sources import Source, list_sources
 
@@ -63,7 +63,7 @@ def files_in(
 
 
 def _others(folder: Path) -> list[Path]:
-    """Files of a folder that are no part of a data set: markers, glTF, recordings, and what is refused by name."""
+    """Return files of a folder that belong to no data set: markers, glTF, recordings, and unsupported kinds."""
     if (folder / "splits.json").exists():
         return []
     return sorted(path for path in folder.rglob("*") if path.suffix.lower() in OTHERS and path.is_file())
@@ -83,7 +83,7 @@ def _read(key: str, source: Source, reading: ReadingOptions) -> FoundFile:
 
 
 def _read_other(key: str, source: Source, reading: ReadingOptions) -> FoundFile:
-    """A file that has no rig: AMASS, results of SMPL, glTF; markers and recordings, which are no motion yet."""
+    """Read a file without a rig: AMASS, results of SMPL, glTF, or markers and recordings, which have no clip."""
     from bodysense.open import MarkerSource, MotionSource, VideoSource, open_source
 
     opened = open_source(source.path, reading)
@@ -91,21 +91,21 @@ def _read_other(key: str, source: Source, reading: ReadingOptions) -> FoundFile:
         raise BodysenseError(f"{source.path}: a video; complete it: bodysense track {source.path.name} -o motion.bvh")
     if isinstance(opened, MotionSource):
         clip = replace(opened.clip, person=source.person, category=source.category)
-        said = "; ".join(line.removeprefix("note: ") for line in opened.remarks)
+        summary = "; ".join(line.removeprefix("note: ") for line in opened.remarks)
         kind = KINDS.get(source.path.suffix.lower(), "AMASS or SMPL")
-        return FoundFile(key, clip, kind=kind, said=said, rate=clip.frame_rate)
+        return FoundFile(key, clip, kind=kind, summary=summary, rate=clip.frame_rate)
     seen = opened.recording.observation
     rate = (len(seen) - 1) / max(float(seen.time[-1] - seen.time[0]), 1e-9)
     if isinstance(opened, MarkerSource):
-        said = f"{len(seen.points)} points of {'gloves' if opened.recording.known else 'a body'}"
+        summary = f"{len(seen.points)} points of {'gloves' if opened.recording.known else 'a body'}"
         lines = (line.removeprefix("note: ") for line in opened.remarks)
         rate = rate if opened.found is None else opened.found.frame_rate
-        return FoundFile(key, kind="markers", said="; ".join((said, *lines, *opened.warnings)), rate=rate)
-    return FoundFile(key, kind="recording", said=f"{len(seen.points)} points, {len(seen)} frames", rate=rate)
+        return FoundFile(key, kind="markers", summary="; ".join((summary, *lines, *opened.warnings)), rate=rate)
+    return FoundFile(key, kind="recording", summary=f"{len(seen.points)} points, {len(seen)} frames", rate=rate)
 
 
-def readable(every: Iterable[FoundFile], found: list[FoundFile]) -> Iterator[Clip]:
-    """The clips that can be read; all that was found is kept without its motion."""
+def readable_clips(every: Iterable[FoundFile], found: list[FoundFile]) -> Iterator[Clip]:
+    """Yield the readable clips, and append every file to `found`, without its motion."""
     for one in every:
         if one.clip is not None:
             yield one.clip
@@ -116,10 +116,10 @@ def _without_motion(clip: Clip) -> Clip:
     return replace(clip, pose=clip.pose[:1])
 
 
-def line_of(one: FoundFile) -> str:
-    """The content of one file."""
+def description_of(one: FoundFile) -> str:
+    """Return a line that describes one file."""
     if one.rig is None:
-        return f"{one.key}: {one.kind}, {one.rate:g} Hz" + (f"; {one.said}" if one.said else "")
+        return f"{one.key}: {one.kind}, {one.rate:g} Hz" + (f"; {one.summary}" if one.summary else "")
     sure = f"confidence {one.rig.confidence:.0%}"
     left_out = (
         f"; of its {one.rig.count} joints {one.rig.count - one.rig.used} are left out"
@@ -130,7 +130,7 @@ def line_of(one: FoundFile) -> str:
 
 
 def table_of(found: list[FoundFile]) -> Table:
-    """How the files were read: one by one, or, of many, those alike together."""
+    """Return the table of files: one row per file, or, for many files, one row per group of equal ones."""
     from rich import box
     from rich.table import Table
 
@@ -142,16 +142,16 @@ def table_of(found: list[FoundFile]) -> Table:
     rows: dict[tuple[str, ...], list[FoundFile]] = {}
     for one in found:
         if not one.reason:
-            rows.setdefault((one.key,) if alone else _alike(one), []).append(one)
+            rows.setdefault((one.key,) if alone else _group_key(one), []).append(one)
     for alike in rows.values():
         least = [one.rig.confidence for one in alike if one.rig is not None]
         sure = f"{min(least):.0%}" if least else ""
-        table.add_row(alike[0].key if alone else str(len(alike)), *_alike(alike[0]), sure)
+        table.add_row(alike[0].key if alone else str(len(alike)), *_group_key(alike[0]), sure)
     return table
 
 
-def _alike(one: FoundFile) -> tuple[str, ...]:
-    """Return the line of a file without its name and confidence."""
+def _group_key(one: FoundFile) -> tuple[str, ...]:
+    """Return the columns of a file without its name and confidence."""
     if one.rig is None:
         return (one.kind, "", "", "", "", f"{one.rate:g}", "")
     rig = one.rig
@@ -167,6 +167,6 @@ def _alike(one: FoundFile) -> tuple[str, ...]:
     )
 
 
-def none_of(place: Path, skipped: list[FoundFile]) -> str:
-    """Return the error of a folder without a readable file."""
+def no_readable_file(place: Path, skipped: list[FoundFile]) -> str:
+    """Return the message about a folder without a readable file."""
     return f"{place}: none of its {len(skipped)} files can be read; the first: {skipped[0].reason}"

@@ -1,4 +1,4 @@
-"""`bodysense track`, `simulate`: signals in, motion out, and the other way round."""
+"""`bodysense simulate`, `track` and `convert`: simulate tracking, complete it, convert motions."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from bodysense.open import MotionSource
     from bodysense.take import Take
 
-_LISTED = 12  # joints or markers that a line lists
+_LISTED = 12  # largest number of joints or markers in a line
 MotionFile = Annotated[Path, tyro.conf.Positional]
 
 
@@ -50,12 +50,12 @@ def simulate(
     Args:
         file: motion: .bvh, AMASS or SMPL .npz, .npy, .glb, .gltf, .vrma.
         out: recording, .npz or .jsonl (docs/recording.md); of gloves also .csv or .c3d (docs/gloves.md).
-        device: what watches the body.
-        rate: frames a second, for files that do not say it.
-        noise: errors as real devices have them.
+        device: simulated device that tracks the body.
+        rate: frames a second, for files without a frame rate.
+        noise: tracking errors like those of real devices.
         seed: random seed of the noise.
-        marker_set: of gloves: which markers they wear, a file or a packaged set's name (docs/gloves.md).
-        reading: what the file does not say of itself.
+        marker_set: gloves: marker set, a file or the name of a packaged set (docs/gloves.md).
+        reading: facts that the file omits.
     """
     from rich.console import Console
 
@@ -120,31 +120,31 @@ def track(  # noqa: PLR0915
             of images, or a webcam's index), or a motion (.bvh, AMASS or SMPL .npz, .npy, .glb, .gltf, .vrma) with
             holes, or with --device any motion.
         out: completed motion: .bvh, .glb (glTF with an animated skeleton), .vrma (an animation for VRM avatars) or
-            .mcap (a take that robots' tools read). Of a marker file also one that ends as it does (.trc, .c3d, .tsv,
-            .csv): the same file with the gaps of its markers filled.
-        device: simulated device that watches the body of a motion. Without it the motion's holes are filled, and its
-            known frames are unchanged.
-        missing: joints of a motion that are missing, by its names or ours: left_forearm,left_hand. LeftForeArm+ is with
-            all that hangs on it; left_forearm,left_hand:100-240 are both in these frames (from 0, both included). If
+            .mcap (a take for robots' tools). For a marker file also a name with its ending (.trc, .c3d, .tsv, .csv):
+            the same file with the gaps of its markers filled.
+        device: simulated device that tracks a motion. If omitted, the holes of the motion are filled, and its known
+            frames are unchanged.
+        missing: missing joints of a motion, by its names or ours: left_forearm,left_hand. LeftForeArm+ includes all
+            its descendants; left_forearm,left_hand:100-240 are both missing in these frames (from 0, both included). If
             omitted: values that are not numbers, and limbs with constant values while the body moves.
-        rig: joints to write on: 'bodysense' and 'smplh' are our 52 joints, 'mixamo', 'unreal', 'rigify' and 'vrm' the
-            same under these names; 'source' is the rig of FILE, with its holes filled if it has any, and NAME.bvh that
-            of another BVH file, to whose body the motion is fitted. If omitted, 'source' where a .bvh with holes is
-            written as .bvh, else 'bodysense'.
+        rig: target rig: 'bodysense' and 'smplh' are our 52 joints, 'mixamo', 'unreal', 'rigify' and 'vrm' the same
+            joints under these names; 'source' is the rig of FILE, with its holes filled, and NAME.bvh that of another
+            BVH file, to whose body the motion is fitted. If omitted: 'source' for a .bvh with holes that is written as
+            .bvh, else 'bodysense'.
         person: wearer's file, written by --save-person.
-        save_person: JSON file for the wearer, as believed at the end.
-        hold_feet: hold feet that stand, and keep them over the floor.
-        causal: complete each frame from the frames before it alone, as live tracking does; else with past and future.
-        noise: errors of a simulated device as real ones have them.
-        model: completion network of your own; the packaged one if omitted. With --samples, a video, or fingers of a
-            motion: the network of that.
-        fingers: 'synthesize' makes plausible fingers from the body's motion; of a motion without --device nothing else
+        save_person: JSON file for the wearer, as inferred at the end.
+        hold_feet: hold standing feet, and keep feet above the floor.
+        causal: complete each frame only from the frames before it, like live tracking; else with past and future.
+        noise: tracking errors of the simulated device, like those of real devices.
+        model: completion network; the packaged one if omitted. With --samples, a video, or fingers of a motion: the
+            network for that.
+        fingers: 'synthesize' makes plausible fingers from the body's motion; without --device nothing else in a motion
             changes.
-        samples: number of plausible bodies for one signal of head and wrists, OUT_1.bvh, OUT_2.bvh …, by HMD-VAE.
+        samples: number of plausible bodies for one recording of head and wrists, OUT_1.bvh, OUT_2.bvh …, by HMD-VAE.
         seed: random seed of samples and noise.
         json: file for the result as JSON: outputs, frames, height, filled frames of each joint or marker, warnings.
-        reading: what the file does not say of itself. Of a recording: --floor; and --height, the wearer's, from which
-            other proportions are inferred (if omitted, the body is the recording's, or inferred, too).
+        reading: facts that the file omits. For a recording: --floor, and --height of the wearer, from which other
+            proportions are inferred (if omitted, the body is that of the recording, or inferred).
     """
     from rich.progress import Progress
 
@@ -188,10 +188,10 @@ def track(  # noqa: PLR0915
     if isinstance(opened, MotionSource) and (device is not None or opened.bvh is None):
         for line in opened.remarks:
             print(line)
-    # Gloves were put on a body so tall already, and a motion was scaled so.
+    # A body with gloves already has the given height, and a motion was scaled to it.
     is_sized = isinstance(opened, MarkerSource) and opened.recording.known
     height = None if has_holes or is_sized else reading.height
-    floor = 0.0 if isinstance(opened, MotionSource) else reading.floor or 0.0  # of a motion it was put to 0
+    floor = 0.0 if isinstance(opened, MotionSource) else reading.floor or 0.0  # motions were moved to floor 0
     if samples is not None:
         from bodysense.cli.samples import sample_paths, write_samples
         from bodysense.signals import signal_from
@@ -228,8 +228,8 @@ def track(  # noqa: PLR0915
         print(take.partial.line)
     take.save(out, rig)
     print(f"wrote {out}: {len(take.time)} frames at {rate:.0f} frames/s")
-    warnings = (*take.remarks, *(_gaps_left(take) if markers_out else ()))
-    _say(take, warnings, markers_out)
+    warnings = (*take.remarks, *(_remaining_gaps(take) if markers_out else ()))
+    _print_result(take, warnings, markers_out)
     if save_person is not None:
         take.person.save(save_person)
         print(f"wrote {save_person}")
@@ -276,7 +276,7 @@ def convert(
     joints, held = opened.held_still
     warnings = []
     if held.any():
-        lost = f"frames, of {len(held)}: {_counted(joints, held, 'joints')}"
+        lost = f"frames, of {len(held)}: {_frame_counts(joints, held, 'joints')}"
         lost = f"limbs are held still while the body moves, as lost ones are ({lost})"
         warnings.append(f"{lost}; complete them: bodysense track {file.name} -o {out.name}")
         print(f"WARNING: {warnings[0]}", file=sys.stderr)
@@ -285,7 +285,7 @@ def convert(
 
 
 def _check_outputs(file: Path, out: Path, rig: str | None, *more: Path | None) -> None:
-    """Refuse, before any work, outputs that cannot be written."""
+    """Raise BodysenseError, before any work, for outputs that cannot be written."""
     from bodysense.io.markers.options import is_marker_file
     from bodysense.io.motion_files import check_ending
     from bodysense.io.target_rigs.named import check_rig
@@ -304,8 +304,8 @@ def _check_outputs(file: Path, out: Path, rig: str | None, *more: Path | None) -
             check_place(path)
 
 
-def _say(take: Take, warnings: tuple[str, ...], markers_out: bool) -> None:
-    """Print what was found out of a recording, and what was filled."""
+def _print_result(take: Take, warnings: tuple[str, ...], markers_out: bool) -> None:
+    """Print filled frames, warnings and inferred proportions of a take."""
     if take.partial is not None:
         print(holes_line(take.partial))
     for line in warnings:
@@ -318,7 +318,7 @@ def _say(take: Take, warnings: tuple[str, ...], markers_out: bool) -> None:
 
 
 def _write_with_fingers(opened: MotionSource, out: Path, model: Path | None) -> None:
-    """Write a motion that nothing watches with plausible fingers, and otherwise unchanged."""
+    """Write a motion with plausible fingers; everything else is unchanged."""
     from bodysense.io.motion_files import write_motion
     from bodysense.papers.fingers import synthesize
     from bodysense.papers.point_model import load_point_model
@@ -338,11 +338,11 @@ def holes_line(partial: PartialMotion) -> str:
         )
     if partial.clip.lacks and not partial.holes.any():
         return f"completed {' and '.join(partial.clip.lacks)}, which the motion lacks"
-    return f"filled frames, of {len(partial.holes)}: {_counted(partial.rig.joints, partial.holes, 'joints')}"
+    return f"filled frames, of {len(partial.holes)}: {_frame_counts(partial.rig.joints, partial.holes, 'joints')}"
 
 
-def _counted(names: Sequence[str], frames: np.ndarray, kind: str) -> str:
-    """Return how many of the frames (T, N) each of N joints or markers has, the most first; nothing if none has any."""
+def _frame_counts(names: Sequence[str], frames: np.ndarray, kind: str) -> str:
+    """Return a text with the number of true frames (T, N) of each joint or marker, largest first; '' without any."""
     counts = sorted(zip(names, frames.sum(axis=0).tolist(), strict=True), key=lambda row: row[1])[::-1]
     found = [f"{name} {count}" for name, count in counts if count]
     more = f" and {len(found) - _LISTED} more {kind}" if len(found) > _LISTED else ""
@@ -350,14 +350,14 @@ def _counted(names: Sequence[str], frames: np.ndarray, kind: str) -> str:
 
 
 def _filled_markers_line(take: Take) -> str:
-    """Return a line about how many frames of each marker were filled."""
+    """Return a line with the number of filled frames of each marker."""
     assert take.markers is not None and take.markers.found is not None
     raw = take.markers.found.raw
-    listed = _counted(raw.names, take.filled_markers.filled, "markers")
+    listed = _frame_counts(raw.names, take.filled_markers.filled, "markers")
     return f"filled, in frames of {len(raw.time)}: {listed}" if listed else "no marker has a gap: none was filled"
 
 
-def _gaps_left(take: Take) -> tuple[str, ...]:
+def _remaining_gaps(take: Take) -> tuple[str, ...]:
     """Return a line about markers that still have gaps, if there are any."""
     assert take.markers is not None and take.markers.found is not None
     raw, filled = take.markers.found.raw, take.filled_markers.filled

@@ -17,6 +17,6 @@ _SLOWEST, _FASTEST = 0.1, 10_000.0  # Hz
 
 
 def check_rate(option: str, rate: float | None) -> None:
-    """Raise BodysenseError, naming the option, unless a rate (Hz) is omitted or one that a motion can have."""
+    """Raise BodysenseError, naming the option, for a rate (Hz) that a motion cannot have."""
     if rate is not None and not _SLOWEST <= rate <= _FASTEST:
         raise BodysenseError(f"{option} {rate:g}: give frames a second, {_SLOWEST:g} to {_FASTEST:g}, such as 30")

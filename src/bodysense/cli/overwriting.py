@@ -9,18 +9,18 @@ from pathlib import Path
 from bodysense.errors import BodysenseError
 
 FLAG = "--overwrite"
-# Options with a file that a command writes; every other file is read.
+# Options whose file a command writes; every other file is read.
 WRITTEN = ("-o", "--out", "--json", "--csv", "--picture", "--overlay", "--html", "--save-person")
 
 
 UPDATED = {"--person", "--save-person"}  # with one file for both, the command updates it
 
 
-def checked_arguments(arguments: Sequence[str]) -> list[str]:
+def check_arguments(arguments: Sequence[str]) -> list[str]:
     """Return the arguments of a command without `--overwrite`.
 
-    Raises BodysenseError if two options write one file, and, unless the flag is given, if a file to be written is also
-    read: by its name, by a symbolic or by a hard link. `--person X --save-person X` is allowed.
+    Raises BodysenseError if two options write one file, and, without the flag, if an output is also an input, by its
+    name, a symbolic link or a hard link. `--person X --save-person X` is allowed.
     """
     _check_outputs_differ(arguments)
     if FLAG in arguments:
@@ -43,14 +43,14 @@ def checked_arguments(arguments: Sequence[str]) -> list[str]:
 
 
 def check_apart(outputs: Sequence[Path], file: Path) -> None:
-    """Raise BodysenseError if the name of an output, which an option decides, is that of an input."""
+    """Raise BodysenseError if one of the outputs, whose names follow from an option, is the input `file`."""
     for out in outputs:
         if _identity(str(out)) is not None and _identity(str(out)) == _identity(str(file)):
             raise BodysenseError(f"{out}: would be written over {file}, which is read; give -o another name")
 
 
 def _check_outputs_differ(arguments: Sequence[str]) -> None:
-    """Raise BodysenseError if two options name one output, which would keep the last of the two."""
+    """Raise BodysenseError if two options name one output, which would be written twice."""
     options: dict[Path, str] = {}
     for before, argument in zip(["", *arguments], arguments, strict=False):
         option, name = _option_and_value(before, argument)

@@ -1,7 +1,7 @@
-"""The packages that add commands, and what to say of those that are not installed.
+"""Packages that add commands, and messages about those that are not installed.
 
-A package names a function `add_commands(root, data)` in the entry-point group `bodysense.commands`, by its short name.
-The function puts commands into the tree and into its group `data`; one of a name that is there replaces it.
+A package has an entry point in the group `bodysense.commands`, a function `add_commands(root, data)`. It adds commands
+to the tree and to its group `data`. A command replaces another one of the same name.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ class Package:
     """A package of the repository that adds commands."""
 
     name: str  # of its entry point; it is in the folder packages/NAME of the repository
-    commands: Mapping[tuple[str, ...], str]  # what each does, in a line
+    commands: Mapping[tuple[str, ...], str]  # commands with a short description of each
 
     @property
     def source(self) -> str:
-        """The folder that pip installs, in a clone of the repository."""
+        """The folder of the package in a clone of the repository."""
         return f"packages/{self.name}"
 
 
@@ -57,20 +57,20 @@ PACKAGES = (
 
 
 def installed() -> dict[str, EntryPoint]:
-    """The installed packages' entry points by their names, those of `PACKAGES` first and in that order."""
+    """Return the entry points of installed packages by name, those of `PACKAGES` first and in their order."""
     found = {point.name: point for point in entry_points(group=GROUP)}
     order = [package.name for package in PACKAGES]
     return dict(sorted(found.items(), key=lambda item: order.index(item[0]) if item[0] in order else len(order)))
 
 
 def add_commands(found: Mapping[str, EntryPoint], root: SubcommandApp, data: SubcommandApp) -> None:
-    """Put the commands of the packages that were found into the tree, and into its group `data`."""
+    """Add the commands of the found packages to the tree and to its group `data`."""
     for point in found.values():
         point.load()(root, data)
 
 
 def check_installed(found: Mapping[str, EntryPoint], arguments: Sequence[str]) -> None:
-    """Raise BodysenseError for a command of a package that was not found."""
+    """Raise BodysenseError, with the install line, for a command of a package that is not installed."""
     for package in _missing(found):
         for command in package.commands:
             if tuple(arguments[: len(command)]) == command:
@@ -85,7 +85,7 @@ def _missing(found: Mapping[str, EntryPoint]) -> list[Package]:
 
 
 def lines_of_missing(found: Mapping[str, EntryPoint]) -> list[str]:
-    """A line for each package that was not found: its commands, and how to install it; nothing if all were."""
+    """Return a line for each package that is not installed: its commands, and the install line."""
     lines = []
     for package in _missing(found):
         commands = ", ".join(f"{' '.join(name)} ({what})" for name, what in package.commands.items())

@@ -1,8 +1,7 @@
 """Parsing of the command line by tyro, with one line for each error.
 
-tyro prints errors as boxes of several lines, with choices in no order. Its hook for errors gives the parts for a line.
-The hook and the fields of options are not part of tyro's public interface; pyproject.toml names the versions that have
-them.
+tyro prints errors as boxes of several lines, with choices in random order. A hook for errors provides the parts of a
+line. The hook and the fields of options are not part of tyro's public interface, so pyproject.toml limits its versions.
 """
 
 from __future__ import annotations
@@ -29,15 +28,15 @@ from bodysense.files import written_beside
 PROGRAM = "bodysense"
 _DEEPEST = 2  # words of a command: a group and its command
 _COMPLETION = ("--tyro-print-completion", "--tyro-write-completion")
-_NONE = "none"  # a default that is printed
-_EMPTY = '""'  # a value that is printed
-# The kind of a value by tyro's name of its type, and an example by a word of its help.
+_NONE = "none"  # printed for the default None
+_EMPTY = '""'  # printed for an empty value
+# Kind of a value by tyro's name of its type, and an example by a word in its help text.
 _KINDS = {"FLOAT": "a number", "INT": "a whole number", "PATH": "a file or folder", "STR": "a text"}
 _EXAMPLES = {"metres": " in metres, such as 1.75", "seconds": " of seconds, such as 0.5", "UDP": ", such as 39539"}
 
 
 def run(application: SubcommandApp, description: str, given: Sequence[str]) -> Any:
-    """Run a command. Returns what it returns. Raises BodysenseError for arguments that cannot be."""
+    """Run a command and return its result. Raises BodysenseError for invalid arguments."""
 
     completes = len(given) > 1 and given[0] in _COMPLETION
     if completes and given[1] not in ("bash", "zsh"):
@@ -55,7 +54,7 @@ def run(application: SubcommandApp, description: str, given: Sequence[str]) -> A
 
 
 def _complete(application: SubcommandApp, description: str, given: Sequence[str]) -> None:
-    """Print or write the script of a shell by tyro, each help on one line, for the script reads candidates by lines."""
+    """Print or write tyro's completion script; help texts are put on one line, because the script splits at lines."""
     text = io.StringIO()
     with redirect_stdout(text), suppress(SystemExit):
         application.cli(prog=PROGRAM, description=description, args=[_COMPLETION[0], given[1]])
@@ -68,7 +67,7 @@ def _complete(application: SubcommandApp, description: str, given: Sequence[str]
 
 
 def _registry() -> ConstructorRegistry:
-    """Return rules by which an option that may be omitted takes the values of its type and no 'None'."""
+    """Return tyro's rules for optional values, which do not accept 'None', and for paths."""
     registry = ConstructorRegistry()
 
     @registry.primitive_rule
@@ -102,12 +101,12 @@ def _registry() -> ConstructorRegistry:
 
 @contextmanager
 def _unbroken_help() -> Iterator[None]:
-    """Let tyro fill the lines of help texts; it keeps them broken where the source breaks and indents them."""
+    """Let tyro fill the lines of help texts. By default it keeps the line breaks and indents of the source."""
     make = FieldDefinition.make
 
     def filled(**field: Any) -> FieldDefinition:
         text = field.pop("helptext")
-        return make(**field, helptext=lambda: _joined(text() if callable(text) else text))
+        return make(**field, helptext=lambda: _one_line(text() if callable(text) else text))
 
     FieldDefinition.make = staticmethod(filled)  # type: ignore[method-assign]
     try:
@@ -116,13 +115,13 @@ def _unbroken_help() -> Iterator[None]:
         FieldDefinition.make = staticmethod(make)  # type: ignore[method-assign]
 
 
-def _joined(text: object) -> str | None:
+def _one_line(text: object) -> str | None:
     """Return a text without line breaks; None for no text."""
     return None if text is None else " ".join(str(text).split())
 
 
 def _path(words: list[str]) -> Path:
-    """Return a path. Raises ValueError for an empty one, which Path takes for the current folder."""
+    """Return a path. Raises ValueError for an empty text, which Path would take for the current folder."""
     if not words[0]:
         raise ValueError("an empty path")
     return Path(words[0])
@@ -140,20 +139,19 @@ def _kind(hint: Any) -> Any:
 
 
 def _reason(event: events.ParseErrorEvent, application: SubcommandApp, given: Sequence[str]) -> str | None:
-    """Return a line about an error; None for an event of a later version, of which tyro prints a box."""
+    """Return a message about an error; None for unknown events of later versions, for which tyro prints a box."""
     if isinstance(event, events.MissingArgs):
         names = " and ".join(_name(one.arg) for one in event.missing_arguments)
         spare = f", and {' '.join(event.unrecognized_tokens)} is unknown" if event.unrecognized_tokens else ""
-        return (
-            f"{names} {'is' if len(event.missing_arguments) == 1 else 'are'} missing{spare}{_see(application, given)}"
-        )
+        verb = "is" if len(event.missing_arguments) == 1 else "are"
+        return f"{names} {verb} missing{spare}{_help_hint(application, given)}"
     if isinstance(event, events.MissingSubcommand):
         group = _command(_help(application, given))
         return f"{f'{group}: ' if group else ''}give one of {', '.join(sorted(event.subcommand_spec.parser_from_name))}"
     if isinstance(event, events.BadValue):
         name = _name(event.argument)
         if event.reason == "too_few_values":
-            return f"{name}: the value is missing; give {_wanted(event.argument)}"
+            return f"{name}: the value is missing; give {_expected_value(event.argument)}"
         return f"{name} {event.offending_value}: takes no value; leave {event.offending_value!r} out"
     if isinstance(event, events.InvalidChoice):
         choices = ", ".join(sorted(choice for choice in event.choices if choice != "None"))
@@ -163,21 +161,21 @@ def _reason(event: events.ParseErrorEvent, application: SubcommandApp, given: Se
     if isinstance(event, events.InstantiationFailure) and event.argument is not None:
         name = _name(event.argument)
         value = _value(name, given) or _EMPTY
-        return f"{name} {value}: give {_wanted(event.argument)}"
+        return f"{name} {value}: give {_expected_value(event.argument)}"
     if isinstance(event, events.InstantiationFailure):
         return " ".join(event.message.split())
     return None
 
 
 def _name(argument: Any) -> str:
-    """Return the option of an argument, or PATH and the like for one without an option."""
+    """Return the option of an argument, or its metavar, such as PATH, for a positional one."""
     if argument.is_positional():
         return str(argument.lowered.metavar).strip("[]{}")
     return max(argument.lowered.name_or_flags, key=len)
 
 
-def _wanted(argument: Any) -> str:
-    """Return what an argument takes, with an example if its help has a unit."""
+def _expected_value(argument: Any) -> str:
+    """Return a description of valid values of an argument, with an example if its help has a unit."""
     metavar, found = str(argument.lowered.metavar), argument.field.helptext
     text = str((found() if callable(found) else found) or "")
     kind = next((words for name, words in _KINDS.items() if name in metavar), f"one of {metavar.strip('{}')}")
@@ -199,17 +197,17 @@ def _value(name: str, given: Sequence[str]) -> str:
 
 
 def _unknown(tokens: Sequence[str], application: SubcommandApp, given: Sequence[str]) -> str:
-    """Return a line about words that a command does not take, with the nearest option or command that there is."""
+    """Return a message about unknown words, with the nearest option or command."""
     text, first = _help(application, given), tokens[0]
     is_option, names = first.startswith("-"), re.findall(r"• ([a-z][a-z0-9-]*)", text)
     known = re.findall(r"--[a-z][a-z0-9-]*", text) if is_option else names
     near = difflib.get_close_matches(first.partition("=")[0], sorted(set(known)), 1)
     kind = "option" if is_option else "command" if names else "argument"
-    return f"{first}: unknown {kind}" + (f"; did you mean {near[0]}?" if near else _see(application, given))
+    return f"{first}: unknown {kind}" + (f"; did you mean {near[0]}?" if near else _help_hint(application, given))
 
 
-def _see(application: SubcommandApp, given: Sequence[str]) -> str:
-    """Return where the options of the command are listed."""
+def _help_hint(application: SubcommandApp, given: Sequence[str]) -> str:
+    """Return a hint to the help of the command."""
     return f"; see {' '.join([PROGRAM, _command(_help(application, given))]).strip()} --help"
 
 
@@ -229,6 +227,6 @@ def _help(application: SubcommandApp, given: Sequence[str]) -> str:
 
 
 def _command(text: str) -> str:
-    """Return the command that a help is of; nothing for the program's own."""
+    """Return the command of a help text; an empty text for the help of the program."""
     found = re.match(rf"usage: {PROGRAM} ([^\[{{]*)", text)
     return "" if found is None else found[1].strip()

@@ -1,4 +1,4 @@
-"""`--quiet`, with any command: of what is printed, only warnings appear, on the error stream."""
+"""`--quiet`, for any command: only warnings are printed, on the error stream."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _WARNING = "warning"
 
 
 class _Warnings(io.TextIOBase):
-    """A stream that passes lines that are warnings on to the error stream, and drops all others."""
+    """A stream that passes warnings to the error stream and drops all other lines."""
 
     def __init__(self) -> None:
         self._line = ""

@@ -1,4 +1,4 @@
-"""A user's files as motions and signals."""
+"""Opening of a user's files as motions or recordings, with printed remarks."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _SIDES = ("left", "right")
 
 
 def load_clip(file: Path, reading: ReadingOptions, rate: float | None = None) -> Clip:
-    """Read a user's motion in canonical form, at `rate` Hz if the file does not say it; prints what was recognised."""
+    """Read a user's motion in canonical form and print remarks; `rate` Hz is for files without a frame rate."""
     return open_motion(file, reading, rate).clip
 
 
@@ -33,9 +33,14 @@ def open_motion(
     *,
     watches_limbs: bool = False,
 ) -> MotionSource:
-    """Open a user's motion, and print what was recognised; `option` gives the rate of a file that does not say it.
+    """Open a user's motion, and print remarks.
 
-    `watches_limbs` looks for limbs of a BVH file that are held still.
+    Args:
+        file: motion.
+        reading: facts that the file omits.
+        rate: frames a second, for files without a frame rate.
+        option: name of the option for the rate, in messages.
+        watches_limbs: look for limbs with constant values in a BVH file.
 
     Raises BodysenseError for every other kind of file.
     """
@@ -70,9 +75,9 @@ def person_of(file: Path | None, height: float | None) -> Person | None:
 def open_recorded(
     file: Path, reading: ReadingOptions, markers: MarkerOptions = NO_OPTIONS, fingers: bool = False
 ) -> Opened:
-    """Open a user's file, and print what was recognised of markers and of gloves.
+    """Open a user's file, and print remarks on markers and gloves.
 
-    `fingers` are to be synthesized, which those of gloves are not.
+    If `fingers` are to be synthesized, files with gloves are refused.
     """
     from bodysense.body.hand import glove_hands
     from bodysense.open import MarkerSource, RecordingSource, open_source
@@ -92,7 +97,7 @@ def open_recorded(
 
 
 def _check_gloves(observation: Observation, place: Path) -> None:
-    """Look at the gloves of a recording; prints what is doubtful."""
+    """Print remarks on doubtful gloves of a recording."""
     from bodysense.body.hand import glove_hands
     from bodysense.io.markers.checks import check_gloves
 

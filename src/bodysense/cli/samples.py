@@ -1,4 +1,4 @@
-"""Bodies drawn from HMD-VAE: `bodysense generate`, and what `bodysense track --samples` writes."""
+"""Bodies drawn from HMD-VAE: `bodysense generate` and `bodysense track --samples`."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def generate(
 
     Args:
         out: NAME.png or NAME.bvh.
-        model: A network written by `bodysense train hmd-vae`, best a model 0; the packaged one if omitted.
+        model: network written by `bodysense train hmd-vae`, best a model 0; the packaged one if omitted.
         count: number of bodies.
         seed: random seed.
         height: height of the bodies in metres; the default skeleton's if omitted.
@@ -44,21 +44,21 @@ def generate(
     if out.suffix.lower() == ".png":
         draw_sheet(out, pose)
     else:
-        write_bvh(out, Clip(out.stem, pose, frame_rate=1.0))  # a frame a body, a second each
+        write_bvh(out, Clip(out.stem, pose, frame_rate=1.0))  # one frame per body, one second each
     print(f"wrote {out}: {count} bodies")
 
 
 def sample_paths(out: Path, count: int) -> list[Path]:
-    """Names of the files that `write_samples` writes."""
+    """Return the paths of the files that `write_samples` writes."""
     return [out.with_name(f"{out.stem}_{k}{out.suffix}") for k in range(1, count + 1)]
 
 
 def write_samples(recording: Recording, out: Path, count: int, seed: int, model: Path | None = None) -> list[Path]:
-    """Track one recording `count` times, each with its own draw of what was not tracked: OUT_1.bvh, OUT_2.bvh, …
+    """Track one recording `count` times, each with a random draw of untracked joints: OUT_1.bvh, OUT_2.bvh, …
 
-    Head and hands, where tracked, are where they were measured in all of them. `model` is a network written by
-    `bodysense train hmd-vae`, the packaged one for None. Raises BodysenseError where the recording has other points
-    than head and wrists.
+    Tracked heads and hands have their measured positions in all files. `model` is a network written by
+    `bodysense train hmd-vae`; the packaged one if None. Raises BodysenseError if the recording has points other than
+    head and wrists.
     """
     import numpy as np
     from rich.progress import track as progress

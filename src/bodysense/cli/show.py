@@ -1,4 +1,4 @@
-"""Tables for the terminal, and one flat object of numbers for machines."""
+"""Tables for the terminal, and numbers as one flat JSON object."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from bodysense.files import written_beside
 if TYPE_CHECKING:
     from rich.console import Console
 
-_WIDTH = 160  # characters of a table that no terminal shows
+_WIDTH = 160  # characters; width of tables that are not printed to a terminal
 
 
 def wide_console() -> Console:
-    """A console whose tables are not folded to 80 characters where no terminal shows them."""
+    """Return a console that does not fold tables to 80 characters if the output is no terminal."""
     from rich.console import Console
 
     console = Console()
@@ -27,9 +27,9 @@ def wide_console() -> Console:
 
 
 def write_numbers(path: Path | None, numbers: dict[str, float], *, timed: bool = True) -> None:
-    """Write one flat JSON object, if a path was given, with the processor and the time on it; NaN is left out.
+    """Write one flat JSON object, if a path is given, with processor name and processor time. NaN values are dropped.
 
-    `timed=False` leaves out the time, where other processes did part of the work.
+    `timed=False` drops the time, for work that other processes shared.
     """
     if path is not None:
         machine = {"processor": processor()} | ({"cpu_seconds": cpu_seconds()} if timed else {})
@@ -39,12 +39,12 @@ def write_numbers(path: Path | None, numbers: dict[str, float], *, timed: bool =
 
 
 def cpu_seconds() -> float:
-    """Processor time of this process and of its children that ended, s."""
+    """Return the processor time of this process and of its ended children, s."""
     return round(sum(os.times()[:4]), 2)
 
 
 def processor() -> str:
-    """Name of the processor, for measured figures."""
+    """Return the name of the processor, for measured figures."""
     try:
         for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
             if line.startswith("model name"):

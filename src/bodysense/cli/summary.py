@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def write_summary(path: Path | None, outputs: list[Path], values: Mapping[str, Any]) -> None:
-    """Write the files that a command wrote, and values about them, as a JSON object; nothing if `path` is None."""
+    """Write a JSON object with the output files of a command and values about them; nothing if `path` is None."""
     if path is None:
         return
     with written_beside(path) as beside:
@@ -27,7 +27,7 @@ def write_summary(path: Path | None, outputs: list[Path], values: Mapping[str, A
 def take_values(take: Take, speed: float, warnings: Sequence[str], of_markers: bool) -> dict[str, Any]:
     """Return values about a completed take: frames, Hz, speed, height in metres, filled frames and warnings.
 
-    If `of_markers`, filled frames are those of its markers.
+    If `of_markers`, the filled frames are those of its markers.
     """
     from bodysense.body.shape import stature
 

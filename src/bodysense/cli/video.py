@@ -68,8 +68,7 @@ def track_video(
 ) -> None:
     """Write the motion of the person in a video on a rig, and the video with the body over it.
 
-    The motion is completed with past and future, if not `causal` and the video is a file; the body over the video is
-    the causal one.
+    The motion of a file is completed with past and future, unless `causal`. The body over the video is always causal.
     """
     from rich.progress import Progress, SpinnerColumn
 
@@ -84,28 +83,28 @@ def track_video(
     from bodysense.tracker import Tracker
     from bodysense.two_way import TwoWayTracker
 
-    people = _checked(options)
+    people = _person_settings(options)
     person = Person() if wearer is None else wearer
     look_ahead = _look_ahead(source, options)
-    maker = _maker(person.skeleton, options, model, look_ahead)
-    # A picture's lengths are guesses, of which proportions cannot be inferred.
+    make_device = _device_factory(person.skeleton, options, model, look_ahead)
+    # Lengths in a video are guesses, so proportions cannot be inferred.
     tracker = Tracker(person, settings=replace(settings, infer=False))
-    state, tally, said = tracker.start(), _Tally(Seen()), None
+    state, tally, broken = tracker.start(), _Tally(Seen()), None
     with ExitStack() as stack:
         video = stack.enter_context(open_video(source, options.image_rate))
         files = find_landmarkers(options.landmarkers)
         landmarker = stack.enter_context(Landmarker(files, LandmarkerSettings(people=options.people)))
         file = stack.enter_context(motion_stream(out, person.skeleton, video.rate, rig or OWN))
-        both = None if causal or video.count is None else TwoWayTracker(person, None, tracker.settings)
-        motion = _Motion(file, both)
+        two_way = None if causal or video.count is None else TwoWayTracker(person, None, tracker.settings)
+        motion = _Motion(file, two_way)
         overlay = None if options.overlay is None else stack.enter_context(Overlay(options.overlay, video.rate))
         longest = options.seconds or float("inf")
         pictures = takewhile(lambda picture: picture.time < longest, video.pictures)
         expected = min(video.count or float("inf"), longest * video.rate)
         progress = stack.enter_context(Progress(SpinnerColumn(), *Progress.get_default_columns()))
-        bar = progress.add_task(f"tracking {video.name}, look-ahead {look_ahead:g} s", total=_known(expected))
+        bar = progress.add_task(f"tracking {video.name}, look-ahead {look_ahead:g} s", total=_frame_count(expected))
         try:
-            for done in watch(pictures, landmarker, maker, people):
+            for done in watch(pictures, landmarker, make_device, people):
                 begun = clock.perf_counter()
                 if len(done.frames):
                     estimate, state = tracker.step(done.frames.observation, state)
@@ -115,22 +114,22 @@ def track_video(
                 tally.add(done, clock.perf_counter() - begun)
                 progress.advance(bar, len(done.frames))
         except VideoBrokenError as error:
-            said = str(error)
+            broken = str(error)
         except KeyboardInterrupt:
             if video.count is not None:
                 raise
         tally.seen.check(video.name, options.follow)
         motion.finish(1 / video.rate)
-    _report(f"wrote {out}: {file.frames} frames\n{tally.line()}", said, options.overlay)
+    _report(f"wrote {out}: {file.frames} frames\n{tally.line()}", broken, options.overlay)
 
 
-def _known(count: float) -> int | None:
-    """A number of frames; None for a webcam, which has no end."""
+def _frame_count(count: float) -> int | None:
+    """Return a number of frames; None for a webcam, which has no end."""
     return None if count == float("inf") else round(count)
 
 
 def _report(text: str, warning: str | None, overlay: Path | None) -> None:
-    """Say what was done."""
+    """Print the result, with a warning if the video broke off."""
     from rich.console import Console
 
     console = Console(highlight=False)
@@ -141,7 +140,7 @@ def _report(text: str, warning: str | None, overlay: Path | None) -> None:
         console.print(f"wrote {overlay}")
 
 
-def _checked(options: VideoOptions) -> PersonSettings:
+def _person_settings(options: VideoOptions) -> PersonSettings:
     """Return the person to follow. Raises BodysenseError for invalid options, before any file is opened."""
     from bodysense.devices.video.person import PersonSettings
 
@@ -161,7 +160,7 @@ def _look_ahead(source: str, options: VideoOptions) -> float:
     return 0.0 if source.isdecimal() and not Path(source).exists() else VideoSettings().look_ahead
 
 
-def _maker(
+def _device_factory(
     skeleton: Skeleton, options: VideoOptions, model: Path | None, look_ahead: float
 ) -> Callable[[float], VideoDevice]:
     """Return a function from the aspect ratio (width / height) of pictures to the device."""
@@ -178,12 +177,12 @@ class _Motion:
     """The motion of a video: written frame by frame, or completed with past and future at the end."""
 
     file: BvhStream
-    both: TwoWayTracker | None  # None: at once
+    two_way: TwoWayTracker | None  # None: each frame is written at once
     kept: list[Observation] = field(default_factory=list)
 
     def add(self, frames: Observation, pose: Pose) -> None:
-        """Take the next frames and their causal poses (T,)."""
-        if self.both is None:
+        """Add the next frames and their causal poses (T,)."""
+        if self.two_way is None:
             self.file.append(frames.time, pose)
         else:
             self.kept.append(frames)
@@ -192,9 +191,9 @@ class _Motion:
         """Complete the kept frames, `seconds` apart, and write them."""
         from bodysense.observation import concatenated_frames
 
-        if self.both is not None and self.kept:
+        if self.two_way is not None and self.kept:
             whole = concatenated_frames(self.kept)
-            self.file.append(whole.time, self.both.complete(whole, seconds).pose)
+            self.file.append(whole.time, self.two_way.complete(whole, seconds).pose)
 
 
 @dataclass

@@ -1,4 +1,4 @@
-"""Calibration: a second in a known pose gives a wearer's height, their arms' reach, and the mounts of trackers."""
+"""Calibration: height, arm span and tracker mounts of a wearer from one second in a known pose."""
 
 from __future__ import annotations
 
@@ -17,26 +17,27 @@ from bodysense.errors import BodysenseError
 from bodysense.observation import Observation
 
 Stance = Literal["standing", "arms out"]
-WORN_AS_THEY_ARE = ("head", "left_wrist", "right_wrist")  # headset, controllers and hands are at their joints already
+DEVICES_AT_JOINTS = ("head", "left_wrist", "right_wrist")  # points of headset and controllers, which need no mount
 _SIDES = ("left", "right")
-CARRIERS = ("pelvis", "spine3", *(f"{side}_{part}" for part in ("ankle", "knee", "elbow") for side in _SIDES))
-_BESIDE = 0.35  # m: trackers are closer than this to their joints
-_STILL = 0.05  # m: a head that moves farther does not stand still
-_SHORT = 0.3  # s
-_HEAD_DEVIATION, _SPAN_DEVIATION = 0.02, 0.02  # m
+TRACKER_JOINTS = ("pelvis", "spine3", *(f"{side}_{part}" for part in ("ankle", "knee", "elbow") for side in _SIDES))
+_FARTHEST_TRACKER = 0.35  # m; largest distance of a tracker from its joint
+_STILL = 0.05  # m; largest movement of the head during calibration
+_SHORT = 0.3  # s; shortest calibration
+_HEAD_DEVIATION, _SPAN_DEVIATION = 0.02, 0.02  # m; standard deviations of head height and arm span
 
 
-def calibrated(observation: Observation, person: Person, stance: Stance = "standing", floor: float = 0.0) -> Person:
-    """Return the person after standing upright and still for about a second, looking ahead.
+def calibrate(observation: Observation, person: Person, stance: Stance = "standing", floor: float = 0.0) -> Person:
+    """Return the person as measured while standing upright and still for about a second, looking ahead.
 
     Args:
-        observation: the tracking during this time, (T, P); the head always.
-        person: as known before; a known height or skeleton is unchanged.
-        stance: 'standing', arms hanging, or 'arms out' to the sides, which also measures their reach.
-        floor: m, its height.
+        observation: tracked points (T, P) during this time; the head is required.
+        person: the wearer as known before; a known height or skeleton is unchanged.
+        stance: 'standing' with hanging arms, or 'arms out' to the sides, which also measures the arm span.
+        floor: height of the floor, m.
 
-    A tracker that is not on head or wrists is assumed to be strapped next to its joint, as the pose places it.
-    Raises BodysenseError for too short or too restless an observation, and if the head is not tracked.
+    Trackers that are not on head or wrists are assumed to be strapped next to their joints.
+
+    Raises BodysenseError for observations that are too short or move too much, and if the head is not tracked.
     """
     if "head" not in observation.points:
         raise BodysenseError("calibration: the head is not tracked; wear the headset, and stand upright and still")
@@ -56,7 +57,7 @@ def calibrated(observation: Observation, person: Person, stance: Stance = "stand
     if person.bone_deviation.any():
         if height is None:
             height = stature_of_head(place[1] - floor, _HEAD_DEVIATION)
-        wrists = [observation.points.index(name) for name in WORN_AS_THEY_ARE[1:] if name in observation.points]
+        wrists = [observation.points.index(name) for name in DEVICES_AT_JOINTS[1:] if name in observation.points]
         if stance == "arms out" and len(wrists) == 2:
             both = observation.has_position[:, wrists].all(axis=1)
             apart = observation.position[both][:, wrists[0]] - observation.position[both][:, wrists[1]]
@@ -64,20 +65,20 @@ def calibrated(observation: Observation, person: Person, stance: Stance = "stand
                 span = float(np.median(np.linalg.norm(apart, axis=-1)))
                 lengths["left_wrist", "right_wrist"] = Measured(span, _SPAN_DEVIATION)
         person = Person(height=height, lengths=lengths, mounts=person.mounts, hands=person.hands)
-    stood = _stood(person, place, _mean(observation.rotation[known, head]), stance)
-    return person.wearing(_mounts(observation, stood))
+    stood = _standing_pose(person, place, _mean(observation.rotation[known, head]), stance)
+    return person.with_mounts(_mounts(observation, stood))
 
 
-def assigned(
+def assign_trackers(
     observation: Observation,
     trackers: Sequence[str],
     person: Person,
     stance: Stance = "standing",
 ) -> dict[str, str]:
-    """Return the joint, of `CARRIERS`, that each of `trackers` is strapped to, by its position while the wearer stands.
+    """Return the joint of `TRACKER_JOINTS` to which each of `trackers` is strapped, from positions in a known stance.
 
-    Their total distance to their joints is the least possible; joints tracked by other points are excluded. A tracker
-    farther than 35 cm from every free joint is left out, and all are if the head is not tracked.
+    The total distance of trackers to their joints is minimal. Joints tracked by other points are excluded. Trackers
+    farther than 35 cm from every free joint are left out, and all trackers are if the head is not tracked.
     """
     seen = [name for name in trackers if observation.has_position[:, observation.points.index(name)].any()]
     if "head" not in observation.points:
@@ -87,28 +88,32 @@ def assigned(
     if not seen or not known.any():
         return {}
     tracked = {name for k, name in enumerate(observation.points) if observation.has_position[:, k].any()}
-    free = [joint for joint in CARRIERS if joint not in tracked]
+    free = [joint for joint in TRACKER_JOINTS if joint not in tracked]
     if not free:
         return {}
     place = np.median(observation.position[known, head], axis=0)
-    stood = forward_kinematics(_stood(person, place, _mean(observation.rotation[known, head]), stance))[0]
+    stood = forward_kinematics(_standing_pose(person, place, _mean(observation.rotation[known, head]), stance))[0]
     joints = stood[person.skeleton.indices(free)]
     where = []
     for name in seen:
         k = observation.points.index(name)
         where.append(np.median(observation.position[observation.has_position[:, k], k], axis=0))
     apart = np.linalg.norm(np.array(where)[:, None] - joints, axis=-1)
-    cost = np.minimum(apart, _BESIDE) ** 2
+    cost = np.minimum(apart, _FARTHEST_TRACKER) ** 2
     few, many = sorted(cost.shape)
     choices = np.array(list(permutations(range(many), few)))
     if len(seen) <= len(free):
         rows, columns = range(few), choices[cost[np.arange(few), choices].sum(axis=1).argmin()]
     else:
         rows, columns = choices[cost[choices, np.arange(few)].sum(axis=1).argmin()], range(few)
-    return {seen[row]: free[column] for row, column in zip(rows, columns, strict=True) if apart[row, column] < _BESIDE}
+    return {
+        seen[row]: free[column]
+        for row, column in zip(rows, columns, strict=True)
+        if apart[row, column] < _FARTHEST_TRACKER
+    }
 
 
-def _stood(person: Person, head: np.ndarray, rotation: np.ndarray, stance: Stance) -> Pose:
+def _standing_pose(person: Person, head: np.ndarray, rotation: np.ndarray, stance: Stance) -> Pose:
     """Return a standing pose with the head at a position (3,) and with its heading."""
     pose = standing_pose(person.skeleton) if stance == "standing" else rest_pose(person.skeleton)
     turn = rotation * np.array([1.0, 0.0, 1.0, 0.0])  # the twist about the vertical
@@ -120,12 +125,12 @@ def _stood(person: Person, head: np.ndarray, rotation: np.ndarray, stance: Stanc
 
 
 def _mounts(observation: Observation, stood: Pose) -> dict[str, RigidTransform]:
-    """Return T_joint_tracker of every tracker with a pose, from its joint's position while the wearer stands."""
+    """Return T_joint_tracker of every tracker with a pose, from the pose of its joint while the wearer stands."""
     position, rotation = forward_kinematics(stood)
     skeleton, mounts = stood.skeleton, {}
     for k, name in enumerate(observation.points):
         both = observation.has_position[:, k] & observation.has_rotation[:, k]
-        if name in WORN_AS_THEY_ARE or name not in skeleton.joints or not both.any():
+        if name in DEVICES_AT_JOINTS or name not in skeleton.joints or not both.any():
             continue
         joint = skeleton.index(name)
         world_joint = RigidTransform(position[joint], rotation[joint])
@@ -135,7 +140,7 @@ def _mounts(observation: Observation, stood: Pose) -> dict[str, RigidTransform]:
 
 
 def _mean(rotation: np.ndarray) -> np.ndarray:
-    """Return the mean (4,) of rotations (N, 4) that differ little."""
+    """Return the mean (4,) of similar rotations (N, 4)."""
     same = rotation * np.sign((rotation * rotation[:1]).sum(axis=1, keepdims=True))
     mean = same.mean(axis=0)
     return mean / np.linalg.norm(mean)

@@ -1,4 +1,4 @@
-"""The C core as Python sees it: `bodysense.h` by ctypes, with NumPy arrays in and out. Calls release the GIL."""
+"""Python interface of the C core: `bodysense.h` by ctypes, with NumPy arrays. Calls release the GIL."""
 
 from __future__ import annotations
 
@@ -92,7 +92,7 @@ class ObservationStruct(ctypes.Structure):
     ]
 
 
-# Members of `bs_estimate`, and what each frame has of it: doubles, but `measured`, a byte each.
+# Members of `bs_estimate` with their shapes for one frame. All are doubles, except the bytes of `measured`.
 ESTIMATE: dict[str, tuple[int, ...]] = {
     "root_position": (3,),
     "rotation": (JOINTS, 4),
@@ -154,7 +154,7 @@ def library() -> ctypes.CDLL:
 
 
 def message(result: int) -> str:
-    """Return the meaning of a result of the core."""
+    """Return the message of a result code of the core."""
     return library().bs_message(result).decode()
 
 
@@ -166,7 +166,7 @@ def empty(size: int) -> np.ndarray:
 
 
 def address(values: np.ndarray) -> int:
-    """Return the address of a contiguous, writable array; 0 if it is empty. The fastest of the ways to ask."""
+    """Return the address of a contiguous, writable array; 0 if it is empty. Faster than `values.ctypes.data`."""
     return ctypes.addressof(ctypes.c_char.from_buffer(values.data)) if values.size else 0
 
 
@@ -185,7 +185,7 @@ def person_struct(person: Person) -> PersonStruct:
     for k, ((start, end), value) in enumerate(person.lengths.items()):
         one.length[k] = Length(skeleton.index(start), skeleton.index(end), value.value, value.deviation)
     for joint, mount in person.mounts.items():
-        if not joint.endswith(SENSOR):  # the heading of an inertial sensor is not the core's business
+        if not joint.endswith(SENSOR):  # the core does not use mounts of inertial sensors
             one.mount[skeleton.index(joint)] = Mount(1, 0, tuple(mount.translation), tuple(mount.rotation))
     return one
 
@@ -223,7 +223,7 @@ class Model:
             raise BodysenseError(f"{name}: {message(result)}")
         self.pointer = pointer
         self.state_size: int = core.bs_state_size(pointer)
-        self._scratch = threading.local()  # of each thread, by the number of people
+        self._scratch = threading.local()  # scratch memory of each thread
 
     @property
     def kernel(self) -> str:
@@ -231,7 +231,7 @@ class Model:
         return library().bs_model_kernel(self.pointer).decode()
 
     def start(self, person: Person) -> np.ndarray:
-        """The state (N,) uint8 before the first frame of a person."""
+        """Return the state (N,) uint8 before the first frame of a person."""
         memory = empty(self.state_size)
         result = library().bs_state_start(
             self.pointer, ctypes.byref(person_struct(person)), address(memory), len(memory), ctypes.byref(_Pointer())
@@ -241,7 +241,7 @@ class Model:
         return memory
 
     def opened(self, stored: bytes) -> np.ndarray:
-        """A state that was stored. Raises BodysenseError for any other bytes, and for a state of another model."""
+        """Return a stored state. Raises BodysenseError for any other bytes, and for a state of another model."""
         memory = empty(len(stored))
         memory[:] = np.frombuffer(stored, np.uint8)
         result = library().bs_state_open(self.pointer, address(memory), len(memory), ctypes.byref(_Pointer()))
@@ -250,13 +250,13 @@ class Model:
         return memory
 
     def person(self, state: np.ndarray, person: Person) -> Person:
-        """The person of a state as believed now; `person` is who it was started with."""
+        """Return the person of a state as inferred so far; `person` is the one with whom it was started."""
         one = PersonStruct()
         library().bs_state_person(address(state), ctypes.byref(one))
         return believed_person(one, person)
 
     def updated(self, state: np.ndarray, person: Person) -> np.ndarray:
-        """The state after more became known of its person."""
+        """Return the state with new known properties of its person."""
         after = copied(state)
         one = person_struct(person)
         result = library().bs_state_update_person(self.pointer, address(after), ctypes.byref(one))
@@ -269,12 +269,12 @@ class Model:
     ) -> tuple[int, int, dict[str, np.ndarray], tuple[np.ndarray, ...]]:
         """Complete the next T frames of B people.
 
-        Returns a result, the person whom it concerns, the arrays (B, T, …) of `ESTIMATE`, and the states after them.
+        Returns a result code, the index of the person whom it concerns, arrays (B, T, …) of `ESTIMATE`, and new states.
         """
         people, frames = len(observations), len(observations[0])
         structs, _keep = _observations(observations)
         made, estimates = _estimates(people, frames)
-        after = tuple(empty(self.state_size) for _ in states)  # each its own memory, which one session may keep
+        after = tuple(empty(self.state_size) for _ in states)  # separate memory, because a session may keep one state
         for k, (own, state) in enumerate(zip(after, states, strict=True)):
             if len(state) != self.state_size:
                 return STATE_FOREIGN, k, made, tuple(states)
@@ -295,7 +295,7 @@ class Model:
         return result, refused.value, made, after
 
     def _scratch_for(self, people: int) -> np.ndarray:
-        """Return this thread's scratch for a step of `people` people."""
+        """Return scratch memory of this thread for a step of `people` people."""
         own: np.ndarray | None = getattr(self._scratch, "memory", None)
         size = library().bs_scratch_size(self.pointer, people)
         if own is None or len(own) < size:
@@ -304,26 +304,26 @@ class Model:
 
 
 def time_of(state: np.ndarray) -> float:
-    """Time (s) of the last frame of a state; NaN before the first."""
+    """Return the time (s) of the last frame of a state; NaN before the first."""
     return library().bs_state_time(address(state))
 
 
 def contradicts_height(state: np.ndarray) -> bool:
-    """Whether the head was higher than the known height allows, which then counts no more."""
+    """Whether the head was higher than the known height allows, so that the height is inferred now."""
     return bool(library().bs_state_contradicts_height(address(state)))
 
 
 def copied(state: np.ndarray) -> np.ndarray:
-    """A copy of a state."""
+    """Return a copy of a state."""
     memory = empty(len(state))
     memory[:] = state
     return memory
 
 
 def _observations(observations: Sequence[Observation]) -> tuple[ctypes.Array, list[np.ndarray]]:
-    """Return the structs of observations (T, P, …), and the arrays that they point into, which must outlive them.
+    """Return structs of observations (T, P, …), and the arrays to which they point, which must outlive them.
 
-    Values are packed into one array of each kind: to copy a frame takes less time than to ask for its addresses.
+    Values are packed into one array of each kind, because copying a frame is faster than getting its addresses.
     """
     values, masks, rows = [], [], []
     for one in observations:
@@ -382,5 +382,5 @@ def _layout(frames: int) -> tuple[list[_Part], list[int], int]:
 
 @lru_cache(maxsize=256)
 def point_indices(points: tuple[str, ...]) -> np.ndarray:
-    """The core's indices (P,) of points. Raises BodysenseError for points that no body has."""
+    """Return the core's indices (P,) of points. Raises BodysenseError for unknown points."""
     return default_skeleton().indices(points).astype(np.int32)

@@ -24,7 +24,7 @@ from bodysense.body.rotation import (
 from bodysense.body.spring import spring_step
 from bodysense.errors import BodysenseError
 
-_NOTHING = 1e-7  # m, rad and per s: an offset below this is over
+_NOTHING = 1e-7  # m, rad, m/s and rad/s; smaller offsets count as zero
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +55,7 @@ class Inertialiser:
             raise BodysenseError(f"inertialiser: half-life {self.half_life:g} s; give a positive number of seconds")
 
     def rest(self, pose: Pose) -> Offset:
-        """No offset, for poses shaped as `pose` (...)."""
+        """Return a zero offset for poses of the shape of `pose` (...)."""
         root, rotation = np.asarray(pose.root_position), np.asarray(pose.rotation)
         turn = np.zeros((*rotation.shape[:-1], 3))
         return Offset(np.zeros(root.shape), turn, Velocity(np.zeros(root.shape), turn))
@@ -74,13 +74,13 @@ class Inertialiser:
         """Return the offset after a break, with which `apply` continues from the pose that was output before it.
 
         Args:
-            output: the pose (...) that was output in the frame before.
-            target: the pose (...) that would be output in that frame from now on, or in the first one after the break.
-            offset: that of the frame before; goes on for people without a break.
-            people: (...) bool, whose motion breaks; everybody's if omitted.
-            follow: (..., J) bool, joints that take the target at once; with the root its position too.
-            velocity: of the output pose; at rest if omitted.
-            target_velocity: of the target; at rest if omitted.
+            output: output pose (...) of the frame before.
+            target: new target pose (...) for that frame, or for the first frame after the break.
+            offset: offset of the frame before; it continues for people without a break.
+            people: (...) bool, people whose motion breaks; all if omitted.
+            follow: (..., J) bool, joints that take the target at once; for the root this includes its position.
+            velocity: velocity of the output; zero if omitted.
+            target_velocity: velocity of the target; zero if omitted.
         """
         root = np.asarray(output.root_position) - np.asarray(target.root_position)
         turn = quaternion_multiply(np.asarray(output.rotation), quaternion_conjugate(np.asarray(target.rotation)))
@@ -104,9 +104,9 @@ class Inertialiser:
         return Offset(root, rotation, Velocity(root_velocity, spin))
 
     def apply(self, target: Pose, interval: np.ndarray | float, offset: Offset) -> tuple[Pose, Offset]:
-        """Return the pose (...) to output for the target `interval` (...) s after the frame before.
+        """Return the output pose (...) for the target `interval` (...) s after the frame before, and the new offset.
 
-        Returns it and its offset. The target itself, to the bit, where nothing is left of an offset.
+        The output is bit-identical to the target if the offset is zero.
         """
         if not (offset.root.any() or offset.rotation.any() or offset.velocity.root.any() or offset.velocity.spin.any()):
             return target, offset

@@ -1,7 +1,7 @@
-"""Joining of two estimates: one knows only the past of a recording, and one only its future.
+"""Joining of two estimates of a recording: the forward pass knows only the past, the backward pass only the future.
 
-Each answer leaps when a point is seen again after it was hidden. The hidden frames before are turned so that they lead
-there. The mean of both answers' local rotations keeps bones.
+Each pass jumps when a hidden point is seen again. The hidden frames before are turned so that they lead to the new
+pose. Then local rotations of both passes are averaged, which keeps bone lengths.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ from bodysense.body.rotation import (
 from bodysense.body.skeleton import ARM, BODY, LEG, Skeleton, default_skeleton
 
 Array = np.ndarray
-LEAD = 0.25  # s before a point is seen again in which the guess turns toward it; 0.1 and 0.5 are within 1 %
-LEAD_PER_TURN = 0.5  # s more for each radian of the turn
-FASTEST_TURN = 9.0  # rad/s: maximum speed of a joint when it is seen again
-# Share of the backward estimate if both are equally certain, weight of certainty, and the seconds over which expected
-# errors are averaged. Chosen on 24 validation clips.
+LEAD = 0.25  # s before a point is seen again in which the pose turns toward it; 0.1 and 0.5 are within 1 %
+LEAD_PER_TURN = 0.5  # additional s for each radian of the turn
+FASTEST_TURN = 9.0  # rad/s; maximum speed of a joint when it is seen again
+# Share of the backward pass if both are equally certain, weight of certainty, and s over which expected errors are
+# averaged. Chosen on 24 validation clips.
 BACKWARD_SHARE, SURENESS, STEADY = 1 / 2, 2.0, 0.33
 
 
@@ -45,30 +45,33 @@ def groups() -> dict[str, tuple[int, ...]]:
     return {group: tuple(points) for group, points in found.items()}
 
 
-def turned_joints(group: str) -> list[int]:
-    """Return joints that turn if points of a group are seen again: all of the body for the trunk, else its own."""
+def joints_of_group(group: str) -> list[int]:
+    """Return the joints that turn if points of a group are seen again: all for the trunk, else those of the group."""
     count = len(default_skeleton().joints)
     if group == "trunk":
         return list(range(count))
     return [point for point in groups()[group] if point < count]
 
 
-def led(rotation: Array, head: Array, seen: Array, seconds: float) -> tuple[Array, Array]:
-    """Adjust the hidden frames of an estimate so that they lead to points that are seen again.
+def lead_to_returns(rotation: Array, head: Array, seen: Array, seconds: float) -> tuple[Array, Array]:
+    """Turn the hidden frames of a pass so that they lead to points that are seen again.
 
     Args:
-        rotation: (T, J, 4) local rotations of an answer that runs forward in the order of its frames.
-        head: (T, 3) m, the place of the head in it.
+        rotation: (T, J, 4) local rotations, in the order in which the pass ran.
+        head: (T, 3) m, positions of the head.
         seen: (T, P) bool: points that are tracked.
-        seconds: between frames.
+        seconds: time between frames.
+
+    Returns:
+        New local rotations and positions of the head.
     """
     rotation, head = rotation.copy(), head.copy()
     top = default_skeleton().index("head")
     for group, points in groups().items():
-        joints = turned_joints(group)
+        joints = joints_of_group(group)
         for frame, came in _returns(seen[:, points]):
             around = rotation[max(frame - 2, 0) : frame + 2, joints]
-            turn = _leap(around, min(frame, 2), FASTEST_TURN * seconds)
+            turn = _jump(around, min(frame, 2), FASTEST_TURN * seconds)
             wanted = max(LEAD, LEAD_PER_TURN * float(np.linalg.norm(turn, axis=-1).max())) / seconds
             count = _hidden_before(seen[:, points], frame, came, max(1, round(wanted)))
             share = smooth_step(np.arange(1, count + 1) / count)
@@ -93,10 +96,10 @@ def _hidden_before(seen: Array, frame: int, came: Array, most: int) -> int:
     return int(before.argmax()) if before.any() else len(before)
 
 
-def _leap(rotation: Array, frame: int, most: float) -> Array:
-    """Return rotation vectors (J, 3) from the extrapolation of local rotations (≤ 4, J, 4) to those in `frame`.
+def _jump(rotation: Array, frame: int, most: float) -> Array:
+    """Return rotation vectors (J, 3) of the jump into `frame` of local rotations (≤ 4, J, 4).
 
-    They lead there at the mean speed of before and after, at most `most` rad a frame.
+    The jump is the step into the frame minus the mean step of its neighbours, which is at most `most` rad.
     """
     steps = _differences(rotation[:-1], rotation[1:])
     beside = np.delete(steps, frame - 1, axis=0)
@@ -106,9 +109,9 @@ def _leap(rotation: Array, frame: int, most: float) -> Array:
 
 
 def future_share(past: Array, future: Array, seconds: float) -> Array:
-    """Return the weight (T,) of the estimate from the future in the mean, from both expected errors (T, P) m.
+    """Return the weight (T,) of the backward pass in the mean, from the expected errors (T, P) m of both passes.
 
-    It changes slowly, and is one for all joints, so that what hangs together stays together.
+    It changes slowly. All joints share one weight, so that the body stays coherent.
     """
     body = default_skeleton().indices(BODY)
     ratio = np.log(past[:, body].mean(axis=1) / future[:, body].mean(axis=1))
@@ -117,21 +120,21 @@ def future_share(past: Array, future: Array, seconds: float) -> Array:
 
 
 def smoothed(values: Array, frames: float) -> Array:
-    """Return values (T, ...) averaged over neighbours by a Gaussian of this deviation; the first and the last go on."""
-    reach = int(np.ceil(3 * frames - 1e-6))  # the same for rates that differ by rounding
+    """Smooth values (T, ...) by a Gaussian with a standard deviation in frames; first and last values are extended."""
+    reach = int(np.ceil(3 * frames - 1e-6))  # equal for rates that differ by rounding
     weight = np.exp(-0.5 * (np.arange(-reach, reach + 1) / frames) ** 2)
     padded = np.concatenate([values[:1].repeat(reach, axis=0), values, values[-1:].repeat(reach, axis=0)])
     return sum(share * padded[k : k + len(values)] for k, share in enumerate((weight / weight.sum()).tolist()))  # type: ignore[return-value]
 
 
 def mean_rotation(a: Array, b: Array, share: Array | float = 0.5) -> Array:
-    """Return rotations (..., 4) between two: `share` of the second."""
+    """Return the weighted mean (..., 4) of two rotations; `share` is the weight of the second."""
     sign = np.where((a * b).sum(axis=-1, keepdims=True) < 0, -1.0, 1.0)
     return np.asarray(quaternion_canonical(normalize((1 - share) * a + share * sign * b)))
 
 
-def kept_turns(skeleton: Skeleton, rotation: Array, world: Array, turned: Array) -> Array:
-    """Return local rotations (T, J, 4); joints that are `turned` (T, J) get their rotation in the `world` (T, J, 4)."""
+def keep_tracked_rotations(skeleton: Skeleton, rotation: Array, world: Array, turned: Array) -> Array:
+    """Return local rotations (T, J, 4) in which `turned` (T, J) joints have their `world` (T, J, 4) rotation."""
     rotation, placed = rotation.copy(), np.empty_like(rotation)
     for joint, parent in enumerate(skeleton.parents[: rotation.shape[1]]):
         kept = turned[:, [joint]]

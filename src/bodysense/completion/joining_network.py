@@ -1,9 +1,9 @@
-"""The joining network: how much each joint of a joined body follows either answer, how far it turns beyond, its error.
+"""The joining network: for each joint the weight of both passes, an additional turn, and the expected error.
 
-features of both answers → 30 Hz → blocks of dilated convolutions, two seconds wide → each joint's share, turn and error
+features of both passes → 30 Hz → blocks of dilated convolutions, two seconds wide → each joint's share, turn and error
 → the rate of the frames
 
-A body and its mirror image are both asked, so that the network has no better side.
+The network runs on the body and on its mirror image, so that its results are symmetric.
 """
 
 from __future__ import annotations
@@ -41,16 +41,16 @@ RATE = 30.0  # Hz at which the network works
 DILATIONS = (1, 2, 4, 8, 16)  # frames between the three taps of each block's convolution
 _BLOCKS = {str(block) for block in range(len(DILATIONS))}
 JOINTS = len(BODY)
-OUTPUTS = 5 * JOINTS  # of all joints three numbers of turn, then one of share, then one of error
+OUTPUTS = 5 * JOINTS  # three numbers of turn for each joint, then one of share for each, then one of error for each
 _TRUNK, _HOLDING = ("spine1", "spine2", "spine3", "neck"), ("pelvis", "spine3", "head")
-_FLIP = np.array([-1.0, 1.0, 1.0])  # mirrors a place at x = 0
+_FLIP = np.array([-1.0, 1.0, 1.0])  # mirrors a position at x = 0
 _LEAST_ERROR = 1e-3  # m
 _OTHER_SIDE = [2, 3, 0, 1]  # of `CONTACT_POINTS`
 
 
 @dataclass(frozen=True, eq=False)
-class TwoAnswers:
-    """Two answers of the same T frames, of which one knows the past and one the future."""
+class PassPair:
+    """Estimates of the same T frames by the forward pass (past) and the backward pass (future)."""
 
     skeleton: Skeleton
     past: Array  # (T, J, 4) wxyz, local rotations
@@ -64,7 +64,7 @@ class TwoAnswers:
     past_contact: Array  # (T, 4) probability
     future_contact: Array  # (T, 4)
     share: Array  # (T,) weight of the future in a plain mean
-    measured: Array  # (T, P) bool: points whose place is tracked
+    measured: Array  # (T, P) bool: points whose position is tracked
     turned: Array  # (T, J) bool: joints whose rotation is tracked
     floor: float  # m
     seconds: float  # between frames
@@ -72,7 +72,7 @@ class TwoAnswers:
 
 @dataclass(frozen=True, eq=False)
 class Joining:
-    """How both answers become one."""
+    """Weights and errors by which both passes become one estimate."""
 
     share: Array  # (T, J) weight of the future
     turn: Array  # (T, J, 3) rad beyond the mean
@@ -80,9 +80,9 @@ class Joining:
     bound: Array  # (T, P) m, above nine in ten errors
 
 
-def mirrored(answers: TwoAnswers) -> TwoAnswers:
-    """Return both answers as a mirror at x = 0 shows them, on the mirrored body."""
-    skeleton = answers.skeleton
+def mirrored(passes: PassPair) -> PassPair:
+    """Return both passes mirrored at x = 0, on the mirrored body."""
+    skeleton = passes.skeleton
     points = np.asarray(skeleton.mirror)
     joints = points[: len(skeleton.joints)]
 
@@ -90,71 +90,68 @@ def mirrored(answers: TwoAnswers) -> TwoAnswers:
         return rotation[:, joints] * np.array([1.0, 1.0, -1.0, -1.0])
 
     return replace(
-        answers,
+        passes,
         skeleton=skeleton.with_offsets(skeleton.rest_offset[points] * _FLIP),
-        past=turns(answers.past),
-        future=turns(answers.future),
-        past_points=answers.past_points[:, points] * _FLIP,
-        future_points=answers.future_points[:, points] * _FLIP,
-        past_error=answers.past_error[:, points],
-        future_error=answers.future_error[:, points],
-        past_bound=answers.past_bound[:, points],
-        future_bound=answers.future_bound[:, points],
-        past_contact=answers.past_contact[:, _OTHER_SIDE],
-        future_contact=answers.future_contact[:, _OTHER_SIDE],
-        measured=answers.measured[:, points],
-        turned=answers.turned[:, joints],
+        past=turns(passes.past),
+        future=turns(passes.future),
+        past_points=passes.past_points[:, points] * _FLIP,
+        future_points=passes.future_points[:, points] * _FLIP,
+        past_error=passes.past_error[:, points],
+        future_error=passes.future_error[:, points],
+        past_bound=passes.past_bound[:, points],
+        future_bound=passes.future_bound[:, points],
+        past_contact=passes.past_contact[:, _OTHER_SIDE],
+        future_contact=passes.future_contact[:, _OTHER_SIDE],
+        measured=passes.measured[:, points],
+        turned=passes.turned[:, joints],
     )
 
 
-def features(answers: TwoAnswers) -> Array:
-    """Return what the network reads of each frame (T, F): the mean body, how the answers differ, and what is tracked.
+def features(passes: PassPair) -> Array:
+    """Return the network's input (T, F): the mean body, the difference of the passes, and the tracked points.
 
-    Places are in the heading of the mean pelvis, so that a walk to the north is a walk to the east. Numbers are scaled
-    to about 1.
+    Positions are in the heading of the mean pelvis, so that they do not depend on the walking direction. Numbers are
+    scaled to about 1.
     """
-    skeleton, frames = answers.skeleton, len(answers.share)
+    skeleton, frames = passes.skeleton, len(passes.share)
     body, head = skeleton.indices(BODY), skeleton.index("head")
-    mean = mean_rotation(answers.past, answers.future, answers.share[:, None, None])
+    mean = mean_rotation(passes.past, passes.future, passes.share[:, None, None])
     position = np.asarray(forward_kinematics(Pose(skeleton, np.zeros((frames, 3)), mean))[0])
     level = quaternion_conjugate(heading(mean[:, 0]))
-    top = placed_head(answers)
+    top = joined_head(passes)
 
     def ahead(vector: Array) -> Array:
         return quaternion_rotate(level.reshape(-1, *(1,) * (vector.ndim - 2), 4), vector)
 
     turn = np.concatenate([quaternion_multiply(level, mean[:, 0])[:, None], mean[:, body[1:]]], axis=1)
     from_head = position[:, body] - position[:, [head]]
-    apart = quaternion_log(quaternion_multiply(quaternion_conjugate(answers.past[:, body]), answers.future[:, body]))
-    between = answers.future_points[:, body] - answers.past_points[:, body]
-    speed = np.diff(top, axis=0, prepend=top[:1]) / answers.seconds
+    apart = quaternion_log(quaternion_multiply(quaternion_conjugate(passes.past[:, body]), passes.future[:, body]))
+    between = passes.future_points[:, body] - passes.past_points[:, body]
+    speed = np.diff(top, axis=0, prepend=top[:1]) / passes.seconds
     length = np.linalg.norm(skeleton.rest_offset[body], axis=-1)
     parts = (
         quaternion_to_matrix(turn)[..., :2],
         2 * apart,
         2 * ahead(from_head),
         5 * ahead(between),
-        answers.measured[:, body],
-        answers.turned[:, body],
-        *(
-            (np.log(np.maximum(one[:, body], _LEAST_ERROR)) + 3) / 2
-            for one in (answers.past_error, answers.future_error)
-        ),
-        answers.past_contact,
-        answers.future_contact,
-        answers.share[:, None],
-        1.5 * (top[:, None, 1] + from_head[..., 1] - answers.floor),
+        passes.measured[:, body],
+        passes.turned[:, body],
+        *((np.log(np.maximum(one[:, body], _LEAST_ERROR)) + 3) / 2 for one in (passes.past_error, passes.future_error)),
+        passes.past_contact,
+        passes.future_contact,
+        passes.share[:, None],
+        1.5 * (top[:, None, 1] + from_head[..., 1] - passes.floor),
         ahead(speed),
         np.broadcast_to(3 * length, (frames, len(length))),
     )
     return np.concatenate([np.asarray(part, dtype=np.float32).reshape(frames, -1) for part in parts], axis=1)
 
 
-def placed_head(answers: TwoAnswers) -> Array:
-    """Return where the joined head is, (T, 3) m: where it is tracked, else between both answers."""
-    head = answers.skeleton.index("head")
-    past, future = answers.past_points[:, head], answers.future_points[:, head]
-    share = np.where(answers.measured[:, head], 0.5, answers.share)[:, None]
+def joined_head(passes: PassPair) -> Array:
+    """Return the position (T, 3) m of the joined head: measured if it is tracked, else between both passes."""
+    head = passes.skeleton.index("head")
+    past, future = passes.past_points[:, head], passes.future_points[:, head]
+    share = np.where(passes.measured[:, head], 0.5, passes.share)[:, None]
     return (1 - share) * past + share * future
 
 
@@ -165,46 +162,46 @@ class JoiningNetwork:
     tensors: Mapping[str, Array]  # float32
     card: dict[str, Any]  # the file's metadata
 
-    def __call__(self, answers: TwoAnswers) -> Joining:
-        """Return how both answers become one.
+    def __call__(self, passes: PassPair) -> Joining:
+        """Return the weights and errors for both passes.
 
-        A joint outside `BODY` follows the plain mean, and so does a trunk whose pelvis, chest and head are tracked.
+        Joints outside `BODY` follow the plain mean, and so does a trunk with tracked pelvis, chest and head.
         """
-        skeleton = answers.skeleton
+        skeleton = passes.skeleton
         body, partner = np.array(skeleton.indices(BODY)), np.asarray(skeleton.mirror)
         places = {joint: place for place, joint in enumerate(body.tolist())}
         swap = [places[int(partner[joint])] for joint in body]
-        turn, odds, larger = self._asked(answers)
-        other_turn, other_odds, other_larger = self._asked(mirrored(answers))
+        turn, odds, larger = self._run(passes)
+        other_turn, other_odds, other_larger = self._run(mirrored(passes))
         turn = (turn + other_turn[:, swap] * np.array([1.0, -1.0, -1.0])) / 2
         odds = (odds + other_odds[:, swap]) / 2
         larger = (larger + other_larger[:, swap]) / 2
-        share = np.repeat(answers.share[:, None], len(skeleton.joints), axis=1)
+        share = np.repeat(passes.share[:, None], len(skeleton.joints), axis=1)
         beyond = np.zeros((*share.shape, 3))
-        share[:, body] = moved_share(share[:, body], odds)
+        share[:, body] = shift_share(share[:, body], odds)
         beyond[:, body] = turn
-        held = answers.measured[:, skeleton.indices(_HOLDING)].all(axis=1)
+        held = passes.measured[:, skeleton.indices(_HOLDING)].all(axis=1)
         for joint in skeleton.indices(_TRUNK).tolist():
-            share[held, joint], beyond[held, joint] = answers.share[held], 0.0
-        return Joining(share, beyond, *self._errors(answers, larger))
+            share[held, joint], beyond[held, joint] = passes.share[held], 0.0
+        return Joining(share, beyond, *self._errors(passes, larger))
 
-    def _errors(self, answers: TwoAnswers, larger: Array) -> tuple[Array, Array]:
-        """The expected errors (T, P) m and their bounds, from by how much their logarithms (T, 22) are larger."""
-        body = answers.skeleton.indices(BODY)
-        error = (answers.past_error + answers.future_error) / 2
-        bound = (answers.past_bound + answers.future_bound) / 2
-        hidden, (middle, spread) = ~answers.measured[:, body], expected(answers)
+    def _errors(self, passes: PassPair, larger: Array) -> tuple[Array, Array]:
+        """Return expected errors (T, P) m and their bounds; `larger` (T, 22) is added to logarithms of the errors."""
+        body = passes.skeleton.indices(BODY)
+        error = (passes.past_error + passes.future_error) / 2
+        bound = (passes.past_bound + passes.future_bound) / 2
+        hidden, (middle, spread) = ~passes.measured[:, body], expected_log_errors(passes)
         found = np.exp(middle + larger + self.tensors["error_offset"])
         error[:, body] = np.where(hidden, found, error[:, body])
         bound[:, body] = np.where(hidden, found * np.exp(spread + self.tensors["bound_offset"]), bound[:, body])
         return error, bound
 
-    def _asked(self, answers: TwoAnswers) -> tuple[Array, Array, Array]:
-        """The turn (T, 22, 3) rad, and what is added to the log odds (T, 22) of shares and to logarithms of errors."""
-        frames = len(answers.share)
-        time = np.arange(frames) * answers.seconds
+    def _run(self, passes: PassPair) -> tuple[Array, Array, Array]:
+        """Return turns (T, 22, 3) rad, and changes (T, 22) of log odds of shares and of logarithms of errors."""
+        frames = len(passes.share)
+        time = np.arange(frames) * passes.seconds
         ticks = np.arange(int(np.ceil(time[-1] * RATE - 1e-6)) + 1) / RATE
-        found = _interpolated(time, self.outputs(_interpolated(ticks, features(answers), time)), ticks)
+        found = _interpolated(time, self.outputs(_interpolated(ticks, features(passes), time)), ticks)
         turn, odds, larger = np.split(found, [3 * JOINTS, 4 * JOINTS], axis=1)
         return turn.reshape(frames, JOINTS, 3), odds, larger
 
@@ -222,18 +219,18 @@ class JoiningNetwork:
         return _silu(hidden) @ given["outward.weight"].T + given["outward.bias"]
 
 
-def expected(answers: TwoAnswers) -> tuple[Array, Array]:
-    """Return logarithms (T, 22) of the mean of both expected errors in m, and of how much larger bounds are."""
-    body = answers.skeleton.indices(BODY)
+def expected_log_errors(passes: PassPair) -> tuple[Array, Array]:
+    """Return the mean logarithms (T, 22) of both expected errors in m, and of the ratios of bounds to errors."""
+    body = passes.skeleton.indices(BODY)
     one, other, low, high = (
         np.log(np.maximum(values[:, body], _LEAST_ERROR))
-        for values in (answers.past_error, answers.future_error, answers.past_bound, answers.future_bound)
+        for values in (passes.past_error, passes.future_error, passes.past_bound, passes.future_bound)
     )
     return (one + other) / 2, (low + high - one - other) / 2
 
 
-def moved_share(share: Array, odds: Array) -> Array:
-    """Return shares (...,) whose log odds are larger by `odds`."""
+def shift_share(share: Array, odds: Array) -> Array:
+    """Return shares (...) with `odds` added to their log odds."""
     share = np.clip(share, 1e-3, 1 - 1e-3)
     return 1 / (1 + (1 - share) / share * np.exp(-odds))
 
@@ -281,7 +278,7 @@ def _silu(values: Array) -> Array:
 
 
 def _interpolated(at: Array, values: Array, known: Array) -> Array:
-    """Return values (T, N) at times `known` (T,), interpolated linearly at times `at` (S,); the last goes on."""
+    """Interpolate values (T, N) of times `known` (T,) linearly at times `at` (S,); the last value is extended."""
     if len(known) == 1:
         return np.repeat(values, len(at), axis=0)
     before = np.clip(np.searchsorted(known, at, side="right") - 1, 0, len(known) - 2)

@@ -1,4 +1,4 @@
-"""The completion network: the weights file that comes with the package, or one of your own."""
+"""Loading of completion networks: the packaged weights files, or any other one."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def load_completion(path: str | Path) -> CompletionModel:
 
 @lru_cache(maxsize=2)
 def packaged_model(backward: bool = False) -> CompletionModel:
-    """The network that comes with the package, loaded once; `backward`: the one for time that runs backward."""
+    """Return the packaged network, loaded once; `backward`: the network of the backward pass."""
     from importlib.resources import files
 
     return _opened(files("bodysense.weights").joinpath(PACKAGED_BACKWARD if backward else PACKAGED))
@@ -61,7 +61,7 @@ def _opened(source: Traversable) -> CompletionModel:
 
 
 def _card(weights: bytes) -> dict[str, Any]:
-    """The metadata of a safetensors file: JSON in its fields where we wrote them, else plain text."""
+    """Return the metadata of a safetensors file; fields are parsed as JSON if possible, else plain text."""
     length = int.from_bytes(weights[:8], "little")
     fields = json.loads(weights[8 : 8 + length]).get("__metadata__", {})
     return {name: _parsed(text) for name, text in fields.items()}

@@ -1,7 +1,7 @@
-"""The one loader of network files: an .onnx with metadata of its kind, run by ONNX Runtime on one thread.
+"""Loading of .onnx network files with metadata, run by ONNX Runtime on one thread.
 
-A file's metadata is its card: `format` names the kind of network, every other field is JSON. A graph carries its state
-through inputs `state_…` and outputs `next_…` of equal names; the card's `state` is the initial state.
+The metadata of a file is its card: `format` names the kind of network, every other field is JSON. A graph carries its
+state through inputs `state_…` and outputs `next_…` of equal names. The card's `state` is the initial state.
 """
 
 from __future__ import annotations
@@ -48,9 +48,9 @@ class Network:
     def open(cls, path: str | Path | None, format: NetworkFormat, *, batch: int | None = None) -> Self:
         """Open the file at a path, or the packaged one if `path` is None.
 
-        With `batch` the session has a fixed batch size, which is faster, if the file leaves it open.
+        `batch` fixes the batch size of a file with a variable one, which is faster.
 
-        Raises BodysenseError for a file that is not there, is no ONNX model, or is not of the format.
+        Raises BodysenseError for a file that does not exist, is no ONNX model, or is of another format.
         """
         try:
             import onnxruntime
@@ -75,7 +75,7 @@ class Network:
             options.add_free_dimension_override_by_name("batch", batch)
         try:
             session = onnxruntime.InferenceSession(source.read_bytes(), options, providers=["CPUExecutionProvider"])
-        except Exception as error:  # ONNX Runtime raises classes of its own for every kind of broken file
+        except Exception as error:  # ONNX Runtime raises its own exceptions for broken files
             reason = (str(error).splitlines() or [type(error).__name__])[0][:120]
             raise BodysenseError(f"{source}: not a readable ONNX model ({reason})") from None
         card = dict(session.get_modelmeta().custom_metadata_map)
@@ -128,7 +128,7 @@ class Network:
 
     @cached_property
     def _start(self) -> dict[str, np.ndarray]:
-        """The state (1, …) of one."""
+        """State (1, …) before the first frame, by input."""
         rows = self.card.get("state", {})
         start = {}
         for value in self.session.get_inputs():
@@ -148,7 +148,7 @@ class Network:
 
 
 def _parsed(text: str) -> Any:
-    """A field of a card: JSON where we wrote it, plain text where another tool did."""
+    """Parse a field of a card as JSON if possible; other tools write plain text."""
     try:
         return json.loads(text)
     except ValueError:

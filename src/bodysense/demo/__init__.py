@@ -1,4 +1,4 @@
-"""The packaged demo performance: a motion of the project's own, made by `scripts/make_performance.py`."""
+"""The packaged demo performance, made by `scripts/make_performance.py`."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from bodysense.io.clip import Clip
 
-UNSEEN_BODY = 0  # index of the body among the shape space's test bodies
+UNSEEN_BODY = 0  # index of the performer among the test bodies of the shape space
 
 
 def packaged_performance() -> Clip:
-    """The project's own motion: a wearer who walks, turns, waves, sits, gestures, reaches and points."""
+    """Return the packaged motion: a wearer walks, turns, waves, sits, gestures, reaches and points."""
     from bodysense.io.amass import read_amass
 
     with as_file(files("bodysense.demo").joinpath("performance.npz")) as path:
@@ -21,10 +21,10 @@ def packaged_performance() -> Clip:
 
 
 def performance_of_unseen_body() -> Clip:
-    """Return the packaged performance on proportions that no network was trained on."""
-    from bodysense.body.retarget import retargeted
+    """Return the packaged performance on a body that was in no network's training data."""
+    from bodysense.body.retarget import retarget
     from bodysense.body.shape import sample_bodies
 
     clip = packaged_performance()
     skeleton = clip.pose.skeleton.with_offsets(sample_bodies("test", UNSEEN_BODY + 1)[UNSEEN_BODY])
-    return replace(clip, name="performance on an unseen body", pose=retargeted(clip.pose, skeleton))
+    return replace(clip, name="performance on an unseen body", pose=retarget(clip.pose, skeleton))

@@ -1,4 +1,4 @@
-"""Animations of a body, as an animated WebP, which every browser plays."""
+"""Animations of a body as animated WebP, which every browser plays."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def write_pictures(path: str | Path, drawn: Iterable[np.ndarray], rate: float) -
     if not features.check("webp"):
         raise BodysenseError(f"{path}: this Pillow writes no WebP; pip install --force-reinstall pillow")
     pictures = [Image.fromarray(picture) for picture in drawn]
-    # Whole milliseconds whose sum stays right.
+    # Whole milliseconds, rounded so that errors do not add up.
     ends = np.round(1000 * np.arange(len(pictures) + 1) / rate).astype(int)
     with written_beside(path) as beside:
         pictures[0].save(

@@ -1,4 +1,4 @@
-"""Cameras that follow a body along the floor, the same for all bodies that are to be compared."""
+"""Cameras that follow a body along the floor. Compared bodies share one camera."""
 
 from __future__ import annotations
 
@@ -33,13 +33,13 @@ class Lens:
 
 @dataclass(frozen=True, eq=False)
 class FollowingCamera:
-    """A camera over T frames: it keeps its height and direction, and follows the body along the floor."""
+    """A camera over T frames. It keeps its height and direction, and follows the body along the floor."""
 
     lens: Lens
-    follow: np.ndarray  # (T, 2) m, world x and z of what it looks at
-    turn: float  # rad about +Y, from +Z to where the camera stands
+    follow: np.ndarray  # (T, 2) m, world x and z of the target
+    turn: float  # rad about +Y, from +Z to the direction of the camera
     floor: float  # m, world height
-    scale: float  # height of the body by 1.7 m
+    scale: float  # height of the body divided by 1.7 m
 
     def __len__(self) -> int:
         return len(self.follow)
@@ -53,18 +53,18 @@ class FollowingCamera:
         return np.stack([right, np.cross(back, right), back], axis=1)
 
     def eye(self, frame: int) -> np.ndarray:
-        """(3,) m, world: where the camera is."""
+        """Return the position (3,) m, world, of the camera."""
         x, z = self.follow[frame]
         away, height = self.scale * self.lens.distance, self.scale * self.lens.eye
         return np.array([x + away * np.sin(self.turn), self.floor + height, z + away * np.cos(self.turn)])
 
     @property
     def focal_length(self) -> float:
-        """Height of the picture at one metre from the camera, as a share of itself: pixels a radian, by the height."""
+        """Focal length in picture heights."""
         return float(np.hypot(self.lens.distance, self.lens.eye - self.lens.aim)) / self.lens.view_height
 
     def rays(self) -> np.ndarray:
-        """(H, W, 3) unit directions through the pixels, camera's axes."""
+        """Return unit directions (H, W, 3) through the pixels, in the camera's axes."""
         high, wide = self.lens.height, self.lens.width
         x = (np.arange(wide) + 0.5 - wide / 2) / (self.focal_length * high)
         y = (high / 2 - np.arange(high) - 0.5) / (self.focal_length * high)
@@ -73,10 +73,10 @@ class FollowingCamera:
 
 
 def follow_body(truth: Pose, rate: float, lens: Lens = Lens(), calm: float = 0.7) -> FollowingCamera:
-    """A camera that keeps a body (T, …) at `rate` Hz in the picture, from its front left.
+    """Return a camera that keeps a body (T, …) at `rate` Hz in the picture, from its front left.
 
-    The camera stands still if the head stays within 0.5 m of one place, and otherwise follows it, smoothed over `calm`
-    seconds: the head is where every method agrees, so nothing in the camera's motion tells which method is displayed.
+    The camera is still if the head stays within 0.5 m of one position. Otherwise it follows the head, smoothed over
+    `calm` seconds. All compared methods agree on the head, so the camera's motion does not reveal the method.
     """
     position, rotation = forward_kinematics(truth)
     skin = fit_skin(truth.skeleton)
@@ -96,7 +96,7 @@ def follow_body(truth: Pose, rate: float, lens: Lens = Lens(), calm: float = 0.7
 
 
 def _smoothed(path: np.ndarray, width: float) -> np.ndarray:
-    """A path (T, D) under a Gaussian of `width` frames; its ends stay where they are for ever."""
+    """Smooth a path (T, D) by a Gaussian with a standard deviation of `width` frames; its ends are extended."""
     reach = int(np.ceil(3 * width))
     kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) / width) ** 2)
     padded = np.pad(path, ((reach, reach), (0, 0)), mode="edge")

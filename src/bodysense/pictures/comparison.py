@@ -1,4 +1,4 @@
-"""Drawn bodies side by side, what a device did not track in red: an animated WebP, and a picture of moments."""
+"""Bodies side by side, untracked parts in red, as an animated WebP or a picture of a few moments."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from bodysense.pictures.camera import Lens, follow_body
 from bodysense.pictures.painter import BodyPainter
 
 LENS = Lens(width=360, height=420, aim=0.93, view_height=2.0)
-_INK, _BAND = (34, 48, 60), 34  # colour of the captions, pixels of height they take
+_INK, _BAND = (34, 48, 60), 34  # colour of the captions, and their height in pixels
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +33,7 @@ class View:
 def draw_views(
     views: Sequence[View], rate: float, frames: Iterable[int] | None = None, lens: Lens = LENS
 ) -> Iterator[np.ndarray]:
-    """Pictures (H, W, 3) uint8 of bodies side by side, seen by one camera, which follows the first of them.
+    """Yield pictures (H, W, 3) uint8 of bodies side by side, seen by one camera, which follows the first body.
 
     `frames` are drawn, all if omitted.
     """
@@ -43,7 +43,7 @@ def draw_views(
     for frame in range(len(camera)) if frames is None else frames:
         pictures = []
         for view, (skin, balls) in zip(views, bodies, strict=True):
-            drawn = skin if view.tracked is None else _painted(skin, view.pose.skeleton, view.tracked[frame])
+            drawn = skin if view.tracked is None else _with_untracked_red(skin, view.pose.skeleton, view.tracked[frame])
             pictures.append(painter.draw(drawn, balls[frame], camera.eye(frame)))
         yield np.concatenate([heading, np.concatenate(pictures, axis=1)])
 
@@ -65,15 +65,15 @@ def write_moments(path: str | Path, views: Sequence[View], rate: float, moments:
         Image.fromarray(np.concatenate(rows)).save(beside)
 
 
-def _painted(skin: BodySkin, skeleton: Skeleton, tracked: np.ndarray) -> BodySkin:
-    """Skin whose links are red where what is nearest to either of their ends is not tracked (P,)."""
+def _with_untracked_red(skin: BodySkin, skeleton: Skeleton, tracked: np.ndarray) -> BodySkin:
+    """Return the skin with links in red whose nearest points are not `tracked` (P,)."""
     seen = tracked[_nearest_points(skeleton)]
     return replace(skin, color=np.where(seen[skin.link].all(axis=1), skin.color, UNSEEN))
 
 
 @lru_cache(maxsize=8)
 def _nearest_points(skeleton: Skeleton) -> np.ndarray:
-    """(N,) for each ball of the skin the point that is nearest in the rest pose, of its joint and what hangs on it."""
+    """Return for each ball of the skin (N,) the nearest point in the rest pose: its joint or a child of the joint."""
     skin, rest = fit_skin(skeleton), skeleton.path @ skeleton.rest_offset
     place = rest[skin.joint] + skin.center
     near = np.linalg.norm(place[:, None] - rest, axis=-1)
@@ -83,7 +83,7 @@ def _nearest_points(skeleton: Skeleton) -> np.ndarray:
 
 
 def _captions(views: Sequence[View], lens: Lens) -> np.ndarray:
-    """(_BAND, W, 3) uint8: the titles of the views over them."""
+    """Draw the titles of the views: (_BAND, W, 3) uint8."""
     from PIL import Image, ImageDraw, ImageFont
 
     band = Image.new("RGB", (lens.width * len(views), _BAND), (255, 255, 255))

@@ -1,4 +1,4 @@
-"""Videos of a completed body: over its source video on the left, from the side on the right."""
+"""Videos of a completed body: on the left over its source video, on the right from the side."""
 
 from __future__ import annotations
 
@@ -26,19 +26,19 @@ if TYPE_CHECKING:
 
 _LEFT, _RIGHT, _MIDDLE = (255, 176, 46), (64, 200, 255), (255, 255, 255)  # the person's sides, and between them
 _DISC = (20, 24, 28)
-NUMBERED = 2.0  # s of a video in which people's numbers are displayed
-_FINE = 2  # samples a pixel, across and down, of what is drawn
-_TURN = np.radians(28.0)  # direction from which the body on the right is seen
+NUMBERED = 2.0  # s at the beginning of a video in which people's numbers are displayed
+_FINE = 2  # samples per pixel, across and down
+_TURN = np.radians(28.0)  # direction of the camera for the body on the right
 
 
 class Overlay(AbstractContextManager["Overlay"]):
     """A video, written picture by picture: on the left the source with the body over it, on the right the body.
 
-    It appears when the block ends well. Raises BodysenseError where it cannot be written.
+    The file appears if the block succeeds. Raises BodysenseError if it cannot be written.
     """
 
     def __init__(self, path: str | Path, rate: float) -> None:
-        """`rate`: pictures a second, about; each is displayed at its own time."""
+        """Prepare a video at `path` with about `rate` pictures a second; each picture has its own time."""
         self._path, self._rate = Path(path), rate
         self._stack = ExitStack()
         self._stream: Any = None
@@ -59,19 +59,19 @@ class Overlay(AbstractContextManager["Overlay"]):
     def add(
         self, pictures: Sequence[Picture], pose: Pose, camera: Camera, people: Sequence[Sequence[PersonTrack]] = ()
     ) -> None:
-        """Add pictures, all of one size, with a body (T, …) in the room and the camera (T,) that sees it.
+        """Add pictures, all of one size, with a body (T, …) in the world and the camera (T,) that sees it.
 
-        `people` are those seen in each; where there are several, the first pictures show their numbers.
+        `people` are the people in each picture. If there are several, their numbers are drawn on the first pictures.
         """
         for k, picture in enumerate(pictures):
             seen_by = Camera(*(values[k] for values in vars(camera).values()))
             pixels = picture.pixels
             if people and len(people[k]) > 1 and picture.time < NUMBERED:
-                pixels = numbered(pixels, people[k])
+                pixels = draw_numbers(pixels, people[k])
             self.show(picture.time, pixels, pose[k], seen_by)
 
     def show(self, time: float, pixels: np.ndarray, pose: Pose, camera: Camera) -> None:
-        """Add one picture (H, W, 3) at `time` s with a body in the room and the camera that sees it."""
+        """Add one picture (H, W, 3) at `time` s with a body in the world and the camera that sees it."""
         import av
 
         picture = side_by_side(pixels, pose, camera)
@@ -91,8 +91,8 @@ class Overlay(AbstractContextManager["Overlay"]):
         self._stack.__exit__(*error)  # type: ignore[arg-type]
 
 
-def numbered(pixels: np.ndarray, people: Sequence[PersonTrack]) -> np.ndarray:
-    """(H, W, 3) a picture with each person's number on their trunk."""
+def draw_numbers(pixels: np.ndarray, people: Sequence[PersonTrack]) -> np.ndarray:
+    """Draw each person's number on their trunk; return the picture (H, W, 3)."""
     from PIL import Image, ImageDraw, ImageFont
 
     whole = Image.fromarray(pixels)
@@ -107,22 +107,22 @@ def numbered(pixels: np.ndarray, people: Sequence[PersonTrack]) -> np.ndarray:
 
 
 def side_by_side(pixels: np.ndarray, pose: Pose, camera: Camera) -> np.ndarray:
-    """Draw a body over a picture, and on its right the body seen from its left: (H, W′, 3) uint8, even sizes.
+    """Draw a body over a picture, and to the right of it the body from its left: (H, W′, 3) uint8, even sizes.
 
-    `pixels` (H, W, 3) are what `camera` sees.
+    `pixels` (H, W, 3) is the picture of `camera`.
     """
     from PIL import Image
 
     high, wide = (size // 2 * 2 for size in pixels.shape[:2])
     beside = round(0.8 * high / 2) * 2
     whole = Image.new("RGB", (wide + beside, high))
-    whole.paste(_over(pixels[:high, :wide], pose, camera))
-    whole.paste(Image.fromarray(_beside((beside, high), pose)), (wide, 0))
+    whole.paste(_draw_over(pixels[:high, :wide], pose, camera))
+    whole.paste(Image.fromarray(_draw_side_view((beside, high), pose)), (wide, 0))
     return np.array(whole)
 
 
-def _over(pixels: np.ndarray, pose: Pose, camera: Camera) -> Image:
-    """The picture with the skeleton's bones over it."""
+def _draw_over(pixels: np.ndarray, pose: Pose, camera: Camera) -> Image:
+    """Draw the bones of the skeleton over a picture."""
     from PIL import Image, ImageDraw
 
     high, wide = pixels.shape[:2]
@@ -133,7 +133,7 @@ def _over(pixels: np.ndarray, pose: Pose, camera: Camera) -> Image:
     layer = Image.new("RGBA", (wide * _FINE, high * _FINE))
     draw = ImageDraw.Draw(layer)
     thick = high / 160 * _FINE
-    for is_rim in (True, False):  # a dark rim under all of it
+    for is_rim in (True, False):  # a dark rim under all bones
         for point, parent in enumerate(skeleton.parents[1:], start=1):
             width = thick * (1.7 if is_rim else 1.0) * (0.5 if skeleton.wrist_of[point] >= 0 else 1.0)
             color = (20, 24, 28, 110) if is_rim else (*_color_of(skeleton.points[point]), 235)
@@ -154,7 +154,7 @@ def _painter(width: int, height: int, floor: float, scale: float) -> BodyPainter
     return BodyPainter(FollowingCamera(lens, follow=np.zeros((1, 2)), turn=_TURN, floor=floor, scale=scale))
 
 
-def _beside(size: tuple[int, int], pose: Pose) -> np.ndarray:
+def _draw_side_view(size: tuple[int, int], pose: Pose) -> np.ndarray:
     """Return a picture of the body on a floor, from the camera's right."""
     skeleton, skin = pose.skeleton, fit_skin(pose.skeleton)
     ground = float((skeleton.path @ skeleton.rest_offset + skeleton.rest_offset[0])[:, 1].min())

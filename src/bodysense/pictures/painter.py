@@ -1,4 +1,4 @@
-"""Painter: a shaded body on a floor, each part of the body as outlines in a few shades, from far to near."""
+"""Painter of a shaded body on a floor: each part of the body is drawn as outlines in a few shades, from far to near."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from bodysense.pictures.camera import FollowingCamera
 if TYPE_CHECKING:
     from PIL.Image import Image
 
-_FINE = 2  # samples a pixel, across and down
+_FINE = 2  # samples per pixel, across and down
 _SHADES = ((1.0, 0.72), (0.87, 0.81), (0.74, 0.9), (0.58, 0.98), (0.42, 1.06))  # share of a radius, brightness there
-_LAMP = np.array([-0.35, -0.6])  # by how much of a radius the brightest line lies toward the lamp, across and down
+_LAMP = np.array([-0.35, -0.6])  # offset of the brightest line toward the lamp, across and down, in radii
 _CORNERS = 12  # of an outline, at each end of a link
 _SKY, _FLOOR, _LINE = (232, 237, 242), (209, 212, 214), (173, 178, 184)
 _GRID, _LINE_WIDTH = 0.5, 0.012  # m
@@ -26,7 +26,7 @@ _SHADOW_HEIGHT, _SHADOW_BLUR, _SHADOW_DEPTH = 0.35, 0.07, 0.5  # m, m, share: ho
 
 @dataclass(frozen=True, eq=False)
 class BodyPainter:
-    """Painter of the pictures of one camera, wherever it stands on its path."""
+    """Painter of the pictures of one camera, at any position on its path."""
 
     camera: FollowingCamera
 
@@ -41,7 +41,7 @@ class BodyPainter:
         picture = ground.resize((ground.width * _FINE, ground.height * _FINE), Image.Resampling.NEAREST)
         pen = ImageDraw.Draw(picture)
         x, y, back = ((balls - eye) @ self.camera.axes).T
-        depth = np.maximum(-back, 2 * skin.radius)  # what touches the camera is not drawn aright
+        depth = np.maximum(-back, 2 * skin.radius)  # balls that touch the camera are drawn too far away
         focus = self.camera.focal_length * picture.height
         middle = np.stack([picture.width / 2 + focus * x / depth, picture.height / 2 - focus * y / depth], axis=-1)
         radius = focus * skin.radius / depth
@@ -50,7 +50,7 @@ class BodyPainter:
         ]
         colors = np.round(255 * np.clip([COLORS[skin.color] * light for _, light in _SHADES], 0, 1)).astype(int)
         behind = np.bincount(skin.part, depth[skin.link].mean(axis=1)) / np.maximum(np.bincount(skin.part), 1)
-        # Within a part colours have a fixed order: by depth, shirt and trousers would take turns.
+        # Colours have a fixed order within a part. Sorted by depth, shirt and trousers would flicker.
         order = np.lexsort((-skin.color, -behind[skin.part]))
         group = (skin.part * len(COLORS) + skin.color)[order]
         for links in np.split(order, np.flatnonzero(np.diff(group)) + 1):
@@ -60,7 +60,7 @@ class BodyPainter:
         return np.asarray(picture.reduce(_FINE))
 
     def _ground(self, skin: BodySkin, balls: np.ndarray, eye: np.ndarray) -> Image:
-        """Return the sky, and the floor with its lines and the body's shadow."""
+        """Draw the sky, and the floor with its lines and the shadow of the body."""
         from PIL import Image
 
         place, pixel, sky = self._floor
@@ -74,10 +74,10 @@ class BodyPainter:
 
     @cached_property
     def _floor(self) -> tuple[np.ndarray, np.ndarray, Image]:
-        """Where pixels see the floor.
+        """Points of the floor in the pixels.
 
-        World x and z from the camera (2, H, W), a pixel's width along each (2, H, W), and how far it has faded into
-        the sky (a mask).
+        World x and z relative to the camera (2, H, W), the width of a pixel along each (2, H, W), and the mask by which
+        the floor fades into the sky.
         """
         from PIL import Image
 
@@ -89,9 +89,9 @@ class BodyPainter:
         return place.astype(np.float32), pixel.clip(1e-4).astype(np.float32), Image.fromarray(sky)
 
     def _shadow(self, skin: BodySkin, balls: np.ndarray, eye: np.ndarray) -> Image:
-        """Return the body's shadow on the floor, a mask: soft, and deeper near contact.
+        """Draw the shadow of the body on the floor, as a mask: soft, and darker near contact.
 
-        It is drawn from above, the highest links first, and then projected into the picture.
+        The shadow is drawn from above, the highest links first, and then projected into the picture.
         """
         from PIL import Image, ImageDraw, ImageFilter
 

@@ -63,7 +63,7 @@ def pull_pelvis(body: Body, seen: Tracked, state: PoseState, tasks: list[Task]) 
 
 
 def uprightness(body: Body, seen: Tracked, state: PoseState) -> float:
-    """1 if feet carry the body (it stands, walks, crouches, is on a chair), 0 if it lies, sits on the floor or jumps."""
+    """1 if feet carry the body, which stands, walks, crouches or is on a chair; 0 if it lies or jumps."""
     tall, high = rest_height(seen.rest_offset, HEAD), body.point[HEAD][1] - seen.floor
     risen = float(np.clip((high / tall - SEATED) / 0.1 + 0.5, 0, 1))
     fastest = FALLING if high < STRETCHED * tall else STEADY

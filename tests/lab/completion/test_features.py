@@ -4,7 +4,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from bodysense.observation import STRAPPED
+from bodysense.observation import INERTIAL_POINTS
 from bodysense_lab.completion.features import WIDTHS, Before, TrackedSignal, mirror_indices, mirror_signs
 from bodysense_lab.completion.network import CompletionConfig, CompletionNetwork
 from bodysense_lab.completion.points import SPIN_INDICES, reference_offsets
@@ -38,8 +38,8 @@ def signal() -> TrackedSignal:
         rest_offset=torch.randn(PEOPLE, 25, 3),
         certainty=torch.rand(PEOPLE, 25),
         size=torch.rand(PEOPLE) + 0.5,
-        acceleration=60 * normal(len(STRAPPED), 3),
-        has_acceleration=some(len(STRAPPED)),
+        acceleration=60 * normal(len(INERTIAL_POINTS), 3),
+        has_acceleration=some(len(INERTIAL_POINTS)),
     )
 
 

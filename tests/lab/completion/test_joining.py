@@ -13,8 +13,8 @@ import torch
 from bodysense.body.pose import forward_kinematics
 from bodysense.body.rotation import geodesic_angle, quaternion_exp, quaternion_multiply
 from bodysense.body.skeleton import BODY
-from bodysense.completion.joining import kept_turns, mean_rotation
-from bodysense.completion.joining_network import load_joining, moved_share
+from bodysense.completion.joining import keep_tracked_rotations, mean_rotation
+from bodysense.completion.joining_network import load_joining, shift_share
 from bodysense.demo import packaged_performance
 from bodysense.errors import BodysenseError
 from bodysense_lab.completion import joining_takes
@@ -107,7 +107,7 @@ def test_training_and_tracker_join_the_same_body(takes: list[JoinedTake]) -> Non
     world, offset = (torch.from_numpy(one.astype(np.float64)) for one in (take.world, take.rest_offset))
     _, local = head_relative_kinematics(joined, offset, world, torch.from_numpy(turned))
 
-    share = moved_share(take.share.astype(float)[:, None], odds)
+    share = shift_share(take.share.astype(float)[:, None], odds)
     mean = mean_rotation(take.past.astype(float), take.future.astype(float), share[..., None])
     rotation = np.zeros((len(take), len(skeleton.joints), 4))
     rotation[..., 0] = 1
@@ -115,7 +115,7 @@ def test_training_and_tracker_join_the_same_body(takes: list[JoinedTake]) -> Non
     whole, has = rotation.copy(), np.zeros(rotation.shape[:2], dtype=bool)
     rotation[:, body] = quaternion_multiply(mean, quaternion_exp(turn))
     whole[:, body], has[:, body] = take.world, turned
-    rotation = kept_turns(skeleton, rotation, whole, has)
+    rotation = keep_tracked_rotations(skeleton, rotation, whole, has)
     assert geodesic_angle(local.numpy(), rotation[:, body]).max() < 1e-3  # quaternions of a file have three digits
 
 

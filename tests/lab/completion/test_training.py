@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from bodysense.body.pose import Pose, forward_kinematics
-from bodysense.body.retarget import retargeted
+from bodysense.body.retarget import retarget
 from bodysense.body.rotation import geodesic_angle
 from bodysense.body.shape import sample_bodies
 from bodysense.body.skeleton import BODY
@@ -18,7 +18,7 @@ from bodysense.devices.simulated.headset_camera import see
 from bodysense.errors import BodysenseError
 from bodysense.io.bvh import write_bvh
 from bodysense.io.datasets.splits import split_of
-from bodysense.observation import STRAPPED
+from bodysense.observation import INERTIAL_POINTS
 from bodysense_lab.completion.batches import collate
 from bodysense_lab.completion.corpus import Corpus
 from bodysense_lab.completion.network import CompletionConfig, CompletionNetwork
@@ -105,7 +105,7 @@ def test_a_sequence_moves_as_the_retargeted_clip(corpus: Corpus) -> None:
     everything = np.ones(len(INPUT_POINTS), dtype=bool)
     one = fixed_sequence(corpus, offset, False, everything, np.ones(len(BODY), dtype=bool))
     pose = clip.pose[:FRAMES]
-    pose = retargeted(Pose(pose.skeleton, pose.root_position, pose.rotation), pose.skeleton.with_offsets(offset))
+    pose = retarget(Pose(pose.skeleton, pose.root_position, pose.rotation), pose.skeleton.with_offsets(offset))
     places = pose.skeleton.indices(BODY_POINTS)
     assert np.abs(forward_kinematics(pose)[0][:, places] - one.true_position).max() < 0.02
 
@@ -209,7 +209,7 @@ def test_inertial_sensors_measure_the_acceleration_of_bones(corpus: Corpus) -> N
     elbow, wrist = (one.true_position[:, BODY.index(f"right_{name}")].astype(float) for name in ("elbow", "wrist"))
     place = elbow + 0.8 * (wrist - elbow)
     wanted = (place[4:] - 2 * place[2:-2] + place[:-4]) * (1 / (2 * one.interval)) ** 2
-    assert np.allclose(one.acceleration[4:, STRAPPED.index("right_elbow")], wanted, atol=0.02)
+    assert np.allclose(one.acceleration[4:, INERTIAL_POINTS.index("right_elbow")], wanted, atol=0.02)
     assert np.abs(wanted).max() > 0.5
 
 

@@ -20,7 +20,7 @@ from bodysense.body.rotation import (
     quaternion_rotate,
     slerp,
 )
-from bodysense.filling import PartialMotion, filled_by, observed, open_partial
+from bodysense.filling import PartialMotion, fill_motion, known_points, open_partial
 from bodysense.io.clip import Clip
 from bodysense.io.holes import below, missing_items
 from bodysense.io.resample import resample
@@ -121,10 +121,10 @@ def filled_by_all(partial: PartialMotion) -> dict[str, np.ndarray]:
     The forward pass of completion with past and future is what live tracking gives within a gap.
     """
     ways = TwoWayTracker(Person(partial.clip.pose.skeleton), None, TrackerSettings())
-    seen = observed(partial)
+    seen = known_points(partial)
     forward, _ = ways.tracker.step(seen, ways.tracker.start())
     return {
-        OURS: filled_by(partial, ways.complete(seen, float(np.median(np.diff(seen.time))))),
+        OURS: fill_motion(partial, ways.complete(seen, float(np.median(np.diff(seen.time))))),
         "slerp": between(partial.rotation, partial.missing, slerped),
         "cubic spline": between(partial.rotation, partial.missing, splined),
         "inertialised": between(partial.rotation, partial.missing, inertialised),

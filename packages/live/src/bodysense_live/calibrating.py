@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 from bodysense.body.person import Person
 from bodysense.body.shape import stature
-from bodysense.completion.calibration import Stance, assigned, calibrated
+from bodysense.completion.calibration import Stance, assign_trackers, calibrate
 from bodysense.observation import Observation, concatenated_frames
 from bodysense_live.inertial import Inertial, has_sensors, stood_still
 from bodysense_live.webxr import UNDECIDED
@@ -44,9 +44,9 @@ def calibration(
     if has_sensors(whole) and (head is None or not whole.has_position[:, head].any()):
         return Calibrated(None, {}, inertial, sensors)
     undecided = [name for name in whole.points if name in UNDECIDED]
-    found = assigned(whole, undecided, person, stance) if undecided else {}
+    found = assign_trackers(whole, undecided, person, stance) if undecided else {}
     renamed = replace(whole, points=tuple(found.get(name, name) for name in whole.points))
-    wearer = calibrated(renamed, person.wearing(inertial.mounts), stance, floor)
+    wearer = calibrate(renamed, person.with_mounts(inertial.mounts), stance, floor)
     height = f"you are {float(stature(wearer.skeleton.rest_offset)):.2f} m tall"
     where = (worn_text(found),) if found else ()
     return Calibrated(wearer, found, inertial, (*where, *sensors, height))

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from bodysense.io.markers.raw_markers import MarkerFormat, RawMarkers, in_our_world, points_alone
+from bodysense.io.markers.raw_markers import MarkerFormat, RawMarkers, convert_world, points_alone
 from bodysense.io.osc import message_bytes, read_packet
 from bodysense.observation import FARTHEST, Observation
 
@@ -38,7 +38,7 @@ def read_frame(message: bytes, points: tuple[str, ...], form: MarkerFormat = Mar
         if ours in points:
             place[points.index(ours)] = at
     raw = RawMarkers(points, place[None], np.array([now]), 0.0)
-    position = in_our_world(place, raw, form)
+    position = convert_world(place, raw, form)
     with np.errstate(invalid="ignore"):
         position[~(np.abs(position).max(axis=1) < FARTHEST)] = np.nan
     return points_alone(points, position[None], np.array([now], dtype=float))

@@ -373,7 +373,7 @@ class Session:
         self._inertial = found.inertial
         self._showing.lead_over()
         self._notes += [Notice(text) for text in found.said]
-        self._base = self.calibrated = wearer or self._base.wearing(found.inertial.mounts)
+        self._base = self.calibrated = wearer or self._base.with_mounts(found.inertial.mounts)
         if wearer is None:
             return
         if found.worn:

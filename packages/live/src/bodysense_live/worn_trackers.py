@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from bodysense.body.person import Person
-from bodysense.completion.calibration import CARRIERS, assigned
+from bodysense.completion.calibration import TRACKER_JOINTS, assign_trackers
 from bodysense.errors import BodysenseError
 from bodysense.files import written_beside
 from bodysense.observation import Observation, chosen_points, concatenated_frames
@@ -49,10 +49,10 @@ def read_trackers(path: Path) -> dict[str, str]:
         raise BodysenseError(f"{path} is not a person's file ({error}); give one, or leave --person out") from None
     table = stored.get(_KEY, {}) if isinstance(stored, dict) else {}
     if not isinstance(table, dict) or not all(isinstance(joint, str) for joint in table.values()):
-        raise BodysenseError(f"{path}: {_KEY!r} must be a table, serial to one of {', '.join(CARRIERS)}")
-    unknown = [joint for joint in table.values() if joint not in CARRIERS]
+        raise BodysenseError(f"{path}: {_KEY!r} must be a table, serial to one of {', '.join(TRACKER_JOINTS)}")
+    unknown = [joint for joint in table.values() if joint not in TRACKER_JOINTS]
     if unknown:
-        raise BodysenseError(f"{path}: {_KEY!r} has {unknown[0]!r}; a tracker is worn on {', '.join(CARRIERS)}")
+        raise BodysenseError(f"{path}: {_KEY!r} has {unknown[0]!r}; a tracker is worn on {', '.join(TRACKER_JOINTS)}")
     return table
 
 
@@ -86,7 +86,7 @@ class PlaceMatch:
         whole = concatenated_frames(stood)
         whole = chosen_points(whole, np.flatnonzero(whole.has_position.any(axis=0)).tolist())
         nameless = [name for name in whole.points if name in UNDECIDED]
-        found = assigned(whole, nameless, person)
+        found = assign_trackers(whole, nameless, person)
         worn = {name: joint for name, joint in found.items() if joint in person.mounts}
         return PlaceMatch(not_before=time + _AGAIN), worn
 
@@ -99,5 +99,5 @@ def _waits(observation: Observation, person: Person) -> bool:
         head is not None
         and bool(observation.has_rotation[0, head])
         and not seen.isdisjoint(UNDECIDED)
-        and any(joint in CARRIERS and joint not in seen for joint in person.mounts)
+        and any(joint in TRACKER_JOINTS and joint not in seen for joint in person.mounts)
     )

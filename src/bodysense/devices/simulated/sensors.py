@@ -16,7 +16,7 @@ from bodysense.body.rotation import quaternion_canonical
 from bodysense.body.skeleton import Skeleton
 from bodysense.devices.simulated.inertial import felt_by
 from bodysense.errors import BodysenseError
-from bodysense.observation import EXACT_ACCURACY, STRAPPED, Observation, accuracy_like
+from bodysense.observation import EXACT_ACCURACY, INERTIAL_POINTS, Observation, accuracy_like
 
 WRISTS = ("left_wrist", "right_wrist")
 
@@ -110,7 +110,7 @@ def observe_points(
         has_position |= visible
     turned = rotation[..., np.minimum(places, joints - 1), :]
     inertial = [
-        name for name in points if name in STRAPPED and name in sensors.rotation and name not in sensors.position
+        name for name in points if name in INERTIAL_POINTS and name in sensors.rotation and name not in sensors.position
     ]
     acceleration = None
     if inertial:

@@ -21,7 +21,7 @@ from bodysense.io.markers.raw_markers import (
     MarkerRecording,
     RawMarkers,
     Unit,
-    in_our_world,
+    convert_world,
     listed,
     world_of,
 )
@@ -61,7 +61,7 @@ def body_of(
     remarks = [_recognised(raw, known, here)]
     unit, size = _unit(markers, file, raw, form, place, remarks)
     raw = replace(raw, unit=unit, axes=_axes(markers, file, raw, form, remarks))
-    places: Places = {name: in_our_world(position, raw, form) for name, position in file.items()}
+    places: Places = {name: convert_world(position, raw, form) for name, position in file.items()}
     floor = _settle(markers, places, form, remarks)
     rotations = _bones(raw, known, here, places, remarks)
     accuracy: dict[str, float] = {}

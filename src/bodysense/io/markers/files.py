@@ -13,7 +13,7 @@ from bodysense.io.markers.motive import is_motive, read_motive
 from bodysense.io.markers.nexus import is_nexus, read_nexus
 from bodysense.io.markers.options import ENDINGS, is_marker_file
 from bodysense.io.markers.qualisys import read_tsv
-from bodysense.io.markers.raw_markers import MarkerFormat, RawMarkers, Unit, in_our_world, points_alone
+from bodysense.io.markers.raw_markers import MarkerFormat, RawMarkers, Unit, convert_world, points_alone
 from bodysense.io.markers.trc import read_trc
 from bodysense.observation import Observation, chosen_points
 
@@ -46,7 +46,7 @@ def read_raw(path: str | Path, rate: float | None = None, unit: Unit | None = No
 def read_unlabelled(path: str | Path, form: MarkerFormat = MarkerFormat()) -> tuple[Observation, float]:
     """All points of a marker file, whatever they are called, in our world, and the rate in Hz: passive markers."""
     raw = read_raw(path, form.rate, form.unit)
-    return points_alone(raw.names, in_our_world(raw.position, raw, form), raw.time), raw.frame_rate
+    return points_alone(raw.names, convert_world(raw.position, raw, form), raw.time), raw.frame_rate
 
 
 def write_markers(path: str | Path, observation: Observation, rate: float) -> None:

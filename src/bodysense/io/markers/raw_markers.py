@@ -155,7 +155,7 @@ def observed_markers(raw: RawMarkers, form: MarkerFormat, place: str) -> tuple[O
         missing = [name for name in (form.worn or standard_set()).names if f"{hand}_glove_{name}" not in points]
         if missing:
             remarks.append(f"the {hand} glove lacks {listed(missing)}")
-    return points_alone(points, in_our_world(raw.position[:, here], raw, form), raw.time), remarks
+    return points_alone(points, convert_world(raw.position[:, here], raw, form), raw.time), remarks
 
 
 def points_alone(names: tuple[str, ...], position: np.ndarray, time: np.ndarray) -> Observation:
@@ -174,10 +174,10 @@ def points_alone(names: tuple[str, ...], position: np.ndarray, time: np.ndarray)
 
 def world_of(raw: RawMarkers, form: MarkerFormat, floor: float = 0.0) -> FileWorld:
     """Return the transform of a file, `floor` m being the floor's height in our axes."""
-    return FileWorld(in_our_world(np.eye(3), raw, form), floor)
+    return FileWorld(convert_world(np.eye(3), raw, form), floor)
 
 
-def in_our_world(position: np.ndarray, raw: RawMarkers, form: MarkerFormat) -> np.ndarray:
+def convert_world(position: np.ndarray, raw: RawMarkers, form: MarkerFormat) -> np.ndarray:
     """Return positions (..., 3) of a file in our world: metres, +Y up, right-handed."""
     unit = form.unit or raw.unit
     axes = AXES[form.up] if form.up is not None else AXES["y"] if raw.axes is None else raw.axes

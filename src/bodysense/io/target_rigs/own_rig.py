@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from bodysense.body.pose import Pose, forward_kinematics
-from bodysense.body.retarget import on_body
+from bodysense.body.retarget import transfer_motion
 from bodysense.body.rotation import (
     normalize,
     quaternion_canonical,
@@ -154,8 +154,8 @@ def write_on_rig_of(path: Path, clip: Clip, source: Path, options: ReadingOption
     """Write a clip as BVH on the rig of another BVH file.
 
     On a body of other proportions feet stay on the floor and hands keep their positions, in a world scaled with the
-    legs (`on_body`). Joints of the rig that we lack keep their mean rotation and position. Raises BodysenseError if the
-    rig's file is not a BVH file, or not a humanoid.
+    legs (`transfer_motion`). Joints of the rig that we lack keep their mean rotation and position. Raises
+    BodysenseError if the rig's file is not a BVH file, or not a humanoid.
     """
     file = open_bvh(source)
     on_rig(file, read_rigged(file.mended.text(), source, options), clip).write(path)
@@ -164,7 +164,9 @@ def write_on_rig_of(path: Path, clip: Clip, source: Path, options: ReadingOption
 def on_rig(file: BvhFile, rigged: Rigged, clip: Clip) -> BvhFile:
     """Return the clip as a file like `file`, from which `rigged` was read."""
     joints, body = joints_of_file(file, rigged), rigged.clip.pose.skeleton
-    pose = clip.pose if np.allclose(clip.pose.skeleton.rest_offset, body.rest_offset) else on_body(clip.pose, body)
+    pose = (
+        clip.pose if np.allclose(clip.pose.skeleton.rest_offset, body.rest_offset) else transfer_motion(clip.pose, body)
+    )
     anchor = next(name for name in ("pelvis", "left_hip") if name in joints.ours)
     wanted, place = joints.world(pose), np.asarray(forward_kinematics(pose)[0])[:, body.index(anchor)]
     frames, rest = len(clip), mean_rotation(file.rotation)

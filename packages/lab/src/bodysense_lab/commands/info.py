@@ -9,8 +9,8 @@ from typing import Annotated
 
 import tyro
 
-from bodysense.cli.data import say_info, say_skipped
-from bodysense.cli.found_files import FoundFile, Split, files_in, readable
+from bodysense.cli.data import print_info, print_skipped
+from bodysense.cli.found_files import FoundFile, Split, files_in, readable_clips
 from bodysense.cli.options import Reading
 from bodysense.devices.simulated.headset_camera import HeadsetCamera
 from bodysense.io.datasets.layouts import Layout
@@ -52,18 +52,18 @@ def info(
         check_picture(picture)
     total, every = _clips_of(place, split, layout, reading)
     if not occlusion:
-        say_info(place, split, total, every, picture, json)
+        print_info(place, split, total, every, picture, json)
         return
     from bodysense_lab.commands.reporting import print_report
     from bodysense_lab.datasets import gathered
     from bodysense_lab.unoc.occlusion import columns_of, count_clip, occlusion_table
 
     found = list[FoundFile]()
-    clips = readable(track(every, "looking", total), found)
+    clips = readable_clips(track(every, "looking", total), found)
     counted, _ = gathered(partial(count_clip, camera=camera), clips, 1, lambda clip: None)
     report = occlusion_table(columns_of(counted))
     print_report(report, wide_console())
-    write_numbers(json, report.numbers | {"skipped": say_skipped(place, total, found)})
+    write_numbers(json, report.numbers | {"skipped": print_skipped(place, total, found)})
 
 
 def _clips_of(

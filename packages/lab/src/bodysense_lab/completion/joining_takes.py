@@ -11,11 +11,11 @@ import numpy as np
 
 from bodysense.body.person import Person
 from bodysense.body.pose import Pose, forward_kinematics
-from bodysense.body.retarget import retargeted
+from bodysense.body.retarget import retarget
 from bodysense.body.shape import sample_bodies
 from bodysense.body.skeleton import BODY, LEG
-from bodysense.completion.bridging import bridged
-from bodysense.completion.joining_network import TwoAnswers, expected, features, placed_head
+from bodysense.completion.bridging import bridge_gaps
+from bodysense.completion.joining_network import PassPair, expected_log_errors, features, joined_head
 from bodysense.devices.simulated.noise import hide
 from bodysense.devices.simulated.sensors import SENSOR_SETS, SensorSet
 from bodysense.io.clip import Clip
@@ -98,7 +98,7 @@ def draw_takes(clips: Sequence[Clip], split: Split, rng: np.random.Generator) ->
             if split == "train" and rng.uniform() < _STRAIGHT:
                 pose = straightened_pose(pose, float(rng.uniform(0.3, 1.0)), RATE)
             if rng.uniform() < 0.5:
-                pose = retargeted(pose, pose.skeleton.with_offsets(bodies[int(rng.integers(_UNSEEN_BODIES))]))
+                pose = retarget(pose, pose.skeleton.with_offsets(bodies[int(rng.integers(_UNSEEN_BODIES))]))
             scene = TrackedScene(clip.name, "", pose)
             yield complete_take(scene, draw_observation(scene, rng))
 
@@ -136,31 +136,31 @@ def _with_holes(scene: TrackedScene, rng: np.random.Generator) -> Observation:
 def complete_take(scene: TrackedScene, seen: Observation) -> JoinedTake:
     """Complete a scene of a known body forward and backward in time, and add the truth."""
     tracker = TwoWayTracker(Person(scene.skeleton), None, TrackerSettings())
-    seen = bridged(seen, 1 / RATE)
+    seen = bridge_gaps(seen, 1 / RATE)
     forward, _ = tracker.tracker.step(seen, tracker.tracker.start())
-    answers = tracker.answers(forward, tracker.backward(seen), tracker.turned(seen), 1 / RATE)
+    passes = tracker.passes(forward, tracker.backward(seen), tracker.turned(seen), 1 / RATE)
     world = np.asarray(forward_kinematics(forward.pose)[1])
-    return _training_take(answers, world, scene.pose)
+    return _training_take(passes, world, scene.pose)
 
 
-def _training_take(answers: TwoAnswers, world: np.ndarray, truth: Pose) -> JoinedTake:
-    skeleton = answers.skeleton
+def _training_take(passes: PassPair, world: np.ndarray, truth: Pose) -> JoinedTake:
+    skeleton = passes.skeleton
     body = skeleton.indices(BODY)
     place = np.asarray(forward_kinematics(truth)[0])[:, skeleton.index("head")]
     half, single = np.float16, np.float32
-    middle, spread = expected(answers)
+    middle, spread = expected_log_errors(passes)
     return JoinedTake(
-        features=features(answers).astype(half),
-        past=answers.past[:, body].astype(half),
-        future=answers.future[:, body].astype(half),
-        share=answers.share.astype(single),
+        features=features(passes).astype(half),
+        past=passes.past[:, body].astype(half),
+        future=passes.future[:, body].astype(half),
+        share=passes.share.astype(single),
         world=world[:, body].astype(half),
-        turned=answers.turned[:, body],
-        head=placed_head(answers).astype(single),
+        turned=passes.turned[:, body],
+        head=joined_head(passes).astype(single),
         truth=np.asarray(truth.rotation)[:, body].astype(half),
         true_head=place.astype(single),
         rest_offset=skeleton.rest_offset[body].astype(single),
-        hidden=~answers.measured[:, body],
+        hidden=~passes.measured[:, body],
         expected=middle.astype(half),
         spread=spread.astype(half),
     )

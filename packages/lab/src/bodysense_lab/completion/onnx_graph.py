@@ -10,7 +10,7 @@ import numpy as np
 from bodysense.body.person import Person
 from bodysense.body.skeleton import default_skeleton
 from bodysense.completion.network import Network, NetworkFormat
-from bodysense.observation import STRAPPED, Observation
+from bodysense.observation import INERTIAL_POINTS, Observation
 
 POINTS, JOINTS = len(default_skeleton().points), len(default_skeleton().joints)
 _FIRST, _LONGEST = 1 / 30, 0.1  # s, interval before the first frame, and the longest interval
@@ -51,10 +51,10 @@ def graph_inputs(observation: Observation, people: Sequence[Person]) -> Iterator
         rotation[:, place[joint]] = np.where(turned[..., None], observation.rotation[:, t][:, joint], [1.0, 0, 0, 0])
         has_position[:, place], has_rotation[:, place[joint]] = seen, turned
         accuracy[:, place] = np.where(seen, observation.accuracy[:, t], _ABSENT)
-        strapped = [observation.points.index(name) for name in STRAPPED if name in observation.points]
-        sensor_rows = [STRAPPED.index(observation.points[point]) for point in strapped]
-        acceleration = np.zeros((count, len(STRAPPED), 3), np.float32)
-        has_acceleration = np.zeros((count, len(STRAPPED)), bool)
+        strapped = [observation.points.index(name) for name in INERTIAL_POINTS if name in observation.points]
+        sensor_rows = [INERTIAL_POINTS.index(observation.points[point]) for point in strapped]
+        acceleration = np.zeros((count, len(INERTIAL_POINTS), 3), np.float32)
+        has_acceleration = np.zeros((count, len(INERTIAL_POINTS)), bool)
         if observation.acceleration is not None and strapped:
             acceleration_rows = observation.acceleration[:, t][:, strapped]
             has_acceleration[:, sensor_rows] = np.isfinite(acceleration_rows).all(axis=-1)

@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from bodysense.body.skeleton import BODY, default_skeleton
-from bodysense.observation import STRAPPED
+from bodysense.observation import INERTIAL_POINTS
 
 SITES = ("head_top", "left_toe", "right_toe")
 BODY_POINTS = (*BODY, *SITES)  # points with a rest offset
 KNUCKLES = ("left_knuckles", "right_knuckles")  # the mean of the four fingers' first joints
 INPUT_POINTS = (*BODY_POINTS, *KNUCKLES)
 SPIN_JOINTS = ("head", "left_wrist", "right_wrist")  # joints whose angular velocity is an input
-ACCELERATION_POINTS = STRAPPED  # inertial sensors whose acceleration is an input
+ACCELERATION_POINTS = INERTIAL_POINTS  # inertial sensors whose acceleration is an input
 CONTACT = ("left_ankle", "right_ankle", "left_foot", "right_foot")
 JOINTS, BODY_POINT_COUNT, INPUT_POINT_COUNT = len(BODY), len(BODY_POINTS), len(INPUT_POINTS)
 HEAD = BODY.index("head")

@@ -12,7 +12,7 @@ import numpy as np
 
 from bodysense.body.person import Person
 from bodysense.body.pose import Pose, forward_kinematics
-from bodysense.body.retarget import retargeted
+from bodysense.body.retarget import retarget
 from bodysense.body.rotation import heading
 from bodysense.body.shape import Split as BodySplit
 from bodysense.body.shape import sample_bodies, stature
@@ -90,7 +90,7 @@ class TrackedScene:
 def scene_of(clip: Clip, truth: Truth, split: Split | Literal["all"]) -> TrackedScene:
     """Return the scene of a clip on its own body, or on the unseen body of its name."""
     clip = resample(clip, RATE)
-    pose = clip.pose if truth == "own" else retargeted(clip.pose, unseen_body(clip, split))
+    pose = clip.pose if truth == "own" else retarget(clip.pose, unseen_body(clip, split))
     return TrackedScene(f"{clip.person}/{clip.name}", group_of(clip), pose, clip.person)
 
 

@@ -17,7 +17,7 @@ from bodysense.completion.model import CompletionModel, load_completion, package
 from bodysense.estimate import Estimate
 from bodysense.observation import Observation
 from bodysense.tracker import Tracker, TrackerSettings, step_together
-from bodysense.two_way import completed_both_ways
+from bodysense.two_way import complete_both_ways
 from bodysense_lab.scoring import RATE
 
 _WARM_UP = 30  # frames that are not timed
@@ -104,7 +104,7 @@ class TakeTracker:
         """Complete a take (T, P) of one person."""
         network, backward, joining = self.networks
         settings = TrackerSettings()
-        estimate, _ = completed_both_ways(
+        estimate, _ = complete_both_ways(
             observation, person, network, settings, 1 / RATE, backward_network=backward, joining=joining
         )
         return TrackedMotion.join([estimate])

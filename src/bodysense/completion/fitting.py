@@ -1,4 +1,4 @@
-"""Meeting: limbs and spine of a joined body bend to where its joints are measured."""
+"""Fitting: limbs and spine of a joined body bend so that its joints reach their measured positions."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 
 from bodysense.body.gaps import runs
 from bodysense.body.pose import Pose, forward_kinematics
-from bodysense.body.reach import reaching_all
+from bodysense.body.reach import reach_all
 from bodysense.body.rotation import (
     quaternion_canonical,
     quaternion_conjugate,
@@ -20,27 +20,27 @@ from bodysense.body.rotation import (
 from bodysense.body.skeleton import Skeleton
 
 Array = np.ndarray
-BESIDE = 0.25  # s in which a limb comes to a place where it is tracked, and leaves it
-STRAIGHT = 0.02  # m from the line of a limb to its middle joint: if it is nearer, the side on which it is means little
+FADE_TIME = 0.25  # s in which a limb moves to its tracked position, and away from it
+STRAIGHT = 0.02  # m from the line of a limb to its middle joint; nearer ones do not determine how the limb is turned
 ENDS = ("left_wrist", "right_wrist", "left_ankle", "right_ankle")
 
 
-def bent_to(pose: Pose, points: Array, measured: Array, seconds: float) -> Pose:
-    """The pose (T,) with wrists and ankles that are `measured` at their points, and elbows and knees likewise.
+def fit_limbs(pose: Pose, points: Array, measured: Array, seconds: float) -> Pose:
+    """Bend limbs so that `measured` wrists, ankles, elbows and knees are at their points.
 
-    A limb bends in the plane in which it lies; hands and feet keep their rotations in the world. Before and after
-    frames in which it is tracked its turns there fade, so that it does not leap.
+    A limb bends in its plane. Hands and feet keep their world rotations. The corrections fade into the frames before
+    and after, so that the limb does not jump.
 
     Args:
         pose: (T,).
-        points: (T, P, 3) m, world: where points are measured, elsewhere where they are believed.
+        points: (T, P, 3) m, world: measured positions of tracked points, estimated positions of all others.
         measured: (T, P) bool: points that are tracked.
-        seconds: between frames.
+        seconds: time between frames.
     """
     skeleton, (position, world) = pose.skeleton, (np.asarray(part) for part in forward_kinematics(pose))
     tips = {end: skeleton.index(end) for end in ENDS}
     goals = {end: np.where(measured[:, [tip]], points[:, tip], position[:, tip]) for end, tip in tips.items()}
-    bent = reaching_all(pose, goals)
+    bent = reach_all(pose, goals)
     rotation = np.array(pose.rotation)
     for tip in tips.values():
         for joint in (skeleton.parents[skeleton.parents[tip]], skeleton.parents[tip], tip):
@@ -50,7 +50,7 @@ def bent_to(pose: Pose, points: Array, measured: Array, seconds: float) -> Pose:
         middle = skeleton.parents[tip]
         seen, ends = measured[:, middle], measured[:, tip]
         if seen.any():
-            angle = carried_beside(_swivel(met, tip, points)[:, None], seen, seconds)[:, 0]
+            angle = fade_offsets(_swivel(met, tip, points)[:, None], seen, seconds)[:, 0]
             beside = ends & ~seen & (angle != 0)
             _turn_about_limb(met[beside], tip, angle[beside], beside, rotation)
             _turn_at_middle(met[seen], tip, points[seen], seen, rotation)
@@ -58,28 +58,28 @@ def bent_to(pose: Pose, points: Array, measured: Array, seconds: float) -> Pose:
     return Pose(skeleton, pose.root_position, rotation)
 
 
-def _fade_turns(pose: Pose, world: Array, tip: int, moved: Array, seconds: float, rotation: Array) -> None:
-    """Fade by what a limb was turned in frames that `moved` (T,), in local rotations (T, J, 4) of frames beside them.
+def _fade_turns(pose: Pose, world: Array, tip: int, tracked: Array, seconds: float, rotation: Array) -> None:
+    """Fade the corrections of a limb from `tracked` (T,) frames into their neighbours, in local rotations (T, J, 4).
 
-    Turns fade, not places: a leg that is nearly straight bends far for a small change of its length.
+    Turns fade, not positions: a nearly straight leg bends far for a small change of its length.
     """
-    if moved.all() or not moved.any():
+    if tracked.all() or not tracked.any():
         return
     skeleton, middle = pose.skeleton, pose.skeleton.parents[tip]
     first = skeleton.parents[middle]
     joints = [first, middle]
     before = np.asarray(pose.rotation)[:, joints]
     turn = quaternion_log(quaternion_multiply(quaternion_conjugate(before), rotation[:, joints]))
-    turn = carried_beside(np.asarray(turn).reshape(len(moved), 6), moved, seconds).reshape(-1, 2, 3)
-    beside = ~moved & turn.any(axis=(1, 2))
+    turn = fade_offsets(np.asarray(turn).reshape(len(tracked), 6), tracked, seconds).reshape(-1, 2, 3)
+    beside = ~tracked & turn.any(axis=(1, 2))
     local = quaternion_multiply(before[beside], quaternion_exp(turn[beside]))
     above = quaternion_multiply(world[beside, skeleton.parents[first]], local[:, 0])
     _set_limb(skeleton, tip, world[beside], above, quaternion_multiply(above, local[:, 1]), beside, rotation)
 
 
-def carried_beside(offset: Array, measured: Array, seconds: float) -> Array:
-    """Return offsets (T, N) in which those of frames that are `measured` (T,) go on into the others, and fade there."""
-    found, count = np.where(measured[:, None], offset, 0.0), max(1, round(BESIDE / seconds))
+def fade_offsets(offset: Array, measured: Array, seconds: float) -> Array:
+    """Extend offsets (T, N) of `measured` (T,) frames into the other frames, where they fade within `FADE_TIME`."""
+    found, count = np.where(measured[:, None], offset, 0.0), max(1, round(FADE_TIME / seconds))
     for first, end in runs(~measured):
         for frame, steps in ((first - 1, np.arange(1, end - first + 1)), (end, np.arange(end - first, 0, -1))):
             if 0 <= frame < len(offset):
@@ -89,25 +89,25 @@ def carried_beside(offset: Array, measured: Array, seconds: float) -> Array:
 
 
 def _swivel(pose: Pose, tip: int, points: Array) -> Array:
-    """Return by how much a limb has to turn about the line from its first joint to its end, (T,) rad, (-pi, pi].
+    """Return the angle (T,) rad in (-pi, pi] that turns a limb's middle joint to the side of its point (T, P, 3).
 
-    Its middle joint then is on the side of its point (T, P, 3); a limb that is straight has none.
+    The axis is the line from the first joint to the end. The angle is 0 for a straight limb.
     """
     position, middle = np.asarray(forward_kinematics(pose)[0]), pose.skeleton.parents[tip]
     start = position[:, pose.skeleton.parents[middle]]
     axis = position[:, tip] - start
     axis = axis / np.maximum(np.linalg.norm(axis, axis=-1, keepdims=True), 1e-9)
-    shown, wanted = (
+    current, wanted = (
         place - start - ((place - start) * axis).sum(axis=-1, keepdims=True) * axis
         for place in (position[:, middle], points[:, middle])
     )
-    bent = np.minimum(np.linalg.norm(shown, axis=-1), np.linalg.norm(wanted, axis=-1)) > STRAIGHT
-    angle = np.arctan2((np.cross(shown, wanted) * axis).sum(axis=-1), (shown * wanted).sum(axis=-1))
+    bent = np.minimum(np.linalg.norm(current, axis=-1), np.linalg.norm(wanted, axis=-1)) > STRAIGHT
+    angle = np.arctan2((np.cross(current, wanted) * axis).sum(axis=-1), (current * wanted).sum(axis=-1))
     return np.where(bent, angle, 0.0)
 
 
 def _turn_about_limb(pose: Pose, tip: int, angle: Array, where: Array, rotation: Array) -> None:
-    """Turn a limb about the line from its first joint to its end in local rotations (T, J, 4), frames `where`."""
+    """Turn a limb about the line from first joint to end; writes local rotations (T, J, 4) of frames `where`."""
     skeleton, (position, world) = pose.skeleton, (np.asarray(part) for part in forward_kinematics(pose))
     middle = skeleton.parents[tip]
     axis = position[:, tip] - position[:, skeleton.parents[middle]]
@@ -118,7 +118,7 @@ def _turn_about_limb(pose: Pose, tip: int, angle: Array, where: Array, rotation:
 
 
 def _turn_at_middle(pose: Pose, tip: int, points: Array, where: Array, rotation: Array) -> None:
-    """Turn a limb's bones in local rotations (T, J, 4), frames `where`, so that middle and end come to their points."""
+    """Turn a limb so that middle and end reach their points; writes local rotations (T, J, 4) of frames `where`."""
     skeleton = pose.skeleton
     middle = skeleton.parents[tip]
     first = skeleton.parents[middle]
@@ -136,7 +136,7 @@ def _turn_at_middle(pose: Pose, tip: int, points: Array, where: Array, rotation:
 def _set_limb(
     skeleton: Skeleton, tip: int, world: Array, above: Array, below: Array, where: Array, rotation: Array
 ) -> None:
-    """Give a limb's bones rotations in the world, and keep that of its end, in local rotations, frames `where`."""
+    """Set world rotations of a limb's bones and keep that of its end; writes local rotations of frames `where`."""
     middle = skeleton.parents[tip]
     first = skeleton.parents[middle]
     parent = world[:, skeleton.parents[first]]
@@ -144,11 +144,11 @@ def _set_limb(
         rotation[where, joint] = quaternion_canonical(quaternion_multiply(quaternion_conjugate(base), to))
 
 
-def trunk_met(pose: Pose, points: Array, measured: Array) -> Pose:
-    """The pose (T,) whose spine points from the head to the pelvis, where both are `measured` and the chest is not.
+def fit_trunk(pose: Pose, points: Array, measured: Array) -> Pose:
+    """Turn the spine to point from head to pelvis if both are `measured` and the chest is not.
 
-    The spine turns about the head as one piece; head and pelvis keep their rotations in the world. What is left is how
-    much longer or shorter than measured the spine is.
+    The spine turns about the head as one piece. Head and pelvis keep their world rotations. The remaining error is the
+    difference between the length of the spine and the measured distance.
 
     Args:
         pose: (T,).
@@ -174,34 +174,34 @@ def trunk_met(pose: Pose, points: Array, measured: Array) -> Pose:
     return Pose(skeleton, root, rotation)
 
 
-def hips_met(pose: Pose, points: Array, measured: Array, turned: Array, seconds: float) -> Pose:
-    """The pose (T,) moved so that both hips, where they are `measured`, are at their points.
+def fit_hips(pose: Pose, points: Array, measured: Array, turned: Array, seconds: float) -> Pose:
+    """Move the pose (T,) so that both hips are at their points if they are `measured`.
 
-    Limbs bend as in `bent_to`; collars and feet turn to measured shoulders and balls.
+    Limbs bend as in `fit_limbs`. Collars turn to measured shoulders, and feet to measured balls.
 
     Args:
         pose: (T,).
         points: (T, P, 3) m, world.
         measured: (T, P) bool: points that are tracked.
         turned: (T, P) bool: points whose rotation is tracked.
-        seconds: between frames.
+        seconds: time between frames.
     """
     position = np.asarray(forward_kinematics(pose)[0])
     hips = pose.skeleton.indices(["left_hip", "right_hip"])
     seen = np.asarray(measured[:, hips].all(axis=1))
-    off = carried_beside((points - position)[:, hips].mean(axis=1), seen, seconds)
+    off = fade_offsets((points - position)[:, hips].mean(axis=1), seen, seconds)
     pose = Pose(pose.skeleton, pose.root_position + off, pose.rotation)
     for side in ("left", "right"):
-        pose = _aimed(pose, f"{side}_collar", f"{side}_shoulder", points, measured & ~turned)
+        pose = _aim_joint(pose, f"{side}_collar", f"{side}_shoulder", points, measured & ~turned)
     position = np.asarray(forward_kinematics(pose)[0])
-    pose = bent_to(pose, np.where(measured[..., None], points, position), measured, seconds)
+    pose = fit_limbs(pose, np.where(measured[..., None], points, position), measured, seconds)
     for side in ("left", "right"):
-        pose = _aimed(pose, f"{side}_ankle", f"{side}_foot", points, measured & ~turned)
+        pose = _aim_joint(pose, f"{side}_ankle", f"{side}_foot", points, measured & ~turned)
     return pose
 
 
-def _aimed(pose: Pose, joint: str, end: str, points: Array, measured: Array) -> Pose:
-    """Turn a joint so that its `end` is toward its `measured` point (T, P, 3); the end keeps its rotation."""
+def _aim_joint(pose: Pose, joint: str, end: str, points: Array, measured: Array) -> Pose:
+    """Turn a joint so that its `end` points to its `measured` point (T, P, 3); the end keeps its world rotation."""
     skeleton, (position, world) = pose.skeleton, (np.asarray(part) for part in forward_kinematics(pose))
     first, last = skeleton.indices([joint, end])
     where, rotation, above = measured[:, last], np.array(pose.rotation), world[:, skeleton.parents[first]]

@@ -1,4 +1,4 @@
-"""The front door: names of `bodysense`, observations from numbers, points by name, devices of one's own, reprs."""
+"""Public names of `bodysense`: observations from numbers, points by name, custom devices, reprs."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def short() -> bs.Clip:
     return replace(clip, pose=clip.pose[:40])
 
 
-def test_every_public_name_is_there() -> None:
+def test_every_public_name_exists() -> None:
     assert set(bs.__all__) <= set(dir(bs))
     assert not [name for name in bs.__all__ if getattr(bs, name) is None]
     with pytest.raises(AttributeError, match="no attribute 'tracks'"):
@@ -33,7 +33,7 @@ def test_every_public_name_is_there() -> None:
 # Observations from numbers
 
 
-def test_arrays_are_what_frames_are() -> None:
+def test_arrays_equal_single_frames() -> None:
     rng = np.random.default_rng(0)
     head, wrist = rng.normal([0, 1.6, 0], 0.05, (5, 3)), rng.normal([0.2, 1, 0.2], 0.05, (5, 3))
     wrist[2] = np.nan
@@ -52,7 +52,7 @@ def test_arrays_are_what_frames_are() -> None:
             np.testing.assert_array_equal(getattr(one, name), getattr(whole, name)[k : k + 1])
 
 
-def test_several_people_in_one_frame_are_each_alone() -> None:
+def test_several_people_in_one_frame_equal_each_alone() -> None:
     head = np.array([[0.0, 1.6, 0.0], [1.0, 1.75, 0.5]])
     wrist = np.array([[np.nan] * 3, [1.2, 1.0, 0.6]])
     both = bs.observe(3.0, {"head": (head, None), "left_wrist": (wrist, None)})
@@ -118,7 +118,7 @@ Z_UP = [0, 2, 1]  # the columns of data with +Z up
         ),
     ],
 )  # fmt: skip
-def test_what_is_no_observation_of_ours_is_refused(make: Callable[[], Any], text: str) -> None:
+def test_invalid_observations_are_refused(make: Callable[[], Any], text: str) -> None:
     with pytest.raises(bs.BodysenseError, match=re.escape(text)):
         make()
 
@@ -133,7 +133,7 @@ def test_what_is_no_observation_of_ours_is_refused(make: Callable[[], Any], text
         lambda: bs.observe(0.0, {"head": (HEAD[0, Z_UP], None), "left_wrist": (WRIST[0, Z_UP], None)}),  # one frame
     ],
 )
-def test_odd_places_that_are_meant_pass(make: Callable[[], bs.Observation]) -> None:
+def test_odd_positions_pass_with_explicit_units(make: Callable[[], bs.Observation]) -> None:
     assert make().has_position.all()
 
 
@@ -154,7 +154,7 @@ def test_a_take_is_refused_or_converted_alike(short: bs.Clip, tmp_path) -> None:
 # Raw poses
 
 
-def test_raw_poses_are_of_the_joints_that_carry_the_devices() -> None:
+def test_raw_device_poses_become_joints() -> None:
     """Oracle: a body that faces +Z in the T-pose has its eyes and palms at the landmarks of the default body."""
     skeleton = bs.default_skeleton()
     place = skeleton.path @ skeleton.rest_offset + [0.0, 1.0, 0.0]
@@ -215,7 +215,7 @@ class OneInTwo:
         return seen
 
 
-def test_a_device_of_ones_own_watches(short: bs.Clip) -> None:
+def test_a_custom_device_is_used(short: bs.Clip) -> None:
     take = bs.track(short, device=OneInTwo())
     assert take.estimate["head"].measured.tolist() == [True, False] * 20
     exact, noisy, again = (bs.simulate(short, OneInTwo(), noise) for noise in (None, 3, 3))
@@ -223,7 +223,7 @@ def test_a_device_of_ones_own_watches(short: bs.Clip) -> None:
     np.testing.assert_array_equal(noisy.position, again.position)
 
 
-def test_a_device_that_is_none_is_refused(short: bs.Clip) -> None:
+def test_an_invalid_device_is_refused(short: bs.Clip) -> None:
     class Short:
         def observe(self, clip: bs.Clip, rng: np.random.Generator | None) -> bs.Observation:
             return bs.simulate(clip, "head")[:7]
@@ -247,7 +247,7 @@ def test_reprs_are_short(short: bs.Clip) -> None:
     gloves = bs.glove_device(short.pose.skeleton)
     assert f"{gloves} {gloves.start()}" == "GloveDevice(left and right hand) GloveState(no frame)"
     assert repr(state) == "TrackerState(Person(1.80 m, known height) at 1.3 s)"
-    assert re.fullmatch(r"PointOfEstimate\(head, 40 frames, expected error \d\.\d cm\)", repr(take.estimate["head"]))
+    assert re.fullmatch(r"EstimatedPoint\(head, 40 frames, expected error \d\.\d cm\)", repr(take.estimate["head"]))
     assert repr(seen) == (
         "Observation(40 frames at 30 Hz, 100% tracked: head, left_wrist, right_wrist, pelvis, left_ankle, right_ankle)"
     )

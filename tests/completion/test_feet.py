@@ -1,4 +1,4 @@
-"""Standing of a joined body: feet that stand are held and low, those that do not are left alone."""
+"""Feet of a joined body: standing feet are held on the floor, and others are unchanged."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from body_poses import no_points, places_of
 from bodysense.body.footing import side_clearance
 from bodysense.body.pose import Pose
 from bodysense.body.rotation import quaternion_exp
-from bodysense.completion.standing import lasting, on_floor
+from bodysense.completion.feet import plant_feet, sustained
 from bodysense.estimate import CONTACT_POINTS
 
 SECONDS = 1 / 30
@@ -25,16 +25,16 @@ def hovering(pose: Pose, sides: tuple[str, ...]) -> Pose:
 
 
 def heights(pose: Pose, chance: float, floor: float) -> tuple[np.ndarray, np.ndarray]:
-    """How high the soles (T,) are over the floor, before and after feet of these contacts are held."""
+    """Return heights (T,) of the soles above the floor, before and after feet with these contacts are held."""
     shins = np.zeros((len(pose.rotation), len(pose.skeleton.joints)), dtype=bool)
     contact = np.full((len(pose.rotation), len(CONTACT_POINTS)), chance)
-    held = on_floor(pose, contact, no_points(pose), shins, floor, SECONDS)
+    held = plant_feet(pose, contact, no_points(pose), shins, floor, SECONDS)
     before, after = (side_clearance(places_of(one)[0], pose.skeleton, "left") - floor for one in (pose, held))
     return before, after
 
 
-def test_a_foot_that_stands_is_low(pose: Pose) -> None:
-    """A foot comes down if it is in contact, else it stays where it is while the other one is on the floor."""
+def test_a_standing_foot_is_on_the_floor(pose: Pose) -> None:
+    """A foot in contact is lowered; another foot is unchanged while the first is on the floor."""
     bent = hovering(pose, ("left",))
     floor = float(side_clearance(places_of(bent)[0], pose.skeleton, "right")[0])
     for chance in (0.0, 1.0):
@@ -47,8 +47,8 @@ def test_a_foot_that_stands_is_low(pose: Pose) -> None:
 
 
 @pytest.mark.parametrize("does", ["stands", "jumps", "sits"])
-def test_nobody_who_stands_hovers(pose: Pose, does: str) -> None:
-    """Both feet come down without a sign of contact, unless the body jumps or sits."""
+def test_a_standing_body_does_not_hover(pose: Pose, does: str) -> None:
+    """Both feet are lowered without contact, unless the body jumps or sits."""
     floor, bent = float(side_clearance(places_of(pose)[0], pose.skeleton, "left")[0]), hovering(pose, ("left", "right"))
     if does == "jumps":
         time = np.arange(len(bent.root_position))[:, None] * SECONDS
@@ -69,27 +69,27 @@ def test_nobody_who_stands_hovers(pose: Pose, does: str) -> None:
 
 
 @pytest.mark.parametrize("still", [True, False])
-def test_those_who_stand_still_stand_low(pose: Pose, still: bool) -> None:
-    """Feet that are 9 mm up stay there, unless both stand and go on standing."""
+def test_still_feet_are_lowered_to_the_floor(pose: Pose, still: bool) -> None:
+    """Feet at a height of 9 mm are lowered only if both stand for some time."""
     bent = hovering(pose, ("left", "right"))
     floor = float(side_clearance(places_of(bent)[0], pose.skeleton, "left")[0]) - 0.009
     contact = np.ones((len(bent.rotation), len(CONTACT_POINTS)))
     if not still:
         contact[:, [place for place, name in enumerate(CONTACT_POINTS) if name.startswith("right")]] = 0.0
     shins = np.zeros((len(bent.rotation), len(pose.skeleton.joints)), dtype=bool)
-    held = on_floor(bent, contact, no_points(bent), shins, floor, SECONDS)
+    held = plant_feet(bent, contact, no_points(bent), shins, floor, SECONDS)
     height = side_clearance(places_of(held)[0], pose.skeleton, "left") - floor
     assert height.max() < 0.006 if still else height.min() > 0.0085
 
 
 def test_a_tracked_foot_under_the_floor_comes_up_gradually(pose: Pose) -> None:
-    """Tracked feet stay where they are, 2 cm under the floor; beside these frames they rise within a quarter second."""
+    """Tracked feet stay 2 cm under the floor; next to these frames feet rise within a quarter second."""
     floor = float(side_clearance(places_of(pose)[0], pose.skeleton, "left").max()) + 0.02
     measured = no_points(pose)
     measured[30:60, pose.skeleton.index("left_ankle")] = True
     shins = np.zeros((len(pose.rotation), len(pose.skeleton.joints)), dtype=bool)
     contact = np.zeros((len(pose.rotation), len(CONTACT_POINTS)))
-    held = on_floor(pose, contact, measured, shins, floor, SECONDS)
+    held = plant_feet(pose, contact, measured, shins, floor, SECONDS)
     height = side_clearance(places_of(held)[0], pose.skeleton, "left") - floor
     before = side_clearance(places_of(pose)[0], pose.skeleton, "left") - floor
     np.testing.assert_allclose(height[30:60], before[30:60], atol=1e-3)
@@ -97,23 +97,23 @@ def test_a_tracked_foot_under_the_floor_comes_up_gradually(pose: Pose) -> None:
     assert np.abs(np.diff(height)).max() < 0.3 * np.abs(before).max()
 
 
-def test_what_lasts() -> None:
+def test_sustained_shares() -> None:
     """A third of a second counts, a tenth does not, and the change is gradual."""
     share = np.zeros(90)
     share[10:13] = 1.0
     share[40:60] = 1.0
-    found = lasting(share, SECONDS)
+    found = sustained(share, SECONDS)
     assert found[:30].max() < 0.01 and found[46:54].min() > 0.9
     assert np.abs(np.diff(found)).max() < 0.15
 
 
-def test_feet_that_stand_are_held_but_for_legs_with_tracked_shins(pose: Pose) -> None:
+def test_standing_feet_are_held_unless_their_shins_are_tracked(pose: Pose) -> None:
     skeleton, frames = pose.skeleton, len(pose.root_position)
     sliding = Pose(skeleton, pose.root_position + np.linspace(0, 0.1, frames)[:, None] * [1.0, 0.0, 0.0], pose.rotation)
     contact, shins = np.ones((frames, len(CONTACT_POINTS))), np.zeros((frames, len(skeleton.joints)), dtype=bool)
     shins[:, skeleton.index("left_knee")] = True
     low = places_of(pose)[0][..., 1].min()
-    held = on_floor(sliding, contact, no_points(pose), shins, low, SECONDS)
+    held = plant_feet(sliding, contact, no_points(pose), shins, low, SECONDS)
     left, right = (
         [skeleton.index(f"{side}_{part}") for part in ("hip", "knee", "ankle")] for side in ("left", "right")
     )

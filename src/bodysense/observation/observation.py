@@ -1,0 +1,309 @@
+"""The observation: named points over time. Every device, file and live input becomes one."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from reprlib import repr as brief
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bodysense.body.hand import glove_marker
+from bodysense.body.skeleton import Skeleton
+from bodysense.errors import BodysenseError
+from bodysense.observation.checks import check_observation, check_world, time_text
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+# Points with an inertial sensor whose acceleration the tracker uses, and the end of the bone that carries the sensor.
+# None: the sensor is at the joint itself.
+INERTIAL_BONES: dict[str, str | None] = {
+    "pelvis": None,
+    "spine3": None,
+    **{
+        f"{side}_{joint}": f"{side}_{end}"
+        for joint, end in (
+            ("hip", "knee"),
+            ("knee", "ankle"),
+            ("ankle", "foot"),
+            ("shoulder", "elbow"),
+            ("elbow", "wrist"),
+        )
+        for side in ("left", "right")
+    },
+}
+INERTIAL_POINTS = tuple(INERTIAL_BONES)
+
+# Expected error (m) of a measured position by kind of device, for devices that do not report their own.
+EXACT_ACCURACY = 0.001  # the true motion, simulated devices without noise
+HEADSET_ACCURACY = 0.001  # headsets and controllers
+OPTICAL_ACCURACY = 0.001  # markers of optical motion capture
+TRACKER_ACCURACY = 0.01  # trackers on the body: clothes and skin move under the strap
+CAMERA_ACCURACY = 0.01  # hands and joints seen by the cameras of a headset
+LANDMARK_ACCURACY = 0.05  # landmarks of a video
+RAW_POINTS = frozenset(("headset", "left_controller", "right_controller"))  # poses of devices, not of joints
+_HEADSET_POINTS = {"head", "left_wrist", "right_wrist", *RAW_POINTS}
+
+
+@dataclass(frozen=True, eq=False)
+class Observation:
+    """Tracked points by name over time, in the world (+Y up, metres). Hidden values are NaN."""
+
+    points: tuple[str, ...]  # names of joints, end sites, markers or headset devices
+    position: np.ndarray  # (..., T, P, 3) m, world
+    rotation: np.ndarray  # (..., T, P, 4) wxyz, world ← point
+    has_position: np.ndarray  # (..., T, P) bool
+    has_rotation: np.ndarray  # (..., T, P) bool
+    accuracy: np.ndarray  # (..., T, P) m, expected error of a measured position
+    time: np.ndarray  # (T,) s, increasing; from any origin
+    # (..., T, P, 3) m/s², world, without gravity: inertial sensors on the bones that begin at their points. NaN:
+    # missing. None: no point has a sensor.
+    acceleration: np.ndarray | None = None
+
+    def __getitem__(self, key: slice) -> Observation:
+        """Return the frames `key` (a slice) of all people."""
+        return replace(
+            self,
+            position=self.position[..., key, :, :],
+            rotation=self.rotation[..., key, :, :],
+            has_position=self.has_position[..., key, :],
+            has_rotation=self.has_rotation[..., key, :],
+            accuracy=self.accuracy[..., key, :],
+            time=self.time[key],
+            acceleration=None if self.acceleration is None else self.acceleration[..., key, :, :],
+        )
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    def __repr__(self) -> str:
+        people = "".join(f"{count} people, " for count in self.position.shape[:-3])
+        frames = "1 frame" if len(self) == 1 else f"{len(self)} frames"
+        rate = f" at {1 / np.median(np.diff(self.time)):.4g} Hz" if len(self) > 1 else f" at {time_text(self.time[0])}"
+        tracked = (self.has_position | self.has_rotation).mean() if self.has_position.size else 0.0
+        names = ", ".join(self.points[:6]) + (f" and {len(self.points) - 6} more" if len(self.points) > 6 else "")
+        return f"Observation({people}{frames}{rate if len(self) else ''}, {tracked:.0%} tracked: {names})"
+
+    @classmethod
+    def from_arrays(
+        cls,
+        position: Mapping[str, ArrayLike],
+        rotation: Mapping[str, ArrayLike] | None = None,
+        rate: float = 30.0,
+        *,
+        time: ArrayLike | None = None,
+        accuracy: float | None = None,
+        unit: str | None = None,
+        up: str | None = None,
+    ) -> Observation:
+        """Make an observation of whole arrays of named points. NaN values are not tracked.
+
+        Args:
+            position: (..., T, 3) by name ('head', 'left_wrist' …), world. A point may have only a position or only a
+                rotation.
+            rotation: (..., T, 4) wxyz, world ← point, by name.
+            rate: frames a second, from 0 s; not used if `time` is given.
+            time: (T,) s, increasing.
+            accuracy: m, expected error of the positions; the usual one of each point if omitted.
+            unit: of the positions, 'm', 'cm', 'mm', 'in', 'ft' or metres as '0.0254'; metres if omitted.
+            up: upward axis of the world, such as 'z'; 'y' if omitted.
+
+        Raises BodysenseError for arrays of inconsistent shapes, and, unless `unit` or `up` is given, for a body that
+        appears to be in another unit or upright along another axis.
+        """
+        if not rate > 0:
+            raise BodysenseError(f"from_arrays: rate {rate:g}; give frames a second, such as 30")
+        made = _from_named_points(position, rotation or {}, time, rate, accuracy, "from_arrays")
+        made = check_observation(convert_world(made, unit, up), "from_arrays")
+        check_world(made, "from_arrays", unit=unit, up=up)
+        return made
+
+
+def observe(
+    time: float,
+    poses: Mapping[str, tuple[ArrayLike | None, ArrayLike | None]],
+    accuracy: float | None = None,
+    *,
+    unit: str | None = None,
+    up: str | None = None,
+) -> Observation:
+    """Make one frame of named points, of one person or of several.
+
+    Args:
+        time: s, from any origin.
+        poses: position (..., 3) m and rotation (..., 4) wxyz, both in the world, by the point's name, such as
+            'left_wrist'. None: not tracked; NaN: not tracked for one of several people. 'headset', 'left_controller'
+            and 'right_controller' are poses of the devices themselves, as WebXR and OpenXR report them.
+        accuracy: m, expected error of the positions; the usual one of each point if omitted.
+        unit: of the positions, 'm', 'cm', 'mm', 'in', 'ft' or metres as '0.0254'; metres if omitted.
+        up: upward axis of the world, such as 'z'; 'y' if omitted.
+
+    Raises BodysenseError for invalid positions or rotations, and, unless `unit` is given, for a body that appears to be
+    in another unit.
+    """
+
+    def frames(kind: int) -> dict[str, np.ndarray]:
+        given = {name: pose[kind] for name, pose in poses.items()}
+        return {name: np.asarray(value, float)[..., None, :] for name, value in given.items() if value is not None}
+
+    for name, pose in poses.items():
+        if not isinstance(pose, (tuple, list)) or len(pose) != 2:
+            raise BodysenseError(f"observe: {name} is {brief(pose)}; give a pair (position, rotation), each or None")
+        for value, kind, size in zip(pose, ("position", "rotation"), (3, 4), strict=True):
+            if value is not None and (np.ndim(value) == 0 or np.shape(value)[-1] != size):
+                raise BodysenseError(f"{name}: its {kind} has shape {np.shape(value)}; give {size} numbers, or None")
+    made = _from_named_points(frames(0), frames(1), [time], 1.0, accuracy, "observe", tuple(poses))
+    made = check_observation(convert_world(made, unit, up), "observe")
+    check_world(made, "observe", unit=unit, up="y")  # in a single frame the person may be lying
+    return made
+
+
+def _from_named_points(
+    position: Mapping[str, ArrayLike],
+    rotation: Mapping[str, ArrayLike],
+    time: ArrayLike | None,
+    rate: float,
+    accuracy: float | None,
+    name: str,
+    points: tuple[str, ...] = (),
+) -> Observation:
+    """Return an observation of arrays (..., T, 3) and (..., T, 4) by name; values are not checked."""
+    points = points or tuple(dict.fromkeys((*position, *rotation)))
+    given = [
+        (point, np.asarray(values[point], dtype=float), size)
+        for values, size in ((position, 3), (rotation, 4))
+        for point in values
+    ]
+    lead = given[0][1].shape[:-1] if given else np.shape([] if time is None else time)
+    for point, values, size in given:
+        if values.shape != (*lead, size) or not lead:
+            first, shape = given[0][0], given[0][1].shape
+            other = "" if values.shape[:-1] == lead else f", but {first} has {shape}"
+            raise BodysenseError(
+                f"{name}: {point} has shape {values.shape}{other}; "
+                f"give (..., T, {size}), with equally many frames and people"
+            )
+    columns = {size: np.full((*lead, len(points), size), np.nan) for size in (3, 4)}
+    for point, values, size in given:
+        columns[size][..., points.index(point), :] = values
+    has_position, has_rotation = (np.asarray(~np.isnan(columns[size]).all(axis=-1)) for size in (3, 4))
+    usual = usual_accuracy(points) if accuracy is None else accuracy
+    return Observation(
+        points,
+        columns[3],
+        columns[4],
+        has_position,
+        has_rotation,
+        accuracy_like(has_position, usual),
+        np.arange(lead[-1]) / rate if time is None else np.asarray(time, dtype=float),
+    )
+
+
+def convert_world(observation: Observation, unit: str | None, up: str | None) -> Observation:
+    """Convert an observation from its unit and upward axis to metres and +Y up. None: no conversion.
+
+    Raises BodysenseError for unknown units and axes.
+    """
+    if unit is None and up is None:
+        return observation
+    from bodysense.body.rotation import quaternion_multiply, quaternion_rotate
+    from bodysense.body.world_axes import metres_of, turn_of
+
+    metres, turn = metres_of(unit or "m", "unit"), turn_of(up or "y", "up")
+    acceleration = observation.acceleration
+    return replace(
+        observation,
+        position=quaternion_rotate(np.broadcast_to(turn, observation.rotation.shape), metres * observation.position),
+        rotation=quaternion_multiply(np.broadcast_to(turn, observation.rotation.shape), observation.rotation),
+        acceleration=None
+        if acceleration is None
+        else quaternion_rotate(np.broadcast_to(turn, observation.rotation.shape), metres * acceleration),
+    )
+
+
+def accuracy_like(has_position: np.ndarray, metres: float | np.ndarray) -> np.ndarray:
+    """Return an accuracy array (..., T, P) for a mask `has_position`; `metres` is one value or one per point (P,)."""
+    return np.broadcast_to(np.asarray(metres, dtype=float), np.shape(has_position)).copy()
+
+
+def usual_accuracy(points: Sequence[str]) -> np.ndarray:
+    """Return the accuracy (P,) m of points by their names alone.
+
+    Head and wrists: `HEADSET_ACCURACY`. Markers of gloves: `OPTICAL_ACCURACY`. All others: `TRACKER_ACCURACY`.
+    """
+    return np.array([_usual_accuracy(name) for name in points], dtype=float)
+
+
+def _usual_accuracy(name: str) -> float:
+    if name in _HEADSET_POINTS:
+        return HEADSET_ACCURACY
+    return OPTICAL_ACCURACY if glove_marker(name) else TRACKER_ACCURACY
+
+
+def concatenated_frames(parts: Sequence[Observation]) -> Observation:
+    """Concatenate consecutive observations (T, P) of the same points."""
+
+    def whole(name: str) -> np.ndarray:
+        return np.concatenate([getattr(part, name) for part in parts])
+
+    names = ("position", "rotation", "has_position", "has_rotation", "accuracy", "time")
+    acceleration = None if parts[0].acceleration is None else whole("acceleration")
+    return replace(parts[0], **{name: whole(name) for name in names}, acceleration=acceleration)
+
+
+def joined_points(one: Observation, other: Observation) -> Observation:
+    """Merge the points of two observations (T, P) with equal times."""
+    names = ("position", "rotation", "has_position", "has_rotation", "accuracy")
+    merged = {name: np.concatenate([getattr(one, name), getattr(other, name)], axis=1) for name in names}
+    accelerations = [part.acceleration for part in (one, other)]
+    if any(given is not None for given in accelerations):
+        merged["acceleration"] = np.concatenate(
+            [
+                np.full_like(part.position, np.nan) if given is None else given
+                for part, given in zip((one, other), accelerations, strict=True)
+            ],
+            axis=1,
+        )
+    return Observation(points=(*one.points, *other.points), time=one.time, **merged)
+
+
+def without_gloves(observation: Observation) -> Observation:
+    """Return the observation without the markers of gloves."""
+    return chosen_points(observation, [k for k, name in enumerate(observation.points) if not glove_marker(name)])
+
+
+def chosen_points(observation: Observation, places: Sequence[int]) -> Observation:
+    """Return the points of an observation at the given indices."""
+    return Observation(
+        points=tuple(observation.points[k] for k in places),
+        position=observation.position[..., places, :],
+        rotation=observation.rotation[..., places, :],
+        has_position=observation.has_position[..., places],
+        has_rotation=observation.has_rotation[..., places],
+        accuracy=observation.accuracy[..., places],
+        time=observation.time,
+        acceleration=None if observation.acceleration is None else observation.acceleration[..., places, :],
+    )
+
+
+def observed_points(
+    observation: Observation, skeleton: Skeleton
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return position, rotation, has_position and has_rotation of every point of a skeleton, in its order.
+
+    Points without observations are hidden. Markers of gloves are dropped. Raises BodysenseError for any other point
+    that the skeleton does not have.
+    """
+    if observation.points == skeleton.points:
+        return observation.position, observation.rotation, observation.has_position, observation.has_rotation
+    if any(map(glove_marker, observation.points)):
+        observation = without_gloves(observation)
+    place = skeleton.indices(observation.points)
+    batch, count = observation.position.shape[:-2], len(skeleton.points)
+    position, rotation = np.full((*batch, count, 3), np.nan), np.full((*batch, count, 4), np.nan)
+    has_position, has_rotation = np.zeros((*batch, count), dtype=bool), np.zeros((*batch, count), dtype=bool)
+    position[..., place, :], rotation[..., place, :] = observation.position, observation.rotation
+    has_position[..., place], has_rotation[..., place] = observation.has_position, observation.has_rotation
+    return position, rotation, has_position, has_rotation
