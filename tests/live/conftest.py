@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 from bodysense.io.protocol import POSE, SUBPROTOCOL, PoseFrame, SignalFrame, read_pose, write_signal
-from bodysense_live.launch import prepared
+from bodysense_live.launch import make_server
 from bodysense_live.links import listen_tcp
 from bodysense_live.message_text import write_message
 from bodysense_live.messages import ClientMessage, Hello
@@ -107,7 +107,7 @@ def serving(settings: ServerSettings) -> Iterator[Address]:
     """A server while the block lasts."""
     bound = listen_tcp("--port", "127.0.0.1", 0)
     ready = threading.Event()
-    server = prepared(settings, lambda server: ready.set())
+    server = make_server(settings, lambda server: ready.set())
     thread = threading.Thread(target=server.run, args=([bound],), daemon=True)
     thread.start()
     try:

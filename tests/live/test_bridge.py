@@ -10,7 +10,7 @@ from bodysense.demo import packaged_performance
 from bodysense.errors import BodysenseError
 from bodysense.io.protocol import SignalFrame
 from bodysense_live.messages import Settings
-from bodysense_live.safety import ANY_ORIGIN, Access, why_refused
+from bodysense_live.safety import ANY_ORIGIN, Access, refusal_reason
 from bodysense_live.session import Session
 
 
@@ -37,5 +37,5 @@ def test_a_page_anywhere_needs_the_bridges_token() -> None:
         Access(origins=(ANY_ORIGIN,))
     access = Access(token="12345678", origins=(ANY_ORIGIN,))
     for origin in ("https://example.org", "null", None):
-        assert why_refused(access, "localhost:8765", origin, ["12345678"]) is None
-        assert why_refused(access, "localhost:8765", origin, ["87654321"]) is not None
+        assert refusal_reason(access, "localhost:8765", origin, ["12345678"]) is None
+        assert refusal_reason(access, "localhost:8765", origin, ["87654321"]) is not None

@@ -18,10 +18,10 @@ from bodysense_live.certificate import check_pair, own_certificate, qr_code
 from bodysense_live.live import Live
 from bodysense_live.messages import Hello, Recentre, Resume, Source
 from bodysense_live.metrics import Metrics
-from bodysense_live.outbox import Outbox
-from bodysense_live.safety import Guesses, Limits
-from bodysense_live.seat import Leader, Seat
+from bodysense_live.safety import Limits, TokenThrottle
+from bodysense_live.send_queue import SendQueue
 from bodysense_live.session import Session
+from bodysense_live.session_slot import OutputSelector, SessionSlot
 from bodysense_live.settings import ServerSettings
 
 from .conftest import DEVICES, Connecting, Serving, signal
@@ -85,11 +85,11 @@ def test_wrong_tokens_wait_longer_and_longer(monkeypatch: pytest.MonkeyPatch) ->
         waited.append(seconds)
 
     async def guess() -> None:
-        guesses = Guesses()
+        throttle = TokenThrottle()
         for k in range(7):
-            await guesses.punish("10.0.0.1", float(k))
-        await guesses.punish("10.0.0.2", 7.0)
-        await guesses.punish("10.0.0.1", 100.0)
+            await throttle.delay("10.0.0.1", float(k))
+        await throttle.delay("10.0.0.2", 7.0)
+        await throttle.delay("10.0.0.1", 100.0)
 
     monkeypatch.setattr("bodysense_live.safety.asyncio.sleep", sleep)
     asyncio.run(guess())
@@ -98,10 +98,10 @@ def test_wrong_tokens_wait_longer_and_longer(monkeypatch: pytest.MonkeyPatch) ->
 
 def test_few_guesses_are_looked_at_at_a_time() -> None:
     async def guess() -> tuple[bool, bool]:
-        guesses = Guesses()
-        waiting = [asyncio.create_task(guesses.punish("10.0.0.1", 0.0)) for _ in range(4)]
+        throttle = TokenThrottle()
+        waiting = [asyncio.create_task(throttle.delay("10.0.0.1", 0.0)) for _ in range(4)]
         await asyncio.sleep(0)
-        found = guesses.is_busy("10.0.0.1"), guesses.is_busy("10.0.0.2")
+        found = throttle.is_busy("10.0.0.1"), throttle.is_busy("10.0.0.2")
         for task in waiting:
             task.cancel()
         await asyncio.gather(*waiting, return_exceptions=True)
@@ -118,29 +118,29 @@ def answer(points: int) -> Answer:
     return found
 
 
-def seat(source: Source | None = None) -> Seat:
-    return Seat("", "", "", "", Session(DEVICES), source)
+def slot(source: Source | None = None) -> SessionSlot:
+    return SessionSlot("", "", "", "", Session(DEVICES), source)
 
 
 def test_who_sends_a_body_leads_not_the_page_that_came_first() -> None:
     body, nothing = answer(3), answer(0)
-    leader, page, headset, own = Leader(), seat(), seat(), seat("vmc")
-    leads = [
-        leader.leads(page, nothing, False, 0.0),
-        leader.leads(headset, body, False, 0.1),
-        leader.leads(page, body, False, 0.2),
-        leader.leads(own, body, True, 0.3),
-        leader.leads(headset, body, False, 1.0),
-        leader.leads(headset, body, False, 1.4),
+    selector, page, headset, own = OutputSelector(), slot(), slot(), slot("vmc")
+    selected = [
+        selector.selects(page, nothing, False, 0.0),
+        selector.selects(headset, body, False, 0.1),
+        selector.selects(page, body, False, 0.2),
+        selector.selects(own, body, True, 0.3),
+        selector.selects(headset, body, False, 1.0),
+        selector.selects(headset, body, False, 1.4),
     ]
-    assert leads == [False, True, False, True, False, True]
+    assert selected == [False, True, False, True, False, True]
 
 
 def test_a_page_that_watches_a_replay_of_its_own_never_leads() -> None:
-    leader, page, own = Leader(), seat("replay"), seat("vmc")
-    assert not leader.leads(page, answer(3), False, 0.0)
-    assert leader.leads(own, answer(3), True, 0.1)
-    assert not leader.leads(page, answer(3), False, 60.0)  # although the input is silent
+    selector, page, own = OutputSelector(), slot("replay"), slot("vmc")
+    assert not selector.selects(page, answer(3), False, 0.0)
+    assert selector.selects(own, answer(3), True, 0.1)
+    assert not selector.selects(page, answer(3), False, 60.0)  # although the input is silent
 
 
 def test_a_session_is_watched_with_its_token(server_of: Serving, connect: Connecting) -> None:
@@ -160,9 +160,9 @@ def test_a_wrong_token_watches_nothing() -> None:
     async def follow() -> str:
         live = Live(ServerSettings(), Metrics())
         live.start()
-        seat = await live.admit(Hello(1, DEVICES), Outbox(8))
+        slot = await live.admit(Hello(1, DEVICES), SendQueue(8))
         try:
-            await live.admit(Hello(1, follow=Resume(seat.identity, seat.token)), Outbox(8))
+            await live.admit(Hello(1, follow=Resume(slot.session_id, slot.token)), SendQueue(8))
         except BodysenseError as error:
             return str(error)
         finally:
@@ -175,11 +175,11 @@ def test_a_wrong_token_watches_nothing() -> None:
 @pytest.mark.parametrize("turns", range(4))
 def test_a_server_stops_in_whatever_turn_of_its_loop_a_client_left(turns: int) -> None:
     async def left_and_stopped() -> None:
-        live, outbox = Live(ServerSettings(), Metrics()), Outbox(8)
+        live, queue = Live(ServerSettings(), Metrics()), SendQueue(8)
         live.start()
-        seat = await live.admit(Hello(1, DEVICES), outbox)
+        slot = await live.admit(Hello(1, DEVICES), queue)
         await asyncio.sleep(0.15)  # until nothing is to be stored
-        live.leave(seat, outbox)
+        live.disconnect(slot, queue)
         for _ in range(turns):
             await asyncio.sleep(0)
         async with asyncio.timeout(5):

@@ -17,7 +17,6 @@ from bodysense_live.messages import (
     CLIENT,
     REGIONS,
     Calibrate,
-    Change,
     ClientMessage,
     Hello,
     Ping,
@@ -26,6 +25,7 @@ from bodysense_live.messages import (
     Replay,
     Resume,
     Settings,
+    UpdateSettings,
 )
 
 OF_OTHERS = Settings(1.8, "seated", True, ("head", "arms"), 0.25, ("left_wrist",))
@@ -41,7 +41,7 @@ JSON = st.recursive(
     [
         Hello(1),
         Hello(1, ("headset",), 1.7, "me", OF_OTHERS, Resume("a", "b"), "replay"),
-        Change({"mirror": True, "height": None}),
+        UpdateSettings({"mirror": True, "height": None}),
         Recentre(),
         Calibrate(),
         RecordSwitch(False),

@@ -27,7 +27,7 @@ from bodysense.io.protocol import (
     write_signal,
     write_truth,
 )
-from bodysense_live.webxr import Placement, door, through
+from bodysense_live.webxr import Placement, point_mapping, to_observation
 
 ROOT = Path(__file__).parents[2]
 
@@ -179,7 +179,9 @@ def test_a_number_that_signals_is_refused_without_a_warning() -> None:
     with pytest.raises(ProtocolError, match="unit length"):
         read_signal(bytes(data), 1)
     data[17] = 0
-    seen = through(door(["head"], default_skeleton()), read_signal(bytes(data), 1), np.ones(1, bool), Placement(), 0.0)
+    seen = to_observation(
+        point_mapping(["head"], default_skeleton()), read_signal(bytes(data), 1), np.ones(1, bool), Placement(), 0.0
+    )
     assert not seen.has_rotation.any()
 
 

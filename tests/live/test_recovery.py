@@ -24,7 +24,7 @@ RATE = 30
 SOON, JUMP = 0.5, 0.10  # s, m
 AS_BEFORE = 0.03  # m from where the body of a tracker that was never lost is
 
-Change = Callable[[int, SignalFrame], SignalFrame | None]
+UpdateSettings = Callable[[int, SignalFrame], SignalFrame | None]
 
 
 @cache
@@ -52,7 +52,7 @@ def without(signal: SignalFrame, name: str) -> SignalFrame:
 
 
 def bodies(
-    frames: int, change: Change, at: dict[int, Callable[[Session], None]] | None = None
+    frames: int, change: UpdateSettings, at: dict[int, Callable[[Session], None]] | None = None
 ) -> dict[int, np.ndarray]:
     """Where all points are after each frame that was answered, (P, 3) m, in the signal's own world."""
     one, found = Session(POINTS, Person(SKELETON), eased=True), {}
@@ -117,4 +117,4 @@ def test_a_sender_is_started_again_with_another_clock() -> None:
 
 
 def test_recentring_moves_the_world_and_not_the_body_in_it() -> None:
-    check(bodies(END, lambda k, signal: signal, {LOST: lambda one: one.change(Recentre())}), LOST)
+    check(bodies(END, lambda k, signal: signal, {LOST: lambda one: one.apply(Recentre())}), LOST)

@@ -34,11 +34,11 @@ def played(one: Playable, seconds: float, *changes: tuple[float, Replay]) -> lis
     async def run() -> list[tuple[float, SignalFrame, bool]]:
         loop, found = asyncio.get_running_loop(), []
         begun = loop.time()
-        player = Player(one, lambda frame, afresh: found.append((loop.time() - begun, frame, afresh)))
+        player = Player(one, lambda frame, is_new_motion: found.append((loop.time() - begun, frame, is_new_motion)))
         task = asyncio.create_task(player.run())
         for at, change in changes:
             await asyncio.sleep(max(0.0, at - (loop.time() - begun)))
-            player.change(change)
+            player.apply(change)
         await asyncio.sleep(max(0.0, seconds - (loop.time() - begun)))
         task.cancel()
         await asyncio.gather(task, return_exceptions=True)
@@ -50,7 +50,11 @@ def played(one: Playable, seconds: float, *changes: tuple[float, Replay]) -> lis
 def test_frames_come_at_their_times() -> None:
     found = played(playable(1000, 50), 0.5)
     sequences = [frame.sequence for _, frame, _ in found]
-    assert sequences == list(range(len(found))) and found[0][2] and not any(afresh for _, _, afresh in found[1:])
+    assert (
+        sequences == list(range(len(found)))
+        and found[0][2]
+        and not any(is_new_motion for _, _, is_new_motion in found[1:])
+    )
     for when, frame, _ in found:
         assert frame.time == pytest.approx(frame.sequence / 50)
         assert when >= frame.time - 0.01  # later only where this machine is busy
@@ -72,12 +76,12 @@ def test_it_is_driven() -> None:
     slow = played(playable(1000, 50), 0.5, (0.0, Replay(speed=0.2)))
     assert len(slow) <= 10
     with pytest.raises(BodysenseError, match="speed 9"):
-        Player(playable(2, 50), lambda frame, afresh: None).change(Replay(speed=9))
+        Player(playable(2, 50), lambda frame, is_new_motion: None).apply(Replay(speed=9))
 
 
 def test_a_leap_to_before_the_beginning_is_to_the_beginning() -> None:
     found = played(playable(1000, 50), 1.5, (0.3, Replay(time=-3.0)))
-    place = max(k for k, (_, _, afresh) in enumerate(found) if afresh)
+    place = max(k for k, (_, _, is_new_motion) in enumerate(found) if is_new_motion)
     assert [frame.sequence for _, frame, _ in found[place : place + 2]] == [0, 1]  # not 3 s later
 
 

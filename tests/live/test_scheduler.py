@@ -11,8 +11,8 @@ from bodysense_live import scheduler as module
 from bodysense_live.answer import Answer
 from bodysense_live.estimation import step_many
 from bodysense_live.messages import Pong
-from bodysense_live.outbox import Outbox
 from bodysense_live.scheduler import Scheduler
+from bodysense_live.send_queue import SendQueue
 from bodysense_live.session import Session
 
 from .conftest import DEVICES, signal
@@ -75,13 +75,13 @@ def test_one_that_fails_touches_no_other(monkeypatch: pytest.MonkeyPatch) -> Non
 
 def test_an_outbox_keeps_the_newest_frame_and_so_many_texts() -> None:
     async def go() -> None:
-        outbox = Outbox(3)
-        assert not outbox.show([b"1"]) and outbox.show([b"2"])
+        queue = SendQueue(3)
+        assert not queue.put_frames([b"1"]) and queue.put_frames([b"2"])
         for k in range(5):
-            outbox.tell(Pong(k))
-        assert outbox.is_full
-        texts, frames = await outbox.take()
+            queue.put_message(Pong(k))
+        assert queue.is_full
+        texts, frames = await queue.take()
         assert len(texts) == 3 and list(frames) == [b"2"]
-        assert not outbox.show([b"3"])
+        assert not queue.put_frames([b"3"])
 
     asyncio.run(go())

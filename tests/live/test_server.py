@@ -22,13 +22,13 @@ from bodysense.io.bvh import read_bvh
 from bodysense.io.protocol import SIGNAL, TRUTH, read_pose, write_signal
 from bodysense_live.messages import (
     Calibrate,
-    Change,
     Hello,
     Ping,
     RecordSwitch,
     Replay,
     Resume,
     Settings,
+    UpdateSettings,
 )
 from bodysense_live.replay import Playable
 from bodysense_live.settings import ServerSettings
@@ -65,7 +65,7 @@ def test_a_session_from_hello_to_pose(server: Address, connect: Connecting) -> N
 
 def test_settings_are_answered_with_a_welcome(server: Address, connect: Connecting) -> None:
     client = connect(server)
-    client.tell(Change({"height": 1.5, "mirror": True}))
+    client.tell(UpdateSettings({"height": 1.5, "mirror": True}))
     welcome = client.text("welcome")
     assert welcome["settings"]["mirror"] and welcome["height"] == pytest.approx(1.5)
     assert welcome["rest_offset"] != client.welcome["rest_offset"]

@@ -15,7 +15,7 @@ from bodysense.io.protocol import SUBPROTOCOL, write_signal
 from bodysense_live.links import listen_tcp
 from bodysense_live.message_text import write_message
 from bodysense_live.messages import Hello
-from bodysense_live.safety import Access, Limits, RateLimit, why_refused
+from bodysense_live.safety import Access, Limits, RateLimit, refusal_reason
 from bodysense_live.settings import ServerSettings
 
 from .conftest import DEVICES, Address, Connecting, Serving, signal
@@ -193,7 +193,7 @@ def test_who_may_connect(
 def test_hosts_origins_and_tokens(
     access: Access, host: str | None, origin: str | None, tokens: list[str], refused: bool
 ) -> None:
-    assert (why_refused(access, host, origin, tokens) is not None) == refused
+    assert (refusal_reason(access, host, origin, tokens) is not None) == refused
 
 
 def test_the_rate_is_an_average() -> None:

@@ -23,7 +23,15 @@ from bodysense.io.protocol import ProtocolError, SignalFrame
 from bodysense.observation import Observation
 from bodysense_live.answer import Answer
 from bodysense_live.estimation import step_many
-from bodysense_live.messages import Calibrate, Change, Notice, Placed, ProportionsChanged, Recentre, Settings
+from bodysense_live.messages import (
+    Calibrate,
+    Notice,
+    PlacementChanged,
+    ProportionsChanged,
+    Recentre,
+    Settings,
+    UpdateSettings,
+)
 from bodysense_live.session import Session
 
 SKELETON = default_skeleton()
@@ -150,31 +158,31 @@ def test_a_mirror_swaps_the_sides() -> None:
 def test_recentring_takes_the_wearer_to_the_middle() -> None:
     one = session()
     play(one, 0.2, x=3.0)
-    one.change(Recentre())
+    one.apply(Recentre())
     answers = play(one, 0.5, 0.2, x=3.0)
     head = points_of(answers[-1])[SKELETON.index("head")]
     np.testing.assert_allclose(head[[0, 2]], 0, atol=0.02)
-    placed = [note for note in one.notes() if isinstance(note, Placed)]
-    assert placed == [one.placed()]
-    np.testing.assert_allclose(placed[0].offset[0], -3.0, atol=1e-6)
+    placements = [message for message in one.take_messages() if isinstance(message, PlacementChanged)]
+    assert placements == [one.placement_message()]
+    np.testing.assert_allclose(placements[0].offset[0], -3.0, atol=1e-6)
 
 
 def test_somebody_seated_is_raised_to_standing() -> None:
     one = session(posture="seated")
     answers = play(one, 0.5, height=-0.5)
-    up = one.placed().offset[1]
+    up = one.placement_message().offset[1]
     assert up == pytest.approx(0.5, abs=0.02)
     standing = np.asarray(forward_kinematics(standing_pose(SKELETON))[0])[:, 1]
     head = SKELETON.index("head")
     assert points_of(answers[-1])[head, 1] == pytest.approx(standing[head] - standing.min(), abs=0.02)
-    one.change(Change({"posture": "standing"}))
+    one.apply(UpdateSettings({"posture": "standing"}))
     play(one, 0.1, 0.5)
-    assert one.placed().offset[1] == 0
+    assert one.placement_message().offset[1] == 0
 
 
 def test_a_standing_second_gives_the_height() -> None:
     one = session(Person())
-    one.change(Calibrate())
+    one.apply(Calibrate())
     taller = 1.1
     for k in range(120):
         here = frame(k / 30, k)
@@ -182,7 +190,7 @@ def test_a_standing_second_gives_the_height() -> None:
         one.step()
     assert one.settings.height == pytest.approx(taller * stature(SKELETON.rest_offset), abs=0.03)
     assert one.height == pytest.approx(one.settings.height, abs=0.01)  # it grew to it
-    said = [note.text for note in one.notes() if isinstance(note, Notice)]
+    said = [message.text for message in one.take_messages() if isinstance(message, Notice)]
     assert len(said) == 2 and "1.8" in said[1]
     assert one.revision == 1
 
@@ -190,15 +198,19 @@ def test_a_standing_second_gives_the_height() -> None:
 def test_a_height_that_the_head_contradicts_for_two_seconds_is_reported_and_released() -> None:
     one = session(Person(), height=1.5)
     play(one, 1.5)
-    assert not [note for note in one.notes() if isinstance(note, Notice)] and one.height == pytest.approx(1.5, abs=0.01)
+    assert not [
+        message for message in one.take_messages() if isinstance(message, Notice)
+    ] and one.height == pytest.approx(1.5, abs=0.01)
     play(one, 8.0, 1.5)
-    notices = [note.text for note in one.notes() if isinstance(note, Notice)]
+    notices = [message.text for message in one.take_messages() if isinstance(message, Notice)]
     assert notices == ["your head is higher than a height of 1.50 m allows; your height is inferred from now on"]
     assert one.settings.height is None and one.revision == 1
-    assert one.kept()[0].lengths == {} and one.height > 1.58  # it grows, slowly
-    one.change(Change({"height": 1.7}))
+    assert one.resumable_state()[0].lengths == {} and one.height > 1.58  # it grows, slowly
+    one.apply(UpdateSettings({"height": 1.7}))
     play(one, 4.0, 9.5)
-    assert one.settings.height == 1.7 and not [note for note in one.notes() if isinstance(note, Notice)]
+    assert one.settings.height == 1.7 and not [
+        message for message in one.take_messages() if isinstance(message, Notice)
+    ]
 
 
 def test_a_tracker_turns_its_joint_from_when_it_is_known_how_it_is_worn() -> None:
@@ -223,7 +235,7 @@ def test_a_tracker_turns_its_joint_from_when_it_is_known_how_it_is_worn() -> Non
 
     before = observed(0.0)
     assert "pelvis" not in before.points or not before.has_rotation[0, before.points.index("pelvis")]
-    one.change(Calibrate())
+    one.apply(Calibrate())
     last = [observed(k / 30) for k in range(1, 35)][-1]
     assert last.has_rotation[0, pelvis]
     assert last.points[pelvis] == "pelvis"
@@ -237,20 +249,23 @@ def test_a_tracker_turns_its_joint_from_when_it_is_known_how_it_is_worn() -> Non
 
 def test_nobody_has_the_height_of_a_headset_on_a_table() -> None:
     one = session(Person())
-    one.change(Calibrate())
+    one.apply(Calibrate())
     play(one, 1.3, height=-0.8)
     assert one.settings.height is None
-    assert "people are 1.0 to 2.3 m high" in [note for note in one.notes() if isinstance(note, Notice)][-1].text
+    assert (
+        "people are 1.0 to 2.3 m high"
+        in [message for message in one.take_messages() if isinstance(message, Notice)][-1].text
+    )
 
 
 def test_what_is_not_driven_stays_as_in_standing_and_comes_back_without_a_jump() -> None:
     one = session()
     answers = play(one, 0.5)
-    one.change(Change({"regions": ["head", "torso"]}))
+    one.apply(UpdateSettings({"regions": ["head", "torso"]}))
     answers += play(one, 1.0, 0.5)
     elbow = SKELETON.index("left_elbow")
     np.testing.assert_allclose(np.abs(answers[-1].frame.rotation[elbow] @ standing_pose(SKELETON).rotation[elbow]), 1)
-    one.change(Change({"regions": ["head", "torso", "arms", "fingers", "legs"]}))
+    one.apply(UpdateSettings({"regions": ["head", "torso", "arms", "fingers", "legs"]}))
     answers += play(one, 1.0, 1.5)
     plain = leaps(play(session(), 2.5))[8:].max()
     # Half of a way of some 0.5 m in 0.08 s, from rest and without overshoot: less than 0.12 m in a frame.
@@ -267,16 +282,16 @@ def test_a_hidden_hand_is_not_looked_at() -> None:
     one = session(hidden=("left_wrist",))
     last = play(one, 0.3)[-1]
     assert last.frame.hidden[SKELETON.index("left_wrist")] > 0.5 > last.frame.hidden[SKELETON.index("right_wrist")]
-    one.change(Change({"hidden": []}))
+    one.apply(UpdateSettings({"hidden": []}))
     assert play(one, 0.3, 0.3)[-1].frame.hidden[SKELETON.index("left_wrist")] < 0.5
 
 
 def test_whoever_tells_their_height_before_the_first_frame_has_it_at_once() -> None:
     one = session(Person())
-    one.change(Change({"height": 1.9}))
+    one.apply(UpdateSettings({"height": 1.9}))
     assert one.height == pytest.approx(1.9, abs=1e-3)
     with pytest.raises(ProtocolError, match="height 9 m"):
-        one.change(Change({"height": 9}))
+        one.apply(UpdateSettings({"height": 9}))
 
 
 def test_whoever_tells_their_height_later_grows_to_it_without_a_jump() -> None:
@@ -287,16 +302,16 @@ def test_whoever_tells_their_height_later_grows_to_it_without_a_jump() -> None:
     one.receive(frame(2.0), 0.0)
     job = one.job()
     assert job is not None
-    one.change(Change({"height": 1.9}))
+    one.apply(UpdateSettings({"height": 1.9}))
     estimate, state = job.pipeline.step(job.observation, job.state)
     assert one.answer(job, estimate, state) is not None  # a job that was under way is answered
-    one.notes()
+    one.take_messages()
     answers = play(one, 5.0, 2.0 + 1 / 30)
     assert before < 1.8 and one.height == pytest.approx(1.9, abs=0.005)
     assert leaps(answers).max() < plain + 0.02
-    told = [note for note in one.notes() if isinstance(note, ProportionsChanged)]
+    told = [message for message in one.take_messages() if isinstance(message, ProportionsChanged)]
     assert 5 < len(told) <= 51  # at most ten a second
-    heights = [note.height for note in told]
+    heights = [message.height for message in told]
     assert heights == sorted(heights) and heights[-1] == pytest.approx(1.9, abs=0.005)
     np.testing.assert_allclose(told[-1].rest_offset, one.skeleton.rest_offset, atol=1e-6)
 

@@ -14,9 +14,9 @@ import pytest
 
 from bodysense.body.person import Person
 from bodysense.body.rigid import RigidTransform
-from bodysense_live.messages import Change, Resume, Settings
+from bodysense_live.messages import Resume, Settings, UpdateSettings
 from bodysense_live.safety import Limits
-from bodysense_live.session_store import Kept, SessionStore
+from bodysense_live.session_store import SessionStore, StoredSession
 from bodysense_live.settings import ServerSettings
 from bodysense_live.webxr import Placement
 
@@ -25,7 +25,7 @@ from .conftest import Address, Connecting, Serving, free_port, signal, storing
 
 IDENTITY = 16 * "a"
 MOUNT = RigidTransform(np.array([0.0, 0.1, 0.02]), np.array([0.6, 0.8, 0.0, 0.0]))
-KEPT = Kept(
+KEPT = StoredSession(
     "its own",
     "watch",
     "ada",
@@ -74,7 +74,7 @@ def test_a_turn_that_is_over_stores_nothing(shared: str) -> None:
     async def use(store: SessionStore) -> None:
         await store.put({IDENTITY: (1, KEPT.to_json())})
         assert await store.take(Resume(IDENTITY, "its own")) is not None
-        old = Kept(**{**vars(KEPT), "name": "old"}).to_json()
+        old = StoredSession(**{**vars(KEPT), "name": "old"}).to_json()
         assert await store.put({16 * "c": (1, KEPT.to_json()), IDENTITY: (1, old)}) == [IDENTITY]
         taken = await store.take(Resume(IDENTITY, "its own"))
         assert taken is not None and taken[0] == 3 and taken[1].name == "ada"
@@ -113,7 +113,7 @@ def test_two_servers_resume_one_anothers_sessions(server_of: Serving, connect: C
     assert second.welcome["settings"]["mirror"] and second.welcome["height"] == pytest.approx(1.6)
     # The first server has not noticed that its wearer is gone: it learns so from the store.
     assert "resumed by another connection" in first.text("error")["reason"]
-    second.tell(Change({"height": 1.7}))
+    second.tell(UpdateSettings({"height": 1.7}))
     until(lambda: second.text("welcome")["height"] == pytest.approx(1.7))
     time.sleep(0.3)  # stored
     third = connect(one, resume=again)

@@ -26,11 +26,11 @@ from bodysense.io.osc import message_bytes
 from bodysense.io.protocol import SignalFrame
 from bodysense.io.unity import unity_position, unity_rotation
 from bodysense.observation import Observation
-from bodysense_live.inertial import FACING, IMUS, Inertial, stood_still
+from bodysense_live.inertial import FACING, IMUS, InertialSensors, calibrate_sensors
 from bodysense_live.messages import Calibrate, Notice, Recentre
 from bodysense_live.session import Session
 from bodysense_live.settings import ServerSettings
-from bodysense_live.slimevr import MOST_TRACKERS, SlimevrState, Taken, heartbeat, take
+from bodysense_live.slimevr import MAX_TRACKERS, DatagramResult, SlimevrState, heartbeat, take
 from bodysense_live.slimevr_link import SlimevrSettings
 
 from .conftest import Connecting, Serving, free_port
@@ -59,8 +59,8 @@ def turned(number: int, rotation: np.ndarray, sensor: int = 0) -> bytes:
     return struct.pack(">IQBB4fB", 17, number, sensor, 1, x, y, z, w, 0)
 
 
-def played(*packets: bytes, now: float = 0.0, known: frozenset[str] = frozenset()) -> Taken:
-    taken = Taken(SlimevrState())
+def played(*packets: bytes, now: float = 0.0, known: frozenset[str] = frozenset()) -> DatagramResult:
+    taken = DatagramResult(SlimevrState())
     for packet in packets:
         taken = take(packet, HERE, now, taken.state, known)
     return taken
@@ -116,14 +116,14 @@ def test_a_tracker_keeps_its_name_at_another_address() -> None:
 
 def test_there_are_not_more_than_fit() -> None:
     state = SlimevrState()
-    for k in range(MOST_TRACKERS + 5):
+    for k in range(MAX_TRACKERS + 5):
         state = take(handshake(bytes([1, 0, 0, 0, 0, k])), ("127.0.0.1", 1000 + k), 0.0, state, frozenset()).state
-    assert len(state.trackers) == MOST_TRACKERS
+    assert len(state.trackers) == MAX_TRACKERS
 
 
 def test_buttons_batteries_and_features() -> None:
-    asked = [played(handshake(), struct.pack(">IQB", 21, 1, action)).asked for action in (2, 3, 4, 5)]
-    assert asked == [(Calibrate(),), (Recentre(),), (Calibrate(),), ()]
+    commands = [played(handshake(), struct.pack(">IQB", 21, 1, action)).commands for action in (2, 3, 4, 5)]
+    assert commands == [(Calibrate(),), (Recentre(),), (Calibrate(),), ()]
     level = played(handshake(), struct.pack(">IQ2f", 12, 1, 3.9, 0.75)).state.trackers[SERIAL].battery
     assert level == 0.75
     assert played(handshake(), struct.pack(">IQB", 22, 1, 7)).replies == (struct.pack(">IQB", 22, 0, 3),)
@@ -213,7 +213,7 @@ def test_after_standing_sensors_say_how_joints_are_turned(seed: int, facing: flo
     wearer = Wearer(seed, LEGS)
     stands = standing_pose(SKELETON)
     stands.rotation[0] = quaternion_multiply(about_y(facing), stands.rotation[0])
-    worn = stood_still(wearer.observation(stands, 0.0), SKELETON, "standing", Inertial())
+    worn = calibrate_sensors(wearer.observation(stands, 0.0), SKELETON, "standing", InertialSensors())
     squat = squatting(facing)
     seen = worn.joints(wearer.observation(squat, 1.0))
     turns = np.asarray(forward_kinematics(squat)[1])
@@ -225,12 +225,12 @@ def test_after_standing_sensors_say_how_joints_are_turned(seed: int, facing: flo
 
 def test_a_heading_that_drifted_is_taken_anew() -> None:
     wearer = Wearer(1, LEGS)
-    worn = stood_still(wearer.observation(standing_pose(SKELETON), 0.0), SKELETON, "standing", Inertial())
+    worn = calibrate_sensors(wearer.observation(standing_pose(SKELETON), 0.0), SKELETON, "standing", InertialSensors())
     before = worn.joints(wearer.observation(squatting(), 1.0)).rotation
     wearer.world = {name: quaternion_multiply(about_y(0.7), turn) for name, turn in wearer.world.items()}
     drifted = worn.joints(wearer.observation(squatting(), 2.0)).rotation
     assert geodesic_angle(drifted[0, 2], before[0, 2]) > 0.5
-    again = worn.reheaded(wearer.observation(standing_pose(SKELETON), 3.0), SKELETON)
+    again = worn.with_new_headings(wearer.observation(standing_pose(SKELETON), 3.0), SKELETON)
     assert geodesic_angle(again.joints(wearer.observation(squatting(), 4.0)).rotation, before).max() < 1e-6
 
 
@@ -259,7 +259,7 @@ def test_how_sensors_are_worn_is_kept_in_the_persons_file(tmp_path: Path) -> Non
 def test_a_tracker_of_the_same_joint_comes_first() -> None:
     wearer = Wearer(2, ("left_knee_imu",))
     seen = wearer.observation(standing_pose(SKELETON), 0.0)
-    worn = stood_still(seen, SKELETON, "standing", Inertial())
+    worn = calibrate_sensors(seen, SKELETON, "standing", InertialSensors())
     both = replace(seen, points=("left_knee", "left_knee_imu"))
     assert worn.joints(both).points == ("left_knee",)
     np.testing.assert_array_equal(worn.joints(both).rotation[0, 0], seen.rotation[0, 0])
@@ -271,7 +271,7 @@ def test_sensors_alone_take_their_headings_anew() -> None:
     wearer = Wearer(4, LEGS)
     one, _ = played_session(wearer, head=False)
     wearer.world = {name: quaternion_multiply(about_y(1.0), turn) for name, turn in wearer.world.items()}
-    one.change(Recentre())
+    one.apply(Recentre())
     answer = None
     for k, pose in enumerate([*30 * [standing_pose(SKELETON)], *60 * [squatting()]]):
         one.receive(wearer.frame(pose, 10 + k / 30, head=False), 0.0)
@@ -283,7 +283,7 @@ def test_sensors_alone_take_their_headings_anew() -> None:
 def played_session(wearer: Wearer, head: bool) -> tuple[Session, Any]:
     """A session of somebody who was calibrated, then squatted; its last answer."""
     one = Session(("head", *wearer.names) if head else wearer.names)
-    one.change(Calibrate())
+    one.apply(Calibrate())
     answer, k = None, 0
     for pose, count in ((standing_pose(SKELETON), 50), (squatting(), 60)):
         for _ in range(count):
@@ -296,7 +296,7 @@ def played_session(wearer: Wearer, head: bool) -> tuple[Session, Any]:
 def test_legs_follow_their_sensors(head: bool) -> None:
     wearer = Wearer(3, LEGS)
     one, answer = played_session(wearer, head)
-    said = [note.text for note in one.notes() if isinstance(note, Notice)]
+    said = [message.text for message in one.take_messages() if isinstance(message, Notice)]
     assert f"{len(LEGS)} inertial sensors are worn as you stand" in said
     assert answer is not None and np.isfinite(answer.points).all()
     turns = np.asarray(forward_kinematics(answer.pose)[1])

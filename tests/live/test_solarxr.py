@@ -22,10 +22,19 @@ from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError
 from bodysense_lab.serving.solarxr_client import bundle, request, update
 from bodysense_live.metrics import Metrics
-from bodysense_live.safety import why_not_local
+from bodysense_live.safety import local_refusal_reason
 from bodysense_live.settings import ServerSettings
-from bodysense_live.solarxr import BONES, TRACKERS, Asked, Updates, moved, read_bundle, settings_bundle, told_of
-from bodysense_live.solarxr_input import InputReader, fields_of
+from bodysense_live.solarxr import (
+    BONES,
+    TRACKERS,
+    Requests,
+    Updates,
+    body_frame,
+    body_layout,
+    read_bundle,
+    settings_bundle,
+)
+from bodysense_live.solarxr_input import InputReader, read_fields
 from bodysense_live.solarxr_link import INPUT, RPC, SolarxrLink, SolarxrSettings, runtime_folder
 from bodysense_live.tracked_devices import SIGNALS
 from bodysense_live.webxr import between_eyes
@@ -34,7 +43,7 @@ from .conftest import Connecting, Serving, free_port
 
 SKELETON = default_skeleton()
 EYES = between_eyes(SKELETON)
-UPDATES = Updates(told_of(SKELETON, EYES))
+UPDATES = Updates(body_layout(SKELETON, EYES))
 
 
 def standing(facing: float = 0.0) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
@@ -46,8 +55,8 @@ def standing(facing: float = 0.0) -> tuple[dict[str, np.ndarray], dict[str, np.n
 
 
 def test_requests_are_read() -> None:
-    assert read_bundle(request()) == Asked(polls=True, settings=(None,))
-    assert read_bundle(request(False, 5, 77)) == Asked(interval=0.005, settings=(77,))
+    assert read_bundle(request()) == Requests(polls=True, settings=(None,))
+    assert read_bundle(request(False, 5, 77)) == Requests(interval=0.005, settings=(77,))
     assert read_bundle(b"") == "0 bytes are no bundle of SolarXR"
 
 
@@ -78,7 +87,7 @@ def test_settings_switch_trackers_on() -> None:
 @pytest.mark.parametrize("facing", [0.0, np.pi, 1.0])
 def test_a_body_is_where_it_is(facing: float) -> None:
     places, turns = standing(facing)
-    told = update(UPDATES.of(moved(places, turns, EYES)))
+    told = update(UPDATES.packet(body_frame(places, turns, EYES)))
     trackers, bones = told.rows(1), told.rows(2)
     assert len(trackers) == len(TRACKERS) and len(bones) == len(BONES) + 1
     numbers = set()
@@ -105,7 +114,7 @@ def test_a_body_is_where_it_is(facing: float) -> None:
 
 def test_who_faces_ahead_in_a_drivers_world_has_upright_legs() -> None:
     """Facing −Z and standing, legs and arms that hang have about the identity."""
-    told = update(UPDATES.of(moved(*standing(np.pi), EYES)))
+    told = update(UPDATES.packet(body_frame(*standing(np.pi), EYES)))
     for row in told.rows(1):
         turn = row.floats(3, 4)
         assert turn is not None and abs(turn[3]) > np.cos(np.deg2rad(20) / 2)
@@ -116,7 +125,7 @@ def test_who_faces_ahead_in_a_drivers_world_has_upright_legs() -> None:
 
 
 def test_while_nobody_is_tracked_trackers_are_told_without_places() -> None:
-    told = update(UPDATES.nobody)
+    told = update(UPDATES.without_body)
     assert all(row.value(2, "B") == 1 and row.at(3) is None and row.at(4) is None for row in told.rows(1))
     assert all(row.at(1) is None and row.value(2, "f") > 0 for row in told.rows(2))
 
@@ -163,7 +172,7 @@ def test_a_headset_and_controllers_are_read() -> None:
 
 
 def test_protobuf_fields() -> None:
-    assert fields_of(b"\x08\x96\x01\x12\x02hi\x1d\x00\x00\x80\x3f") == {1: 150, 2: b"hi", 3: 1.0}
+    assert read_fields(b"\x08\x96\x01\x12\x02hi\x1d\x00\x00\x80\x3f") == {1: 150, 2: b"hi", 3: 1.0}
 
 
 class Runtime:
@@ -269,7 +278,7 @@ def test_slimevrs_programs_get_the_same_body_by_a_websocket(server_of: Serving, 
 
 @pytest.mark.parametrize("origin", [None, "http://localhost:5173", "tauri://localhost"])
 def test_programs_and_pages_of_this_machine_are_let_in(origin: str | None) -> None:
-    assert why_not_local("127.0.0.1:21110", origin) is None
+    assert local_refusal_reason("127.0.0.1:21110", origin) is None
 
 
 def test_other_pages_and_names_are_not_let_in(server_of: Serving, folder: Path) -> None:
@@ -278,7 +287,7 @@ def test_other_pages_and_names_are_not_let_in(server_of: Serving, folder: Path) 
     with pytest.raises(InvalidStatus) as refused:
         open_socket(f"ws://127.0.0.1:{port}/", origin=Origin("https://evil.example.org"))
     assert refused.value.response.status_code == 403
-    assert why_not_local("evil.example.org:21110", None) and why_not_local("localhost", "null")
+    assert local_refusal_reason("evil.example.org:21110", None) and local_refusal_reason("localhost", "null")
 
 
 def test_what_is_no_message_ends_or_is_left_out(server_of: Serving, folder: Path) -> None:

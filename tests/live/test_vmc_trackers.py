@@ -100,10 +100,10 @@ def test_trackers_that_say_nothing_keep_the_names_they_had_first() -> None:
     state = READER.start()
     for k, serials in enumerate((["A"], ["B", "A"], ["C", "B"])):
         state, _ = READER.take(packet(*(("Tra", one, (0, 1, 0), UPRIGHT) for one in serials)), 0.01 * k, state)
-    assert state.devices.undecided == {"A": "tracker_1", "B": "tracker_2", "C": "tracker_3"}
+    assert state.devices.unassigned == {"A": "tracker_1", "B": "tracker_2", "C": "tracker_3"}
     for k in range(20):
         state, _ = READER.take(packet(("Tra", f"more {k}", (0, 1, 0), UPRIGHT)), 0.1, state)
-    assert len(state.devices.undecided) == 8
+    assert len(state.devices.unassigned) == 8
 
 
 def test_a_table_comes_before_names_and_is_checked() -> None:

@@ -21,12 +21,12 @@ from websockets.sync.client import connect
 from websockets.typing import Subprotocol
 
 from bodysense.io.protocol import SUBPROTOCOL
-from bodysense_live.launch import prepared
+from bodysense_live.launch import make_server
 from bodysense_live.links import listen_tcp
 from bodysense_live.message_text import write_message
 from bodysense_live.messages import Hello, Resume, Settings
 from bodysense_live.settings import ServerSettings
-from bodysense_live.workers import Workers, _take, _Worker, hand_out
+from bodysense_live.workers import Workers, _take_connections, _Worker, distribute
 
 from .conftest import DEVICES
 
@@ -44,7 +44,7 @@ class Pool(Workers):
         self.all = [_Worker(None, channel, None, serves=True) for channel in channels]
         self._count = len(channels)
 
-    def look(self) -> None:
+    def poll(self) -> None:
         """All serve from the beginning."""
 
     def replace(self, worker: _Worker) -> None:
@@ -59,7 +59,7 @@ def handing() -> Iterator[tuple[int, list[socket.socket]]]:
 
     def hand() -> None:
         with suppress(Ended):
-            hand_out(bound, Pool([here for here, _ in pairs]))
+            distribute(bound, Pool([here for here, _ in pairs]))
 
     thread = threading.Thread(target=hand)
     thread.start()
@@ -102,10 +102,10 @@ def test_a_worker_serves_what_it_is_handed_and_ends_with_who_hands(handing: tupl
     def started(server: object) -> None:
         import asyncio
 
-        tasks.append(asyncio.get_running_loop().create_task(_take(server, workers[0])))
+        tasks.append(asyncio.get_running_loop().create_task(_take_connections(server, workers[0])))
         ready.set()
 
-    server = prepared(ServerSettings(), started)
+    server = make_server(ServerSettings(), started)
     thread = threading.Thread(target=server.run, args=([],))
     thread.start()
     assert ready.wait(20)

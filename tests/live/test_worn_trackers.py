@@ -18,8 +18,8 @@ from bodysense.io.protocol import SignalFrame
 from bodysense.observation import Observation
 from bodysense_live.links import signal_of
 from bodysense_live.messages import Calibrate, Notice
-from bodysense_live.seat import Seat, WearerFile
 from bodysense_live.session import Session
+from bodysense_live.session_slot import SessionSlot, WearerFile
 from bodysense_live.tracked_devices import SIGNALS, DeviceState, TrackedDevice, TrackedDevices
 from bodysense_live.worn_trackers import read_trackers, save_wearer
 
@@ -81,10 +81,10 @@ def test_known_serials_count_from_the_first_frame(tmp_path: Path) -> None:
     save_wearer(WEARER, WORN, path)
     assert Person.load(path).mounts.keys() == WEARER.mounts.keys() and read_trackers(path) == WORN
     order = ("pelvis", "right_ankle", "left_ankle")  # another than when it was saved
-    seat = Seat("", "", "", "", Session(SIGNALS, WEARER))
-    seat.serials = lambda: {SERIALS[joint]: f"tracker_{k}" for k, joint in enumerate(order, start=1)}
-    WearerFile(path, read_trackers(path)).recognise(seat)
-    (first,) = play(seat.session, frames(1, order))
+    slot = SessionSlot("", "", "", "", Session(SIGNALS, WEARER))
+    slot.serials = lambda: {SERIALS[joint]: f"tracker_{k}" for k, joint in enumerate(order, start=1)}
+    WearerFile(path, read_trackers(path)).assign_known_trackers(slot)
+    (first,) = play(slot.session, frames(1, order))
     assert tracked(first) == {"head", *STRAPPED}
 
 
@@ -94,12 +94,12 @@ def test_unknown_serials_are_matched_by_place_while_the_wearer_stands(tmp_path: 
     assert tracked(crouched[-1]) == {"head"}
     standing = play(one, frames(30, start=30))
     assert tracked(standing[0]) == {"head"} and tracked(standing[-1]) == {"head", *STRAPPED}
-    notices = [note.text for note in one.notes() if isinstance(note, Notice)]
+    notices = [message.text for message in one.take_messages() if isinstance(message, Notice)]
     assert notices == ["worn: tracker_1 on left_ankle, tracker_2 on right_ankle, tracker_3 on pelvis"]
-    seat = Seat("", "", "", "", one)
-    seat.serials = lambda: {serial: f"tracker_{k}" for k, serial in enumerate(WORN, start=1)}
+    slot = SessionSlot("", "", "", "", one)
+    slot.serials = lambda: {serial: f"tracker_{k}" for k, serial in enumerate(WORN, start=1)}
     path = tmp_path / "me.json"
-    WearerFile(path, {"LHR-OLD": "pelvis", "LHR-ELBOW": "left_elbow"}).keep(seat)
+    WearerFile(path, {"LHR-OLD": "pelvis", "LHR-ELBOW": "left_elbow"}).save_calibrated(slot)
     assert read_trackers(path) == {"LHR-ELBOW": "left_elbow", **WORN}  # a replaced tracker is forgotten
 
 
@@ -112,10 +112,10 @@ def test_only_joints_with_mounts_are_matched() -> None:
 
 def test_a_calibration_second_reassigns_trackers_that_are_worn_elsewhere() -> None:
     one = Session(SIGNALS, WEARER)
-    one.wear({"tracker_1": "right_ankle", "tracker_2": "left_ankle", "tracker_3": "pelvis"})  # feet swapped
-    one.change(Calibrate())
+    one.assign_trackers({"tracker_1": "right_ankle", "tracker_2": "left_ankle", "tracker_3": "pelvis"})  # feet swapped
+    one.apply(Calibrate())
     play(one, frames(40))
-    assert one.worn == {"tracker_1": "left_ankle", "tracker_2": "right_ankle", "tracker_3": "pelvis"}
+    assert one.tracker_joints == {"tracker_1": "left_ankle", "tracker_2": "right_ankle", "tracker_3": "pelvis"}
 
 
 @pytest.mark.parametrize(

@@ -37,7 +37,7 @@ def own_certificate(folder: Path, addresses: Sequence[str]) -> tuple[Path, Path]
     """
     certificate, key = folder / "certificate.pem", folder / "key.pem"
     if not _fits(certificate, key, addresses):
-        made, secret = _made(addresses)
+        made, secret = _create(addresses)
         try:
             folder.mkdir(parents=True, exist_ok=True)
             with written_beside(key) as beside:
@@ -68,7 +68,7 @@ def _fits(certificate: Path, key: Path, addresses: Sequence[str]) -> bool:
     return set(addresses) <= told and found.not_valid_after_utc > tomorrow
 
 
-def _made(addresses: Sequence[str]) -> tuple[bytes, bytes]:
+def _create(addresses: Sequence[str]) -> tuple[bytes, bytes]:
     """A certificate that signs itself, and its key, as PEM."""
     try:
         from cryptography import x509

@@ -13,7 +13,7 @@ from bodysense.errors import BodysenseError
 from bodysense.io.markers.raw_markers import MarkerFormat
 from bodysense.io.protocol import SignalFrame
 from bodysense_live.answer import Answer
-from bodysense_live.links import MOST_PACKETS, Command, UdpPort, signal_of
+from bodysense_live.links import MAX_PACKETS, Command, UdpPort, signal_of
 from bodysense_live.live import Live
 from bodysense_live.marker_stream import read_frame
 from bodysense_live.messages import Source
@@ -23,9 +23,9 @@ from bodysense_live.vmc import vmc_packets
 from bodysense_live.vrchat import ADVISED, vrchat_packets
 
 
-def marker_points(worn: GloveSet) -> tuple[str, ...]:
+def marker_points(glove_set: GloveSet) -> tuple[str, ...]:
     """The points of both hands in gloves of a marker set."""
-    return tuple(f"{side}_glove_{name}" for side in ("left", "right") for name in worn.names)
+    return tuple(f"{side}_glove_{name}" for side in ("left", "right") for name in glove_set.names)
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ class PoseSender:
     async def open(self, live: Live) -> None:
         """Nothing is to be awaited."""
 
-    def show(self, answer: Answer) -> None:
+    def send_body(self, answer: Answer) -> None:
         """Send one pose; VMC's time is that since the first, because single precision does not hold Unix time."""
         if self._begun is None:
             self._begun = answer.moment
@@ -87,17 +87,17 @@ class MarkerInput(asyncio.DatagramProtocol):
 
     def __init__(
         self,
-        play: Callable[[SignalFrame], None],
+        receive_frame: Callable[[SignalFrame], None],
         metrics: Metrics,
-        worn: GloveSet,
-        do: Callable[[Command], None] = lambda command: None,
+        glove_set: GloveSet,
+        apply_command: Callable[[Command], None] = lambda command: None,
     ) -> None:
-        self._play, self._metrics = play, metrics
-        self._points = marker_points(worn)
-        labels = [label for marker in worn.markers for label in marker.labels.values()]
-        self._form = MarkerFormat(worn.points(labels))
+        self._receive_frame, self._metrics = receive_frame, metrics
+        self._points = marker_points(glove_set)
+        labels = [label for marker in glove_set.markers for label in marker.labels.values()]
+        self._form = MarkerFormat(glove_set.points(labels))
         self._sequence = 0
-        self._rate = RateLimit(MOST_PACKETS, 0.0)
+        self._rate = RateLimit(MAX_PACKETS, 0.0)
 
     def datagram_received(self, data: bytes, addr: Any) -> None:
         """Take one packet."""
@@ -109,7 +109,7 @@ class MarkerInput(asyncio.DatagramProtocol):
             self._metrics.dropped("malformed packet")
             return
         self._sequence = (self._sequence + 1) % 2**32
-        self._play(signal_of(observation, self._points, self._sequence, float(observation.time[0])))
+        self._receive_frame(signal_of(observation, self._points, self._sequence, float(observation.time[0])))
 
 
 class InputLink:
@@ -127,9 +127,9 @@ class InputLink:
 
     async def open(self, live: Live) -> None:
         """Begin to listen."""
-        await self._port.play(live, self._source, self._points, self._protocol)
+        await self._port.add_input(live, self._source, self._points, self._protocol)
 
-    def show(self, answer: Answer) -> None:
+    def send_body(self, answer: Answer) -> None:
         """It sends nothing back."""
 
     def close(self) -> None:

@@ -21,14 +21,14 @@ from bodysense.io.protocol import SignalFrame, write_pose
 from bodysense_live.application import application
 from bodysense_live.estimation import load
 from bodysense_live.newest_frames import websocket_protocol
-from bodysense_live.seat import Seat
 from bodysense_live.session import Session
+from bodysense_live.session_slot import SessionSlot
 from bodysense_live.settings import ServerSettings
 
 _POINTS = ("headset", "left_controller", "right_controller")
 
 
-def rehearse() -> None:
+def warm_up() -> None:
     """Load the network, complete a few frames, and read a person, as one of another process is."""
     load()
     session = Session(_POINTS, Person())
@@ -39,14 +39,14 @@ def rehearse() -> None:
         answer = session.step()
         if answer is not None:
             write_pose(answer.frame, 0)
-    Seat(16 * "0", "", "", "", session).welcome((), recording=False)
+    SessionSlot(16 * "0", "", "", "", session).welcome((), recording=False)
     Person.from_json(Person().to_json())
 
 
-_SWITCH = 0.0005  # s after which a thread that computes lets the event loop go on
+_SWITCH_INTERVAL = 0.0005  # s after which a thread that computes lets the event loop go on
 
 
-def prepared(settings: ServerSettings, started: Callable[[Any], None] = lambda server: None) -> Any:
+def make_server(settings: ServerSettings, started: Callable[[Any], None] = lambda server: None) -> Any:
     """A uvicorn server; `run([socket])` calls `started` with it when clients may come, until `should_exit` is set.
 
     Raises BodysenseError where a library is missing, and where a UDP port or an avatar's address cannot be had.
@@ -67,7 +67,7 @@ def prepared(settings: ServerSettings, started: Callable[[Any], None] = lambda s
     limits, access = settings.limits, settings.access
     config = uvicorn.Config(
         application(settings),
-        http=impatient(AutoHTTPProtocol, limits.seconds_to_request),
+        http=with_request_timeout(AutoHTTPProtocol, limits.seconds_to_request),
         ssl_certfile=access.certificate,
         ssl_keyfile=access.key,
         ws=websocket_protocol(),
@@ -88,16 +88,16 @@ def prepared(settings: ServerSettings, started: Callable[[Any], None] = lambda s
     return Server(config)
 
 
-def impatient(kind: Any, seconds: float) -> Any:
+def with_request_timeout(kind: Any, seconds: float) -> Any:
     """A protocol of HTTP that closes a connection whose first request has no whole head within `seconds`."""
 
-    class Impatient(kind):
+    class WithRequestTimeout(kind):
         def connection_made(self, transport: Any) -> None:
             super().connection_made(transport)
-            self._patience = self.loop.call_later(seconds, self._end)
+            self._timeout = self.loop.call_later(seconds, self._end)
 
         def connection_lost(self, exc: Exception | None) -> None:
-            self._patience.cancel()
+            self._timeout.cancel()
             super().connection_lost(exc)
 
         def _end(self) -> None:
@@ -105,7 +105,7 @@ def impatient(kind: Any, seconds: float) -> Any:
             if mine and self.cycle is None and not self.transport.is_closing():
                 self.transport.close()
 
-    return Impatient
+    return WithRequestTimeout
 
 
 def serve(
@@ -115,9 +115,9 @@ def serve(
     with contextlib.ExitStack() as opened, contextlib.suppress(KeyboardInterrupt):
         for one in bound:
             opened.enter_context(one)
-        server = prepared(settings, started)
-        rehearse()
+        server = make_server(settings, started)
+        warm_up()
         gc.collect()
         gc.freeze()  # loaded objects stay: collecting them again and again would delay a frame by 20 ms
-        sys.setswitchinterval(_SWITCH)
+        sys.setswitchinterval(_SWITCH_INTERVAL)
         server.run(list(bound))

@@ -28,7 +28,9 @@ class Metrics:
             "bodysense_frame_seconds", "From a signal frame to its pose", buckets=_BUCKETS, registry=registry
         )
         self.stepping: Any = Counter("bodysense_step_seconds", "Time of completing bodies, s", registry=registry)
-        self.unshared: Any = Counter("bodysense_unshared", "Times that storing sessions failed", registry=registry)
+        self.store_failures: Any = Counter(
+            "bodysense_unshared", "Times that storing sessions failed", registry=registry
+        )
         drops = Counter("bodysense_drops", "Frames without an answer, by reason", ["reason"], registry=registry)
         self._drops = {reason: drops.labels(reason) for reason in DROPS}
         self._closed: Any = Counter("bodysense_closed", "Connections closed, by code", ["code"], registry=registry)

@@ -14,7 +14,7 @@ from bodysense.io.bvh import BvhStream
 from bodysense_live.answer import Answer
 
 RATE = 60.0  # Hz
-_TOGETHER = 64  # poses that are written at once
+_BATCH = 64  # poses that are written at once
 
 
 class Recorder:
@@ -25,22 +25,22 @@ class Recorder:
     Raises BodysenseError where it cannot be written.
     """
 
-    def __init__(self, folder: Path, session: str, skeleton: Skeleton, longest: float) -> None:
+    def __init__(self, folder: Path, session: str, skeleton: Skeleton, max_seconds: float) -> None:
         self.path = folder / f"{time.strftime('%Y%m%d-%H%M%S')}-{session[:8]}.bvh"
         self._stream = BvhStream(self.path, skeleton, RATE)
         self._stream.__enter__()
-        self._skeleton, self._longest = skeleton, longest
+        self._skeleton, self._max_seconds = skeleton, max_seconds
         self._waiting: list[Answer] = []
-        self._begun: float | None = None
+        self._start: float | None = None
 
     def add(self, answer: Answer) -> bool:
         """Take a pose; False where the recording is as long as it may be."""
-        if self._begun is None:
-            self._begun = answer.moment
+        if self._start is None:
+            self._start = answer.moment
         self._waiting.append(answer)
-        if len(self._waiting) >= _TOGETHER:
+        if len(self._waiting) >= _BATCH:
             self._write()
-        return answer.moment - self._begun < self._longest
+        return answer.moment - self._start < self._max_seconds
 
     def close(self) -> int:
         """Finish the file; how many frames it has. Without any, no file appears."""
@@ -52,7 +52,7 @@ class Recorder:
                 self._stream.__exit__(ValueError, ValueError("nothing was recorded"), None)
         return self._stream.frames
 
-    def _lowered(self, pose: Pose) -> np.ndarray:
+    def _root_position(self, pose: Pose) -> np.ndarray:
         """Return (3,) m: the root's position on the recording's body, whose legs may have another length."""
         if pose.skeleton is self._skeleton:
             return pose.root_position
@@ -63,7 +63,7 @@ class Recorder:
             return
         pose = Pose(
             self._skeleton,
-            np.stack([self._lowered(answer.pose) for answer in self._waiting]),
+            np.stack([self._root_position(answer.pose) for answer in self._waiting]),
             np.stack([answer.pose.rotation for answer in self._waiting]),
         )
         self._stream.append(np.array([answer.moment for answer in self._waiting]), pose)

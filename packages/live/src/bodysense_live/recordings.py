@@ -8,7 +8,7 @@ from bodysense.errors import BodysenseError
 from bodysense_live.answer import Answer
 from bodysense_live.messages import Notice
 from bodysense_live.recorder import Recorder
-from bodysense_live.seat import Seat
+from bodysense_live.session_slot import SessionSlot
 
 
 class Recordings:
@@ -22,35 +22,35 @@ class Recordings:
         """Whether clients may ask for them."""
         return self._folder is not None
 
-    def add(self, seat: Seat, answer: Answer) -> None:
+    def add(self, slot: SessionSlot, answer: Answer) -> None:
         """Record an answer, where its session is recorded."""
-        if seat.recorder is not None and not seat.recorder.add(answer):
-            self.stop(seat)
-            seat.tell(Notice("the recording ended: it was as long as it may be"))
+        if slot.recorder is not None and not slot.recorder.add(answer):
+            self.stop(slot)
+            slot.send(Notice("the recording ended: it was as long as it may be"))
 
-    def switch(self, seat: Seat, on: bool) -> None:
+    def switch(self, slot: SessionSlot, on: bool) -> None:
         """Begin or end the recording of a session."""
         if self._folder is None:
-            seat.tell(Notice("the server does not record; start it with --allow-record and a folder"))
+            slot.send(Notice("the server does not record; start it with --allow-record and a folder"))
             return
         if not on:
-            self.stop(seat)
-        elif seat.recorder is None:
+            self.stop(slot)
+        elif slot.recorder is None:
             try:
-                seat.recorder = Recorder(self._folder, seat.identity, seat.session.skeleton, self._seconds)
+                slot.recorder = Recorder(self._folder, slot.session_id, slot.session.skeleton, self._seconds)
             except BodysenseError:
-                seat.tell(Notice("the server's folder for recordings cannot be written to"))
+                slot.send(Notice("the server's folder for recordings cannot be written to"))
                 return
-            seat.tell(Notice(f"recording to {seat.recorder.path.name}"))
+            slot.send(Notice(f"recording to {slot.recorder.path.name}"))
 
-    def stop(self, seat: Seat) -> None:
+    def stop(self, slot: SessionSlot) -> None:
         """End a recording and report its result."""
-        if seat.recorder is None:
+        if slot.recorder is None:
             return
-        recorder, seat.recorder = seat.recorder, None
+        recorder, slot.recorder = slot.recorder, None
         try:
             frames = recorder.close()
         except BodysenseError as error:
-            seat.tell(Notice(str(error).replace(f"{recorder.path.parent}/", "")))
+            slot.send(Notice(str(error).replace(f"{recorder.path.parent}/", "")))
             return
-        seat.tell(Notice(f"recorded {frames} frames to {recorder.path.name}" if frames else "nothing to record"))
+        slot.send(Notice(f"recorded {frames} frames to {recorder.path.name}" if frames else "nothing to record"))

@@ -16,11 +16,11 @@ from bodysense.errors import BodysenseError
 from bodysense.io.protocol import LARGEST_SIGNAL
 
 FIRST_WAIT, LONGEST_WAIT = 0.25, 8.0  # s that a wrong token takes to be refused
-FORGIVEN = 60.0  # s after which wrong tokens count from the beginning
+FORGET_AFTER = 60.0  # s after which wrong tokens count from the beginning
 ANY_ORIGIN = "*"
 _WRONG_TOKEN = "the token is missing or wrong"
-_MOST_WAITING = 4  # refusals at a time of one address
-_MOST_ADDRESSES = 4096
+_MAX_WAITING = 4  # refusals at a time of one address
+_MAX_ADDRESSES = 4096
 _TOKEN = re.compile(r"[A-Za-z0-9._~-]{8,}")  # characters that addresses and subprotocols allow
 _ORIGIN = re.compile(r"[a-z][a-z0-9+.-]*://([a-z0-9._-]+|\[[0-9a-f:.]+\])(:[0-9]{1,5})?")  # the form that browsers send
 
@@ -76,30 +76,30 @@ class RateLimit:
     """A bucket of twice the rate, filled at the rate."""
 
     def __init__(self, rate: float, now: float) -> None:
-        self._rate, self._left, self._then = rate, 2 * rate, now
+        self._rate, self._remaining, self._last = rate, 2 * rate, now
 
     def allows(self, now: float, count: int = 1) -> bool:
         """Whether `count` more may come at `now` s; takes them."""
-        self._left = min(2 * self._rate, self._left + (now - self._then) * self._rate)
-        self._then = now
-        if self._left < count:
+        self._remaining = min(2 * self._rate, self._remaining + (now - self._last) * self._rate)
+        self._last = now
+        if self._remaining < count:
             return False
-        self._left -= count
+        self._remaining -= count
         return True
 
 
-class Guesses:
+class TokenThrottle:
     """How long a wrong token keeps its address waiting: twice as long each time, and few at once."""
 
     def __init__(self) -> None:
         self._wrong: dict[str, tuple[int, float]] = {}  # by address: how many, when last (s)
         self._waiting: dict[str, int] = {}
 
-    async def punish(self, address: str, now: float) -> None:
+    async def delay(self, address: str, now: float) -> None:
         """Wait for as long as the address has to after one more wrong token."""
         before, last = self._wrong.pop(address, (0, now))
-        count = before + 1 if now - last < FORGIVEN else 1
-        while len(self._wrong) >= _MOST_ADDRESSES:
+        count = before + 1 if now - last < FORGET_AFTER else 1
+        while len(self._wrong) >= _MAX_ADDRESSES:
             del self._wrong[next(iter(self._wrong))]  # the one that was silent longest
         self._wrong[address] = count, now
         self._waiting[address] = self._waiting.get(address, 0) + 1
@@ -112,23 +112,23 @@ class Guesses:
 
     def is_busy(self, address: str) -> bool:
         """Whether too many refusals of this address are pending to compare its tokens."""
-        return self._waiting.get(address, 0) >= _MOST_WAITING
+        return self._waiting.get(address, 0) >= _MAX_WAITING
 
 
-class Doorkeeper:
+class AccessCheck:
     """Lets requests in, or says why not; a wrong token waits for its answer."""
 
     def __init__(self, access: Access) -> None:
-        self._access, self._guesses = access, Guesses()
+        self._access, self._throttle = access, TokenThrottle()
 
-    async def why_refused(self, request: Any, origin: str | None, tokens: Sequence[str]) -> str | None:
+    async def refusal_reason(self, request: Any, origin: str | None, tokens: Sequence[str]) -> str | None:
         """Why a request or WebSocket of Starlette is refused, None where it is not."""
         address = request.client.host if request.client else ""
-        if self._guesses.is_busy(address):
+        if self._throttle.is_busy(address):
             return "too many wrong tokens; wait a few seconds, and open the page with the address that was printed"
-        reason = why_refused(self._access, request.headers.get("host"), origin, tokens)
+        reason = refusal_reason(self._access, request.headers.get("host"), origin, tokens)
         if reason is not None and reason.startswith(_WRONG_TOKEN):
-            await self._guesses.punish(address, asyncio.get_running_loop().time())
+            await self._throttle.delay(address, asyncio.get_running_loop().time())
         return reason
 
 
@@ -142,7 +142,7 @@ def is_loopback(host: str) -> bool:
         return False
 
 
-def why_refused(access: Access, host: str | None, origin: str | None, tokens: Sequence[str]) -> str | None:
+def refusal_reason(access: Access, host: str | None, origin: str | None, tokens: Sequence[str]) -> str | None:
     """Why a WebSocket is not opened, None where it is.
 
     `host` and `origin` are the headers of the request, `tokens` what it shows. A browser says the origin of the page
@@ -160,7 +160,7 @@ def why_refused(access: Access, host: str | None, origin: str | None, tokens: Se
     return None
 
 
-def why_not_local(host: str | None, origin: str | None) -> str | None:
+def local_refusal_reason(host: str | None, origin: str | None) -> str | None:
     """Why a WebSocket for this machine's own programs and pages is not opened; None where it is."""
     if host is None or not is_loopback(_name(host)):
         return f"the host {_short(host)} is not this machine's; connect to 127.0.0.1"

@@ -20,19 +20,19 @@ from bodysense_live.answer import Answer, CompletionJob
 from bodysense_live.estimation import PipelineState, step_many
 from bodysense_live.session import Session
 
-_TURNS = 4  # of the event loop: from a socket that may be read again to the newest frame in its session
+_LOOP_TURNS = 4  # of the event loop: from a socket that may be read again to the newest frame in its session
 
 
-class Stepped(Protocol):
+class HasSession(Protocol):
     """Anything with a session to step."""
 
     session: Session
 
 
-Who = TypeVar("Who", bound=Stepped)
+Slot = TypeVar("Slot", bound=HasSession)
 
 
-class Scheduler(Generic[Who]):
+class Scheduler(Generic[Slot]):
     """Steps sessions until cancelled.
 
     `deliver(who, answer)` is called with every answer, and with None if a step failed. `refuse(who, error)` is called
@@ -41,21 +41,21 @@ class Scheduler(Generic[Who]):
 
     def __init__(
         self,
-        deliver: Callable[[Who, Answer | None], None],
-        refuse: Callable[[Who, ProtocolError], None],
-        stepped: Callable[[float], object],
+        deliver: Callable[[Slot, Answer | None], None],
+        refuse: Callable[[Slot, ProtocolError], None],
+        on_stepped: Callable[[float], object],
     ) -> None:
-        self._deliver, self._refuse, self._stepped = deliver, refuse, stepped
-        self._ready: dict[Who, None] = {}  # in order of arrival
+        self._deliver, self._refuse, self._on_stepped = deliver, refuse, on_stepped
+        self._ready: dict[Slot, None] = {}  # in order of arrival
         self._wake = asyncio.Event()
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="tracker")
         self.reading = asyncio.Event()  # cleared while sessions are stepped
         self.reading.set()
 
-    def ready(self, who: Who) -> None:
+    def ready(self, slot: Slot) -> None:
         """Step a session soon, if it has a new frame."""
-        if who.session.is_ready:
-            self._ready[who] = None
+        if slot.session.is_ready:
+            self._ready[slot] = None
             self._wake.set()
 
     async def run(self) -> None:
@@ -65,49 +65,49 @@ class Scheduler(Generic[Who]):
                 await self._wake.wait()
                 self._wake.clear()
                 while self._ready:
-                    those, self._ready = list(self._ready), {}
+                    batch, self._ready = list(self._ready), {}
                     self.reading.clear()
                     try:
-                        await self._step(those)
+                        await self._step(batch)
                     finally:
                         self.reading.set()
-                    for _ in range(_TURNS if self._ready else 0):
+                    for _ in range(_LOOP_TURNS if self._ready else 0):
                         await asyncio.sleep(0)
         finally:
             self._thread.shutdown(wait=False, cancel_futures=True)
 
-    def _job(self, who: Who) -> CompletionJob | None:
+    def _job(self, slot: Slot) -> CompletionJob | None:
         """Return the job of one session; one that fails affects no other."""
         try:
-            return who.session.job()
+            return slot.session.job()
         except ProtocolError as error:
-            self._refuse(who, error)
+            self._refuse(slot, error)
             return None
         except Exception:  # whatever it was, the others go on
-            who.session.abandon()
-            self._deliver(who, None)
+            slot.session.abandon()
+            self._deliver(slot, None)
             return None
 
-    async def _step(self, those: Sequence[Who]) -> None:
-        jobs = [(who, job) for who in those if (job := self._job(who)) is not None]
+    async def _step(self, batch: Sequence[Slot]) -> None:
+        jobs = [(slot, job) for slot in batch if (job := self._job(slot)) is not None]
         if not jobs:
             return
         loop = asyncio.get_running_loop()
         begun = loop.time()
-        found = await loop.run_in_executor(self._thread, completed, [job for _, job in jobs])
-        self._stepped(loop.time() - begun)
-        for (who, job), result in zip(jobs, found, strict=True):
+        found = await loop.run_in_executor(self._thread, complete, [job for _, job in jobs])
+        self._on_stepped(loop.time() - begun)
+        for (slot, job), result in zip(jobs, found, strict=True):
             if result is None:
-                who.session.abandon()
-                self._deliver(who, None)
+                slot.session.abandon()
+                self._deliver(slot, None)
             else:
-                self._deliver(who, who.session.answer(job, *result))
-            self.ready(who)  # a newer frame may have come meanwhile
+                self._deliver(slot, slot.session.answer(job, *result))
+            self.ready(slot)  # a newer frame may have come meanwhile
 
 
-def completed(jobs: Sequence[CompletionJob]) -> list[tuple[Estimate, PipelineState] | None]:
+def complete(jobs: Sequence[CompletionJob]) -> list[tuple[Estimate, PipelineState] | None]:
     """Return the estimate and state of every job, or None for one that failed, which affects no other."""
     try:
         return list(step_many([(job.pipeline, job.observation, job.state) for job in jobs]))
     except Exception:  # of one of them: whatever it was, the others go on
-        return [None] if len(jobs) == 1 else [found for job in jobs for found in completed([job])]
+        return [None] if len(jobs) == 1 else [found for job in jobs for found in complete([job])]

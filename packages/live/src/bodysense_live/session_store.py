@@ -22,7 +22,7 @@ from bodysense_live.message_text import changed
 from bodysense_live.messages import Resume, Settings
 from bodysense_live.webxr import Placement
 
-_IDENTITY = re.compile(r"[0-9a-f]{16}")
+_SESSION_ID = re.compile(r"[0-9a-f]{16}")
 _PATIENCE = 0.5  # s for an answer
 # KEYS: the session's. ARGV: turn, state, ms to keep. Returns 1; or 0 if another process has had a later turn.
 _PUT = """
@@ -34,7 +34,7 @@ return 1
 
 
 @dataclass(frozen=True, eq=False)
-class Kept:
+class StoredSession:
     """A session as another process takes it on."""
 
     token: str
@@ -61,20 +61,20 @@ class SessionStore:
     async def put(self, states: Mapping[str, tuple[int, str]]) -> list[str] | None:
         """Keep turns and states of sessions. Return those that another process took on; None without an answer."""
         pipeline = self._redis.pipeline(transaction=False)
-        for identity, (turn, state) in states.items():
-            pipeline.eval(_PUT, 1, _key(identity), turn, state, self._milliseconds)
+        for session_id, (generation, state) in states.items():
+            pipeline.eval(_PUT, 1, _key(session_id), generation, state, self._milliseconds)
         try:
             found = await pipeline.execute()
         except _failures():
             return None
-        return [identity for identity, is_ours in zip(states, found, strict=True) if not is_ours]
+        return [session_id for session_id, is_ours in zip(states, found, strict=True) if not is_ours]
 
-    async def take(self, resume: Resume) -> tuple[int, Kept] | None:
+    async def take(self, resume: Resume) -> tuple[int, StoredSession] | None:
         """Return the session that a client had, and its next turn.
 
         Return None for an unknown session, for one that is over, for a wrong token, and without an answer.
         """
-        if not _IDENTITY.fullmatch(resume.session):
+        if not _SESSION_ID.fullmatch(resume.session):
             return None
         try:
             kept = _read(await self._redis.hget(_key(resume.session), "state"))
@@ -91,15 +91,17 @@ class SessionStore:
 
 def check_store(address: str) -> str:
     """Return the address of a Valkey or Redis that answers. Raises BodysenseError, without its password, for others."""
-    shown = re.sub("//.*@", "//", address)
+    redacted = re.sub("//.*@", "//", address)
     if not address.startswith(("redis://", "rediss://", "unix://")):
-        raise BodysenseError(f"--shared {shown}: give the address of a Valkey or Redis, such as redis://10.0.0.2:6379")
+        raise BodysenseError(
+            f"--shared {redacted}: give the address of a Valkey or Redis, such as redis://10.0.0.2:6379"
+        )
     try:
         with _client("client", address) as client:
             client.ping()
     except (*_failures(), ValueError) as error:
         raise BodysenseError(
-            f"--shared {shown}: no Valkey or Redis answers there ({error}); start one, or leave --shared out"
+            f"--shared {redacted}: no Valkey or Redis answers there ({error}); start one, or leave --shared out"
         ) from None
     return address
 
@@ -122,18 +124,18 @@ def _failures() -> tuple[type[Exception], ...]:
     return RedisError, OSError
 
 
-def _key(identity: str) -> str:
-    return f"bodysense:session:{identity}"
+def _key(session_id: str) -> str:
+    return f"bodysense:session:{session_id}"
 
 
-def _read(state: bytes | None) -> Kept | None:
-    """Return what was stored; None for anything that `Kept.to_json` did not write."""
+def _read(state: bytes | None) -> StoredSession | None:
+    """Return what was stored; None for anything that `StoredSession.to_json` did not write."""
     if state is None:
         return None
     try:
         row: Any = json.loads(state)
         x, y, z = row["placement"]["offset"]
-        return Kept(
+        return StoredSession(
             str(row["token"]),
             str(row["watch_token"]),
             str(row["name"]),

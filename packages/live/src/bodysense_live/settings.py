@@ -36,7 +36,7 @@ class ServerSettings:
     vmc_in: int | None = None  # ports, on the server's host
     vmc_trackers: VmcTrackers = VmcTrackers()
     markers_in: int | None = None
-    worn: GloveSet = field(default_factory=standard_set)  # the marker set of gloves that come in there
+    glove_set: GloveSet = field(default_factory=standard_set)  # the marker set of gloves that come in there
     receivers: tuple[Receiver, ...] = ()
     vmt: VmtSettings | None = None
     vrchat: VrchatSettings | None = None

@@ -18,15 +18,15 @@ from bodysense_live.links import Command, UdpPort, signal_of
 from bodysense_live.live import Live
 from bodysense_live.metrics import Metrics
 from bodysense_live.safety import RateLimit
-from bodysense_live.seat import Seat
+from bodysense_live.session_slot import SessionSlot
 from bodysense_live.slimevr import HEARTBEAT_EVERY, PORT, SlimevrState, heartbeat, take
 from bodysense_live.tracked_devices import one_frame
 
 SENSORS = tuple(IMUS)
 LOST = 0.5  # s after which a sensor that does not come counts as not tracked
-FRAMES = 90.0  # a second, where nothing else tracks the wearer
-_MOST_PACKETS = 10_000.0  # a second: 32 trackers, not bundled
-_MOST_SAID = 64
+FRAME_RATE = 90.0  # a second, where nothing else tracks the wearer
+_MAX_PACKETS = 10_000.0  # a second: 32 trackers, not bundled
+_MOST_PRINTED = 64
 _SERIAL = re.compile(r"((?:[0-9A-F]{2}:){5}[0-9A-F]{2})(?:/([0-9]{1,2}))?")
 
 
@@ -64,19 +64,19 @@ class SlimevrLink(asyncio.DatagramProtocol):
         self._settings, self._metrics, self._alone = settings, metrics, alone
         self._port = UdpPort("--slimevr-port", settings.host, settings.port)
         self.state = SlimevrState()
-        self._said: set[str] = set()
-        self._rate = RateLimit(_MOST_PACKETS, 0.0)
+        self._printed: set[str] = set()
+        self._rate = RateLimit(_MAX_PACKETS, 0.0)
         self._tasks: list[asyncio.Task[None]] = []
 
     async def open(self, live: Live) -> None:
         """Begin to listen."""
         loop = asyncio.get_running_loop()
-        self._ask: Callable[[Command], None] = live.change_inputs
-        seat = live.own("slimevr", SENSORS) if self._alone else None
+        self._apply_command: Callable[[Command], None] = live.apply_to_inputs
+        slot = live.add_input("slimevr", SENSORS) if self._alone else None
         await self._port.open(self)
-        self._tasks.append(loop.create_task(self._beat()))
-        if seat is not None:
-            self._tasks.append(loop.create_task(self._play(live, seat)))
+        self._tasks.append(loop.create_task(self._send_heartbeats()))
+        if slot is not None:
+            self._tasks.append(loop.create_task(self._play(live, slot)))
 
     def datagram_received(self, data: bytes, addr: Any) -> None:
         """Take one datagram and answer it."""
@@ -90,9 +90,9 @@ class SlimevrLink(asyncio.DatagramProtocol):
             self._metrics.dropped("malformed packet")
         self._port.send(taken.replies, addr)
         if taken.replies:
-            self._say()
-        for command in taken.asked:
-            self._ask(command)
+            self._print_serials()
+        for command in taken.commands:
+            self._apply_command(command)
 
     def observation(self, now: float) -> Observation | None:
         """One frame of the sensors that are turned now, named after the joints that they are on."""
@@ -109,7 +109,7 @@ class SlimevrLink(asyncio.DatagramProtocol):
         nowhere, turned = np.full((len(found), 3), np.nan), np.stack([rotation for _, rotation in found.values()])
         return one_frame(tuple(found), nowhere, turned, max(at for at, _ in found.values()))
 
-    def show(self, answer: Answer) -> None:
+    def send_body(self, answer: Answer) -> None:
         """Do nothing: trackers take no poses."""
 
     def close(self) -> None:
@@ -126,13 +126,13 @@ class SlimevrLink(asyncio.DatagramProtocol):
         """The joint that the table says."""
         return self._settings.joints.get(f"{serial}/{number}" if number else serial)
 
-    def _say(self) -> None:
+    def _print_serials(self) -> None:
         """Print the serials of trackers that are there, for the table of devices."""
         for serial, number, sensor in self._sensors():
             name = f"{serial}/{number}" if number else serial
-            if name in self._said or len(self._said) >= _MOST_SAID:
+            if name in self._printed or len(self._printed) >= _MOST_PRINTED:
                 continue
-            self._said.add(name)
+            self._printed.add(name)
             joint = self._joint(serial, number) or sensor.joint
             where = (
                 f"on {joint}"
@@ -141,17 +141,17 @@ class SlimevrLink(asyncio.DatagramProtocol):
             )
             print(f"SlimeVR tracker {name} {where}", flush=True)
 
-    async def _beat(self) -> None:
+    async def _send_heartbeats(self) -> None:
         while True:
             for tracker in self.state.trackers.values():
                 self._port.send([heartbeat()], tracker.address)
             await asyncio.sleep(HEARTBEAT_EVERY)
 
-    async def _play(self, live: Live, seat: Seat) -> None:
+    async def _play(self, live: Live, slot: SessionSlot) -> None:
         loop, sequence = asyncio.get_running_loop(), 0
         while True:
-            await asyncio.sleep(1 / FRAMES)
+            await asyncio.sleep(1 / FRAME_RATE)
             observation = self.observation(loop.time())
             if observation is not None:
                 sequence = (sequence + 1) % 2**32
-                live.receive(seat, signal_of(observation, SENSORS, sequence, loop.time()))
+                live.receive(slot, signal_of(observation, SENSORS, sequence, loop.time()))

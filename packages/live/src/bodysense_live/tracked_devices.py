@@ -29,7 +29,7 @@ from bodysense.errors import BodysenseError
 from bodysense.observation import FARTHEST, UNIT_TOLERANCE, Observation, usual_accuracy
 from bodysense_live.driver_axes import turned_about
 from bodysense_live.messages import Calibrate, Recentre
-from bodysense_live.webxr import UNDECIDED
+from bodysense_live.webxr import UNASSIGNED
 
 HANDS = ("left_controller", "right_controller")
 _PARTS = {  # words of serials → joint
@@ -47,7 +47,7 @@ POINTS = (
     *(f"{side}_{part}" for part in _PARTS if part not in _MIDDLE for side in ("left", "right")),
 )
 # As sessions name them, and trackers that say nothing.
-SIGNALS = ("headset", *HANDS, *(f"{point}_tracker" for point in POINTS[1 + len(HANDS) :]), *UNDECIDED)
+SIGNALS = ("headset", *HANDS, *(f"{point}_tracker" for point in POINTS[1 + len(HANDS) :]), *UNASSIGNED)
 MOST_DEVICES = 32
 _usual = lru_cache(maxsize=64)(usual_accuracy)
 
@@ -69,7 +69,7 @@ class DeviceState:
 
     devices: Mapping[str, TrackedDevice] = field(default_factory=dict)  # by serial
     hands: Mapping[str, str] = field(default_factory=dict)  # serials of controllers → their points
-    undecided: Mapping[str, str] = field(default_factory=dict)  # serials of trackers that say nothing → UNDECIDED
+    unassigned: Mapping[str, str] = field(default_factory=dict)  # serials of trackers that name no joint → UNASSIGNED
     at: float | None = None  # s, when a device last came
 
 
@@ -85,10 +85,10 @@ class TrackedDevices:
             if point not in POINTS:
                 raise BodysenseError(f"{point!r} (for {serial!r}) is no device; valid are {', '.join(POINTS)}")
 
-    def put(self, told: Iterable[tuple[str, TrackedDevice]], state: DeviceState) -> tuple[DeviceState, str | None]:
+    def put(self, poses: Iterable[tuple[str, TrackedDevice]], state: DeviceState) -> tuple[DeviceState, str | None]:
         """Take in serials and poses; the reason, too, where one of them is of no use."""
         reason, devices, at = None, dict(state.devices), state.at
-        for serial, device in told:
+        for serial, device in poses:
             known = devices.get(serial)
             if known is not None and known.raw and not device.raw and device.at - known.at <= self.longest_silence:
                 continue  # the same in the avatar's scale
@@ -101,8 +101,8 @@ class TrackedDevices:
             at = device.at
         if at is None:
             return state, reason
-        hands, undecided = self._hands(devices, at, state.hands), self._undecided(devices, state.undecided)
-        return DeviceState(devices, hands, undecided, at), reason
+        hands, unassigned = self._hands(devices, at, state.hands), self._assign_names(devices, state.unassigned)
+        return DeviceState(devices, hands, unassigned, at), reason
 
     def observation(self, now: float, state: DeviceState) -> Observation | None:
         """Return a frame of `SIGNALS`, ordered as `POINTS`, at the newest device's time; None without a recent device.
@@ -114,7 +114,7 @@ class TrackedDevices:
         position, rotation = np.full((len(SIGNALS), 3), np.nan), np.full((len(SIGNALS), 4), np.nan)
         newest = np.full(len(SIGNALS), -np.inf)
         for serial, device in state.devices.items():
-            point = self._point(serial, device.kind) or state.hands.get(serial) or state.undecided.get(serial)
+            point = self._point(serial, device.kind) or state.hands.get(serial) or state.unassigned.get(serial)
             if point is None or now - device.at > self.longest_silence:
                 continue
             place = POINTS.index(point) if point in POINTS else SIGNALS.index(point)
@@ -137,32 +137,32 @@ class TrackedDevices:
             return self.names[serial]
         if kind == "Hmd":
             return "headset"
-        said = serial.lower()
-        side = next((side for side in ("left", "right") if side in said), None)
+        lowered = serial.lower()
+        side = next((side for side in ("left", "right") if side in lowered), None)
         if kind == "Con":
             return f"{side}_controller" if side else None
-        part = next((part for part, words in _PARTS.items() if any(word in said for word in words)), None)
+        part = next((part for part, words in _PARTS.items() if any(word in lowered for word in words)), None)
         if part in _MIDDLE:
             return part
         return f"{side}_{part}" if side and part else None
 
-    def _undecided(self, devices: Mapping[str, TrackedDevice], undecided: Mapping[str, str]) -> Mapping[str, str]:
+    def _assign_names(self, devices: Mapping[str, TrackedDevice], unassigned: Mapping[str, str]) -> Mapping[str, str]:
         """Name trackers whose serials name no joint; named ones keep their names."""
         new = [
             name
             for name, device in devices.items()
-            if device.kind == "Tra" and name not in undecided and self._point(name, "Tra") is None
+            if device.kind == "Tra" and name not in unassigned and self._point(name, "Tra") is None
         ]
         if not new:
-            return undecided
-        free = [name for name in UNDECIDED if name not in undecided.values()]
-        return {**undecided, **dict(zip(new, free, strict=False))}
+            return unassigned
+        free = [name for name in UNASSIGNED if name not in unassigned.values()]
+        return {**unassigned, **dict(zip(new, free, strict=False))}
 
     def _hands(self, devices: Mapping[str, TrackedDevice], now: float, hands: Mapping[str, str]) -> Mapping[str, str]:
         """Return the hands of controllers without a hand in their names."""
         fresh = {serial: device for serial, device in devices.items() if now - device.at <= self.longest_silence}
-        nameless = [name for name, device in fresh.items() if device.kind == "Con" and not self._point(name, "Con")]
-        new = [name for name in nameless if name not in hands]
+        sideless = [name for name, device in fresh.items() if device.kind == "Con" and not self._point(name, "Con")]
+        new = [name for name in sideless if name not in hands]
         head = next((device for name, device in fresh.items() if self._point(name, device.kind) == "headset"), None)
         if not new or head is None or head.rotation is None:
             return hands
@@ -189,13 +189,13 @@ def no_sensors(now: float) -> Observation | None:
 class DeviceReader(ABC):
     """A decoder of packets, whose state has `devices`: `VmcTrackers`, `VmtReader` …"""
 
-    nothing: ClassVar[Any]  # the state before the first packet
+    initial_state: ClassVar[Any]  # the state before the first packet
     devices: TrackedDevices = TrackedDevices()
     sensors: Callable[[float], Observation | None] = no_sensors  # frames of others on the same wearer
 
     def start(self) -> Any:
         """Return the state before the first packet."""
-        return self.nothing
+        return self.initial_state
 
     @abstractmethod
     def take(self, packet: bytes, now: float, state: Any) -> tuple[Any, str | None]:
@@ -224,7 +224,7 @@ class DeviceReader(ABC):
 
     def serials(self, state: Any) -> Mapping[str, str]:
         """Return the signal's names of trackers whose serials name no joint, by serial."""
-        return state.devices.undecided
+        return state.devices.unassigned
 
 
 def one_frame(points: tuple[str, ...], position: np.ndarray, rotation: np.ndarray, time: float) -> Observation:

@@ -26,8 +26,8 @@ from bodysense.body.skeleton import Skeleton
 from bodysense.io.gltf.humanoid import VRM_BONES, check_humanoid, t_posed, unity_bone
 from bodysense.io.osc import LARGEST, Argument, Message, PacketForm, read_packet
 from bodysense.io.unity import from_unity_rotation, one_finite_pose, unity_position, unity_rotation
-from bodysense_live.asked import OURS, commands_of
 from bodysense_live.messages import Calibrate, Recentre
+from bodysense_live.osc_commands import COMMANDS, commands_of
 from bodysense_live.tracked_devices import MOST_DEVICES, DeviceReader, DeviceState, TrackedDevice, pose_of
 
 PORT = 39539  # where receivers ("marionettes") listen
@@ -73,8 +73,8 @@ def _form(tracked: bool) -> PacketForm:
 
 _KINDS = {f"/VMC/Ext/{kind}/Pos{tail}": (kind, bool(tail)) for kind in ("Hmd", "Con", "Tra") for tail in ("", "/Local")}
 # Its argument, the mode (0 usual, 1 and 2 for mixed reality), is not looked at.
-_ASKED: dict[str, Calibrate | Recentre] = {**OURS, "/VMC/Ext/Set/Calib/Exec": Calibrate()}
-_MOST_TOLD = 4 * MOST_DEVICES  # poses in a packet
+_VMC_COMMANDS: dict[str, Calibrate | Recentre] = {**COMMANDS, "/VMC/Ext/Set/Calib/Exec": Calibrate()}
+_MOST_POSES = 4 * MOST_DEVICES  # poses in a packet
 _LONGEST_SERIAL = 128
 
 
@@ -90,7 +90,7 @@ class VmcState:
 class VmcTrackers(DeviceReader):
     """How packets are read. See the module's text."""
 
-    nothing: ClassVar = VmcState()
+    initial_state: ClassVar = VmcState()
     longest_delay: float = 1.0  # s: a sender's clock that goes back by more was restarted
 
     def take(self, packet: bytes, now: float, state: VmcState) -> tuple[VmcState, str | None]:
@@ -98,22 +98,22 @@ class VmcTrackers(DeviceReader):
         messages = read_packet(packet)
         if isinstance(messages, str):
             return state, messages
-        told = [message for message in messages if message.address in _KINDS]
-        if len(told) > _MOST_TOLD:
-            return state, f"more than {_MOST_TOLD} devices in one packet"
+        rows = [message for message in messages if message.address in _KINDS]
+        if len(rows) > _MOST_POSES:
+            return state, f"more than {_MOST_POSES} devices in one packet"
         clock = _clock(messages)
         if clock is not None:
             if state.clock is not None and 0 < state.clock - clock <= self.longest_delay:
                 return state, f"late: sent at {clock:g} s, after one of {state.clock:g} s"
             state = replace(state, clock=clock)
-        found = [_device(message, now) for message in told]
+        found = [_device(message, now) for message in rows]
         wrong = [one for one in found if isinstance(one, str)]
         devices, reason = self.devices.put([one for one in found if not isinstance(one, str)], state.devices)
         return replace(state, devices=devices), reason or (wrong[-1] if wrong else None)
 
     def commands(self, packet: bytes) -> list[Calibrate | Recentre]:
         """Return the commands in a packet: VMC's calibration, or ours."""
-        return commands_of(packet, _ASKED)
+        return commands_of(packet, _VMC_COMMANDS)
 
 
 def _clock(messages: tuple[Message, ...]) -> float | None:

@@ -22,7 +22,7 @@ DRIVER_PORT = 39570  # the driver listens here
 LAST_INDEX = 57  # of a virtual device
 OFF, TRACKER, LEFT_HAND, RIGHT_HAND = 0, 1, 5, 6  # kinds of virtual devices; hands as an Index controller's
 _OURS = "VMT_"  # how serials of virtual devices begin
-_NOT_WORN = ("LHB-",)  # base stations
+_BASE_STATIONS = ("LHB-",)  # base stations
 _LONGEST_LIST = 4096
 _SEVEN = 7 * "f"
 _IDENTITY_ROOM = (1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0)
@@ -42,18 +42,18 @@ class VmtState:
 class VmtReader(DeviceReader):
     """How packets of the driver are read."""
 
-    nothing: ClassVar = VmtState()
+    initial_state: ClassVar = VmtState()
 
     def take(self, packet: bytes, now: float, state: VmtState) -> tuple[VmtState, str | None]:
         """Take in a packet that came at `now` s; the reason, too, where it or a part of it is of no use."""
         messages = read_packet(packet)
         if isinstance(messages, str):
             return state, messages
-        told: list[tuple[str, TrackedDevice]] = []
+        poses: list[tuple[str, TrackedDevice]] = []
         wrong: str | None = None
         for message in messages:
             if message.address == "/VMT/Out/Devices/List":
-                state = _listed(message, state)
+                state = _with_list(message, state)
             elif message.address == "/VMT/Out/Unavailable":
                 state = replace(state, lacks_room=message.arguments[:1] == (1,))
             elif message.address == "/VMT/Out/SubscribedDevice":
@@ -61,8 +61,8 @@ class VmtReader(DeviceReader):
                 if isinstance(found, str):
                     wrong = found
                 else:
-                    told.append(found)
-        devices, reason = self.devices.put(told, state.devices)
+                    poses.append(found)
+        devices, reason = self.devices.put(poses, state.devices)
         return replace(state, devices=devices), reason or wrong
 
     def _device(self, message: Message, now: float, state: VmtState) -> tuple[str, TrackedDevice] | str:
@@ -80,14 +80,14 @@ class VmtReader(DeviceReader):
         """Return a device's kind, which VMT does not send: if exactly one or two are unnamed, they are controllers."""
         if serial in ("HMD", state.headset):
             return "Hmd"
-        said = serial.lower()
-        if "controller" in said or "hand" in said:
+        lowered = serial.lower()
+        if "controller" in lowered or "hand" in lowered:
             return "Con"
         nameless = [one for one in state.others if one not in self.devices.names]
         return "Con" if serial in nameless and len(nameless) <= 2 else "Tra"
 
 
-def _listed(message: Message, state: VmtState) -> VmtState:
+def _with_list(message: Message, state: VmtState) -> VmtState:
     """The state after a list of devices, `index:serial` in lines; the headset is number 0."""
     text = message.arguments[0] if message.arguments else None
     if not isinstance(text, str) or len(text) > _LONGEST_LIST:
@@ -97,20 +97,22 @@ def _listed(message: Message, state: VmtState) -> VmtState:
         number, colon, serial = line.strip().partition(":")
         if colon:
             rows[number] = serial
-    worn = [serial for number, serial in rows.items() if number != "0" and not serial.startswith((_OURS, *_NOT_WORN))]
-    return replace(state, headset=rows.get("0", state.headset), others=tuple(dict.fromkeys(worn)))
+    others = [
+        serial for number, serial in rows.items() if number != "0" and not serial.startswith((_OURS, *_BASE_STATIONS))
+    ]
+    return replace(state, headset=rows.get("0", state.headset), others=tuple(dict.fromkeys(others)))
 
 
 def subscriptions(state: VmtState, address: str, port: int) -> list[bytes]:
     """Return the requests that are sent to the driver repeatedly, so that a restarted one gets them, too."""
-    asked = [
+    requests = [
         message_bytes("/VMT/Set/Destination", "si", address, port),
         message_bytes("/VMT/Get/Devices/List", ""),
         *(message_bytes("/VMT/Subscribe/Device", "s", serial) for serial in (state.headset, *state.others)),
     ]
     if state.lacks_room:  # identity: raw space and room are the same to it
-        asked.append(message_bytes("/VMT/Set/RoomMatrix/Temporary", 12 * "f", *_IDENTITY_ROOM))
-    return asked
+        requests.append(message_bytes("/VMT/Set/RoomMatrix/Temporary", 12 * "f", *_IDENTITY_ROOM))
+    return requests
 
 
 def tracker_packet(first: int, points: Mapping[str, np.ndarray], turns: Mapping[str, np.ndarray]) -> bytes:

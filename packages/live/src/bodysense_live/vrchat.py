@@ -22,9 +22,9 @@ from bodysense.errors import BodysenseError
 from bodysense.io.osc import Message, PacketForm, read_packet
 from bodysense.io.unity import one_finite_pose, unity_euler, unity_position
 from bodysense.observation import FARTHEST, Observation
-from bodysense_live.asked import commands_of
 from bodysense_live.driver_axes import turned_about
 from bodysense_live.messages import Calibrate, Recentre
+from bodysense_live.osc_commands import commands_of
 from bodysense_live.oscquery import OscAddress
 from bodysense_live.tracked_devices import DeviceReader, DeviceState, TrackedDevice, one_frame
 from bodysense_live.virtual_trackers import TURNED_BY
@@ -98,7 +98,7 @@ class VrchatState:
 class VrchatReader(DeviceReader):
     """How packets are read."""
 
-    nothing: ClassVar = VrchatState()
+    initial_state: ClassVar = VrchatState()
 
     def take(self, packet: bytes, now: float, state: VrchatState) -> tuple[VrchatState, str | None]:
         """Take in a packet that came at `now` s; the reason, too, where it or a part of it is of no use."""

@@ -62,8 +62,8 @@ class VrchatLink:
 
     async def open(self, live: Live) -> None:
         """Begin to listen, to be found and to look."""
-        taken = partial(DeviceInput, metrics=self._metrics, reader=self._reader, points=self._points)
-        await self._port.play(live, "vrchat", self._points, partial(taken, sender=self._host))
+        device_input = partial(DeviceInput, metrics=self._metrics, reader=self._reader, points=self._points)
+        await self._port.add_input(live, "vrchat", self._points, partial(device_input, sender=self._host))
         await self._query.start(self._web)
         loop = asyncio.get_running_loop()
 
@@ -72,7 +72,7 @@ class VrchatLink:
 
         self._found.start(lambda target: loop.call_soon_threadsafe(found, target))
 
-    def show(self, answer: Answer) -> None:
+    def send_body(self, answer: Answer) -> None:
         """Send the trackers of a body to the VRChat that was found, or to where one usually listens."""
         self._port.send(vrchat_packets(answer.pose, (answer.points, answer.turns), self._parts), self.target)
 
@@ -93,7 +93,7 @@ class _Discovery:
         except ImportError as error:
             raise missing_package(error) from None
         self._host = host
-        self._tell: Any = None
+        self._on_target: Any = None
         self._announcing: threading.Thread | None = None
         self._closing = threading.Event()
         self._known: dict[str, tuple[str, int]] = {}  # VRChats by their names, the newest last
@@ -112,11 +112,11 @@ class _Discovery:
             for kind, port in ((_HTTP, web_port), (_OSC, service.port))
         ]
 
-    def start(self, tell: Any) -> None:
+    def start(self, on_target: Any) -> None:
         """Announce and look; `tell` is called, in another thread, with where VRChat takes OSC, None when it is gone."""
         from zeroconf import ServiceBrowser
 
-        self._tell = tell
+        self._on_target = on_target
         self._browser = ServiceBrowser(self._network, _OSC, handlers=[self._changed])
         self._announcing = threading.Thread(target=self._announce, daemon=True)  # asks first whether a name is taken
         self._announcing.start()
@@ -144,7 +144,7 @@ class _Discovery:
             near = [] if info is None else [one for one in info.parsed_addresses() if _is_same(one, self._host)]
             if info is not None and info.port and near:
                 self._known[name] = (near[0], info.port)
-        self._tell(next(reversed(self._known.values()), None))
+        self._on_target(next(reversed(self._known.values()), None))
 
 
 def _is_same(address: str, host: str) -> bool:

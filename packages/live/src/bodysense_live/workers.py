@@ -25,12 +25,14 @@ from bodysense.errors import BodysenseError
 from bodysense_live.launch import serve
 from bodysense_live.settings import ServerSettings
 
-_TO_TAKE = 1.0  # s in which a worker has to take a connection
-_TO_SHAKE = 10.0  # s for TLS to be agreed upon
-_LOOK_EVERY = 0.1  # s between looks at workers that load
-_REST = 2.0  # s before another worker loads for one that ended: first its wearers resume, and have the processor
-_SOON, _MOST_ENDED = 30.0, 8  # s, and of each worker's: more that end so soon will not do better
-_TOLD_EVERY = 0.1  # s between words of a worker on connections that ended
+_TAKE_TIMEOUT = 1.0  # s in which a worker has to take a connection
+_TLS_TIMEOUT = 10.0  # s for TLS to be agreed upon
+_POLL_INTERVAL = 0.1  # s between looks at workers that load
+_RESTART_DELAY = (
+    2.0  # s before another worker loads for one that ended: first its wearers resume, and have the processor
+)
+_FAILURE_WINDOW, _MAX_FAILURES = 30.0, 8  # s, and of each worker's: more that end so soon will not do better
+_REPORT_INTERVAL = 0.1  # s between words of a worker on connections that ended
 
 
 @dataclass(eq=False)
@@ -52,7 +54,7 @@ class Workers:
         self._context = multiprocessing.get_context("spawn")
         self._ended: list[float] = []  # s, when workers ended
         self._due: list[float] = []  # s, when others start in their place
-        self.all = [self._started() for _ in range(count + 1)]
+        self.all = [self._start_worker() for _ in range(count + 1)]
 
     @property
     def serving(self) -> list[_Worker]:
@@ -62,17 +64,17 @@ class Workers:
     def wait(self) -> None:
         """Until as many as are wanted serve. Raises BodysenseError where one does not start."""
         while len(self.serving) < self._count:
-            self.look()
+            self.poll()
             if any(not worker.process.is_alive() for worker in self.all):
                 raise BodysenseError("a worker did not start; see above for why")
             time.sleep(0.02)
 
-    def look(self) -> None:
+    def poll(self) -> None:
         """Check which workers are ready, and start those that are due."""
         if self._due and self._due[0] <= time.monotonic():
             self._due.pop(0)
             # In a thread, because starting a process takes longer than the loop that hands out connections may wait.
-            threading.Thread(target=lambda: self.all.append(self._started()), daemon=True).start()
+            threading.Thread(target=lambda: self.all.append(self._start_worker()), daemon=True).start()
         for worker in list(self.all):
             if not worker.serves and worker.ready.acquire(block=False):
                 worker.serves = True
@@ -80,15 +82,15 @@ class Workers:
     def replace(self, worker: _Worker) -> None:
         """Start another worker for one that ended. Raises BodysenseError where they end again and again."""
         now = time.monotonic()
-        self._ended = [*(moment for moment in self._ended if now - moment < _SOON), now]
+        self._ended = [*(moment for moment in self._ended if now - moment < _FAILURE_WINDOW), now]
         worker.channel.close()
         worker.process.join()
         if worker.process.pid is not None:
             _forget_metrics(worker.process.pid, self._folder)
         self.all.remove(worker)
-        if len(self._ended) > _MOST_ENDED * self._count:
+        if len(self._ended) > _MAX_FAILURES * self._count:
             raise BodysenseError("workers end again and again; the server was stopped: see above for why")
-        self._due.append(now + (_REST if len(self.serving) >= self._count else 0.0))
+        self._due.append(now + (_RESTART_DELAY if len(self.serving) >= self._count else 0.0))
 
     def stop(self) -> None:
         """End them all."""
@@ -99,13 +101,13 @@ class Workers:
             worker.process.join(5)
             worker.channel.close()
 
-    def _started(self) -> _Worker:
+    def _start_worker(self) -> _Worker:
         here, there = socket.socketpair()
-        here.settimeout(_TO_TAKE)
+        here.settimeout(_TAKE_TIMEOUT)
         ready = self._context.Semaphore(0)
         with there:
             process: Any = self._context.Process(
-                target=_work, args=(self._settings, there, self._folder, ready), daemon=True
+                target=_run_worker, args=(self._settings, there, self._folder, ready), daemon=True
             )
             process.start()
         return _Worker(process, here, ready)
@@ -128,42 +130,42 @@ def serve_in_workers(
             pool.wait()
             started()
             with bound:
-                hand_out(bound, pool)
+                distribute(bound, pool)
         except KeyboardInterrupt:
             return
         finally:
             pool.stop()
 
 
-def hand_out(bound: socket.socket, pool: Workers) -> None:
+def distribute(bound: socket.socket, pool: Workers) -> None:
     """Hand connections to workers, and replace those that end, for ever."""
     bound.setblocking(False)
     while True:
-        _turn(bound, pool)
+        _serve_once(bound, pool)
 
 
-def _turn(bound: socket.socket, pool: Workers) -> None:
+def _serve_once(bound: socket.socket, pool: Workers) -> None:
     """Handle pending connections and messages, or wait for them for a moment."""
-    pool.look()
+    pool.poll()
     serving = pool.serving
     with selectors.DefaultSelector() as selector:
         if serving:
             selector.register(bound, selectors.EVENT_READ, None)
         for worker in list(pool.all):
             selector.register(worker.channel, selectors.EVENT_READ, worker)
-        for key, _ in selector.select(_LOOK_EVERY):
+        for key, _ in selector.select(_POLL_INTERVAL):
             if key.data is None:
                 fewest = min(serving, key=lambda worker: worker.count)
-                fewest.count += _handed(bound, fewest.channel)
+                fewest.count += _hand_over(bound, fewest.channel)
                 continue
-            ended = _said(key.data.channel)
+            ended = _ended_connections(key.data.channel)
             key.data.count -= ended
             if not ended:
                 pool.replace(key.data)
                 return  # the serving workers have changed
 
 
-def _said(channel: socket.socket) -> int:
+def _ended_connections(channel: socket.socket) -> int:
     """How many connections of a worker ended, by a byte each; 0 where the worker did."""
     try:
         return len(channel.recv(4096))
@@ -179,14 +181,14 @@ def _forget_metrics(process: int, folder: str) -> None:
         mark_process_dead(process, folder)
 
 
-def _handed(bound: socket.socket, channel: socket.socket) -> bool:
+def _hand_over(bound: socket.socket, channel: socket.socket) -> bool:
     """Whether there was a connection, and the worker took it."""
     try:
         connection, _ = bound.accept()
     except (BlockingIOError, ConnectionError):  # it was gone again
         return False
     except OSError:  # too many open files: others must close first
-        time.sleep(_TOLD_EVERY)
+        time.sleep(_REPORT_INTERVAL)
         return False
     with connection:
         try:
@@ -196,13 +198,13 @@ def _handed(bound: socket.socket, channel: socket.socket) -> bool:
     return True
 
 
-def _work(settings: ServerSettings, channel: socket.socket, folder: str, ready: Any) -> None:
+def _run_worker(settings: ServerSettings, channel: socket.socket, folder: str, ready: Any) -> None:
     """One worker."""
     os.environ["PROMETHEUS_MULTIPROC_DIR"] = folder  # read by prometheus_client when it is imported
     tasks: set[asyncio.Task[None]] = set()
 
     def started(server: Any) -> None:
-        tasks.add(asyncio.get_running_loop().create_task(_take(server, channel)))
+        tasks.add(asyncio.get_running_loop().create_task(_take_connections(server, channel)))
         ready.release()
 
     try:
@@ -212,11 +214,11 @@ def _work(settings: ServerSettings, channel: socket.socket, folder: str, ready: 
         sys.exit(2)
 
 
-async def _take(server: Any, channel: socket.socket) -> None:
+async def _take_connections(server: Any, channel: socket.socket) -> None:
     """Serve the connections that are handed over, until the process that does so is gone."""
     loop = asyncio.get_running_loop()
     opening: set[asyncio.Task[None]] = set()
-    taken = told = 0
+    taken = reported = 0
 
     def protocol() -> Any:
         kind = server.config.http_protocol_class
@@ -225,16 +227,16 @@ async def _take(server: Any, channel: socket.socket) -> None:
     async def begin(connection: socket.socket) -> None:
         with contextlib.suppress(OSError):  # it is gone again
             tls = server.config.ssl
-            limit = None if tls is None else _TO_SHAKE
+            limit = None if tls is None else _TLS_TIMEOUT
             await loop.connect_accepted_socket(protocol, connection, ssl=tls, ssl_handshake_timeout=limit)
 
     def take() -> None:
         nonlocal taken
         try:
-            said, handles, *_ = socket.recv_fds(channel, 1, 1)
+            data, handles, *_ = socket.recv_fds(channel, 1, 1)
         except ConnectionError:  # the parent ended with words of ours unread
-            said, handles = b"", []
-        if not said:
+            data, handles = b"", []
+        if not data:
             loop.remove_reader(channel)
             server.should_exit = True
         for handle in handles:
@@ -248,11 +250,11 @@ async def _take(server: Any, channel: socket.socket) -> None:
     loop.add_reader(channel, take)
     parent = multiprocessing.parent_process()
     while not server.should_exit:
-        await asyncio.sleep(_TOLD_EVERY)
+        await asyncio.sleep(_REPORT_INTERVAL)
         if parent is not None and not parent.is_alive():  # uvloop calls no reader of a channel that was reset
             server.should_exit = True
-        ended = taken - len(opening) - len(server.server_state.connections) - told
+        ended = taken - len(opening) - len(server.server_state.connections) - reported
         if ended > 0:
             with contextlib.suppress(OSError):  # the parent ended
                 channel.send(b"-" * ended)
-            told += ended
+            reported += ended

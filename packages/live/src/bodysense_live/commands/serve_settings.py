@@ -86,7 +86,7 @@ def settings_of(
         vmc_in=inputs.vmc_in,
         vmc_trackers=VmcTrackers(devices),
         markers_in=inputs.markers_in,
-        worn=worn_of(inputs.marker_set, inputs.markers_in, person),
+        glove_set=glove_set_of(inputs.marker_set, inputs.markers_in, person),
         receivers=(
             *(receiver_of("vmc", address, parts) for address in to.vmc_out),
             *(receiver_of("vrchat", address, parts) for address in to.vrchat_out),
@@ -162,20 +162,20 @@ def address_of(access: Access, port: int, lan: bool) -> str:
     return f"{scheme}://{bracketed}:{port}/" + (f"?token={access.token}" if access.token is not None else "")
 
 
-def worn_of(marker_set: str | None, port: int | None, wearer: Person) -> GloveSet:
+def glove_set_of(marker_set: str | None, port: int | None, wearer: Person) -> GloveSet:
     """Return the marker set of incoming gloves; all but the standard one need calibrated hands."""
     if marker_set is None:
         return standard_set()
     if port is None:
         raise BodysenseError(f"--marker-set {marker_set}: for gloves that come in; give their port with --markers-in")
-    worn = read_set(marker_set)
-    known = [side for side, hand in wearer.hands.items() if hand.glove.markers == worn.names]
-    if worn.names != standard_set().names and not known:
+    glove_set = read_set(marker_set)
+    known = [side for side, hand in wearer.hands.items() if hand.glove.markers == glove_set.names]
+    if glove_set.names != standard_set().names and not known:
         raise BodysenseError(
             f"--marker-set {marker_set}: no hand is calibrated with it; do so first: bodysense track TAKE.c3d "
             f"--marker-set {marker_set} -o OUT.bvh --save-person ME.json, then serve --person ME.json"
         )
-    return worn
+    return glove_set
 
 
 def writable_folder(option: str, path: Path) -> Path:
