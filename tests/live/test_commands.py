@@ -50,7 +50,7 @@ def test_a_udp_port_in_use(refused: Refused) -> None:
     ("arguments", "said"),
     [
         (("--workers", 0), "give a whole number, 1 to 1024"),
-        (("--workers", 2, "--vmc-in", 39539), "UDP goes with one process only"),
+        (("--workers", 2, "--vmc-in", 39539), "UDP needs a single process"),
         (("--token", "short"), "at least 8 characters"),
         (("--vmc-out", "localhost"), "give HOST:PORT"),
         (("--vrchat-out", "localhost:99999"), "give HOST:PORT"),
@@ -61,8 +61,8 @@ def test_a_udp_port_in_use(refused: Refused) -> None:
         (("--device-names", "names.json"), "give --vmc-in, --vmt or --slimevr"),
         (("--vrchat", "--vrchat-host", "no.such.host.invalid"), "--vrchat-host no.such.host.invalid: no such host"),
         (("--slimevr", "--slimevr-host", "no.such.host.invalid"), "--slimevr-host no.such.host.invalid: no such host"),
-        (("--workers", 2, "--solarxr"), "UDP goes with one process only"),
-        (("--workers", 2, "--slimevr"), "UDP goes with one process only"),
+        (("--workers", 2, "--solarxr"), "UDP needs a single process"),
+        (("--workers", 2, "--slimevr"), "UDP needs a single process"),
         (("--bridge",), "--bridge has nowhere to send to; give --vmc-out"),
         (
             ("--vrchat-trackers", "hips"),
@@ -100,7 +100,7 @@ def test_a_table_of_other_devices(refused: Refused, tmp_path: Path, table: str, 
 
 
 def test_a_motion_needs_a_device(refused: Refused, motion: Path) -> None:
-    assert "say what watches it: --device" in refused("serve", "--port", 0, "--replay", motion)
+    assert "for a motion, choose a device that tracks it: --device" in refused("serve", "--port", 0, "--replay", motion)
 
 
 @pytest.mark.slow

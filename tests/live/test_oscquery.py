@@ -29,12 +29,12 @@ from bodysense_live.messages import Calibrate, Recentre
 from bodysense_live.metrics import Metrics
 from bodysense_live.oscquery import OscService
 from bodysense_live.settings import ServerSettings
-from bodysense_live.vrchat import TAKEN, VRCHAT_POINTS, VrchatReader
+from bodysense_live.vrchat import ACCEPTED_ADDRESSES, VRCHAT_POINTS, VrchatReader
 from bodysense_live.vrchat_link import VrchatLink, VrchatSettings
 
 from .conftest import Connecting, Serving
 
-SERVICE = OscService("bodysense-1", "127.0.0.1", 9999, TAKEN)
+SERVICE = OscService("bodysense-1", "127.0.0.1", 9999, ACCEPTED_ADDRESSES)
 
 
 def pose(part: str, place: tuple[float, ...] = (0.0, 1.6, 0.0), angles: tuple[float, ...] = (0.0, 0.0, 0.0)) -> bytes:

@@ -100,11 +100,11 @@ def test_rotations_come_alone_bundled_and_compact() -> None:
 def test_what_is_late_or_of_nobody_is_left_out() -> None:
     late = played(handshake(), turned(5, np.array([1.0, 0, 0, 0])), turned(4, quaternion_exp(np.array([1.0, 0, 0]))))
     assert late.reason is not None and late.reason.startswith("late")
-    assert played(turned(1, np.array([1.0, 0, 0, 0]))).reason == "a tracker that has not shaken hands"
+    assert played(turned(1, np.array([1.0, 0, 0, 0]))).reason == "a tracker without a handshake"
     stranger = played(handshake(), known=frozenset({"BB:00:00:00:00:00"}))
     assert stranger.reason == f"the tracker {SERIAL} is in no table" and not stranger.state.trackers
     broken = struct.pack(">IQBB4fB", 17, 1, 0, 1, 5.0, 0.0, 0.0, 0.0, 0)
-    assert played(handshake(), broken).reason == "sensor 0: its rotation is no unit quaternion"
+    assert played(handshake(), broken).reason == "sensor 0: its rotation is not a unit quaternion"
     assert played(handshake(), turned(1, np.array([1.0, 0, 0, 0]), 200)).reason is not None
 
 

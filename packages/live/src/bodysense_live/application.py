@@ -1,6 +1,6 @@
 """The web application: `/ws`, `/healthz`, `/readyz`, `/metrics` and the page.
 
-Every answer by HTTP has safe headers, and a request with a body is refused.
+Every HTTP response has security headers, and a request with a body is refused.
 """
 
 from __future__ import annotations
@@ -35,8 +35,8 @@ from bodysense_live.vrchat import VRCHAT_POINTS, VrchatReader
 from bodysense_live.vrchat_link import VrchatLink
 
 _NO_UPLOAD = "bodysense takes no uploads; avatars and recordings that are dropped on the page stay in the browser.\n"
-_LINGER_S = 1.0
-_LINGER_BYTES = 1024 * 1024
+_LINGER_S = 1.0  # s for which a refused upload is read on
+_LINGER_BYTES = 1024 * 1024  # of a refused upload that are read
 HEADERS = {
     "X-Content-Type-Options": "nosniff",
     "Referrer-Policy": "no-referrer",  # the address holds the token
@@ -45,7 +45,7 @@ HEADERS = {
 
 
 def guarded(application: Any) -> Any:
-    """The application, with safe headers, and without bodies: an upload is refused before it is read."""
+    """Wrap an ASGI application: add security headers, and refuse requests with a body before they are read."""
 
     async def guard(scope: Any, receive: Any, send: Any) -> None:
         if scope["type"] != "http":
@@ -69,9 +69,9 @@ def guarded(application: Any) -> Any:
 
 
 async def _refuse_upload(receive: Any, send: Any) -> None:
-    """Answer 413, then let go only when the sender has stopped, or has had its time.
+    """Answer 413, and close after the sender has stopped or `_LINGER_S` have passed.
 
-    A connection closed over unread bytes is reset, and a reset takes the answer with it.
+    Closing a connection with unread bytes resets it, and the sender would not receive the answer.
     """
     body = _NO_UPLOAD.encode()
     headers = [
@@ -95,7 +95,7 @@ async def _refuse_upload(receive: Any, send: Any) -> None:
 def links_of(settings: ServerSettings, metrics: Metrics) -> list[Link]:
     """Return links to all other programs. Raises BodysenseError for ports and hosts that cannot be used.
 
-    Inertial trackers join every input that tracks a wearer's head; without such an input they are one of their own.
+    Inertial sensors join every input that tracks a headset; without such an input they are an input of their own.
     """
     host, links = settings.access.host, list[Link]()
     sensors: SlimevrLink | None = None
@@ -133,11 +133,11 @@ def links_of(settings: ServerSettings, metrics: Metrics) -> list[Link]:
     return links
 
 
-_NO_PAGE = "bodysense serves no page here: this copy was installed without it. The WebSocket is at /ws.\n"
+_NO_PAGE = "This copy of bodysense was installed without the page. The WebSocket is at /ws.\n"
 
 
 def application(settings: ServerSettings) -> Any:
-    """The ASGI application of one process. Raises BodysenseError where the libraries of the server are missing."""
+    """Return the ASGI application of one process. Raises BodysenseError if a library of the server is missing."""
     try:
         from starlette.applications import Starlette
         from starlette.responses import PlainTextResponse, Response

@@ -1,4 +1,4 @@
-"""One WebSocket: hello, then signals in and poses out until either side ends it."""
+"""One WebSocket: a hello, then signals in and poses out until either side closes it."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from bodysense_live.session_slot import SessionSlot
 if TYPE_CHECKING:
     from starlette.websockets import WebSocket
 
-_TO_CLOSE = 2.0  # s that a client has to take why it is refused
+_TO_CLOSE = 2.0  # s for a client to read the reason of a refusal
 _LONGEST_REASON = 120  # bytes of a closing frame (RFC 6455, section 5.5)
 
 
 async def serve_client(socket: WebSocket, live: Live) -> None:
-    """Serve an accepted WebSocket to its end. What the client does wrong closes it, with a reason."""
+    """Serve an accepted WebSocket until it closes. An error of the client closes it, with a reason."""
     queue, slot, sender = SendQueue(live.limits.waiting_messages), None, None
     try:
         hello = await _hello(socket, live)
@@ -44,7 +44,7 @@ async def serve_client(socket: WebSocket, live: Live) -> None:
 
 
 async def _hello(socket: WebSocket, live: Live) -> Hello | None:
-    """The first message; None where the client went without one."""
+    """Return the first message; None if the client left without one."""
     seconds = live.limits.seconds_to_hello
     try:
         async with asyncio.timeout(seconds):
@@ -89,7 +89,7 @@ async def _listen(
         else:
             _apply_command(received["text"], live, slot, queue)
         if queue.is_full:
-            raise ProtocolError("messages are not read; read what the server says", 1008)
+            raise ProtocolError("the client does not read the server's messages; read them", 1008)
 
 
 def _apply_command(text: str, live: Live, slot: SessionSlot, queue: SendQueue) -> None:
@@ -124,16 +124,16 @@ async def _send(socket: WebSocket, queue: SendQueue) -> None:
             if queue.closing is not None:
                 await _close(socket, queue.closing)
                 return
-    except (WebSocketDisconnect, RuntimeError, OSError):  # the client is gone; the receiver sees it as well
+    except (WebSocketDisconnect, RuntimeError, OSError):  # the client is gone; `_listen` notices it, too
         return
 
 
 async def _close(socket: WebSocket, error: ProtocolError) -> None:
-    """Say why, and close."""
+    """Send the reason, and close."""
     reason = str(error).encode()[:_LONGEST_REASON].decode(errors="ignore")
     try:
         async with asyncio.timeout(_TO_CLOSE):
             await socket.send_text(write_message(ErrorMessage(str(error))))
             await socket.close(error.code, reason)
-    except Exception:  # it is gone already, or does not read: nothing is left to be done
+    except Exception:  # the client is gone already, or does not read
         return

@@ -1,4 +1,4 @@
-"""UDP in and out: trackers by VMC, markers by OSC; poses to avatars by VMC and to VRChat."""
+"""UDP inputs and outputs: trackers by VMC, markers by OSC; poses to avatars by VMC and to VRChat."""
 
 from __future__ import annotations
 
@@ -24,18 +24,18 @@ from bodysense_live.vrchat import ADVISED, vrchat_packets
 
 
 def marker_points(glove_set: GloveSet) -> tuple[str, ...]:
-    """The points of both hands in gloves of a marker set."""
+    """Return the points of both hands in gloves of a marker set."""
     return tuple(f"{side}_glove_{name}" for side in ("left", "right") for name in glove_set.names)
 
 
 @dataclass(frozen=True)
 class Receiver:
-    """Where poses are sent."""
+    """An address that poses are sent to."""
 
     protocol: Literal["vmc", "vrchat"]
     host: str
     port: int
-    parts: tuple[str, ...] = ADVISED  # of the body whose trackers are sent to VRChat
+    parts: tuple[str, ...] = ADVISED  # parts of the body whose trackers are sent to VRChat
 
 
 class PoseSender:
@@ -43,7 +43,7 @@ class PoseSender:
 
     def __init__(self, receivers: Sequence[Receiver], metrics: Metrics) -> None:
         self._metrics = metrics
-        self._begun: float | None = None  # the moment of the first pose
+        self._begun: float | None = None  # s, moment of the first pose
         self._out: list[tuple[Receiver, socket.socket]] = []
         for receiver in receivers:
             option = f"--{receiver.protocol}-out {receiver.host}:{receiver.port}"
@@ -58,10 +58,10 @@ class PoseSender:
                 raise BodysenseError(f"{option}: {error.strerror or error}; give HOST:PORT of the avatar") from None
 
     async def open(self, live: Live) -> None:
-        """Nothing is to be awaited."""
+        """Do nothing: the sockets are open."""
 
     def send_body(self, answer: Answer) -> None:
-        """Send one pose; VMC's time is that since the first, because single precision does not hold Unix time."""
+        """Send one pose. VMC's time starts at the first pose, because single precision cannot hold Unix time."""
         if self._begun is None:
             self._begun = answer.moment
         for receiver, out in self._out:
@@ -73,17 +73,17 @@ class PoseSender:
             for packet in packets:
                 try:
                     out.send(packet)
-                except OSError:  # no receiver now, or the network is full: the next pose follows
+                except OSError:  # no receiver, or a full network; the next pose follows soon
                     self._metrics.dropped("output")
 
     def close(self) -> None:
-        """Send no more."""
+        """Close the sockets."""
         for _, out in self._out:
             out.close()
 
 
 class MarkerInput(asyncio.DatagramProtocol):
-    """Markers of gloves by OSC become signal frames, by the sender's own time."""
+    """The input of gloves' markers by OSC: one signal frame per packet, at the sender's time."""
 
     def __init__(
         self,
@@ -113,25 +113,25 @@ class MarkerInput(asyncio.DatagramProtocol):
 
 
 class InputLink:
-    """A UDP port of the server's own, whose packets are played as a session."""
+    """A UDP port whose packets drive a session of the server's own."""
 
     def __init__(
         self,
         source: Source,
         port: UdpPort,
         points: tuple[str, ...],
-        protocol: Callable[..., asyncio.DatagramProtocol],  # of `play` and `do`
+        protocol: Callable[..., asyncio.DatagramProtocol],  # made with `receive_frame` and `apply_command`
     ) -> None:
         self._source: Source = source
         self._port, self._points, self._protocol = port, points, protocol
 
     async def open(self, live: Live) -> None:
-        """Begin to listen."""
+        """Start to listen."""
         await self._port.add_input(live, self._source, self._points, self._protocol)
 
     def send_body(self, answer: Answer) -> None:
-        """It sends nothing back."""
+        """Do nothing: the sender takes no bodies."""
 
     def close(self) -> None:
-        """Listen no more."""
+        """Stop listening."""
         self._port.close()

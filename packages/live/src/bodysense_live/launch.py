@@ -1,7 +1,4 @@
-"""Open the port and serve, in this process.
-
-Everything that a first wearer would wait for, done once before anybody comes.
-"""
+"""Start the server in this process, after a warm-up, so that the first client does not wait."""
 
 from __future__ import annotations
 
@@ -29,7 +26,7 @@ _POINTS = ("headset", "left_controller", "right_controller")
 
 
 def warm_up() -> None:
-    """Load the network, complete a few frames, and read a person, as one of another process is."""
+    """Run everything once that would delay a first client: the network, a few frames, reading a person."""
     load()
     session = Session(_POINTS, Person())
     places = np.array([[0, 1.6, 0], [-0.3, 1.0, -0.3], [0.3, 1.0, -0.3]], dtype=np.float32)
@@ -43,13 +40,13 @@ def warm_up() -> None:
     Person.from_json(Person().to_json())
 
 
-_SWITCH_INTERVAL = 0.0005  # s after which a thread that computes lets the event loop go on
+_SWITCH_INTERVAL = 0.0005  # s; a short switch interval lets the event loop run while a thread computes
 
 
 def make_server(settings: ServerSettings, started: Callable[[Any], None] = lambda server: None) -> Any:
-    """A uvicorn server; `run([socket])` calls `started` with it when clients may come, until `should_exit` is set.
+    """Return a uvicorn server. `run([socket])` serves until `should_exit` is set, and calls `started` with the server.
 
-    Raises BodysenseError where a library is missing, and where a UDP port or an avatar's address cannot be had.
+    Raises BodysenseError if a library is missing, or a UDP port or an avatar's address cannot be used.
     """
     try:
         import uvicorn
@@ -83,13 +80,13 @@ def make_server(settings: ServerSettings, started: Callable[[Any], None] = lambd
         log_level="error",
         access_log=False,
     )
-    # A WebSocket that was refused is no error of ours.
+    # A refused WebSocket is not an error of the server.
     logging.getLogger("uvicorn.error").addFilter(lambda record: "completing handshake" not in record.getMessage())
     return Server(config)
 
 
 def with_request_timeout(kind: Any, seconds: float) -> Any:
-    """A protocol of HTTP that closes a connection whose first request has no whole head within `seconds`."""
+    """Return an HTTP protocol that closes a connection if its first request has no complete head within `seconds`."""
 
     class WithRequestTimeout(kind):
         def connection_made(self, transport: Any) -> None:
@@ -101,8 +98,8 @@ def with_request_timeout(kind: Any, seconds: float) -> Any:
             super().connection_lost(exc)
 
         def _end(self) -> None:
-            mine = self.transport.get_protocol() is self  # or a WebSocket has taken over
-            if mine and self.cycle is None and not self.transport.is_closing():
+            is_http = self.transport.get_protocol() is self  # false for a WebSocket
+            if is_http and self.cycle is None and not self.transport.is_closing():
                 self.transport.close()
 
     return WithRequestTimeout
@@ -118,6 +115,6 @@ def serve(
         server = make_server(settings, started)
         warm_up()
         gc.collect()
-        gc.freeze()  # loaded objects stay: collecting them again and again would delay a frame by 20 ms
+        gc.freeze()  # otherwise collections of the loaded objects delay frames by 20 ms
         sys.setswitchinterval(_SWITCH_INTERVAL)
         server.run(list(bound))

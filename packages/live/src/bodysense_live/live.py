@@ -201,12 +201,12 @@ class Live:
 
     async def _resume(self, hello: Hello, resume: Resume) -> SessionSlot | None:
         """Return the session that a client had, here or in another process; None if it has expired."""
-        taken = None if self._store is None else await self._store.take(resume)
+        stored = None if self._store is None else await self._store.take(resume)
         slot = self._slots.get(resume.session)
-        if taken is not None and (slot is None or taken[0] > slot.generation + 1):  # another process owned it later
+        if stored is not None and (slot is None or stored[0] > slot.generation + 1):  # another process owned it later
             if slot is not None:
                 self._close(slot, _ELSEWHERE)
-            return self._restore(hello, resume, *taken)
+            return self._restore(hello, resume, *stored)
         if (
             slot is None
             or slot.source is not None
@@ -216,7 +216,7 @@ class Live:
         for queue in [one for one in slot.queues if not one.is_watcher]:  # a broken connection that is not detected yet
             queue.close(_ELSEWHERE)
             slot.queues.remove(queue)
-        slot.generation = max(slot.generation, 0 if taken is None else taken[0])
+        slot.generation = max(slot.generation, 0 if stored is None else stored[0])
         slot.session.set_points(hello.points)
         return slot
 

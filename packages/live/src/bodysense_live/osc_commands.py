@@ -18,7 +18,7 @@ COMMANDS: Mapping[str, Calibrate | Recentre] = MappingProxyType(
 
 
 def commands_of(packet: bytes, commands: Mapping[str, Calibrate | Recentre] = COMMANDS) -> list[Calibrate | Recentre]:
-    """Return the commands of a packet, by the addresses of `asked`; a packet without one is not decoded."""
+    """Return the commands in a packet, by their addresses. A packet without one is not decoded."""
     if not any(address.encode() in packet for address in commands):
         return []
     messages = read_packet(packet)

@@ -1,4 +1,4 @@
-"""Recordings that clients ask for, in the one folder that the server allows."""
+"""Recordings that clients request, in the folder that the server allows."""
 
 from __future__ import annotations
 
@@ -12,24 +12,24 @@ from bodysense_live.session_slot import SessionSlot
 
 
 class Recordings:
-    """All recordings of a process; `folder` None: recording is off."""
+    """All recordings of a process. `folder` None: recordings are not allowed. `seconds`: maximum length."""
 
     def __init__(self, folder: Path | None, seconds: float) -> None:
         self._folder, self._seconds = folder, seconds
 
     @property
     def are_allowed(self) -> bool:
-        """Whether clients may ask for them."""
+        """Whether clients may request recordings."""
         return self._folder is not None
 
     def add(self, slot: SessionSlot, answer: Answer) -> None:
-        """Record an answer, where its session is recorded."""
+        """Add an answer to the recording of its session, if there is one."""
         if slot.recorder is not None and not slot.recorder.add(answer):
             self.stop(slot)
-            slot.send(Notice("the recording ended: it was as long as it may be"))
+            slot.send(Notice("the recording ended: it reached the maximum length"))
 
     def switch(self, slot: SessionSlot, on: bool) -> None:
-        """Begin or end the recording of a session."""
+        """Start or stop the recording of a session."""
         if self._folder is None:
             slot.send(Notice("the server does not record; start it with --allow-record and a folder"))
             return
@@ -44,7 +44,7 @@ class Recordings:
             slot.send(Notice(f"recording to {slot.recorder.path.name}"))
 
     def stop(self, slot: SessionSlot) -> None:
-        """End a recording and report its result."""
+        """Stop a recording, if there is one, and report the result."""
         if slot.recorder is None:
             return
         recorder, slot.recorder = slot.recorder, None

@@ -1,10 +1,10 @@
-"""The scheduler: steps all sessions that have a new frame, together.
+"""The scheduler: steps all sessions with a new frame together.
 
-Bodies are completed in one thread, so that the event loop stays free; only the event loop touches sessions.
+A thread completes bodies, so that the event loop stays free. Only the event loop accesses sessions.
 
-If frames come faster than they are completed, most are replaced by newer ones. To read a frame costs a tenth of a step,
-so clients whose frame waits are not read while others are stepped (`reading`). They are read just before the next
-step, and what they sent meanwhile is skipped without being decoded (`newest_frames`).
+If frames arrive faster than they are completed, most are replaced by newer ones. Reading a frame costs a tenth of a
+step, so clients with a pending frame are not read while sessions are stepped (`reading`). They are read just before the
+next step, and all but their newest frame are skipped without being decoded (`newest_frames`).
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ from bodysense_live.answer import Answer, CompletionJob
 from bodysense_live.estimation import PipelineState, step_many
 from bodysense_live.session import Session
 
-_LOOP_TURNS = 4  # of the event loop: from a socket that may be read again to the newest frame in its session
+_LOOP_TURNS = 4  # of the event loop, from a readable socket to the newest frame in its session
 
 
 class HasSession(Protocol):
-    """Anything with a session to step."""
+    """An object with a session to step."""
 
     session: Session
 
@@ -33,10 +33,12 @@ Slot = TypeVar("Slot", bound=HasSession)
 
 
 class Scheduler(Generic[Slot]):
-    """Steps sessions until cancelled.
+    """A task that steps sessions.
 
-    `deliver(who, answer)` is called with every answer, and with None if a step failed. `refuse(who, error)` is called
-    for a frame with a value that no tracker gives, and `stepped(seconds)` after sessions were stepped together.
+    Args:
+        deliver: called with a slot and its answer, or None if the step failed.
+        refuse: called with a slot and an error for a frame with an invalid value.
+        on_stepped: called with the seconds that a common step took.
     """
 
     def __init__(
@@ -53,7 +55,7 @@ class Scheduler(Generic[Slot]):
         self.reading.set()
 
     def ready(self, slot: Slot) -> None:
-        """Step a session soon, if it has a new frame."""
+        """Schedule a step of a session, if it has a new frame."""
         if slot.session.is_ready:
             self._ready[slot] = None
             self._wake.set()
@@ -77,13 +79,13 @@ class Scheduler(Generic[Slot]):
             self._thread.shutdown(wait=False, cancel_futures=True)
 
     def _job(self, slot: Slot) -> CompletionJob | None:
-        """Return the job of one session; one that fails affects no other."""
+        """Return the job of one session. A failure does not affect other sessions."""
         try:
             return slot.session.job()
         except ProtocolError as error:
             self._refuse(slot, error)
             return None
-        except Exception:  # whatever it was, the others go on
+        except Exception:  # any failure; other sessions continue
             slot.session.abandon()
             self._deliver(slot, None)
             return None
@@ -102,12 +104,12 @@ class Scheduler(Generic[Slot]):
                 self._deliver(slot, None)
             else:
                 self._deliver(slot, slot.session.answer(job, *result))
-            self.ready(slot)  # a newer frame may have come meanwhile
+            self.ready(slot)  # a newer frame may have arrived meanwhile
 
 
 def complete(jobs: Sequence[CompletionJob]) -> list[tuple[Estimate, PipelineState] | None]:
-    """Return the estimate and state of every job, or None for one that failed, which affects no other."""
+    """Return estimate and state of every job, or None for a job that failed. A failure does not affect other jobs."""
     try:
         return list(step_many([(job.pipeline, job.observation, job.state) for job in jobs]))
-    except Exception:  # of one of them: whatever it was, the others go on
+    except Exception:  # any failure of one job; other jobs are stepped again, each alone
         return [None] if len(jobs) == 1 else [found for job in jobs for found in complete([job])]

@@ -1,8 +1,8 @@
-"""SlimeVR's trackers by UDP: their packets read, the server's answers written. No sockets here.
+"""SlimeVR's trackers by UDP: their packets read, the server's replies written. No sockets here.
 
 Source: SlimeVR's server and firmware (protocol 22). A datagram is a type (u32), an increasing number (u64) and the
-content, all big-endian. Trackers send their rotation, in a world of their own with +Z up. They do not send their
-position or mounting (`inertial`).
+content, all big-endian. Trackers send their rotation, in their own world with +Z up. They do not send their position
+or mounting (`inertial`).
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ PORT = 6969
 MAX_TRACKERS, MAX_SENSORS = 32, 16
 HEARTBEAT_EVERY = 0.5  # s
 _HANDSHAKE, _ROTATION, _SENSOR, _BOTH, _FEATURES = 3, 17, 15, 23, 22
-_HEARTBEAT, _SECOND_ROTATION, _BATTERY, _ACTION = 1, 16, 12, 21  # 1 from an old tracker is a rotation
+_HEARTBEAT, _SECOND_ROTATION, _BATTERY, _ACTION = 1, 16, 12, 21  # an old tracker sends rotations as type 1
 _BUNDLE, _COMPACT = 100, 101
 _HEAD = struct.Struct(">IQ")
 _GREETING = (b"\x03Hey OVR =D 5").ljust(64, b"\0")
-_BUNDLES = b"\x03"  # features of ours: bundles, and compact ones
-_UPRIGHT = np.array([np.sqrt(0.5), -np.sqrt(0.5), 0.0, 0.0])  # from a world whose +Z is up to one whose +Y is
-# Which segment a sensor says that it is on, by the joint that turns it.
+_BUNDLES = b"\x03"  # our features: bundles, plain and compact
+_UPRIGHT = np.array([np.sqrt(0.5), -np.sqrt(0.5), 0.0, 0.0])  # from a world with +Z up to one with +Y up
+# Body position that a sensor reports → joint that turns this segment.
 POSITIONS = {
     1: "head",
     2: "neck",
@@ -51,9 +51,9 @@ class Sensor:
     """One sensor of a tracker."""
 
     works: bool = True
-    joint: str | None = None  # that it says it is on
+    joint: str | None = None  # as the sensor reports
     rotation: np.ndarray | None = None  # (4,) wxyz, in the tracker's world, +Y up
-    at: float = -np.inf  # s, when it was last turned
+    at: float = -np.inf  # s, when the rotation was received
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,14 +61,14 @@ class SlimevrTracker:
     """A tracker with its sensors."""
 
     address: tuple[str, int]
-    number: int = 0  # of its newest datagram
+    number: int = 0  # number of its newest datagram
     sensors: Mapping[int, Sensor] = field(default_factory=dict)
     battery: float | None = None  # 0 to 1
 
 
 @dataclass(frozen=True, eq=False)
 class SlimevrState:
-    """The trackers that came, by serial: the address of their hardware, as 'AA:BB:CC:DD:EE:FF'."""
+    """The connected trackers by serial, their hardware address as 'AA:BB:CC:DD:EE:FF'."""
 
     trackers: Mapping[str, SlimevrTracker] = field(default_factory=dict)
 
@@ -80,7 +80,7 @@ class DatagramResult:
     state: SlimevrState
     replies: tuple[bytes, ...] = ()
     commands: tuple[Calibrate | Recentre, ...] = ()
-    reason: str | None = None  # where it is of no use
+    reason: str | None = None  # why the datagram is invalid, if it is
 
 
 def heartbeat() -> bytes:
@@ -91,9 +91,9 @@ def heartbeat() -> bytes:
 def take(
     packet: bytes, address: tuple[str, int], now: float, state: SlimevrState, known: frozenset[str]
 ) -> DatagramResult:
-    """Take in a datagram that came from `address` at `now` s.
+    """Read a datagram received from `address` at `now` s.
 
-    `known`: serials of the trackers that are let in; all, if it is empty.
+    `known`: serials of the accepted trackers; all, if it is empty.
     """
     if len(packet) < _HEAD.size:
         return DatagramResult(state, reason=f"{len(packet)} bytes; a datagram of SlimeVR has at least {_HEAD.size}")
@@ -102,7 +102,7 @@ def take(
         return _handshake(packet, address, state, known)
     serial = next((name for name, one in state.trackers.items() if one.address == address), None)
     if serial is None:
-        return DatagramResult(state, reason="a tracker that has not shaken hands")
+        return DatagramResult(state, reason="a tracker without a handshake")
     tracker = state.trackers[serial]
     if number and number <= tracker.number:
         return DatagramResult(state, reason="late: a newer datagram of the tracker came before")
@@ -115,11 +115,11 @@ def take(
 
 
 def _handshake(packet: bytes, address: tuple[str, int], state: SlimevrState, known: frozenset[str]) -> DatagramResult:
-    """After a handshake: the tracker is known, or known at another address."""
+    """Add the tracker of a handshake, or update its address."""
     place = _HEAD.size + 7 * 4
     firmware = packet[place] if len(packet) > place else 0
     mac = packet[place + 1 + firmware : place + 7 + firmware]
-    if len(mac) < 6 or not any(mac):  # old ones, and emulated ones, have none
+    if len(mac) < 6 or not any(mac):  # old and emulated trackers send none
         serial = f"{address[0]}:{address[1]}"
     else:
         serial = mac.hex(":").upper()
@@ -134,7 +134,7 @@ def _handshake(packet: bytes, address: tuple[str, int], state: SlimevrState, kno
 
 
 def _messages(kind: int, body: bytes) -> Iterator[tuple[int, bytes]]:
-    """The messages of a datagram: itself, or those that it bundles."""
+    """Yield the messages of a datagram: the only one, or those of a bundle."""
     if kind not in (_BUNDLE, _COMPACT):
         yield kind, body
         return
@@ -150,7 +150,7 @@ def _messages(kind: int, body: bytes) -> Iterator[tuple[int, bytes]]:
 
 
 class _TrackerUpdate:
-    """Changes of a tracker by the messages of one datagram."""
+    """A tracker that the messages of one datagram update."""
 
     def __init__(self, tracker: SlimevrTracker) -> None:
         self.tracker = tracker
@@ -158,7 +158,7 @@ class _TrackerUpdate:
         self.commands: list[Calibrate | Recentre] = []
 
     def read(self, kind: int, body: bytes, packet: bytes, now: float) -> str | None:
-        """Read one message; why it is of no use."""
+        """Read one message. Return why it is invalid, or None."""
         try:
             if kind == _ROTATION:
                 sensor, _, *values = struct.unpack_from(">BB4f", body)
@@ -185,7 +185,7 @@ class _TrackerUpdate:
         values = np.array([rotation[3], *rotation[:3]])
         length = float(np.linalg.norm(values)) if np.isfinite(values).all() and np.abs(values).max() < 2 else 0.0
         if abs(length - 1) > UNIT_TOLERANCE:
-            return f"sensor {sensor}: its rotation is no unit quaternion"
+            return f"sensor {sensor}: its rotation is not a unit quaternion"
         turn = quaternion_multiply(_UPRIGHT, values / length)
         return self._put(sensor, replace(self._sensor(sensor), works=True, rotation=turn, at=now))
 

@@ -1,11 +1,10 @@
 """SolarXR, SlimeVR's protocol with OpenXR runtimes (Monado, WiVRn): requests read, bodies and settings written.
 
-Source: the public schema (SolarXR-Protocol, 2026-04) and the driver in Monado that speaks it. Messages are FlatBuffers
-of a `MessageBundle`; fields are named here by their slots. No sockets here.
+Source: the public schema (SolarXR-Protocol, 2026-04) and its driver in Monado. A message is a FlatBuffers
+`MessageBundle`; fields are identified by their slots. This module opens no sockets.
 
-A body as SolarXR tells of it: synthetic trackers, and bones from the joint that is nearer to the head.
-
-Axes are a driver's: a segment that hangs down and faces −Z has the identity, and a bone points along its −Y.
+A body consists of synthetic trackers, and of bones that start at the joint nearer to the head. Axes are a driver's: a
+segment that hangs down and faces −Z has the identity rotation, and a bone points along its −Y.
 """
 
 from __future__ import annotations
@@ -27,23 +26,23 @@ from bodysense_live.virtual_trackers import TURNED_BY
 POLL, START, UPDATE = 1, 2, 3  # kinds of data feed messages
 SETTINGS_REQUEST, SETTINGS_RESPONSE = 6, 7  # kinds of RPC messages
 DISCONNECTED, OK = 1, 2  # states of a tracker
-_MAX_MESSAGES = 16  # of a bundle that are looked at
+_MAX_MESSAGES = 16  # messages read per bundle
 _SETTINGS = {0: True, 1: True, 7: True, 8: True, 9: True, 10: True, 11: True, 12: True, 13: False, 14: False}
-# Waist, chest, feet, knees and elbows are given; hands are the controllers'.
+# slot of a toggle → state: waist, chest, feet, knees and elbows are on; hands are off, as controllers track them
 
 
 @dataclass(frozen=True)
 class Requests:
-    """Requests in a bundle."""
+    """The requests in a bundle."""
 
-    polls: bool = False  # one update
-    interval: float | None = None  # s, at least, between updates from now on
-    settings: tuple[int | None, ...] = ()  # transactions of requests for settings; None without a number
+    polls: bool = False  # requests one update
+    interval: float | None = None  # s, shortest interval between updates; None: unchanged
+    settings: tuple[int | None, ...] = ()  # transaction numbers of settings requests; None: without a number
 
 
 @dataclass(frozen=True)
 class BodyLayout:
-    """The constants of a body between updates: trackers (body part, name), bones (body part, length in m)."""
+    """The constant part of updates: trackers (body part, name) and bones (body part, length in m)."""
 
     trackers: tuple[tuple[int, str], ...]
     bones: tuple[tuple[int, float], ...]
@@ -51,16 +50,16 @@ class BodyLayout:
 
 @dataclass(frozen=True, eq=False)
 class BodyFrame:
-    """The values that change with every update: positions in m and rotations, x y z w."""
+    """The part that changes with every update: positions in m and rotations xyzw, in the runtime's world."""
 
-    tracker_position: np.ndarray  # (T, 3) of trackers
+    tracker_position: np.ndarray  # (T, 3)
     tracker_rotation: np.ndarray  # (T, 4)
-    bone_start: np.ndarray  # (B, 3) starts of the bones, which point along their −Y
-    bone_rotation: np.ndarray  # (B, 4) rotations of the bones
+    bone_start: np.ndarray  # (B, 3)
+    bone_rotation: np.ndarray  # (B, 4)
 
 
 def read_bundle(packet: bytes) -> Requests | str:
-    """Return the requests of a message, or why it is not one; unknown requests are left out."""
+    """Return the requests in a message, or a reason if it is malformed. Unknown requests are ignored."""
     try:
         root = _root(packet)
         polls, interval, settings = False, None, list[int | None]()
@@ -88,13 +87,13 @@ def _root(packet: bytes) -> Any:
 
 
 def _field_offset(table: Any, slot: int) -> int | None:
-    """Where a field is; None where it is left out. Raises struct.error for one outside."""
+    """Return the byte offset of a field; None for a missing field. Raises struct.error if it is out of bounds."""
     offset = table.Offset(4 + 2 * slot)
     if not offset:
         return None
     at = int(table.Pos + offset)
     if not 0 <= at < len(table.Bytes):
-        raise struct.error("a field lies outside")
+        raise struct.error("a field is out of bounds")
     return at
 
 
@@ -104,17 +103,17 @@ def _number(table: Any, slot: int, form: str) -> int:
 
 
 def _table_at(table: Any, at: int) -> Any:
-    """The table that an offset at a place points to."""
+    """Return the table to which the offset at a byte points."""
     from flatbuffers.table import Table
 
     there = at + struct.unpack_from("<I", table.Bytes, at)[0]
     if not 0 <= there < len(table.Bytes):
-        raise struct.error("a table lies outside")
+        raise struct.error("a table is out of bounds")
     return Table(table.Bytes, there)
 
 
 def _tables(table: Any, slot: int, most: int = _MAX_MESSAGES) -> list[Any]:
-    """The first tables of a vector."""
+    """Return the first tables of a vector."""
     at = _field_offset(table, slot)
     if at is None:
         return []
@@ -124,15 +123,15 @@ def _tables(table: Any, slot: int, most: int = _MAX_MESSAGES) -> list[Any]:
 
 
 def _union(table: Any, slot: int) -> tuple[int, Any]:
-    """Kind and table of a union, which takes two slots."""
+    """Return kind and table of a union, which has two slots."""
     at = _field_offset(table, slot + 1)
     return _number(table, slot, "<B"), None if at is None else _table_at(table, at)
 
 
 class Updates:
-    """Updates of the same trackers and bones: the message is built once, and its numbers are put in.
+    """Updates of constant trackers and bones. The message is built once; each update replaces its numbers.
 
-    Raises BodysenseError where flatbuffers is missing.
+    Raises BodysenseError if flatbuffers is missing.
     """
 
     def __init__(self, layout: BodyLayout) -> None:
@@ -151,7 +150,7 @@ class Updates:
         self._floats = np.concatenate([np.arange(size) + (at or 0) // 4 for at, size in offsets])
 
     def packet(self, body: BodyFrame) -> bytes:
-        """The update of a body."""
+        """Return the update of a body."""
         message = bytearray(self._whole)
         values = [
             part.ravel()
@@ -183,12 +182,12 @@ def _update(layout: BodyLayout, body: BodyFrame | None) -> bytes:
 
 
 def _update_of(packet: bytes) -> Any:
-    """The table of the update in a bundle."""
+    """Return the table of the update in a bundle."""
     return _union(_tables(_root(packet), 0)[0], 0)[1]
 
 
 def settings_bundle(transaction: int | None) -> bytes:
-    """Which trackers runtimes may show: without this they show none."""
+    """Return the message that enables trackers; without it runtimes display none."""
     builder = _builder()
     builder.StartObject(15)
     for slot, is_on in _SETTINGS.items():
@@ -216,7 +215,7 @@ def _builder() -> Any:
 
 
 def _bundle(builder: Any, slot: int, message: int) -> bytes:
-    """A bundle of one message: its receivers look at the first of each kind alone."""
+    """Return a bundle of one message; receivers read only the first of each kind."""
     messages = _vector(builder, [message])
     builder.StartObject(3)
     builder.PrependUOffsetTRelativeSlot(slot, messages, 0)
@@ -232,7 +231,7 @@ def _vector(builder: Any, rows: Sequence[int]) -> int:
 
 
 def _floats(builder: Any, slot: int, values: np.ndarray) -> None:
-    """A struct of single-precision numbers, within the table."""
+    """Write an inline struct of single-precision numbers into a table."""
     builder.Prep(4, 4 * len(values))
     for value in reversed(values.tolist()):
         builder.PrependFloat32(value)
@@ -243,10 +242,10 @@ def _tracker(builder: Any, k: int, body_part: int, name: str, body: BodyFrame | 
     text = builder.CreateString(name)
     builder.StartObject(12)
     builder.PrependUint8Slot(1, body_part, 0)
-    builder.PrependBoolSlot(5, True, False)  # computed, not a sensor's own
+    builder.PrependBoolSlot(5, True, False)  # is_computed
     builder.PrependUOffsetTRelativeSlot(7, text, 0)
     info = builder.EndObject()
-    builder.StartObject(2)  # without a device: the tracker belongs to no hardware
+    builder.StartObject(2)  # no device id: the tracker has no hardware
     builder.PrependUint8Slot(1, k + 1, 0)
     identity = builder.EndObject()
     builder.StartObject(13)
@@ -271,9 +270,9 @@ def _bone(builder: Any, k: int, body_part: int, length: float, body: BodyFrame |
 
 Places = Mapping[str, np.ndarray]  # by the names of points or joints
 _DOWN = np.array([0.0, -1.0, 0.0])
-# Ours has the identity with arms level, theirs with arms that hang.
+# Our identity rotation is a level arm, SolarXR's a hanging one.
 _HANGING = {side: quaternion_exp(np.array([0.0, 0.0, sign * np.pi / 2])) for side, sign in (("left", 1), ("right", -1))}
-TRACKERS: tuple[tuple[int, str, str], ...] = (  # body part, name, where it is
+TRACKERS: tuple[tuple[int, str, str], ...] = (  # body part, name, point
     (5, "waist", "pelvis"),
     (22, "chest", "spine3"),
     (10, "left foot", "left_ankle"),
@@ -291,11 +290,11 @@ class _Bone:
     start: str
     end: str
     joint: str  # the bone has its rotation
-    rest: tuple[float, float, float] = (0.0, -1.0, 0.0)  # direction on a standing body that faces −Z
+    rest: tuple[float, float, float] = (0.0, -1.0, 0.0)  # direction if the body stands and faces −Z
 
 
 def _sided(number: int, start: str, end: str, joint: str, rest: tuple[float, float, float] = (0, -1, 0)) -> list[_Bone]:
-    """The bones of both sides: the left one's number is the lower."""
+    """Return the left and right bone; the right one's body part is `number + 1`."""
     x, y, z = rest
     return [
         _Bone(number + k, f"{side}_{start}", f"{side}_{end}", f"{side}_{joint}", (sign * x, y, z))
@@ -326,7 +325,7 @@ _REST = np.array([(0.0, 0.0, 1.0), *(bone.rest for bone in BONES)])  # (1 + B, 3
 
 
 def _to_segment(joint: str) -> np.ndarray:
-    """(4,) what turns a joint's axes into those of its segment in a driver's world."""
+    """Return the rotation (4,) wxyz from a joint's axes to its segment's axes in a driver's world."""
     side, _, part = joint.partition("_")
     return quaternion_multiply(_HANGING[side], ABOUT_Y) if part in _ARM_JOINTS else ABOUT_Y
 
@@ -336,7 +335,7 @@ _TO_BONE = np.asarray(shortest_arc(np.broadcast_to(_DOWN, _REST.shape), _REST))
 
 
 def body_layout(skeleton: Skeleton, eyes: np.ndarray) -> BodyLayout:
-    """Return the constants of a body; `eyes` (3,) m from the head's joint."""
+    """Return trackers and bone lengths of a body. `eyes`: point between the eyes, (3,) m from the head's joint."""
     rest = skeleton.path @ skeleton.rest_offset
     apart = np.linalg.norm(rest[skeleton.indices(_ENDS)] - rest[skeleton.indices(_STARTS)], axis=1)
     bones = zip((bone.body_part for bone in BONES), apart.tolist(), strict=True)
@@ -345,7 +344,7 @@ def body_layout(skeleton: Skeleton, eyes: np.ndarray) -> BodyLayout:
 
 
 def body_frame(points: Places, turns: Places, eyes: np.ndarray) -> BodyFrame:
-    """Trackers and bones of a body, from places (3,) m and rotations (4,) wxyz in the runtime's world."""
+    """Return the poses of trackers and bones from positions (3,) m and rotations (4,) wxyz in the runtime's world."""
     segments = multiply(np.array([turns[joint] for joint in _JOINTS]), _SEGMENTS)
     at_eyes = points["head"] + rotate(turns["head"][None], eyes[None])[0]
     start = np.array([at_eyes, *(points[name] for name in _STARTS)])

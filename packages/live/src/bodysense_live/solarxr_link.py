@@ -1,9 +1,9 @@
-"""The link to OpenXR runtimes on Linux (Monado, WiVRn): they find SlimeVR's sockets here, give a headset, take a body.
+"""The link to OpenXR runtimes on Linux (Monado, WiVRn): they connect to SlimeVR's sockets, send a headset, get a body.
 
-SlimeVR's own programs hear the same by a WebSocket.
+SlimeVR's own programs get the same updates by a WebSocket.
 
-A runtime connects once, when it starts: the server has to be up before. It tells of its headset after every update that
-it gets, so updates go on while no wearer is tracked.
+A runtime connects once, when it starts, so the server must run before. It sends its headset after each update that it
+receives, so updates continue while no wearer is tracked.
 """
 
 from __future__ import annotations
@@ -41,28 +41,28 @@ if TYPE_CHECKING:
 
 
 RPC, INPUT = "SlimeVRRpc", "SlimeVRInput"
-PORT = 21110  # of SlimeVR's WebSocket
-FASTEST = 1 / 120  # s between updates, and so between poses of a headset
-_SLOWEST = 1 / 45  # s
+PORT = 21110  # TCP, SlimeVR's WebSocket
+FASTEST = 1 / 120  # s, shortest interval between updates, and so between poses of a headset
+_SLOWEST = 1 / 45  # s, longest interval between updates
 _LENGTH_TOLERANCE = 0.01  # m; smaller changes of a bone are not sent, because a runtime rebuilds its skeleton for each
 _LARGEST_REQUEST = 1 << 16  # bytes
-_MAX_UNREAD_BYTES = 1 << 16  # bytes that a runtime has not read, after which updates are left out for it
+_MAX_UNREAD_BYTES = 1 << 16  # bytes; a client with more unread bytes gets no updates
 _MAX_CLIENTS = 8
-_SIZE = struct.Struct("<I")  # counts itself
-_QUIET = logging.getLogger("bodysense.solarxr")
-_QUIET.setLevel(logging.CRITICAL)  # do not log connections that are not clients
+_SIZE = struct.Struct("<I")  # size of a message, including these bytes
+_QUIET_LOGGER = logging.getLogger("bodysense.solarxr")
+_QUIET_LOGGER.setLevel(logging.CRITICAL)  # do not log connections that are not clients
 
 
 @dataclass(frozen=True)
 class SolarxrSettings:
-    """Where the doors are: the folder in which runtimes look, and the TCP port of the WebSocket, on this machine."""
+    """The folder of the sockets that runtimes connect to, and the TCP port of the WebSocket."""
 
     folder: Path
     port: int = PORT
 
 
 def runtime_folder(environment: Mapping[str, str]) -> Path:
-    """The folder in which runtimes look for sockets. Raises BodysenseError where the system has none."""
+    """Return the folder in which runtimes look for sockets. Raises BodysenseError if the system has none."""
     found = environment.get("XDG_RUNTIME_DIR") or environment.get("XDG_CACHE_HOME")
     if not hasattr(socket, "AF_UNIX") or not found:
         raise BodysenseError(
@@ -75,14 +75,14 @@ def runtime_folder(environment: Mapping[str, str]) -> Path:
 @dataclass(eq=False)
 class _Client:
     transport: Any
-    write: Callable[[bytes], None]  # one message
-    interval: float | None = None  # s between updates; None: none were asked for
-    sent: float = field(default=-np.inf)  # s, when
-    later: asyncio.TimerHandle | None = None  # an update that waits until it is due
+    write: Callable[[bytes], None]  # sends one message
+    interval: float | None = None  # s between updates; None: the client has not requested any
+    sent: float = field(default=-np.inf)  # s, time of the last update
+    later: asyncio.TimerHandle | None = None  # runs until the next update is due
 
 
 class SolarxrLink:
-    """A link (`links.Link`). Raises BodysenseError where its sockets cannot be had."""
+    """The link to OpenXR runtimes (`links.Link`). Raises BodysenseError if a socket cannot be bound."""
 
     def __init__(
         self, settings: SolarxrSettings, metrics: Metrics, reader: DeviceReader, points: tuple[str, ...]
@@ -95,7 +95,7 @@ class SolarxrLink:
         self._updates = Updates(body_layout(default_skeleton(), self._eyes))
         self._update = self._updates.without_body
         self._sent_skeleton: Skeleton = default_skeleton()
-        self._last_body = -np.inf  # s, when a body was last shown
+        self._last_body = -np.inf  # s, when a body was last sent
         self._paths = [settings.folder / name for name in (RPC, INPUT)]
         self._bound: list[socket.socket] = []
         try:
@@ -107,7 +107,7 @@ class SolarxrLink:
             raise
 
     async def open(self, live: Live) -> None:
-        """Begin to serve."""
+        """Start to serve."""
         slot, loop = live.add_input("solarxr", self._points), asyncio.get_running_loop()
         self._receive_frame: Callable[[SignalFrame], None] = partial(live.receive, slot)
         from websockets.asyncio.server import serve
@@ -123,13 +123,13 @@ class SolarxrLink:
                 max_size=_LARGEST_REQUEST,
                 compression=None,
                 server_header=None,
-                logger=_QUIET,
+                logger=_QUIET_LOGGER,
             )
         )
         self._heartbeat_task = loop.create_task(self._send_heartbeats())
 
     def send_body(self, answer: Answer) -> None:
-        """Send a body to the clients that asked for updates."""
+        """Send a body to the clients that have requested updates."""
         skeleton = answer.pose.skeleton
         self._update_lengths(skeleton)
         self._last_body = asyncio.get_running_loop().time()
@@ -139,7 +139,7 @@ class SolarxrLink:
                 self._schedule_update(client)
 
     def close(self) -> None:
-        """Serve no more, and leave no sockets behind."""
+        """Stop serving, and remove the sockets."""
         if self._heartbeat_task is not None:
             self._heartbeat_task.cancel()
         for server in self._servers:
@@ -152,7 +152,7 @@ class SolarxrLink:
             path.unlink(missing_ok=True)
 
     def _update_lengths(self, skeleton: Skeleton) -> None:
-        """Take bones' lengths over, where they changed noticeably."""
+        """Adopt the lengths of a skeleton's bones, if they changed noticeably."""
         if skeleton is self._sent_skeleton:
             return
         self._sent_skeleton, eyes = skeleton, between_eyes(skeleton)
@@ -177,7 +177,7 @@ class SolarxrLink:
         await self._converse(client, _binary(connection))
 
     async def _converse(self, client: _Client, packets: AsyncIterator[bytes]) -> None:
-        """Answer a client until it is gone."""
+        """Answer a client until it disconnects."""
         if len(self._clients) >= _MAX_CLIENTS:
             return
         self._clients.append(client)
@@ -194,7 +194,7 @@ class SolarxrLink:
             return
         if requests.interval is not None:
             client.interval = max(requests.interval, FASTEST)
-        if requests.polls:  # the first thing that a runtime hears must be an update, alone
+        if requests.polls:  # a runtime expects an update as its first message
             self._send(client, self._update)
         for transaction in requests.settings:
             self._send(client, settings_bundle(transaction))
@@ -208,7 +208,7 @@ class SolarxrLink:
             writer.close()
 
     async def _send_heartbeats(self) -> None:
-        """Send updates while no body arrives."""
+        """Send updates while there is no new body."""
         loop = asyncio.get_running_loop()
         while True:
             await asyncio.sleep(_SLOWEST)
@@ -219,7 +219,7 @@ class SolarxrLink:
                     self._schedule_update(client)
 
     def _schedule_update(self, client: _Client) -> None:
-        """Send the update when it is due."""
+        """Send the update now, or when the client's interval has passed."""
         if client.interval is None or client.later is not None:
             return
         loop = asyncio.get_running_loop()
@@ -242,7 +242,7 @@ class SolarxrLink:
 
 
 async def _packets(reader: asyncio.StreamReader, largest: int) -> AsyncIterator[bytes]:
-    """Messages of a stream until its end, or until one is too large to be any."""
+    """Yield messages of a stream until its end, or until one is too large."""
     with contextlib.suppress(asyncio.IncompleteReadError, OSError):
         while True:
             size = _SIZE.unpack(await reader.readexactly(_SIZE.size))[0] - _SIZE.size
@@ -252,7 +252,7 @@ async def _packets(reader: asyncio.StreamReader, largest: int) -> AsyncIterator[
 
 
 async def _binary(connection: ServerConnection) -> AsyncIterator[bytes]:
-    """Messages of a WebSocket until its end; texts, an older protocol of SlimeVR's, are left out."""
+    """Yield binary messages of a WebSocket until its end; texts belong to an older protocol of SlimeVR."""
     from websockets.exceptions import ConnectionClosed
 
     with contextlib.suppress(ConnectionClosed):
@@ -262,13 +262,13 @@ async def _binary(connection: ServerConnection) -> AsyncIterator[bytes]:
 
 
 def _refuse(connection: ServerConnection, request: Request) -> Response | None:
-    """Why a WebSocket is not opened; None where it is."""
+    """Return a refusal of a WebSocket, or None if it is admitted."""
     reason = local_refusal_reason(request.headers.get("Host"), request.headers.get("Origin"))
     return None if reason is None else connection.respond(403, f"{reason}\n")
 
 
 def _listen_at(path: Path) -> socket.socket:
-    """Return a socket at a path, in place of an abandoned one. Raises BodysenseError if the path cannot be used."""
+    """Return a socket that listens at a path, and replace an abandoned one. Raises BodysenseError if that fails."""
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:
         try:
             probe.connect(os.fspath(path))

@@ -1,4 +1,4 @@
-"""`bodysense calibrate`: measure the wearer of a running server in a standing second."""
+"""`bodysense calibrate`: measure the wearer of a running server."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from bodysense.errors import BodysenseError
 if TYPE_CHECKING:
     from websockets import InvalidStatus
 
-_TO_ANSWER = 5.0  # s
+_TIMEOUT = 5.0  # s for an answer of the server
 
 
 def calibrate(
@@ -24,11 +24,11 @@ def calibrate(
     recentre: bool = False,
     wait: float = 5.0,
 ) -> None:
-    """Measure the wearer that a running server tracks by VMC, SteamVR, VRChat or SlimeVR in a standing second.
+    """Measure the wearer of a running server (VMC, SteamVR, VRChat or SlimeVR), who stands for a second.
 
     Args:
         address: address that `bodysense serve` printed, token included.
-        watch: one of the server's inputs.
+        watch: input of the server that tracks the wearer.
         arms_out: stand with the arms out to the sides, so that their reach is measured, too.
         recentre: use the wearer's position and heading afterwards as the origin.
         wait: seconds until the measurement begins.
@@ -57,7 +57,7 @@ def calibrate(
                 print(f"stand upright and look ahead; it begins in {wait:g} s")
                 time.sleep(wait)
             server.send(write_message(Calibrate(arms_out)))
-            until = time.monotonic() + _TO_ANSWER
+            until = time.monotonic() + _TIMEOUT
             while (notice := _text(server, "said", until)) is not None:
                 print(notice["text"])
                 if notice["text"].startswith(("you are", "calibration:", "to take")):
@@ -86,14 +86,14 @@ def _parsed_address(address: str) -> SplitResult | None:
 
 
 def _reason(error: InvalidStatus) -> str:
-    """Return the server's own words, or the status if it has none."""
+    """Return the server's reason, or the HTTP status if it has none."""
     body = error.response.body.decode(errors="replace").strip()
     return body.partition(";")[0] if body else f"status {error.response.status_code}"
 
 
 def _text(server: Any, kind: str, until: float | None = None) -> dict[str, Any] | None:
     """Return the next text message of a type, or None if none comes in time. Raises BodysenseError for a refusal."""
-    until = time.monotonic() + _TO_ANSWER if until is None else until
+    until = time.monotonic() + _TIMEOUT if until is None else until
     while (remaining := until - time.monotonic()) > 0:
         try:
             received = server.recv(timeout=remaining)
