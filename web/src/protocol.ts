@@ -64,7 +64,7 @@ export interface Hello {
 }
 
 /** Change the settings that are named; the others are unchanged. */
-export type Change = { type: "settings" } & Partial<Settings>;
+export type UpdateSettings = { type: "settings" } & Partial<Settings>;
 
 /** Use the wearer's current position and heading as the origin, facing +Z. */
 export interface Recentre {
