@@ -1,4 +1,4 @@
-"""Text messages: what is written is read, what is wrong is said in a line."""
+"""Text messages: a round trip, and errors in one line."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ JSON = st.recursive(
         Replay(True, 3.0, 0.5),
     ],
 )
-def test_a_message_is_read_as_it_was_written(message: ClientMessage) -> None:
+def test_messages_survive_a_round_trip(message: ClientMessage) -> None:
     assert read_message(write_message(message)) == message
 
 
@@ -79,7 +79,7 @@ def test_any_text_is_a_message_or_refused(text: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "expected"),
     [
         ("", "not JSON"),
         ("[1]", "a JSON object"),
@@ -104,13 +104,13 @@ def test_any_text_is_a_message_or_refused(text: str) -> None:
         ("[" * 100000, "within one another"),
     ],
 )
-def test_what_is_wrong_is_said(text: str, said: str) -> None:
+def test_errors_are_named(text: str, expected: str) -> None:
     with pytest.raises(ProtocolError) as caught:
         read_message(text)
-    assert said in str(caught.value) and "\n" not in str(caught.value) and len(str(caught.value)) < 400
+    assert expected in str(caught.value) and "\n" not in str(caught.value) and len(str(caught.value)) < 400
 
 
-def test_settings_that_are_not_named_stay() -> None:
+def test_settings_that_are_not_named_are_unchanged() -> None:
     assert changed(OF_OTHERS, {"mirror": False}) == replace(OF_OTHERS, mirror=False)
     assert changed(OF_OTHERS, {"height": None}).height is None
     assert changed(Settings(), {"regions": list(REGIONS)}) == Settings()

@@ -1,4 +1,4 @@
-"""A replay is played at its times, in a loop, and driven."""
+"""Replays: timing, repetition and control."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ def playable(frames: int, rate: float, hands: bool = True) -> Playable:
     pose = Pose(skeleton, np.tile(standing.root_position, (frames, 1)), np.tile(standing.rotation, (frames, 1, 1)))
     seen = observe(pose, 5 + np.arange(frames) / rate, THREE_POINT)
     if not hands:
-        shown = np.tile([True, False, False], (frames, 1))
-        seen = replace(seen, has_position=shown, has_rotation=shown)
+        has = np.tile([True, False, False], (frames, 1))
+        seen = replace(seen, has_position=has, has_rotation=has)
     return Playable(seen, Person(skeleton), pose)
 
 
 def played(one: Playable, seconds: float, *changes: tuple[float, Replay]) -> list[tuple[float, SignalFrame, bool]]:
-    """When, what, and whether afresh."""
+    """Play for some seconds. Return time, frame and whether a new motion starts, for each frame."""
 
     async def run() -> list[tuple[float, SignalFrame, bool]]:
         loop, found = asyncio.get_running_loop(), []
@@ -47,7 +47,7 @@ def played(one: Playable, seconds: float, *changes: tuple[float, Replay]) -> lis
     return asyncio.run(run())
 
 
-def test_frames_come_at_their_times() -> None:
+def test_frames_are_played_at_their_times() -> None:
     found = played(playable(1000, 50), 0.5)
     sequences = [frame.sequence for _, frame, _ in found]
     assert (
@@ -61,13 +61,13 @@ def test_frames_come_at_their_times() -> None:
     assert len(found) >= 5
 
 
-def test_it_begins_again() -> None:
+def test_a_replay_repeats() -> None:
     found = played(playable(3, 50), 1.4)
     assert [frame.sequence for _, frame, _ in found][:4] == [0, 1, 2, 0]
     assert found[3][2]
 
 
-def test_it_is_driven() -> None:
+def test_a_replay_is_paused_sought_and_slowed() -> None:
     paused = played(playable(1000, 50), 0.6, (0.1, Replay(playing=False)))
     assert len(paused) <= 12
     sought = played(playable(1000, 50), 0.4, (0.1, Replay(time=10.0)))
@@ -79,13 +79,13 @@ def test_it_is_driven() -> None:
         Player(playable(2, 50), lambda frame, is_new_motion: None).apply(Replay(speed=9))
 
 
-def test_a_leap_to_before_the_beginning_is_to_the_beginning() -> None:
+def test_seeking_before_the_beginning_goes_to_the_beginning() -> None:
     found = played(playable(1000, 50), 1.5, (0.3, Replay(time=-3.0)))
     place = max(k for k, (_, _, is_new_motion) in enumerate(found) if is_new_motion)
     assert [frame.sequence for _, frame, _ in found[place : place + 2]] == [0, 1]  # not 3 s later
 
 
-def test_its_frames_are_good_signals() -> None:
+def test_frames_are_valid_signals() -> None:
     frame = playable(4, 50, hands=False).frame(2)
     assert frame.sequence == 2 and frame.time == pytest.approx(0.04)
     found = read_signal(write_signal(frame), 3)

@@ -1,4 +1,4 @@
-"""The door, against FK and SciPy: devices that are held as their standards say become the joints that hold them."""
+"""Conversion of devices to joints, against forward kinematics and SciPy, by the axes of the standards."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from bodysense.io.protocol import ProtocolError, SignalFrame
 from bodysense_live.webxr import Placement, point_mapping, to_observation
 
 SKELETON = default_skeleton()
-# How WebXR describes frames, of somebody in the T-pose who faces +Z: where −Z and another axis point.
+# Directions of −Z and another axis of WebXR's frames, if the wearer is in the T-pose and faces +Z.
 AXES = {
     "headset": ("head", {"-z": (0, 0, 1), "y": (0, 1, 0)}, "between_eyes"),
     "left:wrist": ("left_wrist", {"-z": (1, 0, 0), "y": (0, 1, 0)}, None),  # to the fingertips, out of the back
@@ -27,7 +27,7 @@ AXES = {
 
 
 def frame_of(axes: dict[str, tuple[int, int, int]]) -> Rotation:
-    """world ← device, from two of its axes."""
+    """Return world ← device from two of its axes."""
     unit = {"x": np.array([1.0, 0, 0]), "y": np.array([0, 1.0, 0]), "z": np.array([0, 0, 1.0])}
     ours = [-unit[name[-1]] if name[0] == "-" else unit[name[-1]] for name in axes]
     found = Rotation.align_vectors(np.array(list(axes.values()), dtype=float), ours)
@@ -35,7 +35,7 @@ def frame_of(axes: dict[str, tuple[int, int, int]]) -> Rotation:
     return found[0]
 
 
-def test_accuracies_are_the_signals_own_or_the_usual_ones() -> None:
+def test_accuracies_are_those_of_the_signal_or_the_usual_ones() -> None:
     names = ["headset", "left:wrist", "left:index-finger-tip", "waist"]
     frame = SignalFrame(0, 0.0, np.arange(4), np.full(4, 3), np.zeros((4, 3)), np.tile([1.0, 0, 0, 0], (4, 1)))
     there = point_mapping(names, SKELETON)
@@ -47,7 +47,7 @@ def test_accuracies_are_the_signals_own_or_the_usual_ones() -> None:
 
 
 @pytest.mark.parametrize(("seed", "name"), list(enumerate(AXES)))
-def test_a_device_gives_the_joint_that_holds_it(seed: int, name: str) -> None:
+def test_a_device_gives_its_joint(seed: int, name: str) -> None:
     joint, axes, landmark = AXES[name]
     rng = np.random.default_rng(seed)
     pose = rest_pose(SKELETON)
@@ -93,16 +93,16 @@ def test_a_controller_and_a_tracked_hand_may_be_the_same_wrist() -> None:
     turned = np.tile([1.0, 0, 0, 0], (2, 1))
     places = np.array([[0.0, 1, 0], [0.0, 2, 0]])
     both = SignalFrame(0, 0.0, np.arange(2), np.array([3, 3]), places, turned)
-    shown = np.ones(2, dtype=bool)
-    assert to_observation(found, both, shown, Placement(), 0.0).position[0, 0, 1] == 2
+    visible = np.ones(2, dtype=bool)
+    assert to_observation(found, both, visible, Placement(), 0.0).position[0, 0, 1] == 2
     one = SignalFrame(0, 0.0, np.array([0]), np.array([1]), places[:1], turned[:1])
-    seen = to_observation(found, one, shown, Placement(), 0.0)
-    np.testing.assert_array_equal(seen.position[0], places[:1])  # without a rotation it stands where the device is
+    seen = to_observation(found, one, visible, Placement(), 0.0)
+    np.testing.assert_array_equal(seen.position[0], places[:1])  # without a rotation the joint is at the device
     assert not seen.has_rotation.any()
-    assert not to_observation(found, both, ~shown, Placement(), 0.0).has_position.any()
+    assert not to_observation(found, both, ~visible, Placement(), 0.0).has_position.any()
 
 
-def test_trackers_are_strapped_on_and_joints_are_not() -> None:
+def test_trackers_are_strapped_and_joints_are_not() -> None:
     found = point_mapping(["hip", "chest", "left_foot", "left_glove_index_tip"], SKELETON)
     assert found.points == ("pelvis", "spine3", "left_foot", "left_glove_index_tip")
     np.testing.assert_array_equal(found.gives_rotation, [True, True, True, False])
@@ -112,7 +112,7 @@ def test_trackers_are_strapped_on_and_joints_are_not() -> None:
 
 
 @pytest.mark.parametrize(
-    ("names", "said"),
+    ("names", "expected"),
     [
         (["heed"], "'heed' is unknown"),
         (["head", "head"], "named twice"),
@@ -123,12 +123,12 @@ def test_trackers_are_strapped_on_and_joints_are_not() -> None:
         ([f"p{k}" for k in range(129)], "at most 128"),
     ],
 )
-def test_points_that_nobody_knows_are_refused(names: list[str], said: str) -> None:
-    with pytest.raises(ProtocolError, match=said):
+def test_unknown_points_are_refused(names: list[str], expected: str) -> None:
+    with pytest.raises(ProtocolError, match=expected):
         point_mapping(names, SKELETON)
 
 
-def test_the_world_is_moved_as_is_said() -> None:
+def test_a_placement_moves_the_world_as_documented() -> None:
     rng = np.random.default_rng(1)
     placement = Placement(0.7, (1.0, 2.0, 3.0))
     turn = Rotation.from_rotvec([0, 0.7, 0])
