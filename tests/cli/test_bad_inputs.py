@@ -76,7 +76,7 @@ BAD = {
     "serve --port 0 --up z --height 1.7": "--up is for a replayed motion; give it with --replay",
     "serve --port 0 --host 999.1.1.1": "--host 999.1.1.1: no such host",
     "serve --port 0 --slimevr --slimevr-host 192.0.2.1": "--slimevr-host 192.0.2.1: no address of this machine",
-    "serve --port 0 --vmc-in 0 --device-names nose.json": "--device-names nose.json: 'nose' (for 'LHR-1') is no device",
+    "serve --port 0 --vmc-in 0 --device-names nose.json": "nose.json: 'nose' (for 'LHR-1') is not a device",
     "track motion.bvh -o out.bvh --missing head:5-9999": "9999",
     "track motion.bvh -o out.bvh --joints text.txt": "text.txt",
     "track motion.bvh -o out.bvh --joints missing.json": "missing.json",

@@ -202,5 +202,5 @@ def connect() -> Iterator[Connecting]:
 
 @pytest.fixture
 def connect_to(connect: Connecting) -> Connecting:
-    """The same fixture, for tests that define another `connect`."""
+    """`connect`, for tests that define another fixture of this name."""
     return connect

@@ -152,7 +152,7 @@ def test_a_session_is_watched_with_its_token(server_of: Serving, connect: Connec
     wearer.answered(signal(7, 0.0))
     assert watcher.frame(SIGNAL) and watcher.pose().sequence == 7
     watcher.send_message(Recentre())
-    assert "changes nothing" in watcher.text("error")["reason"]
+    assert "cannot change it" in watcher.text("error")["reason"]
     assert wearer.answered(signal(9, 0.2)).sequence == 9
 
 
@@ -169,7 +169,7 @@ def test_a_wrong_token_watches_nothing() -> None:
             await live.stop()
         return ""
 
-    assert "its token is another" in asyncio.run(follow())
+    assert "its token is wrong" in asyncio.run(follow())
 
 
 @pytest.mark.parametrize("turns", range(4))

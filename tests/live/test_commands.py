@@ -89,7 +89,7 @@ def test_a_system_without_a_socket_folder_is_refused(refused: Refused, monkeypat
     ("table", "option", "expected"),
     [
         ('{"AA:01:02:03:04:05": "left_knee"}', "--vmt", "AA:01:02:03:04:05 is a SlimeVR tracker; give --slimevr"),
-        ('{"AA:01:02:03:04:05": "left_toe"}', "--slimevr", "'left_toe' (for 'AA:01:02:03:04:05') is no joint"),
+        ('{"AA:01:02:03:04:05": "left_toe"}', "--slimevr", "'left_toe' (for 'AA:01:02:03:04:05') is not a joint"),
         ('{"LHR-1": "left_knee"}', "--slimevr", "'LHR-1' is a device of VMC or SteamVR; give --vmc-in or --vmt"),
     ],
 )

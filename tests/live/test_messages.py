@@ -96,12 +96,12 @@ def test_any_text_is_a_message_or_refused(text: str) -> None:
         ('{"type":"hello","version":1,"points":"head"}', "a list"),
         ('{"type":"hello","version":1,"points":[' + ",".join(['"a"'] * 257) + "]}", "at most 256"),
         ('{"type":"hello","version":1,"name":"' + "x" * 65 + '"}', "at most 64 characters"),
-        ('{"type":"settings","size":1}', "'size' is none; there are height"),
+        ('{"type":"settings","size":1}', "'size' is unknown; valid are height"),
         ('{"type":"settings","height":4}', "height 4 m"),
         ('{"type":"settings","smoothing":-1}', "smoothing -1 s"),
-        ('{"type":"settings","regions":["tail"]}', "'tail' is none of torso"),
-        ("[" * 1000 + "]" * 1000, "within one another"),
-        ("[" * 100000, "within one another"),
+        ('{"type":"settings","regions":["tail"]}', "give one of torso, head, arms, fingers, legs, not 'tail'"),
+        ("[" * 1000 + "]" * 1000, "levels deep"),
+        ("[" * 100000, "levels deep"),
     ],
 )
 def test_errors_are_named(text: str, expected: str) -> None:

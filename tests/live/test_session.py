@@ -39,7 +39,7 @@ POINTS = ("head", "left_wrist", "right_wrist")
 
 
 def frame(time: float, sequence: int = 0, height: float = 0.0, x: float = 0.0) -> SignalFrame:
-    """Return a frame of head and wrists of a wearer with the default body who stands, faces +Z and waves."""
+    """Return a frame of head and wrists of the default body, which stands, faces +Z and waves."""
     pose = standing_pose(SKELETON)
     pose.root_position[:] += [x, height, 0]
     pose.rotation[SKELETON.index("left_elbow")] = [np.cos(0.4), 0, 0, np.sin(0.4 * np.sin(3 * time))]

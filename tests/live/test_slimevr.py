@@ -102,7 +102,7 @@ def test_late_and_unknown_datagrams_are_dropped() -> None:
     assert late.reason is not None and late.reason.startswith("late")
     assert played(turned(1, np.array([1.0, 0, 0, 0]))).reason == "a tracker without a handshake"
     unknown = played(handshake(), known=frozenset({"BB:00:00:00:00:00"}))
-    assert unknown.reason == f"the tracker {SERIAL} is in no table" and not unknown.state.trackers
+    assert unknown.reason == f"the tracker {SERIAL} is not in the table" and not unknown.state.trackers
     broken = struct.pack(">IQBB4fB", 17, 1, 0, 1, 5.0, 0.0, 0.0, 0.0, 0)
     assert played(handshake(), broken).reason == "sensor 0: its rotation is not a unit quaternion"
     assert played(handshake(), turned(1, np.array([1.0, 0, 0, 0]), 200)).reason is not None

@@ -57,7 +57,7 @@ def standing(facing: float = 0.0) -> tuple[dict[str, np.ndarray], dict[str, np.n
 def test_requests_are_read() -> None:
     assert read_bundle(request()) == Requests(polls=True, settings=(None,))
     assert read_bundle(request(False, 5, 77)) == Requests(interval=0.005, settings=(77,))
-    assert read_bundle(b"") == "0 bytes are no bundle of SolarXR"
+    assert read_bundle(b"") == "0 bytes are not a bundle of SolarXR"
 
 
 @given(st.binary(max_size=120), st.integers(0, 150), st.binary(max_size=12))

@@ -126,7 +126,7 @@ def test_a_table_is_read_from_a_file(tmp_path: Path) -> None:
         with pytest.raises(BodysenseError, match="a table of devices is a JSON object, serial to one of headset"):
             read_device_names(path)
     path.write_text('{"LHR-1": "hip"}')
-    with pytest.raises(BodysenseError, match="'hip' \\(for 'LHR-1'\\) is no device"):
+    with pytest.raises(BodysenseError, match="'hip' \\(for 'LHR-1'\\) is not a device"):
         TrackedDevices(read_device_names(path))
     with pytest.raises(BodysenseError, match="No such file"):
         read_device_names(tmp_path / "gone.json")
@@ -194,8 +194,8 @@ def test_a_sender_that_restarts_is_followed() -> None:
 
 @pytest.mark.parametrize(("loss", "doubled", "latest"), [(0.01, 0, 0), (0.05, 0.1, 0.03), (0.2, 0.3, 0.3)])
 def test_a_bad_network_gives_sent_poses_in_order(loss: float, doubled: float, latest: float) -> None:
-    """Packets are lost, doubled, and late by up to 0.3 s, so out of order. Every observed pose was sent, none is older
-    than the one before, and at the end the newest received one is observed."""
+    """Packets are lost, doubled, and late by up to 0.3 s, so out of order. Every observed pose was sent, and is not
+    older than the one before. At the end the newest received pose is observed."""
     random = np.random.default_rng(int(100 * loss))
     arrivals: list[tuple[float, int]] = []
     for k in range(300):

@@ -117,9 +117,9 @@ def test_trackers_are_strapped_and_joints_are_not() -> None:
         (["heed"], "'heed' is unknown"),
         (["head", "head"], "named twice"),
         (["middle:wrist"], "begin it with"),
-        (["left:index-finger-nail"], "no joint of WebXR's hands"),
-        (["left:index-tip"], "no joint of WebXR's hands"),
-        (["left:toe-finger-tip"], "no joint of WebXR's hands"),
+        (["left:index-finger-nail"], "not a joint of WebXR's hands"),
+        (["left:index-tip"], "not a joint of WebXR's hands"),
+        (["left:toe-finger-tip"], "not a joint of WebXR's hands"),
         ([f"p{k}" for k in range(129)], "at most 128"),
     ],
 )

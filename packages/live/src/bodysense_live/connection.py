@@ -100,7 +100,7 @@ def _apply_command(text: str, live: Live, slot: SessionSlot, queue: SendQueue) -
     elif isinstance(message, Hello):
         raise ProtocolError("a second hello; connect again to begin another session")
     elif queue.is_watcher:
-        raise ProtocolError("a client that watches another's session changes nothing in it")
+        raise ProtocolError("a client that watches another's session cannot change it")
     else:
         live.apply(slot, message)
 

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from bodysense_live.settings import ServerSettings
 
 _SWEEP_INTERVAL = 0.5  # s between checks for expired sessions
-_STORE_INTERVAL = 0.05  # s; sessions are stored at most this often
+_STORE_INTERVAL = 0.05  # s, shortest interval between two stores of sessions
 _ELSEWHERE = "the session was resumed by another connection"
 
 
@@ -109,7 +109,7 @@ class Live:
         return (*replay, *(source for source in self._inputs if source != "replay"))
 
     async def admit(self, hello: Hello, queue: SendQueue) -> SessionSlot:
-        """Return a session for a client, and welcome the client. Raises ProtocolError if none is available."""
+        """Return a session for a client, and welcome the client. Raises ProtocolError if no session is available."""
         queue.is_watcher = hello.follow is not None
         slot = await self._resume(hello, hello.resume) if hello.resume is not None else None
         resumed = slot is not None
@@ -154,7 +154,7 @@ class Live:
             self._recordings.switch(slot, message.on)
         elif isinstance(message, Replay):
             if slot.player is None:
-                raise ProtocolError("replay: this session watches no replay; say 'watch' in the hello")
+                raise ProtocolError("replay: this session watches no replay; set 'watch' in the hello")
             try:
                 slot.player.apply(message)
             except BodysenseError as error:
@@ -196,7 +196,7 @@ class Live:
         """Return another client's session, to watch it."""
         slot = self._slots.get(follow.session)
         if slot is None or not hmac.compare_digest(slot.watch_token.encode(), follow.token.encode()):
-            raise ProtocolError("there is no such session to watch, or its token is another", 1008)
+            raise ProtocolError("there is no such session to watch, or its token is wrong", 1008)
         return slot
 
     async def _resume(self, hello: Hello, resume: Resume) -> SessionSlot | None:

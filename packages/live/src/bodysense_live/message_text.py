@@ -48,7 +48,7 @@ def changed(settings: Settings, values: dict[str, Any]) -> Settings:
     hints = _hints(Settings)
     unknown = [name for name in values if name not in hints]
     if unknown:
-        raise ProtocolError(f"settings: {_short(unknown[0])} is none; there are {', '.join(hints)}")
+        raise ProtocolError(f"settings: {_short(unknown[0])} is unknown; valid are {', '.join(hints)}")
     return _made(replace, settings, **{k: _value(hints[k], v, f"settings.{k}") for k, v in values.items()})
 
 
@@ -58,11 +58,11 @@ def _parsed(text: str) -> Any:
         depth += (character in "[{") - (character in "]}")
         deepest = max(deepest, depth)
     if deepest > _DEEPEST:
-        raise ProtocolError(f"JSON of {deepest} lists within one another; {_DEEPEST} are enough")
+        raise ProtocolError(f"JSON is nested {deepest} levels deep; at most {_DEEPEST} are allowed")
     try:
         return json.loads(text, parse_constant=_no_number)
     except (ValueError, RecursionError):
-        raise ProtocolError("a text message that is not JSON") from None
+        raise ProtocolError("a text message is not JSON") from None
 
 
 def _no_number(name: str) -> None:
@@ -113,7 +113,7 @@ def _value(hint: Any, value: Any, where: str) -> Any:
         return tuple(_value(get_args(hint)[0], entry, where) for entry in value)
     if get_origin(hint) is Literal:
         if not isinstance(value, str) or value not in get_args(hint):
-            raise ProtocolError(f"{where}: {_short(value)} is none of {', '.join(get_args(hint))}")
+            raise ProtocolError(f"{where}: give one of {', '.join(get_args(hint))}, not {_short(value)}")
         return value
     if hint is str:
         if not isinstance(value, str) or len(value) > LONGEST_NAME:

@@ -124,7 +124,7 @@ def _handshake(packet: bytes, address: tuple[str, int], state: SlimevrState, kno
     else:
         serial = mac.hex(":").upper()
     if known and serial not in known:
-        return DatagramResult(state, reason=f"the tracker {serial} is in no table")
+        return DatagramResult(state, reason=f"the tracker {serial} is not in the table")
     if serial not in state.trackers and len(state.trackers) >= MAX_TRACKERS:
         return DatagramResult(state, reason=f"more than {MAX_TRACKERS} trackers")
     before = state.trackers.get(serial)

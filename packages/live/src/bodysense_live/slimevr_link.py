@@ -42,7 +42,7 @@ class SlimevrSettings:
         for serial, joint in self.joints.items():
             if joint not in JOINTS:
                 raise BodysenseError(
-                    f"devices: {joint!r} (for {serial!r}) is no joint that a SlimeVR tracker turns; valid are "
+                    f"devices: {joint!r} (for {serial!r}) is not a joint of a SlimeVR tracker; valid are "
                     f"{', '.join(JOINTS)}"
                 )
 

@@ -77,7 +77,7 @@ def read_bundle(packet: bytes) -> Requests | str:
                 settings.append(None if at is None else int(struct.unpack_from("<I", packet, at)[0]))
         return Requests(polls, interval, tuple(settings))
     except (struct.error, IndexError, ValueError, TypeError, OverflowError):
-        return f"{len(packet)} bytes are no bundle of SolarXR"
+        return f"{len(packet)} bytes are not a bundle of SolarXR"
 
 
 def _root(packet: bytes) -> Any:

@@ -156,10 +156,10 @@ class SolarxrLink:
         if skeleton is self._sent_skeleton:
             return
         self._sent_skeleton, eyes = skeleton, between_eyes(skeleton)
-        inputs = body_layout(skeleton, eyes)
-        both = zip(inputs.bones, self._updates.layout.bones, strict=True)
+        layout = body_layout(skeleton, eyes)
+        both = zip(layout.bones, self._updates.layout.bones, strict=True)
         if max(abs(now - before) for (_, now), (_, before) in both) > _LENGTH_TOLERANCE:
-            self._updates, self._eyes = Updates(inputs), eyes
+            self._updates, self._eyes = Updates(layout), eyes
 
     async def _rpc(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         def write(packet: bytes) -> None:

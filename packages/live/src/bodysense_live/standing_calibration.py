@@ -19,7 +19,7 @@ STANDING = 1.0  # s of frames that a calibration uses
 class CalibrationResult:
     """The result of a calibration."""
 
-    person: Person | None  # None without a headset
+    person: Person | None  # missing without a headset
     tracker_joints: Mapping[str, str]  # unassigned trackers → the joints that they are worn on
     inertial: InertialSensors
     notices: tuple[str, ...]  # lines for the wearer

@@ -46,7 +46,7 @@ POINTS = (
     *_MIDDLE,
     *(f"{side}_{part}" for part in _PARTS if part not in _MIDDLE for side in ("left", "right")),
 )
-# The same as sessions name them, and unassigned trackers.
+# Names in the signal of a session: trackers have the suffix `_tracker`, and unassigned ones are included.
 SIGNALS = ("headset", *HANDS, *(f"{point}_tracker" for point in POINTS[1 + len(HANDS) :]), *UNASSIGNED)
 MOST_DEVICES = 32
 _cached_accuracy = lru_cache(maxsize=64)(usual_accuracy)
@@ -83,7 +83,7 @@ class TrackedDevices:
     def __post_init__(self) -> None:
         for serial, point in self.names.items():
             if point not in POINTS:
-                raise BodysenseError(f"{point!r} (for {serial!r}) is no device; valid are {', '.join(POINTS)}")
+                raise BodysenseError(f"{point!r} (for {serial!r}) is not a device; valid are {', '.join(POINTS)}")
 
     def put(self, poses: Iterable[tuple[str, TrackedDevice]], state: DeviceState) -> tuple[DeviceState, str | None]:
         """Add poses by serial. Return the next state, and a reason if a pose is dropped."""
@@ -201,11 +201,11 @@ class DeviceReader(ABC):
         """Read a packet received at `now` s. Return the next state, and a reason if any of it is invalid."""
 
     def tracked(self, now: float, state: Any) -> Observation | None:
-        """Return one frame of the devices; None if none is tracked."""
+        """Return one frame of the devices; None if no device is tracked."""
         return self.devices.observation(now, state.devices)
 
     def observation(self, now: float, state: Any) -> Observation | None:
-        """Return one frame of devices and sensors; None if none is tracked."""
+        """Return one frame of devices and sensors; None if nothing is tracked."""
         found, sensors = self.tracked(now, state), self.sensors(now)
         if found is None or sensors is None:
             return found if sensors is None else sensors

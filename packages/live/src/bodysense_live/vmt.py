@@ -83,8 +83,8 @@ class VmtReader(DeviceReader):
         lowered = serial.lower()
         if "controller" in lowered or "hand" in lowered:
             return "Con"
-        nameless = [one for one in state.others if one not in self.devices.names]
-        return "Con" if serial in nameless and len(nameless) <= 2 else "Tra"
+        unnamed = [one for one in state.others if one not in self.devices.names]
+        return "Con" if serial in unnamed and len(unnamed) <= 2 else "Tra"
 
 
 def _with_list(message: Message, state: VmtState) -> VmtState:

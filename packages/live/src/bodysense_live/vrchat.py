@@ -116,7 +116,7 @@ class VrchatReader(DeviceReader):
         return VrchatState(DeviceState(seen)), wrong
 
     def tracked(self, now: float, state: VrchatState) -> Observation | None:
-        """Return one frame of `VRCHAT_POINTS`; None if none is tracked."""
+        """Return one frame of `VRCHAT_POINTS`; None if no point is tracked."""
         seen = state.devices.devices.items()
         fresh = {point: one for point, one in seen if now - one.at <= self.devices.longest_silence}
         if not fresh:

@@ -254,7 +254,7 @@ def _device_point(name: str, skeleton: Skeleton) -> tuple[str, np.ndarray, np.nd
 def _webxr_hand_point(name: str, side: str, rest: str) -> tuple[str, np.ndarray, np.ndarray, bool] | None:
     """Return the same for a joint of WebXR's hand. Fingers give only positions: their axes differ from bone to bone."""
     if side not in _HAND:
-        raise ProtocolError(f"the point {name!r} is of no hand; begin it with 'left:' or 'right:'")
+        raise ProtocolError(f"the point {name!r} names no hand; begin it with 'left:' or 'right:'")
     if rest == "wrist":
         return f"{side}_wrist", _inverse(_HAND[side]), ZERO, True
     finger, _, segment = rest.partition("-")
@@ -266,7 +266,7 @@ def _webxr_hand_point(name: str, side: str, rest: str) -> tuple[str, np.ndarray,
     if known and segment == "metacarpal" and finger != "thumb":
         return None
     if not known or segment not in table:
-        raise ProtocolError(f"the point {name!r} is no joint of WebXR's hands; see docs/protocol.md for the names")
+        raise ProtocolError(f"the point {name!r} is not a joint of WebXR's hands; see docs/protocol.md for the names")
     return f"{side}_{finger}{table[segment]}", IDENTITY, ZERO, False
 
 

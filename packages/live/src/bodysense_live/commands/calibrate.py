@@ -24,7 +24,7 @@ def calibrate(
     recentre: bool = False,
     wait: float = 5.0,
 ) -> None:
-    """Measure the wearer of a running server (VMC, SteamVR, VRChat or SlimeVR), who stands for a second.
+    """Measure the standing wearer of a running server in one second (VMC, SteamVR, VRChat, OpenXR or SlimeVR).
 
     Args:
         address: address that `bodysense serve` printed, token included.
