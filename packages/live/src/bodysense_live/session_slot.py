@@ -39,10 +39,10 @@ class SessionSlot:
     recorder: Recorder | None = None
     sent_revision: int = 0  # revision of the session that was last sent to clients
     generation: int = 1  # number of processes that have owned the session
-    _store_text: str = ""
-    _stored_values: object = None  # the values in `_store_text`, for comparison
     serials: Callable[[], Mapping[str, str]] = dict  # serial → point of unassigned trackers of the server's own input
     known_serials: Mapping[str, str] = field(default_factory=dict)  # `serials()` when joints were last assigned
+    _store_text: str = field(default="", init=False, repr=False)
+    _stored_values: object = field(default=None, init=False, repr=False)  # the values in `_store_text`, for comparison
 
     def store_text(self) -> str:
         """Return the session as text, from which another process resumes it."""

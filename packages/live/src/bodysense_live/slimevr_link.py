@@ -26,7 +26,7 @@ SENSORS = tuple(IMUS)
 LOST = 0.5  # s without a rotation, after which a sensor is lost
 FRAME_RATE = 90.0  # frames per second, if no other input tracks the wearer
 _MAX_PACKETS = 10_000.0  # per second: 32 trackers without bundles
-_MOST_PRINTED = 64
+_MAX_PRINTED = 64  # serials
 _SERIAL = re.compile(r"((?:[0-9A-F]{2}:){5}[0-9A-F]{2})(?:/([0-9]{1,2}))?")
 
 
@@ -130,7 +130,7 @@ class SlimevrLink(asyncio.DatagramProtocol):
         """Print the serials of new trackers, for the table of devices."""
         for serial, number, sensor in self._sensors():
             name = f"{serial}/{number}" if number else serial
-            if name in self._printed or len(self._printed) >= _MOST_PRINTED:
+            if name in self._printed or len(self._printed) >= _MAX_PRINTED:
                 continue
             self._printed.add(name)
             joint = self._joint(serial, number) or sensor.joint

@@ -56,7 +56,7 @@ _cached_accuracy = lru_cache(maxsize=64)(usual_accuracy)
 class TrackedDevice:
     """The last pose of a device, in our world, +Z forward."""
 
-    kind: str  # Hmd, Con or Tra
+    kind: str  # Hmd, Con or Tra; VRChat's devices have the name of their point
     position: np.ndarray  # (3,) m
     rotation: np.ndarray | None  # (4,) wxyz; None if it is missing or invalid
     at: float  # s, when it was received
