@@ -60,7 +60,7 @@ class FuzzCounts:
 
 
 class FakeSocket:
-    """A client's end and the server's in one: `converse` reads what was put in, and writes here."""
+    """A client's end and the server's in one: `serve_client` reads what was put in, and writes here."""
 
     def __init__(self) -> None:
         self.incoming: asyncio.Queue[dict[str, Any]] = asyncio.Queue()
