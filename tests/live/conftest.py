@@ -1,4 +1,4 @@
-"""A real server on loopback, in a thread, and a client of it."""
+"""A real server on loopback, in a thread, and its clients."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 from bodysense.io.protocol import POSE, SUBPROTOCOL, PoseFrame, SignalFrame, read_pose, write_signal
-from bodysense_live.launch import prepared
+from bodysense_live.launch import make_server
 from bodysense_live.links import listen_tcp
 from bodysense_live.message_text import write_message
 from bodysense_live.messages import ClientMessage, Hello
@@ -41,16 +41,16 @@ class Client:
 
     socket: Any
     welcome: dict[str, Any]
-    texts: list[dict[str, Any]] = field(default_factory=list)  # that came since
+    texts: list[dict[str, Any]] = field(default_factory=list)  # received, not yet read
 
-    def tell(self, message: ClientMessage) -> None:
+    def send_message(self, message: ClientMessage) -> None:
         self.socket.send(write_message(message))
 
     def send(self, frame: SignalFrame) -> None:
         self.socket.send(write_signal(frame))
 
     def frame(self, kind: int = POSE, seconds: float = 10.0) -> bytes:
-        """The next frame of a kind; texts are put by."""
+        """Return the next frame of a kind; texts are kept for `text`."""
         until = time.monotonic() + seconds
         while True:
             received = self.socket.recv(timeout=max(until - time.monotonic(), 0))
@@ -63,7 +63,7 @@ class Client:
         return read_pose(self.frame(), len(self.welcome["points"]))
 
     def text(self, kind: str, seconds: float = 10.0) -> dict[str, Any]:
-        """The next text of a type; others and frames are left out."""
+        """Return the next text of a type; other texts are kept, frames dropped."""
         until = time.monotonic() + seconds
         while True:
             for text in self.texts:
@@ -75,7 +75,7 @@ class Client:
                 self.texts.append(json.loads(received))
 
     def answered(self, frame: SignalFrame) -> PoseFrame:
-        """The answer to a frame."""
+        """Send a frame and return its answer."""
         self.send(frame)
         pose = self.pose()
         while pose.sequence != frame.sequence:
@@ -85,7 +85,7 @@ class Client:
 
 @dataclass(frozen=True)
 class Address:
-    """Where a server listens."""
+    """The address of a server."""
 
     port: int
 
@@ -104,10 +104,10 @@ Connecting = Callable[..., Client]
 
 @contextmanager
 def serving(settings: ServerSettings) -> Iterator[Address]:
-    """A server while the block lasts."""
+    """Run a server within the block."""
     bound = listen_tcp("--port", "127.0.0.1", 0)
     ready = threading.Event()
-    server = prepared(settings, lambda server: ready.set())
+    server = make_server(settings, lambda server: ready.set())
     thread = threading.Thread(target=server.run, args=([bound],), daemon=True)
     thread.start()
     try:
@@ -122,7 +122,7 @@ def serving(settings: ServerSettings) -> Iterator[Address]:
 
 @contextmanager
 def storing(port: int, host: str = "127.0.0.1") -> Iterator[str]:
-    """The address of Debian's Valkey or Redis while the block lasts; skips the test without one."""
+    """Run Debian's Valkey or Redis within the block; skip the test without one."""
     pytest.importorskip("redis", reason="needs packages/live[shared]")
     program = shutil.which("valkey-server") or shutil.which("redis-server")
     if program is None:
@@ -143,7 +143,7 @@ def storing(port: int, host: str = "127.0.0.1") -> Iterator[str]:
 
 
 def free_port() -> int:
-    """A TCP port that nothing listens on."""
+    """Return a free TCP port."""
     with socket.create_server(("127.0.0.1", 0)) as found:
         return found.getsockname()[1]
 
@@ -157,7 +157,7 @@ def store() -> Iterator[str]:
 
 @pytest.fixture
 def shared(store: str) -> str:
-    """The address of a Valkey or Redis that is empty."""
+    """The address of an empty Valkey or Redis."""
     from redis import Redis
 
     with Redis.from_url(store) as client:
@@ -167,7 +167,7 @@ def shared(store: str) -> str:
 
 @pytest.fixture
 def server_of() -> Iterator[Serving]:
-    """Start a server: `server_of(settings)` is where it listens."""
+    """Start a server: `server_of(settings)` returns its address."""
     pytest.importorskip("uvicorn", reason="needs packages/live")
     with ExitStack() as stack:
         yield lambda settings=ServerSettings(): stack.enter_context(serving(settings))
@@ -175,7 +175,7 @@ def server_of() -> Iterator[Serving]:
 
 @pytest.fixture(scope="session")
 def server() -> Iterator[Address]:
-    """A server with nothing special, for many tests."""
+    """A server with default settings, for many tests."""
     pytest.importorskip("uvicorn", reason="needs packages/live")
     with serving(ServerSettings()) as address:
         yield address
@@ -202,5 +202,5 @@ def connect() -> Iterator[Connecting]:
 
 @pytest.fixture
 def connect_to(connect: Connecting) -> Connecting:
-    """The same, where a test has another `connect`."""
+    """`connect`, for tests that define another fixture of this name."""
     return connect

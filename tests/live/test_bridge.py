@@ -1,4 +1,4 @@
-"""A bridge: pages anywhere send whole bodies, which go on to avatar programs."""
+"""The bridge: pages of any origin send whole bodies, which are forwarded to avatar programs."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from bodysense.demo import packaged_performance
 from bodysense.errors import BodysenseError
 from bodysense.io.protocol import SignalFrame
 from bodysense_live.messages import Settings
-from bodysense_live.safety import ANY_ORIGIN, Access, why_refused
+from bodysense_live.safety import ANY_ORIGIN, Access, refusal_reason
 from bodysense_live.session import Session
 
 
-def test_a_bridge_hands_on_a_whole_body() -> None:
+def test_a_bridge_forwards_a_whole_body() -> None:
     pose = packaged_performance().pose[0:120:2]
     skeleton = pose.skeleton
     position, rotation = map(np.asarray, forward_kinematics(pose))
@@ -32,10 +32,10 @@ def test_a_bridge_hands_on_a_whole_body() -> None:
     assert np.mean(apart[30:]) < 0.01 and np.max(apart[30:]) < 0.04  # m
 
 
-def test_a_page_anywhere_needs_the_bridges_token() -> None:
+def test_a_page_of_any_origin_needs_the_bridge_token() -> None:
     with pytest.raises(BodysenseError, match="needs a token"):
         Access(origins=(ANY_ORIGIN,))
     access = Access(token="12345678", origins=(ANY_ORIGIN,))
     for origin in ("https://example.org", "null", None):
-        assert why_refused(access, "localhost:8765", origin, ["12345678"]) is None
-        assert why_refused(access, "localhost:8765", origin, ["87654321"]) is not None
+        assert refusal_reason(access, "localhost:8765", origin, ["12345678"]) is None
+        assert refusal_reason(access, "localhost:8765", origin, ["87654321"]) is not None

@@ -1,4 +1,4 @@
-"""Trackers that are strapped on somehow are calibrated by VMC, and by a command."""
+"""Calibration of strapped trackers, by VMC and by the command."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ SKELETON = default_skeleton()
 
 
 def devices(anonymous: bool) -> list[bytes]:
-    """Headset and trackers of somebody of the default body who stands, as VMC sends them."""
+    """Return VMC packets with headset and trackers of a standing wearer with the default body."""
     position, rotation = forward_kinematics(standing_pose(SKELETON))
     floor = np.asarray(position)[:, 1].min()
     head = np.asarray(position)[SKELETON.index("head")] - [0, floor, 0] + [0.0, 0.07, 0.08]
@@ -37,37 +37,37 @@ def devices(anonymous: bool) -> list[bytes]:
     for k, (joint, (place, turn)) in enumerate(STRAPPED.items()):
         j = SKELETON.index(joint)
         carrier = RigidTransform(np.asarray(position)[j] - [0, floor, 0], np.asarray(rotation)[j])
-        worn = carrier @ RigidTransform(np.array(place), quaternion_exp(np.array(turn)))
-        values = *unity_position(worn.translation).tolist(), *unity_rotation(worn.rotation).tolist()
+        tracker_pose = carrier @ RigidTransform(np.array(place), quaternion_exp(np.array(turn)))
+        values = *unity_position(tracker_pose.translation).tolist(), *unity_rotation(tracker_pose.rotation).tolist()
         serial = f"LHR-{k}" if anonymous else joint.replace("ankle", "foot")
         rows.append(message_bytes("/VMC/Ext/Tra/Pos", "sfffffff", serial, *values))
     return rows
 
 
 @pytest.mark.slow
-def test_who_stands_a_second_is_known_and_kept(server_of: Serving, tmp_path: Path) -> None:
-    """Nobody says which tracker is which: where they are in that second does."""
+def test_calibration_assigns_unassigned_trackers_and_saves_the_wearer(server_of: Serving, tmp_path: Path) -> None:
+    """Trackers are assigned by their positions while the wearer stands."""
     port, kept = free_port(), tmp_path / "me.json"
     server_of(ServerSettings(vmc_in=port, save_person=kept))
     (packet,) = bundled(devices(anonymous=True))
-    until, asked = time.monotonic() + 20, False
+    until, requests = time.monotonic() + 20, False
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
         while not kept.is_file() and time.monotonic() < until:
             sender.sendto(packet, ("127.0.0.1", port))
-            if not asked:
+            if not requests:
                 sender.sendto(message_bytes("/VMC/Ext/Set/Calib/Exec", "i", 0), ("127.0.0.1", port))
-                asked = True
+                requests = True
             time.sleep(0.02)
     person = Person.load(kept)
     assert set(person.mounts) == set(STRAPPED)
     assert read_trackers(kept) == {f"LHR-{k}": joint for k, joint in enumerate(STRAPPED)}
     for joint, (place, _) in STRAPPED.items():
         off = np.linalg.norm(person.mounts[joint].translation - place)
-        assert off < 0.04  # the height, inferred from the head, is most of it
+        assert off < 0.04  # mostly the error of the height, which is inferred from the head
 
 
 @pytest.mark.slow
-def test_by_a_command(server_of: Serving, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_calibrate_command(server_of: Serving, capsys: pytest.CaptureFixture[str]) -> None:
     from bodysense_live.commands.calibrate import calibrate
 
     port, over = free_port(), threading.Event()
@@ -89,8 +89,8 @@ def test_by_a_command(server_of: Serving, capsys: pytest.CaptureFixture[str]) ->
     assert "m tall" in capsys.readouterr().out
 
 
-def test_what_packets_ask_for() -> None:
+def test_commands_in_packets() -> None:
     reader = VmcTrackers()
-    asked = [message_bytes("/VMC/Ext/Set/Calib/Exec", "i", 0), message_bytes("/bodysense/recentre", "")]
-    assert [reader.commands(one) for one in asked] == [[Calibrate()], [Recentre()]]
+    requests = [message_bytes("/VMC/Ext/Set/Calib/Exec", "i", 0), message_bytes("/bodysense/recentre", "")]
+    assert [reader.commands(one) for one in requests] == [[Calibrate()], [Recentre()]]
     assert reader.commands(b"Calib") == [] and reader.commands(devices(False)[0]) == []

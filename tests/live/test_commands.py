@@ -1,4 +1,4 @@
-"""`bodysense serve` as its users call it."""
+"""`bodysense serve` and `calibrate` on the command line."""
 
 from __future__ import annotations
 
@@ -42,15 +42,15 @@ def test_a_udp_port_in_use(refused: Refused) -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
         taken.bind(("127.0.0.1", 0))
         port = taken.getsockname()[1]
-        said = refused("serve", "--port", 0, "--vmc-in", port)
-        assert said == f"--vmc-in {port} is in use by another program; stop it or choose another --vmc-in (0 takes any)"
+        line = refused("serve", "--port", 0, "--vmc-in", port)
+        assert line == f"--vmc-in {port} is in use by another program; stop it or choose another --vmc-in (0 takes any)"
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "expected"),
     [
         (("--workers", 0), "give a whole number, 1 to 1024"),
-        (("--workers", 2, "--vmc-in", 39539), "UDP goes with one process only"),
+        (("--workers", 2, "--vmc-in", 39539), "UDP needs a single process"),
         (("--token", "short"), "at least 8 characters"),
         (("--vmc-out", "localhost"), "give HOST:PORT"),
         (("--vrchat-out", "localhost:99999"), "give HOST:PORT"),
@@ -61,8 +61,8 @@ def test_a_udp_port_in_use(refused: Refused) -> None:
         (("--device-names", "names.json"), "give --vmc-in, --vmt or --slimevr"),
         (("--vrchat", "--vrchat-host", "no.such.host.invalid"), "--vrchat-host no.such.host.invalid: no such host"),
         (("--slimevr", "--slimevr-host", "no.such.host.invalid"), "--slimevr-host no.such.host.invalid: no such host"),
-        (("--workers", 2, "--solarxr"), "UDP goes with one process only"),
-        (("--workers", 2, "--slimevr"), "UDP goes with one process only"),
+        (("--workers", 2, "--solarxr"), "UDP needs a single process"),
+        (("--workers", 2, "--slimevr"), "UDP needs a single process"),
         (("--bridge",), "--bridge has nowhere to send to; give --vmc-out"),
         (
             ("--vrchat-trackers", "hips"),
@@ -74,40 +74,42 @@ def test_a_udp_port_in_use(refused: Refused) -> None:
         (("--vmt", "--vmt-first", 49), "give 0 to 48"),
     ],
 )
-def test_what_cannot_be_served(refused: Refused, arguments: tuple[object, ...], said: str) -> None:
+def test_wrong_options_are_refused(refused: Refused, arguments: tuple[object, ...], expected: str) -> None:
     port = () if "--port" in arguments else ("--port", 0)
-    assert said in refused("serve", *port, *arguments)
+    assert expected in refused("serve", *port, *arguments)
 
 
-def test_no_folder_for_sockets(refused: Refused, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_system_without_a_socket_folder_is_refused(refused: Refused, monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("XDG_RUNTIME_DIR", "XDG_CACHE_HOME"):
         monkeypatch.delenv(name, raising=False)
     assert "XDG_RUNTIME_DIR is not set" in refused("serve", "--port", 0, "--solarxr")
 
 
 @pytest.mark.parametrize(
-    ("table", "option", "said"),
+    ("table", "option", "expected"),
     [
         ('{"AA:01:02:03:04:05": "left_knee"}', "--vmt", "AA:01:02:03:04:05 is a SlimeVR tracker; give --slimevr"),
-        ('{"AA:01:02:03:04:05": "left_toe"}', "--slimevr", "'left_toe' (for 'AA:01:02:03:04:05') is no joint"),
+        ('{"AA:01:02:03:04:05": "left_toe"}', "--slimevr", "'left_toe' (for 'AA:01:02:03:04:05') is not a joint"),
         ('{"LHR-1": "left_knee"}', "--slimevr", "'LHR-1' is a device of VMC or SteamVR; give --vmc-in or --vmt"),
     ],
 )
-def test_a_table_of_other_devices(refused: Refused, tmp_path: Path, table: str, option: str, said: str) -> None:
+def test_a_table_of_devices_of_another_input_is_refused(
+    refused: Refused, tmp_path: Path, table: str, option: str, expected: str
+) -> None:
     path = tmp_path / "names.json"
     path.write_text(table)
-    assert said in refused("serve", "--port", 0, option, "--device-names", path)
+    assert expected in refused("serve", "--port", 0, option, "--device-names", path)
 
 
 def test_a_motion_needs_a_device(refused: Refused, motion: Path) -> None:
-    assert "say what watches it: --device" in refused("serve", "--port", 0, "--replay", motion)
+    assert "for a motion, choose a device that tracks it: --device" in refused("serve", "--port", 0, "--replay", motion)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("workers", "end"), [(1, signal.SIGINT), (2, signal.SIGINT), (2, signal.SIGTERM), (2, signal.SIGKILL)]
 )
-def test_it_serves_until_it_is_ended(workers: int, end: signal.Signals) -> None:
+def test_serve_runs_until_it_is_ended(workers: int, end: signal.Signals) -> None:
     command = [sys.executable, "-m", "bodysense", "serve", "--port", "0", "--workers", str(workers)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None and process.stderr is not None
@@ -120,27 +122,27 @@ def test_it_serves_until_it_is_ended(workers: int, end: signal.Signals) -> None:
                     assert response.read() == b"ok\n"
             with urllib.request.urlopen(f"{address[0]}metrics", timeout=20) as response:
                 assert b"bodysense_frames" in response.read()
-                if end == signal.SIGKILL:  # with words of a worker unread: that this connection ended
+                if end == signal.SIGKILL:  # while a worker's report of the ended connection is unread
                     process.send_signal(signal.SIGSTOP)
             time.sleep(0.3)
         finally:
             process.send_signal(end)
         try:
-            # To the end of its output: no worker is left that holds it.
+            # The output ends only when no worker holds it any more.
             errors = process.communicate(timeout=30)[1]
         finally:
-            process.kill()  # one that stays fails here, and does not hold the tests up
+            process.kill()  # a process that continues fails here, without blocking the tests
         assert process.returncode in (0, 130, -end) and "Traceback" not in errors
 
 
-def test_a_wrong_token_is_not_a_server_that_does_not_run(refused: Refused, server_of: Serving) -> None:
+def test_calibrate_distinguishes_a_wrong_token_from_a_missing_server(refused: Refused, server_of: Serving) -> None:
     server = server_of(ServerSettings(Access(token="secret-token")))
     for address in (f"{server.http}/", f"{server.http}/?token=wrong-token"):
         reason = refused("calibrate", address)
         assert "the server refuses this address (the token is missing or wrong); give the address that" in reason
 
 
-def test_nobody_to_calibrate(refused: Refused) -> None:
+def test_calibrate_needs_a_tracked_wearer(refused: Refused) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
     assert "is `bodysense serve` running?" in refused("calibrate", f"http://127.0.0.1:{port}/")
@@ -148,7 +150,7 @@ def test_nobody_to_calibrate(refused: Refused) -> None:
         assert refused("calibrate", address).startswith(f"{address}: give the address that `bodysense serve` printed")
 
 
-def test_a_replayed_recording_is_read_as_its_options_say(tmp_path: Path, waving_clip: Clip, refused: Refused) -> None:
+def test_a_replayed_recording_follows_the_reading_options(tmp_path: Path, waving_clip: Clip, refused: Refused) -> None:
     seen, path = simulate(waving_clip, "three_point"), tmp_path / "seen.npz"
     write_recording(path, Recording(replace(seen, position=seen.position * 100), waving_clip.pose.skeleton))
     played = playable_of(path, None, ReadingOptions(unit="cm"), Person())

@@ -1,4 +1,4 @@
-"""UDP in and out of a real server: trackers by VMC, markers by OSC, poses to an avatar."""
+"""UDP inputs and outputs of a real server: trackers by VMC, markers by OSC, poses to an avatar."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from bodysense_live.vmc import VmcTrackers
 from .conftest import Connecting, Serving, free_port, signal
 
 
-def test_poses_go_to_an_avatar(server_of: Serving, connect: Connecting) -> None:
+def test_poses_are_sent_to_an_avatar(server_of: Serving, connect: Connecting) -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as avatar:
         avatar.bind(("127.0.0.1", 0))
         avatar.settimeout(10)
@@ -40,7 +40,7 @@ def test_poses_go_to_an_avatar(server_of: Serving, connect: Connecting) -> None:
         client.answered(signal(1, 0.1))
 
 
-def test_trackers_by_vmc_and_what_is_none(server_of: Serving, connect: Connecting) -> None:
+def test_trackers_by_vmc_and_malformed_packets(server_of: Serving, connect: Connecting) -> None:
     from pythonosc.udp_client import SimpleUDPClient
 
     port = free_port()
@@ -78,7 +78,7 @@ def test_markers_by_osc(server_of: Serving, connect: Connecting) -> None:
 
 
 @pytest.mark.parametrize("kind", ["vmc", "markers"])
-def test_a_flood_is_not_looked_at(kind: str) -> None:
+def test_a_flood_of_packets_is_dropped(kind: str) -> None:
     metrics = Metrics()
 
     async def flooded() -> None:
@@ -95,7 +95,7 @@ def test_a_flood_is_not_looked_at(kind: str) -> None:
         for reason in ("flood", "malformed packet")
     }
     assert sum(dropped.values()) == 10_000
-    assert dropped["malformed packet"] < 8_000  # a burst, and what comes while it is looked at
+    assert dropped["malformed packet"] < 8_000  # a burst, and packets that arrive while it is read
 
 
 def test_hostile_packets_are_counted(server_of: Serving, connect: Connecting) -> None:
@@ -107,9 +107,9 @@ def test_hostile_packets_are_counted(server_of: Serving, connect: Connecting) ->
     assert client.answered(signal(0, 0.0)).sequence == 0
 
 
-def test_a_packet_of_all_devices_is_a_frame_at_once_and_parts_wait_for_each_other() -> None:
+def test_a_complete_packet_is_a_frame_at_once_and_partial_ones_are_grouped() -> None:
     async def frames(*packets: tuple[str, ...]) -> list[int]:
-        """How many frames there are after each packet."""
+        """Return the number of frames after each packet."""
         played: list[SignalFrame] = []
         reader = DeviceInput(played.append, Metrics(), VmcTrackers(), SIGNALS)
         found = []
@@ -121,7 +121,7 @@ def test_a_packet_of_all_devices_is_a_frame_at_once_and_parts_wait_for_each_othe
         return [*found, len(played)]
 
     assert asyncio.run(frames(("Hmd", "Con"), ("Hmd", "Con"))) == [1, 2, 2]
-    assert asyncio.run(frames(("Hmd",), ("Con",), ("Tra",))) == [1, 1, 1, 2]  # one alone is all that is known
+    assert asyncio.run(frames(("Hmd",), ("Con",), ("Tra",))) == [1, 1, 1, 2]  # a single device is a complete packet
 
 
 POSE = (0.0, 1.6, 0.0, 0.0, 0.0, 0.0, 1.0)

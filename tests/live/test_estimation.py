@@ -1,4 +1,4 @@
-"""Live is offline: sessions give what the tracker gives, alone and among many, whatever comes and goes."""
+"""Sessions give the same bodies as the offline tracker, alone and among many, with changing sensors."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ SKELETON = default_skeleton()
 
 
 def seen(name: str, start: int, frames: int) -> Observation:
-    """What a set of sensors sees of the packaged performance, as precisely as the wire carries it."""
+    """Return observations of the packaged performance by a set of sensors, with the precision of the protocol."""
     clip = packaged_performance()
     pose = replace(
         clip.pose,
@@ -42,7 +42,7 @@ def seen(name: str, start: int, frames: int) -> Observation:
 
 
 def as_read(observation: Observation) -> Observation:
-    """The server makes quaternions of unit length again."""
+    """Normalise quaternions, as the server does."""
     length = np.linalg.norm(observation.rotation, axis=-1, keepdims=True)
     return replace(observation, rotation=observation.rotation / length)
 
@@ -74,7 +74,7 @@ def answered(one: Session, observation: Observation) -> list[Answer]:
 @pytest.mark.parametrize(
     ("name", "person"), [("head", Person()), ("three_point", Person(height=1.6)), ("six_point", Person(SKELETON))]
 )
-def test_live_is_offline(name: str, person: Person) -> None:
+def test_live_equals_offline(name: str, person: Person) -> None:
     observation = seen(name, 100, 150)
     tracker = Tracker(person)
     expected, _ = tracker.step(as_read(observation), tracker.start())
@@ -89,7 +89,7 @@ def test_live_is_offline(name: str, person: Person) -> None:
         np.testing.assert_array_equal(answer.frame.hidden, ~expected.measured[t])
 
 
-def test_one_alone_is_as_one_among_sixteen_whatever_the_others_have() -> None:
+def test_a_session_is_independent_of_fifteen_others() -> None:
     names = ["three_point", "head", "six_point", "three_point_imu_feet"] * 4
     people = [Person(height=1.6 + 0.02 * k) if k % 2 else Person() for k in range(16)]
     signals = [seen(name, 20 * k, 40) for k, name in enumerate(names)]
@@ -117,21 +117,21 @@ def test_one_alone_is_as_one_among_sixteen_whatever_the_others_have() -> None:
             np.testing.assert_allclose(here.frame.rotation, there.frame.rotation, atol=1e-5)
 
 
-def test_a_sensor_that_comes_and_goes_is_followed_without_a_leap_elsewhere() -> None:
-    """A hip tracker for the middle third: then the pelvis is measured, and the head is exact all the while."""
+def test_a_sensor_is_followed_without_a_jump_when_it_is_found_or_lost() -> None:
+    """With a hip tracker in the middle third the pelvis is measured there, and the head is exact throughout."""
     observation = seen("four_point", 0, 180)
     hip = observation.points.index("pelvis")
     for mask in (observation.has_position, observation.has_rotation):
         mask[:60, hip] = mask[120:, hip] = False
     answers = answered(Session(observation.points), observation)
     pelvis, head = SKELETON.index("pelvis"), SKELETON.index("head")
-    shown = np.stack([answer.points for answer in answers])
+    positions = np.stack([answer.points for answer in answers])
     hidden = np.array([answer.frame.hidden[pelvis] for answer in answers])
     np.testing.assert_array_equal(hidden, [1.0] * 60 + [0.0] * 60 + [1.0] * 60)
-    np.testing.assert_allclose(shown[:, head], observation.position[:, observation.points.index("head")], atol=2e-3)
-    away = np.linalg.norm(shown[:, pelvis] - observation.position[:, hip], axis=-1)
+    np.testing.assert_allclose(positions[:, head], observation.position[:, observation.points.index("head")], atol=2e-3)
+    away = np.linalg.norm(positions[:, pelvis] - observation.position[:, hip], axis=-1)
     assert away[90:120].max() < 0.02
-    assert np.linalg.norm(np.diff(shown[120:123, pelvis], axis=0), axis=-1).max() < 0.1
+    assert np.linalg.norm(np.diff(positions[120:123, pelvis], axis=0), axis=-1).max() < 0.1
 
 
 def test_markers_of_gloves_become_hands() -> None:
@@ -148,7 +148,7 @@ def test_markers_of_gloves_become_hands() -> None:
     assert (last.frame.hidden[places] == 0).all()
 
 
-def test_a_signal_without_points_is_a_body_too() -> None:
+def test_a_signal_without_points_gives_a_body() -> None:
     empty = np.zeros(0)
     one = Session(())
     one.receive(

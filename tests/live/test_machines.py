@@ -1,4 +1,4 @@
-"""Two server hosts, in network namespaces of their own, behind HAProxy: one ends, and its wearers are back soon."""
+"""Two server hosts, each in a network namespace, behind HAProxy: if one ends, its wearers resume at the other."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ DEPLOY = Path(__file__).parents[2] / "extras" / "deploy"
 NETWORK, TOKEN = "10.231.77", "a-token-of-this-test"
 PROXY, STORE, SERVER = 8080, 6379, 8765  # ports
 RATE, WEARERS = 30, 4
-BACK = 2.0  # s within which a wearer is answered again
+BACK = 2.0  # s until a wearer is answered again
 
 pytestmark = [
     pytest.mark.slow,
@@ -50,7 +50,7 @@ def ip(*arguments: str) -> None:
 
 @contextmanager
 def network(hosts: tuple[str, ...]) -> Iterator[None]:
-    """A bridge, which has the first address, and a namespace for each host; its link here has the host's name."""
+    """Create a bridge with the first address, and a namespace and a link for each host, named after it."""
     bridge = "bs-bridge"
     with ExitStack() as undo:
         ip("link", "add", bridge, "type", "bridge")
@@ -61,7 +61,7 @@ def network(hosts: tuple[str, ...]) -> Iterator[None]:
             ip("netns", "add", host)
             undo.callback(ip, "netns", "del", host)
             ip("link", "add", host, "type", "veth", "peer", "name", "net", "netns", host)
-            undo.callback(ip, "link", "del", host)  # with open connections a namespace lives on for minutes
+            undo.callback(ip, "link", "del", host)  # with open connections a namespace exists for minutes
             ip("link", "set", host, "master", bridge, "up")
             ip("-n", host, "addr", "add", f"{NETWORK}.{number}/24", "dev", "net")
             for device in ("lo", "net"):
@@ -89,13 +89,13 @@ def wait_for(url: str) -> None:
 
 @dataclass
 class Wearer:
-    """Someone with three nameless trackers, who stands, and comes back whenever the connection breaks."""
+    """A standing wearer with three unassigned trackers, who reconnects whenever the connection breaks."""
 
     settings: Settings
-    welcomes: list[dict[str, Any]] = field(default_factory=list)  # of each connection
-    told: dict[str, Any] = field(default_factory=dict)  # the last welcome
+    welcomes: list[dict[str, Any]] = field(default_factory=list)  # one per connection
+    last_welcome: dict[str, Any] = field(default_factory=dict)
     pose: PoseFrame | None = None
-    answered: float = 0.0  # s, when
+    answered: float = 0.0  # s, time of the last answer
     longest: float = 0.0  # s between two answers
     is_calibrated: bool = False
     resume: Resume | None = None
@@ -112,9 +112,9 @@ class Wearer:
                 with connect(address, subprotocols=protocols, compression=None, open_timeout=1) as socket:
                     settings = Settings() if self.resume else self.settings
                     socket.send(write_message(Hello(1, SIGNALS, settings=settings, resume=self.resume)))
-                    self.told = json.loads(socket.recv(timeout=1))
-                    self.welcomes.append(self.told)
-                    self.resume = Resume(self.told["session"], self.told["token"])
+                    self.last_welcome = json.loads(socket.recv(timeout=1))
+                    self.welcomes.append(self.last_welcome)
+                    self.resume = Resume(self.last_welcome["session"], self.last_welcome["token"])
                     if len(self.welcomes) == 1:
                         socket.send(write_message(Calibrate()))
                     while not over.is_set():
@@ -135,7 +135,7 @@ class Wearer:
                 return
             if isinstance(received, str):
                 message = json.loads(received)
-                self.told = message if message["type"] == "welcome" else self.told
+                self.last_welcome = message if message["type"] == "welcome" else self.last_welcome
                 self.is_calibrated |= message["type"] == "said" and message["text"].startswith("worn:")
             elif received[0] == POSE:
                 now = time.monotonic()
@@ -143,13 +143,13 @@ class Wearer:
                 self.pose, self.answered = read_pose(received, len(SKELETON.points)), now
 
     def is_tracked(self) -> bool:
-        """Whether the joints that carry trackers are measured."""
+        """Whether the joints with trackers are measured."""
         assert self.pose is not None
         return bool((self.pose.hidden[SKELETON.indices(list(STRAPPED))] < 0.5).all())
 
 
 @pytest.mark.parametrize("end", ["killed", "cut off", "drained"])
-def test_wearers_of_a_host_that_ends_are_back_at_the_other(end: str) -> None:
+def test_wearers_of_a_host_that_ends_resume_at_the_other(end: str) -> None:
     hosts = ("bs-one", "bs-two")
     with ExitStack() as stack:
         stack.enter_context(network(hosts))
@@ -179,8 +179,8 @@ def test_wearers_of_a_host_that_ends_are_back_at_the_other(end: str) -> None:
         while not all(one.is_calibrated and one.pose is not None and one.is_tracked() for one in wearers):
             assert time.monotonic() < until, wearers
             time.sleep(0.05)
-        time.sleep(3.0)  # stored, and the body has come to rest
-        before = [(one.told, one.pose) for one in wearers]
+        time.sleep(3.0)  # until the sessions are stored and the bodies are at rest
+        before = [(one.last_welcome, one.pose) for one in wearers]
         for one in wearers:
             one.longest = 0.0
 
@@ -189,16 +189,19 @@ def test_wearers_of_a_host_that_ends_are_back_at_the_other(end: str) -> None:
         else:
             servers[0].send_signal(signal.SIGKILL if end == "killed" else signal.SIGTERM)
         time.sleep(4.0)
-        moved = [one for one in wearers if len(one.welcomes) > 1]
-        assert len(moved) == WEARERS // 2  # HAProxy gives both hosts as many
-        for one, (told, pose) in zip(wearers, before, strict=True):
+        reconnected = [one for one in wearers if len(one.welcomes) > 1]
+        assert len(reconnected) == WEARERS // 2  # HAProxy balances both hosts
+        for one, (last_welcome, pose) in zip(wearers, before, strict=True):
             assert time.monotonic() - one.answered < 0.5 and one.longest < BACK, one.longest
             assert one.is_tracked()
             assert pose is not None and one.pose is not None
             assert np.abs(one.pose.root_position - pose.root_position).max() < 0.03  # m
-            assert one.told["settings"] == told["settings"] and one.told["session"] == told["session"]
-        for one in moved:
+            assert (
+                one.last_welcome["settings"] == last_welcome["settings"]
+                and one.last_welcome["session"] == last_welcome["session"]
+            )
+        for one in reconnected:
             back = one.welcomes[-1]
             assert back["resumed"] and back["height"] == pytest.approx(back["settings"]["height"], abs=0.002)
-        assert {one.told["settings"]["floor"] for one in wearers} == {0.0, 0.01, 0.02, 0.03}
-        print(f"{end}: longest silence {max(one.longest for one in moved):.2f} s")
+        assert {one.last_welcome["settings"]["floor"] for one in wearers} == {0.0, 0.01, 0.02, 0.03}
+        print(f"{end}: longest silence {max(one.longest for one in reconnected):.2f} s")

@@ -1,4 +1,4 @@
-"""Live markers as messages: what is written is read, and nothing that comes in breaks the reader."""
+"""Messages of live markers: a round trip, and malformed packets."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from bodysense_live.marker_stream import ADDRESS, LARGEST, read_frame, write_fra
 LEFT = glove_points("left")
 
 
-def test_a_recording_comes_through(hidden_gloves: Observation) -> None:
+def test_a_recording_is_transmitted_unchanged(hidden_gloves: Observation) -> None:
     for t in range(12):
         seen = hidden_gloves.has_position[t]
         names = [name for name, is_seen in zip(hidden_gloves.points, seen, strict=True) if is_seen]
@@ -65,17 +65,17 @@ def message(address: str, *values: object) -> bytes:
     ],
     ids=range(13),
 )
-def test_packets_that_are_no_frame_are_dropped(packet: bytes) -> None:
+def test_malformed_packets_are_dropped(packet: bytes) -> None:
     assert read_frame(packet, LEFT) is None
 
 
 @given(packet=st.binary(max_size=200) | st.binary(max_size=60).map(lambda tail: b"/bodysense/markers\0\0,d" + tail))
-def test_no_packet_breaks_the_reader(packet: bytes) -> None:
+def test_the_reader_never_raises(packet: bytes) -> None:
     found = read_frame(packet, LEFT)
     assert found is None or found.points == LEFT
 
 
-def test_positions_that_are_no_number_are_hidden() -> None:
+def test_nan_positions_are_hidden() -> None:
     name = b"left_glove_wrist\0\0\0\0"
     for value in (np.nan, np.inf, 1e9):
         head = b"/bodysense/markers\0\0,dsfff\0\0" + struct.pack(">d", 0.0) + name
@@ -84,7 +84,7 @@ def test_positions_that_are_no_number_are_hidden() -> None:
         assert not frame.has_position.any() and np.isnan(frame.position).all()
 
 
-def test_a_frame_comes_in_a_message_or_in_a_bundle_of_one() -> None:
+def test_a_frame_is_a_message_or_a_bundle_of_one() -> None:
     points = LEFT + glove_points("right")
     alone = message_bytes(ADDRESS, "dsfff", 2.5, "right_glove_wrist", 0.5, 1.0, 1.5)
     assert alone == write_frame(2.5, {"right_glove_wrist": np.array([0.5, 1.0, 1.5])})

@@ -1,4 +1,4 @@
-"""OSC: what we write python-osc reads, and the reverse; whatever else comes is refused with a reason."""
+"""OSC: exchange with python-osc, and refusal of malformed packets with a reason."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ VALUE = st.one_of(
     st.tuples(st.just("f"), st.floats(width=32, allow_nan=False)),
     st.tuples(st.just("d"), st.floats(allow_nan=False)),
     st.tuples(st.just("s"), TEXT),
-    st.tuples(st.just("b"), st.binary(min_size=1, max_size=20)),  # the library knows no empty ones
+    st.tuples(st.just("b"), st.binary(min_size=1, max_size=20)),  # python-osc does not support empty blobs
 )
 VALUES = st.lists(VALUE, max_size=12)
 
@@ -45,7 +45,7 @@ def by_the_library(address: str, values: list[tuple[str, Any]]) -> bytes:
 
 
 @given(TEXT, VALUES)
-def test_the_library_and_we_read_what_the_other_writes(path: str, values: list[tuple[str, Any]]) -> None:
+def test_python_osc_and_our_reader_read_each_others_packets(path: str, values: list[tuple[str, Any]]) -> None:
     address, tags = f"/{path}", "".join(tag for tag, _ in values)
     theirs = by_the_library(address, values)
     assert read_packet(theirs) == (Message(address, tuple(value for _, value in values)),)
@@ -75,7 +75,7 @@ def test_bundles_in_bundles(messages: list[tuple[str, list[tuple[str, Any]]]], d
 
 
 @given(st.lists(st.integers(0, 400), max_size=40))
-def test_messages_are_shared_out_over_datagrams(sizes: list[int]) -> None:
+def test_messages_are_distributed_over_datagrams(sizes: list[int]) -> None:
     messages = [message_bytes("/m", "ib", k, bytes(size + 1)) for k, size in enumerate(sizes)]
     packets = bundled(messages)
     assert all(len(packet) <= DATAGRAM for packet in packets)
@@ -112,13 +112,13 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("packet", REFUSED)
-def test_what_is_no_packet_is_refused_with_a_reason(packet: str) -> None:
+def test_malformed_packets_are_refused_with_a_reason(packet: str) -> None:
     found = read_packet(packet.encode("latin-1"))
     assert isinstance(found, str)
     assert found.startswith(REFUSED[packet])
 
 
-def test_what_is_too_large_is_refused() -> None:
+def test_packets_that_are_too_large_are_refused() -> None:
     assert read_packet(nested(DEEPEST)) == (Message("/a", (1,)),)
     assert read_packet(nested(DEEPEST + 1)) == f"bundles lie more than {DEEPEST} deep"
     assert read_packet(nested(800)) == f"bundles lie more than {DEEPEST} deep"
@@ -131,13 +131,13 @@ def test_what_is_too_large_is_refused() -> None:
 
 
 @given(st.binary(max_size=200))
-def test_any_bytes_are_answered(packet: bytes) -> None:
+def test_any_bytes_are_read_or_refused(packet: bytes) -> None:
     for start in (b"", b"/a\0\0,", b"#bundle\0" + bytes(8)):
         assert isinstance(read_packet(start + packet), str | tuple)
 
 
-def test_broken_packets_are_answered() -> None:
-    """Good packets with bytes changed, cut out and put in: some are still read, most are not, none raises."""
+def test_broken_packets_are_read_or_refused() -> None:
+    """Packets with changed, removed and inserted bytes are read or refused, without an exception."""
     random = np.random.default_rng(3)
     good = bundled([message_bytes("/VMC/Ext/Hmd/Pos", "sfffffff", "HMD", *np.arange(7.0)) for _ in range(4)])[0]
     answers = []

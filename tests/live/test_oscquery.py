@@ -1,4 +1,4 @@
-"""VRChat by OSCQuery: found by an independent browser, read by plain HTTP, and a VRChat that is played here."""
+"""VRChat by OSCQuery, against an independent browser, plain HTTP and a simulated VRChat."""
 
 from __future__ import annotations
 
@@ -29,19 +29,19 @@ from bodysense_live.messages import Calibrate, Recentre
 from bodysense_live.metrics import Metrics
 from bodysense_live.oscquery import OscService
 from bodysense_live.settings import ServerSettings
-from bodysense_live.vrchat import TAKEN, VRCHAT_POINTS, VrchatReader
+from bodysense_live.vrchat import ACCEPTED_ADDRESSES, VRCHAT_POINTS, VrchatReader
 from bodysense_live.vrchat_link import VrchatLink, VrchatSettings
 
 from .conftest import Connecting, Serving
 
-SERVICE = OscService("bodysense-1", "127.0.0.1", 9999, TAKEN)
+SERVICE = OscService("bodysense-1", "127.0.0.1", 9999, ACCEPTED_ADDRESSES)
 
 
 def pose(part: str, place: tuple[float, ...] = (0.0, 1.6, 0.0), angles: tuple[float, ...] = (0.0, 0.0, 0.0)) -> bytes:
     return message_bytes(f"/tracking/vrsystem/{part}/pose", "ffffff", *place, *angles)
 
 
-def test_the_tree_has_what_vrchat_looks_for() -> None:
+def test_the_tree_has_the_addresses_that_vrchat_looks_for() -> None:
     for target in ("/?HOST_INFO", "/HOST_INFO", "/tracking?HOST_INFO"):
         status, info = SERVICE.answer(target)
         assert status == 200 and info["OSC_PORT"] == 9999 and info["OSC_TRANSPORT"] == "UDP"
@@ -55,8 +55,8 @@ def test_the_tree_has_what_vrchat_looks_for() -> None:
 
 
 @given(st.text(max_size=40) | st.binary(max_size=40).map(lambda data: data.decode("latin-1")))
-def test_whatever_is_asked_for_gets_an_answer(target: str) -> None:
-    with suppress(ValueError):  # no address at all: the server answers 400
+def test_any_request_is_answered(target: str) -> None:
+    with suppress(ValueError):  # an invalid address; the server answers 400
         status, found = SERVICE.answer(target)
         assert status in (200, 204, 400, 404)
         json.dumps(found)
@@ -78,20 +78,20 @@ def test_head_and_wrists_of_vrchat() -> None:
     np.testing.assert_allclose(observation.position[0, 0], [-0.1, 1.6, 0.2], atol=1e-6)  # mirrored in x = 0
     assert observation.position[0, 1, 0] > 0  # our left hand is at +X
     assert observation.has_rotation.tolist() == [[True, False, False]]
-    # A headset's axes are WebXR's: turned by half a turn about +Y from those whose +Z is ahead.
+    # A headset's axes are WebXR's: half a turn about +Y from those with +Z forward.
     assert geodesic_angle(observation.rotation[0, 0], quaternion_multiply(turn, ABOUT_Y)) < 1e-6
     assert reader.observation(6.0, state) is None  # silence
 
 
 @given(st.binary(max_size=200) | st.builds(lambda tail: pose("head")[:40] + tail, st.binary(max_size=60)))
-def test_nothing_that_comes_raises(packet: bytes) -> None:
+def test_any_packet_is_read_without_an_exception(packet: bytes) -> None:
     reader = VrchatReader()
     state, _ = reader.take(packet, 0.0, reader.start())
     reader.observation(0.0, state)
     reader.commands(packet)
 
 
-def test_what_is_no_pose_has_a_reason() -> None:
+def test_malformed_poses_are_refused_with_a_reason() -> None:
     reader = VrchatReader()
     for packet in (
         pose("head", (float("nan"), 0.0, 0.0)),
@@ -105,7 +105,7 @@ def test_what_is_no_pose_has_a_reason() -> None:
 
 
 class Vrchat:
-    """A VRChat on this machine: announces itself, looks for whoever wants its tracking, sends it there."""
+    """A simulated VRChat: announces itself, finds services that accept its tracking, and sends it to them."""
 
     def __init__(self, zeroconf: Any) -> None:
         self.zeroconf = zeroconf
@@ -125,7 +125,7 @@ class Vrchat:
         self.network.register_service(self.info)
 
     def service(self, kind: str, seconds: float = 10.0) -> Any:
-        """Where the one of a kind whose name is ours is, as a browser of its own finds it."""
+        """Return our service of a type, as an independent browser finds it."""
         names: list[str] = []
 
         class Listener:
@@ -149,7 +149,7 @@ class Vrchat:
         raise AssertionError("not found")
 
     def trackers(self) -> set[str]:
-        """Addresses of what came in since, and within a second from now."""
+        """Return addresses of the messages received since the last call, and within the next second."""
         found, until = set[str](), time.monotonic() + 1
         with suppress(TimeoutError):
             while time.monotonic() < until:
@@ -170,7 +170,9 @@ def vrchat() -> Iterator[Vrchat]:
 
 
 @pytest.mark.slow
-def test_both_find_each_other_and_a_body_comes_back(server_of: Serving, connect: Connecting, vrchat: Vrchat) -> None:
+def test_vrchat_and_server_find_each_other_and_a_body_is_returned(
+    server_of: Serving, connect: Connecting, vrchat: Vrchat
+) -> None:
     server = server_of(ServerSettings(vrchat=VrchatSettings()))
     connect(server, points=(), watch="vrchat")
     web, osc = vrchat.service("_oscjson._tcp.local."), vrchat.service("_osc._udp.local.")
@@ -194,7 +196,7 @@ def test_both_find_each_other_and_a_body_comes_back(server_of: Serving, connect:
     assert {"/tracking/trackers/1/position", "/tracking/trackers/head/rotation"} <= seen
 
 
-def test_what_is_no_http_is_answered_or_closed(server_of: Serving, vrchat: Vrchat) -> None:
+def test_malformed_http_is_answered_or_closed(server_of: Serving, vrchat: Vrchat) -> None:
     server_of(ServerSettings(vrchat=VrchatSettings()))
     web = vrchat.service("_oscjson._tcp.local.")
     for sent in (b"\x00\xff nonsense\r\n\r\n", b"POST / HTTP/1.1\r\nHost: x\r\n\r\n", b"GET /" + 20000 * b"a"):
@@ -204,7 +206,7 @@ def test_what_is_no_http_is_answered_or_closed(server_of: Serving, vrchat: Vrcha
             assert client.recv(100).startswith(b"HTTP/1.1 400")
 
 
-def test_without_zeroconf_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_missing_zeroconf_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "zeroconf", None)
     with pytest.raises(BodysenseError, match="needs the package zeroconf"):
         VrchatLink(VrchatSettings(), Metrics(), VrchatReader(), VRCHAT_POINTS)

@@ -1,4 +1,4 @@
-"""A server that is sent four times as many frames as it can complete: who is answered, and which frames are decoded."""
+"""An overloaded server: even answers for all wearers, and few decoded frames."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ from bodysense_live.newest_frames import SKIPPED, NewestFrames
 from .conftest import DEVICES, Address, Connecting, Serving, signal
 
 RATE, SECONDS = 8.0, 5.0  # Hz, s
-LOADS = ((5, 4.0), (20, 2.0))  # wearers, and the load as a multiple of what the machine bears
+LOADS = ((5, 4.0), (20, 2.0))  # number of wearers, load as a multiple of the capacity
 
 
 @dataclass
 class SlowStep:
-    """In place of the tracker: the answer of a first step, after a time in which the processor is free."""
+    """A replacement of the tracker: returns the estimate of a first step after a sleep."""
 
-    seconds: float  # that a step takes for each wearer
+    seconds: float  # duration of a step per wearer
     answer: tuple[Estimate, PipelineState] | None = None
     begun: float = 0.0  # s, of the first step
     ended: float = 0.0  # s, of the last one
@@ -78,7 +78,7 @@ async def wear(address: Address, points: int, until: float, answered: list[int],
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("wearers", "load"), LOADS)
-def test_every_wearer_is_answered_evenly_above_the_load_that_a_machine_bears(
+def test_an_overloaded_server_answers_every_wearer_evenly(
     server_of: Serving, connect: Connecting, monkeypatch: pytest.MonkeyPatch, wearers: int, load: float
 ) -> None:
     slow, decoded = SlowStep(load / (wearers * RATE)), []
@@ -96,7 +96,7 @@ def test_every_wearer_is_answered_evenly_above_the_load_that_a_machine_bears(
     client.start()
     client.join(60)
     total = sum(answered)
-    assert total >= slow.jobs - 2 * wearers  # but for those that were under way when the wearers left
+    assert total >= slow.jobs - 2 * wearers  # except for jobs that ran when the wearers left
     assert slow.busy >= 0.8 * (slow.ended - slow.begun)  # of the time in which the tracker could step
     assert max(answered) - min(answered) <= 0.1 * max(answered) + 1
     assert min(answered) >= 0.8 / load * RATE * SECONDS  # of 20 wearers on a machine that bears 10, 40 % each
@@ -104,7 +104,7 @@ def test_every_wearer_is_answered_evenly_above_the_load_that_a_machine_bears(
     assert np.median(slow.late) < 2 / RATE  # the newest frame, although each waits for a step of all
 
 
-def test_a_frame_takes_the_place_of_the_one_before_and_texts_stay_in_order() -> None:
+def test_a_frame_replaces_a_queued_one_and_texts_keep_their_order() -> None:
     queue = NewestFrames()
     for item in (
         {"bytes": b"1"},
@@ -122,9 +122,7 @@ def test_a_frame_takes_the_place_of_the_one_before_and_texts_stay_in_order() -> 
     assert [item.get(SKIPPED, 0) for item in found] == [1, 0, 0, 2, 0]
 
 
-def test_an_impossible_value_closes_its_own_connection_although_it_is_decoded_later(
-    server: Address, connect: Connecting
-) -> None:
+def test_an_invalid_value_closes_only_its_own_connection(server: Address, connect: Connecting) -> None:
     from websockets import ConnectionClosed
 
     good, bad = connect(server), connect(server)

@@ -1,4 +1,4 @@
-"""Frames on the wire: what is written is read, what is hostile is refused, the page's types are up to date."""
+"""Binary frames: a round trip, refusal of invalid ones, and the page's types."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from bodysense.io.protocol import (
     write_signal,
     write_truth,
 )
-from bodysense_live.webxr import Placement, door, through
+from bodysense_live.webxr import Placement, point_mapping, to_observation
 
 ROOT = Path(__file__).parents[2]
 
@@ -47,7 +47,7 @@ def random_signal(seed: int, count: int) -> SignalFrame:
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(0, 128))
-def test_a_signal_is_read_as_it_was_written(seed: int, count: int) -> None:
+def test_signals_survive_a_round_trip(seed: int, count: int) -> None:
     frame = random_signal(seed, count)
     found = read_signal(write_signal(frame), 128)
     assert (found.sequence, found.time) == (frame.sequence, frame.time)
@@ -61,7 +61,7 @@ def test_a_signal_without_accuracies_has_none() -> None:
 
 
 @pytest.mark.parametrize("time", [1.7e9, -1e10])
-def test_any_seconds_are_a_time(time: float) -> None:
+def test_any_finite_seconds_are_a_time(time: float) -> None:
     assert read_signal(write_signal(replace(random_signal(0, 1), time=time)), 128).time == time
 
 
@@ -91,7 +91,7 @@ def test_the_layout_is_the_documented_one() -> None:
     assert offsets["microseconds"] == 28 + 16 * 52 + 5 * 65 + 4
 
 
-def test_a_pose_is_read_as_it_was_written() -> None:
+def test_poses_survive_a_round_trip() -> None:
     rng, skeleton = np.random.default_rng(0), default_skeleton()
     joints, points = len(skeleton.joints), len(skeleton.points)
     hidden = rng.integers(0, 256, points) / 255
@@ -120,7 +120,7 @@ def test_any_bytes_are_a_frame_or_refused(data: bytes) -> None:
 
 
 @given(st.integers(0, 100), st.lists(st.tuples(st.integers(0, 111), st.integers(0, 255)), max_size=6))
-def test_what_is_read_is_usable(seed: int, changes: list[tuple[int, int]]) -> None:
+def test_a_signal_that_is_read_is_usable(seed: int, changes: list[tuple[int, int]]) -> None:
     data = bytearray(write_signal(random_signal(seed, 3)))
     for place, value in changes:
         data[place] = value
@@ -135,7 +135,7 @@ def test_what_is_read_is_usable(seed: int, changes: list[tuple[int, int]]) -> No
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("change", "expected"),
     [
         ({"point": [0, 0, 1]}, "names a point twice"),
         ({"point": [0, 1, 3]}, "number 3; the hello named 3"),
@@ -151,7 +151,7 @@ def test_what_is_read_is_usable(seed: int, changes: list[tuple[int, int]]) -> No
         ({"time": 1.7e12}, "not milliseconds"),
     ],
 )
-def test_what_no_tracker_gives_is_refused(change: dict[str, Any], said: str) -> None:
+def test_invalid_values_are_refused(change: dict[str, Any], expected: str) -> None:
     fields: dict[str, Any] = {
         "sequence": 0,
         "time": 0.0,
@@ -162,24 +162,26 @@ def test_what_no_tracker_gives_is_refused(change: dict[str, Any], said: str) -> 
     }
     read_signal(write_signal(SignalFrame(**fields)), 3)
     broken: dict[str, Any] = {name: value if name == "time" else np.array(value) for name, value in change.items()}
-    with pytest.raises(ProtocolError, match=said):
+    with pytest.raises(ProtocolError, match=expected):
         read_signal(write_signal(SignalFrame(**(fields | broken))), 3)
 
 
-def test_values_whose_bit_is_clear_are_not_looked_at() -> None:
+def test_values_whose_bit_is_clear_are_ignored() -> None:
     nothing = np.full((1, 4), np.nan)
     frame = SignalFrame(0, 0.0, np.array([0]), np.array([0]), nothing[:, :3], nothing)
     assert read_signal(write_signal(frame), 1).has[0] == 0
 
 
-def test_a_number_that_signals_is_refused_without_a_warning() -> None:
+def test_a_signalling_nan_is_refused_without_a_warning() -> None:
     frame = SignalFrame(0, 0.0, np.array([0]), np.array([3]), np.zeros((1, 3)), np.array([[1, 0, 0, 0]]))
     data = bytearray(write_signal(frame))
     data[-16:-12] = bytes.fromhex("0100a07f")  # a signalling NaN
     with pytest.raises(ProtocolError, match="unit length"):
         read_signal(bytes(data), 1)
     data[17] = 0
-    seen = through(door(["head"], default_skeleton()), read_signal(bytes(data), 1), np.ones(1, bool), Placement(), 0.0)
+    seen = to_observation(
+        point_mapping(["head"], default_skeleton()), read_signal(bytes(data), 1), np.ones(1, bool), Placement(), 0.0
+    )
     assert not seen.has_rotation.any()
 
 

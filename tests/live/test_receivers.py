@@ -23,10 +23,10 @@ FRAMES = 20
 
 @dataclass
 class Receiver:
-    """Bones as they came in, and what an avatar shows."""
+    """A receiver: the bones received so far, and those that an avatar displays."""
 
     came: Bones = field(default_factory=dict)
-    shown: list[Bones] = field(default_factory=list)  # after each datagram, as far as a receiver draws then
+    drawn: list[Bones] = field(default_factory=list)  # drawn bodies, one per datagram if the receiver draws then
 
     def take(self, packet: bytes) -> None:
         """Read a datagram."""
@@ -39,27 +39,27 @@ class Receiver:
         self.after_datagram()
 
     def after(self, message: Message) -> None:
-        """A message was read."""
+        """Handle a message."""
 
     def after_datagram(self) -> None:
-        """A datagram was read."""
+        """Handle the end of a datagram."""
 
 
 class Unity(Receiver):
-    """EVMC4U: bones are taken as they come; the avatar may be drawn between any two datagrams."""
+    """EVMC4U: bones apply at once; the avatar may be drawn between any two datagrams."""
 
     def after_datagram(self) -> None:
-        self.shown.append(dict(self.came))
+        self.drawn.append(dict(self.came))
 
 
 class Unreal(Receiver):
-    """VRM4U: the bones of that moment are kept when OK arrives (later versions: T, Blend/Apply); these are drawn."""
+    """VRM4U: the bones present when OK arrives (later versions: T, Blend/Apply) are drawn."""
 
     latches = ("/VMC/Ext/OK",)
 
     def after(self, message: Message) -> None:
         if message.address in self.latches:
-            self.shown.append(dict(self.came))
+            self.drawn.append(dict(self.came))
 
 
 class UnrealByTime(Unreal):
@@ -78,7 +78,7 @@ RECEIVERS: tuple[Callable[[], Receiver], ...] = (Unity, Unreal, UnrealByTime, Un
 
 
 def poses() -> Iterator[Pose]:
-    """A body in which every joint has another rotation in every frame."""
+    """Yield bodies in which every joint has a new rotation in every frame."""
     skeleton = default_skeleton()
     for k in range(FRAMES):
         half = 0.01 * (k + 1)
@@ -87,7 +87,7 @@ def poses() -> Iterator[Pose]:
 
 
 def faults(receiver: Receiver, frames: Sequence[Sequence[bytes]]) -> tuple[int, int]:
-    """Return how many frames are late, and how many shown bodies are torn."""
+    """Return the numbers of late frames and of torn bodies."""
     bodies: list[Bones] = []
     late = 0
     for packets in frames:
@@ -96,17 +96,17 @@ def faults(receiver: Receiver, frames: Sequence[Sequence[bytes]]) -> tuple[int, 
             whole.take(packet)
             receiver.take(packet)
         bodies.append(whole.came)
-        late += not receiver.shown or receiver.shown[-1] != whole.came
-    return late, sum(body not in bodies for body in receiver.shown)
+        late += not receiver.drawn or receiver.drawn[-1] != whole.came
+    return late, sum(body not in bodies for body in receiver.drawn)
 
 
 @pytest.mark.parametrize("receiver", RECEIVERS)
-def test_no_pose_is_late_and_none_is_torn(receiver: Callable[[], Receiver]) -> None:
+def test_no_pose_is_late_or_torn(receiver: Callable[[], Receiver]) -> None:
     assert faults(receiver(), [vmc_packets(pose, k / 72) for k, pose in enumerate(poses())]) == (0, 0)
 
 
 def split(packet: bytes, first: tuple[str, ...]) -> list[bytes]:
-    """The packet of a frame as several datagrams, messages of `first` first."""
+    """Split the packet of a frame into several datagrams, with the messages of `first` first."""
     messages = read_packet(packet)
     assert not isinstance(messages, str)
     rows = sorted(messages, key=lambda message: message.address not in first)
@@ -117,13 +117,13 @@ def split(packet: bytes, first: tuple[str, ...]) -> list[bytes]:
     )
 
 
-def test_the_models_find_what_order_and_size_matter_for() -> None:
+def test_the_models_detect_wrong_order_and_split_packets() -> None:
     """OK and T ahead of the bones, in datagrams of 1400 bytes: Unreal is a frame late, Unity and Godot are torn."""
     frames = [
         split(packets[0], ("/VMC/Ext/OK", "/VMC/Ext/T")) for packets in map(lambda p: vmc_packets(p, 0.0), poses())
     ]
     assert len(frames[0]) > 1
-    assert faults(Unreal(), frames) == (FRAMES, 1)  # the first is kept before any bone came
+    assert faults(Unreal(), frames) == (FRAMES, 1)  # the first OK arrives before any bone
     for drawn in (Unity(), Godot()):
         late, torn = faults(drawn, frames)
         assert late == 0 and torn > FRAMES

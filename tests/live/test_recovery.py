@@ -1,4 +1,4 @@
-"""What happens to a tracker, and how soon and how smoothly the body is right again: loss, restart, re-centring."""
+"""Recovery of the body after a lost tracker, a restart and recentring: how soon, and how smoothly."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ SKELETON = default_skeleton()
 POINTS = ("head", "left_wrist", "right_wrist", "pelvis", "left_ankle", "right_ankle")
 RATE = 30
 SOON, JUMP = 0.5, 0.10  # s, m
-AS_BEFORE = 0.03  # m from where the body of a tracker that was never lost is
+TOLERANCE = 0.03  # m, largest distance from the body of an undisturbed signal
 
-Change = Callable[[int, SignalFrame], SignalFrame | None]
+ChangeSignal = Callable[[int, SignalFrame], SignalFrame | None]
 
 
 @cache
 def frame(k: int) -> SignalFrame:
-    """Somebody who sways, waves and turns a little."""
+    """Return a frame of a wearer who sways, waves and turns a little."""
     t = k / RATE
     pose = standing_pose(SKELETON)
     pose.root_position[:] += [0.1 * np.sin(t), -0.03 + 0.03 * np.cos(2 * t), 0.1 * np.cos(t)]
@@ -51,10 +51,10 @@ def without(signal: SignalFrame, name: str) -> SignalFrame:
     return replace(signal, has=has)
 
 
-def bodies(
-    frames: int, change: Change, at: dict[int, Callable[[Session], None]] | None = None
+def tracked_bodies(
+    frames: int, change: ChangeSignal, at: dict[int, Callable[[Session], None]] | None = None
 ) -> dict[int, np.ndarray]:
-    """Where all points are after each frame that was answered, (P, 3) m, in the signal's own world."""
+    """Return positions of all points after each answered frame, (P, 3) m, in the signal's world."""
     one, found = Session(POINTS, Person(SKELETON), eased=True), {}
     for k in range(frames):
         if at and k in at:
@@ -75,46 +75,48 @@ LOST, BACK, END = 2 * RATE, 3 * RATE, 4 * RATE
 
 @cache
 def usual() -> dict[int, np.ndarray]:
-    return bodies(END, lambda k, signal: signal)
+    return tracked_bodies(END, lambda k, signal: signal)
 
 
-def check(there: dict[int, np.ndarray], back: int, gap_may_jump: bool = False) -> None:
-    """Half a second after `back` the body is as if nothing had happened; and at no time does it jump."""
+def check(positions: dict[int, np.ndarray], back: int, gap_may_jump: bool = False) -> None:
+    """Check that the body equals the undisturbed one half a second after `back`, and never jumps."""
     expected = usual()
-    late = [k for k in there if k >= back + SOON * RATE]
+    late = [k for k in positions if k >= back + SOON * RATE]
     assert late
     for k in late:
-        off = np.linalg.norm(there[k] - expected[k], axis=1)
-        assert off.max() < AS_BEFORE, f"{SKELETON.points[int(off.argmax())]} is {100 * off.max():.1f} cm off"
-    order = sorted(there)
+        off = np.linalg.norm(positions[k] - expected[k], axis=1)
+        assert off.max() < TOLERANCE, f"{SKELETON.points[int(off.argmax())]} is {100 * off.max():.1f} cm off"
+    order = sorted(positions)
     for before, after in pairwise(order):
-        if after - before > 1 and gap_may_jump:  # nobody was shown what was between
+        if after - before > 1 and gap_may_jump:  # frames between were not displayed
             continue
-        moved = np.linalg.norm(there[after] - there[before], axis=1)
-        assert moved.max() < JUMP, f"{SKELETON.points[int(moved.argmax())]} jumps {100 * moved.max():.0f} cm at {after}"
+        distance = np.linalg.norm(positions[after] - positions[before], axis=1)
+        assert distance.max() < JUMP, (
+            f"{SKELETON.points[int(distance.argmax())]} jumps {100 * distance.max():.0f} cm at {after}"
+        )
 
 
 @pytest.mark.parametrize("name", ["pelvis", "left_ankle", "left_wrist"])
 def test_a_tracker_is_lost_and_found(name: str) -> None:
-    check(bodies(END, lambda k, signal: without(signal, name) if LOST <= k < BACK else signal), BACK)
+    check(tracked_bodies(END, lambda k, signal: without(signal, name) if LOST <= k < BACK else signal), BACK)
 
 
 def test_everything_is_lost_and_found() -> None:
-    """The whole tracking is restarted: a second without a frame."""
-    there = bodies(END, lambda k, signal: None if LOST <= k < BACK else signal)
-    check(there, BACK, gap_may_jump=True)
+    """Tracking restarts: a second passes without a frame."""
+    positions = tracked_bodies(END, lambda k, signal: None if LOST <= k < BACK else signal)
+    check(positions, BACK, gap_may_jump=True)
 
 
-def test_a_sender_is_started_again_with_another_clock() -> None:
-    """Its time begins at 0 again; half a second was not sent."""
+def test_a_sender_restarts_with_another_clock() -> None:
+    """The sender's time restarts at 0 after a gap of half a second."""
 
     def change(k: int, signal: SignalFrame) -> SignalFrame | None:
         if LOST <= k < LOST + RATE // 2:
             return None
         return signal if k < LOST else replace(signal, time=(k - LOST) / RATE)
 
-    check(bodies(END, change), LOST + RATE // 2, gap_may_jump=True)
+    check(tracked_bodies(END, change), LOST + RATE // 2, gap_may_jump=True)
 
 
-def test_recentring_moves_the_world_and_not_the_body_in_it() -> None:
-    check(bodies(END, lambda k, signal: signal, {LOST: lambda one: one.change(Recentre())}), LOST)
+def test_recentring_moves_the_world_but_not_the_body_in_it() -> None:
+    check(tracked_bodies(END, lambda k, signal: signal, {LOST: lambda one: one.apply(Recentre())}), LOST)

@@ -1,4 +1,4 @@
-"""A replay is played at its times, in a loop, and driven."""
+"""Replays: timing, repetition and control."""
 
 from __future__ import annotations
 
@@ -23,22 +23,22 @@ def playable(frames: int, rate: float, hands: bool = True) -> Playable:
     pose = Pose(skeleton, np.tile(standing.root_position, (frames, 1)), np.tile(standing.rotation, (frames, 1, 1)))
     seen = observe(pose, 5 + np.arange(frames) / rate, THREE_POINT)
     if not hands:
-        shown = np.tile([True, False, False], (frames, 1))
-        seen = replace(seen, has_position=shown, has_rotation=shown)
+        has = np.tile([True, False, False], (frames, 1))
+        seen = replace(seen, has_position=has, has_rotation=has)
     return Playable(seen, Person(skeleton), pose)
 
 
 def played(one: Playable, seconds: float, *changes: tuple[float, Replay]) -> list[tuple[float, SignalFrame, bool]]:
-    """When, what, and whether afresh."""
+    """Play for some seconds. Return time, frame and whether a new motion starts, for each frame."""
 
     async def run() -> list[tuple[float, SignalFrame, bool]]:
         loop, found = asyncio.get_running_loop(), []
         begun = loop.time()
-        player = Player(one, lambda frame, afresh: found.append((loop.time() - begun, frame, afresh)))
+        player = Player(one, lambda frame, is_new_motion: found.append((loop.time() - begun, frame, is_new_motion)))
         task = asyncio.create_task(player.run())
         for at, change in changes:
             await asyncio.sleep(max(0.0, at - (loop.time() - begun)))
-            player.change(change)
+            player.apply(change)
         await asyncio.sleep(max(0.0, seconds - (loop.time() - begun)))
         task.cancel()
         await asyncio.gather(task, return_exceptions=True)
@@ -47,23 +47,27 @@ def played(one: Playable, seconds: float, *changes: tuple[float, Replay]) -> lis
     return asyncio.run(run())
 
 
-def test_frames_come_at_their_times() -> None:
+def test_frames_are_played_at_their_times() -> None:
     found = played(playable(1000, 50), 0.5)
     sequences = [frame.sequence for _, frame, _ in found]
-    assert sequences == list(range(len(found))) and found[0][2] and not any(afresh for _, _, afresh in found[1:])
+    assert (
+        sequences == list(range(len(found)))
+        and found[0][2]
+        and not any(is_new_motion for _, _, is_new_motion in found[1:])
+    )
     for when, frame, _ in found:
         assert frame.time == pytest.approx(frame.sequence / 50)
         assert when >= frame.time - 0.01  # later only where this machine is busy
     assert len(found) >= 5
 
 
-def test_it_begins_again() -> None:
+def test_a_replay_repeats() -> None:
     found = played(playable(3, 50), 1.4)
     assert [frame.sequence for _, frame, _ in found][:4] == [0, 1, 2, 0]
     assert found[3][2]
 
 
-def test_it_is_driven() -> None:
+def test_a_replay_is_paused_sought_and_slowed() -> None:
     paused = played(playable(1000, 50), 0.6, (0.1, Replay(playing=False)))
     assert len(paused) <= 12
     sought = played(playable(1000, 50), 0.4, (0.1, Replay(time=10.0)))
@@ -72,16 +76,16 @@ def test_it_is_driven() -> None:
     slow = played(playable(1000, 50), 0.5, (0.0, Replay(speed=0.2)))
     assert len(slow) <= 10
     with pytest.raises(BodysenseError, match="speed 9"):
-        Player(playable(2, 50), lambda frame, afresh: None).change(Replay(speed=9))
+        Player(playable(2, 50), lambda frame, is_new_motion: None).apply(Replay(speed=9))
 
 
-def test_a_leap_to_before_the_beginning_is_to_the_beginning() -> None:
+def test_seeking_before_the_beginning_goes_to_the_beginning() -> None:
     found = played(playable(1000, 50), 1.5, (0.3, Replay(time=-3.0)))
-    place = max(k for k, (_, _, afresh) in enumerate(found) if afresh)
+    place = max(k for k, (_, _, is_new_motion) in enumerate(found) if is_new_motion)
     assert [frame.sequence for _, frame, _ in found[place : place + 2]] == [0, 1]  # not 3 s later
 
 
-def test_its_frames_are_good_signals() -> None:
+def test_frames_are_valid_signals() -> None:
     frame = playable(4, 50, hands=False).frame(2)
     assert frame.sequence == 2 and frame.time == pytest.approx(0.04)
     found = read_signal(write_signal(frame), 3)

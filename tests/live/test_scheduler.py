@@ -1,4 +1,4 @@
-"""Who is stepped when, and what becomes of an estimate that fails."""
+"""The scheduler: stepping of many sessions, and failures."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from bodysense_live import scheduler as module
 from bodysense_live.answer import Answer
 from bodysense_live.estimation import step_many
 from bodysense_live.messages import Pong
-from bodysense_live.outbox import Outbox
 from bodysense_live.scheduler import Scheduler
+from bodysense_live.send_queue import SendQueue
 from bodysense_live.session import Session
 
 from .conftest import DEVICES, signal
@@ -27,18 +27,18 @@ def wearers(count: int) -> list[Wearer]:
     return [Wearer(Session(DEVICES)) for _ in range(count)]
 
 
-def run(those: list[Wearer], frames: int) -> list[tuple[Wearer, Answer | None]]:
+def run(slots: list[Wearer], frames: int) -> list[tuple[Wearer, Answer | None]]:
     async def go() -> list[tuple[Wearer, Answer | None]]:
         found: list[tuple[Wearer, Answer | None]] = []
         scheduler: Scheduler[Wearer] = Scheduler(
-            lambda who, answer: found.append((who, answer)), lambda who, error: None, lambda seconds: None
+            lambda slot, answer: found.append((slot, answer)), lambda slot, error: None, lambda seconds: None
         )
         task = asyncio.create_task(scheduler.run())
         for k in range(frames):
-            for one in those:
+            for one in slots:
                 one.session.receive(signal(k, k / 72), 0.0)
                 scheduler.ready(one)
-            while len(found) < (k + 1) * len(those):
+            while len(found) < (k + 1) * len(slots):
                 await asyncio.sleep(0.001)
         task.cancel()
         await asyncio.gather(task, return_exceptions=True)
@@ -47,16 +47,16 @@ def run(those: list[Wearer], frames: int) -> list[tuple[Wearer, Answer | None]]:
     return asyncio.run(asyncio.wait_for(go(), 60))
 
 
-def test_everybody_is_answered() -> None:
-    those = wearers(3)
-    found = run(those, 3)
-    for one in those:
-        assert [a.frame.sequence for who, a in found if who is one and a is not None] == [0, 1, 2]
+def test_every_session_is_answered() -> None:
+    slots = wearers(3)
+    found = run(slots, 3)
+    for one in slots:
+        assert [a.frame.sequence for slot, a in found if slot is one and a is not None] == [0, 1, 2]
 
 
-def test_one_that_fails_touches_no_other(monkeypatch: pytest.MonkeyPatch) -> None:
-    those = wearers(3)
-    broken = those[1].session
+def test_a_failing_session_affects_no_other(monkeypatch: pytest.MonkeyPatch) -> None:
+    slots = wearers(3)
+    broken = slots[1].session
 
     def failing(jobs: list) -> list:
         if any(job[0] is broken._pipeline for job in jobs):
@@ -64,24 +64,24 @@ def test_one_that_fails_touches_no_other(monkeypatch: pytest.MonkeyPatch) -> Non
         return step_many(jobs)
 
     monkeypatch.setattr(module, "step_many", failing)
-    found = run(those, 2)
-    for one in those:
-        answers = [answer for who, answer in found if who is one]
-        assert len(answers) == 2 and all((a is None) == (one is those[1]) for a in answers)
+    found = run(slots, 2)
+    for one in slots:
+        answers = [answer for slot, answer in found if slot is one]
+        assert len(answers) == 2 and all((a is None) == (one is slots[1]) for a in answers)
     monkeypatch.undo()
-    those[1].session.receive(signal(9, 0.5), 0.0)
-    assert those[1].session.step() is not None
+    slots[1].session.receive(signal(9, 0.5), 0.0)
+    assert slots[1].session.step() is not None
 
 
-def test_an_outbox_keeps_the_newest_frame_and_so_many_texts() -> None:
+def test_a_send_queue_keeps_the_newest_frame_and_a_limited_number_of_texts() -> None:
     async def go() -> None:
-        outbox = Outbox(3)
-        assert not outbox.show([b"1"]) and outbox.show([b"2"])
+        queue = SendQueue(3)
+        assert not queue.put_frames([b"1"]) and queue.put_frames([b"2"])
         for k in range(5):
-            outbox.tell(Pong(k))
-        assert outbox.is_full
-        texts, frames = await outbox.take()
+            queue.put_message(Pong(k))
+        assert queue.is_full
+        texts, frames = await queue.take()
         assert len(texts) == 3 and list(frames) == [b"2"]
-        assert not outbox.show([b"3"])
+        assert not queue.put_frames([b"3"])
 
     asyncio.run(go())

@@ -22,13 +22,13 @@ from bodysense.io.bvh import read_bvh
 from bodysense.io.protocol import SIGNAL, TRUTH, read_pose, write_signal
 from bodysense_live.messages import (
     Calibrate,
-    Change,
     Hello,
     Ping,
     RecordSwitch,
     Replay,
     Resume,
     Settings,
+    UpdateSettings,
 )
 from bodysense_live.replay import Playable
 from bodysense_live.settings import ServerSettings
@@ -37,7 +37,7 @@ from .conftest import DEVICES, Address, Client, Connecting, Serving, signal
 
 
 def stream(client: Client, frames: int, start: int = 0) -> list[float]:
-    """Errors that the answers expect of the head, m."""
+    """Return the head's expected errors in the answers, m."""
     found = []
     for k in range(start, start + frames):
         pose = client.answered(signal(k, k / 72))
@@ -59,22 +59,22 @@ def test_a_session_from_hello_to_pose(server: Address, connect: Connecting) -> N
     assert (pose.sequence, pose.time) == (4, 0.5) and pose.microseconds > 0
     assert client.text("placed") == {"type": "placed", "offset": [0, 0, 0], "heading": 0}
     np.testing.assert_allclose(np.linalg.norm(pose.rotation, axis=1), 1, atol=1e-3)
-    client.tell(Ping(3.25))
+    client.send_message(Ping(3.25))
     assert client.text("pong")["time"] == 3.25
 
 
 def test_settings_are_answered_with_a_welcome(server: Address, connect: Connecting) -> None:
     client = connect(server)
-    client.tell(Change({"height": 1.5, "mirror": True}))
+    client.send_message(UpdateSettings({"height": 1.5, "mirror": True}))
     welcome = client.text("welcome")
     assert welcome["settings"]["mirror"] and welcome["height"] == pytest.approx(1.5)
     assert welcome["rest_offset"] != client.welcome["rest_offset"]
-    client.tell(Calibrate())
+    client.send_message(Calibrate())
     assert "stand upright" in client.text("said")["text"]
 
 
-def test_a_client_that_dies_within_a_frame_comes_back_and_goes_on(server: Address, connect: Connecting) -> None:
-    """Its bytes end in the middle of a WebSocket frame."""
+def test_a_client_that_dies_within_a_frame_resumes(server: Address, connect: Connecting) -> None:
+    """The connection ends in the middle of a WebSocket frame."""
     key = base64.b64encode(os.urandom(16)).decode()
     with socket.create_connection(("127.0.0.1", server.port), timeout=10) as raw:
         raw.sendall(
@@ -102,20 +102,20 @@ def test_a_client_that_dies_within_a_frame_comes_back_and_goes_on(server: Addres
 
 
 def masked(first: int, payload: bytes) -> bytes:
-    """A client's WebSocket frame (RFC 6455, section 5.2)."""
+    """Return a client's WebSocket frame (RFC 6455, section 5.2)."""
     mask = os.urandom(4)
     length = bytes([0x80 | len(payload)]) if len(payload) < 126 else b"\xfe" + struct.pack(">H", len(payload))
     return bytes([first]) + length + mask + bytes(b ^ mask[k % 4] for k, b in enumerate(payload))
 
 
-def test_nobody_resumes_with_a_wrong_token(server: Address, connect: Connecting) -> None:
+def test_a_wrong_token_does_not_resume_a_session(server: Address, connect: Connecting) -> None:
     first = connect(server)
     second = connect(server, Hello(1, DEVICES, resume=Resume(first.welcome["session"], "x" * 22)))
     assert not second.welcome["resumed"] and second.welcome["session"] != first.welcome["session"]
     assert first.answered(signal(0, 0.0)).sequence == 0
 
 
-def test_a_session_that_is_resumed_leaves_the_connection_before(server: Address, connect: Connecting) -> None:
+def test_resuming_a_session_closes_its_earlier_connection(server: Address, connect: Connecting) -> None:
     from websockets import ConnectionClosed
 
     first = connect(server)
@@ -127,7 +127,7 @@ def test_a_session_that_is_resumed_leaves_the_connection_before(server: Address,
     assert second.answered(signal(1, 1.0)).sequence == 1
 
 
-def test_a_client_that_does_not_read_costs_frames_and_no_memory(server_of: Serving, connect: Connecting) -> None:
+def test_a_client_that_does_not_read_loses_frames_and_uses_no_memory(server_of: Serving, connect: Connecting) -> None:
     import resource
 
     server = server_of()
@@ -145,27 +145,27 @@ def test_a_client_that_does_not_read_costs_frames_and_no_memory(server_of: Servi
         pose = client.pose()
 
 
-def test_a_recording_is_made_where_it_is_allowed(server_of: Serving, connect: Connecting, tmp_path: Path) -> None:
+def test_a_recording_is_written_if_it_is_allowed(server_of: Serving, connect: Connecting, tmp_path: Path) -> None:
     client = connect(server_of(ServerSettings(allow_record=tmp_path)))
     assert client.welcome["recording"]
-    client.tell(RecordSwitch(True))
+    client.send_message(RecordSwitch(True))
     assert "recording to" in client.text("said")["text"]
     poses = [client.answered(signal(k, k / 60)) for k in range(90)]
-    client.tell(RecordSwitch(False))
-    said = client.text("said")["text"]
+    client.send_message(RecordSwitch(False))
+    text = client.text("said")["text"]
     (file,) = tmp_path.iterdir()
-    assert file.name in said and "/" not in said
+    assert file.name in text and "/" not in text
     clip = read_bvh(file)
     assert len(clip) == pytest.approx(90, abs=2) and clip.frame_rate == pytest.approx(60)
-    # The file is on the proportions believed at the end, of which the pelvis is as high as they are.
+    # The pelvis is as high as the proportions inferred at the end require.
     np.testing.assert_allclose(clip.pose.root_position[0], poses[0].root_position, atol=0.03)
     np.testing.assert_allclose(clip.pose.root_position[0, [0, 2]], poses[0].root_position[[0, 2]], atol=1e-4)
 
 
-def test_no_recording_is_made_where_it_is_not_allowed(server: Address, connect: Connecting) -> None:
+def test_no_recording_is_written_if_it_is_not_allowed(server: Address, connect: Connecting) -> None:
     client = connect(server)
     assert not client.welcome["recording"]
-    client.tell(RecordSwitch(True))
+    client.send_message(RecordSwitch(True))
     assert "--allow-record" in client.text("said")["text"]
 
 
@@ -177,7 +177,7 @@ def playable(seconds: float = 2.0) -> Playable:
     return Playable(observe(pose, moments, THREE_POINT), Person(skeleton), pose)
 
 
-def test_a_replay_is_shown_with_its_truth(server_of: Serving, connect: Connecting) -> None:
+def test_a_replay_is_sent_with_its_true_poses(server_of: Serving, connect: Connecting) -> None:
     server = server_of(ServerSettings(playable=playable()))
     client = connect(server, points=(), watch="replay")
     assert client.welcome["sources"] == ["replay"] and client.welcome["signal"] == ["head", "left_wrist", "right_wrist"]
@@ -187,24 +187,24 @@ def test_a_replay_is_shown_with_its_truth(server_of: Serving, connect: Connectin
     first, truth, pose = client.frame(SIGNAL), read_pose(client.frame(TRUTH), points), client.pose()
     assert pose.sequence == truth.sequence == int.from_bytes(first[4:8], "little")
     head = default_skeleton().index("head")
-    shown = [forward_kinematics(Pose(default_skeleton(), p.root_position, p.rotation))[0][head] for p in (truth, pose)]
-    np.testing.assert_allclose(shown[0], shown[1], atol=0.05)
+    heads = [forward_kinematics(Pose(default_skeleton(), p.root_position, p.rotation))[0][head] for p in (truth, pose)]
+    np.testing.assert_allclose(heads[0], heads[1], atol=0.05)
     while pose.time < 1.0:
         pose = client.pose()
     assert time.monotonic() - begun > 0.5
-    client.tell(Replay(playing=False, time=0.5))
+    client.send_message(Replay(playing=False, time=0.5))
     time.sleep(0.3)
-    client.tell(Replay(playing=True, speed=0.5))
+    client.send_message(Replay(playing=True, speed=0.5))
     while not 0.5 <= pose.time < 0.9:
         pose = client.pose()
 
 
-def test_what_the_server_does_not_play_cannot_be_watched(server: Address, connect: Connecting) -> None:
+def test_an_input_that_the_server_lacks_cannot_be_watched(server: Address, connect: Connecting) -> None:
     with pytest.raises(AssertionError, match="it has none"):
         connect(server, points=(), watch="vmc")
 
 
-def test_a_wearer_may_watch_with_other_settings_than_others(server_of: Serving, connect: Connecting) -> None:
+def test_each_watcher_of_a_replay_has_its_own_settings(server_of: Serving, connect: Connecting) -> None:
     server = server_of(ServerSettings(playable=playable()))
     hidden = connect(server, points=(), watch="replay", settings=Settings(hidden=("left_wrist", "right_wrist")))
     whole = connect(server, points=(), watch="replay")
@@ -212,7 +212,7 @@ def test_a_wearer_may_watch_with_other_settings_than_others(server_of: Serving, 
     assert hidden.pose().hidden[wrist] > 0.5 > whole.pose().hidden[wrist]
 
 
-def test_what_is_counted(server: Address, connect: Connecting) -> None:
+def test_metrics(server: Address, connect: Connecting) -> None:
     stream(connect(server), 3)
     text = text_of(f"{server.http}/metrics")
     assert text_of(f"{server.http}/healthz") == "ok\n"

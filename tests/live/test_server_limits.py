@@ -15,28 +15,28 @@ from bodysense.io.protocol import SUBPROTOCOL, write_signal
 from bodysense_live.links import listen_tcp
 from bodysense_live.message_text import write_message
 from bodysense_live.messages import Hello
-from bodysense_live.safety import Access, Limits, RateLimit, why_refused
+from bodysense_live.safety import Access, Limits, RateLimit, refusal_reason
 from bodysense_live.settings import ServerSettings
 
 from .conftest import DEVICES, Address, Connecting, Serving, signal
 
 
 def closed(client: Any) -> tuple[int, str]:
-    """The code with which a server closes, and the error that it said before."""
+    """Return the code with which a server closes a connection, and the reason of its error message."""
     from websockets import ConnectionClosed
 
-    said = ""
+    reason = ""
     with pytest.raises(ConnectionClosed) as caught:
         while True:
             received = client.recv(timeout=10)
             if isinstance(received, str) and json.loads(received)["type"] == "error":
-                said = json.loads(received)["reason"]
+                reason = json.loads(received)["reason"]
     assert caught.value.rcvd is not None
-    return caught.value.rcvd.code, said or caught.value.rcvd.reason
+    return caught.value.rcvd.code, reason or caught.value.rcvd.reason
 
 
 @pytest.mark.parametrize(
-    ("message", "code", "said"),
+    ("message", "code", "expected"),
     [
         (b"", 1007, "0 bytes"),
         (b"\x02" + write_signal(signal(0, 0.0))[1:], 1007, "kind 2"),
@@ -48,19 +48,19 @@ def closed(client: Any) -> tuple[int, str]:
         (b"\x01" * 10_000, 1009, ""),
     ],
 )
-def test_a_message_that_is_none_closes_its_own_session_only(
-    server: Address, connect: Connecting, message: str | bytes, code: int, said: str
+def test_an_invalid_message_closes_only_its_own_connection(
+    server: Address, connect: Connecting, message: str | bytes, code: int, expected: str
 ) -> None:
     good, bad = connect(server), connect(server)
     good.answered(signal(0, 0.0))
     bad.socket.send(message)
     found, reason = closed(bad.socket)
-    assert found == code and said in reason and "\n" not in reason
+    assert found == code and expected in reason and "\n" not in reason
     assert good.answered(signal(1, 0.1)).sequence == 1
 
 
 @pytest.mark.parametrize(
-    ("hello", "said"),
+    ("hello", "expected"),
     [
         ('{"type":"hello","version":7}', "messages of version 7; this server speaks version 1"),
         ('{"type":"hello","version":1,"points":["elbow"]}', "'elbow' is unknown"),
@@ -68,15 +68,15 @@ def test_a_message_that_is_none_closes_its_own_session_only(
         (b"\x01", "the first message is a hello"),
     ],
 )
-def test_a_hello_that_is_none(server: Address, hello: str | bytes, said: str) -> None:
+def test_an_invalid_hello_is_refused(server: Address, hello: str | bytes, expected: str) -> None:
     from websockets.sync.client import connect
 
     with connect(server.websocket, compression=None) as client:
         client.send(hello)
-        assert said in closed(client)[1]
+        assert expected in closed(client)[1]
 
 
-def test_somebody_who_says_nothing_is_not_kept(server_of: Serving) -> None:
+def test_a_silent_client_is_closed(server_of: Serving) -> None:
     from websockets.sync.client import connect
 
     server = server_of(ServerSettings(limits=Limits(seconds_to_hello=0.2)))
@@ -84,7 +84,7 @@ def test_somebody_who_says_nothing_is_not_kept(server_of: Serving) -> None:
         assert closed(client) == (1008, "no hello within 0.2 s; send it first")
 
 
-def test_too_many_messages(server_of: Serving, connect: Connecting) -> None:
+def test_too_many_messages_close_the_connection(server_of: Serving, connect: Connecting) -> None:
     from websockets import ConnectionClosed
 
     server = server_of(ServerSettings(limits=Limits(messages_a_second=20)))
@@ -92,16 +92,16 @@ def test_too_many_messages(server_of: Serving, connect: Connecting) -> None:
     with suppress(ConnectionClosed):  # the connection closes with the refusal
         for k in range(60):
             client.send(signal(k, k / 1000))
-    code, said = closed(client.socket)
-    assert code == 1008 and "more than 20 messages a second" in said
+    code, reason = closed(client.socket)
+    assert code == 1008 and "more than 20 messages a second" in reason
 
 
-def test_too_many_sessions(server_of: Serving, connect: Connecting) -> None:
+def test_too_many_sessions_are_refused(server_of: Serving, connect: Connecting) -> None:
     server = server_of(ServerSettings(limits=Limits(sessions=2)))
     first, second = connect(server), connect(server)
     with pytest.raises(AssertionError, match="2 sessions already"):
         connect(server)
-    second.socket.close()  # a client that left makes room
+    second.socket.close()  # a session without a client may be replaced
     third = None
     for _ in range(50):
         try:
@@ -114,7 +114,7 @@ def test_too_many_sessions(server_of: Serving, connect: Connecting) -> None:
 
 
 def test_an_upload_is_refused_before_it_is_read(server: Address) -> None:
-    for sent in (0, 1_000, 200_000, 200_000):  # a reset that takes the answer with it is a matter of chance
+    for sent in (0, 1_000, 200_000, 200_000):  # repeated, because a reset loses the answer only sometimes
         connection = http.client.HTTPConnection("127.0.0.1", server.port, timeout=10)
         connection.putrequest("POST", "/")
         connection.putheader("Content-Length", str(2 * 1024**3))
@@ -125,7 +125,7 @@ def test_an_upload_is_refused_before_it_is_read(server: Address) -> None:
         connection.close()
 
 
-def test_who_goes_on_writing_is_cut_off(server: Address) -> None:
+def test_an_upload_that_does_not_stop_is_cut_off(server: Address) -> None:
     with socket.create_connection(("127.0.0.1", server.port), timeout=10) as connection:
         connection.sendall(b"POST / HTTP/1.1\r\nHost: localhost\r\nContent-Length: 2147483648\r\n\r\n")
         with pytest.raises(OSError, match=r"reset|pipe"):
@@ -134,7 +134,7 @@ def test_who_goes_on_writing_is_cut_off(server: Address) -> None:
 
 
 @pytest.mark.parametrize(
-    ("settings", "query", "headers", "protocols", "status", "said"),
+    ("settings", "query", "headers", "protocols", "status", "expected"),
     [
         (ServerSettings(), "", {"Origin": "http://evil.example"}, [SUBPROTOCOL], 403, "--origin 'http://evil.example'"),
         (ServerSettings(), "", {}, ["bodysense.9"], 400, "'bodysense.1', not 'bodysense.9'"),
@@ -146,14 +146,14 @@ def test_who_goes_on_writing_is_cut_off(server: Address) -> None:
         ),
     ],
 )
-def test_who_may_connect(
+def test_only_admitted_clients_connect(
     server_of: Serving,
     settings: ServerSettings,
     query: str,
     headers: dict[str, str],
     protocols: list[Any],
     status: int,
-    said: str,
+    expected: str,
 ) -> None:
     from websockets import InvalidStatus
     from websockets.sync.client import connect
@@ -171,7 +171,7 @@ def test_who_may_connect(
     ):
         pass
     assert caught.value.response.status_code == status
-    assert said in (caught.value.response.body or b"").decode()
+    assert expected in (caught.value.response.body or b"").decode()
 
 
 @pytest.mark.parametrize(
@@ -193,7 +193,7 @@ def test_who_may_connect(
 def test_hosts_origins_and_tokens(
     access: Access, host: str | None, origin: str | None, tokens: list[str], refused: bool
 ) -> None:
-    assert (why_refused(access, host, origin, tokens) is not None) == refused
+    assert (refusal_reason(access, host, origin, tokens) is not None) == refused
 
 
 def test_the_rate_is_an_average() -> None:
@@ -204,16 +204,16 @@ def test_the_rate_is_an_average() -> None:
     assert allowed == pytest.approx(300, abs=2)  # two hundred at once, then a hundred a second
 
 
-def test_whoever_was_silent_for_long_may_send_no_more_at_once() -> None:
+def test_the_burst_after_a_long_silence_is_limited() -> None:
     rate = RateLimit(100, 0.0)
     assert sum(rate.allows(60.0) for _ in range(1000)) == 200
 
 
-def test_ports_that_cannot_be_had() -> None:
-    for host, port, said in (
+def test_ports_that_cannot_be_bound() -> None:
+    for host, port, expected in (
         ("127.0.0.1", 70000, "ports are 0"),
         ("203.0.113.1", 0, "no address of this machine"),
         ("no such host", 0, "no such host"),
     ):
-        with pytest.raises(BodysenseError, match=said):
+        with pytest.raises(BodysenseError, match=expected):
             listen_tcp("--port", host, port)

@@ -23,7 +23,15 @@ from bodysense.io.protocol import ProtocolError, SignalFrame
 from bodysense.observation import Observation
 from bodysense_live.answer import Answer
 from bodysense_live.estimation import step_many
-from bodysense_live.messages import Calibrate, Change, Notice, Placed, ProportionsChanged, Recentre, Settings
+from bodysense_live.messages import (
+    Calibrate,
+    Notice,
+    PlacementChanged,
+    ProportionsChanged,
+    Recentre,
+    Settings,
+    UpdateSettings,
+)
 from bodysense_live.session import Session
 
 SKELETON = default_skeleton()
@@ -31,7 +39,7 @@ POINTS = ("head", "left_wrist", "right_wrist")
 
 
 def frame(time: float, sequence: int = 0, height: float = 0.0, x: float = 0.0) -> SignalFrame:
-    """Head and wrists of somebody of the default body's height who stands, faces +Z and waves."""
+    """Return a frame of head and wrists of the default body, which stands, faces +Z and waves."""
     pose = standing_pose(SKELETON)
     pose.root_position[:] += [x, height, 0]
     pose.rotation[SKELETON.index("left_elbow")] = [np.cos(0.4), 0, 0, np.sin(0.4 * np.sin(3 * time))]
@@ -64,8 +72,8 @@ def points_of(answer: Answer) -> np.ndarray:
     return np.asarray(position)
 
 
-def leaps(answers: list[Answer]) -> np.ndarray:
-    """The farthest that any point moves from each answer to the next, m."""
+def steps(answers: list[Answer]) -> np.ndarray:
+    """Return the largest motion of any point between successive answers, m."""
     place = np.stack([points_of(answer) for answer in answers])
     return np.linalg.norm(np.diff(place, axis=0), axis=-1).max(axis=1)
 
@@ -84,8 +92,8 @@ def test_a_frame_is_answered_once_and_the_newest_wins() -> None:
     assert newest is not None and newest.frame.sequence == 9
 
 
-def test_unix_time_is_a_time() -> None:
-    """As time from any other origin: the same body, nothing dropped, and the frame's own time in the answer."""
+def test_unix_time_gives_the_same_body() -> None:
+    """No frame is dropped, the body is the same, and answers have the frame's time."""
     unix = 1.7e9
     usual, other = session(), session()
     for k in range(45):
@@ -119,7 +127,7 @@ def test_frames_that_are_late_repeated_or_reordered_are_dropped(seed: int) -> No
 
 @settings(max_examples=5)
 @given(st.lists(st.floats(-1e10, 1e10), min_size=2, max_size=8))
-def test_no_clock_stops_a_session(times: list[float]) -> None:
+def test_any_clock_is_accepted(times: list[float]) -> None:
     one, moments = session(), []
     for k, start in enumerate(times):
         for step in range(3):
@@ -132,7 +140,7 @@ def test_no_clock_stops_a_session(times: list[float]) -> None:
     assert one.receive(frame(times[-1] + 5.0), 0.0) is None and one.step() is not None
 
 
-def test_a_clock_that_was_set_starts_the_body_afresh() -> None:
+def test_setting_the_clock_resets_the_body() -> None:
     fresh = play(session(), 0.5, 100.0)
     one = session()
     play(one, 0.5, 5000.0)
@@ -147,34 +155,34 @@ def test_a_mirror_swaps_the_sides() -> None:
         np.testing.assert_allclose(points_of(there), expected, atol=2e-3)  # as symmetric as the skeleton
 
 
-def test_recentring_takes_the_wearer_to_the_middle() -> None:
+def test_recentring_moves_the_wearer_to_the_origin() -> None:
     one = session()
     play(one, 0.2, x=3.0)
-    one.change(Recentre())
+    one.apply(Recentre())
     answers = play(one, 0.5, 0.2, x=3.0)
     head = points_of(answers[-1])[SKELETON.index("head")]
     np.testing.assert_allclose(head[[0, 2]], 0, atol=0.02)
-    placed = [note for note in one.notes() if isinstance(note, Placed)]
-    assert placed == [one.placed()]
-    np.testing.assert_allclose(placed[0].offset[0], -3.0, atol=1e-6)
+    placements = [message for message in one.take_messages() if isinstance(message, PlacementChanged)]
+    assert placements == [one.placement_message()]
+    np.testing.assert_allclose(placements[0].offset[0], -3.0, atol=1e-6)
 
 
-def test_somebody_seated_is_raised_to_standing() -> None:
+def test_a_seated_wearer_is_raised_to_standing() -> None:
     one = session(posture="seated")
     answers = play(one, 0.5, height=-0.5)
-    up = one.placed().offset[1]
+    up = one.placement_message().offset[1]
     assert up == pytest.approx(0.5, abs=0.02)
     standing = np.asarray(forward_kinematics(standing_pose(SKELETON))[0])[:, 1]
     head = SKELETON.index("head")
     assert points_of(answers[-1])[head, 1] == pytest.approx(standing[head] - standing.min(), abs=0.02)
-    one.change(Change({"posture": "standing"}))
+    one.apply(UpdateSettings({"posture": "standing"}))
     play(one, 0.1, 0.5)
-    assert one.placed().offset[1] == 0
+    assert one.placement_message().offset[1] == 0
 
 
-def test_a_standing_second_gives_the_height() -> None:
+def test_calibration_measures_the_height() -> None:
     one = session(Person())
-    one.change(Calibrate())
+    one.apply(Calibrate())
     taller = 1.1
     for k in range(120):
         here = frame(k / 30, k)
@@ -182,39 +190,43 @@ def test_a_standing_second_gives_the_height() -> None:
         one.step()
     assert one.settings.height == pytest.approx(taller * stature(SKELETON.rest_offset), abs=0.03)
     assert one.height == pytest.approx(one.settings.height, abs=0.01)  # it grew to it
-    said = [note.text for note in one.notes() if isinstance(note, Notice)]
-    assert len(said) == 2 and "1.8" in said[1]
+    notices = [message.text for message in one.take_messages() if isinstance(message, Notice)]
+    assert len(notices) == 2 and "1.8" in notices[1]
     assert one.revision == 1
 
 
-def test_a_height_that_the_head_contradicts_for_two_seconds_is_reported_and_released() -> None:
+def test_a_height_that_the_head_contradicts_is_reported_and_then_inferred() -> None:
     one = session(Person(), height=1.5)
     play(one, 1.5)
-    assert not [note for note in one.notes() if isinstance(note, Notice)] and one.height == pytest.approx(1.5, abs=0.01)
+    assert not [
+        message for message in one.take_messages() if isinstance(message, Notice)
+    ] and one.height == pytest.approx(1.5, abs=0.01)
     play(one, 8.0, 1.5)
-    notices = [note.text for note in one.notes() if isinstance(note, Notice)]
+    notices = [message.text for message in one.take_messages() if isinstance(message, Notice)]
     assert notices == ["your head is higher than a height of 1.50 m allows; your height is inferred from now on"]
     assert one.settings.height is None and one.revision == 1
-    assert one.kept()[0].lengths == {} and one.height > 1.58  # it grows, slowly
-    one.change(Change({"height": 1.7}))
+    assert one.resumable_state()[0].lengths == {} and one.height > 1.58  # it grows, slowly
+    one.apply(UpdateSettings({"height": 1.7}))
     play(one, 4.0, 9.5)
-    assert one.settings.height == 1.7 and not [note for note in one.notes() if isinstance(note, Notice)]
+    assert one.settings.height == 1.7 and not [
+        message for message in one.take_messages() if isinstance(message, Notice)
+    ]
 
 
-def test_a_tracker_turns_its_joint_from_when_it_is_known_how_it_is_worn() -> None:
+def test_the_rotation_of_a_tracker_is_used_after_calibration() -> None:
     tracker = "tracker_3"
     pose = standing_pose(SKELETON)
     pose.root_position[1] -= forward_kinematics(pose)[0][:, 1].min()
     seen = see(Pose(SKELETON, pose.root_position[None], pose.rotation[None]), np.zeros(1), SENSOR_SETS["six_point"])
     mounts = {"pelvis": RigidTransform(np.array([0.0, 0.03, -0.12]), np.array([0.2, 0.9, -0.3, 0.1]))}
-    worn = strapped(seen, mounts)
-    names = tuple(tracker if name == "pelvis" else name for name in worn.points)
+    strapped_points = strapped(seen, mounts)
+    names = tuple(tracker if name == "pelvis" else name for name in strapped_points.points)
     one, every = session(Person(), names), np.arange(len(names))
     pelvis = names.index(tracker)
 
     def observed(time: float) -> Observation:
         rows = np.full(len(names), 3, dtype=np.uint8)
-        one.receive(SignalFrame(0, time, every, rows, worn.position[0], worn.rotation[0]), 0.0)
+        one.receive(SignalFrame(0, time, every, rows, strapped_points.position[0], strapped_points.rotation[0]), 0.0)
         job = one.job()
         assert job is not None
         ((estimate, state),) = step_many([(job.pipeline, job.observation, job.state)])
@@ -223,7 +235,7 @@ def test_a_tracker_turns_its_joint_from_when_it_is_known_how_it_is_worn() -> Non
 
     before = observed(0.0)
     assert "pelvis" not in before.points or not before.has_rotation[0, before.points.index("pelvis")]
-    one.change(Calibrate())
+    one.apply(Calibrate())
     last = [observed(k / 30) for k in range(1, 35)][-1]
     assert last.has_rotation[0, pelvis]
     assert last.points[pelvis] == "pelvis"
@@ -235,74 +247,77 @@ def test_a_tracker_turns_its_joint_from_when_it_is_known_how_it_is_worn() -> Non
     assert geodesic_angle(joint.rotation, seen.rotation[0, pelvis]) < 0.01
 
 
-def test_nobody_has_the_height_of_a_headset_on_a_table() -> None:
+def test_a_headset_on_a_table_gives_no_height() -> None:
     one = session(Person())
-    one.change(Calibrate())
+    one.apply(Calibrate())
     play(one, 1.3, height=-0.8)
     assert one.settings.height is None
-    assert "people are 1.0 to 2.3 m high" in [note for note in one.notes() if isinstance(note, Notice)][-1].text
+    assert (
+        "people are 1.0 to 2.3 m high"
+        in [message for message in one.take_messages() if isinstance(message, Notice)][-1].text
+    )
 
 
-def test_what_is_not_driven_stays_as_in_standing_and_comes_back_without_a_jump() -> None:
+def test_regions_that_are_not_driven_stand_still_and_return_without_a_jump() -> None:
     one = session()
     answers = play(one, 0.5)
-    one.change(Change({"regions": ["head", "torso"]}))
+    one.apply(UpdateSettings({"regions": ["head", "torso"]}))
     answers += play(one, 1.0, 0.5)
     elbow = SKELETON.index("left_elbow")
     np.testing.assert_allclose(np.abs(answers[-1].frame.rotation[elbow] @ standing_pose(SKELETON).rotation[elbow]), 1)
-    one.change(Change({"regions": ["head", "torso", "arms", "fingers", "legs"]}))
+    one.apply(UpdateSettings({"regions": ["head", "torso", "arms", "fingers", "legs"]}))
     answers += play(one, 1.0, 1.5)
-    plain = leaps(play(session(), 2.5))[8:].max()
-    # Half of a way of some 0.5 m in 0.08 s, from rest and without overshoot: less than 0.12 m in a frame.
-    assert leaps(answers)[8:].max() < plain + 0.12
+    plain = steps(play(session(), 2.5))[8:].max()
+    # Half of about 0.5 m in 0.08 s, from rest and without overshoot: less than 0.12 m per frame.
+    assert steps(answers)[8:].max() < plain + 0.12
 
 
-def test_smoothing_is_late_by_what_it_says() -> None:
+def test_smoothing_delays_the_body() -> None:
     plain, smooth = play(session(), 1.5), play(session(smoothing=0.1), 1.5)
-    assert leaps(smooth)[20:].max() < leaps(plain)[20:].max()
+    assert steps(smooth)[20:].max() < steps(plain)[20:].max()
     assert np.abs(smooth[-1].frame.rotation - plain[-1].frame.rotation).max() > 0.01
 
 
-def test_a_hidden_hand_is_not_looked_at() -> None:
+def test_a_hidden_point_is_ignored() -> None:
     one = session(hidden=("left_wrist",))
     last = play(one, 0.3)[-1]
     assert last.frame.hidden[SKELETON.index("left_wrist")] > 0.5 > last.frame.hidden[SKELETON.index("right_wrist")]
-    one.change(Change({"hidden": []}))
+    one.apply(UpdateSettings({"hidden": []}))
     assert play(one, 0.3, 0.3)[-1].frame.hidden[SKELETON.index("left_wrist")] < 0.5
 
 
-def test_whoever_tells_their_height_before_the_first_frame_has_it_at_once() -> None:
+def test_a_height_set_before_the_first_frame_applies_at_once() -> None:
     one = session(Person())
-    one.change(Change({"height": 1.9}))
+    one.apply(UpdateSettings({"height": 1.9}))
     assert one.height == pytest.approx(1.9, abs=1e-3)
     with pytest.raises(ProtocolError, match="height 9 m"):
-        one.change(Change({"height": 9}))
+        one.apply(UpdateSettings({"height": 9}))
 
 
-def test_whoever_tells_their_height_later_grows_to_it_without_a_jump() -> None:
+def test_a_body_grows_without_a_jump_to_a_height_set_later() -> None:
     one = session(Person())
     answers = play(one, 2.0)
-    plain = leaps(answers[8:]).max()
+    plain = steps(answers[8:]).max()
     before = one.height
     one.receive(frame(2.0), 0.0)
     job = one.job()
     assert job is not None
-    one.change(Change({"height": 1.9}))
+    one.apply(UpdateSettings({"height": 1.9}))
     estimate, state = job.pipeline.step(job.observation, job.state)
-    assert one.answer(job, estimate, state) is not None  # a job that was under way is answered
-    one.notes()
+    assert one.answer(job, estimate, state) is not None  # a running job is answered
+    one.take_messages()
     answers = play(one, 5.0, 2.0 + 1 / 30)
     assert before < 1.8 and one.height == pytest.approx(1.9, abs=0.005)
-    assert leaps(answers).max() < plain + 0.02
-    told = [note for note in one.notes() if isinstance(note, ProportionsChanged)]
-    assert 5 < len(told) <= 51  # at most ten a second
-    heights = [note.height for note in told]
+    assert steps(answers).max() < plain + 0.02
+    sent = [message for message in one.take_messages() if isinstance(message, ProportionsChanged)]
+    assert 5 < len(sent) <= 51  # at most ten a second
+    heights = [message.height for message in sent]
     assert heights == sorted(heights) and heights[-1] == pytest.approx(1.9, abs=0.005)
-    np.testing.assert_allclose(told[-1].rest_offset, one.skeleton.rest_offset, atol=1e-6)
+    np.testing.assert_allclose(sent[-1].rest_offset, one.skeleton.rest_offset, atol=1e-6)
 
 
-def test_proportions_are_inferred_and_told_while_the_poses_fit_them() -> None:
-    """A wearer of 1.87 m of whom nothing is told: measured wrists are where they are measured on the body as told."""
+def test_inferred_proportions_are_sent_and_fit_the_poses() -> None:
+    """For a wearer of 1.87 m and unknown proportions, wrists of the sent body are at their measured positions."""
     one = session(Person())
     for k in range(300):
         here = frame(k / 60, k)
@@ -320,7 +335,7 @@ def test_proportions_are_inferred_and_told_while_the_poses_fit_them() -> None:
     np.testing.assert_allclose(last.points[SKELETON.indices(POINTS[1:])], here.position[1:], atol=0.005)
 
 
-def test_an_estimate_that_is_no_number_does_not_stop_a_session() -> None:
+def test_a_nan_estimate_does_not_stop_a_session() -> None:
     one = session()
     one.receive(frame(0.0), 0.0)
     job = one.job()

@@ -1,4 +1,4 @@
-"""Sessions in a real Valkey or Redis: who may take them on, for how long, and what happens if it is gone."""
+"""Sessions in a real Valkey or Redis: resuming, expiry, and a store that is gone."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ import pytest
 
 from bodysense.body.person import Person
 from bodysense.body.rigid import RigidTransform
-from bodysense_live.messages import Change, Resume, Settings
+from bodysense_live.messages import Resume, Settings, UpdateSettings
 from bodysense_live.safety import Limits
-from bodysense_live.session_store import Kept, SessionStore
+from bodysense_live.session_store import SessionStore, StoredSession
 from bodysense_live.settings import ServerSettings
 from bodysense_live.webxr import Placement
 
@@ -25,7 +25,7 @@ from .conftest import Address, Connecting, Serving, free_port, signal, storing
 
 IDENTITY = 16 * "a"
 MOUNT = RigidTransform(np.array([0.0, 0.1, 0.02]), np.array([0.6, 0.8, 0.0, 0.0]))
-KEPT = Kept(
+KEPT = StoredSession(
     "its own",
     "watch",
     "ada",
@@ -52,7 +52,7 @@ def until(holds: Callable[[], bool], seconds: float = 5.0) -> None:
         time.sleep(0.02)
 
 
-def test_a_kept_session_is_given_to_its_own_token_and_not_for_ever(shared: str) -> None:
+def test_a_stored_session_needs_its_token_and_expires(shared: str) -> None:
     async def use(store: SessionStore) -> None:
         assert await store.put({IDENTITY: (1, KEPT.to_json())}) == []
         assert await store.take(Resume(IDENTITY, "another's")) is None
@@ -70,11 +70,11 @@ def test_a_kept_session_is_given_to_its_own_token_and_not_for_ever(shared: str) 
     with_store(shared, 0.5, use)
 
 
-def test_a_turn_that_is_over_stores_nothing(shared: str) -> None:
+def test_an_older_generation_stores_nothing(shared: str) -> None:
     async def use(store: SessionStore) -> None:
         await store.put({IDENTITY: (1, KEPT.to_json())})
         assert await store.take(Resume(IDENTITY, "its own")) is not None
-        old = Kept(**{**vars(KEPT), "name": "old"}).to_json()
+        old = StoredSession(**{**vars(KEPT), "name": "old"}).to_json()
         assert await store.put({16 * "c": (1, KEPT.to_json()), IDENTITY: (1, old)}) == [IDENTITY]
         taken = await store.take(Resume(IDENTITY, "its own"))
         assert taken is not None and taken[0] == 3 and taken[1].name == "ada"
@@ -83,8 +83,8 @@ def test_a_turn_that_is_over_stores_nothing(shared: str) -> None:
 
 
 @pytest.mark.parametrize("text", ["", '{"token": 3}', "[" * 100_000, None])
-def test_what_is_stored_may_be_anything(shared: str, text: str | None) -> None:
-    """None: a value of another type."""
+def test_any_stored_text_is_read_or_ignored(shared: str, text: str | None) -> None:
+    """`text` None: a value of another type."""
     from redis import Redis
 
     with Redis.from_url(shared) as client:
@@ -100,7 +100,7 @@ def test_what_is_stored_may_be_anything(shared: str, text: str | None) -> None:
 
 
 def test_two_servers_resume_one_anothers_sessions(server_of: Serving, connect: Connecting, shared: str) -> None:
-    """Behind a proxy: a connection that broke comes back at the other one, and later at the first."""
+    """A client behind a proxy reconnects to the second server, and later to the first."""
     one, other = (server_of(ServerSettings(shared=shared)) for _ in range(2))
     first = connect(one, settings=Settings(height=1.6, mirror=True))
     again = Resume(first.welcome["session"], first.welcome["token"])
@@ -111,9 +111,9 @@ def test_two_servers_resume_one_anothers_sessions(server_of: Serving, connect: C
     second = connect(other, resume=again)
     assert second.welcome["resumed"] and second.welcome["session"] == again.session
     assert second.welcome["settings"]["mirror"] and second.welcome["height"] == pytest.approx(1.6)
-    # The first server has not noticed that its wearer is gone: it learns so from the store.
+    # The first server has not noticed that its client is gone, and learns it from the store.
     assert "resumed by another connection" in first.text("error")["reason"]
-    second.tell(Change({"height": 1.7}))
+    second.send_message(UpdateSettings({"height": 1.7}))
     until(lambda: second.text("welcome")["height"] == pytest.approx(1.7))
     time.sleep(0.3)  # stored
     third = connect(one, resume=again)
@@ -121,7 +121,7 @@ def test_two_servers_resume_one_anothers_sessions(server_of: Serving, connect: C
     assert not connect(other, resume=Resume(again.session, "another")).welcome["resumed"]
 
 
-def test_a_wearer_who_comes_back_to_the_same_server_keeps_its_motion(
+def test_a_wearer_who_returns_to_the_same_server_keeps_the_motion(
     server_of: Serving, connect: Connecting, shared: str
 ) -> None:
     server = server_of(ServerSettings(shared=shared))
@@ -133,7 +133,7 @@ def test_a_wearer_who_comes_back_to_the_same_server_keeps_its_motion(
     time.sleep(0.7)
     back = connect(server, resume=again)
     assert back.welcome["resumed"]
-    back.send(signal(2, 0.02))  # not after the last frame: the session still has its clock
+    back.send(signal(2, 0.02))  # late for the session's clock, which is kept
     until(lambda: b'bodysense_drops_total{reason="late"} 1.0' in metrics(server))
     assert back.answered(signal(3, 0.04)).sequence == 3
 
@@ -143,7 +143,7 @@ def metrics(server: Address) -> bytes:
         return answer.read()
 
 
-def test_sessions_go_on_without_the_store_and_are_stored_when_it_is_back(
+def test_sessions_continue_without_the_store_and_are_stored_once_it_returns(
     server_of: Serving, connect: Connecting
 ) -> None:
     port = free_port()
@@ -169,7 +169,7 @@ def test_a_full_server_is_not_ready(server_of: Serving, connect: Connecting) -> 
         urllib.request.urlopen(f"{server.http}/readyz", timeout=5)
     client.socket.close()
 
-    def is_ready() -> bool:  # its session would make room
+    def is_ready() -> bool:  # a disconnected session may be replaced
         try:
             return urllib.request.urlopen(f"{server.http}/readyz", timeout=5).status == 200
         except urllib.error.HTTPError:
@@ -186,7 +186,7 @@ def test_steps_are_counted_for_an_autoscaler(server_of: Serving, connect: Connec
 
 
 @pytest.mark.parametrize(
-    ("address", "said"),
+    ("address", "expected"),
     [
         (
             "/srv/sessions",
@@ -197,11 +197,11 @@ def test_steps_are_counted_for_an_autoscaler(server_of: Serving, connect: Connec
         ("redis://127.0.0.1:port", "--shared redis://127.0.0.1:port: no Valkey or Redis answers there"),
     ],
 )
-def test_an_address_without_a_store_is_refused(refused: Refused, address: str, said: str) -> None:
+def test_an_address_without_a_store_is_refused(refused: Refused, address: str, expected: str) -> None:
     pytest.importorskip("redis", reason="needs packages/live[shared]")
     line = refused("serve", "--port", 0, "--shared", address)
-    assert said in line and "secret99" not in line
+    assert expected in line and "secret99" not in line
 
 
-def test_what_is_stored_is_text_without_numbers_that_json_lacks() -> None:
+def test_stored_text_is_valid_json() -> None:
     assert "NaN" not in KEPT.to_json() and json.loads(KEPT.to_json())["worn"] == {"tracker_2": "pelvis"}

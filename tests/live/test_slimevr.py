@@ -1,4 +1,4 @@
-"""SlimeVR's trackers: what they say, what they are answered, and bodies whose legs they turn."""
+"""SlimeVR's trackers: packets, replies, and bodies whose legs they track."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ from bodysense.io.osc import message_bytes
 from bodysense.io.protocol import SignalFrame
 from bodysense.io.unity import unity_position, unity_rotation
 from bodysense.observation import Observation
-from bodysense_live.inertial import FACING, IMUS, Inertial, stood_still
+from bodysense_live.inertial import FACING, IMUS, InertialSensors, calibrate_sensors
 from bodysense_live.messages import Calibrate, Notice, Recentre
 from bodysense_live.session import Session
 from bodysense_live.settings import ServerSettings
-from bodysense_live.slimevr import MOST_TRACKERS, SlimevrState, Taken, heartbeat, take
+from bodysense_live.slimevr import MAX_TRACKERS, DatagramResult, SlimevrState, heartbeat, take
 from bodysense_live.slimevr_link import SlimevrSettings
 
 from .conftest import Connecting, Serving, free_port
@@ -49,18 +49,18 @@ def handshake(mac: bytes = MAC) -> bytes:
 
 
 def info(number: int, sensor: int = 0, position: int = 9) -> bytes:
-    """A sensor on the left lower leg."""
+    """Return the description of a sensor, on the left lower leg by default."""
     return struct.pack(">IQBBBHBBB2f", 15, number, sensor, 1, 0, 0, 1, position, 0, 0.0, 0.0)
 
 
 def turned(number: int, rotation: np.ndarray, sensor: int = 0) -> bytes:
-    """How a sensor is turned, wxyz in our world."""
+    """Return the packet of a sensor's rotation, wxyz in our world."""
     w, x, y, z = quaternion_multiply(Z_UP, rotation)
     return struct.pack(">IQBB4fB", 17, number, sensor, 1, x, y, z, w, 0)
 
 
-def played(*packets: bytes, now: float = 0.0, known: frozenset[str] = frozenset()) -> Taken:
-    taken = Taken(SlimevrState())
+def played(*packets: bytes, now: float = 0.0, known: frozenset[str] = frozenset()) -> DatagramResult:
+    taken = DatagramResult(SlimevrState())
     for packet in packets:
         taken = take(packet, HERE, now, taken.state, known)
     return taken
@@ -71,10 +71,10 @@ def test_a_handshake_is_answered_by_the_greeting() -> None:
     assert set(taken.state.trackers) == {SERIAL}
     assert len(taken.replies[0]) == 64 and taken.replies[0].startswith(b"\x03Hey OVR =D 5\0")
     assert heartbeat() == bytes([0, 0, 0, 1]) + bytes(8)
-    assert played(handshake(bytes(6))).state.trackers.keys() == {"127.0.0.1:50000"}  # emulated ones have none
+    assert played(handshake(bytes(6))).state.trackers.keys() == {"127.0.0.1:50000"}  # emulated: no MAC
 
 
-def test_a_sensor_is_acknowledged_and_says_what_it_is_on() -> None:
+def test_a_sensor_is_acknowledged_and_reports_its_joint() -> None:
     taken = played(handshake(), info(1))
     assert taken.replies == (bytes([0, 0, 0, 15, 0, 1]),)
     assert taken.state.trackers[SERIAL].sensors[0].joint == "left_knee"
@@ -82,7 +82,7 @@ def test_a_sensor_is_acknowledged_and_says_what_it_is_on() -> None:
     assert played(handshake(), cut).state.trackers[SERIAL].sensors[0].joint is None
 
 
-def test_rotations_come_alone_bundled_and_compact() -> None:
+def test_rotations_are_single_bundled_or_compact() -> None:
     rotation = quaternion_exp(np.array([0.3, -0.5, 0.2]))
     one = turned(1, rotation)
     body = one[:4] + one[12:]
@@ -97,33 +97,33 @@ def test_rotations_come_alone_bundled_and_compact() -> None:
         assert geodesic_angle(sensor.rotation, rotation) < 1e-3
 
 
-def test_what_is_late_or_of_nobody_is_left_out() -> None:
+def test_late_and_unknown_datagrams_are_dropped() -> None:
     late = played(handshake(), turned(5, np.array([1.0, 0, 0, 0])), turned(4, quaternion_exp(np.array([1.0, 0, 0]))))
     assert late.reason is not None and late.reason.startswith("late")
-    assert played(turned(1, np.array([1.0, 0, 0, 0]))).reason == "a tracker that has not shaken hands"
-    stranger = played(handshake(), known=frozenset({"BB:00:00:00:00:00"}))
-    assert stranger.reason == f"the tracker {SERIAL} is in no table" and not stranger.state.trackers
+    assert played(turned(1, np.array([1.0, 0, 0, 0]))).reason == "a tracker without a handshake"
+    unknown = played(handshake(), known=frozenset({"BB:00:00:00:00:00"}))
+    assert unknown.reason == f"the tracker {SERIAL} is not in the table" and not unknown.state.trackers
     broken = struct.pack(">IQBB4fB", 17, 1, 0, 1, 5.0, 0.0, 0.0, 0.0, 0)
-    assert played(handshake(), broken).reason == "sensor 0: its rotation is no unit quaternion"
+    assert played(handshake(), broken).reason == "sensor 0: its rotation is not a unit quaternion"
     assert played(handshake(), turned(1, np.array([1.0, 0, 0, 0]), 200)).reason is not None
 
 
 def test_a_tracker_keeps_its_name_at_another_address() -> None:
     state = played(handshake(), info(1)).state
-    moved = take(handshake(), ("127.0.0.1", 50001), 0.0, state, frozenset()).state
-    assert moved.trackers[SERIAL].address[1] == 50001 and moved.trackers[SERIAL].sensors[0].joint == "left_knee"
+    relocated = take(handshake(), ("127.0.0.1", 50001), 0.0, state, frozenset()).state
+    assert relocated.trackers[SERIAL].address[1] == 50001 and relocated.trackers[SERIAL].sensors[0].joint == "left_knee"
 
 
-def test_there_are_not_more_than_fit() -> None:
+def test_the_number_of_trackers_is_limited() -> None:
     state = SlimevrState()
-    for k in range(MOST_TRACKERS + 5):
+    for k in range(MAX_TRACKERS + 5):
         state = take(handshake(bytes([1, 0, 0, 0, 0, k])), ("127.0.0.1", 1000 + k), 0.0, state, frozenset()).state
-    assert len(state.trackers) == MOST_TRACKERS
+    assert len(state.trackers) == MAX_TRACKERS
 
 
 def test_buttons_batteries_and_features() -> None:
-    asked = [played(handshake(), struct.pack(">IQB", 21, 1, action)).asked for action in (2, 3, 4, 5)]
-    assert asked == [(Calibrate(),), (Recentre(),), (Calibrate(),), ()]
+    commands = [played(handshake(), struct.pack(">IQB", 21, 1, action)).commands for action in (2, 3, 4, 5)]
+    assert commands == [(Calibrate(),), (Recentre(),), (Calibrate(),), ()]
     level = played(handshake(), struct.pack(">IQ2f", 12, 1, 3.9, 0.75)).state.trackers[SERIAL].battery
     assert level == 0.75
     assert played(handshake(), struct.pack(">IQB", 22, 1, 7)).replies == (struct.pack(">IQB", 22, 0, 3),)
@@ -139,12 +139,12 @@ PIECES = st.sampled_from([handshake(), info(1), turned(2, np.array([1.0, 0, 0, 0
         max_size=8,
     )
 )
-def test_nothing_that_comes_raises(packets: list[bytes]) -> None:
+def test_any_packets_are_read_without_an_exception(packets: list[bytes]) -> None:
     state = played(handshake()).state
     for packet in packets:
         taken = take(packet, HERE, 0.0, state, frozenset())
         state = taken.state
-        assert sum(map(len, taken.replies)) <= 64 + 14 * len(packet)  # no answer is much larger than what asked
+        assert sum(map(len, taken.replies)) <= 64 + 14 * len(packet)  # no reply is much larger than its request
     for tracker in state.trackers.values():
         assert all(one.rotation is None or np.isfinite(one.rotation).all() for one in tracker.sensors.values())
 
@@ -162,7 +162,7 @@ def about_y(angle: float) -> np.ndarray:
 
 
 class Wearer:
-    """Somebody with a headset and sensors, each in a world of its own heading, strapped on somehow."""
+    """A wearer with a headset and sensors, each with its own unknown heading and mounting."""
 
     def __init__(self, seed: int, names: tuple[str, ...]) -> None:
         rng = np.random.default_rng(seed)
@@ -209,33 +209,35 @@ def squatting(facing: float = 0.0, depth: float = 0.6) -> Pose:
 
 @settings(max_examples=12)
 @given(st.integers(0, 2**32 - 1), st.floats(-3, 3))
-def test_after_standing_sensors_say_how_joints_are_turned(seed: int, facing: float) -> None:
+def test_calibrated_sensors_give_the_rotations_of_joints(seed: int, facing: float) -> None:
     wearer = Wearer(seed, LEGS)
     stands = standing_pose(SKELETON)
     stands.rotation[0] = quaternion_multiply(about_y(facing), stands.rotation[0])
-    worn = stood_still(wearer.observation(stands, 0.0), SKELETON, "standing", Inertial())
+    sensors = calibrate_sensors(wearer.observation(stands, 0.0), SKELETON, "standing", InertialSensors())
     squat = squatting(facing)
-    seen = worn.joints(wearer.observation(squat, 1.0))
+    seen = sensors.joints(wearer.observation(squat, 1.0))
     turns = np.asarray(forward_kinematics(squat)[1])
     assert seen.points == ("head", *(IMUS[name] for name in LEGS))
     for k, joint in enumerate(seen.points[1:], start=1):
-        # A tilted strap's own heading is its tilts' to second order: degrees, not tens of them.
+        # A tilted strap changes the heading only to second order: by degrees, not tens of degrees.
         assert geodesic_angle(seen.rotation[0, k], turns[SKELETON.index(joint)]) < 0.15
 
 
-def test_a_heading_that_drifted_is_taken_anew() -> None:
+def test_recentring_corrects_a_drifted_heading() -> None:
     wearer = Wearer(1, LEGS)
-    worn = stood_still(wearer.observation(standing_pose(SKELETON), 0.0), SKELETON, "standing", Inertial())
-    before = worn.joints(wearer.observation(squatting(), 1.0)).rotation
+    sensors = calibrate_sensors(
+        wearer.observation(standing_pose(SKELETON), 0.0), SKELETON, "standing", InertialSensors()
+    )
+    before = sensors.joints(wearer.observation(squatting(), 1.0)).rotation
     wearer.world = {name: quaternion_multiply(about_y(0.7), turn) for name, turn in wearer.world.items()}
-    drifted = worn.joints(wearer.observation(squatting(), 2.0)).rotation
+    drifted = sensors.joints(wearer.observation(squatting(), 2.0)).rotation
     assert geodesic_angle(drifted[0, 2], before[0, 2]) > 0.5
-    again = worn.reheaded(wearer.observation(standing_pose(SKELETON), 3.0), SKELETON)
+    again = sensors.with_new_headings(wearer.observation(standing_pose(SKELETON), 3.0), SKELETON)
     assert geodesic_angle(again.joints(wearer.observation(squatting(), 4.0)).rotation, before).max() < 1e-6
 
 
-def test_how_sensors_are_worn_is_kept_in_the_persons_file(tmp_path: Path) -> None:
-    """Saved and read again, switched on again with norths of their own, they show the same body."""
+def test_mounts_of_sensors_are_kept_in_the_persons_file(tmp_path: Path) -> None:
+    """Sensors that are saved, loaded and restarted with new headings give the same body."""
     wearer = Wearer(5, LEGS)
     one, _ = played_session(wearer, head=True)
     assert one.calibrated is not None and set(one.calibrated.mounts) == set(LEGS)
@@ -256,22 +258,22 @@ def test_how_sensors_are_worn_is_kept_in_the_persons_file(tmp_path: Path) -> Non
     assert np.abs(after.points - before.points).max() < 0.005
 
 
-def test_a_tracker_of_the_same_joint_comes_first() -> None:
+def test_a_tracker_of_the_same_joint_takes_precedence() -> None:
     wearer = Wearer(2, ("left_knee_imu",))
     seen = wearer.observation(standing_pose(SKELETON), 0.0)
-    worn = stood_still(seen, SKELETON, "standing", Inertial())
+    sensors = calibrate_sensors(seen, SKELETON, "standing", InertialSensors())
     both = replace(seen, points=("left_knee", "left_knee_imu"))
-    assert worn.joints(both).points == ("left_knee",)
-    np.testing.assert_array_equal(worn.joints(both).rotation[0, 0], seen.rotation[0, 0])
+    assert sensors.joints(both).points == ("left_knee",)
+    np.testing.assert_array_equal(sensors.joints(both).rotation[0, 0], seen.rotation[0, 0])
     lost = replace(both, has_rotation=np.array([[False, True]]), has_position=np.zeros((1, 2), dtype=bool))
-    assert worn.joints(lost).has_rotation.all()
+    assert sensors.joints(lost).has_rotation.all()
 
 
-def test_sensors_alone_take_their_headings_anew() -> None:
+def test_recentring_works_with_sensors_alone() -> None:
     wearer = Wearer(4, LEGS)
     one, _ = played_session(wearer, head=False)
     wearer.world = {name: quaternion_multiply(about_y(1.0), turn) for name, turn in wearer.world.items()}
-    one.change(Recentre())
+    one.apply(Recentre())
     answer = None
     for k, pose in enumerate([*30 * [standing_pose(SKELETON)], *60 * [squatting()]]):
         one.receive(wearer.frame(pose, 10 + k / 30, head=False), 0.0)
@@ -281,9 +283,9 @@ def test_sensors_alone_take_their_headings_anew() -> None:
 
 
 def played_session(wearer: Wearer, head: bool) -> tuple[Session, Any]:
-    """A session of somebody who was calibrated, then squatted; its last answer."""
+    """Return a session whose wearer was calibrated and then squatted, and its last answer."""
     one = Session(("head", *wearer.names) if head else wearer.names)
-    one.change(Calibrate())
+    one.apply(Calibrate())
     answer, k = None, 0
     for pose, count in ((standing_pose(SKELETON), 50), (squatting(), 60)):
         for _ in range(count):
@@ -296,8 +298,8 @@ def played_session(wearer: Wearer, head: bool) -> tuple[Session, Any]:
 def test_legs_follow_their_sensors(head: bool) -> None:
     wearer = Wearer(3, LEGS)
     one, answer = played_session(wearer, head)
-    said = [note.text for note in one.notes() if isinstance(note, Notice)]
-    assert f"{len(LEGS)} inertial sensors are worn as you stand" in said
+    notices = [message.text for message in one.take_messages() if isinstance(message, Notice)]
+    assert f"{len(LEGS)} inertial sensors are worn as you stand" in notices
     assert answer is not None and np.isfinite(answer.points).all()
     turns = np.asarray(forward_kinematics(answer.pose)[1])
     wanted = np.asarray(forward_kinematics(squatting())[1])
@@ -307,7 +309,7 @@ def test_legs_follow_their_sensors(head: bool) -> None:
 
 
 class Emulated:
-    """A tracker of one sensor, as its firmware talks."""
+    """A simulated tracker with one sensor."""
 
     def __init__(self, port: int, mac: bytes) -> None:
         self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -370,7 +372,7 @@ def test_a_tracker_joins_a_headset_of_vmc(
         tracker.turn(quaternion_multiply(about_y(2.0), quaternion_multiply(shin, about_y(FACING["left_knee"]))))
 
     with tracker.socket, sending(step):
-        client.tell(Calibrate())
+        client.send_message(Calibrate())
         texts = [client.text("said")["text"] for _ in range(3)]
         assert "1 inertial sensors are worn as you stand" in texts
         bent.set()
@@ -386,7 +388,7 @@ def test_a_tracker_joins_a_headset_of_vmc(
     assert f"SlimeVR tracker {SERIAL} on left_knee" in capsys.readouterr().out
 
 
-def test_alone_it_is_an_input_of_its_own(server_of: Serving, connect: Connecting) -> None:
+def test_trackers_without_a_headset_are_an_input_of_their_own(server_of: Serving, connect: Connecting) -> None:
     slime = free_port()
     server = server_of(ServerSettings(slimevr=SlimevrSettings("127.0.0.1", slime, {SERIAL: "left_hip"})))
     client = connect(server, points=(), watch="slimevr")
@@ -396,11 +398,11 @@ def test_alone_it_is_an_input_of_its_own(server_of: Serving, connect: Connecting
         with sending(lambda: tracker.turn(quaternion_conjugate(np.array([1.0, 0, 0, 0])))):
             assert np.isfinite(client.pose().rotation).all()
         with suppress(TimeoutError):
-            while True:  # what was sent meanwhile
+            while True:  # drain packets that were sent meanwhile
                 client.socket.recv(timeout=0.2)
-        stranger = Emulated(slime, bytes([9] * 6))
-        with stranger.socket:
-            stranger.socket.settimeout(0.3)
-            stranger.send(handshake(stranger.mac))
+        unknown = Emulated(slime, bytes([9] * 6))
+        with unknown.socket:
+            unknown.socket.settimeout(0.3)
+            unknown.send(handshake(unknown.mac))
             with pytest.raises(TimeoutError):
-                stranger.socket.recv(100)
+                unknown.socket.recv(100)

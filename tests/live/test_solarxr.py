@@ -1,4 +1,4 @@
-"""OpenXR runtimes by SolarXR: bundles read by their slots, and a runtime that is played here."""
+"""OpenXR runtimes by SolarXR: bundles, read by their slots, and a simulated runtime."""
 
 from __future__ import annotations
 
@@ -22,10 +22,19 @@ from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError
 from bodysense_lab.serving.solarxr_client import bundle, request, update
 from bodysense_live.metrics import Metrics
-from bodysense_live.safety import why_not_local
+from bodysense_live.safety import local_refusal_reason
 from bodysense_live.settings import ServerSettings
-from bodysense_live.solarxr import BONES, TRACKERS, Asked, Updates, moved, read_bundle, settings_bundle, told_of
-from bodysense_live.solarxr_input import InputReader, fields_of
+from bodysense_live.solarxr import (
+    BONES,
+    TRACKERS,
+    Requests,
+    Updates,
+    body_frame,
+    body_layout,
+    read_bundle,
+    settings_bundle,
+)
+from bodysense_live.solarxr_input import InputReader, read_fields
 from bodysense_live.solarxr_link import INPUT, RPC, SolarxrLink, SolarxrSettings, runtime_folder
 from bodysense_live.tracked_devices import SIGNALS
 from bodysense_live.webxr import between_eyes
@@ -34,7 +43,7 @@ from .conftest import Connecting, Serving, free_port
 
 SKELETON = default_skeleton()
 EYES = between_eyes(SKELETON)
-UPDATES = Updates(told_of(SKELETON, EYES))
+UPDATES = Updates(body_layout(SKELETON, EYES))
 
 
 def standing(facing: float = 0.0) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
@@ -46,13 +55,13 @@ def standing(facing: float = 0.0) -> tuple[dict[str, np.ndarray], dict[str, np.n
 
 
 def test_requests_are_read() -> None:
-    assert read_bundle(request()) == Asked(polls=True, settings=(None,))
-    assert read_bundle(request(False, 5, 77)) == Asked(interval=0.005, settings=(77,))
-    assert read_bundle(b"") == "0 bytes are no bundle of SolarXR"
+    assert read_bundle(request()) == Requests(polls=True, settings=(None,))
+    assert read_bundle(request(False, 5, 77)) == Requests(interval=0.005, settings=(77,))
+    assert read_bundle(b"") == "0 bytes are not a bundle of SolarXR"
 
 
 @given(st.binary(max_size=120), st.integers(0, 150), st.binary(max_size=12))
-def test_nothing_that_comes_raises(packet: bytes, place: int, changed: bytes) -> None:
+def test_any_packet_is_read_without_an_exception(packet: bytes, place: int, changed: bytes) -> None:
     read_bundle(packet)
     whole = request(True, 3, 9)
     place = min(place, len(whole))
@@ -76,16 +85,16 @@ def test_settings_switch_trackers_on() -> None:
 
 
 @pytest.mark.parametrize("facing", [0.0, np.pi, 1.0])
-def test_a_body_is_where_it_is(facing: float) -> None:
+def test_trackers_and_bones_match_the_body(facing: float) -> None:
     places, turns = standing(facing)
-    told = update(UPDATES.of(moved(places, turns, EYES)))
-    trackers, bones = told.rows(1), told.rows(2)
+    decoded = update(UPDATES.packet(body_frame(places, turns, EYES)))
+    trackers, bones = decoded.rows(1), decoded.rows(2)
     assert len(trackers) == len(TRACKERS) and len(bones) == len(BONES) + 1
     numbers = set()
     for tracker, (part, name, place) in zip(trackers, TRACKERS, strict=True):
         identity, info = tracker.row(0), tracker.row(1)
         assert identity is not None and info is not None
-        assert identity.at(0) is None  # of no device: an echo else
+        assert identity.at(0) is None  # a tracker with a device would be echoed
         numbers.add(identity.value(1, "B"))
         assert info.value(1, "B") == part and info.text(7) == name and tracker.value(2, "B") == 2
         assert tracker.at(8) is None  # a driver would take an acceleration for a velocity
@@ -103,22 +112,22 @@ def test_a_body_is_where_it_is(facing: float) -> None:
         np.testing.assert_allclose(tail, places[bone.end], atol=1e-5)
 
 
-def test_who_faces_ahead_in_a_drivers_world_has_upright_legs() -> None:
-    """Facing −Z and standing, legs and arms that hang have about the identity."""
-    told = update(UPDATES.of(moved(*standing(np.pi), EYES)))
-    for row in told.rows(1):
+def test_hanging_limbs_that_face_forward_have_the_identity_rotation() -> None:
+    """Legs and arms of a standing wearer who faces −Z are close to the identity."""
+    decoded = update(UPDATES.packet(body_frame(*standing(np.pi), EYES)))
+    for row in decoded.rows(1):
         turn = row.floats(3, 4)
         assert turn is not None and abs(turn[3]) > np.cos(np.deg2rad(20) / 2)
-    by_part = {row.value(0, "B"): row.floats(1, 4) for row in told.rows(2)}
+    by_part = {row.value(0, "B"): row.floats(1, 4) for row in decoded.rows(2)}
     for part in (6, 7, 8, 9, 14, 15, 16, 17, 3, 4, 5):
         turn = by_part[part]
         assert turn is not None and abs(turn[3]) > np.cos(np.deg2rad(25) / 2), part
 
 
-def test_while_nobody_is_tracked_trackers_are_told_without_places() -> None:
-    told = update(UPDATES.nobody)
-    assert all(row.value(2, "B") == 1 and row.at(3) is None and row.at(4) is None for row in told.rows(1))
-    assert all(row.at(1) is None and row.value(2, "f") > 0 for row in told.rows(2))
+def test_without_a_tracked_wearer_trackers_have_no_poses() -> None:
+    decoded = update(UPDATES.without_body)
+    assert all(row.value(2, "B") == 1 and row.at(3) is None and row.at(4) is None for row in decoded.rows(1))
+    assert all(row.at(1) is None and row.value(2, "f") > 0 for row in decoded.rows(2))
 
 
 # ---- a runtime's headset
@@ -134,7 +143,7 @@ def added(identity: int, role: int) -> bytes:
 
 def position(identity: int, place: tuple[float, float, float], turn: tuple[float, ...] = (0, 0, 0, 1)) -> bytes:
     numbers = b"".join(bytes([k << 3 | 5]) + struct.pack("<f", x) for k, x in enumerate((*place, *turn), start=2))
-    padded = bytes([0x08, identity | 0x80, 0x80, 0x80, 0x80, 0x00])  # as Monado writes them: five bytes
+    padded = bytes([0x08, identity | 0x80, 0x80, 0x80, 0x80, 0x00])  # five bytes, as Monado writes it
     return message(1, padded + numbers)
 
 
@@ -163,11 +172,11 @@ def test_a_headset_and_controllers_are_read() -> None:
 
 
 def test_protobuf_fields() -> None:
-    assert fields_of(b"\x08\x96\x01\x12\x02hi\x1d\x00\x00\x80\x3f") == {1: 150, 2: b"hi", 3: 1.0}
+    assert read_fields(b"\x08\x96\x01\x12\x02hi\x1d\x00\x00\x80\x3f") == {1: 150, 2: b"hi", 3: 1.0}
 
 
 class Runtime:
-    """A runtime, as Monado's driver and WiVRn's feeder talk."""
+    """A simulated runtime, like Monado's driver and WiVRn's feeder."""
 
     def __init__(self, folder: Path) -> None:
         self.rpc, self.input = (socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) for _ in range(2))
@@ -178,7 +187,7 @@ class Runtime:
     def say(self, packet: bytes) -> None:
         self.rpc.sendall(struct.pack("<I", 4 + len(packet)) + packet)
 
-    def tell(self, packet: bytes) -> None:
+    def send(self, packet: bytes) -> None:
         self.input.sendall(struct.pack("<I", 4 + len(packet)) + packet)
 
     def heard(self) -> bytes:
@@ -212,25 +221,25 @@ def test_a_runtime_gets_a_body(server_of: Serving, folder: Path, connect: Connec
     with Runtime(folder) as runtime:
         runtime.say(request(polls=True, asks=0))
         first, second = runtime.heard(), runtime.heard()
-        assert len(update(first).rows(1)) == len(TRACKERS)  # an update first, alone
+        assert len(update(first).rows(1)) == len(TRACKERS)  # the first message is an update
         assert bundle(second).rows(1)[0].value(1, "B") == 7
         runtime.say(request(polls=False, starts=1, asks=None))
         for packet in (added(1, 19), added(2, 13), added(3, 14)):
-            runtime.tell(packet)
-        until, seen, told = time.monotonic() + 20, False, update(first)
+            runtime.send(packet)
+        until, seen, decoded = time.monotonic() + 20, False, update(first)
         while not seen and time.monotonic() < until:
-            told = update(runtime.heard())  # a headset is told of after each update
+            decoded = update(runtime.heard())  # the runtime sends its headset after each update
             for identity, place in ((1, (0.0, 1.6, 0.0)), (2, (-0.3, 1.0, -0.3)), (3, (0.3, 1.0, -0.3))):
-                runtime.tell(position(identity, place))
-            seen = all(row.value(2, "B") == 2 for row in told.rows(1))
+                runtime.send(position(identity, place))
+            seen = all(row.value(2, "B") == 2 for row in decoded.rows(1))
         assert seen
-        waist = told.rows(1)[0].floats(4, 3)
+        waist = decoded.rows(1)[0].floats(4, 3)
         assert waist is not None and 0.7 < waist[1] < 1.2 and np.hypot(waist[0], waist[2]) < 0.5
         begun, count = time.monotonic(), 0
         while time.monotonic() - begun < 0.5:
             runtime.heard()
             count += 1
-        assert count <= 75  # not faster than 120 a second
+        assert count <= 75  # at most 120 per second
         until = time.monotonic() + 10
         while time.monotonic() < until and update(runtime.heard()).rows(1)[0].value(2, "B") != 1:
             pass  # the headset was taken off
@@ -256,44 +265,44 @@ def test_slimevrs_programs_get_the_same_body_by_a_websocket(server_of: Serving, 
         for who in (program.send, runtime.say):
             who(request(polls=False, starts=1, asks=None))
         for packet in (added(1, 19), added(2, 13), added(3, 14)):
-            runtime.tell(packet)
-        until, seen, told = time.monotonic() + 20, False, update(heard())
+            runtime.send(packet)
+        until, seen, decoded = time.monotonic() + 20, False, update(heard())
         while not seen and time.monotonic() < until:
             for identity, place in ((1, (0.0, 1.6, 0.0)), (2, (-0.3, 1.0, -0.3)), (3, (0.3, 1.0, -0.3))):
-                runtime.tell(position(identity, place))
-            told = update(heard())
-            seen = all(row.value(2, "B") == 2 for row in told.rows(1))
-        waist = told.rows(1)[0].floats(4, 3)
+                runtime.send(position(identity, place))
+            decoded = update(heard())
+            seen = all(row.value(2, "B") == 2 for row in decoded.rows(1))
+        waist = decoded.rows(1)[0].floats(4, 3)
         assert seen and waist is not None and 0.7 < waist[1] < 1.2
 
 
 @pytest.mark.parametrize("origin", [None, "http://localhost:5173", "tauri://localhost"])
-def test_programs_and_pages_of_this_machine_are_let_in(origin: str | None) -> None:
-    assert why_not_local("127.0.0.1:21110", origin) is None
+def test_programs_and_pages_of_this_machine_are_admitted(origin: str | None) -> None:
+    assert local_refusal_reason("127.0.0.1:21110", origin) is None
 
 
-def test_other_pages_and_names_are_not_let_in(server_of: Serving, folder: Path) -> None:
+def test_other_pages_and_names_are_refused(server_of: Serving, folder: Path) -> None:
     port = free_port()
     server_of(ServerSettings(solarxr=SolarxrSettings(folder, port)))
     with pytest.raises(InvalidStatus) as refused:
         open_socket(f"ws://127.0.0.1:{port}/", origin=Origin("https://evil.example.org"))
     assert refused.value.response.status_code == 403
-    assert why_not_local("evil.example.org:21110", None) and why_not_local("localhost", "null")
+    assert local_refusal_reason("evil.example.org:21110", None) and local_refusal_reason("localhost", "null")
 
 
-def test_what_is_no_message_ends_or_is_left_out(server_of: Serving, folder: Path) -> None:
+def test_malformed_messages_are_ignored_or_close_the_connection(server_of: Serving, folder: Path) -> None:
     server_of(ServerSettings(solarxr=SolarxrSettings(folder, 0)))
     with Runtime(folder) as broken:
         broken.rpc.sendall(b"\xff\xff\xff\xff")
         assert broken.rpc.recv(10) == b""
     with Runtime(folder) as runtime:
         runtime.say(b"nonsense")
-        runtime.tell(b"nonsense")
+        runtime.send(b"nonsense")
         runtime.say(request())
         assert update(runtime.heard())
 
 
-def test_sockets_that_cannot_be_had(folder: Path) -> None:
+def test_sockets_that_cannot_be_bound(folder: Path) -> None:
     def link(where: Path) -> SolarxrLink:
         return SolarxrLink(SolarxrSettings(where, 0), Metrics(), InputReader(), SIGNALS)
 
@@ -306,7 +315,7 @@ def test_sockets_that_cannot_be_had(folder: Path) -> None:
         port = other.getsockname()[1]
         with pytest.raises(BodysenseError, match=f"--solarxr-port {port} is in use"):
             SolarxrLink(SolarxrSettings(folder, port), Metrics(), InputReader(), SIGNALS)
-    stale = link(folder)  # one that nobody listens to is replaced
+    stale = link(folder)  # an abandoned socket is replaced
     stale.close()
     assert not (folder / RPC).exists() and not (folder / INPUT).exists()
     with pytest.raises(BodysenseError, match="set XDG_RUNTIME_DIR to a folder of yours"):

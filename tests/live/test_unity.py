@@ -1,4 +1,4 @@
-"""Unity's axes against scipy and against what a person does in both worlds."""
+"""Unity's axes, against SciPy and against known rotations of a head."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ def ours(turns: Rotation) -> np.ndarray:
     return turns.as_quat()[:, [3, 0, 1, 2]]
 
 
-def test_a_rotation_is_the_same_one_in_the_mirror(turns: Rotation) -> None:
+def test_a_rotation_is_mirrored(turns: Rotation) -> None:
     theirs = Rotation.from_quat(unity_rotation(ours(turns))).as_matrix()
     np.testing.assert_allclose(theirs, MIRROR @ turns.as_matrix() @ MIRROR, atol=1e-12)
     np.testing.assert_allclose(from_unity_rotation(unity_rotation(ours(turns))), ours(turns), atol=0)
 
 
-def test_a_left_hand_is_toward_minus_x_and_who_faces_plus_z_still_does() -> None:
+def test_the_x_axis_is_mirrored_and_the_z_axis_is_unchanged() -> None:
     np.testing.assert_array_equal(unity_position(np.array([0.7, 1.4, 0.2])), [-0.7, 1.4, 0.2])
 
 
@@ -43,17 +43,17 @@ def test_euler_angles_are_applied_about_z_then_x_then_y(turns: Rotation) -> None
     ("vector", "angles"),
     [
         ((0, 0, 0), (0, 0, 0)),
-        ((0, -np.pi / 2, 0), (0, 90, 0)),  # to one's right: in Unity from +Z toward +X
+        ((0, -np.pi / 2, 0), (0, 90, 0)),  # to the right: in Unity from +Z toward +X
         ((np.pi / 6, 0, 0), (30, 0, 0)),  # looking down
         ((0, 0, -np.pi / 4), (0, 0, 45)),  # the head leans to its left: Unity's +Y goes toward −X
     ],
 )
-def test_what_a_person_does(vector: tuple[float, ...], angles: tuple[float, ...]) -> None:
+def test_turning_looking_down_and_leaning(vector: tuple[float, ...], angles: tuple[float, ...]) -> None:
     np.testing.assert_allclose(unity_euler(quaternion_exp(np.array(vector))), angles, atol=1e-9)
 
 
-def test_what_faces_plus_z_faces_minus_z_in_a_drivers_axes(turns: Rotation) -> None:
-    """Steam's devices look along −Z: the same thing in the same world, up where it was."""
+def test_forward_is_minus_z_in_a_drivers_axes(turns: Rotation) -> None:
+    """SteamVR's devices look along −Z; the up axis is unchanged."""
     theirs = Rotation.from_quat(driver_rotation(ours(turns)))
     for of_theirs, of_ours in (([0, 0, -1.0], [0, 0, 1.0]), ([0, 1.0, 0], [0, 1.0, 0]), ([-1.0, 0, 0], [1.0, 0, 0])):
         np.testing.assert_allclose(theirs.apply(of_theirs), turns.apply(of_ours), atol=1e-12)

@@ -1,4 +1,4 @@
-"""VMC and VRChat: what is sent, read by python-osc and put together again, is the body that was posed."""
+"""VMC and VRChat: packets, read by python-osc, reconstruct the posed body."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def read(packets: list[bytes]) -> list[tuple[str, list[Any]]]:
 
 
 def posed(clip: Clip, frame: int) -> Pose:
-    """A frame with every joint turned a little by chance, somewhere in the room."""
+    """Return a pose with a small random rotation of every joint and a random position."""
     random = np.random.default_rng(frame)
     turn = Rotation.from_rotvec(random.normal(scale=0.3, size=(len(clip.pose.skeleton.joints), 3)))
     whole = turn * Rotation.from_quat(np.asarray(clip.pose.rotation[frame])[:, [1, 2, 3, 0]])
@@ -43,8 +43,8 @@ def posed(clip: Clip, frame: int) -> Pose:
 
 
 @pytest.mark.parametrize("frame", [0, 30, 89])
-def test_a_receiver_puts_every_joint_where_it_is(waving_clip: Clip, frame: int) -> None:
-    """Bones put together parent by parent in Unity's world, and seen in the mirror, stand where our joints stand."""
+def test_a_receiver_reconstructs_every_joint(waving_clip: Clip, frame: int) -> None:
+    """Forward kinematics of the bones in Unity's world, mirrored, gives the positions of our joints."""
     pose = posed(waving_clip, frame)
     skeleton, (position, _) = pose.skeleton, forward_kinematics(pose)
     bones = {params[0]: params[1:] for address, params in read(vmc_packets(pose, 1.0)) if address.endswith("Bone/Pos")}
@@ -71,8 +71,8 @@ def test_all_of_unitys_bones_are_sent_by_their_names_and_then_ok_and_time(waving
     np.testing.assert_allclose(lengths, 1, atol=1e-6)
 
 
-def test_the_t_pose_is_no_turn_and_thumbs_hang_in_it_as_turns() -> None:
-    """Only thumbs rest otherwise than in VRM's T-pose: 40 to 60 degrees lower."""
+def test_the_t_pose_has_identity_rotations_except_for_thumbs() -> None:
+    """Our rest pose equals VRM's T-pose except for thumbs, which are 40 to 60 degrees lower."""
     bones = {p[0]: p for address, p in read(vmc_packets(rest_pose(default_skeleton()), 0.0)) if "Bone" in address}
     for name, values in bones.items():
         angle = np.rad2deg(Rotation.from_quat(values[4:]).magnitude())
@@ -114,7 +114,7 @@ def test_vrchat_is_sent_hip_and_feet_unless_more_parts_are_chosen(waving_clip: C
         parts_of("hips,feet")
 
 
-def test_only_whole_poses_of_people_are_sent(waving_clip: Clip) -> None:
+def test_only_finite_poses_of_humanoids_are_sent(waving_clip: Clip) -> None:
     pose = waving_clip.pose
     broken = Pose(pose.skeleton, np.array([0.0, np.nan, 0.0]), pose.rotation[0])
     stump = Skeleton(("pelvis", "head"), (), (-1, 0), np.array([[0.0, 1, 0], [0, 0.6, 0]]))

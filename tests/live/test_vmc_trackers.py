@@ -1,4 +1,4 @@
-"""Devices by VMC: which point each is, and what loss, doubling, disorder, delay and nonsense do to them."""
+"""Devices by VMC: their points, and lost, doubled, reordered, late and malformed packets."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ Row = tuple[str, str, tuple[float, ...], tuple[float, ...]]
 
 
 def packet(*rows: Row, clock: float | None = None, tail: str = "") -> bytes:
-    """A bundle as senders build it, by python-osc, in Unity's axes."""
+    """Return a bundle as senders build it, by python-osc, in Unity's axes."""
     bundle = OscBundleBuilder(IMMEDIATELY)
     messages = [] if clock is None else [("/VMC/Ext/T", [clock])]
     messages += [(f"/VMC/Ext/{kind}/Pos{tail}", [serial, *place, *turn]) for kind, serial, place, turn in rows]
@@ -51,7 +51,7 @@ def points(observation: Observation) -> dict[str, np.ndarray]:
 
 
 def test_devices_are_in_our_world() -> None:
-    """Unity's left is −X, ours +X; a headset that looks along Unity's +Z looks along ours: its −Z does."""
+    """Unity's left is −X, ours +X. A headset's −Z is its forward axis, along +Z in both worlds."""
     turn = Rotation.from_euler("y", 30, degrees=True)  # in Unity: to the wearer's right
     left, right = ("Con", "left", (-0.4, 1.0, 0.3), UPRIGHT), ("Con", "right", (0.4, 1.0, 0.3), UPRIGHT)
     found = seen(("Hmd", "HMD", (-0.1, 1.6, 0.2), tuple(turn.as_quat())), left, right)
@@ -62,7 +62,7 @@ def test_devices_are_in_our_world() -> None:
     assert found.has_rotation[0].sum() == 3
 
 
-def test_a_tracker_tells_how_it_is_turned_itself() -> None:
+def test_a_tracker_keeps_the_axes_of_its_mounting() -> None:
     turn = Rotation.from_euler("y", 30, degrees=True)  # in Unity: to the wearer's right
     found = seen(
         HEAD, ("Tra", "waist", (0.0, 1.0, 0.1), tuple(turn.as_quat())), ("Tra", "chest", (0, 1.3, 0), (0,) * 4)
@@ -90,23 +90,23 @@ def test_a_tracker_tells_how_it_is_turned_itself() -> None:
         ("Con", "LHR-00000000", None),  # without a headset there is no side
     ],
 )
-def test_names_say_what_a_device_is(kind: str, serial: str, point: str | None) -> None:
+def test_serials_name_points(kind: str, serial: str, point: str | None) -> None:
     state, _ = READER.take(packet((kind, serial, (0.0, 1.0, 0.0), UPRIGHT)), 0.0, READER.start())
     observation = READER.observation(0.0, state)
     assert (observation is None) if point is None else (observation is not None and set(points(observation)) == {point})
 
 
-def test_trackers_that_say_nothing_keep_the_names_they_had_first() -> None:
+def test_unassigned_trackers_keep_their_names() -> None:
     state = READER.start()
     for k, serials in enumerate((["A"], ["B", "A"], ["C", "B"])):
         state, _ = READER.take(packet(*(("Tra", one, (0, 1, 0), UPRIGHT) for one in serials)), 0.01 * k, state)
-    assert state.devices.undecided == {"A": "tracker_1", "B": "tracker_2", "C": "tracker_3"}
+    assert state.devices.unassigned == {"A": "tracker_1", "B": "tracker_2", "C": "tracker_3"}
     for k in range(20):
         state, _ = READER.take(packet(("Tra", f"more {k}", (0, 1, 0), UPRIGHT)), 0.1, state)
-    assert len(state.devices.undecided) == 8
+    assert len(state.devices.unassigned) == 8
 
 
-def test_a_table_comes_before_names_and_is_checked() -> None:
+def test_a_table_takes_precedence_over_serials_and_is_checked() -> None:
     table = VmcTrackers(TrackedDevices({"LHR-1": "left_ankle", "left": "right_controller"}))
     there: Row = ("Tra", "LHR-1", (0.1, 0.1, 0.0), UPRIGHT)
     assert set(points(seen(there, ("Con", "left", (0.0, 1.0, 0.0), UPRIGHT), reader=table))) == {
@@ -126,15 +126,15 @@ def test_a_table_is_read_from_a_file(tmp_path: Path) -> None:
         with pytest.raises(BodysenseError, match="a table of devices is a JSON object, serial to one of headset"):
             read_device_names(path)
     path.write_text('{"LHR-1": "hip"}')
-    with pytest.raises(BodysenseError, match="'hip' \\(for 'LHR-1'\\) is no device"):
+    with pytest.raises(BodysenseError, match="'hip' \\(for 'LHR-1'\\) is not a device"):
         TrackedDevices(read_device_names(path))
     with pytest.raises(BodysenseError, match="No such file"):
         read_device_names(tmp_path / "gone.json")
 
 
 @pytest.mark.parametrize("yaw", [0.0, 90.0, 200.0])
-def test_nameless_controllers_keep_the_hands_they_had_first(yaw: float) -> None:
-    """By the side of the headset they are on when they come, whichever way it looks; hands may cross later."""
+def test_controllers_without_a_side_keep_their_hands(yaw: float) -> None:
+    """They are assigned by their side of the headset when they appear, whatever its heading; hands may cross later."""
     turn = Rotation.from_euler("y", yaw, degrees=True)
 
     def place(x: float) -> tuple[float, ...]:
@@ -150,18 +150,18 @@ def test_nameless_controllers_keep_the_hands_they_had_first(yaw: float) -> None:
     assert state.devices.hands == {"C": "right_controller"}
 
 
-def test_one_nameless_controller_takes_the_hand_that_is_free() -> None:
+def test_a_controller_without_a_side_takes_the_free_hand() -> None:
     rows: tuple[Row, ...] = (HEAD, ("Con", "left", (-0.1, 1, 0), UPRIGHT), ("Con", "X", (-0.3, 1, 0), UPRIGHT))
     found = points(seen(*rows))
     np.testing.assert_allclose(found["right_controller"], [0.3, 1, 0], atol=1e-6)
 
 
-def test_the_rooms_own_scale_comes_before_the_avatars() -> None:
+def test_the_rooms_scale_takes_precedence_over_the_avatars() -> None:
     state, _ = READER.take(packet(HEAD, tail="/Local"), 0.0, READER.start())
     taller: Row = ("Hmd", "HMD", (0.0, 1.9, 0.0), UPRIGHT)
     state, _ = READER.take(packet(taller), 0.01, state)
     assert height(READER.observation(0.01, state)) == pytest.approx(1.6)
-    state, _ = READER.take(packet(taller), 1.0, state)  # …/Local does not come any more
+    state, _ = READER.take(packet(taller), 1.0, state)  # …/Local is no longer sent
     assert height(READER.observation(1.0, state)) == pytest.approx(1.9)
 
 
@@ -179,23 +179,23 @@ def test_silence_hides_one_device_and_then_all() -> None:
     assert READER.observation(0.0, READER.start()) is None
 
 
-def test_a_rotation_that_is_none_leaves_the_place() -> None:
+def test_a_position_is_used_without_a_valid_rotation() -> None:
     found = seen(("Hmd", "H", (0.0, 1.6, 0.0), (0.0, 0.0, 0.0, 0.0)))
     assert set(points(found)) == {"headset"} and not found.has_rotation.any()
 
 
-def test_a_sender_that_starts_afresh_is_followed() -> None:
+def test_a_sender_that_restarts_is_followed() -> None:
     state, reason = READER.take(packet(HEAD, clock=500.0), 0.0, READER.start())
     state, late = READER.take(packet(HEAD, clock=499.5), 0.01, state)
-    state, afresh = READER.take(packet(HEAD, clock=0.1), 0.02, state)
-    assert reason is None and late is not None and late.startswith("late: sent at 499.5 s") and afresh is None
+    state, restarted = READER.take(packet(HEAD, clock=0.1), 0.02, state)
+    assert reason is None and late is not None and late.startswith("late: sent at 499.5 s") and restarted is None
     assert state.clock == pytest.approx(0.1)
 
 
 @pytest.mark.parametrize(("loss", "doubled", "latest"), [(0.01, 0, 0), (0.05, 0.1, 0.03), (0.2, 0.3, 0.3)])
-def test_a_bad_network_gives_true_poses_in_order(loss: float, doubled: float, latest: float) -> None:
-    """Packets lost, doubled, and late by up to 0.3 s, thereby out of order: what is seen was sent, is never older than
-    what was seen before, and at the end, when packets in flight are in, is the newest that came."""
+def test_a_bad_network_gives_sent_poses_in_order(loss: float, doubled: float, latest: float) -> None:
+    """Packets are lost, doubled, and late by up to 0.3 s, so out of order. Every observed pose was sent, and is not
+    older than the one before. At the end the newest received pose is observed."""
     random = np.random.default_rng(int(100 * loss))
     arrivals: list[tuple[float, int]] = []
     for k in range(300):
@@ -214,10 +214,10 @@ def test_a_bad_network_gives_true_poses_in_order(loss: float, doubled: float, la
         assert observation is not None
         assert points(observation)["headset"][1] == pytest.approx(1.0 + newest / 1000, abs=1e-6)
     assert newest == max(k for _, k in arrivals)
-    assert max(gaps) / 90 < READER.devices.longest_silence  # nothing was ever hidden for want of packets
+    assert max(gaps) / 90 < READER.devices.longest_silence  # no gap is long enough to hide a device
 
 
-def test_what_is_of_no_use_is_said_and_changes_nothing() -> None:
+def test_malformed_packets_have_a_reason_and_change_nothing() -> None:
     state, _ = READER.take(packet(HEAD), 0.0, READER.start())
     nonsense = {
         b"hello": "no address",
@@ -227,28 +227,28 @@ def test_what_is_of_no_use_is_said_and_changes_nothing() -> None:
         message_bytes("/VMC/Ext/Hmd/Pos", "sfffffff", "HMD", 0, 1e30, 0, 0, 0, 0, 1): "farther than 1000 m",
         message_bytes("/VMC/Ext/Hmd/Pos", "sfffffff", 200 * "x", *range(7)): "is not a serial",
     }
-    for packet_, said in nonsense.items():
+    for packet_, expected in nonsense.items():
         after, reason = READER.take(packet_, 0.1, state)
-        assert reason is not None and said in reason
+        assert reason is not None and expected in reason
         assert after.devices.devices.keys() == state.devices.devices.keys() and after.devices.at == 0.0
         assert after.devices.devices["HMD"] is state.devices.devices["HMD"]
     for ignored in (message_bytes("/VMC/Ext/Blend/Val", "sf", "Joy", 1.0), message_bytes("/VMC/Ext/T", "s", "noon")):
         assert READER.take(ignored, 0.1, state)[1] is None
 
 
-def test_a_crowd_of_devices_does_not_grow() -> None:
+def test_the_number_of_devices_is_limited() -> None:
     state = READER.start()
     for k in range(100):
         state, _ = READER.take(packet(("Tra", f"T{k}", (0.0, 0.0, 0.0), UPRIGHT)), 0.001 * k, state)
         assert len(state.devices.devices) <= 32
     crowd = bundled([message_bytes("/VMC/Ext/Hmd/Pos", "sfffffff", "HMD", *range(7))] * 129, 65_000)[0]
     assert READER.take(crowd, 0.2, state) == (state, "more than 128 devices in one packet")
-    state, reason = READER.take(packet(HEAD), 1.0, state)  # once they are silent there is room again
+    state, reason = READER.take(packet(HEAD), 1.0, state)  # silent devices are replaced
     assert reason is None and "HMD" in state.devices.devices
 
 
 @given(st.lists(st.binary(max_size=120), max_size=8))
-def test_any_bytes_leave_a_state_that_can_be_seen(packets: list[bytes]) -> None:
+def test_any_bytes_leave_a_usable_state(packets: list[bytes]) -> None:
     state = VmcState()
     good = message_bytes("/VMC/Ext/Con/Pos", "sfffffff", "A", *range(7))
     for k, noise in enumerate(packets):

@@ -1,4 +1,4 @@
-"""SteamVR by VMT: what is read, what is written, and a driver that is played here."""
+"""SteamVR by VMT: packets read and written, and a simulated driver."""
 
 from __future__ import annotations
 
@@ -52,15 +52,15 @@ def seen(state: VmtState, reader: VmtReader = VmtReader()) -> set[str]:
     return {name for name, has in zip(observation.points, observation.has_position[0], strict=True) if has}
 
 
-def test_two_devices_that_nobody_named_are_the_controllers() -> None:
+def test_two_devices_outside_the_table_are_the_controllers() -> None:
     listed = message_bytes("/VMT/Out/Devices/List", "s", LIST)
     state = taken(listed, device("HEAD-1"), device("LHR-A", (0.3, 1.0, -0.3)), device("LHR-B", (-0.3, 1.0, -0.3)))
-    assert state.others == ("LHR-A", "LHR-B")  # VMT's own and base stations are nobody's
+    assert state.others == ("LHR-A", "LHR-B")  # without VMT's own devices and base stations
     assert seen(state) == {"headset", "left_controller", "right_controller"}
     assert state.devices.hands == {"LHR-B": "left_controller", "LHR-A": "right_controller"}  # −Z forward, +X right
 
 
-def test_of_more_devices_the_controllers_are_named() -> None:
+def test_with_more_devices_the_table_must_name_the_controllers() -> None:
     more = message_bytes("/VMT/Out/Devices/List", "s", LIST + "5:LHR-C\n")
     rows = device("HMD"), device("LHR-A", (0.3, 1, 0)), device("LHR-C", (0.1, 0.1, 0))
     assert seen(taken(more, *rows)) == {"headset", "tracker_1", "tracker_2"}
@@ -70,18 +70,18 @@ def test_of_more_devices_the_controllers_are_named() -> None:
 
 
 @given(st.binary(max_size=200) | st.builds(lambda tail: device("HMD")[:28] + tail, st.binary(max_size=80)))
-def test_nothing_that_comes_raises(packet: bytes) -> None:
+def test_any_packet_is_read_without_an_exception(packet: bytes) -> None:
     reader = VmtReader()
     state, _ = reader.take(packet, 0.0, reader.start())
     reader.observation(0.0, state)
 
 
-def test_what_is_asked_has_the_types_that_the_driver_wants() -> None:
+def test_requests_have_the_types_that_the_driver_expects() -> None:
     state = taken(message_bytes("/VMT/Out/Devices/List", "s", LIST), message_bytes("/VMT/Out/Unavailable", "is", 1, ""))
-    asked = [OscMessage(packet) for packet in subscriptions(state, "127.0.0.1", 39575)]
-    assert [one.address for one in asked][:2] == ["/VMT/Set/Destination", "/VMT/Get/Devices/List"]
-    assert [one.params[0] for one in asked[2:5]] == ["HEAD-1", "LHR-A", "LHR-B"]
-    assert asked[-1].address == "/VMT/Set/RoomMatrix/Temporary" and len(asked[-1].params) == 12
+    requests = [OscMessage(packet) for packet in subscriptions(state, "127.0.0.1", 39575)]
+    assert [one.address for one in requests][:2] == ["/VMT/Set/Destination", "/VMT/Get/Devices/List"]
+    assert [one.params[0] for one in requests[2:5]] == ["HEAD-1", "LHR-A", "LHR-B"]
+    assert requests[-1].address == "/VMT/Set/RoomMatrix/Temporary" and len(requests[-1].params) == 12
 
 
 def body(curl: float = 0.0) -> Pose:
@@ -101,7 +101,7 @@ def hand(side: str, curl: float = 0.0) -> tuple[RigidTransform, list[RigidTransf
 
 
 @pytest.mark.parametrize("side", ["left", "right"])
-def test_bones_are_where_the_joints_are_with_openvrs_axes(side: str) -> None:
+def test_bones_match_the_joints_with_openvrs_axes(side: str) -> None:
     root, bones, places = hand(side, 0.5)
     assert len(bones) == BONES
     world = [root, root @ bones[1]]
@@ -112,7 +112,7 @@ def test_bones_are_where_the_joints_are_with_openvrs_axes(side: str) -> None:
         for k, name in enumerate(names):
             np.testing.assert_allclose(world[first + k].translation, places[name], atol=1e-9)
     sign = 1.0 if side == "left" else -1.0
-    for k in (8, 9, 10, 13, 14, 15):  # a finger's bone hangs on the one before along ±X
+    for k in (8, 9, 10, 13, 14, 15):  # a finger's bones are along ±X of their parents
         along = bones[k].translation
         assert along[0] * sign > 0.95 * np.linalg.norm(along)
     for k in (26, 27, 28, 29, 30):
@@ -144,7 +144,7 @@ def test_a_hand_is_one_bundle_that_python_osc_reads() -> None:
 
 
 class Driver:
-    """A driver of VMT, as a SteamVR that is started has it."""
+    """A simulated driver of VMT in a running SteamVR."""
 
     def __init__(self) -> None:
         self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -187,8 +187,8 @@ def driver() -> Iterator[Driver]:
         yield found
 
 
-def shown(driver: Driver, enable: int) -> set[int]:
-    """Indices of virtual devices that are told to be on, or off, until all were."""
+def switched_devices(driver: Driver, enable: int) -> set[int]:
+    """Return the indices of virtual devices that are switched on or off, after waiting for all."""
     found: set[int] = set()
     until = time.monotonic() + 10
     while len(found) < len(TURNED_BY) and time.monotonic() < until:
@@ -200,16 +200,16 @@ def shown(driver: Driver, enable: int) -> set[int]:
     return found
 
 
-def test_a_body_goes_to_steamvr_and_again_after_it_was_restarted(server_of: Serving, driver: Driver) -> None:
+def test_a_body_is_sent_to_steamvr_and_again_after_a_restart(server_of: Serving, driver: Driver) -> None:
     server_of(ServerSettings(vmt=VmtSettings(driver_port=driver.port, port=0)))
     for _ in range(2):
         driver.subscribe_all()
-        assert shown(driver, 1) == set(range(8))
+        assert switched_devices(driver, 1) == set(range(8))
         driver.restart()
-    assert shown(driver, 0) == set(range(8))  # nothing is tracked any more
+    assert switched_devices(driver, 0) == set(range(8))  # no device is tracked any more
 
 
-def test_a_second_sender_is_not_listened_to() -> None:
+def test_a_second_sender_is_ignored() -> None:
     metrics = Metrics()
     link = DeviceInput(lambda frame: None, metrics, VmtReader(), SIGNALS, sender="127.0.0.1")
     link.datagram_received(device("HMD"), ("192.168.0.9", 39570))

@@ -1,4 +1,4 @@
-"""Nameless trackers after a restart: known by serial, or matched by place; and the person's file that keeps them."""
+"""Unassigned trackers after a restart: known by serial, or matched by position; and the person's file."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from bodysense.io.protocol import SignalFrame
 from bodysense.observation import Observation
 from bodysense_live.links import signal_of
 from bodysense_live.messages import Calibrate, Notice
-from bodysense_live.seat import Seat, WearerFile
 from bodysense_live.session import Session
+from bodysense_live.session_slot import SessionSlot, WearerFile
 from bodysense_live.tracked_devices import SIGNALS, DeviceState, TrackedDevice, TrackedDevices
 from bodysense_live.worn_trackers import read_trackers, save_wearer
 
 SKELETON = default_skeleton()
-# Where trackers are strapped, in their joints' axes, m and turned by so many rad: 8 to 14 cm off.
+# Mounts in the joints' axes: offset in m (8 to 14 cm), rotation vector in rad.
 STRAPPED = {
     "pelvis": ((0.03, 0.05, 0.10), (0.0, 0.4, 0.0)),
     "left_ankle": ((0.02, 0.05, 0.09), (0.6, 0.2, 0.0)),
@@ -35,25 +35,25 @@ MOUNTS = {
 }
 WEARER = Person(SKELETON, mounts=MOUNTS)
 SERIALS = {"left_ankle": "LHR-A", "right_ankle": "LHR-B", "pelvis": "LHR-C"}
-WORN = {serial: joint for joint, serial in SERIALS.items()}
+TRACKERS = {serial: joint for joint, serial in SERIALS.items()}
 
 
 def frames(
     count: int, order: Sequence[str] = tuple(SERIALS), lowered: float = 0.0, start: int = 0
 ) -> list[SignalFrame]:
-    """The signal of a wearer who stands, of nameless trackers that came in an order of their joints."""
+    """Return signals of a standing wearer whose unassigned trackers arrive in this order of joints."""
     position, rotation = (np.asarray(x) for x in forward_kinematics(standing_pose(SKELETON)))
     up = np.array([0.0, lowered + position[:, 1].min(), 0.0])
     devices, state, found = TrackedDevices(), DeviceState(), []
     head = position[SKELETON.index("head")] - up + [0.0, 0.07, 0.08]
     for k in range(start, start + count):
         now = k / 30
-        told = [("HMD", TrackedDevice("Hmd", head, np.array([1.0, 0.0, 0.0, 0.0]), now, raw=True))]
+        poses = [("HMD", TrackedDevice("Hmd", head, np.array([1.0, 0.0, 0.0, 0.0]), now, raw=True))]
         for joint in order:
             j = SKELETON.index(joint)
             tracker = RigidTransform(position[j] - up, rotation[j]) @ MOUNTS[joint]
-            told.append((SERIALS[joint], TrackedDevice("Tra", tracker.translation, tracker.rotation, now, raw=True)))
-        state, _ = devices.put(told, state)
+            poses.append((SERIALS[joint], TrackedDevice("Tra", tracker.translation, tracker.rotation, now, raw=True)))
+        state, _ = devices.put(poses, state)
         observation = devices.observation(now, state)
         assert observation is not None
         found.append(signal_of(observation, SIGNALS, k, now))
@@ -61,7 +61,7 @@ def frames(
 
 
 def play(one: Session, signals: Sequence[SignalFrame]) -> list[Observation]:
-    """What is completed of each."""
+    """Play signals. Return the observation of each job."""
     found = []
     for frame in signals:
         one.receive(frame, 0.0)
@@ -76,31 +76,31 @@ def tracked(observation: Observation) -> set[str]:
     return {name for k, name in enumerate(observation.points) if observation.has_rotation[0, k]}
 
 
-def test_known_serials_count_from_the_first_frame(tmp_path: Path) -> None:
+def test_trackers_with_known_serials_are_used_from_the_first_frame(tmp_path: Path) -> None:
     path = tmp_path / "me.json"
-    save_wearer(WEARER, WORN, path)
-    assert Person.load(path).mounts.keys() == WEARER.mounts.keys() and read_trackers(path) == WORN
-    order = ("pelvis", "right_ankle", "left_ankle")  # another than when it was saved
-    seat = Seat("", "", "", "", Session(SIGNALS, WEARER))
-    seat.serials = lambda: {SERIALS[joint]: f"tracker_{k}" for k, joint in enumerate(order, start=1)}
-    WearerFile(path, read_trackers(path)).recognise(seat)
-    (first,) = play(seat.session, frames(1, order))
+    save_wearer(WEARER, TRACKERS, path)
+    assert Person.load(path).mounts.keys() == WEARER.mounts.keys() and read_trackers(path) == TRACKERS
+    order = ("pelvis", "right_ankle", "left_ankle")  # differs from the saved order
+    slot = SessionSlot("", "", "", "", Session(SIGNALS, WEARER))
+    slot.serials = lambda: {SERIALS[joint]: f"tracker_{k}" for k, joint in enumerate(order, start=1)}
+    WearerFile(path, read_trackers(path)).assign_known_trackers(slot)
+    (first,) = play(slot.session, frames(1, order))
     assert tracked(first) == {"head", *STRAPPED}
 
 
-def test_unknown_serials_are_matched_by_place_while_the_wearer_stands(tmp_path: Path) -> None:
+def test_trackers_with_unknown_serials_are_matched_by_position(tmp_path: Path) -> None:
     one = Session(SIGNALS, WEARER)
     crouched = play(one, frames(30, lowered=0.3))
     assert tracked(crouched[-1]) == {"head"}
     standing = play(one, frames(30, start=30))
     assert tracked(standing[0]) == {"head"} and tracked(standing[-1]) == {"head", *STRAPPED}
-    notices = [note.text for note in one.notes() if isinstance(note, Notice)]
+    notices = [message.text for message in one.take_messages() if isinstance(message, Notice)]
     assert notices == ["worn: tracker_1 on left_ankle, tracker_2 on right_ankle, tracker_3 on pelvis"]
-    seat = Seat("", "", "", "", one)
-    seat.serials = lambda: {serial: f"tracker_{k}" for k, serial in enumerate(WORN, start=1)}
+    slot = SessionSlot("", "", "", "", one)
+    slot.serials = lambda: {serial: f"tracker_{k}" for k, serial in enumerate(TRACKERS, start=1)}
     path = tmp_path / "me.json"
-    WearerFile(path, {"LHR-OLD": "pelvis", "LHR-ELBOW": "left_elbow"}).keep(seat)
-    assert read_trackers(path) == {"LHR-ELBOW": "left_elbow", **WORN}  # a replaced tracker is forgotten
+    WearerFile(path, {"LHR-OLD": "pelvis", "LHR-ELBOW": "left_elbow"}).save_calibrated(slot)
+    assert read_trackers(path) == {"LHR-ELBOW": "left_elbow", **TRACKERS}  # a replaced tracker is forgotten
 
 
 def test_only_joints_with_mounts_are_matched() -> None:
@@ -110,12 +110,12 @@ def test_only_joints_with_mounts_are_matched() -> None:
     assert tracked(play(unknown, frames(60))[-1]) == {"head"}
 
 
-def test_a_calibration_second_reassigns_trackers_that_are_worn_elsewhere() -> None:
+def test_calibration_reassigns_trackers_that_are_worn_elsewhere() -> None:
     one = Session(SIGNALS, WEARER)
-    one.wear({"tracker_1": "right_ankle", "tracker_2": "left_ankle", "tracker_3": "pelvis"})  # feet swapped
-    one.change(Calibrate())
+    one.assign_trackers({"tracker_1": "right_ankle", "tracker_2": "left_ankle", "tracker_3": "pelvis"})  # feet swapped
+    one.apply(Calibrate())
     play(one, frames(40))
-    assert one.worn == {"tracker_1": "left_ankle", "tracker_2": "right_ankle", "tracker_3": "pelvis"}
+    assert one.tracker_joints == {"tracker_1": "left_ankle", "tracker_2": "right_ankle", "tracker_3": "pelvis"}
 
 
 @pytest.mark.parametrize(
@@ -126,16 +126,16 @@ def test_a_calibration_second_reassigns_trackers_that_are_worn_elsewhere() -> No
         ('{"LHR-A": "toe"}', "'trackers' has 'toe'; a tracker is worn on pelvis"),
     ],
 )
-def test_a_table_of_other_values_is_refused(tmp_path: Path, trackers: str, reason: str) -> None:
+def test_an_invalid_table_is_refused(tmp_path: Path, trackers: str, reason: str) -> None:
     path = tmp_path / "me.json"
-    save_wearer(WEARER, WORN, path)
+    save_wearer(WEARER, TRACKERS, path)
     text = path.read_text()
     path.write_text(text[: text.index('"trackers"')] + f'"trackers": {trackers}\n}}\n')
     with pytest.raises(BodysenseError, match=reason):
         read_trackers(path)
 
 
-def test_a_person_is_saved_without_trackers_as_before(tmp_path: Path) -> None:
+def test_a_person_without_trackers_is_saved_unchanged(tmp_path: Path) -> None:
     save_wearer(WEARER, {}, tmp_path / "a.json")
     WEARER.save(tmp_path / "b.json")
     assert (tmp_path / "a.json").read_text() == (tmp_path / "b.json").read_text()

@@ -20,27 +20,27 @@ export type Posture = "standing" | "seated";
 
 export type Source = "replay" | "vmc" | "markers" | "vmt" | "vrchat" | "slimevr" | "solarxr";
 
-/** How one person is set up; a client may change each at any time, and keeps them. */
+/** Settings of one session. A client may change each at any time. */
 export interface Settings {
-  /** Height of the wearer, m; inferred, with the other proportions, if null. */
+  /** Height of the wearer in m; null: it is inferred with the other proportions. */
   height: number | null;
   /** A seated wearer is displayed standing: the signal is raised until the head is at its standing height. */
   posture: Posture;
-  /** Left and right are swapped in the answer, as in a mirror. */
+  /** Swap left and right in the answer, as in a mirror. */
   mirror: boolean;
-  /** Regions that are driven; the others stay as in standing. */
+  /** Regions that move; the others keep the standing pose. */
   regions: Region[];
-  /** Half-life in s of a smoother after everything else, 0 to 0.5; as much later is the answer. */
+  /** Half-life in s of the smoothing of the whole body, 0 to 0.5; it delays the body by as much. */
   smoothing: number;
   /** Points of the signal to ignore. */
   hidden: string[];
-  /** m, of the floor over y = 0. */
+  /** Height of the floor in m, above y = 0. */
   floor: number;
-  /** Standing feet are held in place, and kept above the floor. */
+  /** Hold standing feet in place, and keep feet above the floor. */
   hold_feet: boolean;
 }
 
-/** The session that a client had before its connection broke. */
+/** A session of an earlier connection. */
 export interface Resume {
   session: string;
   token: string;
@@ -50,63 +50,63 @@ export interface Resume {
 export interface Hello {
   type: "hello";
   version: number;
-  /** Names of the points of its signal, at most 128. */
+  /** Names of the signal's points, at most 128. */
   points?: string[];
-  /** Short for `settings.height`. */
+  /** Shorthand for `settings.height`. */
   height?: number | null;
   name?: string;
   settings?: Partial<Settings>;
   resume?: Resume | null;
-  /** The server's own input to be shown, instead of a signal of the client. */
+  /** One of the server's own inputs to watch, in place of a signal from the client. */
   watch?: Source | null;
-  /** Another client's session to be shown, with its `watch_token`. */
+  /** Another client's session to watch, with its `watch_token`. */
   follow?: Resume | null;
 }
 
-/** `settings`: the settings to be changed; those that are not named stay. */
-export type Change = { type: "settings" } & Partial<Settings>;
+/** Change the settings that are named; the others are unchanged. */
+export type UpdateSettings = { type: "settings" } & Partial<Settings>;
 
-/** Use the wearer's position and heading now as the origin, facing +Z. */
+/** Use the wearer's current position and heading as the origin, facing +Z. */
 export interface Recentre {
   type: "recentre";
 }
 
-/** Begin or end a recording on the server's disk, which must allow it. */
+/** Start or stop a recording on the server's disk, if the server allows it. */
 export interface RecordSwitch {
   type: "record";
   on: boolean;
 }
 
-/** The wearer stands upright for one second from now: height and how trackers are worn are taken from it. */
+/** Measure height and tracker mounts during the next second, in which the wearer stands upright. */
 export interface Calibrate {
   type: "calibrate";
-  /** To the sides: then the reach of the arms is taken as well. */
+  /** The arms are out to the sides; their reach is measured, too. */
   arms_out?: boolean;
 }
 
-/** Answered by a pong with the same time. */
+/** A request for a pong with the same time. */
 export interface Ping {
   type: "ping";
   time: number;
 }
 
-/** Drive a replay that is watched: what is null stays. */
+/** Control the watched replay; values that are null are unchanged. */
 export interface Replay {
   type: "replay";
   playing?: boolean | null;
-  /** s from its beginning. */
+  /** Position in s from its beginning. */
   time?: number | null;
-  /** 0.1 to 4 times as fast. */
+  /** Playback speed, 0.1 to 4. */
   speed?: number | null;
 }
 
-/** The answer to a hello, and to a change of the settings. */
+/** The answer to a hello, and to a change of settings. */
 export interface Welcome {
   type: "welcome";
   session: string;
-  /** With which the session can be resumed. */
+  /** Token that resumes the session. */
   token: string;
-  /** With which others can watch it. */
+  /** Token with which others can watch the session. */
   watch_token: string;
   name: string;
   joints: string[];
@@ -114,34 +114,34 @@ export interface Welcome {
   points: string[];
   /** Index of every point's parent joint, -1 for the root. */
   parents: number[];
-  /** m, of every point from its parent in the T-pose. */
+  /** Offset of every point from its parent in the T-pose, m. */
   rest_offset: ([number, number, number])[];
-  /** m, from the floor to the crown, of this body. */
+  /** Height of the body in m, from the floor to the crown. */
   height: number;
-  /** Names of the points of the signal. */
+  /** Names of the signal's points. */
   signal: string[];
   settings: Settings;
-  /** The server's own inputs, for `watch`. */
+  /** The server's own inputs, values for `watch`. */
   sources: Source[];
-  /** Whether the server records on its disk where it is asked to. */
+  /** Whether the server allows recordings. */
   recording: boolean;
-  /** s, of a replay that is watched. */
+  /** Length of the watched replay in s. */
   length: number | null;
   resumed: boolean;
   version: number;
 }
 
-/** The body has other proportions from the next pose on: they were inferred, or set. */
+/** New proportions of the body, inferred or set, from the next pose on. */
 export interface ProportionsChanged {
   type: "proportions";
-  /** m, of every point from its parent in the T-pose. */
+  /** Offset of every point from its parent in the T-pose, m. */
   rest_offset: ([number, number, number])[];
-  /** m, from the floor to the crown. */
+  /** Height in m, from the floor to the crown. */
   height: number;
 }
 
-/** How the signal's world is moved into the body's: body = Ry(heading) · signal + offset. */
-export interface Placed {
+/** A new placement of the signal's world in the body's: body = Ry(heading) · signal + offset. */
+export interface PlacementChanged {
   type: "placed";
   /** m. */
   offset: [number, number, number];
@@ -149,14 +149,14 @@ export interface Placed {
   heading: number;
 }
 
-/** A line for the wearer to read. */
+/** A line of text for the wearer. */
 export interface Notice {
   type: "said";
   text: string;
 }
 
-/** Why the server closes the connection. */
-export interface Refused {
+/** The reason for which the server closes the connection. */
+export interface ErrorMessage {
   type: "error";
   reason: string;
 }
@@ -167,6 +167,6 @@ export interface Pong {
   time: number;
 }
 
-export type ClientMessage = Hello | Change | Recentre | RecordSwitch | Calibrate | Ping | Replay;
+export type ClientMessage = Hello | UpdateSettings | Recentre | RecordSwitch | Calibrate | Ping | Replay;
 
-export type ServerMessage = Welcome | ProportionsChanged | Placed | Notice | Refused | Pong;
+export type ServerMessage = Welcome | ProportionsChanged | PlacementChanged | Notice | ErrorMessage | Pong;

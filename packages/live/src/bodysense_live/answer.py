@@ -1,4 +1,4 @@
-"""Jobs and answers: the values that pass between a session, the scheduler and the receivers of a body."""
+"""Jobs and answers: values that pass between a session, the scheduler and the receivers of a body."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from bodysense_live.webxr import Placement
 
 @dataclass(frozen=True, eq=False)
 class CompletionJob:
-    """A frame to be completed."""
+    """A frame to complete."""
 
     pipeline: Pipeline
     observation: Observation  # T = 1
@@ -36,27 +36,27 @@ class Answer:
     pose: Pose
     moment: float  # s, always increasing
     received: float  # s, of the server's clock
-    estimated: np.ndarray | None  # (P, 3) m: the tracker's points, where the pose is as it completed it
+    estimated: np.ndarray | None  # (P, 3) m, the tracker's points; None if the pose was changed after it
     placement: Placement  # of the signal's world in the body's
 
     @cached_property
     def points(self) -> np.ndarray:
-        """(P, 3) m, world."""
+        """Positions of all points in the world, (P, 3) m."""
         return np.asarray(forward_kinematics(self.pose)[0]) if self.estimated is None else self.estimated
 
     @cached_property
     def turns(self) -> np.ndarray:
-        """(J, 4) wxyz, world ← joint."""
+        """Rotations of all joints, world ← joint, (J, 4) wxyz."""
         return world_rotation(self.pose.skeleton, np.asarray(self.pose.rotation))
 
     @cached_property
     def in_signal(self) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
-        """Places (3,) m of points and rotations (4,) of joints by name, in the signal's own world."""
+        """Positions (3,) m of points and rotations (4,) of joints by name, in the signal's world."""
         skeleton, back = self.pose.skeleton, self.placement.inverse()
         places, turns = back.place(self.points), back.turn(self.turns)
         return dict(zip(skeleton.points, places, strict=True)), dict(zip(skeleton.joints, turns, strict=True))
 
     @property
     def is_tracked(self) -> bool:
-        """Whether the signal has any point."""
+        """Whether any point of the signal is tracked."""
         return bool((self.signal.has != 0).any())

@@ -1,6 +1,6 @@
 """The web application: `/ws`, `/healthz`, `/readyz`, `/metrics` and the page.
 
-Every answer by HTTP has safe headers, and a request with a body is refused.
+Every HTTP response has security headers, and a request with a body is refused.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ from typing import Any
 from bodysense.errors import missing_package
 from bodysense.io.protocol import SUBPROTOCOL
 from bodysense_live.answer import Answer
-from bodysense_live.connection import converse
+from bodysense_live.connection import serve_client
 from bodysense_live.datagrams import InputLink, MarkerInput, PoseSender, marker_points
 from bodysense_live.links import DeviceInput, Link, UdpPort
 from bodysense_live.live import Live
 from bodysense_live.metrics import Metrics
 from bodysense_live.page_files import library_routes
-from bodysense_live.safety import Doorkeeper
+from bodysense_live.safety import AccessCheck
 from bodysense_live.settings import ServerSettings
 from bodysense_live.slimevr_link import SENSORS, SlimevrLink
 from bodysense_live.solarxr_input import InputReader
@@ -35,8 +35,8 @@ from bodysense_live.vrchat import VRCHAT_POINTS, VrchatReader
 from bodysense_live.vrchat_link import VrchatLink
 
 _NO_UPLOAD = "bodysense takes no uploads; avatars and recordings that are dropped on the page stay in the browser.\n"
-_LINGER_S = 1.0
-_LINGER_BYTES = 1024 * 1024
+_LINGER_S = 1.0  # s for which a refused upload is read on
+_LINGER_BYTES = 1024 * 1024  # of a refused upload that are read
 HEADERS = {
     "X-Content-Type-Options": "nosniff",
     "Referrer-Policy": "no-referrer",  # the address holds the token
@@ -45,7 +45,7 @@ HEADERS = {
 
 
 def guarded(application: Any) -> Any:
-    """The application, with safe headers, and without bodies: an upload is refused before it is read."""
+    """Wrap an ASGI application: add security headers, and refuse requests with a body before they are read."""
 
     async def guard(scope: Any, receive: Any, send: Any) -> None:
         if scope["type"] != "http":
@@ -69,9 +69,9 @@ def guarded(application: Any) -> Any:
 
 
 async def _refuse_upload(receive: Any, send: Any) -> None:
-    """Answer 413, then let go only when the sender has stopped, or has had its time.
+    """Answer 413, and close after the sender has stopped or `_LINGER_S` have passed.
 
-    A connection closed over unread bytes is reset, and a reset takes the answer with it.
+    Closing a connection with unread bytes resets it, and the sender would not receive the answer.
     """
     body = _NO_UPLOAD.encode()
     headers = [
@@ -95,12 +95,12 @@ async def _refuse_upload(receive: Any, send: Any) -> None:
 def links_of(settings: ServerSettings, metrics: Metrics) -> list[Link]:
     """Return links to all other programs. Raises BodysenseError for ports and hosts that cannot be used.
 
-    Inertial trackers join every input that tracks a wearer's head; without such an input they are one of their own.
+    Inertial sensors join every input that tracks a headset; without such an input they are an input of their own.
     """
     host, links = settings.access.host, list[Link]()
     sensors: SlimevrLink | None = None
 
-    def also(reader: DeviceReader, points: tuple[str, ...]) -> tuple[DeviceReader, tuple[str, ...]]:
+    def with_sensors(reader: DeviceReader, points: tuple[str, ...]) -> tuple[DeviceReader, tuple[str, ...]]:
         if sensors is None:
             return reader, points
         return replace(reader, sensors=sensors.observation), (*points, *SENSORS)
@@ -111,21 +111,21 @@ def links_of(settings: ServerSettings, metrics: Metrics) -> list[Link]:
             sensors = SlimevrLink(settings.slimevr, metrics, alone=all(one is None for one in headsets))
             links.append(sensors)
         if settings.vmc_in is not None:
-            reader, points = also(settings.vmc_trackers, SIGNALS)
+            reader, points = with_sensors(settings.vmc_trackers, SIGNALS)
             protocol = partial(DeviceInput, metrics=metrics, reader=reader, points=points)
             links.append(InputLink("vmc", UdpPort("--vmc-in", host, settings.vmc_in), points, protocol))
         if settings.markers_in is not None:
             port = UdpPort("--markers-in", host, settings.markers_in)
-            protocol = partial(MarkerInput, metrics=metrics, worn=settings.worn)
-            links.append(InputLink("markers", port, marker_points(settings.worn), protocol))
+            protocol = partial(MarkerInput, metrics=metrics, glove_set=settings.glove_set)
+            links.append(InputLink("markers", port, marker_points(settings.glove_set), protocol))
         if settings.receivers:
             links.append(PoseSender(settings.receivers, metrics))
         if settings.vmt is not None:
-            links.append(VmtLink(settings.vmt, metrics, *also(VmtReader(settings.vmt.devices), SIGNALS)))
+            links.append(VmtLink(settings.vmt, metrics, *with_sensors(VmtReader(settings.vmt.devices), SIGNALS)))
         if settings.vrchat is not None:
-            links.append(VrchatLink(settings.vrchat, metrics, *also(VrchatReader(), VRCHAT_POINTS)))
+            links.append(VrchatLink(settings.vrchat, metrics, *with_sensors(VrchatReader(), VRCHAT_POINTS)))
         if settings.solarxr is not None:
-            links.append(SolarxrLink(settings.solarxr, metrics, *also(InputReader(), SIGNALS)))
+            links.append(SolarxrLink(settings.solarxr, metrics, *with_sensors(InputReader(), SIGNALS)))
     except BaseException:
         for link in links:
             link.close()
@@ -133,11 +133,11 @@ def links_of(settings: ServerSettings, metrics: Metrics) -> list[Link]:
     return links
 
 
-_NO_PAGE = "bodysense serves no page here: this copy was installed without it. The WebSocket is at /ws.\n"
+_NO_PAGE = "This copy of bodysense was installed without the page. The WebSocket is at /ws.\n"
 
 
 def application(settings: ServerSettings) -> Any:
-    """The ASGI application of one process. Raises BodysenseError where the libraries of the server are missing."""
+    """Return the ASGI application of one process. Raises BodysenseError if a library of the server is missing."""
     try:
         from starlette.applications import Starlette
         from starlette.responses import PlainTextResponse, Response
@@ -149,18 +149,18 @@ def application(settings: ServerSettings) -> Any:
     metrics = Metrics()
     links = links_of(settings, metrics)
 
-    def show(answer: Answer) -> None:
+    def send_body(answer: Answer) -> None:
         for link in links:
-            link.show(answer)
+            link.send_body(answer)
 
-    live = Live(settings, metrics, show if links else None)
-    keeper = Doorkeeper(settings.access)
+    live = Live(settings, metrics, send_body if links else None)
+    access_check = AccessCheck(settings.access)
 
     async def websocket(client: WebSocket) -> None:
         offered = client.scope.get("subprotocols", [])
         tokens = [name.removeprefix("token.") for name in offered if name.startswith("token.")]
         tokens += client.query_params.getlist("token")
-        reason, status = await keeper.why_refused(client, client.headers.get("origin"), tokens), 403
+        reason, status = await access_check.refusal_reason(client, client.headers.get("origin"), tokens), 403
         if reason is None and offered and SUBPROTOCOL not in offered:
             reason, status = f"the subprotocol is {SUBPROTOCOL!r}, not {offered[0][:40]!r}; update the client", 400
         if reason is not None:
@@ -168,7 +168,7 @@ def application(settings: ServerSettings) -> Any:
             await client.send_denial_response(PlainTextResponse(f"{reason}\n", status, HEADERS))
             return
         await client.accept(SUBPROTOCOL if offered else None)
-        await converse(client, live)
+        await serve_client(client, live)
 
     async def healthz(_: Any) -> Response:
         return PlainTextResponse("ok\n", headers=HEADERS)
@@ -180,7 +180,7 @@ def application(settings: ServerSettings) -> Any:
     async def metrics_text(request: Any) -> Response:
         bearer = request.headers.get("authorization", "").removeprefix("Bearer ")
         tokens = [bearer, *request.query_params.getlist("token")]
-        reason = await keeper.why_refused(request, None, tokens)
+        reason = await access_check.refusal_reason(request, None, tokens)
         if reason is not None:
             return PlainTextResponse(f"{reason}\n", 403, HEADERS)
         text, kind = metrics.text()

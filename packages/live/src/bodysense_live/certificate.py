@@ -1,4 +1,4 @@
-"""A certificate of the server's own, so that headsets on the same network may use WebXR: browsers ask for TLS there."""
+"""The server's own TLS certificate: browsers of headsets on the same network allow WebXR only over TLS."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from bodysense.errors import BodysenseError, missing_package
 from bodysense.files import written_beside
 from bodysense_live.links import address_toward
 
-_DAYS = 397  # the longest that browsers take
+_DAYS = 397  # longest validity that browsers accept
 _NAME = "bodysense"
 
 
 def lan_address() -> str:
-    """This machine's address on the local network. Raises BodysenseError where it has none."""
+    """Return this machine's address on the local network. Raises BodysenseError if it has none."""
     address = address_toward("192.0.2.1")
     if ipaddress.ip_address(address).is_loopback:
         raise BodysenseError("--lan: this machine is in no network; connect it, or leave --lan out")
@@ -25,9 +25,9 @@ def lan_address() -> str:
 
 
 def state_folder() -> Path:
-    """Return the folder of files that are kept between runs."""
-    told = os.environ.get("XDG_STATE_HOME") or os.environ.get("LOCALAPPDATA")
-    return (Path(told) if told else Path.home() / ".local" / "state") / "bodysense"
+    """Return the folder for files that are kept between runs."""
+    configured = os.environ.get("XDG_STATE_HOME") or os.environ.get("LOCALAPPDATA")
+    return (Path(configured) if configured else Path.home() / ".local" / "state") / "bodysense"
 
 
 def own_certificate(folder: Path, addresses: Sequence[str]) -> tuple[Path, Path]:
@@ -37,15 +37,15 @@ def own_certificate(folder: Path, addresses: Sequence[str]) -> tuple[Path, Path]
     """
     certificate, key = folder / "certificate.pem", folder / "key.pem"
     if not _fits(certificate, key, addresses):
-        made, secret = _made(addresses)
+        public, private = _create(addresses)
         try:
             folder.mkdir(parents=True, exist_ok=True)
             with written_beside(key) as beside:
                 beside.touch(mode=0o600)
                 beside.chmod(0o600)
-                beside.write_bytes(secret)
+                beside.write_bytes(private)
             with written_beside(certificate) as beside:
-                beside.write_bytes(made)
+                beside.write_bytes(public)
         except OSError as error:
             raise BodysenseError(
                 f"--lan: {folder} cannot be written to ({error.strerror}); give --certificate and --key"
@@ -63,13 +63,13 @@ def _fits(certificate: Path, key: Path, addresses: Sequence[str]) -> bool:
         names = found.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
     except (ValueError, OSError, x509.ExtensionNotFound):
         return False
-    told = {str(one) for one in (*names.get_values_for_type(x509.IPAddress), *names.get_values_for_type(x509.DNSName))}
+    covered = {str(one) for kind in (x509.IPAddress, x509.DNSName) for one in names.get_values_for_type(kind)}
     tomorrow = datetime.datetime.now(datetime.UTC) + datetime.timedelta(days=1)
-    return set(addresses) <= told and found.not_valid_after_utc > tomorrow
+    return set(addresses) <= covered and found.not_valid_after_utc > tomorrow
 
 
-def _made(addresses: Sequence[str]) -> tuple[bytes, bytes]:
-    """A certificate that signs itself, and its key, as PEM."""
+def _create(addresses: Sequence[str]) -> tuple[bytes, bytes]:
+    """Return a self-signed certificate and its key, as PEM."""
     try:
         from cryptography import x509
         from cryptography.hazmat.primitives import hashes, serialization
@@ -85,7 +85,7 @@ def _made(addresses: Sequence[str]) -> tuple[bytes, bytes]:
         .issuer_name(name)
         .public_key(key.public_key())
         .serial_number(x509.random_serial_number())
-        .not_valid_before(now - datetime.timedelta(days=1))  # headsets' clocks differ
+        .not_valid_before(now - datetime.timedelta(days=1))  # a headset's clock may be late
         .not_valid_after(now + datetime.timedelta(days=_DAYS))
         .add_extension(x509.SubjectAlternativeName([_general(one) for one in addresses]), critical=False)
         .add_extension(x509.BasicConstraints(ca=True, path_length=0), critical=True)
@@ -106,7 +106,7 @@ def _general(address: str):
 
 
 def check_pair(certificate: Path, key: Path) -> None:
-    """Raise BodysenseError, naming the options, for files that are no certificate with its key."""
+    """Raise BodysenseError, naming the options, unless two files are a certificate and its key."""
     import ssl
 
     try:
@@ -119,7 +119,7 @@ def check_pair(certificate: Path, key: Path) -> None:
 
 
 def qr_code(address: str) -> str:
-    """A QR code of an address, for a terminal."""
+    """Return a QR code of an address, for a terminal."""
     import io
 
     try:

@@ -1,4 +1,4 @@
-"""One WebSocket: hello, then signals in and poses out until either side ends it."""
+"""One WebSocket: a hello, then signals in and poses out until either side closes it."""
 
 from __future__ import annotations
 
@@ -8,29 +8,29 @@ from typing import TYPE_CHECKING, Any
 from bodysense.io.protocol import ProtocolError
 from bodysense_live.live import Live
 from bodysense_live.message_text import read_message, write_message
-from bodysense_live.messages import Hello, Ping, Pong, Refused
+from bodysense_live.messages import ErrorMessage, Hello, Ping, Pong
 from bodysense_live.newest_frames import SKIPPED
-from bodysense_live.outbox import Outbox
 from bodysense_live.safety import RateLimit
-from bodysense_live.seat import Seat
+from bodysense_live.send_queue import SendQueue
+from bodysense_live.session_slot import SessionSlot
 
 if TYPE_CHECKING:
     from starlette.websockets import WebSocket
 
-_TO_CLOSE = 2.0  # s that a client has to take why it is refused
+_TO_CLOSE = 2.0  # s for a client to read the reason of a refusal
 _LONGEST_REASON = 120  # bytes of a closing frame (RFC 6455, section 5.5)
 
 
-async def converse(socket: WebSocket, live: Live) -> None:
-    """Serve an accepted WebSocket to its end. What the client does wrong closes it, with a reason."""
-    outbox, seat, sender = Outbox(live.limits.waiting_messages), None, None
+async def serve_client(socket: WebSocket, live: Live) -> None:
+    """Serve an accepted WebSocket until it closes. An error of the client closes it, with a reason."""
+    queue, slot, sender = SendQueue(live.limits.waiting_messages), None, None
     try:
         hello = await _hello(socket, live)
         if hello is None:
             return
-        seat = await live.admit(hello, outbox)
-        sender = asyncio.create_task(_send(socket, outbox))
-        await _listen(socket, live, seat, outbox, sender)
+        slot = await live.admit(hello, queue)
+        sender = asyncio.create_task(_send(socket, queue))
+        await _listen(socket, live, slot, queue, sender)
     except ProtocolError as error:
         if sender is not None:
             sender.cancel()
@@ -39,12 +39,12 @@ async def converse(socket: WebSocket, live: Live) -> None:
     finally:
         if sender is not None:
             sender.cancel()
-        if seat is not None:
-            live.leave(seat, outbox)
+        if slot is not None:
+            live.disconnect(slot, queue)
 
 
 async def _hello(socket: WebSocket, live: Live) -> Hello | None:
-    """The first message; None where the client went without one."""
+    """Return the first message; None if the client left without one."""
     seconds = live.limits.seconds_to_hello
     try:
         async with asyncio.timeout(seconds):
@@ -63,12 +63,14 @@ async def _hello(socket: WebSocket, live: Live) -> Hello | None:
     return message
 
 
-async def _listen(socket: WebSocket, live: Live, seat: Seat, outbox: Outbox, sender: asyncio.Task[None]) -> None:
+async def _listen(
+    socket: WebSocket, live: Live, slot: SessionSlot, queue: SendQueue, sender: asyncio.Task[None]
+) -> None:
     clock = asyncio.get_running_loop().time
     rate = RateLimit(live.limits.messages_a_second, clock())
     while True:
-        if not outbox.watches and seat.source is None:
-            await live.may_read(seat)
+        if not queue.is_watcher and slot.source is None:
+            await live.wait_to_read(slot)
         received: Any = await socket.receive()
         if received["type"] == "websocket.disconnect" or sender.done():
             return
@@ -81,26 +83,26 @@ async def _listen(socket: WebSocket, live: Live, seat: Seat, outbox: Outbox, sen
         data = received.get("bytes")
         if data is not None:
             _check_size(data, live)
-            if seat.source is not None or outbox.watches:
+            if slot.source is not None or queue.is_watcher:
                 raise ProtocolError("a client that watches sends no signal")
-            live.receive(seat, data, skipped)
+            live.receive(slot, data, skipped)
         else:
-            _command(received["text"], live, seat, outbox)
-        if outbox.is_full:
-            raise ProtocolError("messages are not read; read what the server says", 1008)
+            _apply_command(received["text"], live, slot, queue)
+        if queue.is_full:
+            raise ProtocolError("the client does not read the server's messages; read them", 1008)
 
 
-def _command(text: str, live: Live, seat: Seat, outbox: Outbox) -> None:
+def _apply_command(text: str, live: Live, slot: SessionSlot, queue: SendQueue) -> None:
     _check_size(text, live)
     message = read_message(text)
     if isinstance(message, Ping):
-        outbox.tell(Pong(message.time))
+        queue.put_message(Pong(message.time))
     elif isinstance(message, Hello):
         raise ProtocolError("a second hello; connect again to begin another session")
-    elif outbox.watches:
-        raise ProtocolError("a client that watches another's session changes nothing in it")
+    elif queue.is_watcher:
+        raise ProtocolError("a client that watches another's session cannot change it")
     else:
-        live.change(seat, message)
+        live.apply(slot, message)
 
 
 def _check_size(message: str | bytes, live: Live) -> None:
@@ -108,30 +110,30 @@ def _check_size(message: str | bytes, live: Live) -> None:
         raise ProtocolError(f"a message of {len(message)} bytes; at most {live.limits.message_bytes}", 1009)
 
 
-async def _send(socket: WebSocket, outbox: Outbox) -> None:
+async def _send(socket: WebSocket, queue: SendQueue) -> None:
     """Send the queued messages until the client is gone or another connection replaced it."""
     from starlette.websockets import WebSocketDisconnect
 
     try:
         while True:
-            texts, frames = await outbox.take()
+            texts, frames = await queue.take()
             for text in texts:
                 await socket.send_text(text)
             for frame in frames:
                 await socket.send_bytes(frame)
-            if outbox.ended is not None:
-                await _close(socket, outbox.ended)
+            if queue.closing is not None:
+                await _close(socket, queue.closing)
                 return
-    except (WebSocketDisconnect, RuntimeError, OSError):  # the client is gone; the receiver sees it as well
+    except (WebSocketDisconnect, RuntimeError, OSError):  # the client is gone; `_listen` notices it, too
         return
 
 
 async def _close(socket: WebSocket, error: ProtocolError) -> None:
-    """Say why, and close."""
+    """Send the reason, and close."""
     reason = str(error).encode()[:_LONGEST_REASON].decode(errors="ignore")
     try:
         async with asyncio.timeout(_TO_CLOSE):
-            await socket.send_text(write_message(Refused(str(error))))
+            await socket.send_text(write_message(ErrorMessage(str(error))))
             await socket.close(error.code, reason)
-    except Exception:  # it is gone already, or does not read: nothing is left to be done
+    except Exception:  # the client is gone already, or does not read
         return

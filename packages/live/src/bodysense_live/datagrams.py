@@ -1,4 +1,4 @@
-"""UDP in and out: trackers by VMC, markers by OSC; poses to avatars by VMC and to VRChat."""
+"""UDP inputs and outputs: trackers by VMC, markers by OSC; poses to avatars by VMC and to VRChat."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from bodysense.errors import BodysenseError
 from bodysense.io.markers.raw_markers import MarkerFormat
 from bodysense.io.protocol import SignalFrame
 from bodysense_live.answer import Answer
-from bodysense_live.links import MOST_PACKETS, Command, UdpPort, signal_of
+from bodysense_live.links import MAX_PACKETS, Command, UdpPort, signal_of
 from bodysense_live.live import Live
 from bodysense_live.marker_stream import read_frame
 from bodysense_live.messages import Source
@@ -23,19 +23,19 @@ from bodysense_live.vmc import vmc_packets
 from bodysense_live.vrchat import ADVISED, vrchat_packets
 
 
-def marker_points(worn: GloveSet) -> tuple[str, ...]:
-    """The points of both hands in gloves of a marker set."""
-    return tuple(f"{side}_glove_{name}" for side in ("left", "right") for name in worn.names)
+def marker_points(glove_set: GloveSet) -> tuple[str, ...]:
+    """Return the points of both hands in gloves of a marker set."""
+    return tuple(f"{side}_glove_{name}" for side in ("left", "right") for name in glove_set.names)
 
 
 @dataclass(frozen=True)
 class Receiver:
-    """Where poses are sent."""
+    """An address that poses are sent to."""
 
     protocol: Literal["vmc", "vrchat"]
     host: str
     port: int
-    parts: tuple[str, ...] = ADVISED  # of the body whose trackers are sent to VRChat
+    parts: tuple[str, ...] = ADVISED  # parts of the body whose trackers are sent to VRChat
 
 
 class PoseSender:
@@ -43,7 +43,7 @@ class PoseSender:
 
     def __init__(self, receivers: Sequence[Receiver], metrics: Metrics) -> None:
         self._metrics = metrics
-        self._begun: float | None = None  # the moment of the first pose
+        self._begun: float | None = None  # s, moment of the first pose
         self._out: list[tuple[Receiver, socket.socket]] = []
         for receiver in receivers:
             option = f"--{receiver.protocol}-out {receiver.host}:{receiver.port}"
@@ -58,10 +58,10 @@ class PoseSender:
                 raise BodysenseError(f"{option}: {error.strerror or error}; give HOST:PORT of the avatar") from None
 
     async def open(self, live: Live) -> None:
-        """Nothing is to be awaited."""
+        """Do nothing: the sockets are open."""
 
-    def show(self, answer: Answer) -> None:
-        """Send one pose; VMC's time is that since the first, because single precision does not hold Unix time."""
+    def send_body(self, answer: Answer) -> None:
+        """Send one pose. VMC's time starts at the first pose, because single precision cannot hold Unix time."""
         if self._begun is None:
             self._begun = answer.moment
         for receiver, out in self._out:
@@ -73,31 +73,31 @@ class PoseSender:
             for packet in packets:
                 try:
                     out.send(packet)
-                except OSError:  # no receiver now, or the network is full: the next pose follows
+                except OSError:  # no receiver, or a full network; the next pose follows soon
                     self._metrics.dropped("output")
 
     def close(self) -> None:
-        """Send no more."""
+        """Close the sockets."""
         for _, out in self._out:
             out.close()
 
 
 class MarkerInput(asyncio.DatagramProtocol):
-    """Markers of gloves by OSC become signal frames, by the sender's own time."""
+    """The input of gloves' markers by OSC: one signal frame per packet, at the sender's time."""
 
     def __init__(
         self,
-        play: Callable[[SignalFrame], None],
+        receive_frame: Callable[[SignalFrame], None],
         metrics: Metrics,
-        worn: GloveSet,
-        do: Callable[[Command], None] = lambda command: None,
+        glove_set: GloveSet,
+        apply_command: Callable[[Command], None] = lambda command: None,
     ) -> None:
-        self._play, self._metrics = play, metrics
-        self._points = marker_points(worn)
-        labels = [label for marker in worn.markers for label in marker.labels.values()]
-        self._form = MarkerFormat(worn.points(labels))
+        self._receive_frame, self._metrics = receive_frame, metrics
+        self._points = marker_points(glove_set)
+        labels = [label for marker in glove_set.markers for label in marker.labels.values()]
+        self._form = MarkerFormat(glove_set.points(labels))
         self._sequence = 0
-        self._rate = RateLimit(MOST_PACKETS, 0.0)
+        self._rate = RateLimit(MAX_PACKETS, 0.0)
 
     def datagram_received(self, data: bytes, addr: Any) -> None:
         """Take one packet."""
@@ -109,29 +109,29 @@ class MarkerInput(asyncio.DatagramProtocol):
             self._metrics.dropped("malformed packet")
             return
         self._sequence = (self._sequence + 1) % 2**32
-        self._play(signal_of(observation, self._points, self._sequence, float(observation.time[0])))
+        self._receive_frame(signal_of(observation, self._points, self._sequence, float(observation.time[0])))
 
 
 class InputLink:
-    """A UDP port of the server's own, whose packets are played as a session."""
+    """A UDP port whose packets drive a session of the server's own."""
 
     def __init__(
         self,
         source: Source,
         port: UdpPort,
         points: tuple[str, ...],
-        protocol: Callable[..., asyncio.DatagramProtocol],  # of `play` and `do`
+        protocol: Callable[..., asyncio.DatagramProtocol],  # made with `receive_frame` and `apply_command`
     ) -> None:
         self._source: Source = source
         self._port, self._points, self._protocol = port, points, protocol
 
     async def open(self, live: Live) -> None:
-        """Begin to listen."""
-        await self._port.play(live, self._source, self._points, self._protocol)
+        """Start to listen."""
+        await self._port.add_input(live, self._source, self._points, self._protocol)
 
-    def show(self, answer: Answer) -> None:
-        """It sends nothing back."""
+    def send_body(self, answer: Answer) -> None:
+        """Do nothing: the sender takes no bodies."""
 
     def close(self) -> None:
-        """Listen no more."""
+        """Stop listening."""
         self._port.close()

@@ -1,4 +1,4 @@
-"""The pipeline of a session: gloves' solver and tracker; many sessions are stepped in one run of the network."""
+"""The pipeline of a session: glove solver and tracker. Many sessions are stepped in one run of the network."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from bodysense.tracker import Tracker, TrackerSettings, TrackerState, step_toget
 
 
 class PointSolver(Protocol):
-    """Turns what a sensor measures into points of a skeleton, as a glove's solver does with markers."""
+    """A solver that converts measurements to points of a skeleton, as the glove solver does with markers."""
 
     def start(self) -> Any:
         """The state before the first frame."""
@@ -32,7 +32,7 @@ class PointSolver(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class PipelineState:
-    """Everything that the next frame of a session depends on."""
+    """The state of a pipeline between frames."""
 
     tracker: TrackerState
     device: Any = None
@@ -40,17 +40,17 @@ class PipelineState:
 
 @dataclass(frozen=True, eq=False)
 class Pipeline:
-    """From one person's signal to their body. Immutable; state is an argument."""
+    """The pipeline from one person's signal to the body. Immutable; state is an argument."""
 
     tracker: Tracker
-    device: PointSolver | None = None  # None: the points of the signal are a tracker's already
+    device: PointSolver | None = None  # None: the signal has no glove markers
 
     def start(self) -> PipelineState:
         """The state before the first frame."""
         return PipelineState(self.tracker.start(), None if self.device is None else self.device.start())
 
     def continued(self, before: Pipeline, state: PipelineState) -> PipelineState:
-        """The state in which this pipeline goes on from where another one of the same person was."""
+        """Return the state with which this pipeline continues a motion of the pipeline `before`, of the same person."""
         tracker, people = state.tracker, self.tracker.people
         if people != before.tracker.people:
             tracker = tracker.with_people(people)
@@ -65,17 +65,17 @@ class Pipeline:
 
 @lru_cache(maxsize=1)
 def _glove_models() -> Any:
-    """The packaged networks of gloves, loaded once."""
+    """Return the packaged networks of gloves, loaded once."""
     from bodysense.devices.gloves.hands import load_glove_models
 
     return load_glove_models()
 
 
 class WithoutMarkers:
-    """Leaves the markers of gloves out."""
+    """A solver that drops the markers of gloves."""
 
     def start(self) -> None:
-        """Nothing is remembered."""
+        """Return None: this solver has no state."""
 
     def step(self, observation: Observation, state: None) -> tuple[Observation, None]:
         """Return the frames without markers."""
@@ -83,7 +83,7 @@ class WithoutMarkers:
 
 
 def device_of(points: Sequence[str], skeleton: Skeleton, calibrated: Mapping[str, GlovedHand]) -> PointSolver | None:
-    """Return the solver that a signal of these points needs before a tracker takes it; None without gloves."""
+    """Return the solver for a signal of these points; None without gloves."""
     hands = glove_hands(points)
     if not hands:
         return None
@@ -96,7 +96,7 @@ def device_of(points: Sequence[str], skeleton: Skeleton, calibrated: Mapping[str
 
 
 def step_many(jobs: Sequence[tuple[Pipeline, Observation, PipelineState]]) -> list[tuple[Estimate, PipelineState]]:
-    """Complete one frame of each of many sessions; those with equal settings in one run of the network."""
+    """Complete one frame of each session. Sessions with equal settings share one run of the network."""
     seen: list[tuple[Observation, Any]] = []
     for pipeline, observation, state in jobs:
         device = pipeline.device
@@ -114,7 +114,7 @@ def step_many(jobs: Sequence[tuple[Pipeline, Observation, PipelineState]]) -> li
 
 
 def load() -> None:
-    """Load and run the network once, so that no wearer's first frame waits for it."""
+    """Load and run the network once, so that a first frame does not wait for it."""
     pipeline = Pipeline(Tracker(Person()))
     frame = Observation.from_arrays({"head": np.full((1, 3), np.nan)})
     for sessions in (1, 2):

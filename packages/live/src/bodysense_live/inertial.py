@@ -1,10 +1,10 @@
 """Inertial sensors: rotations with an unknown heading, of trackers with an unknown mounting.
 
-`left_knee_imu` is a sensor on what the joint `left_knee` turns, the shin. A calibration second gives both unknowns of
-each sensor. Its heading: a strap sits on a usual side of its segment (`FACING`), which then points where the wearer
-faces. Its mount: the remaining rotation between it and the joint of a standing wearer. From then on a sensor gives its
-joint's rotation. A person keeps the mounts. Headings drift, and change whenever a sensor is switched on. They are
-measured again, with unchanged mounts, when a sensor first sends and whenever the wearer recentres.
+`left_knee_imu` is a sensor on the segment that the joint `left_knee` turns, the shin. Calibration finds both unknowns
+of each sensor while the wearer stands. Heading: a sensor is assumed on a usual side of its segment (`FACING`), and the
+segment faces where the wearer does. Mount: the remaining rotation between the sensor and its joint. Then the sensor
+gives its joint's rotation. The person's file keeps the mounts. Headings drift, and change whenever a sensor is switched
+on, so they are measured again, with unchanged mounts, when a sensor first sends and whenever the wearer recentres.
 """
 
 from __future__ import annotations
@@ -37,34 +37,34 @@ FACING = {
 
 
 @dataclass(frozen=True, eq=False)
-class WornSensor:
-    """A sensor whose mount is known: joint = heading · sensor · mount, of rotations in the world."""
+class MountedSensor:
+    """A sensor whose mount is known: joint = heading · sensor · mount, rotations in the world."""
 
-    heading: np.ndarray | None  # (4,) wxyz, about +Y; None until it first comes
+    heading: np.ndarray | None  # (4,) wxyz, about +Y; None until the sensor first sends
     mount: np.ndarray  # (4,) wxyz, sensor ← joint
 
 
 @dataclass(frozen=True, eq=False)
-class Inertial:
+class InertialSensors:
     """The sensors of a wearer, by name."""
 
-    worn: Mapping[str, WornSensor] = field(default_factory=dict)
+    sensors: Mapping[str, MountedSensor] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, person: Person) -> Inertial:
-        """The sensors that a person wears."""
+    def of(cls, person: Person) -> InertialSensors:
+        """Return the sensors whose mounts a person has."""
         mounts = {name: mount for name, mount in person.mounts.items() if name in IMUS}
-        return cls({name: WornSensor(None, _back(mount.rotation)) for name, mount in mounts.items()})
+        return cls({name: MountedSensor(None, _inverse(mount.rotation)) for name, mount in mounts.items()})
 
     @property
     def mounts(self) -> dict[str, RigidTransform]:
-        """T_joint_tracker as a person keeps them; the position of a sensor on its joint is unknown."""
-        return {name: RigidTransform(rotation=_back(one.mount)) for name, one in self.worn.items()}
+        """T_joint_tracker by sensor, as `Person.mounts` has them; the position of a sensor is unknown, and zero."""
+        return {name: RigidTransform(rotation=_inverse(one.mount)) for name, one in self.sensors.items()}
 
     def joints(self, observation: Observation) -> Observation:
-        """Return the observation with joints in place of sensors; sensors whose mounting is unknown are dropped.
+        """Replace sensors by the joints that they turn. Sensors without a mount or heading are dropped.
 
-        Another device that tracks a joint comes first.
+        Another device that tracks the joint takes precedence.
         """
         names = [name for name in observation.points if name in IMUS]
         if not names:
@@ -78,11 +78,11 @@ class Inertial:
             if name not in IMUS:
                 keep.append(k)
                 continue
-            worn = self.worn.get(name)
-            if worn is None or worn.heading is None or IMUS[name] in tracked:
+            sensor = self.sensors.get(name)
+            if sensor is None or sensor.heading is None or IMUS[name] in tracked:
                 continue
-            joint = quaternion_multiply(quaternion_multiply(worn.heading, observation.rotation[:, k]), worn.mount)
-            if IMUS[name] in observation.points:  # of a tracker that is not seen now
+            joint = quaternion_multiply(quaternion_multiply(sensor.heading, observation.rotation[:, k]), sensor.mount)
+            if IMUS[name] in observation.points:  # the joint of a tracker that is lost now
                 there = observation.points.index(IMUS[name])
                 rotation[:, there] = np.where(has[:, k, None], joint, rotation[:, there])
                 has[:, there] |= has[:, k]
@@ -92,47 +92,50 @@ class Inertial:
         turned = replace(observation, points=tuple(points), rotation=rotation, has_rotation=has)
         return chosen_points(turned, keep)
 
-    def headed(self, observation: Observation, skeleton: Skeleton) -> Inertial:
-        """Return the sensors with headings of the new ones; the wearer must stand upright."""
-        fresh = [name for name, one in self.worn.items() if one.heading is None and name in observation.points]
+    def with_missing_headings(self, observation: Observation, skeleton: Skeleton) -> InertialSensors:
+        """Measure missing headings; the wearer must stand upright."""
+        new = [name for name, one in self.sensors.items() if one.heading is None and name in observation.points]
         head = observation.points.index("head") if "head" in observation.points else None
-        if not fresh or (head is not None and not observation.has_rotation[:, head].any()):
+        if not new or (head is not None and not observation.has_rotation[:, head].any()):
             return self
-        whole = self.reheaded(observation, skeleton).worn
-        return Inertial({**self.worn, **{name: whole[name] for name in fresh}})
+        whole = self.with_new_headings(observation, skeleton).sensors
+        return InertialSensors({**self.sensors, **{name: whole[name] for name in new}})
 
-    def reheaded(self, observation: Observation, skeleton: Skeleton) -> Inertial:
-        """Return the sensors with new headings; the wearer must stand upright and face the head's direction."""
-        stood = _stood(observation, skeleton, "standing")
-        worn = dict(self.worn)
-        for name, turned in _turned(observation).items():
-            if name in worn:
-                seen = quaternion_multiply(quaternion_multiply(turned, worn[name].mount), _back(stood[IMUS[name]]))
-                worn[name] = replace(worn[name], heading=_back(heading(seen)))
-        return Inertial(worn)
+    def with_new_headings(self, observation: Observation, skeleton: Skeleton) -> InertialSensors:
+        """Measure all headings anew; the wearer must stand upright and face the head's direction."""
+        standing = _standing_rotations(observation, skeleton, "standing")
+        sensors = dict(self.sensors)
+        for name, turned in _mean_rotations(observation).items():
+            if name in sensors:
+                joint = quaternion_multiply(turned, sensors[name].mount)
+                error = heading(quaternion_multiply(joint, _inverse(standing[IMUS[name]])))
+                sensors[name] = replace(sensors[name], heading=_inverse(error))
+        return InertialSensors(sensors)
 
 
-def stood_still(observation: Observation, skeleton: Skeleton, stance: Stance, before: Inertial) -> Inertial:
-    """Return the sensors after a calibration second; those that were not tracked are unchanged."""
-    stood, face = _stood(observation, skeleton, stance), _face(observation)
-    worn = dict(before.worn)
-    for name, turned in _turned(observation).items():
+def calibrate_sensors(
+    observation: Observation, skeleton: Skeleton, stance: Stance, before: InertialSensors
+) -> InertialSensors:
+    """Measure headings and mounts while the wearer stands; sensors that are not tracked are unchanged."""
+    standing, facing = _standing_rotations(observation, skeleton, stance), _facing(observation)
+    sensors = dict(before.sensors)
+    for name, turned in _mean_rotations(observation).items():
         joint = IMUS[name]
         outward = np.array([np.cos(FACING[joint] / 2), 0.0, np.sin(FACING[joint] / 2), 0.0])
-        ahead = quaternion_multiply(turned, _back(outward))
-        turn = quaternion_multiply(face, _back(heading(ahead)))
-        mount = quaternion_multiply(_back(quaternion_multiply(turn, turned)), stood[joint])
-        worn[name] = WornSensor(turn, mount)
-    return Inertial(worn)
+        ahead = quaternion_multiply(turned, _inverse(outward))
+        turn = quaternion_multiply(facing, _inverse(heading(ahead)))
+        mount = quaternion_multiply(_inverse(quaternion_multiply(turn, turned)), standing[joint])
+        sensors[name] = MountedSensor(turn, mount)
+    return InertialSensors(sensors)
 
 
 def has_sensors(observation: Observation) -> bool:
-    """Whether any inertial sensor is in it."""
-    return bool(_turned(observation))
+    """Return whether any inertial sensor is tracked."""
+    return bool(_mean_rotations(observation))
 
 
-def _face(observation: Observation) -> np.ndarray:
-    """(4,) where the head faces, about +Y; ahead, if no headset tells."""
+def _facing(observation: Observation) -> np.ndarray:
+    """Return the head's mean heading, (4,) wxyz about +Y; the identity without a headset."""
     if "head" in observation.points:
         k = observation.points.index("head")
         known = observation.has_rotation[:, k]
@@ -141,17 +144,17 @@ def _face(observation: Observation) -> np.ndarray:
     return np.array([1.0, 0.0, 0.0, 0.0])
 
 
-def _stood(observation: Observation, skeleton: Skeleton, stance: Stance) -> dict[str, np.ndarray]:
-    """Return world rotations (4,) of joints of a standing wearer who faces where the head does."""
+def _standing_rotations(observation: Observation, skeleton: Skeleton, stance: Stance) -> dict[str, np.ndarray]:
+    """Return world rotations (4,) of the joints of a standing wearer with the head's heading."""
     pose = standing_pose(skeleton) if stance == "standing" else rest_pose(skeleton)
     turned = pose.rotation.copy()
-    turned[0] = quaternion_multiply(_face(observation), turned[0])
+    turned[0] = quaternion_multiply(_facing(observation), turned[0])
     rotation = forward_kinematics(Pose(skeleton, np.zeros(3), turned))[1]
     return dict(zip(skeleton.joints, np.asarray(rotation), strict=True))
 
 
-def _turned(observation: Observation) -> dict[str, np.ndarray]:
-    """Mean rotations (4,) of the sensors that came."""
+def _mean_rotations(observation: Observation) -> dict[str, np.ndarray]:
+    """Return mean rotations (4,) of the tracked sensors."""
     return {
         name: _mean(observation.rotation[observation.has_rotation[:, k], k])
         for k, name in enumerate(observation.points)
@@ -160,10 +163,10 @@ def _turned(observation: Observation) -> dict[str, np.ndarray]:
 
 
 def _mean(rotation: np.ndarray) -> np.ndarray:
-    """The mean (4,) of rotations (N, 4) that differ little."""
+    """Return the mean (4,) of rotations (N, 4) that differ little."""
     same = rotation * np.copysign(1.0, (rotation * rotation[:1]).sum(axis=1, keepdims=True))
     return np.asarray(normalize(same.mean(axis=0)))
 
 
-def _back(rotation: np.ndarray) -> np.ndarray:
+def _inverse(rotation: np.ndarray) -> np.ndarray:
     return np.asarray(quaternion_conjugate(rotation))

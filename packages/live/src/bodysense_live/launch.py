@@ -1,7 +1,4 @@
-"""Open the port and serve, in this process.
-
-Everything that a first wearer would wait for, done once before anybody comes.
-"""
+"""Start the server in this process, after a warm-up, so that the first client does not wait."""
 
 from __future__ import annotations
 
@@ -21,15 +18,15 @@ from bodysense.io.protocol import SignalFrame, write_pose
 from bodysense_live.application import application
 from bodysense_live.estimation import load
 from bodysense_live.newest_frames import websocket_protocol
-from bodysense_live.seat import Seat
 from bodysense_live.session import Session
+from bodysense_live.session_slot import SessionSlot
 from bodysense_live.settings import ServerSettings
 
 _POINTS = ("headset", "left_controller", "right_controller")
 
 
-def rehearse() -> None:
-    """Load the network, complete a few frames, and read a person, as one of another process is."""
+def warm_up() -> None:
+    """Run everything once that would delay a first client: the network, a few frames, reading a person."""
     load()
     session = Session(_POINTS, Person())
     places = np.array([[0, 1.6, 0], [-0.3, 1.0, -0.3], [0.3, 1.0, -0.3]], dtype=np.float32)
@@ -39,17 +36,17 @@ def rehearse() -> None:
         answer = session.step()
         if answer is not None:
             write_pose(answer.frame, 0)
-    Seat(16 * "0", "", "", "", session).welcome((), recording=False)
+    SessionSlot(16 * "0", "", "", "", session).welcome((), recording=False)
     Person.from_json(Person().to_json())
 
 
-_SWITCH = 0.0005  # s after which a thread that computes lets the event loop go on
+_SWITCH_INTERVAL = 0.0005  # s; a short switch interval lets the event loop run while a thread computes
 
 
-def prepared(settings: ServerSettings, started: Callable[[Any], None] = lambda server: None) -> Any:
-    """A uvicorn server; `run([socket])` calls `started` with it when clients may come, until `should_exit` is set.
+def make_server(settings: ServerSettings, started: Callable[[Any], None] = lambda server: None) -> Any:
+    """Return a uvicorn server. `run([socket])` serves until `should_exit` is set, and calls `started` with the server.
 
-    Raises BodysenseError where a library is missing, and where a UDP port or an avatar's address cannot be had.
+    Raises BodysenseError if a library is missing, or a UDP port or an avatar's address cannot be used.
     """
     try:
         import uvicorn
@@ -67,7 +64,7 @@ def prepared(settings: ServerSettings, started: Callable[[Any], None] = lambda s
     limits, access = settings.limits, settings.access
     config = uvicorn.Config(
         application(settings),
-        http=impatient(AutoHTTPProtocol, limits.seconds_to_request),
+        http=with_request_timeout(AutoHTTPProtocol, limits.seconds_to_request),
         ssl_certfile=access.certificate,
         ssl_keyfile=access.key,
         ws=websocket_protocol(),
@@ -83,29 +80,29 @@ def prepared(settings: ServerSettings, started: Callable[[Any], None] = lambda s
         log_level="error",
         access_log=False,
     )
-    # A WebSocket that was refused is no error of ours.
+    # A refused WebSocket is not an error of the server.
     logging.getLogger("uvicorn.error").addFilter(lambda record: "completing handshake" not in record.getMessage())
     return Server(config)
 
 
-def impatient(kind: Any, seconds: float) -> Any:
-    """A protocol of HTTP that closes a connection whose first request has no whole head within `seconds`."""
+def with_request_timeout(kind: Any, seconds: float) -> Any:
+    """Return an HTTP protocol that closes a connection if its first request has no complete head within `seconds`."""
 
-    class Impatient(kind):
+    class WithRequestTimeout(kind):
         def connection_made(self, transport: Any) -> None:
             super().connection_made(transport)
-            self._patience = self.loop.call_later(seconds, self._end)
+            self._timeout = self.loop.call_later(seconds, self._end)
 
         def connection_lost(self, exc: Exception | None) -> None:
-            self._patience.cancel()
+            self._timeout.cancel()
             super().connection_lost(exc)
 
         def _end(self) -> None:
-            mine = self.transport.get_protocol() is self  # or a WebSocket has taken over
-            if mine and self.cycle is None and not self.transport.is_closing():
+            is_http = self.transport.get_protocol() is self  # false for a WebSocket
+            if is_http and self.cycle is None and not self.transport.is_closing():
                 self.transport.close()
 
-    return Impatient
+    return WithRequestTimeout
 
 
 def serve(
@@ -115,9 +112,9 @@ def serve(
     with contextlib.ExitStack() as opened, contextlib.suppress(KeyboardInterrupt):
         for one in bound:
             opened.enter_context(one)
-        server = prepared(settings, started)
-        rehearse()
+        server = make_server(settings, started)
+        warm_up()
         gc.collect()
-        gc.freeze()  # loaded objects stay: collecting them again and again would delay a frame by 20 ms
-        sys.setswitchinterval(_SWITCH)
+        gc.freeze()  # otherwise collections of the loaded objects delay frames by 20 ms
+        sys.setswitchinterval(_SWITCH_INTERVAL)
         server.run(list(bound))

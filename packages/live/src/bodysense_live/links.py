@@ -1,7 +1,4 @@
-"""Links to other programs: they receive bodies and may send signals.
-
-Sockets that the server listens on; errors name the option of a port.
-"""
+"""Links to other programs, which receive bodies and may send signals, and the sockets that the server listens on."""
 
 from __future__ import annotations
 
@@ -25,55 +22,62 @@ from bodysense_live.metrics import Metrics
 from bodysense_live.safety import RateLimit
 from bodysense_live.tracked_devices import DeviceReader
 
-TOGETHER = 0.002  # s: packets that come so soon after one another are one frame
-MOST_PACKETS = 2000.0  # a second that are looked at; twice as many in a burst
-LOST = 0.5  # s without a body, after which trackers are reported as lost
+GROUP_TIME = 0.002  # s; packets within this time share a frame
+MAX_PACKETS = 2000.0  # accepted packets per second; twice as many in a burst
+LOST = 0.5  # s without a body until trackers are reported as lost
 
 
 Command = Calibrate | Recentre
 
 
 class Link(Protocol):
-    """One other program. Its sockets are bound when it is made, so that errors come before anything is served."""
+    """A link to another program. The constructor binds its sockets, so that errors occur before the server starts."""
 
     async def open(self, live: Live) -> None:
-        """Begin, within the event loop."""
+        """Start, in the running event loop."""
         ...
 
-    def show(self, answer: Answer) -> None:
-        """Give it a body; must neither wait nor raise."""
+    def send_body(self, answer: Answer) -> None:
+        """Send a body, without waiting or raising."""
         ...
 
     def close(self) -> None:
-        """Say goodbye."""
+        """Disconnect and close the sockets."""
         ...
 
 
 class DeviceInput(asyncio.DatagramProtocol):
-    """Turns packets into signal frames of `points`; packets within `together` seconds share a frame.
+    """A protocol that converts packets to signal frames. Packets within `group_time` s share a frame.
 
-    `sender`: the only address that is accepted, if it is known.
+    Args:
+        receive_frame: called with each frame.
+        metrics: counters.
+        reader: decoder of the packets.
+        points: names of the signal's points.
+        apply_command: called with each command in a packet.
+        sender: the only accepted address, or None for any.
+        group_time: s.
     """
 
     def __init__(
         self,
-        play: Callable[[SignalFrame], None],
+        receive_frame: Callable[[SignalFrame], None],
         metrics: Metrics,
         reader: DeviceReader,
         points: tuple[str, ...],
-        do: Callable[[Command], None] = lambda command: None,
+        apply_command: Callable[[Command], None] = lambda command: None,
         sender: str | None = None,
-        together: float = TOGETHER,
+        group_time: float = GROUP_TIME,
     ) -> None:
-        self._play, self._metrics, self._reader, self._points = play, metrics, reader, points
-        self._do, self._sender, self._together = do, sender, together
+        self._receive_frame, self._metrics, self._reader, self._points = receive_frame, metrics, reader, points
+        self._apply_command, self._sender, self._group_time = apply_command, sender, group_time
         self.state: Any = reader.start()
-        self._later: asyncio.TimerHandle | None = None  # a frame that waits for the other packets of its moment
+        self._flush_timer: asyncio.TimerHandle | None = None  # runs while a frame waits for further packets
         self._sequence = 0
-        self._rate = RateLimit(MOST_PACKETS, 0.0)
+        self._rate = RateLimit(MAX_PACKETS, 0.0)
 
     def datagram_received(self, data: bytes, addr: Any) -> None:
-        """Take one packet."""
+        """Decode one packet."""
         if self._sender is not None and addr[0] != self._sender:
             self._metrics.dropped("second sender")
             return
@@ -86,67 +90,67 @@ class DeviceInput(asyncio.DatagramProtocol):
         if reason is not None:
             self._metrics.dropped("malformed packet")
         for command in self._reader.commands(data):
-            self._do(command)
+            self._apply_command(command)
         if self._reader.is_whole(now, self.state):
             self._flush()
-        elif self._later is None:
-            self._later = loop.call_later(self._together, self._flush)
+        elif self._flush_timer is None:
+            self._flush_timer = loop.call_later(self._group_time, self._flush)
 
     def serials(self) -> Mapping[str, str]:
-        """Return the names in the signal of trackers whose serials name no joint, by serial."""
+        """Return the signal's names of unassigned trackers, by serial."""
         return self._reader.serials(self.state)
 
     def _flush(self) -> None:
-        if self._later is not None:
-            self._later.cancel()
-            self._later = None
+        if self._flush_timer is not None:
+            self._flush_timer.cancel()
+            self._flush_timer = None
         now = asyncio.get_running_loop().time()
         observation = self._reader.observation(now, self.state)
         if observation is not None:
             self._sequence = (self._sequence + 1) % 2**32
-            self._play(signal_of(observation, self._points, self._sequence, now))
+            self._receive_frame(signal_of(observation, self._points, self._sequence, now))
 
 
 class UdpPort:
-    """A bound UDP socket; packets go out, and come in, once it is open."""
+    """A bound UDP socket. It sends and receives packets once it is open."""
 
     def __init__(self, option: str, host: str, port: int) -> None:
-        self._bound = listen_udp(option, host, port)
-        self.number: int = self._bound.getsockname()[1]
+        self._socket = listen_udp(option, host, port)
+        self.number: int = self._socket.getsockname()[1]
         self._transport: asyncio.DatagramTransport | None = None
 
     async def open(self, protocol: asyncio.DatagramProtocol) -> None:
-        """Give packets that come in to a protocol."""
+        """Start to pass received packets to a protocol."""
         loop = asyncio.get_running_loop()
-        self._transport, _ = await loop.create_datagram_endpoint(lambda: protocol, sock=self._bound)
+        self._transport, _ = await loop.create_datagram_endpoint(lambda: protocol, sock=self._socket)
 
-    async def play(self, live: Live, source: Source, points: tuple[str, ...], protocol: Callable[..., Any]) -> Any:
-        """Open the port, play its input as a session of the server, and return what `protocol` made for it."""
-        seat = live.own(source, points)
-        taken = protocol(play=partial(live.receive, seat), do=partial(live.change, seat))
-        await self.open(taken)
-        if isinstance(taken, DeviceInput):
-            seat.serials = taken.serials
-        return taken
+    async def add_input(self, live: Live, source: Source, points: tuple[str, ...], protocol: Callable[..., Any]) -> Any:
+        """Add a session that the port drives, open the port, and return its protocol, made by `protocol`."""
+        slot = live.add_input(source, points)
+        opened = protocol(receive_frame=partial(live.receive, slot), apply_command=partial(live.apply, slot))
+        await self.open(opened)
+        if isinstance(opened, DeviceInput):
+            slot.serials = opened.serials
+        return opened
 
     def send(self, packets: Iterable[bytes], address: Any) -> None:
-        """Send packets; those that the network does not take are lost."""
+        """Send packets; drop those that the network does not accept."""
         if self._transport is None or self._transport.is_closing():
             return
         for packet in packets:
-            with contextlib.suppress(OSError):  # no receiver now: the next one follows
+            with contextlib.suppress(OSError):  # no receiver; the next packet follows soon
                 self._transport.sendto(packet, address)
 
     def close(self) -> None:
-        """Send and take no more."""
+        """Close the socket."""
         if self._transport is not None:
             self._transport.close()
         else:
-            self._bound.close()
+            self._socket.close()
 
 
 def signal_of(observation: Observation, points: tuple[str, ...], sequence: int, time: float) -> SignalFrame:
-    """The first frame of an observation as a signal of `points`; others are left out."""
+    """Return the first frame of an observation as a signal of `points`; other points are dropped."""
     here = [k for k, name in enumerate(observation.points) if name in points]
     has = HAS_POSITION * observation.has_position[0, here] + HAS_ROTATION * observation.has_rotation[0, here]
     return SignalFrame(
@@ -161,43 +165,43 @@ def signal_of(observation: Observation, points: tuple[str, ...], sequence: int, 
 
 
 def listen_tcp(option: str, host: str, port: int) -> socket.socket:
-    """A TCP socket that clients can connect to. Raises BodysenseError, with the fix, without one."""
-    found = _bound(option, host, port, socket.SOCK_STREAM)
+    """Return a listening TCP socket. Raises BodysenseError, naming the option, if it cannot be bound."""
+    sock = _bind(option, host, port, socket.SOCK_STREAM)
     try:
-        found.listen(128)
+        sock.listen(128)
     except OSError as error:
-        found.close()
-        raise BodysenseError(_why(error, option, host, port)) from None
-    return found
+        sock.close()
+        raise BodysenseError(_bind_error(error, option, host, port)) from None
+    return sock
 
 
 def listen_udp(option: str, host: str, port: int) -> socket.socket:
-    """A UDP socket that packets come in at. Raises BodysenseError, with the fix, without one."""
-    found = _bound(option, host, port, socket.SOCK_DGRAM)
-    found.setblocking(False)
-    return found
+    """Return a bound UDP socket. Raises BodysenseError, naming the option, if it cannot be bound."""
+    sock = _bind(option, host, port, socket.SOCK_DGRAM)
+    sock.setblocking(False)
+    return sock
 
 
-def _bound(option: str, host: str, port: int, kind: socket.SocketKind) -> socket.socket:
+def _bind(option: str, host: str, port: int, kind: socket.SocketKind) -> socket.socket:
     if not 0 <= port <= 65535:
         raise BodysenseError(f"{option} {port}: ports are 0 (any that is free) to 65535")
     try:
         family, _, _, _, address = socket.getaddrinfo(host, port, type=kind)[0]
-        found = socket.socket(family, kind)
+        sock = socket.socket(family, kind)
     except OSError:
         option = option.replace("port", "host")
         raise BodysenseError(f"{option} {host}: no such host; give an address of this machine") from None
     try:
         if kind == socket.SOCK_STREAM:
-            found.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        found.bind(address)
+            sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        sock.bind(address)
     except OSError as error:
-        found.close()
-        raise BodysenseError(_why(error, option, host, port)) from None
-    return found
+        sock.close()
+        raise BodysenseError(_bind_error(error, option, host, port)) from None
+    return sock
 
 
-def _why(error: OSError, option: str, host: str, port: int) -> str:
+def _bind_error(error: OSError, option: str, host: str, port: int) -> str:
     if error.errno == errno.EADDRINUSE:
         return f"{option} {port} is in use by another program; stop it or choose another {option} (0 takes any)"
     if error.errno == errno.EACCES:
@@ -216,7 +220,7 @@ def host_address(option: str, host: str, program: str) -> str:
 
 
 def address_toward(host: str) -> str:
-    """This machine's address as a host sees it."""
+    """Return this machine's address in the network of a host."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
             probe.connect((host, 9))  # nothing is sent

@@ -1,4 +1,4 @@
-"""All sessions of one process: they begin with a hello and are kept for a while after a broken connection."""
+"""All sessions of one process. A session begins with a hello, and outlives a broken connection for a while."""
 
 from __future__ import annotations
 
@@ -17,7 +17,6 @@ from bodysense_live.answer import Answer
 from bodysense_live.message_text import changed
 from bodysense_live.messages import (
     Calibrate,
-    Change,
     Hello,
     Recentre,
     RecordSwitch,
@@ -26,60 +25,61 @@ from bodysense_live.messages import (
     ServerMessage,
     Settings,
     Source,
+    UpdateSettings,
 )
 from bodysense_live.metrics import Metrics
-from bodysense_live.outbox import Outbox
 from bodysense_live.recordings import Recordings
 from bodysense_live.replay import Playable, Player
 from bodysense_live.scheduler import Scheduler
-from bodysense_live.seat import Leader, Seat, WearerFile
+from bodysense_live.send_queue import SendQueue
 from bodysense_live.session import Session
-from bodysense_live.session_store import Kept, SessionStore
+from bodysense_live.session_slot import OutputSelector, SessionSlot, WearerFile
+from bodysense_live.session_store import SessionStore, StoredSession
 
 if TYPE_CHECKING:
     from bodysense_live.settings import ServerSettings
 
-_SWEEP = 0.5  # s between looks for sessions that are over
-_SHARE = 0.05  # s between two times that sessions are stored, however often they change
+_SWEEP_INTERVAL = 0.5  # s between checks for expired sessions
+_STORE_INTERVAL = 0.05  # s, shortest interval between two stores of sessions
 _ELSEWHERE = "the session was resumed by another connection"
 
 
 class Live:
-    """The sessions of a process. Used within its event loop only, between `start` and `stop`.
+    """The sessions of a process. Use it within the event loop only, between `start` and `stop`.
 
     Args:
-        settings: those of the server.
+        settings: settings of the server.
         metrics: counters.
-        show: called with each answer that goes to avatars (`Leader`).
+        send_body: called with each answer that goes to avatars (`OutputSelector`).
     """
 
     def __init__(
-        self, settings: ServerSettings, metrics: Metrics, show: Callable[[Answer], None] | None = None
+        self, settings: ServerSettings, metrics: Metrics, send_body: Callable[[Answer], None] | None = None
     ) -> None:
-        self._settings, self.metrics, self._show = settings, metrics, show
+        self._settings, self.metrics, self._send_body = settings, metrics, send_body
         self.limits = settings.limits
         shared = settings.shared
         self._store = None if shared is None else SessionStore(shared, self.limits.seconds_to_resume)
-        self._wearers, self._leader = WearerFile(settings.save_person, settings.trackers), Leader()
+        self._wearers, self._output_selector = WearerFile(settings.save_person, settings.trackers), OutputSelector()
         self._recordings = Recordings(settings.allow_record, self.limits.recording_seconds)
-        self._seats: dict[str, Seat] = {}
-        self._inputs: dict[Source, Seat] = {}
+        self._slots: dict[str, SessionSlot] = {}
+        self._inputs: dict[Source, SessionSlot] = {}
         self._tasks: list[asyncio.Task[None]] = []
-        self._just_left: set[str] = set()  # sessions that were left since they were last stored
-        self._changed = asyncio.Event()  # a session is to be stored
+        self._just_disconnected: set[str] = set()  # session ids of clients that left since the last store
+        self._changed = asyncio.Event()  # set if a session must be stored
 
     def start(self) -> None:
-        """Begin; needs a running loop."""
+        """Start the tasks, in a running event loop."""
         self._loop = asyncio.get_running_loop()
-        self._scheduler: Scheduler[Seat] = Scheduler(self._deliver, self._refuse, self.metrics.stepping.inc)
+        self._scheduler: Scheduler[SessionSlot] = Scheduler(self._deliver, self._refuse, self.metrics.stepping.inc)
         self._tasks = [self._loop.create_task(self._scheduler.run()), self._loop.create_task(self._sweep())]
-        if self._settings.playable is not None and self._show is not None:
-            self._inputs["replay"] = self._play(self._settings.playable, "replay", Settings())
+        if self._settings.playable is not None and self._send_body is not None:
+            self._inputs["replay"] = self._add_replay(self._settings.playable, "replay", Settings())
 
     async def stop(self) -> None:
-        """End every session and finish its recording."""
-        for seat in list(self._seats.values()):
-            self._end(seat)
+        """Close every session and its recording."""
+        for slot in list(self._slots.values()):
+            self._close(slot)
         for task in self._tasks:
             task.cancel()
         await asyncio.gather(*self._tasks, return_exceptions=True)
@@ -89,16 +89,18 @@ class Live:
     @property
     def is_full(self) -> bool:
         """Whether all sessions are in use."""
-        return len(self._seats) >= self.limits.sessions and all(seat.left is None for seat in self._seats.values())
+        return len(self._slots) >= self.limits.sessions and all(
+            slot.disconnected_at is None for slot in self._slots.values()
+        )
 
-    def own(self, source: Source, points: tuple[str, ...]) -> Seat:
-        """A session for an input of the server's own."""
+    def add_input(self, source: Source, points: tuple[str, ...]) -> SessionSlot:
+        """Add and return a session for one of the server's own inputs."""
         session = Session(points, self._settings.person, self._settings.wearer, eased=True)
-        seat = self._seated(source, session, source)
+        slot = self._add_slot(source, session, source)
         if self._settings.recentre:
-            seat.session.change(Recentre())
-        self._inputs[source] = seat
-        return seat
+            slot.session.apply(Recentre())
+        self._inputs[source] = slot
+        return slot
 
     @property
     def sources(self) -> tuple[Source, ...]:
@@ -106,68 +108,68 @@ class Live:
         replay: tuple[Source, ...] = ("replay",) if self._settings.playable is not None else ()
         return (*replay, *(source for source in self._inputs if source != "replay"))
 
-    async def admit(self, hello: Hello, outbox: Outbox) -> Seat:
-        """The session of a client, welcomed. Raises ProtocolError where it cannot have one."""
-        outbox.watches = hello.follow is not None
-        seat = await self._resumed(hello, hello.resume) if hello.resume is not None else None
-        resumed = seat is not None
-        if seat is None:
-            seat = self._followed(hello.follow) if hello.follow is not None else self._new(hello)
-        seat.outboxes.append(outbox)
-        if not outbox.watches:
-            seat.left = None
-        outbox.tell(seat.welcome(self.sources, self._recordings.are_allowed, resumed, outbox.watches))
-        outbox.tell(seat.session.placed())
+    async def admit(self, hello: Hello, queue: SendQueue) -> SessionSlot:
+        """Return a session for a client, and welcome the client. Raises ProtocolError if no session is available."""
+        queue.is_watcher = hello.follow is not None
+        slot = await self._resume(hello, hello.resume) if hello.resume is not None else None
+        resumed = slot is not None
+        if slot is None:
+            slot = self._watched_slot(hello.follow) if hello.follow is not None else self._new_slot(hello)
+        slot.queues.append(queue)
+        if not queue.is_watcher:
+            slot.disconnected_at = None
+        queue.put_message(slot.welcome(self.sources, self._recordings.are_allowed, resumed, queue.is_watcher))
+        queue.put_message(slot.session.placement_message())
         self._changed.set()
-        return seat
+        return slot
 
-    def leave(self, seat: Seat, outbox: Outbox) -> None:
-        """A connection ended: the session is kept for a while."""
-        if outbox in seat.outboxes:
-            seat.outboxes.remove(outbox)
-        if not seat.is_driven and seat.left is None:
-            seat.left = self._loop.time()
-            self._just_left.add(seat.identity)
+    def disconnect(self, slot: SessionSlot, queue: SendQueue) -> None:
+        """Remove a closed connection. The session can be resumed for a while."""
+        if queue in slot.queues:
+            slot.queues.remove(queue)
+        if not slot.is_driven and slot.disconnected_at is None:
+            slot.disconnected_at = self._loop.time()
+            self._just_disconnected.add(slot.session_id)
             self._changed.set()
 
-    async def may_read(self, seat: Seat) -> None:
-        """Wait until another frame of a session is of use: at once, unless one waits while others are stepped."""
-        if seat.session.has_waiting:
+    async def wait_to_read(self, slot: SessionSlot) -> None:
+        """Wait while sessions are stepped and a frame of this session is pending."""
+        if slot.session.has_pending:
             await self._scheduler.reading.wait()
 
-    def receive(self, seat: Seat, frame: SignalFrame | bytes, skipped: int = 0) -> None:
-        """Take a frame of a session, before which a client's connection skipped some."""
-        self._wearers.recognise(seat)
+    def receive(self, slot: SessionSlot, frame: SignalFrame | bytes, skipped: int = 0) -> None:
+        """Take a frame of a session. `skipped`: number of frames that the connection dropped before it."""
+        self._wearers.assign_known_trackers(slot)
         self.metrics.frames.inc(1 + skipped)
         for _ in range(skipped):
             self.metrics.dropped("replaced")
-        dropped = seat.session.receive(frame, monotonic())
+        dropped = slot.session.receive(frame, monotonic())
         if dropped is not None:
             self.metrics.dropped(dropped)
-        self._scheduler.ready(seat)
+        self._scheduler.ready(slot)
 
-    def change(self, seat: Seat, message: Change | Recentre | Calibrate | RecordSwitch | Replay) -> None:
-        """Apply a client's command. Raises ProtocolError if that is impossible."""
+    def apply(self, slot: SessionSlot, message: UpdateSettings | Recentre | Calibrate | RecordSwitch | Replay) -> None:
+        """Apply a client's command. Raises ProtocolError if the session does not allow it."""
         if isinstance(message, RecordSwitch):
-            self._recordings.switch(seat, message.on)
+            self._recordings.switch(slot, message.on)
         elif isinstance(message, Replay):
-            if seat.player is None:
-                raise ProtocolError("replay: this session watches no replay; say 'watch' in the hello")
+            if slot.player is None:
+                raise ProtocolError("replay: this session watches no replay; set 'watch' in the hello")
             try:
-                seat.player.change(message)
+                slot.player.apply(message)
             except BodysenseError as error:
                 raise ProtocolError(str(error)) from None
         else:
-            seat.session.change(message)
-        self._tell(seat)
+            slot.session.apply(message)
+        self._send_messages(slot)
 
-    def change_inputs(self, message: Recentre | Calibrate) -> None:
+    def apply_to_inputs(self, message: Recentre | Calibrate) -> None:
         """Apply a command to the wearers of the server's own inputs."""
-        for source, seat in self._inputs.items():
+        for source, slot in self._inputs.items():
             if source not in ("replay", "markers"):
-                self.change(seat, message)
+                self.apply(slot, message)
 
-    def _new(self, hello: Hello) -> Seat:
+    def _new_slot(self, hello: Hello) -> SessionSlot:
         settings = hello.settings if hello.height is None else changed(hello.settings, {"height": hello.height})
         if hello.watch is not None:
             if hello.watch not in self.sources:
@@ -177,161 +179,169 @@ class Live:
                 return self._inputs[hello.watch]
             assert self._settings.playable is not None
             self._make_room()
-            return self._play(self._settings.playable, hello.name, settings)
+            return self._add_replay(self._settings.playable, hello.name, settings)
         self._make_room()
-        return self._seated(hello.name, Session(hello.points, self._settings.person, settings), None)
+        return self._add_slot(hello.name, Session(hello.points, self._settings.person, settings), None)
 
     def _make_room(self) -> None:
-        """End the session without a connection that was left first, if the server is full."""
-        if len(self._seats) < self.limits.sessions:
+        """If the server is full, close the session that has been disconnected for the longest time."""
+        if len(self._slots) < self.limits.sessions:
             return
-        left = [seat for seat in self._seats.values() if seat.left is not None]
-        if not left:
+        disconnected = [slot for slot in self._slots.values() if slot.disconnected_at is not None]
+        if not disconnected:
             raise ProtocolError(f"the server has its {self.limits.sessions} sessions already; try again later", 1013)
-        self._end(min(left, key=lambda seat: seat.left or 0.0))
+        self._close(min(disconnected, key=lambda slot: slot.disconnected_at or 0.0))
 
-    def _followed(self, follow: Resume) -> Seat:
-        """Another client's session, to be watched."""
-        seat = self._seats.get(follow.session)
-        if seat is None or not hmac.compare_digest(seat.watch_token.encode(), follow.token.encode()):
-            raise ProtocolError("there is no such session to watch, or its token is another", 1008)
-        return seat
+    def _watched_slot(self, follow: Resume) -> SessionSlot:
+        """Return another client's session, to watch it."""
+        slot = self._slots.get(follow.session)
+        if slot is None or not hmac.compare_digest(slot.watch_token.encode(), follow.token.encode()):
+            raise ProtocolError("there is no such session to watch, or its token is wrong", 1008)
+        return slot
 
-    async def _resumed(self, hello: Hello, resume: Resume) -> Seat | None:
-        """The session that a client had, here or in another process; None where it is over."""
-        taken = None if self._store is None else await self._store.take(resume)
-        seat = self._seats.get(resume.session)
-        if taken is not None and (seat is None or taken[0] > seat.turn + 1):  # another process had it last
-            if seat is not None:
-                self._end(seat, _ELSEWHERE)
-            return self._taken_on(hello, resume, *taken)
+    async def _resume(self, hello: Hello, resume: Resume) -> SessionSlot | None:
+        """Return the session that a client had, here or in another process; None if it has expired."""
+        stored = None if self._store is None else await self._store.take(resume)
+        slot = self._slots.get(resume.session)
+        if stored is not None and (slot is None or stored[0] > slot.generation + 1):  # another process owned it later
+            if slot is not None:
+                self._close(slot, _ELSEWHERE)
+            return self._restore(hello, resume, *stored)
         if (
-            seat is None
-            or seat.source is not None
-            or not hmac.compare_digest(seat.token.encode(), resume.token.encode())
+            slot is None
+            or slot.source is not None
+            or not hmac.compare_digest(slot.token.encode(), resume.token.encode())
         ):
             return None
-        for outbox in [one for one in seat.outboxes if not one.watches]:  # broken, but not yet noticed
-            outbox.end(_ELSEWHERE)
-            seat.outboxes.remove(outbox)
-        seat.turn = max(seat.turn, 0 if taken is None else taken[0])
-        seat.session.open_door(hello.points)
-        return seat
+        for queue in [one for one in slot.queues if not one.is_watcher]:  # a broken connection that is not detected yet
+            queue.close(_ELSEWHERE)
+            slot.queues.remove(queue)
+        slot.generation = max(slot.generation, 0 if stored is None else stored[0])
+        slot.session.set_points(hello.points)
+        return slot
 
-    def _taken_on(self, hello: Hello, resume: Resume, turn: int, kept: Kept) -> Seat:
-        """A session that another process had."""
+    def _restore(self, hello: Hello, resume: Resume, generation: int, stored: StoredSession) -> SessionSlot:
+        """Return a slot with a session of another process."""
         self._make_room()
-        session = Session(hello.points, kept.person, kept.settings, kept.placement, kept.worn)
-        seat = Seat(resume.session, kept.token, kept.watch_token, kept.name, session, turn=turn)
-        self._seats[seat.identity] = seat
-        self.metrics.sessions.set(len(self._seats))
-        return seat
+        session = Session(hello.points, stored.person, stored.settings, stored.placement, stored.worn)
+        slot = SessionSlot(
+            resume.session, stored.token, stored.watch_token, stored.name, session, generation=generation
+        )
+        self._slots[slot.session_id] = slot
+        self.metrics.sessions.set(len(self._slots))
+        return slot
 
-    async def _share(self) -> None:
-        """Store sessions for other processes, and end those that another one has taken on."""
-        # One that was left is stored once more: its client may have left before the first time.
-        driven = {
-            one.identity: one
-            for one in self._seats.values()
-            if (one.is_driven or one.identity in self._just_left) and one.source is None
+    async def _store_sessions(self) -> None:
+        """Store sessions for other processes, and close those that another process has resumed."""
+        # A disconnected session is stored once more, because its client may have left before it was stored.
+        to_store = {
+            one.session_id: one
+            for one in self._slots.values()
+            if (one.is_driven or one.session_id in self._just_disconnected) and one.source is None
         }
-        self._just_left.clear()
-        if self._store is None or not driven:
+        self._just_disconnected.clear()
+        if self._store is None or not to_store:
             return
-        lost = await self._store.put({identity: (seat.turn, seat.kept()) for identity, seat in driven.items()})
+        lost = await self._store.put(
+            {session_id: (slot.generation, slot.store_text()) for session_id, slot in to_store.items()}
+        )
         if lost is None:
-            self.metrics.unshared.inc()
-        for identity in lost or ():
-            if self._seats.get(identity) is driven[identity]:
-                self._end(driven[identity], _ELSEWHERE)
+            self.metrics.store_failures.inc()
+        for session_id in lost or ():
+            if self._slots.get(session_id) is to_store[session_id]:
+                self._close(to_store[session_id], _ELSEWHERE)
 
-    def _seated(self, name: str, session: Session, source: Source | None) -> Seat:
+    def _add_slot(self, name: str, session: Session, source: Source | None) -> SessionSlot:
         token, watch_token = secrets.token_urlsafe(16), secrets.token_urlsafe(16)
-        seat = Seat(secrets.token_hex(8), token, watch_token, name, session, source)
-        self._seats[seat.identity] = seat
-        self.metrics.sessions.set(len(self._seats))
-        return seat
+        slot = SessionSlot(secrets.token_hex(8), token, watch_token, name, session, source)
+        self._slots[slot.session_id] = slot
+        self.metrics.sessions.set(len(self._slots))
+        return slot
 
-    def _play(self, playable: Playable, name: str, settings: Settings) -> Seat:
-        seat = self._seated(name, Session(playable.observation.points, playable.person, settings), "replay")
+    def _add_replay(self, playable: Playable, name: str, settings: Settings) -> SessionSlot:
+        slot = self._add_slot(name, Session(playable.observation.points, playable.person, settings), "replay")
 
-        def play(frame: SignalFrame, afresh: bool) -> None:
-            if afresh:
-                seat.session.start_afresh()
-            self.receive(seat, frame)
+        def play(frame: SignalFrame, is_new_motion: bool) -> None:
+            if is_new_motion:
+                slot.session.reset_clock()
+            self.receive(slot, frame)
 
-        seat.player = Player(playable, play)
-        seat.playing = self._loop.create_task(seat.player.run())
-        return seat
+        slot.player = Player(playable, play)
+        slot.player_task = self._loop.create_task(slot.player.run())
+        return slot
 
-    def _tell(self, seat: Seat) -> None:
+    def _send_messages(self, slot: SessionSlot) -> None:
         """Send a session's new messages to its clients."""
-        notes: list[ServerMessage] = seat.session.notes()
-        if notes or seat.told != seat.session.revision:
+        messages: list[ServerMessage] = slot.session.take_messages()
+        if messages or slot.sent_revision != slot.session.revision:
             self._changed.set()
-        if seat.told != seat.session.revision:
-            seat.told = seat.session.revision
-            for outbox in seat.outboxes:
-                outbox.tell(seat.welcome(self.sources, self._recordings.are_allowed, watches=outbox.watches))
-        for note in notes:
-            seat.tell(note)
+        if slot.sent_revision != slot.session.revision:
+            slot.sent_revision = slot.session.revision
+            for queue in slot.queues:
+                queue.put_message(slot.welcome(self.sources, self._recordings.are_allowed, is_watcher=queue.is_watcher))
+        for message in messages:
+            slot.send(message)
 
-    def _deliver(self, seat: Seat, answer: Answer | None) -> None:
-        if seat in self._inputs.values():
-            self._wearers.keep(seat)
-        self._tell(seat)
+    def _deliver(self, slot: SessionSlot, answer: Answer | None) -> None:
+        if slot in self._inputs.values():
+            self._wearers.save_calibrated(slot)
+        self._send_messages(slot)
         if answer is None:
             self.metrics.dropped("failed")
             return
-        spent = monotonic() - answer.received  # a loop may count in milliseconds
+        spent = monotonic() - answer.received  # not the loop's clock, which may count in milliseconds
         frames = [write_pose(answer.frame, min(int(spent * 1e6), 2**32 - 1))]
-        shown = frames
-        if seat.source is not None or any(outbox.watches for outbox in seat.outboxes):
-            shown = [write_signal(answer.signal), *self._truth(seat, answer), *frames]
-        for outbox in seat.outboxes:
-            if outbox.show(shown if seat.source is not None or outbox.watches else frames):
+        watched = frames
+        if slot.source is not None or any(queue.is_watcher for queue in slot.queues):
+            watched = [write_signal(answer.signal), *self._truth(slot, answer), *frames]
+        for queue in slot.queues:
+            if queue.put_frames(watched if slot.source is not None or queue.is_watcher else frames):
                 self.metrics.dropped("slow client")
         self.metrics.latency.observe(spent)
-        self._recordings.add(seat, answer)
-        own = seat in self._inputs.values()
-        if self._show is not None and self._leader.leads(seat, answer, own, self._loop.time()):
-            self._show(answer)
+        self._recordings.add(slot, answer)
+        is_input = slot in self._inputs.values()
+        if self._send_body is not None and self._output_selector.selects(slot, answer, is_input, self._loop.time()):
+            self._send_body(answer)
 
-    def _refuse(self, seat: Seat, error: ProtocolError) -> None:
-        """Close the connection that sent a frame with an impossible value."""
-        for outbox in seat.outboxes:
-            if not outbox.watches:
+    def _refuse(self, slot: SessionSlot, error: ProtocolError) -> None:
+        """Close the connection of a client that sent a frame with an invalid value."""
+        for queue in slot.queues:
+            if not queue.is_watcher:
                 self.metrics.closed(error.code)
-                outbox.end(str(error), error.code)
+                queue.close(str(error), error.code)
 
-    def _truth(self, seat: Seat, answer: Answer) -> list[bytes]:
-        truth = None if seat.player is None else seat.player.playable.truth
+    def _truth(self, slot: SessionSlot, answer: Answer) -> list[bytes]:
+        truth = None if slot.player is None else slot.player.playable.truth
         if truth is None:
             return []
         index = answer.signal.sequence
-        root, rotation = seat.session.truth(truth.root_position[index], truth.rotation[index])
+        root, rotation = slot.session.truth(truth.root_position[index], truth.rotation[index])
         return [write_truth(replace(answer.frame, sequence=index, root_position=root, rotation=rotation))]
 
-    def _end(self, seat: Seat, reason: str = "the session that was watched is over") -> None:
-        self._recordings.stop(seat)
-        if seat.playing is not None:
-            seat.playing.cancel()
-        for outbox in seat.outboxes:
-            outbox.end(reason)
-        del self._seats[seat.identity]
-        self.metrics.sessions.set(len(self._seats))
+    def _close(self, slot: SessionSlot, reason: str = "the session that was watched is over") -> None:
+        self._recordings.stop(slot)
+        if slot.player_task is not None:
+            slot.player_task.cancel()
+        for queue in slot.queues:
+            queue.close(reason)
+        del self._slots[slot.session_id]
+        self.metrics.sessions.set(len(self._slots))
 
     async def _sweep(self) -> None:
-        """Store sessions, and end those that were not resumed, and replays without a watcher."""
+        """Store sessions; close those that were not resumed in time, and replays without a watcher."""
         while True:
-            await asyncio.sleep(_SHARE)
+            await asyncio.sleep(_STORE_INTERVAL)
             with suppress(TimeoutError):  # `wait_for` of Python 3.11 may lose a cancellation
-                async with asyncio.timeout(_SWEEP - _SHARE):
+                async with asyncio.timeout(_SWEEP_INTERVAL - _STORE_INTERVAL):
                     await self._changed.wait()
             self._changed.clear()
-            await self._share()
+            await self._store_sessions()
             now = self._loop.time()
-            for seat in list(self._seats.values()):
-                keep = 0.0 if seat.source is not None else self.limits.seconds_to_resume
-                if seat.left is not None and now - seat.left > keep and seat not in self._inputs.values():
-                    self._end(seat)
+            for slot in list(self._slots.values()):
+                keep = 0.0 if slot.source is not None else self.limits.seconds_to_resume
+                if (
+                    slot.disconnected_at is not None
+                    and now - slot.disconnected_at > keep
+                    and slot not in self._inputs.values()
+                ):
+                    self._close(slot)

@@ -1,8 +1,7 @@
 """Live markers over the network: OSC messages by UDP (docs/gloves.md).
 
-A frame is one message to `/bodysense/markers`: its time in seconds (a double), then for every marker that is seen its
-name and x, y, z. No VRPN client can be installed from the Python package index; a VRPN client of one's own sends a
-frame on with a few lines (`write_frame`).
+A frame is one message to `/bodysense/markers`: its time in seconds (a double), then name and x, y, z of every visible
+marker. The Python package index has no VRPN client; your own VRPN client can forward frames with `write_frame`.
 """
 
 from __future__ import annotations
@@ -22,9 +21,10 @@ LARGEST = 8192  # bytes of a message
 
 
 def read_frame(message: bytes, points: tuple[str, ...], form: MarkerFormat = MarkerFormat()) -> Observation | None:
-    """The frame (1, P) of `points` in a message at the sender's time, names, unit and axes by `form`; None for none.
+    """Return the frame (1, P) of `points` in a message, at the sender's time; None for a malformed message.
 
-    `points` are our names of markers, as `glove_points` gives them; those that are not in the message are hidden.
+    `points` are our names of markers, as in `glove_points`. Markers that are not in the message are hidden. `form`: the
+    sender's names, unit and axes.
     """
     values = _values(message)
     if values is None:
@@ -45,13 +45,13 @@ def read_frame(message: bytes, points: tuple[str, ...], form: MarkerFormat = Mar
 
 
 def write_frame(now: float, markers: Mapping[str, np.ndarray]) -> bytes:
-    """Return the message of one frame at `now` s: markers by name, (3,) each; hidden ones are left out."""
+    """Return the message of one frame at `now` s. `markers`: visible markers by name, (3,) each."""
     seen = [value for name, place in markers.items() for value in (name, *map(float, place))]
     return message_bytes(ADDRESS, "d" + len(markers) * "sfff", float(now), *seen)
 
 
 def _values(message: bytes) -> list[Any] | None:
-    """Time, then names and numbers by turns, of a well-formed message; None otherwise."""
+    """Return time, then name and coordinates of each marker; None for a malformed message."""
     found = read_packet(message) if len(message) <= LARGEST else ""
     if len(found) != 1 or isinstance(found, str) or found[0].address != ADDRESS:
         return None

@@ -1,4 +1,4 @@
-"""Text messages as JSON and back: a received text becomes a dataclass, or is refused with a reason."""
+"""JSON of the text messages: written from dataclasses, and read into them or refused with a reason."""
 
 from __future__ import annotations
 
@@ -11,21 +11,21 @@ from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
 from bodysense.errors import BodysenseError
 from bodysense.io.protocol import VERSION, ProtocolError
-from bodysense_live.messages import CLIENT, LONGEST_NAME, SERVER, Change, ClientMessage, ServerMessage, Settings
+from bodysense_live.messages import CLIENT, LONGEST_NAME, SERVER, ClientMessage, ServerMessage, Settings, UpdateSettings
 
-_DEEPEST = 6  # brackets within one another
+_DEEPEST = 6  # levels of brackets
 _LONGEST_LIST = 256
 _NAMES = {kind: name for name, kind in (CLIENT | SERVER).items()}
 
 
 def write_message(message: ClientMessage | ServerMessage) -> str:
-    """The text of a message."""
-    body = message.settings if isinstance(message, Change) else vars(message)
+    """Return a message as JSON."""
+    body = message.settings if isinstance(message, UpdateSettings) else vars(message)
     return json.dumps({"type": _NAMES[type(message)], **body}, separators=(",", ":"), default=vars)
 
 
 def read_message(text: str) -> ClientMessage:
-    """Return the message of a client. Raises ProtocolError, with the reason, for any other text."""
+    """Return a client's message. Raises ProtocolError, with the reason, for an invalid text."""
     value = _parsed(text)
     if not isinstance(value, dict):
         raise ProtocolError("a text message is a JSON object with a 'type'")
@@ -38,8 +38,8 @@ def read_message(text: str) -> ClientMessage:
             "load its page again, or use its client"
         )
     if kind == "settings":
-        changed(Settings(), value)  # so that what is wrong is said now
-        return Change(value)
+        changed(Settings(), value)  # refuse invalid values now
+        return UpdateSettings(value)
     return _built(CLIENT[kind], value, kind)
 
 
@@ -48,7 +48,7 @@ def changed(settings: Settings, values: dict[str, Any]) -> Settings:
     hints = _hints(Settings)
     unknown = [name for name in values if name not in hints]
     if unknown:
-        raise ProtocolError(f"settings: {_short(unknown[0])} is none; there are {', '.join(hints)}")
+        raise ProtocolError(f"settings: {_short(unknown[0])} is unknown; valid are {', '.join(hints)}")
     return _made(replace, settings, **{k: _value(hints[k], v, f"settings.{k}") for k, v in values.items()})
 
 
@@ -58,11 +58,11 @@ def _parsed(text: str) -> Any:
         depth += (character in "[{") - (character in "]}")
         deepest = max(deepest, depth)
     if deepest > _DEEPEST:
-        raise ProtocolError(f"JSON of {deepest} lists within one another; {_DEEPEST} are enough")
+        raise ProtocolError(f"JSON is nested {deepest} levels deep; at most {_DEEPEST} are allowed")
     try:
         return json.loads(text, parse_constant=_no_number)
     except (ValueError, RecursionError):
-        raise ProtocolError("a text message that is not JSON") from None
+        raise ProtocolError("a text message is not JSON") from None
 
 
 def _no_number(name: str) -> None:
@@ -89,7 +89,7 @@ def _hints(kind: type) -> dict[str, Any]:
 
 
 def _built(kind: type, value: Any, where: str) -> Any:
-    """A dataclass from a JSON object; fields that it does not know are for later versions and are left out."""
+    """Return a dataclass from a JSON object. Unknown fields are from later versions, and ignored."""
     if not isinstance(value, dict):
         raise ProtocolError(f"{where}: give an object, not {_short(value)}")
     hints = _hints(kind)
@@ -100,7 +100,7 @@ def _built(kind: type, value: Any, where: str) -> Any:
 
 
 def _value(hint: Any, value: Any, where: str) -> Any:
-    """A JSON value as a field of type `hint`."""
+    """Return a JSON value as a value of type `hint`."""
     if get_origin(hint) in (UnionType, Union):
         if value is None and NoneType in get_args(hint):
             return None
@@ -113,7 +113,7 @@ def _value(hint: Any, value: Any, where: str) -> Any:
         return tuple(_value(get_args(hint)[0], entry, where) for entry in value)
     if get_origin(hint) is Literal:
         if not isinstance(value, str) or value not in get_args(hint):
-            raise ProtocolError(f"{where}: {_short(value)} is none of {', '.join(get_args(hint))}")
+            raise ProtocolError(f"{where}: give one of {', '.join(get_args(hint))}, not {_short(value)}")
         return value
     if hint is str:
         if not isinstance(value, str) or len(value) > LONGEST_NAME:

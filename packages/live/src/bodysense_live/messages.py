@@ -1,4 +1,4 @@
-"""The text messages of the protocol: dataclasses, no I/O (docs/protocol.md)."""
+"""The text messages of the protocol as dataclasses, without I/O (docs/protocol.md)."""
 
 from __future__ import annotations
 
@@ -20,24 +20,24 @@ _DEEPEST_FLOOR = 10.0  # m
 
 @dataclass(frozen=True)
 class Settings:
-    """How one person is set up; a client may change each at any time, and keeps them."""
+    """Settings of one session. A client may change each at any time."""
 
     height: float | None = None
-    """Height of the wearer, m; inferred, with the other proportions, if null."""
+    """Height of the wearer in m; null: it is inferred with the other proportions."""
     posture: Posture = "standing"
     """A seated wearer is displayed standing: the signal is raised until the head is at its standing height."""
     mirror: bool = False
-    """Left and right are swapped in the answer, as in a mirror."""
+    """Swap left and right in the answer, as in a mirror."""
     regions: tuple[Region, ...] = REGIONS
-    """Regions that are driven; the others stay as in standing."""
+    """Regions that move; the others keep the standing pose."""
     smoothing: float = 0.0
-    """Half-life in s of a smoother after everything else, 0 to 0.5; as much later is the answer."""
+    """Half-life in s of the smoothing of the whole body, 0 to 0.5; it delays the body by as much."""
     hidden: tuple[str, ...] = ()
     """Points of the signal to ignore."""
     floor: float = 0.0
-    """m, of the floor over y = 0."""
+    """Height of the floor in m, above y = 0."""
     hold_feet: bool = True
-    """Standing feet are held in place, and kept above the floor."""
+    """Hold standing feet in place, and keep feet above the floor."""
 
     def __post_init__(self) -> None:
         if self.height is not None and not SHORTEST <= self.height <= TALLEST:
@@ -56,7 +56,7 @@ class Settings:
 
 @dataclass(frozen=True)
 class Resume:
-    """The session that a client had before its connection broke."""
+    """A session of an earlier connection."""
 
     session: str
     token: str
@@ -68,72 +68,72 @@ class Hello:
 
     version: int
     points: tuple[str, ...] = ()
-    """Names of the points of its signal, at most 128."""
+    """Names of the signal's points, at most 128."""
     height: float | None = None
-    """Short for `settings.height`."""
+    """Shorthand for `settings.height`."""
     name: str = ""
     settings: Settings = Settings()
     resume: Resume | None = None
     watch: Source | None = None
-    """The server's own input to be shown, instead of a signal of the client."""
+    """One of the server's own inputs to watch, in place of a signal from the client."""
     follow: Resume | None = None
-    """Another client's session to be shown, with its `watch_token`."""
+    """Another client's session to watch, with its `watch_token`."""
 
 
 @dataclass(frozen=True)
-class Change:
-    """`settings`: the settings to be changed; those that are not named stay."""
+class UpdateSettings:
+    """Change the settings that are named; the others are unchanged."""
 
     settings: dict[str, Any]
 
 
 @dataclass(frozen=True)
 class Recentre:
-    """Use the wearer's position and heading now as the origin, facing +Z."""
+    """Use the wearer's current position and heading as the origin, facing +Z."""
 
 
 @dataclass(frozen=True)
 class RecordSwitch:
-    """Begin or end a recording on the server's disk, which must allow it."""
+    """Start or stop a recording on the server's disk, if the server allows it."""
 
     on: bool
 
 
 @dataclass(frozen=True)
 class Calibrate:
-    """The wearer stands upright for one second from now: height and how trackers are worn are taken from it."""
+    """Measure height and tracker mounts during the next second, in which the wearer stands upright."""
 
     arms_out: bool = False
-    """To the sides: then the reach of the arms is taken as well."""
+    """The arms are out to the sides; their reach is measured, too."""
 
 
 @dataclass(frozen=True)
 class Ping:
-    """Answered by a pong with the same time."""
+    """A request for a pong with the same time."""
 
     time: float
 
 
 @dataclass(frozen=True)
 class Replay:
-    """Drive a replay that is watched: what is null stays."""
+    """Control the watched replay; values that are null are unchanged."""
 
     playing: bool | None = None
     time: float | None = None
-    """s from its beginning."""
+    """Position in s from its beginning."""
     speed: float | None = None
-    """0.1 to 4 times as fast."""
+    """Playback speed, 0.1 to 4."""
 
 
 @dataclass(frozen=True)
 class Welcome:
-    """The answer to a hello, and to a change of the settings."""
+    """The answer to a hello, and to a change of settings."""
 
     session: str
     token: str
-    """With which the session can be resumed."""
+    """Token that resumes the session."""
     watch_token: str
-    """With which others can watch it."""
+    """Token with which others can watch the session."""
     name: str
     joints: tuple[str, ...]
     points: tuple[str, ...]
@@ -141,35 +141,35 @@ class Welcome:
     parents: tuple[int, ...]
     """Index of every point's parent joint, -1 for the root."""
     rest_offset: tuple[tuple[float, float, float], ...]
-    """m, of every point from its parent in the T-pose."""
+    """Offset of every point from its parent in the T-pose, m."""
     height: float
-    """m, from the floor to the crown, of this body."""
+    """Height of the body in m, from the floor to the crown."""
     signal: tuple[str, ...]
-    """Names of the points of the signal."""
+    """Names of the signal's points."""
     settings: Settings
     sources: tuple[Source, ...] = ()
-    """The server's own inputs, for `watch`."""
+    """The server's own inputs, values for `watch`."""
     recording: bool = False
-    """Whether the server records on its disk where it is asked to."""
+    """Whether the server allows recordings."""
     length: float | None = None
-    """s, of a replay that is watched."""
+    """Length of the watched replay in s."""
     resumed: bool = False
     version: int = VERSION
 
 
 @dataclass(frozen=True)
 class ProportionsChanged:
-    """The body has other proportions from the next pose on: they were inferred, or set."""
+    """New proportions of the body, inferred or set, from the next pose on."""
 
     rest_offset: tuple[tuple[float, float, float], ...]
-    """m, of every point from its parent in the T-pose."""
+    """Offset of every point from its parent in the T-pose, m."""
     height: float
-    """m, from the floor to the crown."""
+    """Height in m, from the floor to the crown."""
 
 
 @dataclass(frozen=True)
-class Placed:
-    """How the signal's world is moved into the body's: body = Ry(heading) · signal + offset."""
+class PlacementChanged:
+    """A new placement of the signal's world in the body's: body = Ry(heading) · signal + offset."""
 
     offset: tuple[float, float, float]
     """m."""
@@ -179,14 +179,14 @@ class Placed:
 
 @dataclass(frozen=True)
 class Notice:
-    """A line for the wearer to read."""
+    """A line of text for the wearer."""
 
     text: str
 
 
 @dataclass(frozen=True)
-class Refused:
-    """Why the server closes the connection."""
+class ErrorMessage:
+    """The reason for which the server closes the connection."""
 
     reason: str
 
@@ -198,11 +198,11 @@ class Pong:
     time: float
 
 
-ClientMessage = Hello | Change | Recentre | RecordSwitch | Calibrate | Ping | Replay
-ServerMessage = Welcome | ProportionsChanged | Placed | Notice | Refused | Pong
+ClientMessage = Hello | UpdateSettings | Recentre | RecordSwitch | Calibrate | Ping | Replay
+ServerMessage = Welcome | ProportionsChanged | PlacementChanged | Notice | ErrorMessage | Pong
 CLIENT: dict[str, type] = {
     "hello": Hello,
-    "settings": Change,
+    "settings": UpdateSettings,
     "recentre": Recentre,
     "record": RecordSwitch,
     "calibrate": Calibrate,
@@ -212,8 +212,8 @@ CLIENT: dict[str, type] = {
 SERVER: dict[str, type] = {
     "welcome": Welcome,
     "proportions": ProportionsChanged,
-    "placed": Placed,
+    "placed": PlacementChanged,
     "said": Notice,
-    "error": Refused,
+    "error": ErrorMessage,
     "pong": Pong,
 }

@@ -12,7 +12,7 @@ _BUCKETS = (0.001, 0.002, 0.003, 0.005, 0.007, 0.009, 0.011, 0.015, 0.02, 0.03, 
 
 
 class Metrics:
-    """Counters of one process; of all that share a folder where `PROMETHEUS_MULTIPROC_DIR` names one."""
+    """Counters of one process, or of all that share a folder, named by `PROMETHEUS_MULTIPROC_DIR`."""
 
     def __init__(self) -> None:
         try:
@@ -21,24 +21,26 @@ class Metrics:
             raise missing_package(error) from None
         self._registry = registry = CollectorRegistry()
         self.sessions: Any = Gauge(
-            "bodysense_sessions", "Sessions that are kept", registry=registry, multiprocess_mode="livesum"
+            "bodysense_sessions", "Sessions in memory", registry=registry, multiprocess_mode="livesum"
         )
-        self.frames: Any = Counter("bodysense_frames", "Signal frames that came in", registry=registry)
+        self.frames: Any = Counter("bodysense_frames", "Received signal frames", registry=registry)
         self.latency: Any = Histogram(
             "bodysense_frame_seconds", "From a signal frame to its pose", buckets=_BUCKETS, registry=registry
         )
-        self.stepping: Any = Counter("bodysense_step_seconds", "Time of completing bodies, s", registry=registry)
-        self.unshared: Any = Counter("bodysense_unshared", "Times that storing sessions failed", registry=registry)
+        self.stepping: Any = Counter("bodysense_step_seconds", "Time spent on completing bodies, s", registry=registry)
+        self.store_failures: Any = Counter(
+            "bodysense_unshared", "Times that storing sessions failed", registry=registry
+        )
         drops = Counter("bodysense_drops", "Frames without an answer, by reason", ["reason"], registry=registry)
         self._drops = {reason: drops.labels(reason) for reason in DROPS}
         self._closed: Any = Counter("bodysense_closed", "Connections closed, by code", ["code"], registry=registry)
 
     def dropped(self, reason: str) -> None:
-        """Count a frame that is not answered."""
+        """Count a frame without an answer."""
         self._drops[reason].inc()
 
     def closed(self, code: int) -> None:
-        """Count a connection that was closed."""
+        """Count a closed connection."""
         self._closed.labels(str(code)).inc()
 
     def text(self) -> tuple[bytes, str]:

@@ -1,7 +1,7 @@
-"""A WebSocket protocol for uvicorn that skips frames which newer ones replace before the application reads them.
+"""A WebSocket protocol for uvicorn in which a newer frame replaces one that the application has not read.
 
 uvicorn reads a socket in chunks of up to 256 KiB and queues every message of a chunk. A late server would decode old
-signals. Here a signal in the queue is replaced by the next one. Texts and their order are kept.
+signals. In this queue the next signal replaces a queued one. Texts and their order are kept.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ class NewestFrames(asyncio.Queue[Any]):
 
 
 def websocket_protocol() -> type[asyncio.Protocol]:
-    """Return uvicorn's WebSocket protocol with such a queue."""
+    """Return uvicorn's WebSocket protocol with a queue of `NewestFrames`."""
     from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
 
     class NewestFramesProtocol(WebSocketsSansIOProtocol):

@@ -1,4 +1,4 @@
-"""OSCQuery: our OSC addresses as a tree of JSON over HTTP, so that VRChat finds them and sends there by itself.
+"""OSCQuery: our OSC addresses as a JSON tree over HTTP, by which VRChat finds them and sends to them.
 
 Source: the OSCQuery proposal (Vidvox) and VRChat's library for it. VRChat sends its tracking to every service whose
 tree has `/tracking/vrsystem`. The answers contain no secrets, and requests cannot change anything.
@@ -19,7 +19,7 @@ from bodysense.errors import missing_package
 
 _NO_ACCESS, _WRITE = 0, 2
 _ATTRIBUTES = ("DESCRIPTION", "FULL_PATH", "ACCESS", "CONTENTS", "TYPE", "VALUE")
-_PATIENCE = 5.0  # s for a request
+_TIMEOUT = 5.0  # s for a request
 _MOST_CONNECTIONS = 32
 _LONGEST_REQUEST = 8192  # bytes
 
@@ -34,12 +34,12 @@ class OscAddress:
 
 @dataclass(frozen=True)
 class OscService:
-    """A receiver of OSC that is announced."""
+    """An announced receiver of OSC."""
 
     name: str
     host: str
     port: int  # UDP
-    taken: Mapping[str, OscAddress]
+    addresses: Mapping[str, OscAddress]
 
     def host_info(self) -> dict[str, Any]:
         """Return HOST_INFO: the port for OSC, and the supported attributes of OSCQuery."""
@@ -53,24 +53,24 @@ class OscService:
         }
 
     def tree(self) -> dict[str, Any]:
-        """The root node of all addresses."""
+        """Return the root node of all addresses."""
         root = _container("/")
-        for address, what in self.taken.items():
+        for address, description in self.addresses.items():
             node, path = root, ""
             *folders, last = address.strip("/").split("/")
             for folder in folders:
                 path += f"/{folder}"
                 node = node["CONTENTS"].setdefault(folder, _container(path))
             node["CONTENTS"][last] = {
-                "DESCRIPTION": what.description,
+                "DESCRIPTION": description.description,
                 "FULL_PATH": address,
                 "ACCESS": _WRITE,
-                "TYPE": what.types,
+                "TYPE": description.types,
             }
         return root
 
     def answer(self, target: str) -> tuple[int, Any]:
-        """Status and JSON of a GET; None where a node lacks the attribute that is asked for."""
+        """Return status and JSON of a GET; None for the JSON if a node lacks the requested attribute."""
         place = urlsplit(target)
         if "HOST_INFO" in (place.path.strip("/"), place.query):
             return 200, self.host_info()
@@ -92,7 +92,7 @@ def _container(path: str) -> dict[str, Any]:
 
 
 class OscQueryServer:
-    """Answers one request a connection."""
+    """An HTTP server that answers one request per connection."""
 
     def __init__(self, service: OscService) -> None:
         try:
@@ -108,7 +108,7 @@ class OscQueryServer:
         self._server = await asyncio.start_server(self._serve, sock=bound, limit=_LONGEST_REQUEST)
 
     def close(self) -> None:
-        """Serve no more."""
+        """Stop serving."""
         if self._server is not None:
             self._server.close()
 
@@ -116,9 +116,9 @@ class OscQueryServer:
         self._open += 1
         try:
             if self._open <= _MOST_CONNECTIONS:
-                async with asyncio.timeout(_PATIENCE):
+                async with asyncio.timeout(_TIMEOUT):
                     await self._answer(reader, writer)
-        except (OSError, TimeoutError):  # it is gone, or says nothing
+        except (OSError, TimeoutError):  # the client is gone, or silent
             return
         finally:
             self._open -= 1
@@ -129,7 +129,7 @@ class OscQueryServer:
 
         connection = h11.Connection(h11.SERVER, max_incomplete_event_size=_LONGEST_REQUEST)
         status, found = 400, {"error": "GET an address, or ?HOST_INFO"}
-        with contextlib.suppress(h11.RemoteProtocolError, ValueError):  # no HTTP, or no address
+        with contextlib.suppress(h11.RemoteProtocolError, ValueError):  # not HTTP, or an invalid address
             while (event := connection.next_event()) is h11.NEED_DATA:
                 connection.receive_data(await reader.read(_LONGEST_REQUEST))
             if isinstance(event, h11.ConnectionClosed):

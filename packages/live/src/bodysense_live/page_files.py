@@ -1,6 +1,6 @@
-"""The files of the page: those built from web/, and those it reads from the library, each stored once.
+"""The files of the page: those built from web/, and those of the library, each stored once.
 
-A folder of them is a whole product on any static host; `bodysense serve` answers with the same ones.
+A folder with these files can be served by any static host. `bodysense serve` serves the same files.
 """
 
 from __future__ import annotations
@@ -18,15 +18,15 @@ from bodysense.devices.video.landmarker_files import OFFICIAL, POSE_LANDMARKER
 from bodysense.errors import BodysenseError
 from bodysense.files import written_beside
 
-ABOUT = "page.json"  # says of a folder whether a server is behind it, and which files it has
+ABOUT = "page.json"  # whether the page has a server, and the names of its files
 _OF_THE_LIBRARY = {
     "default_body.json": ("bodysense.body", "default_body.json"),
     "performance.npz": ("bodysense.demo", "performance.npz"),
 }
 _NETWORK = "completion.safetensors"
-LIBRARY_FILES = (f"{_NETWORK}.gz", *_OF_THE_LIBRARY)  # by the names that the page asks for
+LIBRARY_FILES = (f"{_NETWORK}.gz", *_OF_THE_LIBRARY)  # names that the page requests
 _VISION = "https://cdn.jsdelivr.net/npm/@mediapipe/tasks-vision@1.1.0/wasm"  # the version of web/package-lock.json
-# MediaPipe's files for finding a person in a webcam's picture, with address and SHA-256; optional.
+# Optional: MediaPipe's files for the webcam, with address and SHA-256.
 WEBCAM = {
     POSE_LANDMARKER: OFFICIAL[POSE_LANDMARKER],
     "vision_wasm_module_internal.js": (
@@ -38,12 +38,12 @@ WEBCAM = {
         "ee03b14a878e6c3c053a1bfa62e166dc45244be54dc0bbe61c578f710b771f6a",
     ),
 }
-DRACO = ("DRACOLoader.js", "draco_decoder.wasm", "draco_wasm_wrapper.js")  # for files that are packed by it
-WHEN_USED = frozenset({*WEBCAM, *DRACO, "webcam.js", "camera_worker.js"})  # cached for later visits once they were used
+DRACO = ("DRACOLoader.js", "draco_decoder.wasm", "draco_wasm_wrapper.js")  # decoder of compressed glTF files
+WHEN_USED = frozenset({*WEBCAM, *DRACO, "webcam.js", "camera_worker.js"})  # downloaded, and cached, only when used
 
 
 def built() -> Path:
-    """The folder of the built page. Raises BodysenseError where this copy was installed without it."""
+    """Return the folder of the built page. Raises BodysenseError if this copy was installed without it."""
     folder = Path(str(files("bodysense_live").joinpath("page")))
     if not (folder / "index.html").is_file():
         raise BodysenseError("this copy of bodysense has no page; build it with `npm ci && npm run build` in web/")
@@ -52,7 +52,7 @@ def built() -> Path:
 
 @lru_cache(maxsize=len(LIBRARY_FILES))
 def library_file(name: str) -> bytes:
-    """The bytes of one of `LIBRARY_FILES`."""
+    """Return the bytes of one of `LIBRARY_FILES`."""
     if name == f"{_NETWORK}.gz":
         return gzip.compress(files("bodysense.weights").joinpath(_NETWORK).read_bytes(), 9, mtime=0)
     package, file = _OF_THE_LIBRARY[name]
@@ -60,38 +60,38 @@ def library_file(name: str) -> bytes:
 
 
 def library_routes() -> list[Any]:
-    """Starlette's routes by which a server answers with `LIBRARY_FILES`."""
+    """Return Starlette's routes of `LIBRARY_FILES`."""
     from starlette.responses import Response
     from starlette.routing import Route
 
-    def answer(request: Any) -> Response:  # in a thread: packing takes a second, and frames come in meanwhile
+    def answer(request: Any) -> Response:  # runs in a thread, because compression takes a second
         return Response(library_file(request.url.path.rpartition("/")[2]), media_type="application/octet-stream")
 
     return [Route(f"/{name}", answer) for name in LIBRARY_FILES]
 
 
 def page_files(webcam: Path | None = None) -> Iterator[tuple[str, bytes]]:
-    """Names and bytes of all files of a folder that needs no server, `page.json` last.
+    """Yield names and bytes of all files of a page without a server, `page.json` last.
 
     Args:
-        webcam: a folder with the files of `WEBCAM`; without them the webcam's door is closed.
+        webcam: folder with the files of `WEBCAM`; without all of them the page has no webcam.
     """
     folder, digest, names = built(), hashlib.sha256(), []
     own = [(path.name, path.read_bytes()) for path in sorted(folder.iterdir()) if path.name != ABOUT]
     library = [(name, library_file(name)) for name in LIBRARY_FILES]
-    seen = webcam is not None and all((webcam / name).is_file() for name in WEBCAM)
-    vision = [(name, (webcam / name).read_bytes()) for name in WEBCAM] if webcam is not None and seen else []
+    has_webcam = webcam is not None and all((webcam / name).is_file() for name in WEBCAM)
+    vision = [(name, (webcam / name).read_bytes()) for name in WEBCAM] if webcam is not None and has_webcam else []
     for name, content in (*own, *library, *vision):
         names.append(name)
         digest.update(name.encode() + content)
         yield name, content
     needed = [name for name in names if name not in WHEN_USED]
-    about = {"server": False, "webcam": seen, "version": digest.hexdigest()[:16], "files": needed}
+    about = {"server": False, "webcam": has_webcam, "version": digest.hexdigest()[:16], "files": needed}
     yield ABOUT, (json.dumps(about, indent=1) + "\n").encode()
 
 
 def write_page(out: Path, webcam: Path | None = None) -> list[tuple[str, int]]:
-    """Write the folder; names and sizes of its files. Other files in it stay."""
+    """Write all files into a folder. Return their names and sizes. Other files in the folder are unchanged."""
     check_out(out)
     out.mkdir(parents=True, exist_ok=True)
     written = []
@@ -103,7 +103,7 @@ def write_page(out: Path, webcam: Path | None = None) -> list[tuple[str, int]]:
 
 
 def check_out(out: Path) -> None:
-    """Raise BodysenseError if no folder can be written there, or if it is another page's."""
+    """Raise BodysenseError if a path is a file, or a folder with another page."""
     if out.exists() and not out.is_dir():
         raise BodysenseError(f"--out {out}: it is a file; give a folder")
     if (out / "index.html").exists() and not (out / ABOUT).exists():

@@ -1,4 +1,4 @@
-"""A session to a BVH file on the server's disk, whose name the server chooses."""
+"""Recording of a session to a BVH file on the server's disk, under a name that the server chooses."""
 
 from __future__ import annotations
 
@@ -14,36 +14,35 @@ from bodysense.io.bvh import BvhStream
 from bodysense_live.answer import Answer
 
 RATE = 60.0  # Hz
-_TOGETHER = 64  # poses that are written at once
+_BATCH = 64  # poses per write
 
 
 class Recorder:
-    """Writes poses as they come; the file appears, under `path`, when it is closed.
+    """A recorder of poses. The file appears under `path` when the recorder is closed.
 
-    Its body has the proportions of the beginning: one that grows meanwhile keeps its feet where they are.
-
-    Raises BodysenseError where it cannot be written.
+    The skeleton is that of the start. If inferred proportions change meanwhile, the root is moved so that the feet stay
+    at their height. Raises BodysenseError if the file cannot be written.
     """
 
-    def __init__(self, folder: Path, session: str, skeleton: Skeleton, longest: float) -> None:
+    def __init__(self, folder: Path, session: str, skeleton: Skeleton, max_seconds: float) -> None:
         self.path = folder / f"{time.strftime('%Y%m%d-%H%M%S')}-{session[:8]}.bvh"
         self._stream = BvhStream(self.path, skeleton, RATE)
         self._stream.__enter__()
-        self._skeleton, self._longest = skeleton, longest
+        self._skeleton, self._max_seconds = skeleton, max_seconds
         self._waiting: list[Answer] = []
-        self._begun: float | None = None
+        self._start: float | None = None
 
     def add(self, answer: Answer) -> bool:
-        """Take a pose; False where the recording is as long as it may be."""
-        if self._begun is None:
-            self._begun = answer.moment
+        """Add a pose. Return False if the recording has reached its maximum length."""
+        if self._start is None:
+            self._start = answer.moment
         self._waiting.append(answer)
-        if len(self._waiting) >= _TOGETHER:
+        if len(self._waiting) >= _BATCH:
             self._write()
-        return answer.moment - self._begun < self._longest
+        return answer.moment - self._start < self._max_seconds
 
     def close(self) -> int:
-        """Finish the file; how many frames it has. Without any, no file appears."""
+        """Finish the file. Return its number of frames; without any, no file appears."""
         self._write()
         if self._stream.frames:
             self._stream.__exit__(None, None, None)
@@ -52,8 +51,8 @@ class Recorder:
                 self._stream.__exit__(ValueError, ValueError("nothing was recorded"), None)
         return self._stream.frames
 
-    def _lowered(self, pose: Pose) -> np.ndarray:
-        """Return (3,) m: the root's position on the recording's body, whose legs may have another length."""
+    def _root_position(self, pose: Pose) -> np.ndarray:
+        """Return the root's position on the recording's skeleton, whose legs may have another length, (3,) m."""
         if pose.skeleton is self._skeleton:
             return pose.root_position
         return pose.root_position + np.array([0.0, _root_height(self._skeleton) - _root_height(pose.skeleton), 0.0])
@@ -63,7 +62,7 @@ class Recorder:
             return
         pose = Pose(
             self._skeleton,
-            np.stack([self._lowered(answer.pose) for answer in self._waiting]),
+            np.stack([self._root_position(answer.pose) for answer in self._waiting]),
             np.stack([answer.pose.rotation for answer in self._waiting]),
         )
         self._stream.append(np.array([answer.moment for answer in self._waiting]), pose)
@@ -71,5 +70,5 @@ class Recorder:
 
 
 def _root_height(skeleton: Skeleton) -> float:
-    """m, over the lowest point in the T-pose."""
+    """Return the root's height in m above the lowest point of the T-pose."""
     return -float((skeleton.path @ skeleton.rest_offset)[:, 1].min())

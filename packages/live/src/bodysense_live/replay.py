@@ -1,4 +1,4 @@
-"""A recording or a motion played in real time as if it were tracked now, with the truth where it is known."""
+"""Replays: a recording or a motion played in real time as a live signal, with the true poses if they are known."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _PAUSE = 1.0  # s between the end and the beginning
 
 @dataclass(frozen=True, eq=False)
 class Playable:
-    """A signal to be played, its wearer and, of a motion, the true poses."""
+    """A signal to play, its wearer and, for a motion, the true poses."""
 
     observation: Observation
     person: Person
@@ -41,12 +41,12 @@ class Playable:
 
     @cached_property
     def time(self) -> np.ndarray:
-        """(T,) s, from 0."""
+        """Times of the frames from 0, (T,) s."""
         return self.observation.time - self.observation.time[0]
 
     @property
     def length(self) -> float:
-        """s."""
+        """Length in s."""
         return float(self.time[-1])
 
     def frame(self, index: int) -> SignalFrame:
@@ -66,24 +66,24 @@ class Playable:
 
 
 class Player:
-    """Plays, in a loop; `play(frame, afresh)` is called with each frame at its moment, `afresh` after a leap."""
+    """A player that repeats. It calls `play(frame, is_new_motion)` at each frame's time."""
 
     def __init__(self, playable: Playable, play: Callable[[SignalFrame, bool], None]) -> None:
         self.playable, self._play = playable, play
         self._playing, self._speed = True, 1.0
-        self._at = 0.0  # s, of the recording
-        self._leapt = True
+        self._position = 0.0  # s in the recording
+        self._jumped = True
         self._changed = asyncio.Event()
 
-    def change(self, message: Replay) -> None:
-        """Apply a watcher's request. Raises BodysenseError for a speed out of range."""
+    def apply(self, message: Replay) -> None:
+        """Apply a watcher's request. Raises BodysenseError for a speed that is out of range."""
         if message.speed is not None:
             if not SLOWEST <= message.speed <= FASTEST:
                 raise BodysenseError(f"replay: speed {message.speed:g}; give {SLOWEST:g} to {FASTEST:g}")
             self._speed = message.speed
         if message.time is not None:
-            self._at = min(max(message.time, 0.0), self.playable.length)
-            self._leapt = True
+            self._position = min(max(message.time, 0.0), self.playable.length)
+            self._jumped = True
         if message.playing is not None:
             self._playing = message.playing
         self._changed.set()
@@ -93,25 +93,25 @@ class Player:
         loop, time = asyncio.get_running_loop(), self.playable.time
         while True:
             self._changed.clear()
-            index = int(np.searchsorted(time, self._at - 1e-9))
-            begun, since = loop.time(), self._at
-            self._play(self.playable.frame(min(index, len(time) - 1)), self._leapt)
-            self._leapt = False
+            index = int(np.searchsorted(time, self._position - 1e-9))
+            begun, since = loop.time(), self._position
+            self._play(self.playable.frame(min(index, len(time) - 1)), self._jumped)
+            self._jumped = False
             while self._playing and not self._changed.is_set():
                 index += 1
                 ended = index >= len(time)
                 due = self.playable.length + _PAUSE if ended else float(time[index])
-                if not await self._slept(begun + (due - since) / self._speed - loop.time()):
+                if not await self._sleep(begun + (due - since) / self._speed - loop.time()):
                     break
-                self._at, self._leapt = (0.0, True) if ended else (due, False)
+                self._position, self._jumped = (0.0, True) if ended else (due, False)
                 if ended:
                     break
                 self._play(self.playable.frame(index), False)
             else:
                 await self._changed.wait()
 
-    async def _slept(self, seconds: float) -> bool:
-        """Wait; False where something was changed meanwhile."""
+    async def _sleep(self, seconds: float) -> bool:
+        """Wait. Return False if a request arrived meanwhile."""
         if seconds <= 0:
             await asyncio.sleep(0)
         else:

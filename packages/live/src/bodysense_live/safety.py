@@ -15,19 +15,19 @@ from urllib.parse import urlsplit
 from bodysense.errors import BodysenseError
 from bodysense.io.protocol import LARGEST_SIGNAL
 
-FIRST_WAIT, LONGEST_WAIT = 0.25, 8.0  # s that a wrong token takes to be refused
-FORGIVEN = 60.0  # s after which wrong tokens count from the beginning
+FIRST_WAIT, LONGEST_WAIT = 0.25, 8.0  # s until a wrong token is refused
+FORGET_AFTER = 60.0  # s; a wrong token after a longer pause counts as the first
 ANY_ORIGIN = "*"
 _WRONG_TOKEN = "the token is missing or wrong"
-_MOST_WAITING = 4  # refusals at a time of one address
-_MOST_ADDRESSES = 4096
+_MAX_WAITING = 4  # pending refusals of one address
+_MAX_ADDRESSES = 4096
 _TOKEN = re.compile(r"[A-Za-z0-9._~-]{8,}")  # characters that addresses and subprotocols allow
 _ORIGIN = re.compile(r"[a-z][a-z0-9+.-]*://([a-z0-9._-]+|\[[0-9a-f:.]+\])(:[0-9]{1,5})?")  # the form that browsers send
 
 
 @dataclass(frozen=True)
 class Limits:
-    """How much one client may ask for."""
+    """Limits of clients and sessions."""
 
     message_bytes: int = 8192  # of a WebSocket message
     messages_a_second: float = 400.0  # on average; twice as many at once
@@ -73,34 +73,34 @@ class Access:
 
 
 class RateLimit:
-    """A bucket of twice the rate, filled at the rate."""
+    """A token bucket, which holds up to twice the rate and is filled at the rate."""
 
     def __init__(self, rate: float, now: float) -> None:
-        self._rate, self._left, self._then = rate, 2 * rate, now
+        self._rate, self._remaining, self._last = rate, 2 * rate, now
 
     def allows(self, now: float, count: int = 1) -> bool:
-        """Whether `count` more may come at `now` s; takes them."""
-        self._left = min(2 * self._rate, self._left + (now - self._then) * self._rate)
-        self._then = now
-        if self._left < count:
+        """Return whether `count` more messages are allowed at `now` s, and count them."""
+        self._remaining = min(2 * self._rate, self._remaining + (now - self._last) * self._rate)
+        self._last = now
+        if self._remaining < count:
             return False
-        self._left -= count
+        self._remaining -= count
         return True
 
 
-class Guesses:
-    """How long a wrong token keeps its address waiting: twice as long each time, and few at once."""
+class TokenThrottle:
+    """Delays after wrong tokens: each takes twice as long as the one before, and few may be pending per address."""
 
     def __init__(self) -> None:
-        self._wrong: dict[str, tuple[int, float]] = {}  # by address: how many, when last (s)
+        self._wrong: dict[str, tuple[int, float]] = {}  # by address: count, time of the last (s)
         self._waiting: dict[str, int] = {}
 
-    async def punish(self, address: str, now: float) -> None:
-        """Wait for as long as the address has to after one more wrong token."""
+    async def delay(self, address: str, now: float) -> None:
+        """Wait for the delay of an address after one more wrong token."""
         before, last = self._wrong.pop(address, (0, now))
-        count = before + 1 if now - last < FORGIVEN else 1
-        while len(self._wrong) >= _MOST_ADDRESSES:
-            del self._wrong[next(iter(self._wrong))]  # the one that was silent longest
+        count = before + 1 if now - last < FORGET_AFTER else 1
+        while len(self._wrong) >= _MAX_ADDRESSES:
+            del self._wrong[next(iter(self._wrong))]  # the oldest entry
         self._wrong[address] = count, now
         self._waiting[address] = self._waiting.get(address, 0) + 1
         try:
@@ -111,29 +111,29 @@ class Guesses:
                 del self._waiting[address]
 
     def is_busy(self, address: str) -> bool:
-        """Whether too many refusals of this address are pending to compare its tokens."""
-        return self._waiting.get(address, 0) >= _MOST_WAITING
+        """Return whether too many refusals of an address are pending to check another token."""
+        return self._waiting.get(address, 0) >= _MAX_WAITING
 
 
-class Doorkeeper:
-    """Lets requests in, or says why not; a wrong token waits for its answer."""
+class AccessCheck:
+    """The access check of requests. A wrong token is answered after a delay."""
 
     def __init__(self, access: Access) -> None:
-        self._access, self._guesses = access, Guesses()
+        self._access, self._throttle = access, TokenThrottle()
 
-    async def why_refused(self, request: Any, origin: str | None, tokens: Sequence[str]) -> str | None:
-        """Why a request or WebSocket of Starlette is refused, None where it is not."""
+    async def refusal_reason(self, request: Any, origin: str | None, tokens: Sequence[str]) -> str | None:
+        """Return why a request or WebSocket of Starlette is refused, or None if it is admitted."""
         address = request.client.host if request.client else ""
-        if self._guesses.is_busy(address):
+        if self._throttle.is_busy(address):
             return "too many wrong tokens; wait a few seconds, and open the page with the address that was printed"
-        reason = why_refused(self._access, request.headers.get("host"), origin, tokens)
+        reason = refusal_reason(self._access, request.headers.get("host"), origin, tokens)
         if reason is not None and reason.startswith(_WRONG_TOKEN):
-            await self._guesses.punish(address, asyncio.get_running_loop().time())
+            await self._throttle.delay(address, asyncio.get_running_loop().time())
         return reason
 
 
 def is_loopback(host: str) -> bool:
-    """Whether only this machine reaches a host's name or address."""
+    """Return whether a host's name or address can be reached by this machine only."""
     if host == "localhost":
         return True
     try:
@@ -142,12 +142,12 @@ def is_loopback(host: str) -> bool:
         return False
 
 
-def why_refused(access: Access, host: str | None, origin: str | None, tokens: Sequence[str]) -> str | None:
-    """Why a WebSocket is not opened, None where it is.
+def refusal_reason(access: Access, host: str | None, origin: str | None, tokens: Sequence[str]) -> str | None:
+    """Return why a WebSocket is refused, or None if it is admitted.
 
-    `host` and `origin` are the headers of the request, `tokens` what it shows. A browser says the origin of the page
-    that connects: it must be our own page or one of the allowed origins. Without a token the host must be a
-    loopback name, so that no page gets in by a name that it made point here.
+    `host` and `origin` are headers of the request, `tokens` those that it presents. Browsers send the origin of the
+    connecting page: it must be our own page or an allowed origin. Without a token the host must be a loopback name;
+    otherwise a page could connect by a name of its own that resolves to this machine (DNS rebinding).
     """
     if access.token is None:
         if host is None or not is_loopback(_name(host)):
@@ -160,8 +160,8 @@ def why_refused(access: Access, host: str | None, origin: str | None, tokens: Se
     return None
 
 
-def why_not_local(host: str | None, origin: str | None) -> str | None:
-    """Why a WebSocket for this machine's own programs and pages is not opened; None where it is."""
+def local_refusal_reason(host: str | None, origin: str | None) -> str | None:
+    """Return why a WebSocket for programs and pages of this machine is refused, or None if it is admitted."""
     if host is None or not is_loopback(_name(host)):
         return f"the host {_short(host)} is not this machine's; connect to 127.0.0.1"
     if origin is not None and not is_loopback(_name(_authority(origin))):
@@ -177,7 +177,7 @@ def _authority(origin: str) -> str:
 
 
 def _name(host: str) -> str:
-    """The name in a Host header."""
+    """Return the name in a Host header."""
     try:
         return urlsplit(f"//{host}").hostname or ""
     except ValueError:

@@ -1,10 +1,10 @@
-"""The scheduler: steps all sessions that have a new frame, together.
+"""The scheduler: steps all sessions with a new frame together.
 
-Bodies are completed in one thread, so that the event loop stays free; only the event loop touches sessions.
+A thread completes bodies, so that the event loop stays free. Only the event loop accesses sessions.
 
-If frames come faster than they are completed, most are replaced by newer ones. To read a frame costs a tenth of a step,
-so clients whose frame waits are not read while others are stepped (`reading`). They are read just before the next
-step, and what they sent meanwhile is skipped without being decoded (`newest_frames`).
+If frames arrive faster than they are completed, most are replaced by newer ones. Reading a frame costs a tenth of a
+step, so clients with a pending frame are not read while sessions are stepped (`reading`). They are read just before the
+next step, and all but their newest frame are skipped without being decoded (`newest_frames`).
 """
 
 from __future__ import annotations
@@ -20,42 +20,44 @@ from bodysense_live.answer import Answer, CompletionJob
 from bodysense_live.estimation import PipelineState, step_many
 from bodysense_live.session import Session
 
-_TURNS = 4  # of the event loop: from a socket that may be read again to the newest frame in its session
+_LOOP_TURNS = 4  # of the event loop, from a readable socket to the newest frame in its session
 
 
-class Stepped(Protocol):
-    """Anything with a session to step."""
+class HasSession(Protocol):
+    """An object with a session to step."""
 
     session: Session
 
 
-Who = TypeVar("Who", bound=Stepped)
+Slot = TypeVar("Slot", bound=HasSession)
 
 
-class Scheduler(Generic[Who]):
-    """Steps sessions until cancelled.
+class Scheduler(Generic[Slot]):
+    """A task that steps sessions.
 
-    `deliver(who, answer)` is called with every answer, and with None if a step failed. `refuse(who, error)` is called
-    for a frame with a value that no tracker gives, and `stepped(seconds)` after sessions were stepped together.
+    Args:
+        deliver: called with a slot and its answer, or None if the step failed.
+        refuse: called with a slot and an error for a frame with an invalid value.
+        on_stepped: called with the seconds that a common step took.
     """
 
     def __init__(
         self,
-        deliver: Callable[[Who, Answer | None], None],
-        refuse: Callable[[Who, ProtocolError], None],
-        stepped: Callable[[float], object],
+        deliver: Callable[[Slot, Answer | None], None],
+        refuse: Callable[[Slot, ProtocolError], None],
+        on_stepped: Callable[[float], object],
     ) -> None:
-        self._deliver, self._refuse, self._stepped = deliver, refuse, stepped
-        self._ready: dict[Who, None] = {}  # in order of arrival
+        self._deliver, self._refuse, self._on_stepped = deliver, refuse, on_stepped
+        self._ready: dict[Slot, None] = {}  # in order of arrival
         self._wake = asyncio.Event()
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="tracker")
         self.reading = asyncio.Event()  # cleared while sessions are stepped
         self.reading.set()
 
-    def ready(self, who: Who) -> None:
-        """Step a session soon, if it has a new frame."""
-        if who.session.is_ready:
-            self._ready[who] = None
+    def ready(self, slot: Slot) -> None:
+        """Schedule a step of a session, if it has a new frame."""
+        if slot.session.is_ready:
+            self._ready[slot] = None
             self._wake.set()
 
     async def run(self) -> None:
@@ -65,49 +67,49 @@ class Scheduler(Generic[Who]):
                 await self._wake.wait()
                 self._wake.clear()
                 while self._ready:
-                    those, self._ready = list(self._ready), {}
+                    batch, self._ready = list(self._ready), {}
                     self.reading.clear()
                     try:
-                        await self._step(those)
+                        await self._step(batch)
                     finally:
                         self.reading.set()
-                    for _ in range(_TURNS if self._ready else 0):
+                    for _ in range(_LOOP_TURNS if self._ready else 0):
                         await asyncio.sleep(0)
         finally:
             self._thread.shutdown(wait=False, cancel_futures=True)
 
-    def _job(self, who: Who) -> CompletionJob | None:
-        """Return the job of one session; one that fails affects no other."""
+    def _job(self, slot: Slot) -> CompletionJob | None:
+        """Return the job of one session. A failure does not affect other sessions."""
         try:
-            return who.session.job()
+            return slot.session.job()
         except ProtocolError as error:
-            self._refuse(who, error)
+            self._refuse(slot, error)
             return None
-        except Exception:  # whatever it was, the others go on
-            who.session.abandon()
-            self._deliver(who, None)
+        except Exception:  # any failure; other sessions continue
+            slot.session.abandon()
+            self._deliver(slot, None)
             return None
 
-    async def _step(self, those: Sequence[Who]) -> None:
-        jobs = [(who, job) for who in those if (job := self._job(who)) is not None]
+    async def _step(self, batch: Sequence[Slot]) -> None:
+        jobs = [(slot, job) for slot in batch if (job := self._job(slot)) is not None]
         if not jobs:
             return
         loop = asyncio.get_running_loop()
         begun = loop.time()
-        found = await loop.run_in_executor(self._thread, completed, [job for _, job in jobs])
-        self._stepped(loop.time() - begun)
-        for (who, job), result in zip(jobs, found, strict=True):
+        found = await loop.run_in_executor(self._thread, complete, [job for _, job in jobs])
+        self._on_stepped(loop.time() - begun)
+        for (slot, job), result in zip(jobs, found, strict=True):
             if result is None:
-                who.session.abandon()
-                self._deliver(who, None)
+                slot.session.abandon()
+                self._deliver(slot, None)
             else:
-                self._deliver(who, who.session.answer(job, *result))
-            self.ready(who)  # a newer frame may have come meanwhile
+                self._deliver(slot, slot.session.answer(job, *result))
+            self.ready(slot)  # a newer frame may have arrived meanwhile
 
 
-def completed(jobs: Sequence[CompletionJob]) -> list[tuple[Estimate, PipelineState] | None]:
-    """Return the estimate and state of every job, or None for one that failed, which affects no other."""
+def complete(jobs: Sequence[CompletionJob]) -> list[tuple[Estimate, PipelineState] | None]:
+    """Return estimate and state of every job, or None for a job that failed. A failure does not affect other jobs."""
     try:
         return list(step_many([(job.pipeline, job.observation, job.state) for job in jobs]))
-    except Exception:  # of one of them: whatever it was, the others go on
-        return [None] if len(jobs) == 1 else [found for job in jobs for found in completed([job])]
+    except Exception:  # any failure of one job; other jobs are stepped again, each alone
+        return [None] if len(jobs) == 1 else [found for job in jobs for found in complete([job])]

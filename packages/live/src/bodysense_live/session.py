@@ -1,7 +1,7 @@
 """One session: a signal in, poses out; settings, clock and placement of one person. No sockets, no threads.
 
-`receive` takes the newest frame, `job` gives what is to be completed, `answer` makes the pose of it; `step` is all of
-that for one session alone.
+`receive` takes the newest frame, `job` returns the frame to complete, and `answer` makes a pose from the estimate.
+`step` does both for a session that runs alone.
 """
 
 from __future__ import annotations
@@ -22,36 +22,42 @@ from bodysense.io.protocol import SignalFrame, read_signal, signal_time
 from bodysense.observation import Observation, chosen_points
 from bodysense.tracker import Tracker, TrackerSettings
 from bodysense_live.answer import Answer, CompletionJob
-from bodysense_live.calibrating import calibration, is_over, worn_text
+from bodysense_live.body_display import BodyDisplay
 from bodysense_live.estimation import Pipeline, PipelineState, device_of, step_many
-from bodysense_live.inertial import Inertial
+from bodysense_live.inertial import InertialSensors
 from bodysense_live.message_text import changed
 from bodysense_live.messages import (
     Calibrate,
-    Change,
     Notice,
-    Placed,
+    PlacementChanged,
     ProportionsChanged,
     Recentre,
     ServerMessage,
     Settings,
+    UpdateSettings,
 )
-from bodysense_live.moments import Moments
-from bodysense_live.showing import Showing
-from bodysense_live.webxr import UNDECIDED, Placement, door, raised, recentred, through
+from bodysense_live.signal_clock import SignalClock
+from bodysense_live.standing_calibration import assignment_text, calibrate_standing, is_long_enough
+from bodysense_live.webxr import UNASSIGNED, Placement, point_mapping, raised, recentred, to_observation
 from bodysense_live.worn_trackers import PlaceMatch
 
-NOTICED = 0.001  # m; smaller changes of points of the T-pose are not sent
-TOLD_EVERY = 0.1  # s between two skeletons that are sent
-_INFERRED = 0.02  # m, standard deviation of a height that was inferred
+SKELETON_TOLERANCE = 0.001  # m; smaller changes of points of the T-pose are not sent
+SKELETON_INTERVAL = 0.1  # s; skeletons are sent at most this often
+_INFERRED = 0.02  # m, standard deviation of an inferred height
 
 
 class Session:
-    """One person who is tracked.
+    """One tracked person.
 
-    `points` are the names of the signal, `person` is what is known of the wearer when no height is set. `eased`: a body
-    that leaps where a tracker is lost or found comes there within half a second instead. Raises ProtocolError for
-    unknown points.
+    Raises ProtocolError for unknown points.
+
+    Args:
+        points: names of the signal's points.
+        person: the wearer, as known if no height is set.
+        settings: the client's settings.
+        placement: of the signal's world in the body's.
+        tracker_joints: unassigned trackers → the joints that they are worn on.
+        eased: ease the body over half a second if it would jump because a tracker is lost or found.
     """
 
     def __init__(
@@ -60,39 +66,40 @@ class Session:
         person: Person = Person(),
         settings: Settings = Settings(),
         placement: Placement = Placement(),
-        worn: Mapping[str, str] = MappingProxyType({}),
+        tracker_joints: Mapping[str, str] = MappingProxyType({}),
         eased: bool = False,
     ) -> None:
         self.points = tuple(points)
         self.settings = settings
-        self.revision = 0  # rises with every change that a welcome tells of
-        self.calibrated: Person | None = None  # by the last calibration
-        self._notes: list[ServerMessage] = []
-        self._told = self._base = person  # as given at the start; as calibrated
-        self._moments = Moments()
-        self._waiting: tuple[SignalFrame | bytes, float, float] | None = None  # frame, moment, time received (s)
+        self.revision = 0  # rises with every change that clients learn from a welcome
+        self.calibrated: Person | None = None  # result of the last calibration, until it is saved
+        self._messages: list[ServerMessage] = []
+        self._initial_person = person
+        self._base = person  # as last calibrated; settings may override the height
+        self._clock = SignalClock()
+        self._pending: tuple[SignalFrame | bytes, float, float] | None = None  # frame, moment, time received (s)
         self._busy = False
         self._placement = placement
-        self._recentres = False  # with the next headset
-        self._reseats = settings.posture == "seated"  # with the next headset
-        self._stood: list[Observation] | None = None  # of a calibration second
-        self._arms_out = False  # in which pose
-        self._worn = dict(worn)  # nameless trackers → the joints that they are on
-        self._match = PlaceMatch()  # of nameless trackers to joints
-        self._inertial = Inertial.of(person)
-        self._told_at = -math.inf  # the moment at which the skeleton was last sent
+        self._recentre_pending = False  # until a frame has the headset
+        self._raise_pending = settings.posture == "seated"  # until a frame has the headset
+        self._standing: list[Observation] | None = None  # frames of a running calibration
+        self._arms_out = False  # stance of the running calibration
+        self._tracker_joints = dict(tracker_joints)
+        self._match = PlaceMatch()
+        self._inertial = InertialSensors.of(person)
+        self._skeleton_sent_at = -math.inf  # moment, s
         wearer = self._wearer()
-        self.skeleton = wearer.skeleton  # as the clients know it
+        self.skeleton = wearer.skeleton  # as last sent to clients
         self._pipeline = Pipeline(
             Tracker(wearer, settings=self._tracking), device_of(points, wearer.skeleton, wearer.hands)
         )
         self._state = self._pipeline.start()
-        self._showing = Showing(self.skeleton, settings, eased)
-        self._path = self.skeleton.path  # that of all bodies
-        self.open_door(self.points)
+        self._display = BodyDisplay(self.skeleton, settings, eased)
+        self._path = self.skeleton.path  # equal for all bodies
+        self.set_points(self.points)
 
     def _wearer(self) -> Person:
-        """Return the wearer by the settings."""
+        """Return the calibrated person with the height of the settings."""
         height, base = self.settings.height, self._base
         if height is None:
             return base
@@ -106,135 +113,137 @@ class Session:
     def _tracking(self) -> TrackerSettings:
         return TrackerSettings(floor=self.settings.floor, hold_feet=self.settings.hold_feet)
 
-    def _pass_on(self, pipeline: Pipeline) -> None:
-        """Go on with another pipeline from where the one until now was."""
-        if not self._moments.have_begun:  # no body was displayed yet, so it need not grow
+    def _switch_pipeline(self, pipeline: Pipeline) -> None:
+        """Replace the pipeline and keep the motion."""
+        if not self._clock.has_started:  # no body was displayed yet, so its size may jump
             self._state = pipeline.start()
             self.skeleton = pipeline.tracker.people[0].skeleton
-            self._door = door(self.points, self.skeleton, self._worn)
+            self._mapping = point_mapping(self.points, self.skeleton, self._tracker_joints)
         else:
             self._state = pipeline.continued(self._pipeline, self._state)
         self._pipeline = pipeline
 
-    def open_door(self, points: Sequence[str]) -> None:
-        """Take a signal of these points from now on."""
-        self._door = door(points, self.skeleton, self._worn)
-        self.points, self._waiting, before = tuple(points), None, self.points
+    def set_points(self, points: Sequence[str]) -> None:
+        """Set the names of the signal's points."""
+        self._mapping = point_mapping(points, self.skeleton, self._tracker_joints)
+        self.points, self._pending, before = tuple(points), None, self.points
         if self.points != before:
             device = device_of(points, self.skeleton, self._base.hands)
-            self._pass_on(Pipeline(self._pipeline.tracker, device))
-        self._choose()
+            self._switch_pipeline(Pipeline(self._pipeline.tracker, device))
+        self._update_visible()
 
-    def _choose(self) -> None:
-        """Choose the points that settings do not hide."""
+    def _update_visible(self) -> None:
+        """Select the points that settings do not hide."""
         hidden = set(self.settings.hidden)
-        self._seen = np.array([name not in hidden for name in self.points], dtype=bool)
+        self._visible = np.array([name not in hidden for name in self.points], dtype=bool)
 
     @property
     def height(self) -> float:
-        """m, of the body that the clients know."""
+        """Height in m of the skeleton that was last sent to clients."""
         return float(stature(self.skeleton.rest_offset))
 
     @property
     def is_ready(self) -> bool:
-        """Whether there is a frame to be completed."""
-        return self._waiting is not None and not self._busy
+        """Whether a frame is pending and no job is running."""
+        return self._pending is not None and not self._busy
 
     @property
-    def has_waiting(self) -> bool:
-        """Whether a frame waits, to be completed or replaced by a newer one."""
-        return self._waiting is not None
+    def has_pending(self) -> bool:
+        """Whether a frame is pending; a newer one may replace it."""
+        return self._pending is not None
 
     def receive(self, frame: SignalFrame | bytes, now: float) -> str | None:
-        """Take a frame that came at `now` s of the server's clock. Returns why this or another frame was dropped.
+        """Take a frame received at `now` s of the server's clock. Return why it or another one was dropped, or None.
 
-        A frame as bytes is decoded when it is its turn, so that frames that are replaced cost little. Raises
-        ProtocolError for bytes of another length or kind.
+        Bytes are decoded only when the frame is completed, so replaced frames cost little. Raises ProtocolError for
+        bytes that are not a signal of these points.
         """
-        moment = self._moments.of(signal_time(frame) if isinstance(frame, bytes) else frame.time)
+        moment = self._clock.time_of(signal_time(frame) if isinstance(frame, bytes) else frame.time)
         if moment is None:
             return "late"
-        replaced = self._waiting is not None
-        self._waiting = (frame, moment, now)
+        replaced = self._pending is not None
+        self._pending = (frame, moment, now)
         return "replaced" if replaced else None
 
     def job(self) -> CompletionJob | None:
-        """Return the next job, if a frame waits and no other job is under way.
+        """Return the next job, or None if no frame is pending or a job is running.
 
-        Raises ProtocolError for a frame with a value that no tracker gives; the frame is dropped.
+        Raises ProtocolError for a frame with an invalid value, and drops the frame.
         """
-        if self._waiting is None or self._busy:
+        if self._pending is None or self._busy:
             return None
-        data, moment, received = self._waiting
-        self._waiting = None
+        data, moment, received = self._pending
+        self._pending = None
         frame = read_signal(data, len(self.points)) if isinstance(data, bytes) else data
         self._busy = True
-        if self._stood and is_over(self._stood):
-            self._calibrate(self._stood)
-        observation = through(self._door, frame, self._seen, self._placement, moment)
-        if self._recentres or self._reseats:
-            observation = self._set_up(frame, moment, observation)
-        if self._stood is not None:
-            # Trackers may be worn elsewhere than before, so nameless ones come in by their own names.
-            bare = door(self.points, self.skeleton)
-            self._stood.append(through(bare, frame, self._seen, self._placement, float(observation.time[0])))
-        elif self._base.mounts and not set(UNDECIDED).isdisjoint(observation.points):
-            observation = self._matched(frame, observation)
-        self._inertial = self._inertial.headed(observation, self.skeleton)
-        return CompletionJob(self._pipeline, self._as_worn(observation), self._state, frame, received, self._placement)
+        if self._standing and is_long_enough(self._standing):
+            self._calibrate(self._standing)
+        observation = to_observation(self._mapping, frame, self._visible, self._placement, moment)
+        if self._recentre_pending or self._raise_pending:
+            observation = self._update_placement(frame, moment, observation)
+        if self._standing is not None:
+            # Calibration assigns all trackers anew, so it needs them under their unassigned names.
+            unassigned = point_mapping(self.points, self.skeleton)
+            time = float(observation.time[0])
+            self._standing.append(to_observation(unassigned, frame, self._visible, self._placement, time))
+        elif self._base.mounts and not set(UNASSIGNED).isdisjoint(observation.points):
+            observation = self._match_trackers(frame, observation)
+        self._inertial = self._inertial.with_missing_headings(observation, self.skeleton)
+        observation = self._with_usable_rotations(observation)
+        return CompletionJob(self._pipeline, observation, self._state, frame, received, self._placement)
 
-    def wear(self, trackers: Mapping[str, str]) -> None:
-        """Take nameless trackers, by their names in the signal, to be worn on joints."""
-        if trackers.items() - self._worn.items():
-            self._worn |= trackers
-            self._door = door(self.points, self.skeleton, self._worn)
+    def assign_trackers(self, trackers: Mapping[str, str]) -> None:
+        """Assign joints to trackers, by their names in the signal."""
+        if trackers.items() - self._tracker_joints.items():
+            self._tracker_joints |= trackers
+            self._mapping = point_mapping(self.points, self.skeleton, self._tracker_joints)
 
     @property
-    def worn(self) -> Mapping[str, str]:
-        """The joints that nameless trackers are on, by their names in the signal."""
-        return self._worn
+    def tracker_joints(self) -> Mapping[str, str]:
+        """Joints of assigned trackers, by their names in the signal."""
+        return self._tracker_joints
 
-    def _matched(self, frame: SignalFrame, observation: Observation) -> Observation:
-        """Match nameless trackers by place; return the frame with those found."""
+    def _match_trackers(self, frame: SignalFrame, observation: Observation) -> Observation:
+        """Assign trackers to joints by their positions. Return the frame with the joints that were found."""
         wearer = self._pipeline.tracker.people[0]
         self._match, found = self._match.step(observation, wearer, self._head_height())
         if not found:
             return observation
-        self.wear(found)
-        self.calibrated = self._base  # so that the person's file gets their serials
-        self._notes.append(Notice(worn_text(found)))
-        return through(self._door, frame, self._seen, self._placement, float(observation.time[0]))
+        self.assign_trackers(found)
+        self.calibrated = self._base  # save their serials in the person's file
+        self._messages.append(Notice(assignment_text(found)))
+        return to_observation(self._mapping, frame, self._visible, self._placement, float(observation.time[0]))
 
-    def _as_worn(self, observation: Observation) -> Observation:
-        """Drop rotations of trackers whose mounting is unknown."""
-        unknown = self._door.strapped - self._pipeline.tracker.people[0].mounts.keys()
+    def _with_usable_rotations(self, observation: Observation) -> Observation:
+        """Drop rotations of trackers whose mounting is unknown, and replace inertial sensors by joints."""
+        unknown = self._mapping.strapped - self._pipeline.tracker.people[0].mounts.keys()
         if not unknown:
             return self._inertial.joints(observation)
         known = np.array([name not in unknown for name in observation.points])
         observation = replace(observation, has_rotation=observation.has_rotation & known)
-        if unknown.isdisjoint(UNDECIDED):
+        if unknown.isdisjoint(UNASSIGNED):
             return self._inertial.joints(observation)
-        decided = [k for k, name in enumerate(observation.points) if name not in UNDECIDED]
-        return self._inertial.joints(chosen_points(observation, decided))
+        assigned = [k for k, name in enumerate(observation.points) if name not in UNASSIGNED]
+        return self._inertial.joints(chosen_points(observation, assigned))
 
     def answer(self, job: CompletionJob, estimate: Estimate, state: PipelineState) -> Answer | None:
-        """Return the job's pose, or None if it contains NaN."""
+        """Finish a job. Return the pose, or None if the estimate contains NaN."""
         self._busy = False
         root, rotation = np.asarray(estimate.pose.root_position[0]), np.asarray(estimate.pose.rotation[0])
         if not math.isfinite(np.vdot(root, root) + np.vdot(rotation, rotation)):
-            self._state = self._pipeline.start()  # so that no session is stuck
+            self._state = self._pipeline.start()  # otherwise NaN would stay in the state
             return None
-        ours = job.pipeline is self._pipeline  # or the person was changed meanwhile
-        self._state = state if ours else self._pipeline.continued(job.pipeline, state)
+        is_current = job.pipeline is self._pipeline  # false if the person changed while the job ran
+        self._state = state if is_current else self._pipeline.continued(job.pipeline, state)
         moment = float(job.observation.time[0])
-        self._follow(estimate.rest_offset[0], moment)
-        if ours and state.tracker.contradicts_height():
-            self._release_height()
-        pose, sent, points = self._showing.shown(self.skeleton, job.observation, estimate, job.frame)
+        self._update_skeleton(estimate.rest_offset[0], moment)
+        if is_current and state.tracker.contradicts_height():
+            self._infer_height()
+        pose, sent, points = self._display.step(self.skeleton, job.observation, estimate, job.frame)
         return Answer(job.frame, sent, pose, moment, job.received, points, job.placement)
 
     def step(self) -> Answer | None:
-        """Return the pose that answers the newest frame, or None without a frame."""
+        """Complete the pending frame. Return its pose, or None without a frame."""
         job = self.job()
         if job is None:
             return None
@@ -242,53 +251,53 @@ class Session:
         return self.answer(job, estimate, state)
 
     def abandon(self) -> None:
-        """Drop the running job, because it failed, and reset."""
+        """Drop the running job, which failed, and reset the tracker."""
         self._busy, self._state = False, self._pipeline.start()
 
-    def start_afresh(self) -> None:
-        """Begin a new motion with the next frame, at any time."""
-        self._moments.start_afresh()
+    def reset_clock(self) -> None:
+        """Start a new motion with the next frame, whatever its time."""
+        self._clock.reset()
 
-    def notes(self) -> list[ServerMessage]:
-        """Return messages for the clients since the last call."""
-        notes, self._notes = self._notes, []
-        return notes
+    def take_messages(self) -> list[ServerMessage]:
+        """Return and remove messages for the clients."""
+        messages, self._messages = self._messages, []
+        return messages
 
-    def change(self, message: Change | Recentre | Calibrate) -> None:
-        """Apply a client's command. Raises ProtocolError for wrong settings."""
+    def apply(self, message: UpdateSettings | Recentre | Calibrate) -> None:
+        """Apply a client's command. Raises ProtocolError for invalid settings."""
         if isinstance(message, Recentre):
-            self._recentres = True
+            self._recentre_pending = True
             return
         if isinstance(message, Calibrate):
             if self.settings.posture == "seated":
-                self._notes.append(Notice("to take your height, stand up and choose the posture 'standing' first"))
+                self._messages.append(Notice("to take your height, stand up and choose the posture 'standing' first"))
                 return
-            self._stood, self._arms_out = [], message.arms_out
+            self._standing, self._arms_out = [], message.arms_out
             arms = ", arms out to the sides," if self._arms_out else ""
-            self._notes.append(Notice(f"stand upright{arms} and look ahead for one second"))
+            self._messages.append(Notice(f"stand upright{arms} and look ahead for one second"))
             return
         before, self.settings = self.settings, changed(self.settings, message.settings)
         if self.settings.height != before.height or self._tracking != self._pipeline.tracker.settings:
-            is_other = self.settings.height != before.height  # the body grows to another height
-            self._track(self._wearer() if is_other else self._pipeline.tracker.people[0])
-        self._choose()
-        self._showing.change(self.settings)
-        # A person of another height is raised by another height.
+            has_new_height = self.settings.height != before.height
+            self._set_wearer(self._wearer() if has_new_height else self._pipeline.tracker.people[0])
+        self._update_visible()
+        self._display.apply(self.settings)
+        # How far a seated person is raised depends on height and floor.
         if self.settings.posture != before.posture or (
             self.settings.posture == "seated"
             and (self.settings.height, self.settings.floor) != (before.height, before.floor)
         ):
-            self._reseats = True
+            self._raise_pending = True
         self.revision += 1
 
-    def _track(self, wearer: Person) -> None:
-        self._pass_on(Pipeline(Tracker(wearer, settings=self._tracking), self._pipeline.device))
+    def _set_wearer(self, wearer: Person) -> None:
+        self._switch_pipeline(Pipeline(Tracker(wearer, settings=self._tracking), self._pipeline.device))
 
-    def _release_height(self) -> None:
-        """Infer the height from now on, because the head was too high for the known one, and tell the wearer."""
+    def _infer_height(self) -> None:
+        """Infer the height from now on, because the head is too high for the known one, and notify the wearer."""
         known, base = self._pipeline.tracker.people[0].height, self._base
-        assert known is not None  # or it could not be contradicted
-        self._notes.append(
+        assert known is not None  # only a known height can be contradicted
+        self._messages.append(
             Notice(
                 f"your head is higher than a height of {known.value:.2f} m allows; your height is inferred from now on"
             )
@@ -296,94 +305,96 @@ class Session:
         self.settings = replace(self.settings, height=None)
         if base.height is not None:
             self._base = Person(lengths=base.lengths, mounts=base.mounts, hands=base.hands)
-        self._track(self._wearer())
+        self._set_wearer(self._wearer())
         self.revision += 1
 
-    def kept(self) -> tuple[Person, Placement, dict[str, str]]:
-        """Return the wearer with the inferred height, the placement and worn trackers, for another process."""
+    def resumable_state(self) -> tuple[Person, Placement, dict[str, str]]:
+        """Return wearer (with the inferred height), placement and tracker joints, to resume in another process."""
         base = self._base
         if base.height is None and base.bone_deviation.any() and self.settings.height is None:
             height = Measured(self.height, _INFERRED)
             base = Person(height=height, lengths=base.lengths, mounts=base.mounts, hands=base.hands)
-        return base, self._placement, self._worn
+        return base, self._placement, self._tracker_joints
 
-    def placed(self) -> Placed:
-        """How the signal's world is moved now."""
-        return Placed(self._placement.offset, self._placement.heading)
+    def placement_message(self) -> PlacementChanged:
+        """Return the current placement as a message."""
+        return PlacementChanged(self._placement.offset, self._placement.heading)
 
     def truth(self, root: np.ndarray, rotation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the true pose, (3,) and (J, 4) in the signal's world, in the form that is sent with the answer."""
+        """Return a true pose, (3,) m and (J, 4) in the signal's world, placed and mirrored as the answer is."""
         turned = rotation.copy()
         turned[:1] = self._placement.turn(rotation[:1])
         root = self._placement.place(root[None])[0]
-        return self._showing.truth(self.skeleton, root, turned)
+        return self._display.truth(self.skeleton, root, turned)
 
-    def _follow(self, offset: np.ndarray, moment: float) -> None:
-        """Take over and tell the proportions of the body, where they changed noticeably."""
-        if moment - self._told_at < TOLD_EVERY:
+    def _update_skeleton(self, offset: np.ndarray, moment: float) -> None:
+        """Adopt inferred proportions, rest offsets (P, 3) m, and send them to clients, if they changed noticeably."""
+        if moment - self._skeleton_sent_at < SKELETON_INTERVAL:
             return
-        self._told_at = moment
-        if np.abs(self._path @ (offset - self.skeleton.rest_offset)).max() < NOTICED:
+        self._skeleton_sent_at = moment
+        if np.abs(self._path @ (offset - self.skeleton.rest_offset)).max() < SKELETON_TOLERANCE:
             return
         self.skeleton = self.skeleton.with_offsets(offset)
-        if not self._door.is_plain:
-            self._door = door(self.points, self.skeleton, self._worn)
-        self._notes.append(ProportionsChanged(rounded(self.skeleton), round(self.height, 4)))
+        if not self._mapping.is_plain:
+            self._mapping = point_mapping(self.points, self.skeleton, self._tracker_joints)
+        self._messages.append(ProportionsChanged(rounded(self.skeleton), round(self.height, 4)))
 
-    def _set_up(self, frame: SignalFrame, moment: float, observation: Observation) -> Observation:
-        """Return the observation of a frame, after the changes that wait for a headset were made."""
-        if "head" not in observation.points:  # sensors alone
-            if self._recentres:
-                self._inertial, self._recentres = self._inertial.reheaded(observation, self.skeleton), False
+    def _update_placement(self, frame: SignalFrame, moment: float, observation: Observation) -> Observation:
+        """Recentre and raise the world as requested, once the headset is tracked. Return the frame's observation."""
+        if "head" not in observation.points:  # inertial sensors alone
+            if self._recentre_pending:
+                self._inertial = self._inertial.with_new_headings(observation, self.skeleton)
+                self._recentre_pending = False
             return observation
-        raw = through(self._door, frame, self._seen, Placement(), moment)
+        raw = to_observation(self._mapping, frame, self._visible, Placement(), moment)
         if not raw.has_position[0, raw.points.index("head")]:
             return observation
         placement, is_seated = self._placement, self.settings.posture == "seated"
-        if self._recentres:
+        if self._recentre_pending:
             placement = recentred(placement, raw)
-            self._inertial = self._inertial.reheaded(raw, self.skeleton)
-        if self._reseats or (self._recentres and is_seated):
+            self._inertial = self._inertial.with_new_headings(raw, self.skeleton)
+        if self._raise_pending or (self._recentre_pending and is_seated):
             placement = raised(placement, raw, self._head_height() if is_seated else None)
-        self._recentres = self._reseats = False
+        self._recentre_pending = self._raise_pending = False
         if placement == self._placement:
             return observation
         self._placement = placement
-        self._notes.append(self.placed())
-        return through(self._door, frame, self._seen, placement, self._moments.begin_anew(moment))
+        self._messages.append(self.placement_message())
+        return to_observation(self._mapping, frame, self._visible, placement, self._clock.reset_at(moment))
 
     def _head_height(self) -> float:
-        """Return the height (m) of this person's head in standing, in the body's world."""
+        """Return the height (m) of this person's head when standing, in the body's world."""
         rest = (self._path @ self.skeleton.rest_offset)[:, 1]
         return self.settings.floor + float(rest[self.skeleton.index("head")] - rest.min())
 
-    def _calibrate(self, stood: Sequence[Observation]) -> None:
-        """Calibrate the person from a second of standing."""
-        self._stood = None
+    def _calibrate(self, standing: Sequence[Observation]) -> None:
+        """Calibrate the person with frames of one second in which the wearer stands."""
+        self._standing = None
         stance = "arms out" if self._arms_out else "standing"
         try:
-            found = calibration(stood, self._told, stance, self.settings.floor, self._inertial)
+            found = calibrate_standing(standing, self._initial_person, stance, self.settings.floor, self._inertial)
             wearer = found.person
             if wearer is not None:
                 height = round(float(stature(wearer.skeleton.rest_offset)), 3)
                 self.settings = replace(self.settings, height=height)
         except BodysenseError as error:
-            self._notes.append(Notice(str(error)))
+            self._messages.append(Notice(str(error)))
             return
         self._inertial = found.inertial
-        self._showing.lead_over()
-        self._notes += [Notice(text) for text in found.said]
+        self._display.blend_next()
+        self._messages += [Notice(text) for text in found.notices]
         self._base = self.calibrated = wearer or self._base.with_mounts(found.inertial.mounts)
         if wearer is None:
             return
-        if found.worn:
-            before = {name: joint for name, joint in self._worn.items() if joint not in found.worn.values()}
-            self._worn = {**before, **found.worn}
-            self._door = door(self.points, self.skeleton, self._worn)
-        self._track(wearer)
+        if found.tracker_joints:
+            new = found.tracker_joints
+            others = {name: joint for name, joint in self._tracker_joints.items() if joint not in new.values()}
+            self._tracker_joints = {**others, **new}
+            self._mapping = point_mapping(self.points, self.skeleton, self._tracker_joints)
+        self._set_wearer(wearer)
         self.revision += 1
 
 
 def rounded(skeleton: Skeleton) -> tuple[tuple[float, float, float], ...]:
-    """Rest offsets as a message has them."""
+    """Return rest offsets (P, 3) in m, rounded to micrometres."""
     return tuple((round(x, 6), round(y, 6), round(z, 6)) for x, y, z in skeleton.rest_offset.tolist())

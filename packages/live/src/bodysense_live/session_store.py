@@ -1,10 +1,9 @@
 """Sessions for other server processes to resume, in a Valkey or Redis that they share.
 
-The estimator's memory is not kept, so the motion begins anew; who the wearer is, how trackers are worn, where the
-middle is and what was set stay.
+Person, tracker joints, placement and settings are stored. The tracker's state is not, so the motion starts anew.
 
-A session has a turn, which rises each time it is taken on. A process whose turn is over stores nothing: a server that
-lost its wearers without noticing cannot undo what the next one stored.
+A session has a generation, which increases whenever a process resumes it. A process with an older generation cannot
+store the session: a server that has lost its clients without noticing cannot overwrite what the next one stored.
 """
 
 from __future__ import annotations
@@ -22,9 +21,9 @@ from bodysense_live.message_text import changed
 from bodysense_live.messages import Resume, Settings
 from bodysense_live.webxr import Placement
 
-_IDENTITY = re.compile(r"[0-9a-f]{16}")
-_PATIENCE = 0.5  # s for an answer
-# KEYS: the session's. ARGV: turn, state, ms to keep. Returns 1; or 0 if another process has had a later turn.
+_SESSION_ID = re.compile(r"[0-9a-f]{16}")
+_TIMEOUT = 0.5  # s for an answer
+# KEYS: the session's. ARGV: generation, state, ms to keep. Returns 1, or 0 if another process stored a later one.
 _PUT = """
 if tonumber(redis.call('HGET', KEYS[1], 'turn') or '0') > tonumber(ARGV[1]) then return 0 end
 redis.call('HSET', KEYS[1], 'turn', ARGV[1], 'state', ARGV[2])
@@ -34,8 +33,8 @@ return 1
 
 
 @dataclass(frozen=True, eq=False)
-class Kept:
-    """A session as another process takes it on."""
+class StoredSession:
+    """A session in the form that another process resumes."""
 
     token: str
     watch_token: str
@@ -43,38 +42,41 @@ class Kept:
     settings: Settings
     person: Person
     placement: Placement
-    worn: dict[str, str]  # undecided trackers → joints
+    worn: dict[str, str]  # unassigned trackers → joints
 
     def to_json(self) -> str:
-        """Return the text that is stored."""
+        """Return the text to store."""
         plain = vars(self) | {"person": self.person.to_json()}
         return json.dumps(plain, default=asdict)
 
 
 class SessionStore:
-    """Sessions at a redis:// address, each for `seconds` after it was last put there."""
+    """Sessions at a redis:// address, each kept for `seconds` after it was last stored."""
 
     def __init__(self, address: str, seconds: float) -> None:
         self._redis = _client("asyncio", address)
         self._milliseconds = int(1000 * seconds)
 
     async def put(self, states: Mapping[str, tuple[int, str]]) -> list[str] | None:
-        """Keep turns and states of sessions. Return those that another process took on; None without an answer."""
+        """Store generations and states of sessions by id.
+
+        Return the ids of sessions that another process has resumed, or None if the store does not answer.
+        """
         pipeline = self._redis.pipeline(transaction=False)
-        for identity, (turn, state) in states.items():
-            pipeline.eval(_PUT, 1, _key(identity), turn, state, self._milliseconds)
+        for session_id, (generation, state) in states.items():
+            pipeline.eval(_PUT, 1, _key(session_id), generation, state, self._milliseconds)
         try:
             found = await pipeline.execute()
         except _failures():
             return None
-        return [identity for identity, is_ours in zip(states, found, strict=True) if not is_ours]
+        return [session_id for session_id, is_ours in zip(states, found, strict=True) if not is_ours]
 
-    async def take(self, resume: Resume) -> tuple[int, Kept] | None:
-        """Return the session that a client had, and its next turn.
+    async def take(self, resume: Resume) -> tuple[int, StoredSession] | None:
+        """Return a client's session and its next generation.
 
-        Return None for an unknown session, for one that is over, for a wrong token, and without an answer.
+        Return None for an unknown or expired session, for a wrong token, or if the store does not answer.
         """
-        if not _IDENTITY.fullmatch(resume.session):
+        if not _SESSION_ID.fullmatch(resume.session):
             return None
         try:
             kept = _read(await self._redis.hget(_key(resume.session), "state"))
@@ -85,21 +87,23 @@ class SessionStore:
             return None
 
     async def close(self) -> None:
-        """Hang up."""
+        """Close the connection to the store."""
         await self._redis.aclose()
 
 
 def check_store(address: str) -> str:
-    """Return the address of a Valkey or Redis that answers. Raises BodysenseError, without its password, for others."""
-    shown = re.sub("//.*@", "//", address)
+    """Return an address if a Valkey or Redis answers there; otherwise raise BodysenseError, without its password."""
+    redacted = re.sub("//.*@", "//", address)
     if not address.startswith(("redis://", "rediss://", "unix://")):
-        raise BodysenseError(f"--shared {shown}: give the address of a Valkey or Redis, such as redis://10.0.0.2:6379")
+        raise BodysenseError(
+            f"--shared {redacted}: give the address of a Valkey or Redis, such as redis://10.0.0.2:6379"
+        )
     try:
         with _client("client", address) as client:
             client.ping()
     except (*_failures(), ValueError) as error:
         raise BodysenseError(
-            f"--shared {shown}: no Valkey or Redis answers there ({error}); start one, or leave --shared out"
+            f"--shared {redacted}: no Valkey or Redis answers there ({error}); start one, or leave --shared out"
         ) from None
     return address
 
@@ -112,28 +116,28 @@ def _client(module: str, address: str) -> Any:
         kind = import_module(f"redis.{module}").Redis
     except ImportError as error:
         raise missing_package(error) from None
-    return kind.from_url(address, socket_timeout=_PATIENCE, socket_connect_timeout=_PATIENCE)
+    return kind.from_url(address, socket_timeout=_TIMEOUT, socket_connect_timeout=_TIMEOUT)
 
 
 def _failures() -> tuple[type[Exception], ...]:
-    """Return what a client raises if nothing answers, or not what was asked for."""
+    """Return the exceptions of a client whose server does not answer, or answers with an error."""
     from redis.exceptions import RedisError
 
     return RedisError, OSError
 
 
-def _key(identity: str) -> str:
-    return f"bodysense:session:{identity}"
+def _key(session_id: str) -> str:
+    return f"bodysense:session:{session_id}"
 
 
-def _read(state: bytes | None) -> Kept | None:
-    """Return what was stored; None for anything that `Kept.to_json` did not write."""
+def _read(state: bytes | None) -> StoredSession | None:
+    """Return a stored session; None for text that `StoredSession.to_json` did not write."""
     if state is None:
         return None
     try:
         row: Any = json.loads(state)
         x, y, z = row["placement"]["offset"]
-        return Kept(
+        return StoredSession(
             str(row["token"]),
             str(row["watch_token"]),
             str(row["name"]),

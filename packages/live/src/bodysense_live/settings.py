@@ -27,16 +27,16 @@ class ServerSettings:
     limits: Limits = Limits()
     allow_record: Path | None = None  # a folder
     playable: Playable | None = None
-    person: Person = Person()  # what is known of wearers who do not tell their height
-    wearer: Settings = Settings()  # of the server's own inputs
-    recentre: bool = False  # where they first stand is the middle
-    shared: str | None = None  # address of the Valkey or Redis by which servers and workers resume sessions
-    save_person: Path | None = None  # file for the wearer of the server's own input, written after a calibration
-    trackers: Mapping[str, str] = field(default_factory=dict)  # joints of nameless trackers by serial
-    vmc_in: int | None = None  # ports, on the server's host
+    person: Person = Person()  # wearer of a session without a height
+    wearer: Settings = Settings()  # for the server's own inputs
+    recentre: bool = False  # the first position and heading is the origin
+    shared: str | None = None  # address of a Valkey or Redis that shares sessions
+    save_person: Path | None = None  # person's file, written after a calibration of the server's own input
+    trackers: Mapping[str, str] = field(default_factory=dict)  # joints of unassigned trackers by serial
+    vmc_in: int | None = None  # UDP port on the server's host
     vmc_trackers: VmcTrackers = VmcTrackers()
-    markers_in: int | None = None
-    worn: GloveSet = field(default_factory=standard_set)  # the marker set of gloves that come in there
+    markers_in: int | None = None  # UDP port on the server's host
+    glove_set: GloveSet = field(default_factory=standard_set)  # marker set of the gloves at `markers_in`
     receivers: tuple[Receiver, ...] = ()
     vmt: VmtSettings | None = None
     vrchat: VrchatSettings | None = None

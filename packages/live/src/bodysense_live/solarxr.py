@@ -1,11 +1,10 @@
 """SolarXR, SlimeVR's protocol with OpenXR runtimes (Monado, WiVRn): requests read, bodies and settings written.
 
-Source: the public schema (SolarXR-Protocol, 2026-04) and the driver in Monado that speaks it. Messages are FlatBuffers
-of a `MessageBundle`; fields are named here by their slots. No sockets here.
+Source: the public schema (SolarXR-Protocol, 2026-04) and its driver in Monado. A message is a FlatBuffers
+`MessageBundle`; fields are identified by their slots. This module opens no sockets.
 
-A body as SolarXR tells of it: synthetic trackers, and bones from the joint that is nearer to the head.
-
-Axes are a driver's: a segment that hangs down and faces −Z has the identity, and a bone points along its −Y.
+A body consists of synthetic trackers, and of bones that start at the joint nearer to the head. Axes are a driver's: a
+segment that hangs down and faces −Z has the identity rotation, and a bone points along its −Y.
 """
 
 from __future__ import annotations
@@ -27,40 +26,40 @@ from bodysense_live.virtual_trackers import TURNED_BY
 POLL, START, UPDATE = 1, 2, 3  # kinds of data feed messages
 SETTINGS_REQUEST, SETTINGS_RESPONSE = 6, 7  # kinds of RPC messages
 DISCONNECTED, OK = 1, 2  # states of a tracker
-_MOST_MESSAGES = 16  # of a bundle that are looked at
+_MAX_MESSAGES = 16  # messages read per bundle
 _SETTINGS = {0: True, 1: True, 7: True, 8: True, 9: True, 10: True, 11: True, 12: True, 13: False, 14: False}
-# Waist, chest, feet, knees and elbows are given; hands are the controllers'.
+# slot of a toggle → state: waist, chest, feet, knees and elbows are on; hands are off, as controllers track them
 
 
 @dataclass(frozen=True)
-class Asked:
-    """Requests in a bundle."""
+class Requests:
+    """The requests in a bundle."""
 
-    polls: bool = False  # one update
-    interval: float | None = None  # s, at least, between updates from now on
-    settings: tuple[int | None, ...] = ()  # transactions of requests for settings; None without a number
+    polls: bool = False  # requests one update
+    interval: float | None = None  # s, shortest interval between updates; None: unchanged
+    settings: tuple[int | None, ...] = ()  # transaction numbers of settings requests; None: without a number
 
 
 @dataclass(frozen=True)
-class Told:
-    """The constants of a body between updates: trackers (body part, name), bones (body part, length in m)."""
+class BodyLayout:
+    """The constant part of updates: trackers (body part, name) and bones (body part, length in m)."""
 
     trackers: tuple[tuple[int, str], ...]
     bones: tuple[tuple[int, float], ...]
 
 
 @dataclass(frozen=True, eq=False)
-class Moved:
-    """The values that change with every update: positions in m and rotations, x y z w."""
+class BodyFrame:
+    """The part that changes with every update: positions in m and rotations xyzw, in the runtime's world."""
 
-    place: np.ndarray  # (T, 3) of trackers
-    turn: np.ndarray  # (T, 4)
-    head: np.ndarray  # (B, 3) starts of the bones, which point along their −Y
-    along: np.ndarray  # (B, 4) rotations of the bones
+    tracker_position: np.ndarray  # (T, 3)
+    tracker_rotation: np.ndarray  # (T, 4)
+    bone_start: np.ndarray  # (B, 3)
+    bone_rotation: np.ndarray  # (B, 4)
 
 
-def read_bundle(packet: bytes) -> Asked | str:
-    """Return the requests of a message, or why it is not one; unknown requests are left out."""
+def read_bundle(packet: bytes) -> Requests | str:
+    """Return the requests in a message, or a reason if it is malformed. Unknown requests are ignored."""
     try:
         root = _root(packet)
         polls, interval, settings = False, None, list[int | None]()
@@ -74,11 +73,11 @@ def read_bundle(packet: bytes) -> Asked | str:
         for message in _tables(root, 1):
             kind, inside = _union(message, 1)
             if inside is not None and kind == SETTINGS_REQUEST:
-                place = _place(message, 0)
-                settings.append(None if place is None else int(struct.unpack_from("<I", packet, place)[0]))
-        return Asked(polls, interval, tuple(settings))
+                at = _field_offset(message, 0)
+                settings.append(None if at is None else int(struct.unpack_from("<I", packet, at)[0]))
+        return Requests(polls, interval, tuple(settings))
     except (struct.error, IndexError, ValueError, TypeError, OverflowError):
-        return f"{len(packet)} bytes are no bundle of SolarXR"
+        return f"{len(packet)} bytes are not a bundle of SolarXR"
 
 
 def _root(packet: bytes) -> Any:
@@ -87,82 +86,90 @@ def _root(packet: bytes) -> Any:
     return Table(packet, struct.unpack_from("<I", packet)[0])
 
 
-def _place(table: Any, slot: int) -> int | None:
-    """Where a field is; None where it is left out. Raises struct.error for one outside."""
+def _field_offset(table: Any, slot: int) -> int | None:
+    """Return the byte offset of a field; None for a missing field. Raises struct.error if it is out of bounds."""
     offset = table.Offset(4 + 2 * slot)
     if not offset:
         return None
-    place = int(table.Pos + offset)
-    if not 0 <= place < len(table.Bytes):
-        raise struct.error("a field lies outside")
-    return place
+    at = int(table.Pos + offset)
+    if not 0 <= at < len(table.Bytes):
+        raise struct.error("a field is out of bounds")
+    return at
 
 
 def _number(table: Any, slot: int, form: str) -> int:
-    place = _place(table, slot)
-    return 0 if place is None else int(struct.unpack_from(form, table.Bytes, place)[0])
+    at = _field_offset(table, slot)
+    return 0 if at is None else int(struct.unpack_from(form, table.Bytes, at)[0])
 
 
-def _followed(table: Any, place: int) -> Any:
-    """The table that an offset at a place points to."""
+def _table_at(table: Any, at: int) -> Any:
+    """Return the table to which the offset at a byte points."""
     from flatbuffers.table import Table
 
-    there = place + struct.unpack_from("<I", table.Bytes, place)[0]
+    there = at + struct.unpack_from("<I", table.Bytes, at)[0]
     if not 0 <= there < len(table.Bytes):
-        raise struct.error("a table lies outside")
+        raise struct.error("a table is out of bounds")
     return Table(table.Bytes, there)
 
 
-def _tables(table: Any, slot: int, most: int = _MOST_MESSAGES) -> list[Any]:
-    """The first tables of a vector."""
-    place = _place(table, slot)
-    if place is None:
+def _tables(table: Any, slot: int, most: int = _MAX_MESSAGES) -> list[Any]:
+    """Return the first tables of a vector."""
+    at = _field_offset(table, slot)
+    if at is None:
         return []
-    vector = _followed(table, place).Pos
+    vector = _table_at(table, at).Pos
     count = struct.unpack_from("<I", table.Bytes, vector)[0]
-    return [_followed(table, vector + 4 + 4 * k) for k in range(min(count, most))]
+    return [_table_at(table, vector + 4 + 4 * k) for k in range(min(count, most))]
 
 
 def _union(table: Any, slot: int) -> tuple[int, Any]:
-    """Kind and table of a union, which takes two slots."""
-    place = _place(table, slot + 1)
-    return _number(table, slot, "<B"), None if place is None else _followed(table, place)
+    """Return kind and table of a union, which has two slots."""
+    at = _field_offset(table, slot + 1)
+    return _number(table, slot, "<B"), None if at is None else _table_at(table, at)
 
 
 class Updates:
-    """Updates of the same trackers and bones: the message is built once, and its numbers are put in.
+    """Updates of constant trackers and bones. The message is built once; each update replaces its numbers.
 
-    Raises BodysenseError where flatbuffers is missing.
+    Raises BodysenseError if flatbuffers is missing.
     """
 
-    def __init__(self, told: Told) -> None:
-        self.told = told
-        self.nobody = _update(told, None)
-        count, bones = len(told.trackers), len(told.bones)
-        still = Moved(np.zeros((count, 3)), np.zeros((count, 4)), np.zeros((bones, 3)), np.zeros((bones, 4)))
-        self._whole = _update(told, still)
+    def __init__(self, layout: BodyLayout) -> None:
+        self.layout = layout
+        self.without_body = _update(layout, None)
+        count, bones = len(layout.trackers), len(layout.bones)
+        still = BodyFrame(np.zeros((count, 3)), np.zeros((count, 4)), np.zeros((bones, 3)), np.zeros((bones, 4)))
+        self._whole = _update(layout, still)
         update = _update_of(self._whole)
-        places = [
-            *((_place(row, 4), 3) for row in _tables(update, 1, count)),
-            *((_place(row, 3), 4) for row in _tables(update, 1, count)),
-            *((_place(row, 3), 3) for row in _tables(update, 2, bones)),
-            *((_place(row, 1), 4) for row in _tables(update, 2, bones)),
+        offsets = [
+            *((_field_offset(row, 4), 3) for row in _tables(update, 1, count)),
+            *((_field_offset(row, 3), 4) for row in _tables(update, 1, count)),
+            *((_field_offset(row, 3), 3) for row in _tables(update, 2, bones)),
+            *((_field_offset(row, 1), 4) for row in _tables(update, 2, bones)),
         ]
-        self._floats = np.concatenate([np.arange(size) + (place or 0) // 4 for place, size in places])
+        self._floats = np.concatenate([np.arange(size) + (at or 0) // 4 for at, size in offsets])
 
-    def of(self, moved: Moved) -> bytes:
-        """The update of a body."""
+    def packet(self, body: BodyFrame) -> bytes:
+        """Return the update of a body."""
         message = bytearray(self._whole)
-        values = [part.ravel() for part in (moved.place, moved.turn, moved.head, moved.along)]
+        values = [
+            part.ravel()
+            for part in (
+                body.tracker_position,
+                body.tracker_rotation,
+                body.bone_start,
+                body.bone_rotation,
+            )
+        ]
         np.frombuffer(message, dtype="<f4")[self._floats] = np.concatenate(values)
         return bytes(message)
 
 
-def _update(told: Told, moved: Moved | None) -> bytes:
+def _update(layout: BodyLayout, body: BodyFrame | None) -> bytes:
     """Return an update of all trackers and bones; without poses if the body is None."""
     builder = _builder()
-    rows = [_tracker(builder, k, *told.trackers[k], moved) for k in range(len(told.trackers))]
-    drawn = [_bone(builder, k, *told.bones[k], moved) for k in range(len(told.bones))]
+    rows = [_tracker(builder, k, *layout.trackers[k], body) for k in range(len(layout.trackers))]
+    drawn = [_bone(builder, k, *layout.bones[k], body) for k in range(len(layout.bones))]
     synthetic, skeleton = _vector(builder, rows), _vector(builder, drawn)
     builder.StartObject(6)
     builder.PrependUOffsetTRelativeSlot(1, synthetic, 0)
@@ -175,12 +182,12 @@ def _update(told: Told, moved: Moved | None) -> bytes:
 
 
 def _update_of(packet: bytes) -> Any:
-    """The table of the update in a bundle."""
+    """Return the table of the update in a bundle."""
     return _union(_tables(_root(packet), 0)[0], 0)[1]
 
 
 def settings_bundle(transaction: int | None) -> bytes:
-    """Which trackers runtimes may show: without this they show none."""
+    """Return the message that enables trackers; without it runtimes display none."""
     builder = _builder()
     builder.StartObject(15)
     for slot, is_on in _SETTINGS.items():
@@ -208,7 +215,7 @@ def _builder() -> Any:
 
 
 def _bundle(builder: Any, slot: int, message: int) -> bytes:
-    """A bundle of one message: its receivers look at the first of each kind alone."""
+    """Return a bundle of one message; receivers read only the first of each kind."""
     messages = _vector(builder, [message])
     builder.StartObject(3)
     builder.PrependUOffsetTRelativeSlot(slot, messages, 0)
@@ -224,48 +231,48 @@ def _vector(builder: Any, rows: Sequence[int]) -> int:
 
 
 def _floats(builder: Any, slot: int, values: np.ndarray) -> None:
-    """A struct of single-precision numbers, within the table."""
+    """Write an inline struct of single-precision numbers into a table."""
     builder.Prep(4, 4 * len(values))
     for value in reversed(values.tolist()):
         builder.PrependFloat32(value)
     builder.PrependStructSlot(slot, builder.Offset(), 0)
 
 
-def _tracker(builder: Any, k: int, body_part: int, name: str, moved: Moved | None) -> int:
+def _tracker(builder: Any, k: int, body_part: int, name: str, body: BodyFrame | None) -> int:
     text = builder.CreateString(name)
     builder.StartObject(12)
     builder.PrependUint8Slot(1, body_part, 0)
-    builder.PrependBoolSlot(5, True, False)  # computed, not a sensor's own
+    builder.PrependBoolSlot(5, True, False)  # is_computed
     builder.PrependUOffsetTRelativeSlot(7, text, 0)
     info = builder.EndObject()
-    builder.StartObject(2)  # without a device: the tracker belongs to no hardware
+    builder.StartObject(2)  # no device id: the tracker has no hardware
     builder.PrependUint8Slot(1, k + 1, 0)
     identity = builder.EndObject()
     builder.StartObject(13)
     builder.PrependUOffsetTRelativeSlot(0, identity, 0)
     builder.PrependUOffsetTRelativeSlot(1, info, 0)
-    builder.PrependUint8Slot(2, DISCONNECTED if moved is None else OK, 0)
-    if moved is not None:
-        _floats(builder, 3, moved.turn[k])
-        _floats(builder, 4, moved.place[k])
+    builder.PrependUint8Slot(2, DISCONNECTED if body is None else OK, 0)
+    if body is not None:
+        _floats(builder, 3, body.tracker_rotation[k])
+        _floats(builder, 4, body.tracker_position[k])
     return builder.EndObject()
 
 
-def _bone(builder: Any, k: int, body_part: int, length: float, moved: Moved | None) -> int:
+def _bone(builder: Any, k: int, body_part: int, length: float, body: BodyFrame | None) -> int:
     builder.StartObject(4)
     builder.PrependUint8Slot(0, body_part, 0)
     builder.PrependFloat32Slot(2, length, 0.0)
-    if moved is not None:
-        _floats(builder, 1, moved.along[k])
-        _floats(builder, 3, moved.head[k])
+    if body is not None:
+        _floats(builder, 1, body.bone_rotation[k])
+        _floats(builder, 3, body.bone_start[k])
     return builder.EndObject()
 
 
 Places = Mapping[str, np.ndarray]  # by the names of points or joints
 _DOWN = np.array([0.0, -1.0, 0.0])
-# Ours has the identity with arms level, theirs with arms that hang.
+# Our identity rotation is a level arm, SolarXR's a hanging one.
 _HANGING = {side: quaternion_exp(np.array([0.0, 0.0, sign * np.pi / 2])) for side, sign in (("left", 1), ("right", -1))}
-TRACKERS: tuple[tuple[int, str, str], ...] = (  # body part, name, where it is
+TRACKERS: tuple[tuple[int, str, str], ...] = (  # body part, name, point
     (5, "waist", "pelvis"),
     (22, "chest", "spine3"),
     (10, "left foot", "left_ankle"),
@@ -282,15 +289,15 @@ class _Bone:
     body_part: int
     start: str
     end: str
-    turn: str  # joint whose rotation it has
-    rest: tuple[float, float, float] = (0.0, -1.0, 0.0)  # direction on a standing body that faces −Z
+    joint: str  # the bone has its rotation
+    rest: tuple[float, float, float] = (0.0, -1.0, 0.0)  # direction if the body stands and faces −Z
 
 
-def _sided(number: int, start: str, end: str, turn: str, rest: tuple[float, float, float] = (0, -1, 0)) -> list[_Bone]:
-    """The bones of both sides: the left one's number is the lower."""
+def _sided(number: int, start: str, end: str, joint: str, rest: tuple[float, float, float] = (0, -1, 0)) -> list[_Bone]:
+    """Return the left and right bone; the right one's body part is `number + 1`."""
     x, y, z = rest
     return [
-        _Bone(number + k, f"{side}_{start}", f"{side}_{end}", f"{side}_{turn}", (sign * x, y, z))
+        _Bone(number + k, f"{side}_{start}", f"{side}_{end}", f"{side}_{joint}", (sign * x, y, z))
         for k, side, sign in ((0, "left", 1), (1, "right", -1))
     ]
 
@@ -310,48 +317,48 @@ BONES: tuple[_Bone, ...] = (
     *_sided(10, "ankle", "foot", "ankle", (0, 0, -1)),
 )
 _HEAD = 1  # from between the eyes back to the joint
-_ON_ARMS = ("shoulder", "elbow", "wrist")
-_PLACES = [place for _, _, place in TRACKERS]
+_ARM_JOINTS = ("shoulder", "elbow", "wrist")
+_TRACKER_POINTS = [point for _, _, point in TRACKERS]
 _STARTS, _ENDS = [bone.start for bone in BONES], [bone.end for bone in BONES]
-_TURNS = [*(TURNED_BY[place] for place in _PLACES), "head", *(bone.turn for bone in BONES)]
+_JOINTS = [*(TURNED_BY[point] for point in _TRACKER_POINTS), "head", *(bone.joint for bone in BONES)]
 _REST = np.array([(0.0, 0.0, 1.0), *(bone.rest for bone in BONES)])  # (1 + B, 3)
 
 
 def _to_segment(joint: str) -> np.ndarray:
-    """(4,) what turns a joint's axes into those of its segment in a driver's world."""
+    """Return the rotation (4,) wxyz from a joint's axes to its segment's axes in a driver's world."""
     side, _, part = joint.partition("_")
-    return quaternion_multiply(_HANGING[side], ABOUT_Y) if part in _ON_ARMS else ABOUT_Y
+    return quaternion_multiply(_HANGING[side], ABOUT_Y) if part in _ARM_JOINTS else ABOUT_Y
 
 
-_SEGMENTS = np.array([_to_segment(joint) for joint in _TURNS])
+_SEGMENTS = np.array([_to_segment(joint) for joint in _JOINTS])
 _TO_BONE = np.asarray(shortest_arc(np.broadcast_to(_DOWN, _REST.shape), _REST))
 
 
-def told_of(skeleton: Skeleton, eyes: np.ndarray) -> Told:
-    """Return the constants of a body; `eyes` (3,) m from the head's joint."""
+def body_layout(skeleton: Skeleton, eyes: np.ndarray) -> BodyLayout:
+    """Return trackers and bone lengths of a body. `eyes`: point between the eyes, (3,) m from the head's joint."""
     rest = skeleton.path @ skeleton.rest_offset
     apart = np.linalg.norm(rest[skeleton.indices(_ENDS)] - rest[skeleton.indices(_STARTS)], axis=1)
     bones = zip((bone.body_part for bone in BONES), apart.tolist(), strict=True)
     trackers = tuple((part, name) for part, name, _ in TRACKERS)
-    return Told(trackers, ((_HEAD, float(np.linalg.norm(eyes))), *bones))
+    return BodyLayout(trackers, ((_HEAD, float(np.linalg.norm(eyes))), *bones))
 
 
-def moved(points: Places, turns: Places, eyes: np.ndarray) -> Moved:
-    """Trackers and bones of a body, from places (3,) m and rotations (4,) wxyz in the runtime's world."""
-    segments = multiply(np.array([turns[joint] for joint in _TURNS]), _SEGMENTS)
+def body_frame(points: Places, turns: Places, eyes: np.ndarray) -> BodyFrame:
+    """Return the poses of trackers and bones from positions (3,) m and rotations (4,) wxyz in the runtime's world."""
+    segments = multiply(np.array([turns[joint] for joint in _JOINTS]), _SEGMENTS)
     at_eyes = points["head"] + rotate(turns["head"][None], eyes[None])[0]
     start = np.array([at_eyes, *(points[name] for name in _STARTS)])
-    along = np.array([points["head"], *(points[name] for name in _ENDS)]) - start
+    direction = np.array([points["head"], *(points[name] for name in _ENDS)]) - start
     turned = multiply(segments[len(TRACKERS) :], _TO_BONE)
     now = rotate(turned, _DOWN[None])
-    along = along / np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-9)
-    return Moved(
-        place=np.array([points[name] for name in _PLACES]),
-        turn=_wire(segments[: len(TRACKERS)]),
-        head=start,
-        along=_wire(multiply(np.asarray(shortest_arc(now, along)), turned)),
+    direction = direction / np.maximum(np.linalg.norm(direction, axis=1, keepdims=True), 1e-9)
+    return BodyFrame(
+        tracker_position=np.array([points[name] for name in _TRACKER_POINTS]),
+        tracker_rotation=_to_xyzw(segments[: len(TRACKERS)]),
+        bone_start=start,
+        bone_rotation=_to_xyzw(multiply(np.asarray(shortest_arc(now, direction)), turned)),
     )
 
 
-def _wire(rotation: np.ndarray) -> np.ndarray:
+def _to_xyzw(rotation: np.ndarray) -> np.ndarray:
     return np.roll(rotation, -1, axis=-1)

@@ -1,4 +1,4 @@
-"""Headset and controllers that an OpenXR runtime tells SlimeVR's server of: protobuf messages, read by hand.
+"""Headset and controllers that an OpenXR runtime sends to SlimeVR's server: protobuf messages, read without a library.
 
 Source: SlimeVR's driver protocol (`ProtobufMessages.proto`) and its sender in Monado. A controller is sent with its
 pointing pose, not its grip pose, so only its position is used.
@@ -15,54 +15,54 @@ from bodysense_live.driver_axes import from_driver_rotation
 from bodysense_live.tracked_devices import DeviceReader, DeviceState, TrackedDevice, pose_of
 
 LARGEST = 1024  # bytes of a message
-_POSITION, _ADDED, _STATUS = 1, 3, 4  # fields of a message: what it is of
+_POSITION, _ADDED, _STATUS = 1, 3, 4  # numbers of the fields that name the kind of a message
 _ROLES = {19: ("Hmd", "HMD"), 13: ("Con", "left controller"), 14: ("Con", "right controller")}
-_MOST_ADDED = 64
+_MAX_ADDED = 64
 _TRACKED = 1
 Value = int | float | bytes
 
 
 @dataclass(frozen=True, eq=False)
 class InputState:
-    """Devices that came in until now."""
+    """The devices received so far."""
 
     roles: Mapping[int, int] = field(default_factory=dict)  # by id
-    lost: frozenset[int] = frozenset()  # ids that are not tracked now
+    lost: frozenset[int] = frozenset()  # ids of devices that are lost
     devices: DeviceState = DeviceState()
 
 
 @dataclass(frozen=True)
 class InputReader(DeviceReader):
-    """How messages are read."""
+    """The decoder of a runtime's messages."""
 
-    nothing: ClassVar = InputState()
+    initial_state: ClassVar = InputState()
 
     def take(self, packet: bytes, now: float, state: InputState) -> tuple[InputState, str | None]:
-        """Take in a message that came at `now` s; the reason, too, where it is of no use."""
+        """Read a message received at `now` s. Return the next state, and a reason if the message is invalid."""
         try:
-            for number, value in fields_of(packet).items():
+            for number, value in read_fields(packet).items():
                 if not isinstance(value, bytes):
                     continue
-                told = fields_of(value)
-                identity = _whole(told.get(1))
-                if number == _ADDED and len(state.roles) < _MOST_ADDED:
-                    state = replace(state, roles={**state.roles, identity: _whole(told.get(4))})
+                fields = read_fields(value)
+                identity = _integer(fields.get(1))
+                if number == _ADDED and len(state.roles) < _MAX_ADDED:
+                    state = replace(state, roles={**state.roles, identity: _integer(fields.get(4))})
                 elif number == _STATUS:
-                    is_lost = _whole(told.get(2)) != _TRACKED
+                    is_lost = _integer(fields.get(2)) != _TRACKED
                     state = replace(state, lost=state.lost | {identity} if is_lost else state.lost - {identity})
                 elif number == _POSITION:
-                    return self._placed(told, identity, now, state)
+                    return self._read_position(fields, identity, now, state)
         except ValueError as error:
             return state, str(error)
         return state, None
 
-    def _placed(
-        self, told: Mapping[int, Value], identity: int, now: float, state: InputState
+    def _read_position(
+        self, fields: Mapping[int, Value], identity: int, now: float, state: InputState
     ) -> tuple[InputState, str | None]:
         role = _ROLES.get(state.roles.get(identity, 0))
-        if role is None or identity in state.lost or not {2, 3, 4} <= told.keys():
+        if role is None or identity in state.lost or not {2, 3, 4} <= fields.keys():
             return state, None
-        numbers = [told.get(k, 0.0) for k in range(2, 9)]
+        numbers = [fields.get(k, 0.0) for k in range(2, 9)]
         if not all(isinstance(value, float) for value in numbers):
             return state, "a position is not of floats"
         pose = pose_of(numbers, "a position")
@@ -76,8 +76,8 @@ class InputReader(DeviceReader):
         return replace(state, devices=devices), reason
 
 
-def fields_of(data: bytes) -> dict[int, Value]:
-    """The fields of a protobuf message by number, the last of each. Raises ValueError for malformed bytes."""
+def read_fields(data: bytes) -> dict[int, Value]:
+    """Return the fields of a protobuf message by number, the last of each. Raises ValueError for malformed bytes."""
     found: dict[int, Value] = {}
     place = 0
     while place < len(data):
@@ -98,12 +98,12 @@ def fields_of(data: bytes) -> dict[int, Value]:
             found[number] = data[place : place + size]
             place += size
         else:
-            raise ValueError(f"a field of kind {kind} is not read here")
+            raise ValueError(f"a field has the unknown wire type {kind}")
     return found
 
 
 def _varint(data: bytes, place: int) -> tuple[int, int]:
-    """A number and the place behind it."""
+    """Return a number and the offset behind it."""
     value = 0
     for k, byte in enumerate(data[place : place + 10]):
         value |= (byte & 127) << 7 * k
@@ -112,5 +112,5 @@ def _varint(data: bytes, place: int) -> tuple[int, int]:
     raise ValueError("a number is cut off")
 
 
-def _whole(value: Value | None) -> int:
+def _integer(value: Value | None) -> int:
     return value if isinstance(value, int) else 0

@@ -1,9 +1,9 @@
-"""The link to OpenXR runtimes on Linux (Monado, WiVRn): they find SlimeVR's sockets here, give a headset, take a body.
+"""The link to OpenXR runtimes on Linux (Monado, WiVRn): they connect to SlimeVR's sockets, send a headset, get a body.
 
-SlimeVR's own programs hear the same by a WebSocket.
+SlimeVR's own programs get the same updates by a WebSocket.
 
-A runtime connects once, when it starts: the server has to be up before. It tells of its headset after every update that
-it gets, so updates go on while no wearer is tracked.
+A runtime connects once, when it starts, so the server must run before. It sends its headset after each update that it
+receives, so updates continue while no wearer is tracked.
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ from bodysense_live.answer import Answer
 from bodysense_live.links import LOST, DeviceInput, listen_tcp
 from bodysense_live.live import Live
 from bodysense_live.metrics import Metrics
-from bodysense_live.safety import why_not_local
-from bodysense_live.solarxr import Updates, moved, read_bundle, settings_bundle, told_of
+from bodysense_live.safety import local_refusal_reason
+from bodysense_live.solarxr import Updates, body_frame, body_layout, read_bundle, settings_bundle
 from bodysense_live.solarxr_input import LARGEST
 from bodysense_live.tracked_devices import DeviceReader
 from bodysense_live.webxr import between_eyes
@@ -41,28 +41,28 @@ if TYPE_CHECKING:
 
 
 RPC, INPUT = "SlimeVRRpc", "SlimeVRInput"
-PORT = 21110  # of SlimeVR's WebSocket
-FASTEST = 1 / 120  # s between updates, and so between poses of a headset
-_SLOWEST = 1 / 45  # s
-_GROWN = 0.01  # m; smaller changes of a bone are not sent, because a runtime rebuilds its skeleton for each
+PORT = 21110  # TCP, SlimeVR's WebSocket
+FASTEST = 1 / 120  # s, shortest interval between updates, and so between poses of a headset
+_SLOWEST = 1 / 45  # s, longest interval between updates
+_LENGTH_TOLERANCE = 0.01  # m; smaller changes of a bone are not sent, because a runtime rebuilds its skeleton for each
 _LARGEST_REQUEST = 1 << 16  # bytes
-_MOST_BEHIND = 1 << 16  # bytes that a runtime has not read, after which updates are left out for it
-_MOST_CLIENTS = 8
-_SIZE = struct.Struct("<I")  # counts itself
-_QUIET = logging.getLogger("bodysense.solarxr")
-_QUIET.setLevel(logging.CRITICAL)  # do not log connections that are not clients
+_MAX_UNREAD_BYTES = 1 << 16  # bytes; a client with more unread bytes gets no updates
+_MAX_CLIENTS = 8
+_SIZE = struct.Struct("<I")  # size of a message, including these bytes
+_QUIET_LOGGER = logging.getLogger("bodysense.solarxr")
+_QUIET_LOGGER.setLevel(logging.CRITICAL)  # do not log connections that are not clients
 
 
 @dataclass(frozen=True)
 class SolarxrSettings:
-    """Where the doors are: the folder in which runtimes look, and the TCP port of the WebSocket, on this machine."""
+    """The folder of the sockets that runtimes connect to, and the TCP port of the WebSocket."""
 
     folder: Path
     port: int = PORT
 
 
 def runtime_folder(environment: Mapping[str, str]) -> Path:
-    """The folder in which runtimes look for sockets. Raises BodysenseError where the system has none."""
+    """Return the folder in which runtimes look for sockets. Raises BodysenseError if the system has none."""
     found = environment.get("XDG_RUNTIME_DIR") or environment.get("XDG_CACHE_HOME")
     if not hasattr(socket, "AF_UNIX") or not found:
         raise BodysenseError(
@@ -75,14 +75,14 @@ def runtime_folder(environment: Mapping[str, str]) -> Path:
 @dataclass(eq=False)
 class _Client:
     transport: Any
-    write: Callable[[bytes], None]  # one message
-    interval: float | None = None  # s between updates; None: none were asked for
-    sent: float = field(default=-np.inf)  # s, when
-    later: asyncio.TimerHandle | None = None  # an update that waits until it is due
+    write: Callable[[bytes], None]  # sends one message
+    interval: float | None = None  # s between updates; None: the client has not requested any
+    sent: float = field(default=-np.inf)  # s, time of the last update
+    later: asyncio.TimerHandle | None = None  # runs until the next update is due
 
 
 class SolarxrLink:
-    """A link (`links.Link`). Raises BodysenseError where its sockets cannot be had."""
+    """The link to OpenXR runtimes (`links.Link`). Raises BodysenseError if a socket cannot be bound."""
 
     def __init__(
         self, settings: SolarxrSettings, metrics: Metrics, reader: DeviceReader, points: tuple[str, ...]
@@ -90,58 +90,58 @@ class SolarxrLink:
         self._metrics, self._reader, self._points = metrics, reader, points
         self._clients: list[_Client] = []
         self._servers: list[Any] = []
-        self._beating: asyncio.Task[None] | None = None
+        self._heartbeat_task: asyncio.Task[None] | None = None
         self._eyes = between_eyes(default_skeleton())
-        self._updates = Updates(told_of(default_skeleton(), self._eyes))
-        self._update = self._updates.nobody
-        self._measured: Skeleton = default_skeleton()
-        self._shown = -np.inf  # s, when a body was last shown
+        self._updates = Updates(body_layout(default_skeleton(), self._eyes))
+        self._update = self._updates.without_body
+        self._sent_skeleton: Skeleton = default_skeleton()
+        self._last_body = -np.inf  # s, when a body was last sent
         self._paths = [settings.folder / name for name in (RPC, INPUT)]
         self._bound: list[socket.socket] = []
         try:
             for path in self._paths:
-                self._bound.append(_listened(path))
+                self._bound.append(_listen_at(path))
             self._bound.append(listen_tcp("--solarxr-port", "127.0.0.1", settings.port))
         except BaseException:
             self.close()
             raise
 
     async def open(self, live: Live) -> None:
-        """Begin to serve."""
-        seat, loop = live.own("solarxr", self._points), asyncio.get_running_loop()
-        self._play: Callable[[SignalFrame], None] = partial(live.receive, seat)
+        """Start to serve."""
+        slot, loop = live.add_input("solarxr", self._points), asyncio.get_running_loop()
+        self._receive_frame: Callable[[SignalFrame], None] = partial(live.receive, slot)
         from websockets.asyncio.server import serve
 
-        rpc, told, door = self._bound
+        rpc, inputs, web = self._bound
         self._servers.append(await asyncio.start_unix_server(self._rpc, sock=rpc))
-        self._servers.append(await asyncio.start_unix_server(self._input, sock=told))
+        self._servers.append(await asyncio.start_unix_server(self._input, sock=inputs))
         self._servers.append(
             await serve(
                 self._websocket,
-                sock=door,
-                process_request=_refused,
+                sock=web,
+                process_request=_refuse,
                 max_size=_LARGEST_REQUEST,
                 compression=None,
                 server_header=None,
-                logger=_QUIET,
+                logger=_QUIET_LOGGER,
             )
         )
-        self._beating = loop.create_task(self._beat())
+        self._heartbeat_task = loop.create_task(self._send_heartbeats())
 
-    def show(self, answer: Answer) -> None:
-        """Send a body to the clients that asked for updates."""
+    def send_body(self, answer: Answer) -> None:
+        """Send a body to the clients that have requested updates."""
         skeleton = answer.pose.skeleton
-        self._measure(skeleton)
-        self._shown = asyncio.get_running_loop().time()
+        self._update_lengths(skeleton)
+        self._last_body = asyncio.get_running_loop().time()
         if any(client.interval is not None for client in self._clients):
-            self._update = self._updates.of(moved(*answer.in_signal, self._eyes))
+            self._update = self._updates.packet(body_frame(*answer.in_signal, self._eyes))
             for client in self._clients:
-                self._offer(client)
+                self._schedule_update(client)
 
     def close(self) -> None:
-        """Serve no more, and leave no sockets behind."""
-        if self._beating is not None:
-            self._beating.cancel()
+        """Stop serving, and remove the sockets."""
+        if self._heartbeat_task is not None:
+            self._heartbeat_task.cancel()
         for server in self._servers:
             server.close()
         for client in self._clients:
@@ -151,15 +151,15 @@ class SolarxrLink:
         for _, path in zip(self._bound, self._paths, strict=False):
             path.unlink(missing_ok=True)
 
-    def _measure(self, skeleton: Skeleton) -> None:
-        """Take bones' lengths over, where they changed noticeably."""
-        if skeleton is self._measured:
+    def _update_lengths(self, skeleton: Skeleton) -> None:
+        """Adopt the lengths of a skeleton's bones, if they changed noticeably."""
+        if skeleton is self._sent_skeleton:
             return
-        self._measured, eyes = skeleton, between_eyes(skeleton)
-        told = told_of(skeleton, eyes)
-        both = zip(told.bones, self._updates.told.bones, strict=True)
-        if max(abs(now - before) for (_, now), (_, before) in both) > _GROWN:
-            self._updates, self._eyes = Updates(told), eyes
+        self._sent_skeleton, eyes = skeleton, between_eyes(skeleton)
+        layout = body_layout(skeleton, eyes)
+        both = zip(layout.bones, self._updates.layout.bones, strict=True)
+        if max(abs(now - before) for (_, now), (_, before) in both) > _LENGTH_TOLERANCE:
+            self._updates, self._eyes = Updates(layout), eyes
 
     async def _rpc(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         def write(packet: bytes) -> None:
@@ -177,8 +177,8 @@ class SolarxrLink:
         await self._converse(client, _binary(connection))
 
     async def _converse(self, client: _Client, packets: AsyncIterator[bytes]) -> None:
-        """Answer a client until it is gone."""
-        if len(self._clients) >= _MOST_CLIENTS:
+        """Answer a client until it disconnects."""
+        if len(self._clients) >= _MAX_CLIENTS:
             return
         self._clients.append(client)
         try:
@@ -188,61 +188,61 @@ class SolarxrLink:
             self._clients.remove(client)
 
     def _answer(self, client: _Client, packet: bytes) -> None:
-        asked = read_bundle(packet)
-        if isinstance(asked, str):
+        requests = read_bundle(packet)
+        if isinstance(requests, str):
             self._metrics.dropped("malformed packet")
             return
-        if asked.interval is not None:
-            client.interval = max(asked.interval, FASTEST)
-        if asked.polls:  # the first thing that a runtime hears must be an update, alone
+        if requests.interval is not None:
+            client.interval = max(requests.interval, FASTEST)
+        if requests.polls:  # a runtime expects an update as its first message
             self._send(client, self._update)
-        for transaction in asked.settings:
+        for transaction in requests.settings:
             self._send(client, settings_bundle(transaction))
 
     async def _input(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        taken = DeviceInput(self._play, self._metrics, self._reader, self._points, together=0.0)
+        device_input = DeviceInput(self._receive_frame, self._metrics, self._reader, self._points, group_time=0.0)
         try:
             async for packet in _packets(reader, LARGEST):
-                taken.datagram_received(packet, None)
+                device_input.datagram_received(packet, None)
         finally:
             writer.close()
 
-    async def _beat(self) -> None:
-        """Send updates while no body arrives."""
+    async def _send_heartbeats(self) -> None:
+        """Send updates while there is no new body."""
         loop = asyncio.get_running_loop()
         while True:
             await asyncio.sleep(_SLOWEST)
-            if loop.time() - self._shown > LOST:
-                self._update = self._updates.nobody
+            if loop.time() - self._last_body > LOST:
+                self._update = self._updates.without_body
             for client in self._clients:
                 if loop.time() - client.sent >= _SLOWEST:
-                    self._offer(client)
+                    self._schedule_update(client)
 
-    def _offer(self, client: _Client) -> None:
-        """Send the update when it is due."""
+    def _schedule_update(self, client: _Client) -> None:
+        """Send the update now, or when the client's interval has passed."""
         if client.interval is None or client.later is not None:
             return
         loop = asyncio.get_running_loop()
         if loop.time() >= client.sent + client.interval:
-            self._due(client)
+            self._send_update(client)
         else:
-            client.later = loop.call_at(client.sent + client.interval, self._due, client)
+            client.later = loop.call_at(client.sent + client.interval, self._send_update, client)
 
-    def _due(self, client: _Client) -> None:
+    def _send_update(self, client: _Client) -> None:
         client.later, client.sent = None, asyncio.get_running_loop().time()
         self._send(client, self._update)
 
     def _send(self, client: _Client, packet: bytes) -> None:
         if client.transport.is_closing():
             return
-        if client.transport.get_write_buffer_size() > _MOST_BEHIND:
+        if client.transport.get_write_buffer_size() > _MAX_UNREAD_BYTES:
             self._metrics.dropped("slow client")
             return
         client.write(packet)
 
 
 async def _packets(reader: asyncio.StreamReader, largest: int) -> AsyncIterator[bytes]:
-    """Messages of a stream until its end, or until one is too large to be any."""
+    """Yield messages of a stream until its end, or until one is too large."""
     with contextlib.suppress(asyncio.IncompleteReadError, OSError):
         while True:
             size = _SIZE.unpack(await reader.readexactly(_SIZE.size))[0] - _SIZE.size
@@ -252,7 +252,7 @@ async def _packets(reader: asyncio.StreamReader, largest: int) -> AsyncIterator[
 
 
 async def _binary(connection: ServerConnection) -> AsyncIterator[bytes]:
-    """Messages of a WebSocket until its end; texts, an older protocol of SlimeVR's, are left out."""
+    """Yield binary messages of a WebSocket until its end; texts belong to an older protocol of SlimeVR."""
     from websockets.exceptions import ConnectionClosed
 
     with contextlib.suppress(ConnectionClosed):
@@ -261,14 +261,14 @@ async def _binary(connection: ServerConnection) -> AsyncIterator[bytes]:
                 yield message
 
 
-def _refused(connection: ServerConnection, request: Request) -> Response | None:
-    """Why a WebSocket is not opened; None where it is."""
-    reason = why_not_local(request.headers.get("Host"), request.headers.get("Origin"))
+def _refuse(connection: ServerConnection, request: Request) -> Response | None:
+    """Return a refusal of a WebSocket, or None if it is admitted."""
+    reason = local_refusal_reason(request.headers.get("Host"), request.headers.get("Origin"))
     return None if reason is None else connection.respond(403, f"{reason}\n")
 
 
-def _listened(path: Path) -> socket.socket:
-    """Return a socket at a path, in place of an abandoned one. Raises BodysenseError if the path cannot be used."""
+def _listen_at(path: Path) -> socket.socket:
+    """Return a socket that listens at a path, and replace an abandoned one. Raises BodysenseError if that fails."""
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:
         try:
             probe.connect(os.fspath(path))

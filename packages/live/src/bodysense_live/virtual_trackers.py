@@ -1,4 +1,4 @@
-"""Virtual trackers that programs are given: where each is, and which joint turns it."""
+"""Virtual trackers that are sent to other programs: the point of each, and the joint whose rotation it has."""
 
 from __future__ import annotations
 

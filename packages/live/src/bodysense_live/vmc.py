@@ -6,10 +6,9 @@ parent, quaternions x, y, z, w, then /VMC/Ext/OK (2.5) and T. Rotations are rela
 A pose is one datagram of about 4.4 kB, because some receivers use the bones after each datagram. OK and T come last,
 because others keep the bones that they have when OK or T arrives.
 
-Headset, controllers and trackers come in as /VMC/Ext/Hmd|Con|Tra/Pos and …/Pos/Local. `VmcTrackers` reads packets and
+Headset, controllers and trackers arrive as /VMC/Ext/Hmd|Con|Tra/Pos and …/Pos/Local. `VmcTrackers` reads packets and
 opens no socket. Messages may be lost, doubled, late or malformed: a packet with an older /VMC/Ext/T than the last is
-dropped, a malformed one is refused with a reason, and nothing raises. `tracked_devices` decides which device is which
-point, and for how long it counts.
+dropped, a malformed one is refused with a reason, and nothing raises. `tracked_devices` assigns devices to points.
 """
 
 from __future__ import annotations
@@ -26,11 +25,11 @@ from bodysense.body.skeleton import Skeleton
 from bodysense.io.gltf.humanoid import VRM_BONES, check_humanoid, t_posed, unity_bone
 from bodysense.io.osc import LARGEST, Argument, Message, PacketForm, read_packet
 from bodysense.io.unity import from_unity_rotation, one_finite_pose, unity_position, unity_rotation
-from bodysense_live.asked import OURS, commands_of
 from bodysense_live.messages import Calibrate, Recentre
+from bodysense_live.osc_commands import COMMANDS, commands_of
 from bodysense_live.tracked_devices import MOST_DEVICES, DeviceReader, DeviceState, TrackedDevice, pose_of
 
-PORT = 39539  # where receivers ("marionettes") listen
+PORT = 39539  # of receivers ("marionettes")
 _SEVEN = "s" + 7 * "f"
 _CALIBRATED, _NORMAL = 3, 0
 
@@ -72,52 +71,52 @@ def _form(tracked: bool) -> PacketForm:
 
 
 _KINDS = {f"/VMC/Ext/{kind}/Pos{tail}": (kind, bool(tail)) for kind in ("Hmd", "Con", "Tra") for tail in ("", "/Local")}
-# Its argument, the mode (0 usual, 1 and 2 for mixed reality), is not looked at.
-_ASKED: dict[str, Calibrate | Recentre] = {**OURS, "/VMC/Ext/Set/Calib/Exec": Calibrate()}
-_MOST_TOLD = 4 * MOST_DEVICES  # poses in a packet
+# The argument of VMC's calibration, a mode (0 usual, 1 and 2 for mixed reality), is ignored.
+_VMC_COMMANDS: dict[str, Calibrate | Recentre] = {**COMMANDS, "/VMC/Ext/Set/Calib/Exec": Calibrate()}
+_MOST_POSES = 4 * MOST_DEVICES  # poses in a packet
 _LONGEST_SERIAL = 128
 
 
 @dataclass(frozen=True, eq=False)
 class VmcState:
-    """Devices and the clock of packets until now."""
+    """The devices received so far, and the sender's clock."""
 
     devices: DeviceState = DeviceState()
-    clock: float | None = None  # s, the sender's, of the newest packet that had one
+    clock: float | None = None  # s, sender's time of the newest packet with one
 
 
 @dataclass(frozen=True)
 class VmcTrackers(DeviceReader):
-    """How packets are read. See the module's text."""
+    """The decoder of VMC's packets, as the module describes it."""
 
-    nothing: ClassVar = VmcState()
-    longest_delay: float = 1.0  # s: a sender's clock that goes back by more was restarted
+    initial_state: ClassVar = VmcState()
+    longest_delay: float = 1.0  # s; if a sender's clock goes back by more, it was restarted
 
     def take(self, packet: bytes, now: float, state: VmcState) -> tuple[VmcState, str | None]:
-        """Take in a packet that came at `now` s; the reason, too, where it or a part of it is of no use."""
+        """Read a packet received at `now` s. Return the next state, and a reason if any of it is invalid."""
         messages = read_packet(packet)
         if isinstance(messages, str):
             return state, messages
-        told = [message for message in messages if message.address in _KINDS]
-        if len(told) > _MOST_TOLD:
-            return state, f"more than {_MOST_TOLD} devices in one packet"
+        rows = [message for message in messages if message.address in _KINDS]
+        if len(rows) > _MOST_POSES:
+            return state, f"more than {_MOST_POSES} devices in one packet"
         clock = _clock(messages)
         if clock is not None:
             if state.clock is not None and 0 < state.clock - clock <= self.longest_delay:
                 return state, f"late: sent at {clock:g} s, after one of {state.clock:g} s"
             state = replace(state, clock=clock)
-        found = [_device(message, now) for message in told]
+        found = [_device(message, now) for message in rows]
         wrong = [one for one in found if isinstance(one, str)]
         devices, reason = self.devices.put([one for one in found if not isinstance(one, str)], state.devices)
         return replace(state, devices=devices), reason or (wrong[-1] if wrong else None)
 
     def commands(self, packet: bytes) -> list[Calibrate | Recentre]:
         """Return the commands in a packet: VMC's calibration, or ours."""
-        return commands_of(packet, _ASKED)
+        return commands_of(packet, _VMC_COMMANDS)
 
 
 def _clock(messages: tuple[Message, ...]) -> float | None:
-    """The sender's time, where a packet has one."""
+    """Return the sender's time in a packet, or None."""
     for message in messages:
         if message.address == "/VMC/Ext/T" and message.arguments and _finite(message.arguments[:1]):
             return float(message.arguments[0])  # type: ignore[arg-type]
@@ -125,7 +124,7 @@ def _clock(messages: tuple[Message, ...]) -> float | None:
 
 
 def _device(message: Message, now: float) -> tuple[str, TrackedDevice] | str:
-    """Serial and pose of one message, or why it has none; arguments after the eighth are left out, as VMC asks."""
+    """Return serial and pose of a message, or a reason. Arguments after the eighth are ignored, as VMC demands."""
     serial, numbers = message.arguments[0] if message.arguments else None, message.arguments[1:8]
     if not isinstance(serial, str) or len(serial) > _LONGEST_SERIAL or len(numbers) < 7 or not _finite(numbers):
         return f"{message.address} is not a serial, three coordinates and a quaternion"

@@ -1,7 +1,7 @@
 """SteamVR by VMT (Virtual Motion Tracker), OSC over UDP: devices are read from it, virtual trackers written to it.
 
-Source: VMT's documentation, *API*, and its driver. It is strict: `i` and `f` as it says, and as many as it says.
-No sockets here. Positions and rotations are of the driver's raw space: right-handed, −Z forward.
+Source: VMT's documentation, *API*, and its driver, which accepts only the documented types and numbers of arguments.
+No sockets here. Positions and rotations are in the driver's raw space: right-handed, −Z forward.
 """
 
 from __future__ import annotations
@@ -18,42 +18,42 @@ from bodysense_live.driver_axes import driver_rotation, from_driver_rotation
 from bodysense_live.tracked_devices import DeviceReader, DeviceState, TrackedDevice, pose_of
 from bodysense_live.virtual_trackers import TURNED_BY
 
-DRIVER_PORT = 39570  # the driver listens here
-LAST_INDEX = 57  # of a virtual device
+DRIVER_PORT = 39570  # UDP, of the driver
+LAST_INDEX = 57  # largest index of a virtual device
 OFF, TRACKER, LEFT_HAND, RIGHT_HAND = 0, 1, 5, 6  # kinds of virtual devices; hands as an Index controller's
-_OURS = "VMT_"  # how serials of virtual devices begin
-_NOT_WORN = ("LHB-",)  # base stations
-_LONGEST_LIST = 4096
+_OURS = "VMT_"  # prefix of serials of virtual devices
+_BASE_STATIONS = ("LHB-",)  # prefixes of their serials
+_LONGEST_LIST = 4096  # characters of a list of devices
 _SEVEN = 7 * "f"
 _IDENTITY_ROOM = (1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0)
 
 
 @dataclass(frozen=True, eq=False)
 class VmtState:
-    """Devices and serials that came in until now."""
+    """The devices and serials received so far."""
 
     devices: DeviceState = DeviceState()
     headset: str = "HMD"  # its serial
-    others: tuple[str, ...] = ()  # serials of what else SteamVR has, VMT's own left out
-    lacks_room: bool = False  # VMT says that it has no room matrix, and shows nothing
+    others: tuple[str, ...] = ()  # serials of other devices, without VMT's own and base stations
+    lacks_room: bool = False  # VMT reports that it has no room matrix, and displays nothing
 
 
 @dataclass(frozen=True)
 class VmtReader(DeviceReader):
-    """How packets of the driver are read."""
+    """The decoder of the driver's packets."""
 
-    nothing: ClassVar = VmtState()
+    initial_state: ClassVar = VmtState()
 
     def take(self, packet: bytes, now: float, state: VmtState) -> tuple[VmtState, str | None]:
-        """Take in a packet that came at `now` s; the reason, too, where it or a part of it is of no use."""
+        """Read a packet received at `now` s. Return the next state, and a reason if any of it is invalid."""
         messages = read_packet(packet)
         if isinstance(messages, str):
             return state, messages
-        told: list[tuple[str, TrackedDevice]] = []
+        poses: list[tuple[str, TrackedDevice]] = []
         wrong: str | None = None
         for message in messages:
             if message.address == "/VMT/Out/Devices/List":
-                state = _listed(message, state)
+                state = _with_list(message, state)
             elif message.address == "/VMT/Out/Unavailable":
                 state = replace(state, lacks_room=message.arguments[:1] == (1,))
             elif message.address == "/VMT/Out/SubscribedDevice":
@@ -61,8 +61,8 @@ class VmtReader(DeviceReader):
                 if isinstance(found, str):
                     wrong = found
                 else:
-                    told.append(found)
-        devices, reason = self.devices.put(told, state.devices)
+                    poses.append(found)
+        devices, reason = self.devices.put(poses, state.devices)
         return replace(state, devices=devices), reason or wrong
 
     def _device(self, message: Message, now: float, state: VmtState) -> tuple[str, TrackedDevice] | str:
@@ -77,18 +77,18 @@ class VmtReader(DeviceReader):
         return serial, TrackedDevice(self._kind(serial, state), place, rotation, now, raw=True)
 
     def _kind(self, serial: str, state: VmtState) -> str:
-        """Return a device's kind, which VMT does not send: if exactly one or two are unnamed, they are controllers."""
+        """Return a device's kind, which VMT does not send: one or two devices outside the table are controllers."""
         if serial in ("HMD", state.headset):
             return "Hmd"
-        said = serial.lower()
-        if "controller" in said or "hand" in said:
+        lowered = serial.lower()
+        if "controller" in lowered or "hand" in lowered:
             return "Con"
-        nameless = [one for one in state.others if one not in self.devices.names]
-        return "Con" if serial in nameless and len(nameless) <= 2 else "Tra"
+        unnamed = [one for one in state.others if one not in self.devices.names]
+        return "Con" if serial in unnamed and len(unnamed) <= 2 else "Tra"
 
 
-def _listed(message: Message, state: VmtState) -> VmtState:
-    """The state after a list of devices, `index:serial` in lines; the headset is number 0."""
+def _with_list(message: Message, state: VmtState) -> VmtState:
+    """Return the state after a list of devices, lines of `index:serial`; the headset has index 0."""
     text = message.arguments[0] if message.arguments else None
     if not isinstance(text, str) or len(text) > _LONGEST_LIST:
         return state
@@ -97,26 +97,28 @@ def _listed(message: Message, state: VmtState) -> VmtState:
         number, colon, serial = line.strip().partition(":")
         if colon:
             rows[number] = serial
-    worn = [serial for number, serial in rows.items() if number != "0" and not serial.startswith((_OURS, *_NOT_WORN))]
-    return replace(state, headset=rows.get("0", state.headset), others=tuple(dict.fromkeys(worn)))
+    others = [
+        serial for number, serial in rows.items() if number != "0" and not serial.startswith((_OURS, *_BASE_STATIONS))
+    ]
+    return replace(state, headset=rows.get("0", state.headset), others=tuple(dict.fromkeys(others)))
 
 
 def subscriptions(state: VmtState, address: str, port: int) -> list[bytes]:
-    """Return the requests that are sent to the driver repeatedly, so that a restarted one gets them, too."""
-    asked = [
+    """Return the requests to the driver. Send them repeatedly, so that a restarted driver gets them, too."""
+    requests = [
         message_bytes("/VMT/Set/Destination", "si", address, port),
         message_bytes("/VMT/Get/Devices/List", ""),
         *(message_bytes("/VMT/Subscribe/Device", "s", serial) for serial in (state.headset, *state.others)),
     ]
-    if state.lacks_room:  # identity: raw space and room are the same to it
-        asked.append(message_bytes("/VMT/Set/RoomMatrix/Temporary", 12 * "f", *_IDENTITY_ROOM))
-    return asked
+    if state.lacks_room:  # identity: the room is the raw space
+        requests.append(message_bytes("/VMT/Set/RoomMatrix/Temporary", 12 * "f", *_IDENTITY_ROOM))
+    return requests
 
 
 def tracker_packet(first: int, points: Mapping[str, np.ndarray], turns: Mapping[str, np.ndarray]) -> bytes:
-    """A bundle of all virtual trackers, from places (3,) m and rotations (4,) wxyz by name, in the driver's world.
+    """Return a bundle of all virtual trackers, from positions (3,) m and rotations (4,) wxyz in the driver's world.
 
-    Their indices are `first` and the next ones, in the order of `TURNED_BY`.
+    Indices start at `first`, in the order of `TURNED_BY`.
     """
     place = np.array([points[name] for name in TURNED_BY])
     turn = driver_rotation(np.array([turns[joint] for joint in TURNED_BY.values()]))
@@ -135,5 +137,5 @@ def device_message(index: int, kind: int) -> tuple[str, str, tuple[int, int, flo
 
 
 def off_messages(indices: Sequence[int]) -> list[bytes]:
-    """Virtual devices that are lost: without this the driver shows their last pose for ever."""
+    """Return messages that switch virtual devices off; otherwise the driver displays their last pose forever."""
     return [message_bytes("/VMT/Raw/Driver", f"iif{_SEVEN}", k, OFF, *(7 * (0.0,)), 1.0) for k in indices]

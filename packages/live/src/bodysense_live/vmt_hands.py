@@ -1,4 +1,4 @@
-"""Skeletal hands for SteamVR by VMT: 31 bones of a hand, each in its parent, from the joints of a body.
+"""Skeletal hands for SteamVR by VMT: 31 bones of a hand, each in its parent's frame, from the joints of a body.
 
 Source: OpenVR's driver documentation, *Hand Skeleton*, and VMT's tables. Finger bones of a left hand have +X to the tip
 and +Y out of the palm, of a right one −X and −Y; a wrist has +Z to the fingers and +Y to the thumb's side. The root is
@@ -21,8 +21,8 @@ from bodysense_live.vmt import LEFT_HAND, RIGHT_HAND, device_message
 
 BONES = 31
 _FINGERS = ("index", "middle", "ring", "pinky")
-_LARGEST = 4000  # bytes of a bundle: the driver takes 4098, and this stays on one machine
-# A bone's axes, as columns, in OpenXR's of the same joint (−Z to the tip, +Y out of the back of the hand).
+_LARGEST = 4000  # bytes of a bundle; the driver accepts 4098
+# Axes of a bone as columns, in OpenXR's frame of the joint (−Z to the tip, +Y out of the back of the hand).
 _FINGER = {
     "left": [[0, 0, -1], [0, -1, 0], [-1, 0, 0]],
     "right": [[0, 0, -1], [0, 1, 0], [1, 0, 0]],
@@ -35,11 +35,11 @@ _WRIST_IN_ROOT = {  # of the rest pose: m, wxyz
     "left": ((-0.0340, 0.0365, 0.1647), (-0.0551, -0.0786, -0.9203, 0.3793)),
     "right": ((0.0340, 0.0365, 0.1647), (-0.0551, -0.0786, 0.9203, -0.3793)),
 }
-_METACARPAL = 0.2  # of the way from the wrist to the knuckle: where a metacarpal begins, which our hands lack
+_METACARPAL = 0.2  # start of a metacarpal, which our hands lack, as a share of the distance from wrist to knuckle
 _HELPERS = (4, 9, 14, 19, 24)  # bones that the last five repeat in the root's frame
 _ABOUT_X = np.tile([0.0, 1.0, 0.0, 0.0], (len(_HELPERS), 1))
 _IDENTITY = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
-_BONES = (  # which of our joints turns a bone, and where it begins: wrist, thumb, and fingers with metacarpals
+_BONES = (  # our joint that turns a bone, and the bone's start: wrist, thumb, and fingers with metacarpals
     ("wrist", "wrist"),
     *((f"thumb{k}", f"thumb{k}") for k in (1, 2, 3)),
     ("thumb3", "thumb_tip"),
@@ -58,9 +58,9 @@ _PARENTS = np.array([*(1 if k in (2, *_METACARPALS) else k - 1 for k in range(2,
 def hand_bones(
     side: str, skeleton: Skeleton, points: Mapping[str, np.ndarray], turns: Mapping[str, np.ndarray]
 ) -> np.ndarray:
-    """(32, 7) m and wxyz: where the controller of a hand is, world ← root, and its 31 bones, each parent ← bone.
+    """Return poses (32, 7) of a hand, m and wxyz: its controller, world ← root, then its 31 bones, each parent ← bone.
 
-    `points` (3,) m and `turns` (4,) wxyz are of the world, by the names of our joints and fingertips.
+    `points` (3,) m and `turns` (4,) wxyz are in the world, by the names of our joints and fingertips.
     """
     joints = [f"{side}_{joint}" for joint in _JOINTS]
     offset, rest = (np.array([values]) for values in _WRIST_IN_ROOT[side])
@@ -87,7 +87,7 @@ def hand_bones(
 def hand_packet(
     side: str, index: int, skeleton: Skeleton, points: Mapping[str, np.ndarray], turns: Mapping[str, np.ndarray]
 ) -> bytes:
-    """One bundle: the virtual controller, its 31 bones, and the word that they are whole."""
+    """Return a bundle of the virtual controller, its 31 bones, and the message that applies them."""
     bones = hand_bones(side, skeleton, points, turns)
     (packet,) = _form(side, index).filled(bones[:, [0, 1, 2, 4, 5, 6, 3]].ravel())
     return packet
@@ -102,7 +102,7 @@ def _form(side: str, index: int) -> PacketForm:
 
 @lru_cache(maxsize=64)
 def _in_joints(side: str, skeleton: Skeleton) -> np.ndarray:
-    """Joint ← bone (25, 4) of the wrist and the fingers' bones."""
+    """Return rotations joint ← bone, (25, 4) wxyz, of the wrist and the fingers' bones."""
     axes = hand_axes(skeleton, side)
     finger, wrist = (matrix_to_quaternion(np.array(rows[side], dtype=float)) for rows in (_FINGER, _WRIST))
     in_axes = np.array([wrist, *(len(_JOINTS) - 1) * [finger]])

@@ -1,4 +1,4 @@
-"""The link to SteamVR by VMT: asks for devices, plays them as a session, sends virtual trackers and hands."""
+"""The link to SteamVR by VMT: requests devices, tracks them in a session, and sends virtual trackers and hands."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from bodysense_live.virtual_trackers import TURNED_BY
 from bodysense_live.vmt import DRIVER_PORT, LAST_INDEX, off_messages, subscriptions, tracker_packet
 from bodysense_live.vmt_hands import hand_packet
 
-_ASK_EVERY = 1.0  # s between requests: a restarted SteamVR has lost the earlier one
+_REQUEST_INTERVAL = 1.0  # s; requests are repeated, because a restarted SteamVR has lost them
 _SIDES = ("left", "right")
 
 
@@ -26,7 +26,7 @@ class VmtSettings:
 
     host: str = "127.0.0.1"
     driver_port: int = DRIVER_PORT
-    port: int = 39575  # of ours; VMT's own manager has 39571
+    port: int = 39575  # ours; VMT's own manager uses 39571
     first: int = 0  # index of the first virtual device
     hands: bool = False  # skeletal hands, as two virtual controllers
     devices: TrackedDevices = TrackedDevices()
@@ -38,7 +38,7 @@ class VmtSettings:
 
 
 class VmtLink:
-    """A link (`links.Link`)."""
+    """The link to VMT's driver (`links.Link`)."""
 
     def __init__(
         self, settings: VmtSettings, metrics: Metrics, reader: DeviceReader, points: tuple[str, ...] = SIGNALS
@@ -49,47 +49,49 @@ class VmtLink:
         self._here = address_toward(address)
         self._port = UdpPort("--vmt-port", self._here, settings.port)
         self._input: DeviceInput | None = None
-        self._asking: asyncio.Task[None] | None = None
-        self._shown: set[int] = set()  # indices of virtual devices that are on
-        self._last = 0.0  # s, when a body was last shown
+        self._request_task: asyncio.Task[None] | None = None
+        self._active: set[int] = set()  # indices of virtual devices that are on
+        self._last_body = 0.0  # s, when a body was last sent
 
     async def open(self, live: Live) -> None:
-        """Begin to ask, and to listen."""
-        taken = partial(DeviceInput, metrics=self._metrics, reader=self._reader, points=self._points)
-        self._input = await self._port.play(live, "vmt", self._points, partial(taken, sender=self._driver[0]))
-        self._asking = asyncio.get_running_loop().create_task(self._ask())
+        """Start to listen, and to request devices."""
+        device_input = partial(DeviceInput, metrics=self._metrics, reader=self._reader, points=self._points)
+        self._input = await self._port.add_input(
+            live, "vmt", self._points, partial(device_input, sender=self._driver[0])
+        )
+        self._request_task = asyncio.get_running_loop().create_task(self._request_devices())
 
-    def show(self, answer: Answer) -> None:
-        """Send the virtual trackers of a body, and its hands where fingers are wanted."""
+    def send_body(self, answer: Answer) -> None:
+        """Send the virtual trackers of a body, and its hands if they are chosen."""
         places, turns = answer.in_signal
         first = self._settings.first
         packets = [tracker_packet(first, places, turns)]
-        shown = set(range(first, first + len(TURNED_BY)))
+        active = set(range(first, first + len(TURNED_BY)))
         if self._settings.hands:
             for k, side in enumerate(_SIDES, start=first + len(TURNED_BY)):
                 packets.append(hand_packet(side, k, answer.pose.skeleton, places, turns))
-                shown.add(k)
+                active.add(k)
         self._port.send(packets, self._driver)
-        self._shown, self._last = shown, asyncio.get_running_loop().time()
+        self._active, self._last_body = active, asyncio.get_running_loop().time()
 
     def close(self) -> None:
         """Switch the virtual devices off."""
-        if self._asking is not None:
-            self._asking.cancel()
+        if self._request_task is not None:
+            self._request_task.cancel()
         self._switch_off()
         self._port.close()
 
-    async def _ask(self) -> None:
-        loop, asked = asyncio.get_running_loop(), -_ASK_EVERY
+    async def _request_devices(self) -> None:
+        loop, requested_at = asyncio.get_running_loop(), -_REQUEST_INTERVAL
         while True:
             now = loop.time()
-            if now - asked >= _ASK_EVERY and self._input is not None:
-                asked = now
+            if now - requested_at >= _REQUEST_INTERVAL and self._input is not None:
+                requested_at = now
                 self._port.send(subscriptions(self._input.state, self._here, self._port.number), self._driver)
-            if now - self._last > LOST:
+            if now - self._last_body > LOST:
                 self._switch_off()
             await asyncio.sleep(LOST / 2)
 
     def _switch_off(self) -> None:
-        self._port.send(off_messages(sorted(self._shown)), self._driver)
-        self._shown = set()
+        self._port.send(off_messages(sorted(self._active)), self._driver)
+        self._active = set()

@@ -3,8 +3,8 @@
 Source: VRChat's documentation, *OSC Trackers*: world positions (m) and Euler angles (degrees) in Unity's axes. It
 advises against always sending all eight trackers: hip and feet may behave better.
 
-VRChat sends /tracking/vrsystem/…/pose to programs that ask by OSCQuery: six floats, position (m) and Euler angles
-(degrees), in Unity's axes. The axes of a wrist's rotation are not documented, so only its position is used.
+VRChat sends /tracking/vrsystem/…/pose to programs that announce it by OSCQuery: six floats, position (m) and Euler
+angles (degrees), in Unity's axes. The axes of a wrist's rotation are not documented, so only its position is used.
 """
 
 from __future__ import annotations
@@ -22,15 +22,15 @@ from bodysense.errors import BodysenseError
 from bodysense.io.osc import Message, PacketForm, read_packet
 from bodysense.io.unity import one_finite_pose, unity_euler, unity_position
 from bodysense.observation import FARTHEST, Observation
-from bodysense_live.asked import commands_of
 from bodysense_live.driver_axes import turned_about
 from bodysense_live.messages import Calibrate, Recentre
+from bodysense_live.osc_commands import commands_of
 from bodysense_live.oscquery import OscAddress
 from bodysense_live.tracked_devices import DeviceReader, DeviceState, TrackedDevice, one_frame
 from bodysense_live.virtual_trackers import TURNED_BY
 
 PORT = 9000
-# Parts of the body that trackers can be sent of, as options name them: points by the numbers of the trackers.
+# Part of the body, as options name it → number of a tracker → point.
 PARTS: dict[str, dict[str, str]] = {
     "hip": {"1": "pelvis"},
     "feet": {"2": "left_ankle", "3": "right_ankle"},
@@ -38,7 +38,7 @@ PARTS: dict[str, dict[str, str]] = {
     "chest": {"6": "spine3"},
     "elbows": {"7": "left_elbow", "8": "right_elbow"},
 }
-ADVISED = ("hip", "feet")  # by VRChat's documentation, if positions are not accurate
+ADVISED = ("hip", "feet")  # by VRChat's documentation, if positions are inaccurate
 
 
 def vrchat_packets(
@@ -46,7 +46,7 @@ def vrchat_packets(
 ) -> list[bytes]:
     """Return one pose as OSC packets: the trackers of `parts` (keys of `PARTS`), and the head.
 
-    `world`: positions (P, 3) m of its points and rotations (J, 4) wxyz of its joints, if they are known. Raises
+    `world`: positions (P, 3) m of the points and rotations (J, 4) wxyz of the joints, computed if omitted. Raises
     BodysenseError for a skeleton that lacks a joint, and unless the pose is one finite frame.
     """
     one_finite_pose(pose)
@@ -81,27 +81,27 @@ _POSES = {
     f"/tracking/vrsystem/{part}/pose": point
     for part, point in zip(("head", "leftwrist", "rightwrist"), VRCHAT_POINTS, strict=True)
 }
-TAKEN = {address: OscAddress("ffffff", "place in m, Euler angles in degrees") for address in _POSES} | {
+ACCEPTED_ADDRESSES = {address: OscAddress("ffffff", "position in m, Euler angles in degrees") for address in _POSES} | {
     "/bodysense/calibrate": OscAddress("N", "stand upright and still for a second"),
-    "/bodysense/recentre": OscAddress("N", "where the wearer stands, and faces, becomes the middle"),
+    "/bodysense/recentre": OscAddress("N", "use the wearer's position and heading as the origin"),
 }
 
 
 @dataclass(frozen=True, eq=False)
 class VrchatState:
-    """Head and wrists that came in until now, by point."""
+    """Head and wrists received so far, by point."""
 
     devices: DeviceState = DeviceState()
 
 
 @dataclass(frozen=True)
 class VrchatReader(DeviceReader):
-    """How packets are read."""
+    """The decoder of VRChat's packets."""
 
-    nothing: ClassVar = VrchatState()
+    initial_state: ClassVar = VrchatState()
 
     def take(self, packet: bytes, now: float, state: VrchatState) -> tuple[VrchatState, str | None]:
-        """Take in a packet that came at `now` s; the reason, too, where it or a part of it is of no use."""
+        """Read a packet received at `now` s. Return the next state, and a reason if any of it is invalid."""
         messages = read_packet(packet)
         if isinstance(messages, str):
             return state, messages
@@ -116,7 +116,7 @@ class VrchatReader(DeviceReader):
         return VrchatState(DeviceState(seen)), wrong
 
     def tracked(self, now: float, state: VrchatState) -> Observation | None:
-        """One frame of `VRCHAT_POINTS`; None where none came lately."""
+        """Return one frame of `VRCHAT_POINTS`; None if no point is tracked."""
         seen = state.devices.devices.items()
         fresh = {point: one for point, one in seen if now - one.at <= self.devices.longest_silence}
         if not fresh:
@@ -130,12 +130,12 @@ class VrchatReader(DeviceReader):
         return one_frame(VRCHAT_POINTS, position, rotation, max(one.at for one in fresh.values()))
 
     def commands(self, packet: bytes) -> list[Calibrate | Recentre]:
-        """Return the requests of a packet."""
+        """Return the commands in a packet."""
         return commands_of(packet)
 
 
 def _pose(message: Message, now: float) -> TrackedDevice | str:
-    """Place and rotation of a message, or why it has none."""
+    """Return position and rotation of a message, or a reason if it is malformed."""
     numbers = message.arguments
     if len(numbers) != 6 or not all(isinstance(x, float) for x in numbers):
         return f"{message.address} is not three coordinates and three angles"
@@ -149,6 +149,6 @@ def _pose(message: Message, now: float) -> TrackedDevice | str:
 
 
 def _from_unity_euler(angles: np.ndarray) -> np.ndarray:
-    """Our quaternion (4,) of Unity's Euler angles x, y, z in degrees, applied about Z, then X, then Y."""
+    """Return our quaternion (4,) wxyz of Unity's Euler angles x, y, z in degrees, applied about Z, then X, then Y."""
     turned = euler_to_quaternion(np.deg2rad(np.remainder(angles, 360.0))[[1, 0, 2]], "YXZ")
     return turned * np.array([1.0, 1.0, -1.0, -1.0])

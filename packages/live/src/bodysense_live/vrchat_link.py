@@ -1,4 +1,4 @@
-"""The link to VRChat: found by OSCQuery, it gives head and wrists and takes trackers."""
+"""The link to VRChat, found by OSCQuery: it sends head and wrists and receives trackers."""
 
 from __future__ import annotations
 
@@ -18,25 +18,25 @@ from bodysense_live.live import Live
 from bodysense_live.metrics import Metrics
 from bodysense_live.oscquery import OscQueryServer, OscService
 from bodysense_live.tracked_devices import DeviceReader
-from bodysense_live.vrchat import ADVISED, PORT, TAKEN, vrchat_packets
+from bodysense_live.vrchat import ACCEPTED_ADDRESSES, ADVISED, PORT, vrchat_packets
 
 _HTTP, _OSC = "_oscjson._tcp.local.", "_osc._udp.local."
-_VRCHAT = "VRChat-Client"  # how its names begin
-_TO_RESOLVE = 3000  # ms
-_TO_ANNOUNCE = 5.0  # s
+_VRCHAT = "VRChat-Client"  # prefix of its service names
+_RESOLVE_TIMEOUT = 3000  # ms
+_ANNOUNCE_TIMEOUT = 5.0  # s
 
 
 @dataclass(frozen=True)
 class VrchatSettings:
-    """Where VRChat is."""
+    """The address of VRChat, and the trackers that are sent to it."""
 
     host: str = "127.0.0.1"
-    port: int = PORT  # until one is found by OSCQuery
-    parts: tuple[str, ...] = ADVISED  # of the body whose trackers are sent
+    port: int = PORT  # until OSCQuery finds another
+    parts: tuple[str, ...] = ADVISED  # parts of the body whose trackers are sent
 
 
 class VrchatLink:
-    """A link (`links.Link`); `reader` reads what VRChat sends, as `points`.
+    """The link to VRChat (`links.Link`). `reader` decodes its packets to a signal of `points`.
 
     Raises BodysenseError if zeroconf is missing, the host is unknown, or the network allows no discovery.
     """
@@ -46,12 +46,12 @@ class VrchatLink:
     ) -> None:
         self._metrics, self._reader, self._points, self._parts = metrics, reader, points, settings.parts
         self._host = host_address("--vrchat-host", settings.host, "VRChat")
-        self._usual = self.target = (self._host, settings.port)
+        self._default = self.target = (self._host, settings.port)
         self._here = address_toward(self._host)
         self._port = UdpPort("--vrchat", self._here, 0)
         self._web = socket.create_server((self._here, 0))
         name = f"bodysense-{secrets.token_hex(3)}"
-        self.service = OscService(name, self._here, self._port.number, TAKEN)
+        self.service = OscService(name, self._here, self._port.number, ACCEPTED_ADDRESSES)
         self._query = OscQueryServer(self.service)
         try:
             self._found = _Discovery(self.service, self._web.getsockname()[1], self._host)
@@ -61,23 +61,23 @@ class VrchatLink:
             raise
 
     async def open(self, live: Live) -> None:
-        """Begin to listen, to be found and to look."""
-        taken = partial(DeviceInput, metrics=self._metrics, reader=self._reader, points=self._points)
-        await self._port.play(live, "vrchat", self._points, partial(taken, sender=self._host))
+        """Start to listen, to announce the service and to look for VRChat."""
+        device_input = partial(DeviceInput, metrics=self._metrics, reader=self._reader, points=self._points)
+        await self._port.add_input(live, "vrchat", self._points, partial(device_input, sender=self._host))
         await self._query.start(self._web)
         loop = asyncio.get_running_loop()
 
         def found(target: tuple[str, int] | None) -> None:
-            self.target = self._usual if target is None else target
+            self.target = self._default if target is None else target
 
         self._found.start(lambda target: loop.call_soon_threadsafe(found, target))
 
-    def show(self, answer: Answer) -> None:
-        """Send the trackers of a body to the VRChat that was found, or to where one usually listens."""
+    def send_body(self, answer: Answer) -> None:
+        """Send the trackers of a body to the VRChat that was found, or to the default address."""
         self._port.send(vrchat_packets(answer.pose, (answer.points, answer.turns), self._parts), self.target)
 
     def close(self) -> None:
-        """Say goodbye to the network."""
+        """Withdraw the announcement and close the sockets."""
         self._found.close()
         self._query.close()
         self._web.close()
@@ -85,7 +85,7 @@ class VrchatLink:
 
 
 class _Discovery:
-    """Announces a service by mDNS and looks for VRChat, in threads of zeroconf's own."""
+    """Discovery by mDNS: announces a service and looks for VRChat, in threads of zeroconf."""
 
     def __init__(self, service: OscService, web_port: int, host: str) -> None:
         try:
@@ -93,10 +93,10 @@ class _Discovery:
         except ImportError as error:
             raise missing_package(error) from None
         self._host = host
-        self._tell: Any = None
+        self._on_target: Any = None
         self._announcing: threading.Thread | None = None
         self._closing = threading.Event()
-        self._known: dict[str, tuple[str, int]] = {}  # VRChats by their names, the newest last
+        self._known: dict[str, tuple[str, int]] = {}  # service name → address, the newest last
         try:
             self._network = zeroconf.Zeroconf(ip_version=zeroconf.IPVersion.V4Only)
         except OSError as error:
@@ -112,27 +112,28 @@ class _Discovery:
             for kind, port in ((_HTTP, web_port), (_OSC, service.port))
         ]
 
-    def start(self, tell: Any) -> None:
-        """Announce and look; `tell` is called, in another thread, with where VRChat takes OSC, None when it is gone."""
+    def start(self, on_target: Any) -> None:
+        """Start. `on_target` is called, in another thread, with VRChat's OSC address, or None when it is gone."""
         from zeroconf import ServiceBrowser
 
-        self._tell = tell
+        self._on_target = on_target
         self._browser = ServiceBrowser(self._network, _OSC, handlers=[self._changed])
-        self._announcing = threading.Thread(target=self._announce, daemon=True)  # asks first whether a name is taken
+        # In a thread, because zeroconf first checks that the name is free.
+        self._announcing = threading.Thread(target=self._announce, daemon=True)
         self._announcing.start()
 
     def close(self) -> None:
-        """Take the announcement back. Waits for an announcement that is under way, 2 s or so."""
+        """Withdraw the announcement, after waiting for a running one (about 2 s)."""
         self._closing.set()
         if self._announcing is not None:
-            self._announcing.join(_TO_ANNOUNCE)
+            self._announcing.join(_ANNOUNCE_TIMEOUT)
         self._network.close()
 
     def _announce(self) -> None:
         for one in self._ours:
             if self._closing.is_set():
                 return
-            with contextlib.suppress(Exception):  # a service with a taken name cannot be found
+            with contextlib.suppress(Exception):  # the name is in use; VRChat then cannot find the service
                 self._network.register_service(one)
 
     def _changed(self, zeroconf: Any, service_type: str, name: str, state_change: Any) -> None:
@@ -140,15 +141,15 @@ class _Discovery:
             return
         self._known.pop(name, None)
         if state_change.name != "Removed":
-            info: Any = zeroconf.get_service_info(service_type, name, timeout=_TO_RESOLVE)
-            near = [] if info is None else [one for one in info.parsed_addresses() if _is_same(one, self._host)]
+            info: Any = zeroconf.get_service_info(service_type, name, timeout=_RESOLVE_TIMEOUT)
+            near = [] if info is None else [one for one in info.parsed_addresses() if _is_same_machine(one, self._host)]
             if info is not None and info.port and near:
                 self._known[name] = (near[0], info.port)
-        self._tell(next(reversed(self._known.values()), None))
+        self._on_target(next(reversed(self._known.values()), None))
 
 
-def _is_same(address: str, host: str) -> bool:
-    """Whether both are of one machine: equal, or both this machine's own."""
+def _is_same_machine(address: str, host: str) -> bool:
+    """Return whether two addresses are of one machine: equal, or both of this machine."""
     return address == host or (_is_own(address) and _is_own(host))
 
 

@@ -1,8 +1,8 @@
-"""Trackers whose serials name no joint: the joints that they are worn on, kept in a person's file and found by place.
+"""Joints of unassigned trackers, those whose serials name no joint: read from a person's file, or found by position.
 
-A calibration second decides which joint each nameless tracker is strapped to. A person's file keeps this by serial, so
-that the trackers are used at once after a restart. Serials may change, so other nameless trackers are matched by place,
-while the wearer stands, to the joints whose mounts the person's file has.
+Calibration finds the joint of each unassigned tracker. The person's file keeps the joints by serial, so that the
+trackers are used at once after a restart. Serials may change. Trackers with unknown serials are therefore matched by
+position, while the wearer stands, to joints whose mounts the person's file has.
 """
 
 from __future__ import annotations
@@ -20,17 +20,17 @@ from bodysense.completion.calibration import TRACKER_JOINTS, assign_trackers
 from bodysense.errors import BodysenseError
 from bodysense.files import written_beside
 from bodysense.observation import Observation, chosen_points, concatenated_frames
-from bodysense_live.webxr import UNDECIDED
+from bodysense_live.webxr import UNASSIGNED
 
 _KEY = "trackers"  # in a person's file: serial → joint
-_STANDING = 0.5  # s for which the wearer stands before trackers are matched
-_UPRIGHT = 0.08  # m between the head and its height in standing
-_STILL = 0.05  # m by which the head of a standing wearer moves at most
-_AGAIN = 2.0  # s until the next try after trackers were not found
+_STANDING = 0.5  # s for which the wearer must stand before trackers are matched
+_UPRIGHT = 0.08  # m, largest distance of the head from its standing height
+_STILL = 0.05  # m, largest motion of a standing wearer's head
+_AGAIN = 2.0  # s from one match to the next
 
 
 def save_wearer(person: Person, trackers: Mapping[str, str], path: Path) -> None:
-    """Write a person's file with the joints of nameless trackers by serial. Raises BodysenseError if it cannot."""
+    """Write a person's file with the joints of unassigned trackers by serial. Raises OSError or BodysenseError."""
     text = person.to_json()
     if trackers:
         text = text.rstrip().removesuffix("}").rstrip() + f',\n"{_KEY}": {json.dumps(trackers)}\n}}\n'
@@ -39,9 +39,9 @@ def save_wearer(person: Person, trackers: Mapping[str, str], path: Path) -> None
 
 
 def read_trackers(path: Path) -> dict[str, str]:
-    """Return the joints of nameless trackers by serial from a person's file; none if it has none.
+    """Return the joints of unassigned trackers by serial from a person's file; empty if it has none.
 
-    Raises BodysenseError for any other table.
+    Raises BodysenseError for an unreadable file or an invalid table.
     """
     try:
         stored: Any = json.loads(path.read_text(encoding="utf-8"))
@@ -58,46 +58,46 @@ def read_trackers(path: Path) -> dict[str, str]:
 
 @dataclass(frozen=True, eq=False)
 class PlaceMatch:
-    """Frames of a standing wearer whose nameless trackers are to be matched."""
+    """The matching of unassigned trackers: frames in which the wearer stands."""
 
-    stood: tuple[Observation, ...] = ()
-    not_before: float = -np.inf  # s, the next try
+    standing: tuple[Observation, ...] = ()
+    not_before: float = -np.inf  # s, earliest time of the next match
 
     def step(
         self, observation: Observation, person: Person, head_height: float
     ) -> tuple[PlaceMatch, Mapping[str, str]]:
-        """Take a frame. Returns the state after it, and the joints of trackers once they are found.
+        """Take a frame. Return the next state, and the joints of trackers that were found, usually none.
 
-        `head_height`: m, of the head's joint of this person in standing. Only joints whose mounts the person has, and
-        that nothing else tracks, are matched.
+        Only joints are matched whose mounts the person has and that nothing else tracks. `head_height`: height in m of
+        the head's joint if this person stands.
         """
         time = float(observation.time[0])
-        if time < self.not_before or not _waits(observation, person):
+        if time < self.not_before or not _can_match(observation, person):
             return self, {}
         place = observation.position[0, observation.points.index("head")]
-        first = self.stood[0].position[0, self.stood[0].points.index("head")] if self.stood else place
+        first = self.standing[0].position[0, self.standing[0].points.index("head")] if self.standing else place
         if abs(place[1] - head_height) > _UPRIGHT or np.linalg.norm(place - first) > _STILL:
-            return replace(self, stood=()), {}
-        if self.stood and self.stood[0].points != observation.points:
-            return replace(self, stood=(observation,)), {}
-        stood = (*self.stood, observation)
-        if time - float(stood[0].time[0]) < _STANDING:
-            return replace(self, stood=stood), {}
-        whole = concatenated_frames(stood)
+            return replace(self, standing=()), {}
+        if self.standing and self.standing[0].points != observation.points:
+            return replace(self, standing=(observation,)), {}
+        standing = (*self.standing, observation)
+        if time - float(standing[0].time[0]) < _STANDING:
+            return replace(self, standing=standing), {}
+        whole = concatenated_frames(standing)
         whole = chosen_points(whole, np.flatnonzero(whole.has_position.any(axis=0)).tolist())
-        nameless = [name for name in whole.points if name in UNDECIDED]
-        found = assign_trackers(whole, nameless, person)
-        worn = {name: joint for name, joint in found.items() if joint in person.mounts}
-        return PlaceMatch(not_before=time + _AGAIN), worn
+        unassigned = [name for name in whole.points if name in UNASSIGNED]
+        found = assign_trackers(whole, unassigned, person)
+        joints = {name: joint for name, joint in found.items() if joint in person.mounts}
+        return PlaceMatch(not_before=time + _AGAIN), joints
 
 
-def _waits(observation: Observation, person: Person) -> bool:
-    """Whether the head is tracked, a nameless tracker is, and a joint with a mount is free for it."""
+def _can_match(observation: Observation, person: Person) -> bool:
+    """Return whether head and an unassigned tracker are tracked, and a joint with a mount is free."""
     seen = {name for k, name in enumerate(observation.points) if observation.has_position[0, k]}
     head = observation.points.index("head") if "head" in seen else None
     return (
         head is not None
         and bool(observation.has_rotation[0, head])
-        and not seen.isdisjoint(UNDECIDED)
+        and not seen.isdisjoint(UNASSIGNED)
         and any(joint in TRACKER_JOINTS and joint not in seen for joint in person.mounts)
     )

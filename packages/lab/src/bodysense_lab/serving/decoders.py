@@ -22,7 +22,7 @@ from bodysense.errors import BodysenseError, missing_package
 from bodysense.io.osc import read_packet
 from bodysense_lab.serving.solarxr_client import update
 from bodysense_live import vmc, vrchat
-from bodysense_live.solarxr import Moved, Updates, moved, told_of
+from bodysense_live.solarxr import BodyFrame, Updates, body_frame, body_layout
 from bodysense_live.vmc import vmc_packets
 from bodysense_live.vmt import DRIVER_PORT, tracker_packet
 from bodysense_live.vmt_hands import hand_packet
@@ -41,7 +41,7 @@ class Sent:
 
     data: bytes
     port: int
-    moved: Moved | None = None
+    body_frame: BodyFrame | None = None
 
 
 @dataclass
@@ -58,7 +58,7 @@ def sent_packets(rng: np.random.Generator) -> Iterator[Sent]:
     """Packets of bodies in any pose, without end, of all that we write."""
     skeleton, time = default_skeleton(), 0.0
     standing, eyes = standing_pose(skeleton).rotation, between_eyes(skeleton)
-    updates = Updates(told_of(skeleton, eyes))
+    updates = Updates(body_layout(skeleton, eyes))
     while True:
         turns = quaternion_exp(rng.normal(0, 0.4, (_POSES, len(skeleton.joints), 3)))
         poses = Pose(skeleton, rng.uniform(-5, 5, (_POSES, 3)), quaternion_multiply(standing, turns))
@@ -74,8 +74,8 @@ def sent_packets(rng: np.random.Generator) -> Iterator[Sent]:
             yield from (
                 Sent(hand_packet(side, 8 + n, skeleton, places, joints), DRIVER_PORT) for n, side in enumerate(hands)
             )
-            body = moved(places, joints, eyes)
-            yield Sent(updates.of(body), 0, body)
+            body = body_frame(places, joints, eyes)
+            yield Sent(updates.packet(body), 0, body)
 
 
 def decode(count: int, rng: np.random.Generator, tshark: str | None) -> Iterator[Decoded]:
@@ -86,7 +86,7 @@ def decode(count: int, rng: np.random.Generator, tshark: str | None) -> Iterator
     endless, found = sent_packets(rng), Decoded()
     for start in range(0, count, AT_ONCE):
         part = [next(endless) for _ in range(min(AT_ONCE, count - start))]
-        osc = [sent for sent in part if sent.moved is None]
+        osc = [sent for sent in part if sent.body_frame is None]
         meant = [_meant(sent.data) for sent in osc]
         with ExitStack() as stack:
             reading = None if tshark is None else stack.enter_context(_wireshark(tshark, osc))
@@ -95,7 +95,7 @@ def decode(count: int, rng: np.random.Generator, tshark: str | None) -> Iterator
                     raise BodysenseError(f"python-osc reads otherwise: {sent.data.hex()}")
             found.osc, found.osc_messages = found.osc + len(osc), found.osc_messages + sum(map(len, meant))
             for sent in part:
-                found.solarxr += sent.moved is not None and _reads_body(sent.data, sent.moved)
+                found.solarxr += sent.body_frame is not None and _reads_body(sent.data, sent.body_frame)
             if reading is not None:
                 found.wireshark += reading([[address for address, _ in messages] for messages in meant])
         yield found
@@ -116,12 +116,12 @@ def _python_osc(data: bytes) -> list[tuple[str, list[object]]]:
     return [(one.message.address, one.message.params) for one in OscPacket(data).messages]
 
 
-def _reads_body(data: bytes, body: Moved) -> bool:
+def _reads_body(data: bytes, body: BodyFrame) -> bool:
     """Whether every number of an update is that of the body; raises BodysenseError where one is not."""
-    told = update(data)
+    decoded = update(data)
     for rows, slots, values in (
-        (told.rows(1), ((4, 3), (3, 4)), (body.place, body.turn)),
-        (told.rows(2), ((3, 3), (1, 4)), (body.head, body.along)),
+        (decoded.rows(1), ((4, 3), (3, 4)), (body.tracker_position, body.tracker_rotation)),
+        (decoded.rows(2), ((3, 3), (1, 4)), (body.bone_start, body.bone_rotation)),
     ):
         for (slot, size), wanted in zip(slots, values, strict=True):
             read = np.array([row.floats(slot, size) for row in rows], dtype=np.float32)

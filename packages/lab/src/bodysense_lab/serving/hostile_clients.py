@@ -17,10 +17,10 @@ import numpy as np
 
 from bodysense.errors import BodysenseError
 from bodysense.io.protocol import POSE, SignalFrame, read_pose, write_signal
-from bodysense_live.connection import converse
+from bodysense_live.connection import serve_client
 from bodysense_live.live import Live
 from bodysense_live.message_text import write_message
-from bodysense_live.messages import Change, Hello
+from bodysense_live.messages import Hello, UpdateSettings
 from bodysense_live.metrics import Metrics
 from bodysense_live.safety import Limits
 from bodysense_live.settings import ServerSettings
@@ -60,7 +60,7 @@ class FuzzCounts:
 
 
 class FakeSocket:
-    """A client's end and the server's in one: `converse` reads what was put in, and writes here."""
+    """A client's end and the server's in one: `serve_client` reads what was put in, and writes here."""
 
     def __init__(self) -> None:
         self.incoming: asyncio.Queue[dict[str, Any]] = asyncio.Queue()
@@ -104,7 +104,7 @@ async def fuzz(frames: int, rng: np.random.Generator, counts: FuzzCounts) -> Non
     live = Live(ServerSettings(limits=_LIMITS), Metrics())
     live.start()
     watchman = FakeSocket()
-    watching = asyncio.create_task(converse(watchman, live))  # type: ignore[arg-type]
+    watching = asyncio.create_task(serve_client(watchman, live))  # type: ignore[arg-type]
     watchman.put(write_message(Hello(1, _POINTS[:3])))
     moment, looked = 0.0, 0
     try:
@@ -141,7 +141,7 @@ async def _watch(watchman: FakeSocket, moment: float, counts: FuzzCounts) -> Non
 async def _client(live: Live, rng: np.random.Generator, frames: int, counts: FuzzCounts) -> None:
     """One client: mostly a good hello, then messages until it is refused or leaves."""
     socket = FakeSocket()
-    conversation = asyncio.create_task(converse(socket, live))  # type: ignore[arg-type]
+    conversation = asyncio.create_task(serve_client(socket, live))  # type: ignore[arg-type]
     counts.connections += 1
     socket.put(write_message(Hello(1, _POINTS, name="fuzz")) if rng.random() < 0.98 else message_of(rng, 0))
     counts.frames += 1
@@ -175,7 +175,7 @@ def message_of(rng: np.random.Generator, k: int) -> str | bytes:
             "floor": float(rng.uniform(-10, 10)),
             "hold_feet": bool(rng.random() < 0.5),
         }
-        return write_message(Change(values))
+        return write_message(UpdateSettings(values))
     if choice < 0.985:
         return str(rng.choice(['{"type":"recentre"}', '{"type":"calibrate"}', '{"type":"record","on":true}']))
     if choice < 0.99:
@@ -183,7 +183,9 @@ def message_of(rng: np.random.Generator, k: int) -> str | bytes:
     if choice < 0.993:
         return rng.bytes(int(rng.integers(0, 300)))
     if choice < 0.996:
-        text = write_message(Hello(1, _POINTS)) if rng.random() < 0.5 else write_message(Change({"height": 1.8}))
+        text = (
+            write_message(Hello(1, _POINTS)) if rng.random() < 0.5 else write_message(UpdateSettings({"height": 1.8}))
+        )
         return broken(text.encode(), rng).decode(errors="replace")
     return "".join(rng.choice(_WORDS, int(rng.integers(1, 12))))
 

@@ -6,7 +6,7 @@ from tyro.extras import SubcommandApp
 
 
 def add_commands(root: SubcommandApp, data: SubcommandApp) -> None:
-    """Put the live server's commands into the tree."""
+    """Add the live server's commands to the command line."""
     from bodysense_live.commands import calibrate, page, serve
 
     root.command(serve.serve)

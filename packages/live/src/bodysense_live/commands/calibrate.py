@@ -1,4 +1,4 @@
-"""`bodysense calibrate`: measure the wearer of a running server in a standing second."""
+"""`bodysense calibrate`: measure the wearer of a running server."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from bodysense.errors import BodysenseError
 if TYPE_CHECKING:
     from websockets import InvalidStatus
 
-_TO_ANSWER = 5.0  # s
+_TIMEOUT = 5.0  # s for an answer of the server
 
 
 def calibrate(
@@ -24,11 +24,11 @@ def calibrate(
     recentre: bool = False,
     wait: float = 5.0,
 ) -> None:
-    """Measure the wearer that a running server tracks by VMC, SteamVR, VRChat or SlimeVR in a standing second.
+    """Measure the standing wearer of a running server in one second (VMC, SteamVR, VRChat, OpenXR or SlimeVR).
 
     Args:
         address: address that `bodysense serve` printed, token included.
-        watch: one of the server's inputs.
+        watch: input of the server that tracks the wearer.
         arms_out: stand with the arms out to the sides, so that their reach is measured, too.
         recentre: use the wearer's position and heading afterwards as the origin.
         wait: seconds until the measurement begins.
@@ -43,24 +43,24 @@ def calibrate(
 
     if not 0 <= wait <= 600:
         raise BodysenseError(f"--wait {wait:g}: give 0 to 600 seconds")
-    place = _place(address)
-    if place is None:
+    parts = _parsed_address(address)
+    if parts is None:
         raise BodysenseError(f"{address}: give the address that `bodysense serve` printed, as http://127.0.0.1:8765/")
-    tokens = [f"token.{token}" for token in parse_qs(place.query).get("token", [])]
-    scheme = "wss" if place.scheme == "https" else "ws"
+    tokens = [f"token.{token}" for token in parse_qs(parts.query).get("token", [])]
+    scheme = "wss" if parts.scheme == "https" else "ws"
     protocols = [Subprotocol(name) for name in (SUBPROTOCOL, *tokens)]
     try:
-        with connect(f"{scheme}://{place.netloc}/ws", subprotocols=protocols, compression=None) as server:
+        with connect(f"{scheme}://{parts.netloc}/ws", subprotocols=protocols, compression=None) as server:
             server.send(write_message(Hello(1, watch=watch)))
             _text(server, "welcome")
             if wait:
                 print(f"stand upright and look ahead; it begins in {wait:g} s")
                 time.sleep(wait)
             server.send(write_message(Calibrate(arms_out)))
-            until = time.monotonic() + _TO_ANSWER
-            while (said := _text(server, "said", until)) is not None:
-                print(said["text"])
-                if said["text"].startswith(("you are", "calibration:", "to take")):
+            until = time.monotonic() + _TIMEOUT
+            while (notice := _text(server, "said", until)) is not None:
+                print(notice["text"])
+                if notice["text"].startswith(("you are", "calibration:", "to take")):
                     break
             else:
                 raise BodysenseError(f"{watch}: nothing is tracked; wear the headset and run it again")
@@ -76,27 +76,27 @@ def calibrate(
         raise BodysenseError(f"{address}: {reason}; is `bodysense serve` running?") from None
 
 
-def _place(address: str) -> SplitResult | None:
+def _parsed_address(address: str) -> SplitResult | None:
     """Return the parts of an http address; None for any other text."""
     try:
-        place = urlsplit(address)
-        return place if place.scheme in ("http", "https") and place.hostname and place.port != 0 else None
+        parts = urlsplit(address)
+        return parts if parts.scheme in ("http", "https") and parts.hostname and parts.port != 0 else None
     except ValueError:  # half an IPv6 address, or no port
         return None
 
 
 def _reason(error: InvalidStatus) -> str:
-    """Return the server's own words, or the status if it has none."""
+    """Return the server's reason, or the HTTP status if it has none."""
     body = error.response.body.decode(errors="replace").strip()
     return body.partition(";")[0] if body else f"status {error.response.status_code}"
 
 
 def _text(server: Any, kind: str, until: float | None = None) -> dict[str, Any] | None:
     """Return the next text message of a type, or None if none comes in time. Raises BodysenseError for a refusal."""
-    until = time.monotonic() + _TO_ANSWER if until is None else until
-    while (left := until - time.monotonic()) > 0:
+    until = time.monotonic() + _TIMEOUT if until is None else until
+    while (remaining := until - time.monotonic()) > 0:
         try:
-            received = server.recv(timeout=left)
+            received = server.recv(timeout=remaining)
         except TimeoutError:
             return None
         if isinstance(received, str):

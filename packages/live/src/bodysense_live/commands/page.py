@@ -1,4 +1,4 @@
-"""`bodysense page`: the page as a folder of static files, a product alone."""
+"""`bodysense page`: the page as a folder of static files."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from bodysense.cli.options import Output
 
 
 def page(out: Output, webcam: bool = False, landmarkers: Path | None = None) -> None:
-    """Write the page as a folder for any static host; all of it runs in the browser (docs/page.md).
+    """Write the page as a folder for any static host; it runs in the browser alone (docs/page.md).
 
     Args:
-        out: folder for its files; made where it is missing.
-        webcam: with the webcam: MediaPipe's files (23 MB) are put into the folder, from the cache or fetched once.
+        out: folder for its files; created if missing.
+        webcam: include the webcam: MediaPipe's files (23 MB), from the cache or downloaded once.
         landmarkers: folder with these files, in place of the cache.
     """
     from bodysense.devices.video.landmarker_files import find_files

@@ -25,16 +25,16 @@ def serve(
     load: Annotated[LoadOptions, tyro.conf.OmitArgPrefixes] = LoadOptions(),
     reading: Reading = AS_FOUND,
 ) -> None:
-    """Serve the page and the WebSocket for live tracking; avatars by VMC and VRChat (docs/serve.md).
+    """Serve the page and the WebSocket for live tracking; send bodies to avatars (docs/serve.md).
 
     Args:
-        access: who may connect, and where.
+        access: addresses to listen on, and clients that may connect.
         wearer: the wearer of the server's own inputs.
-        inputs: recordings that the server plays, and signals that it takes by UDP.
-        programs: programs that give trackers, or take bodies (docs/runtimes.md).
+        inputs: recordings that the server plays, and signals that it receives by UDP.
+        programs: programs that send trackers, or receive bodies (docs/runtimes.md).
         load: sessions, processes and recordings.
-        reading: properties of a replayed motion; --height is the wearers', inferred if omitted; --floor is of the
-            world of VMC, SteamVR and VRChat, too.
+        reading: properties of a replayed motion; --height is also that of wearers, inferred if omitted, and --floor
+            also that of VMC, SteamVR and VRChat.
     """
     from rich.console import Console
 

@@ -19,15 +19,15 @@ class AccessOptions:
     """Addresses that the server listens on, and clients that may connect."""
 
     host: str = "127.0.0.1"
-    """address to listen on; any but a loopback address needs a token, which is made if omitted"""
+    """address to listen on; other than loopback addresses need a token, which is created if omitted"""
     port: Port = 8765
     """TCP port; 0 for any free port"""
     token: str | None = None
-    """what clients must present, at least 8 characters: letters, digits and -._~"""
+    """secret that clients must present, at least 8 characters: letters, digits and -._~"""
     origin: Addresses = ()
     """origin of a page on another server that may connect, such as http://localhost:5173. Repeatable"""
     lan: bool = False
-    """admit headsets and phones of this network: encrypted, at an address that is printed with a QR code"""
+    """admit headsets and phones of this network, encrypted, at a printed address with a QR code"""
     certificate: Path | None = None
     """PEM file of a certificate, in place of the one made for --lan"""
     key: Path | None = None
@@ -41,25 +41,25 @@ class WearerOptions:
     """The wearer of the server's own inputs."""
 
     person: Path | None = None
-    """person's file (.json) with the wearers' proportions and how trackers are worn"""
+    """person's file (.json) with the wearers' proportions and tracker mounts"""
     save_person: Path | None = None
-    """file (.json) for that wearer, written after each calibration; may be that of --person, even if it is new"""
+    """person's file (.json), written after each calibration; may equal --person, even if it does not exist yet"""
     seated: bool = False
-    """show that wearer, who is seated, as standing"""
+    """display the seated wearer as standing"""
     recentre: bool = False
-    """use that wearer's first position and heading as the origin, facing +Z"""
+    """use the wearer's first position and heading as the origin, facing +Z"""
     smoothing: float = 0.0
-    """half-life in seconds, 0 to 0.5, of the smoothing of that wearer's body, which is as much later"""
+    """half-life in seconds, 0 to 0.5, of the smoothing of the wearer's body; it delays the body by as much"""
 
 
 @dataclass(frozen=True)
 class InputOptions:
-    """Inputs of the server itself: recordings that it plays, and signals that it takes by UDP."""
+    """Inputs of the server itself: recordings that it plays, and signals that it receives by UDP."""
 
     replay: Path | None = None
     """recording (.npz, .jsonl), or with --device a motion (.bvh, AMASS .npz), played in real time"""
     device: DeviceName | None = None
-    """device that watches the body if the replay is a motion; the page then shows the true motion, too"""
+    """simulated device that tracks the body if the replay is a motion; the page then shows the true motion, too"""
     vmc_in: Port | None = None
     """UDP port for headset, controllers and trackers by VMC (usually 39539)"""
     markers_in: Port | None = None
@@ -72,34 +72,34 @@ class InputOptions:
 
 @dataclass(frozen=True)
 class ProgramOptions:
-    """Programs that give trackers, or take bodies (docs/runtimes.md)."""
+    """Programs that send trackers, or receive bodies (docs/runtimes.md)."""
 
     vmc_out: Addresses = ()
-    """HOST:PORT of an avatar program that takes bones by VMC (usually port 39539). Repeatable"""
+    """HOST:PORT of an avatar program that receives bones by VMC (usually port 39539). Repeatable"""
     vrchat_out: Addresses = ()
-    """HOST:PORT of a VRChat that takes trackers by OSC (usually port 9000). Repeatable"""
+    """HOST:PORT of a VRChat that receives trackers by OSC (usually port 9000). Repeatable"""
     vrchat: bool = False
-    """find VRChat by OSCQuery, take head and wrists from it and give it trackers"""
+    """find VRChat by OSCQuery, receive head and wrists from it and send it trackers"""
     vrchat_host: str = "127.0.0.1"
-    """machine of VRChat"""
+    """machine on which VRChat runs"""
     vrchat_trackers: Annotated[str, tyro.conf.arg(metavar="PART,PART")] = "hip,feet"
-    """trackers that VRChat is sent: a list of hip, feet, knees, chest, elbows"""
+    """trackers that are sent to VRChat: a list of hip, feet, knees, chest, elbows"""
     vmt: bool = False
-    """take headset and controllers from SteamVR and give it trackers, by its driver VMT"""
+    """receive headset and controllers from SteamVR and send it trackers, by its driver VMT"""
     vmt_host: str = "127.0.0.1"
-    """machine of SteamVR"""
+    """machine on which SteamVR runs"""
     vmt_port: Port = 39575
     """UDP port for answers of VMT's driver"""
     vmt_first: int = 0
-    """index of the first virtual device; others may use those below"""
+    """index of the first virtual device; other programs may use lower ones"""
     vmt_hands: bool = False
-    """give SteamVR skeletal hands, too, as two virtual controllers"""
+    """send SteamVR skeletal hands, too, as two virtual controllers"""
     solarxr: bool = False
-    """take the headset of Monado or WiVRn, on Linux, and give them trackers and a body"""
+    """receive the headset of Monado or WiVRn, on Linux, and send them trackers and a body"""
     solarxr_port: Port = 21110
     """TCP port of this machine for SlimeVR's own programs; 0 for any free port"""
     slimevr: bool = False
-    """take SlimeVR's trackers, which find this machine in the network"""
+    """receive SlimeVR's trackers, which find this machine in the network"""
     slimevr_host: str = "0.0.0.0"
     """address of this machine for SlimeVR's trackers; all addresses, if omitted"""
     slimevr_port: Port = 6969
@@ -117,4 +117,4 @@ class LoadOptions:
     shared: Annotated[str | None, tyro.conf.arg(metavar="ADDRESS")] = None
     """address of a Valkey or Redis, such as redis://10.0.0.2:6379, by which workers and servers resume sessions"""
     allow_record: Path | None = None
-    """folder for recordings that clients ask for; recording is off if omitted"""
+    """folder for recordings that clients request; recording is off if omitted"""

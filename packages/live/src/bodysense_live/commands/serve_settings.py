@@ -50,7 +50,7 @@ def settings_of(
     load: LoadOptions,
     reading: ReadingOptions,
 ) -> ServerSettings:
-    """Return what a server runs with. Raises BodysenseError, naming the options, for what does not go together."""
+    """Return the settings of a server. Raises BodysenseError, naming the options, for a wrong combination."""
     if wearer.save_person is not None:
         check_place(wearer.save_person)
     if not 0 <= wearer.smoothing <= LONGEST_HALF_LIFE:
@@ -60,7 +60,7 @@ def settings_of(
     receives = inputs.vmc_in is not None or inputs.markers_in is not None
     sends = bool(to.vmc_out or to.vrchat_out or to.vrchat or to.vmt or to.solarxr)
     if load.workers > 1 and (receives or sends or to.slimevr):
-        raise BodysenseError("--workers: UDP goes with one process only; leave --workers out")
+        raise BodysenseError("--workers: UDP needs a single process; leave --workers out")
     devices, joints = named_of(inputs.device_names, inputs.vmc_in is not None or to.vmt, to.slimevr)
     if access.bridge and not sends:
         raise BodysenseError(
@@ -69,7 +69,7 @@ def settings_of(
     origin = (*access.origin, ANY_ORIGIN) if access.bridge else access.origin
     file = wearer.person
     if file is not None and file == wearer.save_person and not file.exists():
-        file = None  # written after the first calibration
+        file = None  # created by the first calibration
     person = person_of(file, reading.height) or Person(height=reading.height)
     posture = "seated" if wearer.seated else "standing"
     return ServerSettings(
@@ -86,7 +86,7 @@ def settings_of(
         vmc_in=inputs.vmc_in,
         vmc_trackers=VmcTrackers(devices),
         markers_in=inputs.markers_in,
-        worn=worn_of(inputs.marker_set, inputs.markers_in, person),
+        glove_set=glove_set_of(inputs.marker_set, inputs.markers_in, person),
         receivers=(
             *(receiver_of("vmc", address, parts) for address in to.vmc_out),
             *(receiver_of("vrchat", address, parts) for address in to.vrchat_out),
@@ -139,7 +139,7 @@ def named_of(table: Path | None, steamvr: bool, slimevr: bool) -> tuple[TrackedD
 def access_of(
     host: str, token: str | None, origin: tuple[str, ...], lan: bool, certificate: Path | None, key: Path | None
 ) -> Access:
-    """Return who may connect, and how. Raises BodysenseError, naming the options, for a wrong combination."""
+    """Return the rules of access. Raises BodysenseError, naming the options, for a wrong combination."""
     if (certificate is None) != (key is None):
         raise BodysenseError("--certificate and --key: give both, a certificate and its own key")
     if lan and is_loopback(host):
@@ -162,20 +162,20 @@ def address_of(access: Access, port: int, lan: bool) -> str:
     return f"{scheme}://{bracketed}:{port}/" + (f"?token={access.token}" if access.token is not None else "")
 
 
-def worn_of(marker_set: str | None, port: int | None, wearer: Person) -> GloveSet:
-    """Return the marker set of incoming gloves; all but the standard one need calibrated hands."""
+def glove_set_of(marker_set: str | None, port: int | None, wearer: Person) -> GloveSet:
+    """Return the marker set of the gloves. Raises BodysenseError if it needs calibrated hands that are missing."""
     if marker_set is None:
         return standard_set()
     if port is None:
-        raise BodysenseError(f"--marker-set {marker_set}: for gloves that come in; give their port with --markers-in")
-    worn = read_set(marker_set)
-    known = [side for side, hand in wearer.hands.items() if hand.glove.markers == worn.names]
-    if worn.names != standard_set().names and not known:
+        raise BodysenseError(f"--marker-set {marker_set}: for gloves; give the port of their markers with --markers-in")
+    glove_set = read_set(marker_set)
+    known = [side for side, hand in wearer.hands.items() if hand.glove.markers == glove_set.names]
+    if glove_set.names != standard_set().names and not known:
         raise BodysenseError(
             f"--marker-set {marker_set}: no hand is calibrated with it; do so first: bodysense track TAKE.c3d "
             f"--marker-set {marker_set} -o OUT.bvh --save-person ME.json, then serve --person ME.json"
         )
-    return worn
+    return glove_set
 
 
 def writable_folder(option: str, path: Path) -> Path:
@@ -190,7 +190,7 @@ def writable_folder(option: str, path: Path) -> Path:
 
 
 def receiver_of(protocol: Literal["vmc", "vrchat"], address: str, parts: tuple[str, ...]) -> Receiver:
-    """Return a receiver of poses by its HOST:PORT; `parts` are those whose trackers a VRChat is sent."""
+    """Return a receiver of poses at HOST:PORT; `parts`: parts of the body whose trackers are sent to VRChat."""
     host, _, port = address.rpartition(":")
     if not host or not port.isdigit() or not 0 < int(port) < 65536:
         raise BodysenseError(f"--{protocol}-out {address}: give HOST:PORT, as 127.0.0.1:39539")
@@ -198,12 +198,12 @@ def receiver_of(protocol: Literal["vmc", "vrchat"], address: str, parts: tuple[s
 
 
 def playable_of(file: Path | None, device: str | None, reading: ReadingOptions, wearer: Person) -> Playable | None:
-    """Return a recording to replay, or the signal of a device that watches a motion, with the true motion."""
+    """Return a recording to replay, or a motion with the signal of a simulated device that tracks it."""
     if file is None:
         if device is not None:
-            raise BodysenseError("--device is for a motion that is replayed; give it with --replay")
+            raise BodysenseError("--device is for a replayed motion; give it with --replay")
         if options := given_options(replace(reading, height=None, floor=None)):
-            raise BodysenseError(f"{options} is for a motion that is replayed; give it with --replay")
+            raise BodysenseError(f"{options} is for a replayed motion; give it with --replay")
         return None
     if not file.is_file():
         raise BodysenseError(f"--replay {file}: no such file")
@@ -217,7 +217,7 @@ def playable_of(file: Path | None, device: str | None, reading: ReadingOptions, 
         return Playable(recording.observation, Person(recording.skeleton) if is_known else wearer)
     if device is None:
         raise BodysenseError(
-            f"--replay {file}: not a recording; if it is a motion, say what watches it: --device headset_camera "
+            f"--replay {file}: not a recording; for a motion, choose a device that tracks it: --device headset_camera "
             f"or another of {', '.join(DEVICES)}"
         )
     clip = load_clip(file, reading)

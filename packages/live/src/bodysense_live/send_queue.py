@@ -11,42 +11,42 @@ from bodysense_live.message_text import write_message
 from bodysense_live.messages import ServerMessage
 
 
-class Outbox:
-    """Holds at most one answer and `most` texts; if there are more, `is_full`, and the connection is to be closed.
+class SendQueue:
+    """A queue of at most one answer and `most` texts; further texts set `is_full`, and the connection must be closed.
 
-    `watches`: the client watches a session that another one drives, and changes nothing.
+    `is_watcher`: the client watches another client's session and may not change it.
     """
 
     def __init__(self, most: int) -> None:
-        self.watches = False
+        self.is_watcher = False
         self._texts: deque[str] = deque()
         self._frames: Sequence[bytes] = ()
         self._most = most
         self._filled = asyncio.Event()
         self.is_full = False
-        self.ended: ProtocolError | None = None  # why the connection is to be closed
+        self.closing: ProtocolError | None = None  # set to close the connection, with the reason
 
-    def tell(self, message: ServerMessage) -> None:
-        """Send a text."""
+    def put_message(self, message: ServerMessage) -> None:
+        """Queue a message."""
         if len(self._texts) >= self._most:
             self.is_full = True
         else:
             self._texts.append(write_message(message))
         self._filled.set()
 
-    def show(self, frames: Sequence[bytes]) -> bool:
-        """Send the frames of one answer in place of those that wait. Returns whether any waited."""
-        shed, self._frames = bool(self._frames), frames
+    def put_frames(self, frames: Sequence[bytes]) -> bool:
+        """Queue the frames of one answer, and drop those of an earlier one. Return whether any were dropped."""
+        has_replaced, self._frames = bool(self._frames), frames
         self._filled.set()
-        return shed
+        return has_replaced
 
-    def end(self, reason: str, code: int = 1008) -> None:
-        """Close the connection; the session may go on without it. `code` is that of the closing frame."""
-        self.ended = ProtocolError(reason, code)
+    def close(self, reason: str, code: int = 1008) -> None:
+        """Close the connection; the session may continue without it. `code` is the WebSocket close code."""
+        self.closing = ProtocolError(reason, code)
         self._filled.set()
 
     async def take(self) -> tuple[Sequence[str], Sequence[bytes]]:
-        """Wait for texts and frames to send, and return them."""
+        """Wait until there is something to send. Return texts and frames, and empty the queue."""
         await self._filled.wait()
         self._filled.clear()
         texts, frames = list(self._texts), self._frames

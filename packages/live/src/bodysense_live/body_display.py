@@ -1,4 +1,4 @@
-"""The displayed body: regions that are kept still, a mirror, smoothing, and changes of settings without jumps."""
+"""The displayed body: still regions, mirroring, smoothing, and blending when settings change."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from bodysense.observation import Observation
 from bodysense_live.messages import Region, Settings
 
 INERTIALISER = Inertialiser()
-LONGEST_GAP = 1.0  # s, after which a pose is displayed at once
+LONGEST_GAP = 1.0  # s; after a longer gap the pose is neither smoothed nor blended
 
 
 @dataclass(frozen=True, eq=False)
-class Smoothed:
-    """A pose in motion."""
+class MovingPose:
+    """A pose with its velocity."""
 
     time: float  # s
     root: np.ndarray  # (3,) m
@@ -32,66 +32,68 @@ class Smoothed:
 
 
 @dataclass(frozen=True, eq=False)
-class Display:
+class DisplayState:
     """The state of smoothing and blending before the next pose."""
 
-    smoothed: Smoothed | None = None  # the pose before, ahead of the offset
-    shown: Pose | None = None  # before
-    offset: Offset | None = None  # of the displayed body from the completed one
-    breaks: bool = False  # continuity with the next pose, which must not jump
+    smoothed: MovingPose | None = None  # last pose, without the offset
+    displayed: Pose | None = None  # last pose, with the offset
+    offset: Offset | None = None  # decaying difference of the displayed body from the completed one
+    blends: bool = False  # start a new offset with the next pose, so that it does not jump
 
-    def broken(self) -> Display:
-        """The next pose is by other settings; it is led to from the one that is shown."""
-        return replace(self, breaks=True)
+    def blending(self) -> DisplayState:
+        """Return the state that blends from the displayed pose to the next one."""
+        return replace(self, blends=True)
 
-    def unsmoothed(self) -> Display:
-        """The next pose has nothing to do with the one before."""
+    def unsmoothed(self) -> DisplayState:
+        """Return the state that displays the next pose at once."""
         return replace(self, smoothed=None)
 
-    def step(self, pose: Pose, time: float, half_life: float) -> tuple[Pose, Display]:
-        """Return the pose to display at `time` s, smoothed with this half-life, and the state after it."""
-        before, shown, offset = self.smoothed, self.shown, self.offset
+    def step(self, pose: Pose, time: float, half_life: float) -> tuple[Pose, DisplayState]:
+        """Return the pose to display at `time` s, smoothed with a half-life in s, and the state after it."""
+        before, displayed, offset = self.smoothed, self.displayed, self.offset
         if before is None or time - before.time > LONGEST_GAP:
-            before = shown = offset = None
+            before = displayed = offset = None
         root, rotation = pose.root_position, pose.rotation
         if before is None or half_life == 0:
             smoothed = at_rest(time, root, rotation)
         else:
-            smoothed = followed(before, time, root, rotation, half_life)
+            smoothed = smoothed_toward(before, time, root, rotation, half_life)
             pose = Pose(pose.skeleton, smoothed.root, smoothed.rotation)
-        if self.breaks and shown is not None:
-            offset = INERTIALISER.start(shown, pose, offset or INERTIALISER.rest(pose))
+        if self.blends and displayed is not None:
+            offset = INERTIALISER.start(displayed, pose, offset or INERTIALISER.rest(pose))
         if offset is not None and before is not None:
             pose, offset = INERTIALISER.apply(pose, time - before.time, offset)
             offset = offset if offset.root.any() or offset.rotation.any() else None
-        return pose, Display(smoothed, pose, offset)
+        return pose, DisplayState(smoothed, pose, offset)
 
 
 def mirrored(skeleton: Skeleton, root: np.ndarray, rotation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """A pose with left and right swapped, across the plane x = 0."""
+    """Mirror a pose across the plane x = 0: root (3,) m and rotations (J, 4)."""
     partner = skeleton.mirror[: len(rotation)]
     return root * [-1, 1, 1], rotation[partner] * [1, 1, -1, -1]
 
 
-def at_rest(time: float, root: np.ndarray, rotation: np.ndarray) -> Smoothed:
-    """A pose that does not move."""
-    return Smoothed(time, root, rotation, np.zeros(3), np.zeros((len(rotation), 3)))
+def at_rest(time: float, root: np.ndarray, rotation: np.ndarray) -> MovingPose:
+    """Return a pose without velocity."""
+    return MovingPose(time, root, rotation, np.zeros(3), np.zeros((len(rotation), 3)))
 
 
-def followed(before: Smoothed, time: float, root: np.ndarray, rotation: np.ndarray, half_life: float) -> Smoothed:
-    """The pose at `time` s on its way to another one: half a jump is closed after `half_life` s, at any rate."""
+def smoothed_toward(
+    before: MovingPose, time: float, root: np.ndarray, rotation: np.ndarray, half_life: float
+) -> MovingPose:
+    """Return the pose at `time` s on its way to a target. Half of a jump is left after `half_life` s, at any rate."""
     turn = log(multiply(before.rotation, rotation * CONJUGATE))
     offset = np.concatenate([turn, [before.root - root]])
     velocity = np.concatenate([before.spin, [before.velocity]])
     offset, velocity = spring_step(offset, velocity, half_life, time - before.time)
     turned = multiply(exp(offset[:-1]), rotation)
     turned *= np.copysign(1.0, turned[:, :1])
-    return Smoothed(time, root + offset[-1], turned, velocity[-1], velocity[:-1])
+    return MovingPose(time, root + offset[-1], turned, velocity[-1], velocity[:-1])
 
 
-LEAP = 0.03  # m from one frame to the next
+JUMP = 0.03  # m per frame; a larger step of any coordinate is a jump
 _OTHER_FOOT = [CONTACT_POINTS.index(name) for name in ("right_ankle", "left_ankle", "right_foot", "left_foot")]
-_LED_OVER = ("regions", "smoothing", "hold_feet")  # settings that change without a jump
+_BLENDED_SETTINGS = ("regions", "smoothing", "hold_feet")  # settings whose changes are blended
 _PARTS: dict[str, Region] = {
     **dict.fromkeys(("spine1", "spine2", "spine3"), "torso"),
     **dict.fromkeys(("neck", "head"), "head"),
@@ -100,38 +102,38 @@ _PARTS: dict[str, Region] = {
 }
 
 
-class Showing:
-    """The display of one person. `eased`: ease the body if it would leap because a tracker is lost or found."""
+class BodyDisplay:
+    """The displayed body of one person. `eased`: blend if the body would jump because a tracker is lost or found."""
 
     def __init__(self, skeleton: Skeleton, settings: Settings, eased: bool) -> None:
-        self._eased, self._display = eased, Display()
-        self._seen_before: tuple[list[str], np.ndarray] | None = None  # tracked points, and (P, 3) m of the body
+        self._eased, self._state = eased, DisplayState()
+        self._seen_before: tuple[list[str], np.ndarray] | None = None  # tracked points; body's points (P, 3) m
         self._standing = standing_pose(skeleton).rotation
-        self._joints, self._mirror = skeleton.joints, skeleton.mirror  # those of all bodies
-        self._choose(settings)
+        self._joints, self._mirror = skeleton.joints, skeleton.mirror  # equal for all bodies
+        self._set_regions(settings)
 
-    def _choose(self, settings: Settings) -> None:
+    def _set_regions(self, settings: Settings) -> None:
         self._settings, regions = settings, set(settings.regions)
         self._still = np.array([_region(name) not in {None, *regions} for name in self._joints])
         self._keeps_still = bool(self._still.any())
 
-    def change(self, settings: Settings) -> None:
-        """Show the next pose by other settings."""
+    def apply(self, settings: Settings) -> None:
+        """Apply settings to the next pose."""
         before = self._settings
-        self._choose(settings)
+        self._set_regions(settings)
         if settings.mirror != before.mirror:
-            self._display = self._display.unsmoothed()
-        if any(getattr(settings, name) != getattr(before, name) for name in _LED_OVER):
-            self.lead_over()
+            self._state = self._state.unsmoothed()
+        if any(getattr(settings, name) != getattr(before, name) for name in _BLENDED_SETTINGS):
+            self.blend_next()
 
-    def lead_over(self) -> None:
-        """Let no jump show with the next pose."""
-        self._display = self._display.broken()
+    def blend_next(self) -> None:
+        """Blend to the next pose."""
+        self._state = self._state.blending()
 
-    def shown(
+    def step(
         self, skeleton: Skeleton, observation: Observation, estimate: Estimate, frame: SignalFrame
     ) -> tuple[Pose, PoseFrame, np.ndarray | None]:
-        """Return the pose to display, the frame to send, and points (P, 3) m unless the pose was changed."""
+        """Return the pose to display, the frame to send, and points (P, 3) m, or None if the pose was changed."""
         root, rotation = np.asarray(estimate.pose.root_position[0]), np.asarray(estimate.pose.rotation[0])
         moment = float(observation.time[0])
         if self._eased:
@@ -143,26 +145,26 @@ class Showing:
         if self._settings.mirror:
             root, rotation = mirrored(skeleton, root, rotation)
             error, hidden, contact = error[self._mirror], hidden[self._mirror], contact[_OTHER_FOOT]
-        pose, self._display = self._display.step(Pose(skeleton, root, rotation), moment, self._settings.smoothing)
+        pose, self._state = self._state.step(Pose(skeleton, root, rotation), moment, self._settings.smoothing)
         root, rotation = np.asarray(pose.root_position), np.asarray(pose.rotation)
-        as_completed = root is before[0] and rotation is before[1]
+        is_unchanged = root is before[0] and rotation is before[1]
         sent = PoseFrame(frame.sequence, frame.time, root, rotation, error, hidden, contact)
-        return pose, sent, estimate.points[0] if as_completed else None
+        return pose, sent, estimate.points[0] if is_unchanged else None
 
     def truth(self, skeleton: Skeleton, root: np.ndarray, rotation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the true pose, (3,) and (J, 4), in the form that is sent with the answer."""
+        """Return a true pose, (3,) m and (J, 4), mirrored as the answer is."""
         return mirrored(skeleton, root, rotation) if self._settings.mirror else (root, rotation)
 
     def _ease(self, observation: Observation, points: np.ndarray) -> None:
-        """Ease the body if it leaps because a point is found or lost."""
+        """Blend if the body jumps when a point is lost or found. `points`: (P, 3) m."""
         seen = [name for k, name in enumerate(observation.points) if observation.has_position[0, k]]
         before, self._seen_before = self._seen_before, (seen, points)
-        if before is not None and before[0] != seen and np.abs(points - before[1]).max() > LEAP:
-            self.lead_over()
+        if before is not None and before[0] != seen and np.abs(points - before[1]).max() > JUMP:
+            self.blend_next()
 
 
 def _region(joint: str) -> Region | None:
-    """The region of a joint; None for the pelvis, which always moves."""
+    """Return the region of a joint; None for the pelvis, which always moves."""
     part = joint.removeprefix("left_").removeprefix("right_")
     if part == "pelvis":
         return None

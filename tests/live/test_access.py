@@ -1,4 +1,4 @@
-"""Getting in and out: certificates, guessed tokens, requests that never end, who leads, who watches, an end."""
+"""Access: certificates, wrong tokens, endless requests, the selection of a body for avatars, watching, stopping."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ from bodysense_live.certificate import check_pair, own_certificate, qr_code
 from bodysense_live.live import Live
 from bodysense_live.messages import Hello, Recentre, Resume, Source
 from bodysense_live.metrics import Metrics
-from bodysense_live.outbox import Outbox
-from bodysense_live.safety import Guesses, Limits
-from bodysense_live.seat import Leader, Seat
+from bodysense_live.safety import Limits, TokenThrottle
+from bodysense_live.send_queue import SendQueue
 from bodysense_live.session import Session
+from bodysense_live.session_slot import OutputSelector, SessionSlot
 from bodysense_live.settings import ServerSettings
 
 from .conftest import DEVICES, Connecting, Serving, signal
 
 
-def test_a_certificate_is_made_once_for_its_addresses_and_kept(tmp_path: Path) -> None:
+def test_a_certificate_is_created_once_for_its_addresses(tmp_path: Path) -> None:
     pytest.importorskip("cryptography")
     certificate, key = own_certificate(tmp_path / "state", ("192.168.1.7", "localhost"))
     first = certificate.read_bytes()
@@ -39,13 +39,13 @@ def test_a_certificate_is_made_once_for_its_addresses_and_kept(tmp_path: Path) -
     assert certificate.read_bytes() != first
 
 
-def test_files_that_are_no_certificate_are_named(tmp_path: Path) -> None:
+def test_invalid_certificate_files_are_named(tmp_path: Path) -> None:
     (tmp_path / "a.pem").write_text("no")
     with pytest.raises(BodysenseError, match=r"--certificate .*a\.pem --key .*give PEM files"):
         check_pair(tmp_path / "a.pem", tmp_path / "a.pem")
 
 
-def test_a_browser_that_trusts_the_certificate_gets_in(server_of: Serving, tmp_path: Path) -> None:
+def test_a_browser_that_trusts_the_certificate_connects(server_of: Serving, tmp_path: Path) -> None:
     pytest.importorskip("cryptography")
     certificate, key = own_certificate(tmp_path, ("127.0.0.1", "localhost"))
     access = replace(ServerSettings().access, certificate=certificate, key=key)
@@ -64,7 +64,7 @@ def test_a_qr_code_is_drawn() -> None:
     assert len(qr_code("https://192.168.1.7:8765/?token=abc").splitlines()) > 10
 
 
-def test_a_request_that_never_ends_is_let_go(server_of: Serving) -> None:
+def test_a_request_that_never_ends_is_closed(server_of: Serving) -> None:
     server = server_of(ServerSettings(limits=Limits(seconds_to_request=0.3)))
     with socket.create_connection(("127.0.0.1", server.port), timeout=10) as half:
         half.sendall(b"GET /healthz HTTP/1.1\r\nHost: 127.0")
@@ -78,30 +78,30 @@ def test_a_websocket_outlives_the_time_for_its_request(server_of: Serving, conne
     assert client.answered(signal(1, 0.0)).sequence == 1
 
 
-def test_wrong_tokens_wait_longer_and_longer(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_delay_of_wrong_tokens_doubles(monkeypatch: pytest.MonkeyPatch) -> None:
     waited: list[float] = []
 
     async def sleep(seconds: float) -> None:
         waited.append(seconds)
 
     async def guess() -> None:
-        guesses = Guesses()
+        throttle = TokenThrottle()
         for k in range(7):
-            await guesses.punish("10.0.0.1", float(k))
-        await guesses.punish("10.0.0.2", 7.0)
-        await guesses.punish("10.0.0.1", 100.0)
+            await throttle.delay("10.0.0.1", float(k))
+        await throttle.delay("10.0.0.2", 7.0)
+        await throttle.delay("10.0.0.1", 100.0)
 
     monkeypatch.setattr("bodysense_live.safety.asyncio.sleep", sleep)
     asyncio.run(guess())
     assert waited == [0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 8.0, 0.25, 0.25]
 
 
-def test_few_guesses_are_looked_at_at_a_time() -> None:
+def test_pending_refusals_make_an_address_busy() -> None:
     async def guess() -> tuple[bool, bool]:
-        guesses = Guesses()
-        waiting = [asyncio.create_task(guesses.punish("10.0.0.1", 0.0)) for _ in range(4)]
+        throttle = TokenThrottle()
+        waiting = [asyncio.create_task(throttle.delay("10.0.0.1", 0.0)) for _ in range(4)]
         await asyncio.sleep(0)
-        found = guesses.is_busy("10.0.0.1"), guesses.is_busy("10.0.0.2")
+        found = throttle.is_busy("10.0.0.1"), throttle.is_busy("10.0.0.2")
         for task in waiting:
             task.cancel()
         await asyncio.gather(*waiting, return_exceptions=True)
@@ -118,29 +118,29 @@ def answer(points: int) -> Answer:
     return found
 
 
-def seat(source: Source | None = None) -> Seat:
-    return Seat("", "", "", "", Session(DEVICES), source)
+def slot(source: Source | None = None) -> SessionSlot:
+    return SessionSlot("", "", "", "", Session(DEVICES), source)
 
 
-def test_who_sends_a_body_leads_not_the_page_that_came_first() -> None:
+def test_the_first_session_with_a_tracked_body_is_selected() -> None:
     body, nothing = answer(3), answer(0)
-    leader, page, headset, own = Leader(), seat(), seat(), seat("vmc")
-    leads = [
-        leader.leads(page, nothing, False, 0.0),
-        leader.leads(headset, body, False, 0.1),
-        leader.leads(page, body, False, 0.2),
-        leader.leads(own, body, True, 0.3),
-        leader.leads(headset, body, False, 1.0),
-        leader.leads(headset, body, False, 1.4),
+    selector, page, headset, own = OutputSelector(), slot(), slot(), slot("vmc")
+    selected = [
+        selector.selects(page, nothing, False, 0.0),
+        selector.selects(headset, body, False, 0.1),
+        selector.selects(page, body, False, 0.2),
+        selector.selects(own, body, True, 0.3),
+        selector.selects(headset, body, False, 1.0),
+        selector.selects(headset, body, False, 1.4),
     ]
-    assert leads == [False, True, False, True, False, True]
+    assert selected == [False, True, False, True, False, True]
 
 
-def test_a_page_that_watches_a_replay_of_its_own_never_leads() -> None:
-    leader, page, own = Leader(), seat("replay"), seat("vmc")
-    assert not leader.leads(page, answer(3), False, 0.0)
-    assert leader.leads(own, answer(3), True, 0.1)
-    assert not leader.leads(page, answer(3), False, 60.0)  # although the input is silent
+def test_a_page_that_watches_a_replay_is_never_selected() -> None:
+    selector, page, own = OutputSelector(), slot("replay"), slot("vmc")
+    assert not selector.selects(page, answer(3), False, 0.0)
+    assert selector.selects(own, answer(3), True, 0.1)
+    assert not selector.selects(page, answer(3), False, 60.0)  # even if the input is silent
 
 
 def test_a_session_is_watched_with_its_token(server_of: Serving, connect: Connecting) -> None:
@@ -151,8 +151,8 @@ def test_a_session_is_watched_with_its_token(server_of: Serving, connect: Connec
     assert not watcher.welcome["token"] and not watcher.welcome["watch_token"]
     wearer.answered(signal(7, 0.0))
     assert watcher.frame(SIGNAL) and watcher.pose().sequence == 7
-    watcher.tell(Recentre())
-    assert "changes nothing" in watcher.text("error")["reason"]
+    watcher.send_message(Recentre())
+    assert "cannot change it" in watcher.text("error")["reason"]
     assert wearer.answered(signal(9, 0.2)).sequence == 9
 
 
@@ -160,26 +160,26 @@ def test_a_wrong_token_watches_nothing() -> None:
     async def follow() -> str:
         live = Live(ServerSettings(), Metrics())
         live.start()
-        seat = await live.admit(Hello(1, DEVICES), Outbox(8))
+        slot = await live.admit(Hello(1, DEVICES), SendQueue(8))
         try:
-            await live.admit(Hello(1, follow=Resume(seat.identity, seat.token)), Outbox(8))
+            await live.admit(Hello(1, follow=Resume(slot.session_id, slot.token)), SendQueue(8))
         except BodysenseError as error:
             return str(error)
         finally:
             await live.stop()
         return ""
 
-    assert "its token is another" in asyncio.run(follow())
+    assert "its token is wrong" in asyncio.run(follow())
 
 
 @pytest.mark.parametrize("turns", range(4))
-def test_a_server_stops_in_whatever_turn_of_its_loop_a_client_left(turns: int) -> None:
+def test_a_server_stops_in_any_turn_of_its_loop_after_a_client_left(turns: int) -> None:
     async def left_and_stopped() -> None:
-        live, outbox = Live(ServerSettings(), Metrics()), Outbox(8)
+        live, queue = Live(ServerSettings(), Metrics()), SendQueue(8)
         live.start()
-        seat = await live.admit(Hello(1, DEVICES), outbox)
-        await asyncio.sleep(0.15)  # until nothing is to be stored
-        live.leave(seat, outbox)
+        slot = await live.admit(Hello(1, DEVICES), queue)
+        await asyncio.sleep(0.15)  # until no session must be stored
+        live.disconnect(slot, queue)
         for _ in range(turns):
             await asyncio.sleep(0)
         async with asyncio.timeout(5):

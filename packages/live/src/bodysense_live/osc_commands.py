@@ -8,7 +8,7 @@ from types import MappingProxyType
 from bodysense.io.osc import read_packet
 from bodysense_live.messages import Calibrate, Recentre
 
-OURS: Mapping[str, Calibrate | Recentre] = MappingProxyType(
+COMMANDS: Mapping[str, Calibrate | Recentre] = MappingProxyType(
     {
         "/bodysense/calibrate": Calibrate(),
         "/bodysense/calibrate/arms": Calibrate(arms_out=True),
@@ -17,9 +17,9 @@ OURS: Mapping[str, Calibrate | Recentre] = MappingProxyType(
 )
 
 
-def commands_of(packet: bytes, asked: Mapping[str, Calibrate | Recentre] = OURS) -> list[Calibrate | Recentre]:
-    """Return the commands of a packet, by the addresses of `asked`; a packet without one is not decoded."""
-    if not any(address.encode() in packet for address in asked):
+def commands_of(packet: bytes, commands: Mapping[str, Calibrate | Recentre] = COMMANDS) -> list[Calibrate | Recentre]:
+    """Return the commands in a packet, by their addresses. A packet without one is not decoded."""
+    if not any(address.encode() in packet for address in commands):
         return []
     messages = read_packet(packet)
-    return [] if isinstance(messages, str) else [asked[one.address] for one in messages if one.address in asked]
+    return [] if isinstance(messages, str) else [commands[one.address] for one in messages if one.address in commands]
