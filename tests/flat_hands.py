@@ -9,7 +9,7 @@ import numpy as np
 from bodysense.body.glove import default_glove, template
 from bodysense.body.hand import hand_skeleton
 from bodysense.body.skeleton import Skeleton, default_skeleton
-from bodysense.devices.gloves.fillers import FADING, Filler, LastShape, NetworkFiller, Stack
+from bodysense.devices.gloves.gap_fillers import FADING, GapFiller, GapFillerStack, NetworkGapFiller, RigidGapFiller
 
 INTERVAL = 1 / 60
 FLAT = template(default_glove(), hand_skeleton(default_skeleton(), "left"))
@@ -22,11 +22,11 @@ class Flat:
         return np.tile(FLAT.reshape(-1), (len(markers), 1)).astype(np.float32)
 
 
-def flat_filler(hand: Skeleton, fading: float | None = FADING) -> Filler:
-    return Stack((NetworkFiller(Flat(), (hand,), fading=fading), LastShape(FLAT)))
+def flat_gap_filler(hand: Skeleton, fading: float | None = FADING) -> GapFiller:
+    return GapFillerStack((NetworkGapFiller(Flat(), (hand,), fading=fading), RigidGapFiller(FLAT)))
 
 
-def run(filler: Filler, frames: np.ndarray) -> np.ndarray:
+def run(filler: GapFiller, frames: np.ndarray) -> np.ndarray:
     state: Any = filler.start(frames.shape[1])
     shown = []
     for frame in frames:

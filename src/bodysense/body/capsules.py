@@ -43,7 +43,7 @@ class Primitives:
 
 
 @dataclass(frozen=True, eq=False)
-class PlacedPrimitives:
+class PosedPrimitives:
     """The primitives of posed bodies, metres; leading axes are the pose's."""
 
     primitives: Primitives
@@ -181,7 +181,7 @@ def _name(skeleton: Skeleton, point: int) -> str:
     return repr(skeleton.points[point]) if point >= 0 else "nothing"
 
 
-def place(primitives: Primitives, position: np.ndarray, rotation: np.ndarray) -> PlacedPrimitives:
+def place(primitives: Primitives, position: np.ndarray, rotation: np.ndarray) -> PosedPrimitives:
     """Place primitives on a posed body.
 
     Args:
@@ -199,7 +199,7 @@ def place(primitives: Primitives, position: np.ndarray, rotation: np.ndarray) ->
         turned = np.einsum("...nij,nj->...ni", turn[..., joint, :, :], local.astype(turn.dtype))
         return position[..., joint, :] + turned
 
-    return PlacedPrimitives(
+    return PosedPrimitives(
         primitives=primitives,
         start=move(capsules, primitives.start),
         end=move(capsules, primitives.end),

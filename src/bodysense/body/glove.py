@@ -57,31 +57,31 @@ def default_glove() -> Glove:
     return glove_of(standard_set(), hand)
 
 
-def glove_of(worn: GloveSet, hand: Skeleton, axes: np.ndarray | None = None) -> Glove:
+def glove_of(marker_set: GloveSet, hand: Skeleton, axes: np.ndarray | None = None) -> Glove:
     """Place the markers of a set on a hand.
 
     `axes` (15, 4) are the rest rotations of the joints' axes from the default hand's.
     """
     turn = np.broadcast_to([1.0, 0.0, 0.0, 0.0], (len(HAND_JOINTS) - 1, 4)) if axes is None else axes
     size = hand_size(hand)
-    own = np.array([marker.offset for marker in worn.markers]) * (size / _SIZE)
-    points, carriers = zip(*((marker.near, marker.segment) for marker in worn.markers), strict=True)
-    return Glove(worn.names, points, carriers, worn_offsets(worn, hand.rest_offset, turn, own), size)
+    own = np.array([marker.offset for marker in marker_set.markers]) * (size / _SIZE)
+    points, carriers = zip(*((marker.near, marker.segment) for marker in marker_set.markers), strict=True)
+    return Glove(marker_set.names, points, carriers, marker_offsets(marker_set, hand.rest_offset, turn, own), size)
 
 
-def worn_offsets(worn: GloveSet, rest: np.ndarray, axes: np.ndarray, own: np.ndarray) -> np.ndarray:
+def marker_offsets(marker_set: GloveSet, rest: np.ndarray, axes: np.ndarray, own: np.ndarray) -> np.ndarray:
     """Return offsets (..., M, 3) m of a set's markers from their points, in the frames of the joints that carry them.
 
     Args:
-        worn: the set.
+        marker_set: the set.
         rest: (..., 21, 3) m, resting offsets of the hands.
         axes: (..., 15, 4) rest rotations of their joints' axes from the default hand's.
         own: (..., M, 3) m, the markers' offsets in the axes of their segments.
     """
     hand = hand_skeleton(default_skeleton(), "left")
-    carrier = hand.indices([marker.segment for marker in worn.markers])
+    carrier = hand.indices([marker.segment for marker in marker_set.markers])
     bone = np.array([hand.parents.index(joint) for joint in carrier])
-    along = np.array([[marker.along] for marker in worn.markers])
+    along = np.array([[marker.along] for marker in marker_set.markers])
     turns = np.asarray(quaternion_multiply(axes, np.asarray(joint_bases())))
     wrist = np.broadcast_to([1.0, 0.0, 0.0, 0.0], (*turns.shape[:-2], 1, 4))
     turn = np.concatenate([wrist, turns], axis=-2)[..., carrier, :]

@@ -34,7 +34,7 @@ _SEGMENTS, _KNUCKLES = (HAND, *HAND_JOINTS[1:]), tuple(f"{finger}1" for finger i
 
 
 @dataclass(frozen=True)
-class WornMarker:
+class GloveMarker:
     """A marker of a set: its position on a hand of 19.5 cm."""
 
     name: str  # of its point, '<hand>_glove_<name>'
@@ -51,7 +51,7 @@ class GloveSet:
     """The markers of a glove."""
 
     name: str
-    markers: tuple[WornMarker, ...]
+    markers: tuple[GloveMarker, ...]
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -138,7 +138,7 @@ def parse_set(stored: Any, place: str, standard: GloveSet | None) -> GloveSet:
     return GloveSet(stored["name"], tuple(rows))
 
 
-def _marker(row: dict, sides: Mapping[str, str], standard: GloveSet | None, place: str) -> WornMarker:
+def _marker(row: dict, sides: Mapping[str, str], standard: GloveSet | None, place: str) -> GloveMarker:
     _check_keys(row, _ROW, place)
     labels = _labels(row.get("label"), sides, place)
     if "is" in row:
@@ -146,7 +146,7 @@ def _marker(row: dict, sides: Mapping[str, str], standard: GloveSet | None, plac
         if row["is"] not in list(known):
             raise BodysenseError(f"{place}: is {brief(row['is'])}; valid are {', '.join(known)}")
         same = known[row["is"]]
-        return WornMarker(same.name, labels, same.segment, same.near, same.along, same.offset, same.accuracy)
+        return GloveMarker(same.name, labels, same.segment, same.near, same.along, same.offset, same.accuracy)
     segment = row.get("segment")
     if segment not in _SEGMENTS:
         raise BodysenseError(f"{place}: segment {brief(segment)}; valid are {', '.join(_SEGMENTS)}")
@@ -163,7 +163,7 @@ def _marker(row: dict, sides: Mapping[str, str], standard: GloveSet | None, plac
     name = row.get("name", _name(row["label"]))
     if not isinstance(name, str) or not re.fullmatch(r"[a-z0-9_]+", name) or "_glove_" in name:
         raise BodysenseError(f'{place}: name {brief(name)}; give small letters and digits: name = "index_nail"')
-    return WornMarker(
+    return GloveMarker(
         name=name,
         labels=labels,
         segment="wrist" if segment == HAND else segment,
@@ -174,7 +174,7 @@ def _marker(row: dict, sides: Mapping[str, str], standard: GloveSet | None, plac
     )
 
 
-def _plate(row: dict, number: int, sides: Mapping[str, str], place: str) -> list[WornMarker]:
+def _plate(row: dict, number: int, sides: Mapping[str, str], place: str) -> list[GloveMarker]:
     """Return the markers of a rigid plate: its shape is measured, its position is approximate."""
     _check_keys(row, _PLATE_ROW, place)
     labels = row.get("labels")
@@ -186,7 +186,9 @@ def _plate(row: dict, number: int, sides: Mapping[str, str], place: str) -> list
     for k, label in enumerate(labels, start=1):
         turn = 2 * pi * k / len(labels)  # in a ring, for simulation
         at = offset[0] + _RING * cos(turn), offset[1], offset[2] + (1 + k / 10) * _RING * sin(turn)
-        rows.append(WornMarker(f"plate{number}_{k}", _labels(label, sides, place), "wrist", "wrist", 0.0, at, accuracy))
+        rows.append(
+            GloveMarker(f"plate{number}_{k}", _labels(label, sides, place), "wrist", "wrist", 0.0, at, accuracy)
+        )
     return rows
 
 

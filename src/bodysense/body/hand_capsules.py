@@ -75,7 +75,7 @@ def own_depth(pose: Pose) -> np.ndarray:
     It is negative for capsules that do not touch: minus the gap.
     """
     radius, (first, second) = hand_capsules(pose.skeleton).radius, own_pairs()
-    start, along = placed_axes(pose)
+    start, along = capsule_axes(pose)
     points = nearest_points(start[..., first, :], along[..., first, :], start[..., second, :], along[..., second, :])
     return (1 - GIVE) * (radius[first] + radius[second]) - np.linalg.norm(points[0] - points[1], axis=-1)
 
@@ -85,20 +85,20 @@ def mutual_depth(left: Pose, right: Pose) -> np.ndarray:
 
     `right` is the right hand as a left one, mirrored with its world at x = 0 (hand.hand_pose).
     """
-    start, along = (part[..., :, None, :] for part in placed_axes(left))
-    other, other_along = (part[..., None, :, :] * [-1.0, 1.0, 1.0] for part in placed_axes(right))
+    start, along = (part[..., :, None, :] for part in capsule_axes(left))
+    other, other_along = (part[..., None, :, :] * [-1.0, 1.0, 1.0] for part in capsule_axes(right))
     radius = hand_capsules(left.skeleton).radius[:, None] + hand_capsules(right.skeleton).radius
     points = nearest_points(start, along, other, other_along)
     return (1 - GIVE) * radius - np.linalg.norm(points[0] - points[1], axis=-1)
 
 
-def placed_axes(pose: Pose) -> tuple[np.ndarray, np.ndarray]:
+def capsule_axes(pose: Pose) -> tuple[np.ndarray, np.ndarray]:
     """Return the starts of posed hands' capsules (..., C, 3) m, and the vectors to their ends (..., C, 3) m."""
     return axes_between(np.asarray(forward_kinematics(pose)[0]), hand_capsules(pose.skeleton).share)
 
 
 def axes_between(position: np.ndarray, share: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return `placed_axes` of hands whose points are at (..., 21, 3) m, with their capsules' `share` (..., C, 2)."""
+    """Return `capsule_axes` of hands whose points are at (..., 21, 3) m, with their capsules' `share` (..., C, 2)."""
     near = position[..., _JOINT, :]
     bone = position[..., _TOWARD, :] - near
     return near + share[..., :1] * bone, (share[..., 1:] - share[..., :1]) * bone

@@ -58,11 +58,11 @@ def fit(
     return quaternion, rotation, translation
 
 
-def moved(points: np.ndarray, rotation: np.ndarray, translation: np.ndarray) -> np.ndarray:
+def to_world(points: np.ndarray, rotation: np.ndarray, translation: np.ndarray) -> np.ndarray:
     """Transform points (H, M, 3) of the hand into the world."""
     return points @ rotation.swapaxes(1, 2) + translation[:, None]
 
 
-def brought_back(points: np.ndarray, rotation: np.ndarray, translation: np.ndarray) -> np.ndarray:
-    """Transform points (H, M, 3) of the world into the hand: the inverse of `moved`."""
+def to_hand(points: np.ndarray, rotation: np.ndarray, translation: np.ndarray) -> np.ndarray:
+    """Transform points (H, M, 3) of the world into the hand: the inverse of `to_world`."""
     return (points - translation[:, None]) @ rotation

@@ -68,7 +68,7 @@ def write_samples(recording: Recording, out: Path, count: int, seed: int, model:
     from bodysense.io.motion_files import write_motion
     from bodysense.io.resample import at_constant_rate
     from bodysense.papers.hmd_vae import BodyVaeEstimator, load_body_vae, sample_noise
-    from bodysense.papers.met_points import TargetIk
+    from bodysense.papers.target_ik import TargetIk
 
     observation = recording.observation
     other = [name for name in observation.points if name not in THREE_POINTS]

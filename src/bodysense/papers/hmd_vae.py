@@ -27,8 +27,8 @@ from bodysense.devices.estimate import PointEstimate
 from bodysense.devices.simulated.sensors import THREE_POINTS
 from bodysense.errors import BodysenseError
 from bodysense.observation import FARTHEST, UNIT_TOLERANCE, Observation, check_order, observed_points
-from bodysense.papers.met_points import MEASURED_ERROR
 from bodysense.papers.point_model import HeadAndHands
+from bodysense.papers.target_ik import MEASURED_ERROR
 
 FORMAT = "bodysense body vae 1"
 NETWORK = NetworkFormat(

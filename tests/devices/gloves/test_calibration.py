@@ -10,7 +10,7 @@ import pytest
 
 from bodysense.body.glove import hand_size, marker_positions
 from bodysense.body.hand import mirrored_vectors
-from bodysense.body.hand_family import COUNT, GlovedHand, carried_over, draw_hand, hand_of
+from bodysense.body.hand_family import COUNT, GlovedHand, draw_hand, hand_of, transfer_pose
 from bodysense.body.person import Person
 from bodysense.devices.gloves.calibration import fit_hand
 from bodysense.devices.gloves.device import calibrated_hands, glove_device
@@ -28,7 +28,7 @@ def worn() -> GlovedHand:
 @pytest.fixture(scope="module")
 def markers(worn: GlovedHand) -> np.ndarray:
     motion = synthesize_hand(worn.skeleton, 8.0, np.random.default_rng(12), 30.0)
-    return np.asarray(marker_positions(worn.glove, carried_over(motion.pose, worn)))
+    return np.asarray(marker_positions(worn.glove, transfer_pose(motion.pose, worn)))
 
 
 def test_a_hand_is_found_that_has_the_markers(worn: GlovedHand, markers: np.ndarray) -> None:
@@ -59,7 +59,7 @@ def test_a_network_that_knows_how_joints_bend_brings_the_hand_nearer(worn: Glove
     motion = synthesize_hand(worn.skeleton, 8.0, np.random.default_rng(12), 30.0)
     frames = frames_of(motion, worn)
     knowing = _Knowing(frames.markers.reshape(len(frames), -1), frames.angles)
-    markers = np.asarray(marker_positions(worn.glove, carried_over(motion.pose, worn)))[::24]
+    markers = np.asarray(marker_positions(worn.glove, transfer_pose(motion.pose, worn)))[::24]
 
     def off(network: _Knowing | None) -> float:
         found = fit_hand(markers, network=network).hand.skeleton

@@ -134,7 +134,7 @@ def test_no_point_is_corrected_faster_than_the_speed() -> None:
         correction = result.position - hands.position
         steps.append(np.linalg.norm(correction - before, axis=-1).max())
         before = correction
-        assert state.change is not None and state.way == pytest.approx(contact._way(state.change))
+        assert state.change is not None and state.displacement == pytest.approx(contact._displacement(state.change))
     assert max(steps) <= 0.1 * INTERVAL * 1.05  # turns are not linear
     assert depth(result) < 0.001
 

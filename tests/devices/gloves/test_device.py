@@ -224,7 +224,7 @@ def test_what_is_refused(small_models: GloveModels, gloves: Observation) -> None
     with pytest.raises(BodysenseError, match="'left2' is not of this body; it has 'left' and 'right'"):
         GloveDevice(more)
     assert gloved_sides(gloves.points) == SIDES
-    with pytest.raises(BodysenseError, match="the gloves are 'left2'; name the hands of a body"):
+    with pytest.raises(BodysenseError, match="the gloves are 'left2'; name the body's hands"):
         gloved_sides(glove_points("left2"))
     device = glove_device(SKELETON, models=small_models)
     _, state = device.step(gloves[:2], device.start())

@@ -13,7 +13,7 @@ from bodysense.body.rotation import (
     shortest_arc,
 )
 from bodysense.body.skeleton import Skeleton
-from bodysense.devices.gloves.fingers import hand_shape, place_hands, pointed, shortest_arcs
+from bodysense.devices.gloves.fingers import aim_fingers, hand_shape, place_hands, shortest_arcs
 from bodysense.errors import BodysenseError
 from bodysense_lab.synthesis.hands import varied_hand
 
@@ -56,7 +56,7 @@ def test_fingers_point_at_markers_as_the_slow_way_says(hand: Skeleton) -> None:
     angles = rng.normal(scale=0.3, size=(3, 26))
     markers = np.stack([np.asarray(marker_positions(glove, _posed(one, angles[k]))) for k, one in enumerate(hands)])
     markers += rng.normal(scale=0.01, size=markers.shape)
-    local, points = pointed(rotations_of(angles), markers, hand_shape(hands, [glove] * 3))
+    local, points = aim_fingers(rotations_of(angles), markers, hand_shape(hands, [glove] * 3))
     for k, one in enumerate(hands):
         turned = _posed(one, angles[k]).rotation.copy()
         position, _ = forward_kinematics(Pose(one, np.zeros(3), turned))
@@ -89,7 +89,7 @@ def test_errors(hand: Skeleton) -> None:
 
     glove = default_glove()
     elsewhere = replace(glove, points=tuple("ring3" if point == "ring_tip" else point for point in glove.points))
-    with pytest.raises(BodysenseError, match="'ring_tip' is worn at 'ring3'"):
+    with pytest.raises(BodysenseError, match="'ring_tip' is at 'ring3'"):
         hand_shape([hand], [elsewhere])
 
 

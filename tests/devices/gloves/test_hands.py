@@ -247,7 +247,7 @@ def test_another_filler_and_no_rejection(
     frames[10:, 5] = np.nan
     unfilled = np.where(np.isnan(frames), frames[9], frames)
     plain = HandsSettings(rejection=None, contact=None)
-    said = track(Hands({"left": hand}, small_models, plain, filler=LastKnown()), observe_gloves(left=frames))
+    said = track(Hands({"left": hand}, small_models, plain, gap_filler=LastKnown()), observe_gloves(left=frames))
     wanted = track(Hands({"left": hand}, small_models, plain), observe_gloves(left=unfilled))
     np.testing.assert_allclose(said["left"].position, wanted["left"].position, atol=1e-9)
 

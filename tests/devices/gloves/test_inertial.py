@@ -10,7 +10,7 @@ import pytest
 
 from bodysense.body.glove import marker_positions, standard_marker
 from bodysense.body.hand import FINGERS, FREEDOMS, HAND_JOINTS, angles_of, mirrored_rotations, own_axes
-from bodysense.body.hand_family import GlovedHand, carried_over, draw_hand
+from bodysense.body.hand_family import GlovedHand, draw_hand, transfer_pose
 from bodysense.body.pose import Pose
 from bodysense.body.rotation import quaternion_conjugate, quaternion_exp, quaternion_multiply
 from bodysense.body.skeleton import Skeleton
@@ -67,7 +67,7 @@ def drawn() -> GlovedHand:
 @pytest.fixture(scope="module")
 def moving(motion: HandMotion, drawn: GlovedHand) -> Pose:
     """Six seconds at 60 Hz of a drawn hand, whose joints have axes of their own."""
-    return carried_over(motion.pose[:360], drawn)
+    return transfer_pose(motion.pose[:360], drawn)
 
 
 @pytest.fixture(scope="module")
@@ -108,7 +108,7 @@ def fingers_hidden(seen: Observation, start: int) -> Observation:
 def test_exact_sensors_of_a_right_hand_measure_the_true_flexion(moving: Pose, drawn: GlovedHand) -> None:
     sensors = observe_fingers({"right": moving}, np.arange(360) / 60)
     rotation = mirrored_rotations(sensors.rotation, "right").reshape(-1, 1, len(HAND_JOINTS), 4)
-    sensed = inertial.sense(rotation, own_axes(drawn.axes[None]))
+    sensed = inertial.sensor_flexion(rotation, own_axes(drawn.axes[None]))
     np.testing.assert_allclose(sensed.flexion[:, 0], flexions(moving, drawn.axes), atol=1e-9)
 
 

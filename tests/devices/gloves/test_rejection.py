@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from bodysense.body.glove import MARKERS, default_glove
 from bodysense.body.skeleton import Skeleton
-from bodysense.devices.gloves.fillers import LastShape
+from bodysense.devices.gloves.gap_fillers import RigidGapFiller
 from bodysense.devices.gloves.rejection import Rejection, RejectionSettings
 from bodysense.errors import BodysenseError
 
@@ -15,10 +15,10 @@ INDEX, PINKY = MARKERS.index("index_tip"), MARKERS.index("pinky_tip")
 
 
 def check_all(hand: Skeleton, frames: np.ndarray, rate: float = RATE, **settings: float) -> np.ndarray:
-    """Markers (T, 9, 3) after rejection, NaN where left out; what is hidden is filled as `LastShape` does."""
+    """Markers (T, 9, 3) after rejection, NaN where left out; what is hidden is filled as `RigidGapFiller` does."""
     rejection = Rejection((hand,), default_glove(), RejectionSettings(**settings))
     state, hidden = rejection.start(), np.full((1, 9), 1e6)
-    filler = LastShape(np.nan_to_num(frames[0]))
+    filler = RigidGapFiller(np.nan_to_num(frames[0]))
     shape, kept = filler.start(1), []
     for frame in frames[:, None]:
         checked, state = rejection.check(frame, 1 / rate, hidden, state)
@@ -44,7 +44,7 @@ def test_every_hand_is_judged_as_if_alone(hand: Skeleton, markers: np.ndarray) -
 
     def checked(frames: np.ndarray) -> np.ndarray:
         hands = frames.shape[1]
-        rejection, filler = Rejection((hand,) * hands, default_glove()), LastShape(np.nan_to_num(frames[0]))
+        rejection, filler = Rejection((hand,) * hands, default_glove()), RigidGapFiller(np.nan_to_num(frames[0]))
         state, shape, kept = rejection.start(), filler.start(hands), []
         for frame in frames:
             seen, state = rejection.check(frame, 1 / RATE, np.zeros((hands, 9)), state)

@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from bodysense.body.glove import MARKERS, glove_points, marker_positions
-from bodysense.body.hand_family import GlovedHand, carried_over, draw_hand
+from bodysense.body.hand_family import GlovedHand, draw_hand, transfer_pose
 from bodysense.body.person import Person
 from bodysense.body.pose import Pose
 from bodysense.devices.gloves.calibration import checked_fit
@@ -45,7 +45,7 @@ def plated() -> GlovedHand:
 
 
 def moving(hand: GlovedHand, seconds: float) -> Pose:
-    return carried_over(synthesize_hand(hand.skeleton, seconds, np.random.default_rng(4), RATE).pose, hand)
+    return transfer_pose(synthesize_hand(hand.skeleton, seconds, np.random.default_rng(4), RATE).pose, hand)
 
 
 def shown(hand: GlovedHand, markers: np.ndarray) -> np.ndarray:
@@ -132,7 +132,7 @@ def test_a_person_keeps_any_glove(plated: GlovedHand, tmp_path) -> None:
 def test_the_set_of_a_recording(plated: GlovedHand) -> None:
     seen = seen_of(plated, 0.1)
     assert not has_standard_gloves(seen) and set_of(glove_points("right")).name == "bodysense"
-    with pytest.raises(BodysenseError, match="'idx', of no set that is known; give --marker-set"):
+    with pytest.raises(BodysenseError, match="'idx', which no known set has; give --marker-set"):
         set_of(["left_glove_idx"])
     markers = markers_of(seen, "left", SETS["plate3"].worn)
     np.testing.assert_array_equal(markers, seen.position)

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bodysense.body.capsules import PlacedPrimitives, Primitives
+from bodysense.body.capsules import PosedPrimitives, Primitives
 from bodysense.body.skeleton import default_skeleton
 from bodysense.devices.simulated.camera_ring import CameraRing, seen
 from bodysense.errors import BodysenseError
 
 
-def solids_of(start: np.ndarray, end: np.ndarray, radius: np.ndarray, frames: int = 1) -> PlacedPrimitives:
+def solids_of(start: np.ndarray, end: np.ndarray, radius: np.ndarray, frames: int = 1) -> PosedPrimitives:
     """Capsules (C, 3) that stand still for some frames."""
     nothing = np.zeros((0, 3))
     primitives = Primitives(
@@ -19,7 +19,7 @@ def solids_of(start: np.ndarray, end: np.ndarray, radius: np.ndarray, frames: in
         *(start, end, radius, nothing, nothing, np.zeros(3)),
     )
     many = [np.broadcast_to(part, (frames, *part.shape)) for part in (start, end, nothing, np.zeros((0, 3, 3)))]
-    return PlacedPrimitives(primitives, *many)
+    return PosedPrimitives(primitives, *many)
 
 
 def distance_by_sampling(camera: np.ndarray, light: np.ndarray, start: np.ndarray, end: np.ndarray) -> np.ndarray:
@@ -69,13 +69,13 @@ def test_each_frame_is_judged_by_itself_and_blocks_do_not_matter() -> None:
     frames = 700  # more than two blocks
     start = rng.normal(scale=0.3, size=(frames, 6, 3))
     placed = solids_of(np.zeros((6, 3)), np.tile([0.2, 0.0, 0.0], (6, 1)), np.full(6, 0.06), frames)
-    placed = PlacedPrimitives(placed.primitives, start, start + np.array([0.2, 0.0, 0.0]), placed.center, placed.axes)
+    placed = PosedPrimitives(placed.primitives, start, start + np.array([0.2, 0.0, 0.0]), placed.center, placed.axes)
     light, facing = rng.normal(scale=0.3, size=(frames, 4, 3)), np.broadcast_to([0.0, 1.0, 0.0], (frames, 4, 3))
     ring = CameraRing(count=4)
     whole = seen(ring, np.zeros(3), light, facing, placed)
     for frame in (0, 255, 256, 699):
         part = slice(frame, frame + 1)
-        one = PlacedPrimitives(
+        one = PosedPrimitives(
             placed.primitives, placed.start[part], placed.end[part], placed.center[part], placed.axes[part]
         )
         np.testing.assert_array_equal(seen(ring, np.zeros(3), light[part], facing[part], one), whole[part])

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bodysense.body.capsules import PlacedPrimitives
+from bodysense.body.capsules import PosedPrimitives
 from bodysense.devices.simulated.rays import blocked
 from bodysense.errors import BodysenseError
 
@@ -43,7 +43,7 @@ class CameraRing:
 
 
 def seen(
-    ring: CameraRing, middle: np.ndarray, light: np.ndarray, facing: np.ndarray, solids: PlacedPrimitives
+    ring: CameraRing, middle: np.ndarray, light: np.ndarray, facing: np.ndarray, solids: PosedPrimitives
 ) -> np.ndarray:
     """Which lights enough cameras see: within their beam, with nothing solid between.
 
@@ -60,7 +60,7 @@ def seen(
     found = np.empty(light.shape[:2], dtype=bool)
     for first in range(0, len(light), _BLOCK):
         block = slice(first, first + _BLOCK)
-        here = PlacedPrimitives(
+        here = PosedPrimitives(
             solids.primitives, solids.start[block], solids.end[block], solids.center[block], solids.axes[block]
         )
         found[block] = _cameras_that_see(ring, ring.places(middle), light[block], facing[block], here) >= ring.least
@@ -68,7 +68,7 @@ def seen(
 
 
 def _cameras_that_see(
-    ring: CameraRing, cameras: np.ndarray, light: np.ndarray, facing: np.ndarray, solids: PlacedPrimitives
+    ring: CameraRing, cameras: np.ndarray, light: np.ndarray, facing: np.ndarray, solids: PosedPrimitives
 ) -> np.ndarray:
     """(F, R) how many cameras see each light."""
     number = np.zeros(light.shape[:2], dtype=int)

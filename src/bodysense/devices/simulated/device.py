@@ -64,7 +64,7 @@ class WornSensors:
 class MarkerGloves:
     """Markers of both gloves in a ring of cameras."""
 
-    worn: GloveSet | None = None  # marker set; None: the standard one
+    marker_set: GloveSet | None = None  # marker set; None: the standard one
 
     def observe(self, clip: Clip, rng: np.random.Generator | None) -> Observation:
         """Return the markers that cameras see; with `rng` with the noise of optical capture."""
@@ -72,20 +72,20 @@ class MarkerGloves:
         from bodysense.devices.simulated.camera_ring import CameraRing
 
         capture = glove.GloveCapture(CameraRing(), noise=0.0 if rng is None else _GLOVE_NOISE)
-        return glove.observe(clip.pose, clip.time, capture, rng, self.worn)
+        return glove.observe(clip.pose, clip.time, capture, rng, self.marker_set)
 
 
 @dataclass(frozen=True, eq=False)
 class InertialGloves:
     """Marker gloves with an inertial sensor on every segment of the fingers."""
 
-    worn: GloveSet | None = None  # marker set; None: the standard one
+    marker_set: GloveSet | None = None  # marker set; None: the standard one
 
     def observe(self, clip: Clip, rng: np.random.Generator | None) -> Observation:
         """Return markers that cameras see and rotations of sensors; with `rng` with noise and drift."""
         from bodysense.devices.simulated import glove_imu
 
-        markers = MarkerGloves(self.worn).observe(clip, rng)
+        markers = MarkerGloves(self.marker_set).observe(clip, rng)
         hands = {side: hand_pose(clip.pose, side) for side in ("left", "right")}
         return joined_points(markers, glove_imu.observe_fingers(hands, clip.time, rng))
 

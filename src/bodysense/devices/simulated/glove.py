@@ -12,11 +12,11 @@ from functools import lru_cache
 
 import numpy as np
 
-from bodysense.body.capsules import PlacedPrimitives, Primitives, fit_primitives, place
+from bodysense.body.capsules import PosedPrimitives, Primitives, fit_primitives, place
 from bodysense.body.glove import Glove, default_glove, glove_of, marker_positions, side_of, template
 from bodysense.body.glove_set import GloveSet, standard_set
 from bodysense.body.hand import Side, hand_pose, joint_bases, mirrored_vectors
-from bodysense.body.hand_capsules import hand_capsules, placed_axes
+from bodysense.body.hand_capsules import capsule_axes, hand_capsules
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.rotation import quaternion_rotate
 from bodysense.body.skeleton import Skeleton
@@ -57,15 +57,15 @@ def observe(
     time: np.ndarray,
     capture: GloveCapture = GloveCapture(),
     rng: np.random.Generator | None = None,
-    worn: GloveSet | None = None,
+    marker_set: GloveSet | None = None,
 ) -> Observation:
-    """Return the markers of both gloves of a person (T, …) at `time` (T,) s; the body hides markers behind it.
+    """Return the markers of both gloves of a person (T, …) at `time` (T,) s. The body hides markers behind it.
 
-    Points are named 'left_glove_pinky_base' …, left before right, by the marker set `worn`, the standard one if
-    omitted. `rng` is needed for random settings. Raises BodysenseError for a skeleton without fingers, and if poses
-    and times differ in number.
+    Points are named 'left_glove_pinky_base' …, left before right. `marker_set` is the standard one if omitted, and
+    `rng` is needed for random settings. Raises BodysenseError for a skeleton without fingers, and if poses and times
+    differ in number.
     """
-    return observe_hands({side: hand_pose(pose, side) for side in _HANDS}, time, capture, rng, pose, worn)
+    return observe_hands({side: hand_pose(pose, side) for side in _HANDS}, time, capture, rng, pose, marker_set)
 
 
 def observe_hands(
@@ -74,7 +74,7 @@ def observe_hands(
     capture: GloveCapture = GloveCapture(),
     rng: np.random.Generator | None = None,
     body: Pose | None = None,
-    worn: GloveSet | None = None,
+    marker_set: GloveSet | None = None,
 ) -> Observation:
     """Observe hands (T, …) by name, 'left', 'right', 'left2' …, each a left hand in its own world (`body.hand`)."""
     time = np.asarray(time, dtype=float)
@@ -83,8 +83,8 @@ def observe_hands(
             raise BodysenseError(
                 f"{name}: poses of shape {pose.root_position.shape[:-1]} need as many times, but got {time.shape}"
             )
-    worn = standard_set() if worn is None else worn
-    gloves = {name: glove_of(worn, pose.skeleton) for name, pose in hands.items()}
+    marker_set = standard_set() if marker_set is None else marker_set
+    gloves = {name: glove_of(marker_set, pose.skeleton) for name, pose in hands.items()}
     position = np.concatenate(
         [mirrored_vectors(marker_positions(gloves[name], pose), side_of(name)) for name, pose in hands.items()],
         axis=-2,
@@ -98,7 +98,7 @@ def observe_hands(
         position = _disturbed(position, capture, rng)
         known &= ~_lost(time, position.shape[1], capture, rng)
     rotation = np.full((*position.shape[:-1], 4), np.nan)
-    points = tuple(f"{name}_glove_{marker}" for name in hands for marker in worn.names)
+    points = tuple(f"{name}_glove_{marker}" for name in hands for marker in marker_set.names)
     whole = np.ones(known.shape, dtype=bool)
     observation = Observation(
         points=points,
@@ -183,11 +183,11 @@ def _mounting(hand: Skeleton, glove: Glove) -> tuple[np.ndarray, np.ndarray]:
     return light - rest[carrier], facing
 
 
-def _solids(hands: Sequence[tuple[Pose, Side]], body: Pose | None) -> PlacedPrimitives:
+def _solids(hands: Sequence[tuple[Pose, Side]], body: Pose | None) -> PosedPrimitives:
     """Return occluders: the flesh of hands, and of a body except its hands."""
     start, end, radius = [], [], []
     for pose, side in hands:
-        begins, bones = placed_axes(pose)
+        begins, bones = capsule_axes(pose)
         start.append(mirrored_vectors(begins, side))
         end.append(mirrored_vectors(begins + bones, side))
         radius.append(hand_capsules(pose.skeleton).radius)
@@ -214,7 +214,7 @@ def _solids(hands: Sequence[tuple[Pose, Side]], body: Pose | None) -> PlacedPrim
         half_size=half_size,
         nose=np.zeros(3),
     )
-    return PlacedPrimitives(primitives, starts, ends, center, axes)
+    return PosedPrimitives(primitives, starts, ends, center, axes)
 
 
 @lru_cache(maxsize=64)

@@ -8,14 +8,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from bodysense.body.capsules import PlacedPrimitives
+from bodysense.body.capsules import PosedPrimitives
 from bodysense.body.segments import nearest_shares
 
 _SLACK = 1e-4  # m: the quick test runs in single precision and lets near misses pass
 _TINY = 1e-30  # keeps divisions by zero finite
 
 
-def blocked(target: np.ndarray, solids: PlacedPrimitives, active: np.ndarray, blocks: np.ndarray) -> np.ndarray:
+def blocked(target: np.ndarray, solids: PosedPrimitives, active: np.ndarray, blocks: np.ndarray) -> np.ndarray:
     """Whether a primitive stands in the way of a ray.
 
     Args:
@@ -53,7 +53,7 @@ def blocked(target: np.ndarray, solids: PlacedPrimitives, active: np.ndarray, bl
     return hit.reshape(frames, rays)
 
 
-def _toward(target: np.ndarray, solids: PlacedPrimitives) -> np.ndarray:
+def _toward(target: np.ndarray, solids: PosedPrimitives) -> np.ndarray:
     """(F, R, N) bool: the ray's direction lies in the cone from the camera about the primitive's bounding sphere."""
     direction = target / np.maximum(np.sqrt(np.einsum("frc,frc->fr", target, target)), _TINY)[..., None]
     middle = solids.middle

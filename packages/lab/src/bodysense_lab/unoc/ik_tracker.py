@@ -21,7 +21,7 @@ from bodysense.body.spring import spring_step
 from bodysense.devices.estimate import PointEstimate
 from bodysense.errors import BodysenseError
 from bodysense.observation import Observation, check_order, observed_points
-from bodysense.papers.met_points import COARSE, HEAD_WEIGHT, TargetIk
+from bodysense.papers.target_ik import COARSE, HEAD_WEIGHT, TargetIk
 
 _GUESSED_ARM_FACTOR = 5.0  # factor on the half-life of arm and hand joints without tracked points below them
 _LONGEST_GAP = 1.0  # s without frames after which motion is reset

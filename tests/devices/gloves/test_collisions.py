@@ -19,9 +19,9 @@ from bodysense.body.hand_capsules import axes_between, hand_capsules, mutual_dep
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.rotation import quaternion_conjugate, quaternion_log, quaternion_multiply
 from bodysense.body.skeleton import default_skeleton
+from bodysense.devices.gloves.collisions import COUNT, HandColliders
 from bodysense.devices.gloves.contact_rows import ANGLES, PARTS, growth_rows, tip_capsules, tip_pairs, turning_axes
 from bodysense.devices.gloves.fingers import HandPoses, hand_shape, place_hands
-from bodysense.devices.gloves.meetings import COUNT, HandFlesh
 
 SMALL = hand_skeleton(default_skeleton(), "left")
 LARGE = SMALL.with_offsets(1.15 * SMALL.rest_offset)
@@ -46,11 +46,11 @@ def points(poses: list[Pose]) -> np.ndarray:
 
 @pytest.mark.parametrize("seed", range(2))
 def test_pairs_are_as_near_as_depth_says(seed: int) -> None:
-    poses, flesh = two_poses(seed), HandFlesh(HANDS, SIDES)
+    poses, colliders = two_poses(seed), HandColliders(HANDS, SIDES)
     position = points(poses)
-    pairs = flesh.pairs(position)
-    meeting = flesh.meet(position, pairs)
-    depth = pairs.reach - meeting.distance
+    pairs = colliders.pairs(position)
+    nearest = colliders.nearest(position, pairs)
+    depth = pairs.reach - nearest.distance
     count = len(own_pairs()[0])
     np.testing.assert_allclose(depth[:count], own_depth(poses[0]), atol=1e-9)
     np.testing.assert_allclose(depth[count : 2 * count], own_depth(poses[1]), atol=1e-9)
@@ -58,8 +58,8 @@ def test_pairs_are_as_near_as_depth_says(seed: int) -> None:
 
 
 def test_hands_far_from_each_other_are_not_compared() -> None:
-    flesh = HandFlesh(HANDS, SIDES)
-    far, near = (flesh.pairs(points(two_poses(0, apart))) for apart in (0.5, 0.0))
+    colliders = HandColliders(HANDS, SIDES)
+    far, near = (colliders.pairs(points(two_poses(0, apart))) for apart in (0.5, 0.0))
     assert len(far.reach) == 2 * len(own_pairs()[0])
     assert len(near.reach) == len(far.reach) + COUNT**2
 
@@ -88,10 +88,10 @@ def test_axes_are_the_derivatives_of_rotations_by_angles() -> None:
 
 def test_rows_are_the_derivative() -> None:
     """Of the distance of points on capsules along directions, by each part of the change."""
-    poses, shape, flesh = two_poses(2), hand_shape(HANDS, [default_glove()] * 2), HandFlesh(HANDS, SIDES)
+    poses, shape, colliders = two_poses(2), hand_shape(HANDS, [default_glove()] * 2), HandColliders(HANDS, SIDES)
     rotation, root = np.stack([pose.rotation for pose in poses]), np.stack([pose.root_position for pose in poses])
     angles = joint_angles(rotation[:, 1:], default_axes())
-    pairs = flesh.pairs(points(poses))
+    pairs = colliders.pairs(points(poses))
     rng = np.random.default_rng(3)
     chosen = rng.choice(len(pairs.reach), 20, replace=False)
     tips = np.array([[1, 7], [9, 8]])  # index of the left, middle of the right, and of what they may touch

@@ -8,13 +8,13 @@ from scipy.spatial.transform import Rotation
 
 from bodysense.body.glove import default_glove, template
 from bodysense.body.skeleton import Skeleton
-from bodysense.devices.gloves.fillers import Filler, LastShape, NetworkFiller, Stack
+from bodysense.devices.gloves.gap_fillers import GapFiller, GapFillerStack, NetworkGapFiller, RigidGapFiller
 from bodysense.devices.gloves.hands import natural_markers
 from bodysense.errors import BodysenseError
 from bodysense_lab.two_hands.baselines import AffineCombination, LastKnown, MovingAverage
 
 
-def run(filler: Filler, frames: np.ndarray, interval: float = 1 / 60) -> np.ndarray:
+def run(filler: GapFiller, frames: np.ndarray, interval: float = 1 / 60) -> np.ndarray:
     """Frames (T, H, 9, 3), one after the other."""
     state: Any = filler.start(frames.shape[1])
     filled = []
@@ -122,7 +122,7 @@ def test_a_network_is_given_registered_markers_and_its_answer_is_brought_back(ha
     big = hand.with_offsets(1.2 * hand.rest_offset)
     flat = template(default_glove(), hand)
     model = Told(flat)
-    filler = NetworkFiller(model, (big,))
+    filler = NetworkGapFiller(model, (big,))
     turn, place = (
         Rotation.from_quat(np.random.default_rng(1).normal(size=(3, 4))).as_matrix(),
         np.arange(9.0).reshape(3, 3),
@@ -141,7 +141,7 @@ def test_a_network_is_given_registered_markers_and_its_answer_is_brought_back(ha
 
 
 def test_a_network_keeps_away_from_hands_with_few_markers(hand: Skeleton, markers: np.ndarray) -> None:
-    filler = NetworkFiller(Told(template(default_glove(), hand)), (hand,))
+    filler = NetworkGapFiller(Told(template(default_glove(), hand)), (hand,))
     frame = np.stack([markers[0], markers[1], markers[2]])
     frame[0, 3:] = np.nan
     frame[1, 2:] = np.nan
@@ -150,14 +150,14 @@ def test_a_network_keeps_away_from_hands_with_few_markers(hand: Skeleton, marker
     assert np.isfinite(filled[0]).all()
     np.testing.assert_array_equal(filled[1:], frame[1:])
     with pytest.raises(BodysenseError, match="made for 2 hands, started for 3"):
-        NetworkFiller(Told(frame[0]), (hand, hand)).start(3)
+        NetworkGapFiller(Told(frame[0]), (hand, hand)).start(3)
     with pytest.raises(BodysenseError, match="fewest is 5"):
-        NetworkFiller(Told(frame[0]), (hand,), fewest=5)
+        NetworkGapFiller(Told(frame[0]), (hand,), fewest=5)
 
 
 def test_the_last_shape_moves_rigidly_and_relaxes(hand: Skeleton, markers: np.ndarray) -> None:
     natural = natural_markers(default_glove(), hand)
-    filler = LastShape(natural, hold=0.5, relaxing=1.0)
+    filler = RigidGapFiller(natural, hold=0.5, relaxing=1.0)
     frames = hide(np.concatenate([markers[:30], np.tile(markers[30], (120, 1, 1))]), 30, 150, *range(9))
     filled = run(filler, frames)[:, 0]
     np.testing.assert_allclose(filled[30:58], np.tile(markers[29], (28, 1, 1)), atol=1e-9)
@@ -175,16 +175,16 @@ def test_the_last_shape_moves_rigidly_and_relaxes(hand: Skeleton, markers: np.nd
 def test_a_stack_fills_what_those_before_left(hand: Skeleton, markers: np.ndarray) -> None:
     frames = hide(markers[:40], 20, 30, *range(9))
     frames[10:15, :, 3] = np.nan
-    stack = Stack((AffineCombination(), LastKnown()))
+    stack = GapFillerStack((AffineCombination(), LastKnown()))
     filled = run(stack, frames)
     np.testing.assert_array_equal(filled[10:15], run(AffineCombination(), frames)[10:15])  # the first has its say
     np.testing.assert_array_equal(filled[20:30, 0], np.tile(markers[19], (10, 1, 1)))
-    other = run(Stack((LastKnown(), AffineCombination())), frames)
+    other = run(GapFillerStack((LastKnown(), AffineCombination())), frames)
     np.testing.assert_array_equal(other, run(LastKnown(), frames))
 
 
 @pytest.mark.parametrize("filler", [LastKnown(), MovingAverage(), AffineCombination()])
-def test_hands_of_a_batch_know_nothing_of_each_other(filler: Filler, markers: np.ndarray) -> None:
+def test_hands_of_a_batch_know_nothing_of_each_other(filler: GapFiller, markers: np.ndarray) -> None:
     one, other = hide(markers[:60], 20, 40, 1, 2), hide(markers[60:120], 10, 45, 0, 5, 8)
     both = run(filler, np.concatenate([one, other], axis=1))
     np.testing.assert_allclose(both[:, :1], run(filler, one), atol=1e-9)
