@@ -174,6 +174,6 @@ def test_another_tree_is_refused_with_its_first_difference() -> None:
     parents = [*default.parents]
     parents[default.index("right_hip")] = hip
     with pytest.raises(
-        BodysenseError, match=r"'right_hip' hangs on 'left_hip', where .* expect 'pelvis'; bring it into"
+        BodysenseError, match=r"the parent of 'right_hip' is 'left_hip', but .* expect 'pelvis'; bring it into"
     ):
         fit_primitives(replace(default, parents=tuple(parents)))

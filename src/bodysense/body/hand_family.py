@@ -1,9 +1,9 @@
-"""A family of hands: differences between adults' hands and gloves, as standard normal parameters.
+"""Family of hands: differences between adults' hands and gloves, as standard normal parameters.
 
 One vector of `COUNT` parameters defines a hand: size, positions of knuckles, lengths of bones, directions of fingers
-at rest, tilt of hinges, build of the thumb, and positions of a glove's markers. Zeros are the middle of the family. It
-is wide on purpose: rigs for animation, two recorded avatars and the template of the two-hands paper's glove differ
-more from each other than adults do, and the family includes all of them.
+at rest, tilt of hinges, build of the thumb, and positions of a glove's markers. Zeros give the mean hand. The family is
+wide on purpose: rigs for animation, two recorded avatars and the template of the two-hands paper's glove differ more
+from each other than adults do, and the family includes all of them.
 """
 
 from __future__ import annotations
@@ -37,12 +37,13 @@ from bodysense.errors import BodysenseError
 
 FARTHEST = 2.5  # standard deviations: the largest drawn parameter
 _POINTS = (*HAND_JOINTS, *FINGERTIPS)
-# Directions of bones in the middle of the family, cm, on a hand of 19.5 cm: halfway between the default body's hand and
-# that of Buchholz, Armstrong and Goldstein (Anthropometric data for describing the kinematics of the human hand, 1992).
+# The mean hand, 19.5 cm long: bases of fingers from the wrist and lengths of bones, cm. It is halfway between the default
+# body's hand and that of Buchholz, Armstrong and Goldstein (Anthropometric data for describing the kinematics of the
+# human hand, 1992).
 _BASE = ((3.2, -0.9, 2.7), (9.8, -0.4, 2.45), (9.65, 0.0, 0.1), (9.05, 0.0, -2.0), (8.2, -0.5, -3.9))
 _LENGTH = ((3.3, 3.6, 2.9), (3.7, 2.6, 2.3), (4.3, 3.0, 2.4), (3.85, 2.8, 2.4), (3.05, 1.95, 1.95))
 _THUMB = ((0.64, -0.58, 0.50), (0.79, -0.49, 0.37), (0.86, -0.49, 0.14))  # directions of the thumb's bones at rest
-# Positions of markers, cm from their points, in the axes of the hand at rest.
+# Mean positions of markers on the back of the hand, cm from their points, in the axes of the hand at rest.
 _BACK_MARKERS = {"pinky_base": (-0.7, 1.2, 0.3), "wrist": (0.0, 2.8, 0.0), "index_base": (-1.2, 2.0, 0.5)}
 
 
@@ -56,7 +57,7 @@ class _Block(NamedTuple):
 
 _BLOCKS = (
     _Block("size", 1, 0.08),  # log, of the whole hand
-    _Block("knuckles", 1, 0.6),  # cm, toward the fingertips; the first bones of the fingers are as much shorter
+    _Block("knuckles", 1, 0.6),  # cm, toward the fingertips; the fingers' first bones are shorter by the same length
     _Block("breadth", 1, 0.07),  # log, of the palm
     _Block("base", 15, 0.3),  # cm, of every finger's base
     _Block("finger", 5, 0.05),  # log, of all bones of a finger
@@ -71,12 +72,12 @@ _BLOCKS = (
     _Block("back", 9, 0.4),  # cm, additional, of the markers on the back of the hand
 )
 COUNT = sum(block.length for block in _BLOCKS)
-SHAPE = COUNT - 42  # the first of them, without those of the glove
+SHAPE = COUNT - 42  # number of the first parameters, which describe the hand without its glove
 
 
 @dataclass(frozen=True, eq=False)
 class GlovedHand:
-    """A hand (a left one, the wrist at the origin), the rotation of its joints' axes, and its glove."""
+    """A left hand with its wrist at the origin, the rotation of its joints' axes, and its glove."""
 
     skeleton: Skeleton
     axes: np.ndarray = field(repr=False)  # (15, 4) wxyz, from the axes of `hand.joint_bases` to this hand's, at rest
@@ -84,7 +85,7 @@ class GlovedHand:
 
 
 class HandShapes(NamedTuple):
-    """Shapes (..., P) of the family as numbers."""
+    """Arrays that describe hands (...) of the family."""
 
     rest: np.ndarray  # (..., 21, 3) m, resting offsets
     axes: np.ndarray  # (..., 15, 4) wxyz
@@ -109,7 +110,7 @@ def plain_hand(skeleton: Skeleton) -> GlovedHand:
 
 
 def body_with(skeleton: Skeleton, side: Side, hand: GlovedHand) -> Skeleton:
-    """Return a body with another hand on one side: the wrist is unchanged, its descendants are the hand's."""
+    """Return a body with another hand on one side; the wrist is unchanged."""
     offset = np.array(skeleton.rest_offset)
     points = skeleton.indices([f"{side}_{name}" for name in _POINTS[1:]])
     offset[points] = mirrored_vectors(hand.skeleton.rest_offset[1:], side)
@@ -163,20 +164,20 @@ def _attachments(glove: Glove) -> list[list[str]]:
 
 
 def hand_of(parameters: np.ndarray) -> GlovedHand:
-    """Return the hand of parameters (COUNT,)."""
+    """Return the hand with parameters (COUNT,)."""
     shapes = shapes_of(parameters)
     return hand_from_arrays(shapes.rest, shapes.axes, shapes.markers)
 
 
 def shapes_of(parameters: np.ndarray) -> HandShapes:
-    """Return the shapes of parameters (..., COUNT), many at once."""
+    """Return the shapes of hands with parameters (..., COUNT)."""
     part = _parts(parameters)
     rest, axes = bare_shapes_of(parameters)
     return HandShapes(rest, axes, 0.01 * np.exp(part["size"])[..., None] * _marker_offsets(part, axes[..., ::3, :]))
 
 
 def bare_shapes_of(parameters: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return resting offsets (..., 21, 3) m and axes (..., 15, 4) of parameters (..., SHAPE or more)."""
+    """Return resting offsets (..., 21, 3) m and axes (..., 15, 4) of hands with parameters (..., SHAPE or more)."""
     part, batch = _parts(parameters), parameters.shape[:-1]
     size = np.exp(part["size"])[..., None]
     base = np.array(_BASE) + part["base"].reshape(*batch, 5, 3)
@@ -193,7 +194,7 @@ def bare_shapes_of(parameters: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def transfer_pose(pose: Pose, hand: GlovedHand) -> Pose:
-    """Transfer the motion of a hand with default axes to another one: joints turn equally, about their own axes."""
+    """Transfer a pose from a hand with default axes to `hand`: joints turn by the same angles about their own axes."""
     rotation = np.array(pose.rotation, dtype=float)
     turned = quaternion_multiply(quaternion_multiply(hand.axes, rotation[..., 1:, :]), quaternion_conjugate(hand.axes))
     rotation[..., 1:, :] = quaternion_canonical(turned)
@@ -214,7 +215,7 @@ def _parts(parameters: np.ndarray) -> dict[str, np.ndarray]:
 def _turns(part: dict[str, np.ndarray]) -> np.ndarray:
     """Return (..., 5, 4) rotations of whole fingers at rest."""
     vector = np.stack([part["tilt"], part["spread"], part["raise"]], axis=-1)
-    vector[..., 0, 1:] = 0.0  # the thumb has turns of its own
+    vector[..., 0, 1:] = 0.0  # the thumb has its own parameters
     about = np.asarray(quaternion_exp(vector * [1.0, 0.0, 0.0]))
     turn = np.asarray(quaternion_multiply(quaternion_exp(vector * [0.0, 1.0, 1.0]), about))
     tilted = quaternion_exp(part["tilt"][..., :1] * _unit(np.array(_THUMB[0])))

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from bodysense.body.glove import ALIGNMENT, MARKERS, default_glove
-from bodysense.body.hand import FINGERS, Side, default_axes, joint_angles, joint_places, joint_rotations, limits
+from bodysense.body.hand import FINGERS, Side, angle_indices, default_axes, joint_angles, joint_rotations, limits
 from bodysense.body.hand_capsules import GIVE
 from bodysense.body.products import CONJUGATE, multiply
 from bodysense.body.skeleton import Skeleton
@@ -35,7 +35,7 @@ from bodysense.devices.gloves.contact_rows import (
 from bodysense.devices.gloves.fingers import CHAINS, HandPoses, HandShape, hand_shape, place_hands
 from bodysense.errors import BodysenseError
 
-_PLACE, _FREE = joint_places()  # (15, 3) index of each joint's flexion, abduction and twist, and which of them it has
+_PLACE, _FREE = angle_indices()  # (15, 3) index of each joint's flexion, abduction and twist, and which of them it has
 _LOW, _HIGH = (np.where(_FREE, of[_PLACE], 0.0) for of in limits())  # (15, 3) rad
 _TIP_MARKERS = [MARKERS.index(f"{finger}_tip") for finger in FINGERS]
 _LONGEST_STEP, _SHORT_STEP = 0.3, 0.01  # rad: largest linear step; after a smaller one than the second, iteration stops
