@@ -37,9 +37,9 @@ from bodysense.errors import BodysenseError
 
 FARTHEST = 2.5  # standard deviations: the largest drawn parameter
 _POINTS = (*HAND_JOINTS, *FINGERTIPS)
-# The mean hand, 19.5 cm long: bases of fingers from the wrist and lengths of bones, cm. It is halfway between the default
-# body's hand and that of Buchholz, Armstrong and Goldstein (Anthropometric data for describing the kinematics of the
-# human hand, 1992).
+# The mean hand, 19.5 cm long: bases of fingers from the wrist and lengths of bones, cm. It is halfway between the
+# default body's hand and that of Buchholz, Armstrong and Goldstein (Anthropometric data for describing the kinematics
+# of the human hand, 1992).
 _BASE = ((3.2, -0.9, 2.7), (9.8, -0.4, 2.45), (9.65, 0.0, 0.1), (9.05, 0.0, -2.0), (8.2, -0.5, -3.9))
 _LENGTH = ((3.3, 3.6, 2.9), (3.7, 2.6, 2.3), (4.3, 3.0, 2.4), (3.85, 2.8, 2.4), (3.05, 1.95, 1.95))
 _THUMB = ((0.64, -0.58, 0.50), (0.79, -0.49, 0.37), (0.86, -0.49, 0.14))  # directions of the thumb's bones at rest

@@ -51,7 +51,7 @@ def degrees(rotation: np.ndarray) -> np.ndarray:
 
 
 def test_a_constant_drift_turns_about_the_vertical_and_grows_with_time_since_the_calibration() -> None:
-    wrong = errors(GloveImuNoise(**(ONLY | {"drift": 0.1}), worn=20.0))
+    wrong = errors(GloveImuNoise(**(ONLY | {"drift": 0.1}), session_age=20.0))
     np.testing.assert_allclose(quaternion_rotate(wrong, UP), np.broadcast_to(UP, (*wrong.shape[:-1], 3)), atol=1e-9)
     angle = degrees(wrong)
     np.testing.assert_allclose(angle[60], angle[0] * 80 / 20, rtol=1e-6)
