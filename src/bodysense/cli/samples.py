@@ -88,6 +88,6 @@ def write_samples(recording: Recording, out: Path, count: int, seed: int, model:
         estimator = BodyVaeEstimator(recording.skeleton, network, noise)
         estimate, _ = estimator.step(observation, estimator.start())
         assert estimate.pose is not None
-        pose = solver.bent(estimate, estimate.pose, observation)
+        pose = solver.bend(estimate, estimate.pose, observation)
         write_motion(path, at_constant_rate(Clip(path.stem, pose, rate), observation.time))
     return paths

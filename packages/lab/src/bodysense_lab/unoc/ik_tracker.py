@@ -110,7 +110,7 @@ class IkTracker:
         skeleton, head = self.estimator.skeleton, self.estimator.skeleton.index("head")
         _, rotation, has_position, has_rotation = observed_points(observation, skeleton)
         if estimate.pose is not None:
-            pose, times = self._solver.bent(estimate, estimate.pose, observation), observation.time.tolist()
+            pose, times = self._solver.bend(estimate, estimate.pose, observation), observation.time.tolist()
             for before, time in zip((state.time, *times), times, strict=False):
                 check_order(time, before, "tracker")
             return pose, estimate, IkTrackerState(estimator_state, time=times[-1])
