@@ -16,7 +16,7 @@ from bodysense.body.rotation import (
     quaternion_rotate,
 )
 from bodysense.body.skeleton import default_skeleton
-from bodysense.devices.video.arm_turns import along_arms, palm_rotations, with_palms
+from bodysense.devices.video.arm_turns import align_arms, palm_rotations, with_palms
 
 ARMS = arm_skeleton(default_skeleton())
 JOINT = {name: ARM_JOINTS.index(name) for name in ARM_JOINTS}
@@ -48,13 +48,13 @@ def local(turned: np.ndarray, joint: str, parent: str) -> np.ndarray:
 
 def test_arms_on_their_own_lines_stay() -> None:
     turned, bones, _ = posed(60.0)
-    assert apart(turned, along_arms(turned, bones, bones)).max() < 1e-3
+    assert apart(turned, align_arms(turned, bones, bones)).max() < 1e-3
 
 
 def test_bones_point_along_their_lines() -> None:
     turned, bones, _ = posed(60.0)
     lines = np.asarray(normalize(bones + 0.3 * np.random.default_rng(2).normal(size=bones.shape)))
-    laid = along_arms(turned, bones, lines)
+    laid = align_arms(turned, bones, lines)
     for k, part in enumerate(("shoulder", "elbow")):
         places = [JOINT[f"{side}_{part}"] for side in SIDES]
         own = quaternion_rotate(quaternion_conjugate(turned[places]), bones[:, k])
@@ -67,7 +67,7 @@ def test_a_bent_elbow_tells_the_twist_of_its_upper_arm(bend: float, most: float)
     turned, bones, _ = posed(bend)
     twist = np.asarray(quaternion_exp(np.radians(30.0) * bones[:, 0]))
     lines = np.stack([bones[:, 0], np.asarray(quaternion_rotate(twist, bones[:, 1]))], axis=1)
-    laid = along_arms(turned, bones, lines)
+    laid = align_arms(turned, bones, lines)
     upper = [JOINT[f"{side}_shoulder"] for side in SIDES]
     assert apart(laid[upper], np.asarray(quaternion_multiply(twist, turned[upper]))).max() < most
     assert apart(local(laid, "elbow", "shoulder"), local(turned, "elbow", "shoulder")).max() < most
@@ -78,7 +78,7 @@ def test_a_straight_elbow_does_not_twist_its_upper_arm() -> None:
     turned, bones, _ = posed(1.0)
     twist = np.asarray(quaternion_exp(np.radians(90.0) * bones[:, 0]))
     lines = np.stack([bones[:, 0], np.asarray(quaternion_rotate(twist, bones[:, 1]))], axis=1)
-    assert apart(turned, along_arms(turned, bones, lines)).max() < 2.0
+    assert apart(turned, align_arms(turned, bones, lines)).max() < 2.0
 
 
 def test_palms_of_the_body_itself_are_its_hands() -> None:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from bodysense.devices.video.arm_window import calmed
+from bodysense.devices.video.arm_window import smooth_window
 
 TIME = np.arange(32) / 30
-CALM = 0.03
+DEVIATION = 0.03
 
 
 def window(hand: np.ndarray, found: np.ndarray) -> dict[str, np.ndarray]:
@@ -28,18 +28,18 @@ def window(hand: np.ndarray, found: np.ndarray) -> dict[str, np.ndarray]:
 
 def test_what_moves_steadily_does_not_lag_and_what_trembles_is_calmed() -> None:
     steady = np.stack([TIME, -2 * TIME], axis=-1)
-    hand = calmed(window(steady, np.ones(32, bool)), TIME, CALM)["hand"][:, 0, 0]
+    hand = smooth_window(window(steady, np.ones(32, bool)), TIME, DEVIATION)["hand"][:, 0, 0]
     np.testing.assert_allclose(hand[4:-4], steady[4:-4], atol=1e-5)
-    assert np.abs(hand - steady).max() < 2 * CALM  # at its ends a window knows one side alone
+    assert np.abs(hand - steady).max() < 2 * DEVIATION  # at its ends a window knows one side alone
     noise = np.random.default_rng(0).normal(size=(32, 2))
-    calm = calmed(window(noise, np.ones(32, bool)), TIME, CALM)["hand"][:, 0, 0]
+    calm = smooth_window(window(noise, np.ones(32, bool)), TIME, DEVIATION)["hand"][:, 0, 0]
     assert calm[4:-4].std() < 0.7 * noise.std()
 
 
 def test_what_was_not_found_does_not_count_and_signs_do_not_matter() -> None:
     found = np.arange(32) % 3 != 0
     hand = np.where(found[:, None], 1.0, 1e6) * np.ones((32, 2))
-    smooth = calmed(window(hand, found), TIME, CALM)
+    smooth = smooth_window(window(hand, found), TIME, DEVIATION)
     np.testing.assert_allclose(smooth["hand"][found], 1.0, atol=1e-5)
     np.testing.assert_allclose(np.abs(smooth["torso"][:, 0]), 1.0, atol=1e-6)
     np.testing.assert_allclose(np.linalg.norm(smooth["arm"], axis=-1), 1.0, atol=1e-6)

@@ -72,7 +72,7 @@ def test_answers_wait_as_long_as_they_are_said_to(untrained_arms: ArmModel, wavi
 def test_live_answers_are_the_networks(untrained_arms: ArmModel, waving_clip: Clip) -> None:
     """At its rate and without look-ahead, a frame's answer is the last of the window that ends with it."""
     keypoints = filmed(waving_clip, noise=False)[:50]
-    live = Arms(default_skeleton(), untrained_arms, ArmSettings(look_ahead=0.0, calm=1e-6)).complete(keypoints)
+    live = Arms(default_skeleton(), untrained_arms, ArmSettings(look_ahead=0.0, smoothing=1e-6)).complete(keypoints)
     for last in (31, 49):
         frames = keypoints[last - 31 : last + 1]
         window = {name: np.nan_to_num(getattr(frames, name))[None] for name in ("arm", "torso", "hand")}

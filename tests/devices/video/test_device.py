@@ -18,11 +18,11 @@ from bodysense.body.rotation import geodesic_angle
 from bodysense.completion.model import CompletionModel
 from bodysense.devices.video.camera_level import upright
 from bodysense.devices.video.device import POINTS, VideoDevice, VideoSettings
-from bodysense.devices.video.landmark_smoothing import smoothed
+from bodysense.devices.video.landmark_smoothing import smooth_frame
 from bodysense.devices.video.landmarks import BODY_LANDMARKS, Bodies, HandLandmarks, Landmarker
 from bodysense.devices.video.person import PersonState, arm_keypoints, follow
 from bodysense.devices.video.pictures import Picture, VideoBrokenError
-from bodysense.devices.video.watching import Watched, watch
+from bodysense.devices.video.watching import WatchedFrames, watch
 from bodysense.errors import BodysenseError
 from bodysense.observation import LANDMARK_ACCURACY
 from bodysense.tracker import Tracker, TrackerSettings
@@ -151,9 +151,9 @@ def test_smoothing_keeps_what_is_straight_and_calms_what_trembles() -> None:
     person = seen_by(walking(31), 1.0)
     slope = np.linspace(0, 1, 31)[:, None, None]
     straight = replace(person, world=np.broadcast_to(slope, person.world.shape).copy())
-    np.testing.assert_allclose(smoothed(straight, 15, 0.05, 0.2).world, 0.5, atol=1e-12)
+    np.testing.assert_allclose(smooth_frame(straight, 15, 0.05, 0.2).world, 0.5, atol=1e-12)
     noise = np.random.default_rng(0).normal(size=person.world.shape)
-    calm = np.stack([smoothed(replace(person, world=noise), k, 0.05, 0.0).world[0] for k in range(8, 23)])
+    calm = np.stack([smooth_frame(replace(person, world=noise), k, 0.05, 0.0).world[0] for k in range(8, 23)])
     assert calm.std() < 0.6 * noise.std()
 
 
@@ -194,7 +194,7 @@ def pictures(count: int) -> Iterator[Picture]:
         yield Picture(k / RATE, np.zeros((8, 12, 3), np.uint8))
 
 
-def watched(source: Iterator[Picture], landmarker: Standing, device: VideoDevice) -> Iterator[Watched]:
+def watched(source: Iterator[Picture], landmarker: Standing, device: VideoDevice) -> Iterator[WatchedFrames]:
     return watch(source, cast(Landmarker, landmarker), lambda aspect: replace(device, aspect=aspect))
 
 

@@ -122,7 +122,7 @@ def test_a_damaged_middle_costs_its_own_pictures_only(tmp_path: Path) -> None:
 def test_a_text_named_mp4_is_refused_in_one_line(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "notes.mp4"
     path.write_bytes(content)
-    with pytest.raises(BodysenseError, match=r"notes\.mp4: (not a video|there is no video)") as error:
+    with pytest.raises(BodysenseError, match=r"notes\.mp4: (not a video|the file has no video)") as error:
         read(path)
     assert "\n" not in str(error.value)
 
@@ -130,7 +130,7 @@ def test_a_text_named_mp4_is_refused_in_one_line(tmp_path: Path, content: bytes)
 def test_an_index_that_is_cut_off_is_refused(tmp_path: Path) -> None:
     whole = write(tmp_path / "whole.mp4", [k / 30 for k in range(9)], corners())
     (tmp_path / "cut.mp4").write_bytes(whole.read_bytes()[:-500])  # an MP4's index stands at its end
-    with pytest.raises(BodysenseError, match="is it whole"):
+    with pytest.raises(BodysenseError, match="is it complete"):
         read(tmp_path / "cut.mp4")
 
 
@@ -141,7 +141,7 @@ def test_sound_alone_is_refused(tmp_path: Path) -> None:
         frame.rate = 44100
         container.mux(stream.encode(frame))
         container.mux(stream.encode())
-    with pytest.raises(BodysenseError, match="there is no video in it"):
+    with pytest.raises(BodysenseError, match="the file has no video"):
         read(tmp_path / "sound.mp4")
 
 
@@ -198,7 +198,7 @@ def test_a_webcam_gives_pictures_until_it_is_unplugged(monkeypatch: pytest.Monke
     cv2 = pytest.importorskip("cv2", reason="webcams need OpenCV, which bodysense[video] brings")
     monkeypatch.setattr(cv2, "VideoCapture", Camera)
     found: list[Picture] = []
-    with pytest.raises(VideoBrokenError, match="webcam 3: it gives no more"), open_video("3") as video:
+    with pytest.raises(VideoBrokenError, match="webcam 3: no more pictures"), open_video("3") as video:
         assert video.rate == 25 and video.count is None
         for picture in video.pictures:
             found.append(picture)
@@ -208,7 +208,7 @@ def test_a_webcam_gives_pictures_until_it_is_unplugged(monkeypatch: pytest.Monke
 
 @pytest.mark.parametrize(
     ("source", "message"),
-    [("none.mp4", "no such file"), ("empty", "there are no images in it"), ("987", "webcam 987: there is none")],
+    [("none.mp4", "no such file"), ("empty", "the folder has no images"), ("987", "webcam 987: not found")],
 )
 def test_what_is_not_there(tmp_path: Path, source: str, message: str, capfd: pytest.CaptureFixture[str]) -> None:
     if source.isdecimal():
