@@ -1,4 +1,4 @@
-"""The small quadratic program, against scipy's general solver."""
+"""The quadratic program of contact, against SciPy's general solver."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def problem(seed: int, demands: int) -> tuple[np.ndarray, np.ndarray, np.ndarray
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_it_is_the_smallest_change_that_meets_the_demands(seed: int) -> None:
+def test_the_change_is_the_smallest_that_meets_the_demands(seed: int) -> None:
     rows, demand, ease = problem(seed, 6)
     exact = np.arange(6) == 0
     found = least_change(rows, demand, exact, ease, WIDE, np.full(6, SOFTNESS))
@@ -37,13 +37,13 @@ def test_it_is_the_smallest_change_that_meets_the_demands(seed: int) -> None:
     assert (rows[1:] @ found >= demand[1:] - 1e-6).all()
 
 
-def test_nothing_is_demanded_and_nothing_changes() -> None:
+def test_met_demands_cause_no_change() -> None:
     rows, demand, ease = problem(9, 4)
     found = least_change(rows, -np.abs(demand), np.zeros(4, bool), ease, WIDE, np.full(4, SOFTNESS))
     np.testing.assert_array_equal(found, 0)
 
 
-def test_bounds_come_first_and_what_may_not_move_does_not() -> None:
+def test_bounds_precede_demands_and_fixed_parts_do_not_move() -> None:
     rows, demand, ease = problem(3, 4)
     ease[2] = 0.0
     bounds = (np.full(8, -0.2), np.full(8, 0.3))
