@@ -55,7 +55,7 @@ def make_device(untrained_arms: ArmModel) -> Any:
 
 
 def walking(frames: int = 45) -> Pose:
-    """Return a person who stands, waves and drifts to their left and toward the camera."""
+    """Return a standing person who waves and drifts to their left and toward the camera."""
     pose, time = standing_pose(SKELETON), np.arange(frames) / 30
     rotation = np.tile(pose.rotation, (frames, 1, 1))
     elbow = SKELETON.index("left_elbow")
