@@ -1,4 +1,4 @@
-"""A network that takes every hand for flat, and its filler, to test how offsets of markers go on."""
+"""A network that predicts flat hands, and its gap filler, to test the continuity of hidden markers."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ FLAT = template(default_glove(), hand_skeleton(default_skeleton(), "left"))
 
 
 class Flat:
-    """A network that takes every hand for flat: as wrong as can be, and jumpy where the registration is."""
+    """A network that predicts a flat hand for all markers: it has large errors, and jumps with the registration."""
 
     def run(self, markers: np.ndarray, hand: np.ndarray) -> np.ndarray:
         return np.tile(FLAT.reshape(-1), (len(markers), 1)).astype(np.float32)
@@ -26,10 +26,10 @@ def flat_gap_filler(hand: Skeleton, fading: float | None = FADING) -> GapFiller:
     return GapFillerStack((NetworkGapFiller(Flat(), (hand,), fading=fading), RigidGapFiller(FLAT)))
 
 
-def run(filler: GapFiller, frames: np.ndarray) -> np.ndarray:
-    state: Any = filler.start(frames.shape[1])
-    shown = []
+def run(gap_filler: GapFiller, frames: np.ndarray) -> np.ndarray:
+    state: Any = gap_filler.start(frames.shape[1])
+    filled = []
     for frame in frames:
-        one, state = filler.fill(frame, INTERVAL, state)
-        shown.append(one)
-    return np.stack(shown)
+        one, state = gap_filler.fill(frame, INTERVAL, state)
+        filled.append(one)
+    return np.stack(filled)
