@@ -181,8 +181,8 @@ def _name(skeleton: Skeleton, point: int) -> str:
     return repr(skeleton.points[point]) if point >= 0 else "nothing"
 
 
-def place(primitives: Primitives, position: np.ndarray, rotation: np.ndarray) -> PosedPrimitives:
-    """Place primitives on a posed body.
+def pose_primitives(primitives: Primitives, position: np.ndarray, rotation: np.ndarray) -> PosedPrimitives:
+    """Return the primitives of posed bodies.
 
     Args:
         primitives: fitted to the body's skeleton.

@@ -164,7 +164,7 @@ class BodyVaeEstimator:
         places, roots, rotations = self._places, [], []
         for t, time in enumerate(observation.time):
             seen = (values[t, places] for values in (position, rotation, has_position, has_rotation))
-            state = self._add_frame(float(time), state.last.seen(*seen), state)
+            state = self._add_frame(float(time), state.last.updated(*seen), state)
             root, local = self.model.body(*self._window(state), 1.0, self._noise, self._rest_offset)
             roots.append(root)
             rotations.append(local)

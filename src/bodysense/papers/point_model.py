@@ -63,7 +63,7 @@ class HeadAndHands:
         position, rotation = (values[places] for values in forward_kinematics(standing_pose(skeleton)))
         return cls(position[0], rotation[0], position[1:] - position[0], rotation[1:])
 
-    def seen(
+    def updated(
         self, position: np.ndarray, rotation: np.ndarray, has_position: np.ndarray, has_rotation: np.ndarray
     ) -> Self:
         """Return head and wrists after one frame (3, …) of measured values and their masks."""

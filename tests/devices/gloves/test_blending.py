@@ -9,7 +9,7 @@ from bodysense.body.glove import MARKERS, default_glove
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.rotation import quaternion_canonical, quaternion_multiply
 from bodysense.body.skeleton import Skeleton
-from bodysense.devices.gloves.blending import Blend, BlendState, between, displaced, scaled
+from bodysense.devices.gloves.blending import Blend, BlendState, apply_offset, offset_between, scale_offset
 from bodysense.devices.gloves.fingers import HandPoses, hand_shape
 
 INTERVAL = 1 / 60
@@ -42,15 +42,15 @@ def output_after(blend: Blend, output: HandPoses, solved: HandPoses) -> tuple[Ha
 def test_an_offset_restores_the_output_and_scales_by_part(hand: Skeleton) -> None:
     output, solved = posed(hand, 3, 0), posed(hand, 3, 1)
     shape = hand_shape([hand] * 3, [default_glove()] * 3)
-    offset = between(output, solved)
-    np.testing.assert_allclose(displaced(solved, offset, shape).position, output.position, atol=1e-9)
-    nothing = displaced(solved, scaled(offset, np.zeros((1, 1)), np.zeros((1, 5))), shape)
+    offset = offset_between(output, solved)
+    np.testing.assert_allclose(apply_offset(solved, offset, shape).position, output.position, atol=1e-9)
+    nothing = apply_offset(solved, scale_offset(offset, np.zeros((1, 1)), np.zeros((1, 5))), shape)
     np.testing.assert_allclose(nothing.position, solved.position, atol=1e-9)
-    thumb = displaced(solved, scaled(offset, np.ones((1, 1)), np.array([[0.0, 1, 1, 1, 1]])), shape)
+    thumb = apply_offset(solved, scale_offset(offset, np.ones((1, 1)), np.array([[0.0, 1, 1, 1, 1]])), shape)
     np.testing.assert_allclose(thumb.rotation[:, 1:4], solved.rotation[:, 1:4], atol=1e-9)
     same = np.abs((thumb.rotation * output.rotation).sum(axis=-1))
     np.testing.assert_allclose(same[:, [0, *range(4, 16)]], 1, atol=1e-9)
-    assert displaced(solved, None, shape) is solved
+    assert apply_offset(solved, None, shape) is solved
 
 
 def test_the_output_approaches_a_still_hand_at_the_speed(hand: Skeleton) -> None:

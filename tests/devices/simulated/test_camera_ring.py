@@ -7,7 +7,7 @@ import pytest
 
 from bodysense.body.capsules import PosedPrimitives, Primitives
 from bodysense.body.skeleton import default_skeleton
-from bodysense.devices.simulated.camera_ring import CameraRing, seen
+from bodysense.devices.simulated.camera_ring import CameraRing, seen_lights
 from bodysense.errors import BodysenseError
 
 
@@ -48,7 +48,7 @@ def test_seen_lights_equal_those_of_a_plain_ray_test() -> None:
     facing = rng.normal(size=(1, 25, 3))
     facing /= np.linalg.norm(facing, axis=-1, keepdims=True)
     ring = CameraRing(count=5, radius=1.5, heights=(0.2, 0.9), least=2, beam=100.0)
-    found = seen(ring, np.zeros(3), light, facing, solids_of(start, end, radius))
+    found = seen_lights(ring, np.zeros(3), light, facing, solids_of(start, end, radius))
     tested = 0
     for k in range(light.shape[1]):
         count, doubtful = 0, False
@@ -72,13 +72,13 @@ def test_frames_are_independent_across_blocks() -> None:
     solids = PosedPrimitives(solids.primitives, start, start + np.array([0.2, 0.0, 0.0]), solids.center, solids.axes)
     light, facing = rng.normal(scale=0.3, size=(frames, 4, 3)), np.broadcast_to([0.0, 1.0, 0.0], (frames, 4, 3))
     ring = CameraRing(count=4)
-    whole = seen(ring, np.zeros(3), light, facing, solids)
+    whole = seen_lights(ring, np.zeros(3), light, facing, solids)
     for frame in (0, 255, 256, 699):
         part = slice(frame, frame + 1)
         one = PosedPrimitives(
             solids.primitives, solids.start[part], solids.end[part], solids.center[part], solids.axes[part]
         )
-        np.testing.assert_array_equal(seen(ring, np.zeros(3), light[part], facing[part], one), whole[part])
+        np.testing.assert_array_equal(seen_lights(ring, np.zeros(3), light[part], facing[part], one), whole[part])
     assert 0 < whole.mean() < 1
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from bodysense.body.arms import SIDES
-from bodysense.devices.video.camera_level import CameraLevel, rolled, tilted, upright
+from bodysense.devices.video.camera_level import CameraLevel, remove_roll, roll_matrix, tilt_matrix
 from bodysense.devices.video.landmarks import BODY_LANDMARKS
 from bodysense.devices.video.person import PersonLandmarks
 
@@ -22,9 +22,9 @@ def standing(tilt: float = 0.0, roll: float = 0.0, bend: float = 0.0, frames: in
         for sign, side in zip((1, -1), SIDES, strict=True):
             place = np.array([sign * aside, height, 0.0])
             if part == "shoulder":
-                place = tilted(np.radians(bend)).T @ place
+                place = tilt_matrix(np.radians(bend)).T @ place
             world[BODY_LANDMARKS.index(f"{side}_{part}")] = place
-    world = world @ tilted(np.radians(tilt)) @ rolled(np.radians(roll))  # camera ← room, of rows
+    world = world @ tilt_matrix(np.radians(tilt)) @ roll_matrix(np.radians(roll))  # camera ← room, of rows
     return PersonLandmarks(
         time=np.arange(frames) / 30,
         world=np.tile(world, (frames, 1, 1)),
@@ -54,7 +54,7 @@ def test_tilt_and_roll_equal_those_of_the_camera(tilt: float, roll: float) -> No
 @pytest.mark.parametrize("roll", [-25.0, 15.0, 40.0])
 def test_upright_landmarks_equal_those_of_an_upright_camera(roll: float) -> None:
     person, level = standing(10.0, roll), standing(10.0)
-    turned = upright(person, np.radians(roll))
+    turned = remove_roll(person, np.radians(roll))
     for name in ("world", "picture", "hand", "hand_world"):
         np.testing.assert_allclose(getattr(turned, name), getattr(level, name), atol=1e-12)
 

@@ -16,7 +16,7 @@ from bodysense.body.person import Person
 from bodysense.body.pose import forward_kinematics, standing_pose
 from bodysense.body.rotation import geodesic_angle
 from bodysense.completion.model import CompletionModel
-from bodysense.devices.video.camera_level import upright
+from bodysense.devices.video.camera_level import remove_roll
 from bodysense.devices.video.device import POINTS, VideoDevice, VideoSettings
 from bodysense.devices.video.landmark_smoothing import smooth_frame
 from bodysense.devices.video.landmarks import BODY_LANDMARKS, Bodies, HandLandmarks, Landmarker
@@ -68,7 +68,7 @@ def test_points_are_at_their_true_positions(make_device: Any, known: bool) -> No
 @pytest.mark.parametrize(("look_ahead", "roll"), [(0.0, 0.0), (0.2, 15.0)])
 def test_one_call_equals_many(make_device: Any, look_ahead: float, roll: float) -> None:
     device = make_device(look_ahead)
-    person = upright(seen_by(walking(20), device.focal, noise=0.01), np.radians(roll))
+    person = remove_roll(seen_by(walking(20), device.focal, noise=0.01), np.radians(roll))
     one, many = together(observed(device, person, 20)), together(observed(device, person, 1))
     for name in FIELDS:
         np.testing.assert_allclose(getattr(one, name), getattr(many, name), atol=1e-9)

@@ -11,7 +11,7 @@ import pytest
 from bodysense.body.arms import SIDES
 from bodysense.body.pose import Pose, rest_pose
 from bodysense.body.rotation import quaternion_exp, quaternion_multiply, quaternion_rotate
-from bodysense.devices.video.camera_level import upright
+from bodysense.devices.video.camera_level import remove_roll
 from bodysense.devices.video.device import POINTS, VideoFrames
 from bodysense.devices.video.landmarks import BODY_LANDMARKS
 from bodysense.devices.video.person import PersonLandmarks
@@ -85,7 +85,7 @@ def test_still_arms_do_not_tremble(make_device: Any) -> None:
 def test_a_rolled_camera_is_levelled(make_device: Any, roll: float, known: bool) -> None:
     device = make_device(0.2)
     level = seen_by(walking(20), device.focal)
-    person = upright(level, -np.radians(roll))
+    person = remove_roll(level, -np.radians(roll))
     with_roll = replace(device, settings=replace(device.settings, roll=roll if known else None))
     parts = observed(with_roll, person, 1)
     wanted, seen = together(observed(device, level, 1)), together(parts)

@@ -80,7 +80,7 @@ class Blend:
         if state is None or (state.offset is None and without is solved):
             speed = np.full((len(known), 1), self.speed) if state is None else state.speed
             return solved, BlendState(solved.position, solved.position, known, None, speed)
-        start, speed = displaced(without, state.offset, self.shape), state.speed
+        start, speed = apply_offset(without, state.offset, self.shape), state.speed
         if without is not solved:
             farthest = np.linalg.norm(start.position - solved.position, axis=-1).max(axis=1, keepdims=True)
             speed = np.maximum(self.speed, farthest / self.longest)
@@ -95,35 +95,35 @@ class Blend:
             step, path, far = (part.take(points, axis=1) for part in (step, path, reach))
             return 1 - _share(step, path, far, most).min(axis=-1)
 
-        offset = between(start, solved)
-        offset = scaled(offset, remaining(start, solved, _BACK[None]), _ALL)
-        end = displaced(solved, scaled(offset, _ALL[:, :1], 0 * _ALL), self.shape)
-        offset = scaled(offset, _ALL[:, :1], remaining(displaced(solved, offset, self.shape), end, CHAINS))
-        output = displaced(solved, offset, self.shape)
+        offset = offset_between(start, solved)
+        offset = scale_offset(offset, remaining(start, solved, _BACK[None]), _ALL)
+        end = apply_offset(solved, scale_offset(offset, _ALL[:, :1], 0 * _ALL), self.shape)
+        offset = scale_offset(offset, _ALL[:, :1], remaining(apply_offset(solved, offset, self.shape), end, CHAINS))
+        output = apply_offset(solved, offset, self.shape)
         arc = _limiting_arcs(output, state.output, reach)
         if arc is not None:
             output.rotation[:, 1::3] = multiply(arc, output.rotation[:, 1::3])
             output = place_hands(self.shape, output.root, output.rotation)
-            offset = between(output, solved)
+            offset = offset_between(output, solved)
         elif not offset.root.any() and not offset.turn.any():
             return solved, BlendState(solved.position, solved.position, known, None, speed)
         return output, BlendState(output.position, solved.position, known, offset, speed)
 
 
-def between(output: HandPoses, solved: HandPoses) -> PoseOffset:
+def offset_between(output: HandPoses, solved: HandPoses) -> PoseOffset:
     """Return the offset of output hands from solved ones."""
     turn = multiply(output.rotation, solved.rotation * CONJUGATE)
     return PoseOffset(output.root - solved.root, log(turn))
 
 
-def scaled(offset: PoseOffset, back: np.ndarray, fingers: np.ndarray) -> PoseOffset:
+def scale_offset(offset: PoseOffset, back: np.ndarray, fingers: np.ndarray) -> PoseOffset:
     """Scale an offset by a share (H, 1) for the back of the hand and shares (H, 5) for the fingers, or (1, …)."""
     share = np.empty(offset.turn.shape[:2])
     share[:, :1], share[:, 1:] = back, fingers.repeat(3, axis=1)
     return PoseOffset(offset.root * back, offset.turn * share[..., None])
 
 
-def displaced(solved: HandPoses, offset: PoseOffset | None, shape: HandShape) -> HandPoses:
+def apply_offset(solved: HandPoses, offset: PoseOffset | None, shape: HandShape) -> HandPoses:
     """Apply an offset to hands; return the object `solved` if there is no offset."""
     if offset is None:
         return solved

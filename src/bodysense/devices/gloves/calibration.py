@@ -65,7 +65,7 @@ def fit_hand(markers: np.ndarray, marker_set: GloveSet | None = None, network: H
     markers are seen at once.
     """
     marker_set = standard_set() if marker_set is None else marker_set
-    problem = _CalibrationProblem(marker_set, _different(markers, marker_set))
+    problem = _CalibrationProblem(marker_set, _most_different_frames(markers, marker_set))
     trials = [problem.refine(*problem.start(size), _TRIED) for size in _SIZES]
     theta, pose, _ = problem.refine(*min(trials, key=lambda one: one[2])[:2], _STEPS)
     if network is not None and marker_set.names == standard_set().names:
@@ -78,7 +78,7 @@ def fit_hand(markers: np.ndarray, marker_set: GloveSet | None = None, network: H
 
 def enough_frames(markers: np.ndarray, marker_set: GloveSet | None = None) -> bool:
     """Whether `fit_hand` can use enough frames of markers (T, M, 3)."""
-    return len(_good(markers, marker_set or standard_set())) >= FEWEST
+    return len(_usable_frames(markers, marker_set or standard_set())) >= FEWEST
 
 
 def checked_fit(markers: np.ndarray, marker_set: GloveSet, name: str) -> HandFit:
@@ -243,16 +243,16 @@ def _back(marker_set: GloveSet) -> list[int]:
     return list(marker_set.on_hand if len(marker_set.on_hand) >= 3 else range(len(marker_set.markers)))
 
 
-def _good(markers: np.ndarray, marker_set: GloveSet) -> np.ndarray:
+def _usable_frames(markers: np.ndarray, marker_set: GloveSet) -> np.ndarray:
     """Return the frames with enough markers, enough of them on the back of the hand."""
     known, back = ~np.isnan(markers[..., 0]), list(marker_set.on_hand)
     enough = known.sum(axis=1) >= np.ceil(_SEEN * len(marker_set.markers))
     return np.flatnonzero((known[:, back].sum(axis=1) >= min(3, len(back))) & enough)
 
 
-def _different(markers: np.ndarray, marker_set: GloveSet) -> np.ndarray:
+def _most_different_frames(markers: np.ndarray, marker_set: GloveSet) -> np.ndarray:
     """Return the frames (K, M, 3) that differ most in shape, among those with enough markers."""
-    good = _good(markers, marker_set)
+    good = _usable_frames(markers, marker_set)
     if len(good) < FEWEST:
         raise BodysenseError(
             f"gloves: {len(good)} frames have {np.ceil(_SEEN * len(marker_set.markers)):g} markers of a hand, with its "

@@ -198,7 +198,7 @@ class Labeller:
         if not expected.size:
             return expected
         place, seen = self._seen(k, points, labels)
-        for marker in self._stray(k, place, seen, expected.size):
+        for marker in self._misplaced_on_back(k, place, seen, expected.size):
             seen[marker] = False
             labels[labels == k * _COUNT + marker] = -1
         enough = seen.sum() >= _FOLLOWED
@@ -226,7 +226,7 @@ class Labeller:
         place[labels[mine] - k * _COUNT] = points[mine] * self._flips[k]
         return place, np.asarray(np.isfinite(place[:, 0]))
 
-    def _stray(self, k: int, place: np.ndarray, seen: np.ndarray, size: float) -> list[int]:
+    def _misplaced_on_back(self, k: int, place: np.ndarray, seen: np.ndarray, size: float) -> list[int]:
         """Return the markers on the back of the hand with the most impossible distances to the others there."""
         wrong: dict[int, int] = dict.fromkeys(_BACK, 0)
         for one, other in ((_BACK[a], _BACK[b]) for a, b in SIDES):

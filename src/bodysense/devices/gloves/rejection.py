@@ -146,7 +146,7 @@ class Rejection:
             if 2 * outside.sum() <= sure.sum():  # otherwise the prediction of the hand is wrong
                 wrong = outside
         expected = np.where(np.isnan(shapes[1]), shapes[0], shapes[1])
-        wrong = self._exchanged(markers, wrong, expected, tolerance)
+        wrong = self._exchange(markers, wrong, expected, tolerance)
         wrong = wrong | self._impossible(hand, np.where(wrong[:, None], np.nan, markers), expected)
         doubted = np.where(wrong[:, None], markers - np.where(held[:, None], expected, 0.0), np.nan)
         displacement = np.linalg.norm(doubted - state.doubted[hand], axis=-1)
@@ -178,7 +178,7 @@ class Rejection:
             trial[marker], wrong[marker] = np.nan, True
         return wrong
 
-    def _exchanged(
+    def _exchange(
         self, markers: np.ndarray, wrong: np.ndarray, expected: np.ndarray, tolerance: np.ndarray
     ) -> np.ndarray:
         """Exchange wrong markers that have each other's positions, in place; return the mask (9,) of others."""

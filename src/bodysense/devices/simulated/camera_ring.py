@@ -42,7 +42,7 @@ class CameraRing:
         return middle + np.stack([self.radius * np.sin(angle), height, self.radius * np.cos(angle)], axis=1)
 
 
-def seen(
+def seen_lights(
     ring: CameraRing, middle: np.ndarray, light: np.ndarray, facing: np.ndarray, solids: PosedPrimitives
 ) -> np.ndarray:
     """Return which lights (F, R) enough cameras see: cameras in the light's beam, without a solid in between.
@@ -60,11 +60,11 @@ def seen(
         here = PosedPrimitives(
             solids.primitives, solids.start[block], solids.end[block], solids.center[block], solids.axes[block]
         )
-        found[block] = _cameras_that_see(ring, ring.places(middle), light[block], facing[block], here) >= ring.least
+        found[block] = _count_cameras(ring, ring.places(middle), light[block], facing[block], here) >= ring.least
     return found
 
 
-def _cameras_that_see(
+def _count_cameras(
     ring: CameraRing, cameras: np.ndarray, light: np.ndarray, facing: np.ndarray, solids: PosedPrimitives
 ) -> np.ndarray:
     """Return the number (F, R) of cameras that see each light."""

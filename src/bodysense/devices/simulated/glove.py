@@ -12,7 +12,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from bodysense.body.capsules import PosedPrimitives, Primitives, fit_primitives, place
+from bodysense.body.capsules import PosedPrimitives, Primitives, fit_primitives, pose_primitives
 from bodysense.body.glove import Glove, default_glove, glove_of, marker_positions, side_of, template
 from bodysense.body.glove_set import GloveSet, standard_set
 from bodysense.body.hand import Side, hand_pose, joint_bases, mirrored_vectors
@@ -20,7 +20,7 @@ from bodysense.body.hand_capsules import capsule_axes, hand_capsules
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.rotation import quaternion_rotate
 from bodysense.body.skeleton import Skeleton
-from bodysense.devices.simulated.camera_ring import CameraRing, seen
+from bodysense.devices.simulated.camera_ring import CameraRing, seen_lights
 from bodysense.devices.simulated.noise import hide
 from bodysense.errors import BodysenseError
 from bodysense.observation import EXACT_ACCURACY, Observation, accuracy_like
@@ -130,7 +130,7 @@ def visible(
     lit = [_lights(pose, side_of(name), (gloves or {}).get(name, default_glove())) for name, pose in hands.items()]
     light, facing = (np.concatenate(parts, axis=1) for parts in zip(*lit, strict=True))
     solid = [*((pose, side_of(name)) for name, pose in hands.items()), *others]
-    return seen(cameras, light.mean(axis=(0, 1)), light, facing, _solids(solid, body))
+    return seen_lights(cameras, light.mean(axis=(0, 1)), light, facing, _solids(solid, body))
 
 
 def _add_noise(position: np.ndarray, capture: GloveCapture, rng: np.random.Generator) -> np.ndarray:
@@ -197,7 +197,7 @@ def _solids(hands: Sequence[tuple[Pose, Side]], body: Pose | None) -> PosedPrimi
     frames = len(start[0])
     boxes = np.zeros((frames, 0, 3)), np.zeros((frames, 0, 3, 3)), np.zeros((0, 3))
     if body is not None:
-        posed = place(fit_primitives(body.skeleton), *(np.asarray(part) for part in forward_kinematics(body)))
+        posed = pose_primitives(fit_primitives(body.skeleton), *(np.asarray(part) for part in forward_kinematics(body)))
         capsules, other = _outside_hands(body.skeleton)
         start.append(posed.start[:, capsules])
         end.append(posed.end[:, capsules])

@@ -21,7 +21,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from bodysense.body.capsules import Primitives, fit_primitives, place
+from bodysense.body.capsules import Primitives, fit_primitives, pose_primitives
 from bodysense.body.pose import Pose, forward_kinematics, rest_pose
 from bodysense.body.rotation import quaternion_rotate
 from bodysense.body.skeleton import Skeleton, default_skeleton
@@ -193,8 +193,10 @@ def _rays(hand_hides_itself: bool) -> _Rays:
 def _holds_target(body: Primitives, joints: np.ndarray, primitives: np.ndarray) -> np.ndarray:
     """Return (R, N) bool: the primitive contains the ray's target in the rest pose."""
     position, rotation = forward_kinematics(rest_pose(body.skeleton))
-    targets = np.concatenate([position[joints], place(body, position, rotation).middle[primitives]])
-    around = place(body, position - targets[:, None], np.broadcast_to(rotation, (len(targets), *rotation.shape)))
+    targets = np.concatenate([position[joints], pose_primitives(body, position, rotation).middle[primitives]])
+    around = pose_primitives(
+        body, position - targets[:, None], np.broadcast_to(rotation, (len(targets), *rotation.shape))
+    )
     here = np.zeros((3, 1, 1))  # a ray without length
     start, end, center = (np.moveaxis(part, -1, 0) for part in (around.start, around.end, around.center))
     axes = np.moveaxis(around.axes, (-2, -1), (0, 1))
@@ -209,7 +211,7 @@ def _see_block(primitives: Primitives, position: np.ndarray, rotation: np.ndarra
     origin, axis = camera_pose(primitives, position, rotation, camera)
     # Near the camera single precision is exact to a micrometre, and twice as fast.
     position, axis = (position - origin[:, None]).astype(np.float32), axis.astype(np.float32)
-    solids = place(primitives, position, rotation.astype(np.float32))
+    solids = pose_primitives(primitives, position, rotation.astype(np.float32))
     target = np.concatenate([position[:, rays.joints], solids.middle[:, rays.primitives]], axis=1)
 
     distance = np.sqrt(np.einsum("frc,frc->fr", target, target))

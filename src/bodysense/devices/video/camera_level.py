@@ -54,21 +54,21 @@ class CameraLevel:
         return self.roll**3 / (self.roll**2 + _SWAY**2)
 
 
-def tilted(tilt: float) -> np.ndarray:
+def tilt_matrix(tilt: float) -> np.ndarray:
     """Return (3, 3) room ← upright camera that looks down by `tilt` rad."""
     cosine, sine = np.cos(tilt), np.sin(tilt)
     return np.array([[1.0, 0.0, 0.0], [0.0, cosine, sine], [0.0, -sine, cosine]])
 
 
-def rolled(roll: float) -> np.ndarray:
+def roll_matrix(roll: float) -> np.ndarray:
     """Return (3, 3) upright camera ← camera in whose picture upright things lean to the right by `roll` rad."""
     cosine, sine = np.cos(roll), np.sin(roll)
     return np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
 
 
-def upright(person: PersonLandmarks, roll: float) -> PersonLandmarks:
+def remove_roll(person: PersonLandmarks, roll: float) -> PersonLandmarks:
     """Return landmarks as seen by an upright camera in the same place."""
-    turn = rolled(roll)
+    turn = roll_matrix(roll)
     flat = turn[:2, :2]
     return replace(
         person,

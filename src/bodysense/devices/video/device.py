@@ -29,7 +29,7 @@ from bodysense.body.skeleton import ARM, Skeleton
 from bodysense.body.spring import spring_step
 from bodysense.devices.video.arm_lines import align_with_lines, with_depths
 from bodysense.devices.video.arm_turns import align_arms, palm_rotations, with_palms
-from bodysense.devices.video.camera_level import CameraLevel, rolled, tilted, upright
+from bodysense.devices.video.camera_level import CameraLevel, remove_roll, roll_matrix, tilt_matrix
 from bodysense.devices.video.landmark_points import FittedPoints, LandmarkPoints, locate_pelvis
 from bodysense.devices.video.landmark_smoothing import REACH, smooth_frame
 from bodysense.devices.video.landmarks import BODY_LANDMARKS
@@ -134,7 +134,7 @@ class VideoDevice:
         for k in range(len(person)):
             level = level.step(person[k : k + 1])
             levels.append(self._angles(level))
-            frames.append(upright(person[k : k + 1], levels[-1][1]))
+            frames.append(remove_roll(person[k : k + 1], levels[-1][1]))
         person = joined_landmarks(frames)
         waiting = person if state.waiting is None else joined_landmarks([state.waiting, person])
         state = replace(state, waiting=waiting, levels=np.concatenate([state.levels, levels]), level=level)
@@ -164,7 +164,7 @@ class VideoDevice:
         positions, axes = np.empty((count, 3)), np.empty((count, 3, 3))
         for k in range(count):
             settings, (tilt, roll) = self.settings, state.levels[first + k]
-            room = tilted(tilt)
+            room = tilt_matrix(tilt)
             smooth = smooth_frame(waiting, first + k, LANDMARK_SMOOTHING, settings.look_ahead)
             fitted = self._points.fit(smooth) if smooth.has_body[0] else None
             if fitted is not None:
@@ -174,7 +174,7 @@ class VideoDevice:
                 self._observe(
                     seen, k, fitted, smooth, self._arms(fitted, turned[k], smooth, places, state), room, state
                 )
-            axes[k] = room @ rolled(roll)
+            axes[k] = room @ roll_matrix(roll)
             positions[k] = state.root - room @ state.place
         camera = Camera(positions, axes, np.full(count, self.focal), np.full(count, self.aspect))
         # Keep earlier frames that are needed to smooth the next ones.

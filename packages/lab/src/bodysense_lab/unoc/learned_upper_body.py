@@ -87,7 +87,7 @@ class LearnedUpperBody:
         positions, errors = [], []
         for t, time in enumerate(observation.time):
             seen = (values[t, known] for values in (position, rotation, has_position, has_rotation))
-            whole, error, state = self._complete(float(time), replace(state, last=state.last.seen(*seen)))
+            whole, error, state = self._complete(float(time), replace(state, last=state.last.updated(*seen)))
             positions.append(np.where(has_position[t, :, None], position[t], whole))
             errors.append(np.where(has_position[t], MEASURED_ERROR, error))
         estimate = PointEstimate(self.skeleton, np.stack(positions), (~has_position).astype(float), np.stack(errors))
