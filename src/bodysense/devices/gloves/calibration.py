@@ -37,15 +37,15 @@ FRAMES = 32  # frames in the fit, as different as possible
 FEWEST = 6  # usable frames, with three quarters of the markers and the back of the hand
 _SEEN = 0.75  # share of the markers in a usable frame
 _MARKER = 0.0015  # m: standard deviation of a marker from its position on the best hand of the family
-_STRAIGHT = 0.12  # rad, flexion from 0 of a finger where it reaches farthest; three times that at its base
-_PREDICTED = 0.2  # rad: standard deviation of an angle from the network's
-_ROUNDS, _AGAIN = 2, 12  # runs of the network, and steps after each
+_STRAIGHT = 0.12  # rad, standard deviation of a finger's flexion in its straightest frame; three times that at its base
+_PREDICTED = 0.2  # rad, standard deviation of an angle from the network's
+_ROUNDS, _AGAIN = 2, 12  # runs of the network, and least-squares steps after each
 _FAMILY = 0.7  # weight of the family's prior, which comes from few hands; the size has weight 1
 _SIZES, _TRIED = (-1.0, 0.5, 2.0), 12  # initial sizes in standard deviations, and steps of each
-_STEPS, _DAMPING = 30, 1e-2  # steps of the best one; Levenberg's damping at first
-_SURE = 0.015  # m: markers placed more accurately than this locate the hand at first
-_FITS, _MIRRORED = 0.008, 0.6  # m: largest error of a fitting hand; its share in a mirror
-_SIZE_PART = 0  # the parameter that is the hand's size
+_STEPS, _DAMPING = 30, 1e-2  # steps of the best size, and Levenberg's initial damping
+_SURE = 0.015  # m: markers with a better accuracy than this locate the hand at first
+_FITS, _MIRRORED = 0.008, 0.6  # m, largest error of a fitting hand; share of it below which the mirror image fits
+_SIZE_PART = 0  # index of the parameter of the hand's size
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +82,7 @@ def enough_frames(markers: np.ndarray, marker_set: GloveSet | None = None) -> bo
 
 
 def checked_fit(markers: np.ndarray, marker_set: GloveSet, name: str) -> HandFit:
-    """Run `fit_hand` on the hand `name`; raises BodysenseError, with the fix, if no hand of this set fits."""
+    """Run `fit_hand` on the hand `name`; raise BodysenseError, with the fix, if no hand with this marker set fits."""
     try:
         found = fit_hand(markers, marker_set, load_joint_network())
     except np.linalg.LinAlgError:
@@ -106,16 +106,16 @@ class _CalibrationProblem:
 
     marker_set: GloveSet
     seen: np.ndarray  # (K, M, 3) m, NaN where missing
-    predicted: np.ndarray | None = None  # (K, 26) rad, angles predicted by a network; NaN where it has none
+    predicted: np.ndarray | None = None  # (K, 26) rad, angles predicted by a network; NaN if there are none
 
     @cached_property
     def known(self) -> np.ndarray:
-        """(K, M) bool."""
+        """(K, M) bool: the marker is seen."""
         return ~np.isnan(self.seen[..., 0])
 
     @cached_property
     def marked(self) -> MarkedHand:
-        """The markers on the hand."""
+        """Attachments of the markers to the hand."""
         return MarkedHand.of(glove_of(self.marker_set, hand_skeleton(default_skeleton(), "left")))
 
     @cached_property
@@ -133,7 +133,7 @@ class _CalibrationProblem:
         return HandShapes(rest, axes, marker_offsets(self.marker_set, rest, axes, own))
 
     def hand(self, theta: np.ndarray) -> GlovedHand:
-        """Return the hand of parameters (N,)."""
+        """Return the hand with parameters (N,)."""
         shapes = self.shapes(theta)
         hand = hand_skeleton(default_skeleton(), "left").with_offsets(shapes.rest)
         points, carriers = zip(*((row.near, row.segment) for row in self.marker_set.markers), strict=True)
@@ -187,7 +187,7 @@ class _CalibrationProblem:
 
     @cached_property
     def straight(self) -> np.ndarray:
-        """(K, 26) weights of the angles of straight fingers, in standard deviations per radian. Such angles are 0."""
+        """(K, 26) weights of a prior of 0 for the angles of straight fingers, in standard deviations per radian."""
         weight = np.zeros((len(self.seen), ANGLES))
         for number, tip in enumerate(self.marked.farthest):
             if tip is None or not self.known[:, tip].any():

@@ -122,7 +122,7 @@ class Arms:
     def complete(self, keypoints: ArmKeypoints) -> ArmFrames:
         """Complete all frames at once: `step`, then `finish`."""
         ready, state = self._add_frames(keypoints, self.start())
-        return self._complete([*ready, *self._flush(state)])
+        return self._to_body([*ready, *self._flush(state)])
 
     def step(self, keypoints: ArmKeypoints, state: ArmState) -> tuple[ArmFrames, ArmState]:
         """Add T ≥ 1 frames; return the frames that are ready, and the state.
@@ -130,13 +130,14 @@ class Arms:
         Raises BodysenseError for malformed key-points (`check_keypoints`), and if time does not increase.
         """
         ready, state = self._add_frames(keypoints, state)
-        return self._complete(ready), state
+        return self._to_body(ready), state
 
     def finish(self, state: ArmState) -> ArmFrames:
         """Return the remaining frames at the end of a video."""
-        return self._complete(self._flush(state))
+        return self._to_body(self._flush(state))
 
     def _add_frames(self, keypoints: ArmKeypoints, state: ArmState) -> tuple[list[ArmFrame], ArmState]:
+        """Add frames one by one; return those that are ready, and the state."""
         ready: list[ArmFrame] = []
         for frame in _frames(check_keypoints(keypoints)):
             last = state.frames[-1] if state.frames else frame
@@ -162,6 +163,7 @@ class Arms:
         return (int(self.model.card["frames"]) - 1) / float(self.model.card["rate"])
 
     def _flush(self, state: ArmState) -> list[ArmFrame]:
+        """Return the waiting frames, predicted with the frames so far."""
         if state.waiting and state.window < state.frames[-1].time:
             state = self._run_window(state)
         return list(_waiting(state))
@@ -216,8 +218,8 @@ class Arms:
             kinds.append(4 if not (hand or part in arm) else SIDES.index(side) + 2 * hand)
         return np.array(kinds)
 
-    def _complete(self, frames: list[ArmFrame]) -> ArmFrames:
-        """Return completed frames on the body."""
+    def _to_body(self, frames: list[ArmFrame]) -> ArmFrames:
+        """Return the skeleton's body in frames with predicted rotations."""
         pose, from_torso = self._standing
         predicted = np.zeros((0, len(ARM_JOINTS), 4))
         if frames:

@@ -15,7 +15,7 @@ from bodysense.body.arms import ARM_POINTS, SIDES
 from bodysense.body.keypoints import ArmKeypoints, arm_directions, torso_rotation
 from bodysense.devices.video.landmarks import BODY_LANDMARKS, Bodies, HandLandmarks
 from bodysense.devices.video.pictures import Picture
-from bodysense.devices.video.sides import LastSides, exchange, is_exchange, update_sides
+from bodysense.devices.video.sides import LastSides, detect_exchange, exchange, update_sides
 from bodysense.errors import BodysenseError
 
 VISIBLE = 0.5  # probability above which a landmark counts as seen
@@ -120,7 +120,7 @@ def follow(
     hand_of = _hands_of(chosen, bodies, hands)
     labels = sum((1 - 2 * side) * (2 * float(hands.left[k]) - 1) for side, k in enumerate(hand_of) if k is not None)
     size = float(_size(bodies.picture[chosen : chosen + 1])[0])
-    is_exchanged = is_exchange(picture.time, bodies.picture[chosen], size, labels, sides)
+    is_exchanged = detect_exchange(picture.time, bodies.picture[chosen], size, labels, sides)
     if is_exchanged:
         bodies = _exchange_sides(bodies, chosen)
         hand_of = _hands_of(chosen, bodies, hands)

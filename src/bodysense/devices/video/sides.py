@@ -46,8 +46,8 @@ def exchange(world: np.ndarray, places: np.ndarray, visible: np.ndarray) -> tupl
     return world[EXCHANGED] * _MIRROR, places[EXCHANGED], visible[EXCHANGED]
 
 
-def is_exchange(time: float, places: np.ndarray, size: float, labels: float, last: LastSides | None) -> bool:
-    """Whether left and right of positions (33, 2) are exchanged, compared with the picture before.
+def detect_exchange(time: float, places: np.ndarray, size: float, labels: float, last: LastSides | None) -> bool:
+    """Return whether left and right of positions (33, 2) are exchanged, compared with the picture before.
 
     `labels` is the sum over the hands at its wrists of the agreement of their labels with the wrists' sides, −1 to 1
     each.
