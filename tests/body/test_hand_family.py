@@ -9,7 +9,7 @@ from bodysense.body.glove import MARKERS, hand_size, marker_positions
 from bodysense.body.hand import HAND_JOINTS, hand_skeleton
 from bodysense.body.hand_family import (
     COUNT,
-    body_with,
+    body_with_hand,
     draw_hand,
     draw_parameters,
     hand_arrays,
@@ -94,9 +94,9 @@ def test_rows_make_the_hand_again() -> None:
 def test_a_body_gets_a_hand() -> None:
     body, hand = default_skeleton(), hand_of(np.zeros(COUNT))
     for side in ("left", "right"):
-        changed = body_with(body, side, hand)
+        changed = body_with_hand(body, side, hand)
         np.testing.assert_allclose(hand_skeleton(changed, side).rest_offset, hand.skeleton.rest_offset)
-    assert _same_but_hand(body, body_with(body, "left", hand))
+    assert _same_but_hand(body, body_with_hand(body, "left", hand))
 
 
 def _same_but_hand(one: Skeleton, other: Skeleton) -> bool:

@@ -109,7 +109,7 @@ def plain_hand(skeleton: Skeleton) -> GlovedHand:
     return GlovedHand(skeleton, axes, default_glove())
 
 
-def body_with(skeleton: Skeleton, side: Side, hand: GlovedHand) -> Skeleton:
+def body_with_hand(skeleton: Skeleton, side: Side, hand: GlovedHand) -> Skeleton:
     """Return a body with another hand on one side; the wrist is unchanged."""
     offset = np.array(skeleton.rest_offset)
     points = skeleton.indices([f"{side}_{name}" for name in _POINTS[1:]])

@@ -52,7 +52,7 @@ def _at_origin(hand: Skeleton, angles: np.ndarray) -> Pose:
     return Pose(hand, np.zeros((len(angles), 3)), np.concatenate([wrist, rotations_of(angles)], axis=1))
 
 
-def unlikeness(shapes: np.ndarray, markers: np.ndarray) -> np.ndarray:
+def shape_distance(shapes: np.ndarray, markers: np.ndarray) -> np.ndarray:
     """Return the distance (N,) m, root mean square, of gloves' markers (N, M, 3) m from the most similar shape.
 
     Missing markers are NaN; if all are missing, the distance is infinite.

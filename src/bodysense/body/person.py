@@ -88,9 +88,9 @@ class Person:
         for side, hand in (hands or {}).items():
             if side not in ("left", "right"):
                 raise BodysenseError(f"person: the hand {side!r}; it is 'left' or 'right'")
-            from bodysense.body.hand_family import body_with
+            from bodysense.body.hand_family import body_with_hand
 
-            skeleton = body_with(skeleton, side, hand)
+            skeleton = body_with_hand(skeleton, side, hand)
         if not SHORTEST - SOLE <= skeleton.height <= TALLEST:
             raise BodysenseError(
                 f"person: a skeleton {skeleton.height:g} m high; people are {SHORTEST} to {TALLEST} m, "

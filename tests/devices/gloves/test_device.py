@@ -9,7 +9,7 @@ import pytest
 
 from bodysense.body.glove import default_glove, glove_points, marker_positions
 from bodysense.body.hand import FINGERTIPS, HAND_JOINTS, hand_skeleton
-from bodysense.body.hand_family import body_with, draw_hand
+from bodysense.body.hand_family import body_with_hand, draw_hand
 from bodysense.body.person import Person
 from bodysense.body.pose import forward_kinematics
 from bodysense.body.rotation import geodesic_angle
@@ -185,7 +185,7 @@ def test_another_device_is_used_while_the_glove_is_lost(small_models: GloveModel
 def test_accuracy_matches_the_error() -> None:
     """The errors of synthesised hands with randomly hidden markers are about the expected ones."""
     rng = np.random.default_rng(8)
-    body = body_with(SKELETON, "left", draw_hand(rng))  # the default hand would count as unknown
+    body = body_with_hand(SKELETON, "left", draw_hand(rng))  # the default hand would count as unknown
     hand = hand_skeleton(body, "left")
     device = replace(glove_device(body, ("left",), load_glove_models()), wearer=None)
     expected, errors = [], []

@@ -105,7 +105,7 @@ class Contact:
         return np.linalg.norm(rest[:, :, 3:] - rest[:, :, :3], axis=-1).reshape(-1, 15).repeat(3, axis=1)
 
     @cached_property
-    def _ease(self) -> np.ndarray:
+    def _compliance(self) -> np.ndarray:
         """(H, 48) compliance of each part without seen markers; 0 if fixed."""
         shift = np.full((len(self.hands), PARTS - ANGLES), 1 / self.settings.hand_weight)
         return np.concatenate([_FREE.ravel() / self._lever**2, shift], axis=1)
@@ -202,11 +202,11 @@ class Contact:
         seen = np.empty((len(known), 6))
         seen[:, :5] = known.take(_TIP_MARKERS, axis=1)
         seen[:, 5] = np.logical_and.reduce(known.take(_ALIGNMENT, axis=1), axis=1)
-        ease = self._ease / (1 + (self.settings.seen_weight - 1) * seen).take(_PART_OF_HAND, axis=1)
-        low, high = np.full(ease.shape, -np.inf), np.full(ease.shape, np.inf)
+        compliance = self._compliance / (1 + (self.settings.seen_weight - 1) * seen).take(_PART_OF_HAND, axis=1)
+        low, high = np.full(compliance.shape, -np.inf), np.full(compliance.shape, np.inf)
         low[:, :ANGLES] = np.minimum(_LOW - split.angles, 0).reshape(-1, ANGLES)
         high[:, :ANGLES] = np.maximum(_HIGH - split.angles, 0).reshape(-1, ANGLES)
-        return ease.ravel(), (low.ravel(), high.ravel())
+        return compliance.ravel(), (low.ravel(), high.ravel())
 
     def _apply(self, split: _SplitHands, change: np.ndarray) -> HandPoses:
         """Return hands after a change (H, 48)."""
@@ -227,10 +227,10 @@ class Contact:
             if not len(split.pinches.offset) and not wrong.any():
                 break
             rows, demand, softness = self._demands(split, change, corrected, pairs, farthest, nearest)
-            ease, (low, high) = freedom = freedom or self._freedom(split, known)
+            compliance, (low, high) = freedom = freedom or self._freedom(split, known)
             bounds = (low - change.ravel(), high - change.ravel())
             exact = np.arange(len(rows)) >= len(rows) - 3 * len(split.pinches.offset)
-            step = least_change(rows, demand, exact, ease, bounds, softness)
+            step = least_change(rows, demand, exact, compliance, bounds, softness)
             step = np.clip(step, -_LONGEST_STEP, _LONGEST_STEP)
             change = change + step.reshape(change.shape)
             corrected = self._apply(split, change)

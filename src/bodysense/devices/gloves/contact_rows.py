@@ -120,16 +120,16 @@ def least_change(
     rows: np.ndarray,
     demand: np.ndarray,
     exact: np.ndarray,
-    ease: np.ndarray,
+    compliance: np.ndarray,
     bounds: tuple[np.ndarray, np.ndarray],
     softness: np.ndarray,
 ) -> np.ndarray:
-    """Return the x (N,) that minimises Σ x² / ease with rows · x ≥ demand, or = demand where `exact`.
+    """Return the x (N,) that minimises Σ x² / compliance with rows · x ≥ demand, or = demand where `exact`.
 
     Args:
         rows: (K, N).
         demand: (K,).
-        ease: (N,) compliance of each part; 0 if fixed.
+        compliance: (N,) of each part; 0 if fixed.
         bounds: (N,), (N,) smallest and largest x, 0 between them; they take precedence over demands.
         softness: (K,) > 0: a demand is missed by softness times the force that it takes.
 
@@ -137,10 +137,10 @@ def least_change(
     active set stays the same. Parts beyond their bounds are then fixed there.
     """
     low, high = bounds
-    pushing, stop, stopped = exact | (demand > 0), np.zeros_like(ease), ease == 0
+    pushing, stop, stopped = exact | (demand > 0), np.zeros_like(compliance), compliance == 0
     x = stop
     for _ in range(_MOST_ROUNDS):
-        eased = rows[pushing] * np.where(stopped, 0.0, ease)
+        eased = rows[pushing] * np.where(stopped, 0.0, compliance)
         matrix = eased @ rows[pushing].T + np.diag(softness[pushing])
         force = np.zeros_like(demand)
         force[pushing] = np.linalg.solve(matrix, demand[pushing] - rows[pushing] @ stop)

@@ -28,7 +28,7 @@ _COUPLED, _BEYOND = 0.15, 0.05  # rad, flexion of the last joint from two thirds
 _USUAL_WEIGHT = 0.5  # weight of usual poses; less than 1, because real hands have others, too
 
 
-class Place(NamedTuple):
+class Attachment(NamedTuple):
     """Attachment of a marker to a hand."""
 
     finger: int  # index in `FINGERS`; -1: none
@@ -40,24 +40,26 @@ class Place(NamedTuple):
 class MarkedHand:
     """Attachments of the markers of a hand. `HandShapes` have their offsets."""
 
-    places: tuple[Place, ...]
+    attachments: tuple[Attachment, ...]
 
     @classmethod
     def of(cls, glove: Glove) -> MarkedHand:
         """Return the attachments of a glove's markers."""
-        return cls(tuple(_place(*row) for row in zip(glove.points, glove.carried_by, strict=True)))
+        return cls(tuple(_attachment(*row) for row in zip(glove.points, glove.carried_by, strict=True)))
 
     @cached_property
     def on_hand(self) -> np.ndarray:
         """(M,) bool: the wrist carries the marker."""
-        return np.array([place.carrier < 0 for place in self.places])
+        return np.array([attachment.carrier < 0 for attachment in self.attachments])
 
     @cached_property
     def farthest(self) -> tuple[int | None, ...]:
         """The marker closest to the tip of each finger; None for a finger without markers."""
         found: list[int | None] = []
         for finger in range(len(FINGERS)):
-            own = [(p.carrier, p.point, k) for k, p in enumerate(self.places) if p.finger == finger and p.carrier >= 0]
+            own = [
+                (p.carrier, p.point, k) for k, p in enumerate(self.attachments) if p.finger == finger and p.carrier >= 0
+            ]
             found.append(max(own)[2] if own else None)
         return tuple(found)
 
@@ -67,8 +69,8 @@ class MarkedHand:
         points, axes = finger_chains(shapes.rest, np.asarray(turn))
         wrist = to_matrix(exp(pose[..., -6:-3]))
         batch = np.broadcast_shapes(shapes.rest.shape[:-2], pose.shape[:-1])
-        local = np.empty((*batch, len(self.places), 3))
-        for marker, (finger, point, carrier) in enumerate(self.places):
+        local = np.empty((*batch, len(self.attachments), 3))
+        for marker, (finger, point, carrier) in enumerate(self.attachments):
             offset = shapes.markers[..., marker, :]
             if carrier >= 0:
                 offset = (axes[..., finger, carrier, :, :] @ offset[..., None])[..., 0]
@@ -81,7 +83,7 @@ class MarkedHand:
         local[..., -6:] = 0.0
         count, target = poses.shape[1], np.where(known[..., None], seen, 0.0)
         rotation, translation = register(
-            self.markers(shapes, local).reshape(-1, len(self.places), 3),
+            self.markers(shapes, local).reshape(-1, len(self.attachments), 3),
             target.repeat(count, axis=0),
             known.repeat(count, axis=0),
         )
@@ -137,12 +139,12 @@ def postures() -> np.ndarray:
     return np.stack([relaxed(), *closing_hand()])
 
 
-def _place(point: str, carrier: str) -> Place:
+def _attachment(point: str, carrier: str) -> Attachment:
     if point == "wrist":
-        return Place(-1, 0, -1)
+        return Attachment(-1, 0, -1)
     finger = FINGERS.index(point.removesuffix("_tip").rstrip("123"))
     joint = -1 if carrier == "wrist" else int(carrier[-1]) - 1
-    return Place(finger, 3 if point.endswith("_tip") else int(point[-1]) - 1, joint)
+    return Attachment(finger, 3 if point.endswith("_tip") else int(point[-1]) - 1, joint)
 
 
 @lru_cache(maxsize=1)
@@ -164,5 +166,5 @@ def _deviations() -> np.ndarray:
 @lru_cache(maxsize=1)
 def _couples() -> tuple[list[int], list[int]]:
     """Return the flexions of the fingers' middle and last joints among the angles."""
-    where = {row.joint: place for place, row in enumerate(FREEDOMS) if row.angle == "flexion"}
+    where = {row.joint: index for index, row in enumerate(FREEDOMS) if row.angle == "flexion"}
     return [where[f"{finger}2"] for finger in FINGERS[1:]], [where[f"{finger}3"] for finger in FINGERS[1:]]

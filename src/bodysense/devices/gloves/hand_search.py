@@ -22,7 +22,7 @@ _TRIED = 8  # triangles that are tested in full: those that match best
 _SHARED = len(MARKERS) // 2  # points: two hands that share more exclude each other
 
 
-class FoundHand(NamedTuple):
+class HandReading(NamedTuple):
     """One reading of points as a hand."""
 
     hand: int  # number of the hand
@@ -41,17 +41,17 @@ class FoundHand(NamedTuple):
         """Whether the markers are seen that distinguish a left hand from a right one and from one turned round."""
         return bool((self.chosen[_FIRM] >= 0).all())
 
-    def same_as(self, other: FoundHand) -> bool:
+    def same_as(self, other: HandReading) -> bool:
         """Whether two readings are the same hand in the same position."""
         both = (self.chosen[_BACK] >= 0) & (other.chosen[_BACK] >= 0)
         return self.hand == other.hand and both.sum() > 1 and bool((self.chosen == other.chosen)[_BACK][both].all())
 
-    def excludes(self, other: FoundHand) -> bool:
+    def excludes(self, other: HandReading) -> bool:
         """Whether at most one of two readings can be right: they are different but share most points."""
         return not self.same_as(other) and len(np.intersect1d(self.points, other.points)) > _SHARED
 
 
-def unlikeness(local: np.ndarray, ranges: np.ndarray, allowed: np.ndarray) -> np.ndarray:
+def range_distances(local: np.ndarray, ranges: np.ndarray, allowed: np.ndarray) -> np.ndarray:
     """Return squared distances (..., 9, N) of points from the range of each marker, as a share of the limit.
 
     Args:
@@ -76,7 +76,7 @@ def find_hands(
     fewest: int,
     worst: float,
     without_wrist: bool,
-) -> list[FoundHand]:
+) -> list[HandReading]:
     """Return the most likely readings of points as a left hand.
 
     Args:
@@ -102,15 +102,15 @@ def find_hands(
     if not len(size):
         return []
     local = (place - translation[:, None]) @ rotation / size[:, None, None]  # (K, N, 3)
-    unlike = unlikeness(local, ranges, allowed)  # (K, 9, N)
+    distances = range_distances(local, ranges, allowed)  # (K, 9, N)
     found = []
-    for triple in np.argsort(np.minimum(unlike.min(axis=-1), 1.0).sum(axis=-1))[:_TRIED]:
-        chosen = assigned_or_none(np.where(unlike[triple] < 1, unlike[triple], np.inf))
-        cost = cost_of(unlike[triple], chosen)
+    for triple in np.argsort(np.minimum(distances.min(axis=-1), 1.0).sum(axis=-1))[:_TRIED]:
+        chosen = assigned_or_none(np.where(distances[triple] < 1, distances[triple], np.inf))
+        cost = cost_of(distances[triple], chosen)
         fit = cost - (chosen < 0).sum()
         if fit < worst * (chosen >= 0).sum() >= worst * fewest:
             flat = size[triple] * template @ rotation[triple].T + translation[triple]
-            found.append(FoundHand(hand, cost, chosen, float(size[triple]), flat))
+            found.append(HandReading(hand, cost, chosen, float(size[triple]), flat))
     return found
 
 
@@ -142,7 +142,7 @@ def _triangles(
     return rotation, translation, size
 
 
-def most_certain(hands: list[FoundHand], margin: float) -> FoundHand | None:
+def most_certain(hands: list[HandReading], margin: float) -> HandReading | None:
     """Return the most likely certain hand if every hand that it excludes costs over `margin` more, else None."""
     for hand in sorted(hands, key=lambda one: one.cost):
         if hand.certain and all(

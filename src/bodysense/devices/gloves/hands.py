@@ -222,7 +222,7 @@ class Hands:
         position = np.empty((frames, hands, POINT_COUNT, 3))
         hidden = np.empty((frames, hands, len(self.glove.markers)))
         for frame, now in enumerate(observation.time.tolist()):
-            interval, state = self._continued(now, state)
+            interval, state = self._time_step(now, state)
             sensed_now = None if sensed is None else SensorFlexion(sensed.flexion[frame], sensed.vertical[frame])
             pose, state = self.complete(markers[frame], interval, state, sensed_now)
             state = HandsState(now, *state[1:])
@@ -320,7 +320,7 @@ class Hands:
         fewer, _ = self._gap_filler.fill(kept, interval, state.gap_filler)
         return self._reader.read(np.where(np.isnan(fewer), filled, fewer))
 
-    def _continued(self, now: float, state: HandsState) -> tuple[float, HandsState]:
+    def _time_step(self, now: float, state: HandsState) -> tuple[float, HandsState]:
         """Return the time step (s) and the state, which is reset after a gap."""
         check_order(now, state.time, "gloves")
         if state.time is None:

@@ -129,7 +129,7 @@ class Fusion:
         """
         lost, present = joints_hidden(hidden, self.shape), np.isfinite(sensed.flexion)
         solved = joint_angles(poses.rotation[:, 1:], self.axes)
-        difference = _wrapped(np.where(present, sensed.flexion, 0.0) - solved[..., 0])
+        difference = _wrap(np.where(present, sensed.flexion, 0.0) - solved[..., 0])
         sensitivity = np.stack([np.ones_like(difference), np.where(present, sensed.vertical, 0.0)], axis=-1)
         error, covariance = self._update_filter(state, difference, sensitivity, present & (lost == 0), interval)
         aside = np.where((lost == 0)[..., None], solved[..., 1:], state.aside)
@@ -137,7 +137,7 @@ class Fusion:
         change = np.concatenate(
             [(difference - (sensitivity * error).sum(axis=-1))[..., None], fading - solved[..., 1:]], axis=-1
         )
-        target = (np.minimum(lost / self.settings.ramp, 1.0) * present)[..., None] * _wrapped(change)
+        target = (np.minimum(lost / self.settings.ramp, 1.0) * present)[..., None] * _wrap(change)
         remaining = state.remaining * 0.5 ** (interval / _RETURN)
         remaining = np.where((present == state.sensed)[..., None], remaining, state.turn - target)
         remaining = remaining * (lost > interval)[..., None]
@@ -171,10 +171,10 @@ class Fusion:
         noise = np.radians(settings.solved) ** 2 * settings.solved_time / interval  # equivalent for independent frames
         cross = (covariance @ sensitivity[..., None])[..., 0]
         gain = cross / ((cross * sensitivity).sum(axis=-1) + noise)[..., None] * seen[..., None]
-        residual = _wrapped(difference - (sensitivity * state.error).sum(axis=-1))
+        residual = _wrap(difference - (sensitivity * state.error).sum(axis=-1))
         return state.error + gain * residual[..., None], covariance - gain[..., None] * cross[..., None, :]
 
 
-def _wrapped(angle: np.ndarray) -> np.ndarray:
+def _wrap(angle: np.ndarray) -> np.ndarray:
     """Return angles in −π to π."""
     return (angle + np.pi) % (2 * np.pi) - np.pi

@@ -22,7 +22,7 @@ from bodysense.body.hand_shapes import marker_ranges
 from bodysense.body.registration import register, to_hand, to_world
 from bodysense.body.skeleton import Skeleton
 from bodysense.devices.gloves.assignment import assigned_or_none, cost_of
-from bodysense.devices.gloves.hand_search import SIDES, FoundHand, find_hands, most_certain, unlikeness
+from bodysense.devices.gloves.hand_search import SIDES, HandReading, find_hands, most_certain, range_distances
 from bodysense.io.markers.raw_markers import points_alone
 from bodysense.observation import Observation, check_order
 
@@ -156,7 +156,7 @@ class Labeller:
         if not rows or not len(points):
             return labels, 0.0
         names = np.concatenate([k * _COUNT + np.arange(_COUNT) for k in rows])
-        shape = np.minimum(np.concatenate([self._unlike(k, points, expected[k]) for k in rows]), 1.0)
+        shape = np.minimum(np.concatenate([self._range_distances(k, points, expected[k]) for k in rows]), 1.0)
         place = np.concatenate([expected[k].place * self._flips[k] for k in rows])
         hidden = np.concatenate([expected[k].hidden for k in rows])
         near = _NEAR + _ACCELERATION * interval**2 / 2
@@ -177,12 +177,12 @@ class Labeller:
         labels[chosen[chosen >= 0]] = names[chosen >= 0]
         return labels, doubt
 
-    def _unlike(self, k: int, points: np.ndarray, hand: HandTrack) -> np.ndarray:
+    def _range_distances(self, k: int, points: np.ndarray, hand: HandTrack) -> np.ndarray:
         """Return squared distances (9, N) of points from the range of each marker, as a share of its limit."""
         known = np.ones((1, len(_BACK)), dtype=bool)
         at = register(hand.size * self._templates[k][_BACK], hand.place[None, _BACK], known)
         local = to_hand((points * self._flips[k])[None], *at)[0] / hand.size
-        return unlikeness(local, self._ranges[k], self._allowed)
+        return range_distances(local, self._ranges[k], self._allowed)
 
     @cached_property
     def _allowed(self) -> np.ndarray:
@@ -206,7 +206,7 @@ class Labeller:
         if enough and not seen.all():  # hidden markers move with the seen ones
             now = np.where(seen[:, None], place, _move_rigidly(expected.place, now, seen))
         hand = expected._replace(place=now)
-        own = np.diagonal(self._unlike(k, now * self._flips[k], hand))
+        own = np.diagonal(self._range_distances(k, now * self._flips[k], hand))
         good = enough and np.minimum(own[seen], 1.0).mean() < _NO_HAND
         weak = 0.0 if good else expected.weak + interval
         if weak > _PATIENCE:
@@ -268,15 +268,15 @@ class Labeller:
                 hands[k] = HandTrack(sure.size, place, velocity, hidden, 0.0, known.age, known.usual)
             readings = [one for one in readings if one.hand != k and not len(np.intersect1d(one.points, sure.points))]
 
-    def _held_reading(self, k: int, points: np.ndarray, labels: np.ndarray, hand: HandTrack) -> FoundHand:
+    def _held_reading(self, k: int, points: np.ndarray, labels: np.ndarray, hand: HandTrack) -> HandReading:
         """Return a followed hand as a reading, from its labels."""
         chosen, mine = np.full(_COUNT, -1), np.flatnonzero(_of_hand(labels, k))
         chosen[labels[mine] - k * _COUNT] = mine
-        cost = cost_of(self._unlike(k, points, hand), chosen)
+        cost = cost_of(self._range_distances(k, points, hand), chosen)
         cost -= _KEPT * (hand.weak == 0 and hand.age > _PROVEN)
-        return FoundHand(k, cost, chosen, hand.size, hand.place)
+        return HandReading(k, cost, chosen, hand.size, hand.place)
 
-    def _find_readings(self, k: int, points: np.ndarray, free: np.ndarray, hands: list[HandTrack]) -> list[FoundHand]:
+    def _find_readings(self, k: int, points: np.ndarray, free: np.ndarray, hands: list[HandTrack]) -> list[HandReading]:
         """Return readings of the free points among points (N, 3) m, at the size of the hands if it is known."""
         known = [hand.usual for hand in hands if hand.usual] or [hand.size for hand in hands if hand.size]
         sizes, fewest = _SIZES, _FEWEST

@@ -62,7 +62,7 @@ class VirtualGlove:
     @cached_property
     def _evidence(self) -> tuple[np.ndarray, np.ndarray]:
         """Mask (9, M) of own markers that determine each standard one, and how many of them (9,) must be seen."""
-        own, standard = self._own[0].places, self._standard_markers[0].places
+        own, standard = self._own[0].attachments, self._standard_markers[0].attachments
         evidence, fewest = np.zeros((len(standard), len(own)), dtype=bool), np.ones(len(standard), dtype=int)
         for row, marker in enumerate(standard):
             if marker.carrier < 0:

@@ -12,7 +12,7 @@ ALONG = 0.8  # position on the bone, as a share of its length from its joint: ab
 SMOOTHING = 0.066  # s; an acceleration is the mean over the last two of these intervals, without look-ahead
 
 
-def strapped_places(position: np.ndarray, points: Sequence[str], along: float | np.ndarray = ALONG) -> np.ndarray:
+def strapped_positions(position: np.ndarray, points: Sequence[str], along: float | np.ndarray = ALONG) -> np.ndarray:
     """Return positions (..., 12, 3) m of the `STRAPPED` sensors, `along` their bones, from points (..., P, 3) m."""
     begins = [points.index(name) for name in STRAPPED]
     ends = [points.index(end or name) for name, end in STRAPPED_TOWARD.items()]
@@ -36,7 +36,7 @@ def sensor_accelerations(
 
     `sensors` are names in `STRAPPED`. The frame interval is the median one of `time` (T,) s.
     """
-    place = strapped_places(position, points)[..., [STRAPPED.index(name) for name in sensors], :]
+    place = strapped_positions(position, points)[..., [STRAPPED.index(name) for name in sensors], :]
     if len(time) < 2:
         return np.full(place.shape, np.nan)
     felt, known = accelerations(np.moveaxis(place, -3, 0), float(np.median(np.diff(time))))

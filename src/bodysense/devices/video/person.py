@@ -15,7 +15,7 @@ from bodysense.body.arms import ARM_POINTS, SIDES
 from bodysense.body.keypoints import ArmKeypoints, arm_directions, torso_rotation
 from bodysense.devices.video.landmarks import BODY_LANDMARKS, Bodies, HandLandmarks
 from bodysense.devices.video.pictures import Picture
-from bodysense.devices.video.sides import LastSides, detect_exchange, exchange, update_sides
+from bodysense.devices.video.sides import SideState, detect_exchange, exchange, update_sides
 from bodysense.errors import BodysenseError
 
 VISIBLE = 0.5  # probability above which a landmark counts as seen
@@ -90,7 +90,7 @@ class PersonState:
 
     person: PersonTrack | None = None
     others: tuple[PersonTrack, ...] = ()
-    sides: LastSides | None = None
+    sides: SideState | None = None
     count: int = 0  # number of people so far
 
     def seen_at(self, time: float) -> tuple[PersonTrack, ...]:
@@ -206,7 +206,7 @@ def _choose(
             free_known.remove(one)
             free_seen.remove(new)
             matches[one] = new
-    now = {new: _updated(known[one], seen[new]) for one, new in matches.items()}
+    now = {new: _update_track(known[one], seen[new]) for one, new in matches.items()}
     for number, new in enumerate(sorted(free_seen, key=lambda new: seen[new].place[0]), start=state.count + 1):
         now[new] = replace(seen[new], number=number)
     chosen = matches.get(0)
@@ -245,7 +245,7 @@ def _difference(one: PersonTrack, new: PersonTrack) -> float:
     return difference + _COLOUR * float(np.linalg.norm(new.colour - one.colour)) / np.sqrt(3)
 
 
-def _updated(one: PersonTrack, new: PersonTrack) -> PersonTrack:
+def _update_track(one: PersonTrack, new: PersonTrack) -> PersonTrack:
     """Return the track of a known person after a new sighting; motion, size and colour are averaged."""
     gap = new.time - one.time
     keep = np.exp(-gap / _MEMORY)

@@ -93,7 +93,7 @@ def _open_file(path: Path) -> Video:
         rate = _measured_rate(path)
     seconds = _seconds(container, stream)
     count = stream.frames or (None if seconds is None else round(seconds * rate))
-    return Video(path.name, rate, count or None, _decoded(path, container, stream, rate, seconds), container.close)
+    return Video(path.name, rate, count or None, _decode(path, container, stream, rate, seconds), container.close)
 
 
 def _measured_rate(path: Path) -> float:
@@ -112,7 +112,7 @@ def _seconds(container: InputContainer, stream: VideoStream) -> float | None:
     return None if not container.duration else container.duration / 1e6
 
 
-def _decoded(
+def _decode(
     path: Path, container: InputContainer, stream: VideoStream, rate: float, seconds: float | None
 ) -> Iterator[Picture]:
     first: float | None = None

@@ -33,7 +33,7 @@ EXCHANGED = _exchanged()
 
 
 @dataclass(frozen=True, eq=False)
-class LastSides:
+class SideState:
     """Last sighting of a body from its front or back."""
 
     time: float  # s
@@ -46,7 +46,7 @@ def exchange(world: np.ndarray, places: np.ndarray, visible: np.ndarray) -> tupl
     return world[EXCHANGED] * _MIRROR, places[EXCHANGED], visible[EXCHANGED]
 
 
-def detect_exchange(time: float, places: np.ndarray, size: float, labels: float, last: LastSides | None) -> bool:
+def detect_exchange(time: float, places: np.ndarray, size: float, labels: float, last: SideState | None) -> bool:
     """Return whether left and right of positions (33, 2) are exchanged, compared with the picture before.
 
     `labels` is the sum over the hands at its wrists of the agreement of their labels with the wrists' sides, −1 to 1
@@ -62,13 +62,13 @@ def detect_exchange(time: float, places: np.ndarray, size: float, labels: float,
 
 
 def update_sides(
-    time: float, places: np.ndarray, size: float, is_exchanged: bool, last: LastSides | None
-) -> LastSides | None:
+    time: float, places: np.ndarray, size: float, is_exchanged: bool, last: SideState | None
+) -> SideState | None:
     """Return the last sighting after a picture with `places` (33, 2); `is_exchanged`: the body was corrected."""
     if _width(places) < _WIDE * size:
         return last
     since = None if not is_exchanged else time if last is None or last.since is None else last.since
-    return LastSides(time, places, since)
+    return SideState(time, places, since)
 
 
 def _width(places: np.ndarray) -> float:

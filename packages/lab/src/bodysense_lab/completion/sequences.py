@@ -19,7 +19,7 @@ from bodysense.body.rotation import (
 from bodysense.body.skeleton import BODY, default_skeleton
 from bodysense.devices.simulated.headset_camera import see_points
 from bodysense.devices.simulated.inertial import ALONG as STRAPPED_ALONG
-from bodysense.devices.simulated.inertial import accelerations, strapped_places
+from bodysense.devices.simulated.inertial import accelerations, strapped_positions
 from bodysense.devices.simulated.sensors import HEADSET_CAMERA
 from bodysense_lab.completion.corpus import Corpus, between
 from bodysense_lab.completion.hands import (
@@ -380,7 +380,7 @@ def _seen(rotation: np.ndarray, root: np.ndarray, offset: np.ndarray) -> np.ndar
 def _felt(points: np.ndarray, rate: float, rng: np.random.Generator, noisy: bool) -> tuple[np.ndarray, np.ndarray]:
     """Accelerations (T, 12, 3) m/s² of sensors strapped to a body of points (T, 25, 3), and from when (T,) bool."""
     along = rng.uniform(*_STRAPPED_ALONG, len(ACCELERATED)) if noisy else np.full(len(ACCELERATED), STRAPPED_ALONG)
-    felt, known = accelerations(strapped_places(points, BODY_POINTS, along), 1 / rate)
+    felt, known = accelerations(strapped_positions(points, BODY_POINTS, along), 1 / rate)
     if noisy:
         shape = felt.shape
         felt = felt + np.exp(rng.uniform(*np.log(_ACCELERATION_NOISE))) * rng.standard_normal(shape)
