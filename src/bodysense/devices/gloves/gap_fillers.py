@@ -1,8 +1,8 @@
 """Gap fillers for hidden markers: one interface, and they stack (two-hands, section 3.2; reproduce.md 4.5, 4.6).
 
 A gap filler works in the frame of its markers and replaces NaN in its input. NaN remains if it cannot fill a marker.
-State is an argument. The paper's baselines are in `baselines`. Filled markers do not jump when they become hidden;
-`blending` handles jumps when they are found again.
+State is an argument. The paper's baselines are in `bodysense_lab.two_hands.baselines`. Filled markers do not jump when
+they become hidden; `blending` handles jumps when they are found again.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ class NetworkState(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class NetworkGapFiller:
-    """A network that predicts all markers of the registered hand from the known ones (4.6, section 3.2.2).
+    """Gap filler by a network that predicts all markers of the registered hand from the known ones (4.6, 3.2.2).
 
     `hands` are left-model hands, one for each hand of a batch or one for all. `gloves` are their gloves, the default
     one if omitted. Fills hands with at least `fewest` known markers. When a marker becomes hidden, the network's error
@@ -88,12 +88,12 @@ class NetworkGapFiller:
 
     @cached_property
     def _template(self) -> np.ndarray:
-        """(H, 9, 3) m."""
+        """Markers (H, 9, 3) m of the flat hands."""
         return np.stack([template(glove, hand) for glove, hand in zip(self._gloves, self.hands, strict=True)])
 
     @cached_property
     def _ratio(self) -> np.ndarray:
-        """(H, 1, 1)."""
+        """(H, 1, 1) sizes of the hands relative to the default one."""
         return size_ratios(self.hands)[:, None, None]
 
     @cached_property

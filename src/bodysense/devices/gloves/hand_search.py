@@ -143,7 +143,7 @@ def _triangles(
 
 
 def most_certain(hands: list[HandReading], margin: float) -> HandReading | None:
-    """Return the most likely certain hand if every hand that it excludes costs over `margin` more, else None."""
+    """Return the most likely certain hand that costs over `margin` less than every hand that it excludes, or None."""
     for hand in sorted(hands, key=lambda one: one.cost):
         if hand.certain and all(
             other.cost + _UNCERTAIN * (not other.certain) > hand.cost + margin
