@@ -228,11 +228,9 @@ def test_an_invalid_device_is_refused(short: bs.Clip) -> None:
         def observe(self, clip: bs.Clip, rng: np.random.Generator | None) -> bs.Observation:
             return bs.simulate(clip, "head")[:7]
 
-    with pytest.raises(bs.BodysenseError, match="device Short: its observation has 7 frames, the clip 40; give one"):
+    with pytest.raises(bs.BodysenseError, match="device Short: its observation has 7 frames, the clip 40; return one"):
         bs.simulate(short, Short())
-    with pytest.raises(
-        bs.BodysenseError, match=r"has no method observe\(clip, rng\); give one that has, or one of head"
-    ):
+    with pytest.raises(bs.BodysenseError, match=r"has no method observe\(clip, rng\); add one, or give one of head"):
         bs.simulate(short, 3)  # pyright: ignore[reportArgumentType]
 
 

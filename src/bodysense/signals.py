@@ -99,10 +99,10 @@ def _video_observation(source: str, person: Person, follow: int | None, roll: fl
     from bodysense.devices.video.landmarks import Landmarker, LandmarkerSettings
     from bodysense.devices.video.person import PersonSettings
     from bodysense.devices.video.pictures import open_video
-    from bodysense.devices.video.watching import Seen, watch
+    from bodysense.devices.video.watching import SightingCounts, watch
 
     settings, people = VideoSettings(roll=roll), PersonSettings(number=follow)
-    arms, parts, seen = Arms(person.skeleton, load_arms()), [], Seen()
+    arms, parts, seen = Arms(person.skeleton, load_arms()), [], SightingCounts()
     with open_video(source) as video, Landmarker(find_landmarkers(None), LandmarkerSettings()) as landmarker:
         if video.count is None and source.isdecimal():
             raise BodysenseError(f"{source}: a webcam never ends; use the command, bodysense track {source}")

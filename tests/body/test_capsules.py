@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from bodysense.body.capsules import Primitives, fit_primitives, place
+from bodysense.body.capsules import Primitives, fit_primitives, pose_primitives
 from bodysense.body.pose import Pose, forward_kinematics, rest_pose
 from bodysense.body.skeleton import Skeleton, default_body, default_skeleton
 from bodysense.errors import BodysenseError
@@ -91,7 +91,7 @@ def test_the_trunk_does_not_follow_the_joints_of_the_spine() -> None:
         for body in (skeleton, moved):
             position, rotation = forward_kinematics(rest_pose(body))
             primitives = fit_primitives(body)
-            worlds.append(place(primitives, position, rotation).end[primitives.names.index(name)])
+            worlds.append(pose_primitives(primitives, position, rotation).end[primitives.names.index(name)])
         np.testing.assert_allclose(worlds[0], worlds[1], atol=1e-9)
 
 
@@ -127,7 +127,7 @@ def test_place_agrees_with_scipy(batch: tuple[int, ...]) -> None:
     pose = Pose(skeleton, generator.normal(size=(*batch, 3)), rotation)
     position, world = forward_kinematics(pose)
     primitives = fit_primitives(skeleton)
-    placed = place(primitives, position, world)
+    placed = pose_primitives(primitives, position, world)
     assert placed.start.shape == (*batch, len(primitives.radius), 3)
     assert placed.middle.shape == (*batch, len(primitives.names), 3)
     for n, local in enumerate(primitives.end):
@@ -174,6 +174,6 @@ def test_another_tree_is_refused_with_its_first_difference() -> None:
     parents = [*default.parents]
     parents[default.index("right_hip")] = hip
     with pytest.raises(
-        BodysenseError, match=r"'right_hip' hangs on 'left_hip', where .* expect 'pelvis'; bring it into"
+        BodysenseError, match=r"the parent of 'right_hip' is 'left_hip', but .* expect 'pelvis'; bring it into"
     ):
         fit_primitives(replace(default, parents=tuple(parents)))

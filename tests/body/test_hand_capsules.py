@@ -10,11 +10,11 @@ from bodysense.body.hand import FINGERS, hand_skeleton, limits, rotations_of
 from bodysense.body.hand_capsules import (
     GIVE,
     NAMES,
+    capsule_axes,
     hand_capsules,
     mutual_depth,
     own_depth,
     own_pairs,
-    placed_axes,
 )
 from bodysense.body.pose import Pose, rest_pose
 from bodysense.body.skeleton import Skeleton, default_skeleton
@@ -70,7 +70,7 @@ def test_a_flat_hand_stands_nowhere_in_itself() -> None:
 def test_depth_in_itself_is_what_samples_say() -> None:
     skeleton = hand()
     poses, (first, second) = random_poses(skeleton, 12, seed=1), own_pairs()
-    depth, (start, along) = own_depth(poses), placed_axes(poses)
+    depth, (start, along) = own_depth(poses), capsule_axes(poses)
     radius = hand_capsules(skeleton).radius
     assert depth.shape == (12, len(first)) and (depth > 0).any() and (depth < 0).any()
     for frame in range(12):
@@ -85,8 +85,8 @@ def test_depth_of_two_hands_is_what_samples_say() -> None:
     small, large = hand(), hand().with_offsets(1.1 * hand().rest_offset)
     left, right = random_poses(small, 6, seed=2), random_poses(large, 6, seed=3)
     depth = mutual_depth(left, right)
-    start, along = placed_axes(left)
-    other, other_along = (part * [-1, 1, 1] for part in placed_axes(right))
+    start, along = capsule_axes(left)
+    other, other_along = (part * [-1, 1, 1] for part in capsule_axes(right))
     assert depth.shape == (6, len(NAMES), len(NAMES)) and (depth > 0).any()
     for frame, a, b in np.argwhere(depth > np.quantile(depth, 0.98)):
         distance = sampled_distance(start[frame, a], along[frame, a], other[frame, b], other_along[frame, b])

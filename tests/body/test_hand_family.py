@@ -9,15 +9,15 @@ from bodysense.body.glove import MARKERS, hand_size, marker_positions
 from bodysense.body.hand import HAND_JOINTS, hand_skeleton
 from bodysense.body.hand_family import (
     COUNT,
-    body_with,
-    carried_over,
+    body_with_hand,
     draw_hand,
     draw_parameters,
-    hand_from_rows,
+    hand_arrays,
+    hand_from_arrays,
     hand_of,
     plain_hand,
-    rows_of,
     shapes_of,
+    transfer_pose,
 )
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.shape import shape_space
@@ -66,10 +66,10 @@ def test_motion_is_carried_over_to_the_same_hand_as_it_is_and_keeps_bones_of_ano
     rng = np.random.default_rng(4)
     hand = hand_skeleton(default_skeleton(), "left")
     pose = synthesize_hand(hand, 0.5, rng).pose
-    same = carried_over(pose, plain_hand(hand))
+    same = transfer_pose(pose, plain_hand(hand))
     np.testing.assert_allclose(same.rotation, pose.rotation, atol=1e-9)
     other = draw_hand(rng)
-    points, _ = forward_kinematics(carried_over(pose, other))
+    points, _ = forward_kinematics(transfer_pose(pose, other))
     parents = np.array(other.skeleton.parents[1:])
     between = np.linalg.norm(np.asarray(points)[:, 1:] - np.asarray(points)[:, parents], axis=-1)
     np.testing.assert_allclose(between, np.tile(other.skeleton.bone_length[1:], (len(between), 1)), atol=1e-9)
@@ -77,8 +77,8 @@ def test_motion_is_carried_over_to_the_same_hand_as_it_is_and_keeps_bones_of_ano
 
 def test_rows_make_the_hand_again() -> None:
     hand = draw_hand(np.random.default_rng(5))
-    rows = rows_of(hand)
-    again = hand_from_rows(rows["points"], rows["axes"], rows["markers"])
+    rows = hand_arrays(hand)
+    again = hand_from_arrays(rows["points"], rows["axes"], rows["markers"])
     rest = np.zeros((len(HAND_JOINTS), 4))
     rest[:, 0] = 1.0
     for one in (hand, again):
@@ -86,17 +86,17 @@ def test_rows_make_the_hand_again() -> None:
     flat = [np.asarray(marker_positions(one.glove, Pose(one.skeleton, np.zeros(3), rest))) for one in (hand, again)]
     np.testing.assert_allclose(flat[0], flat[1], atol=1e-12)
     with pytest.raises(BodysenseError, match="points are"):
-        hand_from_rows(np.zeros((3, 3)), np.zeros((15, 4)), np.zeros((9, 3)))
+        hand_from_arrays(np.zeros((3, 3)), np.zeros((15, 4)), np.zeros((9, 3)))
     with pytest.raises(BodysenseError, match="give metres"):
-        hand_from_rows(100 * hand.skeleton.rest_offset, hand.axes, hand.glove.offset)
+        hand_from_arrays(100 * hand.skeleton.rest_offset, hand.axes, hand.glove.offset)
 
 
 def test_a_body_gets_a_hand() -> None:
     body, hand = default_skeleton(), hand_of(np.zeros(COUNT))
     for side in ("left", "right"):
-        changed = body_with(body, side, hand)
+        changed = body_with_hand(body, side, hand)
         np.testing.assert_allclose(hand_skeleton(changed, side).rest_offset, hand.skeleton.rest_offset)
-    assert _same_but_hand(body, body_with(body, "left", hand))
+    assert _same_but_hand(body, body_with_hand(body, "left", hand))
 
 
 def _same_but_hand(one: Skeleton, other: Skeleton) -> bool:

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from bodysense.body.registration import brought_back, moved, register
+from bodysense.body.registration import register, to_hand, to_world
 
 
 def test_equals_scipy_on_noisy_markers() -> None:
@@ -56,7 +56,7 @@ def test_any_markers_make_a_rotation(mask: list[bool], seed: int, shape: str) ->
 def test_what_is_left_open_is_as_before() -> None:
     template = np.random.default_rng(3).normal(scale=0.05, size=(9, 3))
     last = Rotation.from_rotvec([[0.3, -0.2, 0.9]]).as_matrix(), np.array([[1.0, 2.0, 3.0]])
-    markers = moved(template[None], *last)
+    markers = to_world(template[None], *last)
     nothing = np.zeros((1, 9), dtype=bool)
     rotation, translation = register(template, np.full((1, 9, 3), np.nan), nothing, last)
     np.testing.assert_allclose(rotation, last[0], atol=1e-9)
@@ -82,5 +82,5 @@ def test_there_and_back() -> None:
     rng = np.random.default_rng(4)
     points, rotation = rng.normal(size=(5, 9, 3)), Rotation.from_quat(np.random.default_rng(4).normal(size=(5, 4)))
     translation = rng.normal(size=(5, 3))
-    there = moved(points, rotation.as_matrix(), translation)
-    np.testing.assert_allclose(brought_back(there, rotation.as_matrix(), translation), points, atol=1e-12)
+    there = to_world(points, rotation.as_matrix(), translation)
+    np.testing.assert_allclose(to_hand(there, rotation.as_matrix(), translation), points, atol=1e-12)

@@ -1,4 +1,4 @@
-"""People before a camera, and the device that watches them."""
+"""People in front of a camera, and the device that observes them."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ FIELDS = ("position", "rotation", "has_position", "has_rotation", "accuracy", "t
 
 
 class UntrainedArms:
-    """A network of arms with weights by chance: what each frame's key-points are, its rotations are."""
+    """A network of arms with random weights; a frame's rotations depend on its key-points only."""
 
     def __init__(self) -> None:
         self.card = {"joints": ARM_JOINTS, "frames": 32, "rate": 30, "validation": {"overall_m": 0.05, "hands_m": 0.02}}
@@ -55,7 +55,7 @@ def make_device(untrained_arms: ArmModel) -> Any:
 
 
 def walking(frames: int = 45) -> Pose:
-    """Somebody who stands, waves and drifts to their left and toward the camera."""
+    """Return a standing person who waves and drifts to their left and toward the camera."""
     pose, time = standing_pose(SKELETON), np.arange(frames) / 30
     rotation = np.tile(pose.rotation, (frames, 1, 1))
     elbow = SKELETON.index("left_elbow")
@@ -66,7 +66,7 @@ def walking(frames: int = 45) -> Pose:
 
 
 def seen_by(pose: Pose, focal: float, tilt: float = TILT, noise: float = 0.0) -> PersonLandmarks:
-    """Perfect landmarks of bodies in the room, seen from 1.4 m over the floor and 3 m away, looking down by `tilt`."""
+    """Return exact landmarks of bodies, seen by a camera 1.4 m above the floor, 3 m away and tilted by `tilt` rad."""
     position = np.asarray(forward_kinematics(pose)[0])
     cosine, sine = np.cos(tilt), np.sin(tilt)
     axes = np.array([[1.0, 0, 0], [0, cosine, sine], [0, -sine, cosine]])  # room ← camera

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from bodysense.body.capsules import fit_primitives, place
+from bodysense.body.capsules import fit_primitives, pose_primitives
 from bodysense.body.pose import Pose, forward_kinematics, standing_pose
 from bodysense.body.skeleton import default_skeleton
 from bodysense.body.skin import COLORS, HAIR, SHIRT, SKIN, BodySkin, fit_skin, place_skin
@@ -128,7 +128,7 @@ def test_the_skin_encloses_the_primitives() -> None:
     skeleton = default_skeleton()
     skin, pose = fit_skin(skeleton), standing_pose(skeleton)
     balls = place_skin(skin, pose)
-    solids = place(fit_primitives(skeleton), *(np.asarray(part) for part in forward_kinematics(pose)))
+    solids = pose_primitives(fit_primitives(skeleton), *(np.asarray(part) for part in forward_kinematics(pose)))
     ends = np.concatenate([solids.start, solids.end])
     nearest = np.linalg.norm(ends[:, None] - balls, axis=-1).min(axis=1)
     assert np.quantile(nearest, 0.9) < 0.01 and nearest.max() < 0.03

@@ -1,4 +1,4 @@
-"""Primitives: the capsules and boxes that represent a body's flesh, fitted to any skeleton of the default tree."""
+"""Primitives: capsules and boxes that approximate a body's surface, fitted to any skeleton of the default tree."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from bodysense.body.rotation import quaternion_to_matrix
 from bodysense.body.skeleton import Skeleton, default_body, default_skeleton
 from bodysense.errors import BodysenseError
 
-TRUNK = ("pelvis", "spine1", "spine2", "spine3")  # joints whose flesh is fitted between hips and shoulders
+TRUNK = ("pelvis", "spine1", "spine2", "spine3")  # joints whose primitives are fitted between hips and shoulders
 
 
 @dataclass(frozen=True, eq=False)
 class Primitives:
-    """C capsules, then B boxes, metres, each rigid in the frame of the joint that carries it (world axes at rest)."""
+    """C capsules, then B boxes, in metres, each rigid in the frame of its carrying joint (world axes at rest)."""
 
     skeleton: Skeleton
     names: tuple[str, ...]  # (C + B)
-    joint: np.ndarray = field(repr=False)  # (C + B,) index of the joint that carries each
-    start: np.ndarray = field(repr=False)  # (C, 3) of a capsule's axis
-    end: np.ndarray = field(repr=False)  # (C, 3)
+    joint: np.ndarray = field(repr=False)  # (C + B,) index of the carrying joint
+    start: np.ndarray = field(repr=False)  # (C, 3) start of a capsule's axis
+    end: np.ndarray = field(repr=False)  # (C, 3) end of a capsule's axis
     radius: np.ndarray = field(repr=False)  # (C,)
     center: np.ndarray = field(repr=False)  # (B, 3)
     half_size: np.ndarray = field(repr=False)  # (B, 3)
@@ -31,20 +31,20 @@ class Primitives:
 
     @cached_property
     def attached(self) -> np.ndarray:
-        """(C + B, P) bool: point p carries primitive n, or is a child of the joint that does (the bone ends there)."""
+        """(C + B, P) bool: point p is the carrying joint of primitive n, or a child of that joint."""
         points = np.arange(len(self.skeleton.points))
         return (self.joint[:, None] == points) | (self.joint[:, None] == np.array(self.skeleton.parents))
 
     @cached_property
     def bounding_radius(self) -> np.ndarray:
-        """(C + B,) m: radius of the sphere about a primitive's middle that contains it."""
+        """(C + B,) m: radius of the bounding sphere about a primitive's middle."""
         capsule = np.linalg.norm(self.end - self.start, axis=-1) / 2 + self.radius
         return np.concatenate([capsule, np.linalg.norm(self.half_size, axis=-1)])
 
 
 @dataclass(frozen=True, eq=False)
-class PlacedPrimitives:
-    """The primitives of posed bodies, metres; leading axes are the pose's."""
+class PosedPrimitives:
+    """Primitives of posed bodies, in metres; leading axes are those of the pose."""
 
     primitives: Primitives
     start: np.ndarray  # (..., C, 3)
@@ -54,7 +54,7 @@ class PlacedPrimitives:
 
     @cached_property
     def middle(self) -> np.ndarray:
-        """(..., C + B, 3) the middle of every primitive."""
+        """(..., C + B, 3) m, the middle of every primitive."""
         return np.concatenate([(self.start + self.end) / 2, self.center], axis=-2)
 
 
@@ -64,10 +64,10 @@ def fit_primitives(skeleton: Skeleton) -> Primitives:
 
     All sizes scale with the skeleton's height. Beyond that:
 
-    - positions along a limb's bone stretch with it: a capsule that ends in a joint of the default body does so here;
-    - the trunk is fitted between hips and shoulders, and widened with them: skeletons agree on these positions, but
-    not on the depth and height of the spine's joints;
-    - the head keeps its height below the crown: head joints may be anywhere between jaw and skull.
+    - Positions along a limb's bone stretch with it: a capsule that ends in a joint of the default body does so here.
+    - The trunk is fitted between hips and shoulders, and widened with them, because skeletons agree on these positions
+    but not on the depth and height of the spine's joints.
+    - The head keeps its height below the crown, because head joints may be anywhere between jaw and skull.
 
     Raises BodysenseError for a skeleton with other points or parents.
     """
@@ -116,15 +116,15 @@ def fit_primitives(skeleton: Skeleton) -> Primitives:
 
 
 def _rest_position(skeleton: Skeleton) -> np.ndarray:
-    """Return the points (P, 3) m in the rest pose, from the root."""
+    """Return positions (P, 3) m of the points in the rest pose, from the root."""
     return skeleton.path[:, 1:] @ skeleton.rest_offset[1:]
 
 
 def _trunk_map(default: Skeleton, skeleton: Skeleton, scale: float) -> Callable[[np.ndarray, float], np.ndarray]:
-    """Return the map of rest positions (3,) from the default body's hips and shoulders to another skeleton's.
+    """Return a function that maps rest positions (3,) from the default body's hips and shoulders to another skeleton's.
 
-    Its second argument is the radius (m) of the ball about the point, which reaches as far out as the default body's
-    relative to the width of hips and shoulders.
+    Its second argument is the radius (m) of the sphere about the point. Relative to the width of hips and
+    shoulders, the sphere reaches as far to the side as on the default body.
     """
 
     def middle_and_width(of: Skeleton) -> tuple[np.ndarray, np.ndarray]:
@@ -138,16 +138,16 @@ def _trunk_map(default: Skeleton, skeleton: Skeleton, scale: float) -> Callable[
 
     def move(point: np.ndarray, radius: float) -> np.ndarray:
         share = (point - low) @ line / (line @ line)
-        beside = scale * (point - low - share * line)
+        across = scale * (point - low - share * line)
         reach = (abs(point[0]) + radius) * np.interp(share, [0, 1], new_width / width)
-        beside[0] = np.sign(point[0]) * max(reach - scale * radius, 0.0)
-        return new_low + share * (new_high - new_low) + beside
+        across[0] = np.sign(point[0]) * max(reach - scale * radius, 0.0)
+        return new_low + share * (new_high - new_low) + across
 
     return move
 
 
 def _bone_toward(point: np.ndarray, joint: int, skeleton: Skeleton) -> tuple[int, np.ndarray]:
-    """Return the child of a joint that is closest to the direction of `point` (3,), and its offset (3,)."""
+    """Return the child of a joint that is closest in direction to `point` (3,), and its offset (3,) m."""
     children = np.flatnonzero(np.array(skeleton.parents) == joint)
     bones = skeleton.rest_offset[children]
     best = int(np.argmax(bones @ point / np.linalg.norm(bones, axis=1)))
@@ -166,27 +166,27 @@ def _check_tree(skeleton: Skeleton, default: Skeleton) -> None:
                 f"the body's primitives expect {expected!r} as point {place}, but this skeleton has {name!r}; {fix}"
             )
     if len(skeleton.points) > len(default.points):
-        strange = skeleton.points[len(default.points)]
-        raise BodysenseError(f"the body's primitives know no point {strange!r}, which this skeleton has; {fix}")
+        unknown = skeleton.points[len(default.points)]
+        raise BodysenseError(f"the body's primitives know no point {unknown!r}, which this skeleton has; {fix}")
     for name, parent, expected in zip(skeleton.points, skeleton.parents, default.parents, strict=True):
         if parent != expected:
             raise BodysenseError(
-                f"in this skeleton {name!r} hangs on {_name(skeleton, parent)}, where the body's primitives expect "
-                f"{_name(default, expected)}; {fix}"
+                f"in this skeleton the parent of {name!r} is {_name(skeleton, parent)}, but the body's primitives "
+                f"expect {_name(default, expected)}; {fix}"
             )
 
 
 def _name(skeleton: Skeleton, point: int) -> str:
-    """Return the quoted name of a parent."""
+    """Return the quoted name of a point, 'nothing' for index -1."""
     return repr(skeleton.points[point]) if point >= 0 else "nothing"
 
 
-def place(primitives: Primitives, position: np.ndarray, rotation: np.ndarray) -> PlacedPrimitives:
-    """Place primitives on a posed body.
+def pose_primitives(primitives: Primitives, position: np.ndarray, rotation: np.ndarray) -> PosedPrimitives:
+    """Return the primitives of posed bodies.
 
     Args:
         primitives: fitted to the body's skeleton.
-        position: (..., P, 3) m, of every point, from forward kinematics.
+        position: (..., P, 3) m, positions of all points, from forward kinematics.
         rotation: (..., J, 4) wxyz, world ← joint.
 
     Returns:
@@ -199,7 +199,7 @@ def place(primitives: Primitives, position: np.ndarray, rotation: np.ndarray) ->
         turned = np.einsum("...nij,nj->...ni", turn[..., joint, :, :], local.astype(turn.dtype))
         return position[..., joint, :] + turned
 
-    return PlacedPrimitives(
+    return PosedPrimitives(
         primitives=primitives,
         start=move(capsules, primitives.start),
         end=move(capsules, primitives.end),

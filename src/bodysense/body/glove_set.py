@@ -1,6 +1,6 @@
-"""Marker sets of gloves: the segment and approximate position of each marker. A set is one small file.
+"""Marker sets of gloves: the segment and approximate position of each marker.
 
-`glove_sets/` holds the packaged ones; your own is a .toml or .json file of the same form (docs/gloves.md).
+`glove_sets/` has the packaged sets. Other sets are .toml or .json files of the same form (docs/gloves.md).
 """
 
 from __future__ import annotations
@@ -21,28 +21,28 @@ from bodysense.body.hand import FINGERS, HAND_JOINTS, Side, point_beyond
 from bodysense.errors import BodysenseError
 from bodysense.files import read_text
 
-STANDARD = "bodysense"  # the networks' set
-FEWEST = 4  # least number of a set's markers, one of them on the back of the hand
-HAND = "hand"  # the segment that the wrist carries
+STANDARD = "bodysense"  # name of the set that the networks are trained on
+FEWEST = 4  # least number of markers in a set, one of them on the back of the hand
+HAND = "hand"  # name of the segment that the wrist carries
 _SIDES: tuple[Side, Side] = ("left", "right")
-_USUAL = {"left": "L", "right": "R"}
-_ACCURACY, _PLATE = 0.006, 0.03  # m: default of a marker, and of one of a plate
-_PLATE_AT, _RING = (0.06, 0.03, 0.0), 0.02  # m: its middle from the wrist, and its markers' distance from there
+_SIDE_LETTERS = {"left": "L", "right": "R"}  # default
+_ACCURACY, _PLATE_ACCURACY = 0.006, 0.03  # m: defaults for a marker, and for a marker of a plate
+_PLATE_AT, _RING = (0.06, 0.03, 0.0), 0.02  # m: middle of a plate from the wrist, and its markers' distance from there
 _ROW = {"label", "name", "is", "segment", "near", "along", "offset", "accuracy"}
 _PLATE_ROW = {"labels", "offset", "accuracy"}
 _SEGMENTS, _KNUCKLES = (HAND, *HAND_JOINTS[1:]), tuple(f"{finger}1" for finger in FINGERS)
 
 
 @dataclass(frozen=True)
-class WornMarker:
-    """A marker of a set: its position on a hand of 19.5 cm."""
+class GloveMarker:
+    """A marker of a set and its position on a hand of 19.5 cm."""
 
-    name: str  # of its point, '<hand>_glove_<name>'
-    labels: Mapping[Side, str]  # in files
+    name: str  # last part of the point's name, '<hand>_glove_<name>'
+    labels: Mapping[Side, str]  # labels in files
     segment: str  # the joint that carries it
-    near: str  # the point of the hand from which its offset is measured
-    along: float  # from there, as a share of the segment
-    offset: tuple[float, float, float]  # m: along the segment, out of its back, toward the thumb
+    near: str  # point of the hand from which the offset is measured
+    along: float  # distance from that point, as a share of the segment
+    offset: tuple[float, float, float]  # m, in addition: along the segment, out of its back, toward the thumb
     accuracy: tuple[float, float, float]  # m, standard deviations along the same axes
 
 
@@ -51,11 +51,11 @@ class GloveSet:
     """The markers of a glove."""
 
     name: str
-    markers: tuple[WornMarker, ...]
+    markers: tuple[GloveMarker, ...]
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The names of its markers."""
+        """Names of the markers."""
         return tuple(marker.name for marker in self.markers)
 
     @property
@@ -64,7 +64,7 @@ class GloveSet:
         return tuple(place for place, marker in enumerate(self.markers) if marker.segment == "wrist")
 
     def points(self, labels: Iterable[str]) -> dict[str, str]:
-        """Return our names '<hand>_glove_<name>' of a file's labels in the set, ignoring a prefix such as 'Anna:'."""
+        """Return points '<hand>_glove_<name>' by a file's labels in the set; a prefix such as 'Anna:' is ignored."""
         ours = {
             plain(label): f"{side}_glove_{marker.name}"
             for marker in self.markers
@@ -86,7 +86,7 @@ def packaged_sets() -> dict[str, GloveSet]:
 
 
 def standard_set() -> GloveSet:
-    """Return the networks' set."""
+    """Return the set that the networks are trained on."""
     return packaged_sets()[STANDARD]
 
 
@@ -107,17 +107,17 @@ def read_set(place: str | Path) -> GloveSet:
 
 
 def parse_set(stored: Any, place: str, standard: GloveSet | None) -> GloveSet:
-    """Parse a stored set; markers with `is` take their positions from the `standard` one.
+    """Parse a stored set; markers with `is` have positions of the `standard` set.
 
-    `place` names the file in messages. Raises BodysenseError naming the row and the fix.
+    `place` names the file in messages. Raises BodysenseError that names the row and the fix.
     """
     if not isinstance(stored, dict) or not isinstance(stored.get("name"), str):
         raise BodysenseError(f'{place}: a marker set has a name and markers: name = "mine" (docs/gloves.md)')
     _check_keys(stored, {"name", "sides", "markers", "plates"}, place)
-    sides = stored.get("sides", _USUAL)
+    sides = stored.get("sides", _SIDE_LETTERS)
     if not (isinstance(sides, dict) and sides and set(sides) <= set(_SIDES) and _texts(sides.values())):
         raise BodysenseError(
-            f'{place}: sides are {brief(sides)}; say how labels tell them: {{left = "L", right = "R"}}'
+            f'{place}: sides are {brief(sides)}; give the letter of each side in labels: {{left = "L", right = "R"}}'
         )
     rows = []
     for number, row in enumerate(_rows(stored, "plates", place), start=1):
@@ -128,17 +128,17 @@ def parse_set(stored: Any, place: str, standard: GloveSet | None) -> GloveSet:
         raise BodysenseError(
             f"{place}: {len(rows)} markers; a hand needs {FEWEST} at least, one of them on the segment {HAND!r}"
         )
-    for what in (
+    for names in (
         [row.name for row in rows],
         *([plain(row.labels[side]) for row in rows if side in row.labels] for side in _SIDES),
     ):
-        twice = [name for name in what if what.count(name) > 1]
+        twice = [name for name in names if names.count(name) > 1]
         if twice:
-            raise BodysenseError(f"{place}: {twice[0]!r} stands twice; every marker has a name and a label of its own")
+            raise BodysenseError(f"{place}: {twice[0]!r} is used twice; give every marker its own name and label")
     return GloveSet(stored["name"], tuple(rows))
 
 
-def _marker(row: dict, sides: Mapping[str, str], standard: GloveSet | None, place: str) -> WornMarker:
+def _marker(row: dict, sides: Mapping[str, str], standard: GloveSet | None, place: str) -> GloveMarker:
     _check_keys(row, _ROW, place)
     labels = _labels(row.get("label"), sides, place)
     if "is" in row:
@@ -146,7 +146,7 @@ def _marker(row: dict, sides: Mapping[str, str], standard: GloveSet | None, plac
         if row["is"] not in list(known):
             raise BodysenseError(f"{place}: is {brief(row['is'])}; valid are {', '.join(known)}")
         same = known[row["is"]]
-        return WornMarker(same.name, labels, same.segment, same.near, same.along, same.offset, same.accuracy)
+        return GloveMarker(same.name, labels, same.segment, same.near, same.along, same.offset, same.accuracy)
     segment = row.get("segment")
     if segment not in _SEGMENTS:
         raise BodysenseError(f"{place}: segment {brief(segment)}; valid are {', '.join(_SEGMENTS)}")
@@ -156,14 +156,14 @@ def _marker(row: dict, sides: Mapping[str, str], standard: GloveSet | None, plac
         raise BodysenseError(f"{place}: near {brief(near)}; of the segment {segment!r} valid are {', '.join(points)}")
     if not (_is_number(along) and 0 <= along <= 1) or (along and (segment == HAND or near != segment)):
         raise BodysenseError(
-            f"{place}: along {brief(along)}; it is 0 to 1 from a finger's joint to the next; use offset"
+            f"{place}: along {brief(along)}; give 0 to 1, from a finger's joint to the next, or use offset"
         )
     if along == 1:
         near, along = point_beyond(segment), 0.0
     name = row.get("name", _name(row["label"]))
     if not isinstance(name, str) or not re.fullmatch(r"[a-z0-9_]+", name) or "_glove_" in name:
         raise BodysenseError(f'{place}: name {brief(name)}; give small letters and digits: name = "index_nail"')
-    return WornMarker(
+    return GloveMarker(
         name=name,
         labels=labels,
         segment="wrist" if segment == HAND else segment,
@@ -174,30 +174,32 @@ def _marker(row: dict, sides: Mapping[str, str], standard: GloveSet | None, plac
     )
 
 
-def _plate(row: dict, number: int, sides: Mapping[str, str], place: str) -> list[WornMarker]:
-    """Return the markers of a rigid plate: its shape is measured, its position is approximate."""
+def _plate(row: dict, number: int, sides: Mapping[str, str], place: str) -> list[GloveMarker]:
+    """Return the markers of a rigid plate. Calibration measures its shape; its position is approximate."""
     _check_keys(row, _PLATE_ROW, place)
     labels = row.get("labels")
     if not isinstance(labels, list) or len(labels) < 3:
         raise BodysenseError(f'{place}: labels {brief(labels)}; a plate has three markers or more: ["*_P1", "*_P2", …]')
     offset = _three(row.get("offset", _PLATE_AT), "offset", place)
-    accuracy = _accuracy(row.get("accuracy", _PLATE), place)
+    accuracy = _accuracy(row.get("accuracy", _PLATE_ACCURACY), place)
     rows = []
     for k, label in enumerate(labels, start=1):
         turn = 2 * pi * k / len(labels)  # in a ring, for simulation
         at = offset[0] + _RING * cos(turn), offset[1], offset[2] + (1 + k / 10) * _RING * sin(turn)
-        rows.append(WornMarker(f"plate{number}_{k}", _labels(label, sides, place), "wrist", "wrist", 0.0, at, accuracy))
+        rows.append(
+            GloveMarker(f"plate{number}_{k}", _labels(label, sides, place), "wrist", "wrist", 0.0, at, accuracy)
+        )
     return rows
 
 
 def _labels(label: Any, sides: Mapping[str, str], place: str) -> dict[Side, str]:
-    """Return a marker's labels by side: '*' is replaced by the side's letter, or a table has both."""
+    """Return a marker's labels by side, from a text with '*' for the side's letter or from a table of both sides."""
     if isinstance(label, dict) and label and set(label) <= set(_SIDES) and _texts(label.values()):
         return {side: label[side] for side in _SIDES if side in label}
     if isinstance(label, str) and plain(label) and ("*" in label or len(sides) == 1):
         return {side: label.replace("*", sides[side]) for side in _SIDES if side in sides}
     raise BodysenseError(
-        f'{place}: label {brief(label)}; put * where the side stands, "*_IDX", or give both: '
+        f'{place}: label {brief(label)}; put * in place of the side, "*_IDX", or give both: '
         '{left = "M1", right = "M7"}'
     )
 
@@ -210,9 +212,9 @@ def _rows(stored: dict, key: str, place: str) -> list[dict]:
 
 
 def _check_keys(row: dict, valid: set[str], place: str) -> None:
-    strange = [key for key in row if key not in valid]
-    if strange:
-        raise BodysenseError(f"{place}: {strange[0]!r} is unknown; valid are {', '.join(sorted(valid))}")
+    unknown = [key for key in row if key not in valid]
+    if unknown:
+        raise BodysenseError(f"{place}: {unknown[0]!r} is unknown; valid are {', '.join(sorted(valid))}")
 
 
 def _three(value: Any, what: str, place: str) -> tuple[float, float, float]:
@@ -237,7 +239,7 @@ def _texts(values: Iterable[Any]) -> bool:
 
 
 def _name(label: Any) -> str:
-    """Return a name from a label without its side."""
+    """Return a marker's name made from its label without the side."""
     text = label.replace("*", " ") if isinstance(label, str) else next(iter(label.values()))
     return re.sub(r"[^a-z0-9]+", "_", text.lower()).strip("_") or "marker"
 

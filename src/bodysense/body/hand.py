@@ -1,11 +1,11 @@
-"""One hand: its skeleton, cut from a body's, and its 26 degrees of freedom (two-hands, Figure 9).
+"""One hand: its skeleton, taken from a body's, and its 26 degrees of freedom (two-hands, Figure 9).
 
-The left hand is the model; the right one is its mirror image at the plane x = 0 and is handled as a left hand. In the
-rest pose a left hand is flat, fingers toward +x, back of the hand up (+y), thumb forward (+z); the wrist is the root.
+The left hand is the model. A right hand is mirrored at the plane x = 0 and handled as a left hand. In the rest pose a
+left hand is flat, fingers toward +x, back of the hand up (+y), thumb forward (+z); the wrist is the root.
 
-Every joint of a finger turns by R = Rz(−flexion) · Ry(abduction) · Rx(twist) in axes of its own: x along the bone, z
-such that a finger flexes about −z. Base joints have all three angles, the thumb's middle joint flexion and abduction,
-every other joint flexion alone: 5 · 3 + 1 + 2 + 8 = 26.
+Every joint of a finger turns by R = Rz(−flexion) · Ry(abduction) · Rx(twist) in its own axes: x along the bone, and a
+finger flexes about −z. Base joints have all three angles, the thumb's middle joint has flexion and abduction, all other
+joints have flexion only: 5 · 3 + 1 + 2 + 8 = 26.
 """
 
 from __future__ import annotations
@@ -48,8 +48,8 @@ class Freedom:
 
 # Adults' ranges: fingers flex by 90°, 100° and 90° and extend by 45°, the thumb by 50° and 80° (American Academy of
 # Orthopaedic Surgeons, Joint Motion, 1965); fingers spread by 15° to either side (Lin, Wu and Huang, Modeling the
-# constraints of human hand motion, 2000). Widened where recorded hands go further: a fitted skeleton's axes are not the
-# hand's own, and base joints of ring and little finger roll as the palm folds.
+# constraints of human hand motion, 2000). Ranges are wider if recorded hands exceed them: a fitted skeleton's axes are
+# not the hand's own, and base joints of ring and little finger roll as the palm folds.
 def _freedoms() -> tuple[Freedom, ...]:
     rows = [
         *(Freedom("thumb1", "flexion", -35, 50), Freedom("thumb1", "abduction", -50, 50)),
@@ -64,10 +64,11 @@ def _freedoms() -> tuple[Freedom, ...]:
 
 
 FREEDOMS = _freedoms()
-# Degrees by which the hinges of the middle and last joint are tilted about the finger: flexed fingers point to one
-# spot at the base of the thumb. From recorded hands (Microsoft Rocketbox); both avatars agree within 4°.
+# Degrees by which the hinges of the middle and last joint are tilted about the finger, because flexed fingers point to
+# one spot at the base of the thumb. From recorded hands (Microsoft Rocketbox); both avatars agree within 4°.
 _TILT = {"index": (12.0, 12.0), "middle": (-4.0, -4.0), "ring": (-6.0, -6.0), "pinky": (-18.0, -22.0)}
-# Rz(−flexion) · Ry(abduction) · Rx(twist) from the eight products of a cosine or a sine of half of each.
+# Matrix from the eight products of cosines and sines of half angles to the quaternion of Rz(−flexion) · Ry(abduction) ·
+# Rx(twist).
 _TURNS = np.zeros((8, 4))
 _TURNS[[0b000, 0b001, 0b110, 0b010], [0, 1, 1, 2]] = 1.0
 _TURNS[[0b111, 0b101, 0b100, 0b011], [0, 2, 3, 3]] = -1.0
@@ -80,7 +81,7 @@ _COLUMN = {"flexion": 0, "abduction": 1, "twist": 2}
 def hand_skeleton(skeleton: Skeleton, side: Side) -> Skeleton:
     """Return the hand of a body as a left hand: `HAND_JOINTS` and `FINGERTIPS`, the wrist at the origin.
 
-    Raises BodysenseError if the skeleton lacks a joint of it.
+    Raises BodysenseError if the skeleton lacks a joint of the hand, or has another parent for it.
     """
     points = _points_of(skeleton, side)
     names = [*HAND_JOINTS, *FINGERTIPS]
@@ -88,14 +89,14 @@ def hand_skeleton(skeleton: Skeleton, side: Side) -> Skeleton:
     for name, point in zip(names[1:], points[1:], strict=True):
         above = skeleton.points[skeleton.parents[point]]
         if above != f"{side}_{_parent(name)}":
-            raise BodysenseError(f"hand: {side}_{name} hangs on {above!r}; it must hang on {side}_{_parent(name)!r}")
+            raise BodysenseError(f"hand: the parent of {side}_{name} is {above!r}; it must be {side}_{_parent(name)}")
     offset = skeleton.rest_offset[points] * _flip(side)
     offset[0] = 0.0
     return Skeleton(HAND_JOINTS, FINGERTIPS, parents, offset)
 
 
 def hand_pose(pose: Pose, side: Side) -> Pose:
-    """Return the hand of a posed body, as a left hand: its root is the wrist in the world, mirrored if right."""
+    """Return the hand of a posed body as a left hand: its root is the wrist in the world, mirrored if right."""
     points = _points_of(pose.skeleton, side)[: len(HAND_JOINTS)]
     position, world = forward_kinematics(pose)
     rotation = np.array(pose.rotation[..., points, :], dtype=float)
@@ -110,31 +111,31 @@ def mirrored_vectors(vectors: np.ndarray, side: Side) -> np.ndarray:
 
 
 def mirrored_rotations(rotations: np.ndarray, side: Side) -> np.ndarray:
-    """Convert rotations (..., 4) of a `side` hand to a left hand's, and back: mirror the axis, reverse the sense."""
+    """Convert rotations (..., 4) of a `side` hand to a left hand's, and back: mirror the axis, negate the angle."""
     return rotations * (np.array([1.0, 1, -1, -1]) if side == "right" else np.ones(4))
 
 
 def rotations_of(angles: Array) -> Array:
-    """Return local rotations (..., 15, 4) of the finger joints from angles (..., 26), radians, in `FREEDOMS`' order."""
+    """Return local rotations (..., 15, 4) of finger joints from angles (..., 26), radians, ordered as `FREEDOMS`."""
     return quaternion_canonical(joint_rotations(per_joint(angles), as_like(default_axes(), angles)))
 
 
 def angles_of(rotations: Array) -> Array:
-    """Return angles (..., 26), radians, of local rotations (..., 15, 4); turns that a joint cannot make are dropped."""
-    joint, column = _where()
+    """Return angles (..., 26), radians, of local rotations (..., 15, 4); angles that a joint lacks are dropped."""
+    joint, column = _joint_columns()
     return joint_angles(rotations, as_like(default_axes(), rotations))[..., joint, column]
 
 
 def per_joint(angles: Array) -> Array:
-    """Return flexion, abduction and twist (..., 15, 3) of every joint from 26 angles; 0 for missing ones."""
-    place, has = joint_places()
+    """Return flexion, abduction and twist (..., 15, 3) of every joint from angles (..., 26); 0 if a joint lacks one."""
+    place, has = angle_indices()
     return angles[..., place] * (has if isinstance(angles, np.ndarray) else as_like(has, angles))
 
 
 def joint_rotations(angles: Array, axes: Array) -> Array:
     """Return local rotations (..., 15, 4), of either sign, from flexion, abduction and twist (..., 15, 3), radians.
 
-    `axes` (..., 15, 4, 4) are the joints' own (`own_axes`).
+    `axes` (..., 15, 4, 4) are the joints' own axes (`own_axes`).
     """
     xp = array_namespace(angles)
     half = angles / 2
@@ -149,7 +150,7 @@ def joint_rotations(angles: Array, axes: Array) -> Array:
 def joint_angles(rotations: Array, axes: Array) -> Array:
     """Return flexion, abduction and twist (..., 15, 3), radians, of local rotations (..., 15, 4).
 
-    `axes` (..., 15, 4, 4) are the joints' own (`own_axes`).
+    `axes` (..., 15, 4, 4) are the joints' own axes (`own_axes`).
     """
     xp = array_namespace(rotations)
     own = (rotations[..., None, :] @ axes.mT)[..., 0, :]
@@ -161,9 +162,9 @@ def joint_angles(rotations: Array, axes: Array) -> Array:
 
 
 def own_axes(turn: np.ndarray) -> np.ndarray:
-    """Return matrices (..., 15, 4, 4): q @ matrix is a rotation q in a joint's own axes, in the axes of the rest pose.
+    """Return matrices (..., 15, 4, 4) that convert quaternions from a joint's own axes to the axes of the rest pose.
 
-    `turn` (..., 15, 4) turns the joints' axes from the default hand's.
+    A row vector q becomes q @ matrix. `turn` (..., 15, 4) rotates the joints' axes from the default hand's.
     """
     about = np.asarray(quaternion_multiply(turn, np.array(joint_bases())))[..., None, :]
     return np.asarray(quaternion_multiply(quaternion_multiply(about, np.eye(4)), quaternion_conjugate(about)))
@@ -176,12 +177,12 @@ def default_axes() -> np.ndarray:
 
 
 def limits() -> tuple[np.ndarray, np.ndarray]:
-    """Return smallest and largest angles (26,), (26,), radians."""
+    """Return joint limits: the smallest and the largest angles (26,), radians."""
     return np.radians([row.low for row in FREEDOMS]), np.radians([row.high for row in FREEDOMS])
 
 
 def closing_hand() -> np.ndarray:
-    """Return angles (4, 26), radians: a flat hand, a relaxed one, half closed and nearly a fist."""
+    """Return angles (4, 26), radians, of a closing hand: flat, relaxed, half closed and nearly a fist."""
     flexion = np.array([row.angle == "flexion" for row in FREEDOMS])
     thumb = np.array([row.joint.startswith("thumb") for row in FREEDOMS])
     return np.stack([np.where(thumb, of_thumb, share) * flexion * limits()[1] for share, of_thumb in _CLOSED])
@@ -189,7 +190,7 @@ def closing_hand() -> np.ndarray:
 
 @lru_cache(maxsize=1)
 def joint_bases() -> tuple[tuple[float, ...], ...]:
-    """Return the rotations (15, 4) of finger joints from their own axes into the rest frame."""
+    """Return the rotations (15, 4) of finger joints from their own axes to the axes of the rest pose."""
     flexion = np.array(_THUMB_FLEXION) / np.linalg.norm(_THUMB_FLEXION)
     along = np.array(_THUMB_BONE) - np.dot(_THUMB_BONE, flexion) * flexion
     along /= np.linalg.norm(along)
@@ -203,16 +204,16 @@ def joint_bases() -> tuple[tuple[float, ...], ...]:
 
 
 @lru_cache(maxsize=1)
-def _where() -> tuple[list[int], list[int]]:
+def _joint_columns() -> tuple[list[int], list[int]]:
     """Return the joint (among 15) and the column of each degree of freedom: flexion, abduction, twist."""
     return [HAND_JOINTS.index(row.joint) - 1 for row in FREEDOMS], [_COLUMN[row.angle] for row in FREEDOMS]
 
 
 @lru_cache(maxsize=1)
-def joint_places() -> tuple[np.ndarray, np.ndarray]:
-    """Return the places (15, 3) of every joint's flexion, abduction and twist among the 26 angles, and which it has."""
+def angle_indices() -> tuple[np.ndarray, np.ndarray]:
+    """Return indices (15, 3) of each joint's flexion, abduction and twist among the 26 angles, and a mask (15, 3)."""
     place, has = np.zeros((15, 3), dtype=np.int64), np.zeros((15, 3), dtype=bool)
-    for index, (joint, column) in enumerate(zip(*_where(), strict=True)):
+    for index, (joint, column) in enumerate(zip(*_joint_columns(), strict=True)):
         place[joint, column], has[joint, column] = index, True
     return place, has
 
@@ -224,7 +225,7 @@ def _points_of(skeleton: Skeleton, side: Side) -> np.ndarray:
 
 
 def _parent(name: str) -> str:
-    """Return the parent of a finger's point, without its side."""
+    """Return the parent of a finger's point; names are without the side."""
     if name.endswith("_tip"):
         return f"{name.removesuffix('_tip')}3"
     return "wrist" if name.endswith("1") else f"{name[:-1]}{int(name[-1]) - 1}"
@@ -247,5 +248,5 @@ def point_beyond(joint: str) -> str:
 
 
 def glove_hands(points: Iterable[str]) -> tuple[str, ...]:
-    """Return the hands whose markers are among the points, in order of first mention."""
+    """Return the names of hands with markers among the points, in order of appearance."""
     return tuple(dict.fromkeys(found[0] for found in map(glove_marker, points) if found))

@@ -1,4 +1,4 @@
-"""Appearance of a glove's markers: nine markers in a few shapes of the hand, to recognise a glove."""
+"""Shapes of a glove's nine markers in a few postures of the hand, to recognise a glove."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from bodysense.body.skeleton import Skeleton
 
 @lru_cache(maxsize=16)
 def hand_shapes(hand: Skeleton) -> np.ndarray:
-    """Return markers (S, M, 3) m of a left hand, its wrist the origin: flat, relaxed, half closed, nearly a fist."""
+    """Return markers (S, M, 3) m of a left hand, from the wrist: flat, relaxed, half closed, nearly a fist."""
     return np.asarray(marker_positions(default_glove(), _at_origin(hand, closing_hand())))
 
 
 @lru_cache(maxsize=16)
 def marker_ranges(hand: Skeleton) -> np.ndarray:
-    """Return (M, K, 3) m possible positions of a left hand's markers, its wrist the origin: any flexion, no spread.
+    """Return possible positions (M, K, 3) m of a left hand's markers, from the wrist: any flexion, no spread.
 
     A marker on the back of the hand has one position, repeated K times.
     """
@@ -47,15 +47,15 @@ def marker_ranges(hand: Skeleton) -> np.ndarray:
 
 
 def _at_origin(hand: Skeleton, angles: np.ndarray) -> Pose:
-    """Return a hand with fingers at angles (N, 26) rad, its wrist the origin."""
+    """Return a hand with fingers at angles (N, 26) rad and the wrist at the origin."""
     wrist = np.broadcast_to([1.0, 0.0, 0.0, 0.0], (len(angles), 1, 4))
     return Pose(hand, np.zeros((len(angles), 3)), np.concatenate([wrist, rotations_of(angles)], axis=1))
 
 
-def unlikeness(shapes: np.ndarray, markers: np.ndarray) -> np.ndarray:
+def shape_distance(shapes: np.ndarray, markers: np.ndarray) -> np.ndarray:
     """Return the distance (N,) m, root mean square, of gloves' markers (N, M, 3) m from the most similar shape.
 
-    Markers are NaN where missing; if all are, the distance is infinite.
+    Missing markers are NaN; if all are missing, the distance is infinite.
     """
     count = len(shapes)
     several, like = np.repeat(markers, count, axis=0), np.tile(shapes, (len(markers), 1, 1))

@@ -88,9 +88,9 @@ class Person:
         for side, hand in (hands or {}).items():
             if side not in ("left", "right"):
                 raise BodysenseError(f"person: the hand {side!r}; it is 'left' or 'right'")
-            from bodysense.body.hand_family import body_with
+            from bodysense.body.hand_family import body_with_hand
 
-            skeleton = body_with(skeleton, side, hand)
+            skeleton = body_with_hand(skeleton, side, hand)
         if not SHORTEST - SOLE <= skeleton.height <= TALLEST:
             raise BodysenseError(
                 f"person: a skeleton {skeleton.height:g} m high; people are {SHORTEST} to {TALLEST} m, "
@@ -241,12 +241,12 @@ class Person:
         skeleton = skeleton_from_table(joints, end_sites)
         hands: dict[str, GlovedHand] = {}
         for row in _hand_rows(stored) if "hands" in stored else []:
-            from bodysense.body.hand_family import hand_from_rows
+            from bodysense.body.hand_family import hand_from_arrays
 
             points, axes, markers = (
                 np.array(row[name]).reshape(-1, size) for name, size in (("points", 3), ("axes", 4), ("markers", 3))
             )
-            hands[row["side"]] = hand_from_rows(points, axes, markers, row.get("sitting", ()))
+            hands[row["side"]] = hand_from_arrays(points, axes, markers, row.get("sitting", ()))
         return cls(
             skeleton, height=height, bone_deviation=deviation, mounts=mounts_by_joint, lengths=lengths, hands=hands
         )
@@ -285,10 +285,10 @@ def _scaled(estimate: ShapeEstimate, scale: float) -> Skeleton:
 
 def _hand_row(side: str, hand: GlovedHand) -> dict[str, Any]:
     """Return a row of 'hands' of a person's file."""
-    from bodysense.body.hand_family import rows_of, sitting_of
+    from bodysense.body.hand_family import hand_arrays, marker_attachments
 
-    row: dict[str, Any] = {name: values.ravel().tolist() for name, values in rows_of(hand).items()}
-    sitting = sitting_of(hand)
+    row: dict[str, Any] = {name: values.ravel().tolist() for name, values in hand_arrays(hand).items()}
+    sitting = marker_attachments(hand)
     return {"side": side, **row} | ({"sitting": sitting} if sitting else {})
 
 

@@ -68,7 +68,7 @@ def write_samples(recording: Recording, out: Path, count: int, seed: int, model:
     from bodysense.io.motion_files import write_motion
     from bodysense.io.resample import at_constant_rate
     from bodysense.papers.hmd_vae import BodyVaeEstimator, load_body_vae, sample_noise
-    from bodysense.papers.met_points import TargetIk
+    from bodysense.papers.target_ik import TargetIk
 
     observation = recording.observation
     other = [name for name in observation.points if name not in THREE_POINTS]
@@ -88,6 +88,6 @@ def write_samples(recording: Recording, out: Path, count: int, seed: int, model:
         estimator = BodyVaeEstimator(recording.skeleton, network, noise)
         estimate, _ = estimator.step(observation, estimator.start())
         assert estimate.pose is not None
-        pose = solver.bent(estimate, estimate.pose, observation)
+        pose = solver.bend(estimate, estimate.pose, observation)
         write_motion(path, at_constant_rate(Clip(path.stem, pose, rate), observation.time))
     return paths

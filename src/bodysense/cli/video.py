@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from bodysense.body.skeleton import Skeleton
     from bodysense.devices.video.device import VideoDevice
     from bodysense.devices.video.person import PersonSettings
-    from bodysense.devices.video.watching import Seen, Watched
+    from bodysense.devices.video.watching import SightingCounts, WatchedFrames
     from bodysense.io.bvh import BvhStream
     from bodysense.observation import Observation
     from bodysense.tracker import TrackerSettings
@@ -76,7 +76,7 @@ def track_video(
     from bodysense.devices.video.landmarker_files import find_landmarkers
     from bodysense.devices.video.landmarks import Landmarker, LandmarkerSettings
     from bodysense.devices.video.pictures import VideoBrokenError, open_video
-    from bodysense.devices.video.watching import Seen, watch
+    from bodysense.devices.video.watching import SightingCounts, watch
     from bodysense.io.motion_files import motion_stream
     from bodysense.io.target_rigs.named import OWN
     from bodysense.pictures.overlay import Overlay
@@ -89,7 +89,7 @@ def track_video(
     make_device = _device_factory(person.skeleton, options, model, look_ahead)
     # Lengths in a video are guesses, so proportions cannot be inferred.
     tracker = Tracker(person, settings=replace(settings, infer=False))
-    state, tally, broken = tracker.start(), _Tally(Seen()), None
+    state, tally, broken = tracker.start(), _Tally(SightingCounts()), None
     with ExitStack() as stack:
         video = stack.enter_context(open_video(source, options.image_rate))
         files = find_landmarkers(options.landmarkers)
@@ -200,13 +200,13 @@ class _Motion:
 class _Tally:
     """Counts of seen people and hands, and times."""
 
-    seen: Seen
+    seen: SightingCounts
     left_hands: int = 0
     right_hands: int = 0
     landmark_seconds: float = 0.0
     body_seconds: float = 0.0
 
-    def add(self, done: Watched, seconds: float) -> None:
+    def add(self, done: WatchedFrames, seconds: float) -> None:
         self.seen.add(done)
         left, right = done.frames.person.has_hand.sum(axis=0).tolist()
         self.left_hands, self.right_hands = self.left_hands + left, self.right_hands + right

@@ -1,1 +1,1 @@
-"""Devices with a solver inside: they turn signals into observed points of a body, for the tracker to complete."""
+"""Devices: solvers that turn signals into observed points of a body, which the tracker completes."""

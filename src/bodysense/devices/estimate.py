@@ -1,4 +1,4 @@
-"""Results of point estimators; the tracker's own `Estimate` is in `estimate.py`."""
+"""Results of point estimators. The tracker's `Estimate` is in `bodysense.estimate`."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ class PointEstimate:
     """Positions of all points of a body, for every frame of an observation."""
 
     skeleton: Skeleton
-    position: np.ndarray  # (..., T, P, 3) m, world: every point of the skeleton, before IK
+    position: np.ndarray  # (..., T, P, 3) m, world, of every point of the skeleton, before inverse kinematics
     occluded: np.ndarray  # (..., T, P) probability that the point was hidden
-    confidence: np.ndarray  # (..., T, P) expected position error, m
-    pose: Pose | None = None  # rotations, from methods that give them; otherwise inverse kinematics finds them
+    confidence: np.ndarray  # (..., T, P) m, expected error of the position
+    pose: Pose | None = None  # rotations if the method gives them; None: inverse kinematics must find them

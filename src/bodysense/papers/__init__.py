@@ -1,1 +1,1 @@
-"""Networks of papers, as commands of the library use them: HMD-VAE, UNOC's fingers."""
+"""Inference with networks of papers: HMD-VAE, UNOC's fingers."""

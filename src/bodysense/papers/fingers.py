@@ -1,9 +1,9 @@
-"""Fingers for a motion without any, by a network (UNOC, section 5.3); the body is unchanged.
+"""Finger synthesis by a network (UNOC, section 5.3) for motions without fingers; the body is unchanged.
 
 The network predicts finger joints and fingertips in their wrist's axes. A critically damped filter smooths them.
-Then every finger is turned from the wrist outward, each joint by the shortest arc that points its rigid bone at the
-wanted position of the next one. That is exact if the positions are those of this hand, and gives no twist about a
-bone, which positions do not define.
+Then every finger is turned from the wrist outward: each joint turns by the shortest arc that points its rigid bone at
+the predicted position of the next joint. This is exact if the positions belong to the same hand. It adds no twist about
+bones, because positions do not define it.
 """
 
 from __future__ import annotations
@@ -30,12 +30,12 @@ from bodysense.io.clip import Clip
 from bodysense.observation import check_order
 from bodysense.papers.point_model import PointModel, PointRunner, PointState, load_point_model
 
-HALF_LIFE = 0.05  # s in which the smoother closes half of a jump
+HALF_LIFE = 0.05  # s, half-life of a jump in the smoother
 
 
 @dataclass(frozen=True, eq=False)
 class FingerState:
-    """State of the network, and motion of the smoothed fingers."""
+    """State of the network, and of the smoothed fingers."""
 
     network: PointState
     time: float | None = None
@@ -45,7 +45,7 @@ class FingerState:
 
 @dataclass(frozen=True)
 class FingerSynthesis:
-    """Fingers of a skeleton from its body's motion. Immutable; state is an argument."""
+    """Synthesis of a skeleton's fingers from its body's motion. Immutable; state is an argument."""
 
     skeleton: Skeleton
     model: PointModel
@@ -61,27 +61,27 @@ class FingerSynthesis:
 
     @cached_property
     def places(self) -> np.ndarray:
-        """(O,) the predicted points."""
+        """(O,) indices of the predicted points."""
         return self.skeleton.indices(self.model.places)
 
     def start(self) -> FingerState:
-        """The state before the first frame."""
+        """Return the state before the first frame."""
         return FingerState(self._runner.start())
 
     def step(self, pose: Pose, time: np.ndarray, state: FingerState) -> tuple[np.ndarray, FingerState]:
-        """Return offsets (T, O, 3) m of finger points from their wrist, in its axes, for a motion at `time` (T,) s.
+        """Return offsets (T, O, 3) m of finger points from their wrist, in its axes, and the state after T frames.
 
-        Only the body of the motion is read. One call with T frames equals T calls with one. Raises BodysenseError when
-        time does not increase.
+        Only the body of `pose` is used. `time` (T,) is in seconds. One call with T frames equals T calls with one.
+        Raises BodysenseError if time does not increase.
         """
         position, rotation = forward_kinematics(pose)
         reads, oriented = self.skeleton.indices(self.model.reads), self.skeleton.indices(THREE_POINTS)
         offsets = []
         for t, now in enumerate(np.asarray(time, dtype=float).tolist()):
             check_order(now, state.time, "finger synthesis")
-            placed, _, network = self._runner.step(position[t, reads], rotation[t, oriented], now, state.network)
+            predicted, _, network = self._runner.step(position[t, reads], rotation[t, oriented], now, state.network)
             whole = position[t].copy()
-            whole[self.places] = placed
+            whole[self.places] = predicted
             offset = local_offset(self.skeleton, whole, rotation[t])[self.places]
             state = self._smoothed(offset, now, replace(state, network=network))
             assert state.offset is not None
@@ -89,7 +89,7 @@ class FingerSynthesis:
         return np.stack(offsets), state
 
     def _smoothed(self, target: np.ndarray, time: float, state: FingerState) -> FingerState:
-        """Return the critically damped motion toward the wanted fingers."""
+        """Return the state after one step of critically damped motion toward `target` (O, 3) m."""
         if state.offset is None or state.velocity is None or state.time is None or self.half_life == 0:
             return replace(state, time=time, offset=target, velocity=np.zeros_like(target))
         away, velocity = spring_step(state.offset - target, state.velocity, self.half_life, time - state.time)
@@ -99,13 +99,13 @@ class FingerSynthesis:
 def finger_rotations(skeleton: Skeleton, offset: np.ndarray, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return finger joints (F,) and local rotations (T, F, 4) that point a rigid hand's bones at `offset` (T, O, 3) m.
 
-    `places` (O,) are the points of the offsets, which are from their wrist in its axes.
+    Offsets are those of the points `places` (O,) from their wrist, in its axes.
     """
     wanted = dict(zip(places.tolist(), np.moveaxis(offset, -2, 0), strict=True))
     still = np.tile([1.0, 0.0, 0.0, 0.0], (len(offset), 1))
     joints = np.flatnonzero(skeleton.wrist_of[: len(skeleton.joints)] >= 0)
-    reached: dict[int, np.ndarray] = {}  # from the wrist, in its axes
-    turned: dict[int, np.ndarray] = {}  # wrist ← joint
+    reached: dict[int, np.ndarray] = {}  # positions from the wrist, in its axes
+    turned: dict[int, np.ndarray] = {}  # rotations, wrist ← joint
     local = {}
     for joint in joints.tolist():
         parent = skeleton.parents[joint]
@@ -120,9 +120,9 @@ def finger_rotations(skeleton: Skeleton, offset: np.ndarray, places: np.ndarray)
 
 
 def synthesize(clip: Clip, model: PointModel | None = None, half_life: float = HALF_LIFE) -> Clip:
-    """Replace a clip's fingers, its own or relaxed ones, by synthesised ones; its body is unchanged.
+    """Replace the fingers of a clip by synthesised ones; its body is unchanged.
 
-    `model` None takes the packaged network. Raises BodysenseError if the clip lacks points of the default skeleton.
+    `model` is the packaged network if None. Raises BodysenseError if the clip lacks points of the default skeleton.
     """
     method = FingerSynthesis(clip.pose.skeleton, load_point_model("fingers") if model is None else model, half_life)
     offset, _ = method.step(clip.pose, clip.time, method.start())

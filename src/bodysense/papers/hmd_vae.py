@@ -1,7 +1,7 @@
-"""HMD-VAE at run time: a body from a headset and two hands, several bodies for one signal, bodies from the prior.
+"""HMD-VAE at run time: bodies from a headset and two hands, several bodies for one signal, bodies from the prior.
 
-One exported network, ONNX Runtime on one thread. Frames may come at any rate: the last half second is kept, and the
-network's inputs are interpolated from it at its own rate, backward from now. It runs for every frame.
+One exported network runs in ONNX Runtime on one thread, for every frame. Frames may come at any rate: the inputs are
+interpolated at the network's rate from the last half second.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ from bodysense.devices.estimate import PointEstimate
 from bodysense.devices.simulated.sensors import THREE_POINTS
 from bodysense.errors import BodysenseError
 from bodysense.observation import FARTHEST, UNIT_TOLERANCE, Observation, check_order, observed_points
-from bodysense.papers.met_points import MEASURED_ERROR
 from bodysense.papers.point_model import HeadAndHands
+from bodysense.papers.target_ik import MEASURED_ERROR
 
 FORMAT = "bodysense body vae 1"
 NETWORK = NetworkFormat(
@@ -39,7 +39,7 @@ NETWORK = NetworkFormat(
     packaged="body_vae.onnx",
 )
 FINGER_ERROR = 0.03  # m: error of a relaxed finger relative to its wrist
-_EARLY = 1e-6  # s
+_TOLERANCE = 1e-6  # s, or frames; times that differ less are equal
 
 
 class BodyVaeModel(Network):
@@ -57,16 +57,21 @@ class BodyVaeModel(Network):
 
     @property
     def interval(self) -> float:
-        """Interval (s) between input frames."""
+        """Interval (s) of the input frames."""
         return 1 / float(self.card["rate"])
 
     def body(
         self, position: np.ndarray, rotation: np.ndarray, trust: float, noise: np.ndarray, rest_offset: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return root position (3,) m and local rotations (22, 4), for world joints (T, P, 3) m and (T, P, 4).
+        """Return root position (3,) m and local rotations (22, 4) of the last of T frames.
 
-        z has the mean `trust` · that of the posterior, and `noise` (d,) times a deviation between the posterior's
-        (trust 1) and the prior's (trust 0). `rest_offset` (22, 3) m is the wearer's.
+        Args:
+            position: (T, P, 3) m, world.
+            rotation: (T, P, 4) wxyz, world.
+            trust: 1 samples the posterior, 0 the prior; between them, mean and deviation of the latent vector are
+                interpolated.
+            noise: (d,) standard normal; 0 gives the mean.
+            rest_offset: (22, 3) m, of the wearer.
         """
         inputs = {
             "position": position,
@@ -81,13 +86,13 @@ class BodyVaeModel(Network):
 
 
 def load_body_vae(path: str | Path | None = None) -> BodyVaeModel:
-    """Load a network: a path, or None for the packaged one. Raises BodysenseError for a file that is not ours."""
+    """Load a network from a path, or the packaged one for None. Raises BodysenseError for other files."""
     return BodyVaeModel.open(path, NETWORK)
 
 
 @dataclass(frozen=True, eq=False)
 class BodyVaeState:
-    """Head and wrists over the last half second, and their last known values."""
+    """Head and wrists of the last half second, and their last known values."""
 
     time: np.ndarray  # (N,) s
     position: np.ndarray  # (N, 3, 3) m, world
@@ -97,17 +102,17 @@ class BodyVaeState:
 
 @dataclass(frozen=True, eq=False)
 class BodyVaeEstimator:
-    """Whole body of a skeleton from `head`, `left_wrist` and `right_wrist`; its head is at the measured position.
+    """Estimator of a skeleton's whole body from `head`, `left_wrist` and `right_wrist`.
 
-    The paper's network assumes tracked hands. A lost hand keeps its position relative to the head; a hand that was
-    never seen hangs; a lost head stays in place. Values that are not finite or over 1 km away, and rotations that are
-    not unit quaternions, count as lost.
-    After half a second without frames the history is reset. Fingers are relaxed.
+    The head is at the measured position, and fingers are relaxed. The paper's network assumes tracked hands, so a lost
+    hand keeps its position relative to the head, and a hand that was never seen hangs. A lost head stays in place.
+    Positions that are not finite or over 1 km away, and rotations that are not unit quaternions, count as lost. After
+    half a second without frames the history is reset.
     """
 
     skeleton: Skeleton
     model: BodyVaeModel
-    noise: np.ndarray | None = field(default=None, repr=False)  # (d,) from N(0, I), kept over time; None: the mean
+    noise: np.ndarray | None = field(default=None, repr=False)  # (d,) from N(0, I), constant over time; None: the mean
 
     def __post_init__(self) -> None:
         if tuple(self.model.card["reads"]) != THREE_POINTS:
@@ -131,7 +136,7 @@ class BodyVaeEstimator:
 
     @cached_property
     def _expected_error(self) -> np.ndarray:
-        """(P,) m: the network's on validation people; points outside the 22 joints have their parent's."""
+        """(P,) m: the network's error on validation people; points outside the 22 joints have that of their parent."""
         error = dict(zip(BODY, self.model.card["expected_error"], strict=True))
         values: list[float] = []
         for point, name in enumerate(self.skeleton.points):
@@ -146,7 +151,10 @@ class BodyVaeEstimator:
         return BodyVaeState(np.zeros(0), np.zeros((0, 3, 3)), np.zeros((0, 3, 4)), HeadAndHands.standing(self.skeleton))
 
     def step(self, observation: Observation, state: BodyVaeState) -> tuple[PointEstimate, BodyVaeState]:
-        """Complete T frames, one after the other. Raises BodysenseError when time does not increase."""
+        """Complete T frames in order; return their estimate and the state.
+
+        Raises BodysenseError if time does not increase.
+        """
         position, rotation, has_position, has_rotation = observed_points(observation, self.skeleton)
         with np.errstate(over="ignore", invalid="ignore"):
             has_position = has_position & (np.abs(position).max(axis=-1) <= FARTHEST)  # false for NaN
@@ -156,31 +164,36 @@ class BodyVaeEstimator:
         places, roots, rotations = self._places, [], []
         for t, time in enumerate(observation.time):
             seen = (values[t, places] for values in (position, rotation, has_position, has_rotation))
-            state = self._remember(float(time), state.last.seen(*seen), state)
+            state = self._add_frame(float(time), state.last.updated(*seen), state)
             root, local = self.model.body(*self._window(state), 1.0, self._noise, self._rest_offset)
             roots.append(root)
             rotations.append(local)
-        pose = self._turned(whole_pose(self.skeleton, np.stack(roots), np.stack(rotations)), rotation, has_rotation)
-        placed = np.where(has_position[..., None], position, forward_kinematics(pose)[0])
+        pose = self._with_measured_rotations(
+            whole_pose(self.skeleton, np.stack(roots), np.stack(rotations)), rotation, has_rotation
+        )
+        points = np.where(has_position[..., None], position, forward_kinematics(pose)[0])
         error = np.where(has_position, MEASURED_ERROR, self._expected_error)
-        return PointEstimate(self.skeleton, placed, (~has_position).astype(float), error, pose), state
+        return PointEstimate(self.skeleton, points, (~has_position).astype(float), error, pose), state
 
-    def _turned(self, pose: Pose, rotation: np.ndarray, has_rotation: np.ndarray) -> Pose:
-        """Return the pose with measured rotations of head and wrists; no other of the 22 joints is below them."""
+    def _with_measured_rotations(self, pose: Pose, rotation: np.ndarray, has_rotation: np.ndarray) -> Pose:
+        """Replace the rotations of head and wrists by measured ones, in place; return the pose.
+
+        No other of the 22 joints descends from them.
+        """
         world, places = np.asarray(forward_kinematics(pose)[1]), self._places
         above = world[:, [self.skeleton.parents[place] for place in places]]
         local = quaternion_multiply(quaternion_conjugate(above), rotation[:, places])
         pose.rotation[:, places] = np.where(has_rotation[:, places, None], local, pose.rotation[:, places])
         return pose
 
-    def _remember(self, time: float, last: HeadAndHands, state: BodyVaeState) -> BodyVaeState:
-        """Add head and wrists of one frame to the history."""
+    def _add_frame(self, time: float, last: HeadAndHands, state: BodyVaeState) -> BodyVaeState:
+        """Return the state with head and wrists of one more frame."""
         check_order(time, state.time[-1] if len(state.time) else None, "body VAE")
         places, turns = last.world
         span = (self.model.frames - 1) * self.model.interval
-        fresh = len(state.time) and time - state.time[-1] <= max(span, self.model.interval)
-        # One frame before the window is kept for interpolation.
-        first = max(0, int(np.searchsorted(state.time, time - span + _EARLY)) - 1) if fresh else len(state.time)
+        continues = len(state.time) and time - state.time[-1] <= max(span, self.model.interval)
+        # Keep one frame before the window for interpolation.
+        first = max(0, int(np.searchsorted(state.time, time - span + _TOLERANCE)) - 1) if continues else len(state.time)
         return BodyVaeState(
             np.append(state.time[first:], time),
             np.concatenate([state.position[first:], places[None]]),
@@ -192,7 +205,7 @@ class BodyVaeEstimator:
         """Return positions (L, 3, 3) and rotations (L, 3, 4) at the network's rate; constant before the first frame."""
         back = np.arange(self.model.frames - 1, -1, -1) * self.model.interval
         place = np.interp(state.time[-1] - back, state.time, np.arange(len(state.time)))
-        before = np.floor(place + _EARLY).astype(int)
+        before = np.floor(place + _TOLERANCE).astype(int)
         after = np.minimum(before + 1, len(state.time) - 1)
         share = np.clip(place - before, 0, 1)[:, None]
         position = state.position[before] + share[..., None] * (state.position[after] - state.position[before])
@@ -203,7 +216,7 @@ class BodyVaeEstimator:
 def sample_noise(model: BodyVaeModel, count: int, rng: np.random.Generator) -> np.ndarray:
     """Draw `count` latent vectors (N, d) from N(0, I)."""
     if count < 1:
-        raise BodysenseError(f"{count} samples cannot be; give at least 1")
+        raise BodysenseError(f"{count} samples; give at least 1")
     return rng.standard_normal((count, model.latent))
 
 

@@ -1,4 +1,4 @@
-"""A network that predicts points, at run time: one exported file, carried state, ONNX Runtime on one thread."""
+"""Networks that predict points, at run time: one exported file with recurrent state, ONNX Runtime on one thread."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ NETWORKS: dict[Task, NetworkFormat] = {
     task: NetworkFormat(FORMAT, "network of points", f"bodysense train {task}", _FIELDS, name)
     for task, name in PACKAGED.items()
 }
-WARM_UP = 15  # steps on the first frame, so that the output does not drift while the memory fills
+WARM_UP = 15  # steps on the first frame, so that the output does not drift while the recurrent state settles
 
 
 class PointModel(Network):
@@ -33,17 +33,17 @@ class PointModel(Network):
 
     @cached_property
     def reads(self) -> tuple[str, ...]:
-        """The points whose position is an input."""
+        """Names of the points whose positions are inputs."""
         return tuple(self.card["reads"])
 
     @cached_property
     def places(self) -> tuple[str, ...]:
-        """The predicted points."""
+        """Names of the predicted points."""
         return tuple(self.card["places"])
 
     @cached_property
     def step_interval(self) -> float:
-        """s between steps of the network; a frame a little early still counts."""
+        """Least time (s) between steps of the network; frames may be a little early."""
         return 0.8 / float(self.card["rate"])
 
 
@@ -58,15 +58,15 @@ class HeadAndHands:
 
     @classmethod
     def standing(cls, skeleton: Skeleton) -> Self:
-        """Return those of a standing body that faces +Z."""
+        """Return head and wrists of a standing body that faces +Z."""
         places = skeleton.indices(THREE_POINTS)
         position, rotation = (values[places] for values in forward_kinematics(standing_pose(skeleton)))
         return cls(position[0], rotation[0], position[1:] - position[0], rotation[1:])
 
-    def seen(
+    def updated(
         self, position: np.ndarray, rotation: np.ndarray, has_position: np.ndarray, has_rotation: np.ndarray
     ) -> Self:
-        """Update with one frame (3, …) of head and wrists."""
+        """Return head and wrists after one frame (3, …) of measured values and their masks."""
         head = position[0] if has_position[0] else self.head_position
         turn = rotation[0] if has_rotation[0] else self.head_rotation
         away = quaternion_conjugate(np.tile(heading(turn), (2, 1)))
@@ -81,7 +81,7 @@ class HeadAndHands:
 
     @property
     def world(self) -> tuple[np.ndarray, np.ndarray]:
-        """Positions (3, 3) m and rotations (3, 4) of head and wrists."""
+        """Positions (3, 3) m and rotations (3, 4) of head and wrists in the world."""
         front = np.tile(heading(self.head_rotation), (2, 1))
         wrists = self.head_position + quaternion_rotate(front, self.wrist_offset)
         turned = quaternion_multiply(front, self.wrist_rotation)
@@ -97,9 +97,9 @@ class PointState:
 
 
 def load_point_model(task: Task, path: str | Path | None = None) -> PointModel:
-    """Load the network of a task: a path, or None for the packaged one, which exists for fingers.
+    """Load the network of a task from a path, or the packaged one for None, which exists for fingers only.
 
-    Raises BodysenseError for a file that is not ours, or of another task.
+    Raises BodysenseError for other files, and for a network of another task.
     """
     network = PointModel.open(path, NETWORKS[task])
     if network.card["task"] != task:
@@ -112,7 +112,7 @@ def load_point_model(task: Task, path: str | Path | None = None) -> PointModel:
 
 @dataclass(frozen=True)
 class PointRunner:
-    """A loaded network on one wearer's skeleton. Raises BodysenseError if that lacks a point of the network's."""
+    """A loaded network for one wearer. Raises BodysenseError if the skeleton lacks a point of the network."""
 
     model: PointModel
     skeleton: Skeleton
@@ -137,15 +137,22 @@ class PointRunner:
         }
 
     def start(self) -> PointState:
-        """The state before the first frame."""
+        """Return the state before the first frame."""
         return PointState(self.model.start())
 
     def step(
         self, position: np.ndarray, rotation: np.ndarray, time: float, state: PointState
     ) -> tuple[np.ndarray, np.ndarray, PointState]:
-        """Run one frame: positions (R, 3) m of the input points, rotations (3, 4) of head and wrists, all world.
+        """Run one frame.
 
-        Returns positions (O, 3) m, expected errors (O,) m, and the state, which advances only when a step is due.
+        Args:
+            position: (R, 3) m, input points in the world.
+            rotation: (3, 4) wxyz, of head and wrists in the world.
+            time: s.
+            state: after the frame before.
+
+        Returns:
+            Positions (O, 3) m in the world, expected errors (O,) m, and the state, which advances if a step is due.
         """
         inputs = {
             "position": position[None, None].astype(np.float32),

@@ -1,4 +1,4 @@
-"""A hand, motion of it, its markers as observations, and networks that were never trained."""
+"""A moving hand, its markers as observations, and untrained networks."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ MakeGloves = Callable[..., Observation]
 
 @pytest.fixture(scope="session")
 def motion(hand: Skeleton) -> HandMotion:
-    """Ten seconds at 60 Hz."""
+    """Motion of a hand, ten seconds at 60 Hz."""
     return synthesize_hand(hand, 10.0, np.random.default_rng(5))
 
 
 @pytest.fixture(scope="session")
 def markers(motion: HandMotion) -> np.ndarray:
-    """(T, 9, 3) m of the motion."""
+    """Markers (T, 9, 3) m of the motion."""
     return np.asarray(marker_positions(default_glove(), motion.pose))
 
 
 @pytest.fixture(scope="session")
 def observe_gloves() -> MakeGloves:
-    """An observation from markers (T, 9, 3) of each hand as a left one, NaN where hidden; right ones are mirrored."""
+    """Function that returns an observation of markers (T, 9, 3) of hands as left ones; NaN where hidden."""
 
     def make(rate: float = 60.0, **hands: np.ndarray) -> Observation:
         position = np.concatenate([mirrored_vectors(rows, side_of(name)) for name, rows in hands.items()], axis=1)
@@ -47,7 +47,7 @@ def observe_gloves() -> MakeGloves:
 
 
 class Untrained:
-    """A network with weights by chance. Each hand is multiplied alone, so that products round alike in any batch."""
+    """A network with random weights. Hands are multiplied one by one, so that rounding is the same in every batch."""
 
     def __init__(self, outputs: int, scale: float) -> None:
         rng = np.random.default_rng(outputs)
@@ -60,5 +60,5 @@ class Untrained:
 
 @pytest.fixture(scope="session")
 def small_models() -> GloveModels:
-    """Networks that were never trained: what holds of every network holds of them."""
+    """Untrained networks, for properties that hold for every network."""
     return GloveModels(Untrained(27, 0.1), Untrained(26, 0.3))

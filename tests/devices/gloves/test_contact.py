@@ -1,4 +1,4 @@
-"""Hands that meet: nothing stands in anything, as little as possible is moved, and fingertips meet."""
+"""Hand contact: hands do not overlap, corrections are as small as possible, and fingertips touch."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ NO_MARKERS, NONE_KNOWN = np.full((2, 9, 3), np.nan), np.zeros((2, 9), bool)
 
 
 def posed(root: np.ndarray, angles: np.ndarray, hands: tuple = (HAND, HAND)) -> HandPoses:
-    """Two hands with fingers toward each other: left along +x, the right one's mirror image likewise."""
+    """Return two hands with fingers toward each other; the left one's are along +x."""
     wrist = np.broadcast_to([1.0, 0, 0, 0], (len(root), 1, 4))
     rotation = np.concatenate([wrist, rotations_of(angles)], axis=1)
     position = [forward_kinematics(Pose(hand, root[k], rotation[k]))[0] for k, hand in enumerate(hands)]
@@ -31,7 +31,7 @@ def posed(root: np.ndarray, angles: np.ndarray, hands: tuple = (HAND, HAND)) -> 
 
 
 def interlaced(seed: int) -> HandPoses:
-    """Fingers of two hands between each other, bent at random."""
+    """Return two hands with interlaced fingers, bent at random."""
     rng = np.random.default_rng(seed)
     root = np.array([[-0.14, 0.01, 0.0], [-0.14, 0.0, 0.01]])
     return posed(root, np.clip(rng.normal(scale=0.25, size=(2, 26)), *limits()))
@@ -46,7 +46,7 @@ def depth(hands: HandPoses) -> float:
     return max(own_depth(left).max(), own_depth(right).max(), mutual_depth(left, right).max())
 
 
-def settled(contact: Contact, hands: HandPoses, frames: int = 3) -> HandPoses:
+def resolved(contact: Contact, hands: HandPoses, frames: int = 3) -> HandPoses:
     state, result = contact.start(), hands
     for _ in range(frames):
         result, state = contact.step(hands, NO_MARKERS, NONE_KNOWN, INTERVAL, state)
@@ -57,7 +57,7 @@ def both() -> Contact:
     return Contact([HAND, HAND], ["left", "right"])
 
 
-def test_hands_that_do_not_touch_are_left_alone() -> None:
+def test_hands_that_do_not_touch_are_unchanged() -> None:
     contact = both()
     for apart in (0.5, -0.04):  # far, and near with the fingers of one before those of the other
         hands = posed(np.array([[apart, 0.0, 0], [apart, 0.08, 0]]), np.zeros((2, 26)))
@@ -67,16 +67,16 @@ def test_hands_that_do_not_touch_are_left_alone() -> None:
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_nothing_stands_in_anything_afterwards(seed: int) -> None:
+def test_overlap_is_resolved(seed: int) -> None:
     hands = interlaced(seed)
     assert depth(hands) > 0.005
-    assert depth(settled(both(), hands)) < 0.001
+    assert depth(resolved(both(), hands)) < 0.001
 
 
 @pytest.mark.parametrize("seed", range(2))
-def test_hands_stay_hands(seed: int) -> None:
+def test_corrected_hands_keep_limits_and_bone_lengths(seed: int) -> None:
     hands = interlaced(seed)
-    result = settled(both(), hands)
+    result = resolved(both(), hands)
     for hand in range(2):
         position, _ = forward_kinematics(pose_of(result, hand))
         np.testing.assert_allclose(result.position[hand], position, atol=1e-9)
@@ -86,40 +86,40 @@ def test_hands_stay_hands(seed: int) -> None:
     assert np.linalg.norm(result.root - hands.root, axis=-1).max() < 0.02
 
 
-def test_neither_hand_comes_first() -> None:
+def test_the_order_of_hands_does_not_matter() -> None:
     hands = interlaced(0)
     swapped = HandPoses(*(part[::-1] for part in hands))
-    one, other = settled(both(), hands, 1), settled(both(), swapped, 1)
+    one, other = resolved(both(), hands, 1), resolved(both(), swapped, 1)
     np.testing.assert_allclose(one.position, other.position[::-1], atol=1e-6)
 
 
-def test_only_what_collides_moves() -> None:
+def test_only_colliding_fingers_move() -> None:
     angles = np.zeros((2, 26))
     angles[0, 6 + 1] = 0.4  # the left index leans onto the middle finger
     hands = posed(np.array([[0.3, 0.0, 0], [0.3, 0.0, 0]]), angles)
     assert own_depth(pose_of(hands, 0)).max() > 0.002
-    result = settled(both(), hands, 1)
+    result = resolved(both(), hands, 1)
     assert own_depth(pose_of(result, 0)).max() < 0.001
     np.testing.assert_array_equal(result.position[1], hands.position[1])
     np.testing.assert_array_equal(result.rotation[1], hands.rotation[1])
     still = [1 + 3 * FINGERS.index(finger) + k for finger in ("thumb", "pinky") for k in range(3)]
     np.testing.assert_array_equal(result.rotation[0, still], hands.rotation[0, still])
-    moved = geodesic_angle(result.rotation[0], hands.rotation[0])
-    assert 0.01 < moved.max() < 0.5
+    change = geodesic_angle(result.rotation[0], hands.rotation[0])
+    assert 0.01 < change.max() < 0.5
 
 
-def test_a_finger_whose_marker_is_hidden_gives_way_first() -> None:
+def test_a_finger_with_a_hidden_marker_moves_more() -> None:
     angles = np.zeros((2, 26))
     angles[0, 6 + 1] = 0.4
     hands = posed(np.array([[0.3, 0.0, 0], [0.3, 0.0, 0]]), angles)
-    moved = []
+    change = []
     for hidden in ("index_tip", "middle_tip"):
         known = np.ones((2, 9), bool)
         known[0, default_glove().markers.index(hidden)] = False
         contact = both()
         result, _ = contact.step(hands, NO_MARKERS, known, INTERVAL, contact.start())
-        moved.append(np.linalg.norm(result.position - hands.position, axis=-1)[0, [17, 18]])
-    assert moved[0][0] > moved[1][0] and moved[1][1] > moved[0][1]
+        change.append(np.linalg.norm(result.position - hands.position, axis=-1)[0, [17, 18]])
+    assert change[0][0] > change[1][0] and change[1][1] > change[0][1]
 
 
 def test_no_point_is_corrected_faster_than_the_speed() -> None:
@@ -134,12 +134,12 @@ def test_no_point_is_corrected_faster_than_the_speed() -> None:
         correction = result.position - hands.position
         steps.append(np.linalg.norm(correction - before, axis=-1).max())
         before = correction
-        assert state.change is not None and state.way == pytest.approx(contact._way(state.change))
+        assert state.change is not None and state.displacement == pytest.approx(contact._displacement(state.change))
     assert max(steps) <= 0.1 * INTERVAL * 1.05  # turns are not linear
     assert depth(result) < 0.001
 
 
-def test_a_correction_that_is_not_needed_any_more_goes() -> None:
+def test_an_unnecessary_correction_fades() -> None:
     contact, state = both(), both().start()
     hands, free = interlaced(1), posed(np.array([[0.3, 0.0, 0], [0.3, 0.0, 0]]), np.zeros((2, 26)))
     _, state = contact.step(hands, NO_MARKERS, NONE_KNOWN, INTERVAL, state)
@@ -151,7 +151,7 @@ def test_a_correction_that_is_not_needed_any_more_goes() -> None:
 
 
 def pinching(gap: float) -> tuple[HandPoses, np.ndarray, np.ndarray]:
-    """A hand about to pinch, its markers with thumb and index at a `gap`, and their offset (3,) m."""
+    """Return a hand about to pinch, its markers with thumb and index at a `gap`, and their offset (3,) m."""
     angles = np.zeros((1, 26))
     angles[0, [0, 1, 3, 5]] = np.radians([20, -20, 20, 20])  # thumb: flexion, abduction, middle, last
     angles[0, [6, 9, 10]] = np.radians([35, 45, 25])
@@ -165,7 +165,7 @@ def pinching(gap: float) -> tuple[HandPoses, np.ndarray, np.ndarray]:
     return hands, markers, offset
 
 
-def test_fingertips_meet_where_their_markers_do() -> None:
+def test_fingertips_touch_if_their_markers_do() -> None:
     hands, markers, offset = pinching(0.016)
     before = hands.position[0, 17] - hands.position[0, 16]
     assert np.linalg.norm(before) > 0.03
@@ -186,7 +186,7 @@ def test_filled_markers_do_not_bring_fingertips_together() -> None:
     assert contact.step(hands, markers, np.zeros((1, 9), bool), INTERVAL, contact.start())[0] is hands
 
 
-def test_a_touch_is_kept_where_other_fingers_are_taken_apart() -> None:
+def test_a_touch_is_kept_while_other_fingers_are_separated() -> None:
     last = [NAMES.index(name) for name in ("thumb3", "index3")]
     first, second = own_pairs()
     touch = int(np.flatnonzero((first == last[0]) & (second == last[1]))[0])
@@ -204,14 +204,14 @@ def test_a_touch_is_kept_where_other_fingers_are_taken_apart() -> None:
     assert gaps[0] > 0.003 and gaps[1] < 0.001
 
 
-def test_fingertips_whose_markers_are_apart_are_left() -> None:
+def test_fingertips_with_distant_markers_are_unchanged() -> None:
     hands, markers, _ = pinching(0.05)
     contact = Contact([HAND], ["right"])
     result, _ = contact.step(hands, markers, np.ones((1, 9), bool), INTERVAL, contact.start())
     assert result is hands
 
 
-def test_hands_of_two_sizes_and_more_than_two() -> None:
+def test_four_hands_of_two_sizes() -> None:
     one = interlaced(2)
     root = np.concatenate([one.root, one.root + np.array([1.0, 0, 0])])
     angles = np.concatenate([angles_of(one.rotation[:, 1:])] * 2)
@@ -232,14 +232,14 @@ def test_settings_are_positive(field: str) -> None:
         ContactSettings(**{field: 0})
 
 
-def test_what_is_refused() -> None:
+def test_bad_settings_are_refused() -> None:
     with pytest.raises(BodysenseError, match=r"touching is 0\.04 m and apart 0\.03 m; apart must be more"):
         ContactSettings(touching=0.04)
     with pytest.raises(BodysenseError, match="2 hands and 1 sides; give one side a hand"):
         Contact([HAND, HAND], ["left"])
 
 
-def test_a_correction_goes_where_nothing_is_near_any_more() -> None:
+def test_a_correction_fades_without_near_pairs() -> None:
     contact = Contact([HAND], ["left"])
     angles = np.zeros((1, 26))
     angles[0, [6, 9]] = np.radians([90, 110])  # the index curls far into the palm

@@ -1,4 +1,4 @@
-"""Gloves as a device: markers in, observed hands out, which arrive in the tracker's body as they are."""
+"""Glove device: markers in, observed hands out, which the tracker's body keeps."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import pytest
 
 from bodysense.body.glove import default_glove, glove_points, marker_positions
 from bodysense.body.hand import FINGERTIPS, HAND_JOINTS, hand_skeleton
-from bodysense.body.hand_family import body_with, draw_hand
+from bodysense.body.hand_family import body_with_hand, draw_hand
 from bodysense.body.person import Person
 from bodysense.body.pose import forward_kinematics
 from bodysense.body.rotation import geodesic_angle
@@ -39,7 +39,7 @@ FIELDS = ("position", "rotation", "has_position", "has_rotation", "accuracy")
 
 @pytest.fixture(scope="session")
 def clip(waving_clip: Clip) -> Clip:
-    """A second at 60 Hz."""
+    """A waving body, one second at 60 Hz."""
     clip = resample(waving_clip, 60.0)
     return replace(clip, pose=clip.pose[:60])
 
@@ -55,7 +55,7 @@ def head(clip: Clip) -> Observation:
 
 
 def together(one: Observation, other: Observation) -> Observation:
-    """Two observations of the same moments as one."""
+    """Return two observations of the same times as one."""
     joined = {name: np.concatenate([getattr(one, name), getattr(other, name)], axis=1) for name in FIELDS}
     return Observation(points=(*one.points, *other.points), time=one.time, **joined)
 
@@ -82,7 +82,7 @@ def test_markers_become_points_of_hands(small_models: GloveModels, gloves: Obser
 
 
 @pytest.mark.parametrize(("sides", "with_head"), [(SIDES, True), (("right",), False)], ids=["both", "alone"])
-def test_a_glove_s_hand_arrives_unchanged(
+def test_the_tracker_keeps_the_hand_of_a_glove(
     small_models: GloveModels,
     completion: CompletionModel,
     gloves: Observation,
@@ -90,7 +90,7 @@ def test_a_glove_s_hand_arrives_unchanged(
     with_head: bool,
     sides: tuple,
 ) -> None:
-    """The gloves' networks were never trained: two wrists may be out of reach, but are never turned wrongly."""
+    """Two wrists of untrained networks may be out of reach, but their rotations are kept."""
     seen = chosen_points(gloves, [k for k, name in enumerate(gloves.points) if name.startswith(sides)])
     device = glove_device(SKELETON, sides, small_models)
     found = observed(device, together(head, seen) if with_head else seen)
@@ -117,7 +117,7 @@ def test_one_call_equals_many(small_models: GloveModels, gloves: Observation) ->
             np.testing.assert_allclose(getattr(one, field)[0], getattr(whole, field)[t], atol=1e-12)
 
 
-def test_a_hidden_hand_is_not_observed_and_accuracy_tells_of_hidden_markers(
+def test_a_hidden_hand_is_not_observed_and_hidden_markers_are_less_accurate(
     small_models: GloveModels, gloves: Observation
 ) -> None:
     hidden = np.zeros(gloves.has_position.shape, dtype=bool)
@@ -156,7 +156,7 @@ def test_a_standing_head_is_assumed_for_gloves_alone(
     found = observed(device, gloves)
     place = found.points.index("head")
     assert found.has_position[:, place].all() and found.has_rotation[:, place].all()
-    assert found.accuracy[0, place] > 0.2  # it says that it is a guess
+    assert found.accuracy[0, place] > 0.2  # the head is marked as a guess
     assert np.linalg.norm(found.position[:, place] - head.position[:, 0], axis=-1).max() < 0.5
     assert np.linalg.norm(np.diff(found.position[:, place], axis=0), axis=-1).max() < 0.03
     tracker = Tracker(Person(SKELETON), network=completion)
@@ -171,7 +171,7 @@ def test_a_standing_head_is_assumed_for_gloves_alone(
     assert observed(device, together(head, gloves)).accuracy[0, 0] == head.accuracy[0, 0]
 
 
-def test_another_device_s_hand_stays_where_the_glove_is_lost(small_models: GloveModels, gloves: Observation) -> None:
+def test_another_device_is_used_while_the_glove_is_lost(small_models: GloveModels, gloves: Observation) -> None:
     controller = chosen_points(gloves, [0])
     controller = replace(controller, points=("left_wrist",), accuracy=np.full((len(gloves), 1), 0.02))
     hidden = np.zeros(gloves.has_position.shape, dtype=bool)
@@ -182,13 +182,13 @@ def test_another_device_s_hand_stays_where_the_glove_is_lost(small_models: Glove
     np.testing.assert_array_equal(found.position[59, 0], controller.position[59, 0])
 
 
-def test_accuracy_is_about_the_error() -> None:
-    """Synthesised hands, markers hidden at random: by how much is expected, points are off by about as much."""
+def test_accuracy_matches_the_error() -> None:
+    """The errors of synthesised hands with randomly hidden markers are about the expected ones."""
     rng = np.random.default_rng(8)
-    body = body_with(SKELETON, "left", draw_hand(rng))  # of the default hand nothing is known
+    body = body_with_hand(SKELETON, "left", draw_hand(rng))  # the default hand would count as unknown
     hand = hand_skeleton(body, "left")
     device = replace(glove_device(body, ("left",), load_glove_models()), wearer=None)
-    expected, missed = [], []
+    expected, errors = [], []
     for _ in range(2):
         motion = synthesize_hand(hand, 8.0, rng)
         markers = np.array(marker_positions(default_glove(), motion.pose))
@@ -211,20 +211,20 @@ def test_accuracy_is_about_the_error() -> None:
         found = observed(device, seen)
         known = found.has_position
         expected.append(found.accuracy[known])
-        missed.append(np.linalg.norm(found.position - forward_kinematics(motion.pose)[0], axis=-1)[known])
-    accuracy, error = np.concatenate(expected), np.concatenate(missed)
+        errors.append(np.linalg.norm(found.position - forward_kinematics(motion.pose)[0], axis=-1)[known])
+    accuracy, error = np.concatenate(expected), np.concatenate(errors)
     for low, high in ((0.004, 0.01), (0.01, 0.02), (0.02, 0.05)):
         some = (accuracy >= low) & (accuracy < high)
         assert 0.5 < error[some].mean() / accuracy[some].mean() < 2
     assert np.corrcoef(accuracy, error)[0, 1] > 0.3
 
 
-def test_what_is_refused(small_models: GloveModels, gloves: Observation) -> None:
+def test_unknown_hands_and_wrong_times_are_refused(small_models: GloveModels, gloves: Observation) -> None:
     more = Hands({"left2": hand_skeleton(SKELETON, "left")}, small_models)
     with pytest.raises(BodysenseError, match="'left2' is not of this body; it has 'left' and 'right'"):
         GloveDevice(more)
     assert gloved_sides(gloves.points) == SIDES
-    with pytest.raises(BodysenseError, match="the gloves are 'left2'; name the hands of a body"):
+    with pytest.raises(BodysenseError, match="the gloves are 'left2'; name the body's hands"):
         gloved_sides(glove_points("left2"))
     device = glove_device(SKELETON, models=small_models)
     _, state = device.step(gloves[:2], device.start())

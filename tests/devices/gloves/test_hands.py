@@ -1,3 +1,5 @@
+"""The hand solver of gloves: batches, streams, hidden hands, calibration and bad input."""
+
 from __future__ import annotations
 
 from dataclasses import replace
@@ -24,8 +26,8 @@ from bodysense_lab.two_hands.baselines import LastKnown
 FREE = HandsSettings(contact=None)
 
 
-class Straight:
-    """A joint network that has every hand flat, and a marker network that knows nothing better."""
+class ConstantNetwork:
+    """A network with a constant output."""
 
     def __init__(self, answer: np.ndarray) -> None:
         self.answer = answer.astype(np.float32)
@@ -39,7 +41,7 @@ def track(hands: Hands, observation: Observation) -> dict[str, PointEstimate]:
 
 
 def hide(markers: np.ndarray, seed: int, share: float = 0.2, length: int = 10) -> np.ndarray:
-    """Markers (T, 9, 3) that come and go."""
+    """Return markers (T, 9, 3) of which some are hidden for `length` frames at a time."""
     hidden = np.random.default_rng(seed).random((len(markers) // length + 1, 9)) < share
     hidden[0] = False
     return np.where(np.repeat(hidden, length, axis=0)[: len(markers), :, None], np.nan, markers)
@@ -54,7 +56,7 @@ def check_estimate(estimate: PointEstimate, frames: int) -> None:
     assert (pose.rotation[..., 0] >= 0).all()
     np.testing.assert_allclose(np.linalg.norm(pose.rotation, axis=-1), 1, atol=1e-9)
     assert (estimate.confidence > 0).all() and (estimate.occluded >= 0).all() and (estimate.occluded <= 1 + 1e-9).all()
-    np.testing.assert_allclose(forward_kinematics(pose)[0], estimate.position, atol=1e-9)  # the slow twin
+    np.testing.assert_allclose(forward_kinematics(pose)[0], estimate.position, atol=1e-9)
 
 
 def test_positions_are_forward_kinematics_of_the_poses(
@@ -62,13 +64,13 @@ def test_positions_are_forward_kinematics_of_the_poses(
 ) -> None:
     seen = observe_gloves(left=hide(markers[:90], 0), right=hide(markers[200:290], 1), left2=markers[300:390])
     bigger = hand.with_offsets(1.1 * hand.rest_offset)
-    said = track(Hands({"left": hand, "right": bigger, "left2": hand}, small_models), seen)
-    assert list(said) == ["left", "right", "left2"]
-    for estimate in said.values():
+    estimates = track(Hands({"left": hand, "right": bigger, "left2": hand}, small_models), seen)
+    assert list(estimates) == ["left", "right", "left2"]
+    for estimate in estimates.values():
         check_estimate(estimate, 90)
 
 
-def test_one_call_is_as_many(small_models: GloveModels, hand: Skeleton, markers: np.ndarray, observe_gloves) -> None:
+def test_one_call_equals_many(small_models: GloveModels, hand: Skeleton, markers: np.ndarray, observe_gloves) -> None:
     seen = observe_gloves(left=hide(markers[:60], 0), right=hide(markers[200:260], 1))
     hands = Hands({"left": hand, "right": hand}, small_models)
     batch, state = track(hands, seen), hands.start()
@@ -94,7 +96,7 @@ def test_a_right_hand_is_a_mirrored_left_one(
     np.testing.assert_array_equal(left.confidence, right.confidence)
 
 
-def test_hands_apart_are_completed_as_if_alone(
+def test_distant_hands_are_solved_independently(
     small_models: GloveModels, hand: Skeleton, markers: np.ndarray, observe_gloves
 ) -> None:
     one, other = hide(markers[:90], 7), hide(markers[200:290], 8)
@@ -103,20 +105,20 @@ def test_hands_apart_are_completed_as_if_alone(
     np.testing.assert_allclose(both["left"].position, alone.position, atol=1e-6)
 
 
-def test_the_hand_is_placed_by_its_alignment_markers_and_fingers_point_at_theirs(
+def test_alignment_markers_locate_the_hand_and_fingers_point_at_their_markers(
     hand: Skeleton, motion: HandMotion, markers: np.ndarray, observe_gloves
 ) -> None:
-    """Without any network: angles 0, yet tips lie on the lines from bases (the thumb: joint 2) to their markers."""
-    models = GloveModels(Straight(np.zeros(27)), Straight(np.zeros(26)))
+    """With predicted angles of 0, tips are on the lines from the fingers' bases (thumb: joint 2) to their markers."""
+    models = GloveModels(ConstantNetwork(np.zeros(27)), ConstantNetwork(np.zeros(26)))
     whole = replace(FREE, restraint=0.0)
-    said = track(Hands({"left": hand}, models, whole), observe_gloves(left=markers[:50]))["left"]
+    estimate = track(Hands({"left": hand}, models, whole), observe_gloves(left=markers[:50]))["left"]
     truth, world = forward_kinematics(motion.pose[:50])
-    np.testing.assert_allclose(said.position[:, 0], truth[:, 0], atol=1e-6)
-    assert said.pose is not None
-    assert geodesic_angle(np.asarray(said.pose.rotation)[:, 0], world[:, 0]).max() < 1e-4
+    np.testing.assert_allclose(estimate.position[:, 0], truth[:, 0], atol=1e-6)
+    assert estimate.pose is not None
+    assert geodesic_angle(np.asarray(estimate.pose.rotation)[:, 0], world[:, 0]).max() < 1e-4
     for finger in ("index", "pinky", "thumb"):
-        base = said.position[:, hand.index("thumb2" if finger == "thumb" else f"{finger}1")]
-        tip = said.position[:, hand.index(f"{finger}_tip")] - base
+        base = estimate.position[:, hand.index("thumb2" if finger == "thumb" else f"{finger}1")]
+        tip = estimate.position[:, hand.index(f"{finger}_tip")] - base
         to_marker = markers[:50, MARKERS.index(f"{finger}_tip")] - base
         cosine = (tip * to_marker).sum(axis=-1) / np.linalg.norm(tip, axis=-1) / np.linalg.norm(to_marker, axis=-1)
         np.testing.assert_allclose(cosine, 1, atol=1e-9)
@@ -124,7 +126,7 @@ def test_the_hand_is_placed_by_its_alignment_markers_and_fingers_point_at_theirs
 
 @settings(max_examples=10, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.lists(st.integers(0, 511), min_size=12, max_size=12), st.sampled_from([1000.0, 60.0, 5.0]))
-def test_any_markers_of_any_frames_give_hands(
+def test_any_subset_of_markers_gives_finite_hands(
     small_models: GloveModels, hand: Skeleton, markers: np.ndarray, observe_gloves, masks: list[int], rate: float
 ) -> None:
     frames = markers[:12].copy()
@@ -135,45 +137,49 @@ def test_any_markers_of_any_frames_give_hands(
 
 
 @pytest.mark.parametrize("hidden", [ALIGNMENT, tuple(range(8)), tuple(range(9))])
-def test_a_still_hand_stays_whatever_is_hidden(
+def test_a_still_hand_does_not_move_when_markers_are_hidden(
     small_models: GloveModels, hand: Skeleton, markers: np.ndarray, observe_gloves, hidden: tuple[int, ...]
 ) -> None:
     frames = np.tile(markers[5], (40, 1, 1))
     frames[20:, list(hidden)] = np.nan
-    kept = replace(FREE, fading=None)
-    said = track(Hands({"left": hand}, small_models, kept), observe_gloves(left=frames))["left"]
-    np.testing.assert_allclose(said.position[20:], np.tile(said.position[19], (20, 1, 1)), atol=2e-4)
+    without_fading = replace(FREE, fading=None)
+    estimate = track(Hands({"left": hand}, small_models, without_fading), observe_gloves(left=frames))["left"]
+    np.testing.assert_allclose(estimate.position[20:], np.tile(estimate.position[19], (20, 1, 1)), atol=2e-4)
 
 
-def test_a_lost_hand_relaxes_and_is_less_and_less_sure(hand: Skeleton, markers: np.ndarray, observe_gloves) -> None:
+def test_a_lost_hand_relaxes_and_its_expected_error_grows(hand: Skeleton, markers: np.ndarray, observe_gloves) -> None:
     relaxed = natural_pose(hand)
-    models = GloveModels(Straight(np.zeros(27)), Straight(np.asarray(angles_of(relaxed.rotation[1:]))))
+    models = GloveModels(ConstantNetwork(np.zeros(27)), ConstantNetwork(np.asarray(angles_of(relaxed.rotation[1:]))))
     frames = np.tile(markers[5], (200, 1, 1))
     frames[50:] = np.nan
-    said = track(Hands({"left": hand}, models, FREE), observe_gloves(left=frames))["left"]
-    step = np.linalg.norm(np.diff(said.position, axis=0), axis=-1).max(axis=1)
+    estimate = track(Hands({"left": hand}, models, FREE), observe_gloves(left=frames))["left"]
+    step = np.linalg.norm(np.diff(estimate.position, axis=0), axis=-1).max(axis=1)
     assert step[:50].max() < 1e-6  # 0.5 s …
     assert step[50:78].max() < 1e-6
     assert 0 < step[85:130].max() < 0.005  # … then 1 s
     assert step[145:].max() < 1e-6
     wanted = forward_kinematics(relaxed)[0]
-    own = said.position[-1] - said.position[-1, 0]
+    own = estimate.position[-1] - estimate.position[-1, 0]
     turn = Rotation.align_vectors(own[1:], (wanted - wanted[0])[1:])[0]
-    np.testing.assert_allclose(own, turn.apply(wanted - wanted[0]), atol=4e-3)  # but for what no angle says
-    error = said.confidence[:, 0]
+    np.testing.assert_allclose(
+        own, turn.apply(wanted - wanted[0]), atol=4e-3
+    )  # angles cannot represent all of the pose
+    error = estimate.confidence[:, 0]
     assert error[49] < 0.002 and (np.diff(error[50:]) >= 0).all() and error[-1] > 0.05
-    np.testing.assert_array_equal(said.occluded[49], 0)
-    np.testing.assert_allclose(said.occluded[50:], 1)
+    np.testing.assert_array_equal(estimate.occluded[49], 0)
+    np.testing.assert_allclose(estimate.occluded[50:], 1)
 
 
-def test_a_hand_never_seen_is_relaxed_at_the_origin(small_models: GloveModels, hand: Skeleton, observe_gloves) -> None:
-    said = track(Hands({"right": hand}, small_models), observe_gloves(right=np.full((3, 9, 3), np.nan)))["right"]
-    check_estimate(said, 3)
-    assert np.linalg.norm(said.position, axis=-1).max() < 0.3
-    assert (said.confidence >= 0.3).all()
+def test_a_hand_that_was_never_seen_is_relaxed_at_the_origin(
+    small_models: GloveModels, hand: Skeleton, observe_gloves
+) -> None:
+    estimate = track(Hands({"right": hand}, small_models), observe_gloves(right=np.full((3, 9, 3), np.nan)))["right"]
+    check_estimate(estimate, 3)
+    assert np.linalg.norm(estimate.position, axis=-1).max() < 0.3
+    assert (estimate.confidence >= 0.3).all()
 
 
-def test_points_that_are_none_of_ours_or_missing_or_not_possible(
+def test_other_points_are_ignored_and_missing_or_impossible_ones_are_hidden(
     small_models: GloveModels, hand: Skeleton, markers: np.ndarray, observe_gloves
 ) -> None:
     hands = Hands({"left": hand}, small_models)
@@ -208,7 +214,7 @@ def test_points_that_are_none_of_ours_or_missing_or_not_possible(
     check_estimate(track(hands, nothing)["left"], 20)
 
 
-def test_time_must_increase_and_gaps_start_afresh(
+def test_time_must_increase_and_gaps_reset_the_state(
     small_models: GloveModels, hand: Skeleton, markers: np.ndarray, observe_gloves
 ) -> None:
     hands = Hands({"left": hand}, small_models)
@@ -223,7 +229,9 @@ def test_time_must_increase_and_gaps_start_afresh(
     np.testing.assert_allclose(after["left"].position, track(hands, seen)["left"].position, atol=1e-12)
 
 
-def test_names(small_models: GloveModels, hand: Skeleton, markers: np.ndarray, observe_gloves) -> None:
+def test_bad_names_and_settings_are_refused(
+    small_models: GloveModels, hand: Skeleton, markers: np.ndarray, observe_gloves
+) -> None:
     with pytest.raises(BodysenseError, match="the hand 'third' is neither left nor right"):
         Hands({"third": hand}, small_models)
     with pytest.raises(BodysenseError, match="no hand is named"):
@@ -240,20 +248,20 @@ def test_names(small_models: GloveModels, hand: Skeleton, markers: np.ndarray, o
         HandsSettings(hold=-0.1)
 
 
-def test_another_filler_and_no_rejection(
+def test_a_custom_gap_filler_without_rejection(
     small_models: GloveModels, hand: Skeleton, markers: np.ndarray, observe_gloves
 ) -> None:
     frames = markers[:30].copy()
     frames[10:, 5] = np.nan
     unfilled = np.where(np.isnan(frames), frames[9], frames)
     plain = HandsSettings(rejection=None, contact=None)
-    said = track(Hands({"left": hand}, small_models, plain, filler=LastKnown()), observe_gloves(left=frames))
+    estimates = track(Hands({"left": hand}, small_models, plain, gap_filler=LastKnown()), observe_gloves(left=frames))
     wanted = track(Hands({"left": hand}, small_models, plain), observe_gloves(left=unfilled))
-    np.testing.assert_allclose(said["left"].position, wanted["left"].position, atol=1e-9)
+    np.testing.assert_allclose(estimates["left"].position, wanted["left"].position, atol=1e-9)
 
 
 def test_a_flat_hand_is_flat_after_calibration(small_models: GloveModels, hand: Skeleton, observe_gloves) -> None:
-    """4.4: every predicted transform of the calibration pose is the identity ever after."""
+    """After calibration the predicted rotations of the flat hand are the identity (4.4)."""
     rotation = np.zeros((5, 16, 4))
     rotation[..., 0] = 1.0
     flat = Pose(hand, np.linspace(0, 1, 15).reshape(5, 3), rotation)
@@ -270,7 +278,7 @@ def test_a_flat_hand_is_flat_after_calibration(small_models: GloveModels, hand: 
         hands.calibrated(hidden)
 
 
-def test_moving_hands_do_not_calibrate(hand: Skeleton, observe_gloves) -> None:
+def test_moving_hands_cannot_be_calibrated(hand: Skeleton, observe_gloves) -> None:
     rng = np.random.default_rng(1)
     moving = synthesize_hand(hand, 4.0, rng).pose
     seen = observe_gloves(left=np.asarray(marker_positions(default_glove(), moving)))

@@ -1,4 +1,4 @@
-"""Inertial sensors of gloves: flexion where markers are hidden, drift corrected where they are seen."""
+"""Inertial sensors of gloves: flexion of fingers with hidden markers, and correction of drift by seen ones."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pytest
 
 from bodysense.body.glove import marker_positions, standard_marker
 from bodysense.body.hand import FINGERS, FREEDOMS, HAND_JOINTS, angles_of, mirrored_rotations, own_axes
-from bodysense.body.hand_family import GlovedHand, carried_over, draw_hand
+from bodysense.body.hand_family import GlovedHand, draw_hand, transfer_pose
 from bodysense.body.pose import Pose
 from bodysense.body.rotation import quaternion_conjugate, quaternion_exp, quaternion_multiply
 from bodysense.body.skeleton import Skeleton
@@ -28,7 +28,7 @@ UP = np.array([0.0, 1.0, 0.0])
 
 
 def flexions(pose: Pose, axes: np.ndarray | None = None) -> np.ndarray:
-    """(T, 15) rad, by the angles of the hand model, a slow twin of `inertial.flexion`."""
+    """Return flexion (T, 15) rad by the hand model's angles, as a reference for `inertial.sensor_flexion`."""
     local = np.asarray(pose.rotation)[..., 1:, :]
     if axes is not None:
         local = np.asarray(quaternion_multiply(quaternion_multiply(quaternion_conjugate(axes), local), axes))
@@ -36,13 +36,13 @@ def flexions(pose: Pose, axes: np.ndarray | None = None) -> np.ndarray:
 
 
 def turned_sensors(sensors: Observation, heading: np.ndarray, strap: np.ndarray) -> Observation:
-    """Sensors (T, P) whose headings are wrong by (P,) rad and whose straps by rotation vectors (P, 3) rad."""
+    """Return sensors (T, P) with errors of heading (P,) rad and of straps, rotation vectors (P, 3) rad."""
     rotation = quaternion_multiply(quaternion_exp(heading[:, None] * UP), sensors.rotation)
     return replace(sensors, rotation=np.asarray(quaternion_multiply(rotation, quaternion_exp(strap))))
 
 
-class Knowing:
-    """A joint network that knows the true angles (T, 26) of a hand until a frame, and repeats that one after it."""
+class KnownAngles:
+    """A joint network that predicts the true angles (T, 26) until a frame, and repeats those of that frame after it."""
 
     def __init__(self, angles: np.ndarray, until: int) -> None:
         self.angles, self.until, self.frame = angles, until, -1
@@ -52,7 +52,7 @@ class Knowing:
         return np.repeat(self.angles[min(self.frame, self.until)][None], len(markers), axis=0)
 
 
-class Still:
+class FlatHand:
     """A marker network that predicts a flat hand."""
 
     def run(self, markers: np.ndarray, hand: np.ndarray) -> np.ndarray:
@@ -66,8 +66,8 @@ def drawn() -> GlovedHand:
 
 @pytest.fixture(scope="module")
 def moving(motion: HandMotion, drawn: GlovedHand) -> Pose:
-    """Six seconds at 60 Hz of a drawn hand, whose joints have axes of their own."""
-    return carried_over(motion.pose[:360], drawn)
+    """Six seconds at 60 Hz of a drawn hand, which has its own joint axes."""
+    return transfer_pose(motion.pose[:360], drawn)
 
 
 @pytest.fixture(scope="module")
@@ -76,28 +76,28 @@ def markers_of_drawn(moving: Pose, drawn: GlovedHand) -> np.ndarray:
 
 
 def solver(hand: GlovedHand, models: GloveModels, *names: str) -> Hands:
-    worn = names or ("left",)
+    named = names or ("left",)
     return Hands(
-        dict.fromkeys(worn, hand.skeleton),
+        dict.fromkeys(named, hand.skeleton),
         models,
         ALONE,
-        gloves=dict.fromkeys(worn, hand.glove),
-        axes=np.stack([hand.axes] * len(worn)),
+        gloves=dict.fromkeys(named, hand.glove),
+        axes=np.stack([hand.axes] * len(named)),
     )
 
 
-def answered(hands: Hands, seen: Observation) -> dict[str, PointEstimate]:
+def solved_hands(hands: Hands, seen: Observation) -> dict[str, PointEstimate]:
     return hands.step(seen, hands.start())[0]
 
 
-def found(answer: PointEstimate, axes: np.ndarray) -> np.ndarray:
-    """(T, 15) rad of an estimate of a left hand."""
+def flexion_of(answer: PointEstimate, axes: np.ndarray) -> np.ndarray:
+    """Return flexion (T, 15) rad of an estimate of a left hand."""
     assert answer.pose is not None
     return flexions(answer.pose, axes)
 
 
 def fingers_hidden(seen: Observation, start: int) -> Observation:
-    """Hide the markers of all fingers from a frame on."""
+    """Hide the markers of all fingers from frame `start` on."""
     of_finger = np.array([bool((m := standard_marker(p)) and m[1].startswith(FINGERS)) for p in seen.points])
     back = np.array([bool((m := standard_marker(p)) and m[1].endswith("_base")) for p in seen.points])
     hidden = np.zeros(seen.has_position.shape, dtype=bool)
@@ -108,23 +108,23 @@ def fingers_hidden(seen: Observation, start: int) -> Observation:
 def test_exact_sensors_of_a_right_hand_measure_the_true_flexion(moving: Pose, drawn: GlovedHand) -> None:
     sensors = observe_fingers({"right": moving}, np.arange(360) / 60)
     rotation = mirrored_rotations(sensors.rotation, "right").reshape(-1, 1, len(HAND_JOINTS), 4)
-    sensed = inertial.sense(rotation, own_axes(drawn.axes[None]))
+    sensed = inertial.sensor_flexion(rotation, own_axes(drawn.axes[None]))
     np.testing.assert_allclose(sensed.flexion[:, 0], flexions(moving, drawn.axes), atol=1e-9)
 
 
-def test_with_everything_hidden_fingers_have_the_flexion_of_exact_sensors(
+def test_fingers_with_hidden_markers_have_the_flexion_of_exact_sensors(
     moving: Pose, drawn: GlovedHand, markers_of_drawn: np.ndarray, observe_gloves: Callable, small_models: GloveModels
 ) -> None:
     nothing = observe_gloves(left=np.full_like(markers_of_drawn, np.nan))
     seen = joined_points(nothing, observe_fingers({"left": moving}, nothing.time))
-    told = found(answered(solver(drawn, small_models), seen)["left"], drawn.axes)
-    np.testing.assert_allclose(told[120:], flexions(moving, drawn.axes)[120:], atol=1e-4)
+    flexion = flexion_of(solved_hands(solver(drawn, small_models), seen)["left"], drawn.axes)
+    np.testing.assert_allclose(flexion[120:], flexions(moving, drawn.axes)[120:], atol=1e-4)
 
 
-def test_drift_is_corrected_within_two_seconds_of_sight(
+def test_two_seconds_of_seen_markers_correct_drift(
     moving: Pose, drawn: GlovedHand, markers_of_drawn: np.ndarray, observe_gloves: Callable, motion: HandMotion
 ) -> None:
-    """Headings are wrong by 10° and straps by 3°."""
+    """Headings have errors of 10° and straps of 3°."""
     rng, truth = np.random.default_rng(4), flexions(moving, drawn.axes)
     seen = observe_gloves(left=markers_of_drawn)
     exact = observe_fingers({"left": moving}, seen.time)
@@ -134,9 +134,9 @@ def test_drift_is_corrected_within_two_seconds_of_sight(
     angles = np.asarray(angles_of(motion.pose.rotation[:, 1:]))
     errors = {}
     for start in (1, 120):
-        hands = solver(drawn, GloveModels(Still(), Knowing(angles, start)))
-        told = found(answered(hands, joined_points(fingers_hidden(seen, start), wrong))["left"], drawn.axes)
-        errors[start] = np.degrees(np.abs(told - truth)[130:].mean())
+        hands = solver(drawn, GloveModels(FlatHand(), KnownAngles(angles, start)))
+        flexion = flexion_of(solved_hands(hands, joined_points(fingers_hidden(seen, start), wrong))["left"], drawn.axes)
+        errors[start] = np.degrees(np.abs(flexion - truth)[130:].mean())
     assert errors[120] < 3.0
     assert errors[1] > 1.7 * errors[120]
 
@@ -146,16 +146,16 @@ def test_a_hand_without_sensors_is_unchanged(
 ) -> None:
     seen = fingers_hidden(observe_gloves(left=markers_of_drawn, right=markers_of_drawn), 60)
     hands = solver(drawn, small_models, "left", "right")
-    without, sensors = answered(hands, seen), observe_fingers({"left": moving}, seen.time)
-    left_alone = answered(hands, joined_points(seen, sensors))
+    without, sensors = solved_hands(hands, seen), observe_fingers({"left": moving}, seen.time)
+    left_alone = solved_hands(hands, joined_points(seen, sensors))
     assert np.abs(left_alone["left"].position - without["left"].position).max() > 0.01
     np.testing.assert_array_equal(left_alone["right"].position, without["right"].position)
     np.testing.assert_array_equal(left_alone["right"].confidence, without["right"].confidence)
-    # Joints that another device also places, as cameras of a headset do, are not sensors.
-    placed = replace(
+    # Joints with a position, as from the cameras of a headset, are not sensors.
+    with_positions = replace(
         sensors, position=np.zeros((*sensors.has_position.shape, 3)), has_position=np.ones_like(sensors.has_position)
     )
-    tracked = answered(hands, joined_points(seen, placed))
+    tracked = solved_hands(hands, joined_points(seen, with_positions))
     np.testing.assert_array_equal(tracked["left"].position, without["left"].position)
 
 
@@ -167,7 +167,7 @@ def test_joints_whose_sensors_stop_return_to_the_solved_pose_without_a_jump(
     )
     seen = fingers_hidden(observe_gloves(left=np.tile(markers_of_drawn[:1], (360, 1, 1))), 60)
     sensors = observe_fingers({"left": still}, seen.time)
-    # Fingers are bent by 0.6 rad while their markers are hidden; only the sensors notice.
+    # Fingers bend by 0.6 rad while their markers are hidden; only the sensors measure it.
     bent = turned_sensors(sensors, np.zeros(16), np.zeros((16, 3)))
     bend = np.zeros((360, 16, 3))
     bend[90:, :, 2] = -0.6 * np.array([0.0, *([0.2, 0.6, 1.0] * 5)])
@@ -175,15 +175,15 @@ def test_joints_whose_sensors_stop_return_to_the_solved_pose_without_a_jump(
     stopped = np.zeros(bent.has_rotation.shape, dtype=bool)
     stopped[200:] = True
     hands = solver(drawn, small_models)
-    solved = found(answered(hands, seen)["left"], drawn.axes)
-    told = found(answered(hands, joined_points(seen, hide(bent, stopped)))["left"], drawn.axes)
-    assert np.abs(told - solved)[195].max() > 0.15
-    np.testing.assert_allclose(told[320:], solved[320:], atol=1e-3)
-    before, after = np.abs(told[199] - solved[199]).max(), np.abs(np.diff(told - solved, axis=0))[199:].max()
+    solved = flexion_of(solved_hands(hands, seen)["left"], drawn.axes)
+    flexion = flexion_of(solved_hands(hands, joined_points(seen, hide(bent, stopped)))["left"], drawn.axes)
+    assert np.abs(flexion - solved)[195].max() > 0.15
+    np.testing.assert_allclose(flexion[320:], solved[320:], atol=1e-3)
+    before, after = np.abs(flexion[199] - solved[199]).max(), np.abs(np.diff(flexion - solved, axis=0))[199:].max()
     assert after < 0.2 * before
 
 
-def test_a_finger_is_hidden_with_its_tip_and_the_thumb_s_base_with_both_its_markers(hand: Skeleton) -> None:
+def test_hidden_times_of_joints_follow_their_markers(hand: Skeleton) -> None:
     from bodysense.body.glove import MARKERS, default_glove
     from bodysense.devices.gloves.fingers import hand_shape
 
@@ -196,13 +196,13 @@ def test_a_finger_is_hidden_with_its_tip_and_the_thumb_s_base_with_both_its_mark
     assert inertial.joints_hidden(hidden, shape)[0, 0] == 0.2
 
 
-def test_fingers_with_sensors_are_expected_to_be_nearer(
+def test_fingers_with_sensors_have_smaller_expected_errors(
     moving: Pose, drawn: GlovedHand, markers_of_drawn: np.ndarray, observe_gloves: Callable, small_models: GloveModels
 ) -> None:
     seen = fingers_hidden(observe_gloves(left=markers_of_drawn), 60)
     hands, tips = solver(drawn, small_models), slice(16, 21)
-    without = answered(hands, seen)["left"].confidence[300, tips]
-    with_them = answered(hands, joined_points(seen, observe_fingers({"left": moving}, seen.time)))["left"].confidence[
-        300, tips
-    ]
+    without = solved_hands(hands, seen)["left"].confidence[300, tips]
+    with_them = solved_hands(hands, joined_points(seen, observe_fingers({"left": moving}, seen.time)))[
+        "left"
+    ].confidence[300, tips]
     assert (with_them < 0.6 * without).all()

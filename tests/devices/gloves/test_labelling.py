@@ -1,4 +1,4 @@
-"""Passive markers: labels from points without names, in any order."""
+"""Labels of passive markers: points without names, in any order."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def hands(waving_clip: Clip) -> Mapping[str, Skeleton]:
 
 @pytest.fixture(scope="module")
 def gloves(waving_clip: Clip) -> Observation:
-    """A second and a half at 120 Hz, as of an optical capture."""
+    """Gloves of a waving body, one and a half seconds at 120 Hz, a usual rate of optical capture."""
     clip = resample(waving_clip, 120.0)
     return observe(clip.pose, clip.time)[:180]
 
@@ -47,27 +47,27 @@ def gloves(waving_clip: Clip) -> Observation:
         elements=st.sampled_from([0.0, 1.0, 2.0, 3.5]) | st.floats(-5, 5),
     )
 )
-def test_assignments_cost_the_least(cost: np.ndarray) -> None:
+def test_assignments_have_the_least_cost(cost: np.ndarray) -> None:
     chosen = assignment(cost)
     assert len(set(chosen.tolist())) == len(cost)
     rows, columns = linear_sum_assignment(cost)
     assert cost[np.arange(len(cost)), chosen].sum() == pytest.approx(cost[rows, columns].sum(), abs=1e-9)
 
 
-def test_assignments_that_are_not_possible_are_none() -> None:
+def test_impossible_assignments_are_minus_one() -> None:
     cost = np.array([[1.0, np.inf, np.inf], [np.inf, np.inf, np.inf], [2.0, np.inf, 5.0]])
     np.testing.assert_array_equal(assignment(cost), [0, -1, 2])
     assert assignment(np.zeros((0, 3))).shape == (0,)
 
 
 def shuffled(gloves: Observation, rng: np.random.Generator) -> Observation:
-    """Every frame's points in an order of its own, under names that say nothing."""
+    """Return the points of every frame in random order, with arbitrary names."""
     order = rng.permuted(np.tile(np.arange(len(gloves.points)), (len(gloves), 1)), axis=1)
     position = np.take_along_axis(gloves.position, order[..., None], axis=1)
     return points_alone(tuple(f"point {k}" for k in range(len(gloves.points))), position, gloves.time)
 
 
-def test_names_are_found(gloves: Observation, hands: Mapping[str, Skeleton]) -> None:
+def test_points_of_both_gloves_are_labelled(gloves: Observation, hands: Mapping[str, Skeleton]) -> None:
     labeller = Labeller(hands)
     found, _ = labeller.step(shuffled(gloves, np.random.default_rng(0)), labeller.start())
     assert found.points == gloves.points
@@ -84,13 +84,13 @@ def test_one_call_equals_many(gloves: Observation, hands: Mapping[str, Skeleton]
     np.testing.assert_array_equal(np.concatenate(rows), whole.position)
 
 
-def test_one_hand_among_points_that_are_none(gloves: Observation, hands: Mapping[str, Skeleton]) -> None:
+def test_one_hand_is_labelled_among_other_points(gloves: Observation, hands: Mapping[str, Skeleton]) -> None:
     left = chosen_points(gloves, range(9))
     score = label_accuracy(left, {"left": hands["left"]}, np.random.default_rng(2), ghosts=3)
     assert score.right > 0.98 and score.wrong < 0.02 and score.markers == left.has_position.sum()
 
 
-def test_labels_come_back_after_occlusion(gloves: Observation, hands: Mapping[str, Skeleton]) -> None:
+def test_labels_are_repaired_after_occlusion(gloves: Observation, hands: Mapping[str, Skeleton]) -> None:
     hidden = np.zeros(gloves.has_position.shape, dtype=bool)
     hidden[20:30, :9] = True  # a whole hand
     hidden[40:55, [9, 14]] = True  # two markers of the other
@@ -99,7 +99,7 @@ def test_labels_come_back_after_occlusion(gloves: Observation, hands: Mapping[st
     assert score.right > 0.98 and score.wrong < 0.01
 
 
-def test_hands_that_were_taken_for_each_other_are_mended(gloves: Observation, hands: Mapping[str, Skeleton]) -> None:
+def test_swapped_hands_are_corrected(gloves: Observation, hands: Mapping[str, Skeleton]) -> None:
     labeller, points = Labeller(hands), shuffled(gloves, np.random.default_rng(5))
     _, state = labeller.step(points[:60], labeller.start())
     mirror = np.array([-1.0, 1.0, 1.0])
@@ -110,14 +110,14 @@ def test_hands_that_were_taken_for_each_other_are_mended(gloves: Observation, ha
     np.testing.assert_array_equal(found.position[30:], gloves.position[90:120])
 
 
-def test_another_person_s_hands(gloves: Observation, hands: Mapping[str, Skeleton]) -> None:
+def test_larger_hands_are_labelled(gloves: Observation, hands: Mapping[str, Skeleton]) -> None:
     larger = replace(gloves, position=gloves.position * 1.15)
     assert label_accuracy(larger, hands, np.random.default_rng(4)).right > 0.98
 
 
 @given(seed=st.integers(0, 1000), count=st.integers(0, 25))
 @settings(max_examples=25)
-def test_any_points_are_labelled_at_most_once(hands: Mapping[str, Skeleton], seed: int, count: int) -> None:
+def test_every_label_is_used_at_most_once(hands: Mapping[str, Skeleton], seed: int, count: int) -> None:
     rng, labeller = np.random.default_rng(seed), Labeller(hands)
     state = labeller.start()
     for t in range(3):
@@ -127,7 +127,7 @@ def test_any_points_are_labelled_at_most_once(hands: Mapping[str, Skeleton], see
         assert (given < 2 * len(glove_points("left"))).all()
 
 
-def test_what_is_refused(gloves: Observation, hands: Mapping[str, Skeleton]) -> None:
+def test_wrong_times_and_empty_recordings_are_refused(gloves: Observation, hands: Mapping[str, Skeleton]) -> None:
     labeller = Labeller(hands)
     _, state = labeller.step(gloves[:2], labeller.start())
     with pytest.raises(BodysenseError, match="give frames in order of time"):

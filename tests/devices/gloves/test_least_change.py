@@ -1,4 +1,4 @@
-"""The small quadratic program, against scipy's general solver."""
+"""The quadratic program of contact, against SciPy's general solver."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ def problem(seed: int, demands: int) -> tuple[np.ndarray, np.ndarray, np.ndarray
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_it_is_the_smallest_change_that_meets_the_demands(seed: int) -> None:
-    rows, demand, ease = problem(seed, 6)
+def test_the_change_is_the_smallest_that_meets_the_demands(seed: int) -> None:
+    rows, demand, compliance = problem(seed, 6)
     exact = np.arange(6) == 0
-    found = least_change(rows, demand, exact, ease, WIDE, np.full(6, SOFTNESS))
+    found = least_change(rows, demand, exact, compliance, WIDE, np.full(6, SOFTNESS))
     best = minimize(
-        lambda x: float((x * x / ease).sum()),
+        lambda x: float((x * x / compliance).sum()),
         np.zeros(8),
         constraints=[
             {"type": "eq", "fun": lambda x: rows[0] @ x - demand[0]},
@@ -37,16 +37,16 @@ def test_it_is_the_smallest_change_that_meets_the_demands(seed: int) -> None:
     assert (rows[1:] @ found >= demand[1:] - 1e-6).all()
 
 
-def test_nothing_is_demanded_and_nothing_changes() -> None:
-    rows, demand, ease = problem(9, 4)
-    found = least_change(rows, -np.abs(demand), np.zeros(4, bool), ease, WIDE, np.full(4, SOFTNESS))
+def test_met_demands_cause_no_change() -> None:
+    rows, demand, compliance = problem(9, 4)
+    found = least_change(rows, -np.abs(demand), np.zeros(4, bool), compliance, WIDE, np.full(4, SOFTNESS))
     np.testing.assert_array_equal(found, 0)
 
 
-def test_bounds_come_first_and_what_may_not_move_does_not() -> None:
-    rows, demand, ease = problem(3, 4)
-    ease[2] = 0.0
+def test_bounds_precede_demands_and_fixed_parts_do_not_move() -> None:
+    rows, demand, compliance = problem(3, 4)
+    compliance[2] = 0.0
     bounds = (np.full(8, -0.2), np.full(8, 0.3))
-    found = least_change(rows, 5 + np.abs(demand), np.zeros(4, bool), ease, bounds, np.full(4, 1e-3))
+    found = least_change(rows, 5 + np.abs(demand), np.zeros(4, bool), compliance, bounds, np.full(4, 1e-3))
     assert (found >= -0.2).all() and (found <= 0.3).all() and found[2] == 0
     assert np.isin(found, [-0.2, 0.3]).any()

@@ -1,3 +1,5 @@
+"""Network files of gloves, and the shapes of hands that they receive."""
+
 from __future__ import annotations
 
 from importlib.resources import files
@@ -27,17 +29,17 @@ def test_other_files_are_refused(tmp_path: Path) -> None:
         load_joint_network(OTHER)
 
 
-def test_networks_see_hands_at_one_size(hand: Skeleton) -> None:
+def test_shapes_are_independent_of_size(hand: Skeleton) -> None:
     bigger = hand.with_offsets(1.3 * hand.rest_offset)
     np.testing.assert_allclose(size_ratios([hand, bigger]), [1.0, 1.3])
-    worn = hand_of(np.random.default_rng(1).standard_normal(COUNT))
-    twice = worn.skeleton.with_offsets(2 * worn.skeleton.rest_offset)
-    shapes = known_shapes([worn.skeleton, twice], [worn.glove] * 2)
+    drawn = hand_of(np.random.default_rng(1).standard_normal(COUNT))
+    twice = drawn.skeleton.with_offsets(2 * drawn.skeleton.rest_offset)
+    shapes = known_shapes([drawn.skeleton, twice], [drawn.glove] * 2)
     np.testing.assert_allclose(shapes[0], shapes[1], atol=1e-7)
     assert shapes.any(axis=1).all()
 
 
-def test_nothing_is_known_of_the_default_hand_at_another_size(hand: Skeleton) -> None:
+def test_the_default_hand_at_another_size_has_an_unknown_shape(hand: Skeleton) -> None:
     bigger = hand.with_offsets(1.3 * hand.rest_offset)
     own, resized = known_shapes([hand, bigger], [default_glove()] * 2)
     assert own.any() and not resized.any()

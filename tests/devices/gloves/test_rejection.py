@@ -1,3 +1,5 @@
+"""Rejection of wrong markers: spikes, exchanged identifiers and impossible positions."""
+
 from __future__ import annotations
 
 import numpy as np
@@ -6,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from bodysense.body.glove import MARKERS, default_glove
 from bodysense.body.skeleton import Skeleton
-from bodysense.devices.gloves.fillers import LastShape
+from bodysense.devices.gloves.gap_fillers import RigidGapFiller
 from bodysense.devices.gloves.rejection import Rejection, RejectionSettings
 from bodysense.errors import BodysenseError
 
@@ -15,40 +17,40 @@ INDEX, PINKY = MARKERS.index("index_tip"), MARKERS.index("pinky_tip")
 
 
 def check_all(hand: Skeleton, frames: np.ndarray, rate: float = RATE, **settings: float) -> np.ndarray:
-    """Markers (T, 9, 3) after rejection, NaN where left out; what is hidden is filled as `LastShape` does."""
+    """Return markers (T, 9, 3) m after rejection, NaN where dropped; a `RigidGapFiller` fills hidden ones."""
     rejection = Rejection((hand,), default_glove(), RejectionSettings(**settings))
     state, hidden = rejection.start(), np.full((1, 9), 1e6)
-    filler = LastShape(np.nan_to_num(frames[0]))
-    shape, kept = filler.start(1), []
+    gap_filler = RigidGapFiller(np.nan_to_num(frames[0]))
+    shape, kept = gap_filler.start(1), []
     for frame in frames[:, None]:
         checked, state = rejection.check(frame, 1 / rate, hidden, state)
         known = ~np.isnan(checked[..., 0])
-        whole, shape = filler.fill(checked, 1 / rate, shape)
+        whole, shape = gap_filler.fill(checked, 1 / rate, shape)
         state = rejection.remember(whole, known, 1 / rate, state)
         hidden = np.where(known, 0.0, hidden + 1 / rate)
         kept.append(checked[0])
     return np.stack(kept)
 
 
-def test_true_motion_is_believed(hand: Skeleton, markers: np.ndarray) -> None:
+def test_true_motion_is_accepted(hand: Skeleton, markers: np.ndarray) -> None:
     noisy = markers + np.random.default_rng(0).normal(scale=0.0005, size=markers.shape)
     np.testing.assert_array_equal(check_all(hand, noisy), noisy)
     flung = markers @ Rotation.from_rotvec([0.0, 2.0, 0.0]).as_matrix().T + 0.7
     np.testing.assert_array_equal(check_all(hand, np.concatenate([markers[:50], flung[50:100]]))[50:], flung[50:100])
 
 
-def test_every_hand_is_judged_as_if_alone(hand: Skeleton, markers: np.ndarray) -> None:
+def test_hands_are_judged_independently(hand: Skeleton, markers: np.ndarray) -> None:
     flung = np.concatenate([markers[:20], markers[20:40] + 0.5])
     flung[10, INDEX] += 0.1
     both = np.stack([flung, markers[100:140]], axis=1)
 
     def checked(frames: np.ndarray) -> np.ndarray:
         hands = frames.shape[1]
-        rejection, filler = Rejection((hand,) * hands, default_glove()), LastShape(np.nan_to_num(frames[0]))
-        state, shape, kept = rejection.start(), filler.start(hands), []
+        rejection, gap_filler = Rejection((hand,) * hands, default_glove()), RigidGapFiller(np.nan_to_num(frames[0]))
+        state, shape, kept = rejection.start(), gap_filler.start(hands), []
         for frame in frames:
             seen, state = rejection.check(frame, 1 / RATE, np.zeros((hands, 9)), state)
-            whole, shape = filler.fill(seen, 1 / RATE, shape)
+            whole, shape = gap_filler.fill(seen, 1 / RATE, shape)
             state = rejection.remember(whole, ~np.isnan(seen[..., 0]), 1 / RATE, state)
             kept.append(seen)
         return np.stack(kept)
@@ -59,7 +61,7 @@ def test_every_hand_is_judged_as_if_alone(hand: Skeleton, markers: np.ndarray) -
     assert np.isnan(together[10, 0, INDEX]).all() and np.isnan(together).sum() == 3
 
 
-def test_real_motion_is_believed(motion_data: object) -> None:
+def test_recorded_motion_is_accepted(motion_data: object) -> None:
     from bodysense.body.glove import marker_positions
     from bodysense_lab.clips import open_clips
     from bodysense_lab.synthesis.motion import hand_motions
@@ -70,7 +72,7 @@ def test_real_motion_is_believed(motion_data: object) -> None:
 
 
 @pytest.mark.parametrize("share", [0.01, 0.05])
-def test_spikes_are_left_out(hand: Skeleton, markers: np.ndarray, share: float) -> None:
+def test_spikes_are_dropped(hand: Skeleton, markers: np.ndarray, share: float) -> None:
     rng = np.random.default_rng(1)
     wrong = rng.random(markers.shape[:2]) < share
     wrong[:3] = False
@@ -81,15 +83,15 @@ def test_spikes_are_left_out(hand: Skeleton, markers: np.ndarray, share: float) 
     assert (~kept & ~wrong).sum() < 0.01 * (~wrong).sum()
 
 
-def test_spikes_on_a_hand_that_is_swung_are_left_out(hand: Skeleton, markers: np.ndarray) -> None:
-    """Swung faster than any of its fingers moves in it, as in running and cheering."""
+def test_spikes_of_a_swinging_hand_are_dropped(hand: Skeleton, markers: np.ndarray) -> None:
+    """The hand swings faster than its fingers move in it, as in running and cheering."""
     markers, rng = markers[:300], np.random.default_rng(2)
     time = np.arange(len(markers)) / RATE
     turn = Rotation.from_rotvec(np.sin(2 * np.pi * 2 * time)[:, None] * [0.0, 1.0, 0.5]).as_matrix()
     swing = 0.3 * np.sin(2 * np.pi * 3 * time)[:, None, None] * np.array([1.0, 0.0, 0.3])
     swung = (markers - markers.mean(axis=1, keepdims=True)) @ turn.swapaxes(1, 2) + swing
     second_difference = np.diff(swung, 2, axis=0)
-    assert np.linalg.norm(second_difference, axis=-1).max() > 0.025  # m: its places cannot be told from its velocity
+    assert np.linalg.norm(second_difference, axis=-1).max() > 0.025  # m, too much for a prediction by constant velocity
     np.testing.assert_array_equal(check_all(hand, swung), swung)
     wrong = rng.random(markers.shape[:2]) < 0.05
     wrong[:3] = False
@@ -101,7 +103,7 @@ def test_spikes_on_a_hand_that_is_swung_are_left_out(hand: Skeleton, markers: np
 
 
 def test_a_marker_that_was_filled_has_no_velocity(hand: Skeleton, markers: np.ndarray) -> None:
-    """The filled place is 2 cm off: the step from there to where it is found leads nowhere."""
+    """The filled position is 2 cm off, so that the step from there to the found marker is no motion."""
     rejection = Rejection((hand,), default_glove())
     still, filled = markers[:1].copy(), markers[:1].copy()
     filled[0, INDEX] += [0.0, -0.02, 0.0]
@@ -112,12 +114,12 @@ def test_a_marker_that_was_filled_has_no_velocity(hand: Skeleton, markers: np.nd
     for place, seen in ((still, known), (filled, hidden), (still, known)):
         state = rejection.remember(place, seen, 1 / RATE, state)
     spike = still.copy()
-    spike[0, INDEX] += [0.0, 0.02, 0.0]  # where the step would have led
+    spike[0, INDEX] += [0.0, 0.02, 0.0]  # the position that this step would predict
     checked, _ = rejection.check(spike, 1 / RATE, np.zeros((1, 9)), state)
     assert np.isnan(checked[0, INDEX]).all()
 
 
-def test_exchanged_identifiers_are_set_right(hand: Skeleton, markers: np.ndarray) -> None:
+def test_exchanged_identifiers_are_corrected(hand: Skeleton, markers: np.ndarray) -> None:
     frames = markers[:120].copy()
     apart = np.linalg.norm(frames[:, INDEX] - frames[:, PINKY], axis=-1)
     start = int(np.flatnonzero(apart > 0.04)[0]) + 5
@@ -126,7 +128,7 @@ def test_exchanged_identifiers_are_set_right(hand: Skeleton, markers: np.ndarray
     np.testing.assert_array_equal(check_all(hand, exchanged), frames)
 
 
-def test_of_two_identifiers_in_one_place_one_is_left_out(hand: Skeleton, markers: np.ndarray) -> None:
+def test_one_of_two_identifiers_in_the_same_position_is_dropped(hand: Skeleton, markers: np.ndarray) -> None:
     frames = np.tile(markers[0], (60, 1, 1))
     assert np.linalg.norm(frames[0, INDEX] - frames[0, PINKY]) > 0.03
     frames[20:, INDEX] = frames[20:, PINKY]
@@ -135,8 +137,8 @@ def test_of_two_identifiers_in_one_place_one_is_left_out(hand: Skeleton, markers
     np.testing.assert_array_equal(np.delete(checked, INDEX, axis=1), np.delete(frames, INDEX, axis=1))
 
 
-def test_a_marker_that_stays_is_believed_after_a_while(hand: Skeleton, markers: np.ndarray) -> None:
-    """A finger that moved while it was not looked at, say: no mistake lasts."""
+def test_an_unexpected_marker_that_stays_is_accepted(hand: Skeleton, markers: np.ndarray) -> None:
+    """A finger may have moved while its marker was hidden, so wrong rejection must not last."""
     frames = np.tile(markers[0], (60, 1, 1))
     frames[20:, INDEX] += 0.3 * (frames[0, 1] - frames[0, INDEX])  # toward the wrist
     checked = check_all(hand, frames, patience=0.1)
@@ -144,7 +146,7 @@ def test_a_marker_that_stays_is_believed_after_a_while(hand: Skeleton, markers: 
     np.testing.assert_array_equal(checked[28:, INDEX], frames[28:, INDEX])
 
 
-def test_what_no_hand_can_be_is_never_believed(hand: Skeleton, markers: np.ndarray) -> None:
+def test_an_impossible_marker_is_never_accepted(hand: Skeleton, markers: np.ndarray) -> None:
     frames = np.tile(markers[0], (60, 1, 1))
     frames[:, PINKY] += 1.0  # from the first frame on, and it stays
     checked = check_all(hand, frames)
@@ -152,12 +154,12 @@ def test_what_no_hand_can_be_is_never_believed(hand: Skeleton, markers: np.ndarr
     np.testing.assert_array_equal(np.delete(checked, PINKY, axis=1), np.delete(frames, PINKY, axis=1))
 
 
-def test_hands_of_metres_leave_nothing(hand: Skeleton, markers: np.ndarray) -> None:
+def test_millimetres_are_rejected(hand: Skeleton, markers: np.ndarray) -> None:
     checked = check_all(hand, 1000 * markers[:5])  # millimetres
     assert (~np.isnan(checked[..., 0])).sum(axis=1).max() <= 1
 
 
-def test_errors() -> None:
+def test_negative_settings_are_refused() -> None:
     with pytest.raises(BodysenseError, match="tolerance is -1; it must be 0 or more"):
         RejectionSettings(tolerance=-1.0)
     with pytest.raises(BodysenseError, match="haste is -1; it must be 0 or more"):

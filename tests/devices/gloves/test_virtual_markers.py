@@ -1,4 +1,4 @@
-"""Gloves of other marker sets: the solved hand shows the standard markers, and hides those of which nothing tells."""
+"""Gloves of other marker sets: the solved hand yields the standard markers, except those without evidence."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from bodysense.body.glove import MARKERS, glove_points, marker_positions
-from bodysense.body.hand_family import GlovedHand, carried_over, draw_hand
+from bodysense.body.hand_family import GlovedHand, draw_hand, transfer_pose
 from bodysense.body.person import Person
 from bodysense.body.pose import Pose
 from bodysense.devices.gloves.calibration import checked_fit
@@ -33,7 +33,7 @@ RATE = 60.0
 
 
 @pytest.fixture(scope="module", params=["plate3", "knuckles", "tips"])
-def worn(request: pytest.FixtureRequest) -> GlovedHand:
+def hand(request: pytest.FixtureRequest) -> GlovedHand:
     rng = np.random.default_rng(3)
     return worn_by(SETS[request.param], draw_hand(rng), rng)
 
@@ -45,10 +45,10 @@ def plated() -> GlovedHand:
 
 
 def moving(hand: GlovedHand, seconds: float) -> Pose:
-    return carried_over(synthesize_hand(hand.skeleton, seconds, np.random.default_rng(4), RATE).pose, hand)
+    return transfer_pose(synthesize_hand(hand.skeleton, seconds, np.random.default_rng(4), RATE).pose, hand)
 
 
-def shown(hand: GlovedHand, markers: np.ndarray) -> np.ndarray:
+def standard_markers(hand: GlovedHand, markers: np.ndarray) -> np.ndarray:
     glove, state, found = VirtualGlove(hand), SolvedHand(), []
     for frame, seen in enumerate(markers):
         virtual, state = glove.step(seen, frame / RATE, state)
@@ -56,44 +56,44 @@ def shown(hand: GlovedHand, markers: np.ndarray) -> np.ndarray:
     return np.array(found)
 
 
-def test_a_hand_that_is_known_shows_its_standard_markers(worn: GlovedHand) -> None:
-    pose = moving(worn, 0.3)
-    found = shown(worn, np.asarray(marker_positions(worn.glove, pose)))
-    there = np.asarray(marker_positions(VirtualGlove(worn).standard.glove, pose))
+def test_a_known_hand_yields_its_standard_markers(hand: GlovedHand) -> None:
+    pose = moving(hand, 0.3)
+    found = standard_markers(hand, np.asarray(marker_positions(hand.glove, pose)))
+    there = np.asarray(marker_positions(VirtualGlove(hand).standard.glove, pose))
     assert not np.isnan(found[:, :3]).any()
     error = np.linalg.norm(found - there, axis=-1)
     assert np.nanmedian(error) < 0.006 and np.nanmax(error[:, :3]) < 0.02
 
 
-def test_what_is_not_told_is_hidden(plated: GlovedHand) -> None:
+def test_standard_markers_without_evidence_are_hidden(plated: GlovedHand) -> None:
     markers = np.asarray(marker_positions(plated.glove, moving(plated, 0.1)))
     names = list(plated.glove.markers)
     markers[2:, names.index("ring")] = np.nan
     markers[3:, names.index("plate1_1")] = np.nan
     markers[4:] = np.nan
-    hidden = np.isnan(shown(plated, markers)[..., 0])
+    hidden = np.isnan(standard_markers(plated, markers)[..., 0])
     assert not hidden[:2].any()
     assert [MARKERS[k] for k in np.flatnonzero(hidden[2])] == ["ring_tip"]
     assert [MARKERS[k] for k in np.flatnonzero(hidden[3])] == ["pinky_base", "wrist", "index_base", "ring_tip"]
     assert hidden[4:].all()
 
 
-def test_a_wrong_marker_tells_nothing(plated: GlovedHand) -> None:
+def test_a_wrong_marker_has_no_effect_on_others(plated: GlovedHand) -> None:
     markers = np.asarray(marker_positions(plated.glove, moving(plated, 0.2)))
-    right = shown(plated, markers)
+    right = standard_markers(plated, markers)
     index = list(plated.glove.markers).index("index")
     markers[5, index] += 0.08
-    found = shown(plated, markers)
+    found = standard_markers(plated, markers)
     others = [k for k, name in enumerate(MARKERS) if name != "index_tip"]
     assert np.nanmax(np.linalg.norm(found[5, others] - right[5, others], axis=-1)) < 0.02
 
 
-def test_hands_move_rigidly(plated: GlovedHand) -> None:
+def test_standard_markers_move_rigidly_with_the_hand(plated: GlovedHand) -> None:
     markers = np.asarray(marker_positions(plated.glove, moving(plated, 0.1)))
     turn, way = Rotation.random(rng=np.random.default_rng(1)), np.array([1.0, -2.0, 3.0])
     turned = turn.apply(markers.reshape(-1, 3)).reshape(markers.shape) + way
-    expected = turn.apply(shown(plated, markers).reshape(-1, 3)).reshape(len(markers), 9, 3) + way
-    np.testing.assert_allclose(shown(plated, turned), expected, atol=1e-4)
+    expected = turn.apply(standard_markers(plated, markers).reshape(-1, 3)).reshape(len(markers), 9, 3) + way
+    np.testing.assert_allclose(standard_markers(plated, turned), expected, atol=1e-4)
 
 
 def seen_of(hand: GlovedHand, seconds: float) -> Observation:
@@ -101,7 +101,7 @@ def seen_of(hand: GlovedHand, seconds: float) -> Observation:
     return observed_markers(points, np.asarray(marker_positions(hand.glove, moving(hand, seconds))))
 
 
-def test_a_device_takes_any_glove(plated: GlovedHand) -> None:
+def test_the_device_accepts_any_marker_set(plated: GlovedHand) -> None:
     seen = seen_of(plated, 0.2)
     person = Person(hands={"left": plated})
     device = glove_device(person.skeleton, ("left",), calibrated=person.hands)
@@ -118,7 +118,7 @@ def test_a_device_takes_any_glove(plated: GlovedHand) -> None:
     check_calibrated(glove_points("left"), ("left",), {})
 
 
-def test_a_person_keeps_any_glove(plated: GlovedHand, tmp_path) -> None:
+def test_a_saved_person_has_gloves_of_any_marker_set(plated: GlovedHand, tmp_path) -> None:
     Person(hands={"right": plated}).save(tmp_path / "one.json")
     again = Person.load(tmp_path / "one.json").hands["right"]
     assert again.glove.markers == plated.glove.markers and again.glove.carried_by == plated.glove.carried_by
@@ -129,10 +129,10 @@ def test_a_person_keeps_any_glove(plated: GlovedHand, tmp_path) -> None:
         Person.load(tmp_path / "two.json")
 
 
-def test_the_set_of_a_recording(plated: GlovedHand) -> None:
+def test_the_marker_set_of_a_recording(plated: GlovedHand) -> None:
     seen = seen_of(plated, 0.1)
     assert not has_standard_gloves(seen) and set_of(glove_points("right")).name == "bodysense"
-    with pytest.raises(BodysenseError, match="'idx', of no set that is known; give --marker-set"):
+    with pytest.raises(BodysenseError, match="'idx', which no known set has; give --marker-set"):
         set_of(["left_glove_idx"])
     markers = markers_of(seen, "left", SETS["plate3"].worn)
     np.testing.assert_array_equal(markers, seen.position)
@@ -141,7 +141,7 @@ def test_the_set_of_a_recording(plated: GlovedHand) -> None:
 
 
 @pytest.mark.slow
-def test_calibration_of_a_plate(plated: GlovedHand) -> None:
+def test_calibration_with_a_plate(plated: GlovedHand) -> None:
     markers = np.asarray(marker_positions(plated.glove, moving(plated, 6.0)))
     found = checked_fit(markers, SETS["plate3"].worn, "left")
     assert found.error < 0.002 and found.hand.glove.markers == plated.glove.markers
@@ -149,7 +149,7 @@ def test_calibration_of_a_plate(plated: GlovedHand) -> None:
 
 @pytest.mark.slow
 @pytest.mark.xfail(strict=True, reason="with a plate and six markers a hand in a mirror fits as well as a true one")
-def test_a_plate_in_a_mirror_is_refused(plated: GlovedHand) -> None:
+def test_a_mirrored_plate_is_refused(plated: GlovedHand) -> None:
     markers = np.asarray(marker_positions(plated.glove, moving(plated, 6.0)))
     with pytest.raises(BodysenseError, match=r"only in a mirror.*--left-handed"):
         checked_fit(markers * [-1.0, 1.0, 1.0], SETS["plate3"].worn, "left")

@@ -1,4 +1,4 @@
-"""Gloves as a capture finds them: names, noise, spikes, losses, and lights that flesh hides from behind alone."""
+"""Simulated capture of gloves: names, noise, spikes, losses, and lights that the hand hides only from behind."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def flat_hand(frames: int = 2, turn: tuple[float, float, float] = (0.0, 0.0, 0.0
     return pose
 
 
-def test_by_default_every_marker_is_where_it_is(waving_clip: Clip) -> None:
+def test_markers_are_exact_by_default(waving_clip: Clip) -> None:
     found = check_observation(observe(waving_clip.pose, waving_clip.time))
     assert found.points == (*glove_points("left"), *glove_points("right")) and found.has_position.all()
     for k, side in enumerate(("left", "right")):
@@ -46,8 +46,8 @@ def test_any_number_of_hands() -> None:
     np.testing.assert_array_equal(found.position[:, 9:18], found.position[:, 18:])
 
 
-def test_lights_stand_on_the_skin_and_face_away_from_it() -> None:
-    """Each just clears the flesh of the flat hand, not more than a finger's thickness from its marker."""
+def test_lights_are_on_the_skin_and_face_away_from_it() -> None:
+    """Each light is just outside the capsules of the flat hand, within a finger's thickness of its marker."""
     glove = default_glove()
     offset, facing = _mounting(HAND, glove)
     rest, capsules = HAND.path @ HAND.rest_offset, hand_capsules(HAND)
@@ -65,7 +65,7 @@ def test_lights_stand_on_the_skin_and_face_away_from_it() -> None:
     assert (facing[:7, 1] > 0.5).all(), "all but those of the thumb face up from a flat hand"
 
 
-def test_a_hand_hides_its_markers_from_behind_but_not_from_the_front() -> None:
+def test_a_hand_hides_its_markers_only_from_behind() -> None:
     backs = [MARKERS.index(name) for name in ("pinky_base", "wrist", "index_base", "middle_tip", "ring_tip")]
     assert visible({"left": flat_hand()}, ABOVE)[:, backs].all()
     assert not visible({"left": flat_hand()}, BELOW)[:, backs].any()
@@ -73,8 +73,8 @@ def test_a_hand_hides_its_markers_from_behind_but_not_from_the_front() -> None:
     assert not visible({"left": over}, ABOVE)[:, backs].any() and visible({"left": over}, BELOW)[:, backs].all()
 
 
-def test_left_and_right_are_seen_alike() -> None:
-    """In the mirror the ring is itself, for it has a camera on either side of every one."""
+def test_left_and_right_hands_are_seen_equally() -> None:
+    """The ring of cameras is its own mirror image."""
     rng = np.random.default_rng(0)
     pose = Pose(HAND, rng.normal(scale=0.1, size=(30, 3)), quaternion_exp(rng.normal(size=(30, 16, 3)) * 0.5))
     ring = CameraRing(count=8, heights=(0.3,))
@@ -82,7 +82,7 @@ def test_left_and_right_are_seen_alike() -> None:
 
 
 def test_one_hand_hides_the_other() -> None:
-    """A hand that lies over the other's back hides the markers there; by itself that back is seen."""
+    """A hand over the back of another one hides the markers there, which are seen without it."""
     below, over = flat_hand(), flat_hand()
     over.root_position[:] = [0.0, 0.06, 0.0]
     backs = [MARKERS.index("pinky_base"), MARKERS.index("index_base")]
@@ -93,10 +93,10 @@ def test_one_hand_hides_the_other() -> None:
     assert not visible({"left": below}, steep, others=[(over, "left")])[:, backs].any()
 
 
-def test_the_body_stands_in_the_way() -> None:
-    """Hands behind the back: a camera in front sees them through nothing but air."""
+def test_the_body_hides_hands_behind_it() -> None:
+    """A camera in front sees hands behind the back only if there is no body."""
     body = rest_pose(default_skeleton(), (1,))
-    behind = np.array([[-0.09, 1.1, -0.25]])  # in a left hand's world: the fingers of both point to the middle
+    behind = np.array([[-0.09, 1.1, -0.25]])  # in a left hand's world; the fingers of both hands point to the middle
     hands = {side: replace(hand_pose(body, side), root_position=behind) for side in ("left", "right")}
     in_front = CameraRing(count=1, radius=3.0, heights=(0.0,), least=1, beam=180.0)
     assert visible(hands, in_front).mean() > 0.5 and not visible(hands, in_front, body).any()
@@ -115,7 +115,7 @@ def test_noise_and_spikes() -> None:
     assert spiky[wrong].mean() == pytest.approx(GloveCapture().spike_size, rel=0.1)
 
 
-def test_losses_are_short_and_as_many_as_asked_for() -> None:
+def test_losses_have_the_given_rate_and_length() -> None:
     rate, seconds = 120.0, 300.0
     time_of = np.arange(round(rate * seconds)) / rate
     found = check_observation(
@@ -126,7 +126,7 @@ def test_losses_are_short_and_as_many_as_asked_for() -> None:
     assert (~found.has_position).mean() == pytest.approx(6 / 60 * 0.05, rel=0.25)
 
 
-def test_a_capture_of_a_body_hides_some_of_it(waving_clip: Clip) -> None:
+def test_a_capture_hides_some_markers_and_is_reproducible(waving_clip: Clip) -> None:
     some = GloveCapture(cameras=CameraRing(count=6), noise=0.0005)
     first = observe(waving_clip.pose, waving_clip.time, some, np.random.default_rng(4))
     again = observe(waving_clip.pose, waving_clip.time, some, np.random.default_rng(4))
@@ -136,7 +136,7 @@ def test_a_capture_of_a_body_hides_some_of_it(waving_clip: Clip) -> None:
     assert hand_size(HAND) > 0.1
 
 
-def test_what_cannot_be_is_refused() -> None:
+def test_bad_settings_are_refused() -> None:
     with pytest.raises(BodysenseError, match="noise -1"):
         GloveCapture(noise=-1.0)
     with pytest.raises(BodysenseError, match="spikes 2 is a share"):

@@ -1,4 +1,4 @@
-"""The headset camera: a brute-force twin on random poses, poses made by hand, symmetries, errors."""
+"""Headset camera: a brute-force reference on random poses, hand-made poses, batches and errors."""
 
 from __future__ import annotations
 
@@ -27,18 +27,18 @@ from bodysense.devices.simulated.sensors import HEADSET_CAMERA, observe
 from bodysense.errors import BodysenseError
 from bodysense.observation import check_observation
 
-EDGE = 2e-6  # m (and, for the cone, cosine): nearer to a tie single precision may decide either way
+EDGE = 2e-6  # m (for the cone, cosine): within this of a tie single precision may give either result
 FINGERS = ("index", "middle", "pinky", "ring", "thumb")
 
 
 def reasons(pose: Pose, camera: HeadsetCamera = HeadsetCamera()) -> dict[str, Reason]:
-    """Reason of every point of one body."""
+    """Return the reason of every point of one body by name."""
     found = see(pose, camera).reason
     return {name: Reason(value) for name, value in zip(pose.skeleton.points, found, strict=True)}
 
 
 def random_poses(skeleton: Skeleton, count: int, seed: int) -> Pose:
-    """Poses with hanging, reaching, crossed and raised arms, bent knees and hips, turned heads; any heading."""
+    """Return poses with various arms, bent knees and hips, turned heads and any heading."""
     generator = np.random.default_rng(seed)
     vector = generator.normal(size=(count, len(skeleton.joints), 3)) * 0.2
     for side, sign in (("left", -1), ("right", 1)):
@@ -58,7 +58,7 @@ def random_poses(skeleton: Skeleton, count: int, seed: int) -> Pose:
 
 @cache
 def skeletons() -> dict[str, Skeleton]:
-    """The default body, a small one, and two of other proportions."""
+    """Return the default body, a scaled one, and two of other proportions."""
     default = default_skeleton()
     generator = np.random.default_rng(7)
     bodies = {"default": default, "small": default.scaled(1.3)}
@@ -70,13 +70,13 @@ def skeletons() -> dict[str, Skeleton]:
     return bodies
 
 
-# The twin: every ray against every primitive, by names, from the text of the module and the paper alone.
+# The reference tests every ray against every primitive, by names, as the module's docstring and the paper define it.
 
 Solids = tuple[list[tuple[np.ndarray, np.ndarray, float]], list[tuple[np.ndarray, np.ndarray, np.ndarray]]]
 
 
-class Twin:
-    """What a headset sees, the slow way."""
+class Reference:
+    """Reference for the view of a headset, by plain loops."""
 
     def __init__(self, skeleton: Skeleton, camera: HeadsetCamera) -> None:
         self.skeleton, self.camera = skeleton, camera
@@ -88,15 +88,15 @@ class Twin:
         self.carrier = [skeleton.points[j] for j in self.primitives.joint]
         self.hand = {side: [name for name in skeleton.points if self.is_below(name, f"{side}_wrist")] for side in SIDES}
         self.joints = [f"{side}_{name}" for side in SIDES for name in (*BODY_JOINTS, *FOOT_POINTS)]
-        self.flesh = [
+        self.primitive_targets = [
             n
             for n, carrier in enumerate(self.carrier)
             if self.side_of_hand(carrier) or any(self.is_attached(n, name) for name in self.joints)
         ]
-        self.passes = self.holding_at_rest() <= 0  # (R, N) what a ray goes through
+        self.passes = self.holding_at_rest() <= 0  # (R, N) primitives that a ray passes through
         for r, name in enumerate(self.joints):
             self.passes[r] |= [self.is_attached(n, name) for n in range(len(self.carrier))]
-        for r, n in enumerate(self.flesh, start=len(self.joints)):
+        for r, n in enumerate(self.primitive_targets, start=len(self.joints)):
             own, side = self.carrier[n], self.side_of_hand(self.carrier[n])
             for k, other in enumerate(self.carrier):
                 one_hand = side is not None and other in self.hand[side] and not camera.hand_hides_itself
@@ -111,7 +111,7 @@ class Twin:
         return next((side for side in SIDES if name in self.hand[side]), None)
 
     def ends(self, joint: str) -> set[str]:
-        """The joint and the points that hang on it."""
+        """Return the joint and its children."""
         return {joint} | {name for name, parent in self.parent.items() if parent == joint}
 
     def is_attached(self, primitive: int, point: str) -> bool:
@@ -120,28 +120,28 @@ class Twin:
     def targets(self, position: np.ndarray, solids: Solids) -> np.ndarray:
         middles = [(start + end) / 2 for start, end, _ in solids[0]] + [center for center, _, _ in solids[1]]
         joints = [position[self.skeleton.index(name)] for name in self.joints]
-        return np.array(joints + [middles[n] for n in self.flesh])
+        return np.array(joints + [middles[n] for n in self.primitive_targets])
 
     def holding_at_rest(self) -> np.ndarray:
-        """(R, N) distance of a ray's target from each primitive, in the rest pose of the default body."""
+        """Return distances (R, N) m of the rays' targets from primitives in the rest pose of the default body."""
         position, rotation = forward_kinematics(rest_pose(default_skeleton()))
-        solids = placed(capsules.fit_primitives(default_skeleton()), position, rotation)
+        solids = solids_of(capsules.fit_primitives(default_skeleton()), position, rotation)
         return np.array(
             [
-                gaps(np.zeros((1, 3)), *placed(capsules.fit_primitives(default_skeleton()), position - here, rotation))[
-                    0
-                ]
+                gaps(
+                    np.zeros((1, 3)), *solids_of(capsules.fit_primitives(default_skeleton()), position - here, rotation)
+                )[0]
                 for here in self.targets(position, solids)
             ]
         )
 
     def see(self, position: np.ndarray, rotation: np.ndarray, slack: float) -> tuple[dict[str, bool], dict[str, bool]]:
-        """Whether every point is known if ties within `slack` fall against it, and if they fall for it."""
+        """Return whether each point is known if ties within `slack` hide it, and if they do not."""
         head = self.skeleton.index("head")
         turn = Rotation.from_quat(rotation[head], scalar_first=True)
         origin = position[head] + turn.apply(self.primitives.nose + np.array([0, 0, self.camera.nose_distance]))
         axis = turn.apply(Rotation.from_euler("x", self.camera.tilt, degrees=True).apply([0, 0, 1]))
-        solids = placed(self.primitives, position - origin, rotation)
+        solids = solids_of(self.primitives, position - origin, rotation)
         targets = self.targets(position - origin, solids)
         far = np.linalg.norm(targets, axis=1)
         inside = targets @ axis / far - np.cos(np.radians(self.camera.field_of_view / 2))
@@ -151,21 +151,21 @@ class Twin:
 
     def combine(self, free: np.ndarray) -> dict[str, bool]:
         joint = dict(zip(self.joints, free[: len(self.joints)], strict=True))
-        part = dict(zip(self.flesh, free[len(self.joints) :], strict=True))
+        part = dict(zip(self.primitive_targets, free[len(self.joints) :], strict=True))
         known = {name: name in ("head", "head_top") for name in self.skeleton.points}
         for name in self.joints:
-            known[name] = joint[name] and any(part[n] for n in self.flesh if self.is_attached(n, name))
+            known[name] = joint[name] and any(part[n] for n in self.primitive_targets if self.is_attached(n, name))
         for side in SIDES:
             foot = [f"{side}_{name}" for name in FOOT_POINTS]
             known |= dict.fromkeys(foot, any(known[name] for name in foot))
-            fingers = [part[n] for n in self.flesh if self.carrier[n] in self.hand[side]]
+            fingers = [part[n] for n in self.primitive_targets if self.carrier[n] in self.hand[side]]
             enough = sum(fingers) >= self.camera.hand_visible_share * len(fingers)
             known |= dict.fromkeys(self.hand[side], enough)
         return known
 
 
-def placed(primitives: capsules.Primitives, position: np.ndarray, rotation: np.ndarray) -> Solids:
-    """Capsules (start, end, radius) and boxes (center, axes, half_size) in the world."""
+def solids_of(primitives: capsules.Primitives, position: np.ndarray, rotation: np.ndarray) -> Solids:
+    """Return capsules (start, end, radius) and boxes (center, axes, half_size) in the world."""
     turns = [Rotation.from_quat(q, scalar_first=True).as_matrix() for q in rotation]
     rounds, boxes = [], []
     for n, j in enumerate(primitives.joint):
@@ -179,9 +179,9 @@ def placed(primitives: capsules.Primitives, position: np.ndarray, rotation: np.n
 
 
 def gaps(targets: np.ndarray, rounds: list, boxes: list) -> np.ndarray:
-    """How far (m) each of N primitives must grow to meet the segments from the origin to R targets: (R, N).
+    """Return the distances (R, N) m of N primitives from the segments between the origin and R targets.
 
-    Two segments are nearest at one of their four ends, or where the common perpendicular meets both.
+    Two segments are nearest at one of their four ends, or at the common perpendicular if it meets both.
     """
     a, b, radius = (np.array(part) for part in zip(*rounds, strict=True))
     d, target = b - a, targets[:, None]
@@ -204,45 +204,45 @@ def gaps(targets: np.ndarray, rounds: list, boxes: list) -> np.ndarray:
 
 
 def box_gaps(targets: np.ndarray, center: np.ndarray, axes: np.ndarray, half_size: np.ndarray) -> np.ndarray:
-    """How far the sides of a box must move out to meet the segments from the origin to R targets: (R,).
+    """Return by how much (R,) the sides of a box must move out to meet the segments from the origin to R targets.
 
-    Along a segment the largest excess over the three half sizes is convex and piecewise linear, so its least value
-    lies at an end or where two of its six lines cross.
+    Along a segment the largest excess over the three half sizes is convex and piecewise linear. Its minimum is at an
+    end or at a crossing of two of its six lines.
     """
     a, d = -center @ axes, targets @ axes
     slope, level = np.concatenate([d, -d], axis=1), np.concatenate([a - half_size, -a - half_size])
     with np.errstate(divide="ignore", invalid="ignore"):
         t = (level[None] - level[:, None]) / (slope[:, :, None] - slope[:, None])
-    t = np.clip(np.nan_to_num(t.reshape(len(targets), 36)), 0, 1)  # ends too: a line crosses itself nowhere
+    t = np.clip(np.nan_to_num(t.reshape(len(targets), 36)), 0, 1)  # includes the ends: a line does not cross itself
     t[:, 0] = 1.0
     return (level[:, None] + slope[:, :, None] * t[:, None]).max(axis=1).min(axis=1)
 
 
 @pytest.mark.parametrize("name", ["default", "small", "odd", "odder"])
-def test_the_twin_agrees_on_every_point_of_random_poses(name: str) -> None:
+def test_visibility_equals_the_reference_on_random_poses(name: str) -> None:
     cameras = {
         "default": HeadsetCamera(),
-        "small": HeadsetCamera(hand_visible_share=0.5),  # 8 of 16 are just enough
+        "small": HeadsetCamera(hand_visible_share=0.5),  # 8 of 16 are enough
         "odd": HeadsetCamera(field_of_view=170, tilt=30, near=0.2, nose_distance=0.07),
         "odder": HeadsetCamera(hand_hides_itself=True),
     }
-    compare_with_twin(random_poses(skeletons()[name], 30, seed=len(name)), cameras[name])
+    compare_with_reference(random_poses(skeletons()[name], 30, seed=len(name)), cameras[name])
 
 
-def test_by_default_a_hand_is_seen_of_which_65_percent_are() -> None:
+def test_a_hand_is_seen_by_default_if_65_percent_of_it_are() -> None:
     poses = random_poses(skeletons()["default"], 60, seed=5)
     seen = {share: see(poses, HeadsetCamera(hand_visible_share=share)).visible for share in (0.6, 0.65, 0.7)}
     np.testing.assert_array_equal(see(poses).visible, seen[0.65])
     assert (seen[0.6] != seen[0.65]).any() and (seen[0.65] != seen[0.7]).any()
 
 
-def compare_with_twin(pose: Pose, camera: HeadsetCamera) -> None:
+def compare_with_reference(pose: Pose, camera: HeadsetCamera) -> None:
     visible = see(pose, camera).visible
-    twin = Twin(pose.skeleton, camera)
+    reference = Reference(pose.skeleton, camera)
     position, rotation = forward_kinematics(pose)
     ties = 0
     for frame in range(len(visible)):
-        least, most = twin.see(position[frame], rotation[frame], EDGE)
+        least, most = reference.see(position[frame], rotation[frame], EDGE)
         for k, point in enumerate(pose.skeleton.points):
             if least[point] == most[point]:
                 assert visible[frame, k] == least[point], (frame, point)
@@ -250,10 +250,10 @@ def compare_with_twin(pose: Pose, camera: HeadsetCamera) -> None:
                 ties += 1
     assert ties <= 1e-3 * visible.size
     tested = visible[:, ~(see(pose, camera).reason == Reason.INSIDE).all(axis=0)]
-    assert 0.2 < tested.mean() < 0.85  # the poses show and hide
+    assert 0.2 < tested.mean() < 0.85  # the poses have both seen and hidden points
 
 
-def test_the_wearer_in_rest_sees_feet_and_knows_the_head() -> None:
+def test_feet_are_visible_in_the_rest_pose() -> None:
     found = reasons(rest_pose(default_skeleton()))
     for name in ("pelvis", "spine1", "spine2", "spine3", "neck", "left_collar", "right_collar"):
         assert found[name] is Reason.INSIDE
@@ -268,12 +268,12 @@ def test_a_hand_at_the_camera_is_too_close() -> None:
     position, rotation = forward_kinematics(rest_pose(skeleton))
     camera = HeadsetCamera()
     center, axis = camera_pose(capsules.fit_primitives(skeleton), position, rotation, camera)
-    moved = position.copy()
+    shifted = position.copy()
     hand = skeleton.path[:, skeleton.index("left_wrist")] > 0
-    moved[hand] += center + 0.08 * axis - position[skeleton.index("left_middle1")]
-    found = headset_camera.see_points(skeleton, moved, rotation, camera)
+    shifted[hand] += center + 0.08 * axis - position[skeleton.index("left_middle1")]
+    found = headset_camera.see_points(skeleton, shifted, rotation, camera)
     assert found.reason[skeleton.index("left_wrist")] == Reason.TOO_CLOSE
-    tracked = headset_camera.see_points(skeleton, moved, rotation, replace(camera, near=0.0))
+    tracked = headset_camera.see_points(skeleton, shifted, rotation, replace(camera, near=0.0))
     assert tracked.visible[skeleton.index("left_wrist")]
 
 
@@ -283,10 +283,10 @@ def test_the_camera_is_outside_the_body(name: str) -> None:
     position, rotation = forward_kinematics(rest_pose(skeleton))
     solids = capsules.fit_primitives(skeleton)
     center, _ = camera_pose(solids, position, rotation, HeadsetCamera())
-    assert gaps(np.zeros((1, 3)), *placed(solids, position - center, rotation)).min() > 0.02
+    assert gaps(np.zeros((1, 3)), *solids_of(solids, position - center, rotation)).min() > 0.02
 
 
-def test_more_flesh_never_shows_more() -> None:
+def test_thicker_solids_hide_more() -> None:
     pose = random_poses(default_skeleton(), 300, seed=3)
     thin, natural, thick = (see(pose, HeadsetCamera(solid_scale=scale)).visible for scale in (0.8, 1.0, 1.2))
     np.testing.assert_array_equal(natural, see(pose).visible)
@@ -305,14 +305,14 @@ def test_any_leading_axes(batch: tuple[int, ...]) -> None:
     assert np.array_equal(found.reason.reshape(-1, len(skeleton.points)), see(flat).reason)
 
 
-def test_long_clips_are_the_same_as_single_frames() -> None:
+def test_long_clips_equal_single_frames() -> None:
     pose = random_poses(default_skeleton(), 300, seed=6)
     whole = see(pose).reason
     assert np.array_equal(whole, np.stack([see(pose[k]).reason for k in range(300)]))
 
 
 @pytest.mark.parametrize("batch", [(), (2,)])
-def test_observe_hides_what_is_not_seen(batch: tuple[int, ...]) -> None:
+def test_observe_hides_unseen_points(batch: tuple[int, ...]) -> None:
     skeleton = default_skeleton()
     flat = random_poses(skeleton, 20 * int(np.prod(batch)), seed=8)
     pose = Pose(skeleton, flat.root_position.reshape(*batch, 20, 3), flat.rotation.reshape(*batch, 20, -1, 4))
@@ -331,7 +331,7 @@ def test_observe_hides_what_is_not_seen(batch: tuple[int, ...]) -> None:
     assert np.isnan(np.delete(observation.rotation, head, axis=-2)).all()
 
 
-def test_errors_say_what_to_do() -> None:
+def test_bad_settings_and_poses_are_refused() -> None:
     skeleton = default_skeleton()
     with pytest.raises(BodysenseError, match="field_of_view 0 must be above 0 and at most 360 degrees"):
         HeadsetCamera(field_of_view=0)

@@ -1,4 +1,4 @@
-"""Tracker noise has the statistics that were measured, and disturbs nothing else."""
+"""Tracker noise: it has the measured statistics and leaves everything else unchanged."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from bodysense.observation import Observation, check_observation
 
 RATE = 72.0
 STILL_MAP = NoiseSettings(scale=0.0)
-BANDS = ((0.05, 0.3), (0.3, 1.0), (1.0, 3.0))  # Hz; above, the measurement is the robot's
+BANDS = ((0.05, 0.3), (0.3, 1.0), (1.0, 3.0))  # Hz; above these, the robot's own errors dominate
 
 
 def turns(quaternion: np.ndarray) -> Rotation:
@@ -26,7 +26,7 @@ def turns(quaternion: np.ndarray) -> Rotation:
 
 
 def moving_head(speed: float, sessions: int = 4, seconds: float = 120.0, points: tuple[str, ...] = ("head",)):
-    """Sessions (B, T, P) of points that go around at `speed` m/s and turn at 100 `speed` °/s; a bounded path."""
+    """Return sessions (B, T, P) of points that move on a circle at `speed` m/s and turn at 100 `speed` °/s."""
     time = np.arange(round(seconds * RATE)) / RATE
     angle = speed * time / 0.5
     place = 0.5 * np.stack([np.cos(angle), 3.2 + 0 * angle, np.sin(angle)], axis=-1)
@@ -45,19 +45,19 @@ def moving_head(speed: float, sessions: int = 4, seconds: float = 120.0, points:
 
 
 def errors(seen: Observation, settings: NoiseSettings = STILL_MAP, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
-    """Errors (B, T, P, 3) of a disturbed observation, mm and °."""
+    """Return errors (B, T, P, 3) of a disturbed observation, in mm and °."""
     noisy = disturb(seen, np.random.default_rng(seed), settings)
     turned = (turns(noisy.rotation) * turns(seen.rotation).inv()).as_rotvec(degrees=True)
     return 1000 * (noisy.position - seen.position), turned.reshape(seen.position.shape)
 
 
 def rms(values: np.ndarray) -> float:
-    """Root mean square in space."""
+    """Return the root mean square length of vectors."""
     return float(np.sqrt((values**2).sum(axis=-1).mean()))
 
 
 @pytest.mark.parametrize("speed", [0.05, 0.5])
-def test_deviations_are_those_of_the_fit(speed: float) -> None:
+def test_errors_have_the_fitted_deviations(speed: float) -> None:
     position, rotation = errors(moving_head(speed))
     drift, wobble = 0.8 * (0.37 + 1.2 * speed), 0.65 * speed
     expected = np.sqrt(3 * (drift**2 + 0.145**2 + wobble**2 + 0.01**2))
@@ -67,8 +67,8 @@ def test_deviations_are_those_of_the_fit(speed: float) -> None:
     assert 0.7 < rms(rotation) / expected < 1.3
 
 
-def test_head_like_paths_err_as_was_measured() -> None:
-    """Position 0.8 mm (slow) to 1.5 mm rms, 99 % within 1.5-3.7 mm; rotation 0.09-0.33°."""
+def test_errors_of_head_like_paths_match_the_measurement() -> None:
+    """Positions have errors of 0.8 to 1.5 mm rms, 99 % within 1.5 to 3.7 mm; rotations of 0.09 to 0.33°."""
     for speed in (0.2, 0.4):
         position, rotation = errors(moving_head(speed))
         assert 0.7 * 0.8 < rms(position) < 1.3 * 1.5
@@ -77,14 +77,14 @@ def test_head_like_paths_err_as_was_measured() -> None:
 
 
 @pytest.mark.parametrize("speed", [0.2, 0.4])
-def test_the_drift_follows_the_way_travelled(speed: float) -> None:
-    """Its correlation falls to 1/e after 0.23-0.39 m, whatever the speed."""
+def test_drift_depends_on_the_travelled_distance(speed: float) -> None:
+    """Its correlation falls to 1/e after 0.23 to 0.39 m, at any speed."""
     position, _ = errors(moving_head(speed, sessions=8, seconds=60.0))
     slow = signal.sosfiltfilt(signal.butter(2, 3.0, fs=RATE, output="sos"), position, axis=1)
     lags = np.arange(1, round(1.0 / speed * RATE), 4)
     correlation = np.array([(slow[:, lag:] * slow[:, :-lag]).mean() for lag in lags]) / (slow**2).mean()
-    way = speed * lags[np.argmax(correlation < 1 / np.e)] / RATE
-    assert 0.7 * 0.23 < way < 1.3 * 0.39
+    distance = speed * lags[np.argmax(correlation < 1 / np.e)] / RATE
+    assert 0.7 * 0.23 < distance < 1.3 * 0.39
 
 
 def test_at_rest_there_is_almost_no_white_noise() -> None:
@@ -97,18 +97,18 @@ def test_at_rest_there_is_almost_no_white_noise() -> None:
     assert 0.7 * 0.145 < np.sqrt((slow**2).mean()) < 1.3 * 0.145
 
 
-def test_above_twenty_hertz_there_is_little() -> None:
-    """In motion 0.015 mm and 0.004° of a worn headset's signal, which holds the wearer's own."""
+def test_errors_above_twenty_hertz_are_small() -> None:
+    """They are below those measured with a worn headset, 0.015 mm and 0.004°, which include the wearer's motion."""
     high = signal.butter(4, 20.0, "high", fs=RATE, output="sos")
     position, rotation = errors(moving_head(0.15, sessions=2, seconds=60.0))
-    # Along each axis; the wobble's tail and the white noise.
+    # Deviation along each axis, from the tail of the wobble and the white noise.
     assert np.sqrt((signal.sosfiltfilt(high, position, axis=1) ** 2).mean()) < 1.3 * 0.015
     assert np.sqrt((signal.sosfiltfilt(high, rotation, axis=1) ** 2).mean()) < 1.3 * 0.004
 
 
 @pytest.mark.parametrize("take", ["quest2_traj1", "quest_pro_traj2"])
-def test_measured_takes_band_by_band(motion_data: Path, take: str) -> None:
-    """On the truth of a take, the model's deviations in each band are those of the device, on average to 30 %."""
+def test_errors_match_measured_takes_in_each_band(motion_data: Path, take: str) -> None:
+    """On the true motion of a take, the model's deviations are those of the device, within 30 % on average."""
     if not (motion_data / "headset" / "headset_takes.npz").is_file():
         pytest.skip("no takes of headsets")
     with np.load(motion_data / "headset" / "headset_takes.npz") as takes:
@@ -140,7 +140,7 @@ def in_bands(error: np.ndarray) -> np.ndarray:
     return np.array([np.sqrt(power[(frequency >= a) & (frequency < b)].sum()) for a, b in BANDS])
 
 
-def test_controllers_err_more_and_cameras_most() -> None:
+def test_controllers_have_larger_errors_and_cameras_the_largest() -> None:
     seen = moving_head(0.3, sessions=3, seconds=60.0, points=("head", "left_wrist"))
     position, rotation = errors(seen)
     assert 2.0 < rms(position[:, :, 1]) / rms(position[:, :, 0]) < 3.0
@@ -153,7 +153,7 @@ def test_controllers_err_more_and_cameras_most() -> None:
     assert rms(position[:, :, 0]) < 1.5
 
 
-def test_what_has_a_rotation_only_is_an_imu() -> None:
+def test_points_with_rotation_only_are_imus() -> None:
     seen = moving_head(0.3, sessions=20, seconds=20.0, points=("head", "left_knee"))
     seen.has_position[..., 1] = False
     seen.position[..., 1, :] = np.nan
@@ -164,7 +164,7 @@ def test_what_has_a_rotation_only_is_an_imu() -> None:
     assert np.isnan(noisy.position[..., 1, :]).all()
 
 
-def test_masks_are_kept_and_accuracy_is_true(waving_clip: Clip) -> None:
+def test_masks_are_kept_and_accuracy_matches_the_error(waving_clip: Clip) -> None:
     seen = observe(waving_clip.pose, waving_clip.time, SENSOR_SETS["headset_camera"])
     for settings in (NoiseSettings(), NoiseSettings(cameras=True)):
         noisy = check_observation(disturb(seen, np.random.default_rng(3), settings))
@@ -178,7 +178,7 @@ def test_masks_are_kept_and_accuracy_is_true(waving_clip: Clip) -> None:
         np.testing.assert_allclose(noisy.accuracy.mean(axis=(0, 1)), np.hypot(error, 0.001), rtol=0.3)
 
 
-def test_a_session_has_a_scale_and_stamps_jitter() -> None:
+def test_sessions_have_a_scale_and_time_jitter() -> None:
     seen = moving_head(0.3, sessions=200, seconds=5.0)
     noisy = disturb(seen, np.random.default_rng(5), NoiseSettings(headset=0.0))
     height = noisy.position[:, :, 0, 1] / seen.position[:, :, 0, 1]
@@ -188,7 +188,7 @@ def test_a_session_has_a_scale_and_stamps_jitter() -> None:
     assert 0.7 * 0.0004 < np.std(noisy.time - seen.time) < 1.3 * 0.0004
 
 
-def test_the_generator_decides(waving_clip: Clip) -> None:
+def test_errors_depend_on_the_generator_only(waving_clip: Clip) -> None:
     seen = observe(waving_clip.pose, waving_clip.time, SENSOR_SETS["six_point"])
     once, again, other = (disturb(seen, np.random.default_rng(seed)) for seed in (1, 1, 2))
     np.testing.assert_array_equal(once.position, again.position)
@@ -197,7 +197,7 @@ def test_the_generator_decides(waving_clip: Clip) -> None:
     assert np.isfinite(alone.position).all() and len(alone) == 1
 
 
-def test_settings_that_cannot_be_are_refused() -> None:
+def test_bad_settings_are_refused() -> None:
     with pytest.raises(BodysenseError, match="trackers is -1; give 0 or more"):
         NoiseSettings(trackers=-1.0)
     with pytest.raises(BodysenseError, match="camera_time is 0 s; it must be positive"):

@@ -1,4 +1,4 @@
-"""The kernels: segments, capsules and boxes against dense sampling and plain loops."""
+"""Distances of segments, and intersections of segments with boxes."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ def test_segment_distance_of_parallel_and_empty_segments(dtype: type) -> None:
     assert distance([0, 0, 0], [0, 0, 0], [-1, 1, 0], [2, 0, 0]) == pytest.approx(1)  # a point and a segment
 
 
-def test_a_ray_along_the_side_of_a_box() -> None:
+def test_a_ray_parallel_to_the_sides_of_a_box() -> None:
     axes, half_size = np.eye(3)[:, :, None], np.array([[0.1], [0.2], [0.3]])
     target = np.array([[0.0], [0], [1]])
-    for x, met in ((0.0, True), (0.09, True), (0.11, False), (-0.11, False)):
-        assert segment_meets_box(target, np.array([[x], [0.0], [0.5]]), axes, half_size)[0] == met
+    for x, expected in ((0.0, True), (0.09, True), (0.11, False), (-0.11, False)):
+        assert segment_meets_box(target, np.array([[x], [0.0], [0.5]]), axes, half_size)[0] == expected
     here = np.zeros((3, 1))
     assert segment_meets_box(here, np.array([[0.05], [0.1], [0.2]]), axes, half_size)[0]
     assert not segment_meets_box(here, np.array([[0.05], [0.3], [0.2]]), axes, half_size)[0]

@@ -1,4 +1,4 @@
-"""Sensor sets: they show the truth of their points and nothing else, and the lattice's edges add one sensor."""
+"""Sensor sets: they observe their own points exactly, and no others."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ SKELETON = default_skeleton()
 
 
 @pytest.mark.parametrize("name", SENSOR_SETS)
-def test_a_set_shows_the_truth_of_its_points(waving_clip: Clip, name: str) -> None:
+def test_sets_observe_their_points_exactly(waving_clip: Clip, name: str) -> None:
     sensors, batch = SENSOR_SETS[name], (2,)
     pose = Pose(
         SKELETON,
@@ -38,7 +38,7 @@ def test_a_set_shows_the_truth_of_its_points(waving_clip: Clip, name: str) -> No
     assert np.isnan(seen.position[~seen.has_position]).all() and np.isnan(seen.rotation[~seen.has_rotation]).all()
 
 
-def test_the_named_sets_have_their_points() -> None:
+def test_named_sets_have_their_points() -> None:
     count = {"head": 1, "three_point": 3, "four_point": 4, "six_point": 6, "ten_point": 11}
     assert {name: len(SENSOR_SETS[name].position) for name in count} == count
     assert set(SENSOR_SETS["three_point_imu_feet"].rotation) - set(SENSOR_SETS["three_point"].rotation) == {
@@ -49,7 +49,7 @@ def test_the_named_sets_have_their_points() -> None:
     assert pelvis.position == feet.position and set(pelvis.rotation) - set(feet.rotation) == {"pelvis"}
 
 
-def test_what_cannot_be_is_refused(waving_clip: Clip) -> None:
+def test_bad_sets_are_refused(waving_clip: Clip) -> None:
     position, rotation = forward_kinematics(waving_clip.pose)
     with pytest.raises(BodysenseError, match="'left_toe' is an end site and has no rotation"):
         observe(waving_clip.pose, waving_clip.time, SensorSet((), ("left_toe",)))
@@ -59,8 +59,8 @@ def test_what_cannot_be_is_refused(waving_clip: Clip) -> None:
         observe_points(SKELETON, position, rotation, waving_clip.time, SENSOR_SETS["headset_camera"])
 
 
-def test_sensors_of_rotation_alone_feel_how_they_speed_up(waving_clip: Clip) -> None:
-    """Known only from what was before: cutting off what comes after changes nothing."""
+def test_sensors_with_rotation_only_measure_acceleration(waving_clip: Clip) -> None:
+    """Accelerations depend on earlier frames only: removing later ones does not change them."""
     pose, time = waving_clip.pose, waving_clip.time
     sensors = SensorSet(("head", "left_elbow"), ("head", "left_elbow", "right_elbow", "pelvis"))
     felt = observe(pose, time, sensors).acceleration

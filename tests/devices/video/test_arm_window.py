@@ -1,21 +1,21 @@
-"""Windows of key-points are calmed over time, over what was found."""
+"""Smoothing of windows of key-points over time, over found values only."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from bodysense.devices.video.arm_window import calmed
+from bodysense.devices.video.arm_window import smooth_window
 
 TIME = np.arange(32) / 30
-CALM = 0.03
+DEVIATION = 0.03
 
 
 def window(hand: np.ndarray, found: np.ndarray) -> dict[str, np.ndarray]:
-    """Key-points of arms that hang and a torso that faces the camera, hands at (32, 2)."""
+    """Return key-points of hanging arms, a torso that faces the camera, and hands at (32, 2)."""
     down = np.zeros((32, 2, 2, 3), np.float32)
     down[..., 1] = -1
     torso = np.zeros((32, 4), np.float32)
-    torso[:, 0] = np.where(np.arange(32) % 2, -1, 1)  # one turn, with either sign
+    torso[:, 0] = np.where(np.arange(32) % 2, -1, 1)  # the same rotation with alternating signs
     return {
         "arm": down,
         "has_arm": np.ones((32, 2), bool),
@@ -26,20 +26,20 @@ def window(hand: np.ndarray, found: np.ndarray) -> dict[str, np.ndarray]:
     }
 
 
-def test_what_moves_steadily_does_not_lag_and_what_trembles_is_calmed() -> None:
+def test_steady_motion_does_not_lag_and_noise_is_reduced() -> None:
     steady = np.stack([TIME, -2 * TIME], axis=-1)
-    hand = calmed(window(steady, np.ones(32, bool)), TIME, CALM)["hand"][:, 0, 0]
+    hand = smooth_window(window(steady, np.ones(32, bool)), TIME, DEVIATION)["hand"][:, 0, 0]
     np.testing.assert_allclose(hand[4:-4], steady[4:-4], atol=1e-5)
-    assert np.abs(hand - steady).max() < 2 * CALM  # at its ends a window knows one side alone
+    assert np.abs(hand - steady).max() < 2 * DEVIATION  # at its ends a window has neighbours on one side only
     noise = np.random.default_rng(0).normal(size=(32, 2))
-    calm = calmed(window(noise, np.ones(32, bool)), TIME, CALM)["hand"][:, 0, 0]
-    assert calm[4:-4].std() < 0.7 * noise.std()
+    smooth = smooth_window(window(noise, np.ones(32, bool)), TIME, DEVIATION)["hand"][:, 0, 0]
+    assert smooth[4:-4].std() < 0.7 * noise.std()
 
 
-def test_what_was_not_found_does_not_count_and_signs_do_not_matter() -> None:
+def test_missing_values_do_not_count_and_signs_do_not_matter() -> None:
     found = np.arange(32) % 3 != 0
     hand = np.where(found[:, None], 1.0, 1e6) * np.ones((32, 2))
-    smooth = calmed(window(hand, found), TIME, CALM)
+    smooth = smooth_window(window(hand, found), TIME, DEVIATION)
     np.testing.assert_allclose(smooth["hand"][found], 1.0, atol=1e-5)
     np.testing.assert_allclose(np.abs(smooth["torso"][:, 0]), 1.0, atol=1e-6)
     np.testing.assert_allclose(np.linalg.norm(smooth["arm"], axis=-1), 1.0, atol=1e-6)

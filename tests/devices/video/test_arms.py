@@ -1,4 +1,4 @@
-"""Arms and hands from key-points at run time: windows, look-ahead, streams."""
+"""Inference of arms and hands from key-points: windows, look-ahead, streams."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from bodysense_lab.pahmt.keypoint_noise import DetectorNoise, detect
 
 
 def filmed(clip: Clip, noise: bool = True) -> ArmKeypoints:
-    """A clip as a detector gives it; what it did not find is NaN."""
+    """Return key-points of a clip as a detector finds them; NaN if missing."""
     points = view_points(clip.pose)[None]
     seen = view(points, clip.time, sample_cameras(points[:, 0], np.random.default_rng(0), FRONT))
     seen = detect(seen, DetectorNoise(missed=0.2), np.random.default_rng(1)) if noise else seen
@@ -43,7 +43,9 @@ def streamed(estimator: Arms, keypoints: ArmKeypoints, sizes: list[int]) -> list
 
 
 @pytest.mark.parametrize(("settings", "rate"), [(ArmSettings(look_ahead=0.0), 24.0), (ArmSettings(0.4, 0.3), 55.0)])
-def test_a_stream_is_the_whole(untrained_arms: ArmModel, waving_clip: Clip, settings: ArmSettings, rate: float) -> None:
+def test_a_stream_equals_one_call(
+    untrained_arms: ArmModel, waving_clip: Clip, settings: ArmSettings, rate: float
+) -> None:
     estimator, keypoints = Arms(default_skeleton(), untrained_arms, settings), filmed(resample(waving_clip, rate))
     keypoints = keypoints[:60]
     whole = estimator.complete(keypoints)
@@ -56,23 +58,23 @@ def test_a_stream_is_the_whole(untrained_arms: ArmModel, waving_clip: Clip, sett
         np.testing.assert_array_equal(np.concatenate(pieces), getattr(whole.estimate, name))
 
 
-def test_answers_wait_as_long_as_they_are_said_to(untrained_arms: ArmModel, waving_clip: Clip) -> None:
+def test_frames_are_output_after_the_look_ahead(untrained_arms: ArmModel, waving_clip: Clip) -> None:
     keypoints = filmed(waving_clip)[:40]
     for look_ahead in (0.0, 0.25):
         estimator = Arms(default_skeleton(), untrained_arms, ArmSettings(look_ahead))
         state = estimator.start()
         for t in range(40):
             part, state = estimator.step(keypoints[t : t + 1], state)
-            answerable = keypoints.time + look_ahead
+            ready_times = keypoints.time + look_ahead
             before = keypoints.time[t - 1] if t else -1.0
-            due = keypoints.time[(answerable <= keypoints.time[t] + 1e-6) & (answerable > before + 1e-6)]
+            due = keypoints.time[(ready_times <= keypoints.time[t] + 1e-6) & (ready_times > before + 1e-6)]
             np.testing.assert_array_equal(part.time, due)
 
 
-def test_live_answers_are_the_networks(untrained_arms: ArmModel, waving_clip: Clip) -> None:
-    """At its rate and without look-ahead, a frame's answer is the last of the window that ends with it."""
+def test_live_frames_equal_the_networks_output(untrained_arms: ArmModel, waving_clip: Clip) -> None:
+    """At the network's rate and without look-ahead, a frame's output is the last of the window that ends with it."""
     keypoints = filmed(waving_clip, noise=False)[:50]
-    live = Arms(default_skeleton(), untrained_arms, ArmSettings(look_ahead=0.0, calm=1e-6)).complete(keypoints)
+    live = Arms(default_skeleton(), untrained_arms, ArmSettings(look_ahead=0.0, smoothing=1e-6)).complete(keypoints)
     for last in (31, 49):
         frames = keypoints[last - 31 : last + 1]
         window = {name: np.nan_to_num(getattr(frames, name))[None] for name in ("arm", "torso", "hand")}
@@ -81,8 +83,8 @@ def test_live_answers_are_the_networks(untrained_arms: ArmModel, waving_clip: Cl
         assert np.degrees(geodesic_angle(arm_rotations(live.estimate.pose)[last], wanted)).max() < 0.01
 
 
-class _TakingTurns:
-    """A network that says of every joint that it is turned to one side, with the next window to the other."""
+class _AlternatingNetwork:
+    """A network that turns all joints to one side, and with the next window to the other."""
 
     def __init__(self, card: Mapping[str, Any]) -> None:
         self.card, self.side = card, 1.0
@@ -93,11 +95,11 @@ class _TakingTurns:
         return {"rotation": turned}
 
 
-def test_windows_are_blended(untrained_arms: ArmModel, waving_clip: Clip) -> None:
-    """Of windows that contradict each other the answer lies between; at once, there is but one to ask."""
+def test_overlapping_windows_are_blended(untrained_arms: ArmModel, waving_clip: Clip) -> None:
+    """The output is between contradictory windows. Without look-ahead there is only one window for a frame."""
     keypoints, angles = filmed(waving_clip), []
     for look_ahead in (0.0, 0.4):
-        contradictory = ArmModel(_TakingTurns(untrained_arms.card))  # type: ignore[arg-type]
+        contradictory = ArmModel(_AlternatingNetwork(untrained_arms.card))  # type: ignore[arg-type]
         estimator = Arms(default_skeleton(), contradictory, ArmSettings(look_ahead, stride=0.03))
         pose = estimator.complete(keypoints).estimate.pose
         assert pose is not None
@@ -106,12 +108,14 @@ def test_windows_are_blended(untrained_arms: ArmModel, waving_clip: Clip) -> Non
     assert angles[1][:75].max() < 0.15
 
 
-def test_the_body_stands_turned_as_the_torso(untrained_arms: ArmModel, waving_clip: Clip) -> None:
+def test_the_standing_body_is_rotated_as_the_torso(untrained_arms: ArmModel, waving_clip: Clip) -> None:
     keypoints = filmed(waving_clip, noise=False)[:40]
     estimate = Arms(default_skeleton(), untrained_arms).complete(keypoints).estimate
     pose = estimate.pose
     assert pose is not None
-    assert np.degrees(geodesic_angle(body_torso(pose), keypoints.torso)).max() < 12  # collars shrug the shoulders
+    assert (
+        np.degrees(geodesic_angle(body_torso(pose), keypoints.torso)).max() < 12
+    )  # raised collars tilt the line of the shoulders
     np.testing.assert_allclose(estimate.position, forward_kinematics(pose)[0], atol=1e-12)
     names = default_skeleton().points
     assert (estimate.occluded[:, [names.index("left_elbow"), names.index("right_index_tip")]] == 0).all()
@@ -119,7 +123,7 @@ def test_the_body_stands_turned_as_the_torso(untrained_arms: ArmModel, waving_cl
     assert estimate.confidence[0, names.index("left_knee")] > estimate.confidence[0, names.index("left_wrist")] > 0
 
 
-def test_a_gap_starts_afresh_and_nothing_is_lost(untrained_arms: ArmModel, waving_clip: Clip) -> None:
+def test_a_gap_resets_the_state_and_keeps_all_frames(untrained_arms: ArmModel, waving_clip: Clip) -> None:
     keypoints = filmed(waving_clip)[:30]
     later = replace(keypoints, time=keypoints.time + 9.0)
     parts = {one.name: [getattr(each, one.name) for each in (keypoints, later)] for one in fields(ArmKeypoints)}
@@ -131,7 +135,7 @@ def test_a_gap_starts_afresh_and_nothing_is_lost(untrained_arms: ArmModel, wavin
     np.testing.assert_allclose(both.estimate.position[30:], alone.estimate.position, atol=1e-5)
 
 
-def test_nobody_at_all_is_a_body_too(untrained_arms: ArmModel) -> None:
+def test_a_video_without_people_yields_finite_bodies(untrained_arms: ArmModel) -> None:
     empty = np.zeros((3, 2), dtype=bool)
     nothing = ArmKeypoints(
         *(np.arange(3) / 30, np.full((3, 2, 2, 3), np.nan), empty, np.full((3, 4), np.nan), empty[:, 0]),
@@ -141,14 +145,14 @@ def test_nobody_at_all_is_a_body_too(untrained_arms: ArmModel) -> None:
     assert len(frames) == 3 and np.isfinite(frames.estimate.position).all() and (frames.estimate.occluded == 1).all()
 
 
-def test_one_frame_and_none(untrained_arms: ArmModel, waving_clip: Clip) -> None:
+def test_one_frame_and_no_frame(untrained_arms: ArmModel, waving_clip: Clip) -> None:
     estimator = Arms(default_skeleton(), untrained_arms)
     assert len(estimator.complete(filmed(waving_clip)[:1])) == 1
     rest = estimator.finish(estimator.start())
     assert len(rest) == 0 and rest.estimate.position.shape == (0, len(default_skeleton().points), 3)
 
 
-def test_time_increases(untrained_arms: ArmModel, waving_clip: Clip) -> None:
+def test_time_must_increase(untrained_arms: ArmModel, waving_clip: Clip) -> None:
     estimator, keypoints = Arms(default_skeleton(), untrained_arms), filmed(waving_clip)
     _, state = estimator.step(keypoints[5:6], estimator.start())
     with pytest.raises(
@@ -158,19 +162,19 @@ def test_time_increases(untrained_arms: ArmModel, waving_clip: Clip) -> None:
 
 
 @pytest.mark.parametrize(
-    ("settings", "said"),
+    ("settings", "message"),
     [
         ({"look_ahead": 0.7}, r"look-ahead 0\.7 s; give 0 to 0\.5"),
         ({"stride": 0.0}, "stride 0 s"),
         ({"longest_gap": 2.0}, "longest gap 2 s"),
     ],
 )
-def test_settings_that_cannot_be(settings: dict[str, float], said: str) -> None:
-    with pytest.raises(BodysenseError, match=said):
+def test_bad_settings_are_refused(settings: dict[str, float], message: str) -> None:
+    with pytest.raises(BodysenseError, match=message):
         ArmSettings(**settings)
 
 
-def test_the_packaged_file_is_a_network_of_arms_and_others_are_refused() -> None:
+def test_other_network_files_are_refused() -> None:
     card = load_arms().card
     assert tuple(card["joints"]) == ARM_JOINTS and (card["frames"], card["rate"]) == (32, 30)
     with (

@@ -1,4 +1,4 @@
-"""A camera's tilt and roll from how the person stands."""
+"""Tilt and roll of a camera from a standing person."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from bodysense.body.arms import SIDES
-from bodysense.devices.video.camera_level import CameraLevel, rolled, tilted, upright
+from bodysense.devices.video.camera_level import CameraLevel, remove_roll, roll_matrix, tilt_matrix
 from bodysense.devices.video.landmarks import BODY_LANDMARKS
 from bodysense.devices.video.person import PersonLandmarks
 
@@ -16,15 +16,15 @@ HEIGHT = {"shoulder": (0.18, 0.5), "hip": (0.1, 0.0), "knee": (0.1, -0.42), "ank
 
 
 def standing(tilt: float = 0.0, roll: float = 0.0, bend: float = 0.0, frames: int = 1) -> PersonLandmarks:
-    """Somebody who stands before a camera that is turned so, in degrees; their trunk is bent forward."""
+    """Return a standing person in front of a tilted and rolled camera, their trunk bent forward; all in degrees."""
     world = np.zeros((len(BODY_LANDMARKS), 3))
     for part, (aside, height) in HEIGHT.items():
         for sign, side in zip((1, -1), SIDES, strict=True):
             place = np.array([sign * aside, height, 0.0])
             if part == "shoulder":
-                place = tilted(np.radians(bend)).T @ place
+                place = tilt_matrix(np.radians(bend)).T @ place
             world[BODY_LANDMARKS.index(f"{side}_{part}")] = place
-    world = world @ tilted(np.radians(tilt)) @ rolled(np.radians(roll))  # camera ← room, of rows
+    world = world @ tilt_matrix(np.radians(tilt)) @ roll_matrix(np.radians(roll))  # camera ← room, of rows
     return PersonLandmarks(
         time=np.arange(frames) / 30,
         world=np.tile(world, (frames, 1, 1)),
@@ -37,7 +37,7 @@ def standing(tilt: float = 0.0, roll: float = 0.0, bend: float = 0.0, frames: in
     )
 
 
-def learned(person: PersonLandmarks) -> CameraLevel:
+def level_of(person: PersonLandmarks) -> CameraLevel:
     level = CameraLevel()
     for k in range(len(person)):
         level = level.step(person[k : k + 1])
@@ -45,22 +45,22 @@ def learned(person: PersonLandmarks) -> CameraLevel:
 
 
 @pytest.mark.parametrize(("tilt", "roll"), [(0, 0), (12, 0), (0, 20), (10, -30), (-8, 40)])
-def test_tilt_and_roll_are_those_of_the_camera(tilt: float, roll: float) -> None:
-    level = learned(standing(tilt, roll, frames=5))
+def test_tilt_and_roll_equal_those_of_the_camera(tilt: float, roll: float) -> None:
+    level = level_of(standing(tilt, roll, frames=5))
     assert np.degrees([level.tilt, level.roll]) == pytest.approx([tilt, roll], abs=1e-6)
     assert np.degrees(level.likely_roll) == pytest.approx(roll, abs=0.6)
 
 
 @pytest.mark.parametrize("roll", [-25.0, 15.0, 40.0])
-def test_upright_landmarks_are_those_of_an_upright_camera(roll: float) -> None:
+def test_upright_landmarks_equal_those_of_an_upright_camera(roll: float) -> None:
     person, level = standing(10.0, roll), standing(10.0)
-    turned = upright(person, np.radians(roll))
+    turned = remove_roll(person, np.radians(roll))
     for name in ("world", "picture", "hand", "hand_world"):
         np.testing.assert_allclose(getattr(turned, name), getattr(level, name), atol=1e-12)
 
 
-def test_people_sway_and_a_level_camera_is_hardly_rolled_by_it() -> None:
-    assert abs(np.degrees(learned(standing(roll=1.5)).likely_roll)) < 0.4
+def test_sway_hardly_rolls_a_level_camera() -> None:
+    assert abs(np.degrees(level_of(standing(roll=1.5)).likely_roll)) < 0.4
     level = CameraLevel()
     for k in range(300):
         one = standing(roll=3 * np.sin(k / 20))
@@ -68,16 +68,16 @@ def test_people_sway_and_a_level_camera_is_hardly_rolled_by_it() -> None:
     assert abs(np.degrees(level.likely_roll)) < 0.3
 
 
-@pytest.mark.parametrize("who", ["bent", "lying", "without feet", "nobody"])
-def test_who_does_not_stand_tells_nothing(who: str) -> None:
-    person = standing(roll=80.0 if who == "lying" else 20.0, bend=40.0 if who == "bent" else 0.0)
-    if who == "without feet":
+@pytest.mark.parametrize("posture", ["bent", "lying", "without feet", "missing"])
+def test_only_standing_people_count(posture: str) -> None:
+    person = standing(roll=80.0 if posture == "lying" else 20.0, bend=40.0 if posture == "bent" else 0.0)
+    if posture == "without feet":
         person.visible[:, BODY_LANDMARKS.index("left_ankle")] = 0.1
-    if who == "nobody":
+    if posture == "missing":
         person = replace(person, has_body=np.zeros(1, dtype=bool), world=np.full_like(person.world, np.nan))
-    assert learned(person) == CameraLevel()
+    assert level_of(person) == CameraLevel()
 
 
-def test_a_mean_follows_no_longer_than_ten_seconds() -> None:
+def test_angles_are_averaged_over_ten_seconds() -> None:
     person = standing(roll=20.0, frames=900)
-    assert learned(person).stood == pytest.approx(10.0)
+    assert level_of(person).stood == pytest.approx(10.0)

@@ -1,4 +1,4 @@
-"""Video as a device: landmarks in, points of a body in the room out, as late as is said."""
+"""Video device: landmarks in, points of a body in the room out, after the look-ahead."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from bodysense.body.person import Person
 from bodysense.body.pose import forward_kinematics, standing_pose
 from bodysense.body.rotation import geodesic_angle
 from bodysense.completion.model import CompletionModel
-from bodysense.devices.video.camera_level import upright
+from bodysense.devices.video.camera_level import remove_roll
 from bodysense.devices.video.device import POINTS, VideoDevice, VideoSettings
-from bodysense.devices.video.landmark_smoothing import smoothed
+from bodysense.devices.video.landmark_smoothing import smooth_frame
 from bodysense.devices.video.landmarks import BODY_LANDMARKS, Bodies, HandLandmarks, Landmarker
 from bodysense.devices.video.person import PersonState, arm_keypoints, follow
 from bodysense.devices.video.pictures import Picture, VideoBrokenError
-from bodysense.devices.video.watching import Watched, watch
+from bodysense.devices.video.watching import WatchedFrames, watch
 from bodysense.errors import BodysenseError
 from bodysense.observation import LANDMARK_ACCURACY
 from bodysense.tracker import Tracker, TrackerSettings
@@ -33,7 +33,7 @@ RATE = 30.0
 
 
 @pytest.mark.parametrize("known", [True, False], ids=["tilt given", "tilt seen"])
-def test_points_are_where_they_are(make_device: Any, known: bool) -> None:
+def test_points_are_at_their_true_positions(make_device: Any, known: bool) -> None:
     device = make_device(0.25, tilt=12.0 if known else None)
     pose = walking()
     person = seen_by(pose, device.focal)
@@ -45,37 +45,37 @@ def test_points_are_where_they_are(make_device: Any, known: bool) -> None:
         *(f"{side}_{part}" for side in SIDES for part in ("shoulder", "knee", "ankle", "foot", "toe")),
     }
     at = seen.has_position[0]
-    moved = seen.position[:, at] - seen.position[:1, at].mean(axis=1, keepdims=True)
+    relative = seen.position[:, at] - seen.position[:1, at].mean(axis=1, keepdims=True)
     wanted = true[:, at] - true[:1, at].mean(axis=1, keepdims=True)
     # The depth's smoothing lags behind a steady walk.
-    assert np.abs(moved - wanted)[..., 0].mean() < 0.05 and np.abs(moved - wanted)[..., 2].mean() < 0.15
+    assert np.abs(relative - wanted)[..., 0].mean() < 0.05 and np.abs(relative - wanted)[..., 2].mean() < 0.15
     np.testing.assert_allclose(seen.position[:, at, 1], true[:, at, 1], atol=0.06)
     soles = [k for k, name in enumerate(POINTS) if "ankle" in name or "toe" in name]
     np.testing.assert_allclose(seen.position[:, soles, 1], true[:, soles, 1], atol=0.03)
     head = POINTS.index("head")
     truth = np.asarray(forward_kinematics(pose)[1])[:, SKELETON.index("head")]
     assert np.degrees(geodesic_angle(seen.rotation[:, head], truth)).max() < 6  # a face's lines are not quite level
-    # Seen from the camera that is given, it covers itself in the picture.
+    # The output camera projects points onto their landmarks.
     place, axes = (np.concatenate([getattr(part.camera, name) for part in parts]) for name in ("position", "axes"))
     local = np.einsum("tpi,tij->tpj", seen.position - place[:, None], axes)
     for side in SIDES:
         for part in ("shoulder", "knee", "ankle"):
             where = local[:, POINTS.index(f"{side}_{part}")]
-            shown = device.focal * where[:, :2] / -where[:, 2:]
-            assert np.abs(shown - person.picture[:, BODY_LANDMARKS.index(f"{side}_{part}")]).mean() < 0.02
+            projected = device.focal * where[:, :2] / -where[:, 2:]
+            assert np.abs(projected - person.picture[:, BODY_LANDMARKS.index(f"{side}_{part}")]).mean() < 0.02
 
 
 @pytest.mark.parametrize(("look_ahead", "roll"), [(0.0, 0.0), (0.2, 15.0)])
-def test_one_call_is_as_many(make_device: Any, look_ahead: float, roll: float) -> None:
+def test_one_call_equals_many(make_device: Any, look_ahead: float, roll: float) -> None:
     device = make_device(look_ahead)
-    person = upright(seen_by(walking(20), device.focal, noise=0.01), np.radians(roll))
+    person = remove_roll(seen_by(walking(20), device.focal, noise=0.01), np.radians(roll))
     one, many = together(observed(device, person, 20)), together(observed(device, person, 1))
     for name in FIELDS:
         np.testing.assert_allclose(getattr(one, name), getattr(many, name), atol=1e-9)
     np.testing.assert_array_equal(one.time, person.time)
 
 
-def test_frames_come_as_late_as_is_said(make_device: Any) -> None:
+def test_frames_are_output_after_the_look_ahead(make_device: Any) -> None:
     device = make_device(0.1)
     state, person = device.start(), seen_by(walking(10), device.focal)
     for k in range(len(person)):
@@ -87,8 +87,8 @@ def test_frames_come_as_late_as_is_said(make_device: Any) -> None:
     assert len(frames) == 4 and not len(live.finish(state))
 
 
-def test_the_tracker_s_arms_are_those_observed(make_device: Any, completion: CompletionModel) -> None:
-    """Fingers are as the network says; arms that are nearly straight are bent by some degrees inside the tracker."""
+def test_the_tracker_keeps_observed_arms(make_device: Any, completion: CompletionModel) -> None:
+    """Fingers equal the network's; the tracker bends nearly straight arms by some degrees."""
     device = make_device()
     person = seen_by(walking(12), device.focal)
     person.has_hand[...] = True
@@ -101,14 +101,14 @@ def test_the_tracker_s_arms_are_those_observed(make_device: Any, completion: Com
     wanted, _ = device.arms.step(arm_keypoints(person), device.arms.start())
     assert wanted.estimate.pose is not None
     fingers = SKELETON.indices([name for name in ARM_JOINTS if name[-1].isdigit()])
-    said = wanted.estimate.pose.rotation[:, fingers]
-    assert np.degrees(geodesic_angle(estimate.pose.rotation[:, fingers], said)).max() < 0.5
+    predicted = wanted.estimate.pose.rotation[:, fingers]
+    assert np.degrees(geodesic_angle(estimate.pose.rotation[:, fingers], predicted)).max() < 0.5
     arms = [name for name in ARM_JOINTS if not name[-1].isdigit()]
-    shown = np.asarray(forward_kinematics(estimate.pose)[1])[:, SKELETON.indices(arms)]
-    assert np.degrees(geodesic_angle(shown, seen.rotation[:, [POINTS.index(name) for name in arms]])).max() < 8.0
+    projected = np.asarray(forward_kinematics(estimate.pose)[1])[:, SKELETON.indices(arms)]
+    assert np.degrees(geodesic_angle(projected, seen.rotation[:, [POINTS.index(name) for name in arms]])).max() < 8.0
 
 
-def test_a_body_that_is_lost_is_not_observed(make_device: Any) -> None:
+def test_a_lost_body_is_not_observed(make_device: Any) -> None:
     device = make_device()
     person = seen_by(walking(30), device.focal)
     person.has_body[10:22] = False
@@ -116,12 +116,12 @@ def test_a_body_that_is_lost_is_not_observed(make_device: Any) -> None:
     seen = together(observed(device, person, 1))
     any_of = np.any(seen.has_position | seen.has_rotation, axis=1)
     assert any_of[:10].all() and any_of[22:].all()
-    assert not any_of[10 + 6 : 22].any()  # the smoothing's reach after the last frame that was seen
+    assert not any_of[10 + 6 : 22].any()  # frames within the smoothing's reach are still observed
     person.has_body[...] = False
     assert not together(observed(device, person, 1)).has_position.any()
 
 
-def test_what_is_not_seen_is_not_observed_and_what_is_hardly_seen_less_accurate(make_device: Any) -> None:
+def test_unseen_points_are_not_observed_and_uncertain_ones_are_less_accurate(make_device: Any) -> None:
     device = make_device()
     person = seen_by(walking(2), device.focal)
     for name, visible in (("left_knee", 0.1), ("right_ankle", 0.6), ("right_wrist", 0.2)):
@@ -147,31 +147,31 @@ def test_what_is_not_seen_is_not_observed_and_what_is_hardly_seen_less_accurate(
     assert unsure.accuracy[0, POINTS.index("head")] > 2 * LANDMARK_ACCURACY
 
 
-def test_smoothing_keeps_what_is_straight_and_calms_what_trembles() -> None:
+def test_smoothing_keeps_lines_and_reduces_noise() -> None:
     person = seen_by(walking(31), 1.0)
     slope = np.linspace(0, 1, 31)[:, None, None]
     straight = replace(person, world=np.broadcast_to(slope, person.world.shape).copy())
-    np.testing.assert_allclose(smoothed(straight, 15, 0.05, 0.2).world, 0.5, atol=1e-12)
+    np.testing.assert_allclose(smooth_frame(straight, 15, 0.05, 0.2).world, 0.5, atol=1e-12)
     noise = np.random.default_rng(0).normal(size=person.world.shape)
-    calm = np.stack([smoothed(replace(person, world=noise), k, 0.05, 0.0).world[0] for k in range(8, 23)])
-    assert calm.std() < 0.6 * noise.std()
+    smooth = np.stack([smooth_frame(replace(person, world=noise), k, 0.05, 0.0).world[0] for k in range(8, 23)])
+    assert smooth.std() < 0.6 * noise.std()
 
 
 @pytest.mark.parametrize(("name", "value"), [("look_ahead", -0.1), ("look_ahead", 2.0), ("field_of_view", 0.0)])
-def test_settings_that_cannot_be(name: str, value: float) -> None:
+def test_bad_settings_are_refused(name: str, value: float) -> None:
     with pytest.raises(BodysenseError, match=name.replace("_", "-")):
         VideoSettings(**{name: value})
 
 
 class Standing:
-    """A landmarker that finds the same person in every picture, and their hands where it is told to."""
+    """A landmarker that finds the same person in every picture, and their hands if `has_hands(time)`."""
 
     def __init__(self, has_hands: Any = lambda time: True) -> None:
         pose = standing_pose(SKELETON)
         points = pose.root_position + SKELETON.path @ SKELETON.rest_offset
         names = [name if name in SKELETON.points else "head" for name in BODY_LANDMARKS]
         world = points[SKELETON.indices(names)] - pose.root_position
-        # A T-pose would lie in one plane; a face has a depth.
+        # A face has a depth, in contrast to the rest of a T-pose.
         world[BODY_LANDMARKS.index("nose"), 2] += 0.1
         for sign, side in zip((1, -1), SIDES, strict=True):
             world[BODY_LANDMARKS.index(f"{side}_ear"), 0] += 0.07 * sign
@@ -194,13 +194,13 @@ def pictures(count: int) -> Iterator[Picture]:
         yield Picture(k / RATE, np.zeros((8, 12, 3), np.uint8))
 
 
-def watched(source: Iterator[Picture], landmarker: Standing, device: VideoDevice) -> Iterator[Watched]:
+def watched(source: Iterator[Picture], landmarker: Standing, device: VideoDevice) -> Iterator[WatchedFrames]:
     return watch(source, cast(Landmarker, landmarker), lambda aspect: replace(device, aspect=aspect))
 
 
 @pytest.mark.parametrize("ahead", [0.0, 0.1])
-def test_every_picture_is_given_once_as_late_as_is_said(make_device: Any, ahead: float) -> None:
-    newest, given = -1.0, []
+def test_every_picture_is_output_once_after_the_look_ahead(make_device: Any, ahead: float) -> None:
+    newest, times = -1.0, []
 
     def seen() -> Iterator[Picture]:
         nonlocal newest
@@ -212,23 +212,23 @@ def test_every_picture_is_given_once_as_late_as_is_said(make_device: Any, ahead:
         assert done.frames.time.tolist() == [picture.time for picture in done.pictures]
         if newest < 19 / RATE:
             assert all(time == pytest.approx(newest - ahead) for time in done.frames.time)
-        given += done.frames.time.tolist()
-    np.testing.assert_allclose(given, np.arange(20) / RATE)
+        times += done.frames.time.tolist()
+    np.testing.assert_allclose(times, np.arange(20) / RATE)
 
 
-def test_where_a_video_breaks_what_waited_comes_first(make_device: Any) -> None:
+def test_waiting_frames_precede_the_error_of_a_broken_video(make_device: Any) -> None:
     def broken() -> Iterator[Picture]:
         yield from pictures(9)
         raise VideoBrokenError("it breaks off")
 
-    given = []
+    times = []
     with pytest.raises(VideoBrokenError, match="it breaks off"):
         for done in watched(broken(), Standing(), make_device(0.1)):
-            given += done.frames.time.tolist()
-    assert len(given) == 9
+            times += done.frames.time.tolist()
+    assert len(times) == 9
 
 
-def test_a_hand_that_leaves_for_three_seconds_comes_back(make_device: Any) -> None:
+def test_a_hand_that_was_away_for_three_seconds_is_observed_again(make_device: Any) -> None:
     away = Standing(lambda time: not 1.0 <= time < 4.0)
     parts = list(watched(pictures(135), away, make_device(0.1)))
     seen = together([done.frames for done in parts])
@@ -239,7 +239,7 @@ def test_a_hand_that_leaves_for_three_seconds_comes_back(make_device: Any) -> No
 
 
 def test_memory_does_not_grow_with_the_video(make_device: Any) -> None:
-    """Pictures are let go, and what is remembered is as large after three seconds as after two."""
+    """Pictures are released, and the state is as large after three seconds as after two."""
     alive, most = weakref.WeakSet[Picture](), 0
 
     def counted() -> Iterator[Picture]:
@@ -249,7 +249,7 @@ def test_memory_does_not_grow_with_the_video(make_device: Any) -> None:
 
     for _ in watched(counted(), Standing(), make_device(0.1)):
         most = max(most, len(alive))
-    assert most <= 6  # three that wait, those just given, and the next
+    assert most <= 6  # three that wait, those just output, and the next
 
     device = make_device(0.1)
     landmarker, state, person_state, sizes = Standing(), device.start(), PersonState(), []

@@ -1,3 +1,5 @@
+"""Model files of MediaPipe: fetched once, checked, or in a given folder."""
+
 from __future__ import annotations
 
 import hashlib
@@ -17,7 +19,7 @@ from bodysense.errors import BodysenseError
 
 @pytest.fixture
 def site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder that stands for Google's, and an empty cache."""
+    """A folder in place of Google's site, and an empty cache."""
     folder, official = tmp_path / "site", {}
     folder.mkdir()
     for name in (POSE_LANDMARKER, HAND_LANDMARKER):
@@ -36,20 +38,20 @@ def test_files_are_fetched_once(site: Path) -> None:
     assert find_landmarkers() == files
 
 
-def test_a_file_that_changed_is_not_kept(site: Path) -> None:
+def test_a_file_with_another_checksum_is_not_kept(site: Path) -> None:
     (site / HAND_LANDMARKER).write_bytes(b"another")
     with pytest.raises(BodysenseError, match="came with the checksum"):
         find_landmarkers()
     assert [path.name for path in landmarker_folder().iterdir()] == [POSE_LANDMARKER]
 
 
-def test_without_a_network_the_fix_is_named(site: Path) -> None:
+def test_the_error_without_a_network_names_the_fix(site: Path) -> None:
     (site / POSE_LANDMARKER).unlink()
     with pytest.raises(BodysenseError, match=r"cannot be fetched .*--landmarkers"):
         find_landmarkers()
 
 
-def test_a_folder_of_the_users_own(tmp_path: Path) -> None:
+def test_files_of_a_given_folder(tmp_path: Path) -> None:
     (tmp_path / POSE_LANDMARKER).write_bytes(b"")
     with pytest.raises(BodysenseError, match=rf"there is no {HAND_LANDMARKER}"):
         find_landmarkers(tmp_path)

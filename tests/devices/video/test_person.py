@@ -1,3 +1,5 @@
+"""Tracking of one person among the people in a video."""
+
 from __future__ import annotations
 
 import numpy as np
@@ -21,7 +23,7 @@ RED, GREEN, GREY = (200, 40, 40), (40, 160, 60), (128, 128, 128)
 
 
 def places(x: float, size: float = 0.3) -> np.ndarray:
-    """(33, 2) somebody who stands at x, arms out, their left toward +x; `size` is their trunk's length."""
+    """Return landmarks (33, 2) of a person at x, arms out, their left toward +x; `size` is the trunk's length."""
     at = np.tile([x, 0.1], (len(BODY_LANDMARKS), 1))
     for sign, side in zip((1, -1), SIDES, strict=True):
         parts = {"shoulder": (0.3, 0.5), "elbow": (0.7, 0.5), "wrist": (1.1, 0.5), "hip": (0.2, -0.5)}
@@ -36,7 +38,7 @@ def bodies(*people: np.ndarray) -> Bodies:
 
 
 def hands(*found: tuple[np.ndarray, float]) -> HandLandmarks:
-    """Hands at wrists (2,), each left with a probability."""
+    """Return hands from pairs of a wrist's position (2,) and the probability of a left hand."""
     shape = np.random.default_rng(1).uniform(-0.04, 0.04, (21, 2))
     shape[0] = 0
     picture = np.array([wrist + shape for wrist, _ in found]).reshape(-1, 21, 2)
@@ -44,7 +46,7 @@ def hands(*found: tuple[np.ndarray, float]) -> HandLandmarks:
 
 
 def picture(time: float, *people: tuple[np.ndarray, tuple[int, int, int]]) -> Picture:
-    """People in coloured clothes; who comes last is in front."""
+    """Return a picture of people in coloured clothes; the last one is in front."""
     pixels = np.full((HIGH, WIDE, 3), GREY, np.uint8)
     for at, color in people:
         trunk = at[[MARK[f"{side}_{part}"] for side in SIDES for part in ("shoulder", "hip")]]
@@ -58,11 +60,11 @@ def wrist(at: np.ndarray, side: str) -> np.ndarray:
 
 
 def chosen(row: PersonLandmarks) -> float:
-    """Where the person's trunk is, across."""
+    """Return the horizontal position of the person's trunk."""
     return float(row.picture[0, [MARK["left_hip"], MARK["right_hip"]], 0].mean())
 
 
-def test_the_largest_is_chosen_and_kept_while_another_one_becomes_larger() -> None:
+def test_the_largest_person_is_chosen_and_kept() -> None:
     state = PersonState()
     for k in range(20):
         near, far = places(-0.4, 0.3), places(0.4, 0.2 + 0.01 * k)
@@ -75,11 +77,11 @@ def test_the_largest_is_chosen_and_kept_while_another_one_becomes_larger() -> No
     [(RED, RED, False), (RED, RED, True), (RED, GREEN, True)],
     ids=["seen", "hidden", "clothes"],
 )
-def test_one_is_kept_when_two_cross(mine: tuple[int, int, int], other: tuple[int, int, int], hidden: bool) -> None:
+def test_a_person_is_kept_when_two_cross(mine: tuple[int, int, int], other: tuple[int, int, int], hidden: bool) -> None:
     rng, state, row = np.random.default_rng(0), PersonState(), None
     for k in range(61):
         x = -0.6 + 0.02 * k
-        # The other one crosses in front.
+        # The other person crosses in front.
         a, b = (places(at, size) + rng.normal(0, 0.003, 2) for at, size in ((x, 0.3), (-x, 0.29)))
         people = [b] if hidden and abs(x) < 0.08 else [b, a] if k % 2 else [a, b]
         row, state = follow(picture(k / 30, (a, mine), (b, other)), bodies(*people), hands(), state)
@@ -88,7 +90,7 @@ def test_one_is_kept_when_two_cross(mine: tuple[int, int, int], other: tuple[int
     assert row is not None and row.has_body[0]
 
 
-def test_somebody_else_is_taken_only_after_patience() -> None:
+def test_another_person_is_chosen_after_three_seconds() -> None:
     _, state = follow(picture(0.0, (places(-0.5), RED)), bodies(places(-0.5)), hands(), PersonState())
     found = []
     for time in (0.1, 1.0, 2.9, 3.2):
@@ -98,8 +100,8 @@ def test_somebody_else_is_taken_only_after_patience() -> None:
 
 
 @pytest.mark.parametrize(("away", "shift"), [(0.2, 0.0), (0.4, 0.35), (1.0, 0.35)])
-def test_who_jumps_out_of_sight_is_followed_again_at_once(away: float, shift: float) -> None:
-    """A trunk's length is 0.5 m of somebody who leaves the ground with 3 m/s."""
+def test_a_person_who_jumps_out_of_view_is_found_at_once(away: float, shift: float) -> None:
+    """The person leaves the ground at 3 m/s; their trunk is 0.5 m long."""
     state, row = PersonState(), None
     for k in range(12):
         at = places(0.0) + np.array([0.0, max(k - 8, 0) / 30 * 3.0 * 0.6])
@@ -128,30 +130,30 @@ def test_people_are_numbered_from_left_to_right_and_keep_their_numbers() -> None
     assert numbered(state, 0.4) == {1: -0.5, 2: 0.3, 3: -0.1}
 
 
-def test_the_person_of_a_number_is_followed() -> None:
-    for number, where in ((1, -0.5), (2, 0.3), (3, 0.0)):
+def test_the_person_with_the_given_number_is_followed() -> None:
+    for number, x_of_number in ((1, -0.5), (2, 0.3), (3, 0.0)):
         state, settings, found = PersonState(), PersonSettings(number=number), []
         left, right, late = places(-0.5, 0.2), places(0.3, 0.3), places(0.0, 0.1)
         for k in range(20):
-            shown = [left, right] if k < 10 else [late, left, right]
-            row, state = follow(picture(k / 30, (left, RED), (right, GREEN)), bodies(*shown), hands(), state, settings)
+            drawn = [left, right] if k < 10 else [late, left, right]
+            row, state = follow(picture(k / 30, (left, RED), (right, GREEN)), bodies(*drawn), hands(), state, settings)
             found.append(row.has_body[0])
-            assert not row.has_body[0] or chosen(row) == pytest.approx(where)
+            assert not row.has_body[0] or chosen(row) == pytest.approx(x_of_number)
         assert all(found[10:]) and all(found) == (number < 3)
 
 
-def test_a_number_is_waited_for_and_nobody_else_is_taken() -> None:
+def test_a_numbered_person_is_waited_for() -> None:
     state, settings, found = PersonState(), PersonSettings(number=2), []
     left, right = places(-0.5), places(0.5)
     for time in np.arange(0, 9, 0.1):
-        shown = [left] if 1 < time < 7 else [left, right]
+        drawn = [left] if 1 < time < 7 else [left, right]
         clothes = [(left, RED)] if 1 < time < 7 else [(left, RED), (right, GREEN)]
-        row, state = follow(picture(time, *clothes), bodies(*shown), hands(), state, settings)
+        row, state = follow(picture(time, *clothes), bodies(*drawn), hands(), state, settings)
         found.append((time, bool(row.has_body[0])))
     assert all(seen == (time <= 1.05 or time >= 6.95) for time, seen in found)
 
 
-def test_nobody_is_found_in_an_empty_picture() -> None:
+def test_no_person_is_found_in_an_empty_picture() -> None:
     row, state = follow(picture(0.0), bodies(), hands(), PersonState())
     assert not row.has_body.any() and not row.has_hand.any() and np.isnan(row.world).all()
     assert state.person is None
@@ -161,21 +163,21 @@ def test_nobody_is_found_in_an_empty_picture() -> None:
 
 def matched(*found: tuple[np.ndarray, float], others: tuple[np.ndarray, ...] = ()) -> PersonLandmarks:
     at = places(0.0)
-    shown = picture(0.0, *((other, GREEN) for other in others), (at, RED))
-    return follow(shown, bodies(at, *others), hands(*found), PersonState())[0]
+    drawn = picture(0.0, *((other, GREEN) for other in others), (at, RED))
+    return follow(drawn, bodies(at, *others), hands(*found), PersonState())[0]
 
 
-def test_hands_go_to_the_arms_they_hang_on() -> None:
+def test_hands_are_assigned_to_their_arms() -> None:
     at = places(0.0)
     left, right = wrist(at, "left") + 0.01, wrist(at, "right") - 0.01
-    # Whatever their order, and even where the detector takes one for the other side's.
+    # This holds in any order, and if the detector confuses the side of one hand.
     for found in ([(left, 0.9), (right, 0.1)], [(right, 0.1), (left, 0.9)], [(left, 0.2), (right, 0.1)]):
         row = matched(*found)
         np.testing.assert_allclose(row.hand[0, :, 0], [left, right])
         assert row.has_hand.all()
 
 
-def test_hands_that_meet_are_told_apart_by_their_side() -> None:
+def test_hands_that_meet_are_distinguished_by_their_side() -> None:
     at = places(0.0)
     at[[MARK["left_wrist"], MARK["right_wrist"]]] = [[0.02, 0.1], [-0.02, 0.1]]
     found = hands((np.array([-0.01, 0.1]), 0.95), (np.array([0.02, 0.16]), 0.05))
@@ -183,7 +185,7 @@ def test_hands_that_meet_are_told_apart_by_their_side() -> None:
     np.testing.assert_allclose(row.hand[0, :, 0], [[-0.01, 0.1], [0.02, 0.16]])
 
 
-def test_one_hand_that_was_found_twice_is_one() -> None:
+def test_a_hand_found_twice_is_used_once() -> None:
     at = places(0.0)
     at[[MARK["left_wrist"], MARK["right_wrist"]]] = [[0.02, 0.1], [-0.02, 0.1]]
     found = hands((np.array([0.02, 0.1]), 0.9), (np.array([0.021, 0.1]), 0.9))
@@ -191,16 +193,16 @@ def test_one_hand_that_was_found_twice_is_one() -> None:
     assert row.has_hand.tolist() == [[True, False]]
 
 
-def test_a_hand_that_is_far_off_or_another_persons_is_not_taken() -> None:
+def test_distant_hands_and_those_of_others_are_ignored() -> None:
     assert not matched((np.array([0.0, -0.4]), 0.9)).has_hand.any()
-    other = places(0.65)  # their right wrist is beside the person's left one
+    other = places(0.65)  # their right wrist is next to the person's left one
     theirs = wrist(other, "right")
     assert np.linalg.norm(theirs - wrist(places(0.0), "left")) < 0.1
     row = matched((theirs, 0.05), others=(other,))
     assert not row.has_hand.any()
 
 
-def test_key_points_are_of_the_landmarks() -> None:
+def test_key_points_follow_from_landmarks() -> None:
     rows = joined_landmarks([matched((wrist(places(0.0), "right"), 0.1)), matched()])
     keypoints = arm_keypoints(rows)
     assert keypoints.has_hand.tolist() == [[False, True], [False, False]]

@@ -1,3 +1,5 @@
+"""Pictures from video files, folders of images and webcams."""
+
 from __future__ import annotations
 
 from fractions import Fraction
@@ -14,7 +16,7 @@ RED, GREEN, BLUE = (220, 30, 30), (30, 200, 30), (30, 30, 220)
 
 
 def corners(high: int = 96, wide: int = 160) -> np.ndarray:
-    """A picture with a red upper left corner and a green upper right one, on blue."""
+    """Return a blue picture with a red upper left corner and a green upper right one."""
     picture = np.empty((high, wide, 3), np.uint8)
     picture[...] = BLUE
     picture[: high // 2, : wide // 2], picture[: high // 2, wide // 2 :] = RED, GREEN
@@ -24,7 +26,7 @@ def corners(high: int = 96, wide: int = 160) -> np.ndarray:
 def write(
     path: Path, times: list[float], picture: np.ndarray, rotation: int = 0, shape: int = 1, step: int = 0
 ) -> Path:
-    """A video; its picture moves by `step` pixels from time to time."""
+    """Write a video of one picture, which moves by `step` pixels per frame."""
     with av.open(str(path), "w") as container:
         stream = container.add_stream("mpeg4", rate=30)
         stream.height, stream.width, stream.pix_fmt = *picture.shape[:2], "yuv420p"
@@ -51,14 +53,14 @@ def is_like(pixels: np.ndarray, color: tuple[int, int, int]) -> bool:
 
 
 @pytest.mark.parametrize("times", [[0.0, 0.04, 0.08, 0.12], [0.5, 0.533, 0.7, 0.75, 1.4], [0.0]])
-def test_times_are_the_containers(tmp_path: Path, times: list[float]) -> None:
+def test_times_are_those_of_the_container(tmp_path: Path, times: list[float]) -> None:
     pictures = read(write(tmp_path / "a.mp4", times, corners()))
     np.testing.assert_allclose([picture.time for picture in pictures], np.array(times) - times[0], atol=2e-3)
     assert all(picture.pixels.shape == (96, 160, 3) for picture in pictures)
 
 
-def test_a_clocks_rate_is_not_taken_for_the_pictures(tmp_path: Path) -> None:
-    """What a browser records says a thousand pictures a second, and not how long it is."""
+def test_the_rate_of_a_browsers_clock_is_ignored(tmp_path: Path) -> None:
+    """A browser's recording states a rate of 1000 Hz and no length."""
     path = tmp_path / "a.webm"
     with av.open(str(path), "w", options={"live": "1"}) as container:
         stream = container.add_stream("libvpx", rate=1000)
@@ -75,14 +77,14 @@ def test_a_clocks_rate_is_not_taken_for_the_pictures(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("rotation", [90, 180])
 def test_pictures_are_upright(tmp_path: Path, rotation: int) -> None:
-    """A camera that was turned stores turned pictures, and by how much they are to be turned back, anticlockwise."""
+    """A rotated camera stores rotated pictures and the angle, anticlockwise, that makes them upright."""
     stored = np.ascontiguousarray(np.rot90(corners(), -rotation // 90))
     (picture,) = read(write(tmp_path / "a.mp4", [0.0], stored, rotation))
     assert picture.pixels.shape == (96, 160, 3)
     assert is_like(picture.pixels[4:40, 4:70], RED) and is_like(picture.pixels[4:40, 90:156], GREEN)
 
 
-def test_pixels_become_square_and_pictures_not_too_large(tmp_path: Path) -> None:
+def test_pixels_become_square_and_large_pictures_are_scaled_down(tmp_path: Path) -> None:
     (wide,) = read(write(tmp_path / "wide.mkv", [0.0], corners(), shape=2))
     assert wide.pixels.shape == (96, 320, 3)
     (large,) = read(write(tmp_path / "large.mp4", [0.0], corners(1000, 2000)))
@@ -90,7 +92,7 @@ def test_pixels_become_square_and_pictures_not_too_large(tmp_path: Path) -> None
 
 
 def read_damaged(path: Path) -> tuple[list[float], str]:
-    """Times of what can be read, and what is said then."""
+    """Return the times of readable pictures, and the message of the error after them."""
     times = []
     with open_video(str(path)) as video, pytest.raises(VideoBrokenError) as error:
         for picture in video.pictures:
@@ -98,39 +100,39 @@ def read_damaged(path: Path) -> tuple[list[float], str]:
     return times, str(error.value)
 
 
-def test_a_video_that_breaks_off_gives_what_there_is(tmp_path: Path) -> None:
+def test_pictures_of_a_cut_off_video_are_read(tmp_path: Path) -> None:
     content = write(tmp_path / "whole.mkv", [k / 30 for k in range(60)], corners()).read_bytes()
     (tmp_path / "cut.mkv").write_bytes(content[: len(content) // 2])
-    times, said = read_damaged(tmp_path / "cut.mkv")
+    times, message = read_damaged(tmp_path / "cut.mkv")
     assert 5 < len(times) < 55
     np.testing.assert_allclose(times, np.arange(len(times)) / 30, atol=2e-3)
-    assert f"cut.mkv: damaged, read up to {times[-1]:.2f} s" in said and "\n" not in said
+    assert f"cut.mkv: damaged, read up to {times[-1]:.2f} s" in message and "\n" not in message
 
 
-def test_a_damaged_middle_costs_its_own_pictures_only(tmp_path: Path) -> None:
+def test_pictures_around_a_damaged_part_are_read(tmp_path: Path) -> None:
     noise = np.random.default_rng(0).integers(0, 255, (12, 20, 3)).astype(np.uint8).repeat(8, 0).repeat(8, 1)
     content = bytearray(write(tmp_path / "whole.mkv", [k / 30 for k in range(60)], noise, step=1).read_bytes())
     hole = slice(len(content) // 3, len(content) // 2)
     content[hole] = bytes(hole.stop - hole.start)
     (tmp_path / "hole.mkv").write_bytes(content)
-    times, said = read_damaged(tmp_path / "hole.mkv")
+    times, message = read_damaged(tmp_path / "hole.mkv")
     assert times[0] == 0 and times[-1] > 1.9 and 5 < len(times) < 60
-    assert "hole.mkv: damaged in places" in said
+    assert "hole.mkv: damaged in places" in message
 
 
 @pytest.mark.parametrize("content", [b"", b"1\n00:00:01,000 --> 00:00:02,000\nhello\n\n" * 20, b"no video " * 500])
 def test_a_text_named_mp4_is_refused_in_one_line(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "notes.mp4"
     path.write_bytes(content)
-    with pytest.raises(BodysenseError, match=r"notes\.mp4: (not a video|there is no video)") as error:
+    with pytest.raises(BodysenseError, match=r"notes\.mp4: (not a video|the file has no video)") as error:
         read(path)
     assert "\n" not in str(error.value)
 
 
-def test_an_index_that_is_cut_off_is_refused(tmp_path: Path) -> None:
+def test_a_file_without_its_index_is_refused(tmp_path: Path) -> None:
     whole = write(tmp_path / "whole.mp4", [k / 30 for k in range(9)], corners())
-    (tmp_path / "cut.mp4").write_bytes(whole.read_bytes()[:-500])  # an MP4's index stands at its end
-    with pytest.raises(BodysenseError, match="is it whole"):
+    (tmp_path / "cut.mp4").write_bytes(whole.read_bytes()[:-500])  # the index of an MP4 is at its end
+    with pytest.raises(BodysenseError, match="is it complete"):
         read(tmp_path / "cut.mp4")
 
 
@@ -141,7 +143,7 @@ def test_sound_alone_is_refused(tmp_path: Path) -> None:
         frame.rate = 44100
         container.mux(stream.encode(frame))
         container.mux(stream.encode())
-    with pytest.raises(BodysenseError, match="there is no video in it"):
+    with pytest.raises(BodysenseError, match="the file has no video"):
         read(tmp_path / "sound.mp4")
 
 
@@ -161,7 +163,7 @@ def test_a_folder_of_images_in_natural_order(tmp_path: Path) -> None:
         read(tmp_path)
 
 
-def test_an_image_is_turned_as_its_camera_was(tmp_path: Path) -> None:
+def test_an_image_is_rotated_by_its_orientation(tmp_path: Path) -> None:
     from PIL import Image
 
     exif = Image.Exif()
@@ -172,12 +174,12 @@ def test_an_image_is_turned_as_its_camera_was(tmp_path: Path) -> None:
 
 
 class Camera:
-    """Stands for OpenCV's: two pictures, blue first, then it is unplugged."""
+    """A camera in place of OpenCV's: it yields two pictures with blue as the first channel, then it is unplugged."""
 
     released = False
 
     def __init__(self, index: int) -> None:
-        self.left = [corners()[..., ::-1]] * 2
+        self.remaining = [corners()[..., ::-1]] * 2
 
     def isOpened(self) -> bool:
         return True
@@ -188,17 +190,17 @@ class Camera:
         return 25.0
 
     def read(self) -> tuple[bool, np.ndarray | None]:
-        return (True, self.left.pop()) if self.left else (False, None)
+        return (True, self.remaining.pop()) if self.remaining else (False, None)
 
     def release(self) -> None:
         Camera.released = True
 
 
-def test_a_webcam_gives_pictures_until_it_is_unplugged(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_webcam_yields_pictures_until_it_is_unplugged(monkeypatch: pytest.MonkeyPatch) -> None:
     cv2 = pytest.importorskip("cv2", reason="webcams need OpenCV, which bodysense[video] brings")
     monkeypatch.setattr(cv2, "VideoCapture", Camera)
     found: list[Picture] = []
-    with pytest.raises(VideoBrokenError, match="webcam 3: it gives no more"), open_video("3") as video:
+    with pytest.raises(VideoBrokenError, match="webcam 3: no more pictures"), open_video("3") as video:
         assert video.rate == 25 and video.count is None
         for picture in video.pictures:
             found.append(picture)
@@ -208,9 +210,11 @@ def test_a_webcam_gives_pictures_until_it_is_unplugged(monkeypatch: pytest.Monke
 
 @pytest.mark.parametrize(
     ("source", "message"),
-    [("none.mp4", "no such file"), ("empty", "there are no images in it"), ("987", "webcam 987: there is none")],
+    [("none.mp4", "no such file"), ("empty", "the folder has no images"), ("987", "webcam 987: not found")],
 )
-def test_what_is_not_there(tmp_path: Path, source: str, message: str, capfd: pytest.CaptureFixture[str]) -> None:
+def test_missing_sources_are_refused(
+    tmp_path: Path, source: str, message: str, capfd: pytest.CaptureFixture[str]
+) -> None:
     if source.isdecimal():
         pytest.importorskip("cv2", reason="webcams need OpenCV, which bodysense[video] brings")
     (tmp_path / "empty").mkdir()
@@ -219,6 +223,6 @@ def test_what_is_not_there(tmp_path: Path, source: str, message: str, capfd: pyt
     assert capfd.readouterr().err == ""
 
 
-def test_what_counts_as_a_video(tmp_path: Path) -> None:
+def test_sources_that_count_as_videos(tmp_path: Path) -> None:
     assert is_video("0") and is_video(str(tmp_path)) and is_video("a.MP4") and is_video("a.png")
     assert not is_video("a.bvh") and not is_video("a.npz") and not is_video("a.csv")

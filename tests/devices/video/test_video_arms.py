@@ -1,4 +1,4 @@
-"""What a video shows of arms is followed, whatever an untrained network says; a rolled camera is levelled."""
+"""Arms follow their lines in the picture with any network, and a rolled camera is levelled."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import pytest
 from bodysense.body.arms import SIDES
 from bodysense.body.pose import Pose, rest_pose
 from bodysense.body.rotation import quaternion_exp, quaternion_multiply, quaternion_rotate
-from bodysense.devices.video.camera_level import upright
+from bodysense.devices.video.camera_level import remove_roll
 from bodysense.devices.video.device import POINTS, VideoFrames
 from bodysense.devices.video.landmarks import BODY_LANDMARKS
 from bodysense.devices.video.person import PersonLandmarks
@@ -22,7 +22,7 @@ BONES = tuple((f"{side}_{start}", f"{side}_{end}") for side in SIDES for start, 
 
 
 def swinging(frames: int, rate: float, size: float) -> Pose:
-    """Arms out, and straight, which swing up and down by `size` rad, `rate` times a second."""
+    """Return a body with straight arms held out that swing up and down by `size` rad at `rate` Hz."""
     pose, time = rest_pose(SKELETON), np.arange(frames) / 30
     rotation = np.tile(pose.rotation, (frames, 1, 1))
     for sign, side in zip((1, -1), SIDES, strict=True):
@@ -35,7 +35,7 @@ def swinging(frames: int, rate: float, size: float) -> Pose:
 
 
 def lines(parts: list[VideoFrames], person: PersonLandmarks, focal: float) -> tuple[np.ndarray, np.ndarray]:
-    """(T, 2) rad: how steep upper arms are drawn over the picture, and how steep the landmarks are."""
+    """Return the slopes (T, 2) rad of upper arms in the picture, as observed and by the landmarks."""
     seen = together(parts)
     axes = np.concatenate([part.camera.axes for part in parts])
     drawn, marked = [], []
@@ -52,7 +52,7 @@ def lines(parts: list[VideoFrames], person: PersonLandmarks, focal: float) -> tu
 
 
 @pytest.mark.parametrize("look_ahead", [0.0, 0.25])
-def test_arms_that_are_held_out_are_drawn_where_they_are_seen(make_device: Any, look_ahead: float) -> None:
+def test_arms_held_out_follow_their_landmarks(make_device: Any, look_ahead: float) -> None:
     device = make_device(look_ahead)
     person = seen_by(swinging(30, 1.0, 0.0), device.focal)
     drawn, marked = lines(observed(device, person, 1), person, device.focal)
@@ -60,7 +60,7 @@ def test_arms_that_are_held_out_are_drawn_where_they_are_seen(make_device: Any, 
 
 
 @pytest.mark.parametrize("look_ahead", [0.0, 0.25])
-def test_arms_that_swing_fast_do_not_lag(make_device: Any, look_ahead: float) -> None:
+def test_fast_arms_do_not_lag(make_device: Any, look_ahead: float) -> None:
     device, rate = make_device(look_ahead), 1.6
     person = seen_by(swinging(60, rate, 0.6), device.focal)
     drawn, marked = lines(observed(device, person, 1), person, device.focal)
@@ -68,11 +68,11 @@ def test_arms_that_swing_fast_do_not_lag(make_device: Any, look_ahead: float) ->
     ours, true = ((values[10:50] * turn).sum(axis=0) for values in (drawn, marked))
     frames = -np.angle(ours / true) / (2 * np.pi * rate) * 30
     assert np.abs(frames).max() < 1.0
-    assert (np.abs(ours / true) > 0.8).all()  # nor do they swing less
+    assert (np.abs(ours / true) > 0.8).all()  # amplitudes are kept
 
 
-def test_arms_that_are_still_do_not_tremble(make_device: Any) -> None:
-    """Landmarks tremble by 5 mm; wrists are a quarter of a metre from elbows."""
+def test_still_arms_do_not_tremble(make_device: Any) -> None:
+    """Landmarks have noise of 5 mm."""
     device = make_device(0.25)
     person = seen_by(swinging(40, 1.0, 0.0), device.focal)
     rng = np.random.default_rng(0)
@@ -85,17 +85,17 @@ def test_arms_that_are_still_do_not_tremble(make_device: Any) -> None:
 def test_a_rolled_camera_is_levelled(make_device: Any, roll: float, known: bool) -> None:
     device = make_device(0.2)
     level = seen_by(walking(20), device.focal)
-    person = upright(level, -np.radians(roll))
-    told = replace(device, settings=replace(device.settings, roll=roll if known else None))
-    parts = observed(told, person, 1)
+    person = remove_roll(level, -np.radians(roll))
+    with_roll = replace(device, settings=replace(device.settings, roll=roll if known else None))
+    parts = observed(with_roll, person, 1)
     wanted, seen = together(observed(device, level, 1)), together(parts)
     assert (seen.has_position == wanted.has_position).all()
     at = seen.has_position
     np.testing.assert_allclose(seen.position[at], wanted.position[at], atol=1e-6 if known else 0.03)
-    # Over the picture the body lies where the person is seen, rolled as they are.
+    # The output camera projects the body onto the rolled landmarks.
     place, axes = (np.concatenate([getattr(part.camera, name) for part in parts]) for name in ("position", "axes"))
     local = np.einsum("tpi,tij->tpj", seen.position - place[:, None], axes)
     for name in ("left_knee", "right_ankle"):
         where = local[:, POINTS.index(name)]
-        shown = device.focal * where[:, :2] / -where[:, 2:]
-        assert np.abs(shown - person.picture[:, BODY_LANDMARKS.index(name)]).mean() < 0.02
+        projected = device.focal * where[:, :2] / -where[:, 2:]
+        assert np.abs(projected - person.picture[:, BODY_LANDMARKS.index(name)]).mean() < 0.02

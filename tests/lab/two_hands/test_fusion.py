@@ -12,7 +12,7 @@ import pytest
 from bodysense.body.glove import MARKERS
 from bodysense.body.hand import FINGERS
 from bodysense.body.hand_family import draw_hand
-from bodysense.devices.gloves import fillers
+from bodysense.devices.gloves import gap_fillers
 from bodysense.devices.gloves.hands import load_glove_models
 from bodysense.devices.gloves.inertial import InertialSettings
 from bodysense_lab.commands.gloves import gloves_settings
@@ -71,7 +71,7 @@ def test_a_report_names_the_chosen_values() -> None:
     assert report.numbers["fading_chosen_s"] == 2.0 and report.numbers["aside_chosen_s"] == 1.0
     assert "2 is chosen and is not the default, 8." in report.remarks[0]
     defaults = {name: candidates.default for name, candidates in choice.CANDIDATES.items()}
-    assert defaults == {"fading": fillers.FADING, "aside": InertialSettings().aside}
+    assert defaults == {"fading": gap_fillers.FADING, "aside": InertialSettings().aside}
 
 
 def test_the_defaults_are_chosen_by_the_table_in_the_docs() -> None:

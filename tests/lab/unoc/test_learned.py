@@ -18,7 +18,7 @@ from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
 from bodysense.observation import Observation
-from bodysense.papers.met_points import MEASURED_ERROR
+from bodysense.papers.target_ik import MEASURED_ERROR
 from bodysense_lab.unoc.learned import Learned, LearnedState, load_model
 
 SKELETON = default_skeleton()

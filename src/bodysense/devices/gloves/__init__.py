@@ -1,1 +1,1 @@
-"""Gloves with markers, some of them hidden → hands: the run time of two-hands (NumPy and ONNX Runtime)."""
+"""Gloves with markers, some of them hidden: posed hands at run time (two-hands; NumPy and ONNX Runtime)."""

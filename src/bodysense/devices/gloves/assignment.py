@@ -1,4 +1,4 @@
-"""Assignment: each row gets its own column at the least total cost."""
+"""Linear assignment: one column for each row, all different, at the least total cost."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ import numpy as np
 
 
 def assignment(cost: np.ndarray) -> np.ndarray:
-    """Return columns (R,) of R rows, all different, with the least sum of costs (R, C), R ≤ C; −1 for an infinite cost.
+    """Return different columns (R,) for R rows with the least sum of costs (R, C), R ≤ C; −1 if a cost is infinite.
 
     Shortest augmenting paths (Jonker and Volgenant, 1987). If the cheapest columns of all rows differ, they are the
-    answer.
+    result.
     """
     rows = len(cost)
     if not rows:
@@ -23,7 +23,7 @@ def assignment(cost: np.ndarray) -> np.ndarray:
 
 
 def assigned_or_none(cost: np.ndarray) -> np.ndarray:
-    """Return columns (R,) of R rows as `assignment`, but a row may stay unassigned, −1, at a cost of 1."""
+    """Return columns (R,) as `assignment` does, except that a row may stay unassigned, −1, at a cost of 1."""
     count = cost.shape[1]
     none = np.where(np.eye(len(cost), dtype=bool), 1.0, np.inf)
     chosen = assignment(np.concatenate([cost, none], axis=1))
@@ -31,11 +31,12 @@ def assigned_or_none(cost: np.ndarray) -> np.ndarray:
 
 
 def cost_of(cost: np.ndarray, chosen: np.ndarray) -> float:
-    """Return the total cost of an assignment (R,) with costs (R, C); no column costs more than staying unassigned."""
+    """Return the total cost of an assignment (R,) with costs (R, C), each limited to 1, the cost of no assignment."""
     return float(np.where(chosen >= 0, np.minimum(cost[np.arange(len(cost)), chosen], 1.0), 1.0).sum())
 
 
 def _shortest_paths(cost: np.ndarray) -> np.ndarray:
+    """Return columns (R,) for R rows of finite costs (R, C)."""
     rows, columns = cost.shape
     of_row, of_column = np.zeros(rows), np.zeros(columns)  # dual prices
     row_at = np.full(columns, -1)
@@ -44,16 +45,16 @@ def _shortest_paths(cost: np.ndarray) -> np.ndarray:
         done = np.zeros(columns, dtype=bool)
         here, length, column = row, 0.0, -1
         while here >= 0:
-            through = length + cost[here] - of_row[here] - of_column
-            shorter = ~done & (through < distance)
-            distance[shorter], before[shorter] = through[shorter], column
+            reduced = length + cost[here] - of_row[here] - of_column
+            shorter = ~done & (reduced < distance)
+            distance[shorter], before[shorter] = reduced[shorter], column
             column = int(np.where(done, np.inf, distance).argmin())
             length = distance[column]
             done[column] = True
             here = row_at[column]
         of_row[row] += length
-        passed = done & (row_at >= 0)
-        of_row[row_at[passed]] += length - distance[passed]
+        visited = done & (row_at >= 0)
+        of_row[row_at[visited]] += length - distance[visited]
         of_column[done] -= length - distance[done]
         while column >= 0:  # reverse the path: each of its columns goes to the row before
             previous = int(before[column])

@@ -1,4 +1,4 @@
-"""The linear problem of `contact`: motion of points by a hand's change, and the least change."""
+"""Linear problem of `contact`: motion of points by a change of a hand, and the smallest change that meets demands."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ import numpy as np
 from bodysense.body.hand import FINGERS, HAND_JOINTS, joint_bases
 from bodysense.body.hand_capsules import NAMES
 from bodysense.body.products import cross, to_matrix
+from bodysense.devices.gloves.collisions import COUNT
 from bodysense.devices.gloves.fingers import HandPoses, HandShape, finger_chains
-from bodysense.devices.gloves.meetings import COUNT
 from bodysense.errors import BodysenseError
 
-_MOST_ROUNDS = 40  # of active sets; then the last solution is returned
+_MOST_ROUNDS = 40  # active sets tried before the last solution is returned
 
 
 @dataclass(frozen=True)
@@ -22,10 +22,10 @@ class ContactSettings:
     """Settings of hand contact. Lengths in metres."""
 
     tolerance: float = 5e-4  # penetration that is ignored
-    max_iterations: int = 3  # linear steps a frame, at most
-    touching: float = 0.020  # fingertip markers closer than this: the fingertips are brought as close
-    apart: float = 0.030  # farther than this: they are unchanged; in between, partly
-    missed: float = 0.0015  # smaller distances of fingertips are ignored
+    max_iterations: int = 3  # maximum number of linear steps in a frame
+    touching: float = 0.020  # distance of fingertip markers below which the fingertips are brought as close
+    apart: float = 0.030  # distance above which fingertips are unchanged; in between they are moved in part
+    missed: float = 0.0015  # smaller differences of a distance of fingertips from that of their markers are ignored
     half_life: float = 0.05  # s in which half of an unnecessary correction fades
     speed: float = 0.2  # m/s, maximum speed of a correction: 3.3 mm a frame at 60 Hz
     seen_weight: float = 4.0  # stiffness of a finger or hand with seen markers, relative to unseen ones
@@ -45,11 +45,11 @@ class ContactSettings:
             )
 
 
-ANGLES, PARTS = 45, 48  # of a hand's change: three angles a finger joint, then the wrist's shift
+ANGLES, PARTS = 45, 48  # numbers in a change of a hand: three angles of every finger joint; with the wrist's shift
 _BASIS = to_matrix(np.array(joint_bases()))  # (15, 3, 3) the hand's axes ← the joint's own, at rest
 _JOINTS_OF = np.array([[joint[:-1] == name[:-1] and joint <= name for joint in HAND_JOINTS[1:]] for name in NAMES])
-# (C, 48): the parts of its hand's change that move a capsule: the joints before it in its finger, and the wrist.
-_MOVED_BY = np.concatenate([_JOINTS_OF.repeat(3, axis=1), np.ones((COUNT, 3), bool)], axis=1).astype(float)
+# (C, 48) 0/1: parts of a hand's change that move each capsule: joints before it in its finger, and the wrist.
+_PARTS_OF_CAPSULE = np.concatenate([_JOINTS_OF.repeat(3, axis=1), np.ones((COUNT, 3), bool)], axis=1).astype(float)
 
 
 def growth_rows(
@@ -64,11 +64,11 @@ def growth_rows(
 
     Args:
         posed: H hands, each in its own mirrored world.
-        axes: (H, 15, 3, 3) of their joints' angles (`turning_axes`).
-        flip: (H, 3) from a hand's own world to the world.
-        capsule: (2, K) that carry the points; capsule c of hand h is number h · C + c.
-        place: (2, K, 3) m, world, of the points.
-        toward: (K, 3) directions, world.
+        axes: (H, 15, 3, 3) axes of the joints' angles (`turning_axes`).
+        flip: (H, 3) factors from a hand's own world to the world.
+        capsule: (2, K) capsules that carry the points; capsule c of hand h is number h · C + c.
+        place: (2, K, 3) m, positions of the points in the world.
+        toward: (K, 3) directions in the world.
     """
     hands, count = len(flip), len(toward)
     hand = capsule // COUNT
@@ -79,7 +79,7 @@ def growth_rows(
     screws[:, :ANGLES, :3] = axes.reshape(hands, ANGLES, 3)
     screws[:, :ANGLES, 3:] = cross(posed.position[:, 1:16, None], axes).reshape(hands, ANGLES, 3)
     screws[:, ANGLES:, 3:] = np.eye(3)
-    parts = (screws[hand] @ wrench[..., None])[..., 0] * _MOVED_BY[capsule % COUNT]
+    parts = (screws[hand] @ wrench[..., None])[..., 0] * _PARTS_OF_CAPSULE[capsule % COUNT]
     rows = np.zeros((count, hands, PARTS))
     for end in (0, 1):
         rows[np.arange(count), hand[end]] += parts[end]
@@ -87,7 +87,10 @@ def growth_rows(
 
 
 def turning_axes(shape: HandShape, posed: HandPoses, angles: np.ndarray) -> np.ndarray:
-    """Return (H, 15, 3, 3) world: the axis (last index) of each joint's angle (third index); `angles` (H, 15, 3)."""
+    """Return the axes (H, 15, 3, 3) in the world about which each of a joint's `angles` (H, 15, 3) turns.
+
+    The third index is the angle, the last one a component of its axis.
+    """
     wrist = to_matrix(posed.rotation[:, 0])[:, None, None]
     _, turned = finger_chains(shape.rest, posed.rotation[:, 1:])
     parent = np.concatenate([np.broadcast_to(wrist, turned[:, :, :1].shape), wrist @ turned[:, :, :2]], axis=2)
@@ -105,7 +108,7 @@ def tip_capsules(tips: np.ndarray) -> np.ndarray:
 
 
 def tip_pairs(hands: int) -> list[tuple[int, int]]:
-    """Return numbers of fingertips that can pinch: a thumb and its fingers, any two of two hands."""
+    """Return pairs of fingertips that can pinch: a thumb and a finger of its hand, or two of different hands."""
     count = len(FINGERS)
     pairs = [(count * hand, count * hand + finger) for hand in range(hands) for finger in range(1, count)]
     for one, other in combinations(range(hands), 2):
@@ -117,27 +120,27 @@ def least_change(
     rows: np.ndarray,
     demand: np.ndarray,
     exact: np.ndarray,
-    ease: np.ndarray,
+    compliance: np.ndarray,
     bounds: tuple[np.ndarray, np.ndarray],
     softness: np.ndarray,
 ) -> np.ndarray:
-    """Return the x (N,) that minimises Σ x² / ease with rows · x ≥ demand, or = demand where `exact`.
+    """Return the x (N,) that minimises Σ x² / compliance with rows · x ≥ demand, or = demand where `exact`.
 
     Args:
         rows: (K, N).
         demand: (K,).
-        ease: (N,) compliance of each part; 0 if fixed.
+        compliance: (N,) of each part; 0 if fixed.
         bounds: (N,), (N,) smallest and largest x, 0 between them; they take precedence over demands.
         softness: (K,) > 0: a demand is missed by softness times the force that it takes.
 
-    Primal-dual active sets (Hintermüller, Ito and Kunisch, 2003): the demands that push are met as equations, until the
-    same ones push. Parts beyond their bounds then stop there for good.
+    Primal-dual active sets (Hintermüller, Ito and Kunisch, 2003): the active demands are solved as equations until the
+    active set stays the same. Parts beyond their bounds are then fixed there.
     """
     low, high = bounds
-    pushing, stop, stopped = exact | (demand > 0), np.zeros_like(ease), ease == 0
+    pushing, stop, stopped = exact | (demand > 0), np.zeros_like(compliance), compliance == 0
     x = stop
     for _ in range(_MOST_ROUNDS):
-        eased = rows[pushing] * np.where(stopped, 0.0, ease)
+        eased = rows[pushing] * np.where(stopped, 0.0, compliance)
         matrix = eased @ rows[pushing].T + np.diag(softness[pushing])
         force = np.zeros_like(demand)
         force[pushing] = np.linalg.solve(matrix, demand[pushing] - rows[pushing] @ stop)

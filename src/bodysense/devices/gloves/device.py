@@ -1,9 +1,9 @@
 """Gloves as a device: markers of hands in; wrists, finger joints and fingertips out, as observed points.
 
 The solver (`hands.py`) fills hidden markers, rejects wrong ones and keeps hands from jumping. Its output is observed
-like any other point, with its expected error: 1-2 mm if markers are seen, more the longer they are hidden. A hand
-whose markers have all been hidden for 0.1 s is not observed, so that the tracker completes it. Rotations by inertial
-sensors still are. If only gloves are tracked, a head is assumed (`standing_head`).
+like any other point, with its expected error: 1-2 mm if markers are seen, more the longer they are hidden. After all
+markers of a hand have been hidden for 0.1 s, the hand is not observed and the tracker completes it. Rotations from
+inertial sensors are still observed. If only gloves are tracked, a head is assumed (`standing_head`).
 """
 
 from __future__ import annotations
@@ -59,12 +59,12 @@ class GloveState(NamedTuple):
 class GloveDevice:
     """A glove on one hand or both. Immutable; state is an argument.
 
-    `hands` solves the hands 'left' and 'right', either or both: `glove_device` makes one for a wearer. Raises
-    BodysenseError for hands that a body does not have.
+    `hands` solves the hands 'left' and 'right', or one of them; `glove_device` makes a device for a wearer. Raises
+    BodysenseError for hands with other names.
     """
 
     hands: Hands
-    wearer: StandingHead | None = None  # whose head is assumed if only gloves are tracked; None: no assumed head
+    wearer: StandingHead | None = None  # head that is assumed if only gloves are tracked; None: no assumed head
     virtual: VirtualMarkers = VirtualMarkers({})  # of hands with other than the standard markers
 
     def __post_init__(self) -> None:
@@ -77,18 +77,18 @@ class GloveDevice:
 
     @cached_property
     def points(self) -> tuple[str, ...]:
-        """The observed points: of every hand the wrist, 15 finger joints and five fingertips."""
+        """The observed points: the wrist, 15 finger joints and five fingertips of every hand."""
         return tuple(f"{side}_{name}" for side in self.hands.hands for name in (*HAND_JOINTS, *FINGERTIPS))
 
     def start(self) -> GloveState:
-        """The state before the first frame."""
+        """Return the state before the first frame."""
         return GloveState(self.hands.start(), StandingHeadState(), self.virtual.start())
 
     def step(self, observation: Observation, state: GloveState) -> tuple[Observation, GloveState]:
         """Replace the gloves' markers of T frames by points of the hands; one call equals T calls with one frame.
 
-        Other points are unchanged. If a hand's points are observed by another device as well, the glove's are used
-        whenever it tracks the hand. Raises BodysenseError for a point that is named twice and for time that does not
+        Other points are unchanged. If another device observes the same points, the glove's replace them in frames in
+        which it tracks the hand. Raises BodysenseError for a point that is named twice and for time that does not
         increase.
         """
         virtual = state.virtual
@@ -96,7 +96,7 @@ class GloveDevice:
             observation, virtual = self.virtual.step(observation, virtual)
         answers, hands = self.hands.step(observation, state.hands)
         others = without_gloves(observation)
-        alone = self.wearer is not None and not self._beside_sensors(others)
+        alone = self.wearer is not None and not self._has_other_points(others)
         assumed = ("head",) if alone else ()
         points = tuple(dict.fromkeys((*others.points, *self.points, *assumed)))
         more = points[len(others.points) :]
@@ -117,20 +117,21 @@ class GloveDevice:
         head = self._with_head(merged, state.head) if alone else state.head
         return merged, GloveState(hands, head, virtual)
 
-    def _beside_sensors(self, observation: Observation) -> bool:
-        """Whether any point is not an inertial sensor of a glove: the rotation of a hand's joint without a position."""
+    def _has_other_points(self, observation: Observation) -> bool:
+        """Whether any point is not an inertial sensor of a glove, that is, a hand's joint with a rotation only."""
         joints = {f"{side}_{name}" for side in self.hands.hands for name in HAND_JOINTS}
-        placed = np.asarray(observation.has_position.any(axis=0))
-        return any(name not in joints or placed[k] for k, name in enumerate(observation.points))
+        has_position = np.asarray(observation.has_position.any(axis=0))
+        return any(name not in joints or has_position[k] for k, name in enumerate(observation.points))
 
     @staticmethod
     def _turn_by_sensors(observation: Observation, joints: np.ndarray, rotation: np.ndarray) -> None:
-        """Replace, in place, the rotations of a hand's sensors: fingers as solved, on the sensor of the hand.
+        """Replace, in place, the rotations of a hand's sensors: solved fingers on the measured back of the hand.
 
-        `joints` (16,) are the hand's joints among the points, `rotation` (T, 16, 4) their solved ones, world ← joint.
+        `joints` (16,) are the hand's joints among the points, `rotation` (T, 16, 4) their solved rotations in the
+        world.
         """
-        alone = observation.has_rotation[:, joints] & ~observation.has_position[:, joints]
-        held = alone & alone[:, :1]
+        is_sensor = observation.has_rotation[:, joints] & ~observation.has_position[:, joints]
+        held = is_sensor & is_sensor[:, :1]
         if held.any():
             wrist = observation.rotation[:, joints[:1]]
             turned = quaternion_multiply(quaternion_multiply(wrist, quaternion_conjugate(rotation[:, :1])), rotation)
@@ -140,9 +141,9 @@ class GloveDevice:
         """Fill in the assumed head, in place, if a hand is observed."""
         assert self.wearer is not None
         wrists = [observation.points.index(f"{side}_wrist") if side in self.hands.hands else -1 for side in SIDES]
-        worn, head = np.array([place >= 0 for place in wrists]), observation.points.index("head")
+        is_gloved, head = np.array([place >= 0 for place in wrists]), observation.points.index("head")
         for t, now in enumerate(observation.time.tolist()):
-            known = observation.has_position[t, wrists] & worn
+            known = observation.has_position[t, wrists] & is_gloved
             if known.any():
                 place, turn, state = self.wearer.follow(
                     observation.position[t, wrists], observation.rotation[t, wrists], known, now, state
@@ -159,12 +160,12 @@ def has_standard_gloves(observation: Observation) -> bool:
 
 
 def gloved_sides(points: Iterable[str]) -> tuple[Side, ...]:
-    """Return the hands of a body whose markers are among the points. Raises BodysenseError without such markers."""
+    """Return the sides of the gloves among the points. Raises BodysenseError if there are none."""
     found = glove_hands(points)
     sides: tuple[Side, ...] = tuple(side for side in SIDES if side in found)
     if not sides:
         names = ", ".join(map(repr, found)) or "missing"
-        raise BodysenseError(f"the gloves are {names}; name the hands of a body 'left' and 'right'")
+        raise BodysenseError(f"the gloves are {names}; name the body's hands 'left' and 'right'")
     return sides
 
 
@@ -175,52 +176,52 @@ def glove_device(
     settings: HandsSettings = HandsSettings(),
     calibrated: Mapping[str, GlovedHand] | None = None,
 ) -> GloveDevice:
-    """Return the gloves of a wearer.
+    """Return the glove device of a wearer.
 
     Args:
-        skeleton: the wearer's; its hands are the gloves'.
-        sides: which hands wear one.
-        models: the solver's networks; the packaged ones if omitted.
-        settings: of the solver.
-        calibrated: hands found by a calibration (`calibrated_hands`), by their sides.
+        skeleton: the wearer's skeleton.
+        sides: hands that wear a glove.
+        models: networks of the solver; the packaged ones if omitted.
+        settings: settings of the solver.
+        calibrated: calibrated hands (`calibrated_hands`) by side.
     """
-    worn = {side: plain_hand(hand_skeleton(skeleton, side_of(side))) for side in sides}
-    worn |= {side: hand for side, hand in (calibrated or {}).items() if side in worn}
-    virtual = {side: VirtualGlove(hand) for side, hand in worn.items() if not is_standard(hand)}
-    worn |= {side: glove.standard for side, glove in virtual.items()}
+    gloved = {side: plain_hand(hand_skeleton(skeleton, side_of(side))) for side in sides}
+    gloved |= {side: hand for side, hand in (calibrated or {}).items() if side in gloved}
+    virtual = {side: VirtualGlove(hand) for side, hand in gloved.items() if not is_standard(hand)}
+    gloved |= {side: glove.standard for side, glove in virtual.items()}
     solver = Hands(
-        {side: hand.skeleton for side, hand in worn.items()},
+        {side: hand.skeleton for side, hand in gloved.items()},
         load_glove_models() if models is None else models,
         settings,
-        gloves={side: hand.glove for side, hand in worn.items()},
-        axes=np.stack([hand.axes for hand in worn.values()]),
+        gloves={side: hand.glove for side, hand in gloved.items()},
+        axes=np.stack([hand.axes for hand in gloved.values()]),
     )
     return GloveDevice(solver, wearer=StandingHead(skeleton), virtual=VirtualMarkers(virtual))
 
 
 def check_calibrated(points: Iterable[str], sides: Iterable[Side], calibrated: Mapping[str, GlovedHand]) -> None:
-    """Refuse gloves of another marker set than the standard one on hands without a calibration for it."""
+    """Raise BodysenseError if a glove's marker set is neither standard nor that of a calibrated hand."""
     for side in sides:
         names = {found[1] for found in map(glove_marker, points) if found and found[0] == side}
         known = calibrated[side].glove.markers if side in calibrated else MARKERS
         if not names & set(known):
             raise BodysenseError(
                 f"the {side} hand is not calibrated with the markers of its glove ({', '.join(sorted(names)[:4])} …): "
-                "bodysense track TAKE.c3d --marker-set FILE -o OUT.bvh --save-person ME.json finds it"
+                "calibrate it by bodysense track TAKE.c3d --marker-set FILE -o OUT.bvh --save-person ME.json"
             )
 
 
-def calibrated_hands(observation: Observation, worn: GloveSet | None = None) -> dict[str, GlovedHand]:
-    """Calibrate the hands of a body from their gloves, except hands that are not seen well enough (`fit_hand`).
+def calibrated_hands(observation: Observation, marker_set: GloveSet | None = None) -> dict[str, GlovedHand]:
+    """Calibrate the hands of a body from their gloves, by side; hands with too few seen markers are left out.
 
-    `worn` is the gloves' marker set; if omitted, the packaged one whose names the points have. Raises BodysenseError
-    for a glove of another set that is not seen well enough, because it cannot be used without calibration.
+    `marker_set` is found among the packaged sets by the points' names if omitted. Raises BodysenseError if too few
+    markers of a glove with another than the standard set are seen, because it cannot be used without calibration.
     """
-    found, worn = {}, set_of(observation.points) if worn is None else worn
+    found, marker_set = {}, set_of(observation.points) if marker_set is None else marker_set
     for side in gloved_sides(observation.points):
-        markers = markers_of(observation, side, worn)
-        if enough_frames(markers, worn) or worn.names != MARKERS:
-            found[side] = checked_fit(markers, worn, side).hand
+        markers = markers_of(observation, side, marker_set)
+        if enough_frames(markers, marker_set) or marker_set.names != MARKERS:
+            found[side] = checked_fit(markers, marker_set, side).hand
     return found
 
 
@@ -230,14 +231,14 @@ def set_of(points: Iterable[str]) -> GloveSet:
     for one in packaged_sets().values():
         if names <= set(one.names):
             return one
-    strange = sorted(names - set(MARKERS))
-    raise BodysenseError(f"the gloves have the marker {strange[0]!r}, of no set that is known; give --marker-set FILE")
+    unknown = sorted(names - set(MARKERS))
+    raise BodysenseError(f"the gloves have the marker {unknown[0]!r}, which no known set has; give --marker-set FILE")
 
 
-def markers_of(observation: Observation, side: Side, worn: GloveSet) -> np.ndarray:
-    """Return the markers (T, M, 3) m of a hand as a left one; NaN where hidden."""
-    markers = np.full((len(observation), len(worn.names), 3), np.nan)
-    for row, name in enumerate(worn.names):
+def markers_of(observation: Observation, side: Side, marker_set: GloveSet) -> np.ndarray:
+    """Return the markers (T, M, 3) m of a hand, mirrored if right; NaN where hidden."""
+    markers = np.full((len(observation), len(marker_set.names), 3), np.nan)
+    for row, name in enumerate(marker_set.names):
         if (point := f"{side}_glove_{name}") in observation.points:
             place = observation.points.index(point)
             markers[:, row] = np.where(observation.has_position[:, place, None], observation.position[:, place], np.nan)

@@ -1,4 +1,7 @@
-"""Gloves among unnamed points: three of them form the triangle on the back of a hand, the others are where it says."""
+"""Search for gloves among unnamed points.
+
+Three points that form the triangle on the back of a hand give its position; other points must match its other markers.
+"""
 
 from __future__ import annotations
 
@@ -10,49 +13,51 @@ from bodysense.body.glove import ALIGNMENT, MARKERS
 from bodysense.body.registration import register
 from bodysense.devices.gloves.assignment import assigned_or_none, cost_of
 
-SIDES = ((0, 1), (1, 2), (0, 2))  # of the triangle on the back of the hand
+SIDES = ((0, 1), (1, 2), (0, 2))  # sides of the triangle on the back of the hand
 _BACK = list(ALIGNMENT)
 _THUMB = MARKERS.index("thumb_middle")
-_FIRM = [_BACK[0], _BACK[2], _THUMB]  # these move little in the hand, and tell a left one from a right one
-_UNCERTAIN = 0.8  # markers that a hand costs more beside others if its thumb or a finger's base is hidden
-_TRIED = 8  # triangles, those whose hands look best, that are looked at in full
-_SHARED = len(MARKERS) // 2  # points: two hands that share more are two readings of one
+_FIRM = [_BACK[0], _BACK[2], _THUMB]  # markers that move little in the hand and distinguish left from right
+_UNCERTAIN = 0.8  # extra cost, in markers, of a hand with a hidden marker in `_FIRM` compared with other hands
+_TRIED = 8  # triangles that are tested in full: those that match best
+_SHARED = len(MARKERS) // 2  # points: two hands that share more exclude each other
 
 
-class FoundHand(NamedTuple):
-    """A hand that may be there."""
+class HandReading(NamedTuple):
+    """One reading of points as a hand."""
 
-    hand: int  # which
-    cost: float  # of its labels: squared distances as shares of the limit, more for hidden markers
-    chosen: np.ndarray  # (9,) the point of each marker, −1 hidden
+    hand: int  # number of the hand
+    cost: float  # cost of the labels: squared distances as shares of the limit, 1 for each hidden marker
+    chosen: np.ndarray  # (9,) the point of each marker, −1 if hidden
     size: float  # as a factor of the template's
-    flat: np.ndarray  # (9, 3) m, where it would have its markers if it were flat
+    flat: np.ndarray  # (9, 3) m, markers of the flat hand at this position
 
     @property
     def points(self) -> np.ndarray:
-        """Those that it takes."""
+        """Indices of the points of the hand."""
         return self.chosen[self.chosen >= 0]
 
     @property
     def certain(self) -> bool:
-        """Whether it shows what tells a left hand from a right one, and a hand from another turned round."""
+        """Whether the markers are seen that distinguish a left hand from a right one and from one turned round."""
         return bool((self.chosen[_FIRM] >= 0).all())
 
-    def same_as(self, other: FoundHand) -> bool:
-        """Whether it is the same hand in the same place."""
+    def same_as(self, other: HandReading) -> bool:
+        """Whether two readings are the same hand in the same position."""
         both = (self.chosen[_BACK] >= 0) & (other.chosen[_BACK] >= 0)
         return self.hand == other.hand and both.sum() > 1 and bool((self.chosen == other.chosen)[_BACK][both].all())
 
-    def excludes(self, other: FoundHand) -> bool:
-        """Whether one of the two at most is there: most of their points are the same, and they are not."""
+    def excludes(self, other: HandReading) -> bool:
+        """Whether at most one of two readings can be right: they are different but share most points."""
         return not self.same_as(other) and len(np.intersect1d(self.points, other.points)) > _SHARED
 
 
-def unlikeness(local: np.ndarray, ranges: np.ndarray, allowed: np.ndarray) -> np.ndarray:
-    """(..., 9, N) how far points (..., N, 3) m are from where a hand can have each marker: squared, as a share.
+def range_distances(local: np.ndarray, ranges: np.ndarray, allowed: np.ndarray) -> np.ndarray:
+    """Return squared distances (..., 9, N) of points from the range of each marker, as a share of the limit.
 
-    Points are in the hand; `ranges` (9, K, 3) m is where it can have its markers and `allowed` (9, 1) m² how far,
-    squared, they may be from there.
+    Args:
+        local: (..., N, 3) m, points in the hand's axes.
+        ranges: (9, K, 3) m, possible positions of markers.
+        allowed: (9, 1) m², largest squared distance from them.
     """
     inner = local.reshape(-1, 3) @ ranges.reshape(-1, 3).T
     squared = (ranges**2).sum(axis=-1) - 2 * inner.reshape(-1, *ranges.shape[:2])
@@ -71,20 +76,20 @@ def find_hands(
     fewest: int,
     worst: float,
     without_wrist: bool,
-) -> list[FoundHand]:
-    """The likeliest readings of points (N, 3) m as a left hand.
+) -> list[HandReading]:
+    """Return the most likely readings of points as a left hand.
 
     Args:
-        hand: which it is.
+        hand: number of the hand.
         place: (N, 3) m, points.
         template: (9, 3) m, markers of a flat hand.
-        ranges: (9, K, 3) m, where the hand can have its markers (`hand_family.marker_ranges`).
-        allowed: (9, 1) m², how far, squared, markers may be from there.
+        ranges: (9, K, 3) m, possible positions of markers (`hand_shapes.marker_ranges`).
+        allowed: (9, 1) m², largest squared distance of markers from them.
         stiffness: m by which the sides of the triangle on the back of the hand may differ from the template's.
         sizes: smallest and largest factor of the template.
-        fewest: markers that must be there.
-        worst: mean of their squared distances, as shares of what is allowed, that makes no hand.
-        without_wrist: look as well for a hand whose wrist is hidden, by its thumb: best where its size is known.
+        fewest: least number of seen markers.
+        worst: mean squared distance, as a share of the limit, from which a reading is dropped.
+        without_wrist: also search by the thumb for hands with a hidden wrist marker; best if the size is known.
     """
     if len(place) < fewest:
         return []
@@ -97,24 +102,24 @@ def find_hands(
     if not len(size):
         return []
     local = (place - translation[:, None]) @ rotation / size[:, None, None]  # (K, N, 3)
-    unlike = unlikeness(local, ranges, allowed)  # (K, 9, N)
+    distances = range_distances(local, ranges, allowed)  # (K, 9, N)
     found = []
-    for triple in np.argsort(np.minimum(unlike.min(axis=-1), 1.0).sum(axis=-1))[:_TRIED]:
-        chosen = assigned_or_none(np.where(unlike[triple] < 1, unlike[triple], np.inf))
-        cost = cost_of(unlike[triple], chosen)
+    for triple in np.argsort(np.minimum(distances.min(axis=-1), 1.0).sum(axis=-1))[:_TRIED]:
+        chosen = assigned_or_none(np.where(distances[triple] < 1, distances[triple], np.inf))
+        cost = cost_of(distances[triple], chosen)
         fit = cost - (chosen < 0).sum()
         if fit < worst * (chosen >= 0).sum() >= worst * fewest:
             flat = size[triple] * template @ rotation[triple].T + translation[triple]
-            found.append(FoundHand(hand, cost, chosen, float(size[triple]), flat))
+            found.append(HandReading(hand, cost, chosen, float(size[triple]), flat))
     return found
 
 
 def _triangles(
     place: np.ndarray, corners: np.ndarray, stiffness: float, sizes: tuple[float, float]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Rotations (K, 3, 3), translations (K, 3) m and sizes (K,) of hands that have a triangle among points (N, 3) m.
+    """Return rotations (K, 3, 3), translations (K, 3) m and sizes (K,) of hands with a triangle among points (N, 3) m.
 
-    `corners` (V, 3, 3) m gives what the triangle may be like; of each three points, the likest counts.
+    `corners` (V, 3, 3) m are variants of the triangle; each three points are compared with the most similar one.
     """
     apart = np.linalg.norm(place[:, None] - place, axis=-1)
     sides = np.stack(np.broadcast_arrays(apart[:, :, None], apart[None], apart[:, None]), axis=-1)  # (N, N, N, 3)
@@ -125,20 +130,20 @@ def _triangles(
     )
     sides, total = sides[tuple(possible.T)], total[tuple(possible.T)]
     factor = total[:, None] / usual.sum(axis=-1)  # (K, V)
-    off = np.abs(sides[:, None] - factor[..., None] * usual).max(axis=-1)
-    off = np.where((factor > sizes[0]) & (factor < sizes[1]), off, np.inf)
-    likest = off.argmin(axis=1) if len(off) else np.zeros(0, dtype=int)
-    rows = np.flatnonzero(off[np.arange(len(off)), likest] < stiffness)
-    size, likest = factor[rows, likest[rows]], likest[rows]
+    difference = np.abs(sides[:, None] - factor[..., None] * usual).max(axis=-1)
+    difference = np.where((factor > sizes[0]) & (factor < sizes[1]), difference, np.inf)
+    best = difference.argmin(axis=1) if len(difference) else np.zeros(0, dtype=int)
+    rows = np.flatnonzero(difference[np.arange(len(difference)), best] < stiffness)
+    size, best = factor[rows, best[rows]], best[rows]
     if not len(rows):
         return np.zeros((0, 3, 3)), np.zeros((0, 3)), size
-    scaled = size[:, None, None] * corners[likest]
+    scaled = size[:, None, None] * corners[best]
     rotation, translation = register(scaled, place[possible[rows]], np.ones(scaled.shape[:2], dtype=bool))
     return rotation, translation, size
 
 
-def surest(hands: list[FoundHand], margin: float) -> FoundHand | None:
-    """The likeliest certain hand whose points make no other one nearly as well: all those cost `margin` more."""
+def most_certain(hands: list[HandReading], margin: float) -> HandReading | None:
+    """Return the most likely certain hand that costs over `margin` less than every hand that it excludes, or None."""
     for hand in sorted(hands, key=lambda one: one.cost):
         if hand.certain and all(
             other.cost + _UNCERTAIN * (not other.certain) > hand.cost + margin

@@ -1,21 +1,25 @@
-"""Hands from gloves: markers, some of them hidden or wrong, become posed hands with all their joints.
+"""Hand solver of gloves: markers, some of them hidden or wrong, become posed hands with all their joints.
 
-Every hand is processed as a left one (right hands are mirrored first), all in one batch. The steps of a frame: wrong
-markers are dropped (`rejection`), hidden ones filled without jumps (`fillers`), the hand is placed and its fingers
-posed (`joints`), it is blended if markers are found again (`blending`), and overlapping parts are moved apart
-(`contact`). Inertial sensors on fingers give the flexion of joints whose markers are hidden (`inertial`).
+Right hands are mirrored, and all hands are solved as left ones in one batch. The steps of a frame:
+
+1. Drop wrong markers (`rejection`).
+2. Fill hidden markers without jumps (`gap_fillers`).
+3. Register the hand to its alignment markers and pose its fingers (`joints`).
+4. Pose joints with hidden markers by inertial sensors, if there are any (`inertial`).
+5. Blend to markers that are found again (`blending`).
+6. Move overlapping parts apart (`contact`).
 
 Special cases:
 
-- All markers of a hand hidden: it stays in place for 0.5 s, then relaxes within 1 s, its wrist in place
-(`LastShape`), and its expected error grows. When found again, it moves there at 24 cm/s, or within 0.5 s if that is
+- If all markers of a hand are hidden, it stays in place for 0.5 s, then relaxes within 1 s around its wrist
+(`RigidGapFiller`). Its expected error grows. When found again, it moves there at 24 cm/s, or within 0.5 s if that is
 far (`blending`). A hand that was never seen is relaxed, at the origin.
-- Alignment markers hidden: the hand is placed by the filled ones. Fewer than three markers known: it keeps its last
-shape, moved onto the known markers.
-- Exchanged identifiers of markers are corrected; of two markers in one place one is dropped (`rejection`).
-- A marker that is not finite, `FARTHEST` from the origin or missing in an observation counts as hidden.
-- After more than `longest_gap` without a frame everything is reset. A point that is named twice and time that does
-not increase (a stream of 0 Hz) are errors.
+- If alignment markers are hidden, the filled ones locate the hand. With fewer than three known markers the hand keeps
+its last shape, moved onto the known ones.
+- Exchanged identifiers of markers are corrected. One of two markers in the same place is dropped (`rejection`).
+- A marker that is not finite, farther than `FARTHEST` from the origin or missing in an observation counts as hidden.
+- After more than `longest_gap` without a frame everything is reset. A point that is named twice, and time that does
+not increase, are errors.
 """
 
 from __future__ import annotations
@@ -38,10 +42,17 @@ from bodysense.devices.gloves import inertial
 from bodysense.devices.gloves.blending import Blend, BlendState
 from bodysense.devices.gloves.contact import Contact, ContactState
 from bodysense.devices.gloves.contact_rows import ContactSettings
-from bodysense.devices.gloves.expectation import Influence, expected_error, influence
-from bodysense.devices.gloves.fillers import FADING, Filler, LastShape, NetworkFiller, Stack, missing
+from bodysense.devices.gloves.expected_error import Influence, expected_error, influence
 from bodysense.devices.gloves.fingers import POINT_COUNT, HandPoses
-from bodysense.devices.gloves.inertial import Fusion, InertialSettings, InertialState, Sensed
+from bodysense.devices.gloves.gap_fillers import (
+    FADING,
+    GapFiller,
+    GapFillerStack,
+    NetworkGapFiller,
+    RigidGapFiller,
+    missing,
+)
+from bodysense.devices.gloves.inertial import Fusion, InertialSettings, InertialState, SensorFlexion
 from bodysense.devices.gloves.joints import JointReader
 from bodysense.devices.gloves.networks import HandNetwork, load_joint_network, load_marker_network
 from bodysense.devices.gloves.rejection import Rejection, RejectionSettings, RejectionState
@@ -63,7 +74,7 @@ class GloveModels:
 
 
 def load_glove_models(markers: str | Path | None = None, joints: str | Path | None = None) -> GloveModels:
-    """Load both networks: paths, or None for packaged ones. Raises BodysenseError for other files."""
+    """Load both networks from paths, or the packaged ones for None. Raises BodysenseError for other files."""
     return GloveModels(load_marker_network(markers), load_joint_network(joints))
 
 
@@ -71,14 +82,16 @@ def load_glove_models(markers: str | Path | None = None, joints: str | Path | No
 class HandsSettings:
     """Settings of the hand solver."""
 
-    rejection: RejectionSettings | None = field(default_factory=RejectionSettings)  # if None, every marker is accepted
-    speed: float = 0.24  # m/s at which hands go to markers that are found again (`blending`); the paper: 0.25 (4.7)
-    unseen_speed: float = 0.12  # m/s, of points whose markers are not seen
-    fading: float | None = FADING  # s, half-life of the network's error of a hidden marker (`fillers`); None keeps it
+    rejection: RejectionSettings | None = field(default_factory=RejectionSettings)  # None accepts every marker
+    speed: float = 0.24  # m/s of a hand toward markers that are found again (`blending`); the paper: 0.25 (4.7)
+    unseen_speed: float = 0.12  # m/s, the same for points with hidden markers
+    fading: float | None = (
+        FADING  # s, half-life of a network's error of a hidden marker (`gap_fillers`); None: no fading
+    )
     hold: float = 0.5  # s for which a hand without seen markers stays in place
-    relaxing: float = 1.0  # s within which it then relaxes
-    restraint: float = 4.0  # of fingers' large turns to their markers (`fingers.shortest_arcs`); 0 turns all the way
-    contact: ContactSettings | None = field(default_factory=ContactSettings)  # if None, contact is off
+    relaxing: float = 1.0  # s in which it then relaxes
+    restraint: float = 4.0  # reduction of large turns of fingers to their markers (`fingers.shortest_arcs`); 0: none
+    contact: ContactSettings | None = field(default_factory=ContactSettings)  # None turns contact off
     inertial: InertialSettings = InertialSettings()
     longest_gap: float = 1.0  # s without frames after which everything is reset
 
@@ -96,20 +109,20 @@ class HandsState(NamedTuple):
 
     time: float | None  # s, of the last frame
     rejection: RejectionState
-    filler: Any
+    gap_filler: Any
     contact: ContactState
     hidden: np.ndarray  # (H, 9) s for which each marker has been hidden
-    blend: BlendState | None  # before the first frame None
+    blend: BlendState | None  # None before the first frame
     inertial: InertialState
 
 
 @dataclass(frozen=True, eq=False)
 class Hands:
-    """Posed hands from the markers of gloves.
+    """Solver of posed hands from the markers of gloves.
 
-    `hands` names every hand ('left', 'right', 'left2' …) and gives its skeleton as a left hand (`hand_skeleton`).
-    `filler` replaces the default filler of hidden markers; `calibration` is found by `calibrated`.
-    Raises BodysenseError for no hand, or a name that begins with neither 'left' nor 'right'.
+    `hands` maps the name of every hand ('left', 'right', 'left2' …) to its skeleton as a left hand (`hand_skeleton`).
+    `gap_filler` replaces the default one. `calibrated` finds the `calibration`.
+    Raises BodysenseError without hands, or for a name that begins with neither 'left' nor 'right'.
     """
 
     hands: Mapping[str, Skeleton]
@@ -117,9 +130,9 @@ class Hands:
     settings: HandsSettings = HandsSettings()
     glove: Glove = field(default_factory=default_glove)
     gloves: Mapping[str, Glove] = field(default_factory=dict)  # of hands without `glove`
-    filler: Filler | None = None
-    calibration: np.ndarray | None = None  # (H, 15, 4) rotation of joints' axes from the default hand's
-    axes: np.ndarray | None = None  # (H, 15, 4) by which joints' axes are turned from the default hand's
+    gap_filler: GapFiller | None = None
+    calibration: np.ndarray | None = None  # (H, 15, 4) rotation that follows each joint's predicted one
+    axes: np.ndarray | None = None  # (H, 15, 4) rotation of each joint's axes from the default hand's
 
     def __post_init__(self) -> None:
         if not self.hands:
@@ -137,12 +150,12 @@ class Hands:
 
     @cached_property
     def _flip(self) -> np.ndarray:
-        """(H, 1, 3)."""
+        """(H, 1, 3) factors that mirror positions of right hands."""
         return np.stack([mirrored_vectors(np.ones((1, 3)), side_of(name)) for name in self.hands])
 
     @cached_property
     def _turned_over(self) -> np.ndarray:
-        """(H, 1, 4): rotations of the mirror image."""
+        """(H, 1, 4) factors that mirror rotations of right hands."""
         return np.concatenate([np.ones_like(self._flip[..., :1]), self._flip[..., :1] * self._flip], axis=-1)
 
     @cached_property
@@ -156,14 +169,14 @@ class Hands:
         return JointReader(self.models.joints, hands, self._gloves, settings.restraint, self.calibration, self.axes)
 
     @cached_property
-    def _filler(self) -> Filler:
-        if self.filler is not None:
-            return self.filler
+    def _gap_filler(self) -> GapFiller:
+        if self.gap_filler is not None:
+            return self.gap_filler
         hands = tuple(self.hands.values())
         natural = np.stack([natural_markers(glove, hand) for glove, hand in zip(self._gloves, hands, strict=True)])
-        last = LastShape(natural, self.settings.hold, self.settings.relaxing)
-        network = NetworkFiller(self.models.markers, hands, self._gloves, self.settings.fading)
-        return Stack((network, last))
+        last = RigidGapFiller(natural, self.settings.hold, self.settings.relaxing)
+        network = NetworkGapFiller(self.models.markers, hands, self._gloves, self.settings.fading)
+        return GapFillerStack((network, last))
 
     @cached_property
     def _rejection(self) -> Rejection:
@@ -190,30 +203,33 @@ class Hands:
 
     def start(self) -> HandsState:
         """Return the state before the first frame."""
-        hidden, filler = np.full((len(self.hands), len(self.glove.markers)), NEVER), self._filler.start(len(self.hands))
+        hidden, gap_filler = (
+            np.full((len(self.hands), len(self.glove.markers)), NEVER),
+            self._gap_filler.start(len(self.hands)),
+        )
         contact, sensors = self._contact.start(), self._fusion.start()
-        return HandsState(None, self._rejection.start(), filler, contact, hidden, None, sensors)
+        return HandsState(None, self._rejection.start(), gap_filler, contact, hidden, None, sensors)
 
     def step(self, observation: Observation, state: HandsState) -> tuple[dict[str, PointEstimate], HandsState]:
-        """Complete T frames in order: an estimate of every hand on its skeleton, with its pose.
+        """Complete T frames in order; return an estimate of every hand on its skeleton, with its pose, and the state.
 
         Raises BodysenseError for a point that is named twice and if time does not increase.
         """
         markers, _ = self._measured(observation)
-        sensed = self._sensed(observation)
+        sensed = self._sensors(observation)
         frames, hands = len(observation.time), len(self.hands)
         root, rotation = np.empty((frames, hands, 3)), np.empty((frames, hands, len(HAND_JOINTS), 4))
         position = np.empty((frames, hands, POINT_COUNT, 3))
         hidden = np.empty((frames, hands, len(self.glove.markers)))
         for frame, now in enumerate(observation.time.tolist()):
-            interval, state = self._continued(now, state)
-            felt = None if sensed is None else Sensed(sensed.flexion[frame], sensed.vertical[frame])
-            pose, state = self.complete(markers[frame], interval, state, felt)
+            interval, state = self._time_step(now, state)
+            sensed_now = None if sensed is None else SensorFlexion(sensed.flexion[frame], sensed.vertical[frame])
+            pose, state = self.complete(markers[frame], interval, state, sensed_now)
             state = HandsState(now, *state[1:])
             root[frame], rotation[frame], position[frame] = pose
             hidden[frame] = state.hidden
-        felt = None if sensed is None else inertial.markers_sensed(sensed, self._reader.shape, hidden.shape)
-        error, occluded = expected_error(hidden, self._influence, felt)
+        has_sensor = None if sensed is None else inertial.sensed_markers(sensed, self._reader.shape, hidden.shape)
+        error, occluded = expected_error(hidden, self._influence, has_sensor)
         root *= self._flip[:, 0]
         position *= self._flip
         rotation *= self._turned_over * np.copysign(1.0, rotation[..., :1])
@@ -229,7 +245,7 @@ class Hands:
         }, state
 
     def calibrated(self, observation: Observation) -> Hands:
-        """Return these hands with a calibration: the inverse of the prediction for flat hands (4.4).
+        """Return these hands with a calibration: the inverse of the rotations predicted for flat hands (4.4).
 
         Uses the frames with all markers of all hands. Raises BodysenseError if there are no such frames, and for hands
         that move.
@@ -242,7 +258,7 @@ class Hands:
                 "calibrate with flat hands that every camera sees"
             )
         reader = replace(self._reader, calibration=None)
-        each = np.stack([reader.told(frame) for frame in markers[whole]])
+        each = np.stack([reader.local_rotations(frame) for frame in markers[whole]])
         each /= np.linalg.norm(each, axis=-1, keepdims=True)
         mean = each.mean(axis=0)
         mean /= np.linalg.norm(mean, axis=-1, keepdims=True)
@@ -250,53 +266,62 @@ class Hands:
         if turned > STILL:
             raise BodysenseError(
                 f"gloves: finger joints turn by {turned:.0f}° on average, at most {STILL:g}° in a calibration; hold "
-                "the hands flat and still, and cut the take to that"
+                "the hands flat and still, and cut the take to that part"
             )
         return replace(self, calibration=np.asarray(quaternion_conjugate(mean)))
 
     def complete(
-        self, markers: np.ndarray, interval: float, state: HandsState, sensed: Sensed | None = None
+        self, markers: np.ndarray, interval: float, state: HandsState, sensed: SensorFlexion | None = None
     ) -> tuple[HandPoses, HandsState]:
-        """Complete one frame of H left hands, each in its own mirrored world: markers (H, 9, 3) m, NaN where hidden.
+        """Complete one frame of H left hands, each in its own mirrored world.
 
-        `sensed` is what inertial sensors measure; None without any.
+        Args:
+            markers: (H, 9, 3) m, NaN where hidden.
+            interval: seconds since the frame before.
+            state: after the frame before.
+            sensed: flexion that inertial sensors measure; None without sensors.
+
+        Returns:
+            The hands, and the state for the next frame.
         """
         rejection, checking = state.rejection, self.settings.rejection is not None
         if checking:
             markers, rejection = self._rejection.check(markers, interval, state.hidden, rejection)
         known = ~missing(markers)
-        shown, filler = self._filler.fill(markers, interval, state.filler)
+        filled, gap_filler = self._gap_filler.fill(markers, interval, state.gap_filler)
         if checking:
-            rejection = self._rejection.remember(np.where(known[..., None], markers, shown), known, interval, rejection)
+            rejection = self._rejection.remember(
+                np.where(known[..., None], markers, filled), known, interval, rejection
+            )
         hidden = (state.hidden + interval) * ~known
-        told, contact = self._reader.read(shown), state.contact
-        without, sensors = self._without(told, shown, known, interval, state), state.inertial
+        solved, contact = self._reader.read(filled), state.contact
+        without, sensors = self._without_found(solved, filled, known, interval, state), state.inertial
         if sensed is not None:
-            solved, was = told, state.inertial
-            told, sensors = self._fusion.fuse(solved, sensed, hidden, interval, was)
-            if without is solved:
-                without = told
+            by_markers = solved
+            solved, sensors = self._fusion.fuse(by_markers, sensed, hidden, interval, state.inertial)
+            if without is by_markers:
+                without = solved
             elif state.blend is not None:
                 longer = (state.hidden + interval) * ~(known & state.blend.known)
-                without, _ = self._fusion.fuse(without, sensed, longer, interval, was)
-        poses, blend = self._blend.step(told, without, known, interval, state.blend)
+                without, _ = self._fusion.fuse(without, sensed, longer, interval, state.inertial)
+        poses, blend = self._blend.step(solved, without, known, interval, state.blend)
         if self.settings.contact is not None:
-            poses, contact = self._contact.step(poses, shown, known, interval, contact)
-        return poses, HandsState(state.time, rejection, filler, contact, hidden, blend, sensors)
+            poses, contact = self._contact.step(poses, filled, known, interval, contact)
+        return poses, HandsState(state.time, rejection, gap_filler, contact, hidden, blend, sensors)
 
-    def _without(
-        self, told: HandPoses, filled: np.ndarray, known: np.ndarray, interval: float, state: HandsState
+    def _without_found(
+        self, solved: HandPoses, filled: np.ndarray, known: np.ndarray, interval: float, state: HandsState
     ) -> HandPoses:
-        """Return the hands without the markers (H, 9, 3) m that were found in this frame."""
+        """Return the hands without the markers (H, 9, 3) m that were found in this frame; `solved` without such."""
         if state.blend is None or not (found := known & ~state.blend.known).any():
-            return told
+            return solved
         found = found & (state.hidden < NEVER).any(axis=1, keepdims=True)
         kept = np.where((known & ~found)[..., None], filled, np.nan)
-        fewer, _ = self._filler.fill(kept, interval, state.filler)
+        fewer, _ = self._gap_filler.fill(kept, interval, state.gap_filler)
         return self._reader.read(np.where(np.isnan(fewer), filled, fewer))
 
-    def _continued(self, now: float, state: HandsState) -> tuple[float, HandsState]:
-        """Return the time step, and the state, reset after a gap."""
+    def _time_step(self, now: float, state: HandsState) -> tuple[float, HandsState]:
+        """Return the time step (s) and the state, which is reset after a gap."""
         check_order(now, state.time, "gloves")
         if state.time is None:
             return FIRST_INTERVAL, state
@@ -305,22 +330,25 @@ class Hands:
         return now - state.time, state
 
     def _measured(self, observation: Observation) -> tuple[np.ndarray, np.ndarray]:
-        """Return markers (T, H, 9, 3) m as of left hands, NaN where hidden, and where they are known (T, H, 9)."""
+        """Return markers (T, H, 9, 3) m, mirrored for right hands and NaN where hidden, and a mask (T, H, 9)."""
         place = _places(observation.points, tuple(map(glove_points, self.hands)))
         known = observation.has_position[:, place] & (place >= 0)
         markers = np.where(known[..., None], observation.position[:, place] * self._flip, np.nan)
         known = np.linalg.norm(markers, axis=-1) < FARTHEST  # NaN compares false
         return np.where(known[..., None], markers, np.nan), known
 
-    def _sensed(self, observation: Observation) -> Sensed | None:
-        """Return what inertial sensors measure (T, H, 15): rotations without positions. None without any."""
+    def _sensors(self, observation: Observation) -> SensorFlexion | None:
+        """Return the flexion (T, H, 15) that inertial sensors measure; None without sensors.
+
+        A sensor is a joint's rotation without a position.
+        """
         joints = tuple(tuple(f"{hand}_{joint}" for joint in HAND_JOINTS) for hand in self.hands)
         place = _places(observation.points, joints)
         known = (observation.has_rotation & ~observation.has_position)[:, place] & (place >= 0)
         if not known.any():
             return None
         rotation = observation.rotation[:, place] * self._turned_over
-        return inertial.sense(np.where(known[..., None], rotation, np.nan), self._fusion.axes)
+        return inertial.sensor_flexion(np.where(known[..., None], rotation, np.nan), self._fusion.axes)
 
 
 def natural_pose(hand: Skeleton) -> Pose:

@@ -1,14 +1,14 @@
-"""Fingers by inertial sensors: the pose of joints whose markers are hidden, with drift corrected while they are seen.
+"""Fusion of markers and inertial sensors: sensors pose fingers with hidden markers; seen markers correct their drift.
 
 A glove may have a sensor on the back of the hand and sensors on segments of fingers (two-hands, section 2.2). In an
-observation a sensor is the rotation of a joint without a position: `left_wrist`, `left_index2` … Only rotations of a
-segment relative to the one before it are used, and of these only the flexion, as in the paper.
+observation a sensor is the rotation of a joint without a position: `left_wrist`, `left_index2` … Only the rotation of a
+segment relative to the one before it is used, and of this only the flexion, as in the paper.
 
-The flexion by two sensors is wrong by an offset (straps) and by the difference of the sensors' headings, times the
-vertical part of the hinge's axis: gravity corrects the rest. A Kalman filter of each joint estimates both errors from
-the solved pose while the joint's markers are seen. When they are hidden, the joint goes from the solved flexion to the
-corrected one. Its abduction and twist stay, and slowly return to rest: those by predicted markers are worse.
-A joint whose sensors stop returns to the solved pose.
+The flexion that two sensors measure has two errors: an offset (straps), and the difference of the sensors' headings
+times the vertical component of the hinge's axis. Gravity corrects the rest. A Kalman filter of each joint estimates
+both errors from the solved pose while the joint's markers are seen. When they are hidden, the joint goes from the
+solved flexion to the corrected one. Its abduction and twist keep their last values and slowly return to rest, because
+those from predicted markers are worse. A joint returns to the solved pose when its sensors stop.
 """
 
 from __future__ import annotations
@@ -26,24 +26,24 @@ from bodysense.errors import BodysenseError
 _SEGMENTS = len(HAND_JOINTS) - 1
 # Parent of each segment among the 16: the back of the hand, then the fingers' segments.
 _BEFORE = [0 if joint.endswith("1") else place for place, joint in enumerate(HAND_JOINTS[1:])]
-_RETURN = 0.1  # s, half-life of the change where a sensor stops or is found
+_RETURN = 0.1  # s, half-life of the change after a sensor stopped or was found
 
 
 @dataclass(frozen=True)
 class InertialSettings:
     """Settings of inertial sensors. `aside` is chosen by `bodysense evaluate gloves-settings`.
 
-    From `offset` on they are the sizes of errors that the Kalman filter expects.
+    From `offset` on they are standard deviations of errors in the Kalman filter.
     """
 
-    ramp: float = 0.1  # s after its markers are hidden in which a joint's pose becomes the sensors'
+    ramp: float = 0.1  # s after markers are hidden in which a joint's pose changes to that of its sensors
     aside: float = 3.0  # s, half-life of the abduction and twist of a joint with hidden markers
-    offset: float = 3.0  # °, of the flexion, at the start
-    offset_walk: float = 0.3  # °/√s by which it changes
-    heading: float = 10.0  # ° between two sensors, at the start
-    heading_walk: float = 0.7  # °/√s by which it changes
+    offset: float = 3.0  # °, initial offset of the flexion
+    offset_walk: float = 0.3  # °/√s, random walk of the offset
+    heading: float = 10.0  # °, initial difference of the headings of two sensors
+    heading_walk: float = 0.7  # °/√s, random walk of this difference
     solved: float = 5.0  # °, error of the solved flexion of a joint with seen markers
-    solved_time: float = 0.5  # s in which that error is forgotten
+    solved_time: float = 0.5  # s, correlation time of that error
 
     def __post_init__(self) -> None:
         for name in (field.name for field in fields(self)):
@@ -51,11 +51,11 @@ class InertialSettings:
                 raise BodysenseError(f"inertial sensors: {name} is {getattr(self, name):g}; it must be positive")
 
 
-class Sensed(NamedTuple):
-    """Flexion that sensors measure, NaN where a sensor is missing, and the vertical part of the hinges' axes."""
+class SensorFlexion(NamedTuple):
+    """Flexion of joints as sensors measure it, NaN if a sensor is missing."""
 
     flexion: np.ndarray  # (…, H, 15) rad
-    vertical: np.ndarray  # (…, H, 15) −1 to 1
+    vertical: np.ndarray  # (…, H, 15) vertical component of the hinges' axes, −1 to 1
 
 
 class InertialState(NamedTuple):
@@ -65,33 +65,34 @@ class InertialState(NamedTuple):
     covariance: np.ndarray  # (H, 15, 2, 2) rad²
     aside: np.ndarray  # (H, 15, 2) rad, abduction and twist of joints when their markers were last seen
     turn: np.ndarray  # (H, 15, 3) rad, added to the solved flexion, abduction and twist
-    returning: np.ndarray  # (H, 15, 3) rad, remaining change where a sensor stopped or was found
-    sensed: np.ndarray  # (H, 15) bool
+    remaining: np.ndarray  # (H, 15, 3) rad, part of `turn` that remains after a sensor stopped or was found
+    sensed: np.ndarray  # (H, 15) bool: the joint has sensors
 
 
-def sense(rotation: np.ndarray, axes: np.ndarray) -> Sensed:
-    """Return what sensors measure, from their rotations (…, H, 16, 4), world ← segment, NaN where missing.
+def sensor_flexion(rotation: np.ndarray, axes: np.ndarray) -> SensorFlexion:
+    """Return the flexion from sensors' rotations (…, H, 16, 4), world ← segment, NaN where missing.
 
-    The hands are left ones; `axes` (H, 15, 4, 4) are their joints' own (`hand.own_axes`).
+    The hands are left ones; `axes` (H, 15, 4, 4) are the joints' own axes (`hand.own_axes`).
     """
     before = rotation[..., _BEFORE, :]
     local = np.asarray(quaternion_multiply(quaternion_conjugate(before), rotation[..., 1:, :]))
     axis = quaternion_rotate(before, -axes[..., 3, 1:])  # of flexion, −z
-    return Sensed(joint_angles(local, axes)[..., 0], np.asarray(axis)[..., 1])
+    return SensorFlexion(joint_angles(local, axes)[..., 0], np.asarray(axis)[..., 1])
 
 
-def markers_sensed(sensed: Sensed, shape: HandShape, like: tuple[int, ...]) -> np.ndarray:
-    """Return which markers (T, H, 9), a mask of shape `like`, are of fingers whose joints all have sensors."""
+def sensed_markers(sensed: SensorFlexion, shape: HandShape, like: tuple[int, ...]) -> np.ndarray:
+    """Return a mask of shape `like`, (T, H, 9): markers of fingers with sensors on all joints."""
     whole = np.asarray(np.isfinite(sensed.flexion).reshape(*like[:-1], 5, 3).all(axis=-1))
-    felt = np.zeros(like, dtype=bool)
-    felt[..., shape.markers] = whole[..., [0, 1, 2, 3, 4, 0]]
-    return felt
+    is_sensed = np.zeros(like, dtype=bool)
+    is_sensed[..., shape.markers] = whole[..., [0, 1, 2, 3, 4, 0]]
+    return is_sensed
 
 
 def joints_hidden(hidden: np.ndarray, shape: HandShape) -> np.ndarray:
-    """Return the time (H, 15) s for which no marker that determines a joint has been seen, from the markers' (H, 9) s.
+    """Return the times (H, 15) s for which each joint's markers have been hidden, from those of markers (H, 9) s.
 
-    A joint is determined by the marker of its fingertip, the base of the thumb also by the thumb's middle one.
+    A joint's marker is that of its fingertip. The base of the thumb also has the thumb's middle marker; the time is
+    then the shorter one.
     """
     joints = hidden.take(shape.markers[:5], axis=1).repeat(3, axis=1)
     joints[:, 0] = np.minimum(joints[:, 0], hidden[:, shape.markers[5]])
@@ -100,7 +101,7 @@ def joints_hidden(hidden: np.ndarray, shape: HandShape) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class Fusion:
-    """Markers and inertial sensors of H hands; `axes` (H, 15, 4, 4) are their joints' own (`hand.own_axes`)."""
+    """Fusion of markers and inertial sensors of H hands; `axes` (H, 15, 4, 4) are joints' own (`hand.own_axes`)."""
 
     shape: HandShape
     axes: np.ndarray
@@ -115,63 +116,65 @@ class Fusion:
         return InertialState(error, covariance, error, turn, turn, np.zeros((hands, _SEGMENTS), dtype=bool))
 
     def fuse(
-        self, poses: HandPoses, sensed: Sensed, hidden: np.ndarray, interval: float, state: InertialState
+        self, poses: HandPoses, sensed: SensorFlexion, hidden: np.ndarray, interval: float, state: InertialState
     ) -> tuple[HandPoses, InertialState]:
-        """Return hands whose joints without seen markers are posed by sensors, and the state after them.
+        """Pose joints with hidden markers by sensors; return the hands and the state for the next frame.
 
         Args:
             poses: solved hands.
-            sensed: (H, 15), of the frame.
+            sensed: flexion (H, 15) that sensors measure in this frame.
             hidden: (H, 9) s for which each marker has been hidden; 0 if seen.
             interval: seconds since the frame before.
             state: after the frame before.
         """
         lost, present = joints_hidden(hidden, self.shape), np.isfinite(sensed.flexion)
         solved = joint_angles(poses.rotation[:, 1:], self.axes)
-        more = _wrapped(np.where(present, sensed.flexion, 0.0) - solved[..., 0])
-        facing = np.stack([np.ones_like(more), np.where(present, sensed.vertical, 0.0)], axis=-1)
-        error, covariance = self._corrected(state, more, facing, present & (lost == 0), interval)
+        difference = _wrap(np.where(present, sensed.flexion, 0.0) - solved[..., 0])
+        sensitivity = np.stack([np.ones_like(difference), np.where(present, sensed.vertical, 0.0)], axis=-1)
+        error, covariance = self._update_filter(state, difference, sensitivity, present & (lost == 0), interval)
         aside = np.where((lost == 0)[..., None], solved[..., 1:], state.aside)
-        kept = aside * 0.5 ** (lost / self.settings.aside)[..., None]
-        change = np.concatenate([(more - (facing * error).sum(axis=-1))[..., None], kept - solved[..., 1:]], axis=-1)
-        wanted = (np.minimum(lost / self.settings.ramp, 1.0) * present)[..., None] * _wrapped(change)
-        returning = state.returning * 0.5 ** (interval / _RETURN)
-        returning = np.where((present == state.sensed)[..., None], returning, state.turn - wanted)
-        returning = returning * (lost > interval)[..., None]
-        turn = wanted + returning
-        after = InertialState(error, covariance, aside, turn, returning, present)
-        return (self._turned(poses, solved, turn) if turn.any() else poses), after
+        fading = aside * 0.5 ** (lost / self.settings.aside)[..., None]
+        change = np.concatenate(
+            [(difference - (sensitivity * error).sum(axis=-1))[..., None], fading - solved[..., 1:]], axis=-1
+        )
+        target = (np.minimum(lost / self.settings.ramp, 1.0) * present)[..., None] * _wrap(change)
+        remaining = state.remaining * 0.5 ** (interval / _RETURN)
+        remaining = np.where((present == state.sensed)[..., None], remaining, state.turn - target)
+        remaining = remaining * (lost > interval)[..., None]
+        turn = target + remaining
+        after = InertialState(error, covariance, aside, turn, remaining, present)
+        return (self._apply(poses, solved, turn) if turn.any() else poses), after
 
-    def _turned(self, poses: HandPoses, solved: np.ndarray, turn: np.ndarray) -> HandPoses:
-        """Return hands whose joints have the angles `solved` + `turn` (H, 15, 3) rad."""
+    def _apply(self, poses: HandPoses, solved: np.ndarray, turn: np.ndarray) -> HandPoses:
+        """Return hands with joint angles `solved` + `turn` (H, 15, 3) rad."""
         local = joint_rotations(solved + turn, self.axes)
         rotation, still = poses.rotation.copy(), np.asarray(~turn.any(axis=-1))
         rotation[:, 1:] = np.where(still[..., None], rotation[:, 1:], local)
-        placed, whole = place_hands(self.shape, poses.root, rotation), np.asarray(still.all(axis=1))[:, None, None]
-        return placed._replace(position=np.where(whole, poses.position, placed.position))
+        posed, whole = place_hands(self.shape, poses.root, rotation), np.asarray(still.all(axis=1))[:, None, None]
+        return posed._replace(position=np.where(whole, poses.position, posed.position))
 
-    def _corrected(
-        self, state: InertialState, more: np.ndarray, facing: np.ndarray, seen: np.ndarray, interval: float
+    def _update_filter(
+        self, state: InertialState, difference: np.ndarray, sensitivity: np.ndarray, seen: np.ndarray, interval: float
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return the errors (H, 15, 2) rad and their covariance after a frame: one step of a Kalman filter where seen.
+        """Run one step of the Kalman filter; return the errors (H, 15, 2) rad and their covariance.
 
         Args:
             state: after the frame before.
-            more: (H, 15) rad by which the sensors' flexion is larger than the solved one.
-            facing: (H, 15, 2) how much each error changes the flexion.
-            seen: (H, 15) bool: joints with sensors and seen markers.
+            difference: (H, 15) rad, the sensors' flexion minus the solved one.
+            sensitivity: (H, 15, 2) derivative of the flexion by each error.
+            seen: (H, 15) bool: joints with sensors and seen markers, which are corrected.
             interval: seconds since the frame before.
         """
         settings = self.settings
         walk = np.diag(np.radians([settings.offset_walk, settings.heading_walk]) ** 2)
         covariance = state.covariance + walk * interval
-        noise = np.radians(settings.solved) ** 2 * settings.solved_time / interval  # as of independent frames
-        toward = (covariance @ facing[..., None])[..., 0]
-        gain = toward / ((toward * facing).sum(axis=-1) + noise)[..., None] * seen[..., None]
-        missed = _wrapped(more - (facing * state.error).sum(axis=-1))
-        return state.error + gain * missed[..., None], covariance - gain[..., None] * toward[..., None, :]
+        noise = np.radians(settings.solved) ** 2 * settings.solved_time / interval  # equivalent for independent frames
+        cross = (covariance @ sensitivity[..., None])[..., 0]
+        gain = cross / ((cross * sensitivity).sum(axis=-1) + noise)[..., None] * seen[..., None]
+        residual = _wrap(difference - (sensitivity * state.error).sum(axis=-1))
+        return state.error + gain * residual[..., None], covariance - gain[..., None] * cross[..., None, :]
 
 
-def _wrapped(angle: np.ndarray) -> np.ndarray:
+def _wrap(angle: np.ndarray) -> np.ndarray:
     """Return angles in −π to π."""
     return (angle + np.pi) % (2 * np.pi) - np.pi

@@ -1,7 +1,8 @@
-"""From nine markers of a hand to its pose: registration, angles from a network, fingers aimed at their markers.
+"""Pose of a hand from its nine markers: registration, angles from a network, fingers aimed at their markers.
 
-The hand is placed by its alignment markers (4.2), the joint network predicts 26 angles from the markers in the hand's
-axes (4.8), a calibration corrects them (4.4), and every finger is turned at its base to its marker (4.3).
+The alignment markers give the wrist's position and rotation (4.2). The joint network predicts 26 angles from the
+markers in the hand's axes (4.8). A calibration corrects them (4.4). Every finger is turned at its base to its marker
+(4.3).
 """
 
 from __future__ import annotations
@@ -15,31 +16,31 @@ import numpy as np
 from bodysense.body.glove import ALIGNMENT, Glove, template
 from bodysense.body.hand import default_axes, joint_rotations, own_axes, per_joint
 from bodysense.body.products import multiply
-from bodysense.body.registration import brought_back, fit, moved
+from bodysense.body.registration import fit, to_hand, to_world
 from bodysense.body.rotation import quaternion_canonical
 from bodysense.body.skeleton import Skeleton
-from bodysense.devices.gloves.fingers import HandPoses, HandShape, hand_shape, pointed
+from bodysense.devices.gloves.fingers import HandPoses, HandShape, aim_fingers, hand_shape
 from bodysense.devices.gloves.networks import HandNetwork, known_shapes, size_ratios
 
 
 @dataclass(frozen=True, eq=False)
 class JointReader:
-    """Poses of H hands from complete markers.
+    """Solver of the poses of H hands from complete markers.
 
-    Every hand wears one of `gloves`; its joints turn about the default hand's axes turned by `axes` (H, 15, 4), and
+    Every hand has one of `gloves`. Its joints turn about the default hand's axes, rotated by `axes` (H, 15, 4).
     `calibration` (H, 15, 4) follows every local rotation.
     """
 
     model: HandNetwork
     hands: Sequence[Skeleton]
     gloves: Sequence[Glove]
-    restraint: float = 0.0  # of fingers' large turns to their markers
+    restraint: float = 0.0  # reduction of fingers' large turns to their markers
     calibration: np.ndarray | None = None
     axes: np.ndarray | None = None
 
     @cached_property
     def shape(self) -> HandShape:
-        """The hands' constants."""
+        """Constants of the hands."""
         return hand_shape(self.hands, self.gloves)
 
     @cached_property
@@ -57,31 +58,31 @@ class JointReader:
     @cached_property
     def _back(self) -> np.ndarray:
         """(H, 3, 3) m, the alignment markers on flat hands."""
-        flat = [template(*worn)[list(ALIGNMENT)] for worn in zip(self.gloves, self.hands, strict=True)]
+        flat = [template(*gloved)[list(ALIGNMENT)] for gloved in zip(self.gloves, self.hands, strict=True)]
         return np.stack(flat)
 
     def read(self, markers: np.ndarray) -> HandPoses:
-        """Return poses from markers (H, 9, 3) m without missing ones."""
-        quaternion, rotation, root = self._placed(markers)
-        own = brought_back(markers, rotation, root)
-        local, points = pointed(self._local(own), own, self.shape, self.restraint)
+        """Return poses from complete markers (H, 9, 3) m."""
+        quaternion, rotation, root = self._register(markers)
+        own = to_hand(markers, rotation, root)
+        local, points = aim_fingers(self._local(own), own, self.shape, self.restraint)
         turned = np.empty((len(markers), 16, 4))
         turned[:, 0] = quaternion
         turned[:, 1:] = local
-        return HandPoses(root, turned, moved(points, rotation, root))
+        return HandPoses(root, turned, to_world(points, rotation, root))
 
     def angles(self, markers: np.ndarray) -> np.ndarray:
         """Return the network's angles (H, 26) rad for markers (H, 9, 3) m."""
-        _, rotation, root = self._placed(markers)
-        return self._angles(brought_back(markers, rotation, root))
+        _, rotation, root = self._register(markers)
+        return self._angles(to_hand(markers, rotation, root))
 
-    def told(self, markers: np.ndarray) -> np.ndarray:
+    def local_rotations(self, markers: np.ndarray) -> np.ndarray:
         """Return the network's local rotations (H, 15, 4), before fingers are aimed at their markers."""
-        _, rotation, root = self._placed(markers)
-        return np.asarray(quaternion_canonical(self._local(brought_back(markers, rotation, root))))
+        _, rotation, root = self._register(markers)
+        return np.asarray(quaternion_canonical(self._local(to_hand(markers, rotation, root))))
 
-    def _placed(self, markers: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return the wrists' quaternions (H, 4), rotations (H, 3, 3) and places (H, 3) m by the alignment markers."""
+    def _register(self, markers: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return quaternions (H, 4), rotations (H, 3, 3) and positions (H, 3) m of wrists by the alignment markers."""
         seen = markers.take(ALIGNMENT, axis=1)
         return fit(self._back, seen, np.ones(seen.shape[:2], dtype=bool))
 

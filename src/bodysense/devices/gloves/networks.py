@@ -1,4 +1,4 @@
-"""The two networks of gloves as files: one fills markers, one predicts joint angles (two-hands, Tables 1 and 2)."""
+"""Network files of gloves: one network fills markers, one predicts joint angles (two-hands, Tables 1 and 2)."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ JOINT_FORMAT = "bodysense glove joints 2"
 MARKER_NETWORK = "glove_markers.onnx"
 JOINT_NETWORK = "glove_joints.onnx"
 _COMMAND = "bodysense train gloves"
-_ALIKE = 1e-4  # m, or share of a size; hands that differ less are equal
+_TOLERANCE = 1e-4  # m, or share of a size; hands that differ less are equal
 
 
 class HandNetwork(Protocol):
@@ -37,47 +37,47 @@ class HandNetwork(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class GloveNetwork:
-    """A network of gloves in a file."""
+    """A glove network from a file."""
 
     network: Network
 
     def run(self, markers: np.ndarray, hand: np.ndarray) -> np.ndarray:
-        """See `HandNetwork`; single precision."""
+        """See `HandNetwork`; inputs and outputs have single precision."""
         (answer,) = self.network.run({"markers": markers, "hand": hand}).values()
         return answer
 
 
 def load_marker_network(path: str | Path | None = None) -> GloveNetwork:
-    """Load the network that fills markers: a path, or None for the packaged one. Raises BodysenseError for others."""
+    """Load the network that fills markers from a path, or the packaged one. Raises BodysenseError for other files."""
     form = NetworkFormat(MARKER_FORMAT, "glove marker network", _COMMAND, packaged=MARKER_NETWORK)
     return GloveNetwork(Network.open(path, form))
 
 
 def load_joint_network(path: str | Path | None = None) -> GloveNetwork:
-    """Load the network of joint angles: a path, or None for the packaged one. Raises BodysenseError for others."""
+    """Load the network of joint angles from a path, or the packaged one. Raises BodysenseError for other files."""
     form = NetworkFormat(JOINT_FORMAT, "glove joint network", _COMMAND, packaged=JOINT_NETWORK)
     return GloveNetwork(Network.open(path, form))
 
 
 def size_ratios(hands: Sequence[Skeleton]) -> np.ndarray:
-    """Return (H,) sizes relative to the default hand: networks see all hands at one size."""
+    """Return sizes (H,) relative to the default hand. Networks see all hands at the default size."""
     return np.array([hand_size(hand) for hand in hands]) / default_glove().size
 
 
 def known_shapes(hands: Sequence[Skeleton], gloves: Sequence[Glove]) -> np.ndarray:
-    """Return (H, 87) single precision: each hand's resting offsets and template, at one size.
+    """Return (H, 87), single precision: each hand's resting offsets and template, at the default size.
 
-    Zeros for the default hand at another size than its own: it represents hands of which only the size was measured.
-    At its own size it is the likeliest hand.
+    They are zeros for the default hand at another size than its own, which represents hands with only a measured size.
+    At its own size it is the most likely hand.
     """
-    shapes = np.stack([_shape(*worn) for worn in zip(hands, gloves, strict=True)])
-    resized = abs(size_ratios(hands) - 1) > _ALIKE
-    unmeasured = resized & (abs(shapes - _default_shape()) < _ALIKE).all(axis=1)
+    shapes = np.stack([_shape(hand, glove) for hand, glove in zip(hands, gloves, strict=True)])
+    resized = abs(size_ratios(hands) - 1) > _TOLERANCE
+    unmeasured = resized & (abs(shapes - _default_shape()) < _TOLERANCE).all(axis=1)
     return np.where(unmeasured[:, None], 0.0, shapes).astype(np.float32)
 
 
 def _shape(hand: Skeleton, glove: Glove) -> np.ndarray:
-    """(87,) m."""
+    """Return the shape (87,) m of one hand at the default size."""
     values = np.concatenate([hand.rest_offset[1:].ravel(), template(glove, hand).ravel()])
     return values / size_ratios([hand])
 

@@ -1,10 +1,10 @@
 """Rejection of wrong markers: spikes, ghosts, swapped identifiers (two-hands, section 7.2, Figure 16b).
 
-A frame is predicted from the last one. If every marker is close, nothing more is checked. Otherwise the hand may be
-anywhere, because it moves faster than its fingers do within it: the rigid motion that most markers agree on is found,
-once for a hand of constant shape, once for one whose fingers move on. Markers that are too far from both are judged:
-two with exchanged places are exchanged back; one that stays in place for `patience` s is accepted, unless another
-marker is there; others are dropped. The tolerance grows with the time for which the marker was hidden.
+A frame is predicted from the last one. If every marker is close to its prediction, nothing more is checked. Otherwise
+the hand may be anywhere, because it moves faster than its fingers move in it. The rigid motion that most markers agree
+on is found twice: with the hand's last shape, and with fingers that keep their velocity. Markers that are too far from
+both are judged. Two with exchanged positions are exchanged back. One that stays in place for `patience` s is accepted,
+unless another marker is there. Others are dropped. The tolerance grows with the time for which a marker was hidden.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ from typing import NamedTuple
 import numpy as np
 
 from bodysense.body.glove import ALIGNMENT, Glove, template
-from bodysense.body.registration import moved, register
+from bodysense.body.registration import register, to_world
 from bodysense.body.skeleton import Skeleton
-from bodysense.devices.gloves.fillers import missing
+from bodysense.devices.gloves.gap_fillers import missing
 from bodysense.errors import BodysenseError
 
-_SAME_PLACE = 0.005  # m: two identifiers nearer than this are one marker
+_SAME_PLACE = 0.005  # m: two identifiers closer than this are one marker
 _TRIPLES = np.array([np.isin(range(9), three) for three in combinations(range(9), 3)])  # (84, 9)
 
 
@@ -32,11 +32,11 @@ _TRIPLES = np.array([np.isin(range(9), three) for three in combinations(range(9)
 class RejectionSettings:
     """Limits of accepted markers."""
 
-    tolerance: float = 0.005  # m
-    speed: float = 0.3  # m/s: growth of the tolerance with time
-    haste: float = 1.0  # of its last step in the hand: added to the tolerance of a marker
+    tolerance: float = 0.005  # m, distance from the prediction
+    speed: float = 0.3  # m/s, growth of the tolerance with time
+    haste: float = 1.0  # share of a marker's last step in the hand that is added to its tolerance
     patience: float = 0.015  # s for which an unexpected marker must stay in place to be accepted
-    slack: float = 0.02  # m: excess over the hand's largest distance of two markers
+    slack: float = 0.02  # m by which the distance of two markers may exceed the hand's largest one
 
     def __post_init__(self) -> None:
         for name in ("tolerance", "speed", "haste", "patience", "slack"):
@@ -45,21 +45,21 @@ class RejectionSettings:
 
 
 class RejectionState(NamedTuple):
-    """Prediction for the next frame, and the rejected markers of the last."""
+    """The last two frames, and the doubted markers of the last one."""
 
-    place: np.ndarray  # (H, 9, 3) m, NaN before the first frame
-    before: np.ndarray  # (H, 9, 3) m, a frame earlier
+    place: np.ndarray  # (H, 9, 3) m in the last frame; NaN before the first frame
+    before: np.ndarray  # (H, 9, 3) m in the frame before it
     interval: float  # s between these two
     known: np.ndarray  # (H, 9) bool, in the last frame
-    known_before: np.ndarray  # (H, 9) bool, in the one before
-    doubted: np.ndarray  # (H, 9, 3) m, from the expected position; NaN for accepted markers
-    since: np.ndarray  # (H, 9) s for which it has been doubted
+    known_before: np.ndarray  # (H, 9) bool, in the frame before it
+    doubted: np.ndarray  # (H, 9, 3) m, offset from the expected position; NaN for accepted markers
+    since: np.ndarray  # (H, 9) s for which the marker has been doubted
     settled: tuple[bool, ...]  # (H) whether all markers were accepted
 
 
 @dataclass(frozen=True, eq=False)
 class Rejection:
-    """Rejects wrong markers of H left-model hands."""
+    """Rejection of wrong markers of H left-model hands."""
 
     hands: Sequence[Skeleton]
     glove: Glove
@@ -74,11 +74,11 @@ class Rejection:
     @cached_property
     def _farthest(self) -> np.ndarray:
         """(H, 9, 9) m: largest distance of two markers, along the bones between them."""
-        return np.stack([_way(hand, self.glove) for hand in self.hands]) + self.settings.slack
+        return np.stack([_bone_distances(hand, self.glove) for hand in self.hands]) + self.settings.slack
 
     @cached_property
     def _nearest(self) -> np.ndarray:
-        """(H, 9, 9) m: least distance of two markers: 0, except on the back of the hand."""
+        """(H, 9, 9) m: least distance of two markers; 0 except on the back of the hand."""
         nearest = np.zeros((len(self.hands), 9, 9))
         for place, hand in enumerate(self.hands):
             back = template(self.glove, hand)[list(ALIGNMENT)]
@@ -89,10 +89,10 @@ class Rejection:
     def check(
         self, markers: np.ndarray, interval: float, hidden: np.ndarray, state: RejectionState
     ) -> tuple[np.ndarray, RejectionState]:
-        """Reject wrong markers of (H, 9, 3) m, NaN where hidden: they become NaN, exchanged identifiers are corrected.
+        """Replace wrong markers of (H, 9, 3) m by NaN and correct exchanged identifiers; return markers and state.
 
-        `hidden` (H, 9) s is the hidden time of each by the last frame. The state has the doubts; `remember` must
-        follow with the completed frame.
+        Hidden markers are NaN. `hidden` (H, 9) s is the time for which each was hidden in the last frame. Call
+        `remember` with the completed frame before the next `check`.
         """
         expected = state.place + (state.place - state.before) * (interval / state.interval)
         limit = 0.577 * (self.settings.tolerance + self.settings.speed * interval)
@@ -115,7 +115,7 @@ class Rejection:
     def remember(
         self, markers: np.ndarray, known: np.ndarray, interval: float, state: RejectionState
     ) -> RejectionState:
-        """Return the state after a frame: all markers (H, 9, 3) m, measured where `known` (H, 9), else filled."""
+        """Return the state after a frame with markers (H, 9, 3) m, which are filled unless `known` (H, 9)."""
         before = markers if isnan(state.place.item(0)) else state.place
         return RejectionState(markers, before, interval, known, state.known, state.doubted, state.since, state.settled)
 
@@ -129,25 +129,28 @@ class Rejection:
         interval: float,
         state: RejectionState,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Judge one hand with two expected shapes (2, 9, 3): its markers (9, 3), doubts (9, 3) and their times (9,)."""
+        """Judge the markers (9, 3) of one hand by two expected shapes (2, 9, 3).
+
+        Returns the accepted markers (9, 3), the offsets of doubted ones (9, 3) and their times of doubt (9,) s.
+        """
         settings = self.settings
         markers, since, wrong = np.where(known[:, None], markers, np.nan), np.zeros(9), np.zeros(9, dtype=bool)
         held = ~np.isnan(shapes[0, :, 0])
         tolerance = settings.tolerance + settings.speed * (unseen - state.since[hand])  # doubt does not widen it
         sure = known & held
         if sure.sum() >= 4:
-            shapes = _agreed(shapes, markers, sure, tolerance)
+            shapes = _align(shapes, markers, sure, tolerance)
             step = np.linalg.norm(shapes[1] - shapes[0], axis=-1)
             tolerance = tolerance + settings.haste * np.where(np.isnan(step), 0.0, step)
             outside = sure & ~(np.linalg.norm(markers - shapes, axis=-1) < tolerance).any(axis=0)
             if 2 * outside.sum() <= sure.sum():  # otherwise the prediction of the hand is wrong
                 wrong = outside
         expected = np.where(np.isnan(shapes[1]), shapes[0], shapes[1])
-        wrong = self._exchanged(markers, wrong, expected, tolerance)
+        wrong = self._exchange(markers, wrong, expected, tolerance)
         wrong = wrong | self._impossible(hand, np.where(wrong[:, None], np.nan, markers), expected)
         doubted = np.where(wrong[:, None], markers - np.where(held[:, None], expected, 0.0), np.nan)
-        moved_since = np.linalg.norm(doubted - state.doubted[hand], axis=-1)
-        stays = wrong & (moved_since < tolerance)
+        displacement = np.linalg.norm(doubted - state.doubted[hand], axis=-1)
+        stays = wrong & (displacement < tolerance)
         since[wrong] = np.where(stays, state.since[hand] + interval, 1e-9)[wrong]
         for marker in np.flatnonzero(stays & (since >= settings.patience)):
             trial = np.where(wrong[:, None], np.nan, markers)
@@ -158,12 +161,15 @@ class Rejection:
         return np.where(wrong[:, None], np.nan, markers), doubted, since
 
     def _violations(self, hand: int, markers: np.ndarray) -> np.ndarray:
-        """Return (9,) numbers of others that each marker is impossibly far from, or impossibly close to."""
+        """Return (9,) for each marker the number of others at an impossible distance."""
         apart = np.linalg.norm(markers[:, None] - markers, axis=-1)
         return ((apart > self._farthest[hand]) | (apart < self._nearest[hand])).sum(axis=1)
 
     def _impossible(self, hand: int, markers: np.ndarray, expected: np.ndarray) -> np.ndarray:
-        """Return (9,) markers impossible for a hand of this size: the worst is removed until the rest is possible."""
+        """Return the mask (9,) of markers that are impossible for a hand of this size.
+
+        The marker with the most impossible distances is removed until the others are possible.
+        """
         trial, wrong = markers.copy(), np.zeros(9, dtype=bool)
         while (count := self._violations(hand, trial)).any():
             worst = np.flatnonzero(count == count.max())
@@ -172,15 +178,15 @@ class Rejection:
             trial[marker], wrong[marker] = np.nan, True
         return wrong
 
-    def _exchanged(
+    def _exchange(
         self, markers: np.ndarray, wrong: np.ndarray, expected: np.ndarray, tolerance: np.ndarray
     ) -> np.ndarray:
-        """Exchange wrong markers that are in each other's places, in place; return those still wrong (9,)."""
+        """Exchange wrong markers that have each other's positions, in place; return the mask (9,) of others."""
         rows = np.flatnonzero(wrong)
         if len(rows) < 2:
             return wrong
         apart = np.linalg.norm(markers[rows][:, None] - expected[rows], axis=-1)  # measured × expected
-        origin = np.argmin(apart, axis=0)  # for every wrong marker the measurement closest to its place
+        origin = np.argmin(apart, axis=0)  # for every wrong marker the measurement closest to its expected position
         fits = apart[origin, np.arange(len(rows))] < tolerance[rows]
         fits &= np.bincount(origin, minlength=len(rows))[origin] == 1
         found = markers[rows[origin[fits]]]
@@ -190,44 +196,44 @@ class Rejection:
         return still
 
 
-def _agreed(expected: np.ndarray, markers: np.ndarray, sure: np.ndarray, tolerance: np.ndarray) -> np.ndarray:
-    """Move expected positions (2, 9, 3) rigidly as most of the sure markers (9,) agree."""
+def _align(expected: np.ndarray, markers: np.ndarray, sure: np.ndarray, tolerance: np.ndarray) -> np.ndarray:
+    """Move expected positions (2, 9, 3) by the rigid motion that most of the reliable markers (9,) agree on."""
     lacking = np.isnan(expected[..., 0])
-    origin = markers[sure.argmax()]  # small numbers are exact
+    origin = markers[sure.argmax()]  # differences from it are small, for precision
     source = np.where(lacking[..., None], 0.0, expected - origin)
     target = np.where(sure[:, None], markers - origin, 0.0)
     sure = sure & ~lacking  # (2, 9)
-    agreed = []
+    aligned = []
     for shape, usable in zip(source, sure, strict=True):
         if usable.sum() < 3:
-            agreed.append(np.full_like(shape, np.nan))
+            aligned.append(np.full_like(shape, np.nan))
             continue
         threes = _TRIPLES[~(_TRIPLES & ~usable).any(axis=1)]
         tried, wanted = (np.broadcast_to(points, (len(threes), 9, 3)) for points in (shape, target))
-        apart = np.linalg.norm(moved(tried, *register(tried, wanted, threes)) - target, axis=-1)
+        apart = np.linalg.norm(to_world(tried, *register(tried, wanted, threes)) - target, axis=-1)
         near = usable & (apart < tolerance)
-        score = np.where(near, 1 - apart / (9 * tolerance), 0.0).sum(axis=1)  # most, then nearest
+        score = np.where(near, 1 - apart / (9 * tolerance), 0.0).sum(axis=1)  # most markers, then the closest ones
         best = near[score.argmax()]
         best = best if best.any() else usable
-        agreed.append(moved(shape[None], *register(shape, target[None], best[None]))[0] + origin)
-    return np.where(lacking[..., None], np.nan, np.stack(agreed))
+        aligned.append(to_world(shape[None], *register(shape, target[None], best[None]))[0] + origin)
+    return np.where(lacking[..., None], np.nan, np.stack(aligned))
 
 
-def _way(hand: Skeleton, glove: Glove) -> np.ndarray:
-    """Return (9, 9) m: the distance along the bones between the carriers of two markers, and out to the markers."""
+def _bone_distances(hand: Skeleton, glove: Glove) -> np.ndarray:
+    """Return the distances (9, 9) m of two markers along the bones between their joints, and out to the markers."""
     points = hand.indices(glove.points)
     joints = hand.indices(glove.carried_by)
     length = hand.bone_length
     back = hand.index("wrist")
     out = np.linalg.norm(glove.offset_on(hand), axis=1)
-    ways = np.zeros((9, 9))
+    distances = np.zeros((9, 9))
     on_back = joints == back
     flat = template(glove, hand)
     for a, b in combinations(range(9), 2):
         if on_back[a] and on_back[b]:
-            ways[a, b] = ways[b, a] = 1.15 * np.linalg.norm(flat[a] - flat[b])
+            distances[a, b] = distances[b, a] = 1.15 * np.linalg.norm(flat[a] - flat[b])
             continue
         one, other = hand.path[points[a]], hand.path[points[b]]
         along = float((np.abs(one - other) * length).sum())
-        ways[a, b] = ways[b, a] = along + out[a] + out[b]
-    return ways
+        distances[a, b] = distances[b, a] = along + out[a] + out[b]
+    return distances

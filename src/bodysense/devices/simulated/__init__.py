@@ -1,1 +1,1 @@
-"""Poses become Observations: what a device would see of them."""
+"""Simulated devices: poses in, observations of them by a device out."""

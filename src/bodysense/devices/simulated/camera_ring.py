@@ -1,4 +1,4 @@
-"""A ring of cameras about a scene, as of an optical capture: a marker is found where two of them or more see it."""
+"""Ring of cameras around a scene, as in optical capture: a marker is found if at least two cameras see it."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bodysense.body.capsules import PlacedPrimitives
+from bodysense.body.capsules import PosedPrimitives
 from bodysense.devices.simulated.rays import blocked
 from bodysense.errors import BodysenseError
 
@@ -15,73 +15,70 @@ _BLOCK = 256  # frames at a time, so that the arrays stay in the processor's cac
 
 @dataclass(frozen=True)
 class CameraRing:
-    """Cameras evenly about the vertical axis through the middle of the scene, by turns at each of the heights."""
+    """Cameras spaced evenly about the vertical axis through the middle of the scene, at alternating heights."""
 
     count: int = 12
     radius: float = 2.5  # m
     heights: tuple[float, ...] = (-0.4, 0.4, 1.2)  # m above the middle
-    least: int = 2  # cameras that must see a marker to place it
-    beam: float = 80.0  # degrees from the way that a marker faces, within which it can be seen
+    least: int = 2  # least number of cameras that must see a marker
+    beam: float = 80.0  # degrees; a marker is seen within this angle of its facing direction
 
     def __post_init__(self) -> None:
         if self.count < 1 or not 1 <= self.least <= self.count:
             raise BodysenseError(
-                f"camera ring: {self.least} of {self.count} cameras cannot see; give 1 ≤ least ≤ count"
+                f"camera ring: {self.least} of {self.count} cameras is not possible; give 1 ≤ least ≤ count"
             )
         if not (np.isfinite(self.radius) and self.radius > 0):
-            raise BodysenseError(f"camera ring: a radius of {self.radius:g} m cannot be; give one above 0, such as 2.5")
+            raise BodysenseError(f"camera ring: radius of {self.radius:g} m; give more than 0, such as 2.5")
         if not self.heights or not np.isfinite(self.heights).all():
-            raise BodysenseError(f"camera ring: heights {self.heights} cannot be; give metres, one at least")
+            raise BodysenseError(f"camera ring: heights {self.heights}; give at least one, in metres")
         if not 0 < self.beam <= 180:
-            raise BodysenseError(f"camera ring: a beam of {self.beam:g} degrees cannot be; give 0 to 180")
+            raise BodysenseError(f"camera ring: beam of {self.beam:g} degrees; give more than 0 and at most 180")
 
     def places(self, middle: np.ndarray) -> np.ndarray:
-        """Where the cameras are about `middle` (3,) m: (count, 3) m."""
+        """Return positions (count, 3) m of the cameras about `middle` (3,) m."""
         angle = 2 * np.pi * np.arange(self.count) / self.count
         height = np.array(self.heights)[np.arange(self.count) % len(self.heights)]
         return middle + np.stack([self.radius * np.sin(angle), height, self.radius * np.cos(angle)], axis=1)
 
 
-def seen(
-    ring: CameraRing, middle: np.ndarray, light: np.ndarray, facing: np.ndarray, solids: PlacedPrimitives
+def seen_lights(
+    ring: CameraRing, middle: np.ndarray, light: np.ndarray, facing: np.ndarray, solids: PosedPrimitives
 ) -> np.ndarray:
-    """Which lights enough cameras see: within their beam, with nothing solid between.
+    """Return which lights (F, R) enough cameras see: cameras in the light's beam, without a solid in between.
 
     Args:
-        ring: of cameras.
-        middle: (3,) m, of the ring.
-        light: (F, R, 3) m, world; outside of what carries them, which hides them from behind.
-        facing: (F, R, 3) unit: the middle of each light's beam.
-        solids: of F frames, world.
-
-    Returns:
-        (F, R) bool.
+        ring: the cameras.
+        middle: (3,) m, middle of the ring.
+        light: (F, R, 3) m, positions of the lights in the world, outside the solids that carry them.
+        facing: (F, R, 3) unit vectors, the middle of each light's beam.
+        solids: solids of F frames in the world.
     """
     found = np.empty(light.shape[:2], dtype=bool)
     for first in range(0, len(light), _BLOCK):
         block = slice(first, first + _BLOCK)
-        here = PlacedPrimitives(
+        here = PosedPrimitives(
             solids.primitives, solids.start[block], solids.end[block], solids.center[block], solids.axes[block]
         )
-        found[block] = _cameras_that_see(ring, ring.places(middle), light[block], facing[block], here) >= ring.least
+        found[block] = _count_cameras(ring, ring.places(middle), light[block], facing[block], here) >= ring.least
     return found
 
 
-def _cameras_that_see(
-    ring: CameraRing, cameras: np.ndarray, light: np.ndarray, facing: np.ndarray, solids: PlacedPrimitives
+def _count_cameras(
+    ring: CameraRing, cameras: np.ndarray, light: np.ndarray, facing: np.ndarray, solids: PosedPrimitives
 ) -> np.ndarray:
-    """(F, R) how many cameras see each light."""
+    """Return the number (F, R) of cameras that see each light."""
     number = np.zeros(light.shape[:2], dtype=int)
     everything = np.ones((light.shape[1], solids.start.shape[1] + solids.center.shape[1]), dtype=bool)
     edge = np.cos(np.radians(ring.beam))
     for camera in cameras:
         ray = (light - camera).astype(np.float32)
-        shone = -np.einsum("frc,frc->fr", ray, facing) >= edge * np.linalg.norm(ray, axis=-1)
+        in_beam = -np.einsum("frc,frc->fr", ray, facing) >= edge * np.linalg.norm(ray, axis=-1)
         around = replace(
             solids,
             start=(solids.start - camera).astype(np.float32),
             end=(solids.end - camera).astype(np.float32),
             center=(solids.center - camera).astype(np.float32),
         )
-        number += shone & ~blocked(ray, around, shone, everything)
+        number += in_beam & ~blocked(ray, around, in_beam, everything)
     return number

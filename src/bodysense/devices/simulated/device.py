@@ -1,4 +1,4 @@
-"""Simulated devices: tracking of a motion by headsets, trackers and gloves, or by a device of one's own."""
+"""Simulated devices: tracking of a motion by headsets, trackers, gloves or a custom device."""
 
 from __future__ import annotations
 
@@ -30,14 +30,14 @@ SensorSetName = Literal[
     "three_point_imu_legs",
 ]
 DeviceName = SensorSetName | Literal["gloves", "gloves_imu"]
-_GLOVE_NOISE = 0.0005  # m along each axis: markers of optical capture
+_GLOVE_NOISE = 0.0005  # m along each axis, noise of markers in optical capture
 
 
 class Device(Protocol):
-    """A device that watches a motion."""
+    """A device that observes a motion."""
 
     def observe(self, clip: Clip, rng: np.random.Generator | None) -> Observation:
-        """Return what the device tracks in each frame of a clip, without errors if `rng` is None.
+        """Return the points that the device tracks in each frame of a clip, without errors if `rng` is None.
 
         Points are joints and end sites of the body by name, in the world (+Y up, metres, seconds).
         """
@@ -45,13 +45,13 @@ class Device(Protocol):
 
 
 @dataclass(frozen=True)
-class WornSensors:
+class BodySensors:
     """A set of sensors on the body."""
 
     sensors: SensorSet
 
     def observe(self, clip: Clip, rng: np.random.Generator | None) -> Observation:
-        """Return the points of the set; with `rng` as real devices track them."""
+        """Return the points of the set, with the errors of real devices if `rng` is given."""
         observation = observe(clip.pose, clip.time, self.sensors)
         if rng is None:
             return observation
@@ -62,36 +62,36 @@ class WornSensors:
 
 @dataclass(frozen=True, eq=False)
 class MarkerGloves:
-    """Markers of both gloves in a ring of cameras."""
+    """Marker gloves on both hands in a ring of cameras."""
 
-    worn: GloveSet | None = None  # marker set; None: the standard one
+    marker_set: GloveSet | None = None  # marker set; None: the standard one
 
     def observe(self, clip: Clip, rng: np.random.Generator | None) -> Observation:
-        """Return the markers that cameras see; with `rng` with the noise of optical capture."""
+        """Return the markers that cameras see, with the noise of optical capture if `rng` is given."""
         from bodysense.devices.simulated import glove
         from bodysense.devices.simulated.camera_ring import CameraRing
 
         capture = glove.GloveCapture(CameraRing(), noise=0.0 if rng is None else _GLOVE_NOISE)
-        return glove.observe(clip.pose, clip.time, capture, rng, self.worn)
+        return glove.observe(clip.pose, clip.time, capture, rng, self.marker_set)
 
 
 @dataclass(frozen=True, eq=False)
 class InertialGloves:
     """Marker gloves with an inertial sensor on every segment of the fingers."""
 
-    worn: GloveSet | None = None  # marker set; None: the standard one
+    marker_set: GloveSet | None = None  # marker set; None: the standard one
 
     def observe(self, clip: Clip, rng: np.random.Generator | None) -> Observation:
-        """Return markers that cameras see and rotations of sensors; with `rng` with noise and drift."""
+        """Return markers that cameras see and rotations of sensors, with noise and drift if `rng` is given."""
         from bodysense.devices.simulated import glove_imu
 
-        markers = MarkerGloves(self.worn).observe(clip, rng)
+        markers = MarkerGloves(self.marker_set).observe(clip, rng)
         hands = {side: hand_pose(clip.pose, side) for side in ("left", "right")}
         return joined_points(markers, glove_imu.observe_fingers(hands, clip.time, rng))
 
 
 _BY_NAME: dict[str, Device] = {
-    **{name: WornSensors(sensors) for name, sensors in SENSOR_SETS.items()},
+    **{name: BodySensors(sensors) for name, sensors in SENSOR_SETS.items()},
     "gloves": MarkerGloves(),
     "gloves_imu": InertialGloves(),
 }
@@ -102,11 +102,11 @@ def simulate(clip: Clip, device: str | Device, noise: int | None = None) -> Obse
     """Simulate the tracking of a clip by a device.
 
     Args:
-        clip: the motion, on the skeleton of 65 points.
-        device: one of `DEVICES`, or an object with a method `observe`, as `Device` has it.
-        noise: random seed of realistic errors; None tracks exactly.
+        clip: the motion, on the default skeleton of 65 points.
+        device: one of `DEVICES`, or an object with the method `observe` of `Device`.
+        noise: random seed of realistic errors; None for exact tracking.
 
-    Raises BodysenseError for an unknown device, and for a device whose observation is not well formed.
+    Raises BodysenseError for an unknown device, and if the device returns a malformed observation.
     """
     if not isinstance(clip, Clip):
         raise BodysenseError(f"simulate: {brief(clip)} is no motion; give a Clip, as read('walk.bvh') returns")
@@ -116,12 +116,12 @@ def simulate(clip: Clip, device: str | Device, noise: int | None = None) -> Obse
         device = _BY_NAME[device]
     if not callable(getattr(device, "observe", None)):
         raise BodysenseError(
-            f"device {device!r} has no method observe(clip, rng); give one that has, or one of {', '.join(DEVICES)}"
+            f"device {device!r} has no method observe(clip, rng); add one, or give one of {', '.join(DEVICES)}"
         )
     name = type(device).__name__
     observation = device.observe(clip, None if noise is None else np.random.default_rng(noise))
     if len(observation) != len(clip):
         raise BodysenseError(
-            f"device {name}: its observation has {len(observation)} frames, the clip {len(clip)}; give one each"
+            f"device {name}: its observation has {len(observation)} frames, the clip {len(clip)}; return one for each"
         )
     return check_observation(observation, f"device {name}")

@@ -3,14 +3,14 @@
 The paper does not publish its primitives, nor which of them a ray passes through. Here:
 
 - A ray runs to every shoulder, elbow, hip, knee, ankle, foot and toe, and to the middle of every primitive that is
-  attached to one of them or belongs to a hand. A primitive is attached to the joint that carries it and to the joints
-  that hang on that one: the upper arm to shoulder and elbow.
-- Flesh hides neither the bones that it wraps nor their neighbours, for these overlap where they meet. A ray to a joint
-  passes through the primitives attached to it; a ray to a primitive through all that share a joint with it; and either
-  through whatever holds its target when the default body stands in its rest pose (the upper chest holds the shoulders).
-- The primitives of a hand do not hide each other unless `hand_hides_itself` is set. With fingers of natural thickness
-  a hand seen from its edge counts as hidden then, and in conversation hands are hidden four fifths of the time; the
-  paper reports 14 to 24 %.
+  attached to one of them or belongs to a hand. A primitive is attached to its carrying joint and to that joint's
+  children: the upper arm to shoulder and elbow.
+- Primitives hide neither their own bones nor neighbouring ones, because neighbours overlap. A ray to a joint passes
+  through the primitives attached to it. A ray to a primitive passes through all that share a joint with it. Both pass
+  through primitives that contain their target in the default body's rest pose (the upper chest contains the shoulders).
+- The primitives of a hand do not hide each other unless `hand_hides_itself` is set. With it, and fingers of natural
+  thickness, a hand seen from its edge counts as hidden, and in conversation hands are hidden four fifths of the time;
+  the paper reports 14 to 24 %.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from bodysense.body.capsules import Primitives, fit_primitives, place
+from bodysense.body.capsules import Primitives, fit_primitives, pose_primitives
 from bodysense.body.pose import Pose, forward_kinematics, rest_pose
 from bodysense.body.rotation import quaternion_rotate
 from bodysense.body.skeleton import Skeleton, default_skeleton
@@ -29,15 +29,15 @@ from bodysense.devices.simulated.rays import blocked, segment_meets_box, segment
 from bodysense.errors import BodysenseError
 
 SIDES = ("left", "right")
-BODY_JOINTS = ("shoulder", "elbow", "hip", "knee")  # of either side: each seen or hidden on its own
-FOOT_POINTS = ("ankle", "foot", "toe")  # of either side: all seen if one is
-HEAD_POINTS = ("head", "head_top")  # carry the camera: always known
+BODY_JOINTS = ("shoulder", "elbow", "hip", "knee")  # joints of each side that are seen or hidden independently
+FOOT_POINTS = ("ankle", "foot", "toe")  # points of a foot, which are all seen if one is
+HEAD_POINTS = ("head", "head_top")  # points that carry the camera and are always known
 _BLOCK = 384  # frames at a time, so that the arrays stay in the processor's cache
-_KEPT = 31 << 20  # bytes, just below the size above which glibc never keeps a block
+_KEPT = 31 << 20  # bytes, just below the size from which glibc always returns freed blocks to the system
 
 
 class Reason(IntEnum):
-    """Reason why a point is not seen."""
+    """Visibility of a point, or the reason why it is not seen."""
 
     VISIBLE = 0
     OUT_OF_VIEW = 1
@@ -52,9 +52,9 @@ class HeadsetCamera:
 
     nose_distance: float = 0.04  # m, in front of the tip of the nose
     field_of_view: float = 200.0  # degrees, the full angle of a circular cone
-    tilt: float = 15.0  # degrees, downward from where the head points
+    tilt: float = 15.0  # degrees downward from the head's forward direction
     near: float = 0.12  # m; closer points are not tracked
-    hand_visible_share: float = 0.65  # of a hand's primitives: if this share is in sight all of the hand is seen
+    hand_visible_share: float = 0.65  # least share of a hand's primitives that must be seen for the hand to be seen
     hand_hides_itself: bool = False  # whether the primitives of a hand hide each other
     solid_scale: float = 1.0  # factor on the thickness of all primitives; 1 is the skin of the default body
 
@@ -78,27 +78,27 @@ class Visibility:
 
     @property
     def visible(self) -> np.ndarray:
-        """(..., P) bool: the point is known, because it is seen or carries the camera."""
+        """(..., P) bool: the point is seen or carries the camera."""
         return self.reason == Reason.VISIBLE
 
 
 def see(pose: Pose, camera: HeadsetCamera = HeadsetCamera()) -> Visibility:
-    """Compute which points of a body, with any leading axes, its headset sees, and reasons for the others (UNOC, 4.1).
+    """Compute which points of posed bodies (...) the headset sees, and why the others are hidden (UNOC, section 4.1).
 
-    A target is seen if it lies in the cone, not too close, and no primitive stands before it. A joint is seen if it is
-    and so is one primitive attached to it; a foot's points are all seen if one is; a hand's if enough of its primitives
-    are. Hidden points of a hand share the reason that holds for most of its primitives.
+    A target is seen if it is in the cone, not too close, and no primitive is in front of it. A joint is seen if it and
+    a primitive attached to it are. A foot's points are all seen if one is, a hand's points if enough of its primitives
+    are. The hidden points of a hand have the reason of most of its primitives.
 
-    Raises BodysenseError for a skeleton of another tree than the default body's, and for a pose that is not finite.
+    Raises BodysenseError for a skeleton with another tree than the default body's, and for a pose that is not finite.
     """
     batch = pose.root_position.shape[:-1]
     rotation = pose.rotation.reshape(-1, *pose.rotation.shape[-2:])
-    # The body's place does not matter; about its root single precision is exact to a micrometre, and faster.
+    # The body's position does not matter. Near its root single precision is exact to a micrometre, and faster.
     root = (pose.root_position * 0.0).reshape(-1, 3).astype(np.float32)
     frames = Pose(pose.skeleton, root, rotation.astype(np.float32))
-    # Freeing a large block makes glibc keep later ones for reuse; otherwise every block faults its pages in again.
+    # Freeing a large block makes glibc keep later ones for reuse. Otherwise each block causes new page faults.
     np.empty(_KEPT, dtype=np.uint8)
-    # One block at a time from angles to result, so that all data stay in the processor's cache.
+    # Process one block at a time, so that all data stay in the processor's cache.
     seen = [
         see_points(pose.skeleton, *forward_kinematics(frames[first : first + _BLOCK]), camera).reason
         for first in range(0, max(len(frames.rotation), 1), _BLOCK)
@@ -110,7 +110,7 @@ def see_points(
     skeleton: Skeleton, position: np.ndarray, rotation: np.ndarray, camera: HeadsetCamera = HeadsetCamera()
 ) -> Visibility:
     """Run `see` on `position` (..., P, 3) m and world `rotation` (..., J, 4) from forward kinematics."""
-    primitives = _flesh(skeleton, camera.solid_scale)
+    primitives = _scaled_primitives(skeleton, camera.solid_scale)
     batch = position.shape[:-2]
     position = position.reshape(-1, *position.shape[-2:])
     rotation = rotation.reshape(-1, *rotation.shape[-2:])
@@ -125,8 +125,8 @@ def see_points(
 
 
 @lru_cache(maxsize=64)
-def _flesh(skeleton: Skeleton, solid_scale: float) -> Primitives:
-    """Return the skeleton's primitives, scaled in thickness; wrapping is judged at their natural size."""
+def _scaled_primitives(skeleton: Skeleton, solid_scale: float) -> Primitives:
+    """Return the skeleton's primitives, scaled in thickness."""
     natural = fit_primitives(skeleton)
     if solid_scale == 1:
         return natural
@@ -136,7 +136,7 @@ def _flesh(skeleton: Skeleton, solid_scale: float) -> Primitives:
 def camera_pose(
     primitives: Primitives, position: np.ndarray, rotation: np.ndarray, camera: HeadsetCamera
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return centre (..., 3) m and unit axis (..., 3) of the camera in the world; arguments as for `see_points`."""
+    """Return the camera's centre (..., 3) m and unit axis (..., 3) in the world; arguments as for `see_points`."""
     head = primitives.skeleton.index("head")
     turn = rotation[..., head, :]
     tilt = np.radians(camera.tilt)
@@ -153,15 +153,15 @@ class _Rays:
     primitives: np.ndarray  # (R - J,) primitives with a ray to their middle
     blocks: np.ndarray  # (R, N) bool: primitive n can hide the target of ray r
     attached: np.ndarray  # (R - J, J) 0/1: the primitive is attached to the joint
-    feet: tuple[np.ndarray, ...]  # indices among the joints, a side
-    hands: tuple[np.ndarray, ...]  # a side: places among the primitives
-    hand_points: tuple[np.ndarray, ...]  # a side: wrist, finger joints and tips
+    feet: tuple[np.ndarray, ...]  # for each side, indices among `joints`
+    hands: tuple[np.ndarray, ...]  # for each side, indices among `primitives`
+    hand_points: tuple[np.ndarray, ...]  # for each side, wrist, finger joints and tips
     inside: np.ndarray  # (P,) bool: points that are never seen
 
 
 @lru_cache(maxsize=2)
 def _rays(hand_hides_itself: bool) -> _Rays:
-    """Return the rays of the default body's tree (the module's text defines what hides what)."""
+    """Return the rays of the default body's tree; the module's docstring defines which primitives block them."""
     skeleton = default_skeleton()
     body = fit_primitives(skeleton)
     feet = [skeleton.indices([f"{side}_{name}" for name in FOOT_POINTS]) for side in SIDES]
@@ -193,8 +193,10 @@ def _rays(hand_hides_itself: bool) -> _Rays:
 def _holds_target(body: Primitives, joints: np.ndarray, primitives: np.ndarray) -> np.ndarray:
     """Return (R, N) bool: the primitive contains the ray's target in the rest pose."""
     position, rotation = forward_kinematics(rest_pose(body.skeleton))
-    targets = np.concatenate([position[joints], place(body, position, rotation).middle[primitives]])
-    around = place(body, position - targets[:, None], np.broadcast_to(rotation, (len(targets), *rotation.shape)))
+    targets = np.concatenate([position[joints], pose_primitives(body, position, rotation).middle[primitives]])
+    around = pose_primitives(
+        body, position - targets[:, None], np.broadcast_to(rotation, (len(targets), *rotation.shape))
+    )
     here = np.zeros((3, 1, 1))  # a ray without length
     start, end, center = (np.moveaxis(part, -1, 0) for part in (around.start, around.end, around.center))
     axes = np.moveaxis(around.axes, (-2, -1), (0, 1))
@@ -207,9 +209,9 @@ def _see_block(primitives: Primitives, position: np.ndarray, rotation: np.ndarra
     """Return reasons (F, P) of a block of frames."""
     rays = _rays(camera.hand_hides_itself)
     origin, axis = camera_pose(primitives, position, rotation, camera)
-    # Close to the camera single precision is exact to a micrometre, and twice as fast.
+    # Near the camera single precision is exact to a micrometre, and twice as fast.
     position, axis = (position - origin[:, None]).astype(np.float32), axis.astype(np.float32)
-    solids = place(primitives, position, rotation.astype(np.float32))
+    solids = pose_primitives(primitives, position, rotation.astype(np.float32))
     target = np.concatenate([position[:, rays.joints], solids.middle[:, rays.primitives]], axis=1)
 
     distance = np.sqrt(np.einsum("frc,frc->fr", target, target))
@@ -225,10 +227,10 @@ def _see_block(primitives: Primitives, position: np.ndarray, rotation: np.ndarra
 
 
 def _combine(rays: _Rays, answer: np.ndarray, camera: HeadsetCamera) -> np.ndarray:
-    """Return the reason of every point (F, P) from the reason of every ray (F, R)."""
+    """Return reasons (F, P) of all points from the reasons (F, R) of all rays."""
     joint, primitive = answer[:, : len(rays.joints)].copy(), answer[:, len(rays.joints) :]
-    no_flesh = (primitive == Reason.VISIBLE) @ rays.attached == 0
-    joint[(joint == Reason.VISIBLE) & no_flesh] = Reason.OCCLUDED
+    no_attached = (primitive == Reason.VISIBLE) @ rays.attached == 0
+    joint[(joint == Reason.VISIBLE) & no_attached] = Reason.OCCLUDED
     for foot in rays.feet:
         seen = (joint[:, foot] == Reason.VISIBLE).any(axis=1, keepdims=True)
         joint[:, foot] = np.where(seen, Reason.VISIBLE, joint[:, foot])

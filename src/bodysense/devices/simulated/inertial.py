@@ -1,4 +1,4 @@
-"""Inertial sensors strapped along bones: accelerations without gravity, smoothed like real sensors'."""
+"""Accelerations of inertial sensors strapped to bones, without gravity, smoothed as those of real sensors."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ import numpy as np
 
 from bodysense.observation import INERTIAL_BONES, INERTIAL_POINTS
 
-ALONG = 0.8  # of the bone from its joint: above the ankle, the wrist, the knee
-SMOOTHING = 0.066  # s: an acceleration is the mean over twice this time before it, without look-ahead
+ALONG = 0.8  # position on the bone, as a share of its length from its joint: above the ankle, the wrist, the knee
+SMOOTHING = 0.066  # s; an acceleration is the mean over the last two of these intervals, without look-ahead
 
 
-def strapped_places(position: np.ndarray, points: Sequence[str], along: float | np.ndarray = ALONG) -> np.ndarray:
-    """Return positions (..., 12, 3) m of sensors `along` the bones of `INERTIAL_POINTS`, from points (..., P, 3) m."""
+def strapped_positions(position: np.ndarray, points: Sequence[str], along: float | np.ndarray = ALONG) -> np.ndarray:
+    """Return positions (..., 12, 3) m of the `INERTIAL_POINTS` sensors, `along` their bones, from points (..., P, 3) m."""
     begins = [points.index(name) for name in INERTIAL_POINTS]
     ends = [points.index(end or name) for name, end in INERTIAL_BONES.items()]
     share = np.broadcast_to(np.asarray(along, dtype=float), len(begins))[:, None]
@@ -21,7 +21,7 @@ def strapped_places(position: np.ndarray, points: Sequence[str], along: float | 
 
 
 def accelerations(place: np.ndarray, interval: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return accelerations (T, N, 3) m/s² of positions (T, N, 3) m every `interval` s, and their mask (T,) bool."""
+    """Return accelerations (T, N, 3) m/s² of positions (T, N, 3) m at intervals of `interval` s, and a mask (T,)."""
     lag = max(1, round(SMOOTHING / interval))
     felt, known = np.zeros(place.shape), np.arange(len(place)) >= 2 * lag
     if known.any():
@@ -29,12 +29,14 @@ def accelerations(place: np.ndarray, interval: float) -> tuple[np.ndarray, np.nd
     return felt, known
 
 
-def felt_by(position: np.ndarray, points: Sequence[str], sensors: Sequence[str], time: np.ndarray) -> np.ndarray:
-    """Return accelerations (..., T, N, 3) m/s² of `sensors` from points (..., T, P, 3); NaN until known.
+def sensor_accelerations(
+    position: np.ndarray, points: Sequence[str], sensors: Sequence[str], time: np.ndarray
+) -> np.ndarray:
+    """Return accelerations (..., T, N, 3) m/s² of `sensors` on a body with points (..., T, P, 3) m; NaN if unknown.
 
-    The median interval of `time` (T,) is taken as the frame interval.
+    `sensors` are names in `INERTIAL_POINTS`. The frame interval is the median one of `time` (T,) s.
     """
-    place = strapped_places(position, points)[..., [INERTIAL_POINTS.index(name) for name in sensors], :]
+    place = strapped_positions(position, points)[..., [INERTIAL_POINTS.index(name) for name in sensors], :]
     if len(time) < 2:
         return np.full(place.shape, np.nan)
     felt, known = accelerations(np.moveaxis(place, -3, 0), float(np.median(np.diff(time))))

@@ -2,8 +2,8 @@
 
 The model of a headset was fitted, band by band, to Quest 2 and Quest Pro against a robot arm's encoders, up to 0.5 m/s
 and 100 °/s. Its error is a drift over the travelled distance, not over time: first-order autoregressive in metres, with
-a deviation that grows with speed; plus a slow drift at rest, a wobble at some 5 Hz in motion, and almost no white
-noise. Everything else here is an assumption: controllers and worn trackers have larger errors of the same kind;
+a deviation that grows with speed. There is also a slow drift at rest, a wobble at some 5 Hz in motion, and almost no
+white noise. Everything else here is an assumption: controllers and worn trackers have larger errors of the same kind;
 joints seen by cameras are off by millimetres for a fraction of a second; IMUs lose their heading.
 """
 
@@ -23,16 +23,16 @@ _LATEST_STAMP = 0.3  # of the shortest interval: larger jitter of stamps is clip
 
 @dataclass(frozen=True)
 class DriftModel:
-    """Deviations along each axis, of a position (unit m, speed in m/s) or of a rotation (unit °, speed in °/s)."""
+    """Standard deviations along each axis, of a position (m, speed in m/s) or of a rotation (°, speed in °/s)."""
 
-    drift: float  # over the travelled distance, at rest
-    drift_per_speed: float
-    rest: float  # over time
+    drift: float  # drift over the travelled distance, at speed 0
+    drift_per_speed: float  # its growth with speed
+    rest: float  # drift over time
     wobble_per_speed: float
     wobble_rate: float  # Hz
-    white: float  # at rest
-    white_moving: float
-    moving: float  # speed above which a point moves
+    white: float  # white noise at rest
+    white_moving: float  # white noise in motion
+    moving: float  # speed above which a point counts as moving
 
 
 POSITION = DriftModel(
@@ -55,10 +55,10 @@ ROTATION = DriftModel(
     white_moving=0.0025,
     moving=2.0,
 )
-_PATH = 0.30  # m of travelled distance after which a drift is forgotten
-_SMOOTH = 0.06  # s by which a drift over distance lags: it is smoothed over twice as long
-_REST_TIME = 4.0  # s in which a drift at rest is forgotten
-_DAMPING = 0.9  # of a wobble
+_PATH = 0.30  # m, correlation length of the drift over the travelled distance
+_SMOOTH = 0.06  # s, time constant of the smoothing of this drift
+_REST_TIME = 4.0  # s, correlation time of the drift at rest
+_DAMPING = 0.9  # damping ratio of the wobble
 _USUAL_SPEED = 0.5  # m/s, speed for the stated accuracy of a point
 
 
@@ -67,17 +67,19 @@ class NoiseSettings:
     """Kinds and sizes of errors. The head is a headset; points with rotation only are IMUs."""
 
     headset: float = 1.0  # factor on the fitted model
-    trackers: float = 2.5  # factor on it for controllers and worn trackers
-    cameras: bool = False  # all positions except the head's, and their rotations, are seen by cameras
-    camera_position: tuple[float, float] = (0.003, 0.008)  # m in space; drawn for a session
-    camera_rotation: tuple[float, float] = (2.0, 5.0)  # ° in space; drawn for a session
-    camera_time: float = 0.3  # s in which an error of a camera is forgotten
+    trackers: float = 2.5  # factor on the fitted model for controllers and worn trackers
+    cameras: bool = False  # whether cameras see all positions except the head's, and their rotations
+    camera_position: tuple[float, float] = (0.003, 0.008)  # m in space, range from which each session draws
+    camera_rotation: tuple[float, float] = (2.0, 5.0)  # ° in space, range from which each session draws
+    camera_time: float = 0.3  # s, correlation time of a camera's errors
     imu_heading: float = 3.0  # ° about the vertical
     imu_tilt: float = 0.7  # ° about the other axes
-    imu_time: float = 60.0  # s in which an error of an IMU is forgotten
-    imu_acceleration: float = 0.15  # m/s² along each axis, white, and as much that is constant in a session
+    imu_time: float = 60.0  # s, correlation time of an IMU's errors
+    imu_acceleration: float = (
+        0.15  # m/s² along each axis, of white noise and of an offset that is constant in a session
+    )
     scale: float = 0.003  # deviation of the whole map's scale, drawn for a session
-    stamp_jitter: float = 0.0004  # s
+    stamp_jitter: float = 0.0004  # s, deviation of the time stamps
 
     def __post_init__(self) -> None:
         for name in ("headset", "trackers", "imu_heading", "imu_tilt", "imu_acceleration", "scale", "stamp_jitter"):
@@ -91,14 +93,14 @@ class NoiseSettings:
 def disturb(
     observation: Observation, rng: np.random.Generator, settings: NoiseSettings = NoiseSettings()
 ) -> Observation:
-    """Add realistic errors to an observation (..., T, P); every batch entry is a session with errors of its own.
+    """Add realistic errors to an observation (..., T, P); every batch entry is a session with independent errors.
 
-    Accuracies are those of the disturbed points. Points keep their errors while they are hidden. The times, which all
-    sessions share, jitter too, and still increase.
+    Accuracies are those of the disturbed points. Errors of hidden points continue. All sessions share the times, which
+    jitter, too, and still increase.
     """
     interval = _intervals(observation.time)
     is_head = np.array([name == "head" for name in observation.points])
-    metres, turned = _moved(observation)
+    metres, turned = _steps(observation)
     imu = np.asarray(observation.has_rotation.any(axis=-2) & ~observation.has_position.any(axis=-2))
     seen = ~(is_head | imu) & settings.cameras
     factor = np.where(is_head, settings.headset, settings.trackers) * ~(imu | seen)
@@ -144,15 +146,15 @@ def _intervals(time: np.ndarray) -> np.ndarray:
     return np.concatenate([np.diff(time[:2]), np.diff(time)])
 
 
-def _moved(observation: Observation) -> tuple[np.ndarray, np.ndarray]:
-    """Return metres and degrees (..., T, P) since the frame before; 0 if unknown; the first frame has the second's."""
+def _steps(observation: Observation) -> tuple[np.ndarray, np.ndarray]:
+    """Return metres and degrees (..., T, P) since the frame before, 0 if unknown; the first frame has the second's."""
     step = np.linalg.norm(np.diff(observation.position, axis=-3), axis=-1)
     turn = np.degrees(geodesic_angle(observation.rotation[..., 1:, :, :], observation.rotation[..., :-1, :, :]))
-    return _from_the_first(step), _from_the_first(turn)
+    return _first_repeated(step), _first_repeated(turn)
 
 
-def _from_the_first(step: np.ndarray) -> np.ndarray:
-    """Return (..., T, P) from differences (..., T − 1, P): the first one twice, NaN as 0."""
+def _first_repeated(step: np.ndarray) -> np.ndarray:
+    """Return (..., T, P): differences (..., T − 1, P) with the first one repeated, and 0 instead of NaN."""
     first = step[..., :1, :] if step.shape[-2] else np.zeros((*step.shape[:-2], 1, step.shape[-1]))
     return np.nan_to_num(np.concatenate([first, step], axis=-2))
 
@@ -165,7 +167,7 @@ def _session_start(position: np.ndarray) -> np.ndarray:
 
 
 def _drift(deviation: np.ndarray, time: float, interval: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Return (..., T, P, 3): first-order drift of constant deviation (..., P, 3), forgotten in `time` s."""
+    """Return (..., T, P, 3): first-order drift of constant deviation (..., P, 3) with the correlation time `time` s."""
     drift, frames = deviation * rng.standard_normal(deviation.shape), []
     for gap in interval:
         keep = np.exp(-gap / time)
@@ -182,7 +184,7 @@ def _fitted_errors(
     factor: np.ndarray,
     rng: np.random.Generator,
 ) -> np.ndarray:
-    """Return (..., T, P, 3): errors of the fitted model for speeds and distances (..., T, P), times `factor`."""
+    """Return errors (..., T, P, 3) of the fitted model at speeds and distances (..., T, P), times `factor` (..., P)."""
     speed, metres = np.moveaxis(speed, -2, 0)[..., None], np.moveaxis(metres, -2, 0)[..., None]
     drift_sigma = model.drift + model.drift_per_speed * speed
     white_sigma = np.where(speed > model.moving, model.white_moving, model.white)
@@ -213,7 +215,7 @@ def _oscillator(rate: float, gap: float) -> tuple[float, float, float]:
 
 
 def hide(observation: Observation, hidden: np.ndarray) -> Observation:
-    """Hide the points of the mask `hidden` (..., T, P); their values become NaN."""
+    """Hide points by the mask `hidden` (..., T, P); their values become NaN."""
     felt = observation.acceleration
     return replace(
         observation,

@@ -1,31 +1,28 @@
-"""Which rays from one camera capsules and boxes block: a quick test of all pairs, an exact one of the few left.
+"""Rays from one camera that capsules and boxes block: a quick test of all pairs, then an exact test of the rest.
 
-All positions are relative to the camera, in metres. A ray is the segment from the camera to its target. The exact tests
-take their vectors with the components first, (3, ...), so that every operation runs along long rows.
+All positions are relative to the camera, in metres. A ray is the segment from the camera to its target. In the exact
+tests components are the first axis of vectors, (3, ...), so that every operation runs along long rows.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from bodysense.body.capsules import PlacedPrimitives
+from bodysense.body.capsules import PosedPrimitives
 from bodysense.body.segments import nearest_shares
 
 _SLACK = 1e-4  # m: the quick test runs in single precision and lets near misses pass
 _TINY = 1e-30  # keeps divisions by zero finite
 
 
-def blocked(target: np.ndarray, solids: PlacedPrimitives, active: np.ndarray, blocks: np.ndarray) -> np.ndarray:
-    """Whether a primitive stands in the way of a ray.
+def blocked(target: np.ndarray, solids: PosedPrimitives, active: np.ndarray, blocks: np.ndarray) -> np.ndarray:
+    """Return the mask (F, R) of rays that a primitive blocks.
 
     Args:
-        target: (F, R, 3) the rays' ends.
-        solids: the primitives of F frames, relative to the camera as well.
+        target: (F, R, 3) m, ends of the rays.
+        solids: primitives of F frames, also relative to the camera.
         active: (F, R) bool: rays to test; the others count as free.
-        blocks: (R, N) bool: primitive n can block ray r at all.
-
-    Returns:
-        (F, R) bool.
+        blocks: (R, N) bool: primitive n can block ray r.
     """
     frames, rays = active.shape
     count, capsules = blocks.shape[1], solids.start.shape[1]
@@ -53,8 +50,8 @@ def blocked(target: np.ndarray, solids: PlacedPrimitives, active: np.ndarray, bl
     return hit.reshape(frames, rays)
 
 
-def _toward(target: np.ndarray, solids: PlacedPrimitives) -> np.ndarray:
-    """(F, R, N) bool: the ray's direction lies in the cone from the camera about the primitive's bounding sphere."""
+def _toward(target: np.ndarray, solids: PosedPrimitives) -> np.ndarray:
+    """Return the mask (F, R, N) of rays in the cone from the camera about the primitive's bounding sphere."""
     direction = target / np.maximum(np.sqrt(np.einsum("frc,frc->fr", target, target)), _TINY)[..., None]
     middle = solids.middle
     # A unit vector is in the cone if its share along the middle is at least the length of the sphere's tangent.
@@ -65,17 +62,17 @@ def _toward(target: np.ndarray, solids: PlacedPrimitives) -> np.ndarray:
 
 
 def _components(vectors: np.ndarray) -> np.ndarray:
-    """(..., 3) → (3, K), contiguous."""
+    """Return vectors (..., 3) as a contiguous (3, K)."""
     return np.ascontiguousarray(vectors.reshape(-1, 3).T)
 
 
 def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Inner product over the first axis."""
+    """Return the inner product over the first axis."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 def segment_meets_capsule(target: np.ndarray, start: np.ndarray, along: np.ndarray, radius: np.ndarray) -> np.ndarray:
-    """Whether segments from the origin to `target` meet capsules about the segments from `start` on `along`.
+    """Return whether segments from the origin to `target` meet capsules about the segments from `start` on `along`.
 
     Vectors are (3, ...), `radius` and the result (...).
     """
@@ -85,7 +82,7 @@ def segment_meets_capsule(target: np.ndarray, start: np.ndarray, along: np.ndarr
 def segment_distance_squared(
     start: np.ndarray, along: np.ndarray, other: np.ndarray, other_along: np.ndarray
 ) -> np.ndarray:
-    """Squared distance (...) of segments from `start` on `along` and from `other` on `other_along`, all (3, ...)."""
+    """Return squared distances (...) of segments (3, ...) from `start` on `along` and `other` on `other_along`."""
     between = start - other
     uu, vv, uv = _dot(along, along), _dot(other_along, other_along), _dot(along, other_along)
     uw, vw = _dot(along, between), _dot(other_along, between)
@@ -95,13 +92,13 @@ def segment_distance_squared(
 
 
 def segment_meets_box(target: np.ndarray, center: np.ndarray, axes: np.ndarray, half_size: np.ndarray) -> np.ndarray:
-    """Whether segments from the origin to `target` meet boxes (slab test, Kay and Kajiya 1986).
+    """Return whether segments from the origin to `target` meet boxes (slab test, Kay and Kajiya 1986).
 
     Vectors are (3, ...), `axes` (3, 3, ...) world ← box, the result (...).
     """
     start = -np.einsum("ij...,i...->j...", axes, center)
     along = np.einsum("ij...,i...->j...", axes, target)
-    # Parallel to a slab a ray is inside it at all times or at none: a tiny divisor says so.
+    # A ray parallel to a slab is inside it along its whole length or nowhere; a tiny divisor gives this result.
     along = np.where(np.abs(along) < _TINY, _TINY, along)
     low, high = (-half_size - start) / along, (half_size - start) / along
     enter, leave = np.minimum(low, high).max(axis=0), np.maximum(low, high).min(axis=0)

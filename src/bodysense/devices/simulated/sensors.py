@@ -1,8 +1,8 @@
-"""Sensor sets: the tracked points of a body, commercial sets, and their exact observation of a motion.
+"""Sensor sets: tracked points of a body, commercial sets, and their exact observation of a motion.
 
-A sensor is on a joint and gives its position, its rotation or both. A sensor strapped to a bone is one on the joint
-at the start of the bone: the shin turns with the knee, the chest is `spine3`. A sensor of rotation only is inertial
-and gives its acceleration too (`inertial`).
+A sensor is on a joint and gives its position, its rotation or both. A sensor strapped to a bone counts as one on the
+joint at the start of the bone: the shin turns with the knee, the chest is `spine3`. A sensor with rotation only is
+inertial and also gives its acceleration (`inertial`).
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.rotation import quaternion_canonical
 from bodysense.body.skeleton import Skeleton
-from bodysense.devices.simulated.inertial import felt_by
+from bodysense.devices.simulated.inertial import sensor_accelerations
 from bodysense.errors import BodysenseError
 from bodysense.observation import EXACT_ACCURACY, INERTIAL_POINTS, Observation, accuracy_like
 
@@ -23,11 +23,11 @@ WRISTS = ("left_wrist", "right_wrist")
 
 @dataclass(frozen=True)
 class SensorSet:
-    """Points that are tracked in every frame; with `camera` also the positions seen by a headset's cameras."""
+    """Points that are tracked in every frame; with `camera` also the positions that a headset's cameras see."""
 
-    position: tuple[str, ...]
-    rotation: tuple[str, ...]
-    camera: bool = False  # occlusion.headset_camera
+    position: tuple[str, ...]  # points with a position
+    rotation: tuple[str, ...]  # points with a rotation
+    camera: bool = False  # headset_camera
 
     @property
     def points(self) -> tuple[str, ...]:
@@ -70,9 +70,9 @@ def observe(pose: Pose, time: np.ndarray, sensors: SensorSet) -> Observation:
     Args:
         pose: poses (..., T).
         time: (T,) s.
-        sensors: the set. Without a camera the observation has its points only, else all points of the skeleton.
+        sensors: the set. With a camera the observation has all points of the skeleton, otherwise those of the set.
 
-    Raises BodysenseError for points that the skeleton does not have, and for rotations of end sites.
+    Raises BodysenseError for points that the skeleton lacks, and for rotations of end sites.
     """
     position, rotation = (np.asarray(part) for part in forward_kinematics(pose))
     visible = None
@@ -91,8 +91,9 @@ def observe_points(
     sensors: SensorSet,
     visible: np.ndarray | None = None,
 ) -> Observation:
-    """`observe`, from `position` (..., T, P, 3) m and world `rotation` (..., T, J, 4); `visible` (..., T, P) is the
-    camera's.
+    """Run `observe` on `position` (..., T, P, 3) m and world `rotation` (..., T, J, 4).
+
+    `visible` (..., T, P) is the mask of points that the camera sees; sets with a camera need it.
     """
     joints = len(skeleton.joints)
     for name in sensors.rotation:
@@ -106,7 +107,7 @@ def observe_points(
     has_rotation[..., [points.index(name) for name in sensors.rotation]] = True
     if sensors.camera:
         if visible is None:
-            raise BodysenseError("a set with a camera needs to know what it sees; give `visible`")
+            raise BodysenseError("a set with a camera needs the mask of points that it sees; give `visible`")
         has_position |= visible
     turned = rotation[..., np.minimum(places, joints - 1), :]
     inertial = [
@@ -115,7 +116,7 @@ def observe_points(
     acceleration = None
     if inertial:
         acceleration = np.full((*has_position.shape, 3), np.nan)
-        felt = felt_by(position, skeleton.points, inertial, np.asarray(time, dtype=float))
+        felt = sensor_accelerations(position, skeleton.points, inertial, np.asarray(time, dtype=float))
         acceleration[..., [points.index(name) for name in inertial], :] = felt
     return Observation(
         points=points,

@@ -1,1 +1,1 @@
-"""Video as a device: pictures in, points of a person out."""
+"""Video device: pictures in, points of a person out."""

@@ -1,9 +1,8 @@
-"""Arms aligned with their lines in the picture, which defines directions across it well, and depth badly.
+"""Alignment of arms with their lines in the picture, which gives directions across it well, and depth badly.
 
-The directions of an arm's bones across the picture are measured. Their depths are predicted by landmarks and by a
-network, both roughly, and bounded by the seen lengths: a bone seen in full length points neither to the camera nor
-away from it. Seen lengths say little if the legs are hidden, because the distance is uncertain then: depths are the
-network's in that case.
+The directions of an arm's bones across the picture are measured. Landmarks and a network both predict their depths
+roughly. The seen lengths bound the depths: a bone seen in full length points neither to the camera nor away from it.
+If the legs are hidden, the distance is uncertain, so seen lengths are too, and the network's depths are used.
 """
 
 from __future__ import annotations
@@ -12,13 +11,13 @@ import numpy as np
 
 from bodysense.body.rotation import normalize
 
-# Fitted on rendered gestures and videos of training people. Depths of upper arm and forearm are predicted by the
-# mean of network and landmarks; bias toward the camera, and error.
-_NEARER, _SAID_ERROR = np.array([0.0, 0.1]), np.array([0.25, 0.2])
+# Fitted on rendered gestures and videos of training people. The mean of network and landmarks predicts the depths of
+# upper arm and forearm, as shares of their lengths; bias toward the camera, and error.
+_NEARER, _DEPTH_ERROR = np.array([0.0, 0.1]), np.array([0.25, 0.2])
 _LENGTH_ERROR = (0.08, 0.28)  # share of a seen length: with the whole body in view, and with its upper half only
-_WHOLE = (0.3, 0.8)  # seen share of the legs, below which depths are the network's, and above which these are used
-_SHARE = 0.5  # weight of this depth relative to the network's: chosen on videos of validation clips
-_DEPTHS = np.linspace(-0.98, 0.98, 50)
+_WHOLE = (0.3, 0.8)  # visibility of the legs: depths are the network's below the first, corrected ones above the second
+_SHARE = 0.5  # weight of the corrected depth relative to the network's; chosen on videos of validation clips
+_DEPTHS = np.linspace(-0.98, 0.98, 50)  # depths that are tried
 _BLUNT = 0.13  # m: for bones seen shorter than this the picture is no better than the network
 
 
@@ -31,16 +30,16 @@ def with_depths(
     length: np.ndarray,
     whole: float,
 ) -> np.ndarray:
-    """Return unit directions (2, 2, 3) of upper arm and forearm of both sides, with the likeliest depths.
+    """Return unit directions (2, 2, 3) of upper arm and forearm of both sides, with the most likely depths.
 
     Args:
-        bones: (2, 2, 3) unit directions in the camera's axes, by the network.
+        bones: (2, 2, 3) unit directions by the network, in the camera's axes.
         landmarks: (2, 2, 3) unit directions by the landmarks.
-        places: (2, 3, 2) shoulder, elbow and wrist in heights of the picture.
+        places: (2, 3, 2) shoulder, elbow and wrist in the picture, in its heights.
         focal: focal length in heights of the picture.
-        shoulder: (2,) m from the camera, along its axis, to the shoulders.
-        length: (2, 2) m, of the bones.
-        whole: 0 to 1, visibility of the legs: without them distances are less certain.
+        shoulder: (2,) m, distances of the shoulders from the camera along its axis.
+        length: (2, 2) m, lengths of the bones.
+        whole: 0 to 1, visibility of the legs; without them distances are less certain.
     """
     result, away = np.array(bones), np.array(shoulder)
     trust = float(np.interp(whole, _WHOLE, (0.0, _SHARE)))
@@ -48,14 +47,14 @@ def with_depths(
         return result
     length_error = np.interp(whole, [0.0, 1.0], _LENGTH_ERROR[::-1])
     for k in range(bones.shape[1]):
-        said = np.clip((bones[:, k, 2] + landmarks[:, k, 2]) / 2 - _NEARER[k], -1, 1)
+        predicted = np.clip((bones[:, k, 2] + landmarks[:, k, 2]) / 2 - _NEARER[k], -1, 1)
         line, middle = places[:, k + 1] - places[:, k], (places[:, k + 1] + places[:, k]) / 2
         short = np.linalg.norm(line, axis=-1, keepdims=True)
-        wanted = _scale(line / np.maximum(short, 1e-9), middle, _DEPTHS[:, None, None], focal)[0][..., 0].T
+        expected = _scale(line / np.maximum(short, 1e-9), middle, _DEPTHS[:, None, None], focal)[0][..., 0].T
         distance = away[:, None] - length[:, k, None] / 2 * _DEPTHS
         seen = short * distance / (focal * length[:, k, None])
-        unlikely = ((_DEPTHS - said[:, None]) / _SAID_ERROR[k]) ** 2 + ((seen - wanted) / length_error) ** 2
-        weight = np.exp(-0.5 * (unlikely - unlikely.min(axis=1, keepdims=True)))
+        cost = ((_DEPTHS - predicted[:, None]) / _DEPTH_ERROR[k]) ** 2 + ((seen - expected) / length_error) ** 2
+        weight = np.exp(-0.5 * (cost - cost.min(axis=1, keepdims=True)))
         depth = (weight * _DEPTHS).sum(axis=1) / weight.sum(axis=1)
         depth = trust * depth + (1 - trust) * np.clip(bones[:, k, 2], -1, 1)
         across = bones[:, k, :2] / np.maximum(np.linalg.norm(bones[:, k, :2], axis=-1, keepdims=True), 1e-9)
@@ -64,17 +63,17 @@ def with_depths(
     return result
 
 
-def along_lines(bones: np.ndarray, places: np.ndarray, focal: float, distance: float) -> np.ndarray:
-    """Align unit directions (..., 2, 3) of upper arm and forearm with the landmarks in the picture.
+def align_with_lines(bones: np.ndarray, places: np.ndarray, focal: float, distance: float) -> np.ndarray:
+    """Align unit directions (..., 2, 3) of upper arm and forearm with the landmarks in the picture; keep depths.
 
     Args:
-        bones: (..., 3) unit directions in the camera's axes, whose depths are kept.
-        places: (..., 3, 2) shoulder, elbow and wrist in heights of the picture.
+        bones: (..., 2, 3) unit directions in the camera's axes.
+        places: (..., 3, 2) shoulder, elbow and wrist in the picture, in its heights.
         focal: focal length in heights of the picture.
         distance: m from the camera to the body.
 
-    A bone d in the middle of places m is seen along d_xy + m d_z / focal, which is to be s times the seen direction;
-    d has unit length.
+    A bone with unit direction d and its middle at m in the picture is seen along d_xy + m d_z / focal. This must be s
+    times the seen direction.
     """
     line, middle = np.diff(places, axis=-2), (places[..., 1:, :] + places[..., :-1, :]) / 2
     length = np.linalg.norm(line, axis=-1, keepdims=True)
@@ -86,9 +85,9 @@ def along_lines(bones: np.ndarray, places: np.ndarray, focal: float, distance: f
 
 
 def _scale(seen: np.ndarray, middle: np.ndarray, depth: np.ndarray, focal: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return the length (..., 1) of a unit bone of a depth (..., 1) across the picture, and its shift (..., 2).
+    """Return the length (..., 1) of unit bones across the picture, and their shift (..., 2) by perspective.
 
-    The bone is along a direction (..., 2) in the picture, around a position (..., 2).
+    Bones have a direction `seen` (..., 2) and a `middle` (..., 2) in the picture, and a `depth` (..., 1).
     """
     shift = middle * depth / focal
     along = (seen * shift).sum(axis=-1, keepdims=True)

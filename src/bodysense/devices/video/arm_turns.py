@@ -1,9 +1,10 @@
-"""Rotations of arms and hands whose bones are laid along other lines than those of the network.
+"""Rotations of arms and hands after their bones were aligned with lines in the picture.
 
-A direction leaves the turn about the bone open. That of an upper arm follows from its forearm: an elbow is a hinge, and
-the network's rotations say how it bends. A forearm keeps the network's turn from its upper arm, and a hand that from
-its forearm, until the landmarks of the hand say how the palm lies. Palms by network and by landmarks err equally and
-independently, so that their mean is nearer than either; landmarks that take the back of a hand for its palm count less.
+A direction does not determine the twist about the bone. The twist of an upper arm follows from its forearm, because an
+elbow is a hinge and the network's rotations give its plane. A forearm keeps the network's twist relative to the upper
+arm, and a hand relative to the forearm. If the landmarks of a hand are found, its palm is turned toward theirs. Palms
+by network and by landmarks have equal and independent errors, so that their mean is better than either. Landmarks that
+confuse the back of a hand with its palm have less weight.
 """
 
 from __future__ import annotations
@@ -35,18 +36,18 @@ _HAND = np.array(  # wrist and fingers of each side
 )
 _KNUCKLES = [HAND_POINTS.index(f"{finger}1") for finger in ("index", "middle", "pinky")]
 # Chosen on videos of validation clips.
-_BENT = 0.3  # sine of an elbow's bend from which it tells most of the upper arm's twist
-_PALM_SHARE = 0.5  # weight of landmarks of a hand, relative to the network's
-_PALM_DOUBT = np.radians(60.0)  # difference of both, in standard deviations, beyond which landmarks are doubted
+_BENT = 0.3  # sine of an elbow's bend above which it determines most of the upper arm's twist
+_PALM_SHARE = 0.5  # weight of a hand's landmarks relative to the network's
+_PALM_DOUBT = np.radians(60.0)  # standard deviation of the difference of both, by which the weight falls
 
 
-def along_arms(turned: np.ndarray, bones: np.ndarray, lines: np.ndarray) -> np.ndarray:
-    """Return rotations (38, 4) of arms whose bones point along `lines` instead of `bones`.
+def align_arms(turned: np.ndarray, bones: np.ndarray, lines: np.ndarray) -> np.ndarray:
+    """Return rotations (38, 4) of arms with bones turned from the directions `bones` to `lines`.
 
     Args:
-        turned: (38, 4) rotations of `ARM_JOINTS`, all in the axes of the directions.
-        bones: (2, 2, 3) unit directions of upper arm and forearm that they have.
-        lines: (2, 2, 3) unit directions that they get.
+        turned: (38, 4) rotations of `ARM_JOINTS`, in the axes of the directions.
+        bones: (2, 2, 3) present unit directions of upper arm and forearm.
+        lines: (2, 2, 3) new unit directions.
     """
     result = np.array(turned)
     upper, fore = turned[_UPPER], turned[_FORE]
@@ -59,7 +60,7 @@ def along_arms(turned: np.ndarray, bones: np.ndarray, lines: np.ndarray) -> np.n
     sine = np.minimum(np.linalg.norm(before, axis=-1), np.linalg.norm(after, axis=-1))
     share = sine**2 / (sine**2 + _BENT**2)
     result[_UPPER] = quaternion_multiply(quaternion_exp(along * (share * angle)[:, None]), swung)
-    # The forearm turns with it, then onto its own line; the hand goes along.
+    # The forearm turns with the upper arm, then onto its own line. The hand moves with the forearm.
     carried = quaternion_multiply(result[_UPPER], quaternion_conjugate(upper))
     there = np.asarray(quaternion_rotate(carried, bones[:, 1]))
     carried = np.asarray(quaternion_multiply(shortest_arc(there, lines[:, 1]), carried))
@@ -69,12 +70,12 @@ def along_arms(turned: np.ndarray, bones: np.ndarray, lines: np.ndarray) -> np.n
 
 
 def with_palms(turned: np.ndarray, palms: np.ndarray, has_hand: np.ndarray) -> np.ndarray:
-    """Return rotations (38, 4) of arms whose hands are turned toward those of landmarks, with their fingers.
+    """Return rotations (38, 4) of arms with hands, and their fingers, turned toward the landmarks' palms.
 
     Args:
-        turned: (38, 4) rotations of `ARM_JOINTS`, all in the axes of the palms.
+        turned: (38, 4) rotations of `ARM_JOINTS`, in the axes of the palms.
         palms: (2, 4) rotations of both hands by their landmarks.
-        has_hand: (2,) bool: whose landmarks were found.
+        has_hand: (2,) bool: the hand's landmarks were found.
     """
     result = np.array(turned)
     for side in np.flatnonzero(has_hand):
@@ -94,7 +95,7 @@ def palm_rotations(hands: np.ndarray, skeleton: Skeleton) -> np.ndarray:
 
 
 def _palm(points: np.ndarray) -> np.ndarray:
-    """Return axes (..., 3, 3) of hands (..., 21, 3): from the wrist to the knuckles, across them, and off the palm."""
+    """Return axes (..., 3, 3) of hands (..., 21, 3): wrist to knuckles, across the knuckles, normal of the palm."""
     knuckles = points[..., _KNUCKLES, :]
     ahead = np.asarray(normalize(knuckles.mean(axis=-2) - points[..., 0, :]))
     aside = np.asarray(normalize(_across(knuckles[..., 0, :] - knuckles[..., -1, :], ahead)))

@@ -1,4 +1,4 @@
-"""Windows of key-points over time, from frames that came at any rate."""
+"""Windows of key-points at a constant rate, from frames at any rate."""
 
 from __future__ import annotations
 
@@ -9,26 +9,26 @@ import numpy as np
 
 from bodysense.body.rotation import normalize
 
-SAME = 1e-6  # s, frames; smaller differences are equal
+TIME_TOLERANCE = 1e-6  # s, or frames; times that differ less are equal
 
 
 @dataclass(frozen=True, eq=False)
 class ArmFrame:
-    """One input frame: its key-points, and the predictions of windows for it."""
+    """One input frame with its key-points, and the sum of the windows' predictions for it."""
 
-    time: float
+    time: float  # s
     values: dict[str, np.ndarray]  # by field of `ArmKeypoints`, without the time axis
-    torso: np.ndarray  # (4,) the last that was found
-    said: np.ndarray | None = None  # (38, 4) weighted sum of rotations
+    torso: np.ndarray  # (4,) wxyz, the last torso that was found
+    rotation_sum: np.ndarray | None = None  # (38, 4) weighted sum of predicted rotations
 
 
 def window_of(frames: Sequence[ArmFrame], time: np.ndarray) -> dict[str, np.ndarray]:
-    """Interpolate key-points at `time` (T,) s, (T, …) by field, between frames; constant before the first.
+    """Return key-points (T, …) by field at `time` (T,) s, interpolated between frames; constant before the first.
 
-    Values found in both neighbours are interpolated; others are the nearer one's.
+    Values found in both neighbouring frames are interpolated. Others are those of the nearer frame.
     """
     place = np.interp(time, [frame.time for frame in frames], np.arange(len(frames)))
-    before = np.minimum(np.floor(place + SAME).astype(int), len(frames) - 1)
+    before = np.minimum(np.floor(place + TIME_TOLERANCE).astype(int), len(frames) - 1)
     after = np.minimum(before + 1, len(frames) - 1)
     share = np.clip(place - before, 0.0, 1.0).astype(np.float32)
     window: dict[str, np.ndarray] = {}
@@ -38,7 +38,7 @@ def window_of(frames: Sequence[ArmFrame], time: np.ndarray) -> dict[str, np.ndar
         window[f"has_{name}"] = np.where(_shaped(far, mask), mask[after], mask[before])
         first, second = values[before], values[after]
         if name == "torso":
-            second = alike(second, first)
+            second = align_signs(second, first)
         both = mask[before] & mask[after]
         along = np.where(both, _shaped(share, mask), _shaped(far, mask))
         between = first + along.reshape(*along.shape, *(1,) * (first.ndim - along.ndim)) * (second - first)
@@ -46,9 +46,9 @@ def window_of(frames: Sequence[ArmFrame], time: np.ndarray) -> dict[str, np.ndar
     return window
 
 
-def calmed(window: dict[str, np.ndarray], time: np.ndarray, calm: float) -> dict[str, np.ndarray]:
-    """Smooth a window over time by a Gaussian of standard deviation `calm` s, over found values only."""
-    near = np.exp(-0.5 * ((time[:, None] - time) / calm) ** 2)
+def smooth_window(window: dict[str, np.ndarray], time: np.ndarray, deviation: float) -> dict[str, np.ndarray]:
+    """Smooth a window over time by a Gaussian of standard deviation `deviation` s, over found values only."""
+    near = np.exp(-0.5 * ((time[:, None] - time) / deviation) ** 2)
     smooth = dict(window)
     for name in ("arm", "torso", "hand"):
         values, mask = window[name], window[f"has_{name}"]
@@ -69,10 +69,10 @@ def _shaped_as(mask: np.ndarray, values: np.ndarray) -> np.ndarray:
 
 
 def _shaped(values: np.ndarray, like: np.ndarray) -> np.ndarray:
-    """Return (T,) values with as many axes as `like`."""
+    """Return values (T,) with as many axes as `like`."""
     return values.reshape(-1, *(1,) * (like.ndim - 1))
 
 
-def alike(q: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """Return quaternions (..., 4) with the signs closer to others."""
+def align_signs(q: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """Return quaternions (..., 4) with the signs that are closer to those of `other`."""
     return np.where((q * other).sum(axis=-1, keepdims=True) < 0, -q, q)

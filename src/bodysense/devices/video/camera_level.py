@@ -1,7 +1,7 @@
-"""Rotation of a camera against gravity, inferred from a standing person, who is upright.
+"""Tilt and roll of a camera, inferred from a person who stands upright.
 
-There are two angles: tilt, by which the camera looks down, and roll about its view axis. Landmarks are made upright
-first, because networks of bodies are trained on level cameras.
+The tilt is the angle by which the camera looks down, the roll the angle about its view axis. Landmarks are corrected
+for the roll first, because networks of bodies are trained on level cameras.
 """
 
 from __future__ import annotations
@@ -14,10 +14,10 @@ from bodysense.body.arms import SIDES
 from bodysense.devices.video.landmarks import BODY_LANDMARKS
 from bodysense.devices.video.person import VISIBLE, PersonLandmarks
 
-_STRAIGHT = np.radians(25.0)  # largest angle between the bones of a standing body and its own upright
-_STEEPEST, _MOST_ROLLED = np.radians(35.0), np.radians(50.0)  # beyond these angles the body leans, not the camera
-_LONGEST_MEAN = 10.0  # s
-_LONGEST_STEP = 0.1  # s, longest weight of a frame
+_STRAIGHT = np.radians(25.0)  # largest angle between the bones of a standing body and the line from feet to shoulders
+_STEEPEST, _MOST_ROLLED = np.radians(35.0), np.radians(50.0)  # tilt and roll above which the body leans, not the camera
+_LONGEST_MEAN = 10.0  # s, time over which angles are averaged
+_LONGEST_STEP = 0.1  # s, largest weight of a frame
 _SWAY = np.radians(3.0)  # usual lean of standing people; a camera with less roll is probably level
 _PARTS = ("shoulder", "hip", "knee", "ankle")
 _MARKS = np.array([[BODY_LANDMARKS.index(f"{side}_{part}") for side in SIDES] for part in _PARTS])
@@ -25,15 +25,15 @@ _MARKS = np.array([[BODY_LANDMARKS.index(f"{side}_{part}") for side in SIDES] fo
 
 @dataclass(frozen=True)
 class CameraLevel:
-    """Mean angles of standing bodies, and their total time."""
+    """Mean angles of a standing person, and the time for which the person stood."""
 
     tilt: float = 0.0  # rad by which the camera looks down
     roll: float = 0.0  # rad by which upright things lean to the right in the picture
-    stood: float = 0.0  # s
-    time: float = -np.inf  # s, of the last frame that counted
+    stood: float = 0.0  # s, time of standing so far, at most 10
+    time: float = -np.inf  # s, time of the last frame that counted
 
     def step(self, person: PersonLandmarks) -> CameraLevel:
-        """Return the level after one more unprocessed frame."""
+        """Return the level after one more frame of unprocessed landmarks; it is unchanged unless the person stands."""
         up = _upright(person)
         if up is None:
             return self
@@ -54,21 +54,21 @@ class CameraLevel:
         return self.roll**3 / (self.roll**2 + _SWAY**2)
 
 
-def tilted(tilt: float) -> np.ndarray:
+def tilt_matrix(tilt: float) -> np.ndarray:
     """Return (3, 3) room ← upright camera that looks down by `tilt` rad."""
     cosine, sine = np.cos(tilt), np.sin(tilt)
     return np.array([[1.0, 0.0, 0.0], [0.0, cosine, sine], [0.0, -sine, cosine]])
 
 
-def rolled(roll: float) -> np.ndarray:
+def roll_matrix(roll: float) -> np.ndarray:
     """Return (3, 3) upright camera ← camera in whose picture upright things lean to the right by `roll` rad."""
     cosine, sine = np.cos(roll), np.sin(roll)
     return np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
 
 
-def upright(person: PersonLandmarks, roll: float) -> PersonLandmarks:
+def remove_roll(person: PersonLandmarks, roll: float) -> PersonLandmarks:
     """Return landmarks as seen by an upright camera in the same place."""
-    turn = rolled(roll)
+    turn = roll_matrix(roll)
     flat = turn[:2, :2]
     return replace(
         person,
@@ -80,7 +80,7 @@ def upright(person: PersonLandmarks, roll: float) -> PersonLandmarks:
 
 
 def _upright(person: PersonLandmarks) -> np.ndarray | None:
-    """Return (3,) from feet to shoulders of one frame, in the camera's axes; None unless the body stands or walks."""
+    """Return the unit vector (3,) from feet to shoulders in the camera's axes; None unless the body stands or walks."""
     if not person.has_body[0] or person.visible[0, _MARKS].min() < VISIBLE:
         return None
     joints = person.world[0, _MARKS]  # (part, side, 3)

@@ -1,10 +1,11 @@
-"""Video as a device: a person's landmarks in, points of their body in the room out.
+"""Video device: a person's landmarks in, points of their body in the room out.
 
-Head, shoulders and legs are placed along the landmarks with the wearer's own bones (`landmark_points`). Arms and hands
-are rotations by a network, with arms along their lines in the picture (`camera_level`); positions follow from these.
-Unseen parts are not observed, so that the tracker completes them. The room's axes are the camera's without its tilt
-and roll, which are learned from the standing person (`camera_level`); z is 0 at the start, and the lowest point of
-the legs is on the floor.
+Head, shoulders and legs follow the landmarks' directions with the wearer's own bone lengths (`landmark_points`). A
+network gives rotations of arms and hands; arms are aligned with their lines in the picture (`arm_lines`). Unseen parts
+are not observed, and the tracker completes them.
+
+The room's axes are the camera's without its tilt and roll, which are learned from the standing person (`camera_level`).
+z is 0 at the start, and the lowest point of the legs is on the floor.
 """
 
 from __future__ import annotations
@@ -26,11 +27,11 @@ from bodysense.body.rotation import (
 )
 from bodysense.body.skeleton import ARM, Skeleton
 from bodysense.body.spring import spring_step
-from bodysense.devices.video.arm_lines import along_lines, with_depths
-from bodysense.devices.video.arm_turns import along_arms, palm_rotations, with_palms
-from bodysense.devices.video.camera_level import CameraLevel, rolled, tilted, upright
-from bodysense.devices.video.landmark_points import LaidPoints, LandmarkPoints, located
-from bodysense.devices.video.landmark_smoothing import REACH, smoothed
+from bodysense.devices.video.arm_lines import align_with_lines, with_depths
+from bodysense.devices.video.arm_turns import align_arms, palm_rotations, with_palms
+from bodysense.devices.video.camera_level import CameraLevel, remove_roll, roll_matrix, tilt_matrix
+from bodysense.devices.video.landmark_points import FittedPoints, LandmarkPoints, locate_pelvis
+from bodysense.devices.video.landmark_smoothing import REACH, smooth_frame
 from bodysense.devices.video.landmarks import BODY_LANDMARKS
 from bodysense.devices.video.person import VISIBLE, PersonLandmarks, arm_keypoints, joined_landmarks
 from bodysense.errors import BodysenseError
@@ -40,18 +41,18 @@ if TYPE_CHECKING:
     from bodysense.devices.video.arms import Arms
 
 _LEGS = tuple(f"{side}_{part}" for side in SIDES for part in ("knee", "ankle", "foot", "toe"))
-# Points that may be observed. Landmarks of hips are too rough: without them errors are 1-2 cm smaller.
+# Points that may be observed. Hips are left out because their landmarks are inaccurate: errors are 1-2 cm smaller.
 POINTS = ("head", CHEST, *_LEGS, *ARM_JOINTS)
 _WITH_POSITION = ("head", "left_shoulder", "right_shoulder", *_LEGS)
-_UNSEEN_LEGS = 3.0  # factor of error if the legs are not seen: height is then that of straight legs
+_UNSEEN_LEGS = 3.0  # factor of the error if the legs are not seen, because they are then assumed to be straight
 _ARM_MARKS = np.array([[BODY_LANDMARKS.index(f"{side}_{part}") for part in ARM_POINTS] for side in SIDES])
 _LEG_MARKS = [BODY_LANDMARKS.index(f"{side}_{part}") for side in SIDES for part in ("knee", "ankle")]
 _SOLE = ("ankle", "foot", "toe")
-_FAR = 3.0  # m from the camera, before a person has been seen
-CALM = 0.05  # s: standard deviation of the smoothing of landmarks, over earlier and later frames
-_ARM_CALM = 0.03  # s, for arms, which move faster
-_PLACE_HALF_LIFE = 0.1  # s in which half of a jump across the picture is closed
-_DEPTH_HALF_LIFE = 0.3  # s, of a jump toward the camera or away from it
+_FAR = 3.0  # m, initial distance from the camera, before a person has been seen
+LANDMARK_SMOOTHING = 0.05  # s, standard deviation of the smoothing of landmarks over earlier and later frames
+_ARM_SMOOTHING = 0.03  # s, the same for arms, which move faster
+_PLACE_HALF_LIFE = 0.1  # s, half-life of a jump across the picture
+_DEPTH_HALF_LIFE = 0.3  # s, half-life of a jump toward the camera or away from it
 
 
 @dataclass(frozen=True)
@@ -60,8 +61,8 @@ class VideoSettings:
 
     look_ahead: float = 0.25  # s to wait for later frames; 0 outputs each at once
     field_of_view: float = 60.0  # degrees over the longer side of the picture
-    tilt: float | None = None  # degrees by which the camera looks down; learned from the standing person if omitted
-    roll: float | None = None  # degrees by which upright things lean to the right in the picture; likewise
+    tilt: float | None = None  # degrees by which the camera looks down; None: learned from the standing person
+    roll: float | None = None  # degrees by which upright things lean to the right in the picture; None: learned, too
 
     def __post_init__(self) -> None:
         if not 0 <= self.look_ahead <= 0.5:
@@ -75,10 +76,10 @@ class VideoSettings:
 
 @dataclass(frozen=True, eq=False)
 class VideoFrames:
-    """T frames and their sources."""
+    """T observed frames, with their landmarks and camera."""
 
     observation: Observation  # of `POINTS`, in the room
-    person: PersonLandmarks  # unprocessed, but upright
+    person: PersonLandmarks  # not smoothed, but corrected for the camera's roll
     camera: Camera  # (T,) in the room
 
     @property
@@ -94,23 +95,21 @@ class VideoFrames:
 class VideoState:
     """State for the next frames."""
 
-    arms: Any  # the state of the network
-    place: np.ndarray  # (3,) m: last position of the pelvis, in the upright camera's axes
-    velocity: np.ndarray  # (3,) m/s
-    root: np.ndarray  # (3,) m: last position of the pelvis, in the room
+    arms: Any  # state of the network
+    place: np.ndarray  # (3,) m, last position of the pelvis in the upright camera's axes
+    velocity: np.ndarray  # (3,) m/s, of the smoothing of this position
+    root: np.ndarray  # (3,) m, last position of the pelvis in the room
     level: CameraLevel = CameraLevel()
-    begun: tuple[float, float] | None = None  # s and m: time of the first sighting, and the room's z then
-    time: float = -np.inf  # s
-    waiting: PersonLandmarks | None = (
-        None  # the frames to come, after those before that they are smoothed with; upright
-    )
-    levels: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))  # rad, tilt and roll in each of them
-    done: int = 0  # number of earlier ones
+    begun: tuple[float, float] | None = None  # time (s) of the first sighting, and z (m) in the room then
+    time: float = -np.inf  # s, time of the last sighting
+    waiting: PersonLandmarks | None = None  # `done` frames that were output but are needed for smoothing, then the next
+    levels: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))  # rad, tilt and roll in each waiting frame
+    done: int = 0
 
 
 @dataclass(frozen=True)
 class VideoDevice:
-    """A camera that watches a person of a `skeleton`, with a network of `arms`. Immutable; state is an argument.
+    """Device for videos of one person with a `skeleton`; a network estimates `arms`. Immutable; state is an argument.
 
     A frame is output when one has arrived that is `look_ahead` later; `finish` returns the last ones.
     """
@@ -126,7 +125,7 @@ class VideoDevice:
         return max(self.aspect, 1.0) / 2 / float(np.tan(np.radians(self.settings.field_of_view) / 2))
 
     def start(self) -> VideoState:
-        """Return the state before the first frame, without a person."""
+        """Return the state before the first frame."""
         return VideoState(self.arms.start(), np.array([0.0, 0.0, -_FAR]), np.zeros(3), self.skeleton.rest_offset[0])
 
     def step(self, person: PersonLandmarks, state: VideoState) -> tuple[VideoFrames, VideoState]:
@@ -135,15 +134,15 @@ class VideoDevice:
         for k in range(len(person)):
             level = level.step(person[k : k + 1])
             levels.append(self._angles(level))
-            frames.append(upright(person[k : k + 1], levels[-1][1]))
+            frames.append(remove_roll(person[k : k + 1], levels[-1][1]))
         person = joined_landmarks(frames)
         waiting = person if state.waiting is None else joined_landmarks([state.waiting, person])
         state = replace(state, waiting=waiting, levels=np.concatenate([state.levels, levels]), level=level)
         found, arms = self.arms.step(arm_keypoints(person), state.arms)
-        return self._given(len(found), found.estimate.pose, replace(state, arms=arms))
+        return self._output(len(found), found.estimate.pose, replace(state, arms=arms))
 
     def _angles(self, level: CameraLevel) -> tuple[float, float]:
-        """Return tilt and roll (rad), as given or as learned."""
+        """Return the given or learned tilt and roll (rad)."""
         tilt, roll = self.settings.tilt, self.settings.roll
         return (
             level.tilt if tilt is None else float(np.radians(tilt)),
@@ -153,38 +152,40 @@ class VideoDevice:
     def finish(self, state: VideoState) -> VideoFrames:
         """Return the remaining frames."""
         count = 0 if state.waiting is None else len(state.waiting) - state.done
-        return self._given(count, self.arms.finish(state.arms).estimate.pose if count else None, state)[0]
+        return self._output(count, self.arms.finish(state.arms).estimate.pose if count else None, state)[0]
 
-    def _given(self, count: int, arms: Pose | None, state: VideoState) -> tuple[VideoFrames, VideoState]:
-        """Return the next `count` waiting frames, with the network's arms."""
+    def _output(self, count: int, arms: Pose | None, state: VideoState) -> tuple[VideoFrames, VideoState]:
+        """Return the next `count` waiting frames with the network's `arms`, and the state."""
         assert state.waiting is not None
         waiting, first = state.waiting, state.done
         person = waiting[first : first + count]
         turned = None if arms is None else arm_rotations(arms)
-        seen = _nothing(person.time)
+        seen = _empty_observation(person.time)
         positions, axes = np.empty((count, 3)), np.empty((count, 3, 3))
         for k in range(count):
             settings, (tilt, roll) = self.settings, state.levels[first + k]
-            room = tilted(tilt)
-            calm = smoothed(waiting, first + k, CALM, settings.look_ahead)
-            laid = self._points.lay(calm) if calm.has_body[0] else None
-            if laid is not None:
+            room = tilt_matrix(tilt)
+            smooth = smooth_frame(waiting, first + k, LANDMARK_SMOOTHING, settings.look_ahead)
+            fitted = self._points.fit(smooth) if smooth.has_body[0] else None
+            if fitted is not None:
                 assert turned is not None
-                state = self._followed(laid, calm, room, state)
-                places = smoothed(waiting, first + k, _ARM_CALM, settings.look_ahead).picture[0, _ARM_MARKS]
-                self._observe(seen, k, laid, calm, self._arms(laid, turned[k], calm, places, state), room, state)
-            axes[k] = room @ rolled(roll)
+                state = self._follow(fitted, smooth, room, state)
+                places = smooth_frame(waiting, first + k, _ARM_SMOOTHING, settings.look_ahead).picture[0, _ARM_MARKS]
+                self._observe(
+                    seen, k, fitted, smooth, self._arms(fitted, turned[k], smooth, places, state), room, state
+                )
+            axes[k] = room @ roll_matrix(roll)
             positions[k] = state.root - room @ state.place
         camera = Camera(positions, axes, np.full(count, self.focal), np.full(count, self.aspect))
-        # Earlier frames within reach are kept for smoothing the next ones.
+        # Keep earlier frames that are needed to smooth the next ones.
         past = waiting.time[: first + count]
-        old = 0 if not len(past) else int((past < past[-1] - REACH * CALM).sum())
+        old = 0 if not len(past) else int((past < past[-1] - REACH * LANDMARK_SMOOTHING).sum())
         frames = VideoFrames(seen, person, camera)
         return frames, replace(state, waiting=waiting[old:], levels=state.levels[old:], done=first + count - old)
 
-    def _followed(self, laid: LaidPoints, person: PersonLandmarks, room: np.ndarray, state: VideoState) -> VideoState:
-        """Return the state after one frame with a body, with its position."""
-        time, place = float(person.time[0]), located(laid, person, self.skeleton, self.focal)
+    def _follow(self, fitted: FittedPoints, person: PersonLandmarks, room: np.ndarray, state: VideoState) -> VideoState:
+        """Return the state with the body's position in one more frame."""
+        time, place = float(person.time[0]), locate_pelvis(fitted, person, self.skeleton, self.focal)
         if state.begun is None:
             state = replace(state, place=place, begun=(time, float((room @ place)[2])), time=time)
         else:
@@ -195,42 +196,48 @@ class VideoDevice:
         x, _, z = room @ state.place
         rest = self.skeleton.path @ self.skeleton.rest_offset + self.skeleton.rest_offset[0]
         soles = self.skeleton.indices([f"{side}_{part}" for side in SIDES for part in _SOLE])
-        lowest = float(((laid.position[soles] @ room.T)[:, 1] - rest[soles, 1]).min())
+        lowest = float(((fitted.position[soles] @ room.T)[:, 1] - rest[soles, 1]).min())
         return replace(state, root=np.array([x, -lowest, z - state.begun[1]]))
 
     def _arms(
-        self, laid: LaidPoints, arms: np.ndarray, person: PersonLandmarks, places: np.ndarray, state: VideoState
+        self, fitted: FittedPoints, arms: np.ndarray, person: PersonLandmarks, places: np.ndarray, state: VideoState
     ) -> np.ndarray:
-        """Return rotations (38, 4) in the camera's axes of arms with local rotations (38, 4), along their lines at
-        positions (2, 3, 2) in the picture, and of hands also by their landmarks.
+        """Return rotations (38, 4) of arms and hands in the camera's axes.
+
+        Arms have local rotations `arms` (38, 4), and are aligned with their lines in the picture, at `places`
+        (2, 3, 2). Hands are turned toward their landmarks.
         """
-        chest = laid.rotation[self.skeleton.index(CHEST)]
+        chest = fitted.rotation[self.skeleton.index(CHEST)]
         position, turned = map(np.asarray, forward_kinematics(self._arm_pose(chest, arms)))
         joints = self._arm_skeleton.indices([f"{side}_{part}" for side in SIDES for part in ARM_POINTS]).reshape(2, 3)
         bones = np.asarray(normalize(np.diff(position[joints], axis=1)))
-        shoulders = laid.position[self.skeleton.indices([f"{side}_shoulder" for side in SIDES]), 2]
+        shoulders = fitted.position[self.skeleton.indices([f"{side}_shoulder" for side in SIDES]), 2]
         length = np.linalg.norm(np.diff(position[joints], axis=1), axis=-1)
-        said = arm_directions(person.world[0, _ARM_MARKS])
+        predicted = arm_directions(person.world[0, _ARM_MARKS])
         away, whole = -float(state.place[2]) - shoulders, float(person.visible[0, _LEG_MARKS].mean())
-        deep = with_depths(bones, said, person.picture[0, _ARM_MARKS], self.focal, away, length, whole)
-        lines = along_lines(deep, places, self.focal, -float(state.place[2]))
+        deep = with_depths(bones, predicted, person.picture[0, _ARM_MARKS], self.focal, away, length, whole)
+        lines = align_with_lines(deep, places, self.focal, -float(state.place[2]))
         palms = palm_rotations(person.hand_world[0], self.skeleton)
-        return with_palms(along_arms(turned[1:], bones, lines), palms, person.has_hand[0])
+        return with_palms(align_arms(turned[1:], bones, lines), palms, person.has_hand[0])
 
     def _observe(
         self,
         seen: Observation,
         frame: int,
-        laid: LaidPoints,
+        fitted: FittedPoints,
         person: PersonLandmarks,
         arms: np.ndarray,
         room: np.ndarray,
         state: VideoState,
     ) -> None:
-        """Fill in one frame of an observation: the seen points of a body, with rotations (38, 4) of arms."""
+        """Fill in one frame of an observation, in place: the seen points of a body, and rotations (38, 4) of arms."""
         where, joints = self._places
-        visible, turned, rotation = laid.visible[where].copy(), np.zeros(len(POINTS)), np.full((len(POINTS), 4), np.nan)
-        turned[joints], rotation[joints] = laid.turned[where[joints]], laid.rotation[where[joints]]
+        visible, turned, rotation = (
+            fitted.visible[where].copy(),
+            np.zeros(len(POINTS)),
+            np.full((len(POINTS), 4), np.nan),
+        )
+        turned[joints], rotation[joints] = fitted.turned[where[joints]], fitted.rotation[where[joints]]
         is_seen = person.visible[0, _ARM_MARKS].min(axis=1)
         for name, turn in zip(ARM_JOINTS, arms, strict=True):
             side, _, part = name.partition("_")
@@ -240,7 +247,7 @@ class VideoDevice:
         visible[self._is_rotation] = 0.0
         error = LANDMARK_ACCURACY * (1.0 if visible[self._legs].max() >= VISIBLE else _UNSEEN_LEGS)
         at = visible >= VISIBLE
-        seen.position[frame, at] = laid.position[where[at]] @ room.T + state.root
+        seen.position[frame, at] = fitted.position[where[at]] @ room.T + state.root
         seen.has_position[frame, at] = True
         seen.accuracy[frame, at] = error / visible[at]
         known = np.flatnonzero(turned >= VISIBLE)
@@ -249,7 +256,7 @@ class VideoDevice:
         seen.has_rotation[frame, known] = True
 
     def _arm_pose(self, chest: np.ndarray, arms: np.ndarray) -> Pose:
-        """Return the pose of both arms on a chest of rotation (4,), local rotations (38, 4)."""
+        """Return the pose of both arms with local rotations (38, 4) on a chest with rotation (4,)."""
         rotation = np.zeros((len(self._arm_skeleton.joints), 4))
         rotation[0], rotation[1:] = chest, arms
         return Pose(self._arm_skeleton, np.zeros(3), rotation)
@@ -264,13 +271,13 @@ class VideoDevice:
 
     @cached_property
     def _places(self) -> tuple[np.ndarray, np.ndarray]:
-        """Indices of `POINTS` in the skeleton, and which of them are joints."""
+        """Indices of `POINTS` in the skeleton, and indices in `POINTS` of joints."""
         where = self.skeleton.indices(POINTS)
         return where, np.flatnonzero(where < len(self.skeleton.joints))
 
     @cached_property
     def _is_rotation(self) -> np.ndarray:
-        """Which of `POINTS` are observed without a position."""
+        """Mask of the `POINTS` that are observed without a position."""
         return np.array([name not in _WITH_POSITION for name in POINTS])
 
     @cached_property
@@ -279,8 +286,8 @@ class VideoDevice:
         return np.array([POINTS.index(name) for name in _LEGS])
 
 
-def _nothing(time: np.ndarray) -> Observation:
-    """Return frames without any observed point."""
+def _empty_observation(time: np.ndarray) -> Observation:
+    """Return an observation without any observed point at `time` (T,) s."""
     shape = (len(time), len(POINTS))
     return Observation(
         points=POINTS,

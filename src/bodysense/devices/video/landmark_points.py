@@ -1,7 +1,7 @@
-"""A person's landmarks as points of a skeleton: landmarks give directions, the skeleton lengths.
+"""Points of a skeleton from a person's landmarks: landmarks give directions, the skeleton gives lengths.
 
-Landmarks come from a picture: their directions are good, their lengths are guesses. So every limb is placed along its
-landmarks with the skeleton's own bones, from the pelvis outward.
+Landmarks come from a picture: their directions are good, their lengths are guesses. So every bone of the skeleton gets
+the direction of its landmarks and keeps its own length, from the pelvis outward.
 """
 
 from __future__ import annotations
@@ -24,33 +24,33 @@ from bodysense.devices.video.landmarks import BODY_LANDMARKS
 from bodysense.devices.video.person import VISIBLE, PersonLandmarks
 
 _MARK = {name: place for place, name in enumerate(BODY_LANDMARKS)}
-# Limbs from the trunk outward: start and end of each bone among the skeleton's points, and the landmarks along it.
-_PLACED_BY = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")  # landmarks that define the body's position
-_NEAR = 0.3  # m from the camera, least distance of a person
+_LOCATING = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")  # landmarks that define the body's position
+_NEAR = 0.3  # m, least distance of a person from the camera
+# Bones of limbs, from the trunk outward.
 _ARM, _LEG = (("shoulder", "elbow"), ("elbow", "wrist")), (("hip", "knee"), ("knee", "ankle"), ("ankle", "toe"))
 
 
 @dataclass(frozen=True, eq=False)
-class LaidPoints:
-    """One frame. Lengths from the pelvis, axes those of the landmarks; NaN if unknown."""
+class FittedPoints:
+    """Points of one frame, from the pelvis, in the axes of the landmarks; NaN if unknown."""
 
-    position: np.ndarray  # (P, 3) m: also of legs that are not seen, which stand straight
+    position: np.ndarray  # (P, 3) m; legs that are not seen stand straight
     visible: np.ndarray  # (P,) probability that a point is seen; 0 if unknown
     rotation: np.ndarray  # (J, 4) wxyz, of pelvis, chest and head
-    turned: np.ndarray  # (J,) probability that what the rotation is made of is seen
+    turned: np.ndarray  # (J,) probability that the landmarks that define the rotation are seen
 
 
 @dataclass(frozen=True)
 class LandmarkPoints:
-    """Lays the limbs of a skeleton along landmarks. Raises BodysenseError for one that lacks a point of them."""
+    """Fit of a skeleton's points to landmarks. Raises BodysenseError for a skeleton without toes or balls of feet."""
 
     skeleton: Skeleton
 
     def __post_init__(self) -> None:
         self.skeleton.indices([f"{side}_{name}" for side in SIDES for name in ("toe", "foot")])
 
-    def lay(self, person: PersonLandmarks) -> LaidPoints:
-        """The points of one frame that has a body."""
+    def fit(self, person: PersonLandmarks) -> FittedPoints:
+        """Return the points of one frame with a body."""
         skeleton, mark, seen = self.skeleton, person.world[0], person.visible[0]
         rest, count = self._rest, len(skeleton.points)
         position, visible = np.full((count, 3), np.nan), np.zeros(count)
@@ -93,16 +93,16 @@ class LandmarkPoints:
                 bone = rest[last] - rest[first]
                 is_seen = min(seen[_MARK[f"{side}_{start}"]], seen[_MARK[f"{side}_{end}"]]) >= VISIBLE
                 if is_seen or (start, end) in _ARM:
-                    bone = along(mark[_MARK[f"{side}_{end}"]] - mark[_MARK[f"{side}_{start}"]], bone)
-                else:  # a leg out of sight stands straight
+                    bone = with_direction(mark[_MARK[f"{side}_{end}"]] - mark[_MARK[f"{side}_{start}"]], bone)
+                else:  # an unseen leg stands straight
                     bone = heading @ bone
                 probability = min(visible[first], seen[_MARK[f"{side}_{end}"]])
                 put(skeleton.points[last], position[first] + bone, float(probability))
             self._ball(side, position, visible)
-        return LaidPoints(position, visible, rotation, turned)
+        return FittedPoints(position, visible, rotation, turned)
 
     def _ball(self, side: str, position: np.ndarray, visible: np.ndarray) -> None:
-        """The ball of a foot, between its ankle and its toes; in place."""
+        """Fill in the ball of a foot, between ankle and toes, in place."""
         knee, ankle, toe, ball = self.skeleton.indices([f"{side}_{name}" for name in ("knee", "ankle", "toe", "foot")])
         rest = self._rest
         before = _frame(rest[toe] - rest[ankle], rest[knee] - rest[ankle])
@@ -112,12 +112,12 @@ class LandmarkPoints:
 
     @cached_property
     def _rest(self) -> np.ndarray:
-        """(P, 3) m, from the root."""
+        """(P, 3) m, points of the rest pose from the root."""
         return self.skeleton.path @ self.skeleton.rest_offset
 
     @cached_property
     def _rest_torso(self) -> np.ndarray:
-        """(4,) the torso's turn at rest, which is hardly one."""
+        """(4,) rotation of the torso in the rest pose, close to the identity."""
         shoulders, hips = (
             self._rest[self.skeleton.indices([f"{side}_{part}" for side in SIDES])] for part in ("shoulder", "hip")
         )
@@ -125,7 +125,7 @@ class LandmarkPoints:
 
 
 def _frame(across: np.ndarray, up: np.ndarray) -> np.ndarray:
-    """(3, 3) rotation whose x is along `across` and whose y is nearest to `up`."""
+    """Return the rotation (3, 3) with x along `across` and y closest to `up`."""
     x = across / max(float(np.linalg.norm(across)), 1e-9)
     y = up - (up @ x) * x
     y = y / max(float(np.linalg.norm(y)), 1e-9)
@@ -133,26 +133,26 @@ def _frame(across: np.ndarray, up: np.ndarray) -> np.ndarray:
 
 
 def _head(mark: np.ndarray) -> np.ndarray:
-    """(3, 3) the head's turn from landmarks (33, 3): the nose is as high as the ears when it is level."""
+    """Return the head's rotation (3, 3) from landmarks (33, 3). In a level head the nose is as high as the ears."""
     left, right = mark[_MARK["left_ear"]], mark[_MARK["right_ear"]]
     across, ahead = left - right, mark[_MARK["nose"]] - (left + right) / 2
     return _frame(across, np.cross(ahead, across))
 
 
-def along(direction: np.ndarray, bone: np.ndarray) -> np.ndarray:
-    """A bone (3,) of the same length along a direction."""
+def with_direction(direction: np.ndarray, bone: np.ndarray) -> np.ndarray:
+    """Return a bone (3,) of the same length with another direction (3,)."""
     return direction * (np.linalg.norm(bone) / max(float(np.linalg.norm(direction)), 1e-9))
 
 
-def located(laid: LaidPoints, person: PersonLandmarks, skeleton: Skeleton, focal: float) -> np.ndarray:
-    """(3,) m: where the pelvis is in the camera's axes, so that joints are seen where the landmarks are.
+def locate_pelvis(fitted: FittedPoints, person: PersonLandmarks, skeleton: Skeleton, focal: float) -> np.ndarray:
+    """Return the position (3,) m of the pelvis in the camera's axes that projects joints onto their landmarks.
 
-    A joint at q from a pelvis at (x, y, −depth) is seen at focal · (q + (x, y)) / (depth − q_z): linear in all
-    three, solved in the least squares.
+    A joint at q from a pelvis at (x, y, −depth) is seen at focal · (q + (x, y)) / (depth − q_z). This is linear in x, y
+    and depth, and solved by least squares.
     """
-    names = [f"{side}_{part}" for part in _PLACED_BY for side in SIDES]
+    names = [f"{side}_{part}" for part in _LOCATING for side in SIDES]
     marks = [BODY_LANDMARKS.index(name) for name in names]
-    q = laid.position[skeleton.indices(names)]
+    q = fitted.position[skeleton.indices(names)]
     seen, pull = person.picture[0, marks], np.clip(person.visible[0, marks], 0.05, 1.0)
     rows, values = np.zeros((2, len(names), 3)), np.empty((2, len(names)))
     for axis in range(2):

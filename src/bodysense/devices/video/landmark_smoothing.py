@@ -1,4 +1,4 @@
-"""One frame of landmarks, averaged with its neighbours."""
+"""Smoothing of landmarks over neighbouring frames."""
 
 from __future__ import annotations
 
@@ -6,16 +6,16 @@ import numpy as np
 
 from bodysense.devices.video.person import PersonLandmarks
 
-REACH = 3.0  # standard deviations of the smoothing
+REACH = 3.0  # width of the smoothing to either side, in its standard deviations
 
 
-def smoothed(person: PersonLandmarks, frame: int, calm: float, ahead: float) -> PersonLandmarks:
-    """Average one frame with its neighbours, up to `ahead` s later, by a Gaussian of standard deviation `calm` s.
+def smooth_frame(person: PersonLandmarks, frame: int, deviation: float, ahead: float) -> PersonLandmarks:
+    """Average one frame with its neighbours, up to `ahead` s later, by a Gaussian of standard deviation `deviation` s.
 
-    It has no body if no frame in reach has one.
+    Returns one frame. It has no body if no frame in reach has one.
     """
     later = person.time - person.time[frame]
-    near = np.exp(-0.5 * (later / calm) ** 2) * (np.abs(later) <= REACH * calm) * (later <= ahead + 1e-6)
+    near = np.exp(-0.5 * (later / deviation) ** 2) * (np.abs(later) <= REACH * deviation) * (later <= ahead + 1e-6)
 
     def mean(values: np.ndarray, mask: np.ndarray) -> np.ndarray:
         weight = np.where(mask, near.reshape(-1, *[1] * (mask.ndim - 1)), 0.0)

@@ -1,4 +1,4 @@
-"""Where MediaPipe's model files are: in a folder that is given, in the cache, or fetched once and checked."""
+"""Model files of MediaPipe: from a given folder or from the cache, into which they are fetched once and checked."""
 
 from __future__ import annotations
 
@@ -23,35 +23,36 @@ OFFICIAL = {  # address and SHA-256 of Google's files
         "fbc2a30080c3c557093b5ddfc334698132eb341044ccee322ccf8bcf3607cde1",
     ),
 }
-_PATIENCE = 20.0  # s without an answer
+_TIMEOUT = 20.0  # s
 
 
 @dataclass(frozen=True)
 class LandmarkerFiles:
-    """The two models."""
+    """Paths of the two models."""
 
     pose: Path
     hand: Path
 
 
 def landmarker_folder() -> Path:
-    """The folder in the user's cache where the files are kept."""
+    """Return the folder of the model files in the user's cache."""
     return cache_folder() / "landmarkers"
 
 
 def find_landmarkers(folder: Path | None = None) -> LandmarkerFiles:
-    """The files in `folder`, or in the cache, where those that are missing are fetched and checked.
+    """Return the model files in `folder`, or in the cache if it is None; fetch files that the cache lacks.
 
-    Raises BodysenseError where one is missing and cannot be fetched.
+    Raises BodysenseError if a file is missing and cannot be fetched.
     """
     folder = find_files(folder, OFFICIAL)
     return LandmarkerFiles(folder / POSE_LANDMARKER, folder / HAND_LANDMARKER)
 
 
 def find_files(folder: Path | None, wanted: Mapping[str, tuple[str, str]]) -> Path:
-    """The folder that has the files: the given one, or the cache, where those that are missing are fetched and checked.
+    """Return the folder of the files: `folder`, or the cache if it is None; fetch files that the cache lacks.
 
-    `wanted` has an address and a SHA-256 by name. Raises BodysenseError where one is missing and cannot be fetched.
+    `wanted` maps names of files to their addresses and SHA-256. Raises BodysenseError if a file is missing and cannot
+    be fetched.
     """
     if folder is None:
         folder = landmarker_folder()
@@ -60,15 +61,16 @@ def find_files(folder: Path | None, wanted: Mapping[str, tuple[str, str]]) -> Pa
                 _fetch(address, folder / name, checksum)
     for name in wanted:
         if not (folder / name).is_file():
-            raise BodysenseError(f"--landmarkers {folder}: there is no {name}; see docs/video.md for where to get it")
+            raise BodysenseError(f"--landmarkers {folder}: there is no {name}; docs/video.md tells how to get it")
     return folder
 
 
 def _fetch(address: str, path: Path, checksum: str) -> None:
+    """Fetch a file; raise BodysenseError if it cannot be fetched or has another SHA-256."""
     from urllib.request import urlopen
 
     try:
-        with urlopen(address, timeout=_PATIENCE) as answer:
+        with urlopen(address, timeout=_TIMEOUT) as answer:
             content = answer.read()
     except OSError as error:
         reason = getattr(error, "reason", None) or error

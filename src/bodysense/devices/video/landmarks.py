@@ -1,7 +1,7 @@
 """Landmarks of all people in a picture, by MediaPipe's pose and hand landmarkers.
 
-Axes are the camera's, turned to ours: x to the picture's right, y up, z toward the camera. Positions in a picture are
-measured from its middle in heights of the picture, x to the right, y up. Left and right are the person's.
+The camera's axes are x to the picture's right, y up, z toward the camera. Positions in a picture are measured from its
+middle in heights of the picture, x to the right, y up. Left and right are the person's.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from bodysense.devices.video.silence import silence
 from bodysense.errors import BodysenseError, missing_package
 
 # fmt: off
-BODY_LANDMARKS = (  # of MediaPipe's pose landmarker (BlazePose), in its order
+BODY_LANDMARKS = (  # landmarks of MediaPipe's pose landmarker (BlazePose), in its order
     "nose", "left_eye_inner", "left_eye", "left_eye_outer", "right_eye_inner", "right_eye", "right_eye_outer",
     "left_ear", "right_ear", "left_mouth", "right_mouth", "left_shoulder", "right_shoulder", "left_elbow",
     "right_elbow", "left_wrist", "right_wrist", "left_pinky", "right_pinky", "left_index", "right_index",
@@ -27,25 +27,25 @@ BODY_LANDMARKS = (  # of MediaPipe's pose landmarker (BlazePose), in its order
 )
 # fmt: on
 _TO_OURS = np.array([1.0, -1.0, -1.0])  # MediaPipe's x, y, z point right, down and away from the camera
-_BODY_CONFIDENCE = 0.5  # least probability of a body
-_HAND_CONFIDENCE = 0.4
+_BODY_CONFIDENCE = 0.5  # least probability of a detected body
+_HAND_CONFIDENCE = 0.4  # least probability of a detected hand
 
 
 @dataclass(frozen=True, eq=False)
 class Bodies:
-    """N bodies in a picture, 33 `BODY_LANDMARKS` each."""
+    """N bodies in a picture, with 33 `BODY_LANDMARKS` each."""
 
     world: np.ndarray  # (N, 33, 3) m, from the middle of the hips, camera's axes
-    picture: np.ndarray  # (N, 33, 2) places in the picture
+    picture: np.ndarray  # (N, 33, 2) positions in the picture
     visible: np.ndarray  # (N, 33) probability that the landmark is in the picture and not hidden
 
 
 @dataclass(frozen=True, eq=False)
 class HandLandmarks:
-    """N hands in a picture, 21 points each (`body.arms.HAND_POINTS`)."""
+    """N hands in a picture, with 21 points each (`body.arms.HAND_POINTS`)."""
 
     world: np.ndarray  # (N, 21, 3) m, from the middle of the hand, camera's axes
-    picture: np.ndarray  # (N, 21, 2) places in the picture
+    picture: np.ndarray  # (N, 21, 2) positions in the picture
     left: np.ndarray  # (N,) probability that it is a left hand
 
 
@@ -53,16 +53,17 @@ class HandLandmarks:
 class LandmarkerSettings:
     """Settings of the landmarkers."""
 
-    people: int = 2  # most people at once; 1 is more than twice as fast, but may switch to a person in front
+    people: int = 2  # maximum number of people; 1 is more than twice as fast, but may switch to a person in front
 
     def __post_init__(self) -> None:
         if self.people < 1:
-            raise BodysenseError(f"--people {self.people}: look for at least 1")
+            raise BodysenseError(f"--people {self.people}: give at least 1")
 
 
 class Landmarker:
-    """Both landmarkers, a context manager. Pictures must be in order of time, because landmarkers track from one to the
-    next.
+    """Pose and hand landmarkers as a context manager.
+
+    Pictures must be in order of time, because the landmarkers track people from one to the next.
     """
 
     def __init__(self, files: LandmarkerFiles, settings: LandmarkerSettings = LandmarkerSettings()) -> None:
@@ -109,12 +110,12 @@ class Landmarker:
         self.close()
 
     def close(self) -> None:
-        """Close both; their destructors must not run at the interpreter's end."""
+        """Close both landmarkers. Their destructors must not run at the interpreter's exit."""
         self._pose.close()
         self._hand.close()
 
     def find(self, picture: Picture) -> tuple[Bodies, HandLandmarks]:
-        """Find all people in the next picture."""
+        """Return the bodies and hands of all people in the next picture."""
         first = self._moment < 0
         self._moment = max(round(1000 * picture.time), self._moment + 1)
         image = self._image.Image(image_format=self._image.ImageFormat.SRGB, data=np.ascontiguousarray(picture.pixels))

@@ -1,4 +1,4 @@
-"""Pictures over time: of a video file, a webcam, or a folder of images, in order and in bounded memory."""
+"""Pictures over time from a video file, a webcam or a folder of images, in order and in bounded memory."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ if TYPE_CHECKING:
     from av.video.frame import VideoFrame
     from av.video.stream import VideoStream
 
-LARGEST = 1280  # pixels of a picture's longer side; larger ones are scaled down
+LARGEST = 1280  # pixels of a picture's longer side; larger pictures are scaled down
 IMAGES = (".jpg", ".jpeg", ".png", ".webp", ".bmp", ".tif", ".tiff")
 VIDEOS = (".mp4", ".m4v", ".mov", ".mkv", ".webm", ".avi", ".mpg", ".mpeg", ".ts", ".mts", ".wmv", ".3gp", ".ogv")
-_FASTEST = 250.0  # Hz: browsers write 1000, their clock's rate
-_SHORT = 0.5  # s: a file that ends this much before its stated length is cut off
+_FASTEST = 250.0  # Hz, largest plausible rate; browsers state 1000, their clock's rate
+_SHORT = 0.5  # s; a file that ends earlier than its stated length by more than this is cut off
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,20 +53,19 @@ class Video:
 
 
 class VideoBrokenError(BodysenseError):
-    """A video that is damaged: raised at its end, after every picture that could be read."""
+    """Error of a damaged video, raised after all pictures that can be read."""
 
 
 def is_video(source: str) -> bool:
-    """Whether a source on the command line is pictures: a webcam's index, a folder, or a file named as a video."""
+    """Whether a source is a webcam's index, a folder, or a file with the extension of a video or an image."""
     return source.isdecimal() or Path(source).is_dir() or Path(source).suffix.lower() in (*VIDEOS, *IMAGES)
 
 
 def open_video(source: str, rate: float = 30.0) -> Video:
     """Open a video file, a folder of images at `rate` Hz, or a webcam by its index ('0').
 
-    Times come from the container; its rotation, pixel shapes and an image's orientation are applied.
-    Raises BodysenseError if it cannot be opened; iterating over the pictures of a damaged file raises
-    `VideoBrokenError` after the last readable one.
+    Times are the container's. Pictures are rotated upright and have square pixels. Raises BodysenseError if the source
+    cannot be opened. The pictures of a damaged file raise `VideoBrokenError` after the last readable one.
     """
     path = Path(source)
     if source.isdecimal() and not path.exists():
@@ -83,18 +82,18 @@ def _open_file(path: Path) -> Video:
     try:
         container = av.open(str(path))
     except (OSError, ValueError) as error:  # all errors of PyAV are one of these
-        raise BodysenseError(f"{path}: not a video that can be read ({_reason(error)}); is it whole?") from None
+        raise BodysenseError(f"{path}: not a video that can be read ({_reason(error)}); is it complete?") from None
     stream = next(iter(container.streams.video), None)
     if stream is None or stream.codec_context is None or not stream.codec_context.width:
         container.close()
-        raise BodysenseError(f"{path}: there is no video in it; give a file with one")
+        raise BodysenseError(f"{path}: the file has no video; give a file with one")
     stream.thread_type = "AUTO"
     rate = float(stream.average_rate or stream.guessed_rate or 0)
     if not 0 < rate <= _FASTEST:
         rate = _measured_rate(path)
     seconds = _seconds(container, stream)
     count = stream.frames or (None if seconds is None else round(seconds * rate))
-    return Video(path.name, rate, count or None, _decoded(path, container, stream, rate, seconds), container.close)
+    return Video(path.name, rate, count or None, _decode(path, container, stream, rate, seconds), container.close)
 
 
 def _measured_rate(path: Path) -> float:
@@ -107,13 +106,13 @@ def _measured_rate(path: Path) -> float:
 
 
 def _seconds(container: InputContainer, stream: VideoStream) -> float | None:
-    """Return the stated length of the file (s)."""
+    """Return the stated length (s) of the file, or None."""
     if stream.duration and stream.time_base:
         return float(stream.duration * stream.time_base)
     return None if not container.duration else container.duration / 1e6
 
 
-def _decoded(
+def _decode(
     path: Path, container: InputContainer, stream: VideoStream, rate: float, seconds: float | None
 ) -> Iterator[Picture]:
     first: float | None = None
@@ -132,17 +131,17 @@ def _decoded(
         last = moment - first
         yield Picture(last, _upright(frame, stream))
     if first is None:
-        raise BodysenseError(f"{path}: no picture of it can be read ({reason or 'it is empty'}); is it whole?")
+        raise BodysenseError(f"{path}: none of its pictures can be read ({reason or 'it is empty'}); is it complete?")
     is_short = seconds is not None and last + 1 / rate < seconds - max(_SHORT, 2 / rate)
     if is_short:
         reason = reason or f"it should last {seconds:.1f} s"
-        raise VideoBrokenError(f"{path}: damaged, read up to {last:.2f} s ({reason}); what could be read was used")
+        raise VideoBrokenError(f"{path}: damaged, read up to {last:.2f} s ({reason}); the readable pictures were used")
     if broken:
-        raise VideoBrokenError(f"{path}: damaged in places ({reason}); what could be read was used")
+        raise VideoBrokenError(f"{path}: damaged in places ({reason}); the readable pictures were used")
 
 
 def _frames(container: InputContainer, stream: VideoStream) -> Iterator[VideoFrame | Exception]:
-    """Iterate over the frames of a file; an error in place of a broken frame, and last if reading ends."""
+    """Iterate over the frames of a file; yield an error for a broken frame, and as the last item if reading fails."""
     packets = container.demux(stream)
     while True:
         try:
@@ -174,7 +173,7 @@ def _open_folder(path: Path, rate: float) -> Video:
         raise BodysenseError(f"--image-rate {rate:g}: give a rate in Hz, above 0")
     files = sorted((file for file in path.iterdir() if file.suffix.lower() in IMAGES), key=_natural)
     if not files:
-        raise BodysenseError(f"{path}: there are no images in it; it takes {', '.join(IMAGES)}")
+        raise BodysenseError(f"{path}: the folder has no images; valid are {', '.join(IMAGES)}")
 
     def pictures() -> Iterator[Picture]:
         for number, file in enumerate(files):
@@ -185,7 +184,7 @@ def _open_folder(path: Path, rate: float) -> Video:
                 if not number:
                     raise BodysenseError(f"{file}: not an image that can be read ({_reason(error)})") from None
                 raise VideoBrokenError(
-                    f"{file}: not an image that can be read ({_reason(error)}); what came before it was used"
+                    f"{file}: not an image that can be read ({_reason(error)}); the images before it were used"
                 ) from None
             upright.thumbnail((LARGEST, LARGEST))
             yield Picture(number / rate, np.array(upright))
@@ -198,7 +197,7 @@ def _open_webcam(index: int) -> Video:
     with silence():
         camera = cv2.VideoCapture(index)
     if not camera.isOpened():
-        raise BodysenseError(f"webcam {index}: there is none, or another program uses it; give another index or a file")
+        raise BodysenseError(f"webcam {index}: not found, or used by another program; give another index or a file")
     camera.set(cv2.CAP_PROP_BUFFERSIZE, 1)  # the newest picture, not a queued one
 
     def pictures() -> Iterator[Picture]:
@@ -206,14 +205,14 @@ def _open_webcam(index: int) -> Video:
         while True:
             good, pixels = camera.read()
             if not good:
-                raise VideoBrokenError(f"webcam {index}: it gives no more pictures; what came before was used")
+                raise VideoBrokenError(f"webcam {index}: no more pictures; those before were used")
             yield Picture(clock.monotonic() - begun, np.ascontiguousarray(pixels[..., ::-1]))
 
     return Video(f"webcam {index}", float(camera.get(cv2.CAP_PROP_FPS) or 30.0), None, pictures(), camera.release)
 
 
 def _natural(path: Path) -> list[tuple[str, int]]:
-    """Sort frame2 before frame10."""
+    """Return a sort key that orders frame2 before frame10."""
     return [(text, int(number or 0)) for text, number in re.findall(r"(\D*)(\d*)", path.name)]
 
 

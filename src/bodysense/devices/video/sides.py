@@ -1,7 +1,7 @@
-"""Left and right of a body: correction of a pose landmarker that suddenly mistakes front for back.
+"""Correction of a pose landmarker that suddenly mistakes the front of a body for its back.
 
-This happens without a visible face: left and right are exchanged from one picture to the next, and depth is inverted.
-People cannot turn as fast; the labels of the hands decide.
+Without a visible face, the landmarker may exchange left and right from one picture to the next and invert depth. People
+cannot turn that fast. If hands are found, their labels decide which side is right.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ _SIDES = np.array([[BODY_LANDMARKS.index(f"{side}_{part}") for part in _PARTS] f
 _OTHER = {"left": "right", "right": "left"}
 _MIRROR = np.array([1.0, 1.0, -1.0])
 _NEAR = 0.5  # ratio of distances to the last positions, with and without exchange, below which sides are exchanged
-_WIDE = 0.3  # of the body's size: narrower shoulders are those of a turning body
+_WIDE = 0.3  # width of shoulders, as a share of the body's size, below which the body is seen from its side
 _GAP = 0.3  # s after which last positions are ignored
-_PATIENCE = 1.0  # s for which a body is kept from turning without labels of its hands
-_SURE = 0.5  # of the hands' labels, −2 to 2: least value that decides
+_PATIENCE = 1.0  # s for which sides are exchanged without labels of hands
+_SURE = 0.5  # least sum of the hands' labels, −2 to 2, that decides
 
 
 def _exchanged() -> np.ndarray:
@@ -33,23 +33,24 @@ EXCHANGED = _exchanged()
 
 
 @dataclass(frozen=True, eq=False)
-class LastSides:
-    """A body with shoulders seen apart: its positions (33, 2), their time, and since when it is kept from turning."""
+class SideState:
+    """Last sighting of a body from its front or back."""
 
-    time: float
-    places: np.ndarray
-    since: float | None = None
+    time: float  # s
+    places: np.ndarray  # (33, 2) positions of landmarks in the picture
+    since: float | None = None  # s, time since which sides have been exchanged; None: they are not
 
 
 def exchange(world: np.ndarray, places: np.ndarray, visible: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Exchange left and right of a body's landmarks (33, …), and invert its depth."""
+    """Exchange left and right of a body's landmarks (33, …) and invert its depth."""
     return world[EXCHANGED] * _MIRROR, places[EXCHANGED], visible[EXCHANGED]
 
 
-def is_turned_round(time: float, places: np.ndarray, size: float, labels: float, last: LastSides | None) -> bool:
-    """Whether positions (33, 2) have left and right exchanged, compared with the picture before.
+def detect_exchange(time: float, places: np.ndarray, size: float, labels: float, last: SideState | None) -> bool:
+    """Return whether left and right of positions (33, 2) are exchanged, compared with the picture before.
 
-    `labels` sums over the hands at its wrists how much they are of those sides, from −1 to 1 each.
+    `labels` is the sum over the hands at its wrists of the agreement of their labels with the wrists' sides, −1 to 1
+    each.
     """
     if last is None or time - last.time > _GAP:
         return False
@@ -60,12 +61,14 @@ def is_turned_round(time: float, places: np.ndarray, size: float, labels: float,
     return last.since is None or time - last.since <= _PATIENCE
 
 
-def remembered(time: float, places: np.ndarray, size: float, is_kept: bool, last: LastSides | None) -> LastSides | None:
-    """Return the sides to remember after a picture; `is_kept` tells if the body was corrected."""
+def update_sides(
+    time: float, places: np.ndarray, size: float, is_exchanged: bool, last: SideState | None
+) -> SideState | None:
+    """Return the last sighting after a picture with `places` (33, 2); `is_exchanged`: the body was corrected."""
     if _width(places) < _WIDE * size:
         return last
-    since = None if not is_kept else time if last is None or last.since is None else last.since
-    return LastSides(time, places, since)
+    since = None if not is_exchanged else time if last is None or last.since is None else last.since
+    return SideState(time, places, since)
 
 
 def _width(places: np.ndarray) -> float:

@@ -1,4 +1,4 @@
-"""Keep libraries of C++ that write to the terminal by themselves silent."""
+"""Suppression of output that C++ libraries write to the terminal."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from contextlib import contextmanager
 
 @contextmanager
 def silence(wanted: bool = True) -> Iterator[None]:
-    """Keep what libraries write to standard error, past Python, away from the terminal while the block runs."""
+    """Suppress standard error, also that of C++ libraries, while the block runs."""
     if not wanted:
         yield
         return

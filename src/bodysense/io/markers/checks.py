@@ -10,7 +10,7 @@ import numpy as np
 
 from bodysense.body.glove import ALIGNMENT, MARKERS, default_glove, glove_points, side_of, template
 from bodysense.body.hand import glove_hands, hand_skeleton, mirrored_vectors
-from bodysense.body.hand_shapes import hand_shapes, marker_ranges, unlikeness
+from bodysense.body.hand_shapes import hand_shapes, marker_ranges, shape_distance
 from bodysense.body.registration import register
 from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError
@@ -144,7 +144,7 @@ def _size(markers: np.ndarray) -> float:
 
 def _likeness(markers: np.ndarray) -> float:
     """Return the error (m) between nine markers and a hand's, median of the frames."""
-    return float(np.median(unlikeness(_shapes(), markers)))
+    return float(np.median(shape_distance(_shapes(), markers)))
 
 
 def _swapped(markers: np.ndarray, hand: str, like: float) -> list[str]:

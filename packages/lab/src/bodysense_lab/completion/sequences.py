@@ -19,7 +19,7 @@ from bodysense.body.rotation import (
 from bodysense.body.skeleton import BODY, default_skeleton
 from bodysense.devices.simulated.headset_camera import see_points
 from bodysense.devices.simulated.inertial import ALONG as STRAPPED_ALONG
-from bodysense.devices.simulated.inertial import accelerations, strapped_places
+from bodysense.devices.simulated.inertial import accelerations, strapped_positions
 from bodysense.devices.simulated.sensors import HEADSET_CAMERA
 from bodysense_lab.completion.corpus import Corpus, interpolate
 from bodysense_lab.completion.hands import (
@@ -399,7 +399,7 @@ def _accelerations(
         if noisy
         else np.full(len(ACCELERATION_POINTS), STRAPPED_ALONG)
     )
-    acceleration, known = accelerations(strapped_places(points, BODY_POINTS, along), 1 / rate)
+    acceleration, known = accelerations(strapped_positions(points, BODY_POINTS, along), 1 / rate)
     if noisy:
         shape = acceleration.shape
         acceleration = acceleration + np.exp(rng.uniform(*np.log(_ACCELERATION_NOISE))) * rng.standard_normal(shape)

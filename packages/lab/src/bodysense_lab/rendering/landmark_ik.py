@@ -11,9 +11,9 @@ from bodysense.body.arms import HAND_POINTS, SIDES
 from bodysense.body.ik import IkSettings, IkState, InverseKinematics
 from bodysense.body.pose import Pose
 from bodysense.body.skeleton import Skeleton
-from bodysense.devices.video.device import CALM, VideoSettings
-from bodysense.devices.video.landmark_points import LandmarkPoints, along
-from bodysense.devices.video.landmark_smoothing import smoothed
+from bodysense.devices.video.device import LANDMARK_SMOOTHING, VideoSettings
+from bodysense.devices.video.landmark_points import LandmarkPoints, with_direction
+from bodysense.devices.video.landmark_smoothing import smooth_frame
 from bodysense.devices.video.landmarks import BODY_LANDMARKS
 from bodysense.devices.video.person import VISIBLE, PersonLandmarks
 
@@ -43,9 +43,9 @@ class LandmarkIk:
         poses: list[Pose] = []
         state = None
         for frame in range(len(person)):
-            calm = smoothed(person, frame, CALM, settings.look_ahead)
-            if calm.has_body[0]:
-                pose, state = self.solve(calm, state)
+            smooth = smooth_frame(person, frame, LANDMARK_SMOOTHING, settings.look_ahead)
+            if smooth.has_body[0]:
+                pose, state = self.solve(smooth, state)
                 poses += [pose] * (frame + 1 - len(poses))  # before the first body, as the first
             elif poses:
                 poses.append(poses[-1])
@@ -55,16 +55,16 @@ class LandmarkIk:
 
     def solve(self, person: PersonLandmarks, state: IkState | None) -> tuple[Pose, IkState]:
         """The pose of one frame that has a body, from the frame before."""
-        laid = self._points.lay(person)
-        target, weight = laid.position.copy(), np.zeros(len(self.skeleton.points))
+        fitted = self._points.fit(person)
+        target, weight = fitted.position.copy(), np.zeros(len(self.skeleton.points))
         weight[self.skeleton.indices(_TRUNK)] = 1.0
         limbs = self.skeleton.indices(_LAID)
-        weight[limbs] = np.where(laid.visible[limbs] >= VISIBLE, 1.0, _HINT)
+        weight[limbs] = np.where(fitted.visible[limbs] >= VISIBLE, 1.0, _HINT)
         for side in SIDES:
             self._hand(side, person, target, weight)
         target[weight == 0] = np.nan
-        turn_weight = np.where(np.isnan(laid.rotation[:, 0]), 0.0, _TURN_WEIGHT)
-        return self._ik.solve(target, weight, laid.rotation, turn_weight, state)
+        turn_weight = np.where(np.isnan(fitted.rotation[:, 0]), 0.0, _TURN_WEIGHT)
+        return self._ik.solve(target, weight, fitted.rotation, turn_weight, state)
 
     def _hand(self, side: str, person: PersonLandmarks, target: np.ndarray, weight: np.ndarray) -> None:
         """Targets of a hand, from the hand that was found or else from the arm's own landmarks; in place."""
@@ -76,11 +76,11 @@ class LandmarkIk:
                 point = skeleton.index(f"{side}_{name}")
                 bone = (skeleton.path[point] - skeleton.path[wrist]) @ skeleton.rest_offset
                 start, end = (BODY_LANDMARKS.index(f"{side}_{landmark}") for landmark in ("wrist", mark))
-                target[point] = target[wrist] + along(person.world[0, end] - person.world[0, start], bone)
+                target[point] = target[wrist] + with_direction(person.world[0, end] - person.world[0, start], bone)
                 weight[point] = _HINT
             return
         found = person.hand_world[0, number]
         for k, point in enumerate(places[1:], start=1):
             above = int(np.flatnonzero(places == skeleton.parents[point])[0])
-            target[point] = target[places[above]] + along(found[k] - found[above], skeleton.rest_offset[point])
+            target[point] = target[places[above]] + with_direction(found[k] - found[above], skeleton.rest_offset[point])
             weight[point] = 1.0

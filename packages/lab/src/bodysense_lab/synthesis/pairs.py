@@ -1,6 +1,6 @@
 """Two hands that act on each other: palms meet, fingers interlace, one lies on the other, they clap or hold something.
 
-Hands are brought together until their flesh meets (`devices.gloves.meetings`); between meetings they are apart.
+Hands are brought together until their flesh meets (`devices.gloves.collisions`); between meetings they are apart.
 """
 
 from __future__ import annotations

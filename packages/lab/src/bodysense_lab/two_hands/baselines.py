@@ -21,7 +21,7 @@ from bodysense.body.rotation import (
     shortest_arc,
 )
 from bodysense.body.skeleton import Skeleton
-from bodysense.devices.gloves.fillers import MARKER_COUNT, missing
+from bodysense.devices.gloves.gap_fillers import MARKER_COUNT, missing
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class LastKnown:
         return np.full((hands, MARKER_COUNT, 3), np.nan)
 
     def fill(self, markers: np.ndarray, interval: float, state: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """See `Filler`."""
+        """See `GapFiller`."""
         filled = np.where(np.isnan(markers), state, markers)
         return filled, filled
 
@@ -59,7 +59,7 @@ class MovingAverage:
         return AverageState(np.full(shape, np.nan), np.zeros(shape), np.zeros(shape[:2], dtype=bool), ())
 
     def fill(self, markers: np.ndarray, interval: float, state: AverageState) -> tuple[np.ndarray, AverageState]:
-        """See `Filler`."""
+        """See `GapFiller`."""
         known = ~missing(markers)
         filled = np.where(known[..., None], markers, state.place + interval * state.velocity)
         both = (known & state.known)[..., None]
@@ -98,7 +98,7 @@ class AffineCombination:
         return AffineState(place, known, known, np.zeros((hands, MARKER_COUNT, MARKER_COUNT)))
 
     def fill(self, markers: np.ndarray, interval: float, state: AffineState) -> tuple[np.ndarray, AffineState]:
-        """See `Filler`."""
+        """See `GapFiller`."""
         hidden = missing(markers)
         known = ~hidden
         if not hidden.any():

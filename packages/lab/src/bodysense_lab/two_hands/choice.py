@@ -16,7 +16,7 @@ import numpy as np
 
 from bodysense.body.hand import FINGERS
 from bodysense.body.hand_family import GlovedHand, draw_hand
-from bodysense.devices.gloves.fillers import NetworkFiller
+from bodysense.devices.gloves.gap_fillers import NetworkGapFiller
 from bodysense.devices.gloves.hands import HandsSettings, load_glove_models
 from bodysense.devices.gloves.inertial import InertialSettings
 from bodysense_lab.datasets import describe
@@ -70,7 +70,7 @@ def measure_settings(task: HandTask) -> HandErrors:
         assert trials is not None
         hidden = hide_some(len(trials), count, rng)
         for value in CANDIDATES["fading"].values:
-            filler = NetworkFiller(models.markers, trials.hands, trials.gloves, value)
+            filler = NetworkGapFiller(models.markers, trials.hands, trials.gloves, value)
             for seconds, error in zip(DURATIONS, marker_error(trials, hidden, filler), strict=True):
                 means.add(("fading", value, seconds), error)
     longer = _joined(worn, SCORED, rng)

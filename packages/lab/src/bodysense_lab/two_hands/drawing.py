@@ -13,7 +13,7 @@ from torch import Tensor
 from bodysense.body.glove import ALIGNMENT, MARKERS, default_glove
 from bodysense.body.hand import FINGERS, hand_skeleton, rotations_of
 from bodysense.body.pose import Pose, forward_kinematics
-from bodysense.body.registration import brought_back, register
+from bodysense.body.registration import register, to_hand
 from bodysense.body.rotation import quaternion_conjugate, quaternion_multiply, quaternion_rotate, shortest_arc
 from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense_lab.two_hands.frames import RATE, GloveFrames
@@ -189,7 +189,7 @@ def _on_template(points: np.ndarray, markers: np.ndarray, hidden: np.ndarray, te
     """Points (..., n, 3) turned and moved as brings the markers that are not hidden onto the template."""
     base, seen, known = (part.reshape(-1, *part.shape[markers.ndim - 2 :]) for part in (template, markers, ~hidden))
     rotation, translation = register(base, seen, known)
-    aligned = brought_back(points.reshape(-1, *points.shape[-2:]), rotation, translation)
+    aligned = to_hand(points.reshape(-1, *points.shape[-2:]), rotation, translation)
     return aligned.reshape(points.shape)
 
 

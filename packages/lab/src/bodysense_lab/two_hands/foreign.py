@@ -18,10 +18,10 @@ import numpy as np
 
 from bodysense.body.glove import Glove, default_glove, hand_size, marker_positions
 from bodysense.body.hand import FINGERS, hand_skeleton
-from bodysense.body.hand_family import COUNT, GlovedHand, carried_over, draw_hand, hand_of, plain_hand
+from bodysense.body.hand_family import COUNT, GlovedHand, draw_hand, hand_of, plain_hand, transfer_pose
 from bodysense.body.skeleton import default_skeleton
 from bodysense.devices.gloves.calibration import FEWEST, fit_hand
-from bodysense.devices.gloves.fillers import Filler, NetworkFiller
+from bodysense.devices.gloves.gap_fillers import GapFiller, NetworkGapFiller
 from bodysense.devices.gloves.hands import HandsSettings, load_glove_models
 from bodysense.devices.gloves.networks import (
     JOINT_NETWORK,
@@ -76,10 +76,10 @@ def foreign_markers(motions: list[HandMotion], person: str, models: ForeignModel
     means = HandErrors(person)
     for place, files, trials, ways in _settings(motions, person, models, stride, calibrate=False):
         network = load_marker_network(files[0])
-        fillers: dict[str, Filler] = {
-            way: NetworkFiller(network, taken.hands, taken.gloves) for way, taken in ways.items()
+        fillers: dict[str, GapFiller] = {
+            way: NetworkGapFiller(network, taken.hands, taken.gloves) for way, taken in ways.items()
         }
-        fillers[ALONE] = NetworkFiller(network, trials.hands, trials.gloves, fading=_AT_ONCE)
+        fillers[ALONE] = NetworkGapFiller(network, trials.hands, trials.gloves, fading=_AT_ONCE)
         for count in FEW_MANY:
             hidden = hide_some(len(trials), count, np.random.default_rng(count))
             for way, filler in fillers.items():
@@ -162,7 +162,7 @@ def _calibrated(
     some = replace(motion, pose=motion.pose[:_LOOKED])
     if len(some) < FEWEST:
         return None
-    markers = np.asarray(marker_positions(hand.glove, carried_over(some.pose, hand)))
+    markers = np.asarray(marker_positions(hand.glove, transfer_pose(some.pose, hand)))
     return fit_hand(markers + rng.normal(0.0, 3e-4, markers.shape), network=network).hand
 
 

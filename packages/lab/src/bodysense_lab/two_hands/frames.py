@@ -9,7 +9,7 @@ import numpy as np
 
 from bodysense.body.glove import default_glove, hand_size, marker_positions, template
 from bodysense.body.hand import angles_of
-from bodysense.body.hand_family import GlovedHand, carried_over, plain_hand
+from bodysense.body.hand_family import GlovedHand, plain_hand, transfer_pose
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.errors import BodysenseError
 from bodysense_lab.synthesis.motion import HandMotion
@@ -39,7 +39,7 @@ class GloveFrames:
 def frames_of(motion: HandMotion, hand: GlovedHand | None = None) -> GloveFrames:
     """Return the frames of one motion, on its own hand or on another one."""
     worn = plain_hand(motion.pose.skeleton) if hand is None else hand
-    pose = carried_over(motion.pose, worn)
+    pose = transfer_pose(motion.pose, worn)
     ratio = hand_size(pose.skeleton) / default_glove().size
     local = _from_wrist(pose)
     points, _ = forward_kinematics(local)

@@ -19,7 +19,7 @@ from bodysense.devices.estimate import PointEstimate
 from bodysense.devices.gloves import inertial
 from bodysense.devices.gloves.fingers import hand_shape, place_hands
 from bodysense.devices.gloves.hands import GloveModels, HandsSettings, load_glove_models
-from bodysense.devices.simulated.glove_imu import GloveImuNoise, disturbed
+from bodysense.devices.simulated.glove_imu import GloveImuNoise, add_errors
 from bodysense.metrics import joint_error
 from bodysense.observation import EXACT_ACCURACY, Observation, joined_points
 from bodysense_lab.datasets import describe
@@ -94,7 +94,7 @@ def fusion_errors(
 
     The markers of fingers `lost` (H, 5) are hidden. NaN where the motion ends before.
     """
-    seen, sensors = observed(trials, _hidden(lost), SEEN), disturbed(sensed(trials), GloveImuNoise(), rng)
+    seen, sensors = observed(trials, _hidden(lost), SEEN), add_errors(sensed(trials), GloveImuNoise(), rng)
     hands, frames = hands_of(trials, models, ALONE), list(SCORED)
     alone, _ = hands.step(seen, hands.start())
     both, _ = hands.step(joined_points(seen, sensors), hands.start())
@@ -114,7 +114,7 @@ def fused_errors(
 ) -> np.ndarray:
     """Return the errors of `fusion_errors` of the fused hands alone, with other settings."""
     hands = hands_of(trials, models, settings)
-    seen = joined_points(observed(trials, _hidden(lost), SEEN), disturbed(sensed(trials), GloveImuNoise(), rng))
+    seen = joined_points(observed(trials, _hidden(lost), SEEN), add_errors(sensed(trials), GloveImuNoise(), rng))
     return _errors(trials, lost, _scored(hands.step(seen, hands.start())[0]))
 
 
@@ -156,7 +156,7 @@ def sensed(trials: Trials) -> Observation:
 def _by_sensors(trials: Trials, rotation: np.ndarray, root: np.ndarray, wrist: np.ndarray) -> np.ndarray:
     """Return points (F, H, 21, 3) m of hands placed by their markers, with the flexion of sensors (F, H, 16, 4)."""
     axes = own_axes(np.stack([hand.axes for hand in trials.worn]))
-    flexion = inertial.sense(rotation, axes).flexion
+    flexion = inertial.sensor_flexion(rotation, axes).flexion
     local = joint_rotations(np.stack([flexion, 0 * flexion, 0 * flexion], axis=-1), axes)
     shape = hand_shape(trials.hands, trials.gloves)
     turned = np.concatenate([wrist[:, :, None], local], axis=2)

@@ -14,7 +14,7 @@ import numpy as np
 from bodysense.body.glove import MARKERS, glove_of, marker_positions
 from bodysense.body.glove_set import GloveSet, parse_set, standard_set
 from bodysense.body.hand import FINGERS
-from bodysense.body.hand_family import GlovedHand, carried_over, draw_hand
+from bodysense.body.hand_family import GlovedHand, draw_hand, transfer_pose
 from bodysense.body.pose import forward_kinematics
 from bodysense.body.skeleton import default_skeleton
 from bodysense.devices.gloves.calibration import fit_hand
@@ -106,7 +106,7 @@ def _scored(layout: Layout, number: int, models: GloveModels) -> Iterator[tuple[
     """Way, hidden markers, and errors, cm, of every frame that is scored."""
     rng = np.random.default_rng([_SEED, number])
     hand = worn_by(layout, draw_hand(rng), rng)
-    pose = carried_over(synthesize_hand(hand.skeleton, 2 * SECONDS, rng, RATE).pose, hand)
+    pose = transfer_pose(synthesize_hand(hand.skeleton, 2 * SECONDS, rng, RATE).pose, hand)
     markers = np.asarray(marker_positions(hand.glove, pose))
     markers = markers + rng.normal(0.0, NOISE, markers.shape)
     truth = np.asarray(forward_kinematics(pose)[0])[:, hand.skeleton.indices(FINGER_POINTS)]

@@ -12,7 +12,7 @@ import numpy as np
 from bodysense.body.hand import FINGERS
 from bodysense.body.hand_family import draw_hand
 from bodysense.body.pose import Pose, forward_kinematics
-from bodysense.devices.gloves.fillers import LastShape, NetworkFiller
+from bodysense.devices.gloves.gap_fillers import NetworkGapFiller, RigidGapFiller
 from bodysense.devices.gloves.hands import HandsSettings, load_glove_models
 from bodysense.devices.gloves.networks import load_marker_network
 from bodysense.metrics import joint_error
@@ -136,10 +136,10 @@ def measure_markers(
     for trials, count, hidden in _all_trials(motions, stride):
         fillers = {
             "lk": LastKnown(),
-            "ls": LastShape(np.zeros((1, 9, 3))),  # its natural shape is not needed: five markers are seen
+            "ls": RigidGapFiller(np.zeros((1, 9, 3))),  # its natural shape is not needed: five markers are seen
             "ma": MovingAverage(),
             "ac": AffineCombination(),
-            "nn": NetworkFiller(network, trials.hands),
+            "nn": NetworkGapFiller(network, trials.hands),
         }
         for method, filler in fillers.items():
             for duration, error in zip(DURATIONS, marker_error(trials, hidden, filler), strict=True):

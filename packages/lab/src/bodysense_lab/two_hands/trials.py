@@ -13,10 +13,10 @@ import numpy as np
 
 from bodysense.body.glove import MARKERS, Glove, glove_points, marker_positions
 from bodysense.body.hand import FINGERS
-from bodysense.body.hand_family import GlovedHand, carried_over, plain_hand
+from bodysense.body.hand_family import GlovedHand, plain_hand, transfer_pose
 from bodysense.body.pose import forward_kinematics
 from bodysense.body.skeleton import Skeleton
-from bodysense.devices.gloves.fillers import Filler
+from bodysense.devices.gloves.gap_fillers import GapFiller
 from bodysense.devices.gloves.hands import GloveModels, Hands, HandsSettings
 from bodysense.metrics import joint_error
 from bodysense.observation import Observation
@@ -102,7 +102,7 @@ def cut(
         begins = np.arange(int(rng.integers(stride)), len(motion) - last[0], stride)
         rows = np.minimum(begins + np.arange(length)[:, None], len(motion) - 1)
         worn = plain_hand(motion.pose.skeleton) if hand is None else hand
-        pose = carried_over(motion.pose, worn)
+        pose = transfer_pose(motion.pose, worn)
         markers.append(np.asarray(marker_positions(worn.glove, pose))[rows])
         place, turn = (np.asarray(part) for part in forward_kinematics(pose))
         points.append(place[rows])
@@ -125,7 +125,7 @@ def hide_some(trials: int, count: int | np.ndarray, rng: np.random.Generator, of
     return rng.random((trials, of)).argsort(axis=1).argsort(axis=1) < count
 
 
-def marker_error(trials: Trials, hidden: np.ndarray, filler: Filler) -> np.ndarray:
+def marker_error(trials: Trials, hidden: np.ndarray, filler: GapFiller) -> np.ndarray:
     """Mean error of the markers `hidden` (H, 9) on the last frame of each duration, cm: (5, H).
 
     NaN where the motion ends before. `filler` knows the trials' hands.

@@ -21,7 +21,7 @@ from bodysense.body.spring import spring_step
 from bodysense.devices.estimate import PointEstimate
 from bodysense.errors import BodysenseError
 from bodysense.observation import Observation, check_order, observed_points
-from bodysense.papers.met_points import COARSE, HEAD_WEIGHT, TargetIk
+from bodysense.papers.target_ik import COARSE, HEAD_WEIGHT, TargetIk
 
 _GUESSED_ARM_FACTOR = 5.0  # factor on the half-life of arm and hand joints without tracked points below them
 _LONGEST_GAP = 1.0  # s without frames after which motion is reset
@@ -110,7 +110,7 @@ class IkTracker:
         skeleton, head = self.estimator.skeleton, self.estimator.skeleton.index("head")
         _, rotation, has_position, has_rotation = observed_points(observation, skeleton)
         if estimate.pose is not None:
-            pose, times = self._solver.bent(estimate, estimate.pose, observation), observation.time.tolist()
+            pose, times = self._solver.bend(estimate, estimate.pose, observation), observation.time.tolist()
             for before, time in zip((state.time, *times), times, strict=False):
                 check_order(time, before, "tracker")
             return pose, estimate, IkTrackerState(estimator_state, time=times[-1])

@@ -18,7 +18,7 @@ from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
 from bodysense.last_known import last_known
 from bodysense.observation import Observation, observed_points
-from bodysense.papers.met_points import MEASURED_ERROR
+from bodysense.papers.target_ik import MEASURED_ERROR
 from bodysense_lab.scoring import RATE, TrackedClip
 from bodysense_lab.unoc.ik_tracker import IkTracker, IkTrackerSettings
 from bodysense_lab.weights import packaged

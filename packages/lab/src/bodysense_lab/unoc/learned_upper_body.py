@@ -15,8 +15,8 @@ from bodysense.body.skeleton import Skeleton
 from bodysense.devices.estimate import PointEstimate
 from bodysense.devices.simulated.sensors import THREE_POINTS
 from bodysense.observation import Observation, observed_points
-from bodysense.papers.met_points import MEASURED_ERROR
 from bodysense.papers.point_model import HeadAndHands, PointModel, PointRunner, PointState, load_point_model
+from bodysense.papers.target_ik import MEASURED_ERROR
 from bodysense_lab.weights import packaged
 
 LOST_ERROR = 0.15  # m: of a hand that is not tracked now
@@ -87,7 +87,7 @@ class LearnedUpperBody:
         positions, errors = [], []
         for t, time in enumerate(observation.time):
             seen = (values[t, known] for values in (position, rotation, has_position, has_rotation))
-            whole, error, state = self._complete(float(time), replace(state, last=state.last.seen(*seen)))
+            whole, error, state = self._complete(float(time), replace(state, last=state.last.updated(*seen)))
             positions.append(np.where(has_position[t, :, None], position[t], whole))
             errors.append(np.where(has_position[t], MEASURED_ERROR, error))
         estimate = PointEstimate(self.skeleton, np.stack(positions), (~has_position).astype(float), np.stack(errors))

@@ -1,8 +1,8 @@
-"""Fillers of hidden markers: all have one interface, and they stack (two-hands, section 3.2; reproduce.md 4.5, 4.6).
+"""Gap fillers for hidden markers: one interface, and they stack (two-hands, section 3.2; reproduce.md 4.5, 4.6).
 
-A filler works in the frame of its markers. It returns its input with NaN replaced; NaN remains if the marker cannot be
-filled. State is an argument. The paper's baselines are in `baselines`. No filler jumps if markers are hidden; jumps if
-they are found again are for `blending`.
+A gap filler works in the frame of its markers and replaces NaN in its input. NaN remains if it cannot fill a marker.
+State is an argument. The paper's baselines are in `bodysense_lab.two_hands.baselines`. Filled markers do not jump when
+they become hidden; `blending` handles jumps when they are found again.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from bodysense.body.glove import Glove, default_glove, template
-from bodysense.body.registration import brought_back, moved, register
+from bodysense.body.registration import register, to_hand, to_world
 from bodysense.body.rotation import smooth_step
 from bodysense.body.skeleton import Skeleton
 from bodysense.devices.gloves.networks import HandNetwork, known_shapes, size_ratios
@@ -23,25 +23,25 @@ from bodysense.errors import BodysenseError
 
 MARKER_COUNT = 9
 # s, half-life of a network's error. Values hardly differ on drawn hands: the mean error is 0.70 cm at 1 s, 0.68 at 2
-# and 4 s, 0.69 at 8 s, 0.71 if all of it is kept (docs/gloves.md). This is the longest within 2 % of the best, because
-# recorded hands differ more from those of training.
+# and 4 s, 0.69 at 8 s, 0.71 without fading (docs/gloves.md). This is the longest within 2 % of the best, because
+# recorded hands differ more from the training hands than drawn ones.
 FADING = 8.0
 
 
-class Filler(Protocol):
+class GapFiller(Protocol):
     """A method that fills hidden markers."""
 
     def start(self, hands: int) -> Any:
-        """Return the state before the first frame, of this many hands."""
+        """Return the state of this many hands before the first frame."""
         ...
 
     def fill(self, markers: np.ndarray, interval: float, state: Any) -> tuple[np.ndarray, Any]:
-        """Fill markers (H, 9, 3) m, NaN where missing, `interval` s after the last ones; return them and the state."""
+        """Fill markers (H, 9, 3) m, NaN where missing, `interval` s after the last frame; return them and the state."""
         ...
 
 
 def missing(markers: np.ndarray) -> np.ndarray:
-    """Return (H, 9) bool."""
+    """Return (H, 9) bool: the marker is missing."""
     return np.isnan(markers[..., 0])
 
 
@@ -56,13 +56,13 @@ class NetworkState(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class NetworkFiller:
-    """A network that predicts all markers of the registered hand from the known ones (4.6, section 3.2.2).
+class NetworkGapFiller:
+    """Gap filler by a network that predicts all markers of the registered hand from the known ones (4.6, 3.2.2).
 
-    `hands` are left-model hands, as many as in a batch, or one for all, and `gloves` their gloves, the default one if
-    omitted. Fills hands with at least `fewest` known markers. The network's error when a marker is hidden is taken off
-    later predictions (Figure 8), so that the marker does not jump; half of it fades in `fading` s. The paper keeps all
-    of it (None).
+    `hands` are left-model hands, one for each hand of a batch or one for all. `gloves` are their gloves, the default
+    one if omitted. Fills hands with at least `fewest` known markers. When a marker becomes hidden, the network's error
+    there is subtracted from later predictions, so that the marker does not jump (Figure 8). Half of the error fades in
+    `fading` s; the paper keeps all of it (None).
     """
 
     model: HandNetwork
@@ -73,12 +73,13 @@ class NetworkFiller:
 
     def __post_init__(self) -> None:
         if self.fading is not None and not self.fading > 0:
-            raise BodysenseError(f"continuity: fading is {self.fading:g}; it must be positive, or None")
+            raise BodysenseError(f"network gap filler: fading is {self.fading:g}; it must be positive, or None")
         if not 1 <= self.fewest <= 4:
-            raise BodysenseError(f"network filler: fewest is {self.fewest}; give 1, 2, 3 or 4 markers")
+            raise BodysenseError(f"network gap filler: fewest is {self.fewest}; give 1, 2, 3 or 4 markers")
         if len(self.gloves) not in (0, len(self.hands)):
             raise BodysenseError(
-                f"network filler: {len(self.hands)} hands and {len(self.gloves)} gloves; give each hand one, or none"
+                f"network gap filler: {len(self.hands)} hands and {len(self.gloves)} gloves; give one for each hand, "
+                "or none"
             )
 
     @cached_property
@@ -87,12 +88,12 @@ class NetworkFiller:
 
     @cached_property
     def _template(self) -> np.ndarray:
-        """(H, 9, 3) m."""
+        """Markers (H, 9, 3) m of the flat hands."""
         return np.stack([template(glove, hand) for glove, hand in zip(self._gloves, self.hands, strict=True)])
 
     @cached_property
     def _ratio(self) -> np.ndarray:
-        """(H, 1, 1)."""
+        """(H, 1, 1) sizes of the hands relative to the default one."""
         return size_ratios(self.hands)[:, None, None]
 
     @cached_property
@@ -102,44 +103,46 @@ class NetworkFiller:
     def start(self, hands: int) -> NetworkState:
         """Return the state without registration. Raises BodysenseError for another number of hands than `hands`."""
         if len(self.hands) not in (1, hands):
-            raise BodysenseError(f"network filler: made for {len(self.hands)} hands, started for {hands}; give either")
+            raise BodysenseError(
+                f"network gap filler: made for {len(self.hands)} hands, started for {hands}; give the same number"
+            )
         nothing = np.full((hands, MARKER_COUNT, 3), np.nan)
         turn = np.broadcast_to(np.eye(3), (hands, 3, 3))
         return NetworkState(turn, np.zeros((hands, 3)), ~missing(nothing), nothing, np.zeros_like(nothing))
 
     def fill(self, markers: np.ndarray, interval: float, state: NetworkState) -> tuple[np.ndarray, NetworkState]:
-        """See `Filler`."""
+        """See `GapFiller`."""
         known = ~missing(markers)
         if known.all():
             return markers, NetworkState(*state[:2], known, markers, np.zeros_like(markers))
         error = state.error if self.fading is None else state.error * 0.5 ** (interval / self.fading)
         common, lost = known & state.known, state.known & ~known
-        if lost.any():  # fill them where they were
-            guess, at = self._predicted(state.filled, common, state[:2])
-            had = brought_back(state.filled, *at) - guess
-            error = np.where((self._enough(common) & lost.any(axis=1))[:, None, None], had, error)
-        guess, at = self._predicted(markers, known, state[:2])
-        if error.any() and (common != known).any():  # fill the others where they would be without those found
-            fewer, from_common = self._predicted(markers, common, state[:2])
-            kept = brought_back(moved(fewer + error, *from_common), *at) - guess
+        if lost.any():  # fill lost markers where they were
+            guess, at = self._predict(state.filled, common, state[:2])
+            previous_error = to_hand(state.filled, *at) - guess
+            error = np.where((self._enough(common) & lost.any(axis=1))[:, None, None], previous_error, error)
+        guess, at = self._predict(markers, known, state[:2])
+        if error.any() and (common != known).any():  # found markers must not move the filled ones
+            fewer, from_common = self._predict(markers, common, state[:2])
+            kept = to_hand(to_world(fewer + error, *from_common), *at) - guess
             kept *= self._enough(common)[:, None, None]
             shorter = np.linalg.norm(kept, axis=-1) < np.linalg.norm(error, axis=-1)
             error = np.where(shorter[..., None], kept, error)
         error = np.where(known[..., None] | np.isnan(error), 0.0, error)
         enough = self._enough(known)[:, None, None]
-        filled = np.where(known[..., None], markers, np.where(enough, moved(guess + error, *at), np.nan))
+        filled = np.where(known[..., None], markers, np.where(enough, to_world(guess + error, *at), np.nan))
         return filled, NetworkState(*at, known, filled, error)
 
     def _enough(self, known: np.ndarray) -> np.ndarray:
         """Return (H,) whether enough of the markers (H, 9) are known."""
         return known.sum(axis=1) >= self.fewest
 
-    def _predicted(
+    def _predict(
         self, markers: np.ndarray, known: np.ndarray, last: tuple[np.ndarray, np.ndarray]
     ) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray]]:
         """Return the network's markers (H, 9, 3) m on the registered hand, and that hand's rotation and translation."""
         at = register(self._template, markers, known, last)
-        local = np.where(known[..., None], brought_back(markers, *at) / self._ratio, 0.0)
+        local = np.where(known[..., None], to_hand(markers, *at) / self._ratio, 0.0)
         shapes = self._shapes.repeat(len(markers) // len(self._shapes), axis=0)
         answer = self.model.run(local.astype(np.float32).reshape(len(markers), -1), shapes)
         return answer.reshape(-1, MARKER_COUNT, 3) * self._ratio, at
@@ -154,11 +157,12 @@ class ShapeState(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class LastShape:
-    """The hand keeps its last shape, moved rigidly onto the known markers.
+class RigidGapFiller:
+    """Gap filler that keeps the hand's last shape and moves it rigidly onto the known markers.
 
     A hand without any seen marker stays in place for `hold` s, then relaxes to its `natural` shape (H, 9, 3) m within
-    `relaxing` s, the back of the hand in place. A hand that was never seen has that shape, at the origin.
+    `relaxing` s while the back of the hand stays in place. A hand that was never seen has the natural shape, at the
+    origin.
     """
 
     natural: np.ndarray
@@ -171,44 +175,44 @@ class LastShape:
         return ShapeState(shape, shape, np.zeros(hands))
 
     def fill(self, markers: np.ndarray, interval: float, state: ShapeState) -> tuple[np.ndarray, ShapeState]:
-        """See `Filler`."""
+        """See `GapFiller`."""
         hidden = missing(markers)
         if not hidden.any():
             return markers, ShapeState(markers, markers, np.zeros(len(markers)))
         known = ~hidden
         rotation, translation = register(state.shape, markers, known)
-        guess = moved(state.shape, rotation, translation)
+        guess = to_world(state.shape, rotation, translation)
         unseen = np.where(known.any(axis=1), 0.0, state.unseen + interval)
         lost = np.where(unseen[:, None, None] > 0, state.lost, guess)
         if (unseen > self.hold).any():
-            guess = np.where(unseen[:, None, None] > 0, self._relaxed(lost, unseen), guess)
+            guess = np.where(unseen[:, None, None] > 0, self._relax(lost, unseen), guess)
         filled = np.where(known[..., None], markers, guess)
         return filled, ShapeState(filled, np.where(unseen[:, None, None] > 0, lost, filled), unseen)
 
-    def _relaxed(self, lost: np.ndarray, unseen: np.ndarray) -> np.ndarray:
-        """Return (H, 9, 3) m: interpolated between the lost shape and the natural one."""
+    def _relax(self, lost: np.ndarray, unseen: np.ndarray) -> np.ndarray:
+        """Return markers (H, 9, 3) m, interpolated between the lost shape and the natural one."""
         back = np.zeros(lost.shape[:2], dtype=bool)
         back[:, :3] = True  # the alignment markers
         natural = np.broadcast_to(self.natural, lost.shape)
-        rest = moved(natural, *register(natural, lost, back))
-        way = np.clip((unseen - self.hold) / self.relaxing, 0.0, 1.0)
-        return lost + smooth_step(way)[:, None, None] * (rest - lost)
+        rest = to_world(natural, *register(natural, lost, back))
+        share = np.clip((unseen - self.hold) / self.relaxing, 0.0, 1.0)
+        return lost + smooth_step(share)[:, None, None] * (rest - lost)
 
 
 @dataclass(frozen=True)
-class Stack:
-    """Fillers in sequence: each fills markers that are still missing."""
+class GapFillerStack:
+    """Gap fillers in sequence: each fills markers that are still missing."""
 
-    fillers: tuple[Filler, ...]
+    gap_fillers: tuple[GapFiller, ...]
 
     def start(self, hands: int) -> tuple[Any, ...]:
-        """Return the state of each filler."""
-        return tuple(filler.start(hands) for filler in self.fillers)
+        """Return the state of each gap filler."""
+        return tuple(gap_filler.start(hands) for gap_filler in self.gap_fillers)
 
     def fill(self, markers: np.ndarray, interval: float, state: tuple[Any, ...]) -> tuple[np.ndarray, tuple[Any, ...]]:
-        """See `Filler`."""
+        """See `GapFiller`."""
         after = []
-        for filler, one in zip(self.fillers, state, strict=True):
-            markers, new = filler.fill(markers, interval, one)
+        for gap_filler, one in zip(self.gap_fillers, state, strict=True):
+            markers, new = gap_filler.fill(markers, interval, one)
             after.append(new)
         return markers, tuple(after)

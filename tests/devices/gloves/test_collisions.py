@@ -1,4 +1,4 @@
-"""All pairs of capsules at once, against the general functions, and how points on them move."""
+"""Collision pairs of hands against the general functions, and derivatives of points on capsules."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from bodysense.body.hand_capsules import axes_between, hand_capsules, mutual_dep
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.rotation import quaternion_conjugate, quaternion_log, quaternion_multiply
 from bodysense.body.skeleton import default_skeleton
+from bodysense.devices.gloves.collisions import COUNT, HandColliders
 from bodysense.devices.gloves.contact_rows import ANGLES, PARTS, growth_rows, tip_capsules, tip_pairs, turning_axes
 from bodysense.devices.gloves.fingers import HandPoses, hand_shape, place_hands
-from bodysense.devices.gloves.meetings import COUNT, HandFlesh
 
 SMALL = hand_skeleton(default_skeleton(), "left")
 LARGE = SMALL.with_offsets(1.15 * SMALL.rest_offset)
@@ -45,21 +45,21 @@ def points(poses: list[Pose]) -> np.ndarray:
 
 
 @pytest.mark.parametrize("seed", range(2))
-def test_pairs_are_as_near_as_depth_says(seed: int) -> None:
-    poses, flesh = two_poses(seed), HandFlesh(HANDS, SIDES)
+def test_overlaps_equal_those_of_hand_capsules(seed: int) -> None:
+    poses, colliders = two_poses(seed), HandColliders(HANDS, SIDES)
     position = points(poses)
-    pairs = flesh.pairs(position)
-    meeting = flesh.meet(position, pairs)
-    depth = pairs.reach - meeting.distance
+    pairs = colliders.pairs(position)
+    nearest = colliders.nearest(position, pairs)
+    depth = pairs.reach - nearest.distance
     count = len(own_pairs()[0])
     np.testing.assert_allclose(depth[:count], own_depth(poses[0]), atol=1e-9)
     np.testing.assert_allclose(depth[count : 2 * count], own_depth(poses[1]), atol=1e-9)
     np.testing.assert_allclose(depth[2 * count :], mutual_depth(*poses).ravel(), atol=1e-9)
 
 
-def test_hands_far_from_each_other_are_not_compared() -> None:
-    flesh = HandFlesh(HANDS, SIDES)
-    far, near = (flesh.pairs(points(two_poses(0, apart))) for apart in (0.5, 0.0))
+def test_distant_hands_are_not_compared() -> None:
+    colliders = HandColliders(HANDS, SIDES)
+    far, near = (colliders.pairs(points(two_poses(0, apart))) for apart in (0.5, 0.0))
     assert len(far.reach) == 2 * len(own_pairs()[0])
     assert len(near.reach) == len(far.reach) + COUNT**2
 
@@ -86,21 +86,21 @@ def test_axes_are_the_derivatives_of_rotations_by_angles() -> None:
             np.testing.assert_allclose(axes[:, joint, angle], turn, atol=1e-6)
 
 
-def test_rows_are_the_derivative() -> None:
-    """Of the distance of points on capsules along directions, by each part of the change."""
-    poses, shape, flesh = two_poses(2), hand_shape(HANDS, [default_glove()] * 2), HandFlesh(HANDS, SIDES)
+def test_growth_rows_are_derivatives_of_distances() -> None:
+    """The distance of points on capsules along directions changes with each part of a change."""
+    poses, shape, colliders = two_poses(2), hand_shape(HANDS, [default_glove()] * 2), HandColliders(HANDS, SIDES)
     rotation, root = np.stack([pose.rotation for pose in poses]), np.stack([pose.root_position for pose in poses])
     angles = joint_angles(rotation[:, 1:], default_axes())
-    pairs = flesh.pairs(points(poses))
+    pairs = colliders.pairs(points(poses))
     rng = np.random.default_rng(3)
     chosen = rng.choice(len(pairs.reach), 20, replace=False)
-    tips = np.array([[1, 7], [9, 8]])  # index of the left, middle of the right, and of what they may touch
+    tips = np.array([[1, 7], [9, 8]])  # left index and right middle finger, and the fingertips that they may touch
     capsule = np.concatenate([pairs.capsule[:, chosen], tip_capsules(tips)], axis=1)
     along, toward = rng.random((2, 22, 1)), rng.normal(size=(22, 3))
     share = np.stack([hand_capsules(hand).share for hand in HANDS])
 
     def changed(change: np.ndarray) -> tuple[HandPoses, np.ndarray]:
-        """The hands after a change, and the points (2, 22, 3) in the world."""
+        """Return the hands after a change, and the points (2, 22, 3) m in the world."""
         local = joint_rotations(angles + change[:, :ANGLES].reshape(angles.shape), default_axes())
         hands = place_hands(shape, root + change[:, ANGLES:], np.concatenate([rotation[:, :1], local], axis=1))
         start, axis = (part.reshape(-1, 3)[capsule] for part in axes_between(hands.position * FLIP[:, None], share))
@@ -120,7 +120,7 @@ def test_rows_are_the_derivative() -> None:
         np.testing.assert_allclose(rows[:, part], expected, atol=1e-7)
 
 
-def test_fingertips_that_can_pinch() -> None:
+def test_pairs_of_fingertips_that_can_pinch() -> None:
     pairs = tip_pairs(2)
     assert len(pairs) == len(set(pairs)) == 4 + 4 + 25
     assert (0, 1) in pairs and (5, 9) in pairs and (4, 9) in pairs

@@ -1,4 +1,4 @@
-"""Bodies that are bent until their points meet targets: inverse kinematics on what an estimator says."""
+"""Inverse kinematics that bends an estimated body until its points meet their targets."""
 
 from __future__ import annotations
 
@@ -15,55 +15,55 @@ from bodysense.devices.estimate import PointEstimate
 from bodysense.observation import Observation, observed_points
 
 MEASURED_ERROR = 0.002  # m: expected error of a tracked point
-HEAD_WEIGHT = 0.05  # m²/rad²: pull of a measured rotation in IK
-_DOUBT = 0.03  # m, expected error at which a predicted point pulls half as much in IK
-_MEASURED_WEIGHT = 10.0  # pull of a tracked point in IK, relative to a certain prediction's 1
-_FINGER_WEIGHT = 0.05  # factor on the pull of every point of a finger
-_POSE_WEIGHT = 1e-3  # m²/rad²: pull of each rotation of the estimator
-# Predictions are centimetres off: IK need not place them to hundredths of a millimetre.
+HEAD_WEIGHT = 0.05  # m²/rad²: weight of a measured rotation in IK
+_HALF_WEIGHT_ERROR = 0.03  # m, expected error at which a predicted point has half the weight in IK
+_MEASURED_WEIGHT = 10.0  # weight of a tracked point in IK; that of a certain prediction is 1
+_FINGER_WEIGHT = 0.05  # factor on the weight of every point of a finger
+_POSE_WEIGHT = 1e-3  # m²/rad²: weight of each rotation of the estimator
+# Predictions have errors of centimetres, so IK need not converge to hundredths of a millimetre.
 COARSE = IkSettings(tolerance=1e-4)
 
 
 @dataclass(frozen=True)
 class TargetIk:
-    """Inverse kinematics of a skeleton whose points pull by how certain they are."""
+    """Inverse kinematics of a skeleton with weights of points by their certainty."""
 
     skeleton: Skeleton
     settings: IkSettings = COARSE
 
     @cached_property
     def ik(self) -> InverseKinematics:
-        """The solver of one frame."""
+        """Solver of one frame."""
         return InverseKinematics(self.skeleton, self.settings)
 
     @cached_property
     def is_finger(self) -> np.ndarray:
-        """(P,) bool."""
+        """(P,) bool: the point belongs to a finger."""
         return self.skeleton.wrist_of >= 0
 
     @cached_property
     def wrist_or_self(self) -> np.ndarray:
-        """(P,) the wrist of a finger's point; any other point itself."""
+        """(P,) for each point of a finger its wrist, for others the point itself."""
         return np.where(self.is_finger, self.skeleton.wrist_of, np.arange(len(self.is_finger)))
 
     def weight(self, expected_error: np.ndarray, measured: np.ndarray) -> np.ndarray:
-        """Return the pull of every point in IK, (T, P)."""
-        # A finger's own error is that of its offset; its wrist's error is added.
-        squared = (expected_error / _DOUBT) ** 2
+        """Return the weights (T, P) of points in IK from expected errors (T, P) m and the mask of measured points."""
+        # The expected error of a finger is that of its offset, so add the error of its wrist.
+        squared = (expected_error / _HALF_WEIGHT_ERROR) ** 2
         squared = squared + squared.take(self.wrist_or_self, axis=1) * self.is_finger
         weight = np.where(measured, _MEASURED_WEIGHT, 1 / (1 + squared))
-        # The twenty points of a hand rotate it about its wrist; together they must not outweigh the wrist's position.
+        # The twenty points of a hand rotate it about its wrist. Together they must not outweigh the wrist's position.
         return np.where(self.is_finger, weight * _FINGER_WEIGHT, weight)
 
-    def bent(self, estimate: PointEstimate, pose: Pose, observation: Observation) -> Pose:
-        """Return the poses (T, …) of an estimate, bent until tracked points are in place.
+    def bend(self, estimate: PointEstimate, pose: Pose, observation: Observation) -> Pose:
+        """Return the poses (T, …) of an estimate, bent until tracked points are at their measured positions.
 
-        Rotations keep all freedoms of inverse kinematics, such as twists and the spine. Measured rotations have more
-        weight, which the estimator may have moved slightly when one was lost or found again.
+        The rotations of `pose` decide what positions leave open, such as twists and the spine. Measured rotations have
+        more weight, because the estimator may have changed them slightly when one was lost or found again.
         """
         has_rotation = observed_points(observation, self.skeleton)[3][:, : len(self.skeleton.joints)]
         aim_weight = np.where(has_rotation, HEAD_WEIGHT, _POSE_WEIGHT)
-        # Such an estimator reports what it took as tracked, by gloves too.
+        # The estimator marks the points that it used as tracked, also those of gloves, by `occluded`.
         weight = self.weight(estimate.confidence, estimate.occluded < 0.5)
         solved: list[Pose] = []
         for t, local in enumerate(pose.rotation):

@@ -1,4 +1,4 @@
-"""Expected errors of a hand, by the time for which its markers have been hidden."""
+"""Expected errors of a hand's points, by the time for which its markers have been hidden."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from bodysense.body.hand import FINGERS, HAND_JOINTS
 from bodysense.devices.gloves.fingers import POINT_COUNT
 
 # Fitted to hands of `lab.synthesis.hands` whose markers are hidden at random for 0.05 to 3 s, one or several at once.
-SHOWN_ERROR, TIP_SHOWN_ERROR = 0.001, 0.002  # m, expected of a point with seen markers
-# m/√s: expected errors of hidden markers grow with the root of time, for a second, while others are seen.
-HIDDEN_ERROR, TIP_HIDDEN_ERROR = 0.017, 0.024  # if the markers near the point are hidden
-OTHERS_ERROR = 0.014  # if all others are
-BACK_ERROR = 0.010  # if the three alignment markers are
-LOST_ERROR = 0.12  # if all are: hands that stay in place are off by 3 to 6 cm after 0.1 s (docs/gloves.md)
-LONGEST = 1.0  # s
-LARGEST_ERROR = 0.3  # m
-SENSED = 0.06  # s: fingers with inertial sensors are as uncertain as ones whose marker has been hidden so long
+SEEN_ERROR, SEEN_TIP_ERROR = 0.001, 0.002  # m, expected error of a point with seen markers
+# m/√s: the expected error of a point grows with the square root of the time for which markers have been hidden.
+HIDDEN_ERROR, TIP_HIDDEN_ERROR = 0.017, 0.024  # markers near the point are hidden
+OTHERS_ERROR = 0.014  # all other markers are hidden
+BACK_ERROR = 0.010  # the three alignment markers are hidden
+LOST_ERROR = 0.12  # all markers are hidden: hands that stay in place are off by 3 to 6 cm after 0.1 s (docs/gloves.md)
+LONGEST = 1.0  # s after which these errors stop growing, except that of a hand with all markers hidden
+LARGEST_ERROR = 0.3  # m, upper bound of the error of a hand with all alignment markers hidden
+SENSED = 0.06  # s: `LONGEST` for fingers with inertial sensors
 _TIPS = np.arange(POINT_COUNT) >= len(HAND_JOINTS)
-_SHOWN = np.where(_TIPS, TIP_SHOWN_ERROR, SHOWN_ERROR)  # (21,)
+_SEEN = np.where(_TIPS, SEEN_TIP_ERROR, SEEN_ERROR)  # (21,)
 _BACK = list(ALIGNMENT)
 
 
@@ -35,12 +35,13 @@ class Influence(NamedTuple):
 def expected_error(
     hidden: np.ndarray, influence: Influence, sensed: np.ndarray | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return expected errors (…, 21) m of markers hidden for (…, 9) s, and the hidden share (…, 21), 0 to 1.
+    """Return expected errors (…, 21) m of points, and the hidden share (…, 21), 0 to 1, of their markers.
 
-    `sensed` (…, 9) are markers of fingers with inertial sensors.
+    `hidden` (…, 9) s are the times for which markers have been hidden, `sensed` (…, 9) marks those of fingers with
+    inertial sensors.
     """
     longest = LONGEST if sensed is None else np.where(sensed, SENSED, LONGEST)
-    error = np.sqrt(np.minimum(hidden, longest)) @ influence.growth + _SHOWN
+    error = np.sqrt(np.minimum(hidden, longest)) @ influence.growth + _SEEN
     back = np.minimum.reduce(hidden.take(_BACK, axis=-1), axis=-1, keepdims=True)
     if back.any():
         lost = np.minimum.reduce(hidden, axis=-1, keepdims=True)
