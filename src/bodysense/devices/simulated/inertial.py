@@ -13,7 +13,7 @@ SMOOTHING = 0.066  # s; an acceleration is the mean over the last two of these i
 
 
 def strapped_positions(position: np.ndarray, points: Sequence[str], along: float | np.ndarray = ALONG) -> np.ndarray:
-    """Return positions (..., 12, 3) m of the `INERTIAL_POINTS` sensors, `along` their bones, from points (..., P, 3) m."""
+    """Return positions (..., 12, 3) m of the inertial sensors, `along` their bones, from points (..., P, 3) m."""
     begins = [points.index(name) for name in INERTIAL_POINTS]
     ends = [points.index(end or name) for name, end in INERTIAL_BONES.items()]
     share = np.broadcast_to(np.asarray(along, dtype=float), len(begins))[:, None]
