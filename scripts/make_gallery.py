@@ -101,8 +101,8 @@ def write_film(path: Path) -> None:
 
     from bodysense.body.keypoints import Camera
     from bodysense_lab.rendering.character import load_figure
+    from bodysense_lab.rendering.renderer import open_renderer
     from bodysense_lab.rendering.scene import sample_scene
-    from bodysense_lab.rendering.stage import open_stage
 
     clip = resample(packaged_performance(), RATE / STEP)
     first, last = (round(RATE / STEP * second) for second in FILM)
@@ -112,7 +112,7 @@ def write_film(path: Path) -> None:
     axes = np.stack([right, (0, 1, 0), away], axis=1)
     camera = Camera(middle + FROM * away, axes, np.array(1.1), np.array(4 / 3))
     scene = sample_scene(np.random.default_rng(5), "woman")
-    with av.open(str(path), "w") as container, open_stage(scene, camera, 480, middle) as stage:
+    with av.open(str(path), "w") as container, open_renderer(scene, camera, 480, middle) as stage:
         stream = container.add_stream("libx264", rate=round(RATE / STEP))
         stream.width, stream.height, stream.pix_fmt = 640, 480, "yuv420p"
         for k in range(len(pose.root_position)):

@@ -44,8 +44,8 @@ from bodysense.observation import EXACT_ACCURACY, Observation
 from bodysense.papers.point_model import load_point_model
 from bodysense.take import Take, track
 from bodysense_lab.augment import mirrored
-from bodysense_lab.clips import learned_clips, open_clips
-from bodysense_lab.datasets import gathered
+from bodysense_lab.clips import open_clips, training_clips
+from bodysense_lab.datasets import gather_results
 from bodysense_lab.pahmt.recordings import read_arm_recordings
 from bodysense_lab.paper_options import PaperOptions
 from bodysense_lab.scoring import group_of
@@ -182,7 +182,7 @@ def gloves_steps(hands: int = 20, seconds: float = 6.0) -> dict[str, float]:
 
 def arm_windows(data: Path) -> dict[str, float]:
     """Windows that `train arms` learns of the train split of a data set (3.7)."""
-    learned = read_arm_recordings(clip for clip in learned_clips(data, "train") if clip.has_fingers)
+    learned = read_arm_recordings(clip for clip in training_clips(data, "train") if clip.has_fingers)
     return {"clips": len(learned), "minutes": learned.minutes, "windows": len(learned.windows())}
 
 
@@ -208,7 +208,7 @@ def unoc_loss_sums(data: Path) -> dict[str, float]:
         train_tables(replace(run, out=sums, loss_sum=True))
         networks = {one.name: one / "gru.pt" for one in (means, sums)}
         work = partial(score_clip, work=Work(networks, stride=LOSS_STRIDE, threads=1))
-        found, census = gathered(work, learned_clips(data, "val", LOSS_CLIPS), 1, lambda clip: None)
+        found, census = gather_results(work, training_clips(data, "val", LOSS_CLIPS), 1, lambda clip: None)
     scores = {name: scores_of(name, found, census) for name in (*networks, *(f"last_known_{frame}" for frame in KNOWN))}
     methods = {name: name for name in networks} | {f"last_known_{better_last_known(scores)}": "last_known"}
     numbers = {
@@ -231,7 +231,7 @@ def unoc_avatars(data: Path) -> dict[str, float]:
             work = partial(finger_errors, examples=examples, model=model)
             for tested, other in sets.items():
                 scored = (clip for clip in open_clips(other, "test") if clip.has_fingers and group_of(clip) == "main")
-                errors, census = gathered(work, scored, 1, lambda clip: None)
+                errors, census = gather_results(work, scored, 1, lambda clip: None)
                 found |= {f"{tested}_{key}": value for key, value in census.numbers().items()}
                 for method in ("network", "mean_pose"):
                     tally = errors["main", "fingers", method, "error"]

@@ -16,17 +16,17 @@ from bodysense_lab.datasets import (
     Census,
     DataSet,
     census_of,
-    describe,
-    missing,
-    named_data,
+    describe_data,
+    missing_data_remarks,
+    open_data_set,
 )
 
 
 def test_names(data: DataSet) -> None:
-    assert named_data(str(data.path)).name == "motion"
-    named = named_data(f"ours={data.path}", "val", quick=True)
+    assert open_data_set(str(data.path)).name == "motion"
+    named = open_data_set(f"ours={data.path}", "val", quick=True)
     assert (named.name, named.path, named.split, named.quick) == ("ours", data.path, "val", True)
-    assert named_data(f"unoc={data.path}").name == "UNOC", "as the catalogue spells it"
+    assert open_data_set(f"unoc={data.path}").name == "UNOC", "as the catalogue spells it"
     assert named.label != replace(named, quick=False).label != replace(named, split="test", quick=False).label
 
 
@@ -41,7 +41,7 @@ def test_names(data: DataSet) -> None:
 )
 def test_what_is_not_there(tmp_path: Path, text: str, said: str) -> None:
     with pytest.raises(BodysenseError) as error:
-        named_data(text.format(tmp_path))
+        open_data_set(text.format(tmp_path))
     assert said in str(error.value)
 
 
@@ -52,15 +52,15 @@ def test_census(data: DataSet, waving_clip: Clip) -> None:
     assert census.seconds == pytest.approx(72 / 30) == census.finger_seconds
     bare = census_of(replace(waving_clip, has_fingers=False, person=""))
     assert (bare.finger_clips, bare.finger_seconds, bare.people) == (0, 0.0, frozenset())
-    text = describe(data, census)
+    text = describe_data(data, census)
     assert "2 clips of 2 people" in text and str(data.path) in text and "--quick" not in text
-    assert "left out" in describe(replace(data, quick=True), census)
+    assert "left out" in describe_data(replace(data, quick=True), census)
 
 
 def test_what_is_missing_is_named_with_its_licence(data: DataSet) -> None:
-    said = missing(("UNOC", "TWH16.2M"), [data])
+    said = missing_data_remarks(("UNOC", "TWH16.2M"), [data])
     assert len(said) == 2 and "MIT" in said[0] and "CC BY-NC 4.0" in said[1]
-    assert missing(("UNOC",), [replace(data, name="UNOC")]) == ()
+    assert missing_data_remarks(("UNOC",), [replace(data, name="UNOC")]) == ()
 
 
 def test_quick_is_the_beginning_of_a_few(tmp_path: Path, waving_clip: Clip) -> None:

@@ -11,14 +11,18 @@ import onnxruntime
 import pytest
 from onnx import ModelProto, TensorProto, helper, numpy_helper
 
-from bodysense_lab.export import bare, halved, in_bytes
+from bodysense_lab.export import store_as_float16, store_as_int8, strip_metadata
 
 SHAPE = (80, 60, 3)
 
 
 @pytest.mark.parametrize(
     ("shrink", "share", "error"),
-    [(halved, 0.55, 2**-11), (in_bytes, 0.3, 0.5 / 127), (partial(in_bytes, most=63), 0.3, 0.5 / 63)],
+    [
+        (store_as_float16, 0.55, 2**-11),
+        (store_as_int8, 0.3, 0.5 / 127),
+        (partial(store_as_int8, most=63), 0.3, 0.5 / 63),
+    ],
 )
 def test_large_weights_are_stored_small_and_small_ones_as_they_are(
     shrink: Callable[[ModelProto], ModelProto], share: float, error: float
@@ -28,7 +32,7 @@ def test_large_weights_are_stored_small_and_small_ones_as_they_are(
     large[0] = 0  # a row that counts in nothing
     before = model_of(large, small)
     size = len(before.SerializeToString())
-    after = bare(shrink(before))
+    after = strip_metadata(shrink(before))
     onnx.checker.check_model(after)
     assert len(after.SerializeToString()) < share * size
     given = onnxruntime.InferenceSession(after.SerializeToString(), providers=["CPUExecutionProvider"])
@@ -42,7 +46,7 @@ def test_a_file_says_nothing_of_where_it_was_made() -> None:
     for node in model.graph.node:
         node.doc_string = "somewhere"
         node.metadata_props.add(key="stack", value="somewhere")
-    assert b"somewhere" not in bare(model).SerializeToString()
+    assert b"somewhere" not in strip_metadata(model).SerializeToString()
 
 
 def model_of(large: np.ndarray, small: np.ndarray) -> ModelProto:

@@ -9,7 +9,7 @@ import pytest
 import torch
 
 import bodysense_lab
-from bodysense_lab.fit import launched, machine_of
+from bodysense_lab.fit import describe_machine, launch_fabric
 from bodysense_lab.precision import layer_autocast, layer_precision
 
 
@@ -22,8 +22,10 @@ def test_layers_run_in_bfloat16_only_where_the_processor_has_units_for_it(
     assert layer_precision(cpu) == precision
     with layer_autocast(cpu):
         assert torch.nn.Linear(3, 2)(torch.ones(1, 3)).dtype == precision
-    assert machine_of(launched(), True).endswith(f", {str(precision).removeprefix('torch.')} layers, 1 process")
-    assert machine_of(launched(), False).endswith(", float32 layers, 1 process")
+    assert describe_machine(launch_fabric(), True).endswith(
+        f", {str(precision).removeprefix('torch.')} layers, 1 process"
+    )
+    assert describe_machine(launch_fabric(), False).endswith(", float32 layers, 1 process")
 
 
 @pytest.mark.parametrize(("has_units", "precision"), [(True, torch.bfloat16), (False, torch.float32)])

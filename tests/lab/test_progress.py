@@ -38,7 +38,7 @@ class Small(fit.Task):
 
 
 def small(folder: Path, name: str, report: fit.Report) -> str:
-    fit.fit(Small(), folder / f"{name}.ckpt", report, fit.launched(), report)
+    fit.fit(Small(), folder / f"{name}.ckpt", report, fit.launch_fabric(), report)
     return f"trained {name}"
 
 
@@ -48,7 +48,7 @@ def test_a_log_of_reading(
 ) -> None:
     clock = itertools.chain([100.0, 108.0, 116.0, 124.0], itertools.repeat(126.0))  # s: begun, then after each piece
     monkeypatch.setattr(progress.time, "monotonic", lambda: next(clock))
-    drawn = progress.tracked("abcd", "reading", total)
+    drawn = progress.with_progress_log("abcd", "reading", total)
     assert next(drawn) == "a" and capsys.readouterr().out, "the first line is printed before the first piece is done"
     assert list(drawn) == ["b", "c", "d"]
     ends = ["/4, 16 s, 0:00:16 remaining", "/4, 26 s, 0:00:00 remaining"] if total else [", 16 s"]
@@ -58,7 +58,7 @@ def test_a_log_of_reading(
 def test_a_terminal_has_a_bar(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     monkeypatch.setenv("FORCE_COLOR", "1")
     monkeypatch.setenv("TERM", "xterm")
-    assert list(progress.tracked("abc", "reading", 3)) == list("abc")
+    assert list(progress.with_progress_log("abc", "reading", 3)) == list("abc")
     said = capsys.readouterr().out
     assert "100%" in said and "0/3" not in said
 
@@ -66,7 +66,7 @@ def test_a_terminal_has_a_bar(monkeypatch: pytest.MonkeyPatch, capsys: pytest.Ca
 def test_other_processes_are_silent(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     monkeypatch.setattr(progress.distributed, "is_initialized", lambda: True)
     monkeypatch.setattr(progress.distributed, "get_rank", lambda: 1)
-    assert list(progress.tracked("abc", "reading", 3)) == list("abc") and not capsys.readouterr().out
+    assert list(progress.with_progress_log("abc", "reading", 3)) == list("abc") and not capsys.readouterr().out
 
 
 def test_the_pace_is_reported_between_checkpoints_ever_more_rarely(
@@ -74,12 +74,12 @@ def test_the_pace_is_reported_between_checkpoints_ever_more_rarely(
 ) -> None:
     reached: list[int] = []
     monkeypatch.setattr(fit, "_PACE", (0.0, 0.0))
-    fit.fit(Small(), tmp_path / "a.ckpt", lambda _: None, fit.launched(), lambda now: reached.append(now.step))
+    fit.fit(Small(), tmp_path / "a.ckpt", lambda _: None, fit.launch_fabric(), lambda now: reached.append(now.step))
     assert reached == [0, 1, 3]  # checkpoints are at 2 and 4
     monkeypatch.setattr(fit, "_PACE", (5.0, 15.0))
     clock = iter(itertools.chain.from_iterable((now, now) if now in (5, 15, 30, 45) else (now,) for now in range(50)))
     monkeypatch.setattr(fit.time, "monotonic", lambda: next(clock))
-    due = fit._pace_due(0.0)
+    due = fit._pace_is_due(0.0)
     assert [second for second in range(50) if next(due)] == [5, 15, 30, 45]
 
 

@@ -112,7 +112,7 @@ def test_a_killed_run_goes_on_and_is_never_taken_for_whole(
     whole = prepare(folder, tmp_path / "whole.zarr", workers=1)
     monkeypatch.setattr(preparation, "BATCH", 2)
     path, seen = tmp_path / "motion.zarr", []
-    prepared, append = preparation._prepared, preparation._append
+    prepared, append = preparation._prepare_source, preparation._append
 
     def counted(item, rate, options):
         seen.append(item[1].path.name)
@@ -127,7 +127,7 @@ def test_a_killed_run_goes_on_and_is_never_taken_for_whole(
             group.attrs.update(before)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(preparation, "_prepared", counted)
+    monkeypatch.setattr(preparation, "_prepare_source", counted)
     with monkeypatch.context() as patch:
         patch.setattr(preparation, "_append", killed)
         patch.setattr(preparation, "_publish", stopped)
@@ -158,7 +158,7 @@ def test_a_finished_store_is_left_as_it_is(folder: Path, tmp_path: Path, monkeyp
     prepare(folder, tmp_path / "other.zarr", workers=1, options=ReadingOptions(smpl_model=tmp_path))
     with pytest.raises(BodysenseError, match=rf"made with other options \(--smpl-model {tmp_path}\); give another"):
         prepare(folder, tmp_path / "other.zarr", workers=1)
-    monkeypatch.setattr(preparation, "_prepared", None)
+    monkeypatch.setattr(preparation, "_prepare_source", None)
     assert len(prepare(folder, path, workers=1).table.clips) == 5
     with pytest.raises(BodysenseError, match=r"is at 30 Hz, not 60; give another place or remove it"):
         prepare(folder, path, rate=60.0, workers=1)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from bodysense.errors import BodysenseError
-from bodysense_lab.intervals import Named
+from bodysense_lab.intervals import NamedFigure
 from bodysense_lab.table import Report, cell, finite, ordering, write_csv
 
 
@@ -37,8 +37,9 @@ def test_a_csv_holds_what_the_report_does(tmp_path: Path) -> None:
     ],
 )
 def test_orderings(lower: float, higher: tuple[float, float], verdict: str) -> None:
-    said = ordering("A is best", Named("A", lower), [Named("B", higher[0]), Named("C", higher[1])], "cm")
-    assert said is not None and said.startswith("A is best: ") and verdict in said
+    others = [NamedFigure("B", higher[0]), NamedFigure("C", higher[1])]
+    remark = ordering("A is best", NamedFigure("A", lower), others, "cm")
+    assert remark is not None and remark.startswith("A is best: ") and verdict in remark
 
 
 @pytest.mark.parametrize(
@@ -48,15 +49,14 @@ def test_orderings(lower: float, higher: tuple[float, float], verdict: str) -> N
 def test_a_difference_that_people_do_not_carry_is_none(spread: float, verdict: str) -> None:
     away = spread * np.linspace(-1, 1, 9)
     a, b = ({f"p{k}": (value + sign * away[k], 10.0) for k in range(9)} for value, sign in ((1.0, 1), (1.2, -1)))
-    assert ordering("A is best", Named("A", 1.0, a), [Named("B", 1.2, b)], "cm") == verdict
-    assert ordering("A is best", Named("A", 1.0, {"p": (1.0, 1.0)}), [Named("B", 1.2, {"p": (1.2, 1.0)})], "cm") == (
-        "A is best: holds (A 1.00, B 1.20 cm)."
-    )
+    assert ordering("A is best", NamedFigure("A", 1.0, a), [NamedFigure("B", 1.2, b)], "cm") == verdict
+    one, other = (NamedFigure(name, value, {"p": (value, 1.0)}) for name, value in (("A", 1.0), ("B", 1.2)))
+    assert ordering("A is best", one, [other], "cm") == "A is best: holds (A 1.00, B 1.20 cm)."
 
 
 def test_nothing_is_said_where_a_figure_is_missing() -> None:
-    assert ordering("x", Named("A", math.nan), [Named("B", 1.0)], "cm") is None
-    assert ordering("x", Named("A", 1.0), [Named("B", math.nan)], "cm") is None
-    assert ordering("x", Named("A", 1.0), [], "cm") is None
+    assert ordering("x", NamedFigure("A", math.nan), [NamedFigure("B", 1.0)], "cm") is None
+    assert ordering("x", NamedFigure("A", 1.0), [NamedFigure("B", math.nan)], "cm") is None
+    assert ordering("x", NamedFigure("A", 1.0), [], "cm") is None
     assert finite({"a": 1.0, "b": math.nan, "c": math.inf}) == {"a": 1.0}
     assert (cell(2.0), cell(math.nan)) == (2.0, None)

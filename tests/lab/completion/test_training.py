@@ -37,7 +37,7 @@ from bodysense_lab.completion.task import CompletionTask, CompletionTaskConfig
 from bodysense_lab.completion.train import fingers_of_completion, train_completion
 from bodysense_lab.completion.training_bodies import TrainingBody
 from bodysense_lab.completion.weights_file import read_weights
-from bodysense_lab.fit import launched, rate_at
+from bodysense_lab.fit import launch_fabric, rate_at
 from bodysense_lab.options import Schedule
 
 FRAMES = 90
@@ -218,7 +218,7 @@ def test_weights_are_kept_in_part(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
         schedule=Schedule(steps=1, warm_up=1, average_decay=0.0),
     )
     earlier = read_weights(PACKAGED)[0].state_dict()
-    fabric = launched(1, 1)
+    fabric = launch_fabric(1, 1)
     trained = train_completion(run, fabric).state_dict()
     mixed = train_completion(replace(run, keep=0.25), fabric).state_dict()
     assert any((trained[name] - earlier[name]).abs().max() > 1e-4 for name in trained)
@@ -228,10 +228,10 @@ def test_weights_are_kept_in_part(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
 
 def test_without_steps_fingers_are_those_of_the_network_that_training_begins_with(tmp_path: Path) -> None:
     run = CompletionTraining(data=tmp_path, out=tmp_path / "net.safetensors", begin_with=PACKAGED, finger_steps=0)
-    kept = fingers_of_completion(run, launched(1, 1)).state_dict()
+    kept = fingers_of_completion(run, launch_fabric(1, 1)).state_dict()
     assert all(torch.equal(kept[name], one) for name, one in read_weights(PACKAGED)[1].state_dict().items())
     for other in (replace(run, begin_with=None), replace(run, backward=True)):
-        relaxed = fingers_of_completion(other, launched(1, 1))
+        relaxed = fingers_of_completion(other, launch_fabric(1, 1))
         assert not any(last.any() for last in relaxed.branch[-1].parameters())
 
 

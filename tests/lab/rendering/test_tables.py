@@ -22,8 +22,14 @@ from bodysense_lab.pahmt.errors import arm_errors
 from bodysense_lab.rendering import tables as video_rendered
 from bodysense_lab.rendering.keypoint_errors import bones_of
 from bodysense_lab.rendering.scene import move_camera
-from bodysense_lab.rendering.tables import VideoTable, completed, score_videos, video_report, watch
-from bodysense_lab.rendering.take import RenderedTake, film, plan_takes, write_take
+from bodysense_lab.rendering.tables import (
+    VideoTable,
+    complete_by_all_methods,
+    find_landmarks,
+    score_videos,
+    video_report,
+)
+from bodysense_lab.rendering.take import RenderedTake, plan_takes, render_take, write_take
 
 FACE = {"nose": (0.0, 0.04, 0.13), "left_ear": (0.07, 0.06, 0.0), "right_ear": (-0.07, 0.06, 0.0)}  # m, from the head
 STANDS_FOR = {"pinky": "pinky1", "index": "index1", "thumb": "thumb2", "heel": "ankle"}
@@ -81,7 +87,7 @@ def perfect(take: RenderedTake) -> PersonLandmarks:
 def test_perfect_landmarks_give_fingers_but_not_twist(take: RenderedTake, completion: CompletionModel) -> None:
     table = VideoTable()
     person = perfect(take)
-    said, bones = completed(take, person, MODEL, completion)
+    said, bones = complete_by_all_methods(take, person, MODEL, completion)
     table.add(take, person, said)
     table.add_bones(take, bones)
     numbers = table.numbers()
@@ -151,7 +157,7 @@ def test_a_video_that_does_not_fit_its_truth_is_refused(
     take: RenderedTake, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     write_take(tmp_path / "take.npz", take)
-    monkeypatch.setattr(video_rendered, "watch", lambda path, files: perfect(take)[:10])
+    monkeypatch.setattr(video_rendered, "find_landmarks", lambda path, files: perfect(take)[:10])
     with pytest.raises(BodysenseError, match="the video has 10 pictures, the truth 15; render it again"):
         score_videos([tmp_path / "take.npz"], None, MODEL)  # type: ignore[arg-type]
 
@@ -164,8 +170,8 @@ def test_a_rendered_person_is_found(waving_clip: Clip, landmarkers: Path, tmp_pa
         pytest.importorskip(name)
     found = []
     for planned, scene in plan_takes(waving_clip, 2, 0.5, np.random.default_rng(2)):
-        path = film(planned, scene, tmp_path)
-        person = watch(path, find_landmarkers(landmarkers))
+        path = render_take(planned, scene, tmp_path)
+        person = find_landmarks(path, find_landmarkers(landmarkers))
         true = view(view_points(planned.pose), planned.time, planned.camera)
         assert person.has_body.mean() > 0.9
         both = person.has_hand & true.has_hand

@@ -13,9 +13,9 @@ from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense_lab.pahmt.camera_view import view, view_points
 from bodysense_lab.rendering.character import FIGURES, load_figure
+from bodysense_lab.rendering.renderer import Renderer, open_renderer
 from bodysense_lab.rendering.scene import Scene, move_camera, sample_camera, sample_scene
-from bodysense_lab.rendering.stage import Renderer, open_stage
-from bodysense_lab.rendering.take import RATE, film, list_takes, plan_takes, read_take, write_take
+from bodysense_lab.rendering.take import RATE, list_takes, plan_takes, read_take, render_take, write_take
 
 HEIGHT = 120  # pixels
 
@@ -32,7 +32,7 @@ def camera_before_a_man() -> Camera:
 def stage() -> Iterator[Renderer]:
     pytest.importorskip("moderngl")
     try:
-        with open_stage(scene_of_a_man(), camera_before_a_man(), HEIGHT, np.zeros(3)) as opened:
+        with open_renderer(scene_of_a_man(), camera_before_a_man(), HEIGHT, np.zeros(3)) as opened:
             yield opened
     except BodysenseError as error:
         pytest.skip(str(error))
@@ -146,13 +146,13 @@ def test_a_video_is_what_was_drawn(waving_clip: Clip, tmp_path: Path) -> None:
     take = replace(take, pose=take.pose[:6], time=take.time[:6])
     drawn: list[None] = []
     try:
-        path = film(take, scene, tmp_path, HEIGHT, lambda: drawn.append(None))
+        path = render_take(take, scene, tmp_path, HEIGHT, lambda: drawn.append(None))
     except BodysenseError as error:
         pytest.skip(str(error))
     assert list_takes(tmp_path) == [path.with_suffix(".npz")] and len(drawn) == 6
     with av.open(str(path)) as container:
         frames = list(container.decode(video=0))
     assert [frame.time for frame in frames] == pytest.approx(take.time.tolist())
-    with open_stage(scene, take.camera, HEIGHT, np.median(take.pose.root_position, axis=0)) as stage:
+    with open_renderer(scene, take.camera, HEIGHT, np.median(take.pose.root_position, axis=0)) as stage:
         first = stage.draw(take.pose[0]).astype(int)
     assert np.abs(frames[0].to_ndarray(format="rgb24").astype(int) - first).mean() < 6  # of 255; H.264 loses a little

@@ -11,7 +11,7 @@ from bodysense.io.placement import BodyPlacement, Footing
 _LISTED = 12  # people who are described one by one
 
 
-def pooled(parts: Iterable[Footing]) -> Footing:
+def pool_footings(parts: Iterable[Footing]) -> Footing:
     """Return what several motions of one person tell together."""
     parts = list(parts)
     return Footing(
@@ -24,7 +24,7 @@ def pooled(parts: Iterable[Footing]) -> Footing:
     )
 
 
-def lines_of(bodies: Mapping[str, BodyPlacement]) -> list[str]:
+def body_lines(bodies: Mapping[str, BodyPlacement]) -> list[str]:
     """Return a line for each person; of many, what they have together."""
     if len(bodies) <= _LISTED:
         return [f"{person or 'the body'}: {placement.remark}" for person, placement in bodies.items()]

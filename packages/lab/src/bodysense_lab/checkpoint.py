@@ -25,7 +25,7 @@ def identity(config: Any, schedule: Any, source: Mapping[str, Any] | None = None
     return json.dumps(parts if source is None else {**parts, "source": dict(source)}, sort_keys=True)
 
 
-def differences(before: str, now: str) -> str:
+def identity_differences(before: str, now: str) -> str:
     """In what two identities differ, each as 'name: before → now'."""
 
     def flat(values: dict[str, Any], prefix: str = "") -> dict[str, Any]:
@@ -68,7 +68,7 @@ def load_checkpoint(
     saved = _read(path)
     if saved.get("identity") != run:
         raise BodysenseError(
-            f"{path} belongs to another configuration ({differences(saved.get('identity', '{}'), run)}); "
+            f"{path} belongs to another configuration ({identity_differences(saved.get('identity', '{}'), run)}); "
             "give another --out, or the settings it was begun with"
         )
     network.load_state_dict(saved["network"])

@@ -19,8 +19,8 @@ if TYPE_CHECKING:
     from bodysense.io.datasets.sources import Source
 
 Item = TypeVar("Item")
-LOOKED_THROUGH = 64  # clips, for some with fingers
-OPTIONS = tuple(field.name.replace("_", "-") for field in fields(ReadingOptions))
+FINGER_SEARCH_CLIPS = 64  # clips, for some with fingers
+READING_OPTIONS = tuple(field.name.replace("_", "-") for field in fields(ReadingOptions))
 
 
 def open_clips(
@@ -37,7 +37,7 @@ def open_clips(
     spread evenly; `options` say what motion files do not. Raises BodysenseError where nothing is left, and for the
     first file that cannot be read (`prepare` skips such files and says why).
     """
-    chosen, clip_at = _choose(directory, split, categories, layout, options)
+    chosen, clip_at = _select_clips(directory, split, categories, layout, options)
     return map(clip_at, spread_evenly(chosen, at_most))
 
 
@@ -48,7 +48,7 @@ def spread_evenly(items: Sequence[Item], at_most: int | None) -> Sequence[Item]:
     return [items[(2 * k + 1) * len(items) // (2 * at_most)] for k in range(at_most)]
 
 
-def learned_clips(directory: str | Path, split: Split, limit: int | None = None) -> Iterator[Clip]:
+def training_clips(directory: str | Path, split: Split, limit: int | None = None) -> Iterator[Clip]:
     """Return the clips of a split that a training reads: all, or `limit` of them for a trial.
 
     A trial's are spread evenly, and half of them have fingers if there are any, for these are rare. Raises as
@@ -62,25 +62,25 @@ def learned_clips(directory: str | Path, split: Split, limit: int | None = None)
     lacking = (limit + 1) // 2 - (len(first) - len(plain))
     if lacking <= 0 or not plain:
         return iter(first)
-    others = open_clips(directory, split, at_most=LOOKED_THROUGH)
+    others = open_clips(directory, split, at_most=FINGER_SEARCH_CLIPS)
     fingers = (clip for clip in others if clip.has_fingers and (clip.person, clip.name) not in known)
     more = list(islice(fingers, lacking))
     dropped = {id(clip) for clip in plain[len(plain) - len(more) :]}
     return iter([clip for clip in first if id(clip) not in dropped] + more)
 
 
-def learned_count(directory: str | Path, split: Split, limit: int | None = None) -> int:
-    """Return how many clips `learned_clips` gives at most. Raises as it does."""
+def count_training_clips(directory: str | Path, split: Split, limit: int | None = None) -> int:
+    """Return how many clips `training_clips` gives at most. Raises as it does."""
     total = count_clips(directory, split)
     return total if limit is None else min(limit, total)
 
 
 def count_clips(directory: str | Path, split: Split | Literal["all"] = "all") -> int:
     """How many clips `open_clips` gives. Raises as it does."""
-    return len(_choose(directory, split, None, None, AS_FOUND)[0])
+    return len(_select_clips(directory, split, None, None, AS_FOUND)[0])
 
 
-def _choose(
+def _select_clips(
     directory: str | Path,
     split: Split | Literal["all"],
     categories: Collection[str] | None,
@@ -124,7 +124,7 @@ def _read(source: Source, options: ReadingOptions, directory: str | Path) -> Cli
     try:
         return read_source(source, options)
     except BodysenseError as error:
-        asked = next((name for name in OPTIONS if f"--{name}" in str(error)), None)
+        asked = next((name for name in READING_OPTIONS if f"--{name}" in str(error)), None)
         if asked is None:
             raise
         raise BodysenseError(

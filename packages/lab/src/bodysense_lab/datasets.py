@@ -12,8 +12,8 @@ from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.io.datasets.catalogue import CATALOGUE, Entry
 from bodysense.io.datasets.splits import Split
-from bodysense_lab.clips import LOOKED_THROUGH, count_clips, open_clips
-from bodysense_lab.spread import spread
+from bodysense_lab.clips import FINGER_SEARCH_CLIPS, count_clips, open_clips
+from bodysense_lab.parallel import parallel_map
 
 if TYPE_CHECKING:
     pass
@@ -42,11 +42,11 @@ class DataSet:
         for clip in open_clips(self.path, self.split, at_most=QUICK_CLIPS):
             first.add((clip.person, clip.name))
             fingers += clip.has_fingers
-            yield _beginning(clip)
+            yield _first_seconds(clip)
         if fingers < QUICK_FINGER_CLIPS:  # those with fingers may be few: look through more
-            others = open_clips(self.path, self.split, at_most=LOOKED_THROUGH)
+            others = open_clips(self.path, self.split, at_most=FINGER_SEARCH_CLIPS)
             some = (clip for clip in others if clip.has_fingers and (clip.person, clip.name) not in first)
-            yield from map(_beginning, islice(some, QUICK_FINGER_CLIPS - fingers))
+            yield from map(_first_seconds, islice(some, QUICK_FINGER_CLIPS - fingers))
 
     def count(self) -> int:
         """How many clips these are."""
@@ -90,7 +90,7 @@ def census_of(clip: Clip) -> Census:
     return Census(1, people, clip.seconds, int(fingers), clip.seconds * fingers)
 
 
-def gathered(
+def gather_results(
     work: Callable[[Clip], Mapping[Any, Any]], clips: Iterable[Clip], jobs: int, advance: Callable[[Clip], None]
 ) -> tuple[dict[Any, Any], Census]:
     """Return the results of `work` on clips, merged by key, and the amount of motion.
@@ -99,7 +99,7 @@ def gathered(
     """
     found: dict[Any, Any] = {}
     census = Census()
-    for clip, parts in spread(work, clips, jobs):
+    for clip, parts in parallel_map(work, clips, jobs):
         census += census_of(clip)
         for key, part in parts.items():
             if key in found:
@@ -110,7 +110,7 @@ def gathered(
     return found, census
 
 
-def named_data(text: str, split: Split | Literal["all"] = "test", quick: bool = False) -> DataSet:
+def open_data_set(text: str, split: Split | Literal["all"] = "test", quick: bool = False) -> DataSet:
     """The data set that 'NAME=FOLDER' or 'FOLDER' says; without a name it has the folder's.
 
     Raises BodysenseError where there is no such folder; of a name in the catalogue it says where to get the data.
@@ -120,15 +120,15 @@ def named_data(text: str, split: Split | Literal["all"] = "test", quick: bool = 
     name = name if equals else path.resolve().name
     if not name or "/" in name:
         raise BodysenseError(f"--data {text!r}: no name before the '='; write NAME=FOLDER")
-    name = set_name(name)
+    name = catalogue_name(name)
     if name in (one.name for one in CATALOGUE):
-        return DataSet(name, require(name, path), split, quick)
+        return DataSet(name, require_data(name, path), split, quick)
     if not path.is_dir():
         raise BodysenseError(f"{path}: no such folder; give a folder of motion files, or a prepared store")
     return DataSet(name, path, split, quick)
 
 
-def entry(name: str) -> Entry:
+def catalogue_entry(name: str) -> Entry:
     """Return the collection of that name. Raises BodysenseError with the valid names."""
     for one in CATALOGUE:
         if one.name.lower() == name.lower():
@@ -136,13 +136,13 @@ def entry(name: str) -> Entry:
     raise BodysenseError(f"unknown data set {name!r}; valid are {', '.join(one.name for one in CATALOGUE)}")
 
 
-def require(name: str, directory: str | Path | None) -> Path:
+def require_data(name: str, directory: str | Path | None) -> Path:
     """Return the folder or store of a data set that a table needs.
 
     Raises BodysenseError if no folder is given or it holds no motion. The message says which data set is missing,
     where to get it and under which licence.
     """
-    data = entry(name)
+    data = catalogue_entry(name)
     there = "no folder of it is given"
     if directory is not None:
         directory = Path(directory)
@@ -161,12 +161,12 @@ def require(name: str, directory: str | Path | None) -> Path:
     )
 
 
-def set_name(text: str) -> str:
+def catalogue_name(text: str) -> str:
     """The name of a data set, as the catalogue spells it if it is there."""
     return next((one.name for one in CATALOGUE if one.name.lower() == text.lower()), text)
 
 
-def describe(data: DataSet, census: Census) -> str:
+def describe_data(data: DataSet, census: Census) -> str:
     """One sentence on what was used."""
     people = f" of {len(census.people)} people" if census.people else ""
     text = f"{data.name} ({data.path}, {data.split}): {census.clips} clips{people}, {census.seconds / 60:.1f} minutes"
@@ -176,16 +176,16 @@ def describe(data: DataSet, census: Census) -> str:
     return text
 
 
-def missing(published: Sequence[str], used: Iterable[DataSet]) -> tuple[str, ...]:
+def missing_data_remarks(published: Sequence[str], used: Iterable[DataSet]) -> tuple[str, ...]:
     """A sentence for every data set of the published figures that was not used: where to get it, and its licence."""
     names = [data.name for data in used]
     return tuple(
         f"{one.name}, on which figures were published, is missing: ours are of the data above instead. Get it at "
         f"{one.where} (licence: {one.licence}) and give it as --data {one.name}=FOLDER."
-        for one in map(entry, published)
+        for one in map(catalogue_entry, published)
         if one.name not in names
     )
 
 
-def _beginning(clip: Clip) -> Clip:
+def _first_seconds(clip: Clip) -> Clip:
     return replace(clip, pose=clip.pose[: max(2, round(QUICK_SECONDS * clip.frame_rate))])

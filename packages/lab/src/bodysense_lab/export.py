@@ -51,23 +51,23 @@ def export(
                 verbose=False,
                 dynamic_shapes=dynamic_shapes,
             )
-        written = bare((shrink or halved)(onnx.load(str(beside))))
+        written = strip_metadata((shrink or store_as_float16)(onnx.load(str(beside))))
         fields = {"format": format} | {key: json.dumps(value) for key, value in card.items()}
         helper.set_model_props(written, fields)
         onnx.checker.check_model(written)
         onnx.save(written, str(beside))
 
 
-def halved(model: ModelProto) -> ModelProto:
+def store_as_float16(model: ModelProto) -> ModelProto:
     """Store large weights as float16, cast back when the file is loaded: half the size, the same speed."""
 
     def half(name: str, values: np.ndarray) -> tuple[dict[str, np.ndarray], list[NodeProto]]:
         return {f"{name}_half": values.astype(np.float16)}, [_cast(f"{name}_half", name)]
 
-    return _stored(model, half)
+    return _replace_large_weights(model, half)
 
 
-def in_bytes(model: ModelProto, most: int = 127) -> ModelProto:
+def store_as_int8(model: ModelProto, most: int = 127) -> ModelProto:
     """Store large weights as whole multiples, `most` at most, of what each row (first axis) counts in.
 
     They are multiplied again when the file is loaded: half the size, the same speed; a smaller `most` packs better.
@@ -80,10 +80,10 @@ def in_bytes(model: ModelProto, most: int = 127) -> ModelProto:
         multiply = helper.make_node("Mul", [f"{name}_whole", f"{name}_unit"], [name])
         return stored, [_cast(f"{name}_count", f"{name}_whole"), multiply]
 
-    return _stored(model, counted)
+    return _replace_large_weights(model, counted)
 
 
-def bare(model: ModelProto) -> ModelProto:
+def strip_metadata(model: ModelProto) -> ModelProto:
     """The model without what only says where its operations come from: a third of a file. Constants are numbered."""
     said = {output.name for output in model.graph.output}  # an output that is a constant keeps its name
     constants = [constant for constant in model.graph.initializer if constant.name not in said]
@@ -101,7 +101,7 @@ def bare(model: ModelProto) -> ModelProto:
     return model
 
 
-def _stored(
+def _replace_large_weights(
     model: ModelProto, store: Callable[[str, np.ndarray], tuple[dict[str, np.ndarray], list[NodeProto]]]
 ) -> ModelProto:
     """The model with constants that `store` makes of each large weight, and nodes that unpack them."""

@@ -124,9 +124,9 @@ def fit(
     is next to it as .jsonl, a line a checkpoint. Raises BodysenseError when the checkpoint belongs to another
     configuration, schedule or source.
     """
-    fabric = fabric or launched()
+    fabric = fabric or launch_fabric()
     if report is None:
-        report = pace = printed()
+        report = pace = progress_printer()
     network, schedule = fabric.to_device(task.network), task.schedule
     optimizer = task.optimizer()
     decay = partial(moving_average, decay=schedule.average_decay)
@@ -136,7 +136,7 @@ def fit(
     done, kept = load_checkpoint(checkpoint, run, network, optimizer, average)
     best = kept or {"score": math.inf, "step": 0, "since": 0, "factor": 1.0, "weights": network.state_dict()}
     batches = task.batches(np.random.default_rng([schedule.seed, done, fabric.global_rank]), done)
-    begun, memory, machine = time.monotonic(), None, machine_of(fabric, task.mixed)
+    begun, memory, machine = time.monotonic(), None, describe_machine(fabric, task.mixed)
     recent: list[dict[str, float]] = []
 
     def progress(step: int, figures: dict[str, float]) -> Progress:
@@ -146,7 +146,7 @@ def fit(
 
     if fabric.is_global_zero and done < steps and pace is not None:
         pace(progress(done, {}))
-    due = _pace_due(begun)
+    due = _pace_is_due(begun)
     for step, batch in zip(range(done + 1, steps + 1), batches, strict=False):
         for group in optimizer.param_groups:
             group["lr"] = task.rate(step) * best.get("factor", 1.0)
@@ -157,7 +157,7 @@ def fit(
         if step % schedule.check_every == 0 or step == steps:
             figures = task.validate(average.module)
             if task.keeps_best:
-                best = _better(best, figures, step, average.module, task.patience)
+                best = _update_best(best, figures, step, average.module, task.patience)
                 figures = figures | {f"best_{next(iter(figures))}": best["score"]}
             now = progress(step, figures)
             recent.clear()
@@ -181,14 +181,14 @@ def take_step(
     terms, memory = task.loss(fabric.to_device(batch), memory)
     optimizer.zero_grad()
     terms["loss"].backward()
-    _share_gradients(task.network, fabric)
+    _average_gradients(task.network, fabric)
     for group in optimizer.param_groups:
         nn.utils.clip_grad_norm_(group["params"], group.get("clip", task.clip))
     optimizer.step()
     return terms, memory
 
 
-def _pace_due(begun: float) -> Iterator[bool]:
+def _pace_is_due(begun: float) -> Iterator[bool]:
     """Yield whether the pace is to be reported now: `_PACE[0]` after a time, then after twice as long each time."""
     wait_for, most = _PACE
     last = begun
@@ -199,13 +199,13 @@ def _pace_due(begun: float) -> Iterator[bool]:
         yield due
 
 
-def _share_gradients(network: nn.Module, fabric: Fabric) -> None:
+def _average_gradients(network: nn.Module, fabric: Fabric) -> None:
     for parameter in network.parameters() if fabric.world_size > 1 else ():
         if parameter.grad is not None:
             parameter.grad = fabric.all_reduce(parameter.grad, reduce_op="mean")  # type: ignore[assignment]
 
 
-def _better(
+def _update_best(
     best: dict[str, Any], figures: dict[str, float], step: int, network: nn.Module, patience: int | None
 ) -> dict[str, Any]:
     """The best so far after a check; the learning rate's factor is halved where nothing got better for long."""
@@ -219,61 +219,61 @@ def _better(
     return best | {"since": since}
 
 
-def seed_of(seed: int, rank: int) -> int:
+def process_seed(seed: int, rank: int) -> int:
     """Return the seed of one of the processes that share a training, whose batches are drawn by the step's number."""
     return seed + 1_000_003 * rank
 
 
-def launched(devices: int = 1, nodes: int = 1) -> Fabric:
+def launch_fabric(devices: int = 1, nodes: int = 1) -> Fabric:
     """The devices of this process, and its place among those of a run on several, which share one folder."""
     fabric = Fabric(accelerator="auto", devices=devices, num_nodes=nodes, precision="32-true")
     fabric.launch()
     return fabric
 
 
-def announced(run: Run, task: type[Task]) -> Fabric:
+def announce_run(run: Run, task: type[Task]) -> Fabric:
     """Return the devices of a run, and print what it trains on, before anything is read."""
-    fabric = launched(run.devices, run.nodes)
-    fabric.print(f"training on {machine_of(fabric, task.mixed)}", flush=True)
+    fabric = launch_fabric(run.devices, run.nodes)
+    fabric.print(f"training on {describe_machine(fabric, task.mixed)}", flush=True)
     return fabric
 
 
-def machine_of(fabric: Fabric, mixed: bool) -> str:
+def describe_machine(fabric: Fabric, mixed: bool) -> str:
     """Return the device, the precision of the layers and the number of processes, in words."""
     layers = str(layer_precision(fabric.device) if mixed else torch.float32).removeprefix("torch.")
     processes = f"{fabric.world_size} processes" if fabric.world_size > 1 else "1 process"
     return f"{fabric.device.type}, {layers} layers, {processes}"
 
 
-def begin(seed: int, threads: int | None) -> None:
+def set_seed_and_threads(seed: int, threads: int | None) -> None:
     """Set PyTorch's seed, and its threads if given. Call it before a network is made."""
     if threads is not None:
         torch.set_num_threads(threads)
     torch.manual_seed(seed)
 
 
-def printed(name: str = "") -> Report:
+def progress_printer(name: str = "") -> Report:
     """A report that prints a line each time, after a name."""
     return partial(_print_progress, name)
 
 
 def _print_progress(name: str, progress: Progress) -> None:
     head = f"{name} " if name else ""
-    Console(width=200).print(f"{head}{line_of_progress(progress)}", highlight=False, soft_wrap=True)
+    Console(width=200).print(f"{head}{progress_line(progress)}", highlight=False, soft_wrap=True)
 
 
-def line_of_progress(progress: Progress) -> str:
+def progress_line(progress: Progress) -> str:
     """Return the machine at the beginning, else the pace, the time remaining, and at a checkpoint the figures."""
     done = f"step {progress.step}/{progress.steps}, {progress.seconds:.0f} s"
     if not progress.terms:
         return f"{done} · {progress.machine}"
     remaining = timedelta(seconds=round((progress.steps - progress.step) / progress.steps_per_second))
     pace = f"{progress.steps_per_second:.3g} steps/s, {remaining} remaining"
-    parts = (done, pace, line_of(progress.terms, 4), line_of(progress.validation, 3))
+    parts = (done, pace, figures_line(progress.terms, 4), figures_line(progress.validation, 3))
     return " · ".join(part for part in parts if part)
 
 
-def line_of(values: Mapping[str, float], digits: int) -> str:
+def figures_line(values: Mapping[str, float], digits: int) -> str:
     """Figures by name in one line."""
     return " ".join(f"{name} {value:.{digits}f}" for name, value in values.items())
 
@@ -281,7 +281,7 @@ def line_of(values: Mapping[str, float], digits: int) -> str:
 S = TypeVar("S", bound=Sized)
 
 
-def played(draw: Callable[[], S], count: int, chunk: int) -> Iterator[tuple[list[tuple[S, int]], np.ndarray]]:
+def stream_sequences(draw: Callable[[], S], count: int, chunk: int) -> Iterator[tuple[list[tuple[S, int]], np.ndarray]]:
     """Yield chunks of `count` streams: each stream's sequence and first frame, and which streams begin (B,).
 
     A stream whose sequence has ended draws the next one.
@@ -293,7 +293,7 @@ def played(draw: Callable[[], S], count: int, chunk: int) -> Iterator[tuple[list
         playing = [(one, first) if first < len(one) else (draw(), 0) for one, first in after]
 
 
-def cut(pieces: Sequence[tuple[Any, int]], length: int, names: Sequence[str]) -> dict[str, Tensor]:
+def cut_frames(pieces: Sequence[tuple[Any, int]], length: int, names: Sequence[str]) -> dict[str, Tensor]:
     """Cut `length` frames of some arrays from each sequence at its start frame, and say which of them are `valid`.
 
     Past the end the last frame repeats, not valid; a negative start repeats the first frame before it.

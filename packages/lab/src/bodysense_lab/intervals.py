@@ -60,7 +60,7 @@ def _means(of: Shares, people: list[str], drawn: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class Named:
+class NamedFigure:
     """A figure and whose it is."""
 
     name: str

@@ -28,7 +28,7 @@ _FIGURE = re.compile(r"\{([^{}:]+):([^{}]+)\}")  # in a cell: name and format
 
 
 @dataclass(frozen=True)
-class Kind:
+class CardTemplate:
     """Text and tables of the card of a kind of network."""
 
     what: str
@@ -60,7 +60,7 @@ def describe(path: Path, figures: Numbers) -> Path:
     Raises BodysenseError for a file of no kind that has a card, and for figures of another command or network.
     """
     fields, write = read_network(path)
-    kind, read = kind_of(path, fields), fields_read(fields)
+    kind, read = card_template(path, fields), parse_fields(fields)
     own = read.get("validation", {}).get("position_cm")
     scored = figures.get(f"model{read.get('model')}_validation_position_cm", own)
     if scored != own:
@@ -102,13 +102,13 @@ def read_network(path: Path) -> tuple[dict[str, str], Callable[[Path, dict[str, 
     return {row.key: row.value for row in model.metadata_props}, write
 
 
-def kind_of(path: Path, fields: Mapping[str, str]) -> Kind:
+def card_template(path: Path, fields: Mapping[str, str]) -> CardTemplate:
     """The kind of a file by its metadata."""
     key = (fields.get("format", "none"), json.loads(fields.get("task", '""')))
-    if key not in KINDS:
-        known = ", ".join(" ".join(key).strip() for key in KINDS)
+    if key not in CARD_TEMPLATES:
+        known = ", ".join(" ".join(key).strip() for key in CARD_TEMPLATES)
         raise BodysenseError(f"{path}: no card for a network of format {key[0]!r}; there are cards for {known}")
-    return KINDS[key]
+    return CARD_TEMPLATES[key]
 
 
 def network_lines(read: Mapping[str, Any]) -> list[str]:
@@ -120,16 +120,16 @@ def network_lines(read: Mapping[str, Any]) -> list[str]:
     seed = f"; seed {read['seed']}" if "seed" in read else ""
     validation = ", ".join(f"{key} {value}" for key, value in read.get("validation", {}).items())
     return [
-        f"- {form(read)}, {read['weights']:,} weights, steps at {rate}",
+        f"- {describe_network(read)}, {read['weights']:,} weights, steps at {rate}",
         f"- trained on: {read.get('training_data', 'not said')}",
         f"- licence: {read.get('licence', 'not said')}{seed}",
         *([f"- validation: {validation}"] if validation else []),
     ]
 
 
-def card_text(name: str, kind: Kind, fields: Mapping[str, str]) -> str:
+def card_text(name: str, kind: CardTemplate, fields: Mapping[str, str]) -> str:
     """Return the model card of a network file from its metadata; without test figures it has no table."""
-    read, tested = fields_read(fields), list[str]()
+    read, tested = parse_fields(fields), list[str]()
     if "test" in read:
         rows = (kind.head, ("---",) * len(kind.head), *kind.filled(read["test"], read.get("model"))[0])
         tested = [
@@ -143,10 +143,10 @@ def card_text(name: str, kind: Kind, fields: Mapping[str, str]) -> str:
     return front_matter(name, kind, fields) + "\n".join(lines)
 
 
-def front_matter(name: str, kind: Kind, fields: Mapping[str, str]) -> str:
+def front_matter(name: str, kind: CardTemplate, fields: Mapping[str, str]) -> str:
     """The YAML at the head of a card, by which model hubs list a network."""
     tags = ("motion-capture", *kind.tags, "onnx" if name.endswith(".onnx") else "safetensors")
-    licence = fields_read(fields)["licence"]
+    licence = parse_fields(fields)["licence"]
     return "\n".join(
         [
             *("---", "library_name: bodysense", f"license: {licence.lower()}", "tags:"),
@@ -156,12 +156,12 @@ def front_matter(name: str, kind: Kind, fields: Mapping[str, str]) -> str:
     )
 
 
-def fields_read(fields: Mapping[str, str]) -> dict[str, Any]:
+def parse_fields(fields: Mapping[str, str]) -> dict[str, Any]:
     """The metadata of a file, read."""
     return {key: json.loads(value) for key, value in fields.items() if key != "format"}
 
 
-def form(card: Mapping[str, Any]) -> str:
+def describe_network(card: Mapping[str, Any]) -> str:
     """Return the kind and size of a network."""
     network = card.get("network")
     if network is None:
@@ -182,7 +182,7 @@ def form(card: Mapping[str, Any]) -> str:
     return (f"{card['form']}: " if "form" in card else "") + f"GRU of {size}"
 
 
-def _pair(key: str) -> str:
+def _error_pair(key: str) -> str:
     return f"{{{key}_rmsjpe_cm:.2f}} / {{{key}_mpjpe_cm:.2f}}"
 
 
@@ -192,13 +192,14 @@ _BODY = tuple(
     for share in ("occluded", "all")
 )
 _FINGERS = (
-    ("this network", _pair("network")),
-    ("this network, smoothed, on rigid bones", _pair("bodysense")),
-    ("mean hand of the train split", _pair("mean_pose")),
-    ("hand of the nearest body of the train split", _pair("nearest")),
+    ("this network", _error_pair("network")),
+    ("this network, smoothed, on rigid bones", _error_pair("bodysense")),
+    ("mean hand of the train split", _error_pair("mean_pose")),
+    ("hand of the nearest body of the train split", _error_pair("nearest")),
 )
 _UPPER_BODY = tuple(
-    (joints, _pair(f"network_{joints}"), _pair(f"ik_{joints}")) for joints in ("neck", "shoulders", "elbows", "all")
+    (joints, _error_pair(f"network_{joints}"), _error_pair(f"ik_{joints}"))
+    for joints in ("neck", "shoulders", "elbows", "all")
 )
 _COMPLETION = tuple(
     (
@@ -244,8 +245,8 @@ _ARMS = tuple(
         ("twist of the forearm, degrees", "forearm_twist_deg", 1),
     )
 )
-KINDS = {
-    (learned.FORMAT, ""): Kind(
+CARD_TEMPLATES = {
+    (learned.FORMAT, ""): CardTemplate(
         "Completes a body and its fingers from what a headset's cameras see (UNOC, Parger et al. 2021).",
         "bodysense evaluate unoc-table2",
         "Test people, main motions, RMSJPE in cm, through the tracker",
@@ -255,7 +256,7 @@ KINDS = {
         "hour of avatar animation",
         has_optional_rows=True,
     ),
-    (point_model.FORMAT, "fingers"): Kind(
+    (point_model.FORMAT, "fingers"): CardTemplate(
         "Places the fingers of a body from the motion of that body alone (UNOC, Parger et al. 2021, section 5.3).",
         "bodysense evaluate finger-synthesis",
         "Test actions, main motions, finger joints and tips from their wrist, RMSJPE / MPJPE in cm",
@@ -263,7 +264,7 @@ KINDS = {
         _FINGERS,
         "gestures that mean something, hands that hold or use things",
     ),
-    (point_model.FORMAT, "upper-body"): Kind(
+    (point_model.FORMAT, "upper-body"): CardTemplate(
         "Places the upper body of a headset and two controllers (UNOC, Parger et al. 2021, section 5.2).",
         "bodysense evaluate unoc-table6",
         "Test people, main motions, RMSJPE / MPJPE in cm, beside inverse kinematics after Parger et al. 2018",
@@ -271,7 +272,7 @@ KINDS = {
         _UPPER_BODY,
         "legs, of which it knows nothing; floors that are not at y = 0",
     ),
-    (weights_file.FORMAT, ""): Kind(
+    (weights_file.FORMAT, ""): CardTemplate(
         "Completes a whole body, in rotations, from any points that are tracked, on any adult's proportions.",
         "bodysense evaluate completion",
         "Test people and test bodies, main motions: MPJPE from the head, cm, with a camera that of hidden joints; of "
@@ -280,7 +281,7 @@ KINDS = {
         _COMPLETION,
         "children; people who carry or use things",
     ),
-    (joining_network.FORMAT, ""): Kind(
+    (joining_network.FORMAT, ""): CardTemplate(
         "Joins the two answers of a recording, one that knows its past and one that knows its future, to one body.",
         "bodysense evaluate completion --takes",
         "Test people, known bodies, main motions: MPJPE from the head, cm, with a camera that of hidden joints, live "
@@ -289,7 +290,7 @@ KINDS = {
         _TAKES,
         "live tracking; children; people who carry or use things",
     ),
-    (glove.MARKER_FORMAT, ""): Kind(
+    (glove.MARKER_FORMAT, ""): CardTemplate(
         "Fills hidden markers of a glove from those that are seen (Pavllo et al. 2019, section 3.2.2).",
         "bodysense evaluate gloves-table3",
         "Test actions, main motions, error of hidden markers on the last frame before they return, cm",
@@ -298,7 +299,7 @@ KINDS = {
         "gloves with markers in other places; hands that hold things",
         ("hand-tracking", "gloves"),
     ),
-    (glove.JOINT_FORMAT, ""): Kind(
+    (glove.JOINT_FORMAT, ""): CardTemplate(
         "Tells the 26 angles of a hand from the nine markers of a glove (Pavllo et al. 2019, section 3.2.3).",
         "bodysense evaluate gloves-table4",
         "Test actions, main motions, error of the joints of fingers through the whole pipeline, cm",
@@ -307,7 +308,7 @@ KINDS = {
         "gloves with markers in other places; hands that hold things",
         ("hand-tracking", "gloves"),
     ),
-    (arms.FORMAT, ""): Kind(
+    (arms.FORMAT, ""): CardTemplate(
         "Turns arms and hands as key-points of a video show them (PAHMT, Liu et al. 2022).",
         "bodysense evaluate pahmt-table1",
         "Test actions, main motions, before simulated cameras whose detector errs",
@@ -316,7 +317,7 @@ KINDS = {
         "hands that hold things, for fingers were learned from avatar animation",
         ("human-pose", "video"),
     ),
-    (body_vae.FORMAT, ""): Kind(
+    (body_vae.FORMAT, ""): CardTemplate(
         "Draws whole bodies, several for one signal of head and hands or from nothing (HMD-VAE, Dittadi et al. 2021).",
         "bodysense evaluate hmd-vae",
         "Test people, main motions, at the posterior's mean, of the scored network of this model that was best in "

@@ -20,10 +20,10 @@ T = TypeVar("T")
 Flat = Annotated[T, tyro.conf.arg(name="")]  # the fields of a dataclass are the options of the command
 
 
-TRIAL = {"steps": 4, "finger_steps": 4, "frames": 300}  # options of a run on few clips that are not given
+TRIAL_COUNTS = {"steps": 4, "finger_steps": 4, "frames": 300}  # options of a run on few clips that are not given
 
 
-class Usual(int):
+class MethodDefault(int):
     """A number of a method, in contrast to one that is given."""
 
 
@@ -31,7 +31,7 @@ class Usual(int):
 class Schedule:
     """How long to train, and how fast."""
 
-    steps: Count = Usual(9000)
+    steps: Count = MethodDefault(9000)
     """optimiser steps"""
     learning_rate: float = 1e-3
     """the highest"""
@@ -89,7 +89,7 @@ class MotionRun(Run):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Paced:
+class ScheduleOptions:
     """Options of a run whose schedule is the method's own."""
 
     seed: Seed = 1
@@ -104,7 +104,7 @@ class Paced:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Training(MotionRun, Card, Paced):
+class Training(MotionRun, Card, ScheduleOptions):
     """A run that learns from motion, whose schedule is the method's own."""
 
 
@@ -137,12 +137,12 @@ Stride = Annotated[Count, tyro.conf.arg(help="score every n-th frame")]
 Json = Annotated[Path | None, tyro.conf.arg(help="file for the numbers, as one flat object")]
 
 
-def trial_of(run: T) -> T:
+def as_trial(run: T) -> T:
     """Return a run, with few steps if its clips are limited and its steps are not given; prints how many."""
     limit, schedule = getattr(run, "limit", None), getattr(run, "schedule", None)
     if limit is None:
         return run
-    few, of_schedule = _few(run), _few(schedule)
+    few, of_schedule = _trial_counts(run), _trial_counts(schedule)
     if few or of_schedule:
         given = " ".join(f"--{name.replace('_', '-')} {count}" for name, count in (of_schedule | few).items())
         print(f"--limit {limit}: a trial with {given}; give these options for other numbers")
@@ -151,10 +151,12 @@ def trial_of(run: T) -> T:
     return replace(run, **few)  # type: ignore[type-var]
 
 
-def _few(options: Any) -> dict[str, Any]:
+def _trial_counts(options: Any) -> dict[str, Any]:
     """Return the numbers of a trial by the names of the options that are not given."""
-    found = {name: getattr(options, name, 0) for name in TRIAL}
-    return {name: TRIAL[name] for name, value in found.items() if value is None or isinstance(value, Usual)}
+    found = {name: getattr(options, name, 0) for name in TRIAL_COUNTS}
+    return {
+        name: TRIAL_COUNTS[name] for name, value in found.items() if value is None or isinstance(value, MethodDefault)
+    }
 
 
 def check_ending(out: Path, *endings: str, what: str = "the network") -> None:

@@ -37,6 +37,6 @@ class PaperOptions:
         return self.device or (usual if isinstance(opened, MotionSource) else None)
 
 
-def untrained(what: str, command: str, option: str) -> BodysenseError:
+def missing_weights_error(what: str, command: str, option: str) -> BodysenseError:
     """Return the error for weights that are not packaged."""
     return BodysenseError(f"{what}: no weights are packaged; train them: {command}, then give {option}")

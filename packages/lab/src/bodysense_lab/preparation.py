@@ -26,8 +26,8 @@ from bodysense.io.datasets.sources import Source, list_sources, read_source
 from bodysense.io.placement import BodyPlacement, Footing, body_in_file, footing_of, placement_of
 from bodysense.io.reading_options import AS_FOUND, ReadingOptions
 from bodysense.io.resample import resample
-from bodysense_lab.bodies import lines_of, pooled
-from bodysense_lab.spread import spread
+from bodysense_lab.bodies import body_lines, pool_footings
+from bodysense_lab.parallel import parallel_map
 from bodysense_lab.store import (
     ARRAYS,
     FORMAT,
@@ -71,16 +71,16 @@ def prepare(
     listed = {source.key(directory): source for source in sources or list_sources(directory, layout)}
     if is_store(store_path):
         store = read_store(store_path)
-        _check_read_alike(store_path, options)
-        _check_same(store_path, store.table, rate, listed, whole=True)
+        _check_reading_options(store_path, options)
+        _check_same_files(store_path, store.table, rate, listed, whole=True)
         return store
     if store_path.exists():
         raise BodysenseError(f"{store_path} exists and is no store; give another place or remove it")
     part = store_path.with_name(f"{store_path.name}.part")
     group = _open_part(part, rate, options)
-    _check_read_alike(part, options)
+    _check_reading_options(part, options)
     table = read_table(group)
-    _check_same(part, table, rate, listed, whole=False)
+    _check_same_files(part, table, rate, listed, whole=False)
     if scheduler is not None:  # workers may run in another folder, so that they need whole paths
         listed = {key: replace(source, path=source.path.resolve()) for key, source in listed.items()}
         files = {name: value.resolve() for name, value in vars(options).items() if isinstance(value, Path)}
@@ -96,14 +96,14 @@ def prepare(
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns) as progress:
         task = progress.add_task(f"preparing {directory.name}", total=len(listed), completed=len(done))
-        for batch in _computed(todo, rate, workers, scheduler, options):
+        for batch in _prepare_batches(todo, rate, workers, scheduler, options):
             table = _append(group, table, batch)
             progress.advance(task, len(batch))
     if not table.clips:
         reason = table.skipped[0].reason
         raise BodysenseError(f"{directory}: none of its {len(listed)} files can be read; the first: {reason}")
     _publish(group, table, part, store_path)
-    for line in (*lines_of(table.bodies), *lines_by_kind((row.source, row.reason) for row in table.skipped)):
+    for line in (*body_lines(table.bodies), *lines_by_kind((row.source, row.reason) for row in table.skipped)):
         Console().print(line, markup=False, soft_wrap=True)
     return read_store(store_path)
 
@@ -115,7 +115,7 @@ def _open_part(part: Path, rate: float, options: ReadingOptions) -> Any:
         raise BodysenseError(f"frame rate {rate:g} Hz cannot be; give a positive number, e.g. 30")
     ours = default_skeleton()
     about = {"format": FORMAT, "rate": rate, "joints": ours.joints, "end_sites": ours.end_sites}
-    about["reading"] = _reading_of(options)
+    about["reading"] = _stored_options(options)
     try:
         if not is_store(part):
             zarr.create_group(part, zarr_format=3, attributes={**about, "clips": [], "skipped": []})
@@ -130,20 +130,20 @@ def _open_part(part: Path, rate: float, options: ReadingOptions) -> Any:
     return group
 
 
-def _reading_of(options: ReadingOptions) -> dict[str, str]:
+def _stored_options(options: ReadingOptions) -> dict[str, str]:
     """Return the reading options in the form in which a store keeps them."""
     return {name: str(value) for name, value in asdict(options).items() if value is not None}
 
 
-def _check_read_alike(path: Path, options: ReadingOptions) -> None:
+def _check_reading_options(path: Path, options: ReadingOptions) -> None:
     """Raise unless a store was made with these options."""
     before = zarr_package().open_group(path, mode="r").attrs.get("reading", {})
-    if before != _reading_of(options):
+    if before != _stored_options(options):
         said = " ".join(f"--{name.replace('_', '-')} {value}" for name, value in before.items()) or "none"
         raise BodysenseError(f"{path} was made with other options ({said}); give another place or remove it")
 
 
-def _check_same(path: Path, table: Table, rate: float, sources: Mapping[str, Source], whole: bool) -> None:
+def _check_same_files(path: Path, table: Table, rate: float, sources: Mapping[str, Source], whole: bool) -> None:
     """Raise unless what is in a store was made of these files, at this rate."""
     if table.rate != rate:
         raise BodysenseError(f"{path} is at {table.rate:g} Hz, not {rate:g}; give another place or remove it")
@@ -171,11 +171,11 @@ def _find_bodies(
         bare = [one for one in sources.values() if one.skeleton is None and one.file.place.suffix.lower() == ".npz"]
         parts: dict[str, list[Footing]] = {}
         count = _processes(workers) if bare else 1
-        for source, footing in spread(partial(_footing, model=options.smpl_model), bare, count, scheduler):
+        for source, footing in parallel_map(partial(_footing, model=options.smpl_model), bare, count, scheduler):
             if footing is not None:
                 parts.setdefault(source.person, []).append(footing)
         has_bones = options.smpl_model is not None
-        found = {person: placement_of(pooled(ones), has_bones) for person, ones in parts.items()}
+        found = {person: placement_of(pool_footings(ones), has_bones) for person, ones in parts.items()}
         group.attrs["bodies"] = {person: asdict(one) for person, one in found.items()}
     return dict(read_table(group).bodies)
 
@@ -188,7 +188,7 @@ def _footing(source: Source, model: Path | None) -> Footing | None:
         return None
 
 
-def _prepared(item: tuple[str, Source], rate: float, options: ReadingOptions) -> tuple[Clip | str, str]:
+def _prepare_source(item: tuple[str, Source], rate: float, options: ReadingOptions) -> tuple[Clip | str, str]:
     """Return the clip of a source at `rate`, or the reason for its absence, and its file's hash. Runs in workers."""
     _, source = item
     sha256 = source.file.sha256()
@@ -201,11 +201,13 @@ def _prepared(item: tuple[str, Source], rate: float, options: ReadingOptions) ->
     return replace(clip, pose=small), sha256
 
 
-def _computed(
+def _prepare_batches(
     sources: Mapping[str, Source], rate: float, workers: int | None, scheduler: str | None, options: ReadingOptions
 ) -> Iterator[list[tuple[str, Source, Clip | str, str]]]:
-    """Yield the results of `_prepared`: batches of (key, source, clip or reason, hash)."""
-    made = spread(partial(_prepared, rate=rate, options=options), sources.items(), _processes(workers), scheduler)
+    """Yield the results of `_prepare_source`: batches of (key, source, clip or reason, hash)."""
+    made = parallel_map(
+        partial(_prepare_source, rate=rate, options=options), sources.items(), _processes(workers), scheduler
+    )
     while batch := [(*item, *result) for item, result in islice(made, BATCH)]:
         yield batch
 

@@ -12,9 +12,9 @@ from typing import Any, Literal
 
 from bodysense_lab.chart import BarPanel, plain_bars
 from bodysense_lab.datasets import Census
-from bodysense_lab.intervals import Named
+from bodysense_lab.intervals import NamedFigure
 from bodysense_lab.scoring import GROUPS, Measure, Tally, suffix_of
-from bodysense_lab.table import Cell, Report, bounds, cell, finite, ordering, surely
+from bodysense_lab.table import Cell, Report, bound_cells, cell, finite, interval_bounds, ordering
 
 At = Any  # the key of a place: a text or several
 # Errors by group of categories, place (a row of the table), method and measure.
@@ -178,7 +178,7 @@ def flat_numbers(table: ScoreTable, scores: Cells) -> dict[str, float]:
                 key = figure.key.format(method=method, place=where) + suffix_of(group)
                 numbers[key] = getattr(tally, figure.average)
                 if figure.bounded:
-                    numbers |= surely({key: tally.interval(_averaged(figure))})
+                    numbers |= interval_bounds({key: tally.interval(_averaged(figure))})
     return finite(numbers)
 
 
@@ -204,7 +204,7 @@ def _rows(table: ScoreTable, scores: Cells, groups: Sequence[str]) -> Iterator[t
             if table.bounded is not None:
                 figure = table.figures[table.bounded]
                 tally = scores.get(("main", place, method, figure.measure), Tally())
-                row += bounds(tally.interval(_averaged(figure)))
+                row += bound_cells(tally.interval(_averaged(figure)))
             row += [value for values in published for value in values]
             if table.change_from is not None:
                 row += _changes(table, scores, place, method)
@@ -235,7 +235,7 @@ def _changes(table: ScoreTable, scores: Cells, place: At, method: str) -> list[C
 def _verdicts(table: ScoreTable, scores: Cells) -> Iterator[str]:
     """Yield whether each claim holds; claims about missing figures are left out."""
 
-    def named(one: Compared) -> Named:
+    def named(one: Compared) -> NamedFigure:
         figure = table.figures[one.figure]
         tally = scores.get(("main", one.place, one.method, figure.measure), Tally())
         return tally.named(one.name, _averaged(figure))

@@ -12,7 +12,7 @@ from bodysense.body.skeleton import Skeleton
 from bodysense.io.clip import Clip
 from bodysense.metrics import joint_error
 from bodysense.observation import Observation
-from bodysense_lab.intervals import Interval, Named, Shares, interval
+from bodysense_lab.intervals import Interval, NamedFigure, Shares, interval
 
 RATE = 30.0  # Hz at which motion is scored
 MAIN = ("sit", "talk_gesture", "conversation", "everyday", "locomotion")  # what a headset's wearer does
@@ -54,9 +54,9 @@ class Tally:
             for person, one in people.items()
         }
 
-    def named(self, name: str, measure: Measure = "mpjpe") -> Named:
+    def named(self, name: str, measure: Measure = "mpjpe") -> NamedFigure:
         """A figure under a name, to be compared."""
-        return Named(name, getattr(self, measure), self.shares(measure))
+        return NamedFigure(name, getattr(self, measure), self.shares(measure))
 
     def interval(self, measure: Measure = "mpjpe") -> Interval:
         """Between what a figure lies, by bootstrap over people."""

@@ -12,20 +12,19 @@ from rich.progress import BarColumn, TextColumn, TimeElapsedColumn, TimeRemainin
 from rich.progress import Progress as Bars
 
 from bodysense.errors import BodysenseError
-from bodysense_lab.checkpoint import differences
-from bodysense_lab.fit import Progress, Report, line_of_progress, printed
-from bodysense_lab.spread import worker_pool
+from bodysense_lab.checkpoint import identity_differences
+from bodysense_lab.fit import Progress, Report, progress_line, progress_printer
+from bodysense_lab.parallel import worker_pool
 
 # Train the network of this name, telling a report how it goes; returns what to say of it.
 Train = Callable[[str, Report], str]
 
 
-def is_same(path: Path, before: str, now: str) -> bool:
+def is_trained_as_configured(path: Path, before: str, now: str) -> bool:
     """True where the network in `path` was trained as asked; both are identities. Raises BodysenseError otherwise."""
     if json.loads(before) != json.loads(now):
-        raise BodysenseError(
-            f"{path} is of another configuration ({differences(before, now)}); give another --out, or those settings"
-        )
+        changed = identity_differences(before, now)
+        raise BodysenseError(f"{path} is of another configuration ({changed}); give another --out, or those settings")
     return True
 
 
@@ -50,10 +49,13 @@ def sweep(
         bar = bars.add_task("training", total=sum(steps.values()), completed=done)
         if jobs > 1:
             with worker_pool(jobs) as pool:
-                waiting = {pool.submit(train, name, quietly if console.is_terminal else printed(name)) for name in todo}
+                waiting = {
+                    pool.submit(train, name, discard_progress if console.is_terminal else progress_printer(name))
+                    for name in todo
+                }
                 while waiting:
                     ended, waiting = wait(waiting, timeout=1.0, return_when=FIRST_COMPLETED)
-                    bars.update(bar, completed=done + sum(_reached(logs, name, steps[name]) for name in todo))
+                    bars.update(bar, completed=done + sum(_logged_step(logs, name, steps[name]) for name in todo))
                     for future in ended:
                         console.print(future.result(), highlight=False)
             return
@@ -62,7 +64,7 @@ def sweep(
 
             def report(progress: Progress, name: str = name, before: int = done) -> None:
                 if not (progress.terms and console.is_terminal):
-                    console.print(f"{name} {line_of_progress(progress)}", highlight=False, soft_wrap=True)
+                    console.print(f"{name} {progress_line(progress)}", highlight=False, soft_wrap=True)
                 pace = f", {progress.steps_per_second:.3g} steps/s" if progress.terms else ""
                 bars.update(bar, completed=before + progress.step, description=f"{name}{pace}")
 
@@ -72,11 +74,11 @@ def sweep(
             bars.update(bar, completed=done)
 
 
-def quietly(progress: Progress) -> None:
+def discard_progress(progress: Progress) -> None:
     """A report that says nothing: the log is read instead."""
 
 
-def _reached(logs: Path, name: str, steps: int) -> int:
+def _logged_step(logs: Path, name: str, steps: int) -> int:
     """Return the step of the last line of a log."""
     log = logs / f"{name}.jsonl"
     lines = log.read_text(encoding="utf-8").splitlines() if log.is_file() else []

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from bodysense.files import written_beside
 from bodysense_lab.chart import Panel
-from bodysense_lab.intervals import Interval, Named, interval
+from bodysense_lab.intervals import Interval, NamedFigure, interval
 
 Cell = float | str | None
 
@@ -32,12 +32,12 @@ class Report:
     panels: tuple[Panel, ...] = ()  # of its picture
 
 
-def surely(numbers: Mapping[str, Interval]) -> dict[str, float]:
+def interval_bounds(numbers: Mapping[str, Interval]) -> dict[str, float]:
     """The bounds of figures by their keys: KEY_low, KEY_high."""
     return finite({f"{key}_{end}": getattr(one, end) for key, one in numbers.items() for end in ("low", "high")})
 
 
-def bounds(one: Interval) -> tuple[Cell, Cell]:
+def bound_cells(one: Interval) -> tuple[Cell, Cell]:
     """Two cells: between what a figure lies; empty where there are fewer than two people."""
     return cell(one.low), cell(one.high)
 
@@ -52,7 +52,7 @@ def cell(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
-def ordering(claim: str, lower: Named, higher: Sequence[Named], unit: str, digits: int = 2) -> str | None:
+def ordering(claim: str, lower: NamedFigure, higher: Sequence[NamedFigure], unit: str, digits: int = 2) -> str | None:
     """Whether `lower` lies below all of `higher`, as the paper claims; None where a figure is missing.
 
     A difference counts only if its interval over people excludes 0.

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from bodysense_lab.scoring import Tally
-from bodysense_lab.table import surely
+from bodysense_lab.table import interval_bounds
 
 
 class Tallies(dict[tuple, Tally]):
@@ -31,4 +31,4 @@ class Tallies(dict[tuple, Tally]):
 
     def figures(self, name: str, *key: object) -> dict[str, float]:
         """Return the mean under a key as `name`, and its bounds."""
-        return {name: self.mean(*key)} | surely({name: self[key].interval()})
+        return {name: self.mean(*key)} | interval_bounds({name: self[key].interval()})

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from bodysense.ranges import Count, Seed
-from bodysense_lab.commands.reporting import counting, finish, open_data
+from bodysense_lab.commands.reporting import finish, open_data, progress_bar
 from bodysense_lab.options import Data, Flat, Table, TableOptions
 from bodysense_lab.pahmt.options import ArmTableTraining, ArmTraining, Studio
 
@@ -53,6 +53,6 @@ def pahmt_table1(
     from bodysense_lab.pahmt.tables import arm_report, rows_in, score_arms
 
     chosen, rows = open_data(data, table), rows_in(networks, model)
-    with counting("scored", chosen.count()) as advance:
+    with progress_bar("scored", chosen.count()) as advance:
         scored = score_arms(rows, chosen, stride, seed, advance, studio)
     finish(arm_report(scored, chosen, studio.keypoints == "perfect"), table)

@@ -14,7 +14,15 @@ from bodysense.devices.simulated.sensors import SENSOR_SETS
 from bodysense.errors import BodysenseError
 from bodysense.files import check_place
 from bodysense.ranges import Count, Processes
-from bodysense_lab.commands.reporting import check_places, counted, counting, finish, open_data, print_report, show
+from bodysense_lab.commands.reporting import (
+    check_places,
+    finish,
+    open_data,
+    print_report,
+    progress_bar,
+    show,
+    with_progress_bar,
+)
 from bodysense_lab.completion.options import (
     BODIES,
     TABLE_SETS,
@@ -37,10 +45,10 @@ def completion(run: Flat[CompletionTraining]) -> None:
     from bodysense_lab.completion.publish import publish, rounded
     from bodysense_lab.completion.task import CompletionTask
     from bodysense_lab.completion.train import fingers_of_completion, train_completion
-    from bodysense_lab.fit import announced
+    from bodysense_lab.fit import announce_run
 
     check_place(run.out)
-    fabric = announced(run, CompletionTask)
+    fabric = announce_run(run, CompletionTask)
     body = train_completion(run, fabric)
     fingers = fingers_of_completion(run, fabric)
     if not fabric.is_global_zero:
@@ -59,10 +67,10 @@ def completion_fingers(run: Flat[FingerTraining]) -> None:
     """
     from bodysense_lab.completion.task import FingerTask
     from bodysense_lab.completion.train import train_fingers
-    from bodysense_lab.fit import announced
+    from bodysense_lab.fit import announce_run
 
     check_place(run.out)
-    fabric = announced(run, FingerTask)
+    fabric = announce_run(run, FingerTask)
     train_fingers(run, fabric)
     fabric.print(f"wrote {run.out}")
 
@@ -74,10 +82,10 @@ def completion_joining(run: Flat[JoiningTraining]) -> None:
     the folder of the run, which also keeps the takes.
     """
     from bodysense_lab.completion.joining_task import JoiningTask, train_joining, write_joining
-    from bodysense_lab.fit import announced
+    from bodysense_lab.fit import announce_run
 
     check_place(run.out)
-    fabric = announced(run, JoiningTask)
+    fabric = announce_run(run, JoiningTask)
     network = train_joining(run, fabric)
     if not fabric.is_global_zero:
         return
@@ -136,8 +144,8 @@ def completion_table(
     from bodysense_lab.completion.tables import CompletionSettings, completion_reports
     from bodysense_lab.completion.tracking import TakenBy, TrackedBy, step_times
     from bodysense_lab.completion.worst import draw_worst
-    from bodysense_lab.datasets import Census, census_of, named_data
-    from bodysense_lab.spread import spread
+    from bodysense_lab.datasets import Census, census_of, open_data_set
+    from bodysense_lab.parallel import parallel_map
     from bodysense_lab.table import write_csv
 
     _check_choice(sets, bodies, takes, backward_model, joining_model)
@@ -147,25 +155,25 @@ def completion_table(
     track = TrackedBy(model)
     both_ways = TakenBy(model, backward_model, joining_model) if takes else None
     _ = track.network, both_ways and both_ways.networks  # refuses files of other things before any work
-    chosen = named_data(data, split)
+    chosen = open_data_set(data, split)
     settings = CompletionSettings(split, sets, bodies, 200 if lattice else 0, takes)
     network = "packaged" if model is None else str(model.resolve())
     kept = None if keep is None else KeptClips.open(keep, settings, network)
     total = chosen.count()
-    clips = list(counted(open_clips(chosen.path, split, at_most=limit), "read", min(total, limit or total)))
+    clips = list(with_progress_bar(open_clips(chosen.path, split, at_most=limit), "read", min(total, limit or total)))
     census = sum(map(census_of, clips), start=Census())
     mean_body = None
     if "headset_camera" in sets:
-        with counting("averaging bodies") as advance:
+        with progress_bar("averaging bodies") as advance:
             mean_body = cached_mean_body(chosen.path, advance)
-    with counting("scored", work_of(len(clips), settings)) as advance:
+    with progress_bar("scored", work_of(len(clips), settings)) as advance:
         table = evaluate_completion(
             clips,
             settings,
             track=track,
             takes=both_ways,
             times=partial(step_times, network=track.network),
-            spread=partial(spread, jobs=jobs or os.cpu_count() or 1, scheduler=scheduler),
+            parallel_map=partial(parallel_map, jobs=jobs or os.cpu_count() or 1, scheduler=scheduler),
             mean_body=mean_body,
             kept=kept,
             advance=lambda done, what: advance(what, done),
@@ -224,14 +232,14 @@ def amass_p1(
     from bodysense_lab.clips import spread_evenly
     from bodysense_lab.completion.tables import sample_remark
     from bodysense_lab.completion.tracking import TrackedBy
-    from bodysense_lab.spread import spread
+    from bodysense_lab.parallel import parallel_map
 
     check_places(json)
     listed, missing = listed_sources(amass, split_lists)
     test = [source for source in listed if source.split == "test"]
     chosen = spread_evenly(test, limit)
     work = partial(score_source, model=smpl_model, track=TrackedBy(model))
-    scores = [one for _, one in counted(spread(work, chosen, jobs), "scored", len(chosen))]
+    scores = [one for _, one in with_progress_bar(parallel_map(work, chosen, jobs), "scored", len(chosen))]
     remarks = [f"{len(chosen)} of {len(test)} test clips in {amass}."]
     if len(chosen) < len(test):
         people = [source.person for source in chosen]
@@ -307,7 +315,7 @@ def holes(
     source = open_data(data, table)
     total = source.count()
     count = min(total, 6 if table.quick else clips or total)
-    with counting("scored", count) as advance:
+    with progress_bar("scored", count) as advance:
         chosen = open_clips(source.path, source.split, at_most=count)
         gaps = score_holes(chosen, parts=parts or tuple(PARTS), advance=advance)
     report = report_of(gaps, source.name)

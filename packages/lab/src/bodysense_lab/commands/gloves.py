@@ -11,7 +11,7 @@ import tyro
 
 from bodysense.errors import BodysenseError
 from bodysense.ranges import Count, Seed
-from bodysense_lab.commands.reporting import check_outputs, counting, finish, open_data
+from bodysense_lab.commands.reporting import check_outputs, finish, open_data, progress_bar
 from bodysense_lab.options import Flat, Table, TableOptions
 from bodysense_lab.two_hands.options import GloveTraining
 
@@ -176,7 +176,7 @@ def gloves_layouts(hands: Count | None = None, table: Table = TableOptions()) ->
 
     check_outputs(table)
     count = hands or (1 if table.quick else 20)
-    with counting("scoring gloves", count * len(layouts())) as advance:
+    with progress_bar("scoring gloves", count * len(layouts())) as advance:
         report = layout_table(count, advance)
     finish(report, table)
 
@@ -200,12 +200,12 @@ def _pairs(
     chosen, found, census = None, dict[str, F](), Census()
     if data is not None:
         chosen = open_data(data, table)
-        with counting("scored", chosen.count()) as advance:
+        with progress_bar("scored", chosen.count()) as advance:
             found, census = over_clips(work, chosen.clips(), table.processes, advance)
         if not found:
             raise BodysenseError(f"{data}: no clip has fingers; give motion with fingers, or leave --data out")
     if seeds:
-        with counting("synthesised hands", len(seeds)) as advance:
+        with progress_bar("synthesised hands", len(seeds)) as advance:
             found[SYNTHESISED] = over_seeds(work, seeds, table.processes, advance)
     return chosen, found, census
 
@@ -226,6 +226,6 @@ def _score_hands(
     check_outputs(table)
     chosen = None if data is None else open_data(data, table)
     synthesised = 0 if by_person and chosen is not None else 2 if table.quick else 20
-    with counting("scoring hands", synthesised + (0 if chosen is None else chosen.count())) as advance:
+    with progress_bar("scoring hands", synthesised + (0 if chosen is None else chosen.count())) as advance:
         measured = measure(work, chosen, synthesised, table.processes, advance, by_person)
     finish(report(measured), table)

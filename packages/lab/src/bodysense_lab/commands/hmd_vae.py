@@ -12,7 +12,7 @@ from bodysense.cli.options import Reading
 from bodysense.errors import BodysenseError
 from bodysense.io.reading_options import AS_FOUND
 from bodysense.ranges import Processes
-from bodysense_lab.commands.reporting import counted, counting, finish, open_data
+from bodysense_lab.commands.reporting import finish, open_data, progress_bar, with_progress_bar
 from bodysense_lab.hmd_vae.options import VaeTraining, check_list
 from bodysense_lab.options import Data, Flat, Output, Table, TableOptions, check_ending
 
@@ -84,9 +84,9 @@ def hmd_vae_figures(
         raise BodysenseError("--split-file scores its own test motions; leave --split and --quick out")
     chosen, files = open_data(data, table), vaes_in(networks)
     total = chosen.count() if split_file is None else list(read_split_file(split_file).values()).count("test")
-    with counting("read", total) as advance:
+    with progress_bar("read", total) as advance:
         frames, census = read_test(chosen, advance, split_file)
-    scored = [score_vae(name, files[name], frames, threads) for name in counted(files, "scored", len(files))]
+    scored = [score_vae(name, files[name], frames, threads) for name in with_progress_bar(files, "scored", len(files))]
     figures, later = vae_report(scored, census, chosen), metrics_report(scored, census, chosen)
     if split_file is not None:
         listed = f"Of it, the test motions of {split_file}."

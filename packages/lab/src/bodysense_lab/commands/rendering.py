@@ -29,7 +29,7 @@ def render(run: Flat[Rendering]) -> None:
     from rich.console import Console
     from rich.progress import Progress
 
-    from bodysense_lab.rendering.take import RATE, film, plan_gestures
+    from bodysense_lab.rendering.take import RATE, plan_gestures, render_take
 
     rng, out = np.random.default_rng(run.seed), run.out
     planned = plan_gestures(rng)[: run.videos] if run.motion is None else _planned(run, run.motion, rng)
@@ -41,7 +41,7 @@ def render(run: Flat[Rendering]) -> None:
             if (out / f"{take.name}.mp4").is_file() and (out / f"{take.name}.npz").is_file():
                 progress.update(bar, advance=len(take.time))
                 continue
-            film(take, scene, out, run.pixels, lambda: progress.update(bar, advance=1))
+            render_take(take, scene, out, run.pixels, lambda: progress.update(bar, advance=1))
     length = sum(len(take.time) / RATE for take, _ in planned)
     is_short = run.motion is not None and len(planned) < run.videos
     said = f"; no more of {run.videos}: the motion has no more in which hands move" if is_short else ""
@@ -93,13 +93,13 @@ def video_rendered(
     """
     from bodysense.devices.video.arms import load_arms
     from bodysense.devices.video.landmarker_files import find_landmarkers
-    from bodysense_lab.commands.reporting import check_outputs, counting, finish
+    from bodysense_lab.commands.reporting import check_outputs, finish, progress_bar
     from bodysense_lab.rendering.tables import score_videos, video_report
     from bodysense_lab.rendering.take import list_takes
 
     written = TableOptions(out=out, json=json)
     check_outputs(written)
     network, truths, files = load_arms(model), list_takes(videos), find_landmarkers(landmarkers)
-    with counting("watched", len(truths)) as advance:
+    with progress_bar("watched", len(truths)) as advance:
         table = score_videos(truths, files, network, advance)
     finish(video_report(table, videos.name), written)

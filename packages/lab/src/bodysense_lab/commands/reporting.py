@@ -41,14 +41,14 @@ def open_data(data: str, table: TableOptions) -> DataSet:
 
 def open_sets(data: Sequence[str], table: TableOptions) -> list[DataSet]:
     """Return several data sets, as the options have them; the table's outputs are known to be writable."""
-    from bodysense_lab.datasets import named_data
+    from bodysense_lab.datasets import open_data_set
 
     check_outputs(table)
-    return [named_data(one, table.split, table.quick) for one in data]
+    return [open_data_set(one, table.split, table.quick) for one in data]
 
 
 @contextmanager
-def counting(what: str, total: int | None = None) -> Iterator[Callable[..., None]]:
+def progress_bar(what: str, total: int | None = None) -> Iterator[Callable[..., None]]:
     """Display progress over `total` pieces; yields a function to call after each.
 
     It takes the piece, whose name is displayed, or a name; and how many are done, one if omitted.
@@ -73,9 +73,9 @@ def counting(what: str, total: int | None = None) -> Iterator[Callable[..., None
         yield advance
 
 
-def counted(pieces: Iterable[Piece], what: str, total: int) -> Iterator[Piece]:
+def with_progress_bar(pieces: Iterable[Piece], what: str, total: int) -> Iterator[Piece]:
     """Yield pieces; display progress over them, `total` in all."""
-    with counting(what, total) as advance:
+    with progress_bar(what, total) as advance:
         for piece in pieces:
             yield piece
             advance(piece)

@@ -12,7 +12,7 @@ from tyro.extras import SubcommandApp
 
 from bodysense.errors import BodysenseError
 from bodysense_lab.commands import arms, completion, gloves, hmd_vae
-from bodysense_lab.options import Flat, trial_of
+from bodysense_lab.options import Flat, as_trial
 from bodysense_lab.unoc.options import BodyTraining, FingersTraining, TablesTraining, UpperBodyTraining
 
 
@@ -36,7 +36,7 @@ def checked(train: Callable[[Any], None]) -> Callable[[Any], None]:
     def begin(run: Any) -> None:
         if run.data is not None and not run.data.is_dir():
             raise BodysenseError(f"--data {run.data}: no such folder; give a folder of motion, or a prepared store")
-        train(trial_of(run))
+        train(as_trial(run))
 
     return begin
 

@@ -13,10 +13,10 @@ import tyro
 from bodysense.errors import BodysenseError
 from bodysense_lab.commands.reporting import (
     check_places,
-    counting,
     finish,
     open_data,
     open_sets,
+    progress_bar,
     show,
     tracker_settings,
 )
@@ -42,12 +42,12 @@ Networks = Annotated[Path, tyro.conf.arg(help="folder that `bodysense train unoc
 
 def unoc_table1(data: Sets, table: Table = TableOptions(split="all")) -> None:
     """UNOC, Table 1: share and duration of occlusion, and share of self-contact; a column a data set, or a category."""
-    from bodysense_lab.datasets import gathered
+    from bodysense_lab.datasets import gather_results
     from bodysense_lab.unoc.occlusion import count_clip, occlusion_report
 
     sets = open_sets(data, table)
-    with counting("scored", sum(one.count() for one in sets)) as advance:
-        counted = [(one, *gathered(count_clip, one.clips(), table.processes, advance)) for one in sets]
+    with progress_bar("scored", sum(one.count() for one in sets)) as advance:
+        counted = [(one, *gather_results(count_clip, one.clips(), table.processes, advance)) for one in sets]
     finish(occlusion_report(counted), table)
 
 
@@ -108,7 +108,7 @@ def unoc_table5(
     files = _named(finger_networks, "--finger-networks")
     hands = {name: load_point_model("fingers", file) for name, file in files.items()}
     trained = {name: networks_in(folder, ["gru"])["gru"] for name, folder in folders.items()}
-    with counting("scored", sum(one.count() for one in sets)) as advance:
+    with progress_bar("scored", sum(one.count() for one in sets)) as advance:
         scores, last_known = score_pairs(sets, trained, table.out, stride, table.processes, advance)
     fingers = synthesis_errors(sets, hands) if hands else None
     finish(cross_report(list(trained), sets, scores, last_known, fingers), table)
@@ -175,16 +175,20 @@ def finger_synthesis(data: Data, split: Split = "test", model: Path | None = Non
         model: network written by `bodysense train fingers`; the packaged one if omitted.
     """
     from bodysense.papers.point_model import load_point_model
-    from bodysense_lab.datasets import gathered, named_data
+    from bodysense_lab.datasets import gather_results, open_data_set
     from bodysense_lab.scoring import group_of
     from bodysense_lab.unoc.finger_scores import examples_of, finger_errors, finger_report
 
     check_places(json)
-    scored, known, network = named_data(data, split), named_data(data, "train"), load_point_model("fingers", model)
+    scored, known, network = (
+        open_data_set(data, split),
+        open_data_set(data, "train"),
+        load_point_model("fingers", model),
+    )
     clips = (clip for clip in scored.clips() if clip.has_fingers and group_of(clip) == "main")
-    with counting("scored", scored.count()) as advance:
+    with progress_bar("scored", scored.count()) as advance:
         work = partial(finger_errors, examples=examples_of(known.clips()), model=network)
-        found, census = gathered(work, clips, 1, advance)
+        found, census = gather_results(work, clips, 1, advance)
     show(finger_report(found, census, scored), json)
 
 
@@ -195,24 +199,24 @@ def _score(
     report: Callable[[dict[Any, Any], Census, DataSet], Report],
 ) -> None:
     """Gather the results of every clip of a data set, and report them."""
-    from bodysense_lab.datasets import gathered
+    from bodysense_lab.datasets import gather_results
 
     chosen = open_data(data, table)
-    with counting("scored", chosen.count()) as advance:
-        found, census = gathered(work, chosen.clips(), table.processes, advance)
+    with progress_bar("scored", chosen.count()) as advance:
+        found, census = gather_results(work, chosen.clips(), table.processes, advance)
     finish(report(found, census, chosen), table, chosen)
 
 
 def _named(pairs: tuple[str, ...], option: str) -> dict[str, Path]:
     """NAME=PATH, by name."""
-    from bodysense_lab.datasets import set_name
+    from bodysense_lab.datasets import catalogue_name
 
     result = {}
     for pair in pairs:
         name, equals, path = pair.partition("=")
         if not (name and equals and path):
             raise BodysenseError(f"{option} {pair!r}: write NAME=PATH, the name of the data set that it was trained on")
-        result[set_name(name)] = Path(path)
+        result[catalogue_name(name)] = Path(path)
     return result
 
 
@@ -226,6 +230,6 @@ def _network_table(
     chosen = open_data(data, table)
     files = {} if networks is None else networks_in(networks, [n for n in rows.methods if n not in OWN_NAMES])
     work = Work(files, shipped, stride)
-    with counting("scored", chosen.count()) as advance:
+    with progress_bar("scored", chosen.count()) as advance:
         scores = score(chosen, networks or table.out, work, table.processes, advance)
     finish(network_report(rows, scores, chosen), table, chosen)

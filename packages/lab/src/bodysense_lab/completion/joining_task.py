@@ -34,9 +34,9 @@ from bodysense_lab.completion.options import JoiningTraining
 from bodysense_lab.completion.points import partners
 from bodysense_lab.completion.publish import QUANTILE
 from bodysense_lab.completion.weights_file import safetensors_bytes
-from bodysense_lab.fit import Task, begin, cut, fit
+from bodysense_lab.fit import Task, cut_frames, fit, set_seed_and_threads
 from bodysense_lab.options import Schedule
-from bodysense_lab.progress import counted, read_clips
+from bodysense_lab.progress import log_progress, read_clips
 from bodysense_lab.scoring import RATE
 
 _PARENTS, _HEAD = default_skeleton().parents[:JOINTS], BODY.index("head")
@@ -192,7 +192,7 @@ class JoiningTask(Task):
 
 
 def _batch(pieces: list[tuple[JoinedTake, int]], frames: int) -> dict[str, Tensor]:
-    batch = cut(pieces, frames, _ARRAYS)
+    batch = cut_frames(pieces, frames, _ARRAYS)
     batch = {name: values.float() if values.dtype == torch.float16 else values for name, values in batch.items()}
     offset = np.stack([take.rest_offset for take, _ in pieces])
     return batch | {"rest_offset": torch.from_numpy(offset)[:, None]}
@@ -259,7 +259,7 @@ def make_errors_true(network: JoiningModule, takes: Sequence[JoinedTake]) -> Non
 
 def train_joining(options: JoiningTraining, fabric: Fabric) -> JoiningModule:
     """Train, or resume, and return the network with the weights that did best on validation takes."""
-    begin(options.schedule.seed, options.threads)
+    set_seed_and_threads(options.schedule.seed, options.threads)
     with fabric.rank_zero_first():  # the others find the takes in the folder of the run
         learned = _takes(options, "train", options.frames, options.schedule.seed)
         watched = _takes(options, "val", min(options.frames, _VALIDATION_FRAMES), _VALIDATION_SEED)
@@ -275,7 +275,7 @@ def train_joining(options: JoiningTraining, fabric: Fabric) -> JoiningModule:
 def _takes(options: JoiningTraining, split: Split, frames: int, seed: int) -> list[JoinedTake]:
     def draw() -> Iterator[JoinedTake]:
         clips = list(read_clips(options.data, split, options.limit))
-        with counted(f"completing takes of the {split} split, frames", frames) as advance:
+        with log_progress(f"completing takes of the {split} split, frames", frames) as advance:
             for take in draw_takes(clips, split, np.random.default_rng(seed)):
                 advance(len(take))
                 yield take

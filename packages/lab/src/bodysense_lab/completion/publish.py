@@ -19,7 +19,7 @@ from bodysense.devices.simulated.sensors import SENSOR_SETS, SensorSet
 from bodysense.io.clip import Clip
 from bodysense.io.datasets.splits import Split
 from bodysense.tracker import Tracker
-from bodysense_lab.clips import learned_clips
+from bodysense_lab.clips import training_clips
 from bodysense_lab.completion.corpus import read_corpus
 from bodysense_lab.completion.error_map import (
     CERTAINTY_SCALE,
@@ -215,7 +215,7 @@ def _scenes(data: Path, split: Split, limit: int | None, backward: bool) -> dict
     """
     truths: tuple[Truth, ...] = ("own", "stranger")
     scenes: dict[Truth, list[list[TrackedScene]]] = {truth: [] for truth in truths}
-    clips = [_piece(clip) for clip in learned_clips(data, split, limit) if clip.category in WORN]
+    clips = [_piece(clip) for clip in training_clips(data, split, limit) if clip.category in WORN]
     if split == "train":
         clips = _few_of_each_person(clips)
     clips += list(settled_clips(clips))

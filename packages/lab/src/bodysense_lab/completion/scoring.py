@@ -40,8 +40,8 @@ from bodysense_lab.completion.tables import (
     headline,
 )
 from bodysense_lab.completion.tracking import StepTimes, Tracked, TrackPeople, TrackTake, step_times, track_people
+from bodysense_lab.parallel import parallel_map
 from bodysense_lab.scoring import RATE
-from bodysense_lab.spread import spread
 
 TIMED_FRAMES = 330  # of one wearer, to tell how long a step takes
 _EDGES = 10  # of the lattice that one process scores at a time
@@ -60,7 +60,7 @@ def evaluate_completion(
     track: TrackPeople = track_people,
     takes: TrackTake | None = None,
     times: StepTimes | None = step_times,
-    spread: Spread = partial(spread, jobs=1),
+    parallel_map: Spread = partial(parallel_map, jobs=1),
     kept: KeptClips | None = None,
     advance: Callable[[int, str], None] = lambda count, what: None,
 ) -> CompletionTable:
@@ -73,7 +73,7 @@ def evaluate_completion(
         track: tracks people side by side.
         takes: completes whole takes with past and future; None leaves them out.
         times: times the steps of one wearer; None leaves this out.
-        spread: where the work is done.
+        parallel_map: where the work is done.
         kept: results of clips that are scored already, and where those of others are kept.
         advance: called with the number of clips of a cell, or edges of the lattice, that are done, and their kind.
     """
@@ -92,7 +92,7 @@ def evaluate_completion(
         for batch in batches(missing):
             jobs.append((batch, truth))
         advance(_work_done(len(clips) - len(missing), settings, truth), "clips kept from before")
-    for (batch, truth), parts in spread(_Scorer(settings, mean_body, track, takes), jobs):
+    for (batch, truth), parts in parallel_map(_Scorer(settings, mean_body, track, takes), jobs):
         for clip, part in zip(batch, parts, strict=True):
             table.merge(part)
             if kept is not None:
@@ -105,7 +105,7 @@ def evaluate_completion(
         judged = [scene_of(clip, "stranger", settings.split) for batch in groups for clip in batch]
         edges = random_edges(settings.edges)
         some = [edges[first : first + _EDGES] for first in range(0, len(edges), _EDGES)]
-        for of, scores in spread(partial(score_lattice, scenes=choose_scenes(judged), track=track), some):
+        for of, scores in parallel_map(partial(score_lattice, scenes=choose_scenes(judged), track=track), some):
             table.lattice.extend(scores)
             advance(len(of), "edges")
     return table

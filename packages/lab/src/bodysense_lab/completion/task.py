@@ -26,7 +26,7 @@ from bodysense_lab.completion.points import JOINTS
 from bodysense_lab.completion.postures import low_share, standing_share
 from bodysense_lab.completion.sensor_draws import worn
 from bodysense_lab.completion.sequences import Sequence, draw_hands, draw_sequence
-from bodysense_lab.fit import Task, played
+from bodysense_lab.fit import Task, stream_sequences
 from bodysense_lab.options import Schedule
 from bodysense_lab.precision import layer_autocast
 
@@ -75,7 +75,7 @@ class CompletionTask(Task):
     def batches(self, rng: np.random.Generator, done: int = 0) -> Iterator[SequenceBatch]:
         """Streams that play whole sequences, side by side; drawn by the length of their clips."""
         chunk = self.configuration.chunk
-        for pieces, begins in played(self.drawing(rng), self.configuration.streams, chunk):
+        for pieces, begins in stream_sequences(self.drawing(rng), self.configuration.streams, chunk):
             yield collate(pieces, chunk, begins)
 
     def loss(self, batch: SequenceBatch, memory: Tensor | None) -> tuple[dict[str, Tensor], Tensor]:

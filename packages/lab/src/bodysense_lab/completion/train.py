@@ -24,7 +24,7 @@ from bodysense_lab.completion.task import (
     FingerTaskConfig,
     validation_batches,
 )
-from bodysense_lab.fit import begin, fit
+from bodysense_lab.fit import fit, set_seed_and_threads
 
 _VALIDATION_STRIDE = 3  # of the validation clips every n-th is scored at a checkpoint
 
@@ -88,7 +88,7 @@ def train_fingers(
 
 def _begin(options: CompletionTraining | FingerTraining, fabric: Fabric) -> tuple[Corpus, Corpus]:
     """Set seed and threads, and return the motion to learn from and to validate."""
-    begin(options.schedule.seed, options.threads)
+    set_seed_and_threads(options.schedule.seed, options.threads)
     with fabric.rank_zero_first():  # the others find what it read in the cache
         return read_corpus(options.data, "train", options.limit), read_corpus(options.data, "val", options.limit)
 

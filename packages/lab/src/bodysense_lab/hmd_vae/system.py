@@ -15,7 +15,7 @@ from bodysense.observation import Observation
 from bodysense.open import MotionSource, Opened
 from bodysense.papers.hmd_vae import BodyVaeEstimator, BodyVaeModel, BodyVaeState, load_body_vae
 from bodysense.signals import signal_from
-from bodysense_lab.paper_options import PaperOptions, Variant, untrained
+from bodysense_lab.paper_options import PaperOptions, Variant, missing_weights_error
 from bodysense_lab.tracked_clip import tracked_clip
 
 MODELS: tuple[Variant, ...] = ("0", "1", "2", "3", "4")
@@ -48,7 +48,7 @@ def _model(options: PaperOptions) -> BodyVaeModel:
     if options.networks is None and wanted != PACKAGED:
         train = "bodysense train hmd-vae --data DIR --model"
         before, decoder = (f"{train} 0 -o zero.pt, then ", " --decoder zero.pt") if wanted == "3" else ("", "")
-        raise untrained(
+        raise missing_weights_error(
             f"--variant {wanted}",
             f"{before}{train} {wanted}{decoder} -o model{wanted}.onnx",
             f"--networks model{wanted}.onnx",

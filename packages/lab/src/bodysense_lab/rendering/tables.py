@@ -23,7 +23,7 @@ from bodysense.devices.video.person import PersonLandmarks, arm_keypoints, joine
 from bodysense.errors import BodysenseError
 from bodysense.tracker import Tracker, TrackerSettings
 from bodysense_lab.chart import BarPanel, plain_bars
-from bodysense_lab.intervals import Named
+from bodysense_lab.intervals import NamedFigure
 from bodysense_lab.pahmt.errors import arm_errors
 from bodysense_lab.pahmt.system import watched
 from bodysense_lab.pahmt.tables import solved_from_positions
@@ -64,7 +64,8 @@ PUBLISHED = {
     "PAHMT, published": {"overall_cm": 13.75, "arms_rad": 0.1614},
 }
 _FIRST = "_first"  # ending of the group that holds the first second of another
-SHOWN = ("network", "landmarks_ik", "positions_ik")  # of which bones are compared; the landmarks themselves, the truth
+# Methods whose bones are compared. For IK these are the bones of its input: the landmarks, the true positions.
+BONE_METHODS = ("network", "landmarks_ik", "positions_ik")
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,24 +137,24 @@ def score_videos(
     table = VideoTable()
     for path in truths:
         take = read_take(path)
-        person = watch(path.with_suffix(".mp4"), files)
+        person = find_landmarks(path.with_suffix(".mp4"), files)
         if len(person) != len(take.time):
             raise BodysenseError(
                 f"{path}: the video has {len(person)} pictures, the truth {len(take.time)}; render it again"
             )
-        said, bones = completed(take, person, model)
+        said, bones = complete_by_all_methods(take, person, model)
         table.add(take, person, said)
         table.add_bones(take, bones)
         advance(take.name)
     return table
 
 
-def watch(video: Path, files: LandmarkerFiles) -> PersonLandmarks:
+def find_landmarks(video: Path, files: LandmarkerFiles) -> PersonLandmarks:
     """The landmarks of the person in a video with one, (T,) of all its pictures."""
     return joined_landmarks(watched(str(video), files, LandmarkerSettings(people=1)))
 
 
-def completed(
+def complete_by_all_methods(
     take: RenderedTake, person: PersonLandmarks, model: ArmModel, tracker: CompletionModel | None = None
 ) -> tuple[dict[str, np.ndarray], dict[str, ArmBones]]:
     """Complete a video's landmarks and its true key-points by every method.
@@ -164,7 +165,7 @@ def completed(
     arms = Arms(default_skeleton(), model)
     true = arms.complete(take.keypoints()).estimate.pose
     assert true is not None
-    pose, camera = tracked(VideoDevice(default_skeleton(), arms, float(take.camera.aspect)), person, tracker)
+    pose, camera = track_body(VideoDevice(default_skeleton(), arms, float(take.camera.aspect)), person, tracker)
     said = {
         "network": arms_from_torso(pose),
         "landmarks_ik": arms_from_torso(LandmarkIk(default_skeleton()).complete(person)),
@@ -172,10 +173,10 @@ def completed(
         "positions_ik": solved_from_positions(take.pose),
     }
     shown = (bones_of(pose, camera), bones_of_landmarks(person), bones_of(take.pose, take.camera))
-    return said, dict(zip(SHOWN, shown, strict=True))
+    return said, dict(zip(BONE_METHODS, shown, strict=True))
 
 
-def tracked(
+def track_body(
     device: VideoDevice, person: PersonLandmarks, network: CompletionModel | None = None
 ) -> tuple[Pose, Camera]:
     """Return the body in the room and the camera (T,) that `bodysense track` finds for landmarks (T,)."""
@@ -217,7 +218,7 @@ def video_report(table: VideoTable, name: str) -> Report:
         ("forearm_twist_deg", "So is the forearm about itself"),
     ):
         for ours, theirs in (("network", "landmarks_ik"), ("network_true", "positions_ik")):
-            lower, higher = (Named(METHODS[who], table.get(who, measure)) for who in (ours, theirs))
+            lower, higher = (NamedFigure(METHODS[who], table.get(who, measure)) for who in (ours, theirs))
             remarks.append(ordering(claim, lower, [higher], "°", digits=1))
     rates = ", ".join(
         f"{word} in {numbers[key + suffix]:.1%}"

@@ -23,6 +23,7 @@ from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
 from bodysense_lab.pahmt.camera_view import VIEW_POINTS, CameraRange, view, view_points
 from bodysense_lab.rendering.character import FIGURES, load_figure
+from bodysense_lab.rendering.renderer import open_renderer
 from bodysense_lab.rendering.scene import (
     ROOM,
     WEBCAM,
@@ -33,7 +34,6 @@ from bodysense_lab.rendering.scene import (
     sample_camera,
     sample_scene,
 )
-from bodysense_lab.rendering.stage import open_stage
 from bodysense_lab.synthesis.paths import minimum_jerk
 
 _ARM = tuple[tuple[float, float, float], tuple[float, float, float]]
@@ -199,19 +199,19 @@ def plan_gestures(rng: np.random.Generator) -> list[tuple[RenderedTake, Scene]]:
         for number in range(len(FIGURES)):
             taken = plan_takes(clip, 1, np.ceil(clip.seconds), rng, number, where, rise)
             if clip.name == "moving_camera":
-                taken = [(_moved(take, rng), scene) for take, scene in taken]
+                taken = [(_with_moving_camera(take, rng), scene) for take, scene in taken]
             planned += taken
     return planned
 
 
-def _moved(take: RenderedTake, rng: np.random.Generator) -> RenderedTake:
+def _with_moving_camera(take: RenderedTake, rng: np.random.Generator) -> RenderedTake:
     """A take whose camera moves to another place, and turns, from the first picture to the last."""
     drawn = [camera for camera in (_camera(take.pose, rng, WHOLE) for _ in range(_PLACES)) if camera is not None]
     farthest = max(drawn, key=lambda camera: float(np.linalg.norm(camera.position - take.camera.position)))
     return replace(take, camera=move_camera(take.camera, farthest, len(take.time)))
 
 
-def film(
+def render_take(
     take: RenderedTake, scene: Scene, folder: Path, height: int = 480, advance: Callable[[], object] = lambda: None
 ) -> Path:
     """Draw a take into NAME.mp4 (H.264) of a folder and its truth into NAME.npz; returns the video's path.
@@ -223,7 +223,7 @@ def film(
     except ImportError:
         raise BodysenseError(f"writing videos needs PyAV; {how_to_install('packages/lab[render]')}") from None
     path, around = folder / f"{take.name}.mp4", np.median(take.pose.root_position, axis=0)
-    with written_beside(path) as beside, open_stage(scene, take.camera_at(0), height, around) as stage:
+    with written_beside(path) as beside, open_renderer(scene, take.camera_at(0), height, around) as stage:
         with av.open(str(beside), "w") as container:
             stream = container.add_stream("h264", rate=Fraction(RATE))
             stream.width, stream.height, stream.pix_fmt = *stage.size, "yuv420p"

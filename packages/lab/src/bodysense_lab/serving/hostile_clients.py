@@ -112,21 +112,21 @@ async def fuzz(frames: int, rng: np.random.Generator, counts: FuzzCounts) -> Non
             await _client(live, rng, frames, counts)
             if counts.frames - looked >= _WATCH_EVERY:
                 looked, moment = counts.frames, moment + 1 / 72
-                await _watch(watchman, moment, counts)
+                await _check_monitor(watchman, moment, counts)
             if watching.done():
                 counts.errors.append("the watchman's session ended")
                 return
-        await _watch(watchman, moment + 1 / 72, counts)
+        await _check_monitor(watchman, moment + 1 / 72, counts)
     finally:
         watchman.leave()
         await asyncio.gather(watching, return_exceptions=True)
         await live.stop()
 
 
-async def _watch(watchman: FakeSocket, moment: float, counts: FuzzCounts) -> None:
+async def _check_monitor(watchman: FakeSocket, moment: float, counts: FuzzCounts) -> None:
     """Check that an ordinary frame of another client is answered with a body of finite numbers."""
     watchman.shown.clear()
-    watchman.put(write_signal(_ordinary(0, moment)))
+    watchman.put(write_signal(_standing_signal(0, moment)))
     try:
         await asyncio.wait_for(watchman.shown.wait(), 30)
     except TimeoutError:
@@ -166,7 +166,7 @@ def message_of(rng: np.random.Generator, k: int) -> str | bytes:
     """Return the k-th message of a client, mostly a valid one, so that later stages are reached too."""
     choice = rng.random()
     if choice < 0.975:
-        return write_signal(_tracked(rng, k))
+        return write_signal(_random_signal(rng, k))
     if choice < 0.98:
         values = {
             "mirror": bool(rng.random() < 0.5),
@@ -179,16 +179,16 @@ def message_of(rng: np.random.Generator, k: int) -> str | bytes:
     if choice < 0.985:
         return str(rng.choice(['{"type":"recentre"}', '{"type":"calibrate"}', '{"type":"record","on":true}']))
     if choice < 0.99:
-        return broken(write_signal(_tracked(rng, k)), rng)
+        return corrupted(write_signal(_random_signal(rng, k)), rng)
     if choice < 0.993:
         return rng.bytes(int(rng.integers(0, 300)))
     if choice < 0.996:
         text = write_message(Hello(1, _POINTS)) if rng.random() < 0.5 else write_message(Change({"height": 1.8}))
-        return broken(text.encode(), rng).decode(errors="replace")
+        return corrupted(text.encode(), rng).decode(errors="replace")
     return "".join(rng.choice(_WORDS, int(rng.integers(1, 12))))
 
 
-def broken(data: bytes, rng: np.random.Generator) -> bytes:
+def corrupted(data: bytes, rng: np.random.Generator) -> bytes:
     """Return the data with some bytes changed, and sometimes cut or doubled."""
     found = bytearray(data)
     count = int(rng.integers(1, 8))
@@ -200,13 +200,13 @@ def broken(data: bytes, rng: np.random.Generator) -> bytes:
     return bytes(found * 2 if rng.random() < 0.05 else found)
 
 
-def _ordinary(sequence: int, time: float) -> SignalFrame:
+def _standing_signal(sequence: int, time: float) -> SignalFrame:
     places = np.array([[0, 1.6, 0], [-0.25, 1.1, -0.3], [0.25, 1.1, -0.3]], dtype=np.float32)
     turned = np.tile(np.array([1, 0, 0, 0], dtype=np.float32), (3, 1))
     return SignalFrame(sequence, time, np.arange(3), np.full(3, 3), places, turned)
 
 
-def _tracked(rng: np.random.Generator, k: int) -> SignalFrame:
+def _random_signal(rng: np.random.Generator, k: int) -> SignalFrame:
     """A frame that is well-formed, and may be nonsense: anywhere, at any time, any points."""
     count = int(rng.integers(0, len(_POINTS) + 1))
     wild = rng.random() < 0.1

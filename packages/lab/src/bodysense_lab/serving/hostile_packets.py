@@ -11,7 +11,7 @@ import numpy as np
 
 from bodysense.errors import BodysenseError
 from bodysense.io.osc import bundled, message_bytes
-from bodysense_lab.serving.hostile_clients import broken
+from bodysense_lab.serving.hostile_clients import corrupted
 from bodysense_lab.serving.solarxr_client import request
 from bodysense_live.slimevr import SlimevrState, take
 from bodysense_live.solarxr import read_bundle, settings_bundle
@@ -80,7 +80,7 @@ def _packet(good: tuple[bytes, ...], rng: np.random.Generator) -> bytes:
     if chance < 0.1:
         return rng.bytes(int(rng.integers(0, 120)))
     packet = good[int(rng.integers(len(good)))]
-    return packet if chance < 0.3 else broken(packet, rng)
+    return packet if chance < 0.3 else corrupted(packet, rng)
 
 
 def _read(reader: DeviceReader, good: tuple[bytes, ...], rng: np.random.Generator, state: list[Any], k: int) -> None:

@@ -13,7 +13,7 @@ from bodysense.errors import BodysenseError
 
 
 @contextmanager
-def served(*options: str, **environment: str) -> Iterator[tuple[str, subprocess.Popen[str]]]:
+def running_server(*options: str, **environment: str) -> Iterator[tuple[str, subprocess.Popen[str]]]:
     """`bodysense serve` with options, once it serves: its address, and the process. It ends with the block."""
     command = (sys.executable, "-m", "bodysense", "serve", "--port", "0", *options)
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=os.environ | environment) as process:

@@ -16,7 +16,7 @@ import psutil
 
 from bodysense.errors import BodysenseError
 from bodysense.io.protocol import POSE, SUBPROTOCOL, SignalFrame, read_pose, write_signal
-from bodysense_lab.serving.server import served
+from bodysense_lab.serving.server import running_server
 from bodysense_live.message_text import write_message
 from bodysense_live.messages import Hello, Resume
 
@@ -63,7 +63,8 @@ def soak(plan: SoakPlan, rng: np.random.Generator) -> SoakCounts:
     """Run it. Raises BodysenseError where the server does not start, or ends."""
     counts = SoakCounts()
     shared = () if plan.shared is None else ("--shared", plan.shared)
-    with served("--sessions", str(plan.sessions + 4), "--workers", str(plan.workers), *shared) as (address, process):
+    options = ("--sessions", str(plan.sessions + 4), "--workers", str(plan.workers), *shared)
+    with running_server(*options) as (address, process):
         asyncio.run(_all_wearers(f"{address.replace('http://', 'ws://')}ws", process, plan, rng, counts))
     return counts
 
@@ -94,7 +95,7 @@ async def _wearer(address: str, plan: SoakPlan, end: float, rng: np.random.Gener
     from websockets.asyncio.client import connect
     from websockets.typing import Subprotocol
 
-    resume, begun, seen = None, time.monotonic(), _Seen()
+    resume, begun, seen = None, time.monotonic(), _Received()
     while time.monotonic() < end:
         opened = connect(address, subprotocols=[Subprotocol(SUBPROTOCOL)], compression=None)
         try:
@@ -105,7 +106,7 @@ async def _wearer(address: str, plan: SoakPlan, end: float, rng: np.random.Gener
                 resume = Resume(welcome["session"], welcome["token"])
                 until = min(end, time.monotonic() + rng.exponential(plan.seconds_connected))
                 reader = asyncio.create_task(_read(client, len(welcome["points"]), counts, seen))
-                await _wear(client, plan, begun, until, rng, counts, reader)
+                await _send_frames(client, plan, begun, until, rng, counts, reader)
                 was_cut = reader.done()
                 client.transport.abort()  # as if the network were gone
                 reader.cancel()
@@ -123,7 +124,7 @@ async def _wearer(address: str, plan: SoakPlan, end: float, rng: np.random.Gener
 
 
 @dataclass
-class _Seen:
+class _Received:
     """Messages that a wearer received."""
 
     last: float | None = None  # s, when the last answer came; None after their own network was gone
@@ -149,7 +150,7 @@ def workers_of(server: int) -> list[int]:
     return sorted(found)
 
 
-async def _wear(
+async def _send_frames(
     client: object,
     plan: SoakPlan,
     begun: float,
@@ -175,7 +176,7 @@ async def _wear(
     while time.monotonic() < until and not reader.done():
         due += 1 / plan.rate
         await asyncio.sleep(max(0.0, due - loop.time()))
-        data = write_signal(worn(counts.sent, time.monotonic() - begun, phase))
+        data = write_signal(swaying_wearer(counts.sent, time.monotonic() - begun, phase))
         counts.sent += 1
         chance = rng.random()
         if chance < plan.loss:
@@ -188,7 +189,7 @@ async def _wear(
             await send(data)
 
 
-async def _read(client: object, points: int, counts: SoakCounts, seen: _Seen) -> None:
+async def _read(client: object, points: int, counts: SoakCounts, seen: _Received) -> None:
     """Take poses until the connection breaks."""
     if seen.last is None:
         seen.last = time.monotonic()
@@ -203,7 +204,7 @@ async def _read(client: object, points: int, counts: SoakCounts, seen: _Seen) ->
             seen.last = now
 
 
-def worn(sequence: int, now: float, phase: float) -> SignalFrame:
+def swaying_wearer(sequence: int, now: float, phase: float) -> SignalFrame:
     """Return head and wrists of a wearer who sways and waves."""
     a, b = np.sin(now + phase), np.sin(2.3 * now + phase)
     places = np.array(

@@ -24,8 +24,8 @@ from bodysense.last_known import Hold
 from bodysense.metrics import joint_error
 from bodysense.pictures.animation import write_animation
 from bodysense.pictures.camera import FollowingCamera, Lens, follow_body
+from bodysense_lab.parallel import parallel_map
 from bodysense_lab.scoring import RATE, scored_points
-from bodysense_lab.spread import spread
 from bodysense_lab.study.study import CONDITIONS, Condition, StudyKey, draw_key, write_key
 from bodysense_lab.unoc.ik_tracker import Estimator, IkTracker, IkTrackerSettings
 from bodysense_lab.unoc.learned import Learned, load_model
@@ -153,7 +153,7 @@ def build_study(
         place = write_study_page(site, key.study, [scene.ring for scene in key.scenes])
         work = _renderings(key, scenes, settings.lens, place)
         advance(0, len(work))
-        for done, _ in enumerate(spread(_render, work, jobs), start=1):
+        for done, _ in enumerate(parallel_map(_render, work, jobs), start=1):
             advance(done, len(work))
         write_key(beside / "key.json", key)
     return key, scenes

@@ -69,7 +69,7 @@ def varied_hand(hand: Skeleton, spread: float, rng: np.random.Generator) -> Skel
 
 
 def move_fingers(time: np.ndarray, hand: Skeleton, keys: KeyPoses, rng: np.random.Generator) -> np.ndarray:
-    """Return angles (T, 26) rad at `time` (T,) s of fingers that pass through key poses; touches of the thumb are held."""
+    """Return angles (T, 26) rad at `time` (T,) s of fingers that pass through key poses, holding the touches."""
     angles, held = solve_contacts(hand, keys), keys.finger >= 0
     least = np.abs(np.diff(angles, axis=0)).max(axis=1) / FASTEST_FINGER
     timing = draw_timing(least, held, digit_lags(keys, rng), rng)

@@ -15,9 +15,9 @@ from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError
 from bodysense.files import check_place
 from bodysense.io.clip import Clip
-from bodysense_lab.fit import announced, begin, fit
-from bodysense_lab.progress import read_clips, tracked
-from bodysense_lab.spread import worker_pool
+from bodysense_lab.fit import announce_run, fit, set_seed_and_threads
+from bodysense_lab.parallel import worker_pool
+from bodysense_lab.progress import read_clips, with_progress_log
 from bodysense_lab.unoc.episodes import RATE, Variation, make_episode
 from bodysense_lab.unoc.losses import LossWeights
 from bodysense_lab.unoc.network import PAPER, BodyNetwork, BodyNetworkConfig
@@ -82,8 +82,8 @@ def train_body(run: BodyTraining) -> None:
     from bodysense_lab.unoc.export import write_onnx
 
     check_place(run.out)
-    begin(run.seed, run.threads)
-    fabric = announced(run, BodyTask)
+    set_seed_and_threads(run.seed, run.threads)
+    fabric = announce_run(run, BodyTask)
     forms = {"shipped": BodyNetworkConfig(), "paper": PAPER, "paper-world-axes": replace(PAPER, frame="world")}
     network = BodyNetwork(replace(forms[run.form], hidden=run.hidden), default_skeleton())
     shipped = run.form == "shipped"
@@ -119,8 +119,8 @@ def train_points(run: PointTraining) -> None:
     from bodysense_lab.unoc.export import write_point_network
 
     check_place(run.out)
-    begin(run.seed, run.threads)
-    fabric = announced(run, PointTask)
+    set_seed_and_threads(run.seed, run.threads)
+    fabric = announce_run(run, PointTask)
     config = CONFIGS[run.task, run.form]
     schedule = run.paced(replace(SCHEDULES[run.task, run.form], steps=run.steps))
     network = PointNetwork(config, default_skeleton())
@@ -186,7 +186,7 @@ def _prepared(
     work = partial(_varied, make=make, reader=reader, variations=variations, passes=passes, seed=seed)
     with worker_pool(processes, partial(torch.set_num_threads, 1)) as pool:
         made = [pool.submit(work, numbered) for numbered in enumerate(clips)]
-        done = tracked(made, "preparing episodes of the clips", len(made))
+        done = with_progress_log(made, "preparing episodes of the clips", len(made))
         return [episode for episodes in done for episode in episodes.result()]
 
 

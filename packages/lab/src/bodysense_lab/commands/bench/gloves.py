@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bodysense.ranges import Count
-from bodysense_lab.commands.bench.timing import percentiles, report, resident_memory, streamed
+from bodysense_lab.commands.bench.timing import frame_stepper, percentiles, report, resident_memory
 from bodysense_lab.options import Json
 
 
@@ -28,6 +28,6 @@ def gloves(frames: Count = 3000, json: Json = None) -> None:
             ("_all", whole, HandsSettings(contact=None)),
             ("_contact", hidden, HandsSettings()),
         ):
-            taken = percentiles(streamed(Hands(skeletons, models, settings), observation), frames)
+            taken = percentiles(frame_stepper(Hands(skeletons, models, settings), observation), frames)
             numbers |= {f"{name}{label}_{key}": value for key, value in taken.items()}
     report("gloves", numbers | {"rss_mb": resident_memory()}, json)

@@ -294,10 +294,10 @@ def _messages(unread: bytearray) -> Iterator[tuple[int, bytes]]:
 @contextmanager
 def _server(sessions: int, workers: int) -> Iterator[tuple[str, int]]:
     """A server that computes with one thread: its address and process number."""
-    from bodysense_lab.serving.server import served
+    from bodysense_lab.serving.server import running_server
 
     options = ("--sessions", str(max(sessions, 2)), "--workers", str(workers))
-    with served(*options, OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1") as (address, process):
+    with running_server(*options, OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1") as (address, process):
         yield address, process.pid
 
 

@@ -57,7 +57,7 @@ class _Peers:
     names = ("vmc", "vrchat", "vmt", "solarxr")
 
     def __enter__(self) -> _Peers:
-        from bodysense_lab.serving.server import served
+        from bodysense_lab.serving.server import running_server
         from bodysense_live.vmt import DRIVER_PORT
 
         self._stack = ExitStack()
@@ -72,7 +72,7 @@ class _Peers:
             driver = stack.enter_context(_udp(DRIVER_PORT))
             outputs = ("--vmc-out", f"127.0.0.1:{ports[0]}", "--vrchat-out", f"127.0.0.1:{ports[1]}")
             options = (*outputs, "--vmt", "--vmt-port", "0", "--solarxr", "--solarxr-port", "0")
-            stack.enter_context(served("--vmc-in", str(port), *options, XDG_RUNTIME_DIR=folder))
+            stack.enter_context(running_server("--vmc-in", str(port), *options, XDG_RUNTIME_DIR=folder))
             runtime = stack.enter_context(_runtime(Path(folder)))
             self._selector = stack.enter_context(selectors.DefaultSelector())
             for name, one in zip(self.names, (*avatars, driver, runtime), strict=True):

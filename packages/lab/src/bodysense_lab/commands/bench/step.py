@@ -19,7 +19,7 @@ from bodysense.devices.simulated.device import SensorSetName
 from bodysense.errors import BodysenseError
 from bodysense.observation import Observation
 from bodysense.ranges import Count
-from bodysense_lab.commands.bench.timing import percentiles, report, resident_memory, streamed
+from bodysense_lab.commands.bench.timing import frame_stepper, percentiles, report, resident_memory
 from bodysense_lab.options import Json
 
 if TYPE_CHECKING:
@@ -59,7 +59,7 @@ def bench_step(
     observation = observe(clip.pose, clip.time, SENSOR_SETS[device])
     tracker = Tracker(Person(clip.pose.skeleton), network=None if model is None else load_completion(model))
     graphs = None if onnx is None else [_graph(onnx, observation, tracker.people * count) for count in (1, people)]
-    one = percentiles(streamed(tracker, observation), frames)
+    one = percentiles(frame_stepper(tracker, observation), frames)
     batch = percentiles(_together(tracker, observation, people), max(1, frames // 4))
     numbers = {name: one[name] for name in ("p50_ms", "p99_ms")}
     numbers |= {f"batch{people}_ms": batch["p50_ms"] / people, f"batch{people}_p99_ms": batch["p99_ms"] / people}

@@ -25,7 +25,7 @@ def percentiles(one: Callable[[int], None], frames: int) -> dict[str, float]:
     return {f"p{q}_ms": float(1000 * np.percentile(taken, q)) for q in (50, 95, 99)}
 
 
-def streamed(method: Any, observation: Observation) -> Callable[[int], None]:
+def frame_stepper(method: Any, observation: Observation) -> Callable[[int], None]:
     """Take the n-th frame of an observation, which begins again when it ends, by a tracker, an estimator or hands."""
     state = method.start()
     single = [observation[place : place + 1] for place in range(len(observation))]

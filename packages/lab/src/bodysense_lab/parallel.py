@@ -19,7 +19,7 @@ Item = TypeVar("Item")
 Result = TypeVar("Result")
 
 
-def spread(
+def parallel_map(
     work: Callable[[Item], Result], clips: Iterable[Item], jobs: int, scheduler: str | None = None
 ) -> Iterator[tuple[Item, Result]]:
     """Every clip with what `work` made of it, in order, from `jobs` processes (1: this one).

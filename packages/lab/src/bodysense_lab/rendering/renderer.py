@@ -27,7 +27,7 @@ _CUBE = np.array([[-1, -1, 1], [1, -1, 1], [1, 1, 1], [-1, -1, 1], [1, 1, 1], [-
 
 
 class Renderer:
-    """An OpenGL context with one scene and a camera in it. Make one with `open_stage`, which also closes it.
+    """An OpenGL context with one scene and a camera in it. Make one with `open_renderer`, which also closes it.
 
     The room's wall faces the first camera.
     """
@@ -146,7 +146,7 @@ class Renderer:
 
 
 @contextmanager
-def open_stage(scene: Scene, camera: Camera, height: int, around: np.ndarray) -> Iterator[Renderer]:
+def open_renderer(scene: Scene, camera: Camera, height: int, around: np.ndarray) -> Iterator[Renderer]:
     """A stage of a scene, for pictures `height` pixels high from one camera; the body stands around (3,) m, world.
 
     Raises BodysenseError where OpenGL is not to be had.
