@@ -61,7 +61,7 @@ def test_the_lists_split_the_files_in_any_spelling(amass: Path) -> None:
 
 def test_a_share_of_the_training_files_is_watched(amass: Path, monkeypatch) -> None:
     for share, split in ((0.0, "train"), (1.0, "val")):
-        monkeypatch.setattr("bodysense_lab.amass_p1.WATCHED", share)
+        monkeypatch.setattr("bodysense_lab.amass_p1.VALIDATION_SHARE", share)
         sources, _ = listed_sources(amass / "amass", amass / "data_split")
         assert {source.split for source in sources} == {split, "test"}
 
@@ -163,7 +163,7 @@ def test_a_network_of_the_lists_is_trained_and_scored(
 ) -> None:
     """The documented commands, in one step of training."""
     pytest.importorskip("torch", reason="needs packages/lab")
-    monkeypatch.setattr("bodysense_lab.amass_p1.WATCHED", 0.5)  # of few files
+    monkeypatch.setattr("bodysense_lab.amass_p1.VALIDATION_SHARE", 0.5)  # of few files
     lists, store, network = ["--split-lists", amass / "data_split"], tmp_path / "p1.zarr", tmp_path / "p1.safetensors"
     run("data", "prepare", amass / "amass", "-o", store, *lists, "--smpl-model", amass / "smplh", "--workers", 1)
     train = ["train", "completion", "--data", store, "-o", network, "--steps", 1, "--limit", 2]

@@ -45,7 +45,5 @@ def test_an_option_that_a_command_lacks_goes_to_the_preparation(folder: Path, mo
         raise BodysenseError(f"{source.path}: it never stands upright; say which axis is up, as --up y")
 
     monkeypatch.setattr(sources, "read_source", lying)
-    with pytest.raises(
-        BodysenseError, match=r"--up y; where a command has no --up, .*data prepare .* -o STORE.zarr --up"
-    ):
+    with pytest.raises(BodysenseError, match=r"--up y; if a command has no --up, .*data prepare .* -o STORE.zarr --up"):
         next(open_clips(folder))

@@ -42,7 +42,7 @@ def test_the_numbers_name_part_and_seconds_and_the_best_of_the_others(tmp_path: 
         for method, error in errors.items():
             for person in ("one", "other"):
                 gaps.add((part, 0.5, method), np.array(100 * error), person)
-    report = holes.report_of(gaps, "made up")
+    report = holes.holes_report(gaps, "made up")
     assert [row[:3] for row in report.rows] == [(part.replace("_", " "), "0.5 s", 2) for part in holes.PARTS]
     assert report.numbers["upper_body_0.5_cm"] == pytest.approx(1.0)
     assert report.numbers["upper_body_0.5_best_other_cm"] == pytest.approx(2.0)
@@ -96,7 +96,7 @@ def test_the_forward_pass_of_a_take_is_live_tracking_within_a_gap() -> None:
     live = track(clip, missing="left_shoulder+:30-59", causal=True).estimate.pose.rotation
     assert partial.missing[span].any()
     np.testing.assert_allclose(
-        holes.filled_by_all(partial)["causal"][partial.missing], live[partial.missing], atol=1e-6
+        holes.fill_by_all_methods(partial)["causal"][partial.missing], live[partial.missing], atol=1e-6
     )
 
 
@@ -104,4 +104,4 @@ def test_the_table_fills_as_the_command_does() -> None:
     clip = clip_of(3.0)
     partial = open_partial(clip, missing_items("left_hip+:30-59"))
     filled = track(clip, missing="left_hip+:30-59").clip.pose.rotation
-    np.testing.assert_allclose(holes.filled_by_all(partial)["bodysense"], filled, atol=1e-9)
+    np.testing.assert_allclose(holes.fill_by_all_methods(partial)["bodysense"], filled, atol=1e-9)

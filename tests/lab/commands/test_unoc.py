@@ -62,7 +62,7 @@ def check_files(tmp_path: Path, name: str, rows: int, keys: list[str]) -> dict[s
 def test_table_1(tmp_path: Path, folder: Path, run) -> None:
     printed = run("evaluate", "unoc-table1", *common(tmp_path, folder))
     assert "UNOC, published" in printed and "2 clips of 2 people" in printed
-    assert "UNOC, on which figures were published, is missing" in printed and "licence: MIT" in printed
+    assert "UNOC, of the published figures, is missing" in printed and "licence: MIT" in printed
     numbers = check_files(tmp_path, "unoc-table1", 20, ["all_body_hidden", "all_hand_seconds", "all_self_contact"])
     assert numbers["clips"] == 2
 

@@ -1,4 +1,4 @@
-"""Progress of long work: a bar in a terminal, and lines in a log."""
+"""Progress of long work: a bar in a terminal, lines in a log."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ from bodysense.io.clip import Clip
 from bodysense.io.datasets.splits import Split
 from bodysense_lab.clips import count_training_clips, training_clips
 
-_EVERY = 15.0  # s from one line of a log to the next
+_EVERY = 15.0  # s between lines of a log
 Item = TypeVar("Item")
 
 
 @contextmanager
 def log_progress(what: str, total: int | None = None) -> Iterator[Callable[[int], None]]:
-    """Display progress over `total` pieces; yields a function to call with the number of pieces that are done anew.
+    """Display progress over `total` pieces; yields a function that adds a number of finished pieces.
 
-    Without a terminal a line is printed at the beginning, every 15 s, and at the end. Of processes that share a
-    training only the first one displays anything.
+    Without a terminal a line is printed at the start, every 15 s, and at the end. If several processes share a
+    training, only the first one displays progress.
     """
     console = Console(width=None if Console().is_terminal else 200)
     if distributed.is_available() and distributed.is_initialized() and distributed.get_rank() > 0:
@@ -53,7 +53,7 @@ def log_progress(what: str, total: int | None = None) -> Iterator[Callable[[int]
 
 
 def with_progress_log(items: Iterable[Item], what: str, total: int | None = None) -> Iterator[Item]:
-    """Yield the items; display progress over them, `total` in all."""
+    """Yield the items and display progress over them; `total` is their number."""
     with log_progress(what, total) as advance:
         for item in items:
             yield item

@@ -228,7 +228,7 @@ def amass_p1(
         limit: number of clips, spread evenly; all if omitted.
         jobs: processes.
     """
-    from bodysense_lab.amass_p1 import listed_sources, mpjpe_interval, report_of, score_source
+    from bodysense_lab.amass_p1 import listed_sources, mpjpe_interval, protocol_report, score_source
     from bodysense_lab.clips import spread_evenly
     from bodysense_lab.completion.tables import sample_remark
     from bodysense_lab.completion.tracking import TrackedBy
@@ -248,7 +248,7 @@ def amass_p1(
         remarks.append(f"{missing} of the files in the lists are not there.")
     if smpl_model is None:
         remarks.append("The default body instead of the published one: compare with --smpl-model male/model.npz only.")
-    report = report_of(scores, remarks, "packaged" if model is None else model.name)
+    report = protocol_report(scores, remarks, "packaged" if model is None else model.name)
     show(replace(report, numbers=report.numbers | {"clips_in_split": float(len(test))}), json)
 
 
@@ -310,7 +310,7 @@ def holes(
         parts: parts of the body to remove; all if omitted.
     """
     from bodysense_lab.clips import open_clips
-    from bodysense_lab.holes import PARTS, report_of, score_holes
+    from bodysense_lab.holes import PARTS, protocol_report, score_holes
 
     source = open_data(data, table)
     total = source.count()
@@ -318,6 +318,6 @@ def holes(
     with progress_bar("scored", count) as advance:
         chosen = open_clips(source.path, source.split, at_most=count)
         gaps = score_holes(chosen, parts=parts or tuple(PARTS), advance=advance)
-    report = report_of(gaps, source.name)
+    report = protocol_report(gaps, source.name)
     numbers = report.numbers | {"clips": float(count), "clips_in_split": float(total)}
     finish(replace(report, numbers=numbers), table)
