@@ -1,4 +1,4 @@
-"""Model cards: every kind of network file says what it is, how it did, and which figures it wants."""
+"""Model cards: descriptions, test figures, and refused figures for every kind of network file."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def copied(path: Path, folder: Path) -> Path:
 
 
 @pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
-def test_a_card_keeps_what_it_shows(path: Path, tmp_path: Path) -> None:
+def test_a_card_stores_its_figures_in_the_network_file(path: Path, tmp_path: Path) -> None:
     network = copied(path, tmp_path)
     fields, _ = read_network(network)
     kind, model = card_template(network, fields), parse_fields(fields).get("model")
@@ -48,8 +48,8 @@ def test_a_card_keeps_what_it_shows(path: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
-def test_the_shipped_card_is_of_the_shipped_file(path: Path) -> None:
-    """Size, training data and seed are those in the file; the card names no network that is not shipped."""
+def test_a_packaged_card_describes_the_packaged_file(path: Path) -> None:
+    """Size, training data and seed equal those in the file; the card names packaged networks only."""
     card = path.with_suffix(".md").read_text(encoding="utf-8")
     fields, _ = read_network(path)
     read = parse_fields(fields)
@@ -61,8 +61,8 @@ def test_the_shipped_card_is_of_the_shipped_file(path: Path) -> None:
 
 
 @pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
-def test_a_shipped_card_equals_the_text_of_its_file(path: Path) -> None:
-    """Cards whose tables are between markers have more lines; they have those of the file too, in order."""
+def test_a_packaged_card_equals_the_text_from_its_file(path: Path) -> None:
+    """Cards whose tables are between markers have more lines, but also those of the file, in order."""
     card = path.with_suffix(".md").read_text(encoding="utf-8")
     fields, _ = read_network(path)
     text = card_text(path.name, card_template(path, fields), fields)
@@ -94,7 +94,7 @@ def test_figures_of_another_command_are_refused(path: Path, tmp_path: Path) -> N
 
 
 @pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
-def test_a_card_begins_with_what_model_hubs_read(path: Path) -> None:
+def test_a_card_starts_with_front_matter_for_model_hubs(path: Path) -> None:
     yaml = pytest.importorskip("yaml")
     fields, _ = read_network(path)
     text = path.with_suffix(".md").read_text(encoding="utf-8")
@@ -104,7 +104,7 @@ def test_a_card_begins_with_what_model_hubs_read(path: Path) -> None:
     assert head["library_name"] == "bodysense" and path.suffix[1:] in head["tags"] and "motion-capture" in head["tags"]
 
 
-def test_files_without_a_card_are_named(tmp_path: Path) -> None:
+def test_files_without_a_card_are_refused(tmp_path: Path) -> None:
     (tmp_path / "text.onnx").write_text("nothing of the kind")
     with pytest.raises(BodysenseError, match=r"text\.onnx: not a readable ONNX model"):
         describe(tmp_path / "text.onnx", {})

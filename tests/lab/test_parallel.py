@@ -1,4 +1,4 @@
-"""Work in several processes, and on a Dask scheduler's machines: the same results, in order."""
+"""Work in several processes and on a Dask scheduler's machines gives equal results, in order."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ NUMBERS = [float(number) for number in range(7)]
 ROOTS = [(number, number**0.5) for number in NUMBERS]  # `sqrt`: processes must be able to import the work
 
 
-def test_here() -> None:
+def test_one_job_works_in_this_process() -> None:
     assert list(parallel_map(sqrt, NUMBERS, 1)) == ROOTS
 
 
 @pytest.mark.slow
-def test_in_processes() -> None:
+def test_several_jobs_work_in_processes() -> None:
     assert list(parallel_map(sqrt, NUMBERS, 2)) == ROOTS
 
 
@@ -64,7 +64,7 @@ def test_workers_end_with_their_parent(tmp_path: Path, signal_sent: str) -> None
 
 
 def _runs(process: int) -> bool:
-    """Whether a process runs; one that ended and was not waited for does not."""
+    """Return whether a process runs; ended processes that were not waited for do not."""
     try:
         os.kill(process, 0)
         state = Path(f"/proc/{process}/stat")
@@ -79,7 +79,7 @@ def test_every_pool_ends_with_its_parent() -> None:
 
 
 @pytest.mark.slow
-def test_on_a_scheduler() -> None:
+def test_work_runs_on_a_scheduler() -> None:
     distributed = pytest.importorskip("distributed")
     anywhere = "127.0.0.1:0"  # by default each cluster's page takes port 8787
     with distributed.LocalCluster(
@@ -89,6 +89,6 @@ def test_on_a_scheduler() -> None:
 
 
 @pytest.mark.slow
-def test_no_scheduler_there() -> None:
+def test_a_scheduler_that_does_not_answer_is_refused() -> None:
     with pytest.raises(BodysenseError, match=r"--scheduler tcp://127\.0\.0\.1:9: no Dask scheduler answers"):
         list(parallel_map(sqrt, NUMBERS, 1, "tcp://127.0.0.1:9"))

@@ -175,9 +175,8 @@ def inertialised(rotation: np.ndarray, first: int, end: int) -> np.ndarray:
     step = _rotation_vectors(before, after) / (count + 1)
     elapsed = np.arange(1.0, count + 1)[:, None, None]
     offset = _ease_offset(elapsed, count + 1) * (_rotation_vectors(rotation[first - 2], before) - step)
-    offset = offset - _ease_offset(count + 1 - elapsed, count + 1) * (
-        _rotation_vectors(after, rotation[end + 1]) - step
-    )
+    remaining = count + 1 - elapsed
+    offset = offset - _ease_offset(remaining, count + 1) * (_rotation_vectors(after, rotation[end + 1]) - step)
     return np.asarray(quaternion_multiply(slerped(rotation, first, end), quaternion_exp(offset)))
 
 
