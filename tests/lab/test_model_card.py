@@ -37,9 +37,9 @@ def test_a_card_stores_its_figures_in_the_network_file(path: Path, tmp_path: Pat
     network = copied(path, tmp_path)
     fields, _ = read_network(network)
     kind, model = card_template(network, fields), parse_fields(fields).get("model")
-    _, used = kind.filled(defaultdict(float), model)
+    _, used = kind.fill_rows(defaultdict(float), model)
     figures = {name: 1 + place / 4 for place, name in enumerate(sorted(used))}
-    rows, _ = kind.filled(figures, model)
+    rows, _ = kind.fill_rows(figures, model)
     text = describe(network, {**figures, "another": 7.0}).read_text(encoding="utf-8")
     assert rows and all(f"| {' | '.join(row)} |" in text for row in rows)
     assert kind.measured_by in text and "another" not in text

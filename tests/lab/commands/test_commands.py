@@ -122,6 +122,6 @@ def test_card_puts_test_figures_into_the_network_and_beside_it(tmp_path: Path, r
 def test_training_refuses_at_once(tmp_path: Path, refused) -> None:
     for command in ("fingers", "upper-body"):
         arguments = ("train", command, "--data", tmp_path)
-        assert "give a name that ends so" in refused(*arguments, "-o", tmp_path / "a.pt")
+        assert "give a name with this ending" in refused(*arguments, "-o", tmp_path / "a.pt")
         assert "--steps 0: give a whole number" in refused(*arguments, "-o", tmp_path / "a.onnx", "--steps", 0)
         assert "create it or choose another" in refused(*arguments, "-o", tmp_path / "no" / "a.onnx")

@@ -79,5 +79,5 @@ def test_a_network_that_is_missing_is_said_before_the_work(
 
 def test_a_network_of_another_ending(tmp_path: Path, refused: Refused) -> None:
     line = refused("train", "body-gru", "--data", tmp_path, "-o", tmp_path / "a.pt")
-    assert "written as .onnx; give a name that ends so" in line
+    assert "written as .onnx; give a name with this ending" in line
     assert not files(tmp_path)

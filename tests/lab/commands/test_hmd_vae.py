@@ -14,7 +14,7 @@ from bodysense.io.clip import Clip
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("-o", "net.txt"), "net.txt: the network is written as .onnx or .pt; give a name that ends so"),
+        (("-o", "net.txt"), "net.txt: the network is written as .onnx or .pt; give a name with this ending"),
         (("-o", "net.pt", "--steps", 0), "--steps 0: give a whole number"),
         (("-o", "net.onnx", "--origin", "pelvis"), "net.onnx: no device tracks the pelvis, so a network with that"),
         (("-o", "net.pt", "--sweep"), "--sweep trains its own decoders into a folder; give a folder as --out"),

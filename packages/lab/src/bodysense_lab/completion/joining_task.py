@@ -265,7 +265,7 @@ def train_joining(options: JoiningTraining, fabric: Fabric) -> JoiningModule:
         watched = _takes(options, "val", min(options.frames, _VALIDATION_FRAMES), _VALIDATION_SEED)
     config = JoiningTaskConfig(JoiningConfig(learned[0].features.shape[1]))
     network = JoiningModule(config.network)
-    source = options.limited | {"frames": options.frames}
+    source = options.trial_settings | {"frames": options.frames}
     fit(JoiningTask(network, config, options.schedule, learned, watched, source), options.checkpoint, fabric=fabric)
     network = network.cpu()
     make_errors_true(network, watched)

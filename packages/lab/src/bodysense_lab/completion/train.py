@@ -44,7 +44,7 @@ def train_completion(options: CompletionTraining, fabric: Fabric) -> CompletionN
     earlier = network.state_dict() if options.begin_with is None else _weights(options.begin_with, network)
     network.load_state_dict(earlier)
     watched = validation_batches(val, _VALIDATION_STRIDE, options.backward)
-    task = CompletionTask(network, config, options.schedule, train, watched, options.limited or None)
+    task = CompletionTask(network, config, options.schedule, train, watched, options.trial_settings or None)
     fit(task, options.folder / "completion.ckpt", fabric=fabric)
     network = network.cpu()
     if options.keep:
@@ -80,7 +80,7 @@ def train_fingers(
         train, val = (without(corpus, options.leave_out) for corpus in (train, val))
     network = FingerNetwork(config.network)
     config = replace(config, generated_hours=options.generated_hours, left_out=options.leave_out)
-    watched, source = finger_validation(val, train), options.limited or None
+    watched, source = finger_validation(val, train), options.trial_settings or None
     task = FingerTask(network, config, options.schedule, train, watched, source, generated=generated)
     fit(task, options.out, fabric=fabric)
     return network.cpu()

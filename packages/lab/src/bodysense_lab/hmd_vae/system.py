@@ -31,7 +31,7 @@ def complete(opened: Opened, options: PaperOptions) -> Clip:
     model = _model(options)
     if model.card["network"]["model"] == 0:
         return _encoded(opened, options, model)
-    device = options.watched_by(opened, "three_point")
+    device = options.choose_device(opened, "three_point")
     signal = signal_from(opened, device=device, height=options.height, noise=options.noise)
     estimator = BodyVaeEstimator(signal.person.skeleton, model)
 
@@ -44,7 +44,7 @@ def complete(opened: Opened, options: PaperOptions) -> Clip:
 
 
 def _model(options: PaperOptions) -> BodyVaeModel:
-    wanted = options.chosen("hmd_vae", MODELS, PACKAGED) if options.networks is None else options.variant
+    wanted = options.choose_variant("hmd_vae", MODELS, PACKAGED) if options.networks is None else options.variant
     if options.networks is None and wanted != PACKAGED:
         train = "bodysense train hmd-vae --data DIR --model"
         before, decoder = (f"{train} 0 -o zero.pt, then ", " --decoder zero.pt") if wanted == "3" else ("", "")
@@ -55,7 +55,7 @@ def _model(options: PaperOptions) -> BodyVaeModel:
         )
     model = load_body_vae(options.networks)
     found = str(model.card["network"]["model"])
-    if wanted is not None and options.chosen("hmd_vae", MODELS, PACKAGED) != found:
+    if wanted is not None and options.choose_variant("hmd_vae", MODELS, PACKAGED) != found:
         raise BodysenseError(f"--variant {wanted}: {model.name} is a model {found}; leave --variant out")
     return model
 

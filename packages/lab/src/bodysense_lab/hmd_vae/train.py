@@ -139,7 +139,12 @@ def train_network(
 
 def source_of(run: VaeRun, whole: BodyVae | None, data: VaeData | None = None) -> dict[str, Any]:
     """Return the sources of a run for its identity, with their amount if the data have been read."""
-    source: dict[str, Any] = {"data": str(run.data.resolve()), "split_file": None, "decoder": None, **run.limited}
+    source: dict[str, Any] = {
+        "data": str(run.data.resolve()),
+        "split_file": None,
+        "decoder": None,
+        **run.trial_settings,
+    }
     if run.split_file is not None:
         source["split_file"] = _digest(json.dumps(read_split_file(run.split_file)).encode())
     if whole is not None:

@@ -73,7 +73,7 @@ def watched(name: str, files: LandmarkerFiles, settings: LandmarkerSettings) -> 
 
 
 def _model(options: PaperOptions) -> ArmModel:
-    kind = options.chosen("pahmt", KINDS, "pahmt")
+    kind = options.choose_variant("pahmt", KINDS, "pahmt")
     if options.networks is None and kind != PACKAGED:
         raise missing_weights_error(
             f"--variant {kind}",

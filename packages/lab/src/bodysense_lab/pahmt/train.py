@@ -118,7 +118,7 @@ def train_network(run: ArmRun, weights: Path, data: ArmData, fabric: Fabric, rep
 
 def source_of(run: ArmRun) -> dict[str, Any]:
     """Return the sources of a run, for its identity."""
-    return {"data": str(run.data.resolve()), "bodies": run.bodies, **run.limited}
+    return {"data": str(run.data.resolve()), "bodies": run.bodies, **run.trial_settings}
 
 
 def is_trained(run: ArmRun, weights: Path) -> bool:

@@ -168,7 +168,7 @@ def _train(
     console: Console,
     fabric: Fabric,
 ) -> None:
-    schedule = run.paced(SCHEDULES[name, run.form])
+    schedule = run.with_options(SCHEDULES[name, run.form])
     if run.steps is not None:
         schedule = replace(schedule, steps=run.steps)
     torch.manual_seed(run.seed)
@@ -178,7 +178,7 @@ def _train(
         "without": list(run.without),
         "hands": len(frames.rest),
         "rate": RATE,
-        **run.limited,
+        **run.trial_settings,
     }
     if name == "markers":
         network = MarkerNetwork(MarkerNetworkConfig() if run.form == "shipped" else PAPER_MARKERS)

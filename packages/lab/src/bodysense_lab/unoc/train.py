@@ -87,7 +87,7 @@ def train_body(run: BodyTraining) -> None:
     forms = {"shipped": BodyNetworkConfig(), "paper": PAPER, "paper-world-axes": replace(PAPER, frame="world")}
     network = BodyNetwork(replace(forms[run.form], hidden=run.hidden), default_skeleton())
     shipped = run.form == "shipped"
-    schedule = run.paced(
+    schedule = run.with_options(
         BodySchedule(
             steps=run.steps,
             epochs=run.epochs,
@@ -105,7 +105,7 @@ def train_body(run: BodyTraining) -> None:
     read = make_episode, partial(BodyNetwork, config, default_skeleton())
     episodes = _prepared(learned, *read, variations, run.passes, run.seed)
     validation = _prepared(watched, *read, (Variation(),), 1, run.seed)
-    task = BodyTask(network, schedule, episodes, validation, run.limited or None)
+    task = BodyTask(network, schedule, episodes, validation, run.trial_settings or None)
     _finish(
         *(run, task, fabric, "clips"),
         lambda card: write_onnx(network.cpu(), run.out, card),
@@ -122,13 +122,13 @@ def train_points(run: PointTraining) -> None:
     set_seed_and_threads(run.seed, run.threads)
     fabric = announce_run(run, PointTask)
     config = CONFIGS[run.task, run.form]
-    schedule = run.paced(replace(SCHEDULES[run.task, run.form], steps=run.steps))
+    schedule = run.with_options(replace(SCHEDULES[run.task, run.form], steps=run.steps))
     network = PointNetwork(config, default_skeleton())
     variations = VARIATIONS[run.task] if run.form == "shipped" else PAPER_VARIATIONS
     reader = partial(PointNetwork, replace(config, hidden=1, branch=(1,)), default_skeleton())
     episodes = _points(run, reader, "train", variations)
     validation = _points(run, reader, "val", (Variation(),))
-    task = PointTask(network, schedule, episodes, validation, run.limited or None)
+    task = PointTask(network, schedule, episodes, validation, run.trial_settings or None)
     _finish(
         *(run, task, fabric, "episodes"),
         lambda card: write_point_network(network.cpu(), run.out, run.task, card),

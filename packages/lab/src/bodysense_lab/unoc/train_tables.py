@@ -122,7 +122,7 @@ def chosen_networks(run: TablesTraining) -> list[str]:
 def schedule_of(run: TablesTraining, name: str) -> BodySchedule:
     """The paper's schedule, with what the run changes of it."""
     batches = tuple(max(1, round(batch * run.batch_scale)) for batch in BodySchedule().epoch_batches)
-    return run.paced(
+    return run.with_options(
         BodySchedule(
             steps=run.steps,
             epochs=run.epochs,
@@ -144,12 +144,15 @@ def train_network(run: TablesTraining, name: str, report: Report, fabric: Fabric
     set_seed_and_threads(run.seed, run.threads)
     config, schedule, begun = VARIANTS[name].config, schedule_of(run, name), time.monotonic()
     network, episodes = BodyNetwork(config, default_skeleton()), episodes_of(run, config)
-    task = BodyTask(network, schedule, episodes["train"], _few(episodes["val"]), run.limited or None)
+    task = BodyTask(network, schedule, episodes["train"], _few(episodes["val"]), run.trial_settings or None)
     scores = fit(task, run.out / f"{name}.ckpt", report, fabric, report)
     if fabric.is_global_zero:
         write_weights_file(network.cpu(), run.out / f"{name}.pt", {})
         with written_beside(run.out / f"{name}.json") as beside:
-            trained = {"identity": identity(config, schedule, run.limited or None), "seconds": time.monotonic() - begun}
+            trained = {
+                "identity": identity(config, schedule, run.trial_settings or None),
+                "seconds": time.monotonic() - begun,
+            }
             beside.write_text(json.dumps(trained), encoding="utf-8")
     fabric.barrier()
     return f"trained {VARIANTS[name].title}: {task.steps} steps; occluded RMSJPE, cm: {figures_line(scores, 2)}"
@@ -162,7 +165,7 @@ def is_trained(run: TablesTraining, name: str) -> bool:
         return False
     before = json.loads(path.read_text(encoding="utf-8"))["identity"]
     return is_trained_as_configured(
-        path, before, identity(VARIANTS[name].config, schedule_of(run, name), run.limited or None)
+        path, before, identity(VARIANTS[name].config, schedule_of(run, name), run.trial_settings or None)
     )
 
 
@@ -172,7 +175,7 @@ def episodes_of(run: TablesTraining, config: BodyNetworkConfig) -> dict[str, lis
     folder = run.out / "episodes" / "-".join(reads.values())
     found = {}
     for split in ("train", "val"):
-        asked: dict[str, Any] = {**reads, "data": str(run.data.resolve()), "split": split, **run.limited}
+        asked: dict[str, Any] = {**reads, "data": str(run.data.resolve()), "split": split, **run.trial_settings}
         found[split] = cached_episodes(folder / split, asked, partial(_make, run, config, split))
     return found
 
