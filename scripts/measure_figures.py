@@ -64,8 +64,8 @@ from bodysense_lab.unoc.variant_scores import Work, score_clip, scores_of
 TESTS = Path(__file__).parents[1] / "tests"
 NOISE = 0.0005  # m, of every marker whose gaps are filled
 GAPS = (0.2, 0.5, 1.0, 2.0, 5.0)  # s
-SLIP = 0.006  # m by which markers of a badly worn glove are displaced
-WORN = ("well", "slipped", "turned", "unknown")  # how a glove is worn (`_worn`)
+SLIP = 0.006  # m, displacement of the markers of a badly worn glove
+GLOVE_FITS = ("well", "slipped", "turned", "unknown")  # see `_fitted_glove`
 LOSS_CLIPS, LOSS_STEPS = 32, 200  # of the trainings whose losses are means and sums over joints
 LOSS_BATCHES, LOSS_STRIDE = 0.25, 8  # share of the paper's batches, and every n-th frame that is scored
 LOSS_PLACES = (("body", "occluded"), ("finger", "occluded"), ("parent_body", "all"), ("bone_body", "all"))
@@ -163,12 +163,12 @@ def gloves_steps(hands: int = 20, seconds: float = 6.0) -> dict[str, float]:
     their rotations, degrees.
     """
     models, found = networks_of(PaperOptions()), {}
-    for worn in WORN:
+    for fit in GLOVE_FITS:
         rng, rows = np.random.default_rng(3), []
         for _ in range(hands):
             hand = draw_hand(rng)
             pose = synthesize_hand(hand.skeleton, seconds, rng).pose
-            known, glove = _worn(worn, hand)
+            known, glove = _fitted_glove(fit, hand)
             solver = Hands({"left": known.skeleton}, models, SETTINGS, glove=known.glove, axes=known.axes[None])
             flat = Pose(hand.skeleton, np.zeros((1, 3)), np.tile([1.0, 0, 0, 0], (1, len(HAND_JOINTS), 1)))
             moves = [(one, _markers_of(glove, one)) for one in (flat, pose)]
@@ -176,7 +176,7 @@ def gloves_steps(hands: int = 20, seconds: float = 6.0) -> dict[str, float]:
             rows.append([[_fingers_off(one, seen, true) for one in solvers] for true, seen in moves])
         for motion, pair in zip(("flat", "motion"), np.mean(rows, axis=0), strict=True):
             for when, (error, angle) in zip(("before", "after"), pair, strict=True):
-                found |= {f"{worn}_{motion}_{when}_cm": error, f"{worn}_{motion}_{when}_deg": angle}
+                found |= {f"{fit}_{motion}_{when}_cm": error, f"{fit}_{motion}_{when}_deg": angle}
     return found | {"mirror_cm": _mirror_difference(models)}
 
 
@@ -266,14 +266,14 @@ def hmd_vae_sweep(folder: Path) -> dict[str, float]:
     return found
 
 
-def _worn(how: str, hand: GlovedHand) -> tuple[GlovedHand, Glove]:
+def _fitted_glove(fit: str, hand: GlovedHand) -> tuple[GlovedHand, Glove]:
     """Return the hand that the solver assumes, and the true glove."""
     offset = hand.glove.offset.copy()
-    if how == "slipped":  # every finger's markers are nearer the wrist
+    if fit == "slipped":  # every finger's markers are nearer the wrist
         offset[~np.isin(np.arange(len(MARKERS)), ALIGNMENT), 0] -= SLIP
-    elif how == "turned":  # the back of the glove is turned about the hand's length
+    elif fit == "turned":  # the back of the glove is turned about the hand's length
         offset[[MARKERS.index("pinky_base"), MARKERS.index("wrist")], 1] += (SLIP, -SLIP)
-    elif how == "unknown":  # a hand of default shape, of the same size, is assumed
+    elif fit == "unknown":  # a hand of default shape, of the same size, is assumed
         skeleton = hand_skeleton(default_skeleton(), "left")
         scale = hand_size(hand.skeleton) / hand_size(skeleton)
         return plain_hand(skeleton.with_offsets(skeleton.rest_offset * scale)), hand.glove

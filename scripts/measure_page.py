@@ -45,7 +45,7 @@ def recorded(folder: Path) -> dict[str, float]:
     return {one.attrib["name"]: float(one.attrib["value"]) for one in properties}
 
 
-def shown(folder: Path, scenario: str, *arguments: object) -> dict[str, Any]:
+def run_scenario(folder: Path, scenario: str, *arguments: object) -> dict[str, Any]:
     """Write the page, run a scenario of web/tests/browser in Chromium, and return what it printed."""
     write_page(folder / "site")
     command = ["node", f"tests/browser/{scenario}.mjs", str(folder / "site"), *map(str, arguments)]
@@ -58,7 +58,7 @@ def shown(folder: Path, scenario: str, *arguments: object) -> dict[str, Any]:
 
 def visited(folder: Path) -> dict[str, float]:
     """Visit the page anew `VISITS` times, and return when words stand, a body moves, and the network completed it."""
-    visits = [shown(folder, "first", folder / "first.png") for _ in range(VISITS)]
+    visits = [run_scenario(folder, "first", folder / "first.png") for _ in range(VISITS)]
     times = {name: [visit[name] for visit in visits] for name in ("words", "moving", "completed")}
     return {
         f"{name}_{which}_s": float(statistic(values))
@@ -74,7 +74,7 @@ def page(folder: Path) -> dict[str, float]:
 
 def endurance(folder: Path) -> dict[str, float]:
     """Return the times of steps and of the page's frames over ten minutes of a headset, and the memory."""
-    found = shown(folder, "endurance", MINUTES * 60)
+    found = run_scenario(folder, "endurance", MINUTES * 60)
     held = {f"{key}_{when}_mb": found["held"][k][key] for k, when in ((0, "early"), (-1, "late")) for key in MEMORY}
     times = {f"step_{key}_ms": found[key] for key in TIMES} | {f"frame_{key}_ms": found["page"][key] for key in TIMES}
     thread = found["thread"] or {}

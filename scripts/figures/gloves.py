@@ -50,9 +50,9 @@ def paper_joints(numbers: Numbers) -> str:
             if all(key in numbers for key in keys):
                 rows.append([str(hidden), hands, *(f"{numbers[key]:.2f}" for key in keys)])
         rows.append([str(hidden), "published", *(f"{value:.2f}" for value in PUBLISHED_POINTS[hidden])])
-    said = f"Measured on {sampled(numbers)}, without synthesised hands."
-    said += between(numbers, "nn_0_cm_low", "nn_0_cm_high", "Nothing hidden, trained avatars")
-    return markdown(["hidden", "", *(f"{duration:g} s" for duration in DURATIONS)], rows) + "\n\n" + said
+    sentence = f"Measured on {sampled(numbers)}, without synthesised hands."
+    sentence += between(numbers, "nn_0_cm_low", "nn_0_cm_high", "Nothing hidden, trained avatars")
+    return markdown(["hidden", "", *(f"{duration:g} s" for duration in DURATIONS)], rows) + "\n\n" + sentence
 
 
 def sentence(table3: Numbers, table4: Numbers) -> str:
@@ -194,8 +194,8 @@ def limits(numbers: Numbers) -> str:
         for line in LINES:
             cells = [None if key is None else numbers.get(f"{prefix}{key}") for key in line.keys]
             if any(value is not None for value in cells):
-                shown = ["–" if value is None else f"{line.factor * value:.2f}" for value in cells]
-                rows.append([motion, line.limit, line.figure, *shown])
+                figures = ["–" if value is None else f"{line.factor * value:.2f}" for value in cells]
+                rows.append([motion, line.limit, line.figure, *figures])
     return markdown(["motion", "limit", "figure", "truth", "without", "with"], rows)
 
 
@@ -224,11 +224,11 @@ def steps(numbers: Numbers) -> str:
         [
             label,
             *(
-                f"{numbers[f'{worn}_{motion}_before_{unit}']:.2f} → {numbers[f'{worn}_{motion}_after_{unit}']:.2f}"
+                f"{numbers[f'{fit}_{motion}_before_{unit}']:.2f} → {numbers[f'{fit}_{motion}_after_{unit}']:.2f}"
                 for motion, unit in columns
             ),
         ]
-        for worn, label in labels.items()
+        for fit, label in labels.items()
     ]
     head = ["glove", *(f"{'flat hand' if motion == 'flat' else motion}, {UNITS[unit]}" for motion, unit in columns)]
     table = markdown(head, rows)

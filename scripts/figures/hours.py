@@ -44,13 +44,13 @@ WHOLE = ("generate", "papers track --method two_hands")  # on the packaged perfo
 def hours(measured: Numbers) -> str:
     """Return seconds of a step, steps and hours of each training that was measured."""
     rows, gloves = [], 0.0
-    for name, (steps, said) in STEPS.items():
+    for name, (steps, remark) in STEPS.items():
         seconds = measured.get(f"{LIKE.get(name, name)}_seconds_a_step")
         if seconds is not None:
             whole = seconds * steps / 3600
             gloves += whole if name.startswith(BOTH) else 0.0
             rows.append(
-                [f"`{name}`", f"{seconds:.3f}", f"{steps:,}", f"{whole:.0f}" if whole >= 10 else f"{whole:.2g}", said]
+                [f"`{name}`", f"{seconds:.3f}", f"{steps:,}", f"{whole:.0f}" if whole >= 10 else f"{whole:.2g}", remark]
             )
     if gloves:
         rows.append([f"`{BOTH}`", "–", "–", f"{gloves:.2g}", "both networks"])

@@ -5,7 +5,7 @@ from __future__ import annotations
 from .blocks import Block, Numbers, markdown
 
 
-def doors(page: Numbers, crowd: Numbers, few: Numbers, image: Numbers) -> str:
+def requirements(page: Numbers, crowd: Numbers, few: Numbers, image: Numbers) -> str:
     """Return what each way in needs, next to its limit."""
     crowded = f"{crowd['answered_least']:.1%} to {crowd['answered_most']:.1%} answered"
     alone = f"{few['answered_least']:.0%} to {few['answered_most']:.0%} of {few['sessions']:.0f} wearers"
@@ -71,7 +71,7 @@ def headset(found: Numbers) -> str:
 
 
 BLOCKS = (
-    Block("docs/results.md", "doors", doors, ("page", "live-share-20", "live-share-10", "image")),
+    Block("docs/results.md", "requirements", requirements, ("page", "live-share-20", "live-share-10", "image")),
     Block("docs/page.md", "visit", visit, ("page",)),
     Block("docs/page.md", "headset", headset, ("page-endurance",)),
 )

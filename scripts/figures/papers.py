@@ -265,8 +265,8 @@ def across(*scores: Numbers) -> str:
         for data in PAPER_UPPER_SETS
     ]
     paper = markdown(["published, on", "trained on it", "trained on the other set", "inverse kinematics"], theirs)
-    said = " ".join(f"On {name}: {sampled(found[test, test])}" for test, name in SETS.items())
-    return f"{table}\n\n{paper}\n\nNeck, shoulders and elbows, RMSJPE / MPJPE, cm. {said}"
+    sentences = " ".join(f"On {name}: {sampled(found[test, test])}" for test, name in SETS.items())
+    return f"{table}\n\n{paper}\n\nNeck, shoulders and elbows, RMSJPE / MPJPE, cm. {sentences}"
 
 
 def beyond(jerk: Numbers, trust: Numbers) -> str:

@@ -44,12 +44,12 @@ def rendered(numbers: Numbers) -> str:
     """Rows of methods on rendered videos."""
     rows = [[title, *(_one(numbers, f"{name}_{key}") for key in MEASURES)] for name, title in METHODS.items()]
     less = 1 - numbers["network_arms_deg"] / numbers["landmarks_ik_arms_deg"]
-    said = (
+    sentence = (
         f"`bodysense evaluate video-rendered`: {numbers['videos']:.0f} videos, {60 * numbers['minutes']:.0f} s; arms' "
         f"rotations are {less:.0%} nearer than those of the landmarks. A person was found in "
         f"{numbers['detection_rate']:.0%} of the pictures, {numbers['hand_detection_rate']:.0%} of the hands."
     )
-    return "\n\n".join((markdown(["", *MEASURES.values()], rows), said, published()))
+    return "\n\n".join((markdown(["", *MEASURES.values()], rows), sentence, published()))
 
 
 def published() -> str:
@@ -86,11 +86,11 @@ def table(numbers: Numbers, perfect: Numbers | None) -> str:
 
     def ours(name: str) -> list[str]:
         key = name.replace("-", "_")
-        shown = [(numbers, measure) for measure in measures] + [
+        measured = [(numbers, measure) for measure in measures] + [
             (perfect or {}, "overall_m"),
             (perfect or {}, "arms_deg"),
         ]
-        return [_one(of, f"{key}_{measure}", 1 if measure == "arms_deg" else 4) for of, measure in shown]
+        return [_one(of, f"{key}_{measure}", 1 if measure == "arms_deg" else 4) for of, measure in measured]
 
     rows = []
     for name, row in TABLE_1.items():
@@ -102,11 +102,11 @@ def table(numbers: Numbers, perfect: Numbers | None) -> str:
         if f"{name}_hands_m" in numbers:
             rows.append([title, "", "", *ours(name), "–", "–", "–"])
     head = ["network", "smooth", "fk", *measures.values(), "without errors: overall m", "arms °"]
-    said = (
+    sentence = (
         "`bodysense evaluate pahmt-table1`; *without errors*: trained and asked with `--keypoints perfect`. The "
         "paper's figures are of its own motion."
     )
-    return markdown([*head, "paper: hands", "overall", "arms"], rows) + "\n\n" + said
+    return markdown([*head, "paper: hands", "overall", "arms"], rows) + "\n\n" + sentence
 
 
 def speed(numbers: Numbers) -> str:

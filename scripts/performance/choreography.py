@@ -16,7 +16,7 @@ from .walking import Walk, footfalls
 
 FRAME_RATE = 30.0
 SECONDS = 25.0
-SEAT = 0.45  # m, height of the virtual seat
+SEAT_HEIGHT = 0.45  # m, height of the virtual seat
 Posture = Mapping[str, float]
 Vector = tuple[float, float, float]
 
@@ -188,7 +188,7 @@ def actions() -> list[Action]:
         Meeting(on("right_elbow", -1, 0, 0), Spot("world", up), 0.002, direction=True),
         facing("right", Spot("world", turned(0.1, 0.0, 1.0)), 0.001),
     ]
-    sit = [Meeting(on("pelvis", 0, -0.087 - 0.1, 0), Spot("world", here(0, SEAT, -0.4)))]
+    sit = [Meeting(on("pelvis", 0, -0.087 - 0.1, 0), Spot("world", here(0, SEAT_HEIGHT, -0.4)))]
     laps = []
     for side, sign in (("left", 1.0), ("right", -1.0)):
         laps += [

@@ -77,7 +77,7 @@ _LIMITS = {
 
 
 @dataclass(frozen=True, eq=False)
-class Placed:
+class FigureState:
     """The machine in T poses."""
 
     origin: np.ndarray  # (J + 1, T, 3) m, world; the last joint is the world itself
@@ -123,7 +123,7 @@ class Machine:
             value[self.names.index(name)] = number if name in "xyz" else np.deg2rad(number)
         return value
 
-    def place(self, value: np.ndarray) -> Placed:
+    def place(self, value: np.ndarray) -> FigureState:
         """Forward kinematics of values (T, N)."""
         skeleton, frames = self.skeleton, len(value)
         joints = len(skeleton.joints)
@@ -140,28 +140,28 @@ class Machine:
                 axis[hinge] = before @ local[joint] @ self.axis[hinge]
                 local[joint] = local[joint] @ _turn(self.axis[hinge], angle[:, hinge])
             rotation[joint] = before @ local[joint]
-        return Placed(origin, rotation, local, axis)
+        return FigureState(origin, rotation, local, axis)
 
-    def point(self, placed: Placed, joint: int, offset: np.ndarray) -> np.ndarray:
+    def point(self, state: FigureState, joint: int, offset: np.ndarray) -> np.ndarray:
         """(T, 3) place of a point fixed to a joint, offset (3,) or (T, 3)."""
         return (
-            placed.origin[joint]
-            + (placed.rotation[joint] @ np.broadcast_to(offset, placed.origin[joint].shape)[..., None])[..., 0]
+            state.origin[joint]
+            + (state.rotation[joint] @ np.broadcast_to(offset, state.origin[joint].shape)[..., None])[..., 0]
         )
 
-    def point_slope(self, placed: Placed, joint: int, point: np.ndarray, frames: np.ndarray) -> np.ndarray:
+    def point_slope(self, state: FigureState, joint: int, point: np.ndarray, frames: np.ndarray) -> np.ndarray:
         """(F, 3, N) derivative of a joint's points (F, 3) at some frames."""
-        moved = np.flatnonzero(self.carries[joint])
-        lever = point - placed.origin[self.joint[moved]][:, frames]
-        slope = np.cross(placed.axis[moved][:, frames], lever).transpose(1, 2, 0) @ self.share[moved]
+        joints = np.flatnonzero(self.carries[joint])
+        lever = point - state.origin[self.joint[joints]][:, frames]
+        slope = np.cross(state.axis[joints][:, frames], lever).transpose(1, 2, 0) @ self.share[joints]
         if joint < len(self.skeleton.joints):
             slope[:, :, :3] += np.eye(3)
         return slope
 
-    def direction_slope(self, placed: Placed, joint: int, direction: np.ndarray, frames: np.ndarray) -> np.ndarray:
+    def direction_slope(self, state: FigureState, joint: int, direction: np.ndarray, frames: np.ndarray) -> np.ndarray:
         """(F, 3, N) derivative of world directions (F, 3) fixed to a joint at some frames."""
-        moved = np.flatnonzero(self.carries[joint])
-        return np.cross(placed.axis[moved][:, frames], direction).transpose(1, 2, 0) @ self.share[moved]
+        joints = np.flatnonzero(self.carries[joint])
+        return np.cross(state.axis[joints][:, frames], direction).transpose(1, 2, 0) @ self.share[joints]
 
     def pose(self, value: np.ndarray) -> Pose:
         """The poses (T, ...) of values (T, N)."""

@@ -36,15 +36,15 @@ STANDS_FOR = {"pinky": "pinky1", "index": "index1", "thumb": "thumb2", "heel": "
 
 
 class Still:
-    """A network that says of every window that nothing is turned."""
+    """Network that predicts identity rotations for every window."""
 
     card: ClassVar[dict[str, Any]] = {"frames": 32, "rate": 30.0, "validation": {"overall_m": 0.1, "hands_m": 0.02}}
 
     def run(self, inputs: dict[str, Any]) -> dict[str, np.ndarray]:
         assert np.isfinite(inputs["arm"]).all()
-        said = np.zeros((1, inputs["arm"].shape[1], len(ARM_JOINTS), 4))
-        said[..., 0] = 1
-        return {"rotation": said}
+        rotation = np.zeros((1, inputs["arm"].shape[1], len(ARM_JOINTS), 4))
+        rotation[..., 0] = 1
+        return {"rotation": rotation}
 
 
 MODEL = ArmModel(Still())  # type: ignore[arg-type]
@@ -56,7 +56,7 @@ def take(waving_clip: Clip) -> RenderedTake:
 
 
 def perfect(take: RenderedTake) -> PersonLandmarks:
-    """Landmarks without any error."""
+    """Return landmarks without errors."""
     position, rotation = (np.asarray(values) for values in forward_kinematics(take.pose))
     skeleton, frames = take.pose.skeleton, len(take.time)
     head = skeleton.index("head")
@@ -87,8 +87,8 @@ def perfect(take: RenderedTake) -> PersonLandmarks:
 def test_perfect_landmarks_give_fingers_but_not_twist(take: RenderedTake, completion: CompletionModel) -> None:
     table = VideoTable()
     person = perfect(take)
-    said, bones = complete_by_all_methods(take, person, MODEL, completion)
-    table.add(take, person, said)
+    rotations, bones = complete_by_all_methods(take, person, MODEL, completion)
+    table.add(take, person, rotations)
     table.add_bones(take, bones)
     numbers = table.numbers()
     for bone in ("upper_arm", "forearm"):
@@ -98,20 +98,20 @@ def test_perfect_landmarks_give_fingers_but_not_twist(take: RenderedTake, comple
     assert numbers["detection_rate"] == numbers["hand_detection_rate"] == 1.0
     assert numbers["detector_arm_drift"] == pytest.approx(0, abs=1e-4)
     assert numbers["landmarks_ik_hands_cm"] < 1.0
-    assert numbers["landmarks_ik_overall_cm"] < 4.0  # of lengths that IK does not know, and of smoothing over time
+    assert numbers["landmarks_ik_overall_cm"] < 4.0  # IK does not know bone lengths, and smooths over time
     assert numbers["positions_ik_overall_cm"] < 0.1
     assert numbers["positions_ik_upper_arm_twist_deg"] > 2.0
     still = np.zeros((len(take.time), len(ARM_JOINTS), 4))
     still[..., 0] = 1
     errors = arm_errors(still, arms_from_torso(take.pose), take.pose.skeleton)
     for measure, values in ((name, errors[name]) for name in video_rendered.MEASURES):
-        # Landmarks lay arms where a network knows nothing; how far joints turn they do not tell.
+        # Landmarks give the directions of arms, but not their twist.
         share = numbers[f"network_{measure}"] / values.mean()
         assert {"overall_cm": share < 0.7, "hands_cm": 0.9 < share < 1.1, "arms_deg": share < 1.15}.get(measure, True)
         assert numbers[f"network_true_{measure}"] == pytest.approx(values.mean(), rel=1e-5)
 
 
-def test_the_first_second_of_a_moving_camera_counts_alone(take: RenderedTake) -> None:
+def test_the_first_second_of_a_moving_camera_is_also_scored_alone(take: RenderedTake) -> None:
     time = np.arange(len(take.time)) / 10.0  # 1.4 s
     moving = replace(take, time=time, camera=move_camera(take.camera, take.camera, len(time)), category="moving_camera")
     truth, table = bones_of(moving.pose, moving.camera), VideoTable()
@@ -126,7 +126,7 @@ def test_the_first_second_of_a_moving_camera_counts_alone(take: RenderedTake) ->
     assert "network_forearm_space_deg_main_first" not in numbers
 
 
-def test_what_was_not_found_is_counted(take: RenderedTake) -> None:
+def test_missed_people_and_hands_are_counted(take: RenderedTake) -> None:
     table, person = VideoTable(), perfect(take)
     half = np.arange(len(person)) < len(person) // 2
     person = replace(person, has_body=half, has_hand=person.has_hand & half[:, None])
@@ -139,7 +139,7 @@ def test_what_was_not_found_is_counted(take: RenderedTake) -> None:
     assert "network_arms_deg" not in numbers and "detection_rate" not in numbers
 
 
-def test_the_report_says_what_holds(take: RenderedTake) -> None:
+def test_the_report_has_remarks_and_published_rows(take: RenderedTake) -> None:
     table, truth, rest = VideoTable(), arms_from_torso(take.pose), np.zeros((len(take.time), len(ARM_JOINTS), 4))
     rest[..., 0] = 1
     methods = {"network": truth, "landmarks_ik": rest, "network_true": truth, "positions_ik": rest}
@@ -153,7 +153,7 @@ def test_the_report_says_what_holds(take: RenderedTake) -> None:
             assert f"{who}_{measure}" in report.numbers
 
 
-def test_a_video_that_does_not_fit_its_truth_is_refused(
+def test_a_video_that_does_not_match_its_truth_is_refused(
     take: RenderedTake, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     write_take(tmp_path / "take.npz", take)

@@ -44,8 +44,8 @@ def render(run: Flat[Rendering]) -> None:
             render_take(take, scene, out, run.pixels, lambda: progress.update(bar, advance=1))
     length = sum(len(take.time) / RATE for take, _ in planned)
     is_short = run.motion is not None and len(planned) < run.videos
-    said = f"; no more of {run.videos}: the motion has no more in which hands move" if is_short else ""
-    Console().print(f"{out}: videos: {len(planned)}, {length:.0f} s{said}", highlight=False)
+    remark = f"; no more of {run.videos}: the motion has no more in which hands move" if is_short else ""
+    Console().print(f"{out}: videos: {len(planned)}, {length:.0f} s{remark}", highlight=False)
 
 
 def _planned(run: Rendering, motion: Path, rng: np.random.Generator) -> list[tuple[RenderedTake, Scene]]:

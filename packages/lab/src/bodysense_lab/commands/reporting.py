@@ -130,20 +130,20 @@ def print_report(report: Report, console: Console) -> None:
     from rich.padding import Padding
     from rich.table import Table
 
-    shown = Table(title=report.title, box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
+    printed = Table(title=report.title, box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
     firsts = [row[0] for row in report.rows]
     for k, column in enumerate(report.columns):
         words = all(isinstance(row[k], str) for row in report.rows)
-        shown.add_column(column, justify="left" if words else "right", no_wrap=k == 0)
+        printed.add_column(column, justify="left" if words else "right", no_wrap=k == 0)
     before: tuple[Cell, ...] = (None,) * len(report.columns)
     for row in report.rows:
         if before[0] not in (None, row[0]) and len(set(firsts)) < len(firsts):
-            shown.add_section()
+            printed.add_section()
         repeats = next((k for k, (one, two) in enumerate(zip(row, before, strict=True)) if one != two), len(row))
         cells = ["" if k < repeats else _cell(one, report.digits) for k, one in enumerate(row)]
-        shown.add_row(*cells)
+        printed.add_row(*cells)
         before = row
-    console.print(shown)
+    console.print(printed)
     console.print(report.caption, highlight=False, markup=False)
     for heading, lines in (("Data", report.data), (report.remarks_title, report.remarks)):
         if lines:

@@ -122,8 +122,8 @@ def analyze(
     from bodysense_lab.study.study import read_all_answers, read_key
 
     check_places(json)
-    held = read_key(key)
-    result = analyze_answers(held, read_all_answers(answers, held))
+    study_key = read_key(key)
+    result = analyze_answers(study_key, read_all_answers(answers, study_key))
     console = Console()
     console.print(preference_table(result))
     write_numbers(json, result.numbers())
@@ -159,8 +159,8 @@ def simulate(
     from bodysense_lab.study.analysis import simulate_answers
     from bodysense_lab.study.study import read_key, write_answers
 
-    held = read_key(key)
-    given = simulate_answers(held, raters, parse_preference(preference), np.random.default_rng(seed), ties)
+    study_key = read_key(key)
+    given = simulate_answers(study_key, raters, parse_preference(preference), np.random.default_rng(seed), ties)
     make_folder(out)
     for answers in given:
         write_answers(out / f"answers-{answers.rater}.json", answers)

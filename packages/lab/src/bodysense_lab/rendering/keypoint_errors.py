@@ -55,12 +55,15 @@ def bones_of_landmarks(person: PersonLandmarks) -> ArmBones:
     return ArmBones(person.world[:, _MARKS], person.picture[:, _MARKS])
 
 
-def bone_errors(said: ArmBones, truth: ArmBones, interval: float) -> dict[str, np.ndarray]:
+def bone_errors(estimated: ArmBones, truth: ArmBones, interval: float) -> dict[str, np.ndarray]:
     """`MEASURES` of T frames, each with as many values as it has: of bones in the picture where they are seen."""
     flat, deep = np.diff(truth.picture, axis=2), np.diff(truth.space, axis=2)
     is_seen = np.linalg.norm(deep[..., :2], axis=-1) > _BLUNT * np.linalg.norm(deep, axis=-1)
-    in_picture, in_space = _angles(np.diff(said.picture, axis=2), flat), _angles(np.diff(said.space, axis=2), deep)
-    reach = said.space[:, :, -1] - said.space[:, :, 0]
+    in_picture, in_space = (
+        _angles(np.diff(estimated.picture, axis=2), flat),
+        _angles(np.diff(estimated.space, axis=2), deep),
+    )
+    reach = estimated.space[:, :, -1] - estimated.space[:, :, 0]
     shake = np.linalg.norm(np.diff(reach, 2, axis=0), axis=-1) / interval**2
     found: dict[str, np.ndarray] = {"wrist_acceleration": shake}
     for k, bone in enumerate(ARM_BONES):

@@ -82,10 +82,10 @@ class VideoTable:
         """A mean over frames and joints; NaN where nothing was counted."""
         return self.tallies.mean(group, method, measure)
 
-    def add(self, take: RenderedTake, person: PersonLandmarks, said: dict[str, np.ndarray]) -> None:
+    def add(self, take: RenderedTake, person: PersonLandmarks, rotations: dict[str, np.ndarray]) -> None:
         """Count a video: what was found in it, and rotations (T, 38, 4), as of `arms_from_torso`, by method."""
         group, truth = _group(take), arms_from_torso(take.pose)
-        for method, rotation in said.items():
+        for method, rotation in rotations.items():
             for measure, values in arm_errors(rotation, truth, take.pose.skeleton).items():
                 self.tallies.add((group, method, measure), values)
         true = take.keypoints()
@@ -95,13 +95,13 @@ class VideoTable:
         self.videos.append(take.name)
         self.seconds.append(float(take.time[-1] - take.time[0]))
 
-    def add_bones(self, take: RenderedTake, said: dict[str, ArmBones]) -> None:
+    def add_bones(self, take: RenderedTake, rotations: dict[str, ArmBones]) -> None:
         """Count where the bones of a video's arms point, by method; of a moving camera also its first second alone."""
         truth, interval = bones_of(take.pose, take.camera), float(np.median(np.diff(take.time)))
         pieces = {_group(take): slice(None)}
         if take.moves:
             pieces[f"{_group(take)}{_FIRST}"] = slice(int((take.time < take.time[0] + 1.0).sum()))
-        for (group, piece), (method, bones) in product(pieces.items(), said.items()):
+        for (group, piece), (method, bones) in product(pieces.items(), rotations.items()):
             for measure, values in bone_errors(bones[piece], truth[piece], interval).items():
                 self.tallies.add((group, method, measure), values)
 
@@ -142,8 +142,8 @@ def score_videos(
             raise BodysenseError(
                 f"{path}: the video has {len(person)} pictures, the truth {len(take.time)}; render it again"
             )
-        said, bones = complete_by_all_methods(take, person, model)
-        table.add(take, person, said)
+        rotations, bones = complete_by_all_methods(take, person, model)
+        table.add(take, person, rotations)
         table.add_bones(take, bones)
         advance(take.name)
     return table
@@ -166,14 +166,14 @@ def complete_by_all_methods(
     true = arms.complete(take.keypoints()).estimate.pose
     assert true is not None
     pose, camera = track_body(VideoDevice(default_skeleton(), arms, float(take.camera.aspect)), person, tracker)
-    said = {
+    rotations = {
         "network": arms_from_torso(pose),
         "landmarks_ik": arms_from_torso(LandmarkIk(default_skeleton()).complete(person)),
         "network_true": arm_rotations(true),  # a network says its rotations from the torso already
         "positions_ik": solved_from_positions(take.pose),
     }
-    shown = (bones_of(pose, camera), bones_of_landmarks(person), bones_of(take.pose, take.camera))
-    return said, dict(zip(BONE_METHODS, shown, strict=True))
+    bones = (bones_of(pose, camera), bones_of_landmarks(person), bones_of(take.pose, take.camera))
+    return rotations, dict(zip(BONE_METHODS, bones, strict=True))
 
 
 def track_body(
@@ -204,8 +204,8 @@ def video_report(table: VideoTable, name: str) -> Report:
     for group in table.groups:
         label = () if len(table.groups) == 1 else (group,)
         rows += [
-            (*label, shown, *(cell(table.get(method, measure, group)) for measure in measures))
-            for method, shown in METHODS.items()
+            (*label, title, *(cell(table.get(method, measure, group)) for measure in measures))
+            for method, title in METHODS.items()
         ]
     label = () if len(table.groups) == 1 else ("the paper's",)
     rows += [(*label, name, *(figures.get(measure) for measure in measures)) for name, figures in PUBLISHED.items()]
@@ -218,7 +218,7 @@ def video_report(table: VideoTable, name: str) -> Report:
         ("forearm_twist_deg", "So is the forearm about itself"),
     ):
         for ours, theirs in (("network", "landmarks_ik"), ("network_true", "positions_ik")):
-            lower, higher = (NamedFigure(METHODS[who], table.get(who, measure)) for who in (ours, theirs))
+            lower, higher = (NamedFigure(METHODS[method], table.get(method, measure)) for method in (ours, theirs))
             remarks.append(ordering(claim, lower, [higher], "°", digits=1))
     rates = ", ".join(
         f"{word} in {numbers[key + suffix]:.1%}"
@@ -253,13 +253,13 @@ def _group(take: RenderedTake) -> str:
 def _panel(table: VideoTable, title: str, unit: str) -> BarPanel:
     """Bars of the three methods that a video or its key-points can be given to, of the first group."""
     measures = [measure for measure in MEASURES if measure.endswith(unit)]
-    shown = ("network", "landmarks_ik", "network_true")
+    methods = ("network", "landmarks_ik", "network_true")
     return BarPanel(
         title=title,
         groups=tuple(MEASURES[measure] for measure in measures),
         series=tuple(
-            plain_bars(METHODS[who], [table.get(who, measure, table.groups[0]) for measure in measures])
-            for who in shown
+            plain_bars(METHODS[method], [table.get(method, measure, table.groups[0]) for measure in measures])
+            for method in methods
         ),
         measure={"cm": "cm", "deg": "degrees"}[unit],
     )

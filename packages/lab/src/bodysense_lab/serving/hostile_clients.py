@@ -26,10 +26,10 @@ from bodysense_live.safety import Limits
 from bodysense_live.settings import ServerSettings
 
 _POINTS = ("headset", "left_controller", "right_controller", "left:wrist", "left:index-finger-tip", "hip")
-_WATCH_EVERY = 1000  # messages, after which the watchman looks
+_MONITOR_INTERVAL = 1000  # messages, after which the watchman looks
 _LIMITS = Limits(messages_a_second=1e9, sessions=8, seconds_to_resume=0.1)
 # Pieces of which random texts are made.
-_WORDS = (
+_TEXT_PIECES = (
     *('{"type":"hello","version":1', ',"points":["head"]', ',"settings":{"height":1.7}', "}", "[", "]", "{", '"', ","),
     *('{"type":"settings","mirror":true}', '{"type":"ping","time":1}', '{"type":"recentre"}', '{"type":"calibrate"}'),
     *(
@@ -67,7 +67,7 @@ class FakeSocket:
         self.poses = 0
         self.last: bytes = b""
         self.code: int | None = None
-        self.shown = asyncio.Event()
+        self.pose_sent = asyncio.Event()
 
     async def receive(self) -> dict[str, Any]:
         """The next message of the client."""
@@ -82,7 +82,7 @@ class FakeSocket:
         if data[0] == POSE:
             self.poses += 1
             self.last = data
-            self.shown.set()
+            self.pose_sent.set()
 
     async def close(self, code: int, reason: str) -> None:
         """The server ends it."""
@@ -103,36 +103,36 @@ async def fuzz(frames: int, rng: np.random.Generator, counts: FuzzCounts) -> Non
     """Send `frames` messages and update `counts`."""
     live = Live(ServerSettings(limits=_LIMITS), Metrics())
     live.start()
-    watchman = FakeSocket()
-    watching = asyncio.create_task(converse(watchman, live))  # type: ignore[arg-type]
-    watchman.put(write_message(Hello(1, _POINTS[:3])))
+    monitor = FakeSocket()
+    monitor_task = asyncio.create_task(converse(monitor, live))  # type: ignore[arg-type]
+    monitor.put(write_message(Hello(1, _POINTS[:3])))
     moment, looked = 0.0, 0
     try:
         while counts.frames < frames:
             await _client(live, rng, frames, counts)
-            if counts.frames - looked >= _WATCH_EVERY:
+            if counts.frames - looked >= _MONITOR_INTERVAL:
                 looked, moment = counts.frames, moment + 1 / 72
-                await _check_monitor(watchman, moment, counts)
-            if watching.done():
+                await _check_monitor(monitor, moment, counts)
+            if monitor_task.done():
                 counts.errors.append("the watchman's session ended")
                 return
-        await _check_monitor(watchman, moment + 1 / 72, counts)
+        await _check_monitor(monitor, moment + 1 / 72, counts)
     finally:
-        watchman.leave()
-        await asyncio.gather(watching, return_exceptions=True)
+        monitor.leave()
+        await asyncio.gather(monitor_task, return_exceptions=True)
         await live.stop()
 
 
-async def _check_monitor(watchman: FakeSocket, moment: float, counts: FuzzCounts) -> None:
+async def _check_monitor(monitor: FakeSocket, moment: float, counts: FuzzCounts) -> None:
     """Check that an ordinary frame of another client is answered with a body of finite numbers."""
-    watchman.shown.clear()
-    watchman.put(write_signal(_standing_signal(0, moment)))
+    monitor.pose_sent.clear()
+    monitor.put(write_signal(_standing_signal(0, moment)))
     try:
-        await asyncio.wait_for(watchman.shown.wait(), 30)
+        await asyncio.wait_for(monitor.pose_sent.wait(), 30)
     except TimeoutError:
         counts.errors.append(f"no answer to another client after {counts.frames} messages")
         return
-    pose = read_pose(watchman.last, 65)
+    pose = read_pose(monitor.last, 65)
     if not (np.isfinite(pose.rotation).all() and np.isfinite(pose.root_position).all()):
         counts.errors.append(f"a body that is no number after {counts.frames} messages")
     counts.watched += 1
@@ -149,9 +149,9 @@ async def _client(live: Live, rng: np.random.Generator, frames: int, counts: Fuz
         socket.put(message_of(rng, k))
         counts.frames += 1
         if k % 16 == 0:  # now and then it waits for an answer
-            socket.shown.clear()
+            socket.pose_sent.clear()
             with contextlib.suppress(TimeoutError):
-                await asyncio.wait_for(socket.shown.wait(), 0.05 if rng.random() < 0.5 else 0.0001)
+                await asyncio.wait_for(socket.pose_sent.wait(), 0.05 if rng.random() < 0.5 else 0.0001)
         if conversation.done() or counts.frames >= frames:
             break
     socket.leave()
@@ -185,7 +185,7 @@ def message_of(rng: np.random.Generator, k: int) -> str | bytes:
     if choice < 0.996:
         text = write_message(Hello(1, _POINTS)) if rng.random() < 0.5 else write_message(Change({"height": 1.8}))
         return corrupted(text.encode(), rng).decode(errors="replace")
-    return "".join(rng.choice(_WORDS, int(rng.integers(1, 12))))
+    return "".join(rng.choice(_TEXT_PIECES, int(rng.integers(1, 12))))
 
 
 def corrupted(data: bytes, rng: np.random.Generator) -> bytes:

@@ -19,10 +19,10 @@ def running_server(*options: str, **environment: str) -> Iterator[tuple[str, sub
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=os.environ | environment) as process:
         try:
             assert process.stdout is not None
-            said = process.stdout.readline()
-            address = re.search(r"http://\S+", said)
+            line = process.stdout.readline()
+            address = re.search(r"http://\S+", line)
             if address is None:
-                raise BodysenseError(f"the server did not start: {said.strip() or 'see its own words above'}")
+                raise BodysenseError(f"the server did not start: {line.strip() or 'see its output above'}")
             yield address.group(), process
         finally:
             process.terminate()

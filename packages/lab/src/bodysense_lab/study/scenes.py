@@ -39,11 +39,11 @@ def write_study_page(folder: Path, study: str, rings: Sequence[Sequence[str]]) -
     `rings` are the names of each scene's animations, in the order of its ring (lab/study/study.py); their files,
     `<name>.webp`, are to be written into the folder that is returned. The page knows only the names.
     """
-    told = json.dumps({"study": study, "scenes": [list(ring) for ring in rings]}).replace("<", "\\u003c")
+    study_json = json.dumps({"study": study, "scenes": [list(ring) for ring in rings]}).replace("<", "\\u003c")
     source = files("bodysense_lab.study").joinpath("assets")
     for name in FILES:
         text = source.joinpath(name).read_text(encoding="utf-8")
-        (folder / name).write_text(text.replace(">STUDY<", f">{told}<"), encoding="utf-8")
+        (folder / name).write_text(text.replace(">STUDY<", f">{study_json}<"), encoding="utf-8")
     clips = folder / "clips"
     clips.mkdir()
     return clips
@@ -104,7 +104,7 @@ def complete_clip(clip: Clip, settings: StudySettings) -> SceneMotion:
         "ours": completed(Learned(load_model(settings.model), skeleton)),
         "baseline": completed(Hold(skeleton, settings.last_known)),
     }
-    return _described(clip.name, pose, ~observation.has_position[:, scored_points(skeleton)])
+    return _scene_motion(clip.name, pose, ~observation.has_position[:, scored_points(skeleton)])
 
 
 def cut_scenes(motion: SceneMotion, longest: float) -> list[SceneMotion]:
@@ -117,7 +117,7 @@ def cut_scenes(motion: SceneMotion, longest: float) -> list[SceneMotion]:
         return [motion]
     edges = np.linspace(0, frames, count + 1).astype(int)
     return [
-        _described(
+        _scene_motion(
             f"{motion.name}-{number}",
             {condition: pose[start:end] for condition, pose in motion.pose.items()},
             motion.hidden[start:end],
@@ -176,7 +176,7 @@ def _renderings(
     return sorted(work, key=lambda one: one[0])
 
 
-def _described(name: str, pose: dict[Condition, Pose], hidden: np.ndarray) -> SceneMotion:
+def _scene_motion(name: str, pose: dict[Condition, Pose], hidden: np.ndarray) -> SceneMotion:
     """A scene with its errors."""
     tested = scored_points(pose["truth"].skeleton)
     position = {c: np.asarray(forward_kinematics(pose[c])[0])[:, tested] for c in CONDITIONS}

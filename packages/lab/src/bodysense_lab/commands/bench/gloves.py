@@ -1,4 +1,4 @@
-"""`bodysense bench gloves`: gloves on synthesised hands, some of whose markers are hidden."""
+"""`bodysense bench gloves`: gloves on synthesised hands with hidden markers."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from bodysense_lab.options import Json
 
 
 def gloves(frames: Count = 3000, json: Json = None) -> None:
-    """Time gloves with one hidden marker a hand, a frame at a time, everything included: one hand, then two.
+    """Time the whole step of gloves frame by frame, with one hidden marker on each hand: one hand, then two.
 
-    Which marker is hidden changes every half second. `all` is with none hidden. The step that moves hands and fingers
-    out of each other is timed in `contact` alone.
+    Another marker is hidden every half second. `all` is without hidden markers. Only `contact` includes the step that
+    separates hands and fingers that overlap.
 
     Args:
-        frames: Frames to time of each, after 100 to warm up.
+        frames: number of frames of each, after 100 to warm up.
     """
     from bodysense.devices.gloves.hands import Hands, HandsSettings, load_glove_models
     from bodysense_lab.synthesis.glove_stream import glove_stream
