@@ -106,7 +106,7 @@ def write_film(path: Path) -> None:
 
     clip = resample(packaged_performance(), RATE / STEP)
     first, last = (round(RATE / STEP * second) for second in FILM)
-    pose = load_figure("woman").wear(clip.pose[first:last])
+    pose = load_figure("woman").retarget(clip.pose[first:last])
     middle = np.median(pose.root_position, axis=0)
     away, right = np.array([np.sin(TURNED), 0, np.cos(TURNED)]), np.array([np.cos(TURNED), 0, -np.sin(TURNED)])
     axes = np.stack([right, (0, 1, 0), away], axis=1)

@@ -33,7 +33,7 @@ def filmed() -> Pose:
     """Return the poses of the film's pictures."""
     clip = packaged_performance()
     step = round(clip.frame_rate / RATE)
-    return load_figure("woman").wear(clip.pose[: RATE * SECONDS * step : step])
+    return load_figure("woman").retarget(clip.pose[: RATE * SECONDS * step : step])
 
 
 def around() -> np.ndarray:

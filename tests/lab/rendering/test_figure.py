@@ -62,7 +62,7 @@ def test_the_twist_of_a_hand_spreads_along_the_forearm(side: str) -> None:
 
 def test_retargeting_keeps_rotations_and_feet_on_the_floor(waving_clip: Clip) -> None:
     figure = load_figure("heavy")
-    retargeted = figure.wear(waving_clip.pose)
+    retargeted = figure.retarget(waving_clip.pose)
     assert np.array_equal(retargeted.rotation, waving_clip.pose.rotation)
     soles = [np.asarray(forward_kinematics(pose)[0])[..., 1].min(axis=-1) for pose in (retargeted, waving_clip.pose)]
     assert np.abs(soles[0] - soles[1]).max() < 0.03
@@ -74,6 +74,6 @@ def test_other_joints_and_other_figures_are_refused() -> None:
         tuple(name.upper() for name in skeleton.joints), skeleton.end_sites, skeleton.parents, skeleton.rest_offset
     )
     with pytest.raises(BodysenseError, match="other joints"):
-        load_figure("man").wear(rest_pose(renamed, (2,)))
+        load_figure("man").retarget(rest_pose(renamed, (2,)))
     with pytest.raises(BodysenseError, match="unknown figure 'dog'; valid are woman, man, heavy"):
         load_figure("dog")  # type: ignore[arg-type]

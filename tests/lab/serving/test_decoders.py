@@ -28,5 +28,5 @@ def test_wireshark_reads_every_packet() -> None:
 
 def test_a_packet_that_is_decoded_differently_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(decoders, "_python_osc", lambda data: [])
-    with pytest.raises(BodysenseError, match="python-osc reads otherwise"):
+    with pytest.raises(BodysenseError, match="python-osc reads it differently"):
         list(decode(5, np.random.default_rng(1), None))

@@ -96,9 +96,9 @@ def test_without_preference_one_in_twenty_is_significant(key: StudyKey) -> None:
     ("raters", "quality", "ties", "message"),
     [
         (0, {}, 0.2, "0 raters cannot answer"),
-        (3, {"truth": 0.8, "baseline": -0.5}, 0.2, r"quality of truth less that of baseline is 1\.3; mean votes lie"),
-        (3, {"ours": math.nan}, 0.2, "mean votes lie"),
-        (3, {}, 1.5, r"ties 1\.5 is no share"),
+        (3, {"truth": 0.8, "baseline": -0.5}, 0.2, r"quality of truth minus that of baseline is 1\.3; mean votes are"),
+        (3, {"ours": math.nan}, 0.2, "mean votes are"),
+        (3, {}, 1.5, r"ties 1\.5 is not a share"),
     ],
 )
 def test_impossible_raters_are_refused(key: StudyKey, raters: int, quality: dict, ties: float, message: str) -> None:

@@ -86,7 +86,7 @@ def test_served_files_do_not_reveal_the_key(tmp_path: Path, clip: Clip, settings
     assert key.study in text and not any(word in text for word in ("truth", "baseline", "waving"))
     assert [path.name for path in tmp_path.iterdir()] == ["study"]
 
-    with pytest.raises(BodysenseError, match="study is there already; name a new folder, so that no study loses its"):
+    with pytest.raises(BodysenseError, match="study exists; name a new folder, so that no study loses its"):
         build_study(out, [clip], settings, np.random.default_rng(0), 1, lambda *_: None)
 
 

@@ -108,14 +108,14 @@ def other_scene(held: dict[str, Any]) -> None:
     [
         (
             lambda held: held.update(study="elsewhere"),
-            r"answers of study 'elsewhere', the key is of '\w{12}'; give the key beside which",
+            r"answers of study 'elsewhere', the key is of '\w{12}'; give the key that was written",
         ),
         (lambda held: held["answers"][0].update(left="0123456789ab"), "no animation '0123456789ab' is in the study"),
         (other_scene, "are not a pair of one scene"),
         (lambda held: held["answers"].append(held["answers"][0]), "is answered twice"),
         (lambda held: held["answers"].pop(), "5 of 6 pairs are answered; let the rater finish, or leave the file out"),
         (lambda held: held["answers"][0].update(choice="both"), "unknown choice 'both'; valid are left, right, none"),
-        (lambda held: held.update(rater=7), "something else than text"),
+        (lambda held: held.update(rater=7), "other values than texts"),
         (lambda held: held["answers"][2].pop("choice"), r"lack or misshape a part \(KeyError\('choice'\)\)"),
         (
             lambda held: held.update(format="bodysense recording 1"),

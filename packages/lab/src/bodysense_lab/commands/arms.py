@@ -1,4 +1,4 @@
-"""`bodysense train arms`, `arms-table`, `bodysense evaluate pahmt-table1` (PAHMT)."""
+"""`bodysense train arms`, `train arms-table` and `evaluate pahmt-table1` (PAHMT)."""
 
 from __future__ import annotations
 
@@ -42,12 +42,12 @@ def pahmt_table1(
 ) -> None:
     """PAHMT, Table 1: CNN, AHMT and PAHMT; hands alone; with and without each loss.
 
-    The clips with fingers are scored, in one process.
+    Only clips with fingers are scored, in one process.
 
     Args:
         networks: folder that `bodysense train arms-table` wrote.
-        model: the .pt of a network with other settings, written by `bodysense train arms`, for one more row.
-        stride: frames from one window to the next.
+        model: .pt of a network with other settings, written by `bodysense train arms`, for one more row.
+        stride: frames between the starts of windows.
         seed: random seed of cameras and of the detector's errors.
     """
     from bodysense_lab.pahmt.tables import arm_report, rows_in, score_arms

@@ -1,4 +1,4 @@
-"""`bodysense data info` of the laboratory: also for prepared stores, and with statistics of occlusion."""
+"""`bodysense data info` of the laboratory, also for prepared stores and with statistics of occlusion."""
 
 from __future__ import annotations
 
@@ -38,9 +38,9 @@ def info(
         occlusion: simulate the headset's cameras and print the statistics of UNOC, Table 1, and the published ones.
         split: people to include.
         layout: published data set that the folder is; recognised by its files if omitted.
-        camera: the headset's, for --occlusion.
-        picture: PNG file for bodies of a few frames of the first file that can be read.
-        json: JSON file for the numbers, one flat object.
+        camera: cameras of the headset, for --occlusion.
+        picture: PNG file with bodies of a few frames of the first readable file.
+        json: JSON file for the numbers, as one flat object.
         reading: properties that the files do not contain.
     """
     from rich.progress import track
@@ -69,7 +69,7 @@ def info(
 def _clips_of(
     place: Path, split: Split, layout: Layout | None, reading: ReadingOptions
 ) -> tuple[int, Iterable[FoundFile]]:
-    """Return the number of clips of a place, and the clips one by one."""
+    """Return the number of clips of a file, folder or store, and an iterable of them."""
     from bodysense.io.datasets.reasons import lines_by_kind
     from bodysense_lab.bodies import body_lines
     from bodysense_lab.clips import count_clips, open_clips

@@ -1,4 +1,4 @@
-"""`bodysense data render`: videos of motion, with their truth; `bodysense evaluate video-rendered` scores them."""
+"""`bodysense data render` draws videos of motion with their truth; `evaluate video-rendered` scores them."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 def render(run: Flat[Rendering]) -> None:
     """Draw videos of a skinned, dressed and lit body from motion with fingers, each with its truth.
 
-    Three bodies take turns; skin, clothes, light, room and camera are drawn at random. A video that is already there
-    is kept, so that a stop costs little.
+    Three bodies alternate. Skin, clothes, light, room and camera are random. Existing videos are kept, so that a
+    stopped run resumes.
     """
     import numpy as np
     from rich.console import Console
@@ -44,12 +44,12 @@ def render(run: Flat[Rendering]) -> None:
             render_take(take, scene, out, run.pixels, lambda: progress.update(bar, advance=1))
     length = sum(len(take.time) / RATE for take, _ in planned)
     is_short = run.motion is not None and len(planned) < run.videos
-    remark = f"; no more of {run.videos}: the motion has no more in which hands move" if is_short else ""
+    remark = f" (of {run.videos}: the motion has no more clips with moving hands)" if is_short else ""
     Console().print(f"{out}: videos: {len(planned)}, {length:.0f} s{remark}", highlight=False)
 
 
 def _planned(run: Rendering, motion: Path, rng: np.random.Generator) -> list[tuple[RenderedTake, Scene]]:
-    """Takes of recorded motion."""
+    """Return takes of recorded motion and their scenes."""
     from rich.progress import track
 
     from bodysense.cli.recordings import load_clip
@@ -72,7 +72,7 @@ def _planned(run: Rendering, motion: Path, rng: np.random.Generator) -> list[tup
         if len(planned) == run.videos:
             break
     if not planned:
-        raise BodysenseError(f"{motion}: nothing in it that moves its hands before a camera; give livelier motion")
+        raise BodysenseError(f"{motion}: no clip with moving hands in view of a camera; give other motion")
     return planned
 
 

@@ -1,4 +1,4 @@
-"""Shared parts of the tables' commands: progress, and output of the report."""
+"""Shared parts of the tables' commands: progress and output of reports."""
 
 from __future__ import annotations
 
@@ -35,12 +35,12 @@ def check_outputs(table: TableOptions) -> None:
 
 
 def open_data(data: str, table: TableOptions) -> DataSet:
-    """Return the data of a table, as the options have it; its outputs are known to be writable."""
+    """Return the data set of a table; refuse outputs that cannot be written."""
     return open_sets((data,), table)[0]
 
 
 def open_sets(data: Sequence[str], table: TableOptions) -> list[DataSet]:
-    """Return several data sets, as the options have them; the table's outputs are known to be writable."""
+    """Return the data sets of a table; refuse outputs that cannot be written."""
     from bodysense_lab.datasets import open_data_set
 
     check_outputs(table)
@@ -51,7 +51,7 @@ def open_sets(data: Sequence[str], table: TableOptions) -> list[DataSet]:
 def progress_bar(what: str, total: int | None = None) -> Iterator[Callable[..., None]]:
     """Display progress over `total` pieces; yields a function to call after each.
 
-    It takes the piece, whose name is displayed, or a name; and how many are done, one if omitted.
+    Its arguments are the piece or a name, which is displayed, and the number of finished pieces (default 1).
     """
     from rich.progress import (
         BarColumn,
@@ -74,7 +74,7 @@ def progress_bar(what: str, total: int | None = None) -> Iterator[Callable[..., 
 
 
 def with_progress_bar(pieces: Iterable[Piece], what: str, total: int) -> Iterator[Piece]:
-    """Yield pieces; display progress over them, `total` in all."""
+    """Yield pieces and display progress over them; `total` is their number."""
     with progress_bar(what, total) as advance:
         for piece in pieces:
             yield piece
@@ -82,7 +82,7 @@ def with_progress_bar(pieces: Iterable[Piece], what: str, total: int) -> Iterato
 
 
 def finish(report: Report, table: TableOptions, data: DataSet | None = None) -> None:
-    """Print a report and write its files; the numbers of a sample of `data` tell of how many clips it is one."""
+    """Print a report and write its files. With --quick, the numbers have the number of all clips of `data`."""
     from rich.console import Console
 
     from bodysense.cli.show import write_numbers
@@ -117,14 +117,14 @@ def show(report: Report, json: Path | None) -> None:
 
 
 def tracker_settings(half_life: float | None) -> IkTrackerSettings:
-    """The settings of UNOC's tracker with another half-life, seconds; None keeps its own."""
+    """Return the settings of UNOC's tracker with a half-life in s; None: its default."""
     from bodysense_lab.unoc.ik_tracker import IkTrackerSettings
 
     return IkTrackerSettings() if half_life is None else IkTrackerSettings(half_life=half_life)
 
 
 def print_report(report: Report, console: Console) -> None:
-    """The table, what it was made of, and what holds of the paper; a first cell that repeats stands once."""
+    """Print the table, its data and its remarks; repeated first cells are printed once."""
     from rich import box
     from rich.markup import escape
     from rich.padding import Padding

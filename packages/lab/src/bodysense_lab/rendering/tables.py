@@ -1,4 +1,4 @@
-"""The whole path from pixels to arms and hands, on rendered videos with their truth (PAHMT, Table 3)."""
+"""Table of arms and hands from pixels, on rendered videos with their truth (PAHMT, Table 3)."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ from bodysense_lab.scoring import GROUPS, group_named, suffix_of
 from bodysense_lab.table import Cell, Report, cell, finite, ordering
 from bodysense_lab.tallies import Tallies
 
-METHODS = {  # key: how it is called in the table
+METHODS = {  # labels in the table
     "network": "video: network",
     "landmarks_ik": "video: MediaPipe's 3-D landmarks, IK",
     "network_true": "true key-points: network",
@@ -63,14 +63,14 @@ PUBLISHED = {
     "ExPose, published": {"overall_cm": 15.30, "arms_rad": 0.2984},
     "PAHMT, published": {"overall_cm": 13.75, "arms_rad": 0.1614},
 }
-_FIRST = "_first"  # ending of the group that holds the first second of another
+_FIRST = "_first"  # suffix of the group with only the first second of videos
 # Methods whose bones are compared. For IK these are the bones of its input: the landmarks, the true positions.
 BONE_METHODS = ("network", "landmarks_ik", "positions_ik")
 
 
 @dataclass(frozen=True, eq=False)
 class VideoTable:
-    """Counts: errors by category group, method and measure, and detection rates."""
+    """Tallies of errors by group, method and measure, and detection rates."""
 
     tallies: Tallies = field(default_factory=Tallies)
     found: Tallies = field(default_factory=Tallies)  # shares by group: "body", "hand"
@@ -79,11 +79,11 @@ class VideoTable:
     seconds: list[float] = field(default_factory=list)
 
     def get(self, method: str, measure: str, group: str = "main") -> float:
-        """A mean over frames and joints; NaN where nothing was counted."""
+        """Return the mean over frames and joints; NaN without errors."""
         return self.tallies.mean(group, method, measure)
 
     def add(self, take: RenderedTake, person: PersonLandmarks, rotations: dict[str, np.ndarray]) -> None:
-        """Count a video: what was found in it, and rotations (T, 38, 4), as of `arms_from_torso`, by method."""
+        """Add a video: its detections, and rotations (T, 38, 4) by method, as of `arms_from_torso`."""
         group, truth = _group(take), arms_from_torso(take.pose)
         for method, rotation in rotations.items():
             for measure, values in arm_errors(rotation, truth, take.pose.skeleton).items():
@@ -96,7 +96,7 @@ class VideoTable:
         self.seconds.append(float(take.time[-1] - take.time[0]))
 
     def add_bones(self, take: RenderedTake, rotations: dict[str, ArmBones]) -> None:
-        """Count where the bones of a video's arms point, by method; of a moving camera also its first second alone."""
+        """Add the directions of arm bones by method; for a moving camera also those of the first second."""
         truth, interval = bones_of(take.pose, take.camera), float(np.median(np.diff(take.time)))
         pieces = {_group(take): slice(None)}
         if take.moves:
@@ -107,11 +107,11 @@ class VideoTable:
 
     @property
     def groups(self) -> list[str]:
-        """Groups of categories, and gestures, of which there are videos."""
+        """Groups of categories, and gestures, that have videos."""
         return [group for group in (*GROUPS, *GESTURES) if (group, "body") in self.found]
 
     def numbers(self) -> dict[str, float]:
-        """One flat object; of the main categories without a suffix; `detector_…` of all videos."""
+        """Return one flat object; main categories have no suffix, and `detector_…` is over all videos."""
         numbers: dict[str, float] = {"videos": len(self.videos), "minutes": sum(self.seconds) / 60}
         numbers |= {f"detector_{name}": value for name, value in noise_figures(self.detector).items()}
         for group in self.groups:
@@ -130,9 +130,9 @@ class VideoTable:
 def score_videos(
     truths: list[Path], files: LandmarkerFiles, model: ArmModel, advance: Callable[[str], object] = lambda name: None
 ) -> VideoTable:
-    """Score the videos of a rendered set, from the .npz of each; `advance` is called with each one's name.
+    """Score the videos of a rendered set, given the .npz of each; `advance` is called with each name.
 
-    Raises BodysenseError where a video and its truth do not fit together.
+    Raises BodysenseError if a video and its truth have different lengths.
     """
     table = VideoTable()
     for path in truths:
@@ -150,7 +150,7 @@ def score_videos(
 
 
 def find_landmarks(video: Path, files: LandmarkerFiles) -> PersonLandmarks:
-    """The landmarks of the person in a video with one, (T,) of all its pictures."""
+    """Return the landmarks (T,) of the person in all pictures of a video."""
     return joined_landmarks(watched(str(video), files, LandmarkerSettings(people=1)))
 
 
@@ -159,8 +159,8 @@ def complete_by_all_methods(
 ) -> tuple[dict[str, np.ndarray], dict[str, ArmBones]]:
     """Complete a video's landmarks and its true key-points by every method.
 
-    Rotations (T, 38, 4), as of `arms_from_torso`, and bones of arms. `tracker` is the completion network; None: the
-    packaged one.
+    Returns rotations (T, 38, 4) as of `arms_from_torso`, and bones of arms, both by method. `tracker` is the completion
+    network; the packaged one if None.
     """
     arms = Arms(default_skeleton(), model)
     true = arms.complete(take.keypoints()).estimate.pose
@@ -169,7 +169,7 @@ def complete_by_all_methods(
     rotations = {
         "network": arms_from_torso(pose),
         "landmarks_ik": arms_from_torso(LandmarkIk(default_skeleton()).complete(person)),
-        "network_true": arm_rotations(true),  # a network says its rotations from the torso already
+        "network_true": arm_rotations(true),  # the network's rotations are already from the torso
         "positions_ik": solved_from_positions(take.pose),
     }
     bones = (bones_of(pose, camera), bones_of_landmarks(person), bones_of(take.pose, take.camera))
@@ -179,7 +179,7 @@ def complete_by_all_methods(
 def track_body(
     device: VideoDevice, person: PersonLandmarks, network: CompletionModel | None = None
 ) -> tuple[Pose, Camera]:
-    """Return the body in the room and the camera (T,) that `bodysense track` finds for landmarks (T,)."""
+    """Return the body in world axes and the camera (T,) that `bodysense track` gives for landmarks (T,)."""
     early, state = device.step(person, device.start())
     tracker = Tracker(Person(device.skeleton), network=network, settings=TrackerSettings(infer=False))
     tracking, poses, cameras = tracker.start(), [], []
@@ -198,7 +198,7 @@ def track_body(
 
 
 def video_report(table: VideoTable, name: str) -> Report:
-    """The table and what holds of the paper."""
+    """Return the table and remarks about the paper's claims."""
     rows: list[tuple[Cell, ...]] = []
     measures = MEASURES | BONES
     for group in table.groups:
@@ -237,8 +237,8 @@ def video_report(table: VideoTable, name: str) -> Report:
             "overall: mean position error of all joints of arms and hands from the torso; hands: of fingers from "
             "their wrist, in its axes; arms: mean angle of collars (from the torso), upper arms, forearms and hands "
             "(from their parents), and in rad the mean difference of their axis-angle components (the paper's MPJRE); "
-            "all frames. Bones in the picture: where more than a third of it is seen; of IK on landmarks, the "
-            "landmarks themselves are compared, and the truth in place of IK on true positions."
+            "all frames. Bones in the picture: if more than a third of the bone is visible. For IK, the bones of its "
+            "input are compared: the landmarks, and the truth."
         ),
         digits=2,
         panels=(_panel(table, "error of positions", "cm"), _panel(table, "error of turns", "deg")),
@@ -246,12 +246,12 @@ def video_report(table: VideoTable, name: str) -> Report:
 
 
 def _group(take: RenderedTake) -> str:
-    """Return the group in which a video counts."""
+    """Return the group of a video."""
     return take.category if take.category in GESTURES else group_named(take.category)
 
 
 def _panel(table: VideoTable, title: str, unit: str) -> BarPanel:
-    """Bars of the three methods that a video or its key-points can be given to, of the first group."""
+    """Return bars of the three methods on a video or on key-points, for the first group."""
     measures = [measure for measure in MEASURES if measure.endswith(unit)]
     methods = ("network", "landmarks_ik", "network_true")
     return BarPanel(

@@ -1,8 +1,8 @@
-"""Hostile clients without a network: random and broken messages against everything behind the WebSocket.
+"""Hostile clients without a network: random and corrupted messages for the code behind the WebSocket.
 
-A frame is one message that a client sends. Messages are valid ones, valid ones of which bytes were changed, cut or
-doubled, and random ones; a client goes on until it is refused, then another comes. Whatever happens, nothing but
-`ProtocolError` may come out, a watchman's session must go on being answered, and its body be made of numbers.
+A frame is one message of a client. Messages are valid, corrupted (bytes changed, cut or doubled) or random. A client
+sends messages until it is refused; then another one connects. No exception except `ProtocolError` may be raised, the
+session of a monitor must still be answered, and its body must be finite.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ from bodysense_live.safety import Limits
 from bodysense_live.settings import ServerSettings
 
 _POINTS = ("headset", "left_controller", "right_controller", "left:wrist", "left:index-finger-tip", "hip")
-_MONITOR_INTERVAL = 1000  # messages, after which the watchman looks
+_MONITOR_INTERVAL = 1000  # messages between two checks of the monitor
 _LIMITS = Limits(messages_a_second=1e9, sessions=8, seconds_to_resume=0.1)
-# Pieces of which random texts are made.
+# Pieces of random texts.
 _TEXT_PIECES = (
     *('{"type":"hello","version":1', ',"points":["head"]', ',"settings":{"height":1.7}', "}", "[", "]", "{", '"', ","),
     *('{"type":"settings","mirror":true}', '{"type":"ping","time":1}', '{"type":"recentre"}', '{"type":"calibrate"}'),
@@ -53,14 +53,14 @@ class FuzzCounts:
 
     frames: int = 0
     connections: int = 0
-    refused: int = 0  # connections that were closed with a reason
-    answered: int = 0  # poses that clients got
-    watched: int = 0  # times that the watchman was answered
-    errors: list[str] = field(default_factory=list)  # of everything that must not happen
+    refused: int = 0  # connections that the server closed
+    answered: int = 0  # poses sent to clients
+    watched: int = 0  # checks of the monitor that were answered
+    errors: list[str] = field(default_factory=list)  # failures of the server
 
 
 class FakeSocket:
-    """A client's end and the server's in one: `converse` reads what was put in, and writes here."""
+    """Both ends of a connection: the server reads messages from `put`, and writes here."""
 
     def __init__(self) -> None:
         self.incoming: asyncio.Queue[dict[str, Any]] = asyncio.Queue()
@@ -70,22 +70,22 @@ class FakeSocket:
         self.pose_sent = asyncio.Event()
 
     async def receive(self) -> dict[str, Any]:
-        """The next message of the client."""
+        """Return the next message of the client."""
         return await self.incoming.get()
 
     async def send_text(self, text: str) -> None:
-        """A text for the client, which must be JSON."""
+        """Check that a text for the client is JSON."""
         json.loads(text)
 
     async def send_bytes(self, data: bytes) -> None:
-        """A frame for the client."""
+        """Count a pose for the client."""
         if data[0] == POSE:
             self.poses += 1
             self.last = data
             self.pose_sent.set()
 
     async def close(self, code: int, reason: str) -> None:
-        """The server ends it."""
+        """Store the code with which the server closes the connection."""
         assert len(reason.encode()) <= 123 and (code == 1009 or 1000 <= code <= 1015)
         self.code = code
 
@@ -95,7 +95,7 @@ class FakeSocket:
         self.incoming.put_nowait({"type": "websocket.receive", kind: message})
 
     def leave(self) -> None:
-        """Go without a word."""
+        """Disconnect without a message."""
         self.incoming.put_nowait({"type": "websocket.disconnect", "code": 1006})
 
 
@@ -134,12 +134,12 @@ async def _check_monitor(monitor: FakeSocket, moment: float, counts: FuzzCounts)
         return
     pose = read_pose(monitor.last, 65)
     if not (np.isfinite(pose.rotation).all() and np.isfinite(pose.root_position).all()):
-        counts.errors.append(f"a body that is no number after {counts.frames} messages")
+        counts.errors.append(f"a body with NaN after {counts.frames} messages")
     counts.watched += 1
 
 
 async def _client(live: Live, rng: np.random.Generator, frames: int, counts: FuzzCounts) -> None:
-    """One client: mostly a good hello, then messages until it is refused or leaves."""
+    """Run one client: mostly a valid hello, then messages until it is refused or leaves."""
     socket = FakeSocket()
     conversation = asyncio.create_task(converse(socket, live))  # type: ignore[arg-type]
     counts.connections += 1
@@ -148,7 +148,7 @@ async def _client(live: Live, rng: np.random.Generator, frames: int, counts: Fuz
     for k in range(int(rng.integers(1, 400))):
         socket.put(message_of(rng, k))
         counts.frames += 1
-        if k % 16 == 0:  # now and then it waits for an answer
+        if k % 16 == 0:  # sometimes wait for an answer
             socket.pose_sent.clear()
             with contextlib.suppress(TimeoutError):
                 await asyncio.wait_for(socket.pose_sent.wait(), 0.05 if rng.random() < 0.5 else 0.0001)
@@ -163,7 +163,7 @@ async def _client(live: Live, rng: np.random.Generator, frames: int, counts: Fuz
 
 
 def message_of(rng: np.random.Generator, k: int) -> str | bytes:
-    """Return the k-th message of a client, mostly a valid one, so that later stages are reached too."""
+    """Return the k-th message of a client, mostly a valid one, so that later stages are also tested."""
     choice = rng.random()
     if choice < 0.975:
         return write_signal(_random_signal(rng, k))
@@ -207,7 +207,7 @@ def _standing_signal(sequence: int, time: float) -> SignalFrame:
 
 
 def _random_signal(rng: np.random.Generator, k: int) -> SignalFrame:
-    """A frame that is well-formed, and may be nonsense: anywhere, at any time, any points."""
+    """Return a well-formed frame, possibly with impossible positions, times or points."""
     count = int(rng.integers(0, len(_POINTS) + 1))
     wild = rng.random() < 0.1
     rotation = rng.normal(size=(count, 4)) if wild else np.tile([1.0, 0, 0, 0], (count, 1))
@@ -224,7 +224,7 @@ def _random_signal(rng: np.random.Generator, k: int) -> SignalFrame:
 
 
 def run_fuzz(frames: int, seed: int, counts: FuzzCounts) -> None:
-    """Fuzz in a loop of its own. Raises BodysenseError where anything came out that must not."""
+    """Run `fuzz` in its own event loop. Raises BodysenseError for failures of the server."""
     asyncio.run(fuzz(frames, np.random.default_rng(seed), counts))
     if counts.errors:
         raise BodysenseError(f"the server failed {len(counts.errors)} times, first: {counts.errors[0]}")

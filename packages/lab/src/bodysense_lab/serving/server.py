@@ -1,4 +1,4 @@
-"""A server of its own process, for benchmarks."""
+"""A live server in its own process, for benchmarks."""
 
 from __future__ import annotations
 
@@ -14,7 +14,10 @@ from bodysense.errors import BodysenseError
 
 @contextmanager
 def running_server(*options: str, **environment: str) -> Iterator[tuple[str, subprocess.Popen[str]]]:
-    """`bodysense serve` with options, once it serves: its address, and the process. It ends with the block."""
+    """Run `bodysense serve` with options while the block runs; yields its address and process.
+
+    Raises BodysenseError if the server does not start.
+    """
     command = (sys.executable, "-m", "bodysense", "serve", "--port", "0", *options)
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=os.environ | environment) as process:
         try:
