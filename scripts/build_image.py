@@ -1,4 +1,4 @@
-"""Build the Dockerfile's image where no registry of images is reached, from Debian's packages, and try it.
+"""Build and test the Dockerfile's image from Debian's packages, on a machine that reaches no image registry.
 
     apt-get install buildah mmdebstrap
     python scripts/build_image.py
@@ -31,17 +31,17 @@ from bodysense.cli.show import write_numbers
 
 ROOT = Path(__file__).resolve().parents[1]
 PROGRAMS = ("buildah", "mmdebstrap")
-LARGEST = 400  # MB, of the image unpacked
+LARGEST = 400  # MB, of the unpacked image
 _PYTHON = "/usr/bin/python3"  # the base image's, and the one that chooses packages
 _BASE = "python3,python3-venv,python3-pip,python-is-python3"
 _LEFT_OUT = ("/usr/share/doc/*", "/usr/share/man/*", "/usr/share/locale/*")  # as in the public image
-_START = 60.0  # s in which a server must answer
+_START = 60.0  # s until a server must answer
 _PACKAGES = ("ziglang>=0.14", ".", "./packages/live[shared]")
 
 
 @dataclass(frozen=True)
 class Image:
-    """A built image in a storage of its own."""
+    """A built image in its own storage."""
 
     store: Path
     name: str
@@ -112,7 +112,7 @@ def is_healthy(address: str) -> bool:
 
 
 def missing() -> str | None:
-    """Return what hinders a build on this machine; None if nothing does."""
+    """Return the reason why this machine cannot build; None if it can."""
     if sys.platform != "linux" or os.geteuid() != 0:
         return "root on Linux"
     absent = [name for name in PROGRAMS if shutil.which(name) is None]
@@ -120,7 +120,7 @@ def missing() -> str | None:
 
 
 def fetch(source: Path, wheels: Path) -> None:
-    """Put all packages that the Dockerfile installs, and those that build ours, into a folder."""
+    """Download all packages that the Dockerfile installs, and those that build ours, into a folder."""
     build = tomllib.loads((source / "pyproject.toml").read_text(encoding="utf-8"))["build-system"]["requires"]
     pip = [sys.executable, "-m", "pip", "--python", _PYTHON, "download", "-q", "-d", str(wheels)]
     run_output([*pip, "-c", "constraints.txt", *build, *_PACKAGES], source)
@@ -149,7 +149,7 @@ def build(folder: Path, source: Path = ROOT) -> Image:
 
 
 def main() -> None:
-    """Build, measure and try."""
+    """Build, measure and test the image."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--out", type=Path, help="file to write the image into, for `docker load` or `podman load`")
     parser.add_argument("--json", type=Path, help="file to write the size into")

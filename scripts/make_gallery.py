@@ -45,7 +45,7 @@ def part(seconds: tuple[float, float]) -> bs.Clip:
 
 
 def tracked(seen: Observation, skeleton: Skeleton) -> np.ndarray:
-    """Return which points of a skeleton were tracked, (T, P) bool."""
+    """Return whether each point of a skeleton was tracked, (T, P) bool."""
     found = np.zeros((len(seen.time), len(skeleton.points)), dtype=bool)
     for column, name in enumerate(seen.points):
         if name in skeleton.points:
@@ -83,7 +83,7 @@ def hole() -> Iterable[np.ndarray]:
 
 
 def video() -> Iterable[np.ndarray]:
-    """Draw a film of a rendered figure, with the body that was found in it over it and next to it."""
+    """Draw a film of a rendered character, with the tracked body over it and next to it."""
     import av
 
     with tempfile.TemporaryDirectory() as folder:
@@ -96,7 +96,7 @@ def video() -> Iterable[np.ndarray]:
 
 
 def write_film(path: Path) -> None:
-    """Write a film of the performance on a figure that is no avatar's, as a camera in a room sees it."""
+    """Write a film of the performance on a rendered character, seen by a camera in a room."""
     import av
 
     from bodysense.body.keypoints import Camera
@@ -124,7 +124,7 @@ PICTURES: dict[str, Callable[[], Iterable[np.ndarray]]] = {"sensors": sensors, "
 
 
 def main() -> None:
-    """Draw and write."""
+    """Draw and write the pictures."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(PICTURES)}; all if omitted")
     names = parser.parse_args().names or list(PICTURES)

@@ -1,4 +1,4 @@
-"""The table of docs/reproduce.md: processor hours of trainings, and of commands that run whole."""
+"""Table of docs/reproduce.md: processor hours of trainings and of whole commands."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from .blocks import Block, Numbers, markdown
 
 SWEPT_STEPS = 20  # of each network of the whole grid
 RATE = 30 * 60  # frames of a minute of motion
-MINUTES, WITH_FINGERS = 404 + 23, 23  # of the train split (cards of the networks)
+MINUTES, WITH_FINGERS = 404 + 23, 23  # minutes of the train split (see the cards of the networks)
 EPOCHS, BATCH = 5, 256  # of the paper's body network
-# Steps of the whole command, and how they follow. The body network learns clips twice, those with fingers eight times.
+# Steps of whole commands, and their derivation. The body network uses clips twice, clips with fingers eight times.
 STEPS = {
     "train body-gru --form paper": (
         EPOCHS * RATE * (2 * MINUTES + 6 * WITH_FINGERS) // BATCH,

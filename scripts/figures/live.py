@@ -1,4 +1,4 @@
-"""The table of docs/serve.md: how many wearers a server bears."""
+"""Table of docs/serve.md: number of wearers that a server sustains."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ HEADER = ("sessions", "Hz", "processes", "in the server p50, p99, ms", "round tr
 
 
 def live(*runs: Numbers | None) -> str:
-    """Return the runs' latency, then what the soak and hostile messages did if they were run."""
+    """Return the latency of runs, and results of the soak test and of hostile messages if measured."""
     *loads, soak, fuzz = runs
     found = [row for row in loads if row is not None]
     rows = [

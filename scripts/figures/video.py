@@ -41,7 +41,7 @@ MEASURES = {
 
 
 def rendered(numbers: Numbers) -> str:
-    """Rows of methods on rendered videos."""
+    """Return rows of methods on rendered videos."""
     rows = [[title, *(_one(numbers, f"{name}_{key}") for key in MEASURES)] for name, title in METHODS.items()]
     less = 1 - numbers["network_arms_deg"] / numbers["landmarks_ik_arms_deg"]
     sentence = (
@@ -53,7 +53,7 @@ def rendered(numbers: Numbers) -> str:
 
 
 def published() -> str:
-    """The figures of the paper's Table 3."""
+    """Return the figures of the paper's Table 3."""
     one = (
         f"{name.partition(',')[0]} {row['overall_cm']:.2f} cm and {row['arms_rad']:.4f} rad"
         for name, row in PAPER.items()
@@ -65,7 +65,7 @@ def published() -> str:
 
 
 def gestures(numbers: Numbers) -> str:
-    """Rows of gestures: bones of arms, in brackets those of the landmarks, and how wrists truly accelerate."""
+    """Return rows of gestures: bones of arms, in brackets those of the landmarks, and true accelerations of wrists."""
     rows = [
         [
             title,
@@ -81,7 +81,7 @@ def gestures(numbers: Numbers) -> str:
 
 
 def table(numbers: Numbers, perfect: Numbers | None) -> str:
-    """PAHMT's Table 1, ours and the paper's; beside them networks that learn, and are asked, without errors."""
+    """Return PAHMT's Table 1, ours and the paper's, and networks trained and tested on exact key-points."""
     measures = {"hands_m": "hands m", "overall_m": "overall m", "arms": "arms rad", "arms_deg": "arms °"}
 
     def ours(name: str) -> list[str]:
@@ -110,7 +110,7 @@ def table(numbers: Numbers, perfect: Numbers | None) -> str:
 
 
 def speed(numbers: Numbers) -> str:
-    """How long a window takes."""
+    """Return the time of a window."""
     return (
         f"A window of 32 frames takes {numbers['p50_ms']:.1f} ms (p50; p99 {numbers['p99_ms']:.1f} ms) on one core; "
         f"the file is {WEIGHTS.stat().st_size / 1e6:.1f} MB (`bodysense bench arms`)."
@@ -122,7 +122,7 @@ def _one(numbers: Numbers, key: str, digits: int = 1) -> str:
 
 
 def video_speed(numbers: Numbers) -> str:
-    """Return what a picture of a video costs."""
+    """Return the processor time of a picture of a video."""
     one, two = (numbers[f"people_{people}_landmarks_ms"] for people in (1, 2))
     return (
         f"Processor time of a picture of {numbers['width']:.0f} × {numbers['height']:.0f} pixels, "

@@ -1,4 +1,4 @@
-"""The body as a machine of hinges, each driven by a named degree of freedom: what a choreographer turns.
+"""The body as a machine of hinges, driven by named degrees of freedom for the choreography.
 
 Every joint is a product of hinges about its own axes, so a pose is one plain vector, its derivatives are vector
 products, and limits and smoothness are linear. Positive angles have an anatomical meaning, the same on both sides.
@@ -61,7 +61,7 @@ _SIDE = [
     ("thumb2", "+Y", "thumb_curl", 0.6),
     ("thumb3", "+Y", "thumb_curl", 1.0),
 ]
-# Degrees a person can do with ease.
+# Comfortable ranges of a person, degrees.
 _LIMITS = {
     "turn": (-45, 45), "bend": (-20, 60), "side": (-25, 25),
     "head_turn": (-60, 60), "head_nod": (-30, 35), "head_side": (-25, 25),
@@ -78,7 +78,7 @@ _LIMITS = {
 
 @dataclass(frozen=True, eq=False)
 class FigureState:
-    """The machine in T poses."""
+    """Positions, rotations and axes of the machine in T frames."""
 
     origin: np.ndarray  # (J + 1, T, 3) m, world; the last joint is the world itself
     rotation: np.ndarray  # (J + 1, T, 3, 3) world ← joint
@@ -98,7 +98,7 @@ class Machine:
 
     @cached_property
     def carries(self) -> np.ndarray:
-        """(J + 1, H) 1 where a hinge moves a joint; nothing moves the world."""
+        """(J + 1, H) 1 if a hinge moves a joint; the row of the world is 0."""
         joints = len(self.skeleton.joints)
         above = self.skeleton.path[:joints, :joints].copy()
         above[:, 0] = 1
@@ -117,7 +117,7 @@ class Machine:
         return len(self.skeleton.joints) if joint == "world" else self.skeleton.index(joint)
 
     def vector(self, posture: Mapping[str, float], start: np.ndarray | None = None) -> np.ndarray:
-        """(N,) values from degrees (metres for x, y, z) by name; what is not named is as in `start`, or zero."""
+        """Return values (N,) from degrees (m for x, y, z) by name; others are as in `start`, or zero."""
         value = np.zeros(len(self.names)) if start is None else start.copy()
         for name, number in posture.items():
             value[self.names.index(name)] = number if name in "xyz" else np.deg2rad(number)
@@ -143,7 +143,7 @@ class Machine:
         return FigureState(origin, rotation, local, axis)
 
     def point(self, state: FigureState, joint: int, offset: np.ndarray) -> np.ndarray:
-        """(T, 3) place of a point fixed to a joint, offset (3,) or (T, 3)."""
+        """Return the position (T, 3) of a point fixed to a joint, with offset (3,) or (T, 3)."""
         return (
             state.origin[joint]
             + (state.rotation[joint] @ np.broadcast_to(offset, state.origin[joint].shape)[..., None])[..., 0]

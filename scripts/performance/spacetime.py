@@ -1,4 +1,4 @@
-"""A whole motion at once: the smoothest one that meets its contacts (Witkin and Kass, Spacetime Constraints, 1988).
+"""Solver of a whole motion: the smoothest one that meets its contacts (Witkin and Kass, Spacetime Constraints, 1988).
 
 Gauss-Newton over every frame's degrees of freedom. What joins the frames is only the penalty on accelerations, which
 is diagonal in the degrees of freedom, so that the normal matrix is banded.
@@ -30,7 +30,7 @@ class Touch:
     a: Spot
     b: Spot
     weight: np.ndarray  # (T,) 1/m²
-    axes: tuple[float, float, float] = (1, 1, 1)  # what of the difference counts, in the world
+    axes: tuple[float, float, float] = (1, 1, 1)  # weights of the difference's components, world
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,11 +74,11 @@ class Problem:
     probes: Sequence[Probe]
     apart_weight: float  # 1/m²: probes out of solids
     limit_weight: float  # 1/rad²
-    soft: float = 0.002  # m: distance over which a solid's push sets in
+    soft: float = 0.002  # m, distance over which a solid's force increases
 
 
 def at_frame(problem: Problem, frame: int) -> Problem:
-    """One frame of a problem, by itself."""
+    """Return one frame of a problem."""
 
     def spot(of: Spot) -> Spot:
         offset = np.asarray(of.offset)

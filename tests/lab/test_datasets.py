@@ -64,7 +64,7 @@ def test_missing_data_sets_are_named_with_their_licence(data: DataSet) -> None:
 
 
 def test_quick_takes_the_first_seconds_of_a_few_clips(tmp_path: Path, waving_clip: Clip) -> None:
-    """Clips are cut, none is repeated, and their number is limited; a small set is used completely."""
+    """Clips are cut and never repeated, and their number is limited; a small set is used completely."""
     write_bvh(tmp_path / "p00_a.bvh", replace(waving_clip, pose=waving_clip.pose[:8], frame_rate=1.0))
     for k in range(1, 30):
         shutil.copy(tmp_path / "p00_a.bvh", tmp_path / f"p{k:02}_a.bvh")

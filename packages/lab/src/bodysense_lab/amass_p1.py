@@ -158,7 +158,7 @@ def measure(
     position = position - position[:, [head]] + true_position[:, [head]]
     error = joint_error(position, true_position)
     found = {key: float(error[:, [BODY.index(one) for one in names]].mean()) for key, names in JOINT_GROUPS.items()}
-    # Of 21 joints, without the root.
+    # 21 joints, without the root.
     difference = quaternion_log(true_rotation[:, 1:]) - quaternion_log(rotation[:, 1:])
     difference = quaternion_log(quaternion_exp(difference))
     return found | {

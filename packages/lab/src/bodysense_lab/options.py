@@ -160,6 +160,6 @@ def _trial_counts(options: Any) -> dict[str, Any]:
 
 
 def check_ending(out: Path, *endings: str, what: str = "the network") -> None:
-    """Raise BodysenseError if the file to write has none of the endings."""
+    """Raise BodysenseError unless the file to write has one of the endings."""
     if out.suffix not in endings:
         raise BodysenseError(f"{out}: {what} is written as {' or '.join(endings)}; give a name with this ending")

@@ -70,7 +70,7 @@ def prepare(
         options: properties that the files do not contain.
         sources: the folder's files; listed if None.
 
-    Raises BodysenseError if the folder contains no motion, if none of its files can be read, and if `store_path` was
+    Raises BodysenseError if the folder contains no motion, if no file of it can be read, and if `store_path` was
     made from other files, with other options or at another rate.
     """
     directory, store_path = Path(directory), Path(store_path)

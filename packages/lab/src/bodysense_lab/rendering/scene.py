@@ -160,7 +160,7 @@ def _tint(rng: np.random.Generator) -> np.ndarray:
 
 
 def _toward(rng: np.random.Generator, aside: float, up: tuple[float, float]) -> np.ndarray:
-    """Draw a direction up to `aside` degrees beside the camera's, and `up` degrees (lowest, highest) above level."""
+    """Draw a direction up to `aside` degrees aside of the camera's, and `up` degrees (lowest, highest) above level."""
     angle, rise = np.radians(rng.uniform(-aside, aside)), np.radians(rng.uniform(*up))
     return np.array([np.sin(angle) * np.cos(rise), np.sin(rise), np.cos(angle) * np.cos(rise)])
 

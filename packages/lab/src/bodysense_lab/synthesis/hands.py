@@ -98,7 +98,7 @@ def drift(time: np.ndarray, count: int, rng: np.random.Generator) -> np.ndarray:
 
 
 def frame_times(seconds: float, rate: float) -> np.ndarray:
-    """Return the times (T,) of frames in s, from 0. Raises BodysenseError if there are none."""
+    """Return the times (T,) of frames in s, from 0. Raises BodysenseError if there is no frame."""
     if not (np.isfinite([seconds, rate]).all() and rate > 0 and seconds * rate >= 1):
         raise BodysenseError(f"{seconds:g} s at {rate:g} Hz have no frame; give more than 0 of both, such as 10 and 60")
     return np.arange(round(seconds * rate)) / rate
