@@ -163,7 +163,7 @@ def test_lines_name_a_few_people_and_count_many() -> None:
     assert body_lines(few)[0].startswith("anna: 1.62 m tall by its steps") and "soles at 0.08 m" in body_lines(few)[0]
     assert "ben: too few steps" in body_lines(few)[1] and "soles at 0" in body_lines(few)[1]
     many = {f"p{k}": BodyPlacement(1.5 + k / 100, 1.0, "steps", -0.01 * k) for k in range(20)}
-    assert [line.split(" as ")[0] for line in body_lines(many)] == [
+    assert [line.split(" with ")[0] for line in body_lines(many)] == [
         "20 people",
         "soles of 19 people at -0.19 to -0.01 m: moved to 0",
     ]
