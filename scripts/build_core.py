@@ -50,8 +50,8 @@ def build(library: Path | None = None, command: list[str] | None = None) -> Path
     if library is None:
         library = ROOT / "src" / "bodysense" / LIBRARIES.get(sys.platform, "_core.so")
     sources = sorted(str(path) for path in (ROOT / "core" / "src").glob("*.c"))
-    beside = library.with_name(f"{library.name}.part")  # a library that is in use is replaced, not written over
-    # Hidden, a .dll exports nothing.
+    beside = library.with_name(f"{library.name}.part")  # replaces a library that may be in use
+    # With hidden symbols, a .dll exports nothing.
     system = [] if library.suffix == ".dll" else ["-fPIC", "-fvisibility=hidden", "-lm"]
     subprocess.run([*(command or compiler()), *_FLAGS, *sources, "-o", str(beside), *system], check=True)
     os.replace(beside, library)

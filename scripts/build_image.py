@@ -1,4 +1,4 @@
-"""Build the Dockerfile's image where no registry of images is reached, from Debian's packages, and try it.
+"""Build and test the Dockerfile's image from Debian's packages, on a machine that reaches no image registry.
 
     apt-get install buildah mmdebstrap
     python scripts/build_image.py
@@ -31,17 +31,17 @@ from bodysense.cli.show import write_numbers
 
 ROOT = Path(__file__).resolve().parents[1]
 PROGRAMS = ("buildah", "mmdebstrap")
-LARGEST = 400  # MB, of the image unpacked
+LARGEST = 400  # MB, of the unpacked image
 _PYTHON = "/usr/bin/python3"  # the base image's, and the one that chooses packages
 _BASE = "python3,python3-venv,python3-pip,python-is-python3"
 _LEFT_OUT = ("/usr/share/doc/*", "/usr/share/man/*", "/usr/share/locale/*")  # as in the public image
-_START = 60.0  # s in which a server must answer
+_START = 60.0  # s until a server must answer
 _PACKAGES = ("ziglang>=0.14", ".", "./packages/live[shared]")
 
 
 @dataclass(frozen=True)
 class Image:
-    """A built image in a storage of its own."""
+    """A built image in its own storage."""
 
     store: Path
     name: str
@@ -51,27 +51,27 @@ class Image:
         places = ["--root", str(self.store / "root"), "--runroot", str(self.store / "run"), "--storage-driver", "vfs"]
         return ["buildah", *places, *map(str, words)]
 
-    def said_in(self, container: str, *words: str) -> str:
+    def container_output(self, container: str, *words: str) -> str:
         """Run a program in a container, as the image's user, and return what it printed."""
-        return said(self.buildah("run", "--isolation", "chroot", container, "--", *words))
+        return run_output(self.buildah("run", "--isolation", "chroot", container, "--", *words))
 
     def inspected(self) -> dict[str, Any]:
         """Return the image's configuration: `User`, `Entrypoint`, `Cmd`, …"""
-        return json.loads(said(self.buildah("inspect", "--type", "image", self.name)))["Docker"]["config"]
+        return json.loads(run_output(self.buildah("inspect", "--type", "image", self.name)))["Docker"]["config"]
 
     @contextmanager
     def container(self) -> Iterator[str]:
         """Yield a container of the image."""
-        name = said(self.buildah("from", "--pull-never", self.name))
+        name = run_output(self.buildah("from", "--pull-never", self.name))
         try:
             yield name
         finally:
-            said(self.buildah("rm", name))
+            run_output(self.buildah("rm", name))
 
     def size_mb(self) -> float:
         """Return the MB of the image's files, unpacked."""
         with self.container() as container:
-            folder = Path(said(self.buildah("mount", container)))
+            folder = Path(run_output(self.buildah("mount", container)))
             files = [path.lstat() for path in folder.rglob("*") if not path.is_dir() or path.is_symlink()]
             return sum({file.st_ino: file.st_size for file in files}.values()) / 1e6
 
@@ -96,7 +96,7 @@ class Image:
                     server.terminate()
 
 
-def said(command: list[str], folder: Path = ROOT) -> str:
+def run_output(command: list[str], folder: Path = ROOT) -> str:
     """Run a command and return what it printed. Ends the program if it fails."""
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
     if done.returncode != 0:
@@ -112,7 +112,7 @@ def is_healthy(address: str) -> bool:
 
 
 def missing() -> str | None:
-    """Return what hinders a build on this machine; None if nothing does."""
+    """Return the reason why this machine cannot build; None if it can."""
     if sys.platform != "linux" or os.geteuid() != 0:
         return "root on Linux"
     absent = [name for name in PROGRAMS if shutil.which(name) is None]
@@ -120,10 +120,10 @@ def missing() -> str | None:
 
 
 def fetch(source: Path, wheels: Path) -> None:
-    """Put all packages that the Dockerfile installs, and those that build ours, into a folder."""
+    """Download all packages that the Dockerfile installs, and those that build ours, into a folder."""
     build = tomllib.loads((source / "pyproject.toml").read_text(encoding="utf-8"))["build-system"]["requires"]
     pip = [sys.executable, "-m", "pip", "--python", _PYTHON, "download", "-q", "-d", str(wheels)]
-    said([*pip, "-c", "constraints.txt", *build, *_PACKAGES], source)
+    run_output([*pip, "-c", "constraints.txt", *build, *_PACKAGES], source)
     for own in wheels.glob("bodysense*"):
         own.unlink()
 
@@ -134,22 +134,22 @@ def build(folder: Path, source: Path = ROOT) -> Image:
     base, wheels, settings = folder / "base", folder / "wheels", folder / "pip.conf"
     base.mkdir()
     options = [f"--include={_BASE}", *(f"--dpkgopt=path-exclude={place}" for place in _LEFT_OUT)]
-    said(["mmdebstrap", "--variant=minbase", *options, release, str(base / "base.tar")])
+    run_output(["mmdebstrap", "--variant=minbase", *options, release, str(base / "base.tar")])
     (base / "Dockerfile").write_text("FROM scratch\nADD base.tar /\n")
     fetch(source, wheels)
     settings.write_text("[global]\nno-index = true\nfind-links = /wheels\n")
     image = Image(folder, "localhost/bodysense")
     building = ("build", "--isolation", "chroot", "--format", "docker", "--pull-never")
-    said(image.buildah(*building, "--tag", "localhost/base", base))
+    run_output(image.buildah(*building, "--tag", "localhost/base", base))
     mounts = [
         word for place in (f"{wheels}:/wheels:ro", f"{settings}:/etc/pip.conf:ro") for word in ("--volume", place)
     ]
-    said(image.buildah(*building, *mounts, "--build-arg", "BASE=localhost/base", "--tag", image.name, source))
+    run_output(image.buildah(*building, *mounts, "--build-arg", "BASE=localhost/base", "--tag", image.name, source))
     return image
 
 
 def main() -> None:
-    """Build, measure and try."""
+    """Build, measure and test the image."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--out", type=Path, help="file to write the image into, for `docker load` or `podman load`")
     parser.add_argument("--json", type=Path, help="file to write the size into")
@@ -161,11 +161,11 @@ def main() -> None:
         image = build(Path(folder))
         size = image.size_mb()
         with image.running() as (container, address):
-            user = image.said_in(container, "id", "-u")
+            user = image.container_output(container, "id", "-u")
             print(f"the image has {size:.0f} MB; as user {user} its server answers at {address}/healthz")
         write_numbers(arguments.json, {"image_mb": size})
         if arguments.out is not None:
-            said(image.buildah("push", image.name, f"docker-archive:{arguments.out.resolve()}:bodysense:latest"))
+            run_output(image.buildah("push", image.name, f"docker-archive:{arguments.out.resolve()}:bodysense:latest"))
             print(f"wrote {arguments.out}")
     if size > LARGEST:
         raise SystemExit(f"the image has {size:.0f} MB; {LARGEST} are allowed")

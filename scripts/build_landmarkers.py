@@ -32,7 +32,7 @@ WHEEL = "mediapipe==0.10.21"
 RUNTIME = "@mediapipe/tasks-vision@1.1.0"  # of npm, as in web/package-lock.json
 RUNTIME_FILES = ("vision_wasm_module_internal.js", "vision_wasm_module_internal.wasm")
 # Contents of each .task file: name in it, model in the wheel, and (mean, standard deviation) of the pixels that a model
-# without metadata of its own was trained on.
+# without metadata was trained on.
 BUNDLES = {
     POSE_LANDMARKER: (
         ("pose_detector.tflite", "pose_detection/pose_detection.tflite", (127.5, 127.5)),
@@ -46,7 +46,7 @@ BUNDLES = {
 
 
 def main() -> None:
-    """Write both files."""
+    """Write both .task files."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--wheel", type=Path, help=f"the wheel of {WHEEL}; downloaded with pip by default")
     parser.add_argument("--out", type=Path, default=landmarker_folder(), help="folder for the files")
@@ -61,14 +61,14 @@ def main() -> None:
 
 
 def download(folder: Path) -> Path:
-    """The wheel, fetched into a folder."""
+    """Download the wheel into a folder and return its path."""
     command = [sys.executable, "-m", "pip", "download", "--quiet", "--retries", "1", "--no-deps"]
     subprocess.run([*command, "--dest", str(folder), WHEEL], check=True)
     return next(folder.glob("*.whl"))
 
 
 def fetch_runtime(folder: Path, out: Path) -> tuple[str, ...]:
-    """Put MediaPipe's WebAssembly into `out`, fetched with npm; names of what was written, none without npm."""
+    """Write MediaPipe's WebAssembly, fetched with npm, into `out`; return the names of files (none without npm)."""
     npm = shutil.which("npm")
     if npm is None:
         return ()
@@ -90,12 +90,12 @@ def build(wheel: Path, out: Path) -> None:
             with written_beside(out / name) as beside, zipfile.ZipFile(beside, "w", zipfile.ZIP_STORED) as bundle:
                 for part, path, pixels in parts:
                     model = source.read(f"mediapipe/modules/{path}")
-                    # Without a date of its own: the same wheel makes the same files.
+                    # A fixed date, so that equal wheels give equal files.
                     bundle.writestr(zipfile.ZipInfo(part), model if pixels is None else with_metadata(model, *pixels))
 
 
 def with_metadata(model: bytes, mean: float, deviation: float) -> bytes:
-    """A TensorFlow Lite model that says that it takes an RGB image with pixels (value − mean) / deviation."""
+    """Return a TensorFlow Lite model with metadata: its input is an RGB image, (value − mean) / deviation."""
     tree: Any = model_schema.ModelT.InitFromPackedBuf(model, 0)
     graph = tree.subgraphs[0]
     image = metadata_schema.TensorMetadataT(name="image")

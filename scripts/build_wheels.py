@@ -28,16 +28,16 @@ ZIG = [sys.executable, "-m", "ziglang", "cc"]
 
 @dataclass(frozen=True)
 class Target:
-    """A system and processor to build for."""
+    """A target system and processor."""
 
     name: str
-    zig: str  # zig's name of it, with the oldest C library or system that it runs on
+    zig: str  # zig's name, with the oldest supported C library or system
     tag: str  # a wheel's platform tag
     ending: str  # of shared libraries
 
     @property
     def is_here(self) -> bool:
-        """Whether this machine loads its libraries."""
+        """Whether this machine can load its libraries."""
         system, _, processor = self.name.partition("-")
         return sys.platform.startswith({"windows": "win32", "macos": "darwin"}.get(system, system)) and (
             sysconfig.get_platform().replace("aarch64", "arm64").replace("amd64", "x86_64").endswith(processor)
@@ -62,7 +62,7 @@ def build_library(target: Target, path: Path) -> Path:
 
 
 def build_wheel(native: Path, library: Path, target: Target, folder: Path) -> Path:
-    """The wheel of this machine with another library and tag."""
+    """Write a wheel like that of this machine, with another library and tag."""
     name = native.name.split("-")
     out = folder / f"{name[0]}-{name[1]}-py3-none-{target.tag}.whl"
     rows = []
@@ -79,7 +79,7 @@ def build_wheel(native: Path, library: Path, target: Target, folder: Path) -> Pa
 
 
 def _contents(native: Path, library: Path, target: Target) -> Iterator[tuple[str, bytes]]:
-    """Paths and contents of a target's wheel, without the record."""
+    """Return paths and contents of a target's wheel, without the record."""
     with ZipFile(native) as wheel:
         for path in wheel.namelist():
             content = wheel.read(path)
@@ -94,14 +94,14 @@ def _contents(native: Path, library: Path, target: Target) -> Iterator[tuple[str
 
 
 def native_wheel(folder: Path) -> Path:
-    """The wheel that `python -m build` makes on this machine."""
+    """Build the wheel of this machine by `python -m build` and return it."""
     command = [sys.executable, "-m", "build", "--wheel", "--outdir", str(folder), str(ROOT)]
     subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
     return next(folder.glob("*.whl"))
 
 
 def _described(path: Path, library: Path, target: Target) -> str:
-    """A line about a file that was built, and whether its library was loaded."""
+    """Return a line about a built file, and whether its library was loaded."""
     size = f"{path.name}: {path.stat().st_size / 1e6:.2f} MB, its library {library.stat().st_size / 1e3:.0f} kB"
     if not target.is_here:
         return f"{size}; built, not run"
@@ -109,7 +109,7 @@ def _described(path: Path, library: Path, target: Target) -> str:
 
 
 def main() -> None:
-    """Build."""
+    """Build the wheels, or the libraries for engines."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0] if __doc__ else None)
     parser.add_argument("--out", type=Path, default=ROOT / "dist", help="folder of the wheels")
     parser.add_argument("--library", type=Path, help="folder of libraries for engines, which are built instead")

@@ -1,4 +1,4 @@
-"""Make expected errors and bounds of a completion network true again after the core's step changed.
+"""Recalibrate expected errors and bounds of a completion network after a change of the core's step.
 
 Runs the tracker over people in the training data and over validation people, fits the maps of errors, and writes the
 same weights with them. The packaged network takes a quarter of an hour of one core:

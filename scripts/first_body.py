@@ -1,4 +1,4 @@
-"""Time the README's first commands on a machine that has Python alone, from `git clone` to a moving body.
+"""Time the README's first commands on a machine with only Python, from `git clone` to a moving body.
 
     python scripts/first_body.py [--json FIGURES/first-body.json] [--without-compiler]
 
@@ -26,12 +26,12 @@ from bodysense.cli.show import write_numbers
 
 ROOT = Path(__file__).resolve().parents[1]
 MADE = ("bodysense-demo/result.bvh", "bodysense-demo/demo.webp")  # a moving body, as a file and as pictures
-_OWN = ("PYTHONPATH", "VIRTUAL_ENV", "PIP_CONSTRAINT", "CC")  # variables that a newcomer does not have
+_OWN = ("PYTHONPATH", "VIRTUAL_ENV", "PIP_CONSTRAINT", "CC")  # variables that new users do not have
 
 
 @dataclass(frozen=True)
 class Step:
-    """A command, how long it took, and for how long it computed."""
+    """A command, its duration and its processor time."""
 
     command: str
     seconds: float
@@ -88,7 +88,7 @@ def newcomer(folder: Path, environment: dict[str, str], has_compiler: bool) -> l
 
 
 def fetch(clone: Path, wheels: Path, environment: dict[str, str], has_compiler: bool) -> None:
-    """Put all packages that the installation needs, and those that build it, into a folder."""
+    """Download all packages that the installation and its build need into a folder."""
     build = tomllib.loads((clone / "pyproject.toml").read_text(encoding="utf-8"))["build-system"]["requires"]
     packages = [*build, *([] if has_compiler else ["ziglang>=0.14"]), "."]
     pip = [sys.executable, "-m", "pip", "download", "-q", "-d", str(wheels), "-c", "constraints.txt", *packages]
@@ -132,7 +132,7 @@ def measure(has_compiler: bool) -> tuple[list[Step], list[Step], dict[str, float
 
 
 def main() -> None:
-    """Measure, print and write."""
+    """Measure the commands, and print and write the numbers."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--json", type=Path, help="file to write the numbers into, as one flat object")
     parser.add_argument("--without-compiler", action="store_true", help="hide the system's C compiler from pip")

@@ -1,4 +1,4 @@
-"""Fit how joints deviate together from an interpolation over a gap: python scripts/fit_coordination.py DATA
+"""Fit the covariance of joints' deviations from an interpolation over a gap: python scripts/fit_coordination.py DATA
 
 DATA is a folder of motion files or a prepared store. From each of its training clips windows are drawn, more from
 longer ones. In each window all joints are interpolated over a gap. The covariance of their deviations from that is
@@ -22,14 +22,14 @@ from bodysense_lab.clips import open_clips
 
 OUTPUT = Path(__file__).parents[1] / "src" / "bodysense" / "body" / FILE
 RATE = 30.0  # Hz
-LENGTHS = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)  # s, of gaps
+LENGTHS = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)  # s, lengths of gaps
 EVERY = 4.0  # s of a clip for which one window of each length is drawn
-FRAMES = 10  # of a gap that count, evenly spread
+FRAMES = 10  # frames of a gap that are used, evenly spread
 MIRRORED = [BODY.index(name.replace("left", "*").replace("right", "left").replace("*", "right")) for name in BODY]
 
 
 def main() -> None:
-    """Draw windows, sum up and write."""
+    """Draw windows, fit and write the file."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("data", type=Path)
     parser.add_argument("--seed", type=int, default=1)
@@ -70,7 +70,7 @@ def windows(clip: Clip, seconds: float, rng: np.random.Generator) -> list[Array]
 
 
 def mirrored(deviation: Array) -> Array:
-    """Return deviations (N, J + 1, 3) of the mirrored motion: left and right change places."""
+    """Return the deviations (N, J + 1, 3) of the mirrored motion, with left and right exchanged."""
     turned = deviation[:, MIRRORED] * [1.0, -1.0, -1.0]
     return np.concatenate([turned, deviation[:, ROOT:] * [-1.0, 1.0, 1.0]], axis=1)
 

@@ -181,24 +181,24 @@ def t_pose(figure: Figure, stature: float = STATURE) -> Figure:
     for name, parent in parents.items():
         if parent is not None and not name.startswith("right_"):
             points[name] = points[parent] + turns.get(parent, np.eye(3)) @ (rest[name] - rest[parent])
-    moved = np.zeros_like(figure.vertices)
+    skinned = np.zeros_like(figure.vertices)
     for joint, weight in figure.weights.items():
         left, flip = (mirrored(joint), MIRROR) if joint.startswith("right_") else (joint, np.eye(3))
         local = (figure.vertices @ flip - rest[left]) @ turns.get(left, np.eye(3)).T + points[left]
-        moved += weight[:, None] * (local @ flip)
+        skinned += weight[:, None] * (local @ flip)
 
-    shift = np.array([0, -moved[:, 1].min(), -points["pelvis"][2]])
-    scale = stature / np.ptp(moved[:, 1])
+    shift = np.array([0, -skinned[:, 1].min(), -points["pelvis"][2]])
+    scale = stature / np.ptp(skinned[:, 1])
     points = {name: scale * (point + shift) for name, point in points.items()}
-    placed = Figure(points, scale * (moved + shift), figure.weights)
-    toes, head, eyes = placed.owned("left_foot"), placed.owned("head"), points["left_eye"][1]
+    aligned = Figure(points, scale * (skinned + shift), figure.weights)
+    toes, head, eyes = aligned.owned("left_foot"), aligned.owned("head"), points["left_eye"][1]
     front = toes[toes[:, 2] > toes[:, 2].max() - 0.01]
     points["left_toe"] = np.array([points["left_foot"][0], front[:, 1].mean(), toes[:, 2].max()])
     points["head_top"] = head[np.argmax(head[:, 1])] * [0, 1, 1]
     points["nose"] = head[np.argmax(head[:, 2])] * [0, 1, 1]
     bridge = head[np.abs(head[:, 1] - eyes) + np.abs(head[:, 0]) < 0.01]
     points["between_eyes"] = np.array([0, eyes, bridge[:, 2].max()])
-    return placed
+    return aligned
 
 
 def capsule(name: str, joint: str, start: Sequence[float], end: Sequence[float], radius: float) -> dict:

@@ -1,4 +1,4 @@
-"""Write which postures of hands are usual, from generated motion: devices/gloves/postures.npy.
+"""Write usual postures of hands, from generated motion: devices/gloves/postures.npy.
 
     python scripts/hand_postures.py
 

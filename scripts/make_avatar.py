@@ -1,4 +1,4 @@
-"""Make the page's default avatar, VRM 1.0: a CC0 figure that gets a face, hair, clothes and shoes of our own.
+"""Make the page's default avatar (VRM 1.0): a CC0 figure with our own face, hair, clothes and shoes.
 
     python scripts/make_avatar.py [OUT]        # web/public/avatar.vrm.gz
 
@@ -23,12 +23,12 @@ from bodysense_lab.rendering.character import Character, load_figure
 
 OUTPUT = Path(__file__).parents[1] / "web" / "public" / "avatar.vrm.gz"
 SKIN, SHIRT, TROUSERS, SHOES, HAIR = range(5)
-SMILE = 0.007  # m by which the corners of the mouth go up
+SMILE = 0.007  # m by which the corners of the mouth are raised
 THICKNESS = {SHIRT: 0.013, TROUSERS: 0.010}  # m
 
 
 def srgb(text: str) -> np.ndarray:
-    """Linear red, green, blue of '#rrggbb'."""
+    """Return the linear red, green and blue of '#rrggbb'."""
     values = np.array([int(text[k : k + 2], 16) for k in (1, 3, 5)]) / 255
     return np.where(values <= 0.04045, values / 12.92, ((values + 0.055) / 1.055) ** 2.4)
 
@@ -46,16 +46,16 @@ WHITE, IRIS, PUPIL = srgb("#f3efe9"), srgb("#4a6d52"), srgb("#15110f")
 
 @dataclass
 class Mesh:
-    """Triangles with everything that vertices have."""
+    """Triangles with all attributes of their vertices."""
 
     position: list[np.ndarray] = field(default_factory=list)
     colour: list[np.ndarray] = field(default_factory=list)
-    source: list[np.ndarray] = field(default_factory=list)  # vertex of the figure whose weights each has
+    source: list[np.ndarray] = field(default_factory=list)  # vertex of the figure with the weights of each vertex
     triangles: list[np.ndarray] = field(default_factory=list)
     count: int = 0
 
     def add(self, position: np.ndarray, colour: np.ndarray, source: np.ndarray, triangles: np.ndarray) -> None:
-        """Add a part; its triangles count from its own first vertex."""
+        """Add a part; the indices of its triangles start at its first vertex."""
         self.position.append(position)
         self.colour.append(colour)
         self.source.append(source)
@@ -65,25 +65,25 @@ class Mesh:
 
 @dataclass(frozen=True)
 class Cut:
-    """Part of the figure's surface, cut along a line: every vertex lies on an edge of the figure."""
+    """Part of the figure's surface, cut along a line; every vertex is on an edge of the figure."""
 
     first: np.ndarray  # (N,) vertices of the figure
     second: np.ndarray  # (N,)
-    share: np.ndarray  # (N, 1) of the way from the first to the second
+    share: np.ndarray  # (N, 1) position between the first and the second
     triangles: np.ndarray  # (F, 3)
 
     def of(self, values: np.ndarray) -> np.ndarray:
-        """Values (V, …) of the figure's vertices, for those of the cut."""
+        """Interpolate values (V, …) of the figure's vertices at those of the cut."""
         return values[self.first] * (1 - self.share) + values[self.second] * self.share
 
     @property
     def source(self) -> np.ndarray:
-        """(N,) the nearer vertex of the figure."""
+        """Return the nearer vertex (N,) of the figure."""
         return np.where(self.share[:, 0] < 0.5, self.first, self.second)
 
 
 def cut(triangles: np.ndarray, inside: np.ndarray) -> Cut:
-    """The surface where `inside` (V,) is positive."""
+    """Return the surface where `inside` (V,) is positive."""
     rows: dict[tuple[int, int], int] = {}
     first: list[int] = []
     second: list[int] = []
@@ -112,7 +112,7 @@ def cut(triangles: np.ndarray, inside: np.ndarray) -> Cut:
 
 
 def smoothed(values: np.ndarray, triangles: np.ndarray, rounds: int) -> np.ndarray:
-    """Values of vertices, averaged with their neighbours'."""
+    """Return values of vertices, averaged with those of their neighbours."""
     edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
     edges = np.concatenate([edges, edges[:, ::-1]])
     for _ in range(rounds):
@@ -124,7 +124,7 @@ def smoothed(values: np.ndarray, triangles: np.ndarray, rounds: int) -> np.ndarr
 
 
 def fields(figure: Character) -> dict[int, np.ndarray]:
-    """For clothes and hair: (V,) m by which each vertex of the figure is inside of their edges."""
+    """Return, for clothes and hair, the distance (V,) m of each vertex of the figure inside their edges."""
     rest, x = figure.rest, figure.vertices
 
     def at(name: str) -> np.ndarray:
@@ -151,7 +151,7 @@ def fields(figure: Character) -> dict[int, np.ndarray]:
 
 
 def outward(figure: Character, triangles: np.ndarray, rounds: int) -> np.ndarray:
-    """(V, 3) smooth unit normals."""
+    """Return smooth unit normals (V, 3)."""
     normal = smoothed(figure.normals, triangles, rounds)
     return normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-9)
 
@@ -159,7 +159,7 @@ def outward(figure: Character, triangles: np.ndarray, rounds: int) -> np.ndarray
 def garment(
     mesh: Mesh, figure: Character, inside: np.ndarray, kind: int, trim: np.ndarray | None, under: np.ndarray | float
 ) -> None:
-    """Cloth: the skin moved outward and smoothed, with a trim along its edge, and an edge that turns in.
+    """Add cloth: the skin moved outward and smoothed, with a trim along its edge, which turns inward.
 
     Where it lies `under` another one, (V,) m from that one's edge, it is close to the skin.
     """
@@ -183,7 +183,7 @@ def garment(
 
 
 def hem(mesh: Mesh, outer: np.ndarray, inner: np.ndarray, part: Cut, colour: np.ndarray) -> None:
-    """Walls along the edge of a cut, from its outer side to its inner one."""
+    """Add walls along the edge of a cut, from its outer to its inner side."""
     rim = boundary(part.triangles)
     n, (first, second) = len(rim), rim.T
     ring = np.concatenate([outer[first], outer[second], inner[first], inner[second]])
@@ -194,7 +194,7 @@ def hem(mesh: Mesh, outer: np.ndarray, inner: np.ndarray, part: Cut, colour: np.
 
 
 def boundary(triangles: np.ndarray) -> np.ndarray:
-    """(E, 2) directed edges that only one triangle has."""
+    """Return the directed edges (E, 2) that belong to a single triangle."""
     edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]]).astype(np.int64)
     key = np.sort(edges, axis=1) @ np.array([1 << 20, 1])
     _, first, count = np.unique(key, return_index=True, return_counts=True)
@@ -224,7 +224,7 @@ def skin(mesh: Mesh, figure: Character, covered: list[np.ndarray]) -> None:
 
 
 def smile(x: np.ndarray, lips: np.ndarray, face: np.ndarray) -> np.ndarray:
-    """How far each vertex of the skin moves (N, 3), m, when the corners of the mouth go up and apart."""
+    """Return the offsets (N, 3) m of the skin for a smile: the corners of the mouth move up and apart."""
     wide, corner = np.abs(x[:, 0]), np.abs(x[lips, 0]).max()
     height = x[lips, 1][np.abs(x[lips, 0]) > 0.8 * corner].mean()
     near = np.exp(-(((wide - corner) / 0.016) ** 2) - ((x[:, 1] - height) / 0.016) ** 2) * face
@@ -232,7 +232,7 @@ def smile(x: np.ndarray, lips: np.ndarray, face: np.ndarray) -> np.ndarray:
 
 
 def grid(rows: int, columns: int) -> np.ndarray:
-    """Triangles of a tube of `rows` rings."""
+    """Return the triangles of a tube of `rows` rings."""
     k = np.arange(rows - 1)[:, None] * columns + np.arange(columns)[None]
     after = np.arange(rows - 1)[:, None] * columns + (np.arange(columns)[None] + 1) % columns
     quads = np.stack([k, after, after + columns, k + columns], axis=-1).reshape(-1, 4)
@@ -284,7 +284,7 @@ def shoes(mesh: Mesh, figure: Character) -> None:
 
 
 def eyes(mesh: Mesh, figure: Character) -> None:
-    """White balls with an iris and a pupil, made anew: the figure's are too coarse to be painted."""
+    """Add white balls with an iris and a pupil, because the figure's eyes are too coarse for painting."""
     head = head_vertex(figure)
     rows, columns = 24, 32
     tilt = np.linspace(0.0, 0.62 * np.pi, rows)[:, None]
@@ -305,13 +305,13 @@ def eyes(mesh: Mesh, figure: Character) -> None:
 
 
 def head_vertex(figure: Character) -> int:
-    """A vertex that follows the head alone."""
+    """Return a vertex that follows only the head."""
     head = figure.skeleton.index("head")
     return int(np.flatnonzero((figure.joint[:, 0] == head) & (figure.weight[:, 0] > 0.99))[0])
 
 
 def hair(mesh: Mesh, figure: Character, inside: np.ndarray) -> None:
-    """A short cut: the scalp moved outward, fuller on top and behind, combed back into a bun."""
+    """Add hair: the scalp moved outward, fuller on top and behind, combed back into a bun."""
     x, eye = figure.vertices, figure.eye
     near = figure.triangles[(inside[figure.triangles] > -0.03).any(axis=1)]
     behind = eye[2] - x[:, 2]
@@ -338,7 +338,7 @@ def hair(mesh: Mesh, figure: Character, inside: np.ndarray) -> None:
 
 
 def normals_of(position: np.ndarray, triangles: np.ndarray) -> np.ndarray:
-    """(V, 3) unit normals."""
+    """Return unit normals (V, 3)."""
     a, b, c = (position[triangles[:, k]] for k in range(3))
     normal = np.zeros_like(position)
     for k in range(3):
@@ -347,7 +347,7 @@ def normals_of(position: np.ndarray, triangles: np.ndarray) -> np.ndarray:
 
 
 def glb(figure: Character, mesh: Mesh) -> bytes:
-    """The bytes of the .vrm."""
+    """Return the bytes of the .vrm."""
     position = np.round(np.concatenate(mesh.position) * 16384) / 16384
     triangles, source = np.concatenate(mesh.triangles), np.concatenate(mesh.source)
     normal = np.round(normals_of(position, triangles) * 127) / 127

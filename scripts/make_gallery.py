@@ -45,7 +45,7 @@ def part(seconds: tuple[float, float]) -> bs.Clip:
 
 
 def tracked(seen: Observation, skeleton: Skeleton) -> np.ndarray:
-    """Return which points of a skeleton were tracked, (T, P) bool."""
+    """Return whether each point of a skeleton was tracked, (T, P) bool."""
     found = np.zeros((len(seen.time), len(skeleton.points)), dtype=bool)
     for column, name in enumerate(seen.points):
         if name in skeleton.points:
@@ -83,7 +83,7 @@ def hole() -> Iterable[np.ndarray]:
 
 
 def video() -> Iterable[np.ndarray]:
-    """Draw a film of a rendered figure, with the body that was found in it over it and next to it."""
+    """Draw a film of a rendered character, with the tracked body over it and next to it."""
     import av
 
     with tempfile.TemporaryDirectory() as folder:
@@ -96,23 +96,23 @@ def video() -> Iterable[np.ndarray]:
 
 
 def write_film(path: Path) -> None:
-    """Write a film of the performance on a figure that is no avatar's, as a camera in a room sees it."""
+    """Write a film of the performance on a rendered character, seen by a camera in a room."""
     import av
 
     from bodysense.body.keypoints import Camera
     from bodysense_lab.rendering.character import load_figure
+    from bodysense_lab.rendering.renderer import open_renderer
     from bodysense_lab.rendering.scene import sample_scene
-    from bodysense_lab.rendering.stage import open_stage
 
     clip = resample(packaged_performance(), RATE / STEP)
     first, last = (round(RATE / STEP * second) for second in FILM)
-    pose = load_figure("woman").wear(clip.pose[first:last])
+    pose = load_figure("woman").retarget(clip.pose[first:last])
     middle = np.median(pose.root_position, axis=0)
     away, right = np.array([np.sin(TURNED), 0, np.cos(TURNED)]), np.array([np.cos(TURNED), 0, -np.sin(TURNED)])
     axes = np.stack([right, (0, 1, 0), away], axis=1)
     camera = Camera(middle + FROM * away, axes, np.array(1.1), np.array(4 / 3))
     scene = sample_scene(np.random.default_rng(5), "woman")
-    with av.open(str(path), "w") as container, open_stage(scene, camera, 480, middle) as stage:
+    with av.open(str(path), "w") as container, open_renderer(scene, camera, 480, middle) as stage:
         stream = container.add_stream("libx264", rate=round(RATE / STEP))
         stream.width, stream.height, stream.pix_fmt = 640, 480, "yuv420p"
         for k in range(len(pose.root_position)):
@@ -124,7 +124,7 @@ PICTURES: dict[str, Callable[[], Iterable[np.ndarray]]] = {"sensors": sensors, "
 
 
 def main() -> None:
-    """Draw and write."""
+    """Draw and write the pictures."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(PICTURES)}; all if omitted")
     names = parser.parse_args().names or list(PICTURES)

@@ -1,4 +1,4 @@
-"""Write the demonstration's motion, the project's own: a headset's wearer who walks, turns, waves, sits, gestures.
+"""Write the motion of the demonstration: a headset's wearer walks, turns, waves, sits and gestures.
 
 Nothing in it was recorded. `scripts/performance/choreography.py` says what happens when; one optimisation finds the
 smoothest motion of the default body that meets it. Run it with the packages of the tests (SciPy) installed::
@@ -20,12 +20,12 @@ from bodysense.body.pose import Pose
 from bodysense.body.rotation import quaternion_log, quaternion_multiply
 
 OUTPUT = Path(__file__).parents[1] / "src" / "bodysense" / "demo" / "performance.npz"
-Z_UP = np.array([np.sqrt(0.5), np.sqrt(0.5), 0.0, 0.0])  # +90° about X: the way back from read_amass
-ANGLE, LENGTH = 2.0**-12, 1e-4  # rad, m: what values are rounded to
+Z_UP = np.array([np.sqrt(0.5), np.sqrt(0.5), 0.0, 0.0])  # +90° about X, the inverse of read_amass
+ANGLE, LENGTH = 2.0**-12, 1e-4  # rad, m: resolution of the file
 
 
 def amass_arrays(pose: Pose, frame_rate: float) -> dict[str, np.ndarray]:
-    """A motion (T, …) of the default skeleton in the AMASS layout: SMPL-H's joints, a world with Z up."""
+    """Return a motion (T, …) of the default skeleton in the AMASS layout: SMPL-H's joints, world with Z up."""
     rotation = pose.rotation.copy()
     rotation[:, 0] = quaternion_multiply(Z_UP, rotation[:, 0])
     angles = quaternion_log(rotation).reshape(len(rotation), -1)

@@ -22,7 +22,7 @@ PLACE = Path(__file__).parents[1] / "web" / "src" / "protocol.ts"
 
 
 def text() -> str:
-    """The whole file."""
+    """Return the text of the file."""
     numbers = {
         **{k: getattr(protocol, k) for k in ("VERSION", "SIGNAL", "POSE", "TRUTH", "HAS_POSITION", "HAS_ROTATION")},
         "SIGNAL_HEAD_BYTES": protocol.SIGNAL_HEAD.size,
@@ -45,13 +45,13 @@ def text() -> str:
 
 
 def interface(kind: type, tag: str | None) -> str:
-    """One dataclass as an interface; `tag` is its `type`."""
-    if kind is messages.UpdateSettings:
-        return f'{remark(kind.__doc__)}export type UpdateSettings = {{ type: "{tag}" }} & Partial<Settings>;\n'
+    """Return a dataclass as an interface; `tag` is its `type`."""
+    if kind is messages.Change:
+        return f'{remark(kind.__doc__)}export type Change = {{ type: "{tag}" }} & Partial<Settings>;\n'
     hints, remarks = get_type_hints(kind), remarks_of(kind)
     lines = [f'  type: "{tag}";\n'] if tag else []
     for field in fields(kind):
-        # Fields that a client leaves out have their default; a server sends every field.
+        # A client may omit fields, which then have their default. A server sends every field.
         optional = "?" if tag in messages.CLIENT and field.default is not MISSING else ""
         type_ = typescript(hints[field.name])
         if optional and type_ == "Settings":
@@ -72,22 +72,22 @@ def remarks_of(kind: type) -> dict[str, str]:
 
 
 def remark(text: str | None, indent: str = "") -> str:
-    """A comment, if there is anything to say."""
+    """Return a comment, or an empty string without text."""
     return f"{indent}/** {text} */\n" if text else ""
 
 
 def quoted(text: str) -> str:
-    """A string of TypeScript."""
+    """Return a TypeScript string."""
     return f'"{text}"'
 
 
 def union(literal: Any) -> str:
-    """The choices of a Literal."""
+    """Return the choices of a Literal."""
     return " | ".join(map(quoted, get_args(literal)))
 
 
 def typescript(hint: Any) -> str:
-    """The TypeScript of a field's type."""
+    """Return the TypeScript type of a field."""
     if get_origin(hint) in (UnionType, Union):
         return " | ".join(typescript(kind) for kind in get_args(hint))
     if get_origin(hint) is tuple:
@@ -105,9 +105,9 @@ def typescript(hint: Any) -> str:
 
 
 def main() -> int:
-    """Write the file, or say whether it is up to date."""
+    """Write the file, or report whether it is up to date."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--check", action="store_true", help="only say whether the file is up to date")
+    parser.add_argument("--check", action="store_true", help="only report whether the file is up to date")
     if parser.parse_args().check:
         return 0 if PLACE.is_file() and PLACE.read_text(encoding="utf-8") == text() else 1
     PLACE.parent.mkdir(parents=True, exist_ok=True)

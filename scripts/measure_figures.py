@@ -1,4 +1,4 @@
-"""Measure tables on the made-up wearers of the tests, compare short trainings, and count what trainings learn.
+"""Measure tables on synthetic wearers of the tests, compare short trainings, and count training windows.
 
 python scripts/measure_figures.py FIGURES/marker-sets.json       # or marker-gaps, mounts, gloves-expected, gloves-steps
 python scripts/measure_figures.py FIGURES/arm-windows.json DATA              # or unoc-loss-sums, unoc-avatars
@@ -44,8 +44,8 @@ from bodysense.observation import EXACT_ACCURACY, Observation
 from bodysense.papers.point_model import load_point_model
 from bodysense.take import Take, track
 from bodysense_lab.augment import mirrored
-from bodysense_lab.clips import learned_clips, open_clips
-from bodysense_lab.datasets import gathered
+from bodysense_lab.clips import open_clips, training_clips
+from bodysense_lab.datasets import gather_results
 from bodysense_lab.pahmt.recordings import read_arm_recordings
 from bodysense_lab.paper_options import PaperOptions
 from bodysense_lab.scoring import group_of
@@ -62,19 +62,19 @@ from bodysense_lab.unoc.train_tables import train_tables
 from bodysense_lab.unoc.variant_scores import Work, score_clip, scores_of
 
 TESTS = Path(__file__).parents[1] / "tests"
-NOISE = 0.0005  # m, of every marker whose gaps are filled
+NOISE = 0.0005  # m, of every marker with filled gaps
 GAPS = (0.2, 0.5, 1.0, 2.0, 5.0)  # s
-SLIP = 0.006  # m by which markers of a badly worn glove are displaced
-WORN = ("well", "slipped", "turned", "unknown")  # how a glove is worn (`_worn`)
-LOSS_CLIPS, LOSS_STEPS = 32, 200  # of the trainings whose losses are means and sums over joints
+SLIP = 0.006  # m, displacement of the markers of a badly worn glove
+GLOVE_FITS = ("well", "slipped", "turned", "unknown")  # see `_fitted_glove`
+LOSS_CLIPS, LOSS_STEPS = 32, 200  # of trainings with losses as means and as sums over joints
 LOSS_BATCHES, LOSS_STRIDE = 0.25, 8  # share of the paper's batches, and every n-th frame that is scored
 LOSS_PLACES = (("body", "occluded"), ("finger", "occluded"), ("parent_body", "all"), ("bone_body", "all"))
-AVATARS = {"female": "f", "male": "m"}  # of Rocketbox, and how the names of their clips begin
+AVATARS = {"female": "f", "male": "m"}  # of Rocketbox, with the first letter of their clips' names
 EXPECTED = (0.4, 0.7, 1.0, 1.5, 2.0, 3.0, 5.0)  # cm: bounds of the bins of expected errors
 
 
 def marker_sets() -> dict[str, float]:
-    """Errors of joints by set, cm, and of the 22 joints after tracking."""
+    """Return the errors of joints by marker set, cm, and of the 22 joints after tracking."""
     from virtual import LABORATORIES, SETS, errors, raw_of, worn  # pyright: ignore[reportMissingImports]
 
     clip, found = performance_of_unseen_body(), {}
@@ -92,7 +92,7 @@ def marker_sets() -> dict[str, float]:
 
 
 def marker_gaps() -> dict[str, float]:
-    """Errors of filled gaps of a marker, cm: by the tracker, a cubic spline, a straight line; one marker at a time."""
+    """Return the errors of filled gaps of a marker, cm: by the tracker, a cubic spline and a straight line."""
     from virtual import PLUG_IN_GAIT, worn  # pyright: ignore[reportMissingImports]
 
     clip = performance_of_unseen_body()
@@ -107,7 +107,7 @@ def marker_gaps() -> dict[str, float]:
             take = _tracked(clip, tuple(places), np.where(hidden[..., None], np.nan, noisy))
             assert take.markers is not None and take.markers.found is not None
             back = take.markers.found.world.to_ours(take.markers.found.raw.position)
-            shift = np.nanmean(back - noisy, axis=(0, 1))  # of a floor that was moved
+            shift = np.nanmean(back - noisy, axis=(0, 1))  # of the moved floor
             off["filled"].append((take.filled_markers.position - shift - truth)[hidden])
             for marker in np.flatnonzero(hidden.any(axis=0)):
                 away = hidden[:, marker]
@@ -122,14 +122,14 @@ def marker_gaps() -> dict[str, float]:
 
 
 def mounts() -> dict[str, float]:
-    """Errors of where joints are under their trackers, cm."""
+    """Return the errors of joints' positions relative to their trackers, cm."""
     from worn_trackers import numbers  # pyright: ignore[reportMissingImports]
 
     return numbers()
 
 
 def gloves_expected(hands: int = 40, seconds: float = 12.0) -> dict[str, float]:
-    """Errors of wrists and fingertips, cm, by their expected errors: drawn hands, markers hidden for 0.05 to 3 s."""
+    """Return errors of wrists and fingertips, cm, by expected error; drawn hands, markers hidden for 0.05 to 3 s."""
     rng, models = np.random.default_rng(7), load_glove_models()
     found: dict[str, list[np.ndarray]] = {"wrist": [], "tip": []}
     for _ in range(hands):
@@ -157,18 +157,18 @@ def gloves_expected(hands: int = 40, seconds: float = 12.0) -> dict[str, float]:
 
 
 def gloves_steps(hands: int = 20, seconds: float = 6.0) -> dict[str, float]:
-    """Flat-hand calibration of gloves worn badly (4.4), and a right hand next to the mirror image of a left one (4.10).
+    """Measure flat-hand calibration of badly worn gloves (4.4), and right hands against mirrored left ones (4.10).
 
     Drawn hands in synthesised motion, by the paper's steps with networks of the paper's form: finger joints, cm, and
     their rotations, degrees.
     """
     models, found = networks_of(PaperOptions()), {}
-    for worn in WORN:
+    for fit in GLOVE_FITS:
         rng, rows = np.random.default_rng(3), []
         for _ in range(hands):
             hand = draw_hand(rng)
             pose = synthesize_hand(hand.skeleton, seconds, rng).pose
-            known, glove = _worn(worn, hand)
+            known, glove = _fitted_glove(fit, hand)
             solver = Hands({"left": known.skeleton}, models, SETTINGS, glove=known.glove, axes=known.axes[None])
             flat = Pose(hand.skeleton, np.zeros((1, 3)), np.tile([1.0, 0, 0, 0], (1, len(HAND_JOINTS), 1)))
             moves = [(one, _markers_of(glove, one)) for one in (flat, pose)]
@@ -176,18 +176,18 @@ def gloves_steps(hands: int = 20, seconds: float = 6.0) -> dict[str, float]:
             rows.append([[_fingers_off(one, seen, true) for one in solvers] for true, seen in moves])
         for motion, pair in zip(("flat", "motion"), np.mean(rows, axis=0), strict=True):
             for when, (error, angle) in zip(("before", "after"), pair, strict=True):
-                found |= {f"{worn}_{motion}_{when}_cm": error, f"{worn}_{motion}_{when}_deg": angle}
+                found |= {f"{fit}_{motion}_{when}_cm": error, f"{fit}_{motion}_{when}_deg": angle}
     return found | {"mirror_cm": _mirror_difference(models)}
 
 
 def arm_windows(data: Path) -> dict[str, float]:
-    """Windows that `train arms` learns of the train split of a data set (3.7)."""
-    learned = read_arm_recordings(clip for clip in learned_clips(data, "train") if clip.has_fingers)
+    """Return the number of windows of `train arms` in the train split of a data set (3.7)."""
+    learned = read_arm_recordings(clip for clip in training_clips(data, "train") if clip.has_fingers)
     return {"clips": len(learned), "minutes": learned.minutes, "windows": len(learned.windows())}
 
 
 def unoc_loss_sums(data: Path) -> dict[str, float]:
-    """Errors on validation people, cm, after few steps with losses of bones and occlusion as means, and as sums (1.7).
+    """Return errors on validation people, cm, after few steps with losses as means and as sums over joints (1.7).
 
     Both trainings see the same windows in the same order, from the same first weights.
     """
@@ -204,11 +204,11 @@ def unoc_loss_sums(data: Path) -> dict[str, float]:
         )
         train_tables(run)
         sums.mkdir()
-        (means / "episodes").rename(sums / "episodes")  # which do not depend on the losses
+        (means / "episodes").rename(sums / "episodes")  # they do not depend on the losses
         train_tables(replace(run, out=sums, loss_sum=True))
         networks = {one.name: one / "gru.pt" for one in (means, sums)}
         work = partial(score_clip, work=Work(networks, stride=LOSS_STRIDE, threads=1))
-        found, census = gathered(work, learned_clips(data, "val", LOSS_CLIPS), 1, lambda clip: None)
+        found, census = gather_results(work, training_clips(data, "val", LOSS_CLIPS), 1, lambda clip: None)
     scores = {name: scores_of(name, found, census) for name in (*networks, *(f"last_known_{frame}" for frame in KNOWN))}
     methods = {name: name for name in networks} | {f"last_known_{better_last_known(scores)}": "last_known"}
     numbers = {
@@ -220,7 +220,7 @@ def unoc_loss_sums(data: Path) -> dict[str, float]:
 
 
 def unoc_avatars(data: Path) -> dict[str, float]:
-    """Errors of synthesised fingers, cm, with networks of one avatar of Rocketbox tested on each (Table 5, right)."""
+    """Return errors of synthesised fingers, cm, for networks of one Rocketbox avatar on each (Table 5, right)."""
     found: dict[str, float] = {}
     with tempfile.TemporaryDirectory() as folder:
         sets = {name: _clips_of(data, letter, Path(folder) / name) for name, letter in AVATARS.items()}
@@ -231,7 +231,7 @@ def unoc_avatars(data: Path) -> dict[str, float]:
             work = partial(finger_errors, examples=examples, model=model)
             for tested, other in sets.items():
                 scored = (clip for clip in open_clips(other, "test") if clip.has_fingers and group_of(clip) == "main")
-                errors, census = gathered(work, scored, 1, lambda clip: None)
+                errors, census = gather_results(work, scored, 1, lambda clip: None)
                 found |= {f"{tested}_{key}": value for key, value in census.numbers().items()}
                 for method in ("network", "mean_pose"):
                     tally = errors["main", "fingers", method, "error"]
@@ -243,7 +243,7 @@ def unoc_avatars(data: Path) -> dict[str, float]:
 
 
 def _clips_of(data: Path, letter: str, place: Path) -> Path:
-    """Make a folder of the clips of Rocketbox whose names begin with a letter. Returns it."""
+    """Make and return a folder of the Rocketbox clips whose names begin with a letter."""
     clips = place / "rocketbox"
     clips.mkdir(parents=True)
     for path in (data / "rocketbox").glob(f"{letter}_*"):
@@ -256,7 +256,7 @@ def _clips_of(data: Path, letter: str, place: Path) -> Path:
 
 
 def hmd_vae_sweep(folder: Path) -> dict[str, float]:
-    """Validation errors of the networks of a sweep, cm (2.9)."""
+    """Return the validation errors of the networks of a sweep, cm (2.9)."""
     with (folder / "results.csv").open(newline="", encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     found = {"networks": len(rows), "steps": max(float(row["steps"]) for row in rows)}
@@ -266,14 +266,14 @@ def hmd_vae_sweep(folder: Path) -> dict[str, float]:
     return found
 
 
-def _worn(how: str, hand: GlovedHand) -> tuple[GlovedHand, Glove]:
+def _fitted_glove(fit: str, hand: GlovedHand) -> tuple[GlovedHand, Glove]:
     """Return the hand that the solver assumes, and the true glove."""
     offset = hand.glove.offset.copy()
-    if how == "slipped":  # every finger's markers are nearer the wrist
+    if fit == "slipped":  # every finger's markers are nearer the wrist
         offset[~np.isin(np.arange(len(MARKERS)), ALIGNMENT), 0] -= SLIP
-    elif how == "turned":  # the back of the glove is turned about the hand's length
+    elif fit == "turned":  # the back of the glove is turned about the hand's length
         offset[[MARKERS.index("pinky_base"), MARKERS.index("wrist")], 1] += (SLIP, -SLIP)
-    elif how == "unknown":  # a hand of default shape, of the same size, is assumed
+    elif fit == "unknown":  # a hand of default shape, of the same size, is assumed
         skeleton = hand_skeleton(default_skeleton(), "left")
         scale = hand_size(hand.skeleton) / hand_size(skeleton)
         return plain_hand(skeleton.with_offsets(skeleton.rest_offset * scale)), hand.glove
@@ -299,7 +299,7 @@ def _fingers_off(hands: Hands, seen: Observation, true: Pose) -> tuple[float, fl
 
 
 def _mirror_difference(models: GloveModels) -> float:
-    """Return how far the hands of a mirrored performance are from the mirror image of the performance's hands, cm."""
+    """Return the distance of hands of a mirrored performance from the mirrored hands of the performance, cm."""
     answers, performance = [], performance_of_unseen_body()
     for clip in (performance, mirrored(performance)):
         hands = glove_device(clip.pose.skeleton, models=models, settings=SETTINGS).hands
@@ -344,7 +344,7 @@ MEASURES: dict[str, Callable[[], dict[str, float]]] = {
 }
 
 
-FROM: dict[str, Callable[[Path], dict[str, float]]] = {  # of a folder
+FROM: dict[str, Callable[[Path], dict[str, float]]] = {  # measurements with a folder of data
     "arm-windows": arm_windows,
     "unoc-loss-sums": unoc_loss_sums,
     "unoc-avatars": unoc_avatars,
@@ -353,11 +353,11 @@ FROM: dict[str, Callable[[Path], dict[str, float]]] = {  # of a folder
 
 
 def main(out: Path, folder: Path | None = None) -> None:
-    """Measure what a file is named after, and write it."""
+    """Run the measurement that is named like the file, and write the file."""
     known = MEASURES if folder is None else FROM
     if out.stem not in known:
         raise SystemExit(f"{out}: name it {', '.join(f'{name}.json' for name in known)}")
-    sys.path[:0] = [str(TESTS), str(TESTS / "io" / "markers")]  # their made-up wearers
+    sys.path[:0] = [str(TESTS), str(TESTS / "io" / "markers")]  # the synthetic wearers of the tests
     numbers = MEASURES[out.stem]() if folder is None else FROM[out.stem](folder)
     write_numbers(out, {name: float(value) for name, value in numbers.items()})
     print(f"wrote {out}")

@@ -38,7 +38,7 @@ OUT = {"hmd-vae": "net.pt", "arms": "net.pt", "body-gru": "net.onnx", "gloves": 
 
 
 def main() -> None:
-    """Measure and write."""
+    """Measure trainings and commands, and write the numbers."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("data", type=Path, help="folder of motion or a prepared store")
     parser.add_argument("out", type=Path, help="file for the numbers")

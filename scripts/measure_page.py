@@ -1,4 +1,4 @@
-"""Measure the page in headless Chromium: what a visit loads, when a body moves, a webcam's body, a headset's minutes.
+"""Measure the page in headless Chromium: loaded bytes, time to a moving body, a webcam's body, headset sessions.
 
     python scripts/measure_page.py FIGURES/page.json
     python scripts/measure_page.py FIGURES/page-endurance.json      (ten minutes of a headset, on a quiet machine)
@@ -27,7 +27,7 @@ from bodysense_live.page_files import write_page
 ROOT = Path(__file__).parents[1]
 VISITS, MINUTES = 10, 10
 TIMES, MEMORY = ("p50", "p99", "worst"), ("heap", "process")
-TESTS = (  # each records what it measures
+TESTS = (  # each records its measurements
     "test_page.py::test_a_visit_fetches_little",
     "test_page_quality.py::test_labels_roles_and_contrast_in_light_and_dark",
     "test_webcam.py::test_a_webcams_body_is_the_person_of_the_film",
@@ -35,7 +35,7 @@ TESTS = (  # each records what it measures
 
 
 def recorded(folder: Path) -> dict[str, float]:
-    """Run the tests that measure, and return what they recorded. Raises CalledProcessError if one fails."""
+    """Run the tests that measure, and return their records. Raises CalledProcessError if one fails."""
     report = folder / "report.xml"
     tests = [f"tests/web/{name}" for name in TESTS]
     report_to = (f"--junitxml={report}", "-o", "junit_family=xunit1")  # the older form has properties
@@ -45,7 +45,7 @@ def recorded(folder: Path) -> dict[str, float]:
     return {one.attrib["name"]: float(one.attrib["value"]) for one in properties}
 
 
-def shown(folder: Path, scenario: str, *arguments: object) -> dict[str, Any]:
+def run_scenario(folder: Path, scenario: str, *arguments: object) -> dict[str, Any]:
     """Write the page, run a scenario of web/tests/browser in Chromium, and return what it printed."""
     write_page(folder / "site")
     command = ["node", f"tests/browser/{scenario}.mjs", str(folder / "site"), *map(str, arguments)]
@@ -57,8 +57,8 @@ def shown(folder: Path, scenario: str, *arguments: object) -> dict[str, Any]:
 
 
 def visited(folder: Path) -> dict[str, float]:
-    """Visit the page anew `VISITS` times, and return when words stand, a body moves, and the network completed it."""
-    visits = [shown(folder, "first", folder / "first.png") for _ in range(VISITS)]
+    """Visit the page `VISITS` times; return the times of the first text, body, and completed body."""
+    visits = [run_scenario(folder, "first", folder / "first.png") for _ in range(VISITS)]
     times = {name: [visit[name] for visit in visits] for name in ("words", "moving", "completed")}
     return {
         f"{name}_{which}_s": float(statistic(values))
@@ -68,13 +68,13 @@ def visited(folder: Path) -> dict[str, float]:
 
 
 def page(folder: Path) -> dict[str, float]:
-    """Return what a visit loads, when a body moves, what axe-core finds, and how a webcam's body fits its film."""
+    """Return a visit's bytes, the time to a moving body, axe-core's faults, and the errors of a webcam's body."""
     return visited(folder) | recorded(folder)
 
 
 def endurance(folder: Path) -> dict[str, float]:
     """Return the times of steps and of the page's frames over ten minutes of a headset, and the memory."""
-    found = shown(folder, "endurance", MINUTES * 60)
+    found = run_scenario(folder, "endurance", MINUTES * 60)
     held = {f"{key}_{when}_mb": found["held"][k][key] for k, when in ((0, "early"), (-1, "late")) for key in MEMORY}
     times = {f"step_{key}_ms": found[key] for key in TIMES} | {f"frame_{key}_ms": found["page"][key] for key in TIMES}
     thread = found["thread"] or {}
@@ -91,7 +91,7 @@ MEASURES: dict[str, Callable[[Path], dict[str, float]]] = {"page": page, "page-e
 
 
 def main() -> None:
-    """Measure, print and write."""
+    """Measure the page, and print and write the numbers."""
     path = Path(*sys.argv[1:])
     if path.stem not in MEASURES:
         raise SystemExit(f"{path}: name it {' or '.join(f'{name}.json' for name in MEASURES)}")

@@ -26,7 +26,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 SOURCES = ("src", "packages", "core", "scripts", "hatch_build.py")
-SHARE = 0.9  # of the mutants, that must be killed
+SHARE = 0.9  # share of the mutants that must be killed
 PASSED, FAILED = 0, 1  # exit statuses of pytest
 
 
@@ -48,14 +48,14 @@ def read_mutants(path: Path) -> list[Mutant]:
 
 
 def stale(mutant: Mutant) -> bool:
-    """Whether the text is not in the file exactly once."""
+    """Return whether the text is missing or repeated in the file."""
     path = ROOT / mutant.file
     return not path.is_file() or path.read_text(encoding="utf-8").count(mutant.old) != 1
 
 
 @contextmanager
 def sources(mutant: Mutant | None) -> Iterator[Path]:
-    """Give a folder with links to all sources, in which one file has the fault."""
+    """Yield a folder with links to all sources, in which one file has the fault."""
     with tempfile.TemporaryDirectory(prefix="mutant-") as folder:
         copy = Path(folder)
         for name in SOURCES:
@@ -69,7 +69,7 @@ def sources(mutant: Mutant | None) -> Iterator[Path]:
             path.write_text((ROOT / mutant.file).read_text(encoding="utf-8").replace(mutant.old, mutant.new))
             if mutant.file.startswith("core/"):
                 script = copy / "scripts" / "build_core.py"
-                script.unlink()  # a link would lead it to the working tree
+                script.unlink()  # a link would make it find the working tree
                 shutil.copy(ROOT / "scripts" / "build_core.py", script)
                 for library in (copy / "src" / "bodysense").glob("_core.*"):
                     library.unlink()
@@ -98,7 +98,7 @@ def outcome(mutant: Mutant) -> str:
 
 
 def main() -> None:
-    """Run the mutants and print what became of each."""
+    """Run the mutants and print the result of each."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--only", default="", help="run mutants whose name contains this text")
     parser.add_argument("--jobs", type=int, default=2, help="mutants at a time")

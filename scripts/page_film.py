@@ -17,7 +17,7 @@ from bodysense_live.page_files import write_page
 
 ROOT = Path(__file__).parents[1]
 OUTPUT = ROOT / "docs" / "figures" / "film.webp"
-SECONDS, RATE = 12, 15  # of the performance: walking, turning, waving, sitting down; Hz
+SECONDS, RATE = 12, 15  # s of the performance (walking, turning, waving, sitting down); Hz
 SIZE = (840, 480)  # pixels
 LARGEST = 1_500_000  # bytes
 QUALITIES = (75, 60, 45, 30)  # of WebP, best first

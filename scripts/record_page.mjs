@@ -33,9 +33,9 @@ await launched([], { isCalm: false, viewport, colorScheme: "light" }, async (pag
   const step = () => page.evaluate(() => window.stepPage());
   const isTrue = (check) => page.evaluate(check);
   const isCompleted = () => document.getElementById("rate").textContent.includes("completed here");
-  const isWorn = () => document.getElementById("avatar").options.length > 0;
+  const hasAvatar = () => document.getElementById("avatar").options.length > 0;
   await page.addStyleTag({ content: "#rate { visibility: hidden }" }); // where no graphics card draws it tells nothing
-  while (!(await isTrue(isCompleted)) || !(await isTrue(isWorn))) {
+  while (!(await isTrue(isCompleted)) || !(await isTrue(hasAvatar))) {
     await page.waitForTimeout(500);
     await step();
   }

@@ -1,1 +1,1 @@
-"""Tables of figures in README, docs and model cards: a module a subject; `scripts/write_figures.py` writes them all."""
+"""Tables of figures in README, docs and model cards, one module for each subject; see `scripts/write_figures.py`."""

@@ -1,4 +1,4 @@
-"""Blocks: text between the markers `<!-- begin NAME -->` and `<!-- end NAME -->` of a page, made of measured numbers.
+"""Blocks: generated text between the markers `<!-- begin NAME -->` and `<!-- end NAME -->` of a page.
 
 A command that measures writes its numbers with `--json` as one flat object, with the processor and its own time on it.
 A block says of which files its text is made, and ends with the processors of these, and their time if each file has it.
@@ -13,34 +13,34 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
 Numbers = dict[str, float]
-NOT_RECORDED = "not recorded"  # the processor of a table older than files that name it
+NOT_RECORDED = "not recorded"  # processor of tables from older files, which do not name it
 
 
 @dataclass(frozen=True)
 class Measured:
-    """The numbers of a file, the processor that they were measured on, and the command's time on it."""
+    """Numbers of a file, the processor on which they were measured, and the command's processor time."""
 
     numbers: Numbers
     processor: str
-    cpu_seconds: float | None = None  # None: in a file older than commands that write it
+    cpu_seconds: float | None = None  # missing in older files
 
 
 @dataclass(frozen=True)
 class Block:
-    """The text between two markers of a page.
+    """Text between two markers of a page.
 
     `text` takes the numbers of each of `files`, then those of each of `more`, or None if there is no such file.
     """
 
-    page: str  # from the repository's root
+    page: str  # path from the repository's root
     name: str  # of its markers
     text: Callable[..., str]
     files: tuple[str, ...] = ()  # names without .json; a block with a missing one stays unchanged
-    more: tuple[str, ...] = ()  # a block of these alone stays unchanged if all are missing
+    more: tuple[str, ...] = ()  # optional files; a block with only these stays unchanged if all are missing
 
 
 def read_measured(folder: Path) -> dict[str, Measured]:
-    """Read every file of numbers in a folder, by its name. Raises ValueError for a file that names no processor."""
+    """Read every file of numbers in a folder, by its name. Raises ValueError for a file without a processor."""
     found = {}
     for path in sorted(folder.glob("*.json")):
         numbers = json.loads(path.read_text(encoding="utf-8"))
@@ -51,7 +51,7 @@ def read_measured(folder: Path) -> dict[str, Measured]:
 
 
 def write_blocks(blocks: Iterable[Block], measured: Mapping[str, Measured], root: Path = ROOT) -> None:
-    """Replace the text of every block whose files are there, at least one of `more` if it needs none."""
+    """Replace the text of every block whose files exist (at least one of `more` if it has no `files`)."""
     for block in blocks:
         if set(block.files) <= set(measured) and not set(measured).isdisjoint((*block.files, *block.more)):
             named = [measured.get(name) for name in (*block.files, *block.more)]
@@ -66,7 +66,7 @@ def write_blocks(blocks: Iterable[Block], measured: Mapping[str, Measured], root
 
 
 def processor_line(*names: str, hours: float | None = None) -> str:
-    """Return the line of a block that names processors, and how many hours the commands took of one core."""
+    """Return the line of a block with its processors and the CPU hours of its commands."""
     taken = "" if hours is None else f"; {hours:.2g} CPU hours"
     return f"Processor: {', '.join(names)}{taken}."
 
@@ -82,12 +82,12 @@ def put(text: str, name: str, body: str) -> str:
 
 
 def markdown(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Return a table."""
+    """Return a Markdown table."""
     return "\n".join(f"| {' | '.join(row)} |" for row in [head, ["---"] * len(head), *rows])
 
 
 def sampled(numbers: Numbers) -> str:
-    """Return how many clips figures are of, and that they are a sample if they are."""
+    """Return the number of clips of figures, as a sample if not all clips were scored."""
     clips, total = f"{numbers['clips']:.0f}", numbers.get("clips_in_split", numbers["clips"])
     some = f"{clips} of {total:.0f} clips" if numbers["clips"] < total else f"{clips} clips"
     if "quick" in numbers:

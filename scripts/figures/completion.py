@@ -9,7 +9,7 @@ from bodysense_lab.completion.wearers import PALMS, RAISES
 from bodysense_lab.hmd_vae.tables import PUBLISHED as THREE_POINT
 from bodysense_lab.holes import PARTS as HOLES
 from bodysense_lab.holes import SECONDS
-from bodysense_lab.model_card import fields_read, network_lines, read_network
+from bodysense_lab.model_card import network_lines, parse_fields, read_network
 
 from .blocks import ROOT, Block, Numbers, between, figure, markdown, sampled
 
@@ -35,7 +35,7 @@ def joining_network(validation: Numbers | None) -> str:
 
 def _described(card: str, validation: Numbers | None, kind: str, said: str) -> str:
     fields, _ = read_network((ROOT / card).with_suffix(".safetensors"))
-    lines = network_lines(fields_read(fields))
+    lines = network_lines(parse_fields(fields))
     if validation is not None:
         figures = ", ".join(
             f"{_sensors(name)} {figure(validation, f'{name}_own_{kind}{_position(name)}')}"

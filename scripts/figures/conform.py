@@ -20,7 +20,7 @@ def rows() -> str:
 
 
 def _row(check: Check) -> str:
-    quantity = check.quantity.replace("|", "\\|")  # which ends a cell
+    quantity = check.quantity.replace("|", "\\|")  # a bar would end the cell
     of = check.of if isinstance(check.of, str) else "; ".join(check.of)
     limits = [f"{limit:g} {check.unit}".strip() if limit is not None else "" for limit in (check.least, check.most)]
     mark = " *" if check.gate else ""

@@ -27,7 +27,7 @@ PLACES = {"": "recorded", "_synthesised": "synthesised"}
 
 
 def paper(numbers: Numbers) -> str:
-    """The paper's form of the marker network, on hands of its training and on others, next to the published figures."""
+    """Return errors of the paper's marker network on hands in and outside its training, next to published figures."""
     rows = []
     for hidden in HIDDEN:
         for hands, method in (("trained avatars", "nn"), ("unseen hands", "stranger_nn")):
@@ -39,7 +39,7 @@ def paper(numbers: Numbers) -> str:
 
 
 def paper_joints(numbers: Numbers) -> str:
-    """The paper's form of both networks: finger joints through the whole pipeline, next to the published figures."""
+    """Return errors of finger joints by both networks of the paper, next to published figures."""
     still = (("trained avatars", numbers["nn_0_cm"]), ("unseen hands", numbers["stranger_nn_0_cm"]))
     blank = ["–"] * (len(DURATIONS) - 1)
     rows = [["0", hands, f"{value:.2f}", *blank] for hands, value in still]
@@ -50,13 +50,13 @@ def paper_joints(numbers: Numbers) -> str:
             if all(key in numbers for key in keys):
                 rows.append([str(hidden), hands, *(f"{numbers[key]:.2f}" for key in keys)])
         rows.append([str(hidden), "published", *(f"{value:.2f}" for value in PUBLISHED_POINTS[hidden])])
-    said = f"Measured on {sampled(numbers)}, without synthesised hands."
-    said += between(numbers, "nn_0_cm_low", "nn_0_cm_high", "Nothing hidden, trained avatars")
-    return markdown(["hidden", "", *(f"{duration:g} s" for duration in DURATIONS)], rows) + "\n\n" + said
+    sentence = f"Measured on {sampled(numbers)}, without synthesised hands."
+    sentence += between(numbers, "nn_0_cm_low", "nn_0_cm_high", "Nothing hidden, trained avatars")
+    return markdown(["hidden", "", *(f"{duration:g} s" for duration in DURATIONS)], rows) + "\n\n" + sentence
 
 
 def sentence(table3: Numbers, table4: Numbers) -> str:
-    """Return README's sentence on hands that were left out of training."""
+    """Return README's sentence about hands that were left out of training."""
     text = (
         "Gloves, on an avatar's hand that was left out of training: a marker hidden for a second is "
         f"{table3['foreign_nn_1_1.0_cm']:.2f} cm off, one of four {table3['foreign_nn_4_1.0_cm']:.2f}; finger joints "
@@ -67,7 +67,7 @@ def sentence(table3: Numbers, table4: Numbers) -> str:
 
 
 def other_sets(numbers: Numbers) -> str:
-    """Gloves of other marker sets."""
+    """Return errors of gloves with other marker sets."""
     rows = [
         [
             layout.title,
@@ -98,7 +98,7 @@ def summary(table3: Numbers, table4: Numbers, frame: Numbers) -> str:
 
 
 def _row(numbers: Numbers, hidden: int) -> list[str]:
-    """After the first duration and the last: recorded, a hand that was left out of training, synthesised."""
+    """Return errors after the shortest and the longest gap: recorded hands, left-out hands, synthesised hands."""
     keys = (("", ""), ("foreign_", ""), ("", "_synthesised"))
     return [
         ", ".join(f"{numbers[f'{before}nn_{hidden}_{duration:.1f}_cm{after}']:.2f}" for duration in DURATIONS[::4])
@@ -107,7 +107,7 @@ def _row(numbers: Numbers, hidden: int) -> list[str]:
 
 
 def _foreign(numbers: Numbers) -> list[list[str]]:
-    """Rows of hands that no network has learned."""
+    """Return rows of hands that were left out of training."""
     rows = []
     for place, label in FOREIGN_PLACES.items():
         for way, name in WAYS.items():
@@ -125,7 +125,7 @@ def _outer(values: Sequence[float]) -> str:
 
 
 def markers(numbers: Numbers) -> str:
-    """Table 3: errors of hidden markers."""
+    """Return Table 3: errors of hidden markers."""
     rows = []
     for suffix, motion in PLACES.items():
         for method, label in METHODS.items():
@@ -143,7 +143,7 @@ def markers(numbers: Numbers) -> str:
 
 
 def points(numbers: Numbers) -> str:
-    """Table 4: errors of finger joints."""
+    """Return Table 4: errors of finger joints."""
     rows = []
     for suffix, motion in PLACES.items():
         for key, label in (("ik", "CCD, no limits"), ("ik_tuned", "CCD, tuned limits"), ("nn_0", "network")):
@@ -162,7 +162,7 @@ def points(numbers: Numbers) -> str:
 
 
 def occlusion(numbers: Numbers) -> str:
-    """Figs 13 and 14: how much is hidden, of one hand and of two."""
+    """Return Figs 13 and 14: hidden markers of one hand and of two hands."""
     lines = {
         "0_share": ("no marker hidden, % of the time", 100),
         "several_share": ("three or more, % of the time", 100),
@@ -194,13 +194,13 @@ def limits(numbers: Numbers) -> str:
         for line in LINES:
             cells = [None if key is None else numbers.get(f"{prefix}{key}") for key in line.keys]
             if any(value is not None for value in cells):
-                shown = ["–" if value is None else f"{line.factor * value:.2f}" for value in cells]
-                rows.append([motion, line.limit, line.figure, *shown])
+                figures = ["–" if value is None else f"{line.factor * value:.2f}" for value in cells]
+                rows.append([motion, line.limit, line.figure, *figures])
     return markdown(["motion", "limit", "figure", "truth", "without", "with"], rows)
 
 
 def fusion(numbers: Numbers) -> str:
-    """Fingers with inertial sensors whose markers are hidden."""
+    """Return errors of fingers with hidden markers, with and without inertial sensors."""
     rows = []
     for place, label in FUSION_PLACES.items():
         for count in FINGER_COUNTS:
@@ -212,7 +212,7 @@ def fusion(numbers: Numbers) -> str:
 
 
 def steps(numbers: Numbers) -> str:
-    """Flat-hand calibration of the paper (4.4), and mirroring (4.10)."""
+    """Return errors before and after the paper's flat-hand calibration (4.4), and the error of mirroring (4.10)."""
     labels = {
         "well": "worn as assumed",
         "slipped": "finger markers 6 mm nearer the wrist",
@@ -224,11 +224,11 @@ def steps(numbers: Numbers) -> str:
         [
             label,
             *(
-                f"{numbers[f'{worn}_{motion}_before_{unit}']:.2f} → {numbers[f'{worn}_{motion}_after_{unit}']:.2f}"
+                f"{numbers[f'{fit}_{motion}_before_{unit}']:.2f} → {numbers[f'{fit}_{motion}_after_{unit}']:.2f}"
                 for motion, unit in columns
             ),
         ]
-        for worn, label in labels.items()
+        for fit, label in labels.items()
     ]
     head = ["glove", *(f"{'flat hand' if motion == 'flat' else motion}, {UNITS[unit]}" for motion, unit in columns)]
     table = markdown(head, rows)
@@ -239,7 +239,7 @@ def steps(numbers: Numbers) -> str:
 
 
 def chosen_settings(numbers: Numbers) -> str:
-    """Mean errors with every value of some settings."""
+    """Return mean errors for each value of some settings."""
     rows = []
     for name, candidates in CANDIDATES.items():
         for value in candidates.values:
@@ -249,7 +249,7 @@ def chosen_settings(numbers: Numbers) -> str:
 
 
 def expected(numbers: Numbers) -> str:
-    """Errors of hands by the errors that are expected."""
+    """Return errors of hands by expected error."""
     parts = {"wrist": "wrist is off by", "tip": "fingertips"}
     bins = list(pairwise(EXPECTED))
     rows = [
@@ -259,7 +259,7 @@ def expected(numbers: Numbers) -> str:
 
 
 def speed(numbers: Numbers) -> str:
-    """A frame of gloves."""
+    """Return the time of a frame of gloves."""
     labels = {
         "": "one marker hidden a hand",
         "_all": "nothing hidden",

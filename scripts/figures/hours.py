@@ -1,4 +1,4 @@
-"""The table of docs/reproduce.md: processor hours of trainings, and of commands that run whole."""
+"""Table of docs/reproduce.md: processor hours of trainings and of whole commands."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from .blocks import Block, Numbers, markdown
 
 SWEPT_STEPS = 20  # of each network of the whole grid
 RATE = 30 * 60  # frames of a minute of motion
-MINUTES, WITH_FINGERS = 404 + 23, 23  # of the train split (cards of the networks)
+MINUTES, WITH_FINGERS = 404 + 23, 23  # minutes of the train split (see the cards of the networks)
 EPOCHS, BATCH = 5, 256  # of the paper's body network
-# Steps of the whole command, and how they follow. The body network learns clips twice, those with fingers eight times.
+# Steps of whole commands, and their derivation. The body network uses clips twice, clips with fingers eight times.
 STEPS = {
     "train body-gru --form paper": (
         EPOCHS * RATE * (2 * MINUTES + 6 * WITH_FINGERS) // BATCH,
@@ -44,13 +44,13 @@ WHOLE = ("generate", "papers track --method two_hands")  # on the packaged perfo
 def hours(measured: Numbers) -> str:
     """Return seconds of a step, steps and hours of each training that was measured."""
     rows, gloves = [], 0.0
-    for name, (steps, said) in STEPS.items():
+    for name, (steps, remark) in STEPS.items():
         seconds = measured.get(f"{LIKE.get(name, name)}_seconds_a_step")
         if seconds is not None:
             whole = seconds * steps / 3600
             gloves += whole if name.startswith(BOTH) else 0.0
             rows.append(
-                [f"`{name}`", f"{seconds:.3f}", f"{steps:,}", f"{whole:.0f}" if whole >= 10 else f"{whole:.2g}", said]
+                [f"`{name}`", f"{seconds:.3f}", f"{steps:,}", f"{whole:.0f}" if whole >= 10 else f"{whole:.2g}", remark]
             )
     if gloves:
         rows.append([f"`{BOTH}`", "–", "–", f"{gloves:.2g}", "both networks"])

@@ -1,4 +1,4 @@
-"""The table of docs/serve.md: how many wearers a server bears."""
+"""Table of docs/serve.md: number of wearers that a server sustains."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ HEADER = ("sessions", "Hz", "processes", "in the server p50, p99, ms", "round tr
 
 
 def live(*runs: Numbers | None) -> str:
-    """Return the runs' latency, then what the soak and hostile messages did if they were run."""
+    """Return the latency of runs, and results of the soak test and of hostile messages if measured."""
     *loads, soak, fuzz = runs
     found = [row for row in loads if row is not None]
     rows = [
@@ -24,15 +24,15 @@ def live(*runs: Numbers | None) -> str:
         ]
         for row in found
     ]
-    said = [markdown(HEADER, rows), "Two cores that server and clients share."]
+    parts = [markdown(HEADER, rows), "Two cores that server and clients share."]
     most = [row for row in found if "most_sessions" in row]
     if most:
-        said.append(
+        parts.append(
             f"A core bears {most[-1]['most_sessions']:.0f} wearers at {most[-1]['rate_hz']:.0f} Hz: one process answers"
             " 99 % of their frames (`bench live --most`)."
         )
     if soak is not None:
-        said.append(
+        parts.append(
             f"`bench live-soak`: {soak['seconds'] / 60:.0f} minutes of {soak['sessions']:.0f} wearers at "
             f"{soak['rate']:.0f} Hz, {soak['loss']:.0%} of the frames lost: {soak['answered']:,} of {soak['sent']:,} "
             f"answered, {soak['breaks']} broken connections, {soak['not_finite']} poses that are no numbers, longest "
@@ -40,11 +40,11 @@ def live(*runs: Numbers | None) -> str:
             f"{soak['rss_mb_last']:.0f} MB at the end."
         )
     if fuzz is not None:
-        said.append(
+        parts.append(
             f"`bench live-fuzz`: {fuzz['frames']:,} messages of {fuzz['connections']:,} clients, {fuzz['refused']:,} "
             "refused, no failure."
         )
-    return "\n\n".join(said)
+    return "\n\n".join(parts)
 
 
 _FILES = tuple(f"live-{workers}x{sessions}" for workers, sessions in RUNS)

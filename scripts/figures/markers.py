@@ -20,7 +20,7 @@ GAPS = ("0.2", "0.5", "1", "2", "5")  # s
 
 
 def tracked_sets(numbers: Numbers) -> str:
-    """Sets of markers whose bodies were tracked."""
+    """Return errors of tracked bodies by marker set."""
     joints = [joint for joint in JOINTS if joint != "foot"]
     rows = [
         [
@@ -37,13 +37,13 @@ def tracked_sets(numbers: Numbers) -> str:
 
 
 def laboratories(numbers: Numbers) -> str:
-    """Sets of laboratories: joints alone."""
+    """Return errors of joints by marker set of laboratories."""
     rows = [[name, *(figure(numbers, f"{name}_{joint}_cm", 1) for joint in JOINTS)] for name in LABORATORIES]
     return markdown(["set", *JOINTS.values()], rows)
 
 
 def gaps(numbers: Numbers) -> str:
-    """Filled gaps of a marker."""
+    """Return errors of filled gaps of a marker."""
     rows = [
         [f"{gap} s", *(figure(numbers, f"{method}_{gap}_cm", 1) for method in ("filled", "spline", "line"))]
         for gap in GAPS

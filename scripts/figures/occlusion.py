@@ -23,7 +23,7 @@ GROUPS_HIDDEN = ("shoulder", "elbow", "hand", "hip", "knee", "foot", "body", "al
 
 
 def hidden(numbers: Numbers) -> str:
-    """Shares of time hidden, ours by category and the published ones."""
+    """Return shares of hidden time: ours by category, and published ones."""
     categories = [name for name in CATEGORIES if f"{name}_shoulder_hidden" in numbers]
     rows = []
     for group in GROUPS_HIDDEN:
@@ -47,7 +47,7 @@ def hidden(numbers: Numbers) -> str:
 
 
 def cameras(*shares: Numbers) -> str:
-    """Shares of time hidden while people talk and sit, by what the paper leaves open or its cameras could differ in."""
+    """Return shares of hidden time while people talk and sit, for settings that the paper does not specify."""
     rows = [
         [
             label,

@@ -1,12 +1,12 @@
-"""The table of docs/results.md about the page, the server and the image, and the measured sentences of docs/page.md."""
+"""Table of docs/results.md about the page, the server and the image, and measured sentences of docs/page.md."""
 
 from __future__ import annotations
 
 from .blocks import Block, Numbers, markdown
 
 
-def doors(page: Numbers, crowd: Numbers, few: Numbers, image: Numbers) -> str:
-    """Return what each way in needs, next to its limit."""
+def requirements(page: Numbers, crowd: Numbers, few: Numbers, image: Numbers) -> str:
+    """Return the measured figures of page, server and image next to their limits."""
     crowded = f"{crowd['answered_least']:.1%} to {crowd['answered_most']:.1%} answered"
     alone = f"{few['answered_least']:.0%} to {few['answered_most']:.0%} of {few['sessions']:.0f} wearers"
     rows = [
@@ -35,7 +35,7 @@ def doors(page: Numbers, crowd: Numbers, few: Numbers, image: Numbers) -> str:
 
 
 def visit(page: Numbers) -> str:
-    """Return when a first visit shows words and a body, what it loads, and how a webcam's body fits its film."""
+    """Return the times of a first visit, its bytes, and the errors of a webcam's body."""
     seen = {
         name: f"{page[f'{name}_min_s']:.1f} to {page[f'{name}_max_s']:.1f} s (median {page[f'{name}_median_s']:.1f})"
         for name in ("words", "moving", "completed")
@@ -50,7 +50,7 @@ def visit(page: Numbers) -> str:
 
 
 def headset(found: Numbers) -> str:
-    """Return the times and the memory of minutes in an emulated headset."""
+    """Return times and memory of a session in an emulated headset."""
     text = (
         f"{found['minutes']:.0f} minutes in an emulated headset at 72 Hz, without drawing "
         f"(`python scripts/measure_page.py`): {found['rate_hz']:.1f} steps a second; a step took "
@@ -71,7 +71,7 @@ def headset(found: Numbers) -> str:
 
 
 BLOCKS = (
-    Block("docs/results.md", "doors", doors, ("page", "live-share-20", "live-share-10", "image")),
+    Block("docs/results.md", "requirements", requirements, ("page", "live-share-20", "live-share-10", "image")),
     Block("docs/page.md", "visit", visit, ("page",)),
     Block("docs/page.md", "headset", headset, ("page-endurance",)),
 )

@@ -27,19 +27,19 @@ PARTS = {"body": "body", "finger": "fingers, from the wrist", "body_and_finger":
 
 
 def table3(numbers: Numbers) -> str:
-    """UNOC's Table 3: other forms of the network."""
+    """Return UNOC's Table 3: other forms of the network."""
     places = {"body, hidden": "body_occluded", "body, all": "body_all", "fingers, hidden": "finger_occluded"}
     return ablations(numbers, TABLES["3"], places, TABLE_3)
 
 
 def table4(numbers: Numbers) -> str:
-    """UNOC's Table 4: other losses."""
+    """Return UNOC's Table 4: other losses."""
     bones = {"body, hidden": "body_occluded", "bones, body": "parent_body", "bone lengths, body": "bone_body"}
     return ablations(numbers, TABLES["4"], bones, TABLE_4)
 
 
 def headset(numbers: Numbers) -> str:
-    """Errors by motion, part and joints."""
+    """Return errors by motion, part and joints."""
     rows = []
     for suffix, group in GROUPS.items():
         for part, label in PARTS.items():
@@ -60,7 +60,7 @@ def headset(numbers: Numbers) -> str:
 
 
 def networks(numbers: Numbers) -> str:
-    """UNOC's Table 2: hidden joints, then all, ours next to the paper's, with the ratio to last known."""
+    """Return UNOC's Table 2: hidden joints, then all, next to the paper's, with the ratio to last known positions."""
     labels = {"gru": "GRU", "rnn": "RNN", "lstm": "LSTM", "tcn": "TCN", "best": "packaged", "last_known": "last known"}
     labels |= {"constant_velocity": "constant velocity"}
     theirs, paper = TABLE_2.published[0].cells, []
@@ -105,14 +105,14 @@ def ablations(numbers: Numbers, names: Sequence[str], parts: dict[str, str], pap
 
 
 def published_cells(paper: ScoreTable, name: str, key: str) -> list[str]:
-    """The published RMSJPE of a cell in a list; empty where the paper has no such cell."""
+    """Return the published RMSJPE of a cell in a list; empty if the paper has no such cell."""
     at = next((at for at in paper.rows or () if PLACES[at].key == key), None)
     figures = paper.published[0].cells.get((at, name))
     return [] if figures is None else [f"{figures[0]:.2f}"]
 
 
 def crossed(numbers: Numbers) -> str:
-    """UNOC's Table 5: hidden joints of the body and synthesized fingers, trained on one set and tested on another."""
+    """Return UNOC's Table 5: hidden joints and synthesised fingers, trained on one set and tested on another."""
     parts = {
         "body_occluded": "body, hidden",
         "all_occluded": "body and fingers, hidden",
@@ -132,7 +132,7 @@ def crossed(numbers: Numbers) -> str:
 
 
 def _published_crossed() -> str:
-    """UNOC's Table 5 as published: both halves."""
+    """Return UNOC's Table 5 as published, both halves."""
     trained = {f"trained on {name}": name for name in PAPER_SETS} | {"last known": ""}
     rows = [
         [label, test, *(_pair(pairs.get((train, test))) for train in trained.values())]
@@ -167,7 +167,7 @@ def synthesis_across(numbers: Numbers) -> str:
 
 
 def loss_sums(numbers: Numbers) -> str:
-    """Errors after few steps with losses of bones and occlusion as means over joints, and as sums (1.7)."""
+    """Return errors after few steps with losses of bones and occlusion as means and as sums over joints (1.7)."""
     labels = {"means": "means over joints", "sums": "sums over joints (`--loss-sum`)", "last_known": "last known"}
     columns = {
         "body, hidden": "body_occluded",
@@ -187,7 +187,7 @@ def loss_sums(numbers: Numbers) -> str:
 
 
 def smoothness(numbers: Numbers) -> str:
-    """Shares of strong accelerations before and after inverse kinematics and smoothing (reproduce.md 1.14)."""
+    """Return shares of strong accelerations before and after inverse kinematics and smoothing (reproduce.md 1.14)."""
     labels = {"gru": "GRU, mask predicted", "mask_given": "GRU, mask given", "best": "packaged"}
     after = {"gru": "gru_tracker", "mask_given": "mask_given_tracker", "best": "tracker"}
     rows = [
@@ -265,12 +265,12 @@ def across(*scores: Numbers) -> str:
         for data in PAPER_UPPER_SETS
     ]
     paper = markdown(["published, on", "trained on it", "trained on the other set", "inverse kinematics"], theirs)
-    said = " ".join(f"On {name}: {sampled(found[test, test])}" for test, name in SETS.items())
-    return f"{table}\n\n{paper}\n\nNeck, shoulders and elbows, RMSJPE / MPJPE, cm. {said}"
+    sentences = " ".join(f"On {name}: {sampled(found[test, test])}" for test, name in SETS.items())
+    return f"{table}\n\n{paper}\n\nNeck, shoulders and elbows, RMSJPE / MPJPE, cm. {sentences}"
 
 
 def beyond(jerk: Numbers, trust: Numbers) -> str:
-    """Return figures that the paper does not have: re-entry and calibrated confidence."""
+    """Return figures that the paper lacks: re-entry and calibrated confidence."""
     peaks = [jerk[f"{who}_regained_peak_jerk"] for who in ("truth", "last_known", "best", "tracker")]
     errors = [jerk[f"{who}_occluded_rmsjpe_cm"] for who in ("best", "tracker")]
     head = ["peak jerk in the second after a joint is seen again", "m/s³"]
@@ -294,7 +294,7 @@ def beyond(jerk: Numbers, trust: Numbers) -> str:
 
 
 def vaes(numbers: Numbers) -> str:
-    """HMD-VAE's models 1 to 4: full body and legs, and the paper's as later papers quote it."""
+    """Return errors of HMD-VAE's models 1 to 4 on body and legs, and figures of the paper as quoted by later papers."""
     labels = {1: "1, head and hands now", 2: "2, their history", 3: "3, as 1, pretrained", 4: "4, as 2, pretrained"}
     measures = ("position_cm", "velocity_cm_s", "acceleration_m_s2")
     rows = [
@@ -330,7 +330,7 @@ def swept(numbers: Numbers) -> str:
 
 
 def windows(numbers: Numbers) -> str:
-    """Windows that `train arms` learns (reproduce.md 3.7), next to the paper's."""
+    """Return the number of windows of `train arms` (reproduce.md 3.7), next to the paper's."""
     ours = [f"{numbers[key]:,.0f}" for key in ("clips", "minutes", "windows")]
     return markdown(
         ["training motion", "clips", "minutes", "windows"], [["Rocketbox", *ours], ["published", "–", "–", "30,000"]]
@@ -338,7 +338,7 @@ def windows(numbers: Numbers) -> str:
 
 
 def study(numbers: Numbers) -> str:
-    """A user study of simulated raters: mean votes that it finds, next to the paper's (Fig. 6)."""
+    """Return mean votes of a user study with simulated raters, next to the paper's (Fig. 6)."""
     # Mean votes of 39 raters (UNOC, section 5.1).
     published = {"truth_over_ours": 0.46, "ours_over_baseline": 0.65, "truth_over_baseline": 0.76}
     rows = []

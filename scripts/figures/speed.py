@@ -1,4 +1,4 @@
-"""The tables of speed in docs/evaluation.md, and that of a newcomer's first minutes in docs/results.md."""
+"""Tables of speed in docs/evaluation.md, and of the time from a clone to a moving body in docs/results.md."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def speed(step: Numbers, ik: Numbers, occlusion: Numbers, bvh: Numbers, imported
 
 
 def training(found: Numbers) -> str:
-    """Return the pace of training: the completion network in both precisions, and UNOC's network."""
+    """Return the speed of training: the completion network in both precisions, and UNOC's network."""
     rows = [
         ["a step of `train completion`, processor time", f"{found['processor_seconds_per_step']:.2f} s"],
         ["`train completion`, float32", f"{found['float32_steps_per_second']:.2f} steps/s"],
@@ -64,7 +64,7 @@ def first_body(found: Numbers) -> str:
 
 
 def take(found: Numbers) -> str:
-    """Return the pace at which takes are completed."""
+    """Return the speed of completing takes."""
     return (
         f"Recordings of head and hands: {found['frames_per_second']:,.0f} frames a second, and "
         f"{found['causal_frames_per_second']:,.0f} with `--causal` (`bodysense bench take`: 10 minutes at 30 Hz, one "

@@ -41,19 +41,19 @@ MEASURES = {
 
 
 def rendered(numbers: Numbers) -> str:
-    """Rows of methods on rendered videos."""
+    """Return rows of methods on rendered videos."""
     rows = [[title, *(_one(numbers, f"{name}_{key}") for key in MEASURES)] for name, title in METHODS.items()]
     less = 1 - numbers["network_arms_deg"] / numbers["landmarks_ik_arms_deg"]
-    said = (
+    sentence = (
         f"`bodysense evaluate video-rendered`: {numbers['videos']:.0f} videos, {60 * numbers['minutes']:.0f} s; arms' "
         f"rotations are {less:.0%} nearer than those of the landmarks. A person was found in "
         f"{numbers['detection_rate']:.0%} of the pictures, {numbers['hand_detection_rate']:.0%} of the hands."
     )
-    return "\n\n".join((markdown(["", *MEASURES.values()], rows), said, published()))
+    return "\n\n".join((markdown(["", *MEASURES.values()], rows), sentence, published()))
 
 
 def published() -> str:
-    """The figures of the paper's Table 3."""
+    """Return the figures of the paper's Table 3."""
     one = (
         f"{name.partition(',')[0]} {row['overall_cm']:.2f} cm and {row['arms_rad']:.4f} rad"
         for name, row in PAPER.items()
@@ -65,7 +65,7 @@ def published() -> str:
 
 
 def gestures(numbers: Numbers) -> str:
-    """Rows of gestures: bones of arms, in brackets those of the landmarks, and how wrists truly accelerate."""
+    """Return rows of gestures: bones of arms, in brackets those of the landmarks, and true accelerations of wrists."""
     rows = [
         [
             title,
@@ -81,16 +81,16 @@ def gestures(numbers: Numbers) -> str:
 
 
 def table(numbers: Numbers, perfect: Numbers | None) -> str:
-    """PAHMT's Table 1, ours and the paper's; beside them networks that learn, and are asked, without errors."""
+    """Return PAHMT's Table 1, ours and the paper's, and networks trained and tested on exact key-points."""
     measures = {"hands_m": "hands m", "overall_m": "overall m", "arms": "arms rad", "arms_deg": "arms °"}
 
     def ours(name: str) -> list[str]:
         key = name.replace("-", "_")
-        shown = [(numbers, measure) for measure in measures] + [
+        measured = [(numbers, measure) for measure in measures] + [
             (perfect or {}, "overall_m"),
             (perfect or {}, "arms_deg"),
         ]
-        return [_one(of, f"{key}_{measure}", 1 if measure == "arms_deg" else 4) for of, measure in shown]
+        return [_one(of, f"{key}_{measure}", 1 if measure == "arms_deg" else 4) for of, measure in measured]
 
     rows = []
     for name, row in TABLE_1.items():
@@ -102,15 +102,15 @@ def table(numbers: Numbers, perfect: Numbers | None) -> str:
         if f"{name}_hands_m" in numbers:
             rows.append([title, "", "", *ours(name), "–", "–", "–"])
     head = ["network", "smooth", "fk", *measures.values(), "without errors: overall m", "arms °"]
-    said = (
+    sentence = (
         "`bodysense evaluate pahmt-table1`; *without errors*: trained and asked with `--keypoints perfect`. The "
         "paper's figures are of its own motion."
     )
-    return markdown([*head, "paper: hands", "overall", "arms"], rows) + "\n\n" + said
+    return markdown([*head, "paper: hands", "overall", "arms"], rows) + "\n\n" + sentence
 
 
 def speed(numbers: Numbers) -> str:
-    """How long a window takes."""
+    """Return the time of a window."""
     return (
         f"A window of 32 frames takes {numbers['p50_ms']:.1f} ms (p50; p99 {numbers['p99_ms']:.1f} ms) on one core; "
         f"the file is {WEIGHTS.stat().st_size / 1e6:.1f} MB (`bodysense bench arms`)."
@@ -122,7 +122,7 @@ def _one(numbers: Numbers, key: str, digits: int = 1) -> str:
 
 
 def video_speed(numbers: Numbers) -> str:
-    """Return what a picture of a video costs."""
+    """Return the processor time of a picture of a video."""
     one, two = (numbers[f"people_{people}_landmarks_ms"] for people in (1, 2))
     return (
         f"Processor time of a picture of {numbers['width']:.0f} × {numbers['height']:.0f} pixels, "

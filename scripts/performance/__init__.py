@@ -1,1 +1,1 @@
-"""The demonstration performance: a body of hinges, a solver, and what it does."""
+"""Demonstration performance: a body of hinges, a choreography, and a solver."""

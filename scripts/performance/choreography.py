@@ -1,4 +1,4 @@
-"""The script of a headset's wearer in time: postures, contacts, steps, glances.
+"""Choreography of a headset's wearer: postures, contacts, steps and glances over time.
 
 World: +Y up, metres; the wearer starts at the origin and faces +Z. Angles in degrees.
 """
@@ -16,7 +16,7 @@ from .walking import Walk, footfalls
 
 FRAME_RATE = 30.0
 SECONDS = 25.0
-SEAT = 0.45  # m, height of the virtual seat
+SEAT_HEIGHT = 0.45  # m, height of the virtual seat
 Posture = Mapping[str, float]
 Vector = tuple[float, float, float]
 
@@ -28,7 +28,7 @@ def frame_times() -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class Meeting:
-    """A contact of an action: a point of the body on another, or a direction along another."""
+    """A contact of an action: two points that meet, or two directions that agree."""
 
     a: Spot
     b: Spot
@@ -38,7 +38,7 @@ class Meeting:
 
 @dataclass(frozen=True, eq=False)
 class Action:
-    """Something held for a while."""
+    """A posture that is held for some time."""
 
     name: str
     start: float  # s: reached
@@ -50,7 +50,7 @@ class Action:
 
 @dataclass(frozen=True, eq=False)
 class Passing:
-    """Something added on the way, most at `time`, gone `ramp` seconds before and after."""
+    """An offset that is largest at `time`, and zero from `ramp` seconds before and after."""
 
     time: float
     ramp: float
@@ -63,7 +63,7 @@ def both(**posture: float) -> dict[str, float]:
 
 
 def hand(side: str, knuckle: float, curl: float, fan: float = 0.0, **posture: float) -> dict[str, float]:
-    """A hand's fingers, curled alike but for a `fan` of degrees more from finger to finger toward the little one."""
+    """Return angles of equally curled fingers, with `fan` degrees more for each finger toward the little one."""
     result = {f"{side}_{name}": value for name, value in posture.items()}
     for place, finger in enumerate(FINGERS):
         result[f"{side}_{finger}_knuckle"] = knuckle + fan * place
@@ -162,13 +162,13 @@ PASSING = (
 
 
 def here(x: float, y: float, z: float) -> Vector:
-    """A place in the world, from one seen by the wearer between the walks: left, up, ahead of the feet."""
+    """Return a world position from one relative to the wearer between the walks: left, up, forward of the feet."""
     ahead = turned(x, y, z)
     return (ahead[0] + float(_STAND_AT[0]), y, ahead[2] + float(_STAND_AT[1]))
 
 
 def turned(x: float, y: float, z: float) -> Vector:
-    """A direction in the world, from one seen by the wearer between the walks: left, up, ahead."""
+    """Return a direction in the world from one relative to the wearer between the walks: left, up, forward."""
     way = np.deg2rad(_STAND_AT[2])
     return (float(x * np.cos(way) + z * np.sin(way)), y, float(z * np.cos(way) - x * np.sin(way)))
 
@@ -188,7 +188,7 @@ def actions() -> list[Action]:
         Meeting(on("right_elbow", -1, 0, 0), Spot("world", up), 0.002, direction=True),
         facing("right", Spot("world", turned(0.1, 0.0, 1.0)), 0.001),
     ]
-    sit = [Meeting(on("pelvis", 0, -0.087 - 0.1, 0), Spot("world", here(0, SEAT, -0.4)))]
+    sit = [Meeting(on("pelvis", 0, -0.087 - 0.1, 0), Spot("world", here(0, SEAT_HEIGHT, -0.4)))]
     laps = []
     for side, sign in (("left", 1.0), ("right", -1.0)):
         laps += [

@@ -1,4 +1,4 @@
-"""The body as a machine of hinges, each driven by a named degree of freedom: what a choreographer turns.
+"""The body as a machine of hinges, driven by named degrees of freedom for the choreography.
 
 Every joint is a product of hinges about its own axes, so a pose is one plain vector, its derivatives are vector
 products, and limits and smoothness are linear. Positive angles have an anatomical meaning, the same on both sides.
@@ -61,7 +61,7 @@ _SIDE = [
     ("thumb2", "+Y", "thumb_curl", 0.6),
     ("thumb3", "+Y", "thumb_curl", 1.0),
 ]
-# Degrees a person can do with ease.
+# Comfortable ranges of a person, degrees.
 _LIMITS = {
     "turn": (-45, 45), "bend": (-20, 60), "side": (-25, 25),
     "head_turn": (-60, 60), "head_nod": (-30, 35), "head_side": (-25, 25),
@@ -77,8 +77,8 @@ _LIMITS = {
 
 
 @dataclass(frozen=True, eq=False)
-class Placed:
-    """The machine in T poses."""
+class FigureState:
+    """Positions, rotations and axes of the machine in T frames."""
 
     origin: np.ndarray  # (J + 1, T, 3) m, world; the last joint is the world itself
     rotation: np.ndarray  # (J + 1, T, 3, 3) world ← joint
@@ -98,7 +98,7 @@ class Machine:
 
     @cached_property
     def carries(self) -> np.ndarray:
-        """(J + 1, H) 1 where a hinge moves a joint; nothing moves the world."""
+        """(J + 1, H) 1 if a hinge moves a joint; the row of the world is 0."""
         joints = len(self.skeleton.joints)
         above = self.skeleton.path[:joints, :joints].copy()
         above[:, 0] = 1
@@ -117,13 +117,13 @@ class Machine:
         return len(self.skeleton.joints) if joint == "world" else self.skeleton.index(joint)
 
     def vector(self, posture: Mapping[str, float], start: np.ndarray | None = None) -> np.ndarray:
-        """(N,) values from degrees (metres for x, y, z) by name; what is not named is as in `start`, or zero."""
+        """Return values (N,) from degrees (m for x, y, z) by name; others are as in `start`, or zero."""
         value = np.zeros(len(self.names)) if start is None else start.copy()
         for name, number in posture.items():
             value[self.names.index(name)] = number if name in "xyz" else np.deg2rad(number)
         return value
 
-    def place(self, value: np.ndarray) -> Placed:
+    def place(self, value: np.ndarray) -> FigureState:
         """Forward kinematics of values (T, N)."""
         skeleton, frames = self.skeleton, len(value)
         joints = len(skeleton.joints)
@@ -140,28 +140,28 @@ class Machine:
                 axis[hinge] = before @ local[joint] @ self.axis[hinge]
                 local[joint] = local[joint] @ _turn(self.axis[hinge], angle[:, hinge])
             rotation[joint] = before @ local[joint]
-        return Placed(origin, rotation, local, axis)
+        return FigureState(origin, rotation, local, axis)
 
-    def point(self, placed: Placed, joint: int, offset: np.ndarray) -> np.ndarray:
-        """(T, 3) place of a point fixed to a joint, offset (3,) or (T, 3)."""
+    def point(self, state: FigureState, joint: int, offset: np.ndarray) -> np.ndarray:
+        """Return the position (T, 3) of a point fixed to a joint, with offset (3,) or (T, 3)."""
         return (
-            placed.origin[joint]
-            + (placed.rotation[joint] @ np.broadcast_to(offset, placed.origin[joint].shape)[..., None])[..., 0]
+            state.origin[joint]
+            + (state.rotation[joint] @ np.broadcast_to(offset, state.origin[joint].shape)[..., None])[..., 0]
         )
 
-    def point_slope(self, placed: Placed, joint: int, point: np.ndarray, frames: np.ndarray) -> np.ndarray:
+    def point_slope(self, state: FigureState, joint: int, point: np.ndarray, frames: np.ndarray) -> np.ndarray:
         """(F, 3, N) derivative of a joint's points (F, 3) at some frames."""
-        moved = np.flatnonzero(self.carries[joint])
-        lever = point - placed.origin[self.joint[moved]][:, frames]
-        slope = np.cross(placed.axis[moved][:, frames], lever).transpose(1, 2, 0) @ self.share[moved]
+        joints = np.flatnonzero(self.carries[joint])
+        lever = point - state.origin[self.joint[joints]][:, frames]
+        slope = np.cross(state.axis[joints][:, frames], lever).transpose(1, 2, 0) @ self.share[joints]
         if joint < len(self.skeleton.joints):
             slope[:, :, :3] += np.eye(3)
         return slope
 
-    def direction_slope(self, placed: Placed, joint: int, direction: np.ndarray, frames: np.ndarray) -> np.ndarray:
+    def direction_slope(self, state: FigureState, joint: int, direction: np.ndarray, frames: np.ndarray) -> np.ndarray:
         """(F, 3, N) derivative of world directions (F, 3) fixed to a joint at some frames."""
-        moved = np.flatnonzero(self.carries[joint])
-        return np.cross(placed.axis[moved][:, frames], direction).transpose(1, 2, 0) @ self.share[moved]
+        joints = np.flatnonzero(self.carries[joint])
+        return np.cross(state.axis[joints][:, frames], direction).transpose(1, 2, 0) @ self.share[joints]
 
     def pose(self, value: np.ndarray) -> Pose:
         """The poses (T, ...) of values (T, N)."""

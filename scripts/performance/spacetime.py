@@ -1,4 +1,4 @@
-"""A whole motion at once: the smoothest one that meets its contacts (Witkin and Kass, Spacetime Constraints, 1988).
+"""Solver of a whole motion: the smoothest one that meets its contacts (Witkin and Kass, Spacetime Constraints, 1988).
 
 Gauss-Newton over every frame's degrees of freedom. What joins the frames is only the penalty on accelerations, which
 is diagonal in the degrees of freedom, so that the normal matrix is banded.
@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import solveh_banded
 
-from .figure import Machine, Placed
+from .figure import FigureState, Machine
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +30,7 @@ class Touch:
     a: Spot
     b: Spot
     weight: np.ndarray  # (T,) 1/m²
-    axes: tuple[float, float, float] = (1, 1, 1)  # what of the difference counts, in the world
+    axes: tuple[float, float, float] = (1, 1, 1)  # weights of the difference's components, world
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,11 +74,11 @@ class Problem:
     probes: Sequence[Probe]
     apart_weight: float  # 1/m²: probes out of solids
     limit_weight: float  # 1/rad²
-    soft: float = 0.002  # m: distance over which a solid's push sets in
+    soft: float = 0.002  # m, distance over which a solid's force increases
 
 
 def at_frame(problem: Problem, frame: int) -> Problem:
-    """One frame of a problem, by itself."""
+    """Return one frame of a problem."""
 
     def spot(of: Spot) -> Spot:
         offset = np.asarray(of.offset)
@@ -112,7 +112,7 @@ def solve(problem: Problem, start: np.ndarray, iterations: int) -> np.ndarray:
 def _linearised(problem: Problem, value: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
     """Normal blocks (T, N, N), half gradient (T, N) and cost at a motion; accelerations only in the last two."""
     machine = problem.machine
-    placed = machine.place(value)
+    state = machine.place(value)
     frames, count = value.shape
     normal = np.zeros((frames, count, count))
     slope = np.zeros((frames, count))
@@ -138,14 +138,14 @@ def _linearised(problem: Problem, value: np.ndarray) -> tuple[np.ndarray, np.nda
 
     for term in problem.terms:
         active = np.flatnonzero(term.weight > 0)
-        error, jacobian = _term(machine, placed, term, active)
+        error, jacobian = _term(machine, state, term, active)
         weight = term.weight[active]
         weighted = weight[:, None, None] * jacobian
         normal[active] += jacobian.mT @ weighted
         slope[active] += (weighted.mT @ error[..., None])[..., 0]
         cost += float((weight * (error**2).sum(axis=1)).sum())
 
-    for active, error, jacobian in _intrusions(problem, placed):
+    for active, error, jacobian in _intrusions(problem, state):
         weighted = problem.apart_weight * jacobian
         normal[active] += jacobian[:, :, None] * weighted[:, None, :]
         slope[active] += weighted * error[:, None]
@@ -153,33 +153,33 @@ def _linearised(problem: Problem, value: np.ndarray) -> tuple[np.ndarray, np.nda
     return normal, slope, cost
 
 
-def _term(machine: Machine, placed: Placed, term: Touch | Aim, frames: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _term(machine: Machine, state: FigureState, term: Touch | Aim, frames: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Errors (F, 3) and their derivatives (F, 3, N)."""
     a, b = machine.index(term.a.joint), machine.index(term.b.joint)
-    offset = [np.broadcast_to(spot.offset, placed.origin[0].shape)[frames, :, None] for spot in (term.a, term.b)]
-    first, second = ((placed.rotation[k][frames] @ o)[..., 0] for k, o in zip((a, b), offset, strict=True))
+    offset = [np.broadcast_to(spot.offset, state.origin[0].shape)[frames, :, None] for spot in (term.a, term.b)]
+    first, second = ((state.rotation[k][frames] @ o)[..., 0] for k, o in zip((a, b), offset, strict=True))
     if isinstance(term, Aim):
-        slopes = [machine.direction_slope(placed, k, v, frames) for k, v in ((a, first), (b, second))]
+        slopes = [machine.direction_slope(state, k, v, frames) for k, v in ((a, first), (b, second))]
         return first - second, slopes[0] - slopes[1]
-    first, second = first + placed.origin[a][frames], second + placed.origin[b][frames]
-    slopes = [machine.point_slope(placed, k, v, frames) for k, v in ((a, first), (b, second))]
+    first, second = first + state.origin[a][frames], second + state.origin[b][frames]
+    slopes = [machine.point_slope(state, k, v, frames) for k, v in ((a, first), (b, second))]
     axes = np.asarray(term.axes, dtype=float)
     return (first - second) * axes, (slopes[0] - slopes[1]) * axes[:, None]
 
 
-def _intrusions(problem: Problem, placed: Placed) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+def _intrusions(problem: Problem, state: FigureState) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
     """Frames (F,), depths (F,) and derivatives (F, N) of every probe that is in a solid or under the floor."""
     machine = problem.machine
     for probe in problem.probes:
         joint = machine.index(probe.joint)
-        point = machine.point(placed, joint, probe.offset)
+        point = machine.point(state, joint, probe.offset)
         under = probe.radius - point[:, 1]
         frames = np.flatnonzero(under > 0)
         if frames.size:
-            yield frames, under[frames], -machine.point_slope(placed, joint, point[frames], frames)[:, 1]
+            yield frames, under[frames], -machine.point_slope(state, joint, point[frames], frames)[:, 1]
         for solid in probe.solids:
             owner = machine.index(solid.joint)
-            start, end = (machine.point(placed, owner, p) for p in (solid.start, solid.end))
+            start, end = (machine.point(state, owner, p) for p in (solid.start, solid.end))
             bone = end - start
             along = ((point - start) * bone).sum(axis=1) / (bone**2).sum(axis=1)
             nearest = start + np.clip(along, 0, 1)[:, None] * bone
@@ -189,8 +189,8 @@ def _intrusions(problem: Problem, placed: Placed) -> Iterator[tuple[np.ndarray, 
             frames = np.flatnonzero(depth > 0)
             if frames.size:
                 normal = (away / distance[:, None])[frames, None, :]
-                own = machine.point_slope(placed, joint, point[frames], frames)
-                other = machine.point_slope(placed, owner, nearest[frames], frames)
+                own = machine.point_slope(state, joint, point[frames], frames)
+                other = machine.point_slope(state, owner, nearest[frames], frames)
                 yield frames, depth[frames], -(normal @ (own - other))[:, 0]
 
 

@@ -1,4 +1,4 @@
-"""From the choreography to one problem for the solver: references, contacts, steps, glances, what stays apart."""
+"""Conversion of the choreography to a problem for the solver: references, contacts, steps, glances and collisions."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _OTHER_ACCELERATION = 15.0  # rad/s²
 
 
 def perform(machine: Machine, iterations: int) -> np.ndarray:
-    """The performance (T, N): first the held postures one by one, then the whole through them."""
+    """Return the performance (T, N): solve the held postures one by one, then the whole motion through them."""
     plan = actions()
     postures = np.stack([machine.vector(action.posture) for action in plan])
     task = problem(machine, plan, postures)
@@ -45,7 +45,7 @@ def perform(machine: Machine, iterations: int) -> np.ndarray:
 
 
 def problem(machine: Machine, plan: Sequence[Action], postures: np.ndarray) -> Problem:
-    """The whole performance, with the postures (A, N) that its actions would rather have."""
+    """Return the problem of the whole performance, with preferred postures (A, N) of its actions."""
     time = frame_times()
     reference = _reference(machine, plan, postures)
     terms: list[Touch | Aim] = []
@@ -149,7 +149,7 @@ def _idle_degrees(name: str) -> float:
 
 
 def _feet(machine: Machine) -> list[Touch | Aim]:
-    """Soles that stand where they stand, and swing in an arc between."""
+    """Return the goals of feet: soles that do not move while they stand, and swing in an arc between."""
     time = frame_times()
     terms: list[Touch | Aim] = []
     offset = machine.skeleton.rest_offset
@@ -179,7 +179,7 @@ def _feet(machine: Machine) -> list[Touch | Aim]:
 
 
 def _gaze(plan: Sequence[Action]) -> list[Touch | Aim]:
-    """The face goes where the eyes look, a little ahead of the body."""
+    """Return the goals of the face, which turns toward the gaze a little before the body."""
     time = frame_times()
     direction = np.tile(np.array(plan[0].gaze), (len(time), 1))
     for before, after in pairwise(plan):
@@ -190,7 +190,7 @@ def _gaze(plan: Sequence[Action]) -> list[Touch | Aim]:
 
 
 def _probes() -> list[Probe]:
-    """Balls along the arms and hands, and the solids each stays out of; the feet stay above the floor."""
+    """Return balls along the arms and hands, and the solids that each avoids; the feet stay above the floor."""
     capsules: dict[str, Solid] = {}
     for row in default_body()["primitives"]:
         if row["kind"] == "capsule":

@@ -1,4 +1,4 @@
-"""Walks: a route on the floor, when and where the feet come down on it, and how the body sways over them."""
+"""Walks: a route on the floor, times and places of footfalls, and the sway of the body over them."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 STEP = 0.58  # s from one landing to the next
-SUPPORT = 0.06  # s that both feet stand between two steps
+SUPPORT = 0.06  # s of double support between two steps
 AHEAD = 0.25  # s from a landing until the pelvis is over the foot
 SPEEDING = 0.8  # s until a walk has its speed, and in which it loses it
 APART = 0.085  # m from the middle of the route to an ankle
@@ -18,7 +18,7 @@ OUTWARD = 6.0  # degrees that a foot is turned outward
 
 @dataclass(frozen=True)
 class Footfall:
-    """A foot that stands."""
+    """A footfall: a foot that stands for some time."""
 
     side: str
     start: float  # s: the sole comes down
@@ -41,7 +41,7 @@ class Walk:
 
     @property
     def end(self) -> float:
-        """s: the walker stands again."""
+        """Time at which the walker stands again, s."""
         return self.begin + (self.steps + 1) * STEP
 
     @cached_property
@@ -66,7 +66,7 @@ class Walk:
         return np.stack([np.interp(place, np.arange(len(self._route)), column) for column in self._route.T], axis=-1)
 
     def landings(self) -> list[Footfall]:
-        """Every landing, with how long the foot stands; the two last ones stand for good."""
+        """Return every footfall, with the duration of its stance; the last two have no end."""
         falls = []
         for k in range(1, self.steps + 2):
             land = self.begin + k * STEP
@@ -84,7 +84,7 @@ class Walk:
 
 
 def footfalls(walks: Sequence[Walk], seconds: float) -> list[Footfall]:
-    """Every foot that stands, from before the first walk to after the last."""
+    """Return every footfall, from before the first walk to after the last."""
     start = np.array([walks[0].x, walks[0].z, walks[0].heading])
     standing = {side: _footfall(side, -1.0, np.inf, start) for side in ("left", "right")}
     found = []

@@ -131,7 +131,7 @@ def test_a_trial_names_its_machine_first(
     command: str, recorded: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    line, marks = fit.line_of_progress, []
+    line, marks = fit.progress_line, []
 
     def marked(progress: fit.Progress) -> str:
         marks.append(time.process_time())

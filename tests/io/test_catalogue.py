@@ -8,14 +8,14 @@ import pytest
 
 from bodysense.errors import BodysenseError
 from bodysense.io.datasets.catalogue import CATALOGUE
-from bodysense_lab.datasets import entry, require
+from bodysense_lab.datasets import catalogue_entry, require_data
 
 
 def test_every_set_says_where_it_is_and_under_which_licence() -> None:
     assert len({one.name for one in CATALOGUE}) == len(CATALOGUE)
     for one in CATALOGUE:
         assert one.what and one.format and one.fingers and one.licence and "." in one.where, one.name
-        assert entry(one.name.upper()) is one
+        assert catalogue_entry(one.name.upper()) is one
 
 
 def test_the_tables_of_unoc_have_their_sets() -> None:
@@ -23,10 +23,10 @@ def test_the_tables_of_unoc_have_their_sets() -> None:
 
 
 def test_a_set_that_is_there(unoc, tmp_path: Path) -> None:
-    assert require("unoc", str(unoc.folder)) == unoc.folder
+    assert require_data("unoc", str(unoc.folder)) == unoc.folder
     (tmp_path / "a.zarr").mkdir()
     (tmp_path / "a.zarr" / "zarr.json").write_text("{}")
-    assert require("UNOC", tmp_path / "a.zarr") == tmp_path / "a.zarr"
+    assert require_data("UNOC", tmp_path / "a.zarr") == tmp_path / "a.zarr"
 
 
 @pytest.mark.parametrize(("name", "place", "message"), [
@@ -38,10 +38,10 @@ def test_a_set_that_is_there(unoc, tmp_path: Path) -> None:
 def test_a_set_that_is_missing(tmp_path: Path, name: str, place: str | None, message: str) -> None:
     (tmp_path / "empty").mkdir()
     with pytest.raises(BodysenseError, match=message) as error:
-        require(name, place and tmp_path / place)
+        require_data(name, place and tmp_path / place)
     assert "\n" not in str(error.value)
 
 
 def test_a_set_that_nobody_knows() -> None:
     with pytest.raises(BodysenseError, match=r"unknown data set 'CMUU'; valid are UNOC, TWH16.2M, Mixamo, AMASS, CMU"):
-        require("CMUU", None)
+        require_data("CMUU", None)

@@ -19,7 +19,7 @@ from bodysense.io.datasets.sources import Source, read_source
 from bodysense.io.placement import BodyPlacement, footing_of, placement_of, read_placed, standing_floor
 from bodysense.io.reading_options import ReadingOptions
 from bodysense.open import open_source
-from bodysense_lab.bodies import lines_of, pooled
+from bodysense_lab.bodies import body_lines, pool_footings
 from bodysense_lab.clips import open_clips
 
 TO_Y_UP = np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0]])
@@ -145,7 +145,7 @@ def test_motions_of_a_person_are_pooled(tmp_path: Path) -> None:
     poses, trans = walk(model, betas, seconds=4.0)
     steps = save_walk(tmp_path / "steps.npz", poses, trans, betas)
     box = save_walk(tmp_path / "box.npz", poses[:40], trans[:1].repeat(40, axis=0), betas, 0.3)
-    together = placement_of(pooled([footing_of(_bare(steps)), footing_of(_bare(box))]), has_bones=False)
+    together = placement_of(pool_footings([footing_of(_bare(steps)), footing_of(_bare(box))]), has_bones=False)
     clip, used = read_placed(box, known=together)
     assert used == together and together.source == "steps"
     assert lowest_soles(clip.pose)[0] == pytest.approx(0.3, abs=0.03)
@@ -160,14 +160,14 @@ def _bare(path: Path) -> Clip:
 
 def test_lines_name_a_few_people_and_count_many() -> None:
     few = {"anna": BodyPlacement(1.62, 0.93, "steps", 0.08), "ben": BodyPlacement(1.74, 1.0, "default", 0.0)}
-    assert lines_of(few)[0].startswith("anna: 1.62 m tall by its steps") and "soles at 0.08 m" in lines_of(few)[0]
-    assert "ben: too few steps" in lines_of(few)[1] and "soles at 0" in lines_of(few)[1]
+    assert body_lines(few)[0].startswith("anna: 1.62 m tall by its steps") and "soles at 0.08 m" in body_lines(few)[0]
+    assert "ben: too few steps" in body_lines(few)[1] and "soles at 0" in body_lines(few)[1]
     many = {f"p{k}": BodyPlacement(1.5 + k / 100, 1.0, "steps", -0.01 * k) for k in range(20)}
-    assert [line.split(" as ")[0] for line in lines_of(many)] == [
+    assert [line.split(" with ")[0] for line in body_lines(many)] == [
         "20 people",
         "soles of 19 people at -0.19 to -0.01 m: moved to 0",
     ]
-    assert "1.50 to 1.69 m" in lines_of(many)[0]
+    assert "1.50 to 1.69 m" in body_lines(many)[0]
 
 
 def test_models_are_for_amass_and_smpl_files(tmp_path: Path, make_clip) -> None:

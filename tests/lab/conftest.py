@@ -1,4 +1,4 @@
-"""Observations written out by hand, and a folder of short motion."""
+"""Fixtures: observations from dictionaries, small networks of gloves, and a folder of short motion."""
 
 from __future__ import annotations
 
@@ -22,7 +22,10 @@ MakeObservation = Callable[..., Observation]
 
 @pytest.fixture(scope="session")
 def make_observation() -> MakeObservation:
-    """One dictionary a frame, point → position, and the head's rotation in each; what is not named is hidden."""
+    """Return a function that makes an observation from a dictionary of positions for each frame.
+
+    Points that a dictionary lacks are hidden. `turn` has the head's rotation in each frame.
+    """
 
     def make(
         frames: Sequence[Seen], time: Sequence[float], turn: Sequence[Sequence[float]] | None = None
@@ -48,7 +51,7 @@ def make_observation() -> MakeObservation:
 
 @pytest.fixture(scope="session")
 def untrained_gloves(exported_once: ExportedOnce) -> Path:
-    """A folder with both networks of gloves, small and never trained."""
+    """Return a folder with both networks of gloves, small and untrained."""
     import torch
 
     from bodysense_lab.two_hands.network import JointNetwork, JointNetworkConfig, MarkerNetwork, MarkerNetworkConfig
@@ -62,7 +65,7 @@ def untrained_gloves(exported_once: ExportedOnce) -> Path:
 
 @pytest.fixture
 def data(tmp_path: Path, waving_clip: Clip) -> DataSet:
-    """Two short clips of two people."""
+    """Return a folder of two short clips of two people."""
     for person, frames in (("anna", slice(0, 40)), ("ben", slice(30, 62))):
         (tmp_path / "motion" / person).mkdir(parents=True)
         write_bvh(tmp_path / "motion" / person / "a.bvh", replace(waving_clip, pose=waving_clip.pose[frames]))

@@ -1,4 +1,4 @@
-"""Protocol 1 on a made-up folder laid out as AMASS: the split by lists, one body for everybody, and the measures."""
+"""Protocol 1 on a synthetic AMASS folder: the split by lists, one body for all people, and the measures."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ MODEL = made_up_model(4)
 
 @pytest.fixture(scope="module")
 def amass(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Three sets, two spelled as in the newer releases, with bodies' shapes among them, and lists that name them."""
+    """Write three sets, two in the spelling of newer releases, with shapes of bodies, and the lists that name them."""
     folder = tmp_path_factory.mktemp("amass")
     names = {
         "CMU": ("CMU", "01/01_0{}_poses.npz", "01/01_0{}_poses.npz"),
@@ -48,7 +48,7 @@ def amass(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_the_lists_split_the_files_in_any_spelling(amass: Path) -> None:
     sources, missing = listed_sources(amass / "amass", amass / "data_split")
-    assert missing == 1  # that of BMLrub; shapes of bodies are no motion
+    assert missing == 1  # one of BMLrub; shapes of bodies are not counted
     test = {source.path.relative_to(amass / "amass").as_posix() for source in sources if source.split == "test"}
     assert test == {
         "CMU/01/01_04_poses.npz",
@@ -59,9 +59,9 @@ def test_the_lists_split_the_files_in_any_spelling(amass: Path) -> None:
     assert {source.person for source in sources} == {"CMU_01", "BioMotionLab_NTroje_rub001", "MPI_HDM05_bk"}
 
 
-def test_a_share_of_the_training_files_is_watched(amass: Path, monkeypatch) -> None:
+def test_a_share_of_the_training_files_is_the_validation_split(amass: Path, monkeypatch) -> None:
     for share, split in ((0.0, "train"), (1.0, "val")):
-        monkeypatch.setattr("bodysense_lab.amass_p1.WATCHED", share)
+        monkeypatch.setattr("bodysense_lab.amass_p1.VALIDATION_SHARE", share)
         sources, _ = listed_sources(amass / "amass", amass / "data_split")
         assert {source.split for source in sources} == {split, "test"}
 
@@ -73,7 +73,7 @@ def test_missing_lists_and_files_are_named(amass: Path, tmp_path: Path) -> None:
         listed_sources(tmp_path, amass / "data_split")
 
 
-def test_everybody_has_the_mean_body_on_the_floor_at_60_hz(amass: Path) -> None:
+def test_all_people_have_the_mean_body_on_the_floor_at_60_hz(amass: Path) -> None:
     sources, _ = listed_sources(amass / "amass", amass / "data_split")
     clip = read_clip(sources[0], amass / "smplh" / "male" / "model.npz")
     _, joints = MODEL.shaped(np.zeros(2))
@@ -81,8 +81,8 @@ def test_everybody_has_the_mean_body_on_the_floor_at_60_hz(amass: Path) -> None:
     assert clip.frame_rate == 60.0 and len(clip) == 120
 
 
-def test_measures_by_hand() -> None:
-    """A clip of known errors; the reference is written out with SciPy."""
+def test_measures_equal_those_computed_by_scipy() -> None:
+    """A clip with known errors; the reference is computed by SciPy."""
     rng = np.random.default_rng(3)
     frames = 30
     truth = np.cumsum(rng.normal(scale=0.01, size=(frames, 22, 3)), axis=0)
@@ -126,26 +126,26 @@ def test_a_sample_has_its_interval(amass: Path, run: object, tmp_path: Path) -> 
     options = ["--amass", amass / "amass", "--split-lists", amass / "data_split", "--json", tmp_path / "a.json"]
     text = " ".join(run("evaluate", "amass-p1", *options, "--limit", 2).split())  # type: ignore[operator]
     numbers = json.loads((tmp_path / "a.json").read_text())
-    said = re.search(r"A sample: 2 of 3 clips. MPJPE: between (\S+) and (\S+) cm \(95 %\)", text)
-    assert said and float(said[1]) - 0.01 < numbers["mpjpe_cm"] < float(said[2]) + 0.01
+    bounds = re.search(r"A sample: 2 of 3 clips. MPJPE: between (\S+) and (\S+) cm \(95 %\)", text)
+    assert bounds and float(bounds[1]) - 0.01 < numbers["mpjpe_cm"] < float(bounds[2]) + 0.01
     assert (numbers["clips"], numbers["clips_in_split"]) == (2, 3)
     assert "sample" not in run("evaluate", "amass-p1", *options)  # type: ignore[operator]
 
 
-def test_a_person_counts_once_in_an_interval() -> None:
-    """Two people: the interval is between their means, whatever the number of clips."""
+def test_intervals_are_over_people_not_clips() -> None:
+    """The interval of two people is between their means, for any number of clips."""
     scores = [{"mpjpe_cm": error} for error in (1.0, 3.0, 4.0)]
     found = mpjpe_interval(["a", "a", "b"], scores)
     assert (found.value, found.low, found.high) == pytest.approx((8 / 3, 2.0, 4.0))
 
 
-def test_the_network_that_is_given_is_scored(amass: Path, refused: object, tmp_path: Path) -> None:
+def test_the_given_network_is_scored(amass: Path, refused: object, tmp_path: Path) -> None:
     options = ["--amass", amass / "amass", "--split-lists", amass / "data_split", "--limit", 1]
-    said = refused("evaluate", "amass-p1", *options, "--model", tmp_path / "missing.safetensors")  # type: ignore[operator]
-    assert "missing.safetensors: no such" in said
+    output = refused("evaluate", "amass-p1", *options, "--model", tmp_path / "missing.safetensors")  # type: ignore[operator]
+    assert "missing.safetensors: no such" in output
 
 
-def test_training_data_by_the_same_lists(amass: Path, run: object, tmp_path: Path) -> None:
+def test_training_data_can_be_prepared_by_the_lists(amass: Path, run: object, tmp_path: Path) -> None:
     pytest.importorskip("zarr", reason="needs packages/lab")
     from bodysense_lab.store import read_store
 
@@ -158,12 +158,12 @@ def test_training_data_by_the_same_lists(amass: Path, run: object, tmp_path: Pat
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("quick_completion")
-def test_a_network_of_the_lists_is_trained_and_scored(
+def test_a_network_is_trained_and_scored_by_the_lists(
     amass: Path, run: Callable, refused: Callable, tmp_path: Path, monkeypatch
 ) -> None:
-    """The documented commands, in one step of training."""
+    """The documented commands work, with one step of training."""
     pytest.importorskip("torch", reason="needs packages/lab")
-    monkeypatch.setattr("bodysense_lab.amass_p1.WATCHED", 0.5)  # of few files
+    monkeypatch.setattr("bodysense_lab.amass_p1.VALIDATION_SHARE", 0.5)  # there are few files
     lists, store, network = ["--split-lists", amass / "data_split"], tmp_path / "p1.zarr", tmp_path / "p1.safetensors"
     run("data", "prepare", amass / "amass", "-o", store, *lists, "--smpl-model", amass / "smplh", "--workers", 1)
     train = ["train", "completion", "--data", store, "-o", network, "--steps", 1, "--limit", 2]

@@ -1,4 +1,4 @@
-"""Augmentation: a mirror is a mirror, a turn a turn, and bones stay rigid."""
+"""Augmentation: mirrored clips, and rigid bones of other proportions."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from bodysense_lab.augment import LIMBS, mirrored, with_limb_proportions
 
 
 def lopsided(make_clip) -> Clip:
-    """A clip of a body whose sides differ."""
+    """Return a clip of an asymmetric body."""
     clip = make_clip()
     scale = np.random.default_rng(3).uniform(0.9, 1.1, size=(65, 1))
     body = default_skeleton().with_offsets(default_skeleton().rest_offset * scale)
@@ -34,7 +34,7 @@ def test_mirroring_commutes_with_forward_kinematics(make_clip) -> None:
     assert (other.person, other.category, other.has_fingers) == ("p", "sit", False)
 
 
-def test_mirroring_twice_is_nothing(make_clip) -> None:
+def test_mirroring_twice_gives_the_original(make_clip) -> None:
     clip = lopsided(make_clip)
     twice = mirrored(mirrored(clip))
     np.testing.assert_array_equal(twice.pose.rotation, clip.pose.rotation)
@@ -62,7 +62,7 @@ def test_other_proportions_are_rigid_symmetric_and_reproducible(make_clip) -> No
     assert np.abs(np.log(ratio)).max() <= 2.5 * 0.05 + 1e-12
 
 
-def test_no_spread_changes_nothing_and_a_spread_is_a_standard_deviation(make_clip) -> None:
+def test_spread_is_a_standard_deviation_and_zero_changes_nothing(make_clip) -> None:
     clip = make_clip(frames=2)
     rng = np.random.default_rng(0)
     same = with_limb_proportions(clip, 0.0, rng)
@@ -82,7 +82,7 @@ def test_feet_stay_on_the_ground(make_clip) -> None:
     assert lowest[0] == pytest.approx(lowest[1], abs=0.003)
 
 
-def test_the_way_is_as_much_longer_as_the_body(make_clip) -> None:
+def test_the_path_is_scaled_with_the_body(make_clip) -> None:
     clip = make_clip()
     taller = at_height(clip, 1.2 * clip.pose.skeleton.height)
     np.testing.assert_allclose(taller.pose.root_position, 1.2 * clip.pose.root_position, rtol=1e-9)

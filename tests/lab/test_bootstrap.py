@@ -1,4 +1,4 @@
-"""Intervals by bootstrap over people, beside SciPy's."""
+"""Intervals by bootstrap over people, compared with SciPy."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ VALUES = RNG.normal(5.0, 1.0, 15)
 EQUAL = {f"p{k}": (float(value), 1.0) for k, value in enumerate(VALUES)}
 
 
-def test_the_interval_is_scipys() -> None:
+def test_the_interval_equals_that_of_scipy() -> None:
     one = interval(EQUAL)
     theirs = stats.bootstrap((VALUES,), np.mean, method="percentile", n_resamples=5000, rng=1).confidence_interval
     assert one.value == pytest.approx(VALUES.mean())
     assert (one.low, one.high) == pytest.approx((theirs.low, theirs.high), abs=0.05)
 
 
-def test_a_person_of_no_weight_counts_nothing() -> None:
+def test_a_person_with_weight_0_does_not_count() -> None:
     assert interval({**EQUAL, "none": (1e6, 1e-12)}).value == pytest.approx(VALUES.mean(), abs=1e-4)
 
 
-def test_differences_are_of_the_same_people() -> None:
-    """People differ by 1 cm, the methods by 0.1 on each: that carries."""
+def test_differences_pair_the_same_people() -> None:
+    """If people differ by 1 cm and the methods by 0.1 cm on each person, the difference is significant."""
     worse = {name: (value + 0.1, weight) for name, (value, weight) in EQUAL.items()}
     one = interval(worse, EQUAL)
     assert (one.value, one.low, one.high) == pytest.approx((0.1, 0.1, 0.1))
@@ -39,7 +39,7 @@ def test_differences_are_of_the_same_people() -> None:
     assert interval(noisy, EQUAL).verdict == "none"
 
 
-def test_few_people() -> None:
+def test_intervals_of_fewer_than_two_people_are_nan() -> None:
     assert math.isnan(interval({}).value)
     one = interval({"a": (3.0, 2.0)})
     assert one.value == 3.0 and math.isnan(one.low) and math.isnan(one.high)

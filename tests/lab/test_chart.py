@@ -1,4 +1,4 @@
-"""Charts of bars: files that are whole, with a group for each name."""
+"""Charts: complete PNG files of bars and lines."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def is_whole(path: Path) -> bool:
     return data.startswith(b"\x89PNG") and data.endswith(b"IEND\xaeB`\x82")
 
 
-def test_panels(tmp_path: Path) -> None:
+def test_panels_of_bars_are_drawn(tmp_path: Path) -> None:
     ours, published = plain_bars("ours", [1.0, 2.0, None]), plain_bars("published", [None, 2.5, 3.0])
     np.testing.assert_array_equal(ours.height, [1.0, 2.0, np.nan])
     panel = BarPanel("body", ("GRU", "RNN", "without skip connections"), (ours, published), "cm")
@@ -30,7 +30,7 @@ def test_panels(tmp_path: Path) -> None:
         draw_panels(tmp_path / "none" / "a.png", [panel], "Table")
 
 
-def test_lines_beside_bars_and_alone(tmp_path: Path) -> None:
+def test_panels_of_lines_are_drawn_with_and_without_bars(tmp_path: Path) -> None:
     lines = tuple(Line(name, np.arange(5), np.arange(5) ** 0.5 + k) for k, name in enumerate("abcde"))
     panel = LinePanel("learning", lines, "steps", "cm")
     for panels in ([panel], [BarPanel("body", ("a",), (plain_bars("ours", [1.0]),), "cm"), panel]):
@@ -38,7 +38,7 @@ def test_lines_beside_bars_and_alone(tmp_path: Path) -> None:
         assert is_whole(tmp_path / "l.png")
 
 
-def test_bars_with_errors(tmp_path: Path) -> None:
+def test_bars_with_errors_are_drawn(tmp_path: Path) -> None:
     bars = Bars("x", np.array([0.3, -0.4]), np.array([0.1, np.nan]), ("*", "**"))
     draw_bars(tmp_path / "b.png", ["scene", "all"], [bars], "title", "note")
     assert is_whole(tmp_path / "b.png")

@@ -1,4 +1,4 @@
-"""Checkpoints, from which a second stage begins where a first one did best, and files of weights."""
+"""Checkpoints, whose best weights start a second stage, and files of weights."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from bodysense_lab.checkpoint import best_weights, read_weights_file, write_weig
 from bodysense_lab.options import Schedule
 
 
-def test_a_second_stage_begins_with_the_best_weights_of_the_first(tmp_path: Path) -> None:
+def test_a_second_stage_starts_with_the_best_weights_of_the_first(tmp_path: Path) -> None:
     first, other = torch.nn.Linear(3, 2), torch.nn.Linear(4, 2)
     weights = {name: value.clone() for name, value in first.state_dict().items()}
     torch.save({"best": {"weights": weights}}, tmp_path / "one.ckpt")
@@ -28,7 +28,7 @@ def test_a_second_stage_begins_with_the_best_weights_of_the_first(tmp_path: Path
         best_weights(tmp_path / "text.ckpt", other)
 
 
-def test_weights_are_read_again_with_a_card_of_defaults(tmp_path: Path) -> None:
+def test_weights_and_their_card_are_read_back(tmp_path: Path) -> None:
     network, card = torch.nn.Linear(3, 2), {"steps": Schedule().steps, "errors": [0.5]}
     network.config = Schedule(steps=3)  # type: ignore[assignment]
     write_weights_file(network, tmp_path / "a.pt", card)

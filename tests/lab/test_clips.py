@@ -1,4 +1,4 @@
-"""Some of the clips of a folder, spread evenly, and how many there are."""
+"""Clips of a folder: numbers, evenly spread samples, and errors."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ def folder(tmp_path_factory: pytest.TempPathFactory, waving_clip: Clip) -> Path:
     return path
 
 
-def test_counts(folder: Path) -> None:
+def test_clips_are_counted_by_split(folder: Path) -> None:
     assert count_clips(folder, "all") == 7 == len(list(open_clips(folder)))
     with pytest.raises(BodysenseError, match="no such folder"):
         count_clips(folder / "none")
 
 
 @pytest.mark.parametrize("at_most", [1, 3, 20])
-def test_some_are_spread_evenly(folder: Path, at_most: int) -> None:
+def test_samples_are_spread_evenly(folder: Path, at_most: int) -> None:
     order = [clip.person for clip in open_clips(folder)]
     some = [clip.person for clip in open_clips(folder, at_most=at_most)]
     assert len(some) == min(at_most, 7) and some == sorted(set(some))
@@ -40,12 +40,10 @@ def test_some_are_spread_evenly(folder: Path, at_most: int) -> None:
     assert max(gaps, default=0) - min(gaps, default=0) <= 1
 
 
-def test_an_option_that_a_command_lacks_goes_to_the_preparation(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_errors_about_missing_options_name_data_prepare(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def lying(source: Source, options: ReadingOptions) -> None:
         raise BodysenseError(f"{source.path}: it never stands upright; say which axis is up, as --up y")
 
     monkeypatch.setattr(sources, "read_source", lying)
-    with pytest.raises(
-        BodysenseError, match=r"--up y; where a command has no --up, .*data prepare .* -o STORE.zarr --up"
-    ):
+    with pytest.raises(BodysenseError, match=r"--up y; if a command has no --up, .*data prepare .* -o STORE.zarr --up"):
         next(open_clips(folder))

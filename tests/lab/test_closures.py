@@ -1,4 +1,4 @@
-"""How many of our files somebody meets who changes how a network is trained."""
+"""Number of files that a reader of a training must read."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from test_rooms import MODULES, imported, ours
 
 
 def closure(module: str) -> set[str]:
-    """The modules that are read when a module is imported, but for packages that hold a title alone."""
+    """Return the modules that a module imports, without packages that contain only a title."""
     found, todo = set[str](), [module]
     while todo:
         one = todo.pop()
@@ -21,7 +21,7 @@ def closure(module: str) -> set[str]:
     ("module", "most"),
     [("completion.train", 49), ("hmd_vae.train", 40), ("pahmt.train", 41), ("unoc.train", 45)],
 )
-def test_training_can_be_read(module: str, most: int) -> None:
+def test_trainings_import_few_files(module: str, most: int) -> None:
     modules = closure(f"bodysense_lab.{module}")
     assert len(modules) > 20, "the imports are followed"
     assert len(modules) <= most, sorted(modules)

@@ -1,4 +1,4 @@
-"""The baselines on examples made by hand: where a hidden point is said to be, and why."""
+"""Last known positions: the frame in which each baseline keeps hidden points, on small examples."""
 
 from __future__ import annotations
 
@@ -29,9 +29,15 @@ def positions(hold: Hold, observation: Observation) -> np.ndarray:
     ("frame", "elbow", "head", "turns", "expected"),
     [
         ("world", [0.2, 1.1, 0.3], [1, 1.6, 2], [FORWARD, LEFT], [0.2, 1.1, 0.3]),
-        ("head", [0.0, 1.1, 0.3], [1, 1.7, 2], [FORWARD, LEFT], [1.0, 1.2, 2.3]),  # it goes with the head
-        ("heading", [0.0, 1.1, 0.3], [1, 1.7, 2], [FORWARD, LEFT], [1.3, 1.2, 2.0]),  # and turns with it
-        ("heading", [0.3, 1.1, -0.1], [0, 1.6, 0], [LEFT, FORWARD], [0.1, 1.1, 0.3]),  # seen while it looked aside
+        ("head", [0.0, 1.1, 0.3], [1, 1.7, 2], [FORWARD, LEFT], [1.0, 1.2, 2.3]),  # it moves with the head
+        ("heading", [0.0, 1.1, 0.3], [1, 1.7, 2], [FORWARD, LEFT], [1.3, 1.2, 2.0]),  # and turns with its heading
+        (
+            "heading",
+            [0.3, 1.1, -0.1],
+            [0, 1.6, 0],
+            [LEFT, FORWARD],
+            [0.1, 1.1, 0.3],
+        ),  # seen while the head was turned aside
         ("heading", [0.2, 1.1, 0.3], [0, 1.6, 0], [FORWARD, NOD], [0.2, 1.1, 0.3]),
     ],
 )
@@ -43,8 +49,8 @@ def test_a_hidden_point_is_kept_in_a_frame(make_observation, frame, elbow, head,
 @pytest.mark.parametrize(
     ("frame", "expected"), [("world", [0.5, 1.0, 0.3]), ("head", [0.5, 1.0, 0.3]), ("heading", [0.7, 1.0, 0.1])]
 )
-def test_hidden_fingers_hang_on_the_wrist(make_observation, frame, expected: list[float]) -> None:
-    """The fingertip was 20 cm in front of the wrist. The wrist moves on and the head turns to the left."""
+def test_hidden_fingers_move_with_the_wrist(make_observation, frame, expected: list[float]) -> None:
+    """The fingertip was 20 cm in front of the wrist; then the wrist moves and the head turns left."""
     head = {"head": [0, 1.6, 0]}
     seen = make_observation(
         [
@@ -60,7 +66,7 @@ def test_hidden_fingers_hang_on_the_wrist(make_observation, frame, expected: lis
 
 
 @pytest.mark.parametrize("frame", ["world", "head", "heading"])
-def test_a_finger_seen_without_its_wrist_is_shown_but_not_remembered(make_observation, frame) -> None:
+def test_a_finger_seen_without_its_wrist_is_output_but_not_stored(make_observation, frame) -> None:
     head = {"head": [0, 1.6, 0]}
     seen = make_observation([head | {"left_index_tip": [0.2, 1.0, 0.5]}, head], [0, 0.1], [FORWARD] * 2)
     hold = positions(Hold(SKELETON, frame), seen)
@@ -70,7 +76,7 @@ def test_a_finger_seen_without_its_wrist_is_shown_but_not_remembered(make_observ
 
 
 @pytest.mark.parametrize("frame", ["world", "head", "heading"])
-def test_what_was_never_seen_stands_under_the_head(make_observation, frame) -> None:
+def test_points_that_were_never_seen_are_below_the_head(make_observation, frame) -> None:
     standing, _ = forward_kinematics(standing_pose(SKELETON))
     seen = make_observation([{"head": [1, 1.2, 3]}, {"head": [1, 1.2, 3]}], [0, 0.1], [FORWARD, LEFT])
     hold = positions(Hold(SKELETON, frame), seen)
@@ -80,7 +86,7 @@ def test_what_was_never_seen_stands_under_the_head(make_observation, frame) -> N
     np.testing.assert_allclose(hold[1], np.array([1, 1.2, 3]) + turned, atol=1e-12)
 
 
-def test_without_a_head_the_body_stands_at_the_origin(make_observation) -> None:
+def test_without_a_head_the_body_is_at_the_origin(make_observation) -> None:
     standing, _ = forward_kinematics(standing_pose(SKELETON))
     hold = positions(Hold(SKELETON), make_observation([{"left_elbow": [9, 9, 9]}], [0]))
     others = np.arange(len(standing)) != ELBOW
@@ -88,7 +94,7 @@ def test_without_a_head_the_body_stands_at_the_origin(make_observation) -> None:
 
 
 @pytest.mark.parametrize("frame", ["world", "head", "heading"])
-def test_measured_points_pass_and_frames_are_calls(waving_clip: Clip, frame) -> None:
+def test_measured_points_are_unchanged_and_one_call_equals_many(waving_clip: Clip, frame) -> None:
     observation = observe(waving_clip.pose, waving_clip.time, HEADSET_CAMERA)
     hold = Hold(SKELETON, frame)
     whole, end = hold.step(observation, hold.start())
@@ -106,8 +112,8 @@ def test_measured_points_pass_and_frames_are_calls(waving_clip: Clip, frame) -> 
     assert not whole.occluded[seen].any() and whole.occluded[~seen].all()
 
 
-def test_the_truth_hidden_afterwards_does_not_matter(waving_clip: Clip) -> None:
-    """Nothing is taken from the future."""
+def test_later_frames_do_not_change_earlier_ones(waving_clip: Clip) -> None:
+    """The baseline is causal."""
     observation = observe(waving_clip.pose, waving_clip.time, HEADSET_CAMERA)
     np.testing.assert_array_equal(
         positions(Hold(SKELETON), observation)[:30], positions(Hold(SKELETON), observation[:30])

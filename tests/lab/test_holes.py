@@ -1,4 +1,4 @@
-"""The table of filled holes: what is scored, against what, and under which names."""
+"""The table of filled holes: its gaps, methods and names."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def clip_of(seconds: float) -> Clip:
 
 
 @pytest.mark.slow
-def test_every_part_is_taken_away_from_clips_that_are_long_enough() -> None:
+def test_every_part_is_removed_from_clips_that_are_long_enough() -> None:
     seen: list[Clip] = []
     gaps = holes.score_holes([clip_of(2.6)], advance=seen.append)
     assert len(seen) == 1
@@ -34,7 +34,7 @@ def test_every_part_is_taken_away_from_clips_that_are_long_enough() -> None:
     assert all(tally.count == 1 and 0 <= tally.mpjpe < 100 for tally in gaps.values())
 
 
-def test_the_numbers_name_part_and_seconds_and_the_best_of_the_others(tmp_path: Path) -> None:
+def test_numbers_have_part_length_and_the_best_other_method(tmp_path: Path) -> None:
     errors = {"bodysense": 0.01, "slerp": 0.03, "cubic spline": 0.02, "inertialised": 0.025}
     errors |= {"intercorrelated": 0.035, "causal": 0.04}
     gaps = Tallies()
@@ -42,7 +42,7 @@ def test_the_numbers_name_part_and_seconds_and_the_best_of_the_others(tmp_path: 
         for method, error in errors.items():
             for person in ("one", "other"):
                 gaps.add((part, 0.5, method), np.array(100 * error), person)
-    report = holes.report_of(gaps, "made up")
+    report = holes.holes_report(gaps, "made up")
     assert [row[:3] for row in report.rows] == [(part.replace("_", " "), "0.5 s", 2) for part in holes.PARTS]
     assert report.numbers["upper_body_0.5_cm"] == pytest.approx(1.0)
     assert report.numbers["upper_body_0.5_best_other_cm"] == pytest.approx(2.0)
@@ -52,8 +52,8 @@ def test_the_numbers_name_part_and_seconds_and_the_best_of_the_others(tmp_path: 
 
 
 @pytest.mark.parametrize(("fill", "power"), [(holes.slerped, 1), (holes.inertialised, 1), (holes.splined, 3)])
-def test_the_others_follow_the_motions_that_they_assume(fill, power: int) -> None:
-    """Slerp is exact for a turn of constant speed about one axis, the spline for one that is a cubic of time."""
+def test_interpolations_are_exact_for_the_motion_that_they_assume(fill, power: int) -> None:
+    """Slerp is exact for a constant angular speed about one axis, the spline for an angle that is a cubic of time."""
     time = np.linspace(-1, 1, 30)
     rotation = np.asarray(quaternion_exp(np.stack([time**power, 0 * time, 0 * time], axis=1)))
     filled = fill(rotation[:, None], 10, 20)[:, 0]
@@ -68,7 +68,7 @@ def test_inertialisation_keeps_the_speeds_at_both_sides() -> None:
     assert abs(speed[59] - speed[58]) < 0.05 * speed[58] and abs(speed[199] - speed[200]) < 0.05 * speed[200]
 
 
-def test_the_intercorrelation_finds_what_follows_from_other_joints() -> None:
+def test_the_intercorrelation_predicts_joints_from_others() -> None:
     """If both arms swing alike, the known arm gives elbow and wrist of the other in a gap."""
     clip = clip_of(8.0)
     skeleton, time = clip.pose.skeleton, np.arange(len(clip)) / clip.frame_rate
@@ -90,18 +90,18 @@ def test_the_intercorrelation_finds_what_follows_from_other_joints() -> None:
     np.testing.assert_array_equal(found[:, others], position[100:160, others])
 
 
-def test_the_forward_pass_of_a_take_is_live_tracking_within_a_gap() -> None:
+def test_the_forward_pass_of_a_take_equals_live_tracking_within_a_gap() -> None:
     clip, span = clip_of(3.0), slice(30, 60)
     partial = open_partial(clip, missing_items("left_shoulder+:30-59"))
     live = track(clip, missing="left_shoulder+:30-59", causal=True).estimate.pose.rotation
     assert partial.missing[span].any()
     np.testing.assert_allclose(
-        holes.filled_by_all(partial)["causal"][partial.missing], live[partial.missing], atol=1e-6
+        holes.fill_by_all_methods(partial)["causal"][partial.missing], live[partial.missing], atol=1e-6
     )
 
 
-def test_the_table_fills_as_the_command_does() -> None:
+def test_the_table_fills_gaps_as_the_command_does() -> None:
     clip = clip_of(3.0)
     partial = open_partial(clip, missing_items("left_hip+:30-59"))
     filled = track(clip, missing="left_hip+:30-59").clip.pose.rotation
-    np.testing.assert_allclose(holes.filled_by_all(partial)["bodysense"], filled, atol=1e-9)
+    np.testing.assert_allclose(holes.fill_by_all_methods(partial)["bodysense"], filled, atol=1e-9)

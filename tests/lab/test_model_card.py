@@ -1,4 +1,4 @@
-"""Model cards: every kind of network file says what it is, how it did, and which figures it wants."""
+"""Model cards: descriptions, test figures, and refused figures for every kind of network file."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ import pytest
 
 from bodysense.errors import BodysenseError
 from bodysense_lab.model_card import (
-    KINDS,
+    CARD_TEMPLATES,
+    card_template,
     card_text,
     describe,
-    fields_read,
     front_matter,
-    kind_of,
     network_lines,
+    parse_fields,
     read_network,
 )
 
@@ -33,13 +33,13 @@ def copied(path: Path, folder: Path) -> Path:
 
 
 @pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
-def test_a_card_keeps_what_it_shows(path: Path, tmp_path: Path) -> None:
+def test_a_card_stores_its_figures_in_the_network_file(path: Path, tmp_path: Path) -> None:
     network = copied(path, tmp_path)
     fields, _ = read_network(network)
-    kind, model = kind_of(network, fields), fields_read(fields).get("model")
-    _, used = kind.filled(defaultdict(float), model)
+    kind, model = card_template(network, fields), parse_fields(fields).get("model")
+    _, used = kind.fill_rows(defaultdict(float), model)
     figures = {name: 1 + place / 4 for place, name in enumerate(sorted(used))}
-    rows, _ = kind.filled(figures, model)
+    rows, _ = kind.fill_rows(figures, model)
     text = describe(network, {**figures, "another": 7.0}).read_text(encoding="utf-8")
     assert rows and all(f"| {' | '.join(row)} |" in text for row in rows)
     assert kind.measured_by in text and "another" not in text
@@ -48,24 +48,24 @@ def test_a_card_keeps_what_it_shows(path: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
-def test_the_shipped_card_is_of_the_shipped_file(path: Path) -> None:
-    """Size, training data and seed are those in the file; the card names no network that is not shipped."""
+def test_a_packaged_card_describes_the_packaged_file(path: Path) -> None:
+    """Size, training data and seed equal those in the file; the card names packaged networks only."""
     card = path.with_suffix(".md").read_text(encoding="utf-8")
     fields, _ = read_network(path)
-    read = fields_read(fields)
+    read = parse_fields(fields)
     assert set(network_lines(read)) <= set(card.splitlines())
     assert "seed" in read and f"; seed {read['seed']}" in card
     if path.suffix == ".onnx":  # figures of the completion network are not in its file
         assert "- validation: " in card
-    assert kind_of(path, fields).not_for.partition(";")[0] in card
+    assert card_template(path, fields).not_for.partition(";")[0] in card
 
 
 @pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
-def test_a_shipped_card_equals_the_text_of_its_file(path: Path) -> None:
-    """Cards whose tables are between markers have more lines; they have those of the file too, in order."""
+def test_a_packaged_card_equals_the_text_from_its_file(path: Path) -> None:
+    """Cards whose tables are between markers have more lines, but also those of the file, in order."""
     card = path.with_suffix(".md").read_text(encoding="utf-8")
     fields, _ = read_network(path)
-    text = card_text(path.name, kind_of(path, fields), fields)
+    text = card_text(path.name, card_template(path, fields), fields)
     if path.suffix == ".onnx":
         assert card == text
     else:
@@ -76,7 +76,7 @@ def test_a_shipped_card_equals_the_text_of_its_file(path: Path) -> None:
 def test_figures_of_another_network_are_refused(tmp_path: Path) -> None:
     network = copied(WEIGHTS / "body_vae.onnx", tmp_path)
     fields, _ = read_network(network)
-    read = fields_read(fields)
+    read = parse_fields(fields)
     key, own = f"model{read['model']}_validation_position_cm", read["validation"]["position_cm"]
     assert describe(network, {**read["test"], key: own}).is_file()
     with pytest.raises(BodysenseError, match=r"the figures are of another network \(in validation 5\.5 cm"):
@@ -94,20 +94,20 @@ def test_figures_of_another_command_are_refused(path: Path, tmp_path: Path) -> N
 
 
 @pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
-def test_a_card_begins_with_what_model_hubs_read(path: Path) -> None:
+def test_a_card_starts_with_front_matter_for_model_hubs(path: Path) -> None:
     yaml = pytest.importorskip("yaml")
     fields, _ = read_network(path)
     text = path.with_suffix(".md").read_text(encoding="utf-8")
-    assert text.startswith(front_matter(path.name, kind_of(path, fields), fields) + f"# {path.name}\n")
+    assert text.startswith(front_matter(path.name, card_template(path, fields), fields) + f"# {path.name}\n")
     head = yaml.safe_load(text.split("---")[1])
     assert head["license"] == json.loads(fields["licence"]).lower() == "apache-2.0"
     assert head["library_name"] == "bodysense" and path.suffix[1:] in head["tags"] and "motion-capture" in head["tags"]
 
 
-def test_files_without_a_card_are_named(tmp_path: Path) -> None:
+def test_files_without_a_card_are_refused(tmp_path: Path) -> None:
     (tmp_path / "text.onnx").write_text("nothing of the kind")
     with pytest.raises(BodysenseError, match=r"text\.onnx: not a readable ONNX model"):
         describe(tmp_path / "text.onnx", {})
     with pytest.raises(BodysenseError, match="no card for a network of format 'none'; there are cards for "):
-        kind_of(tmp_path / "text.onnx", {})
-    assert {kind.measured_by for kind in KINDS.values()} >= {"bodysense evaluate unoc-table2"}
+        card_template(tmp_path / "text.onnx", {})
+    assert {kind.measured_by for kind in CARD_TEMPLATES.values()} >= {"bodysense evaluate unoc-table2"}

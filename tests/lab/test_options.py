@@ -1,4 +1,4 @@
-"""Numbers of a training on few clips."""
+"""Options of trial trainings on few clips."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ OUT = {
 
 @pytest.fixture
 def run_of(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Any]:
-    """Return what a training that only keeps its options was given."""
+    """Return a function that runs a training command without training and returns its options."""
 
     def run(command: str, *options: str) -> Any:
         runs: list[Any] = []
@@ -59,7 +59,7 @@ def steps_of(run: Any) -> int | None:
 
 
 @pytest.mark.parametrize("command", TRAININGS)
-def test_few_clips_take_few_steps_unless_they_are_given(
+def test_trials_have_few_steps_unless_steps_are_given(
     run_of: Callable[..., Any], command: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     usual = TRAININGS[command][1]

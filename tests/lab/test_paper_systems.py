@@ -1,4 +1,4 @@
-"""The papers' systems on a recording: each runs with its packaged weights, or names the command that trains them."""
+"""Systems of papers on a recording: each runs with packaged weights, or names the command that trains them."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def points(clip: Clip) -> np.ndarray:
     return np.asarray(forward_kinematics(clip.pose)[0])
 
 
-def test_unoc_is_its_predictor_then_inverse_kinematics_and_smoothing(short_clip: Clip) -> None:
+def test_unoc_predicts_then_applies_inverse_kinematics_and_smoothing(short_clip: Clip) -> None:
     seen = simulate(short_clip, "headset_camera")
     tracker = IkTracker(Learned(load_model(), short_clip.pose.skeleton))
     pose, _, _ = tracker.step(seen, tracker.start())
@@ -55,13 +55,13 @@ def test_unoc_is_its_predictor_then_inverse_kinematics_and_smoothing(short_clip:
     assert joint_error(points(found), points(short_clip))[:, head].max() < 2.0  # cm
 
 
-def test_unoc_takes_a_recording(short_clip: Clip) -> None:
+def test_unoc_completes_a_recording(short_clip: Clip) -> None:
     recording = Recording(simulate(short_clip, "three_point"), short_clip.pose.skeleton)
     found = SYSTEMS["unoc"](RecordingSource("recording", recording), PaperOptions())
     assert len(found) == len(short_clip)
 
 
-def test_hmd_vae_is_the_decoders_body(short_clip: Clip) -> None:
+def test_hmd_vae_returns_the_body_of_the_decoder(short_clip: Clip) -> None:
     estimator = BodyVaeEstimator(short_clip.pose.skeleton, load_body_vae())
     estimate, _ = estimator.step(simulate(short_clip, "three_point"), estimator.start())
     assert estimate.pose is not None
@@ -90,7 +90,7 @@ def test_model_0_encodes_whole_bodies(short_clip: Clip, tmp_path: Path) -> None:
         completed(clip, "hmd_vae", PaperOptions(networks=file, variant="2"))
 
 
-def test_pahmt_turns_arms_and_hands_of_a_body_that_stands(waving_clip: Clip) -> None:
+def test_pahmt_rotates_arms_and_hands_of_a_standing_body(waving_clip: Clip) -> None:
     found = completed(waving_clip, "pahmt", PaperOptions(variant="cnn"))
     assert len(found) == len(waving_clip)
     standing = standing_pose(waving_clip.pose.skeleton)
@@ -103,7 +103,7 @@ def test_pahmt_turns_arms_and_hands_of_a_body_that_stands(waving_clip: Clip) -> 
     assert error < still
 
 
-def test_pahmt_watches_the_video_that_is_given(waving_clip: Clip, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_pahmt_reads_the_given_video(waving_clip: Clip, monkeypatch: pytest.MonkeyPatch) -> None:
     watched: list[str] = []
 
     def film(name: str) -> ArmKeypoints:
@@ -117,7 +117,7 @@ def test_pahmt_watches_the_video_that_is_given(waving_clip: Clip, monkeypatch: p
 
 
 @pytest.mark.slow
-def test_a_transformer_runs_once_it_is_trained(short_clip: Clip, small_arms: Path) -> None:
+def test_pahmt_runs_with_trained_weights(short_clip: Clip, small_arms: Path) -> None:
     assert len(completed(short_clip, "pahmt", PaperOptions(networks=small_arms))) == len(short_clip)
     with pytest.raises(BodysenseError, match="is a pahmt; give --variant pahmt"):
         completed(short_clip, "pahmt", PaperOptions(networks=small_arms, variant="cnn"))
@@ -157,7 +157,7 @@ def test_a_flat_hand_calibration_makes_the_calibrated_pose_flat(
         SYSTEMS["two_hands"](opened, replace(options, calibration=tmp_path / "left.npz"))
 
 
-def test_completion_is_the_tracker(short_clip: Clip) -> None:
+def test_completion_equals_the_tracker(short_clip: Clip) -> None:
     found = completed(short_clip, "completion", PaperOptions(device="three_point"))
     np.testing.assert_array_equal(points(found), points(track(short_clip, device="three_point").clip))
 

@@ -1,4 +1,4 @@
-"""The precision of layers in training: bfloat16 where the device has units for it, and nowhere else."""
+"""Precision of layers in training: bfloat16 only on devices with units for it."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ import pytest
 import torch
 
 import bodysense_lab
-from bodysense_lab.fit import launched, machine_of
+from bodysense_lab.fit import describe_machine, launch_fabric
 from bodysense_lab.precision import layer_autocast, layer_precision
 
 
 @pytest.mark.parametrize(("has_units", "precision"), [(True, torch.bfloat16), (False, torch.float32)])
-def test_layers_run_in_bfloat16_only_where_the_processor_has_units_for_it(
+def test_layers_run_in_bfloat16_only_on_processors_with_units_for_it(
     has_units: bool, precision: torch.dtype, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(torch.ops.mkldnn, "_is_mkldnn_bf16_supported", lambda: has_units)
@@ -22,8 +22,10 @@ def test_layers_run_in_bfloat16_only_where_the_processor_has_units_for_it(
     assert layer_precision(cpu) == precision
     with layer_autocast(cpu):
         assert torch.nn.Linear(3, 2)(torch.ones(1, 3)).dtype == precision
-    assert machine_of(launched(), True).endswith(f", {str(precision).removeprefix('torch.')} layers, 1 process")
-    assert machine_of(launched(), False).endswith(", float32 layers, 1 process")
+    assert describe_machine(launch_fabric(), True).endswith(
+        f", {str(precision).removeprefix('torch.')} layers, 1 process"
+    )
+    assert describe_machine(launch_fabric(), False).endswith(", float32 layers, 1 process")
 
 
 @pytest.mark.parametrize(("has_units", "precision"), [(True, torch.bfloat16), (False, torch.float32)])
@@ -35,7 +37,7 @@ def test_emulated_bfloat16_of_an_accelerator_does_not_count(
     assert layer_precision(torch.device("mps")) == torch.float32
 
 
-def test_no_training_chooses_a_precision_of_its_own() -> None:
+def test_all_trainings_use_the_shared_precision() -> None:
     places = [
         path.name
         for path in Path(bodysense_lab.__path__[0]).rglob("*.py")

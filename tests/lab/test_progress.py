@@ -1,4 +1,4 @@
-"""Progress in a log: lines of reading with the time left, and lines of the pace of one training and of many."""
+"""Progress in a log: lines of reading with the remaining time, and lines with the pace of trainings."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from bodysense_lab.options import Schedule
 
 @dataclass(frozen=True, eq=False)
 class Small(fit.Task):
-    """One weight that learns to be 0."""
+    """Task of one weight that is trained toward 0."""
 
     network: nn.Module = field(default_factory=partial(nn.Linear, 1, 1))
     schedule: Schedule = Schedule(steps=4, check_every=2, warm_up=0)
@@ -38,17 +38,17 @@ class Small(fit.Task):
 
 
 def small(folder: Path, name: str, report: fit.Report) -> str:
-    fit.fit(Small(), folder / f"{name}.ckpt", report, fit.launched(), report)
+    fit.fit(Small(), folder / f"{name}.ckpt", report, fit.launch_fabric(), report)
     return f"trained {name}"
 
 
 @pytest.mark.parametrize("total", [4, None])
-def test_a_log_of_reading(
+def test_a_log_has_the_remaining_time(
     total: int | None, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     clock = itertools.chain([100.0, 108.0, 116.0, 124.0], itertools.repeat(126.0))  # s: begun, then after each piece
     monkeypatch.setattr(progress.time, "monotonic", lambda: next(clock))
-    drawn = progress.tracked("abcd", "reading", total)
+    drawn = progress.with_progress_log("abcd", "reading", total)
     assert next(drawn) == "a" and capsys.readouterr().out, "the first line is printed before the first piece is done"
     assert list(drawn) == ["b", "c", "d"]
     ends = ["/4, 16 s, 0:00:16 remaining", "/4, 26 s, 0:00:00 remaining"] if total else [", 16 s"]
@@ -58,40 +58,40 @@ def test_a_log_of_reading(
 def test_a_terminal_has_a_bar(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     monkeypatch.setenv("FORCE_COLOR", "1")
     monkeypatch.setenv("TERM", "xterm")
-    assert list(progress.tracked("abc", "reading", 3)) == list("abc")
-    said = capsys.readouterr().out
-    assert "100%" in said and "0/3" not in said
+    assert list(progress.with_progress_log("abc", "reading", 3)) == list("abc")
+    output = capsys.readouterr().out
+    assert "100%" in output and "0/3" not in output
 
 
-def test_other_processes_are_silent(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_only_the_first_process_displays_progress(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     monkeypatch.setattr(progress.distributed, "is_initialized", lambda: True)
     monkeypatch.setattr(progress.distributed, "get_rank", lambda: 1)
-    assert list(progress.tracked("abc", "reading", 3)) == list("abc") and not capsys.readouterr().out
+    assert list(progress.with_progress_log("abc", "reading", 3)) == list("abc") and not capsys.readouterr().out
 
 
-def test_the_pace_is_reported_between_checkpoints_ever_more_rarely(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_pace_is_reported_at_growing_intervals(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     reached: list[int] = []
     monkeypatch.setattr(fit, "_PACE", (0.0, 0.0))
-    fit.fit(Small(), tmp_path / "a.ckpt", lambda _: None, fit.launched(), lambda now: reached.append(now.step))
+    fit.fit(Small(), tmp_path / "a.ckpt", lambda _: None, fit.launch_fabric(), lambda now: reached.append(now.step))
     assert reached == [0, 1, 3]  # checkpoints are at 2 and 4
     monkeypatch.setattr(fit, "_PACE", (5.0, 15.0))
     clock = iter(itertools.chain.from_iterable((now, now) if now in (5, 15, 30, 45) else (now,) for now in range(50)))
     monkeypatch.setattr(fit.time, "monotonic", lambda: next(clock))
-    due = fit._pace_due(0.0)
+    due = fit._pace_is_due(0.0)
     assert [second for second in range(50) if next(due)] == [5, 15, 30, 45]
 
 
 @pytest.mark.parametrize("jobs", [1, pytest.param(2, marks=pytest.mark.slow)])
-def test_a_log_of_many_networks_has_their_pace(
+def test_the_log_of_a_sweep_has_the_pace_of_each_network(
     jobs: int, tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delenv("FORCE_COLOR", raising=False)
-    monkeypatch.syspath_prepend(Path(__file__).parents[2])  # where a process of its own finds `small`
+    monkeypatch.syspath_prepend(Path(__file__).parents[2])  # so that worker processes can import `small`
     sweep.sweep({"a": 4, "b": 4}, partial(small, tmp_path), lambda name: False, tmp_path, jobs)
-    said = capfd.readouterr().out
+    output = capfd.readouterr().out
     for name in "ab":
-        lines = [line for line in said.splitlines() if line.startswith(f"{name} step ")]
-        assert ["steps/s, 0:00:0" in line for line in lines] == [False, True, True], said
+        lines = [line for line in output.splitlines() if line.startswith(f"{name} step ")]
+        assert ["steps/s, 0:00:0" in line for line in lines] == [False, True, True], output
         assert f"{name} step 0/4, 0 s · cpu, float32 layers, 1 process" in lines[0]

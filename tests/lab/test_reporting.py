@@ -1,4 +1,4 @@
-"""A report without a picture is written all the same."""
+"""Output of reports: files, and numbers of samples."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from bodysense_lab.options import TableOptions
 from bodysense_lab.table import Report
 
 
-def test_a_report_without_panels(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_report_without_panels_has_no_picture(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     report = Report("plain", "A table", ("what", "cm"), (("one", 1.0),), {"one_cm": 1.0})
     finish(report, TableOptions(out=tmp_path, json=tmp_path / "plain.json"))
     assert sorted(path.name for path in tmp_path.iterdir()) == ["plain.csv", "plain.json"]
@@ -21,7 +21,9 @@ def test_a_report_without_panels(tmp_path: Path, capsys: pytest.CaptureFixture[s
 
 
 @pytest.mark.parametrize("quick", [True, False])
-def test_a_quick_table_says_of_how_many_clips(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, quick: bool) -> None:
+def test_the_numbers_of_a_sample_have_the_number_of_all_clips(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, quick: bool
+) -> None:
     monkeypatch.setattr("bodysense_lab.clips.count_clips", lambda path, split: 38)
     report = Report("plain", "A table", ("what", "cm"), (("one", 1.0),), {"clips": 12.0})
     out = tmp_path / "plain.json"

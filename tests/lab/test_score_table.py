@@ -1,4 +1,4 @@
-"""A table of scores: what is in rows, keys, remarks and pictures."""
+"""Tables of scores: rows, keys, remarks and pictures."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def test_keys_have_their_group_and_bounds() -> None:
     assert not [key for key in numbers if "all" in key], "a place without a key"
 
 
-def test_claims_and_pictures_are_of_figures_that_are_there() -> None:
+def test_claims_and_pictures_omit_missing_figures() -> None:
     report = score_report(TABLE, SCORES, None, (), ["And more."])
     assert [text.partition(":")[0] for text in report.remarks] == ["A is better", "And more."]
     assert "holds (A 3.54, B 7.07 cm)" in report.remarks[0]

@@ -1,4 +1,4 @@
-"""Scores: averages are over frames, fingers from their wrist, categories apart."""
+"""Scores: averages over frames, fingers measured from their wrist, groups of categories."""
 
 from __future__ import annotations
 
@@ -24,19 +24,19 @@ def truth(waving_clip: Clip) -> np.ndarray:
 
 
 def mean_errors(position: np.ndarray, truth: np.ndarray, fingers: bool = True) -> dict[str, float]:
-    """Mean error of each part, cm."""
+    """Return the mean error of each part, cm."""
     return {name: values.mean() for name, (values, _) in part_errors(position, truth, SKELETON, fingers).items()}
 
 
-def test_errors_of_parts(truth: np.ndarray) -> None:
-    """Fingers are measured from their wrist: an error of the whole hand is none of theirs."""
+def test_fingers_are_measured_from_their_wrist(truth: np.ndarray) -> None:
+    """An error of the whole hand does not change the error of its fingers."""
     found = mean_errors(truth + np.array([0.02, 0.0, 0.0]), truth)
     wanted = {"body": 2.0, "every_point": 2.0, "finger": 0.0, "body_and_finger": 2.0}
     assert found == pytest.approx(wanted, abs=1e-6)
 
 
-def test_which_joints_count(truth: np.ndarray) -> None:
-    """An error of the spine is none of 'body', one of a knee is; the head, which is measured, is in no part."""
+def test_each_part_counts_its_own_joints(truth: np.ndarray) -> None:
+    """The part 'body' counts knees but not the spine; no part counts the head, which is measured."""
 
     def parts(point: str) -> set[str]:
         wrong = truth.copy()
@@ -49,7 +49,7 @@ def test_which_joints_count(truth: np.ndarray) -> None:
     assert parts("head") == set()
 
 
-def test_clips_without_fingers_say_nothing_of_them(truth: np.ndarray) -> None:
+def test_clips_without_fingers_have_no_finger_errors(truth: np.ndarray) -> None:
     assert mean_errors(truth, truth, fingers=False).keys() == {"body", "every_point"}
 
 
@@ -57,7 +57,7 @@ def test_clips_without_fingers_say_nothing_of_them(truth: np.ndarray) -> None:
     ("category", "group"),
     [("", "main"), ("sit", "main"), ("sport", "sport"), ("dance", "dance"), ("juggling", "other")],
 )
-def test_categories_are_scored_apart(waving_clip: Clip, category: str, group: str) -> None:
+def test_categories_belong_to_groups(waving_clip: Clip, category: str, group: str) -> None:
     assert group_of(replace(waving_clip, category=category)) == group
 
 
@@ -71,7 +71,7 @@ def test_averages_are_over_frames() -> None:
     assert np.isnan(Tally().mpjpe) and np.isnan(Tally().rmsjpe)
 
 
-def test_a_tracked_clip(waving_clip: Clip, small_network) -> None:
+def test_a_tracked_clip_has_the_positions_of_each_method(waving_clip: Clip, small_network) -> None:
     done = track_clip(replace(waving_clip, pose=waving_clip.pose[:12]), small_network, IkTrackerSettings())
     seen = done.observation.has_position
     for method in ("network", *KNOWN):
@@ -81,7 +81,7 @@ def test_a_tracked_clip(waving_clip: Clip, small_network) -> None:
     np.testing.assert_allclose(np.linalg.norm(bones, axis=-1), np.tile(skeleton.bone_length[1:], (len(tracked), 1)))
 
 
-def test_a_tally_knows_whose_errors_it_counts() -> None:
+def test_a_tally_has_the_errors_of_each_person() -> None:
     whole, one, rng = Tally(), Tally(), np.random.default_rng(0)
     for person, level in (("a", 1.0), ("b", 2.0), ("c", 3.0)):
         for part in (whole, one):

@@ -1,4 +1,4 @@
-"""The store: whole or not there, resumable, and the same motion as the files."""
+"""The store: complete or absent, resumable, with the motion of the files."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ pytest.importorskip("zarr", reason="needs packages/lab")
 
 @pytest.fixture
 def folder(tmp_path: Path, make_clip) -> Path:
-    """Seven files of four people, two of them no motion."""
+    """Write seven files of four people; two of them contain no motion."""
     for k, person in enumerate(("anna", "anna", "ben", "carl", "dora")):
         path = tmp_path / "files" / person / f"take_{k}.bvh"
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -40,7 +40,7 @@ def stopped(*_: object) -> None:
     raise KeyboardInterrupt
 
 
-def test_a_store_holds_what_the_files_hold(folder: Path, tmp_path: Path, capsys) -> None:
+def test_a_store_contains_the_motion_of_the_files(folder: Path, tmp_path: Path, capsys) -> None:
     store = prepare(folder, tmp_path / "motion.zarr", rate=30.0, workers=1)
     assert [row.source for row in store.table.clips] == [
         f"{p}/take_{k}.bvh" for k, p in enumerate(("anna", "anna", "ben", "carl", "dora"))
@@ -63,7 +63,7 @@ def test_a_store_holds_what_the_files_hold(folder: Path, tmp_path: Path, capsys)
 
 
 @pytest.mark.slow
-def test_two_workers_elsewhere_share_nothing_but_the_folder(folder: Path, tmp_path: Path, monkeypatch) -> None:
+def test_workers_of_a_scheduler_need_only_the_folder(folder: Path, tmp_path: Path, monkeypatch) -> None:
     distributed = pytest.importorskip("distributed")
     monkeypatch.chdir(tmp_path)
     model = made_up_model()
@@ -96,7 +96,7 @@ def test_two_workers_elsewhere_share_nothing_but_the_folder(folder: Path, tmp_pa
         np.testing.assert_array_equal(store.rest_offset, alone[name].rest_offset)
 
 
-def test_clips_of_a_store_open_like_those_of_a_folder(folder: Path, tmp_path: Path) -> None:
+def test_open_clips_reads_stores_and_folders_alike(folder: Path, tmp_path: Path) -> None:
     store = prepare(folder, tmp_path / "motion.zarr", workers=1)
     assert [c.name for c in open_clips(tmp_path / "motion.zarr")] == [row.name for row in store.table.clips]
     split = store.table.clips[0].split
@@ -106,13 +106,13 @@ def test_clips_of_a_store_open_like_those_of_a_folder(folder: Path, tmp_path: Pa
 
 
 @pytest.mark.parametrize("moment", ["within the batch", "before the rename"])
-def test_a_killed_run_goes_on_and_is_never_taken_for_whole(
+def test_a_killed_run_resumes_and_is_not_a_finished_store(
     folder: Path, tmp_path: Path, monkeypatch, moment: str
 ) -> None:
     whole = prepare(folder, tmp_path / "whole.zarr", workers=1)
     monkeypatch.setattr(preparation, "BATCH", 2)
     path, seen = tmp_path / "motion.zarr", []
-    prepared, append = preparation._prepared, preparation._append
+    prepared, append = preparation._prepare_source, preparation._append
 
     def counted(item, rate, options):
         seen.append(item[1].path.name)
@@ -127,7 +127,7 @@ def test_a_killed_run_goes_on_and_is_never_taken_for_whole(
             group.attrs.update(before)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(preparation, "_prepared", counted)
+    monkeypatch.setattr(preparation, "_prepare_source", counted)
     with monkeypatch.context() as patch:
         patch.setattr(preparation, "_append", killed)
         patch.setattr(preparation, "_publish", stopped)
@@ -142,7 +142,7 @@ def test_a_killed_run_goes_on_and_is_never_taken_for_whole(
     store = prepare(folder, path, workers=1)
     assert not (tmp_path / "motion.zarr.part").exists()
     done = first[:-2] if moment != "before the rename" else first
-    assert not set(done) & set(seen)  # nothing is done twice
+    assert not set(done) & set(seen)  # no file is read twice
     assert [row.source for row in store.table.clips] == [row.source for row in whole.table.clips]
     assert [row.source for row in store.table.skipped] == [row.source for row in whole.table.skipped]
     np.testing.assert_array_equal(store.rotation[:], whole.rotation[:])
@@ -150,7 +150,7 @@ def test_a_killed_run_goes_on_and_is_never_taken_for_whole(
     np.testing.assert_array_equal(store.rest_offset, whole.rest_offset)
 
 
-def test_a_finished_store_is_left_as_it_is(folder: Path, tmp_path: Path, monkeypatch, make_clip) -> None:
+def test_a_finished_store_is_not_changed(folder: Path, tmp_path: Path, monkeypatch, make_clip) -> None:
     path = tmp_path / "motion.zarr"
     prepare(folder, path, workers=1)
     with pytest.raises(BodysenseError, match=r"empty\.npz: the file is empty; copy or export it again"):
@@ -158,36 +158,36 @@ def test_a_finished_store_is_left_as_it_is(folder: Path, tmp_path: Path, monkeyp
     prepare(folder, tmp_path / "other.zarr", workers=1, options=ReadingOptions(smpl_model=tmp_path))
     with pytest.raises(BodysenseError, match=rf"made with other options \(--smpl-model {tmp_path}\); give another"):
         prepare(folder, tmp_path / "other.zarr", workers=1)
-    monkeypatch.setattr(preparation, "_prepared", None)
+    monkeypatch.setattr(preparation, "_prepare_source", None)
     assert len(prepare(folder, path, workers=1).table.clips) == 5
     with pytest.raises(BodysenseError, match=r"is at 30 Hz, not 60; give another place or remove it"):
         prepare(folder, path, rate=60.0, workers=1)
     with pytest.raises(BodysenseError, match=r"was made with other options .none.; give another place"):
         prepare(folder, path, workers=1, options=ReadingOptions(unit="m"))
     write_bvh(folder / "anna" / "new.bvh", make_clip())
-    with pytest.raises(BodysenseError, match=r"was made of 7 files, and there are 8 now"):
+    with pytest.raises(BodysenseError, match=r"was made from 7 files, but there are 8 now"):
         prepare(folder, path, workers=1)
 
 
-def test_changed_files_are_noticed_when_a_run_goes_on(folder: Path, tmp_path: Path, monkeypatch, make_clip) -> None:
+def test_changed_files_are_detected_when_a_run_resumes(folder: Path, tmp_path: Path, monkeypatch, make_clip) -> None:
     monkeypatch.setattr(preparation, "BATCH", 2)
     with monkeypatch.context() as patch:
         patch.setattr(preparation, "_publish", stopped)
         with pytest.raises(KeyboardInterrupt):
             prepare(folder, tmp_path / "motion.zarr", workers=1)
     write_bvh(folder / "anna" / "take_0.bvh", make_clip(seed=9))
-    with pytest.raises(BodysenseError, match=r"was made with another anna/take_0.bvh than there is now"):
+    with pytest.raises(BodysenseError, match=r"was made from another version of anna/take_0.bvh"):
         prepare(folder, tmp_path / "motion.zarr", workers=1)
 
 
-def test_what_cannot_be_a_store(folder: Path, tmp_path: Path) -> None:
-    with pytest.raises(BodysenseError, match=r"no store of motion; make one with `bodysense data prepare"):
+def test_invalid_stores_and_options_are_refused(folder: Path, tmp_path: Path) -> None:
+    with pytest.raises(BodysenseError, match=r"not a store of motion; make one with `bodysense data prepare"):
         read_store(tmp_path / "none.zarr")
-    with pytest.raises(BodysenseError, match=r"exists and is no store"):
+    with pytest.raises(BodysenseError, match=r"exists and is not a store"):
         prepare(folder, folder, workers=1)
-    with pytest.raises(BodysenseError, match=r"0 workers cannot be; give at least 1"):
+    with pytest.raises(BodysenseError, match=r"0 workers are not possible; give at least 1"):
         prepare(folder, tmp_path / "a.zarr", workers=0)
-    with pytest.raises(BodysenseError, match=r"frame rate -1 Hz cannot be"):
+    with pytest.raises(BodysenseError, match=r"frame rate -1 Hz is not possible"):
         prepare(folder, tmp_path / "b.zarr", rate=-1.0, workers=1)
     only_bad = tmp_path / "bad"
     only_bad.mkdir()
@@ -197,14 +197,14 @@ def test_what_cannot_be_a_store(folder: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("damage", ['{"zarr_format": 3, "node_type": "group"}', "{"])
-def test_a_damaged_store(folder: Path, tmp_path: Path, damage: str) -> None:
+def test_a_damaged_store_is_refused(folder: Path, tmp_path: Path, damage: str) -> None:
     prepare(folder, tmp_path / "a.zarr", workers=1)
     (tmp_path / "a.zarr" / "zarr.json").write_text(damage)
     with pytest.raises(BodysenseError, match=r"a.zarr: .*prepare"):
         read_store(tmp_path / "a.zarr")
 
 
-def test_without_the_extra(folder: Path, tmp_path: Path, monkeypatch) -> None:
+def test_a_missing_zarr_names_its_install_line(folder: Path, tmp_path: Path, monkeypatch) -> None:
     import sys
 
     monkeypatch.setitem(sys.modules, "zarr", None)
@@ -213,7 +213,7 @@ def test_without_the_extra(folder: Path, tmp_path: Path, monkeypatch) -> None:
 
 
 def test_people_of_amass_stand_on_the_floor_at_their_height(tmp_path: Path, capsys) -> None:
-    """1.55 and 1.90 m, floors 10 cm up and 12 down: with a body model, and by their steps without one."""
+    """Heights of 1.55 and 1.90 m, floors 10 cm up and 12 cm down; with a body model, and without one from steps."""
     model = made_up_model(3)
     for name, height, floor in (("short", 1.55, 0.10), ("tall", 1.90, -0.12)):
         betas = betas_of(model, height)

@@ -1,13 +1,13 @@
-"""Streams play every frame of every sequence once, in order."""
+"""Streams of sequences contain every frame once, in order."""
 
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bodysense_lab.fit import played
+from bodysense_lab.fit import stream_sequences
 
 
 @given(lengths=st.lists(st.integers(1, 9), min_size=1, max_size=8), count=st.integers(1, 3), chunk=st.integers(1, 5))
-def test_every_frame_is_played_once_and_in_order(lengths: list[int], count: int, chunk: int) -> None:
+def test_every_frame_is_in_a_stream_once_and_in_order(lengths: list[int], count: int, chunk: int) -> None:
     drawn: list[range] = []
 
     def draw() -> range:
@@ -16,7 +16,7 @@ def test_every_frame_is_played_once_and_in_order(lengths: list[int], count: int,
         return drawn[-1]
 
     heard: list[list[int]] = [[] for _ in range(count)]
-    for _, (pieces, begins) in zip(range(12), played(draw, count, chunk), strict=False):
+    for _, (pieces, begins) in zip(range(12), stream_sequences(draw, count, chunk), strict=False):
         for k, (one, start) in enumerate(pieces):
             assert begins[k] == (start == 0)
             heard[k] += one[start : start + chunk]

@@ -1,4 +1,4 @@
-"""Windows: which frames they have."""
+"""Windows of frames over clips."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from bodysense_lab.windows import find_windows
 
 
 @given(st.lists(st.integers(0, 40), min_size=1, max_size=6), st.integers(1, 9), st.integers(1, 5))
-def test_against_counting_by_hand(lengths: list[int], length: int, stride: int) -> None:
+def test_windows_equal_those_counted_by_hand(lengths: list[int], length: int, stride: int) -> None:
     starts = np.cumsum([0, *lengths[:-1]])
     windows = find_windows(starts, lengths, length=length, stride=stride)
     expected = []
@@ -27,6 +27,6 @@ def test_against_counting_by_hand(lengths: list[int], length: int, stride: int) 
 
 
 @pytest.mark.parametrize("name", ["length", "stride"])
-def test_numbers_that_cannot_be(name: str) -> None:
-    with pytest.raises(BodysenseError, match=f"{name} 0 cannot be"):
+def test_lengths_and_strides_below_1_are_refused(name: str) -> None:
+    with pytest.raises(BodysenseError, match=f"{name} 0 is not possible"):
         find_windows([0], [10], **({"length": 3} | {name: 0}))

@@ -17,8 +17,8 @@ from bodysense.body.skeleton import BODY
 from bodysense.demo import packaged_performance
 from bodysense.io.bvh import read_bvh
 from bodysense_lab.rendering.character import load_figure
+from bodysense_lab.rendering.renderer import open_renderer
 from bodysense_lab.rendering.scene import sample_scene
-from bodysense_lab.rendering.stage import open_stage
 from bodysense_live.page_files import WEBCAM
 
 pytestmark = [pytest.mark.slow, pytest.mark.alone]
@@ -33,7 +33,7 @@ def filmed() -> Pose:
     """Return the poses of the film's pictures."""
     clip = packaged_performance()
     step = round(clip.frame_rate / RATE)
-    return load_figure("woman").wear(clip.pose[: RATE * SECONDS * step : step])
+    return load_figure("woman").retarget(clip.pose[: RATE * SECONDS * step : step])
 
 
 def around() -> np.ndarray:
@@ -45,7 +45,7 @@ def pictures() -> Iterator[np.ndarray]:
     """Yield the pictures of the film: a person who walks toward the camera."""
     pose = filmed()
     camera = Camera(around() + OFFSET, np.eye(3), np.array(1.0), np.array(4 / 3))
-    with open_stage(sample_scene(np.random.default_rng(5), "woman"), camera, 480, around()) as stage:
+    with open_renderer(sample_scene(np.random.default_rng(5), "woman"), camera, 480, around()) as stage:
         for k in range(len(pose.root_position)):
             yield stage.draw(pose[k])
 

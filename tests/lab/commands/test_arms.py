@@ -1,4 +1,4 @@
-"""Arms and hands on the command line: trained, scored, timed."""
+"""Commands for arms and hands: training, tables, benchmark."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ SMALL = ("--width", 16, "--layers", 1, "--spatial-width", 8, "--spatial-layers",
 
 @pytest.fixture
 def people(tmp_path: Path, waving_clip: Clip) -> Path:
-    """Somebody of every split."""
+    """Write motion of one person of every split."""
     return write_people(tmp_path / "data", {"train": [waving_clip], "val": [waving_clip], "test": [waving_clip]})
 
 
 @pytest.mark.slow
 def test_a_network_is_trained_and_written(people: Path, tmp_path: Path, run) -> None:
     out = tmp_path / "arms.pt"
-    said = run("train", "arms", "--data", people, "-o", out, *SMALL, "--more-inputs", "--rotation", "6d")
-    assert "step 3/3" in said and f"wrote {out}" in said and out.with_suffix(".ckpt").is_file()
+    output = run("train", "arms", "--data", people, "-o", out, *SMALL, "--more-inputs", "--rotation", "6d")
+    assert "step 3/3" in output and f"wrote {out}" in output and out.with_suffix(".ckpt").is_file()
 
 
 @pytest.mark.slow
@@ -37,25 +37,25 @@ def test_a_network_is_timed(small_arms: Path, tmp_path: Path, run) -> None:
 def test_the_table_is_trained_and_scored(people: Path, tmp_path: Path, run) -> None:
     table, out = tmp_path / "table", tmp_path / "out"
     run("train", "arms-table", "--data", people, "-o", table, *SMALL, "--networks", "cnn-hands", "cnn", "pahmt")
-    said = run(
+    output = run(
         *("evaluate", "pahmt-table1", "--data", people, "--networks", table, "--out", out),
         *("--json", tmp_path / "table.json"),
     )
-    assert "PAHMT is below" not in said and (out / "pahmt-table1.csv").is_file()
+    assert "PAHMT is below" not in output and (out / "pahmt-table1.csv").is_file()
     numbers = json.loads((tmp_path / "table.json").read_text())
     assert {f"{name}_{key}" for name in ("cnn", "pahmt") for key in ("hands_m", "overall_m", "arms")} <= set(numbers)
     assert "cnn_hands_hands_cm" in numbers and "cnn_hands_arms" not in numbers
     perfect = ("--keypoints", "perfect", "--json", tmp_path / "perfect.json", "--out", out)
-    said = run("evaluate", "pahmt-table1", "--data", people, "--networks", table, *perfect)
-    assert "without a detector's errors" in " ".join(said.split())
+    output = run("evaluate", "pahmt-table1", "--data", people, "--networks", table, *perfect)
+    assert "without a detector's errors" in " ".join(output.split())
     others = json.loads((tmp_path / "perfect.json").read_text())
-    # Learned without a detector's errors, of the same seed: another network.
+    # Training without a detector's errors, with the same seed, gives another network.
     run("train", "arms-table", "--data", people, "-o", out, *SMALL, "--networks", "cnn", "--keypoints", "perfect")
     assert (out / "cnn.pt").read_bytes() != (table / "cnn.pt").read_bytes()
     assert others["ik_arms_deg"] == numbers["ik_arms_deg"] and others["pahmt_arms_deg"] != numbers["pahmt_arms_deg"]
 
 
-def test_what_cannot_be(people: Path, tmp_path: Path, refused) -> None:
+def test_invalid_options_are_refused(people: Path, tmp_path: Path, refused) -> None:
     arguments = ("train", "arms", "--data", people, "-o")
     assert "the network is written as .onnx or .pt" in refused(*arguments, tmp_path / "arms.zip")
     assert "a network of hands alone is for the table only" in refused(

@@ -1,4 +1,4 @@
-"""`bench live`: its clients speak WebSocket, and its numbers are those of a real server."""
+"""`bench live`: its clients use WebSocket, and its numbers are measured on a real server."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from bodysense_lab.commands.bench.live import Load, _framed, _LoadClient, _messa
 
 
 @pytest.mark.parametrize("size", [0, 125, 126, 5000])
-def test_messages_are_read_whole_however_they_come(size: int) -> None:
-    """The framing is that of the library that the server uses."""
+def test_messages_are_complete_for_any_size_of_chunks(size: int) -> None:
+    """The frames are written by the library that the server uses."""
     pytest.importorskip("websockets", reason="needs packages/live")
     from websockets.frames import Frame, Opcode
 
@@ -26,7 +26,7 @@ def test_messages_are_read_whole_however_they_come(size: int) -> None:
     assert got == [(2, payload) for payload in payloads] and not unread
 
 
-def test_what_clients_send_is_a_masked_frame() -> None:
+def test_clients_send_masked_frames() -> None:
     pytest.importorskip("websockets", reason="needs packages/live")
     from websockets.frames import Frame, Opcode
     from websockets.protocol import SERVER, Protocol, State
@@ -40,7 +40,7 @@ def test_what_clients_send_is_a_masked_frame() -> None:
 
 
 def test_a_ping_is_answered() -> None:
-    """A server closes a connection whose pings are not answered; the largest load takes longer than it waits."""
+    """A server closes connections that do not answer its pings, and the largest load takes longer than that."""
     pytest.importorskip("websockets", reason="needs packages/live")
     from websockets.frames import Frame, Opcode
     from websockets.protocol import SERVER, Protocol, State
@@ -72,7 +72,7 @@ def test_numbers_of_a_real_server(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
 
 @pytest.mark.alone
 @pytest.mark.slow
-def test_a_slowed_server_computes_for_its_share_of_the_time(tmp_path: Path) -> None:
+def test_a_throttled_server_runs_for_its_share_of_the_time(tmp_path: Path) -> None:
     pytest.importorskip("uvicorn", reason="needs packages/live")
     out = tmp_path / "slowed.json"
     bench_live(sessions=20, seconds=4.0, share=0.2, json=out)

@@ -1,4 +1,4 @@
-"""`bench video`: what a picture costs, in the whole and in parts."""
+"""`bench video`: processor time of a picture, in total and by part."""
 
 from __future__ import annotations
 

@@ -15,8 +15,10 @@ from bodysense_lab.weights import packaged
 
 
 @pytest.mark.slow
-def test_the_shipped_predictor_alone(two_people: Path, tmp_path: Path, small_network: Path, run) -> None:
-    """UNOC's Table 2 without networks compares the predictor with the last known position, in one or two processes."""
+def test_table_2_scores_the_packaged_predictor_without_networks(
+    two_people: Path, tmp_path: Path, small_network: Path, run
+) -> None:
+    """UNOC's Table 2 then compares the predictor with the last known position, in one or two processes."""
     numbers = {}
     for jobs in (1, 2):
         out = tmp_path / f"{jobs}.json"
@@ -43,8 +45,8 @@ def test_the_shipped_predictor_alone(two_people: Path, tmp_path: Path, small_net
 
 
 def test_data_info_with_occlusion(two_people: Path, tmp_path: Path, run) -> None:
-    shown = run("data", "info", two_people, "--occlusion", "--json", tmp_path / "a.json")
-    assert "self-contact" in shown
+    output = run("data", "info", two_people, "--occlusion", "--json", tmp_path / "a.json")
+    assert "self-contact" in output
     numbers = json.loads((tmp_path / "a.json").read_text())
     assert 0 <= numbers["all_hand_hidden"] <= 1 and 0 <= numbers["all_self_contact"] <= 1
 
@@ -63,7 +65,7 @@ def test_data_info_with_occlusion(two_people: Path, tmp_path: Path, run) -> None
     ],
     ids=lambda value: "_".join(map(str, value)) if isinstance(value, tuple) else "",
 )
-def test_benchmarks(tmp_path: Path, run, command: tuple[object, ...], keys: set[str]) -> None:
+def test_benchmarks_write_their_numbers(tmp_path: Path, run, command: tuple[object, ...], keys: set[str]) -> None:
     run("bench", *command, "--json", tmp_path / "a.json")
     numbers = json.loads((tmp_path / "a.json").read_text())
     assert numbers.pop("processor") == processor() and numbers.pop("cpu_seconds") > 0
@@ -73,7 +75,7 @@ def test_benchmarks(tmp_path: Path, run, command: tuple[object, ...], keys: set[
 
 
 @pytest.mark.slow
-def test_benchmark_of_a_step(tmp_path: Path, run) -> None:
+def test_bench_step_writes_its_numbers(tmp_path: Path, run) -> None:
     run("bench", "step", "--frames", 8, "--people", 2, "--device", "headset_camera", "--json", tmp_path / "a.json")
     numbers = json.loads((tmp_path / "a.json").read_text())
     times = {"p50_ms", "p99_ms", "batch2_ms", "batch2_p99_ms", "floor_ms", "reference_ms"}
@@ -82,13 +84,13 @@ def test_benchmark_of_a_step(tmp_path: Path, run) -> None:
     assert 0 < numbers["floor_ms"] < numbers["p50_ms"] and numbers["mflop"] > 10
 
 
-def test_an_older_step_to_compare_with(tmp_path: Path, refused) -> None:
+def test_an_older_step_that_is_missing_is_refused(tmp_path: Path, refused) -> None:
     line = refused("bench", "step", "--frames", 8, "--onnx", tmp_path / "completion.onnx")
     assert "no such model file; give the .onnx that `git show" in line
 
 
 @pytest.mark.slow
-def test_the_last_step_that_was_a_graph_is_slower(tmp_path: Path, run) -> None:
+def test_the_last_onnx_step_is_slower(tmp_path: Path, run) -> None:
     show = ["git", "show", "1d879b8:src/bodysense/weights/completion.onnx"]
     done = subprocess.run(show, cwd=Path(__file__).parent, capture_output=True, check=False)
     if done.returncode:
@@ -100,7 +102,7 @@ def test_the_last_step_that_was_a_graph_is_slower(tmp_path: Path, run) -> None:
 
 
 @pytest.mark.slow
-def test_the_packaged_network_is_better_than_the_last_known_place(tmp_path: Path, run) -> None:
+def test_the_packaged_network_is_better_than_the_last_known_position(tmp_path: Path, run) -> None:
     (tmp_path / "motion").mkdir()
     (tmp_path / "motion" / "performance.npz").write_bytes((files("bodysense.demo") / "performance.npz").read_bytes())
     given = ("--split", "all", "--jobs", 1, "--json", tmp_path / "a.json", "--out", tmp_path)
@@ -109,7 +111,7 @@ def test_the_packaged_network_is_better_than_the_last_known_place(tmp_path: Path
     assert numbers["tracker_body_occluded_rmsjpe_cm"] < numbers["last_known_body_occluded_rmsjpe_cm"]
 
 
-def test_card_puts_test_figures_into_the_network_and_beside_it(tmp_path: Path, run) -> None:
+def test_card_writes_test_figures_into_the_network_and_a_card(tmp_path: Path, run) -> None:
     network, figures = tmp_path / "copy.onnx", tmp_path / "figures.json"
     network.write_bytes(packaged("body_gru.onnx").read_bytes())
     key = "body_occluded_rmsjpe_cm"
@@ -119,9 +121,9 @@ def test_card_puts_test_figures_into_the_network_and_beside_it(tmp_path: Path, r
     assert "| body | occluded | 10.0 | 5.0 |" in network.with_suffix(".md").read_text()
 
 
-def test_training_refuses_at_once(tmp_path: Path, refused) -> None:
+def test_trainings_refuse_invalid_options_at_once(tmp_path: Path, refused) -> None:
     for command in ("fingers", "upper-body"):
         arguments = ("train", command, "--data", tmp_path)
-        assert "give a name that ends so" in refused(*arguments, "-o", tmp_path / "a.pt")
+        assert "give a name with this ending" in refused(*arguments, "-o", tmp_path / "a.pt")
         assert "--steps 0: give a whole number" in refused(*arguments, "-o", tmp_path / "a.onnx", "--steps", 0)
         assert "create it or choose another" in refused(*arguments, "-o", tmp_path / "no" / "a.onnx")

@@ -1,4 +1,4 @@
-"""What every table's command does unless it is told otherwise, and that it looks at the network it is given."""
+"""Defaults of the tables' commands, and refusal of missing networks."""
 
 from __future__ import annotations
 
@@ -27,15 +27,15 @@ from bodysense_lab.two_hands import options as two_hands
 from bodysense_lab.unoc import options as unoc
 
 
-def asked(kind: Any) -> dict[str, Any]:
-    """The defaults of a class of options."""
+def defaults_of(kind: Any) -> dict[str, Any]:
+    """Return the defaults of a class of options."""
     return {field.name: field.default for field in dataclasses.fields(kind)}
 
 
 def test_tables_score_the_test_split() -> None:
     modules = (completion, hmd_vae, pahmt, rendering, two_hands, unoc)
     kinds: set[Any] = {kind for module in modules for _, kind in inspect.getmembers(module, dataclasses.is_dataclass)}
-    splits = {kind.__name__: asked(kind)["split"] for kind in kinds if "split" in asked(kind)}
+    splits = {kind.__name__: defaults_of(kind)["split"] for kind in kinds if "split" in defaults_of(kind)}
     assert TableOptions().split == "test" and DataSet("a", Path()).split == "test"
     assert set(splits.values()) == {"test"}, splits
 
@@ -52,15 +52,15 @@ def test_commands_score_the_test_split() -> None:
                     splits[name] = parameter.default.split
                 elif field == "split":
                     splits[name] = parameter.default
-    assert splits.pop("unoc_table1") == "all"  # the paper's table is of all of the data
-    assert splits.pop("gloves_settings") == "val"  # settings are chosen there
+    assert splits.pop("unoc_table1") == "all"  # the paper's table has all data
+    assert splits.pop("gloves_settings") == "val"  # settings are selected on the validation split
     assert len(splits) > 12 and set(splits.values()) == {"test"}, splits
     assert CompletionSettings().split == "test"
 
 
-def test_scripted_wearers_are_tracked_by_the_network_that_is_given(tmp_path: Path, refused) -> None:
-    said = refused("evaluate", "sight", "--model", tmp_path / "missing.safetensors")
-    assert "missing.safetensors: no such" in said
+def test_sight_opens_the_given_network(tmp_path: Path, refused) -> None:
+    output = refused("evaluate", "sight", "--model", tmp_path / "missing.safetensors")
+    assert "missing.safetensors: no such" in output
 
 
 @pytest.mark.parametrize(
@@ -74,13 +74,13 @@ def test_scripted_wearers_are_tracked_by_the_network_that_is_given(tmp_path: Pat
         ("unoc-table6", ("--jobs", 1)),
     ],
 )
-def test_a_table_opens_the_network_it_is_given(
+def test_tables_open_the_given_network(
     command: str, more: tuple[object, ...], tmp_path: Path, waving_clip: Clip, refused
 ) -> None:
     write_people(tmp_path / "motion", {"train": [waving_clip], "test": [waving_clip]})
     missing = tmp_path / "missing.onnx"
-    said = refused("evaluate", command, "--data", tmp_path / "motion", "--model", missing, *more)
-    assert "missing.onnx: no such" in said.lower()
+    output = refused("evaluate", command, "--data", tmp_path / "motion", "--model", missing, *more)
+    assert "missing.onnx: no such" in output.lower()
 
 
 @pytest.mark.parametrize(
@@ -93,6 +93,6 @@ def test_a_table_opens_the_network_it_is_given(
         ("gloves-fusion", "--joints"),
     ],
 )
-def test_a_glove_table_opens_the_networks_it_is_given(command: str, option: str, tmp_path: Path, refused) -> None:
-    said = refused("evaluate", command, "--quick", "--jobs", 1, option, tmp_path / "missing.onnx")
-    assert "missing.onnx: no such" in said.lower()
+def test_glove_tables_open_the_given_networks(command: str, option: str, tmp_path: Path, refused) -> None:
+    output = refused("evaluate", command, "--quick", "--jobs", 1, option, tmp_path / "missing.onnx")
+    assert "missing.onnx: no such" in output.lower()

@@ -1,4 +1,4 @@
-"""Refusals of the laboratory's commands: one line that names the value, and no file is written."""
+"""Refusals of the laboratory's commands: a line with the wrong value, and no file."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from ...conftest import Refused
 
 
 def files(folder: Path) -> list[str]:
-    """Names of all files below a folder."""
+    """Return the names of all files in a folder."""
     return sorted(str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file())
 
 
@@ -21,7 +21,7 @@ def files(folder: Path) -> list[str]:
         ("data", "prepare", "{folder}", "-o", "{folder}/out.zarr"),
     ],
 )
-def test_an_empty_folder(tmp_path: Path, refused: Refused, command: tuple[str, ...]) -> None:
+def test_empty_folders_are_refused(tmp_path: Path, refused: Refused, command: tuple[str, ...]) -> None:
     line = refused(*(word.format(folder=tmp_path) for word in command))
     assert tmp_path.name in line and "no .bvh or .npz file" in line
     assert not files(tmp_path)
@@ -34,10 +34,10 @@ def test_an_empty_folder(tmp_path: Path, refused: Refused, command: tuple[str, .
         ("evaluate", "unoc-table2", "--data", "{none}", "--json", "{out}.json"),
     ],
 )
-def test_a_folder_that_is_missing_is_said_before_the_work(
+def test_missing_folders_are_refused_before_the_work(
     tmp_path: Path, refused: Refused, command: tuple[str, ...]
 ) -> None:
-    """Even before it is seen that there is nothing to work on."""
+    """They are refused even if the data folder is empty."""
     out, none = tmp_path / "missing" / "out", tmp_path / "none"
     none.mkdir()
     line = refused(*(word.format(out=out, none=none) for word in command))
@@ -65,10 +65,10 @@ TAKES = ("evaluate", "completion", "--data", "{folder}", "--takes")
     ],
     ids=" ".join,
 )
-def test_a_network_that_is_missing_is_said_before_the_work(
+def test_missing_networks_are_refused_before_the_work(
     tmp_path: Path, motion: Path, refused: Refused, monkeypatch: pytest.MonkeyPatch, command: tuple[str, ...]
 ) -> None:
-    """Even before it is seen that there is nothing to work on."""
+    """They are refused even if the data folder is empty."""
     (folder := tmp_path / "empty").mkdir()
     monkeypatch.chdir(folder)
     missing = tmp_path / "missing.onnx"
@@ -77,7 +77,7 @@ def test_a_network_that_is_missing_is_said_before_the_work(
     assert not files(folder)
 
 
-def test_a_network_of_another_ending(tmp_path: Path, refused: Refused) -> None:
+def test_networks_with_other_endings_are_refused(tmp_path: Path, refused: Refused) -> None:
     line = refused("train", "body-gru", "--data", tmp_path, "-o", tmp_path / "a.pt")
-    assert "written as .onnx; give a name that ends so" in line
+    assert "written as .onnx; give a name with this ending" in line
     assert not files(tmp_path)

@@ -14,7 +14,7 @@ from bodysense.io.clip import Clip
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("-o", "net.txt"), "net.txt: the network is written as .onnx or .pt; give a name that ends so"),
+        (("-o", "net.txt"), "net.txt: the network is written as .onnx or .pt; give a name with this ending"),
         (("-o", "net.pt", "--steps", 0), "--steps 0: give a whole number"),
         (("-o", "net.onnx", "--origin", "pelvis"), "net.onnx: no device tracks the pelvis, so a network with that"),
         (("-o", "net.pt", "--sweep"), "--sweep trains its own decoders into a folder; give a folder as --out"),
@@ -29,47 +29,50 @@ from bodysense.io.clip import Clip
         ),
     ],
 )
-def test_what_training_refuses(refused, tmp_path: Path, arguments: tuple, message: str, monkeypatch) -> None:
+def test_training_refuses_invalid_options(refused, tmp_path: Path, arguments: tuple, message: str, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)
     assert refused("train", "hmd-vae", "--data", tmp_path, *arguments).startswith(message)
     assert not list(tmp_path.iterdir())
 
 
-def test_a_sweep_of_one_setting_takes_it(run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_sweep_uses_the_given_settings(run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from bodysense_lab.hmd_vae import train as body_vae_run
 
-    asked = []
-    monkeypatch.setattr(body_vae_run, "run_sweep", lambda _, configs: asked.append(configs))
+    sweeps = []
+    monkeypatch.setattr(body_vae_run, "run_sweep", lambda _, configs: sweeps.append(configs))
     for more in (("--grid", "one", "--beta", 1, "--origin", "pelvis"), ()):
         run("train", "hmd-vae", "--data", tmp_path, "-o", tmp_path / "nets", "--sweep", *more)
-    assert {(one.beta, one.latent, one.blocks, one.origin) for one in asked[0]} == {(1.0, 30, 3, "pelvis")}
-    assert (len(asked[0]), len(asked[1])) == (5, 20)
+    assert {(one.beta, one.latent, one.blocks, one.origin) for one in sweeps[0]} == {(1.0, 30, 3, "pelvis")}
+    assert (len(sweeps[0]), len(sweeps[1])) == (5, 20)
 
 
 @pytest.mark.slow
-def test_a_published_list_is_tested(run, refused, small_vae: Path, tmp_path: Path, waving_clip: Clip) -> None:
+def test_the_test_motions_of_a_split_file_are_scored(
+    run, refused, small_vae: Path, tmp_path: Path, waving_clip: Clip
+) -> None:
     data, listing = tmp_path / "data", tmp_path / "split.txt"
     data.mkdir()
     for name in ("one", "two", "three"):
         write_bvh(data / f"{name}.bvh", waving_clip)
     listing.write_text("one.bvh train\ntwo.bvh test\nthree.bvh test\n")
-    asked = ("evaluate", "hmd-vae", "--data", data, "--networks", small_vae.parent, "--out", tmp_path / "tables")
-    asked = (*asked, "--split-file", listing)
-    said = run(*asked, "--json", tmp_path / "n.json", "--threads", 1)
-    assert f"Of it, the test motions of {listing}." in said
+    command = ("evaluate", "hmd-vae", "--data", data, "--networks", small_vae.parent, "--out", tmp_path / "tables")
+    command = (*command, "--split-file", listing)
+    output = run(*command, "--json", tmp_path / "n.json", "--threads", 1)
+    assert f"Of it, the test motions of {listing}." in output
     assert json.loads((tmp_path / "n.json").read_text())["clips"] == 2
     for more in (("--split", "val"), ("--quick",)):
-        assert refused(*asked, *more).startswith("--split-file scores its own test motions; leave --split and --quick")
+        line = refused(*command, *more)
+        assert line.startswith("--split-file scores its own test motions; leave --split and --quick")
 
 
 @pytest.mark.slow
-def test_the_tables(run, small_vae: Path, tmp_path: Path, waving_clip: Clip) -> None:
+def test_the_tables_and_their_files_are_written(run, small_vae: Path, tmp_path: Path, waving_clip: Clip) -> None:
     data = tmp_path / "data"
     data.mkdir()
     write_bvh(data / "anna_waves.bvh", waving_clip)
-    asked = ("evaluate", "hmd-vae", "--data", data, "--networks", small_vae.parent, "--split", "all")
-    said = run(*asked, "--out", tmp_path / "tables", "--json", tmp_path / "n.json", "--threads", 1)
-    assert "HMD-VAE, Figs 5 to 7" in said and "2 sequence" in said
+    command = ("evaluate", "hmd-vae", "--data", data, "--networks", small_vae.parent, "--split", "all")
+    output = run(*command, "--out", tmp_path / "tables", "--json", tmp_path / "n.json", "--threads", 1)
+    assert "HMD-VAE, Figs 5 to 7" in output and "2 sequence" in output
     numbers = json.loads((tmp_path / "n.json").read_text())
     wanted = {
         f"model2_{part}_{measure}"

@@ -20,18 +20,18 @@ def lively(tmp_path: Path, waving_clip: Clip) -> Path:
 
 
 @pytest.mark.slow
-def test_a_motion_becomes_videos_once(lively: Path, tmp_path: Path, run: Command) -> None:
+def test_videos_of_a_motion_are_rendered_once(lively: Path, tmp_path: Path, run: Command) -> None:
     for name in ("moderngl", "av"):
         pytest.importorskip(name)
-    asked = ("data", "render", lively, "-o", tmp_path / "set", "--videos", 1, "--seconds", 1, "--pixels", 64)
-    assert "videos: 1, 1 s" in run(*asked)
+    command = ("data", "render", lively, "-o", tmp_path / "set", "--videos", 1, "--seconds", 1, "--pixels", 64)
+    assert "videos: 1, 1 s" in run(*command)
     truths = list_takes(tmp_path / "set")
     assert len(truths) == 1
     for truth in truths:
         take = read_take(truth)
         assert take.name == truth.stem and np.isfinite(take.pose.rotation).all() and len(take.time) == 30
     written = {path: path.stat().st_mtime_ns for path in (tmp_path / "set").iterdir()}
-    run(*asked)
+    run(*command)
     assert written == {path: path.stat().st_mtime_ns for path in (tmp_path / "set").iterdir()}
 
 
@@ -43,7 +43,7 @@ def test_a_motion_becomes_videos_once(lively: Path, tmp_path: Path, run: Command
         (("--seconds", 0.1), "1 s"),
     ],
 )
-def test_what_cannot_be_drawn_is_refused(
+def test_invalid_options_are_refused(
     options: tuple[object, ...], message: str, lively: Path, tmp_path: Path, refused: Refused
 ) -> None:
     assert message in refused("data", "render", lively, "-o", tmp_path / "set", *options)
@@ -51,10 +51,10 @@ def test_what_cannot_be_drawn_is_refused(
 
 
 def test_a_motion_that_is_too_short_is_refused(motion: Path, tmp_path: Path, refused: Refused) -> None:
-    said = refused("data", "render", motion, "-o", tmp_path / "set")
-    assert re.search(r"no clip of 2 s or more with fingers", said)
+    output = refused("data", "render", motion, "-o", tmp_path / "set")
+    assert re.search(r"no clip of 2 s or more with fingers", output)
 
 
 def test_a_folder_without_videos_is_not_scored(tmp_path: Path, refused: Refused) -> None:
-    said = refused("evaluate", "video-rendered", tmp_path, "--out", tmp_path / "tables")
-    assert "no rendered videos in it; make some with `bodysense data render`" in said
+    output = refused("evaluate", "video-rendered", tmp_path, "--out", tmp_path / "tables")
+    assert "no rendered videos in it; make some with `bodysense data render`" in output

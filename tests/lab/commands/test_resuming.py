@@ -1,4 +1,4 @@
-"""Networks are trained by their commands, killed after the first checkpoint, and go on as the runs that they were."""
+"""Trainings that are killed after the first checkpoint resume, and end like uninterrupted ones."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from bodysense.demo import packaged_performance
 from bodysense_lab import fit
 from bodysense_lab.completion import publish
 
-# The command's options, its log, and what it writes. `fingers` is trained as `upper-body` is, tables as their networks.
+# Options of each command, its log, and the file it writes. `fingers` trains like `upper-body`, tables like networks.
 TRAININGS = {
     "completion": ("--steps 4 --warm-up 1 --finger-steps 0", "net/completion.jsonl", "net.safetensors"),
     "body-gru": ("--steps 6 --lanes 2 --chunk 2 --hidden 8 --passes 1 --finger-passes 1", "net.jsonl", "net.onnx"),
@@ -37,9 +37,9 @@ TRAININGS = {
     "completion-fingers": ("--steps 6 --warm-up 1", "net.jsonl", "net.ckpt"),
     "completion-joining": ("--steps 6 --warm-up 1 --frames 300", "net/joining.jsonl", "net.safetensors"),
 }
-# These draw the batch of a step by its number; the others draw new batches after they resume.
+# These trainings draw the batch of a step by its number. The others draw new batches after they resume.
 BY_STEP = ("arms", "gloves")
-# One is killed as a process. All write their checkpoint and log in `fit`, so the others are stopped there: no imports.
+# One training is killed as a process. The others are stopped in `fit`, which writes all checkpoints: this is faster.
 AS_PROCESS = "gloves"
 KILLED = """
 import os, signal, sys
@@ -59,7 +59,7 @@ main(sys.argv[1:])
 
 
 class Stopped(BaseException):
-    """The end of a run after its first checkpoint, which no command catches."""
+    """Exception that ends a run after its first checkpoint; no command catches it."""
 
 
 def stop_after_first_checkpoint(arguments: list[str]) -> None:
@@ -77,7 +77,7 @@ def stop_after_first_checkpoint(arguments: list[str]) -> None:
 
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Three seconds of the packaged performance, of a person in training and of one in validation."""
+    """Write three seconds of the packaged performance for a person in training and one in validation."""
     clip = packaged_performance()
     learned, watched = (replace(clip, pose=clip.pose[first : first + 100]) for first in (100, 300))
     return write_people(tmp_path_factory.mktemp("data"), {"train": [learned], "val": [watched]})
@@ -86,17 +86,17 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.slow
 @pytest.mark.parametrize("command", TRAININGS)
 @pytest.mark.usefixtures("short_training")
-def test_a_killed_training_goes_on(
+def test_a_killed_training_resumes(
     command: str, recorded: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    # How weights become the file takes long; tests/cli/test_trials.py does it once.
-    monkeypatch.setattr(publish, "publish", lambda body, fingers, data, out, *told: out.write_bytes(b"trained"))
-    asked, log, written = TRAININGS[command]
+    # Writing the final file takes long; tests/cli/test_trials.py tests it.
+    monkeypatch.setattr(publish, "publish", lambda body, fingers, data, out, *card: out.write_bytes(b"trained"))
+    options, log, written = TRAININGS[command]
     out = {name: tmp_path / name for name in ("whole", "killed")}
     arguments = {
         name: [
-            *("train", command, "--data", str(recorded), *asked.split(), "--check-every", "2", "--threads", "1"),
+            *("train", command, "--data", str(recorded), *options.split(), "--check-every", "2", "--threads", "1"),
             *("-o", str(folder / Path(written if "/" not in written else "nets"))),
         ]
         for name, folder in out.items()
@@ -105,7 +105,7 @@ def test_a_killed_training_goes_on(
         folder.mkdir()
     assert main(arguments["whole"]) == 0
     whole = logged(out["whole"] / log)
-    assert [line["step"] for line in whole][:2] == [2, 4], "more than one checkpoint, else nothing is killed"
+    assert [line["step"] for line in whole][:2] == [2, 4], "the run has more than one checkpoint"
 
     if command == AS_PROCESS:
         killed = subprocess.run(
@@ -119,7 +119,7 @@ def test_a_killed_training_goes_on(
 
     assert main(arguments["killed"]) == 0
     resumed = logged(out["killed"] / log)
-    assert [line["step"] for line in resumed] == [line["step"] for line in whole], "no step is lost, or taken twice"
+    assert [line["step"] for line in resumed] == [line["step"] for line in whole], "no step is lost or repeated"
     if command in BY_STEP:
         assert resumed == whole
     else:
@@ -129,7 +129,7 @@ def test_a_killed_training_goes_on(
 
 
 def logged(log: Path) -> list[dict[str, Any]]:
-    """Return the lines of a run's log without times."""
+    """Return the lines of a run's log, without times."""
     lines = [json.loads(line) for line in log.read_text(encoding="utf-8").splitlines()]
     return [
         {name: value for name, value in line.items() if name not in ("seconds", "steps_per_second")} for line in lines

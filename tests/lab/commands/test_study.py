@@ -1,4 +1,4 @@
-"""`bodysense study`: built, answered by simulated raters, analysed; and what is wrong, in one line."""
+"""`bodysense study`: build, simulated answers, analysis, and refusals in one line."""
 
 from __future__ import annotations
 
@@ -22,44 +22,44 @@ def key(tmp_path: Path) -> Path:
 
 
 @pytest.mark.slow
-def test_build(tmp_path: Path, short_clip: Clip, small_network: Path, run) -> None:
+def test_build_writes_the_pages_and_the_key(tmp_path: Path, short_clip: Clip, small_network: Path, run) -> None:
     for name in ("one", "two"):
         write_bvh(tmp_path / f"{name}.bvh", replace(short_clip, pose=short_clip.pose[:15]))
     given = ("--clips", tmp_path / "one.bvh", tmp_path / "two.bvh", "--model", small_network, "--jobs", 1)
-    said = run("study", "build", tmp_path / "study", *given, "--scenes", 1, "--seed", 3)
-    assert f"wrote {tmp_path / 'study' / 'site'}: 3 pairs a rater; serve this folder" in said
-    assert "Mean error of hidden joints" in said
+    output = run("study", "build", tmp_path / "study", *given, "--scenes", 1, "--seed", 3)
+    assert f"wrote {tmp_path / 'study' / 'site'}: 3 pairs a rater; serve this folder" in output
+    assert "Mean error of hidden joints" in output
     held = json.loads((tmp_path / "study" / "key.json").read_text())
     (scene,) = held["scenes"]
-    assert scene["name"] in ("one", "two") and scene["name"] in said
+    assert scene["name"] in ("one", "two") and scene["name"] in output
     assert sorted(scene["clips"].values()) == ["baseline", "ours", "truth"]
     assert len(list((tmp_path / "study" / "site" / "clips").glob("*.webp"))) == 3
 
 
-def test_simulate_and_analyze(tmp_path: Path, key: Path, run) -> None:
+def test_analyze_finds_the_preference_of_simulated_raters(tmp_path: Path, key: Path, run) -> None:
     out, numbers = tmp_path / "answers", tmp_path / "numbers.json"
     given = ("--raters", 39, "--preference", "truth=0.9,ours=0.5", "--seed", 1)
     assert run("study", "simulate", key, "-o", out, *given) == f"wrote 39 files to {out}\n"
     files = sorted(out.iterdir())
     assert [files[0].name, files[-1].name] == ["answers-simulated-001.json", "answers-simulated-039.json"]
-    said = run("study", "analyze", key, *files, "--json", numbers, "--out", tmp_path / "result")
-    assert "39 raters, 8 scenes" in said and "a scene 7" in said
+    output = run("study", "analyze", key, *files, "--json", numbers, "--out", tmp_path / "result")
+    assert "39 raters, 8 scenes" in output and "a scene 7" in output
     found = json.loads(numbers.read_text())
     for name, mean in (("truth_over_ours", 0.4), ("ours_over_baseline", 0.5), ("truth_over_baseline", 0.9)):
         assert abs(found[f"{name}_mean"] - mean) < 3.5 * found[f"{name}_standard_error"]
         assert found[f"{name}_p"] < 0.01
-        (row,) = [line for line in said.splitlines() if line.split()[:4] == ["all", *name.split("_")]]
+        (row,) = [line for line in output.splitlines() if line.split()[:4] == ["all", *name.split("_")]]
         assert f"{found[f'{name}_mean']:+.2f}" in row and "< .001  **" in row
     assert len((tmp_path / "result" / "preferences.csv").read_text().splitlines()) == 1 + 9 * 3
     with Image.open(tmp_path / "result" / "preferences.png") as image:
         assert image.format == "PNG" and min(image.size) > 400
 
 
-def test_one_rater_has_a_mean_only(tmp_path: Path, key: Path, run) -> None:
+def test_one_rater_gives_means_only(tmp_path: Path, key: Path, run) -> None:
     run("study", "simulate", key, "-o", tmp_path / "a", "--raters", 1)
     (file,) = (tmp_path / "a").iterdir()
-    said = run("study", "analyze", key, file, "--json", tmp_path / "n.json", "--out", tmp_path / "r")
-    assert "1 raters" in said and "nan" not in said
+    output = run("study", "analyze", key, file, "--json", tmp_path / "n.json", "--out", tmp_path / "r")
+    assert "1 raters" in output and "nan" not in output
     assert not any(name.endswith("_p") for name in json.loads((tmp_path / "n.json").read_text()))
 
 
@@ -67,7 +67,7 @@ def test_one_rater_has_a_mean_only(tmp_path: Path, key: Path, run) -> None:
     ("command", "message"),
     [
         (("analyze", "{key}"), "no answers are given; name at least one file that the study's page saved"),
-        (("analyze", "{key}", "{cut}"), "cut.json: not whole JSON"),
+        (("analyze", "{key}", "{cut}"), "cut.json: not complete JSON"),
         (("analyze", "{key}", "{one}", "{one}"), "rater 'simulated-001' has answered in"),
         (("analyze", "{key}", "{one}", "--json", "{folder}/no/n.json"), "the folder {folder}/no does not exist"),
         (("analyze", "{key}", "{one}", "--out", "{cut}"), "cut.json is a file); choose another --out"),
@@ -75,10 +75,13 @@ def test_one_rater_has_a_mean_only(tmp_path: Path, key: Path, run) -> None:
             ("simulate", "{key}", "-o", "{folder}/s", "--preference", "theirs=1"),
             "unknown condition 'theirs'; valid are",
         ),
-        (("simulate", "{key}", "-o", "{folder}/s", "--preference", "ours=much"), "'much' is no number; write ours=0.6"),
+        (
+            ("simulate", "{key}", "-o", "{folder}/s", "--preference", "ours=much"),
+            "'much' is not a number; write ours=0.6",
+        ),
         (("simulate", "{key}", "-o", "{folder}/s", "--raters", "0"), "--raters 0: give a whole number"),
         (("simulate", "{key}", "-o", "{folder}/s", "--seed", "-1"), "--seed -1: give a whole number"),
-        (("build", "{folder}"), "is there already; name a new folder"),
+        (("build", "{folder}"), "exists; name a new folder"),
         (("build", "{folder}/s", "--seed", "-1"), "--seed -1: give a whole number"),
         (("build", "{folder}/s", "--jobs", "0"), "--jobs 0: give a whole number"),
         (("build", "{folder}/s", "--clips", "{folder}/missing.bvh"), "missing.bvh"),
@@ -87,13 +90,15 @@ def test_one_rater_has_a_mean_only(tmp_path: Path, key: Path, run) -> None:
         (("build", "{folder}/no/s"), "the folder {folder}/no does not exist"),
     ],
 )
-def test_what_is_wrong(tmp_path: Path, key: Path, run, refused, command: tuple[str, ...], message: str) -> None:
+def test_wrong_options_and_files_are_refused(
+    tmp_path: Path, key: Path, run, refused, command: tuple[str, ...], message: str
+) -> None:
     run("study", "simulate", key, "-o", tmp_path / "answers", "--raters", 1)
     one = tmp_path / "answers" / "answers-simulated-001.json"
     cut = tmp_path / "cut.json"
     cut.write_text(one.read_text()[:200])
     before = sorted(tmp_path.rglob("*"))
     names = {"key": key, "one": one, "cut": cut, "folder": tmp_path}
-    said = refused("study", *(part.format(**names) for part in command))
-    assert message.format(**names) in said
+    output = refused("study", *(part.format(**names) for part in command))
+    assert message.format(**names) in output
     assert sorted(tmp_path.rglob("*")) == before

@@ -1,4 +1,4 @@
-"""The tables' commands, on motion of a second: what they print, write, and refuse."""
+"""Commands of UNOC's tables, on one second of motion: output, files and refusals."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from bodysense.io.clip import Clip
 
 @pytest.fixture
 def networks(untrained: Path) -> Path:
-    """Those of the tables."""
+    """Return a folder of untrained networks of the tables."""
     return untrained
 
 
 def people(folder: Path, clip: Clip, frames: int) -> Path:
-    """Write some frames of two people."""
+    """Write a few frames of two people."""
     for person, first in (("anna", 0), ("ben", 40)):
         (folder / person).mkdir(parents=True)
         write_bvh(folder / person / "a.bvh", replace(clip, pose=clip.pose[first : first + frames]))
@@ -43,7 +43,7 @@ def common(tmp_path: Path, folder: Path, *more: object) -> tuple[object, ...]:
 
 
 def check_files(tmp_path: Path, name: str, rows: int, keys: list[str]) -> dict[str, float]:
-    """CSV and picture are whole, nothing lies beside them, and the numbers have what they must; returns these."""
+    """Check that CSV, picture and numbers are complete and no other files exist; return the numbers."""
     with (tmp_path / "tables" / f"{name}.csv").open(newline="", encoding="utf-8") as file:
         table = list(csv.reader(file))
     assert len(table) == rows + 1 and {len(row) for row in table} == {len(table[0])}
@@ -62,7 +62,7 @@ def check_files(tmp_path: Path, name: str, rows: int, keys: list[str]) -> dict[s
 def test_table_1(tmp_path: Path, folder: Path, run) -> None:
     printed = run("evaluate", "unoc-table1", *common(tmp_path, folder))
     assert "UNOC, published" in printed and "2 clips of 2 people" in printed
-    assert "UNOC, on which figures were published, is missing" in printed and "licence: MIT" in printed
+    assert "UNOC, of the published figures, is missing" in printed and "licence: MIT" in printed
     numbers = check_files(tmp_path, "unoc-table1", 20, ["all_body_hidden", "all_hand_seconds", "all_self_contact"])
     assert numbers["clips"] == 2
 
@@ -81,7 +81,7 @@ def test_table_2(tmp_path: Path, folder: Path, networks: Path, small_network: Pa
         for measure in ("rmsjpe", "mpjpe")
     ]
     check_files(tmp_path, "unoc-table2", 6 * len(methods), keys)
-    # Scores are kept, so that another table does not compute them again.
+    # Scores are saved, so that another table does not compute them again.
     kept = sorted(path.name for path in networks.glob("gru.*.scores.json"))
     assert kept == ["gru.motion-all.scores.json"]
     assert "UNOC, Table 3" in run(
@@ -123,7 +123,7 @@ def test_smoothness(tmp_path: Path, folder: Path, networks: Path, small_network:
 def test_reliability_and_transitions(tmp_path: Path, waving_clip: Clip, small_network: Path, run) -> None:
     folder = people(tmp_path / "motion", waving_clip, 40)  # transitions last a second
     given = common(tmp_path, folder, "--model", small_network, "--quick")
-    assert "left out" in run("evaluate", "reliability", *given)
+    assert "--quick: a sample" in run("evaluate", "reliability", *given)
     check_files(tmp_path, "reliability", 20, ["body_correlation", "finger_bin10_error_cm", "body_bin1_expected_cm"])
     run("evaluate", "transitions", *given)
     keys = [
@@ -163,7 +163,7 @@ def test_table_6_and_finger_synthesis(tmp_path: Path, folder: Path, networks: Pa
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "message"),
     [
         (("unoc-table2", "--networks", "{tmp}/none"), "bodysense train unoc-tables --data DATA --out {tmp}/none"),
         (("unoc-table4", "--networks", "{tmp}"), "no network gru, no_occlusion, no_parent, no_bone, no_parent_no_bone"),
@@ -174,15 +174,15 @@ def test_table_6_and_finger_synthesis(tmp_path: Path, folder: Path, networks: Pa
     ],
     ids=lambda value: value[0] if isinstance(value, tuple) else "",
 )
-def test_what_cannot_be_done_is_said(tmp_path: Path, folder: Path, refused, arguments, said: str) -> None:
+def test_invalid_options_are_refused(tmp_path: Path, folder: Path, refused, arguments, message: str) -> None:
     out = () if "--out" in arguments else ("--out", tmp_path / "tables")
     given = [argument.format(tmp=tmp_path) for argument in arguments]
     text = refused("evaluate", given[0], "--data", folder, *given[1:], *out)
-    assert said.format(tmp=tmp_path) in text
+    assert message.format(tmp=tmp_path) in text
     assert not list((tmp_path / "tables").glob("*")) if (tmp_path / "tables").exists() else True
 
 
-def test_a_published_set_that_is_not_there(tmp_path: Path, refused) -> None:
-    """Which, where to get it, under which licence."""
+def test_missing_published_sets_are_refused(tmp_path: Path, refused) -> None:
+    """The message has the name of the set, its source and its licence."""
     text = refused("evaluate", "reliability", "--data", f"UNOC={tmp_path / 'none'}", "--out", tmp_path / "tables")
     assert "UNOC is missing" in text and "github.com/facebookresearch/UNOC" in text and "MIT" in text

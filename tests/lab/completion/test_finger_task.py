@@ -36,7 +36,7 @@ from bodysense_lab.completion.sequences import CAMERA, Sequence, SequenceAugment
 from bodysense_lab.completion.task import FingerTask, FingerTaskConfig
 from bodysense_lab.completion.train import train_fingers, without_person
 from bodysense_lab.completion.training_bodies import TrainingBody, with_other_hands
-from bodysense_lab.fit import launched
+from bodysense_lab.fit import launch_fabric
 from bodysense_lab.options import Schedule
 
 SMALL = FingerTaskConfig(network=FingerConfig(16, 16), streams=4, chunk=12, generated_hours=0.01)
@@ -278,7 +278,7 @@ def test_training_writes_a_network_and_refuses_other_settings(
     corpus: Corpus, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(training, "read_corpus", lambda data, split, limit: corpus)
-    fabric = launched()
+    fabric = launch_fabric()
     checkpoint = tmp_path / "fingers.ckpt"
     schedule = Schedule(steps=4, warm_up=1, check_every=2)
     options = FingerTraining(data=tmp_path, out=checkpoint, schedule=schedule, generated_hours=0.01)

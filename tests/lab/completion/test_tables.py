@@ -37,8 +37,8 @@ from bodysense_lab.completion.tables import (
 )
 from bodysense_lab.completion.tracking import PeopleTracker, TrackedMotion, TrackPeople, track_people
 from bodysense_lab.datasets import Census, DataSet
+from bodysense_lab.parallel import parallel_map
 from bodysense_lab.scoring import scored_points, suffix_of
-from bodysense_lab.spread import spread
 
 from .conftest import Oracle
 
@@ -255,7 +255,7 @@ def test_a_finger_that_is_never_tracked_changes_nothing(clips: list[Clip]) -> No
 def test_processes_share_the_work(clips: list[Clip]) -> None:
     settings = CompletionSettings(sets=("three_point",), bodies=("own", "stranger"), edges=2)
     score_with = partial(evaluate_completion, clips, settings, track=PeopleTracker(None), times=None)
-    one, two = score_with().numbers(), score_with(spread=partial(spread, jobs=2)).numbers()
+    one, two = score_with().numbers(), score_with(parallel_map=partial(parallel_map, jobs=2)).numbers()
     assert one == pytest.approx(two, nan_ok=True)
 
 

@@ -37,7 +37,7 @@ from bodysense_lab.completion.task import CompletionTask, CompletionTaskConfig
 from bodysense_lab.completion.train import completion_finger_network, train_completion
 from bodysense_lab.completion.training_bodies import TrainingBody
 from bodysense_lab.completion.weights_file import read_weights
-from bodysense_lab.fit import launched, rate_at
+from bodysense_lab.fit import launch_fabric, rate_at
 from bodysense_lab.options import Schedule
 
 FRAMES = 90
@@ -229,7 +229,7 @@ def test_keep_averages_trained_and_initial_weights(tmp_path: Path, monkeypatch: 
         schedule=Schedule(steps=1, warm_up=1, average_decay=0.0),
     )
     earlier = read_weights(PACKAGED)[0].state_dict()
-    fabric = launched(1, 1)
+    fabric = launch_fabric(1, 1)
     trained = train_completion(run, fabric).state_dict()
     mixed = train_completion(replace(run, keep=0.25), fabric).state_dict()
     assert any((trained[name] - earlier[name]).abs().max() > 1e-4 for name in trained)
@@ -239,10 +239,10 @@ def test_keep_averages_trained_and_initial_weights(tmp_path: Path, monkeypatch: 
 
 def test_without_steps_fingers_are_those_of_begin_with(tmp_path: Path) -> None:
     run = CompletionTraining(data=tmp_path, out=tmp_path / "net.safetensors", begin_with=PACKAGED, finger_steps=0)
-    kept = completion_finger_network(run, launched(1, 1)).state_dict()
+    kept = completion_finger_network(run, launch_fabric(1, 1)).state_dict()
     assert all(torch.equal(kept[name], one) for name, one in read_weights(PACKAGED)[1].state_dict().items())
     for other in (replace(run, begin_with=None), replace(run, backward=True)):
-        relaxed = completion_finger_network(other, launched(1, 1))
+        relaxed = completion_finger_network(other, launch_fabric(1, 1))
         assert not any(last.any() for last in relaxed.branch[-1].parameters())
 
 

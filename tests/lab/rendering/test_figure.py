@@ -12,7 +12,7 @@ from bodysense_lab.rendering.character import FIGURES, FigureName, load_figure
 
 
 @pytest.mark.parametrize("name", FIGURES)
-def test_in_the_t_pose_the_skin_lies_around_the_joints(name: FigureName) -> None:
+def test_in_the_t_pose_the_skin_surrounds_the_joints(name: FigureName) -> None:
     figure = load_figure(name)
     vertices, normals = figure.skin(rest_pose(figure.skeleton))
     assert np.allclose(vertices, figure.vertices, atol=1e-5)
@@ -29,10 +29,10 @@ def test_normals_point_outward(name: FigureName) -> None:
     figure = load_figure(name)
     a, b, c = (figure.vertices[figure.triangles[:, k]].astype(float) for k in range(3))
     volume = np.einsum("ij,ij->", a, np.cross(b, c)) / 6  # by the divergence theorem
-    assert 0.03 < volume < 0.15  # m³: a person weighs about a thousand times as many kilograms
+    assert 0.03 < volume < 0.15  # m³; a person has about the density of water
 
 
-def test_a_turned_body_has_a_turned_skin() -> None:
+def test_the_skin_follows_rigid_motion_of_the_body() -> None:
     figure = load_figure("man")
     bent = rest_pose(figure.skeleton)
     rng = np.random.default_rng(0)
@@ -40,8 +40,8 @@ def test_a_turned_body_has_a_turned_skin() -> None:
     turn, shift = quaternion_exp(np.array([0.4, -1.1, 0.3])), np.array([1.0, 0.2, -3.0])
     turned = bent.rotation.copy()
     turned[0] = quaternion_multiply(turn, bent.rotation[0])
-    moved = Pose(figure.skeleton, quaternion_rotate(turn, bent.root_position) + shift, turned)
-    for ours, before, offset in zip(figure.skin(moved), figure.skin(bent), (shift, 0.0), strict=True):
+    transformed = Pose(figure.skeleton, quaternion_rotate(turn, bent.root_position) + shift, turned)
+    for ours, before, offset in zip(figure.skin(transformed), figure.skin(bent), (shift, 0.0), strict=True):
         assert np.allclose(ours, quaternion_rotate(turn, before.astype(float)) + offset, atol=1e-4)
 
 
@@ -60,11 +60,11 @@ def test_the_twist_of_a_hand_spreads_along_the_forearm(side: str) -> None:
         assert abs(np.median(angle) - degrees) < 8
 
 
-def test_a_motion_keeps_its_turns_and_its_feet_on_the_floor(waving_clip: Clip) -> None:
+def test_retargeting_keeps_rotations_and_feet_on_the_floor(waving_clip: Clip) -> None:
     figure = load_figure("heavy")
-    worn = figure.wear(waving_clip.pose)
-    assert np.array_equal(worn.rotation, waving_clip.pose.rotation)
-    soles = [np.asarray(forward_kinematics(pose)[0])[..., 1].min(axis=-1) for pose in (worn, waving_clip.pose)]
+    retargeted = figure.retarget(waving_clip.pose)
+    assert np.array_equal(retargeted.rotation, waving_clip.pose.rotation)
+    soles = [np.asarray(forward_kinematics(pose)[0])[..., 1].min(axis=-1) for pose in (retargeted, waving_clip.pose)]
     assert np.abs(soles[0] - soles[1]).max() < 0.03
 
 
@@ -74,6 +74,6 @@ def test_other_joints_and_other_figures_are_refused() -> None:
         tuple(name.upper() for name in skeleton.joints), skeleton.end_sites, skeleton.parents, skeleton.rest_offset
     )
     with pytest.raises(BodysenseError, match="other joints"):
-        load_figure("man").wear(rest_pose(renamed, (2,)))
+        load_figure("man").retarget(rest_pose(renamed, (2,)))
     with pytest.raises(BodysenseError, match="unknown figure 'dog'; valid are woman, man, heavy"):
         load_figure("dog")  # type: ignore[arg-type]

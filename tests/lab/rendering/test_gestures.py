@@ -8,7 +8,7 @@ from bodysense_lab.pahmt.camera_view import view_points
 from bodysense_lab.rendering.character import FIGURES
 from bodysense_lab.rendering.take import GESTURES, RenderedTake, gesture, plan_gestures
 
-WRISTS = {  # s, and where the left wrist is then from its shoulder, in lengths of the arm
+WRISTS = {  # time in s, and position of the left wrist from its shoulder at that time, in arm lengths
     "t_pose": (2.2, (1.0, 0.0, 0.0)),
     "arms_up": (2.1, (0.22, 0.97, 0.0)),
     "arms_ahead": (2.0, (0.0, 0.0, 1.0)),
@@ -20,7 +20,7 @@ WRISTS = {  # s, and where the left wrist is then from its shoulder, in lengths 
 
 
 @pytest.mark.parametrize("name", GESTURES)
-def test_arms_are_where_the_script_has_them(name: str) -> None:
+def test_wrists_are_at_the_scripted_positions(name: str) -> None:
     clip = gesture(name)
     assert clip.category == name and clip.has_fingers and np.isfinite(clip.pose.rotation).all()
     places = clip.pose.skeleton.indices(["left_shoulder", "left_elbow", "left_wrist"])
@@ -38,7 +38,7 @@ def planned() -> list[RenderedTake]:
 
 
 def seen(take: RenderedTake, points: list[str]) -> np.ndarray:
-    """(T, P, 2) where points of the body are in the pictures."""
+    """Return the positions (T, P, 2) of points of the body in the pictures."""
     position = np.asarray(forward_kinematics(take.pose)[0])[:, take.pose.skeleton.indices(points)]
     local = (position - take.camera.position[..., None, :]) @ take.camera.axes
     return np.asarray(take.camera.focal) * local[..., :2] / -local[..., 2:]
@@ -49,7 +49,7 @@ def test_every_figure_makes_every_gesture(planned: list[RenderedTake]) -> None:
     assert {take.category for take in planned if take.moves} == {"moving_camera"}
 
 
-def test_a_webcam_sees_the_upper_half_and_a_hand_before_the_face(planned: list[RenderedTake]) -> None:
+def test_a_webcam_sees_the_upper_body_and_a_hand_before_the_face(planned: list[RenderedTake]) -> None:
     for take in (one for one in planned if one.category == "waves_at_desk"):
         head, wrist = np.moveaxis(seen(take, ["head", "left_wrist"]), 1, 0)
         assert (np.abs(head[:, 1]) < 0.5).all() and (seen(take, ["left_knee", "right_knee"])[..., 1] < -0.5).all()
@@ -66,7 +66,7 @@ def test_a_moving_camera_moves_from_the_first_picture_on(planned: list[RenderedT
         keypoints = take.keypoints()
         assert len(keypoints) == len(take.time) and keypoints.arm.shape == (len(take.time), 2, 2, 3)
         assert keypoints.has_arm.mean() > 0.9
-        # Of every picture as of a camera that stands there.
+        # Each picture equals that of a still camera at the same place.
         for frame in (0, 70):
             camera, points = take.camera_at(frame), view_points(take.pose[frame])
             upper = (points[:, 1] - points[:, 0]) @ camera.axes

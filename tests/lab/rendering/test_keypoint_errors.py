@@ -21,15 +21,15 @@ def true(waving_clip: Clip) -> ArmKeypoints:
     return view(points, waving_clip.time, camera)
 
 
-def test_there_is_no_error_in_the_truth(true: ArmKeypoints) -> None:
+def test_the_truth_has_no_errors(true: ArmKeypoints) -> None:
     figures = noise_figures([keypoint_errors(true, true)])
-    figures.pop("depth")  # nothing by nothing
+    figures.pop("depth")  # 0 / 0
     assert [figures.pop(f"{bone}_depth_kept") for bone in ARM_BONES] == pytest.approx([1.0, 1.0])
-    assert figures.pop("arm_jitter") < 0.5  # no detector is thought to say that an arm points straight at it
+    assert figures.pop("arm_jitter") < 0.5  # the detector's model flattens arms that point at the camera
     assert all(value == pytest.approx(0, abs=1e-9) for value in figures.values())
 
 
-def test_what_is_put_in_is_measured(true: ArmKeypoints) -> None:
+def test_known_errors_are_measured(true: ArmKeypoints) -> None:
     rng = np.random.default_rng(1)
     frames = len(true)
     jitter = rng.normal(0, [0.02, 0.02, 0.05], (frames, 2, 2, 3))
@@ -39,7 +39,7 @@ def test_what_is_put_in_is_measured(true: ArmKeypoints) -> None:
         true,
         arm=true.arm + jitter,
         torso=np.asarray(quaternion_multiply(turn, true.torso)),
-        hand=middle + 0.3 + 1.1 * (true.hand - middle),  # elsewhere and larger
+        hand=middle + 0.3 + 1.1 * (true.hand - middle),  # displaced and larger
         has_hand=true.has_hand & (np.arange(frames) % 4 > 0)[:, None],
     )
     flat = flattened(true.arm, np.array([0.7, 0.5]), np.array([0.0, 0.2]))
@@ -58,8 +58,8 @@ def test_what_is_put_in_is_measured(true: ArmKeypoints) -> None:
     assert figures["missed"] == pytest.approx(np.mean((np.arange(frames) % 4 == 0)[true.has_hand[:, 0]]), abs=0.02)
 
 
-def test_the_imitation_is_measured_as_it_is_set(true: ArmKeypoints) -> None:
-    """The simulated detector, told nothing else, errs by what its fields say."""
+def test_the_simulated_detector_has_the_errors_of_its_settings(true: ArmKeypoints) -> None:
+    """Measured errors of the simulated detector equal the fields of its settings."""
     quiet = DetectorNoise(
         **dict.fromkeys(("hand_shape", "blur", "missed", "missed_fast", "lost", "swapped", "arm_missed"), 0.0),
         small=1e-6,
@@ -75,14 +75,12 @@ def test_the_imitation_is_measured_as_it_is_set(true: ArmKeypoints) -> None:
     )
     parts = [keypoint_errors(detect(true, quiet, np.random.default_rng(seed)), true) for seed in range(5)]
     figures = noise_figures(parts)
-    assert figures["arm_jitter"] == pytest.approx(
-        1.0, rel=0.35
-    )  # of directions that are made unit again: a little less
+    assert figures["arm_jitter"] == pytest.approx(1.0, rel=0.35)  # a little less, because directions are normalised
     assert figures["hand_jitter"] == pytest.approx(0.01, rel=0.15)
     assert figures["missed"] == pytest.approx(0.0, abs=1e-3)
 
 
-def test_nothing_found_is_no_figure(true: ArmKeypoints) -> None:
+def test_figures_without_detections_are_nan(true: ArmKeypoints) -> None:
     nothing = replace(
         true,
         has_arm=np.zeros_like(true.has_arm),

@@ -17,7 +17,7 @@ OTHER = {"pinky": "pinky1", "index": "index1", "thumb": "thumb2"}  # landmarks b
 
 
 def posed(seed: int = 0, turn: float = 0.0) -> Pose:
-    """Somebody who stands, with arms and legs turned at random, and whole by `turn` rad."""
+    """Return a standing body with random rotations of arms and legs, turned by `turn` rad."""
     rng, pose = np.random.default_rng(seed), standing_pose(SKELETON)
     for name in ("shoulder", "elbow", "hip", "knee"):
         for side in SIDES:
@@ -30,7 +30,7 @@ def posed(seed: int = 0, turn: float = 0.0) -> Pose:
 
 
 def landmarks_of(poses: list[Pose], scale: float = 1.0) -> PersonLandmarks:
-    """What a perfect landmarker finds of bodies, of which it thinks that they are `scale` times as large."""
+    """Return exact landmarks of bodies, with lengths scaled by `scale`."""
     rows, hands = [], []
     for pose in poses:
         position, rotation = (np.asarray(part) for part in forward_kinematics(pose))
@@ -66,7 +66,7 @@ def _turned(q: np.ndarray, vector: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("scale", [0.8, 1.0, 1.3])
 @pytest.mark.parametrize("turn", [0.0, 2.5])
-def test_bodies_come_out_as_they_went_in(scale: float, turn: float) -> None:
+def test_exact_landmarks_give_the_body_back(scale: float, turn: float) -> None:
     body = LandmarkIk(SKELETON)
     for seed in range(3):
         pose = posed(seed, turn)
@@ -77,7 +77,7 @@ def test_bodies_come_out_as_they_went_in(scale: float, turn: float) -> None:
         assert float(np.degrees(geodesic_angle(found.rotation[0], pose.rotation[0]))) < 2.0
 
 
-def test_legs_out_of_sight_stand() -> None:
+def test_invisible_legs_are_straight() -> None:
     body, person = LandmarkIk(SKELETON), landmarks_of([posed(1, 0.5)])
     for name in ("knee", "ankle", "toe"):
         for side in SIDES:
@@ -92,7 +92,7 @@ def test_legs_out_of_sight_stand() -> None:
             assert bone[1] > np.cos(np.radians(15))
 
 
-def test_a_hand_that_is_not_found_lies_along_the_arms_own_landmarks() -> None:
+def test_a_missing_hand_follows_the_landmarks_of_the_arm() -> None:
     body, pose = LandmarkIk(SKELETON), posed(2)
     person = landmarks_of([pose])
     person.has_hand[...] = False

@@ -22,23 +22,29 @@ from bodysense_lab.pahmt.errors import arm_errors
 from bodysense_lab.rendering import tables as video_rendered
 from bodysense_lab.rendering.keypoint_errors import bones_of
 from bodysense_lab.rendering.scene import move_camera
-from bodysense_lab.rendering.tables import VideoTable, completed, score_videos, video_report, watch
-from bodysense_lab.rendering.take import RenderedTake, film, plan_takes, write_take
+from bodysense_lab.rendering.tables import (
+    VideoTable,
+    complete_by_all_methods,
+    find_landmarks,
+    score_videos,
+    video_report,
+)
+from bodysense_lab.rendering.take import RenderedTake, plan_takes, render_take, write_take
 
 FACE = {"nose": (0.0, 0.04, 0.13), "left_ear": (0.07, 0.06, 0.0), "right_ear": (-0.07, 0.06, 0.0)}  # m, from the head
 STANDS_FOR = {"pinky": "pinky1", "index": "index1", "thumb": "thumb2", "heel": "ankle"}
 
 
 class Still:
-    """A network that says of every window that nothing is turned."""
+    """Network that predicts identity rotations for every window."""
 
     card: ClassVar[dict[str, Any]] = {"frames": 32, "rate": 30.0, "validation": {"overall_m": 0.1, "hands_m": 0.02}}
 
     def run(self, inputs: dict[str, Any]) -> dict[str, np.ndarray]:
         assert np.isfinite(inputs["arm"]).all()
-        said = np.zeros((1, inputs["arm"].shape[1], len(ARM_JOINTS), 4))
-        said[..., 0] = 1
-        return {"rotation": said}
+        rotation = np.zeros((1, inputs["arm"].shape[1], len(ARM_JOINTS), 4))
+        rotation[..., 0] = 1
+        return {"rotation": rotation}
 
 
 MODEL = ArmModel(Still())  # type: ignore[arg-type]
@@ -50,7 +56,7 @@ def take(waving_clip: Clip) -> RenderedTake:
 
 
 def perfect(take: RenderedTake) -> PersonLandmarks:
-    """Landmarks without any error."""
+    """Return landmarks without errors."""
     position, rotation = (np.asarray(values) for values in forward_kinematics(take.pose))
     skeleton, frames = take.pose.skeleton, len(take.time)
     head = skeleton.index("head")
@@ -81,8 +87,8 @@ def perfect(take: RenderedTake) -> PersonLandmarks:
 def test_perfect_landmarks_give_fingers_but_not_twist(take: RenderedTake, completion: CompletionModel) -> None:
     table = VideoTable()
     person = perfect(take)
-    said, bones = completed(take, person, MODEL, completion)
-    table.add(take, person, said)
+    rotations, bones = complete_by_all_methods(take, person, MODEL, completion)
+    table.add(take, person, rotations)
     table.add_bones(take, bones)
     numbers = table.numbers()
     for bone in ("upper_arm", "forearm"):
@@ -92,20 +98,20 @@ def test_perfect_landmarks_give_fingers_but_not_twist(take: RenderedTake, comple
     assert numbers["detection_rate"] == numbers["hand_detection_rate"] == 1.0
     assert numbers["detector_arm_drift"] == pytest.approx(0, abs=1e-4)
     assert numbers["landmarks_ik_hands_cm"] < 1.0
-    assert numbers["landmarks_ik_overall_cm"] < 4.0  # of lengths that IK does not know, and of smoothing over time
+    assert numbers["landmarks_ik_overall_cm"] < 4.0  # IK does not know bone lengths, and smooths over time
     assert numbers["positions_ik_overall_cm"] < 0.1
     assert numbers["positions_ik_upper_arm_twist_deg"] > 2.0
     still = np.zeros((len(take.time), len(ARM_JOINTS), 4))
     still[..., 0] = 1
     errors = arm_errors(still, arms_from_torso(take.pose), take.pose.skeleton)
     for measure, values in ((name, errors[name]) for name in video_rendered.MEASURES):
-        # Landmarks lay arms where a network knows nothing; how far joints turn they do not tell.
+        # Landmarks give the directions of arms, but not their twist.
         share = numbers[f"network_{measure}"] / values.mean()
         assert {"overall_cm": share < 0.7, "hands_cm": 0.9 < share < 1.1, "arms_deg": share < 1.15}.get(measure, True)
         assert numbers[f"network_true_{measure}"] == pytest.approx(values.mean(), rel=1e-5)
 
 
-def test_the_first_second_of_a_moving_camera_counts_alone(take: RenderedTake) -> None:
+def test_the_first_second_of_a_moving_camera_is_also_scored_alone(take: RenderedTake) -> None:
     time = np.arange(len(take.time)) / 10.0  # 1.4 s
     moving = replace(take, time=time, camera=move_camera(take.camera, take.camera, len(time)), category="moving_camera")
     truth, table = bones_of(moving.pose, moving.camera), VideoTable()
@@ -120,7 +126,7 @@ def test_the_first_second_of_a_moving_camera_counts_alone(take: RenderedTake) ->
     assert "network_forearm_space_deg_main_first" not in numbers
 
 
-def test_what_was_not_found_is_counted(take: RenderedTake) -> None:
+def test_missed_people_and_hands_are_counted(take: RenderedTake) -> None:
     table, person = VideoTable(), perfect(take)
     half = np.arange(len(person)) < len(person) // 2
     person = replace(person, has_body=half, has_hand=person.has_hand & half[:, None])
@@ -133,7 +139,7 @@ def test_what_was_not_found_is_counted(take: RenderedTake) -> None:
     assert "network_arms_deg" not in numbers and "detection_rate" not in numbers
 
 
-def test_the_report_says_what_holds(take: RenderedTake) -> None:
+def test_the_report_has_remarks_and_published_rows(take: RenderedTake) -> None:
     table, truth, rest = VideoTable(), arms_from_torso(take.pose), np.zeros((len(take.time), len(ARM_JOINTS), 4))
     rest[..., 0] = 1
     methods = {"network": truth, "landmarks_ik": rest, "network_true": truth, "positions_ik": rest}
@@ -147,11 +153,11 @@ def test_the_report_says_what_holds(take: RenderedTake) -> None:
             assert f"{who}_{measure}" in report.numbers
 
 
-def test_a_video_that_does_not_fit_its_truth_is_refused(
+def test_a_video_that_does_not_match_its_truth_is_refused(
     take: RenderedTake, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     write_take(tmp_path / "take.npz", take)
-    monkeypatch.setattr(video_rendered, "watch", lambda path, files: perfect(take)[:10])
+    monkeypatch.setattr(video_rendered, "find_landmarks", lambda path, files: perfect(take)[:10])
     with pytest.raises(BodysenseError, match="the video has 10 pictures, the truth 15; render it again"):
         score_videos([tmp_path / "take.npz"], None, MODEL)  # type: ignore[arg-type]
 
@@ -164,8 +170,8 @@ def test_a_rendered_person_is_found(waving_clip: Clip, landmarkers: Path, tmp_pa
         pytest.importorskip(name)
     found = []
     for planned, scene in plan_takes(waving_clip, 2, 0.5, np.random.default_rng(2)):
-        path = film(planned, scene, tmp_path)
-        person = watch(path, find_landmarkers(landmarkers))
+        path = render_take(planned, scene, tmp_path)
+        person = find_landmarks(path, find_landmarkers(landmarkers))
         true = view(view_points(planned.pose), planned.time, planned.camera)
         assert person.has_body.mean() > 0.9
         both = person.has_hand & true.has_hand

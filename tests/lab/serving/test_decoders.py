@@ -1,4 +1,4 @@
-"""Decoders that are not ours read what goes out, as it was meant: few packets here, a million in `bench`."""
+"""Independent decoders read the server's packets: few packets here, a million in `bench packet-decoders`."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def test_wireshark_reads_every_packet() -> None:
     assert found.osc == found.wireshark > 2000
 
 
-def test_a_packet_that_is_read_otherwise_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_packet_that_is_decoded_differently_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(decoders, "_python_osc", lambda data: [])
-    with pytest.raises(BodysenseError, match="python-osc reads otherwise"):
+    with pytest.raises(BodysenseError, match="python-osc reads it differently"):
         list(decode(5, np.random.default_rng(1), None))

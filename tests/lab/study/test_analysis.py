@@ -1,4 +1,4 @@
-"""Preferences: against SciPy, by hand, and on simulated raters whose preference is known."""
+"""Preferences: compared with SciPy, computed by hand, and for simulated raters of known preference."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def key() -> StudyKey:
 
 
 @pytest.mark.parametrize("seed", range(2))
-def test_preference_against_scipy(seed: int) -> None:
+def test_preferences_equal_those_of_scipy(seed: int) -> None:
     values = np.random.default_rng(seed).choice([-1.0, 0.0, 1.0], 12, p=[0.2, 0.3, 0.5])
     ours = preference(values)
     t, p = stats.ttest_1samp(values, 0)
@@ -37,15 +37,15 @@ def test_preference_against_scipy(seed: int) -> None:
     assert ours.standard_error == pytest.approx(stats.sem(values))
 
 
-def test_votes_without_spread() -> None:
+def test_equal_votes_have_no_standard_error() -> None:
     agree, nobody, one = preference(np.ones(9)), preference(np.zeros(9)), preference(np.array([-1.0]))
     assert (agree.mean, agree.standard_error, agree.t, agree.p) == (1, 0, math.inf, 0)
     assert (nobody.mean, nobody.standard_error, nobody.p) == (0, 0, 1) and math.isnan(nobody.t)
     assert one.mean == -1 and math.isnan(one.p) and one.stars == ""
 
 
-def test_a_vote_is_for_what_was_shown(key: StudyKey) -> None:
-    """Two raters by hand: one always takes the better condition, the other the right-hand picture."""
+def test_a_vote_is_for_the_displayed_animation(key: StudyKey) -> None:
+    """One rater always chooses the better condition, the other the right-hand picture."""
     rank = {"truth": 2, "ours": 1, "baseline": 0}
 
     def better(left: str, right: str) -> Choice:
@@ -63,7 +63,7 @@ def test_a_vote_is_for_what_was_shown(key: StudyKey) -> None:
     result = analyze(key, given)
     assert result.raters == 3 and result.preferences[None][0].n == 3
     assert [one.mean for one in result.preferences[None]] == pytest.approx([1 / 3] * 3)
-    # In all scenes the paper's value is a rater's mean over scenes: 1, 0, 0.
+    # Over all scenes, as in the paper, a value is a rater's mean over scenes: 1, 0, 0.
     _, p = stats.ttest_1samp([1, 0, 0], 0)
     assert result.preferences[None][1].p == pytest.approx(p)
 
@@ -96,22 +96,22 @@ def test_without_preference_one_in_twenty_is_significant(key: StudyKey) -> None:
     ("raters", "quality", "ties", "message"),
     [
         (0, {}, 0.2, "0 raters cannot answer"),
-        (3, {"truth": 0.8, "baseline": -0.5}, 0.2, r"quality of truth less that of baseline is 1\.3; mean votes lie"),
-        (3, {"ours": math.nan}, 0.2, "mean votes lie"),
-        (3, {}, 1.5, r"ties 1\.5 is no share"),
+        (3, {"truth": 0.8, "baseline": -0.5}, 0.2, r"quality of truth minus that of baseline is 1\.3; mean votes are"),
+        (3, {"ours": math.nan}, 0.2, "mean votes are"),
+        (3, {}, 1.5, r"ties 1\.5 is not a share"),
     ],
 )
-def test_raters_that_cannot_be(key: StudyKey, raters: int, quality: dict, ties: float, message: str) -> None:
+def test_impossible_raters_are_refused(key: StudyKey, raters: int, quality: dict, ties: float, message: str) -> None:
     with pytest.raises(BodysenseError, match=message):
         simulate_answers(key, raters, quality, np.random.default_rng(0), ties)
 
 
-def test_numbers_and_csv(tmp_path: Path, key: StudyKey) -> None:
+def test_numbers_and_csv_have_every_comparison(tmp_path: Path, key: StudyKey) -> None:
     result = analyze(key, simulate_answers(key, 10, {"truth": 1.0}, np.random.default_rng(2)))
     numbers = result.numbers()
     assert (numbers["raters"], numbers["scenes"]) == (10, 4)
     assert numbers["truth_over_baseline_mean"] == 1 and numbers["truth_over_baseline_p"] == 0
-    assert "truth_over_baseline_t" not in numbers, "what is infinite is left out"
+    assert "truth_over_baseline_t" not in numbers, "infinite figures are omitted"
     assert numbers["scene2_ours_over_baseline_p"] == result.preferences["scene2"][1].p
     json.loads(json.dumps(numbers, allow_nan=False))
     write_csv(tmp_path / "p.csv", result)

@@ -1,4 +1,4 @@
-"""The pages of a study: their script draws the same orders as Python, and a browser goes through them."""
+"""Pages of a study: their script draws the orders that Python draws, and they work in a browser."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ def key_of(scenes: int) -> StudyKey:
 
 
 @pytest.mark.skipif(NODE is None, reason="node is not installed")
-def test_the_script_draws_the_same_orders() -> None:
+def test_the_script_and_python_draw_equal_orders() -> None:
     keys = [key_of(scenes) for scenes in (1, 2, 5, 8)]
-    told = [{"study": key.study, "scenes": [scene.ring for scene in key.scenes]} for key in keys]
+    studies = [{"study": key.study, "scenes": [scene.ring for scene in key.scenes]} for key in keys]
     code = """
       const page = require(process.argv[1]);
       const { studies, raters } = JSON.parse(process.argv[2]);
@@ -47,31 +47,31 @@ def test_the_script_draws_the_same_orders() -> None:
         file: page.answersFile(studies[0], state),
       }));
     """
-    given = json.dumps({"studies": told, "raters": RATERS})
+    given = json.dumps({"studies": studies, "raters": RATERS})
     assert NODE is not None
     done = subprocess.run([NODE, "-e", code, str(SCRIPT), given], capture_output=True, text=True, check=True)
-    said = json.loads(done.stdout)
+    drawn_by_page = json.loads(done.stdout)
     drawn = numbers("böse 🙂")
-    assert said["numbers"] == [next(drawn) for _ in range(100)]
-    for key, of_study in zip(keys, said["pairs"], strict=True):
+    assert drawn_by_page["numbers"] == [next(drawn) for _ in range(100)]
+    for key, of_study in zip(keys, drawn_by_page["pairs"], strict=True):
         for rater, pairs in zip(RATERS, of_study, strict=True):
             assert [tuple(pair) for pair in pairs] == pairs_for(key, rater)
-    rows = [(row["left"], row["right"], row["choice"]) for row in said["file"]["answers"]]
+    rows = [(row["left"], row["right"], row["choice"]) for row in drawn_by_page["file"]["answers"]]
     wanted = zip(pairs_for(keys[0], "1"), ("left", "none", "right"), strict=True)
     assert rows == [(left, right, choice) for (left, right), choice in wanted]
 
 
-def test_what_is_written(tmp_path: Path) -> None:
+def test_the_page_contains_only_opaque_names(tmp_path: Path) -> None:
     key = key_of(2)
     clips = write_study_page(tmp_path, "</script>", [scene.ring for scene in key.scenes])
     assert clips == tmp_path / "clips" and clips.is_dir()
     assert sorted(path.name for path in tmp_path.iterdir() if path.is_file()) == sorted(FILES)
     page = (tmp_path / "index.html").read_text()
-    (told,) = re.findall(r'<script id="study" type="application/json">(.*?)</script>', page)
-    assert json.loads(told) == {"study": "</script>", "scenes": [list(scene.ring) for scene in key.scenes]}
+    (data,) = re.findall(r'<script id="study" type="application/json">(.*?)</script>', page)
+    assert json.loads(data) == {"study": "</script>", "scenes": [list(scene.ring) for scene in key.scenes]}
     for name in FILES:
         text = (tmp_path / name).read_text()
-        assert not re.search(r"https?://|//cdn|@import", text), "nothing is fetched from elsewhere"
+        assert not re.search(r"https?://|//cdn|@import", text), "nothing is fetched from other hosts"
 
 
 DRIVER = """
@@ -126,8 +126,8 @@ DRIVER = """
 
 @pytest.mark.slow
 @pytest.mark.skipif(BROWSER is None, reason="no Chromium is installed")
-def test_a_browser_goes_through_the_pages(tmp_path: Path) -> None:
-    """By keys and by buttons, with a reload and an answer taken back; what is too early does not count."""
+def test_the_pages_work_in_a_browser(tmp_path: Path) -> None:
+    """Answers by keys and buttons, with a reload and a withdrawn answer; answers that are too early do not count."""
     key, site = key_of(2), tmp_path / "site"
     site.mkdir()
     clips = write_study_page(site, key.study, [scene.ring for scene in key.scenes])
@@ -146,21 +146,21 @@ def test_a_browser_goes_through_the_pages(tmp_path: Path) -> None:
             check=True,
             timeout=120,
         )
-    (said,) = re.findall(r"<pre>(.*)</pre>", done.stdout, re.DOTALL)
-    result = json.loads(html.unescape(said))
+    (printed,) = re.findall(r"<pre>(.*)</pre>", done.stdout, re.DOTALL)
+    result = json.loads(html.unescape(printed))
     (tmp_path / "answers.json").write_text(result["text"])
     answers = read_answers(tmp_path / "answers.json", key)
     wanted = [("left", "right", "none")[k % 3] for k in range(6)]
     assert answers.given == tuple((*pair, choice) for pair, choice in zip(pairs_for(key, "r1"), wanted, strict=True))
     assert result["name"] == "answers-r1.json"
-    places = [1, 2, 2, 3, 3, 4, 5, 4, 5, 6]  # replayed, reloaded, taken back
+    places = [1, 2, 2, 3, 3, 4, 5, 4, 5, 6]  # replayed, reloaded, withdrawn
     assert result["log"][0] == "begins with 6 pairs" and result["log"][-1] == "1 0 true"
     assert result["log"][1:-1] == [f"Pair {place} of 6: 36,36" for place in places]
 
 
 @contextmanager
 def served(folder: Path) -> Iterator[str]:
-    """A web server for a folder, as long as the block runs."""
+    """Serve a folder by HTTP while the block runs."""
 
     class Quiet(SimpleHTTPRequestHandler):
         def log_message(self, format: str, *args: object) -> None:

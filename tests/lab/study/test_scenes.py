@@ -1,4 +1,4 @@
-"""Building a study: what each condition is, how scenes are cut, what is served and what is not."""
+"""Building a study: conditions, scenes, and served files."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def clip(waving_clip: Clip) -> Clip:
     return replace(waving_clip, pose=waving_clip.pose[:60])
 
 
-def test_conditions(clip: Clip, settings: StudySettings) -> None:
+def test_conditions_are_truth_and_two_completions(clip: Clip, settings: StudySettings) -> None:
     motion = complete_clip(clip, settings)
     position = {name: np.asarray(forward_kinematics(pose)[0]) for name, pose in motion.pose.items()}
     truth, skeleton = np.asarray(forward_kinematics(clip.pose)[0]), clip.pose.skeleton
@@ -40,7 +40,7 @@ def test_conditions(clip: Clip, settings: StudySettings) -> None:
     for name in ("ours", "baseline"):
         bones = np.linalg.norm(position[name][:, 1:] - position[name][:, list(skeleton.parents[1:])], axis=-1)
         np.testing.assert_allclose(bones, np.tile(skeleton.bone_length[1:], (60, 1)), atol=1e-6)
-        # The head is always tracked, by all methods alike, so that it does not reveal the method.
+        # All methods track the head equally, so that it does not reveal the method.
         head = skeleton.index("head")
         assert np.linalg.norm(position[name][:, head] - truth[:, head], axis=-1).max() < 0.15
     seen = observe(clip.pose, clip.time, HEADSET_CAMERA).has_position
@@ -49,8 +49,8 @@ def test_conditions(clip: Clip, settings: StudySettings) -> None:
     assert motion.hidden.shape == (60, 14)
 
 
-def test_scenes_are_the_clip_in_pieces(clip: Clip, settings: StudySettings) -> None:
-    """Each is as long as the others and not too long, and none begins cold: the tracker has run through the clip."""
+def test_scenes_are_pieces_of_the_completed_clip(clip: Clip, settings: StudySettings) -> None:
+    """Scenes have equal lengths, and the tracker has run through the whole clip."""
     whole = complete_clip(clip, settings)
     scenes = cut_scenes(whole, 0.7)
     assert [(scene.name, len(scene.hidden)) for scene in scenes] == [(f"waving-{k}", 20) for k in (1, 2, 3)]
@@ -64,7 +64,7 @@ def test_scenes_are_the_clip_in_pieces(clip: Clip, settings: StudySettings) -> N
 
 
 @pytest.mark.slow
-def test_what_is_served(tmp_path: Path, clip: Clip, settings: StudySettings) -> None:
+def test_served_files_do_not_reveal_the_key(tmp_path: Path, clip: Clip, settings: StudySettings) -> None:
     steps: list[tuple[int, int]] = []
     out = tmp_path / "study"
     key, scenes = build_study(
@@ -77,20 +77,20 @@ def test_what_is_served(tmp_path: Path, clip: Clip, settings: StudySettings) -> 
     clips = sorted(f"site/clips/{clip}.webp" for clip in key.scene_of)
     assert served == ["key.json", *clips, "site/index.html", "site/study.js", "site/style.css"]
     for scene, motion in zip(key.scenes, scenes, strict=True):
-        shown = [out / "site" / "clips" / f"{clip}.webp" for clip in scene.ring]
-        assert len({hashlib.sha256(path.read_bytes()).digest() for path in shown}) == 3
-        for path in shown:
+        paths = [out / "site" / "clips" / f"{clip}.webp" for clip in scene.ring]
+        assert len({hashlib.sha256(path.read_bytes()).digest() for path in paths}) == 3
+        for path in paths:
             with Image.open(path) as image:
                 assert image.size == (24, 30) and 0 < getattr(image, "n_frames", 1) <= len(motion.hidden)
     text = (out / "site" / "index.html").read_text()
     assert key.study in text and not any(word in text for word in ("truth", "baseline", "waving"))
     assert [path.name for path in tmp_path.iterdir()] == ["study"]
 
-    with pytest.raises(BodysenseError, match="study is there already; name a new folder, so that no study loses its"):
+    with pytest.raises(BodysenseError, match="study exists; name a new folder, so that no study loses its"):
         build_study(out, [clip], settings, np.random.default_rng(0), 1, lambda *_: None)
 
 
-def test_nothing_is_left_of_a_study_that_failed(tmp_path: Path, clip: Clip, settings: StudySettings) -> None:
+def test_a_failed_study_leaves_no_files(tmp_path: Path, clip: Clip, settings: StudySettings) -> None:
     def stop(done: int, of: int) -> None:
         if done:
             raise KeyboardInterrupt

@@ -1,4 +1,4 @@
-"""A study's key, each rater's order, and answers: balanced, blind, read back, and refused when they do not fit."""
+"""Key of a study, orders of raters, and answers: balanced, blind, read back, and refused if they do not match."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def answered(key: StudyKey, rater: str) -> Answers:
 
 
 def test_the_generator_is_mulberry32() -> None:
-    """The text whose FNV-1a hash is known (draft-eastlake-fnv, 32 bits), and Mulberry32 written out again."""
+    """Compare with a published FNV-1a hash (draft-eastlake-fnv, 32 bits) and a second implementation of Mulberry32."""
     state = 0xBF9CF968  # FNV-1a of "foobar"
     drawn = numbers("foobar")
     for _ in range(5):
@@ -51,8 +51,8 @@ def test_the_generator_is_mulberry32() -> None:
 
 
 @pytest.mark.parametrize("scenes", [1, 2, 3, 8])
-def test_every_pair_once_and_balanced(scenes: int) -> None:
-    """As in the paper, each rater sees every technique as often on the left as on the right."""
+def test_every_pair_appears_once_and_sides_are_balanced(scenes: int) -> None:
+    """As in the paper, each rater sees every technique equally often on the left and on the right."""
     key = key_of(scenes)
     for rater in ("1", "2", "böse 🙂", ""):
         pairs = pairs_for(key, rater)
@@ -70,20 +70,20 @@ def test_order_and_sides_differ_between_raters() -> None:
     orders = [pairs_for(key, f"r{k}") for k in range(400)]
     assert pairs_for(key, "r7") == orders[7] and len({tuple(order) for order in orders}) > 390
     start = Counter(frozenset(order[0]) for order in orders)
-    # Every of the 12 pairs comes first with a chance of 1/12, either way round with 1/2: four standard deviations.
+    # Each of the 12 pairs is first with probability 1/12, in each order with 1/2; bounds of four standard deviations.
     assert len(start) == 12 and max(abs(n - 400 / 12) for n in start.values()) < 4 * np.sqrt(400 * 11) / 12
     one = min(start, key=sorted)
     left = sum(min(one) == left for order in orders for left, right in order if {left, right} == one)
     assert abs(left - 200) < 4 * 10
 
 
-def test_names_betray_nothing() -> None:
+def test_names_do_not_reveal_conditions() -> None:
     key = key_of(60)
     clips = [clip for scene in key.scenes for clip in scene.ring]
     assert len(set(clips)) == 180 and all(len(clip) == 12 and int(clip, 16) >= 0 for clip in clips)
     assert key_of(60) == key and key_of(60, seed=1).study != key.study
     places = Counter((scene.ring.index(clip), c) for scene in key.scenes for clip, c in scene.condition.items())
-    assert len(places) == 9 and min(places.values()) > 8, "any condition stands anywhere in the ring"
+    assert len(places) == 9 and min(places.values()) > 8, "every condition has every position in the ring"
 
 
 def test_key_and_answers_are_read_back(tmp_path: Path) -> None:
@@ -108,14 +108,14 @@ def other_scene(held: dict[str, Any]) -> None:
     [
         (
             lambda held: held.update(study="elsewhere"),
-            r"answers of study 'elsewhere', the key is of '\w{12}'; give the key beside which",
+            r"answers of study 'elsewhere', the key is of '\w{12}'; give the key that was written",
         ),
         (lambda held: held["answers"][0].update(left="0123456789ab"), "no animation '0123456789ab' is in the study"),
         (other_scene, "are not a pair of one scene"),
         (lambda held: held["answers"].append(held["answers"][0]), "is answered twice"),
         (lambda held: held["answers"].pop(), "5 of 6 pairs are answered; let the rater finish, or leave the file out"),
         (lambda held: held["answers"][0].update(choice="both"), "unknown choice 'both'; valid are left, right, none"),
-        (lambda held: held.update(rater=7), "something else than text"),
+        (lambda held: held.update(rater=7), "other values than texts"),
         (lambda held: held["answers"][2].pop("choice"), r"lack or misshape a part \(KeyError\('choice'\)\)"),
         (
             lambda held: held.update(format="bodysense recording 1"),
@@ -123,7 +123,9 @@ def other_scene(held: dict[str, Any]) -> None:
         ),
     ],
 )
-def test_answers_that_do_not_fit(tmp_path: Path, spoil: Callable[[dict[str, Any]], None], message: str) -> None:
+def test_answers_that_do_not_match_the_key_are_refused(
+    tmp_path: Path, spoil: Callable[[dict[str, Any]], None], message: str
+) -> None:
     key, path = key_of(2), tmp_path / "a.json"
     write_answers(path, answered(key, "a"))
     held = json.loads(path.read_text())
@@ -145,7 +147,7 @@ def test_answers_that_do_not_fit(tmp_path: Path, spoil: Callable[[dict[str, Any]
         ({"format": "bodysense study answers 1"}, "not 'bodysense study key 1'; give the key.json"),
     ],
 )
-def test_keys_that_are_none(tmp_path: Path, change: dict[str, Any], message: str) -> None:
+def test_other_files_are_refused_as_keys(tmp_path: Path, change: dict[str, Any], message: str) -> None:
     path = tmp_path / "key.json"
     write_key(path, key_of(2))
     path.write_text(json.dumps(json.loads(path.read_text()) | change))

@@ -1,4 +1,4 @@
-"""Hands cut from recordings: both of every clip with fingers, at the rate asked for, where the body has them."""
+"""Hands cut from recordings: both hands of every clip with fingers, at the requested rate, in the body's place."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from bodysense_lab.clips import open_clips
 from bodysense_lab.synthesis.motion import hand_motions, hand_pairs
 
 
-def test_both_hands_stand_where_the_recording_has_them(waving_clip: Clip) -> None:
-    """At a multiple of the rate, every second frame is the recording's."""
+def test_both_hands_keep_the_positions_of_the_recording(waving_clip: Clip) -> None:
+    """At twice the recording's rate, every second frame equals a frame of the recording."""
     clip = replace(waving_clip, category="everyday")
     ((left, right),) = hand_pairs([clip], rate=60.0)
     assert (left.side, right.side, left.name, right.category) == ("left", "right", "waving", "everyday")
@@ -30,13 +30,13 @@ def test_both_hands_stand_where_the_recording_has_them(waving_clip: Clip) -> Non
         np.testing.assert_allclose(found[::2], position[:, points], atol=1e-9)
 
 
-def test_clips_without_fingers_are_left_out(waving_clip: Clip) -> None:
+def test_clips_without_fingers_are_omitted(waving_clip: Clip) -> None:
     clips = [waving_clip, replace(waving_clip, has_fingers=False), waving_clip]
     assert [motion.side for motion in hand_motions(clips)] == ["left", "right"] * 2
 
 
 def test_recorded_hands_keep_to_the_26_degrees_of_freedom(motion_data: Path) -> None:
-    """Of real hands the 26 angles leave little out, and nearly all lie within the limits."""
+    """Nearly all angles of recorded hands are within the limits."""
     clips = open_clips(motion_data / "rocketbox", "test", at_most=3)
     angles = np.concatenate([angles_of(motion.pose.rotation[:, 1:]) for motion in hand_motions(clips)])
     low, high = limits()

@@ -20,7 +20,7 @@ from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.papers.point_model import load_point_model
 from bodysense_lab.clips import open_clips
-from bodysense_lab.datasets import Census, DataSet, census_of, gathered
+from bodysense_lab.datasets import Census, DataSet, census_of, gather_results
 from bodysense_lab.unoc.finger_scores import (
     METHODS,
     Examples,
@@ -106,7 +106,7 @@ def test_the_packaged_upper_body_beats_inverse_kinematics(motion_data: Path) -> 
     model = load_upper_body()
     clips = [clip for clip in islice(open_clips(motion_data, "test", ("talk_gesture", "everyday")), 0, 60, 4)]
     methods = {"network": lambda skeleton: LearnedUpperBody(skeleton, model), "ik": UpperBodyIk}
-    found, _ = gathered(partial(upper_body_errors, methods=methods), clips, 1, lambda clip: None)
+    found, _ = gather_results(partial(upper_body_errors, methods=methods), clips, 1, lambda clip: None)
     for joints in ("neck", "shoulders", "elbows"):
         network, ik = (found["main", ("all", joints), method, "error"].rmsjpe for method in ("network", "ik"))
         assert network < 0.75 * ik, joints

@@ -18,7 +18,7 @@ from bodysense.devices.simulated.sensors import THREE_POINT, observe
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
 from bodysense.observation import Observation
-from bodysense_lab.datasets import DataSet, gathered
+from bodysense_lab.datasets import DataSet, gather_results
 from bodysense_lab.unoc.upper_body_ik import UpperBodyIk
 from bodysense_lab.unoc.upper_body_table import MakeEstimator, is_standing, upper_body_errors, upper_body_report
 
@@ -51,7 +51,7 @@ def shifted(clip: Clip, **error: float) -> dict[str, float]:
 
 
 def numbers_of(clips: list[Clip], methods: Mapping[str, MakeEstimator]) -> dict[str, float]:
-    found, census = gathered(partial(upper_body_errors, methods=methods), clips, 1, lambda clip: None)
+    found, census = gather_results(partial(upper_body_errors, methods=methods), clips, 1, lambda clip: None)
     return upper_body_report(found, census, DataSet("motion", Path("motion"))).numbers
 
 

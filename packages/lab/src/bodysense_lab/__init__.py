@@ -1,1 +1,1 @@
-"""The laboratory: everything that trains, scores or reproduces; the library never imports it."""
+"""Laboratory: trainings, tables, benchmarks and studies. The library never imports it."""

@@ -1,9 +1,9 @@
-"""Protocol 1 of AvatarPoser on AMASS: its published split, one body for everybody, and the measures of later papers.
+"""Protocol 1 of AvatarPoser on AMASS: its published split, one body for all people, and the measures of later papers.
 
 Jiang et al., AvatarPoser, ECCV 2022: CMU, BMLrub and HDM05 at 60 Hz, split by the file names in `data_split` of
-github.com/eth-siplab/AvatarPoser; the same people are in both parts. Everybody has the mean body of one model (no
-`betas`), 22 joints. The measures are those of AGRoL (Du et al., CVPR 2023): means over frames and joints of a clip,
-then over clips, with the predicted head moved to the true one.
+github.com/eth-siplab/AvatarPoser. The same people are in both parts. All people have the mean body of one model
+(without `betas`), with 22 joints. The measures are those of AGRoL (Du et al., CVPR 2023): means over frames and joints
+of a clip, then over clips, with the predicted head moved to the true one.
 """
 
 from __future__ import annotations
@@ -37,13 +37,13 @@ from bodysense_lab.scoring import Tally
 from bodysense_lab.table import Cell, Report
 
 RATE = 60.0  # Hz
-SETS = {  # folder of the lists: folders of AMASS's releases
+SET_FOLDERS = {  # folder of the lists: folders of AMASS's releases
     "CMU": ("CMU",),
     "BioMotionLab_NTroje": ("BioMotionLab_NTroje", "BMLrub"),
     "MPI_HDM05": ("MPI_HDM05", "HDM05"),
 }
-WATCHED = 0.05  # share of the training files that a training watches and does not learn from
-PLACES = {  # joints of the position errors
+VALIDATION_SHARE = 0.05  # share of the training files that are the validation split
+JOINT_GROUPS = {  # joints of the position errors
     "mpjpe_cm": BODY,
     "hand_cm": ("left_wrist", "right_wrist"),
     "upper_cm": tuple(name for name in BODY if name not in LOWER_BODY),
@@ -61,19 +61,19 @@ COLUMNS = {
     "jitter": "jitter",
 }
 _PARTS: tuple[tuple[str, Split], ...] = (("train", "train"), ("test", "test"))
-_ENDING = re.compile(r"(poses|stageii)$")  # of a name, in the first releases and the newer ones
+_NAME_ENDING = re.compile(r"(poses|stageii)$")  # of a name, in the first releases and the newer ones
 
 
 def listed_sources(directory: Path, lists: Path) -> tuple[list[Source], int]:
-    """Return the files of AMASS in `directory` that the lists name, with their split, and how many are not there.
+    """Return the files of AMASS in `directory` that the lists name, with their split, and the number of missing files.
 
-    Names agree in spite of the releases' spellings: `_poses` and `_stageii`, spaces and underscores. A twentieth of the
-    training files, by the hash of the name, is the validation split. Raises BodysenseError, with the fix, if a list is
-    missing or no file of the training or the test list is found.
+    Differences of spelling between AMASS's releases are ignored: `_poses` and `_stageii`, spaces and underscores. A
+    twentieth of the training files, by the hash of the name, is the validation split. Raises BodysenseError if a list
+    is missing, or if no file of the training or of the test list is found.
     """
-    there = {
-        (name, *_spelling(path.relative_to(directory / folder))): path
-        for name, folders in SETS.items()
+    files = {
+        (name, *_normalized_path(path.relative_to(directory / folder))): path
+        for name, folders in SET_FOLDERS.items()
         for folder in folders
         for path in (directory / folder).rglob("*.npz")
     }
@@ -81,20 +81,20 @@ def listed_sources(directory: Path, lists: Path) -> tuple[list[Source], int]:
     missing = 0
     for part, split in _PARTS:
         found = len(sources)
-        for name in SETS:
+        for name in SET_FOLDERS:
             for line in _lines(lists / name / f"{part}_split.txt"):
-                inside = _inside(line, name)
-                path = there.get((name, *_spelling(inside)))
+                path_in_set = _path_in_set(line, name)
+                path = files.get((name, *_normalized_path(path_in_set)))
                 if path is not None:
-                    watched = split == "train" and _share(inside.as_posix()) < WATCHED
-                    person = f"{name}_{inside.parts[0]}"
-                    sources.append(Source(path, person, "val" if watched else split))
-                elif inside.name != "shape.npz":  # a body's shape, no motion
+                    is_validation = split == "train" and _hash_fraction(path_in_set.as_posix()) < VALIDATION_SHARE
+                    person = f"{name}_{path_in_set.parts[0]}"
+                    sources.append(Source(path, person, "val" if is_validation else split))
+                elif path_in_set.name != "shape.npz":  # it contains a body's shape, no motion
                     missing += 1
         if len(sources) == found:
             raise BodysenseError(
-                f"{directory}: no file of the {part} lists of {lists} is there; give the folder that holds AMASS's "
-                f"{', '.join(SETS)} (or {', '.join(folders[-1] for folders in SETS.values())})"
+                f"{directory}: no file of the {part} lists of {lists} is in it; give the folder that contains AMASS's "
+                f"{', '.join(SET_FOLDERS)} (or {', '.join(folders[-1] for folders in SET_FOLDERS.values())})"
             )
     return sources, missing
 
@@ -110,20 +110,22 @@ def _lines(path: Path) -> list[str]:
     return [line.strip() for line in lines if line.strip()]
 
 
-def _inside(line: str, name: str) -> PurePosixPath:
-    """Return the path of a line below the folder of its set."""
+def _path_in_set(line: str, name: str) -> PurePosixPath:
+    """Return the path of a listed file, relative to the folder of its set."""
     parts = PurePosixPath(line).parts
     if name not in parts[:-1]:
-        raise BodysenseError(f"--split-lists: {line!r} names no file in a folder {name}; mend or download the list")
+        raise BodysenseError(
+            f"--split-lists: {line!r} is not a file in a folder {name}; correct the list, or download it again"
+        )
     return PurePosixPath(*parts[parts.index(name) + 1 :])
 
 
-def _spelling(path: Path | PurePosixPath) -> tuple[str, ...]:
+def _normalized_path(path: Path | PurePosixPath) -> tuple[str, ...]:
     plain = [re.sub(r"[\W_]", "", part.lower()) for part in path.with_suffix("").parts]
-    return (*plain[:-1], _ENDING.sub("", plain[-1]))
+    return (*plain[:-1], _NAME_ENDING.sub("", plain[-1]))
 
 
-def _share(name: str) -> float:
+def _hash_fraction(name: str) -> float:
     return int.from_bytes(hashlib.sha256(name.encode()).digest()[:8], "big") / 2**64
 
 
@@ -139,7 +141,7 @@ def read_clip(source: Source, model: Path | None) -> Clip:
 
 
 def score_source(source: Source, model: Path | None, track: TrackPeople) -> dict[str, float]:
-    """Return the measures of a file's motion, tracked from head and hands, frame after frame, on its known body."""
+    """Return the measures of a file's motion, tracked from head and hands frame by frame, on its known body."""
     clip = read_clip(source, model)
     pose = clip.pose
     truth = np.asarray(forward_kinematics(pose)[0])[:, :22]
@@ -155,11 +157,12 @@ def measure(
     head = BODY.index("head")
     position = position - position[:, [head]] + true_position[:, [head]]
     error = joint_error(position, true_position)
-    found = {key: float(error[:, [BODY.index(one) for one in names]].mean()) for key, names in PLACES.items()}
-    apart = quaternion_log(true_rotation[:, 1:]) - quaternion_log(rotation[:, 1:])  # of 21 joints: without the root
-    apart = quaternion_log(quaternion_exp(apart))
+    found = {key: float(error[:, [BODY.index(one) for one in names]].mean()) for key, names in JOINT_GROUPS.items()}
+    # 21 joints, without the root.
+    difference = quaternion_log(true_rotation[:, 1:]) - quaternion_log(rotation[:, 1:])
+    difference = quaternion_log(quaternion_exp(difference))
     return found | {
-        "mpjre_deg": float(np.degrees(np.abs(apart)).mean()),
+        "mpjre_deg": float(np.degrees(np.abs(difference)).mean()),
         "mpjve_cm_s": velocity_error(position, true_position, RATE),
         "jitter": jitter(position, RATE),
         "truth_jitter": jitter(true_position, RATE),
@@ -167,14 +170,14 @@ def measure(
 
 
 def mpjpe_interval(people: Sequence[str], scores: Sequence[dict[str, float]]) -> Interval:
-    """Return the mean MPJPE over clips and its interval, drawn over people; `people` are those of the clips."""
+    """Return the mean MPJPE over clips, cm, and its bootstrap interval; `people` has the person of each clip."""
     errors = Tally()
     for person, one in zip(people, scores, strict=True):
         errors.add(np.array(one["mpjpe_cm"]), person)
     return errors.interval()
 
 
-def report_of(scores: Sequence[dict[str, float]], remarks: Sequence[str], network: str) -> Report:
+def protocol_report(scores: Sequence[dict[str, float]], remarks: Sequence[str], network: str) -> Report:
     """Return the table: means over clips, next to the published figures."""
     means = {key: float(np.mean([one[key] for one in scores])) for key in scores[0]}
     none: tuple[Cell, ...] = (None,) * 4

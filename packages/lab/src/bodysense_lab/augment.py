@@ -1,4 +1,4 @@
-"""Augmentation: other body shapes and directions from the same motion, on clips in canonical form."""
+"""Augmentation of clips in canonical form: mirrored motion and other limb proportions."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from bodysense.body.pose import Pose
 from bodysense.body.skeleton import Skeleton
 from bodysense.io.clip import Clip
 
-# Bones that grow together, left and right alike, by the joint or end site that ends the bone.
+# Bones that are scaled together, left and right alike; each is named by the joint or end site at its end.
 LIMBS = {
     "hips": ("hip",),
     "legs": ("knee", "ankle"),
@@ -25,22 +25,23 @@ SPREAD_LIMIT = 2.5  # standard deviations
 
 
 def mirrored(clip: Clip) -> Clip:
-    """Mirror the clip at the plane x = 0: left and right are exchanged, on the mirrored body."""
+    """Mirror the clip and its body at the plane x = 0; left and right are exchanged."""
     pose, skeleton = clip.pose, clip.pose.skeleton
     partner = skeleton.mirror
     flip = np.array([-1.0, 1.0, 1.0])
     other = skeleton.with_offsets(skeleton.rest_offset[partner] * flip)
-    # A rotation in a mirror: its axis is mirrored, its sense reversed.
+    # Mirroring a rotation mirrors its axis and reverses its angle.
     rotation = pose.rotation[..., partner[: len(skeleton.joints)], :] * np.array([1.0, 1.0, -1.0, -1.0])
     return replace(clip, pose=Pose(other, pose.root_position * flip, rotation))
 
 
 def with_limb_proportions(clip: Clip, spread: float, rng: np.random.Generator) -> Clip:
-    """Scale each group of `LIMBS` by a random factor of its own; rotations are unchanged.
+    """Scale each group of `LIMBS` by its own random factor; rotations are unchanged.
 
-    `spread` is the standard deviation of the factors' logarithm, cut at `SPREAD_LIMIT` of it (0.03 to 0.05 is how
-    adults differ in a limb's share of their height). Left and right stay alike. The root's path is scaled with the
-    length of the legs, so that feet stay on the ground and slide little; hands that touched something may leave it.
+    `spread` is the standard deviation of the factors' logarithm, which is clipped at `SPREAD_LIMIT` standard
+    deviations. Adults differ by 0.03 to 0.05 in a limb's share of their height. Left and right remain equal. The
+    root's path is scaled with the length of the legs, so that feet stay on the ground and slide little. Hands that
+    touched something may no longer do so.
     """
     skeleton = clip.pose.skeleton
     deviation = np.clip(rng.standard_normal(len(LIMBS)), -SPREAD_LIMIT, SPREAD_LIMIT)
@@ -56,11 +57,11 @@ def with_limb_proportions(clip: Clip, spread: float, rng: np.random.Generator) -
 
 
 def _part(name: str) -> str:
-    """A point's name without its side."""
+    """Return a point's name without its side."""
     side, _, rest = name.partition("_")
     return rest if side in ("left", "right") else name
 
 
 def _leg_length(skeleton: Skeleton) -> float:
-    """Return how far the lowest point is below the pelvis in the rest pose, metres."""
+    """Return the height of the pelvis above the lowest point in the rest pose, m."""
     return float(-(skeleton.path @ skeleton.rest_offset)[:, 1].min())

@@ -1,4 +1,4 @@
-"""Charts: groups of bars, with errors as in UNOC's Fig. 6 or next to published figures, and lines."""
+"""Charts: lines, and groups of bars with errors (as in UNOC's Fig. 6) or next to published figures."""
 
 from __future__ import annotations
 
@@ -18,27 +18,27 @@ COLORS = ("#5b7fa6", "#1b7f79", "#c98a2b")
 
 @dataclass(frozen=True)
 class Bars:
-    """One colour of bars, one bar a group."""
+    """Bars of one colour, one in each of G groups."""
 
     label: str
-    height: np.ndarray  # (G,) NaN draws none
-    error: np.ndarray  # (G,) drawn up and down; NaN draws none
-    mark: tuple[str, ...]  # (G,) text beyond the error
+    height: np.ndarray  # (G,); NaN: no bar
+    error: np.ndarray  # (G,) drawn up and down; NaN: no error bar
+    mark: tuple[str, ...]  # (G,) text beyond the error bar
 
 
 @dataclass(frozen=True)
 class BarPanel:
-    """One row of a chart: groups of bars, and what their heights are."""
+    """One row of a chart with groups of bars."""
 
     title: str
     groups: tuple[str, ...]
     series: tuple[Bars, ...]  # up to three
-    measure: str
+    measure: str  # label of the vertical axis
 
 
 @dataclass(frozen=True)
 class Line:
-    """One line."""
+    """One line of a chart."""
 
     label: str
     x: np.ndarray  # (N,)
@@ -47,25 +47,25 @@ class Line:
 
 @dataclass(frozen=True)
 class LinePanel:
-    """One row of a chart: lines over one quantity, with a legend of their own."""
+    """One row of a chart with lines and their legend."""
 
     title: str
     lines: tuple[Line, ...]
-    over: str
-    measure: str
+    over: str  # label of the horizontal axis
+    measure: str  # label of the vertical axis
 
 
 Panel = BarPanel | LinePanel
 
 
 def plain_bars(label: str, heights: Sequence[float | None]) -> Bars:
-    """Bars without errors and marks; None draws none."""
+    """Return bars without errors and marks; None: no bar."""
     height = np.array([np.nan if one is None else one for one in heights], dtype=float)
     return Bars(label, height, np.full(len(height), np.nan), ("",) * len(height))
 
 
 def load_pyplot() -> Any:
-    """Matplotlib's pyplot, drawing into files. Raises BodysenseError if it is not installed."""
+    """Return Matplotlib's pyplot, set to draw into files. Raises BodysenseError if it is not installed."""
     try:
         import matplotlib
     except ImportError as error:
@@ -77,7 +77,7 @@ def load_pyplot() -> Any:
 
 
 def draw_bars(path: str | Path, groups: Sequence[str], series: Sequence[Bars], title: str, note: str) -> None:
-    """A PNG of heights from −1 to 1, a group of bars for each name; up to three colours."""
+    """Draw bars with heights from −1 to 1 into a PNG file; up to three series."""
     pyplot = load_pyplot()
     figure, axis = pyplot.subplots(figsize=(max(6.0, 1.1 * len(groups) + 1.5), 4.0), layout="constrained")
     _draw(axis, BarPanel(title, tuple(groups), tuple(series), "mean preference"))
@@ -89,7 +89,7 @@ def draw_bars(path: str | Path, groups: Sequence[str], series: Sequence[Bars], t
 
 
 def draw_panels(path: str | Path, panels: Sequence[Panel], title: str) -> None:
-    """A PNG of panels, one below the other; those of bars share a legend."""
+    """Draw panels one below the other into a PNG file; panels of bars share a legend."""
     pyplot = load_pyplot()
     widest = max((len(panel.groups) for panel in panels if isinstance(panel, BarPanel)), default=0)
     size = (max(6.5, 0.9 * widest + 1.5), 0.7 + 2.6 * len(panels))
@@ -102,15 +102,15 @@ def draw_panels(path: str | Path, panels: Sequence[Panel], title: str) -> None:
             continue
         _draw(axis, panel)
         axis.margins(y=0.12)
-        axis.set_xlim(-0.6, max(len(panel.groups), 4) - 0.4)  # a lone group is not a wall
-    shown: dict[str, Any] = {}
+        axis.set_xlim(-0.6, max(len(panel.groups), 4) - 0.4)  # keeps the bars of a single group narrow
+    legend: dict[str, Any] = {}
     for axis, panel in zip(axes[:, 0], panels, strict=True):
         if isinstance(panel, LinePanel):
             continue
         handles, labels = axis.get_legend_handles_labels()
-        shown |= dict(zip(labels, handles, strict=True))
-    if shown:
-        figure.legend(shown.values(), shown.keys(), loc="outside lower center", ncols=len(shown), frameon=False)
+        legend |= dict(zip(labels, handles, strict=True))
+    if legend:
+        figure.legend(legend.values(), legend.keys(), loc="outside lower center", ncols=len(legend), frameon=False)
     figure.suptitle(title, fontsize=12, color=INK)
     with written_beside(path) as beside:
         figure.savefig(beside, dpi=130)
@@ -118,7 +118,7 @@ def draw_panels(path: str | Path, panels: Sequence[Panel], title: str) -> None:
 
 
 def _draw(axis: Any, panel: BarPanel) -> None:
-    """Bars, their errors and marks, and the names of the groups."""
+    """Draw bars, their errors and marks, and the names of the groups."""
     place, width = np.arange(len(panel.groups)), 0.8 / len(panel.series)
     for k, bars in enumerate(panel.series):
         x = place + (k - (len(panel.series) - 1) / 2) * width
@@ -138,7 +138,7 @@ def _draw(axis: Any, panel: BarPanel) -> None:
             )
     axis.axhline(0, color=INK, linewidth=0.8)
     axis.set_xticks(place, panel.groups, rotation=25 if max(map(len, panel.groups)) > 9 else 0)
-    _dress(axis, panel)
+    _style_axis(axis, panel)
 
 
 def _draw_lines(axis: Any, panel: LinePanel, style: Mapping[str, int]) -> None:
@@ -147,10 +147,10 @@ def _draw_lines(axis: Any, panel: LinePanel, style: Mapping[str, int]) -> None:
         axis.plot(line.x, line.y, ("-", "--", ":")[dashes % 3], color=COLORS[color], linewidth=1.5, label=line.label)
     axis.set_xlabel(panel.over)
     axis.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False, fontsize=9)
-    _dress(axis, panel)
+    _style_axis(axis, panel)
 
 
-def _dress(axis: Any, panel: Panel) -> None:
+def _style_axis(axis: Any, panel: Panel) -> None:
     axis.set_ylabel(panel.measure)
     axis.set_title(panel.title, loc="left", fontsize=11)
     axis.grid(axis="y", color=MUTED, linewidth=0.4)

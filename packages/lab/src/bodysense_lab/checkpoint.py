@@ -1,4 +1,4 @@
-"""Checkpoints, from which a run goes on as the run that it was, and files of weights."""
+"""Checkpoints of trainings, from which a run resumes, and files of weights."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from bodysense.files import written_beside
 
 
 def identity(config: Any, schedule: Any, source: Mapping[str, Any] | None = None) -> str:
-    """Return the identity on which a checkpoint must agree: the dataclasses of network and schedule.
+    """Return a run's identity as JSON: the dataclasses of network and schedule, and the source of its data.
 
-    `source` is what the run learns from, in plain values.
+    A run resumes only from a checkpoint with the same identity. `source` describes the training data in plain values.
     """
     parts: dict[str, Any] = {"network": asdict(config), "schedule": asdict(schedule)}
     return json.dumps(parts if source is None else {**parts, "source": dict(source)}, sort_keys=True)
 
 
-def differences(before: str, now: str) -> str:
-    """In what two identities differ, each as 'name: before → now'."""
+def identity_differences(before: str, now: str) -> str:
+    """Return the differences of two identities, each as 'name: before → now'."""
 
     def flat(values: dict[str, Any], prefix: str = "") -> dict[str, Any]:
         parts = (
@@ -49,9 +49,9 @@ def save_checkpoint(
     average: AveragedModel,
     best: dict[str, Any] | None = None,
 ) -> None:
-    """Write a checkpoint, whole or not at all, so that a run (its `identity`) may be killed at any moment.
+    """Write a checkpoint of the run with identity `run`. The file is complete or not written.
 
-    `best` holds the best weights so far, if the run keeps them.
+    `best` has the best weights so far, if the run keeps them.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     state = {"network": network.state_dict(), "optimizer": optimizer.state_dict(), "average": average.state_dict()}
@@ -62,14 +62,17 @@ def save_checkpoint(
 def load_checkpoint(
     path: Path, run: str, network: nn.Module, optimizer: torch.optim.Optimizer, average: AveragedModel
 ) -> tuple[int, dict[str, Any] | None]:
-    """Restore the run of this identity; its step and its `best` so far. (0, None) where there is no checkpoint."""
+    """Restore the run with identity `run`, and return its step and its `best` so far; (0, None) without a checkpoint.
+
+    Raises BodysenseError if the checkpoint belongs to a run with another identity.
+    """
     if not path.exists():
         return 0, None
     saved = _read(path)
     if saved.get("identity") != run:
         raise BodysenseError(
-            f"{path} belongs to another configuration ({differences(saved.get('identity', '{}'), run)}); "
-            "give another --out, or the settings it was begun with"
+            f"{path} belongs to another configuration ({identity_differences(saved.get('identity', '{}'), run)}); "
+            "give another --out, or the settings with which it began"
         )
     network.load_state_dict(saved["network"])
     optimizer.load_state_dict(saved["optimizer"])
@@ -78,7 +81,7 @@ def load_checkpoint(
 
 
 def best_weights(path: Path, network: nn.Module) -> dict[str, Tensor]:
-    """The weights that did best in the run of a checkpoint. Raises BodysenseError where they are of another network."""
+    """Return the best weights of a checkpoint's run. Raises BodysenseError if they do not fit the network."""
     weights = (_read(path).get("best") or {}).get("weights", {})
     if {name: value.shape for name, value in weights.items()} != {
         name: value.shape for name, value in network.state_dict().items()
@@ -97,9 +100,9 @@ def _read(path: Path) -> dict[str, Any]:
         raise BodysenseError(f"{path}: no such checkpoint; give the .ckpt of another run")
     try:
         return torch.load(path, map_location="cpu", weights_only=True)
-    except Exception as error:  # PyTorch raises what it likes: pickle, zip, end of file
+    except Exception as error:  # PyTorch raises many kinds: pickle, zip, end of file
         raise BodysenseError(
-            f"{path}: not a readable checkpoint ({type(error).__name__}); take it away to begin anew"
+            f"{path}: not a readable checkpoint ({type(error).__name__}); remove it to train from the beginning"
         ) from None
 
 
@@ -107,7 +110,7 @@ Network = TypeVar("Network", bound=nn.Module)
 
 
 def write_weights_file(network: nn.Module, path: Path, card: Mapping[str, Any]) -> None:
-    """Write weights, `network.config` (a dataclass) and card (numbers and texts) in one file, whole or not at all."""
+    """Write weights, `network.config` (a dataclass) and card (numbers and texts) into one file, completely or not."""
     config: Any = network.config
     plain = json.loads(json.dumps(dict(card)))  # subclasses of numbers could not be read again
     with written_beside(path) as beside:
@@ -117,9 +120,10 @@ def write_weights_file(network: nn.Module, path: Path, card: Mapping[str, Any]) 
 def read_weights_file(
     path: Path, make: Callable[[Any], Network], what: str, command: str
 ) -> tuple[Network, dict[str, Any]]:
-    """The network that `make` builds of a configuration, with its weights, and its card.
+    """Return the network that `make` builds from a configuration, with its weights, and its card.
 
-    Raises BodysenseError for a file that is not there, or not of `what`, which `command` writes.
+    Raises BodysenseError if the file is missing or is not of `what`. `command`, which writes such files, is in the
+    message.
     """
     if not path.is_file():
         raise BodysenseError(f"{path}: no such file; train it with `{command}`")
@@ -129,7 +133,7 @@ def read_weights_file(
         network.load_state_dict(saved["weights"])
     except BodysenseError:
         raise
-    except Exception as error:  # PyTorch raises what it likes
+    except Exception as error:  # PyTorch raises many kinds
         raise BodysenseError(
             f"{path}: not the weights of {what} ({type(error).__name__}); give the .pt of `{command}`"
         ) from None

@@ -1,4 +1,4 @@
-"""The clips of a place, whether it is a folder of motion files or a prepared store."""
+"""Clips of a folder of motion files or of a prepared store."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ if TYPE_CHECKING:
     from bodysense.io.datasets.sources import Source
 
 Item = TypeVar("Item")
-LOOKED_THROUGH = 64  # clips, for some with fingers
-OPTIONS = tuple(field.name.replace("_", "-") for field in fields(ReadingOptions))
+FINGER_SEARCH_CLIPS = 64  # clips in which more clips with fingers are searched for
+READING_OPTIONS = tuple(field.name.replace("_", "-") for field in fields(ReadingOptions))
 
 
 def open_clips(
@@ -31,28 +31,35 @@ def open_clips(
     at_most: int | None = None,
     options: ReadingOptions = AS_FOUND,
 ) -> Iterator[Clip]:
-    """The clips of a folder or a store one after the other, in canonical form, at their own frame rates.
+    """Return an iterator over the clips of a folder or a store, in canonical form, at their own frame rates.
 
-    `categories` None takes all; `layout` None recognises a folder's (`io.datasets.layouts`); `at_most` limits them,
-    spread evenly; `options` say what motion files do not. Raises BodysenseError where nothing is left, and for the
-    first file that cannot be read (`prepare` skips such files and says why).
+    Args:
+        directory: folder of motion files or prepared store.
+        split: split to read.
+        categories: categories to read; all if None.
+        layout: published data set that the folder is (`io.datasets.layouts`); recognised if None.
+        at_most: maximum number of clips, spread evenly over all; all if None.
+        options: properties that motion files do not contain.
+
+    Raises BodysenseError if no clip is selected, and for the first file that cannot be read. (`prepare` skips such
+    files and prints the reason.)
     """
-    chosen, clip_at = _choose(directory, split, categories, layout, options)
+    chosen, clip_at = _select_clips(directory, split, categories, layout, options)
     return map(clip_at, spread_evenly(chosen, at_most))
 
 
 def spread_evenly(items: Sequence[Item], at_most: int | None) -> Sequence[Item]:
-    """Return at most `at_most` items, spread evenly over all; None: all."""
+    """Return at most `at_most` items, spread evenly over all; all if None."""
     if at_most is None or at_most >= len(items):
         return items
     return [items[(2 * k + 1) * len(items) // (2 * at_most)] for k in range(at_most)]
 
 
-def learned_clips(directory: str | Path, split: Split, limit: int | None = None) -> Iterator[Clip]:
+def training_clips(directory: str | Path, split: Split, limit: int | None = None) -> Iterator[Clip]:
     """Return the clips of a split that a training reads: all, or `limit` of them for a trial.
 
-    A trial's are spread evenly, and half of them have fingers if there are any, for these are rare. Raises as
-    `open_clips` does.
+    Clips of a trial are spread evenly. Half of them have fingers if enough are found, because clips with fingers are
+    rare. Errors: see `open_clips`.
     """
     if limit is None:
         return open_clips(directory, split)
@@ -62,38 +69,38 @@ def learned_clips(directory: str | Path, split: Split, limit: int | None = None)
     lacking = (limit + 1) // 2 - (len(first) - len(plain))
     if lacking <= 0 or not plain:
         return iter(first)
-    others = open_clips(directory, split, at_most=LOOKED_THROUGH)
+    others = open_clips(directory, split, at_most=FINGER_SEARCH_CLIPS)
     fingers = (clip for clip in others if clip.has_fingers and (clip.person, clip.name) not in known)
     more = list(islice(fingers, lacking))
     dropped = {id(clip) for clip in plain[len(plain) - len(more) :]}
     return iter([clip for clip in first if id(clip) not in dropped] + more)
 
 
-def learned_count(directory: str | Path, split: Split, limit: int | None = None) -> int:
-    """Return how many clips `learned_clips` gives at most. Raises as it does."""
+def count_training_clips(directory: str | Path, split: Split, limit: int | None = None) -> int:
+    """Return the maximum number of clips of `training_clips`. Errors: see `open_clips`."""
     total = count_clips(directory, split)
     return total if limit is None else min(limit, total)
 
 
 def count_clips(directory: str | Path, split: Split | Literal["all"] = "all") -> int:
-    """How many clips `open_clips` gives. Raises as it does."""
-    return len(_choose(directory, split, None, None, AS_FOUND)[0])
+    """Return the number of clips of `open_clips`. Errors: see `open_clips`."""
+    return len(_select_clips(directory, split, None, None, AS_FOUND)[0])
 
 
-def _choose(
+def _select_clips(
     directory: str | Path,
     split: Split | Literal["all"],
     categories: Collection[str] | None,
     layout: Layout | None,
     options: ReadingOptions,
 ) -> tuple[list[int], Callable[[int], Clip]]:
-    """Places of the clips asked for, and what reads the clip at a place."""
+    """Return the indices of the selected clips, and a function that reads the clip at an index."""
     if split != "all" and split not in SPLITS:
         raise BodysenseError(f"unknown split {split!r}; valid are {', '.join(SPLITS)} and all")
     rows: Sequence[Any]
     if (Path(directory) / "zarr.json").is_file():
         if options != AS_FOUND:
-            raise BodysenseError(f"{directory}: a store was read when it was prepared; tell data prepare")
+            raise BodysenseError(f"{directory}: a prepared store needs no reading options; give them to data prepare")
         store = read_store(directory)
         rows, clip_at = store.table.clips, store.clip
     else:
@@ -111,23 +118,27 @@ def _choose(
             raise BodysenseError(empty_split(str(directory), split, (row.split for row in rows)))
         known = ", ".join(sorted({row.category for row in rows if row.category})) or "none"
         raise BodysenseError(
-            f"{directory}: none of its {len(rows)} clips is of split {split!r} and of {', '.join(categories)}; "
+            f"{directory}: none of its {len(rows)} clips is in split {split!r} and in {', '.join(categories)}; "
             f"its categories are {known}"
         )
     return chosen, clip_at
 
 
 def _read(source: Source, options: ReadingOptions, directory: str | Path) -> Clip:
-    """A clip of a folder. Not every command that reads folders has the options that its error may ask for."""
+    """Read a clip of a folder.
+
+    Some commands that read folders lack the option that an error message suggests. Then the message also names `data
+    prepare`, which has it.
+    """
     from bodysense.io.datasets.sources import read_source
 
     try:
         return read_source(source, options)
     except BodysenseError as error:
-        asked = next((name for name in OPTIONS if f"--{name}" in str(error)), None)
-        if asked is None:
+        option = next((name for name in READING_OPTIONS if f"--{name}" in str(error)), None)
+        if option is None:
             raise
         raise BodysenseError(
-            f"{error}; where a command has no --{asked}, give it the store that `bodysense data prepare {directory} "
-            f"-o STORE.zarr --{asked} …` writes"
+            f"{error}; if a command has no --{option}, give it the store that `bodysense data prepare {directory} "
+            f"-o STORE.zarr --{option} …` writes"
         ) from None

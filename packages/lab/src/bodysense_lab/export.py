@@ -1,4 +1,4 @@
-"""Writing a trained network as one self-describing ONNX file: the one writer, for every network."""
+"""Export of trained networks, each as one ONNX file with its card as metadata."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from torch import Tensor, nn
 
 from bodysense.files import written_beside
 
-_LARGE = 4096  # values; smaller constants are not changed
+_LARGE = 4096  # values; smaller constants are unchanged
 
 
 def export(
@@ -31,10 +31,18 @@ def export(
     dynamic_shapes: tuple[Any, ...] | None = None,
     shrink: Callable[[ModelProto], ModelProto] | None = None,
 ) -> None:
-    """Write one step of a network with its card. The file appears whole or not at all.
+    """Write one step of a network with its card. The file is complete or not written.
 
-    `dynamic_shapes` are the axes (torch.export.Dim) of each input that may have any length; `shrink` rewrites the
-    graph, by default so that large weights are stored in half precision.
+    Args:
+        step: module of one step.
+        example: inputs of the step, for tracing.
+        inputs: names of the inputs.
+        outputs: names of the outputs.
+        format: name of the file format, in the metadata.
+        card: numbers and texts for the metadata.
+        path: file to write.
+        dynamic_shapes: axes (torch.export.Dim) of each input that may have any length.
+        shrink: function that stores large weights in fewer bytes; half precision if None.
     """
     with written_beside(path) as beside:
         with warnings.catch_warnings():
@@ -51,26 +59,27 @@ def export(
                 verbose=False,
                 dynamic_shapes=dynamic_shapes,
             )
-        written = bare((shrink or halved)(onnx.load(str(beside))))
+        written = strip_metadata((shrink or store_as_float16)(onnx.load(str(beside))))
         fields = {"format": format} | {key: json.dumps(value) for key, value in card.items()}
         helper.set_model_props(written, fields)
         onnx.checker.check_model(written)
         onnx.save(written, str(beside))
 
 
-def halved(model: ModelProto) -> ModelProto:
-    """Store large weights as float16, cast back when the file is loaded: half the size, the same speed."""
+def store_as_float16(model: ModelProto) -> ModelProto:
+    """Store large weights as float16, which are cast back when the file is loaded: half the size, equal speed."""
 
     def half(name: str, values: np.ndarray) -> tuple[dict[str, np.ndarray], list[NodeProto]]:
         return {f"{name}_half": values.astype(np.float16)}, [_cast(f"{name}_half", name)]
 
-    return _stored(model, half)
+    return _replace_large_weights(model, half)
 
 
-def in_bytes(model: ModelProto, most: int = 127) -> ModelProto:
-    """Store large weights as whole multiples, `most` at most, of what each row (first axis) counts in.
+def store_as_int8(model: ModelProto, most: int = 127) -> ModelProto:
+    """Store large weights as int8 multiples of a unit for each row (first axis).
 
-    They are multiplied again when the file is loaded: half the size, the same speed; a smaller `most` packs better.
+    They are multiplied again when the file is loaded: a quarter of the size, equal speed. Multiples are at most `most`;
+    a smaller value compresses better.
     """
 
     def counted(name: str, values: np.ndarray) -> tuple[dict[str, np.ndarray], list[NodeProto]]:
@@ -80,13 +89,13 @@ def in_bytes(model: ModelProto, most: int = 127) -> ModelProto:
         multiply = helper.make_node("Mul", [f"{name}_whole", f"{name}_unit"], [name])
         return stored, [_cast(f"{name}_count", f"{name}_whole"), multiply]
 
-    return _stored(model, counted)
+    return _replace_large_weights(model, counted)
 
 
-def bare(model: ModelProto) -> ModelProto:
-    """The model without what only says where its operations come from: a third of a file. Constants are numbered."""
-    said = {output.name for output in model.graph.output}  # an output that is a constant keeps its name
-    constants = [constant for constant in model.graph.initializer if constant.name not in said]
+def strip_metadata(model: ModelProto) -> ModelProto:
+    """Drop the origins of operations, which are a third of a file, and number the constants."""
+    outputs = {output.name for output in model.graph.output}  # an output that is a constant keeps its name
+    constants = [constant for constant in model.graph.initializer if constant.name not in outputs]
     numbers = {constant.name: f"c{number}" for number, constant in enumerate(constants)}
     for constant in constants:
         constant.name = numbers[constant.name]
@@ -101,10 +110,10 @@ def bare(model: ModelProto) -> ModelProto:
     return model
 
 
-def _stored(
+def _replace_large_weights(
     model: ModelProto, store: Callable[[str, np.ndarray], tuple[dict[str, np.ndarray], list[NodeProto]]]
 ) -> ModelProto:
-    """The model with constants that `store` makes of each large weight, and nodes that unpack them."""
+    """Replace each large weight by the constants of `store` and by the nodes that unpack them."""
     graph, unpacking = model.graph, list[NodeProto]()
     for constant in list(graph.initializer):
         values = numpy_helper.to_array(constant)

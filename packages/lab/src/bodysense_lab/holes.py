@@ -1,4 +1,4 @@
-"""How well holes are filled: parts of people are removed for some seconds, filled, and compared with the truth."""
+"""Scores of filled holes: parts of bodies are removed for some seconds, filled, and compared with the truth."""
 
 from __future__ import annotations
 
@@ -31,13 +31,14 @@ from bodysense_lab.intervals import interval
 from bodysense_lab.table import Cell, Report, finite
 from bodysense_lab.tallies import Tallies
 
-RATE, LEAD = 30.0, 1.0  # Hz; s of known frames that are used on either side of a gap
+RATE, LEAD = 30.0, 1.0  # Hz; s of known frames on either side of a gap
 SECONDS = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)
-KNOTS = 2  # known frames on either side through which a cubic spline goes
-NEAR, HELD = 0.5, 0.99  # m (published 0.2; 0.5 errs less on validation people) and share of the variance
-LEAST_SPREAD = 1e-3  # m: coordinates that vary less do not count more
-BLEND = 0.5  # s in which inertialisation removes a difference of speed
-# joints that are removed with all their descendants, and points that are scored
+KNOTS = 2  # known frames of a cubic spline on either side
+NEAR_DISTANCE = 0.5  # m, deviation of the distance weight (published: 0.2; 0.5 errs less on validation people)
+VARIANCE_SHARE = 0.99  # share of the variance that principal components keep
+LEAST_SPREAD = 1e-3  # m, lower bound of the deviation by which coordinates are divided
+EASE_SECONDS = 0.5  # s in which inertialisation removes a difference of speed
+# Joints that are removed with all their descendants, and points that are scored.
 PARTS = {
     "arm": (("left_shoulder",), ("left_elbow", "left_wrist")),
     "leg": (("left_hip",), ("left_knee", "left_ankle", "left_foot")),
@@ -56,7 +57,7 @@ PARTS = {
 }
 OURS = "bodysense"
 OTHERS = ("slerp", "cubic spline", "inertialised", "intercorrelated", "causal")
-METHODS = (OURS, *OTHERS)  # the intercorrelation gives places alone
+METHODS = (OURS, *OTHERS)
 
 
 def score_holes(
@@ -65,22 +66,22 @@ def score_holes(
     parts: Sequence[str] = tuple(PARTS),
     advance: Callable[[Clip], None] = lambda clip: None,
 ) -> Tallies:
-    """Fill a gap of each part and length in every clip that is long enough; its place is drawn.
+    """Fill a gap of each part and length, at a random time, in every clip that is long enough.
 
-    Returns errors, cm, under (part, seconds, method); one for each gap, the mean of the part's points.
+    Returns one error for each gap, the mean of the part's points in cm, under (part, seconds, method).
     """
     rng, found = np.random.default_rng(seed), Tallies()
     for clip in clips:
         at_rate = resample(clip, RATE)
-        for part, seconds, begin in _gaps_in(at_rate, parts, rng):
+        for part, seconds, begin in _draw_gaps(at_rate, parts, rng):
             for method, error in score_gap(at_rate, part, seconds, begin).items():
                 found.add((part, seconds, method), np.array(100 * error), clip.person or "unknown")
         advance(clip)
     return found
 
 
-def _gaps_in(clip: Clip, parts: Sequence[str], rng: np.random.Generator) -> Iterator[tuple[str, float, int]]:
-    """For each part and length: where a gap begins, with `LEAD` known seconds on either side."""
+def _draw_gaps(clip: Clip, parts: Sequence[str], rng: np.random.Generator) -> Iterator[tuple[str, float, int]]:
+    """Yield part, length in s and first frame of random gaps, with `LEAD` known seconds on either side."""
     lead = round(LEAD * RATE)
     for part in parts:
         for seconds in SECONDS:
@@ -91,9 +92,9 @@ def _gaps_in(clip: Clip, parts: Sequence[str], rng: np.random.Generator) -> Iter
 
 
 def score_gap(clip: Clip, part: str, seconds: float, begin: int) -> dict[str, float]:
-    """Return the mean error, m, of a part's points in a gap from frame `begin` on, by method.
+    """Return the mean error in m of a part's points in a gap that begins at frame `begin`, by method.
 
-    All methods are given `LEAD` seconds on either side, the intercorrelation the whole clip.
+    All methods know `LEAD` seconds on either side, the intercorrelation knows the whole clip.
     """
     roots, points = PARTS[part]
     first, count = round(LEAD * RATE), round(seconds * RATE)
@@ -106,48 +107,48 @@ def score_gap(clip: Clip, part: str, seconds: float, begin: int) -> dict[str, fl
         pose = Pose(skeleton, near.pose.root_position[window], rotation[window])
         return np.asarray(forward_kinematics(pose)[0])[:, places]
 
-    found = {method: place(rotation) for method, rotation in filled_by_all(partial).items()}
-    hanging = {point for root in roots for point in below(skeleton.index(root), skeleton.parents)}
-    gone = sorted(hanging - set(skeleton.indices(roots).tolist()))
+    found = {method: place(rotation) for method, rotation in fill_by_all_methods(partial).items()}
+    descendants = {point for root in roots for point in below(skeleton.index(root), skeleton.parents)}
+    hidden = sorted(descendants - set(skeleton.indices(roots).tolist()))
     carrier = skeleton.parents[skeleton.index(roots[0])]
-    found["intercorrelated"] = intercorrelated(clip.pose, carrier, gone, begin, begin + count)[:, places]
+    found["intercorrelated"] = intercorrelated(clip.pose, carrier, hidden, begin, begin + count)[:, places]
     truth = place(np.asarray(near.pose.rotation))
     return {method: float(np.linalg.norm(found[method] - truth, axis=-1).mean()) for method in METHODS}
 
 
-def filled_by_all(partial: PartialMotion) -> dict[str, np.ndarray]:
-    """Local rotations (T, J, 4) of a motion on our joints, its gaps filled by each of `METHODS` with rotations.
+def fill_by_all_methods(partial: PartialMotion) -> dict[str, np.ndarray]:
+    """Return local rotations (T, J, 4) of a motion, with its gaps filled by each of `METHODS`.
 
-    The forward pass of completion with past and future is what live tracking gives within a gap.
+    The intercorrelation, which gives positions only, is omitted. Within a gap, the causal method equals live tracking.
     """
-    ways = TwoWayTracker(Person(partial.clip.pose.skeleton), None, TrackerSettings())
-    seen = known_points(partial)
-    forward, _ = ways.tracker.step(seen, ways.tracker.start())
+    tracker = TwoWayTracker(Person(partial.clip.pose.skeleton), None, TrackerSettings())
+    known = known_points(partial)
+    forward, _ = tracker.tracker.step(known, tracker.tracker.start())
     return {
-        OURS: fill_motion(partial, ways.complete(seen, float(np.median(np.diff(seen.time))))),
-        "slerp": between(partial.rotation, partial.missing, slerped),
-        "cubic spline": between(partial.rotation, partial.missing, splined),
-        "inertialised": between(partial.rotation, partial.missing, inertialised),
+        OURS: fill_motion(partial, tracker.complete(known, float(np.median(np.diff(known.time))))),
+        "slerp": fill_gaps(partial.rotation, partial.missing, slerped),
+        "cubic spline": fill_gaps(partial.rotation, partial.missing, splined),
+        "inertialised": fill_gaps(partial.rotation, partial.missing, inertialised),
         "causal": np.where(partial.missing[..., None], forward.pose.rotation, partial.rotation),
     }
 
 
-def between(
+def fill_gaps(
     rotation: np.ndarray, missing: np.ndarray, fill: Callable[[np.ndarray, int, int], np.ndarray]
 ) -> np.ndarray:
-    """Local rotations (T, J, 4), each joint filled in its gaps from its own known frames."""
+    """Return local rotations (T, J, 4), with the gaps of each joint filled from its own known frames."""
     rotation = np.array(rotation)
-    gone = {joint: runs(missing[:, joint]) for joint in np.flatnonzero(missing.any(axis=0)).tolist()}
-    for span in {span for spans in gone.values() for span in spans}:
-        joints = [joint for joint, spans in gone.items() if span in spans]
+    hidden = {joint: runs(missing[:, joint]) for joint in np.flatnonzero(missing.any(axis=0)).tolist()}
+    for span in {span for spans in hidden.values() for span in spans}:
+        joints = [joint for joint, spans in hidden.items() if span in spans]
         rotation[span[0] : span[1], joints] = fill(rotation[:, joints], *span)
     return rotation
 
 
 def slerped(rotation: np.ndarray, first: int, end: int) -> np.ndarray:
-    """Rotations (N, J, 4) of joints (T, J, 4) at constant speed from one side of a gap to the other.
+    """Interpolate joints (T, J, 4) at constant speed from one side of a gap to the other; returns (N, J, 4).
 
-    With the root between both sides this is the interpolation of Harvey et al., Robust Motion In-betweening, 2020.
+    With an interpolated root this is the interpolation of Harvey et al., Robust Motion In-betweening, 2020.
     """
     share = np.arange(1, end - first + 1)[:, None] / (end - first + 1)
     before, after = (np.broadcast_to(rotation[k], (end - first, *rotation.shape[1:])) for k in (first - 1, end))
@@ -155,80 +156,82 @@ def slerped(rotation: np.ndarray, first: int, end: int) -> np.ndarray:
 
 
 def splined(rotation: np.ndarray, first: int, end: int) -> np.ndarray:
-    """Rotations (N, J, 4) of joints (T, J, 4) on cubic splines of their turns from the frame before a gap."""
+    """Interpolate joints (T, J, 4) by cubic splines of rotation vectors from the frame before a gap to (N, J, 4)."""
     frames = np.concatenate([np.arange(first - KNOTS, first), np.arange(end, end + KNOTS)])
-    way = CubicSpline(frames, _turn(rotation[first - 1], rotation[frames]))(np.arange(first, end))
+    vector = CubicSpline(frames, _rotation_vectors(rotation[first - 1], rotation[frames]))(np.arange(first, end))
     return np.asarray(
-        quaternion_multiply(np.broadcast_to(rotation[first - 1], (*way.shape[:-1], 4)), quaternion_exp(way))
+        quaternion_multiply(np.broadcast_to(rotation[first - 1], (*vector.shape[:-1], 4)), quaternion_exp(vector))
     )
 
 
 def inertialised(rotation: np.ndarray, first: int, end: int) -> np.ndarray:
-    """Rotations (N, J, 4) of joints (T, J, 4) by slerp, eased from and to the speeds of the known frames.
+    """Interpolate joints (T, J, 4) by slerp, eased from and to the speeds of the known frames; returns (N, J, 4).
 
-    The offset from slerp is a quintic that begins at zero with the difference of speed. It ends at rest after `BLEND`,
-    or with the gap (Bollo, Inertialization, GDC 2018).
+    The offset from slerp is a quintic that begins at zero with the difference of speed. It ends at rest after
+    `EASE_SECONDS`, or with the gap (Bollo, Inertialization, GDC 2018).
     """
     count = end - first
     before, after = rotation[first - 1], rotation[end]
-    step = _turn(before, after) / (count + 1)
-    gone = np.arange(1.0, count + 1)[:, None, None]
-    offset = _eased(gone, count + 1) * (_turn(rotation[first - 2], before) - step)
-    offset = offset - _eased(count + 1 - gone, count + 1) * (_turn(after, rotation[end + 1]) - step)
+    step = _rotation_vectors(before, after) / (count + 1)
+    elapsed = np.arange(1.0, count + 1)[:, None, None]
+    offset = _ease_offset(elapsed, count + 1) * (_rotation_vectors(rotation[first - 2], before) - step)
+    remaining = count + 1 - elapsed
+    offset = offset - _ease_offset(remaining, count + 1) * (_rotation_vectors(after, rotation[end + 1]) - step)
     return np.asarray(quaternion_multiply(slerped(rotation, first, end), quaternion_exp(offset)))
 
 
-def intercorrelated(pose: Pose, carrier: int, gone: Sequence[int], first: int, end: int) -> np.ndarray:
-    """Places (N, P, 3) of a motion's points in a gap; those `gone` follow from the others by principal components.
+def intercorrelated(pose: Pose, carrier: int, hidden: Sequence[int], first: int, end: int) -> np.ndarray:
+    """Return positions (N, P, 3) of a motion's points in a gap; points `hidden` are predicted by principal components.
 
     Gløersen and Federolf, Predicting Missing Marker Trajectories in Human Motion Data Using Marker Intercorrelations,
-    2016: places count by their distance from the missing ones. The components of the known frames, and of these with
-    the missing places at their mean, lead from what is seen in the gap to what is missing. Here all are in the axes of
-    the joint that carries the missing part, and the differences at both sides of the gap are removed linearly.
+    2016. Points are weighted by their distance from the missing ones. The prediction maps the components of the known
+    frames with the missing points at their mean to the components of the complete known frames. Here all points are in
+    the axes of the joint `carrier` of the missing part, and the differences at both sides of the gap are removed
+    linearly.
     """
     position, rotation = (np.asarray(part) for part in forward_kinematics(pose))
     place, turn = position[:, [carrier]], np.broadcast_to(rotation[:, [carrier]], (*position.shape[:2], 4))
     local = np.asarray(quaternion_rotate(quaternion_conjugate(turn), position - place))
-    seen = np.r_[0:first, end : len(position)]
-    mean, spread = local[seen].mean(axis=0), np.maximum(local[seen].std(axis=0), LEAST_SPREAD)
-    away = np.linalg.norm(mean[:, None] - mean[gone], axis=-1).min(axis=1)
-    scale = np.exp(-0.5 * (away / NEAR) ** 2)[:, None] / spread
+    known = np.r_[0:first, end : len(position)]
+    mean, spread = local[known].mean(axis=0), np.maximum(local[known].std(axis=0), LEAST_SPREAD)
+    distance = np.linalg.norm(mean[:, None] - mean[hidden], axis=-1).min(axis=1)
+    scale = np.exp(-0.5 * (distance / NEAR_DISTANCE) ** 2)[:, None] / spread
     whole = (local - mean) * scale
-    lacking = whole.copy()
-    lacking[:, gone] = 0
-    whole, lacking = whole.reshape(len(local), -1), lacking.reshape(len(local), -1)
-    components, of_lacking = _components(whole[seen]), _components(lacking[seen])
-    sides = lacking[first - 1 : end + 1]
+    masked = whole.copy()
+    masked[:, hidden] = 0
+    whole, masked = whole.reshape(len(local), -1), masked.reshape(len(local), -1)
+    components, of_lacking = _components(whole[known]), _components(masked[known])
+    sides = masked[first - 1 : end + 1]
     found = (sides @ of_lacking @ (of_lacking.T @ components) @ components.T).reshape(len(sides), *mean.shape)
     found = found / scale + mean
     share = np.linspace(0, 1, len(found))[:, None, None]
     found += (1 - share) * (local[first - 1] - found[0]) + share * (local[end] - found[-1])
     result = position[first:end].copy()
-    result[:, gone] = (place[first:end] + quaternion_rotate(turn[first:end], found[1:-1]))[:, gone]
+    result[:, hidden] = (place[first:end] + quaternion_rotate(turn[first:end], found[1:-1]))[:, hidden]
     return result
 
 
 def _components(data: np.ndarray) -> np.ndarray:
-    """Principal components (D, K) of data (N, D) that hold `HELD` of its variance."""
-    _, size, ways = np.linalg.svd(data, full_matrices=False)
+    """Return the principal components (D, K) of data (N, D) that keep `VARIANCE_SHARE` of its variance."""
+    _, size, directions = np.linalg.svd(data, full_matrices=False)
     share = np.cumsum(size**2) / max(float((size**2).sum()), 1e-12)
-    return ways[: int(np.searchsorted(share, HELD)) + 1].T
+    return directions[: int(np.searchsorted(share, VARIANCE_SHARE)) + 1].T
 
 
-def _eased(gone: np.ndarray, span: int) -> np.ndarray:
-    """The offset, in frames, that a difference of speed of one makes `gone` frames after a side of a gap."""
-    most = min(BLEND * RATE, span)
-    share = np.minimum(gone / most, 1.0)
+def _ease_offset(elapsed: np.ndarray, span: int) -> np.ndarray:
+    """Return the offset, in frames, of a unit difference of speed, `elapsed` frames after a side of a gap."""
+    most = min(EASE_SECONDS * RATE, span)
+    share = np.minimum(elapsed / most, 1.0)
     return most * (share - 6 * share**3 + 8 * share**4 - 3 * share**5)
 
 
-def _turn(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Rotation vectors (..., 3) from a to b."""
+def _rotation_vectors(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Return rotation vectors (..., 3) from a to b."""
     return np.asarray(quaternion_log(quaternion_multiply(np.broadcast_to(quaternion_conjugate(a), b.shape), b)))
 
 
-def report_of(gaps: Tallies, name: str) -> Report:
-    """The table: a row a part and length, with intervals over people."""
+def holes_report(gaps: Tallies, name: str) -> Report:
+    """Return the table: a row for each part and length, with intervals over people."""
     rows: list[tuple[Cell, ...]] = []
     numbers: dict[str, float] = {}
     labels: list[str] = []

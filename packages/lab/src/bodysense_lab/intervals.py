@@ -1,4 +1,4 @@
-"""How far a mean can be trusted: intervals by drawing the people anew, for frames of one person are not independent."""
+"""Confidence intervals of means by bootstrap over people, because frames of one person are not independent."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 DRAWS = 2000
-SHARE = 0.95  # of the draws lie within an interval
+SHARE = 0.95  # share of the draws within an interval
 
 
 @dataclass(frozen=True)
@@ -22,7 +22,7 @@ class Interval:
 
     @property
     def verdict(self) -> str:
-        """Whether a difference of errors is significant: 'worse', 'better', 'none' or 'unknown'."""
+        """Verdict on a difference of errors: 'worse', 'better', 'none' (not significant) or 'unknown'."""
         if math.isnan(self.low):
             return "unknown"
         return "none" if self.low <= 0 <= self.high else "worse" if self.value > 0 else "better"
@@ -32,13 +32,14 @@ Shares = Mapping[str, tuple[float, float]]  # by person: the mean, and its weigh
 
 
 def interval(of: Shares, minus: Shares | None = None, seed: int = 0) -> Interval:
-    """The weighted mean over people, or the difference to that of `minus`, of the same people in each draw.
+    """Return the weighted mean over people, or its difference from that of `minus`, with its confidence interval.
 
-    Percentiles of `DRAWS` draws of as many people (Efron). With fewer than two people nothing is known: NaN.
+    Bounds are percentiles of `DRAWS` draws of people with replacement (Efron). Both means have the same people in each
+    draw. With fewer than two people the bounds are NaN.
 
     Args:
         of: mean and weight by person.
-        minus: what is taken off; people that are not in both are left out.
+        minus: mean and weight by person to subtract; people that are not in both are omitted.
         seed: random seed.
     """
     people = sorted(of if minus is None else of.keys() & minus.keys())
@@ -54,15 +55,15 @@ def interval(of: Shares, minus: Shares | None = None, seed: int = 0) -> Interval
 
 
 def _means(of: Shares, people: list[str], drawn: np.ndarray) -> np.ndarray:
-    """Weighted means (K,) of people drawn (K, N)."""
+    """Return weighted means (K,) of drawn people (K, N)."""
     value, weight = np.array([of[person] for person in people]).T
     return (value * weight)[drawn].sum(axis=1) / weight[drawn].sum(axis=1)
 
 
 @dataclass(frozen=True)
-class Named:
-    """A figure and whose it is."""
+class NamedFigure:
+    """A figure, its name, and its shares by person."""
 
     name: str
     value: float
-    shares: Shares = field(default_factory=dict, repr=False)  # by person, of the figure or of what grows with it
+    shares: Shares = field(default_factory=dict, repr=False)  # of the figure, or of one that increases with it

@@ -1,4 +1,4 @@
-"""Model cards: test figures in a network file, and a Markdown description next to it."""
+"""Model cards: test figures in a network file, and a Markdown description next to the file."""
 
 from __future__ import annotations
 
@@ -28,20 +28,20 @@ _FIGURE = re.compile(r"\{([^{}:]+):([^{}]+)\}")  # in a cell: name and format
 
 
 @dataclass(frozen=True)
-class Kind:
-    """Text and tables of the card of a kind of network."""
+class CardTemplate:
+    """Text and table of the cards of one kind of network."""
 
-    what: str
+    description: str
     measured_by: str  # the command whose --json gives the figures
-    over: str  # what the figures are of
+    over: str  # heading of the table: people, motions, measure, unit
     head: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]  # cells, with figures as `{name:.2f}`, in which `MODEL` is the card's model
     not_for: str
     tags: tuple[str, ...] = ("human-pose", "virtual-reality")  # of the front matter, after the first
-    has_optional_rows: bool = False  # whether rows but for the first are left out without their figures
+    has_optional_rows: bool = False  # whether rows after the first are omitted if their figures are missing
 
-    def filled(self, figures: Numbers, model: object) -> tuple[list[tuple[str, ...]], set[str]]:
-        """Return the rows with their figures, and the names of these. Raises KeyError for a missing figure."""
+    def fill_rows(self, figures: Numbers, model: object) -> tuple[list[tuple[str, ...]], set[str]]:
+        """Return the rows with their figures, and the names of the figures. Raises KeyError for a missing figure."""
         rows, used = list[tuple[str, ...]](), set[str]()
         for number, row in enumerate(self.rows):
             cells = [cell.replace("MODEL", str(model)) for cell in row]
@@ -54,13 +54,13 @@ class Kind:
 
 
 def describe(path: Path, figures: Numbers) -> Path:
-    """Put test figures into a network file and write its model card next to it as Markdown. Returns the card's path.
+    """Write test figures into a network file and a model card (Markdown) next to it. Returns the card's path.
 
-    `figures` is what the command that measures such networks wrote with --json; those of the card's table are kept.
-    Raises BodysenseError for a file of no kind that has a card, and for figures of another command or network.
+    `figures` are those that the command for such networks wrote with --json; only those of the card's table are kept.
+    Raises BodysenseError for a kind of file without cards, and for figures of another command or network.
     """
     fields, write = read_network(path)
-    kind, read = kind_of(path, fields), fields_read(fields)
+    kind, read = card_template(path, fields), parse_fields(fields)
     own = read.get("validation", {}).get("position_cm")
     scored = figures.get(f"model{read.get('model')}_validation_position_cm", own)
     if scored != own:
@@ -69,7 +69,7 @@ def describe(path: Path, figures: Numbers) -> Path:
             f"write them with `bodysense evaluate hmd-vae --networks {path} --json FILE`"
         )
     try:
-        _, used = kind.filled(figures, read.get("model"))
+        _, used = kind.fill_rows(figures, read.get("model"))
     except KeyError as error:
         raise BodysenseError(f"the figures have no {error}; write them with `{kind.measured_by} --json FILE`") from None
     fields["test"] = json.dumps({name: round(figures[name], 3) for name in sorted(used)})
@@ -82,7 +82,7 @@ def describe(path: Path, figures: Numbers) -> Path:
 
 
 def read_network(path: Path) -> tuple[dict[str, str], Callable[[Path, dict[str, str]], None]]:
-    """The metadata of a network file, and what writes the file again with other metadata."""
+    """Return the metadata of a network file, and a function that writes the file with other metadata."""
     if path.suffix == ".safetensors":
         tensors, fields = weights_file.read_safetensors(path)
 
@@ -102,17 +102,17 @@ def read_network(path: Path) -> tuple[dict[str, str], Callable[[Path, dict[str, 
     return {row.key: row.value for row in model.metadata_props}, write
 
 
-def kind_of(path: Path, fields: Mapping[str, str]) -> Kind:
-    """The kind of a file by its metadata."""
+def card_template(path: Path, fields: Mapping[str, str]) -> CardTemplate:
+    """Return the card template of a file, selected by its metadata."""
     key = (fields.get("format", "none"), json.loads(fields.get("task", '""')))
-    if key not in KINDS:
-        known = ", ".join(" ".join(key).strip() for key in KINDS)
+    if key not in CARD_TEMPLATES:
+        known = ", ".join(" ".join(key).strip() for key in CARD_TEMPLATES)
         raise BodysenseError(f"{path}: no card for a network of format {key[0]!r}; there are cards for {known}")
-    return KINDS[key]
+    return CARD_TEMPLATES[key]
 
 
 def network_lines(read: Mapping[str, Any]) -> list[str]:
-    """Return the lines of a card on the network itself, from its metadata."""
+    """Return the lines of a card about the network itself, from its metadata."""
     if "fastest_rate" in read:
         rate = f"up to {read['fastest_rate']:g} Hz"
     else:
@@ -120,33 +120,33 @@ def network_lines(read: Mapping[str, Any]) -> list[str]:
     seed = f"; seed {read['seed']}" if "seed" in read else ""
     validation = ", ".join(f"{key} {value}" for key, value in read.get("validation", {}).items())
     return [
-        f"- {form(read)}, {read['weights']:,} weights, steps at {rate}",
-        f"- trained on: {read.get('training_data', 'not said')}",
-        f"- licence: {read.get('licence', 'not said')}{seed}",
+        f"- {describe_network(read)}, {read['weights']:,} weights, steps at {rate}",
+        f"- trained on: {read.get('training_data', 'unknown')}",
+        f"- licence: {read.get('licence', 'unknown')}{seed}",
         *([f"- validation: {validation}"] if validation else []),
     ]
 
 
-def card_text(name: str, kind: Kind, fields: Mapping[str, str]) -> str:
-    """Return the model card of a network file from its metadata; without test figures it has no table."""
-    read, tested = fields_read(fields), list[str]()
+def card_text(name: str, kind: CardTemplate, fields: Mapping[str, str]) -> str:
+    """Return the model card of a network file from its metadata, with a table if it contains test figures."""
+    read, table_lines = parse_fields(fields), list[str]()
     if "test" in read:
-        rows = (kind.head, ("---",) * len(kind.head), *kind.filled(read["test"], read.get("model"))[0])
-        tested = [
+        rows = (kind.head, ("---",) * len(kind.head), *kind.fill_rows(read["test"], read.get("model"))[0])
+        table_lines = [
             "",
             f"{kind.over} (`{kind.measured_by} --data DIR`):",
             "",
             *(f"| {' | '.join(row)} |" for row in rows),
         ]
-    unfit = f"Not for: {kind.not_for}; identifying people, medical judgement."
-    lines = [f"# {name}", "", kind.what, "", *network_lines(read), *tested, "", unfit, ""]
+    not_for_line = f"Not for: {kind.not_for}; identifying people, medical judgement."
+    lines = [f"# {name}", "", kind.description, "", *network_lines(read), *table_lines, "", not_for_line, ""]
     return front_matter(name, kind, fields) + "\n".join(lines)
 
 
-def front_matter(name: str, kind: Kind, fields: Mapping[str, str]) -> str:
-    """The YAML at the head of a card, by which model hubs list a network."""
+def front_matter(name: str, kind: CardTemplate, fields: Mapping[str, str]) -> str:
+    """Return the YAML at the head of a card, by which model hubs list a network."""
     tags = ("motion-capture", *kind.tags, "onnx" if name.endswith(".onnx") else "safetensors")
-    licence = fields_read(fields)["licence"]
+    licence = parse_fields(fields)["licence"]
     return "\n".join(
         [
             *("---", "library_name: bodysense", f"license: {licence.lower()}", "tags:"),
@@ -156,12 +156,12 @@ def front_matter(name: str, kind: Kind, fields: Mapping[str, str]) -> str:
     )
 
 
-def fields_read(fields: Mapping[str, str]) -> dict[str, Any]:
-    """The metadata of a file, read."""
+def parse_fields(fields: Mapping[str, str]) -> dict[str, Any]:
+    """Parse the metadata of a file."""
     return {key: json.loads(value) for key, value in fields.items() if key != "format"}
 
 
-def form(card: Mapping[str, Any]) -> str:
+def describe_network(card: Mapping[str, Any]) -> str:
     """Return the kind and size of a network."""
     network = card.get("network")
     if network is None:
@@ -170,8 +170,8 @@ def form(card: Mapping[str, Any]) -> str:
         memory = f"GRU of {network['memory']}, then " if network.get("memory") else ""
         return f"{card['form']}: {memory}layers of {', '.join(str(width) for width in network['layers'])}"
     if "spatial_width" in network:
-        beside = f", over joints {network['spatial_layers']} × {network['spatial_width']}"
-        size = f"{network['layers']} × {network['width']} over time{beside if network['kind'] == 'pahmt' else ''}"
+        spatial = f", over joints {network['spatial_layers']} × {network['spatial_width']}"
+        size = f"{network['layers']} × {network['width']} over time{spatial if network['kind'] == 'pahmt' else ''}"
         return f"{network['kind'].upper()}, windows of {network['frames']} frames: {size}"
     if "dilations" in network:
         return f"{len(network['dilations'])} blocks of convolutions, {network['width']} wide"
@@ -182,23 +182,24 @@ def form(card: Mapping[str, Any]) -> str:
     return (f"{card['form']}: " if "form" in card else "") + f"GRU of {size}"
 
 
-def _pair(key: str) -> str:
+def _error_pair(key: str) -> str:
     return f"{{{key}_rmsjpe_cm:.2f}} / {{{key}_mpjpe_cm:.2f}}"
 
 
-_BODY = tuple(
-    (label, share, *(f"{{{who}_{part}_{share}_rmsjpe_cm:.1f}}" for who in ("last_known", "tracker")))
+_BODY_ROWS = tuple(
+    (label, share, *(f"{{{method}_{part}_{share}_rmsjpe_cm:.1f}}" for method in ("last_known", "tracker")))
     for part, label in {"body": "body", "finger": "finger", "all": "body and finger"}.items()
     for share in ("occluded", "all")
 )
-_FINGERS = (
-    ("this network", _pair("network")),
-    ("this network, smoothed, on rigid bones", _pair("bodysense")),
-    ("mean hand of the train split", _pair("mean_pose")),
-    ("hand of the nearest body of the train split", _pair("nearest")),
+_FINGER_ROWS = (
+    ("this network", _error_pair("network")),
+    ("this network, smoothed, on rigid bones", _error_pair("bodysense")),
+    ("mean hand of the train split", _error_pair("mean_pose")),
+    ("hand of the nearest body of the train split", _error_pair("nearest")),
 )
-_UPPER_BODY = tuple(
-    (joints, _pair(f"network_{joints}"), _pair(f"ik_{joints}")) for joints in ("neck", "shoulders", "elbows", "all")
+_UPPER_BODY_ROWS = tuple(
+    (joints, _error_pair(f"network_{joints}"), _error_pair(f"ik_{joints}"))
+    for joints in ("neck", "shoulders", "elbows", "all")
 )
 _COMPLETION = tuple(
     (
@@ -207,7 +208,7 @@ _COMPLETION = tuple(
     )
     for name in TABLE_SETS
 )
-_TAKES = tuple(
+_TAKE_ROWS = tuple(
     (
         name.replace("_", " "),
         *(
@@ -218,19 +219,19 @@ _TAKES = tuple(
     )
     for name in TABLE_SETS
 )
-_VAE = tuple(
+_VAE_ROWS = tuple(
     (
         label,
         *(f"{{modelMODEL_{part}_{measure}:.2f}}" for measure in ("position_cm", "velocity_cm_s", "acceleration_m_s2")),
     )
     for part, label in {"full": "full body", "legs": "legs"}.items()
 )
-_DURATIONS = ("hidden markers", "0.1 s", "0.2 s", "0.5 s", "1 s", "2 s")
-_GLOVE = tuple(
+_DURATION_HEAD = ("hidden markers", "0.1 s", "0.2 s", "0.5 s", "1 s", "2 s")
+_GLOVE_ROWS = tuple(
     (str(hidden), *(f"{{nn_{hidden}_{duration}_cm:.2f}}" for duration in ("0.1", "0.2", "0.5", "1.0", "2.0")))
     for hidden in (1, 2, 3, 4)
 )
-_ARMS = tuple(
+_ARM_ROWS = tuple(
     (label, f"{{shipped_{key}:.{digits}f}}", f"{{ik_{key}:.{digits}f}}")
     for label, key, digits in (
         ("position of all joints of arms and hands, from the chest, cm", "overall_cm", 1),
@@ -241,34 +242,34 @@ _ARMS = tuple(
         ("twist of the forearm, degrees", "forearm_twist_deg", 1),
     )
 )
-KINDS = {
-    (learned.FORMAT, ""): Kind(
+CARD_TEMPLATES = {
+    (learned.FORMAT, ""): CardTemplate(
         "Completes a body and its fingers from what a headset's cameras see (UNOC, Parger et al. 2021).",
         "bodysense evaluate unoc-table2",
         "Test people, main motions, RMSJPE in cm, through the tracker",
         ("part", "joints", "last known", "this network"),
-        _BODY,
-        "bodies whose limbs differ from the skeleton's; hands that hold things, for fingers were learned from half an "
-        "hour of avatar animation",
+        _BODY_ROWS,
+        "bodies whose limbs differ from the skeleton's; hands that hold things, because fingers were learned from half "
+        "an hour of avatar animation",
         has_optional_rows=True,
     ),
-    (point_model.FORMAT, "fingers"): Kind(
-        "Places the fingers of a body from the motion of that body alone (UNOC, Parger et al. 2021, section 5.3).",
+    (point_model.FORMAT, "fingers"): CardTemplate(
+        "Predicts the fingers of a body from the motion of that body (UNOC, Parger et al. 2021, section 5.3).",
         "bodysense evaluate finger-synthesis",
         "Test actions, main motions, finger joints and tips from their wrist, RMSJPE / MPJPE in cm",
         ("method", "cm"),
-        _FINGERS,
+        _FINGER_ROWS,
         "gestures that mean something, hands that hold or use things",
     ),
-    (point_model.FORMAT, "upper-body"): Kind(
-        "Places the upper body of a headset and two controllers (UNOC, Parger et al. 2021, section 5.2).",
+    (point_model.FORMAT, "upper-body"): CardTemplate(
+        "Predicts the upper body from a headset and two controllers (UNOC, Parger et al. 2021, section 5.2).",
         "bodysense evaluate unoc-table6",
-        "Test people, main motions, RMSJPE / MPJPE in cm, beside inverse kinematics after Parger et al. 2018",
+        "Test people, main motions, RMSJPE / MPJPE in cm, compared with inverse kinematics after Parger et al. 2018",
         ("joints", "network", "inverse kinematics"),
-        _UPPER_BODY,
-        "legs, of which it knows nothing; floors that are not at y = 0",
+        _UPPER_BODY_ROWS,
+        "legs, which it does not predict; floors that are not at y = 0",
     ),
-    (weights_file.FORMAT, ""): Kind(
+    (weights_file.FORMAT, ""): CardTemplate(
         "Completes a whole body, in rotations, from any points that are tracked, on any adult's proportions.",
         "bodysense evaluate completion",
         "Test people and test bodies, main motions: MPJPE from the head, cm, with a camera that of hidden joints; "
@@ -277,49 +278,49 @@ KINDS = {
         _COMPLETION,
         "children; people who carry or use things",
     ),
-    (joining_network.FORMAT, ""): Kind(
-        "Joins the two answers of a recording, one that knows its past and one that knows its future, to one body.",
+    (joining_network.FORMAT, ""): CardTemplate(
+        "Joins two completions of a recording, one that knows its past and one that knows its future, to one body.",
         "bodysense evaluate completion --takes",
         "Test people, known bodies, main motions: MPJPE from the head, cm, with a camera that of hidden joints, live "
         "and with the future, and local rotations with it, degrees",
         ("sensors", "live cm", "take cm", "take rotation °"),
-        _TAKES,
+        _TAKE_ROWS,
         "live tracking; children; people who carry or use things",
     ),
-    (glove.MARKER_FORMAT, ""): Kind(
-        "Fills hidden markers of a glove from those that are seen (Pavllo et al. 2019, section 3.2.2).",
+    (glove.MARKER_FORMAT, ""): CardTemplate(
+        "Predicts hidden markers of a glove from visible ones (Pavllo et al. 2019, section 3.2.2).",
         "bodysense evaluate gloves-table3",
         "Test actions, main motions, error of hidden markers on the last frame before they return, cm",
-        _DURATIONS,
-        _GLOVE,
+        _DURATION_HEAD,
+        _GLOVE_ROWS,
         "gloves with markers in other places; hands that hold things",
         ("hand-tracking", "gloves"),
     ),
-    (glove.JOINT_FORMAT, ""): Kind(
-        "Tells the 26 angles of a hand from the nine markers of a glove (Pavllo et al. 2019, section 3.2.3).",
+    (glove.JOINT_FORMAT, ""): CardTemplate(
+        "Predicts the 26 angles of a hand from the nine markers of a glove (Pavllo et al. 2019, section 3.2.3).",
         "bodysense evaluate gloves-table4",
         "Test actions, main motions, error of the joints of fingers through the whole pipeline, cm",
-        _DURATIONS,
-        (("0", "{nn_0_cm:.2f}", "", "", "", ""), *_GLOVE),
+        _DURATION_HEAD,
+        (("0", "{nn_0_cm:.2f}", "", "", "", ""), *_GLOVE_ROWS),
         "gloves with markers in other places; hands that hold things",
         ("hand-tracking", "gloves"),
     ),
-    (arms.FORMAT, ""): Kind(
-        "Turns arms and hands as key-points of a video show them (PAHMT, Liu et al. 2022).",
+    (arms.FORMAT, ""): CardTemplate(
+        "Predicts rotations of arms and hands from key-points of a video (PAHMT, Liu et al. 2022).",
         "bodysense evaluate pahmt-table1",
-        "Test actions, main motions, before simulated cameras whose detector errs",
-        ("what", "this network", "inverse kinematics on the true positions"),
-        _ARMS,
-        "hands that hold things, for fingers were learned from avatar animation",
+        "Test actions, main motions, in front of simulated cameras, with errors of the detector",
+        ("error", "this network", "inverse kinematics on the true positions"),
+        _ARM_ROWS,
+        "hands that hold things, because fingers were learned from avatar animation",
         ("human-pose", "video"),
     ),
-    (body_vae.FORMAT, ""): Kind(
-        "Draws whole bodies, several for one signal of head and hands or from nothing (HMD-VAE, Dittadi et al. 2021).",
+    (body_vae.FORMAT, ""): CardTemplate(
+        "Samples whole bodies, several for one signal of head and hands or without a signal (HMD-VAE, Dittadi et al. "
+        "2021).",
         "bodysense evaluate hmd-vae",
-        "Test people, main motions, at the posterior's mean, of the scored network of this model that was best in "
-        "validation",
+        "Test people, main motions, at the posterior's mean; the network of this model that was best in validation",
         ("joints", "position error, cm", "velocity error, cm/s", "acceleration, m/s²"),
-        _VAE,
-        "the most accurate body, which is the tracker's; floors that are not at y = 0",
+        _VAE_ROWS,
+        "the most accurate body, which the tracker gives; floors that are not at y = 0",
     ),
 }

@@ -1,4 +1,4 @@
-"""Options of `bodysense papers track`, which every paper's system takes; read by the command line, so no PyTorch."""
+"""Options of `bodysense papers track` for every paper's system. The command line imports them, so without PyTorch."""
 
 from __future__ import annotations
 
@@ -20,23 +20,23 @@ class PaperOptions:
 
     networks: Path | None = None  # a network file, for two_hands a folder of two; the packaged ones if None
     variant: Variant | None = None  # form of the network
-    device: DeviceName | None = None  # simulated device that watches a motion
-    noise: int | None = None  # random seed of the device's errors; None tracks exactly
+    device: DeviceName | None = None  # simulated device for a motion
+    noise: int | None = None  # random seed of the device's errors; None: exact tracking
     height: float | None = None  # m, of the wearer
     calibration: Path | None = None  # flat-hand calibration, for two_hands
 
-    def chosen(self, method: Method, valid: tuple[Variant, ...], usual: Variant) -> Variant:
-        """Return the variant, `usual` if none was given. Raises BodysenseError for one that the method lacks."""
+    def choose_variant(self, method: Method, valid: tuple[Variant, ...], default: Variant) -> Variant:
+        """Return the variant, `default` if none was given. Raises BodysenseError for one that the method lacks."""
         if self.variant is None or self.variant in valid:
-            return self.variant or usual
+            return self.variant or default
         options = f"valid are {', '.join(valid)}" if valid else "leave it out"
         raise BodysenseError(f"--variant {self.variant}: --method {method} has no such variant; {options}")
 
-    def watched_by(self, opened: Opened, usual: DeviceName) -> DeviceName | None:
-        """Return the simulated device: of a motion `usual` if none was given, of other sources None."""
-        return self.device or (usual if isinstance(opened, MotionSource) else None)
+    def choose_device(self, opened: Opened, default: DeviceName) -> DeviceName | None:
+        """Return the simulated device: for a motion `default` if none was given, for other sources None."""
+        return self.device or (default if isinstance(opened, MotionSource) else None)
 
 
-def untrained(what: str, command: str, option: str) -> BodysenseError:
+def missing_weights_error(what: str, command: str, option: str) -> BodysenseError:
     """Return the error for weights that are not packaged."""
     return BodysenseError(f"{what}: no weights are packaged; train them: {command}, then give {option}")

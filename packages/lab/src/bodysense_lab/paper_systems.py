@@ -1,4 +1,4 @@
-"""Systems of the papers by name, and the tracker next to them: each completes an opened source into a clip."""
+"""Systems of the papers and the tracker, by name. Each completes an opened source to a clip."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from bodysense_lab.two_hands import system as two_hands
 from bodysense_lab.unoc import system as unoc
 
 
-def completed(opened: Opened, options: PaperOptions) -> Clip:
-    """Complete a source by the tracker of `bodysense track`; a motion is watched by the headset's cameras."""
-    options.chosen("completion", (), "shipped")
-    device = options.watched_by(opened, "headset_camera")
+def complete_by_tracker(opened: Opened, options: PaperOptions) -> Clip:
+    """Complete a source by the tracker of `bodysense track`; a motion is tracked by simulated cameras of a headset."""
+    options.choose_variant("completion", (), "shipped")
+    device = options.choose_device(opened, "headset_camera")
     network = None if options.networks is None else load_completion(options.networks)
     return track(opened, device=device, height=options.height, noise=options.noise, network=network).clip
 
@@ -28,5 +28,5 @@ SYSTEMS: dict[Method, Callable[[Opened, PaperOptions], Clip]] = {
     "hmd_vae": hmd_vae.complete,
     "pahmt": pahmt.complete,
     "two_hands": two_hands.complete,
-    "completion": completed,
+    "completion": complete_by_tracker,
 }

@@ -1,6 +1,6 @@
-"""Preparation of a store: files of motion are read in parallel, and their clips appended to one Zarr group.
+"""Preparation of a store: motion files are read in parallel, and their clips are appended to one Zarr group.
 
-It is built in `<store>.part` and renamed when it is complete; a run that was stopped resumes.
+The store is built in `<store>.part` and renamed when it is complete. A stopped run resumes.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ from bodysense.io.datasets.sources import Source, list_sources, read_source
 from bodysense.io.placement import BodyPlacement, Footing, body_in_file, footing_of, placement_of
 from bodysense.io.reading_options import AS_FOUND, ReadingOptions
 from bodysense.io.resample import resample
-from bodysense_lab.bodies import lines_of, pooled
-from bodysense_lab.spread import spread
+from bodysense_lab.bodies import body_lines, pool_footings
+from bodysense_lab.parallel import parallel_map
 from bodysense_lab.store import (
     ARRAYS,
     FORMAT,
@@ -41,8 +41,8 @@ from bodysense_lab.store import (
     zarr_package,
 )
 
-CHUNK = 512  # frames that are compressed together: a random window reads one or two chunks
-BATCH = 64  # clips between two saves of the table; a kill loses at most these
+CHUNK = 512  # frames that are compressed together; a random window reads one or two chunks
+BATCH = 64  # clips between two saves of the table; a killed run loses at most these
 
 
 def prepare(
@@ -55,15 +55,23 @@ def prepare(
     options: ReadingOptions = AS_FOUND,
     sources: Sequence[Source] | None = None,
 ) -> Store:
-    """Turn a folder of motion files into a store at `rate` Hz, in parallel, and print what was skipped and why.
+    """Turn a folder of motion files into a store, in parallel, and print the skipped files with the reasons.
 
-    `workers` processes of this machine do it (None: one for each processor; 1: this process alone), or, where
-    `scheduler` is its address ('tcp://host:8786'), a Dask cluster that sees the same folders. A stopped run goes on
-    from there when it is run again; a finished one is not changed. `layout` None recognises the folder's
-    (`io.datasets.layouts`); `options` give what the files do not; `sources` are the folder's files, listed if None.
-    Raises BodysenseError where the folder has no motion,
-    where nothing in it can be read, and where `store_path` was made from other files, with other options or at another
-    rate.
+    A stopped run resumes when it is started again. A finished store is not changed.
+
+    Args:
+        directory: folder of motion files.
+        store_path: store to write.
+        rate: frame rate of the store, Hz.
+        workers: processes on this machine; one for each processor if None; 1: this process only.
+        scheduler: address of a Dask scheduler ('tcp://host:8786') whose cluster does the work instead. It must see
+            the same folders.
+        layout: published data set that the folder is (`io.datasets.layouts`); recognised if None.
+        options: properties that the files do not contain.
+        sources: the folder's files; listed if None.
+
+    Raises BodysenseError if the folder contains no motion, if no file of it can be read, and if `store_path` was
+    made from other files, with other options or at another rate.
     """
     directory, store_path = Path(directory), Path(store_path)
     if options.smpl_model is not None and not options.smpl_model.is_dir():
@@ -71,17 +79,17 @@ def prepare(
     listed = {source.key(directory): source for source in sources or list_sources(directory, layout)}
     if is_store(store_path):
         store = read_store(store_path)
-        _check_read_alike(store_path, options)
-        _check_same(store_path, store.table, rate, listed, whole=True)
+        _check_reading_options(store_path, options)
+        _check_same_files(store_path, store.table, rate, listed, whole=True)
         return store
     if store_path.exists():
-        raise BodysenseError(f"{store_path} exists and is no store; give another place or remove it")
+        raise BodysenseError(f"{store_path} exists and is not a store; give another place or remove it")
     part = store_path.with_name(f"{store_path.name}.part")
     group = _open_part(part, rate, options)
-    _check_read_alike(part, options)
+    _check_reading_options(part, options)
     table = read_table(group)
-    _check_same(part, table, rate, listed, whole=False)
-    if scheduler is not None:  # workers may run in another folder, so that they need whole paths
+    _check_same_files(part, table, rate, listed, whole=False)
+    if scheduler is not None:  # workers may run in another folder, so they need absolute paths
         listed = {key: replace(source, path=source.path.resolve()) for key, source in listed.items()}
         files = {name: value.resolve() for name, value in vars(options).items() if isinstance(value, Path)}
         options = replace(options, **files)
@@ -96,26 +104,26 @@ def prepare(
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns) as progress:
         task = progress.add_task(f"preparing {directory.name}", total=len(listed), completed=len(done))
-        for batch in _computed(todo, rate, workers, scheduler, options):
+        for batch in _prepare_batches(todo, rate, workers, scheduler, options):
             table = _append(group, table, batch)
             progress.advance(task, len(batch))
     if not table.clips:
         reason = table.skipped[0].reason
         raise BodysenseError(f"{directory}: none of its {len(listed)} files can be read; the first: {reason}")
     _publish(group, table, part, store_path)
-    for line in (*lines_of(table.bodies), *lines_by_kind((row.source, row.reason) for row in table.skipped)):
+    for line in (*body_lines(table.bodies), *lines_by_kind((row.source, row.reason) for row in table.skipped)):
         Console().print(line, markup=False, soft_wrap=True)
     return read_store(store_path)
 
 
 def _open_part(part: Path, rate: float, options: ReadingOptions) -> Any:
-    """The unfinished store, begun if need be."""
+    """Open the unfinished store; create it if it does not exist."""
     zarr = zarr_package()
     if not (np.isfinite(rate) and rate > 0):
-        raise BodysenseError(f"frame rate {rate:g} Hz cannot be; give a positive number, e.g. 30")
+        raise BodysenseError(f"frame rate {rate:g} Hz is not possible; give a positive number, e.g. 30")
     ours = default_skeleton()
     about = {"format": FORMAT, "rate": rate, "joints": ours.joints, "end_sites": ours.end_sites}
-    about["reading"] = _reading_of(options)
+    about["reading"] = _stored_options(options)
     try:
         if not is_store(part):
             zarr.create_group(part, zarr_format=3, attributes={**about, "clips": [], "skipped": []})
@@ -130,32 +138,32 @@ def _open_part(part: Path, rate: float, options: ReadingOptions) -> Any:
     return group
 
 
-def _reading_of(options: ReadingOptions) -> dict[str, str]:
-    """Return the reading options in the form in which a store keeps them."""
+def _stored_options(options: ReadingOptions) -> dict[str, str]:
+    """Return the reading options as a store saves them."""
     return {name: str(value) for name, value in asdict(options).items() if value is not None}
 
 
-def _check_read_alike(path: Path, options: ReadingOptions) -> None:
-    """Raise unless a store was made with these options."""
+def _check_reading_options(path: Path, options: ReadingOptions) -> None:
+    """Raise BodysenseError unless a store was made with these options."""
     before = zarr_package().open_group(path, mode="r").attrs.get("reading", {})
-    if before != _reading_of(options):
-        said = " ".join(f"--{name.replace('_', '-')} {value}" for name, value in before.items()) or "none"
-        raise BodysenseError(f"{path} was made with other options ({said}); give another place or remove it")
+    if before != _stored_options(options):
+        before_text = " ".join(f"--{name.replace('_', '-')} {value}" for name, value in before.items()) or "none"
+        raise BodysenseError(f"{path} was made with other options ({before_text}); give another place or remove it")
 
 
-def _check_same(path: Path, table: Table, rate: float, sources: Mapping[str, Source], whole: bool) -> None:
-    """Raise unless what is in a store was made of these files, at this rate."""
+def _check_same_files(path: Path, table: Table, rate: float, sources: Mapping[str, Source], whole: bool) -> None:
+    """Raise BodysenseError unless a store was made from these files, at this rate; `whole`: from all of them."""
     if table.rate != rate:
         raise BodysenseError(f"{path} is at {table.rate:g} Hz, not {rate:g}; give another place or remove it")
     rows = [*table.clips, *table.skipped]
     for row in rows:
         if row.source not in sources or (not whole and sources[row.source].file.sha256() != row.sha256):
             raise BodysenseError(
-                f"{path} was made with another {row.source} than there is now; give another place or remove it"
+                f"{path} was made from another version of {row.source}; give another place or remove it"
             )
     if whole and len(rows) != len(sources):
         raise BodysenseError(
-            f"{path} was made of {len(rows)} files, and there are {len(sources)} now; give another place or remove it"
+            f"{path} was made from {len(rows)} files, but there are {len(sources)} now; give another place or remove it"
         )
 
 
@@ -166,30 +174,32 @@ def _find_bodies(
     scheduler: str | None,
     options: ReadingOptions,
 ) -> dict[str, BodyPlacement]:
-    """Return the height and floor of every person of AMASS files whose skeleton is unknown, and keep them."""
+    """Return height and floor of every person in AMASS files without a known skeleton, and save them in the store."""
     if "bodies" not in group.attrs:
-        bare = [one for one in sources.values() if one.skeleton is None and one.file.place.suffix.lower() == ".npz"]
+        npz_sources = [
+            one for one in sources.values() if one.skeleton is None and one.file.place.suffix.lower() == ".npz"
+        ]
         parts: dict[str, list[Footing]] = {}
-        count = _processes(workers) if bare else 1
-        for source, footing in spread(partial(_footing, model=options.smpl_model), bare, count, scheduler):
+        count = _processes(workers) if npz_sources else 1
+        for source, footing in parallel_map(partial(_footing, model=options.smpl_model), npz_sources, count, scheduler):
             if footing is not None:
                 parts.setdefault(source.person, []).append(footing)
         has_bones = options.smpl_model is not None
-        found = {person: placement_of(pooled(ones), has_bones) for person, ones in parts.items()}
+        found = {person: placement_of(pool_footings(ones), has_bones) for person, ones in parts.items()}
         group.attrs["bodies"] = {person: asdict(one) for person, one in found.items()}
     return dict(read_table(group).bodies)
 
 
 def _footing(source: Source, model: Path | None) -> Footing | None:
-    """Return what a motion tells of its body; None if it cannot be read, which reading it again reports."""
+    """Return a motion's footing; None if it cannot be read. `_prepare_source` reports the reason."""
     try:
         return footing_of(body_in_file(source.path, model))
     except BodysenseError:
         return None
 
 
-def _prepared(item: tuple[str, Source], rate: float, options: ReadingOptions) -> tuple[Clip | str, str]:
-    """Return the clip of a source at `rate`, or the reason for its absence, and its file's hash. Runs in workers."""
+def _prepare_source(item: tuple[str, Source], rate: float, options: ReadingOptions) -> tuple[Clip | str, str]:
+    """Return the clip of a source at `rate`, or the reason why it cannot be read, and its file's hash."""
     _, source = item
     sha256 = source.file.sha256()
     try:
@@ -201,25 +211,27 @@ def _prepared(item: tuple[str, Source], rate: float, options: ReadingOptions) ->
     return replace(clip, pose=small), sha256
 
 
-def _computed(
+def _prepare_batches(
     sources: Mapping[str, Source], rate: float, workers: int | None, scheduler: str | None, options: ReadingOptions
 ) -> Iterator[list[tuple[str, Source, Clip | str, str]]]:
-    """Yield the results of `_prepared`: batches of (key, source, clip or reason, hash)."""
-    made = spread(partial(_prepared, rate=rate, options=options), sources.items(), _processes(workers), scheduler)
-    while batch := [(*item, *result) for item, result in islice(made, BATCH)]:
+    """Yield the results of `_prepare_source`: batches of (key, source, clip or reason, hash)."""
+    results = parallel_map(
+        partial(_prepare_source, rate=rate, options=options), sources.items(), _processes(workers), scheduler
+    )
+    while batch := [(*item, *result) for item, result in islice(results, BATCH)]:
         yield batch
 
 
 def _processes(workers: int | None) -> int:
-    """Return how many processes work: all processors for None."""
+    """Return the number of processes; one for each processor if None."""
     workers = os.cpu_count() or 1 if workers is None else workers
     if workers < 1:
-        raise BodysenseError(f"{workers} workers cannot be; give at least 1")
+        raise BodysenseError(f"{workers} workers are not possible; give at least 1")
     return workers
 
 
 def _append(group: Any, table: Table, batch: Sequence[tuple[str, Source, Clip | str, str]]) -> Table:
-    """Write a batch behind what the table knows, then the table: a kill between the two leaves nothing half done."""
+    """Append a batch of arrays, then update the table; rows without an entry in the table are overwritten later."""
     clips, skipped, new = list(table.clips), list(table.skipped), []
     start = table.frames
     for key, source, clip, sha256 in batch:
@@ -254,9 +266,9 @@ def _append(group: Any, table: Table, batch: Sequence[tuple[str, Source, Clip | 
 
 
 def _publish(group: Any, table: Table, part: Path, store_path: Path) -> None:
-    """Give a whole store its name."""
+    """Mark a store as complete and rename it."""
     counts = {"rotation": table.frames, "root_position": table.frames, "rest_offset": len(table.clips)}
     for key, count in counts.items():
-        group[key].resize((count, *group[key].shape[1:]))  # a killed run may have left more than its table knows
+        group[key].resize((count, *group[key].shape[1:]))  # a killed run may have written more rows than its table has
     group.attrs["complete"] = True
     os.replace(part, store_path)

@@ -1,4 +1,4 @@
-"""Progress of long work: a bar in a terminal, and lines in a log."""
+"""Progress of long work: a bar in a terminal, lines in a log."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ from torch import distributed
 
 from bodysense.io.clip import Clip
 from bodysense.io.datasets.splits import Split
-from bodysense_lab.clips import learned_clips, learned_count
+from bodysense_lab.clips import count_training_clips, training_clips
 
-_EVERY = 15.0  # s from one line of a log to the next
+_EVERY = 15.0  # s between lines of a log
 Item = TypeVar("Item")
 
 
 @contextmanager
-def counted(what: str, total: int | None = None) -> Iterator[Callable[[int], None]]:
-    """Display progress over `total` pieces; yields a function to call with the number of pieces that are done anew.
+def log_progress(what: str, total: int | None = None) -> Iterator[Callable[[int], None]]:
+    """Display progress over `total` pieces; yields a function that adds a number of finished pieces.
 
-    Without a terminal a line is printed at the beginning, every 15 s, and at the end. Of processes that share a
-    training only the first one displays anything.
+    Without a terminal a line is printed at the start, every 15 s, and at the end. If several processes share a
+    training, only the first one displays progress.
     """
     console = Console(width=None if Console().is_terminal else 200)
     if distributed.is_available() and distributed.is_initialized() and distributed.get_rank() > 0:
@@ -46,27 +46,27 @@ def counted(what: str, total: int | None = None) -> Iterator[Callable[[int], Non
         reached, now = reached + done, time.monotonic()
         if now >= last + _EVERY or reached >= (total or math.inf):
             last = now
-            console.print(_line(what, reached, total, now - begun), highlight=False, markup=False)
+            console.print(_progress_line(what, reached, total, now - begun), highlight=False, markup=False)
 
-    console.print(_line(what, 0, total, 0.0), highlight=False, markup=False)
+    console.print(_progress_line(what, 0, total, 0.0), highlight=False, markup=False)
     yield advance
 
 
-def tracked(items: Iterable[Item], what: str, total: int | None = None) -> Iterator[Item]:
-    """Yield the items; display progress over them, `total` in all."""
-    with counted(what, total) as advance:
+def with_progress_log(items: Iterable[Item], what: str, total: int | None = None) -> Iterator[Item]:
+    """Yield the items and display progress over them; `total` is their number."""
+    with log_progress(what, total) as advance:
         for item in items:
             yield item
             advance(1)
 
 
 def read_clips(directory: Path, split: Split, limit: int | None = None) -> Iterator[Clip]:
-    """Return the clips of a split that a training reads; display progress over them. Raises as `learned_clips` does."""
-    total = learned_count(directory, split, limit)
-    return tracked(learned_clips(directory, split, limit), f"reading the {split} split", total)
+    """Return the clips of a split that a training reads; display progress over them. Errors: see `training_clips`."""
+    total = count_training_clips(directory, split, limit)
+    return with_progress_log(training_clips(directory, split, limit), f"reading the {split} split", total)
 
 
-def _line(what: str, reached: int, total: int | None, seconds: float) -> str:
+def _progress_line(what: str, reached: int, total: int | None, seconds: float) -> str:
     count = f"{what}: {reached}" if total is None else f"{what}: {reached}/{total}"
     if not reached:
         return count

@@ -1,6 +1,7 @@
-"""A table of scores: places × methods × figures, next to published figures, from one dictionary of errors.
+"""Tables of scores: places × methods × figures, next to published figures, from one dictionary of errors.
 
-A table of a paper is a `ScoreTable`; `score_report` turns it and the scores into rows, numbers, remarks and a picture.
+A `ScoreTable` defines a table of a paper. `score_report` turns it and the scores into rows, numbers, remarks and a
+picture. A *place* is a row of the table, such as a part of the body.
 """
 
 from __future__ import annotations
@@ -12,12 +13,12 @@ from typing import Any, Literal
 
 from bodysense_lab.chart import BarPanel, plain_bars
 from bodysense_lab.datasets import Census
-from bodysense_lab.intervals import Named
+from bodysense_lab.intervals import NamedFigure
 from bodysense_lab.scoring import GROUPS, Measure, Tally, suffix_of
-from bodysense_lab.table import Cell, Report, bounds, cell, finite, ordering, surely
+from bodysense_lab.table import Cell, Report, bound_cells, cell, finite, interval_bounds, ordering
 
-At = Any  # the key of a place: a text or several
-# Errors by group of categories, place (a row of the table), method and measure.
+At = Any  # key of a place: a text, or a tuple of texts
+# Errors by group of categories, place, method and measure.
 Cells = Mapping[tuple[str, Any, str, str], Tally]
 Labels = str | tuple[str, ...]  # one label, or one for each of several columns
 
@@ -26,14 +27,15 @@ Labels = str | tuple[str, ...]  # one label, or one for each of several columns
 class ScoreColumn:
     """A figure of every place and method.
 
-    `key` names it in the flat object, with `{method}` and `{place.key}`; other groups than the main one are appended.
+    `key` is its name in the flat object, with `{method}` and `{place.key}`; the group is appended unless it is the main
+    one.
     """
 
     heading: str
     measure: str
     average: Literal["mpjpe", "rmsjpe", "count"] = "mpjpe"
     key: str | None = None
-    bounded: bool = False  # whether the flat object has its bounds
+    bounded: bool = False  # whether the flat object contains its bounds
 
 
 @dataclass(frozen=True)
@@ -47,11 +49,11 @@ class ScoreRow:
 
 @dataclass(frozen=True)
 class Published:
-    """Published figures, columns of a table: by place and method, a number or None for each heading."""
+    """Published figures as columns of a table: for each place and method, a number or None for each heading."""
 
     headings: tuple[str, ...]
     cells: Mapping[tuple[At, str], Sequence[float | None]]
-    label: str = "published (UNOC)"  # in the picture, whose bars are the first numbers
+    label: str = "published (UNOC)"  # in the picture, whose bars have the first number of each cell
 
 
 @dataclass(frozen=True)
@@ -66,7 +68,7 @@ class Compared:
 
 @dataclass(frozen=True)
 class Claim:
-    """That one figure is smaller than others."""
+    """A claim that one figure is smaller than others."""
 
     text: str
     lower: Compared
@@ -74,25 +76,28 @@ class Claim:
 
 
 def claim(text: str, names: Mapping[str, str], place: At, lower: str, *higher: str, figure: int = 0) -> Claim:
-    """Return the claim that a method has a smaller figure than others at the same place; `names` are the methods'."""
+    """Return the claim that method `lower` has a smaller figure than methods `higher` at a place.
+
+    `names` has the names of the methods in the remark.
+    """
     one, *others = (Compared(names[method], place, method, figure) for method in (lower, *higher))
     return Claim(text, one, tuple(others))
 
 
 @dataclass(frozen=True)
 class BarChart:
-    """A panel: bars of a figure, by label, of (place, method)."""
+    """A panel with bars of one figure."""
 
     title: str
-    bars: Mapping[str, tuple[At, str]]
-    measure: str
-    figure: int = 0
-    more: tuple[tuple[str, int], ...] = ()  # labels and numbers of more figures of ours
+    bars: Mapping[str, tuple[At, str]]  # place and method of each bar, by its label
+    measure: str  # label of the vertical axis
+    figure: int = 0  # index of the figure
+    more: tuple[tuple[str, int], ...] = ()  # labels and indices of more figures of ours
 
 
 @dataclass(frozen=True)
 class ScoreTable:
-    """One table."""
+    """Definition of a table of scores."""
 
     name: str
     title: str
@@ -105,17 +110,17 @@ class ScoreTable:
     claims: tuple[Claim, ...] = ()
     charts: tuple[BarChart, ...] = ()
     rows: tuple[At, ...] | None = None  # places of the rows; None: all
-    bounded: int | None = None  # the figure whose bounds are two columns
-    groups: tuple[str, ...] = GROUPS[1:]  # groups with a column of their own, if there is such motion
-    of_groups: tuple[int, str] = (0, "{} RMSJPE")  # their figure and heading
-    change_from: str | None = None  # method from which changes of the first figure are counted
-    published_rows: bool = False  # whether rows without figures of ours are kept, after the others of a place
+    bounded: int | None = None  # index of the figure whose bounds are two columns
+    groups: tuple[str, ...] = GROUPS[1:]  # groups that have a column if their motion was scored
+    of_groups: tuple[int, str] = (0, "{} RMSJPE")  # figure and heading of these columns
+    change_from: str | None = None  # method relative to which changes of the first figure are listed
+    published_rows: bool = False  # whether rows with only published figures are kept, at the end of a place
     unit: str = "cm"  # of the claims
-    digits: int = 1
+    digits: int = 1  # decimals of printed figures
 
 
 def pairs(text: str) -> list[tuple[float, ...]]:
-    """Return published figures: of "5.9/4.0 4.3/3.1" (5.9, 4.0) and (4.3, 3.1)."""
+    """Parse published figures: "5.9/4.0 4.3/3.1" gives (5.9, 4.0) and (4.3, 3.1)."""
     return [tuple(map(float, pair.split("/"))) for pair in text.split()]
 
 
@@ -128,15 +133,15 @@ def score_report(
     numbers: Mapping[str, float] | None = None,
     remarks_title: str = "What holds of the paper",
 ) -> Report:
-    """Return a table of scores.
+    """Return the report of a table of scores.
 
     Args:
-        table: the table.
+        table: definition of the table.
         scores: errors by group, place, method and measure.
         census: amount of motion, for the flat object.
-        data: sentences on the motion.
+        data: sentences about the motion.
         remarks: sentences after those of the claims.
-        numbers: more numbers of the flat object.
+        numbers: more numbers for the flat object.
         remarks_title: heading of the remarks.
     """
     of_groups = table.figures[table.of_groups[0]]
@@ -178,7 +183,7 @@ def flat_numbers(table: ScoreTable, scores: Cells) -> dict[str, float]:
                 key = figure.key.format(method=method, place=where) + suffix_of(group)
                 numbers[key] = getattr(tally, figure.average)
                 if figure.bounded:
-                    numbers |= surely({key: tally.interval(_averaged(figure))})
+                    numbers |= interval_bounds({key: tally.interval(_averaged(figure))})
     return finite(numbers)
 
 
@@ -204,7 +209,7 @@ def _rows(table: ScoreTable, scores: Cells, groups: Sequence[str]) -> Iterator[t
             if table.bounded is not None:
                 figure = table.figures[table.bounded]
                 tally = scores.get(("main", place, method, figure.measure), Tally())
-                row += bounds(tally.interval(_averaged(figure)))
+                row += bound_cells(tally.interval(_averaged(figure)))
             row += [value for values in published for value in values]
             if table.change_from is not None:
                 row += _changes(table, scores, place, method)
@@ -223,7 +228,7 @@ def _labels(label: Labels) -> tuple[str, ...]:
 
 
 def _changes(table: ScoreTable, scores: Cells, place: At, method: str) -> list[Cell]:
-    """Return the changes of the first figure, ours and the published one, from those of `change_from`, %."""
+    """Return the changes in % of the first figure, ours and the published one, relative to method `change_from`."""
     start, changes = str(table.change_from), list[Cell]()
     ours = [_value(table.figures[0], scores, place, one) for one in (method, start)]
     theirs = [table.published[0].cells.get((place, one), (None,))[0] for one in (method, start)]
@@ -233,9 +238,9 @@ def _changes(table: ScoreTable, scores: Cells, place: At, method: str) -> list[C
 
 
 def _verdicts(table: ScoreTable, scores: Cells) -> Iterator[str]:
-    """Yield whether each claim holds; claims about missing figures are left out."""
+    """Yield a remark on whether each claim holds; claims about missing figures are omitted."""
 
-    def named(one: Compared) -> Named:
+    def named(one: Compared) -> NamedFigure:
         figure = table.figures[one.figure]
         tally = scores.get(("main", one.place, one.method, figure.measure), Tally())
         return tally.named(one.name, _averaged(figure))
@@ -250,15 +255,15 @@ def _panels(table: ScoreTable, scores: Cells) -> Iterator[BarPanel]:
     for chart in table.charts:
         figure = table.figures[chart.figure]
         ours = {label: cell(_value(figure, scores, *at)) for label, at in chart.bars.items()}
-        shown = [label for label, value in ours.items() if value is not None]
-        if not shown:
+        labels = [label for label, value in ours.items() if value is not None]
+        if not labels:
             continue
-        bars = [plain_bars("ours", [ours[label] for label in shown])]
+        bars = [plain_bars("ours", [ours[label] for label in labels])]
         for name, number in chart.more:
-            values = [_value(table.figures[number], scores, *chart.bars[label]) for label in shown]
+            values = [_value(table.figures[number], scores, *chart.bars[label]) for label in labels]
             bars += [plain_bars(name, values)] if any(map(math.isfinite, values)) else []
         for one in table.published:
-            theirs = [one.cells.get(chart.bars[label], (None,))[0] for label in shown]
+            theirs = [one.cells.get(chart.bars[label], (None,))[0] for label in labels]
             if any(value is not None for value in theirs):
                 bars.append(plain_bars(one.label, theirs))
-        yield BarPanel(chart.title, tuple(shown), tuple(bars), chart.measure)
+        yield BarPanel(chart.title, tuple(labels), tuple(bars), chart.measure)

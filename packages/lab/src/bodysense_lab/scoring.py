@@ -1,4 +1,4 @@
-"""How completed motion is scored: errors by part of the body, share of joints and kind of motion."""
+"""Scores of completed motion: errors by part of the body and kind of motion."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from bodysense.body.skeleton import Skeleton
 from bodysense.io.clip import Clip
 from bodysense.metrics import joint_error
 from bodysense.observation import Observation
-from bodysense_lab.intervals import Interval, Named, Shares, interval
+from bodysense_lab.intervals import Interval, NamedFigure, Shares, interval
 
 RATE = 30.0  # Hz at which motion is scored
-MAIN = ("sit", "talk_gesture", "conversation", "everyday", "locomotion")  # what a headset's wearer does
+MAIN = ("sit", "talk_gesture", "conversation", "everyday", "locomotion")  # categories typical of headset wearers
 # Scored joints of both sides.
 UNOC_EVAL_JOINTS = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle", "foot")
-GROUPS = ("main", "sport", "dance", "other")  # the categories that are scored together
+GROUPS = ("main", "sport", "dance", "other")  # groups of categories that are scored together
 
 
 Measure = Literal["mpjpe", "rmsjpe"]
@@ -26,7 +26,7 @@ Measure = Literal["mpjpe", "rmsjpe"]
 
 @dataclass
 class Tally:
-    """Running sums of errors (cm), so that averages are over frames, not over clips; and the same by person."""
+    """Running sums of errors in cm, in all and by person; averages are over frames, not over clips."""
 
     count: float = 0.0
     total: float = 0.0
@@ -34,12 +34,12 @@ class Tally:
     people: dict[str, Tally] = field(default_factory=dict, repr=False)
 
     def add(self, error: np.ndarray, person: str = "") -> None:
-        """Count errors of any shape; whose they are, where that is known."""
+        """Add errors (any shape), of a person if known."""
         one = Tally(error.size, float(error.sum()), float((error * error).sum()))
         self.merge(replace(one, people={person: one}) if person else one)
 
     def merge(self, other: Tally) -> None:
-        """Count what another has counted."""
+        """Add the errors of another tally."""
         self.count += other.count
         self.total += other.total
         self.squared += other.squared
@@ -47,19 +47,19 @@ class Tally:
             self.people.setdefault(person, Tally()).merge(one)
 
     def shares(self, measure: Measure = "mpjpe") -> Shares:
-        """By person: the mean (of RMSJPE its square) and its weight."""
+        """Return the mean (for RMSJPE the mean square) and its weight by person."""
         people = {person: one for person, one in self.people.items() if one.count}
         return {
             person: ((one.total if measure == "mpjpe" else one.squared) / one.count, one.count)
             for person, one in people.items()
         }
 
-    def named(self, name: str, measure: Measure = "mpjpe") -> Named:
-        """A figure under a name, to be compared."""
-        return Named(name, getattr(self, measure), self.shares(measure))
+    def named(self, name: str, measure: Measure = "mpjpe") -> NamedFigure:
+        """Return a figure under a name, for comparisons."""
+        return NamedFigure(name, getattr(self, measure), self.shares(measure))
 
     def interval(self, measure: Measure = "mpjpe") -> Interval:
-        """Between what a figure lies, by bootstrap over people."""
+        """Return a figure and its confidence interval, by bootstrap over people."""
         found = interval(self.shares(measure))
         if measure == "mpjpe":
             return found
@@ -78,20 +78,20 @@ class Tally:
 
 @dataclass(frozen=True, eq=False)
 class TrackedClip:
-    """A clip, what the headset saw of it, and what every method made of that."""
+    """A clip, its observation by a headset, and its completions."""
 
     clip: Clip  # the truth, at 30 Hz
     observation: Observation
-    position: dict[str, np.ndarray]  # method → (T, P, 3) m
+    position: dict[str, np.ndarray]  # (T, P, 3) m by method
 
 
 def part_errors(
     position: np.ndarray, truth: np.ndarray, skeleton: Skeleton, fingers: bool
 ) -> dict[str, tuple[np.ndarray, list[int]]]:
-    """Errors (T, N), cm, of every part of the body, and which N points it has: positions (T, P, 3) m in one frame.
+    """Return errors (T, N) in cm of every part of the body, and the indices of its N points.
 
-    Fingers are measured from their wrist, except in parts that include the body. Without fingers, these parts are
-    omitted.
+    Both positions (T, P, 3) in m are in the same axes. Fingers are measured from their wrist, except in parts that
+    include the body. Without fingers, these parts are omitted.
     """
     finger, tested = np.flatnonzero(skeleton.wrist_of >= 0).tolist(), scored_points(skeleton)
     wrist = skeleton.wrist_of[finger]
@@ -106,17 +106,17 @@ def part_errors(
 
 
 def scored_points(skeleton: Skeleton) -> list[int]:
-    """The points that UNOC's tables test, of either side."""
+    """Return the indices of the points that UNOC's tables test, of both sides."""
     return [p for p, name in enumerate(skeleton.points) if name.partition("_")[2] in UNOC_EVAL_JOINTS]
 
 
 def group_of(clip: Clip) -> str:
-    """The one of `GROUPS` with which a clip is scored."""
+    """Return the group of `GROUPS` in which a clip is scored."""
     return group_named(clip.category)
 
 
 def group_named(category: str) -> str:
-    """The one of `GROUPS` with which clips of a category are scored."""
+    """Return the group of `GROUPS` in which clips of a category are scored."""
     return "main" if category in (*MAIN, "") else category if category in GROUPS else "other"
 
 

@@ -1,12 +1,12 @@
-"""The store: a folder of motion prepared for training, in one chunked Zarr (version 3) group.
+"""Store: a folder of motion prepared for training, as one chunked Zarr group (version 3).
 
-    rotation       (N, 52, 4) float32   all frames of all clips, one after the other, at one frame rate
+    rotation       (N, 52, 4) float32   all frames of all clips, concatenated, at one frame rate
     root_position  (N, 3)     float32
     rest_offset    (C, 65, 3) float32   the body of each clip
     attributes     format, rate, joints, end_sites, clips (a row each: start, length, person, …), skipped (reasons),
-                   bodies (height and floor of each person of AMASS, as the motions show them: `io.placement`)
+                   bodies (height and floor of each person in AMASS, inferred from the motions: `io.placement`)
 
-`preparation` makes it.
+`preparation` writes it.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from bodysense.io.placement import BodyPlacement
 
 FORMAT = "bodysense-motion-1"
-ARRAYS = {"rotation": (52, 4), "root_position": (3,), "rest_offset": (65, 3)}  # what one row of each is
+ARRAYS = {"rotation": (52, 4), "root_position": (3,), "rest_offset": (65, 3)}  # shape of one row of each array
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class StoredClip:
     """A row of the store's table."""
 
     name: str
-    source: str  # path in the folder it was made from
+    source: str  # path in the original folder
     sha256: str  # of that file
     start: int  # first frame
     length: int
@@ -49,7 +49,7 @@ class StoredClip:
 
 @dataclass(frozen=True)
 class Skipped:
-    """A file that could not be read, and why."""
+    """A file that could not be read, and the reason."""
 
     source: str
     sha256: str
@@ -67,7 +67,7 @@ class Table:
 
     @property
     def frames(self) -> int:
-        """Frames of all clips."""
+        """Number of frames of all clips."""
         return sum(row.length for row in self.clips)
 
 
@@ -81,7 +81,7 @@ class Store:
     rest_offset: np.ndarray  # (C, 65, 3)
 
     def clip(self, index: int) -> Clip:
-        """One clip, in canonical form."""
+        """Return one clip in canonical form."""
         row = self.table.clips[index]
         frames = slice(row.start, row.start + row.length)
         skeleton = default_skeleton().with_offsets(self.rest_offset[index])
@@ -91,10 +91,10 @@ class Store:
 
 
 def read_store(path: str | Path) -> Store:
-    """Open a store for reading. Raises BodysenseError for anything else, and for one that is not finished."""
+    """Open a store for reading. Raises BodysenseError if `path` is not a finished store."""
     zarr = zarr_package()
     if not is_store(path):
-        raise BodysenseError(f"{path}: no store of motion; make one with `bodysense data prepare FOLDER -o {path}`")
+        raise BodysenseError(f"{path}: not a store of motion; make one with `bodysense data prepare FOLDER -o {path}`")
     try:
         group = zarr.open_group(Path(path), mode="r")
         if group.attrs.get("format") != FORMAT or not group.attrs.get("complete"):
@@ -105,7 +105,7 @@ def read_store(path: str | Path) -> Store:
             (table.frames, 3),
             (len(table.clips), 65, 3),
         ]:
-            raise BodysenseError(f"{path}: its arrays do not fit its table; remove it and prepare it again")
+            raise BodysenseError(f"{path}: its arrays do not match its table; remove it and prepare it again")
         rotation, root_position, rest_offset = (group[key] for key in ARRAYS)
         return Store(table, rotation, root_position, np.asarray(rest_offset[:]))
     except (KeyError, TypeError, ValueError, AttributeError, OSError) as error:
@@ -113,12 +113,12 @@ def read_store(path: str | Path) -> Store:
 
 
 def is_store(path: str | Path) -> bool:
-    """Whether a folder is a Zarr group, as a store is."""
+    """Return whether a folder is a Zarr group, as a store is."""
     return (Path(path) / "zarr.json").is_file()
 
 
 def read_table(group: Any) -> Table:
-    """Return the table that a group keeps."""
+    """Return the table in the attributes of a group."""
     from bodysense.io.placement import BodyPlacement
 
     clips = tuple(StoredClip(**row) for row in group.attrs["clips"])

@@ -1,4 +1,4 @@
-"""Training many networks with one command: what is there is kept, several side by side, one progress bar."""
+"""Training of many networks with one command: finished ones are kept, several train in parallel."""
 
 from __future__ import annotations
 
@@ -12,20 +12,19 @@ from rich.progress import BarColumn, TextColumn, TimeElapsedColumn, TimeRemainin
 from rich.progress import Progress as Bars
 
 from bodysense.errors import BodysenseError
-from bodysense_lab.checkpoint import differences
-from bodysense_lab.fit import Progress, Report, line_of_progress, printed
-from bodysense_lab.spread import worker_pool
+from bodysense_lab.checkpoint import identity_differences
+from bodysense_lab.fit import Progress, Report, progress_line, progress_printer
+from bodysense_lab.parallel import worker_pool
 
-# Train the network of this name, telling a report how it goes; returns what to say of it.
+# Train the network of a name, and call a report with its progress. Returns a line about the result.
 Train = Callable[[str, Report], str]
 
 
-def is_same(path: Path, before: str, now: str) -> bool:
-    """True where the network in `path` was trained as asked; both are identities. Raises BodysenseError otherwise."""
+def is_trained_as_configured(path: Path, before: str, now: str) -> bool:
+    """Return True if identity `before`, of the network in `path`, equals `now`. Raises BodysenseError otherwise."""
     if json.loads(before) != json.loads(now):
-        raise BodysenseError(
-            f"{path} is of another configuration ({differences(before, now)}); give another --out, or those settings"
-        )
+        changed = identity_differences(before, now)
+        raise BodysenseError(f"{path} is of another configuration ({changed}); give another --out, or those settings")
     return True
 
 
@@ -37,10 +36,17 @@ def sweep(
     jobs: int = 1,
     quiet: bool = False,
 ) -> None:
-    """Train the networks that are not trained, in order, `jobs` at a time; `steps` are of each by its name.
+    """Train the networks that are not trained yet, in order.
 
-    With several jobs each has a process of its own, and `train` must be picklable; the folder `logs` holds NAME.jsonl.
-    A terminal displays one bar; without a terminal each network prints its lines of progress.
+    Args:
+        steps: number of steps of each network, by name.
+        train: trains one network; must be picklable if `jobs` is above 1.
+        is_trained: whether a network is trained.
+        logs: folder of the logs, NAME.jsonl.
+        jobs: networks that train at the same time, each in its own process if above 1.
+        quiet: print nothing.
+
+    A terminal displays one bar. Without a terminal each network prints lines of progress.
     """
     todo = [name for name in steps if not is_trained(name)]
     console = Console(quiet=quiet)
@@ -50,10 +56,13 @@ def sweep(
         bar = bars.add_task("training", total=sum(steps.values()), completed=done)
         if jobs > 1:
             with worker_pool(jobs) as pool:
-                waiting = {pool.submit(train, name, quietly if console.is_terminal else printed(name)) for name in todo}
+                waiting = {
+                    pool.submit(train, name, discard_progress if console.is_terminal else progress_printer(name))
+                    for name in todo
+                }
                 while waiting:
                     ended, waiting = wait(waiting, timeout=1.0, return_when=FIRST_COMPLETED)
-                    bars.update(bar, completed=done + sum(_reached(logs, name, steps[name]) for name in todo))
+                    bars.update(bar, completed=done + sum(_logged_step(logs, name, steps[name]) for name in todo))
                     for future in ended:
                         console.print(future.result(), highlight=False)
             return
@@ -62,21 +71,21 @@ def sweep(
 
             def report(progress: Progress, name: str = name, before: int = done) -> None:
                 if not (progress.terms and console.is_terminal):
-                    console.print(f"{name} {line_of_progress(progress)}", highlight=False, soft_wrap=True)
+                    console.print(f"{name} {progress_line(progress)}", highlight=False, soft_wrap=True)
                 pace = f", {progress.steps_per_second:.3g} steps/s" if progress.terms else ""
                 bars.update(bar, completed=before + progress.step, description=f"{name}{pace}")
 
-            if not is_trained(name):  # a network it depends on may be unchanged
+            if not is_trained(name):  # the network on which it depends may be unchanged
                 console.print(train(name, report), highlight=False)
             done += steps[name]
             bars.update(bar, completed=done)
 
 
-def quietly(progress: Progress) -> None:
-    """A report that says nothing: the log is read instead."""
+def discard_progress(progress: Progress) -> None:
+    """Report nothing; the log is read instead."""
 
 
-def _reached(logs: Path, name: str, steps: int) -> int:
+def _logged_step(logs: Path, name: str, steps: int) -> int:
     """Return the step of the last line of a log."""
     log = logs / f"{name}.jsonl"
     lines = log.read_text(encoding="utf-8").splitlines() if log.is_file() else []

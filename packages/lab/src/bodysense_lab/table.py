@@ -1,4 +1,4 @@
-"""Report of a table: our figures next to the published ones, the data, and the claims that hold."""
+"""Report of a table: our figures next to published ones, remarks about the data, and the claims that hold."""
 
 from __future__ import annotations
 
@@ -10,50 +10,50 @@ from pathlib import Path
 
 from bodysense.files import written_beside
 from bodysense_lab.chart import Panel
-from bodysense_lab.intervals import Interval, Named, interval
+from bodysense_lab.intervals import Interval, NamedFigure, interval
 
 Cell = float | str | None
 
 
 @dataclass(frozen=True)
 class Report:
-    """One table. Rows whose first cells agree stand together."""
+    """One table. Rows with equal first cells are adjacent."""
 
     name: str  # of its files
     title: str
     columns: tuple[str, ...]
     rows: tuple[tuple[Cell, ...], ...]
     numbers: dict[str, float] = field(repr=False)  # one flat object
-    data: tuple[str, ...] = ()  # sentences: what was used, what was not there
-    remarks: tuple[str, ...] = ()  # sentences: which of the paper's orderings hold
+    data: tuple[str, ...] = ()  # sentences about the data that were used, and missing data
+    remarks: tuple[str, ...] = ()  # sentences about the paper's orderings
     remarks_title: str = "What holds of the paper"
     caption: str = ""  # units and definitions
-    digits: int = 1  # behind the point, where the table is printed
+    digits: int = 1  # decimals of the printed table
     panels: tuple[Panel, ...] = ()  # of its picture
 
 
-def surely(numbers: Mapping[str, Interval]) -> dict[str, float]:
-    """The bounds of figures by their keys: KEY_low, KEY_high."""
+def interval_bounds(numbers: Mapping[str, Interval]) -> dict[str, float]:
+    """Return the finite bounds of figures as KEY_low and KEY_high."""
     return finite({f"{key}_{end}": getattr(one, end) for key, one in numbers.items() for end in ("low", "high")})
 
 
-def bounds(one: Interval) -> tuple[Cell, Cell]:
-    """Two cells: between what a figure lies; empty where there are fewer than two people."""
+def bound_cells(one: Interval) -> tuple[Cell, Cell]:
+    """Return the bounds of a figure as two cells, empty for fewer than two people."""
     return cell(one.low), cell(one.high)
 
 
 def finite(numbers: dict[str, float]) -> dict[str, float]:
-    """Without what is not a number, for JSON has no word for it."""
+    """Drop NaN and infinite figures, which JSON cannot represent."""
     return {key: value for key, value in numbers.items() if math.isfinite(value)}
 
 
 def cell(value: float) -> float | None:
-    """Return a finite figure, else an empty cell."""
+    """Return a finite figure, or None (an empty cell)."""
     return value if math.isfinite(value) else None
 
 
-def ordering(claim: str, lower: Named, higher: Sequence[Named], unit: str, digits: int = 2) -> str | None:
-    """Whether `lower` lies below all of `higher`, as the paper claims; None where a figure is missing.
+def ordering(claim: str, lower: NamedFigure, higher: Sequence[NamedFigure], unit: str, digits: int = 2) -> str | None:
+    """Return a remark on whether `lower` is below all of `higher`, as the paper claims; None if a figure is missing.
 
     A difference counts only if its interval over people excludes 0.
     """
@@ -61,10 +61,10 @@ def ordering(claim: str, lower: Named, higher: Sequence[Named], unit: str, digit
         return None
     none = [one for one in higher if interval(lower.shares, one.shares).verdict == "none"]
     wrong = [one for one in higher if one not in none and not lower.value < one.value]
-    shown = ", ".join(f"{one.name} {one.value:.{digits}f}" for one in (lower, *higher))
+    figures = ", ".join(f"{one.name} {one.value:.{digits}f}" for one in (lower, *higher))
     verdicts = (("does not hold against", wrong), ("no sure difference to", none))
     verdict = "; ".join(f"{text} {', '.join(one.name for one in ones)}" for text, ones in verdicts if ones) or "holds"
-    return f"{claim}: {verdict} ({shown} {unit})."
+    return f"{claim}: {verdict} ({figures} {unit})."
 
 
 def write_csv(path: str | Path, report: Report) -> None:

@@ -1,4 +1,4 @@
-"""Errors under keys, added up: what every table of scores is made of."""
+"""Tallies of errors by key, from which tables of scores are made."""
 
 from __future__ import annotations
 
@@ -7,17 +7,17 @@ from collections.abc import Mapping
 import numpy as np
 
 from bodysense_lab.scoring import Tally
-from bodysense_lab.table import surely
+from bodysense_lab.table import interval_bounds
 
 
 class Tallies(dict[tuple, Tally]):
-    """Tallies of errors by their keys, such as method and measure; that of a key without errors is empty."""
+    """Tallies of errors by key, such as method and measure; a missing key has an empty tally."""
 
     def __missing__(self, key: tuple) -> Tally:
         return Tally()
 
     def add(self, key: tuple, errors: np.ndarray, person: str = "") -> None:
-        """Add errors of any shape; whose they are, if that is known."""
+        """Add errors (any shape) under a key, of a person if known."""
         self.setdefault(key, Tally()).add(errors, person)
 
     def merge(self, other: Mapping[tuple, Tally]) -> None:
@@ -31,4 +31,4 @@ class Tallies(dict[tuple, Tally]):
 
     def figures(self, name: str, *key: object) -> dict[str, float]:
         """Return the mean under a key as `name`, and its bounds."""
-        return {name: self.mean(*key)} | surely({name: self[key].interval()})
+        return {name: self.mean(*key)} | interval_bounds({name: self[key].interval()})

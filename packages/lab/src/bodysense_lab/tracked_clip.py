@@ -1,4 +1,4 @@
-"""A recording through an estimator, some frames at a time."""
+"""Completion of a recording by an estimator, in chunks of frames."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from bodysense.io.resample import at_constant_rate
 from bodysense.observation import Observation
 from bodysense.signals import Signal
 
-_FRAMES = 60  # that are completed in one call
+_FRAMES = 60  # frames in one call
 _USUAL_RATE = 30.0  # Hz, of a recording of one frame
 
 Step = Callable[[Observation, Any], tuple[Pose, Any]]

@@ -1,4 +1,4 @@
-"""Windows: which frames make up the sequences that a network sees."""
+"""Windows of frames over clips, the sequences on which a network is trained."""
 
 from __future__ import annotations
 
@@ -12,28 +12,29 @@ from bodysense.errors import BodysenseError
 
 @dataclass(frozen=True, eq=False)
 class Windows:
-    """Windows of `length` frames over clips that lie one after the other."""
+    """Windows of `length` frames over concatenated clips."""
 
     start: np.ndarray  # (W,) first frame of each window
-    clip: np.ndarray  # (W,) which clip it lies in
+    clip: np.ndarray  # (W,) index of its clip
     length: int
 
     def __len__(self) -> int:
         return len(self.start)
 
     def frames(self, which: Any = slice(None)) -> np.ndarray:
-        """Frames (..., length) of some windows, by any index of NumPy; all by default."""
+        """Return the frames (..., length) of windows, selected by a NumPy index; all by default."""
         return self.start[which][..., None] + np.arange(self.length)
 
 
 def find_windows(clip_start: Any, clip_length: Any, *, length: int, stride: int = 1) -> Windows:
-    """All windows that fit into the clips with first frames `clip_start` (C,) and `clip_length` (C,) frames.
+    """Return all windows of `length` frames that fit into clips with first frames `clip_start` (C,) and lengths (C,).
 
-    A window is `length` frames; `stride` is the number of frames from one window's start to the next.
+    `stride` is the number of frames from one window's start to the next. Raises BodysenseError if `length` or `stride`
+    is below 1.
     """
     for name, value in (("length", length), ("stride", stride)):
         if value < 1:
-            raise BodysenseError(f"{name} {value} cannot be; windows need a {name} of at least 1")
+            raise BodysenseError(f"{name} {value} is not possible; windows need a {name} of at least 1")
     clip_start, clip_length = np.asarray(clip_start, dtype=np.int64), np.asarray(clip_length, dtype=np.int64)
     count = np.maximum(0, (clip_length - length) // stride + 1)
     clip = np.repeat(np.arange(len(count)), count)

@@ -1,4 +1,4 @@
-"""The commands of the laboratory: train, evaluate, papers, bench, study, data prepare, data fingers and data render."""
+"""Commands of the laboratory: train, evaluate, papers, bench, study, data prepare, data fingers and data render."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from tyro.extras import SubcommandApp
 
 
 def add_commands(root: SubcommandApp, data: SubcommandApp) -> None:
-    """Add the laboratory's commands to the tree and to its group `data`, whose `info` then reads stores too."""
+    """Add the laboratory's commands to the tree and to its group `data`; `data info` then also reads stores."""
     from bodysense_lab.commands import bench, evaluate, info, papers, prepare, rendering, study, train
 
     data.command(info.info)

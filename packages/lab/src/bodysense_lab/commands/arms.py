@@ -1,11 +1,11 @@
-"""`bodysense train arms`, `arms-table`, `bodysense evaluate pahmt-table1` (PAHMT)."""
+"""`bodysense train arms`, `train arms-table` and `evaluate pahmt-table1` (PAHMT)."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
 from bodysense.ranges import Count, Seed
-from bodysense_lab.commands.reporting import counting, finish, open_data
+from bodysense_lab.commands.reporting import finish, open_data, progress_bar
 from bodysense_lab.options import Data, Flat, Table, TableOptions
 from bodysense_lab.pahmt.options import ArmTableTraining, ArmTraining, Studio
 
@@ -42,17 +42,17 @@ def pahmt_table1(
 ) -> None:
     """PAHMT, Table 1: CNN, AHMT and PAHMT; hands alone; with and without each loss.
 
-    The clips with fingers are scored, in one process.
+    Only clips with fingers are scored, in one process.
 
     Args:
         networks: folder that `bodysense train arms-table` wrote.
-        model: the .pt of a network with other settings, written by `bodysense train arms`, for one more row.
-        stride: frames from one window to the next.
+        model: .pt of a network with other settings, written by `bodysense train arms`, for one more row.
+        stride: frames between the starts of windows.
         seed: random seed of cameras and of the detector's errors.
     """
     from bodysense_lab.pahmt.tables import arm_report, rows_in, score_arms
 
     chosen, rows = open_data(data, table), rows_in(networks, model)
-    with counting("scored", chosen.count()) as advance:
+    with progress_bar("scored", chosen.count()) as advance:
         scored = score_arms(rows, chosen, stride, seed, advance, studio)
     finish(arm_report(scored, chosen, studio.keypoints == "perfect"), table)

@@ -13,7 +13,15 @@ import tyro
 from bodysense.errors import BodysenseError
 from bodysense.files import check_place
 from bodysense.ranges import Count, Processes
-from bodysense_lab.commands.reporting import check_places, counted, counting, finish, open_data, print_report, show
+from bodysense_lab.commands.reporting import (
+    check_places,
+    finish,
+    open_data,
+    print_report,
+    progress_bar,
+    show,
+    with_progress_bar,
+)
 from bodysense_lab.completion.options import (
     CompletionTraining,
     EvaluationFiles,
@@ -36,10 +44,10 @@ def completion(run: Flat[CompletionTraining]) -> None:
     from bodysense_lab.completion.publish import publish, round_network
     from bodysense_lab.completion.task import CompletionTask
     from bodysense_lab.completion.train import completion_finger_network, train_completion
-    from bodysense_lab.fit import announced
+    from bodysense_lab.fit import announce_run
 
     check_place(run.out)
-    fabric = announced(run, CompletionTask)
+    fabric = announce_run(run, CompletionTask)
     body = train_completion(run, fabric)
     fingers = completion_finger_network(run, fabric)
     if not fabric.is_global_zero:
@@ -58,10 +66,10 @@ def completion_fingers(run: Flat[FingerTraining]) -> None:
     """
     from bodysense_lab.completion.task import FingerTask
     from bodysense_lab.completion.train import train_fingers
-    from bodysense_lab.fit import announced
+    from bodysense_lab.fit import announce_run
 
     check_place(run.out)
-    fabric = announced(run, FingerTask)
+    fabric = announce_run(run, FingerTask)
     train_fingers(run, fabric)
     fabric.print(f"wrote {run.out}")
 
@@ -73,10 +81,10 @@ def completion_joining(run: Flat[JoiningTraining]) -> None:
     the folder of the run, which also keeps the takes.
     """
     from bodysense_lab.completion.joining_task import JoiningTask, train_joining, write_joining
-    from bodysense_lab.fit import announced
+    from bodysense_lab.fit import announce_run
 
     check_place(run.out)
-    fabric = announced(run, JoiningTask)
+    fabric = announce_run(run, JoiningTask)
     network = train_joining(run, fabric)
     if not fabric.is_global_zero:
         return
@@ -101,8 +109,8 @@ def completion_table(
     from bodysense_lab.completion.tables import CompletionSettings, completion_reports
     from bodysense_lab.completion.tracking import PeopleTracker, TakeTracker, step_times
     from bodysense_lab.completion.worst import draw_worst
-    from bodysense_lab.datasets import Census, census_of, named_data
-    from bodysense_lab.spread import spread
+    from bodysense_lab.datasets import Census, census_of, open_data_set
+    from bodysense_lab.parallel import parallel_map
     from bodysense_lab.table import write_csv
 
     if networks.backward_model is not None and not scope.takes:
@@ -115,27 +123,29 @@ def completion_table(
     if scope.takes:
         take_tracker = TakeTracker(networks.model, networks.backward_model, networks.joining_model)
     _ = track.network, take_tracker and take_tracker.networks  # refuse other files before any work
-    data = named_data(scope.data, scope.split)
+    data = open_data_set(scope.data, scope.split)
     settings = CompletionSettings(scope.split, scope.sets, scope.bodies, 200 if scope.lattice else 0, scope.takes)
     network = "packaged" if networks.model is None else str(networks.model.resolve())
     results = None if work.keep is None else ClipResults.open(work.keep, settings, network)
     total = data.count()
     clips = list(
-        counted(open_clips(data.path, scope.split, at_most=scope.limit), "read", min(total, scope.limit or total))
+        with_progress_bar(
+            open_clips(data.path, scope.split, at_most=scope.limit), "read", min(total, scope.limit or total)
+        )
     )
     census = sum(map(census_of, clips), start=Census())
     mean_body = None
     if "headset_camera" in scope.sets:
-        with counting("averaging bodies") as advance:
+        with progress_bar("averaging bodies") as advance:
             mean_body = cached_mean_body(data.path, advance)
-    with counting("scored", work_of(len(clips), settings)) as advance:
+    with progress_bar("scored", work_of(len(clips), settings)) as advance:
         table = evaluate_completion(
             clips,
             settings,
             track=track,
             takes=take_tracker,
             times=partial(step_times, network=track.network),
-            spread=partial(spread, jobs=work.jobs or os.cpu_count() or 1, scheduler=work.scheduler),
+            parallel_map=partial(parallel_map, jobs=work.jobs or os.cpu_count() or 1, scheduler=work.scheduler),
             mean_body=mean_body,
             results=results,
             advance=lambda done, what: advance(what, done),
@@ -175,18 +185,18 @@ def amass_p1(
         limit: number of clips, spread evenly; all if omitted.
         jobs: processes.
     """
-    from bodysense_lab.amass_p1 import listed_sources, mpjpe_interval, report_of, score_source
+    from bodysense_lab.amass_p1 import listed_sources, mpjpe_interval, protocol_report, score_source
     from bodysense_lab.clips import spread_evenly
     from bodysense_lab.completion.tables import sample_remark
     from bodysense_lab.completion.tracking import PeopleTracker
-    from bodysense_lab.spread import spread
+    from bodysense_lab.parallel import parallel_map
 
     check_places(json)
     listed, missing = listed_sources(amass, split_lists)
     test = [source for source in listed if source.split == "test"]
     chosen = spread_evenly(test, limit)
     work = partial(score_source, model=smpl_model, track=PeopleTracker(model))
-    scores = [one for _, one in counted(spread(work, chosen, jobs), "scored", len(chosen))]
+    scores = [one for _, one in with_progress_bar(parallel_map(work, chosen, jobs), "scored", len(chosen))]
     remarks = [f"{len(chosen)} of {len(test)} test clips in {amass}."]
     if len(chosen) < len(test):
         people = [source.person for source in chosen]
@@ -195,7 +205,7 @@ def amass_p1(
         remarks.append(f"{missing} of the files in the lists are not there.")
     if smpl_model is None:
         remarks.append("The default body instead of the published one: compare with --smpl-model male/model.npz only.")
-    report = report_of(scores, remarks, "packaged" if model is None else model.name)
+    report = protocol_report(scores, remarks, "packaged" if model is None else model.name)
     show(replace(report, numbers=report.numbers | {"clips_in_split": float(len(test))}), json)
 
 
@@ -257,14 +267,14 @@ def holes(
         parts: parts of the body to remove; all if omitted.
     """
     from bodysense_lab.clips import open_clips
-    from bodysense_lab.holes import PARTS, report_of, score_holes
+    from bodysense_lab.holes import PARTS, protocol_report, score_holes
 
     source = open_data(data, table)
     total = source.count()
     count = min(total, 6 if table.quick else clips or total)
-    with counting("scored", count) as advance:
+    with progress_bar("scored", count) as advance:
         chosen = open_clips(source.path, source.split, at_most=count)
         gaps = score_holes(chosen, parts=parts or tuple(PARTS), advance=advance)
-    report = report_of(gaps, source.name)
+    report = protocol_report(gaps, source.name)
     numbers = report.numbers | {"clips": float(count), "clips_in_split": float(total)}
     finish(replace(report, numbers=numbers), table)

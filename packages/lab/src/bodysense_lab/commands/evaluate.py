@@ -1,4 +1,4 @@
-"""`bodysense evaluate`: the tables."""
+"""`bodysense evaluate`: tables of scores."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from bodysense_lab.commands import arms, completion, gloves, hmd_vae, rendering,
 
 
 def commands() -> SubcommandApp:
-    """The group's commands."""
+    """Return the group's commands."""
     group = SubcommandApp()
     group.command(name="completion")(completion.completion_table)
     group.command(completion.amass_p1)

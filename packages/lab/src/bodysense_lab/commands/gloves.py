@@ -1,4 +1,4 @@
-"""`bodysense train gloves` and `bodysense evaluate gloves-…`: gloves with hidden markers (two-hands)."""
+"""`bodysense train gloves` and `evaluate gloves-…`: gloves with hidden markers (two-hands)."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import tyro
 
 from bodysense.errors import BodysenseError
 from bodysense.ranges import Count, Seed
-from bodysense_lab.commands.reporting import check_outputs, counting, finish, open_data
+from bodysense_lab.commands.reporting import check_outputs, finish, open_data, progress_bar
 from bodysense_lab.options import Flat, Table, TableOptions
 from bodysense_lab.two_hands.options import GloveTraining
 
@@ -62,10 +62,10 @@ def gloves(run: Flat[GloveTraining]) -> None:
 def gloves_occlusion(
     data: Hands = None, cameras: Cameras = 12, seed: MotionSeed = 1, table: Table = TableOptions()
 ) -> None:
-    """Two hands, Figs 13 and 14: how many markers of a glove are hidden at once, and for how long.
+    """Two hands, Figs 13 and 14: number of markers of a glove that are hidden at a time, and for how long.
 
-    A ring of cameras looks at the hands; one hand, two hands, and the paper's statements that hold. With --data only
-    recorded hands are counted.
+    A ring of cameras tracks one hand and two hands; the paper's statements are checked. With --data only recorded hands
+    are counted.
     """
     from bodysense.devices.simulated.camera_ring import CameraRing
     from bodysense_lab.two_hands.hand_pairs import SYNTHESISED
@@ -86,10 +86,10 @@ def gloves_limits(
     joints: Network = None,
     table: Table = TableOptions(),
 ) -> None:
-    """Two hands, section 7: hands in each other, pinches, wrong markers, markers without names, jumps.
+    """Two hands, section 7: overlapping hands, pinches, wrong markers, markers without labels, jumps.
 
-    Two hands are watched by a ring of cameras and completed with and without the contact step; wrong samples are
-    believed or rejected; markers that have lost their names are named again.
+    Two hands are tracked by a ring of cameras and completed with and without the contact step. Wrong samples are
+    accepted or rejected. Markers without labels are labelled again.
     """
     from bodysense.devices.gloves.hands import load_glove_models
     from bodysense.devices.simulated.camera_ring import CameraRing
@@ -98,7 +98,7 @@ def gloves_limits(
     from bodysense_lab.two_hands.limits_report import limits_report
 
     ring = CameraRing(count=cameras)
-    load_glove_models(markers, joints)  # other files are refused before the work
+    load_glove_models(markers, joints)  # refuses other files before the work
     work = partial(measure_limits, cameras=ring, markers=markers, joints=joints)
     seeds = _seeds(seed, SYNTHESISED_PIECES, table)
     chosen, found, census = _pairs(work, data, seeds, table)
@@ -108,7 +108,7 @@ def gloves_limits(
 def gloves_table3(
     data: Hands = None, model: Network = None, left_out: LeftOut = None, table: Table = TableOptions()
 ) -> None:
-    """Two hands, Table 3: hidden markers filled by the last known position, mean velocity, affine weights, the network.
+    """Two hands, Table 3: hidden markers by last known position, mean velocity, affine weights, and the network.
 
     One to four markers are hidden for 0.1 to 2 s.
     """
@@ -116,7 +116,7 @@ def gloves_table3(
     from bodysense_lab.two_hands.scores import measure_markers
     from bodysense_lab.two_hands.tables import marker_report
 
-    load_marker_network(model)  # another file is refused before the work
+    load_marker_network(model)  # refuses other files before the work
     _score_hands(partial(measure_markers, model=model, left_out=left_out), marker_report, data, table)
 
 
@@ -127,12 +127,12 @@ def gloves_table4(
     left_out: LeftOut = None,
     table: Table = TableOptions(),
 ) -> None:
-    """Two hands, Table 4: finger joints by cyclic coordinate descent, and by the run time with hidden markers."""
+    """Two hands, Table 4: finger joints by cyclic coordinate descent, and by the glove device with hidden markers."""
     from bodysense.devices.gloves.hands import load_glove_models
     from bodysense_lab.two_hands.scores import measure_fingers
     from bodysense_lab.two_hands.tables import finger_report
 
-    load_glove_models(markers, joints)  # other files are refused before the work
+    load_glove_models(markers, joints)  # refuses other files before the work
     work = partial(measure_fingers, markers=markers, joints=joints, left_out=left_out)
     _score_hands(work, finger_report, data, table)
 
@@ -144,22 +144,22 @@ def gloves_fusion(
     left_out: LeftOut = None,
     table: Table = TableOptions(),
 ) -> None:
-    """Two hands, section 2.2: fingers whose markers are hidden, by markers, by inertial sensors, and by both.
+    """Two hands, section 2.2: fingers with hidden markers, from markers, from inertial sensors, and from both.
 
-    The hands are unseen: left out of training (--left-out), or drawn from the hand shape space.
+    The hands are unseen: left out of training (--left-out) or drawn from the hand shape space.
     """
     from bodysense.devices.gloves.hands import load_glove_models
     from bodysense_lab.two_hands.fusion import fusion_report, measure_fusion
 
-    load_glove_models(markers, joints)  # other files are refused before the work
+    load_glove_models(markers, joints)  # refuses other files before the work
     work = partial(measure_fusion, markers=markers, joints=joints, left_out=left_out)
     _score_hands(work, fusion_report, data, table, by_person=True)
 
 
 def gloves_settings(data: Hands = None, table: Table = TableOptions(split="val")) -> None:
-    """Choose settings of gloves on hands that are in no table: fading of offsets, and use of inertial sensors.
+    """Select settings of gloves on hands that are in no table: decay of offsets, and use of inertial sensors.
 
-    Hands are drawn with a seed of their own, and move as those of the validation split.
+    Hands are drawn with their own seed and have motions of the validation split.
     """
     from bodysense_lab.two_hands.choice import measure_settings, settings_report
 
@@ -176,20 +176,20 @@ def gloves_layouts(hands: Count | None = None, table: Table = TableOptions()) ->
 
     check_outputs(table)
     count = hands or (1 if table.quick else 20)
-    with counting("scoring gloves", count * len(layouts())) as advance:
+    with progress_bar("scoring gloves", count * len(layouts())) as advance:
         report = layout_table(count, advance)
     finish(report, table)
 
 
 def _seeds(seed: Seed, pieces: int, table: TableOptions) -> list[Piece]:
-    """Return the pieces of synthesised motion of a table: one with --quick."""
+    """Return the pieces of synthesised motion for a table; a single one with --quick."""
     return [(seed, piece) for piece in range(1 if table.quick else pieces)]
 
 
 def _pairs(
     work: Work[F], data: str | None, seeds: list[Piece], table: TableOptions
 ) -> tuple[DataSet | None, dict[str, F], Census]:
-    """Return the data, its figures by group and those of synthesised motion, and the amount of recorded motion.
+    """Return the data set, figures by group (also of synthesised motion), and the amount of recorded motion.
 
     Raises BodysenseError if no clip of the data has fingers.
     """
@@ -200,12 +200,12 @@ def _pairs(
     chosen, found, census = None, dict[str, F](), Census()
     if data is not None:
         chosen = open_data(data, table)
-        with counting("scored", chosen.count()) as advance:
+        with progress_bar("scored", chosen.count()) as advance:
             found, census = over_clips(work, chosen.clips(), table.processes, advance)
         if not found:
             raise BodysenseError(f"{data}: no clip has fingers; give motion with fingers, or leave --data out")
     if seeds:
-        with counting("synthesised hands", len(seeds)) as advance:
+        with progress_bar("synthesised hands", len(seeds)) as advance:
             found[SYNTHESISED] = over_seeds(work, seeds, table.processes, advance)
     return chosen, found, census
 
@@ -217,15 +217,15 @@ def _score_hands(
     table: TableOptions,
     by_person: bool = False,
 ) -> None:
-    """Score recorded hands and synthesised ones, and report them.
+    """Score recorded and synthesised hands, and report them.
 
-    `by_person` gives all motions of a person to `work` at once; then hands are synthesised only without data.
+    With `by_person`, `work` receives all motions of a person at once, and hands are synthesised only without data.
     """
     from bodysense_lab.two_hands.scores import measure
 
     check_outputs(table)
     chosen = None if data is None else open_data(data, table)
     synthesised = 0 if by_person and chosen is not None else 2 if table.quick else 20
-    with counting("scoring hands", synthesised + (0 if chosen is None else chosen.count())) as advance:
+    with progress_bar("scoring hands", synthesised + (0 if chosen is None else chosen.count())) as advance:
         measured = measure(work, chosen, synthesised, table.processes, advance, by_person)
     finish(report(measured), table)

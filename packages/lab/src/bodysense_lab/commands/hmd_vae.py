@@ -1,4 +1,4 @@
-"""`bodysense train hmd-vae`, `bodysense evaluate hmd-vae`: the paper's variational autoencoders and its figures."""
+"""`bodysense train hmd-vae` and `evaluate hmd-vae`: the paper's variational autoencoders and its figures."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from bodysense.cli.options import Reading
 from bodysense.errors import BodysenseError
 from bodysense.io.reading_options import AS_FOUND
 from bodysense.ranges import Processes
-from bodysense_lab.commands.reporting import counted, counting, finish, open_data
+from bodysense_lab.commands.reporting import finish, open_data, progress_bar, with_progress_bar
 from bodysense_lab.hmd_vae.options import VaeTraining, check_list
 from bodysense_lab.options import Data, Flat, Output, Table, TableOptions, check_ending
 
@@ -20,7 +20,7 @@ from bodysense_lab.options import Data, Flat, Output, Table, TableOptions, check
 def hmd_vae(run: Flat[VaeTraining]) -> None:
     """Train HMD-VAE, a whole body from a headset and two hands. Training resumes after a stop.
 
-    In the train split 5 % of the sequences of each data set are held out. The command writes NAME.onnx with the weights
+    5 % of the sequences of each data set in the train split are held out. The command writes NAME.onnx with the weights
     next to it as NAME.pt, or NAME.pt alone; a sweep writes a folder.
     """
     from bodysense_lab.hmd_vae.train import run_sweep, run_vae, sweep_configs
@@ -37,13 +37,13 @@ def hmd_vae_figure4(
     networks: tuple[Path, ...] = (),
     reading: Reading = AS_FOUND,
 ) -> None:
-    """HMD-VAE, Fig. 4: a motion by several models below the truth, bodies coloured by the error of their joints.
+    """HMD-VAE, Fig. 4: draw a motion by several models below the truth, with joints coloured by their error.
 
     Args:
         motion: motion, such as a walk: .bvh, AMASS or SMPL .npz, .glb.
         out: picture, .png.
         networks: networks that `bodysense train hmd-vae` wrote as .onnx, a row each; the packaged one if omitted.
-        reading: what the file does not say of itself.
+        reading: properties that the file does not contain.
     """
     from bodysense.cli.recordings import load_clip
     from bodysense.files import check_place
@@ -72,7 +72,7 @@ def hmd_vae_figures(
 
     Args:
         networks: folder that `bodysense train hmd-vae` wrote, or one network as .onnx.
-        split_file: list that they were trained with: its motions 'PATH test' are scored instead of a split by person.
+        split_file: list of the training; its motions 'PATH test' are scored instead of a split by person.
         threads: PyTorch threads; its own choice if omitted.
     """
     from bodysense_lab.hmd_vae.frames import read_split_file
@@ -84,9 +84,9 @@ def hmd_vae_figures(
         raise BodysenseError("--split-file scores its own test motions; leave --split and --quick out")
     chosen, files = open_data(data, table), vaes_in(networks)
     total = chosen.count() if split_file is None else list(read_split_file(split_file).values()).count("test")
-    with counting("read", total) as advance:
+    with progress_bar("read", total) as advance:
         frames, census = read_test(chosen, advance, split_file)
-    scored = [score_vae(name, files[name], frames, threads) for name in counted(files, "scored", len(files))]
+    scored = [score_vae(name, files[name], frames, threads) for name in with_progress_bar(files, "scored", len(files))]
     figures, later = vae_report(scored, census, chosen), metrics_report(scored, census, chosen)
     if split_file is not None:
         listed = f"Of it, the test motions of {split_file}."

@@ -1,4 +1,4 @@
-"""`bodysense data info` of the laboratory: also for prepared stores, and with statistics of occlusion."""
+"""`bodysense data info` of the laboratory, also for prepared stores and with statistics of occlusion."""
 
 from __future__ import annotations
 
@@ -38,9 +38,9 @@ def info(
         occlusion: simulate the headset's cameras and print the statistics of UNOC, Table 1, and the published ones.
         split: people to include.
         layout: published data set that the folder is; recognised by its files if omitted.
-        camera: the headset's, for --occlusion.
-        picture: PNG file for bodies of a few frames of the first file that can be read.
-        json: JSON file for the numbers, one flat object.
+        camera: cameras of the headset, for --occlusion.
+        picture: PNG file with bodies of a few frames of the first readable file.
+        json: JSON file for the numbers, as one flat object.
         reading: properties that the files do not contain.
     """
     from rich.progress import track
@@ -55,12 +55,12 @@ def info(
         print_info(place, split, total, every, picture, json)
         return
     from bodysense_lab.commands.reporting import print_report
-    from bodysense_lab.datasets import gathered
+    from bodysense_lab.datasets import gather_results
     from bodysense_lab.unoc.occlusion import columns_of, count_clip, occlusion_table
 
     found = list[FoundFile]()
     clips = readable_clips(track(every, "looking", total), found)
-    counted, _ = gathered(partial(count_clip, camera=camera), clips, 1, lambda clip: None)
+    counted, _ = gather_results(partial(count_clip, camera=camera), clips, 1, lambda clip: None)
     report = occlusion_table(columns_of(counted))
     print_report(report, wide_console())
     write_numbers(json, report.numbers | {"skipped": print_skipped(place, total, found)})
@@ -69,9 +69,9 @@ def info(
 def _clips_of(
     place: Path, split: Split, layout: Layout | None, reading: ReadingOptions
 ) -> tuple[int, Iterable[FoundFile]]:
-    """Return the number of clips of a place, and the clips one by one."""
+    """Return the number of clips of a file, folder or store, and an iterable of them."""
     from bodysense.io.datasets.reasons import lines_by_kind
-    from bodysense_lab.bodies import lines_of
+    from bodysense_lab.bodies import body_lines
     from bodysense_lab.clips import count_clips, open_clips
     from bodysense_lab.store import is_store, read_store
 
@@ -80,6 +80,6 @@ def _clips_of(
     table = read_store(place).table
     lines = lines_by_kind((row.source, row.reason) for row in table.skipped)
     clips = open_clips(place, split, layout=layout, options=reading)
-    print(f"{place}: prepared at {table.rate:g} Hz", *lines_of(table.bodies), *lines, sep="\n")
+    print(f"{place}: prepared at {table.rate:g} Hz", *body_lines(table.bodies), *lines, sep="\n")
     found = (FoundFile(clip.name, clip, kind="store", rate=clip.frame_rate) for clip in clips)
     return count_clips(place, split), found

@@ -1,4 +1,4 @@
-"""`bodysense papers`: the papers' own systems on a recording."""
+"""`bodysense papers`: systems of the papers on a recording."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def track(
     gloves: Annotated[MarkerOptions, tyro.conf.arg(name="")] = NO_OPTIONS,
     reading: Reading = AS_FOUND,
 ) -> None:
-    """Complete a recording, markers, a video or a watched motion by the system of a paper; write BVH, glTF or VRMA.
+    """Complete a recording, markers, a video or a motion by the system of a paper; write BVH, glTF or VRMA.
 
     Args:
         source: recording (.npz, .jsonl), gloves (.c3d, .csv, .trc, .tsv), video, or motion (.bvh, .npz, .glb …).
@@ -55,11 +55,11 @@ def track(
             `bodysense track`.
         variant: of 'hmd_vae' the model, 0 to 4; of 'pahmt' cnn, ahmt or pahmt; of 'two_hands' paper or shipped.
         networks: network file that `bodysense train` wrote, for 'two_hands' a folder; the packaged one if omitted.
-        device: simulated device that watches a motion; the paper's own if omitted.
-        noise: errors of a simulated device as real ones have them.
+        device: simulated device that tracks a motion; the paper's own if omitted.
+        noise: simulate errors of a real device.
         seed: random seed of the noise.
         calibration: flat-hand calibration, for 'two_hands', from `bodysense papers calibrate-hands`.
-        reading: what the file does not say of itself; --height is the wearer's.
+        reading: properties that the file does not contain; --height is the wearer's.
     """
     from dataclasses import replace
 
@@ -90,11 +90,11 @@ def calibrate_hands(
     """Write the flat-hand calibration of gloves (two hands, section 3.2.3), for `bodysense papers track`.
 
     Args:
-        source: take of flat hands with all markers in sight: .c3d, .csv, .trc, .tsv, .npz, .jsonl, or a motion.
+        source: take of flat hands with all markers visible: .c3d, .csv, .trc, .tsv, .npz, .jsonl, or a motion.
         out: calibration, .npz.
-        variant: form of the networks: paper or shipped.
+        variant: form of the networks, paper or shipped.
         networks: folder that `bodysense train gloves` wrote; the packaged networks if omitted.
-        reading: what the file does not say of itself.
+        reading: properties that the file does not contain.
     """
     from bodysense_lab.two_hands.system import calibrate
 
@@ -106,7 +106,7 @@ def calibrate_hands(
 
 
 def _opened(source: Path, gloves: MarkerOptions, reading: ReadingOptions) -> tuple[Opened, float | None]:
-    """Return the opened source, and the height of a wearer whose body it does not hold."""
+    """Return the opened source, and the wearer's given height if the source does not contain a body."""
     from bodysense.open import RecordingSource, VideoSource
 
     opened = open_recorded(source, reading, gloves)

@@ -31,15 +31,15 @@ def prepare(
     """Turn a folder of motion files into a chunked Zarr store, in parallel; run it again to resume after a stop.
 
     Args:
-        directory: A folder of .bvh and AMASS .npz files, also .bvh in .zip.
-        out: The store.
-        rate: Frames a second of the store.
-        workers: Processes on this machine; all processors by default.
-        scheduler: Address of a Dask scheduler to run on instead of this machine, like tcp://host:8786.
-        layout: published data set that the folder holds; recognised by what is in it if omitted.
-        split_lists: Folder data_split of a clone of github.com/eth-siplab/AvatarPoser: only the files of AMASS that its
-            lists name, split as published.
-        reading: Properties that the files do not contain.
+        directory: folder of .bvh and AMASS .npz files, also .bvh in .zip.
+        out: store to write.
+        rate: frame rate of the store, Hz.
+        workers: processes on this machine; all processors if omitted.
+        scheduler: address of a Dask scheduler to run on instead of this machine, like tcp://host:8786.
+        layout: published data set that the folder is; recognised by its files if omitted.
+        split_lists: folder data_split of a clone of github.com/eth-siplab/AvatarPoser; only files of AMASS in its lists
+            are read, with the published split.
+        reading: properties that the files do not contain.
     """
     from bodysense_lab.preparation import prepare as prepare_store
 
@@ -49,7 +49,7 @@ def prepare(
         from bodysense_lab.amass_p1 import listed_sources
 
         if layout is not None:
-            raise BodysenseError(f"--layout {layout}: --split-lists is for AMASS; leave one of both out")
+            raise BodysenseError(f"--layout {layout}: --split-lists is for AMASS; leave one of the two out")
         sources, missing = listed_sources(directory, split_lists)
         print(f"{len(sources)} files of the lists; {missing} are not in {directory}")
     prepare_store(
@@ -69,7 +69,7 @@ def fingers(out: Output, hours: Hours = 10.0, seed: Seed = 1) -> None:
 
     Args:
         out: .npz file: local rotations of 30 joints at 30 Hz.
-        hours: how many; the first hour is the same however many follow.
+        hours: length in hours; the first hour is independent of the length.
         seed: random seed.
     """
     from bodysense_lab.completion.generated_fingers import generate_fingers, write_fingers

@@ -1,4 +1,4 @@
-"""`bodysense data render`: videos of motion, with their truth; `bodysense evaluate video-rendered` scores them."""
+"""`bodysense data render` draws videos of motion with their truth; `evaluate video-rendered` scores them."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ if TYPE_CHECKING:
 def render(run: Flat[Rendering]) -> None:
     """Draw videos of a skinned, dressed and lit body from motion with fingers, each with its truth.
 
-    Three bodies take turns; skin, clothes, light, room and camera are drawn at random. A video that is already there
-    is kept, so that a stop costs little.
+    Three bodies alternate. Skin, clothes, light, room and camera are random. Existing videos are kept, so that a
+    stopped run resumes.
     """
     import numpy as np
     from rich.console import Console
     from rich.progress import Progress
 
-    from bodysense_lab.rendering.take import RATE, film, plan_gestures
+    from bodysense_lab.rendering.take import RATE, plan_gestures, render_take
 
     rng, out = np.random.default_rng(run.seed), run.out
     planned = plan_gestures(rng)[: run.videos] if run.motion is None else _planned(run, run.motion, rng)
@@ -41,15 +41,15 @@ def render(run: Flat[Rendering]) -> None:
             if (out / f"{take.name}.mp4").is_file() and (out / f"{take.name}.npz").is_file():
                 progress.update(bar, advance=len(take.time))
                 continue
-            film(take, scene, out, run.pixels, lambda: progress.update(bar, advance=1))
+            render_take(take, scene, out, run.pixels, lambda: progress.update(bar, advance=1))
     length = sum(len(take.time) / RATE for take, _ in planned)
     is_short = run.motion is not None and len(planned) < run.videos
-    said = f"; no more of {run.videos}: the motion has no more in which hands move" if is_short else ""
-    Console().print(f"{out}: videos: {len(planned)}, {length:.0f} s{said}", highlight=False)
+    remark = f" (of {run.videos}: the motion has no more clips with moving hands)" if is_short else ""
+    Console().print(f"{out}: videos: {len(planned)}, {length:.0f} s{remark}", highlight=False)
 
 
 def _planned(run: Rendering, motion: Path, rng: np.random.Generator) -> list[tuple[RenderedTake, Scene]]:
-    """Takes of recorded motion."""
+    """Return takes of recorded motion and their scenes."""
     from rich.progress import track
 
     from bodysense.cli.recordings import load_clip
@@ -72,7 +72,7 @@ def _planned(run: Rendering, motion: Path, rng: np.random.Generator) -> list[tup
         if len(planned) == run.videos:
             break
     if not planned:
-        raise BodysenseError(f"{motion}: nothing in it that moves its hands before a camera; give livelier motion")
+        raise BodysenseError(f"{motion}: no clip with moving hands in view of a camera; give other motion")
     return planned
 
 
@@ -93,13 +93,13 @@ def video_rendered(
     """
     from bodysense.devices.video.arms import load_arms
     from bodysense.devices.video.landmarker_files import find_landmarkers
-    from bodysense_lab.commands.reporting import check_outputs, counting, finish
+    from bodysense_lab.commands.reporting import check_outputs, finish, progress_bar
     from bodysense_lab.rendering.tables import score_videos, video_report
     from bodysense_lab.rendering.take import list_takes
 
     written = TableOptions(out=out, json=json)
     check_outputs(written)
     network, truths, files = load_arms(model), list_takes(videos), find_landmarkers(landmarkers)
-    with counting("watched", len(truths)) as advance:
+    with progress_bar("watched", len(truths)) as advance:
         table = score_videos(truths, files, network, advance)
     finish(video_report(table, videos.name), written)

@@ -1,4 +1,4 @@
-"""Shared parts of the tables' commands: progress, and output of the report."""
+"""Shared parts of the tables' commands: progress and output of reports."""
 
 from __future__ import annotations
 
@@ -35,23 +35,23 @@ def check_outputs(table: TableOptions) -> None:
 
 
 def open_data(data: str, table: TableOptions) -> DataSet:
-    """Return the data of a table, as the options have it; its outputs are known to be writable."""
+    """Return the data set of a table; refuse outputs that cannot be written."""
     return open_sets((data,), table)[0]
 
 
 def open_sets(data: Sequence[str], table: TableOptions) -> list[DataSet]:
-    """Return several data sets, as the options have them; the table's outputs are known to be writable."""
-    from bodysense_lab.datasets import named_data
+    """Return the data sets of a table; refuse outputs that cannot be written."""
+    from bodysense_lab.datasets import open_data_set
 
     check_outputs(table)
-    return [named_data(one, table.split, table.quick) for one in data]
+    return [open_data_set(one, table.split, table.quick) for one in data]
 
 
 @contextmanager
-def counting(what: str, total: int | None = None) -> Iterator[Callable[..., None]]:
+def progress_bar(what: str, total: int | None = None) -> Iterator[Callable[..., None]]:
     """Display progress over `total` pieces; yields a function to call after each.
 
-    It takes the piece, whose name is displayed, or a name; and how many are done, one if omitted.
+    Its arguments are the piece or a name, which is displayed, and the number of finished pieces (default 1).
     """
     from rich.progress import (
         BarColumn,
@@ -73,16 +73,16 @@ def counting(what: str, total: int | None = None) -> Iterator[Callable[..., None
         yield advance
 
 
-def counted(pieces: Iterable[Piece], what: str, total: int) -> Iterator[Piece]:
-    """Yield pieces; display progress over them, `total` in all."""
-    with counting(what, total) as advance:
+def with_progress_bar(pieces: Iterable[Piece], what: str, total: int) -> Iterator[Piece]:
+    """Yield pieces and display progress over them; `total` is their number."""
+    with progress_bar(what, total) as advance:
         for piece in pieces:
             yield piece
             advance(piece)
 
 
 def finish(report: Report, table: TableOptions, data: DataSet | None = None) -> None:
-    """Print a report and write its files; the numbers of a sample of `data` tell of how many clips it is one."""
+    """Print a report and write its files. With --quick, the numbers have the number of all clips of `data`."""
     from rich.console import Console
 
     from bodysense.cli.show import write_numbers
@@ -117,33 +117,33 @@ def show(report: Report, json: Path | None) -> None:
 
 
 def tracker_settings(half_life: float | None) -> IkTrackerSettings:
-    """The settings of UNOC's tracker with another half-life, seconds; None keeps its own."""
+    """Return the settings of UNOC's tracker with a half-life in s; None: its default."""
     from bodysense_lab.unoc.ik_tracker import IkTrackerSettings
 
     return IkTrackerSettings() if half_life is None else IkTrackerSettings(half_life=half_life)
 
 
 def print_report(report: Report, console: Console) -> None:
-    """The table, what it was made of, and what holds of the paper; a first cell that repeats stands once."""
+    """Print the table, its data and its remarks; repeated first cells are printed once."""
     from rich import box
     from rich.markup import escape
     from rich.padding import Padding
     from rich.table import Table
 
-    shown = Table(title=report.title, box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
+    printed = Table(title=report.title, box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
     firsts = [row[0] for row in report.rows]
     for k, column in enumerate(report.columns):
         words = all(isinstance(row[k], str) for row in report.rows)
-        shown.add_column(column, justify="left" if words else "right", no_wrap=k == 0)
+        printed.add_column(column, justify="left" if words else "right", no_wrap=k == 0)
     before: tuple[Cell, ...] = (None,) * len(report.columns)
     for row in report.rows:
         if before[0] not in (None, row[0]) and len(set(firsts)) < len(firsts):
-            shown.add_section()
+            printed.add_section()
         repeats = next((k for k, (one, two) in enumerate(zip(row, before, strict=True)) if one != two), len(row))
         cells = ["" if k < repeats else _cell(one, report.digits) for k, one in enumerate(row)]
-        shown.add_row(*cells)
+        printed.add_row(*cells)
         before = row
-    console.print(shown)
+    console.print(printed)
     console.print(report.caption, highlight=False, markup=False)
     for heading, lines in (("Data", report.data), (report.remarks_title, report.remarks)):
         if lines:

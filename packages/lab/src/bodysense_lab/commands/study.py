@@ -1,4 +1,4 @@
-"""`bodysense study`: which completed motion looks more natural to people? Build the pages, read the answers."""
+"""`bodysense study`: user studies of which completed motion looks more natural."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ KeyFile = Annotated[Path, tyro.conf.Positional]
 
 
 def commands() -> SubcommandApp:
-    """The group's commands."""
+    """Return the group's commands."""
     group = SubcommandApp()
     group.command(build)
     group.command(analyze)
@@ -47,19 +47,19 @@ def build(
     jobs: Processes | None = None,
     reading: Reading = AS_FOUND,
 ) -> None:
-    """Make a study: the pages that raters see, and the key to them (docs/study.md).
+    """Make a study: the pages for raters, and the key to their animations (docs/study.md).
 
     Args:
-        out: A new folder: site/ is to be served, key.json is to be kept to yourself.
-        clips: Motion files (.bvh, AMASS .npz); the packaged performance by default.
-        seconds: Longer clips are cut into scenes of equal length, at most this long.
-        scenes: Maximum number of scenes, drawn at random; each rater sees three pairs of each.
-        model: A network written by `bodysense train`; the packaged one if omitted.
-        last_known: Where the baseline keeps a hidden joint: in the world, or with the head, or turning with it.
-        half_life: half-life of the tracker's smoother in seconds, for network and baseline alike; its own if omitted.
-        seed: random seed of names, of the scenes drawn, and of each rater's order.
+        out: new folder; serve site/, and keep key.json secret.
+        clips: motion files (.bvh, AMASS .npz); the packaged performance if omitted.
+        seconds: maximum length of a scene; longer clips are cut into scenes of equal length.
+        scenes: maximum number of scenes, drawn at random; each rater sees three pairs of each.
+        model: network written by `bodysense train`; the packaged one if omitted.
+        last_known: axes in which the baseline keeps a hidden joint: the world, the head, or the head's heading.
+        half_life: half-life of the tracker's smoother in seconds, of network and baseline; the default one if omitted.
+        seed: random seed of names, scenes and orders.
         jobs: processes; all processors if omitted.
-        reading: What the motion files do not say of themselves.
+        reading: properties that the motion files do not contain.
     """
     import os
 
@@ -98,7 +98,7 @@ def build(
     table.caption = "Mean error of hidden joints after IK and smoothing."
     console.print(table)
     console.print(f"wrote {out / 'site'}: {3 * len(key.scenes)} pairs a rater; serve this folder", highlight=False)
-    console.print(f"wrote {out / 'key.json'}: what each animation shows; do not serve it", highlight=False)
+    console.print(f"wrote {out / 'key.json'}: the condition of each animation; do not serve it", highlight=False)
 
 
 def analyze(
@@ -107,12 +107,12 @@ def analyze(
     json: Json = None,
     out: Path | None = None,
 ) -> None:
-    """Mean preference of raters with standard error and t-test, per scene and over all (UNOC, Fig. 6).
+    """Compute mean preferences of raters with standard error and t-test, per scene and over all (UNOC, Fig. 6).
 
     Args:
-        key: The study's key.json.
-        answers: Files that raters saved.
-        out: Folder for preferences.csv and preferences.png.
+        key: the study's key.json.
+        answers: files that raters saved.
+        out: folder for preferences.csv and preferences.png.
     """
     from rich.console import Console
 
@@ -122,8 +122,8 @@ def analyze(
     from bodysense_lab.study.study import read_all_answers, read_key
 
     check_places(json)
-    held = read_key(key)
-    result = analyze_answers(held, read_all_answers(answers, held))
+    study_key = read_key(key)
+    result = analyze_answers(study_key, read_all_answers(answers, study_key))
     console = Console()
     console.print(preference_table(result))
     write_numbers(json, result.numbers())
@@ -143,15 +143,15 @@ def simulate(
     ties: float = 0.2,
     seed: Seed = 0,
 ) -> None:
-    """Answers of simulated raters, to try a study out, or to see how many raters it needs.
+    """Write answers of simulated raters, to test a study or to find the number of raters that it needs.
 
     Args:
-        key: The study's key.json.
-        out: Folder for answers-simulated-001.json …
-        preference: How natural each condition is, as 'truth=0.8,ours=0.6,baseline=0'; 0 where not named. The mean vote
-            on a pair is the difference; without preferences all conditions are equal.
+        key: the study's key.json.
+        out: folder for answers-simulated-001.json …
+        preference: quality of each condition, as 'truth=0.8,ours=0.6,baseline=0'; 0 if omitted. The mean vote on a pair
+            is the difference of its qualities.
         raters: number of raters.
-        ties: Share of 'no difference' between equals.
+        ties: share of 'no difference' between conditions of equal quality.
         seed: random seed of the votes.
     """
     import numpy as np
@@ -159,8 +159,8 @@ def simulate(
     from bodysense_lab.study.analysis import simulate_answers
     from bodysense_lab.study.study import read_key, write_answers
 
-    held = read_key(key)
-    given = simulate_answers(held, raters, parse_preference(preference), np.random.default_rng(seed), ties)
+    study_key = read_key(key)
+    given = simulate_answers(study_key, raters, parse_preference(preference), np.random.default_rng(seed), ties)
     make_folder(out)
     for answers in given:
         write_answers(out / f"answers-{answers.rater}.json", answers)
@@ -168,7 +168,7 @@ def simulate(
 
 
 def parse_preference(text: str) -> dict[Condition, float]:
-    """'truth=0.8,ours=0.6' as a mapping. Raises BodysenseError for an unknown name or NaN."""
+    """Parse 'truth=0.8,ours=0.6'. Raises BodysenseError for an unknown name or a value that is not a number."""
     from bodysense_lab.study.study import CONDITIONS
 
     result: dict[Condition, float] = {}
@@ -180,12 +180,12 @@ def parse_preference(text: str) -> dict[Condition, float]:
         try:
             result[known[0]] = float(value)
         except ValueError:
-            raise BodysenseError(f"--preference {part!r}: {value!r} is no number; write {name}=0.6") from None
+            raise BodysenseError(f"--preference {part!r}: {value!r} is not a number; write {name}=0.6") from None
     return result
 
 
 def preference_table(result: StudyResult) -> Table:
-    """The comparisons of every scene, then of all: mean vote, standard error, t-test."""
+    """Return the table of comparisons for every scene, then for all: mean vote, standard error, t-test."""
     from bodysense_lab.study.study import COMPARISONS
 
     columns = ("scene", "comparison", "mean", "± s. e.", "t", "p", "", "n")
@@ -200,7 +200,7 @@ def preference_table(result: StudyResult) -> Table:
 
 
 def draw_preferences(path: Path, result: StudyResult) -> None:
-    """The bars of Fig. 6: every scene, then all."""
+    """Draw the bars of Fig. 6: every scene, then all."""
     import numpy as np
 
     from bodysense_lab.chart import Bars, draw_bars

@@ -1,4 +1,4 @@
-"""`bodysense train`: fit a network and export it."""
+"""`bodysense train`: training and export of networks."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from tyro.extras import SubcommandApp
 
 from bodysense.errors import BodysenseError
 from bodysense_lab.commands import arms, completion, gloves, hmd_vae
-from bodysense_lab.options import Flat, trial_of
+from bodysense_lab.options import Flat, as_trial
 from bodysense_lab.unoc.options import BodyTraining, FingersTraining, TablesTraining, UpperBodyTraining
 
 
 def commands() -> SubcommandApp:
-    """The group's commands."""
+    """Return the group's commands."""
     group = SubcommandApp()
     for command in (completion.completion, completion.completion_fingers, completion.completion_joining):
         group.command(checked(command))
@@ -30,13 +30,13 @@ def commands() -> SubcommandApp:
 
 
 def checked(train: Callable[[Any], None]) -> Callable[[Any], None]:
-    """Return a training that first checks its data, before PyTorch is loaded, and takes few steps in a trial."""
+    """Wrap a training: check its data before PyTorch is loaded, and take few steps in a trial."""
 
     @wraps(train)
     def begin(run: Any) -> None:
         if run.data is not None and not run.data.is_dir():
             raise BodysenseError(f"--data {run.data}: no such folder; give a folder of motion, or a prepared store")
-        train(trial_of(run))
+        train(as_trial(run))
 
     return begin
 
@@ -49,9 +49,9 @@ def body_gru(run: Flat[BodyTraining]) -> None:
 
 
 def unoc_tables(run: Flat[TablesTraining]) -> None:
-    """Train the networks of UNOC's Tables 2 to 4 into one folder, which `bodysense evaluate unoc-table2` … read.
+    """Train the networks of UNOC's Tables 2 to 4 into one folder, for `evaluate unoc-table2` to `unoc-table4`.
 
-    Training resumes after a stop. On several machines start it on each with `torchrun` and give --nodes.
+    Training resumes after a stop. On several machines, start it on each with `torchrun` and give --nodes.
     """
     from bodysense_lab.unoc.train_tables import train_tables
 
@@ -76,13 +76,12 @@ def upper_body(run: Flat[UpperBodyTraining]) -> None:
 
 
 def card(network: Annotated[Path, tyro.conf.Positional], figures: Path) -> None:
-    """Put test figures into a network file and write its model card next to it.
+    """Write test figures into a network file and a model card next to it.
 
     Args:
-        network: The .onnx file that `bodysense train` wrote.
-        figures: what the command that measures such a network wrote with --json: `bodysense evaluate completion`,
-            `finger-synthesis`, `unoc-table2`, `unoc-table6` or `hmd-vae`, with --model NETWORK or --networks NETWORK
-            where it takes one.
+        network: .onnx file that `bodysense train` wrote.
+        figures: figures of this network, written with --json by `bodysense evaluate completion`, `finger-synthesis`,
+            `unoc-table2`, `unoc-table6` or `hmd-vae`.
     """
     import json
 

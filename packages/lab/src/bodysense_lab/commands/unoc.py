@@ -13,10 +13,10 @@ import tyro
 from bodysense.errors import BodysenseError
 from bodysense_lab.commands.reporting import (
     check_places,
-    counting,
     finish,
     open_data,
     open_sets,
+    progress_bar,
     show,
     tracker_settings,
 )
@@ -35,19 +35,19 @@ Predictor = Annotated[
     tyro.conf.arg(help="predictor written by `bodysense train body-gru`; the packaged one if omitted"),
 ]
 HalfLife = Annotated[
-    float | None, tyro.conf.arg(help="half-life of the tracker's smoother in seconds; its own if omitted")
+    float | None, tyro.conf.arg(help="half-life of the tracker's smoother in seconds; the default one if omitted")
 ]
 Networks = Annotated[Path, tyro.conf.arg(help="folder that `bodysense train unoc-tables` wrote")]
 
 
 def unoc_table1(data: Sets, table: Table = TableOptions(split="all")) -> None:
-    """UNOC, Table 1: share and duration of occlusion, and share of self-contact; a column a data set, or a category."""
-    from bodysense_lab.datasets import gathered
+    """UNOC, Table 1: share and duration of occlusion, and share of self-contact, by data set or category."""
+    from bodysense_lab.datasets import gather_results
     from bodysense_lab.unoc.occlusion import count_clip, occlusion_report
 
     sets = open_sets(data, table)
-    with counting("scored", sum(one.count() for one in sets)) as advance:
-        counted = [(one, *gathered(count_clip, one.clips(), table.processes, advance)) for one in sets]
+    with progress_bar("scored", sum(one.count() for one in sets)) as advance:
+        counted = [(one, *gather_results(count_clip, one.clips(), table.processes, advance)) for one in sets]
     finish(occlusion_report(counted), table)
 
 
@@ -61,8 +61,8 @@ def unoc_table2(
     """UNOC, Table 2: GRU, RNN, LSTM, TCN, last known position, constant velocity, and the packaged predictor.
 
     Args:
-        networks: folder that `bodysense train unoc-tables` wrote; if omitted, only the predictor and the baselines are
-            scored. Scores are kept in it, or in --out.
+        networks: folder that `bodysense train unoc-tables` wrote; only the predictor and the baselines are scored if
+            omitted. Scores are saved in it, or in --out.
     """
     from bodysense_lab.unoc.tables import TABLE_2
     from bodysense_lab.unoc.variant_scores import Shipped
@@ -78,7 +78,7 @@ def unoc_table3(data: Data, networks: Networks, stride: Stride = 1, table: Table
 
 
 def unoc_table4(data: Data, networks: Networks, stride: Stride = 1, table: Table = TableOptions()) -> None:
-    """UNOC, Table 4: without predicting the occlusion, without the losses of bones."""
+    """UNOC, Table 4: without prediction of occlusion, and without losses on bones."""
     from bodysense_lab.unoc.tables import TABLE_4
 
     _network_table(TABLE_4, data, networks, stride, table, None)
@@ -93,7 +93,7 @@ def unoc_table5(
 ) -> None:
     """UNOC, Table 5: networks trained on one data set and tested on another; and finger synthesis.
 
-    Scores are kept in the folder --out.
+    Scores are saved in the folder --out.
 
     Args:
         networks: NAME=FOLDER for each training set, written by `bodysense train unoc-tables --networks gru`.
@@ -108,7 +108,7 @@ def unoc_table5(
     files = _named(finger_networks, "--finger-networks")
     hands = {name: load_point_model("fingers", file) for name, file in files.items()}
     trained = {name: networks_in(folder, ["gru"])["gru"] for name, folder in folders.items()}
-    with counting("scored", sum(one.count() for one in sets)) as advance:
+    with progress_bar("scored", sum(one.count() for one in sets)) as advance:
         scores, last_known = score_pairs(sets, trained, table.out, stride, table.processes, advance)
     fingers = synthesis_errors(sets, hands) if hands else None
     finish(cross_report(list(trained), sets, scores, last_known, fingers), table)
@@ -141,7 +141,7 @@ def unoc_smoothness(
     half_life: HalfLife = None,
     table: Table = TableOptions(),
 ) -> None:
-    """UNOC, section 4.2: how often joints accelerate strongly, before and after inverse kinematics and smoothing."""
+    """UNOC, section 4.2: share of strong accelerations, before and after inverse kinematics and smoothing."""
     from bodysense_lab.unoc.smoothness import NETWORKS, smoothness_of_clip, smoothness_report
     from bodysense_lab.unoc.variant_scores import networks_in
 
@@ -151,14 +151,14 @@ def unoc_smoothness(
 
 
 def reliability(data: Data, model: Predictor = None, table: Table = TableOptions()) -> None:
-    """Expected against true errors of hidden joints, in ten bins of equal count."""
+    """Compare expected with true errors of hidden joints, in ten bins of equal count."""
     from bodysense_lab.unoc.reliability import pairs_of_clip, reliability_report
 
     _score(data, table, partial(pairs_of_clip, model=model), reliability_report)
 
 
 def transitions(data: Data, model: Predictor = None, half_life: HalfLife = None, table: Table = TableOptions()) -> None:
-    """How jerky motion is in the second in which a joint is lost or seen again, before and after smoothing."""
+    """Measure jerk in the second in which a joint is lost or seen again, before and after smoothing."""
     from bodysense_lab.unoc.transitions import transitions_of_clip, transitions_report
 
     work = partial(transitions_of_clip, model=model, settings=tracker_settings(half_life))
@@ -168,23 +168,27 @@ def transitions(data: Data, model: Predictor = None, half_life: HalfLife = None,
 def finger_synthesis(data: Data, split: Split = "test", model: Path | None = None, json: Json = None) -> None:
     """Score finger synthesis (UNOC, Table 5, right) against the mean hand and the hand of the nearest body.
 
-    Clips with fingers are scored; both baselines know the clips of the train split.
+    Only clips with fingers are scored. Both baselines use the clips of the train split.
 
     Args:
         split: people or actions to score.
         model: network written by `bodysense train fingers`; the packaged one if omitted.
     """
     from bodysense.papers.point_model import load_point_model
-    from bodysense_lab.datasets import gathered, named_data
+    from bodysense_lab.datasets import gather_results, open_data_set
     from bodysense_lab.scoring import group_of
     from bodysense_lab.unoc.finger_scores import examples_of, finger_errors, finger_report
 
     check_places(json)
-    scored, known, network = named_data(data, split), named_data(data, "train"), load_point_model("fingers", model)
+    scored, known, network = (
+        open_data_set(data, split),
+        open_data_set(data, "train"),
+        load_point_model("fingers", model),
+    )
     clips = (clip for clip in scored.clips() if clip.has_fingers and group_of(clip) == "main")
-    with counting("scored", scored.count()) as advance:
+    with progress_bar("scored", scored.count()) as advance:
         work = partial(finger_errors, examples=examples_of(known.clips()), model=network)
-        found, census = gathered(work, clips, 1, advance)
+        found, census = gather_results(work, clips, 1, advance)
     show(finger_report(found, census, scored), json)
 
 
@@ -194,38 +198,38 @@ def _score(
     work: Callable[[Clip], Mapping[Any, Any]],
     report: Callable[[dict[Any, Any], Census, DataSet], Report],
 ) -> None:
-    """Gather the results of every clip of a data set, and report them."""
-    from bodysense_lab.datasets import gathered
+    """Gather the results of all clips of a data set, and report them."""
+    from bodysense_lab.datasets import gather_results
 
     chosen = open_data(data, table)
-    with counting("scored", chosen.count()) as advance:
-        found, census = gathered(work, chosen.clips(), table.processes, advance)
+    with progress_bar("scored", chosen.count()) as advance:
+        found, census = gather_results(work, chosen.clips(), table.processes, advance)
     finish(report(found, census, chosen), table, chosen)
 
 
 def _named(pairs: tuple[str, ...], option: str) -> dict[str, Path]:
-    """NAME=PATH, by name."""
-    from bodysense_lab.datasets import set_name
+    """Parse NAME=PATH options; returns paths by name."""
+    from bodysense_lab.datasets import catalogue_name
 
     result = {}
     for pair in pairs:
         name, equals, path = pair.partition("=")
         if not (name and equals and path):
-            raise BodysenseError(f"{option} {pair!r}: write NAME=PATH, the name of the data set that it was trained on")
-        result[set_name(name)] = Path(path)
+            raise BodysenseError(f"{option} {pair!r}: write NAME=PATH with the name of the training data set")
+        result[catalogue_name(name)] = Path(path)
     return result
 
 
 def _network_table(
     rows: ScoreTable, data: str, networks: Path | None, stride: int, table: TableOptions, shipped: Shipped | None
 ) -> None:
-    """Score the methods without kept scores, and report."""
+    """Score the methods that have no saved scores, and report."""
     from bodysense_lab.unoc.tables import OWN_NAMES, network_report
     from bodysense_lab.unoc.variant_scores import Work, networks_in, score
 
     chosen = open_data(data, table)
     files = {} if networks is None else networks_in(networks, [n for n in rows.methods if n not in OWN_NAMES])
     work = Work(files, shipped, stride)
-    with counting("scored", chosen.count()) as advance:
+    with progress_bar("scored", chosen.count()) as advance:
         scores = score(chosen, networks or table.out, work, table.processes, advance)
     finish(network_report(rows, scores, chosen), table, chosen)

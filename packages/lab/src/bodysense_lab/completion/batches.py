@@ -19,7 +19,7 @@ from bodysense_lab.completion.network import turn_about_up
 from bodysense_lab.completion.points import SPIN_INDICES
 from bodysense_lab.completion.sequences import Sequence, SequenceAugmentation, make_sequence
 from bodysense_lab.completion.training_bodies import TrainingBody
-from bodysense_lab.fit import cut
+from bodysense_lab.fit import cut_frames
 
 _GROUP = 16  # whole sequences in a batch
 
@@ -46,10 +46,10 @@ class SequenceBatch(NamedTuple):
 
 
 def collate(pieces: list[tuple[Sequence, int]], chunk: int, begins: np.ndarray) -> SequenceBatch:
-    """Return a batch of `chunk` frames of each sequence, from its start frame on (see `cut`)."""
+    """Return a batch of `chunk` frames of each sequence, from its start frame on (see `cut_frames`)."""
     kept = ("position", "has_position", "has_rotation", "acceleration", "has_acceleration")
-    now = cut(pieces, chunk, (*kept, "rotation", "anchor", "true_position", "true_rotation", "contact"))
-    earlier = cut([(one, start - 1) for one, start in pieces], chunk, (*kept[:3], "rotation"))
+    now = cut_frames(pieces, chunk, (*kept, "rotation", "anchor", "true_position", "true_rotation", "contact"))
+    earlier = cut_frames([(one, start - 1) for one, start in pieces], chunk, (*kept[:3], "rotation"))
     sequences = [one for one, _ in pieces]
     interval = _stacked(sequences, "interval")[:, None].expand(-1, chunk)
     anchor = now["anchor"]
@@ -90,7 +90,7 @@ def _collate_hands(pieces: list[tuple[TrainingHands, int]], chunk: int, interval
         ("position", "has_position", "has_rotation", "wrist", "wrist_velocity"),
         ("rotation", "wrist_rotation"),
     )
-    now = cut(pieces, chunk, (*kept, *turns, "true_position", "true_rotation"))
+    now = cut_frames(pieces, chunk, (*kept, *turns, "true_position", "true_rotation"))
     signal = FingerSignal(
         **{name: now[name] for name in kept},
         **{name: quaternion_to_matrix(now[name]) for name in turns},

@@ -17,7 +17,7 @@ from bodysense.body.skeleton import BODY, default_skeleton
 from bodysense.errors import BodysenseError
 from bodysense.files import written_beside
 from bodysense_lab.completion.hands import GENERATED_RATE as RATE
-from bodysense_lab.progress import tracked
+from bodysense_lab.progress import with_progress_log
 from bodysense_lab.synthesis.hands import synthesize_hand
 from bodysense_lab.synthesis.pairs import synthesize_pair
 
@@ -39,7 +39,7 @@ def generate_fingers(hours: float, seed: int = 1) -> np.ndarray:
     places = [skeleton.indices([f"{side}_{name}" for name in HAND_JOINTS[1:]]) - len(BODY) for side in _SIDES]
     pieces = []
     count = math.ceil(hours * 3600 / _PIECE)
-    for number in tracked(range(count), "generating fingers", count):
+    for number in with_progress_log(range(count), "generating fingers", count):
         rng = np.random.default_rng([seed, number])
         if rng.uniform() < _PAIRS:
             both = synthesize_pair(hand, _PIECE, rng, RATE)

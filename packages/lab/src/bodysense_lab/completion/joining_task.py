@@ -34,9 +34,9 @@ from bodysense_lab.completion.options import JoiningTraining
 from bodysense_lab.completion.points import partners
 from bodysense_lab.completion.publish import QUANTILE
 from bodysense_lab.completion.weights_file import safetensors_bytes
-from bodysense_lab.fit import Task, begin, cut, fit
+from bodysense_lab.fit import Task, cut_frames, fit, set_seed_and_threads
 from bodysense_lab.options import Schedule
-from bodysense_lab.progress import counted, read_clips
+from bodysense_lab.progress import log_progress, read_clips
 from bodysense_lab.scoring import RATE
 
 _PARENTS, _HEAD = default_skeleton().parents[:JOINTS], BODY.index("head")
@@ -196,7 +196,7 @@ class JoiningTask(Task):
 
 
 def _batch(pieces: list[tuple[JoinedTake, int]], frames: int) -> dict[str, Tensor]:
-    batch = cut(pieces, frames, _ARRAYS)
+    batch = cut_frames(pieces, frames, _ARRAYS)
     batch = {name: values.float() if values.dtype == torch.float16 else values for name, values in batch.items()}
     offset = np.stack([take.rest_offset for take, _ in pieces])
     return batch | {"rest_offset": torch.from_numpy(offset)[:, None]}
@@ -266,13 +266,13 @@ def calibrate_errors(network: JoiningModule, takes: Sequence[JoinedTake]) -> Non
 
 def train_joining(options: JoiningTraining, fabric: Fabric) -> JoiningModule:
     """Train or resume, and return the network with the best weights on validation takes."""
-    begin(options.schedule.seed, options.threads)
+    set_seed_and_threads(options.schedule.seed, options.threads)
     with fabric.rank_zero_first():  # other processes find the takes in the folder of the run
         training_takes = _takes(options, "train", options.frames, options.schedule.seed)
         validation_takes = _takes(options, "val", min(options.frames, _VALIDATION_FRAMES), _VALIDATION_SEED)
     config = JoiningTaskConfig(JoiningConfig(training_takes[0].features.shape[1]))
     network = JoiningModule(config.network)
-    source = options.limited | {"frames": options.frames}
+    source = options.trial_settings | {"frames": options.frames}
     fit(
         JoiningTask(network, config, options.schedule, training_takes, validation_takes, source),
         options.checkpoint,
@@ -286,7 +286,7 @@ def train_joining(options: JoiningTraining, fabric: Fabric) -> JoiningModule:
 def _takes(options: JoiningTraining, split: Split, frames: int, seed: int) -> list[JoinedTake]:
     def draw() -> Iterator[JoinedTake]:
         clips = list(read_clips(options.data, split, options.limit))
-        with counted(f"completing takes of the {split} split, frames", frames) as advance:
+        with log_progress(f"completing takes of the {split} split, frames", frames) as advance:
             for take in draw_takes(clips, split, np.random.default_rng(seed)):
                 advance(len(take))
                 yield take

@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 from bodysense.devices.simulated.sensors import SENSOR_SETS
 from bodysense.errors import BodysenseError
 from bodysense.ranges import Count, Hours, Processes, within
-from bodysense_lab.options import Card, Data, Flat, Json, MotionRun, Schedule, Split, Usual, check_ending
+from bodysense_lab.options import Card, Data, Flat, Json, MethodDefault, MotionRun, Schedule, Split, check_ending
 
 Body = Literal["own", "stranger", "height", "nothing"]
 BODIES: tuple[Body, ...] = ("own", "stranger", "height", "nothing")
@@ -22,7 +22,7 @@ BODY_TITLES: dict[Body, str] = {
 }
 Fault = Literal["error", "leap"]  # which error defines the worst frame of a clip
 
-FINGER_SCHEDULE = Schedule(steps=Usual(2000), learning_rate=2e-3, weight_decay=0.1, check_every=500)
+FINGER_SCHEDULE = Schedule(steps=MethodDefault(2000), learning_rate=2e-3, weight_decay=0.1, check_every=500)
 
 TABLE_SETS = (
     "head",
@@ -55,7 +55,7 @@ class _FolderRun(MotionRun):
 class CompletionTraining(_FolderRun, Card):
     """Train the completion network and write both networks as one .safetensors file."""
 
-    schedule: Flat[Schedule] = Schedule(steps=Usual(6200))
+    schedule: Flat[Schedule] = Schedule(steps=MethodDefault(6200))
     begin_with: Path | None = None
     """checkpoint of an earlier run, or completion network (.safetensors), with the body's initial weights"""
     keep: Annotated[float, within(float, 0, 1)] = 0.0
@@ -98,8 +98,8 @@ class JoiningTraining(_FolderRun, Card):
 
     run: Path | None = None
     """folder of checkpoint and takes; OUT without its ending if omitted"""
-    schedule: Flat[Schedule] = Schedule(steps=Usual(4000), check_every=500)
-    frames: Count = Usual(500_000)
+    schedule: Flat[Schedule] = Schedule(steps=MethodDefault(4000), check_every=500)
+    frames: Count = MethodDefault(500_000)
     """frames of takes to train on; each take is first completed forward and backward in time"""
 
     @property

@@ -12,7 +12,7 @@ from bodysense.io.clip import Clip
 from bodysense_lab.completion.corpus import Corpus, corpus_of
 from bodysense_lab.completion.network import CompletionNetwork
 from bodysense_lab.completion.task import CompletionTask, CompletionTaskConfig
-from bodysense_lab.fit import launched, take_step
+from bodysense_lab.fit import launch_fabric, take_step
 from bodysense_lab.options import Schedule
 from bodysense_lab.precision import layer_precision
 
@@ -26,7 +26,7 @@ def training_pace(
     of `train completion` on this machine. Other load hardly changes the latter. Emulated bfloat16 is timed on a single
     step.
     """
-    fabric, corpus = launched(), corpus_of([clip])
+    fabric, corpus = launch_fabric(), corpus_of([clip])
     torch.set_num_threads(threads)
     own = layer_precision(fabric.device)
     found: dict[str, float] = {}
@@ -41,7 +41,7 @@ def training_pace(
 
 def _pace(corpus: Corpus, config: CompletionTaskConfig, steps: int, precision: torch.dtype) -> tuple[float, float]:
     """Return steps per second and processor seconds per step, after one step to warm up."""
-    fabric = launched()
+    fabric = launch_fabric()
     torch.manual_seed(0)
     network = CompletionNetwork(config.network).to(fabric.device)
     task = CompletionTask(network, config, Schedule(), corpus, {}, precision=precision)

@@ -19,7 +19,7 @@ from bodysense.devices.simulated.sensors import SENSOR_SETS, SensorSet
 from bodysense.io.clip import Clip
 from bodysense.io.datasets.splits import Split
 from bodysense.tracker import Tracker
-from bodysense_lab.clips import learned_clips
+from bodysense_lab.clips import training_clips
 from bodysense_lab.completion.corpus import read_corpus
 from bodysense_lab.completion.error_map import (
     CERTAINTY_SCALE,
@@ -231,7 +231,7 @@ def _scenes(data: Path, split: Split, limit: int | None, backward: bool) -> dict
     """
     truths: tuple[Truth, ...] = ("own", "stranger")
     scenes: dict[Truth, list[list[TrackedScene]]] = {truth: [] for truth in truths}
-    clips = [_middle_part(clip) for clip in learned_clips(data, split, limit) if clip.category in HEADSET_CATEGORIES]
+    clips = [_middle_part(clip) for clip in training_clips(data, split, limit) if clip.category in HEADSET_CATEGORIES]
     if split == "train":
         clips = _few_of_each_person(clips)
     clips += list(posture_clips(clips))

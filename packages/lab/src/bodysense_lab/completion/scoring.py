@@ -40,8 +40,8 @@ from bodysense_lab.completion.tables import (
     headline,
 )
 from bodysense_lab.completion.tracking import StepTimes, TrackedMotion, TrackPeople, TrackTake, step_times, track_people
+from bodysense_lab.parallel import parallel_map
 from bodysense_lab.scoring import RATE
-from bodysense_lab.spread import spread
 
 TIMED_FRAMES = 330  # frames of one wearer whose steps are timed
 _EDGES = 10  # edges of the lattice that a process scores at a time
@@ -60,7 +60,7 @@ def evaluate_completion(
     track: TrackPeople = track_people,
     takes: TrackTake | None = None,
     times: StepTimes | None = step_times,
-    spread: Spread = partial(spread, jobs=1),
+    parallel_map: Spread = partial(parallel_map, jobs=1),
     results: ClipResults | None = None,
     advance: Callable[[int, str], None] = lambda count, what: None,
 ) -> CompletionTable:
@@ -73,7 +73,7 @@ def evaluate_completion(
         track: tracks several people.
         takes: completes whole takes with past and future; None: left out.
         times: times the steps of one wearer; None: left out.
-        spread: runs the work, in this or in other processes.
+        parallel_map: runs the work, in this or in other processes.
         results: folder with results of clips; new results are added.
         advance: called with the number of finished units of work (see `work_of`) and a text about them.
     """
@@ -92,7 +92,7 @@ def evaluate_completion(
         for batch in batches(missing):
             jobs.append((batch, truth))
         advance(_work_done(len(clips) - len(missing), settings, truth), "clips scored before")
-    for (batch, truth), parts in spread(_Scorer(settings, mean_body, track, takes), jobs):
+    for (batch, truth), parts in parallel_map(_Scorer(settings, mean_body, track, takes), jobs):
         for clip, part in zip(batch, parts, strict=True):
             table.merge(part)
             if results is not None:
@@ -105,7 +105,9 @@ def evaluate_completion(
         scenes = [scene_of(clip, "stranger", settings.split) for batch in groups for clip in batch]
         edges = random_edges(settings.edges)
         groups_of_edges = [edges[first : first + _EDGES] for first in range(0, len(edges), _EDGES)]
-        for group, scores in spread(partial(score_lattice, scenes=choose_scenes(scenes), track=track), groups_of_edges):
+        for group, scores in parallel_map(
+            partial(score_lattice, scenes=choose_scenes(scenes), track=track), groups_of_edges
+        ):
             table.lattice.extend(scores)
             advance(len(group), "edges")
     return table

@@ -18,7 +18,7 @@ from bodysense_lab.completion.options import BODIES, BODY_TITLES, TABLE_SETS, Bo
 from bodysense_lab.completion.scenes import TRUTH_OF, Truth
 from bodysense_lab.completion.scores import Calibration, RunningScores
 from bodysense_lab.completion.sight_scores import CellScores
-from bodysense_lab.datasets import Census, DataSet, describe
+from bodysense_lab.datasets import Census, DataSet, describe_data
 from bodysense_lab.intervals import Interval, interval
 from bodysense_lab.scoring import GROUPS, suffix_of
 from bodysense_lab.table import Cell, Report, cell, finite
@@ -221,7 +221,7 @@ def completion_reports(table: CompletionTable, census: Census, data: DataSet, to
             for name in table.settings.sets
         ),
         numbers=numbers | census.numbers() | {"clips_in_split": total},
-        data=(describe(data, census), *_sample(table, census.clips, total)),
+        data=(describe_data(data, census), *_sample(table, census.clips, total)),
         remarks=tuple(_remarks(table)),
         remarks_title="For comparison",
         caption="22 joints from the head; headset camera: hidden joints, in the world. Own body: the recording's, "

@@ -26,7 +26,7 @@ from bodysense_lab.completion.points import JOINTS
 from bodysense_lab.completion.postures import low_share, standing_share
 from bodysense_lab.completion.sensor_draws import fixed_sensors
 from bodysense_lab.completion.sequences import Sequence, draw_hands, draw_sequence
-from bodysense_lab.fit import Task, played
+from bodysense_lab.fit import Task, stream_sequences
 from bodysense_lab.options import Schedule
 from bodysense_lab.precision import layer_autocast
 
@@ -178,7 +178,7 @@ def _stream_batches(
     draw: Callable[[], Sequence], configuration: CompletionTaskConfig | FingerTaskConfig
 ) -> Iterator[SequenceBatch]:
     """Yield chunks of parallel streams that play whole sequences, one after the other."""
-    for pieces, begins in played(draw, configuration.streams, configuration.chunk):
+    for pieces, begins in stream_sequences(draw, configuration.streams, configuration.chunk):
         yield collate(pieces, configuration.chunk, begins)
 
 

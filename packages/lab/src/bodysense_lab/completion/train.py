@@ -24,7 +24,7 @@ from bodysense_lab.completion.task import (
     FingerTaskConfig,
     validation_batches,
 )
-from bodysense_lab.fit import begin, fit
+from bodysense_lab.fit import fit, set_seed_and_threads
 
 _VALIDATION_STRIDE = 3  # every n-th validation clip is scored at a checkpoint
 
@@ -45,7 +45,7 @@ def train_completion(options: CompletionTraining, fabric: Fabric) -> CompletionN
     initial = network.state_dict() if options.begin_with is None else _weights(options.begin_with, network)
     network.load_state_dict(initial)
     validation = validation_batches(val, _VALIDATION_STRIDE, options.backward)
-    task = CompletionTask(network, config, options.schedule, train, validation, options.limited or None)
+    task = CompletionTask(network, config, options.schedule, train, validation, options.trial_settings or None)
     fit(task, options.folder / "completion.ckpt", fabric=fabric)
     network = network.cpu()
     if options.keep:
@@ -82,7 +82,7 @@ def train_fingers(
         train, val = (without_person(corpus, options.leave_out) for corpus in (train, val))
     network = FingerNetwork(config.network)
     config = replace(config, generated_hours=options.generated_hours, left_out=options.leave_out)
-    validation, source = finger_validation(val, train), options.limited or None
+    validation, source = finger_validation(val, train), options.trial_settings or None
     task = FingerTask(network, config, options.schedule, train, validation, source, generated=generated)
     fit(task, options.out, fabric=fabric)
     return network.cpu()
@@ -90,7 +90,7 @@ def train_fingers(
 
 def _begin(options: CompletionTraining | FingerTraining, fabric: Fabric) -> tuple[Corpus, Corpus]:
     """Set seed and threads, and return the training and the validation motion."""
-    begin(options.schedule.seed, options.threads)
+    set_seed_and_threads(options.schedule.seed, options.threads)
     with fabric.rank_zero_first():  # other processes find the corpus in the cache
         return read_corpus(options.data, "train", options.limit), read_corpus(options.data, "val", options.limit)
 

@@ -13,7 +13,7 @@ from torch import Tensor, nn
 from bodysense.body.rotation import quaternion_canonical
 from bodysense.errors import BodysenseError
 from bodysense.papers.hmd_vae import FORMAT
-from bodysense_lab.export import export, in_bytes
+from bodysense_lab.export import export, store_as_int8
 from bodysense_lab.hmd_vae.body_windows import Joints, frame_of, seen_from
 from bodysense_lab.hmd_vae.frames import RATE
 from bodysense_lab.hmd_vae.network import BodyVae
@@ -83,4 +83,4 @@ def write_vae_onnx(network: BodyVae, path: Path, card: dict[str, Any]) -> None:
         "weights": sum(parameter.numel() for parameter in network.parameters()),
         **known,
     }
-    export(InWorld(network), example, list(INPUTS), list(OUTPUTS), FORMAT, card, path, shrink=in_bytes)
+    export(InWorld(network), example, list(INPUTS), list(OUTPUTS), FORMAT, card, path, shrink=store_as_int8)

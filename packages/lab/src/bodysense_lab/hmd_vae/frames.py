@@ -19,7 +19,7 @@ from bodysense.body.pose import forward_kinematics
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
-from bodysense_lab.clips import learned_clips, spread_evenly
+from bodysense_lab.clips import spread_evenly, training_clips
 from bodysense_lab.store import is_store, read_store
 from bodysense_lab.windows import Windows, find_windows
 
@@ -105,7 +105,7 @@ def split_clips(
     `limit` is the number of clips for a trial.
     """
     if split_file is None:
-        yield from learned_clips(directory, split, limit)
+        yield from training_clips(directory, split, limit)
         return
     listed = read_split_file(split_file)
     if is_store(directory):

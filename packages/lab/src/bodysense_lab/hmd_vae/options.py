@@ -10,7 +10,7 @@ from bodysense.body.skeleton import BODY
 from bodysense.devices.simulated.sensors import THREE_POINTS
 from bodysense.errors import BodysenseError
 from bodysense.ranges import Count, Seed
-from bodysense_lab.options import Card, Flat, MotionRun, Usual, check_ending
+from bodysense_lab.options import Card, Flat, MethodDefault, MotionRun, check_ending
 
 Model = Literal[0, 1, 2, 3, 4]
 MODELS: tuple[Model, ...] = get_args(Model)
@@ -71,7 +71,7 @@ class BodyVaeConfig:
 class VaeSchedule:
     """How long and on what. The paper does not print its own."""
 
-    steps: Count = Usual(6000)
+    steps: Count = MethodDefault(6000)
     """optimiser steps"""
     batch: Count = 256
     """windows a step"""

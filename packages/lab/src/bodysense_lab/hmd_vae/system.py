@@ -15,7 +15,7 @@ from bodysense.observation import Observation
 from bodysense.open import MotionSource, Opened
 from bodysense.papers.hmd_vae import BodyVaeEstimator, BodyVaeModel, BodyVaeState, load_body_vae
 from bodysense.signals import signal_from
-from bodysense_lab.paper_options import PaperOptions, Variant, untrained
+from bodysense_lab.paper_options import PaperOptions, Variant, missing_weights_error
 from bodysense_lab.tracked_clip import tracked_clip
 
 MODELS: tuple[Variant, ...] = ("0", "1", "2", "3", "4")
@@ -31,7 +31,7 @@ def complete(opened: Opened, options: PaperOptions) -> Clip:
     model = _model(options)
     if model.card["network"]["model"] == 0:
         return _encoded(opened, options, model)
-    device = options.watched_by(opened, "three_point")
+    device = options.choose_device(opened, "three_point")
     signal = signal_from(opened, device=device, height=options.height, noise=options.noise)
     estimator = BodyVaeEstimator(signal.person.skeleton, model)
 
@@ -44,18 +44,18 @@ def complete(opened: Opened, options: PaperOptions) -> Clip:
 
 
 def _model(options: PaperOptions) -> BodyVaeModel:
-    wanted = options.chosen("hmd_vae", MODELS, PACKAGED) if options.networks is None else options.variant
+    wanted = options.choose_variant("hmd_vae", MODELS, PACKAGED) if options.networks is None else options.variant
     if options.networks is None and wanted != PACKAGED:
         train = "bodysense train hmd-vae --data DIR --model"
         before, decoder = (f"{train} 0 -o zero.pt, then ", " --decoder zero.pt") if wanted == "3" else ("", "")
-        raise untrained(
+        raise missing_weights_error(
             f"--variant {wanted}",
             f"{before}{train} {wanted}{decoder} -o model{wanted}.onnx",
             f"--networks model{wanted}.onnx",
         )
     model = load_body_vae(options.networks)
     found = str(model.card["network"]["model"])
-    if wanted is not None and options.chosen("hmd_vae", MODELS, PACKAGED) != found:
+    if wanted is not None and options.choose_variant("hmd_vae", MODELS, PACKAGED) != found:
         raise BodysenseError(f"--variant {wanted}: {model.name} is a model {found}; leave --variant out")
     return model
 

@@ -8,10 +8,10 @@ from dataclasses import replace
 from operator import attrgetter
 
 from bodysense_lab.chart import BarPanel, plain_bars
-from bodysense_lab.datasets import Census, DataSet, describe, missing
+from bodysense_lab.datasets import Census, DataSet, describe_data, missing_data_remarks
 from bodysense_lab.hmd_vae.scores import Scored
 from bodysense_lab.scoring import GROUPS, suffix_of
-from bodysense_lab.table import Cell, Report, bounds, cell, finite, ordering
+from bodysense_lab.table import Cell, Report, bound_cells, cell, finite, ordering
 
 MODELS = {1: "1 static", 2: "2 sequence", 3: "3 static, pretrained", 4: "4 sequence, pretrained"}
 PARTS = {"full": "full body", "legs": "legs"}
@@ -75,7 +75,7 @@ def vae_report(scored: Sequence[Scored], census: Census, data: DataSet) -> Repor
             others = (cell(one.get(f"{part}_position_cm", g)) for g in groups if g != main)
             within = one.card.get("within_position_cm") if part == "full" else None
             settings = (f"{c.beta:g}", str(c.latent), str(c.blocks), c.origin)
-            sure = bounds(one.tallies[main, f"{part}_position_cm"].interval())
+            sure = bound_cells(one.tallies[main, f"{part}_position_cm"].interval())
             rows.append((joints, MODELS[c.model], *settings, *ours, *sure, within, *others))
         truth = cell(scored[0].get(f"{part}_truth_acceleration_m_s2", main))
         rows.append(
@@ -90,7 +90,7 @@ def vae_report(scored: Sequence[Scored], census: Census, data: DataSet) -> Repor
         ),
         rows=tuple(rows),
         numbers=_numbers(scored) | census.numbers(),
-        data=(describe(data, census), *missing(("AMASS",), [data])),
+        data=(describe_data(data, census), *missing_data_remarks(("AMASS",), [data])),
         remarks=tuple(_remarks(scored, main)),
         caption="Means over frames, each answered from the window that ends with it. Positions from the head; legs are "
         "knees, ankles and feet; acceleration is the mean L1 norm of the prediction's. Within: sequences of the "
@@ -124,7 +124,7 @@ def metrics_report(scored: Sequence[Scored], census: Census, data: DataSet) -> R
         ),
         rows=tuple(rows),
         numbers={},
-        data=(describe(data, census),),
+        data=(describe_data(data, census),),
         caption="22 joints. Mean difference of axis-angle components, °; cm from the head; cm/s; jitter 10² m/s³; "
         "geodesic local rotation, °; upper and lower body, cm; skate of standing feet, cm/s; depth of balls under the "
         "floor, cm. From the 16th frame on of clips of 64 or more. Ours at 30 Hz, the published on AMASS at 60 Hz: "

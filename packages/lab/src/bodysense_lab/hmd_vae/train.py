@@ -17,8 +17,8 @@ from lightning_fabric import Fabric
 from bodysense.errors import BodysenseError
 from bodysense.files import check_folder, check_place, make_folder
 from bodysense_lab.checkpoint import identity, write_weights_file
-from bodysense_lab.clips import learned_count
-from bodysense_lab.fit import Report, announced, begin, fit
+from bodysense_lab.clips import count_training_clips
+from bodysense_lab.fit import Report, announce_run, fit, set_seed_and_threads
 from bodysense_lab.hmd_vae.frames import (
     TRAIN_LENGTH,
     BodyFrames,
@@ -30,8 +30,8 @@ from bodysense_lab.hmd_vae.frames import (
 from bodysense_lab.hmd_vae.network import BodyVae, pretrained, read_vae
 from bodysense_lab.hmd_vae.options import MODELS, BodyVaeConfig, Grid, VaeRun
 from bodysense_lab.hmd_vae.task import VaeTask, joint_errors
-from bodysense_lab.progress import read_clips, tracked
-from bodysense_lab.sweep import is_same, sweep
+from bodysense_lab.progress import read_clips, with_progress_log
+from bodysense_lab.sweep import is_trained_as_configured, sweep
 from bodysense_lab.table import write_rows
 from bodysense_lab.windows import Windows
 
@@ -58,11 +58,11 @@ class VaeData:
 def read_data(run: VaeRun) -> VaeData:
     """The training split, 5 % of its sequences held out, and the validation people."""
     if run.split_file is None:
-        total = learned_count(run.data, "train", run.limit)
+        total = count_training_clips(run.data, "train", run.limit)
     else:
         total = list(read_split_file(run.split_file).values()).count("train")
     clips = split_clips(run.data, "train", run.split_file, run.limit)
-    frames = read_body_frames(tracked(clips, "reading the train split", min(total, run.limit or total)))
+    frames = read_body_frames(with_progress_log(clips, "reading the train split", min(total, run.limit or total)))
     kept_out = held_out(frames.person, np.random.default_rng(run.schedule.seed))
     within = frames.windows(TRAIN_LENGTH, clips=np.flatnonzero(kept_out))
     learned = frames.windows(TRAIN_LENGTH, clips=np.flatnonzero(~kept_out))
@@ -78,7 +78,7 @@ def run_vae(run: VaeRun) -> None:
     """Train one network; the weights (.pt), log (.jsonl) and checkpoint (.ckpt) are written next to `run.out`."""
     check_place(run.out)
     weights, whole = run.out.with_suffix(".pt"), whole_body(run)
-    fabric = announced(run, VaeTask)
+    fabric = announce_run(run, VaeTask)
     if not is_trained(run, weights, whole):
         data = read_data(run)
         fabric.print(f"{data.note}; {len(data.train)} windows")
@@ -113,7 +113,7 @@ def train_network(
     run: VaeRun, weights: Path, whole: BodyVae | None, data: VaeData, fabric: Fabric, report: Report | None = None
 ) -> None:
     """Train one network and write its weights, with a card that says what they are."""
-    begin(run.schedule.seed, run.threads)
+    set_seed_and_threads(run.schedule.seed, run.threads)
     network = BodyVae(run.config) if whole is None else pretrained(run.config, whole)
     begun, source = time.monotonic(), source_of(run, whole, data)
     task = VaeTask(network, run.schedule, data.frames, data.train, data.validation, source)
@@ -139,7 +139,12 @@ def train_network(
 
 def source_of(run: VaeRun, whole: BodyVae | None, data: VaeData | None = None) -> dict[str, Any]:
     """Return the sources of a run for its identity, with their amount if the data have been read."""
-    source: dict[str, Any] = {"data": str(run.data.resolve()), "split_file": None, "decoder": None, **run.limited}
+    source: dict[str, Any] = {
+        "data": str(run.data.resolve()),
+        "split_file": None,
+        "decoder": None,
+        **run.trial_settings,
+    }
     if run.split_file is not None:
         source["split_file"] = _digest(json.dumps(read_split_file(run.split_file)).encode())
     if whole is not None:
@@ -160,7 +165,7 @@ def is_trained(run: VaeRun, weights: Path, whole: BodyVae | None, data: VaeData 
     if data is None:
         saved.get("source", {}).pop("learned", None)
     now = identity(run.config, run.schedule, source_of(run, whole, data))
-    return is_same(weights, json.dumps(saved), now)
+    return is_trained_as_configured(weights, json.dumps(saved), now)
 
 
 def sweep_name(config: BodyVaeConfig) -> str:
@@ -196,7 +201,7 @@ def run_sweep(run: VaeRun, configs: Sequence[BodyVaeConfig]) -> None:
     runs = {sweep_name(config): swept(run, config) for config in configs}
     paths = [one.out for one in runs.values()]
     check_folder(run.out)
-    fabric = announced(run, VaeTask)
+    fabric = announce_run(run, VaeTask)
     if not all(is_swept(one) for one in runs.values()):
         data = read_data(run)
         make_folder(run.out)

@@ -14,7 +14,7 @@ from bodysense.body.arms import ARM_JOINTS
 from bodysense.body.rotation import normalize, quaternion_canonical
 from bodysense.devices.video.arms import FORMAT
 from bodysense.errors import BodysenseError
-from bodysense_lab.export import export, in_bytes
+from bodysense_lab.export import export, store_as_int8
 from bodysense_lab.pahmt.features import Window
 from bodysense_lab.pahmt.network import ArmNetwork
 from bodysense_lab.pahmt.recordings import RATE
@@ -94,5 +94,5 @@ def write_arms_onnx(network: ArmNetwork, path: Path, card: dict[str, Any]) -> No
         FORMAT,
         card,
         path,
-        shrink=partial(in_bytes, most=_MOST),
+        shrink=partial(store_as_int8, most=_MOST),
     )

@@ -16,7 +16,7 @@ from bodysense.io.clip import Clip
 from bodysense.io.resample import at_constant_rate
 from bodysense.open import MotionSource, Opened, VideoSource
 from bodysense_lab.pahmt.camera_view import FRONT, sample_cameras, view, view_points
-from bodysense_lab.paper_options import PaperOptions, Variant, untrained
+from bodysense_lab.paper_options import PaperOptions, Variant, missing_weights_error
 
 KINDS: tuple[Variant, ...] = ("cnn", "ahmt", "pahmt")
 PACKAGED: Variant = "cnn"
@@ -73,9 +73,9 @@ def watched(name: str, files: LandmarkerFiles, settings: LandmarkerSettings) -> 
 
 
 def _model(options: PaperOptions) -> ArmModel:
-    kind = options.chosen("pahmt", KINDS, "pahmt")
+    kind = options.choose_variant("pahmt", KINDS, "pahmt")
     if options.networks is None and kind != PACKAGED:
-        raise untrained(
+        raise missing_weights_error(
             f"--variant {kind}",
             f"bodysense train arms --data DIR --model {kind} -o {kind}.onnx",
             f"--networks {kind}.onnx, or use the packaged network with --variant {PACKAGED}",

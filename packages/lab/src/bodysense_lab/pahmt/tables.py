@@ -21,14 +21,14 @@ from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
 from bodysense_lab.chart import BarPanel, Line, LinePanel, plain_bars
-from bodysense_lab.datasets import Census, DataSet, census_of, describe
+from bodysense_lab.datasets import Census, DataSet, census_of, describe_data
 from bodysense_lab.pahmt.errors import EVERY, table_errors
 from bodysense_lab.pahmt.features import window_of
 from bodysense_lab.pahmt.network import ArmNetwork, read_arms
 from bodysense_lab.pahmt.options import TABLE_1, Studio, TableRow
 from bodysense_lab.pahmt.recordings import FRAMES, RATE, film, read_arm_recordings
 from bodysense_lab.scoring import GROUPS, group_named, suffix_of
-from bodysense_lab.table import Cell, Report, bounds, cell, finite, ordering
+from bodysense_lab.table import Cell, Report, bound_cells, cell, finite, ordering
 from bodysense_lab.tallies import Tallies
 
 MEASURES = {
@@ -152,7 +152,7 @@ def arm_report(scored: tuple[list[ScoredRow], Census], data: DataSet, perfect: b
         ),
         rows=tuple(_rows(rows)),
         numbers=finite(_numbers(rows)) | census.numbers(),
-        data=(describe(data, census),),
+        data=(describe_data(data, census),),
         remarks=tuple(_remarks({row.name: row for row in rows})),
         caption=f"Windows of 32 frames as {seen}, averages over all frames. Hands: "
         "finger joints and tips from their wrist, in its axes. Overall: all joints from the chest, on one character. "
@@ -197,7 +197,7 @@ def _rows(rows: list[ScoredRow]) -> Iterator[tuple[Cell, ...]]:
             if any(value is not None for value in figures):
                 marks = ("yes" if loss in row.row.losses else "" for loss in ("smooth", "fk"))
                 published = [*row.row.published, None, None, None][:3] if group == "main" else [None] * 3
-                sure = bounds(row.tallies[group, "arms_deg"].interval())
+                sure = bound_cells(row.tallies[group, "arms_deg"].interval())
                 yield (group, row.row.title, *marks, *figures, *sure, *published)
 
 

@@ -15,7 +15,7 @@ from torch import Tensor, nn
 from torch.nn.functional import binary_cross_entropy_with_logits
 
 from bodysense_lab.checkpoint import identity
-from bodysense_lab.fit import Task, seed_of
+from bodysense_lab.fit import Task, process_seed
 from bodysense_lab.pahmt.errors import ARMS, table_errors
 from bodysense_lab.pahmt.network import ArmNetwork
 from bodysense_lab.pahmt.options import ArmNetworkConfig, ArmSchedule, Studio
@@ -113,7 +113,7 @@ class ArmTask(Task):
 
     def batches(self, rng: np.random.Generator, done: int = 0) -> Iterator[ArmBatch]:
         """The batch of each step, whatever went before."""
-        windows, drawn = self.frames.windows(), replace(self.schedule, seed=seed_of(self.schedule.seed, self.rank))
+        windows, drawn = self.frames.windows(), replace(self.schedule, seed=process_seed(self.schedule.seed, self.rank))
         return (batch_of(self.frames, windows, drawn, step) for step in itertools.count(done + 1))
 
     def loss(self, batch: ArmBatch, memory: None) -> tuple[dict[str, Tensor], None]:

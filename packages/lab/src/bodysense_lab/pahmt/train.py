@@ -13,13 +13,13 @@ from numpy.random import default_rng
 from bodysense.errors import BodysenseError
 from bodysense.files import check_place, make_folder
 from bodysense_lab.checkpoint import identity, write_weights_file
-from bodysense_lab.fit import Report, announced, begin, fit
+from bodysense_lab.fit import Report, announce_run, fit, set_seed_and_threads
 from bodysense_lab.pahmt.network import ArmNetwork, read_arms
 from bodysense_lab.pahmt.options import TABLE_1, ArmRun, ArmTableTraining, ArmTraining
 from bodysense_lab.pahmt.recordings import ArmRecordings, read_arm_recordings
 from bodysense_lab.pahmt.task import ArmTask, Pair, epoch_steps, step_count
 from bodysense_lab.progress import read_clips
-from bodysense_lab.sweep import is_same, sweep
+from bodysense_lab.sweep import is_trained_as_configured, sweep
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +50,7 @@ def run_arms(run: ArmTraining) -> None:
     """Train one network; the weights (.pt), log (.jsonl) and checkpoint (.ckpt) are written next to `run.out`."""
     check_place(run.out)
     weights = run.out.with_suffix(".pt")
-    fabric = announced(run, ArmTask)
+    fabric = announce_run(run, ArmTask)
     if not is_trained(run, weights):
         data = read_data(run)
         fabric.print(f"{data.note}; {epoch_steps(data.train, run.schedule)} steps an epoch")
@@ -72,7 +72,7 @@ def run_table(run: ArmTableTraining) -> None:
     if unknown:
         raise BodysenseError(f"unknown network {unknown[0]!r}; valid are {', '.join(TABLE_1)}")
     make_folder(run.out)
-    fabric = announced(run, ArmTask)
+    fabric = announce_run(run, ArmTask)
     runs = {name: row_run(run, name) for name in names}
     if not all(is_trained(one, one.out) for one in runs.values()):
         data = read_data(run)
@@ -99,7 +99,7 @@ def row_run(run: ArmRun, name: str) -> ArmRun:
 
 def train_network(run: ArmRun, weights: Path, data: ArmData, fabric: Fabric, report: Report | None = None) -> None:
     """Train one network and write its weights, with a card that says what they are."""
-    begin(run.schedule.seed, run.threads)
+    set_seed_and_threads(run.schedule.seed, run.threads)
     begun, source, pair = time.monotonic(), source_of(run), Pair(ArmNetwork(run.config))
     task = ArmTask(pair, run.schedule, data.train, data.validation, source, fabric.global_rank)
     figures = fit(task, weights.with_suffix(".ckpt"), report, fabric, report)
@@ -118,7 +118,7 @@ def train_network(run: ArmRun, weights: Path, data: ArmData, fabric: Fabric, rep
 
 def source_of(run: ArmRun) -> dict[str, Any]:
     """Return the sources of a run, for its identity."""
-    return {"data": str(run.data.resolve()), "bodies": run.bodies, **run.limited}
+    return {"data": str(run.data.resolve()), "bodies": run.bodies, **run.trial_settings}
 
 
 def is_trained(run: ArmRun, weights: Path) -> bool:
@@ -126,4 +126,4 @@ def is_trained(run: ArmRun, weights: Path) -> bool:
     if not weights.is_file():
         return False
     now = identity(run.config, run.schedule, source_of(run))
-    return is_same(weights, read_arms(weights)[1]["identity"], now)
+    return is_trained_as_configured(weights, read_arms(weights)[1]["identity"], now)

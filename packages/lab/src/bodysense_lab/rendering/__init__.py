@@ -1,1 +1,1 @@
-"""Rendered people on video, with their truth."""
+"""Rendered videos of people, with their truth."""

@@ -1,4 +1,4 @@
-"""Characters: a body's skin and the weights by which it follows our joints. Three of them travel with the package."""
+"""Characters: skinned meshes on our joints. Three are packaged."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from bodysense.errors import BodysenseError
 
 FigureName = Literal["woman", "man", "heavy"]
 FIGURES: tuple[FigureName, ...] = get_args(FigureName)
-_STEPS = (0.0, 0.5, 1.0)  # shares of a limb's twist that the skin takes from its near to its far end
+_STEPS = (0.0, 0.5, 1.0)  # shares of a limb's twist in the skin, from its near to its far end
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,19 +34,19 @@ class Character:
     vertices: np.ndarray = field(repr=False)  # (V, 3)
     triangles: np.ndarray = field(repr=False)  # (F, 3) indices, counter-clockwise from outside
     joint: np.ndarray = field(repr=False)  # (V, 4) joints that each vertex follows
-    weight: np.ndarray = field(repr=False)  # (V, 4) how much; rows sum to 1
+    weight: np.ndarray = field(repr=False)  # (V, 4) skinning weights; rows sum to 1
     part: np.ndarray = field(repr=False)  # (V,) 0 skin, 1 eye, 2 lip
-    eye: np.ndarray = field(repr=False)  # (3,) middle of the left eye
-    nose: np.ndarray = field(repr=False)  # (3,) its tip
+    eye: np.ndarray = field(repr=False)  # (3,) centre of the left eye
+    nose: np.ndarray = field(repr=False)  # (3,) tip of the nose
 
     @cached_property
     def rest(self) -> np.ndarray:
-        """(P, 3) the points of the skeleton in the T-pose."""
+        """Points (P, 3) of the skeleton in the T-pose."""
         return np.asarray(self.skeleton.rest_offset[0] + self.skeleton.path @ self.skeleton.rest_offset)
 
     @cached_property
     def normals(self) -> np.ndarray:
-        """(V, 3) unit normals in the T-pose."""
+        """Unit normals (V, 3) in the T-pose."""
         a, b, c = (self.vertices[self.triangles[:, k]] for k in range(3))
         normal = np.zeros_like(self.vertices)
         for k in range(3):
@@ -55,14 +55,14 @@ class Character:
 
     @cached_property
     def _limbs(self) -> tuple[tuple[int, int, int], ...]:
-        """(joint of the limb, its child, the joint whose twist it shares): both forearms, both upper arms."""
+        """Forearms and upper arms: the limb's joint, its child, and the joint whose twist it shares."""
         names = [(f"{side}_elbow", f"{side}_wrist", f"{side}_wrist") for side in ("left", "right")]
         names += [(f"{side}_shoulder", f"{side}_elbow", f"{side}_shoulder") for side in ("left", "right")]
         return tuple((self.skeleton.index(a), self.skeleton.index(b), self.skeleton.index(c)) for a, b, c in names)
 
     @cached_property
     def _weights(self) -> np.ndarray:
-        """(V, J + 12) weights for the joints, and for three frames along each arm limb in place of its joint."""
+        """Weights (V, J + 12) for the joints, and for three frames along each arm limb instead of its joint."""
         joints = len(self.skeleton.joints)
         weights = np.zeros((len(self.vertices), joints + len(_STEPS) * len(self._limbs)), np.float32)
         np.add.at(weights, (np.arange(len(weights))[:, None], self.joint), self.weight)
@@ -76,9 +76,9 @@ class Character:
         return weights
 
     def skin(self, pose: Pose) -> tuple[np.ndarray, np.ndarray]:
-        """Vertices and normals (V, 3), world, of a body in one pose of this figure's skeleton.
+        """Return vertices and normals (V, 3) in world axes for one pose of this character's skeleton.
 
-        Linear blending; the twist of wrist and shoulder is spread along forearm and upper arm, as skin does it.
+        Linear blend skinning; the twist of wrist and shoulder is spread along forearm and upper arm.
         """
         position, rotation = forward_kinematics(pose)
         turns, places = [rotation], [position[: len(rotation)]]
@@ -86,7 +86,7 @@ class Character:
         for limb, child, twisted in self._limbs:
             bone = self.rest[child] - self.rest[limb]
             twist = quaternion_log(split(pose.rotation[twisted], bone / np.linalg.norm(bone))[1])
-            # An upper arm's own rotation holds the whole of its twist, a forearm's nothing of the wrist's.
+            # The rotation of an upper arm already contains its twist, that of a forearm not the wrist's twist.
             already = 1.0 if twisted == limb else 0.0
             shares = np.array(_STEPS)[:, None] - already
             turns.append(quaternion_multiply(rotation[limb][None], quaternion_exp(shares * twist)))
@@ -100,10 +100,10 @@ class Character:
         normals = np.einsum("vij,vj->vi", blended[..., :3], self.normals)
         return vertices.astype(np.float32), normals.astype(np.float32)
 
-    def wear(self, pose: Pose) -> Pose:
-        """A motion (T, …) of another body of our joints on this one: the same turns, the path scaled as the legs.
+    def retarget(self, pose: Pose) -> Pose:
+        """Return a motion (T, …) of another body on this one: equal rotations, and a path scaled with the legs.
 
-        Raises BodysenseError where the pose has other joints.
+        Raises BodysenseError if the pose has other joints.
         """
         if pose.skeleton.joints != self.skeleton.joints:
             raise BodysenseError("figure: the motion has other joints; read it with bodysense.read, which names ours")
@@ -118,7 +118,7 @@ class Character:
 
 @lru_cache(maxsize=len(FIGURES))
 def load_figure(name: FigureName) -> Character:
-    """One of the packaged figures. Raises BodysenseError for another name."""
+    """Return a packaged character. Raises BodysenseError for an unknown name."""
     if name not in FIGURES:
         raise BodysenseError(f"unknown figure {name!r}; valid are {', '.join(FIGURES)}")
     packaged = files("bodysense_lab.rendering").joinpath("figures.npz")

@@ -1,4 +1,4 @@
-"""How a detector of key-points errs, in the terms of `bodysense_lab/pahmt/keypoint_noise.py`, which imitates it."""
+"""Errors of a detector of key-points, measured as the parameters of `bodysense_lab/pahmt/keypoint_noise.py`."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ MEASURES = {
     "forearm_space_deg": "forearm, °",
     "wrist_acceleration": "wrists, m/s²",
 }
-_BLUNT = 0.35  # share of a bone's length that is seen, from which the picture shows where it points
+_MIN_VISIBLE = 0.35  # share of a bone's length in the picture; directions of shorter bones are not compared
 _MARKS = [[BODY_LANDMARKS.index(f"{side}_{part}") for part in ARM_POINTS] for side in SIDES]
 
 
@@ -32,15 +32,15 @@ class ArmBones:
     """Shoulder, elbow and wrist of both sides over T frames; NaN in frames without a person."""
 
     space: np.ndarray  # (T, 2, 3, 3) m, in the camera's axes
-    picture: np.ndarray  # (T, 2, 3, 2) places in the picture
+    picture: np.ndarray  # (T, 2, 3, 2) positions in the picture
 
     def __getitem__(self, key: slice) -> ArmBones:
-        """Frames `key` (a slice)."""
+        """Return the frames of a slice."""
         return ArmBones(self.space[key], self.picture[key])
 
 
 def bones_of(pose: Pose, camera: Camera) -> ArmBones:
-    """Return the bones of a body (T, …) in the room, seen by one camera or by cameras (T,)."""
+    """Return the bones of a body (T, …) in world axes, seen by one camera or by cameras (T,)."""
     points = pose.skeleton.indices([f"{side}_{part}" for side in SIDES for part in ARM_POINTS])
     position = np.asarray(forward_kinematics(pose)[0])[:, points]
     space = (position - camera.position[..., None, :]) @ camera.axes
@@ -55,12 +55,15 @@ def bones_of_landmarks(person: PersonLandmarks) -> ArmBones:
     return ArmBones(person.world[:, _MARKS], person.picture[:, _MARKS])
 
 
-def bone_errors(said: ArmBones, truth: ArmBones, interval: float) -> dict[str, np.ndarray]:
-    """`MEASURES` of T frames, each with as many values as it has: of bones in the picture where they are seen."""
+def bone_errors(estimated: ArmBones, truth: ArmBones, interval: float) -> dict[str, np.ndarray]:
+    """Return the values of each of `MEASURES` over T frames, at an interval in s; bones that are hidden are omitted."""
     flat, deep = np.diff(truth.picture, axis=2), np.diff(truth.space, axis=2)
-    is_seen = np.linalg.norm(deep[..., :2], axis=-1) > _BLUNT * np.linalg.norm(deep, axis=-1)
-    in_picture, in_space = _angles(np.diff(said.picture, axis=2), flat), _angles(np.diff(said.space, axis=2), deep)
-    reach = said.space[:, :, -1] - said.space[:, :, 0]
+    is_seen = np.linalg.norm(deep[..., :2], axis=-1) > _MIN_VISIBLE * np.linalg.norm(deep, axis=-1)
+    in_picture, in_space = (
+        _angles(np.diff(estimated.picture, axis=2), flat),
+        _angles(np.diff(estimated.space, axis=2), deep),
+    )
+    reach = estimated.space[:, :, -1] - estimated.space[:, :, 0]
     shake = np.linalg.norm(np.diff(reach, 2, axis=0), axis=-1) / interval**2
     found: dict[str, np.ndarray] = {"wrist_acceleration": shake}
     for k, bone in enumerate(ARM_BONES):
@@ -70,21 +73,23 @@ def bone_errors(said: ArmBones, truth: ArmBones, interval: float) -> dict[str, n
 
 
 def _angles(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Degrees between vectors."""
+    """Return the angles between vectors, degrees."""
     cosine = (np.asarray(normalize(a)) * np.asarray(normalize(b))).sum(axis=-1)
     return np.degrees(np.arccos(np.clip(cosine, -1, 1)))
 
 
-Errors = dict[str, list[np.ndarray]]  # by what errs: arrays (T, …) over time, NaN where nothing was found
+Errors = dict[str, list[np.ndarray]]  # arrays (T, …) by kind of error; NaN if nothing was detected
 
 
 def keypoint_errors(found: ArmKeypoints, true: ArmKeypoints) -> Errors:
-    """Return the errors of detected key-points (T,) against the true ones of those frames.
+    """Return the errors of detected key-points (T,) relative to true ones.
 
-    `arm`, `arm_true` (T, 2, 2, 3) the directions themselves, found and true; `torso` (T, 3) rad; `shape` (T, 2, 4) of
-    hands: the linear map that takes a true hand about its middle to the found one, less the identity; `hand`
-    (T, 2, 21, 2) what that leaves, in shares of the longer side of the true hand's box; `missed`, `arm_missed` (T, 2)
-    1 if a visible part was not found.
+    Keys of the result:
+        arm, arm_true: (T, 2, 2, 3) directions of the arms' bones, detected and true.
+        torso: (T, 3) rotation vector of the error, rad.
+        shape: (T, 2, 4) linear map from the true hand to the detected one, both around their centres, minus identity.
+        hand: (T, 2, 21, 2) remaining errors, in shares of the longer side of the true hand's box.
+        missed, arm_missed: (T, 2) 1 if a visible part was not detected.
     """
     arms, hands = found.has_arm & true.has_arm, found.has_hand & true.has_hand
     torso = quaternion_log(quaternion_multiply(found.torso, quaternion_conjugate(true.torso)))
@@ -107,15 +112,15 @@ def keypoint_errors(found: ArmKeypoints, true: ArmKeypoints) -> Errors:
 
 
 def noise_figures(parts: Sequence[Errors]) -> dict[str, float]:
-    """Figures of several videos, named and measured as the fields of `DetectorNoise`; NaN where nothing was found.
+    """Return figures of several videos, with the names and units of the fields of `DetectorNoise`.
 
-    Angles in degrees. Jitter is what differs from frame to frame as white noise would, from second differences;
-    drift is the rest. Directions are compared with true ones that are made as flat as the detector makes them:
-    `…_depth_kept` times their depth, and `…_nearer` to the camera; `depth` is by how much they still err more along
-    the camera's axis than across it.
+    Angles are in degrees; figures without detections are NaN. Jitter is white noise, estimated from second differences;
+    drift is the remaining error. Directions are compared with true ones that are flattened as by the detector:
+    `…_depth_kept` times their depth, shifted by `…_nearer` toward the camera. `depth` is the ratio of the remaining
+    errors along the camera's axis to those across it.
     """
     errors = {name: [array for part in parts for array in part[name]] for name in parts[0]}
-    lines = [_line(errors["arm"], errors["arm_true"], bone) for bone in range(len(ARM_BONES))]
+    lines = [_fit_line(errors["arm"], errors["arm_true"], bone) for bone in range(len(ARM_BONES))]
     kept, nearer = np.array(lines).T
     flat = [flattened(true, kept, nearer) for true in errors["arm_true"]]
     wrong = [found - true for found, true in zip(errors["arm"], flat, strict=True)]
@@ -139,8 +144,8 @@ def noise_figures(parts: Sequence[Errors]) -> dict[str, float]:
     }
 
 
-def _line(found: Sequence[np.ndarray], true: Sequence[np.ndarray], bone: int) -> tuple[float, float]:
-    """The line that found depths of a bone's directions lie along over true ones: its slope, and where it begins."""
+def _fit_line(found: Sequence[np.ndarray], true: Sequence[np.ndarray], bone: int) -> tuple[float, float]:
+    """Fit a line to detected depths of a bone's directions over true ones; returns slope and intercept."""
     y, x = (np.concatenate([array[..., bone, 2].ravel() for array in arrays]) for arrays in (found, true))
     known = np.isfinite(x) & np.isfinite(y)
     if not known.any():
@@ -150,7 +155,7 @@ def _line(found: Sequence[np.ndarray], true: Sequence[np.ndarray], bone: int) ->
 
 
 def _size(arrays: Sequence[np.ndarray]) -> float:
-    """Root of the mean square of what is there."""
+    """Return the root mean square of finite values."""
     return float(np.sqrt(_mean([array**2 for array in arrays])))
 
 

@@ -1,4 +1,4 @@
-"""Arms and hands from landmarks by inverse kinematics alone: what the network of arms is compared with."""
+"""Arms and hands from landmarks by inverse kinematics, a baseline for the network of arms."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from bodysense.devices.video.landmark_smoothing import smooth_frame
 from bodysense.devices.video.landmarks import BODY_LANDMARKS
 from bodysense.devices.video.person import VISIBLE, PersonLandmarks
 
-_KNUCKLES = {"index1": "index", "pinky1": "pinky", "thumb2": "thumb"}  # of a hand that is seen only as part of an arm
+_KNUCKLES = {"index1": "index", "pinky1": "pinky", "thumb2": "thumb"}  # of a hand without its own landmarks
 _LAID = tuple(f"{side}_{part}" for side in SIDES for part in ("elbow", "wrist", "knee", "ankle", "toe"))
 _TRUNK = ("pelvis", *(f"{side}_{part}" for side in SIDES for part in ("hip", "shoulder")))
-_TURN_WEIGHT = 0.04  # m²/rad²: pull of the turns of pelvis, chest and head
-_HINT = 0.1  # pull of what is not seen, or only roughly
+_TURN_WEIGHT = 0.04  # m²/rad², weight of the rotations of pelvis, chest and head
+_HINT = 0.1  # weight of invisible or rough points
 
 
 @dataclass(frozen=True)
 class LandmarkIk:
-    """Solves bodies of one skeleton. The pose stands where the pelvis is the origin, in the landmarks' axes."""
+    """Solver for bodies of one skeleton. Poses have the pelvis at the origin, in the landmarks' axes."""
 
     skeleton: Skeleton
 
@@ -39,7 +39,7 @@ class LandmarkIk:
         return InverseKinematics(self.skeleton, IkSettings(tolerance=1e-4, max_iterations=12))
 
     def complete(self, person: PersonLandmarks, settings: VideoSettings = VideoSettings()) -> Pose:
-        """Return poses (T, …) from landmarks of T frames, smoothed like a video's; a lost body keeps its pose."""
+        """Return poses (T, …) from landmarks of T frames, smoothed as for videos; a lost body keeps its pose."""
         poses: list[Pose] = []
         state = None
         for frame in range(len(person)):
@@ -54,8 +54,8 @@ class LandmarkIk:
         )
 
     def solve(self, person: PersonLandmarks, state: IkState | None) -> tuple[Pose, IkState]:
-        """The pose of one frame that has a body, from the frame before."""
-        fitted = self._points.fit(person)
+        """Solve the pose of one frame with a detected body, starting from the previous frame's state."""
+        fitted = self._points.lay(person)
         target, weight = fitted.position.copy(), np.zeros(len(self.skeleton.points))
         weight[self.skeleton.indices(_TRUNK)] = 1.0
         limbs = self.skeleton.indices(_LAID)
@@ -67,7 +67,7 @@ class LandmarkIk:
         return self._ik.solve(target, weight, fitted.rotation, turn_weight, state)
 
     def _hand(self, side: str, person: PersonLandmarks, target: np.ndarray, weight: np.ndarray) -> None:
-        """Targets of a hand, from the hand that was found or else from the arm's own landmarks; in place."""
+        """Set the targets of a hand in place, from the detected hand, or else from the arm's landmarks."""
         skeleton, number = self.skeleton, SIDES.index(side)
         wrist = skeleton.index(f"{side}_wrist")
         places = skeleton.indices([f"{side}_{name}" for name in HAND_POINTS])

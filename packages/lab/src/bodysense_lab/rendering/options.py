@@ -24,7 +24,7 @@ class Rendering:
     videos: Count = 24
     """number of videos, spread over the clips"""
     seconds: float = 6.0
-    """greatest length of each video"""
+    """maximum length of each video"""
     split: Split = "test"
     """people to draw"""
     pixels: int = 480

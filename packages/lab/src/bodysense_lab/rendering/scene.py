@@ -1,4 +1,4 @@
-"""Scene: who is filmed, what they wear, and the light, room and camera; drawn at random where nothing is said."""
+"""Scene of a rendered video: character, clothes, light, room and camera, drawn at random."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Color = tuple[float, float, float]  # red, green, blue, sRGB, 0 to 1
 
 SKINS = ((0.95, 0.79, 0.70), (0.89, 0.69, 0.57), (0.78, 0.57, 0.43), (0.61, 0.42, 0.30), (0.43, 0.29, 0.21))
 HAIRS = ((0.08, 0.06, 0.05), (0.22, 0.14, 0.09), (0.42, 0.29, 0.17), (0.66, 0.52, 0.32), (0.55, 0.55, 0.55))
-# A person that is filmed at arm's length to across a room, from about the front.
+# Cameras at arm's length to across a room, roughly in front of the person.
 ROOM = CameraRange(
     distance=(1.2, 2.3),
     height=(-0.3, 0.3),
@@ -31,39 +31,39 @@ ROOM = CameraRange(
     roll=(-3.0, 3.0),
 )
 
-WHOLE = replace(ROOM, distance=(2.3, 3.2), field_of_view=(45.0, 58.0))  # so far away that a person is seen whole
-# On a screen: at head height, as far away as a person at a desk, who is seen from head to waist.
+WHOLE = replace(ROOM, distance=(2.3, 3.2), field_of_view=(45.0, 58.0))  # so far away that the whole person is visible
+# Webcam on a screen: at head height, at the distance of a person at a desk, visible from head to waist.
 WEBCAM = replace(
     ROOM, distance=(0.8, 1.2), height=(0.1, 0.3), heading=(-15.0, 15.0), field_of_view=(45.0, 55.0), aim=(-0.05, 0.05)
 )
-WEBCAM_RISE = 0.2  # m over the middle of the trunk, where a webcam points
+WEBCAM_RISE = 0.2  # m from the middle of the trunk up to the point at which a webcam points
 
 
 @dataclass(frozen=True)
 class Clothes:
-    """Colours (sRGB, 0 to 1), and where garments end."""
+    """Colours (sRGB, 0 to 1) and lengths of garments."""
 
     shirt: Color
     trousers: Color
     shoes: Color
-    sleeve: float  # 0 at the shoulder, 1 at the elbow, 2 at the wrist
+    sleeve: float  # its end: 0 at the shoulder, 1 at the elbow, 2 at the wrist
     collar: float  # m from the base of the neck down to the neckline
-    stripes: float  # m from stripe to stripe of the shirt; 0 is plain
+    stripes: float  # m between stripes of the shirt; 0: plain
 
 
 @dataclass(frozen=True, eq=False)
 class Lamp:
-    """A lamp far away."""
+    """A distant lamp."""
 
-    toward: np.ndarray  # (3,) unit, in the room's axes
+    toward: np.ndarray  # (3,) unit direction to the lamp, in the room's axes
     color: np.ndarray  # (3,) linear, red, green, blue
 
 
 @dataclass(frozen=True, eq=False)
 class Furniture:
-    """A box that stands on the floor, turned about +Y."""
+    """A box on the floor, rotated about +Y."""
 
-    middle: np.ndarray  # (3,) m, in the room's axes, from where the body is
+    middle: np.ndarray  # (3,) m, in the room's axes, from the body's place
     size: np.ndarray  # (3,) m
     turn: float  # rad
     color: Color
@@ -71,23 +71,23 @@ class Furniture:
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """Everything of a video but motion and camera. The room's axes: +y up, +z level and toward the camera."""
+    """Everything in a video except motion and camera. The room's axes: +y up, +z level and toward the camera."""
 
     figure: FigureName
     skin: Color
     hair: Color
     clothes: Clothes
     lamps: tuple[Lamp, Lamp]  # the first casts shadows
-    sky: np.ndarray  # (3,) linear, light from above; from below comes half of it
+    sky: np.ndarray  # (3,) linear, light from above; half of it comes from below
     wall: Color
     floor: Color
     wall_distance: float  # m behind the body
     furniture: tuple[Furniture, ...] = field(default=(), repr=False)
-    noise: float = 0.01  # deviation of the sensor's noise, of white
+    noise: float = 0.01  # standard deviation of the sensor's noise; white is 1
 
 
 def sample_scene(rng: np.random.Generator, figure: FigureName | None = None) -> Scene:
-    """A scene; `figure` None draws that too."""
+    """Draw a random scene; the character is also random if `figure` is None."""
     shade = float(rng.uniform(0.25, 0.9))
     stripes = float(rng.choice([0.0, 0.0, 0.03, 0.08]))
     clothes = Clothes(
@@ -119,9 +119,9 @@ def sample_scene(rng: np.random.Generator, figure: FigureName | None = None) -> 
 
 
 def sample_camera(pose: Pose, rng: np.random.Generator, where: CameraRange = ROOM, rise: float = 0.0) -> Camera:
-    """Draw a camera that stands still, for a body (T, …) in the middle of its motion.
+    """Draw a still camera for the median position of a body (T, …).
 
-    It points `rise` m over the middle of the trunk.
+    It points `rise` m above the middle of the trunk.
     """
     middle = np.median(view_points(pose), axis=0)
     middle[:, VIEW_POINTS.index("hip"), 1] += 2 * rise  # cameras point between hips and shoulders
@@ -141,26 +141,26 @@ def move_camera(first: Camera, last: Camera, count: int) -> Camera:
 
 
 def _color(rng: np.random.Generator, dark: float, bright: float) -> Color:
-    """A colour of some brightness, more often dull than loud."""
+    """Draw a colour with a brightness from `dark` to `bright`; low saturations are more frequent."""
     grey, loud = rng.uniform(dark, bright), 0.3 * rng.random() ** 2
     red, green, blue = np.clip(grey + loud * rng.uniform(-1, 1, 3), 0.02, 0.95).tolist()
     return red, green, blue
 
 
 def _near(rng: np.random.Generator, colors: tuple[Color, ...]) -> Color:
-    """One of the colours, a little darker or brighter."""
+    """Draw one of the colours, a little darker or brighter."""
     red, green, blue = np.clip(np.array(colors[rng.integers(len(colors))]) * rng.uniform(0.92, 1.06), 0, 1).tolist()
     return red, green, blue
 
 
 def _tint(rng: np.random.Generator) -> np.ndarray:
-    """Light from warm to cold."""
+    """Draw the colour of a light, from warm to cold."""
     warm = rng.uniform(-0.12, 0.12)
     return np.array([1 + warm, 1.0, 1 - warm])
 
 
 def _toward(rng: np.random.Generator, aside: float, up: tuple[float, float]) -> np.ndarray:
-    """A direction up to `aside` degrees from the camera's."""
+    """Draw a direction up to `aside` degrees aside of the camera's, and `up` degrees (lowest, highest) above level."""
     angle, rise = np.radians(rng.uniform(-aside, aside)), np.radians(rng.uniform(*up))
     return np.array([np.sin(angle) * np.cos(rise), np.sin(rise), np.cos(angle) * np.cos(rise)])
 

@@ -1,4 +1,4 @@
-"""The whole path from pixels to arms and hands, on rendered videos with their truth (PAHMT, Table 3)."""
+"""Table of arms and hands from pixels, on rendered videos with their truth (PAHMT, Table 3)."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from bodysense.devices.video.person import PersonLandmarks, arm_keypoints, joine
 from bodysense.errors import BodysenseError
 from bodysense.tracker import Tracker, TrackerSettings
 from bodysense_lab.chart import BarPanel, plain_bars
-from bodysense_lab.intervals import Named
+from bodysense_lab.intervals import NamedFigure
 from bodysense_lab.pahmt.errors import arm_errors
 from bodysense_lab.pahmt.system import watched
 from bodysense_lab.pahmt.tables import solved_from_positions
@@ -43,7 +43,7 @@ from bodysense_lab.scoring import GROUPS, group_named, suffix_of
 from bodysense_lab.table import Cell, Report, cell, finite, ordering
 from bodysense_lab.tallies import Tallies
 
-METHODS = {  # key: how it is called in the table
+METHODS = {  # labels in the table
     "network": "video: network",
     "landmarks_ik": "video: MediaPipe's 3-D landmarks, IK",
     "network_true": "true key-points: network",
@@ -63,13 +63,14 @@ PUBLISHED = {
     "ExPose, published": {"overall_cm": 15.30, "arms_rad": 0.2984},
     "PAHMT, published": {"overall_cm": 13.75, "arms_rad": 0.1614},
 }
-_FIRST = "_first"  # ending of the group that holds the first second of another
-SHOWN = ("network", "landmarks_ik", "positions_ik")  # of which bones are compared; the landmarks themselves, the truth
+_FIRST = "_first"  # suffix of the group with only the first second of videos
+# Methods whose bones are compared. For IK these are the bones of its input: the landmarks, the true positions.
+BONE_METHODS = ("network", "landmarks_ik", "positions_ik")
 
 
 @dataclass(frozen=True, eq=False)
 class VideoTable:
-    """Counts: errors by category group, method and measure, and detection rates."""
+    """Tallies of errors by group, method and measure, and detection rates."""
 
     tallies: Tallies = field(default_factory=Tallies)
     found: Tallies = field(default_factory=Tallies)  # shares by group: "body", "hand"
@@ -78,13 +79,13 @@ class VideoTable:
     seconds: list[float] = field(default_factory=list)
 
     def get(self, method: str, measure: str, group: str = "main") -> float:
-        """A mean over frames and joints; NaN where nothing was counted."""
+        """Return the mean over frames and joints; NaN without errors."""
         return self.tallies.mean(group, method, measure)
 
-    def add(self, take: RenderedTake, person: PersonLandmarks, said: dict[str, np.ndarray]) -> None:
-        """Count a video: what was found in it, and rotations (T, 38, 4), as of `arms_from_torso`, by method."""
+    def add(self, take: RenderedTake, person: PersonLandmarks, rotations: dict[str, np.ndarray]) -> None:
+        """Add a video: its detections, and rotations (T, 38, 4) by method, as of `arms_from_torso`."""
         group, truth = _group(take), arms_from_torso(take.pose)
-        for method, rotation in said.items():
+        for method, rotation in rotations.items():
             for measure, values in arm_errors(rotation, truth, take.pose.skeleton).items():
                 self.tallies.add((group, method, measure), values)
         true = take.keypoints()
@@ -94,23 +95,23 @@ class VideoTable:
         self.videos.append(take.name)
         self.seconds.append(float(take.time[-1] - take.time[0]))
 
-    def add_bones(self, take: RenderedTake, said: dict[str, ArmBones]) -> None:
-        """Count where the bones of a video's arms point, by method; of a moving camera also its first second alone."""
+    def add_bones(self, take: RenderedTake, rotations: dict[str, ArmBones]) -> None:
+        """Add the directions of arm bones by method; for a moving camera also those of the first second."""
         truth, interval = bones_of(take.pose, take.camera), float(np.median(np.diff(take.time)))
         pieces = {_group(take): slice(None)}
         if take.moves:
             pieces[f"{_group(take)}{_FIRST}"] = slice(int((take.time < take.time[0] + 1.0).sum()))
-        for (group, piece), (method, bones) in product(pieces.items(), said.items()):
+        for (group, piece), (method, bones) in product(pieces.items(), rotations.items()):
             for measure, values in bone_errors(bones[piece], truth[piece], interval).items():
                 self.tallies.add((group, method, measure), values)
 
     @property
     def groups(self) -> list[str]:
-        """Groups of categories, and gestures, of which there are videos."""
+        """Groups of categories, and gestures, that have videos."""
         return [group for group in (*GROUPS, *GESTURES) if (group, "body") in self.found]
 
     def numbers(self) -> dict[str, float]:
-        """One flat object; of the main categories without a suffix; `detector_…` of all videos."""
+        """Return one flat object; main categories have no suffix, and `detector_…` is over all videos."""
         numbers: dict[str, float] = {"videos": len(self.videos), "minutes": sum(self.seconds) / 60}
         numbers |= {f"detector_{name}": value for name, value in noise_figures(self.detector).items()}
         for group in self.groups:
@@ -129,56 +130,56 @@ class VideoTable:
 def score_videos(
     truths: list[Path], files: LandmarkerFiles, model: ArmModel, advance: Callable[[str], object] = lambda name: None
 ) -> VideoTable:
-    """Score the videos of a rendered set, from the .npz of each; `advance` is called with each one's name.
+    """Score the videos of a rendered set, given the .npz of each; `advance` is called with each name.
 
-    Raises BodysenseError where a video and its truth do not fit together.
+    Raises BodysenseError if a video and its truth have different lengths.
     """
     table = VideoTable()
     for path in truths:
         take = read_take(path)
-        person = watch(path.with_suffix(".mp4"), files)
+        person = find_landmarks(path.with_suffix(".mp4"), files)
         if len(person) != len(take.time):
             raise BodysenseError(
                 f"{path}: the video has {len(person)} pictures, the truth {len(take.time)}; render it again"
             )
-        said, bones = completed(take, person, model)
-        table.add(take, person, said)
+        rotations, bones = complete_by_all_methods(take, person, model)
+        table.add(take, person, rotations)
         table.add_bones(take, bones)
         advance(take.name)
     return table
 
 
-def watch(video: Path, files: LandmarkerFiles) -> PersonLandmarks:
-    """The landmarks of the person in a video with one, (T,) of all its pictures."""
+def find_landmarks(video: Path, files: LandmarkerFiles) -> PersonLandmarks:
+    """Return the landmarks (T,) of the person in all pictures of a video."""
     return joined_landmarks(watched(str(video), files, LandmarkerSettings(people=1)))
 
 
-def completed(
+def complete_by_all_methods(
     take: RenderedTake, person: PersonLandmarks, model: ArmModel, tracker: CompletionModel | None = None
 ) -> tuple[dict[str, np.ndarray], dict[str, ArmBones]]:
     """Complete a video's landmarks and its true key-points by every method.
 
-    Rotations (T, 38, 4), as of `arms_from_torso`, and bones of arms. `tracker` is the completion network; None: the
-    packaged one.
+    Returns rotations (T, 38, 4) as of `arms_from_torso`, and bones of arms, both by method. `tracker` is the completion
+    network; the packaged one if None.
     """
     arms = Arms(default_skeleton(), model)
     true = arms.complete(take.keypoints()).estimate.pose
     assert true is not None
-    pose, camera = tracked(VideoDevice(default_skeleton(), arms, float(take.camera.aspect)), person, tracker)
-    said = {
+    pose, camera = track_body(VideoDevice(default_skeleton(), arms, float(take.camera.aspect)), person, tracker)
+    rotations = {
         "network": arms_from_torso(pose),
         "landmarks_ik": arms_from_torso(LandmarkIk(default_skeleton()).complete(person)),
-        "network_true": arm_rotations(true),  # a network says its rotations from the torso already
+        "network_true": arm_rotations(true),  # the network's rotations are already from the torso
         "positions_ik": solved_from_positions(take.pose),
     }
-    shown = (bones_of(pose, camera), bones_of_landmarks(person), bones_of(take.pose, take.camera))
-    return said, dict(zip(SHOWN, shown, strict=True))
+    bones = (bones_of(pose, camera), bones_of_landmarks(person), bones_of(take.pose, take.camera))
+    return rotations, dict(zip(BONE_METHODS, bones, strict=True))
 
 
-def tracked(
+def track_body(
     device: VideoDevice, person: PersonLandmarks, network: CompletionModel | None = None
 ) -> tuple[Pose, Camera]:
-    """Return the body in the room and the camera (T,) that `bodysense track` finds for landmarks (T,)."""
+    """Return the body in world axes and the camera (T,) that `bodysense track` gives for landmarks (T,)."""
     early, state = device.step(person, device.start())
     tracker = Tracker(Person(device.skeleton), network=network, settings=TrackerSettings(infer=False))
     tracking, poses, cameras = tracker.start(), [], []
@@ -197,14 +198,14 @@ def tracked(
 
 
 def video_report(table: VideoTable, name: str) -> Report:
-    """The table and what holds of the paper."""
+    """Return the table and remarks about the paper's claims."""
     rows: list[tuple[Cell, ...]] = []
     measures = MEASURES | BONES
     for group in table.groups:
         label = () if len(table.groups) == 1 else (group,)
         rows += [
-            (*label, shown, *(cell(table.get(method, measure, group)) for measure in measures))
-            for method, shown in METHODS.items()
+            (*label, title, *(cell(table.get(method, measure, group)) for measure in measures))
+            for method, title in METHODS.items()
         ]
     label = () if len(table.groups) == 1 else ("the paper's",)
     rows += [(*label, name, *(figures.get(measure) for measure in measures)) for name, figures in PUBLISHED.items()]
@@ -217,7 +218,7 @@ def video_report(table: VideoTable, name: str) -> Report:
         ("forearm_twist_deg", "So is the forearm about itself"),
     ):
         for ours, theirs in (("network", "landmarks_ik"), ("network_true", "positions_ik")):
-            lower, higher = (Named(METHODS[who], table.get(who, measure)) for who in (ours, theirs))
+            lower, higher = (NamedFigure(METHODS[method], table.get(method, measure)) for method in (ours, theirs))
             remarks.append(ordering(claim, lower, [higher], "°", digits=1))
     rates = ", ".join(
         f"{word} in {numbers[key + suffix]:.1%}"
@@ -236,8 +237,8 @@ def video_report(table: VideoTable, name: str) -> Report:
             "overall: mean position error of all joints of arms and hands from the torso; hands: of fingers from "
             "their wrist, in its axes; arms: mean angle of collars (from the torso), upper arms, forearms and hands "
             "(from their parents), and in rad the mean difference of their axis-angle components (the paper's MPJRE); "
-            "all frames. Bones in the picture: where more than a third of it is seen; of IK on landmarks, the "
-            "landmarks themselves are compared, and the truth in place of IK on true positions."
+            "all frames. Bones in the picture: if more than a third of the bone is visible. For IK, the bones of its "
+            "input are compared: the landmarks, and the truth."
         ),
         digits=2,
         panels=(_panel(table, "error of positions", "cm"), _panel(table, "error of turns", "deg")),
@@ -245,20 +246,20 @@ def video_report(table: VideoTable, name: str) -> Report:
 
 
 def _group(take: RenderedTake) -> str:
-    """Return the group in which a video counts."""
+    """Return the group of a video."""
     return take.category if take.category in GESTURES else group_named(take.category)
 
 
 def _panel(table: VideoTable, title: str, unit: str) -> BarPanel:
-    """Bars of the three methods that a video or its key-points can be given to, of the first group."""
+    """Return bars of the three methods on a video or on key-points, for the first group."""
     measures = [measure for measure in MEASURES if measure.endswith(unit)]
-    shown = ("network", "landmarks_ik", "network_true")
+    methods = ("network", "landmarks_ik", "network_true")
     return BarPanel(
         title=title,
         groups=tuple(MEASURES[measure] for measure in measures),
         series=tuple(
-            plain_bars(METHODS[who], [table.get(who, measure, table.groups[0]) for measure in measures])
-            for who in shown
+            plain_bars(METHODS[method], [table.get(method, measure, table.groups[0]) for measure in measures])
+            for method in methods
         ),
         measure={"cm": "cm", "deg": "degrees"}[unit],
     )

@@ -1,7 +1,7 @@
-"""Take: a motion on a figure before a camera. A rendered set is a folder of them: NAME.mp4, and its truth, NAME.npz.
+"""Rendered takes: motions of a character in front of a camera. A rendered set is a folder of NAME.mp4 and NAME.npz.
 
-Scripted gestures, whose videos are hard: arms straight out to the sides, up, at the camera, blows, a hand that waves
-next to the face, one that waves before the face of a person at a webcam, and gestures before a camera that moves.
+The .npz has the truth of the video. Scripted gestures that are hard to track: arms out to the sides, up, toward the
+camera, punches, waving next to the face, waving in front of the face at a webcam, and gestures with a moving camera.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
 from bodysense_lab.pahmt.camera_view import VIEW_POINTS, CameraRange, view, view_points
 from bodysense_lab.rendering.character import FIGURES, load_figure
+from bodysense_lab.rendering.renderer import open_renderer
 from bodysense_lab.rendering.scene import (
     ROOM,
     WEBCAM,
@@ -33,11 +34,10 @@ from bodysense_lab.rendering.scene import (
     sample_camera,
     sample_scene,
 )
-from bodysense_lab.rendering.stage import open_stage
 from bodysense_lab.synthesis.paths import minimum_jerk
 
 _ARM = tuple[tuple[float, float, float], tuple[float, float, float]]
-# Where upper arm and forearm of the left arm point from a chest that faces +z; the right arm's are mirrored.
+# Directions of upper arm and forearm of the left arm, for a chest that faces +z; those of the right arm are mirrored.
 _HANG: _ARM = ((0.15, -1.0, 0.0), (0.1, -1.0, 0.15))
 _OUT: _ARM = ((1.0, 0.0, 0.0), (1.0, 0.0, 0.0))
 _UP: _ARM = ((0.3, 1.0, 0.0), (0.15, 1.0, 0.0))
@@ -49,9 +49,9 @@ _UPPERCUT: _ARM = ((0.1, -0.3, 0.95), (-0.1, 0.9, 0.4))
 _CHIN: _ARM = ((0.35, -0.55, 0.75), (-0.6, 0.75, 0.2))
 _BESIDE: _ARM = ((0.35, -0.55, 0.75), (0.05, 0.97, 0.2))
 _REST: _ARM = ((0.25, -0.95, 0.2), (-0.35, -0.1, 0.95))  # on a desk
-_FACE: _ARM = ((0.5, 0.4, 0.75), (-0.9, 0.35, 0.2))  # wrist and hand are before the face
+_FACE: _ARM = ((0.5, 0.4, 0.75), (-0.9, 0.35, 0.2))  # wrist and hand are in front of the face
 _NEXT: _ARM = ((0.55, 0.1, 0.8), (-0.45, 0.88, 0.1))  # the hand is next to it
-# For each key: s, left arm, right arm, degrees by which the chest is turned to the left.
+# Each key: time in s, left arm, right arm, rotation of the chest to the left in degrees.
 _Key = tuple[float, _ARM, _ARM, float]
 GESTURES: dict[str, tuple[_Key, ...]] = {
     "t_pose": ((0.0, _HANG, _HANG, 0), (0.7, _HANG, _HANG, 0), (1.4, _OUT, _OUT, 0), (3.0, _OUT, _OUT, 0),
@@ -80,7 +80,7 @@ _SPINE = ("spine1", "spine2", "spine3")
 
 
 def gesture(name: str) -> Clip:
-    """The motion of one of `GESTURES`, on the default body, with fingers; its category is its name."""
+    """Return the motion of one of `GESTURES` on the default body, with fingers; its category is its name."""
     keys, skeleton = GESTURES[name], default_skeleton()
     times = np.array([key[0] for key in keys])
     time = np.arange(round(times[-1] * RATE) + 1) / RATE
@@ -94,8 +94,8 @@ def gesture(name: str) -> Clip:
                 rotation[:, place] = quaternion_exp(np.array([0.0, 0.0, -1.4 if joint.startswith("left") else 1.4]))
     for side, sign in (("left", 1.0), ("right", -1.0)):
         turned = np.array([_arm(left if side == "left" else right, sign) for _, left, right, _ in keys])
-        for joint, way in zip(("shoulder", "elbow"), np.moveaxis(turned, 1, 0), strict=True):
-            rotation[:, skeleton.index(f"{side}_{joint}")] = slerp(way[after - 1], way[after], share)
+        for joint, direction in zip(("shoulder", "elbow"), np.moveaxis(turned, 1, 0), strict=True):
+            rotation[:, skeleton.index(f"{side}_{joint}")] = slerp(direction[after - 1], direction[after], share)
     turn = np.radians([key[3] for key in keys])
     turn = turn[after - 1] + share * (turn[after] - turn[after - 1])
     for joint in _SPINE:
@@ -104,10 +104,10 @@ def gesture(name: str) -> Clip:
     return Clip(name, Pose(skeleton, root, rotation), RATE, has_fingers=True, category=name)
 
 
-def _arm(ways: _ARM, sign: float) -> tuple[np.ndarray, np.ndarray]:
-    """Local rotations (4,) of a shoulder and an elbow."""
+def _arm(directions: _ARM, sign: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return the local rotations (4,) of a shoulder and an elbow."""
     bone, mirror = np.array([sign, 0.0, 0.0]), np.array([sign, 1.0, 1.0])
-    upper, fore = (np.array(way) * mirror for way in ways)
+    upper, fore = (np.array(direction) * mirror for direction in directions)
     shoulder = shortest_arc(bone, upper)
     elbow = shortest_arc(bone, np.asarray(quaternion_rotate(quaternion_conjugate(shoulder), fore)))
     return np.asarray(shoulder), np.asarray(elbow)
@@ -115,22 +115,22 @@ def _arm(ways: _ARM, sign: float) -> tuple[np.ndarray, np.ndarray]:
 
 FORMAT = "bodysense take 1"
 RATE = 30.0  # Hz
-_TRIES = 30  # cameras that are drawn for a take
-_PLACES = 8  # that are drawn for the end of a camera's path, of which the farthest is taken
-_SEEN = 0.9  # share of frames in which an arm should be in the picture
-_LIVELY = 0.05  # m/s: wrists that move less on average are no motion to speak of
+_TRIES = 30  # maximum number of cameras that are drawn for a take
+_PATH_ENDS = 8  # cameras that are drawn for the end of a camera's path; the farthest one is used
+_MIN_VISIBLE = 0.9  # share of frames in which each arm must be in the picture
+_MIN_SPEED = 0.05  # m/s; takes with a lower mean speed of the wrists are omitted
 
 
 @dataclass(frozen=True, eq=False)
 class RenderedTake:
-    """Everything that a video shows of a person's motion."""
+    """Truth of a rendered video."""
 
     name: str
     figure: str
     pose: Pose = field(repr=False)  # (T, …) on the figure's skeleton, world
     time: np.ndarray = field(repr=False)  # (T,) s
     camera: Camera = field(repr=False)  # if it moves, its position and axes have an axis of time, (T, …)
-    category: str = ""  # of the motion, where its data set says
+    category: str = ""  # of the motion; empty if unknown
 
     @property
     def moves(self) -> bool:
@@ -138,13 +138,13 @@ class RenderedTake:
         return self.camera.position.ndim > 1
 
     def camera_at(self, frame: int) -> Camera:
-        """The camera of one picture."""
+        """Return the camera of one picture."""
         if not self.moves:
             return self.camera
         return replace(self.camera, position=self.camera.position[frame], axes=self.camera.axes[frame])
 
     def keypoints(self) -> ArmKeypoints:
-        """The true key-points of its pictures."""
+        """Return the true key-points of the pictures."""
         points = view_points(self.pose)
         if not self.moves:
             return view(points, self.time, self.camera)
@@ -162,11 +162,11 @@ def plan_takes(
     where: CameraRange = ROOM,
     rise: float = 0.0,
 ) -> list[tuple[RenderedTake, Scene]]:
-    """Up to `count` takes of a clip and the scenes for them: pieces of `seconds`, or the whole where it is shorter.
+    """Return up to `count` takes of a clip and their scenes: pieces of `seconds`, or the whole clip if it is shorter.
 
-    Pieces do not overlap; hands move in them, and both arms are nearly always in the picture. Figures go by turns,
-    from the `first` on; cameras stand `where` is said and point `rise` m over the middle of the trunk. Raises
-    BodysenseError for a clip without fingers.
+    Pieces do not overlap. Hands move in them, and both arms are nearly always in the picture. Characters alternate,
+    starting at index `first`. Cameras are drawn from the range `where`, and point `rise` m above the middle of the
+    trunk. Raises BodysenseError for a clip without fingers.
     """
     if not clip.has_fingers:
         raise BodysenseError(f"{clip.name}: it has no finger motion; a rendered set needs it")
@@ -178,10 +178,10 @@ def plan_takes(
         if len(taken) == count:
             break
         piece = clip.pose[start : start + length]
-        if _speed(piece) < _LIVELY:
+        if _speed(piece) < _MIN_SPEED:
             continue
         scene = sample_scene(rng, FIGURES[(first + len(taken)) % len(FIGURES)])
-        pose = load_figure(scene.figure).wear(piece)
+        pose = load_figure(scene.figure).retarget(piece)
         camera = _camera(pose, rng, where, rise)
         if camera is not None:
             name = f"{clip.name}_{start}_{scene.figure}"
@@ -192,47 +192,47 @@ def plan_takes(
 
 
 def plan_gestures(rng: np.random.Generator) -> list[tuple[RenderedTake, Scene]]:
-    """Every one of `GESTURES` by every figure, and the scenes for them: seen whole, but at a desk."""
+    """Return takes of all `GESTURES` by all characters, and their scenes, with the whole body except at a desk."""
     planned: list[tuple[RenderedTake, Scene]] = []
     for clip in map(gesture, GESTURES):
         where, rise = (WEBCAM, WEBCAM_RISE) if clip.name == "waves_at_desk" else (WHOLE, 0.0)
         for number in range(len(FIGURES)):
             taken = plan_takes(clip, 1, np.ceil(clip.seconds), rng, number, where, rise)
             if clip.name == "moving_camera":
-                taken = [(_moved(take, rng), scene) for take, scene in taken]
+                taken = [(_with_moving_camera(take, rng), scene) for take, scene in taken]
             planned += taken
     return planned
 
 
-def _moved(take: RenderedTake, rng: np.random.Generator) -> RenderedTake:
-    """A take whose camera moves to another place, and turns, from the first picture to the last."""
-    drawn = [camera for camera in (_camera(take.pose, rng, WHOLE) for _ in range(_PLACES)) if camera is not None]
+def _with_moving_camera(take: RenderedTake, rng: np.random.Generator) -> RenderedTake:
+    """Return a take with a camera that moves and turns to another place from the first picture to the last."""
+    drawn = [camera for camera in (_camera(take.pose, rng, WHOLE) for _ in range(_PATH_ENDS)) if camera is not None]
     farthest = max(drawn, key=lambda camera: float(np.linalg.norm(camera.position - take.camera.position)))
     return replace(take, camera=move_camera(take.camera, farthest, len(take.time)))
 
 
-def film(
+def render_take(
     take: RenderedTake, scene: Scene, folder: Path, height: int = 480, advance: Callable[[], object] = lambda: None
 ) -> Path:
-    """Draw a take into NAME.mp4 (H.264) of a folder and its truth into NAME.npz; returns the video's path.
+    """Draw a take into NAME.mp4 (H.264) in a folder and its truth into NAME.npz; returns the video's path.
 
-    `advance` is called after every picture. Raises BodysenseError where nothing can be drawn or written.
+    `advance` is called after every picture. Raises BodysenseError if a package or OpenGL is missing.
     """
     try:
         import av
     except ImportError:
         raise BodysenseError(f"writing videos needs PyAV; {how_to_install('packages/lab[render]')}") from None
     path, around = folder / f"{take.name}.mp4", np.median(take.pose.root_position, axis=0)
-    with written_beside(path) as beside, open_stage(scene, take.camera_at(0), height, around) as stage:
+    with written_beside(path) as beside, open_renderer(scene, take.camera_at(0), height, around) as renderer:
         with av.open(str(beside), "w") as container:
             stream = container.add_stream("h264", rate=Fraction(RATE))
-            stream.width, stream.height, stream.pix_fmt = *stage.size, "yuv420p"
+            stream.width, stream.height, stream.pix_fmt = *renderer.size, "yuv420p"
             stream.options = {"crf": "20", "preset": "veryfast"}
             stream.thread_count = 1
             for k in range(len(take.time)):
                 if take.moves:
-                    stage.point(take.camera_at(k))
-                picture = av.VideoFrame.from_ndarray(stage.draw(take.pose[k]), format="rgb24")
+                    renderer.point(take.camera_at(k))
+                picture = av.VideoFrame.from_ndarray(renderer.draw(take.pose[k]), format="rgb24")
                 container.mux(stream.encode(picture))
                 advance()
             container.mux(stream.encode(None))
@@ -241,7 +241,7 @@ def film(
 
 
 def write_take(path: Path, take: RenderedTake) -> None:
-    """Write the truth of a video."""
+    """Write the truth of a video as .npz."""
     with written_beside(path) as beside:
         np.savez_compressed(
             beside,
@@ -261,7 +261,7 @@ def write_take(path: Path, take: RenderedTake) -> None:
 
 
 def read_take(path: Path) -> RenderedTake:
-    """The truth of a video, from its .npz. Raises BodysenseError for another file."""
+    """Read the truth of a video from its .npz. Raises BodysenseError for other files."""
     try:
         with np.load(path) as data:
             if str(data["format"]) != FORMAT:
@@ -285,18 +285,18 @@ def list_takes(folder: Path) -> list[Path]:
 
 
 def _camera(pose: Pose, rng: np.random.Generator, where: CameraRange, rise: float = 0.0) -> Camera | None:
-    """Draw a camera that nearly always has both arms in its picture; None if many draws fail."""
+    """Draw a camera with both arms nearly always in its picture; None if many draws fail."""
     points = view_points(pose)
     for _ in range(_TRIES):
         camera = sample_camera(pose, rng, where, rise)
         seen = view(points, np.arange(len(points)) / RATE, camera)
-        if seen.has_arm.mean(axis=0).min() >= _SEEN:
+        if seen.has_arm.mean(axis=0).min() >= _MIN_VISIBLE:
             return camera
     return None
 
 
 def _speed(pose: Pose) -> float:
-    """Mean speed of the wrists from the chest, m/s."""
+    """Return the mean speed of the wrists relative to the shoulders, m/s."""
     points = view_points(pose)
     shoulders = points[:, :, VIEW_POINTS.index("shoulder")].mean(axis=1)
     wrist = points[:, :, VIEW_POINTS.index("wrist")] - shoulders[:, None]

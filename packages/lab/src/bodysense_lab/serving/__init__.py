@@ -1,1 +1,1 @@
-"""The live server under load: hostile clients and packets, a bad network, decoders that are not ours."""
+"""Tests of the live server: hostile clients and packets, a bad network, independent decoders."""

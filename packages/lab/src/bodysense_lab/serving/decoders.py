@@ -29,15 +29,15 @@ from bodysense_live.vmt_hands import hand_packet
 from bodysense_live.vrchat import vrchat_packets
 from bodysense_live.webxr import between_eyes
 
-AT_ONCE = 20_000  # packets that Wireshark is given at a time
-_POSES = 256  # that are made at a time
-_HANDS_EVERY = 8  # poses: they take longest
-_SENT_FROM = 50000
+AT_ONCE = 20_000  # packets in one capture for Wireshark
+_POSES = 256  # poses that are generated at a time
+_HANDS_EVERY = 8  # poses between two with hands, which take longest
+_SENT_FROM = 50000  # source port
 
 
 @dataclass(frozen=True)
 class Sent:
-    """A packet, the port that it goes to, and what was put in where it is of SolarXR."""
+    """A packet, its destination port, and its body if it is of SolarXR."""
 
     data: bytes
     port: int
@@ -50,12 +50,12 @@ class Decoded:
 
     osc: int = 0
     osc_messages: int = 0
-    wireshark: int = 0  # of these, too; 0 where it is not there
+    wireshark: int = 0  # also counted in osc; 0 without Wireshark
     solarxr: int = 0
 
 
 def sent_packets(rng: np.random.Generator) -> Iterator[Sent]:
-    """Packets of bodies in any pose, without end, of all that we write."""
+    """Yield packets of every output protocol, of bodies in random poses, without end."""
     skeleton, time = default_skeleton(), 0.0
     standing, eyes = standing_pose(skeleton).rotation, between_eyes(skeleton)
     updates = Updates(body_layout(skeleton, eyes))
@@ -79,9 +79,10 @@ def sent_packets(rng: np.random.Generator) -> Iterator[Sent]:
 
 
 def decode(count: int, rng: np.random.Generator, tshark: str | None) -> Iterator[Decoded]:
-    """Decode `count` packets and yield the counts after every part. Raises BodysenseError for a wrong one.
+    """Decode `count` packets and yield the counts after every part.
 
-    `tshark`: Wireshark's program, which reads while python-osc does; None: without it.
+    `tshark` is Wireshark's program, which decodes in parallel; None: without Wireshark. Raises BodysenseError for a
+    packet that is decoded differently.
     """
     endless, found = sent_packets(rng), Decoded()
     for start in range(0, count, AT_ONCE):
@@ -92,7 +93,7 @@ def decode(count: int, rng: np.random.Generator, tshark: str | None) -> Iterator
             reading = None if tshark is None else stack.enter_context(_wireshark(tshark, osc))
             for sent, messages in zip(osc, meant, strict=True):
                 if _python_osc(sent.data) != messages:
-                    raise BodysenseError(f"python-osc reads otherwise: {sent.data.hex()}")
+                    raise BodysenseError(f"python-osc reads it differently: {sent.data.hex()}")
             found.osc, found.osc_messages = found.osc + len(osc), found.osc_messages + sum(map(len, meant))
             for sent in part:
                 found.solarxr += sent.body_frame is not None and _reads_body(sent.data, sent.body_frame)
@@ -117,7 +118,7 @@ def _python_osc(data: bytes) -> list[tuple[str, list[object]]]:
 
 
 def _reads_body(data: bytes, body: BodyFrame) -> bool:
-    """Whether every number of an update is that of the body; raises BodysenseError where one is not."""
+    """Check that every number of an update equals the body's; raises BodysenseError if not."""
     decoded = update(data)
     for rows, slots, values in (
         (decoded.rows(1), ((4, 3), (3, 4)), (body.tracker_position, body.tracker_rotation)),
@@ -126,16 +127,16 @@ def _reads_body(data: bytes, body: BodyFrame) -> bool:
         for (slot, size), wanted in zip(slots, values, strict=True):
             read = np.array([row.floats(slot, size) for row in rows], dtype=np.float32)
             if not np.array_equal(read, wanted.astype(np.float32)):
-                raise BodysenseError(f"a reader of SolarXR reads otherwise: {data.hex()}")
+                raise BodysenseError(f"a reader of SolarXR reads it differently: {data.hex()}")
     return True
 
 
 @contextmanager
 def _wireshark(tshark: str, sent: Sequence[Sent]) -> Iterator[Callable[[Sequence[Sequence[str]]], int]]:
-    """Let Wireshark's dissector of OSC read a capture of packets in a process of its own.
+    """Decode a capture of packets by Wireshark's OSC dissector in its own process.
 
-    Yields a function that waits for it and returns how many packets it read; it raises BodysenseError for a packet with
-    other addresses than those given, or with a fault.
+    Yields a function that waits for it and returns the number of decoded packets. It raises BodysenseError for a packet
+    with other addresses than those given, or with a fault.
     """
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="bodysense-")))
@@ -163,7 +164,7 @@ def _wireshark(tshark: str, sent: Sequence[Sent]) -> Iterator[Callable[[Sequence
 
 
 def capture(packets: Sequence[tuple[bytes, int]]) -> bytes:
-    """A capture file of raw IPv4 (libpcap's format, link type 101) of UDP datagrams to ports of the loopback."""
+    """Return a capture file of UDP datagrams to loopback ports, in libpcap's format with raw IPv4 (link type 101)."""
     parts = [struct.pack("<IHHiIII", 0xA1B2C3D4, 2, 4, 0, 0, 65535, 101)]
     address = bytes([127, 0, 0, 1])
     for packet, port in packets:

@@ -1,8 +1,8 @@
-"""Hostile clients without a network: random and broken messages against everything behind the WebSocket.
+"""Hostile clients without a network: random and corrupted messages for the code behind the WebSocket.
 
-A frame is one message that a client sends. Messages are valid ones, valid ones of which bytes were changed, cut or
-doubled, and random ones; a client goes on until it is refused, then another comes. Whatever happens, nothing but
-`ProtocolError` may come out, a watchman's session must go on being answered, and its body be made of numbers.
+A frame is one message of a client. Messages are valid, corrupted (bytes changed, cut or doubled) or random. A client
+sends messages until it is refused; then another one connects. No exception except `ProtocolError` may be raised, the
+session of a monitor must still be answered, and its body must be finite.
 """
 
 from __future__ import annotations
@@ -26,10 +26,10 @@ from bodysense_live.safety import Limits
 from bodysense_live.settings import ServerSettings
 
 _POINTS = ("headset", "left_controller", "right_controller", "left:wrist", "left:index-finger-tip", "hip")
-_WATCH_EVERY = 1000  # messages, after which the watchman looks
+_MONITOR_INTERVAL = 1000  # messages between two checks of the monitor
 _LIMITS = Limits(messages_a_second=1e9, sessions=8, seconds_to_resume=0.1)
-# Pieces of which random texts are made.
-_WORDS = (
+# Pieces of random texts.
+_TEXT_PIECES = (
     *('{"type":"hello","version":1', ',"points":["head"]', ',"settings":{"height":1.7}', "}", "[", "]", "{", '"', ","),
     *('{"type":"settings","mirror":true}', '{"type":"ping","time":1}', '{"type":"recentre"}', '{"type":"calibrate"}'),
     *(
@@ -53,39 +53,39 @@ class FuzzCounts:
 
     frames: int = 0
     connections: int = 0
-    refused: int = 0  # connections that were closed with a reason
-    answered: int = 0  # poses that clients got
-    watched: int = 0  # times that the watchman was answered
-    errors: list[str] = field(default_factory=list)  # of everything that must not happen
+    refused: int = 0  # connections that the server closed
+    answered: int = 0  # poses sent to clients
+    watched: int = 0  # checks of the monitor that were answered
+    errors: list[str] = field(default_factory=list)  # failures of the server
 
 
 class FakeSocket:
-    """A client's end and the server's in one: `serve_client` reads what was put in, and writes here."""
+    """Both ends of a connection: the server reads messages from `put`, and writes here."""
 
     def __init__(self) -> None:
         self.incoming: asyncio.Queue[dict[str, Any]] = asyncio.Queue()
         self.poses = 0
         self.last: bytes = b""
         self.code: int | None = None
-        self.shown = asyncio.Event()
+        self.pose_sent = asyncio.Event()
 
     async def receive(self) -> dict[str, Any]:
-        """The next message of the client."""
+        """Return the next message of the client."""
         return await self.incoming.get()
 
     async def send_text(self, text: str) -> None:
-        """A text for the client, which must be JSON."""
+        """Check that a text for the client is JSON."""
         json.loads(text)
 
     async def send_bytes(self, data: bytes) -> None:
-        """A frame for the client."""
+        """Count a pose for the client."""
         if data[0] == POSE:
             self.poses += 1
             self.last = data
-            self.shown.set()
+            self.pose_sent.set()
 
     async def close(self, code: int, reason: str) -> None:
-        """The server ends it."""
+        """Store the code with which the server closes the connection."""
         assert len(reason.encode()) <= 123 and (code == 1009 or 1000 <= code <= 1015)
         self.code = code
 
@@ -95,7 +95,7 @@ class FakeSocket:
         self.incoming.put_nowait({"type": "websocket.receive", kind: message})
 
     def leave(self) -> None:
-        """Go without a word."""
+        """Disconnect without a message."""
         self.incoming.put_nowait({"type": "websocket.disconnect", "code": 1006})
 
 
@@ -103,43 +103,43 @@ async def fuzz(frames: int, rng: np.random.Generator, counts: FuzzCounts) -> Non
     """Send `frames` messages and update `counts`."""
     live = Live(ServerSettings(limits=_LIMITS), Metrics())
     live.start()
-    watchman = FakeSocket()
-    watching = asyncio.create_task(serve_client(watchman, live))  # type: ignore[arg-type]
-    watchman.put(write_message(Hello(1, _POINTS[:3])))
+    monitor = FakeSocket()
+    monitor_task = asyncio.create_task(serve_client(monitor, live))  # type: ignore[arg-type]
+    monitor.put(write_message(Hello(1, _POINTS[:3])))
     moment, looked = 0.0, 0
     try:
         while counts.frames < frames:
             await _client(live, rng, frames, counts)
-            if counts.frames - looked >= _WATCH_EVERY:
+            if counts.frames - looked >= _MONITOR_INTERVAL:
                 looked, moment = counts.frames, moment + 1 / 72
-                await _watch(watchman, moment, counts)
-            if watching.done():
+                await _check_monitor(monitor, moment, counts)
+            if monitor_task.done():
                 counts.errors.append("the watchman's session ended")
                 return
-        await _watch(watchman, moment + 1 / 72, counts)
+        await _check_monitor(monitor, moment + 1 / 72, counts)
     finally:
-        watchman.leave()
-        await asyncio.gather(watching, return_exceptions=True)
+        monitor.leave()
+        await asyncio.gather(monitor_task, return_exceptions=True)
         await live.stop()
 
 
-async def _watch(watchman: FakeSocket, moment: float, counts: FuzzCounts) -> None:
+async def _check_monitor(monitor: FakeSocket, moment: float, counts: FuzzCounts) -> None:
     """Check that an ordinary frame of another client is answered with a body of finite numbers."""
-    watchman.shown.clear()
-    watchman.put(write_signal(_ordinary(0, moment)))
+    monitor.pose_sent.clear()
+    monitor.put(write_signal(_standing_signal(0, moment)))
     try:
-        await asyncio.wait_for(watchman.shown.wait(), 30)
+        await asyncio.wait_for(monitor.pose_sent.wait(), 30)
     except TimeoutError:
         counts.errors.append(f"no answer to another client after {counts.frames} messages")
         return
-    pose = read_pose(watchman.last, 65)
+    pose = read_pose(monitor.last, 65)
     if not (np.isfinite(pose.rotation).all() and np.isfinite(pose.root_position).all()):
-        counts.errors.append(f"a body that is no number after {counts.frames} messages")
+        counts.errors.append(f"a body with NaN after {counts.frames} messages")
     counts.watched += 1
 
 
 async def _client(live: Live, rng: np.random.Generator, frames: int, counts: FuzzCounts) -> None:
-    """One client: mostly a good hello, then messages until it is refused or leaves."""
+    """Run one client: mostly a valid hello, then messages until it is refused or leaves."""
     socket = FakeSocket()
     conversation = asyncio.create_task(serve_client(socket, live))  # type: ignore[arg-type]
     counts.connections += 1
@@ -148,10 +148,10 @@ async def _client(live: Live, rng: np.random.Generator, frames: int, counts: Fuz
     for k in range(int(rng.integers(1, 400))):
         socket.put(message_of(rng, k))
         counts.frames += 1
-        if k % 16 == 0:  # now and then it waits for an answer
-            socket.shown.clear()
+        if k % 16 == 0:  # sometimes wait for an answer
+            socket.pose_sent.clear()
             with contextlib.suppress(TimeoutError):
-                await asyncio.wait_for(socket.shown.wait(), 0.05 if rng.random() < 0.5 else 0.0001)
+                await asyncio.wait_for(socket.pose_sent.wait(), 0.05 if rng.random() < 0.5 else 0.0001)
         if conversation.done() or counts.frames >= frames:
             break
     socket.leave()
@@ -163,10 +163,10 @@ async def _client(live: Live, rng: np.random.Generator, frames: int, counts: Fuz
 
 
 def message_of(rng: np.random.Generator, k: int) -> str | bytes:
-    """Return the k-th message of a client, mostly a valid one, so that later stages are reached too."""
+    """Return the k-th message of a client, mostly a valid one, so that later stages are also tested."""
     choice = rng.random()
     if choice < 0.975:
-        return write_signal(_tracked(rng, k))
+        return write_signal(_random_signal(rng, k))
     if choice < 0.98:
         values = {
             "mirror": bool(rng.random() < 0.5),
@@ -179,18 +179,16 @@ def message_of(rng: np.random.Generator, k: int) -> str | bytes:
     if choice < 0.985:
         return str(rng.choice(['{"type":"recentre"}', '{"type":"calibrate"}', '{"type":"record","on":true}']))
     if choice < 0.99:
-        return broken(write_signal(_tracked(rng, k)), rng)
+        return corrupted(write_signal(_random_signal(rng, k)), rng)
     if choice < 0.993:
         return rng.bytes(int(rng.integers(0, 300)))
     if choice < 0.996:
-        text = (
-            write_message(Hello(1, _POINTS)) if rng.random() < 0.5 else write_message(UpdateSettings({"height": 1.8}))
-        )
-        return broken(text.encode(), rng).decode(errors="replace")
-    return "".join(rng.choice(_WORDS, int(rng.integers(1, 12))))
+        text = write_message(Hello(1, _POINTS)) if rng.random() < 0.5 else write_message(UpdateSettings({"height": 1.8}))
+        return corrupted(text.encode(), rng).decode(errors="replace")
+    return "".join(rng.choice(_TEXT_PIECES, int(rng.integers(1, 12))))
 
 
-def broken(data: bytes, rng: np.random.Generator) -> bytes:
+def corrupted(data: bytes, rng: np.random.Generator) -> bytes:
     """Return the data with some bytes changed, and sometimes cut or doubled."""
     found = bytearray(data)
     count = int(rng.integers(1, 8))
@@ -202,14 +200,14 @@ def broken(data: bytes, rng: np.random.Generator) -> bytes:
     return bytes(found * 2 if rng.random() < 0.05 else found)
 
 
-def _ordinary(sequence: int, time: float) -> SignalFrame:
+def _standing_signal(sequence: int, time: float) -> SignalFrame:
     places = np.array([[0, 1.6, 0], [-0.25, 1.1, -0.3], [0.25, 1.1, -0.3]], dtype=np.float32)
     turned = np.tile(np.array([1, 0, 0, 0], dtype=np.float32), (3, 1))
     return SignalFrame(sequence, time, np.arange(3), np.full(3, 3), places, turned)
 
 
-def _tracked(rng: np.random.Generator, k: int) -> SignalFrame:
-    """A frame that is well-formed, and may be nonsense: anywhere, at any time, any points."""
+def _random_signal(rng: np.random.Generator, k: int) -> SignalFrame:
+    """Return a well-formed frame, possibly with impossible positions, times or points."""
     count = int(rng.integers(0, len(_POINTS) + 1))
     wild = rng.random() < 0.1
     rotation = rng.normal(size=(count, 4)) if wild else np.tile([1.0, 0, 0, 0], (count, 1))
@@ -226,7 +224,7 @@ def _tracked(rng: np.random.Generator, k: int) -> SignalFrame:
 
 
 def run_fuzz(frames: int, seed: int, counts: FuzzCounts) -> None:
-    """Fuzz in a loop of its own. Raises BodysenseError where anything came out that must not."""
+    """Run `fuzz` in its own event loop. Raises BodysenseError for failures of the server."""
     asyncio.run(fuzz(frames, np.random.default_rng(seed), counts))
     if counts.errors:
         raise BodysenseError(f"the server failed {len(counts.errors)} times, first: {counts.errors[0]}")

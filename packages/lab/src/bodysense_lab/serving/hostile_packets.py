@@ -1,4 +1,4 @@
-"""Hostile packets of every protocol that is received by UDP or a socket: no exception and no NaN in a body."""
+"""Hostile packets of every UDP and socket protocol. Readers must raise nothing and give no NaN."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 
 from bodysense.errors import BodysenseError
 from bodysense.io.osc import bundled, message_bytes
-from bodysense_lab.serving.hostile_clients import broken
+from bodysense_lab.serving.hostile_clients import corrupted
 from bodysense_lab.serving.solarxr_client import request
 from bodysense_live.slimevr import SlimevrState, take
 from bodysense_live.solarxr import read_bundle, settings_bundle
@@ -24,7 +24,7 @@ from bodysense_live.vrchat import VrchatReader
 _POSE = (0.0, 1.6, 0.0, 0.0, 0.0, 0.0, 1.0)
 _HERE = ("127.0.0.1", 50000)
 _HELLO = struct.pack(">IQ7i", 3, 0, 4, 0, 0, 0, 0, 0, 22) + b"\x01x" + bytes(range(1, 7))
-_READERS: dict[str, tuple[DeviceReader, tuple[bytes, ...]]] = {  # and valid packets
+_READERS: dict[str, tuple[DeviceReader, tuple[bytes, ...]]] = {  # readers and valid packets, by protocol
     "vmc": (
         VmcTrackers(),
         tuple(
@@ -56,7 +56,7 @@ _SLIMEVR = (
 
 
 def fuzz_packets(count: int, rng: np.random.Generator) -> dict[str, int]:
-    """Read `count` packets, most of them broken, and count them by protocol. Raises BodysenseError for a failure."""
+    """Read `count` packets, mostly corrupted, and count them by protocol. Raises BodysenseError for a failure."""
     steps: dict[str, Callable[[int], object]] = {}
     for name, (reader, good) in _READERS.items():
         steps[name] = partial(_read, reader, good, rng, [reader.start()])
@@ -75,12 +75,12 @@ def fuzz_packets(count: int, rng: np.random.Generator) -> dict[str, int]:
 
 
 def _packet(good: tuple[bytes, ...], rng: np.random.Generator) -> bytes:
-    """A good packet, mostly broken, or a random one."""
+    """Return a valid packet, mostly corrupted, or a random one."""
     chance = rng.random()
     if chance < 0.1:
         return rng.bytes(int(rng.integers(0, 120)))
     packet = good[int(rng.integers(len(good)))]
-    return packet if chance < 0.3 else broken(packet, rng)
+    return packet if chance < 0.3 else corrupted(packet, rng)
 
 
 def _read(reader: DeviceReader, good: tuple[bytes, ...], rng: np.random.Generator, state: list[Any], k: int) -> None:

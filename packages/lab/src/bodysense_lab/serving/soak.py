@@ -1,4 +1,4 @@
-"""Many wearers for a long time over a bad network, against a server of its own process; what must not happen."""
+"""Soak test: many wearers for a long time over a bad network, against a server in its own process."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ import psutil
 
 from bodysense.errors import BodysenseError
 from bodysense.io.protocol import POSE, SUBPROTOCOL, SignalFrame, read_pose, write_signal
-from bodysense_lab.serving.server import served
+from bodysense_lab.serving.server import running_server
 from bodysense_live.message_text import write_message
 from bodysense_live.messages import Hello, Resume
 
 _POINTS = ("head", "left_wrist", "right_wrist")
-_STUCK = 5.0  # s without an answer while frames are sent
-_MOST_SILENT = 1.5  # s, of a wearer whose process was killed
-_AGAIN = 0.02  # s until a wearer whose connection was closed comes back
-_WARM = 0.25  # share of the time after which memory is looked at
+_MAX_SILENCE = 5.0  # s without an answer while frames are sent
+_MAX_SILENCE_KILLS = 1.5  # s, if processes are killed
+_RECONNECT_DELAY = 0.02  # s until a wearer reconnects after the server closed the connection
+_WARM = 0.25  # share of the time after which memory is measured first
 
 
 @dataclass(frozen=True)
@@ -36,12 +36,12 @@ class SoakPlan:
     rate: float = 72.0  # Hz
     loss: float = 0.05
     doubled: float = 0.01
-    late: float = 0.05  # share of frames that come up to `latest` s later
+    late: float = 0.05  # share of frames that are delayed by up to `latest` s
     latest: float = 0.3
-    seconds_connected: float = 20.0  # on average, until the connection breaks
+    seconds_connected: float = 20.0  # mean time until the connection breaks
     workers: int = 1  # processes of the server
     shared: str | None = None  # address of a Valkey or Redis, for sessions of processes that are killed
-    seconds_between_kills: float = 0.0  # a process of the server is killed so often; 0: never
+    seconds_between_kills: float = 0.0  # 0: no process is killed
 
 
 @dataclass
@@ -54,16 +54,17 @@ class SoakCounts:
     breaks: int = 0
     resumed: int = 0
     killed: int = 0  # processes of the server
-    longest_silence_s: float = 0.0  # of a wearer whose network is there
+    longest_silence_s: float = 0.0  # of a wearer with a working network
     rss_mb_warm: float = 0.0
     rss_mb_last: float = 0.0
 
 
 def soak(plan: SoakPlan, rng: np.random.Generator) -> SoakCounts:
-    """Run it. Raises BodysenseError where the server does not start, or ends."""
+    """Run a soak test. Raises BodysenseError if the server does not start, or ends."""
     counts = SoakCounts()
     shared = () if plan.shared is None else ("--shared", plan.shared)
-    with served("--sessions", str(plan.sessions + 4), "--workers", str(plan.workers), *shared) as (address, process):
+    options = ("--sessions", str(plan.sessions + 4), "--workers", str(plan.workers), *shared)
+    with running_server(*options) as (address, process):
         asyncio.run(_all_wearers(f"{address.replace('http://', 'ws://')}ws", process, plan, rng, counts))
     return counts
 
@@ -71,7 +72,7 @@ def soak(plan: SoakPlan, rng: np.random.Generator) -> SoakCounts:
 async def _all_wearers(
     address: str, server: subprocess.Popen[str], plan: SoakPlan, rng: np.random.Generator, counts: SoakCounts
 ) -> None:
-    """All wearers of a server, whose memory is looked at, and whose processes are killed."""
+    """Run all wearers, measure the server's memory, and kill its processes if planned."""
     end = time.monotonic() + plan.seconds
     wearers = [
         asyncio.create_task(_wearer(address, plan, end, np.random.default_rng(int(seed)), counts))
@@ -89,12 +90,12 @@ async def _all_wearers(
 
 
 async def _wearer(address: str, plan: SoakPlan, end: float, rng: np.random.Generator, counts: SoakCounts) -> None:
-    """One wearer who connects again and again and goes on."""
+    """Run one wearer, who reconnects and resumes after each break."""
     from websockets import WebSocketException
     from websockets.asyncio.client import connect
     from websockets.typing import Subprotocol
 
-    resume, begun, seen = None, time.monotonic(), _Seen()
+    resume, begun, seen = None, time.monotonic(), _Received()
     while time.monotonic() < end:
         opened = connect(address, subprotocols=[Subprotocol(SUBPROTOCOL)], compression=None)
         try:
@@ -105,7 +106,7 @@ async def _wearer(address: str, plan: SoakPlan, end: float, rng: np.random.Gener
                 resume = Resume(welcome["session"], welcome["token"])
                 until = min(end, time.monotonic() + rng.exponential(plan.seconds_connected))
                 reader = asyncio.create_task(_read(client, len(welcome["points"]), counts, seen))
-                await _wear(client, plan, begun, until, rng, counts, reader)
+                await _send_frames(client, plan, begun, until, rng, counts, reader)
                 was_cut = reader.done()
                 client.transport.abort()  # as if the network were gone
                 reader.cancel()
@@ -114,8 +115,8 @@ async def _wearer(address: str, plan: SoakPlan, end: float, rng: np.random.Gener
             if not plan.seconds_between_kills:
                 raise
             was_cut = True
-        if was_cut:  # the server did it: the wearer comes back at once, and is silent meanwhile
-            await asyncio.sleep(_AGAIN)
+        if was_cut:  # by the server: reconnect at once, and count the time as silence
+            await asyncio.sleep(_RECONNECT_DELAY)
             continue
         counts.breaks += 1
         seen.last = None
@@ -123,14 +124,14 @@ async def _wearer(address: str, plan: SoakPlan, end: float, rng: np.random.Gener
 
 
 @dataclass
-class _Seen:
-    """Messages that a wearer received."""
+class _Received:
+    """Answers that a wearer received."""
 
-    last: float | None = None  # s, when the last answer came; None after their own network was gone
+    last: float | None = None  # s, time of the last answer; None after a break of the wearer's network
 
 
 async def _kill(server: int, plan: SoakPlan, rng: np.random.Generator, counts: SoakCounts) -> None:
-    """Kill one of the server's processes now and then."""
+    """Kill one of the server's processes at regular intervals."""
     while True:
         await asyncio.sleep(plan.seconds_between_kills)
         workers = workers_of(server)
@@ -143,13 +144,13 @@ def workers_of(server: int) -> list[int]:
     """Return the worker processes of a server, oldest first."""
     found = []
     for child in psutil.Process(server).children():
-        with contextlib.suppress(psutil.Error):  # it has ended meanwhile
+        with contextlib.suppress(psutil.Error):  # it may have ended
             if "spawn_main" in " ".join(child.cmdline()):
                 found.append(child.pid)
     return sorted(found)
 
 
-async def _wear(
+async def _send_frames(
     client: object,
     plan: SoakPlan,
     begun: float,
@@ -158,12 +159,12 @@ async def _wear(
     counts: SoakCounts,
     reader: asyncio.Task[None],
 ) -> None:
-    """Send frames over a bad network until the connection breaks, or nothing is to be read from it."""
+    """Send frames over a bad network until `until`, or until the connection is closed."""
     loop = asyncio.get_running_loop()
     tasks: set[asyncio.Task[None]] = set()
 
     async def send(data: bytes) -> None:
-        with contextlib.suppress(Exception):  # the connection is gone: so is the frame
+        with contextlib.suppress(Exception):  # after a break the frame is lost
             await client.send(data)  # type: ignore[attr-defined]
 
     def later(data: bytes) -> None:
@@ -175,7 +176,7 @@ async def _wear(
     while time.monotonic() < until and not reader.done():
         due += 1 / plan.rate
         await asyncio.sleep(max(0.0, due - loop.time()))
-        data = write_signal(worn(counts.sent, time.monotonic() - begun, phase))
+        data = write_signal(swaying_wearer(counts.sent, time.monotonic() - begun, phase))
         counts.sent += 1
         chance = rng.random()
         if chance < plan.loss:
@@ -188,8 +189,8 @@ async def _wear(
             await send(data)
 
 
-async def _read(client: object, points: int, counts: SoakCounts, seen: _Seen) -> None:
-    """Take poses until the connection breaks."""
+async def _read(client: object, points: int, counts: SoakCounts, seen: _Received) -> None:
+    """Read poses until the connection breaks."""
     if seen.last is None:
         seen.last = time.monotonic()
     async for message in client:  # type: ignore[attr-defined]
@@ -203,7 +204,7 @@ async def _read(client: object, points: int, counts: SoakCounts, seen: _Seen) ->
             seen.last = now
 
 
-def worn(sequence: int, now: float, phase: float) -> SignalFrame:
+def swaying_wearer(sequence: int, now: float, phase: float) -> SignalFrame:
     """Return head and wrists of a wearer who sways and waves."""
     a, b = np.sin(now + phase), np.sin(2.3 * now + phase)
     places = np.array(
@@ -214,16 +215,16 @@ def worn(sequence: int, now: float, phase: float) -> SignalFrame:
 
 
 def rss_mb(process: int) -> float:
-    """Memory that a process holds, MB."""
+    """Return the memory of a process, MB."""
     return psutil.Process(process).memory_info().rss / 2**20
 
 
 def check(counts: SoakCounts, plan: SoakPlan) -> None:
-    """Raise BodysenseError for what must not happen."""
-    longest = _MOST_SILENT if plan.seconds_between_kills else _STUCK
+    """Raise BodysenseError if a session hung, memory grew, poses were not finite, or nothing was answered."""
+    longest = _MAX_SILENCE_KILLS if plan.seconds_between_kills else _MAX_SILENCE
     grown = counts.rss_mb_last - counts.rss_mb_warm
     faults = {
-        f"{counts.not_finite} poses are no numbers": counts.not_finite > 0,
+        f"{counts.not_finite} poses are not finite": counts.not_finite > 0,
         f"a session was not answered for {counts.longest_silence_s:.1f} s": counts.longest_silence_s > longest,
         f"memory grew by {grown:.0f} MB": grown > max(10.0, 0.05 * counts.rss_mb_warm),
         "no process was killed": plan.seconds_between_kills > 0 and not counts.killed,

@@ -1,4 +1,4 @@
-"""A client of SolarXR, by the slots of its public schema: requests written, bundles read. It shares no code of ours."""
+"""SolarXR client, written from the slots of its public schema. It shares no code with the server."""
 
 from __future__ import annotations
 
@@ -11,33 +11,33 @@ from flatbuffers.table import Table
 
 
 class Row:
-    """A table, at a place in the bytes of a message; its fields by slot."""
+    """A FlatBuffers table at an offset in a message; its fields are addressed by slot."""
 
     def __init__(self, data: bytes, place: int) -> None:
         self.data, self.place, self.table = data, place, Table(data, place)
 
     def at(self, slot: int) -> int | None:
-        """Where a field is; None where it is left out."""
+        """Return the offset of a field; None if it is absent."""
         offset = self.table.Offset(4 + 2 * slot)
         return self.place + offset if offset else None
 
     def value(self, slot: int, form: str, default: Any = 0) -> Any:
-        """A number."""
+        """Return a number."""
         place = self.at(slot)
         return default if place is None else struct.unpack_from("<" + form, self.data, place)[0]
 
     def floats(self, slot: int, count: int) -> np.ndarray | None:
-        """A struct of single-precision numbers."""
+        """Return a struct of single-precision numbers; None if it is absent."""
         place = self.at(slot)
         return None if place is None else np.array(struct.unpack_from(f"<{count}f", self.data, place))
 
     def row(self, slot: int) -> Row | None:
-        """The table of a field."""
+        """Return the table of a field; None if it is absent."""
         place = self.at(slot)
         return None if place is None else Row(self.data, place + struct.unpack_from("<I", self.data, place)[0])
 
     def rows(self, slot: int) -> list[Row]:
-        """The tables of a vector."""
+        """Return the tables of a vector."""
         vector = self.row(slot)
         if vector is None:
             return []
@@ -46,7 +46,7 @@ class Row:
         return [Row(self.data, place + struct.unpack_from("<I", self.data, place)[0]) for place in places]
 
     def text(self, slot: int) -> str:
-        """A text."""
+        """Return a text."""
         vector = self.row(slot)
         assert vector is not None
         size = struct.unpack_from("<I", self.data, vector.place)[0]
@@ -54,12 +54,12 @@ class Row:
 
 
 def bundle(packet: bytes) -> Row:
-    """The root of a message."""
+    """Return the root table of a message."""
     return Row(packet, struct.unpack_from("<I", packet)[0])
 
 
 def update(packet: bytes) -> Row:
-    """The one data feed message of a bundle."""
+    """Return the only data feed message of a bundle."""
     (message,) = bundle(packet).rows(0)
     assert message.value(0, "B") == 3 and not bundle(packet).rows(1)
     found = message.row(1)

@@ -1,9 +1,10 @@
 """Preferences of a study's raters: means, standard errors and t-tests, as in UNOC's Fig. 6; and simulated raters.
 
 The paper attributes +1 and −1 to the two techniques of a pair, averages *each participant's* votes over the scenes, and
-tests those averages against zero: it reports t(38) for 39 participants. So do we: in all scenes, n is the number of
-raters and a value is a rater's mean; in one scene a value is a rater's one vote. Votes are never pooled over scenes,
-because those of one rater are not independent. As in the paper, p is not corrected for the number of tests.
+tests those averages against zero: it reports t(38) for 39 participants. This module does the same. Over all scenes, n
+is the number of raters and a value is a rater's mean. In one scene a value is a rater's single vote. Votes are never
+pooled over scenes, because those of one rater are not independent. As in the paper, p is not corrected for the number
+of tests.
 """
 
 from __future__ import annotations
@@ -50,7 +51,7 @@ class StudyResult:
         return self.preferences[None][0].n
 
     def numbers(self) -> dict[str, float]:
-        """One flat object: `truth_over_ours_mean`, `<scene>_truth_over_ours_p` …; what is not finite is left out."""
+        """Return one flat object: `truth_over_ours_mean`, `<scene>_truth_over_ours_p` …; finite values only."""
         result: dict[str, float] = {"raters": self.raters, "scenes": len(self.scenes)}
         for scene, preferences in self.preferences.items():
             for (first, second), one in zip(COMPARISONS, preferences, strict=True):
@@ -61,7 +62,7 @@ class StudyResult:
 
 
 def analyze(key: StudyKey, answers: Sequence[Answers]) -> StudyResult:
-    """Preferences of raters, per scene and over all scenes."""
+    """Return the preferences of raters, per scene and over all scenes."""
     cast = votes(key, answers)
     names = tuple(scene.name for scene in key.scenes)
     count = range(len(COMPARISONS))
@@ -73,7 +74,7 @@ def analyze(key: StudyKey, answers: Sequence[Answers]) -> StudyResult:
 
 
 def votes(key: StudyKey, answers: Sequence[Answers]) -> np.ndarray:
-    """(raters, scenes, comparisons): +1 for the first condition of a comparison, −1 for the second, 0 for neither."""
+    """Return votes (raters, scenes, comparisons): +1 for the first condition, −1 for the second, 0 for neither."""
     cast = np.zeros((len(answers), len(key.scenes), len(COMPARISONS)))
     for rater, one in enumerate(answers):
         for left, right, choice in one.given:
@@ -97,7 +98,7 @@ def preference(values: np.ndarray) -> Preference:
 
 
 def write_csv(path: str | Path, result: StudyResult) -> None:
-    """A row for every scene and comparison, then those over all scenes."""
+    """Write a row for every scene and comparison, then rows over all scenes, as CSV."""
     rows = [
         (
             scene or "(all)",
@@ -121,21 +122,21 @@ def simulate_answers(
     generator: np.random.Generator,
     ties: float = 0.2,
 ) -> list[Answers]:
-    """Answers of raters whose mean vote on every pair is the difference of the two conditions' quality.
+    """Return answers of simulated raters; the mean vote on a pair is the difference of its conditions' quality.
 
-    Conditions that `quality` does not name have 0. Votes are independent; the share of 'no difference' is `ties` where
-    quality is equal and falls to 0 where the difference is ±1. Raises BodysenseError for a difference beyond that.
+    Conditions that `quality` lacks have 0. Votes are independent. The share of 'no difference' is `ties` for equal
+    quality and falls to 0 for a difference of ±1. Raises BodysenseError for a difference beyond that.
     """
     if raters < 1:
         raise BodysenseError(f"{raters} raters cannot answer; give at least 1")
     if not 0 <= ties <= 1:
-        raise BodysenseError(f"ties {ties:g} is no share; give a number from 0 to 1")
+        raise BodysenseError(f"ties {ties:g} is not a share; give a number from 0 to 1")
     level = {condition: float(quality.get(condition, 0.0)) for condition in CONDITIONS}
     for first, second in COMPARISONS:
         difference = level[first] - level[second]
         if not abs(difference) <= 1:
             raise BodysenseError(
-                f"the quality of {first} less that of {second} is {difference:g}; mean votes lie from -1 to 1"
+                f"the quality of {first} minus that of {second} is {difference:g}; mean votes are from -1 to 1"
             )
     result = []
     for number in range(1, raters + 1):

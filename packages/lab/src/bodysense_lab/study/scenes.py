@@ -1,4 +1,4 @@
-"""Building a study: scenes cut from motion, completed in two ways, rendered, and laid out as pages to serve."""
+"""Building of a study: scenes are cut from motion, completed by two methods, rendered, and written as web pages."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ from bodysense.last_known import Hold
 from bodysense.metrics import joint_error
 from bodysense.pictures.animation import write_animation
 from bodysense.pictures.camera import FollowingCamera, Lens, follow_body
+from bodysense_lab.parallel import parallel_map
 from bodysense_lab.scoring import RATE, scored_points
-from bodysense_lab.spread import spread
 from bodysense_lab.study.study import CONDITIONS, Condition, StudyKey, draw_key, write_key
 from bodysense_lab.unoc.ik_tracker import Estimator, IkTracker, IkTrackerSettings
 from bodysense_lab.unoc.learned import Learned, load_model
@@ -36,30 +36,30 @@ FILES = ("index.html", "style.css", "study.js")
 def write_study_page(folder: Path, study: str, rings: Sequence[Sequence[str]]) -> Path:
     """Write the pages of a study into an existing, empty folder, and return the folder for its animations.
 
-    `rings` are the names of each scene's animations, in the order of its ring (lab/study/study.py); their files,
-    `<name>.webp`, are to be written into the folder that is returned. The page knows only the names.
+    `rings` has the names of each scene's animations, in the order of its ring (lab/study/study.py). The caller writes
+    their files, `<name>.webp`, into the returned folder. The page contains only the names.
     """
-    told = json.dumps({"study": study, "scenes": [list(ring) for ring in rings]}).replace("<", "\\u003c")
+    study_json = json.dumps({"study": study, "scenes": [list(ring) for ring in rings]}).replace("<", "\\u003c")
     source = files("bodysense_lab.study").joinpath("assets")
     for name in FILES:
         text = source.joinpath(name).read_text(encoding="utf-8")
-        (folder / name).write_text(text.replace(">STUDY<", f">{told}<"), encoding="utf-8")
+        (folder / name).write_text(text.replace(">STUDY<", f">{study_json}<"), encoding="utf-8")
     clips = folder / "clips"
     clips.mkdir()
     return clips
 
 
-_SHORTEST = 0.5  # s that can be judged at all
+_SHORTEST = 0.5  # s; shorter scenes cannot be judged
 
 
 @dataclass(frozen=True)
 class StudySettings:
-    """Which scenes there are, and how their bodies are completed; both conditions go through the same tracker."""
+    """Scenes of a study, and completion of their bodies; both conditions use the same tracker."""
 
     longest: float = 6.0  # s; longer clips are cut into scenes of equal length
     scenes: int = 8  # maximum number, drawn at random (the paper: eight)
-    model: Path | None = None  # a network; the packaged one by default
-    last_known: Literal["world", "head", "heading"] = "heading"  # the frame in which the baseline keeps points
+    model: Path | None = None  # network; the packaged one if None
+    last_known: Literal["world", "head", "heading"] = "heading"  # axes in which the baseline keeps hidden points
     tracker: IkTrackerSettings = IkTrackerSettings()
     lens: Lens = Lens()
 
@@ -67,7 +67,7 @@ class StudySettings:
         if not _SHORTEST <= self.longest < math.inf:
             raise BodysenseError(f"scenes of {self.longest:g} s cannot be judged; give at least {_SHORTEST:g}")
         if self.scenes < 1:
-            raise BodysenseError(f"a study of {self.scenes} scenes shows nothing; give at least 1")
+            raise BodysenseError(f"a study of {self.scenes} scenes is empty; give at least 1")
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,8 +76,8 @@ class SceneMotion:
 
     name: str
     pose: dict[Condition, Pose]  # (T, …) each
-    hidden: np.ndarray  # (T, 14) bool, which of the joints that the paper tests the headset did not see
-    error: dict[Condition, float]  # cm, mean over those that were hidden; NaN where none was hidden
+    hidden: np.ndarray  # (T, 14) bool, tested joints that the headset did not see
+    error: dict[Condition, float]  # cm, mean over hidden joints; NaN if none was hidden
 
     @property
     def seconds(self) -> float:
@@ -88,8 +88,8 @@ class SceneMotion:
 def complete_clip(clip: Clip, settings: StudySettings) -> SceneMotion:
     """Return a canonical clip under every condition: the truth, and completions from a headset's view.
 
-    'ours' completes it with the network, 'baseline' with last known positions; inverse kinematics and smoothing are
-    the same (as in the paper), so that both are bodies with bones that keep their lengths.
+    'ours' uses the network, 'baseline' last known positions. Both have the same inverse kinematics and smoothing, as in
+    the paper, so that bones keep their lengths.
     """
     clip = resample(clip, RATE)
     skeleton = clip.pose.skeleton
@@ -104,11 +104,11 @@ def complete_clip(clip: Clip, settings: StudySettings) -> SceneMotion:
         "ours": completed(Learned(load_model(settings.model), skeleton)),
         "baseline": completed(Hold(skeleton, settings.last_known)),
     }
-    return _described(clip.name, pose, ~observation.has_position[:, scored_points(skeleton)])
+    return _scene_motion(clip.name, pose, ~observation.has_position[:, scored_points(skeleton)])
 
 
 def cut_scenes(motion: SceneMotion, longest: float) -> list[SceneMotion]:
-    """A completed clip in scenes of equal length, at most `longest` seconds; the tracker has run through it whole."""
+    """Cut a completed clip into scenes of equal length, at most `longest` seconds."""
     frames = len(motion.hidden)
     count = max(1, math.ceil(frames / (longest * RATE)))
     if frames / count < _SHORTEST * RATE:
@@ -117,7 +117,7 @@ def cut_scenes(motion: SceneMotion, longest: float) -> list[SceneMotion]:
         return [motion]
     edges = np.linspace(0, frames, count + 1).astype(int)
     return [
-        _described(
+        _scene_motion(
             f"{motion.name}-{number}",
             {condition: pose[start:end] for condition, pose in motion.pose.items()},
             motion.hidden[start:end],
@@ -134,10 +134,11 @@ def build_study(
     jobs: int,
     advance: Callable[[int, int], None],
 ) -> tuple[StudyKey, list[SceneMotion]]:
-    """Make a study of canonical clips in a new folder: key.json, and site/ with all that raters may see.
+    """Make a study of canonical clips in a new folder: key.json, and site/ with all files for raters.
 
-    Renders in `jobs` processes; `advance` gets the number of finished animations and of all. Returns the key and
-    the scenes in its order. Raises BodysenseError where the folder has content, and for clips of the same name.
+    Animations are rendered in `jobs` processes; `advance` receives the numbers of finished and of all animations.
+    Returns the key, and the scenes in its order. Raises BodysenseError if the folder is not empty, or if two clips have
+    the same name.
     """
     names = [clip.name for clip in clips]
     if len(set(names)) != len(names):
@@ -153,7 +154,7 @@ def build_study(
         place = write_study_page(site, key.study, [scene.ring for scene in key.scenes])
         work = _renderings(key, scenes, settings.lens, place)
         advance(0, len(work))
-        for done, _ in enumerate(spread(_render, work, jobs), start=1):
+        for done, _ in enumerate(parallel_map(_render, work, jobs), start=1):
             advance(done, len(work))
         write_key(beside / "key.json", key)
     return key, scenes
@@ -176,8 +177,8 @@ def _renderings(
     return sorted(work, key=lambda one: one[0])
 
 
-def _described(name: str, pose: dict[Condition, Pose], hidden: np.ndarray) -> SceneMotion:
-    """A scene with its errors."""
+def _scene_motion(name: str, pose: dict[Condition, Pose], hidden: np.ndarray) -> SceneMotion:
+    """Return a scene with its errors."""
     tested = scored_points(pose["truth"].skeleton)
     position = {c: np.asarray(forward_kinematics(pose[c])[0])[:, tested] for c in CONDITIONS}
     error: dict[Condition, float] = {}
@@ -191,7 +192,7 @@ def _described(name: str, pose: dict[Condition, Pose], hidden: np.ndarray) -> Sc
 def _new_folder(folder: Path) -> Iterator[Path]:
     """Yield a temporary folder to fill; it is renamed to `folder` if the block succeeds, and removed otherwise."""
     if folder.exists() and not (folder.is_dir() and not any(folder.iterdir())):
-        raise BodysenseError(f"{folder} is there already; name a new folder, so that no study loses its key")
+        raise BodysenseError(f"{folder} exists; name a new folder, so that no study loses its key")
     folder = folder.resolve()
     beside = folder.with_name(f".{folder.name}.part")
     try:

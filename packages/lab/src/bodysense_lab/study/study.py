@@ -1,7 +1,7 @@
-"""The user study (UNOC, section 5.1, Fig. 6; reproduce.md 1.18): who sees which animations, the key, and the answers.
+"""User study (UNOC, section 5.1, Fig. 6; reproduce.md 1.18): pairs of animations for each rater, key, and answers.
 
 Each scene is rendered under three conditions. A rater sees every pair of every scene once, side by side, and chooses
-the more natural one or neither. Animations have opaque names; the key tells what they show and is never served.
+the more natural one or neither. Animations have opaque names. The key maps them to conditions and is never served.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class StudyScene:
 
     @property
     def ring(self) -> tuple[str, ...]:
-        """The animations in order: all that raters' pages know of the scene."""
+        """Names of the animations in order, which is all that raters' pages contain of the scene."""
         return tuple(self.condition)
 
 
@@ -69,44 +69,44 @@ class Answers:
 
 
 def draw_key(scenes: Sequence[str], generator: np.random.Generator) -> StudyKey:
-    """A key with new opaque names for the animations of named scenes.
+    """Draw a key with new opaque names for the animations of named scenes.
 
-    Every ring is truth → ours → baseline from a random start: the names' order betrays nothing, and still the same
-    direction of two rings means the same sides of their comparisons.
+    Every ring is truth → ours → baseline from a random start. So the order of names reveals nothing, but equal
+    directions of two rings give equal sides in their comparisons.
     """
 
     def opaque() -> str:
         return generator.bytes(6).hex()
 
-    study, drawn = opaque(), []
+    study, study_scenes = opaque(), []
     for name in scenes:
         start = int(generator.integers(len(CONDITIONS)))
-        drawn.append(StudyScene(name, {opaque(): c for c in CONDITIONS[start:] + CONDITIONS[:start]}))
-    return StudyKey(study, tuple(drawn))
+        study_scenes.append(StudyScene(name, {opaque(): c for c in CONDITIONS[start:] + CONDITIONS[:start]}))
+    return StudyKey(study, tuple(study_scenes))
 
 
 def pairs_for(key: StudyKey, rater: str) -> list[tuple[str, str]]:
-    """Every pair of every scene, (left, right), in the order that follows from the study and the rater's name.
+    """Return every pair of every scene, (left, right), in the order determined by the study and the rater's name.
 
-    A ring is shown in its direction in one half of the scenes and against it in the other. So for each rater each
-    condition is on the left as often as on the right (as in the paper), and with an even number of scenes each
-    comparison has each side order equally often. The page does the same (study/assets/study.js, `pairsFor`).
+    A ring is displayed forward in one half of the scenes and backward in the other. So, for each rater, each condition
+    is equally often on the left and on the right (as in the paper). With an even number of scenes each comparison has
+    both side orders equally often. The page does the same (study/assets/study.js, `pairsFor`).
     """
-    drawn = numbers(f"{key.study}:{rater}")
+    generator = numbers(f"{key.study}:{rater}")
     count = len(key.scenes)
-    half = count // 2 + (_below(drawn, 2) if count % 2 else 0)
-    turned = _shuffled(list(range(count)), drawn)[:half]
+    half = count // 2 + (_below(generator, 2) if count % 2 else 0)
+    turned = _shuffled(list(range(count)), generator)[:half]
     pairs = []
     for index, scene in enumerate(key.scenes):
         ring = scene.ring
         for place, clip in enumerate(ring):
             after = ring[(place + 1) % len(ring)]
             pairs.append((after, clip) if index in turned else (clip, after))
-    return _shuffled(pairs, drawn)
+    return _shuffled(pairs, generator)
 
 
 def numbers(text: str) -> Iterator[int]:
-    """Whole numbers below 2³² that follow from a text: FNV-1a of its UTF-8 bytes, then Mulberry32; as in study.js."""
+    """Yield pseudo-random integers below 2³² from a text: FNV-1a of its UTF-8 bytes, Mulberry32; as in study.js."""
     state = 0x811C9DC5
     for byte in text.encode():
         state = (state ^ byte) * 0x01000193 % _WORD
@@ -117,13 +117,13 @@ def numbers(text: str) -> Iterator[int]:
         yield mixed ^ mixed >> 14
 
 
-def _below(drawn: Iterator[int], limit: int) -> int:
-    return next(drawn) * limit // _WORD
+def _below(generator: Iterator[int], limit: int) -> int:
+    return next(generator) * limit // _WORD
 
 
-def _shuffled(items: list[Any], drawn: Iterator[int]) -> list[Any]:
+def _shuffled(items: list[Any], generator: Iterator[int]) -> list[Any]:
     for last in range(len(items) - 1, 0, -1):
-        other = _below(drawn, last + 1)
+        other = _below(generator, last + 1)
         items[last], items[other] = items[other], items[last]
     return items
 
@@ -136,10 +136,10 @@ def write_key(path: str | Path, key: StudyKey) -> None:
 
 def read_key(path: str | Path) -> StudyKey:
     """Read a key. Raises BodysenseError for another kind of file."""
-    held = _read(path, KEY_FORMAT, "give the key.json that `bodysense study build` wrote")
+    content = _read(path, KEY_FORMAT, "give the key.json that `bodysense study build` wrote")
     try:
-        scenes = tuple(StudyScene(str(row["name"]), dict(row["clips"])) for row in held["scenes"])
-        key = StudyKey(str(held["study"]), scenes)
+        scenes = tuple(StudyScene(str(row["name"]), dict(row["clips"])) for row in content["scenes"])
+        key = StudyKey(str(content["study"]), scenes)
     except (KeyError, TypeError, ValueError) as error:
         raise BodysenseError(f"{path}: the key lacks or misshapes a part ({error!r}); build the study again") from None
     wrong = [scene.name for scene in scenes if sorted(map(str, scene.condition.values())) != sorted(CONDITIONS)]
@@ -157,19 +157,19 @@ def write_answers(path: str | Path, answers: Answers) -> None:
 
 def read_answers(path: str | Path, key: StudyKey) -> Answers:
     """Read a rater's answers. Raises BodysenseError unless they answer every pair of the key's study once."""
-    held = _read(path, ANSWERS_FORMAT, "give a file that the study's page saved")
+    content = _read(path, ANSWERS_FORMAT, "give a file that the study's page saved")
     try:
-        rows = [(row["left"], row["right"], row["choice"]) for row in held["answers"]]
-        answers = Answers(held["study"], held["rater"], tuple(rows))
+        rows = [(row["left"], row["right"], row["choice"]) for row in content["answers"]]
+        answers = Answers(content["study"], content["rater"], tuple(rows))
         known = all(isinstance(text, str) for row in [(answers.study, answers.rater), *rows] for text in row)
     except (KeyError, TypeError) as error:
         raise BodysenseError(f"{path}: the answers lack or misshape a part ({error!r}); save them again") from None
     if not known:
-        raise BodysenseError(f"{path}: the answers hold something else than text; save them again")
+        raise BodysenseError(f"{path}: the answers contain other values than texts; save them again")
     if answers.study != key.study:
         raise BodysenseError(
-            f"{path}: these are answers of study {answers.study!r}, the key is of {key.study!r}; give the key beside "
-            "which their page was built"
+            f"{path}: these are answers of study {answers.study!r}, the key is of {key.study!r}; give the key that "
+            "was written with their page"
         )
     seen: set[frozenset[str]] = set()
     for left, right, choice in rows:
@@ -192,7 +192,7 @@ def read_answers(path: str | Path, key: StudyKey) -> Answers:
 
 
 def read_all_answers(paths: Sequence[str | Path], key: StudyKey) -> list[Answers]:
-    """Read the answers of several raters. Raises BodysenseError for none, a bad file, or a rater who is there twice."""
+    """Read the answers of several raters. Raises BodysenseError for no file, a bad file, or a repeated rater."""
     if not paths:
         raise BodysenseError("no answers are given; name at least one file that the study's page saved")
     found: dict[str, str | Path] = {}
@@ -208,20 +208,20 @@ def read_all_answers(paths: Sequence[str | Path], key: StudyKey) -> list[Answers
     return result
 
 
-def _write(path: str | Path, held: dict[str, Any]) -> None:
+def _write(path: str | Path, content: dict[str, Any]) -> None:
     with written_beside(path) as beside:
-        beside.write_text(json.dumps(held, indent=1) + "\n", encoding="utf-8")
+        beside.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
 
 
 def _read(path: str | Path, form: str, fix: str) -> dict[str, Any]:
-    """The object in a JSON file that says it is of a form."""
+    """Return the object in a JSON file of format `form`."""
     try:
-        held = json.loads(Path(path).read_text(encoding="utf-8"))
+        content = json.loads(Path(path).read_text(encoding="utf-8"))
     except OSError as error:
         raise BodysenseError(f"{path} cannot be read ({error.strerror}); {fix}") from None
     except ValueError as error:
-        raise BodysenseError(f"{path}: not whole JSON ({error}); {fix}") from None
-    if not isinstance(held, dict) or held.get("format") != form:
-        other = held.get("format") if isinstance(held, dict) else None
+        raise BodysenseError(f"{path}: not complete JSON ({error}); {fix}") from None
+    if not isinstance(content, dict) or content.get("format") != form:
+        other = content.get("format") if isinstance(content, dict) else None
         raise BodysenseError(f"{path}: its format is {other!r}, not {form!r}; {fix}")
-    return held
+    return content

@@ -1,4 +1,4 @@
-"""Key poses of a hand in its 26 degrees of freedom: a table of gestures, and random poses drawn about them."""
+"""Key poses of a hand in its 26 degrees of freedom: a table of gestures, and random poses around them."""
 
 from __future__ import annotations
 
@@ -14,22 +14,23 @@ Four = tuple[float, float, float, float]  # of index, middle, ring and little fi
 Place = Literal["tip", "back", "side"]  # of a finger: its tip, the back or the thumb's side of its middle segment
 
 STRAIGHT: Four = (2.0, 2.0, 4.0, 5.0)
-LAST_OF_MIDDLE = 2 / 3  # flexion of a finger's last joint, of its middle joint's (Rijpkema and Girard, 1991)
+LAST_OF_MIDDLE = 2 / 3  # flexion of a finger's last joint per flexion of its middle joint (Rijpkema and Girard, 1991)
 _SPREAD = np.array([-14.0, -1.0, 10.0, 20.0])  # abduction, degrees, of fingers spread wide
-_ROLL = np.array([-0.10, -0.02, 0.0, 0.10])  # twist of a finger, of its base joint's flexion: the palm folds
+_ROLL = np.array([-0.10, -0.02, 0.0, 0.10])  # twist of a finger per flexion of its base joint: the palm folds
 
 
 @dataclass(frozen=True)
 class Gesture:
-    """A kind of pose, degrees. Of the thumb: flexion, abduction and twist of its base, flexion of the other joints."""
+    """A hand gesture; angles in degrees."""
 
     name: str
     base: Four  # flexion of the fingers' first joints
     middle: Four  # of their middle joints; the last ones follow
+    # Flexion, abduction and twist of the thumb's base, and flexion of its two other joints.
     thumb: tuple[float, float, float, float, float]
     spread: float = 0.0  # 0 closed, 1 wide
-    touch: tuple[int, Place] | None = None  # where the thumb's tip touches: the finger, 0 to 3, and the place on it
-    often: float = 1.0
+    touch: tuple[int, Place] | None = None  # the finger, 0 to 3, that the thumb's tip touches, and the place on it
+    weight: float = 1.0  # relative frequency
 
 
 _OPEN, _ALONG, _RELAXED = (-18.0, 20.0, 0.0, 0.0, -5.0), (15.0, 32.0, 0.0, 5.0, 0.0), (10.0, 5.0, 10.0, 10.0, 12.0)
@@ -41,7 +42,7 @@ _OPPOSED, _ACROSS, _OVER = (
 
 
 def _fist(*straight: int) -> tuple[Four, Four]:
-    """Flexion of base and middle joints with all fingers folded but some."""
+    """Return the flexion of base and middle joints with all fingers folded except the `straight` ones."""
 
     def four(folded: Four) -> Four:
         a, b, c, d = (STRAIGHT[k] if k in straight else folded[k] for k in range(4))
@@ -51,7 +52,7 @@ def _fist(*straight: int) -> tuple[Four, Four]:
 
 
 def _pinch(finger: int, others: float) -> Gesture:
-    """The thumb's tip on a fingertip, the other fingers flexed by a share `others` of the pinching one's flexion."""
+    """Return a pinch of thumb and `finger`; the other fingers are flexed by a share `others` of its flexion."""
 
     def four(flexion: Four) -> Four:
         a, b, c, d = (flexion[k] * (1.0 if k == finger else others) for k in range(4))
@@ -62,13 +63,13 @@ def _pinch(finger: int, others: float) -> Gesture:
 
 
 GESTURES = (
-    Gesture("flat", STRAIGHT, (0.0, 0.0, 0.0, 0.0), _ALONG, often=1.5),
-    Gesture("spread", (-4.0, -4.0, -4.0, -4.0), STRAIGHT, _OPEN, 1.0, often=1.5),
-    Gesture("relaxed", (15.0, 20.0, 23.0, 25.0), (25.0, 26.0, 28.0, 28.0), _RELAXED, 0.2, often=3.0),
-    Gesture("fist", *_fist(), _OVER, touch=(1, "back"), often=1.5),
+    Gesture("flat", STRAIGHT, (0.0, 0.0, 0.0, 0.0), _ALONG, weight=1.5),
+    Gesture("spread", (-4.0, -4.0, -4.0, -4.0), STRAIGHT, _OPEN, 1.0, weight=1.5),
+    Gesture("relaxed", (15.0, 20.0, 23.0, 25.0), (25.0, 26.0, 28.0, 28.0), _RELAXED, 0.2, weight=3.0),
+    Gesture("fist", *_fist(), _OVER, touch=(1, "back"), weight=1.5),
     Gesture("fist_thumb_beside", *_fist(), _ALONG, touch=(0, "side")),
     Gesture("thumb_up", *_fist(), (-22.0, 5.0, 0.0, -8.0, -12.0)),
-    Gesture("one", *_fist(0), _OVER, touch=(1, "back"), often=1.5),
+    Gesture("one", *_fist(0), _OVER, touch=(1, "back"), weight=1.5),
     Gesture("thumb_one", *_fist(0), _OPEN),
     Gesture("two", *_fist(0, 1), _OVER, 0.6, (2, "back")),
     Gesture("thumb_two", *_fist(0, 1), _OPEN, 0.5),
@@ -80,15 +81,15 @@ GESTURES = (
     Gesture("claw", (-2.0, 0.0, 2.0, 4.0), (62.0, 66.0, 64.0, 60.0), _OPPOSED, 0.6),
     Gesture("hook", (4.0, 4.0, 6.0, 8.0), (92.0, 95.0, 92.0, 90.0), _ALONG),
     Gesture("table", (72.0, 76.0, 76.0, 74.0), (6.0, 6.0, 8.0, 8.0), _OPPOSED),
-    Gesture("cylinder", (44.0, 48.0, 50.0, 52.0), (46.0, 48.0, 48.0, 46.0), _OPPOSED, 0.3, often=1.5),
+    Gesture("cylinder", (44.0, 48.0, 50.0, 52.0), (46.0, 48.0, 48.0, 46.0), _OPPOSED, 0.3, weight=1.5),
     Gesture("ball", (24.0, 26.0, 28.0, 30.0), (34.0, 36.0, 36.0, 34.0), _OPPOSED, 0.9),
     Gesture("key", (48.0, 56.0, 62.0, 66.0), (62.0, 70.0, 74.0, 74.0), (12.0, 22.0, 8.0, 15.0, 15.0), 0.0, (0, "side")),
     Gesture("beak", (52.0, 54.0, 54.0, 52.0), (34.0, 34.0, 32.0, 28.0), _OPPOSED, -0.4, (1, "tip")),
     *(_pinch(finger, others) for finger in range(4) for others in (0.1, 0.55, 1.0)),
 )
 NAMES = tuple(gesture.name for gesture in GESTURES)
-_FREE = 0.25  # share of poses that are no gesture: each finger by itself
-# One finger's deviation goes with its neighbours', ring and little finger most of all (Häger-Ross and Schieber, 2000).
+_FREE = 0.25  # share of poses that are no gesture: each finger is drawn independently
+# Deviations of neighbouring fingers correlate, ring and little finger most (Häger-Ross and Schieber, 2000).
 _TOGETHER = np.linalg.cholesky(
     np.array([[1.0, 0.4, 0.2, 0.1], [0.4, 1.0, 0.6, 0.4], [0.2, 0.6, 1.0, 0.75], [0.1, 0.4, 0.75, 1.0]])
 )
@@ -96,28 +97,28 @@ _TOGETHER = np.linalg.cholesky(
 
 @dataclass(frozen=True, eq=False)
 class KeyPoses:
-    """K poses; those of the last two fields are to be made by `lab.synthesis.flesh`."""
+    """K key poses, and the touches that `lab.synthesis.hand_contact` makes in them."""
 
     angles: np.ndarray  # (K, 26) rad, within the limits
-    gesture: np.ndarray  # (K,) index into GESTURES, −1 for none
-    finger: np.ndarray  # (K,) that the thumb's tip is to touch, 0 to 3, −1 for none
-    place: np.ndarray  # (K,) of that finger: 0 its tip, 1 the back and 2 the side of its middle segment
+    gesture: np.ndarray  # (K,) index into GESTURES; −1: no gesture
+    finger: np.ndarray  # (K,) finger that the thumb's tip touches, 0 to 3; −1: no touch
+    place: np.ndarray  # (K,) touched place: 0 the finger's tip, 1 the back and 2 the side of its middle segment
 
 
 def draw_key_poses(count: int, rng: np.random.Generator) -> KeyPoses:
-    """Random poses: gestures, more or less complete, and some with each finger by itself."""
-    chance = np.array([gesture.often for gesture in GESTURES])
+    """Draw random poses: gestures, more or less complete, and some poses with independent fingers."""
+    chance = np.array([gesture.weight for gesture in GESTURES])
     gesture = rng.choice(len(GESTURES), count, p=chance / chance.sum())
     return key_poses(np.where(rng.random(count) < _FREE, -1, gesture), rng)
 
 
 def key_poses(gesture: np.ndarray, rng: np.random.Generator) -> KeyPoses:
-    """Random poses about given gestures (K,), −1 for none."""
-    base, middle, thumb, spread, finger, place = (part[gesture] for part in _table())
+    """Draw random poses around gestures (K,), indices into GESTURES; −1: independent fingers."""
+    base, middle, thumb, spread, finger, place = (part[gesture] for part in _gesture_columns())
     count, free = len(gesture), gesture < 0
     touching = finger >= 0
-    # Between a relaxed hand and the full gesture; touches are made in full.
-    relaxed = [part[NAMES.index("relaxed")] for part in _table()]
+    # Poses are between a relaxed hand and the full gesture. Gestures with touches are complete.
+    relaxed = [part[NAMES.index("relaxed")] for part in _gesture_columns()]
     share = np.where(touching, 1.0, rng.uniform(0.55, 1.08, count))[:, None]
     base, middle, thumb = (
         low + share * (part - low) for low, part in zip(relaxed, (base, middle, thumb), strict=False)
@@ -153,8 +154,8 @@ def key_poses(gesture: np.ndarray, rng: np.random.Generator) -> KeyPoses:
 
 
 @lru_cache(maxsize=1)
-def _table() -> tuple[np.ndarray, ...]:
-    """Columns of GESTURES, and in their last row, which −1 finds, a relaxed hand that touches nothing."""
+def _gesture_columns() -> tuple[np.ndarray, ...]:
+    """Return the columns of GESTURES. Their last row, at index −1, is a relaxed hand that touches nothing."""
     rows = [*GESTURES, GESTURES[NAMES.index("relaxed")]]
     places = ("tip", "back", "side")
     return (

@@ -1,4 +1,4 @@
-"""Markers of gloves on synthesised hands, some of them hidden: what gloves are timed with."""
+"""Markers of gloves on synthesised hands, some of them hidden, for benchmarks of gloves."""
 
 from __future__ import annotations
 
@@ -13,25 +13,25 @@ from bodysense.observation import EXACT_ACCURACY, Observation, accuracy_like
 from bodysense_lab.synthesis.hands import synthesize_hand
 from bodysense_lab.synthesis.motion import RATE
 
-_EVERY = 30  # frames, after which other markers are hidden
+_CHANGE_INTERVAL = 30  # frames after which other markers are hidden
 
 
 def glove_stream(hands: Sequence[str], frames: int, hidden: int) -> tuple[dict[str, Skeleton], Observation]:
-    """The skeletons of hands and an observation of their markers at 60 Hz, `hidden` of each hidden at a time."""
+    """Return the skeletons of hands, and their markers at 60 Hz with `hidden` markers of each hand hidden."""
     rng, hand = np.random.default_rng(0), hand_skeleton(default_skeleton(), "left")
     rows = []
     for name in hands:
         pose = synthesize_hand(hand, (frames + 1) / RATE, rng).pose[:frames]
         markers = np.array(marker_positions(default_glove(), pose))
-        for start in range(0, frames, _EVERY):
-            markers[start : start + _EVERY, rng.permutation(markers.shape[1])[:hidden]] = np.nan
+        for start in range(0, frames, _CHANGE_INTERVAL):
+            markers[start : start + _CHANGE_INTERVAL, rng.permutation(markers.shape[1])[:hidden]] = np.nan
         rows.append(mirrored_vectors(markers, side_of(name)))
     points = tuple(point for name in hands for point in glove_points(name))
     return dict.fromkeys(hands, hand), observed_markers(points, np.concatenate(rows, axis=1))
 
 
 def observed_markers(points: tuple[str, ...], position: np.ndarray) -> Observation:
-    """Exact markers (T, P, 3) m at 60 Hz, NaN where hidden."""
+    """Return an observation of exact markers (T, P, 3) m at 60 Hz; hidden markers are NaN."""
     seen = ~np.isnan(position[..., 0])
     return Observation(
         points=points,

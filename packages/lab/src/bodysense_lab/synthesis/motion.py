@@ -1,4 +1,4 @@
-"""The motion of hands, cut from recordings of whole bodies: every hand as a left hand (`body.hand`)."""
+"""Motion of hands, cut from recordings of whole bodies; every hand is a left hand (`body.hand`)."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ class HandMotion:
     """One hand over time."""
 
     name: str  # of the recording
-    pose: Pose  # (T, …) of a left hand; a right one is mirrored at the plane x = 0 of the world, root and all
+    pose: Pose  # (T, …) of a left hand, world; a right hand is mirrored at the plane x = 0, with its root
     frame_rate: float  # Hz
-    category: str  # what the person does, where known
-    side: Side  # which hand it is
+    category: str  # of the motion; empty if unknown
+    side: Side  # of the recorded hand
 
     def __len__(self) -> int:
         return int(self.pose.root_position.shape[0])
@@ -33,7 +33,7 @@ class HandMotion:
 
 
 def hand_pairs(clips: Iterable[Clip], rate: float = RATE) -> Iterator[tuple[HandMotion, HandMotion]]:
-    """Left and right hand of every clip whose fingers were recorded, at `rate` Hz, bones as long as the clip's.
+    """Yield left and right hand of every clip with recorded fingers, at `rate` Hz, with the clip's bone lengths.
 
     Raises BodysenseError for a skeleton without fingers.
     """
@@ -45,6 +45,6 @@ def hand_pairs(clips: Iterable[Clip], rate: float = RATE) -> Iterator[tuple[Hand
 
 
 def hand_motions(clips: Iterable[Clip]) -> Iterator[HandMotion]:
-    """The hands of `hand_pairs`, one after the other."""
+    """Yield the hands of `hand_pairs` one by one."""
     for pair in hand_pairs(clips):
         yield from pair

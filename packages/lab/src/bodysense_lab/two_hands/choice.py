@@ -19,7 +19,7 @@ from bodysense.body.hand_family import GlovedHand, draw_hand
 from bodysense.devices.gloves.gap_fillers import NetworkGapFiller
 from bodysense.devices.gloves.hands import HandsSettings, load_glove_models
 from bodysense.devices.gloves.inertial import InertialSettings
-from bodysense_lab.datasets import describe
+from bodysense_lab.datasets import describe_data
 from bodysense_lab.synthesis.hands import synthesize_hand
 from bodysense_lab.synthesis.motion import HandMotion
 from bodysense_lab.table import Report, cell, finite
@@ -119,7 +119,7 @@ def settings_report(table: GloveTable) -> Report:
         columns=("setting", "value", *(f"duration {k + 1}" for k in range(len(DURATIONS))), "mean"),
         rows=tuple(rows),
         numbers=finite(numbers) | table.census.numbers(),
-        data=(made,) if table.data is None else (describe(table.data, table.census), made),
+        data=(made,) if table.data is None else (describe_data(table.data, table.census), made),
         remarks=tuple(remarks),
         caption=f"Mean error, cm: of hidden markers, {HIDDEN_MARKERS[0]} or {HIDDEN_MARKERS[1]}, after "
         f"{', '.join(f'{seconds:g}' for seconds in DURATIONS)} s; of {LOST_FINGERS} fingers with sensors and hidden "

@@ -22,7 +22,7 @@ from bodysense.devices.gloves.hands import GloveModels, HandsSettings, load_glov
 from bodysense.devices.simulated.glove_imu import GloveImuNoise, add_errors
 from bodysense.metrics import joint_error
 from bodysense.observation import EXACT_ACCURACY, Observation, joined_points
-from bodysense_lab.datasets import describe
+from bodysense_lab.datasets import describe_data
 from bodysense_lab.scoring import GROUPS
 from bodysense_lab.synthesis.motion import RATE
 from bodysense_lab.table import Report, cell, finite
@@ -176,7 +176,7 @@ def fusion_report(table: GloveTable) -> Report:
         columns=("hand", "method", "fingers hidden", *(f"{seconds:g} s" for seconds in SECONDS)),
         rows=tuple(_rows(table)),
         numbers=finite(figures) | table.census.numbers(),
-        data=(made,) if table.data is None else (describe(table.data, table.census), made),
+        data=(made,) if table.data is None else (describe_data(table.data, table.census), made),
         caption="Mean error of the second and third joint and the tip of the fingers whose markers are hidden, cm. No "
         "network learned these hands.",
         digits=2,

@@ -14,9 +14,9 @@ from bodysense.body.pose import Pose
 from bodysense.body.skeleton import default_skeleton
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
-from bodysense_lab.datasets import Census, gathered
+from bodysense_lab.datasets import Census, gather_results
+from bodysense_lab.parallel import parallel_map
 from bodysense_lab.scoring import group_of
-from bodysense_lab.spread import spread
 from bodysense_lab.synthesis.hands import varied_hand
 from bodysense_lab.synthesis.motion import RATE
 from bodysense_lab.synthesis.pairs import synthesize_pair
@@ -68,13 +68,13 @@ def over_clips(
     work: Work[F], clips: Iterable[Clip], jobs: int, advance: Callable[[Clip], None]
 ) -> tuple[dict[str, F], Census]:
     """Return the figures of all clips with fingers by group of categories; `advance` is called after every clip."""
-    return gathered(partial(_of_clip, work=work), _with_fingers(clips, advance), jobs, advance)
+    return gather_results(partial(_of_clip, work=work), _with_fingers(clips, advance), jobs, advance)
 
 
 def over_seeds(work: Work[F], seeds: Iterable[Piece], jobs: int, advance: Callable[[], None]) -> F:
     """Return the figures of synthesised pairs, every one of other hands; `advance` is called after each."""
     found: F | None = None
-    for _, figures in spread(partial(_of_seed, work=work), seeds, jobs):
+    for _, figures in parallel_map(partial(_of_seed, work=work), seeds, jobs):
         if found is None:
             found = figures
         else:

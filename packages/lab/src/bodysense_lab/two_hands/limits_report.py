@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from bodysense.devices.simulated.camera_ring import CameraRing
 from bodysense_lab.chart import BarPanel, plain_bars
-from bodysense_lab.datasets import Census, DataSet, describe
+from bodysense_lab.datasets import Census, DataSet, describe_data
 from bodysense_lab.scoring import GROUPS
 from bodysense_lab.synthesis.motion import RATE
 from bodysense_lab.table import Cell, Report, finite
@@ -74,7 +74,7 @@ def limits_report(
     places = [group for group in (*GROUPS, SYNTHESISED) if group in numbers]
     sentences = [f"Synthesised motion of two hands, {seconds / 60:.1f} minutes; no body stands in the way."]
     if data is not None:
-        sentences = [describe(data, census), *sentences]
+        sentences = [describe_data(data, census), *sentences]
     heights = " and ".join(f"{height:+g}" for height in cameras.heights)
     sentences.append(f"{cameras.count} cameras, {cameras.radius:g} m from the hands, {heights} m above them.")
     return Report(

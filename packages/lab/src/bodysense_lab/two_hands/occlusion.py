@@ -17,7 +17,7 @@ from bodysense.body.glove import MARKERS
 from bodysense.devices.simulated.camera_ring import CameraRing
 from bodysense.devices.simulated.glove import visible
 from bodysense_lab.chart import BarPanel, plain_bars
-from bodysense_lab.datasets import Census, DataSet, describe
+from bodysense_lab.datasets import Census, DataSet, describe_data
 from bodysense_lab.scoring import GROUPS, suffix_of
 from bodysense_lab.synthesis.motion import RATE
 from bodysense_lab.table import Cell, Report, cell, finite
@@ -120,7 +120,7 @@ def occlusion_report(counted: Counted, cameras: CameraRing, data: DataSet | None
         columns=("motion", "", *SETTINGS.values(), "published, one hand"),
         rows=tuple(row for group in GROUPS if group in counted for row in _rows(group, counted[group])),
         numbers=numbers_of(counted) | (census.numbers() if data else {"minutes": minutes}),
-        data=(describe(data, census) if data else synthesised, _told(cameras)),
+        data=(describe_data(data, census) if data else synthesised, _told(cameras)),
         remarks=tuple(_remarks(main)),
         caption="Share of the time, %; of the spans in which a marker is hidden, %; their median, s. One hand: the "
         f"other is taken away. Both hands: of {2 * len(MARKERS)} markers. At {RATE:g} Hz.",

@@ -10,7 +10,7 @@ from tyro.conf import Suppress
 
 from bodysense.errors import BodysenseError
 from bodysense.ranges import Count, within
-from bodysense_lab.options import Card, Paced, Run
+from bodysense_lab.options import Card, Run, ScheduleOptions
 
 Network = Literal["markers", "joints"]
 Form = Literal["shipped", "paper"]
@@ -18,7 +18,7 @@ Minutes = Annotated[float, within(float, 0, 60_000)]
 
 
 @dataclass(frozen=True, kw_only=True)
-class GloveTraining(Run, Card, Paced):
+class GloveTraining(Run, Card, ScheduleOptions):
     """Train the networks of a glove (two-hands, 3.2) into a folder: glove_markers.onnx, glove_joints.onnx and so on."""
 
     data: Path | None = None

@@ -17,8 +17,8 @@ from bodysense.devices.gloves.hands import HandsSettings, load_glove_models
 from bodysense.devices.gloves.networks import load_marker_network
 from bodysense.metrics import joint_error
 from bodysense_lab.datasets import Census, DataSet, census_of
+from bodysense_lab.parallel import parallel_map
 from bodysense_lab.scoring import GROUPS, Tally, group_of
-from bodysense_lab.spread import spread
 from bodysense_lab.synthesis.hands import synthesize_hand
 from bodysense_lab.synthesis.motion import HandMotion, hand_motions
 from bodysense_lab.two_hands.baselines import AffineCombination, FingerLimits, LastKnown, MovingAverage, solve_fingers
@@ -107,7 +107,7 @@ def measure(
         for number in range(synthesised):
             yield HandTask([synthetic_hand(number)], SYNTHESISED, f"hand {number}")
 
-    for _, told in spread(work, _of_people(tasks()) if by_person else tasks(), jobs):
+    for _, told in parallel_map(work, _of_people(tasks()) if by_person else tasks(), jobs):
         means.merge(told)
         advance()
     return GloveTable(means, census, data, synthesised)

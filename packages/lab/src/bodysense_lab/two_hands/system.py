@@ -73,7 +73,7 @@ def read_calibration(path: Path, sides: tuple[str, ...]) -> np.ndarray:
 
 
 def _gloved(opened: Opened, options: PaperOptions) -> Signal:
-    device = options.watched_by(opened, "gloves")
+    device = options.choose_device(opened, "gloves")
     signal = signal_from(opened, device=device, height=options.height, noise=options.noise)
     if not (glove_hands(signal.observation.points) and has_standard_gloves(signal.observation)):
         raise BodysenseError(
@@ -90,7 +90,7 @@ def _device(signal: Signal, models: GloveModels) -> GloveDevice:
 
 def networks_of(options: PaperOptions) -> GloveModels:
     """Return the networks that options name. Raises BodysenseError for files that are not of the form."""
-    form = options.chosen("two_hands", FORMS, "paper")
+    form = options.choose_variant("two_hands", FORMS, "paper")
     if options.networks is None and form == "shipped":
         return load_glove_models()
     if options.networks is None:

@@ -9,7 +9,7 @@ from functools import partial
 from typing import Any
 
 from bodysense_lab.chart import BarPanel, plain_bars
-from bodysense_lab.datasets import describe
+from bodysense_lab.datasets import describe_data
 from bodysense_lab.intervals import interval
 from bodysense_lab.table import Cell, Report, cell, finite, ordering
 from bodysense_lab.two_hands.foreign import ALONE, FEW_MANY, PLACES, WAYS, foreign_numbers
@@ -139,7 +139,7 @@ def _report(
     made = f"Synthesised: {table.synthesised} different hands, {SYNTHETIC_SECONDS:g} s each, of a seed of their own."
     data = (made,)
     if table.data is not None:
-        data = (describe(table.data, table.census), f"{made} Their keys end in _{SYNTHESISED}.")
+        data = (describe_data(table.data, table.census), f"{made} Their keys end in _{SYNTHESISED}.")
     durations = [f"{duration:g} s" for duration in DURATIONS]
     rows, numbers = list[tuple[Cell, ...]](), dict[str, float]()
     for group in table.groups:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from bodysense_lab.fit import Task, rate_at, seed_of
+from bodysense_lab.fit import Task, process_seed, rate_at
 from bodysense_lab.two_hands.frames import GloveFrames
 
 HIDDEN_SHARE = (0.70, 0.17, 0.08, 0.05)  # how often one to four markers are hidden (two-hands, Fig. 13)
@@ -66,5 +66,5 @@ class GloveTask(Task):
 
     def batches(self, rng: np.random.Generator, done: int = 0) -> Iterator[np.random.Generator]:
         """The generator of each step, so that a run that goes on is the run that it was."""
-        seed = seed_of(self.schedule.seed, self.rank)
+        seed = process_seed(self.schedule.seed, self.rank)
         return (np.random.default_rng([seed, step]) for step in itertools.count(done + 1))

@@ -22,8 +22,8 @@ from bodysense.errors import BodysenseError
 from bodysense.files import make_folder
 from bodysense_lab.clips import open_clips
 from bodysense_lab.export import export
-from bodysense_lab.fit import announced, begin, fit, printed
-from bodysense_lab.progress import read_clips, tracked
+from bodysense_lab.fit import announce_run, fit, progress_printer, set_seed_and_threads
+from bodysense_lab.progress import read_clips, with_progress_log
 from bodysense_lab.synthesis.hands import synthesize_hand
 from bodysense_lab.synthesis.motion import HandMotion, hand_pairs
 from bodysense_lab.synthesis.pairs import synthesize_pair
@@ -96,8 +96,8 @@ _TRAIN, _VALIDATION = 1, 2  # of the generators of synthesised hands
 def run_gloves(run: GloveTraining) -> None:
     """Train and export each network, and write its log (`.jsonl`) and checkpoint (`.ckpt`) next to it."""
     make_folder(run.out)
-    fabric = announced(run, MarkerTask)
-    begin(run.seed, run.threads)
+    fabric = announce_run(run, MarkerTask)
+    set_seed_and_threads(run.seed, run.threads)
     console = Console(quiet=not fabric.is_global_zero)
     frames, validation = prepare(run, "train"), prepare(run, "val")
     minutes = len(frames) / RATE / 60
@@ -140,13 +140,13 @@ def _synthesised(run: GloveTraining, split: Literal["train", "val"]) -> Iterator
     hands, pairs = (math.ceil(2 * part * minutes) for minutes in (run.hand_minutes, run.pair_minutes))
     if run.limit is not None:
         hands, pairs = min(hands, run.limit), min(pairs, run.limit)
-    for number in tracked(range(hands), f"synthesising hands of the {split} split", hands):
+    for number in with_progress_log(range(hands), f"synthesising hands of the {split} split", hands):
         rng = np.random.default_rng([run.seed, stream, 0, number])
         motion = synthesize_hand(draw_hand(rng).skeleton, 30.0, rng, RATE)
         yield frames_of(motion)
         for _ in range(drawn):
             yield frames_of(motion, draw_hand(rng))
-    for number in tracked(range(pairs), f"synthesising pairs of hands of the {split} split", pairs):
+    for number in with_progress_log(range(pairs), f"synthesising pairs of hands of the {split} split", pairs):
         rng = np.random.default_rng([run.seed, stream, 1, number])
         left, right = synthesize_pair(draw_hand(rng).skeleton, 30.0, rng, RATE)
         yield from _both(left, right, 1, 1, [run.seed, stream, 2, number])
@@ -168,7 +168,7 @@ def _train(
     console: Console,
     fabric: Fabric,
 ) -> None:
-    schedule = run.paced(SCHEDULES[name, run.form])
+    schedule = run.with_options(SCHEDULES[name, run.form])
     if run.steps is not None:
         schedule = replace(schedule, steps=run.steps)
     torch.manual_seed(run.seed)
@@ -178,7 +178,7 @@ def _train(
         "without": list(run.without),
         "hands": len(frames.rest),
         "rate": RATE,
-        **run.limited,
+        **run.trial_settings,
     }
     if name == "markers":
         network = MarkerNetwork(MarkerNetworkConfig() if run.form == "shipped" else PAPER_MARKERS)
@@ -186,7 +186,7 @@ def _train(
         network = JointNetwork(JointNetworkConfig() if run.form == "shipped" else PAPER_JOINTS)
     learn = MarkerTask if name == "markers" else JointTask
     task = learn(network, schedule, frames, validation, source, fabric.global_rank)
-    figures = fit(task, out.with_suffix(".ckpt"), printed(name), fabric, printed(name))
+    figures = fit(task, out.with_suffix(".ckpt"), progress_printer(name), fabric, progress_printer(name))
     if not fabric.is_global_zero:
         return
     made = f"{run.hand_minutes:g} minutes of synthesised hands and {run.pair_minutes:g} of pairs"

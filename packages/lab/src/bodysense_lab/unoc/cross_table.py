@@ -11,7 +11,7 @@ from bodysense.io.resample import resample
 from bodysense.metrics import joint_error
 from bodysense.papers.fingers import FingerSynthesis
 from bodysense.papers.point_model import PointModel
-from bodysense_lab.datasets import DataSet, describe, missing
+from bodysense_lab.datasets import DataSet, describe_data, missing_data_remarks
 from bodysense_lab.score_table import (
     BarChart,
     Claim,
@@ -98,7 +98,7 @@ def cross_report(
     }
     for name, some in kept.items():
         numbers |= {f"{_slug(name)}_{key}": value for key, value in some.census.numbers().items()}
-    about = (*(describe(data, kept[data.name].census) for data in tests), *missing(SETS, tests))
+    about = (*(describe_data(data, kept[data.name].census) for data in tests), *missing_data_remarks(SETS, tests))
     return score_report(table, cells, None, about, numbers=numbers)
 
 

@@ -16,7 +16,7 @@ from bodysense.devices.simulated.sensors import HEADSET_CAMERA, observe
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
 from bodysense_lab.augment import mirrored, with_limb_proportions
-from bodysense_lab.fit import cut, played
+from bodysense_lab.fit import cut_frames, stream_sequences
 from bodysense_lab.unoc.lost_hands import hide_hands
 from bodysense_lab.unoc.network import BodyNetwork, tracked_of
 
@@ -127,14 +127,16 @@ def lanes(
     The state of a lane carries over from batch to batch, except where `begins`. A clip's last chunk is padded.
     """
     share = weight / weight.sum()
-    for pieces, begins in played(lambda: episodes[int(rng.choice(len(episodes), p=share))], lane_count, chunk):
+    for pieces, begins in stream_sequences(
+        lambda: episodes[int(rng.choice(len(episodes), p=share))], lane_count, chunk
+    ):
         yield collate(pieces, chunk, begins)
 
 
 def collate(pieces: Sequence[tuple[Episode, int]], chunk: int, begins: np.ndarray) -> EpisodeBatch:
-    """Cut `chunk` frames from each episode at its start frame (see `cut`)."""
+    """Cut `chunk` frames from each episode at its start frame (see `cut_frames`)."""
     return EpisodeBatch(
-        **cut(pieces, chunk, ("features", "known", "offset", "visible")),
+        **cut_frames(pieces, chunk, ("features", "known", "offset", "visible")),
         fingers=torch.tensor([episode.fingers for episode, _ in pieces]),
         begins=torch.from_numpy(begins),
     )

@@ -17,7 +17,7 @@ from bodysense.devices.simulated.headset_camera import BODY_JOINTS, FOOT_POINTS,
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense_lab.chart import BarPanel, plain_bars
-from bodysense_lab.datasets import Census, DataSet, describe, missing
+from bodysense_lab.datasets import Census, DataSet, describe_data, missing_data_remarks
 from bodysense_lab.table import Cell, Report
 from bodysense_lab.unoc.contact import self_contact
 
@@ -167,8 +167,8 @@ def occlusion_report(counted: Sequence[tuple[DataSet, Counted, Census]]) -> Repo
         table,
         numbers=table.numbers | total.numbers(),
         data=(
-            *(describe(data, census) for data, _, census in counted),
-            *missing([one.name for one in PUBLISHED], [data for data, _, _ in counted]),
+            *(describe_data(data, census) for data, _, census in counted),
+            *missing_data_remarks([one.name for one in PUBLISHED], [data for data, _, _ in counted]),
         ),
         remarks=tuple(_remarks(columns)),
     )

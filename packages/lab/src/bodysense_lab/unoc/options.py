@@ -7,7 +7,7 @@ from typing import Annotated, ClassVar, Literal
 
 from bodysense.errors import BodysenseError
 from bodysense.ranges import Count, Processes, within
-from bodysense_lab.options import Training, Usual, check_ending
+from bodysense_lab.options import MethodDefault, Training, check_ending
 
 EPOCHS = 5  # of the paper's schedule
 Epochs = Annotated[int, within(int, 1, EPOCHS)]
@@ -92,7 +92,7 @@ class PointTraining(Training):
 class FingersTraining(PointTraining):
     """Options of `bodysense train fingers`; clips with fingers are learned and watched."""
 
-    steps: Count = Usual(500)
+    steps: Count = MethodDefault(500)
     """optimiser steps"""
     task = "fingers"
 
@@ -101,6 +101,6 @@ class FingersTraining(PointTraining):
 class UpperBodyTraining(PointTraining):
     """Options of `bodysense train upper-body`."""
 
-    steps: Count = Usual(8000)
+    steps: Count = MethodDefault(8000)
     """optimiser steps"""
     task = "upper-body"

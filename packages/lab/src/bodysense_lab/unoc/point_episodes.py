@@ -14,7 +14,7 @@ from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.resting import resting_offset
 from bodysense.devices.simulated.sensors import THREE_POINTS
 from bodysense.io.clip import Clip
-from bodysense_lab.fit import cut, played
+from bodysense_lab.fit import cut_frames, stream_sequences
 from bodysense_lab.unoc.episodes import Variation, varied
 from bodysense_lab.unoc.point_network import PointNetwork, TrackedPoints
 
@@ -74,9 +74,9 @@ def tracked_of(pose: Pose, network: PointNetwork) -> tuple[TrackedPoints, Tensor
 
 
 def collate(pieces: Sequence[tuple[PointEpisode, int]], length: int, begins: np.ndarray) -> PointBatch:
-    """Cut `length` frames from each episode at its start frame (see `cut`)."""
+    """Cut `length` frames from each episode at its start frame (see `cut_frames`)."""
     return PointBatch(
-        **cut(pieces, length, ("features", "known", "offset")),
+        **cut_frames(pieces, length, ("features", "known", "offset")),
         start=torch.from_numpy(np.stack([episode.start for episode, _ in pieces])),
         begins=torch.from_numpy(begins),
     )
@@ -87,7 +87,7 @@ def lanes(
 ) -> Iterator[PointBatch]:
     """Endless chunks of whole clips, `lane_count` side by side, whose state carries over except where `begins`."""
     # A drawn clip plays whole, so that it counts by its length already.
-    for pieces, begins in played(lambda: episodes[int(rng.integers(len(episodes)))], lane_count, chunk):
+    for pieces, begins in stream_sequences(lambda: episodes[int(rng.integers(len(episodes)))], lane_count, chunk):
         yield collate(pieces, chunk, begins)
 
 

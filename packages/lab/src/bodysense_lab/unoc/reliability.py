@@ -18,7 +18,7 @@ from bodysense.devices.simulated.sensors import HEADSET_CAMERA, observe
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
 from bodysense_lab.chart import BarPanel, plain_bars
-from bodysense_lab.datasets import Census, DataSet, describe
+from bodysense_lab.datasets import Census, DataSet, describe_data
 from bodysense_lab.scoring import RATE, group_of, part_errors
 from bodysense_lab.table import Report, cell, finite
 from bodysense_lab.unoc.learned import Learned, load_model
@@ -107,7 +107,7 @@ def reliability_report(pairs: dict[tuple[str, str], ErrorPairs], census: Census,
         columns=("joints", "bin", "points", "expected, cm", "true, cm", "difference"),
         rows=tuple(rows),
         numbers=finite(numbers) | census.numbers(),
-        data=(describe(data, census),),
+        data=(describe_data(data, census),),
         remarks=tuple(remarks),
         remarks_title="How well they agree",
         caption="Bins of equal count in order of the expected error; means.",

@@ -19,7 +19,7 @@ from bodysense.devices.estimate import PointEstimate
 from bodysense.io.clip import Clip
 from bodysense.metrics import acceleration
 from bodysense.observation import Observation
-from bodysense_lab.datasets import Census, DataSet, describe, missing
+from bodysense_lab.datasets import Census, DataSet, describe_data, missing_data_remarks
 from bodysense_lab.score_table import (
     BarChart,
     Published,
@@ -168,4 +168,6 @@ def smoothness_report(sums: Mapping[tuple, Tally], census: Census, data: DataSet
             f"IK and smoothing change the paper's network's RMSJPE by {changes[0]:+.2f} cm at hidden joints of the "
             f"body and {changes[1]:+.2f} cm over all of them; the paper's by -0.04 and +1.5 cm (section 5.1)."
         )
-    return score_report(TABLE, sums, census, (describe(data, census), *missing(("UNOC",), [data])), remarks)
+    return score_report(
+        TABLE, sums, census, (describe_data(data, census), *missing_data_remarks(("UNOC",), [data])), remarks
+    )

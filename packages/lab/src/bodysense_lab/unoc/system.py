@@ -18,8 +18,8 @@ def complete(opened: Opened, options: PaperOptions) -> Clip:
 
     A motion is watched by the headset's cameras unless `options.device` names another device.
     """
-    options.chosen("unoc", ("paper",), "paper")
-    device, model = options.watched_by(opened, "headset_camera"), load_model(options.networks)
+    options.choose_variant("unoc", ("paper",), "paper")
+    device, model = options.choose_device(opened, "headset_camera"), load_model(options.networks)
     signal = signal_from(opened, device=device, height=options.height, noise=options.noise)
     tracker = IkTracker(Learned(model, signal.person.skeleton))
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from typing import Any
 
-from bodysense_lab.datasets import DataSet, describe, missing
+from bodysense_lab.datasets import DataSet, describe_data, missing_data_remarks
 from bodysense_lab.score_table import (
     BarChart,
     Claim,
@@ -189,4 +189,6 @@ def network_report(table: ScoreTable, scores: Mapping[str, Scores], data: DataSe
         remarks.append(
             "In the shipped predictor's output joints that are seen are where they were measured, before IK."
         )
-    return score_report(table, cells, census, (describe(data, census), *missing(("UNOC",), [data])), remarks)
+    return score_report(
+        table, cells, census, (describe_data(data, census), *missing_data_remarks(("UNOC",), [data])), remarks
+    )

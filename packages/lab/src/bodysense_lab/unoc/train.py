@@ -15,9 +15,9 @@ from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError
 from bodysense.files import check_place
 from bodysense.io.clip import Clip
-from bodysense_lab.fit import announced, begin, fit
-from bodysense_lab.progress import read_clips, tracked
-from bodysense_lab.spread import worker_pool
+from bodysense_lab.fit import announce_run, fit, set_seed_and_threads
+from bodysense_lab.parallel import worker_pool
+from bodysense_lab.progress import read_clips, with_progress_log
 from bodysense_lab.unoc.episodes import RATE, Variation, make_episode
 from bodysense_lab.unoc.losses import LossWeights
 from bodysense_lab.unoc.network import PAPER, BodyNetwork, BodyNetworkConfig
@@ -82,12 +82,12 @@ def train_body(run: BodyTraining) -> None:
     from bodysense_lab.unoc.export import write_onnx
 
     check_place(run.out)
-    begin(run.seed, run.threads)
-    fabric = announced(run, BodyTask)
+    set_seed_and_threads(run.seed, run.threads)
+    fabric = announce_run(run, BodyTask)
     forms = {"shipped": BodyNetworkConfig(), "paper": PAPER, "paper-world-axes": replace(PAPER, frame="world")}
     network = BodyNetwork(replace(forms[run.form], hidden=run.hidden), default_skeleton())
     shipped = run.form == "shipped"
-    schedule = run.paced(
+    schedule = run.with_options(
         BodySchedule(
             steps=run.steps,
             epochs=run.epochs,
@@ -105,7 +105,7 @@ def train_body(run: BodyTraining) -> None:
     read = make_episode, partial(BodyNetwork, config, default_skeleton())
     episodes = _prepared(learned, *read, variations, run.passes, run.seed)
     validation = _prepared(watched, *read, (Variation(),), 1, run.seed)
-    task = BodyTask(network, schedule, episodes, validation, run.limited or None)
+    task = BodyTask(network, schedule, episodes, validation, run.trial_settings or None)
     _finish(
         *(run, task, fabric, "clips"),
         lambda card: write_onnx(network.cpu(), run.out, card),
@@ -119,16 +119,16 @@ def train_points(run: PointTraining) -> None:
     from bodysense_lab.unoc.export import write_point_network
 
     check_place(run.out)
-    begin(run.seed, run.threads)
-    fabric = announced(run, PointTask)
+    set_seed_and_threads(run.seed, run.threads)
+    fabric = announce_run(run, PointTask)
     config = CONFIGS[run.task, run.form]
-    schedule = run.paced(replace(SCHEDULES[run.task, run.form], steps=run.steps))
+    schedule = run.with_options(replace(SCHEDULES[run.task, run.form], steps=run.steps))
     network = PointNetwork(config, default_skeleton())
     variations = VARIATIONS[run.task] if run.form == "shipped" else PAPER_VARIATIONS
     reader = partial(PointNetwork, replace(config, hidden=1, branch=(1,)), default_skeleton())
     episodes = _points(run, reader, "train", variations)
     validation = _points(run, reader, "val", (Variation(),))
-    task = PointTask(network, schedule, episodes, validation, run.limited or None)
+    task = PointTask(network, schedule, episodes, validation, run.trial_settings or None)
     _finish(
         *(run, task, fabric, "episodes"),
         lambda card: write_point_network(network.cpu(), run.out, run.task, card),
@@ -186,7 +186,7 @@ def _prepared(
     work = partial(_varied, make=make, reader=reader, variations=variations, passes=passes, seed=seed)
     with worker_pool(processes, partial(torch.set_num_threads, 1)) as pool:
         made = [pool.submit(work, numbered) for numbered in enumerate(clips)]
-        done = tracked(made, "preparing episodes of the clips", len(made))
+        done = with_progress_log(made, "preparing episodes of the clips", len(made))
         return [episode for episodes in done for episode in episodes.result()]
 
 

@@ -21,10 +21,10 @@ from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError
 from bodysense.files import make_folder, written_beside
 from bodysense_lab.checkpoint import identity, write_weights_file
-from bodysense_lab.fit import Report, announced, begin, fit, launched, line_of
-from bodysense_lab.progress import read_clips, tracked
-from bodysense_lab.spread import worker_pool
-from bodysense_lab.sweep import is_same, sweep
+from bodysense_lab.fit import Report, announce_run, figures_line, fit, launch_fabric, set_seed_and_threads
+from bodysense_lab.parallel import worker_pool
+from bodysense_lab.progress import read_clips, with_progress_log
+from bodysense_lab.sweep import is_trained_as_configured, sweep
 from bodysense_lab.unoc.episodes import Episode, Variation, make_episode
 from bodysense_lab.unoc.losses import LossWeights
 from bodysense_lab.unoc.network import BodyNetwork, BodyNetworkConfig
@@ -97,7 +97,7 @@ def train_tables(run: TablesTraining) -> None:
     """Train what is not trained yet. Raises BodysenseError where a run in the folder had another configuration."""
     names = chosen_networks(run)
     make_folder(run.out)
-    fabric = announced(run, BodyTask)
+    fabric = announce_run(run, BodyTask)
     steps = {}
     for name in names:
         learned = episodes_of(run, VARIANTS[name].config)["train"]
@@ -122,7 +122,7 @@ def chosen_networks(run: TablesTraining) -> list[str]:
 def schedule_of(run: TablesTraining, name: str) -> BodySchedule:
     """The paper's schedule, with what the run changes of it."""
     batches = tuple(max(1, round(batch * run.batch_scale)) for batch in BodySchedule().epoch_batches)
-    return run.paced(
+    return run.with_options(
         BodySchedule(
             steps=run.steps,
             epochs=run.epochs,
@@ -140,19 +140,22 @@ def train_network(run: TablesTraining, name: str, report: Report, fabric: Fabric
 
     A process of its own, without `fabric`, takes the devices that the run names.
     """
-    fabric = fabric or launched(run.devices, run.nodes)
-    begin(run.seed, run.threads)
+    fabric = fabric or launch_fabric(run.devices, run.nodes)
+    set_seed_and_threads(run.seed, run.threads)
     config, schedule, begun = VARIANTS[name].config, schedule_of(run, name), time.monotonic()
     network, episodes = BodyNetwork(config, default_skeleton()), episodes_of(run, config)
-    task = BodyTask(network, schedule, episodes["train"], _few(episodes["val"]), run.limited or None)
+    task = BodyTask(network, schedule, episodes["train"], _few(episodes["val"]), run.trial_settings or None)
     scores = fit(task, run.out / f"{name}.ckpt", report, fabric, report)
     if fabric.is_global_zero:
         write_weights_file(network.cpu(), run.out / f"{name}.pt", {})
         with written_beside(run.out / f"{name}.json") as beside:
-            trained = {"identity": identity(config, schedule, run.limited or None), "seconds": time.monotonic() - begun}
+            trained = {
+                "identity": identity(config, schedule, run.trial_settings or None),
+                "seconds": time.monotonic() - begun,
+            }
             beside.write_text(json.dumps(trained), encoding="utf-8")
     fabric.barrier()
-    return f"trained {VARIANTS[name].title}: {task.steps} steps; occluded RMSJPE, cm: {line_of(scores, 2)}"
+    return f"trained {VARIANTS[name].title}: {task.steps} steps; occluded RMSJPE, cm: {figures_line(scores, 2)}"
 
 
 def is_trained(run: TablesTraining, name: str) -> bool:
@@ -161,7 +164,9 @@ def is_trained(run: TablesTraining, name: str) -> bool:
     if not path.is_file():
         return False
     before = json.loads(path.read_text(encoding="utf-8"))["identity"]
-    return is_same(path, before, identity(VARIANTS[name].config, schedule_of(run, name), run.limited or None))
+    return is_trained_as_configured(
+        path, before, identity(VARIANTS[name].config, schedule_of(run, name), run.trial_settings or None)
+    )
 
 
 def episodes_of(run: TablesTraining, config: BodyNetworkConfig) -> dict[str, list[Episode]]:
@@ -170,7 +175,7 @@ def episodes_of(run: TablesTraining, config: BodyNetworkConfig) -> dict[str, lis
     folder = run.out / "episodes" / "-".join(reads.values())
     found = {}
     for split in ("train", "val"):
-        asked: dict[str, Any] = {**reads, "data": str(run.data.resolve()), "split": split, **run.limited}
+        asked: dict[str, Any] = {**reads, "data": str(run.data.resolve()), "split": split, **run.trial_settings}
         found[split] = cached_episodes(folder / split, asked, partial(_make, run, config, split))
     return found
 
@@ -181,10 +186,10 @@ def _make(run: TablesTraining, config: BodyNetworkConfig, split: Any) -> Iterato
     make = partial(_episode, config=reader)
     clips, what = list(read_clips(run.data, split, run.limit)), f"seeing the {split} split"
     if run.jobs == 1:
-        yield from tracked(map(make, clips), what, len(clips))
+        yield from with_progress_log(map(make, clips), what, len(clips))
         return
     with worker_pool(run.jobs, partial(torch.set_num_threads, 1)) as pool:
-        yield from tracked(pool.map(make, clips, chunksize=4), what, len(clips))
+        yield from with_progress_log(pool.map(make, clips, chunksize=4), what, len(clips))
 
 
 def _episode(clip: Any, config: BodyNetworkConfig) -> Episode:

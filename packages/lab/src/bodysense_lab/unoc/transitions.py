@@ -14,7 +14,7 @@ import numpy as np
 
 from bodysense.body.pose import forward_kinematics
 from bodysense.io.clip import Clip
-from bodysense_lab.datasets import Census, DataSet, describe
+from bodysense_lab.datasets import Census, DataSet, describe_data
 from bodysense_lab.score_table import BarChart, ScoreColumn, ScoreRow, ScoreTable, score_report
 from bodysense_lab.scoring import RATE, Tally, group_of, part_errors, scored_points
 from bodysense_lab.table import Report
@@ -130,7 +130,7 @@ def transitions_report(found: Mapping[tuple, Tally], census: Census, data: DataS
         before, after = (found["main", _FRAMES, method, "occluded"].rmsjpe for method in ("best", "tracker"))
         remarks.append(f"The error of hidden joints of the body goes from {before:.2f} to {after:.2f} cm (RMSJPE).")
     title = "What smoothing gives and costs"
-    return score_report(TABLE, found, census, (describe(data, census),), remarks, remarks_title=title)
+    return score_report(TABLE, found, census, (describe_data(data, census),), remarks, remarks_title=title)
 
 
 def _times(value: float, true: float) -> str:

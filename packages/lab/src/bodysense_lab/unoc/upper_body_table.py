@@ -24,7 +24,7 @@ from bodysense.devices.simulated.sensors import THREE_POINT, observe
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
 from bodysense.metrics import joint_error
-from bodysense_lab.datasets import Census, DataSet, describe, missing
+from bodysense_lab.datasets import Census, DataSet, describe_data, missing_data_remarks
 from bodysense_lab.score_table import (
     BarChart,
     Claim,
@@ -155,4 +155,6 @@ def upper_body_report(found: Mapping[tuple, Tally], census: Census, data: DataSe
         every, standing = (found.get((group, (poses, "neck"), "ik", "error"), Tally()).count for poses in POSES)
         if every:
             numbers[f"standing_share{suffix_of(group)}"] = standing / every
-    return score_report(TABLE, found, census, (describe(data, census), *missing(SETS, [data])), numbers=numbers)
+    return score_report(
+        TABLE, found, census, (describe_data(data, census), *missing_data_remarks(SETS, [data])), numbers=numbers
+    )

@@ -19,7 +19,7 @@ from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
 from bodysense.last_known import KNOWN, last_known
 from bodysense.observation import Observation
-from bodysense_lab.datasets import Census, DataSet, gathered
+from bodysense_lab.datasets import Census, DataSet, gather_results
 from bodysense_lab.scoring import RATE, Tally, group_of, part_errors, scored_points
 from bodysense_lab.tallies import Tallies
 from bodysense_lab.unoc.constant_velocity import constant_velocity
@@ -174,7 +174,7 @@ def score(data: DataSet, folder: Path, work: Work, jobs: int, advance: Callable[
         networks = {name: path for name, path in work.networks.items() if name in todo}
         shipped = work.shipped if {"best", "tracker"} & set(todo) else None
         left = Work(networks, shipped, work.stride, 1 if jobs > 1 else work.threads)
-        tallies, census = gathered(partial(score_clip, work=left), data.clips(), jobs, advance)
+        tallies, census = gather_results(partial(score_clip, work=left), data.clips(), jobs, advance)
         for name in todo:
             known[name] = scores_of(name, tallies, census)
             write_scores(scores_path(folder, name, data), known[name], identities[name])

@@ -1,4 +1,4 @@
-"""The networks that only the laboratory uses, one self-describing .onnx file each."""
+"""Networks that only the laboratory uses, each an .onnx file with its description as metadata."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`bodysense bench`: how fast, on this machine, and the live server under load; a module a benchmark."""
+"""`bodysense bench`: speed on this machine, and tests of the live server under load; one module for each benchmark."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from tyro.extras import SubcommandApp
 
 
 def commands() -> SubcommandApp:
-    """The group's commands."""
+    """Return the group's commands."""
     from bodysense_lab.commands.bench import (
         arms,
         bvh,

@@ -12,11 +12,11 @@ from bodysense_lab.options import Json
 
 
 def arms(frames: Count = 2000, model: Path | None = None, json: Json = None) -> None:
-    """Time the network of arms and hands on a window of 32 frames, and the estimator a frame at a time.
+    """Time the network of arms and hands on a window of 32 frames, and the estimator frame by frame.
 
     Args:
-        frames: Windows, and frames, to time, after 100 to warm up.
-        model: A network written by `bodysense train arms`; the packaged one if omitted.
+        frames: number of windows and of frames, after 100 to warm up.
+        model: network written by `bodysense train arms`; the packaged one if omitted.
     """
     from bodysense.demo import packaged_performance
     from bodysense.devices.video.arms import Arms, ArmSettings, load_arms

@@ -12,10 +12,10 @@ from bodysense_lab.options import Json
 
 
 def bvh(megabytes: int = 60, json: Json = None) -> None:
-    """Time reading a large BVH file, compared with parsing its floats by NumPy alone.
+    """Time reading a large BVH file, compared with parsing its numbers by NumPy.
 
     Args:
-        megabytes: Size of the file, written to a temporary folder.
+        megabytes: size of the file, which is written to a temporary folder.
     """
     from dataclasses import replace
     from tempfile import TemporaryDirectory

@@ -1,20 +1,20 @@
-"""`bodysense bench gloves`: gloves on synthesised hands, some of whose markers are hidden."""
+"""`bodysense bench gloves`: gloves on synthesised hands with hidden markers."""
 
 from __future__ import annotations
 
 from bodysense.ranges import Count
-from bodysense_lab.commands.bench.timing import percentiles, report, resident_memory, streamed
+from bodysense_lab.commands.bench.timing import frame_stepper, percentiles, report, resident_memory
 from bodysense_lab.options import Json
 
 
 def gloves(frames: Count = 3000, json: Json = None) -> None:
-    """Time gloves with one hidden marker a hand, a frame at a time, everything included: one hand, then two.
+    """Time the whole step of gloves frame by frame, with one hidden marker on each hand: one hand, then two.
 
-    Which marker is hidden changes every half second. `all` is with none hidden. The step that moves hands and fingers
-    out of each other is timed in `contact` alone.
+    Another marker is hidden every half second. `all` is without hidden markers. Only `contact` includes the step that
+    separates hands and fingers that overlap.
 
     Args:
-        frames: Frames to time of each, after 100 to warm up.
+        frames: number of frames of each, after 100 to warm up.
     """
     from bodysense.devices.gloves.hands import Hands, HandsSettings, load_glove_models
     from bodysense_lab.synthesis.glove_stream import glove_stream
@@ -28,6 +28,6 @@ def gloves(frames: Count = 3000, json: Json = None) -> None:
             ("_all", whole, HandsSettings(contact=None)),
             ("_contact", hidden, HandsSettings()),
         ):
-            taken = percentiles(streamed(Hands(skeletons, models, settings), observation), frames)
+            taken = percentiles(frame_stepper(Hands(skeletons, models, settings), observation), frames)
             numbers |= {f"{name}{label}_{key}": value for key, value in taken.items()}
     report("gloves", numbers | {"rss_mb": resident_memory()}, json)

@@ -10,11 +10,11 @@ from bodysense_lab.options import Json
 
 
 def ik(frames: Count = 3000, noise: float = 0.0, json: Json = None) -> None:
-    """Time inverse kinematics of the whole body, a frame at a time, from the frame before.
+    """Time inverse kinematics of the whole body frame by frame, starting from the previous frame.
 
     Args:
-        frames: Frames to time, after 100 to warm up.
-        noise: Metres; standard deviation added to every target.
+        frames: number of frames, after 100 to warm up.
+        noise: standard deviation in metres of noise on every target.
     """
     from bodysense.body.ik import InverseKinematics
     from bodysense.body.pose import forward_kinematics

@@ -11,12 +11,12 @@ from bodysense_lab.options import Json
 
 
 def import_time(runs: int = 9, json: Json = None) -> None:
-    """Time `import bodysense`, alone and with the tracker, in fresh processes; PyTorch must not be among it.
+    """Time `import bodysense`, alone and with the tracker, in new processes. PyTorch must not be imported.
 
-    numpy_seconds is `import numpy` alone, which is part of what the tracker takes.
+    numpy_seconds is `import numpy` alone, which is part of the time with the tracker.
 
     Args:
-        runs: Number of processes; the median is printed.
+        runs: number of processes; the median is printed.
     """
     import subprocess
 

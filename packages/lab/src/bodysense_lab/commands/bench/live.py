@@ -1,4 +1,4 @@
-"""`bodysense bench live`: how many sessions a server sustains, with a real server and light clients on loopback."""
+"""`bodysense bench live`: sessions that a server sustains, measured with a real server and clients on loopback."""
 
 from __future__ import annotations
 
@@ -21,10 +21,11 @@ from bodysense.ranges import Processes, Sessions, within
 from bodysense_lab.options import Json, Rate, Seconds
 
 _POINTS = ("head", "left_wrist", "right_wrist")
-_BEAT = 240  # frames of motion that clients repeat
-_WARM_UP = 2.0  # s before anything is counted
-_SERVED, _STEP, _LARGEST = 0.99, 4, 400  # share of frames that counts as served; sessions added at a time; the most
-_PERIOD = 0.005  # s, less than between two frames, in which a slowed server runs and stands still once
+_MOTION_FRAMES = 240  # frames of motion that clients repeat
+_WARM_UP = 2.0  # s before frames are counted
+_SERVED_SHARE = 0.99  # share of answered frames at which a session counts as served
+_SESSION_STEP, _MAX_SESSIONS = 4, 400  # sessions added at a time; largest number of sessions
+_THROTTLE_PERIOD = 0.005  # s, shorter than a frame; a throttled server runs and pauses once in it
 _UNMASKED = b"\0\0\0\0"  # a masking key that changes nothing (RFC 6455, section 5.3), so that frames are prebuilt
 
 
@@ -37,29 +38,29 @@ def bench_live(
     share: Annotated[float, within(float, 0.01, 1)] = 1.0,
     json: Json = None,
 ) -> None:
-    """Time live sessions of head and hands: a server process, or several, and clients of it on this machine.
+    """Time live sessions of head and hands, with one or several server processes and their clients on this machine.
 
-    p50 and p99 are from a frame's arrival in the server to its pose. Clients send when their frame is due, each at a
-    moment of its own, whether or not they were answered. They take a share of a core themselves.
+    p50 and p99 are from a frame's arrival in the server to its pose. Clients send each frame when it is due, with
+    different phases, without waiting for answers. They also use a share of a core.
 
     Args:
-        sessions: Clients at a time.
-        rate: Hz; frames of each client.
-        seconds: For which answers are counted.
-        workers: Processes of the server.
-        most: Find also how many wearers one process serves with 99 % of their frames answered, as most_sessions.
-        share: Share of the time in which the server may run, as on a slower machine.
+        sessions: number of clients.
+        rate: frames per second of each client.
+        seconds: time in which answers are counted.
+        workers: processes of the server.
+        most: also measure the number of wearers of one process with 99 % of their frames answered, as most_sessions.
+        share: share of the time in which the server may run, as on a slower machine.
     """
     from bodysense_lab.commands.bench.timing import report
 
-    with _server(sessions, workers) as (address, process), _slowed(process, share):
+    with _server(sessions, workers) as (address, process), _throttled(process, share):
         load = Load(address, rate)
         load.connect(1)
         load.run(_WARM_UP)
         first = _memory(process)
         load.connect(sessions - 1)
         load.run(_WARM_UP)
-        load.forget()
+        load.reset_counts()
         before, begun = _processor_time(process), time.monotonic()
         load.run(seconds)
         spent, lasted = _processor_time(process) - before, time.monotonic() - begun
@@ -72,45 +73,45 @@ def bench_live(
             "rss_mb": rss,
             "rss_per_session_mb": (rss - first) / max(sessions - 1, 1),
             "server_cores": spent / lasted,
-            "lost_signal_ms": load.until_head_alone(),
+            "lost_signal_ms": load.hand_loss_delay(),
         }
         load.close()
     if most:
-        numbers["most_sessions"] = _most_sessions(rate, seconds, share)
+        numbers["most_sessions"] = _max_sessions(rate, seconds, share)
     report("live", numbers, json)
 
 
-def _most_sessions(rate: float, seconds: float, share: float) -> int:
-    """The largest number of sessions of which one process answers `_SERVED` of the frames, in steps of `_STEP`."""
-    with _server(_LARGEST, 1) as (address, process), _slowed(process, share):
+def _max_sessions(rate: float, seconds: float, share: float) -> int:
+    """Return the largest number of sessions, in steps, of which one process answers `_SERVED_SHARE` of the frames."""
+    with _server(_MAX_SESSIONS, 1) as (address, process), _throttled(process, share):
         load, served = Load(address, rate), 0
-        while served < _LARGEST:
-            load.connect(_STEP)
+        while served < _MAX_SESSIONS:
+            load.connect(_SESSION_STEP)
             load.run(_WARM_UP)
-            load.forget()
+            load.reset_counts()
             load.run(seconds)
-            if load.numbers()["answered"] < _SERVED:
+            if load.numbers()["answered"] < _SERVED_SHARE:
                 break
-            served += _STEP
+            served += _SESSION_STEP
         load.close()
     return served
 
 
 @dataclass(eq=False)
 class _LoadClient:
-    """A connection, and what was read of it."""
+    """A client connection and its unread data."""
 
     socket: socket.socket
-    due: float  # s: when its next frame is
+    due: float  # s, time of its next frame
     sequence: int = 0
     unread: bytearray = field(default_factory=bytearray)
-    sent: dict[int, float] = field(default_factory=dict)  # s, by sequence, of frames that are not answered
-    asked: int = 0  # frames that were sent since `Load.forget`
+    sent: dict[int, float] = field(default_factory=dict)  # s, time of unanswered frames, by sequence number
+    sent_count: int = 0  # frames since `Load.reset_counts`
     answered: int = 0
 
 
 class Load:
-    """Clients of one server, in one thread."""
+    """Clients of one server, all in one thread."""
 
     def __init__(self, address: str, rate: float) -> None:
         from bodysense.body.pose import forward_kinematics
@@ -128,20 +129,20 @@ class Load:
         position, rotation = (np.asarray(values)[:, places] for values in forward_kinematics(clip.pose))
         every, has = np.arange(3, dtype=np.uint8), np.full(3, 3, dtype=np.uint8)
         # Forward and backward, so that the motion has no jump when it repeats.
-        order = [*range(_BEAT), *range(_BEAT, 0, -1)]
+        order = [*range(_MOTION_FRAMES), *range(_MOTION_FRAMES, 0, -1)]
         self._signals = [write_signal(SignalFrame(0, 0.0, every, has, position[t], rotation[t]))[16:] for t in order]
-        self.forget()
+        self.reset_counts()
 
-    def forget(self) -> None:
-        """Count from now on."""
+    def reset_counts(self) -> None:
+        """Discard all counts."""
         self._spent: list[int] = []  # µs in the server
         self._round_trips: list[float] = []  # s
         for one in self._clients:
-            one.asked = one.answered = 0
+            one.sent_count = one.answered = 0
         self.has_hands = True  # whether the last pose of the first client has measured wrists
 
     def connect(self, count: int) -> None:
-        """Open more connections and say hello."""
+        """Open more connections and start their sessions."""
         from bodysense_live.message_text import write_message
         from bodysense_live.messages import Hello
 
@@ -160,7 +161,7 @@ class Load:
                 raise BodysenseError(f"the server refused a session: {answer.splitlines()[0].decode()}")
             client.sendall(_framed(1, hello))
             client.setblocking(False)
-            # Golden ratio: however many there are, their moments are spread over the interval.
+            # The golden ratio spreads the phases of any number of clients over the interval.
             phase = (len(self._clients) * 0.618034) % 1.0
             one = _LoadClient(client, time.monotonic() + phase / self._rate)
             one.unread += answer.partition(b"\r\n\r\n")[2]
@@ -168,7 +169,7 @@ class Load:
             self._clients.append(one)
 
     def run(self, seconds: float, points: int = 3) -> None:
-        """Send frames of `points` points when due, and read the answers, for `seconds`."""
+        """Send frames of `points` points when due, and read the answers, for a time in s."""
         end = time.monotonic() + seconds
         for one in self._clients:
             one.due = max(one.due, time.monotonic())
@@ -180,33 +181,33 @@ class Load:
             for key, _ in self._selector.select(min(max(wait, 0.0), 0.01)):
                 self._read(key.data)
 
-    def until_head_alone(self) -> float:
-        """ms from a frame without hands to a pose that is of the head alone, as the first client sees it."""
+    def hand_loss_delay(self) -> float:
+        """Return the time from a frame without hands to a pose without measured hands, for the first client, ms."""
         begun = time.monotonic()
         while time.monotonic() - begun < 5 and self.has_hands:
             self.run(1 / self._rate, points=1)
         return 1000 * (time.monotonic() - begun)
 
     def numbers(self) -> dict[str, float]:
-        """Return the figures of all answers since `forget`."""
+        """Return the figures of all answers since `reset_counts`."""
         if not self._spent:
             raise BodysenseError("the server answered no frame in time; give fewer --sessions or more --seconds")
         spent, trips = np.array(self._spent) / 1000, np.array(self._round_trips) * 1000
-        shares = [one.answered / max(one.asked, 1) for one in self._clients]
-        answered = len(spent) / max(sum(one.asked for one in self._clients), 1)
+        shares = [one.answered / max(one.sent_count, 1) for one in self._clients]
+        answered = len(spent) / max(sum(one.sent_count for one in self._clients), 1)
         return {
             "p50_ms": float(np.percentile(spent, 50)),
             "p99_ms": float(np.percentile(spent, 99)),
             "round_trip_p50_ms": float(np.percentile(trips, 50)),
             "round_trip_p99_ms": float(np.percentile(trips, 99)),
             "answered": answered,
-            "answered_least": min(shares),  # of the wearers
+            "answered_least": min(shares),  # of one wearer
             "answered_most": max(shares),
             "answers_hz": answered * self._rate,
         }
 
     def close(self) -> None:
-        """Hang up."""
+        """Close all connections."""
         for one in self._clients:
             one.socket.close()
         self._selector.close()
@@ -218,14 +219,14 @@ class Load:
         signal = self._signals[one.sequence % len(self._signals)][: points * POINT.itemsize]
         frame = SIGNAL_HEAD.pack(SIGNAL, 0, points, one.sequence, one.due) + signal
         one.due += 1 / self._rate
-        if one.due < now - 0.1:  # this process was held up: what it missed is not made up for at once
+        if one.due < now - 0.1:  # this process was delayed: skip missed frames
             one.due = now
         try:
             one.socket.send(_framed(2, frame))
         except BlockingIOError:
             return
         one.sent[one.sequence] = now
-        one.asked += 1
+        one.sent_count += 1
 
     def _read(self, one: _LoadClient) -> None:
         from bodysense.io.protocol import POSE, POSE_HEAD, read_pose
@@ -235,7 +236,7 @@ class Load:
         except BlockingIOError:
             return
         if not received:
-            raise BodysenseError("the server closed a session; see its own words above")
+            raise BodysenseError("the server closed a session; see its output above")
         one.unread += received
         now = time.monotonic()
         for opcode, payload in _messages(one.unread):
@@ -293,25 +294,25 @@ def _messages(unread: bytearray) -> Iterator[tuple[int, bytes]]:
 
 @contextmanager
 def _server(sessions: int, workers: int) -> Iterator[tuple[str, int]]:
-    """A server that computes with one thread: its address and process number."""
-    from bodysense_lab.serving.server import served
+    """Run a server that computes with one thread; yields its address and process id."""
+    from bodysense_lab.serving.server import running_server
 
     options = ("--sessions", str(max(sessions, 2)), "--workers", str(workers))
-    with served(*options, OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1") as (address, process):
+    with running_server(*options, OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1") as (address, process):
         yield address, process.pid
 
 
 @contextmanager
-def _slowed(process: int, share: float) -> Iterator[None]:
-    """Let a process and its children run for a share of the time only."""
+def _throttled(process: int, share: float) -> Iterator[None]:
+    """Let a process and its children run for only a share of the time."""
     is_over = threading.Event()
 
     def slow() -> None:
-        family = _family(process)
-        while not is_over.wait(share * _PERIOD):
+        family = _process_tree(process)
+        while not is_over.wait(share * _THROTTLE_PERIOD):
             for one in family:
                 one.suspend()
-            time.sleep((1 - share) * _PERIOD)
+            time.sleep((1 - share) * _THROTTLE_PERIOD)
             for one in family:
                 one.resume()
 
@@ -326,17 +327,17 @@ def _slowed(process: int, share: float) -> Iterator[None]:
             thread.join()
 
 
-def _family(process: int) -> list[psutil.Process]:
-    """A process and its children."""
+def _process_tree(process: int) -> list[psutil.Process]:
+    """Return a process and its children."""
     return [psutil.Process(process), *psutil.Process(process).children()]
 
 
 def _memory(process: int) -> float:
-    """MB that a process and its children hold."""
-    return sum(one.memory_info().rss for one in _family(process)) / 1e6
+    """Return the memory of a process and its children, MB."""
+    return sum(one.memory_info().rss for one in _process_tree(process)) / 1e6
 
 
 def _processor_time(process: int) -> float:
-    """s that a process and its children computed."""
-    times = [one.cpu_times() for one in _family(process)]
+    """Return the processor time of a process and its children, s."""
+    times = [one.cpu_times() for one in _process_tree(process)]
     return sum(one.user + one.system for one in times)

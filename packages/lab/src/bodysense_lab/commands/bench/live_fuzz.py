@@ -10,10 +10,10 @@ from bodysense_lab.options import Json
 
 
 def live_fuzz(frames: Count = 1_000_000, seed: Seed = 1, json: Json = None) -> None:
-    """Send hostile messages to the server's code, without a network; fails where anything but a refusal comes out.
+    """Send hostile messages to the server's code, without a network; fails on any other result than a refusal.
 
     Args:
-        frames: Messages to send.
+        frames: number of messages.
         seed: random seed of the messages.
     """
     from rich.progress import Progress
@@ -24,7 +24,7 @@ def live_fuzz(frames: Count = 1_000_000, seed: Seed = 1, json: Json = None) -> N
     counts, begun, part = FuzzCounts(), time.perf_counter(), 10_000
     with Progress() as progress:
         bar = progress.add_task("fuzzing", total=frames)
-        while counts.frames < frames:  # in parts, each with a server of its own
+        while counts.frames < frames:  # in parts, each with its own server
             run_fuzz(min(frames, counts.frames + part), seed + counts.frames, counts)
             progress.update(bar, completed=counts.frames)
     seconds = time.perf_counter() - begun

@@ -1,4 +1,4 @@
-"""`bodysense bench live-outputs`: from a packet of trackers to the packets of a body, with four outputs on."""
+"""`bodysense bench live-outputs`: latency from a packet of trackers to the packets of a body, on four outputs."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ from bodysense.ranges import Count
 from bodysense_lab.options import Json, Rate
 
 _WARM_UP = 100  # frames
-_PATIENCE = 0.5  # s for a body that does not come
-_TO_START = 60.0  # s
+_TIMEOUT = 0.5  # s after which a body counts as missed
+_START_TIMEOUT = 60.0  # s for the server to start
 
 
 def live_outputs(frames: Count = 2000, rate: Rate = 72.0, json: Json = None) -> None:
-    """Time the way through a server: headset and controllers in by VMC, bodies out by VMC, VRChat, VMT and SolarXR.
+    """Time a server with headset and controllers by VMC, and bodies out by VMC, VRChat, VMT and SolarXR.
 
-    From the moment that a packet is sent to the first packet of its body, as a program on this machine sees it; `all`
-    is the slowest of the four. Programs that are sent to are played; no SteamVR may run here.
+    Times are from sending a packet to receiving the first packet of its body on this machine; `all` is the slowest of
+    the four. The receiving programs are simulated. SteamVR must not run on this machine.
 
     Args:
         frames: bodies to time.
-        rate: Hz; packets that come in.
+        rate: incoming packets per second.
     """
     from bodysense_lab.commands.bench.timing import report
 
@@ -42,7 +42,7 @@ def live_outputs(frames: Count = 2000, rate: Rate = 72.0, json: Json = None) -> 
     numbers: dict[str, float] = {"frames": frames, "rate_hz": rate, "missed": sum(one is None for one in found)}
     rows = np.array([list(one.values()) for one in found if one is not None]) * 1000
     if not len(rows):
-        raise BodysenseError("no body came out in time; see the server's own words above")
+        raise BodysenseError("no body came out in time; see the server's output above")
     for name, values in (*zip(peers.names, rows.T, strict=True), ("all", rows.max(axis=1))):
         numbers |= {
             f"{name}_p50_ms": float(np.percentile(values, 50)),
@@ -52,28 +52,28 @@ def live_outputs(frames: Count = 2000, rate: Rate = 72.0, json: Json = None) -> 
 
 
 class _Peers:
-    """A server of its own process, who sends to it and who is sent to."""
+    """A server in its own process, a sender of trackers, and receivers of bodies."""
 
     names = ("vmc", "vrchat", "vmt", "solarxr")
 
     def __enter__(self) -> _Peers:
-        from bodysense_lab.serving.server import served
+        from bodysense_lab.serving.server import running_server
         from bodysense_live.vmt import DRIVER_PORT
 
         self._stack = ExitStack()
         with ExitStack() as stack:
             folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="bodysense-"))
-            with _udp(0) as free:
+            with _udp_socket(0) as free:
                 port = free.getsockname()[1]
-            self._input = stack.enter_context(_udp(0))
+            self._input = stack.enter_context(_udp_socket(0))
             self._target = ("127.0.0.1", port)
-            avatars = [stack.enter_context(_udp(0)), stack.enter_context(_udp(0))]
+            avatars = [stack.enter_context(_udp_socket(0)), stack.enter_context(_udp_socket(0))]
             ports = [one.getsockname()[1] for one in avatars]
-            driver = stack.enter_context(_udp(DRIVER_PORT))
+            driver = stack.enter_context(_udp_socket(DRIVER_PORT))
             outputs = ("--vmc-out", f"127.0.0.1:{ports[0]}", "--vrchat-out", f"127.0.0.1:{ports[1]}")
             options = (*outputs, "--vmt", "--vmt-port", "0", "--solarxr", "--solarxr-port", "0")
-            stack.enter_context(served("--vmc-in", str(port), *options, XDG_RUNTIME_DIR=folder))
-            runtime = stack.enter_context(_runtime(Path(folder)))
+            stack.enter_context(running_server("--vmc-in", str(port), *options, XDG_RUNTIME_DIR=folder))
+            runtime = stack.enter_context(_runtime_socket(Path(folder)))
             self._selector = stack.enter_context(selectors.DefaultSelector())
             for name, one in zip(self.names, (*avatars, driver, runtime), strict=True):
                 one.setblocking(False)
@@ -87,45 +87,45 @@ class _Peers:
 
     def body(self, k: int, rate: float) -> dict[str, float] | None:
         """Return the seconds until the body of the k-th packet is at each output; None if it did not arrive."""
-        while (left := self._due - time.monotonic()) > 0:  # packets that arrive meanwhile belong to the previous one
-            self._ready(left)
-        self._ready(0)
+        while (remaining := self._due - time.monotonic()) > 0:  # these packets are of the previous one
+            self._ready_outputs(remaining)
+        self._ready_outputs(0)
         self._due = max(self._due + 1 / rate, time.monotonic())
         sent = time.monotonic()
-        self._input.sendto(_devices(k / rate), self._target)
+        self._input.sendto(_device_packet(k / rate), self._target)
         found: dict[str, float] = {}
         while len(found) < len(self.names):
-            left = sent + _PATIENCE - time.monotonic()
-            if left <= 0:
+            remaining = sent + _TIMEOUT - time.monotonic()
+            if remaining <= 0:
                 return None
-            for name in self._ready(left):
+            for name in self._ready_outputs(remaining):
                 found.setdefault(name, time.monotonic() - sent)
         return {name: found[name] for name in self.names}
 
-    def _ready(self, seconds: float) -> list[str]:
-        """The outputs that have a body now, or within some seconds; what they have is read."""
+    def _ready_outputs(self, seconds: float) -> list[str]:
+        """Return the outputs that receive a body within `seconds`, after reading their packets."""
         found = []
         for key, _ in self._selector.select(max(seconds, 0.0)):
             one: Any = key.fileobj
-            data = b"".join(_everything(one))
-            if key.data != "vmt" or b"/VMT/Raw/Driver" in data:  # the driver is asked things, too
+            data = b"".join(_read_available(one))
+            if key.data != "vmt" or b"/VMT/Raw/Driver" in data:  # the driver also receives requests
                 found.append(key.data)
         return found
 
 
-def _everything(one: socket.socket) -> Iterator[bytes]:
+def _read_available(one: socket.socket) -> Iterator[bytes]:
     while True:
         try:
             data = one.recv(1 << 16)
         except BlockingIOError:
             return
         if not data:
-            raise BodysenseError("the server hung up; see its own words above")
+            raise BodysenseError("the server closed a connection; see its output above")
         yield data
 
 
 @contextmanager
-def _udp(port: int) -> Iterator[socket.socket]:
+def _udp_socket(port: int) -> Iterator[socket.socket]:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as found:
         try:
             found.bind(("127.0.0.1", port))
@@ -137,21 +137,21 @@ def _udp(port: int) -> Iterator[socket.socket]:
 
 
 @contextmanager
-def _runtime(folder: Path) -> Iterator[socket.socket]:
-    """A runtime that asked for updates."""
+def _runtime_socket(folder: Path) -> Iterator[socket.socket]:
+    """Connect a runtime that has requested updates."""
     from bodysense_lab.serving.solarxr_client import request
     from bodysense_live.solarxr_link import RPC
 
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as found:
-        found.settimeout(_TO_START)
+        found.settimeout(_START_TIMEOUT)
         found.connect(str(folder / RPC))
         starts = request(polls=False, starts=1, asks=None)
         found.sendall(struct.pack("<I", 4 + len(starts)) + starts)
         yield found
 
 
-def _devices(time: float) -> bytes:
-    """Return headset and controllers of a swaying wearer, in one packet of VMC."""
+def _device_packet(time: float) -> bytes:
+    """Return headset and controllers of a swaying wearer, in one VMC packet."""
     from bodysense.io.osc import bundled, message_bytes
 
     sway = 0.1 * float(np.sin(2 * np.pi * 0.3 * time))

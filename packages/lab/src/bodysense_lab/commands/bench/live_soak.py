@@ -20,19 +20,19 @@ def live_soak(
     shared: str | None = None,
     json: Json = None,
 ) -> None:
-    """Run wearers against a server over a bad network; fails on growth, on NaN and on a session that is stuck.
+    """Run wearers against a server over a bad network; fails if memory grows, for NaN, and if a session hangs.
 
-    Frames are lost, doubled and late by up to 0.3 s; connections break and are resumed. Where processes of the server
-    are killed, no wearer may be silent for more than 1.5 s.
+    Frames are lost, repeated and late by up to 0.3 s; connections break and are resumed. If processes of the server
+    are killed, no wearer may be without a pose for more than 1.5 s.
 
     Args:
         minutes: length in minutes.
-        sessions: Wearers.
-        rate: Frames a second of each.
-        loss: Share of frames that are lost.
-        workers: Processes of the server.
-        kill_every: Seconds after which one of them is killed, repeatedly; 0: never.
-        shared: Address of a Valkey or Redis, by which wearers of a killed process resume in another.
+        sessions: number of wearers.
+        rate: frames per second of each wearer.
+        loss: share of lost frames.
+        workers: processes of the server.
+        kill_every: seconds between two kills of a process; 0: no kills.
+        shared: address of a Valkey or Redis server, by which wearers of a killed process resume in another.
     """
     import numpy as np
 

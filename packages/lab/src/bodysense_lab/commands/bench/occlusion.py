@@ -12,10 +12,10 @@ from bodysense_lab.options import Json
 
 
 def occlusion(frames: Count = 30_000, json: Json = None) -> None:
-    """Time the simulation of what a headset's cameras see: the median of five passes after one to warm up.
+    """Time the simulation of a headset's cameras: the median of five passes after one to warm up.
 
     Args:
-        frames: Frames to see.
+        frames: number of frames.
     """
     from bodysense.demo import packaged_performance
     from bodysense.devices.simulated.headset_camera import see

@@ -10,12 +10,12 @@ from bodysense_lab.options import Json
 
 
 def packet_decoders(packets: Count = 1_000_000, seed: Seed = 1, json: Json = None) -> None:
-    """Read all that goes out (VMC, VRChat, VMT, SolarXR) with decoders that are not ours; all must be read as meant.
+    """Decode the server's packets (VMC, VRChat, VMT, SolarXR) with independent decoders; fails if values differ.
 
-    python-osc, Wireshark's tshark where it is installed, and a reader of SolarXR's public schema.
+    Decoders are python-osc, Wireshark's tshark if installed, and a reader of SolarXR's public schema.
 
     Args:
-        packets: Packets to read.
+        packets: number of packets.
         seed: random seed of the bodies.
     """
     import shutil
@@ -32,9 +32,9 @@ def packet_decoders(packets: Count = 1_000_000, seed: Seed = 1, json: Json = Non
         for found in decode(packets, np.random.default_rng(seed), shutil.which("tshark")):
             progress.update(bar, completed=found.osc + found.solarxr)
     seconds = time.perf_counter() - begun
-    wireshark = f"Wireshark {found.wireshark} of these" if found.wireshark else "no tshark here"
+    wireshark = f"Wireshark {found.wireshark} of these" if found.wireshark else "tshark is not installed"
     print(
-        f"{packets} packets in {seconds:.0f} s, all read as meant: python-osc {found.osc} with {found.osc_messages} "
-        f"messages, {wireshark}, a reader of SolarXR {found.solarxr}"
+        f"{packets} packets in {seconds:.0f} s, all decoded correctly: python-osc {found.osc} with "
+        f"{found.osc_messages} messages, {wireshark}, a reader of SolarXR {found.solarxr}"
     )
     write_numbers(json, {"packets": packets, "seed": seed, "seconds": round(seconds, 1)} | asdict(found))

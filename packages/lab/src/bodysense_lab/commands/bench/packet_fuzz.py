@@ -1,4 +1,4 @@
-"""`bodysense bench packet-fuzz`: hostile packets against every reader of packets."""
+"""`bodysense bench packet-fuzz`: hostile packets for every reader of packets."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from bodysense_lab.options import Json
 
 
 def packet_fuzz(packets: Count = 1_000_000, seed: Seed = 1, json: Json = None) -> None:
-    """Read hostile packets of all that comes in by UDP or sockets (VMC, VMT, VRChat, SlimeVR, SolarXR); none may raise.
+    """Read hostile packets of every UDP and socket protocol (VMC, VMT, VRChat, SlimeVR, SolarXR); fails on errors.
 
     Args:
-        packets: Packets to read.
+        packets: number of packets.
         seed: random seed of the packets.
     """
     import numpy as np

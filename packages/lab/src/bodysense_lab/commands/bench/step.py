@@ -1,4 +1,4 @@
-"""`bodysense bench step`: the whole step, its matrix products alone, and the step of earlier versions."""
+"""`bodysense bench step`: the whole step, its matrix products only, and the step of earlier versions."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from bodysense.devices.simulated.device import SensorSetName
 from bodysense.errors import BodysenseError
 from bodysense.observation import Observation
 from bodysense.ranges import Count
-from bodysense_lab.commands.bench.timing import percentiles, report, resident_memory, streamed
+from bodysense_lab.commands.bench.timing import frame_stepper, percentiles, report, resident_memory
 from bodysense_lab.options import Json
 
 if TYPE_CHECKING:
@@ -37,16 +37,16 @@ def bench_step(
     onnx: Path | None = None,
     json: Json = None,
 ) -> None:
-    """Time the tracker's whole step, a frame at a time: one wearer, and several in a batch.
+    """Time the tracker's whole step frame by frame, for one wearer and for several in a batch.
 
-    floor_ms are the step's matrix products of one wearer alone, in C, of the body and its mirror image; reference_ms
-    the same products in NumPy, float32; mflop their multiplications and additions a frame. With --onnx, onnx_p50_ms and
-    onnx_batch16_ms are the step of an ONNX file of an earlier version.
+    floor_ms is the time of one wearer's matrix products in C, for the body and its mirror image. reference_ms is the
+    time of these products in NumPy, float32. mflop is their number of multiplications and additions for a frame. With
+    --onnx, onnx_p50_ms and onnx_batch16_ms are of the step in an ONNX file of an earlier version.
 
     Args:
-        device: sensor set that is tracked.
-        frames: frames to time of one wearer, after 100 to warm up; of the batch a quarter as many.
-        people: wearers in the batch; its figure, ms a wearer, is called batch16_ms with 16.
+        device: tracked sensor set.
+        frames: number of frames for one wearer, after 100 to warm up; the batch has a quarter of them.
+        people: wearers in the batch; its figure in ms for each wearer is batch16_ms for 16.
         model: completion network of your own; the packaged one if omitted.
         onnx: completion.onnx of an earlier version (docs/completion.md says how to get it).
     """
@@ -59,7 +59,7 @@ def bench_step(
     observation = observe(clip.pose, clip.time, SENSOR_SETS[device])
     tracker = Tracker(Person(clip.pose.skeleton), network=None if model is None else load_completion(model))
     graphs = None if onnx is None else [_graph(onnx, observation, tracker.people * count) for count in (1, people)]
-    one = percentiles(streamed(tracker, observation), frames)
+    one = percentiles(frame_stepper(tracker, observation), frames)
     batch = percentiles(_together(tracker, observation, people), max(1, frames // 4))
     numbers = {name: one[name] for name in ("p50_ms", "p99_ms")}
     numbers |= {f"batch{people}_ms": batch["p50_ms"] / people, f"batch{people}_p99_ms": batch["p99_ms"] / people}
@@ -76,7 +76,7 @@ def bench_step(
 
 
 def _together(tracker: Tracker, observation: Observation, people: int) -> Callable[[int], None]:
-    """Complete the n-th frame of several people alike, in one batch."""
+    """Return a function that completes the n-th frame of several equal people in one batch."""
     from bodysense.tracker import step_together
 
     single = [observation[place : place + 1] for place in range(len(observation))]
@@ -92,7 +92,7 @@ def _together(tracker: Tracker, observation: Observation, people: int) -> Callab
 
 
 def _floor(weights: Path) -> float:
-    """Median ms of the matrix products of one wearer in C: core/bench/products.c, compiled for this."""
+    """Return the median time in ms of the matrix products of one wearer in C; compiles core/bench/products.c."""
     source = _ROOT / "core" / "bench" / "products.c"
     if not source.is_file():
         raise BodysenseError(
@@ -106,7 +106,7 @@ def _floor(weights: Path) -> float:
 
 
 def _reference(weights: Path, frames: int) -> dict[str, float]:
-    """Median ms of the same products in NumPy, and their millions of multiplications and additions."""
+    """Return the median time in ms of the products in NumPy, and their millions of multiplications and additions."""
     from bodysense_lab.completion.weights_file import read_safetensors
 
     tables = [table for table in read_safetensors(weights)[0].values() if table.dtype == np.int8]
@@ -124,7 +124,7 @@ def _reference(weights: Path, frames: int) -> dict[str, float]:
 
 
 def _graph(path: Path, observation: Observation, people: Sequence[Person]) -> Callable[[int], None]:
-    """Run the n-th frame of an observation, of several people alike, through an ONNX graph."""
+    """Return a function that runs the n-th frame of an observation of several equal people through an ONNX graph."""
     from bodysense_lab.completion.onnx_graph import graph_inputs, open_graph
 
     network, names = open_graph(path), ("position", "rotation", "has_position", "has_rotation", "accuracy")

@@ -13,11 +13,11 @@ RATE = 30.0  # Hz
 
 
 def take(minutes: float = 10.0, device: str = "three_point", json: Json = None) -> None:
-    """Time completing a long recording of a known body: with past and future, and causally, as live.
+    """Time the completion of a long recording of a known body, with past and future, and causally as in live tracking.
 
     Args:
-        minutes: Length of the recording; the packaged performance is played forward and backward.
-        device: Simulated device.
+        minutes: length of the recording, which repeats the packaged performance forward and backward.
+        device: simulated device.
     """
     from dataclasses import replace
 

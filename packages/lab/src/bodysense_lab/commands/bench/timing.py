@@ -1,4 +1,4 @@
-"""Shared parts of benchmarks: duration of calls, memory, and the printed line."""
+"""Shared parts of benchmarks: durations of calls, memory, and the printed line."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ def percentiles(one: Callable[[int], None], frames: int) -> dict[str, float]:
     """Run `one(frame)` for every frame and return latency percentiles in ms."""
     for frame in range(100):
         one(frame)
-    taken = np.zeros(frames)
+    durations = np.zeros(frames)
     for frame in range(frames):
-        begun = time.perf_counter()
+        start = time.perf_counter()
         one(frame + 100)
-        taken[frame] = time.perf_counter() - begun
-    return {f"p{q}_ms": float(1000 * np.percentile(taken, q)) for q in (50, 95, 99)}
+        durations[frame] = time.perf_counter() - start
+    return {f"p{q}_ms": float(1000 * np.percentile(durations, q)) for q in (50, 95, 99)}
 
 
-def streamed(method: Any, observation: Observation) -> Callable[[int], None]:
-    """Take the n-th frame of an observation, which begins again when it ends, by a tracker, an estimator or hands."""
+def frame_stepper(method: Any, observation: Observation) -> Callable[[int], None]:
+    """Return a function that steps a tracker, an estimator or hands by the n-th frame of a repeated observation."""
     state = method.start()
     single = [observation[place : place + 1] for place in range(len(observation))]
 
@@ -39,7 +39,7 @@ def streamed(method: Any, observation: Observation) -> Callable[[int], None]:
 
 
 def resident_memory() -> float:
-    """Peak resident memory of this process, MB."""
+    """Return the peak resident memory of this process, MB."""
     import resource
 
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
@@ -50,6 +50,6 @@ def report(name: str, numbers: dict[str, float], json: Path | None) -> None:
     """Print a line and write the numbers."""
     from bodysense.cli.show import processor, write_numbers
 
-    shown = ", ".join(f"{key} {value:,.3g}" for key, value in numbers.items())
-    print(f"{name}: {shown}  ({processor()}, one thread)")
+    figures = ", ".join(f"{key} {value:,.3g}" for key, value in numbers.items())
+    print(f"{name}: {figures}  ({processor()}, one thread)")
     write_numbers(json, numbers)

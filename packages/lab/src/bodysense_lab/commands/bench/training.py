@@ -1,4 +1,4 @@
-"""`bodysense bench training`: steps of training."""
+"""`bodysense bench training`: speed of training steps."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from bodysense_lab.options import Json
 
 
 def training(steps: Count = 6, threads: Processes = 1, json: Json = None) -> None:
-    """Time steps of `train completion`, and UNOC's training on windows and on whole sequences with carried state.
+    """Time steps of `train completion`, and of UNOC's training on windows and on whole sequences with carried state.
 
-    A window teaches one frame, its last; a sequence teaches every frame that it plays.
+    A window trains its last frame only; a sequence trains every frame.
 
     Args:
-        steps: Optimiser steps of each, after one to warm up.
+        steps: optimiser steps of each, after one to warm up.
         threads: PyTorch threads.
     """
     from bodysense.demo import packaged_performance

@@ -1,4 +1,4 @@
-"""`bodysense bench video`: finding landmarks in a video, and completing its person."""
+"""`bodysense bench video`: detection of landmarks in a video, and completion of its person."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from bodysense_lab.options import Json
 
 
 def video(file: Annotated[Path, tyro.conf.Positional], json: Json = None) -> None:
-    """Measure the processor time of a picture: of reading it and finding landmarks, and of completing a body.
+    """Measure the processor time of each picture: reading it and detecting landmarks, and completing a body.
 
     Args:
-        file: A video, or a folder of pictures.
+        file: video or folder of pictures.
     """
     import bodysense as bs
     from bodysense.devices.video.landmarker_files import find_landmarkers
     from bodysense.devices.video.landmarks import Landmarker, LandmarkerSettings
     from bodysense.devices.video.pictures import open_video
 
-    bs.track(str(file))  # fills the caches, and refuses files that are no video
+    bs.track(str(file))  # fills the caches, and refuses other files
     begun = time.process_time()
     bs.track(str(file))
     whole = time.process_time() - begun

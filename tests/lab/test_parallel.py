@@ -1,4 +1,4 @@
-"""Work in several processes, and on a Dask scheduler's machines: the same results, in order."""
+"""Work in several processes and on a Dask scheduler's machines gives equal results, in order."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ import pytest
 
 import bodysense_lab
 from bodysense.errors import BodysenseError
-from bodysense_lab.spread import spread
+from bodysense_lab.parallel import parallel_map
 
 NUMBERS = [float(number) for number in range(7)]
 ROOTS = [(number, number**0.5) for number in NUMBERS]  # `sqrt`: processes must be able to import the work
 
 
-def test_here() -> None:
-    assert list(spread(sqrt, NUMBERS, 1)) == ROOTS
+def test_one_job_works_in_this_process() -> None:
+    assert list(parallel_map(sqrt, NUMBERS, 1)) == ROOTS
 
 
 @pytest.mark.slow
-def test_in_processes() -> None:
-    assert list(spread(sqrt, NUMBERS, 2)) == ROOTS
+def test_several_jobs_work_in_processes() -> None:
+    assert list(parallel_map(sqrt, NUMBERS, 2)) == ROOTS
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
@@ -39,7 +39,11 @@ def test_workers_end_with_their_parent(tmp_path: Path, signal_sent: str) -> None
         "    os.replace(f'{k}.tmp', f'{k}.pid')\n"
         "    time.sleep(60)\n"
     )
-    script = "from bodysense_lab.spread import spread; from long_work import work; list(spread(work, range(2), 2))"
+    script = (
+        "from bodysense_lab.parallel import parallel_map\n"
+        "from long_work import work\n"
+        "list(parallel_map(work, range(2), 2))\n"
+    )
     path = os.pathsep.join([str(tmp_path), *sys.path])
     parent = subprocess.Popen([sys.executable, "-c", script], cwd=tmp_path, env={**os.environ, "PYTHONPATH": path})
     try:
@@ -60,7 +64,7 @@ def test_workers_end_with_their_parent(tmp_path: Path, signal_sent: str) -> None
 
 
 def _runs(process: int) -> bool:
-    """Whether a process runs; one that ended and was not waited for does not."""
+    """Return whether a process runs; ended processes that were not waited for do not."""
     try:
         os.kill(process, 0)
         state = Path(f"/proc/{process}/stat")
@@ -71,20 +75,20 @@ def _runs(process: int) -> bool:
 
 def test_every_pool_ends_with_its_parent() -> None:
     package = Path(bodysense_lab.__file__).parent
-    assert [path.name for path in package.rglob("*.py") if "ProcessPool" in path.read_text()] == ["spread.py"]
+    assert [path.name for path in package.rglob("*.py") if "ProcessPool" in path.read_text()] == ["parallel.py"]
 
 
 @pytest.mark.slow
-def test_on_a_scheduler() -> None:
+def test_work_runs_on_a_scheduler() -> None:
     distributed = pytest.importorskip("distributed")
     anywhere = "127.0.0.1:0"  # by default each cluster's page takes port 8787
     with distributed.LocalCluster(
         n_workers=1, threads_per_worker=1, processes=False, dashboard_address=anywhere
     ) as cluster:
-        assert list(spread(sqrt, NUMBERS, 1, cluster.scheduler_address)) == ROOTS
+        assert list(parallel_map(sqrt, NUMBERS, 1, cluster.scheduler_address)) == ROOTS
 
 
 @pytest.mark.slow
-def test_no_scheduler_there() -> None:
+def test_a_scheduler_that_does_not_answer_is_refused() -> None:
     with pytest.raises(BodysenseError, match=r"--scheduler tcp://127\.0\.0\.1:9: no Dask scheduler answers"):
-        list(spread(sqrt, NUMBERS, 1, "tcp://127.0.0.1:9"))
+        list(parallel_map(sqrt, NUMBERS, 1, "tcp://127.0.0.1:9"))

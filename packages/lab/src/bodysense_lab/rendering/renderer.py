@@ -1,4 +1,4 @@
-"""Renderer: draws a scene with OpenGL, off screen; Mesa's software renderer does where there is no graphics card."""
+"""Off-screen OpenGL renderer of a scene. Mesa's software renderer is enough without a graphics card."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ if TYPE_CHECKING:
     import moderngl
 
 _NEAR, _FAR = 0.1, 60.0  # m
-_SHADOW = 1024  # cells of the shadow's map each way
-_SHADOW_REACH = 1.25  # m around the body
-_SAMPLES = 4  # a pixel
+_SHADOW = 1024  # cells of a side of the shadow map
+_SHADOW_REACH = 1.25  # m, half the side of the shadow map, around the body
+_SAMPLES = 4  # samples per pixel
 _CUBE = np.array([[-1, -1, 1], [1, -1, 1], [1, 1, 1], [-1, -1, 1], [1, 1, 1], [-1, 1, 1]], np.float32) / 2
 
 
 class Renderer:
-    """An OpenGL context with one scene and a camera in it. Make one with `open_stage`, which also closes it.
+    """Renderer of one scene. Create it with `open_renderer`, which also closes it.
 
-    The room's wall faces the first camera.
+    The wall of the room faces the first camera.
     """
 
     def __init__(
@@ -62,7 +62,7 @@ class Renderer:
         self.point(camera)
 
     def point(self, camera: Camera) -> None:
-        """Go on from another camera, with pictures of the same size."""
+        """Set another camera; the size of pictures does not change."""
         for program in (self._body_program, self._room_program, self._paste_program, self._depth_program):
             _assign(program, camera=_bytes(_projection(camera)), eye=tuple(camera.position.tolist()))
         self._draw_room()
@@ -97,7 +97,7 @@ class Renderer:
         )
 
     def _make_room(self, turn: np.ndarray) -> None:
-        """Make the room, turned by (4,)."""
+        """Create the room, rotated by a quaternion (4,)."""
         buffer = self._context.buffer(_room(self._scene, self._around, turn).astype(np.float32).tobytes())
         layout = (buffer, "3f 3f 3f 1f", "position", "normal", "color", "pattern")
         self._lit_room = self._context.vertex_array(self._room_program, [layout])
@@ -112,7 +112,7 @@ class Renderer:
         self._context.enable_only(moderngl.DEPTH_TEST)
         self._shadow.use(0)
         for place, (name, (texture, picture)) in enumerate(self._still.items()):
-            self._shadow_buffer.clear(depth=float(place))  # something before everything, or nothing anywhere
+            self._shadow_buffer.clear(depth=float(place))  # 0: everything is in shadow; 1: nothing
             self._samples.use()
             self._samples.clear(0.0, 0.0, 0.0, depth=1.0)
             self._lit_room.render()
@@ -121,7 +121,7 @@ class Renderer:
             _assign(self._paste_program, **{name: 1 + place})
 
     def draw(self, pose: Pose) -> np.ndarray:
-        """(H, W, 3) uint8: the body in one pose of its figure's skeleton."""
+        """Draw the body in one pose of its character's skeleton; returns pixels (H, W, 3), uint8."""
         import moderngl
 
         vertices, normals = self.figure.skin(pose)
@@ -146,10 +146,10 @@ class Renderer:
 
 
 @contextmanager
-def open_stage(scene: Scene, camera: Camera, height: int, around: np.ndarray) -> Iterator[Renderer]:
-    """A stage of a scene, for pictures `height` pixels high from one camera; the body stands around (3,) m, world.
+def open_renderer(scene: Scene, camera: Camera, height: int, around: np.ndarray) -> Iterator[Renderer]:
+    """Open a renderer of a scene for pictures `height` pixels high; the body is near `around` (3,) m, world.
 
-    Raises BodysenseError where OpenGL is not to be had.
+    Raises BodysenseError if moderngl or OpenGL is missing.
     """
     try:
         import moderngl
@@ -168,7 +168,7 @@ def open_stage(scene: Scene, camera: Camera, height: int, around: np.ndarray) ->
 
 
 def _program(context: moderngl.Context, vertex: str, *fragment: str) -> moderngl.Program:
-    """A program of two shaders; the text of the second is in several files."""
+    """Compile a vertex shader, and a fragment shader from several files."""
     head = "#version 330\nin vec3 world_position;\n"
     return context.program(vertex_shader=_text(vertex), fragment_shader=head + "".join(map(_text, fragment)))
 
@@ -178,7 +178,7 @@ def _text(name: str) -> str:
 
 
 def _assign(program: moderngl.Program, **uniforms: object) -> None:
-    """Set those of the uniforms that the program uses; the compiler drops the others."""
+    """Set uniforms; those that the program does not use are ignored, because the compiler drops them."""
     for name, value in uniforms.items():
         if name in program:
             if isinstance(value, bytes):
@@ -200,7 +200,7 @@ def _set_lamps(program: moderngl.Program, scene: Scene, toward: np.ndarray) -> N
 
 
 def _room(scene: Scene, around: np.ndarray, turn: np.ndarray) -> np.ndarray:
-    """(6 N, 10) corners of triangles: place, normal, colour and pattern."""
+    """Return the corners (6 N, 10) of the room's triangles: position, normal, colour and pattern."""
     back = -scene.wall_distance
     a, b, c, d = (np.array([x, y, z]) for x, y, z in ((-30, 0, back), (30, 0, back), (30, 12, back), (-30, 12, back)))
     e, f = np.array([-30, 0, 9]), np.array([30, 0, 9])
@@ -208,7 +208,7 @@ def _room(scene: Scene, around: np.ndarray, turn: np.ndarray) -> np.ndarray:
     rows += [(np.array([e, f, b, e, b, a]), [0, 1, 0], scene.floor, 2.0)]
     for box in scene.furniture:
         own, depth = quaternion_exp(np.array([0.0, box.turn, 0.0])), float(np.hypot(*box.size[[0, 2]])) / 2
-        middle = np.array([*box.middle[:2], max(box.middle[2], back + depth)])  # it stands before the wall
+        middle = np.array([*box.middle[:2], max(box.middle[2], back + depth)])  # in front of the wall
         for face, normal in map(_cube_side, range(6)):
             place = quaternion_rotate(own, face * box.size) + middle
             rows.append((place, quaternion_rotate(own, normal), box.color, 0.0))
@@ -220,24 +220,24 @@ def _room(scene: Scene, around: np.ndarray, turn: np.ndarray) -> np.ndarray:
 
 
 def _projection(camera: Camera) -> np.ndarray:
-    """(4, 4) clip ← world."""
+    """Return the matrix (4, 4) from world to clip coordinates."""
     focal = 2 * float(camera.focal)
     lens = np.zeros((4, 4))
     lens[0, 0], lens[1, 1] = focal / float(camera.aspect), focal
     lens[2, 2], lens[2, 3] = -(_FAR + _NEAR) / (_FAR - _NEAR), -2 * _FAR * _NEAR / (_FAR - _NEAR)
     lens[3, 2] = -1.0
-    return lens @ _world_to(camera.axes, camera.position)
+    return lens @ _world_to_axes(camera.axes, camera.position)
 
 
 def _orthographic(middle: np.ndarray, toward: np.ndarray, reach: float) -> np.ndarray:
-    """(4, 4) clip ← world of a lamp far away, around a place."""
+    """Return the matrix (4, 4) from world to clip coordinates of a distant lamp, centred at `middle`."""
     right = np.cross([0.0, 1.0, 0.0], toward)
     right /= np.linalg.norm(right)
     axes = np.stack([right, np.cross(toward, right), toward], axis=1)
-    return np.diag([1 / reach, 1 / reach, -1 / reach, 1.0]) @ _world_to(axes, middle)
+    return np.diag([1 / reach, 1 / reach, -1 / reach, 1.0]) @ _world_to_axes(axes, middle)
 
 
-def _world_to(axes: np.ndarray, position: np.ndarray) -> np.ndarray:
+def _world_to_axes(axes: np.ndarray, position: np.ndarray) -> np.ndarray:
     matrix = np.eye(4)
     matrix[:3, :3], matrix[:3, 3] = axes.T, -axes.T @ position
     return matrix
@@ -248,7 +248,7 @@ def _bytes(matrix: np.ndarray) -> bytes:
 
 
 def _cube_side(side: int) -> tuple[np.ndarray, np.ndarray]:
-    """Six corners (6, 3) of two triangles, and the normal (3,), of a side of the unit cube."""
+    """Return the corners (6, 3) of two triangles and the normal (3,) of a side of the unit cube."""
     turns = [(0, 0, 0), (0, np.pi / 2, 0), (0, np.pi, 0), (0, -np.pi / 2, 0), (np.pi / 2, 0, 0), (-np.pi / 2, 0, 0)]
     turn = quaternion_exp(np.array(turns[side], dtype=float))
     return np.asarray(quaternion_rotate(turn, _CUBE.astype(float))), quaternion_rotate(turn, np.array([0.0, 0.0, 1.0]))

@@ -1,4 +1,4 @@
-"""Work on clips, or anything else, in several processes, results in order."""
+"""Work in several processes, with results in order."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ Item = TypeVar("Item")
 Result = TypeVar("Result")
 
 
-def spread(
+def parallel_map(
     work: Callable[[Item], Result], clips: Iterable[Item], jobs: int, scheduler: str | None = None
 ) -> Iterator[tuple[Item, Result]]:
-    """Every clip with what `work` made of it, in order, from `jobs` processes (1: this one).
+    """Yield every clip with its result of `work`, in order, from `jobs` processes (1: this process).
 
-    `work` must pickle. No more than a few clips wait in memory. `scheduler` is the address of a Dask scheduler whose
-    machines do the work instead.
+    `work` must be picklable. Only a few clips wait in memory. `scheduler` is the address of a Dask scheduler whose
+    machines do the work instead. Raises BodysenseError if it does not answer.
     """
     if jobs == 1 and scheduler is None:
         for clip in clips:
@@ -43,7 +43,7 @@ def spread(
 
 
 def worker_pool(jobs: int | None, begin: Callable[[], object] | None = None) -> ProcessPoolExecutor:
-    """Return a pool of `jobs` processes (None: one a core) that end with this one; each calls `begin` first."""
+    """Return a pool of `jobs` processes (None: one for each core) that end with this one; each calls `begin` first."""
     # Spawned, not forked: a fork of a process that has threads (a progress bar, BLAS, PyTorch) can hang.
     return ProcessPoolExecutor(jobs, mp_context=get_context("spawn"), initializer=_end_with_parent, initargs=(begin,))
 
@@ -71,10 +71,10 @@ def _workers(jobs: int, scheduler: str | None) -> Iterator[tuple[Callable[..., A
 
 
 def _end_with_parent(begin: Callable[[], object] | None) -> None:
-    """End this worker process when its parent ends, however that does; a killed parent does not shut its pool down."""
+    """End this worker process when its parent ends, because a killed parent does not shut its pool down."""
     parent = parent_process()
     if parent is None:
-        raise RuntimeError("_end_with_parent: this process is no worker; it is a pool's initializer")
+        raise RuntimeError("_end_with_parent: this process is not a worker; use it as a pool's initializer")
 
     def watch() -> None:
         parent.join()
