@@ -51,7 +51,7 @@ class Image:
         places = ["--root", str(self.store / "root"), "--runroot", str(self.store / "run"), "--storage-driver", "vfs"]
         return ["buildah", *places, *map(str, words)]
 
-    def said_in(self, container: str, *words: str) -> str:
+    def container_output(self, container: str, *words: str) -> str:
         """Run a program in a container, as the image's user, and return what it printed."""
         return said(self.buildah("run", "--isolation", "chroot", container, "--", *words))
 
@@ -161,7 +161,7 @@ def main() -> None:
         image = build(Path(folder))
         size = image.size_mb()
         with image.running() as (container, address):
-            user = image.said_in(container, "id", "-u")
+            user = image.container_output(container, "id", "-u")
             print(f"the image has {size:.0f} MB; as user {user} its server answers at {address}/healthz")
         write_numbers(arguments.json, {"image_mb": size})
         if arguments.out is not None:

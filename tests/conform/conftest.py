@@ -82,8 +82,11 @@ def script() -> list[tuple[str, float, list[tuple[float, Angles]]]]:
         steps.append((f"{side}_leg_raise", 2.0, [(0.0, stand), (0.5, stand | leg(side, 60, 60)), (1.0, stand)]))
     lifts = [(k / 16, stand | leg(SIDES[k % 4 // 2], 55, 65) if k % 2 else stand) for k in range(17)]
     steps.append(("march", 9.6, lifts))
-    seat = stand | ARMS_AHEAD | leg("left", 88, 88) | leg("right", 88, 88)
-    steps += [("sit", 3.0, [(0.35, seat), (0.9, seat), (1.0, seat)]), ("flat", 1.5, [(0.3, HANG), (1.0, HANG)])]
+    sitting = stand | ARMS_AHEAD | leg("left", 88, 88) | leg("right", 88, 88)
+    steps += [
+        ("sit", 3.0, [(0.35, sitting), (0.9, sitting), (1.0, sitting)]),
+        ("flat", 1.5, [(0.3, HANG), (1.0, HANG)]),
+    ]
     steps.append(("fist", 1.5, [(0.3, HANG | FIST), (1.0, HANG | FIST)]))
     for finger in FINGERS:
         steps.append((f"pinch_{finger}", 1.5, [(0.3, HANG | pinch(finger)), (1.0, HANG | pinch(finger))]))

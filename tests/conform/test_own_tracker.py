@@ -15,7 +15,7 @@ from bodysense_conform.table import table
 from .conftest import HANG, RATE, RELAXED, about, both, given_out, leg, planted, swung
 
 
-def test_who_sits_with_hands_in_the_lap_has_feet_on_the_floor_by_head_and_hands_alone() -> None:
+def test_feet_of_a_seated_wearer_are_on_the_floor_from_head_and_hands() -> None:
     """The network does not know arms that are stretched ahead in a seat (docs/conform.md)."""
     skeleton, stand = default_skeleton().with_offsets(sample_bodies("test", 3)[2]), HANG | RELAXED
     lap = (

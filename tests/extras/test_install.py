@@ -60,7 +60,7 @@ def repository(tmp_path_factory: pytest.TempPathFactory) -> str:
     return f"file://{folder}"
 
 
-def shown(page: str, first: str) -> list[str]:
+def documented_command(page: str, first: str) -> list[str]:
     """The words of the command that a page of the docs shows, beginning so."""
     line = next(line for line in (ROOT / "docs" / page).read_text().splitlines() if line.startswith(first))
     return shlex.split(line.partition(" #")[0])
@@ -69,7 +69,7 @@ def shown(page: str, first: str) -> list[str]:
 @pytest.mark.parametrize(("program", "first"), [("uv", "uvx --from"), ("pipx", "pipx run")])
 def test_a_demo_from_the_address_of_a_repository(repository: str, tmp_path: Path, program: str, first: str) -> None:
     pytest.importorskip(program, reason=f"needs {program}, of the extra deploy")
-    words = [word.replace("$REPOSITORY", repository) for word in shown("deploy.md", first)]
+    words = [word.replace("$REPOSITORY", repository) for word in documented_command("deploy.md", first)]
     start = ["uv", "tool", "run"] if program == "uv" else ["pipx"]
     run = [sys.executable, "-m", *start, *words[1:], "-o", str(tmp_path / "demo")]
     places = {"UV_CACHE_DIR": "uv", "UV_TOOL_DIR": "tools", "PIPX_HOME": "pipx"}
@@ -157,9 +157,9 @@ def test_the_dockerfile_makes_an_image_that_serves(tmp_path: Path) -> None:
     health = [str(word) for word in image.inspected()["Healthcheck"]["Test"][1:]]
     with image.running() as (container, address):
         has_page_and_network(address)
-        assert image.said_in(container, "id", "-u") == "10001"
+        assert image.container_output(container, "id", "-u") == "10001"
         port = address.rpartition(":")[2]
-        image.said_in(container, *(word.replace(":8765", f":{port}") for word in health))
+        image.container_output(container, *(word.replace(":8765", f":{port}") for word in health))
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="the program is run on Linux")

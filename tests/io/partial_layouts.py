@@ -54,7 +54,7 @@ def flat(layout: Layout) -> Layout:
     """All joints hang on the root, and say where they are in its frame."""
     root = layout.bones[0][0]
     bones = [(name, "-" if name == root else root, place) for name, _, place in layout.bones if name != "End Site"]
-    return replace(layout, bones=bones, placed=True)
+    return replace(layout, bones=bones, has_positions=True)
 
 
 def scattered(layout: Layout) -> Layout:

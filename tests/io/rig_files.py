@@ -63,9 +63,9 @@ class Layout:
     up: str = "y"
     rest: str = "T"  # or 'A', 'hanging', 'slanted', 'along y', 'odd'
     orders: tuple[str, ...] = ("ZXY",)  # of channels, taken in turn
-    placed: bool = False  # position channels on every joint, which override offsets that say nothing
+    has_positions: bool = False  # position channels on every joint, which override offsets that say nothing
     still: tuple[str, ...] = ()  # joints of ours that must not turn, or the rig cannot hold the motion
-    told_unit: bool = True  # False: the unit cannot be told; the body comes out at 1.70 m
+    has_known_unit: bool = True  # False: the unit is unknown; the body comes out at 1.70 m
     lacks: tuple[str, ...] = field(default=())  # points that stand nowhere, though the rig has a joint for them
     t_posed: bool = False  # a T-pose stands before the motion
 
@@ -143,7 +143,7 @@ def write(layout: Layout, clip: Clip, *, turn: Rotation | None = None, shift: fl
         if layout.rest == "along y" and not below:
             frames[name] = Rotation.identity()
 
-    def placed(name: str) -> tuple[np.ndarray, Rotation]:
+    def pose_of(name: str) -> tuple[np.ndarray, Rotation]:
         """Place (T, 3) and rotation of a joint in the file's world."""
         carrier, at = spots[name]
         if not carrier:
@@ -165,15 +165,19 @@ def write(layout: Layout, clip: Clip, *, turn: Rotation | None = None, shift: fl
             offset = frames[parent].inv().apply(at - spots[parent][1]) * scale / layout.unit
         lines.append(f"{pad}{'End Site' if is_site else ('ROOT ' if parent == '-' else 'JOINT ') + name}")
         lines.append(pad + "{")
-        told = np.array([0.0, 0.0, 0.043]) / layout.unit if layout.placed and not is_site and parent != "-" else offset
-        lines.append(f"{pad}  OFFSET {' '.join(f'{x:.8f}' for x in told)}")
+        offset_written = (
+            np.array([0.0, 0.0, 0.043]) / layout.unit
+            if layout.has_positions and not is_site and parent != "-"
+            else offset
+        )
+        lines.append(f"{pad}  OFFSET {' '.join(f'{x:.8f}' for x in offset_written)}")
         if not is_site:
-            where, turned = placed(name)
+            where, turned = pose_of(name)
             if parent != "-":
-                above, above_turned = placed(parent)
+                above, above_turned = pose_of(parent)
                 where, turned = above_turned.inv().apply(where - above), above_turned.inv() * turned
             order = layout.orders[len(columns) % len(layout.orders)]
-            has_place = layout.placed or parent == "-" or not spots[parent][0]
+            has_place = layout.has_positions or parent == "-" or not spots[parent][0]
             channels = ("Xposition Yposition Zposition " if has_place else "") + " ".join(f"{a}rotation" for a in order)
             lines.append(f"{pad}  CHANNELS {len(channels.split())} {channels}")
             with warnings.catch_warnings():

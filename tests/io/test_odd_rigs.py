@@ -120,7 +120,7 @@ def test_a_body_that_sits_is_read(name: str) -> None:
     check(EVERY[name], seated())
 
 
-def test_sides_that_nothing_tells_are_a_guess_that_is_said() -> None:
+def test_guessed_sides_are_reported() -> None:
     """A straight body without feet, in one frame, under numbers."""
     number = {name: f"n{k}" for k, (name, _, _) in enumerate(LAYOUTS["OpenNI"].bones)} | {"-": "-"}
     number["End Site"] = "End Site"

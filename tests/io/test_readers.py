@@ -148,5 +148,5 @@ def test_blender_places_joints_where_we_do_and_shows_a_body(clip: Clip, tmp_path
             found = np.array([place[0], place[2], -place[1]])
             assert np.linalg.norm(found - ours[int(frame), clip.pose.skeleton.index(name)]) < 1e-5, (frame, name)
     with Image.open(picture) as image:
-        shown = np.asarray(image)[..., 3] > 128
-    assert 0.02 < shown.mean() < 0.5
+        opaque = np.asarray(image)[..., 3] > 128
+    assert 0.02 < opaque.mean() < 0.5

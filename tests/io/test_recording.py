@@ -333,7 +333,7 @@ def test_a_motion_is_not_a_recording(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("ending", [".npz", ".jsonl"])
-def test_what_cannot_be_read_back_is_not_written(tmp_path: Path, ending: str) -> None:
+def test_unreadable_recordings_are_not_written(tmp_path: Path, ending: str) -> None:
     good = example()
     path = tmp_path / f"a{ending}"
     seen = good.observation

@@ -115,13 +115,13 @@ def test_any_other_folder_is_split_by_person(tmp_path: Path, make_clip) -> None:
     assert sorted(found) == sorted(s.person for s in sources)
 
 
-def test_splits_are_stable_and_of_the_shares_said() -> None:
+def test_splits_are_stable_and_have_the_documented_shares() -> None:
     assert (split_of("anna"), split_of("")) == ("train", "val")  # fixed for ever: a change would leak people
     share = [sum(split_of(str(k)) == which for k in range(3000)) / 3000 for which in SPLITS]
     np.testing.assert_allclose(share, [0.8, 0.1, 0.1], atol=0.02)
 
 
-def test_where_there_is_nothing(tmp_path: Path, described: Path) -> None:
+def test_a_folder_without_motion_is_refused(tmp_path: Path, described: Path) -> None:
     (tmp_path / "empty").mkdir()
     with pytest.raises(BodysenseError, match=r"empty: no .bvh or .npz file in it; give a folder of motion files"):
         open_clips(tmp_path / "empty")
@@ -135,7 +135,7 @@ def test_where_there_is_nothing(tmp_path: Path, described: Path) -> None:
         open_clips(described, "dev")  # type: ignore[arg-type]
 
 
-def test_files_that_are_no_motion(tmp_path: Path) -> None:
+def test_files_without_motion_are_refused(tmp_path: Path) -> None:
     (tmp_path / "a.fbx").write_text("x")
     (tmp_path / "b.bvh").write_text("")
     (tmp_path / "c.npz").write_text("not a zip file")

@@ -19,7 +19,7 @@ from bodysense.errors import BodysenseError
 from bodysense.files import read_bytes, written_beside
 from bodysense.io.bvh_text import BvhFile, parse_bvh
 from bodysense.io.clip import Clip
-from bodysense.io.rigs.figure import Figure, placed
+from bodysense.io.rigs.figure import Figure, positions_in_parent
 
 _UNIT, _ORDER = 0.01, "ZXY"  # m of a file unit, and the channels' order, unless others are given
 _BLOCK = 256  # frames that are written at once
@@ -76,7 +76,7 @@ def _figure(file: BvhFile, root: int) -> Figure:
         parents=tuple(-1 if k == root else point[file.tree[k].parent] for k in nodes),
         offset=offset,
         rotation=file.rotation[:, joints],
-        position=placed(position, offset),
+        position=positions_in_parent(position, offset),
         frame_rate=file.frame_rate,
         nodes=tuple(nodes),
     )

@@ -333,8 +333,8 @@ def _three_numbers(text: str, broken: Callable[[str], BodysenseError]) -> tuple[
     try:
         numbers = tuple(float(word) for word in text.split())
     except ValueError:
-        said = "has commas for decimal points; put points" if "," in text else "is not three numbers"
-        raise broken(f"OFFSET {' '.join(text.split())!r} {said}") from None
+        problem = "has commas for decimal points; put points" if "," in text else "is not three numbers"
+        raise broken(f"OFFSET {' '.join(text.split())!r} {problem}") from None
     if not sound(np.array(numbers)).all():
         raise broken(f"OFFSET {' '.join(text.split())!r} is not finite, or beyond {HUGE:g}")
     return numbers

@@ -146,7 +146,7 @@ def _standing_frames(point: np.ndarray, skeleton: Skeleton, rate: float) -> np.n
     return np.where(np.asarray(height[0]) <= np.asarray(height[1]), *stands)
 
 
-def placed(clip: Clip, placement: BodyPlacement) -> Clip:
+def apply_placement(clip: Clip, placement: BodyPlacement) -> Clip:
     """Return a motion with the height and the floor of a placement; its path keeps its length."""
     pose = clip.pose
     skeleton = pose.skeleton.with_offsets(pose.skeleton.rest_offset * placement.size)
@@ -154,11 +154,11 @@ def placed(clip: Clip, placement: BodyPlacement) -> Clip:
     return replace(clip, pose=Pose(skeleton, root, pose.rotation))
 
 
-def read_placed(
+def read_with_placement(
     path: Path, smpl_model: Path | None = None, known: BodyPlacement | None = None
 ) -> tuple[Clip, BodyPlacement]:
     """Read an AMASS file with the height and floor of its person, or if they are unknown with those of this motion."""
     clip = body_in_file(path, smpl_model)
     if known is None:
         known = placement_of(footing_of(clip), has_bones=smpl_model is not None)
-    return placed(clip, known), known
+    return apply_placement(clip, known), known

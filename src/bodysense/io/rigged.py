@@ -208,7 +208,7 @@ def _clip(figure: Figure, rig: Rig, by_table: bool, must_stand: bool) -> Clip:
         given for ours, given in rig.joints.items() if given in figure.end_sites and ours in default_skeleton().joints
     ]
     figure = _of_body(figure.with_joints(sites) if sites else figure, rig)
-    source, place = _placed(figure, rig)
+    source, place = _figure_clip(figure, rig)
     joints = {given: ours for ours, given in rig.joints.items()}
     if "pelvis" not in rig.joints:
         source, place = _with_pelvis(source, place, rig)
@@ -230,7 +230,7 @@ def _of_body(figure: Figure, rig: Rig) -> Figure:
     return figure.only(inside)
 
 
-def _placed(figure: Figure, rig: Rig) -> tuple[Clip, np.ndarray | None]:
+def _figure_clip(figure: Figure, rig: Rig) -> tuple[Clip, np.ndarray | None]:
     """Return a figure as a clip in our world, and its points (T, P, 3) m if its bones are not rigid."""
     try:
         skeleton = Skeleton(figure.joints, figure.end_sites, figure.parents, figure.bone * rig.unit)
@@ -257,9 +257,9 @@ def _with_pelvis(clip: Clip, place: np.ndarray | None, rig: Rig) -> tuple[Clip, 
     offset = np.concatenate([skeleton.rest_offset[:1] * 0, -down[None], skeleton.rest_offset[1:]])
     parents = (-1, 0, *(parent + 1 for parent in skeleton.parents[1:]))
     body = Skeleton((PELVIS, *skeleton.joints), skeleton.end_sites, parents, offset)
-    moved = pose.root_position + quaternion_rotate(pose.rotation[:, 0], down)
+    root = pose.root_position + quaternion_rotate(pose.rotation[:, 0], down)
     still = np.zeros_like(pose.rotation[:, :1])
     still[..., 0] = 1
     rotation = np.concatenate([pose.rotation[:, :1], still, pose.rotation[:, 1:]], axis=1)
-    whole = replace(clip, pose=Pose(body, moved, rotation))
-    return whole, None if place is None else np.concatenate([moved[:, None], place], axis=1)
+    whole = replace(clip, pose=Pose(body, root, rotation))
+    return whole, None if place is None else np.concatenate([root[:, None], place], axis=1)

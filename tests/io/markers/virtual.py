@@ -158,7 +158,7 @@ BONES = {
 }
 
 
-def worn(pose: Pose, names: dict[str, str]) -> dict[str, np.ndarray]:
+def marker_positions(pose: Pose, names: dict[str, str]) -> dict[str, np.ndarray]:
     """Where the markers of a set are on a posed body, (T, 3) m each."""
     position, rotation = forward_kinematics(pose)
     places: dict[str, np.ndarray] = {}
@@ -234,7 +234,7 @@ def _part(joint: str) -> str:
 
 
 def raw_of(clip: Clip, names: dict[str, str], scale: float = 1.0, unit: str = "m") -> RawMarkers:
-    places = worn(clip.pose, names)
+    places = marker_positions(clip.pose, names)
     position = np.stack(list(places.values()), axis=1) * scale
     return RawMarkers(tuple(places), position, clip.time, clip.frame_rate, unit)  # type: ignore[arg-type]
 

@@ -19,7 +19,7 @@ from bodysense.io.archive import SUFFIXES, ZIP, MotionFile, motion_files
 from bodysense.io.clip import Clip, at_height
 from bodysense.io.datasets.layouts import Layout, labelled, layout_of
 from bodysense.io.datasets.splits import SPLITS, Split
-from bodysense.io.placement import BodyPlacement, read_placed, standing_floor
+from bodysense.io.placement import BodyPlacement, read_with_placement, standing_floor
 from bodysense.io.reading_options import AS_FOUND, ReadingOptions
 from bodysense.io.rigged import read_rigged
 from bodysense.io.rigs.canonical import complete_skeleton
@@ -87,11 +87,11 @@ def read_amass_source(source: Source, options: ReadingOptions) -> tuple[Clip, Bo
         clip = read_amass(source.path, source.skeleton)
         if options.floor is None:
             clip = with_floor(clip, standing_floor(clip))
-        return as_told(clip, options, "AMASS files", "z"), None
-    clip, placement = read_placed(source.path, options.smpl_model, source.placement)
+        return apply_options(clip, options, "AMASS files", "z"), None
+    clip, placement = read_with_placement(source.path, options.smpl_model, source.placement)
     if options.floor is not None:  # undo the floor that was found
         clip = with_floor(clip, -placement.floor)
-    return as_told(clip, options, "AMASS files", "z"), placement
+    return apply_options(clip, options, "AMASS files", "z"), placement
 
 
 def list_sources(directory: str | Path, layout: Layout | None = None) -> list[Source]:
@@ -175,7 +175,7 @@ def _described_sources(directory: Path) -> list[Source]:
     return sources
 
 
-def as_told(clip: Clip, options: ReadingOptions, kind: str, up: str) -> Clip:
+def apply_options(clip: Clip, options: ReadingOptions, kind: str, up: str) -> Clip:
     """Apply options to a motion of a `kind` of files that fix all but the floor and the height, with axis `up`."""
     for option, value in (("unit", options.unit), ("joints", options.joints), ("figure", options.figure)):
         if value is not None:

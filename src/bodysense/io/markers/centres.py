@@ -78,7 +78,7 @@ def centre_of(
 def _mean_centre(recipe: Recipe, at: Sequence[np.ndarray], axes: Axes, size: float) -> np.ndarray:
     """The mean of markers, and from there an offset."""
     centre = np.mean(at, axis=0)
-    return centre if not axes else centre + _placed(axes[0], size * np.array(recipe.offset), recipe.side)
+    return centre if not axes else centre + _offset_in_world(axes[0], size * np.array(recipe.offset), recipe.side)
 
 
 def _hip(recipe: Recipe, at: Sequence[np.ndarray], axes: Axes, size: float) -> np.ndarray:
@@ -92,7 +92,7 @@ def _hip(recipe: Recipe, at: Sequence[np.ndarray], axes: Axes, size: float) -> n
     left = axes[0][..., 0]
     ahead = front - np.mean(behind, axis=0)
     ahead = _unit(ahead - left * (ahead * left).sum(axis=-1, keepdims=True))
-    return front + _placed(np.stack([left, np.cross(ahead, left), ahead], axis=-1), offset, recipe.side)
+    return front + _offset_in_world(np.stack([left, np.cross(ahead, left), ahead], axis=-1), offset, recipe.side)
 
 
 def _shoulder(recipe: Recipe, at: Sequence[np.ndarray], axes: Axes, size: float) -> np.ndarray:
@@ -130,7 +130,7 @@ CENTRES: dict[str, Callable[[Recipe, Sequence[np.ndarray], Axes, float], np.ndar
 }
 
 
-def _placed(axes: np.ndarray, offset: np.ndarray, side: float) -> np.ndarray:
+def _offset_in_world(axes: np.ndarray, offset: np.ndarray, side: float) -> np.ndarray:
     """An offset (out, up, forward) of a side in the world."""
     return axes @ (offset * np.array([side, 1.0, 1.0]))
 

@@ -52,9 +52,9 @@ class MarkerOptions:
             raise BodysenseError(f"{', '.join(more)}: for motions, not for marker files; leave it out")
         names = None if self.names is None else read_names(self.names)
         unit, up = cast("Unit | None", reading.unit), cast("Up | None", reading.up)
-        return MarkerFormat(names, unit, up, self.left_handed, self.rate, self.worn(), reading.floor)
+        return MarkerFormat(names, unit, up, self.left_handed, self.rate, self.glove_set(), reading.floor)
 
-    def worn(self) -> GloveSet | None:
+    def glove_set(self) -> GloveSet | None:
         """Return the gloves' marker set, if one is given."""
         if self.marker_set is None:
             return None

@@ -93,7 +93,7 @@ class MarkerFormat:
     up: Up | None = None
     left_handed: bool = False  # axes as Unity's and Unreal's: the world is mirrored
     rate: float | None = None  # Hz, for files without a rate
-    worn: GloveSet | None = None  # the marker set of the gloves; None: a packaged one, found by the labels
+    glove_set: GloveSet | None = None  # the marker set of the gloves; None: a packaged one, found by the labels
     floor: float | None = None  # m, the floor's height in our world; None: inferred from the body's feet
 
     def __post_init__(self) -> None:
@@ -152,7 +152,7 @@ def observed_markers(raw: RawMarkers, form: MarkerFormat, place: str) -> tuple[O
         remarks.append(f"left out {listed(others)}: no markers of a glove by name")
     points = tuple(name for name in ours if name is not None)
     for hand in dict.fromkeys(point.partition("_glove_")[0] for point in points):
-        missing = [name for name in (form.worn or standard_set()).names if f"{hand}_glove_{name}" not in points]
+        missing = [name for name in (form.glove_set or standard_set()).names if f"{hand}_glove_{name}" not in points]
         if missing:
             remarks.append(f"the {hand} glove lacks {listed(missing)}")
     return points_alone(points, in_our_world(raw.position[:, here], raw, form), raw.time), remarks
@@ -215,19 +215,19 @@ def _named(names: Sequence[str], form: MarkerFormat) -> list[str | None]:
     """Return our name of every marker, or None: by the given table, by its own name, or by its label in a set."""
     table = form.names or {}
     known: dict[str, str] = {}
-    if not table or form.worn is not None:
-        for one in packaged_sets().values() if form.worn is None else (form.worn,):
+    if not table or form.glove_set is not None:
+        for one in packaged_sets().values() if form.glove_set is None else (form.glove_set,):
             known = one.points(names) | known
-    return [_our_name(name, table, form.worn) or known.get(name) for name in names]
+    return [_our_name(name, table, form.glove_set) or known.get(name) for name in names]
 
 
-def _our_name(name: str, table: Mapping[str, str], worn: GloveSet | None) -> str | None:
+def _our_name(name: str, table: Mapping[str, str], glove_set: GloveSet | None) -> str | None:
     """Return our name of a marker by the table or by its own name, ignoring a 'Subject:' prefix; or None."""
     bare = name.rpartition(":")[2].strip()
     for candidate in (name, bare):
         if candidate in table:
             return table[candidate] if glove_marker(table[candidate]) else None
-    names = MARKERS if worn is None else worn.names
+    names = MARKERS if glove_set is None else glove_set.names
     for candidate in (name,) if table else (bare, bare.lower()):
         found = glove_marker(candidate)
         if found and found[1] in names:

@@ -286,10 +286,10 @@ def _fingers_of(tree: Tree, side: str, wrist: int, named: Mapping[str, int]) -> 
     figure = tree.figure
     below = figure.under(wrist)[1:]
     own = {name: k for name, k in named.items() if name.startswith(side) and is_finger(name.removesuffix("_tip"))}
-    told = {name: k for name, k in own.items() if k in below}
-    said = {k for k in below if k < len(figure.joints) and tree.means(k, "finger", *FINGERS)}
-    if told and said <= set(told.values()):
-        return {name: k for name, k in told.items() if not name.endswith("_tip") or tree.length[k] > 0}
+    found = {name: k for name, k in own.items() if k in below}
+    finger_joints = {k for k in below if k < len(figure.joints) and tree.means(k, "finger", *FINGERS)}
+    if found and finger_joints <= set(found.values()):
+        return {name: k for name, k in found.items() if not name.endswith("_tip") or tree.length[k] > 0}
     if not any(tree.reach[k] > 0 for k in figure.children[wrist]):
         return {}
     from bodysense.io.rigs.structure import fingers_of

@@ -203,7 +203,7 @@ def measured(figure: Figure) -> Tree:
     return Tree(figure, replace(figure, rotation=figure.rotation[frames], position=position).world()[0])
 
 
-def placed(position: dict[int, np.ndarray], offset: np.ndarray) -> dict[int, np.ndarray]:
+def positions_in_parent(position: dict[int, np.ndarray], offset: np.ndarray) -> dict[int, np.ndarray]:
     """Place in the parent of each joint that has position channels: instead of its offset, or added to it.
 
     MotionBuilder and Blender have them replace it; some programs write what is to be added, which is small or zero. A
@@ -214,8 +214,8 @@ def placed(position: dict[int, np.ndarray], offset: np.ndarray) -> dict[int, np.
         for joint, place in position.items()
         if joint > 0 and np.linalg.norm(place, axis=1).max() < 0.2 * np.linalg.norm(offset[joint])
     }
-    telling = [joint for joint in position if joint > 0 and (np.any(position[joint]) or not np.any(offset[joint]))]
-    if 2 * sum(joint not in small for joint in telling) > len(position) - 1:
+    nonzero = [joint for joint in position if joint > 0 and (np.any(position[joint]) or not np.any(offset[joint]))]
+    if 2 * sum(joint not in small for joint in nonzero) > len(position) - 1:
         small = {joint for joint in small if np.any(position[joint])}
     return {
         joint: place + offset[joint] if joint in small else place

@@ -213,18 +213,18 @@ def _limb_of_chains(tree: Tree, hub: int, chains: Pair, kind: Kind) -> Limb | No
 
 def _is_shifted(tree: Tree, joints: tuple[int, ...], kind: Kind) -> bool:
     """Whether names mean that a joint is missing: a forearm is taken for a wrist, or an upper arm for an elbow."""
-    said = [set[str]() if tree.is_aside(k) else every_part(tree.name(k)) for k in joints]
+    meanings = [set[str]() if tree.is_aside(k) else every_part(tree.name(k)) for k in joints]
     one, two, three = ROLES[kind]
-    is_third = three not in said[2] and bool(said[2] & {one, two})
-    return is_third or (said[1] == {one} and bool(said[0] - {one}))
+    is_third = three not in meanings[2] and bool(meanings[2] & {one, two})
+    return is_third or (meanings[1] == {one} and bool(meanings[0] - {one}))
 
 
 def _is_named_otherwise(limbs: Limbs) -> bool:
     """Whether the names of all joints of a leg mean something else, or joints of a limb are a wing's or a paw's."""
     name = limbs.tree.name
-    said = [(role, parts(name(k))) for role, k in zip(ROLES["leg"], limbs.leg.joints[0], strict=True)]
+    meanings = [(role, parts(name(k))) for role, k in zip(ROLES["leg"], limbs.leg.joints[0], strict=True)]
     animal = any(is_animal(name(k)) for limb in (limbs.leg, limbs.arm) for joints in limb.joints for k in joints)
-    return animal or all(meant and role not in meant for role, meant in said)
+    return animal or all(meant and role not in meant for role, meant in meanings)
 
 
 def _is_crab(limbs: Limbs, pairs: list[tuple[int, Pair]]) -> bool:
@@ -328,9 +328,9 @@ def _which(tree: Tree, wrist: int, chains: list[list[int]]) -> dict[str, list[in
     """Return the chain of each finger."""
     named: dict[str, list[int]] = {}
     for chain in chains:
-        said = [part for k in chain for part in parts(tree.name(k)) if part in FINGERS]
-        if said and said.count(said[0]) > 1:
-            named.setdefault(said[0], chain)
+        fingers = [part for k in chain for part in parts(tree.name(k)) if part in FINGERS]
+        if fingers and fingers.count(fingers[0]) > 1:
+            named.setdefault(fingers[0], chain)
     if named:
         return named
     numbered = [chain for chain in chains if any(tree.means(k, "finger") for k in chain)]
@@ -360,7 +360,7 @@ def _begins_in_palm(tree: Tree, wrist: int, finger: str, chain: list[int], joint
         return True
     if finger == "thumb" or len(joints) < 3:
         return False
-    said = words(tree.name(joints[0]))
-    if "carpal" in "".join(said) or "mc" in said:
+    label = words(tree.name(joints[0]))
+    if "carpal" in "".join(label) or "mc" in label:
         return True
     return len(chain) > 3 and bool(tree.distance(wrist, joints[0]) < _METACARPAL * tree.length[joints[1]])

@@ -48,19 +48,19 @@ def skate(subject: Subject) -> Series:
     half = subject.frames(0.5)
     pelvis = subject.at("pelvis")
     way = change(pelvis) * _FLAT
-    moved = norm(way)
-    ahead = way / np.maximum(moved, 1e-9)[:, None]
+    distance = norm(way)
+    ahead = way / np.maximum(distance, 1e-9)[:, None]
     feet = np.stack([change(subject.at(f"{side}_ankle")) * _FLAT for side in SIDES])
     slower = np.nan_to_num(norm(feet), nan=np.inf).argmin(axis=0)
     along = (feet[slower, np.arange(len(way))] * ahead).sum(axis=-1)
-    speed = moved / subject.interval
+    speed = distance / subject.interval
     far = (later(pelvis, half) - later(pelvis, -half)) * _FLAT  # over a whole second, too
     goes = norm(far) > _WALKS * 2 * half * subject.interval
     counted = goes & (speed > _WALKS) & (speed < _RUNS) & (subject.lower_sole - subject.ground < 0.2)
     left, right = ((subject.line(f"{side}_hip", f"{side}_knee") * ahead).sum(-1)[counted] for side in SIDES)
     walks = counted.sum() * subject.interval >= 2 and np.corrcoef(left, right)[0, 1] < -0.3
     need(walks, "the body walks for less than two seconds")
-    return np.clip(along, 0, moved)[counted].sum() / moved[counted].sum()
+    return np.clip(along, 0, distance)[counted].sum() / distance[counted].sum()
 
 
 def idle_steps(subject: Subject) -> Series:

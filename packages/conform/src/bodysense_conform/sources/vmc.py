@@ -73,7 +73,7 @@ def vmc_subject(packets: Sequence[Packet], name: str) -> Subject:
             f"{name}: {len(packets)} packets with {len(frames)} frames of bones; send VMC's bones to it"
         )
     there = np.array([[joint in frame for joint in names] for frame in frames])
-    position, rotation = _placed(frames, names)
+    position, rotation = _world_poses(frames, names)
     time, rotated = np.array(times[: len(frames)]), np.ones(len(names), dtype=bool)
     subject = points_subject(name, "VMC", names, time, position, rotation, rotated, there)
     return replace(subject, transport=Transport(messages=len(packets), malformed=malformed))
@@ -99,7 +99,7 @@ def _bone(message: Message) -> tuple[str, np.ndarray] | None:
     return None if joint is None else (joint, np.array(numbers, dtype=float))
 
 
-def _placed(frames: list[dict[str, np.ndarray]], names: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray]:
+def _world_poses(frames: list[dict[str, np.ndarray]], names: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray]:
     """Return frames of bones, local to their parents, as places (T, P, 3) and turns (T, P, 4) in the world."""
     unknown, still = np.full(7, np.nan), np.array([0, 0, 0, 0, 0, 0, 1.0])
     table = np.array([[frame.get("root", still), *(frame.get(joint, unknown) for joint in names)] for frame in frames])
