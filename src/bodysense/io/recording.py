@@ -276,7 +276,7 @@ def _has_skeleton(fields: dict[str, Any]) -> bool:
 
 
 def _skeleton(path: Path, fields: dict[str, Any]) -> Skeleton:
-    """The wearer's skeleton: given in full, or the default one."""
+    """Return the wearer's skeleton: given in full, or the default one."""
     if not _has_skeleton(fields):
         return default_skeleton()
     missing = [name for name in SKELETON if name not in fields]

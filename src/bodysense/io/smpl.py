@@ -163,7 +163,7 @@ def _first(arrays: Mapping[str, np.ndarray], names: tuple[str, ...]) -> tuple[st
 
 
 def _rotations(path: Path, arrays: Mapping[str, np.ndarray]) -> tuple[np.ndarray, list[int]]:
-    """Return rotations (T, N, 4), and which of our joints they are of."""
+    """Return rotations (T, N, 4), and the names of their joints."""
     body = list(range(22))
     hands = list(range(22, 52))
     whole = _first(arrays, WHOLE)

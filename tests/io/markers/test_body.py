@@ -411,7 +411,7 @@ def test_a_duplicate_label_is_reported(unseen_body: Clip) -> None:
     raw = raw_of(unseen_body, PAIRS)
     twice = replace(raw, names=(*raw.names, "LSHO"), position=np.concatenate([raw.position, raw.position[:, :1]], 1))
     (line,) = found(twice).warnings
-    assert line.startswith("labels that stand twice: 'LSHO'")
+    assert line.startswith("duplicate labels: 'LSHO'")
 
 
 def test_a_set_of_fingers_is_no_body() -> None:

@@ -1,4 +1,4 @@
-"""Motion files on disk: one file, a folder of them, and the person, category and split of each."""
+"""Motion files on disk, alone or in folders, with the person, category and split of each."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def read_source(source: Source, options: ReadingOptions = AS_FOUND) -> Clip:
 
 
 def read_with_rig(source: Source, options: ReadingOptions = AS_FOUND) -> tuple[Clip, Rig | None]:
-    """The clip of a source in canonical form, and the rig that was recognised; None of a file that has none (AMASS).
+    """Return the clip of a source in canonical form, and the recognised rig; None for AMASS, which has no rig.
 
     Raises BodysenseError for other files and damaged ones.
     """
@@ -176,7 +176,7 @@ def _described_sources(directory: Path) -> list[Source]:
 
 
 def apply_options(clip: Clip, options: ReadingOptions, kind: str, up: str) -> Clip:
-    """Apply options to a motion of a `kind` of files that fix all but the floor and the height, with axis `up`."""
+    """Apply the floor and the height of options to a motion; other options are refused for this `kind` of files."""
     for option, value in (("unit", options.unit), ("joints", options.joints), ("figure", options.figure)):
         if value is not None:
             raise BodysenseError(

@@ -1,4 +1,4 @@
-"""A body from its markers: the set is recognised, unit, up axis and floor are inferred, and joints are computed."""
+"""Body from markers: recognise the set, infer unit, up axis and floor, and compute joints."""
 
 from __future__ import annotations
 
@@ -125,16 +125,16 @@ def _unknown(
 
 
 def _doubled(raw: RawMarkers, known: Recognised) -> list[str]:
-    """Warn of markers with the label of another one, which is used."""
+    """Return a warning about duplicate labels, or nothing."""
     labels = [plain(name.rpartition(":")[2]) for name in raw.names]
     used = {labels[k] for k in known.columns.values()}
     unused = sorted(set(range(len(labels))) - set(known.columns.values()))
     again = [raw.names[k] for k in unused if labels[k] in used]
-    return [f"labels that stand twice: {listed(again)}; only the first marker of each is used"] if again else []
+    return [f"duplicate labels: {listed(again)}; only the first marker of each is used"] if again else []
 
 
 def _guessed(points: Collection[str], others: list[str], arms_hang: bool) -> list[str]:
-    """Warn of limbs without a joint, say what becomes of them, and name the unknown labels, which may be theirs."""
+    """Return a warning about limbs without a joint: how they are completed, and the unknown labels."""
     parts = {"arm": ("elbow", "wrist", "glove", *FINGERS), "leg": ("knee", "ankle", "foot")}
     limbs = {f"{side} {limb}": (side, parts[limb]) for limb in parts for side in ("left", "right")}
     bare = [

@@ -74,7 +74,7 @@ class Recognised:
 
 @lru_cache(maxsize=1)
 def marker_sets() -> tuple[MarkerSet, ...]:
-    """The sets that come with the package."""
+    """Return the packaged sets."""
     folder = files("bodysense.io.markers.sets")
     found = sorted(entry.name for entry in folder.iterdir() if entry.name.endswith(".toml"))
     return tuple(_parsed(tomllib.loads(folder.joinpath(name).read_text(encoding="utf-8"))) for name in found)
@@ -150,7 +150,7 @@ def _joints(names: Sequence[str]) -> dict[str, int]:
 
 
 def _named(points: tuple[str, ...]) -> MarkerSet:
-    """The set of markers that are joints themselves."""
+    """Return the set of markers named as joints."""
     spans = [("hip", "knee", 0.41), ("knee", "ankle", 0.41), ("shoulder", "elbow", 0.27), ("elbow", "wrist", 0.24)]
     return MarkerSet(
         name="markers named as joints",
@@ -231,7 +231,7 @@ def _parsed(stored: dict[str, Any]) -> MarkerSet:
 
 
 def _of_its_labels(whole: MarkerSet) -> MarkerSet:
-    """Drop everything that needs landmarks which the set does not have."""
+    """Drop recipes that need landmarks missing from the set."""
     has = set(whole.labels.values())
     frames = tuple(
         frame for frame in whole.frames if has >= {name for _, start, end in frame.axes for name in (*start, *end)}

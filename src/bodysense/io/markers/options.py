@@ -37,7 +37,7 @@ class MarkerOptions:
     left_handed: bool = False
     """The axes of a marker file are left-handed, as in Unity and Unreal."""
     rate: float | None = None
-    """Frames a second of a file that does not say it."""
+    """Frames per second, for files without a rate."""
     unlabelled: Literal["left", "right", "both"] | None = None
     """The markers have no identities (passive markers); these gloves are found among them."""
 

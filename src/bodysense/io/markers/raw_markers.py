@@ -124,7 +124,7 @@ def read_names(path: str | Path) -> dict[str, str]:
     for theirs, ours in pairs:
         if standard_marker(ours) is None and ours not in default_skeleton().points:
             raise BodysenseError(
-                f"{path}: {ours!r} (for {theirs!r}) is no marker; say a joint, such as 'left_elbow', or "
+                f"{path}: {ours!r} (for {theirs!r}) is no marker; give a joint, such as 'left_elbow', or "
                 f"'<hand>_glove_<marker>' with the hand 'left' or 'right' and one of {', '.join(MARKERS)}"
             )
     for column in zip(*pairs, strict=True):
@@ -159,7 +159,7 @@ def observed_markers(raw: RawMarkers, form: MarkerFormat, place: str) -> tuple[O
 
 
 def points_alone(names: tuple[str, ...], position: np.ndarray, time: np.ndarray) -> Observation:
-    """An observation of positions (T, P, 3) m, world, without rotations; NaN where hidden."""
+    """Return an observation of positions (T, P, 3) m, world, without rotations; NaN where hidden."""
     seen = np.asarray(np.isfinite(position).all(axis=-1))
     return Observation(
         points=names,
